@@ -1,4 +1,4 @@
-"""What the sea and the air do to a vehicle: waves, gusts, turbulence, currents and winds, all made from white noise.
+"""Disturbances by sea and air: waves, gusts, turbulence, currents and winds, all made from white noise.
 
 And what a vehicle does to itself: faults of its actuators.
 
@@ -8,19 +8,20 @@ A disturbance has a state of its own, z, and acts on a vehicle through the parts
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from estimators.checks import number, whole
-from estimators.engine import lookup, sincos
+from estimators.engine import sincos
 from vessel_gym.checks import check_names, check_numbers, instance
-from vessel_gym.processes import Process, linear
+from vessel_gym.processes import Process, interpolated, linear
 from vessel_gym.waves import GRAVITY, WaveField
 
 
 class Disturbance:
-    """What acts on a vehicle over a step, and no sensor reads as such.
+    """Disturbance of a vehicle over a step, which no sensor reads as such.
 
     Its state moves as ``z+ = transition z + root n``; over a step it gives the vehicle ``effect(z, state)`` and,
     besides, white kicks ``white n'``, with standard normals n and n'.
@@ -57,7 +58,7 @@ class Disturbance:
 
     @linear
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """What z gives a vehicle in a state, ``(..., len(forces))``: z itself.
+        """Effect of z on a vehicle in a state, ``(..., len(forces))``: z itself.
 
         Yours may be any function of both; faster if it is declared to be `vessel_gym.processes.linear` in z, wherever
         the vehicle is.
@@ -71,7 +72,7 @@ class Disturbance:
 
 @dataclass(frozen=True)
 class Sea(Disturbance):
-    """What the sea does to a ship's heading and track: wave and gust yaw rate, and a current.
+    """Disturbance of a ship's heading and track: wave and gust yaw rate, and a current.
 
     The wave yaw rate follows the second-order linear wave model ``s / (s^2 + 2 lambda w0 s + w0^2)``
     with the damping that fits a JONSWAP peak (Fossen 2011, sec. 8.2.6); gust and current are
@@ -114,7 +115,7 @@ class Sea(Disturbance):
 
 @dataclass(frozen=True)
 class Water(Disturbance):
-    """What the water does to a submerged vehicle: turbulence, and a current that wanders.
+    """Disturbance of a submerged vehicle by water: turbulence, and a current that wanders.
 
     Over each step turbulence kicks every velocity of the vehicle through the water; the current is a first-order
     Gauss-Markov process. A filter that is told all of it knows all that there is to know.
@@ -161,8 +162,24 @@ class Water(Disturbance):
         return np.diag(np.repeat([self.turbulence, self.spin], [len(self.velocities), len(self.rates)]))
 
 
+class Beside(Disturbance):
+    """A disturbance that acts besides another one, ``beside``, whose white noise is its own."""
+
+    beside: Any
+
+    @property
+    def shakes(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The kicks of the other one."""
+        return self.beside.shakes
+
+    @property
+    def white(self) -> np.ndarray:  # type: ignore[override]
+        """And the root of their covariance."""
+        return self.beside.white
+
+
 @dataclass(frozen=True)
-class SurfaceWater(Disturbance):
+class SurfaceWater(Beside):
     """Water near the surface: beside what else it does, waves carry a submerged vehicle to and fro.
 
     The horizontal orbital velocity of a `WaveField` that runs to the north, which dies away with the depth as
@@ -192,16 +209,6 @@ class SurfaceWater(Disturbance):
     def forces(self) -> tuple[str, ...]:  # type: ignore[override]
         """The current."""
         return self.beside.forces
-
-    @property
-    def shakes(self) -> tuple[str, ...]:  # type: ignore[override]
-        """What else the water does."""
-        return self.beside.shakes
-
-    @property
-    def white(self) -> np.ndarray:  # type: ignore[override]
-        """Of these."""
-        return self.beside.white
 
     @property
     def scale(self) -> tuple[float, ...]:  # type: ignore[override]
@@ -234,9 +241,7 @@ class SurfaceWater(Disturbance):
         """The current with what waves add to its first component [m/s]."""
         k, deepest = self.beside.process.size, len(self.speeds) - 1.0
         depth = np.minimum(np.maximum(self.depth + state[..., self.down], 0.0), deepest)
-        i = np.minimum(np.floor(depth), deepest - 1.0)
-        low, high = lookup(self.speeds, i), lookup(self.speeds, i + 1.0)
-        speeds = low + (depth - i)[..., None] * (high - low)
+        speeds = interpolated(self.speeds, depth)
         flow = self.beside.effect(z[..., :k], state)
         ahead = flow[..., 0]
         for band, wave_number in enumerate(self.waves.numbers):
@@ -247,7 +252,7 @@ class SurfaceWater(Disturbance):
 
 @dataclass(frozen=True)
 class Air(Disturbance):
-    """What the air does to an aircraft: a wind that wanders, Dryden gusts on top of it, and turbulence that shakes it.
+    """Disturbance of an aircraft by air: a wind that wanders, Dryden gusts on top of it, and turbulence that shakes it.
 
     Low-altitude Dryden spectra (MIL-F-8785C) as met at a constant airspeed: the vertical gust has the second-order
     form; north and east have the first-order, longitudinal one, so that a turn does not change the spectrum. The state
@@ -304,7 +309,7 @@ class Air(Disturbance):
 
 
 @dataclass(frozen=True)
-class Fault(Disturbance):
+class Fault(Beside):
     """A fault of an actuator beside whatever else acts: the actuator is not where it is measured to be.
 
     Over a step it is off by ``bias - loss * angle + amplitude sin(2 pi t / period + phase)`` and by a random walk: the
@@ -331,36 +336,30 @@ class Fault(Disturbance):
     def __post_init__(self) -> None:
         instance("actuator of a fault", self.actuator, str)
         instance("beside of a fault", self.beside, Disturbance)
-        check_numbers(self, positive="dt")
-        number("loss of a fault", self.loss, low=-1e-300, high=1.0 + 1e-15, what="0 to 1")
-        for name in ("bias", "amplitude"):
-            number(f"{name} of a fault", getattr(self, name))
-        for name in ("start", "walk"):
-            number(f"{name} of a fault", getattr(self, name), low=-1e-300, what="0 or more")
+        check_numbers("a fault", vars(self), positive="dt size", share="loss", finite="bias amplitude")
+        check_numbers("a fault", vars(self), not_negative="start walk")
         number("period of a fault", self.period, low=2.0 * self.dt, what=f"above two steps of {self.dt:g} s")
-        number("size of a fault", self.size, low=0.0, what="above 0")
 
     @property
-    def _own(self) -> dict[str, Process]:
-        """What its state is beside that of what else acts, and the names of it."""
+    def _own(self) -> list[tuple[Process, tuple[str, ...], tuple[float, ...]]]:
+        """Parts of its state behind that of what else acts, a walk and a swing: process, names and sizes of each."""
         turn = 2.0 * np.pi * self.dt / self.period
         rotation = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-        own = {}
+        own: list[tuple[Process, tuple[str, ...], tuple[float, ...]]] = []
         if self.start or self.walk:
-            own["offset"] = Process.walk((self.start,), (self.walk,), self.dt)
+            own.append((Process.walk((self.start,), (self.walk,), self.dt), ("offset",), (self.size,)))
         if self.amplitude:
-            own["swing"] = Process(rotation, np.zeros((2, 2)), np.eye(2))
+            own.append((Process(rotation, np.zeros((2, 2)), np.eye(2)), ("swing", "swing back"), (1.0, 1.0)))
         return own
 
     @property
     def names(self) -> tuple[str, ...]:  # type: ignore[override]
         """Of what else acts, then a walk and a swing, if there are."""
-        own = {"offset": ("offset",), "swing": ("swing", "swing back")}
-        return *self.beside.names, *(f"{self.actuator} {name}" for part in self._own for name in own[part])
+        return *self.beside.names, *(f"{self.actuator} {name}" for _, own, _ in self._own for name in own)
 
     @property
     def forces(self) -> tuple[str, ...]:  # type: ignore[override]
-        """What else acts, the fault, and a loss if there is."""
+        """Forces of the other disturbance, the fault, and a loss if there is."""
         loss = (f"{self.actuator} loss",) if self.loss else ()
         return *self.beside.forces, f"{self.actuator} fault", *loss
 
@@ -377,34 +376,23 @@ class Fault(Disturbance):
     @cached_property
     def process(self) -> Process:  # type: ignore[override]
         """Of what else acts, then its own."""
-        parts = self.beside.process, *self._own.values()
+        parts = self.beside.process, *(process for process, _, _ in self._own)
         process = Process.joined(*parts)
         vars(process)["start_root"] = block_diag(*(part.start_root for part in parts))  # each begins as it does alone
         return process
 
     @property
-    def shakes(self) -> tuple[str, ...]:  # type: ignore[override]
-        """What else does."""
-        return self.beside.shakes
-
-    @property
-    def white(self) -> np.ndarray:  # type: ignore[override]
-        """As of what else acts."""
-        return self.beside.white
-
-    @property
     def scale(self) -> tuple[float, ...]:  # type: ignore[override]
         """Of what else acts; that of the fault; 1 of what swings."""
         there = self.beside.scale or tuple(np.sqrt(np.diag(self.beside.process.start_cov)))
-        sizes = {"offset": (self.size,), "swing": (1.0, 1.0)}
-        return *there, *(size for part in self._own for size in sizes[part])
+        return *there, *(size for _, _, sizes in self._own for size in sizes)
 
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """What else acts, the fault without what a loss takes, and the share that is lost."""
+        """Effect of the other disturbance, the fault without its loss, and the share that is lost."""
         k = self.beside.process.size
         others = self.beside.effect(z[..., :k], state)
         offset = np.zeros(z.shape[:-1]) + self.bias
-        if "offset" in self._own:
+        if self.start or self.walk:
             offset = offset + z[..., k]
         if self.amplitude:
             offset = offset + self.amplitude * z[..., -2] / np.maximum(np.hypot(z[..., -2], z[..., -1]), 1e-12)

@@ -10,7 +10,7 @@ from scipy.linalg import block_diag, solve_continuous_lyapunov
 
 from estimators import van_loan
 from estimators.checks import finite_array, frozen, shown
-from estimators.engine import as_word
+from estimators.engine import as_word, lookup
 from estimators.model_checks import as_covariance
 from estimators.threefry import normals
 from vessel_gym.checks import check_numbers
@@ -155,6 +155,13 @@ def product(matrix: np.ndarray, x: np.ndarray, onto: np.ndarray) -> np.ndarray:
     for i, j in np.argwhere(matrix):
         rows[i] = rows[i] + matrix[i, j] * x[..., j]
     return np.stack(rows, -1) if rows else onto
+
+
+def interpolated(table: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Linear interpolation of the rows of a table ``(k, ...)`` at the indices ``at (...)``, from 0 to k - 1."""
+    i = np.minimum(np.floor(at), len(table) - 2.0)
+    low, high = lookup(table, i), lookup(table, i + 1.0)
+    return low + (at - i if table.ndim == 1 else (at - i)[..., None]) * (high - low)
 
 
 def advance(

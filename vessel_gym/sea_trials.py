@@ -9,7 +9,6 @@ turns to starboard. Definitions: IMO resolution MSC.137(76), Standards for ship 
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 
 import numpy as np
 from scipy.optimize import brentq
@@ -120,6 +119,10 @@ class _Helm:
             state = self._moved(state, rudder, order, moving)
         return self._moved(state, order, order, dt - moving), order
 
+    def time_to(self, heading: float, state: np.ndarray, rudder: float, order: float, dt: float) -> float:
+        """Time within a step at which a heading is reached."""
+        return brentq(lambda time: self.step(state, rudder, order, time)[0][2] - heading, 0.0, dt, xtol=1e-12)
+
     def _moved(self, state: np.ndarray, before: float, after: float, dt: float) -> np.ndarray:
         """The state ``(8,)`` after ``dt``, the rudder moving from ``before`` to ``after``."""
         rudder = np.array([before]), np.array([after])
@@ -131,7 +134,7 @@ class _Helm:
 
 @dataclass(frozen=True)
 class CircleGeometry:
-    """What a turn measures over ground, seen from where it was ordered; None: not reached.
+    """Figures of a turn over ground, seen from where it was ordered; None: not reached.
 
     Advance is along the heading at the start; transfer and tactical diameter are across it and
     positive to the side of the turn.
@@ -319,6 +322,20 @@ def zigzag(
     ship = _at_speed(ship, speed, rudder)
     _check_times(ship, dt, longest=longest)
     target = abs(rudder if heading is None else heading)
+    track, executes, peaks = _run_zigzag(ship, rudder, target, dt, cycles, on_samples, longest)
+    return ZigzagTrial(
+        first_overshoot=peaks[0] if peaks else None,
+        second_overshoot=peaks[1] if len(peaks) > 1 else None,
+        period=executes[3] - executes[1] if len(executes) > 3 else None,
+        executes=tuple(executes),
+        track=track,
+    )
+
+
+def _run_zigzag(
+    ship: CorvetteParameters, rudder: float, target: float, dt: float, cycles: int, on_samples: bool, longest: float
+) -> tuple[Track, list[float], list[float]]:
+    """Track, times of orders and overshoots of a zig-zag trial whose rudder is reversed at ``target`` [rad]."""
     helm, state, angle, order = _Helm(ship), _straight_on(ship), 0.0, float(rudder)
     states, angles, executes, peaks = [state], [angle], [0.0], []
     for k in range(max(round(longest / dt), 1)):
@@ -327,7 +344,7 @@ def zigzag(
         if np.sign(order) * after[0][2] >= target:  # reverse within this step
             elapsed = dt
             if not on_samples:
-                elapsed = brentq(partial(_beyond, helm, state, angle, order, target), 0.0, dt, xtol=1e-12)
+                elapsed = helm.time_to(np.copysign(target, order), state, angle, order, dt)
             state, angle = helm.step(state, angle, order, elapsed)
             order = -order
             executes.append(k * dt + elapsed)
@@ -341,18 +358,7 @@ def zigzag(
         angles.append(angle)
         if len(executes) >= 2 * cycles + 2 and len(peaks) >= 2 * cycles:
             break
-    return ZigzagTrial(
-        first_overshoot=peaks[0] if peaks else None,
-        second_overshoot=peaks[1] if len(peaks) > 1 else None,
-        period=executes[3] - executes[1] if len(executes) > 3 else None,
-        executes=tuple(executes),
-        track=Track(dt * np.arange(len(states)), np.array(states), np.array(angles)),
-    )
-
-
-def _beyond(helm: _Helm, state: np.ndarray, rudder: float, order: float, target: float, time: float) -> float:
-    """By how much the heading has changed beyond the ``target`` [rad] within a step, to the side of the order."""
-    return float(helm.step(state, rudder, order, time)[0][2] - np.copysign(target, order))
+    return Track(dt * np.arange(len(states)), np.array(states), np.array(angles)), executes, peaks
 
 
 def initial_turning(
@@ -421,7 +427,7 @@ def _at_speed(ship: CorvetteParameters, speed: float | None, rudder: float = 0.1
 
 
 def _first_crossing(values: np.ndarray, level: float) -> float | None:
-    """Where ``values`` first reach ``level``, in samples from the first, by linear interpolation."""
+    """Sample, by linear interpolation, at which ``values`` first reach ``level``."""
     reached = np.flatnonzero(values >= level)
     if len(reached) == 0:
         return None

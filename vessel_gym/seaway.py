@@ -21,7 +21,7 @@ _LEAST = 1e-3  # rad, least yaw increment that filters are told of: half a compa
 
 @dataclass(frozen=True, eq=False)
 class Seaway(Disturbance):
-    """What the sea does to a ship that turns in it: first-order motion in waves, and slow loads.
+    """Disturbance of a ship that turns in a sea: first-order motion in waves, and slow loads.
 
     The waves are a `WaveField`, which the ship sees from where she is: the frequency of encounter
     ``w - k U cos(beta)``, zero and negative in following seas, follows from how she moves, and her yaw rate and sway
@@ -98,7 +98,7 @@ class Seaway(Disturbance):
 
     @cached_property
     def believed(self) -> Sea:  # type: ignore[override]
-        """What filters take it for unless told otherwise: yaw of no direction, and a current that leeway moves."""
+        """Disturbance that filters assume by default: yaw of no direction, and a current that leeway moves."""
         beta = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
         yaw = self.mean_response(beta, 0.8 * self.ship.speed)[..., 1]
         wave = max(np.sqrt((np.abs(yaw) ** 2).sum(0).mean()), _LEAST / self.dt)

@@ -68,7 +68,7 @@ class Bias:
         return self.names + (tuple(f"drift of {name}" for name in self.names) if any(self.slope) else ())
 
     def process(self, dt: float) -> Process:
-        """How it moves over a step of ``dt`` [s]."""
+        """Its process over a step of ``dt`` [s]."""
         slope = self.slope if any(self.slope) else ()
         walk = Process.walk(self.start + slope, self.pace + (0.0,) * len(slope), dt)
         return replace(walk, transition=walk.transition + dt * np.eye(walk.size, k=len(self.names)))
@@ -399,7 +399,7 @@ class Sensors:
         return tuple(faults)
 
     def exact(self, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray | None = None) -> np.ndarray:
-        """What they would read without noise ``(..., p)``, laid out in memory as the state is.
+        """Measurements without noise ``(..., p)``, laid out in memory as the state is.
 
         Args:
             state: ``(..., n)`` of the vehicle.
@@ -567,7 +567,7 @@ class Sensors:
                     raise ValueError(unknown(f"state that {sensor.name} informs", name, known))
 
     def informed(self, names: tuple[str, ...], depends: Callable[[], np.ndarray]) -> np.ndarray:
-        """Which reading may correct which state of an ensemble ``(n, p)``.
+        """Mask ``(n, p)`` of the states of an ensemble that each measurement may correct.
 
         Args:
             names: The filter's states.
@@ -596,7 +596,7 @@ class Sensors:
 def check_values(
     who: str, what: str, expected: tuple[int, ...], function: Callable[..., Any], *arguments: np.ndarray
 ) -> Any:
-    """What a user's function gives, twice the same.
+    """Value of a user's function, which is called twice.
 
     Raises:
         ValueError: for one that fails, does not repeat itself, or gives no numbers or another shape than ``expected``.
@@ -626,7 +626,7 @@ def _noise_at(
 
 
 def columns(indices: Sequence[int]) -> Any:
-    """What picks components: a slice where they are neighbours, which gives a view."""
+    """Indices of components: a slice where they are neighbours, which gives a view."""
     chosen = list(indices)
     if chosen and chosen == list(range(chosen[0], chosen[-1] + 1)):
         return slice(chosen[0], chosen[-1] + 1)
@@ -634,7 +634,7 @@ def columns(indices: Sequence[int]) -> Any:
 
 
 def plain(components: Sequence[int]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """What a sensor ``reads`` that reads components of the state as they are."""
+    """Function ``reads`` of a sensor that reads components of the state as they are."""
     return linear(partial(_columns, columns(components)))
 
 

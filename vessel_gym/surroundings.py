@@ -1,4 +1,4 @@
-"""What is to be seen of an episode: where its vehicle is, what is around it, and what its state is called.
+"""Surroundings of an episode: the vehicle's place, what is around it, and the names of its state.
 
 Pictures (`vessel_gym.rendering`) and pages (`agents.episode`) show every task alike. A task says what is around its
 vehicle by `register_surroundings`; without that, the vehicle is seen alone.
@@ -37,7 +37,7 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What is around the vehicle in one episode, in metres north, east and down.
+    """Surroundings of the vehicle in one episode, in metres north, east and down.
 
     Attributes:
         hull: What is drawn at the vehicle's place, one of `HULLS`.
@@ -98,7 +98,7 @@ def register_surroundings(task_type: type) -> Callable[[M], M]:
 
 
 def surroundings_of(core: Core, course: np.ndarray) -> Surroundings:
-    """What is around the vehicle of an environment in the episode of a course ``(k,)``; nothing, if nobody says."""
+    """Surroundings in the episode of a course ``(k,)``; the vehicle alone, if the task has none."""
     known = SURROUNDINGS.of(core.task).get("")
     if known is not None:
         return known(core.task, course)
@@ -106,7 +106,7 @@ def surroundings_of(core: Core, course: np.ndarray) -> Surroundings:
 
 
 def pose(states: np.ndarray, names: Sequence[str]) -> np.ndarray:
-    """Where a vehicle is and how it lies, ``(T, 6)``: north, east, down [m], roll, pitch, yaw [rad], continuous.
+    """Place and attitude of a vehicle ``(T, 6)``: north, east, down [m], roll, pitch, yaw [rad], continuous.
 
     What its state does not name is 0; one without heading points where it goes.
 

@@ -1,4 +1,4 @@
-"""What an environment is made of: a vehicle, a task, disturbances and a default estimator, as data."""
+"""An environment as data: a vehicle, a task, disturbances and a default estimator."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -91,7 +91,7 @@ class WaveField:
         return np.trapezoid((spectrum * np.abs(response.T) ** 2).T, inside, axis=0)
 
     def process(self, dt: float) -> Process:
-        """How the bands' real and imaginary parts move over a step of ``dt`` [s]."""
+        """Process of the bands' real and imaginary parts over a step of ``dt`` [s]."""
         check_numbers("WaveField.process", {"dt": dt}, positive="dt")
         bands = []
         for frequency in self.frequencies:

@@ -42,7 +42,7 @@ def checked_told(how: object) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Composition(Parts):
-    """What a filter knows of the world, as `compose` makes it.
+    """Assumptions of a filter about the world, as `compose` makes them.
 
     Attributes:
         model: The filter's model.
@@ -105,7 +105,7 @@ class Composition(Parts):
 
     @cached_property
     def localisation(self) -> np.ndarray:
-        """Which reading may correct which state of an ensemble ``(n, p)``, see `vessel_gym.sensors.Sensor`."""
+        """Mask ``(n, p)`` of the states that measurements may correct, see `vessel_gym.sensors.Sensor`."""
         return self.sensors.informed(self.names, lambda: self._depends)
 
     @cached_property
@@ -133,7 +133,7 @@ class Composition(Parts):
 
 
 def unknown_inputs(forces: Forces, sensors: Sensors) -> tuple[str, ...]:
-    """What nobody is told of a coming step where no filter is told of an unknown input.
+    """Names of the unknown inputs of a coming step where no filter is told of one.
 
     Kicks, if they follow from the disturbance's state; otherwise all that is new: white kicks, changes of that and of
     biases.

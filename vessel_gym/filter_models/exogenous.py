@@ -38,7 +38,7 @@ def cruising(vehicle: Vehicle) -> np.ndarray:
 
 
 class Forces:
-    """What a disturbance does to a vehicle: its effect sorted into kicks and flows.
+    """Effect of a disturbance on a vehicle, sorted into kicks and flows.
 
     Args:
         vehicle: What is acted on.
@@ -88,7 +88,7 @@ class Forces:
 
     @cached_property
     def gains(self) -> np.ndarray:
-        """What a unit of each white kick gives, and of z as far as that is `constant`, ``(f, s + k)``."""
+        """Gains ``(f, s + k)`` of white kicks, and of z as far as its effect is `constant`."""
         white = np.eye(self.size)[:, self.shaken]
         z = self.linear if self.constant else np.zeros((self.size, self.disturbance.process.size))
         return np.ascontiguousarray(np.hstack([white, z]))
@@ -111,16 +111,16 @@ class Forces:
         return [(self.disturbance.effect, (z, state), [(len(self.to),)])]
 
     def of_actuators(self, forcing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What a forcing ``(..., f)`` adds to the actuators, and the share of each that is lost, ``(..., a)`` each."""
+        """Additions of a forcing ``(..., f)`` to the actuators, and the lost share of each, ``(..., a)`` each."""
         return forcing[..., self.outside : self._losses], forcing[..., self._losses :]
 
     def on(self, z: np.ndarray, state: np.ndarray, unknown: Sequence[int] = ()) -> np.ndarray:
-        """What acts ``(..., f)``, without the white noise and what is ``unknown``, which is 0."""
+        """Exogenous input ``(..., f)`` without its white noise; 0 where it is ``unknown``."""
         effect = self._effect(z, state)
         return spread({i: effect[..., j] for j, i in enumerate(self.to) if i not in unknown}, self.size, effect)
 
     def moved(self, x: np.ndarray, u: np.ndarray, forcing: np.ndarray) -> np.ndarray:
-        """What filters estimate of the vehicle a step on, under flows and faults of a forcing, without its kicks."""
+        """Estimated components of the vehicle a step later, under flows and faults of a forcing, without its kicks."""
         if self.faulty:
             u = self.vehicle.faulty(u, *self.of_actuators(forcing))  # type: ignore[attr-defined]
         after = self._drift(x, u, forcing[..., len(self.vehicle.kicks) : self.outside])
@@ -128,7 +128,7 @@ class Forces:
 
     @cached_property
     def linear(self) -> np.ndarray:
-        """What a unit of each component of z gives while cruising, ``(f, k)``."""
+        """Exogenous input ``(f, k)`` of a unit of each component of z, while cruising."""
         k, state = self.disturbance.process.size, cruising(self.vehicle)
         still = self.on(np.zeros((1, k)), state[None])
         return (self.on(np.eye(k), np.tile(state, (k, 1))) - still).T

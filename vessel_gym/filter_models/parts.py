@@ -1,4 +1,4 @@
-"""Which states a filter's model has: of the vehicle, of what acts on it, of the sensors' biases."""
+"""States of a filter's model: of the vehicle, of what acts on it, of the sensors' biases."""
 
 from dataclasses import dataclass
 
@@ -35,12 +35,12 @@ class Parts:
 
     @property
     def vehicle(self) -> Vehicle:
-        """What moves."""
+        """The vehicle."""
         return self.forces.vehicle
 
     @property
     def drift(self) -> Process:
-        """How the estimated components of the disturbance's state and the biases move."""
+        """Process of the estimated components of the disturbance's state, and of the biases."""
         process, square = self.forces.disturbance.process, np.ix_(self.held, self.held)
         held = Process(process.transition[square], process.root[self.held], process.start_cov[square])
         return Process.joined(held, self.sensors.bias)
@@ -77,7 +77,7 @@ def near(vehicle: Vehicle, count: int) -> np.ndarray:
 
 
 def seen(sensors: Sensors, state: np.ndarray) -> np.ndarray:
-    """What a unit of each kick and flow adds to the measurements ``(..., p, f)`` in states ``(..., n)``; 0 for none."""
+    """Effect of a unit of each kick and flow on the measurements ``(..., p, f)`` in states ``(..., n)``; 0 for none."""
     size = len(sensors.forcing_names)
     units = np.broadcast_to(np.eye(size + 1, size, -1), (*state.shape[:-1], size + 1, size))
     with np.errstate(all="ignore"):

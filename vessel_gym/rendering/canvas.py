@@ -1,4 +1,4 @@
-"""What a picture is drawn with: palette, boxes, and a canvas with lines, areas, marks and text.
+"""Boxes, and a canvas for pictures with lines, areas, marks and text.
 
 Coordinates are pixels of the finished picture, x to the right and y down; points are arrays ``(n, 2)``.
 """

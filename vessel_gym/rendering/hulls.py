@@ -9,7 +9,7 @@ from vessel_gym.rendering.canvas import CIRCLE
 
 @dataclass(frozen=True, eq=False)
 class Hull:
-    """What a vehicle looks like.
+    """Outline of a vehicle.
 
     Attributes:
         above: Its outline ``(k, 2)`` in its lengths (an aircraft's in its span): forward and to starboard,
@@ -26,7 +26,7 @@ class Hull:
     scaled: bool = True
 
     def pixels(self, length: float, least: float) -> float:
-        """How long it is drawn, being ``length`` pixels long to scale, where others are ``least`` at least."""
+        """Pixels of its drawn length, being ``length`` pixels long to scale, where others are ``least`` at least."""
         return max(length, least) if self.scaled else self.least
 
 

@@ -1,4 +1,4 @@
-"""What is kept of an episode to be drawn: every moment, and where fixes of the position have put the vehicle."""
+"""History of an episode to be drawn: every moment, and the fixes of the position."""
 
 from typing import NamedTuple
 
@@ -77,11 +77,11 @@ class Journey:
         return Moment(*(np.array(column) for column in zip(*self._moments, strict=True)))
 
     def true(self, history: Moment) -> np.ndarray:
-        """Where the vehicle was ``(T, 6)``, as `pose` has it."""
+        """True places and attitudes of the vehicle ``(T, 6)``, as `pose` has them."""
         return pose(history.truth, self.names)
 
     def believed(self, history: Moment) -> np.ndarray:
-        """Where it believed to be ``(T, 6)``; what is not estimated stands where it truly was."""
+        """Estimated places and attitudes ``(T, 6)``, with the true values of what is not estimated."""
         return pose(self._guess(history.truth, history.estimate), self.names)
 
     def spread(self, cov: np.ndarray) -> np.ndarray:
@@ -90,7 +90,7 @@ class Journey:
         return root @ cov @ root.T
 
     def members(self) -> np.ndarray | None:
-        """Where the members of the ensemble put the vehicle, ``(N, 3)``, if there is one."""
+        """Places ``(N, 3)`` of the vehicle by the members of the ensemble; None without one."""
         ensemble = self._core.belief.ensemble
         if ensemble is None or not self.located:
             return None

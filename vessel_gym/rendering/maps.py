@@ -28,7 +28,7 @@ class View:
         return float(np.rad2deg(np.arctan2(self.axes[1, 1], self.axes[1, 0])) % 360.0)
 
     def seen(self, points: np.ndarray) -> np.ndarray:
-        """Where points ``(..., 3)`` are seen: how far up, how far right [m], ``(..., 2)``."""
+        """Metres up and right ``(..., 2)`` in the view of points ``(..., 3)``."""
         return points @ self.axes.T
 
     def body(self, pose: np.ndarray, hull: Hull) -> np.ndarray:
@@ -48,7 +48,7 @@ class View:
 
 
 def views_of(names: Sequence[str], way: np.ndarray) -> list[View]:
-    """How vehicles with these components of the state are looked at: from above, from the side, both or not at all.
+    """Views of vehicles with these components of the state: from above, from the side, both or none.
 
     Args:
         names: Of the components.
@@ -86,7 +86,7 @@ class Frame:
         self._centre = np.array([room.left + 0.5 * room.width, room.top + high_up])
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
-        """Where points ``(..., 2)`` lie in the picture."""
+        """Places of points ``(..., 2)`` in the picture."""
         offset = (points - self._middle) * self.scale
         return self._centre + offset[..., ::-1] * [1.0, -1.0]
 

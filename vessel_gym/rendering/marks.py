@@ -1,4 +1,4 @@
-"""What lies on every map of an episode: surroundings, tracks, fixes, belief, vehicle."""
+"""Contents of every map of an episode: surroundings, tracks, fixes, belief, vehicle."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from vessel_gym.surroundings import Surroundings
 
 
 class Marks:
-    """What lies on every map of an episode so far.
+    """Contents of every map of an episode so far.
 
     Args:
         around: What is around the vehicle.
@@ -96,7 +96,7 @@ class Marks:
             canvas.dot(frame.pixels(view.seen(self.believed[-1, :3])), palette.BELIEVED, 3.0)
 
     def legend(self) -> dict[str, str]:
-        """What marks there are, in words."""
+        """Names of the marks that there are, by kind."""
         around = self.around
         labels = {"true": "true vehicle", "believed": "believed vehicle"}
         if self._members is not None:
@@ -115,7 +115,7 @@ class Marks:
         return labels
 
     def draw_icon(self, canvas: Canvas, kind: str, at: np.ndarray) -> None:
-        """What an entry of the legend stands for."""
+        """Draw the icon of an entry of the legend."""
         line, outline = at + [[-14.0, 0.0], [14.0, 0.0]], at + self.hull.pixels(22.0, 0.0) * self.hull.above
         if kind == "true":
             canvas.line(line, palette.TRUE, 2.0)

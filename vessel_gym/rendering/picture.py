@@ -96,7 +96,7 @@ class Picture:
         canvas.text(right, y, outcome, colour, 15, "right", bold=True)
 
     def _outcome(self, history: Moment) -> tuple[str, Colour]:
-        """How the journey has ended, in words, or that it has not."""
+        """Outcome of the episode in words, and its colour."""
         task = self._core.task
         end = task.ends[self._core.end[self._row]]
         if end:
@@ -118,7 +118,7 @@ class Picture:
             self._map(canvas, place, view, each, marks)
 
     def _points(self, view: View, marks: Marks) -> np.ndarray:
-        """What must be seen on a map, ``(n, 2)``."""
+        """Points ``(n, 2)`` that a map must show."""
         around = self._around
         points = view.seen(np.concatenate([self._landmarks, marks.true[:, :3], marks.believed[:, :3]]))
         middle = 0.5 * (points.min(0) + points.max(0))
@@ -142,7 +142,7 @@ class Picture:
             draw_north(canvas, box.right - 20, box.top + 24)
 
     def _close_ups(self, canvas: Canvas, box: Box, marks: Marks) -> None:
-        """What is around the believed vehicle, to scale."""
+        """Draw close-ups of the estimated vehicle, to scale."""
         count, size = len(self._views), self._around.size
         width = (box.width - _GAP * (count - 1)) / count
         for i, view in enumerate(self._views):
@@ -156,7 +156,7 @@ class Picture:
             draw_scale_bar(canvas, frame, "")
 
     def _legend(self, canvas: Canvas, box: Box, marks: Marks) -> None:
-        """What the marks mean."""
+        """Draw the meaning of the marks."""
         canvas.panel(box)
         labels = marks.legend()
         wide = (box.width - 12) / -(-len(labels) // 3)

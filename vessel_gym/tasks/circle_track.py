@@ -7,7 +7,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.engine import compiled, lookup, sincos
+from estimators.engine import compiled, sincos
+from vessel_gym.processes import interpolated
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.turning_circle import TurningCircle, wrapped
@@ -29,13 +30,6 @@ def _clothoid(length: np.ndarray, total: np.ndarray, curvature: np.ndarray) -> t
     square = angle * angle
     ahead = length * (1.0 - square * (1.0 / 10.0 - square * (1.0 / 216.0 - square / 9360.0)))
     return ahead, length * angle * (1.0 / 3.0 - square * (1.0 / 42.0 - square / 1320.0)), angle
-
-
-def _interpolate(values: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Linear interpolation of a table at the index ``at``, from 0 to that of its last entry."""
-    before = np.minimum(np.floor(at), len(values) - 2.0)
-    low, high = lookup(values, before), lookup(values, before + 1.0)
-    return low + (at - before) * (high - low)
 
 
 def _in_frame(course: np.ndarray, place: np.ndarray) -> np.ndarray:
@@ -69,7 +63,7 @@ class CircleTrack(TurningCircle):
         return np.stack([heading, rate, curvature, rate / curvature], -1)
 
     def prior(self, course: np.ndarray) -> Gaussian:
-        """What is known of (x, y, psi, u, v, r) at the start: mean ``(B, 6)`` and covariance ``(6, 6)``."""
+        """Prior of (x, y, psi, u, v, r): mean ``(B, 6)`` and covariance ``(6, 6)``."""
         mean = np.zeros((len(course), 6))
         mean[:, 2], mean[:, 3] = course[:, HEADING], self.ship.speed
         return self._spread.about(mean)
@@ -94,7 +88,7 @@ class CircleTrack(TurningCircle):
         rate_ahead = share_ahead * curvature * (self.ship.speed + share_ahead * slower)
         rates, speeds, sways = self._steady
         at = np.minimum(np.abs(rate_now) / rates[-1], 1.0) * (len(rates) - 1.0)
-        surge, sway = _interpolate(speeds, at), _interpolate(sways, at)
+        surge, sway = interpolated(speeds, at), interpolated(sways, at)
         heading = direction - np.arctan2(np.where(rate_now >= 0.0, sway, -sway), surge)
         return np.stack([heading, rate_now, rate_ahead, rate, off, direction, surge, state[..., 2]], -1)
 

@@ -35,7 +35,7 @@ def to_body_axes(vector: Vector, roll: np.ndarray, pitch: np.ndarray, yaw: np.nd
 
 @dataclass(frozen=True)
 class Dive(Task):
-    """What all dives share: the path, how it is drawn, and how a dive is scored.
+    """Common part of all dives: the path, how it is drawn, and how a dive is scored.
 
     The path is `vessel_gym.guidance.dive_path`'s. A course (what is drawn at reset) is ``(angle, length, depth)`` of
     the path; a reference is where the vehicle believes to be on it, ``(B, 11)``: progress, cross-track and depth error
@@ -111,7 +111,7 @@ class Dive(Task):
         return goal
 
     def prior(self, course: np.ndarray) -> Gaussian:
-        """What is known at the start, level at the path's beginning at cruising speed: mean ``(B, n)``, covariance."""
+        """Prior, level at the path's beginning at cruising speed: mean ``(B, n)``, covariance."""
         mean = np.zeros((len(course), len(self.prior_sd)))
         mean[:, 0] = self.auv.cruise_speed
         return self._spread.about(mean)
@@ -149,7 +149,7 @@ class Dive(Task):
         return (np.concatenate([seen, actuators], -1) - offset) * gain
 
     def named(self, observations: np.ndarray) -> dict[str, np.ndarray]:
-        """What observations ``(B, k)`` of mode ``"mean"`` say, by the names of ``observed``, ``(B,)`` each in SI."""
+        """Components of observations ``(B, k)`` of mode ``"mean"`` by name, see ``observed``, ``(B,)`` each in SI."""
         return {name: scale * observations[:, i] for i, (name, scale) in enumerate(self.observed.items())}
 
     def sizes(self, readings: int, states: int) -> dict[str, int]:

@@ -212,7 +212,7 @@ class Flight(Task):
         return float(altitude)
 
     def prior(self, course: np.ndarray) -> Gaussian:
-        """What is known at the start, level at the path's beginning at cruising speed: mean ``(B, 7)``, covariance.
+        """Prior, level at the path's beginning at cruising speed: mean ``(B, 7)``, covariance.
 
         The aircraft flies along the path through the air; the wind, which nobody knows, carries it along.
         """
@@ -253,7 +253,7 @@ class Flight(Task):
         return np.array([offsets, 1.0 / scales])
 
     def named(self, observations: np.ndarray) -> dict[str, np.ndarray]:
-        """What observations ``(B, k)`` of mode ``"mean"`` say, by the names of ``observed``, ``(B,)`` each in SI."""
+        """Components of observations ``(B, k)`` of mode ``"mean"`` by name, see ``observed``, ``(B,)`` each in SI."""
         listed = enumerate(self.observed.items())
         return {name: offset + scale * observations[:, i] for i, (name, (offset, scale)) in listed}
 

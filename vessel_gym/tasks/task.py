@@ -1,4 +1,4 @@
-"""What every task has, and what one has that says nothing else: the start of one of your own (docs/own-task.md)."""
+"""The interface of a task, with defaults for all but its score: the start of one of your own (docs/own-task.md)."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -18,7 +18,7 @@ FARTHEST = 1e5
 
 @dataclass(slots=True, eq=False)
 class Estimate:
-    """What a task sees of a belief.
+    """Part of a belief that a task observes.
 
     Attributes:
         state: ``(B, n)`` the vehicle's state, as in the prior.
@@ -39,7 +39,7 @@ class Estimate:
 
 
 class Task:
-    """What is asked. This one draws nothing, guides nobody and goes on until time is up.
+    """A mission. This one draws nothing, guides nobody and goes on until time is up.
 
     `score` is yours, and so is the rest. Where no others are given, observations are the estimate or the readings, the
     course and the actuators, as they are but for the scales. ``observe`` has no parameter through which truth could
@@ -72,7 +72,7 @@ class Task:
         return float(self.horizon)
 
     def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
-        """What is drawn at reset, ``(B, k)``: the uniform numbers ``(B, uniforms)`` themselves; there are no options.
+        """Draw courses at reset, ``(B, k)``: the uniform numbers ``(B, uniforms)`` themselves; there are no options.
 
         Raises:
             ValueError: for an option.
@@ -82,7 +82,7 @@ class Task:
         return uniforms
 
     def prior(self, course: np.ndarray) -> Gaussian:
-        """Where the vehicle starts, and all that is known of that: mean ``(B, n)``, covariance ``(n, n)``.
+        """Prior of the vehicle's state: mean ``(B, n)``, covariance ``(n, n)``.
 
         Where it cruises, within ``prior_sd``.
         """
@@ -90,14 +90,14 @@ class Task:
         return Gaussian(np.tile(mean, (len(course), 1)), np.diag(self.prior_sd) ** 2)
 
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """What is commanded at a step, the vehicle being (or believed to be) in a state ``(B, n)``, as in the prior.
+        """Reference at a step, for a vehicle that is (or is estimated to be) in a state ``(B, n)``, as in the prior.
 
         The course ``(B, k)``.
         """
         return course
 
     def commanded(self, course: np.ndarray, step: np.ndarray) -> np.ndarray | None:
-        """What the task commands and filters are told of, besides the actuators; None: nothing."""
+        """Commands that filters know besides the actuators; None: none."""
         return None
 
     def sizes(self, readings: int, states: int) -> dict[str, int]:

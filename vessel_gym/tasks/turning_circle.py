@@ -63,7 +63,7 @@ class TurningCircle(Task):
 
     @property
     def preview(self) -> float:
-        """How far [s] ahead the command is seen."""
+        """Time [s] by which the command is seen ahead."""
         return 10.0 * self.pace
 
     WIDEST = 1e5  # m: a commanded radius beyond is a slip in the unit
@@ -110,7 +110,7 @@ class TurningCircle(Task):
         return 1.0 / turns.radius, turns.yaw_rate
 
     def prior(self, course: np.ndarray) -> Gaussian:
-        """What is known of (v, r, psi, u) at the start: mean ``(B, 4)`` and covariance ``(4, 4)``."""
+        """Prior of (v, r, psi, u): mean ``(B, 4)`` and covariance ``(4, 4)``."""
         mean = np.zeros((len(course), 4))
         mean[:, 2], mean[:, 3] = course[:, 0], self.ship.speed
         return self._spread.about(mean)

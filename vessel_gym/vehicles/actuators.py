@@ -6,7 +6,7 @@ import numpy as np
 
 
 class Actuator(NamedTuple):
-    """How an action in [-1, 1] moves an actuator over a step.
+    """Response of an actuator to an action in [-1, 1] over a step.
 
     It asks for ``kept * before + base + gain (offset + action)``. The actuator follows as a lag leaves of what is
     missing the share ``lag``, turns by ``turn`` at most, and stays within limits.
@@ -25,7 +25,7 @@ class Actuator(NamedTuple):
 
 
 def figures(*actuators: Actuator) -> np.ndarray:
-    """What `actuated` needs to know of actuators ``(a, 8)``."""
+    """Parameters of actuators for `actuated`, ``(a, 8)``."""
     return np.array([each if each.below is not None else each._replace(below=each.above) for each in actuators], float)
 
 

@@ -1,4 +1,4 @@
-"""What the torpedo-shaped underwater vehicles share: particulars, uncertain coefficients, actuators, filter model.
+"""Common part of the torpedo-shaped underwater vehicles: particulars, uncertain coefficients, actuators, filter model.
 
 Both are bodies of revolution with four equal stern fins, a centre of gravity right below the centre of buoyancy, which
 is the origin, and a propeller. Body axes: x forward, y starboard, z down; earth axes: north, east, down.
@@ -127,7 +127,7 @@ class AUVParameters:
 
     @cached_property
     def mass(self) -> float:
-        """What is neutrally buoyant but for ``buoyancy_excess`` [kg], if not given."""
+        """Mass [kg] of a vehicle that is neutrally buoyant but for ``buoyancy_excess``, if not given."""
         return dict(self.given).get("mass", (self.buoyancy - self.buoyancy_excess) / self.gravity)
 
     @cached_property
@@ -177,7 +177,7 @@ class AUVParameters:
         }
 
     def mistakes(self) -> Iterator[tuple[str, str]]:
-        """What no such vehicle can be: the name of a number, and a sentence on it."""
+        """Mistakes that no such vehicle has: the name of a number, and a sentence on it."""
         L, D = self.length, self.diameter
         if D >= L:
             yield "diameter", f"a torpedo of {L:g} m is not {D:g} m thick"
@@ -234,7 +234,7 @@ _VERTICAL, _LATERAL, _PLAN = ("u", "w", "q", "z", "theta"), ("v", "p", "r", "phi
 
 
 def plane(name: str) -> tuple[str, ...]:
-    """What a reading of a component of the state may correct in an ensemble: what lies in its own plane.
+    """States of an ensemble that a measurement of a component may correct: those in its own plane.
 
     To first order surge, heave and pitch know nothing of sway, roll and yaw; the current shows in how the vehicle
     drifts over ground; where it is in plan only position fixes show. A hundred members see chance correlations

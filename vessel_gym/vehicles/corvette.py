@@ -13,9 +13,8 @@ from scipy.optimize import root
 
 from estimators import Schedule, zero_order_hold
 from estimators.checks import finite_array, whole
-from estimators.engine import lookup
 from vessel_gym.checks import check_numbers, instance
-from vessel_gym.processes import linear
+from vessel_gym.processes import interpolated, linear
 from vessel_gym.sensors import Sensor
 from vessel_gym.vehicles.actuators import Actuator, figures
 from vessel_gym.vehicles.corvette_equations import (
@@ -45,10 +44,7 @@ class SteadyTurn:
 
     def interpolated(self, values: np.ndarray, yaw_rate: np.ndarray) -> np.ndarray:
         """Values ``(k,)`` of each turn, linearly interpolated at yaw rates ``(...)`` to either side."""
-        place = np.minimum(np.abs(yaw_rate) / self.yaw_rate[1], len(values) - 1.0)
-        i = np.minimum(np.floor(place), len(values) - 2.0)
-        low, high = lookup(values, i), lookup(values, i + 1.0)
-        return low + (place - i) * (high - low)
+        return interpolated(values, np.minimum(np.abs(yaw_rate) / self.yaw_rate[1], len(values) - 1.0))
 
 
 @cache
@@ -144,7 +140,7 @@ def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.n
 
 @cache
 def surge_models(ship: CorvetteParameters, dt: float) -> np.ndarray:
-    """Which share of a deviation from the speed of each of `steady_turns` is left after a step ``(k,)``."""
+    """Share of a deviation from the speed of each of `steady_turns` that is left after a step ``(k,)``."""
     instance("ship of surge_models", ship, CorvetteParameters)
     check_numbers("surge_models", {"dt": dt}, positive="dt")
     turns, c, step = steady_turns(ship), ship.vector(), 1e-4
@@ -192,7 +188,7 @@ def _compass(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
 
 @linear
 def _motion(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
-    """What waves and gusts do to the heading over the step ``(..., 1)``."""
+    """Change of the heading by waves and gusts over the step ``(..., 1)``."""
     return forcing[..., :1]
 
 
@@ -272,7 +268,7 @@ class Corvette(Simulated):
         return figures(Actuator(self.ship.rudder_rate * self.dt, kept=1.0, limit=self.ship.rudder_limit))
 
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
-        """What is estimated one step on under ``u = (rudder, ...)``, constant over the step."""
+        """Estimated components one step later under ``u = (rudder, ...)``, constant over the step."""
         rudder = u[..., :1]
         moved = runge_kutta(corvette_rates, self._placed(x), rudder, rudder, flow, self._nominal, self.dt)
         return moved[..., [STATE.index(name) for name in self.estimated("nonlinear")]]

@@ -213,7 +213,7 @@ class CorvetteParameters:
         return np.array([values[name] for name in COEFFICIENTS])
 
     def mistakes(self) -> Iterator[tuple[str, str]]:
-        """What no ship can be: the name of a number, and a sentence on it."""
+        """Mistakes that no ship has: the name of a number, and a sentence on it."""
         L, B, T = self.length, self.beam, self.draught
         if B >= L:
             yield "beam", f"a ship of {L:g} m is not {B:g} m wide"

@@ -122,7 +122,7 @@ class _File:
         return ValueError(f"{self.path}, line {_line(self.text, tuple(there) or ('kind',))}: {sentence}")
 
     def parameters(self, expected: type[Any], stable: bool) -> Any:
-        """What `load` returns."""
+        """Parameters of the vehicle, as `load` returns them."""
         cls = self._class(expected)
         values = self._values(cls)
         known = {each.name for each in fields(cls)}
@@ -257,7 +257,7 @@ def check_vehicle(vehicle: Any, parameters: str, kind: type[Any]) -> None:
 
 
 def _line(text: str, keys: tuple[str, ...]) -> int:
-    """Where a key or table stands: right after the lines that make a file without it."""
+    """Line of a key or table: right after the lines that make a file without it."""
     lines = text.split("\n")
     without = 0
     for count in range(1, len(lines) + 1):

@@ -36,7 +36,7 @@ class Hull(ABC):
 
     @property
     def joints(self) -> tuple[float, ...]:
-        """Where x [m] pieces of different curvature meet."""
+        """Places x [m] at which pieces of different curvature meet."""
         return ()
 
     @abstractmethod

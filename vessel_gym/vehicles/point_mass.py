@@ -31,7 +31,7 @@ UNCERTAIN = tuple(_FACTORS)
 
 @dataclass(frozen=True)
 class PointMass:
-    """What the equations know of an aircraft, SI units; angles of attack in rad.
+    """Constants of an aircraft's equations, SI units; angles of attack in rad.
 
     Drag ``C_D = A1 a^2 + A2 a + A3``, lift ``C_L = B1 a + B2``, density ``C1 h^2 + C2 h + C3``: eq. 2 of the paper.
     """

@@ -58,7 +58,7 @@ class PunaParameters(PointMass):
     """Where the keys stand in a vehicle file."""
 
     def mistakes(self) -> Iterator[tuple[str, str]]:
-        """What no aircraft can be: the name of a number, and a sentence on it."""
+        """Mistakes that no aircraft has: the name of a number, and a sentence on it."""
         if self.alpha_low >= self.alpha_high:
             yield "alpha_high", f"{self.alpha_high:g} rad are no upper limit where the lower is {self.alpha_low:g} rad"
         if self.lift[0] <= 0.0:
@@ -196,7 +196,7 @@ def _fix(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
 
 
 def _through_the_air(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
-    """What the pitot tube reads ``(..., 1)``."""
+    """Measurement of the pitot tube ``(..., 1)``."""
     return airspeed(state, forcing[..., 4:])[..., None]
 
 
@@ -207,7 +207,7 @@ def _velocity(readings: np.ndarray, known: Known) -> Known:
 
 
 def _along(readings: np.ndarray, known: Known) -> Known:
-    """What airspeed and ground speed differ by, taken for a wind along the course."""
+    """Difference of airspeed and ground speed, taken for a wind along the course."""
     if "ground speed" not in known:
         return {}
     speed, course = known["ground speed"], known["course"]

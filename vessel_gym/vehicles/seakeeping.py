@@ -1,4 +1,4 @@
-"""What waves do to a ship: the loads of long waves, and the first-order motion that follows.
+"""Effects of waves on a ship: the loads of long waves, and the first-order motion that follows.
 
 Angles: beta is the direction in which the waves run less the heading; 0 is a following sea, 180 degrees a head sea
 (Fossen 2021, ch. 10).

@@ -1,4 +1,4 @@
-"""What a vehicle is to an environment: how it moves, what acts on it, and what filters know of both."""
+"""The interface of a vehicle to an environment: its motion, what acts on it, and the models of filters."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol
@@ -65,7 +65,7 @@ class Vehicle(Protocol):
 
     @property
     def normals(self) -> int:
-        """How many normal numbers `parameters` needs."""
+        """Number of normal numbers that `parameters` needs."""
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -106,17 +106,17 @@ class Vehicle(Protocol):
 
     @property
     def cruise(self) -> tuple[np.ndarray, np.ndarray]:
-        """What filters estimate, and the known input, where it goes its usual way: where models are looked at."""
+        """Estimated components and known input of a vehicle that cruises, where models are inspected."""
 
     @property
     def process_sd(self) -> np.ndarray:
         """Standard deviations of what the models leave out in a step, of what filters estimate."""
 
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
-        """What filters estimate ``(..., n)`` one step on, under the known input and a flow, with their parameters."""
+        """Estimated components ``(..., n)`` a step later, under known input and flow, with the filters' parameters."""
 
     def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
-        """What its filters are told over a step ``(B, m)``: of the actuators, and of what a task may command."""
+        """Known input of its filters over a step ``(B, m)``: actuators, and commands of a task."""
 
     def linear(self, kind: str) -> tuple[Any, ...] | Trims:
         """A and B of a linear model, each a matrix or a function of the known input.
@@ -127,8 +127,8 @@ class Vehicle(Protocol):
 
     @property
     def rates(self) -> Mapping[str, str]:
-        """Which component of the state is the rate of which, for what no sensor reads."""
+        """Components of the state by those of which they are rates, for what no sensor reads."""
 
     @property
     def carried(self) -> np.ndarray | None:
-        """What a flow adds at the start to what the prior describes ``(n, flows)``, if velocities are over ground."""
+        """Effect of a flow at the start on the prior's components ``(n, flows)``, if velocities are over ground."""

@@ -1,4 +1,4 @@
-"""What our vehicles share: equations of motion over a step, actuators, and filters that estimate all of the state."""
+"""Common part of our vehicles: equations of motion over a step, actuators, filters that estimate all of the state."""
 
 from functools import cached_property
 from typing import Any, ClassVar
@@ -80,7 +80,7 @@ class WholeState(Simulated):
 
     @cached_property
     def faults(self) -> tuple[str, ...]:
-        """What may be added to its actuators over a step, in their units."""
+        """Names of faults that may be added to its actuators over a step, in their units."""
         return tuple(f"{name} fault" for name in self.action_names)
 
     def faulty(self, u: np.ndarray, offsets: np.ndarray, losses: np.ndarray) -> np.ndarray:

@@ -150,7 +150,7 @@ def _of_row(observation: Callable[[np.ndarray], Any], x: np.ndarray) -> Any:
 
 
 def _row(value: Any) -> Any:
-    """What a function of one state gave, as that of a batch of one."""
+    """Value of a function of one state, as that of a batch of one."""
     if isinstance(value, dict):
         return {key: _row(part) for key, part in value.items()}
     array = numbers(value)

@@ -43,39 +43,43 @@ def identify(
     checks.function("state", state, "(env, observation)")
     look, known_input = state or shown_state, partial(_with_one, plain_action(env.action_space))
     whole("steps", steps, 1)
-    before: list[np.ndarray] = []
-    inputs: list[np.ndarray] = []
-    after: list[np.ndarray] = []
     env.action_space.seed(seed)
     seen, _ = env.reset(seed=seed)
     x = _state(look(env, seen))
     least = 10 * (len(x) + len(known_input(env.action_space.sample())))
     if steps < least:
         raise ValueError(f"{steps} steps are too few for {least // 10} numbers a state: take {least} at least")
+    before, inputs, after = _random_steps(env, x, lambda seen: _state(look(env, seen)), known_input, steps)
+    Z, n = np.concatenate([before, inputs], 1), x.shape[-1]
+    W, *_ = np.linalg.lstsq(Z, after, rcond=None)
+    left = after - Z @ W
+    C = as_array("C", C)
+    Q = left.T @ left / (steps - Z.shape[1])
+    return LinearModel(W[:n].T, C, Q, square("R", R, len(C)), B=W[n:].T), known_input
+
+
+def _random_steps(
+    env: gym.Env, x: np.ndarray, look: Callable[[Any], np.ndarray], known_input: Callable[[Any], np.ndarray], steps: int
+) -> tuple[np.ndarray, ...]:
+    """States ``(steps, n)`` before random steps, known inputs of these, and states after them."""
+    taken: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     ends = 0
-    while len(before) < steps:
+    while len(taken) < steps:
         action = env.action_space.sample()
         seen, _, terminated, truncated, _ = env.step(action)
-        following = _state(look(env, seen))
+        following = look(seen)
         if terminated or truncated:  # how episodes end is not how they go on
             ends += 1
             if ends > steps:
                 raise ValueError(
-                    f"{ends} episodes have ended within {ends + len(before)} steps: too short to learn from"
+                    f"{ends} episodes have ended within {ends + len(taken)} steps: too short to learn from"
                 )
             seen, _ = env.reset()
-            following = _state(look(env, seen))
+            following = look(seen)
         else:
-            before.append(x)
-            inputs.append(known_input(action))
-            after.append(following)
+            taken.append((x, known_input(action), following))
         x = following
-    Z, n = np.concatenate([before, inputs], 1), x.shape[-1]
-    W, *_ = np.linalg.lstsq(Z, np.array(after), rcond=None)
-    left = np.array(after) - Z @ W
-    C = as_array("C", C)
-    Q = left.T @ left / (steps - Z.shape[1])
-    return LinearModel(W[:n].T, C, Q, square("R", R, len(C)), B=W[n:].T), known_input
+    return tuple(np.array(each) for each in zip(*taken, strict=True))
 
 
 def _with_one(plain: Callable[[Any], Any], action: Any) -> np.ndarray:

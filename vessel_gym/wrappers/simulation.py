@@ -201,7 +201,7 @@ def made_again(env: gym.Env) -> gym.Env:
 def sampled_prior(
     env: gym.Env, state: Callable[[gym.Env, Any], Any], angles: tuple[int, ...], resets: int = 256
 ) -> Gaussian:
-    """What is known at the start: mean and covariance of the states in which a copy of the environment begins.
+    """Prior of an environment: mean and covariance of the states in which a copy of it begins.
 
     The mean of an angle is the direction of the mean of unit vectors.
 

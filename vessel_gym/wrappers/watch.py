@@ -1,4 +1,4 @@
-"""What the wrappers of one environment and of many share: a loop around somebody else's environment."""
+"""Common part of the wrappers of one environment and of many: a loop around somebody else's environment."""
 
 from collections.abc import Callable, Sequence
 from copy import deepcopy
@@ -201,7 +201,7 @@ class Watch:
         return {name: values.copy() for name, values in happened.items()}
 
     def known(self, action: Any) -> np.ndarray:
-        """What filters are told of an action."""
+        """Known input of filters for an action."""
         u, (rows, m) = self._numbers(action), self._still.shape
         if u.shape != (rows, m) and not (rows == 1 and np.atleast_1d(u).shape == (m,)):
             wanted = f"{m} numbers" if rows == 1 else f"an array {rows, m}, a row for each environment"
@@ -246,7 +246,7 @@ class Watch:
                 )
 
     def _handed(self, readings: Readings, state: np.ndarray) -> Readings:
-        """What the filter is handed: the readings; the oracle alone, and no other, the truth."""
+        """Measurements for the filter; the oracle alone gets the truth."""
         return (state, np.ones(state.shape, bool)) if self.loop.tells_truth else readings
 
     def _checked(self, state: Any) -> np.ndarray:
@@ -324,7 +324,7 @@ class Watch:
 
 
 def _parts(value: Any) -> list[np.ndarray]:
-    """What a function of the states gave, key by key."""
+    """Values of a function of the states, key by key."""
     return [np.asarray(part) for part in (value.values() if isinstance(value, dict) else [value])]
 
 
@@ -399,7 +399,7 @@ def _sensors(
 
 
 def _expected(sensors: Sensors, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-    """What sensors would read without noise ``(..., p)`` in states ``(..., n)``."""
+    """Measurements of sensors without noise ``(..., p)`` in states ``(..., n)``."""
     assert u is not None
     return sensors.exact(x, np.broadcast_to(u, x.shape[:-1] + u.shape[-1:]))
 
