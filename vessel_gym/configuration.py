@@ -15,7 +15,7 @@ from vessel_gym.checks import number, one_of
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import EstimatorChoice, build, chosen_disturbance
 from vessel_gym.filter_models.build import Composition
-from vessel_gym.filter_models.exogenous import Forces, acting_on, change_of
+from vessel_gym.filter_models.exogenous import Forces, change_of, input_channels
 from vessel_gym.foreign import CheckedMethods, ours
 from vessel_gym.mission import Mission
 from vessel_gym.sensor_faults import SensorFault
@@ -140,7 +140,7 @@ class UnknownInput(NamedTuple):
         disturbance = world.forces.disturbance
         new = (*disturbance.names, *world.sensors.bias_names)
         new = (*disturbance.shakes, *map(change_of, new))  # components of `noise`
-        acting = (*new, *acting_on(world.forces.vehicle)[: world.forces.size])
+        acting = (*new, *input_channels(world.forces.vehicle)[: world.forces.size])
         places = [acting.index(name) if name in acting else len(acting) for name in names]
         fresh, forced = all(i < len(new) for i in places), all(len(new) <= i < len(acting) for i in places)
         chosen = columns([i - len(new) for i in places] if forced else places)

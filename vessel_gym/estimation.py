@@ -278,7 +278,7 @@ def build(
     composition = _composed(system, options.pop("model", default), told, sensors, disturbance)
     straight = composition.model
     if not own:
-        composition = composition.suiting(str(estimator))
+        composition = composition.adapted_to(str(estimator))
     model = composition.model
     nature = composition.forces if told.disturbance is None else Forces(system.vehicle, disturbance)
     inputs = composition.inputs or unknown_inputs(nature, sensors)

@@ -58,7 +58,7 @@ class Composition(Parts):
     told: str
     late: bool = False
 
-    def suiting(self, filter_name: str) -> "Composition":
+    def adapted_to(self, filter_name: str) -> "Composition":
         """With the unknown input when a filter of that name needs it: in the readings at once, or one step later."""
         model = self.model
         fed = model.q > 0 and (callable(model.H) or bool(np.any(model.H)))

@@ -15,7 +15,7 @@ from vessel_gym.sensors import check_values
 from vessel_gym.vehicles.vehicle import Vehicle
 
 
-def acting_on(vehicle: Vehicle) -> tuple[str, ...]:
+def input_channels(vehicle: Vehicle) -> tuple[str, ...]:
     """All that can act on a vehicle: kicks, flows, what may be added to each actuator, the share of it that is lost."""
     faults: tuple[str, ...] = getattr(vehicle, "faults", ())  # which a vehicle need not have
     return *vehicle.kicks, *vehicle.flows, *faults, *(f"{name.removesuffix('fault')}loss" for name in faults)
@@ -60,7 +60,7 @@ class Forces:
         self._drift: Callable[..., Any] = copying(vehicle.drift, getattr(vehicle.drift, "__self__", None))
         self.compilable = not isinstance(self._drift, Copying) and ours(disturbance)
         """Are the vehicle's model and the effect part of this package?"""
-        known, kicks = acting_on(vehicle), len(vehicle.kicks)
+        known, kicks = input_channels(vehicle), len(vehicle.kicks)
         self.to = [known.index(name) for name in disturbance.forces]
         self.outside = kicks + len(vehicle.flows)
         """Number of kicks and flows, which are the first parts of an exogenous input."""
@@ -164,7 +164,7 @@ class Forces:
 
 def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
     """Reasons why a disturbance does not fit a vehicle."""
-    who, known, process = type(disturbance).__name__, acting_on(vehicle), disturbance.process
+    who, known, process = type(disturbance).__name__, input_channels(vehicle), disturbance.process
     for what in ("forces", "shakes", "names", "inputs"):
         given: Any = getattr(disturbance, what) or ()
         if isinstance(given, str) or len(set(given)) < len(given):

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimators import LinearModel
 from estimators.varying import Matrix, resolve
-from vessel_gym.filter_models.exogenous import acting_on
+from vessel_gym.filter_models.exogenous import input_channels
 from vessel_gym.filter_models.parts import Parts, moving
 
 
@@ -36,7 +36,7 @@ def linear_model(
     moved = [i for i in np.flatnonzero(moving(forces, n)) if i in parts.unknown or effect[i].any()]
     for i in moved:
         if len(given) == 2 or i >= forces.outside:
-            what = acting_on(vehicle)[i]
+            what = input_channels(vehicle)[i]
             raise ValueError(f"the {kind} model does not say what {what} does to it: choose a nonlinear one")
     flowing = [(j, i - kicks) for j, i in enumerate(forces.inputs) if i in parts.unknown and i in moved]
     carry, constant = effect[kicks : forces.outside], np.zeros((size, size))

@@ -132,7 +132,7 @@ class Watch:
             self._restart(begun)
             u = np.where(begun[:, None], self._still, u)
         readings = self._measured(u, None)
-        self.loop.estimate(self._handed(readings, self.truth), u, self.steps)
+        self.loop.estimate(self._for_filter(readings, self.truth), u, self.steps)
         if some:
             self._start(begun, (readings[0][begun], readings[1][begun]))
 
@@ -161,7 +161,7 @@ class Watch:
         """Beliefs of the rows of a mask ``(B,)`` after their first measurements."""
         count = len(readings[0])
         prior = self.prior.about(np.broadcast_to(self.prior.mean, (count, self.n)))
-        readings = self._handed(readings, self.truth[rows])
+        readings = self._for_filter(readings, self.truth[rows])
         self.loop.begin(None if count == self.rows else rows, prior, readings, self._still[:count])
 
     def observe(self, seen: Any) -> Any:
@@ -245,7 +245,7 @@ class Watch:
                     "joined by np.stack(..., -1)"
                 )
 
-    def _handed(self, readings: Readings, state: np.ndarray) -> Readings:
+    def _for_filter(self, readings: Readings, state: np.ndarray) -> Readings:
         """Measurements for the filter; the oracle alone gets the truth."""
         return (state, np.ones(state.shape, bool)) if self.loop.tells_truth else readings
 

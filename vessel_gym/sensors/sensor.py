@@ -1,0 +1,293 @@
+"""One sensor: its measurement, how well and how often it is taken, what it tells, and whether it arrives."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from estimators.checks import shown
+from vessel_gym.checks import check_names, check_numbers, function, instance, numbers
+from vessel_gym.foreign import copying, repeated
+from vessel_gym.processes import Process, linear
+
+Known = Mapping[str, np.ndarray]
+"""States by name, ``(...)`` each, that sensors before have given; what else they found may be there, too."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bias:
+    """A slowly moving error of a sensor's first channels, which a filter estimates as states of its own.
+
+    Attributes:
+        names: One a channel: what the filter's states are called.
+        start: Standard deviations at the start.
+        pace: Of the random walk: what a second adds; 0: constant, as far as anybody knows.
+        slope: Of a drift [per s], constant and unknown, which has states of its own; 0: none.
+        scale: Size that counts as 1 in an observation of standard deviations.
+    """
+
+    names: tuple[str, ...]
+    start: tuple[float, ...]
+    pace: tuple[float, ...] = ()
+    slope: tuple[float, ...] = ()
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        names: Any = self.names
+        if not isinstance(names, tuple | list) or not names:  # a text's letters would pass for names
+            raise ValueError(f"names of a bias must be a tuple of names, got {shown(names)}")
+        check_names("names of a bias", names)
+        object.__setattr__(self, "names", tuple(names))
+        for name in ("start", "pace", "slope"):
+            values = getattr(self, name)
+            values = (0.0,) * len(names) if isinstance(values, tuple) and not values else values
+            if not isinstance(values, tuple | list) or len(values) != len(names):
+                wanted = f"a tuple of {len(names)} values of {name}"
+                raise ValueError(f"the bias {self.names} needs {wanted}, got {shown(values)}")
+            for value in values:
+                check_numbers(f"the bias {self.names}", {name: value}, not_negative=name)
+            object.__setattr__(self, name, tuple(map(float, values)))
+        check_numbers(self, positive="scale")
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of its states: of the biases, then of those drifts that there are."""
+        return self.names + (tuple(f"drift of {name}" for name in self.names) if any(self.slope) else ())
+
+    def process(self, dt: float) -> Process:
+        """Its process over a step of ``dt`` [s]."""
+        slope = self.slope if any(self.slope) else ()
+        walk = Process.walk(self.start + slope, self.pace + (0.0,) * len(slope), dt)
+        return replace(walk, transition=walk.transition + dt * np.eye(walk.size, k=len(self.names)))
+
+
+@dataclass(frozen=True, eq=False)
+class Sensor:
+    """One sensor. Its channels are read, lost and spoilt together.
+
+    Attributes:
+        name: What it is.
+        channels: What each of its channels reads, with the unit.
+        reads: What it would read without noise ``(..., k)``, a function that broadcasts of the vehicle's state
+            ``(..., n)`` and forcing ``(..., f)``, see `vessel_gym.system.Vehicle`; faster if it is declared to be
+            `vessel_gym.processes.linear` in both.
+        sd: Standard deviation of each channel's white noise; or, where it depends on what is measured, a function that
+            gives them ``(..., k)`` of the measurement without noise ``(..., k)``: the truth takes it at the true
+            measurement, a filter's R at the one that it expects.
+        rate: Readings a second [Hz], which must divide the steps a second; None: one every step.
+        dropout: Probability that a reading is lost.
+        outliers: Probability that it is an outlier,
+        outlier_scale: whose noise is so many times as large.
+        bias: What moves slowly on the first channels.
+        range: For each channel the least and the greatest value that it can read; beyond, nothing arrives.
+        angles: Which channels are angles [rad].
+        scale: For each channel the size that counts as 1 in a raw observation; None: 1.
+        gives: For each channel the state, or the part of the forcing, that it reads as such; None where it is none.
+        inverse: What can be had of its readings ``(..., k)`` besides: a function of them and of the states that sensors
+            before it have given, that returns states by name; None: what it ``gives``.
+        informs: For each channel the states that it may correct in an ensemble; None: those on which its reading
+            depends, at once or two steps on.
+        latency: Seconds from a measurement to its arrival,
+        jitter: and the most that may be added to them: each reading comes later by any whole number of steps up to
+            that, so that one may overtake another.
+        clock: The most by which its clock may be wrong [s]: its time stamps tell a whole number of steps, drawn in each
+            episode, too much or too little; never a time to come.
+    """
+
+    name: str
+    channels: tuple[str, ...]
+    reads: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    sd: Any
+    rate: float | None = None
+    dropout: float = 0.0
+    outliers: float = 0.0
+    outlier_scale: float = 10.0
+    bias: Bias | None = None
+    range: tuple[tuple[float, float], ...] | None = None
+    angles: tuple[int, ...] = ()
+    scale: tuple[float, ...] | None = None
+    gives: tuple[str | None, ...] | None = None
+    inverse: Callable[[np.ndarray, Known], Known] | None = None
+    informs: tuple[tuple[str, ...], ...] | None = None
+    latency: float = 0.0
+    jitter: float = 0.0
+    clock: float = 0.0
+
+    def __post_init__(self) -> None:
+        instance("name of a sensor", self.name, str)
+        title, channels = self.name, (self.channels,)
+        if self.bias is not None:
+            instance(f"bias of {title}", self.bias, Bias)
+        function(f"inverse of {title}", self.inverse, "(readings, known)")
+        tuples: tuple[tuple[str, Any], ...] = ("channels", channels), ("informs", self.informs)
+        for name, listed in tuples:
+            for entry in listed if isinstance(listed, tuple | list) else ():
+                if isinstance(entry, str):  # whose letters would pass for names
+                    raise ValueError(f"{name} of {title} must hold tuples of names, got {shown(entry)}")
+        check_names(f"channels of {title}", self.channels)
+        k = len(self.channels)
+        if not k:
+            raise ValueError(f"channels of {title} must be one or more names")
+        for name in ("sd", "range", "scale", "gives", "informs"):
+            values = getattr(self, name)
+            if callable(values) if name == "sd" else values is None:
+                continue
+            several = isinstance(values, tuple | list) or (isinstance(values, np.ndarray) and values.ndim > 0)
+            if not (several and len(values) == k):
+                raise ValueError(f"{title} has {k} channels, so {name} must have {k} entries, got {shown(values)}")
+        for name, kind in (("sd", "not_negative"), ("scale", "positive")):
+            values = getattr(self, name)
+            for value in () if values is None or callable(values) else values:
+                check_numbers(title, {name: value}, **{kind: name})
+        for ends in self.range or ():
+            pair = numbers(ends)
+            if pair is None or pair.shape != (2,) or not pair[0] < pair[1]:
+                each = "(least, greatest) for each channel"
+                raise ValueError(f"range of {title} must have {each}, got {shown(self.range)}")
+        check_numbers(title, vars(self), share="dropout outliers", positive="rate?")
+        check_numbers(title, vars(self), not_negative="outlier_scale latency jitter clock")
+        if not callable(self.reads):
+            raise ValueError(f"reads of {title} must be a function of (state, forcing), got {shown(self.reads)}")
+        angles = self.angles if isinstance(self.angles, tuple | list) else (None,)
+        if any(not isinstance(i, int | np.integer) or not 0 <= i < k for i in angles):
+            raise ValueError(f"angles of {title} must be indices below {k}, got {shown(self.angles)}")
+        if self.bias is not None and len(self.bias.names) > k:
+            raise ValueError(f"{title} has {k} channels, but a bias on {len(self.bias.names)}")
+
+    @property
+    def informed(self) -> tuple[str, ...]:
+        """All that its channels inform, if it says so."""
+        return tuple(name for names in self.informs or () for name in names)
+
+    def period(self, dt: float) -> int:
+        """Steps of ``dt`` [s] from one reading to the next.
+
+        Raises:
+            ValueError: if its readings do not fall on steps.
+        """
+        if self.rate is None:
+            return 1
+        check_numbers("a sensor's period", {"dt": dt}, positive="dt")
+        steps = 1.0 / (self.rate * dt)
+        if steps < 0.5 or abs(steps - round(steps)) > 1e-6 * steps:
+            raise ValueError(
+                f"{self.name} reads at {self.rate:g} Hz, which does not divide the {1.0 / dt:g} steps a second: its "
+                "readings would fall between steps"
+            )
+        return round(steps)
+
+    def delays(self, dt: float) -> tuple[int, int, int]:
+        """Latency, jitter and error of the clock in steps of ``dt`` [s].
+
+        Raises:
+            ValueError: if they are no whole numbers of steps, or too many together.
+        """
+        check_numbers("a sensor's delays", {"dt": dt}, positive="dt")
+        counts = {name: getattr(self, name) / dt for name in ("latency", "jitter", "clock")}
+        for name, steps in counts.items():
+            if abs(steps - np.rint(steps)) > 1e-6 * max(steps, 1.0):
+                raise ValueError(
+                    f"{name} of {self.name} is {getattr(self, name):g} s, which is no whole number of steps of {dt:g} "
+                    "s: its readings would arrive between steps"
+                )
+        if sum(counts.values()) > LONGEST:
+            raise ValueError(
+                f"latency, jitter and clock of {self.name} are {sum(counts.values()):g} steps together, of {LONGEST} "
+                "at most"
+            )
+        latency, jitter, clock = map(round, counts.values())
+        return latency, jitter, clock
+
+
+LONGEST = 1000
+"""How many steps a reading may be late: all that long everything is kept."""
+
+
+@dataclass(frozen=True)
+class SensorSuite:
+    """A quality of sensors, relative to a vehicle's nominal ones."""
+
+    noise: float  # standard deviation relative to nominal
+    dropout: float = 0.0  # probability that a sensor's reading is lost, besides its own
+    outliers: float = 0.0  # probability that it is an outlier
+    outlier_scale: float = 10.0  # size of an outlier's noise relative to nominal
+    lossless: bool = False  # no sensor loses a reading
+
+    def __post_init__(self) -> None:
+        check_numbers(self, not_negative="noise outlier_scale", share="dropout outliers")
+        instance("lossless of SensorSuite", self.lossless, bool)
+
+    def of(self, nominal: Sequence[Sensor]) -> tuple[Sensor, ...]:
+        """A vehicle's sensors in this quality."""
+        if not isinstance(nominal, tuple | list) or not all(isinstance(sensor, Sensor) for sensor in nominal):
+            raise TypeError(f"nominal must be Sensor objects, got {shown(nominal)}")
+        return tuple(
+            replace(
+                sensor,
+                sd=_scaled(self.noise, sensor.sd),
+                dropout=0.0 if self.lossless else min(sensor.dropout + self.dropout, 1.0),
+                outliers=min(sensor.outliers + self.outliers, 1.0),
+                outlier_scale=sensor.outlier_scale if sensor.outliers else self.outlier_scale,
+            )
+            for sensor in nominal
+        )
+
+
+def _scaled(factor: float, sd: Any) -> Any:
+    if not callable(sd):
+        return tuple(factor * each for each in sd)
+    return sd if factor == 1.0 else partial(_scaled_at, factor, copying(sd))
+
+
+def _scaled_at(factor: float, sd: Callable[[np.ndarray], np.ndarray], y: np.ndarray) -> np.ndarray:
+    return factor * np.asarray(sd(y))
+
+
+SUITES = {
+    "clean": SensorSuite(noise=0.05, lossless=True),
+    "nominal": SensorSuite(noise=1.0),
+    "degraded": SensorSuite(noise=1.0, dropout=0.10, outliers=0.05),
+}
+
+
+def check_values(
+    who: str, what: str, expected: tuple[int, ...], function: Callable[..., Any], *arguments: np.ndarray
+) -> Any:
+    """Value of a user's function, which is called twice.
+
+    Raises:
+        ValueError: for one that fails, does not repeat itself, or gives no numbers or another shape than ``expected``.
+    """
+    shape = arguments[0].shape
+    try:
+        values = repeated(who, function, *arguments)
+        got = np.asarray(values).shape
+    except Exception as error:
+        if str(error).startswith(who):
+            raise
+        raise ValueError(f"{who} failed on {what} of shape {shape}: {shown(str(error))}") from error
+    if numbers(values) is None:
+        raise ValueError(f"{who} must give real numbers, got {shown(values)}")
+    if got != expected:
+        each = f"{expected[-1]} values for each {what.removesuffix('s')}"
+        raise ValueError(f"{who} must give {each}: {shape} gave {got}, expected {expected}")
+    return values
+
+
+def columns(indices: Sequence[int]) -> Any:
+    """Indices of components: a slice where they are neighbours, which gives a view."""
+    chosen = list(indices)
+    if chosen and chosen == list(range(chosen[0], chosen[-1] + 1)):
+        return slice(chosen[0], chosen[-1] + 1)
+    return chosen
+
+
+def plain(components: Sequence[int]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Function ``reads`` of a sensor that reads components of the state as they are."""
+    return linear(partial(_columns, columns(components)))
+
+
+def _columns(chosen: Any, state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+    return state[..., chosen]
