@@ -1,4 +1,4 @@
-"""What readings say of a model's numbers: Q, R, the prior, and whatever else a filter is built with.
+"""Maximum likelihood estimates, from measurements, of numbers that a filter is built with: Q, R, the prior, others.
 
 ::
 
@@ -120,16 +120,10 @@ def fit(
     if objective not in _OBJECTIVES:
         raise ValueError(unknown("objective", objective, _OBJECTIVES))
     signed = _names(signed)
-    origin = _started(start, signed)
-    names = tuple(start)
-    positive = np.array([name not in signed for name in names])
-    units = np.where(positive | (origin == 0.0), 1.0, np.abs(origin))
+    origin = _checked_start(start, signed)
+    positive = np.array([name not in signed for name in start])
 
-    def built(theta: np.ndarray) -> tuple[Any, Gaussian]:
-        values = np.where(positive, np.exp(np.where(positive, theta, 0.0)), theta * units)
-        return build(**dict(zip(names, map(float, values), strict=True)))
-
-    def of(filter: Any, prior: Gaussian) -> float:
+    def evaluate(filter: Any, prior: Gaussian) -> float:
         with np.errstate(all="ignore"):
             series = run(filter, prior, y, u, t, available, R, rng if _random(filter) else None)
             if (series.updated.recovery >= Recovery.WITHOUT_CHANNEL).any():  # a reading that is given up must not pay
@@ -138,55 +132,18 @@ def fit(
                 return -float(np.sum(series.log_likelihood))
             return -_prediction_error(series, y, available)
 
-    def cost(theta: np.ndarray) -> float:
-        try:
-            value = of(*built(theta))
-        except ValueError:  # of numbers that are far from the start, which no filter takes
-            return np.inf
-        return np.inf if np.isnan(value) else value
-
+    units = np.where(positive | (origin == 0.0), 1.0, np.abs(origin))
+    search = _Search(build, tuple(start), positive, units, evaluate)
     first = np.where(positive, np.log(np.where(positive, origin, 1.0)), origin / units)
-    come = np.isfinite(as_array("y", y))
-    if not (come if available is None else come & as_mask("available", available)).any():
+    arrived = np.isfinite(as_array("y", y))
+    if not (arrived if available is None else arrived & as_mask("available", available)).any():
         raise ValueError("none of the readings came: there is nothing to fit")
-    begun = built(first)
+    begun = search.built(first)
     if not (isinstance(begun, tuple) and len(begun) == 2 and isinstance(begun[1], Gaussian)):
         raise TypeError(f"build must return a filter and its prior, a Gaussian, got {shown(begun)}")
-    if not np.isfinite(of(*begun)):
+    if not np.isfinite(evaluate(*begun)):
         raise ValueError("the readings have no likelihood at the start: begin where the filter can follow them")
-    low, high = (np.where(positive, first + far, np.copysign(np.inf, far)) for far in (-_FAR, _FAR))
-    rough, at = _random(begun[0]), first
-    while True:
-        best, least, slopes, information = _searched(cost, at, low, high, rough)
-        covariance, flat, peaked = _covariance(information, positive)
-        with np.errstate(invalid="ignore"):
-            gain = 0.5 * slopes @ covariance @ slopes + sum(abs(slopes @ direction) for direction in flat)
-        converged = peaked and bool(gain < _LEFT)
-        beyond = _beyond(cost, best, least, flat, low, high)
-        if beyond is not None:
-            at = beyond
-        elif converged or rough:
-            break
-        else:  # no smooth likelihood, such as that of weights that are found by iteration
-            rough, at = True, first
-    loose = np.array([_involved(direction) for direction in flat]).reshape(-1, len(names)).any(0) | (not converged)
-    spread = np.sqrt(np.diagonal(covariance))
-    errors = np.where(loose, np.inf, spread)
-    ends = (best, best - _QUANTILE * errors, best + _QUANTILE * errors)
-    values, *limits = (np.where(positive, np.exp(end), end * units).tolist() for end in ends)
-    covariance[loose], covariance[:, loose] = np.nan, np.nan
-    filter, prior = built(best)
-    return Fit(
-        estimates=dict(zip(names, values, strict=True)),
-        standard_errors=dict(zip(names, (np.where(positive, values, units) * errors).tolist(), strict=True)),
-        intervals=dict(zip(names, zip(*limits, strict=True), strict=True)),
-        correlation=covariance / (spread * spread[:, None]),
-        log_likelihood=-least,
-        undetermined=tuple(_sentence(direction, names, positive, cost, best, least) for direction in flat),
-        converged=converged,
-        filter=filter,
-        prior=prior,
-    )
+    return search.fit(first, _random(begun[0]))
 
 
 def _names(signed: object) -> tuple[str, ...]:
@@ -198,8 +155,8 @@ def _names(signed: object) -> tuple[str, ...]:
     return tuple(signed)
 
 
-def _started(start: Mapping[str, float], signed: Collection[str]) -> np.ndarray:
-    """Where a search begins, checked."""
+def _checked_start(start: Mapping[str, float], signed: Collection[str]) -> np.ndarray:
+    """Values at which a search begins, checked."""
     if not isinstance(start, Mapping) or not start:
         raise ValueError(
             f"start must hold a value for each parameter by name, such as {{'q': 1.0}}, got {shown(start)}"
@@ -246,69 +203,133 @@ def _prediction_error(series: Series, y: np.ndarray, available: np.ndarray | Non
 # --- the search ---------------------------------------------------------------------------------------
 
 
-def _searched(
-    cost: Callable[[np.ndarray], float], start: np.ndarray, low: np.ndarray, high: np.ndarray, random: bool
-) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
-    """Where the cost is least ``(k,)``, how much it is, and its derivatives there, not finite where none can be had."""
-    from scipy.optimize import minimize  # late: it takes longer to import than the whole package
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """The cost of parameters ``theta (k,)``: logarithms of positive ones, others in units of their start."""
 
-    least = cost(start)
-    worst = least + 100.0 * (1.0 + abs(least))  # what a search can step back from
+    build: Callable[..., tuple[Any, Gaussian]]
+    names: tuple[str, ...]
+    positive: np.ndarray
+    units: np.ndarray
+    evaluate: Callable[[Any, Gaussian], float]
 
-    def slope(theta: np.ndarray) -> np.ndarray:
-        pairs = [(cost(theta + step), cost(theta - step)) for step in 1e-4 * np.eye(len(theta))]
-        return np.array([(a - b) / 2e-4 if np.isfinite(a - b) else 0.0 for a, b in pairs])
+    def values(self, theta: np.ndarray) -> list[float]:
+        """The parameters themselves."""
+        own: list[float] = np.where(
+            self.positive, np.exp(np.where(self.positive, theta, 0.0)), theta * self.units
+        ).tolist()
+        return own
 
-    if random:
-        simplex = start + 0.5 * np.eye(len(start) + 1, len(start), -1)
-        search: dict[str, Any] = {"method": "Nelder-Mead"}
-        search["options"] = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-3}
-    else:
-        search = {"method": "L-BFGS-B", "jac": slope, "options": {"ftol": 1e-13, "gtol": 1e-4}}
-    bounds = list(zip(low, high, strict=True))
-    found = minimize(lambda theta: min(cost(theta), worst), start, bounds=bounds, **search)
-    best, least = found.x, cost(found.x)
-    return best, least, *_derivatives(cost, best, least, _ROUGH if random else _SMOOTH)
+    def built(self, theta: np.ndarray) -> tuple[Any, Gaussian]:
+        """The filter and its prior."""
+        return self.build(**dict(zip(self.names, self.values(theta), strict=True)))
 
+    def cost(self, theta: np.ndarray) -> float:
+        """The negative log-likelihood; infinite where there is none."""
+        try:
+            value = self.evaluate(*self.built(theta))
+        except ValueError:  # of numbers that are far from the start, which no filter takes
+            return np.inf
+        return np.inf if np.isnan(value) else value
 
-# --- what is known of the estimates -------------------------------------------------------------------
+    def fit(self, first: np.ndarray, random: bool) -> Fit:
+        """The fit of a search from here, for a filter that draws random numbers or not."""
+        low, high = (np.where(self.positive, first + far, np.copysign(np.inf, far)) for far in (-_FAR, _FAR))
+        rough, start = random, first
+        while True:
+            best, least = self._minimum(start, low, high, rough)
+            slopes, information = self._derivatives(best, least, _ROUGH if rough else _SMOOTH)
+            covariance, flat, peaked = _covariance(information, self.positive)
+            with np.errstate(invalid="ignore"):
+                gain = 0.5 * slopes @ covariance @ slopes + sum(abs(slopes @ direction) for direction in flat)
+            converged = peaked and bool(gain < _LEFT)
+            # A search may end on a plateau, as that of a variance beside a far greater one: it goes on beyond it.
+            points = [np.clip(best + far * way, low, high) for way in flat for far in (*_AWAY, *-_AWAY)]
+            costs = [self.cost(point) for point in points]
+            if min(costs, default=np.inf) < least - _LEFT:
+                start = points[int(np.argmin(costs))]
+            elif converged or rough:
+                break
+            else:  # no smooth likelihood, such as that of weights that are found by iteration
+                rough, start = True, first
+        loose = np.any([np.zeros(best.shape, bool), *map(_involved, flat)], 0) | (not converged)
+        spread = np.sqrt(np.diagonal(covariance))
+        errors = np.where(loose, np.inf, spread)
+        covariance[loose], covariance[:, loose] = np.nan, np.nan
+        values, *ends = map(self.values, (best, best - _QUANTILE * errors, best + _QUANTILE * errors))
+        sd, intervals = np.where(self.positive, values, self.units) * errors, zip(*ends, strict=True)
+        correlation = covariance / (spread * spread[:, None])
+        named: list[Any] = [dict(zip(self.names, column, strict=True)) for column in (values, sd.tolist(), intervals)]
+        undetermined = tuple(self._sentence(direction, best, least) for direction in flat)
+        return Fit(*named, correlation, -least, undetermined, converged, *self.built(best))
 
+    def _minimum(self, start: np.ndarray, low: np.ndarray, high: np.ndarray, rough: bool) -> tuple[np.ndarray, float]:
+        """The parameters ``(k,)`` of least cost, and that cost."""
+        from scipy.optimize import minimize  # late: it takes longer to import than the whole package
 
-def _derivatives(
-    cost: Callable[[np.ndarray], float], best: np.ndarray, least: float, step: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """First and second derivatives ``(k,)`` and ``(k, k)`` by central differences over a share of a standard error.
+        least = self.cost(start)
+        worst = least + 100.0 * (1.0 + abs(least))  # what a search can step back from
 
-    The second are NaN where they are others over a whole one: what bends in the small alone is rough, and no minimum.
-    """
+        def slope(theta: np.ndarray) -> np.ndarray:
+            pairs = [(self.cost(theta + step), self.cost(theta - step)) for step in 1e-4 * np.eye(len(theta))]
+            return np.array([(a - b) / 2e-4 if np.isfinite(a - b) else 0.0 for a, b in pairs])
 
-    def along(move: np.ndarray) -> tuple[float, float]:
-        ahead, behind = cost(best + move), cost(best - move)
-        return 0.5 * (ahead - behind), ahead - 2.0 * least + behind
+        if rough:
+            simplex = start + 0.5 * np.eye(len(start) + 1, len(start), -1)
+            options: dict[str, Any] = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-3}
+            method: dict[str, Any] = {"method": "Nelder-Mead", "options": options}
+        else:
+            method = {"method": "L-BFGS-B", "jac": slope, "options": {"ftol": 1e-13, "gtol": 1e-4}}
+        bounds = list(zip(low, high, strict=True))
+        best = minimize(lambda theta: min(self.cost(theta), worst), start, bounds=bounds, **method).x
+        return best, self.cost(best)
 
-    def shorter(move: np.ndarray) -> np.ndarray:
-        curvature = along(move)[1] / (move @ move)
-        return move / np.linalg.norm(move) * np.clip(step / np.sqrt(max(curvature, 1e-300)), 1e-6, step)
+    def _derivatives(self, best: np.ndarray, least: float, step: float) -> tuple[np.ndarray, np.ndarray]:
+        """First and second derivatives ``(k,)`` and ``(k, k)`` by central differences over a share of a standard error.
 
-    moves = [shorter(shorter(0.01 * step * move)) for move in np.eye(len(best))]
-    sizes = np.linalg.norm(moves, axis=-1)
-    slopes, curvatures = np.array([along(move) for move in moves]).T
-    wide = np.array([along(move / step)[1] for move in moves]) * step**2
-    told = (curvatures > _LITTLE * sizes**2) & np.isfinite(wide)
-    hessian = np.diag(np.where(told & ((wide < 0.25 * curvatures) | (wide > 4.0 * curvatures)), np.nan, curvatures))
-    for i, j in combinations(range(len(best)), 2):
-        hessian[i, j] = hessian[j, i] = 0.25 * (along(moves[i] + moves[j])[1] - along(moves[i] - moves[j])[1])
-    return slopes / sizes, hessian / sizes / sizes[:, None]
+        The second are NaN where they are others over a whole one: what bends in the small alone is rough, and no
+        minimum.
+        """
 
+        def along(move: np.ndarray) -> tuple[float, float]:
+            ahead, behind = self.cost(best + move), self.cost(best - move)
+            return 0.5 * (ahead - behind), ahead - 2.0 * least + behind
 
-def _beyond(
-    cost: Callable[[np.ndarray], float], best: np.ndarray, least: float, flat: list[np.ndarray], low: np.ndarray,
-    high: np.ndarray,
-) -> np.ndarray | None:  # fmt: skip
-    """Where a search that ended on a plateau should go on, as that of a variance beside a far greater one; or None."""
-    points = [np.clip(best + far * way, low, high) for way in flat for far in (*_AWAY, *-_AWAY)]
-    costs = [cost(point) for point in points]
-    return points[int(np.argmin(costs))] if min(costs, default=np.inf) < least - _LEFT else None
+        def shorter(move: np.ndarray) -> np.ndarray:
+            curvature = along(move)[1] / (move @ move)
+            return move / np.linalg.norm(move) * np.clip(step / np.sqrt(max(curvature, 1e-300)), 1e-6, step)
+
+        moves = [shorter(shorter(0.01 * step * move)) for move in np.eye(len(best))]
+        sizes = np.linalg.norm(moves, axis=-1)
+        slopes, curvatures = np.array([along(move) for move in moves]).T
+        wide = np.array([along(move / step)[1] for move in moves]) * step**2
+        known = (curvatures > _LITTLE * sizes**2) & np.isfinite(wide)
+        hessian = np.diag(
+            np.where(known & ((wide < 0.25 * curvatures) | (wide > 4.0 * curvatures)), np.nan, curvatures)
+        )
+        for i, j in combinations(range(len(best)), 2):
+            hessian[i, j] = hessian[j, i] = 0.25 * (along(moves[i] + moves[j])[1] - along(moves[i] - moves[j])[1])
+        return slopes / sizes, hessian / sizes / sizes[:, None]
+
+    def _sentence(self, direction: np.ndarray, best: np.ndarray, least: float) -> str:
+        """A direction without information, in words."""
+        moved = np.flatnonzero(_involved(direction))
+        up, names = direction * np.sign(direction[moved[0]]), [self.names[i] for i in moved]
+        if len(moved) > 1:
+            ways = " and ".join(
+                f"{name} {'up' if up[i] > 0.0 else 'down'}" for i, name in zip(moved, names, strict=True)
+            )
+            apart = " and ".join((", ".join(names[:-1]), names[-1]))
+            return f"the readings cannot tell {apart} apart: with {ways} they are as likely"
+        if self.positive[moved[0]]:
+            worse = ([2.0 < self.cost(best + far * up) - least < np.inf for far in aways] for aways in (-_AWAY, _AWAY))
+            less, more = map(any, worse)
+            if less != more:
+                size = "small" if more else "great"
+                return (
+                    f"the readings say of {names[0]} only that it is {size}: they are as likely if it is {size}er still"
+                )
+        return f"the readings tell nothing of {names[0]}: they are as likely with another"
 
 
 def _covariance(information: np.ndarray, positive: np.ndarray) -> tuple[np.ndarray, list[np.ndarray], bool]:
@@ -330,25 +351,5 @@ def _covariance(information: np.ndarray, positive: np.ndarray) -> tuple[np.ndarr
 
 
 def _involved(direction: np.ndarray) -> np.ndarray:
-    """Which parameters a direction moves."""
+    """The mask of the parameters that a direction moves."""
     return np.abs(direction) > 0.1
-
-
-def _sentence(
-    direction: np.ndarray, names: tuple[str, ...], positive: np.ndarray, cost: Callable[[np.ndarray], float],
-    best: np.ndarray, least: float,
-) -> str:  # fmt: skip
-    """What the readings do not tell, of a direction without information."""
-    moved = np.flatnonzero(_involved(direction))
-    up = direction * np.sign(direction[moved[0]])
-    if len(moved) > 1:
-        ways = " and ".join(f"{names[i]} {'up' if up[i] > 0.0 else 'down'}" for i in moved)
-        apart = " and ".join((", ".join(names[i] for i in moved[:-1]), names[moved[-1]]))
-        return f"the readings cannot tell {apart} apart: with {ways} they are as likely"
-    name = names[moved[0]]
-    if positive[moved[0]]:
-        less, more = (any(2.0 < cost(best + far * up) - least < np.inf for far in aways) for aways in (-_AWAY, _AWAY))
-        if less != more:
-            size = "small" if more else "great"
-            return f"the readings say of {name} only that it is {size}: they are as likely if it is {size}er still"
-    return f"the readings tell nothing of {name}: they are as likely with another"
