@@ -1,18 +1,18 @@
-"""A filter whose gain a recurrent network says: KalmanNet's kind, run in NumPy from weights trained elsewhere."""
+"""A filter whose gain is the output of a recurrent network (KalmanNet), in NumPy, with weights trained elsewhere."""
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 from zipfile import BadZipFile, is_zipfile
 
 import numpy as np
 
 from estimators.belief import Belief
 from estimators.checks import as_array
-from estimators.filter import Filter, Model, Rng
+from estimators.filter import Model, Rng
+from estimators.kalman import GaussianFilter
 from estimators.linalg import congruence, symmetrise
 from estimators.reading import Reading
-from estimators.varying import resolve
 
 LARGEST = 1e6
 """Of what a network is fed with, in units of its scale: what is absurd is not to make it absurd for good."""
@@ -123,7 +123,7 @@ class LearnedGainBelief(Belief):
     correction: np.ndarray
 
 
-class LearnedGainFilter(Filter[LearnedGainBelief]):
+class LearnedGainFilter(GaussianFilter[LearnedGainBelief]):
     """Predicted by the model, corrected with a gain that a recurrent network has learned: for a model known to be off.
 
     The network sees the innovation and the last correction. Of a missing reading it sees 0, and of none at all nothing,
@@ -143,8 +143,10 @@ class LearnedGainFilter(Filter[LearnedGainBelief]):
         TypeError: if it is none.
     """
 
+    name = "LearnedGainFilter"
     record = LearnedGainBelief
     sequential = False
+    formulas = False
 
     def __init__(self, model: Model, network: GainNetwork) -> None:
         super().__init__(model)
@@ -157,16 +159,11 @@ class LearnedGainFilter(Filter[LearnedGainBelief]):
             )
         self.network = network
 
-    def _init(self, belief: Belief, rng: Rng) -> LearnedGainBelief:
-        hidden = np.zeros(belief.mean.shape[:-1] + (self.network.size,))
-        return LearnedGainBelief.of(belief, hidden=hidden, correction=np.zeros(belief.mean.shape))
+    def _unseen(self, mean: np.ndarray) -> dict[str, Any]:
+        return {"hidden": np.zeros(mean.shape[:-1] + (self.network.size,)), "correction": np.zeros(mean.shape)}
 
-    def _predict(self, belief: LearnedGainBelief, u: np.ndarray | None, rng: Rng) -> LearnedGainBelief:
-        mean, cov = self._moved(belief, u)
-        cov = symmetrise(cov + resolve(self.model.Q, u))
-        return LearnedGainBelief.predicted(
-            belief, mean, cov, u, hidden=belief.hidden, correction=belief.correction
-        )  # fmt: skip
+    def _own(self, before: LearnedGainBelief, mean: np.ndarray, u: np.ndarray | None) -> dict[str, Any]:
+        return {"hidden": before.hidden, "correction": before.correction}
 
     def _update(self, belief: LearnedGainBelief, reading: Reading, rng: Rng) -> LearnedGainBelief:
         hidden, gain = self.network(belief.hidden, reading.innovation, belief.correction)

@@ -1,6 +1,6 @@
 """Small dense linear algebra over batches: covariances ``(..., n, n)`` and vectors ``(..., n)``."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cache, lru_cache
 
@@ -69,17 +69,7 @@ def solve(s: np.ndarray, b: np.ndarray) -> np.ndarray:
     """
     if is_traced(s) or is_traced(b):
         return linear.solve_definite(s, b)
-    try:
-        return np.linalg.solve(s, b)
-    except np.linalg.LinAlgError:
-        batch = np.broadcast_shapes(s.shape[:-2], b.shape[:-2])
-        s = np.broadcast_to(s, batch + s.shape[-2:])
-        b = np.broadcast_to(b, batch + b.shape[-2:])
-        solution = np.full(b.shape, np.nan)
-        for row in np.ndindex(batch):
-            with suppress(np.linalg.LinAlgError):
-                solution[row] = np.linalg.solve(s[row], b[row])
-        return solution
+    return _row_by_row(np.linalg.solve, s, b)
 
 
 def solve_upper(t: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -179,14 +169,21 @@ def cholesky(s: np.ndarray) -> np.ndarray:
     """The lower factor of ``S (..., p, p)``; a row that is not positive definite comes out as NaN."""
     if is_traced(s):
         return linear.cholesky(s)
+    return _row_by_row(np.linalg.cholesky, s)
+
+
+def _row_by_row(function: Callable[..., np.ndarray], *matrices: np.ndarray) -> np.ndarray:
+    """A function of matrices with a result like the last; where it raises for one row, that row is NaN."""
     try:
-        return np.linalg.cholesky(s)
+        return function(*matrices)
     except np.linalg.LinAlgError:
-        factor = np.full(s.shape, np.nan)
-        for row in np.ndindex(s.shape[:-2]):
+        batch = np.broadcast_shapes(*(matrix.shape[:-2] for matrix in matrices))
+        whole = [np.broadcast_to(matrix, batch + matrix.shape[-2:]) for matrix in matrices]
+        result = np.full(whole[-1].shape, np.nan)
+        for row in np.ndindex(batch):
             with suppress(np.linalg.LinAlgError):
-                factor[row] = np.linalg.cholesky(s[row])
-        return factor
+                result[row] = function(*(matrix[row] for matrix in whole))
+        return result
 
 
 def log_density(e: np.ndarray, s: np.ndarray, seen: np.ndarray) -> np.ndarray:

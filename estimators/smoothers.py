@@ -1,4 +1,4 @@
-"""Smoothers: what a whole series says of every time in it.
+"""Smoothers: estimates at every time from the measurements of a whole series.
 
 A smoother goes back through what a filter stored. With z what is estimated at one time, the state or the state and the
 unknown input, and ``zeta = D z+`` the part of the next that the past predicts, ``zeta- , P-``::
@@ -11,6 +11,7 @@ step late, ``z = (x, d(k-1))`` and ``D = [I, -G]``: what is left of the next sta
 is supposed. Both are the least-squares solution for all states and inputs, given all readings.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -70,15 +71,19 @@ def smooth(series: Series[Record], lag: int | None = None) -> Record:
         change = difference(np.matvec(D[k], z_later), before[k], filter.model.state_angles)
         return z[:-1][k] + np.matvec(J[k], change), P[:-1][k] + congruence(J[k], congruence(D[k], P_later) - cov[k])
 
-    smoothed, covs = np.array(z), np.array(P)
-    if steps is None:
-        for k in reversed(range(later)):
-            now, after = slice(k, k + 1), slice(k + 1, k + 2)
-            smoothed[now], covs[now] = back(now, smoothed[after], covs[after])
-    else:
-        for _ in range(steps):  # all times at once: each looks one step further
-            smoothed[:-1], covs[:-1] = back(slice(None), smoothed[1:], covs[1:])
+    smoothed, covs = _swept(back, steps, z, P)
     return _parted(updated, smoothed, semidefinite(covs))
+
+
+def _swept(back: Callable[..., tuple[np.ndarray, ...]], steps: int | None, *filtered: np.ndarray) -> list[np.ndarray]:
+    """Arrays of successive times, smoothed from those that follow: from the last one on, or all ``steps`` times."""
+    arrays, later = [np.array(each) for each in filtered], len(filtered[0]) - 1
+    at_once = [slice(k, k + 1) for k in reversed(range(later))] if steps is None else [slice(0, later)] * steps
+    for now in at_once:
+        after = slice(now.start + 1, now.stop + 1)
+        for array, values in zip(arrays, back(now, *(each[after] for each in arrays)), strict=True):
+            array[now] = values
+    return arrays
 
 
 def _reversible(filter: Any) -> bool:
@@ -142,14 +147,7 @@ def _members(filter: EnsembleFilter, updated: Any, predicted: Any, steps: int | 
     ahead = np.where(forgot[..., None, None], 0.0, ahead)
     gain, expected = np.linalg.pinv(ahead, rcond=1e-10) @ spread, np.nan_to_num(predicted.ensemble[1:])
 
-    def back(k: slice, later: np.ndarray) -> np.ndarray:
-        return own[:-1][k] + difference(later, expected[k], angles) @ gain[k]
+    def back(k: slice, later: np.ndarray) -> tuple[np.ndarray]:
+        return (own[:-1][k] + difference(later, expected[k], angles) @ gain[k],)
 
-    smoothed = np.array(own)
-    if steps is None:
-        for k in reversed(range(len(own) - 1)):
-            smoothed[k] = back(slice(k, k + 1), smoothed[k + 1 : k + 2])[0]
-    else:
-        for _ in range(steps):
-            smoothed[:-1] = back(slice(None), smoothed[1:])
-    return updated.replace(ensemble=smoothed)
+    return updated.replace(ensemble=_swept(back, steps, own)[0])

@@ -52,24 +52,23 @@ class SigmaPoints(Filter[Record]):
         if isinstance(self.model, LinearModel):
             return super()._propagate(mean, cov, u)
         points, _ = self._by_rows(self._spread, mean[..., None, :], cov)
-        moved, cov = self._by_rows(self._moments, self._values("transition", self.model.n, points, u))
-        return moved, cov
+        moments = self._by_rows(self._moments, self._values("transition", self.model.n, points, u))
+        return cast(tuple[np.ndarray, np.ndarray], moments)
 
     @inlinable("measurement")
     def _linearise(self, belief: Record, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         if isinstance(self.model, LinearModel):
             return super()._linearise(belief, u)
         points, root = self._full_spread(belief)
-        values = self._values("measurement", self.model.p, points, u)
-        expected, C, excess = self._by_rows(self._line_of_readings, values, root)
-        return expected, C, excess
+        found = self._by_rows(self._measurement_slopes, self._values("measurement", self.model.p, points, u), root)
+        return cast(tuple[np.ndarray, np.ndarray, np.ndarray | None], found)
 
     def _slopes(self, belief: Record, u: np.ndarray | None) -> np.ndarray:
         if isinstance(self.model, LinearModel):
             return super()._slopes(belief, u)
         points, root = self._full_spread(belief)
-        _, A, _ = self._by_rows(self._line_of_states, self._values("transition", self.model.n, points, u), root)
-        return A
+        A = self._by_rows(self._state_slopes, self._values("transition", self.model.n, points, u), root)
+        return cast(np.ndarray, A)
 
     def _full_spread(self, belief: Record) -> tuple[np.ndarray, np.ndarray]:
         """Points and a root with an inverse ``(..., n, n)``: where a belief has no spread slopes are derivatives."""
@@ -125,13 +124,12 @@ class SigmaPoints(Filter[Record]):
         mean, slopes, excess = self._transform(values, self.model.state_angles)
         return mean, slopes.mT @ slopes + excess
 
-    def _line_of_states(self, values: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The mean of the next state, the statistical linearisation, and the covariance of what that leaves out."""
-        mean, slopes, excess = self._transform(values, self.model.state_angles)
-        return mean, solve_upper(root.mT, slopes).mT, excess
+    def _state_slopes(self, values: np.ndarray, root: np.ndarray) -> np.ndarray:
+        """The statistical linearisation of the transition."""
+        return solve_upper(root.mT, self._transform(values, self.model.state_angles)[1]).mT
 
-    def _line_of_readings(self, values: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Likewise of the reading."""
+    def _measurement_slopes(self, values: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The mean of the measurement, its statistical linearisation, and the covariance that this leaves out."""
         mean, slopes, excess = self._transform(values, self.model.measurement_angles)
         return mean, solve_upper(root.mT, slopes).mT, excess
 
