@@ -8,10 +8,8 @@
     report.passed()  # False for at most 5 % of consistent filters
     consistency_figure(report).savefig("consistency.png")
 
-Four questions, each with a p-value that holds whatever the correlation between times: are state errors as large as
-the filter says (NEES), are innovations (NIS), are innovations white, and do credible intervals contain the truth as
-often as they should? Errors at successive times are correlated, runs are independent: so averages are over runs, at
-one time.
+Four tests, with p-values that hold whatever the correlation between times: the size of state errors (NEES) and of
+innovations (NIS), whiteness of innovations, coverage of credible intervals. Averages are over runs, at one time.
 
 Source: Bar-Shalom, Li & Kirubarajan (2001), Estimation with applications to tracking and navigation, sec. 5.4.
 """
@@ -40,11 +38,8 @@ Curves = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | float, dict[str,
 LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 
 
-# --- runs -------------------------------------------------------------------------------------------
-
-
 class Runs(NamedTuple):
-    """What happened in M independent runs of T steps: times first, then runs, then components."""
+    """M independent runs of T steps: times first, then runs, then components."""
 
     x: np.ndarray  # (T, M, n) true state
     y: np.ndarray  # (T, M, p) readings
@@ -61,7 +56,7 @@ def simulate(
     u: np.ndarray | None = None,
     d: np.ndarray | None = None,
 ) -> Runs:
-    """Let a model run, from starts drawn from a prior.
+    """Simulate a model, from starts drawn from a prior.
 
     Args:
         model: What generates the data.
@@ -99,7 +94,7 @@ def _noise(cov: np.ndarray, rng: np.random.Generator, runs: int) -> np.ndarray:
     return np.matvec(semidefinite_cholesky(cov), rng.normal(size=(runs, cov.shape[-1])))
 
 
-# --- the four questions -----------------------------------------------------------------------------
+# --- the four tests ---------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,20 +304,17 @@ def _any_of(p: np.ndarray) -> float:
     return float(min(1.0, p.size * p.min()))
 
 
-# --- all of them ------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, eq=False)
 class Consistency:
     """The four tests of a filter on data of known truth.
 
     Attributes:
         name: The filter's.
-        nees: Are state errors as large as the filter says, at each time?
-        nis: Are innovations? For a filter that estimates an unknown input: what that input leaves of them. None for
-            one whose innovations carry the inputs of two steps (``ulise``).
-        whiteness: Are innovations white? None for such a filter, whose innovations carry the input.
-        coverage: Do credible intervals contain the truth, at the last time?
+        nees: Size of state errors at each time.
+        nis: Size of innovations, less the share of an estimated unknown input; None for ``ulise``, whose innovations
+            carry the inputs of two steps.
+        whiteness: Whiteness of innovations; None where they carry an unknown input.
+        coverage: Coverage of credible intervals at the last time.
         conservative: The filter may be too careful, and its innovations need not be white.
     """
 
@@ -341,7 +333,7 @@ class Consistency:
         return _any_of(np.array([test.p_value for test in tests if test is not None]))
 
     def passed(self, false_alarm: float = 0.05) -> bool:
-        """Whether the filter is consistent, for all that these runs can tell.
+        """Is there no sign in these runs that the filter is inconsistent?
 
         Args:
             false_alarm: Probability, at most, that a consistent filter is failed.
@@ -367,8 +359,8 @@ def assess(
         filter: The filter.
         prior: What it starts from, mean ``(n,)`` and covariance ``(n, n)``.
         rng: Noise of the simulation, and draws of the filter if it makes any.
-        data: What happened; None: ``runs`` runs of ``steps`` steps of the filter's own model, without known input.
-            Give other data, such as ``simulate(other_model, ...)``, to see what a wrong model does.
+        data: The runs, such as ``simulate(other_model, ...)``; None: simulated with the filter's own model, without
+            known input.
         runs: How many, if ``data`` is None.
         steps: How many, if ``data`` is None.
         lags: Of the whiteness test.
@@ -403,16 +395,10 @@ _LINE, _BAND = "#1f5a94", "#c9d6e3"
 def consistency_figure(report: Consistency) -> "Figure":
     """The four tests in four panels, each with what is expected (dashed) and the band of a consistent filter.
 
-    Needs Matplotlib, which is imported here and not before.
-
-    Args:
-        report: What `assess` found.
-
-    Returns:
-        A figure that belongs to no window: save it with ``figure.savefig(...)``.
+    The figure belongs to no window: save it with ``figure.savefig(...)``.
 
     Raises:
-        ModuleNotFoundError: without Matplotlib.
+        ModuleNotFoundError: without Matplotlib, which only this needs.
     """
     try:
         from matplotlib.figure import Figure
@@ -421,7 +407,7 @@ def consistency_figure(report: Consistency) -> "Figure":
 
     figure = Figure(figsize=(10.0, 7.0), layout="constrained")
     remark = " (not required)" if report.conservative else ""
-    panels = (
+    panels: tuple[tuple[Any, ...], ...] = (
         (report.nees, "State errors", "step", "NEES, mean over runs"),
         (report.nis, "Innovations", "step", "NIS, mean over runs"),
         (report.whiteness, f"Whiteness of innovations{remark}", "lag [steps]", "autocorrelation"),
@@ -447,17 +433,13 @@ def _draw(axes: "Axes", test: Band | Whiteness | Coverage) -> None:
     axes.fill_between(x, low, high, color="#c9d6e3", lw=0, label=f"{100.0 * test.confidence:g} % band")
     axes.plot(x, np.broadcast_to(expected, x.shape), color="black", lw=0.8, ls="--")
     for label, values in curves.items():
-        color, size = "#1f5a94" if len(curves) == 1 else None, 3 if len(x) <= _MARKED else 0
+        color, size = "#1f5a94" if len(curves) == 1 else None, 3 if len(x) <= 30 else 0  # markers on few points
         axes.plot(x, values, marker="o", ms=size, lw=1.0, color=color, label=label)
     axes.spines[["top", "right"]].set_visible(False)
     axes.margins(x=0.02)
     bottom, top = axes.get_ylim()
     axes.set_ylim(bottom, top + 0.2 * (top - bottom))  # room for the legend
     axes.legend(fontsize="small", frameon=False, ncols=4, loc="upper left", borderaxespad=0.0, columnspacing=1.2)
-
-
-_MARKED = 30
-"""So many points of a curve, at most, have markers."""
 
 
 def _p_value(p: float) -> str:

@@ -265,8 +265,7 @@ class NonlinearModel(Frozen):
             return self.G
         if is_traced(x):  # the mean of the belief that a program is executed on
             program: Any = x.program  # type: ignore[attr-defined]
-            traced: np.ndarray = program.callback(lambda belief, u, R: self.input_matrix(belief.mean, u), 2)
-            return traced
+            return program.callback(lambda belief, u, R: self.input_matrix(belief.mean, u), 2)
         G = np.asarray(call("G", self.G, x, u))
         if G.shape[-2:] != (self.n, self.q):
             raise ValueError(f"G gave a matrix of shape {G.shape}, expected (..., {self.n}, {self.q})")
@@ -365,8 +364,7 @@ def _key(function: Function, x: np.ndarray, u: np.ndarray | None) -> tuple[Funct
 def _compiled(form: Callable[..., Any], function: Compiled | Inspection) -> Compiled:
     """A function of points in another form: `linearise` of ``(..., n)``, or `columnwise` of columns ``(..., n, N)``."""
     options: dict[str, Any] = {"axes": (2, 1), "matrices": True} if form is columnwise else {}
-    own: Compiled = compiled(partial(form, getattr(function, "inline", function)), **options)
-    return own
+    return compiled(partial(form, getattr(function, "inline", function)), **options)
 
 
 def at_columns(model: NonlinearModel, name: str, points: np.ndarray, u: np.ndarray | None, size: int) -> np.ndarray:
@@ -377,8 +375,7 @@ def at_columns(model: NonlinearModel, name: str, points: np.ndarray, u: np.ndarr
     traced = inspected(function, points[..., 0], u)
     if traced is None:
         return np.ascontiguousarray(at_points(name, function, points.mT, u, size).mT)
-    values: np.ndarray = _compiled(columnwise, traced)(points, u)
-    return values
+    return _compiled(columnwise, traced)(points, u)
 
 
 def at_points(name: str, function: Function, points: np.ndarray, u: np.ndarray | None, size: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""A whole series at once: what a filter believes at every time, and how likely it makes the readings.
+"""A whole series at once: a filter's beliefs at every time, and the likelihood of the measurements.
 
 ::
 
@@ -12,7 +12,7 @@ Times come first, then rows, then components. `run` needs nothing of a filter bu
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Generic
+from typing import Any, Generic, cast
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from estimators.randomness import Numbers, key
 
 @dataclass(frozen=True, eq=False)
 class Series(Generic[Record]):
-    """What a filter believed of a series of T readings.
+    """Beliefs of a filter over a series of T measurements.
 
     Attributes:
         filter: Which filter.
@@ -93,9 +93,8 @@ def run(
 ) -> Series[Record]:
     """Filter a series of readings.
 
-    The first reading is taken in by the prior itself; before every other one there is a prediction. A series continues
-    from a belief, ``series.last``: there is a prediction before its first reading, too, and the results are those of
-    one run, to the last bit.
+    The prior is at the first measurement; before every other one there is a prediction. A series continues from a
+    belief, ``series.last``, with a prediction before its first measurement, too: the results are those of one run.
 
     Args:
         filter: Any filter, one of your own too: what has ``init``, ``predict`` and ``update``, and gives a `Belief`.
@@ -103,8 +102,7 @@ def run(
         y: ``(T, ..., p)`` readings, one series or a batch; a value that is not finite counts as missing. For a
             `Delayed` filter ``(T, ..., ages, p)``, as they come.
         u: ``(T, m)`` or ``(T, ..., m)`` known input at the time of each reading, held over the step that follows. The
-            measurement gets the input at its own time, the prediction that of the reading before.
-        t: ``(T,)`` or ``(T, ...)`` times of the readings, where steps are not all alike. The last component of the
+        XX        t: ``(T,)`` or ``(T, ...)`` times of the readings, where steps are not all alike. The last component of the
             known input is then the length of the step, which the model follows (`sampled`; a function of u); that of a
             measurement is the step that led to it, 0 at the first. From a belief, u and t have T + 1 entries: the first
             is that of the belief's own reading.
@@ -114,60 +112,71 @@ def run(
         first: How many readings there were before: keys and seeds go on with the numbers of this step.
 
     Raises:
-        TypeError: if ``filter`` is none.
-        ValueError: if a shape does not fit, times go back, or the model does not follow them.
+        TypeError, ValueError: if ``filter`` is none, a shape does not fit, times go back or the model has none.
     """
     if isinstance(filter, type) or not all(hasattr(filter, name) for name in ("init", "predict", "update")):
         raise TypeError(f"filter must be a filter, as estimators.make gives one, got {shown(filter)}")
-    y = as_array("y", y)
-    if y.ndim < 2 or len(y) == 0:
-        hint = ": one channel has y[:, None]" if y.ndim == 1 else ""
-        raise ValueError(f"y has shape {y.shape}, expected (T, ..., p), times first{hint}")
+    y, available, R = _measured(y, available, R)
     T, batch = len(y), y.shape[1:-2] if isinstance(filter, Delayed) else y.shape[1:-1]
-    available = None if available is None else as_mask("available", available)
-    R = None if R is None else as_array("R", R)
-    for name, array in (("available", available), ("R", R)):
-        if array is not None and array.shape[:1] != (T,):
-            raise ValueError(f"{name} has shape {array.shape}, expected one for each of the {T} readings of y")
-    models = [getattr(mode, "model", None) for mode in getattr(filter, "filters", (filter,))]
-    constant = [isinstance(model, LinearModel) and not any(map(callable, vars(model).values())) for model in models]
-    if t is not None and all(constant):
-        raise ValueError("this model is the same however long a step takes: make it with sampled, or leave out t")
-    continued = _continues(prior, batch)
-    more = ", and before them one for that of the belief" if continued else ""
-    driving, told = _known_inputs(u, t, T + continued, batch, more)
-    if isinstance(rng, int | np.integer):
-        rows = np.arange(int(np.prod(batch))).reshape(batch)
-        rng = Numbers(np.broadcast_to(key(whole("rng", rng, 0)), (*batch, 2))).of(rows)
-    used_up = whole("first", first, 0) == 0 and continued and isinstance(rng, Numbers)
-    if used_up and getattr(filter, "random", False):
+    if t is not None:
+        _check_timed(filter)
+    prior, continued = _prior(prior, batch)
+    after, at = _known_inputs(u, t, T + continued, batch, continued)
+    rng = _numbers(rng, batch)
+    if whole("first", first, 0) == 0 and continued and isinstance(rng, Numbers) and getattr(filter, "random", False):
         raise ValueError("first must be how many readings came before the belief: their random numbers are used up")
-    if isinstance(prior, Gaussian):
-        prior = type(prior)(np.broadcast_to(prior.mean, batch + prior.mean.shape[-1:]), prior.cov)
-    loop: Any = filter
-    belief: Any = prior
-    predicted: list[Any] = []
-    updated: list[Any] = []
+    loop, belief, predicted, updated = cast(Any, filter), cast(Any, prior), [], []
     for k in range(T):
         now = rng.at(first + k) if isinstance(rng, Numbers) else rng
-        before = None if driving is None else driving[k + continued - 1]
+        before = None if after is None else after[k + continued - 1]
         belief = loop.predict(belief, before, rng=now) if k or continued else loop.init(prior, rng=now)
         predicted.append(belief)
-        known, mask, cov = (None if a is None else a[i] for a, i in ((told, k + continued), (available, k), (R, k)))
+        known, mask, cov = (None if a is None else a[i] for a, i in ((at, k + continued), (available, k), (R, k)))
         belief = loop.update(belief, y[k], rng=now, available=mask, R=cov, u=known)
         updated.append(belief)
     if isinstance(filter, Delayed):
         predicted, updated = ([belief.now for belief in beliefs] for beliefs in (predicted, updated))
-    if told is not None and not continued:  # which the first reading was told, too
+    if at is not None and not continued:  # of which the prior is told, too
         predicted[0] = predicted[0].replace(u=updated[0].u)
     return Series(filter, over_time(predicted), over_time(updated), belief)
 
 
-def _continues(prior: Any, batch: tuple[int, ...]) -> bool:
-    """Is the prior a belief after an earlier reading? Its rows are checked, as those of a Gaussian are.
+def _measured(
+    y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
+    """The measurements of a series, checked to have times first."""
+    y = as_array("y", y)
+    if y.ndim < 2 or len(y) == 0:
+        hint = ": one channel has y[:, None]" if y.ndim == 1 else ""
+        raise ValueError(f"y has shape {y.shape}, expected (T, ..., p), times first{hint}")
+    available = None if available is None else as_mask("available", available)
+    R = None if R is None else as_array("R", R)
+    for name, array in (("available", available), ("R", R)):
+        if array is not None and array.shape[:1] != y.shape[:1]:
+            raise ValueError(f"{name} has shape {array.shape}, expected one for each of the {len(y)} readings of y")
+    return y, available, R
+
+
+def _check_timed(filter: Any) -> None:
+    """Refuse times for models that do not follow the length of a step."""
+    models = [getattr(mode, "model", None) for mode in getattr(filter, "filters", (filter,))]
+    if all(isinstance(model, LinearModel) and not any(map(callable, vars(model).values())) for model in models):
+        raise ValueError("this model is the same however long a step takes: make it with sampled, or leave out t")
+
+
+def _numbers(rng: Rng | int, batch: tuple[int, ...]) -> Rng:
+    """Random numbers of a seed, one key a row; others as they are."""
+    if not isinstance(rng, int | np.integer):
+        return rng
+    rows = np.arange(int(np.prod(batch))).reshape(batch)
+    return Numbers(np.broadcast_to(key(whole("rng", rng, 0)), (*batch, 2))).of(rows)
+
+
+def _prior(prior: Any, batch: tuple[int, ...]) -> tuple[Any, bool]:
+    """The prior of a batch, and whether it is a belief after an earlier measurement.
 
     Raises:
-        ValueError: if they are not those of y.
+        ValueError: if its rows are not those of y.
     """
     continued = isinstance(prior, Belief | DelayedBelief)
     rows = {"mean": prior.mean.shape[:-1]} if continued or isinstance(prior, Gaussian) else {}
@@ -176,16 +185,19 @@ def _continues(prior: Any, batch: tuple[int, ...]) -> bool:
     for name, own in rows.items():
         if own != batch and (continued or own != ()):
             raise ValueError(f"the prior's {name} has rows {own}, y has {batch}: give one, or one for each row of y")
-    return continued
+    if isinstance(prior, Gaussian):
+        prior = type(prior)(np.broadcast_to(prior.mean, batch + prior.mean.shape[-1:]), prior.cov)
+    return prior, continued
 
 
 def _known_inputs(
-    u: np.ndarray | None, t: np.ndarray | None, T: int, batch: tuple[int, ...], more: str
+    u: np.ndarray | None, t: np.ndarray | None, T: int, batch: tuple[int, ...], continued: bool
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
     """The known inputs ``(T, ..., m)`` over the steps that follow readings, and at the readings themselves.
 
     Where times are given the last component is the length of the step: that follows, and that led to the reading.
     """
+    more = ", and before them one for that of the belief" if continued else ""
     if u is not None:
         u = as_array("u", u)
         if u.ndim < 2 or len(u) != T:

@@ -13,6 +13,7 @@ No truth is needed: a filter foretells each reading, and the numbers that make i
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 from typing import Any
 
@@ -122,17 +123,9 @@ def fit(
     signed = _names(signed)
     origin = _checked_start(start, signed)
     positive = np.array([name not in signed for name in start])
-
-    def evaluate(filter: Any, prior: Gaussian) -> float:
-        with np.errstate(all="ignore"):
-            series = run(filter, prior, y, u, t, available, R, rng if _random(filter) else None)
-            if (series.updated.recovery >= Recovery.WITHOUT_CHANNEL).any():  # a reading that is given up must not pay
-                return np.inf
-            if objective == "likelihood":
-                return -float(np.sum(series.log_likelihood))
-            return -_prediction_error(series, y, available)
-
     units = np.where(positive | (origin == 0.0), 1.0, np.abs(origin))
+    data = {"y": y, "u": u, "t": t, "available": available, "R": R}
+    evaluate = partial(_negative_log_likelihood, objective, data, rng)
     search = _Search(build, tuple(start), positive, units, evaluate)
     first = np.where(positive, np.log(np.where(positive, origin, 1.0)), origin / units)
     arrived = np.isfinite(as_array("y", y))
@@ -177,6 +170,19 @@ def _random(filter: Any) -> bool:
     return bool(getattr(filter, "random", False))
 
 
+def _negative_log_likelihood(
+    objective: str, data: dict[str, Any], rng: Numbers | int, filter: Any, prior: Gaussian
+) -> float:
+    """The cost of a filter and its prior on measurements, arguments of `run`."""
+    with np.errstate(all="ignore"):
+        series = run(filter, prior, **data, rng=rng if _random(filter) else None)
+        if (series.updated.recovery >= Recovery.WITHOUT_CHANNEL).any():  # a reading that is given up must not pay
+            return np.inf
+        if objective == "likelihood":
+            return -float(np.sum(series.log_likelihood))
+        return -_prediction_error(series, data["y"], data["available"])
+
+
 def _prediction_error(series: Series, y: np.ndarray, available: np.ndarray | None) -> float:
     """The log-likelihood of Gaussian innovations whose covariance is what it is found to be.
 
@@ -215,10 +221,7 @@ class _Search:
 
     def values(self, theta: np.ndarray) -> list[float]:
         """The parameters themselves."""
-        own: list[float] = np.where(
-            self.positive, np.exp(np.where(self.positive, theta, 0.0)), theta * self.units
-        ).tolist()
-        return own
+        return np.where(self.positive, np.exp(np.where(self.positive, theta, 0.0)), theta * self.units).tolist()
 
     def built(self, theta: np.ndarray) -> tuple[Any, Gaussian]:
         """The filter and its prior."""
@@ -258,10 +261,10 @@ class _Search:
         covariance[loose], covariance[:, loose] = np.nan, np.nan
         values, *ends = map(self.values, (best, best - _QUANTILE * errors, best + _QUANTILE * errors))
         sd, intervals = np.where(self.positive, values, self.units) * errors, zip(*ends, strict=True)
-        correlation = covariance / (spread * spread[:, None])
-        named: list[Any] = [dict(zip(self.names, column, strict=True)) for column in (values, sd.tolist(), intervals)]
+        named: Any = [dict(zip(self.names, column, strict=True)) for column in (values, sd.tolist(), intervals)]
         undetermined = tuple(self._sentence(direction, best, least) for direction in flat)
-        return Fit(*named, correlation, -least, undetermined, converged, *self.built(best))
+        found = *named, covariance / (spread * spread[:, None]), -least, undetermined, converged, *self.built(best)
+        return Fit(*found)
 
     def _minimum(self, start: np.ndarray, low: np.ndarray, high: np.ndarray, rough: bool) -> tuple[np.ndarray, float]:
         """The parameters ``(k,)`` of least cost, and that cost."""

@@ -52,23 +52,20 @@ class SigmaPoints(Filter[Record]):
         if isinstance(self.model, LinearModel):
             return super()._propagate(mean, cov, u)
         points, _ = self._by_rows(self._spread, mean[..., None, :], cov)
-        moments = self._by_rows(self._moments, self._values("transition", self.model.n, points, u))
-        return cast(tuple[np.ndarray, np.ndarray], moments)
+        return self._by_rows(self._moments, self._values("transition", self.model.n, points, u))
 
     @inlinable("measurement")
     def _linearise(self, belief: Record, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         if isinstance(self.model, LinearModel):
             return super()._linearise(belief, u)
         points, root = self._full_spread(belief)
-        found = self._by_rows(self._measurement_slopes, self._values("measurement", self.model.p, points, u), root)
-        return cast(tuple[np.ndarray, np.ndarray, np.ndarray | None], found)
+        return self._by_rows(self._measurement_slopes, self._values("measurement", self.model.p, points, u), root)
 
     def _slopes(self, belief: Record, u: np.ndarray | None) -> np.ndarray:
         if isinstance(self.model, LinearModel):
             return super()._slopes(belief, u)
         points, root = self._full_spread(belief)
-        A = self._by_rows(self._state_slopes, self._values("transition", self.model.n, points, u), root)
-        return cast(np.ndarray, A)
+        return self._by_rows(self._state_slopes, self._values("transition", self.model.n, points, u), root)
 
     def _full_spread(self, belief: Record) -> tuple[np.ndarray, np.ndarray]:
         """Points and a root with an inverse ``(..., n, n)``: where a belief has no spread slopes are derivatives."""
