@@ -16,7 +16,7 @@ from estimators.checks import as_array, call, frozen, read_only, shown
 from estimators.differences import central_differences, check_jacobian, steps, values_at
 from estimators.engine.compiled import Compiled, compiled
 from estimators.engine.derivative import linearise
-from estimators.engine.foreign import Inspection, inspect
+from estimators.engine.foreign import Inspection, inspect, inspections, keep, known
 from estimators.engine.matrices import columnwise, is_traced, matrix
 from estimators.model_checks import as_covariance, check_matrices
 from estimators.varying import Frozen, Function, Matrix, StateMatrix, resolve
@@ -250,7 +250,7 @@ class NonlinearModel(Frozen):
         function = getattr(self, name)
         if isinstance(function, Compiled):
             return function
-        inspection = _inspections[_key(function, x, u)]
+        inspection = inspections[_key(function, x, u)]
         cast(Any, x).program.inspections.add(inspection)
         return inspection.inline
 
@@ -326,9 +326,8 @@ class NonlinearModel(Frozen):
         return model.difference(after, value[..., None, :]) if name == "transition" else after
 
 
-_inspections: dict[Any, Inspection] = {}
 _KEPT = 500
-"""Functions whose inspections are kept; of more, the oldest are inspected anew when they are next used."""
+"""Functions whose derivatives are kept."""
 
 
 def inspected(function: Function, x: np.ndarray, u: np.ndarray | None) -> Compiled | Inspection | None:
@@ -343,17 +342,14 @@ def inspected(function: Function, x: np.ndarray, u: np.ndarray | None) -> Compil
         return None
     key = _key(function, x, u)
     try:
-        known = _inspections.get(key)
+        inspection = known(key)
     except TypeError:  # it can be no key
         return None
-    if known is None or (known.traceable and not known.unchanged()):
-        if known is None and len(_inspections) >= _KEPT:
-            del _inspections[next(iter(_inspections))]
-        known = inspect(lambda x, u=None: function(x, u), x) if u is None else inspect(function, x, u)
-        _inspections[key] = known
-        if not known.traceable:
-            _log.info("%s runs in NumPy: %s", getattr(function, "__name__", "a function"), known.reason)
-    return known if known.traceable else None
+    if inspection is None:
+        inspection = inspect(lambda x, u=None: function(x, u), x) if u is None else inspect(function, x, u)
+        if not keep(key, inspection).traceable:
+            _log.info("%s runs in NumPy: %s", getattr(function, "__name__", "a function"), inspection.reason)
+    return inspection if inspection.traceable else None
 
 
 def _key(function: Function, x: np.ndarray, u: np.ndarray | None) -> tuple[Function, int, int | None]:

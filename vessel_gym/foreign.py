@@ -18,7 +18,7 @@ from estimators.engine import Compiled, as_float
 from estimators.engine.arrays import TracedArray
 from estimators.engine.creation import traced_creation
 from estimators.engine.dependencies import Dependencies
-from estimators.engine.foreign import Inspection, inspect
+from estimators.engine.foreign import Inspection, inspect, keep, known
 from estimators.engine.tracer import NotTraceable
 
 _log = logging.getLogger(__name__)
@@ -134,9 +134,6 @@ class CheckedMethods:
 
 Call = tuple[Callable[..., Any], tuple[Any, ...], list[tuple[int | None, ...]]]
 """A user's function, arguments of some rows, and shapes of a row of its results, as far as they are known."""
-_inspections: dict[Any, Inspection] = {}
-_KEPT = 500
-"""Functions whose inspections are kept; of more, the oldest are inspected anew when they are next used."""
 
 
 def traced(
@@ -208,15 +205,13 @@ def _inspected(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Insp
     arrays = [value for values in opened for value in values if value is not None]
     try:
         key = function, given, tuple(each.shape[1:] for each in arrays)
-        known = _inspections.get(key)
+        inspection = known(key)
     except TypeError:  # it can be no key
         return Inspection("nothing tells it from other functions")
-    if known is None or (known.traceable and not known.unchanged()):
-        if len(_inspections) >= _KEPT:
-            del _inspections[next(iter(_inspections))]
+    if inspection is None:
         own = partial(_opened, function, kinds, given)
-        known = _inspections[key] = inspect(own, *arrays, axes=[each.ndim - 1 for each in arrays])
-    return known
+        inspection = keep(key, inspect(own, *arrays, axes=[each.ndim - 1 for each in arrays]))
+    return inspection
 
 
 def _opened(function: Callable[..., Any], kinds: tuple[type, ...], given: tuple[bool, ...], *arrays: Any) -> Any:

@@ -178,6 +178,10 @@ _SCALAR: dict[Any, Callable[..., Any]] = {
     np.logical_not: lambda x: _not(_mask(x)),
 }
 """NumPy's functions entry by entry, of scalars."""
+SCALAR_FUNCTIONS: dict[str, Callable[..., Any]] = {
+    **{ufunc.__name__: function for ufunc, function in _SCALAR.items()}, "where": where,
+}  # fmt: skip
+"""The same by their names."""
 _COUNTED = {np.add}  # a sum of masks counts them
 
 
@@ -191,7 +195,7 @@ def apply(ufunc: Any, method: str, operands: Sequence[Any], others: dict[str, An
         )
     out = others.pop("out", None)
     if ufunc in (np.matmul, np.vecdot, np.matvec, np.vecmat) and method == "__call__" and not others:
-        found = _product(ufunc, *map(_operand, operands))
+        found = ufunc(*(np.asarray(each, object) for each in map(_operand, operands)))  # terms in their order
     elif (
         ufunc not in _SCALAR
         or others.keys() - {"axis", "keepdims", "dtype"}
@@ -217,18 +221,6 @@ def apply(ufunc: Any, method: str, operands: Sequence[Any], others: dict[str, An
         out[0][...] = found
         return out[0]
     return found if isinstance(found, Tracer) else _wrapped(found)
-
-
-def _product(ufunc: Any, a: Any, b: Any) -> Any:
-    """A product of small matrices and vectors, terms in their order."""
-    a, b = np.asarray(a, object), np.asarray(b, object)
-    if ufunc is np.matvec:
-        return np.matmul(a, b[..., None])[..., 0]
-    if ufunc is np.vecmat:
-        return np.matmul(b.swapaxes(-1, -2), a[..., None])[..., 0]
-    if ufunc is np.vecdot:
-        return np.matmul(a[..., None, :], b[..., None])[..., 0, 0]
-    return np.matmul(a, b)
 
 
 def _clip(x: Any, low: Any = None, high: Any = None, **others: Any) -> Any:

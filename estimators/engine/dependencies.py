@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from copyreg import _HEAPTYPE  # type: ignore[attr-defined]
 from dataclasses import is_dataclass
 from enum import Enum, EnumMeta
+from operator import getitem
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType, SimpleNamespace
 from typing import Any
 
@@ -64,21 +65,12 @@ class Dependencies:
         """Is everything that it reads as it was?"""
         walk = self._walk
         try:
-            for holder, key, value in walk.items.values():
-                if holder[key] is not value:
+            for read, holder, key, value in walk.watched.values():
+                if read(holder, key) is not value:
                     return self._equal()
-            for holder, name, value in walk.attributes:
-                if getattr(holder, name) is not value:
-                    return self._equal()
-            for holder, length in walk.lengths.values():
-                if len(holder) != length:
-                    return self._equal()
-            for array, contents in walk.arrays:
-                if array.tobytes() != contents:
-                    return False
         except (KeyError, IndexError, AttributeError, ValueError):
             return self._equal()
-        return True
+        return all(array.tobytes() == contents for array, contents in walk.arrays)
 
     def _equal(self) -> bool:
         """Are other objects in their places equal to them?"""
@@ -108,9 +100,7 @@ class _Walk:
 
     def __init__(self, names: frozenset[str]) -> None:
         self.names, self.mentioned = names, set[str]()
-        self.items: dict[tuple[int, Any], tuple[Any, Any, Any]] = {}
-        self.attributes: list[tuple[Any, str, Any]] = []
-        self.lengths: dict[int, tuple[Any, int]] = {}
+        self.watched: dict[Any, tuple[Callable[[Any, Any], Any], Any, Any, Any]] = {}
         self.arrays: list[tuple[np.ndarray, bytes]] = []
         self.leaves: list[Any] = []  # everything by value, in order
         self._met: dict[tuple[int, bool], tuple[int, Any]] = {}
@@ -152,9 +142,13 @@ class _Walk:
         else:
             self._instance(value, kind, what)
 
-    def _item(self, holder: Any, key: Any, what: str, stays: bool = False) -> None:
+    def _watch(self, read: Callable[[Any, Any], Any], holder: Any, key: Any, value: Any, stays: bool) -> None:
+        """Compare what is read from an object at every call, unless it stays as it is."""
         if not (self._fixed or stays):
-            self.items[id(holder), key] = holder, key, holder[key]
+            self.watched[read, id(holder), key] = read, holder, key, value
+
+    def _item(self, holder: Any, key: Any, what: str, stays: bool = False) -> None:
+        self._watch(getitem, holder, key, holder[key], stays)
         self.leaves.append(key)
         self.value(holder[key], what)
 
@@ -164,16 +158,11 @@ class _Walk:
         except (AttributeError, ValueError):  # a slot or a cell without contents
             self.leaves.append("empty")
             return
-        if not (self._fixed or stays):
-            self.attributes.append((holder, name, found))
+        self._watch(getattr, holder, name, found, stays)
         self.value(found, what)
 
-    def _length(self, holder: Any, stays: bool = False) -> None:
-        if not (self._fixed or stays):
-            self.lengths[id(holder)] = holder, len(holder)
-
     def _mapping(self, mapping: Any, what: str, every: bool, stays: bool = False) -> None:
-        self._length(mapping, stays)
+        self._watch(_has_length, mapping, len(mapping), True, stays)
         for name in list(mapping) if every else sorted(self.names & mapping.keys()):
             self._item(mapping, name, f"{what}.{name}" if isinstance(name, str) else f"{what}[{name!r}]", stays)
 
@@ -214,7 +203,7 @@ class _Walk:
                 elif name in _IMPURE:
                     raise NotTraceable(f"it calls {name}(), which has to happen at every call {line}")
                 else:
-                    self._length(namespace)
+                    self._watch(_has_length, namespace, len(namespace), True, False)
                     self.leaves.append(getattr(builtins, name, "missing"))
             self._mapping(function.__dict__, function.__name__, every=bool(_ALL & self.names))
 
@@ -255,7 +244,7 @@ class _Walk:
             own = vars(each)
             special = (name for name in own if name.startswith("__") and isinstance(own[name], FunctionType))
             with self._code_of(each.__module__, isinstance(each, EnumMeta)):
-                self._length(own)
+                self._watch(_has_length, own, len(own), True, False)
                 for name in sorted((self.names & own.keys()).union(special) - unused):
                     comparison = name in ("__eq__", "__hash__") and is_dataclass(each)  # of all fields, read or not
                     if type(own[name]).__name__ not in _SLOTS and name != "__dict__" and not comparison:
@@ -266,7 +255,7 @@ class _Walk:
             for i, each in enumerate(value):
                 self.value(each, f"{what}[{i}]")
         elif isinstance(value, list):
-            self._length(value)
+            self._watch(_has_length, value, len(value), True, False)
             for i in range(len(value)):
                 self._item(value, i, f"{what}[{i}]")
         elif isinstance(value, dict):
@@ -281,8 +270,7 @@ class _Walk:
         if (own := getattr(value, "__dict__", None)) is not None:
             every = _root(kind.__module__) in _PURE or bool(_ALL & self.names) or hasattr(kind, "__getattr__")
             stays = getattr(vars(kind).get("__dataclass_params__"), "frozen", _root(kind.__module__) in _FIXED)
-            if not (self._fixed or stays):
-                self.attributes.append((value, "__dict__", own))
+            self._watch(getattr, value, "__dict__", own, stays)
             self._mapping(own, what, every, stays)  # attributes that code names, or all where that is not known
         for each in kind.__mro__:
             for name in sorted(k for k, v in vars(each).items() if type(v).__name__ == "member_descriptor"):
@@ -325,6 +313,10 @@ def _read(code: CodeType, outside: frozenset[str] | None = None) -> tuple[set[st
 def _root(module: str | None) -> str:
     """The package of a module."""
     return str(module).partition(".")[0]
+
+
+def _has_length(holder: Any, length: int) -> bool:
+    return len(holder) == length
 
 
 def _visible(kind: type) -> bool:

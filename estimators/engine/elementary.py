@@ -6,7 +6,6 @@ three parts (Cody & Waite, 1980) and are accurate for angles up to 1e6 rad.
 """
 
 from collections.abc import Callable, Sequence
-from functools import wraps
 from typing import Any
 
 import numpy as np
@@ -20,51 +19,37 @@ _PI_LOW = 1.2246467991473531772e-16
 _HALF_PI_LOW, _QUARTER_PI = 0.5 * _PI_LOW, 0.25 * np.pi
 
 
-def _spread(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """A function of tracers or arrays, entry by entry of arrays of tracers, too."""
+def _conversion(traced: Callable[[Tracer], Any], numpy: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """A conversion of tracers and of arrays, entry by entry of arrays of tracers, too."""
 
-    @wraps(function)
-    def spread(x: Any) -> Any:
+    def convert(x: Any) -> Any:
+        if isinstance(x, Tracer):
+            return traced(x)
         if isinstance(x, np.ndarray) and x.dtype == object:
-            found = np.frompyfunc(function, 1, 1)(x.view(np.ndarray))
+            found = np.frompyfunc(convert, 1, 1)(x.view(np.ndarray))
             return found if isinstance(found, Tracer) else found.view(type(x))
-        return function(x)
+        return numpy(x)[()]
 
-    return spread
-
-
-@_spread
-def float_bits(x: Any) -> Any:
-    """The 64 bits of a float as a word."""
-    if isinstance(x, Tracer):
-        return Tracer(x.program, x.program.add("bits", (cast(x, "f").value,), "u"))
-    return np.asarray(x, float).view(np.uint64)[()]
+    return convert
 
 
-@_spread
-def bits_float(word: Any) -> Any:
-    """The float of 64 bits."""
-    if isinstance(word, Tracer):
-        return Tracer(word.program, word.program.add("from bits", (cast(word, "u").value,), "f"))
-    return np.asarray(word, np.uint64).view(float)[()]
+def _bits(opcode: str, own: str, kind: str) -> Callable[[Tracer], Tracer]:
+    def traced(x: Tracer) -> Tracer:
+        return Tracer(x.program, x.program.add(opcode, (cast(x, own).value,), kind))
+
+    return traced
 
 
-@_spread
-def as_float(x: Any) -> Any:
-    """Whole numbers, words or masks as floats."""
-    return cast(x, "f") if isinstance(x, Tracer) else np.asarray(x).astype(float)[()]
-
-
-@_spread
-def as_word(x: Any) -> Any:
-    """Whole numbers as words of 64 bits, modulo 2^64; floats are truncated."""
-    return cast(x, "u") if isinstance(x, Tracer) else np.asarray(x).astype(np.uint64)[()]
-
-
-@_spread
-def as_integer(x: Any) -> Any:
-    """Words as whole numbers of 64 bits with a sign; floats are truncated."""
-    return cast(x, "i") if isinstance(x, Tracer) else np.asarray(x).astype(np.int64)[()]
+float_bits = _conversion(_bits("bits", "f", "u"), lambda x: np.asarray(x, float).view(np.uint64))
+"""The 64 bits of a float as a word."""
+bits_float = _conversion(_bits("from bits", "u", "f"), lambda x: np.asarray(x, np.uint64).view(float))
+"""The float of 64 bits."""
+as_float = _conversion(lambda x: cast(x, "f"), lambda x: np.asarray(x).astype(float))
+"""Whole numbers, words or masks as floats."""
+as_word = _conversion(lambda x: cast(x, "u"), lambda x: np.asarray(x).astype(np.uint64))
+"""Whole numbers as words of 64 bits, modulo 2^64; floats are truncated."""
+as_integer = _conversion(lambda x: cast(x, "i"), lambda x: np.asarray(x).astype(np.int64))
+"""Words as whole numbers of 64 bits with a sign; floats are truncated."""
 
 
 def _select(mask: Any, chosen: Any, other: Any) -> Any:

@@ -8,18 +8,20 @@ import itertools
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import reduce
+from operator import or_
 from typing import Any
 
 import numpy as np
 
 from estimators.engine.elementary import EXPANSIONS
 from estimators.engine.program import Instruction, Loop, Program
-from estimators.engine.tracer import Tracer
+from estimators.engine.tracer import Tracer, cast, constant, operation, where
 
 _OPERATIONS = {
     "add": ("fadd", "add", "add"), "subtract": ("fsub", "sub", "sub"), "multiply": ("fmul", "mul", "mul"),
-    "divide": ("fdiv",), "fmod": ("frem",), "and": ("", "and", "and", "and"), "or": ("", "or", "or", "or"),
-    "xor": ("", "xor", "xor", "xor"), "left shift": ("", "shl", "shl"), "right shift": ("", "ashr", "lshr"),
+    "divide": ("fdiv",), "fmod": ("frem", "srem", "urem"), "and": ("", "and", "and", "and"),
+    "or": ("", "or", "or", "or"), "xor": ("", "xor", "xor", "xor"),
+    "left shift": ("", "shl", "shl"), "right shift": ("", "ashr", "lshr"),
     "greater": ("fcmp ogt", "icmp sgt", "icmp ugt", "icmp ugt"), "equal": ("fcmp oeq", *["icmp eq"] * 3),
     "greater equal": ("fcmp oge", "icmp sge", "icmp uge", "icmp uge"), "not equal": ("fcmp une", *["icmp ne"] * 3),
 }  # fmt: skip
@@ -72,30 +74,51 @@ class Module:
         name = f"@{opcode}.{width}"
         if name not in self.functions:
             self.functions[name] = ""
-            count, expansion = EXPANSIONS[opcode]
-            program = Program()
-            operands = [program.new("f") for _ in range(count)]
-            results = expansion(*(Tracer(program, value) for value in operands))
-            values = [each.value for each in (results if isinstance(results, tuple) else (results,))]
-            emitter = Emitter(program, self, width)
-            emitter.literal = True
-            emitter.names = {value: f"%p{i}" for i, value in enumerate(operands)}
-            emitter.block(program.live(values))
-            T = type_of("f", width)
+            (count, expansion), emitter = EXPANSIONS[opcode], Emitter(Program(), self, width)
+            lanes, T = emitter.lanes(width), type_of("f", width)
+            results = expansion(*(lanes.value(f"%p{i}") for i in range(count)))
+            given, last = T, ""
+            if isinstance(results, tuple):
+                given, last = f"{{{T}, {T}}}", "poison"
+                for i, each in enumerate(results):
+                    last = emitter.line(f"insertvalue {given} {last}, {T} {lanes.name(each)}, {i}")
+            body = "\n".join([*emitter.lines, f"  ret {given} {last or lanes.name(results)}"])
             parameters = ", ".join(f"{T} %p{i}" for i in range(count))
-            given = f"{{{T}, {T}}}" if len(values) == 2 else T
-            if len(values) == 2:
-                first = emitter.line(f"insertvalue {given} poison, {T} {emitter.name(values[0])}, 0")
-                last = emitter.line(f"insertvalue {given} {first}, {T} {emitter.name(values[1])}, 1")
-            else:
-                last = emitter.name(values[0])
-            body = "\n".join([*emitter.lines, f"  ret {given} {last}"])
             self.functions[name] = f"define internal {given} {name}({parameters}) #0 {{\nentry:\n{body}\n}}"
         return name
 
     def text(self, functions: Sequence[str]) -> str:
         """The module with these functions."""
         return "\n".join([*self.declared, *self.functions.values(), *functions, "attributes #0 = { nounwind }", ""])
+
+
+class Lanes(Program):
+    """Numbers in machine code, so many side by side: operations on its tracers are emitted where they are applied."""
+
+    def __init__(self, emitter: "Emitter", width: int) -> None:
+        super().__init__()
+        self.emitter, self.width, self._names = emitter, width, dict[int, str]()
+
+    def add(self, opcode: str, operands: Any, kind: str, size: Any = None, attributes: Any = ()) -> int:
+        """Emit an operation."""
+        kinds, names = "".join(self.kinds[value] for value in operands), [self._names[value] for value in operands]
+        return int(self.value(self.emitter.operation(opcode, kinds, names, self.width, kind), kind).value)
+
+    def constant(self, value: Any, kind: str) -> int:
+        """A constant scalar, the same in all lanes."""
+        result = super().constant(value, kind)
+        self._names[result] = literal(value, kind, self.width)
+        return result
+
+    def value(self, name: str, kind: str = "f") -> Tracer:
+        """The tracer of a value in LLVM IR."""
+        result = self.new(kind)
+        self._names[result] = name
+        return Tracer(self, result)
+
+    def name(self, x: Any) -> str:
+        """The name of a tracer's value, or its literal."""
+        return self._names[constant(self, x).value]
 
 
 class Emitter:
@@ -106,10 +129,11 @@ class Emitter:
         self.lines: list[str] = within.lines if within else []
         self.labels: list[str] = within.labels if within else ["entry"]
         self._numbers: Iterator[int] = within._numbers if within else itertools.count(1)
+        self._lanes: dict[int, Lanes] = within._lanes if within else {}
         self.names: dict[int, str] = {}
         self._pairs: dict[int, str] = {}  # sine and cosine of a value
-        self.literal = False  # are all constants part of the code?
         self.special: dict[str, Callable[[Instruction], None]] = {}
+        self.one, self.own = self.lanes(1), self.lanes(width)
 
     # --- lines --------------------------------------------------------------------------------------
 
@@ -128,6 +152,12 @@ class Emitter:
         """A new label."""
         return f"{stem}{next(self._numbers)}"
 
+    def lanes(self, width: int) -> Lanes:
+        """Numbers of so many lanes."""
+        if width not in self._lanes:
+            self._lanes[width] = Lanes(self, width)
+        return self._lanes[width]
+
     def call(self, intrinsic: str, kinds: str, width: int, *operands: str, suffix: str = "") -> str:
         """A call of one of LLVM's intrinsics, whose operands are of these kinds."""
         scalar = "f64" if kinds[0] == "f" else "i64"
@@ -139,52 +169,63 @@ class Emitter:
         return self.line(f"call {types[0]} {name}({pairs}{suffix})")
 
     def name(self, value: int) -> str:
-        """The name of a scalar, or its literal."""
+        """The name of a scalar of the program, or its literal."""
         if value not in self.program.constants:
             return self.names[value]
-        if self.literal or value not in self.module.places:
+        if value not in self.module.places:
             return literal(self.program.constants[value], self.program.kinds[value], self.width)
-        place = self.constant(value, 0)
-        return self.splat(self.line(f"load double, ptr {place}, align 8"), self.width)
+        return self.own.name(self.spread(self.read(self.constant(value, 0), 1), self.width))
 
-    def constant(self, value: int, entry: int | str) -> str:
+    def at(self, base: str, entry: Any, T: str = "double") -> str:
+        """The address of an entry."""
+        return self.line(f"getelementptr {T}, ptr {base}, i64 {self.one.name(entry)}")
+
+    def constant(self, value: int, entry: Any) -> str:
         """The address of an entry of a constant."""
-        first = self.module.places[value]
-        at = first + entry if isinstance(entry, int) else self.line(f"add i64 {entry}, {first}")
-        return self.line(f"getelementptr double, ptr %constants, i64 {at}")
+        return self.at("%constants", entry + self.module.places[value])
 
-    def splat(self, x: str, width: int, kind: str = "f") -> str:
-        """A vector of one scalar."""
-        if width == 1:
+    def read(self, address: str, width: int) -> Tracer:
+        """Floats from memory."""
+        return self.lanes(width).value(self.line(f"load {type_of('f', width)}, ptr {address}, align 8"))
+
+    def spread(self, x: Tracer, width: int) -> Tracer:
+        """A number in so many lanes."""
+        lanes: Any = x.program
+        if lanes.width == width:
             return x
-        T = type_of(kind, width)
-        first = self.line(f"insertelement {T} poison, {type_of(kind, 1)} {x}, i32 0")
-        return self.line(f"shufflevector {T} {first}, {T} poison, <{width} x i32> zeroinitializer")
+        if x.value in lanes.constants:
+            return constant(self.lanes(width), lanes.constants[x.value])
+        T = type_of(x.kind, width)
+        first = self.line(f"insertelement {T} poison, {type_of(x.kind, 1)} {lanes.name(x)}, i32 0")
+        all_lanes = f"shufflevector {T} {first}, {T} poison, <{width} x i32> zeroinitializer"
+        return self.lanes(width).value(self.line(all_lanes), x.kind)
 
     def loop(
-        self, first: int | str, count: int | str, body: Callable[..., Sequence[str] | None],
-        initial: Sequence[str] = (), types: Sequence[str] = (), step: int = 1,
-        going: Callable[..., str] | None = None,
-    ) -> list[str]:  # fmt: skip
-        """A loop ``for i in range(first, count, step)``, while ``going``; names of what it carries, afterwards."""
+        self, first: Any, count: Any, body: Callable[..., Any], initial: Sequence[Tracer] = (), step: int = 1,
+        going: Callable[..., Tracer] | None = None,
+    ) -> list[Tracer]:  # fmt: skip
+        """A loop ``for i in range(first, count, step)``, while ``going``; what it carries, afterwards."""
         before, head, inside, done = self.labels[-1], *map(self.fresh, ("head", "body", "done"))
+        first, count = self.one.name(first), self.one.name(count)
         counter, advanced = f"%{self.fresh('i')}", f"%{self.fresh('n')}"
         self.lines.append(f"  br label %{head}")
         self.begin(head)
         at = len(self.lines)
-        carried = [f"%{self.fresh('c')}" for _ in initial]
+        programs: list[Any] = [x.program for x in initial]
+        carried = [p.value(f"%{self.fresh('c')}", x.kind) for p, x in zip(programs, initial, strict=True)]
         test = self.line(f"icmp slt i64 {counter}, {count}")
         if going is not None:
-            test = self.line(f"and i1 {test}, {going(*carried)}")
+            test = self.line(f"and i1 {test}, {self.one.name(going(*carried))}")
         self.lines.append(f"  br i1 {test}, label %{inside}, label %{done}")
         self.begin(inside)
-        after = body(counter, *carried)
+        after = body(self.one.value(counter, "i"), *carried) or ()
         self.lines.append(f"  {advanced} = add i64 {counter}, {step}")
         self.lines.append(f"  br label %{head}")
         end = self.labels[-1]
         phis = [f"  {counter} = phi i64 [{first}, %{before}], [{advanced}, %{end}]"]
-        for name, kind, one, two in zip(carried, types, initial, after or (), strict=True):
-            phis.append(f"  {name} = phi {kind} [{one}, %{before}], [{two}, %{end}]")
+        for p, x, one, two in zip(programs, carried, initial, after, strict=True):
+            kind = type_of(x.kind, p.width)
+            phis.append(f"  {p.name(x)} = phi {kind} [{p.name(one)}, %{before}], [{p.name(two)}, %{end}]")
         self.lines[at:at] = phis
         self.begin(done)
         return carried
@@ -214,9 +255,13 @@ class Emitter:
         """An instruction that is more than one operation of scalars."""
         self.special[instruction.opcode](instruction)
 
+    def scalar(self, value: int) -> Tracer:
+        """A scalar of the program."""
+        return self.own.value(self.name(value), self.program.kinds[value])
+
     def operation(self, opcode: str, kinds: str, operands: Sequence[str], width: int, result: str = "f") -> str:
         """One opcode of scalars of some kinds, ``width`` of them side by side."""
-        kind, T = kinds[0], type_of(kinds[0], width)
+        kind, T, x = kinds[0], type_of(kinds[0], width), operands[0]
         if opcode in EXPANSIONS:
             name = self.module.elementary(opcode, width)
             return self.line(f"call {T} {name}({', '.join(f'{T} {each}' for each in operands)})")
@@ -226,25 +271,7 @@ class Emitter:
             return self.call(opcode, kinds, width, *operands)
         if opcode == "where":
             chosen = type_of(kinds[1], width)
-            return self.line(f"select {T} {operands[0]}, {chosen} {operands[1]}, {chosen} {operands[2]}")
-        if opcode in ("maximum", "minimum"):
-            return self._extreme(opcode, kind, operands, width)
-        return self._other(opcode, kind, operands, width, result)
-
-    def _extreme(self, opcode: str, kind: str, operands: Sequence[str], width: int) -> str:
-        """NumPy's: the first operand where it is NaN, the second where that is."""
-        T, mask = type_of(kind, width), type_of("b", width)
-        order = "gt" if opcode == "maximum" else "lt"
-        if kind == "f":
-            beyond = self.line(f"fcmp o{order} {T} {operands[0]}, {operands[1]}")
-            missing = self.line(f"fcmp uno {T} {operands[0]}, {operands[0]}")
-            chosen = self.line(f"or {mask} {beyond}, {missing}")
-        else:
-            chosen = self.line(f"icmp {kind.replace('i', 's')}{order} {T} {operands[0]}, {operands[1]}")
-        return self.line(f"select {mask} {chosen}, {T} {operands[0]}, {T} {operands[1]}")
-
-    def _other(self, opcode: str, kind: str, operands: Sequence[str], width: int, result: str) -> str:
-        T, x = type_of(kind, width), operands[0]
+            return self.line(f"select {T} {x}, {chosen} {operands[1]}, {chosen} {operands[2]}")
         if opcode == "negative":
             return self.line(f"fneg {T} {x}" if kind == "f" else f"sub {T} {literal(0, kind, width)}, {x}")
         if opcode == "absolute":
@@ -258,47 +285,21 @@ class Emitter:
             return self.line(f"xor {T} {x}, {literal(1 if kind == 'b' else -1, kind, width)}")
         if opcode in ("bits", "from bits"):
             return self.line(f"bitcast {T} {x} to {type_of(result, width)}")
+        lanes = self.lanes(width)
         if opcode == "cast":
-            return self.cast(x, kind, result, width)
-        if opcode == "whole remainder":
-            return self._whole_remainder(kind, operands, width)
-        raise NotImplementedError(opcode)
+            return self._cast(lanes, x, kind, result)
+        return lanes.name(_COMPOSED[opcode](*(lanes.value(each, kind) for each in operands)))
 
-    def _whole_remainder(self, kind: str, operands: Sequence[str], width: int) -> str:
-        T, mask, (x, y) = type_of(kind, width), type_of("b", width), operands
-        zero, one = literal(0, kind, width), literal(1, kind, width)
-        none = self.line(f"icmp eq {T} {y}, {zero}")  # NumPy gives 0
-        y = self.line(f"select {mask} {none}, {T} {one}, {T} {y}")
-        if kind == "u":
-            return self.line(f"urem {T} {x}, {y}")
-        minus = self.line(f"icmp eq {T} {y}, {literal(-1, kind, width)}")  # overflows of the lowest number; gives 0
-        y = self.line(f"select {mask} {minus}, {T} {one}, {T} {y}")
-        rest = self.line(f"srem {T} {x}, {y}")
-        signs = self.line(f"xor {T} {rest}, {y}")
-        apart = self.line(f"icmp slt {T} {signs}, {zero}")
-        some = self.line(f"icmp ne {T} {rest}, {zero}")
-        both = self.line(f"and {mask} {apart}, {some}")
-        moved = self.line(f"add {T} {rest}, {y}")
-        return self.line(f"select {mask} {both}, {T} {moved}, {T} {rest}")
-
-    def cast(self, x: str, kind: str, result: str, width: int) -> str:
+    def _cast(self, lanes: Lanes, x: str, kind: str, result: str) -> str:
         """A value of a kind as one of another."""
-        T, R = type_of(kind, width), type_of(result, width)
+        T, R = type_of(kind, lanes.width), type_of(result, lanes.width)
         if kind == "b":
-            return self.line(f"select {T} {x}, {R} {literal(1, result, width)}, {R} {literal(0, result, width)}")
+            one, zero = literal(1, result, lanes.width), literal(0, result, lanes.width)
+            return self.line(f"select {T} {x}, {R} {one}, {R} {zero}")
         if result == "f":
             return self.line(f"{'sitofp' if kind == 'i' else 'uitofp'} {T} {x} to {R}")
         if kind == "f":
-            x = self.within(x, -9.2e18, 9.2e18, width)
-            return self.line(f"fptosi {T} {x} to {R}")
-        return x
-
-    def within(self, x: str, low: float, high: float, width: int) -> str:
-        """Numbers within bounds; NaN becomes the lower one, or 0."""
-        T, mask = type_of("f", width), type_of("b", width)
-        for order, bound in (("ogt", low), ("olt", high)):
-            inside = self.line(f"fcmp {order} {T} {x}, {literal(bound, 'f', width)}")
-            x = self.line(f"select {mask} {inside}, {T} {x}, {T} {literal(bound, 'f', width)}")
+            return self.line(f"fptosi {T} {lanes.name(within(lanes.value(x), -9.2e18, 9.2e18))} to {R}")
         return x
 
     def _sine_or_cosine(self, instruction: Instruction) -> str:
@@ -309,7 +310,7 @@ class Emitter:
             self._pairs[value] = self.line(f"call {{{T}, {T}}} {name}({T} {self.name(value)})")
         return self.line(f"extractvalue {{{T}, {T}}} {self._pairs[value]}, {int(instruction.opcode == 'cos')}")
 
-    def lanes(self, one: Callable[[int], str], scalar: str) -> str:
+    def gather(self, one: Callable[[int], str], scalar: str = "double") -> str:
         """A vector of what a function gives for each lane, of a type of LLVM."""
         if self.width == 1:
             return one(0)
@@ -324,46 +325,66 @@ class Emitter:
             return vector
         return self.line(f"extractelement <{self.width} x {scalar}> {vector}, i32 {lane}")
 
-    def any(self, mask: str) -> str:
+    def any(self, mask: Tracer) -> Tracer:
         """Is a mask true in any lane?"""
         if self.width == 1:
             return mask
         name, T = f"@llvm.vector.reduce.or.v{self.width}i1", type_of("b", self.width)
         self.module.declared[f"declare i1 {name}({T})"] = None
-        return self.line(f"call i1 {name}({T} {mask})")
+        return self.one.value(self.line(f"call i1 {name}({T} {self.own.name(mask)})"), "b")
+
+    def places(self, index: Tracer, count: int) -> list[Tracer]:
+        """Of each lane a whole number below a count, from a float or an integer that may be beyond."""
+        index = within(index, 0.0, count - 1.0) if index.kind == "f" else within(index, 0, count - 1)
+        vector = self.own.name(cast(index, "i"))
+        return [self.one.value(self.lane(vector, "i64", lane), "i") for lane in range(self.width)]
 
     def _lookup(self, instruction: Instruction) -> str:
         value: Any = instruction.operands[0]
         place, count, across, column = instruction.attributes
-        kind, index = self.program.kinds[value], self.name(value)
-        if kind == "f":
-            index = self.within(index, 0.0, count - 1.0, self.width)
-            index = self.line(f"fptosi {type_of('f', self.width)} {index} to {type_of('i', self.width)}")
-        else:
-            for call, bound in (("smax", 0), ("smin", count - 1)):
-                index = self.call(call, "ii", self.width, index, literal(bound, "i", self.width))
-
-        def one(lane: int) -> str:
-            entry = self.lane(index, "i64", lane)
-            at = self.line(f"add i64 {self.line(f'mul i64 {entry}, {across}')}, {column}")
-            return self.line(f"load double, ptr {self.constant(place, at)}, align 8")
-
-        return self.lanes(one, "double")
+        entries = self.places(self.scalar(value), count)
+        return self.gather(
+            lambda lane: self.one.name(self.read(self.constant(place, entries[lane] * across + column), 1))
+        )
 
     def _repeat(self, instruction: Instruction) -> None:
         loop: Loop = instruction.attributes[0]
-        types = [type_of(self.program.kinds[value], self.width) for value in loop.parameters]
 
-        def body(_: str, *carried: str) -> list[str]:
+        def body(_: Tracer, *carried: Tracer) -> list[Tracer]:
             outside = dict(self._pairs)
-            self.names.update(zip(loop.parameters, carried, strict=True))
+            self.names.update(zip(loop.parameters, map(self.own.name, carried), strict=True))
             self.block(loop.body)
             self._pairs = outside
-            return [self.name(value) for value in loop.after]
+            return list(map(self.scalar, loop.after))
 
-        def going(*carried: str) -> str:
-            return self.any(reduce(lambda a, b: self.line(f"or {types[0]} {a}, {b}"), carried[: loop.masks]))
+        def going(*carried: Tracer) -> Tracer:
+            return self.any(reduce(or_, carried[: loop.masks]))
 
-        initial = [self.name(value) for value in instruction.operands if isinstance(value, int)]
-        results = self.loop(0, loop.count, body, initial, types, going=going if loop.masks else None)
-        self.names.update(zip(loop.results, results, strict=True))
+        initial = [self.scalar(value) for value in instruction.operands if isinstance(value, int)]
+        results = self.loop(0, loop.count, body, initial, going=going if loop.masks else None)
+        self.names.update(zip(loop.results, map(self.own.name, results), strict=True))
+
+
+def within(x: Tracer, low: float, high: float) -> Any:
+    """Numbers within bounds; NaN becomes the lower one, or 0."""
+    x = where(x > low, x, low)
+    return where(x < high, x, high)
+
+
+def _whole_remainder(x: Tracer, y: Tracer) -> Any:
+    """NumPy's, which is 0 of a divisor 0; the lowest number overflows for -1."""
+    y = where((y == 0) | (y == -1) if y.kind == "i" else y == 0, 1, y)
+    rest = Tracer(x.program, x.program.add("fmod", (x.value, y.value), x.kind))
+    return rest if y.kind == "u" else where(((rest ^ y) < 0) & (rest != 0), rest + y, rest)
+
+
+def _beyond(x: Tracer, order: Tracer) -> Any:
+    return order | operation("isnan", x) if x.kind == "f" else order
+
+
+_COMPOSED: dict[str, Callable[[Tracer, Tracer], Any]] = {
+    "maximum": lambda x, y: where(_beyond(x, x > y), x, y),
+    "minimum": lambda x, y: where(_beyond(x, x < y), x, y),
+    "whole remainder": _whole_remainder,
+}
+"""NumPy's: the first operand where it is NaN, the second where that is."""

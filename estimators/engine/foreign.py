@@ -86,6 +86,29 @@ def inspect(function: Callable[..., Any], *samples: Any, axes: Sequence[int] | N
         return Inspection(f"it raises {type(error).__name__}: {text[:300]}{_place(error)}")
 
 
+inspections: dict[Any, Inspection] = {}
+_KEPT = 1_000
+"""Functions whose inspections are kept; of more, the oldest are inspected anew when they are next used."""
+
+
+def known(key: Any) -> Inspection | None:
+    """The inspection that is kept under a key; None: there is none, or what it reads has changed since.
+
+    Raises:
+        TypeError: if it can be no key.
+    """
+    found = inspections.get(key)
+    return None if found is None or (found.traceable and not found.unchanged()) else found
+
+
+def keep(key: Any, inspection: Inspection) -> Inspection:
+    """Keep an inspection under a key."""
+    if key not in inspections and len(inspections) >= _KEPT:
+        del inspections[next(iter(inspections))]
+    inspections[key] = inspection
+    return inspection
+
+
 def _inspected(function: Callable[..., Any], given: Sequence[Any], axes: list[int]) -> Inspection:
     samples = [np.asarray(each) for each in given]
     dependencies = Dependencies(function)

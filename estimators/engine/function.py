@@ -1,7 +1,7 @@
 """Compiled functions: a program for each row of a batch, over arrays whose rows lie one after the other."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,9 +9,8 @@ import numpy as np
 from estimators.engine import machine
 from estimators.engine.emit import Module, is_literal, literal, type_of
 from estimators.engine.linear_emit import LinearEmitter
-from estimators.engine.matrix_emit import Index
 from estimators.engine.program import Instruction, Program, View
-from estimators.engine.tracer import KINDS
+from estimators.engine.tracer import KINDS, Tracer, cast, operation, where
 from estimators.threads import each as each_part
 from estimators.threads import shares
 
@@ -176,7 +175,6 @@ class Layout:
         return self.size - size
 
 
-_SUCCESSION = ("mul", "%rows"), ("and", 1), ("icmp eq", 0)
 ROOM = frozenset(("matmul", "solve", "eliminate"))
 """Opcodes whose last attribute is how many numbers they need besides their results."""
 
@@ -194,48 +192,37 @@ class Driver(LinearEmitter):
     def function(self, instructions: Sequence[Instruction], outputs: Sequence[Any]) -> str:
         """The function in LLVM IR."""
         arguments, results = self._function.arguments, self._function.results
-        strides: list[str | int] = [each.size for each in arguments] if self._function.successive else []
-        for i, argument in enumerate(() if self._function.successive else arguments):
-            bit = self.line(f"and i64 %shared, {1 << i}")
-            one = self.line(f"icmp ne i64 {bit}, 0")
-            strides.append(self.line(f"select i1 {one}, i64 0, i64 {argument.size}"))
-        last = self.line("sub i64 %rows, 1")
+        rows, shared = self.one.value("%rows", "i"), self.one.value("%shared", "i")
+        strides: list[Any] = [each.size for each in arguments]
+        if not self._function.successive:
+            strides = [where((shared & (1 << i)) != 0, 0, size) for i, size in enumerate(strides)]
 
-        def body(row: str) -> tuple[()]:
-            rows = [row]
-            if self.width > 1:
-                lanes = (self.line(f"add i64 {row}, {lane}") for lane in range(self.width))
-                rows = [self.call("smin", "ii", 1, lane, last) for lane in lanes]
+        def body(row: Tracer) -> None:
+            own = [operation("minimum", row + lane, rows - 1) for lane in range(self.width)]
             if self._function.successive:
-                self.loop(0, "%shared", partial(step, rows))
+                self.loop(0, shared, lambda k: step([k * rows + each for each in own], own, k))
             else:
-                step(rows)
-            return ()
+                step(own)
 
-        def step(rows: Sequence[str], k: str = "") -> tuple[()]:
-            own, carried = rows, results[0]
-            if k:  # the first result takes turns between two places, as it is read until it is written
-                offset, turn, first = (self.line(f"{op} i64 {k}, {by}") for op, by in _SUCCESSION)
-                rows = [self.line(f"add i64 {offset}, {row}") for row in own]
-                places = [self.line(f"mul i64 {each}, %rows") for each in (turn, self.line(f"xor i64 {turn}, 1"))]
-                now, before = (
-                    [self._row("%o0", carried.size, self.line(f"add i64 {place}, {row}"), carried.kind) for row in own]
-                    for place in places
-                )
+        def step(at: Sequence[Any], own: Any = None, k: Any = None) -> None:
             self._bases = [
-                [self._row(f"%a{i}", stride, row, argument.kind) for row in rows]
+                [self._row(f"%a{i}", stride, row, argument.kind) for row in at]
                 for i, (stride, argument) in enumerate(zip(strides, arguments, strict=True))
             ]
-            if k:
+            bases = [[self._row(f"%o{i}", each.size, row, each.kind) for row in at] for i, each in enumerate(results)]
+            if own:  # the first result takes turns between two places, as it is read until it is written
+                now, before = (
+                    [self._row("%o0", results[0].size, turn * rows + row, results[0].kind) for row in own]
+                    for turn in (k & 1, (k & 1) ^ 1)
+                )
+                first, bases[0] = self.one.name(k == 0), now
                 pairs = zip(self._bases[0], before, strict=True)
                 self._bases[0] = [self.line(f"select i1 {first}, ptr {a}, ptr {b}") for a, b in pairs]
             self.block(instructions)
-            for i, (parts, result) in enumerate(zip(outputs, results, strict=True)):
-                bases = now if k and i == 0 else [self._row(f"%o{i}", result.size, row, result.kind) for row in rows]
-                self._output(parts, result, bases)
-            return ()
+            for parts, result, places in zip(outputs, results, bases, strict=True):
+                self._output(parts, result, places)
 
-        self.loop(0, "%rows", body, step=self.width)
+        self.loop(0, rows, body, step=self.width)
         given = ["i64 %rows", "i64 %shared", "ptr noalias %scratch", "ptr noalias readonly %constants"]
         given += [f"ptr %a{i}" for i in range(len(arguments))] + [f"ptr %o{i}" for i in range(len(results))]
         return "\n".join([f"define internal void @run({', '.join(given)}) #0 {{\nentry:", *self.lines, "  ret void\n}"])
@@ -244,75 +231,62 @@ class Driver(LinearEmitter):
         """What emits the body of an outlined function, which has no rows of its own."""
         return LinearEmitter(program, self.module, self.width, layout)
 
-    def _row(self, base: str, size: str | int, row: str, kind: str) -> str:
-        at = self.line(f"mul i64 {row}, {size}")
-        return self.line(f"getelementptr {_MEMORY[kind]}, ptr {base}, i64 {at}")
+    def _row(self, base: str, size: Any, row: Any, kind: str) -> str:
+        return self.at(base, row * size, _MEMORY[kind])
 
-    def _entry(self, base: str, kind: str, column: int | str) -> str:
-        """The address of a column of a row."""
-        return base if column == 0 else self.line(f"getelementptr {_MEMORY[kind]}, ptr {base}, i64 {column}")
-
-    def _loaded(self, argument: int, column: int | str) -> str:
+    def _loaded(self, argument: int, column: Any) -> Tracer:
         kind = self._function.arguments[argument].kind
         memory = _MEMORY[kind]
 
         def one(lane: int) -> str:
-            place = self._entry(self._bases[argument][lane], kind, column)
+            place = self.at(self._bases[argument][lane], column, memory)
             return self.line(f"load {memory}, ptr {place}, align {_ALIGN[kind]}")
 
-        value = self.lanes(one, memory)
+        value = self.gather(one, memory)
         if kind == "b":
             T = memory if self.width == 1 else f"<{self.width} x {memory}>"
-            return self.line(f"icmp ne {T} {value}, {'0' if self.width == 1 else 'zeroinitializer'}")
-        return value
+            value = self.line(f"icmp ne {T} {value}, {'0' if self.width == 1 else 'zeroinitializer'}")
+        return self.own.value(value, kind)
 
     def _input(self, instruction: Instruction) -> None:
-        self.names[instruction.result] = self._loaded(*instruction.attributes)
+        self.names[instruction.result] = self.own.name(self._loaded(*instruction.attributes))
 
     def _input_matrix(self, instruction: Instruction) -> None:
         argument, column = instruction.attributes
         size, kind = self.program.sizes[instruction.result], self._function.arguments[argument].kind
         if self.width == 1 and kind == "f":  # as it stands in its row
-            base = self._entry(self._bases[argument][0], kind, column)
-            self.pointers[instruction.result] = base
+            self.pointers[instruction.result] = self.at(self._bases[argument][0], column)
             return
+        target = self.matrix(instruction.result, (1, size))
 
-        def body(i: str) -> tuple[()]:
-            value = self._loaded(argument, self.line(f"add i64 {i}, {column}"))
-            value = self.cast(value, kind, "f", self.width) if kind != "f" else value
-            self.store(value, instruction.result, i)
-            return ()
+        def entry(j: Tracer) -> None:
+            target[0, j] = self._loaded(argument, j + column)
 
-        self.loop(0, size, body)
+        self.loop(0, size, entry)
 
     def _output(self, parts: Sequence[Any], result: Argument, bases: Sequence[str]) -> None:
         """Store scalars and matrices in columns one after the other."""
         column = 0
         for part in parts:
             if not isinstance(part, View):
-                self._stored(self.name(part), result.kind, bases, column)
+                self._stored(self.scalar(part), result.kind, bases, column)
                 column += 1
                 continue
-            rows, columns = part.shape
 
-            def one(i: Index, j: Index, part: View = part, first: int = column, columns: int = columns) -> None:
-                value = self.load(part, i, j)
-                if result.kind == "b":
-                    value = self.line(f"fcmp une {self.T} {value}, {literal(0.0, 'f', self.width)}")
-                at = self.plus(first, self.plus(self.times(i, columns), j))
-                self._stored(value, result.kind, bases, at)
+            def one(i: Any, j: Any, part: View = part, first: int = column) -> None:
+                self._stored(self.load(part, i, j), result.kind, bases, first + i * part.shape[1] + j)
 
-            self.over(rows, columns, one)
-            column += rows * columns
+            self.over(*part.shape, one)
+            column += part.shape[0] * part.shape[1]
 
-    def _stored(self, value: str, kind: str, bases: Sequence[str], column: int | str) -> None:
+    def _stored(self, x: Tracer, kind: str, bases: Sequence[str], column: Any) -> None:
+        memory, value = _MEMORY[kind], self.own.name(cast(x, kind))
         if kind == "b":
             R = "i8" if self.width == 1 else f"<{self.width} x i8>"
             value = self.line(f"zext {type_of('b', self.width)} {value} to {R}")
-        memory = _MEMORY[kind]
         for lane, base in enumerate(bases):
-            one = self.lane(value, memory, lane)
-            self.lines.append(f"  store {memory} {one}, ptr {self._entry(base, kind, column)}, align {_ALIGN[kind]}")
+            place = self.at(base, column, memory)
+            self.lines.append(f"  store {memory} {self.lane(value, memory, lane)}, ptr {place}, align {_ALIGN[kind]}")
 
 
 _MEMORY = {"f": "double", "i": "i64", "u": "i64", "b": "i8"}

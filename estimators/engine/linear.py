@@ -1,5 +1,6 @@
 """Linear algebra of traced matrices: products, factorisations and solutions, each an instruction."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -49,7 +50,7 @@ def _matmul(a: Any, b: Any) -> Any:
     if a.shape[1] == 0:
         return _for_every_row(program, np.zeros((a.shape[0], b.shape[1])))
     rows, columns = a.shape[0], b.shape[1]
-    room = b.size if b.steps[1] != 1 and columns > 1 else 0
+    room = b.size if b.view.steps[1] != 1 and columns > 1 else 0
     value = program.add("matmul", (a.view, b.view), "f", rows * columns, (_picks(a, b), room))
     return MatrixTracer(program, value, (rows, columns))
 
@@ -58,8 +59,7 @@ def _picks(a: MatrixTracer, b: MatrixTracer) -> tuple[int, ...] | None:
     """The column of the only entry of each row of a constant matrix, -1 where there is none; None: of any other."""
     if a.constant is None or b.shape[1] < _MANY or a.shape[0] > _MANY or b.value in b.program.tables:
         return None
-    places = a.start + np.add.outer(*(np.arange(size) * step for size, step in zip(a.shape, a.steps, strict=True)))
-    entries = a.program.tables[a.value][places] != 0.0
+    entries = a.program.tables[a.value][a.places] != 0.0
     return tuple(np.where(entries.any(-1), entries.argmax(-1), -1).tolist()) if entries.sum(-1).max() == 1 else None
 
 
@@ -94,7 +94,7 @@ def inner(a: Any, b: Any) -> Any:
     return MatrixTracer(program, value, (a.shape[0], b.shape[0]))
 
 
-def _solved(opcode: str, s: Any, b: Any, room: int) -> Any:
+def _solved(opcode: str, room: int, s: Any, b: Any) -> Any:
     program = program_of(s, b)
     s, b = matrix(program, s), matrix(program, b)
     _check_matrices("solve (of a vector b: b[..., None])", s, b)
@@ -104,42 +104,27 @@ def _solved(opcode: str, s: Any, b: Any, room: int) -> Any:
     return MatrixTracer(program, value, b.shape)
 
 
-def solve_definite(s: Any, b: Any) -> Any:
-    """``S^-1 B`` of a symmetric positive definite S; NaN of any other."""
-    return _solved("solve", s, b, 1)
+solve_definite: Any = partial(_solved, "solve", 1)
+"""``S^-1 B`` of a symmetric positive definite S; NaN of any other."""
+solve_general: Any = partial(_solved, "eliminate", 1)
+"""``S^-1 B`` by elimination with partial pivoting; NaN of a singular S."""
+solve_lower: Any = partial(_solved, "solve lower", 0)
+"""``L^-1 B`` of a lower triangular L."""
+solve_upper: Any = partial(_solved, "solve upper", 0)
+"""``U^-1 B`` of an upper triangular U."""
 
 
-def solve_general(s: Any, b: Any) -> Any:
-    """``S^-1 B`` by elimination with partial pivoting; NaN of a singular S."""
-    return _solved("eliminate", s, b, 1)
+def _of_square(opcode: str, a: Any) -> MatrixTracer:
+    n = _check_square(opcode, a)
+    return MatrixTracer(a.program, a.program.add(opcode, (a.view,), "f", n * n), a.shape)
 
 
-def solve_lower(lower: Any, b: Any) -> Any:
-    """``L^-1 B`` of a lower triangular L."""
-    return _solved("solve lower", lower, b, 0)
-
-
-def solve_upper(upper: Any, b: Any) -> Any:
-    """``U^-1 B`` of an upper triangular U."""
-    return _solved("solve upper", upper, b, 0)
-
-
-def symmetrise(a: Any) -> Any:
-    """``(A + A') / 2``."""
-    n = _check_square("symmetrise", a)
-    return MatrixTracer(a.program, a.program.add("symmetrise", (a.view,), "f", n * n), a.shape)
-
-
-def semidefinite_cholesky(s: Any) -> Any:
-    """Lower triangular L with ``L L' = S``, positive semidefinite; see `estimators.linalg.semidefinite_cholesky`."""
-    n = _check_square("semidefinite_cholesky", s)
-    return MatrixTracer(s.program, s.program.add("semidefinite cholesky", (s.view,), "f", n * n), s.shape)
-
-
-def cholesky(s: Any) -> Any:
-    """Lower triangular L with ``L L' = S``; NaN of an S that is not positive definite."""
-    n = _check_square("cholesky", s)
-    return MatrixTracer(s.program, s.program.add("cholesky", (s.view,), "f", n * n), s.shape)
+symmetrise: Any = partial(_of_square, "symmetrise")
+"""``(A + A') / 2``."""
+semidefinite_cholesky: Any = partial(_of_square, "semidefinite cholesky")
+"""Lower triangular L with ``L L' = S``, positive semidefinite; see `estimators.linalg.semidefinite_cholesky`."""
+cholesky: Any = partial(_of_square, "cholesky")
+"""Lower triangular L with ``L L' = S``; NaN of an S that is not positive definite."""
 
 
 def rotated(a: Any) -> tuple[Any, Any]:
@@ -156,7 +141,8 @@ def _rotated(a: Any, wanted: bool) -> tuple[Any, Any]:
     if n == 1:
         return a, _for_every_row(program, np.ones((1, 1)))
     value = program.add("rotate", (a.view,), "f", m * n + k * n, (k,))
-    return MatrixTracer(program, value, (m, n)), MatrixTracer(program, value, (n, n), m * n)
+    rotation = np.arange(m * n, m * n + k * n).reshape(k, n)
+    return MatrixTracer(program, value, (m, n)), MatrixTracer(program, value, rotation)
 
 
 def orthogonal(a: Any) -> Any:

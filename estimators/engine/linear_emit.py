@@ -1,292 +1,355 @@
-"""Factorisations and solutions of small matrices as loops in LLVM IR."""
+"""Products, factorisations and solutions of matrices as loops in LLVM IR."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from operator import add
 from typing import Any
 
 import numpy as np
 
-from estimators.engine.emit import Module, literal, type_of
-from estimators.engine.matrix_emit import CHUNK, Index
-from estimators.engine.product_emit import ProductEmitter
+from estimators.engine.emit import Module
+from estimators.engine.matrix_emit import CHUNK, Index, Matrix, MatrixEmitter
 from estimators.engine.program import Instruction, Program, View
+from estimators.engine.tracer import Tracer, cast, constant, where
 
+_ACROSS = 48  # columns of a product that are summed at a time: as many vectors as processors have registers for
 _EPS = float(np.finfo(float).eps)
 _SWEEPS = 30
 
 
-class LinearEmitter(ProductEmitter):
-    """Rows side by side meet the same operations in the same order; what cannot be done is NaN in its row."""
+class LinearEmitter(MatrixEmitter):
+    """Rows side by side meet the same operations in the same order; what cannot be done is NaN in its row.
+
+    Terms of a sum are added in their order; those of an inner product in eight partial sums.
+    """
 
     def __init__(self, program: Program, module: Module, width: int, layout: Any) -> None:
         super().__init__(program, module, width, layout)
         self.special |= {
-            "symmetrise": self._symmetrise, "solve": self._solve, "eliminate": self._eliminate,
-            "solve lower": self._solve_triangular, "solve upper": self._solve_triangular, "cholesky": self._cholesky,
-            "semidefinite cholesky": self._semidefinite_cholesky, "rotate": self._rotate,
+            "matmul": self._matmul, "inner": self._inner, "symmetrise": self._symmetrise, "solve": self._solve,
+            "eliminate": self._eliminate, "solve lower": self._solve_triangular, "cholesky": self._cholesky,
+            "solve upper": self._solve_triangular, "semidefinite cholesky": self._semidefinite_cholesky,
+            "rotate": self._rotate,
         }  # fmt: skip
-        self._across = 1  # columns that are solved side by side
-        self._zero, self._one, self._nan = (literal(x, "f", width) for x in (0.0, 1.0, np.nan))
 
-    def _do(self, operation: str, *operands: str) -> str:
-        return self.line(f"{operation} {self.T} {', '.join(operands)}")
+    def _operands(self, instruction: Instruction) -> list[Matrix]:
+        views: Any = instruction.operands
+        return [Matrix(self, view) for view in views]
 
-    def _choose(self, order: str, a: str, b: str, chosen: str, other: str) -> str:
-        """``chosen`` where ``a order b``."""
-        return self.line(f"select {self.mask} {self._do(f'fcmp {order}', a, b)}, {self.T} {chosen}, {self.T} {other}")
+    # --- products -----------------------------------------------------------------------------------
 
-    def _minus(self, rest: str, x: str, y: str) -> str:
-        return self._do("fsub", rest, self._do("fmul", x, y))
+    def _matmul(self, instruction: Instruction) -> None:
+        a, b = self._operands(instruction)
+        (rows, inner), columns = a.shape, b.shape[1]
+        if (picks := instruction.attributes[0]) is not None:
+            self._scaled_rows(a, b.view, self.matrix(instruction.result, (rows, columns)).view, picks)
+            return
+        together = self.width == 1 and columns > 1
+        if together and b.view.steps[1] != 1:
+            copied = self.temporary(instruction, b.shape)
+            self.copy(b.view, copied)
+            b = copied
+        target = self.matrix(instruction.result, (rows, columns)).view
 
-    def _symmetrise(self, instruction: Instruction) -> None:
-        a: Any = instruction.operands[0]
-        n = a.shape[0]
-        half = literal(0.5, "f", self.width)
+        def some(i: Index, first: Index, count: int) -> None:
+            """Sums of neighbouring entries of a row: of a row alone vectors of them."""
+            size = CHUNK if together else 1
+            parts = [(first + j, min(size, count - j)) for j in range(0, count, size)]
+
+            def products(k: Index) -> list[Tracer]:
+                x = a[i, k]
+                return [self.spread(x, self.width * n) * Matrix(self, b.view, n)[k, j] for j, n in parts]
+
+            sums = products(0)
+            if inner <= 4 and not together:
+                for k in range(1, inner):
+                    sums = list(map(add, sums, products(k)))
+            else:
+                sums = self._accumulated(1, inner, products, sums)
+            for (j, n), total in zip(parts, sums, strict=True):
+                Matrix(self, target, n)[i, j] = total
+
+        size, unrolled = (_ACROSS, 2) if together else (4, 1)
+        self.each(0, rows, lambda i: self.chunks(columns, size, lambda j, count: some(i, j, count), unrolled))
+
+    def _accumulated(
+        self, low: int, high: int, products: Callable[[Index], list[Tracer]], sums: Sequence[Tracer], step: int = 1
+    ) -> list[Tracer]:
+        """Sums and the products that each index adds to them."""
+        return self.loop(low, high, lambda k, *sums: list(map(add, sums, products(k))), sums, step)
+
+    def _scaled_rows(self, a: Matrix, b: View, target: View, picks: Sequence[int]) -> None:
+        """A product whose rows are multiples of rows of ``b``, or zeros."""
+
+        def some(i: int, k: int, j: Index, count: int) -> None:
+            x: Any = 0.0
+            if k >= 0:
+                x = self.spread(a[i, k], self.width * count) * Matrix(self, b, count)[k, j]
+            Matrix(self, target, count)[i, j] = x
+
+        for i, k in enumerate(picks):
+            self.chunks(
+                b.shape[1], CHUNK if self.width == b.steps[1] == 1 else 1,
+                lambda j, count, i=i, k=k: some(i, k, j, count),  # type: ignore[misc]
+            )  # fmt: skip
+
+    def _inner(self, instruction: Instruction) -> None:
+        a, b = self._operands(instruction)
+        (rows, count), columns = a.shape, b.shape[0]
+        target = self.matrix(instruction.result, (rows, columns))
 
         def one(i: Index, j: Index) -> None:
-            mean = self._do("fmul", half, self._do("fadd", self.load(a, i, j), self.load(a, j, i)))
-            for row, column in ((i, j), (j, i)):
-                self.store(mean, instruction.result, self.plus(self.times(row, n), column))
+            total = self._inner_product(a.view, i, b.view, j, count)
+            target[i, j] = total
+            if instruction.attributes[0]:
+                target[j, i] = total
 
-        self.each(0, n, lambda i: self.each(0, self.plus(i, 1), lambda j: one(i, j)))
+        if instruction.attributes[0]:
+            self.each(0, rows, lambda i: self.each(0, i + 1, lambda j: one(i, j)))
+        else:
+            self.over(rows, columns, one)
 
-    def _for_columns(self, b: View, solution: Callable[[Index], None]) -> None:
-        """A body for each column; those of a row alone that are neighbours are eight lanes of vectors."""
-        neighbours = self.width == 1 and b.steps[1] == 1 and b.value not in self.program.tables
+    def _inner_product(self, a: View, i: Index, b: View, j: Index, count: int) -> Tracer:
+        """``a_i . b_j``: eight partial sums, added by halves, and what is left over in its order."""
+        whole = count // CHUNK * CHUNK
+        together = self.width == 1 and a.steps[1] == b.steps[1] == 1
 
-        def some(c: Index, count: int) -> None:
-            self._across, self.T = count, type_of("f", self.width * count)
-            solution(c)
-            self._across, self.T = 1, type_of("f", self.width)
+        def products(k: Index) -> list[Tracer]:
+            if together:
+                return [self.load(a, i, k, CHUNK) * self.load(b, j, k, CHUNK)]
+            return [self.load(a, i, k + m) * self.load(b, j, k + m) for m in range(CHUNK)]
 
-        self.chunks(b.shape[1], CHUNK if neighbours else 1, some)
+        sums = [constant(self.lanes(CHUNK if together else self.width), 0.0)] * (1 if together else CHUNK)
+        if whole:
+            sums = self._accumulated(0, whole, products, sums, CHUNK)
+        size = CHUNK
+        while together and size > 1:
+            size //= 2
+            sums = [self._part(sums[0], 0, size) + self._part(sums[0], size, size)]
+        while len(sums) > 1:
+            half = len(sums) // 2
+            sums = list(map(add, sums[:half], sums[half:]))
+        total = sums[0]
+        for k in range(whole, count):
+            total = total + self.load(a, i, k) * self.load(b, j, k)
+        return total
 
-    def _factor(self, view: View, i: Index, j: Index) -> str:
-        """An entry for all columns that are solved together."""
-        own, self.T = self.T, type_of("f", self.width)
-        x, self.T = self.load(view, i, j), own
-        return self.splat(x, self._across) if self._across > 1 else x
+    def _part(self, x: Tracer, first: int, size: int) -> Tracer:
+        """Some of the lanes of a vector."""
+        lanes: Any = x.program
+        T, order = f"<{lanes.width} x double>", ", ".join(f"i32 {first + m}" for m in range(size))
+        if size == 1:
+            return self.one.value(self.line(f"extractelement {T} {lanes.name(x)}, {order}"))
+        part = f"shufflevector {T} {lanes.name(x)}, {T} poison, <{size} x i32> <{order}>"
+        return self.lanes(size).value(self.line(part))
 
-    def _substituted(self, z: View, c: Index, low: Index, high: Index, factor: Any, rest: str) -> str:
-        """An entry less what those of the column before it contribute."""
-        return self.total(rest, low, high, lambda k, total: self._minus(total, factor(k), self.load(z, k, c)))
+    # --- solutions ----------------------------------------------------------------------------------
 
-    def _solve(self, instruction: Instruction) -> None:
-        """``S^-1 B`` by ``S = L D L'``: L D below the diagonal, D on it, L where its transpose would be."""
-        operands: Any = instruction.operands
-        s, b = operands
-        n = s.shape[0]
-        f = View(self.temporary(instruction), s.shape, 0, (n, 1))
-        z = self.target(instruction, b.shape)
+    def _symmetrise(self, instruction: Instruction) -> None:
+        (a,) = self._operands(instruction)
+        target = self.matrix(instruction.result, a.shape)
 
-        def column(j: Index) -> None:
-            def below(i: Index) -> None:
-                rest = self.total(
-                    self.load(s, i, j), 0, j, lambda k, t: self._minus(t, self.load(f, i, k), self.load(f, k, j))
-                )
-                self.store_at(rest, f, i, j)
+        def one(i: Index, j: Index) -> None:
+            mean = 0.5 * (a[i, j] + a[j, i])
+            target[i, j] = mean
+            target[j, i] = mean
 
-            self.each(j, n, below)
-            pivot = self.load(f, j, j)
-            pivot = self._choose("ogt", pivot, self._zero, pivot, self._nan)
-            self.store_at(pivot, f, j, j)
-            self.each(self.plus(j, 1), n, lambda i: self.store_at(self._do("fdiv", self.load(f, i, j), pivot), f, j, i))
+        self.each(0, a.shape[0], lambda i: self.each(0, i + 1, lambda j: one(i, j)))
 
-        self.loop(0, n, lambda j: column(j))
+    def _substitute(
+        self, factor: Callable[[Index, Index], Tracer], b: View, z: View, lower: bool, divided: str = ""
+    ) -> None:
+        """Entries ``z_i`` one after the other: ``b_i`` less the ``factor(i, k) z_k`` of those before it.
 
-        def solution(c: Index) -> None:
-            def forward(i: Index) -> None:
-                rest = self._substituted(z, c, 0, i, lambda k: self._factor(f, k, i), self.load(b, i, c))
-                self.store_at(rest, z, i, c)
+        They are divided by ``factor(i, i)`` "before" or "after". Columns of a row alone that are neighbours are eight
+        lanes of vectors.
+        """
+        n, neighbours = z.shape[0], self.width == 1 and b.steps[1] == 1 and b.value not in self.program.tables
 
-            def backward(m: Index) -> None:
-                i = self.line(f"sub i64 {n - 1}, {m}")
-                rest = self._do("fdiv", self.load(z, i, c), self._factor(f, i, i))
-                rest = self._substituted(z, c, self.plus(i, 1), n, lambda k: self._factor(f, i, k), rest)
-                self.store_at(rest, z, i, c)
+        def column(c: Index, count: int) -> None:
+            right, solution = Matrix(self, b, count), Matrix(self, z, count)
 
-            self.loop(0, n, lambda i: forward(i))
-            self.loop(0, n, lambda m: backward(m))
+            def wide(i: Index, k: Index) -> Tracer:
+                return self.spread(factor(i, k), self.width * count)
 
-        self._for_columns(b, solution)
-
-    def _solve_triangular(self, instruction: Instruction) -> None:
-        operands: Any = instruction.operands
-        t, b = operands
-        self._divide(t, b, self.target(instruction, b.shape), instruction.opcode == "solve lower")
-
-    def _divide(self, t: View, b: View, z: View, lower: bool) -> None:
-        """``T^-1 B`` of a triangular T, which may stand where B does."""
-        n = t.shape[0]
-
-        def solution(c: Index) -> None:
             def entry(m: Index) -> None:
-                i = m if lower else self.line(f"sub i64 {n - 1}, {m}")
-                low, high = (0, i) if lower else (self.plus(i, 1), n)
-                rest = self._substituted(z, c, low, high, lambda k: self._factor(t, i, k), self.load(b, i, c))
-                self.store_at(self._do("fdiv", rest, self._factor(t, i, i)), z, i, c)
+                i = m if lower else n - 1 - m
+                low, high = (0, i) if lower else (i + 1, n)
+                first = right[i, c] / wide(i, i) if divided == "before" else right[i, c]
+                rest = self.total(first, low, high, lambda k, rest: rest - wide(i, k) * solution[k, c])
+                solution[i, c] = rest / wide(i, i) if divided == "after" else rest
 
             self.each(0, n, entry)
 
-        self._for_columns(b, solution)
+        self.chunks(z.shape[1], CHUNK if neighbours else 1, column)
 
-    def _cholesky(self, instruction: Instruction) -> None:
-        s: Any = instruction.operands[0]
-        n = s.shape[0]
-        f = self.target(instruction, s.shape)
-        self.over(n, n, lambda i, j: self.store_at(self._zero, f, i, j))
+    def _solve(self, instruction: Instruction) -> None:
+        """``S^-1 B`` by ``S = L D L'``: L D below the diagonal, D on it, L where its transpose would be."""
+        s, b = self._operands(instruction)
+        n, f, z = s.shape[0], self.temporary(instruction, s.shape), self.matrix(instruction.result, b.shape)
 
         def column(j: Index) -> None:
-            def below(i: Index) -> str:
-                return self.total(
-                    self.load(s, i, j), 0, j, lambda k, t: self._minus(t, self.load(f, i, k), self.load(f, j, k))
-                )
+            def below(i: Index) -> None:
+                f[i, j] = self.total(s[i, j], 0, j, lambda k, rest: rest - f[i, k] * f[k, j])
 
-            rest = below(j)
-            pivot = self._choose("ogt", rest, self._zero, rest, self._nan)
-            pivot = self.call("sqrt", "f", self.width, pivot)
-            self.store_at(pivot, f, j, j)
-            self.each(self.plus(j, 1), n, lambda i: self.store_at(self._do("fdiv", below(i), pivot), f, i, j))
+            def above(i: Index) -> None:
+                f[j, i] = f[i, j] / pivot
 
-        self.loop(0, n, lambda j: column(j))
+            self.each(j, n, below)
+            pivot = f[j, j]
+            pivot = where(pivot > 0.0, pivot, np.nan)
+            f[j, j] = pivot
+            self.each(j + 1, n, above)
+
+        self.loop(0, n, column)
+        self._substitute(lambda i, k: f[k, i], b.view, z.view, True)
+        self._substitute(lambda i, k: f[i, k], z.view, z.view, False, "before")
+
+    def _solve_triangular(self, instruction: Instruction) -> None:
+        t, b = self._operands(instruction)
+        z = self.matrix(instruction.result, b.shape)
+        self._substitute(lambda i, k: t[i, k], b.view, z.view, instruction.opcode == "solve lower", "after")
+
+    def _cholesky(self, instruction: Instruction) -> None:
+        (s,) = self._operands(instruction)
+        n, f = s.shape[0], self.matrix(instruction.result, s.shape)
+        self.fill(f, 0.0)
+
+        def column(j: Index) -> None:
+            def rest(i: Index) -> Tracer:
+                return self.total(s[i, j], 0, j, lambda k, rest: rest - f[i, k] * f[j, k])
+
+            def below(i: Index) -> None:
+                f[i, j] = rest(i) / pivot
+
+            square = rest(j)
+            pivot = where(square > 0.0, square, np.nan).sqrt()
+            f[j, j] = pivot
+            self.each(j + 1, n, below)
+
+        self.loop(0, n, column)
 
     def _semidefinite_cholesky(self, instruction: Instruction) -> None:
         """``L L' = S``; a pivot that is zero to rounding gives a column of zeros."""
-        s: Any = instruction.operands[0]
-        n = s.shape[0]
-        f = self.target(instruction, s.shape)
-        infinite, smallest = (literal(x, "f", self.width) for x in (np.inf, n * _EPS))
-
-        def start(i: Index) -> None:
-            self.each(0, self.plus(i, 1), lambda j: self.store_at(self.load(s, i, j), f, i, j))
-            self.each(self.plus(i, 1), n, lambda j: self.store_at(self._zero, f, i, j))
-
-        self.loop(0, n, lambda i: start(i))
+        (s,) = self._operands(instruction)
+        n, f = s.shape[0], self.matrix(instruction.result, s.shape)
+        self.copy(s.view, f)
 
         def column(j: Index) -> None:
-            pivot = self.load(f, j, j)
-            bound = self._do("fmul", smallest, self.load(s, j, j))
-            root = self._choose("ole", pivot, bound, infinite, self.call("sqrt", "f", self.width, pivot))
-            self.each(self.plus(j, 1), n, lambda i: self.store_at(self._do("fdiv", self.load(f, i, j), root), f, i, j))
-            self.store_at(self._choose("oeq", root, infinite, self._zero, root), f, j, j)
+            def divide(i: Index) -> None:
+                f[i, j] = f[i, j] / root
+                f[j, i] = 0.0
 
-            def below(i: Index) -> None:
-                x = self.load(f, i, j)
-                self.each(self.plus(j, 1), self.plus(i, 1), lambda k: self.store_at(
-                    self._minus(self.load(f, i, k), x, self.load(f, k, j)), f, i, k))  # fmt: skip
+            def reduce(i: Index) -> None:
+                x = f[i, j]
 
-            self.each(self.plus(j, 1), n, below)
+                def entry(k: Index) -> None:
+                    f[i, k] = f[i, k] - x * f[k, j]
 
-        self.loop(0, n, lambda j: column(j))
+                self.each(j + 1, i + 1, entry)
+
+            pivot = f[j, j]
+            root = where(n * _EPS * s[j, j] >= pivot, np.inf, pivot.sqrt())
+            self.each(j + 1, n, divide)
+            f[j, j] = where(root == np.inf, 0.0, root)
+            self.each(j + 1, n, reduce)
+
+        self.loop(0, n, column)
 
     def _eliminate(self, instruction: Instruction) -> None:
         """``S^-1 B`` by Gaussian elimination with partial pivoting; where lanes pivot otherwise, numbers are chosen."""
-        operands: Any = instruction.operands
-        s, b = operands
-        n = s.shape[0]
-        f = View(self.temporary(instruction), s.shape, 0, (n, 1))
-        z = self.target(instruction, b.shape)
-        self.copy(s, f)
-        self.copy(b, z)
+        s, b = self._operands(instruction)
+        n, f, z = s.shape[0], self.temporary(instruction, s.shape), self.matrix(instruction.result, b.shape)
+        self.copy(s.view, f)
+        self.copy(b.view, z)
 
         def column(j: Index) -> None:
-            number = self.splat(self.line(f"sitofp i64 {j} to double"), self.width)
-            largest = self.call("fabs", "f", self.width, self.load(f, j, j))
-
-            def better(i: Index, best: str, size: str) -> list[str]:
-                own = self.call("fabs", "f", self.width, self.load(f, i, j))
-                where = self.splat(self.line(f"sitofp i64 {i} to double"), self.width)
-                return [self._choose("ogt", own, size, where, best), self._choose("ogt", own, size, own, size)]
-
-            best, _ = self.loop(self.plus(j, 1), n, better, [number, largest], [self.T, self.T])
-            self._exchange(f, j, j, best)
-            self._exchange(z, 0, j, best)
-            pivot = self.load(f, j, j)
-            pivot = self._choose("oeq", pivot, self._zero, self._nan, pivot)
-            self.store_at(pivot, f, j, j)
+            def better(i: Index, best: Tracer, size: Tracer) -> list[Tracer]:
+                own = abs(f[i, j])
+                return [where(own > size, self._number(i), best), where(own > size, own, size)]
 
             def below(i: Index) -> None:
-                factor = self._do("fdiv", self.load(f, i, j), pivot)
-                for view, low in ((f, self.plus(j, 1)), (z, 0)):
-                    self.each(low, view.shape[1], lambda k, view=view: self.store_at(  # type: ignore[misc]
-                        self._minus(self.load(view, i, k), factor, self.load(view, j, k)), view, i, k))  # fmt: skip
+                factor = f[i, j] / pivot
+                for matrix, low in ((f, j + 1), (z, 0)):
 
-            self.each(self.plus(j, 1), n, below)
+                    def entry(k: Index, matrix: Matrix = matrix) -> None:
+                        matrix[i, k] = matrix[i, k] - factor * matrix[j, k]
 
-        self.loop(0, n, lambda j: column(j))
-        self._divide(f, z, z, False)
+                    self.each(low, matrix.shape[1], entry)
 
-    def _exchange(self, view: View, low: Index, j: Index, best: str) -> None:
+            best, _ = self.loop(j + 1, n, better, [self._number(j), abs(f[j, j])])
+            self._exchange(f, j, j, best)
+            self._exchange(z, 0, j, best)
+            pivot = f[j, j]
+            pivot = where(pivot == 0.0, np.nan, pivot)
+            f[j, j] = pivot
+            self.each(j + 1, n, below)
+
+        self.loop(0, n, column)
+        self._substitute(lambda i, k: f[i, k], z.view, z.view, False, "after")
+
+    def _number(self, i: Tracer) -> Tracer:
+        """An index as a number of each lane."""
+        return self.spread(cast(i, "f"), self.width)
+
+    def _exchange(self, matrix: Matrix, low: Index, j: Index, best: Tracer) -> None:
         """Exchange row j, from a column on, with the best one of each lane."""
 
         def entry(k: Index) -> None:
-            top = self.load(view, j, k)
+            def other(i: Index, found: Tracer) -> list[Tracer]:
+                chosen, own = self._number(i) == best, matrix[i, k]
+                matrix[i, k] = where(chosen, top, own)
+                return [where(chosen, own, found)]
 
-            def other(i: Index, found: str) -> list[str]:
-                number = self.line(f"sitofp i64 {i} to double")
-                chosen = self._do("fcmp oeq", self.splat(number, self.width), best)
-                own = self.load(view, i, k)
-                self.store_at(self.line(f"select {self.mask} {chosen}, {self.T} {top}, {self.T} {own}"), view, i, k)
-                return [self.line(f"select {self.mask} {chosen}, {self.T} {own}, {self.T} {found}")]
+            top = matrix[j, k]
+            (matrix[j, k],) = self.loop(j + 1, matrix.shape[0], other, [top])
 
-            found = self.loop(self.plus(j, 1), view.shape[0], other, [top], [self.T])[0]
-            self.store_at(found, view, j, k)
-
-        self.each(low, view.shape[1], entry)
+        self.each(low, matrix.shape[1], entry)
 
     def _rotate(self, instruction: Instruction) -> None:
         """``A V`` with orthogonal columns by one-sided Jacobi rotations, and V where it is wanted, behind it."""
-        a: Any = instruction.operands[0]
+        (a,) = self._operands(instruction)
         (m, n), wanted = a.shape, instruction.attributes[0]
-        z = self.target(instruction, a.shape)
-        v = View(instruction.result, (wanted, n), m * n, (n, 1))
-        self.copy(a, z)
+        z, v = self.matrix(instruction.result, (m, n)), self.matrix(instruction.result, (wanted, n), m * n)
+        self.copy(a.view, z)
         if wanted:
-            self.over(n, n, lambda i, j: self.store_at(self._zero, v, i, j))
-            self.each(0, n, lambda i: self.store_at(self._one, v, i, i))
 
-        def row(p: str, turning: str) -> list[str]:
-            return self.loop(
-                self.plus(p, 1), n, lambda q, turned: [self._turned(z, v, p, q, turned)], [turning], ["i1"]
-            )
+            def diagonal(i: Index) -> None:
+                v[i, i] = 1.0
 
-        def sweep(_: str, _turning: str) -> list[str]:
-            return self.loop(0, n, row, ["false"], ["i1"])
+            self.fill(v, 0.0)
+            self.each(0, n, diagonal)
+        still = constant(self.one, np.False_)
 
-        self.loop(0, _SWEEPS, sweep, ["true"], ["i1"], going=lambda turning: turning)
+        def row(p: Index, turning: Tracer) -> list[Tracer]:
+            return self.loop(p + 1, n, lambda q, turned: [turned | self._turned((z, v), p, q)], [turning])
 
-    def _turned(self, z: View, v: View, p: Index, q: Index, turned: str) -> str:
-        """Turns columns p and q where they are not orthogonal; whether any row's ever were not."""
-        zero = self._zero
+        self.loop(0, _SWEEPS, lambda _, _turning: self.loop(0, n, row, [still]), [constant(self.one, np.True_)],
+                  going=lambda turning: turning)  # fmt: skip
 
-        def products(i: str, aa: str, bb: str, ab: str) -> list[str]:
-            x, y = self.load(z, i, p), self.load(z, i, q)
-            pairs = ((aa, x, x), (bb, y, y), (ab, x, y))
-            return [self._do("fadd", total, self._do("fmul", one, other)) for total, one, other in pairs]
+    def _turned(self, matrices: Sequence[Matrix], p: Index, q: Index) -> Tracer:
+        """Turn columns p and q where they are not orthogonal; whether any row's were not."""
 
-        aa, bb, ab = self.loop(0, z.shape[0], products, [zero] * 3, [self.T] * 3)
-        size = self.call("sqrt", "f", self.width, self._do("fmul", aa, bb))
-        bound = self._do("fmul", literal(_EPS, "f", self.width), size)
-        apart = self._do("fcmp ogt", self.call("fabs", "f", self.width, ab), bound)
-        zeta = self._do("fdiv", self._do("fsub", bb, aa), self._do("fmul", literal(2.0, "f", self.width), ab))
-        root = self.call("sqrt", "f", self.width, self._do("fadd", self._one, self._do("fmul", zeta, zeta)))
-        sign = self._choose("oge", zeta, zero, self._one, literal(-1.0, "f", self.width))
-        tangent = self._do("fdiv", sign, self._do("fadd", self.call("fabs", "f", self.width, zeta), root))
-        root = self.call("sqrt", "f", self.width, self._do("fadd", self._one, self._do("fmul", tangent, tangent)))
-        cosine = self._do("fdiv", self._one, root)
-        sine = self._do("fmul", cosine, tangent)
-        some = self.any(apart)
-        turn, on = self.fresh("rotate"), self.fresh("on")
-        self.lines.append(f"  br i1 {some}, label %{turn}, label %{on}")
-        self.begin(turn)
-        for view in (z, v):
-            self.each(0, view.shape[0], lambda i, view=view: self._rotated(view, i, p, q, cosine, sine, apart))  # type: ignore[misc]
-        self.lines.append(f"  br label %{on}")
-        self.begin(on)
-        return self.line(f"or i1 {turned}, {some}")
+        def products(i: Index, aa: Tracer, bb: Tracer, ab: Tracer) -> list[Tracer]:
+            x, y = matrices[0][i, p], matrices[0][i, q]
+            return [aa + x * x, bb + y * y, ab + x * y]
 
-    def _rotated(self, view: View, i: Index, p: Index, q: Index, cosine: str, sine: str, apart: str) -> None:
-        x, y = self.load(view, i, p), self.load(view, i, q)
-        one = self._minus(self._do("fmul", cosine, x), sine, y)
-        other = self._do("fadd", self._do("fmul", sine, x), self._do("fmul", cosine, y))
-        self.store_at(self.line(f"select {self.mask} {apart}, {self.T} {one}, {self.T} {x}"), view, i, p)
-        self.store_at(self.line(f"select {self.mask} {apart}, {self.T} {other}, {self.T} {y}"), view, i, q)
+        aa, bb, ab = self.loop(0, matrices[0].shape[0], products, [constant(self.own, 0.0)] * 3)
+        apart = abs(ab) > _EPS * (aa * bb).sqrt()
+        zeta = (bb - aa) / (2.0 * ab)
+        root = (1.0 + zeta * zeta).sqrt()
+        tangent = where(zeta >= 0.0, 1.0, -1.0) / (abs(zeta) + root)
+        cosine = 1.0 / (1.0 + tangent * tangent).sqrt()
+        sine, some = cosine * tangent, self.any(apart)
+
+        def turn(_: Index) -> None:
+            for matrix in matrices:
+
+                def entry(i: Index, matrix: Matrix = matrix) -> None:
+                    x, y = matrix[i, p], matrix[i, q]
+                    matrix[i, p] = where(apart, cosine * x - sine * y, x)
+                    matrix[i, q] = where(apart, sine * x + cosine * y, y)
+
+                self.each(0, matrix.shape[0], entry)
+
+        self.loop(0, cast(some, "i"), turn)
+        return some

@@ -20,6 +20,7 @@ import numpy as np
 
 _KEPT = 90 * 86400.0  # seconds after their last use that objects are kept
 _VERSION = "3"
+_MOST = 2_000  # modules that others can share; of more, the oldest are loaded anew when they are next needed
 _compiling = Lock()
 _loaded: dict[Hashable, Any] = {}
 _Code = TypeVar("_Code", bound=Hashable)
@@ -37,9 +38,12 @@ def load(code: _Code, emit: Callable[[], str]) -> tuple[Callable[..., None], _Co
         emit: Gives its LLVM IR.
     """
     with _compiling:
-        if code not in _loaded:
-            _loaded[code] = _function(emit()), code
-        return _loaded[code]
+        if (found := _loaded.get(code)) is None:
+            found = _function(emit()), code
+            if len(_loaded) >= _MOST:
+                del _loaded[next(iter(_loaded))]
+            _loaded[code] = found
+        return found
 
 
 def _function(text: str) -> Any:

@@ -2,16 +2,21 @@
 
 from collections.abc import Callable, Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 
 from estimators.engine import machine
+from estimators.engine.emit import Emitter, Module
+from estimators.engine.program import Program
+from estimators.engine.tracer import Tracer, cast
 
 _TYPE = object.__basicsize__ - 8
 """Bytes from an object's beginning to its type, the last field of the head that all objects have."""
 _DATA, _DIMENSIONS, _SHAPE, _DTYPE, _FLAGS = (object.__basicsize__ + at for at in (0, 8, 16, 40, 48))
 """And to the fields of an array (``PyArrayObject_fields``)."""
 _CONTIGUOUS = 1  # in C order
+_HALF = 0xFFFFFFFF  # of 8 bytes: what a field of 4 bytes is
 
 
 def described(arrays: Sequence[np.ndarray]) -> np.ndarray:
@@ -23,80 +28,42 @@ def described(arrays: Sequence[np.ndarray]) -> np.ndarray:
 @cache
 def matcher() -> Callable[..., bool]:
     """The function ``(described, *objects)``: are these arrays in C order of such types and shapes, and as many?"""
-    return machine.load("matching", lambda: _TEXT)[0]  # type: ignore[return-value]
+    return machine.load("matching", _text)[0]  # type: ignore[return-value]
 
 
-_TEXT = f"""declare void @Py_IncRef(ptr)
-@_Py_TrueStruct = external global i8
-@_Py_FalseStruct = external global i8
+def _text() -> str:
+    """The function in LLVM IR."""
+    emitter = Emitter(Program(), Module({}), 1)
 
-define ptr @call(ptr %self, ptr %args, i64 %count) {{
-entry:
-  %described = load ptr, ptr %args
-  %own = getelementptr i8, ptr %described, i64 {_TYPE}
-  %type = load ptr, ptr %own
-  %place = getelementptr i8, ptr %described, i64 {_DATA}
-  %table = load ptr, ptr %place
-  %arrays = load i64, ptr %table
-  %first = getelementptr i64, ptr %table, i64 1
-  %others = sub i64 %count, 1
-  %as_many = icmp eq i64 %arrays, %others
-  br i1 %as_many, label %next, label %unlike
-next:
-  %i = phi i64 [1, %entry], [%after, %alike]
-  %at = phi ptr [%first, %entry], [%behind, %alike]
-  %more = icmp slt i64 %i, %count
-  br i1 %more, label %object, label %like
-object:
-  %argument = getelementptr ptr, ptr %args, i64 %i
-  %array = load ptr, ptr %argument
-  %p0 = getelementptr i8, ptr %array, i64 {_TYPE}
-  %kind = load ptr, ptr %p0
-  %is_array = icmp eq ptr %kind, %type
-  br i1 %is_array, label %fields, label %unlike
-fields:
-  %p1 = getelementptr i8, ptr %array, i64 {_DTYPE}
-  %dtype = load i64, ptr %p1
-  %expected = load i64, ptr %at
-  %same = icmp eq i64 %dtype, %expected
-  %p2 = getelementptr i8, ptr %array, i64 {_DIMENSIONS}
-  %few = load i32, ptr %p2
-  %dimensions = sext i32 %few to i64
-  %p3 = getelementptr i64, ptr %at, i64 1
-  %size = load i64, ptr %p3
-  %fit = icmp eq i64 %dimensions, %size
-  %p4 = getelementptr i8, ptr %array, i64 {_FLAGS}
-  %flags = load i32, ptr %p4
-  %order = and i32 %flags, {_CONTIGUOUS}
-  %contiguous = icmp ne i32 %order, 0
-  %both = and i1 %same, %fit
-  %all = and i1 %both, %contiguous
-  %p5 = getelementptr i8, ptr %array, i64 {_SHAPE}
-  %shape = load ptr, ptr %p5
-  %sizes = getelementptr i64, ptr %at, i64 2
-  %behind = getelementptr i64, ptr %sizes, i64 %size
-  br i1 %all, label %axis, label %unlike
-axis:
-  %j = phi i64 [0, %fields], [%k, %equal]
-  %left = icmp slt i64 %j, %size
-  br i1 %left, label %compare, label %alike
-compare:
-  %p6 = getelementptr i64, ptr %shape, i64 %j
-  %n = load i64, ptr %p6
-  %p7 = getelementptr i64, ptr %sizes, i64 %j
-  %m = load i64, ptr %p7
-  %even = icmp eq i64 %n, %m
-  br i1 %even, label %equal, label %unlike
-equal:
-  %k = add i64 %j, 1
-  br label %axis
-alike:
-  %after = add i64 %i, 1
-  br label %next
-like:
-  call void @Py_IncRef(ptr @_Py_TrueStruct)
-  ret ptr @_Py_TrueStruct
-unlike:
-  call void @Py_IncRef(ptr @_Py_FalseStruct)
-  ret ptr @_Py_FalseStruct
-}}"""
+    def pointer(base: str, byte: Any) -> str:
+        return emitter.line(f"load ptr, ptr {emitter.at(base, byte, 'i8')}, align 8")
+
+    def word(base: str, byte: Any) -> Any:
+        return emitter.one.value(emitter.line(f"load i64, ptr {emitter.at(base, byte, 'i8')}, align 8"), "i")
+
+    def matches(i: Tracer, at: Tracer, _: Tracer) -> list[Tracer]:
+        array = pointer("%args", 8 * i)
+        is_array = word(array, _TYPE) == kind
+
+        def fields(_: Tracer, at: Tracer, _alike: Tracer) -> list[Tracer]:
+            axes, shape = word(table, at + 8), pointer(array, _SHAPE)
+            alike = (word(array, _DTYPE) == word(table, at)) & ((word(array, _DIMENSIONS) & _HALF) == axes)
+            alike = alike & ((word(array, _FLAGS) & _CONTIGUOUS) != 0)
+
+            def axis(j: Tracer, alike: Tracer) -> list[Tracer]:
+                return [alike & (word(shape, 8 * j) == word(table, at + 16 + 8 * j))]
+
+            return [at + 16 + 8 * axes, *emitter.loop(0, cast(alike, "i") * axes, axis, [alike])]
+
+        return emitter.loop(0, cast(is_array, "i"), fields, [at, is_array])  # of what is no array no field is read
+
+    table, kind = pointer(pointer("%args", 0), _DATA), word(pointer("%args", 0), _TYPE)
+    count = emitter.one.value("%count", "i")
+    as_many, start = word(table, 0) == count - 1, emitter.one.value("8", "i")
+    _, alike = emitter.loop(1, count, matches, [start, as_many], going=lambda _, alike: alike)
+    answer = emitter.line(f"select i1 {emitter.one.name(alike)}, ptr @_Py_TrueStruct, ptr @_Py_FalseStruct")
+    return "\n".join([
+        "declare void @Py_IncRef(ptr)", "@_Py_TrueStruct = external global i8", "@_Py_FalseStruct = external global i8",
+        "define ptr @call(ptr %self, ptr %args, i64 %count) {", "entry:", *emitter.lines,
+        f"  call void @Py_IncRef(ptr {answer})", f"  ret ptr {answer}", "}",
+    ])  # fmt: skip

@@ -7,26 +7,17 @@ that does not fit, a mask where numbers belong, a function without an instructio
 
 import math
 from collections.abc import Sequence
+from functools import cache
 from typing import Any, NoReturn
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from estimators.checks import shown
-from estimators.engine.arrays import TracedArray, entries
+from estimators.engine.arrays import SCALAR_FUNCTIONS, TracedArray, entries
 from estimators.engine.program import Program, View, constant_array
-from estimators.engine.tracer import NotTraceable, Tracer, cast, constant, known, numpy_function
+from estimators.engine.tracer import NotTraceable, Tracer, cast, constant, known
 
-_ENTRYWISE = {
-    numpy_function(opcode): opcode
-    for opcode in (
-        "add", "subtract", "multiply", "divide", "maximum", "minimum", "greater", "greater equal", "sqrt", "absolute",
-        "floor", "rint", "isfinite", "log1p", "log", "exp", "sin", "cos", "arctan2", "negative", "fmod", "copysign",
-    )
-}  # fmt: skip
-_OF_MASKS = {np.logical_and: "and", np.bitwise_and: "and", np.logical_or: "or", np.bitwise_or: "or",
-             np.logical_not: "not", np.invert: "not", np.multiply: "and"}  # fmt: skip
-GIVE_MASKS = ("greater", "greater equal", "isfinite", "and", "or", "not")
 _IDENTITIES = {"add": np.float64(-0.0), "multiply": np.float64(1.0)}
 """Identity elements of the operations: 0.0 is none, for -0.0 + 0.0 is 0.0."""
 
@@ -39,17 +30,24 @@ class MatrixTracer(NDArrayOperatorsMixin):
 
     __array_priority__ = 3000.0
 
-    def __init__(
-        self, program: Program, value: int, shape: tuple[int, ...], start: int = 0, steps: Any = None,
-        mask: bool = False, constant: np.dtype | None = None,
-    ) -> None:  # fmt: skip
-        if not 1 <= len(shape) <= 2:
+    def __init__(self, program: Program, value: int, places: Any, mask: bool = False, constant: Any = None) -> None:
+        """A new tracer.
+
+        Args:
+            program: Its program.
+            value: Its value, or the one that it is a part of.
+            places: Which entry of the value stands where ``(n,)`` or ``(n, m)``; or the shape of all of them.
+            mask: Are the entries True and False?
+            constant: The type of an array that has no axes of a batch.
+        """
+        self.places = np.arange(math.prod(places)).reshape(places) if isinstance(places, tuple) else places
+        self.program, self.value, self.mask, self.constant = program, value, mask, constant
+        self.shape: tuple[int, ...] = self.places.shape
+        self.ndim, self.size = self.places.ndim, self.places.size
+        if not 1 <= self.ndim <= 2:
             raise NotTraceable(
-                f"a traced formula's arrays are numbers, vectors and matrices a row, not of shape {shape}"
+                f"a traced formula's arrays are numbers, vectors and matrices a row, not of shape {self.shape}"
             )
-        self.program, self.value, self.shape, self.start, self.mask = program, value, shape, start, mask
-        self.constant = constant  # the type of an array that has no axes of a batch
-        self.steps = steps if steps is not None else (*shape[1:], 1)[: len(shape)]
 
     def __bool__(self) -> bool:
         raise NotTraceable("a formula is traced for all rows and cannot branch for some of them: use np.where")
@@ -74,16 +72,6 @@ class MatrixTracer(NDArrayOperatorsMixin):
         return apply_matrix_function(function, args, kwargs)
 
     @property
-    def size(self) -> int:
-        """Entries of a row."""
-        return math.prod(self.shape)
-
-    @property
-    def ndim(self) -> int:
-        """Axes of a row."""
-        return len(self.shape)
-
-    @property
     def dtype(self) -> np.dtype:
         """The type of a mask or of numbers."""
         return np.dtype(bool if self.mask else float)
@@ -91,28 +79,26 @@ class MatrixTracer(NDArrayOperatorsMixin):
     @property
     def view(self) -> View:
         """Where its entries stand, as those of a matrix."""
-        padding = (2 - self.ndim) * (0,)
-        shape: Any = (1,) * (2 - self.ndim) + self.shape
-        return View(self.value, shape, self.start, (*padding, *self.steps))
+        places = self.places[(None,) * (2 - self.ndim)]
+        steps: Any = tuple(step // places.itemsize for step in places.strides)
+        return View(self.value, places.shape, int(places[0, 0]) if self.size else 0, steps)
 
     @property
     def mT(self) -> "MatrixTracer":
         """The transposed matrix."""
         if self.ndim != 2:
             raise ValueError(f"a traced formula transposes matrices, not what has shape {self.shape} a row")
-        return self._part(self.shape[::-1], self.start, self.steps[::-1])
+        return self._part(self.places.T)
 
-    def _part(self, shape: tuple[int, ...], start: int, steps: Any) -> Any:
-        if shape:
-            return MatrixTracer(self.program, self.value, shape, start, steps, self.mask, self.constant)
-        kind = "b" if self.mask else "f"
-        place = View(self.value, (1, 1), start, (0, 0))
-        return Tracer(self.program, self.program.add("element", (place,), kind))
+    def _part(self, places: Any) -> Any:
+        if np.ndim(places):
+            return MatrixTracer(self.program, self.value, places, self.mask, self.constant)
+        place = View(self.value, (1, 1), int(places), (0, 0))
+        return Tracer(self.program, self.program.add("element", (place,), "b" if self.mask else "f"))
 
     def as_type(self, mask: bool) -> "MatrixTracer":
         """The same entries as a mask, or as numbers."""
-        return self if mask == self.mask else MatrixTracer(
-            self.program, self.value, self.shape, self.start, self.steps, mask, self.constant)  # fmt: skip
+        return self if mask == self.mask else MatrixTracer(self.program, self.value, self.places, mask, self.constant)
 
     def spread(self) -> View:
         """Its entries with steps that stay where there is one row or column only."""
@@ -131,7 +117,7 @@ class MatrixTracer(NDArrayOperatorsMixin):
         """The diagonal of a matrix, whose axes are the last two."""
         if (offset, axis1, axis2) != (0, -2, -1) or self.ndim != 2:
             raise NotTraceable("of a traced formula's matrices diagonal(0, -2, -1) alone can be had")
-        return self._part((min(self.shape),), self.start, (sum(self.steps),))
+        return self._part(self.places.diagonal())
 
     def sum(self, axis: int | tuple[int, int] | None = None, **others: Any) -> Any:
         """The sum over the last axis, the one before, or both."""
@@ -160,28 +146,7 @@ class MatrixTracer(NDArrayOperatorsMixin):
         if any(each is not None and (isinstance(each, bool) or not isinstance(each, kinds)) for each in named):
             raise NotTraceable("a traced formula's arrays are indexed by whole numbers, slices and None: use joined or "
                                "np.where")  # fmt: skip
-        free = self.ndim - sum(each is not None for each in named)
-        if free < 0:
-            raise IndexError(f"a[..., {', '.join(map(str, named))}] of shape {self.shape} a row has too many indices")
-        axis, start = 0, self.start
-        shape: list[int] = []
-        steps: list[int] = []
-        each: Any
-        for each in [slice(None)] * free + named:
-            if each is None:
-                shape, steps = [*shape, 1], [*steps, 0]
-                continue
-            size, step = self.shape[axis], self.steps[axis]
-            if not isinstance(each, slice) and not -size <= each < size:
-                raise IndexError(f"index {each} is out of bounds for an axis of {size} in a traced formula")
-            chosen = range(size)[each]
-            axis += 1
-            if isinstance(chosen, int):
-                start += chosen * step
-            else:
-                start += chosen.start * step
-                shape, steps = [*shape, len(chosen)], [*steps, chosen.step * step]
-        return self._part(tuple(shape), start, tuple(steps))
+        return self._part(self.places[key])
 
 
 def matrix(program: Program, value: Any) -> Any:
@@ -279,43 +244,34 @@ def _is_constant(operand: Any) -> bool:
     return operand.constant is not None if isinstance(operand, MatrixTracer) else known(operand) is not None
 
 
+@cache
+def _result_kind(name: str, kinds: str) -> str:
+    """The kind of what NumPy's function of that name gives for scalars of some kinds."""
+    program = Program()
+    return str(SCALAR_FUNCTIONS[name](*(Tracer(program, program.new(kind)) for kind in kinds)).kind)
+
+
 def entrywise(program: Program, function: Any, *values: Any) -> Any:
     """One of NumPy's functions entry by entry; what has one row or column is the same in all."""
-    if function in _DERIVED:
-        refuse_masks(f"np.{function.__name__}", *(value for value in values if isinstance(value, MatrixTracer)))
-        return _DERIVED[function](*values)
-    operands = [matrix(program, value) for value in values]
-    choices = operands[1:] if function is np.where else operands
-    if function is np.where:
-        opcode = "where"
-        operands[0] = operands[0].as_type(True) if isinstance(operands[0], MatrixTracer) else cast(operands[0], "b")
-    elif all(map(is_mask, operands)) and function in _OF_MASKS:
-        opcode = _OF_MASKS[function]
-    elif function in _OF_MASKS and function is not np.multiply:
-        raise NotTraceable(f"np.{function.__name__} in a traced formula is of masks, such as x > 0.0, not of numbers")
-    elif function not in _ENTRYWISE:
-        raise NotTraceable(f"a traced formula cannot have np.{function.__name__} in it")
-    else:
-        if all(map(is_mask, operands)):
-            refuse_masks(f"np.{function.__name__}", *operands)
-        opcode = _ENTRYWISE[function]
-    check_precision(choices)
-    return instruction(program, opcode, operands, choices)
-
-
-def instruction(program: Program, opcode: str, operands: list[Any], choices: list[Any]) -> Any:
-    """An opcode entry by entry of operands whose shapes fit."""
+    name, operands = function.__name__, [matrix(program, value) for value in values]
+    kinds = "".join("b" if is_mask(each) else "f" for each in operands)
+    if name not in SCALAR_FUNCTIONS:
+        raise NotTraceable(f"a traced formula cannot have np.{name} in it")
+    if name == "where":
+        kinds = "b" + kinds[1:]
+    kind = _result_kind(name, kinds)
+    if kind != "b" and "f" not in kinds:
+        refuse_masks(f"np.{name}", *operands)
+    check_precision(operands[1:] if name == "where" else operands)
     shape = _common_shape(operands)
-    mask = opcode in GIVE_MASKS or (opcode == "where" and all(map(is_mask, choices)))
-    if (identity := _IDENTITIES.get(opcode)) is not None:
+    if (identity := _IDENTITIES.get(name)) is not None:
         for one, other in zip(operands, operands[::-1], strict=True):
             if _is_constant(one) and getattr(other, "shape", None) == shape and _all_equal(program, one, identity):
-                return other.as_type(mask)
+                return other.as_type(kind == "b")
     views = tuple(each.spread() if isinstance(each, MatrixTracer) else each.value for each in operands)
     rows, columns = (1,) * (2 - len(shape)) + shape
-    size = rows * columns
-    value = program.add("each", views, "f", size, (opcode, rows, columns))
-    return MatrixTracer(program, value, shape, mask=mask)
+    value = program.add("each", views, "f", rows * columns, (name, kinds, rows, columns))
+    return MatrixTracer(program, value, shape, mask=kind == "b")
 
 
 def _all_equal(program: Program, operand: Any, identity: np.float64) -> bool:
@@ -352,21 +308,21 @@ def joined(parts: Sequence[Any], axis: Any) -> Any:
     own = [not is_traced(part) for part in parts]
     program = program_of(*parts)
     parts = [matrix(program, part) for part in parts]
-    shape = list(parts[0].shape)
-    if isinstance(axis, bool) or not isinstance(axis, int | np.integer) or not -len(shape) <= axis < 0:
+    if isinstance(axis, bool) or not isinstance(axis, int | np.integer) or not -parts[0].ndim <= axis < 0:
         raise NotTraceable(
             f"a traced formula joins arrays along their last axes, -1 or -2, not {shown(axis)}: give axis="
         )
-    if any(part.ndim != len(shape) or (one and part.ndim != 2) for one, part in zip(own, parts, strict=True)):
-        raise ValueError(f"{shapes(parts)} cannot be joined in a traced formula: they need as many axes each")
-    if len(shape) == 2 and any(part.shape[-3 - axis] != shape[-3 - axis] for part in parts):
-        raise ValueError(f"{shapes(parts)} cannot be joined along axis {axis} in a traced formula")
+    if any(part.ndim != 2 for one, part in zip(own, parts, strict=True) if one):
+        raise ValueError(f"{shapes(parts)} cannot be joined in a traced formula: constants among them are matrices")
+    try:
+        shape = np.concatenate([part.places for part in parts], axis).shape
+    except ValueError:
+        raise ValueError(f"{shapes(parts)} cannot be joined along axis {axis} in a traced formula") from None
     sizes = [part.shape[axis] for part in parts]
-    shape[axis] = sum(sizes)
     step = shape[-1] if axis == -2 else 1
     places = tuple(sum(sizes[:i]) * step for i in range(len(parts)))
     value = program.add("join", tuple(part.view for part in parts), "f", math.prod(shape), (places, shape[-1]))
-    return MatrixTracer(program, value, tuple(shape), mask=all(part.mask for part in parts))
+    return MatrixTracer(program, value, shape, mask=all(part.mask for part in parts))
 
 
 def program_of(*values: Any) -> Program:
@@ -403,20 +359,5 @@ def apply_matrix_function(function: Any, args: Any, kwargs: Any) -> Any:
     return FUNCTIONS[function](*args, **kwargs)
 
 
-def _remainder(x: Any, y: Any) -> Any:
-    """`numpy.remainder`, exactly."""
-    rest = np.fmod(x, y)
-    other = (1.0 * (rest < 0.0) - 1.0 * (y < 0.0)) * (1.0 * (rest < 0.0) - 1.0 * (y < 0.0)) > 0.0
-    return np.where(
-        (rest < 0.0) | (rest > 0.0) | ~np.isfinite(rest), np.where(other, rest + y, rest), np.copysign(0.0, y)
-    )
-
-
-_DERIVED: dict[Any, Any] = {
-    np.square: lambda a: a * a,
-    np.less: lambda a, b: np.greater(b, a),
-    np.less_equal: lambda a, b: np.greater_equal(b, a),
-    np.remainder: _remainder,
-}
 _PRODUCTS: dict[Any, Any] = {}
 """NumPy's products, which `estimators.engine.linear` fills in."""

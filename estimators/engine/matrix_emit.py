@@ -6,20 +6,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimators.engine.emit import Emitter, Module, literal, type_of
-from estimators.engine.matrices import GIVE_MASKS
+from estimators.engine.arrays import SCALAR_FUNCTIONS
+from estimators.engine.emit import Emitter, Module, type_of
 from estimators.engine.program import Columns, Instruction, Program, View
+from estimators.engine.tracer import Tracer, cast, constant
 
 CHUNK = 8
 """Numbers in a vector, and partial sums of an inner product: part of its definition."""
 _UNROLLED = 16  # entries up to which there is no loop
-_MASKED = ("and", "or", "not")
 _OUTLINED = frozenset((
     "each", "join", "matmul", "inner", "symmetrise", "solve", "eliminate", "solve lower", "solve upper", "cholesky",
     "semidefinite cholesky", "rotate",
 ))  # fmt: skip
 _NONE = np.zeros(0)
-Index = int | str
+Index = Any
+"""A whole number, or the tracer of one."""
 
 
 class _Own(NamedTuple):
@@ -27,6 +28,38 @@ class _Own(NamedTuple):
 
     places: dict[int, int]
     temporary: dict[int, int]
+
+
+class Matrix:
+    """A matrix in memory, whose entries are numbers of all rows that are side by side.
+
+    Args:
+        emitter: Emits what is read and written.
+        view: Its place.
+        count: Entries of a row of the matrix that are read and written together, as lanes of vectors.
+    """
+
+    def __init__(self, emitter: "MatrixEmitter", view: View, count: int = 1) -> None:
+        self._emitter, self.view, self._count = emitter, view, count
+        self.shape = view.shape
+
+    def __getitem__(self, at: tuple[Index, Index]) -> Tracer:
+        return self._emitter.load(self.view, *at, self._count)
+
+    def __setitem__(self, at: tuple[Index, Index], x: Any) -> None:
+        emitter = self._emitter
+        lanes: Any = x.program if isinstance(x, Tracer) else emitter.lanes(emitter.width * self._count)
+        x = cast(constant(lanes, x), "f")
+        place = emitter.address(self.view.value, _entry(self.view, *at))
+        emitter.lines.append(f"  store {type_of('f', lanes.width)} {lanes.name(x)}, ptr {place}, align 8")
+
+
+def _entry(view: View, i: Index, j: Index) -> Index:
+    """Which entry of its value an entry of a view is."""
+    entry = view.start
+    for index, step in zip((i, j), view.steps, strict=True):
+        entry = entry + index * step if step else entry
+    return entry
 
 
 class MatrixEmitter(Emitter):
@@ -37,7 +70,6 @@ class MatrixEmitter(Emitter):
         self.layout = layout
         self.pointers: dict[int, str] = {}
         self.inlined = _UNROLLED  # entries of the operands up to which there is no call
-        self.T, self.mask = type_of("f", width), type_of("b", width)
         self.special |= {
             "each": self._each, "element": self._element, "pack": self._pack, "join": self._join,
             "lookup matrix": self._lookup_matrix, "columns": self._columns,
@@ -45,61 +77,39 @@ class MatrixEmitter(Emitter):
 
     # --- memory -------------------------------------------------------------------------------------
 
-    def plus(self, a: Index, b: Index) -> Index:
-        """A sum of indices."""
-        if isinstance(a, int) and isinstance(b, int):
-            return a + b
-        if a == 0 or b == 0:
-            return b if a == 0 else a
-        return self.line(f"add i64 {a}, {b}")
-
-    def times(self, a: Index, b: int) -> Index:
-        """A product of an index and a number."""
-        if isinstance(a, int):
-            return a * b
-        return 0 if b == 0 else a if b == 1 else self.line(f"mul i64 {a}, {b}")
-
-    def index(self, view: View, i: Index, j: Index) -> Index:
-        """Which entry of its value an entry of a view is."""
-        return self.plus(view.start, self.plus(self.times(i, view.steps[0]), self.times(j, view.steps[1])))
-
     def address(self, value: int, entry: Index) -> str:
         """Where an entry of a matrix stands."""
+        table = value in self.program.tables
         if value in self.pointers:
-            lanes = 1 if value in self.program.tables else self.width
-            return self.line(f"getelementptr double, ptr {self.pointers[value]}, i64 {self.times(entry, lanes)}")
-        if value in self.program.tables:
+            return self.at(self.pointers[value], entry * (1 if table else self.width))
+        if table:
             return self.constant(value, entry)
-        place = self.times(self.plus(self.layout.places[value], entry), self.width)
-        return self.line(f"getelementptr double, ptr %scratch, i64 {place}")
+        return self.at("%scratch", (entry + self.layout.places[value]) * self.width)
 
-    def load(self, view: View | int, i: Index = 0, j: Index = 0) -> str:
-        """An entry of a view, or a scalar, as a number."""
-        if isinstance(view, int):
-            name = self.name(view)
-            return (
-                name if self.program.kinds[view] == "f" else self.cast(name, self.program.kinds[view], "f", self.width)
-            )
-        if view.value >= 0 and view.value not in self.program.sizes:  # a scalar that stands for a matrix
-            return self.load(view.value)
-        place = self.address(view.value, self.index(view, i, j))
-        if view.value in self.program.tables:
-            return self.splat(self.line(f"load double, ptr {place}, align 8"), self.width)
-        return self.line(f"load {self.T}, ptr {place}, align 8")
+    def load(self, view: View | int, i: Index = 0, j: Index = 0, count: int = 1) -> Tracer:
+        """Neighbouring entries of a view from one on, or a scalar in as many lanes, as numbers."""
+        width = self.width * count
+        value = view if isinstance(view, int) else view.value
+        if value >= 0 and value not in self.program.sizes:
+            if value in self.program.constants and value not in self.module.places:
+                return constant(self.lanes(width), float(self.program.constants[value]))
+            return self.spread(cast(self.scalar(value), "f"), width)
+        assert isinstance(view, View)
+        place = self.address(value, _entry(view, i, j))
+        if value in self.program.tables and self.width > 1:
+            return self.spread(self.read(place, 1), width)
+        moving = view.steps[1] == 1 and view.shape[1] > 1
+        return self.spread(self.read(place, width if moving else self.width), width)
 
-    def store(self, x: str, value: int, entry: Index) -> None:
-        """Put a number into an entry of a matrix."""
-        self.lines.append(f"  store {self.T} {x}, ptr {self.address(value, entry)}, align 8")
+    def matrix(self, value: int, shape: tuple[int, int], start: int = 0) -> Matrix:
+        """A value as a matrix, row by row."""
+        return Matrix(self, View(value, shape, start, (shape[1], 1)))
 
-    def store_at(self, x: str, view: View, i: Index, j: Index) -> None:
-        """Put a number into an entry of a view."""
-        self.store(x, view.value, self.index(view, i, j))
-
-    def temporary(self, instruction: Instruction) -> int:
+    def temporary(self, instruction: Instruction, shape: tuple[int, int]) -> Matrix:
         """A matrix for the time of an instruction."""
         value = -1 - instruction.result
         self.layout.places[value] = self.layout.temporary[instruction.result]
-        return value
+        return self.matrix(value, shape)
 
     def over(self, rows: int, columns: int, body: Callable[[Index, Index], None]) -> None:
         """A body for each entry, unrolled where they are few."""
@@ -112,15 +122,10 @@ class MatrixEmitter(Emitter):
 
     def each(self, first: Index, count: Index, body: Callable[[Index], None], step: int = 1) -> None:
         """A body for each index."""
-        if count == 1 and first == 0:
+        if isinstance(count, int) and isinstance(first, int) and (first, count) == (0, 1):
             body(0)
-            return
-
-        def carried(i: str) -> tuple[()]:
-            body(i)
-            return ()
-
-        self.loop(first, count, carried, step=step)
+        else:
+            self.loop(first, count, body, step=step)
 
     def chunks(self, count: int, size: int, body: Callable[[Index, int], None], unrolled: int = 1) -> None:
         """A body for so many neighbours at a time, and for those that are left; few chunks are unrolled."""
@@ -133,9 +138,9 @@ class MatrixEmitter(Emitter):
         if count > whole:
             body(whole, count - whole)
 
-    def total(self, first: str, low: Index, high: Index, term: Callable[[str, str], str]) -> str:
+    def total(self, first: Tracer, low: Index, high: Index, term: Callable[[Index, Tracer], Any]) -> Tracer:
         """What a term makes of a number, index by index."""
-        return self.loop(low, high, lambda k, total: [term(k, total)], [first], [self.T])[0]
+        return self.loop(low, high, lambda k, total: [term(k, total)], [first])[0]
 
     # --- functions ----------------------------------------------------------------------------------
 
@@ -145,14 +150,15 @@ class MatrixEmitter(Emitter):
         if instruction.opcode not in _OUTLINED or entries <= self.inlined:
             super().specially(instruction)
             return
-        name = self._outlined(instruction)
+        name, T = self._outlined(instruction), type_of("f", self.width)
         given = [
-            f"ptr {self.address(each.value, each.start)}" if isinstance(each, View) else f"{self.T} {self.load(each)}"
+            f"ptr {self.address(each.value, each.start)}" if isinstance(each, View)
+            else f"{T} {self.own.name(self.load(each))}"
             for each in instruction.operands
-        ]
+        ]  # fmt: skip
         given.append(f"ptr {self.address(instruction.result, 0)}")
         if instruction.result in self.layout.temporary:
-            given.append(f"ptr {self.address(self.temporary(instruction), 0)}")
+            given.append(f"ptr {self.address(self.temporary(instruction, (1, 1)).view.value, 0)}")
         self.lines.append(f"  call void {name}({', '.join(given)})")
 
     def emitter(self, program: Program, layout: Any) -> "MatrixEmitter":
@@ -167,86 +173,113 @@ class MatrixEmitter(Emitter):
         ]
         same = [instruction.operands.index(each) for each in instruction.operands]
         key = str((instruction.opcode, instruction.attributes, shapes, same, self.width))
-        if key not in self.module.outlined:
-            name = f"@{instruction.opcode.replace(' ', '_')}.{len(self.module.outlined)}"
-            self.module.outlined[key] = name
-            program, own = Program(), _Own({}, {})
-            operands: list[int | View] = []
-            parameters: list[str] = []
-            emitter = self.emitter(program, own)
-            for i, each in enumerate(instruction.operands):
-                if same[i] < i:
-                    operands.append(operands[same[i]])
-                    parameters.append(f"{'ptr' if isinstance(each, View) else self.T} %p{i}")
-                    continue
-                value = program.new("f", math.prod(each.shape) if isinstance(each, View) else None)
-                if isinstance(each, View):
-                    emitter.pointers[value] = f"%p{i}"
-                    if each.value in self.program.tables:
-                        program.tables[value] = _NONE
-                    parameters.append(f"ptr %p{i}")
-                    operands.append(View(value, each.shape, 0, each.steps))
-                else:
-                    emitter.names[value] = f"%p{i}"
-                    parameters.append(f"{self.T} %p{i}")
-                    operands.append(value)
-            result = program.new("f", self.program.sizes[instruction.result])
-            emitter.pointers[result], parameters = "%r", [*parameters, "ptr noalias %r"]
-            if instruction.result in self.layout.temporary:
-                own.temporary[result], parameters = 0, [*parameters, "ptr noalias %t"]
-                emitter.pointers[-1 - result] = "%t"
-            emitter.special[instruction.opcode](
-                Instruction(instruction.opcode, tuple(operands), result, instruction.attributes)
-            )
-            head = f"define internal void {name}({', '.join(parameters)}) noinline nounwind {{\nentry:"
-            self.module.functions[name] = "\n".join([head, *emitter.lines, "  ret void\n}"])
-        return self.module.outlined[key]
+        if key in self.module.outlined:
+            return self.module.outlined[key]
+        name = self.module.outlined[key] = f"@{instruction.opcode.replace(' ', '_')}.{len(self.module.outlined)}"
+        program, own = Program(), _Own({}, {})
+        operands: list[int | View] = []
+        parameters: list[str] = []
+        emitter = self.emitter(program, own)
+        for i, each in enumerate(instruction.operands):
+            parameters.append(f"{'ptr' if isinstance(each, View) else type_of('f', self.width)} %p{i}")
+            if same[i] < i:
+                operands.append(operands[same[i]])
+            elif isinstance(each, View):
+                value = program.new("f", math.prod(each.shape))
+                emitter.pointers[value] = f"%p{i}"
+                if each.value in self.program.tables:
+                    program.tables[value] = _NONE
+                operands.append(View(value, each.shape, 0, each.steps))
+            else:
+                operands.append(program.new("f"))
+                emitter.names[len(program.kinds) - 1] = f"%p{i}"
+        result = program.new("f", self.program.sizes[instruction.result])
+        emitter.pointers |= {result: "%r", -1 - result: "%t"}
+        parameters.append("ptr noalias %r")
+        if instruction.result in self.layout.temporary:
+            own.temporary[result] = 0
+            parameters.append("ptr noalias %t")
+        emitter.special[instruction.opcode](instruction._replace(operands=tuple(operands), result=result))
+        head = f"define internal void {name}({', '.join(parameters)}) noinline nounwind {{\nentry:"
+        self.module.functions[name] = "\n".join([head, *emitter.lines, "  ret void\n}"])
+        return name
 
     # --- entry by entry -----------------------------------------------------------------------------
 
     def _element(self, instruction: Instruction) -> None:
         place: Any = instruction.operands[0]
-        value = self.load(place)
-        if self.program.kinds[instruction.result] == "b":
-            value = self.line(f"fcmp une {self.T} {value}, {literal(0.0, 'f', self.width)}")
-        self.names[instruction.result] = value
+        value = cast(self.load(place), self.program.kinds[instruction.result])
+        self.names[instruction.result] = self.own.name(value)
 
     def _pack(self, instruction: Instruction) -> None:
-        for i, value in enumerate(instruction.operands):
-            assert isinstance(value, int)
-            self.store(self.load(value), instruction.result, i)
+        target = self.matrix(instruction.result, (1, len(instruction.operands)))
+        for j, value in enumerate(instruction.operands):
+            target[0, j] = self.load(value)
 
     def _join(self, instruction: Instruction) -> None:
         places, width = instruction.attributes
-        for view, place in zip(instruction.operands, places, strict=True):
-            assert isinstance(view, View)
-            target = View(instruction.result, view.shape, place, (width, 1))
-            self.copy(view, target)
+        views: Any = instruction.operands
+        for view, place in zip(views, places, strict=True):
+            self.copy(view, Matrix(self, View(instruction.result, view.shape, place, (width, 1))))
 
-    def target(self, instruction: Instruction, shape: tuple[int, int]) -> View:
-        """The result of an instruction as a matrix."""
-        return View(instruction.result, shape, 0, (shape[1], 1))
-
-    def copy(self, view: View, target: View) -> None:
+    def copy(self, view: View, target: Matrix) -> None:
         """Copy a matrix to where another one stands."""
-        self.over(*view.shape, lambda i, j: self.store_at(self.load(view, i, j), target, i, j))
+
+        def one(i: Index, j: Index) -> None:
+            target[i, j] = self.load(view, i, j)
+
+        self.over(*view.shape, one)
+
+    def fill(self, target: Matrix, value: float) -> None:
+        """The same number in all entries."""
+
+        def one(i: Index, j: Index) -> None:
+            target[i, j] = value
+
+        self.over(*target.shape, one)
 
     def _lookup_matrix(self, instruction: Instruction) -> None:
         value: Any = instruction.operands[0]
         place, count = instruction.attributes
         size = self.program.sizes[instruction.result]
-        index = self.within(self.name(value), 0.0, count - 1.0, self.width)
-        index = self.line(f"fptosi {self.T} {index} to {type_of('i', self.width)}")
-        starts = [self.times(self.lane(index, "i64", lane), size) for lane in range(self.width)]
+        target, entries = self.matrix(instruction.result, (1, size)), self.places(self.scalar(value), count)
+        starts = [entry * size for entry in entries]
 
         def entry(_: Index, e: Index) -> None:
-            def one(lane: int) -> str:
-                at = self.constant(place, self.plus(starts[lane], e))
-                return self.line(f"load double, ptr {at}, align 8")
-
-            self.store(self.lanes(one, "double"), instruction.result, e)
+            found = self.gather(lambda lane: self.one.name(self.read(self.constant(place, starts[lane] + e), 1)))
+            target[0, e] = self.own.value(found)
 
         self.over(1, size, entry)
+
+    def _each(self, instruction: Instruction) -> None:
+        name, kinds, rows, columns = instruction.attributes
+        function, operands = SCALAR_FUNCTIONS[name], instruction.operands
+        target, count = self.matrix(instruction.result, (rows, columns)), 1
+        views = [each for each in operands if isinstance(each, View)]
+        if self.width == 1 and rows * columns > 4 and all(view.steps[1] == min(view.shape[1] - 1, 1) for view in views):
+            if rows > 1 and all(view.shape == (rows, columns) and view.steps[0] == columns for view in views):
+                target, rows, columns = self.matrix(instruction.result, (1, rows * columns)), 1, rows * columns
+                views = [View(each.value, (1, columns), each.start, (0, 1)) for each in views]
+            count = CHUNK if columns > 4 else 1
+        scalars, left = {each: self.load(each) for each in operands if isinstance(each, int)}, iter(views)
+        placed = [next(left) if isinstance(each, View) else each for each in operands]
+
+        def some(i: Index, j: Index, count: int) -> None:
+            width = self.width * count
+            loaded = [
+                self.load(each, i, j, count) if isinstance(each, View) else self.spread(scalars[each], width)
+                for each in placed
+            ]
+            Matrix(self, target.view, count)[i, j] = function(*map(cast, loaded, kinds))
+
+        def chunk(i: Index, j: Index, number: int) -> None:
+            for m in range(1 if number == count else number):
+                some(i, j + m, number if number == count else 1)
+
+        if count == 1:
+            self.over(rows, columns, lambda i, j: some(i, j, 1))
+        else:
+            self.each(0, rows, lambda i: self.chunks(columns, CHUNK, lambda j, number: chunk(i, j, number)))
 
     def _columns(self, instruction: Instruction) -> None:
         """A function of columns: of a batch one after the other, of one row eight side by side."""
@@ -255,43 +288,37 @@ class MatrixEmitter(Emitter):
         views: Any = instruction.operands[:count]
         together = self.width == 1 and size >= CHUNK and all(view.steps[1] == 1 for view in views)
         width = CHUNK if together else self.width
-        T = type_of("f", width)
 
         def some(first: Index, at: Index) -> None:
-            j: Index = at
+            j = at
             if together:  # the last ones begin before the end, and compute some again
-                j = self.call("smin", "ii", 1, self.times(at, CHUNK), str(size - CHUNK))  # type: ignore[arg-type]
-            j = self.plus(first, j)
+                last = self.one.name(at * CHUNK), str(size - CHUNK)
+                j = self.one.value(self.call("smin", "ii", 1, *last), "i")
+            j = first + j
             inside = Emitter(self.program, self.module, width, self)
             for value in instruction.operands[count + (loop.blocks > 0) :]:
                 if value not in self.program.constants:
-                    name = self.names[value]  # type: ignore[index]
-                    inside.names[value] = inside.splat(name, width, self.program.kinds[value]) if together else name  # type: ignore[index]
+                    inside.names[value] = inside.own.name(self.spread(self.scalar(value), width))  # type: ignore[arg-type, index]
             for view, parameters in zip(views, loop.parameters, strict=True):
                 for i, value in enumerate(parameters):
-                    if together:
-                        place = self.address(view.value, self.index(view, i, j))
-                        inside.names[value] = self.line(f"load {T}, ptr {place}, align 8")
-                    else:
-                        inside.names[value] = self.load(view, i, j)
+                    inside.names[value] = inside.own.name(self.load(view, i, j, width // self.width))
             inside.block(loop.body)
             found = [inside.name(value) for value in loop.results]
-            types, start, step = [T] * len(found), j, loop.size
+            start, step, lanes = j, loop.size, inside.own
             if loop.interleaved:
-                start, step = self.times(j, len(found)), 1
+                start, step = j * len(found), 1
                 if together:
-                    found, types = [self._interleaved(found)], [type_of("f", width * len(found))]
-            for i, (name, kind) in enumerate(zip(found, types, strict=True)):
-                place = self.address(instruction.result, self.plus(start, i * step))
-                self.lines.append(f"  store {kind} {name}, ptr {place}, align 8")
+                    found, lanes = [self._interleaved(found)], self.lanes(width * len(found))
+            target = self.matrix(instruction.result, (1, loop.size * len(loop.results)))
+            for i, name in enumerate(found):
+                target[0, start + i * step] = lanes.value(name)
 
         def block(b: Index) -> None:
             passes: Index = -(-size // CHUNK) if together else size
             if loop.blocks:
                 mask: Any = instruction.operands[count]
-                wanted = self.line(f"fcmp une {self.T} {self.load(mask, 0, b)}, {literal(0.0, 'f', self.width)}")
-                passes = self.line(f"select i1 {self.any(wanted)}, i64 {passes}, i64 0")
-            self.each(0, passes, lambda at: some(self.times(b, size), at))
+                passes = cast(self.any(cast(self.load(mask, 0, b), "b")), "i") * passes
+            self.each(0, passes, lambda at: some(b * size, at))
 
         self.each(0, max(loop.blocks, 1), block)
 
@@ -303,67 +330,3 @@ class MatrixEmitter(Emitter):
         count = CHUNK * len(vectors) // 2
         T, order = type_of("f", count), ", ".join(f"i32 {i}, i32 {i + count}" for i in range(count))
         return self.line(f"shufflevector {T} {pair[0]}, {T} {pair[1]}, <{2 * count} x i32> <{order}>")
-
-    def _each(self, instruction: Instruction) -> None:
-        _opcode, rows, columns = instruction.attributes
-        target = self.target(instruction, (rows, columns))
-        views = [each for each in instruction.operands if isinstance(each, View)]
-        if self.width == 1 and rows * columns > 4:
-            lines, across = _contiguous(rows, columns, views)
-            if across > 4:
-                self._each_chunk(instruction, lines, across)
-                return
-
-        def one(i: Index, j: Index) -> None:
-            operands = [self.load(each, i, j) for each in instruction.operands]
-            self.store_at(self._applied(instruction, operands, self.width), target, i, j)
-
-        self.over(rows, columns, one)
-
-    def _each_chunk(self, instruction: Instruction, rows: int, columns: int) -> None:
-        """Vectors of neighbouring entries of one row of the batch; what is left over one by one."""
-        scalars = {each: self.load(each) for each in instruction.operands if isinstance(each, int)}
-        flat = rows < instruction.attributes[1]  # all entries are neighbours, whatever their rows
-
-        def chunk(i: Index, j: Index, width: int) -> None:
-            T, operands = type_of("f", width), []
-            for each in instruction.operands:
-                if isinstance(each, int):
-                    operands.append(self.splat(scalars[each], width))
-                    continue
-                moving = 1 if flat else each.steps[1] if each.shape[1] > 1 else 0
-                own = View(each.value, each.shape, each.start, (each.steps[0], moving))
-                place = self.address(each.value, self.index(own, i, j if moving else 0))
-                if moving:
-                    operands.append(self.line(f"load {T}, ptr {place}, align 8"))
-                else:
-                    operands.append(self.splat(self.line(f"load double, ptr {place}, align 8"), width))
-            result = self._applied(instruction, operands, width)
-            entry = self.plus(self.times(i, columns), j)
-            self.lines.append(f"  store {T} {result}, ptr {self.address(instruction.result, entry)}, align 8")
-
-        def some(i: Index, j: Index, count: int) -> None:
-            for at, width in [(j, CHUNK)] if count == CHUNK else [(self.plus(j, m), 1) for m in range(count)]:
-                chunk(i, at, width)
-
-        self.each(0, rows, lambda i: self.chunks(columns, CHUNK, lambda j, count: some(i, j, count)))
-
-    def _applied(self, instruction: Instruction, operands: list[str], width: int) -> str:
-        """The opcode of numbers, of which masks are those that are not 0."""
-        opcode, T = instruction.attributes[0], type_of("f", width)
-        kinds = ["f"] * len(operands)
-        for k in range(len(operands)):
-            if opcode in _MASKED or (opcode == "where" and k == 0):
-                operands[k] = self.line(f"fcmp une {T} {operands[k]}, {literal(0.0, 'f', width)}")
-                kinds[k] = "b"
-        result = self.operation(opcode, "".join(kinds), operands, width)
-        return self.cast(result, "b", "f", width) if opcode in GIVE_MASKS else result
-
-
-def _contiguous(rows: int, columns: int, views: Sequence[View]) -> tuple[int, int]:
-    """Rows, and entries of each that are neighbours in all views, or the same for all."""
-    if any(view.steps[1] not in (0, 1) or (view.steps[1] == 0 and view.shape[1] > 1) for view in views):
-        return rows, 1
-    if rows > 1 and all(view.shape == (rows, columns) and view.steps[0] == columns for view in views):
-        return 1, rows * columns
-    return rows, columns

@@ -13,11 +13,11 @@ from estimators import (
     Schedule,
     forward_euler,
     make,
-    models,
     van_loan,
     wrap,
     zero_order_hold,
 )
+from estimators.engine import foreign
 from tests.estimators.cases import (
     assert_same,
     in_numpy,
@@ -605,11 +605,11 @@ def test_a_jacobian_of_the_users_is_compiled_once_it_was_compared_and_gives_what
 
 
 def test_models_that_are_gone_leave_no_more_behind_than_a_few_hundred(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(models, "_inspections", {})
-    monkeypatch.setattr(models, "_KEPT", 4)
+    monkeypatch.setattr(foreign, "_KEPT", 4)
+    foreign.inspections.clear()
     for i in range(6):
         model = NonlinearModel(lambda x, u, i=i: i * x, lambda x, u: x, I2, I2)
         for _ in range(2):
             belief = make("ekf", model).predict(make("ekf", model).init(Gaussian(np.ones(2), I2)))
             np.testing.assert_array_equal(belief.mean, [i, i])
-    assert len(models._inspections) == 4
+    assert len(foreign.inspections) == 4
