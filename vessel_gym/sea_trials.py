@@ -19,7 +19,7 @@ from vessel_gym.vehicles.corvette_equations import AROUND, STATE, CorvetteParame
 from vessel_gym.vehicles.integration import runge_kutta
 
 Command = float | Sequence[float] | np.ndarray | Callable[[float, np.ndarray], float]
-"""What the helm is told [rad]: an angle, one angle a step, or a function of time [s] and the truth state."""
+"""Orders to the helm [rad]: an angle, one angle a step, or a function of time [s] and the truth state."""
 _MOST_STEPS, _LARGEST_ORDER = 10**6, 1.6
 
 

@@ -23,7 +23,7 @@ from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.tracks import commanded_path
 
 HULLS = ("ship", "torpedo", "aircraft", "dot")
-"""What can be drawn at a vehicle's place."""
+"""Outlines that can be drawn at a vehicle's place."""
 _SPAN = 2.1
 """Wing span [m] of the Skywalker X8, Gryte (2018); the point mass has none."""
 _WORDS = {

@@ -33,19 +33,19 @@ class Journey:
         self._core, self._row = core, row
         self._moments: list[Moment] = []
         self.fixes: list[np.ndarray] = []
-        """Where readings of the position have put the vehicle, ``(3,)`` north, east and down."""
+        """Places of the vehicle by fixes of its position, ``(3,)`` north, east and down."""
         self.names = core.vehicle.state_names
         self.estimated = core.composition.names[: core.composition.base]
         """The components of the vehicle's state that are estimated."""
         self.places = [self.names.index(name) for name in self.estimated]
         self._position = pose(np.eye(len(self.names)), self.names)[:, :3].T
         self.located = bool(self._position[:, self.places].any())
-        """Whether something of the position is estimated."""
+        """Is a component of the position estimated?"""
         self._gives = [self.names.index(name) if name in self.names else -1 for name in core.sensors.gives]
         level = [self.names.index(name) for name in ("x", "y") if name in self.names]
         self._level = [[channel for channel, given in enumerate(self._gives) if given == place] for place in level]
         self.fixed = bool(self._level) and all(self._level)
-        """Whether there are readings of the position."""
+        """Is the position measured?"""
 
     def begin(self) -> None:
         """Forget the last episode."""

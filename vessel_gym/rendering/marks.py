@@ -22,7 +22,7 @@ class Marks:
     def __init__(self, around: Surroundings, journey: Journey, history: Moment) -> None:
         self.around, self.hull = around, HULLS[around.hull]
         self.true, self.believed = journey.true(history), journey.believed(history)
-        """Where it was and where it believed to be ``(T, 6)``, as `vessel_gym.surroundings.pose` has it."""
+        """True and estimated places and attitudes ``(T, 6)``, see `vessel_gym.surroundings.pose`."""
         self._spread, self._members = journey.spread(history.cov[-1]), journey.members()
         self._fixes = np.array(journey.fixes).reshape(-1, 3)
         self._fixed, self._located = journey.fixed, journey.located

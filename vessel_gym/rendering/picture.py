@@ -19,9 +19,9 @@ _LEFT = 496.0  # width of the maps
 _LEGEND = 80.0
 _AROUND = np.array([[-1.0, -1.0], [1.0, 1.0]])
 _FIRST = ("x", "y", "psi", "u", "climb", "z", "h", "theta")
-"""What is charted first."""
+"""Components that are charted first."""
 _POSE = ("x", "y", "z", "h", "phi", "theta", "psi")
-"""What maps show: charts tell by how much it is believed wrong."""
+"""Components that maps show: their charts show the error of the estimate."""
 _LINES = (palette.TRUE, palette.GOAL, palette.FIX, palette.LIMIT)
 
 

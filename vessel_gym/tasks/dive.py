@@ -128,7 +128,7 @@ class Dive(Task):
     # --- what the agent sees ----------------------------------------------------------------------
 
     observed: ClassVar[dict[str, float]]
-    """What an observation of mode ``"mean"`` holds, in order, and the size that counts as 1 [SI]; actuators follow."""
+    """Components of an observation of mode ``"mean"`` with the size that counts as 1 [SI]; actuators follow."""
 
     @cached_property
     def _gains(self) -> np.ndarray:
@@ -164,7 +164,7 @@ class Dive(Task):
         }
 
     actuators: ClassVar[int]
-    """How many there are: fins, then thrust."""
+    """Number of actuators: fins, then thrust."""
     flows: ClassVar[int]
     """Components of the current."""
     mission_scale: ClassVar[tuple[float, ...]]
@@ -180,7 +180,7 @@ class Dive(Task):
         return np.concatenate([estimate.state / self.state_scale, estimate.flow / 0.25], -1)
 
     where: ClassVar[np.ndarray]
-    """Which components of a state are north, east and down [m] and the pitch [rad]; -1: there is none, it is 0."""
+    """Indices of north, east and down [m] and the pitch [rad] in a state; -1: there is none, it is 0."""
 
     def position(self, state: np.ndarray) -> np.ndarray:
         """North, east and down [m] of a state, ``(..., 3)``."""

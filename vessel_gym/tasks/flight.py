@@ -243,7 +243,7 @@ class Flight(Task):
         "wind down": (0.0, 1.0), "bank": (0.0, 0.5), "obstacles ahead": (0.0, 1.0),
         "obstacles to starboard": (0.0, 1.0), "remaining": (0.0, 500.0),
     }  # fmt: skip
-    """What an observation of mode ``"mean"`` holds, in order: what counts as 0 and the size that counts as 1 [SI];
+    """Components of an observation of mode ``"mean"``: what counts as 0 and the size that counts as 1 [SI];
     actuators follow."""
 
     @cached_property

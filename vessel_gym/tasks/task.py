@@ -52,9 +52,9 @@ class Task:
     uniforms: int = 0
     """Uniform numbers that `course` needs."""
     ends: tuple[str, ...] = ("",)
-    """Why an episode may end, by number; number 0 is that it goes on."""
+    """Reasons for an episode's end by number; number 0 is that it goes on."""
     success: str = ""
-    """Which of ``ends`` means success; empty where success is to go on to the time limit."""
+    """The one of ``ends`` that means success; empty where success is to go on to the time limit."""
     commanding: ClassVar[slice | list[int] | None] = None
     """Columns of a reference that hold what is `commanded`, for tasks of this package; None: none do."""
     BOUND = 10.0

@@ -36,7 +36,7 @@ _FACTORS = {
     "roll drag": ("K_pp",),
 }
 UNCERTAIN = tuple(_FACTORS)
-"""What `mismatch` spreads; the first `VERTICAL` act in the vertical plane.
+"""Parameters that `mismatch` spreads; the first `VERTICAL` act in the vertical plane.
 
 One factor scales all coefficients of a kind. Those of the cross-flow share one integral along the hull, and so do those
 of lift: scaled together they still only take energy. Terms in the vertical and horizontal plane stay equal, as they are
@@ -84,7 +84,7 @@ class AUVParameters:
         "propulsion": ("cruise_speed", "thrust_limit", "thrust_lag"),
         "coefficients": ("with_added_mass", "axial_drag", *(each.name for each in fields(Coefficients)), "K_up"),
     }  # fmt: skip
-    """Where the keys stand in a vehicle file; those that are no fields of this class go to ``given``."""
+    """Keys of a vehicle file by table; those that are no fields of this class go to ``given``."""
 
     @cached_property
     def torpedo(self) -> Torpedo:

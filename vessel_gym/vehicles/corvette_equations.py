@@ -29,8 +29,8 @@ its rate [rad/s]."""
 AROUND = (
     "current north", "current east", "surge force", "sway force", "yaw moment", "roll moment", "wave sway",
 )  # fmt: skip
-"""What a ship moves in: a current [m/s], forces [N] and moments [N m] from outside in the ship's frame, and the sway
-velocity [m/s] of waves, which carries her sideways and does no more."""
+"""Flow and loads around a ship: a current [m/s], forces [N] and moments [N m] from outside in the ship's frame, and the
+sway velocity [m/s] of waves, which carries her sideways and does no more."""
 
 I = IntEnum("I", (
     "mass", "mass_x_g", "surge_inertia", "sway_inertia", "sway_yaw_inertia", "yaw_sway_inertia", "yaw_inertia",
@@ -105,7 +105,7 @@ class CorvetteParameters:
         "roll": ("metacentric_height", "roll_period", "gravity_height"),
         "air": ("frontal_area", "lateral_area"),
     }  # fmt: skip
-    """Where the keys stand in a vehicle file; those that are no fields of this class go to ``given``."""
+    """Keys of a vehicle file by table; those that are no fields of this class go to ``given``."""
 
     @cached_property
     def block_coefficient(self) -> float:

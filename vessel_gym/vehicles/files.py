@@ -54,7 +54,7 @@ _RANGES = (
     | dict.fromkeys(("X_uu", "Y_vv", "Z_ww", "K_pp", "M_qq", "N_rr"), _NEGATIVE)
     | dict.fromkeys(("Y_uv", "Z_uw", "M_uq", "N_ur", "K_up"), _NEGATIVE)
 )
-"""What a number may be, if not positive; other coefficients of an underwater vehicle may be anything finite."""
+"""Ranges of numbers that need not be positive; other coefficients of an underwater vehicle may be anything finite."""
 
 
 def names() -> tuple[str, ...]:

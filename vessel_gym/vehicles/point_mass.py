@@ -26,7 +26,7 @@ _FACTORS = {
     "bank": ("bank_rate",),
 }
 UNCERTAIN = tuple(_FACTORS)
-"""What `mismatch` spreads: one factor scales all coefficients of a kind."""
+"""Parameters that `mismatch` spreads: one factor scales all coefficients of a kind."""
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,7 @@ class PunaParameters(PointMass):
         "limits": ("alpha_low", "alpha_high", "alpha_rate", "bank_limit", "bank_rate"),
         "propulsion": ("cruise_speed", "thrust_limit", "thrust_lag"),
     }
-    """Where the keys stand in a vehicle file."""
+    """Keys of a vehicle file by table."""
 
     def mistakes(self) -> Iterator[tuple[str, str]]:
         """Mistakes that no aircraft has: the name of a number, and a sentence on it."""

@@ -13,7 +13,7 @@ from vessel_gym.vehicles.corvette_equations import COEFFICIENTS, CorvetteParamet
 from vessel_gym.waves import GRAVITY, encounter_frequency
 
 SHORT_CREST = 0.15
-"""What stands for the crests' shortness: a share of the side force that comes a quarter of a period later, so that a
+"""Allowance for the crests' shortness: a share of the side force that comes a quarter of a period later, so that a
 sea ahead or astern does not leave a ship entirely alone; assumed."""
 
 

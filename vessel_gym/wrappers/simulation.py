@@ -113,6 +113,15 @@ def _tried(env: gym.Env, steps: "_Simulator") -> tuple[np.ndarray, np.ndarray]:
     return states, actions
 
 
+def _points(x: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[int, ...]]:
+    """States and actions of points as rows, a mask of the finite ones, and the shape of the states."""
+    assert u is not None
+    shape = np.broadcast_shapes(x.shape[:-1], u.shape[:-1])
+    states = np.broadcast_to(x, shape + x.shape[-1:]).reshape(-1, x.shape[-1])
+    actions = np.broadcast_to(u, shape + u.shape[-1:]).reshape(len(states), -1)
+    return states, actions, np.isfinite(states).all(1) & np.isfinite(actions).all(1), shape + x.shape[-1:]
+
+
 class _Simulator:
     """``f(x, u)``: a copy is set to each point and stepped."""
 
@@ -121,16 +130,13 @@ class _Simulator:
         self._float = isinstance(env.action_space, Box)
 
     def __call__(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        assert u is not None
-        shape = np.broadcast_shapes(x.shape[:-1], u.shape[:-1])
-        states = np.broadcast_to(x, shape + x.shape[-1:]).reshape(-1, x.shape[-1])
-        actions = np.broadcast_to(u, shape + u.shape[-1:]).reshape(len(states), -1)
+        states, actions, finite, shape = _points(x, u)
         after = np.full(states.shape, np.nan)
-        for i in np.flatnonzero(np.isfinite(states).all(1) & np.isfinite(actions).all(1)):
+        for i in np.flatnonzero(finite):
             self.put(self.env, states[i])
             self.env.step(self._action(actions[i]))
             after[i] = self.get(self.env)
-        return after.reshape(shape + x.shape[-1:])
+        return after.reshape(shape)
 
     def _action(self, u: np.ndarray) -> Any:
         space: Any = self.env.action_space
@@ -155,16 +161,13 @@ class _Rollout:
         return type(self), (self._model, self._substeps)
 
     def __call__(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        assert u is not None
-        n, shape = x.shape[-1], np.broadcast_shapes(x.shape[:-1], u.shape[:-1])
-        states = np.broadcast_to(x, (*shape, n)).reshape(-1, n)
-        actions = np.broadcast_to(u, shape + u.shape[-1:]).reshape(len(states), 1, -1)
+        states, actions, finite, shape = _points(x, u)
+        n = states.shape[1]
         whole = np.zeros((len(states), self._size))  # time stands first
         whole[:, 1 : 1 + n] = np.nan_to_num(states)
-        controls = np.ascontiguousarray(np.repeat(np.nan_to_num(actions), self._substeps, 1))
+        controls = np.ascontiguousarray(np.repeat(np.nan_to_num(actions[:, None]), self._substeps, 1))
         after, _ = self._rollout.rollout(self._model, self._data, whole, controls, nstep=self._substeps)
-        finite = np.isfinite(states).all(1) & np.isfinite(actions).all((1, 2))
-        return np.where(finite[:, None], after[:, -1, 1 : 1 + n], np.nan).reshape(*shape, n)
+        return np.where(finite[:, None], after[:, -1, 1 : 1 + n], np.nan).reshape(shape)
 
 
 def _mujoco_state(env: gym.Env) -> np.ndarray:
