@@ -102,7 +102,8 @@ def run(
         y: ``(T, ..., p)`` readings, one series or a batch; a value that is not finite counts as missing. For a
             `Delayed` filter ``(T, ..., ages, p)``, as they come.
         u: ``(T, m)`` or ``(T, ..., m)`` known input at the time of each reading, held over the step that follows. The
-        XX        t: ``(T,)`` or ``(T, ...)`` times of the readings, where steps are not all alike. The last component of the
+            measurement gets the input at its own time, the prediction that of the reading before.
+        t: ``(T,)`` or ``(T, ...)`` times of the readings, where steps are not all alike. The last component of the
             known input is then the length of the step, which the model follows (`sampled`; a function of u); that of a
             measurement is the step that led to it, 0 at the first. From a belief, u and t have T + 1 entries: the first
             is that of the belief's own reading.
