@@ -10,7 +10,7 @@ from vessel_gym.core import joint_prior
 from vessel_gym.envs.puna_uav import PUNA_UAV, PunaUAVEnv
 from vessel_gym.filter_models.exogenous import Forces
 from vessel_gym.guidance.dubins import approach, candidates, plan, shortest, word_path
-from vessel_gym.guidance.path_following import LEAD, follow, track
+from vessel_gym.guidance.path_following import ANYWHERE, LEAD, locate
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.flight import ENDS, OBSTACLES, SEGMENTS, Flight
 from vessel_gym.vehicles.puna import STATE, airspeed
@@ -56,6 +56,9 @@ def on_path(course: np.ndarray, s: float, off: float = 0.0, above: float = 0.0) 
     return truth
 
 
+AHEAD = np.array([20.0, 60.0])  # m
+
+
 # --- following --------------------------------------------------------------------------------------
 
 
@@ -66,7 +69,7 @@ def test_beside_the_path_progress_error_and_heading_are_those_of_the_place(goal:
     pose = path.pose(s)
     off = np.random.default_rng(0).uniform(-60.0, 60.0, 300)
     moved = pose + np.stack([-off * np.sin(pose[:, 2]), off * np.cos(pose[:, 2]), np.zeros(300)], -1)
-    found = follow(moved, padded(path), (20.0, 60.0))
+    found = locate(moved, ANYWHERE, padded(path), AHEAD)
     np.testing.assert_allclose(found[:, 0], s, atol=1e-8)
     np.testing.assert_allclose(found[:, 1], off, atol=1e-8)
     np.testing.assert_allclose(found[:, 2], pose[:, 2], atol=1e-10)
@@ -81,7 +84,7 @@ def test_beyond_its_ends_the_path_goes_straight_on():
     path = shortest([0.0, 0.0, 0.0], [600.0, 200.0, 1.0], 130.0)
     end = path.pose(path.length)
     ahead = end + [30.0 * np.cos(1.0), 30.0 * np.sin(1.0), 0.0]
-    before, after, far = follow(np.stack([[-30.0, 2.0, 0.0], ahead, [-200.0, 0.0, 0.0]]), padded(path), (20.0, 60.0))
+    before, after, far = locate(np.stack([[-30.0, 2.0, 0.0], ahead, [-200.0, 0.0, 0.0]]), ANYWHERE, padded(path), AHEAD)
     np.testing.assert_allclose(before[:2], [-30.0, 2.0], atol=1e-9)
     np.testing.assert_allclose(after[:2], [path.length + 30.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(far[[0, 6]], [-LEAD, 150.0], atol=1e-9)
@@ -100,20 +103,20 @@ def test_where_the_path_crosses_itself_the_course_decides():
     again = 200.0 + 150.0 * np.pi + 100.0
     for off in (-3.0, 0.0, 3.0):
         pose = np.array([[100.0 + off, off, 0.1], [100.0 + off, off, -0.5 * np.pi - 0.1]])
-        first, second = follow(pose, crossing(), (20.0, 60.0))
+        first, second = locate(pose, ANYWHERE, crossing(), AHEAD)
         assert first[0] == pytest.approx(100.0 + off)
         assert second[0] == pytest.approx(again - off)
 
 
 def test_who_remembers_the_progress_is_led_by_no_crossing():
     for low, high, expected in ((50.0, 150.0, 100.0), (700.0, 900.0, 300.0 + 150.0 * np.pi), (0.0, 60.0, 60.0)):
-        found = track(np.array([100.0, 0.0]), crossing(), low, high)
+        found = locate(np.array([100.0, 0.0, 0.0]), np.array([low, high, 0.0]), crossing(), AHEAD)
         assert found[0] == pytest.approx(expected)
 
 
 def test_absurd_poses_give_finite_answers():
     pose = np.array([[1e300, -1e300, 1e300], [1e300, 0.0, 0.0], [-1e200, 1e200, 5e-324]])
-    assert np.isfinite(follow(pose, crossing(), (20.0, 60.0))).all()
+    assert np.isfinite(locate(pose, ANYWHERE, crossing(), AHEAD)).all()
 
 
 # --- courses ----------------------------------------------------------------------------------------

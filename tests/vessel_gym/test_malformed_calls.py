@@ -12,7 +12,7 @@ from vessel_gym.core import Core
 from vessel_gym.disturbances import Air, Disturbance, Fault, Sea, SurfaceWater, Water
 from vessel_gym.envs.own import register_environment
 from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
-from vessel_gym.guidance import dive_path, dubins, path_following, words
+from vessel_gym.guidance import dive_path, dubins, words
 from vessel_gym.processes import Process
 from vessel_gym.sea_trials import (
     circle_geometry,
@@ -156,8 +156,6 @@ CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, list[Any]]]] = [
     (words.Path, {}, {"segments": [None, "x", np.zeros((0, 5)), np.zeros(5), np.full((1, 5), np.nan)]}),
     (dive_path.follow, {"position": POSE, "course": [0.1, 20.0, 3.0], "ahead": 2.0},
      {"position": [None, "x", [0.0]], "course": [None, [1.0]], "ahead": [None, "x"]}),
-    (path_following.follow, {"pose": POSE, "segments": np.zeros(5), "ahead": (20.0, 60.0)},
-     {"pose": [None, [0.0]], "segments": [None, np.zeros(4), []], "ahead": [None, 20.0, (60.0, 20.0)]}),
     (track_path, {"heading": SERIES, "surge": SERIES, "sway": SERIES, "dt": 0.5},
      {"heading": [None, [np.nan]], "surge": ["x", SERIES[:3]], "dt": NOT_POSITIVE}),
 ]  # fmt: skip

@@ -11,7 +11,7 @@ shortens it. Plans of many scenes are found together: their equations are evalua
 
 import numpy as np
 
-from estimators.checks import finite_array
+from estimators.checks import as_array, finite_array
 from estimators.engine import compiled
 from vessel_gym.checks import instance
 from vessel_gym.guidance.roadmap import DISCS, ways
@@ -20,7 +20,6 @@ from vessel_gym.guidance.words import (
     Path,
     chained,
     follow_on,
-    numbers,
     shortened,
     shortest_pieces,
     single,
@@ -214,7 +213,7 @@ def _discs(obstacles: np.ndarray, margin: float) -> np.ndarray:
     Raises:
         ValueError: for obstacles that are no circles, or a margin that is negative.
     """
-    obstacles, room = numbers("obstacles", obstacles), numbers("margin", margin)
+    obstacles, room = as_array("obstacles", obstacles), as_array("margin", margin)
     if obstacles.size == 0:
         obstacles = np.zeros((0, 3))
     if obstacles.ndim != 2 or obstacles.shape[1] != 3:

@@ -10,9 +10,7 @@ counts like `PER_RAD` metres a radian, and twice that at most. So no memory is n
 
 import numpy as np
 
-from estimators.checks import as_array, shaped_array
 from estimators.engine import compiled
-from vessel_gym.checks import check_pair
 from vessel_gym.guidance.words import follow_on
 
 LEAD = 50.0
@@ -66,13 +64,17 @@ def _closest(x: np.ndarray, y: np.ndarray, curvature: np.ndarray, low: np.ndarra
 
 @compiled
 def locate(pose: np.ndarray, window: np.ndarray, segments: np.ndarray, ahead: np.ndarray) -> np.ndarray:
-    """Positions relative to paths ``(..., 7)``, as `follow` returns them.
+    """Positions relative to paths ``(..., 7)``.
 
     Args:
         pose: ``(..., 3)`` x, y [m] and course [rad].
         window: ``(..., 3)`` least and greatest progress [m], metres that count like a radian between the headings.
         segments: ``(..., 5 k)`` the paths.
-        ahead: ``(..., 2)`` distances [m], as in `follow`.
+        ahead: ``(..., 2)`` distances [m] on: mean curvatures are up to the first, and from there to the second.
+
+    Returns:
+        Progress of the closest point [m], cross-track error (positive to the side of positive curvature) [m], heading
+        of the path there [rad], its two mean curvatures ahead [1/m], remaining path [m], distance [m].
     """
     x, y = (np.minimum(np.maximum(pose[..., i], -_FAR), _FAR) for i in range(2))
     rx, ry, angle, curvature, begin, first, last, exists = _pieces(segments)
@@ -104,41 +106,5 @@ def locate(pose: np.ndarray, window: np.ndarray, segments: np.ndarray, ahead: np
     return np.stack([progress, across, heading, soon, later, begin[..., -1] - progress, np.hypot(x - px, y - py)], -1)
 
 
-_ANYWHERE = np.array([-np.inf, np.inf, PER_RAD])
-_NOTHING_AHEAD = np.array([1.0, 2.0])
-
-
-def _flat(segments: object) -> np.ndarray:
-    """Paths ``(..., 5 k)``."""
-    flat = shaped_array("segments", segments, "...", "5 k")
-    if not flat.shape[-1] or flat.shape[-1] % COLUMNS:
-        raise ValueError(f"segments must hold {COLUMNS} numbers for each piece of a path, got {flat.shape[-1]}")
-    return flat
-
-
-def follow(pose: np.ndarray, segments: np.ndarray, ahead: tuple[float, float]) -> np.ndarray:
-    """Where poses are on their paths, ``(..., 7)``.
-
-    Args:
-        pose: ``(..., 3)`` x, y [m] and course [rad].
-        segments: ``(..., 5 k)`` the paths.
-        ahead: Two distances [m] on: mean curvatures are wanted up to the first, and from there to the second.
-
-    Returns:
-        Progress of the closest point [m], cross-track error (positive to the side of positive curvature) [m], heading
-        of the path there [rad], its two mean curvatures ahead [1/m], remaining path [m], distance [m].
-    """
-    pose, segments = shaped_array("pose", pose, "...", 3), _flat(segments)
-    check_pair("ahead", ahead)
-    return locate(pose, _ANYWHERE, segments, as_array("ahead", ahead))
-
-
-def track(position: np.ndarray, segments: np.ndarray, low: np.ndarray | float, high: np.ndarray | float) -> np.ndarray:
-    """The same of positions ``(..., 2)``, closest between the progresses ``low`` and ``high`` [m], whatever the course.
-
-    For whoever remembers how far the vehicle has come: neither a crossing nor a short cut makes progress.
-    """
-    position, segments = shaped_array("position", position, "...", 2), _flat(segments)
-    pose = np.concatenate([position, np.zeros_like(position[..., :1])], -1)
-    window = np.stack(np.broadcast_arrays(as_array("low", low), as_array("high", high), 0.0), -1)
-    return locate(pose, window, segments, _NOTHING_AHEAD)
+ANYWHERE = np.array([-np.inf, np.inf, PER_RAD])
+"""The window of a vehicle whose progress nobody remembers."""

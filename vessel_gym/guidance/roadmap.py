@@ -4,19 +4,15 @@ Units, scenes and touches as in `vessel_gym.guidance.touches`. An edge joins two
 disc that is wider than the turning circle, by its edge. Edges of all scenes are joined as one batch.
 """
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from estimators.engine import compiled, repeat
-from vessel_gym.guidance.touches import HAIR, all_touches, arc_meets, line_meets, margins, reaches, touch, turning_on
+from vessel_gym.guidance.touches import HAIR, all_touches, margins, meets, reaches, touch, turning_on
 from vessel_gym.guidance.words import CURVATURES, whole, word_pieces
 
 _SLIDE = 1e-4  # rad, the smallest slide of a touch: what it leaves is of its square
-_EXPANDED = 16  # touches from which all others are reached as one batch
-_HALVES = 0.5 ** np.maximum(np.arange(-1, 64), 0)
-_BOTH = np.array([1.0, -1.0])  # ways
 TOUCHES, DISCS = 8, 4  # in one compiled function
 
 
@@ -46,13 +42,12 @@ def join(a: np.ndarray, b: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, .
 
     def clear(lengths: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The lengths, infinite for ways that cross one of the next discs, and the discs with these last."""
-        meets = [_meets(a, [a[..., 6]], extents[..., 0, :1], discs[..., :DISCS, :])]
-        meets += [
-            _meets(a, bends, extents[..., k, :], discs[..., :DISCS, :])
-            for k, bends in enumerate(CURVATURES.tolist(), 1)
+        met = [meets(a, [a[..., 6]], extents[..., 0, :1], discs[..., :DISCS, :])]
+        met += [
+            meets(a, bends, extents[..., k, :], discs[..., :DISCS, :]) for k, bends in enumerate(CURVATURES.tolist(), 1)
         ]
         rest = np.concatenate([discs[..., DISCS:, :], discs[..., :DISCS, :]], -2)
-        return np.where(np.stack(meets, -1), np.inf, lengths), rest
+        return np.where(np.stack(met, -1), np.inf, lengths), rest
 
     lengths, _ = repeat(discs.shape[-2] // DISCS, clear, lengths, discs)
     length, bends, chosen = lengths[..., 0], np.stack([a[..., 6], none, none], -1), extents[..., 0, :]
@@ -61,25 +56,6 @@ def join(a: np.ndarray, b: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, .
         length, bends = np.where(better, lengths[..., way], length), np.where(better[..., None], turns, bends)
         chosen = np.where(better[..., None], extents[..., way, :], chosen)
     return length, np.minimum(free, np.minimum(words[..., 4], words[..., 5])), bends, chosen
-
-
-def _meets(a: np.ndarray, bends: Sequence[np.ndarray | float], extents: np.ndarray, discs: np.ndarray) -> np.ndarray:
-    """Mask of the ways from touches, of pieces of some bends and extents, that cross any of the discs."""
-    x, y, heading = a[..., 0], a[..., 1], a[..., 2]
-    sin, cos, crosses = np.sin(heading), np.cos(heading), x != x
-    for k, bend in enumerate(bends):
-        extent = extents[..., k]
-        if isinstance(bend, float) and bend == 0.0:
-            crosses = crosses | (line_meets(x, y, sin, cos, extent, discs) & (extent > 0.0))
-            x, y = x + extent * cos, y + extent * sin
-            continue
-        centre, begin = (x - bend * sin, y + bend * cos), (bend * sin, -bend * cos)
-        heading = heading + np.where(bend > 0.0, extent, -extent)
-        sin, cos = np.sin(heading), np.cos(heading)
-        end = bend * sin, -bend * cos
-        crosses = crosses | (arc_meets(centre, bend, extent, begin, end, discs) & (extent > 0.0))
-        x, y = centre[0] + end[0], centre[1] + end[1]
-    return crosses
 
 
 def _of(scene: np.ndarray, discs: np.ndarray) -> np.ndarray:
@@ -136,14 +112,12 @@ def _search(
     by = np.where(by >= 0, np.cumsum(kept)[by] - 1, by) if len(kept) else by
     scene, nodes, way, ends, ahead = scene[kept], nodes[kept], way[kept], ends[kept], ahead[kept]
     before, fresh = np.full(len(way), -1), np.ones(len(way), bool)
-    while True:  # Bellman and Ford, from the most promising
+    while True:  # Bellman and Ford
         fresh &= way + ahead < best[scene]
-        chosen = _lowest(np.where(fresh, way + ahead, np.inf), scene, _EXPANDED)
-        chosen = np.sort(chosen[fresh[chosen]])
-        if not len(chosen):
+        u, v = _pairs(scene, np.nonzero(fresh)[0])
+        if not len(u):
             break
-        fresh[chosen] = False
-        u, v = _pairs(scene, chosen)
+        fresh[:] = False
         room = np.minimum(way[v], best[scene[v]] - ahead[v]) - way[u]
         close = (np.hypot(nodes[u, 0] - nodes[v, 0], nodes[u, 1] - nodes[v, 1]) < room) & (u != v)
         u, v, known = u[close], v[close], way
@@ -152,13 +126,6 @@ def _search(
         best, by = _relaxed(best, by, scene, np.arange(len(way)), way + ends)
     none = np.zeros((0, 7))
     return [_back(before, by[s], first[s], last[s], nodes) if best[s] < limit[s] else none for s in range(len(discs))]
-
-
-def _lowest(values: np.ndarray, scene: np.ndarray, count: int) -> np.ndarray:
-    """The nodes of the lowest values, so many of each scene; nodes are sorted by ``scene``."""
-    sizes = np.bincount(scene)
-    rank = np.arange(len(scene)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    return np.lexsort((values, scene))[rank < count]
 
 
 def _pairs(scene: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,11 @@ right), bearing from the disc's centre, and the radius of the edge, positive to 
 (otherwise 0).
 """
 
+from collections.abc import Sequence
+
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
 
 from estimators.engine import compiled
 
@@ -18,44 +22,41 @@ _FULL = 2.0 * np.pi
 # --- clearance --------------------------------------------------------------------------------------
 
 
-def line_meets(
-    x: np.ndarray, y: np.ndarray, sin: np.ndarray, cos: np.ndarray, length: np.ndarray, discs: np.ndarray
-) -> np.ndarray:
-    """Mask of the straights from places ``(...)`` that cross any of the discs ``(..., m, 3)``."""
-    crosses = length < 0.0  # none
-    for d in range(discs.shape[-2]):
-        dx, dy = discs[..., d, 0] - x, discs[..., d, 1] - y
-        along = np.minimum(np.maximum(dx * cos + dy * sin, 0.0), length)
-        dx, dy = dx - along * cos, dy - along * sin
-        crosses = crosses | (dx * dx + dy * dy < discs[..., d, 2] ** 2)
-    return crosses
-
-
-def arc_meets(
-    centre: tuple[np.ndarray, ...], bend: np.ndarray | float, angle: np.ndarray, begin: tuple[np.ndarray, ...],
-    end: tuple[np.ndarray, ...], discs: np.ndarray,
-) -> np.ndarray:  # fmt: skip
-    """Mask of the arcs from places that are clear which cross any of the discs ``(..., m, 3)``.
+def meets(pose: np.ndarray, bends: Sequence[np.ndarray | float], extents: np.ndarray, discs: np.ndarray) -> np.ndarray:
+    """Mask of the ways from poses ``(..., 3)`` that cross any of the discs ``(..., m, 3)``; arcs begin outside of them.
 
     Args:
-        centre: x, y.
-        bend: Radius, positive to the left.
-        angle: Of the arc [rad].
-        begin: From the centre to where the arc begins,
-        end: and ends.
+        pose: Where they begin.
+        bends: Radii of their pieces, positive to the left; 0.0: a straight.
+        extents: ``(..., k)`` angles of arcs and lengths of straights; those of 0 cross nothing.
         discs: Likewise.
     """
-    crosses, half, (bx, by), (ex, ey) = angle < 0.0, angle >= np.pi, begin, end
-    radius, side = abs(bend), np.where(bend > 0.0, 1.0, -1.0)
-    for d in range(discs.shape[-2]):
-        dx, dy, room = discs[..., d, 0] - centre[0], discs[..., d, 1] - centre[1], discs[..., d, 2]
-        apart, outer, inner = dx * dx + dy * dy, radius + room, radius - room
-        meets = (apart < outer * outer) & ~((inner >= 0.0) & (apart <= inner * inner))  # the circle; false of NaN
-        beyond_half = side * (bx * dy - by * dx) < 0.0  # the nearest point of the circle, from the arc's beginning
-        before_end = side * (dx * ey - dy * ex) > 0.0
-        passed = np.where(beyond_half, half & before_end, half | before_end)
-        dx, dy = dx - ex, dy - ey
-        crosses = crosses | (meets & (passed | (dx * dx + dy * dy < room * room)))
+    x, y, heading = pose[..., 0], pose[..., 1], pose[..., 2]
+    sin, cos, crosses = np.sin(heading), np.cos(heading), x != x
+    for k, bend in enumerate(bends):
+        extent, straight = extents[..., k], isinstance(bend, float) and bend == 0.0
+        bx, by, radius = bend * sin, -bend * cos, abs(bend)  # from the centre to where the arc begins
+        x, y, side = x - bx, y - by, np.where(bend > 0.0, 1.0, -1.0)
+        if straight:
+            ex, ey = extent * cos, extent * sin
+        else:
+            heading = heading + side * extent
+            sin, cos = np.sin(heading), np.cos(heading)
+            ex, ey = bend * sin, -bend * cos
+        for d in range(discs.shape[-2]):
+            dx, dy, room = discs[..., d, 0] - x, discs[..., d, 1] - y, discs[..., d, 2]
+            if straight:
+                along = np.minimum(np.maximum(dx * cos + dy * sin, 0.0), extent)
+                hit = (dx - along * cos) ** 2 + (dy - along * sin) ** 2 < room**2
+            else:
+                apart, inner = dx * dx + dy * dy, radius - room
+                circle = (apart < (radius + room) ** 2) & ~((inner >= 0.0) & (apart <= inner * inner))  # false of NaN
+                beyond_half = side * (bx * dy - by * dx) < 0.0  # the circle's nearest point, from the arc's beginning
+                before_end = side * (dx * ey - dy * ex) > 0.0
+                passed = np.where(beyond_half, (extent >= np.pi) & before_end, (extent >= np.pi) | before_end)
+                hit = circle & (passed | ((dx - ex) ** 2 + (dy - ey) ** 2 < room**2))
+            crosses = crosses | (hit & (extent > 0.0))
+        x, y = x + ex, y + ey
     return crosses
 
 
@@ -120,8 +121,9 @@ def _tangent(a: np.ndarray, b: np.ndarray, discs: np.ndarray) -> tuple[np.ndarra
     exists = square > 0.0
     total, length = np.where(exists, square + wider * wider, 1.0), np.sqrt(np.where(exists, square, 0.0))
     cos, sin = (dx * length - dy * wider) / total, (dy * length + dx * wider) / total
-    meets = line_meets(a[..., 0] + bend * sin, a[..., 1] - bend * cos, sin, cos, length, discs)
-    return exists & ~meets, np.arctan2(sin, cos), length
+    heading = np.arctan2(sin, cos)
+    begin = np.stack([a[..., 0] + bend * sin, a[..., 1] - bend * cos, heading], -1)
+    return exists & ~meets(begin, [0.0], length[..., None], discs), heading, length
 
 
 def tangents(rounds: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -143,9 +145,8 @@ def tangents(rounds: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, ...]:
 def _arc_clear(circle: np.ndarray, heading: np.ndarray, angle: np.ndarray, discs: np.ndarray) -> np.ndarray:
     """Mask of the arcs of directed circles ``(..., 4)`` from headings on that cross no disc."""
     bend = circle[..., 2] * circle[..., 3]
-    last = heading + circle[..., 3] * angle
-    begin, end = ((bend * np.sin(at), -bend * np.cos(at)) for at in (heading, last))
-    return (bend == 0.0) | (angle == 0.0) | ~arc_meets((circle[..., 0], circle[..., 1]), bend, angle, begin, end, discs)
+    begin = np.stack([circle[..., 0] + bend * np.sin(heading), circle[..., 1] - bend * np.cos(heading), heading], -1)
+    return (bend == 0.0) | ~meets(begin, [bend], angle[..., None], discs)
 
 
 def string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> np.ndarray:
@@ -170,17 +171,15 @@ def string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> np.ndarray
     near = discs if len(discs) == 1 else discs[scenes[order]]
     linked = (following != order) & _arc_clear(circle[order], headings[order], angle, near)
     tails, heads, arcs = order[linked], following[linked], (angle * circle[order, 2])[linked]
-    way = np.where((np.arange(2 * count) < count) & (owner < 2), 0.0, np.inf)
-    while True:  # Bellman and Ford
-        shorter = way.copy()
-        shorter[count:] = np.minimum(way[count:], way[:count] + line)
-        shorter[heads] = np.minimum(shorter[heads], shorter[tails] + arcs)
-        if np.array_equal(shorter, way):
-            break
-        way = shorter
+    sources = np.nonzero(i < 2)[0]
+    if not len(sources):
+        return np.full(len(discs), np.inf)
+    number = np.arange(count)
+    edges = np.concatenate([number, tails]), np.concatenate([number + count, heads])
+    graph = csr_array((np.concatenate([line, arcs]), edges), shape=(2 * count, 2 * count))
+    way, ends = dijkstra(graph, indices=sources, min_only=True)[count:], (j == 2) | (j == 3)
     shortest = np.full(len(discs), np.inf)
-    ends = np.nonzero((j == 2) | (j == 3))[0]
-    np.minimum.at(shortest, scene[ends], way[count + ends])
+    np.minimum.at(shortest, scene[ends], way[ends])
     return shortest
 
 

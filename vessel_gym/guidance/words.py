@@ -14,8 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimators.checks import as_array, finite_array, number, shaped_array, shown
-from estimators.checks import numbers as real_numbers
+from estimators.checks import as_array, finite_array, number, shown
 from estimators.engine import compiled
 from vessel_gym.checks import check_numbers
 
@@ -187,7 +186,7 @@ class Path:
         s = np.asarray(np.clip(as_array("s", s), 0.0, self.length))
         k = self._index(s)
         row = self.segments[k]
-        return advance(row[..., :3], row[..., 3], s - self.ends[k] + row[..., 4])
+        return np.stack(follow_on(s - self.ends[k] + row[..., 4], *(row[..., i] for i in range(4))), -1)
 
     def curvature(self, s: np.ndarray | float) -> np.ndarray:
         """Curvature [1/m] at arc lengths ``s`` [m], L positive; at a joint that of the segment that ends there."""
@@ -210,13 +209,6 @@ class Path:
         return np.minimum(np.searchsorted(self.ends, s), len(self.ends) - 1)
 
 
-def advance(pose: np.ndarray, curvature: np.ndarray | float, length: np.ndarray | float) -> np.ndarray:
-    """The poses ``(..., 3)`` at ``length`` [m] along arcs of ``curvature`` [1/m] (0: straights), exact for both."""
-    pose, curvature = shaped_array("pose", pose, "...", 3), as_array("curvature", curvature)
-    length = as_array("length", length)
-    return np.stack(follow_on(length, pose[..., 0], pose[..., 1], pose[..., 2], curvature), -1)
-
-
 def chain(start: np.ndarray, curvatures: np.ndarray, lengths: np.ndarray) -> Path:
     """The path of pieces from a pose ``(3,)``; pieces of length 0 are left out unless there is nothing else.
 
@@ -230,10 +222,7 @@ def chain(start: np.ndarray, curvatures: np.ndarray, lengths: np.ndarray) -> Pat
     """
     start, curvatures = finite_array("start", start, 3), finite_array("curvatures", curvatures, "k")
     lengths = finite_array("lengths, as many as curvatures,", lengths, len(curvatures))
-    kept = lengths > 0.0
-    if not kept.any():
-        return Path(np.array([[*start, 0.0, 0.0]]))
-    return Path(chained(start, curvatures[kept], lengths[kept]))
+    return shortened(chained(start, curvatures, lengths), 0.0)
 
 
 # --- shortest paths ---------------------------------------------------------------------------------
@@ -320,18 +309,6 @@ def shortened(segments: np.ndarray, lower_bound: float = np.inf) -> Path:
     return Path(kept, min(lower_bound, float(np.cumsum(kept[:, 4])[-1])))
 
 
-def numbers(name: str, value: object) -> np.ndarray:
-    """A float array.
-
-    Raises:
-        ValueError: for what is none.
-    """
-    array = real_numbers(value)
-    if array is None:
-        raise ValueError(f"the {name} must be numbers, got {shown(value)}")
-    return array
-
-
 def checked(
     start: np.ndarray, goal: np.ndarray, radius: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -340,15 +317,11 @@ def checked(
     Raises:
         ValueError: for poses that are not finite or a radius that is not positive.
     """
-    start, goal, radius = numbers("start", start), numbers("goal", goal), numbers("turn radius", radius)
-    for name, pose in (("start", start), ("goal", goal)):
-        if pose.ndim == 0 or pose.shape[-1] != 3:
-            raise ValueError(f"the {name} must be a pose (x, y, theta), got shape {pose.shape}")
-        if not np.isfinite(pose).all():
-            raise ValueError(f"the {name} must be finite: replace {pose[~np.isfinite(pose)][0]} by a number")
-    if not (np.isfinite(radius) & (radius > 0.0)).all():
-        raise ValueError(f"the turn radius must be positive and finite, got {radius.min()}")
-    return start, goal, radius
+    start, goal = finite_array("pose start", start, "...", 3), finite_array("pose goal", goal, "...", 3)
+    turn = as_array("turn radius", radius)
+    if not (np.isfinite(turn) & (turn > 0.0)).all():
+        raise ValueError(f"the turn radius must be positive and finite, got {turn.min()}")
+    return start, goal, turn
 
 
 def single(start: np.ndarray, goal: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, float]:
@@ -357,13 +330,8 @@ def single(start: np.ndarray, goal: np.ndarray, radius: float) -> tuple[np.ndarr
     Raises:
         ValueError: for others, poses that are not finite or a radius that is not positive.
     """
-    start, goal = numbers("start", start), numbers("goal", goal)
-    if numbers("turn radius", radius).ndim:
-        raise ValueError(f"the turn radius must be one number, got {shown(radius)}: `lengths` takes many")
-    if start.shape != (3,) or goal.shape != (3,):
-        raise ValueError(
-            f"start and goal must each be one pose (x, y, theta), got shapes {start.shape} and {goal.shape}: "
-            "`lengths` takes many"
-        )
     start, goal, turn = checked(start, goal, radius)
+    if start.ndim > 1 or goal.ndim > 1 or turn.ndim:
+        shapes = f"got shapes {start.shape}, {goal.shape} and {turn.shape}"
+        raise ValueError(f"start and goal must be one pose each, the radius one number, {shapes}: `lengths` takes many")
     return start, goal, float(turn)

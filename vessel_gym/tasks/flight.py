@@ -12,7 +12,7 @@ from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, check_pair, instance, numbers, one_of
 from vessel_gym.guidance.detours import plans
 from vessel_gym.guidance.dubins import NoPath, Path
-from vessel_gym.guidance.path_following import _ANYWHERE, COLUMNS, locate
+from vessel_gym.guidance.path_following import ANYWHERE, COLUMNS, locate
 from vessel_gym.guidance.words import follow_on
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import FARTHEST, Task, three_numbers
@@ -230,7 +230,7 @@ class Flight(Task):
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Position relative to the path of an aircraft in a state ``(..., n)``, and the course, ``(..., 103)``."""
         pose = np.stack([state[..., 0], state[..., 1], np.arctan2(state[..., 4], state[..., 3])], -1)
-        place = locate(pose, _ANYWHERE, course[..., :_PATH], np.array(self.ahead))
+        place = locate(pose, ANYWHERE, course[..., :_PATH], np.array(self.ahead))
         above = state[..., 2:3] - course[..., _PATH + 1 : _PATH + 2]
         return np.concatenate([place[..., :2], above, place[..., 2:5], course], -1)
 
@@ -369,7 +369,7 @@ class Flight(Task):
 
     @compiled(axes=(1, 1, 0))
     def track(self, state: np.ndarray, course: np.ndarray, farthest: np.ndarray) -> np.ndarray:
-        """Positions of states ``(..., n)`` on the path near the farthest progress [m], as `path_following.track`."""
+        """Positions of states ``(..., n)`` on the path near the farthest progress [m]."""
         x, y, zero = state[..., 0], state[..., 1], np.zeros_like(state[..., 0])
         window = np.stack([farthest - self.WINDOW, farthest + self.WINDOW, zero], -1)
         return locate(np.stack([x, y, zero], -1), window, course[..., :_PATH], np.array(self.ahead))
