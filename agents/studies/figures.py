@@ -121,48 +121,47 @@ def policy_looks(results: Results) -> dict[Policy, Look]:
     }
 
 
+def _panels(count: int, above: float, height: float, sharey: bool = False) -> "tuple[Figure, list[Axes]]":
+    """A figure of panels in up to two columns, with room above them [in]."""
+    from matplotlib.figure import Figure
+
+    columns = min(count, 2)
+    lines = -(-count // columns)
+    figure = Figure(figsize=(WIDTH, above + height * lines), layout="constrained")
+    axes = list(figure.subplots(lines, columns, squeeze=False, sharey=sharey).flat)
+    for panel in axes[count:]:
+        panel.set_axis_off()
+    return figure, axes[:count]
+
+
 def profile_figure(results: Results) -> "Figure":
     """Share of training runs that keep more than some share of the oracle's performance, a panel an environment.
 
     The pointwise bands are drawn where runs lie; beyond them they go on, and would hide each other.
     """
-    from matplotlib.figure import Figure
-
     look = policy_looks(results)
     learned = [policy for policy in look if results.agent(policy).learned]
-    runs = {(e, p): results.runs([e], p) for e, p in product(results.environments, learned)}
-    shown = [e for e in results.environments if any(runs[e, p] is not None for p in learned)]
-    columns = min(len(shown), 2)
-    lines = -(-len(shown) // columns)
+    each = {e: {p: runs for p in learned if (runs := results.runs([e], p)) is not None} for e in results.environments}
+    drawn = {environment: flown for environment, flown in each.items() if flown}
     with styled():
-        figure = Figure(figsize=(WIDTH, 0.6 + 0.2 * -(-len(learned) // 3) + 1.9 * lines), layout="constrained")
-        axes = figure.subplots(lines, columns, sharey=True, squeeze=False)
-        for panel, environment in zip(axes.flat, shown, strict=False):
-            flown = {p: runs[environment, p] for p in learned}
-            every = np.concatenate([r.ravel() for r in flown.values() if r is not None])
+        figure, axes = _panels(len(drawn), 0.6 + 0.2 * -(-len(learned) // 3), 1.9, sharey=True)
+        for panel, (environment, flown) in zip(axes, drawn.items(), strict=True):
+            every = np.concatenate([runs.ravel() for runs in flown.values()])
             margin = 0.08 * max(float(np.ptp(every)), 0.05)
             thresholds = np.linspace(every.min() - margin, every.max() + margin, 201)
-            for policy, values in flown.items():
-                if values is None:
-                    continue
-                profile = performance_profile(values, thresholds)
-                colour = look[policy].colour
-                panel.fill_between(
-                    thresholds, [p.low for p in profile], [p.high for p in profile],
-                    where=(thresholds > values.min() - 0.5 * margin) & (thresholds < values.max() + 0.5 * margin),
-                    color=colour, alpha=0.15, linewidth=0.0,
-                )  # fmt: skip
-                panel.plot(
-                    thresholds, [p.mean for p in profile], color=colour, linestyle=look[policy].line, label=str(policy)
-                )
+            for policy, runs in flown.items():
+                profile = performance_profile(runs, thresholds)
+                low, mean, high = np.array([(share.low, share.mean, share.high) for share in profile]).T
+                colour, near = look[policy].colour, 0.5 * margin
+                there = (thresholds > runs.min() - near) & (thresholds < runs.max() + near)
+                panel.fill_between(thresholds, low, high, where=there, color=colour, alpha=0.15, linewidth=0.0)
+                panel.plot(thresholds, mean, color=colour, linestyle=look[policy].line, label=str(policy))
             panel.set_title(environment, loc="left")
             panel.set_xlabel("share kept")
             panel.set_ylim(-0.03, 1.03)
             panel.grid()
-        for panel in axes.flat[len(shown) :]:
-            panel.set_axis_off()
         figure.supylabel("share of runs above", fontsize=10)
-        _legend(figure, axes.flat, 3)
+        _legend(figure, axes, 3)
         return figure
 
 
@@ -305,8 +304,6 @@ def _level(condition: Condition, axis: str) -> str:
 
 def cost_figure(results: Results) -> "Figure | None":
     """Score in the first condition over CPU time of a step, a panel an environment; None if no times are known."""
-    from matplotlib.figure import Figure
-
     look = looks(results)
     points: dict[str, dict[str, tuple[float, Interval]]] = {}
     for environment in results.environments:
@@ -318,12 +315,9 @@ def cost_figure(results: Results) -> "Figure | None":
                 points.setdefault(environment, {})[name] = (times[0][1], mean)
     if not points:
         return None
-    columns = min(len(points), 2)
-    lines = -(-len(points) // columns)
     with styled():
-        figure = Figure(figsize=(WIDTH, 0.3 + 2.6 * lines), layout="constrained")
-        axes = figure.subplots(lines, columns, squeeze=False)
-        for panel, (environment, found) in zip(axes.flat, points.items(), strict=False):
+        figure, axes = _panels(len(points), 0.3, 2.6)
+        for panel, (environment, found) in zip(axes, points.items(), strict=True):
             for name, (x, y) in found.items():
                 panel.errorbar(
                     x, y.mean, yerr=_ends([y]), color=look[name].colour, linestyle="none",
@@ -335,10 +329,8 @@ def cost_figure(results: Results) -> "Figure | None":
             panel.set_ylabel("score")
             panel.grid()
             _ticks(panel, [cost for cost, _ in found.values()])
-        for panel in axes.flat[len(points) :]:
-            panel.set_axis_off()
         figure.draw_without_rendering()
-        for panel, found in zip(axes.flat, points.values(), strict=False):
+        for panel, found in zip(axes, points.values(), strict=True):
             _labelled(panel, {name: (c, s.mean, look[name].colour) for name, (c, s) in found.items()})
         return figure
 

@@ -18,7 +18,7 @@ from agents.studies.figures import (
 from agents.studies.records import FEW_SEEDS
 from agents.studies.results import Policy, Results
 from agents.studies.shares import difference, kept, learners, reference_policy
-from agents.studies.wording import many, note, share_entry
+from agents.studies.wording import many, note, share_entry, tabled
 
 
 def learning(results: Results) -> Section:
@@ -51,9 +51,7 @@ def learning(results: Results) -> Section:
     reference = reference_policy(results)
     if reference is not None:
         others = [policy for policy in learned if policy != reference]
-        blocks += _improvement(results, reference, others, columns, heads) + _without_filter(
-            results, reference, others, columns, heads
-        )
+        blocks += _against(results, reference, others, columns, heads)
     blocks.append(framed(profile_figure(results), "Performance profiles", note("profiles")))
     for agent in (a for a in results.plan.study.agents if a.learned and not a.raw):
         figure = transfer_figure(results, agent.name)
@@ -63,32 +61,22 @@ def learning(results: Results) -> Section:
     return Section(title, blocks)
 
 
-def _improvement(
+def _against(
     results: Results, reference: Policy, others: list[Policy], columns: list[Sequence[str]], heads: list[str]
 ) -> list[Block]:
+    """Other policies against the reference: probability of improvement, and what those without a filter gain."""
+    raw = [policy for policy in others if results.agent(policy).raw]
+
     def better(policy: Policy, column: Sequence[str]) -> Entry:
         ours, theirs = (results.runs(column, p) for p in (policy, reference))
         return Entry("–") if ours is None or theirs is None else entry(probability_of_improvement(ours, theirs), 2)
 
-    rows = [(str(policy), [better(policy, column) for column in columns]) for policy in others]
-    title, text = f"Probability of improvement over {reference}", note("improvement", reference=reference)
-    return _unless_empty(Table(title, text, "Agent", unitless(heads), [("", rows)], "improvement"))
-
-
-def _without_filter(
-    results: Results, reference: Policy, others: list[Policy], columns: list[Sequence[str]], heads: list[str]
-) -> list[Block]:
-    """Raw readings, with and without memory, beside learning on estimates."""
-    raw = [policy for policy in others if results.agent(policy).raw]
-
     def gain(policy: Policy, column: Sequence[str]) -> Entry:
         return share_entry(difference(results, column, policy, reference, len(raw)), signed=True)
 
+    title, text = f"Probability of improvement over {reference}", note("improvement", reference=reference)
+    rows = [(str(policy), [better(policy, column) for column in columns]) for policy in others]
+    blocks = tabled("improvement", title, text, heads, {"": rows}, "Agent")
     rows = [(str(policy), [gain(policy, column) for column in columns]) for policy in raw]
-    title, text = "Learning without a filter", note("without-filter", reference=reference)
-    return _unless_empty(Table(title, text, "Agent", unitless(heads), [("", rows)], "without-filter"))
-
-
-def _unless_empty(table: Table) -> list[Block]:
-    entries = [entry for _, rows in table.sections for _, row in rows for entry in row]
-    return [table] if any(entry.value != "–" for entry in entries) else []
+    text = note("without-filter", reference=reference)
+    return [*blocks, *tabled("without-filter", "Learning without a filter", text, heads, {"": rows}, "Agent")]

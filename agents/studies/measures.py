@@ -7,34 +7,29 @@ import numpy as np
 
 from agents.episodes import Episode
 from agents.metrics import NEES, SCORE, UNHEALTHY, WITHOUT_COVARIANCE, Metric, metrics
-from agents.page import Block, Entry, Live, Prose, Section, Table, entry, listed, number
+from agents.page import Block, Entry, Live, Prose, Section, entry, listed, number
 from agents.studies.examples import examples
-from agents.studies.figures import AXES, cost_figure, framed, robustness_figure, unitless, varied
+from agents.studies.figures import AXES, cost_figure, framed, robustness_figure, varied
 from agents.studies.records import FLOOR, ORACLE
 from agents.studies.results import Place, Results
 from agents.studies.shares import ruled
-from agents.studies.wording import capitalised, microseconds, note, the
+from agents.studies.wording import capitalised, microseconds, note, tabled, the
 from agents.studies.worlds import system_of
 
 
 def consistency(results: Results) -> Section:
     """Claimed uncertainty of estimators beside the score."""
-    sections = []
-    for environment in results.environments:
-        place = Place(environment, results.conditions[0])
-        names = results.estimators(environment, results.classical)
-        rows = [(name, _honesty(results, place, name)) for name in names]
-        sections.append((environment, [row for row in rows if any(e.value != "–" for e in row[1])]))
-    sections = [(title, rows) for title, rows in sections if rows]
-    if not sections:
-        return Section("Consistency beside task score", [])
+    first = results.conditions[0]
+    sections = {
+        e: [(name, _honesty(results, Place(e, first), name)) for name in results.estimators(e, results.classical)]
+        for e in results.environments
+    }
     who, without = capitalised(the(results.classical)), listed(WITHOUT_COVARIANCE)
-    title = f"What estimators claim, and what agents make of it ({results.conditions[0]})"
     text = note("consistency", Who=who, nees=NEES, unhealthy=UNHEALTHY, without=without)
-    columns = ("Score", NEES.label, "NEES in band", "NIS in band", "Diverged", "Diverged, all conditions")
-    heads = [*unitless(columns), (UNHEALTHY.label, UNHEALTHY.unit)]
-    table = Table(title, text, "Estimator", heads, sections, "consistency")
-    return Section("Consistency beside task score", [table])
+    heads = ("Score", NEES.label, "NEES in band", "NIS in band", "Diverged", "Diverged, all conditions")
+    title = f"What estimators claim, and what agents make of it ({first})"
+    units = (*heads, (UNHEALTHY.label, UNHEALTHY.unit))
+    return Section("Consistency beside task score", tabled("consistency", title, text, units, sections))
 
 
 def _honesty(results: Results, place: Place, name: str) -> list[Entry]:
@@ -79,24 +74,17 @@ def robustness(results: Results) -> Section:
 
 def cost(results: Results) -> Section:
     """CPU time of a step."""
-    title = "Cost"
     figure = cost_figure(results)
     if figure is None:
-        return Section(title, [])
-    sections = []
-    for environment in results.environments:
-        timed = {name: results.step_times(environment, name) for name in results.estimators(environment)}
-        rows = [(name, _times(times, name == ORACLE)) for name, times in timed.items() if times]
-        if rows:
-            sections.append((environment, rows))
-    batch = f"batch of {results.plan.study.episodes}"
-    who = capitalised(the(results.classical))
+        return Section("Cost", [])
+    timed = {e: {name: results.step_times(e, name) for name in results.estimators(e)} for e in results.environments}
+    sections = {e: [(n, _times(t, n == ORACLE)) for n, t in times.items() if t] for e, times in timed.items()}
+    batch, first, who = f"batch of {results.plan.study.episodes}", results.conditions[0], the(results.classical)
     heads = [(batch, "µs"), ("beyond the truth", "µs"), ("one vehicle", "µs"), ("beyond the truth", "µs")]
-    first = results.conditions[0]
-    picture = framed(figure, f"Score over CPU time ({first})", note("cost-figure", Who=who, batch=batch))
-    text = note("cost", Who=who, first=first, floor=FLOOR)
-    table = Table("CPU time of a step, by estimator", text, "Estimator", heads, sections, "cost")
-    return Section(title, [picture, table])
+    caption = note("cost-figure", Who=capitalised(who), batch=batch)
+    text = note("cost", Who=capitalised(who), first=first, floor=FLOOR)
+    table = tabled("cost", "CPU time of a step, by estimator", text, heads, sections)
+    return Section("Cost", [framed(figure, f"Score over CPU time ({first})", caption), *table])
 
 
 def _times(times: list[tuple[int, float, float]], is_truth: bool) -> list[Entry]:
@@ -109,64 +97,40 @@ def episodes(results: Results) -> Section:
     """The example episodes."""
     blocks: list[Block] = []
     for environment, job in examples(results.plan).items():
-        if job.key in results.values:
-            shown = Episode(results.values[job.key])
-            flights, spread = shown.page["flights"], shown.page["spread"]
-            ends = [
-                f"{flight['estimator']} {number(flight['score'], 2)}{f' ({end})' if (end := flight['end']) else ''}"
-                for flight in flights
-            ]
-            varies = (
-                f" Over all seeds a score has a standard deviation of {', '.join(number(sd, 2) for sd in spread)}: one "
-                "episode does not show which estimator is better."
-                if spread
-                else ""
-            )
-            blocks.append(
-                Live(
-                    shown.html(),
-                    f"{environment}, {results.conditions[0]}",
-                    f"{capitalised(the(results.classical))} at {shown.page['conditions'][-1]}, whose scores lie "
-                    f"nearest to their means over all evaluation seeds. Score and end: {', '.join(ends)}.{varies}",
-                )
-            )
+        if job.key not in results.values:
+            continue
+        shown = Episode(results.values[job.key])
+        flights, spread = shown.page["flights"], [number(sd, 2) for sd in shown.page["spread"] or ()]
+        ends = (f" ({flight['end']})" if flight["end"] else "" for flight in flights)
+        scores = [f"{f['estimator']} {number(f['score'], 2)}{end}" for f, end in zip(flights, ends, strict=True)]
+        varies = note("spread", spread=", ".join(spread)) if spread else ""
+        text = note("example", Who=capitalised(the(results.classical)), seed=shown.page["conditions"][-1],
+                    scores=", ".join(scores), varies=varies)  # fmt: skip
+        blocks.append(Live(shown.html(), f"{environment}, {results.conditions[0]}", text.strip()))
     return Section("Example episodes", blocks)
 
 
 def measures(results: Results) -> Section:
     """All metrics, in tables narrow enough to read."""
     blocks: list[Block] = []
-    first = results.conditions[0]
-    told = {NEES.key, UNHEALTHY.key, "return"}
+    first, who = results.conditions[0], results.classical
+    elsewhere = {NEES.key, UNHEALTHY.key, "return"}
     for environment in results.environments:
         place = Place(environment, first)
-        known = [m for m in metrics(system_of(environment)) if m.key not in told]
+        flown = [n for n in results.estimators(environment, who) if results.figure(place, who, n) is not None]
+        known = [m for m in metrics(system_of(environment)) if m.key not in elsewhere]
         estimated = [m for m in known if m.key.endswith(("_rmse", "_nees"))]
-        steered = [m for m in known if m not in estimated]
-        for kind, chosen, name in (
-            ("How the vehicle was steered", steered, "steering"),
-            ("How well the state was estimated", estimated, "estimation"),
-        ):
-            rows = [
-                (on, [entry(results.mean(place, results.classical, on, m), m.decimals) for m in chosen])
-                for on in results.estimators(environment, results.classical)
-                if results.figure(place, results.classical, on) is not None
-            ]
-            if chosen and rows:
-                blocks.append(
-                    Table(
-                        f"{kind}: {environment}, {first}",
-                        f"{capitalised(the(results.classical))}; mean over evaluation seeds with its 95 % interval "
-                        "(Clopper and Pearson's for yes or no). "
-                        + " ".join(f"{m.label}: {m.meaning}" for m in chosen)
-                        + (" Along the track that was flown on that estimator." if chosen is estimated else "")
-                        + _partly(results, place, chosen),
-                        "Estimator",
-                        [(m.label, m.unit) for m in chosen],
-                        [("", rows)],
-                        f"{name}-{environment}".lower().replace(":", "-"),
-                    )
-                )
+        for kind, name, along, chosen in (
+            ("How the vehicle was steered", "steering", "", [m for m in known if m not in estimated]),
+            ("How well the state was estimated", "estimation",
+             " Along the track that was flown on that estimator.", estimated),
+        ):  # fmt: skip
+            rows = [(on, [entry(results.mean(place, who, on, m), m.decimals) for m in chosen]) for on in flown]
+            meanings = " ".join(f"{m.label}: {m.meaning}" for m in chosen)
+            text = note("measures", Who=capitalised(the(who)), meanings=meanings) + along
+            title, file = f"{kind}: {environment}, {first}", f"{name}-{environment}".lower().replace(":", "-")
+            heads = [(m.label, m.unit) for m in chosen]
+            blocks += tabled(file, title, text + _partly(results, place, chosen), heads, {"": rows})
     return Section("Steering and estimation in figures", blocks)
 
 

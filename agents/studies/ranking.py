@@ -11,7 +11,7 @@ from agents.studies.figures import ALL, Row, columns_of, dots, framed, looks, sh
 from agents.studies.records import FLOOR, ORACLE, RAW, Study
 from agents.studies.results import Place, Policy, Results
 from agents.studies.shares import ENDS, common, gap, kept, learners, rankable, ruled
-from agents.studies.wording import capitalised, many, note, percent, share_entry, the
+from agents.studies.wording import capitalised, many, note, percent, share_entry, tabled, the
 
 
 def ranking(results: Results) -> Section:
@@ -44,7 +44,7 @@ def ranking(results: Results) -> Section:
     heading = "Share of the oracle's performance kept, by estimator"
     blocks.append(Table(heading, text, "Estimator", unitless(heads), [("", share_rows(rows))], "ranking"))
     blocks.append(_differences(results, names, best, heads))
-    return Section(title, blocks + _learned_ranking(results, environments, columns, heads, names))
+    return Section(title, blocks + _learned_ranking(results, columns, heads, names))
 
 
 def _differences(results: Results, names: list[str], best: list[dict[str, np.ndarray]], heads: list[str]) -> Table:
@@ -56,20 +56,17 @@ def _differences(results: Results, names: list[str], best: list[dict[str, np.nda
     return Table("Difference from the best", text, "Estimator", heading, [("", behind)], "behind-the-best")
 
 
-def _learned_ranking(
-    results: Results, environments: list[str], columns: list[Sequence[str]], heads: list[str], names: list[str]
-) -> list[Block]:
+def _learned_ranking(results: Results, columns: list[Sequence[str]], heads: list[str], names: list[str]) -> list[Block]:
     """The same for agents that learned: everybody on every estimator."""
-    sections = []
-    for policy in (p for p in learners(results) if not results.agent(p).raw):
-        rows = [(name, [share_entry(kept(results, c, policy, name)) for c in columns]) for name in (*names, *ENDS)]
-        sections.append((str(policy), [row for row in rows if any(e.value != "–" for e in row[1])]))
-    sections = [(title, rows) for title, rows in sections if rows]
-    if not sections:
-        return []
+    sections = {
+        str(policy): [
+            (name, [share_entry(kept(results, c, policy, name)) for c in columns]) for name in (*names, *ENDS)
+        ]
+        for policy in (p for p in learners(results) if not results.agent(p).raw)
+    }
     title = "Share of the oracle's performance kept by learned agents, by the estimator flown on"
     text = note("ranking-learned", runs=many(results.plan.study.training_seeds, "training run"))
-    return [Table(title, text, "Flown on", unitless(heads), sections, "ranking-learned")]
+    return tabled("ranking-learned", title, text, heads, sections, "Flown on")
 
 
 def ranked_names(results: Results, environments: list[str]) -> list[str]:
@@ -104,13 +101,13 @@ def confirmation(found: Confirmed, fresh: Study) -> Section:
         first, again = judged(claim.first.value, fresh.margin), judged(claim.fresh, fresh.margin)
         row = (f"{claim.first.one} − {claim.first.other}", [first, again, Entry(claim.outcome or "no claim")])
         sections.setdefault(claim.first.column, []).append(row)
-    if not sections:
-        return Section("Confirmation on fresh seeds", [])
     seeds = {"episodes": fresh.episodes, "first_seed": fresh.first_seed}
     words = note("confirmation", Held=HELD.capitalize(), open=OPEN, failed=FAILED, **seeds)
-    heads = [("First seeds", ""), ("Fresh seeds", ""), ("Claim", "")]
-    table = Table("Claims on fresh seeds", words, "Difference", heads, list(sections.items()), "confirmation")
-    return Section("Confirmation on fresh seeds", [table])
+    table = tabled("confirmation", "Claims on fresh seeds", words, _CLAIM, sections, "Difference")
+    return Section("Confirmation on fresh seeds", table)
+
+
+_CLAIM = ("First seeds", "Fresh seeds", "Claim")
 
 
 def _ruler(results: Results) -> str:
@@ -140,23 +137,27 @@ def _rulers(results: Results) -> list[str]:
 
 def price(results: Results) -> Section:
     """Score lost against the truth."""
-    sections = []
+    sections = {}
     for environment in results.environments:
-        places = results.places([environment])
-        names = [name for name in results.estimators(environment, results.classical) if name != ORACLE]
-        rows = [(name, [_lost(results, place, results.classical, name) for place in places]) for name in names]
-        for policy in results.policies(environment):
-            own = results.own(environment, policy)
-            if results.agent(policy).learned and own != RAW and own != ORACLE:
-                rows.append((f"{policy}, on {own}", [_lost(results, place, policy, own) for place in places]))
-        if rows:
-            sections.append((environment, rows))
-    if not sections:
-        return Section("The price of estimation", [])
+        places, flown = results.places([environment]), _flown(results, environment, (RAW, ORACLE))
+        sections[environment] = [
+            (label, [_lost(results, place, who, on) for place in places]) for label, who, on in flown if on != ORACLE
+        ]
     learned = "; learned agents, on the estimator of their training" if learners(results) else ""
-    text, heads = note("price", Who=capitalised(the(results.classical)), learned=learned), unitless(results.conditions)
-    table = Table("Score lost against the truth", text, "Estimator", heads, sections, "price")
-    return Section("The price of estimation", [*_price_figure(results), table])
+    text = note("price", Who=capitalised(the(results.classical)), learned=learned)
+    table = tabled("price", "Score lost against the truth", text, results.conditions, sections)
+    return Section("The price of estimation", [*_price_figure(results), *table] if table else [])
+
+
+def _flown(results: Results, environment: str, without: tuple[str, ...] = ()) -> list[tuple[str, Policy, str]]:
+    """Label, policy and estimator: the classical agent on every one, learned agents at home, but on those left out."""
+    names = results.estimators(environment, results.classical)
+    found = [(name, results.classical, name) for name in names]
+    for policy in (p for p in results.policies(environment) if results.agent(p).learned):
+        own = results.own(environment, policy)
+        if own not in without:
+            found.append((str(policy) if own == RAW else f"{policy}, on {own}", policy, own))
+    return found
 
 
 def _price_figure(results: Results) -> list[Block]:
@@ -181,23 +182,13 @@ def _lost(results: Results, place: Place, policy: Policy, estimator: str) -> Ent
 
 def tails(results: Results) -> Section:
     """Tails beside means: completed episodes, and the worst tenth."""
-    sections = []
-    for environment in results.environments:
-        places = results.places([environment])
-        flown: list[tuple[str, Policy, str]] = [
-            (name, results.classical, name) for name in results.estimators(environment, results.classical)
-        ]
-        for policy in (p for p in results.policies(environment) if results.agent(p).learned):
-            own = results.own(environment, policy)
-            flown.append((str(policy) if own == RAW else f"{policy}, on {own}", policy, own))
-        rows = [(label, _tail(results, places, who, on)) for label, who, on in flown]
-        sections.append((environment, [row for row in rows if any(e.value != "–" for e in row[1])]))
-    sections = [(title, rows) for title, rows in sections if rows]
-    if not sections:
-        return Section("Tails", [])
-    words = note("tails", who=the(results.classical))
-    heads = [("Score", ""), ("Completed", "%"), ("Worst decile", "score")]
-    return Section("Tails", [Table("Tails beside means", words, "Estimator", heads, sections, "tails")])
+    sections = {
+        e: [(label, _tail(results, results.places([e]), who, on)) for label, who, on in _flown(results, e)]
+        for e in results.environments
+    }
+    heads = "Score", ("Completed", "%"), ("Worst decile", "score")
+    text = note("tails", who=the(results.classical))
+    return Section("Tails", tabled("tails", "Tails beside means", text, heads, sections))
 
 
 def _tail(results: Results, places: Sequence[Place], who: Policy, on: str) -> list[Entry]:

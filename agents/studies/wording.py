@@ -1,12 +1,12 @@
 """Numbers, names and notes as a report writes them."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from agents.page import Entry, entry, number, words
+from agents.page import Block, Entry, Table, entry, number, words
 from agents.statistics import Interval
 from agents.studies.results import Policy
 
@@ -78,3 +78,22 @@ def capitalised(text: str) -> str:
 def many(count: int, noun: str) -> str:
     """A number of things."""
     return f"{count} {noun}{'s' if count != 1 else ''}"
+
+
+Rows = Sequence[tuple[str, list[Entry]]]
+"""Rows of a table: a name and its entries each."""
+
+
+def tabled(
+    name: str,
+    title: str,
+    text: str,
+    heads: Sequence[str | tuple[str, str]],
+    sections: Mapping[str, Rows],
+    first: str = "Estimator",
+) -> list[Block]:
+    """A table without rows and sections that have no value; no block if that leaves nothing."""
+    filled = {title: [row for row in rows if any(e.value != "–" for e in row[1])] for title, rows in sections.items()}
+    filled = {title: rows for title, rows in filled.items() if rows}
+    pairs = [(head, "") if isinstance(head, str) else head for head in heads]
+    return [Table(title, text, first, pairs, list(filled.items()), name)] if filled else []

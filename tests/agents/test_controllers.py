@@ -17,6 +17,7 @@ from agents.studies.worlds import system_of
 from vessel_gym.envs import ItsunusaAUVEnv
 
 ENVIRONMENTS = ["SigmaCorvette-v0", "ThesisCorvette-v0", "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"]
+PUNA = ENVIRONMENTS[-1]
 CONTROLLERS = [(env_id, name) for env_id in ENVIRONMENTS for name in controller_names(system_of(env_id))]
 
 LEAST = {
@@ -142,6 +143,20 @@ def test_mirrored_observations_give_mirrored_actions(
     )
     assert (np.abs(other - trim - (one - trim) * np.array(actuators)) <= tolerances).all()
     assert np.abs(one[..., side]).max() > 0.3
+
+
+GOALS = [("SegorogeniAUV-v0", goal) for goal in ((10, -18, 6), (25, 0, 8), (8, 8, 0), (5, -20, 2))]
+GOALS += [(PUNA, goal) for goal in ((700, 300, 1.5), (700, -300, -1.5), (-200, 400, 3))]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("env_id", "goal"), GOALS, ids=str)
+def test_other_goals_are_reached_to_either_side(env_id: str, goal: tuple[float, float, float]):
+    given = {"goal": goal} | ({"start": (0.0, 0.0, 0.0), "obstacles": []} if env_id == PUNA else {})
+    calm = {"estimator": "truth", "disturbance": "calm"}
+    journey = rollout("autopilot", env_id, range(4), calm, reset_options=given)
+    assert (journey.end == "arrived").all()
+    assert journey.score.min() > (0.9 if env_id == PUNA else 0.85)
 
 
 @every_controller

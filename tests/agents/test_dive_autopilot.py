@@ -246,15 +246,3 @@ def test_a_vehicle_that_differs_from_its_model_is_flown_all_the_same(system: Sys
     flight = rollout("autopilot", system.name, range(20), options)
     assert (flight.end == "arrived").mean() > 0.9
     assert flight.score.mean() > 0.85
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("goal", [(10.0, -18.0, 6.0), (25.0, 0.0, 8.0), (8.0, 8.0, 0.0), (5.0, -20.0, 2.0)], ids=str)
-def test_other_goals_are_reached_to_either_side(goal: tuple[float, float, float]):
-    options = {"estimator": "truth", "disturbance": "calm"}
-    flight = rollout("autopilot", SPATIAL.name, range(4), options, reset_options={"goal": goal})
-    assert (flight.end == "arrived").all()
-    assert flight.score.min() > 0.85
-
-
-# --- who flies what ---------------------------------------------------------------------------------

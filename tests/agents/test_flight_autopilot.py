@@ -142,16 +142,3 @@ def test_on_truth_every_flight_arrives_and_keeps_to_the_path():
         assert (flight.end == "arrived").all()
         assert flight.score.min() > least
         assert flight.score.mean() > mean
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("goal", [(700.0, 300.0, 1.5), (700.0, -300.0, -1.5), (-200.0, 400.0, 3.0)], ids=str)
-def test_other_goals_are_reached_to_either_side(goal: tuple[float, float, float]):
-    options = {"estimator": "truth", "disturbance": "calm"}
-    given = {"start": (0.0, 0.0, 0.0), "goal": goal, "obstacles": []}
-    flight = rollout("autopilot", SYSTEM.name, range(4), options, reset_options=given)
-    assert (flight.end == "arrived").all()
-    assert flight.score.min() > 0.9
-
-
-# --- who flies what ---------------------------------------------------------------------------------
