@@ -11,6 +11,7 @@ import pytest
 import torch
 from gymnasium.vector import AutoresetMode
 from sb3_contrib.common.recurrent.type_aliases import RNNStates
+from short_training import STEPS, TINY
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
 
@@ -19,39 +20,16 @@ import agents.training.ppo
 from agents import load_agent, rollout, save_agent
 from agents.policies.checkpoint import description
 from agents.training.critic import TruthLstmPolicy, TruthPolicy, TruthVecEnv, oracle_view
-from agents.training.ppo import MEMORIES, describe, hyperparameters, train
+from agents.training.ppo import MEMORIES, describe, train
 from agents.training.vec_env import StableBaselinesVecEnv
 from studies.critic.benchmark import leaking
 
 PAGE = Path(__file__).parents[2] / "docs/critic.md"
 ENV = "SigmaCorvette-v0"
-TINY = {"num_envs": 8, "n_steps": 16, "batch_size": 64, "n_epochs": 2, "net_arch": [8]}
-REMEMBERING = {"none": {}, "frames": {"frames": 3}, "lstm": {"lstm_hidden_size": 4}}
-STEPS = 3 * 8 * 16
 RAW = {"observe": "measurement", "estimator": "measurement"}
 VEHICLES = ("SigmaCorvette-v0", "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0", "ThesisCorvette-v0")
 SEEN, TRUTH, ROWS = 5, 4, 6
 FRAMES = {"none": 1, "frames": 3, "lstm": 1}
-
-
-@pytest.fixture
-def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    tuned = {memory: hyperparameters(ENV, memory) | TINY | own for memory, own in REMEMBERING.items()}
-    monkeypatch.setattr(agents.training.ppo, "hyperparameters", lambda env_id, memory="none", *_: tuned[memory])
-
-
-@pytest.fixture
-def saved(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """The models that are written to checkpoints, as stable-baselines3 trained them."""
-    models: list[Any] = []
-
-    def write(path: Path, model: Any, described: dict[str, Any]) -> None:
-        models.append(model)
-        original(path, model, described)
-
-    original = agents.training.ppo.write
-    monkeypatch.setattr(agents.training.ppo, "write", write)
-    return models
 
 
 # --- the network --------------------------------------------------------------------------------------

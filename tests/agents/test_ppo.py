@@ -11,10 +11,10 @@ import pytest
 import torch
 from sb3_contrib import RecurrentPPO
 from sb3_contrib.common.recurrent.policies import RecurrentActorCriticPolicy
+from short_training import STEPS, TINY
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecFrameStack
 
-import agents.training.ppo
 from agents import load_agent, rollout
 from agents.policies.checkpoint import description
 from agents.policies.lstm import LstmPolicy
@@ -25,32 +25,9 @@ from estimators import ExtendedKalmanFilter
 from vessel_gym.core import Core
 from vessel_gym.sensor_faults import SensorFault
 
+pytestmark = pytest.mark.usefixtures("tiny")
 ENV = "SigmaCorvette-v0"
-TINY = {"num_envs": 8, "n_steps": 16, "batch_size": 64, "n_epochs": 2, "net_arch": [8]}
-REMEMBERING = {"none": {}, "frames": {"frames": 3}, "lstm": {"lstm_hidden_size": 4}}
-STEPS = 3 * 8 * 16
 RAW = {"observe": "measurement", "estimator": "measurement"}
-
-
-@pytest.fixture(autouse=True)
-def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The tuned settings with a small network and short rollouts."""
-    tuned = {memory: hyperparameters(ENV, memory) | TINY | own for memory, own in REMEMBERING.items()}
-    monkeypatch.setattr(agents.training.ppo, "hyperparameters", lambda env_id, memory="none", *_: tuned[memory])
-
-
-@pytest.fixture
-def saved(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """The models that are written to checkpoints, as stable-baselines3 trained them."""
-    models: list[Any] = []
-
-    def write(path: Path, model: Any, described: dict[str, Any]) -> None:
-        models.append(model)
-        original(path, model, described)
-
-    original = agents.training.ppo.write
-    monkeypatch.setattr(agents.training.ppo, "write", write)
-    return models
 
 
 def weights(path: Path) -> dict[str, np.ndarray]:

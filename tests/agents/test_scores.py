@@ -1,4 +1,7 @@
+"""Metrics of turns, from flights whose errors are known: turning circles, and circles on a track."""
+
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -9,29 +12,94 @@ from agents.metrics.turning import circle_errors
 from vessel_gym.vehicles.corvette import steady_turns
 
 SEEDS = [3, 4, 5]
+THESIS, SIGMA = "ThesisCorvette-v0", "SigmaCorvette-v0"
+ESTIMATED = {THESIS: ("v", "r", "psi"), SIGMA: ("x", "y", "psi", "u", "v", "r", "current north", "current east")}
+ERRORS = {
+    THESIS: ("heading_rmse", "yaw_rate_rmse", "sway_rmse"),
+    SIGMA: ("heading_rmse", "yaw_rate_rmse", "sway_rmse", "position_rmse", "current_rmse"),
+}
 
 
-@pytest.fixture(scope="module")
+@cache
+def calm(env_id: str) -> Rollout:
+    options = {"disturbance": "calm"} | ({"estimator": "kf-umv-ui"} if env_id == THESIS else {})
+    return rollout("autopilot", env_id, SEEDS, options)
+
+
+@pytest.fixture
 def flown() -> Rollout:
-    return rollout("autopilot", "ThesisCorvette-v0", SEEDS, {"estimator": "kf-umv-ui", "disturbance": "calm"})
+    return calm(THESIS)
 
 
-def _with(flown: Rollout, **history) -> Rollout:
+def _with(flown: Rollout, **history: np.ndarray) -> Rollout:
     return replace(flown, history=flown.history | history)
 
 
 def _perfect(flown: Rollout) -> Rollout:
     """The same flight, had the filter known everything."""
-    h = flown.history
-    return _with(flown, estimate=h["truth"][..., [4, 5, 2]], input_estimate=h["unknown_input"].copy())
+    h, core = flown.history, flown.env.unwrapped.core
+    assert core.composition.names == ESTIMATED[flown.env_id]
+    return _with(flown, estimate=core.estimated(h["truth"]), input_estimate=h["unknown_input"].copy())
 
 
-def test_every_metric_has_a_value_for_every_episode(flown):
-    figures = scores(flown)
-    assert set(figures) == {m.key for m in metrics(flown.env.unwrapped.system)}
+every_turn = pytest.mark.parametrize("env_id", ESTIMATED)
+
+
+@every_turn
+def test_every_metric_has_a_value_for_every_episode(env_id: str):
+    figures = scores(calm(env_id))
+    assert set(figures) == {m.key for m in metrics(calm(env_id).env.unwrapped.system)}
     for values in figures.values():
         assert values.shape == (3,)
         assert np.isfinite(values).all()
+
+
+@every_turn
+def test_a_perfect_estimate_has_no_error_and_no_nees(env_id: str):
+    figures = scores(_perfect(calm(env_id)))
+    for key in (*ERRORS[env_id], "input_rmse", "nees", *(["position_nees"] if env_id == SIGMA else [])):
+        np.testing.assert_array_equal(figures[key], 0.0)
+
+
+OFFSETS = [(env_id, *case) for env_id in ESTIMATED for case in (
+    (("psi",), "heading_rmse", 20.0), (("r",), "yaw_rate_rmse", 20.0), (("v",), "sway_rmse", 0.02),
+)]  # fmt: skip
+OFFSETS += [
+    (SIGMA, ("x", "y"), "position_rmse", 0.02 * np.sqrt(2.0)), (SIGMA, ("current north",), "current_rmse", 0.02)
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("env_id", "names", "key", "expected"), OFFSETS)
+def test_a_constant_offset_is_the_rmse_of_its_components(
+    env_id: str, names: tuple[str, ...], key: str, expected: float
+):
+    perfect = _perfect(calm(env_id))
+    estimate = perfect.history["estimate"] + 0.02 * np.isin(ESTIMATED[env_id], names)
+    figures = scores(_with(perfect, estimate=estimate))
+    np.testing.assert_allclose(figures[key], expected, rtol=1e-6)
+    for other in set(ERRORS[env_id]) - {key}:
+        np.testing.assert_array_equal(figures[other], 0.0)
+
+
+@every_turn
+def test_input_errors_are_those_of_the_estimate_and_of_the_second_channel(env_id: str):
+    h = calm(env_id).history
+    figures = scores(_with(calm(env_id), input_estimate=h["unknown_input"] + 3e-3))
+    np.testing.assert_allclose(figures["input_rmse"], 3.0)
+    if env_id == THESIS:
+        measurement = h["measurement"].copy()
+        measurement[..., 1] = h["unknown_input"][..., 0] - 4e-3
+        np.testing.assert_allclose(scores(_with(calm(env_id), measurement=measurement))["raw_input_rmse"], 4.0)
+
+
+@every_turn
+def test_roll_and_the_slope_of_the_rudder_are_those_of_the_ship(env_id: str):
+    ramp = np.deg2rad(0.2) * np.arange(601.0)[:, None, None] * np.ones((1, 3, 1))
+    np.testing.assert_allclose(scores(_with(calm(env_id), actuators=ramp))["rudder_rate"], 0.4)
+    if env_id == SIGMA:
+        truth = calm(env_id).history["truth"].copy()
+        truth[..., 6] = np.deg2rad(-2.0)
+        np.testing.assert_allclose(scores(_with(calm(env_id), truth=truth))["roll"], 2.0)
 
 
 def test_score_return_and_steps_are_the_rollouts(flown):
@@ -41,36 +109,10 @@ def test_score_return_and_steps_are_the_rollouts(flown):
     np.testing.assert_array_equal(figures["steps"], flown.length)
 
 
-def test_a_perfect_estimate_has_no_error_and_no_nees(flown):
-    figures = scores(_perfect(flown))
-    for key in ("heading_rmse", "yaw_rate_rmse", "sway_rmse", "input_rmse", "nees"):
-        np.testing.assert_array_equal(figures[key], 0.0)
-
-
-@pytest.mark.parametrize(
-    ("component", "key", "unit"), [(0, "sway_rmse", 1.0), (1, "yaw_rate_rmse", 1e-3), (2, "heading_rmse", 1e-3)]
-)
-def test_a_constant_offset_is_the_rmse_of_its_component(flown, component, key, unit):
-    perfect = _perfect(flown)
-    estimate = perfect.history["estimate"].copy()
-    estimate[..., component] += 0.02
-    figures = scores(_with(perfect, estimate=estimate))
-    np.testing.assert_allclose(figures[key], 0.02 / unit, rtol=1e-9)
-
-
 def test_a_full_turn_is_no_heading_error(flown):
     perfect = _perfect(flown)
     figures = scores(_with(perfect, estimate=perfect.history["estimate"] + [0.0, 0.0, 2.0 * np.pi]))
     np.testing.assert_allclose(figures["heading_rmse"], 0.0, atol=1e-9)
-
-
-def test_input_errors_are_those_of_the_estimate_and_of_the_second_channel(flown):
-    h = flown.history
-    measurement = h["measurement"].copy()
-    measurement[..., 1] = h["unknown_input"][..., 0] - 4e-3
-    figures = scores(_with(flown, input_estimate=h["unknown_input"] + 3e-3, measurement=measurement))
-    np.testing.assert_allclose(figures["input_rmse"], 3.0)
-    np.testing.assert_allclose(figures["raw_input_rmse"], 4.0)
 
 
 def test_readings_that_did_not_arrive_are_no_error_of_the_raw_channel(flown):
@@ -89,11 +131,6 @@ def test_true_errors_are_against_the_reference(flown):
     figures = scores(_with(flown, truth=truth))
     np.testing.assert_allclose(figures["heading_error"], 2.0)
     np.testing.assert_allclose(figures["yaw_rate_error"], 0.5)
-
-
-def test_rudder_rate_is_the_slope_of_the_rudder(flown):
-    ramp = np.deg2rad(0.2) * np.arange(601.0)[:, None, None] * np.ones((1, 3, 1))
-    np.testing.assert_allclose(scores(_with(flown, actuators=ramp))["rudder_rate"], 0.4)
 
 
 def test_only_steps_that_an_episode_lived_through_count(flown):
@@ -146,6 +183,23 @@ def test_less_than_half_a_turn_is_no_circle(flown):
     radius_error, out_of_round = circle_errors(short)
     np.testing.assert_array_equal(np.isfinite(radius_error), [True, False, True])
     np.testing.assert_array_equal(np.isfinite(out_of_round), [True, False, True])
+
+
+@pytest.mark.parametrize("aside", [0.0, 25.0, -40.0])
+def test_a_ship_beside_its_track_is_as_far_off_and_turns_on_another_radius(aside: float):
+    flown = calm(SIGMA)
+    core, truth = flown.env.unwrapped.core, flown.history["truth"].copy()
+    task = core.task
+    course = task.course_of(flown.history["reference"][0])
+    for k in range(len(truth)):
+        x, y, direction = task.nominal(course, np.full(len(course), k))[:, :3].T
+        truth[k, :, 0], truth[k, :, 1] = x - aside * np.sin(direction), y + aside * np.cos(direction)
+        truth[k, :, 2] = direction
+    figures = scores(_with(flown, truth=truth))
+    np.testing.assert_allclose(figures["track_error"], abs(aside), rtol=0, atol=0.02)
+    other = 100.0 * np.abs(aside * course[:, 2])  # the circle's radius is as much smaller or larger
+    np.testing.assert_allclose(figures["radius_error"], other, rtol=0, atol=0.05)
+    np.testing.assert_allclose(figures["out_of_round"], 0.0, atol=0.05)
 
 
 def test_nees_is_the_squared_error_in_units_of_the_covariance(flown):
