@@ -185,62 +185,48 @@ class _Lines:
 
 
 @contextmanager
-def training_progress(title: str) -> Iterator[Callable[[int, int, float], None]]:
-    """Progress of a training: steps, mean score of late episodes; a bar or, without a terminal, lines."""
+def _progress(title: str, total: int | None = None, counted: bool = False) -> Iterator[Callable[..., None]]:
+    """Progress by calls with (done, total, text): a bar with the time that is left or, without a terminal, lines."""
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )  # fmt: skip
 
     if not Console(stderr=True).is_terminal:
-        lines = _Lines(title)
-        yield lambda done, total, score: lines(done, max(done, total), f"score {score:.3f}")
+        yield _Lines(title)
         return
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[score]}"), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task(title, total=None, score="")
+    numbers = (MofNCompleteColumn(), TimeElapsedColumn()) if counted else (TimeRemainingColumn(),)
+    texts = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[text]}")
+    with Progress(*texts, *numbers, console=Console(stderr=True)) as bar:
+        task = bar.add_task(title, total=total, text="")
+        yield lambda done, total, text="": bar.update(task, completed=done, total=total, text=text)
 
-        def progress(done: int, total: int, score: float) -> None:
-            text = f"score {score:.3f}" if score == score else ""
-            bar.update(task, completed=done, total=max(done, total), score=text)
 
-        yield progress
+@contextmanager
+def training_progress(title: str) -> Iterator[Callable[[int, int, float], None]]:
+    """Progress of a training: steps, mean score of late episodes."""
+    with _progress(title) as show:
+        yield lambda done, total, score: show(done, max(done, total), f"score {score:.3f}" if score == score else "")
 
 
 @contextmanager
 def progress_bar(title: str, total: int) -> Iterator[Callable[[], None]]:
     """Progress over ``total`` equal pieces of work; call what it yields after each."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    if not Console(stderr=True).is_terminal:
-        lines, done = _Lines(title), count(1)
-        yield lambda: lines(next(done), total)
-        return
-    with Progress(console=Console(stderr=True)) as bar:
-        task = bar.add_task(title, total=total)
-        yield lambda: bar.advance(task)
+    done = count(1)
+    with _progress(title, total) as show:
+        yield lambda: show(next(done), total)
 
 
 @contextmanager
 def job_progress(title: str) -> Iterator[Callable[[Status], None]]:
-    """Progress for `agents.jobs.run`: jobs done and when all will be, in a bar or, without a terminal, in lines."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    if not Console(stderr=True).is_terminal:
-        lines = _Lines(title)
-        yield lambda status: lines(status.done + status.failed, status.total, _end(status))
-        return
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[end]}"),
-        TimeElapsedColumn(),
-    )  # fmt: skip
-    with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task(title, total=None, end="")
-
-        def progress(status: Status) -> None:
-            bar.update(task, completed=status.done, total=status.total, end=_end(status))
-
-        yield progress
+    """Progress for `agents.jobs.run`: jobs that have ended, and the time of day at which all will have."""
+    with _progress(title, counted=True) as show:
+        yield lambda status: show(status.done + status.failed, status.total, _end(status))
 
 
 def _end(status: Status) -> str:

@@ -37,13 +37,12 @@ def _honesty(results: Results, place: Place, name: str) -> list[Entry]:
 
     def share(key: str) -> Entry:
         value = results.value(place, who, name, key)
-        return Entry("–" if value is None else number(float(value.mean()), 2))
+        return Entry("–" if value is None else number(float(np.mean(np.array(value, float))), 2))
 
     def diverged(places: Iterable[Place]) -> Entry:
-        counts = [value for p in places if (value := results.value(p, who, name, "diverged")) is not None]
-        if not counts or name in WITHOUT_COVARIANCE:
-            return Entry("–")
-        return Entry(f"{int(sum(c.sum() for c in counts))} of {sum(c.size for c in counts)}")
+        runs = np.array([run for p in places for run in results.value(p, who, name, "diverged") or ()])
+        counted = runs.size and name not in WITHOUT_COVARIANCE
+        return Entry(f"{np.count_nonzero(runs)} of {runs.size}" if counted else "–")
 
     return [
         entry(results.mean(place, who, name, SCORE), 3),

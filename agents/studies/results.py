@@ -153,17 +153,13 @@ class Results:
 
     def figure(self, place: Place, policy: Policy, estimator: str, key: str = "score") -> np.ndarray | None:
         """A metric of `agents.metrics.scores`, ``(runs, episodes)``; None if that was not flown."""
-        flights = self._flights.get((place, policy, estimator))
-        if not flights:
-            return None
-        return np.array([self.values[f.job.key]["figures"][key] for f in flights], float)
+        flown = self.value(place, policy, estimator, "figures")
+        return None if flown is None else np.array([figures[key] for figures in flown], float)
 
-    def value(self, place: Place, policy: Policy, estimator: str, key: str) -> np.ndarray | None:
-        """A value of `agents.studies.flying.fly` that is not a metric, ``(runs, ...)``; NaN for None."""
+    def value(self, place: Place, policy: Policy, estimator: str, key: str) -> list[Any] | None:
+        """A value of `agents.studies.flying.fly` in each run; None if that was not flown."""
         flights = self._flights.get((place, policy, estimator))
-        if not flights:
-            return None
-        return np.array([self.values[f.job.key][key] for f in flights], float)
+        return [self.values[f.job.key][key] for f in flights] if flights else None
 
     def scale(self, place: Place) -> tuple[float, float] | None:
         """The scores that are 0 and 1: the classical agent's means on `FLOOR` and on `ORACLE`.
@@ -268,8 +264,7 @@ class Results:
         success = system_of(places[0].environment).task.success
         found = []
         for place in places:
-            flights = self._flights.get((place, policy, estimator), [])
-            ends = [np.array(self.values[f.job.key]["ends"]) == success for f in flights]
+            ends = [np.array(ends) == success for ends in self.value(place, policy, estimator, "ends") or ()]
             found.append(dict(zip(self.seeds(place, policy, estimator), ends, strict=True)))
         each = 100.0 * np.array(list(_mean_by_run(found).values()))
         if not each.size:
