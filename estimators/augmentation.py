@@ -71,13 +71,8 @@ def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearMo
         moved = model.transition(x, u) + np.matvec(model.input_matrix(x, u), d)
         return np.concatenate([moved, np.zeros(moved.shape[:-1] + (q,))], -1)
 
-    def feedthrough(u: np.ndarray | None) -> np.ndarray:
-        return resolve(H, u)
-
-    fed = feedthrough if callable(H) else lambda u: H  # which can be traced
-
     def measurement(z: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        return model.measurement(z[..., :n], u) + np.matvec(fed(u), z[..., n:])
+        return model.measurement(z[..., :n], u) + np.matvec(resolve(H, u), z[..., n:])
 
     if isinstance(model.transition, Compiled) and not callable(G):  # they call nothing else
         transition = compiled(transition)

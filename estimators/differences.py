@@ -123,7 +123,7 @@ def check_jacobian(
     Raises:
         ValueError: naming the entry that differs most, both values, and what to look for.
     """
-    offsets = np.concatenate([np.zeros((1, x.shape[-1])), np.eye(x.shape[-1]), -np.eye(x.shape[-1])])
+    offsets = _offsets(x.shape[-1])[: 2 * x.shape[-1] + 1]  # one step to either side
     excess, scale = np.full(jacobian.shape, np.inf), np.zeros(jacobian.shape[:-1] + (1,))
     for shorter in (1.0, 2.0**-10, 2.0**-20):
         change = np.maximum(shorter * step, 2.0**-27 * np.abs(x))[..., None, :]

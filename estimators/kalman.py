@@ -8,7 +8,7 @@ from estimators.angles import difference
 from estimators.belief import Belief, InputBelief, Record
 from estimators.checks import as_array, frozen
 from estimators.filter import Filter, Model, Rng
-from estimators.linalg import congruence, driven, identity, joined, solve, symmetric_blocks, symmetrise
+from estimators.linalg import congruence, identity, joined, solve, symmetric_blocks, symmetrise
 from estimators.model_checks import as_covariance
 from estimators.models import LinearModel
 from estimators.reading import Reading
@@ -163,8 +163,8 @@ def driven_on(model: Model, belief: InputBelief, u: np.ndarray | None) -> tuple[
     """Mean and covariance one step on, without process noise, where the estimated input drives a model."""
     mean, A = model.linearise_transition(belief.mean, u, belief.cov)
     G = model.input_matrix(belief.mean, u)
-    cov = driven(A, G, belief.cov, belief.state_input_cov, belief.input_cov)
-    return mean + np.matvec(G, belief.input_mean), cov
+    half = 2.0 * (A @ belief.state_input_cov) + G @ belief.input_cov  # one term of two, doubled: to be symmetrised
+    return mean + np.matvec(G, belief.input_mean), congruence(A, belief.cov) + half @ G.mT
 
 
 def unseen_input(mean: np.ndarray, input_cov: np.ndarray) -> dict[str, np.ndarray]:

@@ -28,14 +28,6 @@ def congruence(a: np.ndarray, p: np.ndarray) -> np.ndarray:
     return a @ p @ a.mT
 
 
-def driven(
-    A: np.ndarray, G: np.ndarray, cov: np.ndarray, state_input_cov: np.ndarray, input_cov: np.ndarray
-) -> np.ndarray:
-    """``[A G] [[P, Pxd], [Pxd', Pd]] [A G]'``, not yet symmetrised: where one term of two is doubled instead."""
-    half = 2.0 * (A @ state_input_cov) + G @ input_cov
-    return congruence(A, cov) + half @ G.mT
-
-
 def neutralised(R: np.ndarray, kept: np.ndarray) -> np.ndarray:
     """R ``(..., p, p)`` with a unit, uncorrelated variance where the mask ``kept (..., p)`` is False."""
     return np.where(kept[..., None] & kept[..., None, :], R, identity(R.shape[-1]))
