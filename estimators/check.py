@@ -1,4 +1,4 @@
-"""Does a filter of one's own keep the contract? Tried on systems whose answer is known.
+"""Checks of a filter of one's own, on systems whose answer is known.
 
 ::
 
@@ -34,7 +34,7 @@ and Jacobians by differences no worse than this."""
 
 
 class System(NamedTuple):
-    """What a filter is tried on: a model, a prior of ``(n,)`` and a known input ``(m,)``."""
+    """A system on which filters are tried: a model, a prior of ``(n,)`` and a known input ``(m,)``."""
 
     model: Model
     prior: Gaussian
@@ -221,7 +221,7 @@ def _named(call: str, batch: bool) -> Iterator[None]:
 
 
 def _check_more(filter: Filter, system: System) -> None:
-    """What takes longer: the filter has passed `check_steps`."""
+    """The slower checks of a filter that has passed `check_steps`."""
     cls, (_, prior, u) = type(filter).__name__, system
     beliefs = _steps(filter, prior, u)
 
@@ -247,7 +247,7 @@ def _check_more(filter: Filter, system: System) -> None:
 
 
 def _check_restart(filter: Filter, system: System, beliefs: list[Belief]) -> None:
-    """Whether a row that begins again, beside others that go on, is as one that has just begun."""
+    """Refuse a filter for which a row that begins again, beside others that go on, is not as a new one."""
     cls, (model, prior, u) = type(filter).__name__, system
     again, rng = np.array([False, True, False]), Numbers.seeded(range(_ROWS))
     known, start = _for_rows(u, (_ROWS,)), Gaussian(np.broadcast_to(prior.mean, (_ROWS, model.n)), prior.cov)
@@ -264,7 +264,7 @@ def _check_restart(filter: Filter, system: System, beliefs: list[Belief]) -> Non
 
 
 def _warn_of_errors(filter: Filter, system: System) -> None:
-    """Whether errors are as large as the covariance says, in simulated runs."""
+    """Warn where errors in simulated runs are larger or smaller than the covariance."""
     model, prior, u = system
     rng = np.random.default_rng(0)
     unknown = rng.normal(size=(_STEPS, _RUNS, model.q)) if filter.input_delay is not None and model.q else None

@@ -1,4 +1,4 @@
-"""What a user hands in, as arrays and numbers; what does not fit gets one sentence that names the argument."""
+"""Checks of users' arguments: arrays and numbers, or an error that names the argument in one sentence."""
 
 from collections.abc import Callable
 from typing import Any

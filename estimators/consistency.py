@@ -241,7 +241,7 @@ def _solve_root(cov: np.ndarray, vector: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """How often credible intervals contain the truth.
+    """Coverage of credible intervals.
 
     Attributes:
         levels: ``(K,)`` nominal probability of each interval.

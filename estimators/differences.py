@@ -68,13 +68,13 @@ def central_differences(
 
 @cache
 def _offsets(n: int) -> np.ndarray:
-    """Where to evaluate, in steps ``(4 n + 1, n)``: at the point, one step to either side, two steps."""
+    """Points of a difference, in steps ``(4 n + 1, n)``: the centre, one step to either side, two steps."""
     eye = np.eye(n)
     return np.concatenate([np.zeros((1, n)), eye, -eye, 2.0 * eye, -2.0 * eye])
 
 
 def steps(x: np.ndarray, cov: np.ndarray | None, angles: tuple[int, ...] = ()) -> np.ndarray:
-    """How far to step in each component for a difference ``(..., n)``.
+    """Steps of a difference in each component ``(..., n)``.
 
     A share r of the belief's standard deviation, the same for all components: the error of a fourth-order difference,
     ``r^4`` of what bends over a deviation and ``eps F / r`` of rounding, is smallest near ``r = (eps F)^(1/5)``, with F

@@ -1,4 +1,4 @@
-"""Is a sensor at fault, and which? From the innovations of a filter to an alarm and the sensor it accuses.
+"""Detection and isolation of sensor faults from the innovations of a filter.
 
 ::
 
@@ -40,7 +40,7 @@ _ABSURD = 1e100
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Watch:
-    """What a monitor has seen, and what it says of it; leading axes are a batch.
+    """The state of a monitor and its verdict; leading axes are a batch.
 
     Attributes:
         alarm: ``(...)`` whether the last reading raised an alarm.
@@ -84,7 +84,7 @@ def _remembered(state: Watch) -> tuple[tuple[int, ...], int]:
 
 
 class FaultMonitor(ABC):
-    """What monitors share: sensors, and the words in which a filter's innovations are read.
+    """Base of monitors: the sensors, and the innovations of a filter that are judged.
 
     Args:
         sensors: How many channels a reading has, each a sensor by itself; or names with the channels of each.
@@ -117,10 +117,10 @@ class FaultMonitor(ABC):
         return Watch(nothing > 0.0, np.full(batch, -1), nothing, suspicion, memory)
 
     def watch(self, state: Watch, belief: Belief | DelayedBelief[Any]) -> Watch:
-        """Take in what an update left.
+        """The state after the innovation of an update.
 
         Args:
-            state: What was seen so far.
+            state: The state before.
             belief: The belief after the update.
 
         Raises:
@@ -188,7 +188,7 @@ class FaultMonitor(ABC):
     def _judged(
         self, state: Watch, w: np.ndarray, precision: np.ndarray, arrived: np.ndarray, squared: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What to remember, the statistic ``(...)`` and what speaks against each sensor ``(..., sensors)``.
+        """The next memory, the statistic ``(...)`` and the suspicion of each sensor ``(..., sensors)``.
 
         From w, the innovation times S^-1 ``(..., p)``, S^-1 itself, which channels count, and the innovation squared
         in units of S.
@@ -196,7 +196,7 @@ class FaultMonitor(ABC):
 
 
 class ChiSquareMonitor(FaultMonitor):
-    """Are the innovations of the last steps larger than S says? For faults of any kind: bias, drift, more noise.
+    """Chi-square test of the innovations of the last steps: for faults of any kind, as bias, drift or more noise.
 
     The normalised innovation squared, summed over a window, is chi-square with as many degrees of freedom as readings
     arrived in it, and the threshold its quantile. What speaks against a sensor is the share of the sum that would not
@@ -249,7 +249,7 @@ def normal_deviate(values: np.ndarray, degrees: np.ndarray) -> np.ndarray:
 
 
 class CusumMonitor(FaultMonitor):
-    """Has the mean of a channel moved? For a lasting bias, which is found sooner than by any test over a window.
+    """CUSUM test of the mean of each channel: finds a lasting bias sooner than any test over a window.
 
     For each channel, ``z = w / sqrt(diag S^-1)`` is standard normal, and two sums are kept,
     ``g+ = max(0, g+ + z - k)`` and ``g- = max(0, g- - z - k)``, k half the shift. One that passes the threshold raises

@@ -11,7 +11,7 @@ from estimators.models import LinearModel
 
 
 class InputConditions(NamedTuple):
-    """What a linear system lets its readings tell of its unknown inputs.
+    """Observability of the unknown inputs of a linear system.
 
     Attributes:
         rank: How many directions of d readings tell at once or one step later; all q are needed.
@@ -29,7 +29,7 @@ class InputConditions(NamedTuple):
 def input_conditions(
     A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray, Q: np.ndarray, R: np.ndarray, prior: np.ndarray | float
 ) -> InputConditions:
-    """Whether, and how well, the unknown inputs of ``x+ = A x + G d + w``, ``y = C x + H d + v`` can be told.
+    """Observability of the unknown inputs of ``x+ = A x + G d + w``, ``y = C x + H d + v``.
 
     A direction of d is told at once if H shows it, else one step later through C G, by readings that are free of what
     H shows: rank H, rank C G and the condition of `ULISE` in one. Deviations are for a state that is known as by the
@@ -79,7 +79,7 @@ def driven_readings(C: np.ndarray, G: np.ndarray) -> np.ndarray:
 
 
 def shown_ranks(C: np.ndarray, G: np.ndarray, H: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How many inputs ``H (..., p, q)`` shows at once, and how many others C G, by readings that H leaves clean."""
+    """Numbers of inputs observable at once by ``H (..., p, q)``, and of others one step later, by ``C G``."""
     seen, CG = np.linalg.pinv(H, rcond=1e-9), driven_readings(C, G)
     clean = (identity(H.shape[-2]) - H @ seen) @ CG @ (identity(H.shape[-1]) - seen @ H)
     late = np.linalg.matrix_rank(clean, tol=1e-9 * np.linalg.norm(CG, 2, (-2, -1)))
@@ -102,7 +102,7 @@ def _one_step(CG: np.ndarray, H: np.ndarray, precision: np.ndarray) -> tuple[np.
 
 
 def _added_zeros(A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray) -> np.ndarray:
-    """Where ``[A - z I, G; C, H]`` loses more rank of its columns than ``[A - z I; C]`` does.
+    """Numbers z at which ``[A - z I, G; C, H]`` loses more rank of its columns than ``[A - z I; C]`` does.
 
     Candidates are the zeros of as many sums of the readings as there are inputs, which share those of the system.
     """

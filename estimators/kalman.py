@@ -168,7 +168,7 @@ def driven_on(model: Model, belief: InputBelief, u: np.ndarray | None) -> tuple[
 
 
 def unseen_input(mean: np.ndarray, input_cov: np.ndarray) -> dict[str, np.ndarray]:
-    """What an `InputBelief` of this mean says of an input of which its covariance alone is known."""
+    """The own arrays of an `InputBelief` beside this mean, for an input of which only the covariance is known."""
     n, q, rows = mean.shape[-1], input_cov.shape[-1], mean.shape[:-1]
     return {
         "input_mean": np.zeros(rows + (q,)),

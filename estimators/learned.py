@@ -66,7 +66,7 @@ class GainNetwork:
 
     @property
     def size(self) -> int:
-        """How many numbers it remembers."""
+        """Length k of the hidden state."""
         return self.hidden_weights.shape[-1]
 
     def save(self, path: str | Path) -> None:
@@ -98,7 +98,7 @@ class GainNetwork:
     def __call__(
         self, hidden: np.ndarray, innovation: np.ndarray, correction: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """What it remembers after a reading ``(..., k)``, and the gain ``(..., n, p)``."""
+        """The hidden state after a measurement ``(..., k)``, and the gain ``(..., n, p)``."""
         seen = np.concatenate([innovation / self.innovation_scale, correction / self.state_scale], -1)
         seen = np.clip(seen, -LARGEST, LARGEST)
         told = np.split(np.matvec(self.input_weights, seen) + self.input_bias, 3, -1)

@@ -24,7 +24,7 @@ def symmetrise(a: np.ndarray) -> np.ndarray:
 
 
 def congruence(a: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """``A P A'``: what a linear map does to a covariance."""
+    """``A P A'``: the covariance of a linear map."""
     return a @ p @ a.mT
 
 
@@ -201,7 +201,7 @@ def log_density(e: np.ndarray, s: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 def lacks_rank(cov: np.ndarray) -> np.ndarray:
-    """Which rows ``(...)`` of a covariance ``(..., p, p)`` have a direction without variance, but for rounding.
+    """The mask ``(...)`` of covariances ``(..., p, p)`` with a direction without variance, but for rounding.
 
     A row that is not finite is none of them: the eigenvalue solver would raise.
     """

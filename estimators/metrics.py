@@ -1,4 +1,4 @@
-"""How good is a filter? Errors, and whether they are as large as the filter says."""
+"""Errors of a filter, and their size relative to its covariance."""
 
 import numpy as np
 from scipy.special import gammaincinv
@@ -41,7 +41,7 @@ def nis(innovation: np.ndarray, innovation_cov: np.ndarray) -> np.ndarray:
 
 
 def chi_square_band(runs: int, degrees: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Where the mean over ``runs`` independent NEES or NIS values must lie, with ``confidence``.
+    """Interval of the mean over ``runs`` independent NEES or NIS values, with ``confidence``.
 
     Average over runs at one time, not over time: errors at successive times are correlated.
     """

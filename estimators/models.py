@@ -1,4 +1,4 @@
-"""What a filter knows of the world: a prior, a linear model, a nonlinear model.
+"""Priors, linear models and nonlinear models of filters.
 
 Notation throughout: ``x+ = A x + B u + G d + w`` and ``y = C x + H d + v`` with ``w ~ N(0, Q)``,
 ``v ~ N(0, R)`` and ``d`` unknown; n states, m known inputs, q unknown inputs, p measurements.

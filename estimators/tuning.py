@@ -43,7 +43,7 @@ _AWAY = np.arange(4.0, 2.0 * _FAR, 4.0)
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """What readings say of parameters.
+    """Estimates of parameters, with their uncertainty.
 
     Attributes:
         estimates: The most likely value of each, by name.

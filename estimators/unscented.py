@@ -16,7 +16,7 @@ from estimators.unknown_input import NoFeedthroughFilter
 
 
 class SigmaPoints(Filter[Record]):
-    """How the unscented filters see a model: a mix-in that replaces the linearisation of `Filter`.
+    """Sigma points in place of the linearisation of `Filter`: a mix-in of the unscented filters.
 
     A function f of x ~ N(x^, P), ``P = L L'``, is evaluated at the 2 n + 1 points ``x^`` and ``x^ +- c L_i``,
     ``c = alpha sqrt(n + kappa)``. With ``f+-`` about the central ``f0 = f(x^)`` (angles wrapped there) and
