@@ -18,11 +18,12 @@ _STRAIGHT = 1e-9  # 1/m, the least curvature: over 100 m it bends a straight pat
 
 def course_to(goal: np.ndarray) -> np.ndarray:
     """The courses ``(..., 3)`` from the origin to goals ``(..., 3)`` [m]: a chord and a tangent make an arc."""
-    return _arc_to(shaped_array("goal", goal, "...", 3))
+    return arc_to(shaped_array("goal", goal, "...", 3))
 
 
 @compiled
-def _arc_to(goal: np.ndarray) -> np.ndarray:
+def arc_to(goal: np.ndarray) -> np.ndarray:
+    """The same of goals that are known to be arrays ``(..., 3)``."""
     chord, half = np.hypot(goal[..., 0], goal[..., 1]), np.arctan2(goal[..., 1], goal[..., 0])
     some = np.where(half == 0.0, 1e-20, half)
     return np.stack([2.0 * half, chord * (some / np.sin(some)), goal[..., 2]], -1)

@@ -10,7 +10,7 @@ from estimators import Gaussian
 from estimators.checks import finite_array, shown, whole
 from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, instance, one_of
-from vessel_gym.guidance.dive_path import course_to, locate, point_at
+from vessel_gym.guidance.dive_path import arc_to, course_to, locate, point_at
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import Task, three_numbers
 from vessel_gym.tasks.turning_circle import wrapped
@@ -85,11 +85,15 @@ class Dive(Task):
         Raises:
             ValueError: for an unknown option or a goal that the vehicle cannot dive to.
         """
-        goal = np.array(self.goal) + np.array(self.goal_spread) * (2.0 * uniforms - 1.0)
-        for option, value in options.items():
+        for option in options:
             one_of("reset option", option, ("goal",))
-            goal = np.tile(self._checked(value), (len(uniforms), 1))
-        return course_to(goal)
+        if "goal" in options:
+            return course_to(self._checked(options["goal"])[None]).repeat(len(uniforms), 0)
+        return self._drawn(uniforms)
+
+    @compiled
+    def _drawn(self, uniforms: np.ndarray) -> np.ndarray:
+        return arc_to(np.array(self.goal) + np.array(self.goal_spread) * (2.0 * uniforms - 1.0))
 
     def _checked(self, value: object) -> np.ndarray:
         """A goal that can be dived to."""
