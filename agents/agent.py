@@ -76,7 +76,7 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
     if name in CONTROLLERS.of(env.core.task):
         if env.core.observe_mode == "measurement":
             raise ValueError(f'the {name} needs estimates: use observe="mean" or "mean+std"')
-        if not env.core.guidance or env.core.ends == "declaration":
+        if not env.core.config.options.guidance or env.core.config.options.ends == "declaration":
             raise ValueError(f"the {name} goes by guidance and declares nothing: leave out guidance and ends")
         return make_controller(str(name), env.system)
     if os.path.isfile(name):  # which takes any name; pathlib raises for one that is too long

@@ -566,7 +566,7 @@ def test_nan_in_a_tally_is_refused_and_infinity_and_rewards_of_any_range_are_not
 
     core = flown(remembering(np.inf, 0.0))
     assert (core.total < -1.0).all()
-    assert np.isinf(core.tally).all()
+    assert np.isinf(core.now.tally).all()
     with pytest.raises(
         ValueError, match=r"^score of Mine, as the tally, gave \[nan\] at step 1 in row 0: it must give"
     ):

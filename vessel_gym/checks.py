@@ -1,6 +1,5 @@
 """What arguments may be, and the sentence that answers one that may not."""
 
-import inspect
 from collections.abc import Collection, Mapping
 from typing import Any
 
@@ -12,7 +11,7 @@ from estimators.checks import numbers, shown
 from estimators.factory import unknown
 
 __all__ = [
-    "check_names", "check_numbers", "check_pair", "function", "instance", "no_others", "number", "numbers", "one_of",
+    "check_names", "check_numbers", "check_pair", "function", "instance", "number", "numbers", "one_of",
     "options",
 ]  # fmt: skip
 
@@ -114,17 +113,3 @@ def options(name: str, value: object) -> dict[str, Any]:
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
         raise TypeError(f"{name} must be a dictionary of values by name, or None, got {shown(value)}")
     return dict(value)
-
-
-def no_others(name: str, made: type, others: Mapping[str, object]) -> None:
-    """Refuse arguments that a class collects only to say that neither it nor one below it has them.
-
-    Raises:
-        TypeError: naming the first, and those that there are.
-    """
-    for other in others:
-        own = (base.__dict__["__init__"] for base in made.__mro__ if base.__module__.startswith("vessel_gym.") and
-               "__init__" in base.__dict__)  # fmt: skip
-        listed = [parameter for function in own for parameter in inspect.signature(function).parameters.values()]
-        known = dict.fromkeys(p.name for p in listed if p.kind is not p.VAR_KEYWORD and p.name != "self")
-        raise TypeError(unknown(f"argument of {name}", other, list(known)))

@@ -1,26 +1,28 @@
-"""What an environment consists of and no episode changes."""
+"""The parts and arguments of an environment, which no episode changes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from estimators import FaultMonitor
 from estimators.checks import shown
-from estimators.engine.dependencies import Dependencies
 from estimators.randomness import word
 from vessel_gym.acceptance import checked_disturbance, checked_task, checked_vehicle
 from vessel_gym.checks import number, one_of
+from vessel_gym.checks import options as checked_options
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.estimation import EstimatorChoice, build, chosen_disturbance
+from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
 from vessel_gym.filter_models.build import Composition
 from vessel_gym.filter_models.exogenous import Forces, change_of, input_channels
-from vessel_gym.foreign import CheckedMethods, ours
+from vessel_gym.foreign import ours
 from vessel_gym.mission import Mission
 from vessel_gym.sensor_faults import SensorFault
-from vessel_gym.sensors import Sensor, columns
+from vessel_gym.sensors import Sensor, Sensors, columns
 from vessel_gym.sharing import shared
+from vessel_gym.state import EnvState
 from vessel_gym.system import System
 from vessel_gym.world import World
 
@@ -41,73 +43,155 @@ def _world(
     task = checked_task(system.task, vehicle)
     given, forces = system.sensors_of(sensors, faults), Forces(system.vehicle, chosen_disturbance(system, disturbance))
     users = not (ours(system.vehicle) and ours(forces.disturbance) and given.ours and ours(system.task))
-    return World(vehicle, forces, checked_disturbance(forces.disturbance), given, task, users, not users)
+    return World(vehicle, forces, checked_disturbance(forces.disturbance), given, task, users)
+
+
+@dataclass(frozen=True, eq=False)
+class Options:
+    """The arguments of an environment.
+
+    Args:
+        estimator: Name of the estimator, None for the environment's default. The filters of the `estimators` package,
+            ``truth`` (oracle), ``measurement`` (last measurement, zero-order hold), ``dead-reckoning``; or your own: an
+            `estimators.Filter` subclass, or a function of the model that returns a filter.
+        estimator_options: Options of that estimator, over the environment's tuning; ``model`` chooses the filter's
+            model where there are several, ``told`` its assumptions about the world (see
+            `vessel_gym.estimation.Told`), ``late`` the use of measurements that come late: ``"fused"`` where they
+            belong (the default), ``"as new"`` or ``"discarded"``, ``monitor`` a monitor of its innovations for faults
+            of sensors: ``"cusum"``, ``"chi-square"``, a dictionary of such a ``kind`` and its options, or your own (see
+            `vessel_gym.estimation.monitor_of`).
+        sensors: ``"clean"``, ``"nominal"`` or ``"degraded"`` (10 % drop-outs, 5 % outliers), or your own: a list of
+            `vessel_gym.sensors.Sensor`, to which those of ``system.vehicle.sensors`` may belong.
+        disturbance: ``"calm"``, ``"moderate"`` or ``"rough"``, or your own: a `vessel_gym.disturbances.Disturbance`.
+        mismatch: Relative spread of the truth's parameters around the filter's, 0 to 0.25.
+        observe: ``"mean"``, ``"mean+std"``, either with ``"+alarms"`` (1 for each sensor that the monitor accuses, else
+            0), or ``"measurement"`` for raw measurements and their mask.
+        ends: Termination by ``"belief"`` (the estimate; the default where estimates are observed), ``"declaration"``
+            (the agent, by a last component of its action above 0.5) or ``"task"`` (the truth: one bit; the default
+            where measurements are observed). Limits of the task and time end any.
+        guidance: Is the agent told how to go on, from the estimated position or, of raw measurements, from where the
+            last of them put it? Without, it sees estimates or measurements as they are, and the mission. Default: where
+            estimates are observed.
+        sensor_faults: Faults of sensors, and their times: a list of `vessel_gym.sensor_faults.SensorFault`.
+
+    Raises:
+        ValueError: for a name that does not exist (saying which do) or a number out of range.
+        TypeError: for an argument that there is not, an option that the estimator does not have, or sensors, faults or
+            a disturbance that are none.
+    """
+
+    estimator: EstimatorChoice | None = None
+    estimator_options: Mapping[str, Any] | None = None
+    sensors: str | Sequence[Sensor] = "nominal"
+    disturbance: str | Disturbance = "moderate"
+    mismatch: float = 0.0
+    observe: str = "mean"
+    ends: str | None = None
+    guidance: bool | None = None
+    sensor_faults: Sequence[SensorFault] = ()
+
+    def __post_init__(self) -> None:
+        raw = one_of("observe mode", self.observe, OBSERVE) == "measurement"
+        if not 0.0 <= number(self.mismatch) <= 0.25:
+            raise ValueError(f"mismatch must be between 0 and 0.25, got {shown(self.mismatch)}")
+        ends = one_of("ends", ("task" if raw else "belief") if self.ends is None else self.ends, ENDS)
+        if self.guidance is not None and not isinstance(self.guidance, bool):
+            raise ValueError(f"guidance must be True, False or None, got {shown(self.guidance)}")
+        guidance = not raw if self.guidance is None else self.guidance
+        given = checked_options("estimator_options", self.estimator_options)
+        for name, value in (
+            ("mismatch", float(self.mismatch)), ("ends", ends), ("guidance", guidance), ("estimator_options", given)
+        ):  # fmt: skip
+            object.__setattr__(self, name, value)
 
 
 _mission = lru_cache(maxsize=32)(Mission)
 
 
 class Configuration:
-    """All that a system and its options fix.
+    """All that a system and its options fix: no episode changes it, and copies of an environment share it.
 
     Args:
-        system: The environment as data; the other arguments are those of `vessel_gym.core.Core`.
+        system: The environment as data.
+        options: Those of the environment.
+        num_threads: Threads that share the rows; no result depends on it.
+
+    Attributes:
+        world: The true world, with its vehicle, sensors and disturbance.
+        mission: The task.
+        estimation: The estimator and its model.
+        raw: That of raw measurements as they are, where they guide; None: they do not.
+        observe_mode: One of `OBSERVE`.
+        based: Components of the true state that stand where the filter has them.
+        perfect: Sum of rewards of a perfect episode, and of a step more.
+        nominal: The filter's parameters ``(1, k)``.
 
     Raises:
-        ValueError: as `vessel_gym.core.Core`.
+        ValueError: as `Options`.
         TypeError: likewise.
     """
 
-    def __init__(
-        self, system: System, estimator: EstimatorChoice | None, estimator_options: dict[str, Any],
-        sensors: str | Sequence[Sensor], disturbance: str | Disturbance, mismatch: float, observe: str,
-        ends: str | None, guidance: bool | None, sensor_faults: Sequence[SensorFault], num_threads: int,
-    ) -> None:  # fmt: skip
-        one_of("observe mode", observe, OBSERVE)
-        if not 0.0 <= number(mismatch) <= 0.25:
-            raise ValueError(f"mismatch must be between 0 and 0.25, got {shown(mismatch)}")
-        raw = observe == "measurement"
-        self.observe_mode, self.mismatch = observe, float(mismatch)
-        self.ends = one_of("ends", ("task" if raw else "belief") if ends is None else ends, ENDS)
-        if guidance is not None and not isinstance(guidance, bool):
-            raise ValueError(f"guidance must be True, False or None, got {shown(guidance)}")
-        self.guidance = not raw if guidance is None else guidance
-        self.sensors_name, self.disturbance_name = (
-            name if isinstance(name, str) else "own" for name in (sensors, disturbance)
-        )
-        self.world = world = _world(system, sensors, sensor_faults, disturbance)
-        self.system, self.vehicle, self.task = system, system.vehicle, system.task
-        self.sensors, self.forces, vehicle, task = world.sensors, world.forces, self.vehicle, self.task
-        checked = world.vehicle, world.task, world.disturbance
-        self.own_parts = [part for part in checked if isinstance(part, CheckedMethods)]
-        choice, acting = system.estimator if estimator is None else estimator, world.forces.disturbance
-        self.estimation = build(system, choice, estimator_options, world.sensors, acting, num_threads)
-        self.composition, self.estimator = self.estimation.composition, self.estimation.filter.name
-        self.estimations = {"loop": self.estimation}
-        if self.guidance and raw:
+    def __init__(self, system: System, options: Options, num_threads: int = 1) -> None:
+        self.system, self.options, self.num_threads, self.observe_mode = system, options, num_threads, options.observe
+        self.world = world = _world(system, options.sensors, options.sensor_faults, options.disturbance)
+        vehicle, task, raw = system.vehicle, system.task, options.observe == "measurement"
+        rest = world.sensors, world.forces.disturbance, num_threads
+        choice = system.estimator if options.estimator is None else options.estimator
+        self.estimation: Estimation = build(system, choice, options.estimator_options, *rest)
+        self.raw: Estimation | None = None
+        if options.guidance and raw:
             wide = {"model": vehicle.kinds[0]}  # the same whatever estimator is named
-            self.estimations["held"] = build(system, "measurement", wide, world.sensors, acting, num_threads)
-        self.success = task.ends.index(task.success)
-        if self.ends == "declaration" and not task.success:
+            self.raw = build(system, "measurement", wide, *rest)
+        if options.ends == "declaration" and not task.success:
             raise ValueError(f"{system.name} goes on until time is up, so there is nothing to declare: ends='task'")
-        self.action_size = len(vehicle.action_names) + (self.ends == "declaration")
-        sizes, seen = task.sizes(self.sensors.size, len(self.composition.names)), observed(observe, self.guidance)
+        sizes, seen = task.sizes(world.sensors.size, len(self.composition.names)), observed(raw, options)
         if not isinstance(sizes, dict) or not all(part in sizes for part in seen):
             raise ValueError(f"sizes of {type(task).__name__} must give {', '.join(seen)}, got {shown(sizes)}")
-        self.observation_size = sum(sizes[part] for part in seen) + len(alarming(observe, self.estimation.monitor))
-        self.perfect = float(task.perfect), float(task.perfect == task.horizon)  # in all, and a step more
+        alarms = alarming(options.observe, self.estimation.monitor)
+        self.observation_size: int = sum(sizes[part] for part in seen) + len(alarms)
+        self.action_size = len(vehicle.action_names) + (options.ends == "declaration")
+        self.perfect = float(task.perfect), float(task.perfect == task.horizon)
         self.based = tuple(vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0]))
         users = not (ours(task) and ours(self.composition.forces.disturbance))
-        self.guided = self.guidance and observe == "mean"
-        asked = self.composition, self.ends, self.based, self.guided, raw
-        self.mission = (Mission if users else _mission)(world.task, *asked, users, not users)
-        self.plain: dict[str, Any] = {"world": world, "mission": self.mission}  # whose functions are a user's, in NumPy
-        self.untraced, self.changes = world.users or users, 0  # how often they have been traced anew
-        self.reads: list[Dependencies] = []  # what those of them read that are traced
+        guided = options.guidance and options.observe == "mean"
+        self.mission = (Mission if users else _mission)(
+            world.task, self.composition, options.ends, self.based, guided, raw, users
+        )
         self.true_state = TrueState.of(world, self.composition)
         self.unknown_input = UnknownInput.of(world, self.estimation.inputs)
-        self.draws = Draws.of(world, len(self.based), self.mismatch)
+        self.draws = Draws.of(world, len(self.based), options.mismatch)
         self.nominal = np.array(world.vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Configuration, (self.system, self.options, self.num_threads)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self
+
+    @property
+    def composition(self) -> Composition:
+        """Composition of the filter's model."""
+        return self.estimation.composition
+
+    @property
+    def sensors(self) -> Sensors:
+        """The sensors."""
+        return self.world.sensors
+
+    @property
+    def success(self) -> int:
+        """Number of the end that means success; 0: to go on to the time limit does."""
+        return self.system.task.ends.index(self.system.task.success)
+
+    @property
+    def disturbance_name(self) -> str:
+        """The disturbance's name; "own": it has none."""
+        return self.options.disturbance if isinstance(self.options.disturbance, str) else "own"
+
+    @property
+    def sensors_name(self) -> str:
+        """That of the sensors, likewise."""
+        return self.options.sensors if isinstance(self.options.sensors, str) else "own"
 
 
 class TrueState(NamedTuple):
@@ -117,6 +201,12 @@ class TrueState(NamedTuple):
     drifting: bool  # is the disturbance's state among them?
     alone: bool  # are they the vehicle's state and nothing else?
     estimated: list[int]  # places of those that the filter estimates; -1: it alone thinks that there is one
+
+    def values(self, now: EnvState, sea: int) -> np.ndarray:
+        """The true states ``(B, n)``; the disturbance's state has ``sea`` components."""
+        if self.alone:
+            return now.state
+        return np.concatenate([now.state, now.drifting if self.drifting else now.drifting[:, sea:]], -1)
 
     @classmethod
     def of(cls, world: World, composition: Composition) -> "TrueState":
@@ -133,6 +223,14 @@ class UnknownInput(NamedTuple):
 
     columns: Any  # of `noise` or `forcing`, or of both and a last column of NaN
     array: str  # "noise", "forcing" or, where both hold a part, ""
+
+    def values(self, now: EnvState) -> np.ndarray:
+        """The true one of every environment ``(B, q)``; NaN what only the filter thinks there is."""
+        if self.array:
+            chosen: np.ndarray = getattr(now, self.array)[:, self.columns]
+            return chosen
+        unheard = np.full((len(now.noise), 1), np.nan)
+        return np.concatenate([now.noise, now.forcing, unheard], -1)[:, self.columns]
 
     @classmethod
     def of(cls, world: World, names: tuple[str, ...]) -> "UnknownInput":
@@ -169,11 +267,11 @@ class Draws(NamedTuple):
         return cls(words, tuple(counts), len(DRAWN) + len(parts), slice(end := uniforms + based, end + spread))
 
 
-def observed(observe: str, guidance: bool) -> tuple[str, ...]:
-    """The parts of an observation, in the words of `vessel_gym.system.Task.sizes`."""
-    if observe == "measurement":
-        return *(("guided",) if guidance else ()), "readings", "mission"
-    return "guided" if guidance else "unguided", *(("std",) if "std" in observe else ())
+def observed(raw: bool, options: Options) -> tuple[str, ...]:
+    """The parts of an observation, in the words of `vessel_gym.tasks.task.Task.sizes`."""
+    if raw:
+        return *(("guided",) if options.guidance else ()), "readings", "mission"
+    return "guided" if options.guidance else "unguided", *(("std",) if "std" in options.observe else ())
 
 
 def alarming(observe: str, monitor: FaultMonitor | None) -> tuple[str, ...]:

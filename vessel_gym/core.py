@@ -3,13 +3,14 @@
 import math
 from collections.abc import Sequence
 from functools import lru_cache
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
 from scipy.linalg import block_diag
 
-from estimators import Belief, Filter, Gaussian, Numbers
+from estimators import Belief, Gaussian, Numbers
 from estimators.checks import shown
 from estimators.engine import as_word, compiled
 from estimators.linalg import shared_root
@@ -17,21 +18,24 @@ from estimators.threefry import four_normals, threefry, two_uniforms
 from vessel_gym.arrivals import Readings
 from vessel_gym.checks import numbers
 from vessel_gym.checks import options as checked_options
-from vessel_gym.configuration import DRAWN, Configuration
-from vessel_gym.disturbances import Disturbance
-from vessel_gym.estimation import EstimatorChoice
+from vessel_gym.configuration import DRAWN, Configuration, Options
 from vessel_gym.filter_models.build import Composition
 from vessel_gym.filter_models.exogenous import Forces
-from vessel_gym.foreign import read, refuse_not_finite, traced
+from vessel_gym.foreign import refuse_not_finite
 from vessel_gym.loop import Loop
-from vessel_gym.sensor_faults import SensorFault
-from vessel_gym.sensors import Sensor, Sensors
-from vessel_gym.system import Estimate, System
+from vessel_gym.mission import estimate_of, standard_deviations
+from vessel_gym.sensors import Sensors
+from vessel_gym.state import EnvState, blank
+from vessel_gym.system import System
+from vessel_gym.tasks.task import Estimate
 
 DECLARED = 0.5
 """An agent declares a mission done by a last component of its action above this."""
-_MOST = 10
-"""How often users' functions are traced anew where something that they read has changed, before NumPy computes them."""
+
+
+def _of(path: str) -> Any:
+    """A read-only attribute that is one of a part."""
+    return property(attrgetter(path))
 
 
 class Core:
@@ -49,166 +53,86 @@ class Core:
     Args:
         system: The environment as data.
         num_envs: B.
-        estimator: Name of the estimator, or your own (see `vessel_gym.estimation.build`); None: the system's default.
-        estimator_options: Options of that estimator.
-        sensors: Name of a sensor suite, or a list of `Sensor` objects of one's own.
-        disturbance: Name of a disturbance, or a `Disturbance` of one's own.
-        mismatch: Relative spread of the truth's parameters around the filter's, in [0, 0.25].
-        observe: One of `vessel_gym.configuration.OBSERVE`.
-        ends: One of `vessel_gym.configuration.ENDS`; None: ``"belief"`` where estimates are observed, ``"task"`` where
-            readings are.
-        guidance: Whether the agent is told how to go on, by the path's errors where it is believed to be, or, of raw
-            readings, where the last of them put it; None: where estimates are observed.
+        arguments: Those of `vessel_gym.configuration.Options`, in order or
         num_threads: Threads that share the rows; no result depends on it.
-        sensor_faults: What goes wrong with the sensors, and when.
+        named: by name.
+
+    Attributes:
+        config: All that no step changes.
+        now: All that a step changes, but for
+        loop: sensors and estimator, and
+        raw: the estimator of raw measurements as they are, where these guide; None: they do not.
+        seeds: One an environment; none before the first reset.
+        episodes: Number of the episode since it was seeded ``(B,)``.
 
     Raises:
-        ValueError: for a name that does not exist (saying which do) or a number out of range.
-        TypeError: for an option that the estimator does not have, or sensors, faults or a disturbance that are none.
+        ValueError: as `vessel_gym.configuration.Options`.
+        TypeError: likewise.
     """
 
-    def __init__(
-        self,
-        system: System,
-        num_envs: int = 1,
-        estimator: EstimatorChoice | None = None,
-        estimator_options: dict[str, Any] | None = None,
-        sensors: str | Sequence[Sensor] = "nominal",
-        disturbance: str | Disturbance = "moderate",
-        mismatch: float = 0.0,
-        observe: str = "mean",
-        ends: str | None = None,
-        guidance: bool | None = None,
-        num_threads: int = 1,
-        sensor_faults: Sequence[SensorFault] = (),
-    ) -> None:
+    system, vehicle, task = map(_of, ("config.system", "config.system.vehicle", "config.system.task"))
+    sensors, forces, composition = map(_of, ("config.sensors", "config.world.forces", "config.composition"))
+    truth_names, unknown_inputs = map(_of, ("config.true_state.names", "config.estimation.inputs"))
+    observe_mode, action_size, observation_size = (
+        _of(f"config.{name}") for name in ("observe_mode", "action_size", "observation_size")
+    )
+    filter, estimator, readings = map(_of, ("loop.filter", "loop.filter.name", "loop.readings"))
+    state, action, actuators, parameters = (
+        _of(f"now.{name}") for name in ("state", "action", "actuators", "parameters")
+    )
+    drifting, noise, forcing, course = (_of(f"now.{name}") for name in ("drifting", "noise", "forcing", "course"))
+    reference, steps, total, end = (_of(f"now.{name}") for name in ("reference", "steps", "total", "end"))
+
+    def __init__(self, system: System, num_envs: int = 1, *arguments: Any, num_threads: int = 1, **named: Any) -> None:
         for name, count in (("num_envs", num_envs), ("num_threads", num_threads)):
             if not whole(count) or count < 1:
                 raise ValueError(f"{name} must be a positive whole number, got {shown(count)}")
         self.num_envs, self.num_threads = int(num_envs), int(num_threads)
-        estimator_options = checked_options("estimator_options", estimator_options)
-        self._choices = (
-            estimator, estimator_options, sensors, disturbance, mismatch, observe, ends, guidance, sensor_faults,
-            self.num_threads,
-        )  # fmt: skip
-        self.loop: Loop
-        self.held: Loop  # what raw readings give as they are, where they guide
-        self.attach(system)
-        self.action_shape = self.num_envs, self.action_size
-        self._ends = np.array(self.task.ends, dtype=object)
-        self._none, self._no_input = np.zeros(num_envs, bool), np.zeros((num_envs, 0))
-        self._seen: np.ndarray | None = None  # the observation, where it is known
-
+        self.config = config = Configuration(system, Options(*arguments, **named), self.num_threads)
+        self.loop = Loop(config, self.num_envs)
+        self.raw = None if config.raw is None else Loop(config, self.num_envs, "raw")
+        self.action_shape = self.num_envs, config.action_size
+        self._rows, self._none, self._no_input = np.arange(num_envs), np.zeros(num_envs, bool), np.zeros((num_envs, 0))
         self.seeds: list[int] = []
         self.episodes = np.zeros(num_envs, int)
-        self._keys = np.zeros((num_envs, self.config.draws.world - len(DRAWN), 2), np.uint64)  # of the world's parts
-        self._rows = np.arange(num_envs)
-        self.steps = np.zeros(num_envs, int)
-        self.total = np.zeros(num_envs)
-        self.end = np.zeros(num_envs, int)  # number in task.ends
-        self.course: np.ndarray  # what the task drew
-        self.reference: np.ndarray
-        self.state: np.ndarray  # the vehicle's
-        self.action: np.ndarray  # the last one, clipped; zero after a reset
-        self.actuators: np.ndarray
-        self.parameters: np.ndarray  # the truth's
-        self.drifting: np.ndarray  # the states of the disturbance, then of the sensors' biases
-        self.noise: np.ndarray  # what is new in kicks, disturbance and biases over the coming step
-        self.forcing: np.ndarray  # over the coming step
-        self.tally: np.ndarray  # what the score remembers
-
-    def attach(self, system: System) -> None:
-        """Take what no episode changes from the system: a copied core needs it again."""
-        self.config = config = Configuration(system, *self._choices)
-        self.system, self.vehicle, self.task, self.forces = config.system, config.vehicle, config.task, config.forces
-        self.sensors, self.composition, self.estimator = config.sensors, config.composition, config.estimator
-        self.truth_names, self.unknown_inputs = config.true_state.names, config.estimation.inputs
-        self.sensors_name, self.disturbance_name = config.sensors_name, config.disturbance_name
-        self.mismatch, self.observe_mode, self.guidance = config.mismatch, config.observe_mode, config.guidance
-        self.ends, self.success = config.ends, config.success
-        self.action_size, self.observation_size = config.action_size, config.observation_size
-        for name, estimation in config.estimations.items():
-            if hasattr(self, name):
-                getattr(self, name).attach(self.sensors, estimation)
-            else:
-                setattr(self, name, Loop(self.sensors, estimation, self.num_envs))
-
-    def _trace(self) -> None:
-        """Make one program of the world and one of the task where users' functions in them can be traced."""
-        config, functions = self.config, []
-        config.untraced, config.changes = False, config.changes + 1
-        sensed, told = (self.state, self.forcing[:, : self.forces.outside], self.bias), self.composition.forces
-        steps: tuple[Any, ...] = (
-            ("world", self._moving(), self.sensors.users(*sensed)),
-            ("mission", self._scoring(), told.users(self.state)),
-        )
-        for name, arrays, more in steps:
-            plain = config.plain[name]
-            if plain.users:
-                program, few = plain.program(), config.changes < _MOST
-                found = traced(plain.step, program.step, arrays, config.own_parts, more) if few else None
-                setattr(config, name, plain if found is None else program)
-                functions += found or []
-        config.reads = read(functions)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """All but what `attach` gives, which may hold functions that cannot be pickled."""
-        return {name: value for name, value in vars(self).items() if name not in {"config", *vars(self.config)}}
-
-    # --- what was chosen --------------------------------------------------------------------------
-
-    @property
-    def filter(self) -> Filter:
-        """The estimator."""
-        return self.loop.filter
+        self.now = blank(self.num_envs)
 
     @property
     def belief(self) -> Belief:
-        """What it believes."""
+        """The estimator's belief."""
         return self.loop.belief.read_only()
-
-    @property
-    def readings(self) -> Readings:
-        """What has arrived last, of each channel the youngest."""
-        return self.loop.readings
 
     @property
     def unknown_input(self) -> np.ndarray:
         """The true one of every environment ``(B, q)``; NaN what only the filter thinks there is."""
-        columns, array = self.config.unknown_input
-        if array:
-            return getattr(self, array)[:, columns]
-        unheard = np.full((self.num_envs, 1), np.nan)
-        return np.concatenate([self.noise, self.forcing, unheard], -1)[:, columns]
+        return self.config.unknown_input.values(self.now)
 
     @property
     def truth(self) -> np.ndarray:
         """The true states ``(B, n)``: the vehicle's, the disturbance's if filters are told of them, and the biases."""
-        if self.config.true_state.alone:
-            return self.state
-        return np.concatenate([self.state, self.drifting if self.config.true_state.drifting else self.bias], -1)
+        return self.config.true_state.values(self.now, self.config.world.size)
 
     @property
     def score(self) -> np.ndarray:
         """Sums of rewards over that of a perfect episode ``(B,)``, in [0, 1], however long episodes are."""
         perfect, each = self.config.perfect
-        return np.clip(self.total / np.maximum(perfect, each * self.steps), 0.0, 1.0)
+        return np.clip(self.now.total / np.maximum(perfect, each * self.now.steps), 0.0, 1.0)
 
     def score_of(self, row: int) -> float:
         """That of one environment, in a tenth of the time."""
         perfect, each = self.config.perfect
-        score: float = self.total.item(row) / max(perfect, each * self.steps.item(row))
+        score: float = self.now.total.item(row) / max(perfect, each * self.now.steps.item(row))
         return score if 0.0 <= score <= 1.0 else min(max(score, 0.0), 1.0)
 
     @property
     def sea_state(self) -> np.ndarray:
         """The disturbance's state ``(B, k)``."""
-        return self.drifting[:, : self.config.world.size]
+        return self.now.drifting[:, : self.config.world.size]
 
     @property
     def bias(self) -> np.ndarray:
         """The states of the sensors' biases ``(B, b)``."""
-        return self.drifting[:, self.config.world.size :]
+        return self.now.drifting[:, self.config.world.size :]
 
     def estimated(self, truth: np.ndarray) -> np.ndarray:
         """What the filter estimates ``(..., n)`` out of true states; NaN for what only the filter thinks there is."""
@@ -292,8 +216,7 @@ class Core:
         options = checked_options("options", options)
         if readings is not None:
             readings = _arrived(readings, len(rows), self.sensors)
-        config, loop, task = self.config, self.loop, self.config.world.task
-        draws = config.draws
+        config, loop, task, draws = self.config, self.loop, self.config.world.task, self.config.draws
         some = None if len(rows) == self.num_envs else rows  # all rows are faster as such
         at = slice(None) if some is None else rows
         seeds = self.seeds if some is None else [self.seeds[row] for row in rows]
@@ -303,28 +226,30 @@ class Core:
         self._refuse_at(np.zeros(len(rows), int), None)
         course = task.course(numbers[:, : task.uniforms], options)
         prior = task.prior(course)
-        self._keys[at] = keys[:, len(DRAWN) : draws.world]
         loop.restart(at, keys[:, draws.world :], keys[:, DRAWN.index("filter")])
-        steps = np.zeros(len(rows), int)
+        steps, total = np.zeros(len(rows), int), np.zeros(len(rows))
         actuators, u, state, drifting, noise, forcing, *read, tally = config.world.begin(
             course, prior.mean, shared_root(prior.cov), numbers, keys[:, len(DRAWN) :], steps
         )
-        if self.mismatch:
-            parameters = config.world.vehicle.parameters(self.mismatch, numbers[:, draws.parameters])
+        if config.options.mismatch:
+            parameters = config.world.vehicle.parameters(config.options.mismatch, numbers[:, draws.parameters])
         else:
             parameters = config.nominal.repeat(len(rows), 0)
-        self._put(
-            some, course=course, state=state, actuators=actuators, parameters=parameters, drifting=drifting,
-            noise=noise, forcing=forcing, tally=tally, steps=steps, total=np.zeros(len(rows)),
-            end=np.zeros(len(rows), int), action=np.zeros((len(rows), self.action_size)),
+        now = EnvState(
+            np.ascontiguousarray(keys[:, len(DRAWN) : draws.world]), steps, course, parameters, state,
+            np.zeros((len(rows), config.action_size)), actuators, drifting, noise, forcing, course, tally, total,
+            np.zeros_like(steps),
         )  # fmt: skip
         readings = loop.receive(readings or (read[0], read[1]), steps, some, readings is not None)
-        belief = loop.begin(some, self._known(prior, self.composition), self._handed(readings, rows), u)
-        if hasattr(self, "held"):
-            self.held.begin(some, self._known(prior, self.held.composition), readings, u)
-        self._put(some, reference=self._reference(course, steps, belief, state))
-        self._seen = None
-        self._refuse_at(self.steps, None)
+        belief = loop.begin(some, self._known(prior, config.composition), self._handed(readings, now), u)
+        if self.raw is not None:
+            self.raw.begin(some, self._known(prior, self.raw.composition), readings, u)
+        now.reference = self._reference(course, steps, belief, state)
+        self.now = now = now if some is None else self.now.merged(some, now)
+        self._refuse_at(now.steps, None)
+        for part, arrays in ((config.world, self._moving), (config.mission, self._scoring)):
+            if part.users:
+                part.step.prepare(*arrays(now))
 
     def _known(self, prior: Gaussian, told: Composition) -> Gaussian:
         """What a filter knows at the start, of what it estimates."""
@@ -361,129 +286,100 @@ class Core:
         action = self.checked(action, ended, shape)
         if readings is not None:
             readings = _arrived(readings, self.num_envs, self.sensors)
-        if self.config.untraced or not all(each.unchanged() for each in self.config.reads):
-            self._trace()
-        loop, self.action = self.loop, action
-        if self.config.own_parts:
-            self._refuse_at(self.steps + 1, ended)
-        self.steps = self.steps + 1
-        self.actuators, u, self.state, self.drifting, self.noise, self.forcing, *read = self._moved()
-        readings = loop.receive(readings or (read[0], read[1]), self.steps, None, readings is not None)
-        loop.estimate(self._handed(readings), u, self.steps)
-        if hasattr(self, "held"):
-            self.held.estimate(readings, u, self.steps)
-        reward = self._scored()
-        self.total += reward
-        return reward, self.end
+        loop, now = self.loop, self.now.after(action)
+        self._refuse_at(now.steps, ended)
+        now.actuators, u, now.state, now.drifting, now.noise, now.forcing, *read = self._moved(now)
+        readings = loop.receive(readings or (read[0], read[1]), now.steps, None, readings is not None)
+        loop.estimate(self._handed(readings, now), u, now.steps)
+        if self.raw is not None:
+            self.raw.estimate(readings, u, now.steps)
+        now.reference, reward, now.end, now.tally, *seen = self._scored(now)
+        now.total, now.observation = now.total + reward, seen[0] if seen else None
+        self.now = now
+        return reward, now.end
+
+    def _moved(self, now: EnvState) -> Sequence[np.ndarray]:
+        """The world after a step, as `vessel_gym.world.World.equations` gives it."""
+        moved: Sequence[np.ndarray] = self.config.world.step(*self._moving(now), threads=self.num_threads)
+        return moved
+
+    def _scored(self, now: EnvState) -> Sequence[np.ndarray]:
+        """Reference, reward and more, as `vessel_gym.mission.Mission.equations` gives them."""
+        scored: Sequence[np.ndarray] = self.config.mission.step(*self._scoring(now), threads=self.num_threads)
+        return scored
+
+    def _moving(self, now: EnvState) -> tuple[np.ndarray, ...]:
+        """Arguments of `vessel_gym.world.World.equations`."""
+        action = now.action[:, :-1] if self.config.options.ends == "declaration" else now.action
+        return (
+            action, now.course, now.reference, now.state, now.actuators, now.forcing, now.parameters, now.keys,
+            now.steps, now.drifting, now.noise, self.loop.sensing(None),
+        )  # fmt: skip
+
+    def _scoring(self, now: EnvState) -> tuple[np.ndarray, ...]:
+        """Arguments of `vessel_gym.mission.Mission.equations`."""
+        action, declared = now.action, self._none
+        if self.config.options.ends == "declaration":
+            action, declared = action[:, :-1], action[:, -1] > DECLARED
+        forcing = np.ascontiguousarray(now.forcing[:, : self.config.world.forces.outside])
+        return (
+            now.course, now.steps, declared, self.loop.belief.mean, self._d(), now.state, forcing, now.actuators,
+            action, now.tally,
+        )  # fmt: skip
 
     def _d(self) -> np.ndarray:
         """The estimated unknown input ``(B, q)``; q is 0 where there is none."""
         d = self.loop.belief.input_mean
         return self._no_input if d is None else d
 
-    def _moving(self) -> tuple[np.ndarray, ...]:
-        """Arguments of `World.step`."""
-        action = self.action[:, :-1] if self.ends == "declaration" else self.action
-        return (
-            action, self.course, self.reference, self.state, self.actuators, self.forcing, self.parameters, self._keys,
-            self.steps, self.drifting, self.noise, self.loop.sensing(None),
-        )  # fmt: skip
-
-    def _moved(self) -> Sequence[np.ndarray]:
-        """What `World.step` gives; users' functions are checked."""
-        world, arrays = self.config.world, self._moving()
-        moved = world.step(*arrays, threads=self.num_threads) if world.whole else world.step(*arrays)
-        if not world.users:
-            return moved
-        if world.whole and not moved[-1].all():
-            world.step.function(*arrays)  # in NumPy, function by function, which refuses all but what has run away
-        return moved[:-1]
-
-    def _scoring(self) -> tuple[np.ndarray, ...]:
-        """Arguments of `Mission.step`."""
-        action, declared = self.action, self._none
-        if self.ends == "declaration":
-            action, declared = action[:, :-1], action[:, -1] > DECLARED
-        forcing = np.ascontiguousarray(self.forcing[:, : self.forces.outside])
-        return (
-            self.course, self.steps, declared, self.loop.belief.mean, self._d(), self.state, forcing, self.actuators,
-            action, self.tally,
-        )  # fmt: skip
-
-    def _scored(self) -> np.ndarray:
-        """The reward ``(B,)`` of a step; reference, end and score state follow, and the observation if it is guided."""
-        mission, arrays = self.config.mission, self._scoring()
-        scored = mission.step(*arrays, threads=self.num_threads) if mission.whole else mission.step(*arrays)
-        self.reference, reward, end, self.tally, *seen = scored
-        self._seen = seen[0] if self.config.guided else None
-        if mission.users:
-            if not scored[-1].all():
-                self._seen = None
-                if mission.whole:
-                    mission.step.function(*arrays)
-                self._check_ends(end)
-            end = end.astype(int)
-        self.end = end
-        return reward
-
     def observe(self) -> np.ndarray:
-        """The observations ``(B, k)``, float32 and within bounds, made of estimates or readings, mission, actuators."""
-        if self.config.untraced:
-            self._trace()
-        observation = self._seen
+        """Observations ``(B, k)``, float32 and within bounds, of estimates or measurements, mission and actuators."""
+        config, now, guided = self.config, self.now, self.config.mission.guided and self.observe_mode == "mean"
+        observation = now.observation if guided else None
         if observation is None:
-            bound = self.task.BOUND
+            bound, mission = self.task.BOUND, config.mission
             with np.errstate(over="ignore", invalid="ignore"):  # diverged estimates are clipped
-                parts = self._observed()
-                observation = np.clip(parts[0] if len(parts) == 1 else np.concatenate(parts, -1), -bound, bound)
-            if self.config.world.task is not self.task:
+                if guided:
+                    observe = mission.observe if mission.whole else mission.observe.function
+                    observation = observe(self.loop.belief.mean, self._d(), now.reference, now.actuators)
+                else:
+                    observation = np.clip(np.concatenate(self._observed(), -1), -bound, bound)
+            if config.world.task is not self.task:
                 name = f"the observation of {type(self.task).__name__}"
-                refuse_not_finite(name, observation, self.steps, None, self.loop.belief.mean, self.state)
-            self._seen = observation if self.config.guided else None
+                refuse_not_finite(name, observation, now.steps, None, self.loop.belief.mean, now.state)
+            now.observation = observation if guided else None
         return observation.astype(np.float32, "C")
 
     def _observed(self) -> list[np.ndarray]:
         """The parts of the observations, before they are clipped."""
-        task, course, steps = self.config.world.task, self.course, self.steps
+        task, course, steps, actuators = self.config.world.task, self.course, self.steps, self.actuators
         if self.observe_mode == "measurement":
             parts = [task.observe_readings(self.sensors, *self.loop.readings, course, steps)]
-            parts.append(task.observe_mission(course, steps, self.actuators))
-            if hasattr(self, "held"):
-                held = self._estimate(self.held.belief, self.held.composition)
-                reference = task.reference(course, steps, held.state)
-                parts.insert(0, task.observe(held, reference, self.actuators))
+            parts.append(task.observe_mission(course, steps, actuators))
+            if self.raw is not None:
+                estimate = self._estimate(self.raw)
+                parts.insert(0, task.observe(estimate, task.reference(course, steps, estimate.state), actuators))
             return parts
-        if self.config.guided:
-            return [self.config.mission.observe(self.loop.belief.mean, self._d(), self.reference, self.actuators)]
-        estimate = self._estimate(self.loop.belief, self.composition)
-        if self.guidance:
-            parts = [task.observe(estimate, self.reference, self.actuators)]
+        estimate = self._estimate(self.loop)
+        if self.config.options.guidance:
+            parts = [task.observe(estimate, self.reference, actuators)]
         else:
-            mission = task.observe_mission(course, steps, self.actuators)
-            parts = [task.observe_state(estimate, course), mission]
+            parts = [task.observe_state(estimate, course), task.observe_mission(course, steps, actuators)]
         if "std" in self.observe_mode:
             parts.append(task.observe_std(estimate))
         if "alarms" in self.observe_mode:
             parts.append(self.loop.alarms)
         return parts
 
-    def _estimate(self, belief: Belief, told: Composition) -> Estimate:
-        """What the task sees of a belief."""
-        mean, input_mean = belief.mean, belief.input_mean
-        state = mean if told.base == mean.shape[1] else mean[:, : told.base]
-        if input_mean is not None and not input_mean.shape[-1]:
-            input_mean = None
-        flow = told.flow(mean, input_mean)
-        if "std" not in self.observe_mode:
-            return Estimate(state, flow, input_mean)
-        variance = np.maximum(belief.cov.diagonal(0, -2, -1), 0.0)
-        known = (
-            None
-            if input_mean is None or belief.input_cov is None
-            else np.maximum(belief.input_cov.diagonal(0, -2, -1), 0.0)
-        )
-        return Estimate(state, flow, input_mean, np.sqrt(variance),
-                        None if known is None else np.sqrt(known), told.scale)  # fmt: skip
+    def _estimate(self, loop: Loop) -> Estimate:
+        """The task's view of a belief."""
+        belief, told = loop.belief, loop.composition
+        estimate = estimate_of(told, belief.mean, belief.input_mean)
+        if "std" in self.observe_mode:
+            estimate.sd, estimate.scale = standard_deviations(belief.cov), told.scale
+            if estimate.input_mean is not None and belief.input_cov is not None:
+                estimate.input_sd = standard_deviations(belief.input_cov)
+        return estimate
 
     def scored_truth(self) -> np.ndarray:
         """A copy of the true states ``(B, n)``.
@@ -494,7 +390,7 @@ class Core:
         if not self.seeds:
             raise ResetNeeded("call reset() before asking for the truth")
         truth = self.truth
-        return truth.copy() if truth is self.state else truth
+        return truth.copy() if truth is self.now.state else truth
 
     def info(self, rows: np.ndarray | None = None) -> dict[str, np.ndarray]:
         """Copies of what happened, one row an environment; documented with the environment.
@@ -505,8 +401,8 @@ class Core:
         happened = self.happened() | {
             "healthy": self.loop.belief.healthy,
             "score": self.score,
-            "end": self._ends[self.end],
-            "is_success": self.end == self.success,
+            "end": np.array(self.task.ends, dtype=object)[self.end],
+            "is_success": self.end == self.config.success,
         }
         return {name: _only(rows, values) for name, values in happened.items()}
 
@@ -553,38 +449,25 @@ class Core:
 
     # --- inside -----------------------------------------------------------------------------------
 
-    def _check_ends(self, end: np.ndarray) -> None:
-        """Refuse an end of a user's task that there is not."""
-        if not np.isin(end, np.arange(len(self._ends))).all():
-            name = f"score of {type(self.task).__name__}"
-            raise ValueError(
-                f"{name} gave the numbers of ends {shown(end.tolist())}: they must be whole and below {len(self._ends)}"
-            )
-
     def _refuse_at(self, steps: np.ndarray, ended: np.ndarray | None) -> None:
         """Tell the user's vehicle and task for their refusals at which step they are, and which rows are over."""
-        for part in self.config.own_parts:
+        for part in self.config.world.own_parts:
             part.steps, part.ended = steps, ended
 
-    def _handed(self, readings: Readings, rows: np.ndarray | None = None) -> Readings:
-        """What the filter is handed: the readings; the oracle alone, and no other, the truth."""
+    def _handed(self, readings: Readings, now: EnvState) -> Readings:
+        """The filter's measurements; the oracle alone, and no other, is given the truth."""
         if not self.loop.tells_truth:
             return readings
-        truth = np.concatenate([self.estimated(self.truth), self.unknown_input], -1)
-        truth = truth if rows is None else truth[rows]
-        return truth, np.ones(truth.shape, bool)
+        config = self.config
+        truth = self.estimated(config.true_state.values(now, config.world.size)), config.unknown_input.values(now)
+        told = np.concatenate(truth, -1)
+        return told, np.ones(told.shape, bool)
 
     def _reference(self, course: np.ndarray, steps: np.ndarray, belief: Belief, state: np.ndarray) -> np.ndarray:
         """The reference ``(B, k)``: where the vehicle believes to be, or is, if nobody sees what it believes."""
         where = state[:, self.config.based] if self.observe_mode == "measurement" else belief.mean
         reference: np.ndarray = self.config.world.task.reference(course, steps, where)
         return reference
-
-    def _put(self, rows: np.ndarray | None, **arrays: np.ndarray) -> None:
-        """Take new values of some rows; None: of all."""
-        self.__dict__.update(
-            arrays if rows is None else {name: _merged(getattr(self, name), rows, new) for name, new in arrays.items()}
-        )
 
 
 @compiled(axes=(1, 0))
@@ -624,15 +507,6 @@ def _only(rows: np.ndarray | None, values: np.ndarray) -> np.ndarray:
     only = np.full(values.shape, None) if values.dtype == object else np.zeros(values.shape, values.dtype)
     only[rows] = values[rows]
     return only
-
-
-def _merged(whole: np.ndarray, rows: np.ndarray | None, values: np.ndarray) -> np.ndarray:
-    """An array with new values of some rows; None: of all."""
-    if rows is None:
-        return values
-    merged = whole.copy()
-    merged[rows] = values
-    return merged
 
 
 def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray:

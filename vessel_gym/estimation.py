@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from estimators import (
     Belief,
     ChiSquareMonitor,
     CusumMonitor,
+    Delayed,
     FaultMonitor,
     Filter,
     GaussianFilter,
@@ -225,6 +227,7 @@ class Estimation:
         inputs: What is kept of the unknown input for scoring: the filter's d; if it has none, see `unknown_inputs`.
         late: What is done with readings that come late: one of `LATE`.
         monitor: What watches its innovations for faults of sensors; None: nothing does.
+        horizon: Steps by which measurements may be late.
     """
 
     filter: Filter
@@ -233,6 +236,27 @@ class Estimation:
     inputs: tuple[str, ...]
     late: str = LATE[0]
     monitor: FaultMonitor | None = None
+    horizon: int = 0
+
+    @cached_property
+    def tells_truth(self) -> bool:
+        """Is it the declared exception, whose measurement is the truth?"""
+        return isinstance(self.filter, Oracle)
+
+    @cached_property
+    def fuses(self) -> bool:
+        """Are late measurements fused where they belong?"""
+        return self.late == "fused" and self.horizon > 0 and not self.tells_truth
+
+    @cached_property
+    def delayed(self) -> Any:
+        """The filter, or one that fuses late measurements."""
+        return Delayed(self.filter, self.horizon) if self.fuses else self.filter
+
+    @cached_property
+    def direct(self) -> bool:
+        """Does the filter need no checks of its results?"""
+        return self.filter._ours and not self.fuses
 
 
 @shared
@@ -294,23 +318,21 @@ def build(
         if not isinstance(made, Filter):
             raise TypeError(f"estimator must return an estimators.Filter, got {type(made).__name__}")
         check_own(made, composition)
-        check_input(made, composition)
-        made._threads = num_threads
-        return Estimation(made, composition, told.prior, inputs, late, monitor_of(monitor, sensors, made))
-    assert isinstance(estimator, str)
-    if estimator in ENVIRONMENT_ONLY and options:
+    elif estimator in ENVIRONMENT_ONLY and options:
         raise TypeError(f"{estimator} has no option {next(iter(options))!r}: it takes model, told and late")
-    makers: dict[str, Callable[[], Filter]] = {
-        "truth": lambda: Oracle(model.n, len(inputs)),
-        "measurement": lambda: HeldMeasurement(composition, inputs),
-        "dead-reckoning": lambda: DeadReckoning(model),
-    }
-    made = makers.get(estimator, lambda: _made(system, estimator, options, composition, told.Q))()
-    if model is not straight:  # what the filter calls the input of a step is that of the next one, or of the one before
-        made.input_delay = 0 if composition.late else 1
+    else:
+        makers: dict[str, Callable[[], Filter]] = {
+            "truth": lambda: Oracle(model.n, len(inputs)),
+            "measurement": lambda: HeldMeasurement(composition, inputs),
+            "dead-reckoning": lambda: DeadReckoning(model),
+        }
+        name = str(estimator)
+        made = makers.get(name, lambda: _made(system, name, options, composition, told.Q))()
+        if model is not straight:  # its input of a step is that of the next one, or of the one before
+            made.input_delay = 0 if composition.late else 1
     check_input(made, composition)
-    made._threads = num_threads
-    return Estimation(made, composition, told.prior, inputs, late, monitor_of(monitor, sensors, made))
+    made._threads, watch = num_threads, monitor_of(monitor, sensors, made)
+    return Estimation(made, composition, told.prior, inputs, late, watch, sensors.horizon)
 
 
 def monitor_of(choice: object, sensors: Sensors, filter: Filter) -> FaultMonitor | None:

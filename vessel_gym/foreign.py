@@ -14,7 +14,7 @@ import numpy as np
 
 from estimators import Gaussian
 from estimators.checks import numbers, shown
-from estimators.engine import Compiled, as_float
+from estimators.engine import Compiled, as_float, forget
 from estimators.engine.arrays import TracedArray
 from estimators.engine.creation import traced_creation
 from estimators.engine.dependencies import Dependencies
@@ -22,6 +22,8 @@ from estimators.engine.foreign import Inspection, inspect, keep, known
 from estimators.engine.tracer import NotTraceable
 
 _log = logging.getLogger(__name__)
+_MOST = 10
+"""How often users' functions are traced anew where something that they read has changed, before NumPy computes them."""
 
 _ORDINARY = 1e9
 """Beyond this, in SI units, a vehicle or a belief has run away, and what is computed of it may overflow."""
@@ -61,6 +63,7 @@ class CheckedMethods:
         own: The user's vehicle, task or disturbance.
 
     Attributes:
+        title: Its class's name.
         columns: Of arrays, by what they are (see `RETURNED`); others may have any number.
         calls: Where methods and their arguments are recorded, and nothing is checked; None: nowhere.
         steps: ``(B,)`` since the start,
@@ -71,7 +74,7 @@ class CheckedMethods:
     """A task's columns of a reference, which say what is commanded only of ours: a user's method is asked."""
 
     def __init__(self, own: Any, **columns: int) -> None:
-        self._own, self.columns = own, columns
+        self._own, self.title, self.columns = own, type(own).__name__, columns
         self.calls: list[Call] | None = None
         self.steps: np.ndarray = np.zeros(1, int)
         self.ended: np.ndarray | None = None
@@ -86,7 +89,7 @@ class CheckedMethods:
 
     def _checked(self, name: str, method: Copying, *arguments: Any) -> Any:
         """Result of a method, or a refusal that names it; of tracers it is traced, see `Programs`."""
-        returned, title = method(*arguments), f"{name} of {type(self._own).__name__}"
+        returned, title = method(*arguments), f"{name} of {self.title}"
         if name == "commanded" and returned is None:
             return None
         arrays = [each for each in arguments if isinstance(each, np.ndarray)]
@@ -118,6 +121,11 @@ class CheckedMethods:
     def _array(self, title: str, what: str, values: Any, rows: int) -> np.ndarray:
         if what in _SCALAR:
             array = rows_of(title, values, rows, scalar=True)
+            if what == "end" and not np.isin(array, np.arange(len(self._own.ends))).all():
+                raise ValueError(
+                    f"score of {self.title} gave the numbers of ends {shown(array.tolist())}: "
+                    f"they must be whole and below {len(self._own.ends)}"
+                )
             return array != 0.0 if what == "over" else array
         array = rows_of(title, values, rows, self.columns.get(what), constant=what in _CONSTANT)
         if what in _OBSERVED:
@@ -177,6 +185,49 @@ def traced(
         _log.info("users' functions run in NumPy: %s", error)
         return None
     return [function for function, *_ in calls]
+
+
+class Step:
+    """The equations of a step that call users' functions: a program once these are traced, and NumPy until then.
+
+    Args:
+        owner: Has the compiled method ``equations``, whose last result is a mask of sound rows.
+        parts: Whose methods it calls,
+        calls: and other functions that it calls of its arguments.
+
+    Attributes:
+        whole: Is it one program?
+    """
+
+    def __init__(self, owner: Any, parts: Sequence[CheckedMethods], calls: Callable[..., Iterable[Call]]) -> None:
+        self.owner, self._parts, self._calls = owner, parts, calls
+        self.whole = False
+        self._traces = 0
+        self._reads: list[Dependencies] = []
+
+    def prepare(self, *arrays: np.ndarray) -> None:
+        """Trace the equations for such arguments, unless they have been."""
+        if not self._traces:
+            self._trace(*arrays)
+
+    def _trace(self, *arrays: np.ndarray) -> None:
+        plain, few = self.owner.equations.function, self._traces < _MOST
+        self._traces += 1
+        forget(self.owner)
+        found = traced(plain, self.owner.equations, arrays, self._parts, self._calls(*arrays)) if few else None
+        self.whole, self._reads = found is not None, read(found or [])
+
+    def __call__(self, *arrays: np.ndarray, threads: int = 1) -> Sequence[np.ndarray]:
+        """The equations' results but for the mask; users' functions are checked."""
+        if not self._traces or not all(each.unchanged() for each in self._reads):
+            self._trace(*arrays)
+        if not self.whole:  # in one thread, as NumPy may round otherwise in a part of the rows
+            found: Sequence[np.ndarray] = self.owner.equations.function(*arrays)[:-1]
+            return found
+        *results, sound = self.owner.equations(*arrays, threads=threads)
+        if not sound.all():
+            self.owner.equations.function(*arrays)  # function by function, which refuses all but what has run away
+        return results
 
 
 def read(functions: Sequence[Callable[..., Any]]) -> list[Dependencies]:

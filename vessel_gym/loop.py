@@ -1,13 +1,13 @@
 """What senses and estimates for many rows at once: the half of an environment that knows no truth and no task."""
 
-from typing import Any
+from operator import attrgetter
+from typing import Any, cast
 
 import numpy as np
 
-from estimators import Belief, Delayed, Gaussian, Numbers, Watch
+from estimators import Belief, Gaussian, Numbers, Watch
 from vessel_gym.arrivals import Faulty, Readings, Transit, of_now, youngest
-from vessel_gym.estimation import Estimation, Oracle
-from vessel_gym.sensors import Sensors
+from vessel_gym.estimation import Estimation
 
 
 class Loop:
@@ -17,8 +17,8 @@ class Loop:
     and nothing else.
 
     Args:
-        sensors: What is read.
-        estimation: The filter, and what it is told.
+        owner: Has the ``sensors``, and an `Estimation` by
+        name: this name. Copies of the owner and of its loop belong together.
         rows: B.
 
     Attributes:
@@ -28,9 +28,15 @@ class Loop:
         watch: What the monitor has seen, where there is one.
     """
 
-    def __init__(self, sensors: Sensors, estimation: Estimation, rows: int) -> None:
-        self.rows = rows
-        self.attach(sensors, estimation)
+    sensors = property(attrgetter("owner.sensors"))
+    composition, filter, monitor, tells_truth = (
+        cast(Any, property(attrgetter(f"estimation.{name}")))
+        for name in ("composition", "filter", "monitor", "tells_truth")
+    )
+
+    def __init__(self, owner: Any, rows: int, name: str = "estimation") -> None:
+        self.owner, self.name, self.rows = owner, name, rows
+        sensors = owner.sensors
         self._sensing = np.zeros((rows, len(sensors.each), 2), np.uint64)
         self._filtering = Numbers(np.zeros((rows, 2), np.uint64))
         self._faults = Faulty(sensors, rows) if sensors.faults else None
@@ -42,20 +48,11 @@ class Loop:
         self.watch: Watch
         self._refused = np.zeros(rows, int)
 
-    def attach(self, sensors: Sensors, estimation: Estimation) -> None:
-        """Take what is no state: a copy of a loop needs it again."""
-        self.sensors, self.composition = sensors, estimation.composition
-        self.filter, self._prior_factor, self.monitor = estimation.filter, estimation.prior, estimation.monitor
-        self.tells_truth = isinstance(self.filter, Oracle)
-        """Whether the filter is the declared exception, whose reading is the truth."""
-        self._late = estimation.late
-        self._fuses = self._late == "fused" and sensors.horizon > 0 and not self.tells_truth
-        self._asked: Any = Delayed(self.filter, sensors.horizon) if self._fuses else self.filter
-        self._plain = self.filter._ours and not self._fuses
-
-    def __getstate__(self) -> dict[str, Any]:
-        """All but what `attach` gives, which may hold functions that cannot be pickled."""
-        return {name: value for name, value in self.__dict__.items() if name not in _ATTACHED}
+    @property
+    def estimation(self) -> Estimation:
+        """The filter and its model."""
+        estimation: Estimation = getattr(self.owner, self.name)
+        return estimation
 
     def restart(self, rows: np.ndarray | slice, sensing: np.ndarray, filtering: np.ndarray) -> None:
         """Begin an episode of some rows, with keys ``(rows, sensors, 2)`` and ``(rows, 2)`` of the filter's numbers."""
@@ -92,32 +89,35 @@ class Loop:
 
         The prior is what is known at the start, of what the filter estimates.
         """
-        rng = None
-        if self.filter.random:
+        rng, estimation = None, self.estimation
+        filter, monitor = estimation.filter, estimation.monitor
+        if filter.random:
             rng = self._filtering if rows is None else self._filtering[rows]
-        prior = prior if self._prior_factor == 1.0 else Gaussian(prior.mean, self._prior_factor * prior.cov)
-        if self._plain:
+        prior = prior if estimation.prior == 1.0 else Gaussian(prior.mean, estimation.prior * prior.cov)
+        if estimation.direct:
             y, available = self._told(readings)
-            belief = self.filter._begin(prior, u, y, available, rng)
+            belief = filter._begin(prior, u, y, available, rng)
         else:
-            belief = self._update(self._asked.init(prior, rng=rng), readings, rng, u)
+            belief = self._update(estimation.delayed.init(prior, rng=rng), readings, rng, u)
         if rows is None:
             self.belief = belief
         else:
             self.belief = self.belief.with_rows(rows, belief)
-        if self.monitor is not None:
-            watch = self._watched(self.monitor.start(len(belief.mean)), belief)
+        if monitor is not None:
+            watch = self._watched(monitor.start(len(belief.mean)), belief)
             self.watch = watch if rows is None else self.watch.with_rows(rows, watch)
         return belief
 
     def estimate(self, readings: Readings, u: np.ndarray, steps: np.ndarray) -> None:
         """One step of all rows, after which they are ``steps (B,)`` on: the known input, then what was read."""
-        rng = self._filtering.at(steps.copy()) if self.filter.random else None  # the core counts on in place
-        if self._plain:
-            self.belief = self.filter._advance(self.belief, u, *self._told(readings), rng)
+        estimation = self.estimation
+        filter = estimation.filter
+        rng = self._filtering.at(steps.copy()) if filter.random else None  # some count on in place
+        if estimation.direct:
+            self.belief = filter._advance(self.belief, u, *self._told(readings), rng)
         else:
-            self.belief = self._update(self._asked.predict(self.belief, u, rng=rng), readings, rng)
-        if self.monitor is not None:
+            self.belief = self._update(estimation.delayed.predict(self.belief, u, rng=rng), readings, rng)
+        if estimation.monitor is not None:
             self.watch = self._watched(self.watch, self.belief)
 
     def faulty(self, steps: np.ndarray) -> np.ndarray:
@@ -134,7 +134,7 @@ class Loop:
     def refused(self) -> np.ndarray:
         """Readings since each row's start that came too late for its filter to take in ``(B,)``."""
         refused = self._refused if self._transit is None else self._refused + self._transit.lost
-        return refused + self.belief.refused if self._fuses else refused
+        return refused + self.belief.refused if self.estimation.fuses else refused
 
     def _delivered(self, readings: Readings, steps: np.ndarray, rows: np.ndarray | slice, injected: bool) -> Readings:
         """What comes at sea of what is read, or is injected."""
@@ -152,10 +152,10 @@ class Loop:
         return come
 
     def _update(self, belief: Belief, readings: Readings, rng: Numbers | None, u: np.ndarray | None = None) -> Belief:
-        y, available = self._told(readings)
-        if not self.filter._ours:  # somebody else's may write into what it is given; ours do not
+        (y, available), estimation = self._told(readings), self.estimation
+        if not estimation.filter._ours:  # somebody else's may write into what it is given; ours do not
             y, available = y.copy(), None if available is None else available.copy()
-        return self._asked.update(belief, y, rng=rng, available=available, u=u)
+        return estimation.delayed.update(belief, y, rng=rng, available=available, u=u)
 
     def _watched(self, watch: Watch, belief: Any) -> Watch:
         """What the monitor says after an update of all rows of ``watch``.
@@ -163,25 +163,29 @@ class Loop:
         Of readings that are fused where they belong it sees a step when none can reach it any more: innovations of
         before would change with each that comes, and be independent no more.
         """
-        assert self.monitor is not None
-        if not self._fuses:
-            return self.monitor.watch(watch, belief)
-        rows, settled = self._asked.settled(belief)
-        return watch if settled is None else watch.with_rows(rows, self.monitor.watch(watch[rows], settled))
+        estimation = self.estimation
+        monitor = estimation.monitor
+        assert monitor is not None
+        if not estimation.fuses:
+            return monitor.watch(watch, belief)
+        rows, settled = estimation.delayed.settled(belief)
+        return watch if settled is None else watch.with_rows(rows, monitor.watch(watch[rows], settled))
 
     def _told(self, readings: Readings) -> tuple[np.ndarray, np.ndarray | None]:
         """Readings and mask, as filters take them."""
-        if self.tells_truth:
+        estimation = self.estimation
+        if estimation.tells_truth:
             return readings[0], None
-        if self._fuses or readings[0].ndim == 2:
+        if estimation.fuses or readings[0].ndim == 2:
             return readings
-        return youngest(readings) if self._late == "as new" else (readings[0][:, 0], readings[1][:, 0])
+        return youngest(readings) if estimation.late == "as new" else (readings[0][:, 0], readings[1][:, 0])
 
     def _neglected(self, arrived: np.ndarray) -> Any:
         """How many of the readings that have come ``(rows, ages, p)`` no filter is told of, ``(rows,)``."""
-        if self._late == "as new":
+        late = self.estimation.late
+        if late == "as new":
             return arrived.sum((1, 2)) - arrived.any(1).sum(1)
-        return arrived[:, 1:].sum((1, 2)) if self._late == "discarded" else 0
+        return arrived[:, 1:].sum((1, 2)) if late == "discarded" else 0
 
 
 def _merged(whole: Readings, rows: np.ndarray | None, some: Readings) -> Readings:
@@ -191,6 +195,3 @@ def _merged(whole: Readings, rows: np.ndarray | None, some: Readings) -> Reading
     y, available = whole[0].copy(), whole[1].copy()
     y[rows], available[rows] = some
     return y, available
-
-
-_ATTACHED = ("sensors", "composition", "filter", "monitor", "_asked")

@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from estimators.engine import compiled
+from estimators.engine import as_integer, compiled
+from estimators.engine.arrays import TracedArray
 from vessel_gym.filter_models.build import Composition
-from vessel_gym.system import Estimate
+from vessel_gym.foreign import CheckedMethods, Step, refuse_not_finite
+from vessel_gym.tasks.task import Estimate
 
 
 class Mission:
@@ -23,25 +25,21 @@ class Mission:
         guided: Are estimates alone observed, with guidance? Then the step observes, too.
         measured: Are raw readings observed? Then the reference is where the truth is.
         users: Are functions a user's?
-        whole: Is a step one program?
+
+    Attributes:
+        step: `equations`, with users' functions checked.
     """
 
     def __init__(
-        self, task: Any, told: Composition, ends: str, based: Sequence[int], guided: bool, measured: bool, users: bool,
-        whole: bool,
-    ) -> None:  # fmt: skip
+        self, task: Any, told: Composition, ends: str, based: Sequence[int], guided: bool, measured: bool, users: bool
+    ) -> None:
         self.task, self.told, self.ends, self.based = task, told, ends, list(based)
-        self.guided, self.measured, self.users, self.whole = guided, measured, users, whole
-        for name in () if whole else ("step", "observe"):
-            setattr(self, name, getattr(self, name).function)
-
-    def program(self) -> "Mission":
-        """The same as one program."""
-        asked = self.told, self.ends, self.based, self.guided, self.measured
-        return Mission(self.task, *asked, self.users, True)
+        self.guided, self.measured, self.users = guided, measured, users
+        parts = [task] if isinstance(task, CheckedMethods) else []
+        self.step: Any = Step(self, parts, lambda *arrays: told.forces.users(arrays[5])) if users else self.equations
 
     @compiled(axes=(1, 0, 0, 1, 1, 1, 1, 1, 1, 1))
-    def step(
+    def equations(
         self, course: np.ndarray, steps: np.ndarray, declared: np.ndarray, mean: np.ndarray, input_mean: np.ndarray,
         state: np.ndarray, forcing: np.ndarray, actuators: np.ndarray, action: np.ndarray, tally: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
@@ -70,19 +68,42 @@ class Mission:
             over = task.over(reference if alike else task.reference(course, steps, truth if true else mean))
         reward, end, tally = task.score(state, forcing, reference, over, actuators, action, tally)
         scored = reference, reward, end, tally
-        seen = (self.observe(mean, input_mean, reference, actuators),) if self.guided else ()
+        seen = (self._observation(mean, input_mean, reference, actuators),) if self.guided else ()
         if not self.users:
             return *scored, *seen
+        if seen and isinstance(task, CheckedMethods) and not isinstance(mean, TracedArray):
+            refuse_not_finite(f"the observation of {task.title}", seen[0], steps, None, mean, state)
         sound = [np.isfinite(reference).all(-1), np.isfinite(reward), (end >= 0.0) & (end < len(task.ends))]
         sound += [end == np.floor(end), *(~np.isnan(each).any(-1) for each in (tally, *seen))]
-        return *scored, *seen, reduce(and_, sound)
+        return reference, reward, as_integer(end), tally, *seen, reduce(and_, sound)
 
     @compiled
     def observe(
         self, mean: np.ndarray, input_mean: np.ndarray, reference: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:
         """The observation of mode ``"mean"``, within bounds."""
-        known, bound = input_mean if input_mean.shape[-1] else None, self.task.BOUND
+        return self._observation(mean, input_mean, reference, actuators)
+
+    def _observation(
+        self, mean: np.ndarray, input_mean: np.ndarray, reference: np.ndarray, actuators: np.ndarray
+    ) -> np.ndarray:
         with np.errstate(over="ignore", invalid="ignore"):  # diverged estimates are clipped
-            estimate = Estimate(mean[..., : self.told.base], self.told.flow(mean, known), known)
-            return np.clip(self.task.observe(estimate, reference, actuators), -bound, bound)
+            seen = self.task.observe(estimate_of(self.told, mean, input_mean), reference, actuators)
+            return np.clip(seen, -self.task.BOUND, self.task.BOUND)
+
+    @property
+    def whole(self) -> bool:
+        """Are steps one program?"""
+        return not self.users or self.step.whole
+
+
+def estimate_of(told: Composition, mean: np.ndarray, input_mean: np.ndarray | None) -> Estimate:
+    """The task's view of means ``(..., n)`` of the state and ``(..., q)`` of the unknown input; q may be 0."""
+    known = input_mean if input_mean is not None and input_mean.shape[-1] else None
+    return Estimate(mean[..., : told.base], told.flow(mean, known), known)
+
+
+def standard_deviations(cov: np.ndarray) -> np.ndarray:
+    """Those of covariances ``(B, n, n)``; 0 where rounding has made a variance negative."""
+    sd: np.ndarray = np.sqrt(np.maximum(cov.diagonal(0, -2, -1), 0.0))
+    return sd

@@ -1,8 +1,11 @@
 """An environment as data: a vehicle, a task, disturbances and a default estimator."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
+
+import gymnasium as gym
+from gymnasium.envs.registration import load_env_creator
 
 from estimators.checks import finite_array, shown, whole
 from vessel_gym.checks import check_names, check_numbers, instance, one_of, options
@@ -14,6 +17,13 @@ from vessel_gym.tasks.task import Estimate, Task
 from vessel_gym.vehicles.vehicle import Trims, Vehicle
 
 __all__ = ["Estimate", "System", "Task", "Trims", "Vehicle"]
+
+
+def registered(name: str) -> Any:
+    """The system of an environment that is registered with Gymnasium by this name; None: there is none."""
+    spec = gym.registry.get(name)
+    made: Any = None if spec is None else spec.entry_point
+    return getattr(load_env_creator(made) if isinstance(made, str) else made, "system", None)
 
 
 def check_task(task: Task) -> None:
@@ -66,6 +76,12 @@ class System:
     tuning: Callable[[str, Composition], dict[str, Any]]
     filter_models: Mapping[str, str] = field(default_factory=dict)
     sensors: tuple[Sensor, ...] | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A registered system is pickled by its name, under which it must be known where it is loaded."""
+        if registered(self.name) is self:
+            return registered, (self.name,)
+        return System, tuple(getattr(self, each.name) for each in fields(self))
 
     def __post_init__(self) -> None:
         for name in ("name", "estimator", "filter_model"):

@@ -1,5 +1,6 @@
 """The true world of an environment over a step: vehicle, disturbance and sensors as one function of a row."""
 
+from collections.abc import Iterator
 from functools import reduce
 from operator import and_
 from typing import Any
@@ -9,7 +10,7 @@ from scipy.linalg import block_diag
 
 from estimators.engine import compiled
 from vessel_gym.filter_models.exogenous import Forces
-from vessel_gym.foreign import ours
+from vessel_gym.foreign import Call, CheckedMethods, Step, ours
 from vessel_gym.processes import advance, product
 from vessel_gym.sensors import Sensors
 
@@ -24,19 +25,21 @@ class World:
         sensors: What measures it.
         task: What is asked of it, likewise.
         users: Are some of their functions a user's?
-        whole: Is a step one program?
 
     Attributes:
+        step: `equations`, with users' functions checked.
         parts: Normal numbers a step of the disturbance, then of each bias.
         start_roots: Roots of their covariances at the start.
         size: Components of the disturbance's state.
     """
 
     def __init__(
-        self, vehicle: Any, forces: Forces, disturbance: Any, sensors: Sensors, task: Any, users: bool, whole: bool
+        self, vehicle: Any, forces: Forces, disturbance: Any, sensors: Sensors, task: Any, users: bool
     ) -> None:
         self.vehicle, self.forces, self.sensors, self.task = vehicle, forces, sensors, task
-        self.disturbance, self.users, self.whole = disturbance, users, whole
+        self.disturbance, self.users = disturbance, users
+        self.own_parts = [part for part in (vehicle, task, disturbance) if isinstance(part, CheckedMethods)]
+        self.step: Any = Step(self, self.own_parts, self._called) if users else self.equations
         biases = [s.bias.process(sensors.dt) for s in sensors.each if s.bias is not None]
         self.size = disturbance.process.size
         self.parts = np.array([process.normals for process in (disturbance.process, *biases)])
@@ -48,18 +51,22 @@ class World:
         self.transition = block_diag(disturbance.process.transition, sensors.bias.transition)
         self.root = block_diag(disturbance.white, disturbance.process.root, sensors.bias.root)
         ours_alone = ours(forces.vehicle) and ours(forces.disturbance)
-        for name, compilable in (
-            ("step", whole), ("move", ours_alone), ("begin", not users), ("sense", sensors.ours)
-        ):  # fmt: skip
+        for name, compilable in (("move", ours_alone), ("begin", not users), ("sense", sensors.ours)):
             if not compilable:
                 setattr(self, name, getattr(self, name).function)
 
-    def program(self) -> "World":
-        """The same as one program."""
-        return World(self.vehicle, self.forces, self.disturbance, self.sensors, self.task, self.users, True)
+    def _called(self, *arrays: np.ndarray) -> Iterator[Call]:
+        """Users' functions that `equations` call of arrays, besides methods of parts."""
+        _, _, _, state, _, forcing, _, _, _, drifting, *_ = arrays
+        return self.sensors.users(*self._measuring(state, forcing, drifting))
+
+    @property
+    def whole(self) -> bool:
+        """Are steps one program?"""
+        return not self.users or self.step.whole
 
     @compiled(axes=(1, 1, 1, 1, 1, 1, 1, 2, 0, 1, 1, 2))
-    def step(
+    def equations(
         self, action: np.ndarray, course: np.ndarray, reference: np.ndarray, state: np.ndarray, actuators: np.ndarray,
         forcing: np.ndarray, parameters: np.ndarray, keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray,
         noise: np.ndarray, sensing: np.ndarray,

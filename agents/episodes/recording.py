@@ -176,7 +176,8 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
     assert course is not None
     around, shown = asdict(surroundings_of(core, course[0])), _focus(core)
     stride = 1 + int(max(each.length[0] for each in flown)) // FRAMES
-    words = [f"{core.disturbance_name} disturbance", f"{core.sensors_name} sensors", f"seed {flown[0].seeds[0]}"]
+    config = core.config
+    words = [f"{config.disturbance_name} disturbance", f"{config.sensors_name} sensors", f"seed {flown[0].seeds[0]}"]
     return {
         "title": f"{core.system.name}: one episode on {len(flown)} estimator{'s' * (len(flown) > 1)}",
         "name": core.system.name,

@@ -4,7 +4,7 @@ See docs/engine.md. `compiled` makes a function of arrays ``(..., n)`` run compi
 such functions have besides NumPy's.
 """
 
-from estimators.engine.compiled import Compiled, compiled, trace
+from estimators.engine.compiled import Compiled, compiled, forget, trace
 from estimators.engine.derivative import jacobian
 from estimators.engine.elementary import (
     as_float,
@@ -28,6 +28,7 @@ __all__ = [
     "bits_float",
     "compiled",
     "float_bits",
+    "forget",
     "jacobian",
     "lookup",
     "repeat",

@@ -46,7 +46,7 @@ def test_the_hand_written_loop_is_the_same_environment_on_the_same_random_number
     loop.truth, loop.sea_state = core.state[0, :6].copy(), core.sea_state[0].copy()
     loop.filter.x, loop.filter.P = core.belief.mean[0].copy(), core.belief.cov[0].copy()
     for action in actions:
-        sea = Numbers(core._keys).at(core.steps).normals(5)[0, 0]  # of what moves the sea over the coming step
+        sea = Numbers(core.now.keys).at(core.steps).normals(5)[0, 0]  # of what moves the sea over the coming step
         reward, _ = core.step(np.array([[action]]))
         read = Numbers(core.loop._sensing).at(core.steps).normals(1)[0, :, 0]
         monkeypatch.setattr(loop, "rng", _Scripted([sea, read]))

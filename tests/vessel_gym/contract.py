@@ -204,9 +204,9 @@ def observations(core: Core) -> dict[str, np.ndarray]:
     """
     chosen, seen = core.observe_mode, {}
     for mode in MODES if chosen != "measurement" else (chosen,):
-        core.observe_mode = mode
+        core.config.observe_mode = mode
         seen[mode] = core.observe()
-    core.observe_mode = chosen
+    core.config.observe_mode = chosen
     return seen
 
 
@@ -261,11 +261,11 @@ def apart(one: Core, other: Core) -> dict[str, np.ndarray]:
 
 def scramble(core: Core, rng: np.random.Generator) -> None:
     """Put everything that is true somewhere else: vehicle, disturbance, biases, what acts and what will."""
-    core.state = core.state + rng.normal(0.0, 0.01, core.state.shape)
-    core.drifting = rng.normal(0.0, 0.01, core.drifting.shape) - core.drifting
-    core.forcing = core.forcing + rng.normal(0.0, 0.01, core.forcing.shape)
-    core.noise = core.noise + rng.normal(0.0, 0.01, core.noise.shape)
-    core.parameters = core.parameters * rng.uniform(0.9, 1.1, core.parameters.shape)
+    core.now.state = core.state + rng.normal(0.0, 0.01, core.state.shape)
+    core.now.drifting = rng.normal(0.0, 0.01, core.drifting.shape) - core.drifting
+    core.now.forcing = core.forcing + rng.normal(0.0, 0.01, core.forcing.shape)
+    core.now.noise = core.noise + rng.normal(0.0, 0.01, core.noise.shape)
+    core.now.parameters = core.parameters * rng.uniform(0.9, 1.1, core.parameters.shape)
 
 
 def assert_apart(distance: dict[str, np.ndarray]) -> None:

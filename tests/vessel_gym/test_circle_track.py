@@ -142,7 +142,7 @@ def test_loitering_on_the_track_does_not_pay():
     for _ in range(200):
         reward, _ = core.step(np.zeros((8, 1)))
         total += reward
-        core.state = state.copy()
+        core.now.state = state.copy()
     assert total.max() / 200 <= 0.06
 
 

@@ -147,8 +147,8 @@ every_world = pytest.mark.parametrize(
 
 def undisturbed(core: Core) -> None:
     """From now on for a step nothing is new."""
-    core.noise = np.zeros_like(core.noise)
-    core.forcing = core.forcing.copy()
+    core.now.noise = np.zeros_like(core.noise)
+    core.now.forcing = core.forcing.copy()
     core.forcing[:, core.forces.shaken] = 0.0
 
 
@@ -331,7 +331,7 @@ def test_gymnasium_makes_an_environment_with_sensors_of_ones_own(mode: str):
     env = gym.make(AUV, sensors=WITH_USBL, observe=mode)
     batch = make_batch(AUV, 2, sensors=WITH_USBL, observe=mode)
     core = env.unwrapped.core
-    assert core.sensors_name == "own"
+    assert core.config.sensors_name == "own"
     assert env.observation_space.shape == batch.single_observation_space.shape
     (one, info), (two, _) = env.reset(seed=6), batch.reset(seed=6)
     for _ in range(30):
@@ -374,7 +374,7 @@ def test_a_disturbance_of_ones_own_works_with_every_estimator(disturbance: Distu
                 make_core(AUV, 3, **chosen)
             continue
         core = make_core(AUV, 3, seed=8, **chosen)
-        assert core.disturbance_name == "own"
+        assert core.config.disturbance_name == "own"
         core.reset()
         for _ in range(40):
             reward, _ = core.step(np.full((3, 3), 0.1))

@@ -57,8 +57,8 @@ def test_the_world_moves_by_what_the_model_says_of_d(inputs: tuple[str, ...]):
     assert core.unknown_inputs == core.composition.inputs == inputs
     new = [*water.shakes, *CHANGES]
     for _ in range(10):
-        core.noise = np.where([name in inputs for name in new], core.noise, 0.0)
-        core.forcing = core.forcing.copy()
+        core.now.noise = np.where([name in inputs for name in new], core.noise, 0.0)
+        core.now.forcing = core.forcing.copy()
         core.forcing[:, [i for i, name in enumerate(core.vehicle.kicks) if name not in inputs]] = 0.0
         if "current east" not in inputs:
             assert set(water.names) <= set(core.composition.names)  # what is not d is held

@@ -60,10 +60,10 @@ def picture(core, *moments):
     renderer.begin()
     state, mean = core.state, core.belief.mean
     for truth, belief in moments or [(None, None)]:
-        core.state = put(state, core.vehicle.state_names, truth)
+        core.now.state = put(state, core.vehicle.state_names, truth)
         core.loop.belief = core.belief.replace(mean=put(mean, core.composition.names, belief))
         renderer.record()
-    core.state, core.loop.belief = state, core.belief.replace(mean=mean)
+    core.now.state, core.loop.belief = state, core.belief.replace(mean=mean)
     return renderer.draw()
 
 

@@ -31,7 +31,7 @@ def calls(system: System) -> list[tuple[Any, tuple[np.ndarray, ...]]]:
     return [
         (task.reference, (core.course, core.steps, mean)),
         (task.begin, (state, core.course)),
-        (task.score, (state, forcing, reference, over, core.actuators, core.action, core.tally)),
+        (task.score, (state, forcing, reference, over, core.actuators, core.action, core.now.tally)),
         (core.config.mission.observe, (mean, np.zeros((ROWS, 0)), reference, core.actuators)),
     ]
 

@@ -1,6 +1,8 @@
 """What both faces of an environment share: spaces, and what Gymnasium asks of either."""
 
-from inspect import cleandoc
+from collections.abc import Mapping
+from dataclasses import fields
+from inspect import cleandoc, signature
 from pathlib import Path
 from string import Template
 from typing import Any, TypeVar
@@ -9,7 +11,9 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.spaces import Box
 
+from estimators.factory import unknown
 from vessel_gym.checks import one_of
+from vessel_gym.configuration import Options
 from vessel_gym.core import Core
 
 E = TypeVar("E", bound=type)
@@ -37,14 +41,22 @@ def action_space(core: Core) -> Box:
     return Box(-1.0, 1.0, (core.action_size,), np.float32)
 
 
-def check_render_mode(render_mode: str | None, metadata: dict[str, Any]) -> None:
-    """Refuse a mode that there is not.
+def check_arguments(env: Any, options: Mapping[str, Any], render_mode: str | None) -> None:
+    """Refuse arguments that an environment does not have.
 
     Raises:
-        ValueError: saying which there are.
+        TypeError: naming the first option that there is not, and those that there are.
+        ValueError: for a mode of rendering that there is not.
     """
+    known = [field.name for field in fields(Options)]
+    for option in options:
+        if option not in known:
+            own = [each for base in type(env).__mro__ if "__init__" in vars(base)
+                   for each in signature(vars(base)["__init__"]).parameters.values()]  # fmt: skip
+            named = dict.fromkeys(each.name for each in own if each.kind is each.POSITIONAL_OR_KEYWORD)
+            raise TypeError(unknown(f"argument of {env.system.name}", option, [*list(named)[1:], *known]))
     if render_mode is not None:
-        one_of("render_mode", render_mode, metadata["render_modes"])
+        one_of("render_mode", render_mode, env.metadata["render_modes"])
 
 
 def first_seed(env: gym.Env | gym.vector.VectorEnv, core: Core) -> int | None:

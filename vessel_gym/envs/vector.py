@@ -10,13 +10,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from estimators.checks import shown
-from vessel_gym.checks import no_others
 from vessel_gym.core import Core, whole
-from vessel_gym.disturbances import Disturbance
-from vessel_gym.envs.shared import action_space, check_render_mode, first_seed, observation_space
-from vessel_gym.estimation import EstimatorChoice
-from vessel_gym.sensor_faults import SensorFault
-from vessel_gym.sensors import Sensor
+from vessel_gym.envs.shared import action_space, check_arguments, first_seed, observation_space
 from vessel_gym.system import System
 
 
@@ -38,14 +33,12 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         num_envs: Number of environments.
         max_episode_steps: Steps after which an episode is truncated; None: never. `gymnasium.make_vec`
             passes the registered value.
-        estimator, estimator_options, sensors, disturbance, mismatch, observe, ends, guidance: As `VesselEnv`.
         autoreset_mode: A `gymnasium.vector.AutoresetMode` or its value.
         render_mode: ``None`` or ``"rgb_array"``.
-        num_threads: Threads that share the rows of vehicle, sensors and filter where these are compiled; the rest, and
-            whatever is your own, stays in the calling thread. No result depends on it, to the last bit. It pays where a
-            step takes milliseconds: from thousands of rows on, or 110 with an ensemble of 100 members. An ensemble asks
-            the functions of a vehicle, a disturbance or a sensor of your own from several threads at once.
-        sensor_faults: As `VesselEnv`.
+        num_threads: Threads that share the rows of what is compiled; the rest stays in the calling thread. No result
+            depends on it, to the last bit. Few rows stay in one thread: it pays where a step takes milliseconds, from
+            thousands of rows on, or 110 with an ensemble of 100 members.
+        options: Those of `vessel_gym.configuration.Options`, by name.
 
     Raises:
         ValueError: as `VesselEnv`, and for a ``num_envs`` or ``num_threads`` that is not a positive whole number, or
@@ -59,30 +52,17 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self,
         num_envs: int = 1,
         max_episode_steps: int | None = None,
-        estimator: EstimatorChoice | None = None,
-        estimator_options: dict[str, Any] | None = None,
-        sensors: str | Sequence[Sensor] = "nominal",
-        disturbance: str | Disturbance = "moderate",
-        mismatch: float = 0.0,
-        observe: str = "mean",
-        ends: str | None = None,
-        guidance: bool | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
         num_threads: int = 1,
-        sensor_faults: Sequence[SensorFault] = (),
-        **others: Any,
+        **options: Any,
     ) -> None:
-        no_others(self.system.name, type(self), others)
+        check_arguments(self, options, render_mode)
         if max_episode_steps is not None and not (whole(max_episode_steps) and max_episode_steps >= 1):
             raise ValueError(f"max_episode_steps must be a whole number of at least 1, got {shown(max_episode_steps)}")
-        check_render_mode(render_mode, self.metadata)
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode}
-        self.core = Core(
-            self.system, num_envs, estimator, estimator_options, sensors, disturbance, mismatch, observe, ends,
-            guidance, num_threads, sensor_faults,
-        )  # fmt: skip
+        self.core = Core(self.system, num_envs, num_threads=num_threads, **options)
         self.num_envs = num_envs
         self.max_episode_steps = max_episode_steps
         self.render_mode = render_mode
@@ -92,11 +72,6 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._ended = np.zeros(num_envs, bool)  # and not yet reset
         self._renderers: list[Any] = []
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Copies and pickles go on as the original would have; the system is the class's."""
-        self.__dict__.update(state)
-        self.core.attach(self.system)
 
     @property
     def truth(self) -> np.ndarray:

@@ -80,8 +80,13 @@ class Picture:
     def _header(self, canvas: Canvas, box: Box, history: Moment, place: np.ndarray) -> None:
         """Under which conditions the vehicle is on its way, for how long, how far from its goal, and its end."""
         core = self._core
-        words = [f"estimator {core.estimator}", f"{core.disturbance_name} disturbance", f"{core.sensors_name} sensors"]
-        words += [f"mismatch {100 * core.mismatch:g} %"] if core.mismatch else []
+        config, mismatch = core.config, core.config.options.mismatch
+        words = [
+            f"estimator {core.estimator}",
+            f"{config.disturbance_name} disturbance",
+            f"{config.sensors_name} sensors",
+        ]
+        words += [f"mismatch {100 * mismatch:g} %"] if mismatch else []
         canvas.text(box.left, box.top + 21, self.title, palette.TEXT, 17, bold=True)
         canvas.text(box.left, box.top + 44, "   ·   ".join(words), palette.MUTED, 13)
         values = {"score": f"{history.score[-1]:.3f}", "time": f"{history.step[-1] * core.vehicle.dt:.1f} s"}

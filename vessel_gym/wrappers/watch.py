@@ -80,8 +80,8 @@ class Watch:
         monitor = options.pop("monitor", None)
         self.filter = _filter(model, estimator, options)
         monitor = monitor_of(monitor, self.sensors, self.filter)
-        self._estimation = Estimation(self.filter, cast(Any, None), 1.0, (), late, monitor)
-        self.loop = Loop(self.sensors, self._estimation, rows)
+        self._estimation = Estimation(self.filter, cast(Any, None), 1.0, (), late, monitor, self.sensors.horizon)
+        self.loop = Loop(self, rows, "_estimation")
         self.steps = np.zeros(rows, int)
         self._still = np.zeros((rows, u.shape[-1]))
         self._keys = np.zeros((rows, 2), np.uint64)
@@ -94,11 +94,6 @@ class Watch:
         self.space = self._space()
         if observation is not None and rows > 1:
             self._check_rows(observation)
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Copies go on as the original would have."""
-        self.__dict__.update(state)
-        self.loop.attach(self.sensors, self._estimation)
 
     # --- one step -----------------------------------------------------------------------------------
 

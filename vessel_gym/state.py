@@ -1,0 +1,48 @@
+"""The state of environments: all that a step changes but for what is estimated."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+
+@dataclass(slots=True, eq=False)
+class EnvState:
+    """Truth and score of B environments at one step; the next step makes another one."""
+
+    keys: np.ndarray  # (B, parts, 2) of the random numbers of disturbance and biases
+    steps: np.ndarray  # (B,) since the episode's start
+    course: np.ndarray  # (B, c) drawn by the task
+    parameters: np.ndarray  # (B, k) of the true vehicle
+    state: np.ndarray  # (B, n) of the vehicle
+    action: np.ndarray  # (B, a) the last one, clipped; zero after a reset
+    actuators: np.ndarray  # (B, a)
+    drifting: np.ndarray  # (B, s) states of the disturbance, then of the sensors' biases
+    noise: np.ndarray  # (B, w + s) new in kicks, disturbance and biases over the coming step
+    forcing: np.ndarray  # (B, f) exogenous input over the coming step
+    reference: np.ndarray  # (B, k)
+    tally: np.ndarray  # (B, k) score state
+    total: np.ndarray  # (B,) sum of rewards
+    end: np.ndarray  # (B,) number in the task's ends
+    observation: np.ndarray | None = None  # (B, k) where the step gives it
+
+    def after(self, action: np.ndarray) -> "EnvState":
+        """The state a step later, in which all but the number of steps and the action is as it was."""
+        return EnvState(
+            self.keys, self.steps + 1, self.course, self.parameters, self.state, action, self.actuators, self.drifting,
+            self.noise, self.forcing, self.reference, self.tally, self.total, self.end,
+        )  # fmt: skip
+
+    def merged(self, rows: np.ndarray, some: "EnvState") -> "EnvState":
+        """The state with new values of some rows."""
+        merged = [getattr(self, each.name).copy() for each in _ARRAYS]
+        for whole, each in zip(merged, _ARRAYS, strict=True):
+            whole[rows] = getattr(some, each.name)
+        return EnvState(*merged)
+
+
+_ARRAYS = [each for each in fields(EnvState) if each.name != "observation"]
+
+
+def blank(rows: int) -> EnvState:
+    """The state of environments that were never reset: nothing has begun."""
+    return EnvState(*(np.zeros(rows, int) for _ in _ARRAYS))
