@@ -1,6 +1,6 @@
 """The parts and arguments of an environment, which no episode changes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple, Self
@@ -81,7 +81,7 @@ class Options:
     """
 
     estimator: EstimatorChoice | None = None
-    estimator_options: Mapping[str, Any] | None = None
+    estimator_options: dict[str, Any] | None = None
     sensors: str | Sequence[Sensor] = "nominal"
     disturbance: str | Disturbance = "moderate"
     mismatch: float = 0.0
@@ -144,7 +144,10 @@ class Configuration:
             self.raw = build(system, "measurement", wide, *rest)
         if options.ends == "declaration" and not task.success:
             raise ValueError(f"{system.name} goes on until time is up, so there is nothing to declare: ends='task'")
-        sizes, seen = task.sizes(world.sensors.size, len(self.composition.names)), observed(raw, options)
+        sizes, seen = (
+            task.sizes(world.sensors.size, len(self.composition.names)),
+            observed(options.observe, bool(options.guidance)),
+        )
         if not isinstance(sizes, dict) or not all(part in sizes for part in seen):
             raise ValueError(f"sizes of {type(task).__name__} must give {', '.join(seen)}, got {shown(sizes)}")
         alarms = alarming(options.observe, self.estimation.monitor)
@@ -153,9 +156,9 @@ class Configuration:
         self.perfect = float(task.perfect), float(task.perfect == task.horizon)
         self.based = tuple(vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0]))
         users = not (ours(task) and ours(self.composition.forces.disturbance))
-        guided = options.guidance and options.observe == "mean"
+        guided = bool(options.guidance) and options.observe == "mean"
         self.mission = (Mission if users else _mission)(
-            world.task, self.composition, options.ends, self.based, guided, raw, users
+            world.task, self.composition, str(options.ends), self.based, guided, raw, users
         )
         self.true_state = TrueState.of(world, self.composition)
         self.unknown_input = UnknownInput.of(world, self.estimation.inputs)
@@ -267,11 +270,11 @@ class Draws(NamedTuple):
         return cls(words, tuple(counts), len(DRAWN) + len(parts), slice(end := uniforms + based, end + spread))
 
 
-def observed(raw: bool, options: Options) -> tuple[str, ...]:
+def observed(observe: str, guidance: bool) -> tuple[str, ...]:
     """The parts of an observation, in the words of `vessel_gym.tasks.task.Task.sizes`."""
-    if raw:
-        return *(("guided",) if options.guidance else ()), "readings", "mission"
-    return "guided" if options.guidance else "unguided", *(("std",) if "std" in options.observe else ())
+    if observe == "measurement":
+        return *(("guided",) if guidance else ()), "readings", "mission"
+    return "guided" if guidance else "unguided", *(("std",) if "std" in observe else ())
 
 
 def alarming(observe: str, monitor: FaultMonitor | None) -> tuple[str, ...]:
