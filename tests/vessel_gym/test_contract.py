@@ -48,6 +48,7 @@ from vessel_gym.core import Core
 from vessel_gym.loop import Loop, Readings
 from vessel_gym.mission import Mission
 from vessel_gym.sensors import SUITES
+from vessel_gym.state import EnvState
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.tasks.flight import Flight
@@ -404,9 +405,9 @@ def told_the_position(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def told_the_bias(monkeypatch: pytest.MonkeyPatch) -> None:
-    def handed(core: Core, *args: Any) -> Readings:
-        biases[core.loop] = core.bias
-        return honest[0](core, *args)
+    def handed(core: Core, readings: Readings, now: EnvState) -> Readings:
+        biases[core.loop] = now.drifting[:, core.config.world.size :]
+        return honest[0](core, readings, now)
 
     def estimate(loop: Loop, *args: Any) -> None:
         honest[1](loop, *args)
