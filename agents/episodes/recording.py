@@ -256,7 +256,7 @@ def _members(flown: Rollout, believed: list[int], angles: tuple[int, ...], scale
 def _fixes(
     core: Any, h: dict[str, np.ndarray], shown: list[str], true: np.ndarray, angles: tuple[int, ...]
 ) -> np.ndarray:
-    """Readings of components minus their truth ``(T, k)``; NaN where none came."""
+    """Measurements of components minus their truth ``(T, k)``; NaN where none came."""
     fixes = np.full(true.shape, np.nan)
     for i, name in enumerate(shown):
         for channel in (c for c, given in enumerate(core.sensors.gives) if given == name):
@@ -266,7 +266,7 @@ def _fixes(
 
 
 def _errors(core: Any, h: dict[str, np.ndarray], claims: bool) -> list[dict[str, Any]]:
-    """Charts of what is believed minus what is true, with the band that the estimator claims, and the readings."""
+    """Charts of what is believed minus what is true, with the band that the estimator claims, and the measurements."""
     names = core.composition.names[: core.composition.base]
     first = [name for name in ("y", "x", "z", "h", "psi", "phi") if name in names]
     charts = []
@@ -282,7 +282,7 @@ def _errors(core: Any, h: dict[str, np.ndarray], claims: bool) -> list[dict[str,
             "believed": packed(scale * difference(h["estimate"][:, [i]], true, angle)[:, 0]),
             "two_sigma": packed(2.0 * scale * sd) if claims else None,
             "true": None,
-            "readings": packed(scale * fixes[:, 0]) if name in core.sensors.gives else None,
+            "measurements": packed(scale * fixes[:, 0]) if name in core.sensors.gives else None,
         })  # fmt: skip
     return charts
 
@@ -300,10 +300,10 @@ def _inputs(core: Any, h: dict[str, np.ndarray]) -> list[dict[str, Any]]:
         estimate = packed(scale * np.append(late, np.full(len(true) - len(late), np.nan)))
     return [
         {"title": f"Unknown {name} d", "unit": unit, "believed": estimate, "two_sigma": None,
-         "true": packed(scale * true), "readings": None}
+         "true": packed(scale * true), "measurements": None}
     ]  # fmt: skip
 
 
 def _score(h: dict[str, np.ndarray]) -> dict[str, Any]:
     return {"title": "Score so far", "unit": "", "believed": packed(h["score"]), "two_sigma": None, "true": None,
-            "readings": None}  # fmt: skip
+            "measurements": None}  # fmt: skip

@@ -274,8 +274,8 @@ def consistency(rollout: Rollout, components: tuple[int, ...] | None = None) -> 
 def nis_consistency(rollout: Rollout) -> float | None:
     """Share of times at which the mean NIS over the runs lies in its 95 % chi-square band; None without innovations.
 
-    The degrees of freedom are the readings that arrived. None, too, where they come late: not all have an innovation
-    when they come.
+    The degrees of freedom are the delivered measurements. None, too, for delayed sensors: not every measurement has an
+    innovation when it is delivered.
     """
     if core_of(rollout).sensors.horizon:
         return None

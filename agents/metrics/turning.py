@@ -42,7 +42,7 @@ METRICS = (
     *ESTIMATES,
     Metric(
         "raw_input_rmse", "Raw channel", "mrad", "lower", 3,
-        "RMS error of the second reading taken for the unknown input as it is.",
+        "RMS error of the second measurement taken for the unknown input as it is.",
     ),
 )  # fmt: skip
 
@@ -70,7 +70,7 @@ def compute(rollout: Rollout) -> dict[str, np.ndarray]:
 
 
 def _raw_input(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
-    """Error of the reading that shows the yaw increment as it is, and whether it came ``(T + 1, N)``."""
+    """Error of the measurement that shows the yaw increment as it is, and whether it came ``(T + 1, N)``."""
     h, given = rollout.history, core_of(rollout).sensors.gives
     if "yaw increment" not in given:
         return np.zeros(rollout.alive.shape), np.zeros(rollout.alive.shape, bool)

@@ -244,7 +244,7 @@ def load(path: Path, trust: bool, dense: bool = False) -> Policy:
         ValueError: if it is no checkpoint, or not ours and not trusted.
         ModuleNotFoundError: without torch or stable-baselines3.
     """
-    with _reading(path), zipfile.ZipFile(path) as archive:
+    with _one_sentence(path), zipfile.ZipFile(path) as archive:
         described, names = _described(archive), set(archive.namelist())
     if described is None and "data" not in names:
         raise ValueError(f"{path} is not a checkpoint of an agent")
@@ -256,14 +256,14 @@ def load(path: Path, trust: bool, dense: bool = False) -> Policy:
         )
     if not dense:
         require("torch", "stable_baselines3", "sb3_contrib")
-    with _reading(path):
+    with _one_sentence(path):
         if described and ours:
             return _ours(path, described, Dense if dense else torch_policy)
         return _foreign(path)
 
 
 @contextmanager
-def _reading(path: Path) -> Iterator[None]:
+def _one_sentence(path: Path) -> Iterator[None]:
     """Whatever a damaged or doctored file makes fail ends in one sentence."""
     try:
         yield

@@ -180,7 +180,7 @@ def _filter_or_memory(results: Results, reference: Policy) -> list[str]:
         if gaps:
             told = [f"{_more(gap)} than {named(policy)}" for policy, gap in gaps.items()]
             sentences.append(
-                f"In {environment} a filter in the loop {_verdict(list(gaps.values()))} learning on raw readings: "
+                f"In {environment} a filter in the loop {_verdict(list(gaps.values()))} learning on raw measurements: "
                 f"{named(reference)} keeps {listed(told)}."
             )
     return sentences

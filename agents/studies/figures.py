@@ -12,7 +12,7 @@ from agents.page import Figure as Picture
 from agents.plotting import INK, PALETTE, RAW, data_uri, styled
 from agents.statistics import Interval, crossed_interval, performance_profile
 from agents.studies.records import FLOOR, ORACLE, Condition
-from agents.studies.records import RAW as READINGS
+from agents.studies.records import RAW as MEASUREMENTS
 from agents.studies.results import Place, Policy, Results
 from agents.studies.wording import share_entry
 
@@ -177,7 +177,7 @@ def transfer_figure(results: Results, agent: str) -> "Figure | None":
     tables = {}
     for environment in results.environments:
         policies = [p for p in results.policies(environment) if p.agent == agent]
-        on = [name for name in results.estimators(environment) if name != READINGS]
+        on = [name for name in results.estimators(environment) if name != MEASUREMENTS]
         shares = np.array([[_transfer(results, environment, policy, name) for name in on] for policy in policies])
         if np.isfinite(shares).any():
             tables[environment] = ([p.trained_on for p in policies], on, shares)

@@ -11,7 +11,7 @@ from agents.studies.records import DEFAULT, ORACLE, RAW, TERMINATIONS, Agent, Co
 from agents.studies.worlds import digests, environment_id, has_controller, refusal, registered, system_of
 from agents.training.ppo import describe
 
-_RAW_READINGS = Estimator(RAW, "measurement")
+_RAW_MEASUREMENTS = Estimator(RAW, "measurement")
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def _trainings(study: Study, environment: str, agent: Agent, flyable: list[Estim
         return []
     default = system_of(environment).estimator
     wanted = [default if name == DEFAULT else name for name in agent.trained_on]
-    schools = [_RAW_READINGS] if agent.raw else [e for e in flyable if e.name in wanted]
+    schools = [_RAW_MEASUREMENTS] if agent.raw else [e for e in flyable if e.name in wanted]
     return [
         (school, seed, _train(study, environment, agent, school, seed))
         for school, seed in product(schools, range(study.training_seeds))
@@ -145,7 +145,7 @@ def _flights(
                 _fly(study, environment, agent, condition, estimator, agent.kind),
             )  # fmt: skip
     for school, seed, training in trainings:
-        for estimator in [_RAW_READINGS] if agent.raw else flyable:
+        for estimator in [_RAW_MEASUREMENTS] if agent.raw else flyable:
             yield Flight(
                 environment, condition.name, agent.name, school.name, estimator.name, seed,
                 _fly(study, environment, agent, condition, estimator, "checkpoint", training),

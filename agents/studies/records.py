@@ -11,7 +11,7 @@ DEFAULT = "default"
 """Stands for an environment's own default estimator."""
 TERMINATIONS = {"belief": "belief", "agent": "declaration", "task": "task"}
 """Terminations of a mission, by the estimate, the agent's declaration or the truth, as ``ends`` of environments."""
-RAW = "raw readings"
+RAW = "raw measurements"
 """Name of the estimator of agents that observe measurements instead of estimates."""
 FEW_SEEDS = 5
 """Below so many training seeds an interval over them says little."""
@@ -53,9 +53,9 @@ class Agent:
         name: In the study.
         kind: ``"ppo"``; a controller that is registered for the environment's task, such as ``"autopilot"`` (see
             `agents.controllers`); or ``"module:object"``: your own, called with the environment's `System`.
-        observe: What a PPO sees: ``"mean"``, ``"mean+std"``, or ``"measurement"``: raw readings, no estimator.
+        observe: What a PPO sees: ``"mean"``, ``"mean+std"``, or ``"measurement"``: raw measurements, no estimator.
         memory: Of a PPO: ``"none"``, ``"frames"`` or ``"lstm"``.
-        trained_on: The estimators that it is trained on, one policy each; not for raw readings.
+        trained_on: The estimators that it is trained on, one policy each; not for raw measurements.
         steps: Environment steps of a training run, by environment; where there is none: the tuned budget.
         environments: Where it flies; empty: everywhere.
         critic: Of a PPO: ``"truth"`` or ``"none"``, see `agents.training.ppo.train`.

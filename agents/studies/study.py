@@ -274,7 +274,7 @@ class _Reader(TomlReader):
             for estimator in trained_on:
                 self.name("estimator", estimator, estimators, (*place, "trained_on"))
             if observe == "measurement" and "trained_on" in table:
-                self.wrong((*place, "trained_on"), f"{name} sees raw readings, so it is trained on no estimator")
+                self.wrong((*place, "trained_on"), f"{name} sees raw measurements, so it is trained on no estimator")
             steps = self.value(place, table, "steps", dict, "a table of numbers by environment", {})
             for env_id, number in steps.items():
                 self.name("environment", env_id, ids, (*place, "steps"))

@@ -1,4 +1,4 @@
-"""Training for `estimators.LearnedGainFilter`, in torch: series of states and readings make a gain."""
+"""Training for `estimators.LearnedGainFilter`, in torch: series of states and measurements make a gain."""
 
 from dataclasses import fields
 from typing import Any
@@ -36,7 +36,7 @@ def train_filter(
         model: What the filter will believe, of arrays.
         prior: From which it will begin, one for all series.
         x: ``(T, series, n)`` states: the truth of simulations, or reference measurements.
-        y: ``(T, series, p)`` readings; NaN where none came.
+        y: ``(T, series, p)`` measurements; NaN where none came.
         u: ``(T, series, m)`` known input over the step that follows; None: there is none.
         hidden: How many numbers the network remembers.
         epochs: How many times the series are seen, all at once.
@@ -75,7 +75,7 @@ def _checked(model: Any, prior: Any, x: Any, y: Any, u: Any) -> tuple[np.ndarray
     if not np.isfinite(x).all():
         raise ValueError("x must be finite: it is the truth that is learned from")
     if not (read := np.isfinite(y).any((0, 1))).all():
-        raise ValueError(f"y has no reading of channel {read.argmin()}: leave it out of the model")
+        raise ValueError(f"y has no measurement of channel {read.argmin()}: leave it out of the model")
     if not isinstance(prior, Gaussian) or (prior.mean.shape, prior.cov.shape) != ((model.n,), (model.n, model.n)):
         raise ValueError(f"prior must be one Gaussian of {model.n} states for all series, got {shown(prior)}")
     u = None if u is None else as_array("u", u)
@@ -122,8 +122,8 @@ def _first(
 def means(network: dict[str, Any], model: LinearModel, start: np.ndarray, y: Any, moved: Any) -> Any:
     """The filter's means ``(T, series, n)``, as a tensor that can be differentiated by the network's weights.
 
-    From a prior's mean ``start (n,)``, by readings ``y (T, series, p)``, NaN where none came; ``moved (T, series, n)``
-    is what the known input did over the step before.
+    From a prior's mean ``start (n,)``, by measurements ``y (T, series, p)``, NaN for missing ones; ``moved (T, series, n)``
+    is the effect of the known input over the step before.
     """
     import torch
 
@@ -169,13 +169,13 @@ def _trained(
 
     network = {field.name: torch.as_tensor(getattr(first, field.name)).clone() for field in fields(first)}
     learned = [tensor.requires_grad_() for name, tensor in network.items() if not name.endswith("scale")]
-    truth, readings, pushed = (torch.as_tensor(array) for array in (x, y, moved))
+    truth, measurements, pushed = (torch.as_tensor(array) for array in (x, y, moved))
     kept = torch.arange(x.shape[1]) % 5 == 4
     optimizer = torch.optim.Adam(learned, lr=rate)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, epochs)
     best, found = np.inf, first
     for _ in range(epochs + 1):
-        error = wrapped(means(network, model, prior.mean, readings, pushed) - truth, model.state_angles)
+        error = wrapped(means(network, model, prior.mean, measurements, pushed) - truth, model.state_angles)
         error = error / network["state_scale"]
         square = error.square().mean((0, 2))
         score = square.detach()[kept].mean().item()

@@ -21,9 +21,9 @@ RAW = {"observe": "measurement"}
 WORLDS = {
     "estimates": World("estimates", 300_000),
     "rough": World("estimates, rough sea", 300_000, options={"disturbance": "rough"}),
-    "raw": World("raw readings", 1_000_000, options=RAW, arms=("observation", "truth", "leak")),
-    "frames": World("raw readings, frames", 300_000, "frames", RAW),
-    "lstm": World("raw readings, LSTM", 150_000, "lstm", RAW),
+    "raw": World("raw measurements", 1_000_000, options=RAW, arms=("observation", "truth", "leak")),
+    "frames": World("raw measurements, frames", 300_000, "frames", RAW),
+    "lstm": World("raw measurements, LSTM", 150_000, "lstm", RAW),
 }
 
 

@@ -98,7 +98,7 @@ def test_series_that_do_not_fit_are_named():
     holes[1, 2, 0] = np.nan
     with pytest.raises(ValueError, match="x must be finite: it is the truth"):
         train_filter(BELIEVED, PRIOR, holes, y, u)
-    with pytest.raises(ValueError, match="y has no reading of channel 0"):
+    with pytest.raises(ValueError, match="y has no measurement of channel 0"):
         train_filter(BELIEVED, PRIOR, x, np.full_like(y, np.nan), u)
     for prior in (None, Gaussian(np.zeros(3), np.eye(3)), Gaussian(np.zeros((5, 2)), np.eye(2)),
                   Gaussian(np.zeros(2), np.broadcast_to(np.eye(2), (5, 2, 2)))):  # fmt: skip

@@ -6,7 +6,7 @@
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
   let colours = {};
   function look() {
-    for (const name of ["paper", "ink", "muted", "edge", "grid", "water", "true", "believed", "member", "reading", "commanded", "goal", "obstacle", "band"]) colours[name] = colour(name);
+    for (const name of ["paper", "ink", "muted", "edge", "grid", "water", "true", "believed", "member", "measurement", "commanded", "goal", "obstacle", "band"]) colours[name] = colour(name);
   }
   look();
 
@@ -27,7 +27,7 @@
     true: unpack(flight.true), believed: unpack(flight.believed), error: unpack(flight.error),
     covariance: unpack(flight.covariance), members: unpack(flight.members), fix: unpack(flight.fix),
     charts: flight.charts.map((chart) => ({
-      ...chart, true: unpack(chart.true), believed: unpack(chart.believed), two_sigma: unpack(chart.two_sigma), readings: unpack(chart.readings),
+      ...chart, true: unpack(chart.true), believed: unpack(chart.believed), two_sigma: unpack(chart.two_sigma), measurements: unpack(chart.measurements),
     })),
   }));
   const dt = page.dt;
@@ -62,7 +62,7 @@
     return found;
   }
   const stepTime = page.step;
-  /** The last reading that gave all that is shown close up, off the truth, and its age in seconds. */
+  /** The last measurement that gave all that is shown close up, off the truth, and its age in seconds. */
   function lastFix(flight, time) {
     for (let i = stepAt(flight, time), first = Math.max(0, i - 4 / dt); i >= first; i--) {
       const fix = row(flight.fix, i);
@@ -159,7 +159,7 @@
         dot(paper, x, y, Math.max(scene.goal[3] * scale, 5)); paper.strokeStyle = colours.goal; paper.lineWidth = 2; paper.stroke();
       }
       if (page.located) {
-        paper.strokeStyle = colours.reading; paper.lineWidth = 1.1; paper.globalAlpha = 0.75;
+        paper.strokeStyle = colours.measurement; paper.lineWidth = 1.1; paper.globalAlpha = 0.75;
         for (let j = 0; j <= i; j++) {
           const fix = row(flight.fix, j), t = row(flight.true, j);
           if (Number.isFinite(fix[0]) && Number.isFinite(fix[1])) cross(paper, ...at(t[0] + fix[1], t[1] + fix[0]), 2.6);
@@ -315,7 +315,7 @@
         new THREE.MeshBasicMaterial({ color: colours.believed, transparent: true, opacity: 0.25, depthWrite: false }));
       this.ellipsoid.matrixAutoUpdate = false; this.ellipsoid.frustumCulled = false; this.scene.add(this.ellipsoid);
       this.members = this.points(200, colours.member, 4);
-      this.fixes = this.points(Math.max(...flights.map((f) => f.true.rows)), colours.reading, 4);
+      this.fixes = this.points(Math.max(...flights.map((f) => f.true.rows)), colours.measurement, 4);
     }
     points(count, fill, size) {
       const geometry = new THREE.BufferGeometry();
@@ -452,7 +452,7 @@
     paper.fillStyle = colours.member;
     for (const off of members ?? []) { dot(paper, ...at(error[0] + off[0], error[1] + off[1]), 1.8); paper.fill(); }
     if (fix) {
-      paper.globalAlpha = Math.max(0.2, 1 - fix.age / 4); paper.strokeStyle = colours.reading; paper.lineWidth = 2;
+      paper.globalAlpha = Math.max(0.2, 1 - fix.age / 4); paper.strokeStyle = colours.measurement; paper.lineWidth = 2;
       const far = Math.hypot(fix.off[0], fix.off[1]) / reach;
       if (far <= 1) cross(paper, ...at(fix.off[0], fix.off[1]), 4.5);
       else {  // beyond the rim: an arrow that points to it
@@ -481,7 +481,7 @@
     paper.lineWidth = 2;
     paper.strokeStyle = colours.believed; trace(paper, [[x(error[0]), 18], [x(error[0]), base]]); paper.stroke();
     paper.strokeStyle = colours.true; trace(paper, [[x(0), 10], [x(0), base]]); paper.stroke();
-    if (fix) { paper.globalAlpha = Math.max(0.2, 1 - fix.age / 4); paper.strokeStyle = colours.reading; cross(paper, x(fix.off[0]), base - 30, 4.5); }
+    if (fix) { paper.globalAlpha = Math.max(0.2, 1 - fix.age / 4); paper.strokeStyle = colours.measurement; cross(paper, x(fix.off[0]), base - 30, 4.5); }
   }
 
   // --- charts ---------------------------------------------------------------------------------------------------
@@ -506,7 +506,7 @@
     const plain = (array) => (array ? Array.from(array.values, (v) => (Number.isFinite(v) ? v : null)) : new Array(rows).fill(null));
     const time = Array.from({ length: rows }, (_, i) => i * dt), believed = plain(chart.believed), band = plain(chart.two_sigma);
     const high = band.map((v, i) => (v === null ? null : v)), low = band.map((v) => (v === null ? null : -v));
-    const score = chart.title.startsWith("Score"), zero = chart.two_sigma || chart.readings || chart.title.endsWith("error");
+    const score = chart.title.startsWith("Score"), zero = chart.two_sigma || chart.measurements || chart.title.endsWith("error");
     const true_ = chart.true ? plain(chart.true) : zero ? new Array(rows).fill(0) : new Array(rows).fill(null);
     const sizes = [...believed, ...band, ...true_].filter((v) => v !== null).map(Math.abs).sort((a, b) => a - b);
     const biggest = Math.max(sizes[Math.floor(0.995 * (sizes.length - 1))] || 0, 1e-3);
@@ -521,11 +521,11 @@
       bands: [{ series: [1, 2], fill: () => colours.band }],
       series: [{},
         { stroke: "transparent", points: { show: false } }, { stroke: "transparent", points: { show: false } },
-        { stroke: () => colours.reading, width: 0, paths: () => null, points: { show: true, size: 3, fill: () => colours.reading, stroke: () => colours.reading } },
+        { stroke: () => colours.measurement, width: 0, paths: () => null, points: { show: true, size: 3, fill: () => colours.measurement, stroke: () => colours.measurement } },
         { stroke: () => colours.true, width: chart.true ? 2.5 : 1.2, points: { show: false } },
         { stroke: () => (score ? colours.true : colours.believed), width: 1.5, points: { show: false } }],
     };
-    each.plot = new uPlot(options, [time, high, low, plain(chart.readings), true_, believed], room);
+    each.plot = new uPlot(options, [time, high, low, plain(chart.measurements), true_, believed], room);
     each.veil = document.createElement("div"); each.veil.className = "veil";
     each.plot.over.append(each.veil);
     const seek = (event) => {
@@ -571,8 +571,8 @@
     items.push([line("believed", 'stroke-width="2"'), page.located || page.scene.space ? `believed by ${flight.estimator}` : `heading believed by ${flight.estimator}; its place is not estimated`]);
     if (flight.covariance) items.push(['<ellipse cx="11" cy="6" rx="10" ry="5" fill="var(--band)" stroke="var(--believed)"/>', page.located || page.scene.space ? "believed position ± 2σ" : "believed heading ± 2σ, 10×"]);
     if (flight.members) items.push([[4, 11, 17].map((x, i) => `<circle cx="${x}" cy="${[8, 4, 7][i]}" r="2" fill="var(--member)"/>`).join(""), `${flight.members.shape[1]} members of the ensemble`]);
-    const mark = stage instanceof Space ? '<rect x="9" y="4" width="5" height="5" fill="var(--reading)"/>' : '<path d="M7 2 15 10 M7 10 15 2" stroke="var(--reading)" stroke-width="2"/>';
-    if (flight.fix.values.some(Number.isFinite)) items.push([mark, "readings"]);
+    const mark = stage instanceof Space ? '<rect x="9" y="4" width="5" height="5" fill="var(--measurement)"/>' : '<path d="M7 2 15 10 M7 10 15 2" stroke="var(--measurement)" stroke-width="2"/>';
+    if (flight.fix.values.some(Number.isFinite)) items.push([mark, "measurements"]);
     if (scene.path.rows) items.push([line("commanded", 'stroke-width="2" stroke-dasharray="5 4"'), "commanded path"]);
     if (scene.goal) items.push(['<circle cx="11" cy="6" r="5" fill="none" stroke="var(--goal)" stroke-width="2"/>', "goal"]);
     if (scene.obstacles.rows) items.push(['<rect x="4" y="0" width="14" height="12" fill="var(--obstacle)" opacity="0.5"/>', "obstacle"]);

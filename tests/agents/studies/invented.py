@@ -14,7 +14,7 @@ from agents.studies.worlds import system_of
 
 CORVETTE, SEGOROGENI = "SigmaCorvette-v0", "SegorogeniAUV-v0"
 QUALITY = {"truth": 1.0, "kf-umv-ui": 0.95, "enkf": 0.8, "ekf": 0.75, "kf": 0.5, RAW: 0.4, "dead-reckoning": 0.0}
-"""Share that an estimator keeps, but for noise; raw readings stand for what learned agents make of them."""
+"""Share that an estimator keeps, but for noise; raw measurements stand for what learned agents make of them."""
 ENDS = (Estimator("truth", "truth"), Estimator("dead-reckoning", "dead-reckoning"))
 CLASSICAL = Agent("autopilot", "autopilot")
 LEARNED = (

@@ -201,9 +201,9 @@ def test_whether_a_filter_beats_memory_is_decided_by_the_runs_of_each_environmen
     def verdicts(**quality):
         found = results(learned.plan, QUALITY | quality)
         told = " ".join(answer(found))
-        return dict(re.findall(r"In (\S+) a filter in the loop (.*?) learning on raw readings", told))
+        return dict(re.findall(r"In (\S+) a filter in the loop (.*?) learning on raw measurements", told))
 
-    raw = "raw readings"
+    raw = "raw measurements"
     assert verdicts() == {CORVETTE: "beats", SEGOROGENI: "beats"}
     assert verdicts(**{raw: 1.2}) == {CORVETTE: "is beaten by", SEGOROGENI: "is beaten by"}
     between = verdicts(**{raw: 0.875})  # the mean of the two defaults: level on average, and nowhere

@@ -296,7 +296,7 @@ ONE = "[environments]\nSigmaCorvette-v0 = {}\n"
         ('[estimators]\ntruth = { environments = ["SigmaCorvette-v0"] }', "truth is an end of the scale"),
         ('[estimators]\nkf = { estimator = "ekf" }', "the name 'kf' is taken"),
         ('[estimators]\ndefault = { estimator = "ekf" }', "the name 'default' is taken"),
-        ('[estimators]\n"raw readings" = { estimator = "ekf" }', "the name 'raw readings' is taken"),
+        ('[estimators]\n"raw measurements" = { estimator = "ekf" }', "the name 'raw measurements' is taken"),
         ("[estimators]\n'' = { estimator = 'ekf' }", "names of estimators must be text in a line, got ''"),
         ("[estimators]\nekf = { environments = [] }", "environments must name one or more, each once, or be left out"),
         ('[agents]\nautopilot = { kind = "ppo" }', "the name 'autopilot' is taken: give this 'ppo' another one"),
