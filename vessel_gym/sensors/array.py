@@ -34,6 +34,8 @@ class Sensors:
         size: p, the number of channels.
         delays: ``(sensors, 3)`` latency, jitter and error of the clock of each, in steps.
         horizon: How many steps late a reading may be, or be said to be.
+        sd: Standard deviations ``(p,)``; NaN where they depend on what is measured.
+        gives: For each channel the state, or the part of the forcing, that it reads as such.
         bias: How all biases move.
         bias_shown: ``(p, k)`` how their states show in the readings.
 
@@ -68,7 +70,7 @@ class Sensors:
         self.owner = np.repeat(np.arange(len(self.each)), sizes)  # which sensor a channel belongs to
         self.size = len(self.owner)
         self._own = [slice(end - size, end) for size, end in zip(sizes, np.cumsum(sizes).tolist(), strict=True)]
-        self._sd = np.array([
+        self.sd = np.array([
             sd for sensor, k in zip(self.each, sizes, strict=True)
             for sd in ((np.nan,) * k if callable(sensor.sd) else sensor.sd)
         ], float)  # fmt: skip
@@ -80,6 +82,7 @@ class Sensors:
         self.faults = self._checked_faults(faults, names)
         self.angles = tuple(own.start + i for s, own in self._owning for i in s.angles)
         self.scale = np.array([x for s in self.each for x in (s.scale or (1.0,) * len(s.channels))])
+        self.gives = tuple(name for s in self.each for name in (s.gives or (None,) * len(s.channels)))
         self.channels = tuple(channel for sensor in self.each for channel in sensor.channels)
         biased = [sensor.bias for sensor in self.each if sensor.bias is not None]
         self.bias = Process.joined(*(bias.process(dt) for bias in biased))
@@ -260,14 +263,8 @@ class Sensors:
         known = np.broadcast_to(self.sd, exact.shape)
         if not self._varying:
             return known
-        varying = {own.start: spread for _, own, spread in self._varying}
-        parts = ((varying.get(own.start), own) for own in self._own)
-        return np.concatenate([spread(exact[..., own]) if spread else known[..., own] for spread, own in parts], -1)
-
-    @property
-    def sd(self) -> np.ndarray:
-        """Standard deviations ``(p,)``; NaN where they depend on what is measured."""
-        return self._sd
+        varying = {own.start: spread(exact[..., own]) for _, own, spread in self._varying}
+        return np.concatenate([varying.get(own.start, known[..., own]) for own in self._own], -1)
 
     def noise(
         self, expected: Callable[[np.ndarray, np.ndarray | None], np.ndarray], x: np.ndarray, u: np.ndarray | None
@@ -290,14 +287,13 @@ class Sensors:
             if not (sd[own] >= 0.0).all():
                 got = f"{shown(sd[own].tolist())} for the measurement {shown(y[own].tolist())}"
                 raise ValueError(f"sd of {name} gave {got}: it must give 0 or more for every measurement")
-        return StateNoise(partial(_noise_at, self, expected), np.nan_to_num(np.diag(sd**2)))
+        return StateNoise(partial(self._noise_at, expected), np.nan_to_num(np.diag(sd**2)))
+
+    def _noise_at(self, expected: Callable[..., np.ndarray], x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        """R ``(..., p, p)`` for the measurements ``expected`` in states ``(..., n)``."""
+        return self.sd_at(expected(x, u))[..., None] ** 2 * np.eye(self.size)
 
     # --- what readings tell -----------------------------------------------------------------------
-
-    @cached_property
-    def gives(self) -> tuple[str | None, ...]:
-        """For each channel the state, or the part of the forcing, that it reads as such."""
-        return tuple(name for s in self.each for name in (s.gives or (None,) * len(s.channels)))
 
     def states_from(self, readings: np.ndarray) -> dict[str, np.ndarray]:
         """States, and parts of the forcing, that are to be had from readings ``(..., p)`` alone, ``(...)`` by name."""
@@ -348,11 +344,3 @@ class Sensors:
         if unnamed:  # what somebody has added, and no sensor has heard of, would never be corrected
             mask[unnamed] = depends()[unnamed]
         return mask
-
-
-def _noise_at(
-    sensors: Sensors, expected: Callable[[np.ndarray, np.ndarray | None], np.ndarray], x: np.ndarray,
-    u: np.ndarray | None,
-) -> np.ndarray:  # fmt: skip
-    variance = sensors.sd_at(expected(x, u)) ** 2
-    return variance[..., None] * np.eye(sensors.size)

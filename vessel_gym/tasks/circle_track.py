@@ -51,6 +51,7 @@ class CircleTrack(TurningCircle):
     """
 
     commanding: ClassVar[slice | list[int]] = [RATE_NOW, BELIEVED]
+    prior_sd = (2.0, 2.0, 0.03, 0.2, 0.2, 0.002)
 
     def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
         """Draw courses ``(B, 4)``, see `TurningCircle.course`."""
@@ -67,10 +68,6 @@ class CircleTrack(TurningCircle):
         mean = np.zeros((len(course), 6))
         mean[:, 2], mean[:, 3] = course[:, HEADING], self.ship.speed
         return self._spread.about(mean)
-
-    @cached_property
-    def _spread(self) -> Gaussian:
-        return Gaussian(np.zeros(6), np.diag([2.0, 2.0, 0.03, 0.2, 0.2, 0.002]) ** 2)
 
     @compiled(axes=(1, 0, 1))
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:

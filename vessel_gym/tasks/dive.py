@@ -120,10 +120,6 @@ class Dive(Task):
         mean[:, 0] = self.auv.cruise_speed
         return self._spread.about(mean)
 
-    @cached_property
-    def _spread(self) -> Gaussian:
-        return Gaussian(np.zeros(len(self.prior_sd)), np.diag(self.prior_sd) ** 2)
-
     @compiled(axes=(1, 0, 1))
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Position relative to the path of a vehicle in a state ``(..., n)``, and the course, ``(..., 11)``."""

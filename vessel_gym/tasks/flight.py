@@ -64,6 +64,7 @@ class Flight(Task):
         for name in ("distance", "altitudes", "obstacle_radius", "ahead"):
             check_pair(f"{name} of Flight", getattr(self, name))
 
+    prior_sd = (1.0, 1.0, 1.0, 0.5, 0.5, 0.3, 0.02)
     uniforms = 14
     """Uniform numbers that `course` needs."""
     ends = ENDS
@@ -221,10 +222,6 @@ class Flight(Task):
         mean[:, 3] = self.body.cruise_speed * np.cos(course[:, 2])
         mean[:, 4] = self.body.cruise_speed * np.sin(course[:, 2])
         return self._spread.about(mean)
-
-    @cached_property
-    def _spread(self) -> Gaussian:
-        return Gaussian(np.zeros(7), np.diag([1.0, 1.0, 1.0, 0.5, 0.5, 0.3, 0.02]) ** 2)
 
     @compiled(axes=(1, 0, 1))
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:

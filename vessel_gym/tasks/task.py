@@ -1,6 +1,7 @@
 """The interface of a task, with defaults for all but its score: the start of one of your own (docs/own-task.md)."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -80,6 +81,11 @@ class Task:
         for option in options:
             raise ValueError(unknown("reset option", option, ()))
         return uniforms
+
+    @cached_property
+    def _spread(self) -> Gaussian:
+        """The prior's covariance, about zero."""
+        return Gaussian(np.zeros(len(self.prior_sd)), np.diag(self.prior_sd) ** 2)
 
     def prior(self, course: np.ndarray) -> Gaussian:
         """Prior of the vehicle's state: mean ``(B, n)``, covariance ``(n, n)``.

@@ -42,6 +42,7 @@ class TurningCircle(Task):
         whole(f"horizon of {type(self).__name__}", self.horizon, 1)
         check_pair(f"radius of {type(self).__name__}", self.radius)
 
+    prior_sd: ClassVar[tuple[float, ...]] = (0.2, 0.002, 0.03, 0.2)
     uniforms = 3
     """Uniform numbers that `course` needs."""
     commanding: ClassVar[slice | list[int]] = slice(1, 2)
@@ -114,10 +115,6 @@ class TurningCircle(Task):
         mean = np.zeros((len(course), 4))
         mean[:, 2], mean[:, 3] = course[:, 0], self.ship.speed
         return self._spread.about(mean)
-
-    @cached_property
-    def _spread(self) -> Gaussian:
-        return Gaussian(np.zeros(4), np.diag([0.2, 0.002, 0.03, 0.2]) ** 2)
 
     def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The reference ``(..., 4)`` at a step ``(...)``: it moves with time, wherever the ship is."""

@@ -9,20 +9,13 @@ from dataclasses import MISSING, fields
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, get_args, get_origin, overload
+from typing import Any, TypeVar, get_args, get_origin, overload
 
 import numpy as np
 
 from estimators.checks import number, shown, whole
 from estimators.factory import unknown
 from vessel_gym.checks import LARGEST, RANGES, check_numbers, instance, one_of
-
-if TYPE_CHECKING:
-    from vessel_gym.vehicles.auv import AUVParameters
-    from vessel_gym.vehicles.corvette_equations import CorvetteParameters
-    from vessel_gym.vehicles.puna import PunaParameters
-
-    Parameters: TypeAlias = CorvetteParameters | AUVParameters | PunaParameters
 
 P = TypeVar("P")
 
@@ -63,7 +56,7 @@ def names() -> tuple[str, ...]:
 
 
 @overload
-def load(source: str | Path) -> "Parameters": ...
+def load(source: str | Path) -> Any: ...
 @overload
 def load(source: str | Path, expected: type[P], *, stable: bool = True) -> P: ...
 def load(source: str | Path, expected: type[Any] = object, *, stable: bool = True) -> Any:
