@@ -122,8 +122,8 @@ def _first(
 def means(network: dict[str, Any], model: LinearModel, start: np.ndarray, y: Any, moved: Any) -> Any:
     """The filter's means ``(T, series, n)``, as a tensor that can be differentiated by the network's weights.
 
-    From a prior's mean ``start (n,)``, by measurements ``y (T, series, p)``, NaN for missing ones; ``moved (T, series, n)``
-    is the effect of the known input over the step before.
+    From a prior's mean ``start (n,)``, by measurements ``y (T, series, p)``, NaN for missing ones; ``moved
+    (T, series, n)`` is the effect of the known input over the step before.
     """
     import torch
 
