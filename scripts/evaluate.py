@@ -23,7 +23,7 @@ def main(
 
     Args:
         env_id: Registered environment.
-        agent: A pilot of the task (autopilot, lqg, pid), ppo (trained, comes with the package), random, the path of a
+        agent: A controller of the task (autopilot, lqg, pid), ppo (comes with the package), random, the path of a
             checkpoint, or your own as module:object, whose code is run.
         estimator: One or more estimators; the environment's default if not given.
         sensors: clean, nominal or degraded.

@@ -43,7 +43,7 @@ def main(
         sensors: clean, nominal or degraded.
         disturbance: calm, moderate or rough.
         seed: Seed of the episode.
-        agent: A pilot of the task (autopilot, lqg, pid), ppo (trained, comes with the package), random, the path of a
+        agent: A controller of the task (autopilot, lqg, pid), ppo (comes with the package), random, the path of a
             checkpoint, or your own as module:object, whose code is run.
         out: An .html to touch in a browser, on several estimators; a .gif, an .mp4, or a .png of the last frame.
         every: Keep one frame in this many steps (.gif and .mp4).

@@ -149,11 +149,11 @@ def test_loitering_on_the_track_does_not_pay():
 @pytest.mark.parametrize("estimator", ["truth", "kf-umv-ui"])
 def test_the_autopilot_holds_the_track(estimator):
     rows = 16
-    core, pilot = Core(SIGMA_CORVETTE, rows, estimator=estimator), make_controller("autopilot", SIGMA_CORVETTE)
+    core, controller = Core(SIGMA_CORVETTE, rows, estimator=estimator), make_controller("autopilot", SIGMA_CORVETTE)
     core.start(list(range(10_000, 10_000 + rows)))
-    pilot.reset(rows)
+    controller.reset(rows)
     for _ in range(TASK.horizon):
-        core.step(pilot.act(core.observe()))
+        core.step(controller.act(core.observe()))
     assert (core.total / TASK.horizon).mean() > 0.7
 
 

@@ -146,8 +146,8 @@ def fly_both(env_id: str, seeds: int | list[int], listed: list[int], steps: int,
     """
     batch = make_batch(env_id, len(listed), **options)
     singles = [gym.make(env_id, disable_env_checker=True, **options) for _ in listed]
-    pilot = load_agent("autopilot", batch)
-    pilot.reset(len(listed))
+    controller = load_agent("autopilot", batch)
+    controller.reset(len(listed))
     walk = random_walk(7, len(listed), batch.single_action_space.shape[0])
     guided = np.arange(len(listed)) % 2 == 0
     observations, info = batch.reset(seed=seeds)
@@ -158,7 +158,7 @@ def fly_both(env_id: str, seeds: int | list[int], listed: list[int], steps: int,
     counts = {"terminated": 0, "truncated": 0, "arrived": 0, "staggered": 0}
     for _ in range(steps):
         random = next(walk)
-        actions = np.where(guided[:, None], np.clip(pilot.act(observations) + 0.3 * random, -1.0, 1.0), random)
+        actions = np.where(guided[:, None], np.clip(controller.act(observations) + 0.3 * random, -1.0, 1.0), random)
         actions = actions.astype(np.float32)
         observations, rewards, terminated, truncated, info = batch.step(actions)
         done = terminated | truncated

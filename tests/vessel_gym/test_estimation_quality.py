@@ -35,11 +35,11 @@ def rudder_programs(disturbance: str) -> np.ndarray:
     """``(T, N, 1)`` what an autopilot that knows the truth does: one program a seed, the same for every estimator."""
     core = make_core("ThesisCorvette-v0", SEEDS, estimator="truth", disturbance=disturbance)
     core.reset()
-    pilot = load_agent("autopilot", _Face(core))
-    pilot.reset(SEEDS)
+    controller = load_agent("autopilot", _Face(core))
+    controller.reset(SEEDS)
     actions = []
     for _ in range(core.task.horizon):
-        actions.append(pilot.act(core.observe()))
+        actions.append(controller.act(core.observe()))
         core.step(actions[-1])
     return np.stack(actions)
 

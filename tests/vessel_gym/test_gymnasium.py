@@ -360,13 +360,13 @@ def test_success_is_told_at_the_end_of_every_episode(env_id: str):
     task = single_class(env_id).system.task
     rows = 2
     env = make_batch(env_id, rows, disturbance="calm", estimator="truth")
-    pilot = load_agent("autopilot", env)
-    pilot.reset(rows)
+    controller = load_agent("autopilot", env)
+    controller.reset(rows)
     observations, info = env.reset(seed=2)
     walk = random_walk(7, rows, env.single_action_space.shape[0])
     told = []
     for _ in range(gym.spec(env_id).max_episode_steps):
-        actions = np.where(np.arange(rows)[:, None] == 0, pilot.act(observations), next(walk)).astype(np.float32)
+        actions = np.where(np.arange(rows)[:, None] == 0, controller.act(observations), next(walk)).astype(np.float32)
         observations, _, terminated, truncated, info = env.step(actions)
         for row in np.flatnonzero(terminated | truncated):
             final = info["final_info"]

@@ -167,12 +167,12 @@ def seen_with_perfect_knowledge(core: Core) -> np.ndarray:
 def test_who_knows_the_truth_arrives_in_every_episode_on_hidden_held_readings(env_id: str):
     """With the end decided by held readings, 7 of 48 Segorogeni dives, 8 of 48 ITSUNUSA dives and 23 flights did."""
     core = make_core(env_id, 48, observe="measurement", estimator="measurement")
-    pilot = load_agent("autopilot", gym.make(env_id))
+    controller = load_agent("autopilot", gym.make(env_id))
     core.reset()
-    pilot.reset(48)
+    controller.reset(48)
     end = np.zeros(48, int)
     for _ in range(core.task.horizon):
-        core.step(pilot.act(seen_with_perfect_knowledge(core)))
+        core.step(controller.act(seen_with_perfect_knowledge(core)))
         end = np.where(end == 0, core.end, end)
         if end.all():
             break
