@@ -587,7 +587,7 @@ def test_a_subclass_flies_to_the_bit_as_the_parts_that_it_derives_from() -> None
      ("believed", "calm", "believed of Own must be a Disturbance, or None, got 'calm'"),
      ("input_sd", (-1.0, 1.0), "input_sd of Own must be numbers of at least 0"),
      ("scale", (0.0, 1.0), "scale of Own must be numbers above 0"),
-     ("effect", lambda self, z, state: z * 1j, "effect of Own gave [0j, 0j] "),
+     ("effect", lambda self, z, state: z * 1j, "effect of Own must give real numbers, got "),
      ("effect", lambda self, z, state: z if len(z) != 3 else z.tolist()[:1], "effect of Own must give a row of 2 ")],
 )  # fmt: skip
 def test_a_disturbance_of_no_use_is_refused_in_a_sentence(member: str, value: Any, sentence: str) -> None:

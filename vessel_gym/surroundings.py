@@ -20,7 +20,6 @@ from vessel_gym.registry import Registry
 from vessel_gym.tasks.dive import Dive
 from vessel_gym.tasks.flight import OBSTACLES, SEGMENTS, Flight
 from vessel_gym.tasks.turning_circle import TurningCircle
-from vessel_gym.tracks import commanded_path
 
 HULLS = ("ship", "torpedo", "aircraft", "dot")
 """Outlines that can be drawn at a vehicle's place."""
@@ -138,7 +137,7 @@ def in_words(name: str, angles: Sequence[str]) -> tuple[str, str, float]:
 
 @register_surroundings(TurningCircle)
 def _turn(task: TurningCircle, course: np.ndarray) -> Surroundings:
-    return Surroundings("ship", task.ship.length, path=_level(commanded_path(task, course)))
+    return Surroundings("ship", task.ship.length, path=_level(task.path(course)))
 
 
 @register_surroundings(Dive)

@@ -31,7 +31,6 @@ from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.tasks.dive import SpatialDive
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.tasks.task import Task
-from vessel_gym.tracks import path as track_path
 from vessel_gym.vehicles.corvette import Corvette
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.hydrodynamics import Fins, Spheroid, axial_drag_coefficient, lamb_factors
@@ -156,8 +155,6 @@ CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, list[Any]]]] = [
     (words.Path, {}, {"segments": [None, "x", np.zeros((0, 5)), np.zeros(5), np.full((1, 5), np.nan)]}),
     (dive_path.follow, {"position": POSE, "course": [0.1, 20.0, 3.0], "ahead": 2.0},
      {"position": [None, "x", [0.0]], "course": [None, [1.0]], "ahead": [None, "x"]}),
-    (track_path, {"heading": SERIES, "surge": SERIES, "sway": SERIES, "dt": 0.5},
-     {"heading": [None, [np.nan]], "surge": ["x", SERIES[:3]], "dt": NOT_POSITIVE}),
 ]  # fmt: skip
 CASES = [
     pytest.param(function, right | {name: value}, name, id=f"{getattr(function, '__qualname__', function)}-{name}-{k}")

@@ -6,7 +6,7 @@ import pytest
 
 import vessel_gym  # noqa: F401
 from vessel_gym.sea_trials import fit_circle
-from vessel_gym.tracks import commanded_path, path
+from vessel_gym.tasks.turning_circle import dead_reckoned
 
 
 def test_the_commanded_path_closes_a_circle_of_the_commanded_radius():
@@ -14,7 +14,7 @@ def test_the_commanded_path_closes_a_circle_of_the_commanded_radius():
     radius = 4.0 * task.ship.length
     for side in (1.0, -1.0):
         course = task.course(np.zeros((1, task.uniforms)), {"radius": side * radius})[0]
-        points = commanded_path(task, course)
+        points = task.path(course)
         turn = points[int((task.lead + task.ramp) / task.dt) :]
         centre = turn[:-2].mean(0)
         assert np.hypot(*(turn - centre).T) == pytest.approx(radius, rel=0.03)
@@ -27,7 +27,7 @@ def test_a_commanded_track_closes_its_circle():
     radius = 4.0 * task.ship.length
     for side in (1.0, -1.0):
         course = task.course(np.zeros((1, task.uniforms)), {"radius": side * radius})[0]
-        points = commanded_path(task, course)
+        points = task.path(course)
         length = np.hypot(*np.diff(points, axis=0).T)
         turn = points[np.concatenate([[0.0], length.cumsum()]) >= task.ship.speed * (task.lead + task.ramp)]
         circle = fit_circle(*turn.T)
@@ -39,4 +39,4 @@ def test_a_commanded_track_closes_its_circle():
 
 
 def test_sway_to_starboard_of_a_ship_heading_north_goes_east():
-    assert path(np.zeros(3), np.zeros(3), np.ones(3), 1.0)[-1] == pytest.approx([0.0, 2.0])
+    assert dead_reckoned(np.zeros(3), np.zeros(3), np.ones(3), 1.0)[-1] == pytest.approx([0.0, 2.0])

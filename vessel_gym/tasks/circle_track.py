@@ -185,6 +185,12 @@ class CircleTrack(TurningCircle):
         """The commanded yaw rate and heading of who keeps to the track ``(..., 2)``."""
         return self.reference(course, step, self.nominal(course, step))[..., self.commanding]
 
+    def path(self, course: np.ndarray) -> np.ndarray:
+        """The track ``(k, 2)`` of a course ``(4,)``, one circle long."""
+        lead, circle = self.ship.speed * (self.lead + self.ramp), 2.0 * np.pi / abs(course[CURVATURE])
+        along = np.linspace(0.0, lead + circle, 200)
+        return self.track(np.tile(course, (len(along), 1)), along)[0]
+
     # --- what the agent sees ----------------------------------------------------------------------
 
     TRACK_SCALE = 20.0  # m

@@ -22,6 +22,20 @@ def wrapped(angle: np.ndarray) -> np.ndarray:
     return angle + 2.0 * np.pi * np.floor(0.5 - angle / (2.0 * np.pi))
 
 
+def dead_reckoned(heading: np.ndarray, surge: np.ndarray, sway: np.ndarray, dt: float) -> np.ndarray:
+    """Positions ``(k, 2)`` north and east [m] from the origin, by the trapezoidal rule through the water.
+
+    Args:
+        heading: ``(k,)`` rad.
+        surge: ``(k,)`` m/s.
+        sway: ``(k,)`` m/s.
+        dt: Time between samples [s].
+    """
+    sin, cos = np.sin(heading), np.cos(heading)
+    velocity = np.stack([surge * cos - sway * sin, surge * sin + sway * cos], -1)
+    return np.concatenate([np.zeros((1, 2)), np.cumsum(0.5 * dt * (velocity[1:] + velocity[:-1]), 0)])
+
+
 @dataclass(frozen=True)
 class TurningCircle(Task):
     """The commanded heading leads into a steady turn: straight, a ramp of the yaw rate, a circle.
@@ -134,6 +148,18 @@ class TurningCircle(Task):
     def commanded(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
         """The commanded yaw rate ``(..., 1)``."""
         return self.command(course, step)[..., self.commanding]
+
+    def path(self, course: np.ndarray) -> np.ndarray:
+        """The path ``(k, 2)`` of a course ``(2,)``, one circle long: of the reference heading, at the turn's drift.
+
+        It is that through the water: a current carries the true ship away from it.
+        """
+        steps, turns = np.arange(self.horizon + 1), steady_turns(self.ship)
+        reference = self.command(np.tile(course, (len(steps), 1)), steps)
+        turned = np.abs(reference[:, 0] - course[0]) - 0.5 * self.ramp * abs(course[1])
+        heading, rate, *_ = reference[: 2 + np.searchsorted(turned, 2.0 * np.pi)].T
+        surge, sway = (np.interp(np.abs(rate), turns.yaw_rate, values) for values in (turns.speed, turns.sway))
+        return dead_reckoned(heading, surge, np.sign(rate) * sway, self.dt)
 
     # --- what the agent sees ----------------------------------------------------------------------
 

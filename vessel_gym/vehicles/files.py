@@ -106,13 +106,8 @@ class _File:
 
     def fault(self, keys: tuple[str, ...], sentence: str) -> ValueError:
         """The error of a sentence on a key, or its table where it is missing, or the kind where that is."""
-        there, content = [], self.data
-        for key in keys:
-            if not isinstance(content, dict) or key not in content:
-                break
-            there.append(key)
-            content = content[key]
-        return ValueError(f"{self.path}, line {_line(self.text, tuple(there) or ('kind',))}: {sentence}")
+        places = (_line(self.text, each) for each in (*(keys[:n] for n in range(len(keys), 0, -1)), ("kind",)))
+        return ValueError(f"{self.path}, line {next(filter(None, places), 1)}: {sentence}")
 
     def parameters(self, expected: type[Any], stable: bool) -> Any:
         """Parameters of the vehicle, as `load` returns them."""
@@ -249,8 +244,8 @@ def check_vehicle(vehicle: Any, parameters: str, kind: type[Any]) -> None:
     whole(f"substeps of {title}", vehicle.substeps, 1)
 
 
-def _line(text: str, keys: tuple[str, ...]) -> int:
-    """Line of a key or table: right after the lines that make a file without it."""
+def _line(text: str, keys: tuple[str, ...]) -> int | None:
+    """Line of a key or table, right after the lines that make a file without it; None: there is none."""
     lines = text.split("\n")
     without = 0
     for count in range(1, len(lines) + 1):
@@ -265,4 +260,4 @@ def _line(text: str, keys: tuple[str, ...]) -> int:
         else:
             return without + 1
         without = count
-    return 1
+    return None
