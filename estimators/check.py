@@ -136,7 +136,7 @@ def check_steps(filter: Filter, prior: Gaussian, u: np.ndarray | None) -> None:
             if cov is not None and not _is_covariance(cov):
                 raise ValueError(f"{cls}._{method} gave a {name} that is not symmetric and positive semidefinite")
         for row in range(_ROWS):
-            if odd := _differs(belief[row], alone[row][k]):
+            if odd := _differ([belief[row]], [alone[row][k]]):
                 raise ValueError(
                     f"{cls}.{method} gives a row of a batch another {odd} than the same row alone: rows must share "
                     f"nothing, so reduce over the last axes only"
@@ -150,7 +150,7 @@ def _check_compiled(filter: Filter, prior: Gaussian, u: np.ndarray | None, belie
     plain = copy.copy(filter)
     plain._programs = None
     both = _steps(filter, prior, u, at_once=True)
-    if odd := _differ(_steps(plain, prior, u), beliefs, _SAME) or _differ(both, beliefs[1::2], _SAME):
+    if odd := _differ(_steps(plain, prior, u), beliefs) or _differ(both, beliefs[1::2]):
         raise ValueError(
             f"{type(filter).__name__} gives another {odd} compiled than in NumPy: a formula is traced once, so it must "
             f"depend on nothing but what it is handed; or leave out formulas = True"
@@ -256,7 +256,7 @@ def _check_restart(filter: Filter, system: System, beliefs: list[Belief]) -> Non
         mixed = beliefs[3].with_rows(again, fresh[again])
         stepped = [filter.predict(belief, known, rng=rng.at(9)) for belief in (mixed, beliefs[3], fresh)]
     for row in range(_ROWS):
-        if odd := _differs(stepped[0][row], stepped[2 if again[row] else 1][row]):
+        if odd := _differ([stepped[0][row]], [stepped[2 if again[row] else 1][row]]):
             raise ValueError(
                 f"{cls} gives another {odd} where some rows begin again (belief.with_rows): what a row needs must be "
                 f"in the belief, and a row alone must say what it does"
@@ -291,18 +291,14 @@ def _arrays(belief: Belief) -> dict[str, np.ndarray]:
     return {name: array for name, array in found.items() if array is not None}
 
 
-def _differ(one: list[Belief], other: list[Belief], tolerance: float) -> str:
-    return next((odd for pair in zip(one, other, strict=True) if (odd := _differs(*pair, tolerance))), "")
-
-
-def _differs(one: Belief, other: Belief, tolerance: float = _SAME) -> str:
-    """The first array in which two beliefs are not the same, or nothing; variances may be small beside 1."""
-    mine, theirs = _arrays(one), _arrays(other)
-    for name in mine.keys() & theirs.keys():
-        a, b = np.asarray(mine[name], float), np.asarray(theirs[name], float)
-        scale = float(np.abs(b).max(initial=0.0 if name in ("cov", "innovation_cov", "input_cov") else 1.0))
-        if a.shape != b.shape or not (np.abs(a - b) <= tolerance * scale).all():
-            return name
+def _differ(some: list[Belief], others: list[Belief], tolerance: float = _SAME) -> str:
+    """The first array in which beliefs are not the same, or nothing; variances may be small beside 1."""
+    for mine, theirs in zip(map(_arrays, some), map(_arrays, others), strict=True):
+        for name in mine.keys() & theirs.keys():
+            a, b = np.asarray(mine[name], float), np.asarray(theirs[name], float)
+            scale = float(np.abs(b).max(initial=0.0 if name in ("cov", "innovation_cov", "input_cov") else 1.0))
+            if a.shape != b.shape or not (np.abs(a - b) <= tolerance * scale).all():
+                return name
     return ""
 
 

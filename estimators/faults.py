@@ -66,21 +66,20 @@ class Watch:
         Raises:
             ValueError: if the two are of different monitors.
         """
-        mine, theirs = _remembered(self), _remembered(other)
-        if mine != theirs:
-            raise ValueError(
-                f"cannot merge states of different monitors: one remembers {mine[0]} of {mine[1]} sensors, the other "
-                f"{theirs[0]} of {theirs[1]}"
-            )
+        self.check_same_monitor(other)
         merged = {name: np.array(getattr(self, name)) for name in self.__dataclass_fields__}
         for name, array in merged.items():
             array[rows] = getattr(other, name)
         return type(self)(**merged)
 
-
-def _remembered(state: Watch) -> tuple[tuple[int, ...], int]:
-    """The shape of what a row remembers, and of how many sensors."""
-    return state.memory.shape[-2:], state.suspicion.shape[-1]
+    def check_same_monitor(self, other: "Watch") -> None:
+        """Refuse a state of another monitor, which remembers something else or of other sensors."""
+        mine, theirs = ((state.memory.shape[-2:], state.suspicion.shape[-1]) for state in (self, other))
+        if mine != theirs:
+            raise ValueError(
+                f"the state is of another monitor: it remembers {theirs[0]} of {theirs[1]} sensors, this one {mine[0]} "
+                f"of {mine[1]}"
+            )
 
 
 class FaultMonitor(ABC):
@@ -129,12 +128,7 @@ class FaultMonitor(ABC):
             TypeError: if its innovations carry an unknown input, whose law nobody knows.
         """
         e, S, arrived = self._innovation(belief)
-        (memory, sensors), mine = _remembered(state), (self._remembered, len(self.names))
-        if (memory, sensors) != mine:
-            raise ValueError(
-                f"the state is of another monitor: it remembers {memory} of {sensors} sensors, this one {mine[0]} of "
-                f"{mine[1]}"
-            )
+        self.start().check_same_monitor(state)
         if e.shape[:-1] != state.alarm.shape:
             raise ValueError(f"the monitor watches rows {state.alarm.shape}, the belief has rows {e.shape[:-1]}")
         return self._watched(state, e, S, arrived)

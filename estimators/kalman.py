@@ -27,7 +27,8 @@ class GaussianFilter(Filter[Record]):
     """Can `smooth` go back through the steps? A class that overrides one says so again."""
 
     def _init(self, belief: Belief, rng: Rng) -> Record:
-        return cast(Record, self.record.of(belief, **self._unseen(belief.mean)))
+        own = self._unseen(belief.mean)
+        return cast(Record, self.record.of(belief, **own) if own else belief)
 
     def _unseen(self, mean: np.ndarray) -> dict[str, Any]:
         """The record's own arrays, beside this mean, before any measurement."""
@@ -36,7 +37,9 @@ class GaussianFilter(Filter[Record]):
     def _predict(self, belief: Record, u: np.ndarray | None, rng: Rng) -> Record:
         mean, cov = self._asked("_moved", belief, u)
         cov = symmetrise(cov + resolve(self.model.Q, u))
-        return cast(Record, self.record.predicted(belief, mean, cov, u, **self._own(belief, mean, u)))
+        own = self._own(belief, mean, u)
+        record = self.record if own else Belief  # a record of one's own takes the rest from there
+        return cast(Record, record.predicted(belief, mean, cov, u, **own))
 
     def _own(self, before: Record, mean: np.ndarray, u: np.ndarray | None) -> dict[str, Any]:
         """The record's own arrays after a prediction to this mean."""
@@ -52,7 +55,7 @@ class GaussianFilter(Filter[Record]):
 
     def _update(self, belief: Record, reading: Reading, rng: Rng) -> Record:
         mean, cov, S = joseph_update(belief.mean, belief.cov, reading.innovation, reading.C, reading.R)
-        return cast(Record, self.record.updated(belief, mean, cov, reading, S))
+        return cast(Record, Belief.updated(belief, mean, cov, reading, S))
 
 
 def joseph_update(

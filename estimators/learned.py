@@ -8,7 +8,7 @@ from zipfile import BadZipFile, is_zipfile
 import numpy as np
 
 from estimators.belief import Belief
-from estimators.checks import as_array
+from estimators.checks import as_array, finite_array
 from estimators.filter import Model, Rng
 from estimators.kalman import GaussianFilter
 from estimators.linalg import congruence, symmetrise
@@ -49,20 +49,14 @@ class GainNetwork:
     state_scale: np.ndarray
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            array = np.array(as_array(field.name, getattr(self, field.name)))
-            if not np.isfinite(array).all():
-                raise ValueError(f"{field.name} must be finite")
-            if field.name.endswith("scale") and not (array > 0.0).all():
-                raise ValueError(f"{field.name} must be positive, got {array.min():g}")
-            object.__setattr__(self, field.name, array)
-        if self.hidden_weights.ndim != 2:
-            raise ValueError(f"hidden_weights has shape {self.hidden_weights.shape}, expected (3 k, k)")
-        k, n, p = self.hidden_weights.shape[-1], self.state_scale.size, self.innovation_scale.size
-        expected = ((3 * k, p + n), (3 * k, k), (3 * k,), (3 * k,), (n * p, k), (n * p,), (p,), (n,))
-        for field, shape in zip(fields(self), expected, strict=True):
-            if (found := getattr(self, field.name).shape) != shape:
-                raise ValueError(f"{field.name} has shape {found}, expected {shape} by the other weights")
+        sizes = {field.name: as_array(field.name, getattr(self, field.name)).size for field in fields(self)}
+        k, n, p = sizes["hidden_bias"] // 3, sizes["state_scale"], sizes["innovation_scale"]
+        shapes = (3 * k, p + n), (3 * k, k), (3 * k,), (3 * k,), (n * p, k), (n * p,), (p,), (n,)
+        for name, shape in zip(sizes, shapes, strict=True):
+            array = np.array(finite_array(name, getattr(self, name), *shape))
+            if name.endswith("scale") and not (array > 0.0).all():
+                raise ValueError(f"{name} must be positive, got {array.min():g}")
+            object.__setattr__(self, name, array)
 
     @property
     def size(self) -> int:

@@ -226,7 +226,7 @@ def test_weights_that_do_not_fit_are_named():
     with pytest.raises(TypeError, match="network must be a GainNetwork, got dict"):
         LearnedGainFilter(model, {})
     weights = dict(vars(_network(2, 2)))
-    with pytest.raises(ValueError, match=r"gain_bias has shape \(3,\), expected \(4,\)"):
+    with pytest.raises(ValueError, match=r"gain_bias must have shape \(4,\), got \(3,\)"):
         GainNetwork(**(weights | {"gain_bias": np.zeros(3)}))
     with pytest.raises(ValueError, match="hidden_bias must be finite"):
         GainNetwork(**(weights | {"hidden_bias": np.full(15, np.nan)}))
@@ -234,7 +234,7 @@ def test_weights_that_do_not_fit_are_named():
         for wrong in (0.0, -1.0):
             with pytest.raises(ValueError, match=f"{scale} must be positive, got {wrong:g}"):
                 GainNetwork(**(weights | {scale: np.array([1.0, wrong])}))
-    with pytest.raises(ValueError, match=r"hidden_weights has shape \(\), expected \(3 k, k\)"):
+    with pytest.raises(ValueError, match=r"hidden_weights must have shape \(15, 5\), got \(\)"):
         GainNetwork(**(weights | {"hidden_weights": 1.0}))
 
 
