@@ -4,6 +4,8 @@ Units, scenes and touches as in `vessel_gym.guidance.touches`. An edge joins two
 disc that is wider than the turning circle, by its edge. Edges of all scenes are joined as one batch.
 """
 
+from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -216,6 +218,62 @@ def _picked(rows: np.ndarray, index: np.ndarray) -> np.ndarray:
     return found
 
 
+def _leg(*carried: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The way on from the first of four touches to the next, which is first then.
+
+    Behind the touches stand the length so far and, of the last three legs, the straights between turns both ways
+    (otherwise infinite).
+    """
+    a, b, c, d, total, *straights = carried
+    length, _, bends, extents = join(a, b, discs)
+    straight = np.where(bends[..., 0] * bends[..., 2] < 0.0, extents[..., 1], np.inf)
+    return b, c, d, a, total + length, *straights[1:], straight
+
+
+def _best_slide(
+    touches: Sequence[np.ndarray], alone: np.ndarray, first: np.ndarray, edges: np.ndarray, discs: np.ndarray,
+    step: np.ndarray,
+) -> tuple[np.ndarray, ...]:  # fmt: skip
+    """The best of the slides that shorten a way: forwards if one does, else backwards.
+
+    Args:
+        touches: Four in a row, of which the second slides alone or both in the middle do.
+        alone: Mask of the ways in which one slides alone.
+        first: Mask of those in which the second touch goes where the arcs meet when the third has slid.
+        edges: Of the discs.
+        discs: Likewise.
+        step: Of the slide [rad].
+
+    Returns:
+        1, -1 or 0 (none), the touches in the middle, and the straights as of `_leg`.
+    """
+    a, b, c, d = touches
+    moving, following = np.where(first[..., None], c, b), np.where(first[..., None], b, c)
+    edge, next_edge, zero = _picked(edges, moving[..., 3]), _picked(edges, following[..., 3]), np.zeros_like(step)
+
+    def candidate(number: np.ndarray, best: np.ndarray, sign: np.ndarray, *kept: np.ndarray) -> tuple[Any, ...]:
+        """The way as it is, then two slides alone, or two with four places each of the touch that follows."""
+        as_is, own = number == 0.0, np.where(number <= np.where(alone, 1.0, 4.0), 1.0, -1.0)
+        pose = touch(edge, moving[..., 3], moving[..., 4], moving[..., 5] + own * step)
+        option = number - np.where(number > 4.0, 5.0, 1.0)
+        turn, sin, cos = np.where(option < 2.0, 1.0, -1.0), np.sin(pose[..., 2]), np.cos(pose[..., 2])
+        centre = pose[..., 0] - turn * sin, pose[..., 1] + turn * cos
+        bearings = turning_on(np.stack([*centre, zero + 2.0, following[..., 4] * turn], -1), next_edge)
+        bearing = np.where((option == 0.0) | (option == 2.0), bearings[..., 0], bearings[..., 1])
+        met = np.where(alone[..., None], c, touch(next_edge, following[..., 3], following[..., 4], bearing))
+        pair = np.where(first[..., None], met, pose), np.where(first[..., None], pose, met)
+        low, high = (np.where(as_is[..., None], old, new) for old, new in zip((b, c), pair, strict=True))
+        *_, total, s0, s1, s2 = repeat(3, partial(_leg, discs=discs), a, low, high, d, zero, zero, zero, zero)
+        better = as_is | ((total < best) & ((sign == 0.0) | (sign == own)))
+        best = np.where(better, total * np.where(as_is, 1.0 - 1e-12, 1.0), best)
+        middle = (np.where(better[..., None], new, old) for new, old in zip((low, high), kept, strict=False))
+        straights = (np.where(better, new, old) for new, old in zip((s0, s1, s2), kept[2:], strict=True))
+        return number + 1.0, best, np.where(better & ~as_is, own, sign), *middle, *straights
+
+    last = np.where(alone, 2.0, 8.0)
+    return repeat(9, candidate, zero, zero, zero, b, c, zero, zero, zero, active=lambda number, *_: number <= last)[2:]
+
+
 @compiled(axes=(2, 0, 2, 2, 0))
 def _slid(way: np.ndarray, count: np.ndarray, edges: np.ndarray, discs: np.ndarray, step: np.ndarray) -> np.ndarray:
     """Touches ``(..., n, 7)`` of a way, slid along their edges until no slide of `_SLIDE` shortens it.
@@ -232,69 +290,33 @@ def _slid(way: np.ndarray, count: np.ndarray, edges: np.ndarray, discs: np.ndarr
         step: The first slide [rad].
     """
 
-    def turn(
+    def attempt(
         way: np.ndarray, step: np.ndarray, place: np.ndarray, failed: np.ndarray, before: np.ndarray, after: np.ndarray
     ) -> tuple[np.ndarray, ...]:
-        """Try one slide: touch ``place // 3`` alone, with the one before or with the one after."""
-        kind = place - 3.0 * np.floor(place / 3.0)
-        low, alone, first = np.floor(place / 3.0) - (kind == 1.0), kind == 0.0, (kind == 1.0)[..., None]
+        """Slide touch ``place // 3`` alone, with the one before or with the one after: ``place % 3``."""
+        i = np.floor(place / 3.0)
+        alone, first = place == 3.0 * i, place == 3.0 * i + 1.0
+        low = np.where(first, i - 1.0, i)
         a, b, c, d = (_picked(way, low + k) for k in range(4))
-        d = np.where(alone[..., None], c, d)
-        moving, following = np.where(first, c, b), np.where(first, b, c)
-        edge, next_edge = _picked(edges, moving[..., 3]), _picked(edges, following[..., 3])
-
-        def candidate(number: np.ndarray, best: np.ndarray, sign: np.ndarray, *kept: np.ndarray) -> tuple[Any, ...]:
-            """The way as it is, then two slides alone, or two with four places each of the touch that follows."""
-            initial, own = number == 0.0, np.where(number <= np.where(alone, 1.0, 4.0), 1.0, -1.0)
-            pose = touch(edge, moving[..., 3], moving[..., 4], moving[..., 5] + own * step)
-            option = number - 1.0 - 4.0 * (number > 4.0)
-            way_round, sin, cos = np.where(option < 2.0, 1.0, -1.0), np.sin(pose[..., 2]), np.cos(pose[..., 2])
-            x, y = pose[..., 0] - way_round * sin, pose[..., 1] + way_round * cos
-            bearings = turning_on(np.stack([x, y, 2.0 + 0.0 * x, following[..., 4] * way_round], -1), next_edge)
-            bearing = np.where((option == 0.0) | (option == 2.0), bearings[..., 0], bearings[..., 1])
-            pair = touch(next_edge, following[..., 3], following[..., 4], bearing)
-            pair = np.where(alone[..., None], c, pair)
-            as_is = initial[..., None]
-            low_touch = np.where(as_is, b, np.where(first, pair, pose))
-            high_touch = np.where(as_is, c, np.where(first, pose, pair))
-            none = np.zeros_like(step)
-            *_, total, s0, s1, s2 = repeat(3, leg, a, low_touch, high_touch, d, none, none, none, none)
-            better = initial | ((total < best) & ((sign == 0.0) | (sign == own)))
-            best = np.where(initial, total * (1.0 - 1e-12), np.where(better, total, best))
-            found = low_touch, high_touch, s0, s1, s2
-            chosen = (
-                np.where(better[..., None] if new.ndim > best.ndim else better, new, old)
-                for new, old in zip(found, kept, strict=True)
-            )
-            return number + 1.0, best, np.where(better & ~initial, own, sign), *chosen
-
-        zero = np.zeros_like(step)
-        last = np.where(alone, 2.0, 8.0)
-        _, _, sign, b, c, s0, s1, s2 = repeat(
-            9, candidate, zero, zero, zero, b, c, zero, zero, zero, active=lambda number, *_: number <= last
+        touches = a, b, c, np.where(alone[..., None], c, d)
+        sign, b, c, *straights = _best_slide(touches, alone, first, edges, discs, step)
+        changed, rows = np.where(sign == 0.0, np.inf, low), [way[..., 0, :]]
+        for n in range(1, way.shape[-2]):
+            row = np.where((changed == n - 1.0)[..., None], b, way[..., n, :])
+            rows.append(np.where((changed == n - 2.0)[..., None], c, row))
+        before, after = np.where(alone, straights[0], before), np.where(alone, straights[1], after)
+        after, failed, place = (
+            np.where(first, straights[2], after),
+            np.where(sign == 0.0, failed + 1.0, 0.0),
+            place + 1.0,
         )
-        rows = [way[..., 0, :]]
-        for k in range(1, way.shape[-2]):
-            slides = (sign != 0.0)[..., None]
-            row = np.where(slides & (low == k - 1.0)[..., None], b, way[..., k, :])
-            rows.append(np.where(slides & (low == k - 2.0)[..., None], c, row))
-        failed, place = np.where(sign != 0.0, 0.0, failed + 1.0), place + 1.0
-        before, after = np.where(alone, s0, before), np.where(alone, s1, np.where(kind == 1.0, s2, after))
-        for k, straight in enumerate((before, after), 1):  # what cannot slide together is not tried
-            i = np.floor(place / 3.0)
-            movable = (i > 0.0) if k == 1 else (i < count - 1.0)
-            skipped = (place - 3.0 * i == k) & ~(movable & (straight * straight < 4.0 * step))
+        i = np.floor(place / 3.0)
+        for k, movable, straight in ((1.0, i > 0.0, before), (2.0, i < count - 1.0, after)):
+            skipped = (place == 3.0 * i + k) & ~(movable & (straight * straight < 4.0 * step))  # they cannot together
             place, failed = place + skipped, failed + skipped
         done = failed >= 3.0 * count
-        place = np.where(done | (place >= 3.0 * count), 0.0, place)
-        return np.stack(rows, -2), np.where(done, 0.5 * step, step), place, np.where(done, 0.0, failed), before, after
-
-    def leg(
-        a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, total: np.ndarray, *straights: np.ndarray
-    ) -> tuple[Any, ...]:
-        length, _, bends, extents = join(a, b, discs)
-        straight = np.where(bends[..., 0] * bends[..., 2] < 0.0, extents[..., 1], np.inf)
-        return b, c, d, a, total + length, *straights[1:], straight
+        place, failed = np.where(done | (place >= 3.0 * count), 0.0, place), np.where(done, 0.0, failed)
+        return np.stack(rows, -2), np.where(done, 0.5 * step, step), place, failed, before, after
 
     zero = np.zeros_like(step)
-    return repeat(10**6, turn, way, step, zero, zero, zero, zero, active=lambda way, step, *_: step > _SLIDE)[0]
+    return repeat(10**6, attempt, way, step, zero, zero, zero, zero, active=lambda way, step, *_: step > _SLIDE)[0]
