@@ -9,7 +9,7 @@ from typing import Any
 from agents.jobs.job import Job
 from agents.jobs.pools import Compute, pool
 from agents.jobs.schedule import Clock, Forecast, part, waves, with_needs
-from agents.jobs.store import journal, load, mend_journal, set_aside, strangers, sweep
+from agents.jobs.store import end_journal, journal, load, set_aside, strangers, sweep
 from agents.jobs.work import CannotStore
 
 
@@ -113,7 +113,8 @@ def _stored(wanted: dict[str, Job], folder: Path) -> Outcome:
     except OSError as error:
         raise OSError(f"cannot store results in {folder}: {error.strerror}") from None
     sweep(folder)
-    outcome = Outcome(notes=mend_journal(folder))
+    end_journal(folder)
+    outcome = Outcome()
     for key, job in wanted.items():
         values = load(job, folder)
         if values is None:

@@ -48,38 +48,21 @@ def load(job: Job, folder: Path) -> dict[str, Any] | None:
 def journal(folder: Path) -> list[dict[str, Any]]:
     """A line for each job that was ever computed in a folder: label, times, host; timing, where there is one.
 
-    Lines that are damaged are left out.
+    Damaged lines are left out.
     """
-    return [line for line in map(_journal_line, _journal_text(folder).splitlines()) if line is not None]
+    try:
+        text = (folder / "journal.jsonl").read_bytes()
+    except FileNotFoundError:
+        return []
+    return [line for line in map(_journal_line, text.splitlines()) if line is not None]
 
 
-def mend_journal(folder: Path) -> list[str]:
-    """Blank out what is no line of the journal, and say so.
-
-    In its place, and never longer: another run may be adding lines.
-    """
-    text, place, damaged = _journal_text(folder), 0, 0
+def end_journal(folder: Path) -> None:
+    """End the last line of the journal, which a killed process may have left unfinished."""
     path = folder / "journal.jsonl"
-    for line in text.splitlines(keepends=True):
-        whole = line.rstrip(b"\r\n")
-        if whole.strip() and _journal_line(whole) is None:
-            damaged += 1
-            with path.open("r+b") as file:
-                file.seek(place)
-                file.write(b" " * len(whole))
-        place += len(line)
-    if text and not text.endswith(b"\n"):
+    if path.exists() and not path.read_bytes().endswith(b"\n"):
         with path.open("ab") as file:
             file.write(b"\n")
-    lines = f"{damaged} damaged line{'s' if damaged > 1 else ''}"
-    return [f"{lines} of {path} held no more than when a job was computed: now blank"] if damaged else []
-
-
-def _journal_text(folder: Path) -> bytes:
-    try:
-        return (folder / "journal.jsonl").read_bytes()
-    except FileNotFoundError:
-        return b""
 
 
 _JOURNAL: dict[str, type | tuple[type, ...]] = {
