@@ -10,8 +10,7 @@ from scipy.optimize import root
 
 from agents.controllers import AUTOPILOT, register_controller
 from agents.controllers.loops import Loop as PID
-from agents.controllers.loops import first_order
-from agents.controllers.regulator import regulator_gains
+from agents.controllers.loops import first_order, regulator_gains
 from estimators import wrap
 from vessel_gym.system import System
 from vessel_gym.tasks.dive import Dive

@@ -6,8 +6,7 @@ from functools import cache
 import numpy as np
 
 from agents.controllers import AUTOPILOT, register_controller
-from agents.controllers.loops import Loop
-from agents.controllers.regulator import regulator_gains
+from agents.controllers.loops import Loop, regulator_gains
 from vessel_gym.system import System
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.vehicles.puna import Puna, PunaParameters, trim

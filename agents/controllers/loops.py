@@ -1,6 +1,7 @@
-"""Loops of proportional, integral and derivative action, whose gains follow from a plant and two tolerances."""
+"""Regulators: loops of proportional, integral and derivative action, and linear-quadratic gains."""
 
 import numpy as np
+from scipy.linalg import solve_discrete_are
 
 
 class Loop:
@@ -68,3 +69,16 @@ def first_order(A: np.ndarray, B: np.ndarray, rate: int, dt: float) -> tuple[flo
     end = np.linalg.solve(np.eye(len(A)) - A, B)
     lag = dt * (np.linalg.solve(np.eye(len(A)) - A, end)[rate] / end[rate] - 0.5)  # trapezoidal rule
     return float(end[rate] / lag), float(1.0 / lag)
+
+
+def regulator_gains(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """Gains K ``(m, n)`` of ``u = -K x`` that minimise the sum of ``x' Q x + u' R u`` for ``x+ = A x + B u``.
+
+    Args:
+        A: ``(n, n)``.
+        B: ``(n, m)``.
+        Q: ``(n, n)`` cost of deviations.
+        R: ``(m, m)`` cost of the input.
+    """
+    P = solve_discrete_are(A, B, Q, R)
+    return np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)

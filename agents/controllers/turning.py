@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from agents.controllers import AUTOPILOT, register_controller
-from agents.controllers.loops import Loop, first_order
-from agents.controllers.regulator import regulator_gains
+from agents.controllers.loops import Loop, first_order, regulator_gains
 from vessel_gym.system import System
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import secant_models, steady_turns
