@@ -13,7 +13,7 @@ from agents.agent import Agent, load_agent
 from agents.named import vector_class
 from estimators import nis
 from vessel_gym import checks
-from vessel_gym.core import whole
+from vessel_gym.checks import whole
 from vessel_gym.envs.vector import VesselVectorEnv, rows_like
 
 

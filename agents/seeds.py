@@ -8,7 +8,7 @@ Row i of a batch seeded s has the seed s + i, so these ranges must not overlap:
 - training: from 1,002,000,000, 100,000 apart for each training seed
 """
 
-from vessel_gym.core import whole
+from vessel_gym.checks import whole
 
 _EVALUATION = 1_000_000_000
 _TUNING = _EVALUATION + 1_000_000

@@ -3,6 +3,7 @@
 import numpy as np
 
 from estimators import Numbers
+from estimators.checks import numbers, shown
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensors, columns
 
@@ -151,3 +152,17 @@ def of_now(readings: Readings, horizon: int) -> Readings:
 _NONE = -1
 _ROUNDING = 1e-6
 """Seconds: a fault that begins at 0.3 s begins in the third step of 0.1 s."""
+
+
+def injected(readings: Readings, rows: int, sensors: Sensors) -> Readings:
+    """Injected readings as sensors give them: what is not finite did not arrive, and reads 0."""
+    pair = readings if isinstance(readings, tuple | list) and len(readings) == 2 else (None, None)
+    y, mask = (numbers(part) for part in pair)
+    if y is None or mask is None:
+        raise TypeError(f"readings must be two arrays, values and the mask of those that came, got {shown(readings)}")
+    shapes = [(rows, sensors.size), (rows, sensors.horizon + 1, sensors.size)][: 2 if sensors.horizon else 1]
+    if y.shape != mask.shape or y.shape not in shapes:
+        expected = " each, or by age ".join(map(str, shapes))
+        raise ValueError(f"readings have the shapes {y.shape} and {mask.shape}, expected {expected} each")
+    available = (mask != 0.0) & np.isfinite(y)
+    return np.where(available, y, 0.0), available

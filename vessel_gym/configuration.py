@@ -9,7 +9,6 @@ import numpy as np
 
 from estimators import FaultMonitor
 from estimators.checks import shown
-from estimators.randomness import word
 from vessel_gym.acceptance import checked_disturbance, checked_task, checked_vehicle
 from vessel_gym.checks import number, one_of
 from vessel_gym.checks import options as checked_options
@@ -22,6 +21,7 @@ from vessel_gym.mission import Mission
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor, Sensors, columns
 from vessel_gym.sharing import shared
+from vessel_gym.start import Draws
 from vessel_gym.state import EnvState
 from vessel_gym.system import System
 from vessel_gym.world import World
@@ -30,8 +30,6 @@ OBSERVE = ("mean", "mean+std", "mean+alarms", "mean+std+alarms", "measurement")
 """What may be observed: estimates, with their standard deviations and a monitor's alarms, or raw readings."""
 ENDS = ("belief", "declaration", "task")
 """Who says that a mission is done: what the estimator believes, the agent, or the task, which knows the truth."""
-DRAWN = ("task", "vehicle", "parameters", "filter")
-"""What is drawn by itself at the start of an episode; then come the parts of the world and the sensors."""
 
 
 @shared
@@ -246,28 +244,6 @@ class UnknownInput(NamedTuple):
         fresh, forced = all(i < len(new) for i in places), all(len(new) <= i < len(acting) for i in places)
         chosen = columns([i - len(new) for i in places] if forced else places)
         return cls(chosen, "noise" if fresh else "forcing" if forced else "")
-
-
-class Draws(NamedTuple):
-    """Random numbers of an episode's start."""
-
-    words: tuple[int, ...]  # of the keys of its parts
-    counts: tuple[tuple[int, int, int], ...]  # uniform and normal numbers of each, and the use of these
-    world: int  # keys before those of the sensors
-    parameters: slice  # normals of the vehicle's parameters
-
-    @classmethod
-    def of(cls, world: World, based: int, mismatch: float) -> "Draws":
-        """Those of a world whose prior is about ``based`` components of the vehicle's state."""
-        biased = [sensor for sensor in world.sensors.each if sensor.bias is not None]
-        parts = "disturbance", *(f"bias of {sensor.name}" for sensor in biased)
-        sensed = (f"sensor {sensor.name}" for sensor in world.sensors.each)
-        words = tuple(word(name) for name in (*DRAWN, *parts, *sensed))
-        spread, uniforms = world.forces.vehicle.normals if mismatch else 0, world.task.uniforms
-        normals = [(0, root.shape[-1], 1) for root in world.start_roots]
-        counts = [(uniforms, 0, 0), (0, based, 0), (0, spread, 0), (0, 0, 0), *normals]
-        counts += [(0, 0, 0)] * len(world.sensors.each)
-        return cls(words, tuple(counts), len(DRAWN) + len(parts), slice(end := uniforms + based, end + spread))
 
 
 def observed(observe: str, guidance: bool) -> tuple[str, ...]:

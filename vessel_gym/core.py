@@ -1,30 +1,23 @@
 """The batched core that both faces of an environment share: one step of many environments at once."""
 
-import math
 from collections.abc import Sequence
-from functools import lru_cache
 from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
-from scipy.linalg import block_diag
 
-from estimators import Belief, Gaussian, Numbers
+from estimators import Belief, Numbers
 from estimators.checks import shown
-from estimators.engine import as_word, compiled
 from estimators.linalg import shared_root
-from estimators.threefry import four_normals, threefry, two_uniforms
-from vessel_gym.arrivals import Readings
-from vessel_gym.checks import numbers
+from vessel_gym.arrivals import Readings, injected
+from vessel_gym.checks import checked_action, whole
 from vessel_gym.checks import options as checked_options
-from vessel_gym.configuration import DRAWN, Configuration, Options
-from vessel_gym.filter_models.build import Composition
-from vessel_gym.filter_models.exogenous import Forces
+from vessel_gym.configuration import Configuration, Options
 from vessel_gym.foreign import refuse_not_finite
 from vessel_gym.loop import Loop
 from vessel_gym.mission import estimate_of, standard_deviations
-from vessel_gym.sensors import Sensors
+from vessel_gym.start import DRAWN, draw, known, seeds_of
 from vessel_gym.state import EnvState, blank
 from vessel_gym.system import System
 from vessel_gym.tasks.task import Estimate
@@ -179,22 +172,9 @@ class Core:
         if seed is None and self.seeds:
             self.episodes[rows] += 1
             return
-        if seed is None:
-            seed = int(np.random.SeedSequence().generate_state(1)[0])
-        if isinstance(seed, np.ndarray):
-            seed = seed.tolist()
-        if whole(seed):
-            seeds = [int(seed) + i for i in range(self.num_envs)]  # type: ignore[arg-type]
-        elif isinstance(seed, list | tuple):
-            seeds = list(seed)
-        else:
-            raise ValueError(f"seed must be a whole number or a list of them, got {shown(seed)}")
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"got {len(seeds)} seeds for {self.num_envs} environments")
-        if not all(whole(seeds[row]) and seeds[row] >= 0 for row in rows):
-            raise ValueError(f"seeds must be whole numbers >= 0, got {shown(seed)}")
+        seeds = seeds_of(seed, self.num_envs, rows.tolist())
         chosen = set(rows.tolist())
-        self.seeds = [int(seeds[i]) if i in chosen else self.seeds[i] for i in range(self.num_envs)]
+        self.seeds = [seeds[i] if i in chosen else self.seeds[i] for i in range(self.num_envs)]
         self.episodes[rows] = 0
 
     def reset(
@@ -215,7 +195,7 @@ class Core:
         rows = self._rows if rows is None else rows
         options = checked_options("options", options)
         if readings is not None:
-            readings = _arrived(readings, len(rows), self.sensors)
+            readings = injected(readings, len(rows), self.sensors)
         config, loop, task, draws = self.config, self.loop, self.config.world.task, self.config.draws
         some = None if len(rows) == self.num_envs else rows  # all rows are faster as such
         at = slice(None) if some is None else rows
@@ -241,22 +221,15 @@ class Core:
             np.zeros_like(steps),
         )  # fmt: skip
         readings = loop.receive(readings or (read[0], read[1]), steps, some, readings is not None)
-        belief = loop.begin(some, self._known(prior, config.composition), self._handed(readings, now), u)
+        belief = loop.begin(some, known(prior, config.composition), self._handed(readings, now), u)
         if self.raw is not None:
-            self.raw.begin(some, self._known(prior, self.raw.composition), readings, u)
+            self.raw.begin(some, known(prior, self.raw.composition), readings, u)
         now.reference = self._reference(course, steps, belief, state)
         self.now = now = now if some is None else self.now.merged(some, now)
         self._refuse_at(now.steps, None)
         for part, arrays in ((config.world, self._moving), (config.mission, self._scoring)):
             if part.users:
                 part.step.prepare(*arrays(now))
-
-    def _known(self, prior: Gaussian, told: Composition) -> Gaussian:
-        """What a filter knows at the start, of what it estimates."""
-        known = _start(prior.cov.tobytes(), told)
-        mean = np.zeros((len(prior.mean), len(known.cov)))
-        mean[:, : told.base] = prior.mean[:, : told.base]
-        return known.about(mean)
 
     # --- step -------------------------------------------------------------------------------------
 
@@ -283,9 +256,9 @@ class Core:
         """
         if not self.seeds:
             raise ResetNeeded("call reset() before the first step()")
-        action = self.checked(action, ended, shape)
+        action = checked_action(action, self.action_shape if shape is None else shape, ended)
         if readings is not None:
-            readings = _arrived(readings, self.num_envs, self.sensors)
+            readings = injected(readings, self.num_envs, self.sensors)
         loop, now = self.loop, self.now.after(action)
         self._refuse_at(now.steps, ended)
         now.actuators, u, now.state, now.drifting, now.noise, now.forcing, *read = self._moved(now)
@@ -430,23 +403,6 @@ class Core:
             happened["alarms"] = self.loop.alarms
         return happened
 
-    def checked(
-        self, action: np.ndarray, ended: np.ndarray | None = None, shape: tuple[int, ...] | None = None
-    ) -> np.ndarray:
-        """The action as floats ``(B, a)`` clipped to [-1, 1], and 0 where an episode has ended."""
-        asked = action if type(action) is np.ndarray and action.dtype.kind == "f" else numbers(action)
-        if asked is None:
-            raise ValueError(f"action must be an array of numbers, got {shown(action)}")
-        shape = self.action_shape if shape is None else shape
-        if asked.shape != shape:
-            raise ValueError(f"action has shape {asked.shape}, expected {shape}")
-        checked = np.array(asked, float, order="C", ndmin=2)
-        if ended is not None:
-            checked[ended] = 0.0
-        if not np.isfinite(checked).all():
-            raise ValueError("action must be finite, got NaN or infinity")
-        return checked.clip(-1.0, 1.0)
-
     # --- inside -----------------------------------------------------------------------------------
 
     def _refuse_at(self, steps: np.ndarray, ended: np.ndarray | None) -> None:
@@ -470,36 +426,6 @@ class Core:
         return reference
 
 
-@compiled(axes=(1, 0))
-def draw(
-    seeds: np.ndarray, episodes: np.ndarray, *, names: tuple[int, ...], drawn: tuple[tuple[int, int, int], ...]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Keys of the parts of episodes, and the random numbers of their starts.
-
-    They are those of `estimators.Numbers`, at step 0.
-
-    Args:
-        seeds: ``(..., 2)`` keys.
-        episodes: ``(...)``.
-        names: A word for each part.
-        drawn: For each part how many uniform numbers and normal ones it draws, and the use of these.
-
-    Returns:
-        Keys ``(..., parts, 2)``, and numbers ``(..., k)`` part by part.
-    """
-    zero: Any = np.uint64(0)
-    own = threefry(as_word(episodes), zero, seeds[..., 0], seeds[..., 1])
-    keys = [np.stack(threefry(np.uint64(name), zero, *own), -1) for name in names]
-    numbers: list[np.ndarray] = []
-    for key, (uniforms, count, use) in zip(keys, drawn, strict=True):
-        pairs = (two_uniforms(key, np.uint64(i), zero) for i in range((uniforms + 1) // 2))
-        numbers += [pair[..., i] for pair in pairs for i in range(2)][:uniforms]
-        fours = (four_normals(key, np.uint64(i), np.uint64(use)) for i in range((count + 3) // 4))
-        numbers += [four[..., i] for four in fours for i in range(4)][:count]
-    empty = np.zeros((*episodes.shape, 0))
-    return np.stack(keys, -2), np.stack(numbers, -1) if numbers else empty
-
-
 def _only(rows: np.ndarray | None, values: np.ndarray) -> np.ndarray:
     """A copy of the values of some rows, with 0 or None in the others; None: of all."""
     if rows is None:
@@ -507,54 +433,3 @@ def _only(rows: np.ndarray | None, values: np.ndarray) -> np.ndarray:
     only = np.full(values.shape, None) if values.dtype == object else np.zeros(values.shape, values.dtype)
     only[rows] = values[rows]
     return only
-
-
-def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray:
-    """What is known at the start of vehicle, disturbance and biases together, given that ``(n, n)`` of the vehicle.
-
-    A vehicle whose velocity is over ground is carried along by the flow from the first moment.
-    """
-    process = forces.disturbance.process
-    whole = block_diag(cov, process.start_cov, sensors.bias.start_cov)
-    if forces.vehicle.carried is None:
-        return whole
-    root = np.eye(len(whole))
-    n = len(cov)
-    root[:n, n : n + process.size] = forces.vehicle.carried @ forces.linear[len(forces.vehicle.kicks) : forces.outside]
-    return root @ whole @ root.T
-
-
-@lru_cache(maxsize=16)
-def _start(cov: bytes, told: Composition) -> Gaussian:
-    """What a filter knows at the start about a mean of 0, given a covariance ``(n, n)`` of the vehicle."""
-    whole = joint_prior(_square(cov), told.forces, told.sensors)
-    n, bias = len(_square(cov)), np.arange(len(whole) - told.sensors.bias.size, len(whole))
-    kept = np.concatenate([np.arange(told.base), n + told.held, bias])
-    known = whole[np.ix_(kept, kept)]
-    if told.late:
-        known = block_diag(known, told.forces.input_cov)
-    return Gaussian(np.zeros(len(known)), known)
-
-
-def _square(matrix: bytes) -> np.ndarray:
-    flat = np.frombuffer(matrix)
-    return flat.reshape(2 * (math.isqrt(len(flat)),))
-
-
-def whole(value: object) -> bool:
-    """Whether a value is a whole number: NumPy's too, but not True or 2.0."""
-    return isinstance(value, int | np.integer) and not isinstance(value, bool)
-
-
-def _arrived(readings: Readings, rows: int, sensors: Sensors) -> Readings:
-    """Injected readings as sensors give them: what is not finite did not arrive, and reads 0."""
-    pair = readings if isinstance(readings, tuple | list) and len(readings) == 2 else (None, None)
-    y, mask = (numbers(part) for part in pair)
-    if y is None or mask is None:
-        raise TypeError(f"readings must be two arrays, values and the mask of those that came, got {shown(readings)}")
-    shapes = [(rows, sensors.size), (rows, sensors.horizon + 1, sensors.size)][: 2 if sensors.horizon else 1]
-    if y.shape != mask.shape or y.shape not in shapes:
-        expected = " each, or by age ".join(map(str, shapes))
-        raise ValueError(f"readings have the shapes {y.shape} and {mask.shape}, expected {expected} each")
-    available = (mask != 0.0) & np.isfinite(y)
-    return np.where(available, y, 0.0), available

@@ -318,16 +318,8 @@ def build(
         if not isinstance(made, Filter):
             raise TypeError(f"estimator must return an estimators.Filter, got {type(made).__name__}")
         check_own(made, composition)
-    elif estimator in ENVIRONMENT_ONLY and options:
-        raise TypeError(f"{estimator} has no option {next(iter(options))!r}: it takes model, told and late")
     else:
-        makers: dict[str, Callable[[], Filter]] = {
-            "truth": lambda: Oracle(model.n, len(inputs)),
-            "measurement": lambda: HeldMeasurement(composition, inputs),
-            "dead-reckoning": lambda: DeadReckoning(model),
-        }
-        name = str(estimator)
-        made = makers.get(name, lambda: _made(system, name, options, composition, told.Q))()
+        made = _made(system, str(estimator), options, composition, inputs, told.Q)
         if model is not straight:  # its input of a step is that of the next one, or of the one before
             made.input_delay = 0 if composition.late else 1
     check_input(made, composition)
@@ -374,8 +366,19 @@ def monitor_of(choice: object, sensors: Sensors, filter: Filter) -> FaultMonitor
     return MONITORS[kind](channels, **options)
 
 
-def _made(system: System, name: str, options: dict[str, Any], composition: Composition, factor: float) -> Filter:
-    """One of the package's filters, tuned for what it is told."""
+def _made(
+    system: System, name: str, options: dict[str, Any], composition: Composition, inputs: tuple[str, ...], factor: float
+) -> Filter:
+    """One of the package's filters, tuned for its assumptions; ``inputs`` are those of the oracle and others."""
+    makers: dict[str, Callable[[], Filter]] = {
+        "truth": lambda: Oracle(composition.model.n, len(inputs)),
+        "measurement": lambda: HeldMeasurement(composition, inputs),
+        "dead-reckoning": lambda: DeadReckoning(composition.model),
+    }
+    if name in makers:
+        if options:
+            raise TypeError(f"{name} has no option {next(iter(options))!r}: it takes model, told and late")
+        return makers[name]()
     tuned = {**system.tuning(name, composition), **options}
     if composition.told == "white":
         tuned = {"input_cov": factor * composition.forces.input_cov, **tuned}

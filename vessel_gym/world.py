@@ -123,7 +123,7 @@ class World:
             course: What the task drew ``(..., c)``.
             mean: Of the prior ``(..., n)``,
             root: and of its covariance ``(..., n, n)``.
-            numbers: ``(..., k)`` as `vessel_gym.core.draw` gives them,
+            numbers: ``(..., k)`` as `vessel_gym.start.draw` gives them,
             keys: and ``(..., parts, 2)`` of disturbance, biases and sensors.
             steps: Zeros ``(...)``.
         """

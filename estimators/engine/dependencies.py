@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from copyreg import _HEAPTYPE  # type: ignore[attr-defined]
 from dataclasses import is_dataclass
 from enum import Enum, EnumMeta
-from operator import getitem
+from operator import eq, getitem, is_, length_hint
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType, SimpleNamespace
 from typing import Any
 
@@ -59,18 +59,27 @@ class Dependencies:
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self._function = function
-        self._walk = _walked(function)
+        self._keep(_walked(function))
+
+    def _keep(self, walk: "_Walk") -> None:
+        """Keep all that was met, what is read alike together: it is then compared without a loop in Python."""
+        self._walk, alike = walk, dict[Any, list[Any]]()
+        for read, *others in walk.watched.values():
+            alike.setdefault(read, []).append(others)
+        self._arrays, self._contents = [array for array, _ in walk.arrays], [contents for _, contents in walk.arrays]
+        self._columns = [
+            (eq if read is length_hint else is_, read, *zip(*rows, strict=True)) for read, rows in alike.items()
+        ]
 
     def unchanged(self) -> bool:
         """Is everything that it reads as it was?"""
-        walk = self._walk
         try:
-            for read, holder, key, value in walk.watched.values():
-                if read(holder, key) is not value:
+            for same, read, holders, keys, values in self._columns:
+                if not all(map(same, map(read, holders, keys), values)):
                     return self._equal()
         except (KeyError, IndexError, AttributeError, ValueError):
             return self._equal()
-        return all(array.tobytes() == contents for array, contents in walk.arrays)
+        return all(map(eq, map(np.ndarray.tobytes, self._arrays), self._contents))
 
     def _equal(self) -> bool:
         """Are other objects in their places equal to them?"""
@@ -80,7 +89,7 @@ class Dependencies:
             return False
         if walk.leaves != self._walk.leaves:
             return False
-        self._walk = walk
+        self._keep(walk)
         return True
 
 
@@ -162,7 +171,7 @@ class _Walk:
         self.value(found, what)
 
     def _mapping(self, mapping: Any, what: str, every: bool, stays: bool = False) -> None:
-        self._watch(_has_length, mapping, len(mapping), True, stays)
+        self._watch(length_hint, mapping, 0, len(mapping), stays)
         for name in list(mapping) if every else sorted(self.names & mapping.keys()):
             self._item(mapping, name, f"{what}.{name}" if isinstance(name, str) else f"{what}[{name!r}]", stays)
 
@@ -203,7 +212,7 @@ class _Walk:
                 elif name in _IMPURE:
                     raise NotTraceable(f"it calls {name}(), which has to happen at every call {line}")
                 else:
-                    self._watch(_has_length, namespace, len(namespace), True, False)
+                    self._watch(length_hint, namespace, 0, len(namespace), False)
                     self.leaves.append(getattr(builtins, name, "missing"))
             self._mapping(function.__dict__, function.__name__, every=bool(_ALL & self.names))
 
@@ -244,7 +253,7 @@ class _Walk:
             own = vars(each)
             special = (name for name in own if name.startswith("__") and isinstance(own[name], FunctionType))
             with self._code_of(each.__module__, isinstance(each, EnumMeta)):
-                self._watch(_has_length, own, len(own), True, False)
+                self._watch(length_hint, own, 0, len(own), False)
                 for name in sorted((self.names & own.keys()).union(special) - unused):
                     comparison = name in ("__eq__", "__hash__") and is_dataclass(each)  # of all fields, read or not
                     if type(own[name]).__name__ not in _SLOTS and name != "__dict__" and not comparison:
@@ -255,7 +264,7 @@ class _Walk:
             for i, each in enumerate(value):
                 self.value(each, f"{what}[{i}]")
         elif isinstance(value, list):
-            self._watch(_has_length, value, len(value), True, False)
+            self._watch(length_hint, value, 0, len(value), False)
             for i in range(len(value)):
                 self._item(value, i, f"{what}[{i}]")
         elif isinstance(value, dict):
@@ -313,10 +322,6 @@ def _read(code: CodeType, outside: frozenset[str] | None = None) -> tuple[set[st
 def _root(module: str | None) -> str:
     """The package of a module."""
     return str(module).partition(".")[0]
-
-
-def _has_length(holder: Any, length: int) -> bool:
-    return len(holder) == length
 
 
 def _visible(kind: type) -> bool:

@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from estimators import Gaussian
-from vessel_gym.core import Core, joint_prior
+from vessel_gym.core import Core
 from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv
 from vessel_gym.filter_models.exogenous import Forces
 from vessel_gym.guidance.dive_path import course_to, follow, path_point
 from vessel_gym.sensors import SUITES, Sensors
+from vessel_gym.start import joint_prior
 from vessel_gym.system import Estimate, System
 from vessel_gym.tasks.dive import Dive, SpatialDive, VerticalDive
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from contract import make_core, sizes_by_mode
 
-from vessel_gym.core import joint_prior
 from vessel_gym.envs.puna_uav import PUNA_UAV, PunaUAVEnv
 from vessel_gym.filter_models.exogenous import Forces
 from vessel_gym.guidance.dubins import approach, candidates, plan, shortest, word_path
 from vessel_gym.guidance.path_following import ANYWHERE, LEAD, locate
+from vessel_gym.start import joint_prior
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.flight import ENDS, OBSTACLES, SEGMENTS, Flight
 from vessel_gym.vehicles.puna import STATE, airspeed

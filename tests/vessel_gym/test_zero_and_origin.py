@@ -17,6 +17,7 @@ from sensing import sensors_of
 from estimators import Belief, Gaussian, models, wrap
 from vessel_gym.core import Core
 from vessel_gym.estimation import ENVIRONMENT_ONLY, Estimation, HeldMeasurement, HeldReadings, Oracle, build
+from vessel_gym.start import known
 
 FAR = {"x": 6e5, "y": -5e6, "north [m]": 6e5, "east [m]": -5e6}
 """A place in UTM coordinates [m], as states and as readings."""
@@ -98,7 +99,7 @@ def episode(env_id: str) -> Episode:
     core.reset(options=NORTH.get(env_id))
     vehicle, task = core.vehicle, core.task
     state, _, channels = names(core)
-    prior = core._known(task.prior(core.course), core.composition)
+    prior = known(task.prior(core.course), core.composition)
     north = -prior.mean[:, state.index("psi")] if env_id == "ThesisCorvette-v0" else np.zeros(ROWS)
     of_state, of_readings = (np.multiply.outer(north, np.isin(part, HEADINGS)) for part in (state, channels))
     walk = random_walk(5, ROWS, core.action_size)

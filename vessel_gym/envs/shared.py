@@ -1,5 +1,6 @@
 """What both faces of an environment share: spaces, and what Gymnasium asks of either."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import fields
 from inspect import cleandoc, signature
@@ -21,12 +22,13 @@ _MANUALS = Path(__file__).with_name("manuals")
 
 
 def documented(environment: E) -> E:
-    """Add its manual to an environment's docstring: the Markdown file with its module's name, in ``manuals``.
+    """Add its manual to an environment's docstring: the Markdown file with its system's name, in ``manuals``.
 
     ``$name`` in a manual is a passage that several share, ``shared/name.md``.
     """
     passages = {path.stem: path.read_text(encoding="utf-8").rstrip() for path in (_MANUALS / "shared").glob("*.md")}
-    manual = (_MANUALS / f"{environment.__module__.rpartition('.')[2]}.md").read_text(encoding="utf-8")
+    name = re.sub("(?<=[a-z])(?=[A-Z])", "_", environment.system.name.partition("-")[0]).lower()  # type: ignore[attr-defined]
+    manual = (_MANUALS / f"{name}.md").read_text(encoding="utf-8")
     environment.__doc__ = f"{cleandoc(environment.__doc__ or '')}\n\n{Template(manual).substitute(passages)}"
     return environment
 

@@ -6,7 +6,8 @@ import gymnasium as gym
 import numpy as np
 
 from estimators.checks import shown
-from vessel_gym.core import Core, whole
+from vessel_gym.checks import checked_action, whole
+from vessel_gym.core import Core
 from vessel_gym.envs.shared import action_space, check_arguments, first_seed, observation_space
 from vessel_gym.system import System
 
@@ -64,7 +65,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         """
         core = self.core
         if core.end[0]:
-            core.checked(action, shape=self._shape)
+            checked_action(action, self._shape)
             return core.observe()[0], 0.0, True, False, self._info()
         reward, end = core.step(action, shape=self._shape)
         if self.render_mode is not None:

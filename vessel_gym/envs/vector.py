@@ -10,7 +10,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from estimators.checks import shown
-from vessel_gym.core import Core, whole
+from vessel_gym.checks import whole
+from vessel_gym.core import Core
 from vessel_gym.envs.shared import action_space, check_arguments, first_seed, observation_space
 from vessel_gym.system import System
 

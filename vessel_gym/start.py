@@ -1,0 +1,134 @@
+"""The start of episodes: seeds, random numbers, and what is known of the state."""
+
+import math
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from estimators import Gaussian
+from estimators.checks import shown
+from estimators.engine import as_word, compiled
+from estimators.randomness import word
+from estimators.threefry import four_normals, threefry, two_uniforms
+from vessel_gym.checks import whole
+from vessel_gym.filter_models.build import Composition
+from vessel_gym.filter_models.exogenous import Forces
+from vessel_gym.sensors import Sensors
+from vessel_gym.world import World
+
+DRAWN = ("task", "vehicle", "parameters", "filter")
+"""What is drawn by itself at the start of an episode; then come the parts of the world and the sensors."""
+
+
+def seeds_of(seed: Any, num_envs: int, rows: list[int]) -> list[int]:
+    """A seed for each environment; a number s gives them s, s + 1, ..., None a number by chance.
+
+    Raises:
+        ValueError: for anything but one or as many as there are environments, whole and not negative in ``rows``.
+    """
+    if seed is None:
+        seed = int(np.random.SeedSequence().generate_state(1)[0])
+    if isinstance(seed, np.ndarray):
+        seed = seed.tolist()
+    if not whole(seed) and not isinstance(seed, list | tuple):
+        raise ValueError(f"seed must be a whole number or a list of them, got {shown(seed)}")
+    seeds = [int(seed) + i for i in range(num_envs)] if whole(seed) else list(seed)
+    if len(seeds) != num_envs:
+        raise ValueError(f"got {len(seeds)} seeds for {num_envs} environments")
+    if not all(whole(seeds[row]) and seeds[row] >= 0 for row in rows):
+        raise ValueError(f"seeds must be whole numbers >= 0, got {shown(seed)}")
+    return [int(each) if whole(each) else 0 for each in seeds]
+
+
+class Draws(NamedTuple):
+    """Random numbers of an episode's start."""
+
+    words: tuple[int, ...]  # of the keys of its parts
+    counts: tuple[tuple[int, int, int], ...]  # uniform and normal numbers of each, and the use of these
+    world: int  # keys before those of the sensors
+    parameters: slice  # normals of the vehicle's parameters
+
+    @classmethod
+    def of(cls, world: World, based: int, mismatch: float) -> "Draws":
+        """Those of a world whose prior is about ``based`` components of the vehicle's state."""
+        biased = [sensor for sensor in world.sensors.each if sensor.bias is not None]
+        parts = "disturbance", *(f"bias of {sensor.name}" for sensor in biased)
+        sensed = (f"sensor {sensor.name}" for sensor in world.sensors.each)
+        words = tuple(word(name) for name in (*DRAWN, *parts, *sensed))
+        spread, uniforms = world.forces.vehicle.normals if mismatch else 0, world.task.uniforms
+        normals = [(0, root.shape[-1], 1) for root in world.start_roots]
+        counts = [(uniforms, 0, 0), (0, based, 0), (0, spread, 0), (0, 0, 0), *normals]
+        counts += [(0, 0, 0)] * len(world.sensors.each)
+        return cls(words, tuple(counts), len(DRAWN) + len(parts), slice(end := uniforms + based, end + spread))
+
+
+@compiled(axes=(1, 0))
+def draw(
+    seeds: np.ndarray, episodes: np.ndarray, *, names: tuple[int, ...], drawn: tuple[tuple[int, int, int], ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Keys of the parts of episodes, and the random numbers of their starts.
+
+    They are those of `estimators.Numbers`, at step 0.
+
+    Args:
+        seeds: ``(..., 2)`` keys.
+        episodes: ``(...)``.
+        names: A word for each part.
+        drawn: For each part how many uniform numbers and normal ones it draws, and the use of these.
+
+    Returns:
+        Keys ``(..., parts, 2)``, and numbers ``(..., k)`` part by part.
+    """
+    zero: Any = np.uint64(0)
+    own = threefry(as_word(episodes), zero, seeds[..., 0], seeds[..., 1])
+    keys = [np.stack(threefry(np.uint64(name), zero, *own), -1) for name in names]
+    numbers: list[np.ndarray] = []
+    for key, (uniforms, count, use) in zip(keys, drawn, strict=True):
+        pairs = (two_uniforms(key, np.uint64(i), zero) for i in range((uniforms + 1) // 2))
+        numbers += [pair[..., i] for pair in pairs for i in range(2)][:uniforms]
+        fours = (four_normals(key, np.uint64(i), np.uint64(use)) for i in range((count + 3) // 4))
+        numbers += [four[..., i] for four in fours for i in range(4)][:count]
+    empty = np.zeros((*episodes.shape, 0))
+    return np.stack(keys, -2), np.stack(numbers, -1) if numbers else empty
+
+
+def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray:
+    """What is known at the start of vehicle, disturbance and biases together, given that ``(n, n)`` of the vehicle.
+
+    A vehicle whose velocity is over ground is carried along by the flow from the first moment.
+    """
+    process = forces.disturbance.process
+    whole = block_diag(cov, process.start_cov, sensors.bias.start_cov)
+    if forces.vehicle.carried is None:
+        return whole
+    root = np.eye(len(whole))
+    n = len(cov)
+    root[:n, n : n + process.size] = forces.vehicle.carried @ forces.linear[len(forces.vehicle.kicks) : forces.outside]
+    return root @ whole @ root.T
+
+
+def known(prior: Gaussian, told: Composition) -> Gaussian:
+    """What a filter knows at the start, of what it estimates."""
+    start = _start(prior.cov.tobytes(), told)
+    mean = np.zeros((len(prior.mean), len(start.cov)))
+    mean[:, : told.base] = prior.mean[:, : told.base]
+    return start.about(mean)
+
+
+@lru_cache(maxsize=16)
+def _start(cov: bytes, told: Composition) -> Gaussian:
+    """What a filter knows at the start about a mean of 0, given a covariance ``(n, n)`` of the vehicle."""
+    whole = joint_prior(_square(cov), told.forces, told.sensors)
+    n, bias = len(_square(cov)), np.arange(len(whole) - told.sensors.bias.size, len(whole))
+    kept = np.concatenate([np.arange(told.base), n + told.held, bias])
+    known = whole[np.ix_(kept, kept)]
+    if told.late:
+        known = block_diag(known, told.forces.input_cov)
+    return Gaussian(np.zeros(len(known)), known)
+
+
+def _square(matrix: bytes) -> np.ndarray:
+    flat = np.frombuffer(matrix)
+    return flat.reshape(2 * (math.isqrt(len(flat)),))
