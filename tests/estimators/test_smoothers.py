@@ -19,6 +19,7 @@ from pykalman import KalmanFilter as PykalmanFilter
 
 from estimators import (
     Gaussian,
+    KalmanFilter,
     LinearModel,
     NonlinearModel,
     Recovery,
@@ -330,6 +331,28 @@ def test_what_cannot_be_smoothed_says_why():
             smooth(series)
     with pytest.raises(ValueError, match="lag must be a whole number of at least 0"):
         smooth(run(make("kf", plain.model), plain.prior, record.y, u=record.u), lag=-1)
+
+
+def test_a_filter_of_ones_own_that_overrides_a_step_has_a_smoother_if_it_says_so():
+    class Renamed(KalmanFilter):
+        name = "renamed"
+
+    class Forgetting(KalmanFilter):
+        def _predict(self, belief, u, rng):
+            return super()._predict(belief, u, rng)
+
+    class Declared(Forgetting):
+        reversible = True
+
+    system = kalman_system(0)
+    record = simulate(system, 1, runs=2, steps=6)
+    smoothed = [
+        smooth(run(cls(system.model), system.prior, record.y, u=record.u)) for cls in (KalmanFilter, Renamed, Declared)
+    ]
+    for belief in smoothed[1:]:
+        np.testing.assert_allclose(belief.mean, smoothed[0].mean, rtol=0, atol=1e-12)
+    with pytest.raises(TypeError, match="has no smoother"):
+        smooth(run(Forgetting(system.model), system.prior, record.y, u=record.u))
 
 
 def test_one_reading_is_smoothed_already():
