@@ -39,11 +39,14 @@ Moments = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.n
 # --- moments --------------------------------------------------------------------------------------------
 
 
+def _mean(a: np.ndarray) -> np.ndarray:
+    """Means ``(..., k, 1)`` over the members of ``(..., k, N)``, weighted first: sums of large members overflow."""
+    return inner(a, np.full((1, a.shape[-1]), 1.0 / a.shape[-1]))
+
+
 def average(a: np.ndarray) -> np.ndarray:
     """Means ``(..., k)`` over the members of ``(..., k, N)``; NaN where the variance overflows."""
-    weights = np.full((1, a.shape[-1]), 1.0 / a.shape[-1])
-    finite = np.isfinite(inner(a * a, weights)[..., 0])
-    return np.where(finite, inner(a, weights)[..., 0], np.nan)
+    return np.where(np.isfinite(_mean(a * a)), _mean(a), np.nan)[..., 0]
 
 
 @compiled(axes=(2, 1), matrices=True)
@@ -55,8 +58,7 @@ def covariance(members: np.ndarray, mean: np.ndarray) -> np.ndarray:
 
 def _centred_noise(root: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """``L n_i (..., k, N)`` with the mean of the normals ``(..., r, N)`` removed."""
-    weights = np.full((1, normals.shape[-1]), 1.0 / normals.shape[-1])
-    return root @ (normals - inner(normals, weights))
+    return root @ (normals - _mean(normals))
 
 
 # --- angles ---------------------------------------------------------------------------------------------
@@ -131,8 +133,7 @@ def sample(
     """
     centre = mean[..., None]
     members = _replace_rows(_gather_near, angles, centre + _centred_noise(root, normals), centre)
-    weights = np.full((1, normals.shape[-1]), 1.0 / normals.shape[-1])  # sums of large members overflow
-    mean = inner(members, weights)[..., 0]
+    mean = _mean(members)[..., 0]
     return mean, members, covariance(members, mean)
 
 

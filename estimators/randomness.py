@@ -15,14 +15,7 @@ from typing import Any
 
 import numpy as np
 
-
-@cache
-def _threefry() -> Any:
-    """The module, imported when the first number is drawn: the engine is not needed before."""
-    from estimators import threefry
-
-    return threefry
-
+from estimators import threefry
 
 # --- keys -------------------------------------------------------------------------------------------
 
@@ -76,7 +69,7 @@ class Numbers:
     def of(self, first: Any, second: Any = 0) -> "Numbers":
         """Those of keys that are derived by whole numbers ``(...)``, or by a name."""
         first, second = (_unsigned(word(part) if isinstance(part, str) else part) for part in (first, second))
-        return Numbers(_threefry().derived(self.keys, first, second), self.step)
+        return Numbers(threefry.derived(self.keys, first, second), self.step)
 
     def at(self, step: np.ndarray | int) -> "Numbers":
         """Those of another step."""
@@ -84,11 +77,11 @@ class Numbers:
 
     def normals(self, count: int, use: int = 0) -> np.ndarray:
         """Standard normal numbers ``(..., count)``."""
-        return self._flat(_threefry().four_normals, np.arange((count + 3) // 4, dtype=np.uint64), use)[..., :count]
+        return self._flat(threefry.four_normals, 4, count, use)
 
     def uniforms(self, count: int, use: int = 0) -> np.ndarray:
         """Numbers ``(..., count)`` from 0 to below 1."""
-        return self._flat(_threefry().two_uniforms, np.arange((count + 1) // 2, dtype=np.uint64), use)[..., :count]
+        return self._flat(threefry.two_uniforms, 2, count, use)
 
     def members(self, members: int, count: int, use: int = 0, wanted: np.ndarray | None = None) -> np.ndarray:
         """Standard normal numbers ``(..., members, count)``: a member's are the same however many there are.
@@ -97,13 +90,11 @@ class Numbers:
         """
         if not count or not members:
             return np.zeros((*self.keys.shape[:-1], members, count))
-        threefry = _threefry()
         second = threefry.second_word(self.step, use)
         return threefry.of_members(self.keys, second, wanted, members=members, count=count).mT
 
-    def _flat(self, function: Any, counters: np.ndarray, use: int) -> np.ndarray:
-        """Numbers of each of some counters ``(..., k)``, side by side ``(..., k * numbers)``."""
-        added = (None,) * counters.ndim
-        second = _threefry().second_word(self.step, use)
-        numbers = function(self.keys[(..., *added, slice(None))], counters, second[(..., *added)])
-        return numbers.reshape(*numbers.shape[:-2], numbers.shape[-2] * numbers.shape[-1])
+    def _flat(self, function: Any, together: int, count: int, use: int) -> np.ndarray:
+        """Numbers ``(..., count)`` of a function that gives so many ``together`` of a counter."""
+        counters, second = np.arange(-(-count // together), dtype=np.uint64), threefry.second_word(self.step, use)
+        numbers = function(self.keys[..., None, :], counters, second[..., None])
+        return numbers.reshape(*numbers.shape[:-2], len(counters) * together)[..., :count]
