@@ -420,7 +420,7 @@ def test_a_study_holds_what_its_monitors_found(faulty: Rollout):
     figures = {key: values.tolist() for key, values in scores(faulty).items()}
     plain = {m.key: figures[m.key] for m in metrics(faulty.env.unwrapped.system)}
     values = {
-        f.cell.key: {"figures": figures if f.flown_on == "ekf, watched" else plain, "ends": [""] * 6}
+        f.job.key: {"figures": figures if f.flown_on == "ekf, watched" else plain, "ends": [""] * 6}
         for f in planned.flights
     }
     lines = [line.split(",") for line in Results(planned, values).episodes_csv().replace('"ekf, ', '"').splitlines()]
