@@ -11,7 +11,7 @@ from estimators import Gaussian
 from estimators.checks import shown
 from estimators.engine import as_word, compiled
 from estimators.randomness import word
-from estimators.threefry import four_normals, threefry, two_uniforms
+from estimators.threefry import normals, threefry, two_uniforms
 from vessel_gym.checks import whole
 from vessel_gym.filter_models.build import Composition
 from vessel_gym.filter_models.exogenous import Forces
@@ -58,8 +58,8 @@ class Draws(NamedTuple):
         sensed = (f"sensor {sensor.name}" for sensor in world.sensors.each)
         words = tuple(word(name) for name in (*DRAWN, *parts, *sensed))
         spread, uniforms = world.forces.vehicle.normals if mismatch else 0, world.task.uniforms
-        normals = [(0, root.shape[-1], 1) for root in world.start_roots]
-        counts = [(uniforms, 0, 0), (0, based, 0), (0, spread, 0), (0, 0, 0), *normals]
+        starts = [(0, root.shape[-1], 1) for root in world.start_roots]
+        counts = [(uniforms, 0, 0), (0, based, 0), (0, spread, 0), (0, 0, 0), *starts]
         counts += [(0, 0, 0)] * len(world.sensors.each)
         return cls(words, tuple(counts), len(DRAWN) + len(parts), slice(end := uniforms + based, end + spread))
 
@@ -88,8 +88,7 @@ def draw(
     for key, (uniforms, count, use) in zip(keys, drawn, strict=True):
         pairs = (two_uniforms(key, np.uint64(i), zero) for i in range((uniforms + 1) // 2))
         numbers += [pair[..., i] for pair in pairs for i in range(2)][:uniforms]
-        fours = (four_normals(key, np.uint64(i), np.uint64(use)) for i in range((count + 3) // 4))
-        numbers += [four[..., i] for four in fours for i in range(4)][:count]
+        numbers += normals(key, zero, count, use)
     empty = np.zeros((*episodes.shape, 0))
     return np.stack(keys, -2), np.stack(numbers, -1) if numbers else empty
 
