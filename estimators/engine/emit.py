@@ -7,7 +7,7 @@ the same bits alone, in any batch and on any processor.
 import itertools
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import reduce
+from functools import cache, reduce
 from operator import or_
 from typing import Any
 
@@ -73,23 +73,31 @@ class Module:
         """An elementary function; its name."""
         name = f"@{opcode}.{width}"
         if name not in self.functions:
-            self.functions[name] = ""
-            (count, expansion), emitter = EXPANSIONS[opcode], Emitter(Program(), self, width)
-            lanes, T = emitter.lanes(width), type_of("f", width)
-            results = expansion(*(lanes.value(f"%p{i}") for i in range(count)))
-            given, last = T, ""
-            if isinstance(results, tuple):
-                given, last = f"{{{T}, {T}}}", "poison"
-                for i, each in enumerate(results):
-                    last = emitter.line(f"insertvalue {given} {last}, {T} {lanes.name(each)}, {i}")
-            body = "\n".join([*emitter.lines, f"  ret {given} {last or lanes.name(results)}"])
-            parameters = ", ".join(f"{T} %p{i}" for i in range(count))
-            self.functions[name] = f"define internal {given} {name}({parameters}) #0 {{\nentry:\n{body}\n}}"
+            own = _elementary(opcode, width)
+            self.declared |= own.declared
+            self.functions |= own.functions
         return name
 
     def text(self, functions: Sequence[str]) -> str:
         """The module with these functions."""
         return "\n".join([*self.declared, *self.functions.values(), *functions, "attributes #0 = { nounwind }", ""])
+
+
+@cache
+def _elementary(opcode: str, width: int) -> Module:
+    """A module that has an elementary function in it."""
+    (count, expansion), emitter = EXPANSIONS[opcode], Emitter(Program(), Module({}), width)
+    lanes, T = emitter.own, type_of("f", width)
+    results = expansion(*(lanes.value(f"%p{i}") for i in range(count)))
+    given, last = T, ""
+    if isinstance(results, tuple):
+        given, last = f"{{{T}, {T}}}", "poison"
+        for i, each in enumerate(results):
+            last = emitter.line(f"insertvalue {given} {last}, {T} {lanes.name(each)}, {i}")
+    body = "\n".join([*emitter.lines, f"  ret {given} {last or lanes.name(results)}"])
+    head = f"define internal {given} @{opcode}.{width}({', '.join(f'{T} %p{i}' for i in range(count))})"
+    emitter.module.functions[f"@{opcode}.{width}"] = f"{head} #0 {{\nentry:\n{body}\n}}"
+    return emitter.module
 
 
 class Lanes(Program):
@@ -118,6 +126,8 @@ class Lanes(Program):
 
     def name(self, x: Any) -> str:
         """The name of a tracer's value, or its literal."""
+        if type(x) is int:
+            return literal(x, "i", self.width)
         return self._names[constant(self, x).value]
 
 
@@ -187,6 +197,14 @@ class Emitter:
     def read(self, address: str, width: int) -> Tracer:
         """Floats from memory."""
         return self.lanes(width).value(self.line(f"load {type_of('f', width)}, ptr {address}, align 8"))
+
+    def pointer(self, base: str, byte: Any) -> str:
+        """An address that stands so many bytes behind another."""
+        return self.line(f"load ptr, ptr {self.at(base, byte, 'i8')}, align 8")
+
+    def word(self, base: str, byte: Any) -> Any:
+        """A whole number of 8 bytes that stands there."""
+        return self.one.value(self.line(f"load i64, ptr {self.at(base, byte, 'i8')}, align 8"), "i")
 
     def spread(self, x: Tracer, width: int) -> Tracer:
         """A number in so many lanes."""

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimators.engine import machine
-from estimators.engine.emit import Module, is_literal, literal, type_of
+from estimators.engine.emit import Emitter, Module, is_literal, literal, type_of
 from estimators.engine.linear_emit import LinearEmitter
 from estimators.engine.program import Instruction, Program, View
 from estimators.engine.tracer import KINDS, Tracer, cast, operation, where
@@ -117,7 +117,7 @@ class Function:
         emitter = Driver(self, module, width)
         if len(self.instructions) > _LONG:
             emitter.inlined = 0
-        entry = machine.entry_point(2 + len(self.arguments) + len(self.results), FEW)
+        entry = _entry_point(2 + len(self.arguments) + len(self.results))
         return module.text([emitter.function(self.instructions, self.outputs), entry])
 
 
@@ -134,6 +134,30 @@ def _operations(instructions: Iterable[Instruction], sizes: Mapping[int, int]) -
             each *= max(1, *(operand.shape[1] for operand in operands[:1] if isinstance(operand, View)))
         total += each
     return total
+
+
+def _entry_point(pointers: int) -> str:
+    """The module's Python function, in LLVM IR: a call through ctypes would take longer than most programs.
+
+    It takes two whole numbers and so many arrays of NumPy, whose data begin where their object says, right behind the
+    head that all objects have (``PyArrayObject_fields``). It looks at nothing else of them: their owner has checked
+    them. While it computes many rows, other threads of Python run.
+    """
+    emitter = Emitter(Program(), Module({}), 1)
+    numbers = [emitter.line(f"call i64 @PyLong_AsSsize_t(ptr {emitter.pointer('%args', 8 * i)})") for i in range(2)]
+    arrays = [emitter.pointer(emitter.pointer("%args", 8 * i + 16), object.__basicsize__) for i in range(pointers)]
+    return "\n".join([
+        "declare i64 @PyLong_AsSsize_t(ptr)", "declare ptr @PyEval_SaveThread()", "declare void @Py_IncRef(ptr)",
+        "declare void @PyEval_RestoreThread(ptr)", "@_Py_NoneStruct = external global i8",
+        "define ptr @call(ptr %self, ptr %args, i64 %count) {", "entry:", *emitter.lines,
+        f"  %many = icmp sge i64 {numbers[0]}, {FEW}", "  br i1 %many, label %release, label %compute",
+        "release:", "  %released = call ptr @PyEval_SaveThread()", "  br label %compute",
+        "compute:", "  %thread = phi ptr [null, %entry], [%released, %release]",
+        f"  call void @run(i64 {numbers[0]}, i64 {numbers[1]}, {', '.join(f'ptr {each}' for each in arrays)})",
+        "  br i1 %many, label %restore, label %done",
+        "restore:", "  call void @PyEval_RestoreThread(ptr %thread)", "  br label %done",
+        "done:", "  call void @Py_IncRef(ptr @_Py_NoneStruct)", "  ret ptr @_Py_NoneStruct", "}",
+    ])  # fmt: skip
 
 
 def _placed(program: Program) -> tuple[dict[int, int], np.ndarray]:

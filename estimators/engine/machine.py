@@ -28,7 +28,7 @@ _threads = local()
 
 
 def load(code: _Code, emit: Callable[[], str]) -> tuple[Callable[..., None], _Code]:
-    """The Python function of a module, whose symbol is ``call``, see `entry_point`; and the code that it was made of.
+    """The Python function of a module, whose symbol is ``call``, and the code that it was made of.
 
     Objects are kept by the digest of the text and of the processor, each written at once under a name of its own and
     then renamed: processes that compile the same need no lock.
@@ -79,42 +79,6 @@ _PYTHON = (
     "PyLong_AsSsize_t", "PyEval_SaveThread", "PyEval_RestoreThread", "Py_IncRef", "_Py_NoneStruct", "_Py_TrueStruct",
     "_Py_FalseStruct",
 )  # fmt: skip
-
-
-def entry_point(pointers: int, releasing: int) -> str:
-    """The module's Python function, in LLVM IR: a call through ctypes would take longer than most programs.
-
-    It takes two whole numbers and arrays of NumPy, whose data begin where their object says, right behind the head that
-    all objects have (``PyArrayObject_fields``). It looks at nothing else of them: their owner has checked them.
-
-    Args:
-        pointers: How many arrays.
-        releasing: Rows from which on other threads of Python run meanwhile.
-    """
-    lines = ["entry:"]
-    for i in range(2):
-        lines += [f"  %n{i} = getelementptr ptr, ptr %args, i64 {i}", f"  %m{i} = load ptr, ptr %n{i}",
-                  f"  %i{i} = call i64 @PyLong_AsSsize_t(ptr %m{i})"]  # fmt: skip
-    for i in range(pointers):
-        lines += [
-            f"  %q{i} = getelementptr ptr, ptr %args, i64 {i + 2}", f"  %o{i} = load ptr, ptr %q{i}",
-            f"  %d{i} = getelementptr i8, ptr %o{i}, i64 {object.__basicsize__}", f"  %p{i} = load ptr, ptr %d{i}",
-        ]  # fmt: skip
-    lines += [
-        f"  %many = icmp sge i64 %i0, {releasing}", "  br i1 %many, label %release, label %compute",
-        "release:", "  %released = call ptr @PyEval_SaveThread()", "  br label %compute",
-        "compute:", "  %thread = phi ptr [null, %entry], [%released, %release]",
-        f"  call void @run(i64 %i0, i64 %i1, {', '.join(f'ptr %p{i}' for i in range(pointers))})",
-        "  br i1 %many, label %restore, label %done",
-        "restore:", "  call void @PyEval_RestoreThread(ptr %thread)", "  br label %done",
-        "done:", "  call void @Py_IncRef(ptr @_Py_NoneStruct)", "  ret ptr @_Py_NoneStruct", "}",
-    ]  # fmt: skip
-    declared = """declare i64 @PyLong_AsSsize_t(ptr)
-declare ptr @PyEval_SaveThread()
-declare void @PyEval_RestoreThread(ptr)
-declare void @Py_IncRef(ptr)
-@_Py_NoneStruct = external global i8"""
-    return "\n".join([declared, "define ptr @call(ptr %self, ptr %args, i64 %count) {", *lines])
 
 
 def _object(text: str, machine: Any) -> bytes:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import Any
 
 import numpy as np
 
@@ -35,11 +34,7 @@ def _text() -> str:
     """The function in LLVM IR."""
     emitter = Emitter(Program(), Module({}), 1)
 
-    def pointer(base: str, byte: Any) -> str:
-        return emitter.line(f"load ptr, ptr {emitter.at(base, byte, 'i8')}, align 8")
-
-    def word(base: str, byte: Any) -> Any:
-        return emitter.one.value(emitter.line(f"load i64, ptr {emitter.at(base, byte, 'i8')}, align 8"), "i")
+    pointer, word = emitter.pointer, emitter.word
 
     def matches(i: Tracer, at: Tracer, _: Tracer) -> list[Tracer]:
         array = pointer("%args", 8 * i)

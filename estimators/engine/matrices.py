@@ -16,7 +16,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 from estimators.checks import shown
 from estimators.engine.arrays import SCALAR_FUNCTIONS, TracedArray, entries
 from estimators.engine.program import Program, View, constant_array
-from estimators.engine.tracer import NotTraceable, Tracer, cast, constant, known
+from estimators.engine.tracer import KINDS, NotTraceable, Tracer, cast, constant, known
 
 _IDENTITIES = {"add": np.float64(-0.0), "multiply": np.float64(1.0)}
 """Identity elements of the operations: 0.0 is none, for -0.0 + 0.0 is 0.0."""
@@ -248,7 +248,14 @@ def _is_constant(operand: Any) -> bool:
 def _result_kind(name: str, kinds: str) -> str:
     """The kind of what NumPy's function of that name gives for scalars of some kinds."""
     program = Program()
-    return str(SCALAR_FUNCTIONS[name](*(Tracer(program, program.new(kind)) for kind in kinds)).kind)
+    kind = str(SCALAR_FUNCTIONS[name](*(Tracer(program, program.new(kind)) for kind in kinds)).kind)
+    try:
+        dtype = getattr(np, name)(*(np.ones(1, KINDS[kind]) for kind in kinds)).dtype
+    except TypeError:  # there is no such function of masks
+        dtype = None
+    if dtype != KINDS[kind]:
+        raise NotTraceable(f"np.{name} in a traced formula is of numbers: of a mask they are 1.0 * mask")
+    return kind
 
 
 def entrywise(program: Program, function: Any, *values: Any) -> Any:
@@ -260,8 +267,6 @@ def entrywise(program: Program, function: Any, *values: Any) -> Any:
     if name == "where":
         kinds = "b" + kinds[1:]
     kind = _result_kind(name, kinds)
-    if kind != "b" and "f" not in kinds:
-        refuse_masks(f"np.{name}", *operands)
     check_precision(operands[1:] if name == "where" else operands)
     shape = _common_shape(operands)
     if (identity := _IDENTITIES.get(name)) is not None:

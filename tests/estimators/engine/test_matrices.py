@@ -267,6 +267,7 @@ def test_what_numpy_refuses_is_refused_while_it_is_traced(formula: Formula):
     [
         lambda S, B, x, m: x**2,
         lambda S, B, x, m: np.sqrt(m),
+        lambda S, B, x, m: +m,
         lambda S, B, x, m: m & (x > 0.0) & x,
         lambda S, B, x, m: m + m,
         lambda S, B, x, m: m - m,
