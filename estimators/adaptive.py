@@ -34,7 +34,7 @@ class AdaptiveBelief(Belief):
     pending: np.ndarray
 
 
-class AdaptiveKalmanFilter(Filter[AdaptiveBelief]):
+class AdaptiveKalmanFilter(Filter[AdaptiveBelief], verified=True):
     """A `kf`, or on a nonlinear model an `ekf`, that estimates Q and R on the way, beginning with the model's.
 
     Each step's noises w and v are estimated from its own reading and the next one, as a part of the state that is

@@ -17,7 +17,7 @@ from estimators.linalg import (
     cholesky,
     inner,
     joined,
-    neutralised,
+    masked,
     semidefinite_cholesky,
     singular,
     solve,
@@ -374,7 +374,7 @@ def evensen_transform(
     after, N = np.array(after), members.shape[-1]
     for states, channels in ((own, used) for block in groups for own, used in zip(*block[:2], strict=True)):
         used = available & np.isin(np.arange(Y.shape[-2]), channels)
-        X = np.linalg.inv(cholesky(neutralised(S, used))) @ np.where(used[..., None], Y, 0.0) / np.sqrt(N - 1)
+        X = np.linalg.inv(cholesky(masked(S, used))) @ np.where(used[..., None], Y, 0.0) / np.sqrt(N - 1)
         X[~np.isfinite(X).all((-2, -1))] = 0.0  # rows without a finite mean are lost anyway
         _, s, Vt = np.linalg.svd(X)
         scale = np.ones(X.shape[:-2] + (N,))

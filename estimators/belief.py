@@ -1,11 +1,11 @@
-"""What a filter believes at one time: an immutable record of arrays, one record for each family of filters."""
+"""Beliefs: an immutable record of arrays for each family of filters."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cache
-from typing import Any, NamedTuple, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -19,74 +19,87 @@ Record = TypeVar("Record", bound="Belief")
 
 
 class Recovery(IntEnum):
-    """What an update had to do to a row: the first of these that gave a finite belief."""
+    """Remedies of an update, mildest first: the first that gives a finite belief is taken. ``reason`` says why."""
 
-    USUAL = 0
-    PSEUDO_INVERSE = 1
-    WITHOUT_CHANNEL = 2
-    PREDICTION = 3
-    PRIOR = 4
+    reason: str
 
-    @property
-    def reason(self) -> str:
-        """Why it had to, in one sentence."""
-        return _REASONS[self]
+    def __new__(cls, value: int, reason: str) -> "Recovery":
+        """A number that has a reason."""
+        member = int.__new__(cls, value)
+        member._value_, member.reason = value, reason
+        return member
+
+    USUAL = 0, "the usual gain was used"
+    PSEUDO_INVERSE = (
+        1,
+        "some readings repeat others without noise of their own (the innovation covariance is singular), so the gain "
+        "was taken with its pseudo-inverse",
+    )
+    WITHOUT_CHANNEL = (
+        2,
+        "a reading could not be used (what the filter expected of it was not finite, or it repeats others without "
+        "noise), so it was left out: `available` says which",
+    )
+    PREDICTION = 3, "no reading could be used, so the prediction stands alone"
+    PRIOR = 4, "the prediction was no longer finite, so the filter began again from its prior and this reading"
 
 
-_REASONS = {
-    Recovery.USUAL: "the usual gain was used",
-    Recovery.PSEUDO_INVERSE: "some readings repeat others without noise of their own (the innovation covariance is "
-    "singular), so the gain was taken with its pseudo-inverse",
-    Recovery.WITHOUT_CHANNEL: "a reading could not be used (what the filter expected of it was not finite, or it "
-    "repeats others without noise), so it was left out: `available` says which",
-    Recovery.PREDICTION: "no reading could be used, so the prediction stands alone",
-    Recovery.PRIOR: "the prediction was no longer finite, so the filter began again from its prior and this reading",
-}
+APART = ("prior_mean", "prior_cov", "recovery", "u")
+"""Fields that are not packed."""
+MEMBERS = ("ensemble",)
+"""Fields that are packed transposed: members last."""
+
+
+class Layout:
+    """Columns of the fields of packed rows.
+
+    Args:
+        shapes: Name and shape of each field of a row, in the order of the columns.
+        masks: Names of the fields that are masks, packed as 1 and 0.
+
+    Attributes:
+        fields: By name the index ``(..., slice)`` of its columns, and its shape.
+        width: Columns of a row.
+    """
+
+    def __init__(self, shapes: Sequence[tuple[str, tuple[int, ...]]], masks: frozenset[str]) -> None:
+        self.fields: dict[str, tuple[Any, tuple[int, ...]]] = {}
+        self.width, self.masks = 0, masks
+        for name, shape in shapes:
+            first, self.width = self.width, self.width + math.prod(shape)
+            self.fields[name] = (..., slice(first, self.width)), shape
+
+
+@cache
+def layout_of(shapes: tuple[tuple[str, tuple[int, ...]], ...], masks: frozenset[str] = frozenset()) -> Layout:
+    """The one layout of these fields."""
+    return Layout(shapes, masks)
 
 
 class Packed:
-    """A record whose arrays may stand side by side in one, where each is looked at when it is first asked for."""
+    """A record whose fields may be columns of one array; each is a view of it, made when it is first read."""
 
     __slots__ = ("layout", "packed")
-    packed: Any  # (..., k); None: they stand apart
-    layout: Any  # where
+    packed: Any  # (..., width); None: each field is an array of its own
+    layout: Any
 
     def __getattr__(self, name: str) -> Any:
         if name in Packed.__slots__:
             return None
-        layout, value = self.layout, None
-        if layout is not None and name in layout.cuts:
-            own, shape = layout.cuts[name]
-            value = self.packed[own]
+        if self.layout is None or name not in self.__dataclass_fields__:
+            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+        value = None
+        if name in self.layout.fields:
+            columns, shape = self.layout.fields[name]
+            value = self.packed[columns]
             if len(shape) != 1:
                 value = value.reshape(value.shape[:-1] + shape)
-            if name in layout.masks:
-                value = value != 0.0
-                value.setflags(write=False)
+            if name in self.layout.masks:
+                value = frozen(value != 0.0)
             elif name in MEMBERS:
                 value = value.mT
-        elif layout is None or name not in self.__dataclass_fields__:
-            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
         object.__setattr__(self, name, value)
         return value
-
-
-class Layout(NamedTuple):
-    """Places of the arrays of a packed record: by name the first column, or a pick of columns, and the shape of a row.
-
-    ``masks`` names those that are masks, 1 and 0 there.
-    """
-
-    columns: dict[str, tuple[int, tuple[int, ...]]]
-    width: int
-    cuts: dict[str, tuple[Any, tuple[int, ...]]]
-    masks: frozenset[str]
-
-
-APART = ("prior_mean", "prior_cov", "recovery", "u")
-"""Arrays that are not packed with the others."""
-MEMBERS = ("ensemble",)
-"""Arrays that are packed transposed: members last."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,25 +148,25 @@ class Belief(Packed):
         return None
 
     @classmethod
-    def looked_at(
-        cls, packed: np.ndarray, layout: Layout, prior_mean: Any, prior_cov: Any, u: np.ndarray | None
+    def view(
+        cls, packed: np.ndarray, layout: Layout, prior_mean: Any, prior_cov: Any, u: Any, recovery: Any = None
     ) -> Self:
-        """A belief of packed arrays ``(..., k)``, and of some that stand apart."""
+        """A belief of packed rows ``(..., width)``, read-only from now on; without ``recovery``: the usual."""
         belief, put = object.__new__(cls), object.__setattr__
         packed.setflags(write=False)
         put(belief, "packed", packed)
         put(belief, "layout", layout)
         put(belief, "prior_mean", prior_mean)
         put(belief, "prior_cov", prior_cov)
-        put(belief, "recovery", _usual(packed.shape[:-1]))
-        (mean, _), (cov, square) = layout.cuts["mean"], layout.cuts["cov"]  # what everybody asks for
+        put(belief, "u", u)
+        put(belief, "recovery", _usual(packed.shape[:-1]) if recovery is None else recovery)
+        (mean, _), (cov, square) = layout.fields["mean"], layout.fields["cov"]  # every caller reads these
         put(belief, "mean", packed[mean])
         put(belief, "cov", packed[cov].reshape(packed.shape[:-1] + square))
-        put(belief, "u", u)
         return belief
 
-    def side_by_side(self) -> tuple[np.ndarray, Layout]:
-        """Its arrays packed ``(..., k)``, and where each stands."""
+    def pack(self) -> tuple[np.ndarray, Layout]:
+        """Its packed rows ``(..., width)`` and their layout."""
         if self.packed is not None:
             return self.packed, self.layout
         arrays, batch = self.stored(), self.mean.shape[:-1]
@@ -161,10 +174,10 @@ class Belief(Packed):
             if np.shape(array)[: len(batch)] != batch or not isinstance(array, np.ndarray | np.generic):
                 raise ValueError(f"{name} of a belief must be an array with a row for each of the batch, {batch}")
         masks = frozenset(name for name, array in arrays.items() if array.dtype == bool)
-        layout = laid_out(tuple((name, array.shape[len(batch) :]) for name, array in arrays.items()), masks)
+        layout = layout_of(tuple((name, array.shape[len(batch) :]) for name, array in arrays.items()), masks)
         packed = np.empty(batch + (layout.width,))
-        for name, (first, shape) in layout.columns.items():
-            packed[..., first : first + math.prod(shape)] = arrays[name].reshape(*batch, math.prod(shape))
+        for name, (columns, shape) in layout.fields.items():
+            packed[columns] = arrays[name].reshape(*batch, math.prod(shape))
         return packed, layout
 
     @property
@@ -175,7 +188,7 @@ class Belief(Packed):
     @property
     def reasons(self) -> np.ndarray:
         """``(...)`` sentences that say what the last update did to each row, and why."""
-        sentences = np.array([rung.reason for rung in Recovery], dtype=object)
+        sentences = np.array([remedy.reason for remedy in Recovery], dtype=object)
         return np.asarray(sentences[self.recovery], dtype=object)
 
     @classmethod
@@ -185,14 +198,14 @@ class Belief(Packed):
 
     @classmethod
     def predicted(cls, before: "Belief", mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None, **own: Any) -> Self:
-        """What a prediction from the belief ``before`` leaves, and the record's ``own`` arrays."""
+        """The belief after a prediction from the one ``before``, with the record's ``own`` arrays."""
         return cls(mean, cov, before.prior_mean, before.prior_cov, before.recovery, u, **own)
 
     @classmethod
     def updated(
         cls, before: "Belief", mean: np.ndarray, cov: np.ndarray, reading: Reading, S: np.ndarray, **own: Any
     ) -> Self:
-        """What a usual update of the belief ``before`` leaves, ``S`` the innovation's covariance; likewise."""
+        """The belief after a usual update of the one ``before``, ``S`` the innovation's covariance; likewise."""
         return cls(
             mean, cov, before.prior_mean, before.prior_cov, np.zeros(mean.shape[:-1], np.int8), before.u,
             reading.innovation, S, reading.available, **own,
@@ -200,17 +213,10 @@ class Belief(Packed):
 
     def __getitem__(self, rows: Any) -> Self:
         """The beliefs of some rows of the batch: a mask, an index or a slice over leading axes."""
-        if self.packed is not None:
-            apart = {name: getattr(self, name) for name in APART}
-            before = self.looked_at(self.packed[rows], self.layout, None, None, None)
-            for name, array in apart.items():
-                object.__setattr__(before, name, None if array is None else array[rows])
-            return before
-        arrays: dict[str, Any] = {name: None if a is None else a[rows] for name, a in self._arrays().items()}
-        return type(self)(arrays.pop("mean"), **arrays)
+        return self._of({name: None if a is None else a[rows] for name, a in self._parts().items()})
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (type(self), self._arrays())
+        return _restored_read_only, (type(self), self._arrays())
 
     def with_rows(self, rows: np.ndarray, other: "Belief") -> Self:
         """This belief with the rows of a mask ``(...)`` replaced, in order, by those of ``other``.
@@ -223,25 +229,20 @@ class Belief(Packed):
         if type(other) is not type(self):
             kinds = f"{type(self).__name__} and {type(other).__name__}"
             raise ValueError(f"cannot merge {kinds}: they are of different filters")
-        packed = self.packed is not None and self.layout is other.layout
-        merged: dict[str, Any] = {}
-        for name in ("prior_mean", "prior_cov", "u") if packed else self.__dataclass_fields__:
-            mine, theirs = getattr(self, name), getattr(other, name)
-            if mine is not None or theirs is not None:
-                merged[name] = np.array(_unseen(name, theirs, self) if mine is None else mine)
-                merged[name][rows] = _unseen(name, mine, other) if theirs is None else theirs
-        if not packed:
-            return type(self)(**merged)
-        together, width = self.packed.copy(), self.layout.width  # what a program adds behind is for itself
-        together[rows, :width] = other.packed[..., :width]
-        return self.looked_at(together, self.layout, **({"u": None} | merged))
+        merged = dict[str, Any]()
+        for name, (mine, theirs) in _aligned((self, other)).items():
+            merged[name] = mine
+            if mine is not None and (name == "packed" or not np.array_equal(mine[rows], theirs)):
+                merged[name] = np.array(mine)
+                merged[name][rows] = theirs
+                merged[name].setflags(write=False)
+        return self._of(merged)
 
     def replace(self, **changes: Any) -> Self:
         """This belief with some fields changed."""
         given = {name: as_array(name, a) if isinstance(a, list | tuple) else a for name, a in changes.items()}
         own = {name: frozen(a) if type(a) is np.ndarray else a for name, a in given.items()}
-        arrays = self._arrays() | own
-        return type(self)(arrays.pop("mean"), **arrays)
+        return _restored(type(self), self._arrays() | own)
 
     def _moved(self, points: str, changes: dict[str, Any]) -> dict[str, Any]:
         """The points ``(..., N, n)`` of this name whose moments mean and covariance are, about a mean that is given.
@@ -265,13 +266,7 @@ class Belief(Packed):
 
     def with_input(self, u: np.ndarray | None) -> Self:
         """This belief with another known input, packed as it is."""
-        if self.packed is None:
-            same = self[...]
-            object.__setattr__(same, "u", u)
-            return same
-        same = self.looked_at(self.packed, self.layout, self.prior_mean, self.prior_cov, u)
-        object.__setattr__(same, "recovery", self.recovery)
-        return same
+        return self._of(self._parts() | {"u": u})
 
     def stored(self) -> dict[str, Any]:
         """The arrays that are packed, by name, as they stand there."""
@@ -281,10 +276,23 @@ class Belief(Packed):
     def _arrays(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
+    def _parts(self) -> dict[str, Any]:
+        """Its arrays, packed ones as one."""
+        return self._arrays() if self.packed is None else {n: getattr(self, n) for n in ("packed", *APART)}
+
+    def _of(self, parts: dict[str, Any]) -> Self:
+        """A belief of such arrays."""
+        return self.view(layout=self.layout, **parts) if "packed" in parts else _restored(type(self), parts)
+
 
 def _restored(record: type[Record], arrays: dict[str, Any]) -> Record:
-    """A belief that was pickled or copied, read-only again."""
-    return record(arrays.pop("mean"), **arrays).read_only()
+    """A belief of these arrays by name."""
+    return record(arrays.pop("mean"), **arrays)
+
+
+def _restored_read_only(record: type[Record], arrays: dict[str, Any]) -> Record:
+    """The same of a belief that was pickled or copied."""
+    return _restored(record, arrays).read_only()
 
 
 # Where a record gives what every belief can be asked for, `field` hides the property above, which is no default.
@@ -368,29 +376,17 @@ class EnsembleBelief(Belief):
 
 @cache
 def _usual(rows: tuple[int, ...]) -> np.ndarray:
-    """What updates had to do to rows of which each took the usual one, made once for as many."""
+    """Remedies of rows that needed none, made once for as many."""
     recovery = np.zeros(rows, np.int8)
     recovery.flags.writeable = False
     return recovery
 
 
-@cache
-def laid_out(shapes: tuple[tuple[str, tuple[int, ...]], ...], masks: frozenset[str] = frozenset()) -> Layout:
-    """Arrays of these names and shapes of a row, in their order, some of which are masks."""
-    columns, width = {}, 0
-    for name, shape in shapes:
-        columns[name], width = (width, shape), width + math.prod(shape)
-    cuts = {name: ((..., slice(at, at + math.prod(shape))), shape) for name, (at, shape) in columns.items()}
-    return Layout(columns, width, cuts, masks)
-
-
 def prior_belief(mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None) -> Belief:
-    """What is known before an episode, for a program that has the covariance ``(n, n)`` of all rows as a constant."""
-    belief, batch = object.__new__(Belief), mean.shape[:-1]
-    covs = np.empty(mean.shape + mean.shape[-1:])
-    covs[...] = cov
-    values: dict[str, Any] = {"packed": mean, "layout": laid_out((("mean", mean.shape[-1:]),)), "u": u}
-    values |= {"prior_mean": mean, "prior_cov": covs, "recovery": _usual(batch)}
+    """A belief before an episode, for a program that has the covariance ``(n, n)`` of all rows as a constant."""
+    belief, covs = object.__new__(Belief), np.array(np.broadcast_to(cov, mean.shape + mean.shape[-1:]))
+    values: dict[str, Any] = {"packed": mean, "layout": layout_of((("mean", mean.shape[-1:]),)), "u": u}
+    values |= {"prior_mean": mean, "prior_cov": covs, "recovery": _usual(mean.shape[:-1])}
     for name, value in values.items():
         object.__setattr__(belief, name, value)
     return belief
@@ -412,29 +408,42 @@ def over_time(beliefs: Sequence[Record]) -> Record:
     kinds = {type(belief) for belief in beliefs}
     if len(kinds) != 1:
         raise ValueError(f"beliefs at successive times must be of one filter, got {len(kinds)} kinds of them")
-    first, alike = beliefs[0], all(belief.layout is beliefs[0].layout for belief in beliefs)
-    packed = None if first.packed is None or not alike else [b.packed[..., : first.layout.width] for b in beliefs]
-    whole: dict[str, Any] = {}
-    for name in first.__dataclass_fields__ if packed is None else APART:
-        values = [getattr(belief, name) for belief in beliefs]
-        seen = next((value for value in values if value is not None), None)
-        if seen is None:
-            whole[name] = None
-            continue
-        pairs = zip(values, beliefs, strict=True)
-        whole[name] = np.stack([_unseen(name, seen, belief) if value is None else value for value, belief in pairs])
-    if packed is None:
-        return kinds.pop()(**whole).read_only()
-    mean, cov, recovery, u = (read_only(whole[name]) for name in APART)
-    together = first.looked_at(np.stack(packed), first.layout, mean, cov, u)
-    object.__setattr__(together, "recovery", recovery)
-    return together
+    stacked = {name: None if a[0] is None else read_only(np.stack(a)) for name, a in _aligned(beliefs).items()}
+    return beliefs[0]._of(stacked).read_only()
+
+
+def _aligned(beliefs: Sequence[Belief]) -> dict[str, list[Any]]:
+    """By name the arrays of several beliefs, packed ones as one where all have one layout; None where none has it."""
+    alike = all(belief.packed is not None and belief.layout is beliefs[0].layout for belief in beliefs)
+    parts = [belief._parts() if alike else belief._arrays() for belief in beliefs]
+    aligned = {name: [each[name] for each in parts] for name in parts[0]}
+    for name, arrays in aligned.items():
+        seen = next((array for array in arrays if array is not None), None)
+        if seen is not None and any(array is None for array in arrays):
+            pairs = zip(arrays, beliefs, strict=True)
+            aligned[name] = [_unseen(name, seen, belief) if array is None else array for array, belief in pairs]
+    return aligned
 
 
 def _unseen(name: str, like: np.ndarray, belief: Belief) -> np.ndarray:
-    """What a field says in a belief that has seen no reading, or was told no known input, yet."""
+    """A field's value in a belief that has seen no reading, or was told no known input, yet."""
     if name not in ("u", "inputs", "innovation", "innovation_cov", "available"):
         raise ValueError(f"cannot merge two beliefs of which only one has {name}: they are of different filters")
     size = like.shape[-1]
     blank = np.eye(size) if name == "innovation_cov" else np.zeros(size, like.dtype)
     return np.broadcast_to(blank, belief.mean.shape[:-1] + blank.shape)
+
+
+def finite_rows(belief: Belief) -> np.ndarray:
+    """The rows ``(...)`` of which everything is finite."""
+    finite = np.isfinite(belief.mean).all(-1)
+    for name, axes in _CHECKED.items():
+        if (array := getattr(belief, name, None)) is not None:
+            finite = finite & np.isfinite(array).all(axes)
+    return finite
+
+
+_CHECKED: dict[str, int | tuple[int, int]] = {
+    **dict.fromkeys(("input_mean", "feedthrough_mean", "innovation"), -1),
+    **dict.fromkeys(("cov", "innovation_cov", "input_cov", "feedthrough_cov", "ensemble"), (-2, -1)),
+}

@@ -188,7 +188,7 @@ def _steps(
         now, y = rng.at(k + 1), expected + 0.1 * (k + 1.0)
         missing = np.where(arrived, y, np.nan)
         if at_once:
-            belief = filter._advance(belief, known, missing, None, now)
+            belief = filter.advance(belief, known, missing, None, now)
             beliefs.append(belief)
             continue
         with _named(f"{cls}.predict of {batch}", row is None):

@@ -23,7 +23,7 @@ from scipy.special import bdtr, bdtrc, bdtrik, gammainc, gammaincc, gammaincinv,
 from estimators.angles import difference
 from estimators.belief import FeedthroughBelief, InputBelief
 from estimators.filter import Filter, Model
-from estimators.linalg import neutralised, semidefinite_cholesky
+from estimators.linalg import masked, semidefinite_cholesky
 from estimators.metrics import nees, nis
 from estimators.models import Gaussian
 from estimators.series import run
@@ -231,7 +231,7 @@ def _standardised(white: np.ndarray, mask: np.ndarray) -> np.ndarray:
     seen = counts > 0
     if (spread[seen] == 0.0).any() or np.linalg.eigvalsh(correlation[seen][:, seen]).min(initial=1.0) < 1e-12:
         raise ValueError("the innovations have no spread in some direction: too few readings for a test")
-    return _solve_root(neutralised(correlation * spread * spread[:, None], mask > 0.0), white)
+    return _solve_root(masked(correlation * spread * spread[:, None], mask > 0.0), white)
 
 
 def _solve_root(cov: np.ndarray, vector: np.ndarray) -> np.ndarray:

@@ -8,14 +8,14 @@ Source: Bar-Shalom, Li & Kirubarajan (2001), Estimation with applications to tra
 out of sequence, whose formulas for one step of a linear model this makes needless.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Generic, NamedTuple, cast
 
 import numpy as np
 
-from estimators.belief import Belief, Record
+from estimators.belief import Record
 from estimators.checks import as_array, as_mask, shown, whole
-from estimators.filter import Filter, Rng
+from estimators.contract import Estimator, Rng
 from estimators.models import Gaussian
 from estimators.randomness import Numbers
 from estimators.varying import resolve
@@ -24,7 +24,7 @@ from estimators.varying import resolve
 class Step(NamedTuple):
     """One step that a late reading may still reach."""
 
-    predicted: Belief  # that its readings meet
+    predicted: Any  # belief that its readings meet; None: it is still to be made
     u: np.ndarray | None  # (..., m) known input of the prediction
     moved: Numbers | None  # random numbers of it
     y: np.ndarray  # (..., p) what has come of its readings so far
@@ -32,11 +32,18 @@ class Step(NamedTuple):
     R: np.ndarray | None  # (..., p, p) of readings that brought their own, NaN where none did
     read: np.ndarray  # (...) whether there was an update
     keys: Numbers | None  # random numbers of that
+    reading_u: np.ndarray | None  # (..., m) known input of the readings, where it was given with them
+
+    def rows(self, rows: Any) -> "Step":
+        """Some rows of the step."""
+        some: Any = (None if one is None else one[rows] for one in self)
+        return self if rows is ... else Step(*some)
 
     def with_rows(self, rows: np.ndarray, other: "Step") -> "Step":
         """The same step with some rows of another."""
         merged = (_with_rows(mine, rows, theirs) for mine, theirs in zip(self[1:], other[1:], strict=True))
-        return Step(self.predicted.with_rows(rows, other.predicted), *merged)
+        step = Step(self.predicted.with_rows(rows, other.predicted), *merged)
+        return step if step.predicted.u is None else step._replace(u=step.predicted.u)  # rows without one have zeros
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,8 +73,9 @@ class DelayedBelief(Generic[Record]):
 
     def __getitem__(self, rows: Any) -> "DelayedBelief[Record]":
         """The beliefs of some rows of the batch."""
-        steps = tuple(Step(*(_rows(one, rows) for one in step)) for step in self.steps)
-        return DelayedBelief(self.now[rows], steps, self.reach[rows], self.refused[rows])
+        return DelayedBelief(
+            self.now[rows], tuple(step.rows(rows) for step in self.steps), self.reach[rows], self.refused[rows]
+        )
 
     def with_rows(self, rows: np.ndarray, other: "DelayedBelief[Record]") -> "DelayedBelief[Record]":
         """This belief with the rows of a mask ``(...)`` replaced, in order, by those of ``other``."""
@@ -96,7 +104,7 @@ class Delayed(Generic[Record]):
         ValueError: if ``horizon`` is no whole number of at least 0.
     """
 
-    def __init__(self, filter: Filter[Record], horizon: int) -> None:
+    def __init__(self, filter: Estimator[Record], horizon: int) -> None:
         if isinstance(filter, type | Delayed) or not all(
             hasattr(filter, name) for name in ("init", "predict", "update")
         ):
@@ -114,16 +122,19 @@ class Delayed(Generic[Record]):
 
     def init(self, prior: Gaussian, rng: Rng = None) -> DelayedBelief[Record]:
         """The belief before any reading, as `Filter.init`."""
-        keys = self._keys(rng)
-        begun = self.filter.init(prior, rng=keys)
+        return self._begun(self.filter.init(prior, rng=self._keys(rng)), rng)
+
+    def _begun(self, begun: Record, rng: Rng) -> DelayedBelief[Record]:
         nothing = np.zeros(begun.mean.shape[:-1], int)
-        return DelayedBelief(begun, (self._step(begun, None, keys),), nothing, nothing)
+        return DelayedBelief(
+            begun, (self._step(begun, begun.mean.shape[:-1], None, self._keys(rng)),), nothing, nothing
+        )
 
     def predict(self, belief: DelayedBelief[Record], u: Any = None, rng: Rng = None) -> DelayedBelief[Record]:
         """One step ahead, as `Filter.predict`."""
         keys, u = self._keys(rng), self._known(belief, u)
         predicted = self.filter.predict(belief.now, u, rng=keys)
-        steps = (*belief.steps, self._step(predicted, u, keys))[-self.horizon - 1 :]
+        steps = (*belief.steps, self._step(predicted, belief.reach.shape, u, keys))[-self.horizon - 1 :]
         return DelayedBelief(predicted, steps, np.minimum(belief.reach + 1, self.horizon), belief.refused)
 
     def update(
@@ -148,7 +159,7 @@ class Delayed(Generic[Record]):
         Raises:
             ValueError: if ``y``, ``available`` or ``R`` have the wrong shape, or another ``u`` came before.
         """
-        rows, p = belief.mean.shape[:-1], self.filter.model.p
+        rows, p, now = belief.mean.shape[:-1], self.filter.model.p, belief.steps[-1]
         y = as_array("y", y)
         if y.ndim < 2 or y.shape[-1] != p or y.shape[:-2] != rows:
             raise ValueError(
@@ -160,48 +171,120 @@ class Delayed(Generic[Record]):
         if R is not None:
             R = _fitting("R", as_array("R", R), (*y.shape, p))
             come = come & np.isfinite(np.diagonal(R, axis1=-2, axis2=-1))
-        steps, reach, refused, oldest = list(belief.steps), belief.reach, belief.refused, np.zeros(rows, int)
         if u is not None:
-            self._check_one_input(steps[-1], u)
-            steps[-1] = steps[-1]._replace(predicted=steps[-1].predicted.replace(u=u))
+            self._check_one_input(now, u)
+            now = now._replace(reading_u=None if np.array_equal(now.predicted.u, u) else u)
+        return self.correct(replace(belief, steps=(*belief.steps[:-1], now)), y, come, R, rng)
+
+    def correct(
+        self, belief: DelayedBelief[Record], y: np.ndarray, available: np.ndarray, R: np.ndarray | None, rng: Rng
+    ) -> DelayedBelief[Record]:
+        """`update` without checks."""
+        rows, steps, refused = belief.reach.shape, list(belief.steps), belief.refused
+        available = available & np.isfinite(y)
         steps[-1] = steps[-1]._replace(read=np.ones(rows, bool), keys=self._keys(rng))
-        for age in np.flatnonzero(np.moveaxis(come, -2, 0).reshape(y.shape[-2], -1).any(-1)).tolist():
-            new = come[..., age, :]
+        oldest = np.zeros(rows, int)
+        for age in np.flatnonzero(np.moveaxis(available, -2, 0).reshape(y.shape[-2], -1).any(-1)).tolist():
+            new = available[..., age, :]
             if age < len(steps):
                 step = steps[-1 - age]
-                taken = new & (age <= reach)[..., None] & ~step.available
+                taken = new & (age <= belief.reach)[..., None] & ~step.available
                 steps[-1 - age] = _taken(step, y[..., age, :], taken, None if R is None else R[..., age, :, :])
                 oldest = np.where(taken.any(-1), age, oldest)
                 new = new & ~taken
             refused = refused + new.sum(-1)
-        now: Any = None
-        for age in np.unique(oldest[oldest > 0]).tolist():
-            now = self._repeat(steps, age, oldest == age)
-        if now is None or not (oldest == oldest.max()).all():
-            now = self._read(steps[-1], ...)
-        return DelayedBelief(now, tuple(steps), reach, refused)
+        now = self._repeated(steps, oldest, belief.reach, belief.now)
+        return DelayedBelief(now, tuple(steps), belief.reach, refused)
 
-    def _repeat(self, steps: list[Step], age: int, again: np.ndarray) -> Any:
-        """Predict rows of a mask anew in the last ``age`` of the steps; what they believe now."""
-        every, filter = bool(again.all()), cast(Any, self.filter)
-        chosen: Any = again if self._apart and not every else ...
-        belief: Any = self._read(steps[-1 - age], chosen)
-        after, predictions = steps[-age:], None
-        plain = isinstance(filter, Filter) and not filter.random
-        if plain and all(step.R is None and step.read[chosen].all() for step in after):
-            u, y, available = (_stacked([_rows(step[i], chosen) for step in after]) for i in (1, 3, 4))
-            predictions, belief = filter._repeated(belief, u, y, available) or (None, belief)
+    def begin(self, prior: Gaussian, u: Any, y: np.ndarray, available: np.ndarray, rng: Rng) -> DelayedBelief[Record]:
+        """`init`, then `update`, without checks; ``u (..., m)`` is the known input of the first reading."""
+        begun = self.filter.start(prior, self._keys(rng), u)
+        return self.correct(self._begun(begun, rng), y, available, None, rng)
+
+    def advance(
+        self, belief: DelayedBelief[Record], u: Any, y: np.ndarray, available: np.ndarray, rng: Rng
+    ) -> DelayedBelief[Record]:
+        """`predict`, then `update`, without checks."""
+        steps = (*belief.steps, self._step(None, belief.reach.shape, u, self._keys(rng)))[-self.horizon - 1 :]
+        reach = np.minimum(belief.reach + 1, self.horizon)
+        return self.correct(DelayedBelief(belief.now, steps, reach, belief.refused), y, available, None, rng)
+
+    def _repeated(self, steps: list[Step], oldest: np.ndarray, reach: np.ndarray, before: Any) -> Any:
+        """The belief now; each row is predicted anew in the steps since its oldest new reading.
+
+        Args:
+            steps: The window, of which some are replaced.
+            oldest: ``(...)`` age of the oldest reading that is new in a row.
+            reach: ``(...)`` as in `DelayedBelief`.
+            before: The belief before the last step, where that is still to be predicted.
+        """
+        late, now = oldest > 0, None
+        rest = ~late
+        if 4 * late.sum() > late.size:
+            rows = reach >= oldest.max()
+            now = self._together(steps, int(oldest.max()), rows, before)
+        if now is not None:
+            late, rest = late & ~rows, rest & ~rows
+        elif steps[-1].predicted is None:
+            steps[-1] = steps[-1]._replace(predicted=self._forecast(before, steps[-1]))
+        ages = np.unique(oldest[late]).tolist()
+        pieces = [(rows, self._alone(steps, age, rows)) for age in ages for rows in [late & (oldest == age)]]
+        if now is None:
+            if len(pieces) == 1 and not rest.any():
+                return pieces[0][1]
+            now = self._read(steps[-1])
+        elif rest.any():
+            pieces.append((rest, self._read(steps[-1], rest)))
+        for rows, belief in pieces:
+            now = now.with_rows(rows, belief)
+        return now
+
+    def _together(self, steps: list[Step], age: int, rows: np.ndarray, before: Any) -> Any:
+        """The belief of ``rows``, predicted anew in the last steps with all others; None: the filter cannot.
+
+        Others keep their predictions, and are believed anything now: many rows are computed sooner than taken out.
+        """
+        after = steps[-age:]
+        if not self._repeats(after):
+            return None
+        belief, kept = self._read(steps[-1 - age]), None
+        u, y, available = (_stacked([step[i] for step in after]) for i in (1, 3, 4))
+        if not rows.all():
+            others = np.flatnonzero(~rows)
+            known = [step.predicted for step in after if step.predicted is not None]
+            newest = self._forecast(before[others], after[-1].rows(others)) if len(known) < age else known[-1][others]
+            kept = others, known, newest
+        found = cast(Any, self.filter).advance_steps(belief, u, y, available, kept)
+        if found is None:
+            return None
+        steps[-age:] = (step._replace(predicted=own) for step, own in zip(after, found[0], strict=True))
+        return found[1]
+
+    def _alone(self, steps: list[Step], age: int, rows: np.ndarray) -> Any:
+        """The belief of ``rows``, taken out and predicted anew in the last steps."""
+        chosen: Any = rows if self._apart and not rows.all() else ...
+        after = [step.rows(chosen) for step in steps[-age:]]
+        belief, found = self._read(steps[-1 - age], chosen), None
+        if self._repeats(after):
+            found = cast(Any, self.filter).advance_steps(belief, *(_stacked([s[i] for s in after]) for i in (1, 3, 4)))
         for i, step in enumerate(after):
-            if predictions is None:
-                predicted = filter.predict(belief, _rows(step.u, chosen), rng=_rows(step.moved, chosen))
-            else:
-                predicted = predictions[i]
-            if not every:
-                predicted = step.predicted.with_rows(again, predicted if self._apart else predicted[again])
-            steps[i - age] = step._replace(predicted=predicted)
-            if predictions is None:
-                belief = self._read(steps[i - age], chosen)
-        return belief
+            predicted = self._forecast(belief, step) if found is None else found[0][i]
+            if found is None:
+                belief = self._read(step._replace(predicted=predicted))
+            if not rows.all():
+                predicted = steps[i - age].predicted.with_rows(rows, predicted if chosen is rows else predicted[rows])
+            steps[i - age] = steps[i - age]._replace(predicted=predicted)
+        belief = belief if found is None else found[1]
+        return belief if chosen is rows or rows.all() else belief[rows]
+
+    def _repeats(self, after: list[Step]) -> bool:
+        """May these steps be one program? All were read, with the model's R and the input of their prediction."""
+        plain = isinstance(self.filter, Estimator) and not self.filter.random and after[0].y.ndim == 2
+        return plain and all(step.R is None and step.reading_u is None and step.read.all() for step in after)
+
+    def _forecast(self, belief: Any, step: Step) -> Any:
+        predict: Any = getattr(self.filter, "forecast", self.filter.predict)
+        return predict(belief, step.u, step.moved)
 
     def _check_one_input(self, step: Step, u: np.ndarray) -> None:
         """Refuse another known input for a step of which readings have come: they are taken in together.
@@ -209,13 +292,13 @@ class Delayed(Generic[Record]):
         Raises:
             ValueError: saying so.
         """
-        before = step.predicted.u
+        before = step.predicted.u if step.reading_u is None else step.reading_u
         other = np.ones(u.shape, bool) if before is None or before.shape != u.shape else before != u
         if (step.available.any(-1, keepdims=True) & other).any():
             raise ValueError("u must be the same for all readings of a step: Delayed takes them in together")
 
-    def settled(self, belief: DelayedBelief[Record]) -> tuple[np.ndarray, Record | None]:
-        """What no reading will change any more: each is of at least ``horizon`` steps ago.
+    def fixed_lag(self, belief: DelayedBelief[Record]) -> tuple[np.ndarray, Record | None]:
+        """The fixed-lag estimate, which no reading will change any more: each is of at least ``horizon`` steps ago.
 
         Returns:
             Mask ``(...)`` of the rows that are older than the horizon, and what these believed so many steps ago, after
@@ -223,9 +306,7 @@ class Delayed(Generic[Record]):
             is so old.
         """
         rows = belief.reach == self.horizon
-        if not rows.any():
-            return rows, None
-        return rows, self._read(belief.steps[0], rows) if self._apart else self._read(belief.steps[0], ...)[rows]
+        return rows, self._read(belief.steps[0], rows) if rows.any() else None
 
     likelihood, sequential = "refused", True
 
@@ -247,11 +328,10 @@ class Delayed(Generic[Record]):
             raise TypeError("a late reading repeats random numbers: give rng as keys (estimators.Numbers)")
         return rng
 
-    def _step(self, predicted: Record, u: np.ndarray | None, moved: Numbers | None) -> Step:
+    def _step(self, predicted: Any, rows: tuple[int, ...], u: np.ndarray | None, moved: Numbers | None) -> Step:
         """A step of which nothing has been read; what is read later draws the numbers of the prediction."""
-        rows, p = predicted.mean.shape[:-1], self.filter.model.p
-        nothing = np.zeros((*rows, p))
-        return Step(predicted, u, moved, nothing, nothing != 0.0, None, np.zeros(rows, bool), moved)
+        nothing = np.zeros((*rows, self.filter.model.p))
+        return Step(predicted, u, moved, nothing, nothing != 0.0, None, np.zeros(rows, bool), moved, None)
 
     def _known(self, belief: DelayedBelief[Record], u: Any) -> np.ndarray | None:
         """The known input, a row each and of our own, to be repeated apart."""
@@ -262,20 +342,27 @@ class Delayed(Generic[Record]):
         u = np.atleast_1d(as_array("u", u))
         return np.array(_fitting("u", u, belief.mean.shape[:-1] + u.shape[-1:]))
 
-    def _read(self, step: Step, rows: Any) -> Record:
+    def _read(self, step: Step, rows: Any = ...) -> Any:
         """Some rows after what has come of this step's readings; as they were predicted where there was no update."""
-        some: Any = (one if rows is ... else _rows(one, rows) for one in step)
-        predicted, _, _, y, available, R, read, keys = some
+        if not self._apart:
+            return self._after(step) if rows is ... else self._after(step)[rows]
+        return self._after(step.rows(rows))
+
+    def _after(self, step: Step) -> Any:
+        predicted, _, _, y, available, R, read, keys, u = step
         if not read.all():
-            if not read.any():
-                return cast(Record, predicted)
-            updated = self._read(step._replace(read=np.ones(step.read.shape, bool)), rows)
-            return cast(Record, predicted.with_rows(read, updated[read]))
+            updated = self._after(step._replace(read=np.ones(read.shape, bool))) if read.any() else None
+            return predicted if updated is None else predicted.with_rows(read, updated[read])
+        filter: Any = self.filter
+        if u is not None and predicted.u is not None:
+            u = np.where(np.isnan(u), predicted.u, u)
         if R is not None:
-            own: Any = self.filter
-            usual = own._own_R(predicted) if hasattr(own, "_own_R") else resolve(own.model.R, predicted.u)
+            usual = filter._own_R(predicted) if hasattr(filter, "_own_R") else resolve(filter.model.R, predicted.u)
             R = np.where(np.isnan(R), usual, R)
-        return self.filter.update(predicted, y, rng=keys, available=available, R=R)
+        elif isinstance(filter, Estimator):
+            met = predicted if u is None else predicted.with_input(u)
+            return filter.correct(met, y, available, None, keys).read_only()
+        return filter.update(predicted, y, rng=keys, available=available, R=R, u=u)
 
 
 def _stacked(arrays: list[Any]) -> Any:
@@ -300,10 +387,6 @@ def _fitting(name: str, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarra
         return np.broadcast_to(values, shape)
     except ValueError:
         raise ValueError(f"{name} has shape {values.shape}, expected {shape}") from None
-
-
-def _rows(values: Any, rows: Any) -> Any:
-    return None if values is None else values[rows]
 
 
 def _with_rows(mine: Any, rows: np.ndarray, theirs: Any) -> Any:

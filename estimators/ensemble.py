@@ -31,7 +31,7 @@ from estimators.belief import Belief, EnsembleBelief, Record, members_last, prio
 from estimators.checks import number, shown, whole
 from estimators.engine.matrices import is_traced
 from estimators.filter import Filter, Model, Rng, in_rows, inlinable
-from estimators.linalg import neutralised, semidefinite_cholesky, shared_root
+from estimators.linalg import masked, semidefinite_cholesky, shared_root
 from estimators.localisation import check_taper, group_states
 from estimators.models import Gaussian, LinearModel, NonlinearModel, at_columns
 from estimators.randomness import Numbers
@@ -47,7 +47,7 @@ _FEW = 16
 """Groups of components that a program has one after the other; of more, each is a row."""
 
 
-class DrawingFilter(Filter[Record]):
+class DrawingFilter(Filter[Record], verified=True):
     """What filters share that draw random numbers."""
 
     random = True
@@ -73,7 +73,7 @@ class DrawingFilter(Filter[Record]):
         return in_rows(numbers.keys), in_rows(step[..., None])
 
 
-class EnsembleFilter(DrawingFilter[EnsembleBelief]):
+class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
     """What the ensemble filters share: members, their prediction, the moments, inflation and localisation.
 
     Random numbers: the members of ``init`` and the process noise of ``predict`` are drawn and centred, so that they
@@ -115,19 +115,21 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
         mean, members, cov = sample(belief.mean, root, normals, angles=self._angles)
         return EnsembleBelief.predicted(belief, mean, cov, belief.u, ensemble=members.mT)
 
-    def _begin(
+    def begin(
         self, prior: Gaussian, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng
     ) -> EnsembleBelief:
+        """The belief after the first reading, in one program for priors with the covariance of the first one."""
         if self._compiles(rng) and self._regular and prior.cov.ndim == 2:
             if self._prior_cov is None:  # a constant of the program: other priors take two programs
                 self._prior_cov, self._prior_root = prior.cov, shared_root(prior.cov)
             if prior.cov is self._prior_cov or np.array_equal(prior.cov, self._prior_cov):
                 belief = prior_belief(prior.mean, prior.cov, u)
-                if self._in_one_program(_BEGIN, belief, u):
-                    begun, doubtful = self._executed(_BEGIN, belief, u, y, available, rng=rng)
+                packed, layout = belief.pack()
+                if (program := self._program(_BEGIN, belief, layout, u)) is not None:
+                    begun, doubtful = self._executed(program, belief, packed, u, y, available, rng=rng)
                     if not doubtful.any():
                         return begun
-        return super()._begin(prior, u, y, available, rng)
+        return super().begin(prior, u, y, available, rng)
 
     def _predict(self, belief: EnsembleBelief, u: np.ndarray | None, rng: Rng) -> EnsembleBelief:
         model, batch = self.model, belief.mean.shape[:-1]
@@ -162,7 +164,7 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
         complete, none = not is_traced(mask) and bool(mask.all()), self._no_columns
         innovation, R = difference(y, mean, self.model.measurement_angles), whole
         if not complete:
-            innovation, R = np.where(mask, innovation, 0.0), neutralised(whole, mask)
+            innovation, R = np.where(mask, innovation, 0.0), masked(whole, mask)
         return Reading(innovation, none, none, R, mask, complete, anomalies.mT, whole)
 
     def _condensed(
@@ -182,7 +184,7 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief]):
         return members, belief.mean, Y, reading.innovation, reading.available, reading.R
 
 
-class EnsembleKalmanFilter(EnsembleFilter):
+class EnsembleKalmanFilter(EnsembleFilter, verified=True):
     """EnKF: every member is corrected by its own perturbed reading.
 
     ``x_i = x_i- + K (y + v_i - h(x_i-))`` with ``v_i ~ N(0, R)`` centred to zero mean, and the gain with R exact::
@@ -225,7 +227,7 @@ class EnsembleKalmanFilter(EnsembleFilter):
         return EnsembleBelief.updated(belief, mean, covariance(members, mean), reading, S, ensemble=members.mT)
 
 
-class EnsembleTransformFilter(EnsembleFilter):
+class EnsembleTransformFilter(EnsembleFilter, verified=True):
     """ETKF: the members are transformed so that their covariance is the Kalman filter's, without random numbers.
 
     ``A <- T A`` with the symmetric, mean-preserving ``T = (I + Y R^-1 Y' / (N - 1))^-1/2``, computed as a reduced gain
@@ -299,7 +301,7 @@ class EnsembleTransformFilter(EnsembleFilter):
         return local_analysis(moments, self._groups, **options)
 
 
-class EnsembleSquareRootFilter(EnsembleTransformFilter):
+class EnsembleSquareRootFilter(EnsembleTransformFilter, verified=True):
     """EnKF-SR: Evensen's square-root filter, by default in its symmetric, mean-preserving form.
 
     With ``C = Y' Y + (N - 1) R = Z L Z'`` and the singular value decomposition ``L^-1/2 Z' Y' = U s V'``, the anomalies
@@ -346,7 +348,7 @@ class EnsembleSquareRootFilter(EnsembleTransformFilter):
         return members.mean(-1), members, S
 
 
-class LocalEnsembleTransformFilter(EnsembleTransformFilter):
+class LocalEnsembleTransformFilter(EnsembleTransformFilter, verified=True):
     """LETKF: each component is transformed by the readings near it, which count the less the farther they are.
 
     The transform of `etkf` for every group of components with equal rows of ``localisation``, with R divided by their

@@ -13,7 +13,7 @@ from estimators.models import Gaussian, ManifoldGaussian
 from estimators.reading import Reading
 
 
-class ErrorStateKalmanFilter(GaussianFilter[Belief]):
+class ErrorStateKalmanFilter(GaussianFilter[Belief], verified=True):
     """An `ekf` of the error of a state: the mean is a state ``(..., nx)``, the covariance ``(..., n, n)`` its error's.
 
     The model's ``difference`` and ``sum`` say what an error is (`NonlinearModel`); a prior is a `ManifoldGaussian`.

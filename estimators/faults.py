@@ -28,7 +28,7 @@ from scipy.special import gammainccinv, ndtr, ndtri
 from estimators.belief import Belief, Recovery
 from estimators.checks import number, shown, whole
 from estimators.delayed import DelayedBelief
-from estimators.linalg import identity, neutralised, solve
+from estimators.linalg import identity, masked, solve
 
 Sensors = int | Mapping[str, int | Sequence[int]]
 """How many channels there are, each a sensor by itself; or by name those of each sensor."""
@@ -168,7 +168,7 @@ class FaultMonitor(ABC):
 
     def _watched(self, state: Watch, e: np.ndarray, S: np.ndarray, arrived: np.ndarray) -> Watch:
         with np.errstate(all="ignore"):
-            precision = solve(neutralised(S, arrived), identity(e.shape[-1]))
+            precision = solve(masked(S, arrived), identity(e.shape[-1]))
             most = _ABSURD * np.sqrt(np.diagonal(S, axis1=-2, axis2=-1))
             e = np.clip(e, -most, most)
             w = np.where(arrived, np.matvec(precision, e), 0.0)

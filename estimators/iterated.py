@@ -11,7 +11,7 @@ from estimators.models import LinearModel
 from estimators.reading import Reading
 
 
-class IteratedExtendedKalmanFilter(GaussianFilter[Belief]):
+class IteratedExtendedKalmanFilter(GaussianFilter[Belief], verified=True):
     """An `ekf` whose update is the most probable state, given the prediction as a Gaussian and the reading.
 
     That state minimises, with ``P = P-``::

@@ -15,7 +15,7 @@ from estimators.reading import Reading
 from estimators.varying import resolve
 
 
-class GaussianFilter(Filter[Record]):
+class GaussianFilter(Filter[Record], verified=True):
     """Base of filters whose belief is a mean and a covariance: a linearised model and the Kalman update.
 
     The model says how it is linearised (a matrix, a Jacobian at the mean), or a mix-in does (`SigmaPoints`). An unknown
@@ -80,7 +80,7 @@ def joseph_update(
     return mean + np.matvec(K, innovation), symmetrise(left + congruence(K, R)), S
 
 
-class ExtendedKalmanFilter(GaussianFilter[Belief]):
+class ExtendedKalmanFilter(GaussianFilter[Belief], verified=True):
     """Linearises the model at the mean; on a linear model it is the Kalman filter exactly.
 
     Jacobians that the model does not give are exact for functions that can be traced, and by central differences for
@@ -90,9 +90,10 @@ class ExtendedKalmanFilter(GaussianFilter[Belief]):
     """
 
     name = "ekf"
+    idle = True
 
 
-class KalmanFilter(GaussianFilter[Belief]):
+class KalmanFilter(GaussianFilter[Belief], verified=True):
     """The minimum-variance filter of a linear Gaussian model.
 
     An unknown input ``d`` in the model is ignored unless its covariance D is told. It is then white noise that acts on
@@ -117,6 +118,7 @@ class KalmanFilter(GaussianFilter[Belief]):
     """
 
     name = "kf"
+    idle = True
     likelihood = "exact"
     reversible = True
     model: LinearModel

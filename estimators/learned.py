@@ -117,7 +117,7 @@ class LearnedGainBelief(Belief):
     correction: np.ndarray
 
 
-class LearnedGainFilter(GaussianFilter[LearnedGainBelief]):
+class LearnedGainFilter(GaussianFilter[LearnedGainBelief], verified=True):
     """Predicted by the model, corrected with a gain that a recurrent network has learned: for a model known to be off.
 
     The network sees the innovation and the last correction. Of a missing reading it sees 0, and of none at all nothing,

@@ -28,7 +28,7 @@ def congruence(a: np.ndarray, p: np.ndarray) -> np.ndarray:
     return a @ p @ a.mT
 
 
-def neutralised(R: np.ndarray, kept: np.ndarray) -> np.ndarray:
+def masked(R: np.ndarray, kept: np.ndarray) -> np.ndarray:
     """R ``(..., p, p)`` with a unit, uncorrelated variance where the mask ``kept (..., p)`` is False."""
     return np.where(kept[..., None] & kept[..., None, :], R, identity(R.shape[-1]))
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimators.checks import as_array, frozen, shown, whole
 from estimators.engine.matrices import is_traced
-from estimators.linalg import neutralised
+from estimators.linalg import masked
 from estimators.varying import Schedule, StateNoise
 
 
@@ -52,8 +52,8 @@ def usable(R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     finite = np.isfinite(R.diagonal(0, -2, -1))
     if is_traced(R):
-        return neutralised(R, finite), finite
-    return (R, finite) if finite.all() else (neutralised(R, finite), finite)
+        return masked(R, finite), finite
+    return (R, finite) if finite.all() else (masked(R, finite), finite)
 
 
 def check_matrices(model: Any, shapes: dict[str, str], of_state: str = "", **options: tuple[str, int | None]) -> None:

@@ -67,7 +67,7 @@ class _Seen(NamedTuple):
     S: np.ndarray
 
 
-class MovingHorizonEstimator(Filter[HorizonBelief]):
+class MovingHorizonEstimator(Filter[HorizonBelief], verified=True):
     """MHE: at each reading, the most probable course of the states over the last ``horizon`` times.
 
     It minimises, over the states of the window, which starts at time s::
@@ -123,12 +123,13 @@ class MovingHorizonEstimator(Filter[HorizonBelief]):
         window = self._grown(belief, mean, True, u)
         return HorizonBelief.predicted(belief, mean, cov, u, **window)
 
-    def _corrected(
+    def correct(
         self, belief: HorizonBelief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None, rng: Rng
     ) -> HorizonBelief:
+        """The belief after a reading, fitted to the whole window."""
         with np.errstate(all="ignore"):
             belief = self._fitted(self._read(belief, y, available, R))
-        return super()._corrected(belief, y, available, R, rng)
+        return super().correct(belief, y, available, R, rng)
 
     def _reading(
         self, belief: HorizonBelief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None
@@ -156,7 +157,7 @@ class MovingHorizonEstimator(Filter[HorizonBelief]):
         prior = prior[0][lost], prior[1][lost]
         available, R = (None if a is None else a[lost] for a in (available, R))
         fresh = self._init(Belief(*prior, *prior, np.zeros(prior[0].shape[:-1], np.int8), u), rng)
-        fresh = self._corrected(fresh, y[lost], available, R, rng)
+        fresh = self.correct(fresh, y[lost], available, R, rng)
         return result.with_rows(lost, fresh.replace(recovery=np.full(fresh.recovery.shape, Recovery.PRIOR, np.int8)))
 
     # --- the window -------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from estimators.angles import difference
 from estimators.belief import Belief
 from estimators.checks import as_array, frozen, shown, with_points
 from estimators.filter import Filter, Rng
-from estimators.linalg import identity, lacks_rank, log_density, neutralised
+from estimators.linalg import identity, lacks_rank, log_density, masked
 from estimators.reading import Reading
 
 
@@ -36,7 +36,7 @@ class MixtureBelief(Belief):
         return Belief.replace(self, **(self._moved("means", changes) | changes))
 
 
-class InteractingMultipleModels(Filter[MixtureBelief]):
+class InteractingMultipleModels(Filter[MixtureBelief], verified=True):
     """IMM: a filter for each mode of a system that switches between them as a Markov chain.
 
     Before each prediction every filter begins from the mixture of all, as the chain could have come to its mode. With
@@ -113,18 +113,19 @@ class InteractingMultipleModels(Filter[MixtureBelief]):
         modes = []
         for j, filter in enumerate(self.filters):
             mean, cov = matched(shares[..., j], belief.means, belief.covs, self.model.state_angles)
-            modes.append(filter._predicted(self._mode(belief, mean, cov), u, rng))
+            modes.append(filter.forecast(self._mode(belief, mean, cov), u, rng))
         total = ahead.sum(-1, keepdims=True)
         ahead = np.where(total > 0.0, ahead / np.where(total > 0.0, total, 1.0), belief.probabilities)
         return self._together(belief.replace(u=u), modes, ahead)
 
-    def _corrected(
+    def correct(
         self, belief: MixtureBelief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None, rng: Rng
     ) -> MixtureBelief:
+        """The belief after a reading, of which every mode has its own innovation."""
         modes = []
         for j, filter in enumerate(self.filters):
             mode = self._mode(belief, belief.means[..., j, :], belief.covs[..., j, :, :])
-            modes.append(filter._corrected(mode, y, available, R, rng))
+            modes.append(filter.correct(mode, y, available, R, rng))
         used = np.stack([mode.available for mode in modes], -2)  # (..., M, p)
         innovations = np.stack([mode.innovation for mode in modes], -2)
         spreads = np.stack([mode.innovation_cov for mode in modes], -3)
@@ -146,7 +147,7 @@ class InteractingMultipleModels(Filter[MixtureBelief]):
             innovation, S = matched(before, innovations, spreads, self.model.measurement_angles)
             return self._together(
                 belief, modes, probabilities, recovery=np.min([mode.recovery for mode in modes], 0),
-                innovation=innovation, innovation_cov=neutralised(S, seen), available=seen, log_likelihood=likelihood,
+                innovation=innovation, innovation_cov=masked(S, seen), available=seen, log_likelihood=likelihood,
             )  # fmt: skip
 
     def _update(self, belief: MixtureBelief, reading: Reading, rng: Rng) -> MixtureBelief:

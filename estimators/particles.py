@@ -53,7 +53,7 @@ class ParticleBelief(Belief):
         return 1.0 / np.square(np.exp(self.log_weights)).sum(-1)
 
 
-class ParticleFilter(DrawingFilter[ParticleBelief]):
+class ParticleFilter(DrawingFilter[ParticleBelief], verified=True):
     """The bootstrap filter: predicted by sampling, weighed by the density of the reading, resampled when few count.
 
     ``x_i ~ p(x | x_i-)``, ``w_i ~ w_i- N(y; h(x_i), R)``, and where ``1 / sum w_i^2`` falls below a share of N, the

@@ -1,10 +1,10 @@
-"""What a filter's update is handed: a measurement prepared for it."""
+"""A measurement prepared for a filter's update."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from estimators.linalg import congruence, neutralised
+from estimators.linalg import congruence, masked
 
 
 class Reading(NamedTuple):
@@ -31,7 +31,7 @@ class Reading(NamedTuple):
             innovation=np.where(kept, self.innovation, 0.0),
             C=np.where(rows, self.C, 0.0) if self.C.size else self.C,
             H=np.where(rows, self.H, 0.0) if self.H.size else self.H,
-            R=neutralised(self.R, kept),
+            R=masked(self.R, kept),
             available=kept,
             complete=False,
             anomalies=None if self.anomalies is None else np.where(kept[..., None, :], self.anomalies, 0.0),
@@ -48,7 +48,7 @@ class Reading(NamedTuple):
     def mixed(self, T: np.ndarray, spread: np.ndarray | None = None) -> "Reading":
         """The reading ``T y``, ``T (..., p, p)``; where T has a row of zeros a channel is missing."""
         kept = np.asarray(T.any(-1))
-        R = neutralised(congruence(T, self.R), kept)
+        R = masked(congruence(T, self.R), kept)
         return self._replace(
             innovation=np.matvec(T, self.innovation),
             C=T @ self.C,

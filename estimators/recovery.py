@@ -1,20 +1,23 @@
-"""What becomes of an update that is not finite, or no covariance: the mildest remedy that gives a belief."""
+"""From an update that is not finite, or no covariance, to the mildest remedy that gives a belief."""
 
+import math
 from typing import Any
 
 import numpy as np
 
-from estimators.belief import Belief, EnsembleBelief, FeedthroughBelief, InputBelief, Record, Recovery
+from estimators.belief import Belief, EnsembleBelief, FeedthroughBelief, InputBelief, Record, Recovery, finite_rows
 from estimators.linalg import (
     SINGULAR,
+    congruence,
     equilibrated,
     identity,
     lacks_rank,
-    neutralised,
+    masked,
     semidefinite,
     semidefinite_cholesky,
     symmetrise,
 )
+from estimators.randomness import Numbers
 from estimators.reading import Reading
 
 
@@ -22,41 +25,52 @@ def recovered(
     filter: Any, belief: Record, updated: Record, reading: Reading, y: np.ndarray, rng: Any,
     available: np.ndarray | None, R: np.ndarray | None,
 ) -> Record:  # fmt: skip
-    """The update with every lost row replaced by the first rung of the ladder that holds."""
-    settled = semidefinite(belief.cov)
-    uneven = (settled != belief.cov).any((-2, -1)) & finite_rows(belief)
+    """The update with every lost row replaced by the mildest remedy that holds.
+
+    Args:
+        filter: With `_update`, `_init`, `_reading` and `_condensed`.
+        belief: The prediction.
+        updated: The usual update of it.
+        reading: Of that update,
+        y: and what it was made of.
+        rng: Random numbers of the update.
+        available: Mask of ``y``.
+        R: Covariance of ``y``, or None.
+    """
+    even = semidefinite(belief.cov)
+    uneven = (even != belief.cov).any((-2, -1)) & finite_rows(belief)
     if uneven.any():  # a prediction that is a covariance but for rounding is not given up for that
-        belief = Belief.replace(belief, cov=settled)
-        again = filter._attempted(belief, reading, rng)
+        belief = Belief.replace(belief, cov=even)
+        again = attempt(filter, belief, reading, rng)
         updated = updated.with_rows(uneven, again[uneven])
     lost, predicted = lost_rows(updated, belief, reading.R), ~lost_rows(belief, belief)
-    result = _climbed(filter, belief, updated, updated, reading, lost & predicted, rng)
+    result = _mildest(filter, belief, updated, updated, reading, lost & predicted, rng)
     lost = lost & ~predicted
     if lost.any():
         prior = belief.prior_mean, belief.prior_cov
         u = None if belief.u is None else np.nan_to_num(belief.u)
         begun = filter._init(Belief(*prior, *prior, np.zeros(lost.shape, np.int8), u), rng)
         reading = filter._reading(begun, y, available, R)
-        fresh = filter._attempted(begun, reading, rng)
+        fresh = attempt(filter, begun, reading, rng)
         cured = lost & ~lost_rows(fresh, begun, reading.R)
         result = result.with_rows(cured, fresh[cured])
-        result = _climbed(filter, begun, result, fresh, reading, lost & ~cured, rng)
+        result = _mildest(filter, begun, result, fresh, reading, lost & ~cured, rng)
         result = result.replace(recovery=np.where(lost, Recovery.PRIOR, result.recovery).astype(np.int8))
     covs = {name: getattr(result, name, None) for name in COVARIANCES}
     return Belief.replace(result, **{name: semidefinite(cov) for name, cov in covs.items() if cov is not None})
 
 
-def _climbed(
+def _mildest(
     filter: Any, start: Record, result: Record, failed: Record, reading: Reading, lost: np.ndarray, rng: Any
 ) -> Record:
-    """The result with each lost row as the first rung below the prior gives it; ``start`` is finite there."""
+    """The result with each lost row as the mildest remedy but the prior gives it; ``start`` is finite there."""
     S = failed.innovation_cov
-    rungs = (
+    remedies = (
         (Recovery.PSEUDO_INVERSE, lambda: None if S is None else filter._condensed(start, reading, S, lost)),
         (Recovery.WITHOUT_CHANNEL, lambda: _without_offending(reading, S)),
         (Recovery.PREDICTION, lambda: (reading.only(np.zeros(reading.available.shape, bool)), lost)),
     )
-    for rung, milder in rungs:
+    for remedy, milder in remedies:
         if not lost.any():
             return result
         changed = milder()
@@ -65,16 +79,38 @@ def _climbed(
         milder_reading, tried = changed[0], lost & changed[1]
         if not tried.any():
             continue
-        again = filter._attempted(start, milder_reading, rng)
+        again = attempt(filter, start, milder_reading, rng)
         cured = tried & ~lost_rows(again, start)
-        if rung == Recovery.PSEUDO_INVERSE:  # in the channels as they are, not as they were mixed
+        if remedy == Recovery.PSEUDO_INVERSE:  # in the channels as they are, not as they were mixed
             again = again.replace(innovation=reading.innovation, innovation_cov=S, available=reading.available)
-        again = again.replace(recovery=np.full(lost.shape, rung, np.int8))
+        again = again.replace(recovery=np.full(lost.shape, remedy, np.int8))
         result, lost = result.with_rows(cured, again[cured]), lost & ~cured
     if lost.any():  # a filter that fails even without a reading keeps what it had
-        held = start.replace(recovery=np.full(lost.shape, Recovery.PREDICTION, np.int8))
-        result = result.with_rows(lost, held[lost])
+        kept = start.replace(recovery=np.full(lost.shape, Recovery.PREDICTION, np.int8))
+        result = result.with_rows(lost, kept[lost])
     return result
+
+
+def attempt(filter: Any, belief: Record, reading: Reading, rng: Any) -> Record:
+    """`_update`; the mean is NaN in rows where that of one's own stops at a singular matrix."""
+    try:
+        updated: Record = filter._update(belief, reading, rng)
+        return updated
+    except np.linalg.LinAlgError:
+        if filter.verified:
+            raise
+    batch, n = belief.mean.shape[:-1], belief.cov.shape[-1]
+    S = congruence(reading.C, belief.cov) + reading.R if reading.C.shape[-1] == n else None
+    failed = Belief.replace(
+        belief, mean=np.full(belief.mean.shape, np.nan), innovation=reading.innovation, innovation_cov=S,
+        available=reading.available,
+    )  # fmt: skip
+    if math.prod(batch) > 1:
+        for row in np.eye(math.prod(batch), dtype=bool):
+            row = row.reshape(batch)
+            own = rng[row] if isinstance(rng, Numbers) else rng
+            failed = failed.with_rows(row, attempt(filter, belief[row], reading.of_rows(row), own))
+    return failed
 
 
 def condensed(
@@ -181,25 +217,22 @@ def _without_offending(reading: Reading, S: np.ndarray | None) -> tuple[Reading,
         kept = kept & np.isfinite(reading.anomalies).all(-2)
     if S is not None:
         kept = kept & np.isfinite(np.diagonal(S, axis1=-2, axis2=-1))
-        _, scaled = equilibrated(neutralised(S, kept))
+        _, scaled = equilibrated(masked(S, kept))
         kept = kept & (np.diagonal(semidefinite_cholesky(scaled), axis1=-2, axis2=-1) > 1e-6)
     kept = kept & reading.available
     return reading.only(kept), (kept != reading.available).any(-1)
 
 
-def finite_rows(belief: Belief) -> np.ndarray:
-    """The rows ``(...)`` of which everything is finite."""
-    finite = np.isfinite(belief.mean).all(-1)
-    for name, axes in _CHECKED.items():
-        if (array := getattr(belief, name, None)) is not None:
-            finite = finite & np.isfinite(array).all(axes)
-    return finite
-
-
-_CHECKED: dict[str, int | tuple[int, int]] = {
-    **dict.fromkeys(("input_mean", "feedthrough_mean", "innovation"), -1),
-    **dict.fromkeys(("cov", "innovation_cov", "input_cov", "feedthrough_cov", "ensemble"), (-2, -1)),
-}
+def unsound_rows(filter: Any, belief: Belief, updated: Belief, rows: np.ndarray) -> np.ndarray:
+    """Those of some rows ``(...)`` in which an update is not finite, or a covariance has a negative eigenvalue."""
+    sound = finite_rows(updated)[rows]
+    with np.errstate(all="ignore"):
+        for cov in (belief.cov, *(getattr(updated, name, None) for name in COVARIANCES)):
+            if cov is not None:
+                sound &= filter._by_rows(positive_pivots, cov[rows])[..., 0] == cov.shape[-1]
+    unsound = np.array(rows)
+    unsound[rows] = ~sound
+    return unsound
 
 
 def positive_pivots(cov: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from estimators.linalg import joined, principal_root, semidefinite_cholesky, sol
 from estimators.reading import Reading
 
 
-class HuberKalmanFilter(GaussianFilter[Belief]):
+class HuberKalmanFilter(GaussianFilter[Belief], verified=True):
     """A Kalman filter whose update minimises Huber's loss instead of squares: for readings with outliers.
 
     The whitened residuals of the reading and of the prediction, ``zeta = [R^-1/2 (y - h(x)); (P-)^-1/2 (x- - x)]``
@@ -91,7 +91,7 @@ def _reweighted(cov: np.ndarray, root: np.ndarray, inflation: np.ndarray) -> np.
     return cov + (root * (inflation - 1.0)[..., None, :]) @ root.mT
 
 
-class RobustKalmanFilter(GaussianFilter[Belief]):
+class RobustKalmanFilter(GaussianFilter[Belief], verified=True):
     """Minimax filter for a model that is only known within a relative-entropy ball.
 
     At each step nature may replace the joint density of the next state and the reading by any other within

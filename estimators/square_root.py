@@ -32,7 +32,7 @@ class RootBelief(Belief):
         return Belief.replace(self, **changes)
 
 
-class SquareRootKalmanFilter(Filter[RootBelief]):
+class SquareRootKalmanFilter(Filter[RootBelief], verified=True):
     """A `kf`, or on a nonlinear model an `ekf`, of triangular roots: ``P = L L'``, ``Q = W W'``, ``R = V V'``.
 
     What is on the left is turned by an orthogonal matrix (a QR decomposition of its transpose) into what is on the

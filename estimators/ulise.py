@@ -14,7 +14,7 @@ from estimators.unknown_input import DelayedInputFilter, waiting
 from estimators.varying import resolve
 
 
-class ULISE(DelayedInputFilter[FeedthroughBelief]):
+class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
     """ULISE: state and unknown input together, whatever the rank of H.
 
     What H shows of d(k) is estimated at once and drives the next prediction, as in `kf-umv-ui`; the rest shows in the

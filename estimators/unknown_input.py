@@ -8,7 +8,7 @@ from estimators.belief import Belief, DelayedInputBelief, InputBelief
 from estimators.engine.matrices import is_traced
 from estimators.filter import Model, Rng
 from estimators.kalman import GaussianFilter, driven_on, input_covariance, joseph_update, unseen_input, with_input
-from estimators.linalg import congruence, identity, joined, neutralised, singular, solve, symmetrise
+from estimators.linalg import congruence, identity, joined, masked, singular, solve, symmetrise
 from estimators.models import LinearModel
 from estimators.reading import Reading
 
@@ -16,7 +16,7 @@ WithInput = TypeVar("WithInput", bound=InputBelief)
 Delayed = TypeVar("Delayed", bound=DelayedInputBelief)
 
 
-class UnknownInputFilter(GaussianFilter[WithInput]):
+class UnknownInputFilter(GaussianFilter[WithInput], verified=True):
     """Base of filters with and without feedthrough: the input's prior and its directions observable in a measurement.
 
     With ``input_prior = W W'`` and ``e = F d`` and noise of covariance S, the eigenvalues of ``W' F' S^-1 F W`` are the
@@ -109,7 +109,7 @@ class UnknownInputFilter(GaussianFilter[WithInput]):
             seen = precision @ F
             score = np.vecmat(e, seen)
             volume = congruence((self._root @ directions).mT, identity(q))
-            _, volume = np.linalg.slogdet(neutralised(volume, flat))
+            _, volume = np.linalg.slogdet(masked(volume, flat))
             density = density + 0.5 * (np.square(score) / size - np.log(size) + flat * np.log(2.0 * np.pi)).sum(-1)
             density, precision = density + 0.5 * volume, precision - (seen / size[..., None, :]) @ seen.mT
         return density
@@ -195,7 +195,7 @@ OBSERVABLE = 0.1
 """A direction of the input is observable where its prior has more than this share of the variance that is left."""
 
 
-class UMVFilter(UnknownInputFilter[InputBelief]):
+class UMVFilter(UnknownInputFilter[InputBelief], verified=True):
     """KF-UMV-UI: state and unknown input together, with direct feedthrough (rank H = q).
 
     The input of a step is estimated from the same step's reading (``input_delay`` 0)::
@@ -229,6 +229,7 @@ class UMVFilter(UnknownInputFilter[InputBelief]):
 
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
         super().__init__(model, input_prior)
+        self.idle = np.array_equal(self._root @ self._inverse_root, np.eye(model.q))  # else the prior is rounded
         if isinstance(model.H, np.ndarray):
             rank = int(np.linalg.matrix_rank(model.H).min())
             if rank < model.q:
@@ -239,7 +240,7 @@ class UMVFilter(UnknownInputFilter[InputBelief]):
                 )
 
 
-class DelayedInputFilter(UnknownInputFilter[Delayed]):
+class DelayedInputFilter(UnknownInputFilter[Delayed], verified=True):
     """Base of filters that estimate the unknown input one step late: d(k-1) at k."""
 
     record: type[Belief] = DelayedInputBelief
@@ -293,7 +294,7 @@ def waiting(belief: DelayedInputBelief) -> np.ndarray:
     return belief.pending[..., None, None]
 
 
-class NoFeedthroughFilter(DelayedInputFilter[DelayedInputBelief]):
+class NoFeedthroughFilter(DelayedInputFilter[DelayedInputBelief], verified=True):
     """Base of filters of models with H = 0: the unknown input acts on the state only.
 
     Each says how it linearises a nonlinear model.
@@ -320,7 +321,7 @@ class NoFeedthroughFilter(DelayedInputFilter[DelayedInputBelief]):
         return self._propagate(belief.mean, self._covariance(belief), u)
 
 
-class ExtendedUMVFilter(NoFeedthroughFilter):
+class ExtendedUMVFilter(NoFeedthroughFilter, verified=True):
     """EKF-UI-WDF: the unknown input acts on the state only, and shows in the next reading.
 
     With C the measurement's Jacobian at the prediction and ``G = df/dd`` at the estimate before it, step k
@@ -348,7 +349,7 @@ class ExtendedUMVFilter(NoFeedthroughFilter):
     name = "ekf-ui-wdf"
 
 
-class DelayedUMVFilter(NoFeedthroughFilter):
+class DelayedUMVFilter(NoFeedthroughFilter, verified=True):
     """KF-UMV-UI-WDF: unbiased and of minimum variance for a linear model without feedthrough (rank C G = q).
 
     The formulas of `ExtendedUMVFilter`, exact here, with ``x-+ = A x + B u``.

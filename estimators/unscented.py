@@ -15,7 +15,7 @@ from estimators.models import LinearModel, NonlinearModel, at_columns, at_points
 from estimators.unknown_input import NoFeedthroughFilter
 
 
-class SigmaPoints(Filter[Record]):
+class SigmaPoints(Filter[Record], verified=True):
     """Sigma points in place of the linearisation of `Filter`: a mix-in of the unscented filters.
 
     A function f of x ~ N(x^, P), ``P = L L'``, is evaluated at the 2 n + 1 points ``x^`` and ``x^ +- c L_i``,
@@ -131,7 +131,7 @@ class SigmaPoints(Filter[Record]):
         return mean, solve_upper(root.mT, slopes).mT, excess
 
 
-class UnscentedKalmanFilter(SigmaPoints[Belief], GaussianFilter[Belief]):
+class UnscentedKalmanFilter(SigmaPoints[Belief], GaussianFilter[Belief], verified=True):
     """UKF: a Kalman filter whose moments come from sigma points; on a linear model it is the Kalman filter exactly.
 
     Needs no Jacobian and keeps second-order terms: with the defaults the mean is right to third order for a Gaussian.
@@ -152,13 +152,14 @@ class UnscentedKalmanFilter(SigmaPoints[Belief], GaussianFilter[Belief]):
     """
 
     name = "ukf"
+    idle = True
 
     def __init__(self, model: Model, alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0) -> None:
         super().__init__(model)
         self._set_points(alpha, beta, kappa)
 
 
-class UnscentedUMVFilter(SigmaPoints[DelayedInputBelief], NoFeedthroughFilter):
+class UnscentedUMVFilter(SigmaPoints[DelayedInputBelief], NoFeedthroughFilter, verified=True):
     """UKF-UMV: `ekf-ui-wdf` with sigma points in place of Jacobians; the input shows one step late.
 
     With ``C = Pxy' (P-)^-1``, ``K = Pxy Pyy^-1`` and R replaced by ``Pyy - C P- C'``, where Pyy holds R::

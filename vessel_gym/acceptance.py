@@ -151,7 +151,7 @@ def check_own(filter: Filter, composition: Composition) -> None:
     Raises:
         ValueError: saying what is wrong, see `estimators.check.check_steps`.
     """
-    if filter._ours:
+    if filter.verified:
         return
     base, u = nominal_flight(composition.vehicle, composition.names[: composition.base])
     mean = np.zeros(composition.model.n)

@@ -47,12 +47,11 @@ def estimator_names() -> tuple[str, ...]:
     return factory.names() + ENVIRONMENT_ONLY
 
 
-class Oracle(Filter[InputBelief]):
+class Oracle(Filter[InputBelief], verified=True):
     """The declared exception: it is handed the true state and unknown input as its reading."""
 
     name = "truth"
     record = InputBelief
-    _ours = True
 
     def __init__(self, n: int, q: int) -> None:
         eye = np.eye(n + q)
@@ -76,11 +75,10 @@ class Oracle(Filter[InputBelief]):
         )  # fmt: skip
 
 
-class DeadReckoning(GaussianFilter):
+class DeadReckoning(GaussianFilter, verified=True):
     """The model alone: readings are not used."""
 
     name = "dead-reckoning"
-    _ours = True
 
     def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
         return belief
@@ -97,7 +95,7 @@ class HeldReadings(InputBelief):
     age: np.ndarray  # steps since the last reading
 
 
-class HeldMeasurement(Filter[HeldReadings]):
+class HeldMeasurement(Filter[HeldReadings], verified=True):
     """The last reading of every channel, held until the next; no model at all.
 
     States follow from what the sensors give (`vessel_gym.sensors.Sensor`); rates that none gives are differenced from
@@ -106,7 +104,6 @@ class HeldMeasurement(Filter[HeldReadings]):
 
     name = "measurement"
     record = HeldReadings
-    _ours = True
 
     def __init__(self, composition: Composition, inputs: tuple[str, ...]) -> None:
         super().__init__(composition.model)
@@ -255,8 +252,9 @@ class Estimation:
 
     @cached_property
     def direct(self) -> bool:
-        """Does the filter need no checks of its results?"""
-        return self.filter._ours and not self.fuses
+        """Are checks of arguments needless? A filter that overrides a checked method has it called."""
+        names = "init", "predict", "update"
+        return self.fuses or all(getattr(type(self.filter), name) is getattr(Filter, name) for name in names)
 
 
 @shared
@@ -323,7 +321,7 @@ def build(
         if model is not straight:  # its input of a step is that of the next one, or of the one before
             made.input_delay = 0 if composition.late else 1
     check_input(made, composition)
-    made._threads, watch = num_threads, monitor_of(monitor, sensors, made)
+    made.num_threads, watch = num_threads, monitor_of(monitor, sensors, made)
     return Estimation(made, composition, told.prior, inputs, late, watch, sensors.horizon)
 
 

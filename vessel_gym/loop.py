@@ -94,11 +94,11 @@ class Loop:
         if filter.random:
             rng = self._filtering if rows is None else self._filtering[rows]
         prior = prior if estimation.prior == 1.0 else Gaussian(prior.mean, estimation.prior * prior.cov)
+        y, available = self._told(readings)
         if estimation.direct:
-            y, available = self._told(readings)
-            belief = filter._begin(prior, u, y, available, rng)
+            belief = estimation.delayed.begin(prior, u, y, available, rng)
         else:
-            belief = self._update(estimation.delayed.init(prior, rng=rng), readings, rng, u)
+            belief = filter.update(filter.init(prior, rng=rng), y.copy(), rng=rng, available=available, u=u)
         if rows is None:
             self.belief = belief
         else:
@@ -113,10 +113,12 @@ class Loop:
         estimation = self.estimation
         filter = estimation.filter
         rng = self._filtering.at(steps.copy()) if filter.random else None  # some count on in place
+        y, available = self._told(readings)
         if estimation.direct:
-            self.belief = filter._advance(self.belief, u, *self._told(readings), rng)
+            self.belief = estimation.delayed.advance(self.belief, u, y, available, rng)
         else:
-            self.belief = self._update(estimation.delayed.predict(self.belief, u, rng=rng), readings, rng)
+            predicted = filter.predict(self.belief, u, rng=rng)
+            self.belief = filter.update(predicted, y.copy(), rng=rng, available=available)
         if estimation.monitor is not None:
             self.watch = self._watched(self.watch, self.belief)
 
@@ -151,12 +153,6 @@ class Loop:
         self._refused[rows] += self._neglected(come[1])
         return come
 
-    def _update(self, belief: Belief, readings: Readings, rng: Numbers | None, u: np.ndarray | None = None) -> Belief:
-        (y, available), estimation = self._told(readings), self.estimation
-        if not estimation.filter._ours:  # somebody else's may write into what it is given; ours do not
-            y, available = y.copy(), None if available is None else available.copy()
-        return estimation.delayed.update(belief, y, rng=rng, available=available, u=u)
-
     def _watched(self, watch: Watch, belief: Any) -> Watch:
         """What the monitor says after an update of all rows of ``watch``.
 
@@ -168,8 +164,8 @@ class Loop:
         assert monitor is not None
         if not estimation.fuses:
             return monitor.watch(watch, belief)
-        rows, settled = estimation.delayed.settled(belief)
-        return watch if settled is None else watch.with_rows(rows, monitor.watch(watch[rows], settled))
+        rows, estimate = estimation.delayed.fixed_lag(belief)
+        return watch if estimate is None else watch.with_rows(rows, monitor.watch(watch[rows], estimate))
 
     def _told(self, readings: Readings) -> tuple[np.ndarray, np.ndarray | None]:
         """Readings and mask, as filters take them."""

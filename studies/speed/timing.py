@@ -332,7 +332,7 @@ class Clock:
         """Fly a block, and keep its parts' shares."""
         core, self.spent = self.core, dict.fromkeys(self.PARTS, 0.0)
         timed: dict[str, list[tuple[Any, str]]] = {
-            "world": [(Core, "_moved")], "filter": [(type(core.filter), "_advance")], "task": [(Core, "_scored")],
+            "world": [(Core, "_moved")], "filter": [(type(core.filter), "advance")], "task": [(Core, "_scored")],
             "observation": [(Core, "observe")], "info": [(Core, "happened"), (Core, "info")],
         }  # fmt: skip
         self.flight.prepare()

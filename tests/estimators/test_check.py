@@ -120,8 +120,6 @@ class Skew(Plain):
 
 
 class SureOfItsInput(UMVFilter):
-    _ours = False
-
     def _predict(self, belief: Any, u: Any, rng: Any) -> Any:
         moved = super()._predict(belief, u, rng)
         return moved.replace(input_cov=-1.0 - moved.input_cov)

@@ -25,7 +25,7 @@ from estimators.consistency import (
     simulate,
     whiteness_test,
 )
-from estimators.linalg import neutralised
+from estimators.linalg import masked
 from tests.estimators.cases import kalman_system, random_covariance, unknown_input_system
 
 MODEL = LinearModel([[1.0, 0.5], [0.0, 0.9]], [[1.0, 0.0]], np.diag([0.01, 0.1]), [[1.0]])
@@ -262,7 +262,7 @@ def test_whiteness_over_gaps_has_its_level_too(known: bool):
         rng = _rng(1000 + seed)
         available = rng.random((40, 15, 2)) < [0.5, 0.9]
         e = np.matvec(root, rng.normal(size=(40, 15, 2))) * available
-        p.append(whiteness_test(e, neutralised(claimed, available), available, lags=8).p_value)
+        p.append(whiteness_test(e, masked(claimed, available), available, lags=8).p_value)
     for level in (0.05, 0.5, 0.95):
         low, high = binom.ppf([0.0005, 0.9995], len(p), level)  # false alarm of 0.1 % at each of three levels
         assert low <= (np.array(p) < level).sum() <= high

@@ -5,7 +5,8 @@ import pytest
 from batch import least_squares
 from cases import CASES, Case, kalman_system, simulate
 
-from estimators import Belief, Delayed, Filter, Gaussian, LinearModel, Numbers, by_age, make, run
+from estimators import Belief, Delayed, Filter, Gaussian, LinearModel, NonlinearModel, Numbers, by_age, make, run
+from estimators.tracing import PREDICTIONS
 
 STEPS, ROWS, HORIZON = 24, 4, 5
 
@@ -159,6 +160,58 @@ def test_late_readings_may_bring_covariances_of_their_own():
     shuffled = run(Delayed(make("kf", model), 3), prior, ages, R=late_R)
     np.testing.assert_allclose(shuffled.mean[-1], ordered.mean[-1], rtol=0, atol=1e-12)
     np.testing.assert_allclose(shuffled.cov[-1], ordered.cov[-1], rtol=0, atol=1e-12)
+
+
+def test_a_known_input_of_the_readings_alone_is_theirs_when_their_step_is_repeated():
+    """``u`` of `update` is not that of the prediction; a reading of an earlier step must not mix them up."""
+    model = NonlinearModel(lambda x, u: x + u[..., :1], lambda x, u: x * u[..., :1], 0.1 * np.eye(1), np.eye(1))
+    rng = np.random.default_rng(0)
+    y, moved, seen = rng.normal(size=(6, 3, 1)), rng.normal(size=(6, 3, 1)), rng.uniform(0.5, 2.0, size=(6, 3, 1))
+    for name in ("ekf", "iekf"):
+        filter = make(name, model)
+        delayed = Delayed(filter, 2)
+        prior = Gaussian(np.ones((3, 1)), np.eye(1))
+        ordered, late = filter.init(prior), delayed.init(prior)
+        for k in range(6):
+            if k:
+                ordered, late = filter.predict(ordered, moved[k]), delayed.predict(late, moved[k])
+            ordered = filter.update(ordered, y[k], u=seen[k])
+            ages = np.full((3, 3, 1), np.nan)
+            ages[:, 0] = y[k] if k != 3 else np.nan
+            ages[:, 2] = y[3] if k == 5 else np.nan
+            late = delayed.update(late, ages, u=seen[k])
+        np.testing.assert_allclose(late.mean, ordered.mean, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(late.cov, ordered.cov, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "kf-umv-ui"])
+def test_steps_without_readings_are_repeated_as_predictions_to_the_last_bit(name: str):
+    """All readings come late by as much: one that comes finds none in the steps after it."""
+    case = next(case for case in CASES if case.id == name)
+    system = case.system(0)
+    filter, record = case.make(system.model), simulate(system, 1, ROWS, 12)
+    delayed, ages = Delayed(filter, 4), by_age(record.y, np.full(record.y.shape, 4))
+    late = delayed.init(system.rows(ROWS))
+    for k in range(12):
+        if k:
+            late = delayed.predict(late, record.u[k - 1])
+        late = delayed.update(late, ages[k])
+        belief = filter.init(system.rows(ROWS))
+        for i in range(k + 1):
+            belief = filter.predict(belief, record.u[i - 1]) if i else belief
+            belief = filter.update(belief, np.where(i + 4 <= k, record.y[i], np.nan))
+        for field in ("mean", "cov", "input_mean", "input_cov", "innovation", "innovation_cov", "available"):
+            np.testing.assert_array_equal(getattr(late, field), getattr(belief, field))
+    assert any(methods == PREDICTIONS for methods, *_ in filter._programs)
+
+
+def test_a_row_without_an_axis_of_a_batch_may_be_late():
+    model, _ = _walk()
+    filter, y = make("kf", model), np.random.default_rng(0).normal(size=(5, 2))
+    late = run(Delayed(filter, 2), Gaussian(np.zeros(2), np.eye(2)), by_age(y, np.array([2, 1, 0, 1, 0])[:, None]))
+    ordered = run(filter, Gaussian(np.zeros(2), np.eye(2)), y)
+    np.testing.assert_allclose(late.mean[-1], ordered.mean[-1], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(late.cov[-1], ordered.cov[-1], rtol=0, atol=1e-12)
 
 
 def test_rows_can_be_taken_out_and_go_on_alone():

@@ -20,7 +20,7 @@ from estimators.angles import difference
 from estimators.engine import compiled
 from estimators.engine.matrices import columnwise
 from estimators.ensemble import PROCESS, READINGS
-from estimators.linalg import neutralised, semidefinite_cholesky
+from estimators.linalg import masked, semidefinite_cholesky
 from tests.estimators.cases import assert_same, random_covariance
 
 ROWS = 9
@@ -98,7 +98,7 @@ def _analysis(
     Y[:, 1] = _together(Y[:, 1])
     e = np.where(arrived, difference(y, Y.mean(0), model.measurement_angles), 0.0)
     A, Y = belief.ensemble - belief.mean, np.where(arrived, Y - Y.mean(0), 0.0)
-    whole, R = R, neutralised(R, arrived)
+    whole, R = R, masked(R, arrived)
     root = semidefinite_cholesky(whole if whole is model.R else R)
     S, mean = Y.T @ Y / (N - 1) + R, np.array(belief.mean)
     taper = np.ones((5, p)) if filter.localisation is None else filter.localisation
@@ -109,8 +109,8 @@ def _analysis(
     else:
         for i, row in enumerate(taper):
             used = (row > 0.0) & arrived
-            own, whitening = np.where(used, Y, 0.0), np.linalg.inv(np.linalg.cholesky(neutralised(S, used)))
-            m, U = np.linalg.eigh(whitening @ neutralised(R, used) @ whitening.T)
+            own, whitening = np.where(used, Y, 0.0), np.linalg.inv(np.linalg.cholesky(masked(S, used)))
+            m, U = np.linalg.eigh(whitening @ masked(R, used) @ whitening.T)
             W = whitening.T @ U
             cross = A[:, i] @ own / (N - 1) @ W
             mean[i] += cross @ W.T @ np.where(used, e, 0.0)
@@ -175,25 +175,25 @@ def test_missing_measurements_of_a_transform_are_as_if_there_were_none(members: 
     mean, Y = before.mean(-1), C @ (before - before.mean(-1, keepdims=True))
 
     def analysed(kept: np.ndarray, available: np.ndarray) -> tuple[np.ndarray, ...]:
-        own_R, missing = neutralised(R[np.ix_(kept, kept)], available), ~available
+        own_R, missing = masked(R[np.ix_(kept, kept)], available), ~available
         own_Y, own_e = np.where(missing[:, None], np.nan, Y[kept]), np.where(missing, 0.0, e[kept])
         return transform_analysis(
             before, mean, own_Y, own_e, available, own_R,
             inflation=1.1, certainty=certainty, regular=regular,
         )  # fmt: skip
 
-    masked, compact = analysed(np.arange(8), available), analysed(np.flatnonzero(available), np.ones(5, bool))
-    assert np.abs(masked[1] - before).max() > 0.1
-    for one, other in zip(masked[:2], compact[:2], strict=True):
+    apart, compact = analysed(np.arange(8), available), analysed(np.flatnonzero(available), np.ones(5, bool))
+    assert np.abs(apart[1] - before).max() > 0.1
+    for one, other in zip(apart[:2], compact[:2], strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(masked[2][np.ix_(available, available)], compact[2], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(apart[2][np.ix_(available, available)], compact[2], rtol=0, atol=1e-13)
 
 
 def test_members_of_a_perturbed_analysis_follow_no_number_of_a_missing_measurement():
     rng = np.random.default_rng(5)
     before, e, available = rng.normal(size=(4, 10)), rng.normal(size=3), np.array([True, False, True])
     mean, Y, normals, R = before.mean(-1), rng.normal(size=(3, 10)), rng.normal(size=(3, 10)), random_covariance(rng, 3)
-    R = neutralised(R, available)
+    R = masked(R, available)
     lacking = np.where(available, 1.0, np.nan)[:, None]
 
     def analysed(Y: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -214,7 +214,7 @@ def test_compiled_steps_are_those_of_numpy_and_the_same_bits_alone_and_together(
     after, root, normals = 0.9 * before, rng.normal(size=(n, n)), rng.normal(size=(rows, n, members))
     mean, Y = before.mean(-1), C @ (before - before.mean(-1, keepdims=True))
     available, R = rng.random((rows, p)) < 0.7, random_covariance(rng, p)
-    R, noise = neutralised(R, available), rng.normal(size=(rows, p, members))
+    R, noise = masked(R, available), rng.normal(size=(rows, p, members))
     moments = before, mean, Y, np.where(available, e, 0.0), available, R
     steps: list[tuple[Any, Any, dict[str, Any]]] = [
         (forecast, (before, after, np.broadcast_to(root, (rows, n, n)), normals), {"angles": (0,)}),
@@ -278,12 +278,12 @@ def test_rows_are_the_same_to_the_last_bit_alone_together_and_in_batches_of_any_
 ):
     def flown(rows: slice = slice(None), threads: int = 1) -> list[Belief]:
         filter = make(name, _wrapping(), members=20, **options)
-        filter._threads = threads
+        filter.num_threads = threads
         belief, numbers, y, available = _begun(filter, 0.5, rows)
         lost = np.where(np.arange(ROWS)[rows] == 3, np.nan, 1.0)[:, None, None]
         apart = filter.update(filter.predict(belief, rng=numbers), y, rng=numbers, available=available)
-        recovered = filter._advance(belief.replace(ensemble=lost * belief.ensemble), None, y, available, numbers)
-        assert_same(apart, filter._advance(belief, None, y, available, numbers))
+        recovered = filter.advance(belief.replace(ensemble=lost * belief.ensemble), None, y, available, numbers)
+        assert_same(apart, filter.advance(belief, None, y, available, numbers))
         return [apart, recovered]
 
     together = flown()
@@ -307,15 +307,14 @@ def test_an_episode_begins_with_the_bits_of_init_and_update_whatever_prior_came_
     y, available, numbers = rng.normal(size=(ROWS, 4)), rng.random((ROWS, 4)) < 0.7, Numbers.seeded(range(ROWS))
     expected = [filter.update(filter.init(prior, numbers), y, numbers, available) for prior in priors]
     programs: list[tuple[str, ...]] = []
-    executed = filter._executed
+    looked_up = filter._program
     monkeypatch.setattr(
-        type(filter), "_executed", lambda self, methods, *rest, **more: programs.append(methods)
-        or executed(methods, *rest, **more)
-    )  # fmt: skip
+        type(filter), "_program", lambda self, methods, *rest: programs.append(methods) or looked_up(methods, *rest)
+    )
     for prior, belief in zip(priors, expected, strict=True):
-        assert_same(filter._begin(prior, None, y, available, numbers), belief)
+        assert_same(filter.begin(prior, None, y, available, numbers), belief)
         alone = Gaussian(prior.mean[2:3], prior.cov)
-        assert_same(filter._begin(alone, None, y[2:3], available[2:3], numbers[2:3]), belief[2:3])
+        assert_same(filter.begin(alone, None, y[2:3], available[2:3], numbers[2:3]), belief[2:3])
     if filter._programs is not None:
         assert programs == [("_init", "_update")] * 2 + [("_update",)] * 2  # the second covariance is no constant
 

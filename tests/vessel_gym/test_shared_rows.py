@@ -114,7 +114,7 @@ def test_the_bits_are_the_same_in_every_mode(world: str, mode: AutoresetMode):
 def test_copies_and_pickles_go_on_with_their_threads(world: str):
     for again in (copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))):
         env = make(world, 2)
-        assert again(env).core.num_threads == again(env).core.filter._threads == 2
+        assert again(env).core.num_threads == again(env).core.filter.num_threads == 2
         assert_same(flown(env, 4, between=again), flown(make(world, 1), 4))
 
 

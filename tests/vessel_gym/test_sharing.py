@@ -75,8 +75,8 @@ def test_two_in_two_threads_fly_as_each_alone() -> None:
 
 def test_threads_are_those_of_each() -> None:
     one, two = (Core(ItsunusaAUVEnv.system, 40, num_threads=k) for k in (1, 2))
-    assert one.filter._threads == 1
-    assert two.filter._threads == 2
+    assert one.filter.num_threads == 1
+    assert two.filter.num_threads == 2
     assert one.config.world is two.config.world
     assert same(flown(one, 0), flown(two, 0))
 

@@ -53,7 +53,7 @@ FORMULAS: dict[str, Formula] = {
     "comparisons": lambda S, B, x, m: np.where(x > 0.1, x, -x) + np.where(x < -0.2, np.floor(x), np.log1p(x * x)),
     "sums of entries": lambda S, B, x, m: B.sum(-2).sum(-1) + B.sum(-1).sum(-1) * B.sum((-2, -1)) + x.sum(-1),
     "diagonal": lambda S, B, x, m: S.diagonal(0, -2, -1) - np.remainder(x, 0.7),
-    "neutralised": lambda S, B, x, m: np.where(m[..., None] & m[..., None, :], S, np.eye(3)),
+    "masked": lambda S, B, x, m: np.where(m[..., None] & m[..., None, :], S, np.eye(3)),
     "elementary functions": lambda S, B, x, m: np.sin(x) + np.cos(x) * np.exp(x) - np.arctan2(x, np.abs(x) + 1.0),
     "numbers beside matrices": lambda S, B, x, m: x * S[..., 0, 0][..., None] + np.exp(x[..., 1])[..., None],
     "solve": lambda S, B, x, m: solve(S, B),
