@@ -29,8 +29,10 @@ WATERS = _waters(1.0, SPACE)
 PLANE_WATERS = _waters(0.5, PLANE, velocities=("u", "w"), rates=("q",), names=("current",))
 
 
-def _tuning(name: str, told: Composition) -> dict[str, Any]:
-    # An ensemble of 100 is a little too sure of itself; 1 + 1/N mends that (docs/dives.md).
+def tuning(name: str, told: Composition) -> dict[str, Any]:
+    """Options of filters of a vehicle in space: an ensemble's, and the variance of the unknown input."""
+    # An ensemble of 100 is a little too sure of itself; 1 + 1/N mends that (docs/dives.md). Without localisation that
+    # of an aircraft is three times too sure of the position.
     if name in ("enkf", "enkf-sr", "etkf", "letkf"):
         return {"members": 100, "inflation": 1.01, "localisation": told.localisation}
     if name in OF_UNKNOWN_INPUTS and told.inputs:
@@ -56,11 +58,11 @@ def auv_system(vessel: str | Path, name: str = "vessel_gym/AUV-v0") -> System:
         share = body.cruise_speed / 1.5
         plane = VerticalDive(body, (60.0 * share, 0.0, 20.0 * share), (2.0 * share, 0.0, share), 5.0 * share, 600)
         linear = dict.fromkeys(("kf", "kf-umv-ui", "kf-umv-ui-wdf", "ulise"), "steady dives")
-        return System(name, Itsunusa(body), plane, PLANE_WATERS, "enkf-sr", "nonlinear", _tuning, linear)
+        return System(name, Itsunusa(body), plane, PLANE_WATERS, "enkf-sr", "nonlinear", tuning, linear)
     share = body.cruise_speed
     goal, spread = (10.0 * share, 18.0 * share, 6.0 * share), (share, share, 0.5 * share)
     space = SpatialDive(body, goal, spread, 2.5 * share, 500)
-    return System(name, Segorogeni(body), space, WATERS, "enkf", "nonlinear", _tuning)
+    return System(name, Segorogeni(body), space, WATERS, "enkf", "nonlinear", tuning)
 
 
 class AUVEnv(VesselEnv):

@@ -4,9 +4,10 @@ from pathlib import Path
 from typing import Any
 
 from vessel_gym.disturbances import Air
+from vessel_gym.envs.auv import tuning
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
-from vessel_gym.filter_models.build import OF_UNKNOWN_INPUTS, Composition
+from vessel_gym.filter_models.build import Composition
 from vessel_gym.system import System
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.vehicles.files import load
@@ -23,15 +24,10 @@ def airs(dt: float, airspeed: float) -> dict[str, Air]:
 
 
 def _tuning(name: str, told: Composition) -> dict[str, Any]:
-    # Without localisation an ensemble of 100 is three times too sure of the position; 1 + 1/N mends the rest.
-    if name in ("enkf", "enkf-sr", "etkf", "letkf"):
-        return {"members": 100, "inflation": 1.01, "localisation": told.localisation}
-    if name in OF_UNKNOWN_INPUTS and told.inputs:
-        return {"input_prior": told.forces.input_cov}
-    # No reading shows the GNSS's bias in plan: a filter that doubts its model at every step doubts it ever more.
+    # No measurement shows the GNSS's bias in plan: a filter that doubts its model at every step doubts it ever more.
     if name == "robust-kf":
         return {"radius": 1e-6}
-    return {}
+    return tuning(name, told)
 
 
 def fixed_wing_system(vessel: str | Path, name: str = "vessel_gym/FixedWing-v0") -> System:
