@@ -17,7 +17,7 @@ from vessel_gym.core import Core
 from vessel_gym.envs import VesselEnv, VesselVectorEnv
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensors import SUITES, Sensors, SensorSuite
-from vessel_gym.system import Estimate, System
+from vessel_gym.system import Estimate
 
 OURS = [key for key, spec in gym.registry.items() if str(spec.entry_point).startswith("vessel_gym.")]
 """Every environment that the package registers: a new one joins all tests of the contract by being registered."""
@@ -131,8 +131,8 @@ class AlteredVehicle:
 class AlteredCore(Core):
     """Environments in which all that is drawn at a reset is somewhere else: vehicle, disturbance and biases."""
 
-    def attach(self, system: System) -> None:
-        super().attach(system)
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
         world: Any = copy(self.config.world)  # which others share
         begin = world.begin
 
