@@ -252,7 +252,7 @@ def _result_kind(name: str, kinds: str) -> str:
     try:
         dtype = getattr(np, name)(*(np.ones(1, KINDS[kind]) for kind in kinds)).dtype
     except TypeError:  # there is no such function of masks
-        dtype = None
+        dtype = np.dtype(object)  # None is float64 to NumPy
     if dtype != KINDS[kind]:
         raise NotTraceable(f"np.{name} in a traced formula is of numbers: of a mask they are 1.0 * mask")
     return kind
