@@ -113,20 +113,20 @@ def run(
         first: How many readings there were before: keys and seeds go on with the numbers of this step.
 
     Raises:
-        TypeError, ValueError: if ``filter`` is none, a shape does not fit, times go back or the model has none.
+        TypeError: if ``filter`` is none.
+        ValueError: if a shape does not fit, times go back, or the model does not follow them.
     """
     if isinstance(filter, type) or not all(hasattr(filter, name) for name in ("init", "predict", "update")):
         raise TypeError(f"filter must be a filter, as estimators.make gives one, got {shown(filter)}")
     y, available, R = _measured(y, available, R)
     T, batch = len(y), y.shape[1:-2] if isinstance(filter, Delayed) else y.shape[1:-1]
-    if t is not None:
-        _check_timed(filter)
+    _check_timed(filter, t)
     prior, continued = _prior(prior, batch)
     after, at = _known_inputs(u, t, T + continued, batch, continued)
     rng = _numbers(rng, batch)
     if whole("first", first, 0) == 0 and continued and isinstance(rng, Numbers) and getattr(filter, "random", False):
         raise ValueError("first must be how many readings came before the belief: their random numbers are used up")
-    loop, belief, predicted, updated = cast(Any, filter), cast(Any, prior), [], []
+    loop, belief, predicted, updated = cast(Any, filter), prior, [], []
     for k in range(T):
         now = rng.at(first + k) if isinstance(rng, Numbers) else rng
         before = None if after is None else after[k + continued - 1]
@@ -158,10 +158,11 @@ def _measured(
     return y, available, R
 
 
-def _check_timed(filter: Any) -> None:
+def _check_timed(filter: Any, t: np.ndarray | None) -> None:
     """Refuse times for models that do not follow the length of a step."""
     models = [getattr(mode, "model", None) for mode in getattr(filter, "filters", (filter,))]
-    if all(isinstance(model, LinearModel) and not any(map(callable, vars(model).values())) for model in models):
+    constant = [isinstance(model, LinearModel) and not any(map(callable, vars(model).values())) for model in models]
+    if t is not None and all(constant):
         raise ValueError("this model is the same however long a step takes: make it with sampled, or leave out t")
 
 
