@@ -1,7 +1,7 @@
 """Matrices of a model that follow the known input or the state."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -67,6 +67,10 @@ class Schedule(Frozen):
         index = self._index(u)
         within = np.fmin(np.fmax(index, 0.0), len(self.table) - 1.0)  # the first entry where u is not a number
         return self.table.take(within.astype(np.intp), axis=0)
+
+    def changed(self, change: Callable[[np.ndarray], np.ndarray]) -> "Schedule":
+        """A function of this one, such as its double."""
+        return replace(self, table=change(self.table))
 
     def follows(self, other: "Schedule") -> bool:
         """Whether both tables have the same entry at every known input."""

@@ -156,7 +156,7 @@ def test_the_printed_covariance_prediction_lacks_a_sign_the_gain_and_s() -> None
     prior = np.diag([0.02, 3e-4, 2e-3])
     filter = make("kf-umv-ui", model)
     belief = filter.update(filter.init(Gaussian(np.zeros(3), prior)), np.array([0.1, 0.02]))
-    predicted = filter.predict(belief, np.zeros(2))
+    predicted = filter.predict(belief, np.zeros(3))
 
     weight, K = np.linalg.inv(R), prior @ C.T @ np.linalg.inv(R + C @ prior @ C.T)
     S = np.linalg.inv(H.T @ weight @ (np.eye(2) - C @ K) @ H)

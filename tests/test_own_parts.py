@@ -40,7 +40,6 @@ from vessel_gym.tasks import circle_track, turning_circle
 from vessel_gym.tasks.task import Task
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles import corvette, ship
-from vessel_gym.vehicles.corvette import Corvette
 
 
 @pytest.mark.parametrize("module", PAGES)
@@ -175,9 +174,9 @@ def test_numbers_of_ones_own_need_be_neither_doubles_nor_a_row_each() -> None:
     """What broadcasts in NumPy, or is float32, counts as its doubles for every row."""
     system = SigmaCorvetteEnv.system
 
-    class Narrow(TurningCircle):
+    class Narrow(circle_track.CircleTrack):
         def commanded(self, course: Any, step: Any) -> Any:
-            return np.array([[0.005]], np.float32)
+            return np.array([[0.005, 0.0]], np.float32)
 
         def reference(self, course: Any, step: Any, state: Any) -> Any:
             return super().reference(course, step, state).astype(np.float32)
@@ -186,14 +185,14 @@ def test_numbers_of_ones_own_need_be_neither_doubles_nor_a_row_each() -> None:
             _, end, tally = super().score(*args)
             return np.float32(0.25), end, tally
 
-    class Light(Corvette):
+    class Light(ship.Ship):
         def actuate(self, before: Any, action: Any) -> Any:
             return super().actuate(before, action).astype(np.float32)
 
         def known_input(self, before: Any, after: Any, commanded: Any) -> Any:
             return super().known_input(before, after, commanded).astype(np.float32)
 
-    task, vehicle = Narrow(system.vehicle.ship), Light()
+    task, vehicle = Narrow(system.vehicle.ship), Light(system.vehicle.ship)
     core = Core(replace(system, task=task, vehicle=vehicle), 4)
     core.start(0, None)
     for steps in range(1, 4):
@@ -202,8 +201,8 @@ def test_numbers_of_ones_own_need_be_neither_doubles_nor_a_row_each() -> None:
         np.testing.assert_array_equal(core.total, np.full(4, 0.25 * steps))
         assert core.actuators.dtype == core.reference.dtype == float
     assert np.isfinite(core.observe()).all()
-    one = Corvette().actuate(np.zeros((1, 1)), np.ones((1, 1)))
-    np.testing.assert_array_equal(Corvette().actuate(np.zeros((4, 1)), np.ones((1, 1))), one.repeat(4, 0))
+    one = system.vehicle.actuate(np.zeros((1, 1)), np.ones((1, 1)))
+    np.testing.assert_array_equal(system.vehicle.actuate(np.zeros((4, 1)), np.ones((1, 1))), one.repeat(4, 0))
 
 
 def test_numbers_that_a_filter_of_ones_own_keeps_stay_those_of_their_step() -> None:
@@ -498,13 +497,13 @@ MALFORMED = [
     ("vehicle", "known_input", lambda x: x * np.nan, "must give finite numbers"),
     ("vehicle", "drift", lambda x: x * 1j, "must give an array of real numbers"),
     ("task", "course", lambda x: None, "must give an array of real numbers, got None"),
-    ("task", "course", lambda x: x[:, :1], "must give a row of 2 numbers"),
+    ("task", "course", lambda x: x[:, :1], "must give a row of 3 numbers"),
     ("task", "course", lambda x: x * np.nan, "must give finite numbers"),
     ("task", "prior", lambda x: None, "must give a Gaussian, got None"),
     ("task", "sizes", lambda x: {}, "must give guided, got {}"),
     ("task", "reference", lambda x: None, "must give an array of real numbers, got None"),
-    ("task", "reference", lambda x: x[:, :1], "must give a row of 4 numbers"),
-    ("task", "reference", lambda x: x[:1], "must give a row of 4 numbers for each vehicle: for 3 "),
+    ("task", "reference", lambda x: x[:, :1], "must give a row of 5 numbers"),
+    ("task", "reference", lambda x: x[:1], "must give a row of 5 numbers for each vehicle: for 3 "),
     ("task", "reference", lambda x: x * 1j, "must give an array of real numbers"),
     ("task", "commanded", lambda x: x * np.nan, "must give finite numbers"),
     ("task", "observe", lambda x: x[:1], "must give a row of 7 numbers for each vehicle: for 3 "),
@@ -595,7 +594,7 @@ def test_a_disturbance_of_no_use_is_refused_in_a_sentence(member: str, value: An
             "process": Process.wandering((0.2, 0.2), 200.0, 0.5)}  # fmt: skip
     disturbance = type("Own", (Disturbance,), made | {member: value})()
     with pytest.raises(ValueError, match=f"^{re.escape(sentence)}"):
-        flown(THESIS, disturbance=disturbance)
+        flown(SigmaCorvetteEnv.system, disturbance=disturbance)
 
 
 # --- compiled as ours ---------------------------------------------------------------------------------

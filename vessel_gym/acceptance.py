@@ -59,11 +59,14 @@ def checked_task(task: Task, vehicle: Vehicle) -> Any:
     """
     if ours(task):
         return task
-    checked = CheckedMethods(task, prior=len(vehicle.estimated(vehicle.kinds[0])))
+    outside = len(vehicle.kicks + vehicle.flows)
+    checked = CheckedMethods(task, prior=len(vehicle.estimated(vehicle.kinds[0])), exogenous=outside)
     drawn = np.full((1, task.uniforms), 0.5)
     base = np.full((1, max(task.uniforms, getattr(_ours_among_bases(task), "uniforms", 0))), 0.5)
     course = _fix_columns(checked, "course", _columns_of_ours(task, "course", base, {}), "course", drawn, {})
     x, step = np.array(checked.prior(course).mean), np.zeros(1, int)
+    if hasattr(task, "exogenous"):
+        checked.exogenous(course, step)
     for name, what, arguments in (
         ("reference", "reference", (course, step, x)), ("commanded", "commanded", (course, step)),
         ("begin", "tally", (vehicle.start(x)[0], course)),

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from estimators import (
 from estimators.checks import number, shown
 from estimators.kalman import unseen_input
 from estimators.unknown_input import UnknownInputFilter
-from estimators.varying import StateNoise, resolve
+from estimators.varying import resolve
 from vessel_gym import checks
 from vessel_gym.acceptance import check_input, check_own
 from vessel_gym.disturbances import Disturbance
@@ -108,7 +108,7 @@ class HeldMeasurement(Filter[HeldReadings], verified=True):
     def __init__(self, composition: Composition, inputs: tuple[str, ...]) -> None:
         super().__init__(composition.model)
         vehicle, self._sensors = composition.vehicle, composition.sensors
-        self._names, self._inputs, self._dt = composition.names, inputs, vehicle.dt
+        self._names, self._inputs, self._dt, self._cruise = composition.names, inputs, vehicle.dt, vehicle.cruise[1]
         given = self._sensors.gives
         self._differenced = [
             (rate, of, given.index(of), of in vehicle.angles)
@@ -120,7 +120,7 @@ class HeldMeasurement(Filter[HeldReadings], verified=True):
     def _claimed(self) -> tuple[np.ndarray, np.ndarray]:
         """Variances ``(n,)`` and ``(q,)`` that the sensor noise alone gives what is derived from two readings."""
         eye, zero = np.eye(self.model.p), np.zeros((self.model.p, self.model.p))
-        interval, noise = np.full_like(zero, self._dt), np.diagonal(resolve(self.model.R, None))
+        interval, noise = np.full_like(zero, self._dt), np.diagonal(resolve(self.model.R, self._cruise))
         now, before = self._derived(eye, zero, interval), self._derived(zero, eye, interval)
         state, unknown = (noise @ (a**2 + b**2) for a, b in zip(now, before, strict=True))
         return state, unknown
@@ -425,8 +425,11 @@ def _composed(system: System, kind: object, told: Told, sensors: Sensors, distur
     if told.Q == told.R == 1.0:
         return composition
     model: Any = composition.model
-    R = model.R.changed(lambda noise: told.R * noise) if isinstance(model.R, StateNoise) else told.R * model.R
-    return replace(composition, model=replace(model, Q=told.Q * model.Q, R=R))
+    Q, R = (
+        noise.changed(partial(np.multiply, factor)) if callable(noise) else factor * noise
+        for factor, noise in ((told.Q, model.Q), (told.R, model.R))
+    )
+    return replace(composition, model=replace(model, Q=Q, R=R))
 
 
 def chosen_disturbance(system: System, choice: object) -> Disturbance:

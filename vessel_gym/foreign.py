@@ -48,11 +48,11 @@ _OBSERVED = ("observe", "observe_state", "observe_std", "observe_readings", "obs
 RETURNED: dict[str, tuple[str, ...]] = {
     "parameters": ("parameters",), "start": ("state", "actuators"), "actuate": ("actuators",), "step": ("state",),
     "known_input": ("known input",), "course": ("course",), "prior": ("prior",), "reference": ("reference",),
-    "commanded": ("commanded",), "over": ("over",), "begin": ("tally",), "score": ("reward", "end", "tally"),
-    "effect": ("effect",), **{name: (name,) for name in _OBSERVED},
+    "commanded": ("commanded",), "exogenous": ("exogenous",), "over": ("over",), "begin": ("tally",),
+    "score": ("reward", "end", "tally"), "effect": ("effect",), **{name: (name,) for name in _OBSERVED},
 }  # fmt: skip
 """Methods of vehicles, tasks and disturbances by name, and what each returns."""
-_SCALAR, _CONSTANT = ("reward", "end", "over"), ("parameters", "course", "commanded")
+_SCALAR, _CONSTANT = ("reward", "end", "over"), ("parameters", "course", "commanded", "exogenous")
 """Numbers of a row, or one for all; and arrays that may have a single row for all."""
 
 

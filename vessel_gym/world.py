@@ -80,8 +80,10 @@ class World:
         commanded = self.task.commanded(course, steps - 1) if commanding is None else reference[..., commanding]
         u = self.vehicle.known_input(actuators, after, commanded)
         moved = self.move(state, actuators, after, forcing, parameters, keys, steps, drifting, noise)
-        state, drifting, _, forcing = moved
-        stepped = after, u, *moved, *self.sense(state, forcing, drifting, steps, sensing)
+        state, drifting, noise, forcing = moved
+        forcing = self._with_task(forcing, course, steps)
+        sensed = self.sense(state, forcing, drifting, steps, sensing)
+        stepped = after, u, state, drifting, noise, forcing, *sensed
         if not self.users:
             return stepped
         finite = (np.isfinite(each).all(-1) for each in (after, u, state, forcing))
@@ -137,6 +139,7 @@ class World:
         noise = np.zeros((*drifting.shape[:-1], len(self.root)))
         advanced = self._advanced(keys[..., :count, :], steps, drifting, noise, first=True)
         drifting, noise, forcing = self._with_effect(advanced, state, actuators)
+        forcing = self._with_task(forcing, course, steps)
         u = self.vehicle.known_input(actuators, actuators, self.task.commanded(course, steps))
         read = self.sense(state, forcing, drifting, steps, keys[..., count:, :])
         return actuators, u, state, drifting, noise, forcing, *read, self.task.begin(state, course)
@@ -161,6 +164,13 @@ class World:
         """States of disturbance and biases, noise, and what of the exogenous input is linear in both."""
         transition = np.eye(len(self.transition)) if first else self.transition
         return advance(keys, steps, drifting, noise, self.parts, self.root, transition, self.forces.gains)
+
+    def _with_task(self, forcing: np.ndarray, course: np.ndarray, steps: np.ndarray) -> np.ndarray:
+        """The exogenous input with what the task prescribes."""
+        if not hasattr(self.task, "exogenous"):
+            return forcing
+        added, outside = self.task.exogenous(course, steps), self.forces.outside
+        return np.concatenate([forcing[..., :outside] + added, forcing[..., outside:]], -1)
 
     def _with_effect(
         self, advanced: tuple[np.ndarray, np.ndarray, np.ndarray], state: np.ndarray, actuators: np.ndarray

@@ -8,55 +8,48 @@ from typing import Any
 import numpy as np
 
 from estimators import Gaussian, LinearModel, NonlinearModel, Numbers, make
-from vessel_gym.envs.thesis_corvette import SEAS
-from vessel_gym.tasks.turning_circle import TurningCircle
-from vessel_gym.vehicles.corvette import Corvette, secant_models, steady_turns
+from vessel_gym.envs.thesis_corvette import THESIS_CORVETTE
+from vessel_gym.tasks.turning_trial import SWITCH
+from vessel_gym.vehicles.corvette import secant_models, steady_turns
 from vessel_gym.vehicles.corvette_equations import COEFFICIENTS
 
 
 class HandWrittenLoop:
     """ThesisCorvette-v0 as a user would write it: plain NumPy, filterpy's KalmanFilter, one environment.
 
-    The same ship, integration step, sea, sensors, filter model, observation and reward as the
+    The same ship, integration step, unknown input, sensors, filter model, observation and reward as the
     package's, in a Python loop, but for roll, on which nothing of these depends. A test holds it against the package
     step by step.
 
     Args:
         seed: Of its own random numbers.
-        disturbance: Name of the sea.
     """
 
-    def __init__(self, seed: int, disturbance: str = "moderate") -> None:
+    def __init__(self, seed: int) -> None:
         from filterpy.kalman import KalmanFilter
 
         self.rng = np.random.default_rng(seed)
-        self.vehicle, self.sea = Corvette(), SEAS[disturbance]
-        self.task = TurningCircle(self.vehicle.ship)
-        self.ship = self.vehicle.ship
+        self.vehicle: Any = THESIS_CORVETTE.vehicle
+        self.task: Any = THESIS_CORVETTE.task
+        self.ship = self.task.ship
         self.dt, self.reading_sd = (
             self.vehicle.dt,
             np.array([sd for sensor in self.vehicle.sensors for sd in sensor.sd]),
         )
         self.c = dict(zip(COEFFICIENTS, self.ship.vector(), strict=True))
-        self.sea_A, self.sea_L = self.sea.process.transition, self.sea.process.root
         self.A_table, self.B_table = secant_models(self.ship, self.dt)
         self.rate_step = steady_turns(self.ship).yaw_rate[1]
         self.filter = KalmanFilter(dim_x=3, dim_z=2, dim_u=1)
         self.filter.H = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
-        self.filter.Q = np.diag(self.vehicle.process_sd[:3] ** 2)
-        self.filter.R = np.diag(self.reading_sd**2)
+        self.filter.Q, self.filter.R = 1e-3 * np.eye(3), 1e-3 * np.eye(2)
         self.reset()
 
     def reset(self) -> None:
         """Start an episode."""
-        course = self.task.course(self.rng.random((1, 3)), {})[0]
-        self.heading, self.rate = course
-        prior = self.task.prior(course[None])
-        x = self.rng.multivariate_normal(prior.mean[0], prior.cov)
-        self.truth = np.array([0.0, 0.0, x[2], x[3], x[0], x[1]])
+        self.rate = self.task.course(np.zeros((1, 0)), {})[0, 1]
+        self.truth = np.array([0.0, 0.0, 0.0, self.ship.speed, 0.0, 0.0])
         self.rudder, self.k = 0.0, 0
-        self.sea_state = self.rng.multivariate_normal(np.zeros(5), self.sea.process.start_cov)
-        self.filter.x, self.filter.P = prior.mean[0, :3].copy(), prior.cov[:3, :3].copy()
+        self.filter.x, self.filter.P = np.zeros(3), self.task.prior_variance * np.eye(3)
 
     def drags(self, v: Any, r: Any, a: float) -> tuple[Any, Any]:
         """Cross-flow drag's integrals along the hull."""
@@ -67,7 +60,7 @@ class HandWrittenLoop:
         cubic = (abs(bow) ** 3 - abs(stern) ** 3) / 3.0
         return cubic / r, ((bow * abs(bow) ** 3 - stern * abs(stern) ** 3) / 4.0 - v * cubic) / r**2
 
-    def derivative(self, state: np.ndarray, rudder: float, current: np.ndarray) -> np.ndarray:
+    def derivative(self, state: np.ndarray, rudder: float) -> np.ndarray:
         """The ship's equations of motion."""
         c = self.c
         _, _, psi, u, v, r = state
@@ -82,61 +75,51 @@ class HandWrittenLoop:
         forces = np.array([sway - force * np.cos(rudder), yaw + a * force * np.cos(rudder)])
         inertia = np.array([[c["sway_inertia"], c["sway_yaw_inertia"]], [c["yaw_sway_inertia"], c["yaw_inertia"]]])
         dv, dr = np.linalg.solve(inertia, forces)
-        north = u * np.cos(psi) - v * np.sin(psi) + current[0]
-        east = u * np.sin(psi) + v * np.cos(psi) + current[1]
+        north, east = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
         return np.array([north, east, r, surge / c["surge_inertia"], dv, dr])
 
-    def ship_step(self, state: np.ndarray, before: float, after: float, current: np.ndarray) -> np.ndarray:
-        """One RK4 step with the rudder moving linearly."""
-        dt, middle = self.dt, 0.5 * (before + after)
-        k1 = self.derivative(state, before, current)
-        k2 = self.derivative(state + 0.5 * dt * k1, middle, current)
-        k3 = self.derivative(state + 0.5 * dt * k2, middle, current)
-        k4 = self.derivative(state + dt * k3, after, current)
-        return state + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    def ship_step(self, state: np.ndarray, before: float, after: float) -> np.ndarray:
+        """RK4 steps with the rudder moving linearly."""
+        parts = self.vehicle.substeps
+        dt = self.dt / parts
+        for i in range(parts):
+            start, middle, end = (before + (i + share) / parts * (after - before) for share in (0.0, 0.5, 1.0))
+            k1 = self.derivative(state, start)
+            k2 = self.derivative(state + 0.5 * dt * k1, middle)
+            k3 = self.derivative(state + 0.5 * dt * k2, middle)
+            k4 = self.derivative(state + dt * k3, end)
+            state = state + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        return state
 
     def step(self, action: float) -> tuple[np.ndarray, float]:
         """Advance by one step; observation and reward."""
-        before = self.rudder
-        limit = self.ship.rudder_limit
-        self.rudder = float(np.clip(before + self.ship.rudder_rate * self.dt * action, -limit, limit))
-        _, r_reference, _ = self.reference(self.k)
-        d = self.dt * (self.sea_state[1] + self.sea_state[2])
-        self.truth = self.ship_step(self.truth, before, self.rudder, self.sea_state[3:])
-        self.truth[2] += d
-        self.sea_state = self.sea_A @ self.sea_state + self.sea_L @ self.rng.standard_normal(5)
+        before, limit, turn = self.rudder, self.ship.rudder_limit, self.ship.rudder_rate * self.dt
+        self.rudder = float(np.clip(limit * action, before - turn, before + turn))
+        self.truth = self.ship_step(self.truth, before, self.rudder)
         self.k += 1
-        d = self.dt * (self.sea_state[1] + self.sea_state[2])
+        d = 0.01 if self.k < SWITCH else -0.01
         reading = np.array([self.truth[2] + d, d]) + self.reading_sd * self.rng.standard_normal(2)
-        turn = round(abs(r_reference) / self.rate_step)
+        nearest = round(abs(self.rate) / self.rate_step)
         u = np.array([0.5 * (before + self.rudder)])
-        self.filter.predict(u=u, B=self.B_table[turn], F=self.A_table[turn])
+        self.filter.predict(u=u, B=self.B_table[nearest], F=self.A_table[nearest])
         self.filter.update(reading)
-        heading, rate, ahead = self.reference(self.k)
-        x = self.filter.x
+        record, ahead = self.task.record, round(self.task.preview / self.dt)
+        (heading, rate), rate_ahead = record[self.k, [2, 5]], record[self.k + ahead, 5]
+        x, pace = self.filter.x, self.task.pace
         error = (heading - x[2] + np.pi) % (2.0 * np.pi) - np.pi
         observation = [
             error / 0.1,
-            (rate - x[1]) / 0.01,
+            (rate - x[1]) / (0.01 / pace),
             x[0] / 2.0,
             0.0,
             self.rudder / limit,
-            rate / 0.04,
-            ahead / 0.04,
+            rate / (0.04 / pace),
+            rate_ahead / (0.04 / pace),
         ]
         true_error = (heading - self.truth[2] + np.pi) % (2.0 * np.pi) - np.pi
         rate_error = (rate - self.truth[5]) / (0.15 * self.rate)
         reward = 0.8 / (1.0 + (true_error / 0.05) ** 2) + 0.2 / (1.0 + rate_error**2)
-        return np.clip(observation, -10.0, 10.0).astype(np.float32), float(reward * (1.0 - 0.15 * action**2))
-
-    def reference(self, k: int) -> tuple[float, float, float]:
-        """Commanded heading, yaw rate and yaw rate ahead."""
-        task = self.task
-        elapsed = k * self.dt - task.lead
-        share = min(max(elapsed / task.ramp, 0.0), 1.0)
-        ahead = min(max((elapsed + task.preview) / task.ramp, 0.0), 1.0)
-        heading = self.heading + self.rate * (0.5 * task.ramp * share**2 + max(elapsed - task.ramp, 0.0))
-        return heading, self.rate * share, self.rate * ahead
+        return np.clip(observation, -10.0, 10.0).astype(np.float32), float(reward)
 
 
 STATES, MEASUREMENTS, INPUTS, MEMBERS = 12, 8, 2, 100
@@ -309,22 +292,22 @@ class HandWrittenShips(HandWrittenLoop):
 def numpy_flight(rows: int) -> Step:
     """Many corvettes on a Kalman filter in NumPy: equations of motion, `numpy_kalman` and the normal numbers needed.
 
-    Leaves out Gymnasium, sea, actuators, readings, task, observation, reward, info and checks.
+    Leaves out Gymnasium, actuators, readings, task, observation, reward, info and checks.
     """
     ships, rng = (HandWrittenShips if rows > 1 else HandWrittenLoop)(seed=0), np.random.default_rng(0)
     x, P, sensed = ships.filter.x, ships.filter.P, ships.filter
     turn = round(abs(ships.rate) / ships.rate_step)
     model = LinearModel(ships.A_table[turn], sensed.H, sensed.Q, sensed.R)
     filter = numpy_kalman(rows, model, Gaussian(np.tile(x, (rows, 1)), np.tile(P, (rows, 1, 1))))
-    state, still = ships.truth, np.zeros(2)
+    state = ships.truth
     if rows > 1:
-        state, still = np.repeat(state[:, None], rows, 1), still[:, None]
-    noise = np.empty((rows, len(ships.sea_state) + len(sensed.R)))
+        state = np.repeat(state[:, None], rows, 1)
+    noise = np.empty((rows, len(sensed.R)))
 
     def step(_: np.ndarray) -> np.ndarray:
         nonlocal state
-        state = ships.ship_step(state, ships.rudder, ships.rudder, still)
+        state = ships.ship_step(state, ships.rudder, ships.rudder)
         rng.standard_normal(out=noise)
-        return filter(noise[:, : len(sensed.R)])
+        return filter(noise)
 
     return step

@@ -2,17 +2,17 @@
 
 import numpy as np
 import pytest
+from heading_ship import HEADING_SHIP
 
 from agents import rollout
 from agents.controllers.turning import Tolerances, gains
 from estimators import wrap
-from vessel_gym.envs import ThesisCorvetteEnv
 from vessel_gym.vehicles.corvette import secant_models, steady_turns
 from vessel_gym.vehicles.files import load
 
-ENV = "ThesisCorvette-v0"
+ENV = HEADING_SHIP.name
 SHIP, DT = load("corvette-thesis"), 0.5
-SYSTEM = ThesisCorvetteEnv.system
+SYSTEM = HEADING_SHIP
 
 
 def design_models() -> tuple[np.ndarray, np.ndarray]:

@@ -22,20 +22,22 @@ CONTROLLERS = [(env_id, name) for env_id in ENVIRONMENTS for name in controller_
 
 LEAST = {
     ("SigmaCorvette-v0", "pid"): 0.52, ("SigmaCorvette-v0", "lqg"): 0.74,
-    ("ThesisCorvette-v0", "pid"): 0.75, ("ThesisCorvette-v0", "lqg"): 0.87,
+    ("ThesisCorvette-v0", "pid"): 0.83, ("ThesisCorvette-v0", "lqg"): 0.60,
+    ("ThesisCorvette-v0", "constant-rudder"): 0.999,
     ("SegorogeniAUV-v0", "pid"): 0.70, ("SegorogeniAUV-v0", "lqg"): 0.66,
     ("ItsunusaAUV-v0", "pid"): 0.88, ("ItsunusaAUV-v0", "lqg"): 0.82,
     ("PunaUAV-v0", "pid"): 0.78, ("PunaUAV-v0", "lqg"): 0.80,
 }  # fmt: skip
-"""What the first 32 evaluation seeds give on default estimates is 0.02 to 0.06 more: 0.56, 0.77; 0.80, 0.90; 0.76,
-0.72; 0.92, 0.86; 0.83, 0.85. The autopilots give 0.77, 0.91, 0.77, 0.91 and 0.85."""
+"""What the first 32 evaluation seeds give on default estimates is 0.02 to 0.06 more: 0.56, 0.77; 0.87, 0.66, 1; 0.76,
+0.72; 0.92, 0.86; 0.83, 0.85. The autopilots give 0.77, 0.84, 0.77, 0.91 and 0.85."""
 
 every_controller = pytest.mark.parametrize(("env_id", "name"), CONTROLLERS)
 
 
 def test_every_environment_has_the_same_three_names():
     for env_id in ENVIRONMENTS:
-        assert controller_names(system_of(env_id)) == ("autopilot", "lqg", "pid")
+        beside = ("constant-rudder",) if env_id == "ThesisCorvette-v0" else ()  # of the source's trial
+        assert controller_names(system_of(env_id)) == ("autopilot", *beside, "lqg", "pid")
 
 
 @pytest.mark.slow

@@ -12,6 +12,7 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
+from heading_ship import HEADING_SHIP
 from own_task import DepthController, KeepDepth, KeepDepthEnv, KeepShallowDepth, system_with
 
 import agents
@@ -83,10 +84,10 @@ def test_without_metrics_a_task_is_measured_by_all_that_filters_estimate(env: ty
 
 
 def test_a_component_that_an_estimator_does_not_have_has_no_error():
-    flight = rollout("autopilot", "ThesisCorvette-v0", [0], {"estimator": "kf"})
+    flight = rollout("autopilot", HEADING_SHIP.name, [0], {"estimator": "kf"})
     assert np.isnan(rmse("u")(flight)).all()
     assert components(flight, "psi", "v") == (0, 2)
-    assert "u" in ThesisCorvetteEnv.system.vehicle.estimated("nonlinear")  # others estimate it
+    assert "u" in HEADING_SHIP.vehicle.estimated("nonlinear")  # others estimate it
 
 
 def test_the_commands_take_a_task_and_a_controller_of_ones_own(capsys: pytest.CaptureFixture[str]):

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from heading_ship import HEADING_SHIP
 
 from agents import RandomAgent, Rollout, rollout
 from agents.metrics import consistency, metrics, scores
@@ -226,25 +227,25 @@ def test_an_honest_filter_lies_in_its_band_nearly_always(flown):
 
 @pytest.mark.parametrize("estimator", ["truth", "measurement"])
 def test_estimators_that_claim_no_covariance_have_no_nees(estimator):
-    flight = rollout("autopilot", "ThesisCorvette-v0", [0, 1], {"estimator": estimator})
+    flight = rollout("autopilot", HEADING_SHIP.name, [0, 1], {"estimator": estimator})
     assert np.isnan(scores(flight)["nees"]).all()
     assert consistency(flight) is None
 
 
 def test_filters_that_estimate_no_input_have_no_error_of_it():
-    flight = rollout("autopilot", "ThesisCorvette-v0", [0, 1], {"estimator": "kf"})
+    flight = rollout("autopilot", HEADING_SHIP.name, [0, 1], {"estimator": "kf"})
     figures = scores(flight)
     assert np.isnan(figures["input_rmse"]).all()
     assert np.isfinite(figures["raw_input_rmse"]).all()
 
 
 def test_the_oracle_has_no_error():
-    figures = scores(rollout("autopilot", "ThesisCorvette-v0", [0, 1], {"estimator": "truth"}))
+    figures = scores(rollout("autopilot", HEADING_SHIP.name, [0, 1], {"estimator": "truth"}))
     for key in ("heading_rmse", "yaw_rate_rmse", "sway_rmse", "input_rmse"):
         np.testing.assert_allclose(figures[key], 0.0, atol=1e-9)
 
 
 def test_a_rollout_without_history_is_refused():
-    bare = rollout(RandomAgent(1), "ThesisCorvette-v0", [0], record=False)
+    bare = rollout(RandomAgent(1), HEADING_SHIP.name, [0], record=False)
     with pytest.raises(ValueError, match="record=True"):
         scores(bare)

@@ -1,14 +1,18 @@
 """The thesis on the corvette: its experiment, and the search for what was done."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from studies.papers import settings
 from studies.papers.corvette import experiment
-from vessel_gym.vehicles.corvette_thesis import RUDDER, SAMPLES, SIMULATIONS, unknown_input
+from vessel_gym.core import Core
+from vessel_gym.envs.thesis_corvette import THESIS_CORVETTE
+from vessel_gym.tasks.turning_trial import SAMPLES
+from vessel_gym.vehicles.corvette_thesis import SIMULATIONS
 
 S = settings("corvette")
-TRIAL = {key: S[key] for key in ("step", "helm")}
 RUNS = 20
 
 
@@ -20,38 +24,56 @@ def test_a_printed_mean_is_that_of_its_three_runs(simulation: str):
 
 
 def test_the_record_is_a_full_turn_within_the_thesis_plots():
-    heading, u = experiment.turning_record(**TRIAL)
+    heading, task = experiment.RECORD, experiment.TRIAL
     assert heading.shape == (SAMPLES,)
     assert heading[0] == 0.0
     assert (np.diff(heading)[1:] > 0.0).all()
     assert 2.0 * np.pi < heading[-1] < 7.0
-    assert np.argmin(u[:, 0] < np.deg2rad(S["helm"])) == np.ceil(S["helm"] / 5.0 / S["step"])  # at 5 deg/s
+    assert task.horizon == SAMPLES - 1
+
+
+def flown(simulation: str, noise: np.ndarray, d: np.ndarray, rudder: float = 0.8, **options: Any) -> Any:
+    """Errors ``(2, rows, T)`` of heading and d of ``ThesisCorvette-v0``, given the noise ``(rows, T, 2)`` and d."""
+    core = Core(THESIS_CORVETTE, len(noise), estimator_options=options)
+    core.seed(0)
+    rudders = np.full((len(noise), 1), rudder)
+    heading = experiment.RECORD if rudder else np.zeros(SAMPLES)
+    y = experiment.measurements(heading, d, noise)
+    errors = np.empty((2, len(noise), SAMPLES))
+    for k in range(SAMPLES):
+        readings = y[:, k], np.ones((len(noise), 2))
+        if k:
+            core.step(rudders, readings)
+        else:
+            core.reset(options={"simulation": simulation}, readings=readings)
+        errors[0, :, k] = core.belief.mean[:, 2] - core.truth[:, 2]
+        errors[1, :, k] = core.belief.input_mean[:, 0] - d[k]
+    return errors
 
 
 @pytest.mark.parametrize("model", experiment.MODELS)
 @pytest.mark.parametrize("simulation", SIMULATIONS)
 def test_after_the_update_the_errors_of_heading_and_d_add_up_to_the_noise(simulation: str, model: str):
     """The law by which the updated headings cannot be the printed ones."""
-    heading, u = experiment.turning_record(**TRIAL)
     noise = 0.01 * np.random.default_rng(1).standard_normal((3, SAMPLES, 2))
-    assumed = experiment.assumed_model(SIMULATIONS[simulation], model, S["step"])
-    errors = experiment.estimate(assumed, heading, unknown_input(0.05, 98), u, noise)
+    errors = flown(simulation, noise, step_of(0.05, 98), model=model)
     np.testing.assert_allclose(errors[0] + 2.0 * errors[1], noise.sum(-1), rtol=0, atol=1e-12)
 
 
+def step_of(size: float, switch: int) -> np.ndarray:
+    return np.where(np.arange(SAMPLES) < switch, size, -size)
+
+
 def test_errors_do_not_depend_on_a_d_that_drives_the_heading_and_grow_with_one_that_does_not():
-    small, large = (experiment.simulate(name, "as-printed", runs=3, seed=0, **TRIAL) for name in ("I", "V"))
-    np.testing.assert_allclose(small["driven"], large["driven"], rtol=0, atol=1e-10)
-    assert (large["rmse"] > 2.0 * small["rmse"]).all()
+    small, large = (experiment.driven(name, 3, 0)["rmse"] for name in ("I", "V"))
+    np.testing.assert_allclose(small, large, rtol=0, atol=1e-10)
+    small, large = (experiment.simulate(name, "as-printed", 3, 0)["rmse"] for name in ("I", "V"))
+    assert (large > 2.0 * small).all()
 
 
 def test_the_settled_filter_depends_on_the_ratio_of_Q_and_R_only():
-    heading, u = experiment.turning_record(**TRIAL)
     noise = 1e-3 * np.random.default_rng(2).standard_normal((1, SAMPLES, 2))
-    errors = []
-    for name in ("I", "IV"):
-        assumed = experiment.assumed_model(SIMULATIONS[name], "as-printed", S["step"])
-        errors.append(experiment.estimate(assumed, heading, unknown_input(0.01, 98), u, noise))
+    errors = [flown(name, noise, step_of(0.01, 98), model="as-printed") for name in ("I", "IV")]
     difference = np.abs(np.subtract(*errors))
     assert difference[:, :, :5].max() > 1e-4  # the start differs, as P0 is the same
     assert difference[:, :, 100:].max() < 1e-7
@@ -65,31 +87,29 @@ def test_the_settled_filter_depends_on_the_ratio_of_Q_and_R_only():
 def test_the_gains_of_the_search_are_those_of_kf_umv_ui(simulation: str, prior: float):
     """An independent implementation: the package's filter, run on the same record, d and noise."""
     s, rng = SIMULATIONS[simulation], np.random.default_rng(3)
-    heading = np.cumsum(rng.normal(0.03, 0.01, SAMPLES))
-    d, noise = unknown_input(s.size, 50), 0.01 * rng.standard_normal((2, SAMPLES, 2))
+    d, noise = step_of(s.size, 50), 0.01 * rng.standard_normal((2, SAMPLES, 2))
+    noise += np.cumsum(rng.normal(0.0, 0.01, (SAMPLES, 2)), 0)  # below half a turn, what is measured may be anything
     filter = experiment.recursion(s, "cited", "update", prior)
-    y = np.stack([np.broadcast_to(heading + d, (2, SAMPLES)), np.broadcast_to(d, (2, SAMPLES))], -1) + noise
-    found = experiment.respond(filter, "update", np.broadcast_to(heading, (2, SAMPLES)), y, np.zeros(3), RUDDER)
-    assumed = experiment.assumed_model(s, "as-printed", S["step"])
-    u = np.broadcast_to([RUDDER, 0.0], (SAMPLES, 2))
-    expected = experiment.estimate(assumed, heading, d, u, noise, prior)
+    still = np.zeros((2, SAMPLES))
+    found = experiment.respond(filter, "update", still, experiment.measurements(still, d, noise), np.zeros(3))
+    factor = {"told": {"prior": prior / experiment.PRIOR}}
+    expected = flown(simulation, noise, d, rudder=0.0, model="as-printed", **factor)
     np.testing.assert_allclose(found[0], expected[0], atol=1e-9)
     np.testing.assert_allclose(found[1] - d, expected[1], atol=1e-9)
-    np.testing.assert_allclose(found[2], expected[2], atol=1e-9)
 
 
 def test_what_the_search_composes_of_responses_is_what_the_filter_does():
     """The baseline combination has the errors of the experiment as it was set up before the search."""
     first = {name: choice["tried"][0] for name, choice in S["open"].items()}
-    found = experiment.explain(first, 200, 0, **TRIAL)
+    found = experiment.explain(first, 200, 0)
     for name in SIMULATIONS:
-        expected = experiment.simulate(name, "as-printed", runs=200, seed=1, **TRIAL)["rmse"]
-        np.testing.assert_allclose(found[name].mean(-1), expected[:2].mean(-1), rtol=0.02)
+        expected = experiment.simulate(name, "as-printed", 200, 1)["rmse"]
+        np.testing.assert_allclose(found[name].mean(-1), expected.mean(-1), rtol=0.02)
 
 
 def test_a_search_over_one_combination_is_its_likelihood_and_other_alternatives_leave_it_alone():
     tried = {name: [choice["believed"]] for name, choice in S["open"].items()}
-    shared = {"printed": S["printed"], "discrepancy": 0.15, "runs": 20, "seed": 0, **TRIAL}
+    shared = {"printed": S["printed"], "discrepancy": 0.15, "runs": 20, "seed": 0}
     alone = experiment.search(tried=tried, **shared)["log_likelihood"]
     more = tried | {
         "scored": ["updated", tried["scored"][0]],

@@ -34,6 +34,7 @@ REFUSED = {
     "SegorogeniAUV-v0": _NONLINEAR_AND_NO_INPUT,
     "ItsunusaAUV-v0": _NO_INPUT,
     "PunaUAV-v0": _NONLINEAR_AND_NO_INPUT,
+    "ThesisCorvette-v0": {"adaptive-kf": "Q as an array"},
     "vessel_gym/AUV-v0": _NONLINEAR_AND_NO_INPUT,
     "vessel_gym/FixedWing-v0": _NONLINEAR_AND_NO_INPUT,
     "Usbl-v0": _NONLINEAR_AND_NO_INPUT,
@@ -252,9 +253,9 @@ def observations_when_truth_is_altered(
 
 def apart(one: Core, other: Core) -> dict[str, np.ndarray]:
     """How far every part of what is true differs, ``(rows,)`` each."""
+    drawn = ("sea_state", "forcing") if one.sea_state.size else ()  # what a task prescribes is the same at reset
     parts = {
-        name: np.abs(getattr(one, name) - getattr(other, name)).max(-1)
-        for name in ("state", "sea_state", "forcing", "parameters")
+        name: np.abs(getattr(one, name) - getattr(other, name)).max(-1) for name in ("state", *drawn, "parameters")
     }
     return parts | ({"bias": np.abs(one.bias - other.bias).max(-1)} if one.sensors.bias.size else {})
 

@@ -53,9 +53,9 @@ def without_a_filter(
     n = len(told.names)
     belief = held.init(Gaussian(np.zeros((len(readings), n)), np.eye(n)))
     if previous is not None:
-        belief = held.update(belief, previous)
+        belief = held.update(belief, previous, u=told.vehicle.cruise[1])
         for _ in range(steps):
             belief = held.predict(belief, told.vehicle.cruise[1])
-    belief = held.update(belief, readings)
+    belief = held.update(belief, readings, u=told.vehicle.cruise[1])
     assert belief.input_mean is not None
     return belief.mean, belief.input_mean

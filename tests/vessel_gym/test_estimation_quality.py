@@ -5,16 +5,15 @@ from functools import cache
 import numpy as np
 import pytest
 from contract import make_core
+from heading_ship import HEADING_SHIP
 from scipy.stats import t as student
 
 from agents import Rollout, load_agent, rollout
 from agents.seeds import evaluation_seeds
 from estimators import Gaussian, LinearModel, chi_square_band, make, nees, wrap
 from vessel_gym.core import Core
-from vessel_gym.envs import ThesisCorvetteEnv
 from vessel_gym.filter_models.build import compose
 from vessel_gym.processes import root_of
-from vessel_gym.vehicles.corvette import Corvette
 
 SEEDS = 64
 PSI, YAW_RATE = 2, 1  # in the filter's state
@@ -33,7 +32,7 @@ def paired_interval(difference: np.ndarray) -> tuple[float, float]:
 @cache
 def rudder_programs(disturbance: str) -> np.ndarray:
     """``(T, N, 1)`` what an autopilot that knows the truth does: one program a seed, the same for every estimator."""
-    core = make_core("ThesisCorvette-v0", SEEDS, estimator="truth", disturbance=disturbance)
+    core = make_core(HEADING_SHIP.name, SEEDS, estimator="truth", disturbance=disturbance)
     core.reset()
     controller = load_agent("autopilot", _Face(core))
     controller.reset(SEEDS)
@@ -55,9 +54,7 @@ class _Face:
 def estimated(estimator: str, disturbance: str = "rough", told: str = "") -> dict[str, np.ndarray]:
     """Everything in ``info`` at every step ``(T, N, ...)``; ``told`` says how the filter is told of the sea."""
     options = {"told": {"as": told}} if told else {}
-    core = make_core(
-        "ThesisCorvette-v0", SEEDS, estimator=estimator, estimator_options=options, disturbance=disturbance
-    )
+    core = make_core(HEADING_SHIP.name, SEEDS, estimator=estimator, estimator_options=options, disturbance=disturbance)
     core.reset()
     frames = []
     for actions in rudder_programs(disturbance):
@@ -113,7 +110,7 @@ def test_told_as_noise_a_kalman_filter_misses_that_reading_and_state_move_togeth
 def test_who_holds_the_waves_as_states_is_not_too_sure_of_them():
     """By a chi-square of one time, false alarm 1e-6; of the ship itself it is cautious, as its process noise is."""
     history = estimated("kf", told="states")
-    core = make_core("ThesisCorvette-v0", 1, estimator="kf", estimator_options={"told": {"as": "states"}})
+    core = make_core(HEADING_SHIP.name, 1, estimator="kf", estimator_options={"told": {"as": "states"}})
     truth = core.estimated(history["truth"])
     high = chi_square_band(SEEDS, 6, 1.0 - 2e-6)[1]
     for k in (30, 150, 300, 450, 599):
@@ -138,7 +135,7 @@ def test_the_unknown_input_of_kf_umv_ui_is_better_than_the_raw_channel_that_show
     low, _ = paired_interval(raw - filtered)
     assert low > 0.0
     # The channel's own noise, as a check of the comparison: within 4 standard errors of its square's mean.
-    sd = ThesisCorvetteEnv.system.vehicle.sensors[1].sd[0]
+    sd = HEADING_SHIP.vehicle.sensors[1].sd[0]
     assert abs(np.mean(raw**2) / sd**2 - 1.0) < 4.0 * np.sqrt(2.0 / true.size)
 
 
@@ -161,7 +158,7 @@ def linear_truth(model: LinearModel, u: np.ndarray, disturbance: str | None, see
     A, B = model.A(u), model.B(u)
     root = np.linalg.cholesky(model.Q)
     x = prior.mean + rng.normal(size=(RUNS, model.n)) @ np.linalg.cholesky(prior.cov).T
-    sea = ThesisCorvetteEnv.system.disturbances[disturbance or "calm"]
+    sea = HEADING_SHIP.disturbances[disturbance or "calm"]
     process = sea.process
     waves = rng.normal(size=(RUNS, process.size)) @ root_of(process.start_cov).T
     states, inputs, readings = [], [], []
@@ -179,8 +176,8 @@ def linear_truth(model: LinearModel, u: np.ndarray, disturbance: str | None, see
 @cache
 def consistency(estimator: str, disturbance: str | None, seed: int = 3) -> np.ndarray:
     """NEES ``(T, M)``: one value a time and run; for kf-umv-ui of the state, and of state and input together."""
-    sensors = make_core("ThesisCorvette-v0", 1).sensors
-    model = compose(Corvette(), "corrected", ThesisCorvetteEnv.system.disturbances["calm"], sensors).model
+    sensors = make_core(HEADING_SHIP.name, 1).sensors
+    model = compose(HEADING_SHIP.vehicle, "corrected", HEADING_SHIP.disturbances["calm"], sensors).model
     u = np.array([0.15, 0.02])  # rudder and commanded yaw rate of a turn
     prior = Gaussian(np.array([0.0, 0.0, 0.5]), np.diag([0.2, 0.002, 0.03]) ** 2)
     states, _, readings = linear_truth(model, u, disturbance, seed, prior)
@@ -221,7 +218,7 @@ def test_a_filter_that_ignores_the_rough_sea_is_not_consistent_in_it():
 @cache
 def flown(estimator: str) -> Rollout:
     return rollout(
-        "autopilot", "ThesisCorvette-v0", evaluation_seeds(SEEDS),
+        "autopilot", HEADING_SHIP.name, evaluation_seeds(SEEDS),
         {"estimator": estimator, "disturbance": "rough"}, record=False,
     )  # fmt: skip
 

@@ -30,7 +30,7 @@ BELIEVED = {"estimate", "covariance", "input_estimate", "healthy"}
 
 NEAR = {
     "SigmaCorvette-v0": {"radius": 300.0},
-    "ThesisCorvette-v0": {"radius": 300.0},
+    "ThesisCorvette-v0": {"simulation": "V"},
     "SegorogeniAUV-v0": {"goal": (4.5, 0.0, 0.2)},
     "ItsunusaAUV-v0": {"goal": (9.0, 0.0, 0.4)},
     "PunaUAV-v0": {"start": (0.0, 0.0, 0.0), "goal": (140.0, 0.0, 0.0), "obstacles": []},
@@ -102,7 +102,7 @@ class Vandal(Filter):
 
     def _predict(self, belief: Belief, u: np.ndarray | None, rng: Any) -> Belief:
         if not self.flies:
-            return belief
+            return belief.replace(u=u)
         if u is not None and u.flags.writeable:
             u[...] = 7.0
         return belief.replace(mean=np.full_like(belief.mean, np.nan))

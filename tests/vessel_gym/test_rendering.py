@@ -7,6 +7,7 @@ from contextlib import closing
 import gymnasium as gym
 import numpy as np
 import pytest
+from heading_ship import HEADING_SHIP
 
 import vessel_gym  # noqa: F401
 
@@ -341,7 +342,7 @@ def test_the_header_says_how_far_the_goal_is(env_id, words):
     [
         *((env_id, {"steps": 40}) for env_id in EVERY),
         (CORVETTE, {"estimator": "dead-reckoning", "mismatch": 0.25, "sensors": "degraded", "steps": 60}),
-        (THESIS, {"estimator": "kf", "options": {"radius": -5000.0}}),
+        (HEADING_SHIP.name, {"estimator": "kf", "options": {"radius": -5000.0}}),
         (SPATIAL, {"estimator": "dead-reckoning", "mismatch": 0.25, "sensors": "degraded", "steps": 0}),
         (SPATIAL, {"options": {"goal": (10.0, -18.0, 6.0)}, "steps": 60}),
         (SPATIAL, {"options": {"goal": (30.0, 0.0, 10.0)}}),

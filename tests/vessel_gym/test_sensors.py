@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from contract import make_core, single_class
+from heading_ship import HEADING_SHIP
 from scipy.stats import binom, chi2
 
 from estimators import Numbers
@@ -395,9 +396,9 @@ def test_a_filter_of_constant_noise_is_that_of_a_function_that_is_constant(estim
 
     beliefs = []
     for sd in ((3e-3,), noise):
-        compass, motion = single_class("ThesisCorvette-v0").system.vehicle.sensors
+        compass, motion = HEADING_SHIP.vehicle.sensors
         core = make_core(
-            "ThesisCorvette-v0", 2, sensors=[replace(compass, sd=sd), motion], estimator=estimator,
+            HEADING_SHIP.name, 2, sensors=[replace(compass, sd=sd), motion], estimator=estimator,
             estimator_options={"told": {"R": 2.0}},
         )  # fmt: skip
         core.start(0)

@@ -96,9 +96,9 @@ def test_copies_go_on_as_the_original(env_id: str, copied: Callable[[gym.Env], g
 DIFFERENT: tuple[dict[str, Any], ...] = (
     {"sensors": "degraded"},
     {"disturbance": "rough"},
-    {"disturbance": replace(ThesisCorvetteEnv.system.disturbances["moderate"], gust=0.011)},
-    {"sensors": [replace(each, dropout=0.2) for each in ThesisCorvetteEnv.system.vehicle.sensors]},
-    {"sensor_faults": [SensorFault(ThesisCorvetteEnv.system.vehicle.sensors[0].name, "off", begin=3.0)]},
+    {"disturbance": replace(SigmaCorvetteEnv.system.disturbances["moderate"], current=0.31)},
+    {"sensors": [replace(each, dropout=0.2) for each in SigmaCorvetteEnv.system.vehicle.sensors]},
+    {"sensor_faults": [SensorFault(SigmaCorvetteEnv.system.vehicle.sensors[0].name, "off", begin=3.0)]},
     {"estimator": "kf"},
     {"estimator_options": {"told": {"Q": 1.5}}},
     {"estimator_options": {"told": {"Q": 1.25}}},
@@ -107,11 +107,11 @@ DIFFERENT: tuple[dict[str, Any], ...] = (
 
 
 def test_what_is_built_otherwise_is_another_one() -> None:
-    cores = [Core(ThesisCorvetteEnv.system, 1, **options) for options in ({}, *DIFFERENT)]
-    again = [Core(ThesisCorvetteEnv.system, 1, **options) for options in ({}, *DIFFERENT)]
+    cores = [Core(SigmaCorvetteEnv.system, 1, **options) for options in ({}, *DIFFERENT)]
+    again = [Core(SigmaCorvetteEnv.system, 1, **options) for options in ({}, *DIFFERENT)]
     assert all(one.config.estimation is other.config.estimation for one, other in zip(cores, again, strict=True))
     assert len({id(core.config.estimation) for core in cores}) == len(cores)
-    system = replace(ThesisCorvetteEnv.system, task=replace(ThesisCorvetteEnv.system.task, horizon=77))
+    system = replace(SigmaCorvetteEnv.system, task=replace(SigmaCorvetteEnv.system.task, horizon=77))
     assert Core(system).config.world is not cores[0].config.world
 
 
@@ -133,12 +133,12 @@ class Squall(Sea):
 
 
 def test_changes_of_own_parts_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    moderate = ThesisCorvetteEnv.system.disturbances["moderate"]
+    moderate = SigmaCorvetteEnv.system.disturbances["moderate"].believed
     squall = Squall(**{name: getattr(moderate, name) for name in moderate.__dataclass_fields__})
-    before, again = (flown(Core(ThesisCorvetteEnv.system, 1, disturbance=squall), 0) for _ in range(2))
+    before, again = (flown(Core(SigmaCorvetteEnv.system, 1, disturbance=squall), 0) for _ in range(2))
     assert same(before, again)
     monkeypatch.setattr(Squall, "push", 3.0)
-    assert not same(before, flown(Core(ThesisCorvetteEnv.system, 1, disturbance=squall), 0))
+    assert not same(before, flown(Core(SigmaCorvetteEnv.system, 1, disturbance=squall), 0))
 
 
 def test_changes_of_an_own_sensors_function_are_seen() -> None:
@@ -191,7 +191,7 @@ def test_values_of_different_types_or_bits_differ() -> None:
 
 
 def test_a_value_that_is_cached_is_no_difference() -> None:
-    sea = replace(ThesisCorvetteEnv.system.disturbances["rough"])
+    sea = replace(SigmaCorvetteEnv.system.disturbances["rough"])
     before = built(sea)
     assert sea.process.size > 0
     assert built(sea) is before

@@ -3,6 +3,7 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from heading_ship import HEADING_SHIP
 
 import vessel_gym  # noqa: F401
 from vessel_gym.sea_trials import fit_circle
@@ -10,7 +11,7 @@ from vessel_gym.tasks.turning_circle import dead_reckoned
 
 
 def test_the_commanded_path_closes_a_circle_of_the_commanded_radius():
-    task = gym.make("ThesisCorvette-v0").unwrapped.core.task
+    task = HEADING_SHIP.task
     radius = 4.0 * task.ship.length
     for side in (1.0, -1.0):
         course = task.course(np.zeros((1, task.uniforms)), {"radius": side * radius})[0]
@@ -20,6 +21,12 @@ def test_the_commanded_path_closes_a_circle_of_the_commanded_radius():
         assert np.hypot(*(turn - centre).T) == pytest.approx(radius, rel=0.03)
         along, across = turn[1] - turn[0], centre - turn[0]
         assert np.sign(along[0] * across[1] - along[1] * across[0]) == side  # starboard is to the right
+
+
+def test_the_commanded_path_of_a_trial_is_that_of_the_ship_in_it():
+    task = gym.make("ThesisCorvette-v0").unwrapped.core.task
+    points = task.path(task.course(np.zeros((1, 0)), {})[0])
+    np.testing.assert_array_equal(points, task.record[:195, :2])
 
 
 def test_a_commanded_track_closes_its_circle():

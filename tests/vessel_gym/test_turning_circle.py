@@ -1,7 +1,6 @@
 """The turning-circle task: its references, what the agent may see, and how it is scored."""
 
 import inspect
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,20 +8,20 @@ from contract import sizes_by_mode
 from scipy.optimize import root
 
 from estimators import Belief, Gaussian, make
-from vessel_gym.core import Core
-from vessel_gym.envs.thesis_corvette import SEAS, THESIS_CORVETTE
+from vessel_gym.envs.thesis_corvette import UnknownStep
 from vessel_gym.filter_models.build import compose
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.turning_circle import TurningCircle
-from vessel_gym.vehicles.corvette import Corvette, steady_turns
+from vessel_gym.vehicles.corvette import steady_turns
 from vessel_gym.vehicles.corvette_equations import AROUND, STATE, corvette_rates
+from vessel_gym.vehicles.corvette_thesis import ThesisCorvette
 from vessel_gym.vehicles.files import load
 
 SHIP = load("corvette-thesis")
 L = SHIP.length
 TASK = TurningCircle(SHIP)
-SEA = SEAS["moderate"]
+VEHICLE = ThesisCorvette(SHIP, 0.5)
 
 
 def courses(n: int, seed: int = 0) -> np.ndarray:
@@ -35,11 +34,11 @@ def references(course: np.ndarray, dt: float = 0.5) -> tuple[np.ndarray, np.ndar
     return time, TASK.command(np.tile(course, (len(time), 1)), time / TASK.dt)
 
 
-SENSORS = Sensors(Corvette.sensors, Corvette.state_names, Corvette.kicks + Corvette.flows, 0.5)
+SENSORS = Sensors(VEHICLE.sensors, VEHICLE.state_names, VEHICLE.kicks + VEHICLE.flows, 0.5)
 
 
-def started(rows: int, model: str = "corrected", estimator: str = "kf-umv-ui") -> Belief:
-    kf = make(estimator, compose(Corvette(SHIP), model, SEA, SENSORS).model)
+def started(rows: int, estimator: str = "kf-umv-ui") -> Belief:
+    kf = make(estimator, compose(VEHICLE, "corrected", UnknownStep(), SENSORS).model)
     n = kf.model.n
     prior = TASK.prior(courses(rows))
     return kf.init(Gaussian(prior.mean[:, :n], prior.cov[:n, :n]))
@@ -153,7 +152,7 @@ def test_a_turn_to_port_mirrors_one_to_starboard():
 
 def test_filters_are_told_the_mean_rudder_and_the_commanded_yaw_rate():
     before, after, course, step = np.array([[0.1], [0.2]]), np.array([[0.14], [0.2]]), courses(2), np.array([30, 90])
-    told = THESIS_CORVETTE.vehicle.known_input(before, after, TASK.commanded(course, step))
+    told = VEHICLE.known_input(before, after, TASK.commanded(course, step))
     np.testing.assert_allclose(told[:, 0], [0.12, 0.2])
     np.testing.assert_array_equal(told[:, 1], TASK.command(course, step)[:, 1])
 
@@ -212,14 +211,6 @@ def test_a_filter_without_unknown_input_shows_a_zero_in_its_place():
     np.testing.assert_array_equal(TASK.observe_std(kf)[:, 3], 0.0)
 
 
-def test_filters_of_three_and_of_four_states_show_the_same_components():
-    three, four = seen_of(started(3)), seen_of(started(3, "nonlinear", "ekf"))
-    assert (three.state.shape, four.state.shape) == ((3, 3), (3, 4))
-    reference, rudder = TASK.command(courses(3), np.full(3, 100)), np.full((3, 1), 0.1)
-    np.testing.assert_array_equal(TASK.observe(three, reference, rudder), TASK.observe(four, reference, rudder))
-    np.testing.assert_allclose(TASK.observe_std(three)[:, :3], TASK.observe_std(four)[:, :3])
-
-
 def test_standard_deviations_are_scaled_like_their_means():
     cov = np.tile(np.diag([2.0, 0.01, 0.1]) ** 2, (2, 1, 1))
     rows = seen_of(started(2).replace(cov=cov, input_cov=np.full((2, 1, 1), 0.02**2)))
@@ -247,27 +238,6 @@ def test_the_sizes_of_the_observations_are_those_announced(mode):
             observation = np.hstack([observation, TASK.observe_std(rows)])
     assert observation.shape == (2, sizes_by_mode(TASK.sizes(SENSORS.size, 3))[mode])
     assert np.isfinite(observation).all()
-
-
-@pytest.mark.parametrize("estimator", ["kf-umv-ui", "enkf"])
-def test_the_current_moves_the_ship_and_neither_observation_nor_reward(estimator):
-    """A documented limit: it falls, and this test with it, when the current enters the ship's motion or readings."""
-    flown = []
-    for current in (SEA.current, 50.0):  # m/s
-        sea = {"moderate": replace(SEA, current=current)}
-        core = Core(replace(THESIS_CORVETTE, disturbances=sea), 3, estimator, observe="mean+std")
-        core.seed(0)
-        core.reset()
-        seen = [core.observe()]
-        for action in np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3, 1)):
-            reward, _ = core.step(action)
-            seen += [core.observe(), reward]
-        flown.append((seen, core.scored_truth()))
-    (slow, there), (fast, elsewhere) = flown
-    for one, other in zip(slow, fast, strict=True):
-        np.testing.assert_array_equal(one, other)
-    np.testing.assert_array_equal(there[:, 2:], elsewhere[:, 2:])
-    assert (np.hypot(*(there - elsewhere)[:, :2].T) > 100.0).all()
 
 
 # --- score ------------------------------------------------------------------------------------------

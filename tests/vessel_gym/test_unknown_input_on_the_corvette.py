@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from estimators import Belief, Gaussian, chi_square_band, make, nees
-from vessel_gym.envs.thesis_corvette import SEAS
+from vessel_gym.envs.thesis_corvette import UnknownStep
 from vessel_gym.filter_models.build import compose
 from vessel_gym.sensors import Sensors
-from vessel_gym.vehicles.corvette import Corvette
+from vessel_gym.vehicles.corvette_thesis import ThesisCorvette
 
-SHIP, RUNS, STEPS = Corvette(), 1000, 60
+SHIP, RUNS, STEPS = ThesisCorvette(), 1000, 60
 SENSORS = Sensors(SHIP.sensors, SHIP.state_names, SHIP.kicks + SHIP.flows, SHIP.dt)
 MODEL = replace(
-    compose(SHIP, "corrected", SEAS["moderate"], SENSORS).model,
+    compose(SHIP, "corrected", UnknownStep(), SENSORS).model,
     Q=np.diag([0.02, 0.002, 0.002]) ** 2, R=np.diag([0.005, 0.003]) ** 2,
 )  # fmt: skip
 PRIOR = Gaussian(np.zeros(3), np.diag([0.2, 0.005, 0.05]) ** 2)
@@ -30,7 +30,7 @@ def _sail(d: np.ndarray, runs: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     """True states ``(T, runs, 3)``, readings ``(T, runs, 2)`` and known inputs in a turn to starboard."""
     rng = np.random.default_rng(3)
     x = rng.multivariate_normal(PRIOR.mean, PRIOR.cov, runs)
-    u = np.tile([0.15, 0.02], (runs, 1))
+    u = np.tile([0.15, 0.02, 0.0], (runs, 1))
     xs, ys = [], []
     for k in range(STEPS):
         noise = rng.multivariate_normal(np.zeros(2), MODEL.R, runs)

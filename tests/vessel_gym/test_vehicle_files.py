@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 import vessel_gym.vehicles.files as files
 from vessel_gym.sea_trials import turning_circle
 from vessel_gym.vehicles.auv import AUVParameters
-from vessel_gym.vehicles.corvette import COEFFICIENTS, CorvetteParameters, steady_turns
+from vessel_gym.vehicles.corvette import steady_turns
+from vessel_gym.vehicles.corvette_equations import COEFFICIENTS, CorvetteParameters
 from vessel_gym.vehicles.files import load, names
 from vessel_gym.vehicles.hydrodynamics import Coefficients, axial_drag_coefficient
 from vessel_gym.vehicles.itsunusa import ItsunusaParameters

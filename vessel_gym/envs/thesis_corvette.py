@@ -1,43 +1,54 @@
-"""ThesisCorvette-v0: the SIGMA-class corvette as the first version and its source have it, for what reproduces them."""
+"""ThesisCorvette-v0: the experiment of A. E. Hermawan's thesis (ITS Surabaya, 2020)."""
 
-from vessel_gym.disturbances import Sea
+from typing import Any
+
+import numpy as np
+
+from vessel_gym.disturbances import Disturbance
 from vessel_gym.envs.shared import documented
-from vessel_gym.envs.ship import input_tuning
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
+from vessel_gym.filter_models.build import Composition
+from vessel_gym.processes import linear
 from vessel_gym.system import System
-from vessel_gym.tasks.turning_circle import TurningCircle
-from vessel_gym.vehicles.corvette import Corvette
-from vessel_gym.vehicles.corvette_equations import CorvetteParameters
-from vessel_gym.vehicles.files import load
+from vessel_gym.tasks.turning_trial import TurningTrial
+from vessel_gym.vehicles.corvette_thesis import ThesisCorvette
 
-_DEG = 3.141592653589793 / 180.0
-SEAS = {
-    "calm": Sea(wave=0.05 * _DEG, peak=0.9, gust=0.02 * _DEG, current=0.1),
-    "moderate": Sea(wave=0.4 * _DEG, peak=0.8, gust=0.1 * _DEG, current=0.3),
-    "rough": Sea(wave=1.0 * _DEG, peak=0.6, gust=0.2 * _DEG, current=0.6),
-}
+
+class UnknownStep(Disturbance):
+    """A yaw increment d that filters have for an unknown input of unknown size: the task says when it steps."""
+
+    forces = ("yaw increment",)
+    told = "input"
+    input_sd = (1.0,)
+
+    @linear
+    def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """Nothing beside the task's step ``(..., 1)``."""
+        return np.zeros((*state.shape[:-1], 1))
+
+
+def _tuning(name: str, told: Composition) -> dict[str, Any]:
+    return {}
+
+
+_VEHICLE = ThesisCorvette()
 THESIS_CORVETTE = System(
     name="ThesisCorvette-v0",
-    vehicle=Corvette(),
-    task=TurningCircle(load("corvette-thesis", CorvetteParameters)),
-    disturbances=SEAS,
+    vehicle=_VEHICLE,
+    task=TurningTrial(_VEHICLE.ship),
+    disturbances=dict.fromkeys(("calm", "moderate", "rough"), UnknownStep()),  # there is no sea
     estimator="kf-umv-ui",
     filter_model="corrected",
-    filter_models=dict.fromkeys(
-        ("ekf", "iekf", "srkf", "eskf", "adaptive-kf", "mhe", "ukf", "enkf", "enkf-sr", "etkf", "letkf", "pf"),
-        "nonlinear",
-    ),
-    tuning=input_tuning,
+    tuning=_tuning,
 )
 
 
 @documented
 class ThesisCorvetteEnv(VesselEnv):
-    """Hold a commanded turning circle on what an estimator believes, in a sea that turns with the ship.
+    """Follow a turning circle trial while an unknown step enters the measurements of heading and yaw increment.
 
-    The world of the first version, kept for what reproduces its source: waves keep their frequency and size whatever
-    the heading, thrust is constant, no position is estimated. `SigmaCorvetteEnv` is the one to fly.
+    The experiment of the thesis from which `SigmaCorvetteEnv` grew: that one is the corvette to fly, at sea.
     """
 
     system = THESIS_CORVETTE

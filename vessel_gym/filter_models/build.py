@@ -239,4 +239,8 @@ def _noise(parts: Parts, as_noise: bool, changing: list[int], kicked: np.ndarray
         Q += K @ forces.kick_cov @ K.T
         kicks = S @ forces.kick_cov @ S.T
         R = R.changed(lambda noise: noise + kicks) if isinstance(R, StateNoise) else R + kicks
-    return {"Q": Q, "R": R}
+    noise: dict[str, Any] = {"Q": Q, "R": R}
+    for name, table in getattr(parts.vehicle, "noise", {}).items():
+        if np.shape(noise[name]) == table.table.shape[1:]:  # of other sensors or more states it says nothing
+            noise[name] = table
+    return noise

@@ -45,6 +45,9 @@ class Task:
     `score` is yours, and so is the rest. Where no others are given, observations are the estimate or the readings, the
     course and the actuators, as they are but for the scales. ``observe`` has no parameter through which truth could
     come; ``score`` alone reads it.
+
+    A task may have ``exogenous(course, step)``, too: what it adds to the kicks and flows of the disturbance over the
+    coming step ``(B, f)``.
     """
 
     vehicle: Vehicle

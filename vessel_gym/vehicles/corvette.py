@@ -1,12 +1,11 @@
-"""A SIGMA-class corvette as an environment uses it: its steady turns, the models that filters use, the vehicle.
+"""Steady turns of a ship, the linear models that filters have about them, and the thesis' two sensors.
 
-Its particulars and equations of motion, with their frames and sources: `vessel_gym.vehicles.corvette_equations`.
+Particulars and equations of motion, with their frames and sources: `vessel_gym.vehicles.corvette_equations`.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cache, cached_property, partial
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from functools import cache, partial
 
 import numpy as np
 from scipy.optimize import root
@@ -16,18 +15,7 @@ from estimators.checks import finite_array, whole
 from vessel_gym.checks import check_numbers, instance
 from vessel_gym.processes import interpolated, linear
 from vessel_gym.sensors import Sensor
-from vessel_gym.vehicles.actuators import Actuator, figures
-from vessel_gym.vehicles.corvette_equations import (
-    AROUND,
-    COEFFICIENTS,
-    STATE,
-    UNCERTAIN,
-    CorvetteParameters,
-    corvette_rates,
-)
-from vessel_gym.vehicles.files import check_vehicle, load
-from vessel_gym.vehicles.integration import runge_kutta
-from vessel_gym.vehicles.whole_state import Simulated
+from vessel_gym.vehicles.corvette_equations import AROUND, STATE, CorvetteParameters, corvette_rates
 
 _CALM = np.zeros(len(AROUND))  # no current, no forces
 
@@ -153,31 +141,25 @@ def surge_models(ship: CorvetteParameters, dt: float) -> np.ndarray:
     return np.exp(dt * (surge(turns.speed + step) - surge(turns.speed - step)) / (2.0 * step))
 
 
-AS_PRINTED = (
-    np.array([[0.4159, 0.1811, 0.0], [5.4795e-10, 1.0, 0.0], [0.0, 0.5, 1.0]]),
-    np.array([[-2.6189e-7, 0.0], [2.4075e-7, 0.0], [0.0, 0.0]]),
-)
-"""A and B of eq. 4.3 of the thesis to the digit, kept for reproduction: neither the ship's nor consistent in units."""
-
-
-def linear_matrices(ship: CorvetteParameters, dt: float) -> tuple[Schedule, Schedule]:
-    """A and B of (v, r, psi) as functions of ``u = (rudder, commanded yaw rate)``: they follow the commanded turn.
+def linear_matrices(ship: CorvetteParameters, dt: float, inputs: int = 2) -> tuple[Schedule, Schedule]:
+    """A and B of (v, r, psi) as functions of ``u = (rudder, commanded yaw rate, ...)``: those of the commanded turn.
 
     Args:
         ship: Parameters.
         dt: Step [s].
+        inputs: Components of u, of which the rudder alone moves the ship.
     """
     instance("ship of linear_matrices", ship, CorvetteParameters)
     A_table, B_table = secant_models(ship, dt)
     A_table = np.concatenate([A_table[:0:-1], A_table])  # the same turn to port
     B_table = np.concatenate([B_table[:0:-1], B_table])
-    B_table = np.concatenate([B_table, np.zeros_like(B_table)], -1)
+    B_table = np.pad(B_table, ((0, 0), (0, 0), (0, inputs - 1)))
     middle, scale = len(A_table) // 2 + 0.5, 1.0 / steady_turns(ship).yaw_rate[1]
 
     return Schedule(A_table, 1, scale, middle), Schedule(B_table, 1, scale, middle)
 
 
-# --- the vehicle as an environment uses it ----------------------------------------------------------
+# --- sensors of its heading -------------------------------------------------------------------------
 
 
 @linear
@@ -197,95 +179,3 @@ MOTION_UNIT = Sensor(
     "motion reference unit", ("wave-band yaw increment [rad]",), _motion, (1e-3,),  # 0.06 deg
     scale=(0.01,), gives=("yaw increment",),
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Corvette(Simulated):
-    """The ship as the thesis has it, in batches: actuator, state, sensors, and what filters know.
-
-    The action is the rudder *rate*: with an angle as action, the estimate's noise would saturate
-    the steering gear.
-
-    Linear filters estimate (v, r, psi), nonlinear ones u besides; their known input is ``u = (rudder, commanded yaw
-    rate)``. With d the yaw increment that waves and gusts give in a step, ``psi+ = psi + dt r + d``, ``y1 = psi + d``
-    and ``y2 = d``: a motion reference unit gives it in its own noise (eq. 4.5).
-    """
-
-    ship: CorvetteParameters = field(default_factory=lambda: load("corvette-thesis", CorvetteParameters))
-    dt: float = 0.5  # s
-    substeps: int = 1  # one RK4 step of 0.5 s is converged to 0.002 %
-
-    def __post_init__(self) -> None:
-        check_vehicle(self, "ship", CorvetteParameters)
-
-    state_names = STATE
-    equations = staticmethod(corvette_rates)
-    angles = ("psi",)
-    parameter_names = COEFFICIENTS
-    action_names = ("rudder rate",)
-    kicks = ("yaw increment",)
-    kicked = ("psi",)
-    flows = AROUND
-    sensors = (COMPASS, MOTION_UNIT)
-    kinds: ClassVar[tuple[str, ...]] = ("nonlinear", "corrected", "as-printed")
-    linear_kinds: ClassVar[tuple[str, ...]] = ("corrected", "as-printed")
-    rates: ClassVar = {"r": "psi"}
-    normals = len(UNCERTAIN)
-    """Normal numbers that `parameters` needs."""
-
-    def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
-        """Coefficients ``(B, k)`` of the truth: the filter's, with a relative spread on the uncertain ones."""
-        c = np.tile(self.ship.vector(), (len(normals), 1))
-        c[:, UNCERTAIN] *= 1.0 + mismatch * np.clip(normals, -2.0, 2.0)
-        return c
-
-    @property
-    def process_sd(self) -> np.ndarray:
-        """Of (v, r, psi, u) in a step: what the models leave out; a ship that turns in more time changes less fast."""
-        return np.array([0.08, 1.5e-3 * 0.5 / self.dt, 1e-4, 0.05])
-
-    def estimated(self, kind: str) -> tuple[str, ...]:
-        """(v, r, psi), and u in the nonlinear model."""
-        return ("v", "r", "psi", "u") if kind == "nonlinear" else ("v", "r", "psi")
-
-    def _placed(self, x: np.ndarray) -> np.ndarray:
-        """The state ``(..., 8)`` out of (v, r, psi, u), at the origin and upright."""
-        v, r, psi, u = np.moveaxis(x, -1, 0)
-        zero = np.zeros_like(v)
-        return np.stack([zero, zero, psi, u, v, r, zero, zero], -1)
-
-    @property
-    def cruise(self) -> tuple[np.ndarray, np.ndarray]:
-        """Straight on at service speed."""
-        return np.array([0.0, 0.0, 0.0, self.ship.speed]), np.zeros(2)
-
-    def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(..., 8)`` and actuators ``(..., 1)`` from what is estimated."""
-        return self._placed(x), np.zeros((*x.shape[:-1], 1))
-
-    @cached_property
-    def _actuators(self) -> np.ndarray:
-        return figures(Actuator(self.ship.rudder_rate * self.dt, kept=1.0, limit=self.ship.rudder_limit))
-
-    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
-        """Estimated components one step later under ``u = (rudder, ...)``, constant over the step."""
-        rudder = u[..., :1]
-        moved = runge_kutta(corvette_rates, self._placed(x), rudder, rudder, flow, self._nominal, self.dt)
-        return moved[..., [STATE.index(name) for name in self.estimated("nonlinear")]]
-
-    @cached_property
-    def _nominal(self) -> np.ndarray:
-        """The coefficients that filters know ``(k,)``."""
-        return self.ship.vector()
-
-    def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
-        """The mean rudder over a step, and the commanded yaw rate, or that of the steady turn which it holds."""
-        rudder = 0.5 * (before + after)
-        if commanded is None:
-            turns = steady_turns(self.ship)
-            commanded = np.copysign(np.interp(np.abs(rudder), turns.rudder, turns.yaw_rate), rudder)
-        return np.concatenate([rudder, commanded], -1)
-
-    def linear(self, kind: str) -> tuple[Any, ...]:
-        """A and B of (v, r, psi): ``"corrected"`` (see `linear_matrices`) or ``"as-printed"``."""
-        return AS_PRINTED if kind == "as-printed" else linear_matrices(self.ship, self.dt)

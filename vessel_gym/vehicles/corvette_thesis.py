@@ -1,22 +1,22 @@
-"""The experiment of A. E. Hermawan's thesis (ITS Surabaya, 2020): eqs. 4.3 to 4.6 and its five simulations.
+"""The ship of A. E. Hermawan's thesis (ITS Surabaya, 2020): eqs. 4.3 to 4.6 and the five simulations of Section 4.5.
 
-A linear ship of three states (sway, yaw rate, heading) turns under a constant rudder while a deterministic step d, the
-unknown input, enters both measurements ``(psi + d, d)``. There is no sea. The thesis compares the estimates with a
-heading that was recorded in a turning circle trial.
+A linear filter of three states (sway, yaw rate, heading) follows a ship that turns under a constant rudder, while a
+deterministic step d, the unknown input, enters both measurements ``(psi + d, d)``. There is no sea.
 """
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators import LinearModel
-from vessel_gym.vehicles.corvette import AS_PRINTED
-
-SAMPLES = 195
-"""Samples of the record, Section 4.5."""
-RUDDER = np.deg2rad(35.0)
-"""Constant rudder angle u [rad], Section 4.3.1."""
+from estimators import Schedule
+from vessel_gym.sensors import Sensor
+from vessel_gym.vehicles.actuators import Actuator, figures
+from vessel_gym.vehicles.corvette import COMPASS, MOTION_UNIT, linear_matrices
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters
+from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.ship import Ship
 
 
 @dataclass(frozen=True)
@@ -42,23 +42,80 @@ SIMULATIONS = {
     "V": Simulation(1e-3, 1e-3, 0.1),
 }
 """Simulations by number. V prints 0.1 and 0.2, and calls them larger than the 1 and 2 of I to IV: read as 0.01."""
-A, B = AS_PRINTED[0], AS_PRINTED[1][:, :1]
-"""Eq. 4.3 to the digit, B of the rudder [rad]."""
-C, G, H = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]), np.array([[0.0], [0.0], [1.0]]), np.ones((2, 1))
-"""Matrices of the measurement and of d, eqs. 4.4 and 4.5."""
+NOISE = 6e-4
+"""Standard deviation [rad] of both measurements, from the error of d in simulation II, which shows it."""
+A = np.array([[0.4159, 0.1811, 0.0], [5.4795e-10, 1.0, 0.0], [0.0, 0.5, 1.0]])
+B = np.array([[-2.6189e-7], [2.4075e-7], [0.0]])
+"""Eq. 4.3 to the digit, B of the rudder [rad]: neither the ship's nor consistent in units."""
 
 
-def unknown_input(size: float, switch: int, samples: int = SAMPLES) -> np.ndarray:
-    """The step d ``(samples,)`` [rad]: ``size`` before sample ``switch``, ``-size`` from it on."""
-    return np.where(np.arange(samples) < switch, size, -size)
+@dataclass(frozen=True)
+class ThesisCorvette(Ship):
+    """The ship in her turning circle trial, and the thesis' filter.
 
+    The truth is this package's nonlinear ship: the recorded trial is not public. The action is the rudder angle.
+    Filters estimate (v, r, psi); their known input is ``u = (rudder, commanded yaw rate, simulation)``, and the
+    simulation chooses Q and R. They take d for a yaw increment that also moves the heading, ``psi+ = psi + dt r + d``
+    (eq. 4.4). It does not move the ship, as the thesis' record was made without it.
+    """
 
-def measurements(heading: np.ndarray, d: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Measurements ``(psi + d, d) + noise`` of eq. 4.5, ``(..., 2)`` [rad]."""
-    return np.stack(np.broadcast_arrays(heading + d, d), -1) + noise
+    ship: CorvetteParameters = field(default_factory=lambda: load("corvette-thesis", CorvetteParameters))
+    dt: float = 0.8  # s: the printed 0.5 s leaves 195 samples no time for a full turn
+    substeps: int = 2  # RK4 steps of 0.4 s
 
+    action_names = ("rudder",)
+    flows = ()
+    kinds = ("corrected", "as-printed")
+    linear_kinds = kinds
+    sensors: ClassVar[tuple[Sensor, ...]] = tuple(replace(each, sd=(NOISE,)) for each in (COMPASS, MOTION_UNIT))
+    cruise: ClassVar[Any] = (np.zeros(3), np.zeros(3))  # straight on
 
-def filter_model(simulation: Simulation, A: Any = A, B: Any = B) -> LinearModel:
-    """The filter's model of eqs. 4.4 and 4.5 with the stated Q and R; A and B of eq. 4.3 unless given."""
-    # The thesis wraps no angle, and its record stays below 7 rad.
-    return LinearModel(A, C, simulation.Q * np.eye(3), simulation.R * np.eye(2), B=B, G=G, H=H)
+    def estimated(self, kind: str) -> tuple[str, ...]:
+        """(v, r, psi)."""
+        return ("v", "r", "psi")
+
+    @property
+    def process_sd(self) -> np.ndarray:
+        """That of simulation I, where ``noise`` does not apply."""
+        return np.sqrt(np.full(3, SIMULATIONS["I"].Q))
+
+    @cached_property
+    def noise(self) -> dict[str, Schedule]:
+        """Q ``(3, 3)`` and R ``(2, 2)`` of the simulation, the known input's last component."""
+        sizes = {"Q": 3, "R": 2}
+        return {
+            name: Schedule(np.array([getattr(each, name) * np.eye(n) for each in SIMULATIONS.values()]), 2, 1.0, 0.5)
+            for name, n in sizes.items()
+        }
+
+    def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Straight on to the north at service speed, whatever the prior, which is the filter's alone."""
+        return super().start(np.broadcast_to([0.0, 0.0, 0.0, self.ship.speed, 0.0, 0.0], (*x.shape[:-1], 6)))
+
+    @cached_property
+    def _actuators(self) -> np.ndarray:
+        limit = self.ship.rudder_limit
+        return figures(Actuator(limit, turn=self.ship.rudder_rate * self.dt, limit=limit))
+
+    def step(
+        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray
+    ) -> np.ndarray:
+        """The state one step later, in calm water; d does not move the ship."""
+        calm = np.zeros((*forcing.shape[:-1], 1 + len(Ship.flows)))
+        return super().step(state, before, after, calm, parameters)
+
+    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
+        """The corrected linear model."""
+        A, B = self.linear("corrected")
+        return np.matvec(A(u), x) + np.matvec(B(u), u)
+
+    def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
+        """The mean rudder over a step, the yaw rate of the commanded turn, and the simulation."""
+        rudder = 0.5 * (before + after)
+        if commanded is None:
+            commanded = np.concatenate([self._turning(rudder), np.zeros_like(rudder)], -1)
+        return np.concatenate([rudder, commanded], -1)
+
+    def linear(self, kind: str) -> tuple[Any, ...]:
+        """A and B: ``"corrected"``, those of the commanded turn (`linear_matrices`), or ``"as-printed"``, eq. 4.3."""
+        return (A, np.pad(B, ((0, 0), (0, 2)))) if kind == "as-printed" else linear_matrices(self.ship, self.dt, 3)

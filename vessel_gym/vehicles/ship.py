@@ -1,6 +1,6 @@
 """A ship at sea as an environment uses it: what is read of it, and the models that filters have, position included."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any, ClassVar
 
@@ -9,15 +9,28 @@ import numpy as np
 from estimators.engine import sincos
 from vessel_gym.processes import linear
 from vessel_gym.sensors import Sensor, plain
-from vessel_gym.vehicles.corvette import COMPASS, Corvette, linear_matrices, steady_turns, surge_models
-from vessel_gym.vehicles.corvette_equations import STATE
+from vessel_gym.vehicles.actuators import Actuator, figures
+from vessel_gym.vehicles.corvette import COMPASS, linear_matrices, steady_turns, surge_models
+from vessel_gym.vehicles.corvette_equations import (
+    AROUND,
+    COEFFICIENTS,
+    STATE,
+    UNCERTAIN,
+    CorvetteParameters,
+    corvette_rates,
+)
+from vessel_gym.vehicles.files import check_vehicle, load
+from vessel_gym.vehicles.integration import runge_kutta
+from vessel_gym.vehicles.whole_state import Simulated
 
 _ESTIMATED = STATE[:6]  # all but roll
 
 
 @dataclass(frozen=True)
-class Ship(Corvette):
-    """A ship whose position is read and estimated, too, in batches.
+class Ship(Simulated):
+    """A ship whose position is measured and estimated, too, in batches.
+
+    The action is the rudder *rate*: with an angle as action, the estimate's noise would saturate the steering gear.
 
     All filters estimate (x, y, psi, u, v, r); roll, which does nothing to these, is left to itself. Their known input
     is ``u = (rudder, commanded yaw rate, believed heading, 1)``: linear ones follow the commanded turn, and the track
@@ -25,12 +38,35 @@ class Ship(Corvette):
     ``psi + d``, as in the thesis, and the rate gyro ``r + d / dt``.
     """
 
-    kinds = ("nonlinear", "linear")
-    linear_kinds = ("linear",)
+    ship: CorvetteParameters = field(default_factory=lambda: load("corvette", CorvetteParameters))
+    dt: float = 0.5  # s
+    substeps: int = 1  # one RK4 step of 0.5 s is converged to 0.002 %
+
+    def __post_init__(self) -> None:
+        check_vehicle(self, "ship", CorvetteParameters)
+
+    state_names = STATE
+    equations = staticmethod(corvette_rates)
+    angles = ("psi",)
+    parameter_names = COEFFICIENTS
+    action_names: ClassVar[tuple[str, ...]] = ("rudder rate",)
+    kicks = ("yaw increment",)
+    kicked = ("psi",)
+    flows: ClassVar[tuple[str, ...]] = AROUND
+    kinds: ClassVar[tuple[str, ...]] = ("nonlinear", "linear")
+    linear_kinds: ClassVar[tuple[str, ...]] = ("linear",)
     rates: ClassVar = {"r": "psi"}
+    normals = len(UNCERTAIN)
+    """Normal numbers that `parameters` needs."""
+
+    def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
+        """Coefficients ``(B, k)`` of the truth: the filter's, with a relative spread on the uncertain ones."""
+        c = np.tile(self.ship.vector(), (len(normals), 1))
+        c[:, UNCERTAIN] *= 1.0 + mismatch * np.clip(normals, -2.0, 2.0)
+        return c
 
     @cached_property
-    def sensors(self) -> tuple[Sensor, ...]:  # type: ignore[override]
+    def sensors(self) -> tuple[Sensor, ...]:
         """Gyro compass, rate gyro, and a receiver that reads every other step."""
         return (
             COMPASS,
@@ -62,14 +98,39 @@ class Ship(Corvette):
         """Straight on to the north at service speed."""
         return np.array([0.0, 0.0, 0.0, self.ship.speed, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 1.0])
 
+    def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """State ``(..., 8)`` and actuators ``(..., 1)`` from what is estimated."""
+        return self._placed(x), np.zeros((*x.shape[:-1], 1))
+
+    @cached_property
+    def _actuators(self) -> np.ndarray:
+        return figures(Actuator(self.ship.rudder_rate * self.dt, kept=1.0, limit=self.ship.rudder_limit))
+
+    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
+        """What is estimated one step on under ``u = (rudder, ...)``, constant over the step."""
+        rudder = u[..., :1]
+        moved = runge_kutta(corvette_rates, self._placed(x), rudder, rudder, flow, self._nominal, self.dt)
+        return moved[..., : len(_ESTIMATED)]
+
+    @cached_property
+    def _nominal(self) -> np.ndarray:
+        """The coefficients that filters know ``(k,)``."""
+        return self.ship.vector()
+
     def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
         """The mean rudder over a step, the commanded yaw rate and believed heading, and 1.
 
         Where a task commands nothing: the yaw rate of the steady turn which the rudder holds, and north.
         """
-        north = np.zeros_like(before)
-        turning = super().known_input(before, after, commanded)
-        return np.concatenate([turning, *([north] if commanded is None else []), north + 1.0], -1)
+        rudder, north = 0.5 * (before + after), np.zeros_like(before)
+        if commanded is None:
+            commanded = np.concatenate([self._turning(rudder), north], -1)
+        return np.concatenate([rudder, commanded, north + 1.0], -1)
+
+    def _turning(self, rudder: np.ndarray) -> np.ndarray:
+        """The yaw rate of the steady turn that a rudder holds."""
+        turns = steady_turns(self.ship)
+        return np.copysign(np.interp(np.abs(rudder), turns.rudder, turns.yaw_rate), rudder)
 
     def linear(self, kind: str) -> tuple[Any, ...]:
         """A, B and what flows do: sway, yaw and surge about the commanded turn, the track on the believed heading.

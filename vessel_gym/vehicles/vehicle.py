@@ -28,7 +28,8 @@ class Vehicle(Protocol):
     held over it. The equations may be compiled or plain NumPy: anything that broadcasts over leading axes.
 
     A vehicle may have ``faults``, too, as `vessel_gym.vehicles.whole_state.WholeState` has: the names of what may be
-    added to its actuators over a step, and ``faulty``, the known input with that; without them it has none.
+    added to its actuators over a step, and ``faulty``, the known input with that; without them it has none. And
+    ``noise``: schedules of Q and R by name, which its filters assume instead of ``process_sd`` and the sensors' noise.
     """
 
     @property

@@ -1,51 +1,40 @@
 """Hermawan's five simulations: KF-UMV-UI follows a turning circle with an unknown input in the measurements."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cache
-from itertools import pairwise, product
+from itertools import product
 from typing import Any, NamedTuple
 
+import gymnasium as gym
 import numpy as np
 
 from agents.jobs import Job
-from estimators import Gaussian, LinearModel, make
 from studies.papers.likelihood import log_likelihood
-from vessel_gym.vehicles.corvette import Corvette, steady_turns
-from vessel_gym.vehicles.corvette_equations import AROUND, CorvetteParameters, corvette_rates
-from vessel_gym.vehicles.corvette_thesis import (
-    RUDDER,
-    SAMPLES,
-    SIMULATIONS,
-    A,
-    B,
-    C,
-    G,
-    H,
-    Simulation,
-    filter_model,
-    measurements,
-    unknown_input,
-)
-from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.integration import runge_kutta
+from vessel_gym.envs.thesis_corvette import THESIS_CORVETTE
+from vessel_gym.tasks.turning_trial import SAMPLES, SWITCH
+from vessel_gym.vehicles.corvette_thesis import NOISE, SIMULATIONS, A, B, Simulation
 
 MODELS = ("as-printed", "corrected")
 QUANTITIES = ("heading", "unknown input")
-NOISE = 6e-4
-"""Standard deviation [rad] of both measurements before the search, from the d of simulation II, which shows it."""
-SWITCH, PRIOR = 98, 1e-3
-_SHIP = load("corvette-thesis", CorvetteParameters)
+TRIAL: Any = THESIS_CORVETTE.task
+PRIOR, RECORD = TRIAL.prior_variance, TRIAL.record[:SAMPLES, 2]
+"""Variance of each state that the filter starts from; heading of our ship in the trial ``(195,)`` [rad]."""
+RUDDER = np.deg2rad(35.0)
+"""Constant rudder angle u [rad] of the thesis, Section 4.3.1."""
+C, G, H = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]), np.array([[0.0], [0.0], [1.0]]), np.ones((2, 1))
+"""Matrices of the measurement and of d, eqs. 4.4 and 4.5."""
 
 
 def jobs(settings: Mapping[str, Any]) -> dict[str, Job]:
     """A job for each simulation and filter model, and the search by recursion and discrepancy."""
     here, found = __name__, {}
-    trial = {key: settings[key] for key in ("step", "helm", "seed", "runs")}
+    trial = {key: settings[key] for key in ("seed", "runs")}
     for simulation, model in product(SIMULATIONS, MODELS):
         arguments = {"simulation": simulation, "model": model, **trial}
         found[f"{simulation}, {model}"] = Job(f"{here}:simulate", arguments, f"corvette, model {model}")
+    for simulation in ("I", "V"):
+        found[f"driven, {simulation}"] = Job(f"{here}:driven", {"simulation": simulation, **trial}, "corvette, driven")
     tried = {name: choice["tried"] for name, choice in settings["open"].items()}
-    search = {key: settings[key] for key in ("step", "helm", "seed", "printed")}
+    search = {key: settings[key] for key in ("seed", "printed")}
     for recursion, discrepancy in product(tried["recursion"], settings["discrepancies"]):
         arguments = search | {"tried": tried | {"recursion": [recursion]}, "discrepancy": discrepancy}
         arguments["runs"] = settings["samples_of_search"]
@@ -56,83 +45,40 @@ def jobs(settings: Mapping[str, Any]) -> dict[str, Job]:
 # --- the experiment ---------------------------------------------------------------------------------
 
 
-@cache
-def turning_record(step: float, helm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Heading ``(195,)`` [rad] of a turning circle, and the known input ``(195, 2)``: rudder [rad], yaw rate [rad/s].
-
-    The nonlinear ship leaves a straight course with the helm put over at its rate limit.
-
-    Args:
-        step: Time between samples [s].
-        helm: Rudder angle [deg].
-    """
-    fine = 16  # RK4 steps a sample: the rudder's stop falls between samples
-    dt, angle, c = step / fine, np.deg2rad(helm), _SHIP.vector()
-    rudder = np.minimum(_SHIP.rudder_rate * dt * np.arange(fine * (SAMPLES - 1) + 1), angle)
-    state = np.array([0.0, 0.0, 0.0, _SHIP.speed, *np.zeros(4)])
-    heading = [state[2]]
-    for start, end in pairwise(rudder):
-        state = runge_kutta(corvette_rates, state, np.array([start]), np.array([end]), np.zeros(len(AROUND)), c, dt)
-        heading.append(state[2])
-    turns = steady_turns(_SHIP)
-    commanded = np.full(SAMPLES, np.interp(angle, turns.rudder, turns.yaw_rate))
-    return np.array(heading)[::fine], np.stack([rudder[::fine], commanded], -1)
-
-
-def assumed_model(simulation: Simulation, model: str, step: float) -> LinearModel:
-    """The filter's model: eqs. 4.3 to 4.5, or the corrected ship at our step, with the stated Q and R."""
-    return filter_model(simulation, *Corvette(_SHIP, step).linear(model))
-
-
-def estimate(
-    model: LinearModel, heading: np.ndarray, d: np.ndarray, u: np.ndarray, noise: np.ndarray, prior: float = PRIOR
-) -> np.ndarray:
-    """Errors of KF-UMV-UI on the measurements ``(heading + d, d) + noise`` of eq. 4.5.
-
-    Args:
-        model: The filter's.
-        heading: ``(T,)`` or ``(runs, T)`` real heading [rad].
-        d: ``(T,)`` unknown input [rad].
-        u: ``(T, 2)`` known input.
-        noise: ``(runs, T, 2)`` of the measurements [rad].
-        prior: Variance of each state at the start.
+def simulate(simulation: str, model: str, runs: int, seed: int) -> dict[str, Any]:
+    """One of the five simulations with one filter model, as it was set up before the search: ``ThesisCorvette-v0``.
 
     Returns:
-        Errors ``(3, runs, T)`` [rad] of updated heading, unknown input and predicted heading.
+        ``rmse (2, runs)`` of updated heading and unknown input; ``example``: errors of the first run ``(2, T)``.
     """
-    umv = make("kf-umv-ui", model)
-    belief = umv.init(Gaussian(np.zeros((len(noise), 3)), prior * np.eye(3)))
-    y = measurements(heading, d, noise)
-    errors = np.empty((3, *y.shape[:2]))
-    for k in range(y.shape[1]):
-        predicted = umv.predict(belief, u[k - 1]) if k else belief.replace(u=u[[0] * len(noise)])
-        belief = umv.update(predicted, y[:, k])
-        assert belief.input_mean is not None
-        estimates = belief.mean[:, 2], belief.input_mean[:, 0], predicted.mean[:, 2]
-        for error, mean, truth in zip(errors, estimates, (heading, d, heading), strict=True):
-            error[:, k] = mean - truth[..., k]
-    return errors
+    env = gym.make_vec(
+        "ThesisCorvette-v0", runs, vectorization_mode="vector_entry_point", estimator_options={"model": model}
+    )
+    action = np.full((runs, 1), TRIAL.helm / TRIAL.ship.rudder_limit)
+    infos = [env.reset(seed=seed, options={"simulation": simulation})[1]]
+    infos += [env.step(action)[-1] for _ in range(SAMPLES - 1)]
+    pairs = (("estimate", 2, "truth", 2), ("input_estimate", 0, "unknown_input", 0))
+    errors, truths = np.empty((2, runs, SAMPLES)), np.empty((2, SAMPLES))
+    for (k, info), (i, (estimated, a, true, b)) in product(enumerate(infos), enumerate(pairs)):
+        errors[i, :, k], truths[i, k] = info[estimated][:, a] - info[true][:, b], info[true][0, b]
+    example = dict(zip(QUANTITIES, truths, strict=True)) | {"errors": errors[:, 0]}
+    return {"rmse": rms(errors), "example": example}
 
 
-def simulate(simulation: str, model: str, step: float, helm: float, runs: int, seed: int) -> dict[str, Any]:
-    """One of the five simulations with one filter model, as it was set up before the search.
-
-    Returns:
-        ``rmse (3, runs)`` of updated heading, unknown input and predicted heading; ``driven``: the same where d drives
-        the heading, too; ``example``: errors of the first run ``(2, T)``.
-    """
+def driven(simulation: str, runs: int, seed: int) -> dict[str, Any]:
+    """``rmse (2, runs)`` of updated heading and d with eq. 4.3, where d drives the true heading, too (eq. 4.4)."""
     s = SIMULATIONS[simulation]
-    assumed = assumed_model(s, model, step)
-    heading, u = turning_record(step, helm)
-    d = unknown_input(s.size, SWITCH)
-    noise = np.random.default_rng(seed).standard_normal((runs, SAMPLES, 2))
-    errors = estimate(assumed, heading, d, u, NOISE * noise)
-    driven = heading + np.concatenate([[0.0], np.cumsum(d)[:-1]])  # eq. 4.4: psi+ = psi + ... + d
-    return {
-        "rmse": rms(errors),
-        "driven": rms(estimate(assumed, driven, d, u, NOISE * noise)),
-        "example": {"heading": heading, "unknown input": d, "errors": errors[:2, 0]},
-    }
+    d = np.where(np.arange(SAMPLES) < SWITCH, s.size, -s.size)
+    heading = np.tile(RECORD + np.concatenate([[0.0], np.cumsum(d)[:-1]]), (runs, 1))
+    noise = NOISE * np.random.default_rng(seed).standard_normal((runs, SAMPLES, 2))
+    filter = recursion(s, "cited", "update", PRIOR)
+    errors = respond(filter, "update", heading, measurements(heading, d, noise), np.zeros(3), RUDDER)[:2]
+    return {"rmse": rms(errors - np.stack([0.0 * d, d])[:, None])}
+
+
+def measurements(heading: np.ndarray, d: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Measurements ``(psi + d, d) + noise`` of eq. 4.5, ``(..., 2)`` [rad]."""
+    return np.stack(np.broadcast_arrays(heading + d, d), -1) + noise
 
 
 def rms(errors: np.ndarray) -> np.ndarray:
@@ -231,9 +177,9 @@ def parts(filter: Recursion, first: str, records: np.ndarray, steps: np.ndarray,
     )  # fmt: skip
 
 
-def records(tried: Mapping[str, Sequence[Any]], step: float, helm: float) -> np.ndarray:
+def records(tried: Mapping[str, Sequence[Any]]) -> np.ndarray:
     """Headings ``(records, resolutions, T)`` [rad]."""
-    headings = {"ship": turning_record(step, helm)[0], "uniform turn": np.linspace(0.0, 2.0 * np.pi, SAMPLES)}
+    headings = {"ship": RECORD, "uniform turn": np.linspace(0.0, 2.0 * np.pi, SAMPLES)}
     units = np.deg2rad(tried["resolution"])
     return np.array([
         [headings[name] if unit == 0.0 else unit * np.round(headings[name] / unit) for unit in units]
@@ -294,12 +240,12 @@ def log_errors(
 
 def search(
     tried: Mapping[str, Sequence[Any]], printed: Mapping[str, Mapping[str, Any]], discrepancy: float, runs: int,
-    seed: int, step: float, helm: float,
+    seed: int,
 ) -> dict[str, Any]:  # fmt: skip
     """``log_likelihood`` of Tables 4.4 to 4.8 under every combination of what is tried, an axis a choice."""
     shape = [len(alternatives) for alternatives in tried.values()]
     total = np.zeros(shape)
-    grid, inputs = records(tried, step, helm), steps(tried)
+    grid, inputs = records(tried), steps(tried)
     for i, j, k in np.ndindex(*shape[1:4]):
         kind, first, prior = tried["recursion"][i], tried["first"][j], tried["prior"][k]
         made: dict[tuple[float, float], Parts] = {}
@@ -314,13 +260,13 @@ def search(
     return {"log_likelihood": np.round(total, 3)}
 
 
-def explain(combination: Mapping[str, Any], runs: int, seed: int, step: float, helm: float) -> dict[str, np.ndarray]:
+def explain(combination: Mapping[str, Any], runs: int, seed: int) -> dict[str, np.ndarray]:
     """RMSE ``(2, runs)`` of heading and d in each simulation under one combination."""
     tried = {name: [alternative] for name, alternative in combination.items()}
     found = {}
     for name, s in SIMULATIONS.items():
         filter = recursion(s, combination["recursion"], combination["first"], combination["prior"])
-        made = parts(filter, combination["first"], records(tried, step, helm), steps(tried), runs, seed)
+        made = parts(filter, combination["first"], records(tried), steps(tried), runs, seed)
         by_score = {
             scored: np.exp(errors.ravel()) for scored, _, errors in log_errors(tried, name, made, combination["prior"])
         }

@@ -9,12 +9,13 @@ import numpy as np
 from agents.page import Entry, Table, entry, number, words
 from agents.plotting import BELIEVED
 from agents.statistics import Interval, mean_interval, paired_difference
-from studies.papers.corvette.experiment import MODELS, NOISE, PRIOR, QUANTITIES, SWITCH, explain
+from studies.papers.corvette.experiment import MODELS, PRIOR, QUANTITIES, TRIAL, explain
 from studies.papers.figures import Curve, Panel, panels, ratios, sensitivities
 from studies.papers.measures import EXPLORATORY, Comparison, Report, comparison_table, row, rows
 from studies.papers.search import Search
 from studies.papers.template import fill
-from vessel_gym.vehicles.corvette_thesis import SAMPLES, SIMULATIONS
+from vessel_gym.tasks.turning_trial import SAMPLES, SWITCH
+from vessel_gym.vehicles.corvette_thesis import NOISE, SIMULATIONS
 
 _SHOWN = 5
 """Best combinations in the ranking."""
@@ -37,11 +38,10 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
     }  # fmt: skip
     found = [_search(settings, results, discrepancy) for discrepancy in settings["discrepancies"]]
     search = found[0]
-    trial = {key: settings[key] for key in ("seed", "step", "helm")}
-    few = settings["samples_of_search"]
-    explained = [explain(each, few, **trial) for each in (*search.best(_SHOWN), search.believed)]
-    believed = explain(search.believed, settings["runs"], **trial)
-    before = _comparisons(printed, {s: rmse[s, MODELS[0]][:2] for s in SIMULATIONS}, circular=True)
+    seed, few = settings["seed"], settings["samples_of_search"]
+    explained = [explain(each, few, seed) for each in (*search.best(_SHOWN), search.believed)]
+    believed = explain(search.believed, settings["runs"], seed)
+    before = _comparisons(printed, {s: rmse[s, MODELS[0]] for s in SIMULATIONS}, circular=True)
     after = _comparisons(printed, believed)
     columns = {"before the search": before, "believed": after}
     factors = [f"{_factor(printed, each):.2f}" for each in (*explained, {s: rmse[s, MODELS[0]] for s in SIMULATIONS})]
@@ -57,6 +57,7 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
     page, opening = fill(
         Path(__file__).parent, tables, figures, settings=settings, noise=f"{NOISE:g}",
         tried=sum(len(choice["tried"]) for choice in open_.values()), choices=len(open_), prior=PRIOR, switch=SWITCH,
+        helm=np.rad2deg(TRIAL.helm), step=TRIAL.dt,
         factor=_factor(printed, believed), factor_before=_factor(printed, {s: rmse[s, MODELS[0]] for s in SIMULATIONS}),
         claims=[_claim(rmse, *step) for step in _STEPS], order=_order(rmse), least=least, near=counted.near,
         small=_small(rmse), driven=_driven(results), ratio=_ratio_law(rmse), search=search,
@@ -126,7 +127,7 @@ def _mrad(interval: Interval | None) -> str:
 
 def _order(rmse: Mapping[tuple[str, str], np.ndarray]) -> dict[str, str]:
     """The remark below Table 4.8, that d errs less than the heading."""
-    differences = {s: paired_difference(*rmse[s, MODELS[0]][:2]) for s in SIMULATIONS}
+    differences = {s: paired_difference(*rmse[s, MODELS[0]]) for s in SIMULATIONS}
     shown = sum(i is not None and i.low > 0.0 for i in differences.values())
     return {
         "verdict": "true" if shown == len(SIMULATIONS) else "undecided",
@@ -142,7 +143,7 @@ def _small(rmse: Mapping[tuple[str, str], np.ndarray]) -> int:
 
 def _driven(results: Mapping[str, Any]) -> float:
     """Largest difference [rad] of errors in I and V where d drives the heading as well."""
-    small, large = (np.asarray(results[f"{name}, {MODELS[0]}"]["driven"]) for name in ("I", "V"))
+    small, large = (np.asarray(results[f"driven, {name}"]["rmse"]) for name in ("I", "V"))
     return float(np.abs(small - large).max())
 
 

@@ -1,0 +1,76 @@
+"""A ship of three or four states in a simple random sea, which turns as commanded: a small system for tests.
+
+Linear filters estimate (v, r, psi), nonlinear ones u besides. With d the yaw increment that waves and gusts give in a
+step, ``psi+ = psi + dt r + d``, ``y1 = psi + d`` and ``y2 = d``.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vessel_gym.disturbances import Sea
+from vessel_gym.envs.own import register_environment
+from vessel_gym.envs.ship import input_tuning
+from vessel_gym.system import System
+from vessel_gym.tasks.turning_circle import TurningCircle
+from vessel_gym.vehicles.corvette import COMPASS, MOTION_UNIT, linear_matrices
+from vessel_gym.vehicles.corvette_equations import STATE
+from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.ship import Ship
+
+DEG = np.pi / 180.0
+SEAS = {
+    "calm": Sea(wave=0.05 * DEG, peak=0.9, gust=0.02 * DEG, current=0.1),
+    "moderate": Sea(wave=0.4 * DEG, peak=0.8, gust=0.1 * DEG, current=0.3),
+    "rough": Sea(wave=1.0 * DEG, peak=0.6, gust=0.2 * DEG, current=0.6),
+}
+
+
+@dataclass(frozen=True)
+class HeadingShip(Ship):
+    """The thesis' ship, of which heading and yaw increment are measured. Known input: rudder, commanded yaw rate."""
+
+    kinds = ("nonlinear", "corrected")
+    linear_kinds = ("corrected",)
+    sensors = (COMPASS, MOTION_UNIT)
+    process_sd = np.array([0.08, 1.5e-3, 1e-4, 0.05])
+    cruise = (np.array([0.0, 0.0, 0.0, 15.4]), np.zeros(2))
+
+    def estimated(self, kind: str) -> tuple[str, ...]:
+        return ("v", "r", "psi", "u")[: 4 if kind == "nonlinear" else 3]
+
+    def _placed(self, x: np.ndarray) -> np.ndarray:
+        v, r, psi, u = np.moveaxis(x, -1, 0)
+        zero = np.zeros_like(v)
+        return np.stack([zero, zero, psi, u, v, r, zero, zero], -1)
+
+    def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
+        rudder = u[..., :1]
+        forcing = np.concatenate([np.zeros_like(flow[..., :1]), flow], -1)
+        moved = self.step(self._placed(x), rudder, rudder, forcing, self._nominal)
+        return moved[..., [STATE.index(name) for name in self.estimated("nonlinear")]]
+
+    def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
+        rudder = 0.5 * (before + after)
+        return np.concatenate([rudder, self._turning(rudder) if commanded is None else commanded], -1)
+
+    def linear(self, kind: str) -> tuple[Any, ...]:
+        return linear_matrices(self.ship, self.dt)
+
+
+SHIP = load("corvette-thesis")
+HEADING_SHIP = System(
+    name="HeadingShip-v0",
+    vehicle=HeadingShip(SHIP),
+    task=TurningCircle(SHIP),
+    disturbances=SEAS,
+    estimator="kf-umv-ui",
+    filter_model="corrected",
+    filter_models=dict.fromkeys(
+        ("ekf", "iekf", "srkf", "eskf", "adaptive-kf", "mhe", "ukf", "enkf", "enkf-sr", "etkf", "letkf", "pf"),
+        "nonlinear",
+    ),
+    tuning=input_tuning,
+)
+register_environment(HEADING_SHIP)

@@ -1,0 +1,94 @@
+"""The turning circle trial of the thesis: the helm is put over, and the heading of the trial is followed."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+
+from estimators import Gaussian
+from estimators.engine import compiled, lookup
+from vessel_gym.checks import one_of
+from vessel_gym.tasks.turning_circle import TurningCircle
+from vessel_gym.vehicles.corvette_thesis import SIMULATIONS, ThesisCorvette
+
+SAMPLES = 195
+"""Samples of the thesis' record: one at reset, one after each step."""
+SWITCH = 98
+"""Sample from which d is negative, halfway."""
+
+
+@dataclass(frozen=True)
+class TurningTrial(TurningCircle):
+    """Follow the heading of a trial in which the rudder was put over to ``helm`` from a straight course.
+
+    A course is ``(initial heading [rad], final yaw rate [rad/s], simulation)``; a reference is that of `TurningCircle`
+    and the simulation.
+    """
+
+    pace: float = 1.6  # for steps of 0.8 s
+    horizon: int = SAMPLES - 1
+    helm: float = float(np.deg2rad(28.0))  # rad; beyond it the ship hardly turns faster
+    prior_variance: float = 1e-3  # of sway, yaw rate and heading, as the filter assumes it
+
+    uniforms = 0
+    commanding: ClassVar[slice | list[int]] = [3, 4]
+    HELM_COST = 0.0  # the trial holds the rudder over
+
+    def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
+        """Courses ``(B, 3)``; nothing is drawn.
+
+        Args:
+            uniforms: ``(B, 0)``.
+            options: ``{"simulation": "II"}``, one of `SIMULATIONS`; the first if there is none.
+
+        Raises:
+            ValueError: for another option or simulation.
+        """
+        courses = np.tile([0.0, self.record[-1, 5], 0.0], (len(uniforms), 1))
+        for option, value in options.items():
+            one_of("reset option", option, ("simulation",))
+            courses[:, 2] = list(SIMULATIONS).index(one_of("simulation", value, SIMULATIONS))
+        return courses
+
+    @cached_property
+    def _spread(self) -> Gaussian:
+        return Gaussian(np.zeros(3), self.prior_variance * np.eye(3))
+
+    def prior(self, course: np.ndarray) -> Gaussian:
+        """What the filter assumes of (v, r, psi) at the start: mean ``(B, 3)`` and covariance ``(3, 3)``."""
+        return self._spread.about(np.zeros((len(course), 3)))
+
+    @cached_property
+    def record(self) -> np.ndarray:
+        """State of the ship in the trial at every sample, and until the preview ends ``(k, 8)``."""
+        vessel = ThesisCorvette(self.ship, self.dt)
+        parameters, still = vessel.parameters(0.0, np.zeros((1, vessel.normals))), np.zeros((1, 1))
+        state, rudder = vessel.start(np.zeros((1, 3)))
+        states = [state[0]]
+        for _ in range(self.horizon + self._ahead):
+            before, rudder = rudder, vessel.actuate(rudder, still + self.helm / self.ship.rudder_limit)
+            state = vessel.step(state, before, rudder, still, parameters)
+            states.append(state[0])
+        return np.array(states)
+
+    @property
+    def _ahead(self) -> int:
+        return round(self.preview / self.dt)
+
+    @compiled(axes=(1, 0))
+    def command(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """The reference ``(..., 5)`` at a step ``(...)``, that of the trial."""
+        heading, rate = self.record.T[[2, 5]]
+        rate_ahead = lookup(rate, step + float(self._ahead))
+        return np.stack([lookup(heading, step), lookup(rate, step), rate_ahead, course[..., 1], course[..., 2]], -1)
+
+    def path(self, course: np.ndarray) -> np.ndarray:
+        """Places of the ship in the trial ``(195, 2)``."""
+        return self.record[: self.horizon + 1, :2]
+
+    @compiled(axes=(1, 0))
+    def exogenous(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """The step d [rad] ``(..., 1)``: up at first, down from `SWITCH` on."""
+        size = lookup(np.array([each.size for each in SIMULATIONS.values()]), course[..., 2])
+        return np.where(step < SWITCH, size, -size)[..., None]
