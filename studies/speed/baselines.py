@@ -31,7 +31,7 @@ class HandWrittenLoop:
         self.rng = np.random.default_rng(seed)
         self.vehicle: Any = THESIS_CORVETTE.vehicle
         self.task: Any = THESIS_CORVETTE.task
-        self.ship = self.task.ship
+        self.ship: Any = self.task.ship
         self.dt, self.reading_sd = (
             self.vehicle.dt,
             np.array([sd for sensor in self.vehicle.sensors for sd in sensor.sd]),

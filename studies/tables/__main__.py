@@ -111,10 +111,6 @@ def _corvette() -> Any:
     return SIGMA_CORVETTE
 
 
-TOLD = {"calm": 2.2e-7, "moderate": 1.29e-5, "rough": 7.92e-5}
-"""The variance of the thesis' corvette's unknown input in each sea."""
-
-
 @cache
 def flown(env_id: str, label: str) -> Flown:
     """Rollout metrics of one of an environment's arms."""
@@ -226,20 +222,24 @@ def sensor_sets() -> str:
 
 
 def insurance() -> str:
-    """The thesis' corvette's heading error with `kf`, told of a sea, over that with `kf-umv-ui`."""
+    """The heading error with `kf`, which assumes a size of d, over that with `kf-umv-ui`, by simulation."""
+    from agents import rollout
+    from agents.metrics import scores
+    from agents.seeds import evaluation_seeds
 
-    def error(sea: str, estimator: str, **options: Any) -> np.ndarray:
-        return Arm(estimator, estimator, options).scores("ThesisCorvette-v0", disturbance=sea)["heading_rmse"]
+    def error(simulation: str, estimator: str, **options: Any) -> np.ndarray:
+        settings = {"estimator": estimator, "estimator_options": options}
+        asked = {"simulation": simulation}
+        flight = rollout("autopilot", "ThesisCorvette-v0", evaluation_seeds(EPISODES), settings, reset_options=asked)
+        return scores(flight)["heading_rmse"]
 
-    ours = {sea: error(sea, "kf-umv-ui") for sea in TOLD}
+    simulations = {"I": "I: d of 0.01 rad", "II": "II: larger Q", "III": "III: larger R", "V": "V: d of 0.1 rad"}
+    ours = {name: error(name, "kf-umv-ui") for name in simulations}
     rows = []
-    for told, variance in (*TOLD.items(), ("nothing", None)):
-        cells = []
-        for sea in TOLD:
-            ratio = error(sea, "kf", **({} if variance is None else {"input_cov": variance})) / ours[sea]
-            cells.append(f"**{shown(ratio)}**" if told == sea else shown(ratio))
-        rows.append((told if variance is None else f"a {told} sea", *cells))
-    return table(("`kf` is told of", *(f"{sea} sea" for sea in TOLD)), rows)
+    for label, sd in (("0.01 rad", 0.01), ("0.1 rad", 0.1), ("1 rad", 1.0), ("nothing", None)):
+        options = {} if sd is None else {"input_cov": sd**2}
+        rows.append((label, *(shown(error(name, "kf", **options) / ours[name]) for name in simulations)))
+    return table(("`kf` assumes for d", *simulations.values()), rows)
 
 
 ABLATED = (

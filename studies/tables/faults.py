@@ -89,7 +89,7 @@ def inputs() -> str:
     names = ("kf-umv-ui", "kf-umv-ui-wdf", "ulise", "ekf-ui-wdf", "ukf-umv")
     worlds: list[tuple[str, str, Any]] = [
         ("corvette, waves", "SigmaCorvette-v0", "moderate"),
-        ("thesis' corvette, waves and gusts", "ThesisCorvette-v0", "moderate"),
+        ("thesis' corvette, a step", "ThesisCorvette-v0", "moderate"),
     ]
     for vehicle in FAULTY:
         worlds.append((vehicle.name, vehicle.env_id, vehicle.fault("moderate")))

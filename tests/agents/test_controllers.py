@@ -99,6 +99,7 @@ def test_the_standard_deviations_of_the_longer_observation_are_not_used(env_id: 
 
 
 MEMORYLESS = {("PunaUAV-v0", "autopilot"), ("SegorogeniAUV-v0", "autopilot"), ("ItsunusaAUV-v0", "autopilot")}
+MEMORYLESS |= {("ThesisCorvette-v0", "constant-rudder")}
 MEMORYLESS |= {(env_id, "lqg") for env_id in ENVIRONMENTS}
 
 

@@ -13,7 +13,7 @@ from agents.metrics.turning import circle_errors
 from vessel_gym.vehicles.corvette import steady_turns
 
 SEEDS = [3, 4, 5]
-THESIS, SIGMA = "ThesisCorvette-v0", "SigmaCorvette-v0"
+THESIS, SIGMA = HEADING_SHIP.name, "SigmaCorvette-v0"
 ESTIMATED = {THESIS: ("v", "r", "psi"), SIGMA: ("x", "y", "psi", "u", "v", "r", "current north", "current east")}
 ERRORS = {
     THESIS: ("heading_rmse", "yaw_rate_rmse", "sway_rmse"),

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -77,6 +78,35 @@ def test_the_settled_filter_depends_on_the_ratio_of_Q_and_R_only():
     difference = np.abs(np.subtract(*errors))
     assert difference[:, :, :5].max() > 1e-4  # the start differs, as P0 is the same
     assert difference[:, :, 100:].max() < 1e-7
+
+
+PAGE = {
+    "I": (0.002916, 0.001517), "II": (0.000843, 0.000598), "III": (0.011086, 0.005558), "IV": (0.002936, 0.001527),
+    "V": (0.030515, 0.015263),
+}  # fmt: skip
+"""RMSE [rad] of heading and d with the corrected filter, as the page shows them for seeds from 0 on."""
+
+
+@pytest.mark.parametrize("simulation", SIMULATIONS)
+def test_a_thousand_runs_of_thesis_corvette_have_the_errors_of_the_page(simulation: str):
+    """With other seeds: within five standard deviations of a difference of two means, false alarm 6e-7 each."""
+    rmse = experiment.simulate(simulation, "corrected", 1000, 5000)["rmse"]
+    spread = np.sqrt(2.0 / 1000.0) * rmse.std(-1, ddof=1)
+    assert (np.abs(rmse.mean(-1) - PAGE[simulation]) < 5.0 * spread + 5e-7).all()
+
+
+@pytest.mark.parametrize("simulation", ["II", "V"])
+def test_a_run_of_the_page_is_an_episode_of_gym_make(simulation: str):
+    env, errors = gym.make("ThesisCorvette-v0"), []
+    _, info = env.reset(seed=3, options={"simulation": simulation})
+    for k in range(SAMPLES):
+        errors.append([info["estimate"][2] - info["truth"][2], info["input_estimate"][0] - info["unknown_input"][0]])
+        if k < SAMPLES - 1:
+            _, _, terminated, truncated, info = env.step(np.array([0.8]))
+    assert truncated
+    assert not terminated
+    expected = experiment.simulate(simulation, "corrected", 5, 0)["rmse"][:, 3]
+    np.testing.assert_allclose(experiment.rms(np.transpose(errors)), expected, rtol=1e-9)
 
 
 # --- the search -------------------------------------------------------------------------------------
