@@ -29,9 +29,9 @@ class HandWrittenLoop:
         from filterpy.kalman import KalmanFilter
 
         self.rng = np.random.default_rng(seed)
-        self.vehicle: Any = THESIS_CORVETTE.vehicle
-        self.task: Any = THESIS_CORVETTE.task
-        self.ship: Any = self.task.ship
+        system: Any = THESIS_CORVETTE
+        self.vehicle, self.task = system.vehicle, system.task
+        self.ship = self.task.ship
         self.dt, self.reading_sd = (
             self.vehicle.dt,
             np.array([sd for sensor in self.vehicle.sensors for sd in sensor.sd]),
