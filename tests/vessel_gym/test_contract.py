@@ -4,6 +4,7 @@ import inspect
 import subprocess
 import sys
 from collections.abc import Callable
+from copy import copy
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,7 @@ from gymnasium.vector import AutoresetMode
 
 from agents import load_agent
 from estimators import Belief
+from estimators.engine import forget
 from vessel_gym import configuration
 from vessel_gym.core import Core
 from vessel_gym.loop import Loop, Readings
@@ -290,7 +292,10 @@ def fly_reacting(env_id: str, quiet: bool, steps: int, **options: Any) -> dict[t
     rows = 6
     env = cls(num_envs=rows, max_episode_steps=75, autoreset_mode="SameStep", **options)
     if quiet:
-        env.core.loop.sensors = silent(env.core.sensors)  # the filter takes them for what they were
+        world = copy(env.core.config.world)  # which others share; the filter takes its sensors for what they were
+        world.sensors = silent(env.core.sensors)
+        forget(world)
+        world.step, env.core.config.world = world.equations, world
     rng = np.random.default_rng(2)
     weights = rng.normal(0.0, 1.0, (rows, env.core.observation_size, env.core.action_size))
     series: dict[tuple, dict[str, list[np.ndarray]]] = {}
