@@ -10,6 +10,7 @@ import numpy as np
 
 from estimators.angles import difference
 from estimators.belief import Belief, Layout, Record, finite_rows
+from estimators.checks import frozen
 from estimators.contract import BEGUN, Estimator, Kept, Model, Rng, check_channels
 from estimators.engine.matrices import is_traced
 from estimators.linalg import congruence, identity, masked
@@ -112,6 +113,7 @@ class Filter(Estimator[Record], verified=True):
         """The belief before any reading; ``u (..., m)`` is the known input of the first one."""
         if self.verified and self._programs is not None and not self.random and prior.mean.ndim == prior.cov.ndim == 2:
             return self._start_alike(prior, u)
+        u = self._protected(u)
         n, batch = self.model.n, np.broadcast(prior.mean[..., 0], prior.cov[..., 0, 0]).shape
         mean, cov = np.empty(batch + prior.mean.shape[-1:]), np.empty(batch + (n, n))
         mean[...], cov[...] = prior.mean, prior.cov
@@ -138,6 +140,7 @@ class Filter(Estimator[Record], verified=True):
 
     def forecast(self, belief: Record, u: np.ndarray | None, rng: Rng) -> Record:
         """The belief one step ahead."""
+        u = self._protected(u)
         if self._compiles(rng):
             packed, layout = belief.pack()
             program = cast(Traced, self._program(("_predict",), belief, layout, u))
@@ -368,6 +371,10 @@ class Filter(Estimator[Record], verified=True):
 
     # --- results of methods of one's own, and recovery ----------------------------------------------
 
+    def _protected(self, u: np.ndarray | None) -> np.ndarray | None:
+        """The known input; a read-only copy for methods of one's own, which may write into it."""
+        return u if u is None or self.verified else frozen(u)
+
     def _returned(self, method: str, belief: Record, batch: tuple[int, ...]) -> Record:
         """The result of a filter's own method, checked to be a belief of the right shape."""
         if not isinstance(belief, self.record):
@@ -379,7 +386,8 @@ class Filter(Estimator[Record], verified=True):
                 f"{type(self).__name__}.{method} must return a mean of shape {batch + (n,)} and a cov of shape "
                 f"{batch + (n, n)}, got {mean} and {cov}"
             )
-        return belief if np.array_equal(belief.cov, belief.cov.mT) else Belief.replace(belief, cov=evened(belief.cov))
+        even = np.array_equal(belief.cov, belief.cov.mT)
+        return (belief if even else Belief.replace(belief, cov=evened(belief.cov))).read_only()
 
     def _recovered(
         self, belief: Record, updated: Record, reading: Reading, y: np.ndarray, rng: Rng,

@@ -98,7 +98,7 @@ class Loop:
         if estimation.direct:
             belief = estimation.delayed.begin(prior, u, y, available, rng)
         else:
-            belief = filter.update(filter.init(prior, rng=rng), y.copy(), rng=rng, available=available, u=u)
+            belief = _updated(filter, filter.init(prior, rng=rng), y, available, rng, u)
         if rows is None:
             self.belief = belief
         else:
@@ -118,7 +118,7 @@ class Loop:
             self.belief = estimation.delayed.advance(self.belief, u, y, available, rng)
         else:
             predicted = filter.predict(self.belief, u, rng=rng)
-            self.belief = filter.update(predicted, y.copy(), rng=rng, available=available)
+            self.belief = _updated(filter, predicted, y, available, rng)
         if estimation.monitor is not None:
             self.watch = self._watched(self.watch, self.belief)
 
@@ -182,6 +182,12 @@ class Loop:
         if late == "as new":
             return arrived.sum((1, 2)) - arrived.any(1).sum(1)
         return arrived[:, 1:].sum((1, 2)) if late == "discarded" else 0
+
+
+def _updated(filter: Any, belief: Any, y: np.ndarray, available: Any, rng: Any, u: Any = None) -> Any:
+    """`update` of a filter that overrides it, which may write into what it is given."""
+    available = None if available is None else available.copy()
+    return filter.update(belief, y.copy(), rng=rng, available=available, u=u)
 
 
 def _merged(whole: Readings, rows: np.ndarray | None, some: Readings) -> Readings:
