@@ -284,12 +284,7 @@ def build(
             neither a name nor a function, or a function that returns no filter.
     """
     options = checks.options("estimator_options", options)
-    if isinstance(estimator, Filter) or (isinstance(estimator, type) and not issubclass(estimator, Filter)):
-        kind = f"an instance of {type(estimator).__name__}" if isinstance(estimator, Filter) else shown(estimator)
-        raise TypeError(
-            f"estimator must be a name, a Filter class or a function of the model that returns a filter, got {kind}"
-        )
-    own = callable(estimator)
+    own = _is_own(estimator)
     if not own and (not isinstance(estimator, str) or estimator not in estimator_names()):
         raise ValueError(factory.unknown("estimator", estimator, accepted(system, sensors, disturbance)))
     told, late = Told.of(options.pop("told", None)), checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
@@ -323,6 +318,16 @@ def build(
     check_input(made, composition)
     made.num_threads, watch = num_threads, monitor_of(monitor, sensors, made)
     return Estimation(made, composition, told.prior, inputs, late, watch, sensors.horizon)
+
+
+def _is_own(estimator: object) -> bool:
+    """Is an estimator a function that returns one? A filter that is built already is refused."""
+    if isinstance(estimator, Filter) or (isinstance(estimator, type) and not issubclass(estimator, Filter)):
+        kind = f"an instance of {type(estimator).__name__}" if isinstance(estimator, Filter) else shown(estimator)
+        raise TypeError(
+            f"estimator must be a name, a Filter class or a function of the model that returns a filter, got {kind}"
+        )
+    return callable(estimator)
 
 
 def monitor_of(choice: object, sensors: Sensors, filter: Filter) -> FaultMonitor | None:
