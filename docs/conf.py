@@ -132,7 +132,7 @@ class Episode(SphinxDirective):
     def run(self) -> list[nodes.Node]:
         """A frame, or the picture."""
         if EPISODE.exists():
-            title = "An episode: the truth, what two filters believe, readings as they come"
+            title = "An episode: the truth, what two filters believe, measurements as they come"
             return [
                 nodes.raw(
                     "", f'<iframe class="episode" src="_static/episode.html" title="{title}"></iframe>', format="html"

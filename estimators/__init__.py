@@ -35,13 +35,13 @@ from estimators.iterated import IteratedExtendedKalmanFilter
 from estimators.kalman import ExtendedKalmanFilter, GaussianFilter, KalmanFilter
 from estimators.learned import GainNetwork, LearnedGainBelief, LearnedGainFilter
 from estimators.localisation import gaspari_cohn
+from estimators.measurement import Measurement
 from estimators.metrics import chi_square_band, nees, nis, rmse
 from estimators.models import Gaussian, LinearModel, ManifoldGaussian, NonlinearModel
 from estimators.moving_horizon import HorizonBelief, MovingHorizonEstimator
 from estimators.multiple_models import InteractingMultipleModels, MixtureBelief
 from estimators.particles import ParticleBelief, ParticleFilter
 from estimators.randomness import Numbers
-from estimators.reading import Reading
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
 from estimators.series import Series, run
 from estimators.smoothers import smooth
@@ -99,6 +99,7 @@ __all__ = [
     "LinearModel",
     "LocalEnsembleTransformFilter",
     "ManifoldGaussian",
+    "Measurement",
     "MixtureBelief",
     "Model",
     "MovingHorizonEstimator",
@@ -107,7 +108,6 @@ __all__ = [
     "Numbers",
     "ParticleBelief",
     "ParticleFilter",
-    "Reading",
     "Recovery",
     "Rng",
     "RobustKalmanFilter",

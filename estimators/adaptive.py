@@ -9,7 +9,7 @@ from estimators.checks import number
 from estimators.filter import Filter, Model, Rng, check_channels
 from estimators.kalman import joseph_update
 from estimators.linalg import congruence, joined, solve, symmetric_blocks, symmetrise
-from estimators.reading import Reading
+from estimators.measurement import Measurement
 from estimators.varying import resolve
 
 
@@ -23,7 +23,7 @@ class AdaptiveBelief(Belief):
         noise_mean: ``(..., n + p)`` estimate of the last step's own noises, those of process and measurement.
         noise_cov: ``(..., n + p, n + p)`` its covariance.
         state_noise_cov: ``(..., n, n + p)`` covariance of their errors and that of the state.
-        pending: ``(...)`` True where a prediction waits for its reading.
+        pending: ``(...)`` True where a prediction waits for its measurement.
     """
 
     process_noise: np.ndarray
@@ -37,21 +37,22 @@ class AdaptiveBelief(Belief):
 class AdaptiveKalmanFilter(Filter[AdaptiveBelief], verified=True):
     """A `kf`, or on a nonlinear model an `ekf`, that estimates Q and R on the way, beginning with the model's.
 
-    Each step's noises w and v are estimated from its own reading and the next one, as a part of the state that is
-    dropped after that. Their second moments, ``E[w w' | readings] = w^ w^' + cov(w)``, are what Q and R are averages
-    of, so that they are averaged with forgetting::
+    Each step's noises w and v are estimated from its own measurement and the next one, as a part of the state that is
+    dropped after that. Their second moments, ``E[w w' | measurements] = w^ w^' + cov(w)``, are what Q and R are
+    averages of, so that they are averaged with forgetting::
 
         Q <- Q + q_rate (w^ w^' + cov(w) - Q)      R <- R + r_rate (v^ v^' + cov(v) - R)
 
     This is the EM algorithm (Shumway & Stoffer 1982) done on the way, with a smoother of one step. Where Q and R are
-    the true ones they stay so, but for chance, and what is added is a covariance always. The next reading is needed:
-    one tells of ``S = C P- C' + R`` alone, whatever share of it is whose, and rules that look at one alone
+    the true ones they stay so, but for chance, and what is added is a covariance always. The next measurement is
+    needed: one tells of ``S = C P- C' + R`` alone, whatever share of it is whose, and rules that look at one alone
     (innovation or residual matching, as Mohamed & Schwarz 1999 and Akhlaghi et al. 2017 have them) settle anywhere on a
     whole family of Q and R with the right S.
 
-    No more than n p numbers of Q can be told from readings (Mehra 1970): of what they do not show the model's Q is kept
-    in part. A noise of zero stays zero, and one that is small beside the others is found slowly. A covariance that is
-    passed with a reading is that of its noise, which joins the average. An unknown input in the model is ignored.
+    No more than n p numbers of Q can be told from measurements (Mehra 1970): of what they do not show the model's Q is
+    kept in part. A noise of zero stays zero, and one that is small beside the others is found slowly. A covariance that
+    is passed with a measurement is that of its noise, which joins the average. An unknown input in the model is
+    ignored.
 
     Args:
         model: A `LinearModel` or a `NonlinearModel` whose Q and R are arrays.
@@ -99,27 +100,27 @@ class AdaptiveKalmanFilter(Filter[AdaptiveBelief], verified=True):
             pending=np.ones(belief.pending.shape, bool),
         )  # fmt: skip
 
-    def _reading(
+    def _measurement(
         self, belief: AdaptiveBelief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None
-    ) -> Reading:
-        return super()._reading(belief, y, available, self._own_R(belief) if R is None else R)
+    ) -> Measurement:
+        return super()._measurement(belief, y, available, self._own_R(belief) if R is None else R)
 
     def _own_R(self, belief: AdaptiveBelief) -> np.ndarray:
         return belief.measurement_noise
 
-    def _update(self, belief: AdaptiveBelief, reading: Reading, rng: Rng) -> AdaptiveBelief:
-        n, C, e = self.model.n, reading.C, reading.innovation
+    def _update(self, belief: AdaptiveBelief, measurement: Measurement, rng: Rng) -> AdaptiveBelief:
+        n, C, e = self.model.n, measurement.C, measurement.innovation
         Q, R = belief.process_noise, belief.measurement_noise
-        mean, cov, S = joseph_update(belief.mean, belief.cov, e, C, reading.R)
-        # What this reading says of the noises of the step before, which are then done with.
+        mean, cov, S = joseph_update(belief.mean, belief.cov, e, C, measurement.R)
+        # What this measurement says of the noises of the step before, which are then done with.
         gain = solve(S, C @ belief.state_noise_cov).mT
         late = belief.noise_mean + np.matvec(gain, e)
         moment = belief.noise_cov - congruence(gain, S) + late[..., :, None] * late[..., None, :]
         # What it says of this step's own: nothing of w where no prediction came before it, nor of v where it is mixed.
-        both = reading.available[..., None] & reading.available[..., None, :]
-        V = np.where(both, reading.R, R) if reading.whole_R is None else R
+        both = measurement.available[..., None] & measurement.available[..., None, :]
+        V = np.where(both, measurement.R, R) if measurement.whole_R is None else R
         w = np.where(belief.pending[..., None, None], Q, 0.0)
-        v = np.where(reading.available[..., None, :], V, 0.0) if reading.whole_R is None else np.zeros(R.shape)
+        v = np.where(measurement.available[..., None, :], V, 0.0) if measurement.whole_R is None else np.zeros(R.shape)
         gain = solve(S, joined([w @ C.mT, v], -2).mT).mT
         own = {
             "process_noise": _towards(Q, moment[..., :n, :n], self.q_rate),
@@ -129,9 +130,9 @@ class AdaptiveKalmanFilter(Filter[AdaptiveBelief], verified=True):
             "state_noise_cov": joined([w, np.zeros(C.mT.shape)], -1) - belief.cov @ C.mT @ gain.mT,
             "pending": np.zeros(e.shape[:-1], bool),
         }
-        came = np.asarray(reading.available.any(-1))  # else the noises wait for the next reading
+        came = np.asarray(measurement.available.any(-1))  # else the noises wait for the next measurement
         return AdaptiveBelief.updated(
-            belief, mean, cov, reading, S,
+            belief, mean, cov, measurement, S,
             **{name: _where(came, new, getattr(belief, name)) for name, new in own.items()},
         )  # fmt: skip
 

@@ -12,7 +12,7 @@ import numpy as np
 from estimators.analysis import covariance
 from estimators.checks import as_array, frozen, read_only, with_points
 from estimators.engine.matrices import is_traced
-from estimators.reading import Reading
+from estimators.measurement import Measurement
 
 Record = TypeVar("Record", bound="Belief")
 """The record of a filter's beliefs."""
@@ -32,16 +32,16 @@ class Recovery(IntEnum):
     USUAL = 0, "the usual gain was used"
     PSEUDO_INVERSE = (
         1,
-        "some readings repeat others without noise of their own (the innovation covariance is singular), so the gain "
-        "was taken with its pseudo-inverse",
+        "some measurements repeat others without noise of their own (the innovation covariance is singular), so the "
+        "gain was taken with its pseudo-inverse",
     )
     WITHOUT_CHANNEL = (
         2,
-        "a reading could not be used (what the filter expected of it was not finite, or it repeats others without "
+        "a measurement could not be used (what the filter expected of it was not finite, or it repeats others without "
         "noise), so it was left out: `available` says which",
     )
-    PREDICTION = 3, "no reading could be used, so the prediction stands alone"
-    PRIOR = 4, "the prediction was no longer finite, so the filter began again from its prior and this reading"
+    PREDICTION = 3, "no measurement could be used, so the prediction stands alone"
+    PRIOR = 4, "the prediction was no longer finite, so the filter began again from its prior and this measurement"
 
 
 APART = ("prior_mean", "prior_cov", "recovery", "u")
@@ -115,11 +115,12 @@ class Belief(Packed):
         prior_mean: ``(..., n)`` where a lost row starts again.
         prior_cov: ``(..., n, n)`` likewise.
         recovery: ``(...)`` what the last update had to do, as the numbers of `Recovery`; 0: the usual.
-        u: ``(..., m)`` the known input of the last prediction, or that of its reading where the update was given one;
+        u: ``(..., m)`` the known input of the last prediction, or that of its measurement where the update was given
+            one;
             None: it was told none.
-        innovation: ``(..., p)`` reading minus expectation, 0 where no reading came; None before an update.
-        innovation_cov: ``(..., p, p)`` its covariance, unit where no reading came; likewise.
-        available: ``(..., p)`` which readings the last update used; likewise.
+        innovation: ``(..., p)`` measurement minus expectation, 0 where no measurement came; None before an update.
+        innovation_cov: ``(..., p, p)`` its covariance, unit where no measurement came; likewise.
+        available: ``(..., p)`` which measurements the last update used; likewise.
     """
 
     mean: np.ndarray
@@ -203,12 +204,12 @@ class Belief(Packed):
 
     @classmethod
     def updated(
-        cls, before: "Belief", mean: np.ndarray, cov: np.ndarray, reading: Reading, S: np.ndarray, **own: Any
+        cls, before: "Belief", mean: np.ndarray, cov: np.ndarray, measurement: Measurement, S: np.ndarray, **own: Any
     ) -> Self:
         """The belief after a usual update of the one ``before``, ``S`` the innovation's covariance; likewise."""
         return cls(
             mean, cov, before.prior_mean, before.prior_cov, np.zeros(mean.shape[:-1], np.int8), before.u,
-            reading.innovation, S, reading.available, **own,
+            measurement.innovation, S, measurement.available, **own,
         )  # fmt: skip
 
     def __getitem__(self, rows: Any) -> Self:
@@ -221,7 +222,7 @@ class Belief(Packed):
     def with_rows(self, rows: np.ndarray, other: "Belief") -> Self:
         """This belief with the rows of a mask ``(...)`` replaced, in order, by those of ``other``.
 
-        One of the two may have seen no reading or no known input yet: its rows then have none (an innovation of 0).
+        One of the two may have seen no measurement or no known input yet: its rows then have none (an innovation of 0).
 
         Raises:
             ValueError: if the two are beliefs of different filters.
@@ -306,9 +307,9 @@ class InputBelief(Belief):
         input_mean: ``(..., q)`` estimate of the unknown input.
         input_cov: ``(..., q, q)`` its covariance.
         state_input_cov: ``(..., n, q)`` covariance between the two errors.
-        input_observed: ``(..., q, q)`` projector on the directions of the unknown input that the readings show well;
-            in the others its prior counts, too. None: the filter was told the input's covariance, which counts in every
-            direction.
+        input_observed: ``(..., q, q)`` projector on the directions of the unknown input that the measurements show
+            well; in the others its prior counts, too. None: the filter was told the input's covariance, which counts in
+            every direction.
     """
 
     input_mean: np.ndarray = field()
@@ -319,11 +320,11 @@ class InputBelief(Belief):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class DelayedInputBelief(InputBelief):
-    """The belief of a filter to which a reading shows the unknown input of the step before.
+    """The belief of a filter to which a measurement shows the unknown input of the step before.
 
     Attributes:
         input_observed: As in `InputBelief`.
-        pending: ``(...)`` True where a prediction waits for the reading that shows its unknown input.
+        pending: ``(...)`` True where a prediction waits for the measurement that shows its unknown input.
         input_matrix: ``(..., n, q)`` G of the last prediction, for a model whose G is a function.
     """
 
@@ -337,14 +338,14 @@ class FeedthroughBelief(DelayedInputBelief):
     """The belief of a filter that sees a part of the unknown input at once, and the whole one step later.
 
     Attributes:
-        feedthrough_mean: ``(..., q)`` what the readings of this very step show of the unknown input that acts
+        feedthrough_mean: ``(..., q)`` what the measurements of this very step show of the unknown input that acts
             now, 0 in the other directions.
         feedthrough_cov: ``(..., q, q)`` its covariance, 0 in the other directions.
         state_feedthrough_cov: ``(..., n, q)`` covariance of its error and the state's.
         feedthrough_observed: ``(..., q, q)`` projector on the directions that they show.
         input_reach: ``(..., n + q, q)`` how the unknown input stands in the errors of the state and of what is known of
-            the input, in the directions of it that no reading has shown yet: those that act now, and after a prediction
-            those that acted before it.
+            the input, in the directions of it that no measurement has shown yet: those that act now, and after a
+            prediction those that acted before it.
     """
 
     feedthrough_mean: np.ndarray
@@ -400,7 +401,7 @@ def members_last(ensemble: np.ndarray) -> np.ndarray:
 def over_time(beliefs: Sequence[Record]) -> Record:
     """Beliefs of one filter at successive times as one whose leading axis is time.
 
-    Where one has seen no reading or no known input yet and another has, it has none (an innovation of 0).
+    Where one has seen no measurement or no known input yet and another has, it has none (an innovation of 0).
 
     Raises:
         ValueError: if there is none, or they are of different filters.
@@ -426,7 +427,7 @@ def _aligned(beliefs: Sequence[Belief]) -> dict[str, list[Any]]:
 
 
 def _unseen(name: str, like: np.ndarray, belief: Belief) -> np.ndarray:
-    """A field's value in a belief that has seen no reading, or was told no known input, yet."""
+    """A field's value in a belief that has seen no measurement, or was told no known input, yet."""
     if name not in ("u", "inputs", "innovation", "innovation_cov", "available"):
         raise ValueError(f"cannot merge two beliefs of which only one has {name}: they are of different filters")
     size = like.shape[-1]

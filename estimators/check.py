@@ -50,10 +50,10 @@ def check_filter(
 ) -> None:
     """Try a filter on known systems, and say what is wrong with it.
 
-    Each of the systems that the filter takes is tried: linear with a known input, with an unknown input in the readings
-    or in the state only, nonlinear with and without unknown input. On each, in this order: what building it gives;
-    steps of one row and of several, whole, in part and without a reading, and formulas compiled and in NumPy
-    (`check_steps`); the same twice; what is handed in; gaps; rows that begin again.
+    Each of the systems that the filter takes is tried: linear with a known input, with an unknown input in the
+    measurements or in the state only, nonlinear with and without unknown input. On each, in this order: what building
+    it gives; steps of one row and of several, whole, in part and without a measurement, and formulas compiled and in
+    NumPy (`check_steps`); the same twice; what is handed in; gaps; rows that begin again.
 
     Errors of the first system are then compared with the covariance (NEES, in 400 simulated runs). A filter that is
     not as good as it says gets a warning and is not failed: robust and ensemble filters, and those made for nonlinear
@@ -129,8 +129,8 @@ def check_steps(filter: Filter, prior: Gaussian, u: np.ndarray | None) -> None:
                 raise ValueError(f"{cls}._{method} gave a {name} that is not finite, of ordinary numbers")
         if method == "update" and whole and (belief.recovery >= Recovery.PREDICTION).any():
             raise ValueError(
-                f"{cls}._update could not be used: of an ordinary reading it must give a finite mean, and a covariance "
-                f"that is symmetric and positive semidefinite"
+                f"{cls}._update could not be used: of an ordinary measurement it must give a finite mean, and a "
+                f"covariance that is symmetric and positive semidefinite"
             )
         for name, cov in (("cov", belief.cov), ("input_cov", belief.input_cov)):
             if cov is not None and not _is_covariance(cov):
@@ -231,13 +231,13 @@ def _check_more(filter: Filter, system: System) -> None:
             f"numbers come from rng alone"
         )
     if odd := _differ(_steps(filter, prior, u, masked=True), beliefs, 0.0):
-        raise ValueError(f"{cls} gives another {odd} for a reading that is masked than for NaN: both are missing")
+        raise ValueError(f"{cls} gives another {odd} for a measurement that is masked than for NaN: both are missing")
     before, after = beliefs[-2], beliefs[-1]
     spread, left = (np.trace(belief.cov, axis1=-2, axis2=-1) for belief in (before, after))
     if (left < spread * (1.0 - _SAME)).any():
         raise ValueError(
-            f"{cls}.update without any reading makes cov smaller: take C and R from the reading, where what is missing "
-            f"is neutral, and not from the model"
+            f"{cls}.update without any measurement makes cov smaller: take C and R from the measurement, where what is "
+            f"missing is neutral, and not from the model"
         )
     _check_restart(filter, system, beliefs)
     if filter.random:

@@ -42,9 +42,9 @@ class Runs(NamedTuple):
     """M independent runs of T steps: times first, then runs, then components."""
 
     x: np.ndarray  # (T, M, n) true state
-    y: np.ndarray  # (T, M, p) readings
-    u: np.ndarray | None = None  # (T, M, m) known input at the readings, held over the step that follows
-    available: np.ndarray | None = None  # (T, M, p) mask of the readings that arrived; None: all
+    y: np.ndarray  # (T, M, p) measurements
+    u: np.ndarray | None = None  # (T, M, m) known input at the measurements, held over the step that follows
+    available: np.ndarray | None = None  # (T, M, p) mask of the measurements that arrived; None: all
 
 
 def simulate(
@@ -63,7 +63,7 @@ def simulate(
         prior: Mean ``(n,)`` and covariance ``(n, n)`` of the start.
         rng: Where the noise comes from.
         runs: How many independent runs, M.
-        steps: How many readings in each, T.
+        steps: How many measurements in each, T.
         u: Known input, broadcast to ``(T, M, m)``.
         d: Unknown input, broadcast to ``(T, M, q)``; None: zero.
 
@@ -129,7 +129,7 @@ def chi_square_test(
 
     Args:
         values: ``(T, M)`` one value for each time and run.
-        degrees: Degrees of freedom, broadcast to ``(T, M)``: n for the NEES, the readings that arrived for the NIS.
+        degrees: Degrees of freedom, broadcast to ``(T, M)``: n for the NEES, the measurements that arrived for the NIS.
         confidence: Of the interval that is returned for each time.
         conservative: The filter may be too careful: only values that are too large count against it.
     """
@@ -152,10 +152,10 @@ class Whiteness:
 
     Attributes:
         lags: ``(L,)``.
-        correlation: ``(L, p)`` of each reading with itself; NaN at a lag at which it never arrived twice.
-        bound: ``(L, p)`` half-width of the interval for one lag and reading.
+        correlation: ``(L, p)`` of each measurement with itself; NaN at a lag at which it never arrived twice.
+        bound: ``(L, p)`` half-width of the interval for one lag and measurement.
         confidence: Probability of that interval.
-        statistic: Portmanteau statistic over all lags and all pairs of readings.
+        statistic: Portmanteau statistic over all lags and all pairs of measurements.
         degrees: Its chi-square degrees of freedom.
         p_value: That white innovations would give a larger one.
     """
@@ -181,7 +181,7 @@ def whiteness_test(
     lags: int = 20,
     confidence: float = 0.95,
 ) -> Whiteness:
-    """Are innovations white? The test of Ljung & Box for one reading, of Hosking for several, over runs and gaps.
+    """Are innovations white? The test of Ljung & Box for one measurement, of Hosking for several, over runs and gaps.
 
     Innovations are whitened by the covariance that the filter gives and then by the one that they have, so that a
     wrong scale, which is what the NIS tests, does not count here. It needs no truth, and one run will do.
@@ -190,14 +190,14 @@ def whiteness_test(
     portmanteau statistic.
 
     Args:
-        innovation: ``(T, M, p)``, 0 where no reading came.
+        innovation: ``(T, M, p)``, 0 where no measurement came.
         innovation_cov: ``(T, M, p, p)``, unit and uncorrelated there.
-        available: ``(T, M, p)`` mask of the readings that arrived; None: all.
+        available: ``(T, M, p)`` mask of the measurements that arrived; None: all.
         lags: How many lags, from 1 on.
         confidence: Of the interval that is returned for each lag.
 
     Raises:
-        ValueError: if there are not more times than lags, or a reading has no variance at all.
+        ValueError: if there are not more times than lags, or a measurement has no variance at all.
     """
     T = len(innovation)
     if not 0 < lags < T:
@@ -230,7 +230,7 @@ def _standardised(white: np.ndarray, mask: np.ndarray) -> np.ndarray:
     spread = np.sqrt(np.diagonal(squares) / np.maximum(counts, 1.0))
     seen = counts > 0
     if (spread[seen] == 0.0).any() or np.linalg.eigvalsh(correlation[seen][:, seen]).min(initial=1.0) < 1e-12:
-        raise ValueError("the innovations have no spread in some direction: too few readings for a test")
+        raise ValueError("the innovations have no spread in some direction: too few measurements for a test")
     return _solve_root(masked(correlation * spread * spread[:, None], mask > 0.0), white)
 
 

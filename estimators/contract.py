@@ -39,7 +39,7 @@ class Estimator(ABC, Generic[Record]):
     manifolds: ClassVar[bool] = False
     """States may be no vectors (`NonlinearModel.difference`)."""
     sequential: bool = True
-    """Updates of one step add up to one with all its readings: on a linear model, with noises that are independent."""
+    """Updates of one step add up to one with all its measurements: on a linear model, with independent noises."""
     likelihood: ClassVar[str] = "approximate"
     """Kind of `log_likelihood`: "exact", "diffuse" or "approximate"."""
     verified: ClassVar[bool] = False
@@ -85,7 +85,7 @@ class Estimator(ABC, Generic[Record]):
     # --- checked ------------------------------------------------------------------------------------
 
     def init(self, prior: Gaussian, rng: Rng = None) -> Record:
-        """The belief before any reading: ``x(0|-1)``.
+        """The belief before any measurement: ``x(0|-1)``.
 
         Args:
             prior: Mean ``(..., n)`` and covariance ``(..., n, n)``; leading axes are the batch.
@@ -130,22 +130,23 @@ class Estimator(ABC, Generic[Record]):
         R: np.ndarray | None = None,
         u: np.ndarray | None = None,
     ) -> Record:
-        """Take in a reading: ``x(k|k-1)`` to ``x(k|k)``.
+        """Take in a measurement: ``x(k|k-1)`` to ``x(k|k)``.
 
         Sensors that arrive one by one take an update each: those of one step leave what one update with all of its
-        readings does, see `sequential`; filters of which that does not hold refuse the second.
+        measurements does, see `sequential`; filters of which that does not hold refuse the second.
 
         Never raises for numerical trouble, and forgets no more than it must. Where the usual gain gives no finite
         belief, a row takes the first of these that does, and its ``recovery`` says which: the gain with the
-        pseudo-inverse, the reading without the offending channels, the prediction alone, the prior and this reading.
+        pseudo-inverse, the measurement without the offending channels, the prediction alone, the prior and this
+        measurement.
 
         Args:
             belief: The predicted belief.
-            y: Readings ``(..., p)``; a value that is not finite counts as missing.
+            y: Measurements ``(..., p)``; a value that is not finite counts as missing.
             rng: Likewise, as for `init`.
-            available: Mask ``(..., p)`` of the readings that arrived; None: all.
-            R: Measurement covariance ``(..., p, p)`` for this reading only; None: the model's. A reading whose
-                variance is not finite counts as missing; what R says of missing readings does not matter.
+            available: Mask ``(..., p)`` of the measurements that arrived; None: all.
+            R: Measurement covariance ``(..., p, p)`` for this measurement only; None: the model's. A measurement whose
+                variance is not finite counts as missing; what R says of missing measurements does not matter.
             u: Known input ``(..., m)`` for a model whose measurement depends on it; None: the one
                 of the last prediction.
 
@@ -158,7 +159,7 @@ class Estimator(ABC, Generic[Record]):
         y = as_array("y", y)
         if y.ndim == len(batch) + 2 and y.shape[-1] == p:
             raise ValueError(
-                f"y has shape {y.shape}, expected {(*batch, p)}: readings by age, some of them late, are for "
+                f"y has shape {y.shape}, expected {(*batch, p)}: measurements by age, some of them late, are for "
                 "Delayed(filter, horizon)"
             )
         y = _broadcast("y", y, batch + (p,))
@@ -174,10 +175,10 @@ class Estimator(ABC, Generic[Record]):
         return self.correct(belief, y, available, R, rng).read_only()
 
     def log_likelihood(self, predicted: Record, updated: Record) -> np.ndarray:
-        """The log density ``(...)`` of a reading, given those before it; 0 where none came.
+        """The log density ``(...)`` of a measurement, given those before it; 0 where none came.
 
         Args:
-            predicted: The belief that the reading met.
+            predicted: The belief that the measurement met.
             updated: What `update` made of it.
 
         Raises:
@@ -188,8 +189,8 @@ class Estimator(ABC, Generic[Record]):
         e, S, available = updated.innovation, updated.innovation_cov, updated.available
         if e is None or S is None or available is None:
             raise ValueError(
-                f"{self.name} gives no covariance of its innovations, so that readings have no likelihood: return it "
-                "from _update (Belief.updated does), or compare predictions with readings"
+                f"{self.name} gives no covariance of its innovations, so that measurements have no likelihood: return "
+                "it from _update (Belief.updated does), or compare predictions with measurements"
             )
         return log_density(e, S, available)
 
@@ -197,7 +198,7 @@ class Estimator(ABC, Generic[Record]):
 
     @abstractmethod
     def start(self, prior: Gaussian, rng: Rng = None, u: np.ndarray | None = None) -> Record:
-        """The belief before any reading; ``u (..., m)`` is the known input of the first one."""
+        """The belief before any measurement; ``u (..., m)`` is the known input of the first one."""
 
     @abstractmethod
     def forecast(self, belief: Record, u: np.ndarray | None, rng: Rng) -> Record:
@@ -207,27 +208,27 @@ class Estimator(ABC, Generic[Record]):
     def correct(
         self, belief: Record, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None, rng: Rng
     ) -> Record:
-        """The belief after a reading."""
+        """The belief after a measurement."""
 
     def begin(
         self, prior: Gaussian, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng
     ) -> Record:
-        """The belief after the first reading, of which ``u (..., m)`` is the known input."""
+        """The belief after the first measurement, of which ``u (..., m)`` is the known input."""
         return self.correct(self.start(prior, rng, u), y, available, None, rng)
 
     def advance(
         self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng
     ) -> Record:
-        """The belief one step ahead and after its reading."""
+        """The belief one step ahead and after its measurement."""
         return self.correct(self.forecast(belief, u, rng), y, available, None, rng)
 
     def advance_steps(
         self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray, kept: Kept | None = None
     ) -> tuple[list[Record], Record] | None:
-        """Predictions of several steps, and the belief after the last one's reading; None: take one after the other.
+        """Predictions of several steps, and the belief after the last measurement; None: take one after the other.
 
         Args:
-            belief: After the reading before them.
+            belief: After the measurement before them.
             u: ``(steps, rows, m)``,
             y: ``(steps, rows, p)``,
             available: and ``(steps, rows, p)`` of each step.
@@ -263,17 +264,17 @@ class Estimator(ABC, Generic[Record]):
         return _broadcast("u", u, batch + (u.shape[-1:] or (1,)))
 
     def _check_sequence(self, belief: Record, R: np.ndarray, arrived: np.ndarray) -> None:
-        """Refuse a further update of a step that does not add up to one update with all readings of the step.
+        """Refuse a further update of a step that does not add up to one update with all measurements of the step.
 
         Raises:
             ValueError: saying why, and what to do.
         """
         before = cast(np.ndarray, belief.available)
-        remedy = "pass all readings of a step together, NaN for none, or give them to Delayed(filter, 0)"
-        same = before.shape == arrived.shape  # else the readings before were of another model of the same states
+        remedy = "pass all measurements of a step together, NaN for none, or give them to Delayed(filter, 0)"
+        same = before.shape == arrived.shape  # else the measurements before were of another model of the same states
         if not self.sequential:
-            # A drawing filter would draw the same numbers again, even for readings that come twice; with a delayed
-            # input even an update without readings says what the input was.
+            # A drawing filter would draw the same numbers again, even for measurements that come twice; with a delayed
+            # input even an update without measurements says what the input was.
             new = arrived & ~before if same and not self.random and self.input_delay != 1 else arrived
             if ((before.any(-1) | (self.input_delay == 1)) & new.any(-1)).any():
                 raise ValueError(f"{self.name} takes one update a step: {remedy}")
@@ -283,7 +284,7 @@ class Estimator(ABC, Generic[Record]):
         if shared.any():
             i, j = np.argwhere(shared)[0, -2:]
             raise ValueError(
-                f"the noises of readings {i} and {j} are correlated, but they come in two updates: {remedy}"
+                f"the noises of measurements {i} and {j} are correlated, but they come in two updates: {remedy}"
             )
 
     # --- measurement noise --------------------------------------------------------------------------
@@ -291,7 +292,7 @@ class Estimator(ABC, Generic[Record]):
     def _noise(
         self, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None, u: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """R ``(..., p, p)`` and the mask ``(..., p)`` of the readings that tell something."""
+        """R ``(..., p, p)`` and the mask ``(..., p)`` of the measurements that tell something."""
         mask = np.isfinite(y) if available is None else np.isfinite(y) & available
         if R is None and not callable(self.model.R):
             return self.model.R, mask
@@ -299,20 +300,20 @@ class Estimator(ABC, Generic[Record]):
         return R, mask & known
 
     def _own_R(self, belief: Record) -> np.ndarray:
-        """R ``(..., p, p)`` of readings that bring none of their own."""
+        """R ``(..., p, p)`` of measurements that bring none of their own."""
         return noise_at(self.model.R, belief.mean, belief.u)
 
 
 def check_channels(filter: Estimator, channels: int) -> None:
-    """Refuse a belief that holds something of another number of readings.
+    """Refuse a belief that holds something of another number of measurements.
 
     Raises:
         ValueError: saying of how many.
     """
     if channels != filter.model.p:
         raise ValueError(
-            f"the belief is of {channels} readings, the model has {filter.model.p}: {filter.name} needs all sensors in "
-            "one model, with NaN for those that have not come"
+            f"the belief is of {channels} measurements, the model has {filter.model.p}: {filter.name} needs all "
+            "sensors in one model, with NaN for those that have not come"
         )
 
 

@@ -1,8 +1,8 @@
-"""Readings that come late, or out of order: fused where they belong.
+"""Measurements that come late, or out of order: fused where they belong.
 
-A `Delayed` filter keeps what it believed before each of the last readings. A reading of some steps ago is put into its
-step, and what came after is repeated with the same inputs, readings and random numbers: the belief is then, to the last
-bit, what it had been if all had come in time. Nothing is approximated, so it holds for every filter.
+A `Delayed` filter keeps what it believed before each of the last measurements. A measurement of some steps ago is put
+into its step, and what came after is repeated with the same inputs, measurements and random numbers: the belief is
+then, to the last bit, what it had been if all had come in time. Nothing is approximated, so it holds for every filter.
 
 Source: Bar-Shalom, Li & Kirubarajan (2001), Estimation with applications to tracking and navigation, on measurements
 out of sequence, whose formulas for one step of a linear model this makes needless.
@@ -22,17 +22,17 @@ from estimators.varying import resolve
 
 
 class Step(NamedTuple):
-    """One step that a late reading may still reach."""
+    """One step that a late measurement may still reach."""
 
-    predicted: Any  # belief that its readings meet; None: it is still to be made
+    predicted: Any  # belief that its measurements meet; None: it is still to be made
     u: np.ndarray | None  # (..., m) known input of the prediction
     moved: Numbers | None  # random numbers of it
-    y: np.ndarray  # (..., p) what has come of its readings so far
+    y: np.ndarray  # (..., p) what has come of its measurements so far
     available: np.ndarray  # (..., p)
-    R: np.ndarray | None  # (..., p, p) of readings that brought their own, NaN where none did
+    R: np.ndarray | None  # (..., p, p) of measurements that brought their own, NaN where none did
     read: np.ndarray  # (...) whether there was an update
     keys: Numbers | None  # random numbers of that
-    reading_u: np.ndarray | None  # (..., m) known input of the readings, where it was given with them
+    measurement_u: np.ndarray | None  # (..., m) known input of the measurements, where it was given with them
 
     def rows(self, rows: Any) -> "Step":
         """Some rows of the step."""
@@ -48,13 +48,13 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DelayedBelief(Generic[Record]):
-    """A belief and the steps that late readings may still reach; it may be asked for all that the belief may.
+    """A belief and the steps that late measurements may still reach; it may be asked for all that the belief may.
 
     Attributes:
         now: The filter's own belief.
         steps: Oldest first; the last is that of ``now``.
         reach: ``(...)`` how many steps ago a row may still be read: back to where it began, at most the horizon.
-        refused: ``(...)`` readings since then that came too late, or a second time.
+        refused: ``(...)`` measurements since then that came too late, or a second time.
     """
 
     now: Record
@@ -88,16 +88,16 @@ class DelayedBelief(Generic[Record]):
 
 
 class Delayed(Generic[Record]):
-    """A filter to which readings may come late.
+    """A filter to which measurements may come late.
 
-    Its ``update`` takes readings by age, ``y (..., ages, p)``: ``y[..., 0, :]`` are of now, ``y[..., a, :]`` of a steps
-    ago, each NaN or masked unless it comes with this very call. A channel has one reading a step. Readings that are
-    older than the horizon, of before a row began, or that come a second time are refused, and counted in the belief's
-    ``refused``. All else is the filter's.
+    Its ``update`` takes measurements by age, ``y (..., ages, p)``: ``y[..., 0, :]`` are of now, ``y[..., a, :]`` of a
+    steps ago, each NaN or masked unless it comes with this very call. A channel has one measurement a step.
+    Measurements that are older than the horizon, of before a row began, or that come a second time are refused, and
+    counted in the belief's ``refused``. All else is the filter's.
 
     Args:
         filter: Any filter, one of your own too: what has ``init``, ``predict`` and ``update``.
-        horizon: How many steps late a reading may come. 0: the filter itself, to the last bit.
+        horizon: How many steps late a measurement may come. 0: the filter itself, to the last bit.
 
     Raises:
         TypeError: if ``filter`` is none.
@@ -121,7 +121,7 @@ class Delayed(Generic[Record]):
         return f"Delayed({self.filter!r}, horizon={self.horizon})"
 
     def init(self, prior: Gaussian, rng: Rng = None) -> DelayedBelief[Record]:
-        """The belief before any reading, as `Filter.init`."""
+        """The belief before any measurement, as `Filter.init`."""
         return self._begun(self.filter.init(prior, rng=self._keys(rng)), rng)
 
     def _begun(self, begun: Record, rng: Rng) -> DelayedBelief[Record]:
@@ -146,13 +146,13 @@ class Delayed(Generic[Record]):
         R: np.ndarray | None = None,
         u: np.ndarray | None = None,
     ) -> DelayedBelief[Record]:
-        """Take in what has come: readings of now, and late ones.
+        """Take in what has come: measurements of now, and late ones.
 
         Args:
             belief: The predicted belief.
             y: ``(..., ages, p)``; a value that is not finite has not come.
             rng: As for `Filter.update`.
-            available: Mask ``(..., ages, p)`` of the readings that come with this call; None: all that are finite.
+            available: Mask ``(..., ages, p)`` of the measurements that come with this call; None: all that are finite.
             R: ``(..., ages, p, p)`` their own covariances; None: the model's.
             u: As for `Filter.update`.
 
@@ -163,7 +163,7 @@ class Delayed(Generic[Record]):
         y = as_array("y", y)
         if y.ndim < 2 or y.shape[-1] != p or y.shape[:-2] != rows:
             raise ValueError(
-                f"y has shape {y.shape}, expected {(*rows, 'ages', p)}: readings by age, those of now first"
+                f"y has shape {y.shape}, expected {(*rows, 'ages', p)}: measurements by age, those of now first"
             )
         come, u = np.isfinite(y), self._known(belief, u)
         if available is not None:
@@ -173,7 +173,7 @@ class Delayed(Generic[Record]):
             come = come & np.isfinite(np.diagonal(R, axis1=-2, axis2=-1))
         if u is not None:
             self._check_one_input(now, u)
-            now = now._replace(reading_u=None if np.array_equal(now.predicted.u, u) else u)
+            now = now._replace(measurement_u=None if np.array_equal(now.predicted.u, u) else u)
         return self.correct(replace(belief, steps=(*belief.steps[:-1], now)), y, come, R, rng)
 
     def correct(
@@ -197,7 +197,7 @@ class Delayed(Generic[Record]):
         return DelayedBelief(now, tuple(steps), belief.reach, refused)
 
     def begin(self, prior: Gaussian, u: Any, y: np.ndarray, available: np.ndarray, rng: Rng) -> DelayedBelief[Record]:
-        """`init`, then `update`, without checks; ``u (..., m)`` is the known input of the first reading."""
+        """`init`, then `update`, without checks; ``u (..., m)`` is the known input of the first measurement."""
         begun = self.filter.start(prior, self._keys(rng), u)
         return self.correct(self._begun(begun, rng), y, available, None, rng)
 
@@ -210,11 +210,11 @@ class Delayed(Generic[Record]):
         return self.correct(DelayedBelief(belief.now, steps, reach, belief.refused), y, available, None, rng)
 
     def _repeated(self, steps: list[Step], oldest: np.ndarray, reach: np.ndarray, before: Any) -> Any:
-        """The belief now; each row is predicted anew in the steps since its oldest new reading.
+        """The belief now; each row is predicted anew in the steps since its oldest new measurement.
 
         Args:
             steps: The window, of which some are replaced.
-            oldest: ``(...)`` age of the oldest reading that is new in a row.
+            oldest: ``(...)`` age of the oldest measurement that is new in a row.
             reach: ``(...)`` as in `DelayedBelief`.
             before: The belief before the last step, where that is still to be predicted.
         """
@@ -280,30 +280,30 @@ class Delayed(Generic[Record]):
     def _repeats(self, after: list[Step]) -> bool:
         """May these steps be one program? All were read, with the model's R and the input of their prediction."""
         plain = isinstance(self.filter, Estimator) and not self.filter.random and after[0].y.ndim == 2
-        return plain and all(step.R is None and step.reading_u is None and step.read.all() for step in after)
+        return plain and all(step.R is None and step.measurement_u is None and step.read.all() for step in after)
 
     def _forecast(self, belief: Any, step: Step) -> Any:
         predict: Any = getattr(self.filter, "forecast", self.filter.predict)
         return predict(belief, step.u, step.moved)
 
     def _check_one_input(self, step: Step, u: np.ndarray) -> None:
-        """Refuse another known input for a step of which readings have come: they are taken in together.
+        """Refuse another known input for a step of which measurements have come: they are taken in together.
 
         Raises:
             ValueError: saying so.
         """
-        before = step.predicted.u if step.reading_u is None else step.reading_u
+        before = step.predicted.u if step.measurement_u is None else step.measurement_u
         other = np.ones(u.shape, bool) if before is None or before.shape != u.shape else before != u
         if (step.available.any(-1, keepdims=True) & other).any():
-            raise ValueError("u must be the same for all readings of a step: Delayed takes them in together")
+            raise ValueError("u must be the same for all measurements of a step: Delayed takes them in together")
 
     def fixed_lag(self, belief: DelayedBelief[Record]) -> tuple[np.ndarray, Record | None]:
-        """The fixed-lag estimate, which no reading will change any more: each is of at least ``horizon`` steps ago.
+        """The fixed-lag estimate, which no measurement will change any more: each is of at least ``horizon`` steps ago.
 
         Returns:
             Mask ``(...)`` of the rows that are older than the horizon, and what these believed so many steps ago, after
-            all readings of that step: its innovations are those of a filter to which nothing comes late. None: no row
-            is so old.
+            all measurements of that step: its innovations are those of a filter to which nothing comes late. None: no
+            row is so old.
         """
         rows = belief.reach == self.horizon
         return rows, self._read(belief.steps[0], rows) if rows.any() else None
@@ -311,13 +311,13 @@ class Delayed(Generic[Record]):
     likelihood, sequential = "refused", True
 
     def log_likelihood(self, predicted: Any, updated: Any) -> np.ndarray:
-        """Refused: what a reading was worth is known when those before it have come.
+        """Refused: what a measurement was worth is known when those before it have come.
 
         Raises:
             ValueError: always.
         """
         raise ValueError(
-            "readings that come late have a likelihood once they are sorted: run the filter itself on them"
+            "measurements that come late have a likelihood once they are sorted: run the filter itself on them"
         )
 
     def _keys(self, rng: Rng) -> Numbers | None:
@@ -325,7 +325,7 @@ class Delayed(Generic[Record]):
         if not getattr(self.filter, "random", False):
             return None
         if isinstance(rng, np.random.Generator):
-            raise TypeError("a late reading repeats random numbers: give rng as keys (estimators.Numbers)")
+            raise TypeError("a late measurement repeats random numbers: give rng as keys (estimators.Numbers)")
         return rng
 
     def _step(self, predicted: Any, rows: tuple[int, ...], u: np.ndarray | None, moved: Numbers | None) -> Step:
@@ -343,7 +343,7 @@ class Delayed(Generic[Record]):
         return np.array(_fitting("u", u, belief.mean.shape[:-1] + u.shape[-1:]))
 
     def _read(self, step: Step, rows: Any = ...) -> Any:
-        """Some rows after what has come of this step's readings; as they were predicted where there was no update."""
+        """Some rows after the measurements of this step so far; as they were predicted where there was no update."""
         if not self._apart:
             return self._after(step) if rows is ... else self._after(step)[rows]
         return self._after(step.rows(rows))
@@ -371,7 +371,7 @@ def _stacked(arrays: list[Any]) -> Any:
 
 
 def _taken(step: Step, y: np.ndarray, taken: np.ndarray, R: np.ndarray | None) -> Step:
-    """The step with the readings ``taken (..., p)`` of ``y (..., p)``."""
+    """The step with the measurements ``taken (..., p)`` of ``y (..., p)``."""
     if R is not None or step.R is not None:  # those of different calls have nothing in common
         together, one = taken[..., None] & taken[..., None, :], taken[..., None] ^ taken[..., None, :]
         before = np.nan if step.R is None else step.R
@@ -408,7 +408,7 @@ def _with_rows(mine: Any, rows: np.ndarray, theirs: Any) -> Any:
 
 
 def by_age(y: np.ndarray, delay: np.ndarray) -> np.ndarray:
-    """Readings ``(T, ..., ages, p)`` as they come, for `Delayed`, of those ``y (T, ..., p)`` as they were taken.
+    """Measurements ``(T, ..., ages, p)`` as they come, for `Delayed`, of those ``y (T, ..., p)`` as they were taken.
 
     Args:
         y: Times first; NaN where none was taken.

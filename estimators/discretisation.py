@@ -56,7 +56,7 @@ def sampled(
         A: ``(n, n)``, of continuous time.
         C: ``(p, n)``.
         Q: ``(n, n)`` intensity of the white noise w: variance a unit of time.
-        R: ``(p, p)`` covariance of a reading.
+        R: ``(p, p)`` covariance of a measurement.
         B: ``(n, m)``, or None.
         state_angles: As of `LinearModel`.
         measurement_angles: Likewise.
@@ -87,7 +87,7 @@ class _Sampled:
         controls = f"its {m} controls and " if (m := self.B.shape[1]) else ""
         return ValueError(
             f"the known input of a sampled model is {controls}how long each step takes, not below 0: give run the "
-            "times t of the readings"
+            "times t of the measurements"
         )
 
     def matrix(self, name: str, u: np.ndarray | None) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 Rows are members: an ensemble is ``(..., N, n)``; in memory members are last, as in the formulas of
 `estimators.analysis`, which predict and update. With the anomalies ``A`` of the members ``(N, n)`` and the anomalies
-``Y`` of the readings that they expect ``(N, p)``, every update here has the same three small matrices::
+``Y`` of the measurements that they expect ``(N, p)``, every update here has the same three small matrices::
 
     C P- = Y' A / (N - 1)        S = Y' Y / (N - 1) + R        K = (C P-)' S^-1
 
@@ -33,14 +33,14 @@ from estimators.engine.matrices import is_traced
 from estimators.filter import Filter, Model, Rng, in_rows, inlinable
 from estimators.linalg import masked, semidefinite_cholesky, shared_root
 from estimators.localisation import check_taper, group_states
+from estimators.measurement import Measurement
 from estimators.models import Gaussian, LinearModel, NonlinearModel, at_columns
 from estimators.randomness import Numbers
-from estimators.reading import Reading
 from estimators.varying import resolve
 
 Drawn = Numbers | np.random.Generator
 """`Rng` of a filter that draws from it: there is one."""
-START, PROCESS, READINGS, ROTATION = range(4)
+START, PROCESS, MEASUREMENTS, ROTATION = range(4)
 """Uses of random numbers."""
 _BEGIN = "_init", "_update"
 _FEW = 16
@@ -84,7 +84,7 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
         model: Any model; an unknown input in it is ignored.
         members: N, at least 2.
         inflation: Factor on the anomalies of every component that an update may correct; 1: none.
-        localisation: ``(n, p)``: which reading may correct which component; None: every one.
+        localisation: ``(n, p)``: which measurement may correct which component; None: every one.
     """
 
     record = EnsembleBelief
@@ -100,7 +100,7 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
         self.localisation = None if localisation is None else check_taper(localisation, model.n, model.p)
         Q = model.Q
         self._noise_root = None if callable(Q) else noise_root(Q)
-        curved = isinstance(model, NonlinearModel)  # a linear model's readings are as unwrapped as its states
+        curved = isinstance(model, NonlinearModel)  # a linear model's measurements are as unwrapped as its states
         self._angles = tuple(sorted(model.state_angles)) if curved else ()
         self._seams = tuple(sorted(model.measurement_angles)) if curved else ()
         self._prior_cov: np.ndarray | None = None
@@ -118,7 +118,7 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
     def begin(
         self, prior: Gaussian, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng
     ) -> EnsembleBelief:
-        """The belief after the first reading, in one program for priors with the covariance of the first one."""
+        """The belief after the first measurement, in one program for priors with the covariance of the first one."""
         if self._compiles(rng) and self._regular and prior.cov.ndim == 2:
             if self._prior_cov is None:  # a constant of the program: other priors take two programs
                 self._prior_cov, self._prior_root = prior.cov, shared_root(prior.cov)
@@ -156,36 +156,36 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
             return at_columns(model, "measurement", members, u, model.p)
         return resolve(model.C, u) @ members
 
-    def _reading(
+    def _measurement(
         self, belief: EnsembleBelief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None
-    ) -> Reading:
+    ) -> Measurement:
         mean, anomalies = expect(self._asked("_expected", belief, belief.u), angles=self._seams)
         whole, mask = self._noise(y, available, R, belief.u)
         complete, none = not is_traced(mask) and bool(mask.all()), self._no_columns
         innovation, R = difference(y, mean, self.model.measurement_angles), whole
         if not complete:
             innovation, R = np.where(mask, innovation, 0.0), masked(whole, mask)
-        return Reading(innovation, none, none, R, mask, complete, anomalies.mT, whole)
+        return Measurement(innovation, none, none, R, mask, complete, anomalies.mT, whole)
 
     def _condensed(
-        self, start: EnsembleBelief, reading: Reading, S: np.ndarray, lost: np.ndarray
-    ) -> tuple[Reading, np.ndarray] | None:
+        self, start: EnsembleBelief, measurement: Measurement, S: np.ndarray, lost: np.ndarray
+    ) -> tuple[Measurement, np.ndarray] | None:
         if self.localisation is not None:  # which is about channels: mixed ones have no place in it
             return None
-        alone = reading.only(reading.available)
+        alone = measurement.only(measurement.available)
         return super()._condensed(start, alone._replace(available=np.ones_like(alone.available)), S, lost)
 
     # --- pieces -----------------------------------------------------------------------------------
 
-    def _moments(self, belief: EnsembleBelief, reading: Reading) -> Moments:
+    def _moments(self, belief: EnsembleBelief, measurement: Measurement) -> Moments:
         """Arguments that every analysis has."""
-        assert reading.anomalies is not None
-        members, Y = members_last(belief.ensemble), members_last(reading.anomalies)
-        return members, belief.mean, Y, reading.innovation, reading.available, reading.R
+        assert measurement.anomalies is not None
+        members, Y = members_last(belief.ensemble), members_last(measurement.anomalies)
+        return members, belief.mean, Y, measurement.innovation, measurement.available, measurement.R
 
 
 class EnsembleKalmanFilter(EnsembleFilter, verified=True):
-    """EnKF: every member is corrected by its own perturbed reading.
+    """EnKF: every member is corrected by its own perturbed measurement.
 
     ``x_i = x_i- + K (y + v_i - h(x_i-))`` with ``v_i ~ N(0, R)`` centred to zero mean, and the gain with R exact::
 
@@ -197,7 +197,7 @@ class EnsembleKalmanFilter(EnsembleFilter, verified=True):
         model: Any model; an unknown input in it is ignored.
         members: N, at least 2.
         inflation: Factor on the anomalies of every component that an update may correct; 1: none.
-        localisation: ``(n, p)`` from 0 to 1, multiplies the gain: which reading may correct which component, and by
+        localisation: ``(n, p)`` from 0 to 1, multiplies the gain: which measurement may correct which component, and by
             how much of what the covariance says; None: every one, whole.
     """
 
@@ -208,23 +208,23 @@ class EnsembleKalmanFilter(EnsembleFilter, verified=True):
         self, model: Model, members: int = 100, inflation: float = 1.0, localisation: np.ndarray | None = None
     ) -> None:
         super().__init__(model, members, inflation, localisation)
-        self._reading_root = None if callable(model.R) else semidefinite_cholesky(model.R)
+        self._measurement_root = None if callable(model.R) else semidefinite_cholesky(model.R)
         self._factors = np.ones((model.p, model.n)) if self.localisation is None else self.localisation.T
 
-    def _update(self, belief: EnsembleBelief, reading: Reading, rng: Rng) -> EnsembleBelief:
-        batch, arrived = belief.mean.shape[:-1], reading.available
+    def _update(self, belief: EnsembleBelief, measurement: Measurement, rng: Rng) -> EnsembleBelief:
+        batch, arrived = belief.mean.shape[:-1], measurement.available
         numbers = self._numbers(rng, batch)
-        # The gain of a missing reading is zero, so that the root of the whole R does: it is known beforehand.
-        root = self._reading_root
-        if root is None or reading.whole_R is not self.model.R:
-            root = semidefinite_cholesky(reading.R)
-        # the numbers of which a reading that arrived has a share
+        # The gain of a missing measurement is zero, so that the root of the whole R does: it is known beforehand.
+        root = self._measurement_root
+        if root is None or measurement.whole_R is not self.model.R:
+            root = semidefinite_cholesky(measurement.R)
+        # the numbers of which a measurement that arrived has a share
         wanted = np.vecmat(1.0 * arrived, 1.0 * (np.abs(root) > 0.0)) > 0.0
-        normals = members_last(draw(numbers, batch, self.members, self.model.p, READINGS, wanted))
+        normals = members_last(draw(numbers, batch, self.members, self.model.p, MEASUREMENTS, wanted))
         mean, members, S = perturbed_analysis(
-            *self._moments(belief, reading), root, normals, self._factors, inflation=self.inflation
+            *self._moments(belief, measurement), root, normals, self._factors, inflation=self.inflation
         )
-        return EnsembleBelief.updated(belief, mean, covariance(members, mean), reading, S, ensemble=members.mT)
+        return EnsembleBelief.updated(belief, mean, covariance(members, mean), measurement, S, ensemble=members.mT)
 
 
 class EnsembleTransformFilter(EnsembleFilter, verified=True):
@@ -235,20 +235,22 @@ class EnsembleTransformFilter(EnsembleFilter, verified=True):
 
         K = (C P-)' W W'        K~ = (C P-)' W diag(1 / (1 + s)) W'        A <- A - Y K~'
 
-    which needs no inverse of R and is exact for any N. Where there are more readings than members, T is formed, N x N,
-    if the model's R is one matrix that is not singular. However precise they are, readings cost no digits unless they
-    outnumber the directions of the members; then the covariance, not the mean, is off by up to ``eps P / R`` of itself,
-    P the variance that is predicted and eps the machine's precision, and by some ``eps sqrt(P / R)`` where T is formed.
+    which needs no inverse of R and is exact for any N. Where there are more measurements than members, T is formed, N x
+    N, if the model's R is one matrix that is not singular. However precise they are, measurements cost no digits unless
+    they outnumber the directions of the members; then the covariance, not the mean, is off by up to ``eps P / R`` of
+    itself, P the variance that is predicted and eps the machine's precision, and by some ``eps sqrt(P / R)`` where T is
+    formed.
 
     Sources: Bishop, Etherton & Majumdar (2001); Wang, Bishop & Julier (2004); the reduced gain of Whitaker & Hamill
-    (2002) for readings taken together; rotations: Sakov & Oke (2008b); localisation: Hunt, Kostelich & Szunyogh (2007).
+    (2002) for measurements taken together; rotations: Sakov & Oke (2008b); localisation: Hunt, Kostelich & Szunyogh
+    (2007).
 
     Args:
         model: Any model; an unknown input in it is ignored.
         members: N, at least 2.
         inflation: Factor on the anomalies of every component that an update may correct; 1: none.
-        localisation: ``(n, p)`` of 0 and 1: which reading may correct which component. Components with the same row
-            form a group, and each group is transformed with its own readings; None: one group.
+        localisation: ``(n, p)`` of 0 and 1: which measurement may correct which component. Components with the same row
+            form a group, and each group is transformed with its own measurements; None: one group.
         rotate: Rotate the anomalies at random after each update, keeping their mean and covariance.
     """
 
@@ -278,16 +280,16 @@ class EnsembleTransformFilter(EnsembleFilter, verified=True):
             self._programs = None
         self.sequential = self.inflation == 1.0 and localisation is None
 
-    def _update(self, belief: EnsembleBelief, reading: Reading, rng: Rng) -> EnsembleBelief:
+    def _update(self, belief: EnsembleBelief, measurement: Measurement, rng: Rng) -> EnsembleBelief:
         numbers = self._numbers(rng, belief.mean.shape[:-1])
-        regular = bool(self._regular) and reading.whole_R is self.model.R
-        mean, members, S = self._analysis(regular, self._moments(belief, reading))
+        regular = bool(self._regular) and measurement.whole_R is self.model.R
+        mean, members, S = self._analysis(regular, self._moments(belief, measurement))
         ensemble = members.mT
         if self.rotate:
             normals = draw(numbers, mean.shape[:-1], self.members - 1, min(self.members - 1, self.model.n), ROTATION)
             ensemble = rotate_anomalies(ensemble - mean[..., None, :], normals) + mean[..., None, :]
         return EnsembleBelief.updated(
-            belief, mean, covariance(members_last(ensemble), mean), reading, S, ensemble=ensemble
+            belief, mean, covariance(members_last(ensemble), mean), measurement, S, ensemble=ensemble
         )
 
     def _analysis(self, regular: bool, moments: Moments) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -349,16 +351,17 @@ class EnsembleSquareRootFilter(EnsembleTransformFilter, verified=True):
 
 
 class LocalEnsembleTransformFilter(EnsembleTransformFilter, verified=True):
-    """LETKF: each component is transformed by the readings near it, which count the less the farther they are.
+    """LETKF: each component is transformed by the measurements near it, which count the less the farther they are.
 
     The transform of `etkf` for every group of components with equal rows of ``localisation``, with R divided by their
-    taper, so that a reading's information fades with distance instead of ending: see `gaspari_cohn`.
+    taper, so that a measurement's information fades with distance instead of ending: see `gaspari_cohn`.
 
     With ``adaptive`` every analysis also finds by how much the members differ from each other too little, or too much,
     in each group: the finite-size filter EnKF-N in its dual form, for an ensemble of N tells the covariance of a
-    sample, and its scale is told again by the reading. It has no memory, so that a belief is no more than its members,
-    and no tuning but how much the scale of a sample is believed: chaos without model error needs 1 to 2. The belief's
-    ``innovation_cov`` is that of the members as they came: where they are inflated, it is too small for the reading.
+    sample, and its scale is told again by the measurement. It has no memory, so that a belief is no more than its
+    members, and no tuning but how much the scale of a sample is believed: chaos without model error needs 1 to 2. The
+    belief's ``innovation_cov`` is that of the members as they came: where they are inflated, it is too small for the
+    measurement.
 
     Sources: Hunt, Kostelich & Szunyogh (2007); Bocquet, Raanes & Hannart (2015); Raanes, Bocquet & Carrassi (2019).
 
@@ -366,8 +369,8 @@ class LocalEnsembleTransformFilter(EnsembleTransformFilter, verified=True):
         model: Any model; an unknown input in it is ignored.
         members: N, at least 2.
         inflation: Factor on the anomalies of the analysis, whether or not it is adaptive, too; 1: none.
-        localisation: ``(n, p)`` from 0 to 1: by what the information of a reading is multiplied for a component; None:
-            by 1.
+        localisation: ``(n, p)`` from 0 to 1: by what the information of a measurement is multiplied for a component;
+            None: by 1.
         rotate: Rotate the anomalies at random after each update, keeping their mean and covariance.
         adaptive: How many samples of N the prior of the scale is worth, above 0; None: no inflation that adapts.
     """

@@ -9,8 +9,8 @@ from estimators.differences import central_differences, steps
 from estimators.filter import Rng
 from estimators.kalman import GaussianFilter, joseph_update
 from estimators.linalg import congruence, symmetrise
+from estimators.measurement import Measurement
 from estimators.models import Gaussian, ManifoldGaussian
-from estimators.reading import Reading
 
 
 class ErrorStateKalmanFilter(GaussianFilter[Belief], verified=True):
@@ -68,19 +68,19 @@ class ErrorStateKalmanFilter(GaussianFilter[Belief], verified=True):
     def _returned(self, method: str, belief: Belief, batch: tuple[int, ...]) -> Belief:
         return super()._returned(method, belief, batch) if self._curved is None else belief
 
-    def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
+    def _update(self, belief: Belief, measurement: Measurement, rng: Rng) -> Belief:
         model, before = self._curved, belief.mean[..., None, :]
         if model is None:
-            return super()._update(belief, reading, rng)
+            return super()._update(belief, measurement, rng)
         none = np.zeros(belief.cov.shape[:-1])
-        error, cov, S = joseph_update(none, belief.cov, reading.innovation, reading.C, reading.R)
+        error, cov, S = joseph_update(none, belief.cov, measurement.innovation, measurement.C, measurement.R)
         mean = model.sum(belief.mean, error)
 
         def moved(e: np.ndarray, u: np.ndarray | None) -> np.ndarray:
             return cast(np.ndarray, model.difference(model.sum(before, e), mean[..., None, :]))
 
         _, G = central_differences("difference", moved, error, None, model.n, (), steps(error, cov))
-        return Belief.updated(belief, mean, symmetrise(congruence(G, cov)), reading, S)
+        return Belief.updated(belief, mean, symmetrise(congruence(G, cov)), measurement, S)
 
 
 def check_inverse(model: Any, prior: Gaussian) -> None:

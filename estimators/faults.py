@@ -9,10 +9,10 @@
 
 As long as model and filter are right, innovations are independent of each other and as large as S says. A fault in the
 direction ``f`` shows best in ``f' S^-1 e``, its matched filter. So a sensor is judged by ``w = S^-1 e``, each channel
-in units of its own standard deviation there: a reading that is odd only beside another, with which it is correlated,
-speaks against the odd one the most (Basseville & Nikiforov, 1993, Detection of Abrupt Changes, ch. 7).
+in units of its own standard deviation there: a measurement that is odd only beside another, with which it is
+correlated, speaks against the odd one the most (Basseville & Nikiforov, 1993, Detection of Abrupt Changes, ch. 7).
 
-Thresholds follow from the rate of false alarms that is stated, not from data. A reading that is missing counts for
+Thresholds follow from the rate of false alarms that is stated, not from data. A measurement that is missing counts for
 nothing, and nor does one that the filter could take in by a pseudo-inverse alone.
 """
 
@@ -43,7 +43,7 @@ class Watch:
     """The state of a monitor and its verdict; leading axes are a batch.
 
     Attributes:
-        alarm: ``(...)`` whether the last reading raised an alarm.
+        alarm: ``(...)`` whether the last measurement raised an alarm.
         accused: ``(...)`` number of the sensor that is accused, -1 where there is no alarm.
         statistic: ``(...)`` what is tested, in units of its threshold: an alarm is above 1.
         suspicion: ``(..., sensors)`` what speaks against each sensor; the accused has the most.
@@ -86,7 +86,7 @@ class FaultMonitor(ABC):
     """Base of monitors: the sensors, and the innovations of a filter that are judged.
 
     Args:
-        sensors: How many channels a reading has, each a sensor by itself; or names with the channels of each.
+        sensors: How many channels a measurement has, each a sensor by itself; or names with the channels of each.
         false_alarms: How many of the steps of one row raise an alarm though nothing is wrong.
 
     Raises:
@@ -123,8 +123,8 @@ class FaultMonitor(ABC):
             belief: The belief after the update.
 
         Raises:
-            ValueError: if the belief has seen no reading, or its filter gives no covariance of innovations; if it is of
-                another batch or other channels than the monitor; or if the state is of another monitor.
+            ValueError: if the belief has seen no measurement, or its filter gives no covariance of innovations; if it
+                is of another batch or other channels than the monitor; or if the state is of another monitor.
             TypeError: if its innovations carry an unknown input, whose law nobody knows.
         """
         e, S, arrived = self._innovation(belief)
@@ -163,7 +163,9 @@ class FaultMonitor(ABC):
                 "filter that is told of the input as noise"
             )
         if e.shape[-1] != len(self._belongs):
-            raise ValueError(f"the monitor's sensors have {len(self._belongs)} channels, the readings {e.shape[-1]}")
+            raise ValueError(
+                f"the monitor's sensors have {len(self._belongs)} channels, the measurements {e.shape[-1]}"
+            )
         return e, S, arrived & (belief.recovery != Recovery.PSEUDO_INVERSE)[..., None]
 
     def _watched(self, state: Watch, e: np.ndarray, S: np.ndarray, arrived: np.ndarray) -> Watch:
@@ -192,9 +194,9 @@ class FaultMonitor(ABC):
 class ChiSquareMonitor(FaultMonitor):
     """Chi-square test of the innovations of the last steps: for faults of any kind, as bias, drift or more noise.
 
-    The normalised innovation squared, summed over a window, is chi-square with as many degrees of freedom as readings
-    arrived in it, and the threshold its quantile. What speaks against a sensor is the share of the sum that would not
-    be there without it, as a standard normal deviate.
+    The normalised innovation squared, summed over a window, is chi-square with as many degrees of freedom as
+    measurements arrived in it, and the threshold its quantile. What speaks against a sensor is the share of the sum
+    that would not be there without it, as a standard normal deviate.
 
     Source: Mehra & Peschon (1971), An innovations approach to fault detection and diagnosis in dynamic systems;
     Bar-Shalom, Li & Kirubarajan (2001), sec. 5.4.
@@ -268,8 +270,8 @@ class CusumMonitor(FaultMonitor):
         largest = -2.0 * float(ndtri(one))
         if self.shift >= largest:
             raise ValueError(
-                f"shift must be below {largest:.3g}, got {shift}: one reading tells so much, and a ChiSquareMonitor "
-                f"with a window of 1 will do"
+                f"shift must be below {largest:.3g}, got {shift}: one measurement tells so much, and a "
+                f"ChiSquareMonitor with a window of 1 will do"
             )
         self.threshold = _threshold(0.5 * self.shift, 1.0 / one)
         self._remembered = 2, len(self._belongs)

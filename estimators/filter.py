@@ -14,9 +14,9 @@ from estimators.checks import frozen
 from estimators.contract import BEGUN, Estimator, Kept, Model, Rng, check_channels
 from estimators.engine.matrices import is_traced
 from estimators.linalg import congruence, identity, masked
+from estimators.measurement import Measurement
 from estimators.models import Gaussian, LinearModel
 from estimators.randomness import Numbers
-from estimators.reading import Reading
 from estimators.recovery import (
     attempt,
     condensed,
@@ -66,7 +66,7 @@ class Filter(Estimator[Record], verified=True):
     """
 
     idle: bool = False
-    """An update without readings leaves the prediction as it is, to the last bit."""
+    """An update without measurements leaves the prediction as it is, to the last bit."""
 
     def __init__(self, model: Model) -> None:
         super().__init__(model)
@@ -105,12 +105,12 @@ class Filter(Estimator[Record], verified=True):
     def _predict(self, belief: Record, u: np.ndarray | None, rng: Rng) -> Record: ...
 
     @abstractmethod
-    def _update(self, belief: Record, reading: Reading, rng: Rng) -> Record: ...
+    def _update(self, belief: Record, measurement: Measurement, rng: Rng) -> Record: ...
 
     # --- the contract, of arguments that need no check ----------------------------------------------
 
     def start(self, prior: Gaussian, rng: Rng = None, u: np.ndarray | None = None) -> Record:
-        """The belief before any reading; ``u (..., m)`` is the known input of the first one."""
+        """The belief before any measurement; ``u (..., m)`` is the known input of the first one."""
         if self.verified and self._programs is not None and not self.random and prior.mean.ndim == prior.cov.ndim == 2:
             return self._start_alike(prior, u)
         u = self._protected(u)
@@ -157,7 +157,7 @@ class Filter(Estimator[Record], verified=True):
     def correct(
         self, belief: Record, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None, rng: Rng
     ) -> Record:
-        """The belief after a reading, recovered where the usual update holds nothing."""
+        """The belief after a measurement, recovered where the usual update holds nothing."""
         regular = self._regular
         if R is not None or regular is None:
             R = self._own_R(belief) if R is None and isinstance(self.model.R, StateNoise) else R
@@ -171,11 +171,11 @@ class Filter(Estimator[Record], verified=True):
             if not self.verified:  # it may write into what it is given
                 own = y.copy(), None if available is None else available.copy()
             with np.errstate(all="ignore"):
-                reading = self._reading(belief, *own, R)
-                updated = attempt(self, belief, reading, rng)
+                measurement = self._measurement(belief, *own, R)
+                updated = attempt(self, belief, measurement, rng)
                 if not self.verified:
                     updated = self._returned("_update", updated, belief.mean.shape[:-1])
-                rows = doubtful_rows(updated, reading.R)
+                rows = doubtful_rows(updated, measurement.R)
         doubtful = bool(rows.any())
         if regular and doubtful:
             rows = unsound_rows(self, belief, updated, rows)
@@ -183,17 +183,17 @@ class Filter(Estimator[Record], verified=True):
             return updated
         with np.errstate(all="ignore"):
             if not (regular and self.verified and self._alike):
-                reading = self._reading(belief, y, available, R)
-                return self._recovered(belief, updated, reading, y, rng, available, R)
+                measurement = self._measurement(belief, y, available, R)
+                return self._recovered(belief, updated, measurement, y, rng, available, R)
             some, y, rng = belief[rows], y[rows], rng[rows] if isinstance(rng, Numbers) else rng
             available, R = (None if a is None else a[rows] for a in (available, R))
-            reading = self._reading(some, y, available, R)
-            return updated.with_rows(rows, self._recovered(some, updated[rows], reading, y, rng, available, R))
+            measurement = self._measurement(some, y, available, R)
+            return updated.with_rows(rows, self._recovered(some, updated[rows], measurement, y, rng, available, R))
 
     def advance(
         self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng
     ) -> Record:
-        """The belief one step ahead and after its reading, in one program where that can be."""
+        """The belief one step ahead and after its measurement, in one program where that can be."""
         if self._regular and self._compiles(rng):
             packed, layout = belief.pack()
             program = self._program(BOTH, belief, layout, u)
@@ -206,10 +206,10 @@ class Filter(Estimator[Record], verified=True):
     def advance_steps(
         self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray, kept: Kept | None = None
     ) -> tuple[list[Record], Record] | None:
-        """Predictions of several steps, and the belief after the last one's reading, in one program; None: it cannot.
+        """Predictions of several steps, and the belief after the last measurement, in one program; None: it cannot.
 
         Args:
-            belief: After the reading before them.
+            belief: After the measurement before them.
             u: ``(steps, rows, m)``,
             y: ``(steps, rows, p)``,
             available: and ``(steps, rows, p)`` of each step.
@@ -350,24 +350,26 @@ class Filter(Estimator[Record], verified=True):
 
     @inlinable("measurement", "measurement_jacobian")
     def _linearise(self, belief: Record, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """The expected reading ``(..., p)``, C ``(..., p, n)``, and what is to be added to R for what C leaves out."""
+        """Expected measurement ``(..., p)``, C ``(..., p, n)``, and what is to be added to R for what C leaves out."""
         return *self.model.linearise_measurement(belief.mean, u, belief.cov), None
 
     def _slopes(self, belief: Record, u: np.ndarray | None) -> np.ndarray:
         """A ``(..., n, n)``: how the next state follows the state, of which the belief is."""
         return self.model.linearise_transition(belief.mean, u, belief.cov)[1]
 
-    def _reading(self, belief: Record, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:
+    def _measurement(
+        self, belief: Record, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None
+    ) -> Measurement:
         """Innovation and measurement matrices, with missing channels masked."""
         model, u = self.model, belief.u
         expected, C, excess = self._asked("_linearise", belief, u)
         H = self._no_columns if model.H is None else resolve(model.H, u)
         R, mask = self._noise(y, available, R, u)
-        reading = Reading(
+        measurement = Measurement(
             difference(y, expected, model.measurement_angles), C, H, R if excess is None else R + excess, mask,
             not is_traced(mask) and bool(mask.all()),
         )  # fmt: skip
-        return reading if reading.complete else reading.only(mask)
+        return measurement if measurement.complete else measurement.only(mask)
 
     # --- results of methods of one's own, and recovery ----------------------------------------------
 
@@ -390,20 +392,20 @@ class Filter(Estimator[Record], verified=True):
         return (belief if even else Belief.replace(belief, cov=evened(belief.cov))).read_only()
 
     def _recovered(
-        self, belief: Record, updated: Record, reading: Reading, y: np.ndarray, rng: Rng,
+        self, belief: Record, updated: Record, measurement: Measurement, y: np.ndarray, rng: Rng,
         available: np.ndarray | None, R: np.ndarray | None,
     ) -> Record:  # fmt: skip
         """The update with every lost row replaced by the mildest remedy that holds."""
-        return recovered(self, belief, updated, reading, y, rng, available, R)
+        return recovered(self, belief, updated, measurement, y, rng, available, R)
 
     def _condensed(
-        self, start: Record, reading: Reading, S: np.ndarray, lost: np.ndarray
-    ) -> tuple[Reading, np.ndarray] | None:
-        """The reading in the directions in which S is not singular, and the rows it is for; None: none will do."""
-        return condensed(reading, S, lost, self._shown_input(start, reading))
+        self, start: Record, measurement: Measurement, S: np.ndarray, lost: np.ndarray
+    ) -> tuple[Measurement, np.ndarray] | None:
+        """The measurement in the directions in which S is not singular, and the rows it is for; None: none will do."""
+        return condensed(measurement, S, lost, self._shown_input(start, measurement))
 
-    def _shown_input(self, belief: Record, reading: Reading) -> np.ndarray | None:
-        """How an unknown input, in units of its prior, shows in the reading ``(..., p, k)``; None: there is none."""
+    def _shown_input(self, belief: Record, measurement: Measurement) -> np.ndarray | None:
+        """Effect of an unknown input, in units of its prior, on the measurement ``(..., p, k)``; None: no input."""
         return None
 
 
@@ -419,6 +421,6 @@ def in_rows(array: np.ndarray) -> np.ndarray:
 
 
 @cache
-def _all(rows: int, readings: int) -> np.ndarray:
-    """The mask of readings that have all arrived, made once."""
-    return np.ones((rows, readings), bool)
+def _all(rows: int, measurements: int) -> np.ndarray:
+    """The mask of measurements that have all arrived, made once."""
+    return np.ones((rows, measurements), bool)

@@ -14,11 +14,12 @@ class InputConditions(NamedTuple):
     """Observability of the unknown inputs of a linear system.
 
     Attributes:
-        rank: How many directions of d readings tell at once or one step later; all q are needed.
+        rank: How many directions of d measurements tell at once or one step later; all q are needed.
         sd: ``(q,)`` standard deviations with which they tell each input, in units of its prior's: above some 3 it does
             not count as shown, infinite where a direction of it is not told.
-        zeros: Invariant zeros that d adds to the system: inputs that no reading ever shows. Where one is on or outside
-            the unit circle the errors of an unbiased filter grow without bound. NaN alone: every number is a zero.
+        zeros: Invariant zeros that d adds to the system: inputs that no measurement ever shows. Where one is on or
+            outside the unit circle the errors of an unbiased filter grow without bound. NaN alone: every number is a
+            zero.
     """
 
     rank: int
@@ -31,10 +32,10 @@ def input_conditions(
 ) -> InputConditions:
     """Observability of the unknown inputs of ``x+ = A x + G d + w``, ``y = C x + H d + v``.
 
-    A direction of d is told at once if H shows it, else one step later through C G, by readings that are free of what
-    H shows: rank H, rank C G and the condition of `ULISE` in one. Deviations are for a state that is known as by the
-    Kalman filter that is told d, in its steady state; where it has none, for one that is known exactly (R alone). An
-    unbiased filter knows the state less well. Zeros beyond 1000 count as infinite, which are no zeros.
+    A direction of d is told at once if H shows it, else one step later through C G, by measurements that are free of
+    what H shows: rank H, rank C G and the condition of `ULISE` in one. Deviations are for a state that is known as by
+    the Kalman filter that is told d, in its steady state; where it has none, for one that is known exactly (R alone).
+    An unbiased filter knows the state less well. Zeros beyond 1000 count as infinite, which are no zeros.
 
     Args:
         A: ``(n, n)``, all for one system.
@@ -64,7 +65,7 @@ def input_conditions(
         S = congruence(C, solve_discrete_are(A.T, C.T, Q, R)) + R
     except (np.linalg.LinAlgError, ValueError):  # which SciPy raises where QZ fails
         S = R
-    one_step, told = _one_step(driven_readings(C, G), H, np.linalg.inv(S))
+    one_step, told = _one_step(driven_measurements(C, G), H, np.linalg.inv(S))
     variances, size = (np.diagonal(congruence(root, share)) for share in (one_step, np.eye(model.q) - told))
     sd = np.where(size > 1e-9 * np.diagonal(cov), np.inf, np.sqrt(variances / np.diagonal(cov)))
     return InputConditions(
@@ -72,7 +73,7 @@ def input_conditions(
     )
 
 
-def driven_readings(C: np.ndarray, G: np.ndarray) -> np.ndarray:
+def driven_measurements(C: np.ndarray, G: np.ndarray) -> np.ndarray:
     """``C G (..., p, q)``, 0 where it is nothing but rounding."""
     CG = C @ G
     return np.where(np.abs(CG) > 1e-12 * (np.abs(C) @ np.abs(G)), CG, 0.0)
@@ -80,14 +81,14 @@ def driven_readings(C: np.ndarray, G: np.ndarray) -> np.ndarray:
 
 def shown_ranks(C: np.ndarray, G: np.ndarray, H: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Numbers of inputs observable at once by ``H (..., p, q)``, and of others one step later, by ``C G``."""
-    seen, CG = np.linalg.pinv(H, rcond=1e-9), driven_readings(C, G)
+    seen, CG = np.linalg.pinv(H, rcond=1e-9), driven_measurements(C, G)
     clean = (identity(H.shape[-2]) - H @ seen) @ CG @ (identity(H.shape[-1]) - seen @ H)
     late = np.linalg.matrix_rank(clean, tol=1e-9 * np.linalg.norm(CG, 2, (-2, -1)))
     return np.linalg.matrix_rank(H, rtol=1e-9), late
 
 
 def _one_step(CG: np.ndarray, H: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The covariance ``(q, q)`` of an input, each direction by the first reading that tells it, and which are told."""
+    """Covariance ``(q, q)`` of an input, each direction by the first measurement that shows it, and which are shown."""
 
     def best(F: np.ndarray, weight: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
         values, directions = np.linalg.eigh(congruence(F.T, weight))
@@ -104,7 +105,7 @@ def _one_step(CG: np.ndarray, H: np.ndarray, precision: np.ndarray) -> tuple[np.
 def _added_zeros(A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray) -> np.ndarray:
     """Numbers z at which ``[A - z I, G; C, H]`` loses more rank of its columns than ``[A - z I; C]`` does.
 
-    Candidates are the zeros of as many sums of the readings as there are inputs, which share those of the system.
+    Candidates are the zeros of as many sums of the measurements as there are inputs, which share those of the system.
     """
     n, q = G.shape
     system, states = np.block([[A, G], [C, H]]), np.eye(n + len(C), n + q)

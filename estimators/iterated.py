@@ -7,12 +7,12 @@ from estimators.checks import number, whole
 from estimators.filter import Model
 from estimators.kalman import GaussianFilter
 from estimators.linalg import solve
+from estimators.measurement import Measurement
 from estimators.models import LinearModel
-from estimators.reading import Reading
 
 
 class IteratedExtendedKalmanFilter(GaussianFilter[Belief], verified=True):
-    """An `ekf` whose update is the most probable state, given the prediction as a Gaussian and the reading.
+    """An `ekf` whose update is the most probable state, given the prediction as a Gaussian and the measurement.
 
     That state minimises, with ``P = P-``::
 
@@ -25,8 +25,8 @@ class IteratedExtendedKalmanFilter(GaussianFilter[Belief], verified=True):
 
     t is 1, and half of it after each step by which V would have risen. The update is then that of the `ekf`, with C
     and the innovation ``y - h(x) - C (x- - x)`` of the last x. So the belief's innovation and its covariance give the
-    density of the reading to second order about the estimate (Laplace's method). One iteration is the `ekf`, and so is
-    any number on a linear model.
+    density of the measurement to second order about the estimate (Laplace's method). One iteration is the `ekf`, and so
+    is any number on a linear model.
 
     Sources: Bell & Cathey (1993), The iterated Kalman filter update as a Gauss-Newton method; Skoglund, Hendeby &
     Axehill (2015), Extended Kalman filter modifications based on an optimization view point, for the shorter steps.
@@ -48,8 +48,10 @@ class IteratedExtendedKalmanFilter(GaussianFilter[Belief], verified=True):
         self.iterations = whole("iterations", iterations, 1)
         self.tolerance = number("tolerance", tolerance, 0.0, what="positive")
 
-    def _reading(self, belief: Belief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:
-        best = super()._reading(belief, y, available, R)
+    def _measurement(
+        self, belief: Belief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None
+    ) -> Measurement:
+        best = super()._measurement(belief, y, available, R)
         if isinstance(self.model, LinearModel):
             return best
         cov, a, length = belief.cov, np.zeros(belief.mean.shape), np.ones(belief.mean.shape[:-1])
@@ -64,21 +66,21 @@ class IteratedExtendedKalmanFilter(GaussianFilter[Belief], verified=True):
                 break
             a_tried = a + length[..., None] * step
             tried = np.matvec(cov, a_tried)
-            reading = super()._reading(belief.replace(mean=belief.mean + tried), y, available, R)
-            cost_tried = _cost(reading, a_tried, tried)
-            known = np.isfinite(reading.innovation).all(-1) & np.isfinite(reading.C).all((-2, -1))
-            taken = running & known & ~(cost_tried > cost)  # a reading without noise has no cost, and whole steps
+            measurement = super()._measurement(belief.replace(mean=belief.mean + tried), y, available, R)
+            cost_tried = _cost(measurement, a_tried, tried)
+            known = np.isfinite(measurement.innovation).all(-1) & np.isfinite(measurement.C).all((-2, -1))
+            taken = running & known & ~(cost_tried > cost)  # a measurement without noise has no cost, and whole steps
             length = np.where(taken, 1.0, 0.5 * length)
             a, shift = (np.where(taken[..., None], new, old) for new, old in ((a_tried, a), (tried, shift)))
             cost = np.where(taken, cost_tried, cost)
             best = best._replace(
-                innovation=np.where(taken[..., None], reading.innovation, best.innovation),
-                C=np.where(taken[..., None, None], reading.C, best.C),
+                innovation=np.where(taken[..., None], measurement.innovation, best.innovation),
+                C=np.where(taken[..., None, None], measurement.C, best.C),
             )
         return best._replace(innovation=best.innovation + np.matvec(best.C, shift))
 
 
-def _cost(reading: Reading, a: np.ndarray, shift: np.ndarray) -> np.ndarray:
+def _cost(measurement: Measurement, a: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """``2 V (...)`` at ``x- + shift``, ``shift = P a``; not a number where R is singular."""
-    e = reading.innovation
-    return np.vecdot(e, solve(reading.R, e[..., None])[..., 0]) + np.vecdot(a, shift)
+    e = measurement.innovation
+    return np.vecdot(e, solve(measurement.R, e[..., None])[..., 0]) + np.vecdot(a, shift)

@@ -9,9 +9,9 @@ from estimators.belief import Belief, InputBelief, Record
 from estimators.checks import as_array, frozen
 from estimators.filter import Filter, Model, Rng
 from estimators.linalg import congruence, identity, joined, solve, symmetric_blocks, symmetrise
+from estimators.measurement import Measurement
 from estimators.model_checks import as_covariance
 from estimators.models import LinearModel
-from estimators.reading import Reading
 from estimators.varying import resolve
 
 
@@ -45,17 +45,19 @@ class GaussianFilter(Filter[Record], verified=True):
         """The record's own arrays after a prediction to this mean."""
         return self._unseen(mean)
 
-    def _reading(self, belief: Record, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None) -> Reading:
-        reading = super()._reading(belief, y, available, R)
+    def _measurement(
+        self, belief: Record, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None
+    ) -> Measurement:
+        measurement = super()._measurement(belief, y, available, R)
         if belief.innovation is None or not isinstance(belief, InputBelief):
-            return reading
-        expected = np.matvec(reading.H, belief.input_mean)  # by earlier measurements of the step
-        innovation = difference(reading.innovation, expected, self.model.measurement_angles)
-        return reading._replace(innovation=innovation)
+            return measurement
+        expected = np.matvec(measurement.H, belief.input_mean)  # by earlier measurements of the step
+        innovation = difference(measurement.innovation, expected, self.model.measurement_angles)
+        return measurement._replace(innovation=innovation)
 
-    def _update(self, belief: Record, reading: Reading, rng: Rng) -> Record:
-        mean, cov, S = joseph_update(belief.mean, belief.cov, reading.innovation, reading.C, reading.R)
-        return cast(Record, Belief.updated(belief, mean, cov, reading, S))
+    def _update(self, belief: Record, measurement: Measurement, rng: Rng) -> Record:
+        mean, cov, S = joseph_update(belief.mean, belief.cov, measurement.innovation, measurement.C, measurement.R)
+        return cast(Record, Belief.updated(belief, mean, cov, measurement, S))
 
 
 def joseph_update(
@@ -71,7 +73,7 @@ def joseph_update(
         R: ``(..., p, p)``.
 
     Returns:
-        The mean ``(..., n)`` and covariance ``(..., n, n)`` after the reading, and S ``(..., p, p)``.
+        The mean ``(..., n)`` and covariance ``(..., n, n)`` after the measurement, and S ``(..., p, p)``.
     """
     PC = cov @ C.mT
     S = C @ PC + R
@@ -97,13 +99,13 @@ class KalmanFilter(GaussianFilter[Belief], verified=True):
     """The minimum-variance filter of a linear Gaussian model.
 
     An unknown input ``d`` in the model is ignored unless its covariance D is told. It is then white noise that acts on
-    the reading through H and on the next state through G, and is estimated with the state (``input_delay`` 0)::
+    the measurement through H and on the next state through G, and is estimated with the state (``input_delay`` 0)::
 
         S = C P- C' + H D H' + R      [x; d] = [x-; 0] + [P- C'; D H'] S^-1 e
         x-+ = A x + B u + G d         P-+ = [A G] cov(x, d) [A G]' + Q
 
-    so that what the reading shows of d is not forgotten in the prediction. `kf-umv-ui` is the limit of a D that grows
-    without bound.
+    so that what the measurement shows of d is not forgotten in the prediction. `kf-umv-ui` is the limit of a D that
+    grows without bound.
 
     Source: Kalman (1960); covariance update in Joseph form; Anderson & Moore (1979), Optimal Filtering, sec. 5.4, for
     noises of process and measurement that are correlated.
@@ -139,19 +141,19 @@ class KalmanFilter(GaussianFilter[Belief], verified=True):
     def _moved(self, belief: Belief, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         return driven_on(self.model, belief, u) if isinstance(belief, InputBelief) else super()._moved(belief, u)
 
-    def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
+    def _update(self, belief: Belief, measurement: Measurement, rng: Rng) -> Belief:
         if self.input_cov is None:
-            return super()._update(belief, reading, rng)
+            return super()._update(belief, measurement, rng)
         n, q = self.model.n, self.model.q
         if belief.innovation is None:
             joint = symmetric_blocks(belief.cov, np.zeros((n, q)), self.input_cov)
             mean = joined([belief.mean[..., None], np.zeros((q, 1))], -2)[..., 0]
         else:
             mean, joint = with_input(belief)
-        seen = joined([reading.C, reading.H], -1)
-        mean, cov, S = joseph_update(mean, joint, reading.innovation, seen, reading.R)
+        seen = joined([measurement.C, measurement.H], -1)
+        mean, cov, S = joseph_update(mean, joint, measurement.innovation, seen, measurement.R)
         return InputBelief.updated(
-            belief, mean[..., :n], cov[..., :n, :n], reading, S,
+            belief, mean[..., :n], cov[..., :n, :n], measurement, S,
             input_mean=mean[..., n:], input_cov=cov[..., n:, n:], state_input_cov=cov[..., :n, n:],
         )  # fmt: skip
 

@@ -12,7 +12,7 @@ from estimators.checks import as_array, finite_array
 from estimators.filter import Model, Rng
 from estimators.kalman import GaussianFilter
 from estimators.linalg import congruence, symmetrise
-from estimators.reading import Reading
+from estimators.measurement import Measurement
 
 LARGEST = 1e6
 """Of what a network is fed with, in units of its scale: what is absurd is not to make it absurd for good."""
@@ -110,7 +110,7 @@ class LearnedGainBelief(Belief):
 
     Attributes:
         hidden: ``(..., k)`` what the network remembers.
-        correction: ``(..., n)`` by how much the last reading moved the mean.
+        correction: ``(..., n)`` by how much the last measurement moved the mean.
     """
 
     hidden: np.ndarray
@@ -120,8 +120,8 @@ class LearnedGainBelief(Belief):
 class LearnedGainFilter(GaussianFilter[LearnedGainBelief], verified=True):
     """Predicted by the model, corrected with a gain that a recurrent network has learned: for a model known to be off.
 
-    The network sees the innovation and the last correction. Of a missing reading it sees 0, and of none at all nothing,
-    so that it remembers what it did. `agents.training.learned_filter.train_filter` trains it.
+    The network sees the innovation and the last correction. Of a missing measurement it sees 0, and of none at all
+    nothing, so that it remembers what it did. `agents.training.learned_filter.train_filter` trains it.
 
     The covariance is that of this gain, ``(I - K C) P- (I - K C)' + K R K'``, if the model were right: what the filter
     makes of its model's errors is in its mean alone.
@@ -130,10 +130,10 @@ class LearnedGainFilter(GaussianFilter[LearnedGainBelief], verified=True):
 
     Args:
         model: That of the training; an unknown input in it is ignored.
-        network: A `GainNetwork` for as many states and readings.
+        network: A `GainNetwork` for as many states and measurements.
 
     Raises:
-        ValueError: if the network is for another number of states or readings.
+        ValueError: if the network is for another number of states or measurements.
         TypeError: if it is none.
     """
 
@@ -149,7 +149,7 @@ class LearnedGainFilter(GaussianFilter[LearnedGainBelief], verified=True):
         sizes = network.state_scale.size, network.innovation_scale.size
         if sizes != (model.n, model.p):
             raise ValueError(
-                f"the network is for {sizes[0]} states and {sizes[1]} readings, the model has {model.n} and {model.p}"
+                f"the network is for {sizes[0]} states, {sizes[1]} measurements; the model has {model.n} and {model.p}"
             )
         self.network = network
 
@@ -159,20 +159,20 @@ class LearnedGainFilter(GaussianFilter[LearnedGainBelief], verified=True):
     def _own(self, before: LearnedGainBelief, mean: np.ndarray, u: np.ndarray | None) -> dict[str, Any]:
         return {"hidden": before.hidden, "correction": before.correction}
 
-    def _update(self, belief: LearnedGainBelief, reading: Reading, rng: Rng) -> LearnedGainBelief:
-        hidden, gain = self.network(belief.hidden, reading.innovation, belief.correction)
-        gain = np.where(reading.available[..., None, :], gain, 0.0)
-        correction, any_came = np.matvec(gain, reading.innovation), reading.available.any(-1, keepdims=True)
-        S = congruence(reading.C, belief.cov) + reading.R
-        cov = congruence(self._identity - gain @ reading.C, belief.cov) + congruence(gain, reading.R)
+    def _update(self, belief: LearnedGainBelief, measurement: Measurement, rng: Rng) -> LearnedGainBelief:
+        hidden, gain = self.network(belief.hidden, measurement.innovation, belief.correction)
+        gain = np.where(measurement.available[..., None, :], gain, 0.0)
+        correction, any_came = np.matvec(gain, measurement.innovation), measurement.available.any(-1, keepdims=True)
+        S = congruence(measurement.C, belief.cov) + measurement.R
+        cov = congruence(self._identity - gain @ measurement.C, belief.cov) + congruence(gain, measurement.R)
         return LearnedGainBelief.updated(
-            belief, belief.mean + correction, symmetrise(cov), reading, symmetrise(S),
+            belief, belief.mean + correction, symmetrise(cov), measurement, symmetrise(S),
             hidden=np.where(any_came, hidden, belief.hidden),
             correction=np.where(any_came, correction, belief.correction),
         )  # fmt: skip
 
     def _condensed(
-        self, start: LearnedGainBelief, reading: Reading, S: np.ndarray, lost: np.ndarray
-    ) -> tuple[Reading, np.ndarray] | None:
+        self, start: LearnedGainBelief, measurement: Measurement, S: np.ndarray, lost: np.ndarray
+    ) -> tuple[Measurement, np.ndarray] | None:
         """The network knows the channels as they are, not mixed ones."""
         return None

@@ -218,7 +218,7 @@ SINGULAR = 1e-13
 def semidefinite(cov: np.ndarray) -> np.ndarray:
     """Covariances ``(..., n, n)`` with negative eigenvalues, which are rounding here, set to zero.
 
-    Perfect readings leave variances that are nothing but rounding, of either sign.
+    Perfect measurements leave variances that are nothing but rounding, of either sign.
     """
     cov = 0.5 * cov + 0.5 * cov.mT
     size = np.abs(cov).max((-2, -1), keepdims=True)

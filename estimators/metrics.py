@@ -35,7 +35,7 @@ def nees(mean: np.ndarray, cov: np.ndarray, truth: np.ndarray, angles: tuple[int
 def nis(innovation: np.ndarray, innovation_cov: np.ndarray) -> np.ndarray:
     """Normalised innovation squared ``e' S^-1 e``, shape ``(...)``.
 
-    Chi-square with as many degrees of freedom as readings arrived: a missing one adds nothing.
+    Chi-square with as many degrees of freedom as measurements arrived: a missing one adds nothing.
     """
     return _mahalanobis(np.asarray(innovation, float), innovation_cov)
 

@@ -48,7 +48,7 @@ def as_covariance(name: str, value: object) -> np.ndarray:
 def usable(R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """R ``(..., p, p)`` without measurements whose variance is not finite, and the mask ``(..., p)`` of the others.
 
-    Receivers report an unknown variance as NaN or infinity: such a reading tells nothing.
+    Receivers report an unknown variance as NaN or infinity: such a measurement tells nothing.
     """
     finite = np.isfinite(R.diagonal(0, -2, -1))
     if is_traced(R):

@@ -141,7 +141,7 @@ class LinearModel(Frozen):
         return self.linearise_transition(x, u)[0]
 
     def measurement(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """``C x``: the reading expected without unknown input and noise."""
+        """``C x``: the measurement expected without unknown input and noise."""
         return np.matvec(resolve(self.C, u), x)
 
     def input_matrix(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
@@ -162,7 +162,7 @@ class LinearModel(Frozen):
     def linearise_measurement(
         self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The expected reading ``(..., p)`` and the Jacobian ``C (..., p, n)``, whatever the belief's covariance."""
+        """Expected measurement ``(..., p)`` and Jacobian ``C (..., p, n)``, whatever the belief's covariance."""
         C = resolve(self.C, u)
         return np.matvec(C, x), C
 

@@ -1,4 +1,4 @@
-"""Moving-horizon estimation: the states of the last times are fitted anew at each reading."""
+"""Moving-horizon estimation: the states of the last times are fitted anew at each measurement."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
@@ -11,7 +11,7 @@ from estimators.checks import as_array, number, whole, with_points
 from estimators.filter import Filter, Model, Rng, check_channels
 from estimators.kalman import joseph_update
 from estimators.linalg import congruence, solve, symmetrise
-from estimators.reading import Reading
+from estimators.measurement import Measurement
 from estimators.varying import resolve
 
 
@@ -20,15 +20,16 @@ class HorizonBelief(Belief):
     """The belief of a filter that keeps its last N times, read or not, the newest last.
 
     Attributes:
-        start_mean: ``(..., n)`` what all earlier readings say of the state at the first of these times,
+        start_mean: ``(..., n)`` what all earlier measurements say of the state at the first of these times,
         start_cov: ``(..., n, n)`` and its covariance.
         states: ``(..., N, n)`` the states about which the model is made straight: the last estimates of them.
         moved: ``(..., N)`` whether a prediction led to this time; else it is the same as the one before.
-        readings: ``(..., N, p)`` 0 where none came.
+        measurements: ``(..., N, p)`` 0 where none came.
         seen: ``(..., N, p)`` which came.
         noises: ``(..., N, p, p)`` their covariance, unit where none came.
-        pending: ``(...)`` True where the newest time has had no reading yet.
-        inputs: ``(..., 2 N m)`` for each time the known input of the prediction that led to it and that of its reading.
+        pending: ``(...)`` True where the newest time has had no measurement yet.
+        inputs: ``(..., 2 N m)`` for each time the known input of the prediction that led to it and that of its
+            measurement.
             None: it was told none.
     """
 
@@ -36,7 +37,7 @@ class HorizonBelief(Belief):
     start_cov: np.ndarray
     states: np.ndarray
     moved: np.ndarray
-    readings: np.ndarray
+    measurements: np.ndarray
     seen: np.ndarray
     noises: np.ndarray
     pending: np.ndarray
@@ -47,28 +48,28 @@ class HorizonBelief(Belief):
         """This belief with some fields changed; another mean or covariance begins a new window."""
         if changes.keys() & {"mean", "cov"}:
             mean, cov = (as_array(name, changes.get(name, getattr(self, name))) for name in ("mean", "cov"))
-            changes = _window_of(mean, cov, *self.readings.shape[-2:]) | changes
+            changes = _window_of(mean, cov, *self.measurements.shape[-2:]) | changes
         return Belief.replace(self, **changes)
 
     def known(self, i: int, which: int) -> np.ndarray | None:
-        """The known input of the prediction that led to time i (0) or of its reading (1)."""
+        """The known input of the prediction that led to time i (0) or of its measurement (1)."""
         if self.inputs is None:
             return None
         return self.inputs.reshape(*self.moved.shape, 2, -1)[..., i, which, :]
 
 
 class _Seen(NamedTuple):
-    """A time on the way forward: what was predicted, and the step to it and its reading, made straight."""
+    """A time on the way forward: what was predicted, and the step to it and its measurement, made straight."""
 
     mean: np.ndarray
     cov: np.ndarray
     A: np.ndarray
-    reading: Reading
+    measurement: Measurement
     S: np.ndarray
 
 
 class MovingHorizonEstimator(Filter[HorizonBelief], verified=True):
-    """MHE: at each reading, the most probable course of the states over the last ``horizon`` times.
+    """MHE: at each measurement, the most probable course of the states over the last ``horizon`` times.
 
     It minimises, over the states of the window, which starts at time s::
 
@@ -90,9 +91,9 @@ class MovingHorizonEstimator(Filter[HorizonBelief], verified=True):
 
     Args:
         model: A `LinearModel` or a `NonlinearModel`.
-        horizon: Times in the window. Every prediction makes one, whether or not a reading comes, and so does every
-            further reading at a time: where one comes every k-th step, ten readings take ``10 k``.
-        iterations: Largest number of times that the model is made straight at a reading.
+        horizon: Times in the window. Every prediction makes one, whether or not a measurement comes, and so does every
+            further measurement at a time: where one comes every k-th step, ten measurements take ``10 k``.
+        iterations: Largest number of times that the model is made straight at a measurement.
         tolerance: A row stops when no state of the window moves by more than this many standard deviations.
 
     Raises:
@@ -114,7 +115,7 @@ class MovingHorizonEstimator(Filter[HorizonBelief], verified=True):
 
     def _batch(self, belief: HorizonBelief) -> tuple[int, ...]:
         batch = super()._batch(belief)
-        check_channels(self, belief.readings.shape[-1])
+        check_channels(self, belief.measurements.shape[-1])
         return batch
 
     def _predict(self, belief: HorizonBelief, u: np.ndarray | None, rng: Rng) -> HorizonBelief:
@@ -126,28 +127,30 @@ class MovingHorizonEstimator(Filter[HorizonBelief], verified=True):
     def correct(
         self, belief: HorizonBelief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None, rng: Rng
     ) -> HorizonBelief:
-        """The belief after a reading, fitted to the whole window."""
+        """The belief after a measurement, fitted to the whole window."""
         with np.errstate(all="ignore"):
             belief = self._fitted(self._read(belief, y, available, R))
         return super().correct(belief, y, available, R, rng)
 
-    def _reading(
+    def _measurement(
         self, belief: HorizonBelief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None
-    ) -> Reading:
-        """The reading made straight about the course of the states, seen from the prediction."""
+    ) -> Measurement:
+        """The measurement made straight about the course of the states, seen from the prediction."""
         x = belief.states[..., -1, :]
-        return _seen_from(super()._reading(Belief.replace(belief, mean=x), y, available, R), self._away(x, belief.mean))
+        return _seen_from(
+            super()._measurement(Belief.replace(belief, mean=x), y, available, R), self._away(x, belief.mean)
+        )
 
-    def _update(self, belief: HorizonBelief, reading: Reading, rng: Rng) -> HorizonBelief:
-        mean, cov, S = joseph_update(belief.mean, belief.cov, reading.innovation, reading.C, reading.R)
+    def _update(self, belief: HorizonBelief, measurement: Measurement, rng: Rng) -> HorizonBelief:
+        mean, cov, S = joseph_update(belief.mean, belief.cov, measurement.innovation, measurement.C, measurement.R)
         window = _window(belief) | {"states": np.concatenate([belief.states[..., :-1, :], mean[..., None, :]], -2)}
-        return HorizonBelief.updated(belief, mean, cov, reading, S, **window)
+        return HorizonBelief.updated(belief, mean, cov, measurement, S, **window)
 
     def _recovered(
-        self, belief: HorizonBelief, updated: HorizonBelief, reading: Reading, y: np.ndarray, rng: Rng,
+        self, belief: HorizonBelief, updated: HorizonBelief, measurement: Measurement, y: np.ndarray, rng: Rng,
         available: np.ndarray | None, R: np.ndarray | None,
     ) -> HorizonBelief:  # fmt: skip
-        result = super()._recovered(belief, updated, reading, y, rng, available, R)
+        result = super()._recovered(belief, updated, measurement, y, rng, available, R)
         lost, mended = result.recovery == Recovery.PRIOR, result.recovery > Recovery.USUAL
         begun = _window(self._init(result, rng).replace(pending=np.zeros(lost.shape, bool)))
         result = result.replace(**{name: _where(mended, a, getattr(result, name)) for name, a in begun.items()})
@@ -172,7 +175,7 @@ class MovingHorizonEstimator(Filter[HorizonBelief], verified=True):
         elif inputs is not None:
             inputs = np.concatenate([inputs, np.zeros(batch + (inputs.shape[-1] // self.horizon,))], -1)
         added = {
-            "states": mean, "moved": np.full(batch, moved), "readings": np.zeros(batch + (p,)),
+            "states": mean, "moved": np.full(batch, moved), "measurements": np.zeros(batch + (p,)),
             "seen": np.zeros(batch + (p,), bool), "noises": np.zeros(batch + (p, p)) + np.eye(p),
         }  # fmt: skip
         axis = len(batch)
@@ -191,7 +194,7 @@ class MovingHorizonEstimator(Filter[HorizonBelief], verified=True):
     def _read(
         self, belief: HorizonBelief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None
     ) -> HorizonBelief:
-        """The belief with a reading at its newest time, which is another one where that has had one."""
+        """The belief with a measurement at its newest time, which is another one where that has had one."""
         again = ~belief.pending
         if again.any():
             window = self._grown(belief, belief.mean, False, belief.u)
@@ -199,20 +202,20 @@ class MovingHorizonEstimator(Filter[HorizonBelief], verified=True):
         R, mask = self._noise(y, available, R, belief.u)
         none = np.zeros(belief.mean.shape[:-1] + (self.model.p, 1))
         y = difference(np.where(mask, y, 0.0), np.zeros(self.model.p), self.model.measurement_angles)
-        reading = Reading(y, none, none, R + none * none.mT, mask, False).only(mask)
-        readings, seen, noises = (a.copy() for a in (belief.readings, belief.seen, belief.noises))
-        readings[..., -1, :], seen[..., -1, :], noises[..., -1, :, :] = reading.innovation, mask, reading.R
+        measurement = Measurement(y, none, none, R + none * none.mT, mask, False).only(mask)
+        measurements, seen, noises = (a.copy() for a in (belief.measurements, belief.seen, belief.noises))
+        measurements[..., -1, :], seen[..., -1, :], noises[..., -1, :, :] = measurement.innovation, mask, measurement.R
         inputs = belief.inputs
         if belief.u is not None:
             m = belief.u.shape[-1]
             told = np.zeros(belief.mean.shape[:-1] + (2 * self.horizon * m,)) if inputs is None else inputs
             inputs = np.concatenate([told[..., :-m], belief.u], -1)
         return belief.replace(
-            readings=readings, seen=seen, noises=noises, inputs=inputs, pending=np.zeros(again.shape, bool)
+            measurements=measurements, seen=seen, noises=noises, inputs=inputs, pending=np.zeros(again.shape, bool)
         )
 
     def _fitted(self, belief: HorizonBelief) -> HorizonBelief:
-        """The belief with its prediction made anew about the most probable course, where a reading has come."""
+        """The belief with its prediction made anew about the most probable course, where a measurement has come."""
         running = (
             np.isfinite(belief.mean).all(-1) & np.isfinite(belief.cov).all((-2, -1)) & belief.seen[..., -1, :].any(-1)
         )
@@ -255,13 +258,13 @@ class MovingHorizonEstimator(Filter[HorizonBelief], verified=True):
         return _where(moved, after, mean), _where(moved, moved_cov, cov), A
 
     def _passed(self, belief: HorizonBelief, i: int, mean: np.ndarray, cov: np.ndarray) -> _Seen:
-        """A time and its reading, which is not taken in yet."""
+        """A time and its measurement, which is not taken in yet."""
         x, mask, R = belief.states[..., i, :], belief.seen[..., i, :], belief.noises[..., i, :, :]
         expected, C = self.model.linearise_measurement(x, belief.known(i, 1), belief.cov)
-        e = difference(belief.readings[..., i, :], expected, self.model.measurement_angles)
-        reading = Reading(e, C, np.zeros((self.model.p, 0)), R, mask, False).only(mask)
-        reading = _seen_from(reading, self._away(x, mean))
-        return _Seen(mean, cov, self._identity, reading, congruence(reading.C, cov) + R)
+        e = difference(belief.measurements[..., i, :], expected, self.model.measurement_angles)
+        measurement = Measurement(e, C, np.zeros((self.model.p, 0)), R, mask, False).only(mask)
+        measurement = _seen_from(measurement, self._away(x, mean))
+        return _Seen(mean, cov, self._identity, measurement, congruence(measurement.C, cov) + R)
 
     def _away(self, x: np.ndarray, mean: np.ndarray) -> np.ndarray:
         return difference(x, mean, self.model.state_angles)
@@ -272,29 +275,31 @@ def _window_of(mean: np.ndarray, cov: np.ndarray, N: int, p: int) -> dict[str, n
     batch = mean.shape[:-1]
     return {
         "start_mean": mean, "start_cov": cov, "states": np.repeat(mean[..., None, :], N, -2),
-        "moved": np.zeros(batch + (N,), bool), "readings": np.zeros(batch + (N, p)),
+        "moved": np.zeros(batch + (N,), bool), "measurements": np.zeros(batch + (N, p)),
         "seen": np.zeros(batch + (N, p), bool), "noises": np.zeros(batch + (N, p, p)) + np.eye(p),
     }  # fmt: skip
 
 
-def _seen_from(reading: Reading, away: np.ndarray) -> Reading:
-    """A reading made straight about a state that is ``away`` from the prediction, as one about the prediction."""
-    return reading._replace(innovation=reading.innovation + np.matvec(reading.C, away))
+def _seen_from(measurement: Measurement, away: np.ndarray) -> Measurement:
+    """A measurement made straight about a state that is ``away`` from the prediction, as one about the prediction."""
+    return measurement._replace(innovation=measurement.innovation + np.matvec(measurement.C, away))
 
 
 def _estimate(time: _Seen) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and covariance with the reading of a time."""
-    mean, cov, _ = joseph_update(time.mean, time.cov, time.reading.innovation, time.reading.C, time.reading.R)
+    """Mean and covariance with the measurement of a time."""
+    mean, cov, _ = joseph_update(
+        time.mean, time.cov, time.measurement.innovation, time.measurement.C, time.measurement.R
+    )
     return mean, cov
 
 
 def _backward(times: list[_Seen]) -> np.ndarray:
-    """The means ``(..., N, n)`` of the states of a window given all its readings."""
+    """The means ``(..., N, n)`` of the states of a window given all its measurements."""
     states, r = [], np.zeros(times[-1].mean.shape)
     for i in reversed(range(len(times))):
         t = times[i]
-        unexplained = t.reading.innovation - np.matvec(t.reading.C @ t.cov, r)
-        r = r + np.vecmat(solve(t.S, unexplained[..., None])[..., 0], t.reading.C)
+        unexplained = t.measurement.innovation - np.matvec(t.measurement.C @ t.cov, r)
+        r = r + np.vecmat(solve(t.S, unexplained[..., None])[..., 0], t.measurement.C)
         states.append(t.mean + np.matvec(t.cov, r))
         r = np.vecmat(r, t.A)
     return np.stack(states[::-1], -2)

@@ -11,7 +11,7 @@ from estimators.belief import Belief
 from estimators.checks import as_array, frozen, shown, with_points
 from estimators.filter import Filter, Rng
 from estimators.linalg import identity, lacks_rank, log_density, masked
-from estimators.reading import Reading
+from estimators.measurement import Measurement
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -22,7 +22,7 @@ class MixtureBelief(Belief):
         means: ``(..., M, n)`` estimate of each mode.
         covs: ``(..., M, n, n)`` its covariance.
         probabilities: ``(..., M)`` how probable it is that the mode holds, which sum to 1.
-        log_likelihood: ``(...)`` log density of the last reading, given those before it; 0 where none came.
+        log_likelihood: ``(...)`` log density of the last measurement, given those before it; 0 where none came.
     """
 
     means: np.ndarray
@@ -40,23 +40,23 @@ class InteractingMultipleModels(Filter[MixtureBelief], verified=True):
     """IMM: a filter for each mode of a system that switches between them as a Markov chain.
 
     Before each prediction every filter begins from the mixture of all, as the chain could have come to its mode. With
-    ``T`` the chain's transition, ``p`` the probabilities and ``L_j`` the density of the reading in mode j::
+    ``T`` the chain's transition, ``p`` the probabilities and ``L_j`` the density of the measurement in mode j::
 
         c_j = sum_i T_ij p_i            mixture for j: weights T_ij p_i / c_j
         p_j = c_j L_j / sum_i c_i L_i   mean and cov: those of the mixture with weights p_j
 
     A mixture is replaced by the Gaussian of its mean and covariance; means of angles are taken the short way round the
-    likeliest mode. A mode climbs down the ladder of recovery by itself, and its probability is 0 at a reading of which
-    it could use less than others; if no mode can tell anything of the reading, or one is sure of a combination of
-    readings (S is singular, so that densities do not compare), probabilities stay.
+    likeliest mode. A mode climbs down the ladder of recovery by itself, and its probability is 0 at a measurement of
+    which it could use less than others; if no mode can tell anything of the measurement, or one is sure of a
+    combination of measurements (S is singular, so that densities do not compare), probabilities stay.
 
     Sources: Blom & Bar-Shalom (1988), The interacting multiple model algorithm for systems with Markovian switching
     coefficients; Bar-Shalom, Li & Kirubarajan (2001), Estimation with Applications to Tracking and Navigation, sec.
     11.6.
 
     Args:
-        filters: One for each mode, of the same numbers of states and readings and with the same angles, whose belief is
-            a mean and a covariance: `kf`, `ekf`, `iekf`, `ukf`, `huber-kf`, `robust-kf`, or your own.
+        filters: One for each mode, of the same numbers of states and measurements and with the same angles, whose
+            belief is a mean and a covariance: `kf`, `ekf`, `iekf`, `ukf`, `huber-kf`, `robust-kf`, or your own.
         transition: ``(M, M)`` probability that mode i (row) is followed by mode j.
         probabilities: ``(M,)`` those of the modes at the start; None: equal.
 
@@ -84,7 +84,7 @@ class InteractingMultipleModels(Filter[MixtureBelief], verified=True):
         for j, size in enumerate(sizes):
             if size != sizes[0]:
                 raise ValueError(
-                    f"filters must have the same states, readings and angles: mode 0 has (n, p, state_angles, "
+                    f"filters must have the same states, measurements and angles: mode 0 has (n, p, state_angles, "
                     f"measurement_angles) = {sizes[0]}, mode {j} {size}"
                 )
         self._alike = all(filter._alike for filter in self.filters)
@@ -121,7 +121,7 @@ class InteractingMultipleModels(Filter[MixtureBelief], verified=True):
     def correct(
         self, belief: MixtureBelief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None, rng: Rng
     ) -> MixtureBelief:
-        """The belief after a reading, of which every mode has its own innovation."""
+        """The belief after a measurement, of which every mode has its own innovation."""
         modes = []
         for j, filter in enumerate(self.filters):
             mode = self._mode(belief, belief.means[..., j, :], belief.covs[..., j, :, :])
@@ -150,8 +150,8 @@ class InteractingMultipleModels(Filter[MixtureBelief], verified=True):
                 innovation=innovation, innovation_cov=masked(S, seen), available=seen, log_likelihood=likelihood,
             )  # fmt: skip
 
-    def _update(self, belief: MixtureBelief, reading: Reading, rng: Rng) -> MixtureBelief:
-        raise TypeError("each mode makes a reading of its own: call update")
+    def _update(self, belief: MixtureBelief, measurement: Measurement, rng: Rng) -> MixtureBelief:
+        raise TypeError("each mode makes a measurement of its own: call update")
 
     def _mode(self, belief: MixtureBelief, mean: np.ndarray, cov: np.ndarray) -> Belief:
         return Belief(mean, cov, belief.prior_mean, belief.prior_cov, belief.recovery, belief.u)

@@ -1,7 +1,7 @@
 """The bootstrap particle filter: weighted particles for beliefs that no mean and covariance describe.
 
 Particles are rows, ``(..., N, n)``, and have log weights ``(..., N)``. A prediction moves them by the model and its
-noise, a reading weighs them by its density: so posteriors may have several peaks, or be bent.
+noise, a measurement weighs them by its density: so posteriors may have several peaks, or be bent.
 """
 
 from dataclasses import dataclass
@@ -15,9 +15,9 @@ from estimators.checks import as_number, shown, whole, with_points
 from estimators.ensemble import DrawingFilter, draw, noise_root
 from estimators.filter import Model, Rng
 from estimators.linalg import cholesky, semidefinite_cholesky, shared_root, symmetrise
+from estimators.measurement import Measurement
 from estimators.models import LinearModel, at_points
 from estimators.randomness import Numbers
-from estimators.reading import Reading
 from estimators.varying import resolve
 
 PARTICLES, DIFFUSION, RESAMPLING, JITTER = range(4, 8)
@@ -35,7 +35,7 @@ class ParticleBelief(Belief):
     Attributes:
         particles: ``(..., N, n)`` as rows.
         log_weights: ``(..., N)`` whose exponentials sum to 1; about -1e300: such a particle cannot be.
-        log_likelihood: ``(...)`` log density of the last reading, given those before it; 0 where none came.
+        log_likelihood: ``(...)`` log density of the last measurement, given those before it; 0 where none came.
     """
 
     particles: np.ndarray
@@ -54,7 +54,7 @@ class ParticleBelief(Belief):
 
 
 class ParticleFilter(DrawingFilter[ParticleBelief], verified=True):
-    """The bootstrap filter: predicted by sampling, weighed by the density of the reading, resampled when few count.
+    """The bootstrap filter: predicted by sampling, weighed by the density of the measurement, resampled when few count.
 
     ``x_i ~ p(x | x_i-)``, ``w_i ~ w_i- N(y; h(x_i), R)``, and where ``1 / sum w_i^2`` falls below a share of N, the
     next prediction begins with a systematic resampling: particle i is copied ``N w_i`` times, rounded to either side so
@@ -70,14 +70,14 @@ class ParticleFilter(DrawingFilter[ParticleBelief], verified=True):
     Clapp (2002), algorithm 4; jitter: Musso, Oudjane & Le Gland (2001).
 
     Args:
-        model: Any model with noise in every reading; an unknown input in it is ignored.
+        model: Any model with noise in every measurement; an unknown input in it is ignored.
         particles: N, at least 2.
         threshold: Share of N, from 0 to 1, below which the effective size brings a resampling.
         jitter: How far copies beyond the first of a particle are moved apart, in bandwidths ``N^(-1 / (n + 4))`` of the
             belief's covariance: where process noise would leave them together. 0: not at all.
 
     Raises:
-        ValueError: if R is singular: no particle meets a reading without noise.
+        ValueError: if R is singular: no particle meets a measurement without noise.
     """
 
     name = "pf"
@@ -92,7 +92,7 @@ class ParticleFilter(DrawingFilter[ParticleBelief], verified=True):
         if not 0.0 <= self.jitter < np.inf:
             raise ValueError(f"jitter must be a number of at least 0, got {shown(jitter)}")
         if self._regular is False:
-            raise ValueError("pf needs noise in every reading, but R is singular: give it a little, or use etkf")
+            raise ValueError("pf needs noise in every measurement, but R is singular: give it a little, or use etkf")
         self._noise_root = None if callable(model.Q) else noise_root(model.Q)
 
     def _init(self, belief: Belief, rng: Rng) -> ParticleBelief:
@@ -123,32 +123,32 @@ class ParticleFilter(DrawingFilter[ParticleBelief], verified=True):
         return self._believed(belief, after, log_weights, u)
 
     def _condensed(
-        self, start: ParticleBelief, reading: Reading, S: np.ndarray, lost: np.ndarray
-    ) -> tuple[Reading, np.ndarray] | None:
-        """Particles are weighed by the channels as they are: where R is singular the reading is left out."""
+        self, start: ParticleBelief, measurement: Measurement, S: np.ndarray, lost: np.ndarray
+    ) -> tuple[Measurement, np.ndarray] | None:
+        """Particles are weighed by the channels as they are: where R is singular the measurement is left out."""
         return None
 
-    def _update(self, belief: ParticleBelief, reading: Reading, rng: Rng) -> ParticleBelief:
+    def _update(self, belief: ParticleBelief, measurement: Measurement, rng: Rng) -> ParticleBelief:
         self._numbers(rng, belief.mean.shape[:-1])
-        assert reading.anomalies is not None
-        off = difference(reading.innovation[..., None, :], reading.anomalies, self.model.measurement_angles)
-        root = cholesky(reading.R)
+        assert measurement.anomalies is not None
+        off = difference(measurement.innovation[..., None, :], measurement.anomalies, self.model.measurement_angles)
+        root = cholesky(measurement.R)
         distance = np.square(off @ np.linalg.inv(root).mT).sum(-1)
         log_weights, log_density = _normalised(belief.log_weights - 0.5 * distance)
         size = np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(-1)
-        arrived = reading.available.sum(-1)
+        arrived = measurement.available.sum(-1)
         log_likelihood = np.where(arrived, log_density - size - 0.5 * np.log(2.0 * np.pi) * arrived, 0.0)
         mean, cov = _moments(np.exp(log_weights), belief.particles, self.model.state_angles)
-        spread = np.where(np.isfinite(reading.anomalies), reading.anomalies, 0.0)
-        S = symmetrise((spread * np.exp(belief.log_weights)[..., None]).mT @ spread) + reading.R
+        spread = np.where(np.isfinite(measurement.anomalies), measurement.anomalies, 0.0)
+        S = symmetrise((spread * np.exp(belief.log_weights)[..., None]).mT @ spread) + measurement.R
         return ParticleBelief.updated(
-            belief, mean, cov, reading, S,
+            belief, mean, cov, measurement, S,
             particles=belief.particles, log_weights=log_weights, log_likelihood=log_likelihood,
         )  # fmt: skip
 
-    def _reading(
+    def _measurement(
         self, belief: ParticleBelief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None
-    ) -> Reading:
+    ) -> Measurement:
         """A channel that cannot be used has no finite innovation: the ladder of recoveries leaves it out."""
         model, u, weights = self.model, belief.u, np.exp(belief.log_weights)
         if isinstance(model, LinearModel):
@@ -165,10 +165,10 @@ class ParticleFilter(DrawingFilter[ParticleBelief], verified=True):
         outside = np.square(innovation) / ((shares * np.square(np.where(told, anomalies, 0.0))).sum(-2) + variance)
         usable = (variance > 0.0) & ((nearest < _ABSURD) | (outside < _ABSURD))
         innovation = np.where(usable, innovation, np.nan)
-        reading = Reading(
+        measurement = Measurement(
             innovation, self._no_columns, self._no_columns, R, mask, bool(mask.all()), np.where(told, anomalies, np.nan)
         )
-        return reading if reading.complete else reading.only(mask)
+        return measurement if measurement.complete else measurement.only(mask)
 
     # --- pieces -----------------------------------------------------------------------------------
 
@@ -178,7 +178,7 @@ class ParticleFilter(DrawingFilter[ParticleBelief], verified=True):
     def _believed(
         self, before: Belief, particles: np.ndarray, log_weights: np.ndarray, u: np.ndarray | None
     ) -> ParticleBelief:
-        """Particles before a reading."""
+        """Particles before a measurement."""
         mean, cov = _moments(np.exp(log_weights), particles, self.model.state_angles)
         return ParticleBelief.predicted(
             before, mean, cov, u,

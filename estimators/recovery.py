@@ -17,21 +17,21 @@ from estimators.linalg import (
     semidefinite_cholesky,
     symmetrise,
 )
+from estimators.measurement import Measurement
 from estimators.randomness import Numbers
-from estimators.reading import Reading
 
 
 def recovered(
-    filter: Any, belief: Record, updated: Record, reading: Reading, y: np.ndarray, rng: Any,
+    filter: Any, belief: Record, updated: Record, measurement: Measurement, y: np.ndarray, rng: Any,
     available: np.ndarray | None, R: np.ndarray | None,
 ) -> Record:  # fmt: skip
     """The update with every lost row replaced by the mildest remedy that holds.
 
     Args:
-        filter: With `_update`, `_init`, `_reading` and `_condensed`.
+        filter: With `_update`, `_init`, `_measurement` and `_condensed`.
         belief: The prediction.
         updated: The usual update of it.
-        reading: Of that update,
+        measurement: Of that update,
         y: and what it was made of.
         rng: Random numbers of the update.
         available: Mask of ``y``.
@@ -41,34 +41,34 @@ def recovered(
     uneven = (even != belief.cov).any((-2, -1)) & finite_rows(belief)
     if uneven.any():  # a prediction that is a covariance but for rounding is not given up for that
         belief = Belief.replace(belief, cov=even)
-        again = attempt(filter, belief, reading, rng)
+        again = attempt(filter, belief, measurement, rng)
         updated = updated.with_rows(uneven, again[uneven])
-    lost, predicted = lost_rows(updated, belief, reading.R), ~lost_rows(belief, belief)
-    result = _mildest(filter, belief, updated, updated, reading, lost & predicted, rng)
+    lost, predicted = lost_rows(updated, belief, measurement.R), ~lost_rows(belief, belief)
+    result = _mildest(filter, belief, updated, updated, measurement, lost & predicted, rng)
     lost = lost & ~predicted
     if lost.any():
         prior = belief.prior_mean, belief.prior_cov
         u = None if belief.u is None else np.nan_to_num(belief.u)
         begun = filter._init(Belief(*prior, *prior, np.zeros(lost.shape, np.int8), u), rng)
-        reading = filter._reading(begun, y, available, R)
-        fresh = attempt(filter, begun, reading, rng)
-        cured = lost & ~lost_rows(fresh, begun, reading.R)
+        measurement = filter._measurement(begun, y, available, R)
+        fresh = attempt(filter, begun, measurement, rng)
+        cured = lost & ~lost_rows(fresh, begun, measurement.R)
         result = result.with_rows(cured, fresh[cured])
-        result = _mildest(filter, begun, result, fresh, reading, lost & ~cured, rng)
+        result = _mildest(filter, begun, result, fresh, measurement, lost & ~cured, rng)
         result = result.replace(recovery=np.where(lost, Recovery.PRIOR, result.recovery).astype(np.int8))
     covs = {name: getattr(result, name, None) for name in COVARIANCES}
     return Belief.replace(result, **{name: semidefinite(cov) for name, cov in covs.items() if cov is not None})
 
 
 def _mildest(
-    filter: Any, start: Record, result: Record, failed: Record, reading: Reading, lost: np.ndarray, rng: Any
+    filter: Any, start: Record, result: Record, failed: Record, measurement: Measurement, lost: np.ndarray, rng: Any
 ) -> Record:
     """The result with each lost row as the mildest remedy but the prior gives it; ``start`` is finite there."""
     S = failed.innovation_cov
     remedies = (
-        (Recovery.PSEUDO_INVERSE, lambda: None if S is None else filter._condensed(start, reading, S, lost)),
-        (Recovery.WITHOUT_CHANNEL, lambda: _without_offending(reading, S)),
-        (Recovery.PREDICTION, lambda: (reading.only(np.zeros(reading.available.shape, bool)), lost)),
+        (Recovery.PSEUDO_INVERSE, lambda: None if S is None else filter._condensed(start, measurement, S, lost)),
+        (Recovery.WITHOUT_CHANNEL, lambda: _without_offending(measurement, S)),
+        (Recovery.PREDICTION, lambda: (measurement.only(np.zeros(measurement.available.shape, bool)), lost)),
     )
     for remedy, milder in remedies:
         if not lost.any():
@@ -76,60 +76,60 @@ def _mildest(
         changed = milder()
         if changed is None:
             continue
-        milder_reading, tried = changed[0], lost & changed[1]
+        milder_measurement, tried = changed[0], lost & changed[1]
         if not tried.any():
             continue
-        again = attempt(filter, start, milder_reading, rng)
+        again = attempt(filter, start, milder_measurement, rng)
         cured = tried & ~lost_rows(again, start)
         if remedy == Recovery.PSEUDO_INVERSE:  # in the channels as they are, not as they were mixed
-            again = again.replace(innovation=reading.innovation, innovation_cov=S, available=reading.available)
+            again = again.replace(innovation=measurement.innovation, innovation_cov=S, available=measurement.available)
         again = again.replace(recovery=np.full(lost.shape, remedy, np.int8))
         result, lost = result.with_rows(cured, again[cured]), lost & ~cured
-    if lost.any():  # a filter that fails even without a reading keeps what it had
+    if lost.any():  # a filter that fails even without a measurement keeps what it had
         kept = start.replace(recovery=np.full(lost.shape, Recovery.PREDICTION, np.int8))
         result = result.with_rows(lost, kept[lost])
     return result
 
 
-def attempt(filter: Any, belief: Record, reading: Reading, rng: Any) -> Record:
+def attempt(filter: Any, belief: Record, measurement: Measurement, rng: Any) -> Record:
     """`_update`; the mean is NaN in rows where that of one's own stops at a singular matrix."""
     try:
-        updated: Record = filter._update(belief, reading, rng)
+        updated: Record = filter._update(belief, measurement, rng)
         return updated
     except np.linalg.LinAlgError:
         if filter.verified:
             raise
     batch, n = belief.mean.shape[:-1], belief.cov.shape[-1]
-    S = congruence(reading.C, belief.cov) + reading.R if reading.C.shape[-1] == n else None
+    S = congruence(measurement.C, belief.cov) + measurement.R if measurement.C.shape[-1] == n else None
     failed = Belief.replace(
-        belief, mean=np.full(belief.mean.shape, np.nan), innovation=reading.innovation, innovation_cov=S,
-        available=reading.available,
+        belief, mean=np.full(belief.mean.shape, np.nan), innovation=measurement.innovation, innovation_cov=S,
+        available=measurement.available,
     )  # fmt: skip
     if math.prod(batch) > 1:
         for row in np.eye(math.prod(batch), dtype=bool):
             row = row.reshape(batch)
             own = rng[row] if isinstance(rng, Numbers) else rng
-            failed = failed.with_rows(row, attempt(filter, belief[row], reading.of_rows(row), own))
+            failed = failed.with_rows(row, attempt(filter, belief[row], measurement.of_rows(row), own))
     return failed
 
 
 def condensed(
-    reading: Reading, S: np.ndarray, lost: np.ndarray, F: np.ndarray | None
-) -> tuple[Reading, np.ndarray] | None:
-    """The reading in the directions in which S is not singular, so that ``S^-1`` of it is S's pseudo-inverse.
+    measurement: Measurement, S: np.ndarray, lost: np.ndarray, F: np.ndarray | None
+) -> tuple[Measurement, np.ndarray] | None:
+    """The measurement in the directions in which S is not singular, so that ``S^-1`` of it is S's pseudo-inverse.
 
     Directions are told apart with each channel in units of its innovation. Rows that are not lost stay as they are.
     An unknown input that shows where S has nothing is seen there without noise: ``S + a F F'`` takes the place of
     S, from which the best unbiased estimate is the same (Rao, 1971, Unified theory of linear estimation).
 
     Args:
-        reading: Of a filter's update.
+        measurement: Of a filter's update.
         S: ``(..., p, p)`` covariance of its innovation.
         lost: ``(...)`` the rows that are lost.
         F: ``(..., p, k)`` how an unknown input, in units of its prior, shows in it; None: there is none.
 
     Returns:
-        The reading and the rows ``(...)`` that it is for, or None.
+        The measurement and the rows ``(...)`` that it is for, or None.
     """
     scale, scaled = equilibrated(S)
     spread = None
@@ -145,11 +145,11 @@ def condensed(
     values, vectors = np.linalg.eigh(np.where(chosen[..., None, None], scaled, eye))
     kept = values > SINGULAR * S.shape[-1]
     T = np.where(kept[..., None], vectors.mT / scale[..., None, :], 0.0)
-    return reading.mixed(np.where(chosen[..., None, None], T, eye), spread), chosen
+    return measurement.mixed(np.where(chosen[..., None, None], T, eye), spread), chosen
 
 
 def doubtful_rows(updated: Belief, R: np.ndarray) -> np.ndarray:
-    """The rows ``(...)`` that are not finite, or of which a reading left nothing, perhaps, but rounding."""
+    """The rows ``(...)`` that are not finite, or of which a measurement left nothing, perhaps, but rounding."""
     if isinstance(updated, EnsembleBelief):  # whose mean is that of the members, and no variance of theirs negative
         return ~np.isfinite(updated.mean.sum(-1))
     total = updated.mean.sum(-1) + updated.cov.sum((-2, -1))
@@ -204,23 +204,23 @@ def lost_rows(updated: Belief, start: Belief, R: np.ndarray | None = None) -> np
 _ROUNDING = 1e-9
 
 
-def _without_offending(reading: Reading, S: np.ndarray | None) -> tuple[Reading, np.ndarray]:
-    """The reading without the channels of which something is not finite, and those that repeat earlier ones.
+def _without_offending(measurement: Measurement, S: np.ndarray | None) -> tuple[Measurement, np.ndarray]:
+    """The measurement without the channels of which something is not finite, and those that repeat earlier ones.
 
     Returns:
-        The reading and the rows ``(...)`` in which it is another one.
+        The measurement and the rows ``(...)`` in which it is another one.
     """
-    kept = np.isfinite(reading.innovation) & np.isfinite(np.diagonal(reading.R, axis1=-2, axis2=-1))
-    for rows in (reading.C, reading.H):
+    kept = np.isfinite(measurement.innovation) & np.isfinite(np.diagonal(measurement.R, axis1=-2, axis2=-1))
+    for rows in (measurement.C, measurement.H):
         kept = kept & np.isfinite(rows).all(-1)
-    if reading.anomalies is not None:
-        kept = kept & np.isfinite(reading.anomalies).all(-2)
+    if measurement.anomalies is not None:
+        kept = kept & np.isfinite(measurement.anomalies).all(-2)
     if S is not None:
         kept = kept & np.isfinite(np.diagonal(S, axis1=-2, axis2=-1))
         _, scaled = equilibrated(masked(S, kept))
         kept = kept & (np.diagonal(semidefinite_cholesky(scaled), axis1=-2, axis2=-1) > 1e-6)
-    kept = kept & reading.available
-    return reading.only(kept), (kept != reading.available).any(-1)
+    kept = kept & measurement.available
+    return measurement.only(kept), (kept != measurement.available).any(-1)
 
 
 def unsound_rows(filter: Any, belief: Belief, updated: Belief, rows: np.ndarray) -> np.ndarray:

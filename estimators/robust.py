@@ -1,4 +1,4 @@
-"""Robust filters: one for readings with outliers, one for a model that is not quite right."""
+"""Robust filters: one for measurements with outliers, one for a model that is not quite right."""
 
 from functools import reduce
 
@@ -9,13 +9,13 @@ from estimators.checks import number, whole
 from estimators.filter import Model, Rng
 from estimators.kalman import GaussianFilter, joseph_update
 from estimators.linalg import joined, principal_root, semidefinite_cholesky, solve, symmetrise, whitened
-from estimators.reading import Reading
+from estimators.measurement import Measurement
 
 
 class HuberKalmanFilter(GaussianFilter[Belief], verified=True):
-    """A Kalman filter whose update minimises Huber's loss instead of squares: for readings with outliers.
+    """A Kalman filter whose update minimises Huber's loss instead of squares: for measurements with outliers.
 
-    The whitened residuals of the reading and of the prediction, ``zeta = [R^-1/2 (y - h(x)); (P-)^-1/2 (x- - x)]``
+    The whitened residuals of the measurement and of the prediction, ``zeta = [R^-1/2 (y - h(x)); (P-)^-1/2 (x- - x)]``
     with Cholesky roots, enter quadratically up to ``gamma`` and linearly beyond. With ``psi = min(1, gamma / |zeta|)``
     a Kalman update is done with::
 
@@ -30,7 +30,7 @@ class HuberKalmanFilter(GaussianFilter[Belief], verified=True):
     ``S~ = M diag(psi)^-1 M'``: P- and R need only be positive semidefinite.
 
     Few iterations are better than many: the minimum itself blames whichever is the less certain, and when the
-    prediction is not much more certain than the reading that is the prediction (``docs/estimators/robust.md``).
+    prediction is not much more certain than the measurement that is the prediction (``docs/estimators/robust.md``).
 
     Sources: Huber (1964), Robust estimation of a location parameter; Karlgaard & Schaub (2007), Huber-based
     divided difference filtering, who start from least squares instead of the prediction.
@@ -56,8 +56,8 @@ class HuberKalmanFilter(GaussianFilter[Belief], verified=True):
         self.tolerance = number("tolerance", tolerance, 0.0, what="positive")
         self.sequential = self.gamma == np.inf
 
-    def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
-        C, R, e, n = reading.C, reading.R, reading.innovation, self.model.n
+    def _update(self, belief: Belief, measurement: Measurement, rng: Rng) -> Belief:
+        C, R, e, n = measurement.C, measurement.R, measurement.innovation, self.model.n
         root_P, root_R = semidefinite_cholesky(belief.cov), semidefinite_cholesky(R)
         M = joined([C @ root_P, root_R], -1)
         S = M @ M.mT
@@ -66,7 +66,7 @@ class HuberKalmanFilter(GaussianFilter[Belief], verified=True):
             belief.mean, _reweighted(belief.cov, root_P, inflation[..., :n]), e,
             C, _reweighted(R, root_R, inflation[..., n:]),
         )  # fmt: skip
-        return Belief.updated(belief, mean, cov, reading, S)
+        return Belief.updated(belief, mean, cov, measurement, S)
 
     def _inflation(self, M: np.ndarray, S: np.ndarray, e: np.ndarray) -> np.ndarray:
         """``1 / psi`` for the last update, ``(..., n + p)``; a row that has converged is left alone."""
@@ -94,7 +94,7 @@ def _reweighted(cov: np.ndarray, root: np.ndarray, inflation: np.ndarray) -> np.
 class RobustKalmanFilter(GaussianFilter[Belief], verified=True):
     """Minimax filter for a model that is only known within a relative-entropy ball.
 
-    At each step nature may replace the joint density of the next state and the reading by any other within
+    At each step nature may replace the joint density of the next state and the measurement by any other within
     relative entropy ``radius / 2`` of the model's. Against the worst choice the best estimate is a Kalman filter
     with a larger prediction covariance: after ``P = A P+ A' + Q``::
 

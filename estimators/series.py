@@ -4,7 +4,7 @@
 
     from estimators import run
 
-    series = run(filter, prior, y)  # y (T, ..., p), NaN where no reading came
+    series = run(filter, prior, y)  # y (T, ..., p), NaN where no measurement came
     series.mean, series.cov, series.log_likelihood
 
 Times come first, then rows, then components. `run` needs nothing of a filter but ``init``, ``predict`` and ``update``.
@@ -30,9 +30,9 @@ class Series(Generic[Record]):
 
     Attributes:
         filter: Which filter.
-        predicted: Beliefs before each reading, ``x(k|k-1)``; the first is the prior. Times lead every array.
-        updated: Beliefs after each reading, ``x(k|k)``.
-        last: The belief after the last reading, as the filter gave it: `run` continues from it.
+        predicted: Beliefs before each measurement, ``x(k|k-1)``; the first is the prior. Times lead every array.
+        updated: Beliefs after each measurement, ``x(k|k)``.
+        last: The belief after the last measurement, as the filter gave it: `run` continues from it.
     """
 
     filter: Filter[Record] | Delayed[Record]
@@ -45,7 +45,7 @@ class Series(Generic[Record]):
 
     @property
     def mean(self) -> np.ndarray:
-        """``(T, ..., n)`` estimates after each reading."""
+        """``(T, ..., n)`` estimates after each measurement."""
         return self.updated.mean
 
     @property
@@ -60,11 +60,11 @@ class Series(Generic[Record]):
 
     @cached_property
     def log_likelihoods(self) -> np.ndarray:
-        """``(T, ...)`` log density of each reading, given those before it; 0 where none came.
+        """``(T, ...)`` log density of each measurement, given those before it; 0 where none came.
 
-        ``filter.likelihood`` says what it is: "exact"; "diffuse", of the part of the readings that the unknown input
-        cannot explain, in the directions in which nothing is supposed of it; or "approximate", of the Gaussian with the
-        filter's own innovation covariance.
+        ``filter.likelihood`` says what it is: "exact"; "diffuse", of the part of the measurements that the unknown
+        input cannot explain, in the directions in which nothing is supposed of it; or "approximate", of the Gaussian
+        with the filter's own innovation covariance.
 
         Raises:
             ValueError: if the filter gives no innovation covariance.
@@ -76,7 +76,7 @@ class Series(Generic[Record]):
 
     @property
     def log_likelihood(self) -> np.ndarray:
-        """``(...)`` log density of all readings of a row: the sum of `log_likelihoods` over time."""
+        """``(...)`` log density of all measurements of a row: the sum of `log_likelihoods` over time."""
         return self.log_likelihoods.sum(0)
 
 
@@ -91,26 +91,27 @@ def run(
     rng: Rng | int = None,
     first: int = 0,
 ) -> Series[Record]:
-    """Filter a series of readings.
+    """Filter a series of measurements.
 
     The prior is at the first measurement; before every other one there is a prediction. A series continues from a
     belief, ``series.last``, with a prediction before its first measurement, too: the results are those of one run.
 
     Args:
         filter: Any filter, one of your own too: what has ``init``, ``predict`` and ``update``, and gives a `Belief`.
-        prior: Of the state at the first reading: mean ``(n,)`` or ``(..., n)``. Or the belief after an earlier reading.
-        y: ``(T, ..., p)`` readings, one series or a batch; a value that is not finite counts as missing. For a
+        prior: Of the state at the first measurement: mean ``(n,)`` or ``(..., n)``. Or the belief after an earlier
+            measurement.
+        y: ``(T, ..., p)`` measurements, one series or a batch; a value that is not finite counts as missing. For a
             `Delayed` filter ``(T, ..., ages, p)``, as they come.
-        u: ``(T, m)`` or ``(T, ..., m)`` known input at the time of each reading, held over the step that follows. The
-            measurement gets the input at its own time, the prediction that of the reading before.
-        t: ``(T,)`` or ``(T, ...)`` times of the readings, where steps are not all alike. The last component of the
+        u: ``(T, m)`` or ``(T, ..., m)`` known input at the time of each measurement, held over the step that follows.
+            The measurement gets the input at its own time, the prediction that of the measurement before.
+        t: ``(T,)`` or ``(T, ...)`` times of the measurements, where steps are not all alike. The last component of the
             known input is then the length of the step, which the model follows (`sampled`; a function of u); that of a
             measurement is the step that led to it, 0 at the first. From a belief, u and t have T + 1 entries: the first
-            is that of the belief's own reading.
-        available: ``(T, ..., p)`` mask of the readings that arrived; None: all that are finite.
-        R: ``(T, ..., p, p)`` covariance of each reading; None: the model's.
+            is that of the belief's own measurement.
+        available: ``(T, ..., p)`` mask of the measurements that arrived; None: all that are finite.
+        R: ``(T, ..., p, p)`` covariance of each measurement; None: the model's.
         rng: For filters that draw numbers: a seed, `Numbers` with a key a row, or a Generator.
-        first: How many readings there were before: keys and seeds go on with the numbers of this step.
+        first: How many measurements there were before: keys and seeds go on with the numbers of this step.
 
     Raises:
         TypeError: if ``filter`` is none.
@@ -125,7 +126,7 @@ def run(
     after, at = _known_inputs(u, t, T + continued, batch, continued)
     rng = _numbers(rng, batch)
     if whole("first", first, 0) == 0 and continued and isinstance(rng, Numbers) and getattr(filter, "random", False):
-        raise ValueError("first must be how many readings came before the belief: their random numbers are used up")
+        raise ValueError("first must be how many measurements came before the belief: their random numbers are used up")
     loop, belief, predicted, updated = cast(Any, filter), prior, [], []
     for k in range(T):
         now = rng.at(first + k) if isinstance(rng, Numbers) else rng
@@ -154,7 +155,7 @@ def _measured(
     R = None if R is None else as_array("R", R)
     for name, array in (("available", available), ("R", R)):
         if array is not None and array.shape[:1] != y.shape[:1]:
-            raise ValueError(f"{name} has shape {array.shape}, expected one for each of the {len(y)} readings of y")
+            raise ValueError(f"{name} has shape {array.shape}, expected one for each of the {len(y)} measurements of y")
     return y, available, R
 
 
@@ -195,15 +196,15 @@ def _prior(prior: Any, batch: tuple[int, ...]) -> tuple[Any, bool]:
 def _known_inputs(
     u: np.ndarray | None, t: np.ndarray | None, T: int, batch: tuple[int, ...], continued: bool
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """The known inputs ``(T, ..., m)`` over the steps that follow readings, and at the readings themselves.
+    """The known inputs ``(T, ..., m)`` over the steps that follow measurements, and at the measurements themselves.
 
-    Where times are given the last component is the length of the step: that follows, and that led to the reading.
+    Where times are given the last component is the length of the step: that follows, and that led to the measurement.
     """
     more = ", and before them one for that of the belief" if continued else ""
     if u is not None:
         u = as_array("u", u)
         if u.ndim < 2 or len(u) != T:
-            raise ValueError(f"u has shape {u.shape}, expected ({T}, ..., m): one for each reading of y{more}")
+            raise ValueError(f"u has shape {u.shape}, expected ({T}, ..., m): one for each measurement of y{more}")
         if u.ndim == 2:
             u = u.reshape(T, *(1,) * len(batch), -1)
     if t is None:
@@ -211,11 +212,11 @@ def _known_inputs(
     t = as_array("t", t)
     if t.shape not in ((T,), (T, *batch)):
         raise ValueError(
-            f"t has shape {t.shape}, expected ({T},) or {(T, *batch)}: one time for each reading of y{more}"
+            f"t has shape {t.shape}, expected ({T},) or {(T, *batch)}: one time for each measurement of y{more}"
         )
     if not np.isfinite(t).all() or (np.diff(t, axis=0) < 0.0).any():
         wrong = "hold a time that is not finite" if not np.isfinite(t).all() else "go back"
-        raise ValueError(f"times t {wrong}: sort the readings by time, or use Delayed for those that come late")
+        raise ValueError(f"times t {wrong}: sort the measurements by time, or use Delayed for those that come late")
     following, leading = np.diff(t, axis=0, append=t[-1:]), np.diff(t, axis=0, prepend=t[:1])
     return _with_lengths(u, following, batch), _with_lengths(u, leading, batch)
 

@@ -8,7 +8,7 @@ unknown input, and ``zeta = D z+`` the part of the next that the past predicts, 
 For a Kalman filter z is the state and D the identity (Rauch, Tung & Striebel). For a filter that estimates the unknown
 input of the very step, ``z = (x, d)``, ``D = [I, 0]`` and ``cov(z, zeta) = P_z [A, G]'``. For one to which d shows a
 step late, ``z = (x, d(k-1))`` and ``D = [I, -G]``: what is left of the next state without its input, of which nothing
-is supposed. Both are the least-squares solution for all states and inputs, given all readings.
+is supposed. Both are the least-squares solution for all states and inputs, given all measurements.
 """
 
 from collections.abc import Callable
@@ -39,7 +39,7 @@ def smooth(series: Series[Record], lag: int | None = None) -> Record:
 
     Args:
         series: What `run` gives.
-        lag: Steps after each time whose readings count (fixed-lag smoothing); None: all.
+        lag: Steps after each time whose measurements count (fixed-lag smoothing); None: all.
 
     Returns:
         The beliefs, times first, with what was smoothed in ``mean``, ``cov``, ``input_mean``, ``input_cov``,
@@ -56,7 +56,9 @@ def smooth(series: Series[Record], lag: int | None = None) -> Record:
     if isinstance(filter, EnsembleFilter):
         return _members(filter, updated, predicted, steps)
     if isinstance(filter, Delayed):
-        raise TypeError(f"{filter!r} has no smoother: sort readings by when they were taken, and run the filter itself")
+        raise TypeError(
+            f"{filter!r} has no smoother: sort measurements by when they were taken, and run the filter itself"
+        )
     if not _reversible(filter):
         name = getattr(filter, "name", type(filter).__name__)
         raise TypeError(

@@ -8,7 +8,7 @@ import numpy as np
 from estimators.belief import Belief
 from estimators.filter import Filter, Rng
 from estimators.linalg import joined, semidefinite_cholesky, symmetrise, whitened
-from estimators.reading import Reading
+from estimators.measurement import Measurement
 from estimators.varying import resolve
 
 
@@ -59,13 +59,13 @@ class SquareRootKalmanFilter(Filter[RootBelief], verified=True):
         root = triangular(joined([A @ belief.root, semidefinite_cholesky(resolve(self.model.Q, u))], -1))
         return RootBelief.predicted(belief, mean, squared(root), u, root=root)
 
-    def _update(self, belief: RootBelief, reading: Reading, rng: Rng) -> RootBelief:
+    def _update(self, belief: RootBelief, measurement: Measurement, rng: Rng) -> RootBelief:
         n, p, L = self.model.n, self.model.p, belief.root
-        seen = joined([semidefinite_cholesky(reading.R), reading.C @ L], -1)
+        seen = joined([semidefinite_cholesky(measurement.R), measurement.C @ L], -1)
         after = triangular(joined([seen, joined([np.zeros((n, p)), L], -1)], -2))
         F, KF, root = after[..., :p, :p], after[..., p:, :p], after[..., p:, p:]
-        mean = belief.mean + np.matvec(KF, whitened(F, reading.innovation))
-        return RootBelief.updated(belief, mean, squared(root), reading, squared(seen), root=root)
+        mean = belief.mean + np.matvec(KF, whitened(F, measurement.innovation))
+        return RootBelief.updated(belief, mean, squared(root), measurement, squared(seen), root=root)
 
 
 def squared(root: np.ndarray) -> np.ndarray:

@@ -115,11 +115,11 @@ def traced(
         if "_update" in methods:
             y, mask = matrix_input(program, 2, 0, (p,)), matrix_input(program, 3, 0, (p,), "b")
             told = None if R is None else callbacks(lambda belief, u, R: R, 2)
-            reading = filter._reading(now, y, mask, told)
-            now = _checked(filter, filter._update(now, reading, rng), now)
+            measurement = filter._measurement(now, y, mask, told)
+            now = _checked(filter, filter._update(now, measurement, rng), now)
             if not filter.verified:  # whose covariance may be symmetric but for rounding
                 now = Belief.replace(now, cov=symmetrise(now.cov))
-            doubtful = cast(Any, doubtful_rows(now, reading.R))
+            doubtful = cast(Any, doubtful_rows(now, measurement.R))
             results.append(now)
         packed = [_packed(program, each) for each in (results[-1], *(results[:1] if "successive" in methods else ()))]
         mask = [] if doubtful is None else [doubtful.value]

@@ -6,9 +6,10 @@
         return make("kf", LinearModel(A, C, q * np.eye(2), [[r]])), Gaussian(mean, cov)
 
     found = fit(build, {"q": 1.0, "r": 1.0}, y)
-    print(found)  # estimates, 95 % intervals, and what the readings cannot tell
+    print(found)  # estimates, 95 % intervals, and what the measurements cannot tell
 
-No truth is needed: a filter foretells each reading, and the numbers that make its readings likely are the estimate.
+No truth is needed: a filter foretells each measurement, and the numbers that make its measurements likely are the
+estimate.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -47,12 +48,12 @@ class Fit:
 
     Attributes:
         estimates: The most likely value of each, by name.
-        standard_errors: Of each; infinite where the readings do not determine it, or the search found no maximum.
+        standard_errors: Of each; infinite where the measurements do not determine it, or the search found no maximum.
         intervals: 95 % interval of each, likewise; of a positive parameter that of its logarithm.
         correlation: ``(k, k)`` of the errors of the estimates (of logarithms where they are positive), in their order;
             NaN where one is not determined.
-        log_likelihood: Of all readings, at the estimates.
-        undetermined: What the readings cannot determine: a sentence for each direction.
+        log_likelihood: Of all measurements, at the estimates.
+        undetermined: What the measurements cannot determine: a sentence for each direction.
         converged: Whether the search found a maximum.
         filter: The filter of the estimates, as `fit` was told to build it.
         prior: Its prior, likewise.
@@ -89,14 +90,14 @@ def fit(
     objective: str = "likelihood",
     rng: Numbers | int = 0,
 ) -> Fit:
-    """Find what a filter is built with from readings alone.
+    """Find what a filter is built with from measurements alone.
 
-    ``"likelihood"`` maximises the density of all readings (`Series.log_likelihood`). ``"prediction-error"`` minimises
-    the determinant of the covariance of the innovations, which is the likelihood where that covariance is unknown: it
-    needs nothing of a filter but ``init``, ``predict`` and ``update``, and tells nothing of a factor that Q, R and the
-    prior have in common. The search goes by gradients (L-BFGS-B); for filters that draw numbers, with the same numbers
-    throughout, and where gradients lead to no minimum, by a simplex (Nelder & Mead). Standard errors are of the
-    observed information: second derivatives there.
+    ``"likelihood"`` maximises the density of all measurements (`Series.log_likelihood`). ``"prediction-error"``
+    minimises the determinant of the covariance of the innovations, which is the likelihood where that covariance is
+    unknown: it needs nothing of a filter but ``init``, ``predict`` and ``update``, and tells nothing of a factor that
+    Q, R and the prior have in common. The search goes by gradients (L-BFGS-B); for filters that draw numbers, with the
+    same numbers throughout, and where gradients lead to no minimum, by a simplex (Nelder & Mead). Standard errors are
+    of the observed information: second derivatives there.
 
     Source: Ljung (1999), System Identification, sec. 7.2 to 7.4; Harvey (1989), Forecasting,
     Structural Time Series Models and the Kalman Filter, sec. 3.4.
@@ -104,7 +105,8 @@ def fit(
     Args:
         build: Makes a filter and its prior of parameters, given by name.
         start: Where the search begins, by name: positive numbers, which are searched as their logarithms.
-        y: ``(T, ..., p)`` readings, as `run` takes them; rows of a batch are independent series of the same parameters.
+        y: ``(T, ..., p)`` measurements, as `run` takes them; rows of a batch are independent series of the same
+            parameters.
         u: As for `run`.
         t: Likewise.
         available: Likewise.
@@ -114,7 +116,7 @@ def fit(
         rng: Seed or keys of the numbers that a filter draws.
 
     Raises:
-        ValueError: if there is no start, it is not positive, readings have no likelihood there, or none came; or an
+        ValueError: if there is no start, it is not positive, measurements have no likelihood there, or none came; or an
             argument does not fit (see `run`).
         TypeError: if ``build`` does not take these names, or gives no filter and prior.
     """
@@ -130,12 +132,12 @@ def fit(
     first = np.where(positive, np.log(np.where(positive, origin, 1.0)), origin / units)
     arrived = np.isfinite(as_array("y", y))
     if not (arrived if available is None else arrived & as_mask("available", available)).any():
-        raise ValueError("none of the readings came: there is nothing to fit")
+        raise ValueError("none of the measurements came: there is nothing to fit")
     begun = search.built(first)
     if not (isinstance(begun, tuple) and len(begun) == 2 and isinstance(begun[1], Gaussian)):
         raise TypeError(f"build must return a filter and its prior, a Gaussian, got {shown(begun)}")
     if not np.isfinite(evaluate(*begun)):
-        raise ValueError("the readings have no likelihood at the start: begin where the filter can follow them")
+        raise ValueError("the measurements have no likelihood at the start: begin where the filter can follow them")
     return search.fit(first, _random(begun[0]))
 
 
@@ -176,7 +178,7 @@ def _negative_log_likelihood(
     """The cost of a filter and its prior on measurements, arguments of `run`."""
     with np.errstate(all="ignore"):
         series = run(filter, prior, **data, rng=rng if _random(filter) else None)
-        if (series.updated.recovery >= Recovery.WITHOUT_CHANNEL).any():  # a reading that is given up must not pay
+        if (series.updated.recovery >= Recovery.WITHOUT_CHANNEL).any():  # a measurement that is given up must not pay
             return np.inf
         if objective == "likelihood":
             return -float(np.sum(series.log_likelihood))
@@ -186,7 +188,7 @@ def _negative_log_likelihood(
 def _prediction_error(series: Series, y: np.ndarray, available: np.ndarray | None) -> float:
     """The log-likelihood of Gaussian innovations whose covariance is what it is found to be.
 
-    Where readings are missing, each entry of the covariance is of those that came together.
+    Where measurements are missing, each entry of the covariance is of those that came together.
     """
     e, arrived = series.updated.innovation, series.updated.available
     if e is None or arrived is None:  # a filter that says no more than what it expects
@@ -199,7 +201,9 @@ def _prediction_error(series: Series, y: np.ndarray, available: np.ndarray | Non
     flat, mask = e.reshape(-1, p), arrived.reshape(-1, p).astype(float)
     together = mask.T @ mask
     if (np.diagonal(together) == 0.0).any():
-        raise ValueError(f"channel {int(np.argmin(np.diagonal(together)))} of y has no reading at all: leave it out")
+        raise ValueError(
+            f"channel {int(np.argmin(np.diagonal(together)))} of y has no measurement at all: leave it out"
+        )
     sign, size = np.linalg.slogdet(flat.T @ flat / np.maximum(together, 1.0))
     if sign <= 0.0:
         return -np.inf
@@ -323,20 +327,18 @@ class _Search:
                 f"{name} {'up' if up[i] > 0.0 else 'down'}" for i, name in zip(moved, names, strict=True)
             )
             apart = " and ".join((", ".join(names[:-1]), names[-1]))
-            return f"the readings cannot tell {apart} apart: with {ways} they are as likely"
+            return f"the measurements cannot tell {apart} apart: with {ways} they are as likely"
         if self.positive[moved[0]]:
             worse = ([2.0 < self.cost(best + far * up) - least < np.inf for far in aways] for aways in (-_AWAY, _AWAY))
             less, more = map(any, worse)
             if less != more:
                 size = "small" if more else "great"
-                return (
-                    f"the readings say of {names[0]} only that it is {size}: they are as likely if it is {size}er still"
-                )
-        return f"the readings tell nothing of {names[0]}: they are as likely with another"
+                return f"measurements say of {names[0]} only that it is {size}: as likely if it is {size}er still"
+        return f"the measurements tell nothing of {names[0]}: they are as likely with another"
 
 
 def _covariance(information: np.ndarray, positive: np.ndarray) -> tuple[np.ndarray, list[np.ndarray], bool]:
-    """Covariance ``(k, k)`` of estimates, the directions that readings say nothing of, and whether it is a maximum.
+    """Covariance ``(k, k)`` of estimates, the directions that measurements say nothing of, and whether it is a maximum.
 
     A logarithm has units of its own. Others are measured by what is known of them if all else were: there a direction
     is flat that is known 300 times less well for what is not.

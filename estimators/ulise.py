@@ -8,8 +8,8 @@ from estimators.belief import FeedthroughBelief
 from estimators.filter import Model, Rng
 from estimators.input_observability import shown_ranks
 from estimators.linalg import congruence, identity, joined, symmetric_blocks, symmetrise
+from estimators.measurement import Measurement
 from estimators.models import LinearModel
-from estimators.reading import Reading
 from estimators.unknown_input import DelayedInputFilter, waiting
 from estimators.varying import resolve
 
@@ -18,8 +18,8 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
     """ULISE: state and unknown input together, whatever the rank of H.
 
     What H shows of d(k) is estimated at once and drives the next prediction, as in `kf-umv-ui`; the rest shows in the
-    reading after it, as in `kf-umv-ui-wdf`. With N the projector on the directions of d(k-1) that its own reading
-    did not show (the others are in the prediction ``x-`` already)::
+    measurement after it, as in `kf-umv-ui-wdf`. With N the projector on the directions of d(k-1) that its own
+    measurement did not show (the others are in the prediction ``x-`` already)::
 
         D = (H' S^-1 H)^+ H' S^-1             F = (I - H D) C G N
         M = (F' S^-1 F)^+ F' S^-1             d(k-1) = d1(k-1) + M e
@@ -27,12 +27,12 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
         x = x- + L e                          P from x~ = (I - L C) x~- - L v
         d1(k) = D (I - C G M) e               x-+ = A x + B u + G d1
 
-    These are the estimates of the source, which splits H by its singular values and transforms the readings to match:
-    least squares does not depend on coordinates. Written with projectors they hold for any rank in any row, so
-    that a channel of H that drops leaves its part of d(k) to the next reading, not to a prior. What H hardly shows of
-    d(k) is noise of covariance ``input_prior`` first, in D as well; how it then stands in the errors of x and d1 is
-    carried on in place of G, so that the next reading still shows it without bias. Only what neither reading shows well
-    is estimated from N(0, ``input_prior``). Covariances follow in Joseph form.
+    These are the estimates of the source, which splits H by its singular values and transforms the measurements to
+    match: least squares does not depend on coordinates. Written with projectors they hold for any rank in any row, so
+    that a channel of H that drops leaves its part of d(k) to the next measurement, not to a prior. What H hardly shows
+    of d(k) is noise of covariance ``input_prior`` first, in D as well; how it then stands in the errors of x and d1 is
+    carried on in place of G, so that the next measurement still shows it without bias. Only what neither measurement
+    shows well is estimated from N(0, ``input_prior``). Covariances follow in Joseph form.
 
     The input is known whole one step late: ``input_mean`` is d(k-1) (``input_delay`` 1), ``feedthrough_mean`` is d1(k).
     With H = 0 this is `kf-umv-ui-wdf`; with rank H = q the states are those of `kf-umv-ui`.
@@ -41,9 +41,9 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
     discrete-time stochastic systems.
 
     Args:
-        model: A `LinearModel` with rank(C2 G2) = q - rank(H): the readings that H leaves clean (C2) show the inputs
+        model: A `LinearModel` with rank(C2 G2) = q - rank(H): the measurements that H leaves clean (C2) show the inputs
             that H does not (G2).
-        input_prior: Covariance ``(q, q)`` of the unknown input where two readings hardly show it; a number
+        input_prior: Covariance ``(q, q)`` of the unknown input where two measurements hardly show it; a number
             stands for that number times identity. Its scale is the problem's: set it.
 
     Raises:
@@ -69,7 +69,7 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
             late, shown = (np.broadcast_to(rank, (late - shown).shape).flat[row] for rank in (late, shown))
             raise ValueError(
                 f"ulise needs rank(C2 G2) = q - rank(H) = {q} - {q - late}, got {shown}: measure the input, or a state "
-                "that it drives directly, by a reading that no other unknown input disturbs"
+                "that it drives directly, by a measurement that no other unknown input disturbs"
             )
 
     def _unseen(self, mean: np.ndarray) -> dict[str, Any]:
@@ -88,7 +88,8 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
         mean, A = model.linearise_transition(belief.mean, u)
         G = model.input_matrix(belief.mean, u)
         mean = mean + np.matvec(G, belief.feedthrough_mean)
-        # The directions of d that are not in d1 wait for the next reading, and with them what they are in the errors.
+        # The directions of d that are not in d1 wait for the next measurement, and with them what they are in the
+        # errors.
         observed, reach = belief.feedthrough_observed, belief.input_reach * (1.0 - waiting(belief))
         joint = symmetric_blocks(self._covariance(belief), belief.state_feedthrough_cov, belief.feedthrough_cov)
         joint = joint - congruence(reach, self._open(observed))
@@ -108,26 +109,26 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
     def _input_matrix(self, belief: FeedthroughBelief) -> np.ndarray:
         return belief.input_reach[..., : self.model.n, :]
 
-    def _shown_input(self, belief: FeedthroughBelief, reading: Reading) -> np.ndarray:
-        late = self._shown(belief, reading) @ self._root
-        now = np.broadcast_to(reading.H @ self._root, late.shape)
+    def _shown_input(self, belief: FeedthroughBelief, measurement: Measurement) -> np.ndarray:
+        late = self._shown(belief, measurement) @ self._root
+        now = np.broadcast_to(measurement.H @ self._root, late.shape)
         return np.concatenate([now, late], -1)
 
-    def _update(self, belief: FeedthroughBelief, reading: Reading, rng: Rng) -> FeedthroughBelief:
-        C, H, R = reading.C, reading.H, reading.R
+    def _update(self, belief: FeedthroughBelief, measurement: Measurement, rng: Rng) -> FeedthroughBelief:
+        C, H, R = measurement.C, measurement.H, measurement.R
         n, q = self.model.n, self.model.q
         pending = waiting(belief)
         reach = belief.input_reach * pending + np.eye(n + q, q, -n) * (1.0 - pending)
         G, rest = reach[..., :n, :], reach[..., n:, :]
         CP, F = C @ belief.cov, C @ G
         S = CP @ C.mT + R
-        solved = self._solved(belief, reading, S, joined([CP, H, F], -1))
+        solved = self._solved(belief, measurement, S, joined([CP, H, F], -1))
         K, SH, SF = solved[..., :n].mT, solved[..., n : n + q], solved[..., n + q :]
-        D, now = self._gain(H, SH, reading)
-        M, late = self._gain(F, SF - SH @ (D @ F), reading)
+        D, now = self._gain(H, SH, measurement)
+        M, late = self._gain(F, SF - SH @ (D @ F), measurement)
         K, D = K - (K @ H) @ D, now @ D
         Z = joined([K + (G - K @ F) @ M, rest @ M, D - (D @ F) @ M], -2)  # (x, d(k-1), d(k)) = (x-, d1(k-1), 0) + Z e
-        correction = np.matvec(Z, reading.innovation)
+        correction = np.matvec(Z, measurement.innovation)
         # Errors: those of (x-, d1(k-1)) less Z (C x~- + v), and the inputs' share in Z e, which cancels where they are
         # seen; elsewhere they have their prior.
         joint = symmetric_blocks(belief.cov, belief.state_input_cov, belief.input_cov)
@@ -140,7 +141,7 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
         cov = cov + congruence(past, self._open(observed)) + congruence(present, self._open(now))
         cov = symmetrise(cov)
         return FeedthroughBelief.updated(
-            belief, belief.mean + correction[..., :n], cov[..., :n, :n], reading, S,
+            belief, belief.mean + correction[..., :n], cov[..., :n, :n], measurement, S,
             input_mean=belief.input_mean + correction[..., n : n + q], input_cov=cov[..., n : n + q, n : n + q],
             state_input_cov=cov[..., :n, n : n + q], input_observed=observed,
             pending=np.zeros(belief.pending.shape, bool),

@@ -9,8 +9,8 @@ from estimators.engine.matrices import is_traced
 from estimators.filter import Model, Rng
 from estimators.kalman import GaussianFilter, driven_on, input_covariance, joseph_update, unseen_input, with_input
 from estimators.linalg import congruence, identity, joined, masked, singular, solve, symmetrise
+from estimators.measurement import Measurement
 from estimators.models import LinearModel
-from estimators.reading import Reading
 
 WithInput = TypeVar("WithInput", bound=InputBelief)
 Delayed = TypeVar("Delayed", bound=DelayedInputBelief)
@@ -54,27 +54,27 @@ class UnknownInputFilter(GaussianFilter[WithInput], verified=True):
         """The prior's share ``(..., q, q)`` in directions of the input that were not ``observed (..., q, q)``."""
         return congruence(identity(self.model.q) - observed, self.input_prior)
 
-    def _shown_input(self, belief: WithInput, reading: Reading) -> np.ndarray | None:
-        """F of the first reading of a step, in units of the input's prior; to a later one the prior is noise as any."""
-        return self._shown(belief, reading) @ self._root if belief.innovation is None else None
+    def _shown_input(self, belief: WithInput, measurement: Measurement) -> np.ndarray | None:
+        """F of the first measurement of a step, in units of the input's prior; to later ones the prior is noise."""
+        return self._shown(belief, measurement) @ self._root if belief.innovation is None else None
 
     def _moved(self, belief: WithInput, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         return driven_on(self.model, belief, u)
 
-    def _shown(self, belief: WithInput, reading: Reading) -> np.ndarray:
+    def _shown(self, belief: WithInput, measurement: Measurement) -> np.ndarray:
         """F ``(..., p, q)`` of the first measurement of a step."""
-        return reading.H
+        return measurement.H
 
     def _drive(self, belief: WithInput) -> np.ndarray:
         """G ``(..., n, q)`` by which the input in that measurement has moved the predicted state."""
         return np.zeros((self.model.n, self.model.q))
 
-    def _update(self, belief: WithInput, reading: Reading, rng: Rng) -> WithInput:
+    def _update(self, belief: WithInput, measurement: Measurement, rng: Rng) -> WithInput:
         n = self.model.n
-        correction, cov, observed, S = self._estimated(belief, reading)
+        correction, cov, observed, S = self._estimated(belief, measurement)
         own = {"input_mean": correction[..., n:], "input_cov": cov[..., n:, n:], "state_input_cov": cov[..., :n, n:]}
         mean, own["input_observed"] = belief.mean + correction[..., :n], observed
-        updated = self.record.updated(belief, mean, cov[..., :n, :n], reading, S, **own, **self._met(belief))
+        updated = self.record.updated(belief, mean, cov[..., :n, :n], measurement, S, **own, **self._met(belief))
         return cast(WithInput, updated)
 
     def _met(self, belief: WithInput) -> dict[str, Any]:
@@ -82,22 +82,22 @@ class UnknownInputFilter(GaussianFilter[WithInput], verified=True):
         return {}
 
     def log_likelihood(self, predicted: WithInput, updated: WithInput) -> np.ndarray:
-        """The diffuse log likelihood ``(...)`` of a reading: that of `Filter`, integrated over the unknown input.
+        """The diffuse log likelihood ``(...)`` of a measurement: that of `Filter`, integrated over the unknown input.
 
-        Over all values alike in the directions that the reading shows, in units of d, and over the input's prior in the
-        others. So it does not depend on ``input_prior`` where a reading shows all of d.
+        Over all values alike in the directions that the measurement shows, in units of d, and over the input's prior in
+        the others. So it does not depend on ``input_prior`` where a measurement shows all of d.
 
         Source: de Jong (1991), The diffuse Kalman filter.
         """
         e, S, available, q = updated.innovation, updated.innovation_cov, updated.available, self.model.q
         assert e is not None
         assert S is not None
-        reading = self._reading(predicted, np.zeros(e.shape), available, None)
-        shown = self._shown_input(predicted, reading)
-        if shown is None:  # a later reading of the step, in whose S the prior is
+        measurement = self._measurement(predicted, np.zeros(e.shape), available, None)
+        shown = self._shown_input(predicted, measurement)
+        if shown is None:  # a later measurement of the step, in whose S the prior is
             assert predicted.input_observed is not None
             root = self._inverse_root.T @ (identity(q) - self._inverse_root @ predicted.input_observed @ self._root)
-            shown = joined([reading.C, reading.H], -1) @ self._joint(predicted)[..., -q:] @ root
+            shown = joined([measurement.C, measurement.H], -1) @ self._joint(predicted)[..., -q:] @ root
             S = symmetrise(S - shown @ shown.mT)
         density = super().log_likelihood(predicted, updated.replace(innovation_cov=S))
         shown = np.broadcast_to(shown, (*e.shape, shown.shape[-1]))
@@ -114,21 +114,21 @@ class UnknownInputFilter(GaussianFilter[WithInput], verified=True):
             density, precision = density + 0.5 * volume, precision - (seen / size[..., None, :]) @ seen.mT
         return density
 
-    def _solved(self, belief: WithInput, reading: Reading, S: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def _solved(self, belief: WithInput, measurement: Measurement, S: np.ndarray, b: np.ndarray) -> np.ndarray:
         """``S^-1 B``; where S is singular with a share of the prior in it, see `estimators.recovery.condensed`."""
-        if reading.spread is None:
+        if measurement.spread is None:
             return solve(S, b)
-        F = self._shown_input(belief, reading)
+        F = self._shown_input(belief, measurement)
         assert F is not None
-        return solve(S + reading.spread * (F @ F.mT), b)
+        return solve(S + measurement.spread * (F @ F.mT), b)
 
-    def _gain(self, F: np.ndarray, SF: np.ndarray, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
+    def _gain(self, F: np.ndarray, SF: np.ndarray, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
         """M ``(..., q, p)`` of the estimate ``M e`` of d from ``e = F d`` and noise of covariance S, and a projector.
 
-        F is ``(..., p, q)`` with the rows of missing readings zero, SF is ``S^-1 F``; the reading tells the share of
-        the prior that is in S. The projector ``(..., q, q)`` is on the directions shown.
+        F is ``(..., p, q)`` with the rows of missing measurements zero, SF is ``S^-1 F``; the measurement tells the
+        share of the prior that is in S. The projector ``(..., q, q)`` is on the directions shown.
         """
-        root, share = self._root, 0.0 if reading.spread is None else reading.spread[..., 0]
+        root, share = self._root, 0.0 if measurement.spread is None else measurement.spread[..., 0]
         information = symmetrise(root.T @ (F.mT @ SF) @ root)
         # A row that is lost, and not finite, must not raise: it shows nothing.
         strength, directions = singular(np.where(np.isfinite(information), information, 0.0))
@@ -141,33 +141,37 @@ class UnknownInputFilter(GaussianFilter[WithInput], verified=True):
         """The covariance ``(..., n + q, n + q)`` of state and input, with the input's prior where none was shown."""
         return with_input(belief)[1]
 
-    def _estimated(self, belief: WithInput, reading: Reading) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def _estimated(
+        self, belief: WithInput, measurement: Measurement
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """State and input together, of ``x = x- + G d`` and ``e = C x~- + F d + v``.
 
         Returns:
             The correction ``(..., n + q)`` of (x-, 0), the covariance of (x, d), the directions observed, and S.
         """
         if belief.innovation is not None:
-            return self._revised(belief, reading)
-        C, R, n, q = reading.C, reading.R, self.model.n, self.model.q
-        F, G = self._shown(belief, reading), self._drive(belief)
+            return self._revised(belief, measurement)
+        C, R, n, q = measurement.C, measurement.R, self.model.n, self.model.q
+        F, G = self._shown(belief, measurement), self._drive(belief)
         CP = C @ belief.cov
         S = CP @ C.mT + R
-        solved = self._solved(belief, reading, S, joined([CP, F], -1))
-        K, (M, observed) = solved[..., :n].mT, self._gain(F, solved[..., n:], reading)
+        solved = self._solved(belief, measurement, S, joined([CP, F], -1))
+        K, (M, observed) = solved[..., :n].mT, self._gain(F, solved[..., n:], measurement)
         Z = joined([K + (G - K @ F) @ M, M], -2)  # (x, d) = (x-, 0) + Z e
         # Errors: x~ = x~- + G d - Z e and d~ = d - Z e. Where d is seen its share cancels, elsewhere it has its prior.
         reach = joined([G, identity(q)], -2) - Z @ F
         cov = congruence(np.eye(n + q, n) - Z @ C, belief.cov) + congruence(Z, R)
         cov = symmetrise(cov + congruence(reach, self._open(observed)))
-        return np.matvec(Z, reading.innovation), cov, observed, S
+        return np.matvec(Z, measurement.innovation), cov, observed, S
 
-    def _revised(self, belief: WithInput, reading: Reading) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """The same after earlier readings of the step: their information on d and that of this one add up.
+    def _revised(
+        self, belief: WithInput, measurement: Measurement
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """The same after earlier measurements of the step: their information on d and that of this one add up.
 
-        It is a Kalman update of state and input together, of covariance J, in which the prior counts where readings had
-        not shown d. N has ``1 / (1 + strength)`` of each direction. Where all readings together show other directions,
-        the prior's information changes by T, and with it what was estimated::
+        It is a Kalman update of state and input together, of covariance J, in which the prior counts where measurements
+        had not shown d. N has ``1 / (1 + strength)`` of each direction. Where all measurements together show other
+        directions, the prior's information changes by T, and with it what was estimated::
 
             D = (J_dd^-1 + T)^-1      L = J_d (I - T D)      z <- z - L T d      J <- J - L T J_d'
         """
@@ -175,8 +179,8 @@ class UnknownInputFilter(GaussianFilter[WithInput], verified=True):
         before = belief.input_observed
         assert before is not None
         z = joined([np.zeros((n, 1)), belief.input_mean[..., None]], -2)[..., 0]
-        seen = joined([reading.C, reading.H], -1)
-        z, joint, S = joseph_update(z, self._joint(belief), reading.innovation, seen, reading.R)
+        seen = joined([measurement.C, measurement.H], -1)
+        z, joint, S = joseph_update(z, self._joint(belief), measurement.innovation, seen, measurement.R)
         M, shown = congruence(inverse_root, joint[..., n:, n:]), inverse_root @ before @ root
         MP = M @ shown
         N = symmetrise(M - MP @ solve(identity(q) + shown @ MP, MP.mT))
@@ -198,7 +202,7 @@ OBSERVABLE = 0.1
 class UMVFilter(UnknownInputFilter[InputBelief], verified=True):
     """KF-UMV-UI: state and unknown input together, with direct feedthrough (rank H = q).
 
-    The input of a step is estimated from the same step's reading (``input_delay`` 0)::
+    The input of a step is estimated from the same step's measurement (``input_delay`` 0)::
 
         Pd = (H' S^-1 H)^-1      M = Pd H' S^-1      d = M e
         x = x- + K (e - H d)     P = P- - K (S - H Pd H') K'      Pxd = -K H Pd
@@ -216,7 +220,7 @@ class UMVFilter(UnknownInputFilter[InputBelief], verified=True):
 
     Args:
         model: A model with rank(H) = q; a nonlinear one may give G as a function of ``(x, u)``.
-        input_prior: Covariance ``(q, q)`` of the unknown input where a reading hardly shows it; a number
+        input_prior: Covariance ``(q, q)`` of the unknown input where a measurement hardly shows it; a number
             stands for that number times identity. Its scale is the problem's: set it.
 
     Raises:
@@ -269,8 +273,8 @@ class DelayedInputFilter(UnknownInputFilter[Delayed], verified=True):
     def _drive(self, belief: Delayed) -> np.ndarray:
         return self._input_matrix(belief) * waiting(belief)
 
-    def _shown(self, belief: Delayed, reading: Reading) -> np.ndarray:
-        return reading.C @ self._drive(belief)
+    def _shown(self, belief: Delayed, measurement: Measurement) -> np.ndarray:
+        return measurement.C @ self._drive(belief)
 
     def _joint(self, belief: Delayed) -> np.ndarray:
         n, q = self.model.n, self.model.q
@@ -285,7 +289,7 @@ class DelayedInputFilter(UnknownInputFilter[Delayed], verified=True):
         return G if is_traced(G) else np.broadcast_to(G, belief.mean.shape[:-1] + G.shape[-2:])
 
     def _covariance(self, belief: Delayed) -> np.ndarray:
-        """The state's covariance, with the input that an earlier prediction left open if it never met its reading."""
+        """The state's covariance, with the input that an earlier prediction left open if no measurement followed."""
         return belief.cov + congruence(self._input_matrix(belief), self._open(belief.input_observed)) * waiting(belief)
 
 
@@ -322,7 +326,7 @@ class NoFeedthroughFilter(DelayedInputFilter[DelayedInputBelief], verified=True)
 
 
 class ExtendedUMVFilter(NoFeedthroughFilter, verified=True):
-    """EKF-UI-WDF: the unknown input acts on the state only, and shows in the next reading.
+    """EKF-UI-WDF: the unknown input acts on the state only, and shows in the next measurement.
 
     With C the measurement's Jacobian at the prediction and ``G = df/dd`` at the estimate before it, step k
     estimates d(k-1) (``input_delay`` 1)::
@@ -330,16 +334,16 @@ class ExtendedUMVFilter(NoFeedthroughFilter, verified=True):
         F = C G     Pd = (F' S^-1 F)^-1     M = Pd F' S^-1     d(k-1) = M e     L = K + (I - K C) G M
         x = x- + L e      P = (I - L C) P- (I - L C)' + L R L'      x-+ = f(x, u)      P-+ = A P A' + Q
 
-    The first update after ``init`` has no d(k-1): it is a Kalman update. Where a reading hardly shows a direction of
-    ``d``, because a channel dropped or C G lost rank at this state, that direction has the prior
-    N(0, ``input_prior``) for that step. Jacobians are taken at a prediction that knows nothing of d(k-1):
-    what an input does to them within one step is neglected.
+    The first update after ``init`` has no d(k-1): it is a Kalman update. Where a measurement hardly shows a direction
+    of ``d``, because a channel dropped or C G lost rank at this state, that direction has the prior N(0,
+    ``input_prior``) for that step. Jacobians are taken at a prediction that knows nothing of d(k-1): what an input does
+    to them within one step is neglected.
 
     Sources: Kitanidis (1987); Gillijns & De Moor (2007a); Pan et al. (2010), the extended filter without feedthrough.
 
     Args:
         model: A model with H = 0 and rank(C G) = q; a nonlinear one may give G as a function of ``(x, u)``.
-        input_prior: Covariance ``(q, q)`` of the unknown input where a reading hardly shows it; a number
+        input_prior: Covariance ``(q, q)`` of the unknown input where a measurement hardly shows it; a number
             stands for that number times identity. Its scale is the problem's: set it.
 
     Raises:
@@ -358,7 +362,7 @@ class DelayedUMVFilter(NoFeedthroughFilter, verified=True):
 
     Args:
         model: A `LinearModel` with H = 0 and rank(C G) = q.
-        input_prior: Covariance ``(q, q)`` of the unknown input where a reading hardly shows it.
+        input_prior: Covariance ``(q, q)`` of the unknown input where a measurement hardly shows it.
 
     Raises:
         ValueError: if H is not zero or the rank condition fails.

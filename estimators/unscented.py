@@ -173,7 +173,7 @@ class UnscentedUMVFilter(SigmaPoints[DelayedInputBelief], NoFeedthroughFilter, v
 
     Args:
         model: A model with H = 0 and rank(C G) = q; a nonlinear one may give G as a function of ``(x, u)``.
-        input_prior: Covariance ``(q, q)`` of the unknown input where a reading hardly shows it; a number
+        input_prior: Covariance ``(q, q)`` of the unknown input where a measurement hardly shows it; a number
             stands for that number times identity.
         alpha: Spread of the sigma points, as in `UnscentedKalmanFilter`.
         beta: Weight of the central point, likewise.

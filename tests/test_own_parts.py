@@ -104,7 +104,7 @@ def test_a_sensor_of_ones_own_is_not_ignored_by_the_default_filter() -> None:
         flown = rollout("autopilot", "SegorogeniAUV-v0", range(16), {"sensors": sensors})
         error[name] = scores(flown)["position_rmse"].mean()
         told = flown.env.unwrapped.core.composition.localisation
-        assert told.any(0).all()  # no reading is ignored, and no state left uncorrected
+        assert told.any(0).all()  # no measurement is ignored, and no state left uncorrected
         assert told.any(1).all() or name == "without"
     assert error["with"] < 0.8 * error["without"]
 

@@ -1,6 +1,6 @@
 """What filters are refused for before anything is flown: looked at along a nominal flight.
 
-That readings do not tell of an unknown input; that a filter of a user's own cannot take an ordinary step.
+That measurements do not tell of an unknown input; that a filter of a user's own cannot take an ordinary step.
 """
 
 from contextlib import suppress
@@ -19,7 +19,7 @@ from vessel_gym.system import Vehicle
 from vessel_gym.tasks.task import Task
 
 VAGUEST = 3.0
-"""How many of its sizes an unknown input may be uncertain by when one step's readings have told of it."""
+"""How many of its sizes an unknown input may be uncertain by when one step's measurements have told of it."""
 _STEPS, _DEFLECTED = 30, 0.3
 _NEAR = 1e-4
 """Variance of every state of a start that any model can have, in SI units and radians."""
@@ -104,9 +104,9 @@ def _fix_columns(checked: CheckedMethods, what: str, least: int, name: str, *arg
 
 
 def check_input(filter: Filter, composition: Composition) -> None:
-    """Refuse a filter of an unknown input d that the readings do not tell it of.
+    """Refuse a filter of an unknown input d that the measurements do not tell it of.
 
-    Along a nominal flight, in every step's readings (a fix now and then leaves d to its prior in between): all of d
+    Along a nominal flight, in every step's measurements (a fix now and then leaves d to its prior in between): all of d
     must show, to within `VAGUEST` of the sizes that it is told to have, and the estimate's error must not grow.
 
     Raises:
@@ -127,11 +127,11 @@ def check_input(filter: Filter, composition: Composition) -> None:
             return "no sensor reads in every step"
         found = input_conditions(A, C[often], G, H[often], Q, R[np.ix_(often, often)], prior)
         if found.rank < model.q:
-            return f"the readings of every step show {found.rank} of {model.q} directions of it"
+            return f"the measurements of every step show {found.rank} of {model.q} directions of it"
         vague = int(np.argmax(found.sd))
         if found.sd[vague] > VAGUEST:
             within = f"{found.sd[vague]:.1f} of the sizes that it is told to have, not {VAGUEST:g}"
-            return f"a step's readings tell {composition.inputs[vague]} to within {within}"
+            return f"a step's measurements tell {composition.inputs[vague]} to within {within}"
         farthest = np.abs(found.zeros).max(initial=0.0)
         if farthest > 1.0 + 1e-6:
             return f"it adds a zero of modulus {farthest:.3g}, outside the unit circle, so that errors grow"

@@ -1,4 +1,4 @@
-"""What becomes of readings between sensors and those who use them: faults, and time."""
+"""What becomes of measurements between sensors and those who use them: faults, and time."""
 
 import numpy as np
 
@@ -7,8 +7,8 @@ from estimators.checks import numbers, shown
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensors, columns
 
-Readings = tuple[np.ndarray, np.ndarray]
-"""Readings ``(B, p)`` and the mask ``(B, p)`` of those that arrived; or by age, ``(B, ages, p)`` each."""
+Measurements = tuple[np.ndarray, np.ndarray]
+"""Measurements ``(B, p)`` and the mask ``(B, p)`` of those that arrived; or by age, ``(B, ages, p)`` each."""
 
 _JITTER, _CLOCK = 2, 3
 """Uses of a sensor's random numbers: `vessel_gym.sensors.Sensors.corrupted` has 0 and 1."""
@@ -42,9 +42,9 @@ class Faulty:
         now = (steps * self._dt)[:, None] + _ROUNDING
         return (self._begin[rows] <= now) & (now < self._end[rows])
 
-    def spoil(self, readings: Readings, steps: np.ndarray, rows: np.ndarray | slice) -> Readings:
+    def spoil(self, measurements: Measurements, steps: np.ndarray, rows: np.ndarray | slice) -> Measurements:
         """What rows that are ``steps (rows,)`` after their start read with their faults: values and mask."""
-        y, available = readings[0].copy(), readings[1].copy()
+        y, available = measurements[0].copy(), measurements[1].copy()
         acting = self.on(steps, rows)
         for i, (fault, own) in enumerate(zip(self.each, self._own, strict=True)):
             on, read, came = acting[:, i, None], y[:, own], available[:, own]
@@ -77,7 +77,7 @@ class Faulty:
 
 
 class Transit:
-    """Readings of B rows that are under way.
+    """Measurements of B rows that are under way.
 
     ``lost (B,)`` counts those since the start that arrived with others whose wrong time stamps are the same.
     """
@@ -88,7 +88,9 @@ class Transit:
         shape = rows, sensors.horizon + 1, sensors.size
         self._y, self._delay = np.zeros(shape), np.full(shape, _NONE)  # by age, with the age at which each arrives
         self.lost = np.zeros(rows, np.int64)
-        self._off = np.zeros((rows, sensors.size), np.int64)  # what its clock adds to the age of a reading, in steps
+        self._off = np.zeros(
+            (rows, sensors.size), np.int64
+        )  # what its clock adds to the age of a measurement, in steps
 
     def restart(self, rows: np.ndarray | slice, keys: np.ndarray) -> None:
         """Begin an episode of some rows, with keys ``(rows, sensors, 2)``: nothing is under way."""
@@ -96,7 +98,7 @@ class Transit:
         if self._clock.any():
             self._off[rows] = self._drawn(2 * self._clock, Numbers(keys), _CLOCK) - self._clock[self._owner]
 
-    def carry(self, taken: Readings, steps: np.ndarray, keys: np.ndarray, rows: np.ndarray | slice) -> Readings:
+    def carry(self, taken: Measurements, steps: np.ndarray, keys: np.ndarray, rows: np.ndarray | slice) -> Measurements:
         """What arrives now, by the age that its time stamp gives it ``(rows, ages, p)``, with the mask.
 
         Args:
@@ -122,8 +124,8 @@ class Transit:
         """Whole numbers from 0 to ``most (sensors,)``, of each channel's sensor: ``(rows, p)``."""
         return np.floor(drawn.uniforms(1, use)[..., 0] * (most + 1)).astype(np.int64)[:, self._owner]
 
-    def _stamped(self, y: np.ndarray, arrived: np.ndarray, off: np.ndarray) -> Readings:
-        """Readings by the ages that wrong clocks give them, none below 0; the youngest, where two have one."""
+    def _stamped(self, y: np.ndarray, arrived: np.ndarray, off: np.ndarray) -> Measurements:
+        """Measurements by the ages that wrong clocks give them, none below 0; the youngest, where two have one."""
         ages = arrived.shape[1]
         stamped, there = np.zeros(y.shape), np.zeros(y.shape, bool)
         for age in range(ages - 1, -1, -1):
@@ -133,19 +135,19 @@ class Transit:
         return stamped, there
 
 
-def youngest(readings: Readings) -> Readings:
-    """Of readings by age the youngest of each channel."""
-    y, arrived = readings
+def youngest(measurements: Measurements) -> Measurements:
+    """Of measurements by age the youngest of each channel."""
+    y, arrived = measurements
     row, age, channel = (indices[::-1] for indices in np.nonzero(arrived))  # of two the younger is written last
     values, available = np.zeros(y[:, 0].shape), np.zeros(y[:, 0].shape, bool)
     values[row, channel], available[row, channel] = y[row, age, channel], True
     return values, available
 
 
-def of_now(readings: Readings, horizon: int) -> Readings:
-    """Readings ``(rows, p)`` by age: none of them is late."""
-    y, available = (np.zeros((len(one), horizon + 1, one.shape[1]), one.dtype) for one in readings)
-    y[:, 0], available[:, 0] = readings
+def of_now(measurements: Measurements, horizon: int) -> Measurements:
+    """Measurements ``(rows, p)`` by age: none of them is late."""
+    y, available = (np.zeros((len(one), horizon + 1, one.shape[1]), one.dtype) for one in measurements)
+    y[:, 0], available[:, 0] = measurements
     return y, available
 
 
@@ -154,15 +156,17 @@ _ROUNDING = 1e-6
 """Seconds: a fault that begins at 0.3 s begins in the third step of 0.1 s."""
 
 
-def injected(readings: Readings, rows: int, sensors: Sensors) -> Readings:
-    """Injected readings as sensors give them: what is not finite did not arrive, and reads 0."""
-    pair = readings if isinstance(readings, tuple | list) and len(readings) == 2 else (None, None)
+def injected(measurements: Measurements, rows: int, sensors: Sensors) -> Measurements:
+    """Injected measurements as sensors give them: what is not finite did not arrive, and reads 0."""
+    pair = measurements if isinstance(measurements, tuple | list) and len(measurements) == 2 else (None, None)
     y, mask = (numbers(part) for part in pair)
     if y is None or mask is None:
-        raise TypeError(f"readings must be two arrays, values and the mask of those that came, got {shown(readings)}")
+        raise TypeError(
+            f"measurements must be two arrays, values and the mask of those that came, got {shown(measurements)}"
+        )
     shapes = [(rows, sensors.size), (rows, sensors.horizon + 1, sensors.size)][: 2 if sensors.horizon else 1]
     if y.shape != mask.shape or y.shape not in shapes:
         expected = " each, or by age ".join(map(str, shapes))
-        raise ValueError(f"readings have the shapes {y.shape} and {mask.shape}, expected {expected} each")
+        raise ValueError(f"measurements have the shapes {y.shape} and {mask.shape}, expected {expected} each")
     available = (mask != 0.0) & np.isfinite(y)
     return np.where(available, y, 0.0), available

@@ -27,7 +27,7 @@ from vessel_gym.system import System
 from vessel_gym.world import World
 
 OBSERVE = ("mean", "mean+std", "mean+alarms", "mean+std+alarms", "measurement")
-"""What may be observed: estimates, with their standard deviations and a monitor's alarms, or raw readings."""
+"""What may be observed: estimates, with their standard deviations and a monitor's alarms, or raw measurements."""
 ENDS = ("belief", "declaration", "task")
 """Who says that a mission is done: what the estimator believes, the agent, or the task, which knows the truth."""
 
@@ -249,7 +249,7 @@ class UnknownInput(NamedTuple):
 def observed(observe: str, guidance: bool) -> tuple[str, ...]:
     """The parts of an observation, in the words of `vessel_gym.tasks.task.Task.sizes`."""
     if observe == "measurement":
-        return *(("guided",) if guidance else ()), "readings", "mission"
+        return *(("guided",) if guidance else ()), "measurements", "mission"
     return "guided" if guidance else "unguided", *(("std",) if "std" in observe else ())
 
 

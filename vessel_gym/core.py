@@ -10,7 +10,7 @@ from gymnasium.error import ResetNeeded
 from estimators import Belief, Numbers
 from estimators.checks import shown
 from estimators.linalg import shared_root
-from vessel_gym.arrivals import Readings, injected
+from vessel_gym.arrivals import Measurements, injected
 from vessel_gym.checks import checked_action, whole
 from vessel_gym.checks import options as checked_options
 from vessel_gym.configuration import Configuration, Options
@@ -69,7 +69,7 @@ class Core:
     observe_mode, action_size, observation_size = (
         _of(f"config.{name}") for name in ("observe_mode", "action_size", "observation_size")
     )
-    filter, estimator, readings = map(_of, ("loop.filter", "loop.filter.name", "loop.readings"))
+    filter, estimator, measurements = map(_of, ("loop.filter", "loop.filter.name", "loop.measurements"))
     state, action, actuators, parameters = (
         _of(f"now.{name}") for name in ("state", "action", "actuators", "parameters")
     )
@@ -178,24 +178,27 @@ class Core:
         self.episodes[rows] = 0
 
     def reset(
-        self, rows: np.ndarray | None = None, options: dict[str, Any] | None = None, readings: Readings | None = None
+        self,
+        rows: np.ndarray | None = None,
+        options: dict[str, Any] | None = None,
+        measurements: Measurements | None = None,
     ) -> None:
-        """Start new episodes in some rows: draw the truth from the task's prior and take the first reading.
+        """Start new episodes in some rows: draw the truth from the task's prior and take the first measurement.
 
         Args:
             rows: Indices of the environments; None: all.
             options: The task's reset options.
-            readings: Readings to use instead of the sensors' (for replays), ``(len(rows), p)`` each; where sensors are
-                late, ``loop.come`` holds those of a step, by age, ``(len(rows), ages, p)``.
+            measurements: Measurements to use instead of the sensors' (for replays), ``(len(rows), p)`` each; where
+                sensors are late, ``loop.come`` holds those of a step, by age, ``(len(rows), ages, p)``.
 
         Raises:
-            ValueError: for an option or a value that the task does not have, or readings of another shape.
-            TypeError: for options that are no dictionary, or readings that are no pair of arrays.
+            ValueError: for an option or a value that the task does not have, or measurements of another shape.
+            TypeError: for options that are no dictionary, or measurements that are no pair of arrays.
         """
         rows = self._rows if rows is None else rows
         options = checked_options("options", options)
-        if readings is not None:
-            readings = injected(readings, len(rows), self.sensors)
+        if measurements is not None:
+            measurements = injected(measurements, len(rows), self.sensors)
         config, loop, task, draws = self.config, self.loop, self.config.world.task, self.config.draws
         some = None if len(rows) == self.num_envs else rows  # all rows are faster as such
         at = slice(None) if some is None else rows
@@ -220,10 +223,10 @@ class Core:
             np.zeros((len(rows), config.action_size)), actuators, drifting, noise, forcing, course, tally, total,
             np.zeros_like(steps),
         )  # fmt: skip
-        readings = loop.receive(readings or (read[0], read[1]), steps, some, readings is not None)
-        belief = loop.begin(some, known(prior, config.composition), self._handed(readings, now), u)
+        measurements = loop.receive(measurements or (read[0], read[1]), steps, some, measurements is not None)
+        belief = loop.begin(some, known(prior, config.composition), self._handed(measurements, now), u)
         if self.raw is not None:
-            self.raw.begin(some, known(prior, self.raw.composition), readings, u)
+            self.raw.begin(some, known(prior, self.raw.composition), measurements, u)
         now.reference = self._reference(course, steps, belief, state)
         self.now = now = now if some is None else self.now.merged(some, now)
         self._refuse_at(now.steps, None)
@@ -234,14 +237,14 @@ class Core:
     # --- step -------------------------------------------------------------------------------------
 
     def step(
-        self, action: np.ndarray, readings: Readings | None = None, ended: np.ndarray | None = None,
+        self, action: np.ndarray, measurements: Measurements | None = None, ended: np.ndarray | None = None,
         shape: tuple[int, ...] | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """Advance every environment by one step.
 
         Args:
             action: ``(B, a)`` finite; clipped to [-1, 1].
-            readings: Readings to use instead of the sensors' (for replays); no other random number changes.
+            measurements: Measurements to use instead of the sensors' (for replays); no other random number changes.
             ended: Mask ``(B,)`` of environments whose episode has ended and that are reset next: their actions are
                 not looked at.
             shape: That the action must have; None: ``(B, a)``.
@@ -250,22 +253,22 @@ class Core:
             Reward ``(B,)`` and `end` ``(B,)``, which is 0 where an episode goes on.
 
         Raises:
-            ValueError: if the action or the readings have the wrong shape, or the action is not finite.
-            TypeError: if the readings are no pair of arrays.
+            ValueError: if the action or the measurements have the wrong shape, or the action is not finite.
+            TypeError: if the measurements are no pair of arrays.
             gymnasium.error.ResetNeeded: before the first reset.
         """
         if not self.seeds:
             raise ResetNeeded("call reset() before the first step()")
         action = checked_action(action, self.action_shape if shape is None else shape, ended)
-        if readings is not None:
-            readings = injected(readings, self.num_envs, self.sensors)
+        if measurements is not None:
+            measurements = injected(measurements, self.num_envs, self.sensors)
         loop, now = self.loop, self.now.after(action)
         self._refuse_at(now.steps, ended)
         now.actuators, u, now.state, now.drifting, now.noise, now.forcing, *read = self._moved(now)
-        readings = loop.receive(readings or (read[0], read[1]), now.steps, None, readings is not None)
-        loop.estimate(self._handed(readings, now), u, now.steps)
+        measurements = loop.receive(measurements or (read[0], read[1]), now.steps, None, measurements is not None)
+        loop.estimate(self._handed(measurements, now), u, now.steps)
         if self.raw is not None:
-            self.raw.estimate(readings, u, now.steps)
+            self.raw.estimate(measurements, u, now.steps)
         now.reference, reward, now.end, now.tally, *seen = self._scored(now)
         now.total, now.observation = now.total + reward, seen[0] if seen else None
         self.now = now
@@ -327,7 +330,7 @@ class Core:
         """The parts of the observations, before they are clipped."""
         task, course, steps, actuators = self.config.world.task, self.course, self.steps, self.actuators
         if self.observe_mode == "measurement":
-            parts = [task.observe_readings(self.sensors, *self.loop.readings, course, steps)]
+            parts = [task.observe_measurements(self.sensors, *self.loop.measurements, course, steps)]
             parts.append(task.observe_mission(course, steps, actuators))
             if self.raw is not None:
                 estimate = self._estimate(self.raw)
@@ -388,8 +391,8 @@ class Core:
             "unknown_input": unknown_input,
             "reference": self.reference,
             "actuators": self.actuators,
-            "measurement": self.loop.readings[0],
-            "available": self.loop.readings[1],
+            "measurement": self.loop.measurements[0],
+            "available": self.loop.measurements[1],
             "estimate": belief.mean,
             "covariance": belief.cov,
             "input_estimate": np.zeros(unknown_input.shape) if input_mean is None else input_mean,
@@ -410,10 +413,10 @@ class Core:
         for part in self.config.world.own_parts:
             part.steps, part.ended = steps, ended
 
-    def _handed(self, readings: Readings, now: EnvState) -> Readings:
+    def _handed(self, measurements: Measurements, now: EnvState) -> Measurements:
         """The filter's measurements; the oracle alone, and no other, is given the truth."""
         if not self.loop.tells_truth:
-            return readings
+            return measurements
         config = self.config
         truth = self.estimated(config.true_state.values(now, config.world.size)), config.unknown_input.values(now)
         told = np.concatenate(truth, -1)

@@ -37,7 +37,7 @@ class Disturbance:
             `vessel_gym.filter_models.build.TOLD`.
         inputs: What the unknown input d is, where filters are told of one: names of what it ``forces`` or ``shakes``,
             or ``"change of NAME"`` for what a step adds to one of its ``names``; None: its kicks.
-        input_sd: Standard deviations that filters take d to have where no reading shows it; None: what follows from
+        input_sd: Standard deviations that filters take d to have where no measurement shows it; None: what follows from
             `process` and ``white``.
         scale: Sizes of z that count as 1 in an observation of standard deviations; None: those at the start.
         dt: The step [s] that it was made for; None: any.
@@ -327,7 +327,7 @@ class Fault(Beside):
     period: float = 2.0  # s
     start: float = 0.0  # standard deviation of the walk at first, rad or N
     walk: float = 0.0  # of what a second adds to it
-    size: float = float(np.deg2rad(5.0))  # rad or N, that filters take it to have where no reading shows it
+    size: float = float(np.deg2rad(5.0))  # rad or N, that filters take it to have where no measurement shows it
     beside: Disturbance = field(default_factory=Disturbance)
     dt: float = 0.1  # s
 

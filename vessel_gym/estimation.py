@@ -17,7 +17,7 @@ from estimators import (
     GaussianFilter,
     InputBelief,
     LinearModel,
-    Reading,
+    Measurement,
     Rng,
     factory,
     wrap,
@@ -36,7 +36,7 @@ from vessel_gym.sharing import shared
 from vessel_gym.system import System
 
 LATE = ("fused", "as new", "discarded")
-"""What is done with readings that come late: fused where they belong, taken for new ones, or thrown away."""
+"""What is done with measurements that come late: fused where they belong, taken for new ones, or thrown away."""
 MONITORS: dict[str, type[FaultMonitor]] = {"chi-square": ChiSquareMonitor, "cusum": CusumMonitor}
 """What may watch a filter's innovations for faults of sensors, by name."""
 ENVIRONMENT_ONLY = ("truth", "measurement", "dead-reckoning")
@@ -48,7 +48,7 @@ def estimator_names() -> tuple[str, ...]:
 
 
 class Oracle(Filter[InputBelief], verified=True):
-    """The declared exception: it is handed the true state and unknown input as its reading."""
+    """The declared exception: it is handed the true state and unknown input as its measurement."""
 
     name = "truth"
     record = InputBelief
@@ -67,43 +67,43 @@ class Oracle(Filter[InputBelief], verified=True):
     def _predict(self, belief: InputBelief, u: np.ndarray | None, rng: Rng) -> InputBelief:
         return belief
 
-    def _update(self, belief: InputBelief, reading: Reading, rng: Rng) -> InputBelief:
+    def _update(self, belief: InputBelief, measurement: Measurement, rng: Rng) -> InputBelief:
         n = self.model.n
         return belief.replace(
-            mean=belief.mean + reading.innovation[..., :n], cov=np.zeros(belief.cov.shape), u=None,
-            recovery=np.zeros(belief.recovery.shape, np.int8), input_mean=reading.innovation[..., n:],
+            mean=belief.mean + measurement.innovation[..., :n], cov=np.zeros(belief.cov.shape), u=None,
+            recovery=np.zeros(belief.recovery.shape, np.int8), input_mean=measurement.innovation[..., n:],
         )  # fmt: skip
 
 
 class DeadReckoning(GaussianFilter, verified=True):
-    """The model alone: readings are not used."""
+    """The model alone: measurements are not used."""
 
     name = "dead-reckoning"
 
-    def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
+    def _update(self, belief: Belief, measurement: Measurement, rng: Rng) -> Belief:
         return belief
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class HeldReadings(InputBelief):
-    """A belief that also holds the last two readings of every channel, ``(..., p)`` each."""
+class HeldMeasurements(InputBelief):
+    """A belief that also holds the last two measurements of every channel, ``(..., p)`` each."""
 
     held: np.ndarray
-    previous: np.ndarray  # the reading before
+    previous: np.ndarray  # the measurement before
     interval: np.ndarray  # seconds between the two
     seen: np.ndarray  # whether the channel has ever been read
-    age: np.ndarray  # steps since the last reading
+    age: np.ndarray  # steps since the last measurement
 
 
-class HeldMeasurement(Filter[HeldReadings], verified=True):
-    """The last reading of every channel, held until the next; no model at all.
+class HeldMeasurement(Filter[HeldMeasurements], verified=True):
+    """The last measurement of every channel, held until the next; no model at all.
 
     States follow from what the sensors give (`vessel_gym.sensors.Sensor`); rates that none gives are differenced from
-    the last two readings of what they are the rate of. What no sensor gives is 0.
+    the last two measurements of what they are the rate of. What no sensor gives is 0.
     """
 
     name = "measurement"
-    record = HeldReadings
+    record = HeldMeasurements
 
     def __init__(self, composition: Composition, inputs: tuple[str, ...]) -> None:
         super().__init__(composition.model)
@@ -118,7 +118,7 @@ class HeldMeasurement(Filter[HeldReadings], verified=True):
         self._variance, self._input_variance = self._claimed()
 
     def _claimed(self) -> tuple[np.ndarray, np.ndarray]:
-        """Variances ``(n,)`` and ``(q,)`` that the sensor noise alone gives what is derived from two readings."""
+        """Variances ``(n,)`` and ``(q,)`` that the sensor noise alone gives what is derived from two measurements."""
         eye, zero = np.eye(self.model.p), np.zeros((self.model.p, self.model.p))
         interval, noise = np.full_like(zero, self._dt), np.diagonal(resolve(self.model.R, self._cruise))
         now, before = self._derived(eye, zero, interval), self._derived(zero, eye, interval)
@@ -126,27 +126,27 @@ class HeldMeasurement(Filter[HeldReadings], verified=True):
         return state, unknown
 
     def _derived(
-        self, readings: np.ndarray, previous: np.ndarray, interval: np.ndarray
+        self, measurements: np.ndarray, previous: np.ndarray, interval: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(..., n)`` and unknown input ``(..., q)`` from the last two readings ``(..., p)`` alone."""
-        known = self._sensors.states_from(readings)
+        """State ``(..., n)`` and unknown input ``(..., q)`` from the last two measurements ``(..., p)`` alone."""
+        known = self._sensors.states_from(measurements)
         for rate, _, channel, angle in self._differenced:
-            change = readings[..., channel] - previous[..., channel]
+            change = measurements[..., channel] - previous[..., channel]
             known[rate] = (wrap(change) if angle else change) / interval[..., channel]
-        nothing = np.zeros(readings.shape[:-1])
+        nothing = np.zeros(measurements.shape[:-1])
         state = np.stack([known.get(name, nothing) for name in self._names], -1)
         if not self._inputs:
-            return state, np.zeros(readings.shape[:-1] + (0,))
+            return state, np.zeros(measurements.shape[:-1] + (0,))
         return state, np.stack([known.get(name, nothing) for name in self._inputs], -1)
 
-    def _init(self, belief: Belief, rng: Rng) -> HeldReadings:
+    def _init(self, belief: Belief, rng: Rng) -> HeldMeasurements:
         shape = belief.mean.shape[:-1] + (self.model.p,)
         held = self._expected(belief)
-        # What no reading shows (the sway, a current) keeps the variance of the prior.
+        # What no measurement shows (the sway, a current) keeps the variance of the prior.
         prior = np.diagonal(belief.cov, axis1=-2, axis2=-1)
         cov = np.where(self._variance > 0.0, self._variance, prior)[..., None] * self._identity
         input_cov = np.zeros(shape[:-1] + 2 * self._input_variance.shape) + np.diag(self._input_variance)
-        return HeldReadings.of(
+        return HeldMeasurements.of(
             belief.replace(cov=cov), input_mean=np.zeros(shape[:-1] + self._input_variance.shape), input_cov=input_cov,
             state_input_cov=np.zeros(belief.mean.shape + self._input_variance.shape), held=held, previous=held,
             interval=np.full(shape, self._dt), seen=np.zeros(shape, bool), age=np.zeros(shape),
@@ -155,12 +155,12 @@ class HeldMeasurement(Filter[HeldReadings], verified=True):
     def _expected(self, belief: Belief) -> np.ndarray:
         return self.model.linearise_measurement(belief.mean, belief.u)[0]
 
-    def _predict(self, belief: HeldReadings, u: np.ndarray | None, rng: Rng) -> HeldReadings:
+    def _predict(self, belief: HeldMeasurements, u: np.ndarray | None, rng: Rng) -> HeldMeasurements:
         return belief.replace(age=belief.age + 1.0)
 
-    def _update(self, belief: HeldReadings, reading: Reading, rng: Rng) -> HeldReadings:
-        arrived = reading.available
-        held = np.where(arrived, self._expected(belief) + reading.innovation, belief.held)
+    def _update(self, belief: HeldMeasurements, measurement: Measurement, rng: Rng) -> HeldMeasurements:
+        arrived = measurement.available
+        held = np.where(arrived, self._expected(belief) + measurement.innovation, belief.held)
         previous = np.where(arrived, np.where(belief.seen, belief.held, held), belief.previous)
         interval = np.where(arrived, np.maximum(belief.age, 1.0) * self._dt, belief.interval)
         mean, unknown_input = self._derived(held, previous, interval)
@@ -182,7 +182,7 @@ class Told:
         disturbance: What acts, by name or as an object; None: what does.
         how: One of `vessel_gym.filter_models.build.TOLD` (``"as"`` in the options); None: as that disturbance has it.
         Q: Factor on the covariance of what enters in a step, a white input's too,
-        R: of the readings,
+        R: of the measurements,
         prior: and of what is known at the start.
     """
 
@@ -222,7 +222,7 @@ class Estimation:
         composition: What its model is composed of.
         prior: Factor on the covariance of what is known at the start.
         inputs: What is kept of the unknown input for scoring: the filter's d; if it has none, see `unknown_inputs`.
-        late: What is done with readings that come late: one of `LATE`.
+        late: What is done with measurements that come late: one of `LATE`.
         monitor: What watches its innovations for faults of sensors; None: nothing does.
         horizon: Steps by which measurements may be late.
     """
@@ -272,14 +272,14 @@ def build(
         system: The environment's system.
         estimator: One of `estimator_names`, or a function of the model (and options) that returns a filter.
         options: The filter's own options, over the system's tuning; ``model`` chooses the kind of the filter's model,
-            ``told`` what it is told (see `Told`), ``late`` what is done with late readings (one of `LATE`), ``monitor``
-            what watches it (see `monitor_of`); the oracle knows better.
+            ``told`` what it is told (see `Told`), ``late`` what is done with late measurements (one of `LATE`),
+            ``monitor`` what watches it (see `monitor_of`); the oracle knows better.
         sensors: The sensors, which the filter knows.
         disturbance: What acts.
         num_threads: Threads that share the filter's rows.
 
     Raises:
-        ValueError: for an unknown name or way with late readings, or a filter that cannot work with the model.
+        ValueError: for an unknown name or way with late measurements, or a filter that cannot work with the model.
         TypeError: for an option that the filter does not have, options that are no dictionary, an object that is
             neither a name nor a function, or a function that returns no filter.
     """
@@ -301,7 +301,7 @@ def build(
     inputs = composition.inputs or unknown_inputs(nature, sensors)
     acting = *disturbance.names, *composition.forces.disturbance.names
     sensors.check_informs((*acting, *(name for sensor in system.vehicle.sensors for name in sensor.informed)))
-    if told.how is None and estimator not in ENVIRONMENT_ONLY:  # these do without a model of readings
+    if told.how is None and estimator not in ENVIRONMENT_ONLY:  # these do without a model of measurements
         composition.check_flows()
     if composition.told == "white" and estimator not in ("kf", *ENVIRONMENT_ONLY):
         name = estimator if isinstance(estimator, str) else "an estimator of one's own"

@@ -44,7 +44,7 @@ class Copying:
         return self.function(*map(copied, arguments))
 
 
-_OBSERVED = ("observe", "observe_state", "observe_std", "observe_readings", "observe_mission")
+_OBSERVED = ("observe", "observe_state", "observe_std", "observe_measurements", "observe_mission")
 RETURNED: dict[str, tuple[str, ...]] = {
     "parameters": ("parameters",), "start": ("state", "actuators"), "actuate": ("actuators",), "step": ("state",),
     "known_input": ("known input",), "course": ("course",), "prior": ("prior",), "reference": ("reference",),

@@ -6,7 +6,7 @@ from typing import Any, cast
 import numpy as np
 
 from estimators import Belief, Gaussian, Numbers, Watch
-from vessel_gym.arrivals import Faulty, Readings, Transit, of_now, youngest
+from vessel_gym.arrivals import Faulty, Measurements, Transit, of_now, youngest
 from vessel_gym.estimation import Estimation
 
 
@@ -23,7 +23,7 @@ class Loop:
 
     Attributes:
         come: What has come last, ``(B, p)``, or by age ``(B, ages, p)`` where sensors are late,
-        readings: and of that the youngest reading of each channel.
+        measurements: and of that the youngest measurement of each channel.
         belief: What the filter believes.
         watch: What the monitor has seen, where there is one.
     """
@@ -42,8 +42,8 @@ class Loop:
         self._faults = Faulty(sensors, rows) if sensors.faults else None
         self._transit = Transit(sensors, rows) if sensors.horizon else None
         ages = (sensors.horizon + 1,) if sensors.horizon else ()
-        self.come: Readings = tuple(np.zeros((rows, *ages, sensors.size), kind) for kind in (float, bool))  # type: ignore
-        self.readings: Readings = youngest(self.come) if ages else self.come
+        self.come: Measurements = tuple(np.zeros((rows, *ages, sensors.size), kind) for kind in (float, bool))  # type: ignore
+        self.measurements: Measurements = youngest(self.come) if ages else self.come
         self.belief: Belief
         self.watch: Watch
         self._refused = np.zeros(rows, int)
@@ -67,25 +67,25 @@ class Loop:
         return self._sensing if rows is None else self._sensing[rows]
 
     def receive(
-        self, readings: Readings, steps: np.ndarray, rows: np.ndarray | None, injected: bool = False
-    ) -> Readings:
+        self, measurements: Measurements, steps: np.ndarray, rows: np.ndarray | None, injected: bool = False
+    ) -> Measurements:
         """What comes to rows (None: all) that are ``steps`` after their start, and have just read this.
 
         Args:
-            readings: What `sense` gave.
+            measurements: What `sense` gave.
             steps: ``(rows,)``.
             rows: Which.
             injected: Whether these are what comes, ``(rows, p)`` or by age; nothing has been read then.
         """
-        come = readings
+        come = measurements
         if self._faults is not None or self._transit is not None:
-            come = self._delivered(readings, steps, slice(None) if rows is None else rows, injected)
+            come = self._delivered(measurements, steps, slice(None) if rows is None else rows, injected)
         self.come = _merged(self.come, rows, come)
-        self.readings = self.come if self._transit is None else youngest(self.come)
+        self.measurements = self.come if self._transit is None else youngest(self.come)
         return come
 
-    def begin(self, rows: np.ndarray | None, prior: Gaussian, readings: Readings, u: np.ndarray) -> Belief:
-        """The belief of rows (None: all) after their first readings; those of the others stay.
+    def begin(self, rows: np.ndarray | None, prior: Gaussian, measurements: Measurements, u: np.ndarray) -> Belief:
+        """The belief of rows (None: all) after their first measurements; those of the others stay.
 
         The prior is what is known at the start, of what the filter estimates.
         """
@@ -94,7 +94,7 @@ class Loop:
         if filter.random:
             rng = self._filtering if rows is None else self._filtering[rows]
         prior = prior if estimation.prior == 1.0 else Gaussian(prior.mean, estimation.prior * prior.cov)
-        y, available = self._told(readings)
+        y, available = self._told(measurements)
         if estimation.direct:
             belief = estimation.delayed.begin(prior, u, y, available, rng)
         else:
@@ -108,12 +108,12 @@ class Loop:
             self.watch = watch if rows is None else self.watch.with_rows(rows, watch)
         return belief
 
-    def estimate(self, readings: Readings, u: np.ndarray, steps: np.ndarray) -> None:
+    def estimate(self, measurements: Measurements, u: np.ndarray, steps: np.ndarray) -> None:
         """One step of all rows, after which they are ``steps (B,)`` on: the known input, then what was read."""
         estimation = self.estimation
         filter = estimation.filter
         rng = self._filtering.at(steps.copy()) if filter.random else None  # some count on in place
-        y, available = self._told(readings)
+        y, available = self._told(measurements)
         if estimation.direct:
             self.belief = estimation.delayed.advance(self.belief, u, y, available, rng)
         else:
@@ -134,13 +134,15 @@ class Loop:
 
     @property
     def refused(self) -> np.ndarray:
-        """Readings since each row's start that came too late for its filter to take in ``(B,)``."""
+        """Measurements since each row's start that came too late for its filter to take in ``(B,)``."""
         refused = self._refused if self._transit is None else self._refused + self._transit.lost
         return refused + self.belief.refused if self.estimation.fuses else refused
 
-    def _delivered(self, readings: Readings, steps: np.ndarray, rows: np.ndarray | slice, injected: bool) -> Readings:
+    def _delivered(
+        self, measurements: Measurements, steps: np.ndarray, rows: np.ndarray | slice, injected: bool
+    ) -> Measurements:
         """What comes at sea of what is read, or is injected."""
-        taken = readings
+        taken = measurements
         if self._faults is not None and not injected:
             taken = self._faults.spoil(taken, steps, rows)
         if self._transit is None:
@@ -149,14 +151,14 @@ class Loop:
             taken = np.zeros((len(steps), self.sensors.size)), np.zeros((len(steps), self.sensors.size), bool)
         come = self._transit.carry(taken, steps, self._sensing[rows], rows)
         if injected:
-            come = readings if readings[0].ndim == 3 else of_now(readings, self.sensors.horizon)
+            come = measurements if measurements[0].ndim == 3 else of_now(measurements, self.sensors.horizon)
         self._refused[rows] += self._neglected(come[1])
         return come
 
     def _watched(self, watch: Watch, belief: Any) -> Watch:
         """What the monitor says after an update of all rows of ``watch``.
 
-        Of readings that are fused where they belong it sees a step when none can reach it any more: innovations of
+        Of measurements that are fused where they belong it sees a step when none can reach it any more: innovations of
         before would change with each that comes, and be independent no more.
         """
         estimation = self.estimation
@@ -167,17 +169,17 @@ class Loop:
         rows, estimate = estimation.delayed.fixed_lag(belief)
         return watch if estimate is None else watch.with_rows(rows, monitor.watch(watch[rows], estimate))
 
-    def _told(self, readings: Readings) -> tuple[np.ndarray, np.ndarray | None]:
-        """Readings and mask, as filters take them."""
+    def _told(self, measurements: Measurements) -> tuple[np.ndarray, np.ndarray | None]:
+        """Measurements and mask, as filters take them."""
         estimation = self.estimation
         if estimation.tells_truth:
-            return readings[0], None
-        if estimation.fuses or readings[0].ndim == 2:
-            return readings
-        return youngest(readings) if estimation.late == "as new" else (readings[0][:, 0], readings[1][:, 0])
+            return measurements[0], None
+        if estimation.fuses or measurements[0].ndim == 2:
+            return measurements
+        return youngest(measurements) if estimation.late == "as new" else (measurements[0][:, 0], measurements[1][:, 0])
 
     def _neglected(self, arrived: np.ndarray) -> Any:
-        """How many of the readings that have come ``(rows, ages, p)`` no filter is told of, ``(rows,)``."""
+        """How many of the measurements that have come ``(rows, ages, p)`` no filter is told of, ``(rows,)``."""
         late = self.estimation.late
         if late == "as new":
             return arrived.sum((1, 2)) - arrived.any(1).sum(1)
@@ -190,8 +192,8 @@ def _updated(filter: Any, belief: Any, y: np.ndarray, available: Any, rng: Any, 
     return filter.update(belief, y.copy(), rng=rng, available=available, u=u)
 
 
-def _merged(whole: Readings, rows: np.ndarray | None, some: Readings) -> Readings:
-    """Readings with those of some rows in their place; None: of all."""
+def _merged(whole: Measurements, rows: np.ndarray | None, some: Measurements) -> Measurements:
+    """Measurements with those of some rows in their place; None: of all."""
     if rows is None:
         return some
     y, available = whole[0].copy(), whole[1].copy()

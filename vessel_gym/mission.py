@@ -23,7 +23,7 @@ class Mission:
         ends: Whose estimate or word completes a mission: one of `vessel_gym.configuration.ENDS`.
         based: Which components of the true state stand where the filter has them.
         guided: Are estimates alone observed, with guidance? Then the step observes, too.
-        measured: Are raw readings observed? Then the reference is where the truth is.
+        measured: Are raw measurements observed? Then the reference is where the truth is.
         users: Are functions a user's?
 
     Attributes:

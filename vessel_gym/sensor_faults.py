@@ -28,8 +28,8 @@ class SensorFault:
 
     Attributes:
         sensor: Its name.
-        kind: ``"off"``, nothing arrives; ``"stuck"``, always the last reading from before, or the first where there was
-            none; ``"bias"``, ``"drift"``, ``"scale"`` or ``"garbage"``.
+        kind: ``"off"``, nothing arrives; ``"stuck"``, always the last measurement from before, or the first where there
+            was none; ``"bias"``, ``"drift"``, ``"scale"`` or ``"garbage"``.
         size: Of these four, in the units of the channels: what is added, what a second adds, the factor, the standard
             deviation of the noise that is read instead. One for all channels, or one for each.
         begin: Seconds after an episode's start; a pair: drawn in each episode, uniformly between the two.

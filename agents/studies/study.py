@@ -65,7 +65,7 @@ def read_study(path: Path | str) -> Study:
     return study
 
 
-# --- reading, with every mistake ---------------------------------------------------------------------
+# --- measurement, with every mistake ---------------------------------------------------------------------
 
 _LEARNED = ("observe", "memory", "trained_on", "steps", "critic", "guidance", "settings")
 """Keys of agents that learn."""

@@ -1,8 +1,8 @@
 """
-Readings that are wildly wrong
+Measurements that are wildly wrong
 ==============================
 
-One reading in twelve is far off. The Kalman filter follows it, Huber's loss bounds what it may move.
+One measurement in twelve is far off. The Kalman filter follows it, Huber's loss bounds what it may move.
 """
 
 import matplotlib.pyplot as plt
@@ -19,7 +19,7 @@ wild = rng.random(truth.y.shape) < 1 / 12
 y = truth.y + wild * rng.choice([-15.0, 15.0], truth.y.shape)
 
 figure, axes = plt.subplots(figsize=(7, 3.5), layout="constrained")
-axes.plot(y[:, 0, 0], ".", color="0.6", label="readings")
+axes.plot(y[:, 0, 0], ".", color="0.6", label="measurements")
 axes.plot(truth.x[:, 0, 0], color="black", label="truth")
 for name in ("kf", "huber-kf"):
     axes.plot(run(make(name, model), prior, y).mean[:, 0, 0], label=name)

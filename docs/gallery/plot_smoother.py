@@ -2,7 +2,7 @@
 What came later
 ===============
 
-A filter knows the readings up to now. In a gap its band opens; a smoother closes it with what came after.
+A filter knows the measurements up to now. In a gap its band opens; a smoother closes it with what came after.
 """
 
 import matplotlib.pyplot as plt

@@ -11,7 +11,7 @@ import numpy as np
 from estimators import Gaussian, LinearModel, make, run
 from estimators.consistency import simulate
 
-# position and speed, read; and an acceleration, of which a sensor of its own gives a noisy reading
+# position and speed, read; and an acceleration, of which a sensor of its own gives a noisy measurement
 model = LinearModel(
     A=[[1.0, 0.1], [0.0, 0.98]],
     C=[[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]],

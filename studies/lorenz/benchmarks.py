@@ -65,8 +65,8 @@ class Setting:
         start: ``(n,)`` state near the attractor.
         start_var: Variance of each component of the prior about the truth.
         dt: Integration step.
-        steps: Integration steps between readings.
-        reading_var: Variance of each reading.
+        steps: Integration steps between measurements.
+        measurement_var: Variance of each measurement.
         burn_in: Analyses left out of the score.
         seen: Which components are read; None: all.
     """
@@ -77,7 +77,7 @@ class Setting:
     start_var: float
     dt: float
     steps: int
-    reading_var: float
+    measurement_var: float
     burn_in: int
     seen: tuple[int, ...] | None = None
 
@@ -87,25 +87,32 @@ class Setting:
         return list(range(len(self.start)) if self.seen is None else self.seen)
 
     def model(self) -> NonlinearModel:
-        """The model, from one reading to the next."""
+        """The model, from one measurement to the next."""
         n, read = len(self.start), self.read
         return NonlinearModel(
             transition=lambda x, u: rk4(self.derivative, x, self.dt, self.steps),
             measurement=lambda x, u: x[..., read],
             Q=np.zeros((n, n)),
-            R=self.reading_var * np.eye(len(read)),
+            R=self.measurement_var * np.eye(len(read)),
         )
 
 
 LORENZ63 = Setting(
-    "Lorenz-63", lorenz63, start=(1.509, -1.531, 25.46), start_var=2.0, dt=0.01, steps=25, reading_var=2.0, burn_in=64
+    "Lorenz-63",
+    lorenz63,
+    start=(1.509, -1.531, 25.46),
+    start_var=2.0,
+    dt=0.01,
+    steps=25,
+    measurement_var=2.0,
+    burn_in=64,
 )
-NOISY63 = replace(LORENZ63, name="Lorenz-63, R = 8", steps=12, reading_var=8.0, burn_in=133)
+NOISY63 = replace(LORENZ63, name="Lorenz-63, R = 8", steps=12, measurement_var=8.0, burn_in=133)
 FIRST63 = replace(NOISY63, name="Lorenz-63, R = 8, x alone", burn_in=33, seen=(0,))
 LORENZ96 = Setting(
-    "Lorenz-96", lorenz96, start=(8.0,) * 40, start_var=0.001, dt=0.05, steps=1, reading_var=1.0, burn_in=400
+    "Lorenz-96", lorenz96, start=(8.0,) * 40, start_var=0.001, dt=0.05, steps=1, measurement_var=1.0, burn_in=400
 )
-HALF96 = replace(LORENZ96, name="Lorenz-96, R = 1.5, half", reading_var=1.5, seen=tuple(range(0, 40, 2)))
+HALF96 = replace(LORENZ96, name="Lorenz-96, R = 1.5, half", measurement_var=1.5, seen=tuple(range(0, 40, 2)))
 SMALL96 = replace(HALF96, name="Lorenz-96 of 10, R = 1.5, half", start=(8.0,) * 10, seen=(0, 2, 4, 6, 8))
 
 
@@ -237,7 +244,7 @@ def analysis_rmse(
         filter_name: One of ``benchmark.filters``.
         runs: Rows.
         cycles: Analyses that are scored.
-        seed: Of the truth, the readings and the filter.
+        seed: Of the truth, the measurements and the filter.
         progress: Called after every analysis, of which there are ``benchmark.setting.burn_in + cycles``.
     """
     setting = benchmark.setting
@@ -251,7 +258,7 @@ def analysis_rmse(
     total = np.zeros(runs)
     for k in range(setting.burn_in + cycles):
         truth = model.transition(truth, None)
-        y = model.measurement(truth, None) + np.sqrt(setting.reading_var) * world.standard_normal((runs, model.p))
+        y = model.measurement(truth, None) + np.sqrt(setting.measurement_var) * world.standard_normal((runs, model.p))
         belief = filter.update(filter.predict(belief, rng=chance), y, rng=chance)
         if k >= setting.burn_in:
             total += np.sqrt(np.mean((belief.mean - truth) ** 2, axis=-1))

@@ -32,7 +32,7 @@ class HandWrittenLoop:
         system: Any = THESIS_CORVETTE
         self.vehicle, self.task = system.vehicle, system.task
         self.ship = self.task.ship
-        self.dt, self.reading_sd = (
+        self.dt, self.measurement_sd = (
             self.vehicle.dt,
             np.array([sd for sensor in self.vehicle.sensors for sd in sensor.sd]),
         )
@@ -98,11 +98,11 @@ class HandWrittenLoop:
         self.truth = self.ship_step(self.truth, before, self.rudder)
         self.k += 1
         d = 0.01 if self.k < SWITCH else -0.01
-        reading = np.array([self.truth[2] + d, d]) + self.reading_sd * self.rng.standard_normal(2)
+        measurement = np.array([self.truth[2] + d, d]) + self.measurement_sd * self.rng.standard_normal(2)
         nearest = round(abs(self.rate) / self.rate_step)
         u = np.array([0.5 * (before + self.rudder)])
         self.filter.predict(u=u, B=self.B_table[nearest], F=self.A_table[nearest])
-        self.filter.update(reading)
+        self.filter.update(measurement)
         record, ahead = self.task.record, round(self.task.preview / self.dt)
         (heading, rate), rate_ahead = record[self.k, [2, 5]], record[self.k + ahead, 5]
         x, pace = self.filter.x, self.task.pace
@@ -125,7 +125,7 @@ class HandWrittenLoop:
 STATES, MEASUREMENTS, INPUTS, MEMBERS = 12, 8, 2, 100
 """Size of the system on which filters are timed: its own cost hardly counts."""
 Step = Callable[[np.ndarray], np.ndarray]
-"""Prediction and update by readings ``(rows, p)``, then the means ``(rows, n)``."""
+"""Prediction and update by measurements ``(rows, p)``, then the means ``(rows, n)``."""
 _CACHED = 64
 """Rows whose matrices stay in the processor's cache."""
 
@@ -141,7 +141,7 @@ def bent(x: np.ndarray, u: Any = None) -> np.ndarray:
     return np.matvec(A, x) + 0.1 * np.sin(x)
 
 
-def bent_reading(x: np.ndarray, u: Any = None) -> np.ndarray:
+def bent_measurement(x: np.ndarray, u: Any = None) -> np.ndarray:
     """Its measurement function."""
     return np.matvec(C, x + 0.1 * np.sin(x))
 
@@ -151,7 +151,7 @@ def bent_jacobian(x: np.ndarray, u: Any = None) -> np.ndarray:
     return A + 0.1 * np.cos(x)[..., None] * np.eye(STATES)
 
 
-def bent_reading_jacobian(x: np.ndarray, u: Any = None) -> np.ndarray:
+def bent_measurement_jacobian(x: np.ndarray, u: Any = None) -> np.ndarray:
     """Jacobian of the measurement function."""
     return C * (1.0 + 0.1 * np.cos(x))[..., None, :]
 
@@ -161,16 +161,16 @@ def start(rows: int) -> Gaussian:
     return Gaussian(np.zeros((rows, STATES)), np.linspace(1.0, 2.0, rows)[:, None, None] * np.eye(STATES))
 
 
-def readings(steps: int, rows: int) -> np.ndarray:
-    """Readings ``(steps, rows, p)``."""
+def measurements(steps: int, rows: int) -> np.ndarray:
+    """Measurements ``(steps, rows, p)``."""
     return np.random.default_rng(1).normal(size=(steps, rows, MEASUREMENTS))
 
 
 def ours(name: str, rows: int, **options: Any) -> Step:
     """A filter of the package: `ekf` and `ukf` on the nonlinear system, the others on the linear one."""
     if name in ("ekf", "ukf"):
-        filter = make(name, NonlinearModel(bent, bent_reading, Q, R, transition_jacobian=bent_jacobian,
-                                           measurement_jacobian=bent_reading_jacobian), **options)  # fmt: skip
+        filter = make(name, NonlinearModel(bent, bent_measurement, Q, R, transition_jacobian=bent_jacobian,
+                                           measurement_jacobian=bent_measurement_jacobian), **options)  # fmt: skip
     else:
         try:
             filter = make(name, LinearModel(A, C, Q, R, G=G, H=H), **options)
@@ -205,10 +205,10 @@ def filterpys(name: str) -> Step:
         def predict_x(u: Any = 0) -> None:  # which is left to its user
             rival.F, rival.x = bent_jacobian(rival.x), bent(rival.x)
 
-        rival.predict_x, seen = predict_x, (bent_reading_jacobian, bent_reading)
+        rival.predict_x, seen = predict_x, (bent_measurement_jacobian, bent_measurement)
     elif name == "ukf":
         points = kalman.MerweScaledSigmaPoints(STATES, 1.0, 2.0, 0.0)
-        rival = kalman.UnscentedKalmanFilter(STATES, MEASUREMENTS, 1.0, bent_reading, bent, points)
+        rival = kalman.UnscentedKalmanFilter(STATES, MEASUREMENTS, 1.0, bent_measurement, bent, points)
     else:
         rival = kalman.EnsembleKalmanFilter(x, P, MEASUREMENTS, 1.0, MEMBERS, lambda x: C @ x, lambda x, dt: A @ x)
     rival.x, rival.P, rival.Q, rival.R = x, P, Q, R
@@ -222,7 +222,7 @@ def filterpys(name: str) -> Step:
 
 
 def numpy_kalman(rows: int, model: LinearModel | None = None, prior: Gaussian | None = None) -> Step:
-    """A Kalman filter's arithmetic in NumPy, few rows at a time: no checks, missing readings, angles or recovery."""
+    """Arithmetic of a Kalman filter in NumPy, few rows at a time: no checks, gaps, angles or recovery."""
     model, prior = model or LinearModel(A, C, Q, R), prior or start(rows)
     fixed: tuple[Any, ...] = model.A, model.C, model.Q, model.R
     A_, C_, Q_, R_ = fixed
@@ -292,7 +292,7 @@ class HandWrittenShips(HandWrittenLoop):
 def numpy_flight(rows: int) -> Step:
     """Many corvettes on a Kalman filter in NumPy: equations of motion, `numpy_kalman` and the normal numbers needed.
 
-    Leaves out Gymnasium, actuators, readings, task, observation, reward, info and checks.
+    Leaves out Gymnasium, actuators, measurements, task, observation, reward, info and checks.
     """
     ships, rng = (HandWrittenShips if rows > 1 else HandWrittenLoop)(seed=0), np.random.default_rng(0)
     x, P, sensed = ships.filter.x, ships.filter.P, ships.filter

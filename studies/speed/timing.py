@@ -28,11 +28,11 @@ from studies.speed.baselines import (
     STATES,
     HandWrittenLoop,
     filterpys,
+    measurements,
     numpy_ensemble,
     numpy_flight,
     numpy_kalman,
     ours,
-    readings,
 )
 from studies.speed.flights import STEPS, Flight, units
 from studies.third_party.benchmark import CART_POLE
@@ -106,7 +106,7 @@ def shown(cell: Cell, times: dict[Timed, np.ndarray]) -> str:
 
 def stepped(step: Callable[[np.ndarray], Any], rows: int, steps: int) -> Timed:
     """A filter's steps, or those of its arithmetic in NumPy."""
-    given = readings(steps, rows)
+    given = measurements(steps, rows)
 
     def block() -> float:
         start = time.perf_counter()
@@ -194,7 +194,7 @@ def loop_table(sizes: tuple[int, ...]) -> Table:
     return Table(
         f"{CORVETTE} on `kf`: a step of one environment", ("µs", "times by hand", "times bare NumPy"), lines,
         "Bare NumPy: equations of motion, the filter's equations and the normal numbers, as many environments at once, "
-        "written by hand; without sea, actuators, readings, task, observation, info, checks and Gymnasium.",
+        "written by hand; without sea, actuators, measurements, task, observation, info, checks and Gymnasium.",
     )  # fmt: skip
 
 
@@ -205,12 +205,12 @@ def filter_tables(sizes: tuple[int, ...]) -> Iterator[Table]:
     for name in ("kf", "ekf", "ukf", "enkf"):
         one, rival = stepped(ours(name, 1), 1, 100), stepped(filterpys(name), 1, 10)
         lines[name] = one, rival, (one, rival), (one, plain[name]) if name in plain else None
-    size = f"{STATES} states, {MEASUREMENTS} readings"
+    size = f"{STATES} states, {MEASUREMENTS} measurements"
     yield Table(
         f"Filters: prediction and update of one row, {size}, {MEMBERS} members",
         ("µs", "filterpy, µs", "times filterpy", "times bare NumPy"), lines,
         "Bare NumPy: the filter's equations (of `enkf` with its normal numbers), written by hand without checks, "
-        "missing readings, angles and recovery; none is given where the cost is the model's.",
+        "missing measurements, angles and recovery; none is given where the cost is the model's.",
     )  # fmt: skip
 
     steps = {rows: max(2, 100 // rows) for rows in sizes}
@@ -235,7 +235,7 @@ def filter_tables(sizes: tuple[int, ...]) -> Iterator[Table]:
 
 
 def flight_plan(env_ids: tuple[str, ...]) -> dict[str, dict[str, Any]]:
-    """Flights by their label: every environment, its default estimator and others, batches, resets, lost readings."""
+    """Flights by label: every environment, its default estimator and others, batches, resets, lost measurements."""
     plan: dict[str, dict[str, Any]] = {}
     for env_id in env_ids:
         plan[env_id] = {"rows": 0}

@@ -118,7 +118,7 @@ def _flown(env_id: str, estimator: str | None, options: dict[str, Any], world: d
 
 
 LATE = {"fused": "", "as new": ", as new", "discarded": ", discarded"}
-"""Ways with late readings, and what they add to the names of estimators."""
+"""Ways with late measurements, and what they add to the names of estimators."""
 
 
 def latency(results: Path) -> str:
@@ -155,7 +155,7 @@ def gap() -> str:
     ways = (
         Arm("`ekf`", "ekf"),
         *(Arm(f"`robust-kf`, radius {radius:g}", "robust-kf", {"radius": radius}) for radius in (1e-4, 1e-3, 1e-2)),
-        Arm("radius 0.01, readings with a twentieth of their noise", "robust-kf", {"radius": 1e-2} | fewer,
+        Arm("radius 0.01, measurements with a twentieth of their noise", "robust-kf", {"radius": 1e-2} | fewer,
             {"sensors": "clean"}),
     )  # fmt: skip
     times = (0.0, 2.0, 4.0, 6.0)
@@ -175,13 +175,13 @@ def _without_a_fix(way: Arm, times: Sequence[float]) -> list[str]:
     x, heading, dt = [core.composition.names.index(name) for name in ("x", "y")], [0.0], core.vehicle.dt
     cells, estimate, filter = [], core.loop.estimate, core.filter
 
-    def looked_at(readings: Any, u: np.ndarray, steps: np.ndarray) -> None:
+    def looked_at(measurements: Any, u: np.ndarray, steps: np.ndarray) -> None:
         predicted = filter.predict(core.belief, u)
         C, R = filter.model.linearise_measurement(predicted.mean, u, predicted.cov)[1], filter.model.R
-        C = np.where(readings[1][..., None], C, 0.0)
+        C = np.where(measurements[1][..., None], C, 0.0)
         gain = predicted.cov @ C.mT @ np.linalg.inv(C @ predicted.cov @ C.mT + R)
         heading[0] = float(np.median(np.linalg.norm(gain[:, x, core.sensors.gives.index("psi")], axis=1)))
-        estimate(readings, u, steps)
+        estimate(measurements, u, steps)
 
     core.loop.estimate = looked_at  # type: ignore[method-assign]
     for step in range(1, round((GAP + times[-1]) / dt) + 1):

@@ -16,7 +16,7 @@ PAGE = ROOT / "docs/any-environment.md"
 
 
 def main(runs: int = 3, out: Path = Path("results/third-party")) -> None:
-    """Train PPO on the truth and on a `ukf` with noisy readings, and write the table of docs/any-environment.md.
+    """Train PPO on the truth and on a `ukf` with noisy measurements, and write the table of docs/any-environment.md.
 
     A training whose result is there is not repeated. All of them take half an hour.
 

@@ -41,8 +41,8 @@ class KeepDepth:
     def commanded(self, course: np.ndarray, step: np.ndarray) -> None:
         return None
 
-    def sizes(self, readings: int, states: int) -> dict[str, int]:
-        return {"guided": 5, "unguided": 7, "std": states, "readings": 2 * readings, "mission": 1}
+    def sizes(self, measurements: int, states: int) -> dict[str, int]:
+        return {"guided": 5, "unguided": 7, "std": states, "measurements": 2 * measurements, "mission": 1}
 
     def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         x = estimate.state
@@ -55,10 +55,10 @@ class KeepDepth:
         assert estimate.sd is not None
         return estimate.sd
 
-    def observe_readings(
-        self, sensors: Sensors, readings: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
+    def observe_measurements(
+        self, sensors: Sensors, measurements: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
     ) -> np.ndarray:
-        return np.concatenate([readings / sensors.scale, available], -1)
+        return np.concatenate([measurements / sensors.scale, available], -1)
 
     def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         return course

@@ -264,7 +264,7 @@ def test_the_agent_s_part_and_all_else_is_that_of_the_plain_adapter(options: dic
 
 
 def test_the_critic_is_told_the_same_whatever_the_agent_sees():
-    """Under readings, too, and whichever estimator is named: what is true depends on the actions alone."""
+    """Under measurements, too, and whichever estimator is named: what is true depends on the actions alone."""
     told = []
     for options in ({}, RAW, {"estimator": "ekf"}, {"estimator": "dead-reckoning", "observe": "mean+std"}):
         env = beside(**options)

@@ -65,7 +65,7 @@ def test_on_its_default_estimates_the_autopilot_keeps_the_path_and_arrives(env_i
     assert pooled_rms(journey)[0] <= OFF_PATH[env_id]
 
 
-def test_on_held_readings_it_arrives_in_half_at_most_and_strays_twice_as_far(env_id: str):
+def test_on_held_measurements_it_arrives_in_half_at_most_and_strays_twice_as_far(env_id: str):
     held = flown(env_id, "measurement")
     assert (held.end == "arrived").sum() <= (49 if env_id == PUNA else 50)
     assert pooled_rms(held)[0] >= 2.0 * pooled_rms(flown(env_id))[0]
@@ -114,7 +114,7 @@ def test_flights_hold_the_altitude_touch_no_obstacle_and_keep_half_of_the_path_s
 
 
 def test_an_inflated_plain_ensemble_loses_the_aircraft_s_position():
-    """Every step inflates what no reading but the fix of each second shows, and the bias that none shows."""
+    """Every step inflates what no measurement but the fix of each second shows, and the bias that none shows."""
     plain, localised = flown(PUNA, inflation=1.01, plain=True), flown(PUNA)
     assert (plain.end == "arrived").sum() < 90 <= (localised.end == "arrived").sum()
     assert scores(plain)["position_rmse"].mean() > 1.5 * scores(localised)["position_rmse"].mean()

@@ -16,7 +16,7 @@ PRIOR = Gaussian(np.zeros(2), 0.04 * np.eye(2))
 
 
 def _sailed(seed: int, series: int, steps: int = 40) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """States, readings of which some are lost, and the known input."""
+    """States, measurements of which some are lost, and the known input."""
     rng = np.random.default_rng(seed)
     x, xs, ys, u = 0.2 * rng.normal(size=(series, 2)), [], [], rng.normal(size=(steps, series, 1))
     for k in range(steps):
@@ -66,14 +66,14 @@ def test_before_it_learns_it_is_nearly_the_steady_kalman_filter():
 
 
 def test_whole_turns_of_an_angle_teach_nothing():
-    """A course and its readings with whole turns taken off and put on give the same network."""
+    """A course and its measurements with whole turns taken off and put on give the same network."""
     model = LinearModel([[1.0, 0.2], [0.0, 0.97]], [[1.0, 0.0]], np.diag([1e-5, 4e-4]), [[4e-3]],
                         state_angles=(0,), measurement_angles=(0,))  # fmt: skip
     x, y, _ = _sailed(0, 10)
     turns = 2.0 * np.pi * np.random.default_rng(0).integers(-2, 3, x.shape[:2] + (1,))
     one, other = (
-        train_filter(model, PRIOR, x + states, y + readings, hidden=4, epochs=3, rate=1e-2)
-        for states, readings in ((0.0, 0.0), (turns * [1.0, 0.0], turns[::-1]))
+        train_filter(model, PRIOR, x + states, y + measurements, hidden=4, epochs=3, rate=1e-2)
+        for states, measurements in ((0.0, 0.0), (turns * [1.0, 0.0], turns[::-1]))
     )
     for name, array in vars(one).items():
         np.testing.assert_allclose(getattr(other, name), array, rtol=0, atol=1e-8, err_msg=name)

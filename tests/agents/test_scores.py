@@ -116,7 +116,7 @@ def test_a_full_turn_is_no_heading_error(flown):
     np.testing.assert_allclose(figures["heading_rmse"], 0.0, atol=1e-9)
 
 
-def test_readings_that_did_not_arrive_are_no_error_of_the_raw_channel(flown):
+def test_measurements_that_did_not_arrive_are_no_error_of_the_raw_channel(flown):
     h = flown.history
     measurement, available = h["measurement"].copy(), h["available"].copy()
     measurement[::2, :, 1], available[::2, :, 1] = 1e3, False

@@ -7,13 +7,13 @@ from cases import System
 
 
 class Posterior(NamedTuple):
-    """What all readings of one run say.
+    """What all measurements of one run say.
 
     Attributes:
         x: ``(T, n)`` states.
         d: ``(T, q)`` unknown inputs.
         cov: Covariance of all states and then all inputs, each time after time.
-        log_likelihood: Of the readings, integrated over what nothing is supposed of.
+        log_likelihood: Of the measurements, integrated over what nothing is supposed of.
     """
 
     x: np.ndarray
@@ -23,14 +23,14 @@ class Posterior(NamedTuple):
 
 
 def least_squares(system: System, y: np.ndarray, u: np.ndarray, told: dict[int, np.ndarray] | None = None) -> Posterior:
-    """The states and inputs of one run, given readings ``y (T, p)`` of which those that are NaN did not come.
+    """The states and inputs of one run, given measurements ``y (T, p)`` of which those that are NaN did not come.
 
     Args:
         system: A linear one, with or without an unknown input.
         y: ``(T, p)``.
         u: ``(T, m)``.
         told: By time, directions ``(k, q)`` of which the input is known to be 0 but for a variance of 1 each. Nothing
-            is supposed of it in others. What acts on no reading must be told.
+            is supposed of it in others. What acts on no measurement must be told.
     """
     model, T = system.model, len(y)
     n, q = model.n, model.q

@@ -14,7 +14,7 @@ import pytest
 from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, Numbers, Rng, make
 
 INPUT_PRIOR = 50.0
-"""Variance of the unknown input where no reading shows it, in every system of this suite: that of `wild_input`."""
+"""Variance of the unknown input where no measurement shows it, in every system of this suite: that of `wild_input`."""
 
 
 # --- random models ----------------------------------------------------------------------------------
@@ -65,7 +65,7 @@ def unknown_input_system(
 ) -> System:
     """A random stable and strongly detectable system with unknown input; ``rank`` of H, if it is not q.
 
-    With A stable, strong detectability means that the transfer function from the unknown input to the reading,
+    With A stable, strong detectability means that the transfer function from the unknown input to the measurement,
     ``T(z) = H + C (z I - A)^-1 G`` (times z in the directions without feedthrough), has full column rank for
     every |z| >= 1.
     Draws whose smallest singular value falls below a margin there are rejected, so that the filters are well
@@ -176,9 +176,9 @@ class Record(NamedTuple):
     """What happened: times first, then runs, then components."""
 
     x: np.ndarray  # (T, runs, n) true state
-    y: np.ndarray  # (T, runs, p) reading
+    y: np.ndarray  # (T, runs, p) measurement
     u: np.ndarray  # (T, runs, m) known input over the step that follows
-    d: np.ndarray | None  # (T, runs, q) unknown input, acting on this reading and on the step that follows
+    d: np.ndarray | None  # (T, runs, q) unknown input, acting on this measurement and on the step that follows
 
 
 def wild_input(rng: np.random.Generator, steps: int, runs: int, q: int) -> np.ndarray:
@@ -218,7 +218,7 @@ def track(
     available: np.ndarray | None = None,
     R: np.ndarray | None = None,
 ) -> list[Belief]:
-    """The belief after every reading of a record; ``available (T, ...)`` and ``R (T, ...)`` one for each time."""
+    """The belief after every measurement of a record; ``available (T, ...)`` and ``R (T, ...)`` one for each time."""
     belief, beliefs = filter.init(prior, rng=rng), []
     for k, y in enumerate(record.y):
         now = rng.at(k) if isinstance(rng, Numbers) else rng
@@ -234,7 +234,7 @@ def track(
 
 
 def textbook_kalman(system: System, y: np.ndarray, u: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Mean and covariance after every reading of one run, by the formulas as first taught, with inverses."""
+    """Mean and covariance after every measurement of one run, by the formulas as first taught, with inverses."""
     model, mean, cov, out = system.model, system.mean, system.cov, []
     for k in range(len(y)):
         if k:
@@ -256,11 +256,11 @@ def flat_prior_posterior(
     """
     n = len(mean)
     P, V = np.linalg.inv(cov), np.linalg.inv(R)
-    from_prior, from_reading = np.hstack([np.eye(n), -drive]), np.hstack([C, H])
-    information = from_prior.T @ P @ from_prior + from_reading.T @ V @ from_reading
+    from_prior, from_measurement = np.hstack([np.eye(n), -drive]), np.hstack([C, H])
+    information = from_prior.T @ P @ from_prior + from_measurement.T @ V @ from_measurement
     information[n:, n:] += input_precision
     posterior = np.linalg.inv(information)
-    return posterior @ (from_prior.T @ P @ mean + from_reading.T @ V @ y), posterior
+    return posterior @ (from_prior.T @ P @ mean + from_measurement.T @ V @ y), posterior
 
 
 # --- the registry -----------------------------------------------------------------------------------
@@ -316,7 +316,7 @@ CASES = (
         "letkf, tapered, rotated and adaptive", "letkf", kalman_system, "linear ensemble", members=9, inflation=1.05,
         rotate=True, adaptive=2.0, localisation=np.array([[1, 0.5, 0], [0, 1, 0.2], [1, 0.5, 0], [0, 0, 0]]),
     ),
-    _case("letkf with fewer members than readings", "letkf", kalman_system, "linear ensemble", members=2, adaptive=1.0),
+    _case("letkf, fewer members than measurements", "letkf", kalman_system, "linear ensemble", members=2, adaptive=1.0),
     _case("pf", "pf", kalman_system, "linear", particles=40),
     _case("pf, resampled and spread out at every step", "pf", kalman_system, "linear", particles=30, threshold=1.0,
           jitter=0.5),
@@ -448,12 +448,11 @@ def rounding(
     """How far rounding may carry two algorithms apart that compute the same: for each time, a tolerance for each array.
 
     A backward stable step is the exact step of numbers that are off by a few units in their last place, `PLACES` of
-    them for these sizes. So readings, inputs and, before and after every update, the belief are shaken by as much at
-    random. How far that moves the result holds the conditioning of the whole problem (of S, of the unknown input, of
-    what earlier steps hand on), on the processor that runs the test and for the system
-    at hand. A few shakes do not find the worst direction, and each of the two algorithms has errors of its own:
-    hence `SAFETY`. Of 22 cases on two sets of kernels, whose differences run from 1e-15 to 2e-11, none used more than
-    a fifth of what this allows.
+    them for these sizes. So measurements, inputs and, before and after every update, the belief are shaken by as much
+    at random. How far that moves the result holds the conditioning of the whole problem (of S, of the unknown input, of
+    what earlier steps hand on), on the processor that runs the test and for the system at hand. A few shakes do not
+    find the worst direction, and each of the two algorithms has errors of its own: hence `SAFETY`. Of 22 cases on two
+    sets of kernels, whose differences run from 1e-15 to 2e-11, none used more than a fifth of what this allows.
     """
     rng = np.random.default_rng(0)
     unit = np.finfo(float).eps * PLACES
@@ -487,11 +486,11 @@ def rounding(
     return tolerances
 
 
-def some_readings(rng: np.random.Generator, p: int, *shape: int) -> np.ndarray:
-    """A mask ``(..., p)``: mostly every reading arrives, else a single one or none.
+def some_measurements(rng: np.random.Generator, p: int, *shape: int) -> np.ndarray:
+    """A mask ``(..., p)``: mostly every measurement arrives, else a single one or none.
 
     With only some of them the unknown input can stay partly unseen. (Dropping each one at random would leave
-    systems whose unknown input is detectable from all readings, but not from those that are left: there an
+    systems whose unknown input is detectable from all measurements, but not from those that are left: there an
     unbiased filter diverges, as it must.)
     """
     single_or_none = np.eye(p + 1, p, dtype=bool)[rng.integers(p + 1, size=shape)]

@@ -1,4 +1,4 @@
-"""`adaptive-kf`: what it says of the noises against all readings at once, where it settles, and what it then knows."""
+"""`adaptive-kf`: its noises against all measurements at once, where it settles, and what it then knows."""
 
 import dataclasses
 
@@ -37,8 +37,8 @@ def test_with_rates_of_0_it_is_the_kf(system: System):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_what_it_says_of_the_noises_is_what_all_readings_say(seed: int):
-    """A dense Gaussian of the start and all noises, given the readings that came; a channel is missing now and then."""
+def test_what_it_says_of_the_noises_is_what_all_measurements_say(seed: int):
+    """A dense Gaussian of the start and all noises, given the measurements; a channel is missing now and then."""
     system, steps, rng = kalman_system(seed, n=3, p=2, m=1), 6, np.random.default_rng(seed)
     model, n, p = system.model, 3, 2
     record = simulate(system, seed, 1, steps)
@@ -145,13 +145,13 @@ CASES = [
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)
 def test_it_keeps_the_laws_of_every_filter_while_it_learns(case: Case):
     laws.test_nothing_that_is_passed_in_is_changed(case)
-    laws.test_masking_every_reading_equals_never_updating(case)
+    laws.test_masking_every_measurement_equals_never_updating(case)
     laws.test_a_batch_may_have_several_axes(case)
     laws.test_a_batch_equals_a_loop_over_its_rows(case, 0)
     laws.test_masking_a_channel_equals_a_model_without_it(case, 0)
     laws.test_whole_turns_of_a_measured_angle_change_nothing(case, 2)
     for value in (np.nan, -1e300):
-        laws.test_the_value_of_a_masked_reading_has_no_effect(case, value)
+        laws.test_the_value_of_a_masked_measurement_has_no_effect(case, value)
 
 
 def test_covariances_stay_positive_definite_in_long_runs_with_gaps_and_outliers():
@@ -176,14 +176,14 @@ def test_two_perfect_sensors_that_repeat_each_other_teach_as_much_as_one():
     ]
     beliefs = [filter.init(Gaussian(np.zeros(2), np.eye(2))) for filter in filters]
     for y in (5.0, 5.5, 5.2, 4.8):
-        readings = [y, y], [y]
-        beliefs = [f.update(f.predict(b), r) for f, b, r in zip(filters, beliefs, readings, strict=True)]
+        measurements = [y, y], [y]
+        beliefs = [f.update(f.predict(b), r) for f, b, r in zip(filters, beliefs, measurements, strict=True)]
         assert beliefs[0].recovery == Recovery.PSEUDO_INVERSE
         np.testing.assert_allclose(beliefs[0].process_noise, beliefs[1].process_noise, rtol=0, atol=1e-10)
     assert np.abs(beliefs[0].process_noise - 0.1 * np.eye(2)).max() > 0.01
 
 
-def test_a_reading_beyond_all_numbers_teaches_nothing():
+def test_a_measurement_beyond_all_numbers_teaches_nothing():
     filter = make("adaptive-kf", WALK, q_rate=0.1, r_rate=0.1)
     belief = filter.update(filter.predict(filter.init(Gaussian([0.0], [[1.0]]))), [1.0])
     for y in (1e200, 1.0, 1.0):
@@ -210,10 +210,10 @@ def test_a_model_for_each_row_begins_with_its_own_noises():
     np.testing.assert_array_equal(make("adaptive-kf", model).init(system.rows(3)).process_noise, Q)
 
 
-@pytest.mark.parametrize("reading", np.geomspace(1e150, 1e156, 13).tolist())
-def test_no_reading_makes_the_filter_deaf(reading: float):
+@pytest.mark.parametrize("measurement", np.geomspace(1e150, 1e156, 13).tolist())
+def test_no_measurement_makes_the_filter_deaf(measurement: float):
     filter = make("adaptive-kf", LinearModel([[0.9]], [[1.0]], [[0.1]], [[0.1]]))
-    belief = filter.update(filter.init(Gaussian([0.0], [[1.0]])), [reading])
+    belief = filter.update(filter.init(Gaussian([0.0], [[1.0]])), [measurement])
     for _ in range(5):
         belief = filter.update(filter.predict(belief), [1.0])
         assert np.isfinite(belief.measurement_noise).all()

@@ -82,8 +82,8 @@ class ReturnsNothing(Plain):
 
 
 class FlatCovariance(Plain):
-    def _update(self, belief: Any, reading: Any, rng: Any) -> Any:
-        updated = super()._update(belief, reading, rng)
+    def _update(self, belief: Any, measurement: Any, rng: Any) -> Any:
+        updated = super()._update(belief, measurement, rng)
         return updated.replace(cov=np.diagonal(updated.cov, axis1=-2, axis2=-1))
 
 
@@ -104,12 +104,12 @@ class NotFinite(Plain):
 
 
 class NotFiniteAfter(Plain):
-    def _update(self, belief: Any, reading: Any, rng: Any) -> Any:
-        return super()._update(belief, reading, rng).replace(mean=np.full_like(belief.mean, np.nan))
+    def _update(self, belief: Any, measurement: Any, rng: Any) -> Any:
+        return super()._update(belief, measurement, rng).replace(mean=np.full_like(belief.mean, np.nan))
 
 
 class Negative(Plain):
-    def _update(self, belief: Any, reading: Any, rng: Any) -> Any:
+    def _update(self, belief: Any, measurement: Any, rng: Any) -> Any:
         return belief.replace(cov=-belief.cov)
 
 
@@ -159,11 +159,11 @@ class MasksOtherwise(Plain):
 
 
 class OwnMatrices(Plain):
-    """Takes C and R from the model, as if every reading had arrived."""
+    """Takes C and R from the model, as if every measurement had arrived."""
 
-    def _update(self, belief: Any, reading: Any, rng: Any) -> Any:
+    def _update(self, belief: Any, measurement: Any, rng: Any) -> Any:
         model = self.model
-        return super()._update(belief, reading._replace(C=model.C, R=model.R), rng)
+        return super()._update(belief, measurement._replace(C=model.C, R=model.R), rng)
 
 
 class WritesIntoU(Plain):
@@ -174,13 +174,13 @@ class WritesIntoU(Plain):
 
 
 class WritesIntoItsBelief(Plain):
-    def _update(self, belief: Any, reading: Any, rng: Any) -> Any:
-        updated = super()._update(belief, reading, rng)
+    def _update(self, belief: Any, measurement: Any, rng: Any) -> Any:
+        updated = super()._update(belief, measurement, rng)
         belief.mean[...] = updated.mean
         return updated
 
 
-class WritesIntoReadings(Plain):
+class WritesIntoMeasurements(Plain):
     def update(self, belief: Any, y: Any, **others: Any) -> Any:
         updated = super().update(belief, y, **others)
         y[...] = 0.0
@@ -204,8 +204,8 @@ class CountsForAll(Plain):
         moved = KalmanFilter._predict(self, belief, u, rng)
         return Aged.of(moved, age=belief.age + 1)
 
-    def _update(self, belief: Any, reading: Any, rng: Any) -> Any:
-        return Aged.of(KalmanFilter._update(self, belief, reading, rng), age=belief.age)
+    def _update(self, belief: Any, measurement: Any, rng: Any) -> Any:
+        return Aged.of(KalmanFilter._update(self, belief, measurement, rng), age=belief.age)
 
 
 class OldestCounts(CountsForAll):
@@ -254,8 +254,8 @@ class OneForBoth(KalmanFilter):
         self.moved = super()._predict(belief, u, rng)
         return self.moved
 
-    def _update(self, belief: Any, reading: Any, rng: Any) -> Any:
-        updated = super()._update(belief, reading, rng)
+    def _update(self, belief: Any, measurement: Any, rng: Any) -> Any:
+        updated = super()._update(belief, measurement, rng)
         both = is_traced(belief.mean) and belief is self.moved
         return updated.replace(cov=1.001 * updated.cov) if both else updated
 
@@ -265,10 +265,10 @@ class WrongWay(KalmanFilter):
 
     formulas = True
 
-    def _update(self, belief: Any, reading: Any, rng: Any) -> Any:
-        updated = super()._update(belief, reading, rng)
-        K = updated.cov @ reading.C.mT
-        return updated.replace(mean=belief.mean + np.vecmat(reading.innovation, K))
+    def _update(self, belief: Any, measurement: Any, rng: Any) -> Any:
+        updated = super()._update(belief, measurement, rng)
+        K = updated.cov @ measurement.C.mT
+        return updated.replace(mean=belief.mean + np.vecmat(measurement.innovation, K))
 
 
 BROKEN = [
@@ -288,11 +288,11 @@ BROKEN = [
     (Average, r"Average\.predict gives a row of a batch another mean than the same row alone"),
     (Remembers, r"Remembers gives another cov when the same is done again: what changes belongs in the belief"),
     (DrawsItsOwn, r"DrawsItsOwn gives another mean when the same is done again: .* random numbers come from rng"),
-    (MasksOtherwise, r"MasksOtherwise gives another \w+ for a reading that is masked than for NaN"),
-    (OwnMatrices, r"OwnMatrices\.update without any reading makes cov smaller: take C and R from the reading"),
+    (MasksOtherwise, r"MasksOtherwise gives another \w+ for a measurement that is masked than for NaN"),
+    (OwnMatrices, r"OwnMatrices\.update without any measurement makes cov smaller: take C and R from the measurement"),
     (WritesIntoU, r"WritesIntoU\.predict of one row raised .* is given it may only read"),
     (WritesIntoItsBelief, r"WritesIntoItsBelief\.update of one row raised .* is given it may only read"),
-    (WritesIntoReadings, r"WritesIntoReadings\.update of one row raised .* is given it may only read"),
+    (WritesIntoMeasurements, r"WritesIntoMeasurements\.update of one row raised .* is given it may only read"),
     (CountsForAll, r"CountsForAll\._predict gave a age that is no array with a row for each"),
     (OldestCounts, r"OldestCounts gives another cov where some rows begin again"),
     (NeedsNumbers, r"NeedsNumbers with a NumPy Generator as rng raised AttributeError"),
@@ -332,9 +332,9 @@ def test_a_function_that_returns_no_filter_is_refused():
 
 def _scaled(factor: float) -> Callable[[Any], Filter]:
     class Scaled(Plain):
-        def _update(self, belief: Any, reading: Any, rng: Any) -> Any:
-            updated = super()._update(belief, reading, rng)
-            return updated.replace(cov=factor * updated.cov) if reading.available.any() else updated
+        def _update(self, belief: Any, measurement: Any, rng: Any) -> Any:
+            updated = super()._update(belief, measurement, rng)
+            return updated.replace(cov=factor * updated.cov) if measurement.available.any() else updated
 
     return Scaled
 

@@ -109,9 +109,9 @@ def test_overconfidence_is_failed_even_where_a_filter_may_be_conservative():
         assert test.p_value < 1e-3
 
 
-@pytest.mark.parametrize("share", [0.0, 0.4], ids=["every reading arrives", "readings drop out"])
+@pytest.mark.parametrize("share", [0.0, 0.4], ids=["every measurement arrives", "measurements drop out"])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_gaps_in_the_readings_are_no_sign_of_inconsistency(seed: int, share: float):
+def test_gaps_in_the_measurements_are_no_sign_of_inconsistency(seed: int, share: float):
     system = kalman_system(seed)
     data = simulate(system.model, system.prior, _rng(seed), runs=300, steps=40, u=np.ones(system.m))
     data = data._replace(available=_rng(9).random(data.y.shape) >= share)
@@ -231,7 +231,7 @@ def test_the_whiteness_of_one_series_is_the_test_of_ljung_and_box():
     np.testing.assert_allclose(found.bound[:, 0], norm.ppf(0.975) / np.sqrt(80 - lags), rtol=1e-12)
 
 
-def test_whiteness_does_not_depend_on_scale_or_mixture_of_the_readings():
+def test_whiteness_does_not_depend_on_scale_or_mixture_of_the_measurements():
     rng = _rng(1)
     S = np.broadcast_to(random_covariance(rng, 3), (50, 8, 3, 3))
     e = np.matvec(np.linalg.cholesky(S), rng.normal(size=(50, 8, 3)))
@@ -255,7 +255,7 @@ def test_a_wrong_gain_shows_as_coloured_innovations_whatever_covariance_is_claim
 
 @pytest.mark.parametrize("known", [True, False], ids=["correlation known", "correlation ignored"])
 def test_whiteness_over_gaps_has_its_level_too(known: bool):
-    """Correlated readings of which each drops out at times: the p-value stays uniform, whatever S the filter claims."""
+    """Correlated measurements, each missing at times: the p-value stays uniform, whatever S the filter claims."""
     p, true = [], np.array([[1.0, 1.8], [1.8, 4.0]])
     root, claimed = np.linalg.cholesky(true), true if known else np.eye(2)
     for seed in range(200):
@@ -268,7 +268,7 @@ def test_whiteness_over_gaps_has_its_level_too(known: bool):
         assert low <= (np.array(p) < level).sum() <= high
 
 
-def test_a_lag_at_which_a_reading_never_came_twice_says_nothing():
+def test_a_lag_at_which_a_measurement_never_came_twice_says_nothing():
     e = _rng(2).normal(size=(41, 3, 1))
     available = np.zeros(e.shape, bool)
     available[::2] = True
@@ -452,7 +452,7 @@ print("matplotlib" in sys.modules, "matplotlib.pyplot" in sys.modules)
 
 
 def test_runs_of_another_source_can_be_given():
-    """Anything that fills `Runs` will do: here readings with outliers, which a Kalman filter does not expect."""
+    """Anything that fills `Runs` will do: here measurements with outliers, which a Kalman filter does not expect."""
     data = simulate(MODEL, PRIOR, _rng(1), runs=200, steps=40)
     outliers = 10.0 * _rng(2).normal(size=data.y.shape) * (_rng(3).random(data.y.shape) < 0.1)
     report = assess(make("kf", MODEL), PRIOR, _rng(0), Runs(data.x, data.y + outliers))

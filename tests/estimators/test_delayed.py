@@ -1,4 +1,4 @@
-"""Readings that come late: the belief is what it had been if they had come in time."""
+"""Measurements that come late: the belief is what it had been if they had come in time."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ STEPS, ROWS, HORIZON = 24, 4, 5
 
 
 class Late:
-    """A run in which rows begin again, and readings with their times of arrival."""
+    """A run in which rows begin again, and measurements with their times of arrival."""
 
     def __init__(self, case: Case, seed: int = 0) -> None:
         self.case, self.system = case, case.system(0)
@@ -60,7 +60,7 @@ def assert_beliefs_equal(one, other, tolerance: float) -> None:
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)
-def test_shuffled_readings_end_where_ordered_ones_do_in_rows_that_begin_at_times_of_their_own(case: Case):
+def test_shuffled_measurements_end_where_ordered_ones_do_in_rows_that_begin_at_times_of_their_own(case: Case):
     late = Late(case)
     filter = case.make(late.system.model)
     ordered = late.flown(filter, late.y)
@@ -84,7 +84,7 @@ def test_without_a_horizon_it_is_the_filter_itself_to_the_last_bit(case: Case):
 
 
 def test_at_every_step_it_knows_just_what_has_come():
-    """The posterior of all readings that have come by then, by least squares."""
+    """The posterior of all measurements that have come by then, by least squares."""
     system = kalman_system(0)
     record = simulate(system, 3, 1, 16)
     delay = np.random.default_rng(0).integers(0, 7, record.y.shape)
@@ -103,7 +103,7 @@ def _walk() -> tuple[LinearModel, Gaussian]:
     return LinearModel(np.eye(2), np.eye(2), 0.1 * np.eye(2), np.eye(2)), Gaussian(np.zeros((3, 2)), np.eye(2))
 
 
-def _readings(ages: int, *come: tuple[int, int, int, float]) -> np.ndarray:
+def _measurements(ages: int, *come: tuple[int, int, int, float]) -> np.ndarray:
     y = np.full((3, ages, 2), np.nan)
     for row, age, channel, value in come:
         y[row, age, channel] = value
@@ -113,29 +113,31 @@ def _readings(ages: int, *come: tuple[int, int, int, float]) -> np.ndarray:
 def test_what_comes_too_late_or_twice_is_refused_and_counted_until_a_row_begins_again():
     model, prior = _walk()
     delayed = Delayed(make("kf", model), 2)
-    belief = delayed.update(delayed.init(prior), _readings(1))
-    belief = delayed.update(delayed.predict(belief), _readings(3, (0, 2, 0, 9.0), (1, 1, 0, 1.0)))  # 0: before it began
+    belief = delayed.update(delayed.init(prior), _measurements(1))
+    belief = delayed.update(
+        delayed.predict(belief), _measurements(3, (0, 2, 0, 9.0), (1, 1, 0, 1.0))
+    )  # 0: before it began
     np.testing.assert_array_equal(belief.refused, [1, 0, 0])
     for _ in range(2):
-        belief = delayed.update(delayed.predict(belief), _readings(1))
+        belief = delayed.update(delayed.predict(belief), _measurements(1))
     before = belief
-    belief = delayed.update(delayed.predict(belief), _readings(5, (1, 3, 1, 9.0), (1, 4, 0, 9.0), (2, 2, 0, 1.0)))
+    belief = delayed.update(delayed.predict(belief), _measurements(5, (1, 3, 1, 9.0), (1, 4, 0, 9.0), (2, 2, 0, 1.0)))
     np.testing.assert_array_equal(belief.refused, [1, 2, 0])
-    again = delayed.update(delayed.predict(belief), _readings(4, (2, 3, 0, 9.0), (2, 1, 0, 2.0)))
-    twice = delayed.update(again, _readings(2, (2, 1, 0, 5.0)))  # the channel has told of that step
+    again = delayed.update(delayed.predict(belief), _measurements(4, (2, 3, 0, 9.0), (2, 1, 0, 2.0)))
+    twice = delayed.update(again, _measurements(2, (2, 1, 0, 5.0)))  # the channel has told of that step
     np.testing.assert_array_equal(twice.refused, [1, 2, 2])
     np.testing.assert_array_equal(twice.mean, again.mean)
     plain = make("kf", model)
     untouched = plain.update(plain.predict(before.now), np.full((3, 2), np.nan))
-    np.testing.assert_array_equal(belief.mean[:2], untouched.mean[:2])  # refused readings leave nothing
+    np.testing.assert_array_equal(belief.mean[:2], untouched.mean[:2])  # refused measurements leave nothing
     rows = np.array([False, True, False])
     begun = twice.with_rows(rows, delayed.init(prior)[rows])
     np.testing.assert_array_equal(begun.refused, [1, 0, 2])
-    following = delayed.update(delayed.predict(begun), _readings(3, (1, 2, 0, 9.0), (1, 1, 0, 1.0)))
+    following = delayed.update(delayed.predict(begun), _measurements(3, (1, 2, 0, 9.0), (1, 1, 0, 1.0)))
     np.testing.assert_array_equal(following.refused, [1, 1, 2])
 
 
-def test_readings_of_one_step_may_come_in_several_calls():
+def test_measurements_of_one_step_may_come_in_several_calls():
     model, prior = _walk()
     filter = make("kf", model)
     delayed = Delayed(filter, 3)
@@ -146,7 +148,7 @@ def test_readings_of_one_step_may_come_in_several_calls():
     np.testing.assert_array_equal(parts.cov, whole.cov)
 
 
-def test_late_readings_may_bring_covariances_of_their_own():
+def test_late_measurements_may_bring_covariances_of_their_own():
     model, prior = _walk()
     rng = np.random.default_rng(0)
     y, R = rng.normal(size=(10, 3, 2)), rng.uniform(0.1, 3.0, size=(10, 3, 2))[..., None] * np.eye(2)
@@ -162,8 +164,8 @@ def test_late_readings_may_bring_covariances_of_their_own():
     np.testing.assert_allclose(shuffled.cov[-1], ordered.cov[-1], rtol=0, atol=1e-12)
 
 
-def test_a_known_input_of_the_readings_alone_is_theirs_when_their_step_is_repeated():
-    """``u`` of `update` is not that of the prediction; a reading of an earlier step must not mix them up."""
+def test_a_known_input_of_the_measurements_alone_is_theirs_when_their_step_is_repeated():
+    """``u`` of `update` is not that of the prediction; a measurement of an earlier step must not mix them up."""
     model = NonlinearModel(lambda x, u: x + u[..., :1], lambda x, u: x * u[..., :1], 0.1 * np.eye(1), np.eye(1))
     rng = np.random.default_rng(0)
     y, moved, seen = rng.normal(size=(6, 3, 1)), rng.normal(size=(6, 3, 1)), rng.uniform(0.5, 2.0, size=(6, 3, 1))
@@ -185,8 +187,8 @@ def test_a_known_input_of_the_readings_alone_is_theirs_when_their_step_is_repeat
 
 
 @pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "kf-umv-ui"])
-def test_steps_without_readings_are_repeated_as_predictions_to_the_last_bit(name: str):
-    """All readings come late by as much: one that comes finds none in the steps after it."""
+def test_steps_without_measurements_are_repeated_as_predictions_to_the_last_bit(name: str):
+    """All measurements come late by as much: one that comes finds none in the steps after it."""
     case = next(case for case in CASES if case.id == name)
     system = case.system(0)
     filter, record = case.make(system.model), simulate(system, 1, ROWS, 12)
@@ -227,12 +229,12 @@ def test_rows_can_be_taken_out_and_go_on_alone():
     np.testing.assert_array_equal(apart.refused, together.refused[rows])
 
 
-def test_a_late_reading_that_is_absurd_loses_no_more_than_itself():
+def test_a_late_measurement_that_is_absurd_loses_no_more_than_itself():
     model, prior = _walk()
     delayed = Delayed(make("kf", model), 3)
     belief = delayed.init(prior)
     for k in range(6):
-        belief = delayed.update(delayed.predict(belief), _readings(4, (0, 2, 0, np.inf), (1, 2, 0, 1e308)))
+        belief = delayed.update(delayed.predict(belief), _measurements(4, (0, 2, 0, np.inf), (1, 2, 0, 1e308)))
         assert np.isfinite(belief.mean).all(), k
         assert np.isfinite(belief.cov).all(), k
     np.testing.assert_array_equal(belief.mean[[0, 2]], 0.0)
@@ -265,7 +267,7 @@ def test_whatever_has_init_predict_and_update_may_be_delayed():
     np.testing.assert_array_equal(shuffled.mean[-1], ordered.mean[-1])
 
 
-def test_readings_by_age_are_those_that_were_taken():
+def test_measurements_by_age_are_those_that_were_taken():
     rng = np.random.default_rng(0)
     y, delay = rng.normal(size=(8, 2, 3)), rng.integers(0, 3, (8, 2, 3))
     ages = by_age(y, delay)
@@ -286,7 +288,7 @@ def test_what_does_not_fit_gets_one_sentence():
         with pytest.raises(TypeError, match=r"filter must be a filter, as estimators\.make gives one"):
             Delayed(filter, 1)
     delayed = Delayed(kf, 1)
-    with pytest.raises(ValueError, match=r"y has shape \(3, 3\), expected \(3, 'ages', 2\): readings by age"):
+    with pytest.raises(ValueError, match=r"y has shape \(3, 3\), expected \(3, 'ages', 2\): measurements by age"):
         delayed.update(delayed.init(prior), np.zeros((3, 3)))
     with pytest.raises(ValueError, match=r"some of them late, are for Delayed\(filter, horizon\)"):
         kf.update(kf.init(prior), np.zeros((3, 4, 2)))

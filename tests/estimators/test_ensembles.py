@@ -29,7 +29,7 @@ from tests.estimators.cases import (
 
 NAMES = ["enkf", "enkf-sr", "etkf", "letkf"]
 SQUARE_ROOT = ["enkf-sr", "etkf", "letkf"]
-SIZES = [(2, 4, 3), (3, 5, 6), (4, 4, 4), (8, 3, 1), (12, 6, 5), (60, 4, 2)]  # members, states, readings
+SIZES = [(2, 4, 3), (3, 5, 6), (4, 4, 4), (8, 3, 1), (12, 6, 5), (60, 4, 2)]  # members, states, measurements
 
 
 def _numbers(*rows: int) -> Numbers:
@@ -121,7 +121,7 @@ def test_enkf_sr_etkf_and_letkf_are_the_same_filter(rotate: bool):
 
 
 @pytest.mark.parametrize("name", SQUARE_ROOT)
-def test_perfect_and_very_precise_readings_keep_their_digits(name: str):
+def test_perfect_and_very_precise_measurements_keep_their_digits(name: str):
     """R = 0 needs no inverse, and R = 1e-14 P leaves R, to the eight digits that the members have left.
 
     A root of ``1 - s^2`` would be off by a percent.
@@ -154,7 +154,7 @@ def _solved(A: list, B: list) -> list:
         (6, 1e-6, 1e-12, 5e-12), (6, 1e-12, 1e-9, 5e-9), (6, 1e-15, 4e-8, 2e-7), (6, 1e-18, 1e-6, 5e-6),
     ],
 )  # fmt: skip
-def test_precise_readings_cost_the_digits_that_are_printed(p: int, R: float, median: float, worst: float):
+def test_precise_measurements_cost_the_digits_that_are_printed(p: int, R: float, median: float, worst: float):
     """Against rational arithmetic, three states and five members: within ten times what docs say, and the mean is."""
     exact, errors = np.vectorize(lambda value: Fraction(float(value)), otypes=[object]), []
     for seed in range(20):
@@ -198,7 +198,7 @@ def test_the_published_variant_moves_the_mean_by_about_a_quarter_of_the_spread_a
     before = published.init(Gaussian(np.zeros((runs, 3)), np.eye(3)), rng=rng)
     after, expected = (filter.update(before, np.zeros(2), rng=rng) for filter in (published, symmetric))
     shift = (after.mean - expected.mean) / np.sqrt(np.diagonal(expected.cov, axis1=-2, axis2=-1))
-    # Root mean square over runs and components, one of which no reading shows.
+    # Root mean square over runs and components, one of which no measurement shows.
     assert 0.2 < np.sqrt((shift**2).mean()) < 0.32
 
 
@@ -223,7 +223,7 @@ def test_the_filter_tends_to_the_kalman_filter_as_one_over_the_root_of_members(n
 
 
 def test_measurement_noise_is_counted_once():
-    """P = R = 1 leave 0.5: exactly for the square roots, and in expectation for perturbed readings."""
+    """P = R = 1 leave 0.5: exactly for the square roots, and in expectation for perturbed measurements."""
     model = LinearModel(A=[[1.0]], C=[[1.0]], Q=[[0.0]], R=[[1.0]])
     rng = np.random.default_rng(0)
     for name in SQUARE_ROOT:
@@ -237,7 +237,7 @@ def test_measurement_noise_is_counted_once():
 
 
 @pytest.mark.parametrize(("members", "n", "p"), SIZES)
-def test_perturbed_readings_are_the_textbook_gain_on_centred_noise(members: int, n: int, p: int):
+def test_perturbed_measurements_are_the_textbook_gain_on_centred_noise(members: int, n: int, p: int):
     """Averaged over members the update is the Kalman one exactly; the departures span the noise that R says."""
     system, filter, before, y = _predicted("enkf", members, n, p)
     after, C, R = filter.update(before, y, rng=np.random.default_rng(0)), system.model.C, system.model.R
@@ -256,7 +256,7 @@ def test_perturbed_readings_are_the_textbook_gain_on_centred_noise(members: int,
     np.testing.assert_allclose(noise @ np.swapaxes(K, -1, -2), left, rtol=0, atol=1e-9 * scale)
 
 
-def test_perturbations_have_the_covariance_of_the_readings():
+def test_perturbations_have_the_covariance_of_the_measurements():
     R = random_covariance(np.random.default_rng(3), 3)
     model = LinearModel(A=np.eye(3), C=np.eye(3), Q=np.eye(3), R=R)
     N = 40_000
@@ -351,7 +351,7 @@ def test_inflation_multiplies_the_anomalies_of_the_analysis_and_leaves_the_mean(
     np.testing.assert_allclose(_spread(other)[0], 1.3 * _spread(one)[0], rtol=0, atol=1e-12)
     np.testing.assert_allclose(other.cov, 1.69 * one.cov, rtol=0, atol=1e-12)
     nothing = inflated.update(before, y, rng=np.random.default_rng(0), available=np.zeros(3, bool))
-    np.testing.assert_allclose(nothing.ensemble, before.ensemble, rtol=0, atol=1e-13)  # no reading, no inflation
+    np.testing.assert_allclose(nothing.ensemble, before.ensemble, rtol=0, atol=1e-13)  # no measurement, no inflation
 
 
 @pytest.mark.slow
@@ -397,7 +397,7 @@ MASK = np.array([[1, 1, 0], [0, 1, 1], [1, 1, 0], [0, 0, 0]])
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_reading_never_corrects_a_component_that_its_localisation_excludes(name: str):
+def test_a_measurement_never_corrects_a_component_that_its_localisation_excludes(name: str):
     _, filter, before, y = _predicted(name, 8, 4, 3, localisation=MASK)
     one = filter.update(before, y, rng=np.random.default_rng(0))
     for j in range(3):
@@ -417,8 +417,8 @@ def test_a_localisation_that_excludes_nothing_changes_nothing(name: str):
 
 
 @pytest.mark.parametrize("name", SQUARE_ROOT)
-def test_each_group_of_components_is_updated_by_its_own_readings_alone(name: str):
-    """As a filter without the other readings would update it."""
+def test_each_group_of_components_is_updated_by_its_own_measurements_alone(name: str):
+    """As a filter without the other measurements would update it."""
     system, _, before, y = _predicted(name, 8, 4, 3)
     local = make(name, system.model, members=8, localisation=MASK).update(before, y, rng=np.random.default_rng(0))
     for states, without in (([0, 2], 2), ([1], 0)):
@@ -427,7 +427,7 @@ def test_each_group_of_components_is_updated_by_its_own_readings_alone(name: str
         np.testing.assert_allclose(local.ensemble[..., states], alone.ensemble[..., states], rtol=0, atol=1e-12)
 
 
-def test_a_taper_multiplies_the_gain_of_perturbed_readings():
+def test_a_taper_multiplies_the_gain_of_perturbed_measurements():
     taper = np.linspace(0.0, 1.0, 12).reshape(4, 3)
     system, _, before, y = _predicted("enkf", 8, 4, 3)
     local = make("enkf", system.model, members=8, localisation=taper)
@@ -438,7 +438,7 @@ def test_a_taper_multiplies_the_gain_of_perturbed_readings():
     np.testing.assert_allclose(after.mean, expected, rtol=0, atol=1e-12)
 
 
-def test_localisation_inflates_only_components_that_a_reading_may_correct():
+def test_localisation_inflates_only_components_that_a_measurement_may_correct():
     system, _, before, y = _predicted("etkf", 8, 4, 3)
     plain, inflated = (
         make("etkf", system.model, members=8, localisation=MASK, inflation=c).update(
@@ -450,7 +450,7 @@ def test_localisation_inflates_only_components_that_a_reading_may_correct():
     np.testing.assert_allclose(ratio, np.broadcast_to([2.25, 1.0, 2.25, 1.0], (3, 4)), rtol=1e-12)
 
 
-# --- missing readings ---------------------------------------------------------------------------------
+# --- missing measurements ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("j", range(3))
@@ -471,7 +471,7 @@ def test_masking_a_channel_of_a_square_root_filter_equals_a_model_without_it(cas
 
 
 @every_case("ensemble")
-def test_an_update_without_readings_leaves_the_members_alone_up_to_a_rotation(case: Case):
+def test_an_update_without_measurements_leaves_the_members_alone_up_to_a_rotation(case: Case):
     system = case.system(0)
     filter, rng = case.make(system.model), np.random.default_rng(0)
     before = filter.init(system.rows(3), rng=rng)
@@ -551,7 +551,7 @@ def test_a_lost_row_is_drawn_again_from_its_prior_and_leaves_the_others_alone(ca
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_perfect_readings_that_contradict_each_other_raise_nothing_and_lose_only_their_row(name: str):
+def test_perfect_measurements_that_contradict_each_other_raise_nothing_and_lose_only_their_row(name: str):
     model = LinearModel(A=np.eye(2), C=[[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]], Q=np.eye(2), R=np.zeros((3, 3)))
     filter, rng = make(name, model, members=10), np.random.default_rng(0)
     belief = filter.init(Gaussian(np.zeros((2, 2)), np.eye(2)), rng=rng)
@@ -586,7 +586,7 @@ def test_an_angle_of_which_nothing_was_known_is_known_as_well_as_it_was_read(nam
         for k in (1, 3, 5):
             ahead = filter_.predict(belief, rng=numbers.at(k))
             belief = filter_.update(ahead, angle(truth), rng=numbers.at(k + 1))
-        # Of 100 members the mean of perturbed readings is a tenth of the noise off, and the deviation 7 % in 1 sd.
+        # Of 100 members the mean of perturbed measurements is a tenth of the noise off, and the deviation 7 % in 1 sd.
         assert np.abs(wrap(belief.mean - truth)).max() < 0.6 * sd
         assert np.sqrt(belief.cov).max() < 1.4 * sd
 

@@ -84,24 +84,24 @@ PRIOR = np.diag([0.1**2] * 3 + [0.02**2] * 3)
 
 
 def _flown(rows: int, steps: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Priors anywhere, true states, gyroscope and readings, each drawn as the model says."""
+    """Priors anywhere, true states, gyroscope and measurements, each drawn as the model says."""
     rng = np.random.default_rng(seed)
     start = np.concatenate([Rotation.random(rows, rng=rng).as_quat(scalar_first=True), np.zeros((rows, 3))], -1)
     x = away(start, rng.normal(size=(rows, 6)) * np.sqrt(np.diag(PRIOR)))
-    states, rates, readings = [], [], []
+    states, rates, measurements = [], [], []
     for k in range(steps):
         turning = np.array([0.5 * np.sin(0.1 * k), 0.4 * np.cos(0.07 * k), 0.3]) + np.zeros((rows, 3))
         states.append(x)
-        readings.append(measurement(x, None) + rng.normal(size=(rows, 6)) * np.sqrt(np.diag(ATTITUDE.R)))
+        measurements.append(measurement(x, None) + rng.normal(size=(rows, 6)) * np.sqrt(np.diag(ATTITUDE.R)))
         rates.append(turning + x[:, 4:])  # what the gyroscope reads, but for its noise, which is Q's
         x = away(transition(x, rates[-1]), rng.normal(size=(rows, 6)) * np.sqrt(np.diag(ATTITUDE.Q)))
-    return start, np.array(states), np.array(rates), np.array(readings)
+    return start, np.array(states), np.array(rates), np.array(measurements)
 
 
-def _tracked(start: np.ndarray, rates: np.ndarray, readings: np.ndarray, model: Any = ATTITUDE) -> list[Belief]:
+def _tracked(start: np.ndarray, rates: np.ndarray, measurements: np.ndarray, model: Any = ATTITUDE) -> list[Belief]:
     filter = make("eskf", model)
     belief, beliefs = filter.init(ManifoldGaussian(start, PRIOR)), []
-    for k, y in enumerate(readings):
+    for k, y in enumerate(measurements):
         belief = filter.predict(belief, rates[k - 1]) if k else belief
         belief = filter.update(belief, y)
         beliefs.append(belief)
@@ -111,8 +111,8 @@ def _tracked(start: np.ndarray, rates: np.ndarray, readings: np.ndarray, model: 
 @pytest.mark.slow
 def test_it_is_as_sure_of_an_attitude_as_it_should_be_wherever_that_starts():
     """1,500 runs: the mean NEES is in its 99 % band at 5 of 6 times at least."""
-    start, states, rates, readings = _flown(1500, 60, 0)
-    beliefs = _tracked(start, rates, readings)
+    start, states, rates, measurements = _flown(1500, 60, 0)
+    beliefs = _tracked(start, rates, measurements)
     low, high = chi_square_band(1500, 6, 0.99)
     none = np.zeros((1500, 6))
     means = [nees(none, b.cov, error(x, b.mean)).mean() for b, x in zip(beliefs, states, strict=True)]
@@ -126,9 +126,9 @@ def test_it_is_as_sure_of_an_attitude_as_it_should_be_wherever_that_starts():
 
 
 def test_a_quaternion_and_its_negative_are_the_same_attitude():
-    start, _, rates, readings = _flown(20, 30, 1)
+    start, _, rates, measurements = _flown(20, 30, 1)
     negative = start * np.array([-1.0] * 4 + [1.0] * 3)
-    for one, other in zip(_tracked(start, rates, readings), _tracked(negative, rates, readings), strict=True):
+    for one, other in zip(_tracked(start, rates, measurements), _tracked(negative, rates, measurements), strict=True):
         np.testing.assert_allclose(error(one.mean, other.mean), 0.0, atol=1e-12)
         np.testing.assert_allclose(one.cov, other.cov, rtol=0, atol=1e-12)
         np.testing.assert_allclose(one.innovation, other.innovation, rtol=0, atol=1e-12)
@@ -137,7 +137,7 @@ def test_a_quaternion_and_its_negative_are_the_same_attitude():
 def test_the_frame_that_attitudes_are_counted_from_does_not_matter():
     """Everything turned by a rotation: errors are the body's own, so that nothing else changes."""
     frame = turn(np.array([1.0, -2.0, 0.5]))
-    start, _, rates, readings = _flown(10, 20, 2)
+    start, _, rates, measurements = _flown(10, 20, 2)
     turned = np.concatenate([times(np.broadcast_to(frame, (10, 4)), start[:, :4]), start[:, 4:]], -1)
 
     def seen(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
@@ -145,18 +145,20 @@ def test_the_frame_that_attitudes_are_counted_from_does_not_matter():
         return measurement(np.concatenate([back, x[..., 4:]], -1), u)
 
     model = dataclasses.replace(ATTITUDE, measurement=seen)
-    for one, other in zip(_tracked(start, rates, readings), _tracked(turned, rates, readings, model), strict=True):
+    for one, other in zip(
+        _tracked(start, rates, measurements), _tracked(turned, rates, measurements, model), strict=True
+    ):
         np.testing.assert_allclose(one.cov, other.cov, rtol=0, atol=1e-10)
         np.testing.assert_allclose(one.innovation, other.innovation, rtol=0, atol=1e-9)
 
 
-def test_missing_readings_and_batches():
-    start, _, rates, readings = _flown(5, 12, 3)
-    readings[:, :, 3:][np.random.default_rng(3).random((12, 5)) < 0.5] = np.nan
-    readings[4] = np.nan
-    batch = _tracked(start, rates, readings)
+def test_missing_measurements_and_batches():
+    start, _, rates, measurements = _flown(5, 12, 3)
+    measurements[:, :, 3:][np.random.default_rng(3).random((12, 5)) < 0.5] = np.nan
+    measurements[4] = np.nan
+    batch = _tracked(start, rates, measurements)
     for i in range(5):
-        for one, other in zip(batch, _tracked(start[i], rates[:, i], readings[:, i]), strict=True):
+        for one, other in zip(batch, _tracked(start[i], rates[:, i], measurements[:, i]), strict=True):
             assert_same(one[i], other, 1e-12)
     np.testing.assert_allclose(batch[4].cov, make("eskf", ATTITUDE).predict(batch[3], rates[3]).cov, rtol=0, atol=1e-12)
 
@@ -214,22 +216,22 @@ def test_jacobians_of_ones_own_are_by_errors_and_compared():
         A[..., :3, 3:] = -DT * (np.eye(3) - K / 2.0 + K @ K / 6.0 - K @ K @ K / 24.0)
         return A
 
-    start, _, rates, readings = _flown(4, 10, 5)
+    start, _, rates, measurements = _flown(4, 10, 5)
     own = dataclasses.replace(ATTITUDE, transition_jacobian=jacobian)
-    for one, other in zip(_tracked(start, rates, readings, own), _tracked(start, rates, readings), strict=True):
+    for one, other in zip(_tracked(start, rates, measurements, own), _tracked(start, rates, measurements), strict=True):
         assert_same(one, other, 1e-8)
     wrong = dataclasses.replace(ATTITUDE, transition_jacobian=lambda x, u: jacobian(x, u).mT)
     with pytest.raises(ValueError, match="transition_jacobian differs from transition: entry"):
-        _tracked(start, rates, readings, wrong)
+        _tracked(start, rates, measurements, wrong)
 
 
 def test_a_lost_row_begins_again_from_its_prior():
-    start, _, rates, readings = _flown(3, 3, 6)
-    filter, belief = make("eskf", ATTITUDE), _tracked(start, rates, readings)[-1]
+    start, _, rates, measurements = _flown(3, 3, 6)
+    filter, belief = make("eskf", ATTITUDE), _tracked(start, rates, measurements)[-1]
     mean = np.where(np.arange(3)[:, None] == 1, np.nan, belief.mean)
-    lost = filter.update(filter.predict(belief.replace(mean=mean), rates[2]), readings[2])
+    lost = filter.update(filter.predict(belief.replace(mean=mean), rates[2]), measurements[2])
     np.testing.assert_array_equal(lost.recovery, [Recovery.USUAL, Recovery.PRIOR, Recovery.USUAL])
-    fresh = filter.update(filter.init(ManifoldGaussian(start, PRIOR)).replace(u=rates[2]), readings[2])
+    fresh = filter.update(filter.init(ManifoldGaussian(start, PRIOR)).replace(u=rates[2]), measurements[2])
     assert_same(lost[1:2], fresh[1:2], 1e-12, ignore=["recovery"])
 
 
@@ -296,13 +298,13 @@ def test_other_filters_refuse_states_that_are_no_vectors(name: str):
 
 
 def test_whole_series_of_states_that_are_no_vectors_are_run_and_come_late():
-    start, _, rates, readings = _flown(4, 12, 3)
+    start, _, rates, measurements = _flown(4, 12, 3)
     filter, prior = make("eskf", ATTITUDE), ManifoldGaussian(start, PRIOR)
-    series = run(filter, prior, readings, u=rates)
-    by_hand = _tracked(start, rates, readings)
+    series = run(filter, prior, measurements, u=rates)
+    by_hand = _tracked(start, rates, measurements)
     assert np.isfinite(series.log_likelihood).all()
-    delay = np.minimum(np.random.default_rng(0).integers(0, 4, readings.shape), 11 - np.arange(12)[:, None, None])
-    late = run(Delayed(filter, 3), prior, by_age(readings, delay), u=rates)
+    delay = np.minimum(np.random.default_rng(0).integers(0, 4, measurements.shape), 11 - np.arange(12)[:, None, None])
+    late = run(Delayed(filter, 3), prior, by_age(measurements, delay), u=rates)
     for found in (series, late):
         np.testing.assert_allclose(error(found.mean[-1], by_hand[-1].mean), 0.0, atol=1e-12)
         np.testing.assert_allclose(found.cov[-1], by_hand[-1].cov, rtol=0, atol=1e-12)

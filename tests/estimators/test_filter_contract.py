@@ -1,4 +1,4 @@
-"""What every filter promises its user: names, refusals, missing readings, rows, recovery, angles."""
+"""What every filter promises its user: names, refusals, missing measurements, rows, recovery, angles."""
 
 import copy
 import dataclasses
@@ -101,7 +101,7 @@ def test_umv_ui_refuses_inputs_that_it_cannot_tell_apart():
         make("kf-umv-ui", _linear(G=I2, H=one_bad_row))
 
 
-def test_wdf_refuses_feedthrough_and_an_input_that_no_reading_shows():
+def test_wdf_refuses_feedthrough_and_an_input_that_no_measurement_shows():
     with pytest.raises(ValueError, match=r"kf-umv-ui-wdf needs H = 0 .*use kf-umv-ui"):
         make("kf-umv-ui-wdf", _linear(G=[[1.0], [0.0]], H=[[0.0], [1.0]]))
     with pytest.raises(ValueError, match=r"kf-umv-ui-wdf needs rank\(C G\) = 1 unknown input, got 0: measure"):
@@ -165,7 +165,7 @@ def test_a_prior_for_another_number_of_states_is_refused(case: Case):
 
 
 @every_case()
-def test_readings_masks_and_covariances_of_the_wrong_shape_are_named(case: Case):
+def test_measurements_masks_and_covariances_of_the_wrong_shape_are_named(case: Case):
     system = case.system(0)
     p, filter = system.model.p, case.make(system.model)
     rng = np.random.default_rng(0)
@@ -188,7 +188,7 @@ def test_readings_masks_and_covariances_of_the_wrong_shape_are_named(case: Case)
 
 
 @every_case()
-def test_one_reading_mask_or_covariance_may_serve_every_row(case: Case):
+def test_one_measurement_mask_or_covariance_may_serve_every_row(case: Case):
     system = case.system(0)
     model, filter = system.model, case.make(system.model)
     p = model.p
@@ -223,7 +223,7 @@ def test_one_known_input_may_serve_every_row(case: Case):
 
 
 def _run(case: Case, rows: int, steps: int = 4, seed: int = 0) -> tuple[Filter, Belief, np.ndarray, np.ndarray]:
-    """A filter, a prediction for a batch of rows, the reading that comes next, and the last known input."""
+    """A filter, a prediction for a batch of rows, the measurement that comes next, and the last known input."""
     system = case.system(seed)
     filter = case.make(system.model)
     record = simulate(system, seed, rows, steps)
@@ -259,7 +259,7 @@ def test_rows_of_a_belief_are_replaced_by_those_of_another_in_order(case: Case):
     assert_same(filter.predict(merged, u)[mask], filter.predict(other, u[mask]), 1e-12)
 
 
-def test_a_fresh_row_joins_others_as_one_that_has_seen_no_reading():
+def test_a_fresh_row_joins_others_as_one_that_has_seen_no_measurement():
     filter = make("kf", _linear())
     fresh = filter.init(Gaussian(np.zeros((2, 2)), I2))
     updated = filter.update(fresh, np.ones(2))
@@ -326,7 +326,7 @@ def _lose(belief: Belief, row: int, how: str) -> Belief:
 @pytest.mark.slow
 @pytest.mark.parametrize("how", ["mean not a number", "mean infinite", "cov not a number", "cov infinite"])
 @every_case("deterministic")
-def test_a_lost_row_begins_again_from_its_prior_and_the_newest_reading(case: Case, how: str):
+def test_a_lost_row_begins_again_from_its_prior_and_the_newest_measurement(case: Case, how: str):
     system = case.system(0)
     filter, predicted, y, u = _run(case, 4)
     recovered = filter.update(_lose(predicted, 2, how), y)
@@ -355,7 +355,7 @@ def test_a_single_lost_belief_without_batch_axes_recovers_too(case: Case):
 
 
 @every_case("deterministic")
-def test_a_lost_row_recovers_from_the_readings_that_arrived(case: Case):
+def test_a_lost_row_recovers_from_the_measurements_that_arrived(case: Case):
     system = case.system(0)
     filter, predicted, y, u = _run(case, 4)
     available = np.ones(y.shape, bool)
@@ -382,7 +382,7 @@ def test_a_known_input_that_is_not_finite_loses_no_more_than_its_row_and_step(ca
 @pytest.mark.parametrize(
     "name", ["kf", "ekf", "iekf", "srkf", "eskf", "adaptive-kf", "mhe", "ukf", "huber-kf", "robust-kf", *UNKNOWN_INPUT]
 )
-def test_readings_that_contradict_each_other_without_noise_raise_nothing_and_leave_no_nan(name: str):
+def test_measurements_that_contradict_each_other_without_noise_raise_nothing_and_leave_no_nan(name: str):
     """Two perfect sensors of the same state: their innovation covariance is singular, at the prior as later."""
     unknown = {"G": [[1.0], [0.5]]} if name in UNKNOWN_INPUT else {}
     if name == "kf-umv-ui":
@@ -414,7 +414,7 @@ def test_the_innovation_of_an_angle_takes_the_short_way_round(name: str):
     np.testing.assert_allclose(belief.mean[:, 0], [3.1 + short / 2, -3.1 - short / 2], rtol=0, atol=1e-14)
 
 
-def test_a_reading_that_is_no_angle_is_not_wrapped():
+def test_a_measurement_that_is_no_angle_is_not_wrapped():
     belief = make("kf", _linear(measurement_angles=(1,))).init(Gaussian([10.0, 10.0], I2))
     innovation = make("kf", _linear(measurement_angles=(1,))).update(belief, [0.0, 0.0]).innovation
     np.testing.assert_allclose(innovation, [-10.0, 4.0 * np.pi - 10.0], rtol=0, atol=1e-14)
@@ -432,11 +432,11 @@ def test_a_heading_that_turns_for_many_turns_is_followed_unwrapped():
     assert belief.mean[0] == pytest.approx(100.0, abs=1e-6)
 
 
-# --- an unknown input that the readings leave unseen ------------------------------------------------
+# --- an unknown input that the measurements leave unseen ------------------------------------------------
 
 
 def _seen_by_channel_0(name: str) -> LinearModel:
-    """Three states, three readings; the unknown input shows in the first reading only."""
+    """Three states, three measurements; the unknown input shows in the first measurement only."""
     rng = np.random.default_rng(3)
     unknown = {"G": [[1.0], [0.0], [0.0]]}
     if name == "kf-umv-ui":
@@ -464,7 +464,7 @@ def test_an_input_whose_only_channel_drops_falls_back_to_its_prior_in_that_row_a
     plain = kalman.update(kalman.init(Gaussian(predicted.mean[0], predicted.cov[0])), y, available=mask[0])
     np.testing.assert_allclose(after.mean[0], plain.mean, rtol=0, atol=1e-12)
     spread = prior * model.G @ model.G.T
-    if filter.input_delay == 1:  # the input is in this state already, and no reading corrects it
+    if filter.input_delay == 1:  # the input is in this state already, and no measurement corrects it
         np.testing.assert_allclose(after.cov[0], plain.cov + spread, rtol=0, atol=1e-12)
         np.testing.assert_allclose(after.state_input_cov[0], prior * model.G, rtol=0, atol=1e-12)
     else:  # it enters with the next step
@@ -532,7 +532,7 @@ def test_an_input_that_shows_by_rounding_alone_counts_as_unseen(q: int):
     assert np.abs(after.cov).max() < 10.0
 
 
-def test_without_feedthrough_the_first_reading_after_the_prior_shows_no_input():
+def test_without_feedthrough_the_first_measurement_after_the_prior_shows_no_input():
     system = unknown_input_system(0, feedthrough=False)
     filter = make("kf-umv-ui-wdf", system.model, input_prior=INPUT_PRIOR)
     kalman = make("kf", dataclasses.replace(system.model, G=None, H=None))

@@ -10,7 +10,7 @@ import pytest
 from estimators import Belief, Filter, Gaussian, KalmanFilter, LinearModel, Recovery, Schedule, make
 from estimators.filter import Model, Rng
 from estimators.linalg import symmetrise
-from estimators.reading import Reading
+from estimators.measurement import Measurement
 from tests.estimators.cases import (
     Case,
     arrays,
@@ -18,13 +18,13 @@ from tests.estimators.cases import (
     every_case,
     kalman_system,
     simulate,
-    some_readings,
+    some_measurements,
 )
 
 
 @every_case("deterministic")
 def test_a_compiled_filter_is_the_same_source_over_numpy(case: Case):
-    """Step by step from the same belief, readings missing: no further apart than their rounding, entry for entry."""
+    """Step by step from the same belief, with gaps: no further apart than their rounding, entry for entry."""
     compiled, plain = (case.make(case.system(3).model) for _ in range(2))
     if not compiled.formulas:
         pytest.skip("it is NumPy, and nothing else")
@@ -32,7 +32,7 @@ def test_a_compiled_filter_is_the_same_source_over_numpy(case: Case):
     plain._programs = None
     system = case.system(3)
     record = simulate(system, 3, runs=70, steps=12)
-    available = some_readings(np.random.default_rng(3), compiled.model.p, 12, 70)
+    available = some_measurements(np.random.default_rng(3), compiled.model.p, 12, 70)
     belief = compiled.init(system.rows(70))
     for k in range(12):
         after = [f.predict(belief, record.u[k]) for f in (compiled, plain)]
@@ -43,7 +43,7 @@ def test_a_compiled_filter_is_the_same_source_over_numpy(case: Case):
 
 
 def condition(belief: Belief) -> float:
-    """How much rounding a reading's covariance magnifies, 10 at least."""
+    """How much rounding a measurement's covariance magnifies, 10 at least."""
     assert belief.innovation_cov is not None
     return max(10.0, float(np.linalg.cond(belief.innovation_cov).max()))
 
@@ -104,9 +104,9 @@ class Alpha(Filter[Belief]):
         mean, cov = self._asked("_moved", belief, u)
         return Belief.predicted(belief, mean, cov, u)
 
-    def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
-        mean = belief.mean + 0.5 * np.where(reading.available, reading.innovation, 0.0)
-        return Belief.updated(belief, mean, belief.cov, reading, belief.cov + reading.R)
+    def _update(self, belief: Belief, measurement: Measurement, rng: Rng) -> Belief:
+        mean = belief.mean + 0.5 * np.where(measurement.available, measurement.innovation, 0.0)
+        return Belief.updated(belief, mean, belief.cov, measurement, belief.cov + measurement.R)
 
 
 def test_a_filter_of_ones_own_may_be_formulas():
@@ -129,12 +129,12 @@ class Fading(KalmanFilter):
         before = super()._predict(belief, u, rng)
         return before.replace(cov=before.cov * self.forget)
 
-    def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
+    def _update(self, belief: Belief, measurement: Measurement, rng: Rng) -> Belief:
         self.updates += 1
         mean = belief.mean.copy()
-        if np.abs(reading.innovation).max() > 1e6:
+        if np.abs(measurement.innovation).max() > 1e6:
             mean[..., 0] = 0.0
-        return super()._update(belief.replace(mean=np.clip(mean, -1e9, 1e9)), reading, rng)
+        return super()._update(belief.replace(mean=np.clip(mean, -1e9, 1e9)), measurement, rng)
 
 
 def test_a_filter_below_one_of_ours_is_numpy_until_it_says_otherwise():
@@ -152,8 +152,8 @@ def test_what_a_formula_of_ones_own_gives_is_looked_at():
     class Negative(Alpha):
         formulas = True
 
-        def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
-            return super()._update(belief, reading, rng).replace(cov=-1.0 * belief.cov)
+        def _update(self, belief: Belief, measurement: Measurement, rng: Rng) -> Belief:
+            return super()._update(belief, measurement, rng).replace(cov=-1.0 * belief.cov)
 
     model: Model = LinearModel(np.eye(2), np.eye(2), np.eye(2), np.eye(2))
     filter = Negative(model)
@@ -172,7 +172,7 @@ def test_what_a_formula_of_ones_own_gives_is_looked_at():
             formulas = True
             given = staticmethod(returned)
 
-            def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
+            def _update(self, belief: Belief, measurement: Measurement, rng: Rng) -> Belief:
                 return self.given(belief)
 
         filter = Wrong(model)
@@ -185,12 +185,14 @@ class Information(KalmanFilter):
 
     formulas = True
 
-    def _update(self, belief: Belief, reading: Reading, rng: Rng) -> Belief:
-        seen = reading.C.mT @ np.linalg.solve(reading.R, reading.C)
+    def _update(self, belief: Belief, measurement: Measurement, rng: Rng) -> Belief:
+        seen = measurement.C.mT @ np.linalg.solve(measurement.R, measurement.C)
         cov = np.linalg.solve(np.eye(self.model.n) + belief.cov @ seen, belief.cov)
-        gain = np.linalg.solve(reading.R, reading.C @ cov).mT
-        S = reading.C @ belief.cov @ reading.C.mT + reading.R
-        return Belief.updated(belief, belief.mean + np.matvec(gain, reading.innovation), symmetrise(cov), reading, S)
+        gain = np.linalg.solve(measurement.R, measurement.C @ cov).mT
+        S = measurement.C @ belief.cov @ measurement.C.mT + measurement.R
+        return Belief.updated(
+            belief, belief.mean + np.matvec(gain, measurement.innovation), symmetrise(cov), measurement, S
+        )
 
 
 def test_an_update_in_information_form_is_the_kalman_filters():
@@ -211,7 +213,7 @@ class Marked(Belief):
 
 
 class Marking(KalmanFilter):
-    """Remembers of each row whether any reading has come."""
+    """Remembers of each row whether any measurement has come."""
 
     formulas = True
     record = Marked  # type: ignore[assignment]
@@ -222,12 +224,14 @@ class Marking(KalmanFilter):
     def _predict(self, belief: Any, u: np.ndarray | None, rng: Rng) -> Belief:
         return Marked.of(super()._predict(belief, u, rng), seen=belief.seen)
 
-    def _update(self, belief: Any, reading: Reading, rng: Rng) -> Belief:
-        return Marked.of(super()._update(belief, reading, rng), seen=~(~belief.seen & ~reading.available))
+    def _update(self, belief: Any, measurement: Measurement, rng: Rng) -> Belief:
+        return Marked.of(super()._update(belief, measurement, rng), seen=~(~belief.seen & ~measurement.available))
 
 
 def test_a_mask_of_ones_own_is_a_mask_in_a_row_that_is_recovered():
-    filter = Marking(LinearModel(np.eye(2), np.eye(2), np.zeros((2, 2)), np.zeros((2, 2))))  # readings without noise
+    filter = Marking(
+        LinearModel(np.eye(2), np.eye(2), np.zeros((2, 2)), np.zeros((2, 2)))
+    )  # measurements without noise
     belief = filter.init(Gaussian(np.zeros((4, 2)), np.eye(2)))
     for k in range(3):
         y = np.where(np.arange(4)[:, None] == 1, np.nan, float(k) * np.ones((4, 2)))

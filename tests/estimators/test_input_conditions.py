@@ -11,7 +11,7 @@ POLES = (0.9, 0.5, -0.3)
 
 
 def _with_zeros(*numerators: tuple[float, ...], poles: tuple[float, ...] = POLES) -> tuple[np.ndarray, ...]:
-    """``A, C, G, H`` of one input and as many readings: each has these zeros (of all, all have the poles)."""
+    """``A, C, G, H`` of one input and as many measurements: each has these zeros (of all, all have the poles)."""
     denominator, n = np.poly(poles), len(poles)
     A = np.eye(n, k=1)
     A[-1] = -denominator[:0:-1]
@@ -25,7 +25,7 @@ def _with_zeros(*numerators: tuple[float, ...], poles: tuple[float, ...] = POLES
 
 
 def _conditions(system: tuple[np.ndarray, ...], seed: int = 0, prior: float = 1.0) -> InputConditions:
-    """Of the same system in other coordinates of its states, and with other sums of its readings and inputs."""
+    """Of the same system in other coordinates of its states, and with other sums of its measurements and inputs."""
     A, C, G, H = system
     rng = np.random.default_rng(seed)
     x, y, d = (random_covariance(rng, k) for k in (len(A), *H.shape))
@@ -47,7 +47,9 @@ def _assert_zeros(found: np.ndarray, expected: tuple[complex, ...]) -> None:
 @pytest.mark.parametrize(
     "zeros", [(), (1.5,), (-0.4, 1.1), (0.2 + 0.5j, 0.2 - 0.5j), (2.0, 0.6, -0.1), (1.2, 0.5 + 1.0j, 0.5 - 1.0j)]
 )
-def test_the_zeros_of_one_input_and_reading_are_those_of_its_transfer_function(zeros: tuple[complex, ...], seed: int):
+def test_the_zeros_of_one_input_and_measurement_are_those_of_its_transfer_function(
+    zeros: tuple[complex, ...], seed: int
+):
     found = _conditions(_with_zeros(zeros), seed)
     _assert_zeros(found.zeros, zeros)
     assert found.rank == (len(zeros) >= 2)  # at once with as many zeros as poles, one step later with one less
@@ -55,7 +57,7 @@ def test_the_zeros_of_one_input_and_reading_are_those_of_its_transfer_function(z
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_of_several_readings_the_common_zeros_are_left(seed: int):
+def test_of_several_measurements_the_common_zeros_are_left(seed: int):
     _assert_zeros(_conditions(_with_zeros((1.4, 0.3), (1.4, -0.6)), seed).zeros, (1.4,))
     _assert_zeros(_conditions(_with_zeros((1.4, 0.3), (-0.6, 0.1, 0.7), (0.3,)), seed).zeros, ())
 
@@ -67,7 +69,7 @@ def test_inputs_side_by_side_have_the_zeros_of_each(seed: int):
     found = _conditions(both, seed)
     _assert_zeros(found.zeros, (1.4, 0.3, 0.8, 0.1, -1.2))
     assert found.rank == 2
-    # With the second reading lost, no number tells the two apart.
+    # With the second measurement lost, no number tells the two apart.
     A, C, G, H = both
     found = _conditions((A, C[:1], G, H[:1]), seed)
     assert np.isnan(found.zeros).all()
@@ -75,7 +77,7 @@ def test_inputs_side_by_side_have_the_zeros_of_each(seed: int):
     assert np.isinf(found.sd).all()
 
 
-def test_a_mode_that_no_reading_shows_anyhow_is_no_zero_of_the_input():
+def test_a_mode_that_no_measurement_shows_anyhow_is_no_zero_of_the_input():
     A, C, G, H = _with_zeros((0.4, 0.3))
     A, C = block_diag(A, np.diag([1.0, 0.7])), np.hstack([C, np.zeros((1, 2))])
     for G_hidden in ([[0.0], [0.0]], [[2.0], [1.0]]):
@@ -84,7 +86,7 @@ def test_a_mode_that_no_reading_shows_anyhow_is_no_zero_of_the_input():
 
 @pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf"])
 def test_an_unbiased_filter_diverges_where_a_zero_is_outside_the_unit_circle(name: str):
-    """Random stable systems with as many readings as inputs; its covariance grows in some, settles in others."""
+    """Random stable systems with as many measurements as inputs; its covariance grows in some, settles in others."""
     rng, grown = np.random.default_rng(0), []
     for _ in range(30):
         A, C, G = random_transition(rng, 3, 0.9), rng.normal(size=(1, 3)), rng.normal(size=(3, 1))
@@ -135,8 +137,8 @@ def test_deviations_are_those_of_one_step_of_the_filter_from_what_a_kalman_filte
     np.testing.assert_allclose(found.sd, np.sqrt(np.diag(cov) / np.diag(prior)), rtol=1e-5)
 
 
-def test_without_a_steady_state_deviations_are_those_of_the_readings_alone():
-    """A mode that grows and that no reading shows."""
+def test_without_a_steady_state_deviations_are_those_of_the_measurements_alone():
+    """A mode that grows and that no measurement shows."""
     A, C, G, H = _with_zeros((0.4, 0.3))
     A, C, G = block_diag(A, 1.1), np.hstack([C, [[0.0]]]), np.vstack([G, [[0.0]]])
     found = input_conditions(A, C, G, H, np.eye(4), [[0.25]], 4.0)

@@ -69,14 +69,14 @@ SEAM = 2e-11
 PLACE = 2e-6
 
 
-@pytest.mark.parametrize("reading", [1, 2], ids=["bearing", "heading"])
+@pytest.mark.parametrize("measurement", [1, 2], ids=["bearing", "heading"])
 @pytest.mark.parametrize("name", NONLINEAR + PUSHED)
-def test_the_estimate_does_not_depend_on_where_an_angle_is_cut(name: str, reading: int):
+def test_the_estimate_does_not_depend_on_where_an_angle_is_cut(name: str, measurement: int):
     system = (pushed_vehicle if name in PUSHED else turning_vehicle)(3)
     record = simulate(system, 4, 8, 12)
-    zero = np.pi - system.model.measurement(record.x, record.u)[..., reading].mean()
+    zero = np.pi - system.model.measurement(record.x, record.u)[..., measurement].mean()
     moved = _moved(system, np.zeros(2), zero)
-    across = moved.model.measurement(record.x + [0, 0, zero, 0], record.u)[..., reading]
+    across = moved.model.measurement(record.x + [0, 0, zero, 0], record.u)[..., measurement]
     assert across.min() < 0.1 - np.pi
     assert across.max() > np.pi - 0.1
     shift = np.array([0.0, 0.0, zero, 0.0])
@@ -107,11 +107,11 @@ def test_a_linear_filter_does_not_depend_on_zero_and_origin(name: str, zero: flo
     shift = np.array([*FAR, zero, 0.0])
     moved = dataclasses.replace(system, mean=system.mean + shift)
     options = {} if name == "kf" else {"input_prior": INPUT_PRIOR}
-    readings = record.y + shift[:3]
-    readings[..., 2] = wrap(readings[..., 2])
+    measurements = record.y + shift[:3]
+    measurements[..., 2] = wrap(measurements[..., 2])
     filter = make(name, model, **options)
     one = track(filter, system.rows(8), record)
-    other = track(filter, moved.rows(8), record._replace(y=readings))
+    other = track(filter, moved.rows(8), record._replace(y=measurements))
     assert _apart(one, other, shift) < 1e-7  # digits of 1e-9 at 5e6 m, in standard deviations of 0.03 at least
 
 

@@ -20,12 +20,12 @@ def _range_and_bearing(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
 
 
 MODEL = NonlinearModel(lambda x, u: x, _range_and_bearing, 1e-4 * np.eye(2), R, measurement_angles=(1,))
-"""A place that precise readings show far better than the prediction does: the measurement is bent over its spread."""
+"""Measurements far more precise than the predicted place: the measurement function is nonlinear over its spread."""
 PRIOR = Gaussian(np.zeros(2), np.array([[1.0, 0.3], [0.3, 0.5]]))
 
 
 def _drawn(rows: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """True places, and a reading of each."""
+    """True places, and a measurement of each."""
     rng = np.random.default_rng(seed)
     x = PRIOR.mean + rng.normal(size=(rows, 2)) @ np.linalg.cholesky(PRIOR.cov).T
     y = _range_and_bearing(x, None) + rng.normal(size=(rows, 2)) * np.sqrt(np.diag(R))
@@ -51,7 +51,7 @@ def _gradient(x: np.ndarray, y: np.ndarray, seen: np.ndarray) -> np.ndarray:
     return np.linalg.solve(PRIOR.cov, (x - PRIOR.mean)[..., None])[..., 0] - np.vecmat(e / np.diag(R), _jacobian(x))
 
 
-@pytest.mark.parametrize("missing", [False, True], ids=["every reading arrives", "readings are missing"])
+@pytest.mark.parametrize("missing", [False, True], ids=["every measurement arrives", "measurements are missing"])
 def test_the_estimate_is_where_the_gradient_of_the_posterior_is_zero(missing: bool):
     _, y = _drawn(400)
     seen = np.random.default_rng(1).random(y.shape) < 0.6 if missing else np.ones(y.shape, bool)
@@ -68,13 +68,13 @@ def test_it_is_the_minimum_that_an_optimiser_finds_from_the_prediction():
     belief = _updated(y, iterations=100, tolerance=1e-12)
     root = cholesky(PRIOR.cov, lower=True)
 
-    def residuals(x: np.ndarray, reading: np.ndarray) -> np.ndarray:
-        e = reading - _range_and_bearing(x, None)
+    def residuals(x: np.ndarray, measurement: np.ndarray) -> np.ndarray:
+        e = measurement - _range_and_bearing(x, None)
         e = np.array([e[0], float(wrap(e[1]))]) / np.sqrt(np.diag(R))
         return np.concatenate([e, solve_triangular(root, x - PRIOR.mean, lower=True)])
 
-    for row, reading in enumerate(y):
-        found = least_squares(residuals, PRIOR.mean, args=(reading,), xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    for row, measurement in enumerate(y):
+        found = least_squares(residuals, PRIOR.mean, args=(measurement,), xtol=1e-14, ftol=1e-14, gtol=1e-14)
         np.testing.assert_allclose(belief.mean[row], found.x, rtol=0, atol=1e-6)
         curvature = np.linalg.inv(found.jac.T @ found.jac)
         np.testing.assert_allclose(belief.cov[row], curvature, rtol=0, atol=1e-5 * np.abs(curvature).max())
@@ -95,7 +95,7 @@ def test_one_iteration_is_the_ekf():
 
 
 def test_it_knows_better_than_the_ekf_how_good_it_is_and_is_better():
-    """Precise readings of an uncertain place: the mean NEES of 4,000 has a standard error of 0.03 where it is true."""
+    """Precise measurements of an uncertain place: the mean NEES of 4,000 has a standard error of 0.03 if it is 1."""
     x, y = _drawn(4000, seed=3)
     iterated, once = _updated(y), _updated(y, iterations=1)
     better = nees(iterated.mean, iterated.cov, x)
@@ -119,13 +119,13 @@ def test_where_whole_steps_would_climb_they_are_made_shorter():
 
 
 def test_an_angle_is_compared_the_short_way_at_every_estimate():
-    """The same readings, with every bearing a whole turn further or nearer."""
+    """The same measurements, with every bearing a whole turn further or nearer."""
     _, y = _drawn(50, seed=4)
     turned = y + np.array([0.0, 2.0 * np.pi]) * np.random.default_rng(4).integers(-2, 3, (50, 1))
     assert_same(_updated(turned), _updated(y), 1e-8)
 
 
-def test_a_state_that_is_known_exactly_stays_and_a_perfect_reading_is_met():
+def test_a_state_that_is_known_exactly_stays_and_a_perfect_measurement_is_met():
     model = NonlinearModel(lambda x, u: x, lambda x, u: np.exp(x[..., :1]) + x[..., 1:], np.zeros((2, 2)), [[0.0]])
     filter = make("iekf", model, iterations=50, tolerance=1e-12)
     belief = filter.update(filter.init(Gaussian([0.5, 1.0], np.diag([1.0, 0.0]))), [4.0])

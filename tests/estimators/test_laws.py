@@ -39,7 +39,7 @@ from tests.estimators.cases import (
     rounding,
     shown_directions,
     simulate,
-    some_readings,
+    some_measurements,
     textbook_kalman,
     track,
     without_channel,
@@ -107,7 +107,7 @@ def test_the_covariance_forgets_where_it_started(case: Case):
 
 
 def _pending(filter: Filter, predicted: Belief) -> np.ndarray:
-    """The directions ``(q, q)`` of the last step's unknown input that its own reading did not show."""
+    """The directions ``(q, q)`` of the last step's unknown input that its own measurement did not show."""
     return filter.input_delay * (np.eye(filter.model.q) - predicted.input_observed)
 
 
@@ -127,7 +127,7 @@ def _after_some_steps(case: Case, seed: int, steps: int = 6):
 
 
 def _masks(p: int) -> list[np.ndarray]:
-    """All readings, and every choice that leaves one or none out, or keeps only one or none."""
+    """All measurements, and every choice that leaves one or none out, or keeps only one or none."""
     kept = [np.ones(p, bool), *~np.eye(p, dtype=bool), *np.eye(p, dtype=bool), np.zeros(p, bool)]
     return [np.array(mask) for mask in {tuple(mask) for mask in kept}]
 
@@ -142,8 +142,8 @@ def test_the_update_is_least_squares_with_nothing_known_of_the_input(case: Case,
     for mask in _masks(model.p):
         belief = filter.update(predicted, y, available=mask)
         C, H, R = model.C[mask], model.H[mask], model.R[mask][:, mask]
-        # The unknowns beside x: what is pending of d(k-1), and d(k). A direction that these readings hardly show has
-        # the prior N(0, INPUT_PRIOR), the others none. What d(k) may explain says nothing of d(k-1).
+        # The unknowns beside x: what is pending of d(k-1), and d(k). A direction that these measurements hardly show
+        # has the prior N(0, INPUT_PRIOR), the others none. What d(k) may explain says nothing of d(k-1).
         precision = np.linalg.inv(C @ predicted.cov @ C.T + R) if mask.any() else np.zeros((0, 0))
         now = counted_directions(H, precision, INPUT_PRIOR)
         rest = (np.eye(q) - now) / INPUT_PRIOR
@@ -189,7 +189,9 @@ def test_the_prediction_carries_on_all_that_is_known_of_state_and_input(case: Ca
         acting = None  # what is estimated now and acts on this step
         if filter.input_delay == 0:
             acting = belief.input_mean, belief.input_cov, belief.state_input_cov
-        elif isinstance(belief, FeedthroughBelief):  # what it does not know of d yet stands apart, for the next reading
+        elif isinstance(
+            belief, FeedthroughBelief
+        ):  # what it does not know of d yet stands apart, for the next measurement
             eye, n = np.eye(model.q), model.n
             hidden = INPUT_PRIOR * (eye - belief.feedthrough_observed)
             x, d = belief.input_reach[:n], belief.input_reach[n:] + eye
@@ -211,7 +213,7 @@ def test_the_prediction_carries_on_all_that_is_known_of_state_and_input(case: Ca
 def test_a_change_of_the_input_shows_one_for_one_in_its_estimate(case: Case, seed: int):
     """M H = I, or M C G = I: and the state moves exactly as the input drives it.
 
-    Of d(k-1), what its own reading showed is settled: what the next one shows is the rest.
+    Of d(k-1), what its own measurement showed is settled: what the next one shows is the rest.
     """
     system, filter, predicted = _after_some_steps(case, seed)
     model = system.model
@@ -275,14 +277,14 @@ def _share_inside(values: np.ndarray, degrees: int) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dropouts", [False, True], ids=["every reading arrives", "readings drop out"])
+@pytest.mark.parametrize("dropouts", [False, True], ids=["every measurement arrives", "measurements drop out"])
 @every_case("consistent")
 def test_state_errors_are_as_large_as_the_filter_says(case: Case, dropouts: bool):
     system = case.system(1)
     model, rng = system.model, np.random.default_rng(21)
     available, d = None, None
     if dropouts:  # then d is not always seen, and its prior must be true
-        available = some_readings(rng, model.p, TIMES, RUNS)
+        available = some_measurements(rng, model.p, TIMES, RUNS)
         d = rng.normal(scale=np.sqrt(INPUT_PRIOR), size=(TIMES, RUNS, model.q)) if model.q else None
     record = simulate(system, 20, RUNS, TIMES, d)
     beliefs = track(case.make(model), system.rows(RUNS), record, available=available)
@@ -291,14 +293,14 @@ def test_state_errors_are_as_large_as_the_filter_says(case: Case, dropouts: bool
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dropouts", [False, True], ids=["every reading arrives", "readings drop out"])
+@pytest.mark.parametrize("dropouts", [False, True], ids=["every measurement arrives", "measurements drop out"])
 @every_case("consistent", "unknown-input")
 def test_errors_of_state_and_input_are_together_as_large_as_the_filter_says(case: Case, dropouts: bool):
     system = case.system(1)
     model, rng = system.model, np.random.default_rng(23)
     available, d = None, None
     if dropouts:
-        available = some_readings(rng, model.p, TIMES, RUNS)
+        available = some_measurements(rng, model.p, TIMES, RUNS)
         d = rng.normal(scale=np.sqrt(INPUT_PRIOR), size=(TIMES, RUNS, model.q))
     record = simulate(system, 22, RUNS, TIMES, d)
     beliefs = track(case.make(model), system.rows(RUNS), record, available=available)
@@ -357,7 +359,7 @@ def test_normalised_errors_follow_the_whole_chi_square_law(case: Case):
         assert abs(share - level) < 3.0 * np.sqrt(level * (1.0 - level) / runs)
 
 
-# --- 6. batches, arguments, missing readings --------------------------------------------------------
+# --- 6. batches, arguments, missing measurements --------------------------------------------------------
 
 
 def _numbers(*rows: int) -> Numbers:
@@ -376,7 +378,7 @@ def test_a_batch_equals_a_loop_over_its_rows(case: Case, seed: int):
         system.mean + 0.1 * rng.normal(size=(rows, model.n)), system.cov * rng.uniform(0.5, 2.0, (rows, 1, 1))
     )
     available = rng.random((steps, rows, model.p)) < 0.7
-    available[:, 0] = True  # a row that never misses a reading, in a batch that does
+    available[:, 0] = True  # a row that never misses a measurement, in a batch that does
     R = model.R * rng.uniform(0.5, 2.0, (steps, rows, 1, 1))
     batch = track(filter, prior, record, _numbers(*range(rows)), available, R)
     for i in range(rows):
@@ -468,7 +470,7 @@ def test_nothing_that_is_passed_in_is_changed(case: Case):
 
 @pytest.mark.parametrize("garbage", [np.nan, np.inf, -1e300, 0.0])
 @every_case()
-def test_the_value_of_a_masked_reading_has_no_effect(case: Case, garbage: float):
+def test_the_value_of_a_masked_measurement_has_no_effect(case: Case, garbage: float):
     system, rows, steps = case.system(0), 6, 10
     filter = case.make(system.model)
     record = simulate(system, 0, rows, steps)
@@ -485,7 +487,7 @@ def test_the_value_of_a_masked_reading_has_no_effect(case: Case, garbage: float)
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @every_case()
-def test_a_reading_that_is_not_finite_counts_as_missing(case: Case, value: float):
+def test_a_measurement_that_is_not_finite_counts_as_missing(case: Case, value: float):
     system, rows, steps = case.system(0), 6, 10
     filter = case.make(system.model)
     record = simulate(system, 0, rows, steps)
@@ -501,7 +503,7 @@ def test_a_reading_that_is_not_finite_counts_as_missing(case: Case, value: float
 
 
 @every_case("deterministic")
-def test_masking_every_reading_equals_never_updating(case: Case):
+def test_masking_every_measurement_equals_never_updating(case: Case):
     system, rows = case.system(0), 3
     model, filter = system.model, case.make(system.model)
     record = simulate(system, 0, rows, 9)
@@ -517,7 +519,7 @@ def test_masking_every_reading_equals_never_updating(case: Case):
 
 
 @every_case("deterministic", "kalman")
-def test_an_update_without_readings_leaves_the_estimate_alone(case: Case):
+def test_an_update_without_measurements_leaves_the_estimate_alone(case: Case):
     system, filter, predicted = _after_some_steps(case, 0)
     belief = filter.update(predicted, np.full(system.model.p, np.nan))
     np.testing.assert_array_equal(belief.mean, predicted.mean)
@@ -546,7 +548,9 @@ def test_masking_a_channel_equals_a_model_without_it(case: Case, seed: int):
                 innovation=one.innovation[..., kept], innovation_cov=one.innovation_cov[..., kept, :][..., kept],
                 available=one.available[..., kept],
             )  # fmt: skip
-            sizes = {name: array.shape for name, array in arrays(other).items()}  # what has the size of the readings
+            sizes = {
+                name: array.shape for name, array in arrays(other).items()
+            }  # what has the size of the measurements
             ignore = [name for name, array in arrays(one).items() if array.shape != sizes[name]]
             assert_same(
                 one.replace(**{name: getattr(other, name) for name in ignore}), other, tolerance
@@ -555,7 +559,7 @@ def test_masking_a_channel_equals_a_model_without_it(case: Case, seed: int):
 
 @pytest.mark.slow
 @every_case()
-def test_a_reading_covariance_that_is_passed_replaces_that_of_the_model(case: Case):
+def test_a_measurement_covariance_that_is_passed_replaces_that_of_the_model(case: Case):
     system, rows = case.system(0), 3
     model = system.model
     record = simulate(system, 0, rows, 8)
@@ -568,12 +572,12 @@ def test_a_reading_covariance_that_is_passed_replaces_that_of_the_model(case: Ca
 
 @every_case("deterministic", "linear")
 def test_a_change_of_units_changes_nothing_but_the_units(case: Case):
-    """Everything a million times larger, covariances its square: with readings missing, too."""
+    """Everything a million times larger, covariances its square: with measurements missing, too."""
     system, rows, steps, unit = case.system(0), 8, 20, 2.0**20
     model = system.model
     options = {k: v * unit**2 if k == "input_prior" else v for k, v in case.options.items()}
     record = simulate(system, 0, rows, steps)
-    available = some_readings(np.random.default_rng(0), model.p, steps, rows)
+    available = some_measurements(np.random.default_rng(0), model.p, steps, rows)
     scaled = dataclasses.replace(model, Q=model.Q * unit**2, R=model.R * unit**2)
     small = track(case.make(model), system.rows(rows), record, available=available)
     large = track(
@@ -676,7 +680,7 @@ def test_covariances_stay_symmetric_and_positive_semidefinite(
 @pytest.mark.slow
 @every_case("unknown-input", "linear")
 def test_an_estimate_that_diverges_raises_nothing_and_stays_finite(case: Case):
-    """Readings that leave the input undetectable make an unbiased filter diverge, here past every double."""
+    """Measurements that leave the input undetectable make an unbiased filter diverge, here past every double."""
     for seed in range(4):
         system = case.system(seed)
         model = system.model
@@ -702,13 +706,13 @@ def test_ten_thousand_steps_with_missing_data_leave_the_filter_as_it_should_be(c
     model = LinearModel(A=[[1.0, 0.1], [0.0, 1.0]], C=np.eye(2), Q=np.diag([1e-4, 1e-2]), R=np.eye(2), **unknown)
     filter = case.make(model)
     rng = np.random.default_rng(0)
-    readings = rng.normal(size=(steps, 2))
+    measurements = rng.normal(size=(steps, 2))
     gaps = rng.random((steps, 2)) < 0.1
     gaps[-whole:] = False
-    readings[gaps] = np.nan
+    measurements[gaps] = np.nan
     belief = filter.init(Gaussian(np.zeros(2), np.eye(2)), rng=rng)
     largest = 0.0
-    for k, y in enumerate(readings):
+    for k, y in enumerate(measurements):
         belief = filter.update(filter.predict(belief, rng=rng), y, rng=rng)
         if k % 97 == 0 or k == steps - whole - 1:
             assert_covariance(belief.cov)

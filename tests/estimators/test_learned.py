@@ -24,7 +24,7 @@ def _case(seed: int = 0) -> tuple[System, LearnedGainFilter]:
 
 
 def test_torch_and_numpy_make_the_same_means():
-    """With readings missing and an angle among them."""
+    """With measurements missing and an angle among them."""
     torch = pytest.importorskip("torch")
     from dataclasses import fields, replace
 
@@ -110,7 +110,7 @@ def test_a_batch_equals_a_loop_over_its_rows_with_gaps_and_covariances_of_their_
             assert_same(one[i], other, 1e-12)
 
 
-def test_a_missing_reading_says_nothing_whatever_stands_in_its_place():
+def test_a_missing_measurement_says_nothing_whatever_stands_in_its_place():
     system, filter = _case()
     record = simulate(system, 0, 4, 10)
     available = np.random.default_rng(1).random(record.y.shape) < 0.6
@@ -145,7 +145,7 @@ def test_trouble_costs_the_row_no_more_than_it_must():
 
 
 @pytest.mark.parametrize("absurd", [1e160, -1e306])
-def test_after_an_absurd_reading_it_goes_on_as_usual(absurd: float):
+def test_after_an_absurd_measurement_it_goes_on_as_usual(absurd: float):
     """In scales of a thousandth: the next features are no numbers, but for their bounds. The gain is nearly steady."""
     from estimators import make
 
@@ -221,7 +221,7 @@ def test_weights_are_saved_as_plain_arrays_and_loaded_without_pickle(tmp_path):
 
 def test_weights_that_do_not_fit_are_named():
     model = LinearModel(np.eye(2), np.eye(2), np.eye(2), np.eye(2))
-    with pytest.raises(ValueError, match="the network is for 2 states and 1 readings, the model has 2 and 2"):
+    with pytest.raises(ValueError, match="the network is for 2 states, 1 measurements; the model has 2 and 2"):
         LearnedGainFilter(model, _network(2, 1))
     with pytest.raises(TypeError, match="network must be a GainNetwork, got dict"):
         LearnedGainFilter(model, {})

@@ -11,11 +11,11 @@ from estimators import Belief, Gaussian, LinearModel, Numbers, gaspari_cohn, mak
 from studies.lorenz.benchmarks import LORENZ96, rk4
 from tests.estimators.cases import assert_same, kalman_system, random_covariance, simulate, track
 
-SIZES = [(5, 4, 12), (12, 6, 5), (6, 6, 6), (3, 8, 4)]  # members, states, readings
+SIZES = [(5, 4, 12), (12, 6, 5), (6, 6, 6), (3, 8, 4)]  # members, states, measurements
 
 
 def _begun(members: int, n: int, p: int, spread: float = 1.0):
-    """A linear model with correlated readings, and beliefs of three rows before one."""
+    """A linear model with correlated measurements, and beliefs of three rows before one."""
     rng = np.random.default_rng(members)
     model = LinearModel(np.eye(n), rng.normal(size=(p, n)), np.eye(n), random_covariance(rng, p))
     numbers = Numbers.seeded(range(3))
@@ -25,7 +25,7 @@ def _begun(members: int, n: int, p: int, spread: float = 1.0):
 
 
 def _textbook(before: Belief, model: LinearModel, R: np.ndarray, y: np.ndarray, factor: float = 1.0) -> np.ndarray:
-    """Members of a row after a reading, by the N x N formulas of Hunt et al. (2007), from anomalies times a factor."""
+    """Members of a row after a measurement, by the N x N formulas of Hunt et al. (2007), of scaled anomalies."""
     N = len(before.ensemble)
     A = factor * (before.ensemble - before.ensemble.mean(0))
     Y = A @ model.C.T
@@ -134,7 +134,7 @@ def test_the_inflation_is_the_least_of_the_finite_size_filters_cost(members: int
     assert max(factors) > 1.05
 
 
-def test_it_inflates_where_readings_ask_for_it_and_not_without_a_reading():
+def test_it_inflates_where_measurements_ask_for_it_and_not_without_a_measurement():
     model, before, y, numbers = _begun(8, 4, 6)
     plain, adaptive = (make("letkf", model, members=8, adaptive=c) for c in (None, 1.0))
     mean = before.mean @ model.C.T
@@ -142,13 +142,13 @@ def test_it_inflates_where_readings_ask_for_it_and_not_without_a_reading():
     assert (np.diff(spread) > 0.0).all()
     usual = np.trace(plain.update(before, y, rng=numbers).cov[0])
     assert spread[0] < usual < spread[1]
-    assert spread[-1] < 100.0 * usual  # an absurd reading does not inflate without bounds
+    assert spread[-1] < 100.0 * usual  # an absurd measurement does not inflate without bounds
     nothing = adaptive.update(before, np.full((3, 6), np.nan), rng=numbers)
     np.testing.assert_allclose(nothing.ensemble, before.ensemble, rtol=0, atol=1e-13)
 
 
 def _errors(steps: int, runs: int = 6, burn_in: int = 100, cycles: int = 150, **options: object) -> float:
-    """Median over runs of the analysis RMSE on Lorenz-96, with so many steps between readings."""
+    """Median over runs of the analysis RMSE on Lorenz-96, with so many steps between measurements."""
     world, chance = np.random.default_rng([3, 0]), np.random.default_rng([3, 1])
     setting = dataclasses.replace(LORENZ96, steps=steps)
     model, total = setting.model(), np.zeros(runs)
@@ -166,7 +166,7 @@ def _errors(steps: int, runs: int = 6, burn_in: int = 100, cycles: int = 150, **
 
 @pytest.mark.slow
 def test_it_finds_the_inflation_that_the_truth_needs():
-    """The longer the time between readings, the more: the best of a range of factors are 1.02, 1.08 and 1.5 in turn.
+    """The longer the time between measurements, the more: the best of a range of factors are 1.02, 1.08 and 1.5.
 
     What adapts is within 1.4 times the error of the best each time (1.3, 1.05 and 0.84 on other seeds), which none of
     the factors is within 1.8 times.
@@ -181,7 +181,7 @@ def test_it_finds_the_inflation_that_the_truth_needs():
 
 
 @pytest.mark.slow
-def test_a_few_members_follow_forty_states_by_readings_near_each():
+def test_a_few_members_follow_forty_states_by_measurements_near_each():
     ring = np.abs(np.subtract.outer(np.arange(40), np.arange(40)))
     taper = gaspari_cohn(np.minimum(ring, 40 - ring), 7.3)
     local = _errors(1, members=7, inflation=1.04, localisation=taper)

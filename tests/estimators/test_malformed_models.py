@@ -138,14 +138,14 @@ def test_whatever_a_filter_is_given_it_answers_with_a_sentence_or_a_belief(data:
         return
     _check(belief)
     for _ in range(data.draw(st.integers(1, 3))):
-        reading = {
+        measurement = {
             "available": data.draw(st.one_of(st.none(), st.lists(st.booleans(), min_size=p, max_size=p), JUNK)),
             "R": data.draw(st.one_of(st.none(), st.none(), _covariances(p))),
         }
         u = data.draw(st.one_of(st.just(np.ones(m)), _arrays(m))) if m else data.draw(st.one_of(st.none(), JUNK))
         try:
             predicted = filter.predict(belief, u, rng=rng)
-            belief = filter.update(predicted, data.draw(_arrays(p)), rng=rng, **reading)
+            belief = filter.update(predicted, data.draw(_arrays(p)), rng=rng, **measurement)
         except (ValueError, TypeError) as error:
             _sentence(error)
             continue
@@ -172,7 +172,7 @@ class _Own(Filter):
     def _predict(self, belief: Belief, u: Any, rng: Any) -> Belief:
         return self._given("_predict", belief)
 
-    def _update(self, belief: Belief, reading: Any, rng: Any) -> Belief:
+    def _update(self, belief: Belief, measurement: Any, rng: Any) -> Belief:
         return self._given("_update", belief)
 
 

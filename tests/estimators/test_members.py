@@ -19,7 +19,7 @@ from estimators.analysis import (
 from estimators.angles import difference
 from estimators.engine import compiled
 from estimators.engine.matrices import columnwise
-from estimators.ensemble import PROCESS, READINGS
+from estimators.ensemble import MEASUREMENTS, PROCESS
 from estimators.linalg import masked, semidefinite_cholesky
 from tests.estimators.cases import assert_same, random_covariance
 
@@ -38,7 +38,7 @@ SPREADS = pytest.mark.parametrize("spread", [0.05, 2.0], ids=["members close tog
 
 
 def _wrapping(seed: int = 0) -> NonlinearModel:
-    """Five states and four readings, all of them correlated; an angle among each, which the functions wrap."""
+    """Five states and four measurements, all of them correlated; an angle among each, which the functions wrap."""
     rng = np.random.default_rng(seed)
     A, C = 0.5 * rng.normal(size=(5, 5)), rng.normal(size=(4, 5))
 
@@ -55,7 +55,7 @@ def _wrapping(seed: int = 0) -> NonlinearModel:
 
 
 def _begun(filter: Filter, spread: float, rows: slice = slice(None)) -> tuple[Belief, Numbers, np.ndarray, np.ndarray]:
-    """Beliefs of rows about the cut of the angles, their random numbers, readings, and which of these arrive."""
+    """Beliefs of rows about the cut of the angles, their random numbers, measurements, and which of these arrive."""
     rng = np.random.default_rng(1)
     mean, y = rng.normal(size=(ROWS, 5)) + [0, 0, np.pi, 0, 0], rng.normal(size=(ROWS, 4))
     available = rng.random((ROWS, 4)) < 0.7
@@ -92,7 +92,7 @@ def _centred(numbers: Numbers, members: int, count: int, use: int) -> np.ndarray
 def _analysis(
     filter: Filter, belief: Belief, y: np.ndarray, arrived: np.ndarray, R: np.ndarray, numbers: Numbers
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The members after a reading of one row, their mean, the innovation and its covariance, by the formulas."""
+    """The members after a measurement of one row, their mean, the innovation and its covariance, by the formulas."""
     model, N, p = filter.model, filter.members, filter.model.p
     Y = model.measurement(belief.ensemble, None)
     Y[:, 1] = _together(Y[:, 1])
@@ -105,7 +105,7 @@ def _analysis(
     if filter.name == "enkf":
         gain = taper * (A.T @ Y / (N - 1) @ np.linalg.inv(S))
         mean += gain @ e
-        A = A + (_centred(numbers, N, p, READINGS) @ root.T - Y) @ gain.T
+        A = A + (_centred(numbers, N, p, MEASUREMENTS) @ root.T - Y) @ gain.T
     else:
         for i, row in enumerate(taper):
             used = (row > 0.0) & arrived
@@ -142,8 +142,8 @@ def test_updates_are_those_of_the_textbook_formulas(name: str, options: dict[str
 
 @pytest.mark.parametrize("perfect", [False, True], ids=["each with noise", "one without"])
 @pytest.mark.parametrize("arriving", [12, 6, 4, 0])
-def test_readings_that_outnumber_the_members_are_taken_in_as_pair_after_pair(arriving: int, perfect: bool):
-    """Among members, or among readings where R is singular. Independent pairs may as well come one after the other."""
+def test_measurements_that_outnumber_the_members_are_taken_in_as_pair_after_pair(arriving: int, perfect: bool):
+    """Among members, or among measurements where R is singular. Independent pairs may come one after the other."""
     rng = np.random.default_rng(0)
     R = block_diag(*(random_covariance(rng, 2) for _ in range(6)))
     if perfect:

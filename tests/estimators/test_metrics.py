@@ -105,7 +105,7 @@ def test_nees_and_nis_of_true_gaussians_follow_the_chi_square_law(n: int):
             assert abs(share - level) < 3.0 * np.sqrt(level * (1.0 - level) / runs)
 
 
-def test_missing_readings_add_nothing_to_nis():
+def test_missing_measurements_add_nothing_to_nis():
     rng = np.random.default_rng(2)
     p, kept = 4, np.array([True, False, True, False])
     S, e = random_covariance(rng, p), rng.normal(size=p)

@@ -279,7 +279,7 @@ def test_matrices_may_be_functions_of_the_known_input(name: str):
             assert_same(belief[i], singles[i], 1e-11)
 
 
-def test_a_reading_may_depend_on_an_input_of_its_own_time():
+def test_a_measurement_may_depend_on_an_input_of_its_own_time():
     model = LinearModel(A=I2, C=lambda u: np.stack([u, np.zeros_like(u)], -1), Q=I2, R=[[1.0]], B=np.zeros((2, 1)))
     filter = make("kf", model)
     predicted = filter.predict(filter.init(Gaussian([1.0, 1.0], I2)), [3.0])

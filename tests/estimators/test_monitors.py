@@ -9,7 +9,7 @@ from scipy.stats import binom, chi2, ncx2, norm
 
 from estimators import Belief, ChiSquareMonitor, CusumMonitor, Delayed, Gaussian, LinearModel, Watch, make, nis
 from estimators.faults import cusum_run_length
-from tests.estimators.cases import kalman_system, random_covariance, simulate, some_readings, unknown_input_system
+from tests.estimators.cases import kalman_system, random_covariance, simulate, some_measurements, unknown_input_system
 
 KINDS = (ChiSquareMonitor, CusumMonitor)
 
@@ -86,14 +86,14 @@ def test_without_a_threshold_a_sum_waits_for_one_number():
 
 @pytest.mark.parametrize("window", [1, 7])
 def test_chi_square_alarms_are_as_frequent_as_stated(window: int):
-    """With readings missing, and before the window is full, too."""
+    """With measurements missing, and before the window is full, too."""
     rng, rows, rate = np.random.default_rng(window), 20_000, 0.01
     S, monitor = random_covariance(rng, 3), ChiSquareMonitor(3, rate, window)
     state = monitor.start(rows)
     for k in range(2 * window):
         available = rng.random((rows, 3)) < 0.7
         if k == 0:
-            available[:, 0] = True  # a window without a reading has no alarm
+            available[:, 0] = True  # a window without a measurement has no alarm
         state = monitor.watch(state, read(drawn(rng, S, rows), S, available))
         if k in (0, 2, 2 * window - 1) and window == 7:
             assert_share(state.alarm, rate)
@@ -125,7 +125,7 @@ def test_cusums_of_several_channels_raise_no_more_false_alarms_than_stated(corre
 def test_a_filter_of_a_true_model_raises_as_many_false_alarms_as_stated(kind: type):
     system, rows, steps, rate = kalman_system(3), 3000, 30, 0.01
     record = simulate(system, 3, rows, steps)
-    available = some_readings(np.random.default_rng(3), 3, steps, rows)
+    available = some_measurements(np.random.default_rng(3), 3, steps, rows)
     filter, monitor = make("kf", system.model), kind(3, rate)
     belief, state, alarms = filter.init(system.rows(rows)), monitor.start(rows), 0
     for k, y in enumerate(record.y):
@@ -144,7 +144,7 @@ def test_a_filter_of_a_true_model_raises_as_many_false_alarms_as_stated(kind: ty
 
 @pytest.mark.parametrize("window", [3, 10])
 def test_the_chance_to_see_a_bias_is_that_of_noncentral_chi_square(window: int):
-    """What a bias does to the innovations of a filter follows from the filter alone, as readings without noise show."""
+    """A bias' effect on the innovations of a filter follows from the filter alone, as exact measurements show."""
     system, rows, steps = kalman_system(4), 4000, 15
     model, filter, monitor = system.model, make("kf", system.model), ChiSquareMonitor(3, 1e-3, window)
     bias = 4.0 * np.sqrt(model.R[1, 1]) * np.eye(3)[1]
@@ -234,7 +234,7 @@ def test_a_filter_with_sensors_to_spare_accuses_the_biased_one(kind: type):
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("size", [1e90, 1e160, -1e200, 1e306])
-def test_a_reading_that_is_absurd_is_accused_and_forgotten_like_any_other(kind: type, size: float):
+def test_a_measurement_that_is_absurd_is_accused_and_forgotten_like_any_other(kind: type, size: float):
     rng, monitor = np.random.default_rng(14), kind(3)
     S = 1e-3 * random_covariance(rng, 3)
     e = 1e-3 * rng.normal(size=(12, 3, 3))
@@ -262,7 +262,7 @@ def test_what_speaks_against_a_sensor_is_what_the_innovation_has_less_without_it
         np.testing.assert_allclose(state.suspicion[usual, sensor], deviate[usual], rtol=0, atol=0.15)
 
 
-# --- missing readings, rows, series -------------------------------------------------------------------
+# --- missing measurements, rows, series -------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -343,7 +343,7 @@ def test_rows_begin_again_by_mask_and_nothing_handed_in_is_changed(kind: type):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_reading_that_only_a_pseudo_inverse_could_take_in_counts_for_nothing(kind: type):
+def test_a_measurement_that_only_a_pseudo_inverse_could_take_in_counts_for_nothing(kind: type):
     model = LinearModel(np.eye(1), np.ones((2, 1)), np.eye(1), np.zeros((2, 2)))
     filter, monitor = make("kf", model), kind(2)
     belief = filter.update(filter.init(Gaussian([0.0], [[1.0]])), [10.0, 10.0])
@@ -420,7 +420,7 @@ def test_beliefs_that_cannot_be_watched_are_refused():
     belief = filter.update(begun, np.zeros((2, 3)))
     with pytest.raises(ValueError, match=r"watches rows \(3,\), the belief has rows \(2,\)"):
         monitor.watch(monitor.start(3), belief)
-    with pytest.raises(ValueError, match="have 2 channels, the readings 3"):
+    with pytest.raises(ValueError, match="have 2 channels, the measurements 3"):
         CusumMonitor(2).watch(CusumMonitor(2).start(2), belief)
     with pytest.raises(ValueError, match="stacked, times first"):
         monitor.run(belief[0])
@@ -431,7 +431,7 @@ def test_beliefs_that_cannot_be_watched_are_refused():
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_filter_to_which_readings_come_late_is_watched_as_any_other(kind: type):
+def test_a_filter_to_which_measurements_come_late_is_watched_as_any_other(kind: type):
     system = kalman_system(0)
     delayed, plain, monitor = Delayed(make("kf", system.model), 2), make("kf", system.model), kind(3)
     beliefs = [f.init(system.rows(2)) for f in (delayed, plain)]

@@ -14,7 +14,7 @@ from tests.estimators.cases import (
     assert_same,
     kalman_system,
     simulate,
-    some_readings,
+    some_measurements,
     track,
     turning_vehicle,
 )  # fmt: skip
@@ -29,7 +29,7 @@ def _as_belief(window: Belief) -> Belief:
 def test_on_a_linear_system_it_is_the_kf_for_every_horizon(horizon: int, functions: bool):
     system = kalman_system(0)
     model, record = system.model, simulate(system, 0, 3, 20)
-    available = some_readings(np.random.default_rng(0), model.p, 20, 3)
+    available = some_measurements(np.random.default_rng(0), model.p, 20, 3)
     told = NonlinearModel(model.transition, model.measurement, model.Q, model.R) if functions else model
     mhe = track(make("mhe", told, horizon=horizon), system.rows(3), record, available=available)
     for one, other in zip(mhe, track(make("kf", model), system.rows(3), record, available=available), strict=True):
@@ -57,7 +57,7 @@ def test_where_steps_must_be_shorter_it_stays_finite_and_the_iekf_alone_arrives(
         np.testing.assert_array_equal(np.abs(belief.mean[:, 0]) < 1e-2, arrives)
 
 
-def test_the_horizon_counts_times_whether_or_not_a_reading_came():
+def test_the_horizon_counts_times_whether_or_not_a_measurement_came():
     system = kalman_system(0)
     filter = make("mhe", system.model, horizon=3)
     belief = filter.update(filter.init(system.prior), np.ones(3))
@@ -107,7 +107,7 @@ def _followed(name: str, ys: np.ndarray, **options: object) -> list[Belief]:
     return beliefs
 
 
-def test_the_course_is_what_an_optimiser_finds_of_all_readings():
+def test_the_course_is_what_an_optimiser_finds_of_all_measurements():
     """While nothing has left the window: the minimum of the whole cost, over the states of all times at once."""
     _, ys = _course(12, 6, 1)
     ys[3, :, 0] = np.nan
@@ -133,8 +133,8 @@ def test_the_course_is_what_an_optimiser_finds_of_all_readings():
     assert found >= 11  # Gauss and Newton's method without shorter steps may miss one
 
 
-def test_a_longer_memory_of_the_readings_is_worth_it_where_the_start_is_hardly_known():
-    """The distance to one beacon, and dead reckoning: where the place is shows after several readings alone.
+def test_a_longer_memory_of_the_measurements_is_worth_it_where_the_start_is_hardly_known():
+    """The distance to one beacon, and dead reckoning: where the place is shows after several measurements alone.
 
     The mean NEES of 300 runs has a standard error of 0.12 where it is true: 2.5 is 4 of them above.
     """
@@ -161,7 +161,7 @@ def test_a_longer_memory_of_the_readings_is_worth_it_where_the_start_is_hardly_k
     assert consistent[2] < 2.5
 
 
-def test_two_readings_of_one_time_and_predictions_without_any():
+def test_two_measurements_of_one_time_and_predictions_without_any():
     system = kalman_system(1)
     filters = [make("mhe", system.model, horizon=3), make("kf", system.model)]
     beliefs, rng = [f.init(system.rows(2)) for f in filters], np.random.default_rng(0)

@@ -36,7 +36,7 @@ from tests.estimators.cases import (
     kalman_system,
     random_covariance,
     simulate,
-    some_readings,
+    some_measurements,
     track,
     turning_vehicle,
 )  # fmt: skip
@@ -66,7 +66,7 @@ def test_it_agrees_with_filterpy_on_random_systems(seed: int):
     theirs, imm = IMMEstimator(others, start, CHAIN), InteractingMultipleModels(filters, CHAIN, start)
     belief = imm.init(system.prior)
     for k in range(40):
-        # FilterPy weighs the first reading as if the chain had moved once before it: predict first.
+        # FilterPy weighs the first measurement as if the chain had moved once before it: predict first.
         belief = imm.predict(belief, record.u[k, 0])
         theirs.predict(record.u[k, 0][:, None])
         # (Its mixture of predictions has the weights from before the chain moved: modes are compared.)
@@ -87,7 +87,7 @@ def _as_belief(mixture: Belief) -> Belief:
 def test_of_one_model_it_is_that_filter_exactly(name: str):
     system = kalman_system(0) if name == "kf" else turning_vehicle(0)
     record = simulate(system, 0, 5, 15)
-    available = some_readings(np.random.default_rng(0), system.model.p, 15, 5)
+    available = some_measurements(np.random.default_rng(0), system.model.p, 15, 5)
     filter = make(name, system.model)
     one = track(InteractingMultipleModels([filter], [[1.0]]), system.rows(5), record, available=available)
     for mixture, belief in zip(one, track(filter, system.rows(5), record, available=available), strict=True):
@@ -107,14 +107,14 @@ def test_of_equal_models_it_is_that_filter_and_the_chain_runs_as_it_does():
         np.testing.assert_allclose(mixture.probabilities, np.tile(probabilities, (4, 1)), rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("missing", [False, True], ids=["every reading arrives", "readings are missing"])
+@pytest.mark.parametrize("missing", [False, True], ids=["every measurement arrives", "measurements are missing"])
 def test_modes_that_never_change_are_weighed_by_all_that_they_said(missing: bool):
     """With a chain that stays nothing is mixed: the evidence of a mixture is the mixture of the evidence."""
     system = kalman_system(2)
     filters, start = _modes(system, 2), np.array([0.2, 0.5, 0.3])
     record = simulate(system, 2, 1, 25)
     record = record._replace(y=record.y[:, 0], u=record.u[:, 0])
-    available = some_readings(np.random.default_rng(2), 3, 25) if missing else np.ones((25, 3), bool)
+    available = some_measurements(np.random.default_rng(2), 3, 25) if missing else np.ones((25, 3), bool)
     mixture = track(InteractingMultipleModels(filters, np.eye(3), start), system.prior, record, available=available)
     evidence = np.log(start)
     alone = [track(f, system.prior, record, available=available) for f in filters]
@@ -184,7 +184,7 @@ CASES = [
     _Several("imm on a turning vehicle", "ekf", turning_vehicle, frozenset(), {}),
 ]
 LAWS = [
-    laws.test_nothing_that_is_passed_in_is_changed, laws.test_masking_every_reading_equals_never_updating,
+    laws.test_nothing_that_is_passed_in_is_changed, laws.test_masking_every_measurement_equals_never_updating,
     laws.test_a_batch_may_have_several_axes,
 ]  # fmt: skip
 SEEDED = [laws.test_a_batch_equals_a_loop_over_its_rows, laws.test_masking_a_channel_equals_a_model_without_it]
@@ -205,10 +205,10 @@ def test_it_keeps_the_laws_that_take_a_seed(case: Case, law: Any):
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)
 def test_what_is_missing_has_no_effect(case: Case):
     for value in (np.nan, np.inf, -1e300, 0.0):
-        laws.test_the_value_of_a_masked_reading_has_no_effect(case, value)
-    laws.test_a_reading_that_is_not_finite_counts_as_missing(case, np.nan)
+        laws.test_the_value_of_a_masked_measurement_has_no_effect(case, value)
+    laws.test_a_measurement_that_is_not_finite_counts_as_missing(case, np.nan)
     laws.test_whole_turns_of_a_measured_angle_change_nothing(case, -3)
-    laws.test_a_reading_covariance_that_is_passed_replaces_that_of_the_model(case)
+    laws.test_a_measurement_covariance_that_is_passed_replaces_that_of_the_model(case)
 
 
 def test_a_model_for_each_row_and_other_units():
@@ -225,16 +225,16 @@ def test_rows_are_chosen_and_replaced():
     np.testing.assert_array_equal(merged.means[mask], np.broadcast_to(system.mean, (2, 2, 4)))
 
 
-def test_no_reading_makes_probabilities_that_are_none():
-    """Readings far beyond what any mode expects, modes that cannot be, and a reading beyond all numbers."""
+def test_no_measurement_makes_probabilities_that_are_none():
+    """Measurements far beyond what any mode expects, modes that cannot be, and a measurement beyond all numbers."""
     system = kalman_system(1)
     imm = InteractingMultipleModels(_modes(system, 1), np.eye(3), [0.0, 1.0, 0.0])
     belief = imm.init(system.rows(3))
     for y in (1e3, 1e9, -1e160, 1e308, 0.0):
         belief = imm.predict(belief, np.zeros((3, 2)))
-        reading = np.full((3, 3), y)
-        reading[2] = np.nan
-        belief = imm.update(belief, reading)
+        measurement = np.full((3, 3), y)
+        measurement[2] = np.nan
+        belief = imm.update(belief, measurement)
         np.testing.assert_allclose(belief.probabilities, [[0.0, 1.0, 0.0]] * 3, rtol=0, atol=1e-15)
         for name in ("mean", "cov", "means", "covs", "log_likelihood", "innovation", "innovation_cov"):
             assert np.isfinite(getattr(belief, name)).all(), name
@@ -270,7 +270,7 @@ def test_what_does_not_fit_is_refused_in_a_sentence():
         (([one.model], [[1.0]]), TypeError, r"needs a filter whose belief is a mean and a covariance, got [^\n]*$"),
         (([one, "kf"], chain), TypeError, "needs a filter whose belief is a mean and a covariance, got 'kf'"),
         (([one, make("etkf", one.model)], chain), TypeError, "mean and a covariance, got EnsembleTransformFilter"),
-        (([one, two], chain), ValueError, r"filters must have the same states, readings and angles: mode 0 has"),
+        (([one, two], chain), ValueError, r"filters must have the same states, measurements and angles: mode 0 has"),
         (([one, one], [[1.0]]), ValueError, r"transition has shape \(1, 1\), expected \(2, 2\)"),
         (([one, one], [[0.9, 0.2], [0.1, 0.9]]), ValueError, "transition must be probabilities"),
         (([one, one], [[1.1, -0.1], [0.1, 0.9]]), ValueError, "transition must be probabilities"),
@@ -340,11 +340,11 @@ def test_an_aircraft_that_turns():
     filters = [make("kf", LinearModel(A, np.eye(2, 4), a**2 * push @ push.T, 1e4 * np.eye(2))) for a in sizes]
     imm = InteractingMultipleModels(filters[:2], expm(5.0 * np.array([[-0.005, 0.005], [0.04, -0.04]])))
     rng, runs = np.random.default_rng(0), 200
-    readings = states[:, None, :2] + 100.0 * rng.normal(size=(len(states), runs, 2))
-    start = Gaussian(np.concatenate([readings[0], np.zeros((runs, 2))], -1), np.diag([1e4, 1e4, 9e4, 9e4]))
+    measurements = states[:, None, :2] + 100.0 * rng.normal(size=(len(states), runs, 2))
+    start = Gaussian(np.concatenate([measurements[0], np.zeros((runs, 2))], -1), np.diag([1e4, 1e4, 9e4, 9e4]))
     beliefs = [filter.init(start) for filter in (imm, *filters)]
     errors, turns = [], []
-    for x, y in zip(states[1:], readings[1:], strict=True):
+    for x, y in zip(states[1:], measurements[1:], strict=True):
         beliefs = [f.update(f.predict(b), y) for f, b in zip((imm, *filters), beliefs, strict=True)]
         errors.append([np.square((b.mean - x)[:, :2]).sum(-1) for b in beliefs])
         turns.append(beliefs[0].probabilities[:, 1].mean())
@@ -360,7 +360,7 @@ def test_an_aircraft_that_turns():
         assert turns[k] < 0.25 or turning[max(k - 9, 0) : k + 1].any()
 
 
-def test_a_mode_for_which_a_reading_is_impossible_does_not_win():
+def test_a_mode_for_which_a_measurement_is_impossible_does_not_win():
     """Two sensors without noise that disagree: densities of one and of two directions do not compare."""
     perfect, noisy = (LinearModel([[1.0]], [[1.0], [1.0]], [[1.0]], R) for R in (np.zeros((2, 2)), 0.01 * np.eye(2)))
     imm = InteractingMultipleModels([make("kf", perfect), make("kf", noisy)], [[0.9, 0.1], [0.1, 0.9]])
@@ -371,11 +371,11 @@ def test_a_mode_for_which_a_reading_is_impossible_does_not_win():
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("reading", [1e160, 1e200, -1e306])
-def test_an_absurd_reading_leaves_numbers_and_the_next_ones_what_they_are(reading: float):
+@pytest.mark.parametrize("measurement", [1e160, 1e200, -1e306])
+def test_an_absurd_measurement_leaves_numbers_and_the_next_ones_what_they_are(measurement: float):
     slow, fast = (LinearModel([[1.0]], [[1.0]], [[q]], [[1.0]]) for q in (1.0, 9.0))
     imm = InteractingMultipleModels([make("kf", slow), make("kf", fast)], [[0.9, 0.1], [0.1, 0.9]])
-    belief = imm.update(imm.predict(imm.init(Gaussian([0.0], [[1.0]]))), [reading])
+    belief = imm.update(imm.predict(imm.init(Gaussian([0.0], [[1.0]]))), [measurement])
     for _ in range(30):
         assert np.isfinite(belief.mean).all()
         assert np.isfinite(belief.cov).all()

@@ -22,7 +22,7 @@ def _numbers(*rows: int) -> Numbers:
 
 
 def _log_density(belief) -> np.ndarray:
-    """Of the last reading, by a Kalman filter, of the channels that arrived."""
+    """Of the last measurement, by a Kalman filter, of the channels that arrived."""
     sizes = belief.available.sum(-1)
     e, S = belief.innovation, belief.innovation_cov
     return (
@@ -73,17 +73,17 @@ def _growth(k: float) -> NonlinearModel:
 
 
 def _on_a_grid(y: np.ndarray, prior: Gaussian) -> list[tuple[float, float, float]]:
-    """Mean, variance and log density of each reading of the growth model, by Bayes' rule on a grid."""
+    """Mean, variance and log density of each measurement of the growth model, by Bayes' rule on a grid."""
     model = _growth(0)
     x = np.linspace(-45.0, 45.0, 3001)
     step = x[1] - x[0]
     density = multivariate_normal.pdf(x, prior.mean[0], prior.cov[0, 0])
     out = []
-    for k, reading in enumerate(y):
+    for k, measurement in enumerate(y):
         if k:
             moved = model.transition(x[:, None], np.array([float(k - 1)]))
             density = np.exp(-0.5 * (x[:, None] - moved.T) ** 2 / 10.0) @ density * step / np.sqrt(20.0 * np.pi)
-        seen = density * np.exp(-0.5 * (reading - x * x / 20.0) ** 2) / np.sqrt(2.0 * np.pi)
+        seen = density * np.exp(-0.5 * (measurement - x * x / 20.0) ** 2) / np.sqrt(2.0 * np.pi)
         total = seen.sum() * step
         density = seen / total
         mean = (x * density).sum() * step
@@ -105,17 +105,17 @@ def _followed(name: str, y: np.ndarray, runs: int, **options: object):
     prior = Gaussian(np.zeros((runs, 1)), [[5.0]])
     filter, numbers = make(name, _growth(0), **options), _numbers(*range(runs))
     belief, beliefs = filter.init(prior, rng=numbers), []
-    for k, reading in enumerate(y):
+    for k, measurement in enumerate(y):
         if k:
             belief = filter.predict(belief, np.full((runs, 1), float(k - 1)), rng=numbers.at(k))
-        belief = filter.update(belief, np.broadcast_to(reading, (runs, 1)), rng=numbers.at(k))
+        belief = filter.update(belief, np.broadcast_to(measurement, (runs, 1)), rng=numbers.at(k))
         beliefs.append(belief)
     return beliefs
 
 
 @pytest.mark.slow
 def test_the_growth_model_is_followed_as_by_the_exact_filter_and_better_than_by_linearising():
-    """Its posterior has two peaks, as the reading does not show the sign. Bands as in the linear test."""
+    """Its posterior has two peaks, as the measurement does not show the sign. Bands as in the linear test."""
     runs, N = 40, 20_000  # peaks that hold 1e-4 of the mass make the variance, and need particles
     truth, y = _grown(3, 40)
     exact = _on_a_grid(y[:, 0], Gaussian([0.0], [[5.0]]))
@@ -212,10 +212,10 @@ def test_jitter_moves_copies_apart_and_nothing_else():
     assert len(np.unique(one.particles[:, 0])) < N == len(np.unique(other.particles[:, 0]))
 
 
-# --- readings that cannot be used -------------------------------------------------------------------
+# --- measurements that cannot be used -------------------------------------------------------------------
 
 
-def test_a_reading_that_no_particle_explains_is_left_out_alone():
+def test_a_measurement_that_no_particle_explains_is_left_out_alone():
     system = kalman_system(0)
     record = simulate(system, 0, 3, 3)
     filter, numbers = make("pf", system.model, particles=200), _numbers(0, 1, 2)
@@ -234,8 +234,8 @@ def test_a_reading_that_no_particle_explains_is_left_out_alone():
         np.testing.assert_allclose(nothing.mean[1], belief.mean[1], rtol=0, atol=1e-12)
 
 
-def test_a_precise_reading_among_too_few_particles_is_no_absurd_one():
-    """Every density is 0 in double precision, but the reading lies where it may: the nearest particle is taken."""
+def test_a_precise_measurement_among_too_few_particles_is_no_absurd_one():
+    """Every density is 0 in double precision, but the measurement lies where it may: the nearest particle is taken."""
     model = LinearModel([[1.0]], [[1.0]], [[1.0]], [[1e-12]])
     filter, numbers = make("pf", model, particles=50), _numbers(0)[0]
     before = filter.init(Gaussian([0.0], [[4.0]]), rng=numbers)
@@ -247,9 +247,9 @@ def test_a_precise_reading_among_too_few_particles_is_no_absurd_one():
     assert updated.log_likelihood < -745.0
 
 
-def test_a_noiseless_reading_is_left_out_and_a_model_of_one_refused():
+def test_a_noiseless_measurement_is_left_out_and_a_model_of_one_refused():
     model = LinearModel(np.eye(2), np.eye(2), np.eye(2), np.eye(2))
-    with pytest.raises(ValueError, match=r"^pf needs noise in every reading, but R is singular"):
+    with pytest.raises(ValueError, match=r"^pf needs noise in every measurement, but R is singular"):
         make("pf", dataclasses.replace(model, R=np.diag([1.0, 0.0])))
     filter, rng = make("pf", model, particles=50), np.random.default_rng(0)
     updated = filter.update(
@@ -293,7 +293,7 @@ def test_missing_random_numbers_are_asked_for():
 
 
 def test_a_heading_that_may_be_on_both_sides_of_the_cut_is_averaged_on_the_circle():
-    """Particles a turn apart are one heading: readings that do not show turns leave a narrow belief."""
+    """Particles a turn apart are one heading: measurements that do not show turns leave a narrow belief."""
     model = NonlinearModel(
         lambda x, u: x, lambda x, u: np.stack([np.cos(x[..., 0]), np.sin(x[..., 0])], -1), [[1e-4]], 1e-2 * np.eye(2),
         state_angles=(0,),

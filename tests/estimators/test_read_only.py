@@ -14,9 +14,9 @@ from estimators import (
     Gaussian,
     InteractingMultipleModels,
     LinearModel,
+    Measurement,
     NonlinearModel,
     Numbers,
-    Reading,
     make,
     run,
 )
@@ -95,8 +95,10 @@ class _Counting(Filter):
         self.calls += 1
         return belief
 
-    def _update(self, belief: Belief, reading: Reading, rng: object) -> Belief:
-        return Belief.updated(belief, belief.mean + self.gain * reading.innovation, belief.cov, reading, reading.R)
+    def _update(self, belief: Belief, measurement: Measurement, rng: object) -> Belief:
+        return Belief.updated(
+            belief, belief.mean + self.gain * measurement.innovation, belief.cov, measurement, measurement.R
+        )
 
 
 def test_a_filter_of_ones_own_in_numpy_follows_its_settings_and_a_traced_one_refuses_another():

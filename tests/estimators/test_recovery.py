@@ -1,4 +1,4 @@
-"""What is lost when an update goes wrong: the offending reading, and nothing that was known without it."""
+"""What is lost when an update goes wrong: the offending measurement, and nothing that was known without it."""
 
 from dataclasses import replace
 from typing import Any
@@ -6,7 +6,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, Numbers, Reading, Recovery, make, names
+from estimators import (
+    Belief,
+    Filter,
+    Gaussian,
+    LinearModel,
+    Measurement,
+    NonlinearModel,
+    Numbers,
+    Recovery,
+    make,
+    names,
+)
 from tests.estimators.cases import Case, arrays, assert_same, every_case, kalman_system, simulate
 
 I3 = np.eye(3)
@@ -15,7 +26,7 @@ UNKNOWN_INPUT = ("kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise")
 
 
 def _model(name: str, C: np.ndarray, R: np.ndarray, nonlinear: bool = False, Q: float = 0.0) -> LinearModel:
-    """Three constants, and for filters that want one an input that no perfect reading shows."""
+    """Three constants, and for filters that want one an input that no perfect measurement shows."""
     C, R = np.asarray(C, float), np.asarray(R, float)
     unknown = {}
     if name in UNKNOWN_INPUT:
@@ -29,7 +40,7 @@ def _model(name: str, C: np.ndarray, R: np.ndarray, nonlinear: bool = False, Q: 
 
 
 PERFECT = [name for name in names() if name != "pf"]
-"""Filters that take readings without noise."""
+"""Filters that take measurements without noise."""
 
 
 def _make(name: str, model: LinearModel) -> Filter:
@@ -37,7 +48,7 @@ def _make(name: str, model: LinearModel) -> Filter:
 
 
 def _seen(filter: Filter, x: np.ndarray, steps: int) -> Belief:
-    """The belief after perfect readings of a constant, from a prior at the origin."""
+    """The belief after perfect measurements of a constant, from a prior at the origin."""
     rng = np.random.default_rng(0)
     belief = filter.init(Gaussian(np.zeros(3), 4.0 * I3), rng=rng)
     for k in range(steps):
@@ -82,8 +93,8 @@ def test_the_pseudo_inverse_is_the_filter_without_the_redundant_sensor():
     beliefs = [filter.init(Gaussian(np.zeros((4, 3)), I3)) for filter in filters]
     for _ in range(5):
         y = rng.normal(size=(4, 2))
-        readings = [y, np.concatenate([y, y.sum(-1, keepdims=True)], -1)]
-        beliefs = [f.update(f.predict(b), r) for f, b, r in zip(filters, beliefs, readings, strict=True)]
+        measurements = [y, np.concatenate([y, y.sum(-1, keepdims=True)], -1)]
+        beliefs = [f.update(f.predict(b), r) for f, b, r in zip(filters, beliefs, measurements, strict=True)]
         assert (beliefs[1].recovery == Recovery.PSEUDO_INVERSE).all()
         np.testing.assert_allclose(beliefs[1].mean, beliefs[0].mean, rtol=0, atol=1e-10)
         np.testing.assert_allclose(beliefs[1].cov, beliefs[0].cov, rtol=0, atol=1e-10)
@@ -139,14 +150,14 @@ def test_a_channel_whose_expectation_is_not_finite_is_left_out_alone(name: str):
     failed, masked = beliefs
     np.testing.assert_array_equal(failed.recovery, [Recovery.WITHOUT_CHANNEL, Recovery.USUAL])
     np.testing.assert_array_equal(failed.available, masked.available)
-    if not filter.random or name != "enkf":  # the enkf drew readings once in vain
+    if not filter.random or name != "enkf":  # the enkf drew measurements once in vain
         assert_same(failed, masked, 1e-12, ignore=["recovery"])
     assert np.abs(failed.mean[0, :2] - [1.5, 2.5]).max() < 0.5
 
 
 @every_case()
-def test_a_reading_beyond_all_numbers_costs_that_reading(case: Case):
-    """The innovation overflows: the prediction stands, and no more is lost than the reading."""
+def test_a_measurement_beyond_all_numbers_costs_that_measurement(case: Case):
+    """The innovation overflows: the prediction stands, and no more is lost than the measurement."""
     system = case.system(0)
     filter, rng = case.make(system.model), np.random.default_rng(0)
     record = simulate(system, 0, 3, 3)
@@ -169,12 +180,12 @@ class _Broken(Filter):
     def _predict(self, belief: Belief, u: np.ndarray | None, rng: object) -> Belief:
         return belief
 
-    def _update(self, belief: Belief, reading: object, rng: object) -> Belief:
+    def _update(self, belief: Belief, measurement: object, rng: object) -> Belief:
         return belief.replace(mean=np.full_like(belief.mean, np.nan))
 
 
 class _Negative(_Broken):
-    def _update(self, belief: Belief, reading: object, rng: object) -> Belief:
+    def _update(self, belief: Belief, measurement: object, rng: object) -> Belief:
         return belief.replace(cov=-belief.cov)
 
 
@@ -184,17 +195,17 @@ class _Solving(Filter):
     def _predict(self, belief: Belief, u: np.ndarray | None, rng: object) -> Belief:
         return belief
 
-    def _update(self, belief: Belief, reading: Reading, rng: object) -> Belief:
-        cross = reading.C @ belief.cov
-        S = cross @ reading.C.mT + reading.R
+    def _update(self, belief: Belief, measurement: Measurement, rng: object) -> Belief:
+        cross = measurement.C @ belief.cov
+        S = cross @ measurement.C.mT + measurement.R
         K = np.linalg.solve(S, cross).mT
         return Belief.updated(
-            belief, belief.mean + np.matvec(K, reading.innovation), belief.cov - K @ S @ K.mT, reading, S
+            belief, belief.mean + np.matvec(K, measurement.innovation), belief.cov - K @ S @ K.mT, measurement, S
         )
 
 
 def test_a_filter_of_ones_own_that_meets_a_singular_matrix_recovers_in_that_row_alone():
-    """Two perfect sensors of one state; in the second row only one of them gives a reading."""
+    """Two perfect sensors of one state; in the second row only one of them gives a measurement."""
     model = LinearModel(np.eye(2), [[1.0, 0.0], [1.0, 0.0]], np.eye(2), np.zeros((2, 2)))
     filter = _Solving(model)
     belief = filter.init(Gaussian(np.zeros((3, 2)), np.eye(2)))
@@ -218,7 +229,7 @@ def test_a_filter_of_ones_own_that_always_fails_keeps_its_prediction_and_says_so
 
 
 @every_case("deterministic")
-def test_what_a_driver_says_of_a_missing_reading_does_not_matter(case: Case):
+def test_what_a_driver_says_of_a_missing_measurement_does_not_matter(case: Case):
     """Receivers send NaN or infinity as the variance of what they did not see."""
     system = case.system(0)
     filter, p = case.make(system.model), system.model.p
@@ -230,7 +241,7 @@ def test_what_a_driver_says_of_a_missing_reading_does_not_matter(case: Case):
         R = np.array(system.model.R)
         R[0], R[:, 0] = variance, variance
         assert_same(filter.update(predicted, record.y[1], available=mask, R=R), missing, 1e-13)
-        if not np.isfinite(variance):  # then the reading is missing, whatever it says
+        if not np.isfinite(variance):  # then the measurement is missing, whatever it says
             assert_same(filter.update(predicted, record.y[1], R=R), missing, 1e-13)
     for wrong, sentence in (
         (-0.5 * np.eye(p), "R must be positive semidefinite, its smallest eigenvalue is -0.5"),
@@ -256,7 +267,7 @@ def test_an_input_that_shows_where_the_rest_is_perfect_is_seen_there():
 
 
 @pytest.mark.parametrize("name", ["kf", "huber-kf", "robust-kf", "kf-umv-ui"])
-def test_a_precise_reading_of_what_was_unknown_leaves_a_covariance(name: str):
+def test_a_precise_measurement_of_what_was_unknown_leaves_a_covariance(name: str):
     """A variance of 1e26 read to 1 leaves nothing but rounding; it must not have a negative eigenvalue."""
     rng = np.random.default_rng(4)
     for _ in range(20):
@@ -301,11 +312,11 @@ class _Unsymmetrised(Filter):
         A = self.model.A
         return Belief.predicted(belief, np.matvec(A, belief.mean), A @ belief.cov @ A.mT + self.model.Q, u)
 
-    def _update(self, belief: Belief, reading: Reading, rng: object) -> Belief:
-        C, P = reading.C, belief.cov
-        S = C @ P @ C.mT + reading.R
+    def _update(self, belief: Belief, measurement: Measurement, rng: object) -> Belief:
+        C, P = measurement.C, belief.cov
+        S = C @ P @ C.mT + measurement.R
         K = P @ C.mT @ np.linalg.inv(S)
-        return Belief.updated(belief, belief.mean + np.matvec(K, reading.innovation), P - K @ C @ P, reading, S)
+        return Belief.updated(belief, belief.mean + np.matvec(K, measurement.innovation), P - K @ C @ P, measurement, S)
 
 
 @pytest.fixture
@@ -339,7 +350,7 @@ def test_a_covariance_that_is_symmetric_but_for_rounding_needs_no_recovery(recov
 
 @pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "huber-kf", "robust-kf", "adaptive-kf", "kf-umv-ui", "ulise"])
 @pytest.mark.parametrize("precision", [1e5, 1e9, 1e13])
-def test_a_precise_reading_that_leaves_a_covariance_needs_no_recovery(
+def test_a_precise_measurement_that_leaves_a_covariance_needs_no_recovery(
     name: str, precision: float, recoveries: list[int]
 ):
     unknown = {"G": I3[:, :1], "H": [[1.0], [0.0], [0.0]]} if name in UNKNOWN_INPUT else {}
@@ -354,7 +365,7 @@ def test_a_precise_reading_that_leaves_a_covariance_needs_no_recovery(
 
 
 def test_of_many_rows_those_recover_that_have_to(recoveries: list[int]):
-    """A reading that leaves a covariance in one row, one beyond all numbers in another."""
+    """A measurement that leaves a covariance in one row, one beyond all numbers in another."""
     filter = make("kf", LinearModel(I3, I3, I3, 1e-6 * I3))
     belief = filter.init(Gaussian([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [-1e308, 0.0, 0.0]], I3))
     updated = filter.update(belief, [[1.0, 1.0, 1.0], [2.0, np.nan, 0.0], [1e308, 0.0, 0.0]])

@@ -56,7 +56,7 @@ def test_wdf_steady_gain_gives_the_same_covariance_through_the_error_equation():
 
 @pytest.mark.parametrize("name", KALMAN)
 def test_measurement_noise_is_counted_once(name: str):
-    """Prior and reading of variance 1 leave 0.5: 0.747 comes from counting R twice, 0.25 from not counting it."""
+    """Prior and measurement of variance 1 leave 0.5: 0.747 comes from counting R twice, 0.25 from not counting it."""
     filter = make(name, LinearModel(A=[[1.0]], C=[[1.0]], Q=[[0.0]], R=[[1.0]]))
     belief = filter.update(filter.init(Gaussian([0.0], [[1.0]])), [1.0])
     assert belief.cov[0, 0] == pytest.approx(0.5, abs=1e-15)
@@ -65,15 +65,15 @@ def test_measurement_noise_is_counted_once(name: str):
 
 
 @pytest.mark.parametrize("name", KALMAN)
-def test_the_variance_of_a_constant_falls_as_one_over_the_number_of_readings(name: str):
+def test_the_variance_of_a_constant_falls_as_one_over_the_number_of_measurements(name: str):
     filter = make(name, LinearModel(A=[[1.0]], C=[[1.0]], Q=[[0.0]], R=[[2.0]]))
     belief = filter.init(Gaussian([0.0], [[1.0]]))
-    readings = np.arange(20.0)
-    for k, y in enumerate(readings, start=1):
+    measurements = np.arange(20.0)
+    for k, y in enumerate(measurements, start=1):
         belief = filter.update(filter.predict(belief), [y])
-        # Prior information 1, and 1/2 from each reading.
+        # Prior information 1, and 1/2 from each measurement.
         assert belief.cov[0, 0] == pytest.approx(1.0 / (1.0 + 0.5 * k), rel=1e-13)
-        assert belief.mean[0] == pytest.approx(0.5 * readings[:k].sum() / (1.0 + 0.5 * k), rel=1e-13, abs=1e-15)
+        assert belief.mean[0] == pytest.approx(0.5 * measurements[:k].sum() / (1.0 + 0.5 * k), rel=1e-13, abs=1e-15)
 
 
 @pytest.mark.parametrize("name", KALMAN)
@@ -89,14 +89,14 @@ def test_a_random_walk_settles_at_the_golden_ratio(name: str):
 
 
 @pytest.mark.parametrize("name", KALMAN)
-def test_a_perfect_reading_is_believed_and_leaves_no_variance(name: str):
+def test_a_perfect_measurement_is_believed_and_leaves_no_variance(name: str):
     filter = make(name, LinearModel(A=np.eye(2), C=np.eye(2), Q=np.eye(2), R=np.zeros((2, 2))))
     belief = filter.update(filter.init(Gaussian([5.0, -5.0], [[2.0, 0.5], [0.5, 1.0]])), [1.0, 2.0])
     np.testing.assert_allclose(belief.mean, [1.0, 2.0], rtol=0, atol=1e-14)
     np.testing.assert_allclose(belief.cov, 0.0, atol=1e-14)
 
 
-def test_feedthrough_with_as_many_readings_as_inputs_tells_the_input_and_nothing_of_the_state():
+def test_feedthrough_with_as_many_measurements_as_inputs_tells_the_input_and_nothing_of_the_state():
     model = LinearModel(A=[[0.5]], C=[[1.0]], G=[[1.0]], H=[[2.0]], Q=[[3.0]], R=[[5.0]])
     filter = make("kf-umv-ui", model, input_prior=INPUT_PRIOR)
     belief = filter.update(filter.init(Gaussian([1.0], [[7.0]])), [9.0])
@@ -111,12 +111,12 @@ def test_feedthrough_with_as_many_readings_as_inputs_tells_the_input_and_nothing
     assert predicted.cov[0, 0] == pytest.approx(0.25 * 7.0 + 3.0 + 2 * 0.5 * -3.5 + 3.0, abs=1e-13)
 
 
-def test_without_feedthrough_a_reading_of_the_whole_driven_state_is_the_estimate():
-    """With C = G = 1 nothing else is known of the state than its reading: x = y, P = R."""
+def test_without_feedthrough_a_measurement_of_the_whole_driven_state_is_the_estimate():
+    """With C = G = 1 nothing else is known of the state than its measurement: x = y, P = R."""
     model = LinearModel(A=[[0.5]], C=[[1.0]], G=[[1.0]], Q=[[3.0]], R=[[5.0]])
     filter = make("kf-umv-ui-wdf", model)
     belief = filter.update(filter.init(Gaussian([1.0], [[7.0]])), [2.0])
-    first = 1.0 + 7.0 / 12.0  # no input came before the first reading: a Kalman update
+    first = 1.0 + 7.0 / 12.0  # no input came before the first measurement: a Kalman update
     assert belief.mean[0] == pytest.approx(first, abs=1e-14)
     belief = filter.update(filter.predict(belief), [9.0])
     assert belief.mean[0] == pytest.approx(9.0, abs=1e-13)
@@ -127,7 +127,7 @@ def test_without_feedthrough_a_reading_of_the_whole_driven_state_is_the_estimate
 
 @pytest.mark.parametrize("name", KALMAN)
 def test_the_likelihood_of_a_run_is_that_of_the_joint_gaussian(name: str):
-    """Innovations and their covariances factor the joint density of all readings, worked out in one piece."""
+    """Innovations and their covariances factor the joint density of all measurements, worked out in one piece."""
     system, steps = kalman_system(4), 5
     model = system.model
     n, p = model.n, model.p

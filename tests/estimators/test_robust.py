@@ -97,7 +97,7 @@ def test_every_iteration_lowers_hubers_loss():
         assert losses[-1] < losses[0]
 
 
-def test_readings_near_enough_to_the_prediction_are_treated_exactly_as_by_the_kalman_filter():
+def test_measurements_near_enough_to_the_prediction_are_treated_exactly_as_by_the_kalman_filter():
     system = kalman_system(2)
     model, rng = system.model, np.random.default_rng(2)
     root = np.linalg.cholesky(model.R)
@@ -116,7 +116,7 @@ def _prediction_residuals(system: System, x: np.ndarray) -> np.ndarray:
     return np.linalg.solve(np.linalg.cholesky(system.cov), (x - system.mean)[..., None])[..., 0]
 
 
-def test_the_influence_of_one_reading_is_bounded_and_its_limit_is_known():
+def test_the_influence_of_one_measurement_is_bounded_and_its_limit_is_known():
     """With the weights of the prediction, e / (C P C' + R |e| / (gamma sigma)) tends to gamma / sigma."""
     model = LinearModel(np.eye(2), [[1.0, 0.5]], np.eye(2), [[4.0]])
     prior = Gaussian(np.zeros(2), [[2.0, 0.3], [0.3, 1.0]])
@@ -128,7 +128,7 @@ def test_the_influence_of_one_reading_is_bounded_and_its_limit_is_known():
     np.testing.assert_allclose(moved[-1], limit, rtol=1e-9)
 
 
-def test_a_reading_without_noise_is_believed_however_far_it_lies():
+def test_a_measurement_without_noise_is_believed_however_far_it_lies():
     model = LinearModel(np.eye(2), np.eye(2), np.eye(2), np.diag([0.0, 1.0]))
     belief = _one_update(make("huber-kf", model), Gaussian(np.zeros(2), np.eye(2)), np.array([50.0, 50.0]))
     assert belief.healthy
@@ -261,7 +261,7 @@ RUNS, STEPS, SKIPPED = 400, 100, 20
 
 
 def _with_outliers(system: System, record: Record, seed: int, share: float = 0.1, size: float = 10.0) -> Record:
-    """Every reading has noise ``size`` times as large with probability ``share``."""
+    """Every measurement has noise ``size`` times as large with probability ``share``."""
     rng = np.random.default_rng(seed)
     noise = record.y - record.x @ system.model.C.T
     return record._replace(y=record.y + (size - 1.0) * noise * (rng.random(noise.shape) < share))
@@ -294,7 +294,7 @@ def test_with_outliers_the_huber_filter_has_at_most_60_percent_of_the_kalman_fil
     clean = simulate(system, 1, RUNS, STEPS)
     errors = _errors(system, _with_outliers(system, clean, 2))
     assert _margin(errors["huber-kf"], errors["kf"], 0.6) > SURE
-    # The robust filter, which trusts readings more, is worse than the Kalman filter there.
+    # The robust filter, which trusts measurements more, is worse than the Kalman filter there.
     assert _margin(errors["robust-kf"], errors["kf"], 1.0) < -SURE
 
 
@@ -428,8 +428,8 @@ def test_under_the_least_favourable_model_the_robust_filter_beats_the_kalman_fil
     assert _margin(errors["huber-kf"], errors["kf"], 1.0) < -SURE
 
 
-def test_a_gap_in_the_readings_costs_the_robust_filter_its_confidence_exponentially():
-    """The ball acts at every step: without readings the covariance grows by a factor each time."""
+def test_a_gap_in_the_measurements_costs_the_robust_filter_its_confidence_exponentially():
+    """The ball acts at every step: without measurements the covariance grows by a factor each time."""
     system, steps = _constant_velocity(), 40
     sizes = {}
     for name, filter in zip(("kf", "robust-kf"), _kalman_and("robust-kf", system, radius=0.1), strict=True):

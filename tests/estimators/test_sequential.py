@@ -1,4 +1,4 @@
-"""Sensors that arrive one by one: several updates of a step are one update with all of its readings, or are refused."""
+"""Sensors that arrive one by one: several updates of a step are one with all measurements, or are refused."""
 
 import dataclasses
 from itertools import pairwise, permutations
@@ -35,7 +35,7 @@ from tests.estimators.cases import (
 ROWS, STEPS = 3, 5
 LINEAR = [case for case in CASES if "linear" in case.laws]
 ESTIMATES = ("mean", "cov", "input_mean", "input_cov", "state_input_cov", "input_observed", "probabilities")
-REFUSED = "takes one update a step: pass all readings of a step together, NaN for none, or give them to Delayed"
+REFUSED = "takes one update a step: pass all measurements of a step together, NaN for none, or give them to Delayed"
 
 
 def _independent(system: System) -> System:
@@ -45,7 +45,7 @@ def _independent(system: System) -> System:
 
 
 def _alone(y: np.ndarray, j: int) -> np.ndarray:
-    """A reading of which channel ``j`` alone has come."""
+    """A measurement of which channel ``j`` alone has come."""
     return np.where(np.arange(y.shape[-1]) == j, y, np.nan)
 
 
@@ -101,7 +101,7 @@ def test_every_registered_filter_is_among_these():
 
 
 @pytest.mark.parametrize(("system", "build"), BUILT)
-def test_readings_one_by_one_leave_what_they_leave_together_or_are_refused(system, build):
+def test_measurements_one_by_one_leave_what_they_leave_together_or_are_refused(system, build):
     """In every order, over several steps; what is not sequential is so within `Delayed`, which takes a step as one."""
     system = _independent(system(0))
     filter, record = build(system.model), simulate(system, 1, ROWS, STEPS)
@@ -130,8 +130,8 @@ def test_readings_one_by_one_leave_what_they_leave_together_or_are_refused(syste
 
 @pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv"])
 @pytest.mark.parametrize("prior", [1e-3, 0.05, 1.0, 1e4])
-def test_directions_of_the_input_that_single_readings_hardly_show_add_up(name: str, prior: float):
-    """Over whole runs, with priors for which one reading counts, or two together, or all, or none."""
+def test_directions_of_the_input_that_single_measurements_hardly_show_add_up(name: str, prior: float):
+    """Over whole runs, with priors for which one measurement counts, or two together, or all, or none."""
     system = _independent(unknown_input_system(3, name == "kf-umv-ui", p=4, q=2))
     filter, record = make(name, system.model, input_prior=prior), simulate(system, 1, ROWS, 12)
     joint = parts = filter.init(system.rows(ROWS))
@@ -147,7 +147,7 @@ def test_directions_of_the_input_that_single_readings_hardly_show_add_up(name: s
     assert len(shown) > 1 or prior == 1e-3
 
 
-def test_each_reading_has_its_own_known_input_covariance_and_measurement_function():
+def test_each_measurement_has_its_own_known_input_covariance_and_measurement_function():
     """Rows of C and H at inputs of their own, and an R of their own: as one model that has all of them at once."""
     system = _independent(unknown_input_system(1, True))
     m = system.model
@@ -180,12 +180,12 @@ def test_sensors_may_be_filters_of_their_own_over_the_same_states():
 
 
 @pytest.mark.parametrize("name", ["mhe", "adaptive-kf"])
-def test_beliefs_that_hold_readings_are_refused_by_a_filter_of_other_sensors(name: str):
+def test_beliefs_that_hold_measurements_are_refused_by_a_filter_of_other_sensors(name: str):
     model = kalman_system(0).model
     part = make(name, dataclasses.replace(model, C=model.C[:1], R=model.R[:1, :1]))
     belief = make(name, model).init(Gaussian(np.zeros(4), np.eye(4)))
     with pytest.raises(
-        ValueError, match=f"the belief is of 3 readings, the model has 1: {name} needs all sensors in one"
+        ValueError, match=f"the belief is of 3 measurements, the model has 1: {name} needs all sensors in one"
     ):
         part.update(belief, [1.0])
 
@@ -198,7 +198,9 @@ def test_correlated_noises_are_refused_in_two_updates_and_taken_in_one(name: str
     filter, rng = make(name, model), Numbers.seeded([0, 1])
     belief = filter.init(Gaussian(np.zeros((2, 2)), np.eye(2)), rng=rng)
     first = filter.update(belief, [1.0, np.nan, np.nan], rng=rng)
-    with pytest.raises(ValueError, match="the noises of readings 0 and 2 are correlated, but they come in two updates"):
+    with pytest.raises(
+        ValueError, match="the noises of measurements 0 and 2 are correlated, but they come in two updates"
+    ):
         filter.update(first, [np.nan, 1.0, 1.0], rng=rng)
     filter.update(first, [np.nan, 1.0, np.nan], rng=rng)
     filter.update(first, [np.nan, 1.0, 1.0], R=np.eye(3), rng=rng)  # a covariance of its own has its own correlations
@@ -207,7 +209,7 @@ def test_correlated_noises_are_refused_in_two_updates_and_taken_in_one(name: str
 
 
 @pytest.mark.parametrize("case", [case for case in LINEAR if "unknown-input" in case.laws], ids=lambda case: case.id)
-def test_an_update_without_readings_changes_nothing_of_what_a_later_one_does_or_is_refused(case: Case):
+def test_an_update_without_measurements_changes_nothing_of_what_a_later_one_does_or_is_refused(case: Case):
     system = case.system(0)
     filter, record = case.make(system.model), simulate(system, 2, ROWS, 2)
     belief = filter.predict(filter.update(filter.init(system.rows(ROWS)), record.y[0]), record.u[0])
@@ -242,7 +244,7 @@ CHAINED = [
 
 
 @pytest.mark.parametrize(("system", "build"), [case[1:] for case in CHAINED], ids=[case[0] for case in CHAINED])
-def test_the_likelihoods_of_readings_one_by_one_add_up_to_that_of_all(system, build):
+def test_the_likelihoods_of_measurements_one_by_one_add_up_to_that_of_all(system, build):
     system = _independent(system(0))
     filter, record, rng = build(system.model), simulate(system, 1, ROWS, 2), Numbers.seeded(range(ROWS))
     first = filter.update(filter.init(system.rows(ROWS), rng=rng), record.y[0], rng=rng)
@@ -254,7 +256,7 @@ def test_the_likelihoods_of_readings_one_by_one_add_up_to_that_of_all(system, bu
 
 
 @pytest.mark.parametrize("name", ["kf", "kf-umv-ui", "kf-umv-ui-wdf"])
-def test_a_second_reading_without_noise_or_beyond_all_numbers_loses_no_more_than_itself(name: str):
+def test_a_second_measurement_without_noise_or_beyond_all_numbers_loses_no_more_than_itself(name: str):
     unknown = {"kf": {}, "kf-umv-ui": {"H": [[0.0], [0.0], [1.0]]}}.get(name, {"G": [[1.0], [0.5]]})
     if name == "kf-umv-ui":
         unknown["G"] = [[1.0], [0.5]]
@@ -288,7 +290,7 @@ def test_sensors_that_show_the_input_without_noise_may_come_one_by_one(order: tu
         np.testing.assert_allclose(getattr(parts, name), getattr(joint, name), rtol=0, atol=1e-12, err_msg=name)
 
 
-def test_of_a_nonlinear_model_each_reading_is_linearised_where_those_before_it_left_the_estimate():
+def test_of_a_nonlinear_model_each_measurement_is_linearised_where_those_before_it_left_the_estimate():
     model = NonlinearModel(lambda x, u: x, lambda x, u: np.stack([x[..., 0] ** 2, x[..., 0]], -1), [[0.1]], np.eye(2))
     ekf = make("ekf", model)
     belief = ekf.update(ekf.init(Gaussian([2.0], [[1.0]])), [np.nan, 3.0])
@@ -300,11 +302,11 @@ def test_of_a_nonlinear_model_each_reading_is_linearised_where_those_before_it_l
     assert after.mean[0] == pytest.approx(mean + gain * (9.0 - mean**2), rel=1e-9)
 
 
-def test_a_late_filter_takes_readings_of_a_step_with_one_known_input():
+def test_a_late_filter_takes_measurements_of_a_step_with_one_known_input():
     model = LinearModel(np.eye(2), lambda u: u[..., :1, None] * np.eye(2), np.eye(2), np.eye(2), B=np.eye(2, 1))
     late = Delayed(make("kf", model), 2)
     belief = late.predict(late.init(Gaussian(np.zeros((1, 2)), np.eye(2))), [[1.0]])
     first = late.update(belief, [[[1.0, np.nan]]], u=[[2.0]])
     late.update(first, [[[np.nan, 1.0]]], u=[[2.0]])
-    with pytest.raises(ValueError, match="u must be the same for all readings of a step"):
+    with pytest.raises(ValueError, match="u must be the same for all measurements of a step"):
         late.update(first, [[[np.nan, 1.0]]], u=[[3.0]])

@@ -71,7 +71,7 @@ def test_a_seed_gives_every_row_numbers_of_its_own_and_the_same_ones_again():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_the_likelihood_is_the_density_of_all_readings_together_whatever_is_missing(seed: int):
+def test_the_likelihood_is_the_density_of_all_measurements_together_whatever_is_missing(seed: int):
     system = kalman_system(seed)
     record = simulate(system, seed, runs=3, steps=25)
     y = gaps(record.y, seed)
@@ -96,7 +96,7 @@ def test_filters_that_are_the_kalman_filter_have_its_likelihood(name: str):
 @pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf", "ulise"])
 @pytest.mark.parametrize("q", [1, 2])
 def test_the_likelihood_with_an_unknown_input_is_that_of_a_prior_without_end(name: str, q: int):
-    """Diffuse: the density of all readings, integrated over all inputs alike."""
+    """Diffuse: the density of all measurements, integrated over all inputs alike."""
     feedthrough = name != "kf-umv-ui-wdf"
     rank = 1 if name == "ulise" else None
     system = unknown_input_system(2, feedthrough, p=4, q=q, rank=rank)
@@ -123,13 +123,13 @@ def test_the_diffuse_likelihood_does_not_depend_on_the_prior_of_an_input_that_sh
     np.testing.assert_allclose(series[1].log_likelihood, series[0].log_likelihood, rtol=1e-9)
 
 
-def test_readings_that_repeat_each_other_without_noise_have_the_density_of_one():
+def test_measurements_that_repeat_each_other_without_noise_have_the_density_of_one():
     twice = LinearModel([[1.0]], [[1.0], [1.0]], [[0.1]], np.zeros((2, 2)))
     once = LinearModel([[1.0]], [[np.sqrt(2.0)]], [[0.1]], np.zeros((1, 1)))  # along the one direction that there is
     y = np.random.default_rng(0).normal(size=(10, 1))
     both = run(make("kf", twice), Gaussian([0.0], [[1.0]]), np.repeat(y, 2, 1))
     one = run(make("kf", once), Gaussian([0.0], [[1.0]]), np.sqrt(2.0) * y)
-    # in units of the standard deviation of each reading, in which directions are told apart
+    # in units of the standard deviation of each measurement, in which directions are told apart
     spread = np.sqrt(one.updated.innovation_cov[:, 0, 0] / 2.0)
     np.testing.assert_allclose(both.log_likelihoods, one.log_likelihoods - np.log(spread), rtol=1e-9)
 
@@ -140,9 +140,9 @@ class Plain(Filter):
     def _predict(self, belief, u, rng):
         return Belief.predicted(belief, belief.mean, belief.cov + self.model.Q, u)
 
-    def _update(self, belief, reading, rng):
+    def _update(self, belief, measurement, rng):
         return belief.replace(
-            mean=belief.mean + 0.5 * np.vecmat(reading.innovation, reading.C), recovery=belief.recovery
+            mean=belief.mean + 0.5 * np.vecmat(measurement.innovation, measurement.C), recovery=belief.recovery
         )
 
 
@@ -168,13 +168,15 @@ def _drifting() -> LinearModel:
     return sampled([[-0.3, 1.0], [0.0, -0.1]], [[1.0, 0.0]], np.diag([0.01, 0.2]), [[0.1]], B=[[0.0], [1.0]])
 
 
-def test_readings_at_irregular_times_are_regular_ones_with_gaps():
+def test_measurements_at_irregular_times_are_regular_ones_with_gaps():
     """Times on a grid with nothing read between: the control held, the noise accumulated as on the grid."""
     rng = np.random.default_rng(0)
     whole = np.unique(np.concatenate([[0], rng.choice(60, 25, replace=False)]))
     y, control = rng.normal(size=(61, 4, 1)), rng.normal(size=(61, 1))
     times = np.arange(61.0) / 4.0
-    control = control[whole[np.searchsorted(whole, np.arange(61), side="right") - 1]]  # held from reading to reading
+    control = control[
+        whole[np.searchsorted(whole, np.arange(61), side="right") - 1]
+    ]  # held from measurement to measurement
     y[np.setdiff1d(np.arange(61), whole)] = np.nan
     kf, prior = make("kf", _drifting()), Gaussian([1.0, 0.0], np.eye(2))
     grid = run(kf, prior, y, u=control, t=times)
@@ -225,8 +227,8 @@ def test_noise_over_a_long_step_is_that_of_two_halves(length: float):
 
 
 @pytest.mark.parametrize("T", [1, 6])
-def test_what_follows_the_known_input_follows_that_of_the_first_reading_too(T: int):
-    """Readings through an H, or a C, that is a function of u, held, are those of a constant one."""
+def test_what_follows_the_known_input_follows_that_of_the_first_measurement_too(T: int):
+    """Measurements through an H, or a C, that is a function of u, held, are those of a constant one."""
     rng = np.random.default_rng(0)
     y, u = rng.normal(size=(T, 3)), np.full((T, 1), 2.0)
     shown = np.array([[1.0], [0.5], [0.0]])
@@ -240,7 +242,7 @@ def test_what_follows_the_known_input_follows_that_of_the_first_reading_too(T: i
         np.testing.assert_allclose(found.log_likelihoods, wanted.log_likelihoods, rtol=0, atol=1e-12)
 
 
-def test_masked_readings_are_missing_ones():
+def test_masked_measurements_are_missing_ones():
     model, y = LinearModel([[1.0]], [[1.0]], [[0.1]], [[1.0]]), np.array([[1.0], [99.0], [2.0]])
     masked = run(make("kf", model), Gaussian([0.0], [[1.0]]), np.ma.masked_greater(y, 50.0))
     missing = run(make("kf", model), Gaussian([0.0], [[1.0]]), np.where(y > 50.0, np.nan, y))
@@ -274,7 +276,7 @@ def test_a_series_continued_from_its_last_belief_is_the_whole_series_to_the_last
 
 
 def test_a_series_continues_over_steps_of_any_length_and_with_measurements_that_know_theirs():
-    """C, H, R and h may be functions of the input and of the step that led to the reading."""
+    """C, H, R and h may be functions of the input and of the step that led to the measurement."""
     rng = np.random.default_rng(2)
     t, y, u = np.cumsum(rng.exponential(size=9)), rng.normal(size=(9, 2, 1)), rng.normal(size=(9, 2, 1))
     model, prior, K = _drifting(), Gaussian([1.0, 0.0], np.eye(2)), 5
@@ -305,7 +307,7 @@ def test_a_series_of_several_models_continues_and_a_generator_goes_on_by_itself(
 @pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "etkf", "pf", "mhe", "kf-umv-ui", "ulise"])
 @pytest.mark.parametrize("delayed", [False, True], ids=["", "delayed"])
 def test_a_measurement_gets_the_known_input_of_its_own_time(name: str, delayed: bool):
-    """Readings of ``C x + D u`` are those of ``C x`` once ``D u`` of the same time is taken off."""
+    """Measurements of ``C x + D u`` are those of ``C x`` once ``D u`` of the same time is taken off."""
     system = unknown_input_system(0, True) if name in ("kf-umv-ui", "ulise") else kalman_system(0)
     m, options = system.model, {"members": 10} if name == "etkf" else {}
     shown = np.array([[3.0, 0.0], [0.0, -2.0], [1.0, 1.0]])
@@ -360,9 +362,9 @@ _AFTER = [
         ({"y": np.zeros(5)}, r"y has shape \(5,\), expected \(T, ..., p\), times first: one channel has y\[:, None\]"),
         ({"y": np.zeros((0, 1))}, "y has shape"),
         ({"y": np.zeros((5, 2))}, r"y has shape \(2,\), expected \(1,\)"),
-        ({"u": np.zeros((4, 1))}, "u has shape .* one for each reading"),
-        ({"t": np.arange(4.0), "filter": _KF}, "t has shape .* one time for each reading"),
-        ({"t": np.array([0.0, 1.0, 0.5, 2.0, 3.0]), "filter": _KF}, "times t go back: sort the readings"),
+        ({"u": np.zeros((4, 1))}, "u has shape .* one for each measurement"),
+        ({"t": np.arange(4.0), "filter": _KF}, "t has shape .* one time for each measurement"),
+        ({"t": np.array([0.0, 1.0, 0.5, 2.0, 3.0]), "filter": _KF}, "times t go back: sort the measurements"),
         ({"t": np.array([0.0, 1.0, np.nan, 2.0, 3.0]), "filter": _KF}, "times t hold a time that is not finite"),
         ({"available": np.ones((4, 1), bool)}, "available has shape"),
         ({"R": np.eye(1)}, "R has shape"),
@@ -378,7 +380,7 @@ _AFTER = [
         ),
         ({"prior": _AFTER[1], "t": np.arange(5.0), "filter": _KF}, r"t has shape .* before them one for that of the"),
         ({"prior": _AFTER[1][None]}, r"the prior's mean has rows \(1,\), y has \(\)"),
-        ({"prior": _AFTER[0], "filter": _ETKF, "rng": 0}, "first must be how many readings came before the belief"),
+        ({"prior": _AFTER[0], "filter": _ETKF, "rng": 0}, "first must be how many measurements came before the belief"),
         ({"first": -1}, "first must be a whole number of at least 0"),
     ],
 )

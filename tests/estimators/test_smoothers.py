@@ -89,12 +89,12 @@ def test_smoothed_states_and_inputs_are_the_least_squares_solution_for_all_of_th
 
 
 @pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf"])
-def test_an_input_that_no_reading_shows_is_smoothed_with_its_prior(name: str):
+def test_an_input_that_no_measurement_shows_is_smoothed_with_its_prior(name: str):
     now = name == "kf-umv-ui"
     system = unknown_input_system(3, now)
     record = simulate(system, 1, runs=1, steps=15)
     y, T = record.y, 15
-    y[6] = np.nan  # of that input (or the one before) nothing shows at once, but later readings tell of it
+    y[6] = np.nan  # of that input (or the one before) nothing shows at once, but later measurements tell of it
     filter = make(name, system.model, input_prior=INPUT_PRIOR)
     series = run(filter, system.prior, y, u=record.u)
     smoothed = smooth(series)
@@ -130,10 +130,10 @@ def test_the_smoother_is_that_of_filterpy():
     kf.Q, kf.R = Q_discrete_white_noise(2, dt=0.5, var=0.3) + 1e-3 * np.eye(2), np.array([[0.4]])
     y = np.cumsum(np.random.default_rng(0).normal(size=(40, 1)), 0)
     log_likelihood, means, covs = 0.0, [], []
-    for k, reading in enumerate(y):
+    for k, measurement in enumerate(y):
         if k:
             kf.predict()
-        kf.update(reading)
+        kf.update(measurement)
         log_likelihood += kf.log_likelihood
         means.append(kf.x)
         covs.append(kf.P)
@@ -147,7 +147,7 @@ def test_the_smoother_is_that_of_filterpy():
     np.testing.assert_allclose(smoothed.cov, cov, rtol=0, atol=1e-9)
 
 
-def test_filter_smoother_and_likelihood_are_those_of_pykalman_where_readings_are_missing():
+def test_filter_smoother_and_likelihood_are_those_of_pykalman_where_measurements_are_missing():
     system = kalman_system(1, m=1)
     model, y = system.model, simulate(system, 0, 1, 30).y[:, 0]
     y[3], y[10:14] = np.nan, np.nan
@@ -241,7 +241,7 @@ def test_a_state_that_is_known_beforehand_stays_so():
     y = np.random.default_rng(0).normal(size=(10, 1))
     smoothed = smooth(run(make("kf", model), Gaussian([0.0, 0.3], np.diag([1.0, 0.0])), y))
     np.testing.assert_allclose(smoothed.mean[:, 1], 0.3, rtol=0, atol=1e-14)
-    x0 = (y[:, 0] - 0.3 * np.arange(10)).sum() / 11.0  # one number, of ten readings and a prior
+    x0 = (y[:, 0] - 0.3 * np.arange(10)).sum() / 11.0  # one number, of ten measurements and a prior
     np.testing.assert_allclose(smoothed.mean[:, 0], x0 + 0.3 * np.arange(10), rtol=0, atol=1e-12)
     np.testing.assert_allclose(smoothed.cov[:, 0, 0], 1.0 / 11.0, rtol=1e-12)
 
@@ -252,7 +252,7 @@ def test_a_row_that_was_lost_does_not_pass_on_what_came_later():
         transition_jacobian=lambda x, u: np.ones(x.shape + (1,)),
     )  # fmt: skip
     u, y = np.zeros((8, 2, 1)), np.random.default_rng(0).normal(size=(8, 2, 1))
-    u[3, 0] = 1.0  # the step to the fifth reading loses the first row
+    u[3, 0] = 1.0  # the step to the fifth measurement loses the first row
     series = run(make("ekf", f), Gaussian([0.0], [[1.0]]), y, u=u)
     np.testing.assert_array_equal(series.updated.recovery[4], [Recovery.PRIOR, Recovery.USUAL])
     smoothed = smooth(series)
@@ -355,7 +355,7 @@ def test_a_filter_of_ones_own_that_overrides_a_step_has_a_smoother_if_it_says_so
         smooth(run(Forgetting(system.model), system.prior, record.y, u=record.u))
 
 
-def test_one_reading_is_smoothed_already():
+def test_one_measurement_is_smoothed_already():
     system = kalman_system(0)
     series = run(make("kf", system.model), system.prior, np.zeros((1, 3)), u=np.zeros((1, 2)))
     np.testing.assert_array_equal(smooth(series).mean, series.mean)

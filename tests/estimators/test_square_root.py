@@ -15,7 +15,7 @@ from tests.estimators.cases import (
     random_covariance,
     rounding,
     simulate,
-    some_readings,
+    some_measurements,
     track,
     turning_vehicle,
 )
@@ -42,7 +42,7 @@ def _exact(prior: np.ndarray, C: np.ndarray, variances: np.ndarray, y: np.ndarra
 
 
 def _nearly_alike(name: str, delta: float) -> tuple[Belief, np.ndarray, np.ndarray]:
-    """Two very precise readings that are nearly the same, then a third, and what they should give.
+    """Two very precise measurements that are nearly the same, then a third, and what they should give.
 
     Source: Grewal & Andrews, Kalman Filtering: Theory and Practice, the ill-conditioned update of sec. 6.2.
     """
@@ -77,10 +77,10 @@ def _information(delta: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_it_is_the_kf_to_rounding_with_readings_missing(seed: int):
+def test_it_is_the_kf_to_rounding_with_measurements_missing(seed: int):
     system = kalman_system(seed)
     record = simulate(system, seed, 6, 40)
-    available = some_readings(np.random.default_rng(seed), system.model.p, 40, 6)
+    available = some_measurements(np.random.default_rng(seed), system.model.p, 40, 6)
     roots, plain = (track(make(name, system.model), system.rows(6), record, available=available) for name in NAMES)
     for one, other, tolerance in zip(
         roots, plain, rounding(make("kf", system.model), system.rows(6), record, available), strict=True
@@ -128,7 +128,7 @@ def test_who_replaces_a_covariance_gets_a_root_of_it_and_other_rows_keep_theirs(
     np.testing.assert_allclose(changed.root @ changed.root.mT, cov, rtol=0, atol=1e-14)
 
 
-def test_states_and_readings_without_noise_are_taken_as_they_are():
+def test_states_and_measurements_without_noise_are_taken_as_they_are():
     """P-, Q and R of less than full rank: the roots have zeros, and no more is made of them."""
     model = LinearModel([[1.0, 1.0], [0.0, 1.0]], [[1.0, 0.0]], np.diag([0.0, 0.1]), [[0.0]])
     roots, plain = (make(name, model) for name in NAMES)

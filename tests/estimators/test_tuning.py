@@ -98,13 +98,13 @@ def test_an_autoregression_is_least_squares(objective: str):
         assert found.estimates["q"] == pytest.approx(rest, rel=1e-5)
     else:  # which knows no scale
         (sentence,) = found.undetermined  # unless it is as small as R
-        assert sentence == "the readings say of q only that it is great: they are as likely if it is greater still"
+        assert sentence == "measurements say of q only that it is great: as likely if it is greater still"
         assert np.isfinite(found.standard_errors["a"])
 
 
 @pytest.mark.slow
-def test_estimates_and_errors_are_those_of_the_joint_density_of_all_readings():
-    """At uneven times, with gaps: the readings are one Gaussian vector, whose covariance is known."""
+def test_estimates_and_errors_are_those_of_the_joint_density_of_all_measurements():
+    """At uneven times, with gaps: the measurements are one Gaussian vector, whose covariance is known."""
     rng = np.random.default_rng(3)
     t = np.sort(rng.uniform(0.0, 30.0, 60))
     walk = np.cumsum(np.sqrt(0.5 * np.diff(t, prepend=t[0])) * rng.normal(size=60))
@@ -156,7 +156,7 @@ def covered(trials: int, steps: int, **truth: float) -> dict[str, int]:
 
 @pytest.mark.parametrize("trials", [40, pytest.param(200, marks=pytest.mark.nightly)])
 def test_an_interval_of_a_variance_holds_the_truth_as_often_as_theory_says(trials: int):
-    """Its estimate is chi-square, and the interval that of a normal logarithm: 94.1 % for 20 readings."""
+    """Its estimate is chi-square, and the interval that of a normal logarithm: 94.1 % for 20 measurements."""
     ends = 20.0 * np.exp(np.array([-1.0, 1.0]) * 1.959964 * np.sqrt(2.0 / 20.0))
     low, high = binom.interval(0.999, trials, np.diff(chi2.cdf(ends, 20))[0])
     assert low <= covered(trials, 20, r=2.0)["r"] <= high
@@ -168,14 +168,16 @@ def test_intervals_of_two_variances_hold_the_truth_in_90_to_99_percent():
         assert 180 <= inside <= 198
 
 
-# --- what readings cannot tell ------------------------------------------------------------------------
+# --- what measurements cannot tell ------------------------------------------------------------------------
 
 
 def test_two_numbers_of_which_only_the_sum_is_seen_are_named():
     y = random_walk(0, 60, 0.0, 4.0)
     start = {"a": 1.0, "b": 1.0, "p": 1.0}
     found = fit(lambda a, b, p: (noise(a + b)[0], Gaussian([p], [[0.0]])), start, y, signed="p")
-    assert found.undetermined == ("the readings cannot tell a and b apart: with a up and b down they are as likely",)
+    assert found.undetermined == (
+        "the measurements cannot tell a and b apart: with a up and b down they are as likely",
+    )
     for name in "ab":
         assert found.standard_errors[name] == np.inf
         assert found.intervals[name] == (0.0, np.inf)
@@ -191,19 +193,19 @@ def test_two_means_of_which_only_the_sum_is_seen_are_named():
     start = {"a": 1.0, "b": 2.0, "r": 1.0}
     found = fit(lambda a, b, r: (noise(r)[0], Gaussian([a + b], [[0.0]])), start, y, signed=("a", "b"))
     (sentence,) = found.undetermined
-    assert sentence.startswith("the readings cannot tell a and b apart")
+    assert sentence.startswith("the measurements cannot tell a and b apart")
     assert found.standard_errors["r"] == pytest.approx(np.sqrt(2.0 / 60) * np.var(y), rel=1e-3)
 
 
 def test_a_number_that_does_nothing_and_one_that_is_only_bounded_are_named():
     y = random_walk(0, 60, 0.0, 4.0)
     nothing = fit(lambda r, idle: noise(r), {"r": 1.0, "idle": 3.0}, y)
-    assert nothing.undetermined == ("the readings tell nothing of idle: they are as likely with another",)
+    assert nothing.undetermined == ("the measurements tell nothing of idle: they are as likely with another",)
     assert nothing.standard_errors["r"] == pytest.approx(np.sqrt(2.0 / 60) * nothing.estimates["r"], rel=1e-3)
     alternating = 2.0 * (-1.0) ** np.arange(60)[:, None]  # nothing walks there
     small = fit(lambda q, r: level(q, r, 0.0), {"q": 1.0, "r": 1.0}, alternating)
     (sentence,) = small.undetermined
-    assert sentence == "the readings say of q only that it is small: they are as likely if it is smaller still"
+    assert sentence == "measurements say of q only that it is small: as likely if it is smaller still"
     assert small.estimates["r"] == pytest.approx(4.0, rel=1e-3)
 
 
@@ -213,8 +215,8 @@ def test_a_number_that_does_nothing_and_one_that_is_only_bounded_are_named():
 class Terse(KalmanFilter):
     """Says what it expects, and nothing of how sure it is."""
 
-    def _update(self, belief, reading, rng):
-        updated = super()._update(belief, reading, rng)
+    def _update(self, belief, measurement, rng):
+        updated = super()._update(belief, measurement, rng)
         return belief.replace(mean=updated.mean, cov=updated.cov)
 
 
@@ -317,7 +319,7 @@ def test_what_is_found_is_ready_to_use():
 
 
 def test_a_maximum_at_the_edge_of_what_can_be_built_is_none():
-    """An autoregression of more than a half is refused by whoever builds it, and the readings ask for 0.9."""
+    """An autoregression of more than a half is refused by whoever builds it, and the measurements ask for 0.9."""
     rng = np.random.default_rng(6)
     y = np.zeros((100, 1))
     for k in range(1, 100):
@@ -350,8 +352,8 @@ def test_a_maximum_at_the_edge_of_what_can_be_built_is_none():
         ({"signed": ["s"]}, "unknown signed parameter 's'.*choose from q, r"),
         ({"objective": "likelyhood"}, "unknown objective 'likelyhood' .did you mean 'likelihood'"),
         ({"y": NILE[:, 0]}, "y has shape"),
-        ({"y": np.full((10, 1), np.nan), "objective": "prediction-error"}, "none of the readings came"),
-        ({"y": np.full((10, 1), 1e300)}, "the readings have no likelihood at the start"),
+        ({"y": np.full((10, 1), np.nan), "objective": "prediction-error"}, "none of the measurements came"),
+        ({"y": np.full((10, 1), 1e300)}, "the measurements have no likelihood at the start"),
     ],
 )
 def test_bad_input_gets_a_sentence(arguments: dict, sentence: str):
@@ -377,6 +379,6 @@ def test_a_name_that_is_part_of_another_signs_that_one_alone():
 
 
 @pytest.mark.parametrize("objective", ["likelihood", "prediction-error"])
-def test_where_no_reading_came_there_is_nothing_to_fit(objective: str):
-    with pytest.raises(ValueError, match="none of the readings came"):
+def test_where_no_measurement_came_there_is_nothing_to_fit(objective: str):
+    with pytest.raises(ValueError, match="none of the measurements came"):
         fit(lambda b: (noise(b)[0], Gaussian([0.0], [[0.0]])), {"b": 1.0}, np.full((5, 1), np.nan), objective=objective)

@@ -36,7 +36,7 @@ from tests.estimators.cases import (
     shaken_vehicle,
     shown_directions,
     simulate,
-    some_readings,
+    some_measurements,
     track,
     unknown_input_system,
 )
@@ -64,7 +64,7 @@ def _as_functions(model: LinearModel) -> NonlinearModel:
 
 
 def _yong_zhu_frazzoli(system: System, y: np.ndarray, u: np.ndarray) -> list[tuple[np.ndarray, ...]]:
-    """ULISE as printed: the readings transformed by the singular vectors of H, with inverses and a pseudo-inverse.
+    """ULISE as printed: the measurements transformed by the singular vectors of H, with inverses and a pseudo-inverse.
 
     At each time after the first: x, P, d(k-1) whole and its covariance, d1(k) and its covariance.
     """
@@ -77,7 +77,7 @@ def _yong_zhu_frazzoli(system: System, y: np.ndarray, u: np.ndarray) -> list[tup
     C1, C2, R1, R2 = T1 @ C, T2 @ C, T1 @ R @ T1.T, T2 @ R @ T2.T
     G1, G2, M1, V = G @ V1, G @ V2, np.diag(1.0 / s[:r]), np.hstack([V1, V2])
     eye = np.eye(model.n)
-    K = system.cov @ C2.T @ inv(C2 @ system.cov @ C2.T + R2)  # the first reading: no input came before it
+    K = system.cov @ C2.T @ inv(C2 @ system.cov @ C2.T + R2)  # the first measurement: no input came before it
     x, P, out = system.mean + K @ (T2 @ y[0] - C2 @ system.mean), (eye - K @ C2) @ system.cov, []
     for k in range(1, len(y)):
         d1, Pd1 = M1 @ (T1 @ y[k - 1] - C1 @ x), M1 @ (C1 @ P @ C1.T + R1) @ M1.T
@@ -119,7 +119,8 @@ def _least_squares_over_the_run(
     """The last two states and inputs of a run and their covariance, by one weighted least-squares problem.
 
     Unknowns are all states and all inputs, ``x_0, d_0, x_1, d_1, ...``; nothing is known of any input beforehand. In
-    the directions in which the last reading does not show d, it gets unit information, to be left out by the caller.
+    the directions in which the last measurement does not show d, it gets unit information, to be left out by the
+    caller.
     """
     model, steps = system.model, len(y)
     n, width = model.n, model.n + model.q
@@ -145,7 +146,7 @@ def _least_squares_over_the_run(
 
 
 def _assert_least_squares(filter_name: str, system: System, belief: Belief, record: Record, available: np.ndarray):
-    """The belief after the last reading is what least squares over all readings so far give."""
+    """The belief after the last measurement is what least squares over all measurements so far give."""
     model, n, q = system.model, system.model.n, system.model.q
     expected, cov = _least_squares_over_the_run(system, record.y, record.u, available)
     past, state, present = slice(n, n + q), slice(n + q, 2 * n + q), slice(2 * n + q, None)
@@ -157,7 +158,7 @@ def _assert_least_squares(filter_name: str, system: System, belief: Belief, reco
         np.testing.assert_allclose(given[0], expected[present], **close)
         np.testing.assert_allclose(given[1], cov[present, present], **close)
         return
-    # What its own reading showed of d(k-1) is not smoothed by the next one, so only the rest is compared.
+    # What its own measurement showed of d(k-1) is not smoothed by the next one, so only the rest is compared.
     rest = np.eye(q) - shown_directions(model.H[available[-2]])
     np.testing.assert_allclose(rest @ given[0], rest @ expected[past], **close)
     np.testing.assert_allclose(rest @ given[1] @ rest, rest @ cov[past, past] @ rest, **close)
@@ -169,7 +170,7 @@ def _assert_least_squares(filter_name: str, system: System, belief: Belief, reco
 @pytest.mark.parametrize("seed", range(2))
 @every_case("unknown-input", "linear")
 def test_the_filter_gives_what_least_squares_over_the_whole_run_give(case: Case, seed: int):
-    """Nothing that the readings tell of the newest state is lost on the way, with one channel missing now and then."""
+    """Nothing that measurements show of the newest state is lost on the way, with one channel missing at times."""
     system, steps = case.system(seed), 8
     p = system.model.p
     record = _one_run(simulate(system, seed, runs=1, steps=steps))
@@ -178,7 +179,7 @@ def test_the_filter_gives_what_least_squares_over_the_whole_run_give(case: Case,
     _assert_least_squares(case.name, system, belief, record, available)
 
 
-def test_ulise_leaves_to_the_next_reading_what_a_dropped_channel_of_feedthrough_would_have_shown():
+def test_ulise_leaves_to_the_next_measurement_what_a_dropped_channel_of_feedthrough_would_have_shown():
     system = unknown_input_system(0, True)
     model = dataclasses.replace(system.model, H=np.array([[2.0], [0.0], [0.0]]))
     system = dataclasses.replace(system, model=model)
@@ -207,7 +208,7 @@ def test_without_feedthrough_every_filter_is_the_linear_one_without_feedthrough(
     for seed in range(3):
         system = unknown_input_system(seed, False, p=p, q=q)
         record = simulate(system, seed, runs=10, steps=40)
-        available = some_readings(np.random.default_rng(seed), p, 40, 10)
+        available = some_measurements(np.random.default_rng(seed), p, 40, 10)
         filters = [make(n, system.model, input_prior=INPUT_PRIOR) for n in (name, "kf-umv-ui-wdf")]
         pairs = zip(*(track(f, system.rows(10), record, available=available) for f in filters), strict=True)
         for one, other in pairs:
@@ -243,7 +244,7 @@ def test_with_full_feedthrough_ulise_is_the_filter_with_feedthrough_and_tells_th
 def test_on_functions_that_are_linear_the_nonlinear_filters_are_the_linear_one(name: str, exact: str):
     system = unknown_input_system(1, exact == "kf-umv-ui", p=4, q=2)
     record = simulate(system, 1, runs=6, steps=40)
-    available = some_readings(np.random.default_rng(1), 4, 40, 6)
+    available = some_measurements(np.random.default_rng(1), 4, 40, 6)
     linear = track(make(exact, system.model), system.rows(6), record, available=available)
     functions = track(make(name, _as_functions(system.model)), system.rows(6), record, available=available)
     for one, other in zip(functions, linear, strict=True):
@@ -300,13 +301,13 @@ WEAK = {
     "ulise with one input of two fed through": lambda seed: unknown_input_system(seed, True, p=4, q=2, rank=1),
 }
 CORRELATED = np.array([[1.0, 0.3], [0.3, 0.2]])
-"""A covariance of two inputs, of which the readings of these systems show some directions well and others hardly."""
+"""A covariance of two inputs: the measurements of these systems show some directions well and others hardly."""
 
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise"])
 def test_what_hardly_shows_is_estimated_as_by_a_kalman_filter_told_its_prior(name: str, seed: int):
-    """A whole run, any readings missing: d is a white state of the prior's covariance, but for what shows well."""
+    """A whole run, any measurements missing: d is a white state of the prior's covariance, but for what shows well."""
     system, steps = WEAK[name](seed), 40
     model, n, q = system.model, system.model.n, system.model.q
     record = _one_run(simulate(system, seed, runs=1, steps=steps))
@@ -338,7 +339,9 @@ def test_what_hardly_shows_is_estimated_as_by_a_kalman_filter_told_its_prior(nam
 
 
 @pytest.mark.parametrize("family", WEAK)
-def test_whatever_readings_are_lost_the_input_stays_near_its_prior_and_errors_as_large_as_the_filter_says(family: str):
+def test_whatever_measurements_are_lost_the_input_stays_near_its_prior_and_errors_as_large_as_the_filter_says(
+    family: str,
+):
     system, name, runs, steps = WEAK[family](4), family.split(" ")[0], 2000, 12
     rng = np.random.default_rng(7)
     d = np.matvec(np.linalg.cholesky(CORRELATED), rng.normal(size=(steps, runs, 2)))
@@ -360,7 +363,7 @@ def test_whatever_readings_are_lost_the_input_stays_near_its_prior_and_errors_as
 
 @pytest.mark.parametrize("family", WEAK)
 def test_in_which_coordinates_an_input_is_told_does_not_matter(family: str):
-    """Other units of each input, and sums of them: readings missing, too."""
+    """Other units of each input, and sums of them: measurements missing, too."""
     system, name = WEAK[family](1), family.split(" ")[0]
     record = simulate(system, 1, runs=6, steps=25)
     available = np.random.default_rng(1).random((25, 6, 4)) < 0.7
@@ -379,7 +382,7 @@ def test_in_which_coordinates_an_input_is_told_does_not_matter(family: str):
             np.testing.assert_allclose(given, expected, rtol=0, atol=1e-7 * max(1.0, np.abs(expected).max()))
 
 
-def test_what_ulise_hardly_sees_at_once_it_sees_without_bias_in_the_next_reading():
+def test_what_ulise_hardly_sees_at_once_it_sees_without_bias_in_the_next_measurement():
     system = unknown_input_system(2, True, p=4, q=2)
     model = dataclasses.replace(system.model, H=system.model.H * [1.0, 1e-3])
     d = np.zeros((9, 1, 2))
@@ -431,7 +434,7 @@ def _assert_stacked_is_direct(direct: list[Belief], late: list[Belief], toleranc
 def test_with_the_input_as_a_state_filters_without_feedthrough_are_the_one_with_it(name: str, seed: int):
     system = unknown_input_system(seed, True, p=4, q=2)
     record = simulate(system, seed, runs=6, steps=30)
-    available = some_readings(np.random.default_rng(seed), 4, 30, 6)
+    available = some_measurements(np.random.default_rng(seed), 4, 30, 6)
     _assert_stacked_is_direct(*_begun_alike(system, record, available, name, stacked(system.model)), 1e-9)
     if name in ("ekf-ui-wdf", "ukf-umv"):
         functions = stacked(_as_functions(system.model))
@@ -449,7 +452,7 @@ def test_with_the_input_as_a_state_a_nonlinear_system_is_followed_as_with_feedth
         }
         system = dataclasses.replace(system, model=dataclasses.replace(model, **jacobians))
     record = simulate(system, 2, runs=6, steps=30)
-    available = some_readings(np.random.default_rng(2), 3, 30, 6)
+    available = some_measurements(np.random.default_rng(2), 3, 30, 6)
     told = stacked(system.model)
     assert (told.transition_jacobian is not None) == (told.measurement_jacobian is not None) == own
     for name in ("transition", "measurement"):
@@ -660,10 +663,10 @@ def test_filters_without_feedthrough_refuse_feedthrough_and_say_which_take_it(na
 
 
 @pytest.mark.parametrize("name", ["ekf-ui-wdf", "ukf-umv"])
-def test_nonlinear_filters_refuse_inputs_that_no_reading_could_tell_apart(name: str):
+def test_nonlinear_filters_refuse_inputs_that_no_measurement_could_tell_apart(name: str):
     tail = ": measure a state that each input drives directly"
-    one_reading = {"measurement": lambda x, u: x[..., :1], "R": [[1.0]]}
-    message = _refusal(lambda: make(name, _functions(G=I2, **one_reading)))
+    one_measurement = {"measurement": lambda x, u: x[..., :1], "R": [[1.0]]}
+    message = _refusal(lambda: make(name, _functions(G=I2, **one_measurement)))
     assert message == f"{name} needs rank(C G) = 2 unknown inputs, got at most 1{tail}"
     message = _refusal(lambda: make(name, _functions(G=np.ones((2, 2)))))
     assert message == f"{name} needs rank(C G) = 2 unknown inputs, got at most 1{tail}"
@@ -683,12 +686,12 @@ def test_a_driven_direction_of_the_wrong_shape_is_named():
 def test_ulise_says_which_rank_it_needs_and_what_to_do():
     hidden = {"C": [[1.0, 0.0]], "R": [[1.0]], "G": [[0.0], [1.0]]}
     advice = (
-        ": measure the input, or a state that it drives directly, by a reading that no other unknown input disturbs"
+        ": measure the input, or a state that it drives directly, by a measurement that no other unknown input disturbs"
     )
     assert _refusal(lambda: make("ulise", _matrices(**hidden))) == (
         f"ulise needs rank(C2 G2) = q - rank(H) = 1 - 0, got 0{advice}"
     )
-    # The reading that would show the second input is taken up by the first.
+    # The measurement that would show the second input is taken up by the first.
     blocked = {"G": [[0.0, 1.0], [0.0, 0.0]], "H": [[1.0, 0.0], [0.0, 0.0]]}
     assert _refusal(lambda: make("ulise", _matrices(**blocked))) == (
         f"ulise needs rank(C2 G2) = q - rank(H) = 2 - 1, got 0{advice}"
@@ -720,13 +723,13 @@ def test_a_direction_that_a_nonlinear_or_changing_model_loses_falls_back_to_its_
 
 
 @pytest.mark.slow
-def test_ulise_stays_as_it_should_be_over_many_steps_with_missing_readings():
+def test_ulise_stays_as_it_should_be_over_many_steps_with_missing_measurements():
     system, rows = _mixed(0, 4, 4, 2, 1), 20
     filter, rng = make("ulise", system.model), np.random.default_rng(0)
     belief = filter.init(system.rows(rows))
     u, nothing = np.zeros((rows, system.m)), np.zeros(4)
     for k in range(2000):
-        available = some_readings(rng, 4, rows) if k < 1900 else None
+        available = some_measurements(rng, 4, rows) if k < 1900 else None
         belief = filter.update(filter.predict(belief, u), nothing, available=available)
         if k % 100 == 0:
             joint = np.block([[belief.cov, belief.state_input_cov], [belief.state_input_cov.mT, belief.input_cov]])
@@ -757,7 +760,7 @@ def test_retimed_a_filter_with_feedthrough_is_the_one_without():
     y = rng.standard_normal((steps, p))
     y[rng.random((steps, p)) < 0.1] = np.nan
     one = late.predict(late.update(late.init(prior), y[0]))
-    # The first reading tells of no input yet: the retimed filter begins behind it.
+    # The first measurement tells of no input yet: the retimed filter begins behind it.
     other = now.init(Gaussian(one.mean, one.cov))
     for k in range(1, steps):
         one, other = late.update(one, y[k]), now.update(other, y[k])

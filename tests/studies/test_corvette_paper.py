@@ -42,11 +42,11 @@ def flown(simulation: str, noise: np.ndarray, d: np.ndarray, rudder: float = 0.8
     y = experiment.measurements(heading, d, noise)
     errors = np.empty((2, len(noise), SAMPLES))
     for k in range(SAMPLES):
-        readings = y[:, k], np.ones((len(noise), 2))
+        measurements = y[:, k], np.ones((len(noise), 2))
         if k:
-            core.step(rudders, readings)
+            core.step(rudders, measurements)
         else:
-            core.reset(options={"simulation": simulation}, readings=readings)
+            core.reset(options={"simulation": simulation}, measurements=measurements)
         errors[0, :, k] = core.belief.mean[:, 2] - core.truth[:, 2]
         errors[1, :, k] = core.belief.input_mean[:, 0] - d[k]
     return errors

@@ -35,8 +35,10 @@ def test_the_printed_points_of_the_obstacle_case_are_tangent_points_to_their_las
 
 def test_the_figure_s_word_is_the_shortest_only_where_headings_count_from_the_x_axis():
     found = puna.open_case(PATHS)
-    best = {reading: min(words, key=words.get) for reading, words in found["lengths"].items()}
-    assert [reading for reading, word in best.items() if word == PATHS["open"]["word"]] == ["from the x axis"]
+    best = {interpretation: min(words, key=words.get) for interpretation, words in found["lengths"].items()}
+    assert [interpretation for interpretation, word in best.items() if word == PATHS["open"]["word"]] == [
+        "from the x axis"
+    ]
     assert found["final y"] == pytest.approx(PATHS["open"]["goal"][1])
     assert found["least RSL"]["length"] < found["lengths"]["from the y axis, clockwise"]["RSL"]
     assert puna.PLANE.body.gravity * np.tan(np.deg2rad(puna.bank(20.0, 30.0))) == pytest.approx(20.0**2 / 30.0)

@@ -18,11 +18,11 @@ from studies.speed.baselines import (
     HandWrittenLoop,
     HandWrittenShips,
     filterpys,
+    measurements,
     numpy_ensemble,
     numpy_flight,
     numpy_kalman,
     ours,
-    readings,
 )
 from studies.speed.flights import STEPS, Flight, units
 from studies.speed.timing import Clock, Table, Timed, Worker, measure, shown
@@ -70,14 +70,14 @@ class _Scripted:
 @pytest.mark.parametrize("name", ["kf", "ekf", "ukf"])
 def test_the_filters_of_filterpy_compute_the_same(name: str):
     one, rival = ours(name, 1), filterpys(name)
-    for y in readings(30, 1):
+    for y in measurements(30, 1):
         np.testing.assert_allclose(one(y), rival(y), rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("rows", [1, 5, 130])
 def test_a_kalman_filter_in_bare_numpy_computes_the_same(rows: int):
     one, other = ours("kf", rows), numpy_kalman(rows)
-    for y in readings(30, rows):
+    for y in measurements(30, rows):
         np.testing.assert_allclose(one(y), other(y), rtol=1e-9, atol=1e-9)
 
 
@@ -94,7 +94,7 @@ def test_ensembles_compute_the_same_but_for_chance():
     exact, errors = ours("kf", 3), {"ours": [], "NumPy": [], "filterpy": []}
     np.random.seed(0)  # noqa: NPY002  (filterpy's)
     steps = {"ours": ours("enkf", 3, members=400), "NumPy": numpy_ensemble(3, 400), "filterpy": filterpys("enkf")}
-    for y in readings(100, 3):
+    for y in measurements(100, 3):
         mean = exact(y)
         for name, step in steps.items():
             errors[name].append(step(y)[0] - mean[0])
@@ -106,7 +106,7 @@ def test_ensembles_compute_the_same_but_for_chance():
 @pytest.mark.parametrize("rows", [1, 3])
 def test_a_flight_in_bare_numpy_moves_the_belief(rows: int):
     step = numpy_flight(rows)
-    first, second = step(readings(1, rows)[0]).copy(), step(readings(1, rows)[0])
+    first, second = step(measurements(1, rows)[0]).copy(), step(measurements(1, rows)[0])
     assert first.shape == (rows, 3)
     assert np.isfinite(second).all()
     assert (first != second).any()

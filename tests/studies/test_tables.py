@@ -112,7 +112,7 @@ def test_the_table_of_late_fixes_is_made_of_its_episodes(tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_a_robust_filter_without_a_fix_is_moved_by_the_noise_of_its_other_readings(monkeypatch: pytest.MonkeyPatch):
+def test_a_robust_filter_without_a_fix_is_moved_by_the_noise_of_its_other_measurements(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(fault_tables, "SEEDS", 8)
     ekf, *_, robust, quiet = (line.strip("| ").split(" | ") for line in fault_tables.gap().splitlines()[2:])
     (sure, gain), (doubtful, large), (_, same) = ((float(row[4]), float(row[6])) for row in (ekf, robust, quiet))

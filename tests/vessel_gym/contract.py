@@ -53,7 +53,7 @@ MODES = ("mean", "mean+std", "measurement")
 NATURE = "truth", "unknown_input", "parameters", "measurement", "available"
 """Keys of info that are the same to the last bit in every batch, under equal actions."""
 BROKEN = SensorSuite(noise=1.0, dropout=0.7, outliers=0.2, outlier_scale=1e4)
-"""Worse than any suite that users can choose: long gaps and absurd readings."""
+"""Worse than any suite that users can choose: long gaps and absurd measurements."""
 
 
 def sizes_by_mode(sizes: dict[str, int]) -> dict[str, int]:
@@ -201,7 +201,7 @@ def estimate_of(core: Core, mean: np.ndarray) -> Estimate:
 def observations(core: Core) -> dict[str, np.ndarray]:
     """What a core would let be seen now in each mode: the filter's work is the same in all.
 
-    One of raw readings shows those alone: its reference is where the truth is.
+    One of raw measurements shows those alone: its reference is where the truth is.
     """
     chosen, seen = core.observe_mode, {}
     for mode in MODES if chosen != "measurement" else (chosen,):
@@ -214,7 +214,7 @@ def observations(core: Core) -> dict[str, np.ndarray]:
 def observations_when_truth_is_altered(
     env_id: str, **options: Any
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Fly once, then replay the same readings and actions to another truth: both observations, largest differences.
+    """Fly once, then replay the same measurements and actions to another truth: both observations, largest differences.
 
     The other truth begins elsewhere, with another vehicle, and before every step is put somewhere else.
     Observations are those of every mode, ``(steps, rows, k)``; differences those of every part of what is true.
@@ -225,7 +225,7 @@ def observations_when_truth_is_altered(
     other.seed(5)
     rng = np.random.default_rng(9)
     true.reset()
-    other.reset(readings=true.readings)
+    other.reset(measurements=true.measurements)
     walk = random_walk(5, rows, true.action_size)
     seen = [observations(true)], [observations(other)]
     distance = [apart(true, other)]
@@ -235,13 +235,13 @@ def observations_when_truth_is_altered(
             for core in (true, other):
                 core.episodes[some] += 1
             true.reset(some)
-            other.reset(some, readings=tuple(values[some] for values in true.readings))
+            other.reset(some, measurements=tuple(values[some] for values in true.measurements))
             seen[0].append(observations(true))
             seen[1].append(observations(other))
         scramble(other, rng)
         actions = next(walk)
         true.step(actions)
-        other.step(actions, readings=true.readings)
+        other.step(actions, measurements=true.measurements)
         seen[0].append(observations(true))
         seen[1].append(observations(other))
         distance.append(apart(true, other))
@@ -295,7 +295,7 @@ def row_of(tree: dict[str, Any], row: int) -> dict[str, Any]:
 
 
 def assert_sound(core: Core, observation: np.ndarray, reward: np.ndarray | None, info: dict[str, np.ndarray]) -> None:
-    """What must hold after every reset and step, whatever the estimator and however bad the readings."""
+    """What must hold after every reset and step, whatever the estimator and however bad the measurements."""
     assert observation.dtype == np.float32
     assert np.abs(observation).max() <= core.task.BOUND  # False for NaN too
     if reward is not None:

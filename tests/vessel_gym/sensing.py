@@ -38,24 +38,28 @@ class UnevenWater(Disturbance):
 
 
 def without_a_filter(
-    told: Composition, inputs: tuple[str, ...], readings: np.ndarray, previous: np.ndarray | None = None, steps: int = 1
+    told: Composition,
+    inputs: tuple[str, ...],
+    measurements: np.ndarray,
+    previous: np.ndarray | None = None,
+    steps: int = 1,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """State ``(B, n)`` and unknown input ``(B, q)`` that the last readings ``(B, p)`` give, as environments hold them.
+    """State ``(B, n)`` and unknown input ``(B, q)`` that the last measurements ``(B, p)`` give, held.
 
     Args:
         told: What is known of the world.
         inputs: Names of the unknown input.
-        readings: The last ones.
+        measurements: The last ones.
         previous: Those before; None: these are the first.
         steps: How many steps lie between the two.
     """
     held = HeldMeasurement(told, inputs)
     n = len(told.names)
-    belief = held.init(Gaussian(np.zeros((len(readings), n)), np.eye(n)))
+    belief = held.init(Gaussian(np.zeros((len(measurements), n)), np.eye(n)))
     if previous is not None:
         belief = held.update(belief, previous, u=told.vehicle.cruise[1])
         for _ in range(steps):
             belief = held.predict(belief, told.vehicle.cruise[1])
-    belief = held.update(belief, readings, u=told.vehicle.cruise[1])
+    belief = held.update(belief, measurements, u=told.vehicle.cruise[1])
     assert belief.input_mean is not None
     return belief.mean, belief.input_mean

@@ -35,15 +35,15 @@ def only(*names: str) -> list[Any]:
 REFUSED: dict[str, tuple[str, str, dict[str, Any], str]] = {
     "too many inputs": (
         AIRCRAFT, "ekf-ui-wdf", {"disturbance": Front(**{f.name: getattr(AIR, f.name) for f in fields(AIR)})},
-        "the readings of every step show 1 of 2 directions of it",
+        "the measurements of every step show 1 of 2 directions of it",
     ),
     "seen weakly": (
         PLANE, "ukf-umv", {"disturbance": Fault("thrust", size=2.0, beside=PLANE_WATERS["moderate"])},
-        "a step's readings tell thrust fault to within 5.0 of the sizes that it is told to have, not 3",
+        "a step's measurements tell thrust fault to within 5.0 of the sizes that it is told to have, not 3",
     ),
     "lift": (
         AIRCRAFT, "ekf-ui-wdf", {"disturbance": Fault("angle of attack", size=0.03, beside=AIR)},
-        r"a step's readings tell angle of attack fault to within \d+.\d of the sizes that it is told to have, not 3",
+        r"measurements tell angle of attack fault to within \d+.\d of the sizes that it is told to have, not 3",
     ),
     "a zero": (
         AIRCRAFT, "ekf-ui-wdf", {"disturbance": Fault("thrust", size=1e6, beside=AIR), "sensors": only("barometer")},
@@ -57,7 +57,7 @@ REFUSED: dict[str, tuple[str, str, dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize(("env_id", "estimator", "world", "why"), REFUSED.values(), ids=REFUSED)
-def test_a_filter_that_readings_do_not_tell_of_its_input_is_refused_with_the_number(
+def test_a_filter_that_measurements_do_not_tell_of_its_input_is_refused_with_the_number(
     env_id: str, estimator: str, world: dict[str, Any], why: str
 ):
     kind, names = type(world["disturbance"]).__name__, ", ".join(world["disturbance"].inputs)
@@ -77,7 +77,9 @@ def test_a_step_tells_what_is_unknown_relative_to_its_size(size: float):
     if size > 1.0:
         make_core(AUV, 1, estimator="ekf-ui-wdf", **world)
         return
-    with pytest.raises(ValueError, match=r"a step's readings tell thrust fault to within (5.9|6.0|6.1) of the sizes"):
+    with pytest.raises(
+        ValueError, match=r"a step's measurements tell thrust fault to within (5.9|6.0|6.1) of the sizes"
+    ):
         make_core(AUV, 1, estimator="ekf-ui-wdf", **world)
 
 
@@ -93,7 +95,7 @@ ACCEPTED: list[tuple[str, str, Disturbance]] = [
 
 
 @pytest.mark.parametrize(("env_id", "estimator", "disturbance"), ACCEPTED)
-def test_what_readings_show_well_is_accepted(env_id: str, estimator: str, disturbance: Disturbance):
+def test_what_measurements_show_well_is_accepted(env_id: str, estimator: str, disturbance: Disturbance):
     make_core(env_id, 1, estimator=estimator, disturbance=disturbance)
 
 

@@ -96,7 +96,7 @@ def test_a_fix_that_is_stuck_or_off_by_four_metres_is_accused_within_ten_seconds
 
 
 @pytest.mark.parametrize("estimator", ["ekf", "enkf"])
-def test_a_late_reading_that_is_fused_is_judged_by_the_innovation_that_it_had_had_in_time(estimator: str):
+def test_a_late_measurement_that_is_fused_is_judged_by_the_innovation_that_it_had_had_in_time(estimator: str):
     """To the last bit, so many steps later; nothing is judged before, and rows that begin again begin again."""
     late, steps, rows = 4, 30, 6
     some = np.array([1, 4])
@@ -121,7 +121,7 @@ def test_a_late_reading_that_is_fused_is_judged_by_the_innovation_that_it_had_ha
     np.testing.assert_array_equal(delayed[15 + late :, some], timely[15:-late, some])
 
 
-def test_a_late_reading_that_is_discarded_raises_what_a_lost_one_does():
+def test_a_late_measurement_that_is_discarded_raises_what_a_lost_one_does():
     lost = [replace(sensor, dropout=1.0) if sensor.name == FIX else sensor for sensor in late_fix()]
     discarded = make_core(AUV, 20, **watched(sensors=late_fix(latency=0.3), estimator_options={"late": "discarded"}))
     raised = alarms(discarded, 45)
@@ -136,7 +136,7 @@ def test_a_late_reading_that_is_discarded_raises_what_a_lost_one_does():
 
 @pytest.mark.parametrize("estimator", ["ekf", "enkf"])
 @pytest.mark.parametrize("late", ["fused", "as new", "discarded"])
-def test_a_monitor_moves_no_reading_no_belief_and_no_truth(estimator: str, late: str):
+def test_a_monitor_moves_no_measurement_no_belief_and_no_truth(estimator: str, late: str):
     options = watched(estimator, estimator_options={"late": late}, **at_sea(AUV))
     one = make_core(AUV, ROWS, **options)
     del options["estimator_options"]["monitor"]
@@ -172,13 +172,13 @@ def test_alarms_stand_behind_all_else_that_is_observed(mode: str, guidance: bool
 @pytest.mark.parametrize("estimator", ["ekf", "enkf"])
 @pytest.mark.parametrize("sea", [False, True])
 def test_truth_reaches_no_alarm(estimator: str, sea: bool):
-    """Readings replayed to another truth, which is put elsewhere before each step, raise the same."""
+    """Measurements replayed to another truth, which is put elsewhere before each step, raise the same."""
     options = watched(estimator, observe="mean+alarms", **(at_sea(AUV) if sea else {"sensors": "degraded"}))
     true = make_core(AUV, ROWS, seed=5, **options)
     other = AlteredCore(with_vehicle(AUV, AlteredVehicle), ROWS, **options)
     other.seed(5)
     true.reset()
-    other.reset(readings=true.loop.come)
+    other.reset(measurements=true.loop.come)
     walk, raised = random_walk(5, ROWS, true.action_size), 0
     for step in range(40):
         if step == 20:
@@ -186,10 +186,10 @@ def test_truth_reaches_no_alarm(estimator: str, sea: bool):
             for core in (true, other):
                 core.episodes[some] += 1
             true.reset(some)
-            other.reset(some, readings=tuple(values[some] for values in true.loop.come))
+            other.reset(some, measurements=tuple(values[some] for values in true.loop.come))
         actions = next(walk)
         true.step(actions)
-        other.step(actions, readings=true.loop.come)
+        other.step(actions, measurements=true.loop.come)
         np.testing.assert_array_equal(other.loop.alarms, true.loop.alarms)
         np.testing.assert_array_equal(other.observe(), true.observe())
         assert np.abs(other.state - true.state).max() > 0.0
@@ -266,7 +266,7 @@ def test_a_filter_of_ones_own_that_gives_no_covariance_of_its_innovations_says_s
         def _predict(self, belief, u, rng):
             return belief
 
-        def _update(self, belief, reading, rng):
+        def _update(self, belief, measurement, rng):
             return belief
 
     core = make_core(AUV, 1, estimator=Still, estimator_options={"monitor": "cusum"})

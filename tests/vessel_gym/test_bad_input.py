@@ -400,23 +400,23 @@ def test_an_action_that_is_no_array_of_numbers_is_refused(env_id: str, wrong: An
         assert refusal(ValueError, env.step, wrong) == f"action must be an array of numbers, got {wrong!r}"
 
 
-# --- injected readings ------------------------------------------------------------------------------
+# --- injected measurements ------------------------------------------------------------------------------
 
 
 @every_environment
-def test_injected_readings_of_the_wrong_form_are_refused_and_change_nothing(env_id: str):
+def test_injected_measurements_of_the_wrong_form_are_refused_and_change_nothing(env_id: str):
     core, twin = make_core(env_id, 2), make_core(env_id, 2)
     core.reset()
     twin.reset()
     p, action = core.sensors.size, np.zeros((2, core.action_size))
     y, mask = np.zeros((2, p)), np.ones((2, p), bool)
     for wrong in (3, "y", y, (y,), (y, mask, mask), ("y", mask), (y, None)):
-        assert refusal(TypeError, core.step, action, readings=wrong).startswith("readings must be two arrays")
-        assert refusal(TypeError, core.reset, readings=wrong).startswith("readings must be two arrays")
+        assert refusal(TypeError, core.step, action, measurements=wrong).startswith("measurements must be two arrays")
+        assert refusal(TypeError, core.reset, measurements=wrong).startswith("measurements must be two arrays")
     for wrong in ((y[:1], mask), (y, mask[:, 1:]), (y.T, mask.T) if p != 2 else (y[0], mask[0])):
-        expected = f"readings have the shapes {wrong[0].shape} and {wrong[1].shape}, expected {(2, p)} each"
-        assert refusal(ValueError, core.step, action, readings=wrong) == expected
-        assert refusal(ValueError, core.reset, readings=wrong) == expected
+        expected = f"measurements have the shapes {wrong[0].shape} and {wrong[1].shape}, expected {(2, p)} each"
+        assert refusal(ValueError, core.step, action, measurements=wrong) == expected
+        assert refusal(ValueError, core.reset, measurements=wrong) == expected
     for one in (core, twin):
         one.step(action)
     assert_same_tree(core.info(), twin.info())

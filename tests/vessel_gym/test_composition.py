@@ -56,8 +56,8 @@ def slant(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
     return np.stack([np.hypot(level, z), np.arctan2(y, x), np.arctan2(z, level)], -1)
 
 
-def place(readings: np.ndarray, known: Any) -> dict[str, np.ndarray]:
-    distance, bearing, elevation = readings[..., 0], readings[..., 1], readings[..., 2]
+def place(measurements: np.ndarray, known: Any) -> dict[str, np.ndarray]:
+    distance, bearing, elevation = measurements[..., 0], measurements[..., 1], measurements[..., 2]
     level = distance * np.cos(elevation)
     return {"x": level * np.cos(bearing), "y": level * np.sin(bearing), "z": distance * np.sin(elevation)}
 
@@ -270,12 +270,12 @@ def test_a_filter_that_is_not_told_of_a_bias_is_not_consistent():
     core = make_core(AUV, 100, seed=4, estimator="ekf", sensors=biased)
     other = make_core(AUV, 100, seed=4, estimator="ekf", sensors=list(unbiased))
     core.reset()
-    other.reset(readings=core.readings)
+    other.reset(measurements=core.measurements)
     values = []
     for _ in range(100):
         core.step(np.zeros((100, 3)))
-        other.step(np.zeros((100, 3)), readings=core.readings)
-        # the truth of the one without, seen by who is handed the biased readings
+        other.step(np.zeros((100, 3)), measurements=core.measurements)
+        # the truth of the one without, seen by who is handed the biased measurements
         truth = core.truth[:, : other.belief.mean.shape[1]]
         values.append(nees(other.belief.mean, other.belief.cov, truth, angles=(9, 10, 11)))
     assert np.mean(values[20:]) > 2.0 * len(other.composition.names)
@@ -310,7 +310,7 @@ def test_an_acoustic_system_of_ones_own_works_with_every_estimator_and_tells_whe
         position_error(make_core(AUV, 24, seed=5, estimator=estimator, sensors=sensors, disturbance="rough"))
         for sensors in (WITH_USBL, WITHOUT_FIXES)
     ]
-    if estimator in ("truth", "dead-reckoning"):  # which use no readings
+    if estimator in ("truth", "dead-reckoning"):  # which use no measurements
         np.testing.assert_array_equal(*errors)
     elif estimator == "pf":  # a thousand particles are too few for twelve states and precise instruments: it works
         assert np.isfinite(errors).all()
@@ -496,7 +496,7 @@ def test_who_is_told_of_another_sea_has_the_model_of_who_sails_it(env_id: str, h
         core.reset()
     np.testing.assert_array_equal(wrong.state, right.state)  # it is another sea to the filter alone
     np.testing.assert_array_equal(wrong.sea_state, right.sea_state)
-    np.testing.assert_array_equal(wrong.readings[0], right.readings[0])
+    np.testing.assert_array_equal(wrong.measurements[0], right.measurements[0])
     assert (wrong.sea_state != there.sea_state).any()
 
 
@@ -585,7 +585,7 @@ def test_the_unknown_input_is_the_same_whatever_filters_are_told_of_it():
     assert errors[1] == pytest.approx(errors[0], rel=0.1)
 
 
-def test_told_as_noise_adds_what_kicks_do_to_state_and_readings_as_if_they_were_unrelated():
+def test_told_as_noise_adds_what_kicks_do_to_state_and_measurements_as_if_they_were_unrelated():
     as_input, as_noise = (told(SHIP, estimator="ekf", **{"as": how}).composition for how in ("input", "noise"))
     d = as_input.forces.kick_cov
     G, H = as_input.model.G, as_input.model.H
@@ -796,7 +796,7 @@ def test_what_is_told_as_white_by_itself_concerns_none_that_has_no_model():
     assert_refused(lambda: make_core(SHIP, 1, estimator="ekf", disturbance=mine), ValueError, "^only kf can be told")
 
 
-def test_a_current_that_nobody_is_told_of_may_be_read_by_who_does_without_a_model_of_readings():
+def test_a_current_that_nobody_is_told_of_may_be_read_by_who_does_without_a_model_of_measurements():
     sensors = [*single_class(SHIP).system.vehicle.sensors, CURRENT_METER]
     noise = type("Noise", (Sea,), {"told": "noise"})(wave=0.01, peak=0.8, gust=0.002, current=0.3)
     chosen: dict[str, Any] = {"sensors": sensors, "disturbance": noise}
@@ -869,7 +869,7 @@ def test_what_cannot_be_told_is_refused_in_one_sentence(env_id: str, wrong: Any,
 
 
 def test_a_white_kick_that_a_sensor_reads_as_it_comes_is_told_as_input():
-    """Of such a kick reading and state know at once: then a Kalman filter that is told of its variance is exact."""
+    """Of such a kick measurement and state know at once: then a Kalman filter that is told of its variance is exact."""
     shaken = {"names": (), "forces": (), "process": Process.joined(), "dt": 0.5, "shakes": ("yaw increment",),
               "white": np.array([[0.009]])}  # fmt: skip
     sentence = (
@@ -919,7 +919,7 @@ def test_an_effect_that_begins_somewhere_else_than_where_one_cruises_is_not_forg
         assert core.composition.held.tolist() == [0, 1]
 
 
-def test_a_reading_that_is_no_number_has_not_come():
+def test_a_measurement_that_is_no_number_has_not_come():
     from vessel_gym.sensors import Sensor
 
     def echo(state, forcing):
@@ -929,5 +929,5 @@ def test_a_reading_that_is_no_number_has_not_come():
     core = make_core(AUV, 2, observe="measurement", sensors=[*single_class(AUV).system.vehicle.sensors, broken])
     core.reset()
     core.step(np.zeros((2, core.action_size)))
-    assert not core.readings[1][:, -1].any()
+    assert not core.measurements[1][:, -1].any()
     assert np.isfinite(core.observe()).all()

@@ -47,7 +47,7 @@ from estimators import Belief
 from estimators.engine import forget
 from vessel_gym import configuration
 from vessel_gym.core import Core
-from vessel_gym.loop import Loop, Readings
+from vessel_gym.loop import Loop, Measurements
 from vessel_gym.mission import Mission
 from vessel_gym.sensors import SUITES
 from vessel_gym.state import EnvState
@@ -370,7 +370,7 @@ def test_the_observation_does_not_change_when_truth_does(env_id: str, estimator:
 
 
 @every_environment
-def test_raw_readings_do_not_change_when_truth_does_not_even_beside_the_oracle(env_id: str):
+def test_raw_measurements_do_not_change_when_truth_does_not_even_beside_the_oracle(env_id: str):
     options = {"observe": "measurement", "estimator": "truth", "sensors": "degraded"}
     one, other, distance = observations_when_truth_is_altered(env_id, **options)
     assert_apart(distance)
@@ -383,7 +383,7 @@ def test_raw_readings_do_not_change_when_truth_does_not_even_beside_the_oracle(e
 @pytest.mark.parametrize(
     "options",
     [{"observe": "measurement", "estimator": "truth", "guidance": True}, {"guidance": False}, {"ends": "declaration"}],
-    ids=["guided by readings", "unguided", "declared"],
+    ids=["guided by measurements", "unguided", "declared"],
 )
 def test_what_guides_and_what_ends_do_not_change_what_is_seen_when_truth_does(env_id: str, options: dict[str, Any]):
     if "ends" in options and not single_class(env_id).system.task.success:
@@ -410,9 +410,9 @@ def told_the_position(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def told_the_bias(monkeypatch: pytest.MonkeyPatch) -> None:
-    def handed(core: Core, readings: Readings, now: EnvState) -> Readings:
+    def handed(core: Core, measurements: Measurements, now: EnvState) -> Measurements:
         biases[core.loop] = now.drifting[:, core.config.world.size :]
-        return honest[0](core, readings, now)
+        return honest[0](core, measurements, now)
 
     def estimate(loop: Loop, *args: Any) -> None:
         honest[1](loop, *args)
@@ -470,7 +470,7 @@ def test_nothing_that_makes_an_observation_takes_the_truth(env_id: str):
         "observe": ["estimate", "reference", "actuators"],
         "observe_state": ["estimate", "course"],
         "observe_std": ["estimate"],
-        "observe_readings": ["sensors", "readings", "available", "course", "step"],
+        "observe_measurements": ["sensors", "measurements", "available", "course", "step"],
         "observe_mission": ["course", "step", "actuators"],
         "reference": ["course", "step", "state"],
         "over": ["reference"],
@@ -481,7 +481,10 @@ def test_nothing_that_makes_an_observation_takes_the_truth(env_id: str):
 
 
 def test_nothing_that_estimates_takes_the_truth():
-    allowed = {"begin": ["self", "rows", "prior", "readings", "u"], "estimate": ["self", "readings", "u", "steps"]}
+    allowed = {
+        "begin": ["self", "rows", "prior", "measurements", "u"],
+        "estimate": ["self", "measurements", "u", "steps"],
+    }
     for name, parameters in allowed.items():
         assert list(inspect.signature(getattr(Loop, name)).parameters) == parameters, name
     assert {field.name for field in fields(Estimate)} == {"state", "flow", "input_mean", "sd", "input_sd", "scale"}
@@ -668,7 +671,7 @@ ABSURD = np.array([0.0, np.nan, np.inf, -np.inf, 1e300, -1e300, 5e-324])
 
 @pytest.mark.slow
 @every_pair
-def test_absurd_readings_raise_nothing_and_leave_no_trace_of_nan(env_id: str, estimator: str):
+def test_absurd_measurements_raise_nothing_and_leave_no_trace_of_nan(env_id: str, estimator: str):
     rows = len(ABSURD)
     core = make_core(env_id, rows, seed=1, estimator=estimator, estimator_options=FEW_MEMBERS.get(estimator))
 
@@ -680,17 +683,17 @@ def test_absurd_readings_raise_nothing_and_leave_no_trace_of_nan(env_id: str, es
     p = core.sensors.size
     absurd = np.repeat(ABSURD[:, None], p, axis=1), np.repeat(np.arange(rows)[:, None] > 0, p, axis=1)
     rng = np.random.default_rng(1)
-    core.reset(readings=absurd)
+    core.reset(measurements=absurd)
     check(None)
     walk = random_walk(1, rows, core.action_size)
     for step in range(65):
-        # For 25 steps every reading is absurd, then some, then none.
+        # For 25 steps every measurement is absurd, then some, then none.
         chosen = rng.random((rows, p)) < (1.0 if step < 25 else 0.3 if step < 50 else 0.0)
-        readings = None
+        measurements = None
         if step < 50:
             nominal = core.sensors.exact(core.state, core.forcing, core.bias)
-            readings = np.where(chosen, absurd[0], nominal), np.where(chosen, absurd[1], True)
-        reward, _ = core.step(next(walk), readings=readings)
+            measurements = np.where(chosen, absurd[0], nominal), np.where(chosen, absurd[1], True)
+        reward, _ = core.step(next(walk), measurements=measurements)
         check(reward)
 
 
@@ -718,7 +721,7 @@ def cost_of_the_gap(core: Core, without: np.ndarray, members: float) -> np.ndarr
     And two ensembles have two means: each scatters by its standard deviation over the root of the members.
 
     Args:
-        core: The core that has missed readings.
+        core: The core that has missed measurements.
         without: Covariances ``(B, n, n)`` of one that has not.
         members: Of its ensemble; infinity: it has none.
     """
@@ -742,13 +745,13 @@ def cost_of_the_gap(core: Core, without: np.ndarray, members: float) -> np.ndarr
 def test_after_a_long_gap_the_estimate_returns_to_what_it_would_have_been(env_id: str, estimator: str):
     """To a thousandth, but for what the estimate itself says that the gap has cost for good.
 
-    Where readings soon outweigh what came before, that is nothing. A position that rare fixes show is an
+    Where measurements soon outweigh what came before, that is nothing. A position that rare fixes show is an
     average over all of them, and the lost ones stay lost.
 
     A linearised filter that rare fixes guide is sure of too much after their gap, as it saw it from elsewhere, and
     takes its time: a ship at sea, whose heading wanders by radians meanwhile, to a quarter of what counts as 1, an
     aircraft to a twentieth. A particle filter makes no such promise: of particles that have spread over a gap, the
-    first reading leaves the few that happen to be near; and one that learns its noises has learnt others.
+    first measurement leaves the few that happen to be near; and one that learns its noises has learnt others.
     """
     whole, gapped = (make_core(env_id, 8, seed=2, estimator=estimator) for _ in range(2))
     whole.reset()
@@ -758,9 +761,9 @@ def test_after_a_long_gap_the_estimate_returns_to_what_it_would_have_been(env_id
     for step in range(450):
         actions = 0.3 * next(walk)
         whole.step(actions)
-        y, available = whole.readings
+        y, available = whole.measurements
         missing = 50 <= step < 250
-        gapped.step(actions, readings=(y, available & (not missing)))
+        gapped.step(actions, measurements=(y, available & (not missing)))
         if missing:
             during = max(during, float(np.abs(whole.observe() - gapped.observe()).max()))
     assert (during > 0.5) == (estimator != "truth")

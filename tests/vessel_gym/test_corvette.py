@@ -620,7 +620,7 @@ def test_the_nonlinear_model_is_the_ship_with_its_rudder_held():
 @pytest.mark.parametrize("radius", [2.5, 4.0, 6.0])
 @pytest.mark.parametrize("side", [1, -1], ids=["starboard", "port"])
 def test_in_a_commanded_turn_the_secant_model_predicts_heading_better_than_the_linear_one(radius, side):
-    # Open loop: the rudder that holds the turn, laid over in 25 s; each model told the rudder, no reading.
+    # Open loop: the rudder that holds the turn, laid over in 25 s; each model told the rudder, no measurement.
     dt, turns = 0.5, steady_turns(SHIP)
     rate = np.interp(1.0 / (radius * L), 1.0 / turns.radius, turns.yaw_rate)
     commanded = side * rate * np.clip(np.arange(600) * dt / 25.0, 0.0, 1.0)
@@ -718,8 +718,8 @@ def test_a_step_of_the_vehicle_is_a_step_of_the_ship_kicked_by_the_unknown_input
 def test_a_perfect_compass_reads_heading_and_yaw_increment():
     state = np.random.default_rng(11).normal(size=(3, 8))
     d = np.array([[0.01], [-0.02], [0.0]])
-    readings = sensors_of(VEHICLE).exact(state, np.repeat(d, 1 + len(AROUND), -1))
-    np.testing.assert_allclose(readings, np.hstack([state[:, 2:3] + d, d]), rtol=0, atol=1e-15)
+    measurements = sensors_of(VEHICLE).exact(state, np.repeat(d, 1 + len(AROUND), -1))
+    np.testing.assert_allclose(measurements, np.hstack([state[:, 2:3] + d, d]), rtol=0, atol=1e-15)
 
 
 def test_the_thesis_filter_takes_d_for_a_yaw_increment_and_the_ship_does_not():
@@ -737,14 +737,14 @@ def test_the_thesis_filter_takes_d_for_a_yaw_increment_and_the_ship_does_not():
 
 def test_the_difference_of_two_headings_is_a_yaw_rate_across_the_seam():
     told = compose(VEHICLE, "corrected", UnknownStep(), sensors_of(VEHICLE))
-    readings, previous = np.array([[-3.1, 0.01], [0.3, 0.02]]), np.array([[3.1, 0.0], [0.2, 0.0]])
+    measurements, previous = np.array([[-3.1, 0.01], [0.3, 0.02]]), np.array([[3.1, 0.0], [0.2, 0.0]])
     for steps in (1, 2):
-        x, d = without_a_filter(told, ("yaw increment",), readings, previous, steps)
+        x, d = without_a_filter(told, ("yaw increment",), measurements, previous, steps)
         x = np.column_stack([x[:, :2], wrap(x[:, 2])])
         rates = np.array([2 * np.pi - 6.2, 0.1]) / (0.5 * steps)
         np.testing.assert_allclose(x, [[0.0, rates[0], -3.1], [0.0, rates[1], 0.3]], rtol=1e-12, atol=1e-15)
         np.testing.assert_allclose(d, [[0.01], [0.02]], rtol=1e-14)
-    x, d = without_a_filter(told, ("yaw increment",), readings)
+    x, d = without_a_filter(told, ("yaw increment",), measurements)
     np.testing.assert_allclose(x, [[0.0, 0.0, -3.1], [0.0, 0.0, 0.3]], rtol=1e-14, atol=0)  # one tells no rate
 
 
@@ -768,7 +768,7 @@ def test_with_other_sensors_the_filter_s_noise_is_theirs():
 
 
 @pytest.mark.parametrize("kind", VEHICLE.kinds)
-def test_readings_of_the_ship_may_correct_whatever_they_depend_on(kind):
+def test_measurements_of_the_ship_may_correct_whatever_they_depend_on(kind):
     # The compass shows the heading, two steps on rates of turn and what drives them: as printed, sway does not. The
     # motion reference unit shows the unknown input alone.
     composed = compose(VEHICLE, kind, UnknownStep(), sensors_of(VEHICLE))

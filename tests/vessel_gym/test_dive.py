@@ -386,18 +386,18 @@ def test_actuators_are_seen_relative_to_their_limits(system: System):
 
 
 @DIVES
-def test_raw_readings_come_with_their_mask_and_the_course_and_no_estimate(system: System):
+def test_raw_measurements_come_with_their_mask_and_the_course_and_no_estimate(system: System):
     task, sensors = system.task, sensors_of(system)
     p = sensors.size
     course, rng = courses(task, 3, 9), np.random.default_rng(9)
-    readings, available = rng.normal(size=(3, p)), rng.random((3, p)) < 0.5
-    readings = np.where(available, readings, 0.0)
-    raw = task.observe_readings(sensors, readings, available, course, np.zeros(3))
+    measurements, available = rng.normal(size=(3, p)), rng.random((3, p)) < 0.5
+    measurements = np.where(available, measurements, 0.0)
+    raw = task.observe_measurements(sensors, measurements, available, course, np.zeros(3))
     seen = np.hstack([raw, task.observe_mission(course, np.zeros(3), trim(task, 3))])
     assert seen.shape == (3, sizes(system)["measurement"])
     np.testing.assert_array_equal(seen[:, p : 2 * p], available)
     assert ((seen[:, :p] == 0.0) == ~available).all()
-    np.testing.assert_allclose(seen[:, :p], readings / sensors.scale)
+    np.testing.assert_allclose(seen[:, :p], measurements / sensors.scale)
     assert sensors.scale.shape == (p,)
     assert (sensors.scale >= sensors.sd).all()  # what counts as 1 is no noise
     shown = seen[:, 2 * p : -len(system.vehicle.action_names)]

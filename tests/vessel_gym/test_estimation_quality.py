@@ -101,7 +101,7 @@ def test_a_kalman_filter_that_holds_the_waves_as_states_sees_the_heading_no_wors
     assert high < 0.0
 
 
-def test_told_as_noise_a_kalman_filter_misses_that_reading_and_state_move_together():
+def test_told_as_noise_a_kalman_filter_misses_that_measurement_and_state_move_together():
     """Measured, 2.150 against 1.431 mrad."""
     noise, white = heading_rmse(estimated("kf", told="noise")), heading_rmse(estimated("kf", told="white"))
     assert paired_interval(noise - white)[0] > 0.0
@@ -117,12 +117,12 @@ def test_who_holds_the_waves_as_states_is_not_too_sure_of_them():
         assert nees(history["estimate"][k], history["covariance"][k], truth[k], angles=(PSI,)).mean() < high
 
 
-def test_kf_umv_ui_estimates_heading_better_than_the_last_reading_held():
+def test_kf_umv_ui_estimates_heading_better_than_the_last_measurement_held():
     low, _ = paired_interval(heading_rmse(estimated("measurement")) - heading_rmse(estimated("kf-umv-ui")))
     assert low > 0.0
 
 
-def test_without_readings_heading_is_lost():
+def test_without_measurements_heading_is_lost():
     low, _ = paired_interval(heading_rmse(estimated("dead-reckoning")) - heading_rmse(estimated("kf")))
     assert low > 0.0
 
@@ -153,7 +153,7 @@ RUNS, TIMES, TRANSIENT = 200, 400, 100
 
 
 def linear_truth(model: LinearModel, u: np.ndarray, disturbance: str | None, seed: int, prior: Gaussian):
-    """States, unknown inputs and readings ``(T, M, ...)`` of the filter's model itself."""
+    """States, unknown inputs and measurements ``(T, M, ...)`` of the filter's model itself."""
     rng = np.random.default_rng(seed)
     A, B = model.A(u), model.B(u)
     root = np.linalg.cholesky(model.Q)
@@ -161,16 +161,16 @@ def linear_truth(model: LinearModel, u: np.ndarray, disturbance: str | None, see
     sea = HEADING_SHIP.disturbances[disturbance or "calm"]
     process = sea.process
     waves = rng.normal(size=(RUNS, process.size)) @ root_of(process.start_cov).T
-    states, inputs, readings = [], [], []
+    states, inputs, measurements = [], [], []
     for _ in range(TIMES):
         d = sea.effect(waves, x)[:, :1] * (disturbance is not None)
         v = rng.normal(size=(RUNS, model.p)) * np.sqrt(np.diag(model.R))
         states.append(x)
         inputs.append(d)
-        readings.append(x @ model.C.T + d @ model.H.T + v)
+        measurements.append(x @ model.C.T + d @ model.H.T + v)
         x = x @ A.T + u @ B.T + d @ model.G.T + rng.normal(size=(RUNS, model.n)) @ root.T
         waves = process.advance(waves) + rng.normal(size=(RUNS, process.normals)) @ process.root.T
-    return np.stack(states), np.stack(inputs), np.stack(readings)
+    return np.stack(states), np.stack(inputs), np.stack(measurements)
 
 
 @cache
@@ -180,14 +180,14 @@ def consistency(estimator: str, disturbance: str | None, seed: int = 3) -> np.nd
     model = compose(HEADING_SHIP.vehicle, "corrected", HEADING_SHIP.disturbances["calm"], sensors).model
     u = np.array([0.15, 0.02])  # rudder and commanded yaw rate of a turn
     prior = Gaussian(np.array([0.0, 0.0, 0.5]), np.diag([0.2, 0.002, 0.03]) ** 2)
-    states, _, readings = linear_truth(model, u, disturbance, seed, prior)
+    states, _, measurements = linear_truth(model, u, disturbance, seed, prior)
     filter = make(estimator, model)
     belief = filter.init(Gaussian(np.tile(prior.mean, (RUNS, 1)), prior.cov))
     values = []
     for k in range(TIMES):
         if k:
             belief = filter.predict(belief, u)
-        belief = filter.update(belief, readings[k], u=u)
+        belief = filter.update(belief, measurements[k], u=u)
         values.append(nees(belief.mean, belief.cov, states[k], angles=(PSI,)))
     return np.stack(values)
 

@@ -163,14 +163,14 @@ def test_any_action_works_or_is_refused_and_changes_nothing(data: Any, env_id: s
 
 @pytest.mark.slow
 @given(st.data(), environments)
-def test_any_injected_reading_works_or_is_refused_and_changes_nothing(data: Any, env_id: str):
+def test_any_injected_measurement_works_or_is_refused_and_changes_nothing(data: Any, env_id: str):
     core = prepared(env_id, "measurement").core
-    shape, action = core.readings[0].shape, np.zeros((1, core.action_size))
+    shape, action = core.measurements[0].shape, np.zeros((1, core.action_size))
     whole = st.tuples(npst.arrays(float, shape, elements=st.floats() | EXTREME), npst.arrays(bool, shape))
-    readings = data.draw(JUNK | whole | st.tuples(JUNK, JUNK))
+    measurements = data.draw(JUNK | whole | st.tuples(JUNK, JUNK))
     core.reset()
     before = held(core)
-    if readings is not None and refusal(("readings",), core.step, action, readings=readings):
+    if measurements is not None and refusal(("measurements",), core.step, action, measurements=measurements):
         assert_same_tree(before, held(core))
     else:
         assert_flies(core)

@@ -147,7 +147,7 @@ def test_a_linear_model_that_knows_nothing_of_a_flow_that_moves_it_is_refused():
 @pytest.mark.parametrize(
     ("inputs", "sentence"),
     [
-        (("current north",), "how readings show current north depends on where the vehicle is, .* the sensor out$"),
+        (("current north",), "how measurements show current north depends on where the vehicle is, .* the sensor out$"),
         (("kick phi",), r"^Asked has the unknown input 'kick phi', which must be one of current north, .* east$"),
         (("kick u", "kick u"), r"^inputs of Asked must be a tuple of different names, got \('kick u', 'kick u'\)$"),
     ],

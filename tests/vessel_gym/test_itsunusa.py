@@ -372,12 +372,12 @@ def test_sensors_read_what_those_in_six_degrees_of_freedom_do():
     np.testing.assert_allclose(SENSORS.exact(states, kicked), full[:, [0, 2, 3, 5, 8, 10]], rtol=0, atol=1e-13)
 
 
-def test_in_still_water_exact_readings_give_back_the_state():
+def test_in_still_water_exact_measurements_give_back_the_state():
     states = random_states(np.random.default_rng(9), 20)
-    readings = SENSORS.exact(states, np.zeros((20, 4)))
-    known = SENSORS.states_from(readings)
+    measurements = SENSORS.exact(states, np.zeros((20, 4)))
+    known = SENSORS.states_from(measurements)
     np.testing.assert_array_equal(np.stack([known[name] for name in STATE], -1), states)
-    x, d = without_a_filter(told(), VEHICLE.kicks, readings)
+    x, d = without_a_filter(told(), VEHICLE.kicks, measurements)
     x = np.array(x)  # those of a belief are read-only
     x[:, 5] = states[:, 5] + wrap(x[:, 5] - states[:, 5])
     np.testing.assert_allclose(x, np.hstack([states, np.zeros((20, 1))]), rtol=0, atol=1e-14)
@@ -408,10 +408,10 @@ def test_the_filter_s_model_is_the_vehicle_when_nothing_kicks():
         Core(ITSUNUSA_AUV, estimator_options={"model": "linear"})
 
 
-def test_a_reading_may_correct_all_but_the_way_covered_and_only_a_fix_corrects_that():
+def test_a_measurement_may_correct_all_but_the_way_covered_and_only_a_fix_corrects_that():
     read = ("u", "w", "z", "theta", "q", "x")
     assert tuple(channel.split()[0] for channel in SENSORS.channels) == read
-    expected = [[(state == "x") == (reading == "x") for reading in read] for state in (*STATE, "current")]
+    expected = [[(state == "x") == (measurement == "x") for measurement in read] for state in (*STATE, "current")]
     np.testing.assert_array_equal(told().localisation, expected)
     np.testing.assert_array_equal(told(how="noise").localisation, expected[:6])
 

@@ -20,16 +20,16 @@ every_environment = pytest.mark.parametrize("env_id", OURS)
 
 def nature(core: Core) -> dict[str, np.ndarray]:
     """What is drawn in a step, or follows from what was."""
-    readings, available = core.loop.readings
+    measurements, available = core.loop.measurements
     drawn = {
         "state": core.state, "sea": core.sea_state, "forcing": core.forcing, "bias": core.bias,
-        "parameters": core.parameters, "course": core.course, "readings": readings, "available": available,
+        "parameters": core.parameters, "course": core.course, "measurements": measurements, "available": available,
     }  # fmt: skip
     return {name: values.copy() for name, values in drawn.items()}
 
 
 def flown(core: Core, injected: int = STEPS + 1) -> list[dict[str, np.ndarray]]:
-    """Every step of the second episode under given actions; every so many steps are without readings."""
+    """Every step of the second episode under given actions; every so many steps are without measurements."""
     core.start(SEED)
     core.start()
     walk, steps = random_walk(0, ROWS, core.action_size), [nature(core)]
@@ -41,14 +41,14 @@ def flown(core: Core, injected: int = STEPS + 1) -> list[dict[str, np.ndarray]]:
 
 
 @every_environment
-def test_the_readings_of_a_step_can_be_had_by_themselves(env_id: str):
+def test_the_measurements_of_a_step_can_be_had_by_themselves(env_id: str):
     core = make_core(env_id, ROWS, sensors="degraded", disturbance="rough")
     episode, sensors = Numbers.seeded(range(SEED, SEED + ROWS)).of(1), core.sensors
     keys = np.stack([episode.of(f"sensor {sensor.name}").keys for sensor in sensors.each], 1)
     for step, now in reversed(list(enumerate(flown(core)))):
         steps = np.full(ROWS, step)
-        readings, available = sensors.read(now["state"], now["forcing"], now["bias"], steps, keys)
-        np.testing.assert_array_equal(readings, now["readings"])
+        measurements, available = sensors.read(now["state"], now["forcing"], now["bias"], steps, keys)
+        np.testing.assert_array_equal(measurements, now["measurements"])
         np.testing.assert_array_equal(available, now["available"])
 
 
@@ -65,20 +65,20 @@ def test_one_sensor_more_moves_the_numbers_of_no_other(env_id: str, place: int):
     biases = [other.sensors.bias_names.index(name) for name in one.sensors.bias_names]
     for told, beside in zip(flown(one), flown(other), strict=True):
         beside["bias"] = beside["bias"][:, biases]
-        beside |= {name: beside[name][:, kept] for name in ("readings", "available")}
+        beside |= {name: beside[name][:, kept] for name in ("measurements", "available")}
         for name, values in told.items():
             np.testing.assert_array_equal(values, beside[name], err_msg=name)
 
 
 @pytest.mark.parametrize(("env_id", "estimator"), SPREAD)
 def test_nature_is_paired_between_estimators_even_where_sensors_are_not_asked(env_id: str, estimator: str):
-    """With one of them readings are injected at every third step, so that the sensors draw nothing."""
+    """With one of them measurements are injected at every third step, so that the sensors draw nothing."""
     options = {"sensors": "degraded", "disturbance": "rough", "mismatch": 0.2}
     few = FEW_MEMBERS.get(estimator)
     one = flown(make_core(env_id, ROWS, estimator="measurement", **options))
     other = flown(make_core(env_id, ROWS, estimator=estimator, estimator_options=few, **options), injected=3)
     for step, (told, beside) in enumerate(zip(one, other, strict=True)):
-        for name in told if step == 0 or step % 3 else set(told) - {"readings", "available"}:
+        for name in told if step == 0 or step % 3 else set(told) - {"measurements", "available"}:
             np.testing.assert_array_equal(told[name], beside[name], err_msg=name)
 
 
@@ -86,7 +86,7 @@ def test_nature_is_paired_between_estimators_even_where_sensors_are_not_asked(en
 
 
 @every_environment
-def test_readings_that_are_declared_linear_are_a_matrix_times_state_and_forcing(env_id: str):
+def test_measurements_that_are_declared_linear_are_a_matrix_times_state_and_forcing(env_id: str):
     vehicle, rng = single_class(env_id).system.vehicle, np.random.default_rng(0)
     n, f = len(vehicle.state_names), len(vehicle.kicks + vehicle.flows)
     x, units = rng.normal(0.0, 10.0, (9, n + f)), np.eye(n + f)

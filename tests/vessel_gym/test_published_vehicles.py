@@ -87,7 +87,7 @@ def instantaneous(state: State, rudder: float) -> State:
     return symmetric(state, rudder, True)
 
 
-READINGS = symmetric, instantaneous
+MEASUREMENTS = symmetric, instantaneous
 """The two ways of reading the printed equations."""
 
 
@@ -198,12 +198,15 @@ def test_the_page_on_vehicles_has_the_mariner_s_table_as_it_is_computed():
     for trial, angle, *printed in rows:
         degrees = int(angle)
         if trial == "turning circle":
-            circles = [turning_circle(MARINER, degrees * DEG), *(reference_circle(of, degrees)[0] for of in READINGS)]
+            circles = [
+                turning_circle(MARINER, degrees * DEG),
+                *(reference_circle(of, degrees)[0] for of in MEASUREMENTS),
+            ]
             computed = [f"{c.advance / L:.2f}; {c.tactical_diameter / L:.2f}" for c in circles]
         else:
             ours = zigzag(MARINER, degrees * DEG)
             overshoots = [(ours.first_overshoot / DEG, ours.second_overshoot / DEG)]
-            overshoots += [reference_overshoots(of, degrees) for of in READINGS]
+            overshoots += [reference_overshoots(of, degrees) for of in MEASUREMENTS]
             computed = [f"{first:.1f}; {second:.1f}" for first, second in overshoots]
         assert printed == computed
 

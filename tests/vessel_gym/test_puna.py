@@ -525,7 +525,7 @@ def test_names_and_sizes_agree():
     assert told(how="noise").names == (*STATE, *AROUND[6:])  # the bias is the sensor's
 
 
-def test_a_reading_may_correct_what_it_tells_of_and_no_chance_correlation():
+def test_a_measurement_may_correct_what_it_tells_of_and_no_chance_correlation():
     level = {"x", "y", "north", "east", "bias x", "bias y"}
     course = {"x", "y", "north", "east", "phi", *AROUND[:4]}
     vertical = {"h", "climb", "bias h"}
@@ -662,29 +662,29 @@ def test_sensors_read_velocity_over_ground_the_bias_of_the_gnss_and_the_rest_as_
     np.testing.assert_allclose(SENSORS.exact(own, kicked, bias), plain, rtol=0, atol=1e-12)
 
 
-def test_in_a_wind_along_the_course_exact_readings_give_back_the_state():
+def test_in_a_wind_along_the_course_exact_measurements_give_back_the_state():
     states = random_states(np.random.default_rng(17), 20)
     states[:, 3] = np.maximum(states[:, 3], 12.0)
     along = np.random.default_rng(25).uniform(-3.0, 3.0, 20)
     states[:, 7], states[:, 8], states[:, 9] = along * np.cos(states[:, 5]), along * np.sin(states[:, 5]), 0.0
     own = own_state(states)
-    readings = SENSORS.exact(own, forcing(VEHICLE, states[:, 7:]))
+    measurements = SENSORS.exact(own, forcing(VEHICLE, states[:, 7:]))
     whole = np.hstack([own, states[:, 7:9], np.zeros((20, 7))])  # the wind is taken for a mean one
-    known = SENSORS.states_from(readings)
+    known = SENSORS.states_from(measurements)
     given = [known.get(name, np.zeros(20)) for name in told().names]
     np.testing.assert_allclose(np.stack(given, -1), whole, rtol=0, atol=1e-10)
-    x, d = without_a_filter(told(), VEHICLE.kicks, readings)
+    x, d = without_a_filter(told(), VEHICLE.kicks, measurements)
     np.testing.assert_allclose(x, whole, rtol=0, atol=1e-10)
     np.testing.assert_array_equal(d, np.zeros((20, 4)))
 
 
 def test_whatever_is_read_gives_a_state():
-    readings = np.array([[0.0] * 9, [1e3, -1e3, 1e3, -5.0, 4.0, 30.0, -10.0, -3.0, 2.0], [1e300] * 9, [-1e300] * 9])
-    known = SENSORS.states_from(readings)
+    measurements = np.array([[0.0] * 9, [1e3, -1e3, 1e3, -5.0, 4.0, 30.0, -10.0, -3.0, 2.0], [1e300] * 9, [-1e300] * 9])
+    known = SENSORS.states_from(measurements)
     assert all(np.isfinite(values).all() for values in known.values())
     assert all(values[0] == 0.0 for values in known.values())
     assert set(known) >= {*STATE, *AROUND[:2]}
-    x, _ = without_a_filter(told(), VEHICLE.kicks, readings)
+    x, _ = without_a_filter(told(), VEHICLE.kicks, measurements)
     assert np.isfinite(x).all()
     np.testing.assert_array_equal(x[0], 0.0)
 
@@ -791,9 +791,9 @@ def test_measuring_every_state_is_better_than_measuring_x_alone():
     errors = {name: [] for name in filters}
     for _ in range(200):
         truth = plane.step(truth, u) + rng.normal(size=truth.shape) * np.sqrt(np.diag(Q))
-        reading = truth + rng.normal(size=truth.shape) * np.sqrt(np.diag(R))
+        measurement = truth + rng.normal(size=truth.shape) * np.sqrt(np.diag(R))
         for name, f in filters.items():
-            y = reading if name == "all" else reading[:, 2:3]
+            y = measurement if name == "all" else measurement[:, 2:3]
             beliefs[name] = f.update(f.predict(beliefs[name], u, rng=rng), y, rng=rng)
             errors[name].append(beliefs[name].mean - truth)
     rmse = {name: np.sqrt(np.mean(np.square(values), axis=(0, 1))) for name, values in errors.items()}

@@ -560,12 +560,12 @@ def test_sensors_read_velocity_over_ground_and_the_rest_as_it_is():
     np.testing.assert_allclose(SENSORS.exact(states, kicked), plain, rtol=0, atol=1e-12)
 
 
-def test_in_still_water_exact_readings_give_back_the_state():
+def test_in_still_water_exact_measurements_give_back_the_state():
     states = random_states(np.random.default_rng(15), 20)
-    readings = SENSORS.exact(states, np.zeros((20, 8)))
-    known = SENSORS.states_from(readings)
+    measurements = SENSORS.exact(states, np.zeros((20, 8)))
+    known = SENSORS.states_from(measurements)
     np.testing.assert_array_equal(np.stack([known[name] for name in STATE], -1), states)
-    x, d = without_a_filter(told(), VEHICLE.kicks, readings)
+    x, d = without_a_filter(told(), VEHICLE.kicks, measurements)
     x = np.array(x)  # those of a belief are read-only
     x[:, 9:12] = wrap(x[:, 9:12] - states[:, 9:12]) + states[:, 9:12]
     np.testing.assert_allclose(x[:, :12], states, rtol=0, atol=1e-14)
@@ -608,7 +608,7 @@ def test_the_filter_s_noise_is_the_sensors_and_the_kicks():
         Core(SEGOROGENI_AUV, estimator_options={"model": "corrected"})
 
 
-def test_a_reading_may_correct_what_lies_in_its_own_plane():
+def test_a_measurement_may_correct_what_lies_in_its_own_plane():
     planes = {
         "vertical": {"u", "w", "q", "z", "theta"}, "lateral": {"v", "p", "r", "phi", "psi"}, "in plan": {"x", "y"},
     }  # fmt: skip
@@ -617,9 +617,9 @@ def test_a_reading_may_correct_what_lies_in_its_own_plane():
     drifting = {"u", "v", "psi"}  # in which the current shows
     expected = [
         [
-            any({state, reading} <= plane for plane in planes.values())
-            or (state.startswith("current") and reading in drifting)
-            for reading in read
+            any({state, measurement} <= plane for plane in planes.values())
+            or (state.startswith("current") and measurement in drifting)
+            for measurement in read
         ]
         for state in told().names
     ]

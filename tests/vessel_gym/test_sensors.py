@@ -1,4 +1,4 @@
-"""Sensors spoil readings as much as they say.
+"""Sensors spoil measurements as much as they say.
 
 Statistical tests have fixed seeds and bands with the false-alarm rate 1e-6.
 """
@@ -36,14 +36,14 @@ def numbers(sensors: Sensors, seed: int, rows: int) -> Numbers:
 
 
 def read(sensors: Sensors, exact: np.ndarray, steps: np.ndarray, drawn: Numbers) -> tuple[np.ndarray, np.ndarray]:
-    """Readings of sensors that read the first states as they are, ``exact (n, p)``."""
+    """Measurements of sensors that read the first states as they are, ``exact (n, p)``."""
     state, nothing = np.zeros((len(exact), len(STATES))), np.zeros((len(exact), 1))
     state[:, : exact.shape[1]] = exact
     return sensors.read(state, nothing, nothing[:, :0], np.array(steps), drawn.keys)
 
 
 def corrupted(suite: SensorSuite, seed: int, n: int = 20_000, exact: float = 0.0, nominal=APART, steps=0):
-    """Readings, their mask and the normals in them: n at one step, or as many as ``steps`` says."""
+    """Measurements, their mask and the normals in them: n at one step, or as many as ``steps`` says."""
     sensors = made(suite.of(nominal))
     drawn = numbers(sensors, seed, n)
     normals = [drawn[:, i].normals(len(sensor.channels)) for i, sensor in enumerate(sensors.each)]
@@ -64,7 +64,7 @@ def assert_rate(events: np.ndarray, rate: float):
 # --- sensors ----------------------------------------------------------------------------------------
 
 
-def test_there_are_three_suites_and_only_the_worst_loses_readings():
+def test_there_are_three_suites_and_only_the_worst_loses_measurements():
     assert list(SUITES) == ["clean", "nominal", "degraded"]
     assert SUITES["clean"].noise < SUITES["nominal"].noise == SUITES["degraded"].noise == 1.0
     assert [suite.dropout > 0.0 for suite in SUITES.values()] == [False, False, True]
@@ -72,15 +72,15 @@ def test_there_are_three_suites_and_only_the_worst_loses_readings():
 
 @pytest.mark.parametrize("name", ["clean", "nominal"])
 def test_noise_has_the_suite_s_share_of_each_channel_s_deviation(name):
-    readings, available, _ = corrupted(SUITES[name], seed=0, exact=7.0)
+    measurements, available, _ = corrupted(SUITES[name], seed=0, exact=7.0)
     assert available.all()
     for channel in range(3):
-        assert_variance(readings[:, channel] - 7.0, (SUITES[name].noise * SD[channel]) ** 2)
+        assert_variance(measurements[:, channel] - 7.0, (SUITES[name].noise * SD[channel]) ** 2)
 
 
-def test_readings_are_the_exact_ones_plus_scaled_normals():
-    readings, _, normals = corrupted(SensorSuite(noise=0.7), seed=1, exact=-2.0)
-    np.testing.assert_allclose(readings, -2.0 + 0.7 * SD * normals, rtol=1e-14)
+def test_measurements_are_the_exact_ones_plus_scaled_normals():
+    measurements, _, normals = corrupted(SensorSuite(noise=0.7), seed=1, exact=-2.0)
+    np.testing.assert_allclose(measurements, -2.0 + 0.7 * SD * normals, rtol=1e-14)
 
 
 def test_each_sensor_drops_out_at_its_rate_by_itself():
@@ -90,26 +90,26 @@ def test_each_sensor_drops_out_at_its_rate_by_itself():
     assert_rate(~available[:, 0] & ~available[:, 1], 0.01)  # independent of its neighbour
 
 
-def test_a_missing_reading_is_zero_and_its_mask_is_false():
-    readings, available, _ = corrupted(SUITES["degraded"], seed=3, exact=7.0)
-    np.testing.assert_array_equal(readings[~available], 0.0)
-    assert (readings[available] != 0.0).all()
+def test_a_missing_measurement_is_zero_and_its_mask_is_false():
+    measurements, available, _ = corrupted(SUITES["degraded"], seed=3, exact=7.0)
+    np.testing.assert_array_equal(measurements[~available], 0.0)
+    assert (measurements[available] != 0.0).all()
 
 
 def test_outliers_come_at_their_rate_with_their_size():
     suite = SensorSuite(noise=1.0, outliers=0.05)
-    readings, _, normals = corrupted(suite, seed=4)
-    outlier = np.abs(readings / (SD * normals)) > 5.0
+    measurements, _, normals = corrupted(suite, seed=4)
+    outlier = np.abs(measurements / (SD * normals)) > 5.0
     assert_rate(outlier, 0.05)
     assert_rate(outlier[:, 0] & outlier[:, 1], 0.05**2)
-    np.testing.assert_allclose(readings[outlier], (10.0 * SD * normals)[outlier], rtol=1e-13)
-    np.testing.assert_allclose(readings[~outlier], (SD * normals)[~outlier], rtol=1e-13)
+    np.testing.assert_allclose(measurements[outlier], (10.0 * SD * normals)[outlier], rtol=1e-13)
+    np.testing.assert_allclose(measurements[~outlier], (SD * normals)[~outlier], rtol=1e-13)
 
 
 def test_drop_outs_and_outliers_are_independent():
     suite = SensorSuite(noise=1.0, dropout=0.2, outliers=0.2)
-    readings, available, normals = corrupted(suite, seed=5)
-    assert_rate(np.abs(readings / (SD * normals))[available] > 5.0, 0.2)
+    measurements, available, normals = corrupted(suite, seed=5)
+    assert_rate(np.abs(measurements / (SD * normals))[available] > 5.0, 0.2)
 
 
 def test_suites_are_paired_where_they_do_not_differ():
@@ -137,13 +137,13 @@ TOGETHER = (
 
 def test_the_channels_of_a_sensor_are_lost_and_spoilt_together():
     suite = SensorSuite(noise=1.0, dropout=0.10, outliers=0.05)
-    readings, available, normals = corrupted(suite, seed=8, nominal=TOGETHER)
+    measurements, available, normals = corrupted(suite, seed=8, nominal=TOGETHER)
     np.testing.assert_array_equal(available[:, 0], available[:, 1])
     np.testing.assert_array_equal(available[:, 2], available[:, 4])
     assert_rate(~available[:, 0], 0.25)  # its own losses and the suite's
     assert_rate(~available[:, 2], 0.10)
     with np.errstate(divide="ignore"):
-        outlier = np.abs(readings / (made(TOGETHER).sd * normals)) > 5.0
+        outlier = np.abs(measurements / (made(TOGETHER).sd * normals)) > 5.0
     there = available[:, 0] & available[:, 2]
     assert_rate(outlier[there, 0], 0.05)
     np.testing.assert_array_equal(outlier[there, 0], outlier[there, 1])
@@ -189,7 +189,9 @@ def test_a_rate_that_divides_the_steps_is_kept(rate: float | None, dt: float, pe
 
 @pytest.mark.parametrize("rate", [3.0, 20.0, 15.0, 0.3, 4.0, 1e9])
 def test_a_rate_that_does_not_divide_the_steps_is_refused_in_a_sentence(rate: float):
-    sentence = rf"^fix reads at {re.escape(f'{rate:g}')} Hz, which does not divide the 10 steps a second: its readings "
+    sentence = (
+        rf"^fix reads at {re.escape(f'{rate:g}')} Hz, which does not divide the 10 steps a second: its measurements "
+    )
     with pytest.raises(ValueError, match=sentence + "would fall between steps$"):
         made([Sensor("fix", ("x",), plain((0,)), (1.0,), rate=rate)])
 
@@ -208,14 +210,14 @@ def test_beyond_its_range_a_sensor_reads_nothing_and_up_to_it_everything():
     for seed in range(50):
         drawn = numbers(sensors, seed, n)
         noise = np.concatenate([drawn[:, 0].normals(2), drawn[:, 1].normals(1)], -1)
-        readings, available = read(sensors, exact, np.zeros(n, int), drawn)
+        measurements, available = read(sensors, exact, np.zeros(n, int), drawn)
         there = np.array([1, 1, 0, 0, 0, 0, 1], bool)
         np.testing.assert_array_equal(available, np.stack([there, there, there | True], -1))
-        np.testing.assert_array_equal(readings[~available], 0.0)
-        np.testing.assert_allclose(readings[available], (exact + 0.1 * noise)[available])
+        np.testing.assert_array_equal(measurements[~available], 0.0)
+        np.testing.assert_allclose(measurements[available], (exact + 0.1 * noise)[available])
 
 
-def test_a_range_does_not_keep_a_sensor_from_losing_readings():
+def test_a_range_does_not_keep_a_sensor_from_losing_measurements():
     sonar = Sensor("sonar", ("range",), plain((0,)), (0.1,), range=((0.0, 50.0),), dropout=0.3, rate=5.0)
     rng, n = np.random.default_rng(21), 20_000
     exact, steps = rng.uniform(0.0, 100.0, (n, 1)), np.arange(n)

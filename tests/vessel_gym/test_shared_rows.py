@@ -15,7 +15,7 @@ from gymnasium.vector import AutoresetMode
 
 from estimators import Belief, Filter, threads
 from estimators.engine import function
-from estimators.reading import Reading
+from estimators.measurement import Measurement
 
 MANY, SOME = 800, 250
 """Rows that three threads share, and those that make four chunks of an ensemble."""
@@ -28,13 +28,13 @@ class OwnKalman(Filter[Belief]):
         A, Q = self.model.A(u), self.model.Q  # type: ignore[union-attr,operator,misc]
         return Belief.predicted(belief, np.matvec(A, belief.mean), A @ belief.cov @ A.mT + Q, u)
 
-    def _update(self, belief: Belief, reading: Reading, rng: Any) -> Belief:
+    def _update(self, belief: Belief, measurement: Measurement, rng: Any) -> Belief:
         C, R = self.model.C, self.model.R  # type: ignore[union-attr]
         first = belief.cov.reshape(-1, *belief.cov.shape[-2:])[0]
         gain = np.linalg.solve(C @ first @ C.T + R, C @ first).T  # the first row's, for all
-        mean = belief.mean + reading.innovation @ gain.T
+        mean = belief.mean + measurement.innovation @ gain.T
         cov = belief.cov - gain @ C @ belief.cov
-        return Belief.updated(belief, mean, 0.5 * (cov + cov.mT), reading, C @ belief.cov @ C.T + R)
+        return Belief.updated(belief, mean, 0.5 * (cov + cov.mT), measurement, C @ belief.cov @ C.T + R)
 
 
 WORLDS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -45,7 +45,7 @@ WORLDS: dict[str, tuple[str, dict[str, Any]]] = {
     "the thesis' corvette": ("ThesisCorvette-v0", {}),
     "Segorogeni": ("SegorogeniAUV-v0", {}),
     "Puna": ("PunaUAV-v0", {"estimator": "etkf", "guidance": False}),
-    "Itsunusa, readings": ("ItsunusaAUV-v0", {"estimator": "ekf", "observe": "measurement", "guidance": True}),
+    "Itsunusa, measurements": ("ItsunusaAUV-v0", {"estimator": "ekf", "observe": "measurement", "guidance": True}),
     "ship with a sea of its own": ("Shear-v0", {"estimator": "ekf"}),
 }
 HARD = {"sensors": "degraded", "mismatch": 0.2, "max_episode_steps": 9}

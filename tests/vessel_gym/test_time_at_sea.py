@@ -1,4 +1,4 @@
-"""Readings that come late, out of order and wrongly stamped, and sensors that fail.
+"""Measurements that come late, out of order and wrongly stamped, and sensors that fail.
 
 That without either nothing changes is what every other test says: they are of such environments.
 """
@@ -89,7 +89,7 @@ def flown(core: Core, steps: int, seed: int = 5) -> list[tuple[np.ndarray, np.nd
 
 
 @every_environment
-def test_with_a_latency_each_reading_comes_so_much_later_and_says_of_when_it_is(env_id: str):
+def test_with_a_latency_each_measurement_comes_so_much_later_and_says_of_when_it_is(env_id: str):
     late, steps = 3, 12
     now = flown(make_core(env_id, ROWS, estimator="truth", sensors=sensors_of(env_id)), steps)
     come = flown(make_core(env_id, ROWS, estimator="truth", sensors=sensors_of(env_id, latency=late)), steps)
@@ -102,7 +102,7 @@ def test_with_a_latency_each_reading_comes_so_much_later_and_says_of_when_it_is(
         np.testing.assert_array_equal(available[:, late], now[step - late][1])
 
 
-def test_with_jitter_every_reading_comes_once_and_later_by_any_number_of_steps_alike():
+def test_with_jitter_every_measurement_comes_once_and_later_by_any_number_of_steps_alike():
     latency, jitter, rows, steps = 2, 3, 200, 40
     options = {"estimator": "truth", "disturbance": "calm"}
     now = flown(make_core(AUV, rows, sensors=sensors_of(AUV), **options), steps)
@@ -133,7 +133,7 @@ def test_a_wrong_clock_is_wrong_by_the_same_for_a_whole_episode_and_tells_of_no_
     late = make_core(AUV, rows, estimator="truth", sensors=sensors_of(AUV, latency=latency, clock=clock))
     exact = make_core(AUV, rows, estimator="truth", sensors=sensors_of(AUV, latency=latency))
     told, true = flown(late, steps), flown(exact, steps)
-    gyroscope = 7  # a reading in every step
+    gyroscope = 7  # a measurement in every step
     ages = [available[:, :, gyroscope].argmax(1) for _, available in told[latency:]]
     assert all((age == ages[0]).all() for age in ages)
     np.testing.assert_array_equal(np.unique(ages[0]), np.arange(latency + clock + 1))
@@ -147,7 +147,7 @@ def test_a_wrong_clock_is_wrong_by_the_same_for_a_whole_episode_and_tells_of_no_
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "estimator"), [pair for pair in SPREAD if pair[1] != "truth"])
-def test_late_readings_are_fused_to_the_last_bit_as_if_those_that_are_still_under_way_were_lost(
+def test_late_measurements_are_fused_to_the_last_bit_as_if_those_that_are_still_under_way_were_lost(
     env_id: str, estimator: str, monkeypatch: pytest.MonkeyPatch
 ):
     late, steps, options = 4, 14, {"estimator": estimator, "estimator_options": FEW_MEMBERS.get(estimator)}
@@ -156,9 +156,9 @@ def test_late_readings_are_fused_to_the_last_bit_as_if_those_that_are_still_unde
     told: list[tuple[np.ndarray, np.ndarray]] = []  # what a filter knows of its input may follow from what it believes
     estimate = one.loop.estimate
 
-    def noted(readings: Any, u: np.ndarray, steps: np.ndarray) -> None:
+    def noted(measurements: Any, u: np.ndarray, steps: np.ndarray) -> None:
         told.append((u.copy(), steps.copy()))
-        estimate(readings, u, steps)
+        estimate(measurements, u, steps)
 
     monkeypatch.setattr(one.loop, "estimate", noted)
     come = flown(one, steps)
@@ -166,8 +166,8 @@ def test_late_readings_are_fused_to_the_last_bit_as_if_those_that_are_still_unde
     nothing = np.zeros((ROWS, other.sensors.size))
     for step, (u, behind) in enumerate(told, 1):
         there = step + late <= steps
-        readings = tuple(values[:, late] for values in come[step + late]) if there else (nothing, nothing != 0.0)
-        other.loop.estimate(readings, u, behind)
+        measurements = tuple(values[:, late] for values in come[step + late]) if there else (nothing, nothing != 0.0)
+        other.loop.estimate(measurements, u, behind)
     np.testing.assert_array_equal(one.belief.mean, other.belief.mean)
     np.testing.assert_array_equal(one.belief.cov, other.belief.cov)
     assert not one.loop.refused.any()
@@ -205,8 +205,8 @@ def test_a_shuffle_is_put_in_order(estimator: str):
             come |= under_way[step + waited][1][:, waited]
         rest[0][:, age], rest[1][:, age] = healthy[step][0], healthy[step][1] & ~come
     actions = next(walk)
-    one.step(actions, readings=rest)
-    other.step(actions, readings=(nothing, nothing != 0.0))
+    one.step(actions, measurements=rest)
+    other.step(actions, measurements=(nothing, nothing != 0.0))
     np.testing.assert_array_equal(one.belief.mean, other.belief.mean)
     np.testing.assert_array_equal(one.belief.cov, other.belief.cov)
 
@@ -229,17 +229,17 @@ def test_what_is_taken_as_new_is_as_if_it_had_been_read_when_it_came():
     other = make_core(AUV, ROWS, sensors=late_fix(), estimator="ekf")
     one.start(5)
     other.start(5)
-    other.reset(readings=one.readings)
+    other.reset(measurements=one.measurements)
     walk = random_walk(0, ROWS, one.action_size)
     for _ in range(45):
         actions = next(walk)
         one.step(actions)
-        other.step(actions, readings=one.readings)
+        other.step(actions, measurements=one.measurements)
         np.testing.assert_array_equal(one.belief.mean, other.belief.mean)
     assert not one.info()["refused"].any()
 
 
-def test_of_two_readings_that_come_together_only_the_younger_is_new():
+def test_of_two_measurements_that_come_together_only_the_younger_is_new():
     jittery = sensors_of(AUV, jitter=3)
     core = make_core(AUV, ROWS, sensors=jittery, estimator="ekf", estimator_options={"late": "as new"})
     come = flown(core, 30)
@@ -250,11 +250,11 @@ def test_of_two_readings_that_come_together_only_the_younger_is_new():
     for row in range(ROWS):
         for channel in range(core.sensors.size):
             ages = np.flatnonzero(available[row, :, channel])
-            assert core.readings[1][row, channel] == bool(len(ages))
-            assert core.readings[0][row, channel] == (y[row, ages[0], channel] if len(ages) else 0.0)
+            assert core.measurements[1][row, channel] == bool(len(ages))
+            assert core.measurements[0][row, channel] == (y[row, ages[0], channel] if len(ages) else 0.0)
 
 
-def test_a_clock_that_tells_of_before_the_start_costs_readings_and_they_are_counted():
+def test_a_clock_that_tells_of_before_the_start_costs_measurements_and_they_are_counted():
     core = make_core(AUV, 100, sensors=sensors_of(AUV, latency=2, clock=3), estimator="ekf")
     flown(core, 20)
     refused = core.info()["refused"]
@@ -263,7 +263,7 @@ def test_a_clock_that_tells_of_before_the_start_costs_readings_and_they_are_coun
     assert core.belief.healthy.all()
 
 
-def test_how_late_readings_are_taken_moves_no_reading_and_no_truth():
+def test_how_late_measurements_are_taken_moves_no_measurement_and_no_truth():
     names = "ekf", "enkf", "measurement", "dead-reckoning", "truth"
     chosen = [(name, FEW_MEMBERS.get(name, {}) | {"late": late}) for name in names for late in LATE]
     each = [make_core(AUV, ROWS, estimator=name, estimator_options=few, **at_sea(AUV)) for name, few in chosen]
@@ -312,14 +312,14 @@ def test_at_sea_a_copy_goes_on_bit_for_bit(env_id: str, late: str):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["ekf", "enkf", "measurement"])
-def test_at_sea_nothing_but_readings_reaches_a_filter(estimator: str):
+def test_at_sea_nothing_but_measurements_reaches_a_filter(estimator: str):
     """Replayed to another truth, which is put elsewhere before each step, they give the same beliefs."""
     options = at_sea(AUV) | {"estimator": estimator, "estimator_options": FEW_MEMBERS.get(estimator)}
     true = make_core(AUV, ROWS, seed=5, **options)
     other = AlteredCore(with_vehicle(AUV, AlteredVehicle), ROWS, **options)
     other.seed(5)
     true.reset()
-    other.reset(readings=true.loop.come)
+    other.reset(measurements=true.loop.come)
     walk = random_walk(5, ROWS, true.action_size)
     for step in range(30):
         if step == 15:
@@ -327,10 +327,10 @@ def test_at_sea_nothing_but_readings_reaches_a_filter(estimator: str):
             for core in (true, other):
                 core.episodes[some] += 1
             true.reset(some)
-            other.reset(some, readings=tuple(values[some] for values in true.loop.come))
+            other.reset(some, measurements=tuple(values[some] for values in true.loop.come))
         actions = next(walk)
         true.step(actions)
-        other.step(actions, readings=true.loop.come)
+        other.step(actions, measurements=true.loop.come)
         np.testing.assert_array_equal(other.belief.mean, true.belief.mean)
         np.testing.assert_array_equal(other.observe(), true.observe())
         assert np.abs(other.state - true.state).max() > 0.0
@@ -365,7 +365,7 @@ def test_a_fix_that_is_a_second_late_costs_a_twentieth_at_most_where_it_is_fused
 
 
 def faulty_and_healthy(*faults: SensorFault, steps: int = 12) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Readings and their mask ``(steps + 1, ROWS, p)``, with faults and without."""
+    """Measurements and their mask ``(steps + 1, ROWS, p)``, with faults and without."""
     each = [flown(make_core(AUV, ROWS, estimator="truth", sensor_faults=list(f)), steps) for f in (faults, ())]
     return tuple(np.stack(values) for come in each for values in zip(*come, strict=True))  # type: ignore[return-value]
 
@@ -391,7 +391,7 @@ def test_a_wrong_sensor_is_wrong_by_so_much_in_its_time_and_no_other_is(kind: st
         np.testing.assert_allclose(y, expected, rtol=0, atol=1e-15)
 
 
-def test_a_sensor_that_is_off_reads_nothing_and_one_that_is_stuck_its_last_reading():
+def test_a_sensor_that_is_off_reads_nothing_and_one_that_is_stuck_its_last_measurement():
     off = SensorFault("attitude", "off", begin=0.3, end=0.6)
     stuck = SensorFault("gyroscope", "stuck", begin=0.5)
     faulty, came, healthy, arrived = faulty_and_healthy(off, stuck)
@@ -402,13 +402,13 @@ def test_a_sensor_that_is_off_reads_nothing_and_one_that_is_stuck_its_last_readi
     np.testing.assert_array_equal(faulty, healthy)
 
 
-def test_a_sensor_that_has_always_been_stuck_shows_its_first_reading():
+def test_a_sensor_that_has_always_been_stuck_shows_its_first_measurement():
     faulty, came, healthy, _ = faulty_and_healthy(SensorFault("Doppler log", "stuck"), steps=30)
     log = slice(0, 3)
     for row in range(ROWS):
         first = healthy[np.flatnonzero(came[:, row, 0])[0], row, log]
         np.testing.assert_array_equal(faulty[came[:, row, 0], row, log], np.tile(first, (came[:, row, 0].sum(), 1)))
-    assert not came[:, :, 0].all()  # a stuck sensor still loses readings
+    assert not came[:, :, 0].all()  # a stuck sensor still loses measurements
 
 
 def test_garbage_is_noise_of_its_size_whatever_there_is_to_read():
@@ -459,7 +459,7 @@ def test_a_fault_that_never_begins_changes_no_bit(env_id: str):
     assert_same_tree(info, other.info())
 
 
-def test_a_fault_acts_when_the_reading_is_taken_not_when_it_comes():
+def test_a_fault_acts_when_the_measurement_is_taken_not_when_it_comes():
     fault = SensorFault(FIX, "bias", 100.0, begin=2.0, end=2.1)  # the second fix
     core = make_core(AUV, ROWS, estimator="ekf", sensors=[replace(s, dropout=0.0) for s in late_fix(latency=1.0)],
                      sensor_faults=[fault])  # fmt: skip
@@ -481,7 +481,7 @@ def test_faults_without_measure_leave_everything_finite(estimator: str):
             assert_sound(core, core.observe(), reward, core.info())
 
 
-def test_raw_readings_show_what_has_come_and_the_mission_is_guided_by_it():
+def test_raw_measurements_show_what_has_come_and_the_mission_is_guided_by_it():
     options = {"observe": "measurement", "guidance": True}
     env = gym.make(AUV, sensors=sensors_of(AUV, latency=5), disable_env_checker=True, **options)
     observation, info = env.reset(seed=0)
@@ -557,9 +557,9 @@ def test_an_environment_refuses_faults_and_ways_that_it_does_not_have(env_id: st
         assert message.endswith("choose from fused, as new, discarded")
 
 
-def test_injected_readings_by_age_of_another_form_are_refused():
+def test_injected_measurements_by_age_of_another_form_are_refused():
     core = make_core(AUV, 2, sensors=late_fix(latency=0.3))
     core.start(0)
     y = np.zeros((2, 3, 12))
-    message = refusal(ValueError, core.step, np.zeros((2, 3)), readings=(y, y != 0.0))
+    message = refusal(ValueError, core.step, np.zeros((2, 3)), measurements=(y, y != 0.0))
     assert message.endswith("expected (2, 12) each, or by age (2, 4, 12) each")

@@ -170,7 +170,7 @@ def test_the_prior_lies_on_the_course_at_the_service_speed():
 
 def test_nothing_that_the_agent_sees_has_a_parameter_for_truth():
     names = (
-        "observe", "observe_state", "observe_std", "observe_readings", "observe_mission", "reference", "over",
+        "observe", "observe_state", "observe_std", "observe_measurements", "observe_mission", "reference", "over",
         "commanded",
     )  # fmt: skip
     observers = {name: list(inspect.signature(getattr(TurningCircle, name)).parameters)[1:] for name in names}
@@ -178,7 +178,7 @@ def test_nothing_that_the_agent_sees_has_a_parameter_for_truth():
         "observe": ["estimate", "reference", "actuators"],
         "observe_state": ["estimate", "course"],
         "observe_std": ["estimate"],
-        "observe_readings": ["sensors", "readings", "available", "course", "step"],
+        "observe_measurements": ["sensors", "measurements", "available", "course", "step"],
         "observe_mission": ["course", "step", "actuators"],
         "reference": ["course", "step", "state"],
         "over": ["reference"],
@@ -217,11 +217,11 @@ def test_standard_deviations_are_scaled_like_their_means():
     np.testing.assert_allclose(TASK.observe_std(rows), [[1, 1, 1, 2]] * 2)
 
 
-def test_missing_readings_are_zero_and_the_mask_says_so():
+def test_missing_measurements_are_zero_and_the_mask_says_so():
     course = np.tile([0.5, 0.03], (3, 1))  # at first the commanded heading is the initial one
-    readings = np.array([[0.4, 0.02], [0.3, 0.02], [0.4, 0.03]])  # whatever is left in a missing one
+    measurements = np.array([[0.4, 0.02], [0.3, 0.02], [0.4, 0.03]])  # whatever is left in a missing one
     available = np.array([[True, True], [False, True], [True, False]])
-    observation = TASK.observe_readings(SENSORS, readings, available, course, np.zeros(3))
+    observation = TASK.observe_measurements(SENSORS, measurements, available, course, np.zeros(3))
     np.testing.assert_allclose(observation[:, :4], [[1, 2, 1, 1], [0, 2, 0, 1], [1, 0, 1, 0]], atol=1e-12)
 
 
@@ -230,7 +230,7 @@ def test_the_sizes_of_the_observations_are_those_announced(mode):
     rows, reference, rudder = seen_of(started(2)), TASK.command(courses(2), np.zeros(2)), np.zeros((2, 1))
     if mode == "measurement":
         there = np.zeros((2, 2)), np.ones((2, 2), bool)
-        raw = TASK.observe_readings(SENSORS, *there, courses(2), np.zeros(2))
+        raw = TASK.observe_measurements(SENSORS, *there, courses(2), np.zeros(2))
         observation = np.hstack([raw, TASK.observe_mission(courses(2), np.zeros(2), rudder)])
     else:
         observation = TASK.observe(rows, reference, rudder)

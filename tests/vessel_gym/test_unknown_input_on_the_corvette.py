@@ -27,7 +27,7 @@ def _kicks(size: float) -> np.ndarray:
 
 
 def _sail(d: np.ndarray, runs: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """True states ``(T, runs, 3)``, readings ``(T, runs, 2)`` and known inputs in a turn to starboard."""
+    """True states ``(T, runs, 3)``, measurements ``(T, runs, 2)`` and known inputs in a turn to starboard."""
     rng = np.random.default_rng(3)
     x = rng.multivariate_normal(PRIOR.mean, PRIOR.cov, runs)
     u = np.tile([0.15, 0.02, 0.0], (runs, 1))

@@ -2,8 +2,8 @@
 
 The law of tests/estimators/test_invariance.py on the vehicles themselves, with the estimators that only environments
 have: the axes are turned by half a turn, so that a heading about north becomes one about the cut, and the origin is
-moved far away. What the vehicle's own model makes of the readings is turned and moved back, and what is left is
-rounding. So the vehicles' equations, their Jacobians by differences and what readings alone give obey it, too.
+moved far away. What the vehicle's own model makes of the measurements is turned and moved back, and what is left is
+rounding. So the vehicles' equations, their Jacobians by differences and what measurements alone give obey it, too.
 """
 
 from functools import cache
@@ -16,11 +16,11 @@ from sensing import sensors_of
 
 from estimators import Belief, Gaussian, models, wrap
 from vessel_gym.core import Core
-from vessel_gym.estimation import ENVIRONMENT_ONLY, Estimation, HeldMeasurement, HeldReadings, Oracle, build
+from vessel_gym.estimation import ENVIRONMENT_ONLY, Estimation, HeldMeasurement, HeldMeasurements, Oracle, build
 from vessel_gym.start import known
 
 FAR = {"x": 6e5, "y": -5e6, "north [m]": 6e5, "east [m]": -5e6}
-"""A place in UTM coordinates [m], as states and as readings."""
+"""A place in UTM coordinates [m], as states and as measurements."""
 ROWS, STEPS = 6, 80
 NORTH = {"PunaUAV-v0": {"start": (0.0, 0.0, 0.0), "goal": (900.0, 0.0, 0.0), "obstacles": []}}
 """Missions that begin to the north; the others do so anyway."""
@@ -30,7 +30,7 @@ TURNED = {
     "x", "y", "north", "east", "current north", "current east", "mean wind north", "mean wind east", "gust north",
     "gust east", "bias x", "bias y", "north [m]", "east [m]",
 }  # fmt: skip
-"""Components of state and readings that half a turn of the axes reverses; but for headings the rest stays.
+"""Components of state and measurements that half a turn of the axes reverses; but for headings the rest stays.
 
 So are their kicks and changes.
 """
@@ -53,7 +53,7 @@ class Episode(NamedTuple):
 
 
 class Axes(NamedTuple):
-    """How the components of state, unknown input and readings are written in other axes: sign, then shift."""
+    """How the components of state, unknown input and measurements are written in other axes: sign, then shift."""
 
     x: tuple[np.ndarray, np.ndarray]
     d: tuple[np.ndarray, np.ndarray]
@@ -61,7 +61,7 @@ class Axes(NamedTuple):
 
 
 def names(core: Core) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
-    """Components of the widest state that filters have, of the unknown input and of the readings."""
+    """Components of the widest state that filters have, of the unknown input and of the measurements."""
     return core.composition.names, core.unknown_inputs, core.sensors.channels
 
 
@@ -93,7 +93,7 @@ def written(values: np.ndarray, axes: tuple[np.ndarray, np.ndarray]) -> np.ndarr
 
 @cache
 def episode(env_id: str) -> Episode:
-    """A rough episode in which the vehicle begins to the north and weaves about it, with readings that get lost."""
+    """A rough episode in which the vehicle begins to the north and weaves about it, with measurements that get lost."""
     widest = {"model": single_class(env_id).system.vehicle.kinds[0]}  # other models have the first components of it
     core = make_core(env_id, ROWS, seed=2, estimator="truth", estimator_options=widest, disturbance="rough")
     core.reset(options=NORTH.get(env_id))
@@ -101,13 +101,13 @@ def episode(env_id: str) -> Episode:
     state, _, channels = names(core)
     prior = known(task.prior(core.course), core.composition)
     north = -prior.mean[:, state.index("psi")] if env_id == "ThesisCorvette-v0" else np.zeros(ROWS)
-    of_state, of_readings = (np.multiply.outer(north, np.isin(part, HEADINGS)) for part in (state, channels))
+    of_state, of_measurements = (np.multiply.outer(north, np.isin(part, HEADINGS)) for part in (state, channels))
     walk = random_walk(5, ROWS, core.action_size)
     found: list[tuple[np.ndarray, ...]] = []
     u = vehicle.known_input(core.actuators, core.actuators, task.commanded(core.course, core.steps))
     for k in range(STEPS):
-        truth, (y, available) = core.estimated(core.truth) + of_state, core.readings
-        found.append((truth, core.unknown_input, y + of_readings, available, u))
+        truth, (y, available) = core.estimated(core.truth) + of_state, core.measurements
+        found.append((truth, core.unknown_input, y + of_measurements, available, u))
         before, at = core.actuators, core.steps.copy()
         action = 0.1 * next(walk)
         action[:, STEERING.get(env_id, 0)] += 0.8 * np.cos(np.pi / 20.0 * k)
@@ -128,7 +128,7 @@ def seen_from(told: Episode, axes: Axes, turns: int = 0) -> Episode:
 
 
 def track(name: str, told: Episode) -> list[Belief]:
-    """What an estimator believes after every reading, as an environment asks it."""
+    """What an estimator believes after every measurement, as an environment asks it."""
     built = estimation(told.core, name, FEW_MEMBERS.get(name))
     filter, n, rng = built.filter, len(built.composition.names), np.random.default_rng(3)
     assert built.composition.names == names(told.core)[0][:n]
@@ -165,7 +165,7 @@ def apart(told: Episode, axes: Axes, one: list[Belief], other: list[Belief]) -> 
         if a.input_mean is not None:
             scale = told.d.std((0, 1)) + 1e-3
             found.append((b.input_mean - written(a.input_mean, axes.d)) / scale)
-        if isinstance(a, HeldReadings):
+        if isinstance(a, HeldMeasurements):
             for key in ("held", "previous"):
                 found.append(
                     short(getattr(b, key) - written(getattr(a, key), axes.y), angles[2]) / told.core.sensors.sd
@@ -285,7 +285,7 @@ def test_the_thesis_corvette_moves_and_reads_alike_wherever_it_is():
 
 
 @pytest.mark.parametrize("env_id", ["ThesisCorvette-v0", "SegorogeniAUV-v0", "PunaUAV-v0"])
-def test_what_is_derived_of_two_readings_does_not_depend_on_the_cut_between_them(env_id: str):
+def test_what_is_derived_of_two_measurements_does_not_depend_on_the_cut_between_them(env_id: str):
     told = episode(env_id)
     core = told.core
     axes, (state, unknown, channels) = half_a_turn(core), names(core)

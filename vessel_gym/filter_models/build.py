@@ -28,7 +28,7 @@ nothing of a flow."""
 
 
 OF_UNKNOWN_INPUTS = ("kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise")
-"""The filters that take a prior of an unknown input, which is to be true where no reading shows it."""
+"""The filters that take a prior of an unknown input, which is to be true where no measurement shows it."""
 
 
 def checked_told(how: object) -> str:
@@ -59,7 +59,7 @@ class Composition(Parts):
     late: bool = False
 
     def adapted_to(self, filter_name: str) -> "Composition":
-        """With the unknown input when a filter of that name needs it: in the readings at once, or one step later."""
+        """With the unknown input if a filter of that name needs it: in the measurements at once, or one step later."""
         model = self.model
         fed = model.q > 0 and (callable(model.H) or bool(np.any(model.H)))
         if fed and filter_name in ("kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv"):
@@ -110,7 +110,7 @@ class Composition(Parts):
 
     @cached_property
     def _depends(self) -> np.ndarray:
-        """The mask ``(n, p)`` of the states on which readings depend at once or within two steps, while cruising.
+        """The mask ``(n, p)`` of the states on which measurements depend at once or within two steps, while cruising.
 
         It cruises at places of no consequence to how it moves: at the origin a range or a bearing from there says
         nothing, or anything.

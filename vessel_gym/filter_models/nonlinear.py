@@ -45,7 +45,7 @@ def nonlinear_model(parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[st
     for _, i in flowing:
         if i < forces.outside and not seen_alike(vehicle, parts.sensors, i):
             raise ValueError(
-                f"how readings show {vehicle.flows[i - kicks]} depends on where the vehicle is, which a nonlinear "
+                f"how measurements show {vehicle.flows[i - kicks]} depends on where the vehicle is, which a nonlinear "
                 f"model cannot have of an unknown input: let it be {change_of('a component')!r} instead, or leave the "
                 "sensor out"
             )

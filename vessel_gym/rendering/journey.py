@@ -64,12 +64,12 @@ class Journey:
                 core.score[row],
             )
         )  # fmt: skip
-        readings, available = core.readings
+        measurements, available = core.measurements
         if self.fixed and all(available[row, channels].any() for channels in self._level):
             state = self._guess(self._moments[-1].truth, self._moments[-1].estimate)
             for channel, place in enumerate(self._gives):
                 if place >= 0 and available[row, channel]:
-                    state[place] = readings[row, channel]
+                    state[place] = measurements[row, channel]
             self.fixes.append(self._position @ state)
 
     def history(self) -> Moment:

@@ -24,7 +24,7 @@ class Sensors:
     """Several sensors, whose channels stand beside each other.
 
     Args:
-        sensors: In the order of the readings.
+        sensors: In the order of the measurements.
         states: Names of the components of the vehicle's state.
         forcing: Of its forcing.
         dt: Time step [s].
@@ -33,11 +33,11 @@ class Sensors:
     Attributes:
         size: p, the number of channels.
         delays: ``(sensors, 3)`` latency, jitter and error of the clock of each, in steps.
-        horizon: How many steps late a reading may be, or be said to be.
+        horizon: How many steps late a measurement may be, or be said to be.
         sd: Standard deviations ``(p,)``; NaN where they depend on what is measured.
         gives: For each channel the state, or the part of the forcing, that it reads as such.
         bias: How all biases move.
-        bias_shown: ``(p, k)`` how their states show in the readings.
+        bias_shown: ``(p, k)`` how their states show in the measurements.
 
     Raises:
         TypeError: for what is no sensor, or no fault of one.
@@ -172,7 +172,7 @@ class Sensors:
     def read(
         self, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray, steps: np.ndarray, keys: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Noisy readings and the mask of those that arrived.
+        """Noisy measurements and the mask of those that arrived.
 
         Args:
             state: ``(B, n)`` of the vehicle.
@@ -182,7 +182,7 @@ class Sensors:
             keys: ``(B, sensors, 2)`` of the random numbers of each.
 
         Returns:
-            Readings ``(B, p)``, 0 where missing, and the mask ``(B, p)``.
+            Measurements ``(B, p)``, 0 where missing, and the mask ``(B, p)``.
         """
         exact = self.measured(state, forcing, bias)
         sd = self.sd_at(exact)
@@ -293,15 +293,15 @@ class Sensors:
         """R ``(..., p, p)`` for the measurements ``expected`` in states ``(..., n)``."""
         return self.sd_at(expected(x, u))[..., None] ** 2 * np.eye(self.size)
 
-    # --- what readings tell -----------------------------------------------------------------------
+    # --- what measurements tell -----------------------------------------------------------------------
 
-    def states_from(self, readings: np.ndarray) -> dict[str, np.ndarray]:
-        """States, and parts of the forcing, that are to be had from readings ``(..., p)`` alone, ``(...)`` by name."""
+    def states_from(self, measurements: np.ndarray) -> dict[str, np.ndarray]:
+        """States and parts of the forcing that measurements ``(..., p)`` alone give, ``(...)`` by name."""
         known: dict[str, np.ndarray] = {}
         for sensor, own in self._owning:
-            known.update((name, readings[..., i]) for i, name in enumerate(sensor.gives or (), own.start) if name)
+            known.update((name, measurements[..., i]) for i, name in enumerate(sensor.gives or (), own.start) if name)
             if sensor.inverse is not None:
-                known.update(copying(sensor.inverse)(readings[..., own], known))
+                known.update(copying(sensor.inverse)(measurements[..., own], known))
         return known
 
     def check_informs(self, others: Iterable[str]) -> None:
@@ -324,7 +324,7 @@ class Sensors:
 
         Args:
             names: The filter's states.
-            depends: Gives the mask ``(n, p)`` of the states on which a reading depends.
+            depends: Gives the mask ``(n, p)`` of the states on which a measurement depends.
 
         Raises:
             ValueError: if a sensor informs none of them.

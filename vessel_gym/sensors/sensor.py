@@ -76,8 +76,8 @@ class Sensor:
         sd: Standard deviation of each channel's white noise; or, where it depends on what is measured, a function that
             gives them ``(..., k)`` of the measurement without noise ``(..., k)``: the truth takes it at the true
             measurement, a filter's R at the one that it expects.
-        rate: Readings a second [Hz], which must divide the steps a second; None: one every step.
-        dropout: Probability that a reading is lost.
+        rate: Measurements a second [Hz], which must divide the steps a second; None: one every step.
+        dropout: Probability that a measurement is lost.
         outliers: Probability that it is an outlier,
         outlier_scale: whose noise is so many times as large.
         bias: What moves slowly on the first channels.
@@ -85,12 +85,12 @@ class Sensor:
         angles: Which channels are angles [rad].
         scale: For each channel the size that counts as 1 in a raw observation; None: 1.
         gives: For each channel the state, or the part of the forcing, that it reads as such; None where it is none.
-        inverse: What can be had of its readings ``(..., k)`` besides: a function of them and of the states that sensors
-            before it have given, that returns states by name; None: what it ``gives``.
-        informs: For each channel the states that it may correct in an ensemble; None: those on which its reading
+        inverse: What can be had of its measurements ``(..., k)`` besides: a function of them and of the states that
+            sensors before it have given, that returns states by name; None: what it ``gives``.
+        informs: For each channel the states that it may correct in an ensemble; None: those on which its measurement
             depends, at once or two steps on.
         latency: Seconds from a measurement to its arrival,
-        jitter: and the most that may be added to them: each reading comes later by any whole number of steps up to
+        jitter: and the most that may be added to them: each measurement comes later by any whole number of steps up to
             that, so that one may overtake another.
         clock: The most by which its clock may be wrong [s]: its time stamps tell a whole number of steps, drawn in each
             episode, too much or too little; never a time to come.
@@ -120,7 +120,7 @@ class Sensor:
         title, channels = self.name, (self.channels,)
         if self.bias is not None:
             instance(f"bias of {title}", self.bias, Bias)
-        function(f"inverse of {title}", self.inverse, "(readings, known)")
+        function(f"inverse of {title}", self.inverse, "(measurements, known)")
         tuples: tuple[tuple[str, Any], ...] = ("channels", channels), ("informs", self.informs)
         for name, listed in tuples:
             for entry in listed if isinstance(listed, tuple | list) else ():
@@ -162,10 +162,10 @@ class Sensor:
         return tuple(name for names in self.informs or () for name in names)
 
     def period(self, dt: float) -> int:
-        """Steps of ``dt`` [s] from one reading to the next.
+        """Steps of ``dt`` [s] from one measurement to the next.
 
         Raises:
-            ValueError: if its readings do not fall on steps.
+            ValueError: if its measurements do not fall on steps.
         """
         if self.rate is None:
             return 1
@@ -174,7 +174,7 @@ class Sensor:
         if steps < 0.5 or abs(steps - round(steps)) > 1e-6 * steps:
             raise ValueError(
                 f"{self.name} reads at {self.rate:g} Hz, which does not divide the {1.0 / dt:g} steps a second: its "
-                "readings would fall between steps"
+                "measurements would fall between steps"
             )
         return round(steps)
 
@@ -190,7 +190,7 @@ class Sensor:
             if abs(steps - np.rint(steps)) > 1e-6 * max(steps, 1.0):
                 raise ValueError(
                     f"{name} of {self.name} is {getattr(self, name):g} s, which is no whole number of steps of {dt:g} "
-                    "s: its readings would arrive between steps"
+                    "s: its measurements would arrive between steps"
                 )
         if sum(counts.values()) > LONGEST:
             raise ValueError(
@@ -202,7 +202,7 @@ class Sensor:
 
 
 LONGEST = 1000
-"""How many steps a reading may be late: all that long everything is kept."""
+"""How many steps a measurement may be late: all that long everything is kept."""
 
 
 @dataclass(frozen=True)
@@ -210,10 +210,10 @@ class SensorSuite:
     """A quality of sensors, relative to a vehicle's nominal ones."""
 
     noise: float  # standard deviation relative to nominal
-    dropout: float = 0.0  # probability that a sensor's reading is lost, besides its own
+    dropout: float = 0.0  # probability that a sensor's measurement is lost, besides its own
     outliers: float = 0.0  # probability that it is an outlier
     outlier_scale: float = 10.0  # size of an outlier's noise relative to nominal
-    lossless: bool = False  # no sensor loses a reading
+    lossless: bool = False  # no sensor loses a measurement
 
     def __post_init__(self) -> None:
         check_numbers(self, not_negative="noise outlier_scale", share="dropout outliers")

@@ -197,9 +197,9 @@ class CircleTrack(TurningCircle):
     SPEED_SCALE = 2.0  # m/s
     FLOW_SCALE = 1.0  # m/s
 
-    def sizes(self, readings: int, states: int) -> dict[str, int]:
+    def sizes(self, measurements: int, states: int) -> dict[str, int]:
         """The lengths of the parts of observations."""
-        return {"guided": 11, "unguided": 12, "std": 6, "readings": 2 * readings, "mission": 2}
+        return {"guided": 11, "unguided": 12, "std": 6, "measurements": 2 * measurements, "mission": 2}
 
     @cached_property
     def _view_gains(self) -> np.ndarray:
@@ -251,15 +251,15 @@ class CircleTrack(TurningCircle):
         scale = [5.0, 5.0, self.HEADING_SCALE, self.SWAY_SCALE, self.rate_scale, self.INPUT_SCALE]
         return np.concatenate([sd, known], -1) / scale
 
-    def observe_readings(
-        self, sensors: Sensors, readings: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
+    def observe_measurements(
+        self, sensors: Sensors, measurements: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
     ) -> np.ndarray:
         """Measurements and their mask ``(..., 2 p)``, no filter; heading and place relative to the first heading."""
-        gives, measured = list(sensors.gives), readings / sensors.scale
-        turned = wrapped(readings - course[..., :1])
+        gives, measured = list(sensors.gives), measurements / sensors.scale
+        turned = wrapped(measurements - course[..., :1])
         measured = np.where([state == "psi" for state in gives], turned, measured)
         if "x" in gives and "y" in gives:
-            place = _in_frame(course, readings[..., [gives.index("x"), gives.index("y")]]) / self._place_scale
+            place = _in_frame(course, measurements[..., [gives.index("x"), gives.index("y")]]) / self._place_scale
             ahead_aside = {gives.index("x"): place[..., 0], gives.index("y"): place[..., 1]}
             measured = np.stack([ahead_aside.get(i, measured[..., i]) for i in range(len(gives))], -1)
         return np.concatenate([np.where(available, measured, 0.0), available], -1)

@@ -152,14 +152,14 @@ class Dive(Task):
         """Components of observations ``(B, k)`` of mode ``"mean"`` by name, see ``observed``, ``(B,)`` each in SI."""
         return {name: scale * observations[:, i] for i, (name, scale) in enumerate(self.observed.items())}
 
-    def sizes(self, readings: int, states: int) -> dict[str, int]:
+    def sizes(self, measurements: int, states: int) -> dict[str, int]:
         """The lengths of the parts of observations."""
         known = len(self.mission_scale) + self.actuators
         return {
             "guided": len(self.observed) + self.actuators,
             "unguided": len(self.std_scale) + self.flows + known,
             "std": states,
-            "readings": 2 * readings,
+            "measurements": 2 * measurements,
             "mission": known,
         }
 
@@ -168,7 +168,7 @@ class Dive(Task):
     flows: ClassVar[int]
     """Components of the current."""
     mission_scale: ClassVar[tuple[float, ...]]
-    """Sizes that count as 1 of the last components of a course, which an observation of raw readings holds."""
+    """Sizes that count as 1 of the last components of a course, which an observation of raw measurements holds."""
 
     def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The course and the actuators ``(..., k)``."""

@@ -254,12 +254,12 @@ class Flight(Task):
         listed = enumerate(self.observed.items())
         return {name: offset + scale * observations[:, i] for i, (name, (offset, scale)) in listed}
 
-    def sizes(self, readings: int, states: int) -> dict[str, int]:
+    def sizes(self, measurements: int, states: int) -> dict[str, int]:
         """The lengths of the parts of observations."""
         known = _PATH + 1 + 3 * OBSTACLES + 3
         return {
             "guided": len(self.observed) + 3, "unguided": len(self.std_scale) + 3 + known, "std": states,
-            "readings": 2 * readings, "mission": known,
+            "measurements": 2 * measurements, "mission": known,
         }  # fmt: skip
 
     def scaled(self, actuators: np.ndarray) -> np.ndarray:

@@ -42,8 +42,8 @@ class Estimate:
 class Task:
     """A mission. This one draws nothing, guides nobody and goes on until time is up.
 
-    `score` is yours, and so is the rest. Where no others are given, observations are the estimate or the readings, the
-    course and the actuators, as they are but for the scales. ``observe`` has no parameter through which truth could
+    `score` is yours, and so is the rest. Where no others are given, observations are the estimate or the measurements,
+    the course and the actuators, as they are but for the scales. ``observe`` has no parameter through which truth could
     come; ``score`` alone reads it.
 
     A task may have ``exogenous(course, step)``, too: what it adds to the kicks and flows of the disturbance over the
@@ -109,8 +109,8 @@ class Task:
         """Commands that filters know besides the actuators; None: none."""
         return None
 
-    def sizes(self, readings: int, states: int) -> dict[str, int]:
-        """Lengths of the parts of observations, by what follows, of so many readings and states of the filter.
+    def sizes(self, measurements: int, states: int) -> dict[str, int]:
+        """Lengths of the parts of observations, by what follows, of so many measurements and states of the filter.
 
         By looking at them.
         """
@@ -124,7 +124,7 @@ class Task:
             "guided": self.observe(estimate, self.reference(course, step, mean), actuators).shape[-1],
             "unguided": self.observe_state(estimate, course).shape[-1] + mission,
             "std": states,
-            "readings": 2 * readings,
+            "measurements": 2 * measurements,
             "mission": mission,
         }
 
@@ -153,11 +153,11 @@ class Task:
         scale = getattr(self, "std_scale", np.ones(estimate.state.shape[-1]))
         return estimate.sd / np.concatenate([scale, estimate.scale])
 
-    def observe_readings(
-        self, sensors: Sensors, readings: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
+    def observe_measurements(
+        self, sensors: Sensors, measurements: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
     ) -> np.ndarray:
-        """``"readings"``: as they come, with their mask, ``(B, 2 p)``: no filter."""
-        return np.concatenate([readings / sensors.scale, available], -1)
+        """``"measurements"``: as they come, with their mask, ``(B, 2 p)``: no filter."""
+        return np.concatenate([measurements / sensors.scale, available], -1)
 
     def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """``"mission"``: what is asked, which is the course, and the actuators."""

@@ -177,9 +177,9 @@ class TurningCircle(Task):
         """Of the commanded yaw rate [rad/s]."""
         return 0.04 / self.pace
 
-    def sizes(self, readings: int, states: int) -> dict[str, int]:
+    def sizes(self, measurements: int, states: int) -> dict[str, int]:
         """The lengths of the parts of observations."""
-        return {"guided": 7, "unguided": 8, "std": 4, "readings": 2 * readings, "mission": 3}
+        return {"guided": 7, "unguided": 8, "std": 4, "measurements": 2 * measurements, "mission": 3}
 
     @cached_property
     def _known_scales(self) -> list[float]:
@@ -212,16 +212,16 @@ class TurningCircle(Task):
         known = np.zeros_like(sd[..., :1]) if estimate.input_sd is None else estimate.input_sd[..., :1]
         return np.concatenate([sd, known], -1) * self._std_gains
 
-    def observe_readings(
-        self, sensors: Sensors, readings: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
+    def observe_measurements(
+        self, sensors: Sensors, measurements: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
     ) -> np.ndarray:
         """Measurements and their mask ``(..., 2 p)``, no filter.
 
         A measured heading is shown as the error to the commanded one, on the scale of such an error.
         """
         heading = self.command(course, step)[..., :1]
-        error = wrapped(heading - readings) / self.HEADING_SCALE
-        measured = np.where([state == "psi" for state in sensors.gives], error, readings / sensors.scale)
+        error = wrapped(heading - measurements) / self.HEADING_SCALE
+        measured = np.where([state == "psi" for state in sensors.gives], error, measurements / sensors.scale)
         return np.concatenate([np.where(available, measured, 0.0), available], -1)
 
     def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:

@@ -238,7 +238,7 @@ def plane(name: str) -> tuple[str, ...]:
 
     To first order surge, heave and pitch know nothing of sway, roll and yaw; the current shows in how the vehicle
     drifts over ground; where it is in plan only position fixes show. A hundred members see chance correlations
-    between all of these, which twenty steps of other readings between two fixes would take for knowledge.
+    between all of these, which twenty steps of other measurements between two fixes would take for knowledge.
     """
     if name in _PLAN:
         return _PLAN

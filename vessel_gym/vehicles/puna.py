@@ -200,18 +200,18 @@ def _through_the_air(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
     return airspeed(state, forcing[..., 4:])[..., None]
 
 
-def _velocity(readings: np.ndarray, known: Known) -> Known:
+def _velocity(measurements: np.ndarray, known: Known) -> Known:
     """Velocity over ground from speed and course of a GNSS."""
-    speed, course = readings[..., 3], readings[..., 4]
+    speed, course = measurements[..., 3], measurements[..., 4]
     return {"ground speed": speed, "course": course, "north": speed * np.cos(course), "east": speed * np.sin(course)}
 
 
-def _along(readings: np.ndarray, known: Known) -> Known:
+def _along(measurements: np.ndarray, known: Known) -> Known:
     """Difference of airspeed and ground speed, taken for a wind along the course."""
     if "ground speed" not in known:
         return {}
     speed, course = known["ground speed"], known["course"]
-    fast, climb = np.clip(readings[..., 0], 0.0, 1e3), np.clip(known["climb"], -1e3, 1e3)
+    fast, climb = np.clip(measurements[..., 0], 0.0, 1e3), np.clip(known["climb"], -1e3, 1e3)
     along = speed - np.sqrt(np.maximum(fast**2 - climb**2, 0.0))
     return {"mean wind north": along * np.cos(course), "mean wind east": along * np.sin(course)}
 

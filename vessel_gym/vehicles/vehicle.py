@@ -62,7 +62,7 @@ class Vehicle(Protocol):
 
     @property
     def sensors(self) -> tuple[Sensor, ...]:
-        """Its sensors, in their nominal quality, in the order of the readings."""
+        """Its sensors, in their nominal quality, in the order of the measurements."""
 
     @property
     def normals(self) -> int:

@@ -25,8 +25,8 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
     """An environment whose agent sees what a filter believes.
 
     The environment goes on as it is, and so do its rewards and ends, which are about the truth. Sensors read its state,
-    with noise; a filter is told these readings and the actions, and nothing else; the observation is made of what it
-    believes. So an agent that was trained on the truth flies unchanged, and one that is trained here learns to live
+    with noise. A filter gets these measurements and the actions, and nothing else. The observation is made of its
+    belief. So an agent that was trained on the truth flies unchanged, and one that is trained here learns to live
     with an estimate.
 
     ::
@@ -44,7 +44,7 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
     Args:
         env: Any environment whose observations are numbers, or dictionaries of such.
         model: What the filter knows of it: a `LinearModel` or `NonlinearModel` of one step, of your own or from
-            `simulator` or `identify`. R says how well its readings are read.
+            `simulator` or `identify`. R says how well its measurements are read.
         prior: What is known of the state at the start; None: how copies of the environment begin.
         state: The true state ``(n,)``, a function of (env, observation); None: the observation itself. Nobody but the
             sensors, the oracle and ``info`` gets it.
@@ -54,14 +54,14 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         known_input: What the filter is told of an action, a function of it; None: the action as numbers, within
             the bounds of its space.
         estimator: Name of a filter, "truth", "dead-reckoning", or a function of the model that returns a filter.
-        estimator_options: Its options; ``late``: what is done with readings that come late, "fused" (where they
+        estimator_options: Its options; ``late``: what is done with measurements that come late, "fused" (where they
             belong), "as new" or "discarded"; and ``monitor``: what watches it for faults of sensors, see
             `vessel_gym.estimation.monitor_of`.
         sensors: "clean", "nominal" or "degraded", or a list of `Sensor` objects that read ``(state, known input)``,
             whose noise then takes the place of the model's R; a step is the unit of time.
         observe: "mean"; "mean+std": with the deviations of the states behind, or as ``std`` in a dictionary; either
-            with "+alarms": 1 for each sensor that the monitor accuses, likewise; or "measurement": the readings and the
-            mask of those that arrived, and what passes.
+            with "+alarms": 1 for each sensor that the monitor accuses, likewise; or "measurement": the measurements,
+            the mask of those that arrived, and what passes.
         sensor_faults: What goes wrong with the sensors, and when, in steps: `SensorFault` objects.
 
     Raises:

@@ -15,7 +15,7 @@ from estimators.checks import numbers, shown
 from estimators.models import inspected
 from estimators.randomness import word
 from vessel_gym import checks
-from vessel_gym.arrivals import Readings
+from vessel_gym.arrivals import Measurements
 from vessel_gym.configuration import OBSERVE, alarming
 from vessel_gym.estimation import LATE, DeadReckoning, Estimation, EstimatorChoice, Oracle, monitor_of
 from vessel_gym.foreign import Copying, copied, repeated
@@ -37,8 +37,8 @@ class Watch:
         model: What the filter knows of it.
         prior: What is known of the state at the start.
         estimator: Name, or a function of the model that returns a filter.
-        options: The filter's own, and ``late``: what is done with late readings, one of `vessel_gym.estimation.LATE`;
-            and ``monitor``: what watches it, see `vessel_gym.estimation.monitor_of`.
+        options: The filter's own, and ``late``: what is done with late measurements, one of
+            `vessel_gym.estimation.LATE`; and ``monitor``: what watches it, see `vessel_gym.estimation.monitor_of`.
         sensors: Name of a suite, or sensors of one's own.
         sensor_faults: What goes wrong with them, and when.
         observe: One of `vessel_gym.configuration.OBSERVE`.
@@ -126,10 +126,10 @@ class Watch:
         if some:
             self._restart(begun)
             u = np.where(begun[:, None], self._still, u)
-        readings = self._measured(u, None)
-        self.loop.estimate(self._for_filter(readings, self.truth), u, self.steps)
+        measurements = self._measured(u, None)
+        self.loop.estimate(self._for_filter(measurements, self.truth), u, self.steps)
         if some:
-            self._start(begun, (readings[0][begun], readings[1][begun]))
+            self._start(begun, (measurements[0][begun], measurements[1][begun]))
 
     def _restart(self, rows: np.ndarray) -> None:
         """Count the next episode of the rows of a mask ``(B,)``, and derive its random keys."""
@@ -140,24 +140,24 @@ class Watch:
         keys = Numbers(episode.keys[:, None]).of(self._parts).keys
         self.loop.restart(chosen, keys[:, :-1], keys[:, -1])
 
-    def _measured(self, u: np.ndarray, rows: np.ndarray | None) -> Readings:
+    def _measured(self, u: np.ndarray, rows: np.ndarray | None) -> Measurements:
         """Measurements delivered to rows (None: all) in their present states, by known inputs ``(B, m)`` of all."""
         chosen: Any = slice(None) if rows is None else rows
         x, u, steps, keys = self.truth[chosen], u[chosen], self.steps[chosen], self.loop.sensing(rows)
         if self._suite:
             measurement = self.model.measurement
             exact = (inspected(measurement, x, u) or Copying(measurement))(x, u)
-            readings = self.sensors.corrupted(exact, self.sensors.sd, steps, keys)
+            measurements = self.sensors.corrupted(exact, self.sensors.sd, steps, keys)
         else:
-            readings = self.sensors.read(x, u, np.zeros((len(x), 0)), steps, keys)
-        return self.loop.receive(readings, steps, rows)
+            measurements = self.sensors.read(x, u, np.zeros((len(x), 0)), steps, keys)
+        return self.loop.receive(measurements, steps, rows)
 
-    def _start(self, rows: np.ndarray, readings: Readings) -> None:
+    def _start(self, rows: np.ndarray, measurements: Measurements) -> None:
         """Beliefs of the rows of a mask ``(B,)`` after their first measurements."""
-        count = len(readings[0])
+        count = len(measurements[0])
         prior = self.prior.about(np.broadcast_to(self.prior.mean, (count, self.n)))
-        readings = self._for_filter(readings, self.truth[rows])
-        self.loop.begin(None if count == self.rows else rows, prior, readings, self._still[:count])
+        measurements = self._for_filter(measurements, self.truth[rows])
+        self.loop.begin(None if count == self.rows else rows, prior, measurements, self._still[:count])
 
     def observe(self, seen: Any) -> Any:
         """Observations ``(B, ...)`` where the environment itself shows ``seen``."""
@@ -182,7 +182,7 @@ class Watch:
 
     def info(self) -> dict[str, np.ndarray]:
         """Copies of what happened, one row an environment."""
-        belief, (y, available) = self.loop.belief, self.loop.readings
+        belief, (y, available) = self.loop.belief, self.loop.measurements
         happened = {
             "truth": self.truth, "estimate": belief.mean, "covariance": belief.cov, "measurement": y,
             "available": available, "healthy": belief.healthy,
@@ -215,12 +215,12 @@ class Watch:
         return u
 
     def _read(self, seen: Any) -> Any:
-        """Readings, the mask of those that arrived, and what passes."""
-        readings = np.concatenate(self.loop.readings, -1).astype(np.float32)
+        """Measurements, the mask of those that arrived, and what passes."""
+        measurements = np.concatenate(self.loop.measurements, -1).astype(np.float32)
         if isinstance(self.own, Dict):
-            return {"measurement": readings, **{key: seen[key] for key in self._passes}}
+            return {"measurement": measurements, **{key: seen[key] for key in self._passes}}
         whole = np.asarray(seen, np.float32).reshape(self.rows, -1)
-        return np.concatenate([readings, whole[:, list(self._passes)]], -1)
+        return np.concatenate([measurements, whole[:, list(self._passes)]], -1)
 
     # --- inside -------------------------------------------------------------------------------------
 
@@ -240,9 +240,9 @@ class Watch:
                     "joined by np.stack(..., -1)"
                 )
 
-    def _for_filter(self, readings: Readings, state: np.ndarray) -> Readings:
+    def _for_filter(self, measurements: Measurements, state: np.ndarray) -> Measurements:
         """Measurements for the filter; the oracle alone gets the truth."""
-        return (state, np.ones(state.shape, bool)) if self.loop.tells_truth else readings
+        return (state, np.ones(state.shape, bool)) if self.loop.tells_truth else measurements
 
     def _checked(self, state: Any) -> np.ndarray:
         array = numbers(state)
@@ -381,7 +381,9 @@ def _sensors(
             raise ValueError("sensors read with independent noise: give the model a diagonal R, or sensors of your own")
         sd, reads = np.sqrt(np.diagonal(R)), np.shape(model.measurement(x, u))
         if reads != sd.shape:
-            raise ValueError(f"the model's R is for {len(sd)} readings, its measurement gives shape {reads} of a state")
+            raise ValueError(
+                f"the model's R is for {len(sd)} measurements, its measurement gives shape {reads} of a state"
+            )
         sensors = suite.of(
             [Sensor(f"y{i}", (f"y{i}",), partial(_channel, model, i), (float(one),)) for i, one in enumerate(sd)]
         )

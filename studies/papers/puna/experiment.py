@@ -21,7 +21,7 @@ PLANE = PlanarPuna()
 QUANTITIES = {"γ": "rad", "v": "m/s", "x": "m", "h": "m"}
 MEASURED = {"all": "every state", "x": "x alone"}
 CONTROLS = ("constant", "varying")
-READINGS = {
+INTERPRETATIONS = {
     "from the x axis": (0.0, 1.0),
     "from the y axis, clockwise": (np.pi / 2, -1.0),
     "from the y axis, counter-clockwise": (np.pi / 2, 1.0),
@@ -55,9 +55,9 @@ def jobs(settings: Mapping[str, Any]) -> dict[str, Job]:
 # --- paths ------------------------------------------------------------------------------------------
 
 
-def poses(case: Mapping[str, Any], reading: str) -> tuple[np.ndarray, np.ndarray]:
-    """Start and goal ``(3,)`` of a printed case, its headings interpreted in one of the `READINGS`."""
-    offset, sign = READINGS[reading]
+def poses(case: Mapping[str, Any], interpretation: str) -> tuple[np.ndarray, np.ndarray]:
+    """Start and goal ``(3,)`` of a printed case, its headings interpreted in one of the `INTERPRETATIONS`."""
+    offset, sign = INTERPRETATIONS[interpretation]
     start, goal = (
         np.array([*case[end], offset + sign * np.deg2rad(heading)])
         for end, heading in zip(("start", "goal"), case["headings"], strict=True)
@@ -98,22 +98,22 @@ def final_y(start_y: float, heading: float, radius: float) -> float:
 
 
 def open_case(paths: Mapping[str, Any]) -> dict[str, Any]:
-    """The case without an obstacle: every word's length and track under every reading, and the paper's minimum."""
+    """The case without an obstacle: each word's length and track by interpretation, and the paper's minimum."""
     from scipy.optimize import minimize_scalar
 
     case, radius = paths["open"], paths["radius"]
-    by_reading = {reading: poses(case, reading) for reading in READINGS}
-    start, goal = by_reading["from the y axis, clockwise"]
+    by_interpretation = {interpretation: poses(case, interpretation) for interpretation in INTERPRETATIONS}
+    start, goal = by_interpretation["from the y axis, clockwise"]
 
     def rsl(y: float) -> float:
         return float(lengths(start, np.array([goal[0], y, goal[2]]), radius)[WORDS.index("RSL")])
 
     least = minimize_scalar(rsl, bounds=(0.0, 500.0), method="bounded", options={"xatol": 1e-6})
     return {
-        "lengths": {reading: candidates(*ends, radius) for reading, ends in by_reading.items()},
+        "lengths": {interpretation: candidates(*ends, radius) for interpretation, ends in by_interpretation.items()},
         "tracks": {
-            reading: {word: _track(word_path(*ends, radius, word)) for word in candidates(*ends, radius)}
-            for reading, ends in by_reading.items()
+            interpretation: {word: _track(word_path(*ends, radius, word)) for word in candidates(*ends, radius)}
+            for interpretation, ends in by_interpretation.items()
         },
         "final y": final_y(case["start"][1], np.deg2rad(case["headings"][0]), radius),
         "least RSL": {"y": least.x, "length": least.fun},
@@ -129,7 +129,7 @@ def obstacle_case(paths: Mapping[str, Any]) -> dict[str, Any]:
     whole, detour = shortest(start, goal, radius), plan(start, goal, radius, obstacle)
     strings = {f"S{turn}S": string(case["start"], case["goal"], paths["obstacle"], turn) for turn in "RL"}
     kinks = {word: path.segments[[0, -1], 2] - whole.segments[1, 2] for word, path in strings.items()}
-    posed = {reading: shortest(*poses(case, reading), radius) for reading in READINGS}
+    posed = {interpretation: shortest(*poses(case, interpretation), radius) for interpretation in INTERPRETATIONS}
     return {
         "goal y": goal[1],
         "word": whole.word,
@@ -140,8 +140,8 @@ def obstacle_case(paths: Mapping[str, Any]) -> dict[str, Any]:
         "kinks": {word: np.rad2deg(np.abs(wrap(each))) for word, each in kinks.items()},
         "detour": detour.length,
         "as poses": {
-            reading: {"word": path.word, "length": path.length, "clearance": approach(path, obstacle[:, :2])[0]}
-            for reading, path in posed.items()
+            interpretation: {"word": path.word, "length": path.length, "clearance": approach(path, obstacle[:, :2])[0]}
+            for interpretation, path in posed.items()
         },
         "bank": bank(paths["speed"], paths["obstacle"][2]),
         "tracks": {"whole": _track(whole), "detour": _track(detour)}

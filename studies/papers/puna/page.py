@@ -32,7 +32,7 @@ def report(settings: Mapping[str, Any], results: Results) -> Report:
     )
     ranked = [_search(results, each).mean(0) for each in (*search.best(5), search.believed, search.first)]
     opened, obstructed = results["open"], results["obstructed"]
-    shortest = {reading: min(found, key=found.get) for reading, found in opened["lengths"].items()}
+    shortest = {interpretation: min(found, key=found.get) for interpretation, found in opened["lengths"].items()}
     all_, alone = (_rmse(results, "flight", "constant", measured) for measured in MEASURED)
     gains = {
         q: _ratio(alone[members.index(300), :, i], all_[members.index(300), :, i]) for i, q in enumerate(QUANTITIES)
@@ -51,7 +51,7 @@ def report(settings: Mapping[str, Any], results: Results) -> Report:
     page, opening = fill(
         Path(__file__).parent, tables, figures, settings=settings, open=opened, obstructed=obstructed, search=search,
         trim=controls("constant", 1, 0.0, 1.0)[0], shortest=shortest, plane=PLANE,
-        agree=[reading for reading, word in shortest.items() if word == paths["open"]["word"]],
+        agree=[interpretation for interpretation, word in shortest.items() if word == paths["open"]["word"]],
         gains={q: f"{g.mean:.2f} [{g.low:.2f}, {g.high:.2f}]" for q, g in gains.items()}, falls=falls(change),
         least=min(g.mean for g in gains.values()), better=all(g.low > 1.0 for g in gains.values()),
         best={c: _best(settings, results, c) for c in CONTROLS}, change=percent(change),
@@ -121,7 +121,7 @@ def _words(opened: Mapping[str, Any]) -> Table:
                 for each in found.values()])
         for word in WORDS
     ]  # fmt: skip
-    return Table("", "", "word", [(reading, "m") for reading in found], [("", rows_)], "words")
+    return Table("", "", "word", [(interpretation, "m") for interpretation in found], [("", rows_)], "words")
 
 
 def _ways(paths: Mapping[str, Any], found: Mapping[str, Any]) -> Table:
@@ -138,25 +138,25 @@ def _ways(paths: Mapping[str, Any], found: Mapping[str, Any]) -> Table:
     lines.append((f"{found['word']} from (−500, 100), through the obstacle", way(found["length"], found["clearance"])))
     lines.append(("our plan from there, round it", way(found["detour"], radius)))
     lines += [
-        (f"{each['word']}, printed points as poses, headings {reading}", way(each["length"], each["clearance"]))
-        for reading, each in found["as poses"].items()
+        (f"{each['word']}, printed points as poses, headings {interpretation}", way(each["length"], each["clearance"]))
+        for interpretation, each in found["as poses"].items()
     ]
     head = [("length", "m"), ("passes the centre at", "m"), ("kinks", "deg"), ("bank", "deg")]
     return Table("", "", "way", head, [("", lines)], "obstacle")
 
 
 def _paths(paths: Mapping[str, Any], opened: Mapping[str, Any], obstructed: Mapping[str, Any]) -> str:
-    """The case without an obstacle in two readings of its headings, and the case with one."""
+    """The case without an obstacle in two interpretations of its headings, and the case with one."""
     row, word = [], paths["open"]["word"]
-    for reading in ("from the x axis", "from the y axis, clockwise"):
-        lengths, curves = opened["lengths"][reading], []
+    for interpretation in ("from the x axis", "from the y axis, clockwise"):
+        lengths, curves = opened["lengths"][interpretation], []
         best = min(lengths, key=lengths.get)
-        for name, track in opened["tracks"][reading].items():
+        for name, track in opened["tracks"][interpretation].items():
             color = TRUE if name == best else PUBLISHED if name == word else RAW
             label = f"{name}, shortest" if name == best else name if name == word else ""
             x, y = np.transpose(track)
             curves.append(Curve(x, y, label, color, options={"linewidth": 1.8 if name == best else 0.8}))
-        row.append(Panel(curves, "x [m]", "y [m]", f"headings {reading}", equal=True))
+        row.append(Panel(curves, "x [m]", "y [m]", f"headings {interpretation}", equal=True))
     x, y, radius = paths["obstacle"]
     angle = np.linspace(0.0, 2.0 * np.pi, 100)
     looks = {"whole": (obstructed["word"], RAW), "detour": ("our plan", TRUE), "SRS": ("string SRS", PUBLISHED),

@@ -68,7 +68,7 @@ def test_every_policy_flies_every_estimator_and_is_trained_once_in_the_first_con
     assert steps == {(CORVETTE, 1000), (SEGOROGENI, None)}
 
 
-def test_an_agent_on_raw_readings_sees_no_estimator_in_training_or_flight(planned):
+def test_an_agent_on_raw_measurements_sees_no_estimator_in_training_or_flight(planned):
     raw = flights(planned, agent="LSTM")
     assert {(f.trained_on, f.flown_on) for f in raw} == {(RAW, RAW)}
     for flight in raw:

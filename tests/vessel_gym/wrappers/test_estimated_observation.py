@@ -182,7 +182,7 @@ def _flown(env: gym.Env, steps: int = 40, seed: int = 5) -> list[dict[str, Any]]
     return flown
 
 
-def test_readings_are_the_same_under_every_estimator_in_all_episodes():
+def test_measurements_are_the_same_under_every_estimator_in_all_episodes():
     flights = [
         _flown(cart_pole(estimator=name, sensors="degraded")) for name in ("truth", "ekf", "enkf", "dead-reckoning")
     ]
@@ -207,8 +207,8 @@ class Elsewhere(Linear):
 @pytest.mark.parametrize("observe", ["mean", "mean+std", "measurement"])
 @pytest.mark.parametrize("estimator", ["ekf", "enkf", "dead-reckoning"])
 @pytest.mark.parametrize("leaks", [False, True])
-def test_another_truth_under_the_same_readings_changes_no_observation(observe: str, estimator: str, leaks: bool):
-    """The environment shows itself elsewhere, and is there; readings stay. An agent that is shown it would know."""
+def test_another_truth_under_the_same_measurements_changes_no_observation(observe: str, estimator: str, leaks: bool):
+    """The environment shows itself elsewhere, and is there; measurements stay. An agent that is shown it would know."""
 
     class Leaky(EstimatedObservation):
         def _observed(self, seen):
@@ -216,8 +216,8 @@ def test_another_truth_under_the_same_readings_changes_no_observation(observe: s
 
     flights = []
     for world in (Linear(), Elsewhere()):
-        readings = np.random.default_rng(1).normal(size=41)
-        told = Sensor("told", ("y",), lambda x, u, r=readings: np.full((*x.shape[:-1], 1), r[0]), (0.1,))
+        measurements = np.random.default_rng(1).normal(size=41)
+        told = Sensor("told", ("y",), lambda x, u, r=measurements: np.full((*x.shape[:-1], 1), r[0]), (0.1,))
         kind = Leaky if leaks else EstimatedObservation
         env = kind(world, LINEAR, LINEAR_PRIOR, estimator=estimator, sensors=[told], observe=observe)
         flights.append(_flown(env))
@@ -492,8 +492,8 @@ def _positions(latency: float, jitter: float = 0.0) -> list[Sensor]:
 
 
 @pytest.mark.parametrize("estimator", ["ekf", "enkf", "huber-kf"])
-def test_readings_that_come_late_are_fused_where_they_belong(estimator: str):
-    """When the last has come, the belief is that of the readings in time; rows of a batch are as single ones."""
+def test_measurements_that_come_late_are_fused_where_they_belong(estimator: str):
+    """When the last has come, the belief is that of the measurements in time; rows of a batch are as single ones."""
     options = {"members": 20} if estimator == "enkf" else {}
     given = {"estimator": estimator, "estimator_options": options}
     late, timely = (cart_pole(sensors=_positions(*delay), **given) for delay in ((3.0, 2.0), (0.0, 0.0)))
@@ -510,7 +510,7 @@ def test_readings_that_come_late_are_fused_where_they_belong(estimator: str):
     assert step.available.all()
 
 
-def test_what_is_done_with_late_readings_is_said_and_counted():
+def test_what_is_done_with_late_measurements_is_said_and_counted():
     errors = {}
     for how in ("fused", "as new", "discarded"):
         env = pendulum(
@@ -556,7 +556,7 @@ def test_gymnasiums_and_stable_baselines_checkers_pass(name: str, observe: str):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     if name not in GOALS:
         checker.check_env(built(name, observe=observe), warn=False)
-    elif observe != "measurement":  # which has no achieved goal: none of its readings is one
+    elif observe != "measurement":  # which has no achieved goal: none of its measurements is one
         checker.check_env(built(name, observe=observe, estimator="truth"), warn=False)
 
 
@@ -689,7 +689,7 @@ def _regulator() -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_gains_of_filter_and_regulator_are_those_of_python_control():
-    """The filter's is read off what a reading moves, when its covariance has settled."""
+    """The filter's is read off what a measurement moves, when its covariance has settled."""
     control = pytest.importorskip("control")
     filter = EstimatedObservation(Linear(), LINEAR, LINEAR_PRIOR, estimator="kf").watch.filter
     belief = filter.init(LINEAR_PRIOR)
@@ -824,7 +824,7 @@ GIVEN = {
         ({"observation": lambda x: [np.nan, 0.0, 0.0]}, ValueError, "observation gave NaN of the state"),
         ({"observation": lambda x: [0.0, [0.0, 1.0]]}, ValueError, r"wants \(3,\) numbers, the estimate gives \["),
         ({"model": NonlinearModel(_identity, _first, np.eye(2), np.eye(2))}, ValueError,
-         r"the model's R is for 2 readings, its measurement gives shape \(1,\) of a state"),
+         r"the model's R is for 2 measurements, its measurement gives shape \(1,\) of a state"),
         ({"observation": None}, ValueError, "give observation=, a function of the state"),
         ({"observation": lambda x: np.zeros(2)}, ValueError, r"wants \(3,\) numbers, the estimate gives shape \(2,\)"),
         ({"model": NonlinearModel(lambda x, u: np.array([x[0], x[1]]), _first, np.eye(2), [[1.0]])}, ValueError,
@@ -955,7 +955,7 @@ def test_a_filter_of_ones_own_is_in_the_loop_too():
         def _predict(self, belief, u, rng):
             return belief.replace(u=u)
 
-        def _update(self, belief, reading, rng):
+        def _update(self, belief, measurement, rng):
             return belief
 
     env = EstimatedObservation(Linear(), LINEAR, LINEAR_PRIOR, estimator=Still)

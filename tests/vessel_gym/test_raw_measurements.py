@@ -1,4 +1,4 @@
-"""Raw readings: an episode that nothing enters that an estimator believes."""
+"""Raw measurements: an episode that nothing enters that an estimator believes."""
 
 from typing import Any
 
@@ -107,17 +107,17 @@ class Vandal(Filter):
             u[...] = 7.0
         return belief.replace(mean=np.full_like(belief.mean, np.nan))
 
-    def _update(self, belief: Belief, reading: Any, rng: Any) -> Belief:
+    def _update(self, belief: Belief, measurement: Any, rng: Any) -> Belief:
         if not self.flies:
             return belief
-        reading.available[...] = False
+        measurement.available[...] = False
         return belief.replace(mean=np.full_like(belief.mean, 1e300), cov=-belief.cov)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", list(AutoresetMode))
 @every_environment
-def test_an_estimator_of_ones_own_cannot_spoil_an_episode_of_raw_readings(env_id: str, mode: AutoresetMode):
+def test_an_estimator_of_ones_own_cannot_spoil_an_episode_of_raw_measurements(env_id: str, mode: AutoresetMode):
     def trial(estimator: Any) -> list[Any]:
         env = make_batch(env_id, 3, observe="measurement", sensors="degraded", estimator=estimator,
                          autoreset_mode=mode, max_episode_steps=12)  # fmt: skip
@@ -164,8 +164,8 @@ def seen_with_perfect_knowledge(core: Core) -> np.ndarray:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("env_id", GOALS)
-def test_who_knows_the_truth_arrives_in_every_episode_on_hidden_held_readings(env_id: str):
-    """With the end decided by held readings, 7 of 48 Segorogeni dives, 8 of 48 ITSUNUSA dives and 23 flights did."""
+def test_who_knows_the_truth_arrives_in_every_episode_on_hidden_held_measurements(env_id: str):
+    """Ended by held measurements, 7 of 48 Segorogeni dives, 8 of 48 ITSUNUSA dives and 23 flights did."""
     core = make_core(env_id, 48, observe="measurement", estimator="measurement")
     controller = load_agent("autopilot", gym.make(env_id))
     core.reset()
