@@ -225,13 +225,13 @@ class _Reader(TomlReader):
         reasons = []
         for world in worlds:
             name = system_of(world).estimator if estimator.estimator == DEFAULT else estimator.estimator
-            bare = refusal(world, {"estimator": name})
-            if bare is not None:
-                reasons.append(str(bare))
-            elif estimator.options:
-                error = refusal(world, {"estimator": name, "estimator_options": estimator.options})
-                if error is not None:
-                    self.wrong((*place, "options"), f"{world} refuses the options of {estimator.name}: {error}")
+            error = refusal(world, {"estimator": name, "estimator_options": estimator.options})
+            if error is None:
+                continue
+            if estimator.options and refusal(world, {"estimator": name}) is None:
+                self.wrong((*place, "options"), f"{world} refuses the options of {estimator.name}: {error}")
+            else:
+                reasons.append(str(error))
         if worlds and len(reasons) == len(worlds):
             self.wrong(place, f"no environment of the study can carry {estimator.name}: {reasons[0]}")
 

@@ -249,7 +249,7 @@ def test_a_folder_whose_package_cannot_be_imported_is_one_sentence(tmp_path: Pat
 
 
 def test_flights_import_nothing_of_this_project_by_themselves():
-    source = (HERE / "scripts" / "flights.py").read_text(encoding="utf-8")
+    source = (HERE / "studies" / "speed" / "flights.py").read_text(encoding="utf-8")
     ours_ = re.findall(r"(?:from|import) (?:vessel_gym|estimators|agents|scripts)\S*", source)
     assert ours_ == ["import vessel_gym"]
 

@@ -503,7 +503,7 @@ def test_a_delay_that_is_none_is_refused_in_a_sentence(field: str):
     sensor = Sensor("log", ("u",), plain((0,)), (0.1,))
     for wrong in (-0.1, np.nan, np.inf, "1", None, True):
         message = refusal(ValueError, replace, sensor, **{field: wrong})
-        assert message == f"{field} of log must be 0 s or more, got {wrong!r}"
+        assert message == f"{field} of log must be a number of at least 0, got {wrong!r}"
     for wrong in (0.25, 0.101):
         message = refusal(ValueError, Sensors, [replace(sensor, **{field: wrong})], ("u",), (), 0.1)
         assert message.startswith(f"{field} of log is {wrong:g} s, which is no whole number of steps of 0.1 s")

@@ -199,6 +199,7 @@ def _around(start: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarra
         segments = chained(start[rest], padded[..., 0] / radius, padded[..., 1] * radius)
         better = sound(segments, goal[rest], radius, discs[rest]) & (padded[..., 1] > 0.0).any(-1)
         found = np.concatenate([found, np.zeros((len(found), max(most - found.shape[1], 0), 5))], 1)
+        segments[np.arange(most) >= np.array(list(map(len, pieces)))[:, None]] = 0.0  # as a scene alone has them
         found[rest[better]], found[rest[better], :most] = 0.0, segments[better]
         length[rest[better]] = segments[better, :, 4].cumsum(-1)[:, -1]
         rest = rest[~(length <= _NEAR * np.minimum(np.maximum(bound, direct), length))[rest]]
