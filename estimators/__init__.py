@@ -13,7 +13,7 @@ The last axis holds the components of a vector, every leading axis is a batch::
 
 from estimators.adaptive import AdaptiveBelief, AdaptiveKalmanFilter
 from estimators.angles import wrap
-from estimators.augmentation import retimed, stacked
+from estimators.augmentation import input_delayed, stacked
 from estimators.belief import Belief, DelayedInputBelief, EnsembleBelief, FeedthroughBelief, InputBelief, Recovery
 from estimators.check import check_filter
 from estimators.delayed import Delayed, DelayedBelief, by_age
@@ -128,11 +128,11 @@ __all__ = [
     "forward_euler",
     "gaspari_cohn",
     "input_conditions",
+    "input_delayed",
     "make",
     "names",
     "nees",
     "nis",
-    "retimed",
     "rmse",
     "run",
     "sampled",

@@ -12,7 +12,7 @@ from estimators.models import LinearModel, NonlinearModel
 from estimators.varying import Matrix, Schedule, resolve
 
 
-def retimed(model: "LinearModel") -> "LinearModel":
+def input_delayed(model: "LinearModel") -> "LinearModel":
     """The linear model without feedthrough as one with: the input of the step before is taken for that of now.
 
     With ``x' = x - G d(k-1)`` and ``d' = d(k-1)``: ``x'+ = A x' + A G d' + B u``, ``y = C x' + C G d'``. So a filter
@@ -27,7 +27,7 @@ def retimed(model: "LinearModel") -> "LinearModel":
     """
     G: Any = model.G
     if model.q == 0 or callable(model.H) or np.any(model.H):
-        raise ValueError("retimed needs an unknown input without feedthrough: give the model G, and H = 0")
+        raise ValueError("input_delayed needs an unknown input without feedthrough: give the model G, and H = 0")
     return LinearModel(
         model.A, model.C, model.Q, model.R, B=model.B,
         G=_assembled(lambda A, G: A @ G, model.A, G), H=_assembled(lambda C, G: C @ G, model.C, G),

@@ -48,7 +48,7 @@ _FEW = 16
 
 
 class DrawingFilter(Filter[Record], verified=True):
-    """What filters share that draw random numbers."""
+    """Base of filters that draw random numbers."""
 
     random = True
 
@@ -74,7 +74,7 @@ class DrawingFilter(Filter[Record], verified=True):
 
 
 class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
-    """What the ensemble filters share: members, their prediction, the moments, inflation and localisation.
+    """Base of ensemble filters: members, their prediction, the moments, inflation and localisation.
 
     Random numbers: the members of ``init`` and the process noise of ``predict`` are drawn and centred, so that they
     move the ensemble's mean by nothing: the mean follows the model, and the covariance is right in expectation. Process

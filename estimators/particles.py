@@ -202,7 +202,7 @@ class ParticleFilter(DrawingFilter[ParticleBelief], verified=True):
 
 
 def systematic(weights: np.ndarray, offset: np.ndarray) -> np.ndarray:
-    """Which particles ``(..., N)``, in order, a systematic resampling keeps: one for each of ``(j + offset) / N``.
+    """Indices ``(..., N)`` of the particles that a systematic resampling keeps: one for each ``(j + offset) / N``.
 
     Particle i is chosen ``N w_i`` times, rounded to either side, and so in expectation over the offset.
 

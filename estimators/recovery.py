@@ -168,7 +168,7 @@ _DIGITS = 1e4
 
 
 def proper(cov: np.ndarray) -> bool:
-    """Whether the first row of covariances ``(..., n, n)`` is symmetric and positive semidefinite."""
+    """Is the first row of covariances ``(..., n, n)`` symmetric and positive semidefinite?"""
     if cov.size == 0:
         return True
     first = cov[(0,) * (cov.ndim - 2)]
@@ -185,7 +185,7 @@ def evened(cov: np.ndarray) -> np.ndarray:
 
 
 def regular_noise(cov: np.ndarray) -> bool:
-    """Whether no row of a covariance ``(..., p, p)`` is singular. Where R is not, ``S = C P C' + R`` is not."""
+    """Is no row of a covariance ``(..., p, p)`` singular? Where R is not, ``S = C P C' + R`` is not."""
     return not lacks_rank(cov).any()
 
 
@@ -236,7 +236,7 @@ def unsound_rows(filter: Any, belief: Belief, updated: Belief, rows: np.ndarray)
 
 
 def positive_pivots(cov: np.ndarray) -> np.ndarray:
-    """How many pivots ``(..., 1)`` of a covariance ``(..., n, n)`` are positive, but for the rounding of its trace."""
+    """Number ``(..., 1)`` of positive pivots of a covariance ``(..., n, n)``, but for the rounding of its trace."""
     size = (_NEGATIVE * np.abs(cov.diagonal(0, -2, -1)).sum(-1) + 1e-300)[..., None, None]
     root = semidefinite_cholesky(cov + size * identity(cov.shape[-1]))
     return (1.0 * (root.diagonal(0, -2, -1) > 0.0)).sum(-1)[..., None]

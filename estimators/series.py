@@ -106,8 +106,7 @@ def run(
             The measurement gets the input at its own time, the prediction that of the measurement before.
         t: ``(T,)`` or ``(T, ...)`` times of the measurements, where steps are not all alike. The last component of the
             known input is then the length of the step, which the model follows (`sampled`; a function of u); that of a
-            measurement is the step that led to it, 0 at the first. From a belief, u and t have T + 1 entries: the first
-            is that of the belief's own measurement.
+            measurement is the step that led to it, 0 at the first. From a belief, u and t begin with its own: T + 1.
         available: ``(T, ..., p)`` mask of the measurements that arrived; None: all that are finite.
         R: ``(T, ..., p, p)`` covariance of each measurement; None: the model's.
         rng: For filters that draw numbers: a seed, `Numbers` with a key a row, or a Generator.

@@ -27,7 +27,7 @@ def shares(rows: int, threads: int, operations: int, lanes: int = 1) -> list[sli
 
 
 def each(work: Callable[[slice], Result], parts: Sequence[slice], threads: int) -> list[Result]:
-    """What ``work`` gives for each of the parts, in their order.
+    """Results of ``work`` for each of the parts, in their order.
 
     The caller is one of the threads, and does what no other has begun: a busy machine makes nobody wait.
     """

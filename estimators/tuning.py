@@ -116,8 +116,7 @@ def fit(
         rng: Seed or keys of the numbers that a filter draws.
 
     Raises:
-        ValueError: if there is no start, it is not positive, measurements have no likelihood there, or none came; or an
-            argument does not fit (see `run`).
+        ValueError: if a start is missing or not positive, has no likelihood, or an argument does not fit (see `run`).
         TypeError: if ``build`` does not take these names, or gives no filter and prior.
     """
     if objective not in _OBJECTIVES:
@@ -266,7 +265,7 @@ class _Search:
         values, *ends = map(self.values, (best, best - _QUANTILE * errors, best + _QUANTILE * errors))
         sd, intervals = np.where(self.positive, values, self.units) * errors, zip(*ends, strict=True)
         named: Any = [dict(zip(self.names, column, strict=True)) for column in (values, sd.tolist(), intervals)]
-        undetermined = tuple(self._sentence(direction, best, least) for direction in flat)
+        undetermined = tuple(self._statement(direction, best, least) for direction in flat)
         found = *named, covariance / (spread * spread[:, None]), -least, undetermined, converged, *self.built(best)
         return Fit(*found)
 
@@ -318,7 +317,7 @@ class _Search:
             hessian[i, j] = hessian[j, i] = 0.25 * (along(moves[i] + moves[j])[1] - along(moves[i] - moves[j])[1])
         return slopes / sizes, hessian / sizes / sizes[:, None]
 
-    def _sentence(self, direction: np.ndarray, best: np.ndarray, least: float) -> str:
+    def _statement(self, direction: np.ndarray, best: np.ndarray, least: float) -> str:
         """A direction without information, in words."""
         moved = np.flatnonzero(_involved(direction))
         up, names = direction * np.sign(direction[moved[0]]), [self.names[i] for i in moved]

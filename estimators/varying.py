@@ -73,7 +73,7 @@ class Schedule(Frozen):
         return replace(self, table=change(self.table))
 
     def follows(self, other: "Schedule") -> bool:
-        """Whether both tables have the same entry at every known input."""
+        """Have both tables the same entry at every known input?"""
         mine, theirs = ((len(s.table), s.component, s.scale, s.middle) for s in (self, other))
         return mine == theirs
 

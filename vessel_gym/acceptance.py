@@ -1,4 +1,4 @@
-"""What filters are refused for before anything is flown: looked at along a nominal flight.
+"""Refusals of filters before anything is flown, by their models along a nominal flight.
 
 That measurements do not tell of an unknown input; that a filter of a user's own cannot take an ordinary step.
 """

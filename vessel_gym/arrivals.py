@@ -1,4 +1,4 @@
-"""What becomes of measurements between sensors and those who use them: faults, and time."""
+"""Measurements between sensors and their users: faults and delays."""
 
 import numpy as np
 
@@ -38,12 +38,12 @@ class Faulty:
                 kept[rows, i] = earliest + later
 
     def on(self, steps: np.ndarray, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Which of them act in rows that are ``steps (rows,)`` after their start: ``(rows, faults)``."""
+        """Mask ``(rows, faults)`` of those that act in rows that are ``steps (rows,)`` after their start."""
         now = (steps * self._dt)[:, None] + _ROUNDING
         return (self._begin[rows] <= now) & (now < self._end[rows])
 
-    def spoil(self, measurements: Measurements, steps: np.ndarray, rows: np.ndarray | slice) -> Measurements:
-        """What rows that are ``steps (rows,)`` after their start read with their faults: values and mask."""
+    def faulted(self, measurements: Measurements, steps: np.ndarray, rows: np.ndarray | slice) -> Measurements:
+        """Measurements with faults of rows that are ``steps (rows,)`` after their start: values and mask."""
         y, available = measurements[0].copy(), measurements[1].copy()
         acting = self.on(steps, rows)
         for i, (fault, own) in enumerate(zip(self.each, self._own, strict=True)):
@@ -67,7 +67,7 @@ class Faulty:
     def _wrong(
         self, i: int, fault: SensorFault, read: np.ndarray, steps: np.ndarray, rows: np.ndarray | slice
     ) -> np.ndarray:
-        """What is read instead ``(rows, k)`` under the fault of this number."""
+        """Measurements ``(rows, k)`` under the fault of this number."""
         size = np.asarray(fault.size, float)
         if fault.kind == "garbage":
             return size * Numbers(self._keys[rows, i], steps).normals(read.shape[1], use=1)
@@ -99,7 +99,7 @@ class Transit:
             self._off[rows] = self._drawn(2 * self._clock, Numbers(keys), _CLOCK) - self._clock[self._owner]
 
     def carry(self, taken: Measurements, steps: np.ndarray, keys: np.ndarray, rows: np.ndarray | slice) -> Measurements:
-        """What arrives now, by the age that its time stamp gives it ``(rows, ages, p)``, with the mask.
+        """Measurements that arrive now, by the age of their time stamps ``(rows, ages, p)``, with the mask.
 
         Args:
             taken: What the sensors of these rows take now.

@@ -1,4 +1,4 @@
-"""What arguments may be, and the sentence that answers one that may not."""
+"""Checks of arguments: each says in one sentence what is wrong."""
 
 import math
 from collections.abc import Collection, Mapping

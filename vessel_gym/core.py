@@ -128,7 +128,7 @@ class Core:
         return self.now.drifting[:, self.config.world.size :]
 
     def estimated(self, truth: np.ndarray) -> np.ndarray:
-        """What the filter estimates ``(..., n)`` out of true states; NaN for what only the filter thinks there is."""
+        """Components ``(..., n)`` of true states that the filter estimates; NaN where only its model has them."""
         estimated = self.config.true_state.estimated
         state = truth[..., estimated]
         state[..., [index < 0 for index in estimated]] = np.nan
@@ -224,7 +224,7 @@ class Core:
             np.zeros_like(steps),
         )  # fmt: skip
         measurements = loop.receive(measurements or (read[0], read[1]), steps, some, measurements is not None)
-        belief = loop.begin(some, known(prior, config.composition), self._handed(measurements, now), u)
+        belief = loop.begin(some, known(prior, config.composition), self._passed(measurements, now), u)
         if self.raw is not None:
             self.raw.begin(some, known(prior, self.raw.composition), measurements, u)
         now.reference = self._reference(course, steps, belief, state)
@@ -266,7 +266,7 @@ class Core:
         self._refuse_at(now.steps, ended)
         now.actuators, u, now.state, now.drifting, now.noise, now.forcing, *read = self._moved(now)
         measurements = loop.receive(measurements or (read[0], read[1]), now.steps, None, measurements is not None)
-        loop.estimate(self._handed(measurements, now), u, now.steps)
+        loop.estimate(self._passed(measurements, now), u, now.steps)
         if self.raw is not None:
             self.raw.estimate(measurements, u, now.steps)
         now.reference, reward, now.end, now.tally, *seen = self._scored(now)
@@ -383,7 +383,7 @@ class Core:
         return {name: _only(rows, values) for name, values in happened.items()}
 
     def happened(self) -> dict[str, np.ndarray]:
-        """What happened as it is kept, one row an environment: not to be written into."""
+        """Record of the last step, one row an environment, read-only."""
         belief, unknown_input = self.loop.belief, self.unknown_input
         input_mean = belief.input_mean
         happened = {
@@ -413,7 +413,7 @@ class Core:
         for part in self.config.world.own_parts:
             part.steps, part.ended = steps, ended
 
-    def _handed(self, measurements: Measurements, now: EnvState) -> Measurements:
+    def _passed(self, measurements: Measurements, now: EnvState) -> Measurements:
         """The filter's measurements; the oracle alone, and no other, is given the truth."""
         if not self.loop.tells_truth:
             return measurements

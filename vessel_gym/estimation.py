@@ -176,7 +176,7 @@ EstimatorChoice = str | Callable[..., Filter]
 
 @dataclass(frozen=True)
 class Told:
-    """What a filter is told of the world, where that differs from how it is: ``estimator_options={"told": {...}}``.
+    """Assumptions of a filter that differ from the world: ``estimator_options={"told": {...}}``.
 
     Attributes:
         disturbance: What acts, by name or as an object; None: what does.
@@ -272,16 +272,14 @@ def build(
         system: The environment's system.
         estimator: One of `estimator_names`, or a function of the model (and options) that returns a filter.
         options: The filter's own options, over the system's tuning; ``model`` chooses the kind of the filter's model,
-            ``told`` what it is told (see `Told`), ``late`` what is done with late measurements (one of `LATE`),
-            ``monitor`` what watches it (see `monitor_of`); the oracle knows better.
+            ``told`` its assumptions (`Told`), ``late`` one of `LATE`, ``monitor`` as in `monitor_of`.
         sensors: The sensors, which the filter knows.
         disturbance: What acts.
         num_threads: Threads that share the filter's rows.
 
     Raises:
         ValueError: for an unknown name or way with late measurements, or a filter that cannot work with the model.
-        TypeError: for an option that the filter does not have, options that are no dictionary, an object that is
-            neither a name nor a function, or a function that returns no filter.
+        TypeError: for an unknown option, options that are no dictionary, or a function that returns no filter.
     """
     options = checks.options("estimator_options", options)
     own = _is_own(estimator)
@@ -331,7 +329,7 @@ def _is_own(estimator: object) -> bool:
 
 
 def monitor_of(choice: object, sensors: Sensors, filter: Filter) -> FaultMonitor | None:
-    """What watches a filter for faults of its sensors.
+    """Monitor of a filter for faults of its sensors.
 
     Args:
         choice: One of `MONITORS`; a dictionary of its ``kind`` and its options; a `FaultMonitor` class, or any function
@@ -417,7 +415,7 @@ def accepted(system: System, sensors: Sensors, disturbance: Disturbance) -> tupl
 
 
 def _composed(system: System, kind: object, told: Told, sensors: Sensors, disturbance: Disturbance) -> Composition:
-    """What a filter is told, as a model of a kind."""
+    """Compose a filter's model of a kind under its assumptions."""
     if not isinstance(kind, str):
         raise TypeError(f"model must be the name of a filter model, such as {system.filter_model!r}, got {shown(kind)}")
     if kind not in system.vehicle.kinds:

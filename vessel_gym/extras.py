@@ -1,4 +1,4 @@
-"""What is installed on request only, and the line that installs it."""
+"""Modules that are installed on request only, and the line that installs each."""
 
 from importlib.util import find_spec
 
@@ -23,7 +23,7 @@ def require(*modules: str) -> None:
 
 
 def missing(module: str | None) -> str | None:
-    """What to say of a module that is not installed; None if no extra brings it."""
+    """Sentence about a module that is not installed; None if no extra brings it."""
     name = (module or "").partition(".")[0]
     for extra, modules in EXTRAS.items():
         if name in modules:

@@ -40,7 +40,7 @@ class Copying:
         self.function = function
 
     def __call__(self, *arguments: Any) -> Any:
-        """What the function gives."""
+        """Results of the function."""
         return self.function(*map(copied, arguments))
 
 
@@ -239,7 +239,7 @@ def read(functions: Sequence[Callable[..., Any]]) -> list[Dependencies]:
 
 
 def _misfit(found: list[tuple[int, ...]], shapes: list[tuple[int | None, ...]]) -> str:
-    """What is wrong with shapes of results of a row; None in those that are expected is any number."""
+    """Sentence about shapes of results of a row that are wrong; None in the expected ones is any number."""
     fit = [len(own) for own in found] == [len(own) for own in shapes] and all(
         n in (None, m) for own, expected in zip(found, shapes, strict=True) for m, n in zip(own, expected, strict=True)
     )

@@ -1,4 +1,4 @@
-"""What senses and estimates for many rows at once: the half of an environment that knows no truth and no task."""
+"""Sensing and estimation of many rows: the half of an environment that knows no truth and no task."""
 
 from operator import attrgetter
 from typing import Any, cast
@@ -69,7 +69,7 @@ class Loop:
     def receive(
         self, measurements: Measurements, steps: np.ndarray, rows: np.ndarray | None, injected: bool = False
     ) -> Measurements:
-        """What comes to rows (None: all) that are ``steps`` after their start, and have just read this.
+        """Measurements delivered to rows (None: all) that are ``steps`` after their start and have just sampled these.
 
         Args:
             measurements: What `sense` gave.
@@ -94,7 +94,7 @@ class Loop:
         if filter.random:
             rng = self._filtering if rows is None else self._filtering[rows]
         prior = prior if estimation.prior == 1.0 else Gaussian(prior.mean, estimation.prior * prior.cov)
-        y, available = self._told(measurements)
+        y, available = self._for_filter(measurements)
         if estimation.direct:
             belief = estimation.delayed.begin(prior, u, y, available, rng)
         else:
@@ -113,7 +113,7 @@ class Loop:
         estimation = self.estimation
         filter = estimation.filter
         rng = self._filtering.at(steps.copy()) if filter.random else None  # some count on in place
-        y, available = self._told(measurements)
+        y, available = self._for_filter(measurements)
         if estimation.direct:
             self.belief = estimation.delayed.advance(self.belief, u, y, available, rng)
         else:
@@ -123,12 +123,12 @@ class Loop:
             self.watch = self._watched(self.watch, self.belief)
 
     def faulty(self, steps: np.ndarray) -> np.ndarray:
-        """Which of the sensors' faults act in rows that are ``steps (B,)`` after their start: ``(B, faults)``."""
+        """Mask ``(B, faults)`` of the sensors' faults that act in rows ``steps (B,)`` after their start."""
         return np.zeros((self.rows, 0), bool) if self._faults is None else self._faults.on(steps)
 
     @property
     def alarms(self) -> np.ndarray:
-        """Which sensors the monitor accuses now ``(B, sensors)``, in the order of its names."""
+        """Mask ``(B, sensors)`` of the sensors that the monitor accuses now, in the order of its names."""
         assert self.monitor is not None
         return np.asarray(self.watch.accused[:, None] == np.arange(len(self.monitor.names)))
 
@@ -141,10 +141,10 @@ class Loop:
     def _delivered(
         self, measurements: Measurements, steps: np.ndarray, rows: np.ndarray | slice, injected: bool
     ) -> Measurements:
-        """What comes at sea of what is read, or is injected."""
+        """Measurements delivered of those that are sampled or injected."""
         taken = measurements
         if self._faults is not None and not injected:
-            taken = self._faults.spoil(taken, steps, rows)
+            taken = self._faults.faulted(taken, steps, rows)
         if self._transit is None:
             return taken
         if injected:
@@ -156,7 +156,7 @@ class Loop:
         return come
 
     def _watched(self, watch: Watch, belief: Any) -> Watch:
-        """What the monitor says after an update of all rows of ``watch``.
+        """State of the monitor after an update of all rows of ``watch``.
 
         Of measurements that are fused where they belong it sees a step when none can reach it any more: innovations of
         before would change with each that comes, and be independent no more.
@@ -169,7 +169,7 @@ class Loop:
         rows, estimate = estimation.delayed.fixed_lag(belief)
         return watch if estimate is None else watch.with_rows(rows, monitor.watch(watch[rows], estimate))
 
-    def _told(self, measurements: Measurements) -> tuple[np.ndarray, np.ndarray | None]:
+    def _for_filter(self, measurements: Measurements) -> tuple[np.ndarray, np.ndarray | None]:
         """Measurements and mask, as filters take them."""
         estimation = self.estimation
         if estimation.tells_truth:
@@ -179,7 +179,7 @@ class Loop:
         return youngest(measurements) if estimation.late == "as new" else (measurements[0][:, 0], measurements[1][:, 0])
 
     def _neglected(self, arrived: np.ndarray) -> Any:
-        """How many of the measurements that have come ``(rows, ages, p)`` no filter is told of, ``(rows,)``."""
+        """Number ``(rows,)`` of delivered measurements ``(rows, ages, p)`` that no filter uses."""
         late = self.estimation.late
         if late == "as new":
             return arrived.sum((1, 2)) - arrived.any(1).sum(1)

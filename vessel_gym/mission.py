@@ -15,7 +15,7 @@ from vessel_gym.tasks.task import Estimate
 
 
 class Mission:
-    """What the task makes of an estimate and of the truth.
+    """A task's reference, score and observation, from an estimate and the truth.
 
     Args:
         task: With its methods checked where it is a user's.

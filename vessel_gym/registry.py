@@ -42,7 +42,7 @@ class Registry(Generic[T]):
         entries[name] = module, entry
 
     def of(self, task: Any) -> dict[str, T]:
-        """What a task has, by name: its class's own, and what it inherits."""
+        """Entries of a task by name: its class's own, and those that it inherits."""
         return {name: entry for name, (_, entry) in self._found(task).items()}
 
     def modules(self, task: Any) -> dict[str, str]:

@@ -94,7 +94,7 @@ def draw(
 
 
 def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray:
-    """What is known at the start of vehicle, disturbance and biases together, given that ``(n, n)`` of the vehicle.
+    """Joint prior covariance of vehicle, disturbance and biases, given that ``(n, n)`` of the vehicle.
 
     A vehicle whose velocity is over ground is carried along by the flow from the first moment.
     """
@@ -109,7 +109,7 @@ def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray
 
 
 def known(prior: Gaussian, told: Composition) -> Gaussian:
-    """What a filter knows at the start, of what it estimates."""
+    """Prior of the components that a filter estimates."""
     start = _start(prior.cov.tobytes(), told)
     mean = np.zeros((len(prior.mean), len(start.cov)))
     mean[:, : told.base] = prior.mean[:, : told.base]
@@ -118,7 +118,7 @@ def known(prior: Gaussian, told: Composition) -> Gaussian:
 
 @lru_cache(maxsize=16)
 def _start(cov: bytes, told: Composition) -> Gaussian:
-    """What a filter knows at the start about a mean of 0, given a covariance ``(n, n)`` of the vehicle."""
+    """Prior of a filter about a mean of 0, given a covariance ``(n, n)`` of the vehicle."""
     whole = joint_prior(_square(cov), told.forces, told.sensors)
     n, bias = len(_square(cov)), np.arange(len(whole) - told.sensors.bias.size, len(whole))
     kept = np.concatenate([np.arange(told.base), n + told.held, bias])

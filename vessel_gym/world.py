@@ -16,7 +16,7 @@ from vessel_gym.sensors import Sensors
 
 
 class World:
-    """What happens in a step, whatever the filter and the task are.
+    """A step of the truth, whatever the filter and the task are.
 
     Args:
         vehicle: That of the forces, with its methods checked where it is a user's.

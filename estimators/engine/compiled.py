@@ -32,7 +32,7 @@ def trace(function: Callable[..., Any], rows: Sequence[Argument], matrices: bool
 
 
 def given(program: Program, argument: int, row: Argument, matrices: bool = False, at: tuple[int, ...] = ()) -> Any:
-    """What stands for a row of an argument; ``at`` is its place, of one of several rows."""
+    """Stand-in for a row of an argument; ``at`` is its place, of one of several rows."""
     if matrices and row.kind in "fb":
         return matrix_input(program, argument, 0, row.shape, row.kind)
     scalars = np.empty(row.size, object)
@@ -203,7 +203,7 @@ _broadcast = lru_cache(np.broadcast_shapes)
 def prepared(
     function: Function, arrays: Sequence[np.ndarray], axes: Sequence[int]
 ) -> tuple[int, int, list[np.ndarray], list[np.ndarray]]:
-    """How many rows arrays have, which of them are shared, the arrays as a function takes them, and its results."""
+    """Number of rows, mask of shared arrays, the arrays as a function takes them, and its results."""
     leading = [a.shape[: a.ndim - k] for a, k in zip(arrays, axes, strict=True)]
     batch: tuple[int, ...] = ()
     for own in leading:

@@ -1,4 +1,4 @@
-"""What a Python function reads besides its arguments, and whether any of it has changed since.
+"""Objects that a Python function reads besides its arguments, and a check whether any has changed since.
 
 A traced function is a constant: it must run anew in NumPy, or be traced anew, once a global, a closure's variable, an
 attribute or the contents of an array that it reads are others.
@@ -218,7 +218,7 @@ class _Walk:
 
     @contextmanager
     def _code_of(self, module: str | None, fixed: bool = False) -> Iterator[None]:
-        """What is met in here is a part of the code of a module."""
+        """Mark a scope as part of the code of a module."""
         before, self._fixed = self._fixed, fixed or _root(module) in _FIXED
         yield
         self._fixed = before

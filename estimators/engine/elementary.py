@@ -336,7 +336,7 @@ def floor_divide(x: Any, y: Any) -> Any:
 def repeat(
     count: int, body: Callable[..., Sequence[Any]], *carried: Any, active: Callable[..., Any] | None = None
 ) -> tuple[Any, ...]:
-    """What a body makes of numbers or arrays in ``count`` passes: ``carried = body(*carried)``.
+    """Result of ``count`` passes of ``carried = body(*carried)`` on numbers or arrays.
 
     A loop in a compiled program, where Python's own would be unrolled.
 

@@ -55,7 +55,7 @@ def is_literal(value: Any, kind: str) -> bool:
 
 
 class Module:
-    """What the functions of one program share: intrinsics, elementary functions and constants.
+    """Intrinsics, elementary functions and constants that the functions of one program share.
 
     Constants are no part of the code: programs of models that differ in their numbers alone are compiled once.
 

@@ -30,7 +30,7 @@ _PERTURBATION = 2.0**-50  # 4 units in the last place of each result: own and Nu
 
 
 class Inspection:
-    """Whether a function may run traced, and its program.
+    """A user's function: may it run traced, and its program.
 
     Attributes:
         traceable: Does the program give what NumPy gives?
@@ -56,7 +56,7 @@ class Inspection:
             return self.source(*tracers)
 
     def __call__(self, *arrays: Any) -> Any:
-        """What the function gives for arrays, of which None is none, computed by its program."""
+        """The function's results for arrays (none of them None), computed by its program."""
         if self.function is None:
             raise NotTraceable(self.reason)
         results = call(self.function, [_rows(each) for each in arrays if each is not None], self.axes)
@@ -151,7 +151,7 @@ def _check_unchanged(dependencies: Dependencies) -> None:
 
 
 def _batched(samples: Sequence[Any], axes: Sequence[int]) -> list[bool]:
-    """Which arguments have an axis for the batch: those that have some; all but Python's numbers where none has."""
+    """Mask of the arguments with an axis for the batch: those with any axis, else all but Python's numbers."""
     own = [np.ndim(sample) > k for sample, k in zip(samples, axes, strict=True)]
     return own if any(own) else [type(sample) not in (int, float, bool) for sample in samples]
 
@@ -299,7 +299,7 @@ def compare(own: np.ndarray, numpy: np.ndarray, runs: Sequence[np.ndarray]) -> N
 
 
 def _distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """How far numbers are apart: infinitely, if one of them is NaN or infinite and the other is not."""
+    """Distance of numbers: infinite if one of them is NaN or infinite and the other is not."""
     equal = (a == b) | ((a != a) & (b != b))
     return np.where(equal, 0.0, np.nan_to_num(np.abs(a * 1.0 - b * 1.0), nan=np.inf, posinf=np.inf))
 

@@ -252,7 +252,7 @@ class Driver(LinearEmitter):
         return "\n".join([f"define internal void @run({', '.join(given)}) #0 {{\nentry:", *self.lines, "  ret void\n}"])
 
     def emitter(self, program: Program, layout: Any) -> LinearEmitter:
-        """What emits the body of an outlined function, which has no rows of its own."""
+        """Emitter of the body of an outlined function, which has no rows of its own."""
         return LinearEmitter(program, self.module, self.width, layout)
 
     def _row(self, base: str, size: Any, row: Any, kind: str) -> str:

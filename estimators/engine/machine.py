@@ -96,7 +96,7 @@ def _object(text: str, machine: Any) -> bytes:
 
 @cache
 def _processor() -> tuple[str, ...]:
-    """What objects are compiled for, and with."""
+    """The processor and the compiler of objects."""
     import llvmlite
     from llvmlite import binding
 
@@ -159,7 +159,7 @@ def _announce() -> None:
 
 @cache
 def folder() -> Path:
-    """Where objects are kept: where ``VESSEL_GYM_CACHE`` says, beside the code, in the user's home or for this process.
+    """Folder of compiled objects: ``VESSEL_GYM_CACHE``, beside the code, in the user's home or of this process.
 
     Objects are executed, so that a folder counts only if the user alone can write to it.
     """

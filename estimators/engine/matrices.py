@@ -78,7 +78,7 @@ class MatrixTracer(NDArrayOperatorsMixin):
 
     @property
     def view(self) -> View:
-        """Where its entries stand, as those of a matrix."""
+        """Places of its entries, as those of a matrix."""
         places = self.places[(None,) * (2 - self.ndim)]
         steps: Any = tuple(step // places.itemsize for step in places.strides)
         return View(self.value, places.shape, int(places[0, 0]) if self.size else 0, steps)
@@ -150,7 +150,7 @@ class MatrixTracer(NDArrayOperatorsMixin):
 
 
 def matrix(program: Program, value: Any) -> Any:
-    """What stands for a vector or matrix: itself, scalars packed, or an array that is the same for all rows."""
+    """Tracer of a vector or matrix: itself, scalars packed, or an array that is the same for all rows."""
     if isinstance(value, MatrixTracer | Tracer):
         return value
     if isinstance(value, TracedArray):
@@ -188,7 +188,7 @@ def lookup_matrix(table: np.ndarray, index: Tracer) -> MatrixTracer:
 
 
 def columnwise(function: Any, *operands: Any, wanted: Any = None, interleaved: bool = False) -> MatrixTracer:
-    """What a function of vectors ``(n,)`` gives for each column of matrices ``(n, N)``: ``(k, N)``.
+    """Results ``(k, N)`` of a function of vectors ``(n,)`` for each column of matrices ``(n, N)``.
 
     Args:
         function: Traced entry by entry.

@@ -55,7 +55,7 @@ class Matrix:
 
 
 def _entry(view: View, i: Index, j: Index) -> Index:
-    """Which entry of its value an entry of a view is."""
+    """Index in the value of an entry of a view."""
     entry = view.start
     for index, step in zip((i, j), view.steps, strict=True):
         entry = entry + index * step if step else entry
@@ -78,7 +78,7 @@ class MatrixEmitter(Emitter):
     # --- memory -------------------------------------------------------------------------------------
 
     def address(self, value: int, entry: Index) -> str:
-        """Where an entry of a matrix stands."""
+        """Address of an entry of a matrix."""
         table = value in self.program.tables
         if value in self.pointers:
             return self.at(self.pointers[value], entry * (1 if table else self.width))
@@ -139,7 +139,7 @@ class MatrixEmitter(Emitter):
             body(whole, count - whole)
 
     def total(self, first: Tracer, low: Index, high: Index, term: Callable[[Index, Tracer], Any]) -> Tracer:
-        """What a term makes of a number, index by index."""
+        """Fold a term over indices, beginning with a number."""
         return self.loop(low, high, lambda k, total: [term(k, total)], [first])[0]
 
     # --- functions ----------------------------------------------------------------------------------
@@ -162,7 +162,7 @@ class MatrixEmitter(Emitter):
         self.lines.append(f"  call void {name}({', '.join(given)})")
 
     def emitter(self, program: Program, layout: Any) -> "MatrixEmitter":
-        """What emits the body of an outlined function."""
+        """Emitter of the body of an outlined function."""
         return type(self)(program, self.module, self.width, layout)
 
     def _outlined(self, instruction: Instruction) -> str:

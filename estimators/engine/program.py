@@ -139,7 +139,7 @@ class Program:
     def repeat(
         self, count: int, body: Callable[..., Sequence[int]], initial: Sequence[int], masks: int = 0
     ) -> tuple[int, ...]:
-        """What a body, traced once, makes of initial scalars in ``count`` passes, or until the first ones are false."""
+        """Loop: apply a body, traced once, to scalars ``count`` times, or until the first ones are false."""
         kinds = [self.kinds[value] for value in initial]
         parameters = tuple(map(self.new, kinds))
         after, inside = self._block(body, parameters, "the body of a repeat")
@@ -155,7 +155,7 @@ class Program:
     def _block(
         self, body: Callable[..., Sequence[int]], parameters: tuple[Any, ...], word: str
     ) -> tuple[tuple[int, ...], tuple[Instruction, ...]]:
-        """What a body makes of parameters, and its instructions."""
+        """Results of a body for parameters, and its instructions."""
         self._blocks.append({})
         try:
             results = tuple(body(*parameters))

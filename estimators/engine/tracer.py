@@ -219,7 +219,7 @@ _MASK_IDENTITIES = {"and": True, "or": False, "xor": False}
 
 
 def _simplified(opcode: str, operands: list[Tracer], values: list[Any]) -> Tracer | None:
-    """What an operation with an identity element leaves: bits included, so that 0.0 is none of addition."""
+    """Simplify an operation with an identity element, to the bit: 0.0 is none of addition."""
     if opcode == "multiply" and 1 in values:
         return operands[values.index(1) - 1]
     if opcode == "divide" and values[1] == 1:

@@ -15,9 +15,9 @@ from estimators import (
     NonlinearModel,
     Schedule,
     chi_square_band,
+    input_delayed,
     make,
     nees,
-    retimed,
     rmse,
     stacked,
 )
@@ -746,21 +746,21 @@ def test_ulise_stays_as_it_should_be_over_many_steps_with_missing_measurements()
 
 
 def test_retimed_a_filter_with_feedthrough_is_the_one_without():
-    """X' + G d of `kf-umv-ui` on the retimed model is x of `kf-umv-ui-wdf`, and d is its d, whatever drops."""
+    """X' + G d of `kf-umv-ui` on the input_delayed model is x of `kf-umv-ui-wdf`, and d is its d, whatever drops."""
     rng = np.random.default_rng(4)
     n, p, q, steps = 4, 3, 2, 60
     A = rng.standard_normal((n, n))
     A *= 0.9 / np.abs(np.linalg.eigvals(A)).max()
     C, G = rng.standard_normal((p, n)), rng.standard_normal((n, q))
     model = LinearModel(A, C, 0.1 * np.eye(n), 0.2 * np.eye(p), G=G, H=np.zeros((p, q)))
-    again = retimed(model)
+    again = input_delayed(model)
     assert pytest.approx(C @ G) == again.H
     late, now = make("kf-umv-ui-wdf", model, input_prior=25.0), make("kf-umv-ui", again, input_prior=25.0)
     prior = Gaussian(np.zeros(n), np.eye(n))
     y = rng.standard_normal((steps, p))
     y[rng.random((steps, p)) < 0.1] = np.nan
     one = late.predict(late.update(late.init(prior), y[0]))
-    # The first measurement tells of no input yet: the retimed filter begins behind it.
+    # The first measurement tells of no input yet: the input_delayed filter begins behind it.
     other = now.init(Gaussian(one.mean, one.cov))
     for k in range(1, steps):
         one, other = late.update(one, y[k]), now.update(other, y[k])
@@ -771,5 +771,5 @@ def test_retimed_a_filter_with_feedthrough_is_the_one_without():
 
 @pytest.mark.parametrize("given", [{}, {"G": np.ones((2, 1)), "H": np.ones((1, 1))}])
 def test_retimed_needs_an_input_without_feedthrough(given):
-    with pytest.raises(ValueError, match="retimed needs an unknown input without feedthrough"):
-        retimed(LinearModel(np.eye(2), np.ones((1, 2)), np.eye(2), np.eye(1), **given))
+    with pytest.raises(ValueError, match="input_delayed needs an unknown input without feedthrough"):
+        input_delayed(LinearModel(np.eye(2), np.ones((1, 2)), np.eye(2), np.eye(1), **given))

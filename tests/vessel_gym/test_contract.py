@@ -421,8 +421,8 @@ def told_the_bias(monkeypatch: pytest.MonkeyPatch) -> None:
         loop.belief = loop.belief.replace(mean=mean)
 
     biases: dict[Loop, np.ndarray] = {}
-    honest = Core._handed, Loop.estimate
-    monkeypatch.setattr(Core, "_handed", handed)
+    honest = Core._passed, Loop.estimate
+    monkeypatch.setattr(Core, "_passed", handed)
     monkeypatch.setattr(Loop, "estimate", estimate)
 
 

@@ -48,7 +48,7 @@ def register_environment(system: System, max_episode_steps: int | None = None) -
 
 
 def _reduced(self: VesselEnv | VesselVectorEnv) -> tuple[Any, ...]:
-    """What a pickle keeps: the name under which the class is registered where it is loaded, too, and the state."""
+    """State for a pickle: the name under which the class is registered where it is loaded, too, and the state."""
     state = {name: value for name, value in self.__dict__.items() if name != "spec"}  # which holds the class
     return _blank, (self.system.name, isinstance(self, VesselVectorEnv)), state
 

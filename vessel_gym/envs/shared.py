@@ -1,4 +1,4 @@
-"""What both faces of an environment share: spaces, and what Gymnasium asks of either."""
+"""Parts of single and vector environments: spaces, and what Gymnasium asks of either."""
 
 import re
 from collections.abc import Mapping

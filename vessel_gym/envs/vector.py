@@ -155,7 +155,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return np.where(ended, 0.0, reward), terminated
 
     def _final(self, done: np.ndarray) -> dict[str, Any]:
-        """What ended episodes end with."""
+        """Last observations and infos of ended episodes."""
         observation = self.core.observe()
         final_observations = np.full(self.num_envs, None, dtype=object)
         for row in np.flatnonzero(done):

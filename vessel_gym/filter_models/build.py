@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators import LinearModel, NonlinearModel, retimed, stacked
+from estimators import LinearModel, NonlinearModel, input_delayed, stacked
 from estimators.varying import StateNoise
 from vessel_gym.checks import one_of
 from vessel_gym.disturbances import Disturbance
@@ -66,7 +66,7 @@ class Composition(Parts):
             names = *self.names, *(f"{name} now" for name in self.inputs)
             return replace(self, model=stacked(model), names=names, late=True)
         if filter_name == "kf-umv-ui" and model.q > 0 and not fed and isinstance(model, LinearModel):
-            return replace(self, model=retimed(model))
+            return replace(self, model=input_delayed(model))
         return self
 
     def check_flows(self) -> None:

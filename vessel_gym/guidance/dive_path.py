@@ -77,7 +77,7 @@ def path_point(s: np.ndarray, course: np.ndarray) -> np.ndarray:
 
 
 def follow(position: np.ndarray, course: np.ndarray, ahead: float) -> np.ndarray:
-    """Where a position is relative to the path, ``(..., 8)``.
+    """Position relative to the path, ``(..., 8)``.
 
     Args:
         position: ``(..., 3)`` north, east, down [m].

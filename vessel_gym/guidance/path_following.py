@@ -1,4 +1,4 @@
-"""Where a vehicle is on a path of arcs and straights, and what the path does there and further on.
+"""Position of a vehicle on a path of arcs and straights, with the path's course and curvature there and ahead.
 
 A path is rows (x, y, heading where it begins, curvature, length), as `vessel_gym.guidance.dubins` plans them,
 flattened; rows of length 0 at the end fill up. Before its start and beyond its end a path goes straight on for `LEAD`

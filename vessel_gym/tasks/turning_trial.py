@@ -56,7 +56,7 @@ class TurningTrial(TurningCircle):
         return Gaussian(np.zeros(3), self.prior_variance * np.eye(3))
 
     def prior(self, course: np.ndarray) -> Gaussian:
-        """What the filter assumes of (v, r, psi) at the start: mean ``(B, 3)`` and covariance ``(3, 3)``."""
+        """Prior of (v, r, psi): mean ``(B, 3)`` and covariance ``(3, 3)``."""
         return self._spread.about(np.zeros((len(course), 3)))
 
     @cached_property

@@ -107,7 +107,7 @@ class Ship(Simulated):
         return figures(Actuator(self.ship.rudder_rate * self.dt, kept=1.0, limit=self.ship.rudder_limit))
 
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
-        """What is estimated one step on under ``u = (rudder, ...)``, constant over the step."""
+        """Estimated components one step on under ``u = (rudder, ...)``, constant over the step."""
         rudder = u[..., :1]
         moved = runge_kutta(corvette_rates, self._placed(x), rudder, rudder, flow, self._nominal, self.dt)
         return moved[..., : len(_ESTIMATED)]
