@@ -28,7 +28,7 @@ from estimators.recovery import (
     unsound_rows,
 )
 from estimators.tracing import BOTH, PREDICTIONS, SUCCESSIVE, Traced, traced, traced_formula
-from estimators.varying import StateNoise, resolve
+from estimators.varying import Schedule, StateNoise, resolve
 
 __all__ = ["Filter", "Model", "Rng", "check_channels", "in_rows", "inlinable"]
 
@@ -71,7 +71,8 @@ class Filter(Estimator[Record], verified=True):
     def __init__(self, model: Model) -> None:
         super().__init__(model)
         self._identity, self._no_columns = identity(model.n), np.zeros((model.p, 0))
-        self._regular = None if callable(model.R) else regular_noise(model.R)
+        R = model.R.table if isinstance(model.R, Schedule) else model.R
+        self._regular = None if callable(R) else regular_noise(R)
         self._alike = all(getattr(matrix, "ndim", 2) == 2 for matrix in vars(model).values())  # all rows have one model
         self._programs: dict[Any, Traced] | None = {} if self.formulas and self._alike else None
         self._first: tuple[np.ndarray, Layout] | None = None  # a row as it begins, but for mean and covariance

@@ -43,7 +43,8 @@ REFUSED: dict[str, tuple[str, str, dict[str, Any], str]] = {
     ),
     "lift": (
         AIRCRAFT, "ekf-ui-wdf", {"disturbance": Fault("angle of attack", size=0.03, beside=AIR)},
-        r"measurements tell angle of attack fault to within \d+.\d of the sizes that it is told to have, not 3",
+        r"a step's measurements tell angle of attack fault to within \d+.\d of the sizes that it is told to have, "
+        r"not 3",
     ),
     "a zero": (
         AIRCRAFT, "ekf-ui-wdf", {"disturbance": Fault("thrust", size=1e6, beside=AIR), "sensors": only("barometer")},
