@@ -1,6 +1,6 @@
 """
 Measurements that are wildly wrong
-==============================
+==================================
 
 One measurement in twelve is far off. The Kalman filter follows it, Huber's loss bounds what it may move.
 """
