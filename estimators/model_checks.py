@@ -31,7 +31,8 @@ def as_covariance(name: str, value: object) -> np.ndarray:
             return cov
     variances = cov.diagonal(0, -2, -1)
     scale = np.sqrt(np.where(variances > 0.0, variances, 1.0))
-    unit = cov / scale[..., None] / scale[..., None, :]  # correlations: rounding is a share of standard deviations
+    with np.errstate(over="ignore"):  # correlations: rounding is a share of standard deviations
+        unit = np.clip(cov / scale[..., None] / scale[..., None, :], -1e100, 1e100)
     if (np.abs(unit - unit.mT) > 1e-9).any():
         raise ValueError(f"{name} must be symmetric")
     lowest = np.linalg.eigvalsh(unit)[..., 0].min()

@@ -56,6 +56,7 @@ def _refusal(build, *args, **kwargs) -> str:
         [[1e-20, 2e-5], [2e-5, 1.0]],
         [[0.0, 1e-6], [1e-6, 1.0]],
         [[0.0, 1e-30], [1e-30, 1.0]],
+        [[1.0, 1e160], [1e160, 5e-324]],
         np.diag([1e12, -1e-3]),
         np.diag([1.0, -1e-17]),
         [[1e12, 0.0, 0.0], [0.0, 1e-3, 2e-3], [0.0, 2e-3, 1e-3]],
@@ -72,6 +73,9 @@ def test_a_covariance_is_judged_by_the_variances_of_its_own_rows(cov: list):
 def test_small_variances_beside_large_ones_must_be_symmetric():
     assert "Q must be symmetric" in _refusal(
         LinearModel, np.eye(3), np.eye(3), [[1e12, 0.0, 0.0], [0.0, 1.0, 0.5], [0.0, 0.4, 1.0]], np.eye(3)
+    )
+    assert "Q must be symmetric" in _refusal(
+        LinearModel, np.eye(2), np.eye(2), [[0.0, 0.0], [1e160, 5e-324]], np.eye(2)
     )
 
 
