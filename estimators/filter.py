@@ -207,15 +207,7 @@ class Filter(Estimator[Record], verified=True):
     def advance_steps(
         self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray, kept: Kept | None = None
     ) -> tuple[list[Record], Record] | None:
-        """Predictions of several steps, and the belief after the last measurement, in one program; None: it cannot.
-
-        Args:
-            belief: After the measurement before them.
-            u: ``(steps, rows, m)``,
-            y: ``(steps, rows, p)``,
-            available: and ``(steps, rows, p)`` of each step.
-            kept: Rows whose predictions are known, these of all rows, and their newest; they may end in any belief.
-        """
+        """`Estimator.advance_steps` in one program; None where that cannot be."""
         if self.random or not (self._compiles(None) and self.verified and self._regular):
             return None
         unread, now = self.idle and not available.any(), None if u is None else u[0]

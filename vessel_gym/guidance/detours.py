@@ -192,14 +192,15 @@ def _around(start: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarra
     length, rest, found = np.full(len(start), np.inf), np.nonzero(bound < np.inf)[0], np.zeros((len(start), 1, 5))
     for count in TOUCHES:
         pieces = ways(here[rest], there[rest], rounds[rest], count, length[rest] / radius)
-        most = max(map(len, pieces), default=0)
+        sizes = np.array([len(rows) for rows in pieces], int)
+        most = sizes.max(initial=0)
         if not most:
             break
         padded = np.array([np.concatenate([rows, np.zeros((most - len(rows), 2))]) for rows in pieces])
         segments = chained(start[rest], padded[..., 0] / radius, padded[..., 1] * radius)
         better = sound(segments, goal[rest], radius, discs[rest]) & (padded[..., 1] > 0.0).any(-1)
         found = np.concatenate([found, np.zeros((len(found), max(most - found.shape[1], 0), 5))], 1)
-        segments[np.arange(most) >= np.array(list(map(len, pieces)))[:, None]] = 0.0  # as a scene alone has them
+        segments[np.arange(most) >= sizes[:, None]] = 0.0  # as a scene alone has them
         found[rest[better]], found[rest[better], :most] = 0.0, segments[better]
         length[rest[better]] = segments[better, :, 4].cumsum(-1)[:, -1]
         rest = rest[~(length <= _NEAR * np.minimum(np.maximum(bound, direct), length))[rest]]
