@@ -10,7 +10,7 @@ from estimators.belief import APART, MEMBERS, Belief, Layout, layout_of
 from estimators.checks import shown
 from estimators.engine import tracer
 from estimators.engine.compiled import given
-from estimators.engine.foreign import Inspection
+from estimators.engine.dependencies import Dependencies
 from estimators.engine.function import Argument, Function
 from estimators.engine.matrices import MatrixTracer, is_traced, matrix, matrix_input
 from estimators.engine.program import Program
@@ -44,12 +44,12 @@ class Traced(NamedTuple):
     layout: Layout  # of its results
     callbacks: tuple[Callback, ...] = ()
     columns: int = 0  # of their results
-    inspections: tuple[Inspection, ...] = ()  # of functions of others that are part of it
+    dependencies: Dependencies | None = None  # of functions of others that are part of it
     predicted: Layout | None = None  # of the predictions of successive steps
 
     def current(self) -> bool:
         """Is everything that it was traced of as it was?"""
-        return all(each.unchanged() for each in self.inspections)
+        return self.dependencies is None or self.dependencies.unchanged()
 
     def results(self, belief: Belief, u: np.ndarray | None, R: np.ndarray | None, batch: tuple[int, ...]) -> np.ndarray:
         """Results of the callbacks for a batch, packed ``(..., columns)``."""
@@ -137,9 +137,9 @@ def traced(
     outputs = [(parts, Argument((found.width,))) for found, parts in packed]
     outputs.insert(1, (mask, Argument((1,), "b")))
     function = Function(program, arguments, outputs, successive="successive" in methods)
-    return Traced(
-        function, packed[0][0], tuple(callbacks.each), callbacks.columns, tuple(program.inspections), packed[-1][0]
-    )
+    others = [each.source for each in program.inspections]
+    dependencies = Dependencies(*others) if others else None
+    return Traced(function, packed[0][0], tuple(callbacks.each), callbacks.columns, dependencies, packed[-1][0])
 
 
 def traced_formula(formula: Callable[..., Any], sizes: tuple[tuple[int, int], ...]) -> Traced:

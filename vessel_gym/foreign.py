@@ -203,7 +203,8 @@ class Step:
         self.owner, self._parts, self._calls = owner, parts, calls
         self.whole = False
         self._traces = 0
-        self._reads: list[Dependencies] = []
+        self._equations: Compiled = owner.equations
+        self._reads: Dependencies | None = None
 
     def prepare(self, *arrays: np.ndarray) -> None:
         """Trace the equations for such arguments, unless they have been."""
@@ -211,31 +212,24 @@ class Step:
             self._trace(*arrays)
 
     def _trace(self, *arrays: np.ndarray) -> None:
-        plain, few = self.owner.equations.function, self._traces < _MOST
-        self._traces += 1
         forget(self.owner)
-        found = traced(plain, self.owner.equations, arrays, self._parts, self._calls(*arrays)) if few else None
-        self.whole, self._reads = found is not None, read(found or [])
+        equations, few = self.owner.equations, self._traces < _MOST
+        self._traces += 1
+        found = traced(equations.function, equations, arrays, self._parts, self._calls(*arrays)) if few else None
+        self._equations, self.whole = equations, found is not None
+        self._reads = Dependencies(*found) if found else None
 
     def __call__(self, *arrays: np.ndarray, threads: int = 1) -> Sequence[np.ndarray]:
         """The equations' results but for the mask; users' functions are checked."""
-        if not self._traces or not all(each.unchanged() for each in self._reads):
+        if not self._traces or not (self._reads is None or self._reads.unchanged()):
             self._trace(*arrays)
         if not self.whole:  # in one thread, as NumPy may round otherwise in a part of the rows
-            found: Sequence[np.ndarray] = self.owner.equations.function(*arrays)[:-1]
+            found: Sequence[np.ndarray] = self._equations.function(*arrays)[:-1]
             return found
-        *results, sound = self.owner.equations(*arrays, threads=threads)
-        if not sound.all():
-            self.owner.equations.function(*arrays)  # function by function, which refuses all but what has run away
+        *results, sound = self._equations(*arrays, threads=threads)
+        if np.count_nonzero(sound) < sound.size:
+            self._equations.function(*arrays)  # function by function, which refuses all but what has run away
         return results
-
-
-def read(functions: Sequence[Callable[..., Any]]) -> list[Dependencies]:
-    """All that functions read, together if it is not too much."""
-    try:
-        return [Dependencies(tuple(functions))]  # type: ignore[arg-type]
-    except NotTraceable:
-        return [Dependencies(each) for each in functions]
 
 
 def _misfit(found: list[tuple[int, ...]], shapes: list[tuple[int | None, ...]]) -> str:

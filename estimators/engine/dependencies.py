@@ -8,23 +8,24 @@ import builtins
 import dis
 import functools
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from copyreg import _HEAPTYPE  # type: ignore[attr-defined]
 from dataclasses import is_dataclass
 from enum import Enum, EnumMeta
-from operator import eq, getitem, is_, length_hint
+from operator import getitem, length_hint
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from estimators.engine.compiled import Compiled, _Methods
+from estimators.engine.snapshot import Snapshot
 from estimators.engine.tracer import NotTraceable
 
-_LARGEST = 1 << 18  # bytes of arrays that are compared at every call
-_SMALL = 4096  # of those that are read-only
-_MOST = 3_000  # objects
+_LARGEST = 1 << 18  # bytes of arrays of a function that are compared at every call
+_SMALL = 4096  # of those arrays that are read-only
+_MOST = 3_000  # objects of one
 _PURE = frozenset(("numpy", "scipy", "math", "cmath", "operator", "_operator", "functools", "_functools", "itertools",
                    "collections", "dataclasses", "enum", "typing", "types", "abc", "numbers", "copy", "contextlib",
                    "builtins", "fractions", "decimal", "bisect", "re", "difflib"))  # fmt: skip
@@ -51,64 +52,58 @@ _BUILDING = frozenset(("__init__", "__new__", "__post_init__", "__setattr__", "_
 
 
 class Dependencies:
-    """Globals, closures, attributes, defaults and contents of arrays that a function reads, as they are now.
+    """Globals, closures, attributes, defaults and contents of arrays that functions read, as they are now.
 
     Raises:
-        NotTraceable: if the function changes something, or reads what cannot be compared.
+        NotTraceable: if a function changes something, or reads what cannot be compared.
     """
 
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self._function = function
-        self._keep(_walked(function))
+    def __init__(self, *functions: Callable[..., Any]) -> None:
+        self._functions = functions
+        self._keep(_walked(functions))
 
     def _keep(self, walk: "_Walk") -> None:
-        """Keep all that was met, what is read alike together: it is then compared without a loop in Python."""
-        self._walk, alike = walk, dict[Any, list[Any]]()
-        for read, *others in walk.watched.values():
-            alike.setdefault(read, []).append(others)
-        self._arrays, self._contents = [array for array, _ in walk.arrays], [contents for _, contents in walk.arrays]
-        self._columns = [
-            (eq if read is length_hint else is_, read, *zip(*rows, strict=True)) for read, rows in alike.items()
-        ]
+        """Keep all that was met."""
+        self._leaves, self._snapshot = walk.leaves, Snapshot(walk.watched.values(), walk.arrays)
 
     def unchanged(self) -> bool:
-        """Is everything that it reads as it was?"""
-        try:
-            for same, read, holders, keys, values in self._columns:
-                if not all(map(same, map(read, holders, keys), values)):
-                    return self._equal()
-        except (KeyError, IndexError, AttributeError, ValueError):
-            return self._equal()
-        return all(map(eq, map(np.ndarray.tobytes, self._arrays), self._contents))
+        """Is everything that they read as it was?"""
+        return self._snapshot.holds() or self._equal()
 
     def _equal(self) -> bool:
         """Are other objects in their places equal to them?"""
         try:
-            walk = _walked(self._function)
+            walk = _walked(self._functions)
         except (NotTraceable, RecursionError):
             return False
-        if walk.leaves != self._walk.leaves:
+        if walk.leaves != self._leaves:
             return False
         self._keep(walk)
         return True
 
 
-def _walked(function: Callable[..., Any]) -> "_Walk":
-    """All that a function reads; attributes count by their names, which are known when all its code has been seen."""
+def _walked(functions: Sequence[Callable[..., Any]]) -> "_Walk":
+    """All that functions read; attributes count by their names, which are known when all their code has been seen."""
     names: frozenset[str] = frozenset()
     while True:
-        walk = _Walk(names)
-        walk.value(function, getattr(function, "__name__", "it"))
+        walk = _Walk(names, len(functions))
+        for function in functions:
+            walk.value(function, getattr(function, "__name__", "it"))
         if walk.mentioned <= names:
             return walk
         names |= walk.mentioned
 
 
 class _Walk:
-    """One walk through the objects that a function can reach."""
+    """One walk through the objects that so many functions can reach."""
 
-    def __init__(self, names: frozenset[str]) -> None:
-        self.names, self.mentioned = names, set[str]()
+    def __init__(self, names: frozenset[str], functions: int = 1) -> None:
+        self.names, self.mentioned, self._most, self._largest = (
+            names,
+            set[str](),
+            _MOST * functions,
+            _LARGEST * functions,
+        )
         self.watched: dict[Any, tuple[Callable[[Any, Any], Any], Any, Any, Any]] = {}
         self.arrays: list[tuple[np.ndarray, bytes]] = []
         self.leaves: list[Any] = []  # everything by value, in order
@@ -126,7 +121,7 @@ class _Walk:
             self.leaves.append(self._met[key][0])
         else:
             self._met[key] = len(self._met), value
-            if len(self._met) > _MOST:
+            if len(self._met) > self._most:
                 raise NotTraceable(f"it reads too many objects to compare them at every call, {what} among them")
             self.leaves.append(kind)
             self._object(value, kind, what)
@@ -182,7 +177,7 @@ class _Walk:
             self.leaves.append(("read-only", id(array)))
             return
         self._bytes += array.nbytes
-        if self._bytes > _LARGEST:
+        if self._bytes > self._largest:
             raise NotTraceable(f"it reads {what}, which is too large to compare it at every call: an array that never "
                                "changes is read-only by .flags.writeable = False")  # fmt: skip
         contents = array.tobytes()

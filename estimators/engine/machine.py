@@ -76,8 +76,8 @@ class _Method(ctypes.Structure):
 
 _FASTCALL = 0x80
 _PYTHON = (
-    "PyLong_AsSsize_t", "PyEval_SaveThread", "PyEval_RestoreThread", "Py_IncRef", "_Py_NoneStruct", "_Py_TrueStruct",
-    "_Py_FalseStruct",
+    "PyLong_AsSsize_t", "PyEval_SaveThread", "PyEval_RestoreThread", "Py_IncRef", "Py_DecRef", "PyErr_Clear",
+    "PyObject_Size", "PyObject_GetItem", "PyObject_GetAttr", "_Py_NoneStruct", "_Py_TrueStruct", "_Py_FalseStruct",
 )  # fmt: skip
 
 

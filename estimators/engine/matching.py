@@ -12,7 +12,7 @@ from estimators.engine.tracer import Tracer, cast
 
 _TYPE = object.__basicsize__ - 8
 """Bytes from an object's beginning to its type, the last field of the head that all objects have."""
-_DATA, _DIMENSIONS, _SHAPE, _DTYPE, _FLAGS = (object.__basicsize__ + at for at in (0, 8, 16, 40, 48))
+DATA, _DIMENSIONS, _SHAPE, _DTYPE, _FLAGS = (object.__basicsize__ + at for at in (0, 8, 16, 40, 48))
 """And to the fields of an array (``PyArrayObject_fields``)."""
 _CONTIGUOUS = 1  # in C order
 _HALF = 0xFFFFFFFF  # of 8 bytes: what a field of 4 bytes is
@@ -52,7 +52,7 @@ def _text() -> str:
 
         return emitter.loop(0, cast(is_array, "i"), fields, [at, is_array])  # of what is no array no field is read
 
-    table, kind = pointer(pointer("%args", 0), _DATA), word(pointer("%args", 0), _TYPE)
+    table, kind = pointer(pointer("%args", 0), DATA), word(pointer("%args", 0), _TYPE)
     count = emitter.one.value("%count", "i")
     as_many, start = word(table, 0) == count - 1, emitter.one.value("8", "i")
     _, alike = emitter.loop(1, count, matches, [start, as_many], going=lambda _, alike: alike)

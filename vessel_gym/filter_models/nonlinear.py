@@ -68,8 +68,10 @@ def nonlinear_model(parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[st
         return pushes
 
     measurement, push = parts.expected, G if not flowing else pushed
-    if forces.compilable and all(ours(sensor.reads) for sensor in parts.sensors.each):
-        transition, measurement = compiled(transition), compiled(measurement)
+    if forces.compilable:
+        transition = compiled(transition)
+    if ours(forces.disturbance) and all(ours(sensor.reads) for sensor in parts.sensors.each):
+        measurement = compiled(measurement)
     if H.size:
         options |= {"G": push, "H": H}
     return NonlinearModel(transition, measurement, **options)

@@ -296,6 +296,25 @@ def test_a_small_array_that_is_read_only_may_change_by_a_view():
     assert not inspection.unchanged()
 
 
+@pytest.mark.parametrize("layout", [np.asarray, np.transpose, np.flip, lambda array: array[:, ::2]])
+def test_an_entry_of_an_array_of_any_layout_is_compared(layout: Callable[..., Any]):
+    array = np.arange(6.0).reshape(2, 3)
+    view = layout(array)
+    inspection = traced(lambda x: x * view[0, 1])
+    array[1, 1] = 9.0
+    assert inspection.unchanged() == (9.0 not in view)
+    view[-1, -1] = 7.0
+    assert not inspection.unchanged()
+
+
+@pytest.mark.parametrize(("name", "value"), [("shape", (4, 1)), ("dtype", np.dtype(int))])
+def test_an_array_that_is_looked_at_otherwise_is_noticed(name: str, value: Any):
+    array = np.ones((2, 2))
+    inspection = traced(lambda x: x * array[0])
+    setattr(array, name, value)
+    assert not inspection.unchanged()
+
+
 def test_a_module_of_the_users_is_read(monkeypatch: pytest.MonkeyPatch):
     module: Any = types.ModuleType("users_own_settings")
     module.GAIN, module.unread = 3.0, open  # what is not named does not matter
