@@ -244,43 +244,61 @@ class Delayed(Generic[Record]):
 
         Others keep their predictions, and are believed anything now: many rows are computed sooner than taken out.
         """
-        after = steps[-age:]
-        if not self._repeats(after):
-            return None
-        belief, kept = self._read(steps[-1 - age]), None
-        u, y, available = (_stacked([step[i] for step in after]) for i in (1, 3, 4))
+        window, kept = steps[-1 - age :], None
         if not rows.all():
-            others = np.flatnonzero(~rows)
-            known = [step.predicted for step in after if step.predicted is not None]
-            newest = self._forecast(before[others], after[-1].rows(others)) if len(known) < age else known[-1][others]
-            kept = others, known, newest
-        found = cast(Any, self.filter).advance_steps(belief, u, y, available, kept)
+            packs = [step.predicted.pack() for step in window if step.predicted is not None]
+            if any(layout is not packs[0][1] for _, layout in packs):
+                return None
+            kept = np.flatnonzero(~rows), [packed for packed, _ in packs[1:]]
+        found = self._forecast_steps(window, before, kept)
         if found is None:
             return None
-        steps[-age:] = (step._replace(predicted=own) for step, own in zip(after, found[0], strict=True))
-        return found[1]
+        steps[-age:] = (step._replace(predicted=own) for step, own in zip(window[1:], found, strict=True))
+        return self._read(steps[-1])
+
+    def _forecast_steps(self, window: list[Step], like: Any, kept: Any = None) -> list[Any] | None:
+        """Predictions of all steps of a window but the first; None: the filter cannot.
+
+        Args:
+            window: Of the first the prediction is read, and all measurements but the last.
+            like: A belief of these rows, with their priors.
+            kept: As in `Estimator.forecast_steps`.
+        """
+        belief = window[0].predicted
+        inputs: list[Any] = [belief.u, *(step.u for step in window[1:])]
+        if not self._repeats(window[:-1]) or any((one is None) != (inputs[0] is None) for one in inputs):
+            return None
+        y, available = np.stack([step.y for step in window[:-1]]), np.stack([step.available for step in window[:-1]])
+        u = None if inputs[0] is None else np.stack(inputs)
+        found = cast(Any, self.filter).forecast_steps(belief, u, y, available, kept)
+        if found is None:
+            return None
+        packed, layout = found
+        prior = like.prior_mean, like.prior_cov
+        return [belief.view(values, layout, *prior, step.u) for values, step in zip(packed, window[1:], strict=True)]
 
     def _alone(self, steps: list[Step], age: int, rows: np.ndarray) -> Any:
         """The belief of ``rows``, taken out and predicted anew in the last steps."""
         chosen: Any = rows if self._apart and not rows.all() else ...
-        after = [step.rows(chosen) for step in steps[-age:]]
-        belief, found = self._read(steps[-1 - age], chosen), None
-        if self._repeats(after):
-            found = cast(Any, self.filter).advance_steps(belief, *(_stacked([s[i] for s in after]) for i in (1, 3, 4)))
-        for i, step in enumerate(after):
-            predicted = self._forecast(belief, step) if found is None else found[0][i]
-            if found is None:
-                belief = self._read(step._replace(predicted=predicted))
+        first, *after = steps[-1 - age :]
+        window = [first.rows(chosen), *(step._replace(predicted=None).rows(chosen) for step in after)]
+        found = self._forecast_steps(window, window[0].predicted)
+        if found is None:
+            found, step = [], window[0]
+            for following in window[1:]:
+                step = following._replace(predicted=self._forecast(self._after(step), following))
+                found.append(step.predicted)
+        for i, predicted in enumerate(found, -age):
             if not rows.all():
-                predicted = steps[i - age].predicted.with_rows(rows, predicted if chosen is rows else predicted[rows])
-            steps[i - age] = steps[i - age]._replace(predicted=predicted)
-        belief = belief if found is None else found[1]
-        return belief if chosen is rows or rows.all() else belief[rows]
+                predicted = steps[i].predicted.with_rows(rows, predicted if chosen is rows else predicted[rows])
+            steps[i] = steps[i]._replace(predicted=predicted)
+        now = self._after(window[-1]._replace(predicted=found[-1]))
+        return now if chosen is rows or rows.all() else now[rows]
 
-    def _repeats(self, after: list[Step]) -> bool:
+    def _repeats(self, steps: list[Step]) -> bool:
         """May these steps be one program? All were read, with the model's R and the input of their prediction."""
-        plain = isinstance(self.filter, Estimator) and not self.filter.random and after[0].y.ndim == 2
-        return plain and all(step.R is None and step.measurement_u is None and step.read.all() for step in after)
+        plain = isinstance(self.filter, Estimator) and not self.filter.random and steps[0].y.ndim == 2
+        return plain and all(step.R is None and step.measurement_u is None and step.read.all() for step in steps)
 
     def _forecast(self, belief: Any, step: Step) -> Any:
         predict: Any = getattr(self.filter, "forecast", self.filter.predict)
@@ -363,11 +381,6 @@ class Delayed(Generic[Record]):
             met = predicted if u is None else predicted.with_input(u)
             return filter.correct(met, y, available, None, keys).read_only()
         return filter.update(predicted, y, rng=keys, available=available, R=R, u=u)
-
-
-def _stacked(arrays: list[Any]) -> Any:
-    """Arrays of successive steps, steps first; None where these have none."""
-    return None if arrays[0] is None else np.stack(arrays)
 
 
 def _taken(step: Step, y: np.ndarray, taken: np.ndarray, R: np.ndarray | None) -> Step:

@@ -4,6 +4,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable
 from functools import cache
+from itertools import pairwise
 from typing import Any, ClassVar, TypeVar, cast
 
 import numpy as np
@@ -204,48 +205,35 @@ class Filter(Estimator[Record], verified=True):
                     return updated
         return super().advance(belief, u, y, available, rng)
 
-    def advance_steps(
+    def forecast_steps(
         self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray, kept: Kept | None = None
-    ) -> tuple[list[Record], Record] | None:
-        """`Estimator.advance_steps` in one program; None where that cannot be."""
+    ) -> tuple[np.ndarray, Layout] | None:
+        """`Estimator.forecast_steps`, a program for all successive steps with measurements, or without."""
         if self.random or not (self._compiles(None) and self.verified and self._regular):
             return None
-        unread, now = self.idle and not available.any(), None if u is None else u[0]
-        begun = self.forecast(belief, now, None) if unread else belief
-        own, layout = begun.pack()
-        program = self._program(PREDICTIONS if unread else SUCCESSIVE, begun, layout, now)
-        if program is None or program.layout is not layout or program.predicted is None or program.callbacks:
-            return None
-        own, (steps, rows), width = in_rows(own), y.shape[:2], program.predicted.width
-        last, doubtful = np.empty((2, rows, layout.width)), np.zeros((steps, rows, 1), bool)
-        predicted = np.empty((steps, rows, width))
-        if unread:
-            predicted[0] = own
-        taken = [array[unread:] for array in (own if u is None else u, y, available)]
-        program.function(rows, steps - unread, own, *taken, own, own, own, last, doubtful, predicted[unread:])
-        lost: Any = ~np.isfinite(predicted[-1].sum(-1)) if unread else doubtful.any((0, 2))
-        prior = belief.prior_mean, belief.prior_cov
-        if kept is not None:
-            others, known, newest = kept
-            packs = [each.pack() for each in known]
-            if any(found is not program.predicted for _, found in [*packs, newest.pack()]):
+        (packed, layout), (steps, rows) = belief.pack(), y.shape[:2]
+        others, packs = kept or (np.zeros(0, int), [])
+        measured = [bool(each.any()) or not self.idle for each in available]
+        programs = dict[bool, Traced]()
+        for each in set(measured):
+            program = self._program(SUCCESSIVE if each else PREDICTIONS, belief, layout, None if u is None else u[0])
+            if program is None or program.callbacks or program.layout is not layout:
                 return None
-            lost[others] = False
-            for i, (rows_before, _) in enumerate(packs):
-                predicted[i, others] = rows_before[others]
-            predicted[-1, others] = newest.pack()[0]
-            prior = np.array(prior[0]), np.array(prior[1])
-            prior[0][others], prior[1][others] = newest.prior_mean, newest.prior_cov
-        if lost.any():
-            return None
-        inputs: Any = (None,) * steps if u is None else u
-        beliefs: list[Any] = [
-            self.record.view(values, program.predicted, *prior, known, None if i else belief.recovery)
-            for i, (values, known) in enumerate(zip(predicted, inputs, strict=True))
-        ]
-        if unread:
-            return beliefs, self.correct(beliefs[-1], y[-1], available[-1], None, None)
-        return beliefs, cast(Record, self.record.view(last[(steps - 1) % 2], layout, *prior, inputs[-1]))
+            programs[each] = program
+        predicted, doubtful = np.empty((steps, rows, layout.width)), np.zeros((steps, rows, 1), bool)
+        cuts = [k for k in range(1, steps) if measured[k] != measured[k - 1] or (packs and k == steps - 1)]
+        state = in_rows(packed)
+        for first, last in pairwise([0, *cuts, steps]):
+            before, now = (state, state) if u is None else (u[first:], u[first + 1 :])
+            programs[measured[first]].function(
+                rows, last - first, state, now, y[first:], available[first:], state, state, state, before,
+                predicted[first:], doubtful[first:],
+            )  # fmt: skip
+            for k in range(first, min(last, len(packs))):
+                predicted[k, others] = packs[k][others]
+            state = predicted[last - 1]
+        doubtful[: len(packs), others] = False
+        return None if doubtful.any() or not np.isfinite(state.sum()) else (predicted, layout)
 
     # --- programs: see estimators.tracing -----------------------------------------------------------
 

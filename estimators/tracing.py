@@ -19,9 +19,9 @@ from estimators.randomness import Numbers
 from estimators.recovery import doubtful_rows
 
 BOTH = "_predict", "_update"
-SUCCESSIVE = (*BOTH, "successive")
+SUCCESSIVE = ("_update", "_predict", "successive")
 PREDICTIONS = ("_predict", "successive")
-"""Methods of a program; those of successive steps are repeated, and the predictions kept."""
+"""Methods of a program; those of successive steps are repeated, from one prediction to the next."""
 
 
 class Callback(NamedTuple):
@@ -45,7 +45,6 @@ class Traced(NamedTuple):
     callbacks: tuple[Callback, ...] = ()
     columns: int = 0  # of their results
     dependencies: Dependencies | None = None  # of functions of others that are part of it
-    predicted: Layout | None = None  # of the predictions of successive steps
 
     def current(self) -> bool:
         """Is everything that it was traced of as it was?"""
@@ -104,24 +103,24 @@ def traced(
     words = Argument((2 * filter.random,), "u"), Argument((1 * filter.random,), "i")
     rng = Numbers(given(program, 5, words[0]), given(program, 6, words[1])[..., 0]) if filter.random else None
     known = None if u is None else matrix_input(program, 1, 0, u.shape[-1:])
-    p, doubtful, results = filter.model.p, None, []
+    p, doubtful, successive = filter.model.p, None, "successive" in methods
+    before = known if u is None or not successive else matrix_input(program, 7, 0, u.shape[-1:])  # of the update
     try:
-        now: Any = type(belief)(**(_inputs(program, belief, layout) | {"u": known}))
-        if "_init" in methods:
-            now = filter._init(now, rng)
-        if "_predict" in methods:
-            now = _checked(filter, filter._predict(now, known, rng), now)
-            results.append(now)
-        if "_update" in methods:
-            y, mask = matrix_input(program, 2, 0, (p,)), matrix_input(program, 3, 0, (p,), "b")
-            told = None if R is None else callbacks(lambda belief, u, R: R, 2)
-            measurement = filter._measurement(now, y, mask, told)
-            now = _checked(filter, filter._update(now, measurement, rng), now)
-            if not filter.verified:  # whose covariance may be symmetric but for rounding
-                now = Belief.replace(now, cov=symmetrise(now.cov))
-            doubtful = cast(Any, doubtful_rows(now, measurement.R))
-            results.append(now)
-        packed = [_packed(program, each) for each in (results[-1], *(results[:1] if "successive" in methods else ()))]
+        now: Any = type(belief)(**(_inputs(program, belief, layout) | {"u": before}))
+        for method in methods:
+            if method == "_init":
+                now = filter._init(now, rng)
+            elif method == "_predict":
+                now = _checked(filter, filter._predict(now, known, rng), now)
+            elif method == "_update":
+                y, mask = matrix_input(program, 2, 0, (p,)), matrix_input(program, 3, 0, (p,), "b")
+                told = None if R is None else callbacks(lambda belief, u, R: R, 2)
+                measurement = filter._measurement(now, y, mask, told)
+                now = _checked(filter, filter._update(now, measurement, rng), now)
+                if not filter.verified:  # whose covariance may be symmetric but for rounding
+                    now = Belief.replace(now, cov=symmetrise(now.cov))
+                doubtful = cast(Any, doubtful_rows(now, measurement.R))
+        found, parts = _packed(program, now)
         mask = [] if doubtful is None else [doubtful.value]
     except Exception as error:
         if filter.verified:
@@ -134,12 +133,12 @@ def traced(
         return traced(filter, methods, belief, layout, u, R)
     sizes = (layout.width, 0 if u is None else u.shape[-1], p, p, callbacks.columns)
     arguments = [*(Argument((size,), "b" if i == 3 else "f") for i, size in enumerate(sizes)), *words]
-    outputs = [(parts, Argument((found.width,))) for found, parts in packed]
-    outputs.insert(1, (mask, Argument((1,), "b")))
-    function = Function(program, arguments, outputs, successive="successive" in methods)
+    arguments += [Argument(sizes[1:2])] * successive
+    outputs = [(parts, Argument((found.width,))), (mask, Argument((1,), "b"))]
+    function = Function(program, arguments, outputs, parts if successive and found is layout else None)
     others = [each.source for each in program.inspections]
     dependencies = Dependencies(*others) if others else None
-    return Traced(function, packed[0][0], tuple(callbacks.each), callbacks.columns, dependencies, packed[-1][0])
+    return Traced(function, found, tuple(callbacks.each), callbacks.columns, dependencies)
 
 
 def traced_formula(formula: Callable[..., Any], sizes: tuple[tuple[int, int], ...]) -> Traced:

@@ -1,7 +1,7 @@
 """Compiled functions: a program for each row of a batch, over arrays whose rows lie one after the other."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from estimators.engine import machine
 from estimators.engine.emit import Emitter, Module, is_literal, literal, type_of
 from estimators.engine.linear_emit import LinearEmitter
+from estimators.engine.matrix_emit import Index, Matrix
 from estimators.engine.program import Instruction, Program, View
 from estimators.engine.tracer import KINDS, Tracer, cast, operation, where
 from estimators.threads import each as each_part
@@ -45,9 +46,8 @@ class Function:
         program: What it computes; its instructions ``input`` and ``input matrix`` read the arguments.
         arguments: Rows of what it takes.
         outputs: For each result its scalars and views of matrices, one after the other, and an argument like it.
-        successive: Is it repeated, so that its first result is its first argument in the next step? Its other arguments
-            and results are then ``(steps, rows, ...)``, and ``shared`` is how many steps; of the first result the last
-            two are kept, those of even steps first.
+        successive: Parts of the first argument in the next step, of a program that is repeated. Its other arguments and
+            its results are then ``(steps, rows, ...)``, and ``shared`` is how many steps.
 
     Attributes:
         instructions: Those of the program that its outputs need, in order.
@@ -56,16 +56,20 @@ class Function:
 
     def __init__(
         self, program: Program, arguments: Sequence[Argument], outputs: Sequence[tuple[Any, Argument]],
-        successive: bool = False,
+        successive: Sequence[Any] | None = None,
     ) -> None:  # fmt: skip
-        self.successive = successive
+        self.successive = None if successive is None else tuple(successive)
         self.arguments, self.results = tuple(arguments), tuple(result for _, result in outputs)
         self.program, self.outputs = program, [entries for entries, _ in outputs]
-        values = [part.value if isinstance(part, View) else part for parts in self.outputs for part in parts]
+        everything = [*self.outputs, self.successive or ()]
+        values = [part.value if isinstance(part, View) else part for parts in everything for part in parts]
         self.instructions = program.complete(values)
         self.layout = Layout(program, self.instructions, values)
         largest = _LARGEST if _SOLVING.isdisjoint(each.opcode for each in self.instructions) else _LARGEST_SOLVED
         self._wide = LANES if self.layout.size * 8 <= largest else 1
+        if successive is not None:
+            self.layout.places[STATE] = self.layout.size
+            self.layout.size += self.arguments[0].size
         self._places, self._constants = _placed(program)
         self._entries: dict[int, Callable[..., None]] = {}
 
@@ -203,6 +207,10 @@ ROOM = frozenset(("matmul", "solve", "eliminate"))
 """Opcodes whose last attribute is how many numbers they need besides their results."""
 
 
+STATE = -(1 << 40)
+"""Value of the matrix that a step leaves to the next one."""
+
+
 class Driver(LinearEmitter):
     """The loop over the rows: loads what a program reads, and stores what it gives."""
 
@@ -210,6 +218,9 @@ class Driver(LinearEmitter):
         super().__init__(function.program, module, width, function.layout)
         self._function = function
         self._bases: list[list[str]] = []
+        self._state: Matrix | None = None  # what a step leaves to the next one
+        if function.successive is not None:
+            self._state = self.matrix(STATE, (1, function.arguments[0].size))
         self.special["input"] = self._input
         self.special["input matrix"] = self._input_matrix
 
@@ -218,33 +229,29 @@ class Driver(LinearEmitter):
         arguments, results = self._function.arguments, self._function.results
         rows, shared = self.one.value("%rows", "i"), self.one.value("%shared", "i")
         strides: list[Any] = [each.size for each in arguments]
-        if not self._function.successive:
+        if self._state is None:
             strides = [where((shared & (1 << i)) != 0, 0, size) for i, size in enumerate(strides)]
+
+        def step(at: Sequence[Any]) -> None:
+            self._bases = self._places("a", strides, arguments, at)
+            self.block(instructions)
+            places = self._places("o", [each.size for each in results], results, at)
+            for parts, result, bases in zip(outputs, results, places, strict=True):
+                self._output(parts, result.kind, bases)
 
         def body(row: Tracer) -> None:
             own = [operation("minimum", row + lane, rows - 1) for lane in range(self.width)]
-            if self._function.successive:
-                self.loop(0, shared, lambda k: step([k * rows + each for each in own], own, k))
-            else:
+            parts, state = self._function.successive, self._state
+            if parts is None or state is None:
                 step(own)
+                return
+            self._take(state, self._places("a", strides[:1], arguments[:1], own)[0], 0, "f")
 
-        def step(at: Sequence[Any], own: Any = None, k: Any = None) -> None:
-            self._bases = [
-                [self._row(f"%a{i}", stride, row, argument.kind) for row in at]
-                for i, (stride, argument) in enumerate(zip(strides, arguments, strict=True))
-            ]
-            bases = [[self._row(f"%o{i}", each.size, row, each.kind) for row in at] for i, each in enumerate(results)]
-            if own:  # the first result takes turns between two places, as it is read until it is written
-                now, before = (
-                    [self._row("%o0", results[0].size, turn * rows + row, results[0].kind) for row in own]
-                    for turn in (k & 1, (k & 1) ^ 1)
-                )
-                first, bases[0] = self.one.name(k == 0), now
-                pairs = zip(self._bases[0], before, strict=True)
-                self._bases[0] = [self.line(f"select i1 {first}, ptr {a}, ptr {b}") for a, b in pairs]
-            self.block(instructions)
-            for parts, result, places in zip(outputs, results, bases, strict=True):
-                self._output(parts, result, places)
+            def successive(k: Tracer) -> None:
+                step([k * rows + each for each in own])
+                self.concatenate(parts, state)
+
+            self.loop(0, shared, successive)
 
         self.loop(0, rows, body, step=self.width)
         given = ["i64 %rows", "i64 %shared", "ptr noalias %scratch", "ptr noalias readonly %constants"]
@@ -255,15 +262,24 @@ class Driver(LinearEmitter):
         """Emitter of the body of an outlined function, which has no rows of its own."""
         return LinearEmitter(program, self.module, self.width, layout)
 
-    def _row(self, base: str, size: Any, row: Any, kind: str) -> str:
-        return self.at(base, row * size, _MEMORY[kind])
+    def _places(
+        self, letter: str, sizes: Sequence[Any], each: Sequence[Argument], rows: Sequence[Any]
+    ) -> list[list[str]]:
+        """Addresses of some rows of arguments or results."""
+        pairs = enumerate(zip(sizes, each, strict=True))
+        return [[self.at(f"%{letter}{i}", row * size, _MEMORY[one.kind]) for row in rows] for i, (size, one) in pairs]
 
     def _loaded(self, argument: int, column: Any) -> Tracer:
-        kind = self._function.arguments[argument].kind
+        if self._state and argument == 0:
+            return self._state[0, column]
+        return self._gathered(self._bases[argument], column, self._function.arguments[argument].kind)
+
+    def _gathered(self, bases: Sequence[str], column: Any, kind: str) -> Tracer:
+        """An entry of the rows that begin at these addresses."""
         memory = _MEMORY[kind]
 
         def one(lane: int) -> str:
-            place = self.at(self._bases[argument][lane], column, memory)
+            place = self.at(bases[lane], column, memory)
             return self.line(f"load {memory}, ptr {place}, align {_ALIGN[kind]}")
 
         value = self.gather(one, memory)
@@ -278,30 +294,67 @@ class Driver(LinearEmitter):
     def _input_matrix(self, instruction: Instruction) -> None:
         argument, column = instruction.attributes
         size, kind = self.program.sizes[instruction.result], self._function.arguments[argument].kind
-        if self.width == 1 and kind == "f":  # as it stands in its row
-            self.pointers[instruction.result] = self.at(self._bases[argument][0], column)
-            return
-        target = self.matrix(instruction.result, (1, size))
+        bases = self._bases[argument]
+        if self._state and argument == 0:
+            self.copy(View(STATE, (1, size), column, (size, 1)), self.matrix(instruction.result, (1, size)))
+        elif self.width == 1 and kind == "f":  # as it stands in its row
+            self.pointers[instruction.result] = self.at(bases[0], column)
+        else:
+            self._take(self.matrix(instruction.result, (1, size)), bases, column, kind)
 
-        def entry(j: Tracer) -> None:
-            target[0, j] = self._loaded(argument, j + column)
+    def _take(self, target: Matrix, bases: Sequence[str], column: int, kind: str) -> None:
+        """Neighbouring columns of rows as a matrix, of floats eight columns at a time."""
 
-        self.loop(0, size, entry)
+        def some(j: Index, count: int) -> None:
+            if count == self.width and kind == "f":
+                entries = self._transposed([self.read(self.at(base, j + column), count) for base in bases])
+            else:
+                entries = [self._gathered(bases, j + column + m, kind) for m in range(count)]
+            for m, entry in enumerate(entries):
+                target[0, j + m] = entry
 
-    def _output(self, parts: Sequence[Any], result: Argument, bases: Sequence[str]) -> None:
+        self.chunks(target.shape[1], LANES if kind == "f" else 1, some)
+
+    def _transposed(self, rows: Sequence[Tracer]) -> list[Tracer]:
+        """The columns of a square matrix: its blocks change places, smaller ones from turn to turn."""
+        n, names, T = len(rows), [self.own.name(row) for row in rows], type_of("f", len(rows))
+        size = n // 2
+        while size:
+            for i in (i for i in range(n) if not i & size):
+                pair = f"shufflevector {T} {names[i]}, {T} {names[i + size]}, <{n} x i32> "
+                order = [j - size + n if j & size else j for j in range(n)]
+                names[i], names[i + size] = (
+                    self.line(f"{pair}<{', '.join(f'i32 {j + part}' for j in order)}>") for part in (0, size)
+                )
+            size //= 2
+        return [self.own.value(name) for name in names]
+
+    def _output(self, parts: Sequence[Any], kind: str, bases: Sequence[str]) -> None:
         """Store scalars and matrices in columns one after the other."""
         column = 0
         for part in parts:
             if not isinstance(part, View):
-                self._stored(self.scalar(part), result.kind, bases, column)
+                self._stored(self.scalar(part), kind, bases, column)
                 column += 1
                 continue
+            rows, columns = part.shape
+            if part.steps == (columns, 1):  # it lies in one piece
+                rows, columns, part = 1, rows * columns, View(part.value, (1, rows * columns), part.start, (0, 1))
 
-            def one(i: Any, j: Any, part: View = part, first: int = column) -> None:
-                self._stored(self.load(part, i, j), result.kind, bases, first + i * part.shape[1] + j)
+            def some(i: Index, j: Index, count: int, part: View = part, first: int = column) -> None:
+                entries = [self.load(part, i, j + m) for m in range(count)]
+                at = first + i * part.shape[1] + j
+                if count == self.width and kind == "f":
+                    for entry, base in zip(self._transposed(entries), bases, strict=True):
+                        self.lines.append(
+                            f"  store {type_of('f', count)} {self.own.name(entry)}, ptr {self.at(base, at)}, align 8"
+                        )
+                else:
+                    for m, entry in enumerate(entries):
+                        self._stored(entry, kind, bases, at + m)
 
-            self.over(*part.shape, one)
-            column += part.shape[0] * part.shape[1]
+            self.each(0, rows, lambda i, some=some, n=columns: self.chunks(n, LANES, partial(some, i)))  # type: ignore
+            column += rows * columns
 
     def _stored(self, x: Tracer, kind: str, bases: Sequence[str], column: Any) -> None:
         memory, value = _MEMORY[kind], self.own.name(cast(x, kind))
