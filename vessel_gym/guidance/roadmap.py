@@ -5,15 +5,15 @@ disc that is wider than the turning circle, by its edge. Edges of all scenes are
 """
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from estimators.engine import compiled, repeat
-from vessel_gym.guidance.touches import HAIR, all_touches, margins, meets, reaches, touch, turning_on
+from vessel_gym.guidance.touches import HAIR, all_touches, meets, reaches, touch, turning_on
 from vessel_gym.guidance.words import CURVATURES, whole, word_pieces
 
+_SHARES = 1.03, np.inf  # of the least length that any way may have: touches up to the first are joined first
 _SLIDE = 1e-4  # rad, the smallest slide of a touch: what it leaves is of its square
 TOUCHES, DISCS = 8, 4  # in one compiled function
 
@@ -21,23 +21,34 @@ TOUCHES, DISCS = 8, 4  # in one compiled function
 # --- edges ------------------------------------------------------------------------------------------
 
 
-@compiled(axes=(1, 1, 2))
-def join(a: np.ndarray, b: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The shortest clear ways from touches ``(..., 7)`` to others among discs ``(..., 4 g, 3)``.
+def _words(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pieces ``(..., 6, 3)`` and lengths ``(..., 6)`` of the words between poses, whatever they cross.
 
-    LRL and RLR turn farther than half a turn: beside a shorter word they are left out.
-
-    Returns:
-        Their lengths, infinite where no way is clear, and those of the shortest words, clear or not; the radii
-        ``(..., 3)`` of their pieces, positive to the left and 0 of straights, and the angles of arcs and lengths of
-        straights ``(..., 3)``.
+    LRL and RLR turn farther than half a turn: beside a shorter word they are infinite.
     """
     pieces = word_pieces(a, b, np.ones_like(a[..., 0]))
     words = pieces[..., 0] + pieces[..., 1] + pieces[..., 2]
-    free = np.minimum(np.minimum(words[..., 0], words[..., 1]), np.minimum(words[..., 2], words[..., 3]))
-    words = np.concatenate([words[..., :4], np.where(free[..., None] <= np.pi, np.inf, words[..., 4:])], -1)
+    short = (words[..., :4].min(-1) <= np.pi)[..., None]
+    return pieces, np.concatenate([words[..., :4], np.where(short, np.inf, words[..., 4:])], -1)
+
+
+@compiled
+def free_length(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Lengths ``(...)`` of the shortest words between poses ``(..., 3)``: no way among discs is shorter."""
+    return _words(a, b)[1].min(-1)
+
+
+@compiled(axes=(1, 1, 2))
+def join(a: np.ndarray, b: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The shortest clear ways from touches ``(..., 7)`` to others among discs ``(..., 4 g, 3)``.
+
+    Returns:
+        Their lengths, infinite where no way is clear, the radii ``(..., 3)`` of their pieces, positive to the left and
+        0 of straights, and the angles of arcs and lengths of straights ``(..., 3)``.
+    """
+    pieces, words = _words(a, b)
     follows = (a[..., 3] == b[..., 3]) & (a[..., 6] == b[..., 6]) & (a[..., 6] != 0.0)
-    angle, none = whole(a[..., 4] * (b[..., 5] - a[..., 5])), np.zeros_like(free)
+    angle, none = whole(a[..., 4] * (b[..., 5] - a[..., 5])), np.zeros_like(a[..., 0])
     along = np.where(follows, angle * abs(a[..., 6]), np.inf)
     lengths = np.concatenate([along[..., None], words], -1)
     extents = np.concatenate([np.stack([angle, none, none], -1)[..., None, :], pieces], -2)
@@ -57,12 +68,19 @@ def join(a: np.ndarray, b: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, .
         better = lengths[..., way] < length
         length, bends = np.where(better, lengths[..., way], length), np.where(better[..., None], turns, bends)
         chosen = np.where(better[..., None], extents[..., way, :], chosen)
-    return length, np.minimum(free, np.minimum(words[..., 4], words[..., 5])), bends, chosen
+    return length, bends, chosen
 
 
-def _of(scene: np.ndarray, discs: np.ndarray) -> np.ndarray:
-    """The discs of scenes ``(n,)``; those of one scene are all the same."""
-    return discs if len(discs) == 1 else discs[scene]
+@compiled(axes=(1, 1, 1, 2))
+def _through(first: np.ndarray, node: np.ndarray, last: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lengths ``(...)`` of the shortest clear ways to a touch ``(..., 7)``, and on from there, as of `join`."""
+    return join(first, node, discs)[0], join(node, last, discs)[0]
+
+
+@compiled
+def _free_through(first: np.ndarray, node: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same whatever they cross, as of `free_length`."""
+    return free_length(first, node), free_length(node, last)
 
 
 # --- the shortest way -------------------------------------------------------------------------------
@@ -78,14 +96,14 @@ def ways(start: np.ndarray, goal: np.ndarray, discs: np.ndarray, count: int, lim
         count: Evenly spread touches a disc and way round.
         limit: ``(S,)``.
     """
-    gaps = margins(discs)
-    found = _search(start, goal, discs, *all_touches(start, goal, discs, gaps, count), limit)
+    edges = reaches(discs, discs[:, None])
+    found = _search(start, goal, discs, *all_touches(start, goal, discs, edges, count), limit)
     counts = np.array([len(way) for way in found])
     rest, results = np.nonzero(counts)[0], [np.zeros((0, 2))] * len(found)
     if len(rest):
         touches, index = counts[rest] - 2, np.arange(counts.max())
         padded = np.stack([found[s][np.minimum(index, counts[s] - 1)] for s in rest])
-        refined = _refined(padded, touches, reaches(discs, gaps)[rest], discs[rest], np.pi / count)
+        refined = _refined(padded, touches, edges[rest], discs[rest], np.pi / count)
         for s, pieces in zip(rest, refined, strict=True):
             results[s] = pieces
     return results
@@ -96,35 +114,37 @@ def _search(
 ) -> list[np.ndarray]:
     """The touches ``(k, 7)`` of the shortest ways from start to goal below limits; none where there is none.
 
-    Words that ignore the obstacles say how much is left at least. Ways with one touch come first: they bound the
-    length, and most touches then lie too far off for any way.
+    Words that ignore the obstacles say how long a way through a touch is at least. Ways with one touch come first: they
+    bound the length, and most touches then lie too far off for any way.
     """
     nowhere = np.tile([-1.0, 0.0, 0.0, 0.0], (len(discs), 1))
     first, last = np.concatenate([start, nowhere], -1), np.concatenate([goal, nowhere], -1)
-    straight = sum(np.hypot(*(nodes[:, i] - p[scene, i] for i in (0, 1))) for p in (first, last))
-    order = np.lexsort((straight, scene))
-    order = order[(straight < limit[scene])[order]]
-    scene, nodes = scene[order], nodes[order]
-    a, b = np.concatenate([first, first[scene], nodes]), np.concatenate([last, nodes, last[scene]])
-    length, free, *_ = join(a, b, _of(np.concatenate([np.arange(len(discs)), scene, scene]), discs))
-    direct, way, ends = np.split(length, [len(discs), len(discs) + len(scene)])
-    _, near, ahead = np.split(free, [len(discs), len(discs) + len(scene)])
-    best, by = _relaxed(np.minimum(direct, limit), np.full(len(discs), -1), scene, np.arange(len(way)), way + ends)
-    kept = near + ahead < best[scene] * (1.0 + HAIR)
-    by = np.where(by >= 0, np.cumsum(kept)[by] - 1, by) if len(kept) else by
+    near, ahead = _free_through(first[scene], nodes, last[scene])
+    within, least = near + ahead, np.full(len(discs), np.inf)
+    np.fmin.at(least, scene, within)
+    shortest, way, ends = np.minimum(join(first, last, discs)[0], limit), *np.full((2, len(scene)), np.inf)
+    best = shortest.copy()
+    for share in _SHARES:
+        i = np.nonzero((within < best[scene] * (1.0 + HAIR)) & (within <= share * least[scene]) & (way == np.inf))[0]
+        way[i], ends[i] = _through(first[scene[i]], nodes[i], last[scene[i]], discs[scene[i]])
+        np.minimum.at(best, scene[i], way[i] + ends[i])
+    kept = np.nonzero(within < best[scene] * (1.0 + HAIR))[0]
+    straight = sum(np.hypot(*(nodes[kept, i] - p[scene[kept], i] for i in (0, 1))) for p in (first, last))
+    kept = kept[np.lexsort((straight, scene[kept]))]
     scene, nodes, way, ends, ahead = scene[kept], nodes[kept], way[kept], ends[kept], ahead[kept]
-    before, fresh = np.full(len(way), -1), np.ones(len(way), bool)
+    best, by = _relaxed(shortest, np.full(len(discs), -1), scene, np.arange(len(way)), way + ends)
+    before, fresh, poses = np.full(len(way), -1), np.ones(len(way), bool), np.ascontiguousarray(nodes[:, :3])
     while True:  # Bellman and Ford
         fresh &= way + ahead < best[scene]
         u, v = _pairs(scene, np.nonzero(fresh)[0])
+        room = np.minimum(way[v], best[scene[v]] - ahead[v]) - way[u]
+        u, v, room = u[room > 0.0], v[room > 0.0], room[room > 0.0]
+        close = free_length(poses[u], poses[v]) < room
+        u, v, known = u[close], v[close], way
         if not len(u):
             break
-        fresh[:] = False
-        room = np.minimum(way[v], best[scene[v]] - ahead[v]) - way[u]
-        close = (np.hypot(nodes[u, 0] - nodes[v, 0], nodes[u, 1] - nodes[v, 1]) < room) & (u != v)
-        u, v, known = u[close], v[close], way
-        way, before = _relaxed(way, before, v, u, way[u] + join(nodes[u], nodes[v], _of(scene[u], discs))[0])
-        fresh |= way < known
+        way, before = _relaxed(way, before, v, u, way[u] + join(nodes[u], nodes[v], discs[scene[u]])[0])
+        fresh = way < known
         best, by = _relaxed(best, by, scene, np.arange(len(way)), way + ends)
     none = np.zeros((0, 7))
     return [_back(before, by[s], first[s], last[s], nodes) if best[s] < limit[s] else none for s in range(len(discs))]
@@ -196,7 +216,7 @@ def _taut(ways: np.ndarray, touches: np.ndarray, discs: np.ndarray) -> tuple[np.
     n, left = ways.shape[1] - 1, np.zeros(len(ways), int)
     while True:
         a, b = np.concatenate([ways[:, :-1], ways[:, :-2]], 1), np.concatenate([ways[:, 1:], ways[:, 2:]], 1)
-        length, _, bends, extents = join(a, b, discs[:, None])
+        length, bends, extents = join(a, b, discs[:, None])
         number = np.arange(n - 1)
         without = length[:, n:] < length[:, : n - 1] + length[:, 1:n] + HAIR
         without &= (number >= left[:, None]) & (number < touches[:, None])
@@ -218,18 +238,6 @@ def _picked(rows: np.ndarray, index: np.ndarray) -> np.ndarray:
     return found
 
 
-def _leg(*carried: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The way on from the first of four touches to the next, which is first then.
-
-    Behind the touches stand the length so far and, of the last three legs, the straights between turns both ways
-    (otherwise infinite).
-    """
-    a, b, c, d, total, *straights = carried
-    length, _, bends, extents = join(a, b, discs)
-    straight = np.where(bends[..., 0] * bends[..., 2] < 0.0, extents[..., 1], np.inf)
-    return b, c, d, a, total + length, *straights[1:], straight
-
-
 def _best_slide(
     touches: Sequence[np.ndarray], alone: np.ndarray, first: np.ndarray, edges: np.ndarray, discs: np.ndarray,
     step: np.ndarray,
@@ -245,7 +253,8 @@ def _best_slide(
         step: Of the slide [rad].
 
     Returns:
-        1, -1 or 0 (none), the touches in the middle, and the straights as of `_leg`.
+        1, -1 or 0 (none), the touches in the middle, and the straights between turns both ways of the
+        last three legs (otherwise infinite).
     """
     a, b, c, d = touches
     moving, following = np.where(first[..., None], c, b), np.where(first[..., None], b, c)
@@ -263,8 +272,17 @@ def _best_slide(
         met = np.where(alone[..., None], c, touch(next_edge, following[..., 3], following[..., 4], bearing))
         pair = np.where(first[..., None], met, pose), np.where(first[..., None], pose, met)
         low, high = (np.where(as_is[..., None], old, new) for old, new in zip((b, c), pair, strict=True))
-        *_, total, s0, s1, s2 = repeat(3, partial(_leg, discs=discs), a, low, high, d, zero, zero, zero, zero)
-        better = as_is | ((total < best) & ((sign == 0.0) | (sign == own)))
+        allowed = (sign == 0.0) | (sign == own)
+        legs = np.where(allowed, np.where(alone, 2.0, 3.0), 0.0)
+
+        def leg(i: np.ndarray, total: np.ndarray, *straights: np.ndarray) -> tuple[np.ndarray, ...]:
+            here, there = (_picked(np.stack(ends, -2), i) for ends in ((a, low, high), (low, high, d)))
+            length, bends, extents = join(here, there, discs)
+            straight = np.where(bends[..., 0] * bends[..., 2] < 0.0, extents[..., 1], np.inf)
+            return i + 1.0, total + length, *straights[1:], straight
+
+        _, total, s0, s1, s2 = repeat(3, leg, zero, zero, zero, zero, zero, active=lambda i, *_: i < legs)
+        better = as_is | (allowed & (total < best))
         best = np.where(better, total * np.where(as_is, 1.0 - 1e-12, 1.0), best)
         middle = (np.where(better[..., None], new, old) for new, old in zip((low, high), kept, strict=False))
         straights = (np.where(better, new, old) for new, old in zip((s0, s1, s2), kept[2:], strict=True))
@@ -304,12 +322,8 @@ def _slid(way: np.ndarray, count: np.ndarray, edges: np.ndarray, discs: np.ndarr
         for n in range(1, way.shape[-2]):
             row = np.where((changed == n - 1.0)[..., None], b, way[..., n, :])
             rows.append(np.where((changed == n - 2.0)[..., None], c, row))
-        before, after = np.where(alone, straights[0], before), np.where(alone, straights[1], after)
-        after, failed, place = (
-            np.where(first, straights[2], after),
-            np.where(sign == 0.0, failed + 1.0, 0.0),
-            place + 1.0,
-        )
+        before, after = np.where(alone, straights[1], before), np.where(alone | first, straights[2], after)
+        failed, place = np.where(sign == 0.0, failed + 1.0, 0.0), place + 1.0
         i = np.floor(place / 3.0)
         for k, movable, straight in ((1.0, i > 0.0, before), (2.0, i < count - 1.0, after)):
             skipped = (place == 3.0 * i + k) & ~(movable & (straight * straight < 4.0 * step))  # they cannot together

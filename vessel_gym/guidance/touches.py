@@ -17,6 +17,7 @@ from estimators.engine import compiled
 HAIR = 1e-9
 """Turn radii that touches keep from edges, so that a path that touches a disc passes the check."""
 _FULL = 2.0 * np.pi
+_SIDES = 1.0, -1.0
 
 
 # --- clearance --------------------------------------------------------------------------------------
@@ -60,53 +61,46 @@ def meets(pose: np.ndarray, bends: Sequence[np.ndarray | float], extents: np.nda
     return crosses
 
 
-@compiled(axes=(1, 2))
-def outside(touches: np.ndarray, discs: np.ndarray) -> np.ndarray:
-    """Mask of the touches ``(..., 7)`` in none of the discs ``(..., m, 3)``."""
-    x, y = touches[..., 0], touches[..., 1]
-    clear = x == x
-    for d in range(discs.shape[-2]):
-        dx, dy = x - discs[..., d, 0], y - discs[..., d, 1]
-        clear = clear & ~(dx * dx + dy * dy < discs[..., d, 2] ** 2)
-    return clear
-
-
 # --- tangents ---------------------------------------------------------------------------------------
 
 
-def margins(discs: np.ndarray) -> np.ndarray:
-    """Distances ``(S, m)`` that touches keep from edges: a hair, or half of the narrowest gap to another disc."""
-    far = np.hypot(*(discs[:, :, None, i] - discs[:, None, :, i] for i in (0, 1)))
-    apart = far - discs[:, :, None, 2] - discs[:, None, :, 2]
-    return np.minimum(HAIR, np.where(apart > 0.0, 0.5 * apart, np.inf).min(-1, initial=np.inf))
+@compiled(axes=(1, 2))
+def reaches(disc: np.ndarray, discs: np.ndarray) -> np.ndarray:
+    """Edge ``(..., 4)`` of a disc that touches lie on: x, y, radius, and the radius again or 0 where turns are wider.
+
+    It keeps a hair from the disc ``(..., 3)``, or half of the narrowest gap to another of ``discs (..., m, 3)``.
+    """
+    far = np.hypot(disc[..., :1] - discs[..., 0], disc[..., 1:2] - discs[..., 1])
+    apart = far - disc[..., 2:] - discs[..., 2]
+    reach = disc[..., 2] + np.minimum(HAIR, np.where(apart > 0.0, 0.5 * apart, np.inf).min(-1))
+    return np.stack([disc[..., 0], disc[..., 1], reach, np.where(disc[..., 2] >= 1.0, reach, 0.0)], -1)
 
 
-def circles(start: np.ndarray, goal: np.ndarray, turn: float, discs: np.ndarray, gaps: np.ndarray) -> np.ndarray:
-    """Directed circles ``(S, 4 + 2 m, 4)`` x, y, radius, side: of the start, of the goal, then the discs, left first.
+def circles(start: np.ndarray, goal: np.ndarray, turn: float, edges: np.ndarray) -> np.ndarray:
+    """Directed circles ``(S, 4 + 2 m, 4)`` x, y, radius, side: of the start, of the goal, then the edges, left first.
 
     Args:
         start: ``(S, 3)`` poses.
         goal: ``(S, 3)`` poses.
         turn: Radius of the turning circles of both.
-        discs: ``(S, m, 3)``.
-        gaps: ``(S, m)`` what to keep from their edges.
+        edges: ``(S, m, 4)`` of the discs.
     """
-    rounds = np.empty((len(discs), 4 + 2 * discs.shape[1], 4))
-    rounds[..., 3] = _sides(discs)
-    for k, pose in enumerate((start, goal)):
-        both, side = rounds[:, 2 * k : 2 * k + 2], rounds[:, 2 * k : 2 * k + 2, 3]
-        both[..., 0] = pose[:, :1] - side * turn * np.sin(pose[:, 2:])
-        both[..., 1] = pose[:, 1:2] + side * turn * np.cos(pose[:, 2:])
-    rounds[:, :4, 2] = turn
-    for k in (4, 5):
-        rounds[:, k::2, :3] = discs
-        rounds[:, k::2, 2] += gaps
-    return rounds
+    x, y, heading = np.stack([start, goal], 2).transpose(1, 0, 2)
+    return _circles(x, y, turn * np.sin(heading), turn * np.cos(heading), turn, edges)
 
 
-def _sides(discs: np.ndarray) -> np.ndarray:
-    """Ways round ``(n,)`` of the directed circles."""
-    return np.tile([1.0, -1.0], 2 + discs.shape[1])
+@compiled(axes=(1, 1, 1, 1, 0, 2))
+def _circles(
+    x: np.ndarray, y: np.ndarray, aside: np.ndarray, ahead: np.ndarray, turn: np.ndarray, edges: np.ndarray
+) -> np.ndarray:
+    """The same of two poses ``(..., 2)``, whose turns have their centres ``aside`` and ``ahead`` of them."""
+    none, rounds = 0.0 * x[..., 0], []
+    for i in range(2):
+        centres = ((x[..., i] - side * aside[..., i], y[..., i] + side * ahead[..., i], side) for side in _SIDES)
+        rounds += [np.stack([*centre, none + turn, none + side], -1) for *centre, side in centres]
+    for i in range(edges.shape[-2]):
+        rounds += [np.stack([*(edges[..., i, k] for k in range(3)), none + side], -1) for side in _SIDES]
+    return np.stack(rounds, -2)
 
 
 @compiled(axes=(1, 1, 2))
@@ -156,7 +150,7 @@ def string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> np.ndarray
     """
     discs = discs - [0.0, 0.0, 2.0 * HAIR]
     discs[..., 2] = np.maximum(discs[..., 2], 0.0)
-    rounds = circles(start, goal, 0.0, discs, np.full(discs.shape[:2], HAIR))
+    rounds = circles(start, goal, 0.0, discs + [0.0, 0.0, HAIR])
     scene, i, j, heading, line = tangents(rounds, discs)
     scenes, owner, count = np.tile(scene, 2), np.concatenate([i, j]), len(scene)  # they leave circles, then arrive
     circle, headings = rounds[scenes, owner], np.tile(heading, 2)
@@ -186,17 +180,25 @@ def string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> np.ndarray
 # --- touches ----------------------------------------------------------------------------------------
 
 
-def reaches(discs: np.ndarray, gaps: np.ndarray) -> np.ndarray:
-    """Edges ``(S, m, 4)`` that touches lie on: x, y, radius, and the radius again or 0 where turns are wider."""
-    reach = discs[..., 2] + gaps
-    return np.stack([discs[..., 0], discs[..., 1], reach, np.where(discs[..., 2] >= 1.0, reach, 0.0)], -1)
-
-
 @compiled(axes=(1, 0, 0, 0))
 def touch(edge: np.ndarray, disc: np.ndarray, side: np.ndarray, bearing: np.ndarray) -> np.ndarray:
     """Touches ``(..., 7)`` of discs at bearings from their centres; ``edge`` is one of `reaches` ``(..., 4)``."""
     x, y = edge[..., 0] + edge[..., 2] * np.cos(bearing), edge[..., 1] + edge[..., 2] * np.sin(bearing)
     return np.stack([x, y, bearing + side * (0.5 * np.pi), disc, side, bearing, side * edge[..., 3]], -1)
+
+
+@compiled(axes=(1, 0, 0, 0, 2))
+def _placed(
+    edge: np.ndarray, disc: np.ndarray, side: np.ndarray, bearing: np.ndarray, discs: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """`touch`, and the mask of those in none of the discs ``(..., m, 3)``."""
+    touches = touch(edge, disc, side, bearing)
+    x, y = touches[..., 0], touches[..., 1]
+    clear = x == x
+    for d in range(discs.shape[-2]):
+        dx, dy = x - discs[..., d, 0], y - discs[..., d, 1]
+        clear = clear & ~(dx * dx + dy * dy < discs[..., d, 2] ** 2)
+    return touches, clear
 
 
 @compiled
@@ -218,8 +220,25 @@ def turning_on(circle: np.ndarray, edge: np.ndarray) -> np.ndarray:
     return np.stack([middle - half, middle + half], -1)
 
 
+@compiled
+def _between(circle: np.ndarray, edge: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Bearings ``(..., 8)`` at which turning circles touch a directed circle and a disc, and the sides of the latter.
+
+    NaN for none: there are none between a disc and itself.
+    """
+    bearings, sides = [], []
+    for out in _SIDES:
+        for sign in _SIDES:
+            centres = np.stack(
+                [circle[..., 0], circle[..., 1], 1.0 + out * circle[..., 2], sign + 0.0 * circle[..., 3]], -1
+            )
+            bearings.append(turning_on(centres, edge))
+            sides += [sign * out * circle[..., 3]] * 2
+    return np.concatenate(bearings, -1), np.stack(sides, -1)
+
+
 def all_touches(
-    start: np.ndarray, goal: np.ndarray, discs: np.ndarray, gaps: np.ndarray, count: int
+    start: np.ndarray, goal: np.ndarray, discs: np.ndarray, edges: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Touches on clear tangents, between turning circles, and ``count`` evenly spread a disc and way round.
 
@@ -227,42 +246,32 @@ def all_touches(
         start: ``(S, 3)`` poses at the origin.
         goal: ``(S, 3)`` poses.
         discs: ``(S, m, 3)``.
-        gaps: ``(S, m)``.
+        edges: ``(S, m, 4)`` of the discs.
         count: How many of the last.
 
     Returns:
         Scenes ``(n,)`` and touches ``(n, 7)`` outside of all discs.
     """
-    m = discs.shape[1]
-    rounds, edges, side = circles(start, goal, 1.0, discs, gaps), reaches(discs, gaps), _sides(discs)
+    rounds = circles(start, goal, 1.0, edges)
     scene, i, j, heading, _ = tangents(rounds, discs)
     circle = np.concatenate([i, j])
     on_disc = circle >= 4
-    circle = circle[on_disc]
-    bearing = np.tile(heading, 2)[on_disc] - side[circle] * (0.5 * np.pi)
-    found = [(np.tile(scene, 2)[on_disc], circle // 2 - 2, side[circle], bearing)]
+    circle, scene = circle[on_disc], np.concatenate([scene, scene])[on_disc]
+    disc, side = circle // 2 - 2, 1.0 - 2.0 * (circle % 2)
+    bearing = np.concatenate([heading, heading])[on_disc] - side * (0.5 * np.pi)
+    scenes, found = [scene], [touch(edges[scene, disc], disc.astype(float), side, bearing)]
 
-    out, sign = np.array([1.0, 1.0, -1.0, -1.0]), np.array([1.0, -1.0, 1.0, -1.0])
-    centres = np.empty((len(discs), 1, len(side), 4, 4))
-    centres[..., :2], centres[..., 3] = rounds[:, None, :, None, :2], sign
-    centres[..., 2] = 1.0 + out * rounds[:, None, :, None, 2]
-    between = turning_on(centres, edges[:, :, None, None])
-    between[:, np.arange(m), 4 + 2 * np.arange(m)] = between[:, np.arange(m), 5 + 2 * np.arange(m)] = np.nan
-    scene, disc, i, turn, _ = there = np.nonzero(between == between)
-    found.append((scene, disc, (sign * out)[turn] * side[i], between[there]))
-
-    spread = np.empty((len(discs), m, count + m, 2))
     along = np.arctan2(goal[:, 1], goal[:, 0]) + 0.5 * np.pi
-    spread[:, :, :count] = (along[:, None] + np.arange(count) * (_FULL / count))[:, None, :, None]
-    away = edges[:, None, :, :2] - edges[:, :, None, :2]  # a narrow gap is passed at its narrowest place
-    gap = np.hypot(away[..., 0], away[..., 1]) - discs[:, :, None, 2] - discs[:, None, :, 2]
-    narrow = np.where((gap > 0.0) & (gap < 1.0), np.arctan2(away[..., 1], away[..., 0]), np.nan)
-    spread[:, :, count:] = narrow[..., None]
-    scene, disc, _, way = there = np.nonzero(spread == spread)
-    found.append((scene, disc, 1.0 - 2.0 * way, spread[there]))
-
-    scene, disc, ways, bearing = map(np.concatenate, zip(*found, strict=True))
-    touches = touch(edges[scene, disc], disc.astype(float), ways, bearing)
-    clear = outside(touches, discs if len(discs) == 1 else discs[scene])
-    clear[: len(found[0][0])] = True
-    return scene[clear], touches[clear]
+    spread = (along[:, None] + np.arange(count) * (_FULL / count))[:, None, :, None]
+    dx, dy = (discs[:, None, :, i] - discs[:, :, None, i] for i in (0, 1))
+    gap = (
+        np.hypot(dx, dy) - discs[:, :, None, 2] - discs[:, None, :, 2]
+    )  # a narrow one is passed at its narrowest place
+    narrow = np.where((gap > 0.0) & (gap < 1.0), np.arctan2(dy, dx), np.nan)[..., None]
+    number, ways = np.arange(discs.shape[1])[:, None, None], np.array(_SIDES)
+    bearing, side = _between(rounds[:, None], edges[:, :, None])
+    for bearings, sides in ((bearing, side), (spread, ways), (narrow, ways)):
+        touches, clear = _placed(edges[:, :, None, None], number + 0.0, sides, bearings, discs[:, None, None, None])
+        scenes.append(np.nonzero(clear)[0])
+        found.append(touches[clear])
+    return np.concatenate(scenes), np.concatenate(found)
