@@ -172,7 +172,7 @@ def plans(start: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarray)
                 f"the {name} is {np.nanmax(depth[s]):.6g} m inside obstacle {np.nanargmax(depth[s])} or its margin: "
                 f"move the {name} or the obstacle, or ask for less margin"
             )
-    rest = np.setdiff1d(np.nonzero(~clear)[0], [*errors])
+    rest = np.array([s for s in np.nonzero(~clear)[0].tolist() if s not in errors], int)
     found, together = [(np.nonzero(clear)[0], segments[clear], length[clear])], max(_BATCH // discs.shape[1], 1)
     for part in np.split(rest, range(together, len(rest), together)):
         way, bound, failed = _around(start[part], goal[part], radius, discs[part], length[part])
@@ -191,6 +191,8 @@ def _around(start: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarra
     bound = string(here, there, rounds) * radius
     length, rest, found = np.full(len(start), np.inf), np.nonzero(bound < np.inf)[0], np.zeros((len(start), 1, 5))
     for count in TOUCHES:
+        if not len(rest):
+            break
         pieces = ways(here[rest], there[rest], rounds[rest], count, length[rest] / radius)
         sizes = np.array([len(rows) for rows in pieces], int)
         most = sizes.max(initial=0)

@@ -17,7 +17,7 @@ from estimators.engine import compiled
 HAIR = 1e-9
 """Turn radii that touches keep from edges, so that a path that touches a disc passes the check."""
 _FULL = 2.0 * np.pi
-_SIDES = 1.0, -1.0
+_SIDES = np.array([1.0, -1.0])
 
 
 # --- clearance --------------------------------------------------------------------------------------
@@ -85,22 +85,12 @@ def circles(start: np.ndarray, goal: np.ndarray, turn: float, edges: np.ndarray)
         turn: Radius of the turning circles of both.
         edges: ``(S, m, 4)`` of the discs.
     """
-    x, y, heading = np.stack([start, goal], 2).transpose(1, 0, 2)
-    return _circles(x, y, turn * np.sin(heading), turn * np.cos(heading), turn, edges)
-
-
-@compiled(axes=(1, 1, 1, 1, 0, 2))
-def _circles(
-    x: np.ndarray, y: np.ndarray, aside: np.ndarray, ahead: np.ndarray, turn: np.ndarray, edges: np.ndarray
-) -> np.ndarray:
-    """The same of two poses ``(..., 2)``, whose turns have their centres ``aside`` and ``ahead`` of them."""
-    none, rounds = 0.0 * x[..., 0], []
-    for i in range(2):
-        centres = ((x[..., i] - side * aside[..., i], y[..., i] + side * ahead[..., i], side) for side in _SIDES)
-        rounds += [np.stack([*centre, none + turn, none + side], -1) for *centre, side in centres]
-    for i in range(edges.shape[-2]):
-        rounds += [np.stack([*(edges[..., i, k] for k in range(3)), none + side], -1) for side in _SIDES]
-    return np.stack(rounds, -2)
+    rounds, poses = np.empty((len(start), 4 + 2 * edges.shape[1], 4)), np.stack([start, goal], 1)
+    aside = turn * np.stack([-np.sin(poses[..., 2]), np.cos(poses[..., 2])], -1)
+    rounds[:, :4, :2] = (poses[:, :, None, :2] + _SIDES[:, None] * aside[:, :, None]).reshape(-1, 4, 2)
+    rounds[:, :4, 2], rounds[:, 4:, :3] = turn, edges[..., :3].repeat(2, 1)
+    rounds[:, ::2, 3], rounds[:, 1::2, 3] = _SIDES
+    return rounds
 
 
 @compiled(axes=(1, 1, 2))
@@ -164,13 +154,14 @@ def string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> np.ndarray
     angle = (turned[following] - turned[order]) % _FULL
     near = discs if len(discs) == 1 else discs[scenes[order]]
     linked = (following != order) & _arc_clear(circle[order], headings[order], angle, near)
-    tails, heads, arcs = order[linked], following[linked], (angle * circle[order, 2])[linked]
     sources = np.nonzero(i < 2)[0]
     if not len(sources):
         return np.full(len(discs), np.inf)
-    number = np.arange(count)
-    edges = np.concatenate([number, tails]), np.concatenate([number + count, heads])
-    graph = csr_array((np.concatenate([line, arcs]), edges), shape=(2 * count, 2 * count))
+    number = np.arange(2 * count)
+    heads, ways = np.stack([number, number], -1), np.zeros((2 * count, 2))  # of a line and of an arc; itself: of none
+    heads[:count, 0], ways[:count, 0] = number[count:], line
+    heads[order[linked], 1], ways[order[linked], 1] = following[linked], (angle * circle[order, 2])[linked]
+    graph = csr_array((ways.ravel(), heads.ravel(), np.arange(0, 4 * count + 1, 2)), shape=(2 * count, 2 * count))
     way, ends = dijkstra(graph, indices=sources, min_only=True)[count:], (j == 2) | (j == 3)
     shortest = np.full(len(discs), np.inf)
     np.minimum.at(shortest, scene[ends], way[ends])
@@ -259,19 +250,16 @@ def all_touches(
     circle, scene = circle[on_disc], np.concatenate([scene, scene])[on_disc]
     disc, side = circle // 2 - 2, 1.0 - 2.0 * (circle % 2)
     bearing = np.concatenate([heading, heading])[on_disc] - side * (0.5 * np.pi)
-    scenes, found = [scene], [touch(edges[scene, disc], disc.astype(float), side, bearing)]
+    touches = touch(edges[scene, disc], disc.astype(float), side, bearing)
 
     along = np.arctan2(goal[:, 1], goal[:, 0]) + 0.5 * np.pi
-    spread = (along[:, None] + np.arange(count) * (_FULL / count))[:, None, :, None]
+    spread = (along[:, None] + np.arange(count) * (_FULL / count))[:, None].repeat(discs.shape[1], 1)
     dx, dy = (discs[:, None, :, i] - discs[:, :, None, i] for i in (0, 1))
-    gap = (
-        np.hypot(dx, dy) - discs[:, :, None, 2] - discs[:, None, :, 2]
-    )  # a narrow one is passed at its narrowest place
-    narrow = np.where((gap > 0.0) & (gap < 1.0), np.arctan2(dy, dx), np.nan)[..., None]
-    number, ways = np.arange(discs.shape[1])[:, None, None], np.array(_SIDES)
-    bearing, side = _between(rounds[:, None], edges[:, :, None])
-    for bearings, sides in ((bearing, side), (spread, ways), (narrow, ways)):
-        touches, clear = _placed(edges[:, :, None, None], number + 0.0, sides, bearings, discs[:, None, None, None])
-        scenes.append(np.nonzero(clear)[0])
-        found.append(touches[clear])
-    return np.concatenate(scenes), np.concatenate(found)
+    gap = np.hypot(dx, dy) - discs[:, :, None, 2] - discs[:, None, :, 2]  # passed at its narrowest place
+    narrow = np.where((gap > 0.0) & (gap < 1.0), np.arctan2(dy, dx), np.nan)
+    bearing, side = (each.reshape(narrow.shape[:2] + (-1,)) for each in _between(rounds[:, None], edges[:, :, None]))
+    left = np.concatenate([spread, narrow], -1)
+    bearing, side = np.concatenate([bearing, left, left], -1), np.concatenate([side, left * 0.0 + 1.0, left * 0.0 - 1.0], -1)
+    number = np.arange(discs.shape[1])[:, None] + 0.0
+    others, clear = _placed(edges[:, :, None], number, side, bearing, discs[:, None, None])
+    return np.concatenate([scene, np.nonzero(clear)[0]]), np.concatenate([touches, others[clear]])
