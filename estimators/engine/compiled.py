@@ -62,6 +62,7 @@ class Compiled:
         self._traced: dict[Any, tuple[Function, bool]] = {}
         self._partial: dict[tuple[bool, ...], Compiled] = {}
         self._last: _Call | None = None
+        self._shapes: list[tuple[int, ...]] = []  # of the arguments before, as few are worth describing
 
     @property
     def __self__(self) -> Any:
@@ -92,10 +93,11 @@ class Compiled:
 
     def _call(self, arrays: tuple[Any, ...], static: dict[str, Any], threads: int) -> Any:
         """The same of arguments unlike the last ones."""
-        if any(isinstance(each, TracedArray | Tracer | MatrixTracer) for each in arrays):
-            return self.function(*arrays, **static)
-        if any(each is None for each in arrays):
-            return self._without(arrays)(*(each for each in arrays if each is not None), threads=threads, **static)
+        if any(type(each) is not np.ndarray for each in arrays):
+            if any(isinstance(each, TracedArray | Tracer | MatrixTracer) for each in arrays):
+                return self.function(*arrays, **static)
+            if any(each is None for each in arrays):
+                return self._without(arrays)(*(each for each in arrays if each is not None), threads=threads, **static)
         axes = self._axes or (1,) * len(arrays)
         rows = [_rows(each) for each in arrays]
         key = tuple((a.shape[a.ndim - k :], a.dtype.char) for a, k in zip(rows, axes, strict=True)), *static.items()
@@ -106,12 +108,13 @@ class Compiled:
         count, shared, ready, results = prepared(function, rows, axes)
         if count:
             function(count, shared, *ready, *results, threads=threads)
-            if all(one is other for one, other in zip(ready, arrays, strict=True)):
-                shapes = tuple((a.shape, a.dtype) for a in results)
+            shapes = [a.shape for a in ready]
+            if shapes == self._shapes and all(one is other for one, other in zip(ready, arrays, strict=True)):
                 self._last = _Call(
-                    matcher(), described(ready), static, function, count, shared, shapes, several,
-                    tuple(a.dtype for a in ready),
+                    matcher(), described(ready), static, function, count, shared,
+                    tuple((a.shape, a.dtype) for a in results), several, tuple(a.dtype for a in ready),
                 )  # fmt: skip
+            self._shapes = shapes
         return tuple(results) if several else results[0]
 
     def _without(self, arrays: Sequence[Any]) -> "Compiled":

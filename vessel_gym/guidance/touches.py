@@ -259,7 +259,8 @@ def all_touches(
     narrow = np.where((gap > 0.0) & (gap < 1.0), np.arctan2(dy, dx), np.nan)
     bearing, side = (each.reshape(narrow.shape[:2] + (-1,)) for each in _between(rounds[:, None], edges[:, :, None]))
     left = np.concatenate([spread, narrow], -1)
-    bearing, side = np.concatenate([bearing, left, left], -1), np.concatenate([side, left * 0.0 + 1.0, left * 0.0 - 1.0], -1)
+    ways = np.ones_like(left)
+    bearing, side = np.concatenate([bearing, left, left], -1), np.concatenate([side, ways, -ways], -1)
     number = np.arange(discs.shape[1])[:, None] + 0.0
     others, clear = _placed(edges[:, :, None], number, side, bearing, discs[:, None, None])
     return np.concatenate([scene, np.nonzero(clear)[0]]), np.concatenate([touches, others[clear]])
