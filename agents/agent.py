@@ -10,7 +10,7 @@ from gymnasium.spaces import Box
 from agents.controllers import CONTROLLERS, PPO, RANDOM, make_controller, unknown_controller
 from agents.policies.agent import TrainedAgent
 from agents.policies.checkpoint import packaged
-from estimators.checks import shown
+from estimators.checks import short_repr
 
 
 class Agent(Protocol):
@@ -62,7 +62,9 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
         ModuleNotFoundError: for a checkpoint without torch or stable-baselines3.
     """
     if not isinstance(name, str | os.PathLike):
-        raise TypeError(f"load_agent takes a name, autopilot or random, or the path of a checkpoint, got {shown(name)}")
+        raise TypeError(
+            f"load_agent takes a name, autopilot or random, or the path of a checkpoint, got {short_repr(name)}"
+        )
     env = env.unwrapped
     if name == RANDOM:
         space = getattr(env, "single_action_space", env.action_space)
@@ -76,7 +78,7 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
     if name in CONTROLLERS.of(env.core.task):
         if env.core.observe_mode == "measurement":
             raise ValueError(f'the {name} needs estimates: use observe="mean" or "mean+std"')
-        if not env.core.config.options.guidance or env.core.config.options.ends == "declaration":
+        if not env.core.config.options.guidance or env.core.config.options.termination == "agent":
             raise ValueError(f"the {name} goes by guidance and declares nothing: leave out guidance and ends")
         return make_controller(str(name), env.system)
     if os.path.isfile(name):  # which takes any name; pathlib raises for one that is too long

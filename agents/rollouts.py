@@ -33,7 +33,7 @@ class Rollout:
             after an episode's end repeat its last values. Beside that ``nis``: the normalised innovation squared,
             NaN where an estimator has none, and at an episode's end.
         env: The (closed) vector environment, for its system and spaces.
-        course: ``(N, k)`` what the task has drawn; None where the environment is not ours.
+        course: ``(N, k)`` parameters of the episode that the task has drawn; None where the environment is not ours.
     """
 
     env_id: str
@@ -45,7 +45,7 @@ class Rollout:
     end: np.ndarray
     history: dict[str, np.ndarray]
     env: Any
-    course: np.ndarray | None
+    scenario: np.ndarray | None
 
     @property
     def alive(self) -> np.ndarray:
@@ -90,7 +90,7 @@ def rollout(
         flyer.reset(len(seeds))
         observations, info = env.reset(seed=seeds, options=reset_options)  # type: ignore[arg-type]
         core: Any = getattr(env.unwrapped, "core", None)
-        course = None if core is None else core.course.copy()
+        scenario = None if core is None else core.scenario.copy()
         history = _History(core, info, len(seeds), ensembles) if record else None
         alive, ended = np.ones(len(seeds), bool), np.zeros(len(seeds), bool)
         returns, length = np.zeros(len(seeds)), np.zeros(len(seeds), int)
@@ -112,7 +112,7 @@ def rollout(
     finally:
         env.close()
     score, kept = np.where(np.isnan(score), returns, score), {} if history is None else history.arrays()
-    return Rollout(env_id, np.array(seeds), score, returns, length, ended, end, kept, env, course)
+    return Rollout(env_id, np.array(seeds), score, returns, length, ended, end, kept, env, scenario)
 
 
 def _checked(seeds: Any, agent: Any) -> list[int]:

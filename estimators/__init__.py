@@ -41,7 +41,7 @@ from estimators.models import Gaussian, LinearModel, ManifoldGaussian, Nonlinear
 from estimators.moving_horizon import HorizonBelief, MovingHorizonEstimator
 from estimators.multiple_models import InteractingMultipleModels, MixtureBelief
 from estimators.particles import ParticleBelief, ParticleFilter
-from estimators.randomness import Numbers
+from estimators.randomness import RandomKeys
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
 from estimators.series import Series, run
 from estimators.smoothers import smooth
@@ -105,9 +105,9 @@ __all__ = [
     "MovingHorizonEstimator",
     "NoFeedthroughFilter",
     "NonlinearModel",
-    "Numbers",
     "ParticleBelief",
     "ParticleFilter",
+    "RandomKeys",
     "Recovery",
     "Rng",
     "RobustKalmanFilter",

@@ -19,12 +19,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimators.belief import Belief, Recovery
-from estimators.checks import frozen, shown
+from estimators.checks import frozen, short_repr
 from estimators.consistency import simulate
 from estimators.filter import Filter, Model
 from estimators.metrics import chi_square_band, nees
 from estimators.models import Gaussian, LinearModel, NonlinearModel
-from estimators.randomness import Numbers
+from estimators.randomness import RandomKeys
 from estimators.series import run
 
 _RUNS, _STEPS, _CONFIDENCE = 400, 20, 0.9999
@@ -91,7 +91,7 @@ def check_filter(
             refusals.append(f"{type(error).__name__}: {error}")
             continue
         if not isinstance(filter, Filter):
-            raise TypeError(f"{name} must return a Filter, got {shown(filter)}")
+            raise TypeError(f"{name} must return a Filter, got {short_repr(filter)}")
         check_steps(filter, *system[1:])
         _check_more(filter, system)
         if not checked:
@@ -117,7 +117,9 @@ def check_steps(filter: Filter, prior: Gaussian, u: np.ndarray | None) -> None:
     if "_programs" not in vars(filter):
         raise ValueError(f"{cls}.__init__ must call super().__init__(model) before all else")
     if not (isinstance(filter.name, str) and filter.name):
-        raise ValueError(f'{cls}.name must be what the filter is called, such as "my-filter", got {shown(filter.name)}')
+        raise ValueError(
+            f'{cls}.name must be what the filter is called, such as "my-filter", got {short_repr(filter.name)}'
+        )
     alone = [_steps(filter, prior, u, row) for row in range(_ROWS)]
     beliefs = _steps(filter, prior, u)
     for k, belief in enumerate(beliefs):
@@ -178,7 +180,7 @@ def _steps(
     mean = prior.mean + (rows[..., None] - 1.0) * away
     known = _for_rows(u, mean.shape[:-1])
     expected, batch = model.measurement(mean, known), "one row" if row is not None else f"{_ROWS} rows"
-    rng, beliefs = Numbers.seeded(range(_ROWS))[rows], []
+    rng, beliefs = RandomKeys.seeded(range(_ROWS))[rows], []
     with _named(f"{cls}.init of {batch}", row is None):
         belief = filter.init(Gaussian(mean, prior.cov), rng=rng)
     for k, mask in enumerate(_MASKS):
@@ -249,7 +251,7 @@ def _check_more(filter: Filter, system: System) -> None:
 def _check_restart(filter: Filter, system: System, beliefs: list[Belief]) -> None:
     """Refuse a filter for which a row that begins again, beside others that go on, is not as a new one."""
     cls, (model, prior, u) = type(filter).__name__, system
-    again, rng = np.array([False, True, False]), Numbers.seeded(range(_ROWS))
+    again, rng = np.array([False, True, False]), RandomKeys.seeded(range(_ROWS))
     known, start = _for_rows(u, (_ROWS,)), Gaussian(np.broadcast_to(prior.mean, (_ROWS, model.n)), prior.cov)
     with _named(f"{cls}: a belief with rows that begin again (belief.with_rows)", False):
         fresh = filter.init(start, rng=rng)
@@ -269,7 +271,7 @@ def _warn_of_errors(filter: Filter, system: System) -> None:
     rng = np.random.default_rng(0)
     unknown = rng.normal(size=(_STEPS, _RUNS, model.q)) if filter.input_delay is not None and model.q else None
     data = simulate(model, prior, rng, _RUNS, _STEPS, u, unknown)
-    series = run(filter, prior, data.y, data.u, rng=Numbers.seeded(range(_RUNS)))
+    series = run(filter, prior, data.y, data.u, rng=RandomKeys.seeded(range(_RUNS)))
     found = float(nees(series.mean[-1], series.cov[-1], data.x[-1], model.state_angles).mean())
     low, high = chi_square_band(_RUNS, model.n, _CONFIDENCE)
     if not low <= found <= high:

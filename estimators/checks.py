@@ -16,7 +16,7 @@ def as_array(name: str, value: object) -> np.ndarray:
         return value
     array = numbers(value)
     if array is None:
-        raise ValueError(f"{name} must be an array of real numbers, got {shown(value)}")
+        raise ValueError(f"{name} must be an array of real numbers, got {short_repr(value)}")
     return array
 
 
@@ -89,7 +89,7 @@ def finite_array(name: str, value: object, *shape: int | str) -> np.ndarray:
     """
     array = shaped_array(name, value, *shape)
     if not np.isfinite(array).all():
-        raise ValueError(f"{name} must be finite, got {shown(value)}")
+        raise ValueError(f"{name} must be finite, got {short_repr(value)}")
     return array
 
 
@@ -131,7 +131,7 @@ def number(name: str, value: object, low: float = -np.inf, high: float = np.inf,
     """
     as_float = as_number(value)
     if not low < as_float < high:
-        raise ValueError(f"{name} must be {what}, got {shown(value)}")
+        raise ValueError(f"{name} must be {what}, got {short_repr(value)}")
     return as_float
 
 
@@ -154,13 +154,13 @@ def whole(name: str, value: object, lowest: int) -> int:
         ValueError: if it is too small, too great to count with, or no whole number (True and 2.0 are none).
     """
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < lowest:
-        raise ValueError(f"{name} must be a whole number of at least {lowest}, got {shown(value)}")
+        raise ValueError(f"{name} must be a whole number of at least {lowest}, got {short_repr(value)}")
     if value > 2**31 - 1:
-        raise ValueError(f"{name} must be at most {2**31 - 1}, got {shown(value)}")
+        raise ValueError(f"{name} must be at most {2**31 - 1}, got {short_repr(value)}")
     return int(value)
 
 
-def shown(value: object) -> str:
+def short_repr(value: object) -> str:
     """A value as a sentence may hold it: on one line, and not much of a long one."""
     try:
         text = " ".join(repr(value).split())

@@ -11,10 +11,10 @@ from estimators.checks import as_array, as_mask, frozen
 from estimators.linalg import log_density, masked
 from estimators.model_checks import as_covariance, usable
 from estimators.models import Gaussian, LinearModel, NonlinearModel
-from estimators.randomness import Numbers
+from estimators.randomness import RandomKeys
 from estimators.varying import noise_at, resolve
 
-Rng = Numbers | np.random.Generator | None
+Rng = RandomKeys | np.random.Generator | None
 """Random numbers: keys a row and a step, or a Generator for the whole batch."""
 Model = LinearModel | NonlinearModel
 Kept = tuple[np.ndarray, list[np.ndarray]]
@@ -89,7 +89,7 @@ class Estimator(ABC, Generic[Record]):
 
         Args:
             prior: Mean ``(..., n)`` and covariance ``(..., n, n)``; leading axes are the batch.
-            rng: For filters that draw members: `Numbers` of this step, or a Generator.
+            rng: For filters that draw members: `RandomKeys` of this step, or a Generator.
 
         Raises:
             TypeError: if the prior is no `Gaussian`.

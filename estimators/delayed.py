@@ -14,10 +14,10 @@ from typing import Any, Generic, NamedTuple, cast
 import numpy as np
 
 from estimators.belief import Record
-from estimators.checks import as_array, as_mask, shown, whole
+from estimators.checks import as_array, as_mask, short_repr, whole
 from estimators.contract import Estimator, Rng
 from estimators.models import Gaussian
-from estimators.randomness import Numbers
+from estimators.randomness import RandomKeys
 from estimators.varying import resolve
 
 
@@ -26,12 +26,12 @@ class Step(NamedTuple):
 
     predicted: Any  # belief that its measurements meet; None: it is still to be made
     u: np.ndarray | None  # (..., m) known input of the prediction
-    moved: Numbers | None  # random numbers of it
+    moved: RandomKeys | None  # random numbers of it
     y: np.ndarray  # (..., p) what has come of its measurements so far
     available: np.ndarray  # (..., p)
     R: np.ndarray | None  # (..., p, p) of measurements that brought their own, NaN where none did
     read: np.ndarray  # (...) whether there was an update
-    keys: Numbers | None  # random numbers of that
+    keys: RandomKeys | None  # random numbers of that
     measurement_u: np.ndarray | None  # (..., m) known input of the measurements, where it was given with them
 
     def rows(self, rows: Any) -> "Step":
@@ -108,7 +108,7 @@ class Delayed(Generic[Record]):
         if isinstance(filter, type | Delayed) or not all(
             hasattr(filter, name) for name in ("init", "predict", "update")
         ):
-            raise TypeError(f"filter must be a filter, as estimators.make gives one, got {shown(filter)}")
+            raise TypeError(f"filter must be a filter, as estimators.make gives one, got {short_repr(filter)}")
         self.filter, self.horizon = filter, whole("horizon", horizon, 0)
         self._apart = getattr(filter, "_alike", True)  # rows can be repeated by themselves: they share one model
 
@@ -338,15 +338,15 @@ class Delayed(Generic[Record]):
             "measurements that come late have a likelihood once they are sorted: run the filter itself on them"
         )
 
-    def _keys(self, rng: Rng) -> Numbers | None:
+    def _keys(self, rng: Rng) -> RandomKeys | None:
         """The random numbers, where there are any, which can be drawn again."""
         if not getattr(self.filter, "random", False):
             return None
         if isinstance(rng, np.random.Generator):
-            raise TypeError("a late measurement repeats random numbers: give rng as keys (estimators.Numbers)")
+            raise TypeError("a late measurement repeats random numbers: give rng as keys (estimators.RandomKeys)")
         return rng
 
-    def _step(self, predicted: Any, rows: tuple[int, ...], u: np.ndarray | None, moved: Numbers | None) -> Step:
+    def _step(self, predicted: Any, rows: tuple[int, ...], u: np.ndarray | None, moved: RandomKeys | None) -> Step:
         """A step of which nothing has been read; what is read later draws the numbers of the prediction."""
         nothing = np.zeros((*rows, self.filter.model.p))
         return Step(predicted, u, moved, nothing, nothing != 0.0, None, np.zeros(rows, bool), moved, None)
@@ -405,11 +405,11 @@ def _fitting(name: str, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarra
 def _with_rows(mine: Any, rows: np.ndarray, theirs: Any) -> Any:
     """Arrays or keys with some rows of others; where one has none, its rows have nothing that is ever looked at."""
     some = theirs if mine is None else mine
-    if isinstance(some, Numbers):
+    if isinstance(some, RandomKeys):
         keys = (None if one is None else one.keys for one in (mine, theirs))
         steps = (None if one is None else np.broadcast_to(one.step, one.keys.shape[:-1]) for one in (mine, theirs))
         (my_keys, their_keys), (my_step, their_step) = keys, steps
-        return Numbers(_with_rows(my_keys, rows, their_keys), _with_rows(my_step, rows, their_step))
+        return RandomKeys(_with_rows(my_keys, rows, their_keys), _with_rows(my_step, rows, their_step))
     if some is None:
         return None
     nothing = np.nan if some.dtype == float else 0

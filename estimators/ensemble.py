@@ -28,17 +28,17 @@ from estimators.analysis import (
 )
 from estimators.angles import difference
 from estimators.belief import Belief, EnsembleBelief, Record, members_last, prior_belief
-from estimators.checks import number, shown, whole
+from estimators.checks import number, short_repr, whole
 from estimators.engine.matrices import is_traced
 from estimators.filter import Filter, Model, Rng, in_rows, inlinable
 from estimators.linalg import masked, semidefinite_cholesky, shared_root
 from estimators.localisation import check_taper, group_states
 from estimators.measurement import Measurement
 from estimators.models import Gaussian, LinearModel, NonlinearModel, at_columns
-from estimators.randomness import Numbers
+from estimators.randomness import RandomKeys
 from estimators.varying import resolve
 
-Drawn = Numbers | np.random.Generator
+Drawn = RandomKeys | np.random.Generator
 """`Rng` of a filter that draws from it: there is one."""
 START, PROCESS, MEASUREMENTS, ROTATION = range(4)
 """Uses of random numbers."""
@@ -56,10 +56,10 @@ class DrawingFilter(Filter[Record], verified=True):
         """``rng``, checked: a key for every row, or a Generator for all."""
         if isinstance(rng, np.random.Generator):
             return rng
-        if not isinstance(rng, Numbers):
-            how = "pass rng, keys (estimators.Numbers) or a numpy Generator"
+        if not isinstance(rng, RandomKeys):
+            how = "pass rng, keys (estimators.RandomKeys) or a numpy Generator"
             raise (ValueError if rng is None else TypeError)(
-                f"{self.name} draws random numbers: {how}, got {shown(rng)}"
+                f"{self.name} draws random numbers: {how}, got {short_repr(rng)}"
             )
         if rng.keys.shape[:-1] != batch:
             raise ValueError(f"rng has keys for rows {rng.keys.shape[:-1]}, expected {batch}")
@@ -270,7 +270,7 @@ class EnsembleTransformFilter(EnsembleFilter, verified=True):
     ) -> None:
         super().__init__(model, members, inflation, localisation)
         if not isinstance(rotate, bool):
-            raise ValueError(f"rotate must be True or False, got {shown(rotate)}")
+            raise ValueError(f"rotate must be True or False, got {short_repr(rotate)}")
         self.rotate = rotate
         taper = np.ones((model.n, model.p)) if self.localisation is None else self.localisation
         if not (self._tapers or np.isin(taper, (0.0, 1.0)).all()):
@@ -336,7 +336,7 @@ class EnsembleSquareRootFilter(EnsembleTransformFilter, verified=True):
     ) -> None:
         super().__init__(model, members, inflation, localisation, rotate)
         if not isinstance(variant, str) or variant not in ("symmetric", "evensen2004"):
-            raise ValueError(f"variant must be 'symmetric' or 'evensen2004', got {shown(variant)}")
+            raise ValueError(f"variant must be 'symmetric' or 'evensen2004', got {short_repr(variant)}")
         self.variant = variant
         self.sequential = self.sequential and variant == "symmetric"
         if variant != "symmetric":

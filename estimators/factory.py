@@ -6,7 +6,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from estimators.adaptive import AdaptiveKalmanFilter
-from estimators.checks import shown
+from estimators.checks import short_repr
 from estimators.ensemble import (
     EnsembleKalmanFilter,
     EnsembleSquareRootFilter,
@@ -91,4 +91,4 @@ def unknown(kind: str, name: object, known: Iterable[str]) -> str:
     near = get_close_matches(name, known, n=1) if isinstance(name, str) else []
     hint = f" (did you mean {near[0]!r}?)" if near else ""
     choices = f": choose from {', '.join(known)}" if known else ""
-    return f"unknown {kind} {shown(name)}{hint}{choices}"
+    return f"unknown {kind} {short_repr(name)}{hint}{choices}"

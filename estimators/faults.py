@@ -26,7 +26,7 @@ import numpy as np
 from scipy.special import gammainccinv, ndtr, ndtri
 
 from estimators.belief import Belief, Recovery
-from estimators.checks import number, shown, whole
+from estimators.checks import number, short_repr, whole
 from estimators.delayed import DelayedBelief
 from estimators.linalg import identity, masked, solve
 
@@ -332,6 +332,6 @@ def _grouped(sensors: Sensors) -> tuple[tuple[str, ...], list[list[int]]]:
     if not channels or sorted(map(repr, channels)) != sorted(map(repr, range(len(channels)))) or not all(groups):
         raise ValueError(
             f"sensors must have every channel, from 0, in exactly one of them, such as {{'gnss': (0, 1), 'log': 2}}, "
-            f"got {shown(sensors)}"
+            f"got {short_repr(sensors)}"
         )
     return tuple(sensors), groups

@@ -17,7 +17,7 @@ from estimators.engine.matrices import is_traced
 from estimators.linalg import congruence, identity, masked
 from estimators.measurement import Measurement
 from estimators.models import Gaussian, LinearModel
-from estimators.randomness import Numbers
+from estimators.randomness import RandomKeys
 from estimators.recovery import (
     attempt,
     condensed,
@@ -187,7 +187,7 @@ class Filter(Estimator[Record], verified=True):
             if not (regular and self.verified and self._alike):
                 measurement = self._measurement(belief, y, available, R)
                 return self._recovered(belief, updated, measurement, y, rng, available, R)
-            some, y, rng = belief[rows], y[rows], rng[rows] if isinstance(rng, Numbers) else rng
+            some, y, rng = belief[rows], y[rows], rng[rows] if isinstance(rng, RandomKeys) else rng
             available, R = (None if a is None else a[rows] for a in (available, R))
             measurement = self._measurement(some, y, available, R)
             return updated.with_rows(rows, self._recovered(some, updated[rows], measurement, y, rng, available, R))
@@ -383,9 +383,9 @@ class Filter(Estimator[Record], verified=True):
         self, start: Record, measurement: Measurement, S: np.ndarray, lost: np.ndarray
     ) -> tuple[Measurement, np.ndarray] | None:
         """The measurement in the directions in which S is not singular, and the rows it is for; None: none will do."""
-        return condensed(measurement, S, lost, self._shown_input(start, measurement))
+        return condensed(measurement, S, lost, self._observable_input(start, measurement))
 
-    def _shown_input(self, belief: Record, measurement: Measurement) -> np.ndarray | None:
+    def _observable_input(self, belief: Record, measurement: Measurement) -> np.ndarray | None:
         """Effect of an unknown input, in units of its prior, on the measurement ``(..., p, k)``; None: no input."""
         return None
 

@@ -60,7 +60,7 @@ def input_conditions(
     except np.linalg.LinAlgError:
         raise ValueError("prior and R must be positive definite") from None
     G, H = G @ root, H @ root
-    now, late = shown_ranks(C, G, H)
+    now, late = observable_ranks(C, G, H)
     try:
         S = congruence(C, solve_discrete_are(A.T, C.T, Q, R)) + R
     except (np.linalg.LinAlgError, ValueError):  # which SciPy raises where QZ fails
@@ -79,7 +79,7 @@ def driven_measurements(C: np.ndarray, G: np.ndarray) -> np.ndarray:
     return np.where(np.abs(CG) > 1e-12 * (np.abs(C) @ np.abs(G)), CG, 0.0)
 
 
-def shown_ranks(C: np.ndarray, G: np.ndarray, H: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def observable_ranks(C: np.ndarray, G: np.ndarray, H: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Numbers of inputs observable at once by ``H (..., p, q)``, and of others one step later, by ``C G``."""
     seen, CG = np.linalg.pinv(H, rcond=1e-9), driven_measurements(C, G)
     clean = (identity(H.shape[-2]) - H @ seen) @ CG @ (identity(H.shape[-1]) - seen @ H)

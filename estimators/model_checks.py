@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.checks import as_array, frozen, shown, whole
+from estimators.checks import as_array, frozen, short_repr, whole
 from estimators.engine.matrices import is_traced
 from estimators.linalg import masked
 from estimators.varying import Schedule, StateNoise
@@ -106,7 +106,7 @@ def check_matrices(model: Any, shapes: dict[str, str], of_state: str = "", **opt
         except TypeError:
             angles = (-1,)
         if any(not 0 <= i < size for i in angles):
-            raise ValueError(f"{name} must be indices below {size}, got {shown(indices)}")
+            raise ValueError(f"{name} must be indices below {size}, got {short_repr(indices)}")
         object.__setattr__(model, name, angles)
 
 

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from estimators.checks import as_array, call, frozen, read_only, shown
+from estimators.checks import as_array, call, frozen, read_only, short_repr
 from estimators.differences import central_differences, check_jacobian, steps, values_at
 from estimators.engine.compiled import Compiled, compiled
 from estimators.engine.derivative import linearise
@@ -220,7 +220,7 @@ class NonlinearModel(Frozen):
         for name in ("transition", "measurement", "transition_jacobian", "measurement_jacobian"):
             function = getattr(self, name)
             if not callable(function) and not (function is None and name.endswith("jacobian")):
-                raise ValueError(f"{name} must be a function of (x, u), got {shown(function)}")
+                raise ValueError(f"{name} must be a function of (x, u), got {short_repr(function)}")
         if (self.difference is None) != (self.sum is None):
             raise ValueError("difference and sum belong together: give both, or neither")
         if self.difference is not None and self.state_angles:

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimators.angles import difference
 from estimators.belief import Belief
-from estimators.checks import as_array, frozen, shown, with_points
+from estimators.checks import as_array, frozen, short_repr, with_points
 from estimators.filter import Filter, Rng
 from estimators.linalg import identity, lacks_rank, log_density, masked
 from estimators.measurement import Measurement
@@ -75,7 +75,7 @@ class InteractingMultipleModels(Filter[MixtureBelief], verified=True):
         for filter in self.filters:
             if not isinstance(filter, Filter) or filter.record is not Belief:
                 raise TypeError(
-                    f"every mode needs a filter whose belief is a mean and a covariance, got {shown(filter)}"
+                    f"every mode needs a filter whose belief is a mean and a covariance, got {short_repr(filter)}"
                 )
         if not self.filters:
             raise ValueError("filters must be one for each mode, got none")

@@ -11,13 +11,13 @@ import numpy as np
 
 from estimators.angles import difference, short_way
 from estimators.belief import Belief
-from estimators.checks import as_number, shown, whole, with_points
+from estimators.checks import as_number, short_repr, whole, with_points
 from estimators.ensemble import DrawingFilter, draw, noise_root
 from estimators.filter import Model, Rng
 from estimators.linalg import cholesky, semidefinite_cholesky, shared_root, symmetrise
 from estimators.measurement import Measurement
 from estimators.models import LinearModel, at_points
-from estimators.randomness import Numbers
+from estimators.randomness import RandomKeys
 from estimators.varying import resolve
 
 PARTICLES, DIFFUSION, RESAMPLING, JITTER = range(4, 8)
@@ -88,9 +88,9 @@ class ParticleFilter(DrawingFilter[ParticleBelief], verified=True):
         self.particles = whole("particles", particles, 2)
         self.threshold, self.jitter = as_number(threshold), as_number(jitter)
         if not 0.0 <= self.threshold <= 1.0:
-            raise ValueError(f"threshold must be a share from 0 to 1, got {shown(threshold)}")
+            raise ValueError(f"threshold must be a share from 0 to 1, got {short_repr(threshold)}")
         if not 0.0 <= self.jitter < np.inf:
-            raise ValueError(f"jitter must be a number of at least 0, got {shown(jitter)}")
+            raise ValueError(f"jitter must be a number of at least 0, got {short_repr(jitter)}")
         if self._regular is False:
             raise ValueError("pf needs noise in every measurement, but R is singular: give it a little, or use etkf")
         self._noise_root = None if callable(model.Q) else noise_root(model.Q)
@@ -185,11 +185,11 @@ class ParticleFilter(DrawingFilter[ParticleBelief], verified=True):
             particles=particles, log_weights=log_weights, log_likelihood=np.zeros(mean.shape[:-1]),
         )  # fmt: skip
 
-    def _resampled(self, belief: ParticleBelief, numbers: Numbers | np.random.Generator) -> tuple[np.ndarray, ...]:
+    def _resampled(self, belief: ParticleBelief, numbers: RandomKeys | np.random.Generator) -> tuple[np.ndarray, ...]:
         """Particles, and log weights, of which enough count."""
         batch, N, n = belief.mean.shape[:-1], self.particles, self.model.n
         few = belief.effective_size < self.threshold * N
-        offset = numbers.uniforms(1, RESAMPLING)[..., 0] if isinstance(numbers, Numbers) else numbers.random(batch)
+        offset = numbers.uniforms(1, RESAMPLING)[..., 0] if isinstance(numbers, RandomKeys) else numbers.random(batch)
         if not few.any():
             return belief.particles, belief.log_weights
         chosen = np.where(few[..., None], systematic(np.exp(belief.log_weights), offset), np.arange(N))

@@ -39,7 +39,7 @@ def _unsigned(number: Any) -> np.ndarray:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Numbers:
+class RandomKeys:
     """The random numbers of a batch of rows at one step.
 
     Numbers of two kinds or purposes under one key need a ``use`` each, from 0 to below 2^16: they are made of one word.
@@ -53,7 +53,7 @@ class Numbers:
     step: np.ndarray | int = 0
 
     @classmethod
-    def seeded(cls, seeds: Sequence[int]) -> "Numbers":
+    def seeded(cls, seeds: Sequence[int]) -> "RandomKeys":
         """Those of rows that have these seeds, whole numbers of any size that are not negative."""
         keys = np.zeros((len(seeds), 2), np.uint64)
         try:
@@ -62,18 +62,18 @@ class Numbers:
             keys[:] = [key(seed) for seed in seeds]
         return cls(keys)
 
-    def __getitem__(self, rows: Any) -> "Numbers":
+    def __getitem__(self, rows: Any) -> "RandomKeys":
         step = self.step if isinstance(self.step, int) else np.broadcast_to(self.step, self.keys.shape[:-1])[rows]
-        return Numbers(self.keys[rows], step)
+        return RandomKeys(self.keys[rows], step)
 
-    def of(self, first: Any, second: Any = 0) -> "Numbers":
+    def of(self, first: Any, second: Any = 0) -> "RandomKeys":
         """Those of keys that are derived by whole numbers ``(...)``, or by a name."""
         first, second = (_unsigned(word(part) if isinstance(part, str) else part) for part in (first, second))
-        return Numbers(threefry.derived(self.keys, first, second), self.step)
+        return RandomKeys(threefry.derived(self.keys, first, second), self.step)
 
-    def at(self, step: np.ndarray | int) -> "Numbers":
+    def at(self, step: np.ndarray | int) -> "RandomKeys":
         """Those of another step."""
-        return Numbers(self.keys, step)
+        return RandomKeys(self.keys, step)
 
     def normals(self, count: int, use: int = 0) -> np.ndarray:
         """Standard normal numbers ``(..., count)``."""

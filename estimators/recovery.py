@@ -18,7 +18,7 @@ from estimators.linalg import (
     symmetrise,
 )
 from estimators.measurement import Measurement
-from estimators.randomness import Numbers
+from estimators.randomness import RandomKeys
 
 
 def recovered(
@@ -108,7 +108,7 @@ def attempt(filter: Any, belief: Record, measurement: Measurement, rng: Any) -> 
     if math.prod(batch) > 1:
         for row in np.eye(math.prod(batch), dtype=bool):
             row = row.reshape(batch)
-            own = rng[row] if isinstance(rng, Numbers) else rng
+            own = rng[row] if isinstance(rng, RandomKeys) else rng
             failed = failed.with_rows(row, attempt(filter, belief[row], measurement.of_rows(row), own))
     return failed
 

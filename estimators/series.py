@@ -17,11 +17,11 @@ from typing import Any, Generic, cast
 import numpy as np
 
 from estimators.belief import Belief, Record, over_time
-from estimators.checks import as_array, as_mask, shown, whole
+from estimators.checks import as_array, as_mask, short_repr, whole
 from estimators.delayed import Delayed, DelayedBelief
 from estimators.filter import Filter, Rng
 from estimators.models import Gaussian, LinearModel
-from estimators.randomness import Numbers, key
+from estimators.randomness import RandomKeys, key
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +109,7 @@ def run(
             measurement is the step that led to it, 0 at the first. From a belief, u and t begin with its own: T + 1.
         available: ``(T, ..., p)`` mask of the measurements that arrived; None: all that are finite.
         R: ``(T, ..., p, p)`` covariance of each measurement; None: the model's.
-        rng: For filters that draw numbers: a seed, `Numbers` with a key a row, or a Generator.
+        rng: For filters that draw numbers: a seed, `RandomKeys` with a key a row, or a Generator.
         first: How many measurements there were before: keys and seeds go on with the numbers of this step.
 
     Raises:
@@ -117,18 +117,18 @@ def run(
         ValueError: if a shape does not fit, times go back, or the model does not follow them.
     """
     if isinstance(filter, type) or not all(hasattr(filter, name) for name in ("init", "predict", "update")):
-        raise TypeError(f"filter must be a filter, as estimators.make gives one, got {shown(filter)}")
+        raise TypeError(f"filter must be a filter, as estimators.make gives one, got {short_repr(filter)}")
     y, available, R = _measured(y, available, R)
     T, batch = len(y), y.shape[1:-2] if isinstance(filter, Delayed) else y.shape[1:-1]
     _check_timed(filter, t)
     prior, continued = _prior(prior, batch)
     after, at = _known_inputs(u, t, T + continued, batch, continued)
     rng = _numbers(rng, batch)
-    if whole("first", first, 0) == 0 and continued and isinstance(rng, Numbers) and getattr(filter, "random", False):
+    if whole("first", first, 0) == 0 and continued and isinstance(rng, RandomKeys) and getattr(filter, "random", False):
         raise ValueError("first must be how many measurements came before the belief: their random numbers are used up")
     loop, belief, predicted, updated = cast(Any, filter), prior, [], []
     for k in range(T):
-        now = rng.at(first + k) if isinstance(rng, Numbers) else rng
+        now = rng.at(first + k) if isinstance(rng, RandomKeys) else rng
         before = None if after is None else after[k + continued - 1]
         belief = loop.predict(belief, before, rng=now) if k or continued else loop.init(prior, rng=now)
         predicted.append(belief)
@@ -171,7 +171,7 @@ def _numbers(rng: Rng | int, batch: tuple[int, ...]) -> Rng:
     if not isinstance(rng, int | np.integer):
         return rng
     rows = np.arange(int(np.prod(batch))).reshape(batch)
-    return Numbers(np.broadcast_to(key(whole("rng", rng, 0)), (*batch, 2))).of(rows)
+    return RandomKeys(np.broadcast_to(key(whole("rng", rng, 0)), (*batch, 2))).of(rows)
 
 
 def _prior(prior: Any, batch: tuple[int, ...]) -> tuple[Any, bool]:

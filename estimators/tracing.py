@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from estimators.belief import APART, MEMBERS, Belief, Layout, layout_of
-from estimators.checks import shown
+from estimators.checks import short_repr
 from estimators.engine import tracer
 from estimators.engine.compiled import given
 from estimators.engine.dependencies import Dependencies
@@ -15,7 +15,7 @@ from estimators.engine.function import Argument, Function
 from estimators.engine.matrices import MatrixTracer, is_traced, matrix, matrix_input
 from estimators.engine.program import Program
 from estimators.linalg import symmetrise
-from estimators.randomness import Numbers
+from estimators.randomness import RandomKeys
 from estimators.recovery import doubtful_rows
 
 BOTH = "_predict", "_update"
@@ -101,7 +101,7 @@ def traced(
     callbacks = _Callbacks(program, belief, u, R)
     program.callback, program.inlined, program.inspections = callbacks, filter._inlined(belief, u), set()
     words = Argument((2 * filter.random,), "u"), Argument((1 * filter.random,), "i")
-    rng = Numbers(given(program, 5, words[0]), given(program, 6, words[1])[..., 0]) if filter.random else None
+    rng = RandomKeys(given(program, 5, words[0]), given(program, 6, words[1])[..., 0]) if filter.random else None
     known = None if u is None else matrix_input(program, 1, 0, u.shape[-1:])
     p, doubtful, successive = filter.model.p, None, "successive" in methods
     before = known if u is None or not successive else matrix_input(program, 7, 0, u.shape[-1:])  # of the update
@@ -182,7 +182,7 @@ def _checked(filter: Any, result: Any, before: Any) -> Any:
             continue
         shape = fixed.get(name, getattr(value if had is None else had, "shape", None))
         if not (is_traced(value) or isinstance(value, np.ndarray | np.generic)) or value.shape != shape:
-            found = getattr(value, "shape", shown(value))
+            found = getattr(value, "shape", short_repr(value))
             raise ValueError(f"the {name} that it returns must have the shape {shape} a row, not {found}")
     return result
 

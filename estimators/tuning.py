@@ -22,10 +22,10 @@ import numpy as np
 
 from estimators.angles import difference
 from estimators.belief import Recovery
-from estimators.checks import as_array, as_mask, as_number, shown
+from estimators.checks import as_array, as_mask, as_number, short_repr
 from estimators.factory import unknown
 from estimators.models import Gaussian
-from estimators.randomness import Numbers
+from estimators.randomness import RandomKeys
 from estimators.series import Series, run
 
 _OBJECTIVES = ("likelihood", "prediction-error")
@@ -88,7 +88,7 @@ def fit(
     R: np.ndarray | None = None,
     signed: Collection[str] = (),
     objective: str = "likelihood",
-    rng: Numbers | int = 0,
+    rng: RandomKeys | int = 0,
 ) -> Fit:
     """Find what a filter is built with from measurements alone.
 
@@ -134,7 +134,7 @@ def fit(
         raise ValueError("none of the measurements came: there is nothing to fit")
     begun = search.built(first)
     if not (isinstance(begun, tuple) and len(begun) == 2 and isinstance(begun[1], Gaussian)):
-        raise TypeError(f"build must return a filter and its prior, a Gaussian, got {shown(begun)}")
+        raise TypeError(f"build must return a filter and its prior, a Gaussian, got {short_repr(begun)}")
     if not np.isfinite(evaluate(*begun)):
         raise ValueError("the measurements have no likelihood at the start: begin where the filter can follow them")
     return search.fit(first, _random(begun[0]))
@@ -145,7 +145,7 @@ def _names(signed: object) -> tuple[str, ...]:
     if isinstance(signed, str):
         return (signed,)
     if not isinstance(signed, Iterable):
-        raise TypeError(f"signed must be names of parameters, got {shown(signed)}")
+        raise TypeError(f"signed must be names of parameters, got {short_repr(signed)}")
     return tuple(signed)
 
 
@@ -153,7 +153,7 @@ def _checked_start(start: Mapping[str, float], signed: Collection[str]) -> np.nd
     """Values at which a search begins, checked."""
     if not isinstance(start, Mapping) or not start:
         raise ValueError(
-            f"start must hold a value for each parameter by name, such as {{'q': 1.0}}, got {shown(start)}"
+            f"start must hold a value for each parameter by name, such as {{'q': 1.0}}, got {short_repr(start)}"
         )
     for name in signed:
         if name not in start:
@@ -163,7 +163,7 @@ def _checked_start(start: Mapping[str, float], signed: Collection[str]) -> np.nd
         if not np.isfinite(number) or (number <= 0.0 and name not in signed):
             hint = "" if not np.isfinite(number) else ": name it in signed if it may have any sign"
             what = "a finite number" if name in signed else "a positive number"
-            raise ValueError(f"start of {name} must be {what}, got {shown(value)}{hint}")
+            raise ValueError(f"start of {name} must be {what}, got {short_repr(value)}{hint}")
     return np.array([float(value) for value in start.values()])
 
 
@@ -172,7 +172,7 @@ def _random(filter: Any) -> bool:
 
 
 def _negative_log_likelihood(
-    objective: str, data: dict[str, Any], rng: Numbers | int, filter: Any, prior: Gaussian
+    objective: str, data: dict[str, Any], rng: RandomKeys | int, filter: Any, prior: Gaussian
 ) -> float:
     """The cost of a filter and its prior on measurements, arguments of `run`."""
     with np.errstate(all="ignore"):

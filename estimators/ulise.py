@@ -6,7 +6,7 @@ import numpy as np
 
 from estimators.belief import FeedthroughBelief
 from estimators.filter import Model, Rng
-from estimators.input_observability import shown_ranks
+from estimators.input_observability import observable_ranks
 from estimators.linalg import congruence, identity, joined, symmetric_blocks, symmetrise
 from estimators.measurement import Measurement
 from estimators.models import LinearModel
@@ -62,7 +62,7 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
         C, G, H = self.model.C, self.model.G, self.model.H
         if not (isinstance(C, np.ndarray) and isinstance(G, np.ndarray) and isinstance(H, np.ndarray)):
             return
-        now, shown = shown_ranks(C, G @ self._root, H @ self._root)
+        now, shown = observable_ranks(C, G @ self._root, H @ self._root)
         late = q - now
         if (shown < late).any():
             row = np.argmax(late - shown)
@@ -109,7 +109,7 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
     def _input_matrix(self, belief: FeedthroughBelief) -> np.ndarray:
         return belief.input_reach[..., : self.model.n, :]
 
-    def _shown_input(self, belief: FeedthroughBelief, measurement: Measurement) -> np.ndarray:
+    def _observable_input(self, belief: FeedthroughBelief, measurement: Measurement) -> np.ndarray:
         late = self._shown(belief, measurement) @ self._root
         now = np.broadcast_to(measurement.H @ self._root, late.shape)
         return np.concatenate([now, late], -1)

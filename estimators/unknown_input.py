@@ -54,7 +54,7 @@ class UnknownInputFilter(GaussianFilter[WithInput], verified=True):
         """The prior's share ``(..., q, q)`` in directions of the input that were not ``observed (..., q, q)``."""
         return congruence(identity(self.model.q) - observed, self.input_prior)
 
-    def _shown_input(self, belief: WithInput, measurement: Measurement) -> np.ndarray | None:
+    def _observable_input(self, belief: WithInput, measurement: Measurement) -> np.ndarray | None:
         """F of the first measurement of a step, in units of the input's prior; to later ones the prior is noise."""
         return self._shown(belief, measurement) @ self._root if belief.innovation is None else None
 
@@ -93,7 +93,7 @@ class UnknownInputFilter(GaussianFilter[WithInput], verified=True):
         assert e is not None
         assert S is not None
         measurement = self._measurement(predicted, np.zeros(e.shape), available, None)
-        shown = self._shown_input(predicted, measurement)
+        shown = self._observable_input(predicted, measurement)
         if shown is None:  # a later measurement of the step, in whose S the prior is
             assert predicted.input_observed is not None
             root = self._inverse_root.T @ (identity(q) - self._inverse_root @ predicted.input_observed @ self._root)
@@ -118,7 +118,7 @@ class UnknownInputFilter(GaussianFilter[WithInput], verified=True):
         """``S^-1 B``; where S is singular with a share of the prior in it, see `estimators.recovery.condensed`."""
         if measurement.spread is None:
             return solve(S, b)
-        F = self._shown_input(belief, measurement)
+        F = self._observable_input(belief, measurement)
         assert F is not None
         return solve(S + measurement.spread * (F @ F.mT), b)
 

@@ -47,8 +47,8 @@ class HeadingShip(Ship):
 
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
         rudder = u[..., :1]
-        forcing = np.concatenate([np.zeros_like(flow[..., :1]), flow], -1)
-        moved = self.step(self._placed(x), rudder, rudder, forcing, self._nominal)
+        exogenous = np.concatenate([np.zeros_like(flow[..., :1]), flow], -1)
+        moved = self.step(self._placed(x), rudder, rudder, exogenous, self._nominal)
         return moved[..., [STATE.index(name) for name in self.estimated("nonlinear")]]
 
     def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:

@@ -175,15 +175,15 @@ def test_numbers_of_ones_own_need_be_neither_doubles_nor_a_row_each() -> None:
     system = SigmaCorvetteEnv.system
 
     class Narrow(circle_track.CircleTrack):
-        def commanded(self, course: Any, step: Any) -> Any:
+        def commanded(self, scenario: Any, step: Any) -> Any:
             return np.array([[0.005, 0.0]], np.float32)
 
-        def reference(self, course: Any, step: Any, state: Any) -> Any:
-            return super().reference(course, step, state).astype(np.float32)
+        def reference(self, scenario: Any, step: Any, state: Any) -> Any:
+            return super().reference(scenario, step, state).astype(np.float32)
 
         def score(self, *args: Any) -> Any:
-            _, end, tally = super().score(*args)
-            return np.float32(0.25), end, tally
+            _, end, score_state = super().score(*args)
+            return np.float32(0.25), end, score_state
 
     class Light(ship.Ship):
         def actuate(self, before: Any, action: Any) -> Any:
@@ -291,11 +291,11 @@ class Writing(Disturbance):
 
 
 def writing_sensors(writes: bool) -> list[Sensor]:
-    def hear(state: Any, forcing: Any) -> Any:
+    def hear(state: Any, exogenous: Any) -> Any:
         heard = np.hypot(state[..., 6:7] - 20.0, state[..., 7:8])
         if writes:
             state[..., STATES.index("z")] += 5.0
-            forcing[...] = 1.0
+            exogenous[...] = 1.0
         return heard
 
     return [*SYSTEM.vehicle.sensors, Sensor("range", ("range [m]",), hear, (0.2,))]
@@ -314,9 +314,9 @@ class WritingTask(Task):
         for array in arrays if self.writes else ():
             array[...] = 7
 
-    def reference(self, course: Any, step: Any, state: Any) -> Any:
-        reference = np.hstack([course, state[:, :1], step[:, None]])
-        self._spoil(course, step, state)
+    def reference(self, scenario: Any, step: Any, state: Any) -> Any:
+        reference = np.hstack([scenario, state[:, :1], step[:, None]])
+        self._spoil(scenario, step, state)
         return reference
 
     def observe(self, estimate: Any, reference: Any, actuators: Any) -> Any:
@@ -329,11 +329,11 @@ class WritingTask(Task):
         return np.zeros(len(reference), bool)
 
     def score(
-        self, state: Any, forcing: Any, reference: Any, over: Any, actuators: Any, action: Any, tally: Any
+        self, state: Any, exogenous: Any, reference: Any, over: Any, actuators: Any, action: Any, score_state: Any
     ) -> Any:
         reward = np.exp(-np.abs(state[:, 4]))
-        self._spoil(state, forcing, reference, actuators, action)
-        return reward, np.zeros(len(state), int), tally
+        self._spoil(state, exogenous, reference, actuators, action)
+        return reward, np.zeros(len(state), int), score_state
 
 
 class WritingVehicle(type(ItsunusaAUVEnv.system.vehicle)):  # type: ignore[misc]
@@ -351,8 +351,8 @@ class WritingVehicle(type(ItsunusaAUVEnv.system.vehicle)):  # type: ignore[misc]
     def drift(self, x: Any, u: Any, flow: Any) -> Any:
         return self._spoiling(super().drift, x, u, flow)
 
-    def step(self, state: Any, before: Any, after: Any, forcing: Any, parameters: Any) -> Any:
-        return self._spoiling(super().step, state, before, after, forcing, parameters)
+    def step(self, state: Any, before: Any, after: Any, exogenous: Any, parameters: Any) -> Any:
+        return self._spoiling(super().step, state, before, after, exogenous, parameters)
 
     def actuate(self, before: Any, action: Any) -> Any:
         return self._spoiling(super().actuate, before, action)
@@ -475,11 +475,11 @@ def test_a_vehicle_that_gives_nan_is_refused_and_one_that_has_run_away_is_not() 
 def test_an_end_that_there_is_not_is_refused(end: float) -> None:
     class Ends(WritingTask):
         def score(self, *arguments: Any) -> Any:
-            reward, _, tally = super().score(*arguments)
-            return reward, np.full(len(reward), end), tally
+            reward, _, score_state = super().score(*arguments)
+            return reward, np.full(len(reward), end), score_state
 
     message = refused(Core(replace(ItsunusaAUVEnv.system, task=Ends(False)), 2, "ekf"))
-    assert message.startswith("score of Ends gave the numbers of ends [")
+    assert message.startswith("score of Ends gave the numbers of end_reasons [")
 
 
 # --- arrays of users' functions ------------------------------------------------------------------------
@@ -496,9 +496,9 @@ MALFORMED = [
     ("vehicle", "known_input", lambda x: None, "must give an array of real numbers, got None"),
     ("vehicle", "known_input", lambda x: x * np.nan, "must give finite numbers"),
     ("vehicle", "drift", lambda x: x * 1j, "must give an array of real numbers"),
-    ("task", "course", lambda x: None, "must give an array of real numbers, got None"),
-    ("task", "course", lambda x: x[:, :1], "must give a row of 3 numbers"),
-    ("task", "course", lambda x: x * np.nan, "must give finite numbers"),
+    ("task", "scenario", lambda x: None, "must give an array of real numbers, got None"),
+    ("task", "scenario", lambda x: x[:, :1], "must give a row of 3 numbers"),
+    ("task", "scenario", lambda x: x * np.nan, "must give finite numbers"),
     ("task", "prior", lambda x: None, "must give a Gaussian, got None"),
     ("task", "sizes", lambda x: {}, "must give guided, got {}"),
     ("task", "reference", lambda x: None, "must give an array of real numbers, got None"),
@@ -510,12 +510,12 @@ MALFORMED = [
     ("task", "observe", lambda x: x if len(x) == 1 else x[:, : 6 + (np.abs(x[0, 4]) < 1e-9)], "must give a row of 7 "),
     ("task", "observe", lambda x: x * 1j, "must give an array of real numbers"),
     ("task", "over", lambda x: "a", "must give an array of real numbers, got 'a'"),
-    ("task", "score", lambda x: None, "must give 3 arrays, reward, end, tally, got None"),
-    ("task", "score", lambda x: x[:2], "must give 3 arrays, reward, end, tally"),
+    ("task", "score", lambda x: None, "must give 3 arrays, reward, end, score_state, got None"),
+    ("task", "score", lambda x: x[:2], "must give 3 arrays, reward, end, score_state"),
     ("task", "score", lambda x: (x[0][:1], *x[1:]), "as the reward, must give one number for each vehicle: for 3 "),
     ("task", "score", lambda x: (x[0] * 1j, *x[1:]), "as the reward, must give an array of real numbers"),
-    ("task", "score", lambda x: (*x[:2], None), "as the tally, must give an array of real numbers, got None"),
-    ("task", "score", lambda x: (*x[:2], np.zeros((3, 1))), "as the tally, must give a row of 0 numbers"),
+    ("task", "score", lambda x: (*x[:2], None), "as the score_state, must give an array of real numbers, got None"),
+    ("task", "score", lambda x: (*x[:2], np.zeros((3, 1))), "as the score_state, must give a row of 0 numbers"),
 ]
 
 
@@ -558,16 +558,18 @@ def test_nan_in_a_tally_is_refused_and_infinity_and_rewards_of_any_range_are_not
 
     def remembering(first: float, later: float) -> Any:
         def score(self: Any, *arguments: Any) -> Any:
-            reward, end, tally = base(self, *arguments)
-            return -2000.0 * reward, end, tally + later
+            reward, end, score_state = base(self, *arguments)
+            return -2000.0 * reward, end, score_state + later
 
-        return own("task", begin=lambda self, state, course: np.full((len(state), 1), first), score=score)
+        return own(
+            "task", initial_score_state=lambda self, state, scenario: np.full((len(state), 1), first), score=score
+        )
 
     core = flown(remembering(np.inf, 0.0))
     assert (core.total < -1.0).all()
-    assert np.isinf(core.now.tally).all()
+    assert np.isinf(core.now.score_state).all()
     with pytest.raises(
-        ValueError, match=r"^score of Mine, as the tally, gave \[nan\] at step 1 in row 0: it must give"
+        ValueError, match=r"^score of Mine, as the score_state, gave \[nan\] at step 1 in row 0: it must give"
     ):
         flown(remembering(0.0, np.nan))
 
@@ -590,7 +592,7 @@ def test_a_subclass_flies_to_the_bit_as_the_parts_that_it_derives_from() -> None
      ("effect", lambda self, z, state: z if len(z) != 3 else z.tolist()[:1], "effect of Own must give a row of 2 ")],
 )  # fmt: skip
 def test_a_disturbance_of_no_use_is_refused_in_a_sentence(member: str, value: Any, sentence: str) -> None:
-    made = {"names": ("a", "b"), "forces": ("current north", "current east"), "told": "noise",
+    made = {"names": ("a", "b"), "forces": ("current north", "current east"), "assumed_as": "process-noise",
             "process": Process.wandering((0.2, 0.2), 200.0, 0.5)}  # fmt: skip
     disturbance = type("Own", (Disturbance,), made | {member: value})()
     with pytest.raises(ValueError, match=f"^{re.escape(sentence)}"):
@@ -651,8 +653,8 @@ class Windy(my_vehicle.Catamaran):
     def __init__(self) -> None:
         self.wind = 0.0
 
-    def step(self, state: Any, before: Any, after: Any, forcing: Any, parameters: Any) -> Any:
-        moved = super().step(state, before, after, forcing, parameters)
+    def step(self, state: Any, before: Any, after: Any, exogenous: Any, parameters: Any) -> Any:
+        moved = super().step(state, before, after, exogenous, parameters)
         return np.concatenate([moved[..., :1] + self.dt * self.wind, moved[..., 1:]], -1)
 
 
@@ -662,10 +664,10 @@ def test_what_a_function_reads_may_change_in_flight(catamaran: str) -> None:
     core = Core(replace(gym.spec("Catamaran-v0").entry_point.system, vehicle=vehicle), 2, "truth")
     core.start(5)
     for vehicle.wind in np.linspace(0.0, 2.0, 12):
-        state, before, forcing = core.state, core.actuators, core.forcing
+        state, before, exogenous = core.state, core.actuators, core.exogenous
         core.step(np.full((2, 2), 0.5))
         traced.append(core.config.world.whole)
-        expected = vehicle.step(state, before, core.actuators, forcing, core.parameters)
+        expected = vehicle.step(state, before, core.actuators, exogenous, core.parameters)
         np.testing.assert_allclose(core.state, expected, rtol=1e-12)
     assert traced[:3] == [True] * 3
     assert not traced[-1]
@@ -697,7 +699,7 @@ def test_a_function_that_does_not_repeat_itself_is_refused_when_it_is_handed_in(
         def drift(self, x: Any, u: Any, flow: Any) -> Any:
             return super().drift(x, u, flow) + rng.standard_normal()
 
-    def noisy(state: Any, forcing: Any) -> Any:
+    def noisy(state: Any, exogenous: Any) -> Any:
         return state[..., :1] + rng.standard_normal()
 
     rolling = Rolling(ItsunusaAUVEnv.system.vehicle.body)

@@ -41,12 +41,12 @@ def checked_vehicle(vehicle: Vehicle) -> Any:
     checked.actuate(actuators, np.zeros((1, len(vehicle.action_names))))
     checked.known_input(actuators, actuators, None)
     parameters = checked.parameters(0.0, np.zeros((1, vehicle.normals)))
-    flows = np.zeros((1, len(vehicle.flows)))
-    forcing = np.concatenate([np.zeros((1, len(vehicle.kicks))), flows], -1)
+    ambient_flows = np.zeros((1, len(vehicle.ambient_flows)))
+    exogenous = np.concatenate([np.zeros((1, len(vehicle.increments))), ambient_flows], -1)
     with np.errstate(all="ignore"):
-        checked.step(state, actuators, actuators, forcing, parameters)
+        checked.step(state, actuators, actuators, exogenous, parameters)
     drift, estimated = f"drift of {title}", vehicle.estimated(vehicle.kinds[0])
-    rows_of(drift, repeated(drift, vehicle.drift, x, u, flows), 1, len(estimated))
+    rows_of(drift, repeated(drift, vehicle.drift, x, u, ambient_flows), 1, len(estimated))
     return checked
 
 
@@ -59,17 +59,17 @@ def checked_task(task: Task, vehicle: Vehicle) -> Any:
     """
     if ours(task):
         return task
-    outside = len(vehicle.kicks + vehicle.flows)
+    outside = len(vehicle.increments + vehicle.ambient_flows)
     checked = CheckedMethods(task, prior=len(vehicle.estimated(vehicle.kinds[0])), exogenous=outside)
     drawn = np.full((1, task.uniforms), 0.5)
     base = np.full((1, max(task.uniforms, getattr(_ours_among_bases(task), "uniforms", 0))), 0.5)
-    course = _fix_columns(checked, "course", _columns_of_ours(task, "course", base, {}), "course", drawn, {})
-    x, step = np.array(checked.prior(course).mean), np.zeros(1, int)
+    scenario = _fix_columns(checked, "scenario", _columns_of_ours(task, "scenario", base, {}), "scenario", drawn, {})
+    x, step = np.array(checked.prior(scenario).mean), np.zeros(1, int)
     if hasattr(task, "exogenous"):
-        checked.exogenous(course, step)
+        checked.exogenous(scenario, step)
     for name, what, arguments in (
-        ("reference", "reference", (course, step, x)), ("commanded", "commanded", (course, step)),
-        ("begin", "tally", (vehicle.start(x)[0], course)),
+        ("reference", "reference", (scenario, step, x)), ("commanded", "commanded", (scenario, step)),
+        ("initial_score_state", "score_state", (vehicle.start(x)[0], scenario)),
     ):  # fmt: skip
         _fix_columns(checked, what, _columns_of_ours(task, name, *arguments), name, *arguments)
     return checked
@@ -107,7 +107,7 @@ def check_input(filter: Filter, composition: Composition) -> None:
     """Refuse a filter of an unknown input d that the measurements do not tell it of.
 
     Along a nominal flight, in every step's measurements (a fix now and then leaves d to its prior in between): all of d
-    must show, to within `VAGUEST` of the sizes that it is told to have, and the estimate's error must not grow.
+    must show, to within `VAGUEST` of the sizes that are assumed, and the estimate's error must not grow.
 
     Raises:
         ValueError: saying what fails, and by how much.
@@ -130,7 +130,7 @@ def check_input(filter: Filter, composition: Composition) -> None:
             return f"the measurements of every step show {found.rank} of {model.q} directions of it"
         vague = int(np.argmax(found.sd))
         if found.sd[vague] > VAGUEST:
-            within = f"{found.sd[vague]:.1f} of the sizes that it is told to have, not {VAGUEST:g}"
+            within = f"{found.sd[vague]:.1f} of the sizes that are assumed, not {VAGUEST:g}"
             return f"a step's measurements tell {composition.inputs[vague]} to within {within}"
         farthest = np.abs(found.zeros).max(initial=0.0)
         if farthest > 1.0 + 1e-6:
@@ -143,8 +143,8 @@ def check_input(filter: Filter, composition: Composition) -> None:
         if why := failing(*matrices):
             acting = type(composition.forces.disturbance).__name__
             raise ValueError(
-                f'{filter.name} cannot be told of {acting} as "{composition.told}", with the unknown input {names}: '
-                f'{why}; tell it with {{"as": "states"}}, or add a sensor'
+                f'{filter.name} cannot assume {acting} as "{composition.assumed_as}", with the unknown input {names}: '
+                f'{why}; assume it with {{"as": "states"}}, or add a sensor'
             )
 
 
@@ -174,7 +174,7 @@ def nominal_flight(vehicle: Vehicle, estimated: tuple[str, ...]) -> tuple[np.nda
 
     state, after = map(whole, vehicle.start(np.tile(cruising, (rows, 1))))
     parameters = whole(vehicle.parameters(0.0, np.zeros((rows, vehicle.normals))))
-    calm = np.zeros((rows, len(vehicle.kicks + vehicle.flows)))
+    calm = np.zeros((rows, len(vehicle.increments + vehicle.ambient_flows)))
     for _ in range(_STEPS):
         before, after = after, whole(vehicle.actuate(after, action))
         state = whole(vehicle.step(state, before, after, calm, parameters))

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimators.checks import as_number as number
 from estimators.checks import number as within
-from estimators.checks import numbers, shown
+from estimators.checks import numbers, short_repr
 from estimators.factory import unknown
 
 __all__ = [
@@ -59,7 +59,7 @@ def check_pair(name: str, value: object, low: float = 0.0) -> None:
     """
     pair = numbers(value)
     if pair is None or pair.shape != (2,) or not low < pair[0] <= pair[1] < LARGEST:
-        raise ValueError(f"{name} must be (least, greatest), both above {low:g}, got {shown(value)}")
+        raise ValueError(f"{name} must be (least, greatest), both above {low:g}, got {short_repr(value)}")
 
 
 def instance(name: str, value: object, kind: type) -> None:
@@ -69,7 +69,7 @@ def instance(name: str, value: object, kind: type) -> None:
         TypeError: naming the class.
     """
     if not isinstance(value, kind):
-        raise TypeError(f"{name} must be of class {kind.__name__}, got {shown(value)}")
+        raise TypeError(f"{name} must be of class {kind.__name__}, got {short_repr(value)}")
 
 
 def one_of(kind: str, value: object, known: Collection[str]) -> str:
@@ -90,7 +90,7 @@ def check_names(name: str, value: object) -> None:
         TypeError: naming the argument.
     """
     if not isinstance(value, tuple | list) or not all(isinstance(each, str) for each in value):
-        raise TypeError(f"{name} must be a tuple of names, got {shown(value)}")
+        raise TypeError(f"{name} must be a tuple of names, got {short_repr(value)}")
 
 
 def function(name: str, value: object, of: str) -> None:
@@ -100,7 +100,7 @@ def function(name: str, value: object, of: str) -> None:
         TypeError: for anything but a function, or None.
     """
     if value is not None and not callable(value):
-        raise TypeError(f"{name} must be a function of {of}, got {shown(value)}")
+        raise TypeError(f"{name} must be a function of {of}, got {short_repr(value)}")
 
 
 def options(name: str, value: object) -> dict[str, Any]:
@@ -112,7 +112,7 @@ def options(name: str, value: object) -> dict[str, Any]:
     if value is None:
         return {}
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
-        raise TypeError(f"{name} must be a dictionary of values by name, or None, got {shown(value)}")
+        raise TypeError(f"{name} must be a dictionary of values by name, or None, got {short_repr(value)}")
     return dict(value)
 
 
@@ -129,7 +129,7 @@ def checked_action(action: Any, shape: tuple[int, ...], ended: np.ndarray | None
     """
     asked = action if type(action) is np.ndarray and action.dtype.kind == "f" else numbers(action)
     if asked is None:
-        raise ValueError(f"action must be an array of numbers, got {shown(action)}")
+        raise ValueError(f"action must be an array of numbers, got {short_repr(action)}")
     if asked.shape != shape:
         raise ValueError(f"action has shape {asked.shape}, expected {shape}")
     checked = np.array(asked, float, order="C", ndmin=2)

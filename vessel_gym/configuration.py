@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from estimators import FaultMonitor
-from estimators.checks import shown
+from estimators.checks import short_repr
 from vessel_gym.acceptance import checked_disturbance, checked_task, checked_vehicle
 from vessel_gym.checks import number, one_of
 from vessel_gym.checks import options as checked_options
@@ -28,7 +28,7 @@ from vessel_gym.world import World
 
 OBSERVE = ("mean", "mean+std", "mean+alarms", "mean+std+alarms", "measurement")
 """What may be observed: estimates, with their standard deviations and a monitor's alarms, or raw measurements."""
-ENDS = ("belief", "declaration", "task")
+TERMINATIONS = ("belief", "agent", "task")
 """Who says that a mission is done: what the estimator believes, the agent, or the task, which knows the truth."""
 
 
@@ -53,18 +53,18 @@ class Options:
             ``truth`` (oracle), ``measurement`` (last measurement, zero-order hold), ``dead-reckoning``; or your own: an
             `estimators.Filter` subclass, or a function of the model that returns a filter.
         estimator_options: Options of that estimator, over the environment's tuning; ``model`` chooses the filter's
-            model where there are several, ``told`` its assumptions about the world (see
-            `vessel_gym.estimation.Told`), ``late`` the use of measurements that come late: ``"fused"`` where they
-            belong (the default), ``"as new"`` or ``"discarded"``, ``monitor`` a monitor of its innovations for faults
-            of sensors: ``"cusum"``, ``"chi-square"``, a dictionary of such a ``kind`` and its options, or your own (see
-            `vessel_gym.estimation.monitor_of`).
+            model where there are several, ``assume`` its assumptions about the world (see
+            `vessel_gym.estimation.Assumptions`), ``late`` the use of measurements that come late: ``"fused"`` where
+            they belong (the default), ``"as new"`` or ``"discarded"``, ``monitor`` a monitor of its innovations for
+            faults of sensors: ``"cusum"``, ``"chi-square"``, a dictionary of such a ``kind`` and its options, or your
+            own (see `vessel_gym.estimation.monitor_of`).
         sensors: ``"clean"``, ``"nominal"`` or ``"degraded"`` (10 % drop-outs, 5 % outliers), or your own: a list of
             `vessel_gym.sensors.Sensor`, to which those of ``system.vehicle.sensors`` may belong.
         disturbance: ``"calm"``, ``"moderate"`` or ``"rough"``, or your own: a `vessel_gym.disturbances.Disturbance`.
         mismatch: Relative spread of the truth's parameters around the filter's, 0 to 0.25.
         observe: ``"mean"``, ``"mean+std"``, either with ``"+alarms"`` (1 for each sensor that the monitor accuses, else
             0), or ``"measurement"`` for raw measurements and their mask.
-        ends: Termination by ``"belief"`` (the estimate; the default where estimates are observed), ``"declaration"``
+        termination: By ``"belief"`` (the estimate; the default where estimates are observed), ``"agent"``
             (the agent, by a last component of its action above 0.5) or ``"task"`` (the truth: one bit; the default
             where measurements are observed). Limits of the task and time end any.
         guidance: Is the agent told how to go on, from the estimated position or, of raw measurements, from where the
@@ -84,21 +84,24 @@ class Options:
     disturbance: str | Disturbance = "moderate"
     mismatch: float = 0.0
     observe: str = "mean"
-    ends: str | None = None
+    termination: str | None = None
     guidance: bool | None = None
     sensor_faults: Sequence[SensorFault] = ()
 
     def __post_init__(self) -> None:
         raw = one_of("observe mode", self.observe, OBSERVE) == "measurement"
         if not 0.0 <= number(self.mismatch) <= 0.25:
-            raise ValueError(f"mismatch must be between 0 and 0.25, got {shown(self.mismatch)}")
-        ends = one_of("ends", ("task" if raw else "belief") if self.ends is None else self.ends, ENDS)
+            raise ValueError(f"mismatch must be between 0 and 0.25, got {short_repr(self.mismatch)}")
+        termination = one_of(
+            "termination", ("task" if raw else "belief") if self.termination is None else self.termination, TERMINATIONS
+        )
         if self.guidance is not None and not isinstance(self.guidance, bool):
-            raise ValueError(f"guidance must be True, False or None, got {shown(self.guidance)}")
+            raise ValueError(f"guidance must be True, False or None, got {short_repr(self.guidance)}")
         guidance = not raw if self.guidance is None else self.guidance
         given = checked_options("estimator_options", self.estimator_options)
         for name, value in (
-            ("mismatch", float(self.mismatch)), ("ends", ends), ("guidance", guidance), ("estimator_options", given)
+            ("mismatch", float(self.mismatch)), ("termination", termination), ("guidance", guidance),
+            ("estimator_options", given)
         ):  # fmt: skip
             object.__setattr__(self, name, value)
 
@@ -140,23 +143,25 @@ class Configuration:
         if options.guidance and raw:
             wide = {"model": vehicle.kinds[0]}  # the same whatever estimator is named
             self.raw = build(system, "measurement", wide, *rest)
-        if options.ends == "declaration" and not task.success:
-            raise ValueError(f"{system.name} goes on until time is up, so there is nothing to declare: ends='task'")
+        if options.termination == "agent" and not task.success:
+            raise ValueError(
+                f"{system.name} goes on until time is up, so there is nothing to declare: termination='task'"
+            )
         sizes, seen = (
             task.sizes(world.sensors.size, len(self.composition.names)),
             observed(options.observe, bool(options.guidance)),
         )
         if not isinstance(sizes, dict) or not all(part in sizes for part in seen):
-            raise ValueError(f"sizes of {type(task).__name__} must give {', '.join(seen)}, got {shown(sizes)}")
+            raise ValueError(f"sizes of {type(task).__name__} must give {', '.join(seen)}, got {short_repr(sizes)}")
         alarms = alarming(options.observe, self.estimation.monitor)
         self.observation_size: int = sum(sizes[part] for part in seen) + len(alarms)
-        self.action_size = len(vehicle.action_names) + (options.ends == "declaration")
+        self.action_size = len(vehicle.action_names) + (options.termination == "agent")
         self.perfect = float(task.perfect), float(task.perfect == task.horizon)
         self.based = tuple(vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0]))
         users = not (ours(task) and ours(self.composition.forces.disturbance))
         guided = bool(options.guidance) and options.observe == "mean"
         self.mission = (Mission if users else _mission)(
-            world.task, self.composition, str(options.ends), self.based, guided, raw, users
+            world.task, self.composition, str(options.termination), self.based, guided, raw, users
         )
         self.true_state = TrueState.of(world, self.composition)
         self.unknown_input = UnknownInput.of(world, self.estimation.inputs)
@@ -182,7 +187,7 @@ class Configuration:
     @property
     def success(self) -> int:
         """Number of the end that means success; 0: to go on to the time limit does."""
-        return self.system.task.ends.index(self.system.task.success)
+        return self.system.task.end_reasons.index(self.system.task.success)
 
     @property
     def disturbance_name(self) -> str:
@@ -213,7 +218,7 @@ class TrueState(NamedTuple):
     def of(cls, world: World, composition: Composition) -> "TrueState":
         """That of a world, beside a filter's."""
         disturbance, vehicle = world.forces.disturbance, world.forces.vehicle.state_names
-        drifting = disturbance.told == "states" or len(composition.held) > 0
+        drifting = disturbance.assumed_as == "states" or len(composition.estimated) > 0
         names = *vehicle, *(disturbance.names if drifting else ()), *world.sensors.bias_names
         estimated = [names.index(name) if name in names else -1 for name in composition.names]
         return cls(names, drifting, len(names) == len(vehicle), estimated)
@@ -222,8 +227,8 @@ class TrueState(NamedTuple):
 class UnknownInput(NamedTuple):
     """Places of the true unknown input."""
 
-    columns: Any  # of `noise` or `forcing`, or of both and a last column of NaN
-    array: str  # "noise", "forcing" or, where both hold a part, ""
+    columns: Any  # of `noise` or `exogenous`, or of both and a last column of NaN
+    array: str  # "noise", "exogenous" or, where both hold a part, ""
 
     def values(self, now: EnvState) -> np.ndarray:
         """The true one of every environment ``(B, q)``; NaN what only the filter thinks there is."""
@@ -231,19 +236,19 @@ class UnknownInput(NamedTuple):
             chosen: np.ndarray = getattr(now, self.array)[:, self.columns]
             return chosen
         unheard = np.full((len(now.noise), 1), np.nan)
-        return np.concatenate([now.noise, now.forcing, unheard], -1)[:, self.columns]
+        return np.concatenate([now.noise, now.exogenous, unheard], -1)[:, self.columns]
 
     @classmethod
     def of(cls, world: World, names: tuple[str, ...]) -> "UnknownInput":
         """Those of components by these names."""
         disturbance = world.forces.disturbance
         new = (*disturbance.names, *world.sensors.bias_names)
-        new = (*disturbance.shakes, *map(change_of, new))  # components of `noise`
+        new = (*disturbance.white_increments, *map(change_of, new))  # components of `noise`
         acting = (*new, *input_channels(world.forces.vehicle)[: world.forces.size])
         places = [acting.index(name) if name in acting else len(acting) for name in names]
         fresh, forced = all(i < len(new) for i in places), all(len(new) <= i < len(acting) for i in places)
         chosen = columns([i - len(new) for i in places] if forced else places)
-        return cls(chosen, "noise" if fresh else "forcing" if forced else "")
+        return cls(chosen, "noise" if fresh else "exogenous" if forced else "")
 
 
 def observed(observe: str, guidance: bool) -> tuple[str, ...]:

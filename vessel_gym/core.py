@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from gymnasium.error import ResetNeeded
 
-from estimators import Belief, Numbers
-from estimators.checks import shown
+from estimators import Belief, RandomKeys
+from estimators.checks import short_repr
 from estimators.linalg import shared_root
-from vessel_gym.arrivals import Measurements, injected
 from vessel_gym.checks import checked_action, whole
 from vessel_gym.checks import options as checked_options
 from vessel_gym.configuration import Configuration, Options
+from vessel_gym.delivery import Measurements, injected
 from vessel_gym.foreign import refuse_not_finite
 from vessel_gym.loop import Loop
 from vessel_gym.mission import estimate_of, standard_deviations
@@ -73,13 +73,15 @@ class Core:
     state, action, actuators, parameters = (
         _of(f"now.{name}") for name in ("state", "action", "actuators", "parameters")
     )
-    drifting, noise, forcing, course = (_of(f"now.{name}") for name in ("drifting", "noise", "forcing", "course"))
+    drifting, noise, exogenous, scenario = (
+        _of(f"now.{name}") for name in ("drifting", "noise", "exogenous", "scenario")
+    )
     reference, steps, total, end = (_of(f"now.{name}") for name in ("reference", "steps", "total", "end"))
 
     def __init__(self, system: System, num_envs: int = 1, *arguments: Any, num_threads: int = 1, **named: Any) -> None:
         for name, count in (("num_envs", num_envs), ("num_threads", num_threads)):
             if not whole(count) or count < 1:
-                raise ValueError(f"{name} must be a positive whole number, got {shown(count)}")
+                raise ValueError(f"{name} must be a positive whole number, got {short_repr(count)}")
         self.num_envs, self.num_threads = int(num_envs), int(num_threads)
         self.config = config = Configuration(system, Options(*arguments, **named), self.num_threads)
         self.loop = Loop(config, self.num_envs)
@@ -102,7 +104,7 @@ class Core:
 
     @property
     def truth(self) -> np.ndarray:
-        """The true states ``(B, n)``: the vehicle's, the disturbance's if filters are told of them, and the biases."""
+        """The true states ``(B, n)``: the vehicle's, the disturbance's if filters assume it, and the biases."""
         return self.config.true_state.values(self.now, self.config.world.size)
 
     @property
@@ -204,30 +206,33 @@ class Core:
         at = slice(None) if some is None else rows
         seeds = self.seeds if some is None else [self.seeds[row] for row in rows]
         keys, numbers = draw(
-            Numbers.seeded(seeds).keys, np.ascontiguousarray(self.episodes[at]), names=draws.words, drawn=draws.counts
+            RandomKeys.seeded(seeds).keys,
+            np.ascontiguousarray(self.episodes[at]),
+            names=draws.words,
+            drawn=draws.counts,
         )
         self._refuse_at(np.zeros(len(rows), int), None)
-        course = task.course(numbers[:, : task.uniforms], options)
-        prior = task.prior(course)
+        scenario = task.scenario(numbers[:, : task.uniforms], options)
+        prior = task.prior(scenario)
         loop.restart(at, keys[:, draws.world :], keys[:, DRAWN.index("filter")])
         steps, total = np.zeros(len(rows), int), np.zeros(len(rows))
-        actuators, u, state, drifting, noise, forcing, *read, tally = config.world.begin(
-            course, prior.mean, shared_root(prior.cov), numbers, keys[:, len(DRAWN) :], steps
+        actuators, u, state, drifting, noise, exogenous, *read, score_state = config.world.begin(
+            scenario, prior.mean, shared_root(prior.cov), numbers, keys[:, len(DRAWN) :], steps
         )
         if config.options.mismatch:
             parameters = config.world.vehicle.parameters(config.options.mismatch, numbers[:, draws.parameters])
         else:
             parameters = config.nominal.repeat(len(rows), 0)
         now = EnvState(
-            np.ascontiguousarray(keys[:, len(DRAWN) : draws.world]), steps, course, parameters, state,
-            np.zeros((len(rows), config.action_size)), actuators, drifting, noise, forcing, course, tally, total,
-            np.zeros_like(steps),
+            np.ascontiguousarray(keys[:, len(DRAWN) : draws.world]), steps, scenario, parameters, state,
+            np.zeros((len(rows), config.action_size)), actuators, drifting, noise, exogenous, scenario, score_state,
+            total, np.zeros_like(steps),
         )  # fmt: skip
         measurements = loop.receive(measurements or (read[0], read[1]), steps, some, measurements is not None)
         belief = loop.begin(some, known(prior, config.composition), self._passed(measurements, now), u)
         if self.raw is not None:
             self.raw.begin(some, known(prior, self.raw.composition), measurements, u)
-        now.reference = self._reference(course, steps, belief, state)
+        now.reference = self._reference(scenario, steps, belief, state)
         self.now = now = now if some is None else self.now.merged(some, now)
         self._refuse_at(now.steps, None)
         for part, arrays in ((config.world, self._moving), (config.mission, self._scoring)):
@@ -264,12 +269,12 @@ class Core:
             measurements = injected(measurements, self.num_envs, self.sensors)
         loop, now = self.loop, self.now.after(action)
         self._refuse_at(now.steps, ended)
-        now.actuators, u, now.state, now.drifting, now.noise, now.forcing, *read = self._moved(now)
+        now.actuators, u, now.state, now.drifting, now.noise, now.exogenous, *read = self._moved(now)
         measurements = loop.receive(measurements or (read[0], read[1]), now.steps, None, measurements is not None)
         loop.estimate(self._passed(measurements, now), u, now.steps)
         if self.raw is not None:
             self.raw.estimate(measurements, u, now.steps)
-        now.reference, reward, now.end, now.tally, *seen = self._scored(now)
+        now.reference, reward, now.end, now.score_state, *seen = self._scored(now)
         now.total, now.observation = now.total + reward, seen[0] if seen else None
         self.now = now
         return reward, now.end
@@ -286,21 +291,21 @@ class Core:
 
     def _moving(self, now: EnvState) -> tuple[np.ndarray, ...]:
         """Arguments of `vessel_gym.world.World.equations`."""
-        action = now.action[:, :-1] if self.config.options.ends == "declaration" else now.action
+        action = now.action[:, :-1] if self.config.options.termination == "agent" else now.action
         return (
-            action, now.course, now.reference, now.state, now.actuators, now.forcing, now.parameters, now.keys,
+            action, now.scenario, now.reference, now.state, now.actuators, now.exogenous, now.parameters, now.keys,
             now.steps, now.drifting, now.noise, self.loop.sensing(None),
         )  # fmt: skip
 
     def _scoring(self, now: EnvState) -> tuple[np.ndarray, ...]:
         """Arguments of `vessel_gym.mission.Mission.equations`."""
         action, declared = now.action, self._none
-        if self.config.options.ends == "declaration":
+        if self.config.options.termination == "agent":
             action, declared = action[:, :-1], action[:, -1] > DECLARED
-        forcing = np.ascontiguousarray(now.forcing[:, : self.config.world.forces.outside])
+        exogenous = np.ascontiguousarray(now.exogenous[:, : self.config.world.forces.outside])
         return (
-            now.course, now.steps, declared, self.loop.belief.mean, self._d(), now.state, forcing, now.actuators,
-            action, now.tally,
+            now.scenario, now.steps, declared, self.loop.belief.mean, self._d(), now.state, exogenous, now.actuators,
+            action, now.score_state,
         )  # fmt: skip
 
     def _d(self) -> np.ndarray:
@@ -328,19 +333,19 @@ class Core:
 
     def _observed(self) -> list[np.ndarray]:
         """The parts of the observations, before they are clipped."""
-        task, course, steps, actuators = self.config.world.task, self.course, self.steps, self.actuators
+        task, scenario, steps, actuators = self.config.world.task, self.scenario, self.steps, self.actuators
         if self.observe_mode == "measurement":
-            parts = [task.observe_measurements(self.sensors, *self.loop.measurements, course, steps)]
-            parts.append(task.observe_mission(course, steps, actuators))
+            parts = [task.observe_measurements(self.sensors, *self.loop.measurements, scenario, steps)]
+            parts.append(task.observe_mission(scenario, steps, actuators))
             if self.raw is not None:
                 estimate = self._estimate(self.raw)
-                parts.insert(0, task.observe(estimate, task.reference(course, steps, estimate.state), actuators))
+                parts.insert(0, task.observe(estimate, task.reference(scenario, steps, estimate.state), actuators))
             return parts
         estimate = self._estimate(self.loop)
         if self.config.options.guidance:
             parts = [task.observe(estimate, self.reference, actuators)]
         else:
-            parts = [task.observe_state(estimate, course), task.observe_mission(course, steps, actuators)]
+            parts = [task.observe_state(estimate, scenario), task.observe_mission(scenario, steps, actuators)]
         if "std" in self.observe_mode:
             parts.append(task.observe_std(estimate))
         if "alarms" in self.observe_mode:
@@ -349,10 +354,10 @@ class Core:
 
     def _estimate(self, loop: Loop) -> Estimate:
         """The task's view of a belief."""
-        belief, told = loop.belief, loop.composition
-        estimate = estimate_of(told, belief.mean, belief.input_mean)
+        belief, composition = loop.belief, loop.composition
+        estimate = estimate_of(composition, belief.mean, belief.input_mean)
         if "std" in self.observe_mode:
-            estimate.sd, estimate.scale = standard_deviations(belief.cov), told.scale
+            estimate.sd, estimate.scale = standard_deviations(belief.cov), composition.scale
             if estimate.input_mean is not None and belief.input_cov is not None:
                 estimate.input_sd = standard_deviations(belief.input_cov)
         return estimate
@@ -377,7 +382,7 @@ class Core:
         happened = self.happened() | {
             "healthy": self.loop.belief.healthy,
             "score": self.score,
-            "end": np.array(self.task.ends, dtype=object)[self.end],
+            "end": np.array(self.task.end_reasons, dtype=object)[self.end],
             "is_success": self.end == self.config.success,
         }
         return {name: _only(rows, values) for name, values in happened.items()}
@@ -419,13 +424,13 @@ class Core:
             return measurements
         config = self.config
         truth = self.estimated(config.true_state.values(now, config.world.size)), config.unknown_input.values(now)
-        told = np.concatenate(truth, -1)
-        return told, np.ones(told.shape, bool)
+        values = np.concatenate(truth, -1)
+        return values, np.ones(values.shape, bool)
 
-    def _reference(self, course: np.ndarray, steps: np.ndarray, belief: Belief, state: np.ndarray) -> np.ndarray:
+    def _reference(self, scenario: np.ndarray, steps: np.ndarray, belief: Belief, state: np.ndarray) -> np.ndarray:
         """The reference ``(B, k)``: where the vehicle believes to be, or is, if nobody sees what it believes."""
         where = state[:, self.config.based] if self.observe_mode == "measurement" else belief.mean
-        reference: np.ndarray = self.config.world.task.reference(course, steps, where)
+        reference: np.ndarray = self.config.world.task.reference(scenario, steps, where)
         return reference
 
 

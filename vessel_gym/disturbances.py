@@ -2,8 +2,8 @@
 
 And what a vehicle does to itself: faults of its actuators.
 
-A disturbance has a state of its own, z, and acts on a vehicle through the parts of its forcing. Yours is a subclass of
-`Disturbance`: docs/own-disturbance.md.
+A disturbance has a state of its own, z, and acts on a vehicle through the parts of its exogenous input. Yours is a
+subclass of `Disturbance`: docs/own-disturbance.md.
 """
 
 from dataclasses import dataclass, field
@@ -24,32 +24,33 @@ class Disturbance:
     """Disturbance of a vehicle over a step, which no sensor reads as such.
 
     Its state moves as ``z+ = transition z + root n``; over a step it gives the vehicle ``effect(z, state)`` and,
-    besides, white kicks ``white n'``, with standard normals n and n'.
+    besides, white increments ``white n'``, with standard normals n and n'.
 
     Attributes:
         names: The components of z.
-        forces: The parts of a vehicle's forcing (its kicks and flows, see `vessel_gym.system.Vehicle`) that `effect`
-            gives, in order.
+        forces: The parts of a vehicle's exogenous input (its increments and flows, see `vessel_gym.system.Vehicle`)
+            that `effect` gives, in order.
         process: How z moves; its ``start_cov`` is what is known of z at the start.
-        shakes: The kicks that are white noise,
-        white: and a root ``(len(shakes), m)`` of their covariance.
-        told: What filters are told of it unless ``estimator_options={"told": ...}`` says otherwise, see
-            `vessel_gym.filter_models.build.TOLD`.
-        inputs: What the unknown input d is, where filters are told of one: names of what it ``forces`` or ``shakes``,
-            or ``"change of NAME"`` for what a step adds to one of its ``names``; None: its kicks.
+        white_increments: The increments that are white noise,
+        white: and a root ``(len(white_increments), m)`` of their covariance.
+        assumed_as: How filters assume it unless ``estimator_options={"assume": ...}`` says otherwise, see
+            `vessel_gym.filter_models.build.ASSUMED`.
+        inputs: What the unknown input d is, where filters assume one: names of what it ``forces`` or
+            ``white_increments``, or ``"change of NAME"`` for what a step adds to one of its ``names``; None: its
+            increments.
         input_sd: Standard deviations that filters take d to have where no measurement shows it; None: what follows from
             `process` and ``white``.
         scale: Sizes of z that count as 1 in an observation of standard deviations; None: those at the start.
         dt: The step [s] that it was made for; None: any.
-        believed: What filters take it for unless they are told of one by name; None: what it is.
+        believed: What filters take it for unless another is named; None: what it is.
     """
 
     names: tuple[str, ...] = ()
     forces: tuple[str, ...] = ()
     process: Process = Process.joined()
-    shakes: tuple[str, ...] = ()
+    white_increments: tuple[str, ...] = ()
     white: np.ndarray = np.zeros((0, 0))
-    told: str = "states"
+    assumed_as: str = "states"
     inputs: tuple[str, ...] | None = None
     input_sd: tuple[float, ...] | None = None
     scale: tuple[float, ...] | None = None
@@ -94,7 +95,7 @@ class Sea(Disturbance):
 
     names = ("wave yaw", "wave yaw rate", "gust yaw rate", "current north", "current east")
     forces = ("yaw increment", "current north", "current east")
-    told = "input"
+    assumed_as = "unknown-input"
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]
@@ -117,14 +118,14 @@ class Sea(Disturbance):
 class Water(Disturbance):
     """Disturbance of a submerged vehicle by water: turbulence, and a current that wanders.
 
-    Over each step turbulence kicks every velocity of the vehicle through the water; the current is a first-order
-    Gauss-Markov process. A filter that is told all of it knows all that there is to know.
+    Over each step turbulence adds an increment to every velocity of the vehicle through the water; the current is a
+    first-order Gauss-Markov process. A filter that assumes all of it knows all that there is to know.
     """
 
-    turbulence: float  # standard deviation of a kick, m/s
-    spin: float  # of a kick on a rate, rad/s
+    turbulence: float  # standard deviation of an increment, m/s
+    spin: float  # of an increment on a rate, rad/s
     current: float  # RMS speed, m/s
-    velocities: tuple[str, ...] = ("u", "v", "w")  # that are kicked,
+    velocities: tuple[str, ...] = ("u", "v", "w")  # that get increments,
     rates: tuple[str, ...] = ("p", "q", "r")
     names: tuple[str, ...] = ("current north", "current east")
     current_time: float = 200.0  # s
@@ -141,9 +142,9 @@ class Water(Disturbance):
         return self.names
 
     @property
-    def shakes(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Kicks on velocities and rates."""
-        return tuple(f"kick {name}" for name in (*self.velocities, *self.rates))
+    def white_increments(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Increments on velocities and rates."""
+        return tuple(f"{name} increment" for name in (*self.velocities, *self.rates))
 
     @property
     def scale(self) -> tuple[float, ...]:  # type: ignore[override]
@@ -158,7 +159,7 @@ class Water(Disturbance):
 
     @cached_property
     def white(self) -> np.ndarray:  # type: ignore[override]
-        """Kicks [m/s, rad/s]."""
+        """Increments [m/s, rad/s]."""
         return np.diag(np.repeat([self.turbulence, self.spin], [len(self.velocities), len(self.rates)]))
 
 
@@ -168,9 +169,9 @@ class Beside(Disturbance):
     beside: Any
 
     @property
-    def shakes(self) -> tuple[str, ...]:  # type: ignore[override]
-        """The kicks of the other one."""
-        return self.beside.shakes
+    def white_increments(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The increments of the other one."""
+        return self.beside.white_increments
 
     @property
     def white(self) -> np.ndarray:  # type: ignore[override]
@@ -183,7 +184,7 @@ class SurfaceWater(Beside):
     """Water near the surface: beside what else it does, waves carry a submerged vehicle to and fro.
 
     The horizontal orbital velocity of a `WaveField` that runs to the north, which dies away with the depth as
-    ``exp(-k z)`` (Airy), is that of a current; the vertical one is left out. A filter that is told all of it holds the
+    ``exp(-k z)`` (Airy), is that of a current; the vertical one is left out. A filter that assumes all of it holds the
     waves as states.
     """
 
@@ -257,13 +258,13 @@ class Air(Disturbance):
     Low-altitude Dryden spectra (MIL-F-8785C) as met at a constant airspeed: the vertical gust has the second-order
     form; north and east have the first-order, longitudinal one, so that a turn does not change the spectrum. The state
     is the mean wind north and east and that of the gusts (north, east, two of the vertical) [m/s]. A filter that is
-    told all of it knows all that there is to know.
+    assumes all of it knows all that there is to know.
     """
 
     wind: float  # RMS speed of the mean wind, which is level, m/s
     gust: float  # standard deviation of a level gust component, m/s
     vertical_gust: float  # of the vertical one, m/s
-    kick: float = 0.05  # standard deviation of what turbulence kicks each velocity in a step, m/s; assumed
+    increment: float = 0.05  # standard deviation of what turbulence adds to each velocity in a step, m/s; assumed
     roll: float = 0.005  # of what it rolls the aircraft, rad; assumed
     wind_time: float = 200.0  # s, in which the mean wind changes; assumed
     length: float = 200.0  # m, of level gusts; Beard & McLain (2012), Table 4.1
@@ -273,7 +274,7 @@ class Air(Disturbance):
 
     def __post_init__(self) -> None:
         check_numbers(
-            self, not_negative="wind gust vertical_gust kick roll",
+            self, not_negative="wind gust vertical_gust increment roll",
             positive="wind_time length vertical_length airspeed dt",
         )  # fmt: skip
 
@@ -281,7 +282,7 @@ class Air(Disturbance):
         "mean wind north", "mean wind east", "gust north", "gust east", "gust down 1", "gust down 2",
     )  # fmt: skip
     forces = ("wind north", "wind east", "wind down")
-    shakes = ("kick north", "kick east", "kick climb", "kick phi")
+    white_increments = ("north increment", "east increment", "climb increment", "phi increment")
     scale = (1.0, 1.0, 0.5, 0.5, 0.5, 0.5)
 
     @cached_property
@@ -298,8 +299,8 @@ class Air(Disturbance):
 
     @cached_property
     def white(self) -> np.ndarray:  # type: ignore[override]
-        """Kicks on velocities [m/s] and bank [rad]."""
-        return np.diag([self.kick, self.kick, self.kick, self.roll])
+        """Increments on velocities [m/s] and bank [rad]."""
+        return np.diag([self.increment, self.increment, self.increment, self.roll])
 
     @linear
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
@@ -313,7 +314,7 @@ class Fault(Beside):
     """A fault of an actuator beside whatever else acts: the actuator is not where it is measured to be.
 
     Over a step it is off by ``bias - loss * angle + amplitude sin(2 pi t / period + phase)`` and by a random walk: the
-    angle is that at the step's beginning, the phase is random. Filters are told where the fault is, and not how large:
+    angle is that at the step's beginning, the phase is random. Filters know where the fault is, and not how large:
     it is their unknown input d. What else acts is the same to the last bit as without the fault.
 
     Raises:
@@ -331,7 +332,7 @@ class Fault(Beside):
     beside: Disturbance = field(default_factory=Disturbance)
     dt: float = 0.1  # s
 
-    told = "input"
+    assumed_as = "unknown-input"
 
     def __post_init__(self) -> None:
         instance("actuator of a fault", self.actuator, str)

@@ -22,14 +22,14 @@ from estimators import (
     factory,
     wrap,
 )
-from estimators.checks import number, shown
+from estimators.checks import number, short_repr
 from estimators.kalman import unseen_input
 from estimators.unknown_input import UnknownInputFilter
 from estimators.varying import resolve
 from vessel_gym import checks
 from vessel_gym.acceptance import check_input, check_own
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.filter_models.build import Composition, checked_told, compose, unknown_inputs
+from vessel_gym.filter_models.build import Composition, checked_assumption, compose, unknown_inputs
 from vessel_gym.filter_models.exogenous import Forces
 from vessel_gym.sensors import Sensors
 from vessel_gym.sharing import shared
@@ -59,7 +59,7 @@ class Oracle(Filter[InputBelief], verified=True):
         self.q = q
 
     def _check_known_input(self, u: np.ndarray | None) -> None:
-        """It is told, like every filter, and needs it not."""
+        """Known input of the interface, which it does not need."""
 
     def _init(self, belief: Belief, rng: Rng) -> InputBelief:
         return InputBelief.of(belief, **unseen_input(belief.mean, np.zeros((self.q, self.q))))
@@ -85,7 +85,7 @@ class DeadReckoning(GaussianFilter, verified=True):
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class HeldMeasurements(InputBelief):
+class HeldBelief(InputBelief):
     """A belief that also holds the last two measurements of every channel, ``(..., p)`` each."""
 
     held: np.ndarray
@@ -95,7 +95,7 @@ class HeldMeasurements(InputBelief):
     age: np.ndarray  # steps since the last measurement
 
 
-class HeldMeasurement(Filter[HeldMeasurements], verified=True):
+class ZeroOrderHold(Filter[HeldBelief], verified=True):
     """The last measurement of every channel, held until the next; no model at all.
 
     States follow from what the sensors give (`vessel_gym.sensors.Sensor`); rates that none gives are differenced from
@@ -103,7 +103,7 @@ class HeldMeasurement(Filter[HeldMeasurements], verified=True):
     """
 
     name = "measurement"
-    record = HeldMeasurements
+    record = HeldBelief
 
     def __init__(self, composition: Composition, inputs: tuple[str, ...]) -> None:
         super().__init__(composition.model)
@@ -139,14 +139,14 @@ class HeldMeasurement(Filter[HeldMeasurements], verified=True):
             return state, np.zeros(measurements.shape[:-1] + (0,))
         return state, np.stack([known.get(name, nothing) for name in self._inputs], -1)
 
-    def _init(self, belief: Belief, rng: Rng) -> HeldMeasurements:
+    def _init(self, belief: Belief, rng: Rng) -> HeldBelief:
         shape = belief.mean.shape[:-1] + (self.model.p,)
         held = self._expected(belief)
         # What no measurement shows (the sway, a current) keeps the variance of the prior.
         prior = np.diagonal(belief.cov, axis1=-2, axis2=-1)
         cov = np.where(self._variance > 0.0, self._variance, prior)[..., None] * self._identity
         input_cov = np.zeros(shape[:-1] + 2 * self._input_variance.shape) + np.diag(self._input_variance)
-        return HeldMeasurements.of(
+        return HeldBelief.of(
             belief.replace(cov=cov), input_mean=np.zeros(shape[:-1] + self._input_variance.shape), input_cov=input_cov,
             state_input_cov=np.zeros(belief.mean.shape + self._input_variance.shape), held=held, previous=held,
             interval=np.full(shape, self._dt), seen=np.zeros(shape, bool), age=np.zeros(shape),
@@ -155,10 +155,10 @@ class HeldMeasurement(Filter[HeldMeasurements], verified=True):
     def _expected(self, belief: Belief) -> np.ndarray:
         return self.model.linearise_measurement(belief.mean, belief.u)[0]
 
-    def _predict(self, belief: HeldMeasurements, u: np.ndarray | None, rng: Rng) -> HeldMeasurements:
+    def _predict(self, belief: HeldBelief, u: np.ndarray | None, rng: Rng) -> HeldBelief:
         return belief.replace(age=belief.age + 1.0)
 
-    def _update(self, belief: HeldMeasurements, measurement: Measurement, rng: Rng) -> HeldMeasurements:
+    def _update(self, belief: HeldBelief, measurement: Measurement, rng: Rng) -> HeldBelief:
         arrived = measurement.available
         held = np.where(arrived, self._expected(belief) + measurement.innovation, belief.held)
         previous = np.where(arrived, np.where(belief.seen, belief.held, held), belief.previous)
@@ -175,12 +175,13 @@ EstimatorChoice = str | Callable[..., Filter]
 
 
 @dataclass(frozen=True)
-class Told:
-    """Assumptions of a filter that differ from the world: ``estimator_options={"told": {...}}``.
+class Assumptions:
+    """Assumptions of a filter that differ from the world: ``estimator_options={"assume": {...}}``.
 
     Attributes:
         disturbance: What acts, by name or as an object; None: what does.
-        how: One of `vessel_gym.filter_models.build.TOLD` (``"as"`` in the options); None: as that disturbance has it.
+        how: One of `vessel_gym.filter_models.build.ASSUMED` (``"as"`` in the options); None: as that disturbance has
+            it.
         Q: Factor on the covariance of what enters in a step, a white input's too,
         R: of the measurements,
         prior: and of what is known at the start.
@@ -193,29 +194,29 @@ class Told:
     prior: float = 1.0
 
     @classmethod
-    def of(cls, options: object) -> "Told":
+    def of(cls, options: object) -> "Assumptions":
         """From the options of an estimator.
 
         Raises:
             TypeError: for what is no dictionary, or has keys that there are not.
-            ValueError: for a factor that is not positive, or a way to be told that there is not.
+            ValueError: for a factor that is not positive, or an unknown way to assume a disturbance.
         """
-        given = checks.options("told", options)
+        given = checks.options("assume", options)
         known = ("disturbance", "as", "Q", "R", "prior")
         for key in given:
             if key not in known:
-                raise TypeError(factory.unknown("key of told", key, known))
+                raise TypeError(factory.unknown("key of assume", key, known))
         for key in ("Q", "R", "prior"):
             if key in given:
-                given[key] = number(f"{key} of told", given[key], low=0.0, what="a factor above 0")
+                given[key] = number(f"{key} of assume", given[key], low=0.0, what="a factor above 0")
         if "as" in given:
-            given["how"] = checked_told(given.pop("as"))
+            given["how"] = checked_assumption(given.pop("as"))
         return cls(**given)
 
 
 @dataclass(frozen=True, eq=False)
 class Estimation:
-    """An environment's filter, and what it is told.
+    """Filter of an environment, and its assumptions.
 
     Attributes:
         filter: The filter.
@@ -272,7 +273,7 @@ def build(
         system: The environment's system.
         estimator: One of `estimator_names`, or a function of the model (and options) that returns a filter.
         options: The filter's own options, over the system's tuning; ``model`` chooses the kind of the filter's model,
-            ``told`` its assumptions (`Told`), ``late`` one of `LATE`, ``monitor`` as in `monitor_of`.
+            ``assume`` its assumptions (`Assumptions`), ``late`` one of `LATE`, ``monitor`` as in `monitor_of`.
         sensors: The sensors, which the filter knows.
         disturbance: What acts.
         num_threads: Threads that share the filter's rows.
@@ -285,43 +286,46 @@ def build(
     own = _is_own(estimator)
     if not own and (not isinstance(estimator, str) or estimator not in estimator_names()):
         raise ValueError(factory.unknown("estimator", estimator, accepted(system, sensors, disturbance)))
-    told, late = Told.of(options.pop("told", None)), checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
+    assumptions, late = (
+        Assumptions.of(options.pop("assume", None)),
+        checks.one_of("value of late", options.pop("late", LATE[0]), LATE),
+    )
     monitor = options.pop("monitor", None)
-    if estimator == "truth":  # whatever the others are told, it knows what there is
-        told = Told()
+    if estimator == "truth":  # its assumptions are the world's
+        assumptions = Assumptions()
     default = system.filter_models.get(str(estimator), system.filter_model)
-    composition = _composed(system, options.pop("model", default), told, sensors, disturbance)
+    composition = _composed(system, options.pop("model", default), assumptions, sensors, disturbance)
     straight = composition.model
     if not own:
         composition = composition.adapted_to(str(estimator))
     model = composition.model
-    nature = composition.forces if told.disturbance is None else Forces(system.vehicle, disturbance)
+    nature = composition.forces if assumptions.disturbance is None else Forces(system.vehicle, disturbance)
     inputs = composition.inputs or unknown_inputs(nature, sensors)
     acting = *disturbance.names, *composition.forces.disturbance.names
-    sensors.check_informs((*acting, *(name for sensor in system.vehicle.sensors for name in sensor.informed)))
-    if told.how is None and estimator not in ENVIRONMENT_ONLY:  # these do without a model of measurements
-        composition.check_flows()
-    if composition.told == "white" and estimator not in ("kf", *ENVIRONMENT_ONLY):
+    sensors.check_corrects((*acting, *(name for sensor in system.vehicle.sensors for name in sensor.corrected_states)))
+    if assumptions.how is None and estimator not in ENVIRONMENT_ONLY:  # these do without a model of measurements
+        composition.check_ambient_flows()
+    if composition.assumed_as == "white-input" and estimator not in ("kf", *ENVIRONMENT_ONLY):
         name = estimator if isinstance(estimator, str) else "an estimator of one's own"
-        raise ValueError(f'only kf can be told of a white input with its variance, not {name}: say "as": "noise"')
+        raise ValueError(f'only kf can assume a white input of known variance, not {name}: say "as": "process-noise"')
     if own:
         made = estimator(model, **options)  # type: ignore[operator]
         if not isinstance(made, Filter):
             raise TypeError(f"estimator must return an estimators.Filter, got {type(made).__name__}")
         check_own(made, composition)
     else:
-        made = _made(system, str(estimator), options, composition, inputs, told.Q)
+        made = _made(system, str(estimator), options, composition, inputs, assumptions.Q)
         if model is not straight:  # its input of a step is that of the next one, or of the one before
             made.input_delay = 0 if composition.late else 1
     check_input(made, composition)
     made.num_threads, watch = num_threads, monitor_of(monitor, sensors, made)
-    return Estimation(made, composition, told.prior, inputs, late, watch, sensors.horizon)
+    return Estimation(made, composition, assumptions.prior, inputs, late, watch, sensors.horizon)
 
 
 def _is_own(estimator: object) -> bool:
     """Is an estimator a function that returns one? A filter that is built already is refused."""
     if isinstance(estimator, Filter) or (isinstance(estimator, type) and not issubclass(estimator, Filter)):
-        kind = f"an instance of {type(estimator).__name__}" if isinstance(estimator, Filter) else shown(estimator)
+        kind = f"an instance of {type(estimator).__name__}" if isinstance(estimator, Filter) else short_repr(estimator)
         raise TypeError(
             f"estimator must be a name, a Filter class or a function of the model that returns a filter, got {kind}"
         )
@@ -343,12 +347,12 @@ def monitor_of(choice: object, sensors: Sensors, filter: Filter) -> FaultMonitor
     """
     if choice is None:
         return None
-    if isinstance(filter, Oracle | DeadReckoning | HeldMeasurement):
+    if isinstance(filter, Oracle | DeadReckoning | ZeroOrderHold):
         raise ValueError(f"{filter.name} has no innovations that a monitor could watch: choose a filter, or no monitor")
     if isinstance(filter, UnknownInputFilter):
         raise ValueError(
             f"the innovations of {filter.name} carry its unknown input, so that a monitor cannot tell it from a fault: "
-            "choose a filter that is told of the input as noise, or no monitor"
+            "choose a filter that assumes the input as noise, or no monitor"
         )
     channels = {sensor.name: np.flatnonzero(sensors.owner == i).tolist() for i, sensor in enumerate(sensors.each)}
     if callable(choice):
@@ -359,7 +363,7 @@ def monitor_of(choice: object, sensors: Sensors, filter: Filter) -> FaultMonitor
     if not isinstance(choice, str | Mapping):
         raise TypeError(
             f"monitor must be a name, a dictionary of its kind and options, a FaultMonitor class or a function of the "
-            f"sensors' channels that returns a monitor, got {shown(choice)}"
+            f"sensors' channels that returns a monitor, got {short_repr(choice)}"
         )
     options = checks.options("monitor", {"kind": choice} if isinstance(choice, str) else choice)
     kind = checks.one_of("kind of monitor", options.pop("kind", None), MONITORS)
@@ -373,15 +377,15 @@ def _made(
     """One of the package's filters, tuned for its assumptions; ``inputs`` are those of the oracle and others."""
     makers: dict[str, Callable[[], Filter]] = {
         "truth": lambda: Oracle(composition.model.n, len(inputs)),
-        "measurement": lambda: HeldMeasurement(composition, inputs),
+        "measurement": lambda: ZeroOrderHold(composition, inputs),
         "dead-reckoning": lambda: DeadReckoning(composition.model),
     }
     if name in makers:
         if options:
-            raise TypeError(f"{name} has no option {next(iter(options))!r}: it takes model, told and late")
+            raise TypeError(f"{name} has no option {next(iter(options))!r}: it takes model, assume and late")
         return makers[name]()
     tuned = {**system.tuning(name, composition), **options}
-    if composition.told == "white":
+    if composition.assumed_as == "white-input":
         tuned = {"input_cov": factor * composition.forces.input_cov, **tuned}
     try:
         return factory.make(name, composition.model, **tuned)
@@ -390,8 +394,8 @@ def _made(
             raise
         acting = type(composition.forces.disturbance).__name__
         raise ValueError(
-            f'{name} needs an unknown input, and is told of {acting} as "{composition.told}": tell it of one that '
-            'kicks, with {"as": "input"}, or choose another estimator'
+            f'{name} needs an unknown input, but assumes {acting} as "{composition.assumed_as}": assume one with '
+            'increments, with {"as": "unknown-input"}, or choose another estimator'
         ) from None
 
 
@@ -399,7 +403,7 @@ def tuning(system: System, name: str, disturbance: str) -> dict[str, Any]:
     """The options that a system gives one of the package's filters in one of its disturbances."""
     sensors = system.sensors_of("nominal")
     kind = system.filter_models.get(name, system.filter_model)
-    return system.tuning(name, _composed(system, kind, Told(), sensors, system.disturbances[disturbance]))
+    return system.tuning(name, _composed(system, kind, Assumptions(), sensors, system.disturbances[disturbance]))
 
 
 def accepted(system: System, sensors: Sensors, disturbance: Disturbance) -> tuple[str, ...]:
@@ -414,23 +418,27 @@ def accepted(system: System, sensors: Sensors, disturbance: Disturbance) -> tupl
     return tuple(names)
 
 
-def _composed(system: System, kind: object, told: Told, sensors: Sensors, disturbance: Disturbance) -> Composition:
+def _composed(
+    system: System, kind: object, assumptions: Assumptions, sensors: Sensors, disturbance: Disturbance
+) -> Composition:
     """Compose a filter's model of a kind under its assumptions."""
     if not isinstance(kind, str):
-        raise TypeError(f"model must be the name of a filter model, such as {system.filter_model!r}, got {shown(kind)}")
+        raise TypeError(
+            f"model must be the name of a filter model, such as {system.filter_model!r}, got {short_repr(kind)}"
+        )
     if kind not in system.vehicle.kinds:
         raise ValueError(factory.unknown("filter model", kind, system.vehicle.kinds))
-    if told.disturbance is not None:
-        disturbance = chosen_disturbance(system, told.disturbance)
+    if assumptions.disturbance is not None:
+        disturbance = chosen_disturbance(system, assumptions.disturbance)
     elif disturbance.believed is not None:
         disturbance = disturbance.believed
-    composition = compose(system.vehicle, kind, disturbance, sensors, told.how)
-    if told.Q == told.R == 1.0:
+    composition = compose(system.vehicle, kind, disturbance, sensors, assumptions.how)
+    if assumptions.Q == assumptions.R == 1.0:
         return composition
     model: Any = composition.model
     Q, R = (
         noise.changed(partial(np.multiply, factor)) if callable(noise) else factor * noise
-        for factor, noise in ((told.Q, model.Q), (told.R, model.R))
+        for factor, noise in ((assumptions.Q, model.Q), (assumptions.R, model.R))
     )
     return replace(composition, model=replace(model, Q=Q, R=R))
 
@@ -446,5 +454,5 @@ def chosen_disturbance(system: System, choice: object) -> Disturbance:
         return choice
     if not isinstance(choice, str):
         names = ", ".join(system.disturbances)
-        raise TypeError(f"disturbance must be one of {names}, or a Disturbance object, got {shown(choice)}")
+        raise TypeError(f"disturbance must be one of {names}, or a Disturbance object, got {short_repr(choice)}")
     return system.disturbances[checks.one_of("disturbance", choice, system.disturbances)]

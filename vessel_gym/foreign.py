@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from estimators import Gaussian
-from estimators.checks import numbers, shown
+from estimators.checks import numbers, short_repr
 from estimators.engine import Compiled, as_float, forget
 from estimators.engine.arrays import TracedArray
 from estimators.engine.creation import traced_creation
@@ -47,12 +47,13 @@ class Copying:
 _OBSERVED = ("observe", "observe_state", "observe_std", "observe_measurements", "observe_mission")
 RETURNED: dict[str, tuple[str, ...]] = {
     "parameters": ("parameters",), "start": ("state", "actuators"), "actuate": ("actuators",), "step": ("state",),
-    "known_input": ("known input",), "course": ("course",), "prior": ("prior",), "reference": ("reference",),
-    "commanded": ("commanded",), "exogenous": ("exogenous",), "over": ("over",), "begin": ("tally",),
-    "score": ("reward", "end", "tally"), "effect": ("effect",), **{name: (name,) for name in _OBSERVED},
+    "known_input": ("known input",), "scenario": ("scenario",), "prior": ("prior",), "reference": ("reference",),
+    "commanded": ("commanded",), "exogenous": ("exogenous",), "over": ("over",), "initial_score_state":
+    ("score_state",), "score": ("reward", "end", "score_state"), "effect": ("effect",), **{name: (name,) for name in
+    _OBSERVED},
 }  # fmt: skip
 """Methods of vehicles, tasks and disturbances by name, and what each returns."""
-_SCALAR, _CONSTANT = ("reward", "end", "over"), ("parameters", "course", "commanded", "exogenous")
+_SCALAR, _CONSTANT = ("reward", "end", "over"), ("parameters", "scenario", "commanded", "exogenous")
 """Numbers of a row, or one for all; and arrays that may have a single row for all."""
 
 
@@ -103,7 +104,7 @@ class CheckedMethods:
         rows, what = len(arrays[0] if arrays else arguments[0].state), RETURNED[name]
         if name == "prior":
             if not isinstance(returned, Gaussian):
-                raise TypeError(f"{title} must give a Gaussian, got {shown(returned)}")
+                raise TypeError(f"{title} must give a Gaussian, got {short_repr(returned)}")
             rows_of(title, returned.mean, rows, self.columns.get(name))
             return returned
         if len(what) == 1:
@@ -111,7 +112,7 @@ class CheckedMethods:
             self._refuse(title, what[0], checked, arrays)
             return checked
         if not isinstance(returned, tuple | list) or len(returned) != len(what):
-            raise ValueError(f"{title} must give {len(what)} arrays, {', '.join(what)}, got {shown(returned)}")
+            raise ValueError(f"{title} must give {len(what)} arrays, {', '.join(what)}, got {short_repr(returned)}")
         several = []
         for part, values in zip(what, returned, strict=True):
             several.append(self._array(f"{title}, as the {part},", part, values, rows))
@@ -121,10 +122,10 @@ class CheckedMethods:
     def _array(self, title: str, what: str, values: Any, rows: int) -> np.ndarray:
         if what in _SCALAR:
             array = rows_of(title, values, rows, scalar=True)
-            if what == "end" and not np.isin(array, np.arange(len(self._own.ends))).all():
+            if what == "end" and not np.isin(array, np.arange(len(self._own.end_reasons))).all():
                 raise ValueError(
-                    f"score of {self.title} gave the numbers of ends {shown(array.tolist())}: "
-                    f"they must be whole and below {len(self._own.ends)}"
+                    f"score of {self.title} gave the numbers of end_reasons {short_repr(array.tolist())}: "
+                    f"they must be whole and below {len(self._own.end_reasons)}"
                 )
             return array != 0.0 if what == "over" else array
         array = rows_of(title, values, rows, self.columns.get(what), constant=what in _CONSTANT)
@@ -133,10 +134,10 @@ class CheckedMethods:
         return array
 
     def _refuse(self, title: str, what: str, values: np.ndarray, arguments: list[np.ndarray]) -> None:
-        """Refuse what is not finite; a tally may be infinite, and observations are clipped."""
+        """Refuse what is not finite; a score state may be infinite, and observations are clipped."""
         if what not in ("end", "over", *_OBSERVED):
             ordinary = [each for each in arguments if each.ndim == 2]
-            kind = {"sound": _not_nan, "wanted": "numbers everywhere"} if what == "tally" else {}
+            kind = {"sound": _not_nan, "wanted": "numbers everywhere"} if what == "score_state" else {}
             refuse_not_finite(title, values, self.steps, self.ended, *ordinary, **kind)  # type: ignore[arg-type]
 
 
@@ -290,7 +291,7 @@ def rows_of(
     """
     array = numbers(values)
     if array is None:
-        raise ValueError(f"{title} must give an array of real numbers, got {shown(values)}")
+        raise ValueError(f"{title} must give an array of real numbers, got {short_repr(values)}")
     columns = array.shape[-1] if columns is None and array.ndim else columns
     shape = (rows,) if scalar else (rows, columns)
     if array.shape == () if scalar else constant and array.shape == (1, columns):
@@ -379,4 +380,4 @@ def refuse_not_finite(
     if bad.any():
         row = int(np.argmax(bad))
         where = f"at step {steps[row]} in row {row}"
-        raise ValueError(f"{name} gave {shown(values[row].tolist())} {where}: it must give {wanted}")
+        raise ValueError(f"{name} gave {short_repr(values[row].tolist())} {where}: it must give {wanted}")

@@ -5,8 +5,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from estimators import Belief, Gaussian, Numbers, Watch
-from vessel_gym.arrivals import Faulty, Measurements, Transit, of_now, youngest
+from estimators import Belief, Gaussian, RandomKeys, Watch
+from vessel_gym.delivery import Faulty, Measurements, Transit, of_now, youngest
 from vessel_gym.estimation import Estimation
 
 
@@ -38,7 +38,7 @@ class Loop:
         self.owner, self.name, self.rows = owner, name, rows
         sensors = owner.sensors
         self._sensing = np.zeros((rows, len(sensors.each), 2), np.uint64)
-        self._filtering = Numbers(np.zeros((rows, 2), np.uint64))
+        self._filtering = RandomKeys(np.zeros((rows, 2), np.uint64))
         self._faults = Faulty(sensors, rows) if sensors.faults else None
         self._transit = Transit(sensors, rows) if sensors.horizon else None
         ages = (sensors.horizon + 1,) if sensors.horizon else ()

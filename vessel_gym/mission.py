@@ -19,8 +19,8 @@ class Mission:
 
     Args:
         task: With its methods checked where it is a user's.
-        told: What the filter estimates.
-        ends: Whose estimate or word completes a mission: one of `vessel_gym.configuration.ENDS`.
+        composition: What the filter estimates.
+        termination: Whose estimate or word completes a mission: one of `vessel_gym.configuration.TERMINATIONS`.
         based: Which components of the true state stand where the filter has them.
         guided: Are estimates alone observed, with guidance? Then the step observes, too.
         measured: Are raw measurements observed? Then the reference is where the truth is.
@@ -31,51 +31,60 @@ class Mission:
     """
 
     def __init__(
-        self, task: Any, told: Composition, ends: str, based: Sequence[int], guided: bool, measured: bool, users: bool
+        self,
+        task: Any,
+        composition: Composition,
+        termination: str,
+        based: Sequence[int],
+        guided: bool,
+        measured: bool,
+        users: bool,
     ) -> None:
-        self.task, self.told, self.ends, self.based = task, told, ends, list(based)
+        self.task, self.composition, self.termination, self.based = task, composition, termination, list(based)
         self.guided, self.measured, self.users = guided, measured, users
         parts = [task] if isinstance(task, CheckedMethods) else []
-        self.step: Any = Step(self, parts, lambda *arrays: told.forces.users(arrays[5])) if users else self.equations
+        self.step: Any = (
+            Step(self, parts, lambda *arrays: composition.forces.users(arrays[5])) if users else self.equations
+        )
 
     @compiled(axes=(1, 0, 0, 1, 1, 1, 1, 1, 1, 1))
     def equations(
-        self, course: np.ndarray, steps: np.ndarray, declared: np.ndarray, mean: np.ndarray, input_mean: np.ndarray,
-        state: np.ndarray, forcing: np.ndarray, actuators: np.ndarray, action: np.ndarray, tally: np.ndarray,
+        self, scenario: np.ndarray, steps: np.ndarray, declared: np.ndarray, mean: np.ndarray, input_mean: np.ndarray,
+        state: np.ndarray, exogenous: np.ndarray, actuators: np.ndarray, action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
         """Reference ``(..., k)``, reward and end ``(...)``, score state; the observation if it is ``guided``.
 
         Where functions are a user's, a mask ``(...)`` of rows in which they gave nothing that is to be refused.
 
         Args:
-            course: What the task drew ``(..., c)``.
+            scenario: What the task drew ``(..., c)``.
             steps: ``(...)`` since the episode's start.
             declared: ``(...)`` where the agent says that the mission is complete.
             mean: Estimated state ``(..., n)``,
             input_mean: and unknown input ``(..., q)``; q may be 0.
             state: True state.
-            forcing: True exogenous input ``(..., f)``.
+            exogenous: True exogenous input ``(..., f)``.
             actuators: ``(..., a)``.
             action: ``(..., a)``.
-            tally: Score state of the step before.
+            score_state: Score state of the step before.
         """
         task, truth = self.task, state[..., self.based]
-        reference = task.reference(course, steps, truth if self.measured else mean)
+        reference = task.reference(scenario, steps, truth if self.measured else mean)
         over = declared
-        if self.ends != "declaration":
-            true = self.ends == "task"
+        if self.termination != "agent":
+            true = self.termination == "task"
             alike = true == self.measured
-            over = task.over(reference if alike else task.reference(course, steps, truth if true else mean))
-        reward, end, tally = task.score(state, forcing, reference, over, actuators, action, tally)
-        scored = reference, reward, end, tally
+            over = task.over(reference if alike else task.reference(scenario, steps, truth if true else mean))
+        reward, end, score_state = task.score(state, exogenous, reference, over, actuators, action, score_state)
+        scored = reference, reward, end, score_state
         seen = (self._observation(mean, input_mean, reference, actuators),) if self.guided else ()
         if not self.users:
             return *scored, *seen
         if seen and isinstance(task, CheckedMethods) and not isinstance(mean, TracedArray):
             refuse_not_finite(f"the observation of {task.title}", seen[0], steps, None, mean, state)
-        sound = [np.isfinite(reference).all(-1), np.isfinite(reward), (end >= 0.0) & (end < len(task.ends))]
-        sound += [end == np.floor(end), *(~np.isnan(each).any(-1) for each in (tally, *seen))]
-        return reference, reward, as_integer(end), tally, *seen, reduce(and_, sound)
+        sound = [np.isfinite(reference).all(-1), np.isfinite(reward), (end >= 0.0) & (end < len(task.end_reasons))]
+        sound += [end == np.floor(end), *(~np.isnan(each).any(-1) for each in (score_state, *seen))]
+        return reference, reward, as_integer(end), score_state, *seen, reduce(and_, sound)
 
     @compiled
     def observe(
@@ -88,7 +97,7 @@ class Mission:
         self, mean: np.ndarray, input_mean: np.ndarray, reference: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:
         with np.errstate(over="ignore", invalid="ignore"):  # diverged estimates are clipped
-            seen = self.task.observe(estimate_of(self.told, mean, input_mean), reference, actuators)
+            seen = self.task.observe(estimate_of(self.composition, mean, input_mean), reference, actuators)
             return np.clip(seen, -self.task.BOUND, self.task.BOUND)
 
     @property
@@ -97,10 +106,10 @@ class Mission:
         return not self.users or self.step.whole
 
 
-def estimate_of(told: Composition, mean: np.ndarray, input_mean: np.ndarray | None) -> Estimate:
+def estimate_of(composition: Composition, mean: np.ndarray, input_mean: np.ndarray | None) -> Estimate:
     """The task's view of means ``(..., n)`` of the state and ``(..., q)`` of the unknown input; q may be 0."""
     known = input_mean if input_mean is not None and input_mean.shape[-1] else None
-    return Estimate(mean[..., : told.base], told.flow(mean, known), known)
+    return Estimate(mean[..., : composition.base], composition.flow(mean, known), known)
 
 
 def standard_deviations(cov: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import block_diag, solve_continuous_lyapunov
 
 from estimators import van_loan
-from estimators.checks import finite_array, frozen, shown
+from estimators.checks import finite_array, frozen, short_repr
 from estimators.engine import as_word, lookup
 from estimators.model_checks import as_covariance
 from estimators.threefry import normals
@@ -124,7 +124,7 @@ class Process:
         """Independent processes as one."""
         for each in processes:
             if not isinstance(each, Process):
-                raise TypeError(f"Process.joined joins processes, got {shown(each)}")
+                raise TypeError(f"Process.joined joins processes, got {short_repr(each)}")
         if not processes:
             return cls(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0)))
         return cls(
@@ -136,7 +136,7 @@ def _sizes(name: str, value: object) -> np.ndarray:
     """Standard deviations ``(k,)``."""
     sizes = finite_array(name, value, "k")
     if (sizes < 0.0).any():
-        raise ValueError(f"{name} must be standard deviations of at least 0, got {shown(value)}")
+        raise ValueError(f"{name} must be standard deviations of at least 0, got {short_repr(value)}")
     return sizes
 
 

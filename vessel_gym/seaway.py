@@ -16,7 +16,7 @@ from vessel_gym.waves import GRAVITY, WaveField, encounter_frequency
 
 _AIR_DENSITY = 1.224  # kg/m3
 _REFLECTED = 0.25  # share of the waves' energy that a ship abeam reflects; assumed
-_LEAST = 1e-3  # rad, least yaw increment that filters are told of: half a compass' noise, below which nothing shows it
+_LEAST = 1e-3  # rad, least yaw increment that filters assume: half a compass' noise, below which nothing shows it
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class Seaway(Disturbance):
 
     names = (*WaveField.names, "current north", "current east")
     forces = ("yaw increment", *AROUND)
-    told = "input"
+    assumed_as = "unknown-input"
 
     def __post_init__(self) -> None:
         instance("ship of Seaway", self.ship, CorvetteParameters)

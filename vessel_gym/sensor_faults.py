@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.checks import numbers, shown
+from estimators.checks import numbers, short_repr
 from vessel_gym.checks import instance, one_of
 
 KINDS = {
@@ -50,16 +50,16 @@ class SensorFault:
         one_of("kind of sensor fault", self.kind, KINDS)
         size, meant = None if isinstance(self.size, bool) else numbers(self.size), KINDS[self.kind]
         if not meant and self.size is not None:
-            raise ValueError(f"{self} has no size, got {shown(self.size)}")
+            raise ValueError(f"{self} has no size, got {short_repr(self.size)}")
         if meant and (size is None or size.ndim > 1 or not np.isfinite(size).all()):
             raise ValueError(f"size of {self} must be {meant}, one for all channels or one for each, "
-                             f"got {shown(self.size)}")  # fmt: skip
+                             f"got {short_repr(self.size)}")  # fmt: skip
         if self.kind == "garbage" and np.any(np.less(size, 0.0)):  # type: ignore[arg-type]
-            raise ValueError(f"size of {self} must be 0 or more, got {shown(self.size)}")
+            raise ValueError(f"size of {self} must be 0 or more, got {short_repr(self.size)}")
         (_, begin), (end, _) = self.times("begin"), self.times("end")
         if not begin < end:
             raise ValueError(
-                f"{self} must begin before it ends, got begin {shown(self.begin)} and end {shown(self.end)}"
+                f"{self} must begin before it ends, got begin {short_repr(self.begin)} and end {short_repr(self.end)}"
             )
 
     def __str__(self) -> str:
@@ -77,5 +77,5 @@ class SensorFault:
         ordered = 0.0 <= pair[0] <= pair[1] and (np.isfinite(pair).all() or (name == "end" and pair[0] == np.inf))
         if not ordered:
             raise ValueError(f"{name} of {self} must be 0 s or more, or two such times in order, "
-                             f"got {shown(time)}")  # fmt: skip
+                             f"got {short_repr(time)}")  # fmt: skip
         return float(pair[0]), float(pair[1])

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from estimators import Gaussian
-from estimators.checks import shown
+from estimators.checks import short_repr
 from estimators.engine import as_word, compiled
 from estimators.randomness import word
 from estimators.threefry import normals, threefry, two_uniforms
@@ -33,12 +33,12 @@ def seeds_of(seed: Any, num_envs: int, rows: list[int]) -> list[int]:
     if isinstance(seed, np.ndarray):
         seed = seed.tolist()
     if not whole(seed) and not isinstance(seed, list | tuple):
-        raise ValueError(f"seed must be a whole number or a list of them, got {shown(seed)}")
+        raise ValueError(f"seed must be a whole number or a list of them, got {short_repr(seed)}")
     seeds = [int(seed) + i for i in range(num_envs)] if whole(seed) else list(seed)
     if len(seeds) != num_envs:
         raise ValueError(f"got {len(seeds)} seeds for {num_envs} environments")
     if not all(whole(seeds[row]) and seeds[row] >= 0 for row in rows):
-        raise ValueError(f"seeds must be whole numbers >= 0, got {shown(seed)}")
+        raise ValueError(f"seeds must be whole numbers >= 0, got {short_repr(seed)}")
     return [int(each) if whole(each) else 0 for each in seeds]
 
 
@@ -70,7 +70,7 @@ def draw(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Keys of the parts of episodes, and the random numbers of their starts.
 
-    They are those of `estimators.Numbers`, at step 0.
+    They are those of `estimators.RandomKeys`, at step 0.
 
     Args:
         seeds: ``(..., 2)`` keys.
@@ -104,27 +104,29 @@ def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray
         return whole
     root = np.eye(len(whole))
     n = len(cov)
-    root[:n, n : n + process.size] = forces.vehicle.carried @ forces.linear[len(forces.vehicle.kicks) : forces.outside]
+    root[:n, n : n + process.size] = (
+        forces.vehicle.carried @ forces.linear[len(forces.vehicle.increments) : forces.outside]
+    )
     return root @ whole @ root.T
 
 
-def known(prior: Gaussian, told: Composition) -> Gaussian:
+def known(prior: Gaussian, composition: Composition) -> Gaussian:
     """Prior of the components that a filter estimates."""
-    start = _start(prior.cov.tobytes(), told)
+    start = _start(prior.cov.tobytes(), composition)
     mean = np.zeros((len(prior.mean), len(start.cov)))
-    mean[:, : told.base] = prior.mean[:, : told.base]
+    mean[:, : composition.base] = prior.mean[:, : composition.base]
     return start.about(mean)
 
 
 @lru_cache(maxsize=16)
-def _start(cov: bytes, told: Composition) -> Gaussian:
+def _start(cov: bytes, composition: Composition) -> Gaussian:
     """Prior of a filter about a mean of 0, given a covariance ``(n, n)`` of the vehicle."""
-    whole = joint_prior(_square(cov), told.forces, told.sensors)
-    n, bias = len(_square(cov)), np.arange(len(whole) - told.sensors.bias.size, len(whole))
-    kept = np.concatenate([np.arange(told.base), n + told.held, bias])
+    whole = joint_prior(_square(cov), composition.forces, composition.sensors)
+    n, bias = len(_square(cov)), np.arange(len(whole) - composition.sensors.bias.size, len(whole))
+    kept = np.concatenate([np.arange(composition.base), n + composition.estimated, bias])
     known = whole[np.ix_(kept, kept)]
-    if told.late:
-        known = block_diag(known, told.forces.input_cov)
+    if composition.late:
+        known = block_diag(known, composition.forces.input_cov)
     return Gaussian(np.zeros(len(known)), known)
 
 

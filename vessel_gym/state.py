@@ -11,16 +11,16 @@ class EnvState:
 
     keys: np.ndarray  # (B, parts, 2) of the random numbers of disturbance and biases
     steps: np.ndarray  # (B,) since the episode's start
-    course: np.ndarray  # (B, c) drawn by the task
+    scenario: np.ndarray  # (B, c) drawn by the task
     parameters: np.ndarray  # (B, k) of the true vehicle
     state: np.ndarray  # (B, n) of the vehicle
     action: np.ndarray  # (B, a) the last one, clipped; zero after a reset
     actuators: np.ndarray  # (B, a)
     drifting: np.ndarray  # (B, s) states of the disturbance, then of the sensors' biases
-    noise: np.ndarray  # (B, w + s) new in kicks, disturbance and biases over the coming step
-    forcing: np.ndarray  # (B, f) exogenous input over the coming step
+    noise: np.ndarray  # (B, w + s) new in increments, disturbance and biases over the coming step
+    exogenous: np.ndarray  # (B, f) exogenous input over the coming step
     reference: np.ndarray  # (B, k)
-    tally: np.ndarray  # (B, k) score state
+    score_state: np.ndarray  # (B, k) score state
     total: np.ndarray  # (B,) sum of rewards
     end: np.ndarray  # (B,) number in the task's ends
     observation: np.ndarray | None = None  # (B, k) where the step gives it
@@ -28,8 +28,8 @@ class EnvState:
     def after(self, action: np.ndarray) -> "EnvState":
         """The state a step later, in which all but the number of steps and the action is as it was."""
         return EnvState(
-            self.keys, self.steps + 1, self.course, self.parameters, self.state, action, self.actuators, self.drifting,
-            self.noise, self.forcing, self.reference, self.tally, self.total, self.end,
+            self.keys, self.steps + 1, self.scenario, self.parameters, self.state, action, self.actuators,
+            self.drifting, self.noise, self.exogenous, self.reference, self.score_state, self.total, self.end,
         )  # fmt: skip
 
     def merged(self, rows: np.ndarray, some: "EnvState") -> "EnvState":

@@ -70,14 +70,14 @@ class Surroundings:
 
 
 MakeSurroundings = Callable[[Any, np.ndarray], Surroundings]
-"""Makes the surroundings of a task and the course that it has drawn ``(k,)``."""
+"""Makes the surroundings of a task and the scenario that it has drawn ``(k,)``."""
 M = TypeVar("M", bound=MakeSurroundings)
 
 SURROUNDINGS: Registry[MakeSurroundings] = Registry("surroundings", lambda: None)
 
 
 def register_surroundings(task_type: type) -> Callable[[M], M]:
-    """A decorator that makes a function of a task and its course ``(k,)`` tell the `Surroundings` of its episodes.
+    """A decorator that makes a function of a task and its scenario ``(k,)`` tell the `Surroundings` of its episodes.
 
     Subclasses of the task inherit it.
 
@@ -96,11 +96,11 @@ def register_surroundings(task_type: type) -> Callable[[M], M]:
     return register
 
 
-def surroundings_of(core: Core, course: np.ndarray) -> Surroundings:
-    """Surroundings in the episode of a course ``(k,)``; the vehicle alone, if the task has none."""
+def surroundings_of(core: Core, scenario: np.ndarray) -> Surroundings:
+    """Surroundings in the episode of a scenario ``(k,)``; the vehicle alone, if the task has none."""
     known = SURROUNDINGS.of(core.task).get("")
     if known is not None:
-        return known(core.task, course)
+        return known(core.task, scenario)
     return Surroundings(space=bool({"z", "h"} & set(core.vehicle.state_names)))
 
 
@@ -136,25 +136,25 @@ def in_words(name: str, angles: Sequence[str]) -> tuple[str, str, float]:
 
 
 @register_surroundings(TurningCircle)
-def _turn(task: TurningCircle, course: np.ndarray) -> Surroundings:
-    return Surroundings("ship", task.ship.length, path=_level(task.path(course)))
+def _turn(task: TurningCircle, scenario: np.ndarray) -> Surroundings:
+    return Surroundings("ship", task.ship.length, path=_level(task.path(scenario)))
 
 
 @register_surroundings(Dive)
-def _dive(task: Dive, course: np.ndarray) -> Surroundings:
-    path = path_point(np.linspace(0.0, course[1], 121), course)[:, :3]
+def _dive(task: Dive, scenario: np.ndarray) -> Surroundings:
+    path = path_point(np.linspace(0.0, scenario[1], 121), scenario)[:, :3]
     north, east, down = path[-1]
     goal = (north, east, down, task.GOAL_TOLERANCE)
     return Surroundings("torpedo", task.auv.length, True, path, goal, surface=-task.launch_depth)
 
 
 @register_surroundings(Flight)
-def _flight(task: Flight, course: np.ndarray) -> Surroundings:
-    down = -float(task.altitude_of(course))
-    rows = course[: COLUMNS * SEGMENTS].reshape(SEGMENTS, COLUMNS)
+def _flight(task: Flight, scenario: np.ndarray) -> Surroundings:
+    down = -float(task.altitude_of(scenario))
+    rows = scenario[: COLUMNS * SEGMENTS].reshape(SEGMENTS, COLUMNS)
     path = _level(Path(rows[rows[:, 4] > 0.0]).sample(3.0)[:, :2], down)
-    north, east, _ = task.goal(course[None])[0]
-    obstacles = course[-3 * OBSTACLES :].reshape(OBSTACLES, 3)
+    north, east, _ = task.goal(scenario[None])[0]
+    obstacles = scenario[-3 * OBSTACLES :].reshape(OBSTACLES, 3)
     goal = (north, east, down, task.GOAL_TOLERANCE)
     return Surroundings("aircraft", _SPAN, True, path, goal, obstacles[obstacles[:, 2] > 0.0])
 

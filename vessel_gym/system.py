@@ -7,7 +7,7 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 
-from estimators.checks import finite_array, shown, whole
+from estimators.checks import finite_array, short_repr, whole
 from vessel_gym.checks import check_names, check_numbers, instance, one_of, options
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.filter_models.build import Composition
@@ -33,22 +33,24 @@ def check_task(task: Task) -> None:
         TypeError: for what is no task.
         ValueError: naming the figure.
     """
-    missing = [name for name in ("horizon", "uniforms", "ends", "success", "score") if not hasattr(task, name)]
+    missing = [name for name in ("horizon", "uniforms", "end_reasons", "success", "score") if not hasattr(task, name)]
     if missing:
-        raise TypeError(f"task of a system must have {missing[0]}, as vessel_gym.system.Task has, got {shown(task)}")
+        raise TypeError(
+            f"task of a system must have {missing[0]}, as vessel_gym.system.Task has, got {short_repr(task)}"
+        )
     title = type(task).__name__
     whole(f"horizon of {title}", task.horizon, 1)
     whole(f"uniforms of {title}", task.uniforms, 0)
-    check_names(f"ends of {title}", task.ends)
-    if len(set(task.ends)) < len(task.ends):
-        raise ValueError(f"ends of {title} must differ from each other, got {shown(task.ends)}")
+    check_names(f"end_reasons of {title}", task.end_reasons)
+    if len(set(task.end_reasons)) < len(task.end_reasons):
+        raise ValueError(f"end_reasons of {title} must differ from each other, got {short_repr(task.end_reasons)}")
     if hasattr(task, "perfect"):
         check_numbers(title, {"perfect": task.perfect}, positive="perfect")
-    if not task.ends or task.success not in ("", *task.ends[1:]):
-        raise ValueError(f"success of {title} must be one of its ends, or empty, got {shown(task.success)}")
+    if not task.end_reasons or task.success not in ("", *task.end_reasons[1:]):
+        raise ValueError(f"success of {title} must be one of its end_reasons, or empty, got {short_repr(task.success)}")
     for name in ("prior_sd", "state_scale", "std_scale"):
         if hasattr(task, name) and (finite_array(f"{name} of {title}", getattr(task, name), "n") < 0.0).any():
-            raise ValueError(f"{name} of {title} must be numbers of at least 0, got {shown(getattr(task, name))}")
+            raise ValueError(f"{name} of {title} must be numbers of at least 0, got {short_repr(getattr(task, name))}")
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ class System:
         disturbances: By name: ``"calm"``, ``"moderate"``, ``"rough"``.
         estimator: The default estimator.
         filter_model: The kind of model that filters use, unless ``filter_models`` says otherwise.
-        tuning: Options of a filter by name, given what it is told.
+        tuning: Options of a filter by name, given its composition.
         filter_models: Kinds of particular filters.
         sensors: In their nominal quality; None: the vehicle's own.
     """
@@ -89,7 +91,7 @@ class System:
         missing = [name for name in vars(Vehicle) if name[0] != "_" and not hasattr(self.vehicle, name)]
         if missing:
             text = f"vehicle of a system must have {', '.join(missing[:3])}, as vessel_gym.system.Vehicle says"
-            raise TypeError(f"{text}, got {shown(self.vehicle)}")
+            raise TypeError(f"{text}, got {short_repr(self.vehicle)}")
         check_task(self.task)
         disturbances = options("disturbances of a system", self.disturbances)
         for each in disturbances.values():
@@ -100,9 +102,11 @@ class System:
         options("filter_models of a system", self.filter_models)
         sensors = () if self.sensors is None else self.sensors
         if not isinstance(sensors, tuple | list) or not all(isinstance(each, Sensor) for each in sensors):
-            raise TypeError(f"sensors of a system must be Sensor objects, or None, got {shown(self.sensors)}")
+            raise TypeError(f"sensors of a system must be Sensor objects, or None, got {short_repr(self.sensors)}")
         if not callable(self.tuning):
-            raise TypeError(f"tuning of a system must be a function of (name, told), got {shown(self.tuning)}")
+            raise TypeError(
+                f"tuning of a system must be a function of (name, composition), got {short_repr(self.tuning)}"
+            )
 
     def sensors_of(self, choice: "str | Sequence[Sensor]", faults: Sequence[SensorFault] = ()) -> Sensors:
         """Its sensors in the quality of a suite by name, or somebody's own, with their faults.
@@ -116,5 +120,5 @@ class System:
             suite = SUITES[one_of("sensor suite", choice, SUITES)]
             choice = suite.of(vehicle.sensors if self.sensors is None else self.sensors)
         elif not (isinstance(choice, list | tuple) and choice and all(isinstance(part, Sensor) for part in choice)):
-            raise TypeError(f"sensors must be one of {', '.join(SUITES)}, or Sensor objects, got {shown(choice)}")
-        return Sensors(choice, vehicle.state_names, vehicle.kicks + vehicle.flows, vehicle.dt, faults)
+            raise TypeError(f"sensors must be one of {', '.join(SUITES)}, or Sensor objects, got {short_repr(choice)}")
+        return Sensors(choice, vehicle.state_names, vehicle.increments + vehicle.ambient_flows, vehicle.dt, faults)

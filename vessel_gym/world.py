@@ -47,7 +47,7 @@ class World:
         self.start_roots = [process.start_root for process in (disturbance.process, *biases)]
         self.carried = forces.vehicle.carried
         if self.carried is not None:  # the prior's state moves with the flow, which is of the disturbance's state
-            self.carried = self.carried @ forces.linear[len(forces.vehicle.kicks) : forces.outside]
+            self.carried = self.carried @ forces.linear[len(forces.vehicle.increments) : forces.outside]
         self.transition = block_diag(disturbance.process.transition, sensors.bias.transition)
         self.root = block_diag(disturbance.white, disturbance.process.root, sensors.bias.root)
         ours_alone = ours(forces.vehicle) and ours(forces.disturbance)
@@ -57,8 +57,8 @@ class World:
 
     def _called(self, *arrays: np.ndarray) -> Iterator[Call]:
         """Users' functions that `equations` call of arrays, besides methods of parts."""
-        _, _, _, state, _, forcing, _, _, _, drifting, *_ = arrays
-        return self.sensors.users(*self._measuring(state, forcing, drifting))
+        _, _, _, state, _, exogenous, _, _, _, drifting, *_ = arrays
+        return self.sensors.users(*self._measuring(state, exogenous, drifting))
 
     @property
     def whole(self) -> bool:
@@ -67,8 +67,8 @@ class World:
 
     @compiled(axes=(1, 1, 1, 1, 1, 1, 1, 2, 0, 1, 1, 2))
     def equations(
-        self, action: np.ndarray, course: np.ndarray, reference: np.ndarray, state: np.ndarray, actuators: np.ndarray,
-        forcing: np.ndarray, parameters: np.ndarray, keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray,
+        self, action: np.ndarray, scenario: np.ndarray, reference: np.ndarray, state: np.ndarray, actuators: np.ndarray,
+        exogenous: np.ndarray, parameters: np.ndarray, keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray,
         noise: np.ndarray, sensing: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
         """Actuators and known input after an action, then what `move` gives, then what `sense` does.
@@ -77,21 +77,21 @@ class World:
         """
         after = self.vehicle.actuate(actuators, action)
         commanding = self.task.commanding
-        commanded = self.task.commanded(course, steps - 1) if commanding is None else reference[..., commanding]
+        commanded = self.task.commanded(scenario, steps - 1) if commanding is None else reference[..., commanding]
         u = self.vehicle.known_input(actuators, after, commanded)
-        moved = self.move(state, actuators, after, forcing, parameters, keys, steps, drifting, noise)
-        state, drifting, noise, forcing = moved
-        forcing = self._with_task(forcing, course, steps)
-        sensed = self.sense(state, forcing, drifting, steps, sensing)
-        stepped = after, u, state, drifting, noise, forcing, *sensed
+        moved = self.move(state, actuators, after, exogenous, parameters, keys, steps, drifting, noise)
+        state, drifting, noise, exogenous = moved
+        exogenous = self._with_task(exogenous, scenario, steps)
+        sensed = self.sense(state, exogenous, drifting, steps, sensing)
+        stepped = after, u, state, drifting, noise, exogenous, *sensed
         if not self.users:
             return stepped
-        finite = (np.isfinite(each).all(-1) for each in (after, u, state, forcing))
-        return *stepped, reduce(and_, finite, self.sensors.sound(*self._measuring(state, forcing, drifting)))
+        finite = (np.isfinite(each).all(-1) for each in (after, u, state, exogenous))
+        return *stepped, reduce(and_, finite, self.sensors.sound(*self._measuring(state, exogenous, drifting)))
 
     @compiled(axes=(1, 1, 1, 1, 1, 2, 0, 1, 1))
     def move(
-        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray,
+        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, exogenous: np.ndarray, parameters: np.ndarray,
         keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray, noise: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """The vehicle's state, the states of disturbance and biases, noise and exogenous input a step later.
@@ -100,7 +100,7 @@ class World:
             state: ``(..., n)`` of the vehicle.
             before: Actuators ``(..., a)`` as measured at the beginning of the step,
             after: and at its end.
-            forcing: Exogenous input ``(..., f)`` over the step.
+            exogenous: Exogenous input ``(..., f)`` over the step.
             parameters: ``(..., k)`` of the vehicle.
             keys: ``(..., parts, 2)`` of the random numbers of disturbance and biases.
             steps: ``(...)`` since the episode's start, with this one.
@@ -109,20 +109,20 @@ class World:
         """
         measured = after
         if self.forces.faulty:
-            offsets, _ = self.forces.of_actuators(forcing)
+            offsets, _ = self.forces.of_actuators(exogenous)
             before, after = before + offsets, after + offsets
-        state = self.vehicle.step(state, before, after, forcing[..., : self.forces.outside], parameters)
+        state = self.vehicle.step(state, before, after, exogenous[..., : self.forces.outside], parameters)
         return state, *self._with_effect(self._advanced(keys, steps, drifting, noise), state, measured)
 
     @compiled(axes=(1, 1, 2, 1, 2, 0))
     def begin(
-        self, course: np.ndarray, mean: np.ndarray, root: np.ndarray, numbers: np.ndarray, keys: np.ndarray,
+        self, scenario: np.ndarray, mean: np.ndarray, root: np.ndarray, numbers: np.ndarray, keys: np.ndarray,
         steps: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
         """Actuators and known input at an episode's start, then what `move` and `sense` give, then the score state.
 
         Args:
-            course: What the task drew ``(..., c)``.
+            scenario: What the task drew ``(..., c)``.
             mean: Of the prior ``(..., n)``,
             root: and of its covariance ``(..., n, n)``.
             numbers: ``(..., k)`` as `vessel_gym.start.draw` gives them,
@@ -138,24 +138,24 @@ class World:
         state, actuators = self.vehicle.start(x)
         noise = np.zeros((*drifting.shape[:-1], len(self.root)))
         advanced = self._advanced(keys[..., :count, :], steps, drifting, noise, first=True)
-        drifting, noise, forcing = self._with_effect(advanced, state, actuators)
-        forcing = self._with_task(forcing, course, steps)
-        u = self.vehicle.known_input(actuators, actuators, self.task.commanded(course, steps))
-        read = self.sense(state, forcing, drifting, steps, keys[..., count:, :])
-        return actuators, u, state, drifting, noise, forcing, *read, self.task.begin(state, course)
+        drifting, noise, exogenous = self._with_effect(advanced, state, actuators)
+        exogenous = self._with_task(exogenous, scenario, steps)
+        u = self.vehicle.known_input(actuators, actuators, self.task.commanded(scenario, steps))
+        read = self.sense(state, exogenous, drifting, steps, keys[..., count:, :])
+        return actuators, u, state, drifting, noise, exogenous, *read, self.task.initial_score_state(state, scenario)
 
     @compiled(axes=(1, 1, 1, 0, 2))
     def sense(
-        self, state: np.ndarray, forcing: np.ndarray, drifting: np.ndarray, steps: np.ndarray, sensing: np.ndarray
+        self, state: np.ndarray, exogenous: np.ndarray, drifting: np.ndarray, steps: np.ndarray, sensing: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Measurements ``(..., p)`` and the mask of those available, by keys ``(..., sensors, 2)``."""
-        return self.sensors.read(*self._measuring(state, forcing, drifting), steps, sensing)
+        return self.sensors.read(*self._measuring(state, exogenous, drifting), steps, sensing)
 
     def _measuring(
-        self, state: np.ndarray, forcing: np.ndarray, drifting: np.ndarray
+        self, state: np.ndarray, exogenous: np.ndarray, drifting: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """State, forcing and biases that sensors read."""
-        return state, forcing[..., : self.forces.outside], drifting[..., self.size :]
+        """State, exogenous input and biases that sensors read."""
+        return state, exogenous[..., : self.forces.outside], drifting[..., self.size :]
 
     @compiled(axes=(2, 0, 1, 1))
     def _advanced(
@@ -165,18 +165,18 @@ class World:
         transition = np.eye(len(self.transition)) if first else self.transition
         return advance(keys, steps, drifting, noise, self.parts, self.root, transition, self.forces.gains)
 
-    def _with_task(self, forcing: np.ndarray, course: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    def _with_task(self, exogenous: np.ndarray, scenario: np.ndarray, steps: np.ndarray) -> np.ndarray:
         """The exogenous input with what the task prescribes."""
         if not hasattr(self.task, "exogenous"):
-            return forcing
-        added, outside = self.task.exogenous(course, steps), self.forces.outside
-        return np.concatenate([forcing[..., :outside] + added, forcing[..., outside:]], -1)
+            return exogenous
+        added, outside = self.task.exogenous(scenario, steps), self.forces.outside
+        return np.concatenate([exogenous[..., :outside] + added, exogenous[..., outside:]], -1)
 
     def _with_effect(
         self, advanced: tuple[np.ndarray, np.ndarray, np.ndarray], state: np.ndarray, actuators: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        drifting, noise, forcing = advanced
+        drifting, noise, exogenous = advanced
         if self.forces.constant:
             return advanced
         effect = self.disturbance.effect(drifting[..., : self.size], state)
-        return drifting, noise, self.forces.add(forcing, effect, actuators)
+        return drifting, noise, self.forces.add(exogenous, effect, actuators)

@@ -125,7 +125,7 @@ def _actuators(vehicle: AUV, stern: float, thrust: float) -> np.ndarray:
 def _after(vehicle: AUV, state: np.ndarray, actuators: np.ndarray) -> np.ndarray:
     """States ``(..., n)`` after a step with the actuators held."""
     control = np.concatenate([actuators, actuators], -1)
-    return vehicle.drift(state, control, np.zeros(len(vehicle.flows)))
+    return vehicle.drift(state, control, np.zeros(len(vehicle.ambient_flows)))
 
 
 def _changes(vehicle: AUV, state: np.ndarray, actuators: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from agents.named import vector_class
 from agents.rollouts import Rollout, rollout
 from estimators import Filter
 from estimators.angles import difference
-from estimators.checks import shown
+from estimators.checks import short_repr
 from vessel_gym import checks
 from vessel_gym.estimation import build, chosen_disturbance
 from vessel_gym.surroundings import in_words, pose, surroundings_of
@@ -112,7 +112,7 @@ def episode(
         TypeError: for arguments of another kind.
     """
     if not isinstance(env_id, str):
-        raise TypeError(f"env_id must be the name of a registered environment, got {shown(env_id)}")
+        raise TypeError(f"env_id must be the name of a registered environment, got {short_repr(env_id)}")
     options = checks.options("env_options", env_options)
     try:
         system = getattr(vector_class(env_id), "system", None)
@@ -124,7 +124,7 @@ def episode(
     if estimators is None:
         estimators = _compared(system, options, first)
     elif isinstance(estimators, str) or not isinstance(estimators, Sequence) or not estimators:
-        raise TypeError(f"estimators must be a list of one or more, got {shown(estimators)}")
+        raise TypeError(f"estimators must be a list of one or more, got {short_repr(estimators)}")
     names = [_name(each) for each in estimators]
     for name in names:
         if names.count(name) > 1:
@@ -172,9 +172,9 @@ def _compared(system: System, options: dict[str, Any], first: Any) -> list[Any]:
 
 def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
     """Data of a page, from rollouts of one seed on estimators of these names."""
-    core, course = core_of(flown[0]), flown[0].course
-    assert course is not None
-    around, shown = asdict(surroundings_of(core, course[0])), _focus(core)
+    core, scenario = core_of(flown[0]), flown[0].scenario
+    assert scenario is not None
+    around, shown = asdict(surroundings_of(core, scenario[0])), _focus(core)
     stride = 1 + int(max(each.length[0] for each in flown)) // FRAMES
     config = core.config
     words = [f"{config.disturbance_name} disturbance", f"{config.sensors_name} sensors", f"seed {flown[0].seeds[0]}"]
@@ -201,10 +201,10 @@ def _focus(core: Any) -> list[str]:
 
 def _flight(flown: Rollout, name: str, shown: list[str], stride: int) -> dict[str, Any]:
     """Data of a page about the first episode of a rollout."""
-    core, told = core_of(flown), core_of(flown).composition
+    core, composition = core_of(flown), core_of(flown).composition
     keep = np.unique(np.append(np.arange(0, flown.length[0], stride), flown.length[0]))
     h = {key: values[keep, 0] for key, values in flown.history.items() if key != "ensemble"}
-    base = told.names[: told.base]
+    base = composition.names[: composition.base]
     believed = [base.index(each) for each in shown]
     true = h["truth"][:, [core.truth_names.index(each) for each in shown]]
     angles = tuple(i for i, each in enumerate(shown) if each in core.vehicle.angles)
@@ -214,7 +214,7 @@ def _flight(flown: Rollout, name: str, shown: list[str], stride: int) -> dict[st
     cov = h["covariance"][:, believed][:, :, believed] * np.outer(scale, scale)
     guess = h["truth"].copy()  # what is not estimated stands where it truly is
     places = [core.truth_names.index(each) for each in base]
-    guess[:, places] = h["estimate"][:, : told.base]
+    guess[:, places] = h["estimate"][:, : composition.base]
     return {
         "estimator": name,
         "score": float(flown.score[0]),

@@ -52,9 +52,9 @@ def compute(rollout: Rollout) -> dict[str, np.ndarray]:
     """Metrics that have no function of their own, ``(N,)`` by key."""
     task, h, alive = core_of(rollout).task, rollout.history, rollout.alive
     cross, normal = path_errors(rollout)
-    course = h["reference"][0, :, 8:]
-    goal = path_point(course[:, 1], course)[:, :3]
-    seconds = np.hypot(course[:, 1], course[:, 2]) / task.auv.cruise_speed
+    scenario = h["reference"][0, :, 8:]
+    goal = path_point(scenario[:, 1], scenario)[:, :3]
+    seconds = np.hypot(scenario[:, 1], scenario[:, 2]) / task.auv.cruise_speed
     return {
         "miss": np.linalg.norm(task.position(at_end(rollout)) - goal, axis=-1),
         "cross_track": rms(cross, alive),
@@ -67,8 +67,8 @@ def path_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
     """Distances [m] of the truth from the path, ``(T + 1, N)`` each: across it in plan, and in the vertical plane."""
     task, h = core_of(rollout).task, rollout.history
     rows = h["truth"].reshape(-1, h["truth"].shape[-1])
-    course = h["reference"][..., 8:]
-    where = follow(task.position(rows).reshape(course.shape), course, 0.0)
+    scenario = h["reference"][..., 8:]
+    where = follow(task.position(rows).reshape(scenario.shape), scenario, 0.0)
     return where[..., 1], where[..., 2] / np.sqrt(1.0 + where[..., 4] ** 2)
 
 

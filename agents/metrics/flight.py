@@ -41,12 +41,12 @@ def compute(rollout: Rollout) -> dict[str, np.ndarray]:
     core, h, alive = core_of(rollout), rollout.history, rollout.alive
     task = core.task
     cross, above = path_errors(rollout)
-    course = task.course_of(h["reference"][0])
-    clearance = task.clearance(h["truth"], task.course_of(h["reference"]))
+    scenario = task.scenario_of(h["reference"][0])
+    clearance = task.clearance(h["truth"], task.scenario_of(h["reference"]))
     commands = task.body.actions(h["actuators"])
     change = np.sqrt(np.mean(np.diff(commands, axis=0) ** 2, axis=-1)) / 2.0
     return {
-        "miss": np.hypot(*(at_end(rollout)[:, :2] - task.goal(course)[:, :2]).T),
+        "miss": np.hypot(*(at_end(rollout)[:, :2] - task.goal(scenario)[:, :2]).T),
         "cross_track": rms(cross, alive),
         "altitude": rms(above, alive),
         "clearance": _or_nan(np.where(alive, clearance, np.inf).min(0)),
@@ -58,10 +58,10 @@ def compute(rollout: Rollout) -> dict[str, np.ndarray]:
 def _wind_error(rollout: Rollout) -> np.ndarray:
     """Error of the estimated level wind [m/s], ``(T + 1, N)``; NaN for a filter that assumes none."""
     core, h = core_of(rollout), rollout.history
-    told = core.composition
-    if not len(told.held):
+    composition = core.composition
+    if not len(composition.estimated):
         return np.full(rollout.alive.shape, np.nan)
-    error = told.flow(h["estimate"]) - told.flow(core.estimated(h["truth"]))
+    error = composition.flow(h["estimate"]) - composition.flow(core.estimated(h["truth"]))
     return np.hypot(error[..., 0], error[..., 1])
 
 
@@ -71,13 +71,13 @@ def path_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
     The aircraft is looked for near the farthest place it has reached, as in the score.
     """
     task, h = core_of(rollout).task, rollout.history
-    course = task.course_of(h["reference"][0])
-    farthest, off = task.begin(h["truth"][0], course)[:, 0], []
+    scenario = task.scenario_of(h["reference"][0])
+    farthest, off = task.initial_score_state(h["truth"][0], scenario)[:, 0], []
     for truth in h["truth"]:
-        true = task.track(truth, course, farthest)
+        true = task.track(truth, scenario, farthest)
         farthest = np.maximum(farthest, true[:, 0])
         off.append(true[:, 1])
-    return np.stack(off), h["truth"][..., 2] - task.altitude_of(course)
+    return np.stack(off), h["truth"][..., 2] - task.altitude_of(scenario)
 
 
 def _or_nan(values: np.ndarray) -> np.ndarray:

@@ -73,13 +73,13 @@ def steps(rollout: Rollout) -> np.ndarray:
 
 def _input_rmse(rollout: Rollout) -> np.ndarray:
     core, h = core_of(rollout), rollout.history
-    told = core.composition
-    if core.belief.input_mean is None or not told.inputs:
+    composition = core.composition
+    if core.belief.input_mean is None or not composition.inputs:
         return np.full(len(rollout.seeds), np.nan)
     delay = core.filter.input_delay or 0  # the estimate of step k is of the input of step k - delay
     true = h["unknown_input"][: len(rollout.alive) - delay]
     with np.errstate(divide="ignore", invalid="ignore"):
-        error = (h["input_estimate"][delay:] - true) / np.sqrt(np.diag(told.forces.input_cov))
+        error = (h["input_estimate"][delay:] - true) / np.sqrt(np.diag(composition.forces.input_cov))
     return rms(np.sqrt((error**2).mean(-1)), rollout.alive[delay:])
 
 
@@ -180,7 +180,7 @@ NEES = Metric(
 )  # fmt: skip
 INPUT = Metric(
     "input_rmse", "Input d", "σ", "lower", 3,
-    "RMS error of the estimated unknown input, each component in units of the size that filters are told it has.",
+    "RMS error of the estimated unknown input, each component in units of the size that filters assume.",
     of=_input_rmse,
 )  # fmt: skip
 UNHEALTHY = Metric(
@@ -282,11 +282,11 @@ def nis_consistency(rollout: Rollout) -> float | None:
     values = rollout.history["nis"]
     seen = np.isfinite(values)
     degrees = np.where(seen, rollout.history["available"].sum(-1), 0).sum(1)
-    told = degrees > 0
-    if not told.any():
+    compared = degrees > 0
+    if not compared.any():
         return None
-    total = np.where(seen, values, 0.0).sum(1)[told]
-    band = np.array([_band(1, int(count)) for count in degrees[told]])
+    total = np.where(seen, values, 0.0).sum(1)[compared]
+    band = np.array([_band(1, int(count)) for count in degrees[compared]])
     return float(np.mean((total >= band[:, 0]) & (total <= band[:, 1])))
 
 

@@ -33,11 +33,11 @@ def compute(rollout: Rollout) -> dict[str, np.ndarray]:
     """
     core = core_of(rollout)
     h, alive, names = rollout.history, rollout.alive, core.vehicle.state_names
-    course = core.task.course_of(h["reference"][0])
+    scenario = core.task.scenario_of(h["reference"][0])
     place = h["truth"][..., [names.index("x"), names.index("y")]]
-    radius_error, out_of_round = circle_fit(rollout, 1.0 / np.abs(course[:, 2]))
+    radius_error, out_of_round = circle_fit(rollout, 1.0 / np.abs(scenario[:, 2]))
     return {
-        "track_error": rms(core.task.off_track(course, place), alive),
+        "track_error": rms(core.task.off_track(scenario, place), alive),
         "radius_error": radius_error,
         "out_of_round": out_of_round,
         "rudder_rate": np.rad2deg(rms(np.diff(h["actuators"][..., 0], axis=0) / core.vehicle.dt, alive[1:])),

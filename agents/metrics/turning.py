@@ -79,7 +79,7 @@ def _raw_input(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _true_input(rollout: Rollout) -> np.ndarray:
-    """The true yaw increment d ``(T + 1, N)``; 0 where nothing kicks the ship."""
+    """The true yaw increment d ``(T + 1, N)``; 0 where no increment acts on the ship."""
     names, new = core_of(rollout).unknown_inputs, rollout.history["unknown_input"]
     return new[..., names.index("yaw increment")] if "yaw increment" in names else np.zeros(new.shape[:-1])
 

@@ -292,27 +292,27 @@ def _described(archive: zipfile.ZipFile) -> dict[str, Any] | None:
 
 def _ours(path: Path, described: dict[str, Any], build: Callable[..., Any]) -> Policy:
     """Build the network that the words tell of, and fill in the numbers."""
-    told = described["policy"]
+    settings = described["policy"]
     arrays: dict[str, dict[str, np.ndarray]] = {"weights": {}, "statistics": {}}
     with zipfile.ZipFile(path) as archive:
         for name in archive.namelist():
             folder, _, rest = name.partition("/")
             if folder in arrays:
                 arrays[folder][rest.removesuffix(".npy")] = _array(archive, name)
-    _check_sizes(told, arrays["weights"].values())
-    frames, statistics = whole("frames", told["frames"], 1), arrays["statistics"]
-    environment, vehicle = told["environment"], dict(told["vehicle"])
-    built = build(told, arrays["weights"])
+    _check_sizes(settings, arrays["weights"].values())
+    frames, statistics = whole("frames", settings["frames"], 1), arrays["statistics"]
+    environment, vehicle = settings["environment"], dict(settings["vehicle"])
+    built = build(settings, arrays["weights"])
     seen = built.observation_space
     if not statistics:
-        return Policy(built, frames, told["observe"], environment=environment, vehicle=vehicle)
+        return Policy(built, frames, settings["observe"], environment=environment, vehicle=vehicle)
     mean, var = statistics["mean"], statistics["var"]
     if mean.shape not in (seen.shape, (seen.shape[0] // frames,)) or var.shape != mean.shape or (var < 0).any():
         raise ValueError("its statistics are of something else")
-    clip, epsilon = as_number(told["clip"]), as_number(told["epsilon"])
+    clip, epsilon = as_number(settings["clip"]), as_number(settings["epsilon"])
     if not (clip > 0.0 and 0.0 <= epsilon < np.inf and (var + epsilon > 0.0).all()):
         raise ValueError("its clip and epsilon do not go with its statistics")
-    return Policy(built, frames, told["observe"], statistics, clip, epsilon, environment, vehicle)
+    return Policy(built, frames, settings["observe"], statistics, clip, epsilon, environment, vehicle)
 
 
 def _array(archive: zipfile.ZipFile, name: str) -> np.ndarray:
@@ -329,7 +329,7 @@ def _array(archive: zipfile.ZipFile, name: str) -> np.ndarray:
     return array.copy()
 
 
-def _check_sizes(told: dict[str, Any], weights: Collection[np.ndarray]) -> None:
+def _check_sizes(settings: dict[str, Any], weights: Collection[np.ndarray]) -> None:
     """Refuse a description with more layers than arrays, or with a size that no array has."""
     largest = max((*(max(array.shape, default=1) for array in weights), len(weights)))
 
@@ -340,7 +340,7 @@ def _check_sizes(told: dict[str, Any], weights: Collection[np.ndarray]) -> None:
         for each in sizes:
             check(each)
 
-    check({key: value for key, value in told.items() if key != "vehicle"})
+    check({key: value for key, value in settings.items() if key != "vehicle"})
 
 
 def _foreign(path: Path) -> Policy:

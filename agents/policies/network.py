@@ -29,15 +29,15 @@ class Dense:
         ValueError: if it is another network.
     """
 
-    def __init__(self, told: dict[str, Any], weights: dict[str, np.ndarray]) -> None:
-        if (told["class"], told["network"]["activation_fn"]) != ("ActorCriticPolicy", "Tanh"):
+    def __init__(self, settings: dict[str, Any], weights: dict[str, np.ndarray]) -> None:
+        if (settings["class"], settings["network"]["activation_fn"]) != ("ActorCriticPolicy", "Tanh"):
             raise ValueError("it is no network of dense layers of tanh")
-        widths = told["network"]["net_arch"]
+        widths = settings["network"]["net_arch"]
         widths = widths["pi"] if isinstance(widths, dict) else widths
         names = (*(f"mlp_extractor.policy_net.{2 * i}" for i in range(len(widths))), "action_net")
         self._layers = [(weights[f"{name}.weight"], weights[f"{name}.bias"]) for name in names]
-        self.observation_space, self.action_space = spaces(told)
-        sizes = [told["observations"], *widths, told["actions"]]
+        self.observation_space, self.action_space = spaces(settings)
+        sizes = [settings["observations"], *widths, settings["actions"]]
         for name, (weight, bias), before, after in zip(names, self._layers, sizes[:-1], sizes[1:], strict=True):
             if (weight.shape, bias.shape) != ((after, before), (after,)):
                 raise ValueError(f"{name} is no layer of {before} to {after} numbers")
@@ -52,26 +52,26 @@ class Dense:
         return np.clip(observations @ last.T + bias, -1.0, 1.0), state
 
 
-def spaces(told: dict[str, Any]) -> tuple[Any, Any]:
+def spaces(settings: dict[str, Any]) -> tuple[Any, Any]:
     """Spaces of observations and of actions."""
-    seen = Box(-np.inf, np.inf, (told["observations"],), np.float32)
-    return seen, Box(-1.0, 1.0, (told["actions"],), np.float32)
+    seen = Box(-np.inf, np.inf, (settings["observations"],), np.float32)
+    return seen, Box(-1.0, 1.0, (settings["actions"],), np.float32)
 
 
-def torch_policy(told: dict[str, Any], arrays: dict[str, np.ndarray]) -> Any:
+def torch_policy(settings: dict[str, Any], arrays: dict[str, np.ndarray]) -> Any:
     """The network that the words tell of, with its weights."""
     import torch
 
-    network = dict(told["network"])
+    network = dict(settings["network"])
     if "activation_fn" in network:
         kind = getattr(torch.nn, network["activation_fn"])
         if not (isinstance(kind, type) and issubclass(kind, torch.nn.Module)):
             raise ValueError(f"{network['activation_fn']!r} is no activation")
         network["activation_fn"] = kind
-    policy = getattr(import_module(POLICIES[told["class"]]), told["class"])
+    policy = getattr(import_module(POLICIES[settings["class"]]), settings["class"])
     weights = {name: torch.from_numpy(array) for name, array in arrays.items()}
     with _bounded(sum(array.size for array in arrays.values())):
-        return built(policy, *spaces(told), network, weights)
+        return built(policy, *spaces(settings), network, weights)
 
 
 def _bounded(size: int) -> Any:

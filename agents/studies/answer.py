@@ -5,7 +5,7 @@ import numpy as np
 from agents.page import Table, listed, number
 from agents.statistics import EQUIVALENT, UNDECIDED, WORSE, Interval
 from agents.studies import shares
-from agents.studies.confirmation import FAILED, HELD, OPEN, Confirmed, confirmed
+from agents.studies.confirmation import CONFIRMED, FAILED, OPEN, Confirmed, confirmed
 from agents.studies.records import FEW_SEEDS, FLOOR, ORACLE
 from agents.studies.results import Policy, Results
 from agents.studies.wording import amount, capitalised, every, many, microseconds, named, percent, share_entry, the
@@ -32,7 +32,7 @@ def answer(results: Results, fresh: Results | None = None) -> list[str]:
     elif shares.common(results):
         sentences = _advice_for_all(results, environments)
     else:
-        sentences = [told for environment in environments for told in _advice_for_one(results, environment)]
+        sentences = [line for environment in environments for line in _advice_for_one(results, environment)]
     sentences += _answer_of_learning(results)
     return [*sentences, *([] if fresh is None else _confirmation(confirmed(results, fresh))), _measured(results)]
 
@@ -117,24 +117,25 @@ def _each_best(results: Results, environments: list[str], pick: str) -> str:
             better.append(f"in {environment} {best} keeps {_more_than(ranked, best, pick)} more than {pick}{tied}")
         else:
             equal.append(environment)
-    told = "; ".join(better)
+    text = "; ".join(better)
     if equal:
-        told += ("; " if better else "") + f"in {listed(equal)} nothing is shown to be better than {pick}"
-    told += "."
-    return f"By environment the best differs: {told}" if better else capitalised(told)
+        text += ("; " if better else "") + f"in {listed(equal)} nothing is shown to be better than {pick}"
+    text += "."
+    return f"By environment the best differs: {text}" if better else capitalised(text)
 
 
 def _confirmation(found: Confirmed) -> list[str]:
     """Claims of the first pass on the fresh seeds."""
     claims, seeds = found.claims, f"{found.episodes} fresh evaluation seeds"
     sentences = [f"On {seeds}, opened once, {found.best} keeps {amount(found.kept)}."] if found.best else []
-    names = {word: [str(c) for c in claims if c.outcome == word] for word in (HELD, OPEN, FAILED)}
+    names = {word: [str(c) for c in claims if c.outcome == word] for word in (CONFIRMED, OPEN, FAILED)}
     total = sum(map(len, names.values()))
     if not total:
         return sentences
-    told = [f"{word}: {listed(names[word])}" for word in (OPEN, FAILED) if names[word]]
-    first = f"{len(names[HELD])} of {many(total, 'claim')} of the first seeds {'is' if total == 1 else 'are'} confirmed"
-    return [*sentences, "; ".join([first, *told]) + "."]
+    text = [f"{word}: {listed(names[word])}" for word in (OPEN, FAILED) if names[word]]
+    verb = "is" if total == 1 else "are"
+    first = f"{len(names[CONFIRMED])} of {many(total, 'claim')} of the first seeds {verb} confirmed"
+    return [*sentences, "; ".join([first, *text]) + "."]
 
 
 def _prices_in_time(results: Results, environments: list[str], estimator: str) -> list[str]:
@@ -162,11 +163,11 @@ def _answer_of_learning(results: Results) -> list[str]:
             who = f"{named(reference)}, flying the estimator of its training,"
             same = f"{the(results.classical)} on the same"
             if any(not isinstance(gap, Interval) or gap.excludes_zero for gap in gaps.values()):
-                told = [f"{_more(gap)} in {e}" for e, gap in gaps.items()]
-                sentences.append(f"{who} keeps {listed(told)} than {same}.")
+                text = [f"{_more(gap)} in {e}" for e, gap in gaps.items()]
+                sentences.append(f"{who} keeps {listed(text)} than {same}.")
             else:
-                told = [f"{amount(gap, signed=True)} in {e}" for e, gap in gaps.items()]
-                sentences.append(f"{who} is not significantly different from {same}: {listed(told)}.")
+                text = [f"{amount(gap, signed=True)} in {e}" for e, gap in gaps.items()]
+                sentences.append(f"{who} is not significantly different from {same}: {listed(text)}.")
         sentences += _filter_or_memory(results, reference)
     return sentences + _crossings(results)
 
@@ -178,10 +179,10 @@ def _filter_or_memory(results: Results, reference: Policy) -> list[str]:
         each = {policy: shares.difference(results, [environment], reference, policy, len(raw)) for policy in raw}
         gaps = {policy: gap for policy, gap in each.items() if gap is not None}
         if gaps:
-            told = [f"{_more(gap)} than {named(policy)}" for policy, gap in gaps.items()]
+            text = [f"{_more(gap)} than {named(policy)}" for policy, gap in gaps.items()]
             sentences.append(
                 f"In {environment} a filter in the loop {_verdict(list(gaps.values()))} learning on raw measurements: "
-                f"{named(reference)} keeps {listed(told)}."
+                f"{named(reference)} keeps {listed(text)}."
             )
     return sentences
 
@@ -203,8 +204,8 @@ def _crossings(results: Results) -> list[str]:
     """Cost of flying on an estimator that the policy was not trained on."""
     found = [(e, cost) for e in results.environments if (cost := shares.crossing(results, e)) is not None]
     if found:
-        told = listed([f"{_less(cost)} in {e}" for e, cost in found])
-        return [f"On an estimator that another policy was trained on, a policy keeps {told} than that one."]
+        text = listed([f"{_less(cost)} in {e}" for e, cost in found])
+        return [f"On an estimator that another policy was trained on, a policy keeps {text} than that one."]
     return []
 
 

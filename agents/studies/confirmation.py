@@ -13,7 +13,7 @@ from agents.studies import shares
 from agents.studies.records import Study
 from agents.studies.results import Results
 
-HELD, OPEN, FAILED = "confirmed", "not confirmed", "contradicted"
+CONFIRMED, OPEN, FAILED = "confirmed", "not confirmed", "contradicted"
 """Outcomes of a claim on fresh seeds: the same verdict, none, another one."""
 
 
@@ -39,7 +39,7 @@ class Claim:
         """One of the outcomes; empty where the first pass claimed nothing."""
         if self.verdicts[0] == UNDECIDED:
             return ""
-        return HELD if self.verdicts[0] == self.verdicts[1] else OPEN if self.verdicts[1] == UNDECIDED else FAILED
+        return CONFIRMED if self.verdicts[0] == self.verdicts[1] else OPEN if self.verdicts[1] == UNDECIDED else FAILED
 
     def __str__(self) -> str:
         word = "to" if self.verdicts[0] == EQUIVALENT else "than"

@@ -7,7 +7,7 @@ from typing import Any
 
 from agents.controllers import unknown_controller
 from agents.jobs import Job
-from agents.studies.records import DEFAULT, ORACLE, RAW, TERMINATIONS, Agent, Condition, Estimator, Study
+from agents.studies.records import DEFAULT, ORACLE, RAW, Agent, Condition, Estimator, Study
 from agents.studies.worlds import digests, environment_id, has_controller, refusal, registered, system_of
 from agents.training.ppo import describe
 
@@ -104,7 +104,7 @@ def options(condition: Condition, estimator: Estimator, environment: str) -> dic
 
 def _options(study: Study, condition: Condition, estimator: Estimator, environment: str) -> dict[str, Any]:
     """The options of an environment, with the termination of the study."""
-    return options(condition, estimator, environment) | {"ends": TERMINATIONS[study.termination]}
+    return options(condition, estimator, environment) | {"termination": study.termination}
 
 
 def _seen(agent: Agent) -> dict[str, Any]:

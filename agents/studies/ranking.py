@@ -6,7 +6,7 @@ import numpy as np
 
 from agents.page import Block, Entry, Prose, Section, Table
 from agents.statistics import BETTER, EQUIVALENT, WORSE, Interval, verdict
-from agents.studies.confirmation import FAILED, HELD, OPEN, Confirmed
+from agents.studies.confirmation import CONFIRMED, FAILED, OPEN, Confirmed
 from agents.studies.figures import ALL, Row, columns_of, dots, framed, looks, share_rows, unitless
 from agents.studies.records import FLOOR, ORACLE, RAW, Study
 from agents.studies.results import Place, Policy, Results
@@ -102,7 +102,7 @@ def confirmation(found: Confirmed, fresh: Study) -> Section:
         row = (f"{claim.first.one} − {claim.first.other}", [first, again, Entry(claim.outcome or "no claim")])
         sections.setdefault(claim.first.column, []).append(row)
     seeds = {"episodes": fresh.episodes, "first_seed": fresh.first_seed}
-    words = note("confirmation", Held=HELD.capitalize(), open=OPEN, failed=FAILED, **seeds)
+    words = note("confirmation", confirmed=CONFIRMED.capitalize(), open=OPEN, failed=FAILED, **seeds)
     table = tabled("confirmation", "Claims on fresh seeds", words, _CLAIM, sections, "Difference")
     return Section("Confirmation on fresh seeds", table)
 

@@ -9,8 +9,6 @@ ORACLE, FLOOR = "truth", "dead-reckoning"
 """Estimators that are always flown: what the classical agent scores on them is 1 and 0."""
 DEFAULT = "default"
 """Stands for an environment's own default estimator."""
-TERMINATIONS = {"belief": "belief", "agent": "declaration", "task": "task"}
-"""Terminations of a mission, by the estimate, the agent's declaration or the truth, as ``ends`` of environments."""
 RAW = "raw measurements"
 """Name of the estimator of agents that observe measurements instead of estimates."""
 FEW_SEEDS = 5
@@ -140,7 +138,8 @@ class Study:
         training_seeds: Training runs of each learned agent: the unit of resampling.
         first_seed: The first evaluation seed, see `agents.seeds.evaluation_seeds`.
         margin: Of equivalence: differences of the share kept that are smaller do not matter.
-        termination: A key of `TERMINATIONS`: what ends a mission, for all agents and both ends of the scale alike.
+        termination: One of `vessel_gym.configuration.TERMINATIONS`: what ends a mission, for all agents and both ends
+            of the scale alike.
         confirm: The fresh seeds of a confirmation.
     """
 

@@ -18,7 +18,6 @@ from agents.studies.records import (
     FLOOR,
     ORACLE,
     RAW,
-    TERMINATIONS,
     Agent,
     Condition,
     Confirmation,
@@ -29,7 +28,8 @@ from agents.studies.records import (
 from agents.studies.toml_reader import Place, StudyError, TomlReader
 from agents.studies.worlds import CLASSICAL, environment_id, has_controller, known_estimator, refusal, system_of
 from agents.training.ppo import MEMORIES, describe, hyperparameters
-from estimators.checks import shown
+from estimators.checks import short_repr
+from vessel_gym.configuration import TERMINATIONS
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES
@@ -44,7 +44,7 @@ def read_study(path: Path | str) -> Study:
         OSError: if it cannot be read.
     """
     if not isinstance(path, str | os.PathLike):
-        raise TypeError(f"path must be that of a study file, got {shown(path)}")
+        raise TypeError(f"path must be that of a study file, got {short_repr(path)}")
     try:
         text = Path(path).read_text(encoding="utf-8")
     except UnicodeDecodeError:
@@ -181,7 +181,7 @@ class _Reader(TomlReader):
             return
         place = ("termination",)
         for world in worlds:
-            error = refusal(world, {"estimator": ORACLE, "ends": TERMINATIONS["agent"]})
+            error = refusal(world, {"estimator": ORACLE, "termination": "agent"})
             if error is not None:
                 self.wrong(place, f"{world} refuses termination 'agent': {error}")
         registered = [agent.name for agent in study.agents if not agent.learned and ":" not in agent.kind]

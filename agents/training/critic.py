@@ -30,9 +30,9 @@ def oracle_view(core: Core) -> np.ndarray:
     """
     task, vehicle = core.task, core.vehicle
     state = core.state[:, [vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])]]
-    flow = core.forcing[:, len(vehicle.kicks) : len(vehicle.kicks) + len(vehicle.flows)]
+    flow = core.exogenous[:, len(vehicle.increments) : len(vehicle.increments) + len(vehicle.ambient_flows)]
     true = Estimate(state, flow, np.nan_to_num(core.unknown_input))  # NaN is what only a filter thinks there is
-    seen = task.observe(true, task.reference(core.course, core.steps, state), core.actuators)
+    seen = task.observe(true, task.reference(core.scenario, core.steps, state), core.actuators)
     return np.clip(seen, -task.BOUND, task.BOUND).astype(np.float32)
 
 

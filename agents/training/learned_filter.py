@@ -8,7 +8,7 @@ import numpy as np
 from agents.policies.network import one_thread
 from estimators import GainNetwork, Gaussian, LinearModel, make
 from estimators.angles import difference
-from estimators.checks import as_array, number, shown, whole
+from estimators.checks import as_array, number, short_repr, whole
 from estimators.learned import LARGEST
 from estimators.linalg import lacks_rank
 from estimators.varying import resolve
@@ -77,7 +77,7 @@ def _checked(model: Any, prior: Any, x: Any, y: Any, u: Any) -> tuple[np.ndarray
     if not (read := np.isfinite(y).any((0, 1))).all():
         raise ValueError(f"y has no measurement of channel {read.argmin()}: leave it out of the model")
     if not isinstance(prior, Gaussian) or (prior.mean.shape, prior.cov.shape) != ((model.n,), (model.n, model.n)):
-        raise ValueError(f"prior must be one Gaussian of {model.n} states for all series, got {shown(prior)}")
+        raise ValueError(f"prior must be one Gaussian of {model.n} states for all series, got {short_repr(prior)}")
     u = None if u is None else as_array("u", u)
     if u is not None and (u.ndim != 3 or u.shape[:2] != x.shape[:2]):
         raise ValueError(f"u has shape {u.shape}, expected (T, series, m) = ({x.shape[0]}, {x.shape[1]}, m)")
@@ -130,12 +130,12 @@ def means(network: dict[str, Any], model: LinearModel, start: np.ndarray, y: Any
     A, C = torch.tensor(model.A), torch.tensor(model.C)
     mean = torch.tensor(start).expand(y.shape[1], model.n)
     memory, correction = mean.new_zeros(y.shape[1], network["hidden_weights"].shape[1]), torch.zeros_like(mean)
-    told, means = torch.isfinite(y), []
+    available, means = torch.isfinite(y), []
     for k in range(len(y)):
         if k:
             mean = mean @ A.T + moved[k]
         e = wrapped(y[k] - mean @ C.T, model.measurement_angles)
-        e = torch.where(told[k], torch.nan_to_num(e), 0.0)
+        e = torch.where(available[k], torch.nan_to_num(e), 0.0)
         seen = torch.cat([e / network["innovation_scale"], correction / network["state_scale"]], -1)
         seen = seen.clamp(-LARGEST, LARGEST)
         after = torch.gru_cell(
@@ -144,7 +144,7 @@ def means(network: dict[str, Any], model: LinearModel, start: np.ndarray, y: Any
         )  # fmt: skip
         gain = (after @ network["gain_weights"].T + network["gain_bias"]).reshape(-1, model.n, model.p)
         step = (gain @ (e / network["innovation_scale"])[..., None])[..., 0] * network["state_scale"]
-        came = told[k].any(-1, keepdim=True)
+        came = available[k].any(-1, keepdim=True)
         memory, correction = torch.where(came, after, memory), torch.where(came, step, correction)
         mean = mean + step
         means.append(mean)

@@ -22,7 +22,7 @@ from agents.policies.checkpoint import write, zip_path
 from agents.policies.network import one_thread
 from agents.seeds import training_seed
 from agents.source import source_digest
-from estimators.checks import as_number, shown, whole
+from estimators.checks import as_number, short_repr, whole
 from estimators.factory import unknown
 from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.extras import require
@@ -68,7 +68,7 @@ def hyperparameters(env_id: str, memory: str = "none", changed: Mapping[str, Any
         if name not in tuned or name == "steps":
             raise ValueError(unknown("setting", name, [each for each in tuned if each != "steps"]))
         if not _such_as(tuned[name], value):
-            raise ValueError(f"the setting {name} must be such as {tuned[name]!r}, got {shown(value)}")
+            raise ValueError(f"the setting {name} must be such as {tuned[name]!r}, got {short_repr(value)}")
     return tuned | dict(changed or {})
 
 
@@ -109,7 +109,7 @@ def describe(
     """
     require("torch", "stable_baselines3", "sb3_contrib")
     if critic not in CRITICS:
-        raise ValueError(f"critic must be 'truth', or None for one that is told nothing more, got {shown(critic)}")
+        raise ValueError(f"critic must be 'truth', or None for one that is told nothing more, got {short_repr(critic)}")
     settings = hyperparameters(env_id, memory, settings)
     steps = settings["steps"] if steps is None else whole("steps", steps, 1)
     if steps < settings["num_envs"]:
@@ -146,7 +146,7 @@ def _plain(own: Any) -> Any:
     if hasattr(own, "__qualname__"):
         return f"{own.__module__}:{own.__qualname__}"
     if " at 0x" in repr(own):
-        what = f"a checkpoint cannot say what {shown(own)} in env_options is"
+        what = f"a checkpoint cannot say what {short_repr(own)} in env_options is"
         raise TypeError(f"{what}: give numbers, names, functions or dataclasses")
     return repr(own)
 
@@ -283,7 +283,11 @@ def batch(described: dict[str, Any], num_envs: int, env_options: dict[str, Any] 
     from agents.training.vec_env import StableBaselinesVecEnv
 
     options = env_options or described["env_options"]
-    if options.get("observe") == "measurement" and options.get("ends") != "belief" and described["critic"] is None:
+    if (
+        options.get("observe") == "measurement"
+        and options.get("termination") != "belief"
+        and described["critic"] is None
+    ):
         options = options | {"estimator": "measurement", "estimator_options": {}}  # nobody sees what a filter believes
     vector: Any = gym.make_vec(described["env_id"], num_envs=num_envs, **options)
     if described["critic"] == "truth":

@@ -117,7 +117,7 @@ def _inspected(function: Callable[..., Any], given: Sequence[Any], axes: list[in
     own = _called(function, arguments)
     for each in own:
         if each.dtype.kind not in "fiub":
-            raise NotTraceable(f"it gives {checks.shown(each[()])}, and not arrays of real numbers or masks")
+            raise NotTraceable(f"it gives {checks.short_repr(each[()])}, and not arrays of real numbers or masks")
     if not dependencies.unchanged():  # what is computed once and kept
         dependencies = Dependencies(function)
     again = _called(function, arguments)

@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
-from estimators.checks import shown
+from estimators.checks import short_repr
 from estimators.engine.arrays import SCALAR_FUNCTIONS, TracedArray, entries
 from estimators.engine.program import Program, View, constant_array
 from estimators.engine.tracer import KINDS, NotTraceable, Tracer, cast, constant, known
@@ -125,7 +125,7 @@ class MatrixTracer(NDArrayOperatorsMixin):
         if others or axis not in (-1, -2, (-2, -1)) or counted > self.ndim:
             raise NotTraceable(
                 f"a traced formula sums over its last axes, -1, -2 or (-2, -1), and without options: not over "
-                f"{shown(axis)} of shape {self.shape} a row, for the batch's axes are first"
+                f"{short_repr(axis)} of shape {self.shape} a row, for the batch's axes are first"
             )
         refuse_masks("a sum", self)
         whole: Any = self[..., None, :] if self.ndim == 1 else self
@@ -315,7 +315,7 @@ def joined(parts: Sequence[Any], axis: Any) -> Any:
     parts = [matrix(program, part) for part in parts]
     if isinstance(axis, bool) or not isinstance(axis, int | np.integer) or not -parts[0].ndim <= axis < 0:
         raise NotTraceable(
-            f"a traced formula joins arrays along their last axes, -1 or -2, not {shown(axis)}: give axis="
+            f"a traced formula joins arrays along their last axes, -1 or -2, not {short_repr(axis)}: give axis="
         )
     if any(part.ndim != 2 for one, part in zip(own, parts, strict=True) if one):
         raise ValueError(f"{shapes(parts)} cannot be joined in a traced formula: constants among them are matrices")

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimators.checks import numbers, shown
+from estimators.checks import numbers, short_repr
 
 
 class View(NamedTuple):
@@ -232,5 +232,5 @@ def constant_array(value: Any) -> np.ndarray:
         TypeError: if it is not of real numbers.
     """
     if (isinstance(value, np.ndarray) and type(value) is not np.ndarray) or numbers(value) is None:
-        raise TypeError(f"a traced function computes with real numbers and masks, got {shown(value)}")
+        raise TypeError(f"a traced function computes with real numbers and masks, got {short_repr(value)}")
     return np.asarray(value)

@@ -33,13 +33,13 @@ def lorenz63(x: np.ndarray, sigma: float = 10.0, rho: float = 28.0, beta: float 
     return rate
 
 
-def lorenz96(x: np.ndarray, forcing: float = 8.0) -> np.ndarray:
+def lorenz96(x: np.ndarray, exogenous: float = 8.0) -> np.ndarray:
     """Time derivative of weather on a circle of latitude; ``x`` is ``(..., n)`` with n at least 4."""
     ring = np.concatenate([x[..., -2:], x, x[..., :1]], axis=-1)
     rate = ring[..., 3:] - ring[..., :-3]
     rate *= ring[..., 1:-2]
     rate -= x
-    rate += forcing
+    rate += exogenous
     return rate
 
 

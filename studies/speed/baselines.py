@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators import Gaussian, LinearModel, NonlinearModel, Numbers, make
+from estimators import Gaussian, LinearModel, NonlinearModel, RandomKeys, make
 from vessel_gym.envs.thesis_corvette import THESIS_CORVETTE
 from vessel_gym.tasks.turning_trial import SWITCH
 from vessel_gym.vehicles.corvette import secant_models, steady_turns
@@ -46,7 +46,7 @@ class HandWrittenLoop:
 
     def reset(self) -> None:
         """Start an episode."""
-        self.rate = self.task.course(np.zeros((1, 0)), {})[0, 1]
+        self.rate = self.task.scenario(np.zeros((1, 0)), {})[0, 1]
         self.truth = np.array([0.0, 0.0, 0.0, self.ship.speed, 0.0, 0.0])
         self.rudder, self.k = 0.0, 0
         self.filter.x, self.filter.P = np.zeros(3), self.task.prior_variance * np.eye(3)
@@ -176,7 +176,7 @@ def ours(name: str, rows: int, **options: Any) -> Step:
             filter = make(name, LinearModel(A, C, Q, R, G=G, H=H), **options)
         except ValueError:  # a filter without feedthrough
             filter = make(name, LinearModel(A, C, Q, R, G=G), **options)
-    drawn: Iterator[Any] = map(Numbers.seeded(range(rows)).at, count()) if filter.random else repeat(None)
+    drawn: Iterator[Any] = map(RandomKeys.seeded(range(rows)).at, count()) if filter.random else repeat(None)
     belief = filter.init(start(rows), rng=next(drawn))
 
     def step(y: np.ndarray) -> np.ndarray:

@@ -87,19 +87,19 @@ OTHER = {"moderate": "calm", "rough": "moderate"}
 
 def turns_in(sea: str) -> tuple[Arm, ...]:
     """Ways of telling filters of the corvette's sea."""
-    met, other = ({"told": {"disturbance": name, "as": "states"}} for name in (sea, OTHER[sea]))
-    still = {"told": {"disturbance": replace(_corvette().disturbances[sea].believed, current=0.0)}}
+    met, other = ({"assume": {"disturbance": name, "as": "states"}} for name in (sea, OTHER[sea]))
+    still = {"assume": {"disturbance": replace(_corvette().disturbances[sea].believed, current=0.0)}}
     return (
         Arm("`truth`", "truth"),
         Arm("`kf-umv-ui`", "kf-umv-ui"),
         Arm("`kf-umv-ui`, without a current", "kf-umv-ui", still),
         Arm("`ekf`, waves as states, as the ship meets them", "ekf", met),
         Arm(f"`ekf`, likewise, told of a {OTHER[sea]} sea", "ekf", other),
-        Arm("`ekf`, waves as states, of no direction", "ekf", {"told": {"as": "states"}}),
-        Arm("`ekf`, waves in Q and R, without a current", "ekf", {"told": {"as": "noise"}}),
+        Arm("`ekf`, waves as states, of no direction", "ekf", {"assume": {"as": "states"}}),
+        Arm("`ekf`, waves in Q and R, without a current", "ekf", {"assume": {"as": "process-noise"}}),
         Arm("`ekf`, nothing of waves", "ekf"),
         Arm("`kf-umv-ui`, linear", "kf-umv-ui", {"model": "linear"}),
-        Arm("`kf` told d's variance, linear", "kf", {"told": {"as": "white"}}),
+        Arm("`kf` told d's variance, linear", "kf", {"assume": {"as": "white-input"}}),
         *(Arm(f"`{name}`, linear", name) for name in ("ulise", "kf", "huber-kf", "robust-kf")),
         *(Arm(f"`{name}`", name) for name in ("measurement", "dead-reckoning")),
     )
@@ -188,7 +188,7 @@ def paired_flights() -> str:
 
 def surface_waves() -> str:
     """Scores of the dives under surface waves, which filters are told of or not."""
-    untold, rows = {"told": {"disturbance": "moderate"}}, []
+    untold, rows = {"assume": {"disturbance": "moderate"}}, []
     for env_id, estimators in (
         ("SegorogeniAUV-v0", ("truth", "enkf", "ekf")),
         ("ItsunusaAUV-v0", ("truth", "enkf-sr")),
@@ -243,7 +243,7 @@ def insurance() -> str:
 
 
 ABLATED = (
-    "truth", "kf-umv-ui", "ekf told waves", "ekf", "ekf, no current", "kf told d", "kf", "measurement",
+    "truth", "kf-umv-ui", "ekf assuming waves", "ekf", "ekf, no current", "kf assuming d", "kf", "measurement",
     "dead-reckoning",
 )  # fmt: skip
 """Estimators of the corvette's study on her page."""

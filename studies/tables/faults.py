@@ -51,12 +51,12 @@ def faults() -> str:
     for vehicle in FAULTY:
         for weather in ("moderate", "rough"):
             flyers: dict[str, tuple[str | None, dict[str, Any]]] = {
-                "truth": ("truth", {}), "default": (None, {}), "ekf": ("ekf", {}), "Q": ("ekf", {"told": {"Q": 10.0}}),
-                "ekf-ui-wdf": ("ekf-ui-wdf", {}), "ukf-umv": ("ukf-umv", {}), "linear": ("kf-umv-ui-wdf", {}),
+                "truth": ("truth", {}), "default": (None, {}), "ekf": ("ekf", {}), "Q": ("ekf", {"assume": {"Q":
+                10.0}}), "ekf-ui-wdf": ("ekf-ui-wdf", {}), "ukf-umv": ("ukf-umv", {}), "linear": ("kf-umv-ui-wdf", {}),
             }  # fmt: skip
             for name, degrees in (("slow", 0.3), ("fast", 3.0)):  # a second, as a random walk
                 walk = vehicle.fault(weather, start=np.deg2rad(2.0), walk=np.deg2rad(degrees))
-                flyers[name] = "ekf", {"told": {"disturbance": walk, "as": "states"}}
+                flyers[name] = "ekf", {"assume": {"disturbance": walk, "as": "states"}}
             for label, fault in FAULTS.items():
                 world = {"disturbance": vehicle.fault(weather, **fault)}
                 scores = (_flown(vehicle.env_id, *flyer, world) for flyer in flyers.values())
@@ -151,7 +151,7 @@ GAP = 6.0
 
 def gap() -> str:
     """Segorogeni's position without a fix, and the heading of `robust-kf`."""
-    fewer = {"told": {"R": 400.0}}
+    fewer = {"assume": {"R": 400.0}}
     ways = (
         Arm("`ekf`", "ekf"),
         *(Arm(f"`robust-kf`, radius {radius:g}", "robust-kf", {"radius": radius}) for radius in (1e-4, 1e-3, 1e-2)),

@@ -22,23 +22,23 @@ class KeepDepth:
 
     horizon: int = 60
     perfect: float = 60.0
-    ends: ClassVar[tuple[str, ...]] = ("", "lost")
+    end_reasons: ClassVar[tuple[str, ...]] = ("", "lost")
     success: ClassVar[str] = ""
     uniforms: ClassVar[int] = 1
     BOUND: ClassVar[float] = 10.0
 
-    def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
+    def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
         return uniforms.copy()
 
-    def prior(self, course: np.ndarray) -> Gaussian:
-        mean = np.zeros((len(course), 6))
+    def prior(self, scenario: np.ndarray) -> Gaussian:
+        mean = np.zeros((len(scenario), 6))
         mean[:, 0] = CRUISE
         return Gaussian(mean, np.diag([0.05, 0.05, 0.02, 0.2, 0.2, 0.05]) ** 2)
 
-    def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
-        return course
+    def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
+        return scenario
 
-    def commanded(self, course: np.ndarray, step: np.ndarray) -> None:
+    def commanded(self, scenario: np.ndarray, step: np.ndarray) -> None:
         return None
 
     def sizes(self, measurements: int, states: int) -> dict[str, int]:
@@ -48,7 +48,7 @@ class KeepDepth:
         x = estimate.state
         return np.column_stack([reference[:, 0] - x[:, 4], x[:, 1], x[:, 2], x[:, 5], x[:, 0] - CRUISE])
 
-    def observe_state(self, estimate: Estimate, course: np.ndarray) -> np.ndarray:
+    def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
         return estimate.state
 
     def observe_std(self, estimate: Estimate) -> np.ndarray:
@@ -56,25 +56,25 @@ class KeepDepth:
         return estimate.sd
 
     def observe_measurements(
-        self, sensors: Sensors, measurements: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
+        self, sensors: Sensors, measurements: np.ndarray, available: np.ndarray, scenario: np.ndarray, step: np.ndarray
     ) -> np.ndarray:
         return np.concatenate([measurements / sensors.scale, available], -1)
 
-    def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-        return course
+    def observe_mission(self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        return scenario
 
     def over(self, reference: np.ndarray) -> np.ndarray:
         return np.zeros(len(reference), bool)
 
-    def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
+    def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
         return np.empty((len(state), 0))
 
     def score(
-        self, state: np.ndarray, forcing: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
-        action: np.ndarray, tally: np.ndarray,
+        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
+        action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         off = reference[:, 0] - state[:, 4]
-        return 1.0 / (1.0 + off**2), (np.abs(off) > 10.0).astype(int), tally
+        return 1.0 / (1.0 + off**2), (np.abs(off) > 10.0).astype(int), score_state
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ SEEDS = evaluation_seeds(40)
 
 @cache
 def flown(estimator: str, sea: str, without: bool = False) -> dict[str, np.ndarray]:
-    options = {"told": {"disturbance": replace(SEAS[sea].believed, current=0.0)}} if without else {}
+    options = {"assume": {"disturbance": replace(SEAS[sea].believed, current=0.0)}} if without else {}
     world = {"estimator": estimator, "estimator_options": options, "disturbance": sea}
     return scores(rollout("autopilot", "SigmaCorvette-v0", SEEDS, world))
 

@@ -39,7 +39,7 @@ def steady_motion(system: System, loop: Loop, i: int, turning: bool) -> tuple[np
 def advanced(system: System, x: np.ndarray, actuators: np.ndarray, steps: int = 1) -> np.ndarray:
     """States after steps in still water with the actuators held."""
     vehicle = system.vehicle
-    held, still = np.concatenate([actuators, actuators], -1), np.zeros(len(vehicle.flows))
+    held, still = np.concatenate([actuators, actuators], -1), np.zeros(len(vehicle.ambient_flows))
     for _ in range(steps):
         x = vehicle.drift(x, held, still)
     return x

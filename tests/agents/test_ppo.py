@@ -106,7 +106,7 @@ def test_training_on_raw_measurements_runs_no_filter_and_sees_the_same(env_id: s
 
 
 def test_a_filter_that_ends_missions_or_tells_the_critic_what_is_true_is_kept():
-    for options, critic in (({"ends": "belief"}, None), ({}, "truth"), ({"observe": "mean"}, None)):
+    for options, critic in (({"termination": "belief"}, None), ({}, "truth"), ({"observe": "mean"}, None)):
         described = describe(ENV, {"observe": "measurement"} | options, 0, None, critic=critic)
         assert batch(described, 1).env.unwrapped.core.estimator == "kf-umv-ui"
 

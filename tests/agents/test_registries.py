@@ -141,8 +141,8 @@ def _pitch(flown: agents.Rollout) -> dict[str, np.ndarray]:
     return {"pitch": np.rad2deg(np.abs(at_end(flown)[:, 5]))}
 
 
-def _dock(task: KeepDepth, course: np.ndarray) -> Surroundings:
-    return Surroundings("torpedo", 1.5, True, goal=(8.0, 0.0, course[0], 0.5))
+def _dock(task: KeepDepth, scenario: np.ndarray) -> Surroundings:
+    return Surroundings("torpedo", 1.5, True, goal=(8.0, 0.0, scenario[0], 0.5))
 
 
 OFFSET = Metric("offset", "Offset", "m", "lower", 2, "Distance from the depth at the end.", of=_offset)

@@ -191,14 +191,14 @@ def test_a_ship_beside_its_track_is_as_far_off_and_turns_on_another_radius(aside
     flown = calm(SIGMA)
     core, truth = flown.env.unwrapped.core, flown.history["truth"].copy()
     task = core.task
-    course = task.course_of(flown.history["reference"][0])
+    scenario = task.scenario_of(flown.history["reference"][0])
     for k in range(len(truth)):
-        x, y, direction = task.nominal(course, np.full(len(course), k))[:, :3].T
+        x, y, direction = task.nominal(scenario, np.full(len(scenario), k))[:, :3].T
         truth[k, :, 0], truth[k, :, 1] = x - aside * np.sin(direction), y + aside * np.cos(direction)
         truth[k, :, 2] = direction
     figures = scores(_with(flown, truth=truth))
     np.testing.assert_allclose(figures["track_error"], abs(aside), rtol=0, atol=0.02)
-    other = 100.0 * np.abs(aside * course[:, 2])  # the circle's radius is as much smaller or larger
+    other = 100.0 * np.abs(aside * scenario[:, 2])  # the circle's radius is as much smaller or larger
     np.testing.assert_allclose(figures["radius_error"], other, rtol=0, atol=0.05)
     np.testing.assert_allclose(figures["out_of_round"], 0.0, atol=0.05)
 

@@ -334,7 +334,7 @@ def test_seeds_are_no_less_drawn_than_runs():
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "told"),
+    ("low", "high", "assume"),
     [
         (-0.009, 0.009, "equivalent"), (0.001, 0.002, "equivalent"), (-0.011, 0.009, "not decided"),
         (-0.018, -0.006, "worse"), (-0.5, -0.4, "worse"), (0.002, 0.011, "better"), (0.0, 0.02, "not decided"),

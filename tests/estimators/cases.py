@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, Numbers, Rng, make
+from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, RandomKeys, Rng, make
 
 INPUT_PRIOR = 50.0
 """Variance of the unknown input where no measurement shows it, in every system of this suite: that of `wild_input`."""
@@ -79,7 +79,7 @@ def unknown_input_system(
         if rank is not None:
             H = H[:, :rank] @ rng.normal(size=(rank, q))
         transfer = H + C @ np.linalg.solve(z[..., None, None] * np.eye(n) - A, G.astype(complex))
-        transfer = transfer @ (np.eye(q) + (z[..., None, None] - 1.0) * (np.eye(q) - shown_directions(H)))
+        transfer = transfer @ (np.eye(q) + (z[..., None, None] - 1.0) * (np.eye(q) - observable_directions(H)))
         kept = [np.arange(p) != j for j in range(p)]
         if min(np.linalg.svd(transfer[..., rows, :])[1].min() for rows in kept) > 0.2:
             break
@@ -90,7 +90,7 @@ def unknown_input_system(
     return System(model, rng.normal(size=n), random_covariance(rng, n), m)
 
 
-def shown_directions(F: np.ndarray) -> np.ndarray:
+def observable_directions(F: np.ndarray) -> np.ndarray:
     """The orthogonal projector ``(q, q)`` on the directions of ``d`` that ``F d`` shows, ``F (p, q)``."""
     _, strength, directions = np.linalg.svd(F, full_matrices=False)
     shown = directions[strength > 1e-9]
@@ -221,7 +221,7 @@ def track(
     """The belief after every measurement of a record; ``available (T, ...)`` and ``R (T, ...)`` one for each time."""
     belief, beliefs = filter.init(prior, rng=rng), []
     for k, y in enumerate(record.y):
-        now = rng.at(k) if isinstance(rng, Numbers) else rng
+        now = rng.at(k) if isinstance(rng, RandomKeys) else rng
         if k:
             belief = filter.predict(belief, record.u[k - 1], rng=now)
         mask, cov = (None if a is None else a[k] for a in (available, R))

@@ -5,7 +5,7 @@ import pytest
 from batch import least_squares
 from cases import CASES, Case, kalman_system, simulate
 
-from estimators import Belief, Delayed, Filter, Gaussian, LinearModel, NonlinearModel, Numbers, by_age, make, run
+from estimators import Belief, Delayed, Filter, Gaussian, LinearModel, NonlinearModel, RandomKeys, by_age, make, run
 from estimators.tracing import PREDICTIONS
 
 STEPS, ROWS, HORIZON = 24, 4, 5
@@ -32,7 +32,7 @@ class Late:
                 delay[first:end, row] = np.minimum(delay[first:end, row], left[:, None])
                 first = end
         self.delay = delay
-        self.keys = Numbers.seeded(list(range(ROWS)))
+        self.keys = RandomKeys.seeded(list(range(ROWS)))
 
     def flown(self, filter: Filter | Delayed, y: np.ndarray):
         system, fresh = self.system, self.keys.of("begins")

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import sqrtm
 
-from estimators import Belief, Gaussian, LinearModel, NonlinearModel, Numbers, make, wrap
+from estimators import Belief, Gaussian, LinearModel, NonlinearModel, RandomKeys, make, wrap
 from estimators.analysis import rotate_anomalies
 from estimators.ensemble import noise_root
 from tests.estimators.cases import (
@@ -32,8 +32,8 @@ SQUARE_ROOT = ["enkf-sr", "etkf", "letkf"]
 SIZES = [(2, 4, 3), (3, 5, 6), (4, 4, 4), (8, 3, 1), (12, 6, 5), (60, 4, 2)]  # members, states, measurements
 
 
-def _numbers(*rows: int) -> Numbers:
-    return Numbers.seeded(rows).of(7)
+def _numbers(*rows: int) -> RandomKeys:
+    return RandomKeys.seeded(rows).of(7)
 
 
 def _spread(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
@@ -580,7 +580,7 @@ def test_an_angle_of_which_nothing_was_known_is_known_as_well_as_it_was_read(nam
             lambda x, u: angle(x), lambda x, u: angle(x), [[Q]], [[sd**2]], state_angles=(0,), measurement_angles=(0,)
         )  # fmt: skip
         filter_ = make(name, model, members=100)
-        numbers = Numbers.seeded(range(30))
+        numbers = RandomKeys.seeded(range(30))
         belief = filter_.init(Gaussian(centres, np.full((30, 1, 1), prior**2)), numbers)
         truth = centres + 3.0 * np.sin(np.arange(30.0))[:, None]
         for k in (1, 3, 5):

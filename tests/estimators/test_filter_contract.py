@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from estimators import Belief, EnsembleFilter, Filter, Gaussian, LinearModel, NonlinearModel, Numbers, make, names
+from estimators import Belief, EnsembleFilter, Filter, Gaussian, LinearModel, NonlinearModel, RandomKeys, make, names
 from tests.estimators.cases import (
     INPUT_PRIOR,
     Case,
@@ -192,7 +192,7 @@ def test_one_measurement_mask_or_covariance_may_serve_every_row(case: Case):
     system = case.system(0)
     model, filter = system.model, case.make(system.model)
     p = model.p
-    rng = Numbers.seeded(range(3))
+    rng = RandomKeys.seeded(range(3))
     belief = filter.predict(filter.init(system.rows(3), rng=rng), np.zeros((3, system.m)), rng=rng)
     y, mask, R = np.arange(1.0, p + 1.0), np.arange(p) != 1, 2.0 * model.R
     one = filter.update(belief, y, available=mask, R=R, rng=rng)
@@ -207,7 +207,7 @@ def test_one_known_input_may_serve_every_row(case: Case):
     u, y = np.full(system.m, 0.3), np.full(system.model.p, 0.1)
 
     def run(u: np.ndarray, restart: bool) -> Belief:
-        rng = Numbers.seeded(range(3))
+        rng = RandomKeys.seeded(range(3))
         belief = filter.predict(filter.init(system.rows(3), rng=rng), u, rng=rng)
         if restart:
             belief = belief.replace(mean=np.where(np.arange(3)[:, None] == 1, np.nan, belief.mean))

@@ -16,7 +16,7 @@ from estimators import (
     Gaussian,
     LinearModel,
     NonlinearModel,
-    Numbers,
+    RandomKeys,
     chi_square_band,
     make,
     names,
@@ -34,10 +34,10 @@ from tests.estimators.cases import (
     every_case,
     flat_prior_posterior,
     kalman_system,
+    observable_directions,
     random_covariance,
     random_transition,
     rounding,
-    shown_directions,
     simulate,
     some_measurements,
     textbook_kalman,
@@ -334,7 +334,7 @@ def test_what_the_input_leaves_of_the_innovation_is_as_large_as_the_filter_says(
     model = system.model
     record = simulate(system, 25, RUNS, TIMES)
     beliefs = track(case.make(model), system.rows(RUNS), record)[1:]
-    late = model.C @ model.G @ (np.eye(model.q) - shown_directions(model.H))
+    late = model.C @ model.G @ (np.eye(model.q) - observable_directions(model.H))
     values = []
     for b in beliefs:
         if isinstance(b, FeedthroughBelief):
@@ -362,8 +362,8 @@ def test_normalised_errors_follow_the_whole_chi_square_law(case: Case):
 # --- 6. batches, arguments, missing measurements --------------------------------------------------------
 
 
-def _numbers(*rows: int) -> Numbers:
-    return Numbers.seeded(rows).of(7)
+def _numbers(*rows: int) -> RandomKeys:
+    return RandomKeys.seeded(rows).of(7)
 
 
 @pytest.mark.slow
@@ -403,7 +403,7 @@ def test_a_batch_may_have_several_axes(case: Case):
         filter,
         system.rows(2, 3),
         grid,
-        Numbers(_numbers(*range(6)).keys.reshape(2, 3, 2)),
+        RandomKeys(_numbers(*range(6)).keys.reshape(2, 3, 2)),
         available.reshape(8, 2, 3, -1),
     )
     for one, other in zip(shaped, flat, strict=True):

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import sqrtm
 from scipy.optimize import minimize_scalar
 
-from estimators import Belief, Gaussian, LinearModel, Numbers, gaspari_cohn, make
+from estimators import Belief, Gaussian, LinearModel, RandomKeys, gaspari_cohn, make
 from studies.lorenz.benchmarks import LORENZ96, rk4
 from tests.estimators.cases import assert_same, kalman_system, random_covariance, simulate, track
 
@@ -18,7 +18,7 @@ def _begun(members: int, n: int, p: int, spread: float = 1.0):
     """A linear model with correlated measurements, and beliefs of three rows before one."""
     rng = np.random.default_rng(members)
     model = LinearModel(np.eye(n), rng.normal(size=(p, n)), np.eye(n), random_covariance(rng, p))
-    numbers = Numbers.seeded(range(3))
+    numbers = RandomKeys.seeded(range(3))
     prior = Gaussian(rng.normal(size=(3, n)), spread**2 * random_covariance(rng, n))
     before = make("letkf", model, members=members).init(prior, rng=numbers)
     return model, before, rng.normal(size=(3, p)), numbers
@@ -65,7 +65,7 @@ def test_without_a_taper_it_is_the_etkf_and_with_a_mask_the_etkf_with_its_groups
         one, other = (
             track(
                 make(name, system.model, members=members, inflation=1.1, rotate=True, localisation=localisation),
-                system.rows(3), record, Numbers.seeded(range(3)), available,
+                system.rows(3), record, RandomKeys.seeded(range(3)), available,
             )
             for name in ("etkf", "letkf")
         )  # fmt: skip

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, Numbers, make
+from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, RandomKeys, make
 from estimators.analysis import (
     covariance,
     expect,
@@ -54,13 +54,15 @@ def _wrapping(seed: int = 0) -> NonlinearModel:
     )  # fmt: skip
 
 
-def _begun(filter: Filter, spread: float, rows: slice = slice(None)) -> tuple[Belief, Numbers, np.ndarray, np.ndarray]:
+def _begun(
+    filter: Filter, spread: float, rows: slice = slice(None)
+) -> tuple[Belief, RandomKeys, np.ndarray, np.ndarray]:
     """Beliefs of rows about the cut of the angles, their random numbers, measurements, and which of these arrive."""
     rng = np.random.default_rng(1)
     mean, y = rng.normal(size=(ROWS, 5)) + [0, 0, np.pi, 0, 0], rng.normal(size=(ROWS, 4))
     available = rng.random((ROWS, 4)) < 0.7
     available[0], available[1] = False, True
-    numbers = Numbers.seeded(range(ROWS))[rows]
+    numbers = RandomKeys.seeded(range(ROWS))[rows]
     belief = filter.init(Gaussian(mean[rows], spread**2 * np.eye(5)), rng=numbers)
     return belief, numbers.at(1), y[rows], available[rows]
 
@@ -84,13 +86,13 @@ def _together(angle: np.ndarray) -> np.ndarray:
     return close
 
 
-def _centred(numbers: Numbers, members: int, count: int, use: int) -> np.ndarray:
+def _centred(numbers: RandomKeys, members: int, count: int, use: int) -> np.ndarray:
     normals = numbers.members(members, count, use)
     return normals - normals.mean(-2, keepdims=True)
 
 
 def _analysis(
-    filter: Filter, belief: Belief, y: np.ndarray, arrived: np.ndarray, R: np.ndarray, numbers: Numbers
+    filter: Filter, belief: Belief, y: np.ndarray, arrived: np.ndarray, R: np.ndarray, numbers: RandomKeys
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The members after a measurement of one row, their mean, the innovation and its covariance, by the formulas."""
     model, N, p = filter.model, filter.members, filter.model.p
@@ -149,7 +151,7 @@ def test_measurements_that_outnumber_the_members_are_taken_in_as_pair_after_pair
     if perfect:
         R[3], R[:, 3] = 0.0, 0.0
     model = LinearModel(np.eye(7), rng.normal(size=(12, 7)), np.eye(7), R)
-    filter, numbers = make("etkf", model, members=5), Numbers.seeded(range(3))
+    filter, numbers = make("etkf", model, members=5), RandomKeys.seeded(range(3))
     before = filter.init(Gaussian(np.zeros((3, 7)), random_covariance(rng, 7)), rng=numbers)
     y, available = rng.normal(size=(3, 12)), rng.permuted(np.arange(12) < arriving)
     together = filter.update(before, y, rng=numbers, available=available)
@@ -304,7 +306,7 @@ def test_an_episode_begins_with_the_bits_of_init_and_update_whatever_prior_came_
     rng = np.random.default_rng(1)
     filter = make(name, _wrapping(), members=6, **options)
     priors = [Gaussian(rng.normal(size=(ROWS, 5)), random_covariance(rng, 5)) for _ in range(2)]
-    y, available, numbers = rng.normal(size=(ROWS, 4)), rng.random((ROWS, 4)) < 0.7, Numbers.seeded(range(ROWS))
+    y, available, numbers = rng.normal(size=(ROWS, 4)), rng.random((ROWS, 4)) < 0.7, RandomKeys.seeded(range(ROWS))
     expected = [filter.update(filter.init(prior, numbers), y, numbers, available) for prior in priors]
     programs: list[tuple[str, ...]] = []
     looked_up = filter._program
@@ -340,7 +342,7 @@ def test_a_covariance_is_that_of_the_members_at_the_time():
 
 
 def test_numbers_that_nobody_asks_for_leave_the_others_as_they_are():
-    numbers = Numbers.seeded(range(3)).at(4)
+    numbers = RandomKeys.seeded(range(3)).at(4)
     wanted = np.array([True, False, True])
     np.testing.assert_array_equal(
         numbers.members(10, 3, 1, wanted)[..., wanted], numbers.members(10, 3, 1)[..., wanted]

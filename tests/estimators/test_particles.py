@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from estimators import Gaussian, LinearModel, NonlinearModel, Numbers, ParticleFilter, Recovery, make
+from estimators import Gaussian, LinearModel, NonlinearModel, ParticleFilter, RandomKeys, Recovery, make
 from estimators.particles import systematic
 from tests.estimators.cases import arrays, assert_same, kalman_system, simulate, track, turning_vehicle
 
 
-def _numbers(*rows: int) -> Numbers:
-    return Numbers.seeded(rows).of(7)
+def _numbers(*rows: int) -> RandomKeys:
+    return RandomKeys.seeded(rows).of(7)
 
 
 # --- the exact posterior ----------------------------------------------------------------------------

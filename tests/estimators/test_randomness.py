@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chi2, kstest, norm
 
-from estimators import Numbers
+from estimators import RandomKeys
 from estimators.randomness import key, word
 from estimators.threefry import derived
 
@@ -40,7 +40,7 @@ def test_words_are_the_published_ones(counter: tuple[int, int], own: tuple[int, 
 
 
 def test_a_number_is_the_same_however_many_are_drawn_and_in_whatever_batch():
-    rows = Numbers.seeded(range(5)).of("sensor").at(np.array([3, 1, 4, 1, 5]))
+    rows = RandomKeys.seeded(range(5)).of("sensor").at(np.array([3, 1, 4, 1, 5]))
     whole, members = rows.normals(23), rows.members(101, 7)
     uniforms = rows.uniforms(9)
     for count in (0, 1, 2, 3, 4, 5, 22):
@@ -49,7 +49,7 @@ def test_a_number_is_the_same_however_many_are_drawn_and_in_whatever_batch():
         np.testing.assert_array_equal(rows.members(101, min(count, 7)), members[..., : min(count, 7)])
     np.testing.assert_array_equal(rows.uniforms(4), uniforms[:, :4])
     for i in range(5):
-        alone = Numbers.seeded([i]).of("sensor").at(int(rows.step[i]))
+        alone = RandomKeys.seeded([i]).of("sensor").at(int(rows.step[i]))
         np.testing.assert_array_equal(alone.normals(23)[0], whole[i])
         np.testing.assert_array_equal(rows[i].normals(23), whole[i])
         np.testing.assert_array_equal(alone.members(101, 7)[0], members[i])
@@ -59,14 +59,14 @@ def test_a_number_is_the_same_however_many_are_drawn_and_in_whatever_batch():
 
 def test_every_seed_name_step_use_component_and_member_has_a_number_of_its_own():
     found = [
-        Numbers.seeded(seeds).of(episode).of(name).at(step).normals(5, use)
+        RandomKeys.seeded(seeds).of(episode).of(name).at(step).normals(5, use)
         for seeds in ([0], [1], [2**32], [2**64 - 1], [2**64], [2**64 + 1], [2**200])
         for episode in (0, 1)
         for name in ("a", "b", "")
         for step in (0, 1, 2**32)
         for use in (0, 1)
     ]
-    values = np.concatenate([*found, Numbers.seeded([0]).members(50, 50)], None)
+    values = np.concatenate([*found, RandomKeys.seeded([0]).members(50, 50)], None)
     assert len(np.unique(values)) == len(values)
 
 
@@ -86,10 +86,10 @@ def test_a_name_has_the_same_word_in_every_process():
 
 def drawn(kind: str) -> np.ndarray:
     """A million normal numbers ``(rows, steps, components)``."""
-    rows = Numbers.seeded(range(100)).of("a")
+    rows = RandomKeys.seeded(range(100)).of("a")
     if kind == "members":
         return rows.members(100, 100)
-    steps = Numbers(np.repeat(rows.keys[:, None], 100, 1)).at(np.arange(100))
+    steps = RandomKeys(np.repeat(rows.keys[:, None], 100, 1)).at(np.arange(100))
     return steps.normals(100)
 
 
@@ -117,7 +117,7 @@ def test_neighbours_are_independent(kind: str):
 
 
 def test_uniform_numbers_are_uniform():
-    u = Numbers.seeded(range(1000)).of("a").uniforms(1000)
+    u = RandomKeys.seeded(range(1000)).of("a").uniforms(1000)
     assert u.min() >= 0.0
     assert u.max() < 1.0
     assert kstest(u.ravel(), "uniform").pvalue > 1e-6

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, kstwo, norm
 
-from estimators import Numbers
+from estimators import RandomKeys
 
 pytestmark = pytest.mark.nightly
 
@@ -28,8 +28,8 @@ VARIANCES = np.array([1.0, 2.0, 15.0, 96.0, 945.0, 10170.0, 135135.0, 2016000.0]
 def chunks(kind: str) -> Iterator[np.ndarray]:
     """Normal numbers ``(keys, steps, components or members)``, a hundred further keys a chunk."""
     for chunk in range(CHUNKS):
-        keys = Numbers.seeded(range(chunk * KEYS, (chunk + 1) * KEYS)).keys
-        rows = Numbers(np.repeat(keys[:, None], STEPS, 1)).at(np.arange(STEPS))
+        keys = RandomKeys.seeded(range(chunk * KEYS, (chunk + 1) * KEYS)).keys
+        rows = RandomKeys(np.repeat(keys[:, None], STEPS, 1)).at(np.arange(STEPS))
         yield rows.normals(SIZE) if kind == "normals" else rows.members(SIZE, 1)[..., 0]
 
 

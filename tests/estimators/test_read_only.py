@@ -16,7 +16,7 @@ from estimators import (
     LinearModel,
     Measurement,
     NonlinearModel,
-    Numbers,
+    RandomKeys,
     make,
     run,
 )
@@ -50,7 +50,7 @@ def test_a_model_and_a_prior_have_copies_of_their_arrays_that_nobody_can_write_t
 @every_case()
 def test_nobody_can_write_to_a_belief(case: Case):
     system = case.system(0)
-    filter, rng = case.make(system.model), Numbers.seeded(range(2))
+    filter, rng = case.make(system.model), RandomKeys.seeded(range(2))
     record = simulate(system, 0, 2, 3)
     begun = filter.init(system.rows(2), rng=rng)
     updated = filter.update(begun, record.y[0], rng=rng)
@@ -65,7 +65,7 @@ def test_nobody_can_write_to_a_belief(case: Case):
 @pytest.mark.parametrize("name", ["kf", "mhe", "enkf"])
 def test_a_known_input_that_changes_later_does_not_change_the_belief(name: str):
     system = kalman_system(0)
-    filter, rng, u = make(name, system.model), Numbers.seeded(range(1)), np.ones((1, 2))
+    filter, rng, u = make(name, system.model), RandomKeys.seeded(range(1)), np.ones((1, 2))
     predicted = filter.predict(filter.update(filter.init(system.rows(1), rng=rng), np.zeros(3), rng=rng), u, rng=rng)
     u[...] = 7.0
     np.testing.assert_array_equal(predicted.u, np.ones((1, 2)))
@@ -128,7 +128,7 @@ def _in_place(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
 @pytest.mark.parametrize("name", ["ekf", "iekf", "ukf", "eskf", "srkf", "enkf", "etkf", "pf", "mhe", "huber-kf"])
 def test_a_function_of_a_model_that_works_in_place_is_refused_and_the_belief_stays(name: str, part: str):
     model = NonlinearModel(**{"transition": _same, "measurement": _same, "Q": I2, "R": I2} | {part: _in_place})
-    filter, rng = make(name, model), Numbers.seeded(range(2))
+    filter, rng = make(name, model), RandomKeys.seeded(range(2))
     begun = filter.init(Gaussian(np.ones((2, 2)), I2), rng=rng)
     kept = {field: np.array(array) for field, array in arrays(begun).items()}
     with pytest.raises(ValueError, match=f"^{part} writes into an array that it is given: work on a copy"):
@@ -154,7 +154,7 @@ def test_a_matrix_that_writes_into_the_known_input_is_refused(matrix: str):
 
 @pytest.mark.parametrize("name", ["enkf", "etkf", "pf"])
 def test_another_mean_moves_members_and_particles(name: str):
-    system, rng = kalman_system(0), Numbers.seeded(range(2))
+    system, rng = kalman_system(0), RandomKeys.seeded(range(2))
     filter, target = make(name, system.model), np.arange(8.0).reshape(2, 4)
     begun = filter.init(system.rows(2), rng=rng)
     moved = begun.replace(mean=target)
@@ -171,7 +171,7 @@ def test_another_mean_moves_members_and_particles(name: str):
 
 @pytest.mark.parametrize("name", ["enkf", "enkf-sr", "etkf", "letkf", "pf", "mhe", "imm"])
 def test_another_mean_without_its_points_is_refused(name: str):
-    system, rng = kalman_system(0), Numbers.seeded(range(2))
+    system, rng = kalman_system(0), RandomKeys.seeded(range(2))
     filter = {"imm": _imm, "mhe": _mhe}.get(name, lambda model: make(name, model))(system.model)
     begun = filter.init(system.rows(2), rng=rng)
     for belief in (begun, filter.predict(begun, np.zeros(2), rng=rng)):
@@ -183,7 +183,7 @@ def test_another_mean_without_its_points_is_refused(name: str):
 @pytest.mark.parametrize("name", ["kf", "enkf"])
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
 def test_nobody_can_write_to_a_copy_of_a_belief(name: str, copied: Callable):
-    system, rng = kalman_system(0), Numbers.seeded(range(2))
+    system, rng = kalman_system(0), RandomKeys.seeded(range(2))
     filter = make(name, system.model)
     belief = filter.predict(filter.init(system.rows(2), rng=rng), np.zeros(2), rng=rng)
     copies = arrays(copied(belief))

@@ -13,7 +13,7 @@ from estimators import (
     LinearModel,
     Measurement,
     NonlinearModel,
-    Numbers,
+    RandomKeys,
     Recovery,
     make,
     names,
@@ -145,7 +145,7 @@ def test_a_channel_whose_expectation_is_not_finite_is_left_out_alone(name: str):
     filter = _make(name, model)
     beliefs = []
     for mask in (None, [[True, True, False], [True, True, True]]):
-        rng = Numbers.seeded(range(2))
+        rng = RandomKeys.seeded(range(2))
         beliefs.append(filter.update(filter.init(prior, rng=rng), [2.0, 3.0, 7.0], rng=rng, available=mask))
     failed, masked = beliefs
     np.testing.assert_array_equal(failed.recovery, [Recovery.WITHOUT_CHANNEL, Recovery.USUAL])
@@ -293,7 +293,7 @@ def test_a_row_that_recovers_draws_as_it_would_alone(name: str):
     means = np.array([[0.0, 0.0, 0.0], [-1e308, 0.0, 0.0], [0.0, 0.0, 0.0]])
 
     def updated(rows: slice) -> Belief:
-        rng = Numbers.seeded(range(3)[rows])
+        rng = RandomKeys.seeded(range(3)[rows])
         return filter.update(filter.init(Gaussian(means[rows], I3), rng=rng), y[rows], rng=rng)
 
     together = updated(slice(None))

@@ -20,7 +20,7 @@ from estimators import (
     make,
     names,
 )
-from estimators.randomness import Numbers
+from estimators.randomness import RandomKeys
 from tests.estimators.cases import (
     CASES,
     INPUT_PRIOR,
@@ -49,7 +49,7 @@ def _alone(y: np.ndarray, j: int) -> np.ndarray:
     return np.where(np.arange(y.shape[-1]) == j, y, np.nan)
 
 
-def _one_by_one(filter: Filter, belief: Belief, y: np.ndarray, order: tuple[int, ...], rng: Numbers) -> Belief:
+def _one_by_one(filter: Filter, belief: Belief, y: np.ndarray, order: tuple[int, ...], rng: RandomKeys) -> Belief:
     for j in order:
         belief = filter.update(belief, _alone(y, j), rng=rng)
     return belief
@@ -105,7 +105,7 @@ def test_measurements_one_by_one_leave_what_they_leave_together_or_are_refused(s
     """In every order, over several steps; what is not sequential is so within `Delayed`, which takes a step as one."""
     system = _independent(system(0))
     filter, record = build(system.model), simulate(system, 1, ROWS, STEPS)
-    keys = Numbers.seeded(range(ROWS))
+    keys = RandomKeys.seeded(range(ROWS))
     joint = filter.init(system.rows(ROWS), rng=keys)
     orders = list(permutations(range(system.model.p)))[:: 1 if system.model.p < 4 else 5]
     late = Delayed(filter, 0)
@@ -173,7 +173,7 @@ def test_sensors_may_be_filters_of_their_own_over_the_same_states():
             make(name, dataclasses.replace(m, C=m.C[rows], R=m.R[rows, rows]), **options)
             for rows in (slice(0, 1), slice(1, 3))
         ]
-        joint, rng = make(name, m, **options), Numbers.seeded([0])[0]
+        joint, rng = make(name, m, **options), RandomKeys.seeded([0])[0]
         belief = joint.predict(joint.init(system.prior, rng=rng), np.ones(2), rng=rng)
         parts = sensors[1].update(sensors[0].update(belief, y[:1], rng=rng), y[1:], rng=rng)
         _assert_estimates_equal(parts, joint.update(belief, y, rng=rng))
@@ -195,7 +195,7 @@ def test_correlated_noises_are_refused_in_two_updates_and_taken_in_one(name: str
     feedthrough = {"G": [[1.0], [0.0]], "H": [[0.0], [1.0], [0.0]]} if name == "kf-umv-ui" else {}
     R = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.0], [0.5, 0.0, 1.0]])
     model = LinearModel(np.eye(2), [[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], np.eye(2), R, **feedthrough)
-    filter, rng = make(name, model), Numbers.seeded([0, 1])
+    filter, rng = make(name, model), RandomKeys.seeded([0, 1])
     belief = filter.init(Gaussian(np.zeros((2, 2)), np.eye(2)), rng=rng)
     first = filter.update(belief, [1.0, np.nan, np.nan], rng=rng)
     with pytest.raises(
@@ -246,7 +246,7 @@ CHAINED = [
 @pytest.mark.parametrize(("system", "build"), [case[1:] for case in CHAINED], ids=[case[0] for case in CHAINED])
 def test_the_likelihoods_of_measurements_one_by_one_add_up_to_that_of_all(system, build):
     system = _independent(system(0))
-    filter, record, rng = build(system.model), simulate(system, 1, ROWS, 2), Numbers.seeded(range(ROWS))
+    filter, record, rng = build(system.model), simulate(system, 1, ROWS, 2), RandomKeys.seeded(range(ROWS))
     first = filter.update(filter.init(system.rows(ROWS), rng=rng), record.y[0], rng=rng)
     beliefs = [filter.predict(first, record.u[0], rng=rng)]
     for j in range(system.model.p):

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from batch import least_squares
-from cases import CASES, Case, kalman_system, shown_directions, simulate, track, unknown_input_system
+from cases import CASES, Case, kalman_system, observable_directions, simulate, track, unknown_input_system
 
 from estimators import (
     Belief,
@@ -16,7 +16,7 @@ from estimators import (
     InteractingMultipleModels,
     LinearModel,
     NonlinearModel,
-    Numbers,
+    RandomKeys,
     by_age,
     discretisation,
     make,
@@ -42,7 +42,7 @@ def test_a_run_is_the_loop_by_hand(case: Case):
     system = case.system(0)
     record = simulate(system, 1, runs=3, steps=8)
     record = record._replace(y=gaps(record.y))
-    filter, keys = case.make(system.model), Numbers.seeded([1, 2, 3])
+    filter, keys = case.make(system.model), RandomKeys.seeded([1, 2, 3])
     series = run(filter, system.prior, record.y, u=record.u, rng=keys)
     by_hand = track(filter, system.rows(3), record, rng=keys)
     for name in ("mean", "cov", "input_mean", "innovation", "ensemble"):
@@ -50,7 +50,7 @@ def test_a_run_is_the_loop_by_hand(case: Case):
         if wanted[0] is not None:
             np.testing.assert_array_equal(getattr(series.updated, name), np.array(wanted))
     assert len(series) == 8
-    one = run(filter, system.prior, record.y[:, 1], u=record.u[:, 1], rng=Numbers(keys.keys[1]))
+    one = run(filter, system.prior, record.y[:, 1], u=record.u[:, 1], rng=RandomKeys(keys.keys[1]))
     np.testing.assert_allclose(one.mean, series.mean[:, 1], rtol=0, atol=1e-12 * np.abs(series.mean).max())
     np.testing.assert_allclose(
         one.log_likelihood, series.log_likelihood[1], rtol=0, atol=1e-9 * np.abs(series.log_likelihoods).sum()
@@ -104,7 +104,7 @@ def test_the_likelihood_with_an_unknown_input_is_that_of_a_prior_without_end(nam
     y = record.y.copy()
     y[5, :, 0] = np.nan  # the others show the input, too
     series = run(make(name, system.model, input_prior=50.0), system.prior, y, u=record.u)
-    unseen = np.eye(q) - shown_directions(
+    unseen = np.eye(q) - observable_directions(
         system.model.H
     )  # of the last input nothing shows there; told, it counts for 1
     values, directions = np.linalg.eigh(unseen)

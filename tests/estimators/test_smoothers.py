@@ -106,7 +106,7 @@ def test_an_input_that_no_measurement_shows_is_smoothed_with_its_prior(name: str
     assert smoothed.input_cov[6, 0, 0, 0] < 0.5 * series.updated.input_cov[6, 0, 0, 0]
 
 
-@pytest.mark.parametrize("told", [0.5, 20.0])
+@pytest.mark.parametrize("assume", [0.5, 20.0])
 def test_an_input_whose_variance_is_told_is_smoothed_as_the_state_that_it_could_be(told: float):
     system = unknown_input_system(0, True)
     record = simulate(system, 1, runs=2, steps=15)

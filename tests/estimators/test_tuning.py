@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import binom, chi2, multivariate_normal
 
-from estimators import Filter, Fit, Gaussian, KalmanFilter, LinearModel, Numbers, fit, make, run, sampled
+from estimators import Filter, Fit, Gaussian, KalmanFilter, LinearModel, RandomKeys, fit, make, run, sampled
 from tests.estimators.cases import INPUT_PRIOR, kalman_system, simulate, unknown_input_system
 
 NILE = np.array([
@@ -263,7 +263,7 @@ def test_a_filter_that_draws_numbers_has_the_same_in_every_evaluation():
         return make("enkf", filter.model, members=100), prior
 
     start = {"q": 1e3, "r": 1e4}
-    one, again, other = (fit(build, start, NILE, rng=rng) for rng in (1, 1, Numbers.seeded([7])[0]))
+    one, again, other = (fit(build, start, NILE, rng=rng) for rng in (1, 1, RandomKeys.seeded([7])[0]))
     assert one.estimates == again.estimates
     assert one.estimates != other.estimates
     exact = fit(level, start, NILE)

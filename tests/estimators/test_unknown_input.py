@@ -31,10 +31,10 @@ from tests.estimators.cases import (
     assert_same,
     every_case,
     flat_prior_posterior,
+    observable_directions,
     pushed_vehicle,
     rounding,
     shaken_vehicle,
-    shown_directions,
     simulate,
     some_measurements,
     track,
@@ -139,7 +139,7 @@ def _least_squares_over_the_run(
         if k:
             both = slice((k - 1) * width, k * width + n)
             add(np.hstack([-A, -G, np.eye(n)]), B @ u[k - 1], Q, both)
-    information[-model.q :, -model.q :] += np.eye(model.q) - shown_directions(H[available[-1]])
+    information[-model.q :, -model.q :] += np.eye(model.q) - observable_directions(H[available[-1]])
     cov = np.linalg.inv(information)
     last = slice(-2 * width, None)
     return (cov @ right)[last], cov[last, last]
@@ -153,13 +153,13 @@ def _assert_least_squares(filter_name: str, system: System, belief: Belief, reco
     close = {"rtol": 0, "atol": 1e-9 * max(1.0, np.abs(cov).max())}
     np.testing.assert_allclose(belief.mean, expected[state], **close)
     np.testing.assert_allclose(belief.cov, cov[state, state], **close)
-    now, given = shown_directions(model.H[available[-1]]), (belief.input_mean, belief.input_cov)
+    now, given = observable_directions(model.H[available[-1]]), (belief.input_mean, belief.input_cov)
     if filter_name == "kf-umv-ui":
         np.testing.assert_allclose(given[0], expected[present], **close)
         np.testing.assert_allclose(given[1], cov[present, present], **close)
         return
     # What its own measurement showed of d(k-1) is not smoothed by the next one, so only the rest is compared.
-    rest = np.eye(q) - shown_directions(model.H[available[-2]])
+    rest = np.eye(q) - observable_directions(model.H[available[-2]])
     np.testing.assert_allclose(rest @ given[0], rest @ expected[past], **close)
     np.testing.assert_allclose(rest @ given[1] @ rest, rest @ cov[past, past] @ rest, **close)
     if filter_name == "ulise":

@@ -122,7 +122,7 @@ def test_the_gains_of_the_search_are_those_of_kf_umv_ui(simulation: str, prior: 
     filter = experiment.recursion(s, "cited", "update", prior)
     still = np.zeros((2, SAMPLES))
     found = experiment.respond(filter, "update", still, experiment.measurements(still, d, noise), np.zeros(3))
-    factor = {"told": {"prior": prior / experiment.PRIOR}}
+    factor = {"assume": {"prior": prior / experiment.PRIOR}}
     expected = flown(simulation, noise, d, rudder=0.0, model="as-printed", **factor)
     np.testing.assert_allclose(found[0], expected[0], atol=1e-9)
     np.testing.assert_allclose(found[1] - d, expected[1], atol=1e-9)

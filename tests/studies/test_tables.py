@@ -78,7 +78,7 @@ def test_the_tables_of_journeys_show_each_way_once(monkeypatch: pytest.MonkeyPat
 def test_the_table_of_a_study_is_made_of_its_episodes(tmp_path: Path):
     lines = ["condition,agent,estimator,training_seed,seed,score"]
     names = (
-        "truth", "kf-umv-ui", "ekf told waves", "ekf", "ekf, no current", "kf told d", "kf", "measurement",
+        "truth", "kf-umv-ui", "ekf assuming waves", "ekf", "ekf, no current", "kf assuming d", "kf", "measurement",
         "dead-reckoning",
     )  # fmt: skip
     for sea in ("moderate", "rough"):

@@ -137,8 +137,8 @@ class AlteredCore(Core):
         world: Any = copy(self.config.world)  # which others share
         begin = world.begin
 
-        def altered(course: Any, mean: Any, root: Any, numbers: np.ndarray, *others: Any) -> Any:
-            return begin(course, mean, root, numbers + np.random.default_rng(2).normal(size=numbers.shape), *others)
+        def altered(scenario: Any, mean: Any, root: Any, numbers: np.ndarray, *others: Any) -> Any:
+            return begin(scenario, mean, root, numbers + np.random.default_rng(2).normal(size=numbers.shape), *others)
 
         world.begin, self.config.world = altered, world
 
@@ -148,8 +148,10 @@ def silent(sensors: Sensors) -> Sensors:
     each = []
     for sensor in sensors.each:
         zeros = np.zeros(len(sensor.channels))
-        each.append(replace(sensor, reads=lambda state, forcing, zeros=zeros: state[..., :1] * 0.0 + zeros, bias=None))
-    return Sensors(each, sensors.state_names, sensors.forcing_names, sensors.dt)
+        each.append(
+            replace(sensor, reads=lambda state, exogenous, zeros=zeros: state[..., :1] * 0.0 + zeros, bias=None)
+        )
+    return Sensors(each, sensors.state_names, sensors.exogenous_names, sensors.dt)
 
 
 def with_vehicle(env_id: str, wrapper: type) -> Any:
@@ -194,8 +196,8 @@ def assert_same_tree(one: Any, other: Any, where: str = "", atol: float = 0.0) -
 
 def estimate_of(core: Core, mean: np.ndarray) -> Estimate:
     """What the task would see if the filter believed in means ``(B, n)`` and in the unknown input as it does."""
-    told = core.composition
-    return Estimate(mean[:, : told.base], told.flow(mean), core.belief.input_mean)
+    composition = core.composition
+    return Estimate(mean[:, : composition.base], composition.flow(mean), core.belief.input_mean)
 
 
 def observations(core: Core) -> dict[str, np.ndarray]:
@@ -253,7 +255,7 @@ def observations_when_truth_is_altered(
 
 def apart(one: Core, other: Core) -> dict[str, np.ndarray]:
     """How far every part of what is true differs, ``(rows,)`` each."""
-    drawn = ("sea_state", "forcing") if one.sea_state.size else ()  # what a task prescribes is the same at reset
+    drawn = ("sea_state", "exogenous") if one.sea_state.size else ()  # what a task prescribes is the same at reset
     parts = {
         name: np.abs(getattr(one, name) - getattr(other, name)).max(-1) for name in ("state", *drawn, "parameters")
     }
@@ -264,7 +266,7 @@ def scramble(core: Core, rng: np.random.Generator) -> None:
     """Put everything that is true somewhere else: vehicle, disturbance, biases, what acts and what will."""
     core.now.state = core.state + rng.normal(0.0, 0.01, core.state.shape)
     core.now.drifting = rng.normal(0.0, 0.01, core.drifting.shape) - core.drifting
-    core.now.forcing = core.forcing + rng.normal(0.0, 0.01, core.forcing.shape)
+    core.now.exogenous = core.exogenous + rng.normal(0.0, 0.01, core.exogenous.shape)
     core.now.noise = core.noise + rng.normal(0.0, 0.01, core.noise.shape)
     core.now.parameters = core.parameters * rng.uniform(0.9, 1.1, core.parameters.shape)
 
@@ -272,7 +274,7 @@ def scramble(core: Core, rng: np.random.Generator) -> None:
 def assert_apart(distance: dict[str, np.ndarray]) -> None:
     """Everything that is true was somewhere else, at reset too."""
     for part, values in distance.items():
-        assert values.min() > 1e-5, part  # a swell of 0.01 kicks with a hundredth of that
+        assert values.min() > 1e-5, part  # a swell of 0.01 acts with a hundredth of that
     assert distance["state"].min() > 1e-3
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from estimators import Gaussian
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.estimation import HeldMeasurement
+from vessel_gym.estimation import ZeroOrderHold
 from vessel_gym.filter_models.build import Composition
 from vessel_gym.processes import Process
 from vessel_gym.sensors import Sensors, SensorSuite
@@ -14,31 +14,31 @@ from vessel_gym.system import Vehicle
 def sensors_of(vehicle: Vehicle, noise: float = 1.0) -> Sensors:
     """A vehicle's sensors with so many times their nominal noise."""
     each = SensorSuite(noise=noise).of(vehicle.sensors)
-    return Sensors(each, vehicle.state_names, vehicle.kicks + vehicle.flows, vehicle.dt)
+    return Sensors(each, vehicle.state_names, vehicle.increments + vehicle.ambient_flows, vehicle.dt)
 
 
-def forcing(vehicle: Vehicle, flow: np.ndarray) -> np.ndarray:
-    """The forcing ``(..., f)`` of a flow that kicks nothing."""
-    return np.concatenate([np.zeros((*flow.shape[:-1], len(vehicle.kicks))), flow], -1)
+def exogenous(vehicle: Vehicle, flow: np.ndarray) -> np.ndarray:
+    """The exogenous input ``(..., f)`` of a flow without increments."""
+    return np.concatenate([np.zeros((*flow.shape[:-1], len(vehicle.increments))), flow], -1)
 
 
 class UnevenWater(Disturbance):
-    """Water that kicks every velocity by another amount, in a current of another size along every axis.
+    """Water that shakes every velocity by another amount, in a current of another size along every axis.
 
     Args:
-        vehicle: What is kicked.
-        kicks: Standard deviations of what a step kicks each of its velocities.
+        vehicle: What is shaken.
+        increments: Standard deviations of what a step adds to each of its velocities.
         currents: Of the components of the current [m/s], which change in 200 s.
     """
 
-    def __init__(self, vehicle: Vehicle, kicks: tuple[float, ...], currents: tuple[float, ...]) -> None:
-        self.names = self.forces = vehicle.flows
-        self.shakes, self.white = vehicle.kicks, np.diag(kicks)
+    def __init__(self, vehicle: Vehicle, increments: tuple[float, ...], currents: tuple[float, ...]) -> None:
+        self.names = self.forces = vehicle.ambient_flows
+        self.white_increments, self.white = vehicle.increments, np.diag(increments)
         self.process = Process.wandering(currents, 200.0, vehicle.dt)
 
 
 def without_a_filter(
-    told: Composition,
+    composition: Composition,
     inputs: tuple[str, ...],
     measurements: np.ndarray,
     previous: np.ndarray | None = None,
@@ -47,19 +47,19 @@ def without_a_filter(
     """State ``(B, n)`` and unknown input ``(B, q)`` that the last measurements ``(B, p)`` give, held.
 
     Args:
-        told: What is known of the world.
+        composition: What is known of the world.
         inputs: Names of the unknown input.
         measurements: The last ones.
         previous: Those before; None: these are the first.
         steps: How many steps lie between the two.
     """
-    held = HeldMeasurement(told, inputs)
-    n = len(told.names)
+    held = ZeroOrderHold(composition, inputs)
+    n = len(composition.names)
     belief = held.init(Gaussian(np.zeros((len(measurements), n)), np.eye(n)))
     if previous is not None:
-        belief = held.update(belief, previous, u=told.vehicle.cruise[1])
+        belief = held.update(belief, previous, u=composition.vehicle.cruise[1])
         for _ in range(steps):
-            belief = held.predict(belief, told.vehicle.cruise[1])
-    belief = held.update(belief, measurements, u=told.vehicle.cruise[1])
+            belief = held.predict(belief, composition.vehicle.cruise[1])
+    belief = held.update(belief, measurements, u=composition.vehicle.cruise[1])
     assert belief.input_mean is not None
     return belief.mean, belief.input_mean

@@ -23,7 +23,7 @@ AIR = PUNA_UAV.disturbances["moderate"]
 class Front(Air):
     """Air whose mean wind changes in ways that are unknown."""
 
-    told = "input"
+    assumed_as = "unknown-input"
     inputs = ("change of mean wind north", "change of mean wind east")
 
 
@@ -39,11 +39,11 @@ REFUSED: dict[str, tuple[str, str, dict[str, Any], str]] = {
     ),
     "seen weakly": (
         PLANE, "ukf-umv", {"disturbance": Fault("thrust", size=2.0, beside=PLANE_WATERS["moderate"])},
-        "a step's measurements tell thrust fault to within 5.0 of the sizes that it is told to have, not 3",
+        "a step's measurements tell thrust fault to within 5.0 of the sizes that are assumed, not 3",
     ),
     "lift": (
         AIRCRAFT, "ekf-ui-wdf", {"disturbance": Fault("angle of attack", size=0.03, beside=AIR)},
-        r"a step's measurements tell angle of attack fault to within \d+.\d of the sizes that it is told to have, "
+        r"a step's measurements tell angle of attack fault to within \d+.\d of the sizes that are assumed, "
         r"not 3",
     ),
     "a zero": (
@@ -62,7 +62,9 @@ def test_a_filter_that_measurements_do_not_tell_of_its_input_is_refused_with_the
     env_id: str, estimator: str, world: dict[str, Any], why: str
 ):
     kind, names = type(world["disturbance"]).__name__, ", ".join(world["disturbance"].inputs)
-    sentence = f'{estimator} cannot be told of {kind} as "input", with the unknown input {names}: {why}; tell it with '
+    sentence = (
+        f'{estimator} cannot assume {kind} as "unknown-input", with the unknown input {names}: {why}; assume it with '
+    )
     with pytest.raises(ValueError, match=f'^{sentence}{{"as": "states"}}, or add a sensor$'):
         make_core(env_id, 1, estimator=estimator, **world)
     own = {"estimator": lambda model: make(estimator, model)}

@@ -257,7 +257,7 @@ def test_what_cannot_be_watched_gets_one_sentence(options: dict[str, Any], error
 def test_filters_of_an_unknown_input_are_not_watched():
     said = refusal(ValueError, make_core, "SigmaCorvette-v0", 1, **watched("kf-umv-ui"))
     assert "kf-umv-ui carry its unknown input" in said
-    noise = watched("kf", estimator_options={"told": {"as": "white"}})
+    noise = watched("kf", estimator_options={"assume": {"as": "white-input"}})
     assert alarms(make_core("SigmaCorvette-v0", ROWS, **noise), 5).shape == (6, ROWS, 3)
 
 
@@ -362,7 +362,7 @@ def test_a_dictionary_shows_alarms_by_their_name():
 @pytest.fixture(scope="module")
 def faulty() -> Rollout:
     faults = [SensorFault("gyroscope", "stuck", begin=1.0), SensorFault(FIX, "bias", 5.0, begin=2.0)]
-    return rollout("random", AUV, range(6), watched(monitor="cusum", sensor_faults=faults, ends="task"))
+    return rollout("random", AUV, range(6), watched(monitor="cusum", sensor_faults=faults, termination="task"))
 
 
 def _with(flight: Rollout, raised: dict[tuple[int, int], str]) -> Rollout:

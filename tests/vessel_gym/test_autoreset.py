@@ -327,4 +327,4 @@ def test_statistics_of_episodes_count_those_of_the_environments_that_were_reset(
 def test_every_environment_has_a_task_that_says_what_success_is():
     for env_id in ENVIRONMENTS:
         task = single_class(env_id).system.task
-        assert task.success in task.ends
+        assert task.success in task.end_reasons

@@ -160,7 +160,11 @@ def test_a_linear_filter_refuses_a_nonlinear_model_by_name(env_id: str, estimato
         assert re.match(f"{estimator} needs a LinearModel", message)
 
 
-GOOD_VALUES = {"kf": {"input_cov": 1e-4, "told": {"as": "input"}}, "ukf": {"alpha": 0.5}, "enkf": {"members": 30}}
+GOOD_VALUES = {
+    "kf": {"input_cov": 1e-4, "assume": {"as": "unknown-input"}},
+    "ukf": {"alpha": 0.5},
+    "enkf": {"members": 30},
+}
 
 
 @pytest.mark.parametrize(("env_id", "estimator"), [case for case in CARRIED if case[1] in GOOD_VALUES])
@@ -303,7 +307,9 @@ def test_reset_options_that_are_no_dictionary_are_refused(env_id: str, wrong: An
         assert message == f"options must be a dictionary of values by name, or None, got {wrong!r}"
 
 
-@pytest.mark.parametrize("env_id", [key for key in ENVIRONMENTS if "arrived" in single_class(key).system.task.ends])
+@pytest.mark.parametrize(
+    "env_id", [key for key in ENVIRONMENTS if "arrived" in single_class(key).system.task.end_reasons]
+)
 @pytest.mark.parametrize("far", [1e7, -1e7, 1e308, -1e308])
 def test_a_goal_on_the_other_side_of_the_earth_is_refused_with_the_range(env_id: str, far: float):
     for goal in ((far, 0.0, 1.0), (1.0, far, far)):

@@ -17,19 +17,19 @@ TASK = SIGMA_CORVETTE.task
 SHIP = TASK.ship
 
 
-def courses(count: int, seed: int = 0) -> np.ndarray:
-    return TASK.course(np.random.default_rng(seed).random((count, 3)), {})
+def scenarios(count: int, seed: int = 0) -> np.ndarray:
+    return TASK.scenario(np.random.default_rng(seed).random((count, 3)), {})
 
 
-def integrated(course: np.ndarray, along: float) -> np.ndarray:
+def integrated(scenario: np.ndarray, along: float) -> np.ndarray:
     """Place and direction, by quadrature of the direction along the track."""
-    lead, ramp = TASK.lead * SHIP.speed, 0.5 * TASK.ramp * (SHIP.speed + course[SPEED])
+    lead, ramp = TASK.lead * SHIP.speed, 0.5 * TASK.ramp * (SHIP.speed + scenario[SPEED])
 
     def forward(s: float, at: np.ndarray) -> list[float]:
         share = min(max((s - lead) / ramp, 0.0), 1.0)
-        return [np.cos(at[2]), np.sin(at[2]), course[CURVATURE] * share]
+        return [np.cos(at[2]), np.sin(at[2]), scenario[CURVATURE] * share]
 
-    start = [0.0, 0.0, course[0]]
+    start = [0.0, 0.0, scenario[0]]
     pieces = [0.0, *(edge for edge in (lead, lead + ramp) if edge < along), along]
     for low, high in pairwise(pieces):
         start = solve_ivp(forward, (low, high), start, rtol=1e-10, atol=1e-8).y[:, -1]
@@ -37,10 +37,10 @@ def integrated(course: np.ndarray, along: float) -> np.ndarray:
 
 
 def test_the_track_is_a_straight_a_clothoid_and_a_circle():
-    for course in courses(6):
+    for scenario in scenarios(6):
         for along in (30.0, 77.0, 200.0, 400.0, 900.0, 2500.0):
-            place, direction = TASK.track(course[None], np.array([along]))
-            expected = integrated(course, along)
+            place, direction = TASK.track(scenario[None], np.array([along]))
+            expected = integrated(scenario, along)
             assert np.abs(place[0] - expected[:2]).max() < 0.05
             assert direction[0] == pytest.approx(expected[2], abs=1e-6)
 
@@ -48,61 +48,61 @@ def test_the_track_is_a_straight_a_clothoid_and_a_circle():
 def test_the_nearest_point_is_nearest():
     """Against a search along the track, from places up to 80 m off."""
     rng = np.random.default_rng(1)
-    for course in courses(20):
+    for scenario in scenarios(20):
         step = rng.integers(0, 600)
-        nominal = TASK.nominal(course[None], np.array([step]))[0]
+        nominal = TASK.nominal(scenario[None], np.array([step]))[0]
         place = nominal[:2] + rng.uniform(-80.0, 80.0, 2)
         state = np.zeros((1, 6))
         state[0, :2] = place
-        reference = TASK.reference(course[None], np.array([step]), state)[0]
+        reference = TASK.reference(scenario[None], np.array([step]), state)[0]
 
-        def distance(s: float, course: np.ndarray = course, place: np.ndarray = place) -> float:
-            return float(np.hypot(*(TASK.track(course[None], np.array([s]))[0][0] - place)))
+        def distance(s: float, scenario: np.ndarray = scenario, place: np.ndarray = place) -> float:
+            return float(np.hypot(*(TASK.track(scenario[None], np.array([s]))[0][0] - place)))
 
         over = TASK.lead + TASK.ramp
-        sailed = over * SHIP.speed + course[SPEED] * (step * TASK.dt - over)
+        sailed = over * SHIP.speed + scenario[SPEED] * (step * TASK.dt - over)
         guesses = np.linspace(max(sailed - 600.0, 0.0), sailed + 600.0, 241)
         near = guesses[np.argmin([distance(s) for s in guesses])]
         along = minimize_scalar(distance, bounds=(max(near - 10.0, 0.0), near + 10.0), method="bounded").x
         if along < 1.0:
             continue  # before the track begins, its straight goes on backwards
         assert abs(reference[OFF]) == pytest.approx(distance(along), abs=0.1)
-        direction = TASK.track(course[None], np.array([along]))[1][0]
+        direction = TASK.track(scenario[None], np.array([along]))[1][0]
         assert np.cos(reference[TRACK] - direction) > 1.0 - 1e-6
-        point = TASK.track(course[None], np.array([along]))[0][0]
+        point = TASK.track(scenario[None], np.array([along]))[0][0]
         starboard = np.array([-np.sin(direction), np.cos(direction)])
         assert np.sign(reference[OFF]) == np.sign((place - point) @ starboard)
 
 
 def test_who_keeps_to_the_track_is_on_it_and_turns_at_the_commanded_rate():
-    course, steps = courses(5), np.arange(0, 600, 7)
+    scenario, steps = scenarios(5), np.arange(0, 600, 7)
     for step in steps:
         at = np.full(5, step)
-        state = TASK.nominal(course, at)
-        reference = TASK.reference(course, at, state)
+        state = TASK.nominal(scenario, at)
+        reference = TASK.reference(scenario, at, state)
         assert np.abs(reference[:, OFF]).max() < 0.05
         assert np.abs(np.sin(reference[:, TRACK] - state[:, 2])).max() < 1e-3
         assert (reference[:, BELIEVED] == state[:, 2]).all()
-    assert reference[:, RATE_NOW] == pytest.approx(course[:, 1], rel=1e-9)
+    assert reference[:, RATE_NOW] == pytest.approx(scenario[:, 1], rel=1e-9)
     # In a turn to starboard the ship's head points inside of her track.
-    assert (np.sin(reference[:, WANTED] - reference[:, TRACK]) * np.sign(course[:, 1]) > 0.02).all()
+    assert (np.sin(reference[:, WANTED] - reference[:, TRACK]) * np.sign(scenario[:, 1]) > 0.02).all()
 
 
 def test_a_turn_to_port_mirrors_one_to_starboard():
-    course = courses(1)
-    course[:, 0] = 0.0
-    mirrored = course * [1.0, -1.0, -1.0, 1.0]
+    scenario = scenarios(1)
+    scenario[:, 0] = 0.0
+    mirrored = scenario * [1.0, -1.0, -1.0, 1.0]
     state = np.array([[300.0, 60.0, 0.2, 14.0, 0.3, 0.01]])
     port = state * [1.0, -1.0, -1.0, 1.0, -1.0, -1.0]
-    one, other = (TASK.reference(c, np.array([70]), s)[0] for c, s in ((course, state), (mirrored, port)))
+    one, other = (TASK.reference(c, np.array([70]), s)[0] for c, s in ((scenario, state), (mirrored, port)))
     assert other == pytest.approx(one * [-1.0, -1.0, -1.0, -1.0, -1.0, -1.0, 1.0, -1.0], rel=1e-9, abs=1e-12)
 
 
 def test_courses_are_found_again_in_references():
-    course = courses(8)
-    start = TASK.nominal(course, np.zeros(8, int))
-    reference = TASK.reference(course, np.zeros(8, int), start)
-    assert TASK.course_of(reference) == pytest.approx(course, rel=1e-6)
+    scenario = scenarios(8)
+    start = TASK.nominal(scenario, np.zeros(8, int))
+    reference = TASK.reference(scenario, np.zeros(8, int), start)
+    assert TASK.scenario_of(reference) == pytest.approx(scenario, rel=1e-6)
 
 
 # --- what it is worth --------------------------------------------------------------------------------
@@ -120,8 +120,8 @@ def flown(policy, rows: int, disturbance: str) -> np.ndarray:
 
 
 IDLE = {
-    "hard over inwards": lambda k, core: np.sign(core.course[:, 1:2]),
-    "hard over outwards": lambda k, core: -np.sign(core.course[:, 1:2]),
+    "hard over inwards": lambda k, core: np.sign(core.scenario[:, 1:2]),
+    "hard over outwards": lambda k, core: -np.sign(core.scenario[:, 1:2]),
     "hands off": lambda k, core: np.zeros((core.num_envs, 1)),
     "weaving": lambda k, core: np.full((core.num_envs, 1), 1.0 if k // 14 % 2 == 0 else -1.0),
 }
@@ -158,22 +158,28 @@ def test_the_autopilot_holds_the_track(estimator):
 
 
 def test_a_perfect_step_is_worth_one_and_every_error_costs():
-    course = courses(1)
-    course[0, 0] = 0.0
-    course[0, 1:3] = np.abs(course[0, 1:3])
+    scenario = scenarios(1)
+    scenario[0, 0] = 0.0
+    scenario[0, 1:3] = np.abs(scenario[0, 1:3])
     step = np.array([300])
-    place, direction = TASK.track(course, np.array([1200.0]))
+    place, direction = TASK.track(scenario, np.array([1200.0]))
     turns = steady_turns(SHIP)
-    u, v = (np.interp(course[0, 1], turns.yaw_rate, each) for each in (turns.speed, turns.sway))
+    u, v = (np.interp(scenario[0, 1], turns.yaw_rate, each) for each in (turns.speed, turns.sway))
     state = np.zeros((1, 8))
     state[0, :2], state[0, 2] = place[0], direction[0] - np.arctan2(v, u)
-    state[0, 3:6] = u, v, course[0, 1]
-    tally = TASK.begin(state, course)
-    tally[0, 4:] = 1200.0 - course[0, SPEED] * TASK.dt
+    state[0, 3:6] = u, v, scenario[0, 1]
+    score_state = TASK.initial_score_state(state, scenario)
+    score_state[0, 4:] = 1200.0 - scenario[0, SPEED] * TASK.dt
 
     def reward(change: np.ndarray | float = 0.0, action: float = 0.0) -> float:
         return TASK.score(
-            state + change, np.zeros((1, 8)), np.zeros((1, 8)), step, np.zeros((1, 1)), np.full((1, 1), action), tally
+            state + change,
+            np.zeros((1, 8)),
+            np.zeros((1, 8)),
+            step,
+            np.zeros((1, 1)),
+            np.full((1, 1), action),
+            score_state,
         )[0][0]
 
     best = reward()

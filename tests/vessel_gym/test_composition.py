@@ -49,7 +49,7 @@ AUV, SHIP = "SegorogeniAUV-v0", HEADING_SHIP.name
 # --- sensors and disturbances of one's own ----------------------------------------------------------
 
 
-def slant(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+def slant(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """Slant range, bearing and elevation of the vehicle from the origin."""
     x, y, z = state[..., 6], state[..., 7], state[..., 8]
     level = np.hypot(x, y)
@@ -76,7 +76,7 @@ class Sheared(Disturbance):
     names = ("surface current north", "surface current east")
     forces = ("current north", "current east")
     process = Process.wandering((0.3, 0.3), 60.0, 0.1)
-    shakes = tuple(f"kick {name}" for name in "uvwpqr")
+    white_increments = tuple(f"{name} increment" for name in "uvwpqr")
     white = 0.005 * np.eye(6)
     dt = 0.1
 
@@ -89,14 +89,14 @@ class Swell(Disturbance):
     """Second-order swell that heaves and pitches a vehicle, less and less with depth; and turbulence."""
 
     names = ("swell", "swell rate")
-    forces = ("kick w", "kick q")
+    forces = ("w increment", "q increment")
     process = Process.stationary(np.array([[0.0, 1.0], [-1.0, -0.2]]), np.diag([0.0, 0.4]), 0.1)
-    shakes = ("kick u", "kick v", "kick p", "kick r")
+    white_increments = ("u increment", "v increment", "p increment", "r increment")
     white = 0.005 * np.eye(4)
     dt = 0.1
 
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Kicks on heave and pitch rate over a step."""
+        """Increments on heave and pitch rate over a step."""
         return z * [0.01, 0.02] * np.exp(-np.maximum(state[..., 8:9], 0.0) / 10.0)
 
 
@@ -135,12 +135,12 @@ DISTURBED = [env_id for env_id in OURS if env_id != "ThesisCorvette-v0"]
 """Those with a sea or an air, of which filters have the world's model: the thesis' have not."""
 WORLDS: list[tuple[str, dict[str, Any]]] = [
     *(
-        (env_id, {"estimator_options": {"told": {"as": "states"} | MET.get(env_id, {}), "model": "nonlinear"}})
+        (env_id, {"estimator_options": {"assume": {"as": "states"} | MET.get(env_id, {}), "model": "nonlinear"}})
         for env_id in DISTURBED
     ),
     *((AUV, {"sensors": sensors}) for sensors in (WITH_USBL, *BIASED.values())),
     *((AUV, {"disturbance": disturbance}) for disturbance in OWN.values()),
-    *((env_id, {"disturbance": fault, "estimator_options": {"told": {"as": "states"}}}) for env_id, fault in FAULTS),
+    *((env_id, {"disturbance": fault, "estimator_options": {"assume": {"as": "states"}}}) for env_id, fault in FAULTS),
 ]
 every_world = pytest.mark.parametrize(
     ("env_id", "chosen"),
@@ -152,8 +152,8 @@ every_world = pytest.mark.parametrize(
 def undisturbed(core: Core) -> None:
     """From now on for a step nothing is new."""
     core.now.noise = np.zeros_like(core.noise)
-    core.now.forcing = core.forcing.copy()
-    core.forcing[:, core.forces.shaken] = 0.0
+    core.now.exogenous = core.exogenous.copy()
+    core.exogenous[:, core.forces.white_indices] = 0.0
 
 
 @pytest.mark.slow
@@ -171,10 +171,10 @@ def test_where_nothing_is_new_the_world_moves_and_is_read_as_the_filter_has_it(e
         undisturbed(core)
         before, where = core.estimated(core.truth), core.actuators
         np.testing.assert_allclose(
-            model.measurement(before, None), core.sensors.exact(core.state, core.forcing, core.bias), atol=1e-12
+            model.measurement(before, None), core.sensors.exact(core.state, core.exogenous, core.bias), atol=1e-12
         )
         u = core.vehicle.known_input(
-            where, core.vehicle.actuate(where, action), core.task.commanded(core.course, core.steps)
+            where, core.vehicle.actuate(where, action), core.task.commanded(core.scenario, core.steps)
         )
         core.step(action)
         np.testing.assert_allclose(core.estimated(core.truth), model.transition(before, u), rtol=1e-12, atol=1e-12)
@@ -191,7 +191,7 @@ def test_what_is_new_in_the_world_has_the_covariance_that_the_filter_is_told(env
     for _ in range(steps):
         before, where = core.estimated(core.truth), core.actuators
         idle = np.zeros((rows, core.action_size))
-        u = vehicle.known_input(where, vehicle.actuate(where, idle), core.task.commanded(core.course, core.steps))
+        u = vehicle.known_input(where, vehicle.actuate(where, idle), core.task.commanded(core.scenario, core.steps))
         core.step(idle)
         fresh.append(core.estimated(core.truth) - model.transition(before, u))
     sample = np.concatenate(fresh)
@@ -318,14 +318,14 @@ def test_an_acoustic_system_of_ones_own_works_with_every_estimator_and_tells_whe
         assert_smaller(*errors)
 
 
-def test_the_localisation_of_a_sensor_that_says_nothing_of_what_it_informs_follows_from_its_geometry():
+def test_the_localisation_of_a_sensor_that_says_nothing_of_what_it_corrects_follows_from_its_geometry():
     core = make_core(AUV, 1, sensors=WITH_USBL)
     names, mask = core.composition.names, core.filter.localisation
-    informed = [{name for name, on in zip(names, column, strict=True) if on} for column in mask[:, -3:].T]
-    assert {"x", "y", "z"} <= informed[0]  # the range
-    assert {"x", "y"} <= informed[1]  # the bearing
-    assert "z" not in informed[1]
-    assert {"x", "y", "z"} <= informed[2]  # the elevation
+    corrected_states = [{name for name, on in zip(names, column, strict=True) if on} for column in mask[:, -3:].T]
+    assert {"x", "y", "z"} <= corrected_states[0]  # the range
+    assert {"x", "y"} <= corrected_states[1]  # the bearing
+    assert "z" not in corrected_states[1]
+    assert {"x", "y", "z"} <= corrected_states[2]  # the elevation
     nominal = make_core(AUV, 1).filter.localisation
     np.testing.assert_array_equal(mask[:, :-3], nominal[:, :-2])  # the others as they were
 
@@ -364,14 +364,14 @@ def test_copies_with_parts_of_ones_own_go_on_as_the_original():
 
 @pytest.mark.slow
 @own_disturbances
-@pytest.mark.parametrize("how", ["states", "input", "noise"])
+@pytest.mark.parametrize("how", ["states", "unknown-input", "process-noise"])
 def test_a_disturbance_of_ones_own_works_with_every_estimator(disturbance: Disturbance, how: str):
     flown = 0
     refused = dict.fromkeys(("kf", "kf-umv-ui-wdf", "ulise"), "LinearModel") | {"kf-umv-ui": "rank"}
-    if how != "input":
+    if how != "unknown-input":
         refused |= dict.fromkeys(("kf-umv-ui", "ekf-ui-wdf", "ukf-umv"), "an unknown input")
     for estimator in (*CARRIED_BY_AUV, *refused, "ekf-ui-wdf", "ukf-umv"):
-        told = {"told": {"as": how}} | FEW_MEMBERS.get(estimator, {})
+        told = {"assume": {"as": how}} | FEW_MEMBERS.get(estimator, {})
         chosen = {"estimator": estimator, "estimator_options": told, "disturbance": disturbance, "observe": "mean+std"}
         if estimator in refused:
             with pytest.raises(ValueError, match=f"{estimator} needs .*{refused[estimator]}"):
@@ -383,12 +383,14 @@ def test_a_disturbance_of_ones_own_works_with_every_estimator(disturbance: Distu
         for _ in range(40):
             reward, _ = core.step(np.full((3, 3), 0.1))
             assert_sound(core, core.observe(), reward, core.info())
-        flows = not any(name.startswith("kick") for name in disturbance.forces)  # which are not d, but held
-        held = len(disturbance.names) * (how == "states" or estimator == "truth" or (how == "input" and flows))
+        ambient_flows = not any(name.endswith("increment") for name in disturbance.forces)  # which are not d, but held
+        held = len(disturbance.names) * (
+            how == "states" or estimator == "truth" or (how == "unknown-input" and ambient_flows)
+        )
         assert len(core.composition.names) == 12 + held
         assert (core.belief.input_mean is not None) == (estimator in ("ekf-ui-wdf", "ukf-umv", "truth", "measurement"))
         flown += 1
-    assert flown == len(CARRIED_BY_AUV) + 2 * (how == "input")
+    assert flown == len(CARRIED_BY_AUV) + 2 * (how == "unknown-input")
 
 
 @pytest.mark.slow
@@ -396,8 +398,8 @@ def test_a_disturbance_of_ones_own_works_with_every_estimator(disturbance: Distu
 @own_disturbances
 def test_who_is_told_of_a_disturbance_of_ones_own_sees_better(disturbance: Disturbance, estimator: str):
     errors = []
-    for how in ("states", "noise"):
-        told = {"told": {"as": how}}
+    for how in ("states", "process-noise"):
+        told = {"assume": {"as": how}}
         core = make_core(AUV, 48, seed=9, estimator=estimator, estimator_options=told, disturbance=disturbance)
         core.reset()
         error = fly(core, 150)[0]
@@ -422,11 +424,17 @@ LEAKS: list[tuple[str, dict[str, Any]]] = [
     (AUV, {"sensors": BIASED["walking"], "estimator": "measurement", "disturbance": OWN["swell"]}),
     (AUV, {"sensors": BIASED["walking"], "observe": "measurement", "guidance": True}),
     (AUV, {"disturbance": OWN["sheared"], "estimator": "ukf"}),
-    (AUV, {"disturbance": OWN["swell"], "estimator": "ukf-umv", "estimator_options": {"told": {"as": "input"}}}),
-    (SHIP, {"estimator": "kf", "estimator_options": {"told": {"as": "states", "disturbance": "calm"}}}),
+    (
+        AUV,
+        {"disturbance": OWN["swell"], "estimator": "ukf-umv", "estimator_options": {"assume": {"as": "unknown-input"}}},
+    ),
+    (SHIP, {"estimator": "kf", "estimator_options": {"assume": {"as": "states", "disturbance": "calm"}}}),
     (
         "SigmaCorvette-v0",
-        {"estimator": "ekf", "estimator_options": {"told": {"as": "noise", "Q": 2.0, "R": 0.5, "prior": 3.0}}},
+        {
+            "estimator": "ekf",
+            "estimator_options": {"assume": {"as": "process-noise", "Q": 2.0, "R": 0.5, "prior": 3.0}},
+        },
     ),
 ]
 
@@ -451,15 +459,15 @@ def test_what_alters_the_truth_alters_every_part_of_it():
         assert (np.abs(a - b).max(-1) > 1e-3).all()
 
 
-# --- what a filter is told --------------------------------------------------------------------------
+# --- assumptions of a filter ------------------------------------------------------------------------
 
 
 def told(env_id: str, rows: int = 2, estimator: str = "ekf", **chosen: Any) -> Core:
-    return make_core(env_id, rows, estimator=estimator, disturbance="rough", estimator_options={"told": chosen})
+    return make_core(env_id, rows, estimator=estimator, disturbance="rough", estimator_options={"assume": chosen})
 
 
 @every_environment
-@pytest.mark.parametrize("how", ["states", "input", "noise"])
+@pytest.mark.parametrize("how", ["states", "unknown-input", "process-noise"])
 def test_factors_scale_what_they_say_and_nothing_else(env_id: str, how: str):
     as_it_is, factored = told(env_id, **{"as": how}), told(env_id, **{"as": how}, Q=2.0, R=3.0, prior=5.0)
     one, other = as_it_is.composition.model, factored.composition.model
@@ -478,19 +486,19 @@ def test_factors_scale_what_they_say_and_nothing_else(env_id: str, how: str):
 
 
 @pytest.mark.parametrize("env_id", DISTURBED)
-@pytest.mark.parametrize("how", ["states", "noise"])
+@pytest.mark.parametrize("how", ["states", "process-noise"])
 def test_who_is_told_of_another_sea_has_the_model_of_who_sails_it(env_id: str, how: str):
     calm = single_class(env_id).system.disturbances["calm"]
     wrong = told(env_id, disturbance=calm.believed or "calm", **{"as": how})
-    options = {"told": {"as": how}}
+    options = {"assume": {"as": how}}
     there = make_core(env_id, 2, estimator="ekf", disturbance="calm", estimator_options=options)
     right = told(env_id, **{"as": how})
     np.testing.assert_array_equal(wrong.composition.model.Q, there.composition.model.Q)
     np.testing.assert_array_equal(wrong.composition.model.R, there.composition.model.R)
-    if how != "noise" or env_id not in (
+    if how != "process-noise" or env_id not in (
         "PunaUAV-v0",
         "vessel_gym/FixedWing-v0",
-    ):  # whose kicks are the same in every wind
+    ):  # whose increments are the same in every wind
         assert (np.diag(wrong.composition.model.Q) < np.diag(right.composition.model.Q)).any()
     for core in (wrong, there, right):
         core.reset()
@@ -514,7 +522,8 @@ def test_a_disturbance_may_be_told_by_name_or_as_an_object(env_id: str):
 @every_environment
 def test_whatever_is_told_the_oracle_knows_what_there_is(env_id: str):
     cores = [
-        told(env_id, estimator="truth", **given) for given in ({}, {"as": "noise"}, {"disturbance": "calm", "Q": 2.0})
+        told(env_id, estimator="truth", **given)
+        for given in ({}, {"as": "process-noise"}, {"disturbance": "calm", "Q": 2.0})
     ]
     for core in cores:
         core.reset()
@@ -536,7 +545,7 @@ def flown(core: Core, steps: int = 60) -> dict[str, np.ndarray]:
 
 
 def test_told_as_white_is_the_variance_given_by_hand():
-    by_word = told(SHIP, 5, estimator="kf", **{"as": "white"})
+    by_word = told(SHIP, 5, estimator="kf", **{"as": "white-input"})
     sea = single_class(SHIP).system.disturbances["rough"]
     variance = 0.25 * (sea.wave**2 + sea.gust**2)  # of dt times the yaw rates of waves and gusts
     given = {"input_cov": np.array([[variance]])}
@@ -546,21 +555,21 @@ def test_told_as_white_is_the_variance_given_by_hand():
         np.testing.assert_allclose(one[key], other[key], rtol=0, atol=1e-12, err_msg=key)
     ignorant = flown(make_core(SHIP, 5, estimator="kf", disturbance="rough"))
     assert np.abs(one["estimate"] - ignorant["estimate"]).max() > 1e-3
-    with pytest.raises(ValueError, match=r"^only kf can be told of a white input with its variance, not ekf: "):
-        told(SHIP, estimator="ekf", **{"as": "white"})
+    with pytest.raises(ValueError, match=r"^only kf can assume a white input of known variance, not ekf: "):
+        told(SHIP, estimator="ekf", **{"as": "white-input"})
 
 
 def test_the_factor_on_what_enters_is_on_the_variance_of_a_white_input_too():
-    one, other = (told(SHIP, estimator="kf", Q=factor, **{"as": "white"}) for factor in (1.0, 3.0))
+    one, other = (told(SHIP, estimator="kf", Q=factor, **{"as": "white-input"}) for factor in (1.0, 3.0))
     np.testing.assert_allclose(other.filter.input_cov, 3.0 * one.filter.input_cov, rtol=1e-15)
 
 
 @pytest.mark.parametrize("estimator", ["kf-umv-ui", "ulise"])
 def test_a_filter_of_unknown_inputs_that_is_told_of_none_says_what_to_tell_it(estimator: str):
-    for how in ("states", "noise"):
+    for how in ("states", "process-noise"):
         sentence = (
-            f'^{estimator} needs an unknown input, and is told of Sea as "{how}": tell it of one that kicks, with '
-            '{"as": "input"}, or choose another estimator$'
+            f'^{estimator} needs an unknown input, but assumes Sea as "{how}": assume one with increments, with '
+            '{"as": "unknown-input"}, or choose another estimator$'
         )
         assert_refused(lambda how=how: told(SHIP, estimator=estimator, **{"as": how}), ValueError, sentence)
 
@@ -568,7 +577,7 @@ def test_a_filter_of_unknown_inputs_that_is_told_of_none_says_what_to_tell_it(es
 class SeaOfStates(Sea):
     """A sea of which filters are told as states unless they are told otherwise."""
 
-    told = "states"
+    assumed_as = "states"
 
 
 def test_the_unknown_input_is_the_same_whatever_filters_are_told_of_it():
@@ -576,18 +585,20 @@ def test_the_unknown_input_is_the_same_whatever_filters_are_told_of_it():
     other = SeaOfStates(wave=sea.wave, peak=sea.peak, gust=sea.gust, current=sea.current)
     errors = []
     for acting in (sea, other):
-        options = {"disturbance": acting, "estimator_options": {"told": {"as": "input"}}}
+        options = {"disturbance": acting, "estimator_options": {"assume": {"as": "unknown-input"}}}
         flight = rollout("autopilot", SHIP, range(8), options)
         core = flight.env.unwrapped.core
         assert core.unknown_inputs == ("yaw increment",)
-        np.testing.assert_array_equal(core.unknown_input, core.forcing[:, :1])
+        np.testing.assert_array_equal(core.unknown_input, core.exogenous[:, :1])
         errors.append(scores(flight)["input_rmse"].mean())
     assert errors[1] == pytest.approx(errors[0], rel=0.1)
 
 
-def test_told_as_noise_adds_what_kicks_do_to_state_and_measurements_as_if_they_were_unrelated():
-    as_input, as_noise = (told(SHIP, estimator="ekf", **{"as": how}).composition for how in ("input", "noise"))
-    d = as_input.forces.kick_cov
+def test_told_as_noise_adds_what_increments_do_to_state_and_measurements_as_if_they_were_unrelated():
+    as_input, as_noise = (
+        told(SHIP, estimator="ekf", **{"as": how}).composition for how in ("unknown-input", "process-noise")
+    )
+    d = as_input.forces.increment_cov
     G, H = as_input.model.G, as_input.model.H
     np.testing.assert_allclose(as_noise.model.Q, as_input.model.Q + G @ d @ G.T, rtol=1e-14)
     np.testing.assert_allclose(as_noise.model.R, as_input.model.R + H @ d @ H.T, rtol=1e-14)
@@ -635,7 +646,7 @@ def test_a_kalman_filter_holds_the_waves_as_states_and_is_consistent():
 
 def test_the_composed_linear_model_is_that_of_the_ship_and_of_the_sea_beside_each_other():
     composition = told(SHIP, estimator="kf", **{"as": "states"}).composition
-    plain_model = told(SHIP, estimator="kf", **{"as": "input"}).composition.model
+    plain_model = told(SHIP, estimator="kf", **{"as": "unknown-input"}).composition.model
     model, sea, u = composition.model, composition.forces.disturbance, np.array([0.1, 0.03])
     d = np.array([0.0, 0.5, 0.5])  # yaw increment by wave yaw, wave yaw rate, gust yaw rate
     expected = np.zeros((6, 6))
@@ -656,14 +667,15 @@ def disturbance(**attributes: Any) -> Disturbance:
     return type("Mine", (Disturbance,), base | attributes)()
 
 
-KICKED = {"shakes": ("kick u", "kick q"), "white": 0.01 * np.eye(2)}
+INCREMENTED = {"white_increments": ("u increment", "q increment"), "white": 0.01 * np.eye(2)}
 MISDECLARED = [
     (AUV, disturbance(forces=("current north", "tide")), "Mine gives 'tide', but what acts on this vehicle is .*"),
-    (AUV, disturbance(shakes=("wave",), white=np.eye(1)), "Mine gives 'wave', but what acts on this vehicle is .*"),
-    (AUV, disturbance(forces=("current north",), shakes=("current east",), white=np.eye(1)),
-     "Mine shakes current east, which must be a kick .kick u, .* that its effect does not give"),
-    (AUV, disturbance(forces=("current north", "kick u"), **KICKED),
-     "Mine shakes kick u, which must be a kick .* that its effect does not give"),
+    (AUV, disturbance(white_increments=("wave",), white=np.eye(1)),
+     "Mine gives 'wave', but what acts on this vehicle is .*"),
+    (AUV, disturbance(forces=("current north",), white_increments=("current east",), white=np.eye(1)),
+     "Mine gives white increments to current east, which must be an increment .u incr.* that its effect .*"),
+    (AUV, disturbance(forces=("current north", "u increment"), **INCREMENTED),
+     "Mine gives white increments to u increment, which must be an increment .* that its effect does not give"),
     (AUV, disturbance(dt=0.5), "Mine was made for steps of 0.5 s, the vehicle's are 0.1 s: give it dt=0.1"),
     (AUV, Sea(wave=0.01, peak=1.0, gust=0.01, current=0.1, dt=0.1),
      "Sea gives 'yaw increment', but what acts on this vehicle is .*"),
@@ -674,8 +686,8 @@ MISDECLARED = [
     (AUV, disturbance(forces="current north"), "forces of Mine must be a tuple of different names, got 'current .*"),
     (AUV, disturbance(names=("a", "psi")), "Mine calls a component 'psi', as another is called"),
     (AUV, disturbance(scale=(1.0,)), "scale of Mine must have 2 rows, got 1"),
-    (AUV, disturbance(**(KICKED | {"white": np.eye(3)})), "white of Mine must have 2 rows, got 3"),
-    (AUV, disturbance(shakes=("kick u",)), "white of Mine must have 1 rows, got 0"),
+    (AUV, disturbance(**(INCREMENTED | {"white": np.eye(3)})), "white of Mine must have 2 rows, got 3"),
+    (AUV, disturbance(white_increments=("u increment",)), "white of Mine must have 1 rows, got 0"),
     (AUV, disturbance(forces=("current north",)),
      r"effect of Mine must give 1 values for each z: \(2, 2\) gave \(2, 2\), expected \(2, 1\)"),
     (AUV, disturbance(effect=lambda self, z, state: z.tolist()), r"effect of Mine must give an array, got a list"),
@@ -686,7 +698,7 @@ MISDECLARED = [
     (AUV, disturbance(forces=(["current north"],)), "Mine is not what a Disturbance must be: .*"),
     (AUV, disturbance(effect=lambda self, z, state: z[0]), r"effect of Mine must give 2 values for .* gave \(2,\), .*"),
     (AUV, disturbance(effect=lambda self, z, state: z[..., [0, 2]]), r"effect of Mine failed on z of shape .*"),
-    (AUV, disturbance(told="state"), "unknown way to tell a filter of a disturbance .state. .*"),
+    (AUV, disturbance(assumed_as="state"), "unknown way to assume a disturbance .state. .*"),
 ]  # fmt: skip
 
 
@@ -694,7 +706,7 @@ MISDECLARED = [
 def test_a_disturbance_that_is_misdeclared_is_refused_in_one_sentence(env_id: str, mine: Disturbance, sentence: str):
     for refused in (
         lambda: make_core(env_id, 1, disturbance=mine),
-        lambda: make_core(env_id, 1, estimator_options={"told": {"disturbance": mine}}),
+        lambda: make_core(env_id, 1, estimator_options={"assume": {"disturbance": mine}}),
     ):
         assert_refused(refused, ValueError, f"^{sentence}$")
 
@@ -722,7 +734,7 @@ def sensor(reads: Callable[..., np.ndarray], **changed: Any) -> Sensor:
 WRONG_SENSORS = [
     (AUV, sensor(plain((6,))), r"reads of mine must give 2 values for each state: \(2, 3, 12\) gave \(2, 3, 1\), .*"),
     (AUV, sensor(plain((11, 12))), "reads of mine must give 2 values for each state: .*"),
-    (AUV, sensor(lambda state, forcing: state[..., [11, 12]]), "reads of mine failed on states of shape .*"),
+    (AUV, sensor(lambda state, exogenous: state[..., [11, 12]]), "reads of mine failed on states of shape .*"),
     (AUV, sensor(plain((6, 7)), rate=3.0), "mine reads at 3 Hz, which does not divide the 10 steps a second: .*"),
     (SHIP, sensor(plain((0, 1))), "mine reads x, which filters of this model do not estimate .they estimate v, r, "
                                   "psi.: leave it out, or choose another model"),
@@ -730,10 +742,10 @@ WRONG_SENSORS = [
     (AUV, sensor(plain((6, 7)), bias=Bias(("x", "y"), start=(1.0, 1.0))), "a bias is called 'x', as another .*"),
     (AUV, sensor(plain((6, 7)), bias=Bias(("current north",), start=(1.0,))),
      "a bias is called 'current north', as is a component of Water"),
-    (AUV, sensor(plain((6, 7)), informs=(("x", "curent north"), ("y",))),
-     r"unknown state that mine informs 'curent north' \(did you mean 'current north'\?\): choose from u, .*"),
-    (AUV, sensor(plain((6, 7)), informs=((), ())),
-     "mine informs nothing that this filter estimates: name some of u, .*"),
+    (AUV, sensor(plain((6, 7)), corrects=(("x", "curent north"), ("y",))),
+     r"unknown state that mine corrects 'curent north' \(did you mean 'current north'\?\): choose from u, .*"),
+    (AUV, sensor(plain((6, 7)), corrects=((), ())),
+     "mine corrects nothing that this filter estimates: name some of u, .*"),
 ]  # fmt: skip
 
 
@@ -745,20 +757,20 @@ def test_a_sensor_that_is_misdeclared_is_refused_in_one_sentence(env_id: str, mi
 
 def test_a_sensor_may_inform_what_acts_or_is_biased_or_what_this_filter_does_not_estimate():
     bias = Bias(("bias x",), start=(1.0,))
-    mine = sensor(plain((6, 7)), bias=bias, informs=(("x", "bias x", "current north"), ("surface current east", "u")))
+    mine = sensor(plain((6, 7)), bias=bias, corrects=(("x", "bias x", "current north"), ("surface current east", "u")))
     sensors = [*single_class(AUV).system.vehicle.sensors, mine]
-    for chosen in ({}, {"told": {"as": "noise"}}, {"told": {"disturbance": "calm"}}):
+    for chosen in ({}, {"assume": {"as": "process-noise"}}, {"assume": {"disturbance": "calm"}}):
         make_core(AUV, 1, sensors=sensors, disturbance=OWN["sheared"], estimator_options=chosen | {"members": 20})
 
 
-CURRENT_METER = Sensor("current meter", ("north", "east"), lambda state, forcing: forcing[..., 1:3], (0.05, 0.05))
+CURRENT_METER = Sensor("current meter", ("north", "east"), lambda state, exogenous: exogenous[..., 1:3], (0.05, 0.05))
 
 
-@pytest.mark.parametrize("how", ["states", "input"])
+@pytest.mark.parametrize("how", ["states", "unknown-input"])
 @pytest.mark.parametrize("estimator", ["kf", "ekf"])
 def test_a_current_that_a_sensor_alone_shows_is_a_state_of_who_is_told_of_it(estimator: str, how: str):
     sensors = [*single_class(SHIP).system.vehicle.sensors, CURRENT_METER]
-    options = {"told": {"as": how}}
+    options = {"assume": {"as": how}}
     core = make_core(SHIP, 50, seed=14, estimator=estimator, estimator_options=options, sensors=sensors)
     core.reset()
     for _ in range(60):
@@ -771,47 +783,47 @@ def test_a_current_that_a_sensor_alone_shows_is_a_state_of_who_is_told_of_it(est
 
 
 def test_a_current_that_shows_on_other_headings_only_is_a_state_too():
-    def over_ground(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+    def over_ground(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
         psi = state[..., 2]
-        return (state[..., 3] + np.cos(psi) * forcing[..., 1] + np.sin(psi) * forcing[..., 2])[..., None]
+        return (state[..., 3] + np.cos(psi) * exogenous[..., 1] + np.sin(psi) * exogenous[..., 2])[..., None]
 
     log = Sensor("log", ("u over ground",), over_ground, (0.05,))
     sensors = [*single_class(SHIP).system.vehicle.sensors, log]
-    core = make_core(SHIP, 1, estimator="ekf", estimator_options={"told": {"as": "states"}}, sensors=sensors)
+    core = make_core(SHIP, 1, estimator="ekf", estimator_options={"assume": {"as": "states"}}, sensors=sensors)
     assert core.composition.names[-2:] == ("current north", "current east")
 
 
 @pytest.mark.filterwarnings("error")
 def test_a_sensor_may_read_what_has_no_value_at_rest():
-    drift = Sensor("vane", ("drift angle",), lambda state, forcing: state[..., 4:5] / state[..., 3:4], (0.01,))
+    drift = Sensor("vane", ("drift angle",), lambda state, exogenous: state[..., 4:5] / state[..., 3:4], (0.01,))
     sensors = [*single_class(SHIP).system.vehicle.sensors, drift]
-    for chosen in ({}, {"told": {"as": "noise"}}, {"told": {"as": "states"}}):
+    for chosen in ({}, {"assume": {"as": "process-noise"}}, {"assume": {"as": "states"}}):
         make_core(SHIP, 1, estimator="ekf", estimator_options=chosen, sensors=sensors).reset()
 
 
 def test_what_is_told_as_white_by_itself_concerns_none_that_has_no_model():
-    mine = type("Mine", (Sea,), {"told": "white"})(wave=0.01, peak=0.8, gust=0.002, current=0.3)
+    mine = type("Mine", (Sea,), {"assumed_as": "white-input"})(wave=0.01, peak=0.8, gust=0.002, current=0.3)
     for estimator in ("kf", "truth", "measurement", "dead-reckoning"):
         make_core(SHIP, 1, estimator=estimator, disturbance=mine).reset()
-    assert_refused(lambda: make_core(SHIP, 1, estimator="ekf", disturbance=mine), ValueError, "^only kf can be told")
+    assert_refused(lambda: make_core(SHIP, 1, estimator="ekf", disturbance=mine), ValueError, "^only kf can assume")
 
 
 def test_a_current_that_nobody_is_told_of_may_be_read_by_who_does_without_a_model_of_measurements():
     sensors = [*single_class(SHIP).system.vehicle.sensors, CURRENT_METER]
-    noise = type("Noise", (Sea,), {"told": "noise"})(wave=0.01, peak=0.8, gust=0.002, current=0.3)
+    noise = type("Noise", (Sea,), {"assumed_as": "process-noise"})(wave=0.01, peak=0.8, gust=0.002, current=0.3)
     chosen: dict[str, Any] = {"sensors": sensors, "disturbance": noise}
     for estimator in ("truth", "measurement", "dead-reckoning"):
         make_core(SHIP, 1, estimator=estimator, observe="measurement", guidance=True, **chosen).reset()
-    make_core(SHIP, 1, estimator="kf", estimator_options={"told": {"as": "noise"}}, **chosen)  # who insists
+    make_core(SHIP, 1, estimator="kf", estimator_options={"assume": {"as": "process-noise"}}, **chosen)  # who insists
     sentence = (
-        '^current meter reads current north, of which a filter knows nothing that is told of Noise as "noise": tell it '
-        'with {"as": "states"}, or leave it out$'
+        '^current meter reads current north, of which a filter knows nothing that assumes Noise as "process-noise": '
+        'assume it with {"as": "states"}, or leave it out$'
     )
     assert_refused(lambda: make_core(SHIP, 1, estimator="kf", **chosen), ValueError, sentence)
 
 
 def test_a_sensor_that_is_not_linear_is_refused_by_linear_filters_alone():
-    squared = sensor(lambda state, forcing: state[..., [2, 2]] ** 2)
+    squared = sensor(lambda state, exogenous: state[..., [2, 2]] ** 2)
     sensors = [*single_class(SHIP).system.vehicle.sensors, squared]
     sentence = "^mine is not linear in what the filter estimates: choose a filter for nonlinear models$"
     assert_refused(lambda: make_core(SHIP, 1, sensors=sensors), ValueError, sentence)
@@ -830,9 +842,9 @@ def test_surge_may_be_read_where_the_model_has_it():
 
 SEAS = "calm, moderate, rough(, surface)?"
 WRONGLY_TOLD = [
-    ({"sea": "calm"}, TypeError, "unknown key of told 'sea': choose from disturbance, as, Q, R, prior"),
-    ({"how": "states"}, TypeError, "unknown key of told 'how': choose from disturbance, as, Q, R, prior"),
-    ("calm", TypeError, "told must be a dictionary of values by name, or None, got 'calm'"),
+    ({"sea": "calm"}, TypeError, "unknown key of assume 'sea': choose from disturbance, as, Q, R, prior"),
+    ({"how": "states"}, TypeError, "unknown key of assume 'how': choose from disturbance, as, Q, R, prior"),
+    ("calm", TypeError, "assume must be a dictionary of values by name, or None, got 'calm'"),
     (
         {"disturbance": "hurricane"},
         ValueError,
@@ -846,42 +858,42 @@ WRONGLY_TOLD = [
     (
         {"as": "state"},
         ValueError,
-        "unknown way to tell a filter of a disturbance .state. .* choose from states, input, white, noise",
+        "unknown way to assume a disturbance .state. .* choose from states, unknown-input, white-input, process-noise",
     ),
-    ({"as": ["states"]}, ValueError, "unknown way to tell a filter of a disturbance .'states'.: choose from .*"),
-    ({"as": np.ones(2)}, ValueError, "unknown way to tell a filter of a disturbance array.*: choose from .*"),
-    ({"as": None}, ValueError, "unknown way to tell a filter of a disturbance None: choose from .*"),
-    ({"Q": 0.0}, ValueError, "Q of told must be a factor above 0, got 0.0"),
-    ({"R": -1.0}, ValueError, "R of told must be a factor above 0, got -1.0"),
-    ({"prior": np.nan}, ValueError, "prior of told must be a factor above 0, got nan"),
-    ({"Q": np.inf}, ValueError, "Q of told must be a factor above 0, got inf"),
-    ({"Q": "2"}, ValueError, "Q of told must be a factor above 0, got '2'"),
-    ({"R": np.eye(2)}, ValueError, "R of told must be a factor above 0, got .*"),
+    ({"as": ["states"]}, ValueError, "unknown way to assume a disturbance .'states'.: choose from .*"),
+    ({"as": np.ones(2)}, ValueError, "unknown way to assume a disturbance array.*: choose from .*"),
+    ({"as": None}, ValueError, "unknown way to assume a disturbance None: choose from .*"),
+    ({"Q": 0.0}, ValueError, "Q of assume must be a factor above 0, got 0.0"),
+    ({"R": -1.0}, ValueError, "R of assume must be a factor above 0, got -1.0"),
+    ({"prior": np.nan}, ValueError, "prior of assume must be a factor above 0, got nan"),
+    ({"Q": np.inf}, ValueError, "Q of assume must be a factor above 0, got inf"),
+    ({"Q": "2"}, ValueError, "Q of assume must be a factor above 0, got '2'"),
+    ({"R": np.eye(2)}, ValueError, "R of assume must be a factor above 0, got .*"),
 ]
 
 
 @every_environment
 @pytest.mark.parametrize(("wrong", "kind", "sentence"), WRONGLY_TOLD, ids=range(len(WRONGLY_TOLD)))
 def test_what_cannot_be_told_is_refused_in_one_sentence(env_id: str, wrong: Any, kind: type[Exception], sentence: str):
-    options = {"told": wrong}
+    options = {"assume": wrong}
     assert_refused(lambda: make_core(env_id, 1, estimator="ekf", estimator_options=options), kind, f"^{sentence}$")
-    assert options == {"told": wrong}
+    assert options == {"assume": wrong}
 
 
-def test_a_white_kick_that_a_sensor_reads_as_it_comes_is_told_as_input():
-    """Of such a kick measurement and state know at once: then a Kalman filter that is told of its variance is exact."""
-    shaken = {"names": (), "forces": (), "process": Process.joined(), "dt": 0.5, "shakes": ("yaw increment",),
+def test_a_white_increment_that_a_sensor_reads_as_it_comes_is_told_as_input():
+    """State and measurement have it at once: then a Kalman filter that assumes its variance is exact."""
+    shaken = {"names": (), "forces": (), "process": Process.joined(), "dt": 0.5, "white_increments": ("yaw increment",),
               "white": np.array([[0.009]])}  # fmt: skip
     sentence = (
-        '^a sensor reads the white kicks of Mine as they come: a filter is told of them with {"as": "input"}, or '
-        '{"as": "white"}$'
+        '^a sensor reads the white increments of Mine as they come: assume them with {"as": "unknown-input"}, or '
+        '{"as": "white-input"}$'
     )
     assert_refused(lambda: make_core(SHIP, 1, disturbance=disturbance(**shaken)), ValueError, sentence)
-    mine = disturbance(**shaken, told="input")
-    np.testing.assert_allclose(Forces(single_class(SHIP).system.vehicle, mine).kick_cov, [[0.009**2]])
+    mine = disturbance(**shaken, assumed_as="unknown-input")
+    np.testing.assert_allclose(Forces(single_class(SHIP).system.vehicle, mine).increment_cov, [[0.009**2]])
     errors = []
-    for estimator, how in (("kf", "white"), ("kf", "input"), ("kf-umv-ui", "input")):
-        options = {"told": {"as": how}}
+    for estimator, how in (("kf", "white-input"), ("kf", "unknown-input"), ("kf-umv-ui", "unknown-input")):
+        options = {"assume": {"as": how}}
         core = make_core(SHIP, 32, seed=13, estimator=estimator, estimator_options=options, disturbance=mine)
         seen = flown(core, 100)
         errors.append(np.sqrt(np.mean((seen["estimate"][..., 2] - seen["truth"][..., 2]) ** 2, 0)))
@@ -901,7 +913,9 @@ def test_the_names_of_a_composition_are_unique_and_every_state_has_one():
 
 def test_a_composition_can_be_made_without_an_environment():
     vehicle = single_class(AUV).system.vehicle
-    sensors = Sensors(SUITES["nominal"].of(vehicle.sensors), vehicle.state_names, vehicle.kicks + vehicle.flows, 0.1)
+    sensors = Sensors(
+        SUITES["nominal"].of(vehicle.sensors), vehicle.state_names, vehicle.increments + vehicle.ambient_flows, 0.1
+    )
     model = compose(vehicle, "nonlinear", OWN["sheared"], sensors).model
     ekf = make("ekf", model)
     x, u = vehicle.cruise
@@ -916,13 +930,13 @@ def test_an_effect_that_begins_somewhere_else_than_where_one_cruises_is_not_forg
         lambda self, z, state: np.stack([z[..., 0] * np.cos(z[..., 1]), z[..., 0] * np.sin(z[..., 1])], -1),
     ):
         core = make_core(AUV, 1, estimator="ekf", disturbance=disturbance(effect=effect))
-        assert core.composition.held.tolist() == [0, 1]
+        assert core.composition.estimated.tolist() == [0, 1]
 
 
 def test_a_measurement_that_is_no_number_has_not_come():
     from vessel_gym.sensors import Sensor
 
-    def echo(state, forcing):
+    def echo(state, exogenous):
         return np.where(state[..., :1] > 0.1, np.nan, state[..., 8:9])  # when under way
 
     broken = Sensor("echo", ("z",), echo, (0.1,))

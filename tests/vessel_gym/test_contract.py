@@ -382,11 +382,11 @@ def test_raw_measurements_do_not_change_when_truth_does_not_even_beside_the_orac
 @every_environment
 @pytest.mark.parametrize(
     "options",
-    [{"observe": "measurement", "estimator": "truth", "guidance": True}, {"guidance": False}, {"ends": "declaration"}],
+    [{"observe": "measurement", "estimator": "truth", "guidance": True}, {"guidance": False}, {"termination": "agent"}],
     ids=["guided by measurements", "unguided", "declared"],
 )
 def test_what_guides_and_what_ends_do_not_change_what_is_seen_when_truth_does(env_id: str, options: dict[str, Any]):
-    if "ends" in options and not single_class(env_id).system.task.success:
+    if "termination" in options and not single_class(env_id).system.task.success:
         pytest.skip("there is nothing to declare")
     one, other, distance = observations_when_truth_is_altered(env_id, sensors="degraded", **options)
     assert_apart(distance)
@@ -396,17 +396,17 @@ def test_what_guides_and_what_ends_do_not_change_what_is_seen_when_truth_does(en
 
 
 def told_the_position(monkeypatch: pytest.MonkeyPatch) -> None:
-    def reference(core: Core, course: np.ndarray, steps: np.ndarray, belief: Belief, state: np.ndarray) -> np.ndarray:
-        return core.task.reference(course, steps, state[:, core.config.based])
+    def reference(core: Core, scenario: np.ndarray, steps: np.ndarray, belief: Belief, state: np.ndarray) -> np.ndarray:
+        return core.task.reference(scenario, steps, state[:, core.config.based])
 
-    class Told(Mission):
+    class Assumptions(Mission):
         def equations(self, *arrays: np.ndarray, threads: int = 1) -> tuple[np.ndarray, ...]:
-            course, steps, declared, mean, known, state, *others = arrays
+            scenario, steps, declared, mean, known, state, *others = arrays
             mean = np.concatenate([state[:, self.based], mean[:, len(self.based) :]], -1)
-            return Mission.equations(self, course, steps, declared, mean, known, state, *others)
+            return Mission.equations(self, scenario, steps, declared, mean, known, state, *others)
 
     monkeypatch.setattr(Core, "_reference", reference)
-    monkeypatch.setattr(configuration, "_mission", Told)
+    monkeypatch.setattr(configuration, "_mission", Assumptions)
 
 
 def told_the_bias(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -468,13 +468,13 @@ def test_nothing_that_makes_an_observation_takes_the_truth(env_id: str):
     task = single_class(env_id).system.task
     allowed = {
         "observe": ["estimate", "reference", "actuators"],
-        "observe_state": ["estimate", "course"],
+        "observe_state": ["estimate", "scenario"],
         "observe_std": ["estimate"],
-        "observe_measurements": ["sensors", "measurements", "available", "course", "step"],
-        "observe_mission": ["course", "step", "actuators"],
-        "reference": ["course", "step", "state"],
+        "observe_measurements": ["sensors", "measurements", "available", "scenario", "step"],
+        "observe_mission": ["scenario", "step", "actuators"],
+        "reference": ["scenario", "step", "state"],
         "over": ["reference"],
-        "commanded": ["course", "step"],
+        "commanded": ["scenario", "step"],
     }
     for name, parameters in allowed.items():
         assert list(inspect.signature(getattr(task, name)).parameters) == parameters, name
@@ -575,7 +575,7 @@ def test_info_holds_the_truth_that_the_environment_holds(env_id: str):
         for name, value in zip(names, values[0], strict=True):
             assert column.get(name, value) == value, name
     assert set(core.vehicle.state_names) | set(core.sensors.bias_names) <= set(column)
-    assert core.forces.disturbance.told != "states" or set(core.forces.disturbance.names) <= set(column)
+    assert core.forces.disturbance.assumed_as != "states" or set(core.forces.disturbance.names) <= set(column)
 
 
 @every_environment
@@ -691,7 +691,7 @@ def test_absurd_measurements_raise_nothing_and_leave_no_trace_of_nan(env_id: str
         chosen = rng.random((rows, p)) < (1.0 if step < 25 else 0.3 if step < 50 else 0.0)
         measurements = None
         if step < 50:
-            nominal = core.sensors.exact(core.state, core.forcing, core.bias)
+            nominal = core.sensors.exact(core.state, core.exogenous, core.bias)
             measurements = np.where(chosen, absurd[0], nominal), np.where(chosen, absurd[1], True)
         reward, _ = core.step(next(walk), measurements=measurements)
         check(reward)
@@ -728,7 +728,7 @@ def cost_of_the_gap(core: Core, without: np.ndarray, members: float) -> np.ndarr
     task, belief, h = core.task, core.belief, 1e-6
 
     def seen(mean: np.ndarray) -> np.ndarray:
-        return task.observe(estimate_of(core, mean), task.reference(core.course, core.steps, mean), core.actuators)
+        return task.observe(estimate_of(core, mean), task.reference(core.scenario, core.steps, mean), core.actuators)
 
     units = np.eye(belief.mean.shape[-1])
     jacobian = np.stack([seen(belief.mean + h * e) - seen(belief.mean - h * e) for e in units], -1) / (2.0 * h)

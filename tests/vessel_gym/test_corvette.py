@@ -704,7 +704,7 @@ def test_the_trial_starts_straight_on_whatever_the_filter_s_prior():
     np.testing.assert_array_equal(actuators, np.zeros((4, 1)))
 
 
-def test_a_step_of_the_vehicle_is_a_step_of_the_ship_kicked_by_the_unknown_input():
+def test_a_step_of_the_vehicle_is_a_step_of_the_ship_with_the_unknown_input_added():
     rng = np.random.default_rng(10)
     states, controls = random_motions(rng, 6)
     before, after, around = controls[:, :1], controls[:, :1] + 0.02, controls[:, 1:]
@@ -762,8 +762,8 @@ def test_the_filter_s_noise_is_that_of_the_simulation_row_by_row(kind):
 
 def test_with_other_sensors_the_filter_s_noise_is_theirs():
     compass = sensors_of(VEHICLE).each[0]
-    sensors = Sensors([compass], VEHICLE.state_names, VEHICLE.kicks, VEHICLE.dt)
-    model = compose(VEHICLE, "corrected", UnknownStep(), sensors, "noise").model
+    sensors = Sensors([compass], VEHICLE.state_names, VEHICLE.increments, VEHICLE.dt)
+    model = compose(VEHICLE, "corrected", UnknownStep(), sensors, "process-noise").model
     np.testing.assert_array_equal(model.R, [[NOISE**2]])
 
 

@@ -40,7 +40,7 @@ def run(sea: Sea, seed: int, rows: int, steps: int) -> np.ndarray:
 
 def yaw_increment_var(sea: Sea) -> float:
     """Stationary variance of the yaw increment that a sea gives a ship in a step."""
-    return Forces(Ship(dt=sea.dt), sea).kick_cov.item()
+    return Forces(Ship(dt=sea.dt), sea).increment_cov.item()
 
 
 def assert_variance(samples: np.ndarray, variance: float):
@@ -91,10 +91,10 @@ def test_the_yaw_increment_of_a_step_has_the_size_that_was_chosen(name, sd, digi
 
 def test_the_unknown_input_is_the_yaw_rate_of_waves_and_gusts_over_a_step():
     state = np.random.default_rng(0).normal(size=(4, 3, 5))
-    forcing = SEAS["rough"].effect(state, np.zeros((4, 3, 6)))
-    assert forcing.shape == (4, 3, 3)
-    np.testing.assert_allclose(forcing[..., 0], 0.5 * (state[..., 1] + state[..., 2]))
-    np.testing.assert_array_equal(forcing[..., 1:], state[..., 3:])
+    exogenous = SEAS["rough"].effect(state, np.zeros((4, 3, 6)))
+    assert exogenous.shape == (4, 3, 3)
+    np.testing.assert_allclose(exogenous[..., 0], 0.5 * (state[..., 1] + state[..., 2]))
+    np.testing.assert_array_equal(exogenous[..., 1:], state[..., 3:])
 
 
 def test_a_gust_decays_with_its_time_constant_and_a_current_with_its_own():
@@ -183,8 +183,8 @@ def test_gusts_are_correlated_over_their_time_constant():
 WATER = Water(turbulence=0.01, spin=0.002, current=0.2, velocities=("u", "w"), rates=("q",), current_time=50.0, dt=0.1)
 
 
-def test_the_water_kicks_every_velocity_as_it_says():
-    assert WATER.shakes == ("kick u", "kick w", "kick q")
+def test_the_water_adds_to_every_velocity_as_it_says():
+    assert WATER.white_increments == ("u increment", "w increment", "q increment")
     np.testing.assert_array_equal(WATER.white, np.diag([0.01, 0.01, 0.002]))
     state = np.random.default_rng(0).normal(size=(4, 2))
     np.testing.assert_array_equal(WATER.effect(state, np.zeros((4, 6))), state)
@@ -347,13 +347,13 @@ def test_a_disturbance_has_its_stationary_sizes_from_the_first_step_on(env_id: s
 def test_what_acts_is_the_effect_of_the_disturbance_and_what_shakes(env_id: str):
     core = make_core(env_id, 3, seed=13, estimator="truth", disturbance="rough")
     core.reset()
-    disturbance, names = core.forces.disturbance, core.vehicle.kicks + core.vehicle.flows
+    disturbance, names = core.forces.disturbance, core.vehicle.increments + core.vehicle.ambient_flows
     for _ in range(3):
-        prescribed = core.task.exogenous(core.course, core.steps) if hasattr(core.task, "exogenous") else 0.0
-        acting = dict(zip(names, (core.forcing - prescribed).T, strict=True))
+        prescribed = core.task.exogenous(core.scenario, core.steps) if hasattr(core.task, "exogenous") else 0.0
+        acting = dict(zip(names, (core.exogenous - prescribed).T, strict=True))
         for name, values in zip(disturbance.forces, disturbance.effect(core.sea_state, core.state).T, strict=True):
             np.testing.assert_allclose(acting.pop(name), values, rtol=1e-14, atol=0)
-        for i, name in enumerate(disturbance.shakes):
+        for i, name in enumerate(disturbance.white_increments):
             np.testing.assert_array_equal(acting.pop(name), core.noise[:, i])
         assert not any(values.any() for values in acting.values())  # these give everything that acts
         core.step(np.zeros((3, core.action_size)))

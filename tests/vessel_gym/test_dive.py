@@ -14,7 +14,7 @@ from estimators import Gaussian
 from vessel_gym.core import Core
 from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv
 from vessel_gym.filter_models.exogenous import Forces
-from vessel_gym.guidance.dive_path import course_to, follow, path_point
+from vessel_gym.guidance.dive_path import arc_to, follow, path_point
 from vessel_gym.sensors import SUITES, Sensors
 from vessel_gym.start import joint_prior
 from vessel_gym.system import Estimate, System
@@ -41,7 +41,7 @@ def states(task: Dive) -> int:
     return len(task.prior_sd)
 
 
-def flows(task: Dive) -> int:
+def ambient_flows(task: Dive) -> int:
     """How many components the current has."""
     return 1 if isinstance(task, VerticalDive) else 2
 
@@ -60,20 +60,22 @@ def score(task: Dive, truth: np.ndarray, *given: np.ndarray) -> tuple[np.ndarray
 
 def sensors_of(system: System) -> Sensors:
     vehicle = system.vehicle
-    return Sensors(SUITES["nominal"].of(vehicle.sensors), vehicle.state_names, vehicle.kicks + vehicle.flows, 0.1)
+    return Sensors(
+        SUITES["nominal"].of(vehicle.sensors), vehicle.state_names, vehicle.increments + vehicle.ambient_flows, 0.1
+    )
 
 
 def sizes(system: System) -> dict[str, int]:
     """The lengths of observations beside the nominal sensors and a filter that is told of the current."""
-    return sizes_by_mode(system.task.sizes(sensors_of(system).size, states(system.task) + flows(system.task)))
+    return sizes_by_mode(system.task.sizes(sensors_of(system).size, states(system.task) + ambient_flows(system.task)))
 
 
-def courses(task: Dive, n: int, seed: int = 0) -> np.ndarray:
-    return task.course(np.random.default_rng(seed).random((n, 3)), {})
+def scenarios(task: Dive, n: int, seed: int = 0) -> np.ndarray:
+    return task.scenario(np.random.default_rng(seed).random((n, 3)), {})
 
 
-def believed(task: Dive, mean: np.ndarray, course: np.ndarray) -> np.ndarray:
-    return task.reference(course, np.zeros(len(mean)), np.asarray(mean, float))
+def believed(task: Dive, mean: np.ndarray, scenario: np.ndarray) -> np.ndarray:
+    return task.reference(scenario, np.zeros(len(mean)), np.asarray(mean, float))
 
 
 def trim(task: Dive, rows: int = 1) -> np.ndarray:
@@ -89,8 +91,8 @@ def trim(task: Dive, rows: int = 1) -> np.ndarray:
 @DIVES
 def test_goals_are_drawn_evenly_from_their_box(system: System):
     task = system.task
-    course = courses(task, 4000)
-    goals = path_point(course[:, 1], course)[:, :3]
+    scenario = scenarios(task, 4000)
+    goals = path_point(scenario[:, 1], scenario)[:, :3]
     low, high = np.array(task.goal) - task.goal_spread, np.array(task.goal) + task.goal_spread
     assert (goals >= low - 1e-5).all()  # a straight path bends a little, see the path
     assert (goals <= high + 1e-5).all()
@@ -105,17 +107,17 @@ def test_every_goal_that_may_be_drawn_may_be_asked_for(system: System):
     task = system.task
     for corner in np.ndindex(3, 3, 3):
         goal = np.array(task.goal) + np.array(task.goal_spread) * (np.array(corner) - 1.0)
-        course = task.course(np.zeros((2, 3)), {"goal": goal})
-        np.testing.assert_allclose(path_point(course[:, 1], course)[:, :3], [goal, goal], atol=1e-5)
+        scenario = task.scenario(np.zeros((2, 3)), {"goal": goal})
+        np.testing.assert_allclose(path_point(scenario[:, 1], scenario)[:, :3], [goal, goal], atol=1e-5)
 
 
 def test_a_goal_can_be_asked_for_to_either_side():
     drawn = np.random.default_rng(1).random((5, 3))
     for goal in ((15.0, 0.0, 4.0), [10, -15, 0], np.array([0.0, 12.0, 2.0])):
-        course = SPATIAL.task.course(drawn, {"goal": goal})
-        np.testing.assert_allclose(path_point(course[:, 1], course)[:, :3], np.tile(goal, (5, 1)), atol=1e-6)
-    course = VERTICAL.task.course(drawn, {"goal": (70.0, 0.0, 0.0)})
-    np.testing.assert_allclose(course, np.tile([0.0, 70.0, 0.0], (5, 1)))
+        scenario = SPATIAL.task.scenario(drawn, {"goal": goal})
+        np.testing.assert_allclose(path_point(scenario[:, 1], scenario)[:, :3], np.tile(goal, (5, 1)), atol=1e-6)
+    scenario = VERTICAL.task.scenario(drawn, {"goal": (70.0, 0.0, 0.0)})
+    np.testing.assert_allclose(scenario, np.tile([0.0, 70.0, 0.0], (5, 1)))
 
 
 @DIVES
@@ -125,7 +127,7 @@ def test_a_goal_can_be_asked_for_to_either_side():
 )  # fmt: skip
 def test_a_goal_that_is_no_place_is_refused(system: System, goal: Any):
     with pytest.raises(ValueError, match=r"^goal must be") as why:
-        system.task.course(np.zeros((1, 3)), {"goal": goal})
+        system.task.scenario(np.zeros((1, 3)), {"goal": goal})
     assert str(why.value) == f"goal must be three finite numbers, metres north, east and down, got {goal!r}"
 
 
@@ -152,19 +154,19 @@ def test_a_goal_that_the_vehicle_cannot_dive_to_is_refused_with_the_limit(
     system: System, goal: tuple[float, float, float], sentence: str
 ):
     with pytest.raises(ValueError, match=f"^{sentence}$"):
-        system.task.course(np.zeros((1, 3)), {"goal": goal})
+        system.task.scenario(np.zeros((1, 3)), {"goal": goal})
 
 
 @pytest.mark.parametrize("goal", [(-20.0, 0.0, 3.0), (0.0, 20.0, 3.0), (20.0, 1e-3, 3.0), (1e-9, 30.0, 3.0)], ids=str)
 def test_the_vehicle_that_does_not_turn_is_never_sent_astern_or_aside(goal: tuple[float, float, float]):
     with pytest.raises(ValueError, match=r"the path to the goal|the goal must lie ahead"):
-        VERTICAL.task.course(np.zeros((1, 3)), {"goal": goal})
+        VERTICAL.task.scenario(np.zeros((1, 3)), {"goal": goal})
 
 
 @DIVES
 def test_an_unknown_option_is_refused_with_the_choices(system: System):
     with pytest.raises(ValueError, match=r"^unknown reset option 'radius': choose from goal$"):
-        system.task.course(np.zeros((1, 3)), {"radius": 1.0})
+        system.task.scenario(np.zeros((1, 3)), {"radius": 1.0})
 
 
 # --- the start --------------------------------------------------------------------------------------
@@ -172,8 +174,8 @@ def test_an_unknown_option_is_refused_with_the_choices(system: System):
 
 @DIVES
 def test_the_prior_lies_level_at_the_beginning_of_the_path_at_cruising_speed(system: System):
-    task, course = system.task, courses(system.task, 3)
-    prior, n = task.prior(course), states(task)
+    task, scenario = system.task, scenarios(system.task, 3)
+    prior, n = task.prior(scenario), states(task)
     np.testing.assert_array_equal(prior.mean, state(task, np.zeros((3, 3))))
     assert prior.cov.shape == (n, n)
     for water in system.disturbances.values():
@@ -181,40 +183,40 @@ def test_the_prior_lies_level_at_the_beginning_of_the_path_at_cruising_speed(sys
         assert np.linalg.eigvalsh(cov).min() > 0.0
         assert not cov[:n, n:].any()  # velocities are through the water: no current carries them
         np.testing.assert_array_equal(cov[:n, :n], prior.cov)
-        m, beside = n + flows(task), getattr(water, "beside", water)
-        np.testing.assert_allclose(np.diag(cov)[n:m], beside.current**2 / flows(task))
+        m, beside = n + ambient_flows(task), getattr(water, "beside", water)
+        np.testing.assert_allclose(np.diag(cov)[n:m], beside.current**2 / ambient_flows(task))
         np.testing.assert_array_equal(cov[m:, m:], np.eye(len(cov) - m))  # bands of waves, where there are any
-    np.testing.assert_allclose(believed(task, prior.mean, course)[:, :3], 0.0, atol=1e-12)
+    np.testing.assert_allclose(believed(task, prior.mean, scenario)[:, :3], 0.0, atol=1e-12)
 
 
 @DIVES
 def test_filters_are_told_the_actuators_before_and_after_a_step(system: System):
     before, after = np.arange(4.0).reshape(2, 2), 10.0 + np.arange(4.0).reshape(2, 2)
-    told = system.vehicle.known_input(before, after, system.task.commanded(courses(system.task, 2), np.zeros(2)))
+    told = system.vehicle.known_input(before, after, system.task.commanded(scenarios(system.task, 2), np.zeros(2)))
     np.testing.assert_array_equal(told[:, :4], [[0, 1, 10, 11], [2, 3, 12, 13]])
 
 
 def test_filters_in_the_plane_are_told_the_angle_of_the_path_where_one_cruises():
     system = VERTICAL
-    course, step = courses(system.task, 2), np.array([0, 200])
-    told = system.vehicle.known_input(np.zeros((2, 2)), np.zeros((2, 2)), system.task.commanded(course, step))
-    there = path_point(np.array([0.0, 30.0]), course)  # 20 s at 1.5 m/s
+    scenario, step = scenarios(system.task, 2), np.array([0, 200])
+    told = system.vehicle.known_input(np.zeros((2, 2)), np.zeros((2, 2)), system.task.commanded(scenario, step))
+    there = path_point(np.array([0.0, 30.0]), scenario)  # 20 s at 1.5 m/s
     np.testing.assert_allclose(np.tan(told[:, 4]), -there[:, 4], rtol=1e-12)
     np.testing.assert_array_equal(told[:, 5], 1.0)
-    late = system.task.commanded(course, np.array([2000, 3000]))
+    late = system.task.commanded(scenario, np.array([2000, 3000]))
     np.testing.assert_allclose(late, 0.0, atol=1e-12)  # level beyond the path's end
     assert system.vehicle.known_input(np.zeros((1, 2)), np.zeros((1, 2)), None)[0, 4] == 0.0
 
 
 @DIVES
 def test_the_reference_is_where_the_believed_position_is_on_the_path(system: System):
-    task, course = system.task, courses(system.task, 6)
+    task, scenario = system.task, scenarios(system.task, 6)
     rng = np.random.default_rng(2)
     mean = rng.normal(0.0, 1.0, (6, states(task))) * 5.0
-    reference = believed(task, mean, course)
+    reference = believed(task, mean, scenario)
     assert reference.shape == (6, 11)
-    np.testing.assert_array_equal(reference[:, :8], follow(task.position(mean), course, task.ahead))
-    np.testing.assert_array_equal(reference[:, 8:], course)
+    np.testing.assert_array_equal(reference[:, :8], follow(task.position(mean), scenario, task.ahead))
+    np.testing.assert_array_equal(reference[:, 8:], scenario)
 
 
 # --- what the agent sees ----------------------------------------------------------------------------
@@ -244,16 +246,16 @@ def random_states(task: Dive, rng: np.random.Generator, rows: int = 300) -> np.n
 @DIVES
 def test_vectors_in_the_observation_are_those_of_a_rotation_of_their_own(system: System):
     task, rng = system.task, np.random.default_rng(3)
-    x, course = random_states(task, rng), courses(task, 300, 3)
-    reference = believed(task, x, course)
+    x, scenario = random_states(task, rng), scenarios(task, 300, 3)
+    reference = believed(task, x, scenario)
     current = np.zeros((300, 3))
-    current[:, : flows(task)] = rng.normal(size=(300, flows(task)))
-    seen = task.named(task.observe(belief(x, current[:, : flows(task)]), reference, trim(task, 300)))
+    current[:, : ambient_flows(task)] = rng.normal(size=(300, ambient_flows(task)))
+    seen = task.named(task.observe(belief(x, current[:, : ambient_flows(task)]), reference, trim(task, 300)))
     position, inverse = task.position(x), body_axes(task, x).inv()
-    closest = path_point(reference[:, 0], course)
+    closest = path_point(reference[:, 0], scenario)
     vectors = {
         "path": closest[:, :3] - position,
-        "look": path_point(reference[:, 0] + task.ahead, course)[:, :3] - position,
+        "look": path_point(reference[:, 0] + task.ahead, scenario)[:, :3] - position,
         "current": current,
     }
     for name, vector in vectors.items():
@@ -269,21 +271,21 @@ def test_vectors_in_the_observation_are_those_of_a_rotation_of_their_own(system:
 @DIVES
 def test_the_other_errors_and_estimates_are_what_their_names_say(system: System):
     task, rng, names = system.task, np.random.default_rng(4), system.vehicle.state_names
-    x, course = random_states(task, rng), courses(task, 300, 4)
-    reference = believed(task, x, course)
+    x, scenario = random_states(task, rng), scenarios(task, 300, 4)
+    reference = believed(task, x, scenario)
     observation = task.observe(belief(x), reference, trim(task, 300))
     seen, column = task.named(observation), dict(zip(names, x.T, strict=True))
-    _, _, _, heading, slope = path_point(reference[:, 0], course).T
+    _, _, _, heading, slope = path_point(reference[:, 0], scenario).T
     expected = {
         "pitch error": -np.arctan(slope) - column["theta"],
-        "remaining": course[:, 1] - reference[:, 0],
+        "remaining": scenario[:, 1] - reference[:, 0],
         "surge error": column["u"] - task.auv.cruise_speed,
         "heave": column["w"], "pitch rate": column["q"], "pitch": column["theta"],
     }  # fmt: skip
     if isinstance(task, SpatialDive):
         turn = heading - column["psi"]
         expected |= {
-            "heading error": np.arctan2(np.sin(turn), np.cos(turn)), "curvature": course[:, 0] / course[:, 1],
+            "heading error": np.arctan2(np.sin(turn), np.cos(turn)), "curvature": scenario[:, 0] / scenario[:, 1],
             "sway": column["v"], "roll rate": column["p"], "yaw rate": column["r"], "roll": column["phi"],
         }  # fmt: skip
     for name, values in expected.items():
@@ -295,16 +297,16 @@ def test_the_other_errors_and_estimates_are_what_their_names_say(system: System)
 
 @DIVES
 def test_on_the_path_and_along_it_nothing_is_to_be_done(system: System):
-    task, course = system.task, courses(system.task, 40, 5)
-    s = np.random.default_rng(5).random(40) * course[:, 1]
-    x, y, z, heading, slope = path_point(s, course).T
+    task, scenario = system.task, scenarios(system.task, 40, 5)
+    s = np.random.default_rng(5).random(40) * scenario[:, 1]
+    x, y, z, heading, slope = path_point(s, scenario).T
     truth = state(task, np.stack([x, y, z], -1), -np.arctan(slope), heading)
-    seen = task.named(task.observe(belief(truth), believed(task, truth, course), trim(task, 40)))
+    seen = task.named(task.observe(belief(truth), believed(task, truth, scenario), trim(task, 40)))
     for name, values in seen.items():
         if name not in ("remaining", "curvature", "pitch") and not name.startswith("look"):
             np.testing.assert_allclose(values, 0.0, atol=1e-6, err_msg=name)
     assert (seen["look ahead"] > 0.9 * task.ahead).all()
-    np.testing.assert_allclose(seen["remaining"], course[:, 1] - s, atol=1e-6)
+    np.testing.assert_allclose(seen["remaining"], scenario[:, 1] - s, atol=1e-6)
 
 
 @DIVES
@@ -318,11 +320,11 @@ def test_names_and_scales_turn_an_observation_back_into_si(system: System):
 
 def test_the_heading_error_has_no_seam():
     """Headings may have turned any number of times; a hair off straight astern, the sign alone is free."""
-    task, course = SPATIAL.task, courses(SPATIAL.task, 1)
+    task, scenario = SPATIAL.task, scenarios(SPATIAL.task, 1)
     for turns in (-3, 0, 2):
         for error in (-3.1, -0.2, 0.0, 0.2, 3.1, np.pi - 1e-9, -np.pi + 1e-9):
             x = state(task, [[0.0, 0.0, 0.0]], heading=2.0 * np.pi * turns - error)
-            seen = task.named(task.observe(belief(x), believed(task, x, course), trim(task)))
+            seen = task.named(task.observe(belief(x), believed(task, x, scenario), trim(task)))
             assert abs(seen["heading error"][0]) <= np.pi * (1 + 1e-12)
             assert seen["heading error"][0] == pytest.approx(error, abs=1e-8)
 
@@ -330,10 +332,10 @@ def test_the_heading_error_has_no_seam():
 @DIVES
 @pytest.mark.parametrize("pitch", [1.55, -1.55, np.pi / 2, -np.pi / 2, 1.6])
 def test_near_the_pole_of_the_euler_angles_lengths_are_kept(system: System, pitch: float):
-    task, rng, course = system.task, np.random.default_rng(7), courses(system.task, 50, 7)
+    task, rng, scenario = system.task, np.random.default_rng(7), scenarios(system.task, 50, 7)
     x = random_states(task, rng, 50)
     x[:, 5 if isinstance(task, VerticalDive) else 10] = pitch
-    reference = believed(task, x, course)
+    reference = believed(task, x, scenario)
     observation = task.observe(belief(x), reference, trim(task, 50))
     assert np.isfinite(observation).all()
     seen = task.named(observation)
@@ -342,12 +344,12 @@ def test_near_the_pole_of_the_euler_angles_lengths_are_kept(system: System, pitc
 
 
 def test_an_observation_of_the_mirrored_dive_is_mirrored():
-    task, rng, course = SPATIAL.task, np.random.default_rng(8), courses(SPATIAL.task, 200, 8)
+    task, rng, scenario = SPATIAL.task, np.random.default_rng(8), scenarios(SPATIAL.task, 200, 8)
     x = random_states(task, rng, 200)
     mirror = np.where(np.isin(SPATIAL.vehicle.state_names, ["v", "p", "r", "y", "phi", "psi"]), -1, 1)
     actuators, current = rng.normal(size=(200, 3)), rng.normal(size=(200, 2))
-    one = task.observe(belief(x, current), believed(task, x, course), actuators)
-    port = course * [-1.0, 1.0, 1.0]
+    one = task.observe(belief(x, current), believed(task, x, scenario), actuators)
+    port = scenario * [-1.0, 1.0, 1.0]
     seen_to_port = belief(x * mirror, current * [1.0, -1.0])
     other = task.observe(seen_to_port, believed(task, x * mirror, port), actuators * [-1.0, 1.0, 1.0])
     odd = {"heading error", "curvature", "sway", "roll rate", "yaw rate", "roll"}
@@ -363,11 +365,11 @@ def test_standard_deviations_are_those_of_the_state_and_of_order_one_at_the_star
     seen = []
     for factor in (1.0, 4.0, -1.0):
         core.reset()
-        known = Gaussian(core.belief.mean, joint_prior(task.prior(core.course).cov, core.forces, core.sensors))
+        known = Gaussian(core.belief.mean, joint_prior(task.prior(core.scenario).cov, core.forces, core.sensors))
         core.loop.belief = core.filter.init(known)
         core.loop.belief = core.belief.replace(cov=factor * core.belief.cov)
-        seen.append(core.observe()[:, -states(task) - flows(task) :])
-    assert core.observe().shape == (2, sizes(system)["mean"] + states(task) + flows(task))
+        seen.append(core.observe()[:, -states(task) - ambient_flows(task) :])
+    assert core.observe().shape == (2, sizes(system)["mean"] + states(task) + ambient_flows(task))
     assert (seen[0] > 0.3).all()
     assert (seen[0] < 1.5).all()
     np.testing.assert_allclose(seen[1], 2.0 * seen[0], rtol=1e-6)  # float32
@@ -389,11 +391,11 @@ def test_actuators_are_seen_relative_to_their_limits(system: System):
 def test_raw_measurements_come_with_their_mask_and_the_course_and_no_estimate(system: System):
     task, sensors = system.task, sensors_of(system)
     p = sensors.size
-    course, rng = courses(task, 3, 9), np.random.default_rng(9)
+    scenario, rng = scenarios(task, 3, 9), np.random.default_rng(9)
     measurements, available = rng.normal(size=(3, p)), rng.random((3, p)) < 0.5
     measurements = np.where(available, measurements, 0.0)
-    raw = task.observe_measurements(sensors, measurements, available, course, np.zeros(3))
-    seen = np.hstack([raw, task.observe_mission(course, np.zeros(3), trim(task, 3))])
+    raw = task.observe_measurements(sensors, measurements, available, scenario, np.zeros(3))
+    seen = np.hstack([raw, task.observe_mission(scenario, np.zeros(3), trim(task, 3))])
     assert seen.shape == (3, sizes(system)["measurement"])
     np.testing.assert_array_equal(seen[:, p : 2 * p], available)
     assert ((seen[:, :p] == 0.0) == ~available).all()
@@ -410,80 +412,82 @@ def test_raw_measurements_come_with_their_mask_and_the_course_and_no_estimate(sy
 
 
 def fly(
-    task: Dive, course: np.ndarray, positions: np.ndarray, pitch: Any = 0.0, thrust: Any = None, error: Any = 0.0
+    task: Dive, scenario: np.ndarray, positions: np.ndarray, pitch: Any = 0.0, thrust: Any = None, error: Any = 0.0
 ) -> tuple[np.ndarray, str, np.ndarray]:
-    """Rewards ``(k,)``, end and last tally of a flight through positions ``(k + 1, 3)``, to its end or the last.
+    """Rewards ``(k,)``, end and last score state of a flight through positions ``(k + 1, 3)``, to its end or the last.
 
     Args:
         task: The task.
-        course: ``(3,)``.
+        scenario: ``(3,)``.
         positions: Where the vehicle truly is.
         pitch: rad.
         thrust: N; None: that of cruising.
         error: ``(3,)`` where it believes to be less where it is.
     """
-    course, actuators = course[None], trim(task)
+    scenario, actuators = scenario[None], trim(task)
     if thrust is not None:
         actuators[:, -1] = thrust
-    tally, rewards, end = task.begin(state(task, positions[0]), course), [], 0
+    score_state, rewards, end = task.initial_score_state(state(task, positions[0]), scenario), [], 0
     for position in positions[1:]:
         truth = state(task, position, pitch)
-        reference = believed(task, state(task, np.asarray(position) + error), course)
-        reward, number, tally = score(task, truth, reference, actuators, np.zeros_like(actuators), tally)
+        reference = believed(task, state(task, np.asarray(position) + error), scenario)
+        reward, number, score_state = score(task, truth, reference, actuators, np.zeros_like(actuators), score_state)
         rewards.append(float(reward[0]))
         end = int(number[0])
         if end:
             break
-    return np.array(rewards), task.ends[end], tally[0]
+    return np.array(rewards), task.end_reasons[end], score_state[0]
 
 
-def along(course: np.ndarray, s: np.ndarray, cross: Any = 0.0, below: Any = 0.0) -> np.ndarray:
+def along(scenario: np.ndarray, s: np.ndarray, cross: Any = 0.0, below: Any = 0.0) -> np.ndarray:
     """Positions ``(k, 3)`` at progress s, off the path to starboard and below."""
-    x, y, z, heading, _ = path_point(s, course).T
+    x, y, z, heading, _ = path_point(s, scenario).T
     return np.stack([x - cross * np.sin(heading), y + cross * np.cos(heading), z + below], -1)
 
 
-def cruise(task: Dive, course: np.ndarray, slower: float = 1.0) -> np.ndarray:
+def cruise(task: Dive, scenario: np.ndarray, slower: float = 1.0) -> np.ndarray:
     """Progress ``(k,)`` at cruising speed along the path, from its beginning to just beyond its end."""
-    s = np.linspace(0.0, course[1], 4000)
-    metres = np.sqrt(1.0 + path_point(s, course)[:, 4] ** 2)
+    s = np.linspace(0.0, scenario[1], 4000)
+    metres = np.sqrt(1.0 + path_point(s, scenario)[:, 4] ** 2)
     track = np.concatenate([[0.0], np.cumsum(0.5 * (metres[1:] + metres[:-1]) * np.diff(s))])
     steps = np.arange(0.0, track[-1], task.auv.cruise_speed * task.dt / slower)
-    return np.append(np.interp(steps, track, s), course[1] + 1e-9)
+    return np.append(np.interp(steps, track, s), scenario[1] + 1e-9)
 
 
 @DIVES
 def test_a_perfect_flight_earns_nearly_one_and_no_flight_earns_more(system: System):
     task = system.task
-    for course in courses(task, 5, 10):
-        rewards, end, tally = fly(task, course, along(course, cruise(task, course)))
+    for scenario in scenarios(task, 5, 10):
+        rewards, end, score_state = fly(task, scenario, along(scenario, cruise(task, scenario)))
         assert end == "arrived"
         assert rewards.min() >= 0.0
         assert 0.98 < rewards.sum() <= 1.0
         assert rewards[:-1].sum() == pytest.approx(task.TRACKING, rel=2e-2)
-        assert tally[0] == pytest.approx(course[1])
+        assert score_state[0] == pytest.approx(scenario[1])
         for faster in (0.2, 0.4):  # five times as fast: not every metre counts then
-            assert fly(task, course, along(course, cruise(task, course, faster)))[0].sum() <= 1.0
+            assert fly(task, scenario, along(scenario, cruise(task, scenario, faster)))[0].sum() <= 1.0
 
 
 @DIVES
 def test_every_reward_and_every_sum_of_them_lies_between_zero_and_one(system: System):
     task, rows, rng = system.task, 400, np.random.default_rng(11)
-    course = courses(task, rows, 11)
+    scenario = scenarios(task, rows, 11)
     position = np.zeros((rows, 3))
-    tally, total = task.begin(state(task, position), course), np.zeros(rows)
+    score_state, total = task.initial_score_state(state(task, position), scenario), np.zeros(rows)
     live, largest = np.ones(rows, bool), 0.0
     for _ in range(300):
-        s = np.maximum(follow(position, course, 0.0)[:, 0] + rng.normal(0.3, 0.5, rows), -3.0)
-        x, y, z, heading, _ = path_point(s, course).T
+        s = np.maximum(follow(position, scenario, 0.0)[:, 0] + rng.normal(0.3, 0.5, rows), -3.0)
+        x, y, z, heading, _ = path_point(s, scenario).T
         aside = rng.normal(0.0, 0.3, rows) * isinstance(task, SpatialDive)
         position = np.stack(
             [x - aside * np.sin(heading), y + aside * np.cos(heading), z + rng.normal(0, 0.3, rows)], -1
         )
         actuators = trim(task, rows)
         actuators[:, -1] = rng.uniform(0.0, task.auv.thrust_limit, rows)
-        reference = believed(task, state(task, position + rng.normal(0.0, 0.3, (rows, 3))), course)
-        reward, end, tally = score(task, state(task, position), reference, actuators, 0.0 * actuators, tally)
+        reference = believed(task, state(task, position + rng.normal(0.0, 0.3, (rows, 3))), scenario)
+        reward, end, score_state = score(
+            task, state(task, position), reference, actuators, 0.0 * actuators, score_state
+        )
         assert reward.min() >= 0.0
         total += np.where(live, reward, 0.0)
         largest = max(largest, reward.max())
@@ -495,56 +499,58 @@ def test_every_reward_and_every_sum_of_them_lies_between_zero_and_one(system: Sy
 
 @DIVES
 def test_distance_from_the_path_costs_what_is_documented(system: System):
-    task, course = system.task, courses(system.task, 1, 12)[0]
-    s = cruise(task, course)[:-10]
-    on = fly(task, course, along(course, s))[0]
+    task, scenario = system.task, scenarios(system.task, 1, 12)[0]
+    s = cruise(task, scenario)[:-10]
+    on = fly(task, scenario, along(scenario, s))[0]
     for below, share in ((0.25, 0.5), (-0.25, 0.5), (0.5, 0.2), (-1.0, 1 / 17)):
-        slope = path_point(s, course)[:, 4]
-        off = fly(task, course, along(course, s, below=below * np.sqrt(1.0 + slope**2)))[0]  # as far at right angles
+        slope = path_point(s, scenario)[:, 4]
+        off = fly(task, scenario, along(scenario, s, below=below * np.sqrt(1.0 + slope**2)))[
+            0
+        ]  # as far at right angles
         np.testing.assert_allclose(off, share * on, rtol=1e-6, atol=1e-12)
     if isinstance(task, SpatialDive):
         for cross, share in ((0.25, 0.5), (-0.25, 0.5), (0.75, 0.1)):
-            off = fly(task, course, along(course, s, cross))[0]
+            off = fly(task, scenario, along(scenario, s, cross))[0]
             np.testing.assert_allclose(off, share * on, rtol=1e-6, atol=1e-12)
-            both = fly(task, course, along(course, s[:2], cross, 0.0))[0]
+            both = fly(task, scenario, along(scenario, s[:2], cross, 0.0))[0]
             np.testing.assert_allclose(both, off[:1])
 
 
 @pytest.mark.slow
 @DIVES
 def test_every_metre_pays_once_and_the_same(system: System):
-    task, course = system.task, courses(system.task, 1, 13)[0]
-    length = course[1]
+    task, scenario = system.task, scenarios(system.task, 1, 13)[0]
+    length = scenario[1]
     for step in (0.02, 0.1, 0.2):
         s = np.arange(0.0, 0.9 * length, step)
-        rewards, _, tally = fly(task, course, along(course, s))
+        rewards, _, score_state = fly(task, scenario, along(scenario, s))
         np.testing.assert_allclose(rewards, task.TRACKING * step / length, rtol=1e-6)
-        assert tally[0] == pytest.approx(s[-1])
+        assert score_state[0] == pytest.approx(s[-1])
     there = np.arange(0.0, 0.6 * length, 0.1)
     shuttle = np.concatenate([there, there[::-1], there, there[::-1], there])
-    rewards, _, tally = fly(task, course, along(course, shuttle))
+    rewards, _, score_state = fly(task, scenario, along(scenario, shuttle))
     assert rewards.sum() == pytest.approx(task.TRACKING * there[-1] / length)
     assert (rewards[len(there) :] == 0.0).all()
-    assert tally[0] == pytest.approx(there[-1])
+    assert score_state[0] == pytest.approx(there[-1])
 
 
 @DIVES
 def test_a_leap_pays_for_no_more_than_a_vehicle_may_cover_in_a_step(system: System):
-    task, course = system.task, courses(system.task, 1, 14)[0]
+    task, scenario = system.task, scenarios(system.task, 1, 14)[0]
     most = task.FASTEST * task.auv.cruise_speed * task.dt
-    rewards, _, tally = fly(task, course, along(course, np.array([0.0, 0.8 * course[1]])))
-    assert rewards[0] == pytest.approx(task.TRACKING * most / course[1])
-    assert tally[0] == pytest.approx(most)
+    rewards, _, score_state = fly(task, scenario, along(scenario, np.array([0.0, 0.8 * scenario[1]])))
+    assert rewards[0] == pytest.approx(task.TRACKING * most / scenario[1])
+    assert score_state[0] == pytest.approx(most)
 
 
 @DIVES
 def test_what_lies_behind_the_start_is_not_paid_for_twice(system: System):
     """A vehicle that begins ahead of the path's beginning has those metres behind it; one behind gets nothing more."""
-    task, course = system.task, courses(system.task, 1, 15)[0]
+    task, scenario = system.task, scenarios(system.task, 1, 15)[0]
     for first in (-2.0, -0.5, 0.0, 0.7):
-        s = np.arange(first, 0.5 * course[1], 0.1)
-        rewards, _, _ = fly(task, course, along(course, s))
-        assert rewards.sum() == pytest.approx(task.TRACKING * (s[-1] - max(first, 0.0)) / course[1])
+        s = np.arange(first, 0.5 * scenario[1], 0.1)
+        rewards, _, _ = fly(task, scenario, along(scenario, s))
+        assert rewards.sum() == pytest.approx(task.TRACKING * (s[-1] - max(first, 0.0)) / scenario[1])
 
 
 waypoints = st.lists(
@@ -566,9 +572,9 @@ def test_no_detour_ever_raises_the_score(
 
     The detour stays behind the farthest place so far: one that goes on covers new metres, and may cover them better.
     """
-    task, course = system.task, np.array([0.4, 24.0, 3.0])
+    task, scenario = system.task, np.array([0.4, 24.0, 3.0])
     if isinstance(task, VerticalDive):
-        course[0] = 0.0
+        scenario[0] = 0.0
     turning = float(isinstance(task, SpatialDive))
 
     def places(moves: list, s: float, farthest: float = np.inf) -> np.ndarray:
@@ -580,14 +586,14 @@ def test_no_detour_ever_raises_the_score(
 
     out = places(steps, 0.0)
     if arrive:
-        rest = np.arange(max(out[-1, 0], 0.0), course[1] + 0.1, 0.14)
+        rest = np.arange(max(out[-1, 0], 0.0), scenario[1] + 0.1, 0.14)
         out = np.concatenate([out, np.stack([rest, 0.0 * rest, 0.0 * rest], -1)])
     i = round(when * (len(out) - 1))
     away = places(detour, out[i, 0], max(out[: i + 1, 0].max(), 0.0))
     with_detour = np.concatenate([out[: i + 1], away, out[i:]])
     thrust = throttle * task.auv.thrust_limit
-    direct = fly(task, course, along(course, *out.T), thrust=thrust)[0].sum()
-    longer = fly(task, course, along(course, *with_detour.T), thrust=thrust)[0].sum()
+    direct = fly(task, scenario, along(scenario, *out.T), thrust=thrust)[0].sum()
+    longer = fly(task, scenario, along(scenario, *with_detour.T), thrust=thrust)[0].sum()
     assert longer <= direct + 1e-12
 
 
@@ -596,33 +602,33 @@ def test_no_detour_ever_raises_the_score(
 @settings(derandomize=True, max_examples=30, deadline=None)
 @given(steps=waypoints, when=st.floats(0.0, 1.0), pause=st.integers(1, 60), throttle=st.floats(0.0, 1.0))
 def test_no_pause_ever_raises_the_score(system: System, steps: list, when: float, pause: int, throttle: float):
-    task, course = system.task, np.array([0.0, 24.0, 3.0])
+    task, scenario = system.task, np.array([0.0, 24.0, 3.0])
     offset = np.array([s for s, _, _ in steps])
     s = np.concatenate([np.cumsum(np.abs(offset)), np.arange(np.abs(offset).sum(), 24.1, 0.14)])
     below = np.concatenate([[z for _, _, z in steps], np.zeros(len(s) - len(steps))])
     i, thrust = round(when * (len(s) - 1)), throttle * task.auv.thrust_limit
     waiting = np.repeat(np.arange(len(s)), np.where(np.arange(len(s)) == i, pause + 1, 1))
-    direct = fly(task, course, along(course, s, 0.0, below), thrust=thrust)[0].sum()
-    paused = fly(task, course, along(course, s[waiting], 0.0, below[waiting]), thrust=thrust)[0].sum()
+    direct = fly(task, scenario, along(scenario, s, 0.0, below), thrust=thrust)[0].sum()
+    paused = fly(task, scenario, along(scenario, s[waiting], 0.0, below[waiting]), thrust=thrust)[0].sum()
     assert paused <= direct + 1e-12
 
 
 @DIVES
 def test_ending_early_forgoes_the_rest(system: System):
     """Who believes to have arrived half way is paid for half the way, and next to nothing for arriving."""
-    task, course = system.task, courses(system.task, 1, 16)[0]
-    positions = along(course, cruise(task, course))
-    rewards, _, _ = fly(task, course, positions)
-    beyond = believed(task, state(task, path_point(course[1] + 1e-6, course)[:3]), course[None])
+    task, scenario = system.task, scenarios(system.task, 1, 16)[0]
+    positions = along(scenario, cruise(task, scenario))
+    rewards, _, _ = fly(task, scenario, positions)
+    beyond = believed(task, state(task, path_point(scenario[1] + 1e-6, scenario)[:3]), scenario[None])
     for share in (0.2, 0.5, 0.8, 0.95):
         flown = int(share * len(rewards))
-        early, end, tally = fly(task, course, positions[: flown + 1])
+        early, end, score_state = fly(task, scenario, positions[: flown + 1])
         assert end == ""
         np.testing.assert_array_equal(early, rewards[:flown])
         truth = state(task, positions[flown + 1])
-        last, number, _ = score(task, truth, beyond, trim(task), 0.0 * trim(task), tally[None])
+        last, number, _ = score(task, truth, beyond, trim(task), 0.0 * trim(task), score_state[None])
         miss = np.linalg.norm(positions[flown + 1] - positions[-1])
-        assert task.ends[number[0]] == "missed the goal"
+        assert task.end_reasons[number[0]] == "missed the goal"
         arriving = (1.0 - task.TRACKING) / (1.0 + (miss / task.GOAL_TOLERANCE) ** 2)
         assert last[0] <= (rewards[flown] + arriving) * (1.0 + 1e-6)
         assert early.sum() + last[0] < rewards.sum() - 0.9 * task.TRACKING * (1.0 - share)
@@ -631,10 +637,10 @@ def test_ending_early_forgoes_the_rest(system: System):
 @DIVES
 def test_arriving_is_by_belief_and_paid_by_truth(system: System):
     """The dive goes on while the vehicle believes to have some way to go, and ends when it believes to be there."""
-    task, course = system.task, courses(system.task, 1, 17)[0]
-    goal = path_point(course[1], course)
+    task, scenario = system.task, scenarios(system.task, 1, 17)[0]
+    goal = path_point(scenario[1], scenario)
     onward = np.array([np.cos(goal[3]), np.sin(goal[3]), 0.0])
-    energy = 0.5 * course[1] / task.auv.cruise_speed  # less than cruising takes: economy is at most 1
+    energy = 0.5 * scenario[1] / task.auv.cruise_speed  # less than cruising takes: economy is at most 1
     for miss, end in (
         (0.0, "arrived"),
         (0.3, "arrived"),
@@ -644,41 +650,41 @@ def test_arriving_is_by_belief_and_paid_by_truth(system: System):
     ):
         for direction in (-onward, onward, np.array([0.0, 0.0, 1.0 if miss < 2.5 else -1.0])):
             truth = state(task, goal[:3] + miss * direction)
-            arrived = believed(task, state(task, goal[:3] + 1e-6 * onward), course[None])
-            near = believed(task, state(task, goal[:3] - 1e-3 * onward), course[None])
-            tally = np.array([[course[1], energy]])
-            reward, number, _ = score(task, truth, arrived, trim(task), 0.0 * trim(task), tally)
-            assert task.ends[number[0]] == end
+            arrived = believed(task, state(task, goal[:3] + 1e-6 * onward), scenario[None])
+            near = believed(task, state(task, goal[:3] - 1e-3 * onward), scenario[None])
+            score_state = np.array([[scenario[1], energy]])
+            reward, number, _ = score(task, truth, arrived, trim(task), 0.0 * trim(task), score_state)
+            assert task.end_reasons[number[0]] == end
             assert reward[0] == pytest.approx((1 - task.TRACKING) / (1 + (miss / task.GOAL_TOLERANCE) ** 2))
-            reward, number, _ = score(task, truth, near, trim(task), 0.0 * trim(task), tally)
+            reward, number, _ = score(task, truth, near, trim(task), 0.0 * trim(task), score_state)
             assert (reward[0], number[0]) == (0.0, 0)
 
 
-def final_reward(task: Dive, course: np.ndarray, thrust: float, seconds: float) -> float:
+def final_reward(task: Dive, scenario: np.ndarray, thrust: float, seconds: float) -> float:
     """What arriving at the goal pays after so long at one thrust."""
-    goal = state(task, path_point(course[1], course)[:3])
+    goal = state(task, path_point(scenario[1], scenario)[:3])
     steps, actuators = round(seconds / task.dt), trim(task)
     actuators[:, -1] = thrust
-    tally = np.array([[course[1], 0.0]])
-    beyond = believed(task, state(task, path_point(course[1] + 1e-6, course)[:3]), course[None])
-    before = believed(task, state(task, path_point(course[1] - 0.1, course)[:3]), course[None])
+    score_state = np.array([[scenario[1], 0.0]])
+    beyond = believed(task, state(task, path_point(scenario[1] + 1e-6, scenario)[:3]), scenario[None])
+    before = believed(task, state(task, path_point(scenario[1] - 0.1, scenario)[:3]), scenario[None])
     for _ in range(steps - 1):
-        reward, _, tally = score(task, goal, before, actuators, 0.0 * actuators, tally)
+        reward, _, score_state = score(task, goal, before, actuators, 0.0 * actuators, score_state)
         assert reward[0] == 0.0
-    return float(score(task, goal, beyond, actuators, 0.0 * actuators, tally)[0][0])
+    return float(score(task, goal, beyond, actuators, 0.0 * actuators, score_state)[0][0])
 
 
 @DIVES
 def test_arriving_pays_by_the_energy_of_a_cruise_over_that_used(system: System):
-    task, course = system.task, courses(system.task, 1, 18)[0]
+    task, scenario = system.task, scenarios(system.task, 1, 18)[0]
     cruising, most = task.auv.cruise_thrust, 1.0 - task.TRACKING
-    straight = np.hypot(course[1], course[2]) / task.auv.cruise_speed
-    assert final_reward(task, course, cruising, straight) == pytest.approx(most, rel=1e-2)
-    assert final_reward(task, course, cruising, 2.0 * straight) == pytest.approx(0.5 * most, rel=1e-2)
-    assert final_reward(task, course, 0.0, 1.5 * straight) == pytest.approx(most, rel=1e-2)  # hotel load: two thirds
-    assert final_reward(task, course, 0.0, 3.0 * straight) == pytest.approx(0.5 * most, rel=1e-2)
-    assert final_reward(task, course, 4.0 ** (2 / 3) * cruising, straight) == pytest.approx(0.5 * most, rel=1e-2)
-    assert final_reward(task, course, 0.1 * cruising, 0.5 * straight) == pytest.approx(
+    straight = np.hypot(scenario[1], scenario[2]) / task.auv.cruise_speed
+    assert final_reward(task, scenario, cruising, straight) == pytest.approx(most, rel=1e-2)
+    assert final_reward(task, scenario, cruising, 2.0 * straight) == pytest.approx(0.5 * most, rel=1e-2)
+    assert final_reward(task, scenario, 0.0, 1.5 * straight) == pytest.approx(most, rel=1e-2)  # hotel load: two thirds
+    assert final_reward(task, scenario, 0.0, 3.0 * straight) == pytest.approx(0.5 * most, rel=1e-2)
+    assert final_reward(task, scenario, 4.0 ** (2 / 3) * cruising, straight) == pytest.approx(0.5 * most, rel=1e-2)
+    assert final_reward(task, scenario, 0.1 * cruising, 0.5 * straight) == pytest.approx(
         most
     )  # never more than all of it
 
@@ -699,58 +705,61 @@ def test_steady_cruising_is_the_cheapest_speed_but_for_a_few_per_cent(system: Sy
 # --- ends -------------------------------------------------------------------------------------------
 
 
-def ended(task: Dive, position: Any, course: np.ndarray, pitch: float = 0.0) -> str:
+def ended(task: Dive, position: Any, scenario: np.ndarray, pitch: float = 0.0) -> str:
     """The end of a vehicle that believes to be at the path's beginning."""
-    truth, reference = state(task, position, pitch), believed(task, state(task, [0.0, 0.0, 0.0]), course[None])
-    tally = task.begin(state(task, [0.0, 0.0, 0.0]), course[None])
-    return task.ends[score(task, truth, reference, trim(task), 0.0 * trim(task), tally)[1][0]]
+    truth, reference = state(task, position, pitch), believed(task, state(task, [0.0, 0.0, 0.0]), scenario[None])
+    score_state = task.initial_score_state(state(task, [0.0, 0.0, 0.0]), scenario[None])
+    return task.end_reasons[score(task, truth, reference, trim(task), 0.0 * trim(task), score_state)[1][0]]
 
 
 @DIVES
 def test_each_failure_ends_the_dive_with_its_reason_and_not_before(system: System):
-    task, course = system.task, courses(system.task, 1, 19)[0]
-    middle, length, depth = 0.5 * course[1], course[1], course[2]
-    slope = path_point(middle, course)[4]
+    task, scenario = system.task, scenarios(system.task, 1, 19)[0]
+    middle, length, depth = 0.5 * scenario[1], scenario[1], scenario[2]
+    slope = path_point(middle, scenario)[4]
     steep = np.sqrt(1.0 + slope**2)
-    assert ended(task, along(course, np.array([middle])), course) == ""
-    assert ended(task, along(course, np.array([middle]), below=-4.99 * steep), course) in ("", "surfaced")
+    assert ended(task, along(scenario, np.array([middle])), scenario) == ""
+    assert ended(task, along(scenario, np.array([middle]), below=-4.99 * steep), scenario) in ("", "surfaced")
     surface = -task.launch_depth
-    assert ended(task, [0.0, 0.0, surface + 0.01], course) == ""
-    assert ended(task, [0.0, 0.0, surface - 0.01], course) == "surfaced"
+    assert ended(task, [0.0, 0.0, surface + 0.01], scenario) == ""
+    assert ended(task, [0.0, 0.0, surface - 0.01], scenario) == "surfaced"
     bottom = depth + task.margin
-    assert ended(task, [*path_point(length, course)[:2], bottom - 0.01], course) == ""
-    assert ended(task, [*path_point(length, course)[:2], bottom + 0.01], course) == "too deep"
+    assert ended(task, [*path_point(length, scenario)[:2], bottom - 0.01], scenario) == ""
+    assert ended(task, [*path_point(length, scenario)[:2], bottom + 0.01], scenario) == "too deep"
     for side in (1.0, -1.0):
-        assert ended(task, [0.0, 0.0, 0.0], course, side * (task.PITCH_LIMIT - 0.01)) == ""
-        assert ended(task, [0.0, 0.0, 0.0], course, side * (task.PITCH_LIMIT + 0.01)) == "pitched over"
-    below = along(course, np.array([0.9 * middle]), below=0.0)[0]
-    distance = task.LOST * np.sqrt(1.0 + path_point(0.9 * middle, course)[4] ** 2)
+        assert ended(task, [0.0, 0.0, 0.0], scenario, side * (task.PITCH_LIMIT - 0.01)) == ""
+        assert ended(task, [0.0, 0.0, 0.0], scenario, side * (task.PITCH_LIMIT + 0.01)) == "pitched over"
+    below = along(scenario, np.array([0.9 * middle]), below=0.0)[0]
+    distance = task.LOST * np.sqrt(1.0 + path_point(0.9 * middle, scenario)[4] ** 2)
     if below[2] + distance < bottom:
-        assert ended(task, below + [0.0, 0.0, distance + 0.01], course) == "off the path"
-        assert ended(task, below + [0.0, 0.0, distance - 0.01], course) == ""
+        assert ended(task, below + [0.0, 0.0, distance + 0.01], scenario) == "off the path"
+        assert ended(task, below + [0.0, 0.0, distance - 0.01], scenario) == ""
     if isinstance(task, SpatialDive):
         for cross in (4.99, -4.99):
-            assert ended(task, along(course, np.array([middle]), cross), course) == ""
-            assert ended(task, along(course, np.array([middle]), cross * 1.01), course) == "off the path"
+            assert ended(task, along(scenario, np.array([middle]), cross), scenario) == ""
+            assert ended(task, along(scenario, np.array([middle]), cross * 1.01), scenario) == "off the path"
 
 
 def test_the_vertical_dive_is_lost_above_and_below_its_path():
-    task, course = VERTICAL.task, np.array([0.0, 60.0, 20.0])
-    point = path_point(30.0, course)
+    task, scenario = VERTICAL.task, np.array([0.0, 60.0, 20.0])
+    point = path_point(30.0, scenario)
     distance = task.LOST * np.sqrt(1.0 + point[4] ** 2)
     for side in (1.0, -1.0):
-        assert ended(task, point[:3] + [0.0, 0.0, side * (distance - 0.01)], course) == ""
-        assert ended(task, point[:3] + [0.0, 0.0, side * (distance + 0.01)], course) == "off the path"
+        assert ended(task, point[:3] + [0.0, 0.0, side * (distance - 0.01)], scenario) == ""
+        assert ended(task, point[:3] + [0.0, 0.0, side * (distance + 0.01)], scenario) == "off the path"
 
 
 @DIVES
 def test_believing_to_have_arrived_decides_whatever_else_happens(system: System):
     """The mission is over then; where the vehicle truly is says whether it was a success."""
-    task, course = system.task, courses(system.task, 1, 20)[0]
-    there = believed(task, state(task, path_point(course[1] + 1e-6, course)[:3]), course[None])
-    tally = np.array([[course[1], 20.0]])
+    task, scenario = system.task, scenarios(system.task, 1, 20)[0]
+    there = believed(task, state(task, path_point(scenario[1] + 1e-6, scenario)[:3]), scenario[None])
+    score_state = np.array([[scenario[1], 20.0]])
     surfaced = state(task, [0.0, 0.0, -5.0], 1.5)
-    assert task.ends[score(task, surfaced, there, trim(task), 0.0 * trim(task), tally)[1][0]] == "missed the goal"
+    assert (
+        task.end_reasons[score(task, surfaced, there, trim(task), 0.0 * trim(task), score_state)[1][0]]
+        == "missed the goal"
+    )
 
 
 @DIVES
@@ -759,44 +768,44 @@ def test_the_score_reads_position_and_pitch_of_the_truth_and_nothing_else(system
     truth = random_states(task, rng, 200)
     read = np.isin(names, ("x", "y", "z", "theta"))
     other = np.where(read, truth, rng.normal(size=truth.shape))
-    course = courses(task, 200, 21)
-    reference, tally = believed(task, truth + 0.1, course), np.abs(rng.normal(size=(200, 2)))
+    scenario = scenarios(task, 200, 21)
+    reference, score_state = believed(task, truth + 0.1, scenario), np.abs(rng.normal(size=(200, 2)))
     actuators = trim(task, 200)
     acting = np.zeros((200, 8)), rng.normal(size=(200, 8))
     one, two = (
-        task.score(values, forcing, reference, task.over(reference), actuators, 0.0 * actuators, tally)
-        for values, forcing in zip((truth, other), acting, strict=True)
+        task.score(values, exogenous, reference, task.over(reference), actuators, 0.0 * actuators, score_state)
+        for values, exogenous in zip((truth, other), acting, strict=True)
     )
     for a, b in zip(one, two, strict=True):
         np.testing.assert_array_equal(a, b)
-    np.testing.assert_array_equal(task.begin(truth, course), task.begin(other, course))
+    np.testing.assert_array_equal(task.initial_score_state(truth, scenario), task.initial_score_state(other, scenario))
 
 
 @DIVES
 def test_the_score_does_not_read_the_action_and_of_the_actuators_the_thrust_alone(system: System):
-    task, rng, course = system.task, np.random.default_rng(22), courses(system.task, 50, 22)
-    truth = state(task, path_point(course[:, 1], course)[:, :3])
-    reference, tally = believed(task, truth + 0.01, course), np.abs(rng.normal(size=(50, 2))) + 1.0
+    task, rng, scenario = system.task, np.random.default_rng(22), scenarios(system.task, 50, 22)
+    truth = state(task, path_point(scenario[:, 1], scenario)[:, :3])
+    reference, score_state = believed(task, truth + 0.01, scenario), np.abs(rng.normal(size=(50, 2))) + 1.0
     one, other = trim(task, 50), trim(task, 50)
     other[:, :-1] = rng.normal(size=other[:, :-1].shape)
-    a = score(task, truth, reference, one, np.zeros_like(one), tally)
-    b = score(task, truth, reference, other, rng.uniform(-1, 1, one.shape), tally)
+    a = score(task, truth, reference, one, np.zeros_like(one), score_state)
+    b = score(task, truth, reference, other, rng.uniform(-1, 1, one.shape), score_state)
     for left, right in zip(a, b, strict=True):
         np.testing.assert_array_equal(left, right)
 
 
 @DIVES
 def test_scoring_changes_nothing_that_it_is_given(system: System):
-    task, course = system.task, courses(system.task, 5, 23)
-    truth = state(task, path_point(0.5 * course[:, 1], course)[:, :3])
+    task, scenario = system.task, scenarios(system.task, 5, 23)
+    truth = state(task, path_point(0.5 * scenario[:, 1], scenario)[:, :3])
     given_ = [
         truth,
         np.ones((5, 8)),
-        believed(task, truth, course),
+        believed(task, truth, scenario),
         np.zeros(5, bool),
         trim(task, 5),
         trim(task, 5),
-        task.begin(truth, course),
+        task.initial_score_state(truth, scenario),
     ]
     copies = [array.copy() for array in given_]
     task.score(*given_)
@@ -806,20 +815,25 @@ def test_scoring_changes_nothing_that_it_is_given(system: System):
 
 def test_dives_to_port_are_scored_like_dives_to_starboard():
     task, rng, rows = SPATIAL.task, np.random.default_rng(24), 300
-    course, mirror = courses(task, rows, 24), np.array([-1.0, 1.0, 1.0])
+    scenario, mirror = scenarios(task, rows, 24), np.array([-1.0, 1.0, 1.0])
     flip = np.where(np.isin(SPATIAL.vehicle.state_names, ["v", "p", "r", "y", "phi", "psi"]), -1.0, 1.0)
     truth = random_states(task, rng, rows)
     guess = truth + rng.normal(0.0, 0.5, truth.shape)
-    actuators, tally = trim(task, rows) * rng.uniform(0.0, 1.5, (rows, 1)), np.abs(rng.normal(size=(rows, 2))) * 5.0
-    one = score(task, truth, believed(task, guess, course), actuators, actuators, tally)
-    port = believed(task, guess * flip, course * mirror)
-    other = score(task, truth * flip, port, actuators * mirror, actuators * mirror, tally)
+    actuators, score_state = (
+        trim(task, rows) * rng.uniform(0.0, 1.5, (rows, 1)),
+        np.abs(rng.normal(size=(rows, 2))) * 5.0,
+    )
+    one = score(task, truth, believed(task, guess, scenario), actuators, actuators, score_state)
+    port = believed(task, guess * flip, scenario * mirror)
+    other = score(task, truth * flip, port, actuators * mirror, actuators * mirror, score_state)
     np.testing.assert_allclose(other[0], one[0], rtol=1e-9, atol=1e-12)
     np.testing.assert_array_equal(other[1], one[1])
     np.testing.assert_allclose(other[2], one[2], rtol=1e-9)
-    np.testing.assert_allclose(task.begin(truth * flip, course * mirror), task.begin(truth, course), atol=1e-9)
+    np.testing.assert_allclose(
+        task.initial_score_state(truth * flip, scenario * mirror), task.initial_score_state(truth, scenario), atol=1e-9
+    )
 
 
 def test_a_dive_can_be_made_to_another_goal_by_data_alone():
     task = replace(SPATIAL.task, goal=(20.0, -5.0, 2.0), goal_spread=(0.0, 0.0, 0.0))
-    np.testing.assert_allclose(courses(task, 2), np.tile(course_to(np.array([20.0, -5.0, 2.0])), (2, 1)))
+    np.testing.assert_allclose(scenarios(task, 2), np.tile(arc_to(np.array([20.0, -5.0, 2.0])), (2, 1)))

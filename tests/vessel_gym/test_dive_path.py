@@ -7,22 +7,22 @@ from hypothesis import strategies as st
 from scipy.integrate import cumulative_simpson
 from scipy.optimize import minimize_scalar
 
-from vessel_gym.guidance.dive_path import course_to, follow, path_point
+from vessel_gym.guidance.dive_path import arc_to, follow, path_point
 
 ANGLES = st.floats(-5.5, 5.5)  # rad: up to seven eighths of a circle
 LENGTHS = st.floats(5.0, 200.0)  # m
 DEPTHS = st.floats(0.0, 30.0)  # m
-COURSES = st.tuples(ANGLES, LENGTHS, DEPTHS).map(np.array)
+ARCS = st.tuples(ANGLES, LENGTHS, DEPTHS).map(np.array)
 SOME = np.array([[1.2, 22.0, 6.0], [-2.0, 30.0, 4.0], [0.0, 60.0, 20.0], [4.5, 80.0, 10.0], [-1e-7, 25.0, 5.0]])
-DIVES = pytest.mark.parametrize("course", SOME, ids=lambda course: f"{course[0]:g} rad")
+DIVES = pytest.mark.parametrize("arc", SOME, ids=lambda arc: f"{arc[0]:g} rad")
 LAW = settings(derandomize=True, deadline=None)
 PORT = np.array([-1.0, 1.0, 1.0])  # a course, mirrored
 MIRROR = np.array([1.0, -1.0, 1.0])  # a position, mirrored
 
 
-def beside(s: np.ndarray, cross: np.ndarray, below: np.ndarray, course: np.ndarray) -> np.ndarray:
+def beside(s: np.ndarray, cross: np.ndarray, below: np.ndarray, arc: np.ndarray) -> np.ndarray:
     """Positions ``(..., 3)`` off the path at s, by ``cross`` metres to starboard and ``below``."""
-    x, y, z, heading, _ = np.moveaxis(path_point(s, course), -1, 0)
+    x, y, z, heading, _ = np.moveaxis(path_point(s, arc), -1, 0)
     return np.stack(np.broadcast_arrays(x - cross * np.sin(heading), y + cross * np.cos(heading), z + below), -1)
 
 
@@ -30,11 +30,11 @@ def beside(s: np.ndarray, cross: np.ndarray, below: np.ndarray, course: np.ndarr
 
 
 @LAW
-@given(COURSES)
-def test_the_path_leaves_the_origin_ahead_and_level_and_arrives_level(course: np.ndarray):
-    angle, length, depth = course
-    np.testing.assert_allclose(path_point(0.0, course), np.zeros(5), atol=1e-12)
-    end = path_point(length, course)
+@given(ARCS)
+def test_the_path_leaves_the_origin_ahead_and_level_and_arrives_level(arc: np.ndarray):
+    angle, length, depth = arc
+    np.testing.assert_allclose(path_point(0.0, arc), np.zeros(5), atol=1e-12)
+    end = path_point(length, arc)
     np.testing.assert_allclose(end[2:], [depth, angle, 0.0], rtol=1e-12, atol=1e-6)  # 1e-9 per metre of curvature
 
 
@@ -42,9 +42,9 @@ def test_the_path_leaves_the_origin_ahead_and_level_and_arrives_level(course: np
 @given(st.floats(2.0, 100.0), st.floats(-2.7, 2.7), DEPTHS)
 def test_the_course_to_a_goal_reaches_it(distance: float, bearing: float, depth: float):
     goal = np.array([distance * np.cos(bearing), distance * np.sin(bearing), depth])
-    course = course_to(goal)
-    np.testing.assert_allclose(path_point(course[1], course)[:3], goal, rtol=0, atol=1e-6 * distance)
-    assert course[0] == pytest.approx(2.0 * bearing, abs=1e-12)  # a tangent and its chord: half the angle
+    arc = arc_to(goal)
+    np.testing.assert_allclose(path_point(arc[1], arc)[:3], goal, rtol=0, atol=1e-6 * distance)
+    assert arc[0] == pytest.approx(2.0 * bearing, abs=1e-12)  # a tangent and its chord: half the angle
 
 
 def test_the_arc_to_a_goal_is_that_of_a_known_circle():
@@ -52,59 +52,59 @@ def test_the_arc_to_a_goal_is_that_of_a_known_circle():
     goals = np.array([[10.0, 10.0, 3.0], [0.0, 20.0, 3.0], [-10.0, 10.0, 3.0], [10.0, -10.0, 3.0]])
     quarters = np.array([1.0, 2.0, 3.0, -1.0])
     expected = np.stack([quarters * np.pi / 2, np.abs(quarters) * 5.0 * np.pi, np.full(4, 3.0)], -1)
-    np.testing.assert_allclose(course_to(goals), expected, rtol=1e-12)
+    np.testing.assert_allclose(arc_to(goals), expected, rtol=1e-12)
 
 
 @DIVES
-def test_heading_and_slope_are_the_derivatives_of_the_position(course: np.ndarray):
-    length = course[1]
+def test_heading_and_slope_are_the_derivatives_of_the_position(arc: np.ndarray):
+    length = arc[1]
     s, h = np.linspace(-5.0, length + 5.0, 400), 1e-4
     s = s[(np.abs(s) > h) & (np.abs(s - length) > h)]  # at the ends the slope has a corner
-    point = path_point(s, course)
-    rate = (path_point(s + h, course) - path_point(s - h, course)) / (2.0 * h)
+    point = path_point(s, arc)
+    rate = (path_point(s + h, arc) - path_point(s - h, arc)) / (2.0 * h)
     np.testing.assert_allclose(rate[:, 0], np.cos(point[:, 3]), atol=1e-7)
     np.testing.assert_allclose(rate[:, 1], np.sin(point[:, 3]), atol=1e-7)
     np.testing.assert_allclose(rate[:, 2], point[:, 4], atol=1e-7)
     inside = (s > h) & (s < length - h)
-    np.testing.assert_allclose(rate[inside, 3], course[0] / length, atol=2e-9)
+    np.testing.assert_allclose(rate[inside, 3], arc[0] / length, atol=2e-9)
     np.testing.assert_array_equal(rate[~inside, 3:], 0.0)
 
 
 @DIVES
-def test_positions_are_the_integral_of_heading_and_slope(course: np.ndarray):
-    s = np.linspace(0.0, course[1], 20_001)
-    x, y, z, heading, slope = path_point(s, course).T
+def test_positions_are_the_integral_of_heading_and_slope(arc: np.ndarray):
+    s = np.linspace(0.0, arc[1], 20_001)
+    x, y, z, heading, slope = path_point(s, arc).T
     for position, rate in ((x, np.cos(heading)), (y, np.sin(heading)), (z, slope)):
         np.testing.assert_allclose(cumulative_simpson(rate, x=s, initial=0.0), position, rtol=0, atol=1e-9)
 
 
 @DIVES
-def test_the_path_and_its_slope_are_continuous_at_its_ends(course: np.ndarray):
-    for end in (0.0, course[1]):
-        before, after = path_point(end - 1e-7, course), path_point(end + 1e-7, course)
+def test_the_path_and_its_slope_are_continuous_at_its_ends(arc: np.ndarray):
+    for end in (0.0, arc[1]):
+        before, after = path_point(end - 1e-7, arc), path_point(end + 1e-7, arc)
         np.testing.assert_allclose(before, after, rtol=0, atol=1e-6)
 
 
 @LAW
-@given(COURSES, st.floats(0.0, 100.0))
-def test_beyond_its_ends_the_path_goes_on_straight_and_level(course: np.ndarray, beyond: float):
-    for end, step in ((0.0, -beyond), (course[1], beyond)):
-        point, there = path_point(end, course), path_point(end + step, course)
+@given(ARCS, st.floats(0.0, 100.0))
+def test_beyond_its_ends_the_path_goes_on_straight_and_level(arc: np.ndarray, beyond: float):
+    for end, step in ((0.0, -beyond), (arc[1], beyond)):
+        point, there = path_point(end, arc), path_point(end + step, arc)
         straight = point + step * np.array([np.cos(point[3]), np.sin(point[3]), 0.0, 0.0, 0.0])
         straight[4] = 0.0
         np.testing.assert_allclose(there, straight, rtol=0, atol=1e-9)
 
 
 @LAW
-@given(COURSES)
-def test_the_depth_only_ever_rises_and_is_steepest_half_way(course: np.ndarray):
-    length, depth = course[1:]
+@given(ARCS)
+def test_the_depth_only_ever_rises_and_is_steepest_half_way(arc: np.ndarray):
+    length, depth = arc[1:]
     s = np.linspace(-1.0, length + 1.0, 301)
-    _, _, z, _, slope = path_point(s, course).T
+    _, _, z, _, slope = path_point(s, arc).T
     assert (np.diff(z) >= -1e-12).all()
     assert slope.max() <= 1.5 * depth / length * (1 + 1e-12)
-    assert path_point(0.5 * length, course)[4] == pytest.approx(1.5 * depth / length)
-    assert path_point(0.5 * length, course)[2] == pytest.approx(0.5 * depth)
+    assert path_point(0.5 * length, arc)[4] == pytest.approx(1.5 * depth / length)
+    assert path_point(0.5 * length, arc)[2] == pytest.approx(0.5 * depth)
 
 
 @LAW
@@ -124,29 +124,29 @@ def test_a_path_that_hardly_turns_is_the_straight_one(length: float, depth: floa
 
 @pytest.mark.slow
 @LAW
-@given(COURSES, st.floats(-1.0, 2.0), st.floats(-0.9, 0.9), st.floats(-10.0, 10.0))
-def test_a_position_off_the_path_is_found_again(course: np.ndarray, share: float, off: float, below: float):
-    angle, length, _ = course
+@given(ARCS, st.floats(-1.0, 2.0), st.floats(-0.9, 0.9), st.floats(-10.0, 10.0))
+def test_a_position_off_the_path_is_found_again(arc: np.ndarray, share: float, off: float, below: float):
+    angle, length, _ = arc
     radius = length / max(abs(angle), 1e-9)
     s, cross = share * length, off * min(radius, 20.0)
     if not 0.0 <= share <= 1.0:  # abreast of the straight pieces the arc may come nearer
         s, cross = (s if abs(angle) < 0.5 else np.clip(s, 0.0, length)), 0.2 * cross
-    seen = follow(beside(s, cross, below, course), course, 0.0)
+    seen = follow(beside(s, cross, below, arc), arc, 0.0)
     scale = 1e-7 * (1.0 + length)
     np.testing.assert_allclose(seen[:3], [s, cross, below], rtol=0, atol=scale)
-    np.testing.assert_allclose(seen[3:5], path_point(seen[0], course)[3:], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(seen[3:5], path_point(seen[0], arc)[3:], rtol=0, atol=1e-9)
 
 
 @LAW
-@given(COURSES, st.floats(-60.0, 60.0), st.floats(-60.0, 60.0), st.floats(-5.0, 30.0))
-def test_the_closest_point_in_plan_is_that_of_a_search(course: np.ndarray, north: float, east: float, down: float):
+@given(ARCS, st.floats(-60.0, 60.0), st.floats(-60.0, 60.0), st.floats(-5.0, 30.0))
+def test_the_closest_point_in_plan_is_that_of_a_search(arc: np.ndarray, north: float, east: float, down: float):
     """Of the piece, arc or straight, on which it lies."""
-    length = course[1]
+    length = arc[1]
     position = np.array([north, east, down])
-    seen = follow(position, course, 0.0)
+    seen = follow(position, arc, 0.0)
 
     def distance(s: np.ndarray) -> np.ndarray:
-        return np.hypot(*np.moveaxis(path_point(s, course)[..., :2] - position[:2], -1, 0))
+        return np.hypot(*np.moveaxis(path_point(s, arc)[..., :2] - position[:2], -1, 0))
 
     found = float(distance(seen[0]))
     if 0.0 <= seen[0] <= length:  # on the arc it is the closest of the arc
@@ -165,19 +165,19 @@ def test_the_closest_point_in_plan_is_that_of_a_search(course: np.ndarray, north
 
 @pytest.mark.slow
 @DIVES
-def test_a_position_is_before_the_start_or_beyond_the_end_only_where_it_is_behind_or_ahead_of_it(course: np.ndarray):
+def test_a_position_is_before_the_start_or_beyond_the_end_only_where_it_is_behind_or_ahead_of_it(arc: np.ndarray):
     """Even across the circle from the arc, where progress jumps from one end to the other."""
-    length = course[1]
+    length = arc[1]
     north, east = np.meshgrid(np.linspace(-90.0, 90.0, 91), np.linspace(-90.0, 90.0, 91))
     position = np.stack([north, east, 0.0 * north], -1).reshape(-1, 3)
-    progress, cross = follow(position, course, 0.0)[:, :2].T
-    end = path_point(length, course)
+    progress, cross = follow(position, arc, 0.0)[:, :2].T
+    end = path_point(length, arc)
     onward = (position - end[:3]) @ [np.cos(end[3]), np.sin(end[3]), 0.0]
     np.testing.assert_allclose(progress[progress < 0.0], position[progress < 0.0, 0])
     np.testing.assert_allclose(progress[progress > length] - length, onward[progress > length])
-    arc = path_point(np.linspace(0.0, length, 2001), course)[:, :2]
-    nearest = np.hypot(*(position[:, None, :2] - arc).T).min(0)
-    there = path_point(progress, course)[:, :2]
+    points = path_point(np.linspace(0.0, length, 2001), arc)[:, :2]
+    nearest = np.hypot(*(position[:, None, :2] - points).T).min(0)
+    there = path_point(progress, arc)[:, :2]
     on = (progress >= 0.0) & (progress <= length)
     assert 100 < on.sum() < len(on)
     np.testing.assert_allclose(np.hypot(*(position[:, :2] - there).T)[on], nearest[on], rtol=0, atol=2e-2)
@@ -186,48 +186,48 @@ def test_a_position_is_before_the_start_or_beyond_the_end_only_where_it_is_behin
 
 
 @LAW
-@given(COURSES, st.floats(0.0, 1.0), st.floats(-1.0, 1.0))
-def test_near_the_path_no_point_of_all_of_it_is_closer(course: np.ndarray, share: float, cross: float):
+@given(ARCS, st.floats(0.0, 1.0), st.floats(-1.0, 1.0))
+def test_near_the_path_no_point_of_all_of_it_is_closer(arc: np.ndarray, share: float, cross: float):
     """Where a vehicle may be that is not lost, unless the path bends back on itself."""
-    angle, length, _ = course
-    course = course * [min(1.0, 2.5 / max(abs(angle), 1e-9)), 1.0, 1.0]
-    position = beside(share * length, cross * min(5.0, 0.3 * length / max(abs(course[0]), 1e-9)), 0.0, course)
-    seen = follow(position, course, 0.0)
-    everywhere = path_point(np.linspace(-50.0, length + 50.0, 4000), course)
+    angle, length, _ = arc
+    arc = arc * [min(1.0, 2.5 / max(abs(angle), 1e-9)), 1.0, 1.0]
+    position = beside(share * length, cross * min(5.0, 0.3 * length / max(abs(arc[0]), 1e-9)), 0.0, arc)
+    seen = follow(position, arc, 0.0)
+    everywhere = path_point(np.linspace(-50.0, length + 50.0, 4000), arc)
     distance = np.hypot(*(everywhere[:, :2] - position[:2]).T)
     assert abs(seen[1]) <= distance.min() + 1e-6 * (1.0 + length)
 
 
 @LAW
-@given(COURSES, st.floats(-0.5, 1.5), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(0.0, 30.0))
-def test_the_vector_ahead_leads_to_the_path(course: np.ndarray, share: float, cross: float, below: float, ahead: float):
-    position = beside(share * course[1], cross, below, course)
-    seen = follow(position, course, ahead)
-    target = path_point(seen[0] + ahead, course)[:3]
-    np.testing.assert_allclose(position + seen[5:], target, rtol=0, atol=1e-9 * (1.0 + course[1]))
-    np.testing.assert_array_equal(seen[:5], follow(position, course, 0.0)[:5])  # the rest does not depend on it
+@given(ARCS, st.floats(-0.5, 1.5), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(0.0, 30.0))
+def test_the_vector_ahead_leads_to_the_path(arc: np.ndarray, share: float, cross: float, below: float, ahead: float):
+    position = beside(share * arc[1], cross, below, arc)
+    seen = follow(position, arc, ahead)
+    target = path_point(seen[0] + ahead, arc)[:3]
+    np.testing.assert_allclose(position + seen[5:], target, rtol=0, atol=1e-9 * (1.0 + arc[1]))
+    np.testing.assert_array_equal(seen[:5], follow(position, arc, 0.0)[:5])  # the rest does not depend on it
 
 
 @LAW
-@given(COURSES, st.floats(-50.0, 50.0), st.floats(-50.0, 50.0), st.floats(-5.0, 30.0))
-def test_port_mirrors_starboard(course: np.ndarray, north: float, east: float, down: float):
+@given(ARCS, st.floats(-50.0, 50.0), st.floats(-50.0, 50.0), st.floats(-5.0, 30.0))
+def test_port_mirrors_starboard(arc: np.ndarray, north: float, east: float, down: float):
     position = np.array([north, east, down])
-    assume(abs(course[0]) > 1e-8 * course[1])  # a straight path bends by the least curvature, which has a side
-    one, other = follow(position, course, 3.0), follow(position * MIRROR, course * PORT, 3.0)
+    assume(abs(arc[0]) > 1e-8 * arc[1])  # a straight path bends by the least curvature, which has a side
+    one, other = follow(position, arc, 3.0), follow(position * MIRROR, arc * PORT, 3.0)
     np.testing.assert_allclose(other, one * [1, -1, 1, -1, 1, 1, -1, 1], rtol=1e-12, atol=1e-9)
     np.testing.assert_allclose(
-        path_point(north, course * PORT), path_point(north, course) * [1, -1, 1, -1, 1], rtol=1e-12, atol=1e-12
+        path_point(north, arc * PORT), path_point(north, arc) * [1, -1, 1, -1, 1], rtol=1e-12, atol=1e-12
     )
-    np.testing.assert_allclose(course_to(position * MIRROR), course_to(position) * PORT, rtol=1e-12)
+    np.testing.assert_allclose(arc_to(position * MIRROR), arc_to(position) * PORT, rtol=1e-12)
 
 
 @DIVES
-def test_progress_goes_on_steadily_across_the_ends(course: np.ndarray):
-    length = course[1]
+def test_progress_goes_on_steadily_across_the_ends(arc: np.ndarray):
+    length = arc[1]
     for cross in (-1.0, 0.0, 2.0):
         for end in (0.0, length):
             s = end + np.linspace(-1e-3, 1e-3, 21)
-            seen = follow(beside(s, cross, 0.5, course), course, 2.0)
+            seen = follow(beside(s, cross, 0.5, arc), arc, 2.0)
             np.testing.assert_allclose(seen[:, 0], s, rtol=0, atol=1e-8)
             assert np.abs(np.diff(seen, axis=0)).max() < 1e-3
 
@@ -260,5 +260,5 @@ def test_shapes_broadcast_and_rows_do_not_meddle():
     assert follow(position[0, 0], SOME[0], 2.0).shape == (8,)
     assert path_point(np.zeros(7), SOME[0]).shape == (7, 5)
     assert path_point(np.zeros((3, 1)), SOME).shape == (3, 5, 5)
-    assert course_to(position).shape == (4, 5, 3)
-    np.testing.assert_array_equal(course_to(position)[2, 3], course_to(position[2, 3]))
+    assert arc_to(position).shape == (4, 5, 3)
+    np.testing.assert_array_equal(arc_to(position)[2, 3], arc_to(position[2, 3]))

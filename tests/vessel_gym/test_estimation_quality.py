@@ -52,8 +52,8 @@ class _Face:
 
 @cache
 def estimated(estimator: str, disturbance: str = "rough", told: str = "") -> dict[str, np.ndarray]:
-    """Everything in ``info`` at every step ``(T, N, ...)``; ``told`` says how the filter is told of the sea."""
-    options = {"told": {"as": told}} if told else {}
+    """Everything in ``info`` at every step ``(T, N, ...)``; ``assume`` says how the filter is told of the sea."""
+    options = {"assume": {"as": told}} if told else {}
     core = make_core(HEADING_SHIP.name, SEEDS, estimator=estimator, estimator_options=options, disturbance=disturbance)
     core.reset()
     frames = []
@@ -72,8 +72,8 @@ def heading_rmse(history: dict[str, np.ndarray]) -> np.ndarray:
 def test_every_estimator_watched_the_same_ships():
     one = estimated("kf-umv-ui")
     assert one["truth"].shape == (600, SEEDS, 8)
-    assert estimated("kf", told="states")["truth"].shape == (600, SEEDS, 13)  # and the sea
-    for other in (estimated("kf"), estimated("kf", told="white"), estimated("dead-reckoning")):
+    assert estimated("kf", assumed_as="states")["truth"].shape == (600, SEEDS, 13)  # and the sea
+    for other in (estimated("kf"), estimated("kf", assumed_as="white-input"), estimated("dead-reckoning")):
         for key in ("truth", "unknown_input", "measurement"):
             np.testing.assert_array_equal(one[key], other[key])
 
@@ -87,7 +87,7 @@ def test_kf_umv_ui_estimates_heading_better_than_kf_that_ignores_the_unknown_inp
 @pytest.mark.slow
 def test_telling_kf_the_true_variance_of_the_unknown_input_makes_it_as_good_as_kf_umv_ui():
     """In a rough sea the input is so large that knowing its variance adds next to nothing to not knowing it."""
-    told, unbiased = heading_rmse(estimated("kf", told="white")), heading_rmse(estimated("kf-umv-ui"))
+    told, unbiased = heading_rmse(estimated("kf", assumed_as="white-input")), heading_rmse(estimated("kf-umv-ui"))
     assert paired_interval(heading_rmse(estimated("kf")) - told)[0] > 0.0
     low, high = paired_interval(told - unbiased)
     assert -0.01 * unbiased.mean() < low
@@ -96,21 +96,24 @@ def test_telling_kf_the_true_variance_of_the_unknown_input_makes_it_as_good_as_k
 
 def test_a_kalman_filter_that_holds_the_waves_as_states_sees_the_heading_no_worse_than_kf_umv_ui():
     """It knows their spectrum, too: measured, 0.0141 +- 0.0018 mrad better of 1.431."""
-    states, unbiased = heading_rmse(estimated("kf", told="states")), heading_rmse(estimated("kf-umv-ui"))
+    states, unbiased = heading_rmse(estimated("kf", assumed_as="states")), heading_rmse(estimated("kf-umv-ui"))
     _, high = paired_interval(states - unbiased)
     assert high < 0.0
 
 
 def test_told_as_noise_a_kalman_filter_misses_that_measurement_and_state_move_together():
     """Measured, 2.150 against 1.431 mrad."""
-    noise, white = heading_rmse(estimated("kf", told="noise")), heading_rmse(estimated("kf", told="white"))
+    noise, white = (
+        heading_rmse(estimated("kf", assumed_as="process-noise")),
+        heading_rmse(estimated("kf", assumed_as="white-input")),
+    )
     assert paired_interval(noise - white)[0] > 0.0
 
 
 def test_who_holds_the_waves_as_states_is_not_too_sure_of_them():
     """By a chi-square of one time, false alarm 1e-6; of the ship itself it is cautious, as its process noise is."""
-    history = estimated("kf", told="states")
-    core = make_core(HEADING_SHIP.name, 1, estimator="kf", estimator_options={"told": {"as": "states"}})
+    history = estimated("kf", assumed_as="states")
+    core = make_core(HEADING_SHIP.name, 1, estimator="kf", estimator_options={"assume": {"as": "states"}})
     truth = core.estimated(history["truth"])
     high = chi_square_band(SEEDS, 6, 1.0 - 2e-6)[1]
     for k in (30, 150, 300, 450, 599):

@@ -39,7 +39,7 @@ def moved(core: Core, steps: int, seed: int = 1) -> list[dict[str, np.ndarray]]:
     """What there was before each of some random steps, and the actuators and the state after it."""
     rng, seen = np.random.default_rng(seed), []
     for _ in range(steps):
-        before = {"state": core.state.copy(), "before": core.actuators.copy(), "forcing": core.forcing.copy()}
+        before = {"state": core.state.copy(), "before": core.actuators.copy(), "exogenous": core.exogenous.copy()}
         before |= {"d": core.unknown_input.copy(), "z": core.sea_state.copy()}
         core.step(rng.uniform(-1.0, 1.0, (core.num_envs, core.action_size)))
         seen.append(before | {"after": core.actuators.copy(), "moved": core.state.copy()})
@@ -52,12 +52,12 @@ def test_a_faulty_vehicle_moves_as_a_sound_one_whose_actuators_are_elsewhere(env
     core = make_core(env_id, 4, seed=1, disturbance=faulty(env_id, *actuators, bias=0.04, loss=0.3), estimator="truth")
     core.reset()
     assert core.unknown_inputs == tuple(f"{name} fault" for name in actuators)
-    sound = core.vehicle.kicks + core.vehicle.flows
+    sound = core.vehicle.increments + core.vehicle.ambient_flows
     for step in moved(core, 10):
         offset = 0.04 - 0.3 * step["before"]
         np.testing.assert_allclose(step["d"], offset, rtol=0, atol=1e-14)
         before, after = step["before"] + step["d"], step["after"] + step["d"]
-        expected = core.vehicle.step(step["state"], before, after, step["forcing"][:, : len(sound)], core.parameters)
+        expected = core.vehicle.step(step["state"], before, after, step["exogenous"][:, : len(sound)], core.parameters)
         np.testing.assert_array_equal(step["moved"], expected)
 
 
@@ -68,11 +68,11 @@ def test_what_else_acts_is_the_same_to_the_last_bit_with_a_fault_and_without(env
         make_core(env_id, 3, seed=2, disturbance=disturbance, estimator="truth")
         for disturbance in (BESIDE[env_id], faulty(env_id, SEEN[env_id][0], **own))
     ]
-    kept = len(cores[0].vehicle.kicks + cores[0].vehicle.flows)
+    kept = len(cores[0].vehicle.increments + cores[0].vehicle.ambient_flows)
     for core in cores:
         core.reset()
     for without, fault in zip(*(moved(core, 20) for core in cores), strict=True):
-        np.testing.assert_array_equal(fault["forcing"][:, :kept], without["forcing"])
+        np.testing.assert_array_equal(fault["exogenous"][:, :kept], without["exogenous"])
         np.testing.assert_array_equal(fault["before"], without["before"])
         assert np.abs(fault["d"]).min() > 0.0
 
@@ -142,7 +142,7 @@ def test_who_is_told_of_a_fault_as_d_knows_all_else_as_without_it(env_id: str):
 @every_vehicle
 def test_who_takes_a_fault_for_a_random_walk_finds_it(env_id: str):
     actuator = SEEN[env_id][0]
-    walk = {"told": {"disturbance": faulty(env_id, actuator, start=5.0 * DEG, walk=0.5 * DEG), "as": "states"}}
+    walk = {"assume": {"disturbance": faulty(env_id, actuator, start=5.0 * DEG, walk=0.5 * DEG), "as": "states"}}
     options: dict[str, Any] = {"disturbance": faulty(env_id, actuator, bias=5.0 * DEG), "estimator": "ekf"}
     core = make_core(env_id, 20, seed=5, estimator_options=walk, **options)
     core.reset()
@@ -163,7 +163,7 @@ def test_every_filter_of_a_faulty_vehicle_stays_finite(env_id: str):
         moved(core, 40)
         assert np.isfinite(core.belief.mean).all()
         assert np.isfinite(core.observe()).all()
-    states = {"told": {"as": "states"}}
+    states = {"assume": {"as": "states"}}
     core = make_core(env_id, 3, seed=6, disturbance=fault, estimator="ekf", estimator_options=states)
     core.reset()
     moved(core, 40)
@@ -191,7 +191,10 @@ def test_who_knows_where_a_fault_is_flies_as_without_it_and_is_consistent(env_id
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        ({"actuator": "fin"}, "^Fault gives 'fin fault', but what acts on this vehicle is kick u, .*, thrust loss$"),
+        (
+            {"actuator": "fin"},
+            "^Fault gives 'fin fault', but what acts on this vehicle is u increment, .*, thrust loss$",
+        ),
         ({"loss": 1.5}, "^loss of a fault must be a number from 0 to 1, got 1.5"),
         ({"period": 0.1}, "^period of a fault must be .*above two steps of 0.1 s.*0.1"),
         ({"bias": np.nan}, "^bias of a fault must be a finite number, got nan"),

@@ -12,14 +12,14 @@ from vessel_gym.guidance.dubins import approach, candidates, plan, shortest, wor
 from vessel_gym.guidance.path_following import ANYWHERE, LEAD, locate
 from vessel_gym.start import joint_prior
 from vessel_gym.system import Estimate
-from vessel_gym.tasks.flight import ENDS, OBSTACLES, SEGMENTS, Flight
+from vessel_gym.tasks.flight import END_REASONS, OBSTACLES, SEGMENTS, Flight
 from vessel_gym.vehicles.puna import STATE, airspeed
 
 TASK = PUNA_UAV.task
 assert isinstance(TASK, Flight)
 AIR = PUNA_UAV.disturbances["moderate"]
 STILL = np.zeros((1, 7))
-"""A forcing in which nothing kicks and no wind blows."""
+"""An exogenous input without increments and wind."""
 
 
 def padded(path: Any) -> np.ndarray:
@@ -28,18 +28,18 @@ def padded(path: Any) -> np.ndarray:
     return segments.ravel()
 
 
-def courses(n: int, seed: int = 0) -> np.ndarray:
-    return TASK.course(np.random.default_rng(seed).random((n, TASK.uniforms)), {})
+def scenarios(n: int, seed: int = 0) -> np.ndarray:
+    return TASK.scenario(np.random.default_rng(seed).random((n, TASK.uniforms)), {})
 
 
-def segments_of(course: np.ndarray) -> np.ndarray:
-    rows = course[: 5 * SEGMENTS].reshape(SEGMENTS, 5)
+def segments_of(scenario: np.ndarray) -> np.ndarray:
+    rows = scenario[: 5 * SEGMENTS].reshape(SEGMENTS, 5)
     return rows[rows[:, 4] > 0.0]
 
 
-def on_path(course: np.ndarray, s: float, off: float = 0.0, above: float = 0.0) -> np.ndarray:
+def on_path(scenario: np.ndarray, s: float, off: float = 0.0, above: float = 0.0) -> np.ndarray:
     """States ``(1, 7)`` at 20 m/s along the path of a course ``(97,)``, ``off`` metres to starboard of it."""
-    path = segments_of(course)
+    path = segments_of(scenario)
     begin = np.concatenate([[0.0], np.cumsum(path[:, 4])])
     k = min(int(np.searchsorted(begin, s, side="right")) - 1, len(path) - 1)
     x, y, heading, curvature, _ = path[k]
@@ -51,7 +51,7 @@ def on_path(course: np.ndarray, s: float, off: float = 0.0, above: float = 0.0) 
         x + chord * np.cos(middle) - off * np.sin(heading),
         y + chord * np.sin(middle) + off * np.cos(heading),
     )
-    truth[0, 2] = TASK.altitude_of(course) + above
+    truth[0, 2] = TASK.altitude_of(scenario) + above
     truth[0, 3:5] = 20.0 * np.cos(heading), 20.0 * np.sin(heading)
     return truth
 
@@ -124,20 +124,20 @@ def test_absurd_poses_give_finite_answers():
 
 @pytest.mark.slow
 def test_every_drawn_path_can_be_flown_and_keeps_clear_of_its_obstacles():
-    for course in courses(300):
-        segments = segments_of(course)
+    for scenario in scenarios(300):
+        segments = segments_of(scenario)
         assert np.abs(segments[:, 3]).max() <= 1.0 / TASK.radius + 1e-12
-        assert segments[:, 4].sum() == pytest.approx(course[5 * SEGMENTS])
-        assert TASK.altitudes[0] <= TASK.altitude_of(course) <= TASK.altitudes[1]
+        assert segments[:, 4].sum() == pytest.approx(scenario[5 * SEGMENTS])
+        assert TASK.altitudes[0] <= TASK.altitude_of(scenario) <= TASK.altitudes[1]
         np.testing.assert_array_equal(segments[0, :2], 0.0)
-        ends = np.array([on_path(course, s)[0, :2] for s in np.cumsum(segments[:, 4])])
+        ends = np.array([on_path(scenario, s)[0, :2] for s in np.cumsum(segments[:, 4])])
         np.testing.assert_allclose(ends[:-1], segments[1:, :2], atol=1e-6)
-        np.testing.assert_allclose(TASK.goal(course[None])[0, :2], ends[-1], atol=1e-6)
-        obstacles = course[-3 * OBSTACLES :].reshape(OBSTACLES, 3)
+        np.testing.assert_allclose(TASK.goal(scenario[None])[0, :2], ends[-1], atol=1e-6)
+        obstacles = scenario[-3 * OBSTACLES :].reshape(OBSTACLES, 3)
         obstacles = obstacles[obstacles[:, 2] > 0.0]
         assert len(obstacles) >= 1
-        for s in np.linspace(0.0, course[5 * SEGMENTS], 60):
-            assert TASK.clearance(on_path(course, s), course[None])[0] >= TASK.margin - 1e-6
+        for s in np.linspace(0.0, scenario[5 * SEGMENTS], 60):
+            assert TASK.clearance(on_path(scenario, s), scenario[None])[0] >= TASK.margin - 1e-6
 
 
 @pytest.mark.slow
@@ -158,14 +158,14 @@ def test_a_path_that_comes_back_on_itself_is_told_from_one_that_does_not():
 def test_a_scene_can_be_asked_for():
     obstacles = [(300.0, 10.0, 50.0), (500.0, -90.0, 30.0)]
     options = {"start": (10.0, 20.0, 0.1), "goal": (700.0, 100.0, 0.5), "obstacles": obstacles, "altitude": 150.0}
-    course = TASK.course(np.random.default_rng(0).random((3, TASK.uniforms)), options)
-    np.testing.assert_array_equal(course[0], course[2])
+    scenario = TASK.scenario(np.random.default_rng(0).random((3, TASK.uniforms)), options)
+    np.testing.assert_array_equal(scenario[0], scenario[2])
     path = plan(options["start"], options["goal"], TASK.radius, obstacles, TASK.margin)
-    np.testing.assert_allclose(segments_of(course[0]), path.segments)
+    np.testing.assert_allclose(segments_of(scenario[0]), path.segments)
     assert (approach(path, np.array(obstacles)[:, :2]) >= np.array(obstacles)[:, 2] + TASK.margin).all()
-    assert TASK.altitude_of(course[0]) == 150.0
-    np.testing.assert_allclose(TASK.goal(course)[0], options["goal"], atol=1e-6)
-    clear = TASK.course(np.zeros((1, TASK.uniforms)), {"obstacles": []})
+    assert TASK.altitude_of(scenario[0]) == 150.0
+    np.testing.assert_allclose(TASK.goal(scenario)[0], options["goal"], atol=1e-6)
+    clear = TASK.scenario(np.zeros((1, TASK.uniforms)), {"obstacles": []})
     np.testing.assert_allclose(segments_of(clear[0]), [[0.0, 0.0, 0.0, 0.0, 750.0]], atol=1e-9)
 
 
@@ -192,15 +192,15 @@ BAD = [
 @pytest.mark.parametrize(("options", "sentence"), BAD, ids=lambda value: str(value)[:40])
 def test_a_scene_that_cannot_be_flown_is_refused_in_one_sentence(options: dict[str, Any], sentence: str):
     with pytest.raises(ValueError, match=f"^{sentence}$"):
-        TASK.course(np.full((2, TASK.uniforms), 0.5), options)
+        TASK.scenario(np.full((2, TASK.uniforms), 0.5), options)
 
 
 # --- the start --------------------------------------------------------------------------------------
 
 
 def test_the_prior_flies_along_the_path_through_an_unknown_wind():
-    course = courses(4)
-    prior = TASK.prior(course)
+    scenario = scenarios(4)
+    prior = TASK.prior(scenario)
     cov = joint_prior(prior.cov, Forces(PUNA_UAV.vehicle, AIR), make_core("PunaUAV-v0", 1).sensors)
     assert cov.shape == (16, 16)
     assert np.linalg.eigvalsh(cov).min() > 0.0
@@ -211,49 +211,49 @@ def test_the_prior_flies_along_the_path_through_an_unknown_wind():
     np.testing.assert_allclose(np.std(x[:, 13:], axis=0), 0.1, rtol=0.03)  # of the GNSS's bias
     assert fast.mean() == pytest.approx(20.0, abs=0.02)
     assert fast.std() == pytest.approx(0.5, rel=0.05)  # airspeed is known, whatever the wind
-    where = TASK.reference(course, np.zeros(4), prior.mean)
+    where = TASK.reference(scenario, np.zeros(4), prior.mean)
     np.testing.assert_allclose(where[:, :3], 0.0, atol=1e-9)
 
 
 # --- what the agent sees ----------------------------------------------------------------------------
 
 
-def seen_at(truth: np.ndarray, course: np.ndarray) -> dict[str, np.ndarray]:
-    reference = TASK.reference(course, np.zeros(len(truth)), truth)
+def seen_at(truth: np.ndarray, scenario: np.ndarray) -> dict[str, np.ndarray]:
+    reference = TASK.reference(scenario, np.zeros(len(truth)), truth)
     known = Estimate(truth, np.zeros((len(truth), 3)))
     return TASK.named(TASK.observe(known, reference, np.tile(TASK.body.cruise, (len(truth), 1))))
 
 
 def test_on_the_path_nothing_is_to_be_done():
-    for course in courses(20, 1):
-        s = 0.37 * course[5 * SEGMENTS]
-        seen = seen_at(on_path(course, s), course[None])
+    for scenario in scenarios(20, 1):
+        s = 0.37 * scenario[5 * SEGMENTS]
+        seen = seen_at(on_path(scenario, s), scenario[None])
         for name in ("cross-track", "altitude error", "course sine", "climb", "wind down", "bank"):
             assert seen[name][0] == pytest.approx(0.0, abs=1e-6), name
         assert seen["course cosine"][0] == pytest.approx(1.0)
         assert seen["ground speed"][0] == pytest.approx(20.0)
         assert seen["airspeed"][0] == pytest.approx(20.0)
-        assert seen["remaining"][0] == pytest.approx(course[5 * SEGMENTS] - s)
+        assert seen["remaining"][0] == pytest.approx(scenario[5 * SEGMENTS] - s)
         assert np.tan(seen["bank of the path"][0]) == pytest.approx(20.0**2 * seen["curvature"][0] / 9.81)
 
 
 def test_errors_have_the_signs_that_their_names_say():
-    course = courses(1, 2)
-    truth = on_path(course[0], 100.0, off=7.0, above=-2.0)
-    seen = seen_at(truth, course)
+    scenario = scenarios(1, 2)
+    truth = on_path(scenario[0], 100.0, off=7.0, above=-2.0)
+    seen = seen_at(truth, scenario)
     assert seen["cross-track"][0] == pytest.approx(7.0)
     assert seen["altitude error"][0] == pytest.approx(-2.0)
     turned = truth.copy()
     cos, sin = np.cos(-0.3), np.sin(-0.3)  # to port of the path's course
     turned[0, 3:5] = cos * truth[0, 3] - sin * truth[0, 4], sin * truth[0, 3] + cos * truth[0, 4]
-    assert seen_at(turned, course)["course sine"][0] == pytest.approx(np.sin(0.3))
+    assert seen_at(turned, scenario)["course sine"][0] == pytest.approx(np.sin(0.3))
 
 
 def test_obstacles_are_seen_on_their_side_and_fade_with_distance():
-    course = TASK.course(np.zeros((1, TASK.uniforms)), {"obstacles": [(400.0, 100.0, 30.0)]})
+    scenario = TASK.scenario(np.zeros((1, TASK.uniforms)), {"obstacles": [(400.0, 100.0, 30.0)]})
     truth = np.zeros((3, 7))
-    truth[:, 0], truth[:, 2], truth[:, 3] = [400.0, 350.0, 100.0], TASK.altitude_of(course), 20.0
-    seen = seen_at(truth, np.repeat(course, 3, axis=0))
+    truth[:, 0], truth[:, 2], truth[:, 3] = [400.0, 350.0, 100.0], TASK.altitude_of(scenario), 20.0
+    seen = seen_at(truth, np.repeat(scenario, 3, axis=0))
     np.testing.assert_allclose(seen["obstacles to starboard"][[0, 2]], [1.0 - 70.0 / 100.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(seen["obstacles ahead"][[0, 2]], 0.0, atol=1e-9)
     assert seen["obstacles ahead"][1] > 0.05
@@ -271,96 +271,99 @@ def test_sizes_are_as_documented():
 # --- the score --------------------------------------------------------------------------------------
 
 
-def flown(course: np.ndarray, places: list[tuple[float, float, float]], action: float = 0.0) -> tuple[float, str]:
+def flown(scenario: np.ndarray, places: list[tuple[float, float, float]], action: float = 0.0) -> tuple[float, str]:
     """Score and end of a flight through places (progress, off, above) of a course ``(97,)``."""
-    course, total = course[None], 0.0
-    tally = TASK.begin(on_path(course[0], places[0][0]), course)
+    scenario, total = scenario[None], 0.0
+    score_state = TASK.initial_score_state(on_path(scenario[0], places[0][0]), scenario)
     for k, place in enumerate(places):
-        truth = on_path(course[0], *place)
-        reference = TASK.reference(course, np.zeros(1), truth)
+        truth = on_path(scenario[0], *place)
+        reference = TASK.reference(scenario, np.zeros(1), truth)
         command = np.full((1, 3), action * (-1) ** k)
-        reward, end, tally = TASK.score(truth, STILL, reference, TASK.over(reference), np.zeros((1, 3)), command, tally)
+        reward, end, score_state = TASK.score(
+            truth, STILL, reference, TASK.over(reference), np.zeros((1, 3)), command, score_state
+        )
         assert 0.0 <= reward[0] <= 1.0
         total += reward[0]
         if end[0]:
-            return total, ENDS[end[0]]
+            return total, END_REASONS[end[0]]
     return total, ""
 
 
-def along(course: np.ndarray, step: float = 2.0, off: float = 0.0, above: float = 0.0) -> list[Any]:
-    return [(s, off, above) for s in np.arange(0.0, course[5 * SEGMENTS] + step + 1e-6, step)]
+def along(scenario: np.ndarray, step: float = 2.0, off: float = 0.0, above: float = 0.0) -> list[Any]:
+    return [(s, off, above) for s in np.arange(0.0, scenario[5 * SEGMENTS] + step + 1e-6, step)]
 
 
 @pytest.mark.slow
 def test_a_perfect_flight_scores_one_and_ends_by_arriving():
-    for course in courses(5, 3):
-        score, end = flown(course, along(course))
+    for scenario in scenarios(5, 3):
+        score, end = flown(scenario, along(scenario))
         assert end == "arrived"
         assert score == pytest.approx(1.0, abs=0.02)
 
 
 def test_errors_cost_and_half_is_lost_at_the_tolerances():
-    course = courses(1, 4)[0]
-    best = flown(course, along(course)[:100])[0]
-    assert flown(course, along(course, off=3.0)[:100])[0] == pytest.approx(0.5 * best, rel=0.03)
-    assert flown(course, along(course, above=1.5)[:100])[0] == pytest.approx(0.5 * best, rel=0.03)
-    assert flown(course, along(course)[:100], action=0.5)[0] == pytest.approx(0.9 * best, rel=0.01)
+    scenario = scenarios(1, 4)[0]
+    best = flown(scenario, along(scenario)[:100])[0]
+    assert flown(scenario, along(scenario, off=3.0)[:100])[0] == pytest.approx(0.5 * best, rel=0.03)
+    assert flown(scenario, along(scenario, above=1.5)[:100])[0] == pytest.approx(0.5 * best, rel=0.03)
+    assert flown(scenario, along(scenario)[:100], action=0.5)[0] == pytest.approx(0.9 * best, rel=0.01)
 
 
 @pytest.mark.slow
 def test_dawdling_circling_and_going_back_pay_nothing():
-    course = courses(1, 5)[0]
-    straight = along(course)
+    scenario = scenarios(1, 5)[0]
+    straight = along(scenario)
     dawdling = [place for place in straight for _ in range(3)]
     back = straight[:100] + straight[60:100][::-1] + straight[60:]
-    best = flown(course, straight)[0]
-    assert flown(course, dawdling)[0] <= best + 1e-12
-    assert flown(course, back)[0] <= best + 1e-12
-    assert flown(course, along(course, step=3.9))[0] <= best + 0.02
+    best = flown(scenario, straight)[0]
+    assert flown(scenario, dawdling)[0] <= best + 1e-12
+    assert flown(scenario, back)[0] <= best + 1e-12
+    assert flown(scenario, along(scenario, step=3.9))[0] <= best + 0.02
 
 
 def test_a_short_cut_to_the_goal_forgoes_the_path():
-    course = courses(1, 6)[0]
-    places = along(course)
-    score, end = flown(course, places[:50] + places[-20:])
+    scenario = scenarios(1, 6)[0]
+    places = along(scenario)
+    score, end = flown(scenario, places[:50] + places[-20:])
     assert end in ("off the path", "arrived")
     assert score < 0.3
 
 
 def test_every_end_has_its_reason():
-    course = TASK.course(np.zeros((1, TASK.uniforms)), {"obstacles": [(400.0, 100.0, 30.0)]})
-    base = on_path(course[0], 300.0)
+    scenario = TASK.scenario(np.zeros((1, TASK.uniforms)), {"obstacles": [(400.0, 100.0, 30.0)]})
+    base = on_path(scenario[0], 300.0)
     cases = {"": {}, "off the path": {1: 120.0}, "off the altitude": {2: 41.0}, "stalled": {3: 8.0}}
     for expected, change in cases.items():
         truth = base.copy()
         for i, value in change.items():
             truth[0, i] = value + (truth[0, i] if i == 2 else 0.0)
-        assert ending(course, truth, truth) == expected
+        assert ending(scenario, truth, truth) == expected
     low = base.copy()
     low[0, 2] = -1.0
-    assert ending(course, low, low) == "crashed"
+    assert ending(scenario, low, low) == "crashed"
     hit = base.copy()
     hit[0, :2] = 400.0, 80.0
-    assert ending(course, hit, base) == "hit an obstacle"
-    there = on_path(course[0], 750.0 + 1.0)
-    assert ending(course, there, there) == "arrived"
-    assert ending(course, base, there) == "missed the goal"
+    assert ending(scenario, hit, base) == "hit an obstacle"
+    there = on_path(scenario[0], 750.0 + 1.0)
+    assert ending(scenario, there, there) == "arrived"
+    assert ending(scenario, base, there) == "missed the goal"
 
 
 def test_what_stalls_is_the_airspeed_and_not_the_speed_over_ground():
-    course = courses(1, 7)
-    truth = on_path(course[0], 300.0)
+    scenario = scenarios(1, 7)
+    truth = on_path(scenario[0], 300.0)
     along, against = STILL.copy(), STILL.copy()
     along[0, 4:6], against[0, 4:6] = 0.6 * truth[0, 3:5], -0.6 * truth[0, 3:5]
-    reference, tally = TASK.reference(course, np.zeros(1), truth), np.array([[290.0, 0.0, 0.0, 0.0]])
-    ends = [ENDS[TASK.score(truth, wind, reference, np.zeros(1, bool), np.zeros((1, 3)), np.zeros((1, 3)), tally)[1][0]]
+    reference, score_state = TASK.reference(scenario, np.zeros(1), truth), np.array([[290.0, 0.0, 0.0, 0.0]])
+    ends = [END_REASONS[TASK.score(truth, wind, reference, np.zeros(1, bool), np.zeros((1, 3)), np.zeros((1, 3)),
+    score_state)[1][0]]
             for wind in (STILL, along, against)]  # fmt: skip
     assert ends == ["", "stalled", ""]
 
 
-def ending(course: np.ndarray, truth: np.ndarray, believed: np.ndarray) -> str:
-    reference = TASK.reference(course, np.zeros(1), believed)
-    tally = np.array([[290.0, 0.0, 0.0, 0.0]]) if truth[0, 0] < 700.0 else np.array([[740.0, 0.0, 0.0, 0.0]])
-    return ENDS[
-        TASK.score(truth, STILL, reference, TASK.over(reference), np.zeros((1, 3)), np.zeros((1, 3)), tally)[1][0]
+def ending(scenario: np.ndarray, truth: np.ndarray, believed: np.ndarray) -> str:
+    reference = TASK.reference(scenario, np.zeros(1), believed)
+    score_state = np.array([[290.0, 0.0, 0.0, 0.0]]) if truth[0, 0] < 700.0 else np.array([[740.0, 0.0, 0.0, 0.0]])
+    return END_REASONS[
+        TASK.score(truth, STILL, reference, TASK.over(reference), np.zeros((1, 3)), np.zeros((1, 3)), score_state)[1][0]
     ]

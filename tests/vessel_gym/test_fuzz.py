@@ -37,8 +37,8 @@ JUNK = st.one_of(
 def told(draw: Any) -> Any:
     """What a filter may be told, nearly; a function, whose strategies Hypothesis does not write out at length."""
     keys = {
-        "disturbance": st.sampled_from(["calm", "Rough", None]), "as": st.sampled_from(["states", "white", "nois"]),
-        **dict.fromkeys(("Q", "R", "prior"), st.floats(1e-3, 1e3)), "how": st.none(),
+        "disturbance": st.sampled_from(["calm", "Rough", None]), "as": st.sampled_from(["states", "white-input",
+        "process-nois"]), **dict.fromkeys(("Q", "R", "prior"), st.floats(1e-3, 1e3)), "how": st.none(),
     }  # fmt: skip
     chosen = draw(st.lists(st.sampled_from(list(keys)), unique=True))
     return draw(JUNK) if not chosen else {key: draw(keys[key] | JUNK) for key in chosen}
@@ -48,7 +48,7 @@ ARGUMENTS = {  # what is, or nearly is, right
     "estimator": st.sampled_from([*estimator_names(), "kf-umv", "EKF"]),
     # What a filter makes of the values of its own options is tested with the filters.
     "estimator_options": st.fixed_dictionaries({"model": JUNK})
-    | st.fixed_dictionaries({"told": told()})
+    | st.fixed_dictionaries({"assume": told()})
     | st.fixed_dictionaries({"late": st.sampled_from(["fused", "as new", "discarded", "late"]) | JUNK}),
     "sensors": st.sampled_from([*SUITES, "clen"]),
     "disturbance": st.sampled_from(["calm", "Rough"]),
@@ -58,7 +58,7 @@ ARGUMENTS = {  # what is, or nearly is, right
     "sensor_faults": st.just([]) | st.lists(JUNK, max_size=2),
 }
 OTHER_WORDS = {
-    "estimator": ("needs",), "estimator_options": ("has no option", "model", "told", "disturbance", "late"),
+    "estimator": ("needs",), "estimator_options": ("has no option", "model", "assume", "disturbance", "late"),
     "sensors": ("sensor suite",), "render_mode": ("argument",),
 }  # fmt: skip
 NUMBERS = st.floats(-300.0, 900.0) | EXTREME

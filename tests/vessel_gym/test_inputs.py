@@ -1,4 +1,4 @@
-"""What the unknown input is where filters are told of one: kicks, flows, and changes of what acts."""
+"""What the unknown input is where filters are told of one: increments, flows, and changes of what acts."""
 
 from dataclasses import dataclass, fields
 from typing import Any
@@ -26,7 +26,7 @@ CHANGES = "change of current north", "change of current east"
 class Asked(Water):
     """Water of which some is the unknown input."""
 
-    told = "input"
+    assumed_as = "unknown-input"
     inputs: tuple[str, ...] | None = None
 
 
@@ -37,11 +37,11 @@ def asked(*inputs: str, water: Water = WATERS["rough"]) -> Asked:
 def without_log(vehicle: Any) -> Sensors:
     """Its sensors but for the Doppler log, which reads the current."""
     each = [sensor for sensor in vehicle.sensors if sensor.name != "Doppler log"]
-    return Sensors(each, vehicle.state_names, vehicle.kicks + vehicle.flows, vehicle.dt)
+    return Sensors(each, vehicle.state_names, vehicle.increments + vehicle.ambient_flows, vehicle.dt)
 
 
 every_kind_of_input = pytest.mark.parametrize(
-    "inputs", [("kick q", "kick u"), CHANGES, ("kick r", *CHANGES[1:]), ("current east", "kick v")]
+    "inputs", [("q increment", "u increment"), CHANGES, ("r increment", *CHANGES[1:]), ("current east", "v increment")]
 )
 
 
@@ -55,11 +55,11 @@ def test_the_world_moves_by_what_the_model_says_of_d(inputs: tuple[str, ...]):
     model, rng = core.composition.model, np.random.default_rng(3)
     assert isinstance(model, NonlinearModel)
     assert core.unknown_inputs == core.composition.inputs == inputs
-    new = [*water.shakes, *CHANGES]
+    new = [*water.white_increments, *CHANGES]
     for _ in range(10):
         core.now.noise = np.where([name in inputs for name in new], core.noise, 0.0)
-        core.now.forcing = core.forcing.copy()
-        core.forcing[:, [i for i, name in enumerate(core.vehicle.kicks) if name not in inputs]] = 0.0
+        core.now.exogenous = core.exogenous.copy()
+        core.exogenous[:, [i for i, name in enumerate(core.vehicle.increments) if name not in inputs]] = 0.0
         if "current east" not in inputs:
             assert set(water.names) <= set(core.composition.names)  # what is not d is held
         d, before, where = core.unknown_input.copy(), core.estimated(core.truth), core.actuators
@@ -71,11 +71,11 @@ def test_the_world_moves_by_what_the_model_says_of_d(inputs: tuple[str, ...]):
         np.testing.assert_allclose(core.estimated(core.truth), expected, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("inputs", [("kick q", "kick u"), CHANGES, ("kick r", *CHANGES[1:])])
+@pytest.mark.parametrize("inputs", [("q increment", "u increment"), CHANGES, ("r increment", *CHANGES[1:])])
 def test_what_is_not_d_stays_as_it_is_told_as_states(inputs: tuple[str, ...]):
     vehicle = Segorogeni()
-    sensors = Sensors(vehicle.sensors, vehicle.state_names, vehicle.kicks + vehicle.flows, vehicle.dt)
-    whole, part = (compose(vehicle, "nonlinear", asked(*inputs), sensors, how) for how in ("states", "input"))
+    sensors = Sensors(vehicle.sensors, vehicle.state_names, vehicle.increments + vehicle.ambient_flows, vehicle.dt)
+    whole, part = (compose(vehicle, "nonlinear", asked(*inputs), sensors, how) for how in ("states", "unknown-input"))
     assert part.names == whole.names
     assert whole.inputs == ()
     G, d = part.model.G, part.forces.input_cov
@@ -117,12 +117,12 @@ class Straight(Itsunusa):
         return (A, B, F) if self.flow_told else (A, B)
 
 
-@pytest.mark.parametrize("inputs", [(), ("kick q",), ("current",), ("change of current", "kick w")])
+@pytest.mark.parametrize("inputs", [(), ("q increment",), ("current",), ("change of current", "w increment")])
 def test_a_composed_linear_model_is_the_composed_nonlinear_one_made_straight(inputs: tuple[str, ...]):
     vehicle = Straight()
     water = asked(*inputs, water=PLANE_WATERS["rough"])
     sensors = without_log(vehicle)
-    bent, straight = (compose(vehicle, kind, water, sensors, "input") for kind in vehicle.kinds)
+    bent, straight = (compose(vehicle, kind, water, sensors, "unknown-input") for kind in vehicle.kinds)
     assert straight.names == bent.names
     assert isinstance(straight.model, LinearModel)
     x, u = np.zeros(len(bent.names)), vehicle.cruise[1]
@@ -148,8 +148,8 @@ def test_a_linear_model_that_knows_nothing_of_a_flow_that_moves_it_is_refused():
     ("inputs", "sentence"),
     [
         (("current north",), "how measurements show current north depends on where the vehicle is, .* the sensor out$"),
-        (("kick phi",), r"^Asked has the unknown input 'kick phi', which must be one of current north, .* east$"),
-        (("kick u", "kick u"), r"^inputs of Asked must be a tuple of different names, got \('kick u', 'kick u'\)$"),
+        (("phi increment",), r"^Asked has the unknown input 'phi increment', which must be one of current north, .*"),
+        (("u increment", "u increment"), r"^inputs of Asked must be a tuple of different names, got .*"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_an_unknown_input_is_refused_in_one_sentence(inputs: tuple[str, ...], sentence: str):
@@ -160,13 +160,13 @@ def test_what_cannot_be_an_unknown_input_is_refused_in_one_sentence(inputs: tupl
 def test_what_is_recorded_is_what_d_is():
     assert make_core(AUV, 1, disturbance=asked(*CHANGES), estimator="ekf-ui-wdf").unknown_inputs == CHANGES
     water = WATERS["rough"]
-    everything = *water.shakes, *CHANGES
+    everything = *water.white_increments, *CHANGES
     assert make_core(AUV, 1, disturbance=water, estimator="ekf").unknown_inputs == everything
-    other = {"told": {"disturbance": asked("kick u"), "as": "input"}}
+    other = {"assume": {"disturbance": asked("u increment"), "as": "unknown-input"}}
     core = make_core(AUV, 2, disturbance=water, estimator="ekf-ui-wdf", estimator_options=other)
     core.reset()
-    assert core.unknown_inputs == ("kick u",)
-    np.testing.assert_array_equal(core.unknown_input, core.forcing[:, :1])
+    assert core.unknown_inputs == ("u increment",)
+    np.testing.assert_array_equal(core.unknown_input, core.exogenous[:, :1])
 
 
 class Unheard(Disturbance):
@@ -174,7 +174,7 @@ class Unheard(Disturbance):
 
     names = forces = ("current north",)
     process = WATERS["calm"].process.wandering((0.1,), 100.0, 0.1)
-    told = "input"
+    assumed_as = "unknown-input"
     inputs = ("change of current north",)
 
 
@@ -182,7 +182,7 @@ def test_of_an_input_that_only_a_filter_thinks_there_is_nothing_is_true():
     class Silent(Disturbance):
         """Nothing acts."""
 
-    options = {"told": {"disturbance": Unheard()}}
+    options = {"assume": {"disturbance": Unheard()}}
     core = make_core(AUV, 2, disturbance=Silent(), estimator="ekf-ui-wdf", estimator_options=options)
     core.reset()
     core.step(np.zeros((2, 3)))

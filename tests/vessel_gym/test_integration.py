@@ -9,7 +9,7 @@ from stepping import step
 
 from vessel_gym.vehicles.corvette_equations import corvette_rates
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.integration import Rates, kicked
+from vessel_gym.vehicles.integration import Rates, incremented
 from vessel_gym.vehicles.itsunusa import itsunusa_rates
 from vessel_gym.vehicles.puna import puna_rates
 from vessel_gym.vehicles.segorogeni import segorogeni_rates
@@ -72,21 +72,23 @@ def test_rows_of_a_batch_step_as_each_alone(vehicle: str, rows: int):
     case, rng = CASES[vehicle], np.random.default_rng(0)
     states = np.array(case.state) * rng.uniform(0.5, 1.5, (3, rows, len(case.state)))
     controls = np.array(case.control) * rng.uniform(0.5, 1.5, (3, rows, len(case.control)))
-    flows = rng.normal(size=(3, rows, len(case.flow)))
+    ambient_flows = rng.normal(size=(3, rows, len(case.flow)))
     c = case.c * rng.uniform(0.9, 1.1, (rows, len(case.c)))
-    stepped = step(case.rates, states, controls, flows, c, case.dt, 2)
-    together = step(case.rates, states, controls[:, :1], flows, case.c, case.dt, 2)
+    stepped = step(case.rates, states, controls, ambient_flows, c, case.dt, 2)
+    together = step(case.rates, states, controls[:, :1], ambient_flows, case.c, case.dt, 2)
     for i, j in np.ndindex(3, rows):
-        alone = step(case.rates, states[i, j], controls[i, j], flows[i, j], c[j], case.dt, 2)
+        alone = step(case.rates, states[i, j], controls[i, j], ambient_flows[i, j], c[j], case.dt, 2)
         np.testing.assert_array_equal(stepped[i, j], alone)
-        alone = step(case.rates, states[i, j], controls[i, 0], flows[i, j], case.c, case.dt, 2)
+        alone = step(case.rates, states[i, j], controls[i, 0], ambient_flows[i, j], case.c, case.dt, 2)
         np.testing.assert_array_equal(together[i, j], alone)
     assert (stepped != states).all()
 
 
-def test_kicks_are_added_to_their_components_and_to_no_other():
-    states, kicks = np.random.default_rng(0).normal(size=(2, 5, 4))
+def test_increments_are_added_to_their_components_and_to_no_other():
+    states, increments = np.random.default_rng(0).normal(size=(2, 5, 4))
     expected = states.copy()
-    expected[:, [3, 1]] += kicks[:, :2]
-    np.testing.assert_array_equal(kicked(states, kicks[:, :2], [3, 1]), expected)
-    np.testing.assert_array_equal(kicked(states, kicks[:, :2], [2, 2])[:, 2], states[:, 2] + kicks[:, 0] + kicks[:, 1])
+    expected[:, [3, 1]] += increments[:, :2]
+    np.testing.assert_array_equal(incremented(states, increments[:, :2], [3, 1]), expected)
+    np.testing.assert_array_equal(
+        incremented(states, increments[:, :2], [2, 2])[:, 2], states[:, 2] + increments[:, 0] + increments[:, 1]
+    )

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
-from sensing import UnevenWater, forcing, sensors_of, without_a_filter
+from sensing import UnevenWater, exogenous, sensors_of, without_a_filter
 from stepping import itsunusa_step, segorogeni_step
 
 from agents import rollout
@@ -209,12 +209,12 @@ def test_a_batch_is_a_loop_and_inputs_stay():
     moving = np.concatenate([controls, 0.9 * controls], -1)
     copies = [a.copy() for a in (states, controls, moving, currents, c)]
     rates, after = itsunusa_rates(states, controls, currents, c), itsunusa_step(states, moving, currents, c, 0.1, 2)
-    read = SENSORS.exact(states, forcing(VEHICLE, currents))
+    read = SENSORS.exact(states, exogenous(VEHICLE, currents))
     for i, j in np.ndindex(3, 4):
         alone = states[i, j], controls[i, j], currents[i, j]
         np.testing.assert_array_equal(rates[i, j], itsunusa_rates(*alone, c[j]))
         np.testing.assert_array_equal(after[i, j], itsunusa_step(alone[0], moving[i, j], alone[2], c[j], 0.1, 2))
-        np.testing.assert_array_equal(read[i, j], SENSORS.exact(alone[0], forcing(VEHICLE, alone[2])))
+        np.testing.assert_array_equal(read[i, j], SENSORS.exact(alone[0], exogenous(VEHICLE, alone[2])))
     for a, b in zip((states, controls, moving, currents, c), copies, strict=True):
         np.testing.assert_array_equal(a, b)
 
@@ -300,8 +300,8 @@ def test_all_thrust_makes_two_metres_a_second():
 # --- the vehicle in an environment ------------------------------------------------------------------
 
 
-KICKS, CURRENT_SD = (0.02, 0.015, 0.025), 0.12
-WATER = UnevenWater(VEHICLE, KICKS, (CURRENT_SD,))
+INCREMENTS, CURRENT_SD = (0.02, 0.015, 0.025), 0.12
+WATER = UnevenWater(VEHICLE, INCREMENTS, (CURRENT_SD,))
 
 
 def told(noise: float = 1.0, how: str | None = None) -> Composition:
@@ -312,10 +312,10 @@ def told(noise: float = 1.0, how: str | None = None) -> Composition:
 def test_names_and_sizes_agree():
     assert VEHICLE.state_names == STATE
     assert SENSORS.channels == ("u over ground", "w over ground", "z", "theta", "q", "x")
-    assert (VEHICLE.kicked, VEHICLE.flows) == (("u", "w", "q"), ("current",))
+    assert (VEHICLE.incremented, VEHICLE.ambient_flows) == (("u", "w", "q"), ("current",))
     assert VEHICLE.estimated("nonlinear") == STATE
     assert told().names == (*STATE, "current")
-    assert told(how="noise").names == STATE
+    assert told(how="process-noise").names == STATE
     x = np.random.default_rng(13).normal(size=(4, 6))
     state, actuators = VEHICLE.start(x)
     np.testing.assert_array_equal(state, x)
@@ -343,14 +343,14 @@ def test_actuators_keep_their_limits_rates_and_lag():
     np.testing.assert_allclose(VEHICLE.actuate(actuators, np.array([[-1.0, 0.0]]))[0, 0], 20 * DEG - 0.1, rtol=1e-12)
 
 
-def test_a_step_of_the_vehicle_is_kicked_at_its_end():
+def test_a_step_of_the_vehicle_gets_its_increment_at_its_end():
     rng = np.random.default_rng(7)
     states, before, after = random_states(rng, 6), random_controls(rng, 6), random_controls(rng, 6)
-    kicks, currents = rng.normal(size=(6, 3)) * 0.1, random_currents(rng, 6)
+    increments, currents = rng.normal(size=(6, 3)) * 0.1, random_currents(rng, 6)
     c = VEHICLE.parameters(0.0, np.zeros((6, VEHICLE.normals)))
-    stepped = VEHICLE.step(states, before, after, np.hstack([kicks, currents]), c)
+    stepped = VEHICLE.step(states, before, after, np.hstack([increments, currents]), c)
     plain = itsunusa_step(states, np.hstack([before, after]), currents, C, 0.1, 2)
-    np.testing.assert_allclose(stepped[:, :3], plain[:, :3] + kicks, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(stepped[:, :3], plain[:, :3] + increments, rtol=0, atol=1e-15)
     np.testing.assert_array_equal(stepped[:, 3:], plain[:, 3:])
 
 
@@ -367,9 +367,9 @@ def test_the_current_dies_away_in_200_s_and_keeps_its_size(water):
 def test_sensors_read_what_those_in_six_degrees_of_freedom_do():
     rng = np.random.default_rng(8)
     states, currents, six = random_states(rng, 50), random_currents(rng, 50), Segorogeni(SIX)
-    full = sensors_of(six).exact(in_space(states), forcing(six, northward(currents)))
-    kicked = np.hstack([rng.normal(size=(50, 3)), currents])  # kicks act later and are not seen
-    np.testing.assert_allclose(SENSORS.exact(states, kicked), full[:, [0, 2, 3, 5, 8, 10]], rtol=0, atol=1e-13)
+    full = sensors_of(six).exact(in_space(states), exogenous(six, northward(currents)))
+    incremented = np.hstack([rng.normal(size=(50, 3)), currents])  # increments act later and are not seen
+    np.testing.assert_allclose(SENSORS.exact(states, incremented), full[:, [0, 2, 3, 5, 8, 10]], rtol=0, atol=1e-13)
 
 
 def test_in_still_water_exact_measurements_give_back_the_state():
@@ -377,14 +377,14 @@ def test_in_still_water_exact_measurements_give_back_the_state():
     measurements = SENSORS.exact(states, np.zeros((20, 4)))
     known = SENSORS.states_from(measurements)
     np.testing.assert_array_equal(np.stack([known[name] for name in STATE], -1), states)
-    x, d = without_a_filter(told(), VEHICLE.kicks, measurements)
+    x, d = without_a_filter(told(), VEHICLE.increments, measurements)
     x = np.array(x)  # those of a belief are read-only
     x[:, 5] = states[:, 5] + wrap(x[:, 5] - states[:, 5])
     np.testing.assert_allclose(x, np.hstack([states, np.zeros((20, 1))]), rtol=0, atol=1e-14)
     np.testing.assert_array_equal(d, np.zeros((20, 3)))
 
 
-def test_the_filter_s_model_is_the_vehicle_when_nothing_kicks():
+def test_the_filter_s_model_is_the_vehicle_without_increments():
     rng = np.random.default_rng(10)
     model = told(noise=2.0).model
     ensemble, currents = random_states(rng, 30).reshape(3, 10, 6), random_currents(rng, 30).reshape(3, 10, 1)
@@ -394,14 +394,16 @@ def test_the_filter_s_model_is_the_vehicle_when_nothing_kicks():
     c = VEHICLE.parameters(0.0, np.zeros((10, VEHICLE.normals)))
     for i in range(3):
         rows = [np.tile(control[i], (10, 1)) for control in (before, after)]
-        stepped = VEHICLE.step(ensemble[i], *rows, forcing(VEHICLE, currents[i]), c)
+        stepped = VEHICLE.step(ensemble[i], *rows, exogenous(VEHICLE, currents[i]), c)
         np.testing.assert_array_equal(predicted[i, :, :6], stepped)
     np.testing.assert_allclose(predicted[..., 6:], np.exp(-0.1 / 200.0) * currents, rtol=1e-15)
-    read = SENSORS.exact(ensemble, forcing(VEHICLE, currents))
+    read = SENSORS.exact(ensemble, exogenous(VEHICLE, currents))
     np.testing.assert_array_equal(model.measurement(whole, None), read)
     np.testing.assert_allclose(model.R, np.diag((2.0 * np.array([0.01, 0.01, 0.02, 0.01, 0.005, 0.5])) ** 2))
     increment = CURRENT_SD * np.sqrt(1.0 - np.exp(-2.0 * 0.1 / 200.0))
-    np.testing.assert_allclose(model.Q, np.diag(np.array([*KICKS, 0.0, 0.0, 0.0, increment]) ** 2), rtol=1e-12, atol=0)
+    np.testing.assert_allclose(
+        model.Q, np.diag(np.array([*INCREMENTS, 0.0, 0.0, 0.0, increment]) ** 2), rtol=1e-12, atol=0
+    )
     assert model.G is model.H is None
     assert (model.state_angles, model.measurement_angles) == ((5,), (3,))
     with pytest.raises(ValueError, match=r"^unknown filter model 'linear' .*: choose from nonlinear, steady dives$"):
@@ -413,7 +415,7 @@ def test_a_measurement_may_correct_all_but_the_way_covered_and_only_a_fix_correc
     assert tuple(channel.split()[0] for channel in SENSORS.channels) == read
     expected = [[(state == "x") == (measurement == "x") for measurement in read] for state in (*STATE, "current")]
     np.testing.assert_array_equal(told().localisation, expected)
-    np.testing.assert_array_equal(told(how="noise").localisation, expected[:6])
+    np.testing.assert_array_equal(told(how="process-noise").localisation, expected[:6])
 
 
 def test_mismatch_is_that_of_six_degrees_of_freedom():

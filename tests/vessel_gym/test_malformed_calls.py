@@ -101,9 +101,9 @@ CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, list[Any]]]] = [
     (Sensor, SENSOR, {"name": [None, 3], "channels": [None, (), "x", (3,)], "reads": [None, 3],
                       "sd": [None, 1.0, (-1.0,)], "rate": [0.0, "10", np.nan], "dropout": [1.5, -0.1, None],
                       "bias": ["b", 3], "angles": [None, (1,), 0.5],
-                      "informs": [3.0, ("x",)], "latency": [-1.0, "1", None], "inverse": [3, "x"]}),
+                      "corrects": [3.0, ("x",)], "latency": [-1.0, "1", None], "inverse": [3, "x"]}),
     (SensorSuite, {"noise": 1.0}, {"noise": NEGATIVE, "dropout": [1.5, "x"], "lossless": [None, "yes", 1]}),
-    (Sensors, {"sensors": (Sensor(**SENSOR),), "states": ("x", "y"), "forcing": ("f",), "dt": 0.5},
+    (Sensors, {"sensors": (Sensor(**SENSOR),), "states": ("x", "y"), "exogenous": ("f",), "dt": 0.5},
      {"sensors": [None, 3, "x", ()], "states": [None, "xy", 3], "dt": NOT_POSITIVE}),
     (SensorFault, {"sensor": "fix", "kind": "off"}, {"sensor": [None, 3], "kind": [None, "of"], "begin": ["x", -1.0]}),
     (simulate, {"ship": SHIP, "command": 0.1, "duration": 5.0},
@@ -153,8 +153,8 @@ CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, list[Any]]]] = [
     (words.chain, {"start": POSE, "curvatures": [0.01], "lengths": [10.0]},
      {"start": [None, [0.0]], "curvatures": [None, "x", [1.0, 2.0]], "lengths": [[np.nan], 3.0]}),
     (words.Path, {}, {"segments": [None, "x", np.zeros((0, 5)), np.zeros(5), np.full((1, 5), np.nan)]}),
-    (dive_path.follow, {"position": POSE, "course": [0.1, 20.0, 3.0], "ahead": 2.0},
-     {"position": [None, "x", [0.0]], "course": [None, [1.0]], "ahead": [None, "x"]}),
+    (dive_path.follow, {"position": POSE, "arc": [0.1, 20.0, 3.0], "ahead": 2.0},
+     {"position": [None, "x", [0.0]], "arc": [None, [1.0]], "ahead": [None, "x"]}),
 ]  # fmt: skip
 CASES = [
     pytest.param(function, right | {name: value}, name, id=f"{getattr(function, '__qualname__', function)}-{name}-{k}")
@@ -205,9 +205,10 @@ def test_a_seaway_of_another_ship_than_the_one_that_sails_is_refused():
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("prior_sd", (-1.0,)), ("prior_sd", "x"), ("uniforms", -1), ("uniforms", 1.5), ("horizon", 0), ("ends", "arrived"),
-     ("ends", ()), ("ends", ("", "over", "over")), ("perfect", np.nan), ("perfect", 0.0), ("perfect", -1.0),
-     ("success", "arived"), ("state_scale", [np.nan])],
+    [("prior_sd", (-1.0,)), ("prior_sd", "x"), ("uniforms", -1), ("uniforms", 1.5), ("horizon", 0),
+     ("end_reasons", "arrived"),
+     ("end_reasons", ()), ("end_reasons", ("", "over", "over")), ("perfect", np.nan), ("perfect", 0.0), ("perfect",
+     -1.0), ("success", "arived"), ("state_scale", [np.nan])],
 )  # fmt: skip
 def test_a_task_whose_figures_make_no_sense_is_refused_by_its_system(name: str, value: Any):
     assert name in refused(lambda: System(**SYSTEM | {"task": given(Task(), name, value)}))
@@ -226,7 +227,7 @@ def test_a_process_keeps_copies_that_nobody_can_write_into():
 def test_a_sensor_that_reads_complex_numbers_is_refused():
     assert "reads of fix must give real numbers, got " in refused(
         lambda: Sensors(
-            (Sensor(**SENSOR | {"reads": lambda state, forcing: 1j * state[..., :1]}),), ("x",), ("f",), 0.5
+            (Sensor(**SENSOR | {"reads": lambda state, exogenous: 1j * state[..., :1]}),), ("x",), ("f",), 0.5
         )
     )
 

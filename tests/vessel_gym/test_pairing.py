@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from contract import FEW_MEMBERS, OURS, SPREAD, make_core, random_walk, single_class
 
-from estimators import Numbers
+from estimators import RandomKeys
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Water
 from vessel_gym.sensors import SUITES, Bias, Sensor
@@ -22,8 +22,8 @@ def nature(core: Core) -> dict[str, np.ndarray]:
     """What is drawn in a step, or follows from what was."""
     measurements, available = core.loop.measurements
     drawn = {
-        "state": core.state, "sea": core.sea_state, "forcing": core.forcing, "bias": core.bias,
-        "parameters": core.parameters, "course": core.course, "measurements": measurements, "available": available,
+        "state": core.state, "sea": core.sea_state, "exogenous": core.exogenous, "bias": core.bias,
+        "parameters": core.parameters, "scenario": core.scenario, "measurements": measurements, "available": available,
     }  # fmt: skip
     return {name: values.copy() for name, values in drawn.items()}
 
@@ -43,11 +43,11 @@ def flown(core: Core, injected: int = STEPS + 1) -> list[dict[str, np.ndarray]]:
 @every_environment
 def test_the_measurements_of_a_step_can_be_had_by_themselves(env_id: str):
     core = make_core(env_id, ROWS, sensors="degraded", disturbance="rough")
-    episode, sensors = Numbers.seeded(range(SEED, SEED + ROWS)).of(1), core.sensors
+    episode, sensors = RandomKeys.seeded(range(SEED, SEED + ROWS)).of(1), core.sensors
     keys = np.stack([episode.of(f"sensor {sensor.name}").keys for sensor in sensors.each], 1)
     for step, now in reversed(list(enumerate(flown(core)))):
         steps = np.full(ROWS, step)
-        measurements, available = sensors.read(now["state"], now["forcing"], now["bias"], steps, keys)
+        measurements, available = sensors.read(now["state"], now["exogenous"], now["bias"], steps, keys)
         np.testing.assert_array_equal(measurements, now["measurements"])
         np.testing.assert_array_equal(available, now["available"])
 
@@ -58,7 +58,7 @@ def test_one_sensor_more_moves_the_numbers_of_no_other(env_id: str, place: int):
     own = SUITES["degraded"].of(single_class(env_id).system.vehicle.sensors)
     bias = Bias(("more bias",), start=(1.0,), pace=(0.1,), slope=(0.1,))
     quality = {"sd": (1.0, 1.0), "dropout": 0.3, "outliers": 0.2, "bias": bias}
-    more = Sensor("one more", ("one", "other"), lambda state, forcing: 0.0 * state[..., :2], **quality)
+    more = Sensor("one more", ("one", "other"), lambda state, exogenous: 0.0 * state[..., :2], **quality)
     others = [*own[:place], more, *own[place:]]
     one, other = (make_core(env_id, ROWS, sensors=s, disturbance="rough", estimator="truth") for s in (own, others))
     kept = [i for i, channel in enumerate(other.sensors.channels) if channel in one.sensors.channels]
@@ -88,7 +88,7 @@ def test_nature_is_paired_between_estimators_even_where_sensors_are_not_asked(en
 @every_environment
 def test_measurements_that_are_declared_linear_are_a_matrix_times_state_and_forcing(env_id: str):
     vehicle, rng = single_class(env_id).system.vehicle, np.random.default_rng(0)
-    n, f = len(vehicle.state_names), len(vehicle.kicks + vehicle.flows)
+    n, f = len(vehicle.state_names), len(vehicle.increments + vehicle.ambient_flows)
     x, units = rng.normal(0.0, 10.0, (9, n + f)), np.eye(n + f)
     declared = [sensor for sensor in vehicle.sensors if getattr(sensor.reads, "linear", False)]
     assert declared
@@ -120,8 +120,8 @@ def test_whoever_changes_an_effect_is_asked_for_it_though_another_was_declared_l
     one, other = (make_core(AUV, ROWS, disturbance=d, estimator="truth") for d in (nominal, doubled))
     for core in (one, other):
         core.reset()
-    np.testing.assert_array_equal(other.forcing[:, 6:], 2.0 * other.sea_state)
+    np.testing.assert_array_equal(other.exogenous[:, 6:], 2.0 * other.sea_state)
     np.testing.assert_array_equal(other.sea_state, one.sea_state)
     for told, beside in zip(flown(one), flown(other), strict=True):
         np.testing.assert_array_equal(beside["sea"], told["sea"])
-        np.testing.assert_array_equal(beside["forcing"][:, 6:], 2.0 * told["forcing"][:, 6:])
+        np.testing.assert_array_equal(beside["exogenous"][:, 6:], 2.0 * told["exogenous"][:, 6:])

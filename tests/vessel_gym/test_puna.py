@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from sensing import forcing, sensors_of, without_a_filter
+from sensing import exogenous, sensors_of, without_a_filter
 from stepping import puna_step
 
 from estimators import Gaussian, make, wrap
@@ -225,14 +225,14 @@ def test_a_batch_is_a_loop_and_inputs_stay():
     rates, after = puna_rates(states, controls, winds, c), puna_step(states, moving, winds, c, 0.1, 1)
     gnss, through_air = _fix(states, winds), airspeed(states, winds)
     biases = rng.normal(size=(3, 4, 3))
-    read = SENSORS.exact(states, forcing(VEHICLE, winds), biases)
+    read = SENSORS.exact(states, exogenous(VEHICLE, winds), biases)
     for i, j in np.ndindex(3, 4):
         np.testing.assert_array_equal(rates[i, j], puna_rates(states[i, j], controls[i, j], winds[i, j], c[j]))
         alone = puna_step(states[i, j], moving[i, j], winds[i, j], c[j], 0.1, 1)
         np.testing.assert_array_equal(after[i, j], alone)
         np.testing.assert_array_equal(gnss[i, j], _fix(states[i, j], winds[i, j]))
         assert through_air[i, j] == airspeed(states[i, j], winds[i, j])
-        alone = SENSORS.exact(states[i, j], forcing(VEHICLE, winds[i, j]), biases[i, j])
+        alone = SENSORS.exact(states[i, j], exogenous(VEHICLE, winds[i, j]), biases[i, j])
         np.testing.assert_array_equal(read[i, j], alone)
     for a, b in zip((states, controls, moving, winds, c), copies, strict=True):
         np.testing.assert_array_equal(a, b)
@@ -256,7 +256,7 @@ def test_straight_up_or_down_and_at_rest_nothing_is_infinite(gamma, speed):
         states[:, 3:6] += 0.01 * rng.standard_normal((20, 3))
         assert np.isfinite(states).all()
         assert in_wind_axes(states, winds)[:, 3].max() < fastest
-        assert np.isfinite(SENSORS.exact(states, forcing(VEHICLE, winds))).all()
+        assert np.isfinite(SENSORS.exact(states, exogenous(VEHICLE, winds))).all()
 
 
 def test_a_stalled_aircraft_drops_its_nose_and_flies_again():
@@ -513,7 +513,7 @@ def test_names_and_sizes_agree():
     assert len(channels) == 9
     assert VEHICLE.angles == ("phi",)
     assert [channels[i] for i in SENSORS.angles] == ["course over ground", "bank"]
-    assert VEHICLE.kicked == ("north", "east", "climb", "phi")
+    assert VEHICLE.incremented == ("north", "east", "climb", "phi")
     state, actuators = VEHICLE.start(np.ones((4, 7)))
     assert SENSORS.exact(state, np.zeros((4, 7))).shape == (4, 9)
     assert actuators.shape == (4, len(VEHICLE.action_names))
@@ -522,7 +522,7 @@ def test_names_and_sizes_agree():
     assert [sensor.rate for sensor in VEHICLE.sensors] == [1.0, None, None, None]
     assert VEHICLE.estimated("nonlinear") == STATE
     assert told().names == (*STATE, *AROUND)
-    assert told(how="noise").names == (*STATE, *AROUND[6:])  # the bias is the sensor's
+    assert told(how="process-noise").names == (*STATE, *AROUND[6:])  # the bias is the sensor's
 
 
 def test_a_measurement_may_correct_what_it_tells_of_and_no_chance_correlation():
@@ -537,7 +537,7 @@ def test_a_measurement_may_correct_what_it_tells_of_and_no_chance_correlation():
     assert tuple(corrected) == SENSORS.channels
     expected = [[name in names for names in corrected.values()] for name in (*STATE, *AROUND)]
     np.testing.assert_array_equal(told().localisation, expected)
-    np.testing.assert_array_equal(told(how="noise").localisation, [*expected[:7], *expected[13:]])
+    np.testing.assert_array_equal(told(how="process-noise").localisation, [*expected[:7], *expected[13:]])
 
 
 def test_the_start_is_the_prior_s_trimmed_for_20_m_s():
@@ -558,7 +558,7 @@ def test_filters_estimate_the_state_the_wind_and_the_gnss_s_bias():
     assert core.truth_names == core.composition.names == (*STATE, *AROUND)
     whole = np.hstack([core.state, core.sea_state, core.bias])
     np.testing.assert_array_equal(core.estimated(core.truth), whole)
-    unaware = Core(PUNA_UAV, 4, "dead-reckoning", {"told": {"as": "noise"}})
+    unaware = Core(PUNA_UAV, 4, "dead-reckoning", {"assume": {"as": "process-noise"}})
     unaware.start(seed=3)
     np.testing.assert_array_equal(unaware.estimated(unaware.truth), np.hstack([unaware.state, unaware.bias]))
 
@@ -625,15 +625,15 @@ def test_straight_up_straight_down_and_at_rest_a_step_is_finite_and_no_wing_bear
     assert moved[0, 5] == pytest.approx((200.0 - 9.81) * 0.01, rel=0.02)
 
 
-def test_a_step_of_the_vehicle_is_kicked_at_its_end():
+def test_a_step_of_the_vehicle_gets_its_increment_at_its_end():
     rng = np.random.default_rng(15)
     axes, before, after = random_states(rng, 6), random_controls(rng, 6), random_controls(rng, 6)
-    states, winds, kicks = own_state(axes), axes[:, 7:], rng.normal(size=(6, 4))
+    states, winds, increments = own_state(axes), axes[:, 7:], rng.normal(size=(6, 4))
     c = VEHICLE.parameters(0.0, np.zeros((6, VEHICLE.normals)))
-    stepped = VEHICLE.step(states, before, after, np.hstack([kicks, winds]), c)
+    stepped = VEHICLE.step(states, before, after, np.hstack([increments, winds]), c)
     plain = puna_step(states, np.hstack([before, after]), winds, C, 0.1, 1)
     np.testing.assert_array_equal(stepped[:, :3], plain[:, :3])
-    np.testing.assert_allclose(stepped[:, 3:] - plain[:, 3:], kicks, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(stepped[:, 3:] - plain[:, 3:], increments, rtol=0, atol=1e-12)
 
 
 def test_the_wind_decays_and_the_bias_stays_but_for_what_enters():
@@ -658,8 +658,8 @@ def test_sensors_read_velocity_over_ground_the_bias_of_the_gnss_and_the_rest_as_
         *(states[:, :3] + bias).T, np.hypot(north, east), np.angle(north + 1j * east), -down, states[:, 2],
         states[:, 3], states[:, 6],
     ], -1)  # fmt: skip
-    kicked = np.hstack([np.ones((50, 4)), states[:, 7:]])  # kicks act later and are not seen
-    np.testing.assert_allclose(SENSORS.exact(own, kicked, bias), plain, rtol=0, atol=1e-12)
+    incremented = np.hstack([np.ones((50, 4)), states[:, 7:]])  # increments act later and are not seen
+    np.testing.assert_allclose(SENSORS.exact(own, incremented, bias), plain, rtol=0, atol=1e-12)
 
 
 def test_in_a_wind_along_the_course_exact_measurements_give_back_the_state():
@@ -668,12 +668,12 @@ def test_in_a_wind_along_the_course_exact_measurements_give_back_the_state():
     along = np.random.default_rng(25).uniform(-3.0, 3.0, 20)
     states[:, 7], states[:, 8], states[:, 9] = along * np.cos(states[:, 5]), along * np.sin(states[:, 5]), 0.0
     own = own_state(states)
-    measurements = SENSORS.exact(own, forcing(VEHICLE, states[:, 7:]))
+    measurements = SENSORS.exact(own, exogenous(VEHICLE, states[:, 7:]))
     whole = np.hstack([own, states[:, 7:9], np.zeros((20, 7))])  # the wind is taken for a mean one
     known = SENSORS.states_from(measurements)
     given = [known.get(name, np.zeros(20)) for name in told().names]
     np.testing.assert_allclose(np.stack(given, -1), whole, rtol=0, atol=1e-10)
-    x, d = without_a_filter(told(), VEHICLE.kicks, measurements)
+    x, d = without_a_filter(told(), VEHICLE.increments, measurements)
     np.testing.assert_allclose(x, whole, rtol=0, atol=1e-10)
     np.testing.assert_array_equal(d, np.zeros((20, 4)))
 
@@ -684,7 +684,7 @@ def test_whatever_is_read_gives_a_state():
     assert all(np.isfinite(values).all() for values in known.values())
     assert all(values[0] == 0.0 for values in known.values())
     assert set(known) >= {*STATE, *AROUND[:2]}
-    x, _ = without_a_filter(told(), VEHICLE.kicks, measurements)
+    x, _ = without_a_filter(told(), VEHICLE.increments, measurements)
     assert np.isfinite(x).all()
     np.testing.assert_array_equal(x[0], 0.0)
 
@@ -696,7 +696,7 @@ def test_the_filter_s_model_is_the_vehicle_when_nothing_enters():
     own, air, bias = own_state(axes), split(axes[..., 7:], rng), rng.normal(size=(3, 10, 3))
     ensemble = np.concatenate([own, air, bias], -1)
     predicted = model.transition(ensemble, np.hstack([before, after])[:, None])
-    c, blown = VEHICLE.parameters(0.0, np.zeros((10, VEHICLE.normals))), forcing(VEHICLE, AIR.effect(air, own))
+    c, blown = VEHICLE.parameters(0.0, np.zeros((10, VEHICLE.normals))), exogenous(VEHICLE, AIR.effect(air, own))
     for i in range(3):
         rows = [np.tile(control[i], (10, 1)) for control in (before, after)]
         stepped = VEHICLE.step(own[i], *rows, blown[i], c)

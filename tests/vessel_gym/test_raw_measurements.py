@@ -23,7 +23,7 @@ from vessel_gym.core import Core
 from vessel_gym.system import Estimate
 
 every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
-GOALS = [key for key in ENVIRONMENTS if "arrived" in single_class(key).system.task.ends]
+GOALS = [key for key in ENVIRONMENTS if "arrived" in single_class(key).system.task.end_reasons]
 
 BELIEVED = {"estimate", "covariance", "input_estimate", "healthy"}
 """All of ``info`` that may differ between estimators."""
@@ -157,8 +157,8 @@ def test_an_episode_is_judged_as_if_the_truth_were_believed(env_id: str):
 def seen_with_perfect_knowledge(core: Core) -> np.ndarray:
     """The observation of mode ``"mean"`` of somebody who knows the truth."""
     task, state = core.task, core.state
-    known = Estimate(state, core.forcing[:, len(core.vehicle.kicks) :])
-    seen = task.observe(known, task.reference(core.course, core.steps, state), core.actuators)
+    known = Estimate(state, core.exogenous[:, len(core.vehicle.increments) :])
+    seen = task.observe(known, task.reference(core.scenario, core.steps, state), core.actuators)
     return np.clip(seen, -task.BOUND, task.BOUND).astype(np.float32)
 
 
@@ -176,4 +176,4 @@ def test_who_knows_the_truth_arrives_in_every_episode_on_hidden_held_measurement
         end = np.where(end == 0, core.end, end)
         if end.all():
             break
-    assert [core.task.ends[number] for number in end] == ["arrived"] * 48
+    assert [core.task.end_reasons[number] for number in end] == ["arrived"] * 48

@@ -74,7 +74,7 @@ def core_of(env_id, estimator="ekf", **options):
 
 def somewhere(core, *shares):
     """Places ``(n, 3)`` between the least and the most north, east and down of a path."""
-    path = surroundings.surroundings_of(core, core.course[0]).path
+    path = surroundings.surroundings_of(core, core.scenario[0]).path
     return path.min(0) + np.array(shares)[:, None] * np.ptp(path, 0)
 
 
@@ -177,7 +177,7 @@ def test_drawing_changes_nothing_in_the_episode(env_id):
     [
         {"estimator": "enkf-sr", "observe": "mean+std"},
         {"estimator": "ekf", "observe": "measurement"},
-        {"estimator": "ukf", "ends": "task"},
+        {"estimator": "ukf", "termination": "task"},
         {"estimator": "truth"},
         {"estimator": "measurement"},
         {"estimator": "dead-reckoning"},
@@ -320,7 +320,7 @@ def test_an_end_is_said_and_one_that_is_no_success_in_red(env_id, words):
     core = core_of(env_id)
     task = core.task
     assert not painted(picture(core)[:60], LIMIT).any()
-    for number, end in enumerate(task.ends[1:], 1):
+    for number, end in enumerate(task.end_reasons[1:], 1):
         core.end[:] = number
         assert painted(picture(core)[:60], LIMIT).any() == (end != task.success)
         assert end in words
@@ -332,7 +332,7 @@ def test_an_end_is_said_and_one_that_is_no_success_in_red(env_id, words):
 @pytest.mark.parametrize("env_id", [SPATIAL, VERTICAL, FLIGHT])
 def test_the_header_says_how_far_the_goal_is(env_id, words):
     core = core_of(env_id)
-    goal = np.array(surroundings.surroundings_of(core, core.course[0]).goal[:3])
+    goal = np.array(surroundings.surroundings_of(core, core.scenario[0]).goal[:3])
     picture(core, (goal + [0.2, 0.0, 0.0], goal))
     assert "0.20 m" in words
 

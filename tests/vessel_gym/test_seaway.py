@@ -340,13 +340,13 @@ def test_a_current_shifts_the_ship_and_the_reward():
 
 def test_filters_are_told_of_a_sea_of_no_direction_and_hold_its_current():
     core = Core(SIGMA_CORVETTE, 2)
-    told = core.composition
-    assert told.inputs == ("yaw increment",)
-    assert told.names == ("x", "y", "psi", "u", "v", "r", "current north", "current east")
-    assert told.forces.disturbance == MODERATE.believed
+    composition = core.composition
+    assert composition.inputs == ("yaw increment",)
+    assert composition.names == ("x", "y", "psi", "u", "v", "r", "current north", "current east")
+    assert composition.forces.disturbance == MODERATE.believed
     beta = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
     rms = np.sqrt((MODERATE.yaw_rate(beta, 0.8 * SHIP.speed) ** 2).mean())
-    assert np.sqrt(told.forces.kick_cov[0, 0]) == pytest.approx(0.5 * rms, rel=0.05)
+    assert np.sqrt(composition.forces.increment_cov[0, 0]) == pytest.approx(0.5 * rms, rel=0.05)
 
 
 @pytest.mark.parametrize("sea", SEAS)
@@ -363,8 +363,8 @@ def test_a_slow_ship_s_unknown_input_filter_flies_in_every_sea(length, sea):
 
 def test_the_ship_s_own_jacobian_is_that_of_her_model():
     """Against differences of the composed transition."""
-    for told in ({}, {"told": {"as": "states"}}):
-        model = Core(SIGMA_CORVETTE, 1, "ekf", told).filter.model
+    for chosen in ({}, {"assume": {"as": "states"}}):
+        model = Core(SIGMA_CORVETTE, 1, "ekf", chosen).filter.model
         rng = np.random.default_rng(2)
         x = np.zeros((5, model.n))
         x[:, :6] = rng.standard_normal((5, 6)) * [300.0, 300.0, 2.0, 1.0, 1.0, 0.03] + [0.0, 0.0, 0.0, 12.0, 0.0, 0.0]
@@ -380,7 +380,7 @@ def test_the_ship_s_own_jacobian_is_that_of_her_model():
 
 
 def test_who_is_told_of_the_sea_itself_holds_its_waves():
-    core = Core(SIGMA_CORVETTE, 2, "ekf", {"told": {"disturbance": "moderate", "as": "states"}})
+    core = Core(SIGMA_CORVETTE, 2, "ekf", {"assume": {"disturbance": "moderate", "as": "states"}})
     assert core.composition.names[6:] == MODERATE.names
 
 

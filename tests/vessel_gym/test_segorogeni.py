@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
-from sensing import UnevenWater, forcing, sensors_of, without_a_filter
+from sensing import UnevenWater, exogenous, sensors_of, without_a_filter
 from stepping import segorogeni_step
 
 from estimators import wrap
@@ -264,12 +264,12 @@ def test_a_batch_is_a_loop_and_inputs_stay():
     moving = np.concatenate([controls, 0.9 * controls], -1)
     copies = [a.copy() for a in (states, controls, moving, currents, c)]
     rates, after = segorogeni_rates(states, controls, currents, c), segorogeni_step(states, moving, currents, c, 0.1, 2)
-    read = SENSORS.exact(states, forcing(VEHICLE, currents))
+    read = SENSORS.exact(states, exogenous(VEHICLE, currents))
     for i, j in np.ndindex(3, 4):
         alone = states[i, j], controls[i, j], currents[i, j]
         np.testing.assert_array_equal(rates[i, j], segorogeni_rates(*alone, c[j]))
         np.testing.assert_array_equal(after[i, j], segorogeni_step(alone[0], moving[i, j], alone[2], c[j], 0.1, 2))
-        np.testing.assert_array_equal(read[i, j], SENSORS.exact(alone[0], forcing(VEHICLE, alone[2])))
+        np.testing.assert_array_equal(read[i, j], SENSORS.exact(alone[0], exogenous(VEHICLE, alone[2])))
     for a, b in zip((states, controls, moving, currents, c), copies, strict=True):
         np.testing.assert_array_equal(a, b)
 
@@ -462,8 +462,8 @@ def test_positive_rudder_turns_to_starboard_positive_stern_plane_dives_and_thrus
 # --- the vehicle in an environment ------------------------------------------------------------------
 
 
-KICKS, CURRENTS = (0.02, 0.01, 0.015, 0.03, 0.025, 0.035), (0.10, 0.15)
-WATER = UnevenWater(VEHICLE, KICKS, CURRENTS)
+INCREMENTS, CURRENTS = (0.02, 0.01, 0.015, 0.03, 0.025, 0.035), (0.10, 0.15)
+WATER = UnevenWater(VEHICLE, INCREMENTS, CURRENTS)
 
 
 def told(noise: float = 1.0, how: str | None = None) -> Composition:
@@ -477,13 +477,13 @@ def test_names_and_sizes_agree():
     assert SENSORS.channels == (
         "u over ground", "v over ground", "w over ground", "z", "phi", "theta", "psi", "p", "q", "r", "x", "y",
     )  # fmt: skip
-    assert (VEHICLE.kicked, VEHICLE.flows) == (STATE[:6], ("current north", "current east"))
+    assert (VEHICLE.incremented, VEHICLE.ambient_flows) == (STATE[:6], ("current north", "current east"))
     state, actuators = VEHICLE.start(np.ones((4, 12)))
     assert SENSORS.exact(state, np.zeros((4, 8))).shape == (4, 12)
     assert actuators.shape == (4, len(VEHICLE.action_names))
     assert VEHICLE.estimated("nonlinear") == STATE
-    assert told().names == (*STATE, *VEHICLE.flows)
-    assert told(how="noise").names == STATE
+    assert told().names == (*STATE, *VEHICLE.ambient_flows)
+    assert told(how="process-noise").names == STATE
 
 
 def test_the_start_is_the_prior_s_with_the_paper_s_rudder():
@@ -501,9 +501,9 @@ def test_filters_estimate_the_whole_state_and_the_current():
     core = Core(SEGOROGENI_AUV, 4, "dead-reckoning")
     core.start(seed=3)
     core.step(np.zeros((4, 3)))
-    assert core.truth_names == core.composition.names == (*STATE, *VEHICLE.flows)
+    assert core.truth_names == core.composition.names == (*STATE, *VEHICLE.ambient_flows)
     np.testing.assert_array_equal(core.estimated(core.truth), np.hstack([core.state, core.sea_state]))
-    unaware = Core(SEGOROGENI_AUV, 4, "dead-reckoning", {"told": {"as": "noise"}})
+    unaware = Core(SEGOROGENI_AUV, 4, "dead-reckoning", {"assume": {"as": "process-noise"}})
     unaware.start(seed=3)
     np.testing.assert_array_equal(unaware.estimated(unaware.truth), unaware.state)
 
@@ -528,14 +528,14 @@ def test_thrust_lags_exponentially():
     assert np.exp(-0.1 / BODY.thrust_lag) == pytest.approx(0.8187, abs=1e-4)
 
 
-def test_a_step_of_the_vehicle_is_kicked_at_its_end():
+def test_a_step_of_the_vehicle_gets_its_increment_at_its_end():
     rng = np.random.default_rng(13)
     states, before, after = random_states(rng, 6), random_controls(rng, 6), random_controls(rng, 6)
-    kicks, currents = rng.normal(size=(6, 6)) * 0.1, random_currents(rng, 6)
+    increments, currents = rng.normal(size=(6, 6)) * 0.1, random_currents(rng, 6)
     c = VEHICLE.parameters(0.0, np.zeros((6, VEHICLE.normals)))
-    stepped = VEHICLE.step(states, before, after, np.hstack([kicks, currents]), c)
+    stepped = VEHICLE.step(states, before, after, np.hstack([increments, currents]), c)
     plain = segorogeni_step(states, np.hstack([before, after]), currents, C, 0.1, 2)
-    np.testing.assert_allclose(stepped[:, :6], plain[:, :6] + kicks, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(stepped[:, :6], plain[:, :6] + increments, rtol=0, atol=1e-15)
     np.testing.assert_array_equal(stepped[:, 6:], plain[:, 6:])
 
 
@@ -556,8 +556,8 @@ def test_sensors_read_velocity_over_ground_and_the_rest_as_it_is():
     states, currents = random_states(rng, 50), random_currents(rng, 50)
     over_ground = states[:, :3] + attitude(states).inv().apply(np.hstack([currents, np.zeros((50, 1))]))
     plain = np.hstack([over_ground, states[:, 8:12], states[:, 3:8]])
-    kicked = np.hstack([rng.normal(size=(50, 6)), currents])  # kicks act later and are not seen
-    np.testing.assert_allclose(SENSORS.exact(states, kicked), plain, rtol=0, atol=1e-12)
+    incremented = np.hstack([rng.normal(size=(50, 6)), currents])  # increments act later and are not seen
+    np.testing.assert_allclose(SENSORS.exact(states, incremented), plain, rtol=0, atol=1e-12)
 
 
 def test_in_still_water_exact_measurements_give_back_the_state():
@@ -565,7 +565,7 @@ def test_in_still_water_exact_measurements_give_back_the_state():
     measurements = SENSORS.exact(states, np.zeros((20, 8)))
     known = SENSORS.states_from(measurements)
     np.testing.assert_array_equal(np.stack([known[name] for name in STATE], -1), states)
-    x, d = without_a_filter(told(), VEHICLE.kicks, measurements)
+    x, d = without_a_filter(told(), VEHICLE.increments, measurements)
     x = np.array(x)  # those of a belief are read-only
     x[:, 9:12] = wrap(x[:, 9:12] - states[:, 9:12]) + states[:, 9:12]
     np.testing.assert_allclose(x[:, :12], states, rtol=0, atol=1e-14)
@@ -573,7 +573,7 @@ def test_in_still_water_exact_measurements_give_back_the_state():
     np.testing.assert_array_equal(d, np.zeros((20, 6)))
 
 
-def test_the_filter_s_model_is_the_vehicle_when_nothing_kicks():
+def test_the_filter_s_model_is_the_vehicle_without_increments():
     rng = np.random.default_rng(16)
     model = told().model
     ensemble = random_states(rng, 30).reshape(3, 10, 12)
@@ -587,19 +587,19 @@ def test_the_filter_s_model_is_the_vehicle_when_nothing_kicks():
     c = VEHICLE.parameters(0.0, np.zeros((10, VEHICLE.normals)))
     for i in range(3):
         rows = [np.tile(control[i], (10, 1)) for control in (before, after)]
-        stepped = VEHICLE.step(ensemble[i], *rows, forcing(VEHICLE, currents[i]), c)
+        stepped = VEHICLE.step(ensemble[i], *rows, exogenous(VEHICLE, currents[i]), c)
         np.testing.assert_array_equal(predicted[i, :, :12], stepped)
     np.testing.assert_allclose(predicted[..., 12:], np.exp(-0.1 / 200.0) * currents, rtol=1e-15)
-    read = SENSORS.exact(ensemble, forcing(VEHICLE, currents))
+    read = SENSORS.exact(ensemble, exogenous(VEHICLE, currents))
     np.testing.assert_array_equal(model.measurement(whole, None), read)
 
 
-def test_the_filter_s_noise_is_the_sensors_and_the_kicks():
+def test_the_filter_s_noise_is_the_sensors_and_the_increments():
     model = told(noise=2.0).model
     sd = np.array([0.01, 0.01, 0.01, 0.02, 0.01, 0.01, 0.03, 0.005, 0.005, 0.005, 0.5, 0.5])
     np.testing.assert_allclose(model.R, np.diag((2.0 * sd) ** 2))
     increments = np.sqrt(1.0 - np.exp(-2.0 * 0.1 / 200.0)) * np.array(CURRENTS)
-    enters = np.concatenate([KICKS, np.zeros(6), increments])
+    enters = np.concatenate([INCREMENTS, np.zeros(6), increments])
     np.testing.assert_allclose(model.Q, np.diag(enters**2), rtol=1e-12, atol=0)
     assert model.G is model.H is None
     assert model.state_angles == (9, 10, 11)
@@ -624,7 +624,7 @@ def test_a_measurement_may_correct_what_lies_in_its_own_plane():
         for state in told().names
     ]
     np.testing.assert_array_equal(told().localisation, expected)
-    np.testing.assert_array_equal(told(how="noise").localisation, expected[:12])
+    np.testing.assert_array_equal(told(how="process-noise").localisation, expected[:12])
 
 
 # --- mismatch ---------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from contract import make_core, single_class
 from heading_ship import HEADING_SHIP
 from scipy.stats import binom, chi2
 
-from estimators import Numbers
+from estimators import RandomKeys
 from vessel_gym.processes import Process
 from vessel_gym.sensors import SUITES, Bias, Sensor, Sensors, SensorSuite, plain
 
@@ -29,13 +29,13 @@ def made(sensors: Sequence[Sensor], dt: float = DT) -> Sensors:
     return Sensors(sensors, STATES, ("force",), dt)
 
 
-def numbers(sensors: Sensors, seed: int, rows: int) -> Numbers:
+def numbers(sensors: Sensors, seed: int, rows: int) -> RandomKeys:
     """Those of every row and sensor ``(rows, sensors)``."""
-    episodes = Numbers.seeded([seed]).of(np.arange(rows))
-    return Numbers(episodes.keys[:, None]).of(np.arange(len(sensors.each)))
+    episodes = RandomKeys.seeded([seed]).of(np.arange(rows))
+    return RandomKeys(episodes.keys[:, None]).of(np.arange(len(sensors.each)))
 
 
-def read(sensors: Sensors, exact: np.ndarray, steps: np.ndarray, drawn: Numbers) -> tuple[np.ndarray, np.ndarray]:
+def read(sensors: Sensors, exact: np.ndarray, steps: np.ndarray, drawn: RandomKeys) -> tuple[np.ndarray, np.ndarray]:
     """Measurements of sensors that read the first states as they are, ``exact (n, p)``."""
     state, nothing = np.zeros((len(exact), len(STATES))), np.zeros((len(exact), 1))
     state[:, : exact.shape[1]] = exact
@@ -357,7 +357,7 @@ def ranging(sd: Any) -> list[Sensor]:
     """AUV's sensors with a range to a beacon far ahead instead of a fix."""
     nominal = [s for s in single_class("ItsunusaAUV-v0").system.vehicle.sensors if s.name != "acoustic position"]
 
-    def distance(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+    def distance(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
         return np.hypot(state[..., 3:4] - 60.0, state[..., 4:5])
 
     return [*nominal, Sensor("beacon", ("range [m]",), distance, sd, bias=Bias(("clock",), start=(0.5,)))]
@@ -391,7 +391,7 @@ def test_a_filter_s_noise_follows_what_it_expects_one_row_is_as_many_and_nature_
 
 @pytest.mark.parametrize("estimator", ["ekf", "kf-umv-ui", "enkf-sr"])
 def test_a_filter_of_constant_noise_is_that_of_a_function_that_is_constant(estimator: str):
-    """Rounding apart, of a linear model too; with R doubled as ``told`` says."""
+    """Rounding apart, of a linear model too; with R doubled as ``assume`` says."""
 
     def noise(y: np.ndarray) -> np.ndarray:
         return np.full(y.shape, 3e-3)
@@ -401,7 +401,7 @@ def test_a_filter_of_constant_noise_is_that_of_a_function_that_is_constant(estim
         compass, motion = HEADING_SHIP.vehicle.sensors
         core = make_core(
             HEADING_SHIP.name, 2, sensors=[replace(compass, sd=sd), motion], estimator=estimator,
-            estimator_options={"told": {"R": 2.0}},
+            estimator_options={"assume": {"R": 2.0}},
         )  # fmt: skip
         core.start(0)
         for _ in range(5):
@@ -464,18 +464,18 @@ MISDECLARED = [
     (fix(range=(0.0, 50.0)), ValueError, r"range of fix must have \(least, greatest\) for each channel, got \(0\.0.*"),
     (fix(range=((0.0, 1.0), (2.0, 1.0))), ValueError, r"range of fix must have \(least, greatest\) for each .*"),
     (fix(outlier_scale="10"), ValueError, r"outlier_scale of fix must be a number of at least 0, got '10'"),
-    (fix(informs=("ab", "ab")), ValueError, r"informs of fix must hold tuples of names, got 'ab'"),
+    (fix(corrects=("ab", "ab")), ValueError, r"corrects of fix must hold tuples of names, got 'ab'"),
     (fix(channels="xy"), ValueError, r"channels of fix must hold tuples of names, got 'xy'"),
     (lambda: Bias("bias", start=(1.0,) * 4), ValueError, r"names of a bias must be a tuple of names, got 'bias'"),
     (lambda: Bias(3, start=(1.0,)), ValueError, r"names of a bias must be a tuple of names, got 3"),
     (fix(gives=("a",)), ValueError, r"fix has 2 channels, so gives must have 2 entries, got .*"),
     (fix(gives="ab"), ValueError, r"fix has 2 channels, so gives must have 2 entries, got 'ab'"),
-    (fix(informs=(("a",),)), ValueError, r"fix has 2 channels, so informs must have 2 entries, got .*"),
+    (fix(corrects=(("a",),)), ValueError, r"fix has 2 channels, so corrects must have 2 entries, got .*"),
     (fix(dropout=1.1), ValueError, r"dropout of fix must be a number from 0 to 1, got 1\.1"),
     (fix(outliers=-0.1), ValueError, r"outliers of fix must be a number from 0 to 1, got -0\.1"),
     (fix(rate=0.0), ValueError, r"rate of fix must be a number above 0, got 0\.0"),
     (fix(rate="1"), ValueError, r"rate of fix must be a number above 0, got '1'"),
-    (fix(reads=np.zeros(2)), ValueError, r"reads of fix must be a function of \(state, forcing\), got array.*"),
+    (fix(reads=np.zeros(2)), ValueError, r"reads of fix must be a function of \(state, exogenous\), got array.*"),
     (fix(angles=(2,)), ValueError, r"angles of fix must be indices below 2, got \(2,\)"),
     (fix(angles=("x",)), ValueError, r"angles of fix must be indices below 2, got \('x',\)"),
     (fix(bias=Bias(("b", "c", "d"), start=(1.0,) * 3)), ValueError, r"fix has 2 channels, but a bias on 3"),
@@ -485,8 +485,8 @@ MISDECLARED = [
     (of("fix"), TypeError, r"sensors must be Sensor objects, one at least, got \['fix'\]"),
     (of(fix(reads=plain((0,)))), ValueError, r"reads of fix must give 2 values for each state: \(2, 3, 6\) gave "
                                              r"\(2, 3, 1\), expected \(2, 3, 2\)"),
-    (of(fix(reads=lambda state, forcing: state[0])), ValueError, r"reads of fix must give 2 values for each state: .*"),
-    (of(fix(reads=lambda state, forcing: state[..., 9:11] @ np.eye(3))), ValueError, r"reads of fix failed on .*"),
+    (of(fix(reads=lambda state, exogenous: state[0])), ValueError, r"reads of fix must give 2 values for each .*"),
+    (of(fix(reads=lambda state, exogenous: state[..., 9:11] @ np.eye(3))), ValueError, r"reads of fix failed on .*"),
     (of(fix(reads=lambda state: state[..., :2])), ValueError, r"reads of fix failed on states of shape .*"),
     (lambda: Bias(("b",), start=(1.0, 2.0)), ValueError, r"the bias .* needs a tuple of 1 values of start, got .*"),
     (lambda: Bias(("b",), 0.1), ValueError, r"the bias \('b',\) needs a tuple of 1 values of start, got 0\.1"),

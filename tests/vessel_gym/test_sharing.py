@@ -22,7 +22,7 @@ OPTIONS: tuple[dict[str, Any], ...] = (
     {},
     {"observe": "mean+std", "estimator": "ekf", "sensors": "degraded"},
     {"observe": "measurement", "guidance": True, "mismatch": 0.1},
-    {"ends": "task", "estimator_options": {"told": {"Q": 2.0}}},
+    {"termination": "task", "estimator_options": {"assume": {"Q": 2.0}}},
 )
 ENVS = (SigmaCorvetteEnv, ThesisCorvetteEnv, ItsunusaAUVEnv)
 
@@ -100,8 +100,8 @@ DIFFERENT: tuple[dict[str, Any], ...] = (
     {"sensors": [replace(each, dropout=0.2) for each in SigmaCorvetteEnv.system.vehicle.sensors]},
     {"sensor_faults": [SensorFault(SigmaCorvetteEnv.system.vehicle.sensors[0].name, "off", begin=3.0)]},
     {"estimator": "kf"},
-    {"estimator_options": {"told": {"Q": 1.5}}},
-    {"estimator_options": {"told": {"Q": 1.25}}},
+    {"estimator_options": {"assume": {"Q": 1.5}}},
+    {"estimator_options": {"assume": {"Q": 1.25}}},
     {"estimator_options": {"late": "discarded"}},
 )
 
@@ -144,7 +144,7 @@ def test_changes_of_own_parts_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_changes_of_an_own_sensors_function_are_seen() -> None:
     system, gain = SigmaCorvetteEnv.system, [1.0]
     first, *others = system.vehicle.sensors
-    own = replace(first, reads=lambda state, forcing: gain[0] * first.reads(state, forcing))
+    own = replace(first, reads=lambda state, exogenous: gain[0] * first.reads(state, exogenous))
     before, again = (flown(Core(system, 1, sensors=[own, *others]), 0) for _ in range(2))
     assert same(before, again)
     gain[0] = 1.5

@@ -25,13 +25,13 @@ def calls(system: System) -> list[tuple[Any, tuple[np.ndarray, ...]]]:
     mean, state = core.belief.mean.copy(), core.state.copy()
     mean[1], mean[2], state[1], state[2] = mean[1] * 30.0, 1e12, state[1] * 30.0, 1e12
     assert core.config.mission is not None
-    reference = task.reference(core.course, core.steps, mean)
+    reference = task.reference(core.scenario, core.steps, mean)
     over = np.arange(ROWS) % 3 == 0
-    forcing = core.forcing[:, : core.forces.outside]
+    exogenous = core.exogenous[:, : core.forces.outside]
     return [
-        (task.reference, (core.course, core.steps, mean)),
-        (task.begin, (state, core.course)),
-        (task.score, (state, forcing, reference, over, core.actuators, core.action, core.now.tally)),
+        (task.reference, (core.scenario, core.steps, mean)),
+        (task.begin, (state, core.scenario)),
+        (task.score, (state, exogenous, reference, over, core.actuators, core.action, core.now.score_state)),
         (core.config.mission.observe, (mean, np.zeros((ROWS, 0)), reference, core.actuators)),
     ]
 

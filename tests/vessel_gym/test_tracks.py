@@ -14,8 +14,8 @@ def test_the_commanded_path_closes_a_circle_of_the_commanded_radius():
     task = HEADING_SHIP.task
     radius = 4.0 * task.ship.length
     for side in (1.0, -1.0):
-        course = task.course(np.zeros((1, task.uniforms)), {"radius": side * radius})[0]
-        points = task.path(course)
+        scenario = task.scenario(np.zeros((1, task.uniforms)), {"radius": side * radius})[0]
+        points = task.path(scenario)
         turn = points[int((task.lead + task.ramp) / task.dt) :]
         centre = turn[:-2].mean(0)
         assert np.hypot(*(turn - centre).T) == pytest.approx(radius, rel=0.03)
@@ -25,7 +25,7 @@ def test_the_commanded_path_closes_a_circle_of_the_commanded_radius():
 
 def test_the_commanded_path_of_a_trial_is_that_of_the_ship_in_it():
     task = gym.make("ThesisCorvette-v0").unwrapped.core.task
-    points = task.path(task.course(np.zeros((1, 0)), {})[0])
+    points = task.path(task.scenario(np.zeros((1, 0)), {})[0])
     np.testing.assert_array_equal(points, task.record[:195, :2])
 
 
@@ -33,8 +33,8 @@ def test_a_commanded_track_closes_its_circle():
     task = gym.make("SigmaCorvette-v0").unwrapped.core.task
     radius = 4.0 * task.ship.length
     for side in (1.0, -1.0):
-        course = task.course(np.zeros((1, task.uniforms)), {"radius": side * radius})[0]
-        points = task.path(course)
+        scenario = task.scenario(np.zeros((1, task.uniforms)), {"radius": side * radius})[0]
+        points = task.path(scenario)
         length = np.hypot(*np.diff(points, axis=0).T)
         turn = points[np.concatenate([[0.0], length.cumsum()]) >= task.ship.speed * (task.lead + task.ramp)]
         circle = fit_circle(*turn.T)

@@ -24,23 +24,23 @@ TASK = TurningCircle(SHIP)
 VEHICLE = ThesisCorvette(SHIP, 0.5)
 
 
-def courses(n: int, seed: int = 0) -> np.ndarray:
-    return TASK.course(np.random.default_rng(seed).random((n, 3)), {})
+def scenarios(n: int, seed: int = 0) -> np.ndarray:
+    return TASK.scenario(np.random.default_rng(seed).random((n, 3)), {})
 
 
-def references(course: np.ndarray, dt: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
+def references(scenario: np.ndarray, dt: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
     """Times and the reference ``(k, 4)`` of one course over the whole episode, sampled every ``dt``."""
     time = np.arange(round(TASK.horizon * TASK.dt / dt) + 1) * dt
-    return time, TASK.command(np.tile(course, (len(time), 1)), time / TASK.dt)
+    return time, TASK.command(np.tile(scenario, (len(time), 1)), time / TASK.dt)
 
 
-SENSORS = Sensors(VEHICLE.sensors, VEHICLE.state_names, VEHICLE.kicks + VEHICLE.flows, 0.5)
+SENSORS = Sensors(VEHICLE.sensors, VEHICLE.state_names, VEHICLE.increments + VEHICLE.ambient_flows, 0.5)
 
 
 def started(rows: int, estimator: str = "kf-umv-ui") -> Belief:
     kf = make(estimator, compose(VEHICLE, "corrected", UnknownStep(), SENSORS).model)
     n = kf.model.n
-    prior = TASK.prior(courses(rows))
+    prior = TASK.prior(scenarios(rows))
     return kf.init(Gaussian(prior.mean[:, :n], prior.cov[:n, :n]))
 
 
@@ -55,15 +55,15 @@ def seen_of(belief: Belief) -> Estimate:
 
 
 def test_courses_turn_to_either_side_on_radii_between_three_and_six_lengths():
-    course = courses(2000)
+    scenario = scenarios(2000)
     turns = steady_turns(SHIP)
-    radius = np.interp(np.abs(course[:, 1]), turns.yaw_rate[1:], turns.radius[1:]) / L
+    radius = np.interp(np.abs(scenario[:, 1]), turns.yaw_rate[1:], turns.radius[1:]) / L
     assert 3.0 * (1 - 1e-3) < radius.min() < 3.05
     assert 5.9 < radius.max() < 6.0 * (1 + 1e-3)
     # 2000 fair sides: a band of 4.9 standard deviations, false-alarm rate 1e-6.
-    assert abs((course[:, 1] > 0).sum() - 1000) < 4.9 * np.sqrt(500)
-    assert (np.abs(course[:, 0]) <= np.pi).all()
-    assert np.ptp(course[:, 0]) > 6.2
+    assert abs((scenario[:, 1] > 0).sum() - 1000) < 4.9 * np.sqrt(500)
+    assert (np.abs(scenario[:, 0]) <= np.pi).all()
+    assert np.ptp(scenario[:, 0]) > 6.2
 
 
 @pytest.mark.parametrize("lengths", [2.5, 3.3, 4.7, 6.0, -2.5, -5.1])
@@ -86,20 +86,20 @@ def test_the_commanded_yaw_rate_is_that_of_the_steady_turn_with_the_commanded_ra
 def test_a_course_can_be_asked_for():
     uniforms = np.random.default_rng(1).random((5, 3))
     for radius in (300.0, -450.0, 1e4):
-        course = TASK.course(uniforms, {"radius": radius})
-        np.testing.assert_array_equal(course[:, 1], TASK.yaw_rate(np.array(radius)))
-        np.testing.assert_array_equal(course[:, 0], TASK.course(uniforms, {})[:, 0])  # the heading is drawn as ever
+        scenario = TASK.scenario(uniforms, {"radius": radius})
+        np.testing.assert_array_equal(scenario[:, 1], TASK.yaw_rate(np.array(radius)))
+        np.testing.assert_array_equal(scenario[:, 0], TASK.scenario(uniforms, {})[:, 0])  # the heading is drawn as ever
 
 
 @pytest.mark.parametrize("radius", [0.0, 252.0, -252.0, np.inf, -np.inf, np.nan])
 def test_a_radius_that_the_ship_cannot_hold_is_refused(radius):
     with pytest.raises(ValueError, match="radius must be at least 253 m"):
-        TASK.course(np.zeros((1, 3)), {"radius": radius})
+        TASK.scenario(np.zeros((1, 3)), {"radius": radius})
 
 
 def test_an_unknown_option_is_refused_with_the_choices():
     with pytest.raises(ValueError, match="unknown reset option 'side': choose from radius"):
-        TASK.course(np.zeros((1, 3)), {"side": 1})
+        TASK.scenario(np.zeros((1, 3)), {"side": 1})
 
 
 # --- references -------------------------------------------------------------------------------------
@@ -107,27 +107,27 @@ def test_an_unknown_option_is_refused_with_the_choices():
 
 @pytest.mark.parametrize("i", range(4))
 def test_the_reference_heading_is_the_integral_of_its_yaw_rate(i):
-    course = courses(4)[i]
-    time, reference = references(course, dt=0.25)  # the ramp's corners, at 5 and 30 s, are samples
+    scenario = scenarios(4)[i]
+    time, reference = references(scenario, dt=0.25)  # the ramp's corners, at 5 and 30 s, are samples
     rate = reference[:, 1]
-    integral = course[0] + np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
+    integral = scenario[0] + np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
     np.testing.assert_allclose(reference[:, 0], integral, rtol=0, atol=1e-12)  # exact: the rate is piecewise linear
 
 
 @pytest.mark.parametrize("i", range(4))
 def test_the_reference_is_continuous_from_the_straight_course_to_the_turn(i):
-    course = courses(4)[i]
-    time, reference = references(course, dt=0.01)
+    scenario = scenarios(4)[i]
+    time, reference = references(scenario, dt=0.01)
     steps = np.abs(np.diff(reference, axis=0)).max(0)
-    bounds = abs(course[1]) * 0.01 * np.array([1.0, 1.0 / TASK.ramp, 1.0 / TASK.ramp, 0.0])
+    bounds = abs(scenario[1]) * 0.01 * np.array([1.0, 1.0 / TASK.ramp, 1.0 / TASK.ramp, 0.0])
     assert (steps <= bounds * (1 + 1e-6) + 1e-14).all()
-    np.testing.assert_array_equal(reference[time <= TASK.lead, :2], [[course[0], 0.0]] * (time <= TASK.lead).sum())
-    np.testing.assert_array_equal(reference[time >= TASK.lead + TASK.ramp + 0.01, 1], course[1])
-    np.testing.assert_array_equal(reference[:, 3], course[1])
+    np.testing.assert_array_equal(reference[time <= TASK.lead, :2], [[scenario[0], 0.0]] * (time <= TASK.lead).sum())
+    np.testing.assert_array_equal(reference[time >= TASK.lead + TASK.ramp + 0.01, 1], scenario[1])
+    np.testing.assert_array_equal(reference[:, 3], scenario[1])
 
 
 def test_the_preview_is_the_yaw_rate_ten_seconds_ahead():
-    _, reference = references(courses(1)[0])
+    _, reference = references(scenarios(1)[0])
     ahead = round(TASK.preview / TASK.dt)
     np.testing.assert_allclose(reference[:-ahead, 2], reference[ahead:, 1], rtol=0, atol=1e-15)
     assert TASK.preview == 10.0
@@ -135,13 +135,13 @@ def test_the_preview_is_the_yaw_rate_ten_seconds_ahead():
 
 def test_an_episode_holds_a_full_turn_and_more_on_every_radius():
     for lengths in (2.5, 6.0, -6.0):
-        course = TASK.course(np.zeros((1, 3)), {"radius": lengths * L})[0]
-        _, reference = references(course)
+        scenario = TASK.scenario(np.zeros((1, 3)), {"radius": lengths * L})[0]
+        _, reference = references(scenario)
         assert abs(reference[-1, 0] - reference[0, 0]) > 2.0 * np.pi
 
 
 def test_a_turn_to_port_mirrors_one_to_starboard():
-    rate = courses(1)[0, 1]
+    rate = scenarios(1)[0, 1]
     step = np.arange(TASK.horizon)
     starboard, port = (
         TASK.command(np.tile([0.3 * side, side * rate], (TASK.horizon, 1)), step) for side in (1.0, -1.0)
@@ -151,17 +151,22 @@ def test_a_turn_to_port_mirrors_one_to_starboard():
 
 
 def test_filters_are_told_the_mean_rudder_and_the_commanded_yaw_rate():
-    before, after, course, step = np.array([[0.1], [0.2]]), np.array([[0.14], [0.2]]), courses(2), np.array([30, 90])
-    told = VEHICLE.known_input(before, after, TASK.commanded(course, step))
+    before, after, scenario, step = (
+        np.array([[0.1], [0.2]]),
+        np.array([[0.14], [0.2]]),
+        scenarios(2),
+        np.array([30, 90]),
+    )
+    told = VEHICLE.known_input(before, after, TASK.commanded(scenario, step))
     np.testing.assert_allclose(told[:, 0], [0.12, 0.2])
-    np.testing.assert_array_equal(told[:, 1], TASK.command(course, step)[:, 1])
+    np.testing.assert_array_equal(told[:, 1], TASK.command(scenario, step)[:, 1])
 
 
 def test_the_prior_lies_on_the_course_at_the_service_speed():
-    course = courses(3)
-    prior = TASK.prior(course)
-    np.testing.assert_array_equal(prior.mean, np.stack([0 * course[:, 0], 0 * course[:, 0], course[:, 0],
-                                                        0 * course[:, 0] + SHIP.speed], -1))  # fmt: skip
+    scenario = scenarios(3)
+    prior = TASK.prior(scenario)
+    np.testing.assert_array_equal(prior.mean, np.stack([0 * scenario[:, 0], 0 * scenario[:, 0], scenario[:, 0],
+                                                        0 * scenario[:, 0] + SHIP.speed], -1))  # fmt: skip
     assert np.linalg.eigvalsh(prior.cov).min() > 0.0
 
 
@@ -176,17 +181,17 @@ def test_nothing_that_the_agent_sees_has_a_parameter_for_truth():
     observers = {name: list(inspect.signature(getattr(TurningCircle, name)).parameters)[1:] for name in names}
     assert observers == {
         "observe": ["estimate", "reference", "actuators"],
-        "observe_state": ["estimate", "course"],
+        "observe_state": ["estimate", "scenario"],
         "observe_std": ["estimate"],
-        "observe_measurements": ["sensors", "measurements", "available", "course", "step"],
-        "observe_mission": ["course", "step", "actuators"],
-        "reference": ["course", "step", "state"],
+        "observe_measurements": ["sensors", "measurements", "available", "scenario", "step"],
+        "observe_mission": ["scenario", "step", "actuators"],
+        "reference": ["scenario", "step", "state"],
         "over": ["reference"],
-        "commanded": ["course", "step"],
+        "commanded": ["scenario", "step"],
     }
     public = (f for name, f in inspect.getmembers(TurningCircle, inspect.isfunction) if not name.startswith("__"))
     taken = {f.__name__: set(inspect.signature(f).parameters) for f in public}
-    assert {name for name, parameters in taken.items() if "forcing" in parameters} == {"score"}
+    assert {name for name, parameters in taken.items() if "exogenous" in parameters} == {"score"}
     assert {name for name, parameters in taken.items() if "state" in parameters} == {"begin", "score", "reference"}
 
 
@@ -207,7 +212,9 @@ def test_on_course_the_errors_are_zero_across_the_seam_of_the_compass():
 def test_a_filter_without_unknown_input_shows_a_zero_in_its_place():
     kf = seen_of(started(3, estimator="kf"))
     assert kf.input_mean is None
-    np.testing.assert_array_equal(TASK.observe(kf, TASK.command(courses(3), np.zeros(3)), np.zeros((3, 1)))[:, 3], 0.0)
+    np.testing.assert_array_equal(
+        TASK.observe(kf, TASK.command(scenarios(3), np.zeros(3)), np.zeros((3, 1)))[:, 3], 0.0
+    )
     np.testing.assert_array_equal(TASK.observe_std(kf)[:, 3], 0.0)
 
 
@@ -218,20 +225,20 @@ def test_standard_deviations_are_scaled_like_their_means():
 
 
 def test_missing_measurements_are_zero_and_the_mask_says_so():
-    course = np.tile([0.5, 0.03], (3, 1))  # at first the commanded heading is the initial one
+    scenario = np.tile([0.5, 0.03], (3, 1))  # at first the commanded heading is the initial one
     measurements = np.array([[0.4, 0.02], [0.3, 0.02], [0.4, 0.03]])  # whatever is left in a missing one
     available = np.array([[True, True], [False, True], [True, False]])
-    observation = TASK.observe_measurements(SENSORS, measurements, available, course, np.zeros(3))
+    observation = TASK.observe_measurements(SENSORS, measurements, available, scenario, np.zeros(3))
     np.testing.assert_allclose(observation[:, :4], [[1, 2, 1, 1], [0, 2, 0, 1], [1, 0, 1, 0]], atol=1e-12)
 
 
 @pytest.mark.parametrize("mode", ["mean", "mean+std", "measurement"])
 def test_the_sizes_of_the_observations_are_those_announced(mode):
-    rows, reference, rudder = seen_of(started(2)), TASK.command(courses(2), np.zeros(2)), np.zeros((2, 1))
+    rows, reference, rudder = seen_of(started(2)), TASK.command(scenarios(2), np.zeros(2)), np.zeros((2, 1))
     if mode == "measurement":
         there = np.zeros((2, 2)), np.ones((2, 2), bool)
-        raw = TASK.observe_measurements(SENSORS, *there, courses(2), np.zeros(2))
-        observation = np.hstack([raw, TASK.observe_mission(courses(2), np.zeros(2), rudder)])
+        raw = TASK.observe_measurements(SENSORS, *there, scenarios(2), np.zeros(2))
+        observation = np.hstack([raw, TASK.observe_mission(scenarios(2), np.zeros(2), rudder)])
     else:
         observation = TASK.observe(rows, reference, rudder)
         if mode == "mean+std":
@@ -246,11 +253,11 @@ def test_the_sizes_of_the_observations_are_those_announced(mode):
 def rewarded(truth, reference, action):
     """Reward and whether the turn is lost; neither rudder nor what acts counts, and there is nothing to remember."""
     rudder = np.random.default_rng(0).normal(size=(len(truth), 1))
-    tally = TASK.begin(truth, courses(len(truth)))
+    score_state = TASK.initial_score_state(truth, scenarios(len(truth)))
     acting = np.random.default_rng(1).normal(size=(len(truth), 1 + len(AROUND)))
-    reward, end, after = TASK.score(truth, acting, reference, TASK.over(reference), rudder, action, tally)
-    assert tally.shape == after.shape == (len(truth), 0)
-    return reward, np.array(TASK.ends)[end] == "turn lost"
+    reward, end, after = TASK.score(truth, acting, reference, TASK.over(reference), rudder, action, score_state)
+    assert score_state.shape == after.shape == (len(truth), 0)
+    return reward, np.array(TASK.end_reasons)[end] == "turn lost"
 
 
 def scored(heading_error, rate_error, action, commanded=0.03):

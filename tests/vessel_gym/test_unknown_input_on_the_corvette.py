@@ -12,7 +12,7 @@ from vessel_gym.sensors import Sensors
 from vessel_gym.vehicles.corvette_thesis import ThesisCorvette
 
 SHIP, RUNS, STEPS = ThesisCorvette(), 1000, 60
-SENSORS = Sensors(SHIP.sensors, SHIP.state_names, SHIP.kicks + SHIP.flows, SHIP.dt)
+SENSORS = Sensors(SHIP.sensors, SHIP.state_names, SHIP.increments + SHIP.ambient_flows, SHIP.dt)
 MODEL = replace(
     compose(SHIP, "corrected", UnknownStep(), SENSORS).model,
     Q=np.diag([0.02, 0.002, 0.002]) ** 2, R=np.diag([0.005, 0.003]) ** 2,
@@ -20,7 +20,7 @@ MODEL = replace(
 PRIOR = Gaussian(np.zeros(3), np.diag([0.2, 0.005, 0.05]) ** 2)
 
 
-def _kicks(size: float) -> np.ndarray:
+def _increments(size: float) -> np.ndarray:
     """Yaw increments ``(T, 1, 1)`` of swell, with a gust that holds on: not white, and not of zero mean."""
     k = np.arange(STEPS)[:, None, None]
     return size * (0.01 * np.sin(0.6 * k) + 0.02 * (k > 30))
@@ -53,7 +53,7 @@ def _follow(name: str, ys: np.ndarray, u: np.ndarray) -> list[Belief]:
 
 @pytest.mark.parametrize("name", ["kf-umv-ui", "ulise"])
 def test_state_and_unknown_input_of_the_corvette_are_unbiased_and_consistent(name: str):
-    d = _kicks(1.0)
+    d = _increments(1.0)
     xs, ys, u = _sail(d, RUNS)
     final = _follow(name, ys, u)[-1]
     input_error = final.input_mean - d[-1 - make(name, MODEL).input_delay]
@@ -65,7 +65,7 @@ def test_state_and_unknown_input_of_the_corvette_are_unbiased_and_consistent(nam
 
 
 def test_on_the_corvette_ulise_has_the_states_of_the_filter_with_feedthrough():
-    _, ys, u = _sail(_kicks(1.0), 20)
+    _, ys, u = _sail(_increments(1.0), 20)
     pairs = zip(_follow("kf-umv-ui", ys, u), _follow("ulise", ys, u), strict=True)
     for one, other in pairs:
         np.testing.assert_allclose(other.mean, one.mean, rtol=0, atol=1e-12)
@@ -78,7 +78,7 @@ def test_waves_a_thousand_times_higher_leave_the_errors_as_they_are(name: str):
     """The compass goes right round with them: its innovation must be told apart from a whole turn."""
     errors = []
     for size in (0.01, 10.0):
-        d = _kicks(size)
+        d = _increments(size)
         xs, ys, u = _sail(d, 20)
         beliefs = _follow(name, ys, u)
         errors.append(np.array([b.mean for b in beliefs]) - xs)

@@ -16,7 +16,7 @@ from sensing import sensors_of
 
 from estimators import Belief, Gaussian, models, wrap
 from vessel_gym.core import Core
-from vessel_gym.estimation import ENVIRONMENT_ONLY, Estimation, HeldMeasurement, HeldMeasurements, Oracle, build
+from vessel_gym.estimation import ENVIRONMENT_ONLY, Estimation, HeldBelief, Oracle, ZeroOrderHold, build
 from vessel_gym.start import known
 
 FAR = {"x": 6e5, "y": -5e6, "north [m]": 6e5, "east [m]": -5e6}
@@ -32,7 +32,7 @@ TURNED = {
 }  # fmt: skip
 """Components of state and measurements that half a turn of the axes reverses; but for headings the rest stays.
 
-So are their kicks and changes.
+So are their increments and changes.
 """
 HEADINGS = ("psi", "course over ground", "heading [rad]")
 
@@ -66,16 +66,16 @@ def names(core: Core) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]
 
 
 def half_a_turn(core: Core) -> Axes:
-    """Axes that point south and west; what kicks or changes a component turns with it, and has no cut."""
+    """Axes that point south and west; what adds to or changes a component turns with it, and has no cut."""
     return Axes(*(
-        (np.array([-1.0 if n.removeprefix("kick ").removeprefix("change of ") in TURNED else 1.0 for n in part]),
+        (np.array([-1.0 if n.removesuffix(" increment").removeprefix("change of ") in TURNED else 1.0 for n in part]),
          np.array([np.pi * (n in HEADINGS) for n in part]))
         for part in names(core)
     ))  # fmt: skip
 
 
 def elsewhere(core: Core) -> Axes:
-    """Axes that begin far away; a current or a kick has no place."""
+    """Axes that begin far away; a current or an increment has no place."""
     shifts = [np.array([FAR.get(n, 0.0) for n in part]) for part in names(core)]
     return Axes(*((np.ones(len(shift)), shift) for shift in shifts))
 
@@ -99,12 +99,12 @@ def episode(env_id: str) -> Episode:
     core.reset(options=NORTH.get(env_id))
     vehicle, task = core.vehicle, core.task
     state, _, channels = names(core)
-    prior = known(task.prior(core.course), core.composition)
+    prior = known(task.prior(core.scenario), core.composition)
     north = -prior.mean[:, state.index("psi")] if env_id == "ThesisCorvette-v0" else np.zeros(ROWS)
     of_state, of_measurements = (np.multiply.outer(north, np.isin(part, HEADINGS)) for part in (state, channels))
     walk = random_walk(5, ROWS, core.action_size)
     found: list[tuple[np.ndarray, ...]] = []
-    u = vehicle.known_input(core.actuators, core.actuators, task.commanded(core.course, core.steps))
+    u = vehicle.known_input(core.actuators, core.actuators, task.commanded(core.scenario, core.steps))
     for k in range(STEPS):
         truth, (y, available) = core.estimated(core.truth) + of_state, core.measurements
         found.append((truth, core.unknown_input, y + of_measurements, available, u))
@@ -112,7 +112,7 @@ def episode(env_id: str) -> Episode:
         action = 0.1 * next(walk)
         action[:, STEERING.get(env_id, 0)] += 0.8 * np.cos(np.pi / 20.0 * k)
         core.step(action)
-        u = vehicle.known_input(before, core.actuators, task.commanded(core.course, at))
+        u = vehicle.known_input(before, core.actuators, task.commanded(core.scenario, at))
     assert np.isfinite(found[-1][0]).all(), "filters estimate what is not there"
     return Episode(core, Gaussian(prior.mean + of_state, prior.cov), *map(np.array, zip(*found, strict=True)))
 
@@ -165,7 +165,7 @@ def apart(told: Episode, axes: Axes, one: list[Belief], other: list[Belief]) -> 
         if a.input_mean is not None:
             scale = told.d.std((0, 1)) + 1e-3
             found.append((b.input_mean - written(a.input_mean, axes.d)) / scale)
-        if isinstance(a, HeldMeasurements):
+        if isinstance(a, HeldBelief):
             for key in ("held", "previous"):
                 found.append(
                     short(getattr(b, key) - written(getattr(a, key), axes.y), angles[2]) / told.core.sensors.sd
@@ -273,15 +273,15 @@ def test_the_thesis_corvette_moves_and_reads_alike_wherever_it_is():
     truth = rng.normal(size=(8, 8)) * [100.0, 100.0, 2.0, 1.0, 1.0, 0.02, 0.1, 0.02]
     truth[:, 3] += 15.0
     there = truth + [FAR["x"], FAR["y"], *np.zeros(6)]
-    rudder, forcing, c = (
+    rudder, exogenous, c = (
         rng.normal(scale=0.2, size=(8, 1)),
-        rng.normal(size=(8, len(vehicle.kicks + vehicle.flows))),
+        rng.normal(size=(8, len(vehicle.increments + vehicle.ambient_flows))),
         vehicle.parameters(0.1, rng.normal(size=(8, vehicle.normals))),
     )
-    one, other = (vehicle.step(x, rudder, rudder, forcing, c) for x in (truth, there))
+    one, other = (vehicle.step(x, rudder, rudder, exogenous, c) for x in (truth, there))
     np.testing.assert_array_equal(other[:, 2:], one[:, 2:])
     np.testing.assert_allclose(other[:, :2] - there[:, :2], one[:, :2] - truth[:, :2], rtol=0, atol=1e-8)
-    np.testing.assert_array_equal(sensors.exact(other, forcing), sensors.exact(one, forcing))
+    np.testing.assert_array_equal(sensors.exact(other, exogenous), sensors.exact(one, exogenous))
 
 
 @pytest.mark.parametrize("env_id", ["ThesisCorvette-v0", "SegorogeniAUV-v0", "PunaUAV-v0"])
@@ -290,7 +290,7 @@ def test_what_is_derived_of_two_measurements_does_not_depend_on_the_cut_between_
     core = told.core
     axes, (state, unknown, channels) = half_a_turn(core), names(core)
     held = estimation(core, "measurement", {"model": core.vehicle.kinds[0]}).filter
-    assert isinstance(held, HeldMeasurement)
+    assert isinstance(held, ZeroOrderHold)
     rng, sd = np.random.default_rng(1), core.sensors.sd
     middle = np.array([{"ground speed": 20.0, "airspeed": 20.0}.get(channel, 0.0) for channel in channels])
     now, before = middle + sd * rng.normal(size=(2, 200, len(sd)))
@@ -317,7 +317,7 @@ def test_an_aircraft_whose_course_reads_now_one_side_of_south_now_the_other_flie
     state, _, channels = names(core)
     mean = np.zeros(len(state))
     mean[state.index("north")] = -20.0
-    still = np.zeros(len(core.sensors.forcing_names)), np.zeros(core.sensors.bias.size)
+    still = np.zeros(len(core.sensors.exogenous_names)), np.zeros(core.sensors.bias.size)
     exact = core.sensors.exact(mean[: len(core.vehicle.state_names)], *still)
     y = np.tile(exact, (STEPS, ROWS, 1))
     sides = np.where((np.arange(STEPS)[:, None] // 10 + np.arange(ROWS)) % 2, 1.0, -1.0)  # a fix every ten steps

@@ -20,7 +20,10 @@ from vessel_gym.vehicles.segorogeni import Segorogeni
 def _waters(spin: float, state: tuple[str, ...], **of_vehicle: Any) -> dict[str, Disturbance]:
     """Waters by name, the last under waves; ``spin`` is what turbulence does to rates beside velocities."""
     figures = {"calm": (0.002, 0.05), "moderate": (0.005, 0.10), "rough": (0.010, 0.20)}
-    waters = {name: Water(kick, spin * kick, current, **of_vehicle) for name, (kick, current) in figures.items()}
+    waters = {
+        name: Water(increment, spin * increment, current, **of_vehicle)
+        for name, (increment, current) in figures.items()
+    }
     above = SurfaceWater(0.88, 7.5, waters["moderate"], state.index("x"), state.index("z"))
     return waters | {"surface": above}
 
@@ -29,14 +32,14 @@ WATERS = _waters(1.0, SPACE)
 PLANE_WATERS = _waters(0.5, PLANE, velocities=("u", "w"), rates=("q",), names=("current",))
 
 
-def tuning(name: str, told: Composition) -> dict[str, Any]:
+def tuning(name: str, composition: Composition) -> dict[str, Any]:
     """Options of filters of a vehicle in space: an ensemble's, and the variance of the unknown input."""
     # An ensemble of 100 is a little too sure of itself; 1 + 1/N mends that (docs/dives.md). Without localisation that
     # of an aircraft is three times too sure of the position.
     if name in ("enkf", "enkf-sr", "etkf", "letkf"):
-        return {"members": 100, "inflation": 1.01, "localisation": told.localisation}
-    if name in OF_UNKNOWN_INPUTS and told.inputs:
-        return {"input_prior": told.forces.input_cov}
+        return {"members": 100, "inflation": 1.01, "localisation": composition.localisation}
+    if name in OF_UNKNOWN_INPUTS and composition.inputs:
+        return {"input_prior": composition.forces.input_cov}
     return {}
 
 

@@ -23,11 +23,11 @@ def airs(dt: float, airspeed: float) -> dict[str, Air]:
     }
 
 
-def _tuning(name: str, told: Composition) -> dict[str, Any]:
+def _tuning(name: str, composition: Composition) -> dict[str, Any]:
     # No measurement shows the GNSS's bias in plan: a filter that doubts its model at every step doubts it ever more.
     if name == "robust-kf":
         return {"radius": 1e-6}
-    return tuning(name, told)
+    return tuning(name, composition)
 
 
 def fixed_wing_system(vessel: str | Path, name: str = "vessel_gym/FixedWing-v0") -> System:

@@ -4,7 +4,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from estimators.checks import shown, whole
+from estimators.checks import short_repr, whole
 from vessel_gym.checks import instance
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
@@ -31,7 +31,7 @@ def register_environment(system: System, max_episode_steps: int | None = None) -
     try:
         gym.envs.registration.parse_env_id(system.name)
     except gym.error.Error:
-        raise ValueError(f"name of a system must be like MyShip-v0, got {shown(system.name)}") from None
+        raise ValueError(f"name of a system must be like MyShip-v0, got {short_repr(system.name)}") from None
     known = gym.registry.get(system.name)
     if known is not None and not getattr(known.entry_point, "own", False):
         raise ValueError(f"{system.name!r} is an environment already: give yours a name of its own")

@@ -27,10 +27,10 @@ def seas(ship: CorvetteParameters, dt: float) -> dict[str, Seaway]:
     }
 
 
-def input_tuning(name: str, told: Composition) -> dict[str, Any]:
+def input_tuning(name: str, composition: Composition) -> dict[str, Any]:
     """The variance of the yaw increment, for filters that estimate it."""
     if name in ("kf-umv-ui", "ulise"):
-        return {"input_prior": told.forces.kick_cov}
+        return {"input_prior": composition.forces.increment_cov}
     return {}
 
 

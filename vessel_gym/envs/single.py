@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 import gymnasium as gym
 import numpy as np
 
-from estimators.checks import shown
+from estimators.checks import short_repr
 from vessel_gym.checks import checked_action, whole
 from vessel_gym.core import Core
 from vessel_gym.envs.shared import action_space, check_arguments, first_seed, observation_space
@@ -51,7 +51,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode; see `gymnasium.Env.reset`. ``options`` are the task's."""
         if seed is not None and not whole(seed):
-            raise ValueError(f"seed must be a whole number or None, got {shown(seed)}")
+            raise ValueError(f"seed must be a whole number or None, got {short_repr(seed)}")
         self.core.start(first_seed(self, self.core) if seed is None else seed, options)
         super().reset(seed=None if seed is None else int(seed))
         if self.render_mode is not None:
@@ -89,7 +89,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         core, end = self.core, int(self.core.end[0])
         info: dict[str, Any] = {name: values[0].copy() for name, values in core.happened().items()}
         info["healthy"], info["score"] = not core.loop.belief.recovery[0], core.score_of(0)
-        info["end"], info["is_success"] = core.task.ends[end], end == core.config.success
+        info["end"], info["is_success"] = core.task.end_reasons[end], end == core.config.success
         return info
 
     def _record(self, begin: bool = False) -> None:

@@ -19,7 +19,7 @@ class UnknownStep(Disturbance):
     """A yaw increment d that filters have for an unknown input of unknown size: the task says when it steps."""
 
     forces = ("yaw increment",)
-    told = "input"
+    assumed_as = "unknown-input"
     input_sd = (1.0,)
 
     @linear
@@ -28,7 +28,7 @@ class UnknownStep(Disturbance):
         return np.zeros((*state.shape[:-1], 1))
 
 
-def _tuning(name: str, told: Composition) -> dict[str, Any]:
+def _tuning(name: str, composition: Composition) -> dict[str, Any]:
     return {}
 
 

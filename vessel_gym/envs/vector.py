@@ -9,7 +9,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from estimators.checks import shown
+from estimators.checks import short_repr
 from vessel_gym.checks import whole
 from vessel_gym.core import Core
 from vessel_gym.envs.shared import action_space, check_arguments, first_seed, observation_space
@@ -60,7 +60,9 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     ) -> None:
         check_arguments(self, options, render_mode)
         if max_episode_steps is not None and not (whole(max_episode_steps) and max_episode_steps >= 1):
-            raise ValueError(f"max_episode_steps must be a whole number of at least 1, got {shown(max_episode_steps)}")
+            raise ValueError(
+                f"max_episode_steps must be a whole number of at least 1, got {short_repr(max_episode_steps)}"
+            )
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode}
         self.core = Core(self.system, num_envs, num_threads=num_threads, **options)

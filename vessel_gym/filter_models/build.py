@@ -1,6 +1,7 @@
-"""A filter's model, composed of a vehicle, a disturbance and sensors, as much as the filter is told of them.
+"""A filter's model, composed of a vehicle, a disturbance and sensors, as far as the filter assumes them.
 
-The filter's state is the vehicle's, then the disturbance's as far as it is told and matters, then the sensors' biases.
+The filter's state is the vehicle's, then the disturbance's as far as it is assumed and matters, then the sensors'
+biases.
 """
 
 from dataclasses import dataclass, replace
@@ -20,24 +21,24 @@ from vessel_gym.filter_models.parts import Parts, check_estimated, relevant, see
 from vessel_gym.sensors import Sensors
 from vessel_gym.vehicles.vehicle import Trims, Vehicle
 
-TOLD = ("states", "input", "white", "noise")
-"""How a filter is told of a disturbance: its state is part of the filter's (``states``); its `Disturbance.inputs` are
-the unknown input d (``input``), perhaps with the variance that they have, and white (``white``), and what of its state
-does something else is part of the filter's; or its kicks stand in Q and R alone (``noise``), and the filter knows
-nothing of a flow."""
+ASSUMED = ("states", "unknown-input", "white-input", "process-noise")
+"""Ways to assume a disturbance: its state is part of the filter's (``states``); its `Disturbance.inputs` are
+the unknown input d (``unknown-input``), perhaps with the variance that they have, and white (``white-input``), and what
+of its state does something else is part of the filter's; or its increments stand in Q and R alone (``process-noise``),
+and the filter knows nothing of a flow."""
 
 
 OF_UNKNOWN_INPUTS = ("kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise")
 """The filters that take a prior of an unknown input, which is to be true where no measurement shows it."""
 
 
-def checked_told(how: object) -> str:
-    """One of `TOLD`.
+def checked_assumption(how: object) -> str:
+    """One of `ASSUMED`.
 
     Raises:
         ValueError: for anything else.
     """
-    return one_of("way to tell a filter of a disturbance", how, TOLD)
+    return one_of("way to assume a disturbance", how, ASSUMED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,14 +49,14 @@ class Composition(Parts):
         model: The filter's model.
         names: The components of its state: of the vehicle, of the disturbance, of the sensors' biases.
         inputs: What its unknown input d is, by name.
-        told: One of `TOLD`.
+        assumed_as: One of `ASSUMED`.
         late: Whether the unknown input that acts now is the last part of the filter's state.
     """
 
     model: LinearModel | NonlinearModel
     names: tuple[str, ...]
     inputs: tuple[str, ...]
-    told: str
+    assumed_as: str
     late: bool = False
 
     def adapted_to(self, filter_name: str) -> "Composition":
@@ -69,26 +70,28 @@ class Composition(Parts):
             return replace(self, model=input_delayed(model))
         return self
 
-    def check_flows(self) -> None:
-        """Refuse a sensor that reads a flow of which the filter is told nothing, and which it would take to be 0.
+    def check_ambient_flows(self) -> None:
+        """Refuse a sensor that reads a flow of which the filter assumes nothing, and which it would take to be 0.
 
         Raises:
             ValueError: naming both.
         """
         vehicle, disturbance = self.vehicle, self.forces.disturbance
-        for i, name in enumerate(vehicle.flows, len(vehicle.kicks)) if self.told == "noise" else ():
+        for i, name in (
+            enumerate(vehicle.ambient_flows, len(vehicle.increments)) if self.assumed_as == "process-noise" else ()
+        ):
             shown = seen_anywhere(vehicle, self.sensors)[:, i]
             if name in disturbance.forces and shown.any():
                 raise ValueError(
                     f"{self.sensors.of_channel(np.argmax(shown)).name} reads {name}, of which a filter knows nothing "
-                    f'that is told of {type(disturbance).__name__} as "{self.told}": tell it with {{"as": "states"}}, '
-                    "or leave it out"
+                    f'that assumes {type(disturbance).__name__} as "{self.assumed_as}": assume it with '
+                    '{"as": "states"}, or leave it out'
                 )
 
     def flow(self, mean: np.ndarray, input_mean: np.ndarray | None = None) -> np.ndarray:
         """The flow that means ``(..., n)``, and of d ``(..., q)``, imply ``(..., f)``; 0 where nothing is known."""
-        names = self.vehicle.flows
-        acting = self.acting(mean)[..., len(self.vehicle.kicks) : self.forces.outside]
+        names = self.vehicle.ambient_flows
+        acting = self.acting(mean)[..., len(self.vehicle.increments) : self.forces.outside]
         flow = np.broadcast_to(acting, (*mean.shape[:-1], len(names)))
         if input_mean is None or not set(self.inputs) & set(names):
             return flow
@@ -101,12 +104,12 @@ class Composition(Parts):
         disturbance = self.forces.disturbance
         sizes = disturbance.scale or np.sqrt(np.diag(disturbance.process.start_cov))
         inputs = np.sqrt(np.diag(self.forces.input_cov)) if self.late else np.zeros(0)
-        return np.concatenate([np.asarray(sizes, float)[self.held], self.sensors.bias_scale, inputs])
+        return np.concatenate([np.asarray(sizes, float)[self.estimated], self.sensors.bias_scale, inputs])
 
     @cached_property
     def localisation(self) -> np.ndarray:
         """Mask ``(n, p)`` of the states that measurements may correct, see `vessel_gym.sensors.Sensor`."""
-        return self.sensors.informed(self.names, lambda: self._depends)
+        return self.sensors.corrected_states(self.names, lambda: self._depends)
 
     @cached_property
     def _depends(self) -> np.ndarray:
@@ -133,61 +136,64 @@ class Composition(Parts):
 
 
 def unknown_inputs(forces: Forces, sensors: Sensors) -> tuple[str, ...]:
-    """Names of the unknown inputs of a coming step where no filter is told of one.
+    """Names of the unknown inputs of a coming step where no filter assumes one.
 
-    Kicks, if they follow from the disturbance's state; otherwise all that is new: white kicks, changes of that and of
-    biases.
+    Increments, if they follow from the disturbance's state; otherwise all that is new: white increments, changes of
+    that and of biases.
     """
     disturbance = forces.disturbance
-    if forces.kicking:
-        return tuple(forces.vehicle.kicks[i] for i in forces.kicks)
-    return *disturbance.shakes, *map(change_of, (*disturbance.names, *sensors.bias_names))
+    if forces.has_increments:
+        return tuple(forces.vehicle.increments[i] for i in forces.increments)
+    return *disturbance.white_increments, *map(change_of, (*disturbance.names, *sensors.bias_names))
 
 
 def compose(
-    vehicle: Vehicle, kind: str, disturbance: Disturbance, sensors: Sensors, told: str | None = None
+    vehicle: Vehicle, kind: str, disturbance: Disturbance, sensors: Sensors, assumed_as: str | None = None
 ) -> Composition:
     """A filter's model.
 
     Args:
         vehicle: What moves.
         kind: One of the vehicle's ``kinds`` of model.
-        disturbance: What the filter is told that acts.
-        sensors: What it is told of them.
-        told: One of `TOLD`; None: the disturbance's own.
+        disturbance: The disturbance that the filter assumes.
+        sensors: The sensors that it assumes.
+        assumed_as: One of `ASSUMED`; None: the disturbance's own.
 
     Raises:
         ValueError: if there is no such model, or it cannot be composed of these: a sensor reads what its filters do not
             estimate, or is not linear where the model is.
     """
-    told = checked_told(disturbance.told if told is None else told)
+    assumed_as = checked_assumption(disturbance.assumed_as if assumed_as is None else assumed_as)
     forces, own = Forces(vehicle, disturbance), vehicle.estimated(kind)
     check_estimated(own, vehicle, sensors)
     for name in sensors.bias_names:
         if name in disturbance.names:
             raise ValueError(f"a bias is called {name!r}, as is a component of {type(disturbance).__name__}")
-    asked = told in ("input", "white")
+    asked = assumed_as in ("unknown-input", "white-input")
     unknown = forces.unknown if asked else []
     changing = [i - forces.size for i in forces.inputs if asked and i >= forces.size]
-    held = np.zeros(0, int) if told == "noise" else relevant(forces, sensors, len(own), unknown, changing)
-    parts = Parts(forces, sensors, own, held, unknown)
-    names = (*own, *(disturbance.names[i] for i in held), *sensors.bias_names)
-    kicked = np.zeros((len(names), len(vehicle.kicks)))  # K: what kicks do to the state
-    for j, name in enumerate(vehicle.kicked):
+    estimated = (
+        np.zeros(0, int) if assumed_as == "process-noise" else relevant(forces, sensors, len(own), unknown, changing)
+    )
+    parts = Parts(forces, sensors, own, estimated, unknown)
+    names = (*own, *(disturbance.names[i] for i in estimated), *sensors.bias_names)
+    incremented = np.zeros((len(names), len(vehicle.increments)))  # K: what increments do to the state
+    for j, name in enumerate(vehicle.incremented):
         if name in own:
-            kicked[own.index(name), j] = 1.0
+            incremented[own.index(name), j] = 1.0
     shown = seen(sensors, cruising(vehicle))
     options: dict[str, Any] = {
         "state_angles": tuple(i for i, name in enumerate(own) if name in vehicle.angles),
-        "measurement_angles": sensors.angles, **_noise(parts, told == "noise", changing, kicked, shown),
+        "measurement_angles": sensors.angles, **_noise(parts, assumed_as == "process-noise", changing, incremented,
+        shown),
     }  # fmt: skip
     inputs = forces.input_names if asked else ()
     G, H = np.zeros((len(names), len(inputs))), np.zeros((sensors.size, len(inputs)))
     for j, i in enumerate(forces.inputs if asked else ()):
-        if i < len(vehicle.kicks):
-            G[:, j] = kicked[:, i]
+        if i < len(vehicle.increments):
+            G[:, j] = incremented[:, i]
         elif i >= forces.size:
-            G[len(own) + held.tolist().index(i - forces.size), j] = 1.0
+            G[len(own) + estimated.tolist().index(i - forces.size), j] = 1.0
         if i < forces.outside:
             H[:, j] = shown[:, i]
     if kind not in vehicle.linear_kinds:
@@ -195,50 +201,52 @@ def compose(
     elif isinstance(given := vehicle.linear(kind), Trims):
         model = linearised_model(parts, G, H, options, given)
     else:
-        model = linear_model(parts, kind, kicked, G, H, options)
-    return Composition(**vars(parts), model=model, names=names, inputs=inputs, told=told)
+        model = linear_model(parts, kind, incremented, G, H, options)
+    return Composition(**vars(parts), model=model, names=names, inputs=inputs, assumed_as=assumed_as)
 
 
-def _noise(parts: Parts, as_noise: bool, changing: list[int], kicked: np.ndarray, shown: np.ndarray) -> dict[str, Any]:
+def _noise(
+    parts: Parts, as_noise: bool, changing: list[int], incremented: np.ndarray, shown: np.ndarray
+) -> dict[str, Any]:
     """Q and R.
 
     Args:
         parts: What the model is composed of.
-        as_noise: Do the disturbance's kicks stand in Q and R alone?
+        as_noise: Do the disturbance's increments stand in Q and R alone?
         changing: Indices of the disturbance's states whose changes are the unknown input.
-        kicked: ``(n, kicks)`` what kicks do to the state,
+        incremented: ``(n, increments)`` what increments do to the state,
         shown: and ``(p, f)`` what the exogenous input adds to the measurements.
 
     Raises:
-        ValueError: for a sensor that reads white kicks.
+        ValueError: for a sensor that reads white increments.
     """
-    forces, sensors, held, n = parts.forces, parts.sensors, parts.held, parts.base
+    forces, sensors, estimated, n = parts.forces, parts.sensors, parts.estimated, parts.base
     disturbance, bias = forces.disturbance, parts.sensors.bias
     process, white = disturbance.process, forces.white.copy()
     first = white.shape[-1]
-    root = np.zeros((len(kicked), first + process.normals + bias.normals))
+    root = np.zeros((len(incremented), first + process.normals + bias.normals))
     if not as_noise:
         white[parts.unknown] = 0.0
-        if shown[:, [i for i in forces.shaken if i not in parts.unknown]].any():
+        if shown[:, [i for i in forces.white_indices if i not in parts.unknown]].any():
             raise ValueError(
-                f"a sensor reads the white kicks of {type(disturbance).__name__} as they come: a filter is told of "
-                'them with {"as": "input"}, or {"as": "white"}'
+                f"a sensor reads the white increments of {type(disturbance).__name__} as they come: assume "
+                'them with {"as": "unknown-input"}, or {"as": "white-input"}'
             )
         fresh = process.root.copy()
         fresh[changing] = 0.0
-        root[:, :first] = kicked @ white[: kicked.shape[-1]]
-        root[n : n + len(held), first : first + process.normals] = fresh[held]
-    root[n + len(held) :, first + process.normals :] = bias.root
+        root[:, :first] = incremented @ white[: incremented.shape[-1]]
+        root[n : n + len(estimated), first : first + process.normals] = fresh[estimated]
+    root[n + len(estimated) :, first + process.normals :] = bias.root
     Q = root @ root.T
     Q[:n, :n] += np.diag(np.asarray(parts.vehicle.process_sd)[:n] ** 2)
-    full = np.zeros(len(kicked))
+    full = np.zeros(len(incremented))
     full[:n] = parts.vehicle.cruise[0][:n]
     R = sensors.noise(parts.expected, full, None)
     if as_noise:
-        K, S = kicked[:, forces.kicks], shown[:, forces.kicks]
-        Q += K @ forces.kick_cov @ K.T
-        kicks = S @ forces.kick_cov @ S.T
-        R = R.changed(lambda noise: noise + kicks) if isinstance(R, StateNoise) else R + kicks
+        K, S = incremented[:, forces.increments], shown[:, forces.increments]
+        Q += K @ forces.increment_cov @ K.T
+        increments = S @ forces.increment_cov @ S.T
+        R = R.changed(lambda noise: noise + increments) if isinstance(R, StateNoise) else R + increments
     noise: dict[str, Any] = {"Q": Q, "R": R}
     for name, table in getattr(parts.vehicle, "noise", {}).items():
         if np.shape(noise[name]) == table.table.shape[1:]:  # of other sensors or more states it says nothing

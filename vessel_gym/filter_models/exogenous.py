@@ -1,4 +1,4 @@
-"""The exogenous input of a vehicle: what a disturbance does to it, sorted into kicks, flows and faults of actuators."""
+"""The exogenous input of a vehicle, sorted into increments, ambient flows and faults of actuators."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from estimators.checks import numbers, shown
+from estimators.checks import numbers, short_repr
 from estimators.engine.arrays import TracedArray
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.foreign import Call, Copying, copying, ours
@@ -16,9 +16,14 @@ from vessel_gym.vehicles.vehicle import Vehicle
 
 
 def input_channels(vehicle: Vehicle) -> tuple[str, ...]:
-    """All that can act on a vehicle: kicks, flows, what may be added to each actuator, the share of it that is lost."""
+    """Input channels of a vehicle: increments, ambient flows, additions to each actuator, and lost share of each."""
     faults: tuple[str, ...] = getattr(vehicle, "faults", ())  # which a vehicle need not have
-    return *vehicle.kicks, *vehicle.flows, *faults, *(f"{name.removesuffix('fault')}loss" for name in faults)
+    return (
+        *vehicle.increments,
+        *vehicle.ambient_flows,
+        *faults,
+        *(f"{name.removesuffix('fault')}loss" for name in faults),
+    )
 
 
 def change_of(name: str) -> str:
@@ -38,21 +43,21 @@ def cruising(vehicle: Vehicle) -> np.ndarray:
 
 
 class Forces:
-    """Effect of a disturbance on a vehicle, sorted into kicks and flows.
+    """Effect of a disturbance on a vehicle, sorted into increments and flows.
 
     Args:
         vehicle: What is acted on.
         disturbance: What acts.
 
     Raises:
-        ValueError: for a force that the vehicle does not have, a white one that is no kick, or another time step.
+        ValueError: for a force that the vehicle does not have, a white one that is no increment, or another time step.
     """
 
     def __init__(self, vehicle: Vehicle, disturbance: Disturbance) -> None:
         try:
             mistake = next(_mistakes(vehicle, disturbance), None)
         except (TypeError, AttributeError) as error:
-            mistake = f"{type(disturbance).__name__} is not what a Disturbance must be: {shown(str(error))}"
+            mistake = f"{type(disturbance).__name__} is not what a Disturbance must be: {short_repr(str(error))}"
         if mistake is not None:
             raise ValueError(mistake)
         self.vehicle, self.disturbance = vehicle, disturbance
@@ -60,22 +65,22 @@ class Forces:
         self._drift: Callable[..., Any] = copying(vehicle.drift, getattr(vehicle.drift, "__self__", None))
         self.compilable = not isinstance(self._drift, Copying) and ours(disturbance)
         """Are the vehicle's model and the effect part of this package?"""
-        known, kicks = input_channels(vehicle), len(vehicle.kicks)
+        known, increments = input_channels(vehicle), len(vehicle.increments)
         self.to = [known.index(name) for name in disturbance.forces]
-        self.outside = kicks + len(vehicle.flows)
-        """Number of kicks and flows, which are the first parts of an exogenous input."""
+        self.outside = increments + len(vehicle.ambient_flows)
+        """Number of increments and flows, which are the first parts of an exogenous input."""
         self.faulty = max(self.to, default=-1) >= self.outside
         """Do faults of the actuators follow, and the loss of each?"""
         known = known if self.faulty else known[: self.outside]
         self.size = len(known)
         self._losses = (self.outside + self.size) // 2
-        self.shaken = [known.index(name) for name in disturbance.shakes]
-        self.kicks = [i for i in range(kicks) if i in self.to + self.shaken]
-        """The kicks that it gives."""
-        self.kicking = min(self.to, default=kicks) < kicks
+        self.white_indices = [known.index(name) for name in disturbance.white_increments]
+        self.increments = [i for i in range(increments) if i in self.to + self.white_indices]
+        """The increments that it gives."""
+        self.has_increments = min(self.to, default=increments) < increments
         """Do some follow from its state, and are not white?"""
         changes = [*known, *map(change_of, disturbance.names)]
-        given = (known[i] for i in self.kicks) if disturbance.inputs is None else disturbance.inputs
+        given = (known[i] for i in self.increments) if disturbance.inputs is None else disturbance.inputs
         self.input_names = tuple(given)
         """Names of the components of the unknown input d."""
         self.inputs = [changes.index(name) for name in self.input_names]
@@ -88,14 +93,14 @@ class Forces:
 
     @cached_property
     def gains(self) -> np.ndarray:
-        """Gains ``(f, s + k)`` of white kicks, and of z as far as its effect is `constant`."""
-        white = np.eye(self.size)[:, self.shaken]
+        """Gains ``(f, s + k)`` of white increments, and of z as far as its effect is `constant`."""
+        white = np.eye(self.size)[:, self.white_indices]
         z = self.linear if self.constant else np.zeros((self.size, self.disturbance.process.size))
         return np.ascontiguousarray(np.hstack([white, z]))
 
-    def add(self, forcing: np.ndarray, effect: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-        """A forcing ``(..., f)`` with an effect that is not `constant`; faults include what is lost of actuators."""
-        columns = list(np.moveaxis(forcing, -1, 0))
+    def add(self, exogenous: np.ndarray, effect: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        """Exogenous input ``(..., f)`` plus an effect that is not `constant`; faults include the loss of actuators."""
+        columns = list(np.moveaxis(exogenous, -1, 0))
         for j, i in enumerate(self.to):
             columns[i] = effect[..., j]
         if self.faulty:
@@ -110,20 +115,20 @@ class Forces:
         z = np.zeros((len(state), self.disturbance.process.size))
         return [(self.disturbance.effect, (z, state), [(len(self.to),)])]
 
-    def of_actuators(self, forcing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Additions of a forcing ``(..., f)`` to the actuators, and the lost share of each, ``(..., a)`` each."""
-        return forcing[..., self.outside : self._losses], forcing[..., self._losses :]
+    def of_actuators(self, exogenous: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Additions to the actuators, and the lost share of each, ``(..., a)`` each, of ``(..., f)``."""
+        return exogenous[..., self.outside : self._losses], exogenous[..., self._losses :]
 
     def on(self, z: np.ndarray, state: np.ndarray, unknown: Sequence[int] = ()) -> np.ndarray:
         """Exogenous input ``(..., f)`` without its white noise; 0 where it is ``unknown``."""
         effect = self._effect(z, state)
         return spread({i: effect[..., j] for j, i in enumerate(self.to) if i not in unknown}, self.size, effect)
 
-    def moved(self, x: np.ndarray, u: np.ndarray, forcing: np.ndarray) -> np.ndarray:
-        """Estimated components of the vehicle a step later, under flows and faults of a forcing, without its kicks."""
+    def moved(self, x: np.ndarray, u: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
+        """Estimated components of the vehicle a step later, under ambient flows and faults, without increments."""
         if self.faulty:
-            u = self.vehicle.faulty(u, *self.of_actuators(forcing))  # type: ignore[attr-defined]
-        after = self._drift(x, u, forcing[..., len(self.vehicle.kicks) : self.outside])
+            u = self.vehicle.faulty(u, *self.of_actuators(exogenous))  # type: ignore[attr-defined]
+        after = self._drift(x, u, exogenous[..., len(self.vehicle.increments) : self.outside])
         return after if isinstance(after, TracedArray) else np.asarray(after, float)
 
     @cached_property
@@ -134,9 +139,9 @@ class Forces:
         return (self.on(np.eye(k), np.tile(state, (k, 1))) - still).T
 
     @property
-    def kick_cov(self) -> np.ndarray:
-        """Stationary covariance of the kicks that it gives."""
-        return self._cov[np.ix_(self.kicks, self.kicks)]
+    def increment_cov(self) -> np.ndarray:
+        """Stationary covariance of the increments that it gives."""
+        return self._cov[np.ix_(self.increments, self.increments)]
 
     @cached_property
     def input_cov(self) -> np.ndarray:
@@ -150,7 +155,7 @@ class Forces:
     def white(self) -> np.ndarray:
         """Root ``(f, m)`` of the covariance of the white part of the exogenous input."""
         white = np.zeros((self.size, self.disturbance.white.shape[-1]))
-        white[self.shaken] = self.disturbance.white
+        white[self.white_indices] = self.disturbance.white
         return white
 
     @cached_property
@@ -165,30 +170,33 @@ class Forces:
 def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
     """Reasons why a disturbance does not fit a vehicle."""
     who, known, process = type(disturbance).__name__, input_channels(vehicle), disturbance.process
-    for what in ("forces", "shakes", "names", "inputs"):
+    for what in ("forces", "white_increments", "names", "inputs"):
         given: Any = getattr(disturbance, what) or ()
         if isinstance(given, str) or len(set(given)) < len(given):
-            yield f"{what} of {who} must be a tuple of different names, got {shown(given)}"
+            yield f"{what} of {who} must be a tuple of different names, got {short_repr(given)}"
     believed: Any = disturbance.believed
     if not isinstance(believed, Disturbance | None):
-        yield f"believed of {who} must be a Disturbance, or None, got {shown(believed)}"
+        yield f"believed of {who} must be a Disturbance, or None, got {short_repr(believed)}"
     for what, least, wanted in (("input_sd", 0.0, "of at least 0"), ("scale", 1e-300, "above 0")):
         sizes = numbers(getattr(disturbance, what) or ())
         if sizes is None or not ((sizes >= least) & np.isfinite(sizes)).all():
-            yield f"{what} of {who} must be numbers {wanted}, got {shown(getattr(disturbance, what))}"
-    if disturbance.told != "states" and process.normals < process.size:
+            yield f"{what} of {who} must be numbers {wanted}, got {short_repr(getattr(disturbance, what))}"
+    if disturbance.assumed_as != "states" and process.normals < process.size:
         yield f"{who} needs as many normal numbers a step as its state has components to begin"
-    for name in (*disturbance.forces, *disturbance.shakes):
+    for name in (*disturbance.forces, *disturbance.white_increments):
         if name not in known:
-            yield f"{who} gives {shown(name)}, but what acts on this vehicle is {', '.join(known)}"
-    for name in disturbance.shakes:
-        if name not in vehicle.kicks or name in disturbance.forces:
-            kicks = ", ".join(vehicle.kicks)
-            yield f"{who} shakes {name}, which must be a kick ({kicks}) that its effect does not give"
-    possible = *disturbance.forces, *disturbance.shakes, *map(change_of, disturbance.names)
+            yield f"{who} gives {short_repr(name)}, but what acts on this vehicle is {', '.join(known)}"
+    for name in disturbance.white_increments:
+        if name not in vehicle.increments or name in disturbance.forces:
+            increments = ", ".join(vehicle.increments)
+            yield (
+                f"{who} gives white increments to {name}, which must be an increment ({increments}) that "
+                "its effect does not give"
+            )
+    possible = *disturbance.forces, *disturbance.white_increments, *map(change_of, disturbance.names)
     for name in disturbance.inputs or ():
         if name not in possible:
-            yield f"{who} has the unknown input {shown(name)}, which must be one of {', '.join(possible)}"
+            yield f"{who} has the unknown input {short_repr(name)}, which must be one of {', '.join(possible)}"
     ship = getattr(disturbance, "ship", None)
     flown = getattr(vehicle, "ship", ship)
     if any(getattr(ship, name) != getattr(flown, name) for name in ("length", "beam", "draught", "mass") if ship):
@@ -203,7 +211,7 @@ def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
     for name in disturbance.names:
         if name in vehicle.state_names:
             yield f"{who} calls a component {name!r}, as another is called"
-    for what, rows in (("white", len(disturbance.shakes)), ("scale", process.size)):
+    for what, rows in (("white", len(disturbance.white_increments)), ("scale", process.size)):
         given = getattr(disturbance, what)
         if given is not None and len(given) != rows:
             yield f"{what} of {who} must have {rows} rows, got {len(given)}"
@@ -216,5 +224,5 @@ def _mistakes_of_effect(effect: str, vehicle: Vehicle, disturbance: Disturbance)
     if not isinstance(given, np.ndarray):
         yield f"{effect} must give an array, got a {type(given).__name__}"
     elif not np.isfinite(given).all():
-        gave = f"gave {shown(given[0].tolist())} for z = 0 and a vehicle that cruises"
+        gave = f"gave {short_repr(given[0].tolist())} for z = 0 and a vehicle that cruises"
         yield f"{effect} {gave}: it must be real and finite"

@@ -11,14 +11,14 @@ from vessel_gym.filter_models.parts import Parts, moving
 
 
 def linear_model(
-    parts: Parts, kind: str, kicked: np.ndarray, G: np.ndarray, H: np.ndarray, options: dict[str, Any]
+    parts: Parts, kind: str, incremented: np.ndarray, G: np.ndarray, H: np.ndarray, options: dict[str, Any]
 ) -> LinearModel:
     """The linear model.
 
     Args:
         parts: What it is composed of.
         kind: Of the vehicle's linear models.
-        kicked: ``(n, kicks)`` what kicks do to the state.
+        incremented: ``(n, increments)`` what increments do to the state.
         G: ``(n, q)`` what d does to the state, but for its flows,
         H: and ``(p, q)`` to the measurements.
         options: Of the model.
@@ -27,20 +27,20 @@ def linear_model(
         ValueError: for a sensor that is not linear, or a flow or fault of which the vehicle's model says nothing.
     """
     forces, vehicle, drift = parts.forces, parts.vehicle, parts.drift
-    n, k, kicks, given = parts.base, len(parts.held), len(vehicle.kicks), vehicle.linear(kind)
+    n, k, increments, given = parts.base, len(parts.estimated), len(vehicle.increments), vehicle.linear(kind)
     size = n + drift.size
-    effect = np.zeros((forces.size, size))  # E: what the filter's state gives of the forcing
-    effect[:, n : n + k] = forces.linear[:, parts.held]
+    effect = np.zeros((forces.size, size))  # E: what the filter's state gives of the exogenous input
+    effect[:, n : n + k] = forces.linear[:, parts.estimated]
     effect[parts.unknown] = 0.0
-    A, B, flowed = given if len(given) == 3 else (*given, np.zeros((n, len(vehicle.flows))))
+    A, B, flowed = given if len(given) == 3 else (*given, np.zeros((n, len(vehicle.ambient_flows))))
     moved = [i for i in np.flatnonzero(moving(forces, n)) if i in parts.unknown or effect[i].any()]
     for i in moved:
         if len(given) == 2 or i >= forces.outside:
             what = input_channels(vehicle)[i]
             raise ValueError(f"the {kind} model does not say what {what} does to it: choose a nonlinear one")
-    flowing = [(j, i - kicks) for j, i in enumerate(forces.inputs) if i in parts.unknown and i in moved]
-    carry, constant = effect[kicks : forces.outside], np.zeros((size, size))
-    constant[:n] = kicked[:n] @ effect[:kicks]
+    flowing = [(j, i - increments) for j, i in enumerate(forces.inputs) if i in parts.unknown and i in moved]
+    carry, constant = effect[increments : forces.outside], np.zeros((size, size))
+    constant[:n] = incremented[:n] @ effect[:increments]
     constant[n:, n:] = drift.transition
 
     def transition(u: np.ndarray | None) -> np.ndarray:
@@ -77,7 +77,7 @@ def _extended(constant: np.ndarray, own: np.ndarray) -> np.ndarray:
 
 def _measured(parts: Parts, effect: np.ndarray) -> np.ndarray:
     """C, with the exogenous input ``effect (f, n)`` of a unit of each state."""
-    n, k, sensors, size = parts.base, len(parts.held), parts.sensors, effect.shape[-1]
+    n, k, sensors, size = parts.base, len(parts.estimated), parts.sensors, effect.shape[-1]
     seen = effect[: parts.forces.outside].T
     nothing = sensors.exact(parts.state(np.zeros(n)), np.zeros(parts.forces.outside), np.zeros(sensors.bias.size))
 

@@ -11,7 +11,7 @@ from estimators.varying import Schedule
 from vessel_gym.filter_models.exogenous import change_of
 from vessel_gym.filter_models.parts import Parts, seen_alike
 from vessel_gym.foreign import ours
-from vessel_gym.vehicles.integration import kicked as with_kicks
+from vessel_gym.vehicles.integration import incremented as with_increments
 from vessel_gym.vehicles.vehicle import Trims
 
 
@@ -28,9 +28,9 @@ def nonlinear_model(parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[st
         ValueError: for an unknown flow that measurements show otherwise elsewhere.
     """
     forces, vehicle, n, drift = parts.forces, parts.vehicle, parts.base, parts.drift
-    kicks = len(vehicle.kicks)
-    moves = [parts.own.index(name) for name in vehicle.kicked if name in parts.own]
-    kicking = len(parts.held) > 0 and forces.kicking
+    increments = len(vehicle.increments)
+    moves = [parts.own.index(name) for name in vehicle.incremented if name in parts.own]
+    has_increments = len(parts.estimated) > 0 and forces.has_increments
 
     def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         assert u is not None
@@ -38,16 +38,16 @@ def nonlinear_model(parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[st
             x = np.broadcast_to(x, np.broadcast_shapes(x.shape[:-1], u.shape[:-1]) + x.shape[-1:])
         acting = parts.acting(x)
         after = forces.moved(x[..., :n], u, acting)
-        after = with_kicks(after, acting[..., :kicks], moves) if kicking else after
+        after = with_increments(after, acting[..., :increments], moves) if has_increments else after
         return np.concatenate([after, drift.advance(x[..., n:])], -1)
 
-    flowing = [(j, i) for j, i in enumerate(forces.inputs) if i in parts.unknown and i >= kicks]
+    flowing = [(j, i) for j, i in enumerate(forces.inputs) if i in parts.unknown and i >= increments]
     for _, i in flowing:
         if i < forces.outside and not seen_alike(vehicle, parts.sensors, i):
             raise ValueError(
-                f"how measurements show {vehicle.flows[i - kicks]} depends on where the vehicle is, which a nonlinear "
-                f"model cannot have of an unknown input: let it be {change_of('a component')!r} instead, or leave the "
-                "sensor out"
+                f"how measurements show {vehicle.ambient_flows[i - increments]} depends on where the vehicle is, which "
+                f"a nonlinear model cannot have of an unknown input: let it be {change_of('a component')!r} instead, "
+                "or leave the sensor out"
             )
 
     def pushed(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:

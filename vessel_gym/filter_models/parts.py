@@ -18,14 +18,15 @@ class Parts:
         forces: What acts, as the filter assumes it.
         sensors: The sensors, likewise.
         own: The components of the vehicle's state that are estimated, the first of the filter's state.
-        held: Indices of the components of the disturbance's state that follow; the sensors' biases are last.
+        estimated: Indices of the estimated components of the disturbance's state, which follow; the sensors' biases are
+            last.
         unknown: Indices of the exogenous inputs that are treated as the unknown input d.
     """
 
     forces: Forces
     sensors: Sensors
     own: tuple[str, ...]
-    held: np.ndarray
+    estimated: np.ndarray
     unknown: list[int]
 
     @property
@@ -41,9 +42,9 @@ class Parts:
     @property
     def drift(self) -> Process:
         """Process of the estimated components of the disturbance's state, and of the biases."""
-        process, square = self.forces.disturbance.process, np.ix_(self.held, self.held)
-        held = Process(process.transition[square], process.root[self.held], process.start_cov[square])
-        return Process.joined(held, self.sensors.bias)
+        process, square = self.forces.disturbance.process, np.ix_(self.estimated, self.estimated)
+        estimated = Process(process.transition[square], process.root[self.estimated], process.start_cov[square])
+        return Process.joined(estimated, self.sensors.bias)
 
     def state(self, x: np.ndarray) -> np.ndarray:
         """The vehicle's state ``(..., n)`` out of the filter's ``(..., m)``, 0 where it is not estimated."""
@@ -54,15 +55,15 @@ class Parts:
 
     def acting(self, x: np.ndarray) -> np.ndarray:
         """The exogenous input that a filter's state implies, without d, ``(..., f)``; ``(f,)`` if it implies none."""
-        if not len(self.held):
+        if not len(self.estimated):
             return np.zeros(self.forces.size)
-        components = {int(i): x[..., self.base + j] for j, i in enumerate(self.held)}
+        components = {int(i): x[..., self.base + j] for j, i in enumerate(self.estimated)}
         z = spread(components, self.forces.disturbance.process.size, x)
         return self.forces.on(z, self.state(x), self.unknown)
 
     def expected(self, x: np.ndarray, u: np.ndarray | None, biased: bool = True) -> np.ndarray:
         """Measurements without noise ``(..., p)`` in states ``(..., m)`` of a filter, with their biases or without."""
-        first, outside = self.base + len(self.held), self.forces.outside
+        first, outside = self.base + len(self.estimated), self.forces.outside
         acting = np.broadcast_to(self.acting(x)[..., :outside], (*x.shape[:-1], outside))
         bias = x[..., first : first + self.sensors.bias.size] if biased else None
         return self.sensors.exact(self.state(x), acting, bias)
@@ -77,8 +78,8 @@ def near(vehicle: Vehicle, count: int) -> np.ndarray:
 
 
 def seen(sensors: Sensors, state: np.ndarray) -> np.ndarray:
-    """Effect of a unit of each kick and flow on the measurements ``(..., p, f)`` in states ``(..., n)``; 0 for none."""
-    size = len(sensors.forcing_names)
+    """Effect of a unit of each increment and flow on measurements ``(..., p, f)`` in states ``(..., n)``; 0: none."""
+    size = len(sensors.exogenous_names)
     units = np.broadcast_to(np.eye(size + 1, size, -1), (*state.shape[:-1], size + 1, size))
     with np.errstate(all="ignore"):
         y = sensors.exact(np.repeat(state[..., None, :], size + 1, -2), units)
@@ -86,7 +87,7 @@ def seen(sensors: Sensors, state: np.ndarray) -> np.ndarray:
 
 
 def seen_anywhere(vehicle: Vehicle, sensors: Sensors) -> np.ndarray:
-    """Does a measurement show a kick or flow ``(p, f)``? The log of a ship that heads across a current does not."""
+    """Does a measurement depend on an increment or flow ``(p, f)``? A log does not, across the current."""
     return np.any(seen(sensors, near(vehicle, 8)), 0)
 
 
@@ -97,7 +98,7 @@ def seen_alike(vehicle: Vehicle, sensors: Sensors, i: int) -> bool:
 
 
 def moving(forces: Forces, n: int) -> np.ndarray:
-    """Mask ``(f,)`` of the parts of a forcing, kicks aside, that move the first ``n`` components of filters."""
+    """Mask ``(f,)`` of exogenous inputs, increments aside, that move the first ``n`` components of filters."""
     x, u = forces.vehicle.cruise
     still = forces.moved(x, u, np.zeros(forces.size))[:n]
     return np.array([(forces.moved(x, u, unit)[:n] != still).any() for unit in np.eye(forces.size)])
@@ -106,13 +107,13 @@ def moving(forces: Forces, n: int) -> np.ndarray:
 def relevant(forces: Forces, sensors: Sensors, n: int, unknown: list[int], changing: list[int]) -> np.ndarray:
     """Indices of a disturbance's states that a filter of ``n`` components of the vehicle's estimates.
 
-    They move what it estimates or reads, at once or later, otherwise than as what is ``unknown`` in the forcing; or
-    are those ``changing`` in ways that are unknown. An effect may depend on both states in any way: it is evaluated
-    in several places.
+    They move what it estimates or reads, at once or later, otherwise than as what is ``unknown`` in the exogenous
+    input; or are those ``changing`` in ways that are unknown. An effect may depend on both states in any way: it is
+    evaluated in several places.
     """
     vehicle, process = forces.vehicle, forces.disturbance.process
     counts, size = moving(forces, n), len(vehicle.state_names)
-    counts[: len(vehicle.kicks)] = True
+    counts[: len(vehicle.increments)] = True
     counts[: forces.outside] |= seen_anywhere(vehicle, sensors).any(0)
     counts[unknown] = False
     rng, matters = np.random.default_rng(0), np.isin(np.arange(process.size), changing)
@@ -137,7 +138,7 @@ def check_estimated(own: tuple[str, ...], vehicle: Vehicle, sensors: Sensors) ->
     names, state = vehicle.state_names, cruising(vehicle)
     missing = [i for i, name in enumerate(names) if name not in own]
     states = np.vstack([state, state + np.eye(len(names))[missing]])
-    y = sensors.exact(states, np.zeros((len(states), len(sensors.forcing_names))))
+    y = sensors.exact(states, np.zeros((len(states), len(sensors.exogenous_names))))
     for i, changed in zip(missing, y[1:] != y[0], strict=True):
         if changed.any():
             raise ValueError(

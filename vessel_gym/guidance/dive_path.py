@@ -4,7 +4,7 @@ From above the path leaves the origin along +x and turns with one curvature unti
 ``d (3 t^2 - 2 t^3)`` with ``t`` the share of the arc that is covered, so that it begins and ends level. Beyond its ends
 it goes on straight and level. The closest point is that in plan, which has a closed form.
 
-A course is ``(angle, length, depth)``: what the path turns through [rad], the length of its arc in plan and the depth
+An arc is ``(angle, length, depth)``: what the path turns through [rad], the length of its arc in plan and the depth
 of its goal [m]. Frames: x north, y east, z down; a positive angle turns to starboard.
 """
 
@@ -16,22 +16,22 @@ from estimators.engine import compiled
 _STRAIGHT = 1e-9  # 1/m, the least curvature: over 100 m it bends a straight path by 5 micrometres
 
 
-def course_to(goal: np.ndarray) -> np.ndarray:
-    """The courses ``(..., 3)`` from the origin to goals ``(..., 3)`` [m]: a chord and a tangent make an arc."""
-    return arc_to(shaped_array("goal", goal, "...", 3))
+def arc_to(goal: np.ndarray) -> np.ndarray:
+    """The arcs ``(..., 3)`` from the origin to goals ``(..., 3)`` [m]: a chord and a tangent make an arc."""
+    return arc_from_origin(shaped_array("goal", goal, "...", 3))
 
 
 @compiled
-def arc_to(goal: np.ndarray) -> np.ndarray:
+def arc_from_origin(goal: np.ndarray) -> np.ndarray:
     """The same of goals that are known to be arrays ``(..., 3)``."""
     chord, half = np.hypot(goal[..., 0], goal[..., 1]), np.arctan2(goal[..., 1], goal[..., 0])
     some = np.where(half == 0.0, 1e-20, half)
     return np.stack([2.0 * half, chord * (some / np.sin(some)), goal[..., 2]], -1)
 
 
-def point_at(s: np.ndarray, course: np.ndarray) -> tuple[np.ndarray, ...]:
+def point_at(s: np.ndarray, arc: np.ndarray) -> tuple[np.ndarray, ...]:
     """x, y, z [m], heading [rad] and slope (depth per metre in plan) ``(...)`` of the path at ``s`` metres in plan."""
-    length, depth, curvature = course[..., 1], course[..., 2], _curvature(course)
+    length, depth, curvature = arc[..., 1], arc[..., 2], _curvature(arc)
     on = np.minimum(np.maximum(s, 0.0), length)
     beyond, t = s - on, on / length
     heading = curvature * on
@@ -41,47 +41,47 @@ def point_at(s: np.ndarray, course: np.ndarray) -> tuple[np.ndarray, ...]:
     return x, y, depth * t * t * (3.0 - 2.0 * t), heading, depth * 6.0 * t * (1.0 - t) / length
 
 
-def _curvature(course: np.ndarray) -> np.ndarray:
-    curvature = course[..., 0] / course[..., 1]
+def _curvature(arc: np.ndarray) -> np.ndarray:
+    curvature = arc[..., 0] / arc[..., 1]
     return np.where(abs(curvature) > _STRAIGHT, curvature, _STRAIGHT)
 
 
 @compiled(axes=(1, 1, 0))
-def locate(position: np.ndarray, course: np.ndarray, ahead: np.ndarray | float) -> np.ndarray:
+def locate(position: np.ndarray, arc: np.ndarray, ahead: np.ndarray | float) -> np.ndarray:
     """Positions relative to paths ``(..., 8)``, as `follow` returns them.
 
     Args:
         position: ``(..., 3)`` north, east, down [m].
-        course: ``(..., 3)``.
+        arc: ``(..., 3)``.
         ahead: ``(...)`` look-ahead distance in plan [m].
     """
     x, y, z = (position[..., i] for i in range(3))
-    angle, length, curvature = course[..., 0], course[..., 1], _curvature(course)
+    angle, length, curvature = arc[..., 0], arc[..., 1], _curvature(arc)
     # Polar angle about the arc's centre; it jumps opposite the middle of the arc, far from both ends.
     polar = np.arctan2(curvature * x, 1.0 - curvature * y) - 0.5 * angle
     polar = polar - 2.0 * np.pi * np.floor(polar / (2.0 * np.pi) + 0.5)
     on = (polar + 0.5 * angle) / curvature
-    end_x, end_y, _, heading, _ = point_at(length, course)
+    end_x, end_y, _, heading, _ = point_at(length, arc)
     beyond = np.maximum((x - end_x) * np.cos(heading) + (y - end_y) * np.sin(heading), 0.0)
     # Before the start and beyond the end the path is straight.
     s = np.where(on < 0.0, np.minimum(x, 0.0), np.where(on > length, length + beyond, on))
-    px, py, pz, heading, slope = point_at(s, course)
+    px, py, pz, heading, slope = point_at(s, arc)
     across = (y - py) * np.cos(heading) - (x - px) * np.sin(heading)
-    ax, ay, az, _, _ = point_at(s + ahead, course)
+    ax, ay, az, _, _ = point_at(s + ahead, arc)
     return np.stack([s, across, z - pz, heading, slope, ax - x, ay - y, az - z], -1)
 
 
-def path_point(s: np.ndarray, course: np.ndarray) -> np.ndarray:
+def path_point(s: np.ndarray, arc: np.ndarray) -> np.ndarray:
     """The path at ``s (...)`` metres in plan: x, y, z [m], heading [rad] and slope [m depth per m], ``(..., 5)``."""
-    return np.stack(point_at(as_array("s", s), shaped_array("course", course, "...", 3)), -1)
+    return np.stack(point_at(as_array("s", s), shaped_array("arc", arc, "...", 3)), -1)
 
 
-def follow(position: np.ndarray, course: np.ndarray, ahead: float) -> np.ndarray:
+def follow(position: np.ndarray, arc: np.ndarray, ahead: float) -> np.ndarray:
     """Position relative to the path, ``(..., 8)``.
 
     Args:
         position: ``(..., 3)`` north, east, down [m].
-        course: ``(..., 3)``.
+        arc: ``(..., 3)``.
         ahead: Look-ahead distance in plan [m].
 
     Returns:
@@ -89,5 +89,5 @@ def follow(position: np.ndarray, course: np.ndarray, ahead: float) -> np.ndarray
         cross-track error (positive to starboard of the path) and depth error (positive below it) [m]; heading [rad] and
         slope of the path there; the vector from the position to the path's point ``ahead`` of that, north, east, down.
     """
-    position, course = shaped_array("position", position, "...", 3), shaped_array("course", course, "...", 3)
-    return locate(position, course, as_array("ahead", ahead))
+    position, arc = shaped_array("position", position, "...", 3), shaped_array("arc", arc, "...", 3)
+    return locate(position, arc, as_array("ahead", ahead))

@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimators.checks import as_array, finite_array, number, shown
+from estimators.checks import as_array, finite_array, number, short_repr
 from estimators.engine import compiled
 from vessel_gym.checks import check_numbers
 
@@ -265,7 +265,7 @@ def word_path(start: np.ndarray, goal: np.ndarray, radius: float, word: str) -> 
     """
     start, goal, radius = single(start, goal, radius)
     if not isinstance(word, str) or word not in WORDS:
-        raise ValueError(f"unknown word {shown(word)}: choose one of {', '.join(WORDS)}")
+        raise ValueError(f"unknown word {short_repr(word)}: choose one of {', '.join(WORDS)}")
     pieces = word_pieces(start, goal, radius)[WORDS.index(word)]
     if not np.isfinite(pieces).all():
         raise ValueError(f"no path {word} joins these poses: `candidates` says which words do")

@@ -15,7 +15,7 @@ class Moment(NamedTuple):
     truth: np.ndarray  # (n,) the vehicle's state
     estimate: np.ndarray  # (k,) of those of its components that are estimated
     cov: np.ndarray  # (k, k)
-    unknown: np.ndarray  # (q,) what nobody is told of the coming step
+    unknown: np.ndarray  # (q,) unknown input of the coming step
     believed_unknown: np.ndarray  # (q,) NaN where the estimator has none
     action: np.ndarray  # (a,)
     score: np.ndarray

@@ -48,7 +48,7 @@ class Picture:
         """Forget the last episode: another one begins, in the state that the core is in."""
         self.journey.begin()
         core, row = self._core, self._row
-        self._around = around = surroundings_of(core, core.course[row])
+        self._around = around = surroundings_of(core, core.scenario[row])
         goal = np.zeros((0, 3)) if around.goal is None else np.array([around.goal[:3]])
         self._landmarks = np.concatenate([around.path, goal])
         start = pose(core.state[row : row + 1], core.vehicle.state_names)[:, :3]
@@ -103,7 +103,7 @@ class Picture:
     def _outcome(self, history: Moment) -> tuple[str, Colour]:
         """Outcome of the episode in words, and its colour."""
         task = self._core.task
-        end = task.ends[self._core.end[self._row]]
+        end = task.end_reasons[self._core.end[self._row]]
         if end:
             return end, palette.GOAL if end == task.success else palette.LIMIT
         if history.step[-1] >= task.horizon:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.checks import shown
+from estimators.checks import short_repr
 from estimators.engine import as_word, compiled
 from estimators.engine.arrays import TracedArray
 from estimators.factory import unknown
@@ -26,7 +26,7 @@ class Sensors:
     Args:
         sensors: In the order of the measurements.
         states: Names of the components of the vehicle's state.
-        forcing: Of its forcing.
+        exogenous: Of its exogenous input.
         dt: Time step [s].
         faults: What goes wrong with them, and when.
 
@@ -35,7 +35,7 @@ class Sensors:
         delays: ``(sensors, 3)`` latency, jitter and error of the clock of each, in steps.
         horizon: How many steps late a measurement may be, or be said to be.
         sd: Standard deviations ``(p,)``; NaN where they depend on what is measured.
-        gives: For each channel the state, or the part of the forcing, that it reads as such.
+        gives: For each channel the state, or the part of the exogenous input, that it reads as such.
         bias: How all biases move.
         bias_shown: ``(p, k)`` how their states show in the measurements.
 
@@ -51,21 +51,21 @@ class Sensors:
         self,
         sensors: Sequence[Sensor],
         states: tuple[str, ...],
-        forcing: tuple[str, ...],
+        exogenous: tuple[str, ...],
         dt: float,
         faults: Sequence[SensorFault] = (),
     ) -> None:
         self.each = tuple(sensors) if isinstance(sensors, tuple | list) else ()
         if not self.each or not all(isinstance(sensor, Sensor) for sensor in self.each):
-            raise TypeError(f"sensors must be Sensor objects, one at least, got {shown(sensors)}")
+            raise TypeError(f"sensors must be Sensor objects, one at least, got {short_repr(sensors)}")
         names = [sensor.name for sensor in self.each]
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f"two sensors are called {name!r}: give each a name of its own")
         check_names("states of Sensors", states)
-        check_names("forcing of Sensors", forcing)
+        check_names("exogenous of Sensors", exogenous)
         check_numbers("Sensors", {"dt": dt}, positive="dt")
-        self.state_names, self.forcing_names, self.dt = states, forcing, dt
+        self.state_names, self.exogenous_names, self.dt = states, exogenous, dt
         sizes = [len(sensor.channels) for sensor in self.each]
         self.owner = np.repeat(np.arange(len(self.each)), sizes)  # which sensor a channel belongs to
         self.size = len(self.owner)
@@ -90,16 +90,16 @@ class Sensors:
         for name in self.bias_names:
             if name in states or self.bias_names.count(name) > 1:
                 raise ValueError(f"a bias is called {name!r}, as another component is: give it a name of its own")
-        self.bias_shown = np.zeros((self.size, self.bias.size))
+        self.bias_gain = np.zeros((self.size, self.bias.size))
         for sensor, own in self._owning:
             if sensor.bias is not None:
                 k, first = len(sensor.bias.names), self.bias_names.index(sensor.bias.names[0])
-                self.bias_shown[own.start : own.start + k, first : first + k] = np.eye(k)
+                self.bias_gain[own.start : own.start + k, first : first + k] = np.eye(k)
         self.bias_scale = np.array([bias.scale for bias in biased for _ in bias.states])
         self._check()
-        n, units = len(states), np.eye(len(states) + len(forcing))
-        self._gains = np.zeros((self.size, len(units) + self.bias.size))  # of state, forcing and biases
-        self._gains[:, len(units) :] = self.bias_shown
+        n, units = len(states), np.eye(len(states) + len(exogenous))
+        self._gains = np.zeros((self.size, len(units) + self.bias.size))  # of state, exogenous input and biases
+        self._gains[:, len(units) :] = self.bias_gain
         self.called = []  # which channels, and what is asked at every step
         for (sensor, own), reads in zip(self._owning, self._reads, strict=True):
             if getattr(sensor.reads, "linear", False) and not callable(sensor.sd):
@@ -108,11 +108,11 @@ class Sensors:
                 self.called.append((own, compiled(reads) if ours(sensor.reads) else reads))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Sensors, (self.each, self.state_names, self.forcing_names, self.dt, self.faults)
+        return Sensors, (self.each, self.state_names, self.exogenous_names, self.dt, self.faults)
 
     @cached_property
     def _reads(self) -> list[Callable[[np.ndarray, np.ndarray], np.ndarray]]:
-        """Functions of state and forcing, one a sensor, that cannot write into what they are handed."""
+        """Functions of state and exogenous input, one a sensor, that cannot write into what they are handed."""
         return [copying(sensor.reads) for sensor in self.each]
 
     @property
@@ -135,48 +135,48 @@ class Sensors:
         return zip(self.each, self._own, strict=True)
 
     def _check(self) -> None:
-        state, forcing = (np.zeros((2, 3, len(names))) for names in (self.state_names, self.forcing_names))
+        state, exogenous = (np.zeros((2, 3, len(names))) for names in (self.state_names, self.exogenous_names))
         for sensor in self.each:
             expected = (2, 3, len(sensor.channels))
-            check_values(f"reads of {sensor.name}", "states", expected, sensor.reads, state, forcing)
+            check_values(f"reads of {sensor.name}", "states", expected, sensor.reads, state, exogenous)
             if callable(sensor.sd):
                 check_values(f"sd of {sensor.name}", "measurements", expected, sensor.sd, np.ones(expected))
             for name in sensor.gives or ():
-                if name is not None and name not in self.state_names + self.forcing_names:
+                if name is not None and name not in self.state_names + self.exogenous_names:
                     raise ValueError(unknown(f"state that {sensor.name} gives", name, self.state_names))
 
     def _checked_faults(self, faults: Any, names: list[str]) -> tuple[SensorFault, ...]:
         listed = isinstance(faults, list | tuple) and all(isinstance(fault, SensorFault) for fault in faults)
         if not listed:
-            raise TypeError(f"sensor_faults must be a list of SensorFault objects, got {shown(faults)}")
+            raise TypeError(f"sensor_faults must be a list of SensorFault objects, got {short_repr(faults)}")
         for fault in faults:
             if fault.sensor not in names:
                 raise ValueError(unknown("sensor of sensor_faults", fault.sensor, names))
             channels = len(self.each[names.index(fault.sensor)].channels)
             if np.size(fault.size) not in (1, channels):
                 raise ValueError(f"{fault.sensor} has {channels} channels, so size of {fault} must be one number or "
-                                 f"{channels}, got {shown(fault.size)}")  # fmt: skip
+                                 f"{channels}, got {short_repr(fault.size)}")  # fmt: skip
         return tuple(faults)
 
-    def exact(self, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray | None = None) -> np.ndarray:
+    def exact(self, state: np.ndarray, exogenous: np.ndarray, bias: np.ndarray | None = None) -> np.ndarray:
         """Measurements without noise ``(..., p)``, laid out in memory as the state is.
 
         Args:
             state: ``(..., n)`` of the vehicle.
-            forcing: ``(..., f)`` on it.
+            exogenous: ``(..., f)`` on it.
             bias: ``(..., k)`` states of the biases; None: they have none.
         """
-        exact = np.concatenate([reads(state, forcing) for reads in self._reads], -1)
-        return exact if bias is None else product(self.bias_shown, bias, exact)
+        exact = np.concatenate([reads(state, exogenous) for reads in self._reads], -1)
+        return exact if bias is None else product(self.bias_gain, bias, exact)
 
     def read(
-        self, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray, steps: np.ndarray, keys: np.ndarray
+        self, state: np.ndarray, exogenous: np.ndarray, bias: np.ndarray, steps: np.ndarray, keys: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Noisy measurements and the mask of those that arrived.
 
         Args:
             state: ``(B, n)`` of the vehicle.
-            forcing: ``(B, f)`` on it.
+            exogenous: ``(B, f)`` on it.
             bias: ``(B, k)`` states of the biases.
             steps: ``(B,)`` steps since the episode's start, at which every sensor reads.
             keys: ``(B, sensors, 2)`` of the random numbers of each.
@@ -184,35 +184,35 @@ class Sensors:
         Returns:
             Measurements ``(B, p)``, 0 where missing, and the mask ``(B, p)``.
         """
-        exact = self.measured(state, forcing, bias)
+        exact = self.measured(state, exogenous, bias)
         sd = self.sd_at(exact)
         if self._varying and not isinstance(state, TracedArray):
             self._refuse_sd(sd, exact, steps)
         return self.corrupted(exact, sd, steps, keys)
 
-    def sound(self, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray) -> Any:
+    def sound(self, state: np.ndarray, exogenous: np.ndarray, bias: np.ndarray) -> Any:
         """Are all standard deviations 0 or more, of true measurements within their ranges? ``(...)``."""
         if not self._varying:
             return np.ones(state.shape[:-1], bool)
-        exact = self.measured(state, forcing, bias)
+        exact = self.measured(state, exogenous, bias)
         beyond = (exact < self._ranges[0]) | (self._ranges[1] < exact)
         return ((self.sd_at(exact) >= 0.0) | beyond).all(-1)
 
-    def users(self, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray) -> Iterator[Call]:
+    def users(self, state: np.ndarray, exogenous: np.ndarray, bias: np.ndarray) -> Iterator[Call]:
         """Users' functions that `read` calls."""
         for own, _ in self.called:
             reads = self.each[self.owner[own.start]].reads
             if not ours(reads):
-                yield reads, (state, forcing), [(own.stop - own.start,)]
+                yield reads, (state, exogenous), [(own.stop - own.start,)]
         for _, own, spread in self._varying:
-            yield spread, (self.measured(state, forcing, bias)[..., own],), [(own.stop - own.start,)]
+            yield spread, (self.measured(state, exogenous, bias)[..., own],), [(own.stop - own.start,)]
 
-    def measured(self, state: np.ndarray, forcing: np.ndarray, bias: np.ndarray) -> np.ndarray:
+    def measured(self, state: np.ndarray, exogenous: np.ndarray, bias: np.ndarray) -> np.ndarray:
         """True measurements without noise ``(..., p)``: as `exact`, what is linear by its matrix."""
         called = {own.start: reads for own, reads in self.called}
         zeros = np.zeros((*state.shape[:-1], self.size))
-        parts = [called[own.start](state, forcing) if own.start in called else zeros[..., own] for own in self._own]
-        return product(self._gains, np.concatenate([state, forcing, bias], -1), np.concatenate(parts, -1))
+        parts = [called[own.start](state, exogenous) if own.start in called else zeros[..., own] for own in self._own]
+        return product(self._gains, np.concatenate([state, exogenous, bias], -1), np.concatenate(parts, -1))
 
     @compiled(axes=(1, 1, 0, 2))
     def corrupted(
@@ -285,7 +285,7 @@ class Sensors:
         sd = self.sd_at(y)
         for name, own, _ in self._varying:
             if not (sd[own] >= 0.0).all():
-                got = f"{shown(sd[own].tolist())} for the measurement {shown(y[own].tolist())}"
+                got = f"{short_repr(sd[own].tolist())} for the measurement {short_repr(y[own].tolist())}"
                 raise ValueError(f"sd of {name} gave {got}: it must give 0 or more for every measurement")
         return StateNoise(partial(self._noise_at, expected), np.nan_to_num(np.diag(sd**2)))
 
@@ -296,7 +296,7 @@ class Sensors:
     # --- what measurements tell -----------------------------------------------------------------------
 
     def states_from(self, measurements: np.ndarray) -> dict[str, np.ndarray]:
-        """States and parts of the forcing that measurements ``(..., p)`` alone give, ``(...)`` by name."""
+        """States and parts of the exogenous input that measurements ``(..., p)`` alone give, ``(...)`` by name."""
         known: dict[str, np.ndarray] = {}
         for sensor, own in self._owning:
             known.update((name, measurements[..., i]) for i, name in enumerate(sensor.gives or (), own.start) if name)
@@ -304,8 +304,8 @@ class Sensors:
                 known.update(copying(sensor.inverse)(measurements[..., own], known))
         return known
 
-    def check_informs(self, others: Iterable[str]) -> None:
-        """Refuse a sensor that informs what there is not.
+    def check_corrects(self, others: Iterable[str]) -> None:
+        """Refuse a sensor that corrects what there is not.
 
         Args:
             others: What may be named besides the vehicle's state and the biases.
@@ -315,11 +315,11 @@ class Sensors:
         """
         known = dict.fromkeys((*self.state_names, *self.bias_names, *others))
         for sensor in self.each:
-            for name in sensor.informed:
+            for name in sensor.corrected_states:
                 if name not in known:
-                    raise ValueError(unknown(f"state that {sensor.name} informs", name, known))
+                    raise ValueError(unknown(f"state that {sensor.name} corrects", name, known))
 
-    def informed(self, names: tuple[str, ...], depends: Callable[[], np.ndarray]) -> np.ndarray:
+    def corrected_states(self, names: tuple[str, ...], depends: Callable[[], np.ndarray]) -> np.ndarray:
         """Mask ``(n, p)`` of the states of an ensemble that each measurement may correct.
 
         Args:
@@ -327,19 +327,19 @@ class Sensors:
             depends: Gives the mask ``(n, p)`` of the states on which a measurement depends.
 
         Raises:
-            ValueError: if a sensor informs none of them.
+            ValueError: if a sensor corrects none of them.
         """
         mask = np.zeros((len(names), self.size))
         for sensor, own in self._owning:
-            if sensor.informs is None:
+            if sensor.corrects is None:
                 mask[:, own] = depends()[:, own]
                 continue
-            mask[:, own] = [[float(name in informed) for informed in sensor.informs] for name in names]
+            mask[:, own] = [[float(name in corrected_states) for corrected_states in sensor.corrects] for name in names]
             if not mask[:, own].any():
                 raise ValueError(
-                    f"{sensor.name} informs nothing that this filter estimates: name some of {', '.join(names)}"
+                    f"{sensor.name} corrects nothing that this filter estimates: name some of {', '.join(names)}"
                 )
-        named = {name for sensor in self.each for name in sensor.informed}
+        named = {name for sensor in self.each for name in sensor.corrected_states}
         unnamed = [i for i, name in enumerate(names) if name not in named and not mask[i].any()]
         if unnamed:  # what somebody has added, and no sensor has heard of, would never be corrected
             mask[unnamed] = depends()[unnamed]

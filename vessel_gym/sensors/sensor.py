@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.checks import shown
+from estimators.checks import short_repr
 from vessel_gym.checks import check_names, check_numbers, function, instance, numbers
 from vessel_gym.foreign import copying, repeated
 from vessel_gym.processes import Process, linear
@@ -37,7 +37,7 @@ class Bias:
     def __post_init__(self) -> None:
         names: Any = self.names
         if not isinstance(names, tuple | list) or not names:  # a text's letters would pass for names
-            raise ValueError(f"names of a bias must be a tuple of names, got {shown(names)}")
+            raise ValueError(f"names of a bias must be a tuple of names, got {short_repr(names)}")
         check_names("names of a bias", names)
         object.__setattr__(self, "names", tuple(names))
         for name in ("start", "pace", "slope"):
@@ -45,7 +45,7 @@ class Bias:
             values = (0.0,) * len(names) if isinstance(values, tuple) and not values else values
             if not isinstance(values, tuple | list) or len(values) != len(names):
                 wanted = f"a tuple of {len(names)} values of {name}"
-                raise ValueError(f"the bias {self.names} needs {wanted}, got {shown(values)}")
+                raise ValueError(f"the bias {self.names} needs {wanted}, got {short_repr(values)}")
             for value in values:
                 check_numbers(f"the bias {self.names}", {name: value}, not_negative=name)
             object.__setattr__(self, name, tuple(map(float, values)))
@@ -71,8 +71,8 @@ class Sensor:
         name: What it is.
         channels: What each of its channels reads, with the unit.
         reads: What it would read without noise ``(..., k)``, a function that broadcasts of the vehicle's state
-            ``(..., n)`` and forcing ``(..., f)``, see `vessel_gym.system.Vehicle`; faster if it is declared to be
-            `vessel_gym.processes.linear` in both.
+            ``(..., n)`` and exogenous input ``(..., f)``, see `vessel_gym.system.Vehicle`; faster if it is declared to
+            be `vessel_gym.processes.linear` in both.
         sd: Standard deviation of each channel's white noise; or, where it depends on what is measured, a function that
             gives them ``(..., k)`` of the measurement without noise ``(..., k)``: the truth takes it at the true
             measurement, a filter's R at the one that it expects.
@@ -84,10 +84,11 @@ class Sensor:
         range: For each channel the least and the greatest value that it can read; beyond, nothing arrives.
         angles: Which channels are angles [rad].
         scale: For each channel the size that counts as 1 in a raw observation; None: 1.
-        gives: For each channel the state, or the part of the forcing, that it reads as such; None where it is none.
+        gives: For each channel the state, or the part of the exogenous input, that it reads as such; None where it is
+            none.
         inverse: What can be had of its measurements ``(..., k)`` besides: a function of them and of the states that
             sensors before it have given, that returns states by name; None: what it ``gives``.
-        informs: For each channel the states that it may correct in an ensemble; None: those on which its measurement
+        corrects: For each channel the states that it may correct in an ensemble; None: those on which its measurement
             depends, at once or two steps on.
         latency: Seconds from a measurement to its arrival,
         jitter: and the most that may be added to them: each measurement comes later by any whole number of steps up to
@@ -110,7 +111,7 @@ class Sensor:
     scale: tuple[float, ...] | None = None
     gives: tuple[str | None, ...] | None = None
     inverse: Callable[[np.ndarray, Known], Known] | None = None
-    informs: tuple[tuple[str, ...], ...] | None = None
+    corrects: tuple[tuple[str, ...], ...] | None = None
     latency: float = 0.0
     jitter: float = 0.0
     clock: float = 0.0
@@ -121,22 +122,22 @@ class Sensor:
         if self.bias is not None:
             instance(f"bias of {title}", self.bias, Bias)
         function(f"inverse of {title}", self.inverse, "(measurements, known)")
-        tuples: tuple[tuple[str, Any], ...] = ("channels", channels), ("informs", self.informs)
+        tuples: tuple[tuple[str, Any], ...] = ("channels", channels), ("corrects", self.corrects)
         for name, listed in tuples:
             for entry in listed if isinstance(listed, tuple | list) else ():
                 if isinstance(entry, str):  # whose letters would pass for names
-                    raise ValueError(f"{name} of {title} must hold tuples of names, got {shown(entry)}")
+                    raise ValueError(f"{name} of {title} must hold tuples of names, got {short_repr(entry)}")
         check_names(f"channels of {title}", self.channels)
         k = len(self.channels)
         if not k:
             raise ValueError(f"channels of {title} must be one or more names")
-        for name in ("sd", "range", "scale", "gives", "informs"):
+        for name in ("sd", "range", "scale", "gives", "corrects"):
             values = getattr(self, name)
             if callable(values) if name == "sd" else values is None:
                 continue
             several = isinstance(values, tuple | list) or (isinstance(values, np.ndarray) and values.ndim > 0)
             if not (several and len(values) == k):
-                raise ValueError(f"{title} has {k} channels, so {name} must have {k} entries, got {shown(values)}")
+                raise ValueError(f"{title} has {k} channels, so {name} must have {k} entries, got {short_repr(values)}")
         for name, kind in (("sd", "not_negative"), ("scale", "positive")):
             values = getattr(self, name)
             for value in () if values is None or callable(values) else values:
@@ -145,21 +146,21 @@ class Sensor:
             pair = numbers(ends)
             if pair is None or pair.shape != (2,) or not pair[0] < pair[1]:
                 each = "(least, greatest) for each channel"
-                raise ValueError(f"range of {title} must have {each}, got {shown(self.range)}")
+                raise ValueError(f"range of {title} must have {each}, got {short_repr(self.range)}")
         check_numbers(title, vars(self), share="dropout outliers", positive="rate?")
         check_numbers(title, vars(self), not_negative="outlier_scale latency jitter clock")
         if not callable(self.reads):
-            raise ValueError(f"reads of {title} must be a function of (state, forcing), got {shown(self.reads)}")
+            raise ValueError(f"reads of {title} must be a function of (state, exogenous), got {short_repr(self.reads)}")
         angles = self.angles if isinstance(self.angles, tuple | list) else (None,)
         if any(not isinstance(i, int | np.integer) or not 0 <= i < k for i in angles):
-            raise ValueError(f"angles of {title} must be indices below {k}, got {shown(self.angles)}")
+            raise ValueError(f"angles of {title} must be indices below {k}, got {short_repr(self.angles)}")
         if self.bias is not None and len(self.bias.names) > k:
             raise ValueError(f"{title} has {k} channels, but a bias on {len(self.bias.names)}")
 
     @property
-    def informed(self) -> tuple[str, ...]:
-        """All that its channels inform, if it says so."""
-        return tuple(name for names in self.informs or () for name in names)
+    def corrected_states(self) -> tuple[str, ...]:
+        """All that its channels correct, if it says so."""
+        return tuple(name for names in self.corrects or () for name in names)
 
     def period(self, dt: float) -> int:
         """Steps of ``dt`` [s] from one measurement to the next.
@@ -222,7 +223,7 @@ class SensorSuite:
     def of(self, nominal: Sequence[Sensor]) -> tuple[Sensor, ...]:
         """A vehicle's sensors in this quality."""
         if not isinstance(nominal, tuple | list) or not all(isinstance(sensor, Sensor) for sensor in nominal):
-            raise TypeError(f"nominal must be Sensor objects, got {shown(nominal)}")
+            raise TypeError(f"nominal must be Sensor objects, got {short_repr(nominal)}")
         return tuple(
             replace(
                 sensor,
@@ -267,9 +268,9 @@ def check_values(
     except Exception as error:
         if str(error).startswith(who):
             raise
-        raise ValueError(f"{who} failed on {what} of shape {shape}: {shown(str(error))}") from error
+        raise ValueError(f"{who} failed on {what} of shape {shape}: {short_repr(str(error))}") from error
     if numbers(values) is None:
-        raise ValueError(f"{who} must give real numbers, got {shown(values)}")
+        raise ValueError(f"{who} must give real numbers, got {short_repr(values)}")
     if got != expected:
         each = f"{expected[-1]} values for each {what.removesuffix('s')}"
         raise ValueError(f"{who} must give {each}: {shape} gave {got}, expected {expected}")
@@ -289,5 +290,5 @@ def plain(components: Sequence[int]) -> Callable[[np.ndarray, np.ndarray], np.nd
     return linear(partial(_columns, columns(components)))
 
 
-def _columns(chosen: Any, state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+def _columns(chosen: Any, state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     return state[..., chosen]

@@ -14,7 +14,7 @@ from vessel_gym.system import Estimate
 from vessel_gym.tasks.turning_circle import TurningCircle, wrapped
 from vessel_gym.vehicles.corvette import steady_turns
 
-# Columns of a course,
+# Columns of a scenario,
 HEADING, RATE, CURVATURE, SPEED = range(4)
 # and of a reference.
 WANTED, RATE_NOW, RATE_AHEAD, RATE_FINALLY, OFF, TRACK, SURGE, BELIEVED = range(8)
@@ -32,9 +32,9 @@ def _clothoid(length: np.ndarray, total: np.ndarray, curvature: np.ndarray) -> t
     return ahead, length * angle * (1.0 / 3.0 - square * (1.0 / 42.0 - square / 1320.0)), angle
 
 
-def _in_frame(course: np.ndarray, place: np.ndarray) -> np.ndarray:
+def _in_frame(scenario: np.ndarray, place: np.ndarray) -> np.ndarray:
     """North and east ``(..., 2)`` as ahead and to starboard of the first heading."""
-    sin, cos = np.sin(course[..., HEADING]), np.cos(course[..., HEADING])
+    sin, cos = np.sin(scenario[..., HEADING]), np.cos(scenario[..., HEADING])
     north, east = place[..., 0], place[..., 1]
     return np.stack([north * cos + east * sin, east * cos - north * sin], -1)
 
@@ -43,41 +43,41 @@ def _in_frame(course: np.ndarray, place: np.ndarray) -> np.ndarray:
 class CircleTrack(TurningCircle):
     """The commanded track leads into a circle: a straight, a clothoid, rounds; a current does not shift it.
 
-    It begins where the ship is put. A course (what is drawn at reset) is ``(initial heading [rad], yaw rate of the
-    turn [rad/s], its curvature [1/m], its speed [m/s])``; a reference is that of the track's point nearest to where
-    the ship is believed to be: ``(heading to steer in still water [rad], yaw rate now, yaw rate PREVIEW seconds ahead,
-    final yaw rate, distance to starboard of the track [m], its direction [rad], surge of the steady turn [m/s],
-    believed heading [rad])``.
+    It begins where the ship is put. A scenario (the episode's parameters, drawn at reset) is ``(initial heading [rad],
+    yaw rate of the turn [rad/s], its curvature [1/m], its speed [m/s])``; a reference is that of the track's point
+    nearest to where the ship is believed to be: ``(heading to steer in still water [rad], yaw rate now, yaw rate
+    PREVIEW seconds ahead, final yaw rate, distance to starboard of the track [m], its direction [rad], surge of the
+    steady turn [m/s], believed heading [rad])``.
     """
 
     commanding: ClassVar[slice | list[int]] = [RATE_NOW, BELIEVED]
     prior_sd = (2.0, 2.0, 0.03, 0.2, 0.2, 0.002)
 
-    def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
-        """Draw courses ``(B, 4)``, see `TurningCircle.course`."""
-        return self._turn(*super().course(uniforms, options).T)
+    def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
+        """Draw scenarios ``(B, 4)``, see `TurningCircle.scenario`."""
+        return self._turn(*super().scenario(uniforms, options).T)
 
     @compiled(axes=(0, 0))
     def _turn(self, heading: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """The course ``(..., 4)`` of a steady turn with a yaw rate."""
+        """The scenario ``(..., 4)`` of a steady turn with a yaw rate."""
         curvature = np.copysign(np.interp(np.abs(rate), *self._turns[::-1]), rate)
         return np.stack([heading, rate, curvature, rate / curvature], -1)
 
-    def prior(self, course: np.ndarray) -> Gaussian:
+    def prior(self, scenario: np.ndarray) -> Gaussian:
         """Prior of (x, y, psi, u, v, r): mean ``(B, 6)`` and covariance ``(6, 6)``."""
-        mean = np.zeros((len(course), 6))
-        mean[:, 2], mean[:, 3] = course[:, HEADING], self.ship.speed
+        mean = np.zeros((len(scenario), 6))
+        mean[:, 2], mean[:, 3] = scenario[:, HEADING], self.ship.speed
         return self._spread.about(mean)
 
     @compiled(axes=(1, 0, 1))
-    def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
+    def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The reference ``(..., 8)`` at a step ``(...)`` of a ship in a state ``(..., 6)``, as in the prior.
 
         The heading to steer adds the drift of the steady turn to the direction of the track.
         """
-        rate, curvature, slower = course[..., RATE], course[..., CURVATURE], course[..., SPEED] - self.ship.speed
-        lead, ramp = self._lengths(course)
-        along, off, direction, bent = self._nearest(course, state[..., :2], self._nominal_distance(course, step))
+        rate, curvature, slower = scenario[..., RATE], scenario[..., CURVATURE], scenario[..., SPEED] - self.ship.speed
+        lead, ramp = self._lengths(scenario)
+        along, off, direction, bent = self._nearest(scenario, state[..., :2], self._nominal_distance(scenario, step))
         share = bent / curvature
         speed = self.ship.speed + share * slower
         share_ahead = np.clip((along + self.preview * speed - lead) / ramp, 0.0, 1.0)
@@ -95,31 +95,31 @@ class CircleTrack(TurningCircle):
         turns = steady_turns(self.ship)
         return turns.yaw_rate, turns.speed, turns.sway
 
-    def _lengths(self, course: np.ndarray) -> tuple[float, np.ndarray]:
+    def _lengths(self, scenario: np.ndarray) -> tuple[float, np.ndarray]:
         """Length [m] of the straight, and of the clothoid behind it."""
-        return self.lead * self.ship.speed, 0.5 * self.ramp * (self.ship.speed + course[..., SPEED])
+        return self.lead * self.ship.speed, 0.5 * self.ramp * (self.ship.speed + scenario[..., SPEED])
 
-    def _nominal_distance(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
+    def _nominal_distance(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Distance along the track [m] of a ship that keeps to it, and to its speed, which falls over the ramp."""
         elapsed = np.maximum(step * self.dt, 0.0)
         ramping = np.clip(elapsed - self.lead, 0.0, self.ramp)
         turning = 0.5 * ramping * ramping / self.ramp + np.maximum(elapsed - self.lead - self.ramp, 0.0)
-        return elapsed * self.ship.speed + (course[..., SPEED] - self.ship.speed) * turning
+        return elapsed * self.ship.speed + (scenario[..., SPEED] - self.ship.speed) * turning
 
     @compiled(axes=(1, 1, 0))
-    def _nearest(self, course: np.ndarray, place: np.ndarray, guess: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _nearest(self, scenario: np.ndarray, place: np.ndarray, guess: np.ndarray) -> tuple[np.ndarray, ...]:
         """The point of the track nearest to a place ``(..., 2)``.
 
         Args:
-            course: ``(..., 4)``.
+            scenario: ``(..., 4)``.
             place: North and east of where the track begins [m].
             guess: Approximate distance along the track [m]: it tells the rounds from each other and from the way in.
 
         Returns:
             Distance along the track [m], of the place to starboard of it [m], its direction [rad] and curvature [1/m].
         """
-        heading, curvature = course[..., HEADING], course[..., CURVATURE]
-        lead, ramp = self._lengths(course)
+        heading, curvature = scenario[..., HEADING], scenario[..., CURVATURE]
+        lead, ramp = self._lengths(scenario)
         sin, cos = sincos(heading)
         north, east = (np.clip(place[..., i], -_ABSURD, _ABSURD) for i in range(2))
         ahead, aside = north * cos + east * sin, east * cos - north * sin
@@ -147,49 +147,49 @@ class CircleTrack(TurningCircle):
         )
 
     @compiled(axes=(1, 0))
-    def nominal(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
+    def nominal(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Place and heading of a ship that keeps to the track and its speed, as a state ``(..., 6)`` of velocity 0."""
-        place, direction = self.track(course, self._nominal_distance(course, step))
+        place, direction = self.track(scenario, self._nominal_distance(scenario, step))
         zero = np.zeros_like(direction)
         return np.stack([place[..., 0], place[..., 1], direction, zero, zero, zero], -1)
 
     @compiled(axes=(1, 0))
-    def track(self, course: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def track(self, scenario: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places ``(..., 2)`` north and east [m], and directions ``(...)``, so far ``along (...)`` [m] the tracks."""
-        curvature = course[..., CURVATURE]
-        lead, ramp = self._lengths(course)
+        curvature = scenario[..., CURVATURE]
+        lead, ramp = self._lengths(scenario)
         forward, sideways, turned = _clothoid(np.clip(along - lead, 0.0, ramp), ramp, curvature)
         direction = turned + np.maximum(along - lead - ramp, 0.0) * curvature
         sin, cos = sincos(turned)
         sin_after, cos_after = sincos(direction)
         forward = forward + np.minimum(along, lead) + (sin_after - sin) / curvature
         sideways = sideways + (cos - cos_after) / curvature
-        sin, cos = sincos(course[..., HEADING])
+        sin, cos = sincos(scenario[..., HEADING])
         place = np.stack([forward * cos - sideways * sin, forward * sin + sideways * cos], -1)
-        return place, course[..., HEADING] + direction
+        return place, scenario[..., HEADING] + direction
 
-    def course_of(self, reference: np.ndarray) -> np.ndarray:
-        """The courses ``(..., 4)`` to which references at their start ``(..., 8)`` belong."""
+    def scenario_of(self, reference: np.ndarray) -> np.ndarray:
+        """The scenarios ``(..., 4)`` to which references at their start ``(..., 8)`` belong."""
         return self._turn(reference[..., TRACK], reference[..., RATE_FINALLY])
 
-    def off_track(self, course: np.ndarray, place: np.ndarray) -> np.ndarray:
+    def off_track(self, scenario: np.ndarray, place: np.ndarray) -> np.ndarray:
         """Distances ``(T, B)`` [m] of ships to starboard of their tracks on their way ``(T, B, 2)``."""
-        off, along = [], np.zeros(len(course))
+        off, along = [], np.zeros(len(scenario))
         for now in place:
-            along, distance, _, _ = self._nearest(course, now, along)
+            along, distance, _, _ = self._nearest(scenario, now, along)
             off.append(distance)
         return np.array(off)
 
     @compiled(axes=(1, 0))
-    def commanded(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
+    def commanded(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
         """The commanded yaw rate and heading of who keeps to the track ``(..., 2)``."""
-        return self.reference(course, step, self.nominal(course, step))[..., self.commanding]
+        return self.reference(scenario, step, self.nominal(scenario, step))[..., self.commanding]
 
-    def path(self, course: np.ndarray) -> np.ndarray:
-        """The track ``(k, 2)`` of a course ``(4,)``, one circle long."""
-        lead, circle = self.ship.speed * (self.lead + self.ramp), 2.0 * np.pi / abs(course[CURVATURE])
+    def path(self, scenario: np.ndarray) -> np.ndarray:
+        """The track ``(k, 2)`` of a scenario ``(4,)``, one circle long."""
+        lead, circle = self.ship.speed * (self.lead + self.ramp), 2.0 * np.pi / abs(scenario[CURVATURE])
         along = np.linspace(0.0, lead + circle, 200)
-        return self.track(np.tile(course, (len(along), 1)), along)[0]
+        return self.track(np.tile(scenario, (len(along), 1)), along)[0]
 
     # --- what the agent sees ----------------------------------------------------------------------
 
@@ -225,17 +225,17 @@ class CircleTrack(TurningCircle):
         seen = [*errors, v, d, actuators[..., 0], rate, rate_ahead, off, u - surge, along, across]
         return np.stack(seen, -1) * self._view_gains
 
-    def observe_state(self, estimate: Estimate, course: np.ndarray) -> np.ndarray:
+    def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
         """The estimate itself ``(..., 10)``, in the frame of the first heading: no guidance.
 
         Place, sine and cosine of the heading, surge above service speed, sway, yaw rate, d and current.
         """
         psi, u, v, r = (estimate.state[..., i] for i in range(2, 6))
         d = np.zeros_like(v) if estimate.input_mean is None else estimate.input_mean[..., 0]
-        turned, surge = psi - course[..., HEADING], (u - self.ship.speed) / self.SPEED_SCALE
+        turned, surge = psi - scenario[..., HEADING], (u - self.ship.speed) / self.SPEED_SCALE
         own = np.sin(turned), np.cos(turned), surge, v / self.SWAY_SCALE, r / self.command_scale, d / self.INPUT_SCALE
-        place = _in_frame(course, estimate.state[..., :2]) / self._place_scale
-        current = _in_frame(course, estimate.flow[..., :2]) / self.FLOW_SCALE
+        place = _in_frame(scenario, estimate.state[..., :2]) / self._place_scale
+        current = _in_frame(scenario, estimate.flow[..., :2]) / self.FLOW_SCALE
         return np.concatenate([place, np.stack(own, -1), current], -1)
 
     @property
@@ -252,21 +252,21 @@ class CircleTrack(TurningCircle):
         return np.concatenate([sd, known], -1) / scale
 
     def observe_measurements(
-        self, sensors: Sensors, measurements: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
+        self, sensors: Sensors, measurements: np.ndarray, available: np.ndarray, scenario: np.ndarray, step: np.ndarray
     ) -> np.ndarray:
         """Measurements and their mask ``(..., 2 p)``, no filter; heading and place relative to the first heading."""
         gives, measured = list(sensors.gives), measurements / sensors.scale
-        turned = wrapped(measurements - course[..., :1])
+        turned = wrapped(measurements - scenario[..., :1])
         measured = np.where([state == "psi" for state in gives], turned, measured)
         if "x" in gives and "y" in gives:
-            place = _in_frame(course, measurements[..., [gives.index("x"), gives.index("y")]]) / self._place_scale
+            place = _in_frame(scenario, measurements[..., [gives.index("x"), gives.index("y")]]) / self._place_scale
             ahead_aside = {gives.index("x"): place[..., 0], gives.index("y"): place[..., 1]}
             measured = np.stack([ahead_aside.get(i, measured[..., i]) for i in range(len(gives))], -1)
         return np.concatenate([np.where(available, measured, 0.0), available], -1)
 
-    def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+    def observe_mission(self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The rudder and the yaw rate of the turn ``(..., 2)``."""
-        return np.concatenate([actuators, course[..., [RATE]]], -1) / self._known_scales[:2]
+        return np.concatenate([actuators, scenario[..., [RATE]]], -1) / self._known_scales[:2]
 
     # --- how it is scored -------------------------------------------------------------------------
 
@@ -275,28 +275,28 @@ class CircleTrack(TurningCircle):
     FAR = 3.0  # ship lengths from the track, at which the turn is lost
     ENOUGH = 0.85  # of the nominal progress that counts as all
 
-    def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
-        """The course, the distance along the track, and the farthest one so far: ``(..., 6)``."""
-        return np.concatenate([course, np.zeros_like(course[..., :2])], -1)
+    def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
+        """The scenario, the distance along the track, and the farthest one so far: ``(..., 6)``."""
+        return np.concatenate([scenario, np.zeros_like(scenario[..., :2])], -1)
 
     @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
     def score(
-        self, state: np.ndarray, forcing: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
-        action: np.ndarray, tally: np.ndarray,
+        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
+        action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Reward in [0, 1] ``(...)``, end of the episode ``(...)`` and score state ``(..., 6)``, from the truth.
 
         What counts is where the true ship is, which way it goes over ground, and that it goes on along the track:
         neither loitering nor ending early pays.
         """
-        course, before, farthest = tally[..., :4], tally[..., 4], tally[..., 5]
+        scenario, before, farthest = score_state[..., :4], score_state[..., 4], score_state[..., 5]
         psi, u, v, r = (state[..., i] for i in range(2, 6))
-        along, off, direction, bent = self._nearest(course, state[..., :2], before)
+        along, off, direction, bent = self._nearest(scenario, state[..., :2], before)
         sin, cos = sincos(psi)
-        north, east = u * cos - v * sin + forcing[..., 1], u * sin + v * cos + forcing[..., 2]
+        north, east = u * cos - v * sin + exogenous[..., 1], u * sin + v * cos + exogenous[..., 2]
         aside = wrapped(np.arctan2(east, north) - direction)
-        turning = (r - bent * np.sqrt(u * u + v * v)) / course[..., RATE]
-        speed = self.ship.speed + bent / course[..., CURVATURE] * (course[..., SPEED] - self.ship.speed)
+        turning = (r - bent * np.sqrt(u * u + v * v)) / scenario[..., RATE]
+        speed = self.ship.speed + bent / scenario[..., CURVATURE] * (scenario[..., SPEED] - self.ship.speed)
         fresh = np.maximum(along - farthest, 0.0)
         progress = np.minimum(fresh / (self.ENOUGH * (self.dt * speed)), 1.0)
         value = 0.5 / (1.0 + (off / self.DISTANCE_TOLERANCE) ** 2)
@@ -305,4 +305,4 @@ class CircleTrack(TurningCircle):
         reward = value * (1.0 - self.HELM_COST * action[..., 0] ** 2) * progress
         place = np.stack([along, np.maximum(farthest, along)], -1)
         lost = np.abs(off) > self.FAR * self.ship.length
-        return reward, np.where(lost, 1, 0), np.concatenate([course, place], -1)
+        return reward, np.where(lost, 1, 0), np.concatenate([scenario, place], -1)

@@ -7,18 +7,18 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.checks import finite_array, shown, whole
+from estimators.checks import finite_array, short_repr, whole
 from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, instance, one_of
-from vessel_gym.guidance.dive_path import arc_to, course_to, locate, point_at
+from vessel_gym.guidance.dive_path import arc_from_origin, arc_to, locate, point_at
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import Task, three_numbers
 from vessel_gym.tasks.turning_circle import wrapped
 from vessel_gym.vehicles.auv import AUVParameters
 
-ENDS = ("", "arrived", "missed the goal", "off the path", "surfaced", "too deep", "pitched over")
+END_REASONS = ("", "arrived", "missed the goal", "off the path", "surfaced", "too deep", "pitched over")
 Vector = tuple[np.ndarray, np.ndarray, np.ndarray]
-_ARRIVED, _MISSED, _OFF, _SURFACED, _DEEP, _PITCHED = range(1, len(ENDS))
+_ARRIVED, _MISSED, _OFF, _SURFACED, _DEEP, _PITCHED = range(1, len(END_REASONS))
 
 
 def to_body_axes(vector: Vector, roll: np.ndarray, pitch: np.ndarray, yaw: np.ndarray) -> Vector:
@@ -37,12 +37,11 @@ def to_body_axes(vector: Vector, roll: np.ndarray, pitch: np.ndarray, yaw: np.nd
 class Dive(Task):
     """Common part of all dives: the path, how it is drawn, and how a dive is scored.
 
-    The path is `vessel_gym.guidance.dive_path`'s. A course (what is drawn at reset) is ``(angle, length, depth)`` of
-    the path; a reference is where the vehicle believes to be on it, ``(B, 11)``: progress, cross-track and depth error
-    [m], heading and slope of the path there, the vector to the path's point ``ahead`` (north, east, down), and the
-    course.
-    The dive is over when the vehicle believes to have covered the path, or has covered it where nobody sees what it
-    believes (see `vessel_gym.core.Core`).
+    The path is `vessel_gym.guidance.dive_path`'s. A scenario (the episode's parameters, drawn at reset) is ``(angle,
+    length, depth)`` of the path; a reference is where the vehicle believes to be on it, ``(B, 11)``: progress,
+    cross-track and depth error [m], heading and slope of the path there, the vector to the path's point ``ahead``
+    (north, east, down), and the scenario. The dive is over when the vehicle believes to have covered the path, or has
+    covered it where nobody sees what it believes (see `vessel_gym.core.Core`).
     """
 
     auv: AUVParameters
@@ -67,16 +66,16 @@ class Dive(Task):
         check_numbers(self, direction="widest", deflection="steepest")
 
     uniforms = 3
-    """Uniform numbers that `course` needs."""
-    ends = ENDS
+    """Uniform numbers that `scenario` needs."""
+    end_reasons = END_REASONS
     success = "arrived"
     perfect = 1.0
     """Rewards are shares of the score."""
 
     # --- what is drawn ----------------------------------------------------------------------------
 
-    def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
-        """Draw courses ``(B, 3)`` from uniforms ``(B, 3)``.
+    def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
+        """Draw scenarios ``(B, 3)`` from uniforms ``(B, 3)``.
 
         Args:
             uniforms: for the goal.
@@ -88,17 +87,17 @@ class Dive(Task):
         for option in options:
             one_of("reset option", option, ("goal",))
         if "goal" in options:
-            return course_to(self._checked(options["goal"])[None]).repeat(len(uniforms), 0)
+            return arc_to(self._checked(options["goal"])[None]).repeat(len(uniforms), 0)
         return self._drawn(uniforms)
 
     @compiled
     def _drawn(self, uniforms: np.ndarray) -> np.ndarray:
-        return arc_to(np.array(self.goal) + np.array(self.goal_spread) * (2.0 * uniforms - 1.0))
+        return arc_from_origin(np.array(self.goal) + np.array(self.goal_spread) * (2.0 * uniforms - 1.0))
 
     def _checked(self, value: object) -> np.ndarray:
         """A goal that can be dived to."""
         goal = three_numbers("goal", value, "metres north, east and down", "of the start each way")
-        angle, length, depth = course_to(goal) if np.hypot(goal[0], goal[1]) > 0.0 else (0.0, 0.0, goal[2])
+        angle, length, depth = arc_to(goal) if np.hypot(goal[0], goal[1]) > 0.0 else (0.0, 0.0, goal[2])
         if abs(angle) > self.widest:
             widest, wanted = np.rad2deg([self.widest, abs(angle)])
             raise ValueError(f"the path to the goal may turn through {widest:.0f} deg at most, got {wanted:.0f} deg")
@@ -114,16 +113,16 @@ class Dive(Task):
             raise ValueError(f"the goal must lie 0 to {deepest:.1f} m below the start, got {depth:.1f} m")
         return goal
 
-    def prior(self, course: np.ndarray) -> Gaussian:
+    def prior(self, scenario: np.ndarray) -> Gaussian:
         """Prior, level at the path's beginning at cruising speed: mean ``(B, n)``, covariance."""
-        mean = np.zeros((len(course), len(self.prior_sd)))
+        mean = np.zeros((len(scenario), len(self.prior_sd)))
         mean[:, 0] = self.auv.cruise_speed
         return self._spread.about(mean)
 
     @compiled(axes=(1, 0, 1))
-    def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Position relative to the path of a vehicle in a state ``(..., n)``, and the course, ``(..., 11)``."""
-        return np.concatenate([locate(self.position(state), course, self.ahead), course], -1)
+    def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """Position relative to the path of a vehicle in a state ``(..., n)``, and the scenario, ``(..., 11)``."""
+        return np.concatenate([locate(self.position(state), scenario, self.ahead), scenario], -1)
 
     # --- what the agent sees ----------------------------------------------------------------------
 
@@ -157,7 +156,7 @@ class Dive(Task):
         known = len(self.mission_scale) + self.actuators
         return {
             "guided": len(self.observed) + self.actuators,
-            "unguided": len(self.std_scale) + self.flows + known,
+            "unguided": len(self.std_scale) + self.ambient_flows + known,
             "std": states,
             "measurements": 2 * measurements,
             "mission": known,
@@ -165,17 +164,17 @@ class Dive(Task):
 
     actuators: ClassVar[int]
     """Number of actuators: fins, then thrust."""
-    flows: ClassVar[int]
+    ambient_flows: ClassVar[int]
     """Components of the current."""
     mission_scale: ClassVar[tuple[float, ...]]
-    """Sizes that count as 1 of the last components of a course, which an observation of raw measurements holds."""
+    """Sizes that count as 1 of the last components of a scenario, which an observation of raw measurements holds."""
 
-    def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-        """The course and the actuators ``(..., k)``."""
-        mission = course[..., -len(self.mission_scale) :] / self.mission_scale
+    def observe_mission(self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        """The scenario and the actuators ``(..., k)``."""
+        mission = scenario[..., -len(self.mission_scale) :] / self.mission_scale
         return np.concatenate([mission, self.scaled(actuators)], -1)
 
-    def observe_state(self, estimate: Estimate, course: np.ndarray) -> np.ndarray:
+    def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
         """The estimated state and current ``(..., n + f)``, without guidance."""
         return np.concatenate([estimate.state / self.state_scale, estimate.flow / 0.25], -1)
 
@@ -201,8 +200,8 @@ class Dive(Task):
     HOTEL = 2.0  # power of everything but the propeller, relative to the propeller's at cruising speed
     FASTEST = 3.0  # progress that counts, relative to cruising speed
 
-    def course_of(self, reference: np.ndarray) -> np.ndarray:
-        """The course ``(..., 3)`` out of references ``(..., 11)``."""
+    def scenario_of(self, reference: np.ndarray) -> np.ndarray:
+        """The scenario ``(..., 3)`` out of references ``(..., 11)``."""
         return reference[..., 8:]
 
     def over(self, reference: np.ndarray) -> np.ndarray:
@@ -215,15 +214,15 @@ class Dive(Task):
         return (self.HOTEL + propeller) / (self.HOTEL + 1.0)
 
     @compiled
-    def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
+    def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
         """The farthest progress [m] and the energy used [s at cruising power], ``(..., 2)``."""
-        progress = locate(self.position(state), course, 0.0)[..., 0]
-        return np.stack([np.clip(progress, 0.0, course[..., 1]), np.zeros_like(progress)], -1)
+        progress = locate(self.position(state), scenario, 0.0)[..., 0]
+        return np.stack([np.clip(progress, 0.0, scenario[..., 1]), np.zeros_like(progress)], -1)
 
     @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
     def score(
-        self, state: np.ndarray, forcing: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
-        action: np.ndarray, tally: np.ndarray,
+        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
+        action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Reward in [0, 1] ``(...)``, end of the episode ``(...)`` and score state ``(..., 2)``, from the truth.
 
@@ -231,15 +230,15 @@ class Dive(Task):
         staying, going back and circling pay nothing. Arriving pays by the distance to the goal and by the energy that
         a dive at cruising speed would take over that used, so that waiting costs. Ending early forgoes the rest.
         """
-        course, position, farthest = self.course_of(reference), self.position(state), tally[..., 0]
-        length, depth, speed = course[..., 1], course[..., 2], self.auv.cruise_speed
-        place = locate(position, course, 0.0)
+        scenario, position, farthest = self.scenario_of(reference), self.position(state), score_state[..., 0]
+        length, depth, speed = scenario[..., 1], scenario[..., 2], self.auv.cruise_speed
+        place = locate(position, scenario, 0.0)
         off = np.hypot(place[..., 1], place[..., 2] / np.sqrt(1.0 + place[..., 4] ** 2))
         fresh = np.clip(np.minimum(place[..., 0], length) - farthest, 0.0, self.FASTEST * speed * self.dt)
-        energy = tally[..., 1] + self.dt * self.power(actuators)
+        energy = score_state[..., 1] + self.dt * self.power(actuators)
         tracking = self.TRACKING * fresh / length / (1.0 + (off / self.TRACK_TOLERANCE) ** 2)
 
-        goal = np.stack(point_at(length, course)[:3], -1)
+        goal = np.stack(point_at(length, scenario)[:3], -1)
         miss = np.sqrt(((position - goal) ** 2).sum(-1))
         economy = np.minimum(np.hypot(length, depth) / speed / energy, 1.0)
         arriving = (1.0 - self.TRACKING) * economy / (1.0 + (miss / self.GOAL_TOLERANCE) ** 2)
@@ -264,7 +263,7 @@ class SpatialDive(Dive):
     where = np.array([6, 7, 8, 10])
     prior_sd = (0.05,) * 3 + (0.02,) * 3 + (0.2,) * 3 + (0.05,) * 3
     state_scale = (0.5, 0.25, 0.25) + (0.5,) * 3 + (10.0, 10.0, 5.0) + (0.25, 0.5, 1.0)
-    flows = 2
+    ambient_flows = 2
     std_scale = (0.05,) * 6 + (0.5,) * 3 + (0.05,) * 3
     actuators = 3
     mission_scale = (1.0, 10.0, 5.0)
@@ -303,7 +302,7 @@ class VerticalDive(Dive):
     where = np.array([3, -1, 4, 5])
     prior_sd = (0.05, 0.05, 0.02, 0.2, 0.2, 0.05)
     state_scale = (0.5, 0.25, 0.5, 20.0, 10.0, 0.5)
-    flows = 1
+    ambient_flows = 1
     std_scale = (0.05,) * 3 + (0.5,) * 2 + (0.05,)
     actuators = 2
     mission_scale = (20.0, 10.0)
@@ -317,14 +316,14 @@ class VerticalDive(Dive):
         goal = super()._checked(value)
         if goal[1] != 0.0:
             raise ValueError(
-                f"the goal must lie ahead, (x, 0, z) with x > 0: the vehicle does not turn, got {shown(value)}"
+                f"the goal must lie ahead, (x, 0, z) with x > 0: the vehicle does not turn, got {short_repr(value)}"
             )
         return goal
 
     @compiled(axes=(1, 0))
-    def commanded(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
+    def commanded(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
         """The angle of the path [rad] where a vehicle at the cruising speed would be, upwards, ``(..., 1)``."""
-        length, depth = course[..., 1], course[..., 2]
+        length, depth = scenario[..., 1], scenario[..., 2]
         share = np.minimum(step * (self.dt * self.auv.cruise_speed) / length, 1.0)
         return np.stack([-np.arctan(6.0 * depth * share * (1.0 - share) / length)], -1)
 

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.checks import shown, whole
+from estimators.checks import short_repr, whole
 from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, check_pair, instance, numbers, one_of
 from vessel_gym.guidance.detours import plans
@@ -18,10 +18,10 @@ from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import FARTHEST, Task, three_numbers
 from vessel_gym.vehicles.puna import PunaParameters
 
-ENDS = (
+END_REASONS = (
     "", "arrived", "missed the goal", "hit an obstacle", "stalled", "crashed", "off the path", "off the altitude",
 )  # fmt: skip
-_ARRIVED, _MISSED, _HIT, _STALLED, _CRASHED, _OFF, _HEIGHT = range(1, len(ENDS))
+_ARRIVED, _MISSED, _HIT, _STALLED, _CRASHED, _OFF, _HEIGHT = range(1, len(END_REASONS))
 
 SEGMENTS = 16
 """Arcs and straights of a path at most."""
@@ -29,7 +29,7 @@ OBSTACLES = 5
 """Obstacles at most."""
 _PATH = COLUMNS * SEGMENTS
 _CENTRE_X, _CENTRE_Y, _RADIUS = (slice(i, None, 3) for i in range(-3 * OBSTACLES, 3 - 3 * OBSTACLES))
-_WHERE = 6  # numbers of a reference before its course
+_WHERE = 6  # numbers of a reference before its scenario
 _NEAR = 40.0  # m
 _OPTIONS = ("start", "goal", "obstacles", "altitude")
 
@@ -38,10 +38,11 @@ _OPTIONS = ("start", "goal", "obstacles", "altitude")
 class Flight(Task):
     """A flight along a Dubins path round circular obstacles, of an aircraft whose state is `vehicles.puna.STATE`.
 
-    A course (what is drawn at reset) is ``(97,)``: 16 segments of the path (x, y, heading, curvature, length; those of
-    length 0 fill up), its length, the commanded altitude, and 5 obstacles (x, y, radius; radius 0: none). A reference
-    is where the aircraft believes to be on it, ``(103,)``: progress, cross-track and altitude error [m], heading of the
-    path there, its mean curvatures ahead (over the next 20 m, and from 20 to 60 m on), and the course.
+    A scenario (the episode's parameters, drawn at reset) is ``(97,)``: 16 segments of the path (x, y, heading,
+    curvature, length; those of length 0 fill up), its length, the commanded altitude, and 5 obstacles (x, y, radius;
+    radius 0: none). A reference is where the aircraft believes to be on it, ``(103,)``: progress, cross-track and
+    altitude error [m], heading of the path there, its mean curvatures ahead (over the next 20 m, and from 20 to 60 m
+    on), and the scenario.
 
     The flight is over when the aircraft believes to have covered the path, or has covered it where nobody sees what it
     believes (see `vessel_gym.core.Core`).
@@ -66,16 +67,16 @@ class Flight(Task):
 
     prior_sd = (1.0, 1.0, 1.0, 0.5, 0.5, 0.3, 0.02)
     uniforms = 14
-    """Uniform numbers that `course` needs."""
-    ends = ENDS
+    """Uniform numbers that `scenario` needs."""
+    end_reasons = END_REASONS
     success = "arrived"
     perfect = 1.0
     """Rewards are shares of the score."""
 
     # --- what is drawn ----------------------------------------------------------------------------
 
-    def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
-        """Draw courses ``(B, 97)`` from uniforms ``(B, 14)``.
+    def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
+        """Draw scenarios ``(B, 97)`` from uniforms ``(B, 14)``.
 
         The start is the origin, on any heading. The goal lies within 90 deg of that, and is to be reached on a heading
         within 90 deg of the direct way. Three obstacles lie along the direct way, up to 80 m beside it; the last
@@ -100,15 +101,15 @@ class Flight(Task):
             given = {"start": np.zeros(3), "goal": np.array([750.0, 0.0, 0.0])} | given
         altitude = self._altitude(options["altitude"]) if "altitude" in options else None
         if fixed is not None:  # the same for all: planned once
-            courses, errors = self._planned(given["start"][None], given["goal"][None], fixed[None])
+            scenarios, errors = self._planned(given["start"][None], given["goal"][None], fixed[None])
             if errors:
                 raise errors[0]
-            courses = courses.repeat(len(uniforms), 0)
+            scenarios = scenarios.repeat(len(uniforms), 0)
         else:
-            courses = self._drawn(uniforms, given)
+            scenarios = self._drawn(uniforms, given)
         low, high = self.altitudes
-        courses[:, _PATH + 1] = low + (high - low) * uniforms[:, 13] if altitude is None else altitude
-        return courses
+        scenarios[:, _PATH + 1] = low + (high - low) * uniforms[:, 13] if altitude is None else altitude
+        return scenarios
 
     def _drawn(self, uniforms: np.ndarray, given: dict[str, np.ndarray]) -> np.ndarray:
         """Courses ``(B, 97)`` from uniforms ``(B, 14)`` and the poses that are given."""
@@ -127,15 +128,15 @@ class Flight(Task):
         side = np.stack([-way[..., 1], way[..., 0]], -1) / np.maximum(np.hypot(way[..., :1], way[..., 1:]), 1e-9)
         centres = start[:, None, :2] + along * way + across * side
         obstacles = np.concatenate([centres, low + (high - low) * size], -1)
-        courses, left = np.empty((rows, _PATH + 2 + 3 * OBSTACLES)), np.arange(rows)
+        scenarios, left = np.empty((rows, _PATH + 2 + 3 * OBSTACLES)), np.arange(rows)
         for count in (3, 2, 1, 0):
-            courses[left], errors = self._planned(start[left], goal[left], obstacles[left, :count])
+            scenarios[left], errors = self._planned(start[left], goal[left], obstacles[left, :count])
             if errors and count == 0:
                 raise next(iter(errors.values()))
             left = left[sorted(errors)]
             if not len(left):
                 break
-        return courses
+        return scenarios
 
     def _planned(
         self, start: np.ndarray, goal: np.ndarray, obstacles: np.ndarray
@@ -146,11 +147,11 @@ class Flight(Task):
         segments[:, : planned.shape[1]] = planned[:, : SEGMENTS + 1]
         listed = np.zeros((rows, OBSTACLES, 3))
         listed[:, : obstacles.shape[1]] = obstacles
-        courses, fit = self._listed(segments, listed)
+        scenarios, fit = self._listed(segments, listed)
         for row in np.nonzero(~fit)[0].tolist():
             reason = self._unfit(Path(planned[row][planned[row, :, 4] > 0.0])) if row not in errors else None
             errors |= {} if reason is None else {row: reason}
-        return courses, errors
+        return scenarios, errors
 
     @compiled(axes=(2, 2))
     def _listed(self, segments: np.ndarray, obstacles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -197,39 +198,39 @@ class Flight(Task):
         if obstacles is not None and obstacles.size == 0:
             return np.zeros((0, 3))
         if obstacles is None or obstacles.ndim != 2 or obstacles.shape[1] != 3:
-            raise ValueError(f"obstacles must be rows (x, y, radius), metres, got {shown(value)}")
+            raise ValueError(f"obstacles must be rows (x, y, radius), metres, got {short_repr(value)}")
         if len(obstacles) > OBSTACLES:
             raise ValueError(f"there may be {OBSTACLES} obstacles at most, got {len(obstacles)}")
         if not np.isfinite(obstacles).all() or not (obstacles[:, 2] > 0.0).all():
-            raise ValueError(f"obstacles must have finite centres and radii above 0, got {shown(value)}")
+            raise ValueError(f"obstacles must have finite centres and radii above 0, got {short_repr(value)}")
         if np.abs(obstacles).max() > FARTHEST:
-            raise ValueError(f"obstacles must lie within {FARTHEST:.0f} m of the origin, got {shown(value)}")
+            raise ValueError(f"obstacles must lie within {FARTHEST:.0f} m of the origin, got {short_repr(value)}")
         return obstacles
 
     def _altitude(self, value: object) -> float:
         altitude = numbers(value)
         if altitude is None or altitude.ndim or not 50.0 <= altitude <= 1000.0:
-            raise ValueError(f"altitude must be between 50 and 1000 m, got {shown(value)}")
+            raise ValueError(f"altitude must be between 50 and 1000 m, got {short_repr(value)}")
         return float(altitude)
 
-    def prior(self, course: np.ndarray) -> Gaussian:
+    def prior(self, scenario: np.ndarray) -> Gaussian:
         """Prior, level at the path's beginning at cruising speed: mean ``(B, 7)``, covariance.
 
         The aircraft flies along the path through the air; the wind, which nobody knows, carries it along.
         """
-        mean = np.zeros((len(course), 7))
-        mean[:, :2], mean[:, 2] = course[:, :2], course[:, _PATH + 1]
-        mean[:, 3] = self.body.cruise_speed * np.cos(course[:, 2])
-        mean[:, 4] = self.body.cruise_speed * np.sin(course[:, 2])
+        mean = np.zeros((len(scenario), 7))
+        mean[:, :2], mean[:, 2] = scenario[:, :2], scenario[:, _PATH + 1]
+        mean[:, 3] = self.body.cruise_speed * np.cos(scenario[:, 2])
+        mean[:, 4] = self.body.cruise_speed * np.sin(scenario[:, 2])
         return self._spread.about(mean)
 
     @compiled(axes=(1, 0, 1))
-    def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Position relative to the path of an aircraft in a state ``(..., n)``, and the course, ``(..., 103)``."""
+    def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """Position relative to the path of an aircraft in a state ``(..., n)``, and the scenario, ``(..., 103)``."""
         pose = np.stack([state[..., 0], state[..., 1], np.arctan2(state[..., 4], state[..., 3])], -1)
-        place = locate(pose, ANYWHERE, course[..., :_PATH], np.array(self.ahead))
-        above = state[..., 2:3] - course[..., _PATH + 1 : _PATH + 2]
-        return np.concatenate([place[..., :2], above, place[..., 2:5], course], -1)
+        place = locate(pose, ANYWHERE, scenario[..., :_PATH], np.array(self.ahead))
+        above = state[..., 2:3] - scenario[..., _PATH + 1 : _PATH + 2]
+        return np.concatenate([place[..., :2], above, place[..., 2:5], scenario], -1)
 
     # --- what the agent sees ----------------------------------------------------------------------
 
@@ -279,26 +280,26 @@ class Flight(Task):
         north, east, climb, bank = (estimate.state[..., i] for i in range(3, 7))
         wind_north, wind_east, wind_down = (estimate.flow[..., i] for i in range(3))
         progress, cross, above, heading, curvature, later = (reference[..., i] for i in range(_WHERE))
-        ground, course = np.hypot(north, east), np.arctan2(east, north)
+        ground, scenario = np.hypot(north, east), np.arctan2(east, north)
         through_north, through_east = north - wind_north, east - wind_east
         airspeed = np.hypot(np.hypot(through_north, through_east), climb + wind_down)
         # Lift turns the velocity through the air; over ground its share across the course counts.
-        across = np.maximum(np.cos(course - np.arctan2(through_east, through_north)), 0.5)
+        across = np.maximum(np.cos(scenario - np.arctan2(through_east, through_north)), 0.5)
         path_bank = np.arctan(ground * np.minimum(ground, 1e3) * curvature / self.body.gravity / across)
         seen = [
-            cross, above, np.sin(heading - course), np.cos(heading - course), curvature, later, path_bank, ground,
+            cross, above, np.sin(heading - scenario), np.cos(heading - scenario), curvature, later, path_bank, ground,
             airspeed, climb, wind_down, bank, *_obstacles_near(estimate.state, reference),
             reference[..., _WHERE + _PATH] - progress,
         ]  # fmt: skip
         offset, gain = self._gains
         return np.concatenate([(np.stack(seen, -1) - offset) * gain, self.scaled(actuators)], -1)
 
-    def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+    def observe_mission(self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """Path, altitude, obstacles and actuators ``(..., 99)``."""
-        mission = np.concatenate([course[..., :_PATH], course[..., _PATH + 1 :]], -1) * self._course_gains
+        mission = np.concatenate([scenario[..., :_PATH], scenario[..., _PATH + 1 :]], -1) * self._course_gains
         return np.concatenate([mission, self.scaled(actuators)], -1)
 
-    def observe_state(self, estimate: Estimate, course: np.ndarray) -> np.ndarray:
+    def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
         """The estimated state and wind ``(..., 10)``, without guidance."""
         state = (estimate.state - self.STATE_OFFSET) / self.STATE_SCALE
         return np.concatenate([state, estimate.flow / 5.0], -1)
@@ -322,15 +323,15 @@ class Flight(Task):
     WINDOW = 50.0  # m of path about the farthest progress where the aircraft is looked for
 
     @compiled
-    def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
+    def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
         """The farthest progress [m] and the last commands, ``(..., 4)``."""
         zero = np.zeros_like(state[..., 0])
-        return np.stack([np.maximum(self.track(state, course, zero)[..., 0], 0.0), zero, zero, zero], -1)
+        return np.stack([np.maximum(self.track(state, scenario, zero)[..., 0], 0.0), zero, zero, zero], -1)
 
     @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
     def score(
-        self, state: np.ndarray, forcing: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
-        action: np.ndarray, tally: np.ndarray,
+        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
+        action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Reward in [0, 1] ``(...)``, end of the episode ``(...)`` and score state ``(..., 4)``, from the truth.
 
@@ -338,10 +339,10 @@ class Flight(Task):
         and to its altitude, the smoother its commands and the clearer of obstacles: waiting, circling and short cuts
         pay nothing. Arriving pays by the distance to the goal and the share of the path that was covered.
         """
-        course, farthest, last = self.course_of(reference), tally[..., 0], tally[..., 1:]
+        scenario, farthest, last = self.scenario_of(reference), score_state[..., 0], score_state[..., 1:]
         x, y, altitude, north, east, climb = (state[..., i] for i in range(6))
-        length, above = course[..., _PATH], altitude - self.altitude_of(course)
-        place, clearance = self.track(state, course, farthest), self.clearance(state, course)
+        length, above = scenario[..., _PATH], altitude - self.altitude_of(scenario)
+        place, clearance = self.track(state, scenario, farthest), self.clearance(state, scenario)
         off, most = place[..., 6], self.FASTEST * self.body.cruise_speed * self.dt
         fresh = np.clip(np.minimum(place[..., 0], length) - farthest, 0.0, most)
         jump = ((action - last) ** 2 / 3.0).sum(-1)
@@ -349,14 +350,14 @@ class Flight(Task):
         near, level = (off / self.TRACK_TOLERANCE) ** 2, (above / self.ALTITUDE_TOLERANCE) ** 2
         tracking = self.TRACKING * fresh / length * (quality / ((1.0 + near) * (1.0 + level)))
 
-        goal = self.goal(course)
+        goal = self.goal(scenario)
         miss = np.hypot(x - goal[..., 0], y - goal[..., 1])
         covered = np.minimum((farthest + fresh + self.GOAL_TOLERANCE) / length, 1.0)
         arriving = (1.0 - self.TRACKING) * covered / (1.0 + (miss / self.GOAL_TOLERANCE) ** 2)
         crashed, hit = altitude <= 0.0, clearance < 0.0
         reward = np.where(hit | crashed, 0.0, tracking + np.where(over, arriving, 0.0))
 
-        airspeed = np.hypot(np.hypot(north - forcing[..., 4], east - forcing[..., 5]), climb + forcing[..., 6])
+        airspeed = np.hypot(np.hypot(north - exogenous[..., 4], east - exogenous[..., 5]), climb + exogenous[..., 6])
         end = np.where(np.abs(above) > self.HEIGHT_LOST, _HEIGHT, 0)
         end = np.where(off > self.LOST, _OFF, end)
         end = np.where(airspeed < self.STALL, _STALLED, end)
@@ -365,37 +366,39 @@ class Flight(Task):
         return reward, end, np.concatenate([np.stack([farthest + fresh], -1), action], -1)
 
     @compiled(axes=(1, 1, 0))
-    def track(self, state: np.ndarray, course: np.ndarray, farthest: np.ndarray) -> np.ndarray:
+    def track(self, state: np.ndarray, scenario: np.ndarray, farthest: np.ndarray) -> np.ndarray:
         """Positions of states ``(..., n)`` on the path near the farthest progress [m]."""
         x, y, zero = state[..., 0], state[..., 1], np.zeros_like(state[..., 0])
         window = np.stack([farthest - self.WINDOW, farthest + self.WINDOW, zero], -1)
-        return locate(np.stack([x, y, zero], -1), window, course[..., :_PATH], np.array(self.ahead))
+        return locate(np.stack([x, y, zero], -1), window, scenario[..., :_PATH], np.array(self.ahead))
 
     def over(self, reference: np.ndarray) -> np.ndarray:
         """Is the path covered? ``(...)``."""
         return reference[..., 0] >= reference[..., _WHERE + _PATH]
 
-    def course_of(self, reference: np.ndarray) -> np.ndarray:
-        """The course ``(..., 97)`` out of references ``(..., 103)``."""
+    def scenario_of(self, reference: np.ndarray) -> np.ndarray:
+        """The scenario ``(..., 97)`` out of references ``(..., 103)``."""
         return reference[..., _WHERE:]
 
-    def altitude_of(self, course: np.ndarray) -> np.ndarray:
+    def altitude_of(self, scenario: np.ndarray) -> np.ndarray:
         """The commanded altitude [m] of courses, ``(...)``."""
-        return course[..., _PATH + 1]
+        return scenario[..., _PATH + 1]
 
     @compiled
-    def clearance(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
+    def clearance(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
         """Distance [m] of states ``(..., n)`` from the nearest obstacle's edge, ``(...)``; infinite without."""
-        radius = course[..., _RADIUS]
-        distance = np.hypot(course[..., _CENTRE_X] - state[..., :1], course[..., _CENTRE_Y] - state[..., 1:2]) - radius
+        radius = scenario[..., _RADIUS]
+        distance = (
+            np.hypot(scenario[..., _CENTRE_X] - state[..., :1], scenario[..., _CENTRE_Y] - state[..., 1:2]) - radius
+        )
         return np.where(radius > 0.0, distance, np.inf).min(-1)
 
     @compiled
-    def goal(self, course: np.ndarray) -> np.ndarray:
+    def goal(self, scenario: np.ndarray) -> np.ndarray:
         """The end of the path, ``(..., 3)``: x, y [m], heading [rad]."""
-        final = course[..., :COLUMNS]
+        final = scenario[..., :COLUMNS]
         for k in range(COLUMNS, _PATH, COLUMNS):
-            segment = course[..., k : k + COLUMNS]
+            segment = scenario[..., k : k + COLUMNS]
             final = np.where(segment[..., 4:] > 0.0, segment, final)
         return np.stack(follow_on(final[..., 4], *(final[..., i] for i in range(4))), -1)
 
@@ -403,8 +406,8 @@ class Flight(Task):
 def _obstacles_near(state: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Sums of vectors to obstacles, ahead and to starboard: the nearer the edge, the longer, and 0 beyond 100 m."""
     x, y, radius = (reference[..., columns] for columns in (_CENTRE_X, _CENTRE_Y, _RADIUS))
-    dx, dy, course = x - state[..., :1], y - state[..., 1:2], np.arctan2(state[..., 4:5], state[..., 3:4])
-    distance, sin, cos = np.hypot(dx, dy), np.sin(course), np.cos(course)
+    dx, dy, scenario = x - state[..., :1], y - state[..., 1:2], np.arctan2(state[..., 4:5], state[..., 3:4])
+    distance, sin, cos = np.hypot(dx, dy), np.sin(scenario), np.cos(scenario)
     near = np.clip(1.0 - (distance - radius) / 100.0, 0.0, 2.0) / np.maximum(distance, 1e-9)
     counts, ahead, aside = (radius > 0.0) & (near > 0.0), dx * cos + dy * sin, dy * cos - dx * sin
     return np.where(counts, near * ahead, 0.0).sum(-1), np.where(counts, near * aside, 0.0).sum(-1)

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.checks import shown
+from estimators.checks import short_repr
 from estimators.factory import unknown
 from vessel_gym.checks import numbers
 from vessel_gym.sensors import Sensors
@@ -43,22 +43,22 @@ class Task:
     """A mission. This one draws nothing, guides nobody and goes on until time is up.
 
     `score` is yours, and so is the rest. Where no others are given, observations are the estimate or the measurements,
-    the course and the actuators, as they are but for the scales. ``observe`` has no parameter through which truth could
-    come; ``score`` alone reads it.
+    the scenario and the actuators, as they are but for the scales. ``observe`` has no parameter through which truth
+    could come; ``score`` alone reads it.
 
-    A task may have ``exogenous(course, step)``, too: what it adds to the kicks and flows of the disturbance over the
-    coming step ``(B, f)``.
+    A task may have ``exogenous(scenario, step)``, too: what it adds to the increments and flows of the disturbance over
+    the coming step ``(B, f)``.
     """
 
     vehicle: Vehicle
     horizon: int = 500
     """Steps of a full episode."""
     uniforms: int = 0
-    """Uniform numbers that `course` needs."""
-    ends: tuple[str, ...] = ("",)
+    """Uniform numbers that `scenario` needs."""
+    end_reasons: tuple[str, ...] = ("",)
     """Reasons for an episode's end by number; number 0 is that it goes on."""
     success: str = ""
-    """The one of ``ends`` that means success; empty where success is to go on to the time limit."""
+    """The one of ``end_reasons`` that means success; empty where success is to go on to the time limit."""
     commanding: ClassVar[slice | list[int] | None] = None
     """Columns of a reference that hold what is `commanded`, for tasks of this package; None: none do."""
     BOUND = 10.0
@@ -75,8 +75,8 @@ class Task:
         """Sum of the rewards of a perfect episode: 1 a step."""
         return float(self.horizon)
 
-    def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
-        """Draw courses at reset, ``(B, k)``: the uniform numbers ``(B, uniforms)`` themselves; there are no options.
+    def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
+        """Draw scenarios at reset, ``(B, k)``: the uniform numbers ``(B, uniforms)`` themselves; there are no options.
 
         Raises:
             ValueError: for an option.
@@ -90,22 +90,22 @@ class Task:
         """The prior's covariance, about zero."""
         return Gaussian(np.zeros(len(self.prior_sd)), np.diag(self.prior_sd) ** 2)
 
-    def prior(self, course: np.ndarray) -> Gaussian:
+    def prior(self, scenario: np.ndarray) -> Gaussian:
         """Prior of the vehicle's state: mean ``(B, n)``, covariance ``(n, n)``.
 
         Where it cruises, within ``prior_sd``.
         """
         mean, _ = self.vehicle.cruise
-        return Gaussian(np.tile(mean, (len(course), 1)), np.diag(self.prior_sd) ** 2)
+        return Gaussian(np.tile(mean, (len(scenario), 1)), np.diag(self.prior_sd) ** 2)
 
-    def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
+    def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Reference at a step, for a vehicle that is (or is estimated to be) in a state ``(B, n)``, as in the prior.
 
-        The course ``(B, k)``.
+        The scenario ``(B, k)``.
         """
-        return course
+        return scenario
 
-    def commanded(self, course: np.ndarray, step: np.ndarray) -> np.ndarray | None:
+    def commanded(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray | None:
         """Commands that filters know besides the actuators; None: none."""
         return None
 
@@ -115,14 +115,14 @@ class Task:
         By looking at them.
         """
         vehicle = self.vehicle
-        course = self.course(np.full((1, self.uniforms), 0.5), {})
-        mean = np.array(self.prior(course).mean)
+        scenario = self.scenario(np.full((1, self.uniforms), 0.5), {})
+        mean = np.array(self.prior(scenario).mean)
         actuators = np.zeros((1, len(vehicle.start(vehicle.cruise[0][None])[1][0])))
-        step, estimate = np.zeros(1, int), Estimate(mean, np.zeros((1, len(vehicle.flows))))
-        mission = self.observe_mission(course, step, actuators).shape[-1]
+        step, estimate = np.zeros(1, int), Estimate(mean, np.zeros((1, len(vehicle.ambient_flows))))
+        mission = self.observe_mission(scenario, step, actuators).shape[-1]
         return {
-            "guided": self.observe(estimate, self.reference(course, step, mean), actuators).shape[-1],
-            "unguided": self.observe_state(estimate, course).shape[-1] + mission,
+            "guided": self.observe(estimate, self.reference(scenario, step, mean), actuators).shape[-1],
+            "unguided": self.observe_state(estimate, scenario).shape[-1] + mission,
             "std": states,
             "measurements": 2 * measurements,
             "mission": mission,
@@ -135,7 +135,7 @@ class Task:
         """
         return np.concatenate([self.observe_state(estimate, reference), reference, actuators], -1)
 
-    def observe_state(self, estimate: Estimate, course: np.ndarray) -> np.ndarray:
+    def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
         """The estimate as it is, which together with the mission is ``"unguided"``.
 
         The estimated state, scaled, and the flow.
@@ -154,32 +154,32 @@ class Task:
         return estimate.sd / np.concatenate([scale, estimate.scale])
 
     def observe_measurements(
-        self, sensors: Sensors, measurements: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
+        self, sensors: Sensors, measurements: np.ndarray, available: np.ndarray, scenario: np.ndarray, step: np.ndarray
     ) -> np.ndarray:
         """``"measurements"``: as they come, with their mask, ``(B, 2 p)``: no filter."""
         return np.concatenate([measurements / sensors.scale, available], -1)
 
-    def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-        """``"mission"``: what is asked, which is the course, and the actuators."""
-        return np.concatenate([course, actuators], -1)
+    def observe_mission(self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        """``"mission"``: what is asked, which is the scenario, and the actuators."""
+        return np.concatenate([scenario, actuators], -1)
 
     def over(self, reference: np.ndarray) -> np.ndarray:
         """Is the mission complete? ``(...)``. Default: never, it goes on until time is up."""
         return np.zeros(reference.shape[:-1], bool)
 
-    def begin(self, state: np.ndarray, course: np.ndarray) -> np.ndarray:
+    def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
         """Initial score state ``(..., k)``: empty."""
         return np.zeros((*state.shape[:-1], 0))
 
     def score(
-        self, state: np.ndarray, forcing: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
-        action: np.ndarray, tally: np.ndarray,
+        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
+        action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Yours, from the truth: what a step is worth, and whether it was the last.
 
         Returns:
-            Reward in [0, 1] ``(B,)``, the number in ``ends`` of why the episode ends (0: it goes on) ``(B,)``, and the
-            next tally.
+            Reward in [0, 1] ``(B,)``, the number in ``end_reasons`` of why the episode ends (0: it goes on) ``(B,)``,
+            and the next score state.
         """
         raise NotImplementedError(f"{type(self).__name__} needs a method score: what is a step worth?")
 
@@ -192,7 +192,7 @@ def three_numbers(name: str, value: object, what: str, within: str) -> np.ndarra
     """
     three = numbers(value)
     if three is None or three.shape != (3,) or not np.isfinite(three).all():
-        raise ValueError(f"{name} must be three finite numbers, {what}, got {shown(value)}")
+        raise ValueError(f"{name} must be three finite numbers, {what}, got {short_repr(value)}")
     if np.abs(three).max() > FARTHEST:
-        raise ValueError(f"{name} must lie within {FARTHEST:.0f} m {within}, got {shown(value)}")
+        raise ValueError(f"{name} must lie within {FARTHEST:.0f} m {within}, got {short_repr(value)}")
     return three

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.checks import shown, whole
+from estimators.checks import short_repr, whole
 from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, check_pair, instance, number, one_of
 from vessel_gym.sensors import Sensors
@@ -40,7 +40,7 @@ def dead_reckoned(heading: np.ndarray, surge: np.ndarray, sway: np.ndarray, dt: 
 class TurningCircle(Task):
     """The commanded heading leads into a steady turn: straight, a ramp of the yaw rate, a circle.
 
-    A course (what is drawn at reset) is ``(initial heading [rad], commanded yaw rate [rad/s])``; a
+    A scenario (the episode's parameters, drawn at reset) is ``(initial heading [rad], commanded yaw rate [rad/s])``; a
     reference is ``(heading [rad], yaw rate now, yaw rate PREVIEW seconds ahead, final yaw rate)``.
     """
 
@@ -58,7 +58,7 @@ class TurningCircle(Task):
 
     prior_sd: ClassVar[tuple[float, ...]] = (0.2, 0.002, 0.03, 0.2)
     uniforms = 3
-    """Uniform numbers that `course` needs."""
+    """Uniform numbers that `scenario` needs."""
     commanding: ClassVar[slice | list[int]] = slice(1, 2)
 
     @property
@@ -83,8 +83,8 @@ class TurningCircle(Task):
 
     WIDEST = 1e5  # m: a commanded radius beyond is a slip in the unit
 
-    def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
-        """Draw courses ``(B, 2)`` from uniforms ``(B, 3)``.
+    def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
+        """Draw scenarios ``(B, 2)`` from uniforms ``(B, 3)``.
 
         Args:
             uniforms: for the initial heading, the radius and the side.
@@ -93,17 +93,17 @@ class TurningCircle(Task):
         Raises:
             ValueError: for an unknown option or a radius that the ship cannot hold.
         """
-        courses = self._drawn(uniforms)
+        scenarios = self._drawn(uniforms)
         for option, value in options.items():
             one_of("reset option", option, ("radius",))
             low = self.tightest * self.ship.length
             wanted = number(value)
             if not low <= abs(wanted) < np.inf:
-                raise ValueError(f"radius must be at least {low:.0f} m to either side, got {shown(value)}")
+                raise ValueError(f"radius must be at least {low:.0f} m to either side, got {short_repr(value)}")
             if abs(wanted) > self.WIDEST:
-                raise ValueError(f"radius must be at most {self.WIDEST:.0f} m to either side, got {shown(value)}")
-            courses[:, 1] = self.yaw_rate(np.array(wanted))
-        return courses
+                raise ValueError(f"radius must be at most {self.WIDEST:.0f} m to either side, got {short_repr(value)}")
+            scenarios[:, 1] = self.yaw_rate(np.array(wanted))
+        return scenarios
 
     @compiled
     def _drawn(self, uniforms: np.ndarray) -> np.ndarray:
@@ -124,20 +124,20 @@ class TurningCircle(Task):
         turns = steady_turns(self.ship)
         return 1.0 / turns.radius, turns.yaw_rate
 
-    def prior(self, course: np.ndarray) -> Gaussian:
+    def prior(self, scenario: np.ndarray) -> Gaussian:
         """Prior of (v, r, psi, u): mean ``(B, 4)`` and covariance ``(4, 4)``."""
-        mean = np.zeros((len(course), 4))
-        mean[:, 2], mean[:, 3] = course[:, 0], self.ship.speed
+        mean = np.zeros((len(scenario), 4))
+        mean[:, 2], mean[:, 3] = scenario[:, 0], self.ship.speed
         return self._spread.about(mean)
 
-    def reference(self, course: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
+    def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The reference ``(..., 4)`` at a step ``(...)``: it moves with time, wherever the ship is."""
-        return self.command(course, step)
+        return self.command(scenario, step)
 
     @compiled(axes=(1, 0))
-    def command(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
+    def command(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
         """The reference ``(..., 4)`` at a step ``(...)``: the yaw rate rises linearly over the ramp."""
-        heading, rate = course[..., 0], course[..., 1]
+        heading, rate = scenario[..., 0], scenario[..., 1]
         elapsed = step * self.dt - self.lead
         share = np.clip(elapsed / self.ramp, 0.0, 1.0)
         share_ahead = np.clip((elapsed + self.preview) / self.ramp, 0.0, 1.0)
@@ -145,18 +145,18 @@ class TurningCircle(Task):
         return np.stack([heading + rate * turned, rate * share, rate * share_ahead, rate], -1)
 
     @compiled(axes=(1, 0))
-    def commanded(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
+    def commanded(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
         """The commanded yaw rate ``(..., 1)``."""
-        return self.command(course, step)[..., self.commanding]
+        return self.command(scenario, step)[..., self.commanding]
 
-    def path(self, course: np.ndarray) -> np.ndarray:
-        """The path ``(k, 2)`` of a course ``(2,)``, one circle long: of the reference heading, at the turn's drift.
+    def path(self, scenario: np.ndarray) -> np.ndarray:
+        """The path ``(k, 2)`` of a scenario ``(2,)``, one circle long: of the reference heading, at the turn's drift.
 
         It is that through the water: a current carries the true ship away from it.
         """
         steps, turns = np.arange(self.horizon + 1), steady_turns(self.ship)
-        reference = self.command(np.tile(course, (len(steps), 1)), steps)
-        turned = np.abs(reference[:, 0] - course[0]) - 0.5 * self.ramp * abs(course[1])
+        reference = self.command(np.tile(scenario, (len(steps), 1)), steps)
+        turned = np.abs(reference[:, 0] - scenario[0]) - 0.5 * self.ramp * abs(scenario[1])
         heading, rate, *_ = reference[: 2 + np.searchsorted(turned, 2.0 * np.pi)].T
         surge, sway = (np.interp(np.abs(rate), turns.yaw_rate, values) for values in (turns.speed, turns.sway))
         return dead_reckoned(heading, surge, np.sign(rate) * sway, self.dt)
@@ -213,26 +213,26 @@ class TurningCircle(Task):
         return np.concatenate([sd, known], -1) * self._std_gains
 
     def observe_measurements(
-        self, sensors: Sensors, measurements: np.ndarray, available: np.ndarray, course: np.ndarray, step: np.ndarray
+        self, sensors: Sensors, measurements: np.ndarray, available: np.ndarray, scenario: np.ndarray, step: np.ndarray
     ) -> np.ndarray:
         """Measurements and their mask ``(..., 2 p)``, no filter.
 
         A measured heading is shown as the error to the commanded one, on the scale of such an error.
         """
-        heading = self.command(course, step)[..., :1]
+        heading = self.command(scenario, step)[..., :1]
         error = wrapped(heading - measurements) / self.HEADING_SCALE
         measured = np.where([state == "psi" for state in sensors.gives], error, measurements / sensors.scale)
         return np.concatenate([np.where(available, measured, 0.0), available], -1)
 
-    def observe_mission(self, course: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+    def observe_mission(self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The rudder, and the commanded yaw rate now and ahead ``(..., 3)``."""
-        return np.concatenate([actuators, self.command(course, step)[..., 1:3]], -1) / self._known_scales
+        return np.concatenate([actuators, self.command(scenario, step)[..., 1:3]], -1) / self._known_scales
 
-    def observe_state(self, estimate: Estimate, course: np.ndarray) -> np.ndarray:
+    def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
         """Sway, yaw rate, sine and cosine of the heading relative to the first one, d ``(..., 5)``: no guidance."""
         v, r, psi = (estimate.state[..., i] for i in range(3))
         d = np.zeros_like(v) if estimate.input_mean is None else estimate.input_mean[..., 0]
-        turned = psi - course[..., 0]
+        turned = psi - scenario[..., 0]
         scaled = v / self.SWAY_SCALE, r / self.command_scale, np.sin(turned), np.cos(turned), d / self.INPUT_SCALE
         return np.stack(scaled, -1)
 
@@ -243,13 +243,13 @@ class TurningCircle(Task):
     HELM_COST = 0.15  # share of the reward that the full rudder rate costs
     LOST = 0.5 * np.pi  # rad, heading error at which the turn is lost
 
-    ends = ("", "turn lost")
+    end_reasons = ("", "turn lost")
     """Success is to hold the turn until time is up, a perfect reward 1 at every step."""
 
     @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
     def score(
-        self, state: np.ndarray, forcing: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
-        action: np.ndarray, tally: np.ndarray,
+        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
+        action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Reward in [0, 1] ``(...)``, end of the episode ``(...)`` and an empty score state, from the truth.
 
@@ -261,4 +261,4 @@ class TurningCircle(Task):
         rate = (reference[..., 1] - state[..., 5]) / reference[..., 3]
         value = 0.8 / (1.0 + (heading / self.HEADING_TOLERANCE) ** 2) + 0.2 / (1.0 + (rate / self.RATE_TOLERANCE) ** 2)
         reward = value * (1.0 - self.HELM_COST * action[..., 0] ** 2)
-        return reward, np.where(np.abs(heading) > self.LOST, 1, 0), tally
+        return reward, np.where(np.abs(heading) > self.LOST, 1, 0), score_state

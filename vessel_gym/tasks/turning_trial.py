@@ -22,8 +22,8 @@ SWITCH = 98
 class TurningTrial(TurningCircle):
     """Follow the heading of a trial in which the rudder was put over to ``helm`` from a straight course.
 
-    A course is ``(initial heading [rad], final yaw rate [rad/s], simulation)``; a reference is that of `TurningCircle`
-    and the simulation.
+    A scenario is ``(initial heading [rad], final yaw rate [rad/s], simulation)``; a reference is that of
+    `TurningCircle` and the simulation.
     """
 
     pace: float = 1.6  # for steps of 0.8 s
@@ -35,7 +35,7 @@ class TurningTrial(TurningCircle):
     commanding: ClassVar[slice | list[int]] = [3, 4]
     HELM_COST = 0.0  # the trial holds the rudder over
 
-    def course(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
+    def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
         """Courses ``(B, 3)``; nothing is drawn.
 
         Args:
@@ -45,19 +45,19 @@ class TurningTrial(TurningCircle):
         Raises:
             ValueError: for another option or simulation.
         """
-        courses = np.tile([0.0, self.record[-1, 5], 0.0], (len(uniforms), 1))
+        scenarios = np.tile([0.0, self.record[-1, 5], 0.0], (len(uniforms), 1))
         for option, value in options.items():
             one_of("reset option", option, ("simulation",))
-            courses[:, 2] = list(SIMULATIONS).index(one_of("simulation", value, SIMULATIONS))
-        return courses
+            scenarios[:, 2] = list(SIMULATIONS).index(one_of("simulation", value, SIMULATIONS))
+        return scenarios
 
     @cached_property
     def _spread(self) -> Gaussian:
         return Gaussian(np.zeros(3), self.prior_variance * np.eye(3))
 
-    def prior(self, course: np.ndarray) -> Gaussian:
+    def prior(self, scenario: np.ndarray) -> Gaussian:
         """Prior of (v, r, psi): mean ``(B, 3)`` and covariance ``(3, 3)``."""
-        return self._spread.about(np.zeros((len(course), 3)))
+        return self._spread.about(np.zeros((len(scenario), 3)))
 
     @cached_property
     def record(self) -> np.ndarray:
@@ -77,18 +77,18 @@ class TurningTrial(TurningCircle):
         return round(self.preview / self.dt)
 
     @compiled(axes=(1, 0))
-    def command(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
+    def command(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
         """The reference ``(..., 5)`` at a step ``(...)``, that of the trial."""
         heading, rate = self.record.T[[2, 5]]
         rate_ahead = lookup(rate, step + float(self._ahead))
-        return np.stack([lookup(heading, step), lookup(rate, step), rate_ahead, course[..., 1], course[..., 2]], -1)
+        return np.stack([lookup(heading, step), lookup(rate, step), rate_ahead, scenario[..., 1], scenario[..., 2]], -1)
 
-    def path(self, course: np.ndarray) -> np.ndarray:
+    def path(self, scenario: np.ndarray) -> np.ndarray:
         """Places of the ship in the trial ``(195, 2)``."""
         return self.record[: self.horizon + 1, :2]
 
     @compiled(axes=(1, 0))
-    def exogenous(self, course: np.ndarray, step: np.ndarray) -> np.ndarray:
+    def exogenous(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
         """The step d [rad] ``(..., 1)``: up at first, down from `SWITCH` on."""
-        size = lookup(np.array([each.size for each in SIMULATIONS.values()]), course[..., 2])
+        size = lookup(np.array([each.size for each in SIMULATIONS.values()]), scenario[..., 2])
         return np.where(step < SWITCH, size, -size)[..., None]

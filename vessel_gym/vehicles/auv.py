@@ -247,18 +247,18 @@ def plane(name: str) -> tuple[str, ...]:
 
 
 def in_its_plane(sensor: Sensor) -> Sensor:
-    """The sensor, which informs of what lies in the plane of what it gives."""
-    return replace(sensor, informs=tuple(plane(str(name)) for name in sensor.gives or ()))
+    """The sensor, which corrects what lies in the plane of what it gives."""
+    return replace(sensor, corrects=tuple(plane(str(name)) for name in sensor.gives or ()))
 
 
 @dataclass(frozen=True)
 class AUV(WholeState):
     """A torpedo-shaped vehicle in batches: actuators, state, sensors, and what filters know.
 
-    State: velocities through the water, then position and Euler angles. Kicks [m/s, rad/s] change the velocities at the
-    end of a step, a current [m/s] carries the vehicle over it. Actuators: fin angles [rad], then thrust [N]. Filters
-    estimate the whole state; their known input is ``u = (actuators before, actuators after)``. Figures of
-    the sensors are from public vehicle configurations.
+    State: velocities through the water, then position and Euler angles. Increments [m/s, rad/s] change the velocities
+    at the end of a step, a current [m/s] carries the vehicle over it. Actuators: fin angles [rad], then thrust [N].
+    Filters estimate the whole state; their known input is ``u = (actuators before, actuators after)``. Figures of the
+    sensors are from public vehicle configurations.
     """
 
     body: AUVParameters

@@ -163,15 +163,15 @@ def linear_matrices(ship: CorvetteParameters, dt: float, inputs: int = 2) -> tup
 
 
 @linear
-def _compass(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+def _compass(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """The heading with what waves and gusts do to it over the step ``(..., 1)`` (eq. 4.5)."""
-    return state[..., 2:3] + forcing[..., :1]
+    return state[..., 2:3] + exogenous[..., :1]
 
 
 @linear
-def _motion(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+def _motion(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """Change of the heading by waves and gusts over the step ``(..., 1)``."""
-    return forcing[..., :1]
+    return exogenous[..., :1]
 
 
 COMPASS = Sensor("gyro compass", ("heading [rad]",), _compass, (2e-3,), angles=(0,), gives=("psi",))  # 0.11 deg

@@ -64,7 +64,7 @@ class ThesisCorvette(Ship):
     substeps: int = 2  # RK4 steps of 0.4 s
 
     action_names = ("rudder",)
-    flows = ()
+    ambient_flows = ()
     kinds = ("corrected", "as-printed")
     linear_kinds = kinds
     sensors: ClassVar[tuple[Sensor, ...]] = tuple(replace(each, sd=(NOISE,)) for each in (COMPASS, MOTION_UNIT))
@@ -98,10 +98,10 @@ class ThesisCorvette(Ship):
         return figures(Actuator(limit, turn=self.ship.rudder_rate * self.dt, limit=limit))
 
     def step(
-        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray
+        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, exogenous: np.ndarray, parameters: np.ndarray
     ) -> np.ndarray:
         """The state one step later, in calm water; d does not move the ship."""
-        calm = np.zeros((*forcing.shape[:-1], 1 + len(Ship.flows)))
+        calm = np.zeros((*exogenous.shape[:-1], 1 + len(Ship.ambient_flows)))
         return super().step(state, before, after, calm, parameters)
 
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:

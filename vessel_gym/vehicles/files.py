@@ -13,7 +13,7 @@ from typing import Any, TypeVar, get_args, get_origin, overload
 
 import numpy as np
 
-from estimators.checks import number, shown, whole
+from estimators.checks import number, short_repr, whole
 from estimators.factory import unknown
 from vessel_gym.checks import LARGEST, RANGES, check_numbers, instance, one_of
 
@@ -73,7 +73,7 @@ def load(source: str | Path, expected: type[Any] = object, *, stable: bool = Tru
         OSError: if the file cannot be read.
     """
     if not isinstance(source, str | Path):
-        raise TypeError(f"a vehicle is the path of a file or one of {', '.join(names())}, got {shown(source)}")
+        raise TypeError(f"a vehicle is the path of a file or one of {', '.join(names())}, got {short_repr(source)}")
     if isinstance(source, str) and re.fullmatch(r"[\w-]*", source):
         if source not in names():
             raise ValueError(unknown("vehicle", source, names()) + ", or name a .toml file")
@@ -135,7 +135,9 @@ class _File:
         freedom = self.data.get("degrees_of_freedom", next(iter(_KINDS[kind])))
         if type(freedom) is not int or freedom not in _KINDS[kind]:
             choices = " or ".join(map(str, _KINDS[kind]))
-            raise self.fault(("degrees_of_freedom",), f"degrees_of_freedom must be {choices}, got {shown(freedom)}")
+            raise self.fault(
+                ("degrees_of_freedom",), f"degrees_of_freedom must be {choices}, got {short_repr(freedom)}"
+            )
         module, name = _KINDS[kind][freedom]
         cls = getattr(import_module(f"vessel_gym.vehicles.{module}"), name)
         if not issubclass(cls, expected):
@@ -153,11 +155,11 @@ class _File:
                 what = "table" if isinstance(content, dict) else "key outside of tables"
                 raise self.fault((table,), unknown(what, table, ("kind", "degrees_of_freedom", *tables, "sources")))
             if not isinstance(content, dict):
-                raise self.fault((table,), f"[{table}] must be a table, got {shown(content)}")
+                raise self.fault((table,), f"[{table}] must be a table, got {short_repr(content)}")
             if table == "sources":
                 for key, text in content.items():
                     if not isinstance(text, str):
-                        raise self.fault((table, key), f"a source is a text, got {shown(text)}")
+                        raise self.fault((table, key), f"a source is a text, got {short_repr(text)}")
                 continue
             spelled = {
                 f"{name}{unit}": name for name in tables[table] for unit in ("", "_deg")[: 1 + (name in _ANGLES)]
@@ -193,13 +195,13 @@ def _value(cls: type[Any], name: str, key: str, value: object) -> Any:
     low, high, what = _RANGES.get(name, _ANY if re.match(r"[XYZKMN]_", name) else _POSITIVE)
     if kind is bool:
         if not isinstance(value, bool):
-            raise ValueError(f"{name} must be true or false, got {shown(value)}")
+            raise ValueError(f"{name} must be true or false, got {short_repr(value)}")
         return value
     if get_origin(kind) is tuple:
         size = len(get_args(kind))
         what = f"a list of {size} finite numbers"
         if not isinstance(value, list | tuple) or len(value) != size:
-            raise ValueError(f"{name} must be {what}, got {shown(value)}")
+            raise ValueError(f"{name} must be {what}, got {short_repr(value)}")
         return tuple(number(name, each, low, high, what) for each in value)
     if key != name:
         low, high = np.rad2deg([low, high])
@@ -219,7 +221,7 @@ def check_parameters(record: Any) -> None:
         if each.name != "given" and not (value is None and each.default is None):
             _value(cls, each.name, each.name, value)
     if not isinstance(given, tuple) or not all(isinstance(pair, tuple) and len(pair) == 2 for pair in given):
-        raise ValueError(f"given must be a tuple of pairs (name, number), got {shown(given)}")
+        raise ValueError(f"given must be a tuple of pairs (name, number), got {short_repr(given)}")
     known = {name for names in cls.TABLES.values() for name in names} - {each.name for each in fields(cls)}
     for name, value in given:
         one_of("name in given", name, sorted(known))

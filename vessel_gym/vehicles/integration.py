@@ -50,9 +50,9 @@ def _part(
     return state + h / 6.0 * k1 + h / 3.0 * k2 + h / 3.0 * k3 + h / 6.0 * k4
 
 
-def kicked(state: np.ndarray, kicks: np.ndarray, components: Sequence[int]) -> np.ndarray:
-    """The state ``(..., n)`` with each of the kicks ``(..., k)`` added to one of its components."""
+def incremented(state: np.ndarray, increments: np.ndarray, components: Sequence[int]) -> np.ndarray:
+    """The state ``(..., n)`` with each of the increments ``(..., k)`` added to one of its components."""
     columns = list(np.moveaxis(state, -1, 0))
     for i, component in enumerate(components):
-        columns[component] = columns[component] + kicks[..., i]
+        columns[component] = columns[component] + increments[..., i]
     return np.stack(columns, -1)

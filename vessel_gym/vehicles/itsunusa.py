@@ -85,9 +85,9 @@ def itsunusa_rates(state: np.ndarray, control: np.ndarray, current: np.ndarray, 
     ], -1)  # fmt: skip
 
 
-def _over_ground(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+def _over_ground(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """Velocity over ground in body axes ``(..., 2)``."""
-    current, (sin_theta, cos_theta) = forcing[..., 3], sincos(state[..., 5])
+    current, (sin_theta, cos_theta) = exogenous[..., 3], sincos(state[..., 5])
     return state[..., :2] + np.stack([current * cos_theta, current * sin_theta], -1)
 
 
@@ -112,8 +112,8 @@ class Itsunusa(AUV):
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("stern plane", "thrust")
     angles: ClassVar = ("theta",)
-    kicked: ClassVar = STATE[:3]
-    flows: ClassVar = ("current",)
+    incremented: ClassVar = STATE[:3]
+    ambient_flows: ClassVar = ("current",)
     rates: ClassVar = {"q": "theta"}
     sensors: ClassVar = tuple(map(in_its_plane, (
         Sensor(

@@ -188,16 +188,16 @@ _DOWN = (*_VERTICAL, "gust down 1", "gust down 2")
 _WIND = ("north", "east", "mean wind north", "mean wind east", "gust north", "gust east")
 
 
-def _fix(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+def _fix(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """Position, altitude, ground speed, course over ground and climb ``(..., 6)``."""
     _, _, _, north, east, climb, _ = np.moveaxis(state, -1, 0)
     course = np.stack([np.hypot(north, east), np.arctan2(east, north), climb], -1)
     return np.concatenate([state[..., :3], course], -1)
 
 
-def _through_the_air(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+def _through_the_air(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """Measurement of the pitot tube ``(..., 1)``."""
-    return airspeed(state, forcing[..., 4:])[..., None]
+    return airspeed(state, exogenous[..., 4:])[..., None]
 
 
 def _velocity(measurements: np.ndarray, known: Known) -> Known:
@@ -220,11 +220,11 @@ def _along(measurements: np.ndarray, known: Known) -> Known:
 class Puna(WholeState):
     """The aircraft in batches, as an environment uses it.
 
-    Over a step the wind is constant; kicks change velocities and bank at its end. Figures of the sensors are from
+    Over a step the wind is constant; increments change velocities and bank at its end. Figures of the sensors are from
     public models of small aircraft (Beard & McLain 2012, ch. 7): the GNSS has white noise and a bias that wanders.
     Ten times a second barometer, pitot tube and attitude tell of altitude, wind and bank, and only by chance
     correlations of the position in plan, whose variance would shrink between two fixes of the GNSS: hence what each
-    informs. Filters estimate the whole state; their known input is ``u = (actuators before, actuators after)``.
+    corrects. Filters estimate the whole state; their known input is ``u = (actuators before, actuators after)``.
     """
 
     body: PunaParameters = field(default_factory=lambda: load("puna", PunaParameters))
@@ -239,25 +239,25 @@ class Puna(WholeState):
     angles: ClassVar = ("phi",)
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("thrust", "angle of attack", "bank")
-    kicked: ClassVar = ("north", "east", "climb", "phi")
-    flows: ClassVar = ("wind north", "wind east", "wind down")
+    incremented: ClassVar = ("north", "east", "climb", "phi")
+    ambient_flows: ClassVar = ("wind north", "wind east", "wind down")
     sensors: ClassVar = (
         Sensor(
             "GNSS", ("x", "y", "h", "ground speed", "course over ground", "climb"),
             _fix, (1.0, 1.0, 1.5, 0.05, 0.03, 0.1), rate=1.0,
             bias=Bias(("bias x", "bias y", "bias h"), start=(0.1,) * 3, pace=(0.21, 0.21, 0.40)),
             angles=(4,), scale=(100.0, 100.0, 100.0, 20.0, 3.0, 1.0), gives=("x", "y", "h", None, None, "climb"),
-            inverse=_velocity, informs=(_LEVEL, _LEVEL, _VERTICAL, _COURSE, _COURSE, _DOWN),
+            inverse=_velocity, corrects=(_LEVEL, _LEVEL, _VERTICAL, _COURSE, _COURSE, _DOWN),
         ),
         Sensor(
-            "barometer", ("pressure altitude",), plain((2,)), (0.5,), scale=(100.0,), gives=("h",), informs=(_DOWN,)
+            "barometer", ("pressure altitude",), plain((2,)), (0.5,), scale=(100.0,), gives=("h",), corrects=(_DOWN,)
         ),
         Sensor(
             "pitot tube", ("airspeed",), _through_the_air, (0.5,),
-            scale=(20.0,), inverse=_along, informs=(_WIND,),
+            scale=(20.0,), inverse=_along, corrects=(_WIND,),
         ),
         Sensor(
-            "attitude", ("bank",), plain((6,)), (0.02,), angles=(0,), scale=(0.5,), gives=("phi",), informs=(("phi",),)
+            "attitude", ("bank",), plain((6,)), (0.02,), angles=(0,), scale=(0.5,), gives=("phi",), corrects=(("phi",),)
         ),  # assumed
     )  # fmt: skip
     rates: ClassVar = {"climb": "h"}

@@ -147,10 +147,10 @@ def segorogeni_rates(state: np.ndarray, control: np.ndarray, current: np.ndarray
     return np.stack([*accelerations, *kinematics], -1)
 
 
-def _over_ground(state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+def _over_ground(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """Velocity over ground in body axes ``(..., 3)``."""
     u, v, w = np.moveaxis(state[..., :3], -1, 0)
-    north, east = forcing[..., 6], forcing[..., 7]
+    north, east = exogenous[..., 6], exogenous[..., 7]
     (sin_phi, cos_phi), (sin_theta, cos_theta) = sincos(state[..., 9]), sincos(state[..., 10])
     sin_psi, cos_psi = sincos(state[..., 11])
     ahead, aside = north * cos_psi + east * sin_psi, east * cos_psi - north * sin_psi  # of the current, level
@@ -172,8 +172,8 @@ class Segorogeni(AUV):
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("rudder", "stern plane", "thrust")
     angles: ClassVar = ("phi", "theta", "psi")
-    kicked: ClassVar = STATE[:6]
-    flows: ClassVar = ("current north", "current east")
+    incremented: ClassVar = STATE[:6]
+    ambient_flows: ClassVar = ("current north", "current east")
     rates: ClassVar = {"p": "phi", "q": "theta", "r": "psi"}
     sensors: ClassVar = tuple(map(in_its_plane, (
         Sensor(

@@ -50,9 +50,9 @@ class Ship(Simulated):
     angles = ("psi",)
     parameter_names = COEFFICIENTS
     action_names: ClassVar[tuple[str, ...]] = ("rudder rate",)
-    kicks = ("yaw increment",)
-    kicked = ("psi",)
-    flows: ClassVar[tuple[str, ...]] = AROUND
+    increments = ("yaw increment",)
+    incremented = ("psi",)
+    ambient_flows: ClassVar[tuple[str, ...]] = AROUND
     kinds: ClassVar[tuple[str, ...]] = ("nonlinear", "linear")
     linear_kinds: ClassVar[tuple[str, ...]] = ("linear",)
     rates: ClassVar = {"r": "psi"}
@@ -140,7 +140,7 @@ class Ship(Simulated):
         A, B = linear_matrices(self.ship, self.dt)
         turns, kept = steady_turns(self.ship), surge_models(self.ship, self.dt)
         n = len(_ESTIMATED)
-        carried = np.zeros((n, len(self.flows)))
+        carried = np.zeros((n, len(self.ambient_flows)))
         carried[0, 0] = carried[1, 1] = self.dt
 
         def moving(u: np.ndarray) -> np.ndarray:
@@ -169,6 +169,6 @@ class Ship(Simulated):
         return moving, known, carried
 
 
-def _yaw_rate(dt: float, state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
+def _yaw_rate(dt: float, state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """The yaw rate with what waves do to it over the step ``(..., 1)``."""
-    return state[..., 5:6] + forcing[..., :1] / dt
+    return state[..., 5:6] + exogenous[..., :1] / dt

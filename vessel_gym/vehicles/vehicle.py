@@ -24,8 +24,9 @@ class Trims(NamedTuple):
 class Vehicle(Protocol):
     """A vehicle in batches ``(B, ...)``: its own state and actuators, how they move, and what filters know of that.
 
-    What acts on it is a forcing ``(B, f)``: kicks, which change its state at the end of a step, then flows, which are
-    held over it. The equations may be compiled or plain NumPy: anything that broadcasts over leading axes.
+    What acts on it is an exogenous input ``(B, f)``: increments, which change its state at the end of a step, then
+    flows, which are held over it. The equations may be compiled or plain NumPy: anything that broadcasts over leading
+    axes.
 
     A vehicle may have ``faults``, too, as `vessel_gym.vehicles.whole_state.WholeState` has: the names of what may be
     added to its actuators over a step, and ``faulty``, the known input with that; without them it has none. And
@@ -38,7 +39,7 @@ class Vehicle(Protocol):
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Components of its state: of itself alone, not of what carries or kicks it."""
+        """Components of its state: of itself alone, not of what carries or shakes it."""
 
     @property
     def angles(self) -> tuple[str, ...]:
@@ -49,16 +50,16 @@ class Vehicle(Protocol):
         """Components of the action."""
 
     @property
-    def kicks(self) -> tuple[str, ...]:
-        """The first parts of its forcing: what is added to its state at the end of a step."""
+    def increments(self) -> tuple[str, ...]:
+        """The first parts of its exogenous input: what is added to its state at the end of a step."""
 
     @property
-    def kicked(self) -> tuple[str, ...]:
+    def incremented(self) -> tuple[str, ...]:
         """And to which component each."""
 
     @property
-    def flows(self) -> tuple[str, ...]:
-        """The other parts of its forcing: what carries it over a step."""
+    def ambient_flows(self) -> tuple[str, ...]:
+        """The other parts of its exogenous input: what carries it over a step."""
 
     @property
     def sensors(self) -> tuple[Sensor, ...]:
@@ -86,7 +87,7 @@ class Vehicle(Protocol):
         state: np.ndarray,
         before: np.ndarray,
         after: np.ndarray,
-        forcing: np.ndarray,
+        exogenous: np.ndarray,
         parameters: np.ndarray,
     ) -> np.ndarray:
         """The state one step later, with actuators moving from ``before`` to ``after``."""
@@ -122,8 +123,8 @@ class Vehicle(Protocol):
     def linear(self, kind: str) -> tuple[Any, ...] | Trims:
         """A and B of a linear model, each a matrix or a function of the known input.
 
-        And where flows move what it estimates, what each does over a step ``(n, flows)``, likewise. Or the `Trims`
-        about which the nonlinear model is made straight.
+        And where flows move what it estimates, what each does over a step ``(n, ambient_flows)``, likewise. Or the
+        `Trims` about which the nonlinear model is made straight.
         """
 
     @property
@@ -132,4 +133,4 @@ class Vehicle(Protocol):
 
     @property
     def carried(self) -> np.ndarray | None:
-        """Effect of a flow at the start on the prior's components ``(n, flows)``, if velocities are over ground."""
+        """Effect of ambient flows at the start on the prior ``(n, flows)``, if velocities are over ground."""

@@ -6,16 +6,16 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vessel_gym.vehicles.actuators import actuated
-from vessel_gym.vehicles.integration import kicked, runge_kutta
+from vessel_gym.vehicles.integration import incremented, runge_kutta
 
 
 class Simulated:
-    """A vehicle that moves by equations of motion, integrated by Runge and Kutta, with kicks at the end of a step."""
+    """Equations of motion, integrated by Runge and Kutta, with increments at the end of a step."""
 
     dt: float
     substeps: int
     state_names: ClassVar[tuple[str, ...]]
-    kicked: ClassVar[tuple[str, ...]]
+    incremented: ClassVar[tuple[str, ...]]
     equations: ClassVar[Any]
     """The equations of motion, `vessel_gym.vehicles.integration.Rates`; who overrides `moved` needs none."""
     carried: ClassVar[np.ndarray | None] = None
@@ -29,29 +29,31 @@ class Simulated:
     def moved(
         self, state: np.ndarray, before: np.ndarray, after: np.ndarray, flow: np.ndarray, parameters: np.ndarray
     ) -> np.ndarray:
-        """The state one step later, without kicks."""
+        """The state one step later, without increments."""
         return runge_kutta(self.equations, state, before, after, flow, parameters, self.dt, self.substeps)
 
     def step(
-        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, forcing: np.ndarray, parameters: np.ndarray
+        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, exogenous: np.ndarray, parameters: np.ndarray
     ) -> np.ndarray:
         """The state one step later, with actuators moving from ``before`` to ``after``."""
-        kicks = len(self.kicked)
-        moved = self.moved(state, before, after, forcing[..., kicks:], parameters)
-        return kicked(moved, forcing[..., :kicks], [self.state_names.index(name) for name in self.kicked])
+        increments = len(self.incremented)
+        moved = self.moved(state, before, after, exogenous[..., increments:], parameters)
+        return incremented(
+            moved, exogenous[..., :increments], [self.state_names.index(name) for name in self.incremented]
+        )
 
 
 class WholeState(Simulated):
     """A vehicle of which filters have one model, the nonlinear one, that leaves out nothing.
 
-    It begins with its actuators as they are while it cruises. Kicks change some of its state at the end of a step, a
-    flow carries it over the step.
+    It begins with its actuators as they are while it cruises. Increments change some of its state at the end of a step,
+    a flow carries it over the step.
     """
 
     body: Any
     """Its numbers; ``body.vector(factors)`` are the coefficients of its equations of motion."""
     action_names: ClassVar[tuple[str, ...]]
-    flows: ClassVar[tuple[str, ...]]
+    ambient_flows: ClassVar[tuple[str, ...]]
     cruise: Any
     kinds: ClassVar[tuple[str, ...]] = ("nonlinear",)
     linear_kinds: ClassVar[tuple[str, ...]] = ()
@@ -74,9 +76,9 @@ class WholeState(Simulated):
         raise NotImplementedError
 
     @cached_property
-    def kicks(self) -> tuple[str, ...]:
-        """One for each component that is kicked, in its unit."""
-        return tuple(f"kick {name}" for name in self.kicked)
+    def increments(self) -> tuple[str, ...]:
+        """One for each component that is incremented, in its unit."""
+        return tuple(f"{name} increment" for name in self.incremented)
 
     @cached_property
     def faults(self) -> tuple[str, ...]:
@@ -100,7 +102,7 @@ class WholeState(Simulated):
         return x.copy(), self.cruise[1][: len(self.action_names)] + np.zeros((*x.shape[:-1], 1))
 
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
-        """A step without kicks, as filters know it."""
+        """A step without increments, as filters know it."""
         a = len(self.action_names)
         return self.moved(x, u[..., :a], u[..., a : 2 * a], flow, self._nominal)
 

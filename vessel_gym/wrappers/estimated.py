@@ -16,7 +16,7 @@ from vessel_gym.foreign import copied
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor
 from vessel_gym.wrappers.simulation import sampled_prior
-from vessel_gym.wrappers.watch import Model, Watch, shown_state
+from vessel_gym.wrappers.watch import Model, Watch, observed_state
 
 _ALL = np.ones(1, bool)
 
@@ -51,7 +51,7 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         observation: The observation as a function of the state ``(n,)``: an array, or a dictionary; None: the state.
         passes: Keys of a dictionary, or components of an array, that pass to the agent as they are: goals, say. What is
             not named here comes from the estimate.
-        known_input: What the filter is told of an action, a function of it; None: the action as numbers, within
+        known_input: Known input of the filter, a function of the action; None: the action as numbers, within
             the bounds of its space.
         estimator: Name of a filter, "truth", "dead-reckoning", or a function of the model that returns a filter.
         estimator_options: Its options; ``late``: what is done with measurements that come late, "fused" (where they
@@ -97,7 +97,7 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
             within = within.env
         checks.function("state", state, "(env, observation)")
         checks.function("observation", observation, "the state")
-        self._state = state or shown_state
+        self._state = state or observed_state
         if prior is None and isinstance(model, Model):
             prior = sampled_prior(env, self._state, model.state_angles)
         self.watch = Watch(

@@ -8,10 +8,10 @@ import gymnasium as gym
 import numpy as np
 
 from estimators import LinearModel
-from estimators.checks import as_array, numbers, shown, whole
+from estimators.checks import as_array, numbers, short_repr, whole
 from vessel_gym import checks
 from vessel_gym.wrappers.simulation import square
-from vessel_gym.wrappers.watch import plain_action, shown_state
+from vessel_gym.wrappers.watch import observed_state, plain_action
 
 
 def identify(
@@ -41,7 +41,7 @@ def identify(
         ValueError: if there are too few steps to tell the numbers, or sizes do not fit.
     """
     checks.function("state", state, "(env, observation)")
-    look, known_input = state or shown_state, partial(_with_one, plain_action(env.action_space))
+    look, known_input = state or observed_state, partial(_with_one, plain_action(env.action_space))
     whole("steps", steps, 1)
     env.action_space.seed(seed)
     seen, _ = env.reset(seed=seed)
@@ -91,5 +91,5 @@ def _with_one(plain: Callable[[Any], Any], action: Any) -> np.ndarray:
 def _state(given: Any) -> np.ndarray:
     x = numbers(given)
     if x is None or x.ndim != 1 or not np.isfinite(x).all():
-        raise ValueError(f"state must give a row of finite numbers, got {shown(given)}")
+        raise ValueError(f"state must give a row of finite numbers, got {short_repr(given)}")
     return x

@@ -11,7 +11,7 @@ from gymnasium.spaces import Box
 
 from estimators import Gaussian, NonlinearModel
 from estimators.angles import difference
-from estimators.checks import as_array, shown
+from estimators.checks import as_array, short_repr
 
 _TRIES = 8
 """States and actions on which a simulator is tried."""
@@ -47,9 +47,9 @@ def simulator(
             simulator draws random numbers, or has a state beyond that.
     """
     if not isinstance(env, gym.Env):
-        raise TypeError(f"a simulator is made of a Gymnasium environment, got {shown(env)}")
+        raise TypeError(f"a simulator is made of a Gymnasium environment, got {short_repr(env)}")
     if not callable(measurement):
-        raise TypeError(f"measurement must be a function of (states, known inputs), got {shown(measurement)}")
+        raise TypeError(f"measurement must be a function of (states, known inputs), got {short_repr(measurement)}")
     copy = made_again(env)
     copy.reset(seed=0)
     base: Any = copy.unwrapped
@@ -195,7 +195,7 @@ def _set_classic(env: gym.Env, x: np.ndarray) -> None:
 def made_again(env: gym.Env) -> gym.Env:
     """Another environment of the same spec, which nobody looks at."""
     if env.spec is None:
-        raise TypeError(f"a copy is made of an environment's spec, and this one has no spec: {shown(env)}")
+        raise TypeError(f"a copy is made of an environment's spec, and this one has no spec: {short_repr(env)}")
     spec: Any = deepcopy(env.spec)
     spec.kwargs.pop("render_mode", None)
     return gym.make(spec)
@@ -215,7 +215,7 @@ def sampled_prior(
         copy = made_again(env)
     except Exception as error:
         wanted = "give prior=, what is known of the state at the start"
-        raise ValueError(f"{wanted}: this environment cannot be made again ({shown(str(error))})") from error
+        raise ValueError(f"{wanted}: this environment cannot be made again ({short_repr(str(error))})") from error
     starts = []
     for seed in range(resets):
         seen, _ = copy.reset(seed=seed)

@@ -8,13 +8,13 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
 from estimators import Gaussian
-from estimators.checks import shown
+from estimators.checks import short_repr
 from vessel_gym import checks
 from vessel_gym.estimation import EstimatorChoice
 from vessel_gym.foreign import copied
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor
-from vessel_gym.wrappers.watch import Model, Watch, shown_state
+from vessel_gym.wrappers.watch import Model, Watch, observed_state
 
 
 class EstimatedObservation(VectorWrapper):
@@ -31,7 +31,7 @@ class EstimatedObservation(VectorWrapper):
             rows, which nobody can check where B is n: Gymnasium's native CartPole, for one, keeps them in columns.
         observation: The observations as a function of the states ``(B, n)``, a row each; None: the states.
         passes: As for the single one.
-        known_input: What the filter is told ``(B, m)``, a function of the actions; None: these as numbers.
+        known_input: Known input of the filter ``(B, m)``, a function of the actions; None: these as numbers.
         estimator, estimator_options, sensors, observe, sensor_faults: As for the single one.
 
     Raises:
@@ -63,7 +63,7 @@ class EstimatedObservation(VectorWrapper):
             )
         self._restarts = mode is AutoresetMode.NEXT_STEP
         checks.function("state", state, "(env, observations)")
-        self._state = state or shown_state
+        self._state = state or observed_state
         self.watch = Watch(
             env.single_observation_space, env.single_action_space, model, prior, estimator, estimator_options, sensors,
             sensor_faults, observe, observation, passes, known_input, rows=env.num_envs,
@@ -85,7 +85,7 @@ class EstimatedObservation(VectorWrapper):
         else:
             seeds = list(seed)
         if len(seeds) != self.num_envs:
-            raise ValueError(f"seed must be one number, or one for each of {self.num_envs}, got {shown(seed)}")
+            raise ValueError(f"seed must be one number, or one for each of {self.num_envs}, got {short_repr(seed)}")
         seen, info = self.env.reset(seed=seed, options=options)  # type: ignore[arg-type]
         self.watch.seed(mask, seeds)
         self.watch.begin(mask, self._truth(seen))

@@ -10,13 +10,13 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Space
 
-from estimators import Filter, Gaussian, LinearModel, NonlinearModel, Numbers, factory, wrap
-from estimators.checks import numbers, shown
+from estimators import Filter, Gaussian, LinearModel, NonlinearModel, RandomKeys, factory, wrap
+from estimators.checks import numbers, short_repr
 from estimators.models import inspected
 from estimators.randomness import word
 from vessel_gym import checks
-from vessel_gym.arrivals import Measurements
 from vessel_gym.configuration import OBSERVE, alarming
+from vessel_gym.delivery import Measurements
 from vessel_gym.estimation import LATE, DeadReckoning, Estimation, EstimatorChoice, Oracle, monitor_of
 from vessel_gym.foreign import Copying, copied, repeated
 from vessel_gym.loop import Loop
@@ -55,9 +55,9 @@ class Watch:
         known_input: Callable[[Any], Any] | None, rows: int,
     ) -> None:  # fmt: skip
         if not isinstance(model, LinearModel | NonlinearModel):
-            raise TypeError(f"model must be a LinearModel or a NonlinearModel, got {shown(model)}")
+            raise TypeError(f"model must be a LinearModel or a NonlinearModel, got {short_repr(model)}")
         if not isinstance(prior, Gaussian):
-            raise TypeError(f"prior must be a Gaussian(mean, cov), got {shown(prior)}")
+            raise TypeError(f"prior must be a Gaussian(mean, cov), got {short_repr(prior)}")
         if prior.mean.shape != (model.n,):
             raise ValueError(f"the prior is for shape {prior.mean.shape}, the model has {model.n} states: ({model.n},)")
         checks.function("observation", observation, "the state")
@@ -107,7 +107,7 @@ class Watch:
             if seed is None and not self._seeded[i]:
                 seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
             if seed is not None:
-                self._keys[i] = Numbers.seeded([int(seed)]).keys[0]
+                self._keys[i] = RandomKeys.seeded([int(seed)]).keys[0]
                 self._seeded[i], self.episodes[i] = True, -1
 
     def begin(self, rows: np.ndarray, state: np.ndarray) -> None:
@@ -136,8 +136,8 @@ class Watch:
         self.episodes[rows] += 1
         self.steps[rows] = 0
         chosen = np.flatnonzero(rows)
-        episode = Numbers(self._keys[chosen]).of(self.episodes[chosen])
-        keys = Numbers(episode.keys[:, None]).of(self._parts).keys
+        episode = RandomKeys(self._keys[chosen]).of(self.episodes[chosen])
+        keys = RandomKeys(episode.keys[:, None]).of(self._parts).keys
         self.loop.restart(chosen, keys[:, :-1], keys[:, -1])
 
     def _measured(self, u: np.ndarray, rows: np.ndarray | None) -> Measurements:
@@ -203,15 +203,15 @@ class Watch:
             raise ValueError(f"known_input must give {wanted}, got shape {u.shape}")
         if not np.isfinite(u).all():
             raise ValueError(
-                f"known_input gave what is not finite, {shown(u.tolist())}: was the action {shown(action)}?"
+                f"known_input gave what is not finite, {short_repr(u.tolist())}: was the action {short_repr(action)}?"
             )
         return u.reshape(rows, m)
 
     def _numbers(self, action: Any) -> np.ndarray:
-        told = self._known(copied(action))
-        u = numbers(told)
+        known = self._known(copied(action))
+        u = numbers(known)
         if u is None:
-            raise ValueError(f"known_input must give numbers, got {shown(told)} for {shown(action)}")
+            raise ValueError(f"known_input must give numbers, got {short_repr(known)} for {short_repr(action)}")
         return u
 
     def _read(self, seen: Any) -> Any:
@@ -247,11 +247,13 @@ class Watch:
     def _checked(self, state: Any) -> np.ndarray:
         array = numbers(state)
         if array is None or array.shape != (self.rows, self.n):
-            got = shown(state) if array is None else f"shape {array.shape[1:] if self.rows == 1 else array.shape}"
+            got = short_repr(state) if array is None else f"shape {array.shape[1:] if self.rows == 1 else array.shape}"
             wanted = (self.n,) if self.rows == 1 else (self.rows, self.n)
             raise ValueError(f"state must give the model's states, {wanted} numbers, got {got}")
         if not np.isfinite(array).all():
-            raise ValueError(f"state gave what is not finite: {shown(array[~np.isfinite(array).all(-1)][0].tolist())}")
+            raise ValueError(
+                f"state gave what is not finite: {short_repr(array[~np.isfinite(array).all(-1)][0].tolist())}"
+            )
         return np.array(array, order="C")
 
     def _space(self) -> Space:
@@ -295,12 +297,12 @@ class Watch:
         An estimate is kept within bounds, which the truth may be beyond; it is whole where the space has whole numbers.
         """
         if not isinstance(own, Box):
-            raise ValueError(f"an estimate is of numbers, not of {shown(own)}: name it in passes")
+            raise ValueError(f"an estimate is of numbers, not of {short_repr(own)}: name it in passes")
         size, array = int(np.prod(own.shape)), numbers(value)
         rest: Any = np.setdiff1d(np.arange(size), passes) if passes else slice(None)
         shape = rest.shape if passes else own.shape
         if array is None or array.shape not in ((self.rows, *shape), (self.rows, int(np.prod(shape)))):
-            got = shown(value) if array is None else f"shape {array.shape[1:] if self.rows == 1 else array.shape}"
+            got = short_repr(value) if array is None else f"shape {array.shape[1:] if self.rows == 1 else array.shape}"
             raise ValueError(
                 f"the observation space wants {shape} numbers, the estimate gives {got}: give observation=, a function "
                 "of the state, or name in passes what it does not give"
@@ -308,7 +310,7 @@ class Watch:
         array = array.reshape(self.rows, -1)
         if np.isnan(array).any():
             bad = self.loop.belief.mean[np.isnan(array).any(-1)][0]
-            raise ValueError(f"observation gave NaN of the state {shown(bad.tolist())}")
+            raise ValueError(f"observation gave NaN of the state {short_repr(bad.tolist())}")
         if not self.loop.tells_truth:
             array = np.clip(array, own.low.ravel()[rest], own.high.ravel()[rest])
         array = (np.rint(array) if cast(Any, own.dtype).kind in "iu" else array).astype(own.dtype)
@@ -323,20 +325,22 @@ def _parts(value: Any) -> list[np.ndarray]:
     return [np.asarray(part) for part in (value.values() if isinstance(value, dict) else [value])]
 
 
-def shown_state(env: Any, seen: Any) -> Any:
+def observed_state(env: Any, seen: Any) -> Any:
     """The state of an environment that shows it."""
     return seen
 
 
 def plain_action(space: Space) -> Callable[[Any], Any]:
-    """An action of a space, or a batch of them, as numbers ``(..., m)``; beyond its bounds it is told as on them."""
+    """An action of a space, or a batch of them, as numbers ``(..., m)``; beyond its bounds as on them."""
     if isinstance(space, Box):
         return partial(_clipped, space.low.astype(float), space.high.astype(float))
     if isinstance(space, Discrete):
         return partial(_clipped, -np.inf, np.inf)
     if isinstance(space, MultiDiscrete | MultiBinary):
         return partial(np.asarray, dtype=float)
-    raise TypeError(f"give known_input=, a function of the action: no numbers follow by themselves from {shown(space)}")
+    raise TypeError(
+        f"give known_input=, a function of the action: no numbers follow by themselves from {short_repr(space)}"
+    )
 
 
 def _clipped(low: Any, high: Any, action: Any) -> np.ndarray:
@@ -347,7 +351,7 @@ def _clipped(low: Any, high: Any, action: Any) -> np.ndarray:
 
 def _checked_passes(space: Space, passes: Sequence[Any], observe: str) -> tuple[Any, ...]:
     if not isinstance(passes, list | tuple | range | np.ndarray):
-        raise TypeError(f"passes must be a list of keys or components, got {shown(passes)}")
+        raise TypeError(f"passes must be a list of keys or components, got {short_repr(passes)}")
     chosen = tuple(passes)
     if isinstance(space, Dict):
         for key in chosen:
@@ -355,14 +359,14 @@ def _checked_passes(space: Space, passes: Sequence[Any], observe: str) -> tuple[
                 raise ValueError(factory.unknown("key of the observation in passes", key, list(space.spaces)))
         return chosen
     if not isinstance(space, Box) or len(space.shape) > 2 or (space.dtype == np.uint8 and len(space.shape) > 1):
-        what = "images" if isinstance(space, Box) else shown(space)
+        what = "images" if isinstance(space, Box) else short_repr(space)
         raise TypeError(
             f"the environment shows {what}, and an estimate is of numbers: wrap it in one whose observations are a Box "
             "of states or a Dict of such"
         )
     size = int(np.prod(space.shape))
     if any(isinstance(i, bool) or not isinstance(i, int | np.integer) or not 0 <= i < size for i in chosen):
-        raise ValueError(f"passes must be indices of components below {size}, got {shown(passes)}")
+        raise ValueError(f"passes must be indices of components below {size}, got {short_repr(passes)}")
     return chosen
 
 
@@ -401,13 +405,15 @@ def _expected(sensors: Sensors, x: np.ndarray, u: np.ndarray | None) -> np.ndarr
     return sensors.exact(x, np.broadcast_to(u, x.shape[:-1] + u.shape[-1:]))
 
 
-def _channel(model: Model, i: int, state: np.ndarray, forcing: np.ndarray) -> np.ndarray:
-    return np.asarray(model.measurement(copied(state), copied(forcing)))[..., i : i + 1]
+def _channel(model: Model, i: int, state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
+    return np.asarray(model.measurement(copied(state), copied(exogenous)))[..., i : i + 1]
 
 
 def _filter(model: Model, estimator: EstimatorChoice, options: dict[str, Any]) -> Filter:
     if isinstance(estimator, Filter) or (isinstance(estimator, type) and not issubclass(estimator, Filter)):
-        raise TypeError(f"estimator must be a name, or a Filter class or function of the model, got {shown(estimator)}")
+        raise TypeError(
+            f"estimator must be a name, or a Filter class or function of the model, got {short_repr(estimator)}"
+        )
     if callable(estimator):
         made = estimator(model, **options)
         if not isinstance(made, Filter):

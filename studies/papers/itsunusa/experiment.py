@@ -115,12 +115,12 @@ def recorded_controls(ahead: float, depth: float) -> np.ndarray:
     """Actuators before and after each step ``(T, 4)`` of the autopilot's dive in still water, from rest."""
     task = ITSUNUSA_AUV.task
     autopilot = DiveAutopilot(ITSUNUSA_AUV)
-    course = task.course(np.zeros((1, task.uniforms)), {"goal": (ahead, 0.0, depth)})
+    scenario = task.scenario(np.zeros((1, task.uniforms)), {"goal": (ahead, 0.0, depth)})
     truth, actuators = np.zeros((1, len(STATE))), np.zeros((1, len(VEHICLE.action_names)))
     controls: list[np.ndarray] = []
     for step in range(task.horizon):
-        reference = task.reference(course, np.array([step]), truth)
-        if reference[0, 0] >= course[0, 1]:
+        reference = task.reference(scenario, np.array([step]), truth)
+        if reference[0, 0] >= scenario[0, 1]:
             break
         action = autopilot.act(task.observe(Estimate(truth, _STILL[None]), reference, actuators))
         before, actuators = actuators, VEHICLE.actuate(actuators, action)

@@ -7,7 +7,7 @@ from invented import CONDITIONS, CORVETTE, LEARNED, QUALITY, results, study
 
 from agents.seeds import evaluation_seeds
 from agents.studies.answer import answer
-from agents.studies.confirmation import FAILED, HELD, OPEN, confirmed, is_open, open_seeds
+from agents.studies.confirmation import CONFIRMED, FAILED, OPEN, confirmed, is_open, open_seeds
 from agents.studies.plan import plan
 from agents.studies.records import Confirmation
 from agents.studies.report import page, write_report
@@ -46,8 +46,12 @@ def test_a_claim_is_confirmed_by_the_same_verdict_and_contradicted_by_another(fi
     def outcomes(**quality):
         return {claim.first.one: claim.outcome for claim in confirmed(first, fresh(**quality)).claims}
 
-    assert outcomes() == {"enkf": HELD, "ekf": HELD, "kf": HELD}
-    assert outcomes(enkf=1.2) == {"enkf": FAILED, "ekf": HELD, "kf": HELD}  # of worse than kf-umv-ui it is better
+    assert outcomes() == {"enkf": CONFIRMED, "ekf": CONFIRMED, "kf": CONFIRMED}
+    assert outcomes(enkf=1.2) == {
+        "enkf": FAILED,
+        "ekf": CONFIRMED,
+        "kf": CONFIRMED,
+    }  # of worse than kf-umv-ui it is better
     assert outcomes(ekf=0.95)["ekf"] in (OPEN, FAILED)  # as good as the best
 
 
@@ -60,7 +64,7 @@ def test_the_answer_and_the_report_say_what_was_confirmed(first, tmp_path):
     [(column, rows)] = table.sections
     assert column == CORVETTE
     assert {name: str(entries[-1]) for name, entries in rows} == {
-        "enkf − kf-umv-ui": FAILED, "ekf − kf-umv-ui": HELD, "kf − kf-umv-ui": HELD,
+        "enkf − kf-umv-ui": FAILED, "ekf − kf-umv-ui": CONFIRMED, "kf − kf-umv-ui": CONFIRMED,
     }  # fmt: skip
     assert "confirm" not in " ".join(answer(first))
 

@@ -128,7 +128,7 @@ def test_all_arms_end_by_one_termination_which_is_the_truth_where_an_agent_sees_
     raw = SMALL if chosen == "task" else SMALL.replace("episodes = 3", f'episodes = 3\ntermination = "{chosen}"')
     planned = plan(read(tmp_path, raw))
     jobs = [each for job in planned.jobs for each in (job, *job.needs)]
-    assert {job.arguments["options"]["ends"] for job in jobs} == {chosen}
+    assert {job.arguments["options"]["termination"] for job in jobs} == {chosen}
 
 
 def test_what_is_wrong_with_seeds_margin_and_termination_is_reported_with_its_line(tmp_path):

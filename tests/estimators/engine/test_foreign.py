@@ -58,7 +58,7 @@ class Slotted:
         return self.gain * x
 
 
-class Numbers(NamedTuple):
+class RandomKeys(NamedTuple):
     a: float
     b: np.ndarray
 
@@ -246,7 +246,7 @@ def test_slots_defaults_and_partial_arguments_are_read():
 
 
 def test_containers_are_read(monkeypatch: pytest.MonkeyPatch):
-    numbers = Numbers(1.0, np.ones(2))
+    numbers = RandomKeys(1.0, np.ones(2))
 
     def function(x: np.ndarray) -> np.ndarray:
         total = SETTINGS["gain"] * x + numbers.a * numbers.b + Mode.FAST.value

@@ -217,7 +217,7 @@ def test_another_truth_under_the_same_measurements_changes_no_observation(observ
     flights = []
     for world in (Linear(), Elsewhere()):
         measurements = np.random.default_rng(1).normal(size=41)
-        told = Sensor("told", ("y",), lambda x, u, r=measurements: np.full((*x.shape[:-1], 1), r[0]), (0.1,))
+        told = Sensor("assume", ("y",), lambda x, u, r=measurements: np.full((*x.shape[:-1], 1), r[0]), (0.1,))
         kind = Leaky if leaks else EstimatedObservation
         env = kind(world, LINEAR, LINEAR_PRIOR, estimator=estimator, sensors=[told], observe=observe)
         flights.append(_flown(env))

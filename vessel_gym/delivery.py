@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from estimators import Numbers
-from estimators.checks import numbers, shown
+from estimators import RandomKeys
+from estimators.checks import numbers, short_repr
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensors, columns
 
@@ -30,7 +30,7 @@ class Faulty:
         """Begin an episode of some rows, with keys ``(rows, sensors, 2)``."""
         self._seen[rows] = False
         for i, (fault, sensor) in enumerate(zip(self.each, self._sensor, strict=True)):
-            drawn = Numbers(keys[:, sensor]).of("fault", i)
+            drawn = RandomKeys(keys[:, sensor]).of("fault", i)
             self._keys[rows, i], share = drawn.keys, drawn.uniforms(2)
             for times, kept, where in ((fault.times("begin"), self._begin, 0), (fault.times("end"), self._end, 1)):
                 earliest, latest = times
@@ -70,7 +70,7 @@ class Faulty:
         """Measurements ``(rows, k)`` under the fault of this number."""
         size = np.asarray(fault.size, float)
         if fault.kind == "garbage":
-            return size * Numbers(self._keys[rows, i], steps).normals(read.shape[1], use=1)
+            return size * RandomKeys(self._keys[rows, i], steps).normals(read.shape[1], use=1)
         if fault.kind == "drift":
             size = size * (steps * self._dt - self._begin[rows, i])[:, None]
         return read * size if fault.kind == "scale" else read + size
@@ -96,7 +96,7 @@ class Transit:
         """Begin an episode of some rows, with keys ``(rows, sensors, 2)``: nothing is under way."""
         self._delay[rows], self.lost[rows] = _NONE, 0
         if self._clock.any():
-            self._off[rows] = self._drawn(2 * self._clock, Numbers(keys), _CLOCK) - self._clock[self._owner]
+            self._off[rows] = self._drawn(2 * self._clock, RandomKeys(keys), _CLOCK) - self._clock[self._owner]
 
     def carry(self, taken: Measurements, steps: np.ndarray, keys: np.ndarray, rows: np.ndarray | slice) -> Measurements:
         """Measurements that arrive now, by the age of their time stamps ``(rows, ages, p)``, with the mask.
@@ -109,7 +109,7 @@ class Transit:
         """
         delay = self._latency[self._owner]
         if self._jitter.any():
-            delay = delay + self._drawn(self._jitter, Numbers(keys, steps[:, None]), _JITTER)
+            delay = delay + self._drawn(self._jitter, RandomKeys(keys, steps[:, None]), _JITTER)
         delay = np.where(taken[1], delay, _NONE)
         self._y[rows] = y = np.concatenate([taken[0][:, None], self._y[rows][:, :-1]], 1)
         self._delay[rows] = delay = np.concatenate([delay[:, None], self._delay[rows][:, :-1]], 1)
@@ -120,7 +120,7 @@ class Transit:
         self.lost[rows] += arrived.sum((1, 2)) - there.sum((1, 2))
         return stamped, there
 
-    def _drawn(self, most: np.ndarray, drawn: Numbers, use: int) -> np.ndarray:
+    def _drawn(self, most: np.ndarray, drawn: RandomKeys, use: int) -> np.ndarray:
         """Whole numbers from 0 to ``most (sensors,)``, of each channel's sensor: ``(rows, p)``."""
         return np.floor(drawn.uniforms(1, use)[..., 0] * (most + 1)).astype(np.int64)[:, self._owner]
 
@@ -162,7 +162,7 @@ def injected(measurements: Measurements, rows: int, sensors: Sensors) -> Measure
     y, mask = (numbers(part) for part in pair)
     if y is None or mask is None:
         raise TypeError(
-            f"measurements must be two arrays, values and the mask of those that came, got {shown(measurements)}"
+            f"measurements must be two arrays, values and the mask of those that came, got {short_repr(measurements)}"
         )
     shapes = [(rows, sensors.size), (rows, sensors.horizon + 1, sensors.size)][: 2 if sensors.horizon else 1]
     if y.shape != mask.shape or y.shape not in shapes:
