@@ -98,10 +98,10 @@ class Estimator(ABC, Generic[Record]):
         if not isinstance(prior, Gaussian):
             raise TypeError(f"prior must be a Gaussian(mean, cov), got {type(prior).__name__}")
         self._check_prior(prior)
-        begun = self.start(prior, rng)
-        if not finite_rows(begun).all():
-            raise ValueError(BEGUN.format(type(self).__name__))
-        return begun.read_only()
+        initial = self.start(prior, rng)
+        if not finite_rows(initial).all():
+            raise ValueError(INVALID_INITIAL.format(type(self).__name__))
+        return initial.read_only()
 
     def predict(self, belief: Record, u: np.ndarray | None = None, rng: Rng = None) -> Record:
         """One step ahead: ``x(k-1|k-1)`` to ``x(k|k-1)``.
@@ -330,4 +330,4 @@ def _broadcast(name: str, value: np.ndarray, shape: tuple[int, ...], core: int =
     raise ValueError(f"{name} has shape {value.shape}, expected {shape}")
 
 
-BEGUN = "{}._init must give a finite mean and a covariance for a prior that is so"
+INVALID_INITIAL = "{}._init must give a finite mean and a covariance for a prior that is so"

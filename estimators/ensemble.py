@@ -126,9 +126,9 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
                 belief = prior_belief(prior.mean, prior.cov, u)
                 packed, layout = belief.pack()
                 if (program := self._program(_BEGIN, belief, layout, u)) is not None:
-                    begun, doubtful = self._executed(program, belief, packed, u, y, available, rng=rng)
+                    initial, doubtful = self._executed(program, belief, packed, u, y, available, rng=rng)
                     if not doubtful.any():
-                        return begun
+                        return initial
         return super().begin(prior, u, y, available, rng)
 
     def _predict(self, belief: EnsembleBelief, u: np.ndarray | None, rng: Rng) -> EnsembleBelief:

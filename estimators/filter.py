@@ -12,7 +12,7 @@ import numpy as np
 from estimators.angles import difference
 from estimators.belief import Belief, Layout, Record, finite_rows
 from estimators.checks import frozen
-from estimators.contract import BEGUN, Estimator, Kept, Model, Rng, check_channels
+from estimators.contract import INVALID_INITIAL, Estimator, Kept, Model, Rng, check_channels
 from estimators.engine.matrices import is_traced
 from estimators.linalg import congruence, identity, masked
 from estimators.measurement import Measurement
@@ -119,13 +119,13 @@ class Filter(Estimator[Record], verified=True):
         n, batch = self.model.n, np.broadcast(prior.mean[..., 0], prior.cov[..., 0, 0]).shape
         mean, cov = np.empty(batch + prior.mean.shape[-1:]), np.empty(batch + (n, n))
         mean[...], cov[...] = prior.mean, prior.cov
-        begun = self._init(Belief(mean, cov, mean, cov, np.zeros(batch, np.int8), u), rng)
+        initial = self._init(Belief(mean, cov, mean, cov, np.zeros(batch, np.int8), u), rng)
         if self.verified:
-            return begun
-        begun = self._returned("_init", begun, batch)
-        if not (finite_rows(begun).all() and proper(begun.cov)):
-            raise ValueError(BEGUN.format(type(self).__name__))
-        return begun
+            return initial
+        initial = self._returned("_init", initial, batch)
+        if not (finite_rows(initial).all() and proper(initial.cov)):
+            raise ValueError(INVALID_INITIAL.format(type(self).__name__))
+        return initial
 
     def _start_alike(self, prior: Gaussian, u: np.ndarray | None) -> Record:
         """The same of rows that share a covariance: nothing else of a filter of formulas depends on the prior."""
@@ -135,10 +135,10 @@ class Filter(Estimator[Record], verified=True):
         row, layout = self._first
         packed = row.repeat(len(prior.mean), 0)
         packed[layout.fields["mean"][0]], packed[layout.fields["cov"][0]] = prior.mean, prior.cov.ravel()
-        begun: Any = self.record.view(packed, layout, None, None, u)
-        object.__setattr__(begun, "prior_mean", begun.mean)
-        object.__setattr__(begun, "prior_cov", begun.cov)
-        return cast(Record, begun)
+        initial: Any = self.record.view(packed, layout, None, None, u)
+        object.__setattr__(initial, "prior_mean", initial.mean)
+        object.__setattr__(initial, "prior_cov", initial.cov)
+        return cast(Record, initial)
 
     def forecast(self, belief: Record, u: np.ndarray | None, rng: Rng) -> Record:
         """The belief one step ahead."""

@@ -1,4 +1,4 @@
-"""The iterated extended Kalman filter: a measurement made straight where the estimate will be."""
+"""The iterated extended Kalman filter: a measurement linearised where the estimate will be."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ class IteratedExtendedKalmanFilter(GaussianFilter[Belief], verified=True):
 
         V(x) = (y - h(x))' R^-1 (y - h(x)) / 2 + (x - x-)' P^-1 (x - x-) / 2
 
-    and is found by Gauss and Newton's method: the measurement is made straight at the last estimate, not at the
+    and is found by Gauss and Newton's method: the measurement is linearised at the last estimate, not at the
     prediction, until that moves it no more. Written as ``x = x- + P a`` nothing is inverted but S::
 
         a <- a + t (C' S^-1 [y - h(x) + C P a] - a)      C = dh/dx at x      S = C P C' + R
@@ -33,7 +33,7 @@ class IteratedExtendedKalmanFilter(GaussianFilter[Belief], verified=True):
 
     Args:
         model: A `LinearModel` or a `NonlinearModel`.
-        iterations: Largest number of times that the measurement is made straight.
+        iterations: Largest number of times that the measurement is linearised.
         tolerance: A row stops when a whole step is shorter than this many standard deviations of the prediction.
 
     Raises:

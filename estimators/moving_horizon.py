@@ -22,7 +22,7 @@ class HorizonBelief(Belief):
     Attributes:
         start_mean: ``(..., n)`` what all earlier measurements say of the state at the first of these times,
         start_cov: ``(..., n, n)`` and its covariance.
-        states: ``(..., N, n)`` the states about which the model is made straight: the last estimates of them.
+        states: ``(..., N, n)`` the states about which the model is linearised: the last estimates of them.
         moved: ``(..., N)`` whether a prediction led to this time; else it is the same as the one before.
         measurements: ``(..., N, p)`` 0 where none came.
         seen: ``(..., N, p)`` which came.
@@ -59,7 +59,7 @@ class HorizonBelief(Belief):
 
 
 class _Seen(NamedTuple):
-    """A time on the way forward: what was predicted, and the step to it and its measurement, made straight."""
+    """A time on the way forward: what was predicted, and the step to it and its measurement, linearised."""
 
     mean: np.ndarray
     cov: np.ndarray
@@ -76,8 +76,8 @@ class MovingHorizonEstimator(Filter[HorizonBelief], verified=True):
         |x_s - x_bar|^2 in P_bar^-1  +  sum |x_i+1 - f(x_i)|^2 in Q^-1  +  sum |y_i - h(x_i)|^2 in R^-1
 
     by Gauss and Newton's method. Each of its steps is a Kalman filter forward through the window and a smoother back,
-    of the model made straight about the last course (Bell 1994), so that P, Q and R may be singular. The arrival cost,
-    ``x_bar`` and ``P_bar``, is what the filter says of what has left the window, made straight where it was estimated
+    of the model linearised about the last course (Bell 1994), so that P, Q and R may be singular. The arrival cost,
+    ``x_bar`` and ``P_bar``, is what the filter says of what has left the window, linearised where it was estimated
     last (Rao, Rawlings & Lee 2001). On a linear model it is the `kf` for every horizon; with a horizon of 1 it is the
     `iekf` as long as that makes no step shorter: here all are whole, and a row whose steps did not settle within
     ``iterations`` keeps the last, and nothing says so. There are no bounds on states. An unknown input in the model is
@@ -93,7 +93,7 @@ class MovingHorizonEstimator(Filter[HorizonBelief], verified=True):
         model: A `LinearModel` or a `NonlinearModel`.
         horizon: Times in the window. Every prediction makes one, whether or not a measurement comes, and so does every
             further measurement at a time: where one comes every k-th step, ten measurements take ``10 k``.
-        iterations: Largest number of times that the model is made straight at a measurement.
+        iterations: Largest number of times that the model is linearised at a measurement.
         tolerance: A row stops when no state of the window moves by more than this many standard deviations.
 
     Raises:
@@ -135,7 +135,7 @@ class MovingHorizonEstimator(Filter[HorizonBelief], verified=True):
     def _measurement(
         self, belief: HorizonBelief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None
     ) -> Measurement:
-        """The measurement made straight about the course of the states, seen from the prediction."""
+        """The measurement linearised about the course of the states, seen from the prediction."""
         x = belief.states[..., -1, :]
         return _seen_from(
             super()._measurement(Belief.replace(belief, mean=x), y, available, R), self._away(x, belief.mean)
@@ -152,8 +152,8 @@ class MovingHorizonEstimator(Filter[HorizonBelief], verified=True):
     ) -> HorizonBelief:  # fmt: skip
         result = super()._recovered(belief, updated, measurement, y, rng, available, R)
         lost, mended = result.recovery == Recovery.PRIOR, result.recovery > Recovery.USUAL
-        begun = _window(self._init(result, rng).replace(pending=np.zeros(lost.shape, bool)))
-        result = result.replace(**{name: _where(mended, a, getattr(result, name)) for name, a in begun.items()})
+        initial = _window(self._init(result, rng).replace(pending=np.zeros(lost.shape, bool)))
+        result = result.replace(**{name: _where(mended, a, getattr(result, name)) for name, a in initial.items()})
         if not lost.any():
             return result
         u, prior = None if belief.u is None else np.nan_to_num(belief.u[lost]), (belief.prior_mean, belief.prior_cov)
@@ -237,7 +237,7 @@ class MovingHorizonEstimator(Filter[HorizonBelief], verified=True):
         return fitted
 
     def _forward(self, belief: HorizonBelief) -> list[_Seen]:
-        """The Kalman filter through the window, of the model made straight about its states."""
+        """The Kalman filter through the window, of the model linearised about its states."""
         times = [self._passed(belief, 0, belief.start_mean, belief.start_cov)]
         for i in range(1, self.horizon):
             mean, cov, A = self._moved_on(belief, i, *_estimate(times[-1]))
@@ -281,7 +281,7 @@ def _window_of(mean: np.ndarray, cov: np.ndarray, N: int, p: int) -> dict[str, n
 
 
 def _seen_from(measurement: Measurement, away: np.ndarray) -> Measurement:
-    """A measurement made straight about a state that is ``away`` from the prediction, as one about the prediction."""
+    """A measurement linearised about a state that is ``away`` from the prediction, as one about the prediction."""
     return measurement._replace(innovation=measurement.innovation + np.matvec(measurement.C, away))
 
 

@@ -49,12 +49,12 @@ def recovered(
     if lost.any():
         prior = belief.prior_mean, belief.prior_cov
         u = None if belief.u is None else np.nan_to_num(belief.u)
-        begun = filter._init(Belief(*prior, *prior, np.zeros(lost.shape, np.int8), u), rng)
-        measurement = filter._measurement(begun, y, available, R)
-        fresh = attempt(filter, begun, measurement, rng)
-        cured = lost & ~lost_rows(fresh, begun, measurement.R)
+        initial = filter._init(Belief(*prior, *prior, np.zeros(lost.shape, np.int8), u), rng)
+        measurement = filter._measurement(initial, y, available, R)
+        fresh = attempt(filter, initial, measurement, rng)
+        cured = lost & ~lost_rows(fresh, initial, measurement.R)
         result = result.with_rows(cured, fresh[cured])
-        result = _mildest(filter, begun, result, fresh, measurement, lost & ~cured, rng)
+        result = _mildest(filter, initial, result, fresh, measurement, lost & ~cured, rng)
         result = result.replace(recovery=np.where(lost, Recovery.PRIOR, result.recovery).astype(np.int8))
     covs = {name: getattr(result, name, None) for name in COVARIANCES}
     return Belief.replace(result, **{name: semidefinite(cov) for name, cov in covs.items() if cov is not None})

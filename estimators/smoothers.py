@@ -29,7 +29,7 @@ from estimators.series import Series
 def smooth(series: Series[Record], lag: int | None = None) -> Record:
     """Beliefs at each time from all measurements of a series, or from those up to ``lag`` steps later.
 
-    For a linear model without unknown input, or with one, this is exact. A nonlinear model is made straight where the
+    For a linear model without unknown input, or with one, this is exact. A nonlinear model is linearised where the
     filter did so; `robust-kf` goes back through its own, larger predictions. Members are moved by the regression of
     each on those that follow from it, which is the ensemble Kalman smoother.
 

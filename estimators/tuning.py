@@ -132,12 +132,12 @@ def fit(
     arrived = np.isfinite(as_array("y", y))
     if not (arrived if available is None else arrived & as_mask("available", available)).any():
         raise ValueError("none of the measurements came: there is nothing to fit")
-    begun = search.built(first)
-    if not (isinstance(begun, tuple) and len(begun) == 2 and isinstance(begun[1], Gaussian)):
-        raise TypeError(f"build must return a filter and its prior, a Gaussian, got {short_repr(begun)}")
-    if not np.isfinite(evaluate(*begun)):
+    initial = search.built(first)
+    if not (isinstance(initial, tuple) and len(initial) == 2 and isinstance(initial[1], Gaussian)):
+        raise TypeError(f"build must return a filter and its prior, a Gaussian, got {short_repr(initial)}")
+    if not np.isfinite(evaluate(*initial)):
         raise ValueError("the measurements have no likelihood at the start: begin where the filter can follow them")
-    return search.fit(first, _random(begun[0]))
+    return search.fit(first, _random(initial[0]))
 
 
 def _names(signed: object) -> tuple[str, ...]:

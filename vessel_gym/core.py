@@ -191,7 +191,7 @@ class Core:
             rows: Indices of the environments; None: all.
             options: The task's reset options.
             measurements: Measurements to use instead of the sensors' (for replays), ``(len(rows), p)`` each; where
-                sensors are late, ``loop.come`` holds those of a step, by age, ``(len(rows), ages, p)``.
+                sensors are late, ``loop.delivered`` holds those of a step, by age, ``(len(rows), ages, p)``.
 
         Raises:
             ValueError: for an option or a value that the task does not have, or measurements of another shape.

@@ -98,11 +98,13 @@ class Transit:
         if self._clock.any():
             self._off[rows] = self._drawn(2 * self._clock, RandomKeys(keys), _CLOCK) - self._clock[self._owner]
 
-    def carry(self, taken: Measurements, steps: np.ndarray, keys: np.ndarray, rows: np.ndarray | slice) -> Measurements:
+    def carry(
+        self, sampled: Measurements, steps: np.ndarray, keys: np.ndarray, rows: np.ndarray | slice
+    ) -> Measurements:
         """Measurements that arrive now, by the age of their time stamps ``(rows, ages, p)``, with the mask.
 
         Args:
-            taken: What the sensors of these rows take now.
+            sampled: What the sensors of these rows take now.
             steps: ``(rows,)`` after their start.
             keys: ``(rows, sensors, 2)``.
             rows: Which.
@@ -110,8 +112,8 @@ class Transit:
         delay = self._latency[self._owner]
         if self._jitter.any():
             delay = delay + self._drawn(self._jitter, RandomKeys(keys, steps[:, None]), _JITTER)
-        delay = np.where(taken[1], delay, _NONE)
-        self._y[rows] = y = np.concatenate([taken[0][:, None], self._y[rows][:, :-1]], 1)
+        delay = np.where(sampled[1], delay, _NONE)
+        self._y[rows] = y = np.concatenate([sampled[0][:, None], self._y[rows][:, :-1]], 1)
         self._delay[rows] = delay = np.concatenate([delay[:, None], self._delay[rows][:, :-1]], 1)
         arrived: np.ndarray = delay == np.arange(delay.shape[1])[:, None]
         if not self._clock.any():

@@ -22,7 +22,7 @@ class Loop:
         rows: B.
 
     Attributes:
-        come: What has come last, ``(B, p)``, or by age ``(B, ages, p)`` where sensors are late,
+        delivered: Measurements delivered last, ``(B, p)``, or by age ``(B, ages, p)`` where sensors are late,
         measurements: and of that the youngest measurement of each channel.
         belief: What the filter believes.
         watch: What the monitor has seen, where there is one.
@@ -42,8 +42,8 @@ class Loop:
         self._faults = Faulty(sensors, rows) if sensors.faults else None
         self._transit = Transit(sensors, rows) if sensors.horizon else None
         ages = (sensors.horizon + 1,) if sensors.horizon else ()
-        self.come: Measurements = tuple(np.zeros((rows, *ages, sensors.size), kind) for kind in (float, bool))  # type: ignore
-        self.measurements: Measurements = youngest(self.come) if ages else self.come
+        self.delivered: Measurements = tuple(np.zeros((rows, *ages, sensors.size), kind) for kind in (float, bool))  # type: ignore
+        self.measurements: Measurements = youngest(self.delivered) if ages else self.delivered
         self.belief: Belief
         self.watch: Watch
         self._refused = np.zeros(rows, int)
@@ -77,12 +77,12 @@ class Loop:
             rows: Which.
             injected: Whether these are what comes, ``(rows, p)`` or by age; nothing has been read then.
         """
-        come = measurements
+        delivered = measurements
         if self._faults is not None or self._transit is not None:
-            come = self._delivered(measurements, steps, slice(None) if rows is None else rows, injected)
-        self.come = _merged(self.come, rows, come)
-        self.measurements = self.come if self._transit is None else youngest(self.come)
-        return come
+            delivered = self._delivered(measurements, steps, slice(None) if rows is None else rows, injected)
+        self.delivered = _merged(self.delivered, rows, delivered)
+        self.measurements = self.delivered if self._transit is None else youngest(self.delivered)
+        return delivered
 
     def begin(self, rows: np.ndarray | None, prior: Gaussian, measurements: Measurements, u: np.ndarray) -> Belief:
         """The belief of rows (None: all) after their first measurements; those of the others stay.
@@ -142,18 +142,18 @@ class Loop:
         self, measurements: Measurements, steps: np.ndarray, rows: np.ndarray | slice, injected: bool
     ) -> Measurements:
         """Measurements delivered of those that are sampled or injected."""
-        taken = measurements
+        sampled = measurements
         if self._faults is not None and not injected:
-            taken = self._faults.faulted(taken, steps, rows)
+            sampled = self._faults.faulted(sampled, steps, rows)
         if self._transit is None:
-            return taken
+            return sampled
         if injected:
-            taken = np.zeros((len(steps), self.sensors.size)), np.zeros((len(steps), self.sensors.size), bool)
-        come = self._transit.carry(taken, steps, self._sensing[rows], rows)
+            sampled = np.zeros((len(steps), self.sensors.size)), np.zeros((len(steps), self.sensors.size), bool)
+        delivered = self._transit.carry(sampled, steps, self._sensing[rows], rows)
         if injected:
-            come = measurements if measurements[0].ndim == 3 else of_now(measurements, self.sensors.horizon)
-        self._refused[rows] += self._neglected(come[1])
-        return come
+            delivered = measurements if measurements[0].ndim == 3 else of_now(measurements, self.sensors.horizon)
+        self._refused[rows] += self._neglected(delivered[1])
+        return delivered
 
     def _watched(self, watch: Watch, belief: Any) -> Watch:
         """State of the monitor after an update of all rows of ``watch``.

@@ -177,12 +177,12 @@ def strangers(wanted: Mapping[str, Job], folder: Path) -> list[str]:
 
 def sweep(folder: Path) -> None:
     """Remove what killed processes had begun to write, but not what somebody is writing now."""
-    begun: dict[str, list[Path]] = {}
+    partial: dict[str, list[Path]] = {}
     for name in ("jobs", "failed"):
         for path in (folder / name).glob(".*"):
             if match := _TEMPORARY.match(path.name):
-                begun.setdefault(match[1], []).append(path)
-    for key, paths in begun.items():
+                partial.setdefault(match[1], []).append(path)
+    for key, paths in partial.items():
         try:
             with lock(key, folder, timeout=0):
                 for path in paths:

@@ -135,13 +135,13 @@ def _noticed(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
     """
     core, runs = core_of(rollout), np.arange(len(rollout.seeds))
     had, accused = _had(rollout), rollout.history["alarms"]
-    begun = had.any(-1)
-    alarm = accused.any(-1) & begun & rollout.alive
+    onset = had.any(-1)
+    alarm = accused.any(-1) & onset & rollout.alive
     first = alarm.argmax(0)
-    delay = np.where(alarm.any(0), (first - begun.argmax(0)) * core.vehicle.dt, np.inf)
+    delay = np.where(alarm.any(0), (first - onset.argmax(0)) * core.vehicle.dt, np.inf)
     of = np.array([[fault.sensor == name for name in core.loop.monitor.names] for fault in core.sensors.faults], bool)
     right = accused[first, runs] & (had[first, runs] @ of.reshape(had.shape[-1], accused.shape[-1]))
-    return np.where((begun & rollout.alive).any(0), delay, np.nan), right.any(-1)
+    return np.where((onset & rollout.alive).any(0), delay, np.nan), right.any(-1)
 
 
 def _had(rollout: Rollout) -> np.ndarray:

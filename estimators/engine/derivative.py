@@ -123,8 +123,8 @@ def _repeated(program: Program, instruction: Instruction, known: dict[int, Tange
         slopes = [inside.get(after[i], {}).get(seed, 0.0) for i, seed in carried]
         return [*after, *(constant(program, slope).value for slope in slopes)]
 
-    begun = [constant(program, known.get(initial[i], {}).get(seed, 0.0)).value for i, seed in carried]
-    results = program.repeat(loop.count, body, [*initial, *begun], loop.masks)
+    tangents = [constant(program, known.get(initial[i], {}).get(seed, 0.0)).value for i, seed in carried]
+    results = program.repeat(loop.count, body, [*initial, *tangents], loop.masks)
     found: list[Tangent] = [{} for _ in loop.parameters]
     for (i, seed), value in zip(carried, results[len(initial) :], strict=True):
         found[i][seed] = Tracer(program, value)

@@ -136,22 +136,22 @@ G, H = _rng.normal(size=(STATES, INPUTS)), _rng.normal(size=(MEASUREMENTS, INPUT
 Q, R = 0.1 * np.eye(STATES), np.eye(MEASUREMENTS)
 
 
-def bent(x: np.ndarray, u: Any = None) -> np.ndarray:
+def nonlinear(x: np.ndarray, u: Any = None) -> np.ndarray:
     """Transition of a nonlinear system of that size."""
     return np.matvec(A, x) + 0.1 * np.sin(x)
 
 
-def bent_measurement(x: np.ndarray, u: Any = None) -> np.ndarray:
+def nonlinear_measurement(x: np.ndarray, u: Any = None) -> np.ndarray:
     """Its measurement function."""
     return np.matvec(C, x + 0.1 * np.sin(x))
 
 
-def bent_jacobian(x: np.ndarray, u: Any = None) -> np.ndarray:
+def nonlinear_jacobian(x: np.ndarray, u: Any = None) -> np.ndarray:
     """Jacobian of the transition."""
     return A + 0.1 * np.cos(x)[..., None] * np.eye(STATES)
 
 
-def bent_measurement_jacobian(x: np.ndarray, u: Any = None) -> np.ndarray:
+def nonlinear_measurement_jacobian(x: np.ndarray, u: Any = None) -> np.ndarray:
     """Jacobian of the measurement function."""
     return C * (1.0 + 0.1 * np.cos(x))[..., None, :]
 
@@ -169,8 +169,11 @@ def measurements(steps: int, rows: int) -> np.ndarray:
 def ours(name: str, rows: int, **options: Any) -> Step:
     """A filter of the package: `ekf` and `ukf` on the nonlinear system, the others on the linear one."""
     if name in ("ekf", "ukf"):
-        filter = make(name, NonlinearModel(bent, bent_measurement, Q, R, transition_jacobian=bent_jacobian,
-                                           measurement_jacobian=bent_measurement_jacobian), **options)  # fmt: skip
+        model = NonlinearModel(
+            nonlinear, nonlinear_measurement, Q, R, transition_jacobian=nonlinear_jacobian,
+            measurement_jacobian=nonlinear_measurement_jacobian,
+        )  # fmt: skip
+        filter = make(name, model, **options)
     else:
         try:
             filter = make(name, LinearModel(A, C, Q, R, G=G, H=H), **options)
@@ -203,12 +206,12 @@ def filterpys(name: str) -> Step:
         rival = kalman.ExtendedKalmanFilter(STATES, MEASUREMENTS)
 
         def predict_x(u: Any = 0) -> None:  # which is left to its user
-            rival.F, rival.x = bent_jacobian(rival.x), bent(rival.x)
+            rival.F, rival.x = nonlinear_jacobian(rival.x), nonlinear(rival.x)
 
-        rival.predict_x, seen = predict_x, (bent_measurement_jacobian, bent_measurement)
+        rival.predict_x, seen = predict_x, (nonlinear_measurement_jacobian, nonlinear_measurement)
     elif name == "ukf":
         points = kalman.MerweScaledSigmaPoints(STATES, 1.0, 2.0, 0.0)
-        rival = kalman.UnscentedKalmanFilter(STATES, MEASUREMENTS, 1.0, bent_measurement, bent, points)
+        rival = kalman.UnscentedKalmanFilter(STATES, MEASUREMENTS, 1.0, nonlinear_measurement, nonlinear, points)
     else:
         rival = kalman.EnsembleKalmanFilter(x, P, MEASUREMENTS, 1.0, MEMBERS, lambda x: C @ x, lambda x, dt: A @ x)
     rival.x, rival.P, rival.Q, rival.R = x, P, Q, R

@@ -94,12 +94,12 @@ def turns_in(sea: str) -> tuple[Arm, ...]:
         Arm("`kf-umv-ui`", "kf-umv-ui"),
         Arm("`kf-umv-ui`, without a current", "kf-umv-ui", still),
         Arm("`ekf`, waves as states, as the ship meets them", "ekf", met),
-        Arm(f"`ekf`, likewise, told of a {OTHER[sea]} sea", "ekf", other),
+        Arm(f"`ekf`, likewise, assuming a {OTHER[sea]} sea", "ekf", other),
         Arm("`ekf`, waves as states, of no direction", "ekf", {"assume": {"as": "states"}}),
         Arm("`ekf`, waves in Q and R, without a current", "ekf", {"assume": {"as": "process-noise"}}),
         Arm("`ekf`, nothing of waves", "ekf"),
         Arm("`kf-umv-ui`, linear", "kf-umv-ui", {"model": "linear"}),
-        Arm("`kf` told d's variance, linear", "kf", {"assume": {"as": "white-input"}}),
+        Arm("`kf` with d's variance, linear", "kf", {"assume": {"as": "white-input"}}),
         *(Arm(f"`{name}`, linear", name) for name in ("ulise", "kf", "huber-kf", "robust-kf")),
         *(Arm(f"`{name}`", name) for name in ("measurement", "dead-reckoning")),
     )
@@ -197,7 +197,7 @@ def surface_waves() -> str:
             seas = [("moderate", {}), ("surface", {}), *([("surface", untold)] if name != "truth" else [])]
             cells = [shown(Arm(name, name, told).scores(env_id, SEEDS, disturbance=sea)["score"]) for sea, told in seas]
             rows.append((f"{env_id.removesuffix('-v0')}, `{name}`", *cells, *[WITHOUT] * (3 - len(cells))))
-    return table(("", "moderate water", "surface waves", "surface waves, told of moderate water"), rows)
+    return table(("", "moderate water", "surface waves", "surface waves, assuming moderate water"), rows)
 
 
 def sensor_sets() -> str:

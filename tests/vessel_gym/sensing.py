@@ -4,9 +4,9 @@ import numpy as np
 
 from estimators import Gaussian
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.estimation import ZeroOrderHold
 from vessel_gym.filter_models.build import Composition
 from vessel_gym.processes import Process
+from vessel_gym.reference_filters import ZeroOrderHold
 from vessel_gym.sensors import Sensors, SensorSuite
 from vessel_gym.system import Vehicle
 

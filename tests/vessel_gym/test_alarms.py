@@ -178,7 +178,7 @@ def test_truth_reaches_no_alarm(estimator: str, sea: bool):
     other = AlteredCore(with_vehicle(AUV, AlteredVehicle), ROWS, **options)
     other.seed(5)
     true.reset()
-    other.reset(measurements=true.loop.come)
+    other.reset(measurements=true.loop.delivered)
     walk, raised = random_walk(5, ROWS, true.action_size), 0
     for step in range(40):
         if step == 20:
@@ -186,10 +186,10 @@ def test_truth_reaches_no_alarm(estimator: str, sea: bool):
             for core in (true, other):
                 core.episodes[some] += 1
             true.reset(some)
-            other.reset(some, measurements=tuple(values[some] for values in true.loop.come))
+            other.reset(some, measurements=tuple(values[some] for values in true.loop.delivered))
         actions = next(walk)
         true.step(actions)
-        other.step(actions, measurements=true.loop.come)
+        other.step(actions, measurements=true.loop.delivered)
         np.testing.assert_array_equal(other.loop.alarms, true.loop.alarms)
         np.testing.assert_array_equal(other.observe(), true.observe())
         assert np.abs(other.state - true.state).max() > 0.0

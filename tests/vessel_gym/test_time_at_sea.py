@@ -78,10 +78,10 @@ def at_sea(env_id: str) -> dict[str, Any]:
 def flown(core: Core, steps: int, seed: int = 5) -> list[tuple[np.ndarray, np.ndarray]]:
     """What has come after the start and each step."""
     core.start(seed)
-    walk, come = random_walk(0, core.num_envs, core.action_size), [core.loop.come]
+    walk, come = random_walk(0, core.num_envs, core.action_size), [core.loop.delivered]
     for _ in range(steps):
         core.step(next(walk))
-        come.append(core.loop.come)
+        come.append(core.loop.delivered)
     return come
 
 
@@ -183,19 +183,19 @@ def test_a_shuffle_is_put_in_order(estimator: str):
     nothing = np.zeros((ROWS, one.sensors.size))
     for core in (one, other):
         core.start(3)
-    walk, under_way = random_walk(1, ROWS, one.action_size), [one.loop.come]
+    walk, under_way = random_walk(1, ROWS, one.action_size), [one.loop.delivered]
     for _ in range(steps):
         actions = next(walk)
         one.step(actions)
         other.step(actions)
-        under_way.append(one.loop.come)
+        under_way.append(one.loop.delivered)
     assert not np.array_equal(one.belief.mean, other.belief.mean)
     taken = make_core(AUV, ROWS, sensors=sensors_of(AUV), estimator="truth")
     healthy = flown(taken, 0, seed=3)
     walk = random_walk(1, ROWS, one.action_size)
     for _ in range(steps):
         taken.step(next(walk))
-        healthy.append(taken.loop.come)
+        healthy.append(taken.loop.delivered)
     shape = ROWS, late + 1, one.sensors.size
     rest = np.zeros(shape), np.zeros(shape, bool)  # all at once, of each age what has not come
     for age in range(1, late + 1):
@@ -319,7 +319,7 @@ def test_at_sea_nothing_but_measurements_reaches_a_filter(estimator: str):
     other = AlteredCore(with_vehicle(AUV, AlteredVehicle), ROWS, **options)
     other.seed(5)
     true.reset()
-    other.reset(measurements=true.loop.come)
+    other.reset(measurements=true.loop.delivered)
     walk = random_walk(5, ROWS, true.action_size)
     for step in range(30):
         if step == 15:
@@ -327,10 +327,10 @@ def test_at_sea_nothing_but_measurements_reaches_a_filter(estimator: str):
             for core in (true, other):
                 core.episodes[some] += 1
             true.reset(some)
-            other.reset(some, measurements=tuple(values[some] for values in true.loop.come))
+            other.reset(some, measurements=tuple(values[some] for values in true.loop.delivered))
         actions = next(walk)
         true.step(actions)
-        other.step(actions, measurements=true.loop.come)
+        other.step(actions, measurements=true.loop.delivered)
         np.testing.assert_array_equal(other.belief.mean, true.belief.mean)
         np.testing.assert_array_equal(other.observe(), true.observe())
         assert np.abs(other.state - true.state).max() > 0.0

@@ -192,7 +192,11 @@ def test_nothing_that_the_agent_sees_has_a_parameter_for_truth():
     public = (f for name, f in inspect.getmembers(TurningCircle, inspect.isfunction) if not name.startswith("__"))
     taken = {f.__name__: set(inspect.signature(f).parameters) for f in public}
     assert {name for name, parameters in taken.items() if "exogenous" in parameters} == {"score"}
-    assert {name for name, parameters in taken.items() if "state" in parameters} == {"begin", "score", "reference"}
+    assert {name for name, parameters in taken.items() if "state" in parameters} == {
+        "initial_score_state",
+        "score",
+        "reference",
+    }
 
 
 def test_the_observation_is_scaled_so_that_one_is_a_typical_size():

@@ -16,7 +16,8 @@ from sensing import sensors_of
 
 from estimators import Belief, Gaussian, models, wrap
 from vessel_gym.core import Core
-from vessel_gym.estimation import ENVIRONMENT_ONLY, Estimation, HeldBelief, Oracle, ZeroOrderHold, build
+from vessel_gym.estimation import ENVIRONMENT_ONLY, Estimation, build
+from vessel_gym.reference_filters import HeldBelief, Oracle, ZeroOrderHold
 from vessel_gym.start import known
 
 FAR = {"x": 6e5, "y": -5e6, "north [m]": 6e5, "east [m]": -5e6}

@@ -184,7 +184,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         else:
             self.np_random = np.random.default_rng(seeds)
 
-    def _record(self, begun: np.ndarray, going: np.ndarray) -> None:
+    def _record(self, reset_mask: np.ndarray, going: np.ndarray) -> None:
         """Keep the present state of some environments for their pictures, beginning those that are new."""
         if self.render_mode is None:
             return
@@ -193,7 +193,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
             fps = self.metadata["render_fps"]
             self._renderers = [make_renderer(self.core, self.render_mode, fps, row) for row in range(self.num_envs)]
-        for renderer, new, on in zip(self._renderers, begun, going, strict=True):
+        for renderer, new, on in zip(self._renderers, reset_mask, going, strict=True):
             if new:
                 renderer.begin()
             if new or on:

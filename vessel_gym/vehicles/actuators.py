@@ -24,14 +24,14 @@ class Actuator(NamedTuple):
     limit: float = np.inf
 
 
-def figures(*actuators: Actuator) -> np.ndarray:
+def actuator_parameters(*actuators: Actuator) -> np.ndarray:
     """Parameters of actuators for `actuated`, ``(a, 8)``."""
     return np.array([each if each.below is not None else each._replace(below=each.above) for each in actuators], float)
 
 
-def actuated(before: np.ndarray, action: np.ndarray, figures: np.ndarray) -> np.ndarray:
-    """Actuators ``(..., a)`` a step after those ``before``, of which `figures` are known."""
-    above, below, offset, base, kept, lag, turn, limit = figures.T
+def actuated(before: np.ndarray, action: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    """Actuators ``(..., a)`` a step after those ``before``, of which `actuator_parameters` are known."""
+    above, below, offset, base, kept, lag, turn, limit = parameters.T
     asked = kept * before + base + np.where(action < 0.0, below, above) * (offset + action)
     asked = np.where(lag > 0.0, asked + (before - asked) * lag, asked)
     turned = np.minimum(np.maximum(asked, before - turn), before + turn)

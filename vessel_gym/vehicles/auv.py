@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vessel_gym.sensors import Sensor
-from vessel_gym.vehicles.actuators import Actuator, figures
+from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
 from vessel_gym.vehicles.files import check_parameters, check_vehicle
 from vessel_gym.vehicles.hydrodynamics import (
     Coefficients,
@@ -281,4 +281,4 @@ class AUV(WholeState):
         body = self.body
         fin = Actuator(body.fin_limit, turn=body.fin_rate * self.dt)
         thrust = Actuator(0.5 * body.thrust_limit, offset=1.0, lag=np.exp(-self.dt / body.thrust_lag))
-        return figures(*(fin,) * (len(self.action_names) - 1), thrust)
+        return actuator_parameters(*(fin,) * (len(self.action_names) - 1), thrust)

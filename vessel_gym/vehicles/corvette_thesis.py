@@ -12,7 +12,7 @@ import numpy as np
 
 from estimators import Schedule
 from vessel_gym.sensors import Sensor
-from vessel_gym.vehicles.actuators import Actuator, figures
+from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
 from vessel_gym.vehicles.corvette import COMPASS, MOTION_UNIT, linear_matrices
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.files import load
@@ -95,7 +95,7 @@ class ThesisCorvette(Ship):
     @cached_property
     def _actuators(self) -> np.ndarray:
         limit = self.ship.rudder_limit
-        return figures(Actuator(limit, turn=self.ship.rudder_rate * self.dt, limit=limit))
+        return actuator_parameters(Actuator(limit, turn=self.ship.rudder_rate * self.dt, limit=limit))
 
     def step(
         self, state: np.ndarray, before: np.ndarray, after: np.ndarray, exogenous: np.ndarray, parameters: np.ndarray

@@ -23,7 +23,7 @@ from scipy.optimize import brentq
 from estimators.engine import compiled, sincos
 from vessel_gym.checks import check_numbers, instance
 from vessel_gym.sensors import Bias, Known, Sensor, plain
-from vessel_gym.vehicles.actuators import Actuator, figures
+from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
 from vessel_gym.vehicles.files import check_parameters, check_vehicle, load
 from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN, I, PointMass, forces
 from vessel_gym.vehicles.whole_state import WholeState
@@ -282,4 +282,4 @@ class Puna(WholeState):
         of_thrust = {"lag": np.exp(-self.dt / body.thrust_lag)}
         others: tuple[dict[str, float], ...] = (of_thrust, {"turn": body.alpha_rate * self.dt}, {})
         each = zip(body.cruise, *body._reach, others, strict=True)
-        return figures(*(Actuator(above, below, base=cruise, **own) for cruise, below, above, own in each))
+        return actuator_parameters(*(Actuator(above, below, base=cruise, **own) for cruise, below, above, own in each))

@@ -9,7 +9,7 @@ import numpy as np
 from estimators.engine import sincos
 from vessel_gym.processes import linear
 from vessel_gym.sensors import Sensor, plain
-from vessel_gym.vehicles.actuators import Actuator, figures
+from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
 from vessel_gym.vehicles.corvette import COMPASS, linear_matrices, steady_turns, surge_models
 from vessel_gym.vehicles.corvette_equations import (
     AROUND,
@@ -104,7 +104,7 @@ class Ship(Simulated):
 
     @cached_property
     def _actuators(self) -> np.ndarray:
-        return figures(Actuator(self.ship.rudder_rate * self.dt, kept=1.0, limit=self.ship.rudder_limit))
+        return actuator_parameters(Actuator(self.ship.rudder_rate * self.dt, kept=1.0, limit=self.ship.rudder_limit))
 
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
         """Estimated components one step on under ``u = (rudder, ...)``, constant over the step."""

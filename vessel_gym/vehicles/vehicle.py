@@ -9,7 +9,7 @@ from vessel_gym.sensors import Sensor
 
 
 class Trims(NamedTuple):
-    """Steady motions about which a nonlinear model is made straight: the nearest one holds, by the known input.
+    """Steady motions about which a nonlinear model is linearised: the nearest one holds, by the known input.
 
     The known input's last component must be 1: what no matrix gives stands in its column of B.
     """
@@ -124,7 +124,7 @@ class Vehicle(Protocol):
         """A and B of a linear model, each a matrix or a function of the known input.
 
         And where flows move what it estimates, what each does over a step ``(n, ambient_flows)``, likewise. Or the
-        `Trims` about which the nonlinear model is made straight.
+        `Trims` about which the nonlinear model is linearised.
         """
 
     @property

@@ -20,7 +20,7 @@ class Simulated:
     """The equations of motion, `vessel_gym.vehicles.integration.Rates`; who overrides `moved` needs none."""
     carried: ClassVar[np.ndarray | None] = None
     _actuators: Any
-    """The parameters of its actuators, see `vessel_gym.vehicles.actuators.figures`."""
+    """The parameters of its actuators, see `vessel_gym.vehicles.actuators.actuator_parameters`."""
 
     def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
         """Actuators ``(..., a)`` after a step of ``action`` in [-1, 1], within limits and rates."""

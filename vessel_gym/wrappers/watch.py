@@ -17,9 +17,10 @@ from estimators.randomness import word
 from vessel_gym import checks
 from vessel_gym.configuration import OBSERVE, alarming
 from vessel_gym.delivery import Measurements
-from vessel_gym.estimation import LATE, DeadReckoning, Estimation, EstimatorChoice, Oracle, monitor_of
+from vessel_gym.estimation import LATE, Estimation, EstimatorChoice, monitor_of
 from vessel_gym.foreign import Copying, copied, repeated
 from vessel_gym.loop import Loop
+from vessel_gym.reference_filters import DeadReckoning, Oracle
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES, Sensor, Sensors
 
@@ -116,20 +117,20 @@ class Watch:
         self._restart(rows)
         self._start(rows, self._measured(self._still, None if rows.all() else np.flatnonzero(rows)))
 
-    def go_on(self, state: np.ndarray, action: Any, begun: np.ndarray) -> None:
+    def go_on(self, state: np.ndarray, action: Any, reset_mask: np.ndarray) -> None:
         """A step of all rows, to states ``(B, n)``; in the rows of a mask ``(B,)`` an episode begins instead."""
         if not self._seeded.all():
             raise ResetNeeded("call reset() before step()")
         self.truth = self._checked(state)
         self.steps += 1
-        u, some = self.known(action), bool(begun.any())
+        u, some = self.known(action), bool(reset_mask.any())
         if some:
-            self._restart(begun)
-            u = np.where(begun[:, None], self._still, u)
+            self._restart(reset_mask)
+            u = np.where(reset_mask[:, None], self._still, u)
         measurements = self._measured(u, None)
         self.loop.estimate(self._for_filter(measurements, self.truth), u, self.steps)
         if some:
-            self._start(begun, (measurements[0][begun], measurements[1][begun]))
+            self._start(reset_mask, (measurements[0][reset_mask], measurements[1][reset_mask]))
 
     def _restart(self, rows: np.ndarray) -> None:
         """Count the next episode of the rows of a mask ``(B,)``, and derive its random keys."""
