@@ -1,12 +1,8 @@
 """What the pages on sensors, disturbances, tasks and vehicles of one's own show runs, is short, and stands a study."""
 
 import contextlib
-import inspect
 import io
-import linecache
 import re
-import sys
-import types
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -36,10 +32,10 @@ from vessel_gym.envs import (
 from vessel_gym.estimation import estimator_names
 from vessel_gym.processes import Process
 from vessel_gym.sensors import Sensor
-from vessel_gym.tasks import circle_track, turning_circle
+from vessel_gym.tasks import circle_track
 from vessel_gym.tasks.task import Task
 from vessel_gym.tasks.turning_circle import TurningCircle
-from vessel_gym.vehicles import corvette, ship
+from vessel_gym.vehicles import ship
 
 
 @pytest.mark.parametrize("module", PAGES)
@@ -600,51 +596,6 @@ def test_a_disturbance_of_no_use_is_refused_in_a_sentence(member: str, value: An
 
 
 # --- compiled as ours ---------------------------------------------------------------------------------
-
-
-def copied_module(module: Any, *others: tuple[str, str]) -> Any:
-    """A user's module with the text of one of ours."""
-    text, made = inspect.getsource(module), types.ModuleType(f"own_{module.__name__.rpartition('.')[2]}")
-    for name, own in others:
-        text = text.replace(f"from {name} import", f"from {own} import")
-    sys.modules[made.__name__] = made
-    linecache.cache[made.__name__] = len(text), None, text.splitlines(True), made.__name__
-    exec(compile(text, made.__name__, "exec"), vars(made))
-    return made
-
-
-@pytest.fixture(scope="module")
-def copies() -> dict[str, Any]:
-    """Systems of ours, of which vehicle or task are of classes with the same text in a user's file."""
-    copied_module(corvette)
-    ships = copied_module(ship, ("vessel_gym.vehicles.corvette", "own_corvette"))
-    copied_module(turning_circle)
-    tracks = copied_module(circle_track, ("vessel_gym.tasks.turning_circle", "own_turning_circle"))
-    system = SigmaCorvetteEnv.system
-    vehicle, task = ships.Ship(system.vehicle.ship), tracks.CircleTrack(system.vehicle.ship)
-    return {"ours": system, "vehicle": replace(system, vehicle=vehicle), "task": replace(system, task=task)}
-
-
-def flights(system: Any, rows: int, seed: int, steps: int = 40) -> dict[str, np.ndarray]:
-    core = Core(system, rows, "ekf")
-    core.start(seed)
-    seen, actions = [core.observe()], np.random.default_rng(0).uniform(-1.0, 1.0, (steps, 1))
-    for action in actions:
-        reward, _ = core.step(np.tile(action, (rows, 1)))
-        seen.append(core.observe())
-    assert core.config.world.whole
-    assert core.config.mission.whole
-    return core.info() | {"reward": reward, "seen": np.stack(seen, 1)}
-
-
-@pytest.mark.parametrize("part", ["vehicle", "task"])
-def test_a_copy_of_ours_in_a_file_of_ones_own_flies_as_ours_alone_and_in_batches(copies: Any, part: str) -> None:
-    ours, many = (flights(copies[name], 9, 3) for name in ("ours", part))
-    for name in ("truth", "measurement", "estimate", "reference", "reward"):
-        np.testing.assert_allclose(many[name], ours[name], rtol=1e-12, atol=1e-12, err_msg=name)
-    for row in (0, 4, 8):
-        for name, values in flights(copies[part], 1, 3 + row).items():
-            np.testing.assert_array_equal(values[0], many[name][row], name)
 
 
 class Windy(my_vehicle.Catamaran):

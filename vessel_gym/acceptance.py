@@ -14,9 +14,10 @@ from estimators.unknown_input import UnknownInputFilter
 from estimators.varying import resolve
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.filter_models.build import Composition
-from vessel_gym.foreign import CheckedMethods, copied, ours, repeated, rows_of
+from vessel_gym.foreign import CheckedMethods, copied, repeated, rows_of
 from vessel_gym.system import Vehicle
 from vessel_gym.tasks.task import Task
+from vessel_gym.verified import is_verified
 
 VAGUEST = 3.0
 """How many of its sizes an unknown input may be uncertain by when one step's measurements have told of it."""
@@ -26,17 +27,17 @@ _NEAR = 1e-4
 
 
 def checked_vehicle(vehicle: Vehicle) -> Any:
-    """The vehicle if it is `ours`, and otherwise with `CheckedMethods`, after one step.
+    """The vehicle if it is verified, and otherwise with `CheckedMethods`, after one step.
 
     Raises:
         ValueError: naming the function that does not repeat itself, or gives another number of values.
     """
-    if ours(vehicle):
+    if is_verified(vehicle):
         return vehicle
     title, (x, u) = type(vehicle).__name__, (np.asarray(each, float)[None] for each in vehicle.cruise)
     widths = {"state": len(vehicle.state_names), "parameters": len(vehicle.parameter_names), "known input": u.shape[1]}
     checked = CheckedMethods(vehicle, **widths)
-    _fix_columns(checked, "actuators", _columns_of_ours(vehicle, "start", x), "start", x)
+    _fix_columns(checked, "actuators", _columns_of_base(vehicle, "start", x), "start", x)
     state, actuators = checked.start(x)
     checked.actuate(actuators, np.zeros((1, len(vehicle.action_names))))
     checked.known_input(actuators, actuators, None)
@@ -51,19 +52,19 @@ def checked_vehicle(vehicle: Vehicle) -> Any:
 
 
 def checked_task(task: Task, vehicle: Vehicle) -> Any:
-    """The task if it is `ours`, and otherwise with `CheckedMethods`, after the start of an episode.
+    """The task if it is verified, and otherwise with `CheckedMethods`, after the start of an episode.
 
     Raises:
         ValueError: naming the function that gives no array, or too few columns.
         TypeError: for a prior that is none.
     """
-    if ours(task):
+    if is_verified(task):
         return task
     outside = len(vehicle.increments + vehicle.ambient_flows)
     checked = CheckedMethods(task, prior=len(vehicle.estimated(vehicle.kinds[0])), exogenous=outside)
     drawn = np.full((1, task.uniforms), 0.5)
-    base = np.full((1, max(task.uniforms, getattr(_ours_among_bases(task), "uniforms", 0))), 0.5)
-    scenario = _fix_columns(checked, "scenario", _columns_of_ours(task, "scenario", base, {}), "scenario", drawn, {})
+    base = np.full((1, max(task.uniforms, getattr(_verified_base(task), "uniforms", 0))), 0.5)
+    scenario = _fix_columns(checked, "scenario", _columns_of_base(task, "scenario", base, {}), "scenario", drawn, {})
     x, step = np.array(checked.prior(scenario).mean), np.zeros(1, int)
     if hasattr(task, "exogenous"):
         checked.exogenous(scenario, step)
@@ -71,24 +72,24 @@ def checked_task(task: Task, vehicle: Vehicle) -> Any:
         ("reference", "reference", (scenario, step, x)), ("commanded", "commanded", (scenario, step)),
         ("initial_score_state", "score_state", (vehicle.start(x)[0], scenario)),
     ):  # fmt: skip
-        _fix_columns(checked, what, _columns_of_ours(task, name, *arguments), name, *arguments)
+        _fix_columns(checked, what, _columns_of_base(task, name, *arguments), name, *arguments)
     return checked
 
 
 def checked_disturbance(disturbance: Disturbance) -> Any:
-    """The disturbance if it is `ours`, and otherwise with `CheckedMethods`."""
-    return disturbance if ours(disturbance) else CheckedMethods(disturbance, effect=len(disturbance.forces))
+    """The disturbance if it is verified, and otherwise with `CheckedMethods`."""
+    return disturbance if is_verified(disturbance) else CheckedMethods(disturbance, effect=len(disturbance.forces))
 
 
-def _ours_among_bases(part: Any) -> Any:
-    """The class of this package that a user's part derives from, but for those that compute nothing; None: none."""
-    return next((each for each in type(part).__mro__ if ours(each) and each not in (Task, Vehicle)), None)
+def _verified_base(part: Any) -> Any:
+    """The first verified class that a user's part derives from; None: there is none."""
+    return next((each for each in type(part).__mro__ if is_verified(each)), None)
 
 
-def _columns_of_ours(part: Any, name: str, *arguments: Any) -> int:
-    """Columns of what a method gives in the class of this package that a part derives from, which reads them."""
-    with suppress(Exception):  # somebody's class need not have what ours computes with, and then gives its own
-        given = getattr(_ours_among_bases(part), name)(part, *map(copied, arguments))
+def _columns_of_base(part: Any, name: str, *arguments: Any) -> int:
+    """Columns of what a method gives in the verified class that a part derives from, which reads them."""
+    with suppress(Exception):  # its own class need not have what the base computes with, and then gives its own
+        given = getattr(_verified_base(part), name)(part, *map(copied, arguments))
         return int((given[-1] if isinstance(given, tuple) else given).shape[1])
     return 0
 

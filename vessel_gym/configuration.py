@@ -16,7 +16,6 @@ from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
 from vessel_gym.filter_models.build import Composition
 from vessel_gym.filter_models.exogenous import Forces, change_of, input_channels
-from vessel_gym.foreign import ours
 from vessel_gym.mission import Mission
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor, Sensors, columns
@@ -24,6 +23,7 @@ from vessel_gym.sharing import shared
 from vessel_gym.start import Draws
 from vessel_gym.state import EnvState
 from vessel_gym.system import System
+from vessel_gym.verified import is_verified
 from vessel_gym.world import World
 
 OBSERVE = ("mean", "mean+std", "mean+alarms", "mean+std+alarms", "measurement")
@@ -40,7 +40,7 @@ def _world(
     vehicle = checked_vehicle(system.vehicle)
     task = checked_task(system.task, vehicle)
     given, forces = system.sensors_of(sensors, faults), Forces(system.vehicle, chosen_disturbance(system, disturbance))
-    users = not (ours(system.vehicle) and ours(forces.disturbance) and given.ours and ours(system.task))
+    users = not (forces.verified and given.verified and is_verified(system.task))
     return World(vehicle, forces, checked_disturbance(forces.disturbance), given, task, users)
 
 
@@ -158,7 +158,7 @@ class Configuration:
         self.action_size = len(vehicle.action_names) + (options.termination == "agent")
         self.perfect = float(task.perfect), float(task.perfect == task.horizon)
         self.based = tuple(vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0]))
-        users = not (ours(task) and ours(self.composition.forces.disturbance))
+        users = not (is_verified(task) and is_verified(self.composition.forces.disturbance))
         guided = bool(options.guidance) and options.observe == "mean"
         self.mission = (Mission if users else _mission)(
             world.task, self.composition, str(options.termination), self.based, guided, raw, users

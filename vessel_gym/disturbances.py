@@ -17,10 +17,11 @@ from estimators.checks import number, whole
 from estimators.engine import sincos
 from vessel_gym.checks import check_names, check_numbers, instance
 from vessel_gym.processes import Process, interpolated, linear
+from vessel_gym.verified import Verified
 from vessel_gym.waves import GRAVITY, WaveField
 
 
-class Disturbance:
+class Disturbance(Verified, verified=True):
     """Disturbance of a vehicle over a step, which no sensor reads as such.
 
     Its state moves as ``z+ = transition z + root n``; over a step it gives the vehicle ``effect(z, state)`` and,
@@ -72,7 +73,7 @@ class Disturbance:
 
 
 @dataclass(frozen=True)
-class Sea(Disturbance):
+class Sea(Disturbance, verified=True):
     """Disturbance of a ship's heading and track: wave and gust yaw rate, and a current.
 
     The wave yaw rate follows the second-order linear wave model ``s / (s^2 + 2 lambda w0 s + w0^2)``
@@ -115,7 +116,7 @@ class Sea(Disturbance):
 
 
 @dataclass(frozen=True)
-class Water(Disturbance):
+class Water(Disturbance, verified=True):
     """Disturbance of a submerged vehicle by water: turbulence, and a current that wanders.
 
     Over each step turbulence adds an increment to every velocity of the vehicle through the water; the current is a
@@ -180,7 +181,7 @@ class Beside(Disturbance):
 
 
 @dataclass(frozen=True)
-class SurfaceWater(Beside):
+class SurfaceWater(Beside, verified=True):
     """Water near the surface: beside what else it does, waves carry a submerged vehicle to and fro.
 
     The horizontal orbital velocity of a `WaveField` that runs to the north, which dies away with the depth as
@@ -252,7 +253,7 @@ class SurfaceWater(Beside):
 
 
 @dataclass(frozen=True)
-class Air(Disturbance):
+class Air(Disturbance, verified=True):
     """Disturbance of an aircraft by air: a wind that wanders, Dryden gusts on top of it, and turbulence that shakes it.
 
     Low-altitude Dryden spectra (MIL-F-8785C) as met at a constant airspeed: the vertical gust has the second-order
@@ -310,7 +311,7 @@ class Air(Disturbance):
 
 
 @dataclass(frozen=True)
-class Fault(Beside):
+class Fault(Beside, verified=True):
     """A fault of an actuator beside whatever else acts: the actuator is not where it is measured to be.
 
     Over a step it is off by ``bias - loss * angle + amplitude sin(2 pi t / period + phase)`` and by a random walk: the

@@ -20,6 +20,7 @@ from estimators.engine.creation import traced_creation
 from estimators.engine.dependencies import Dependencies
 from estimators.engine.foreign import Inspection, inspect, keep, known
 from estimators.engine.tracer import NotTraceable
+from vessel_gym.verified import is_verified
 
 _log = logging.getLogger(__name__)
 _MOST = 10
@@ -72,7 +73,7 @@ class CheckedMethods:
     """
 
     commanding = None
-    """A task's columns of a reference, which say what is commanded only of ours: a user's method is asked."""
+    """A verified task's columns of a reference that say what is commanded; of any other its method is asked."""
 
     def __init__(self, own: Any, **columns: int) -> None:
         self._own, self.title, self.columns = own, type(own).__name__, columns
@@ -302,16 +303,9 @@ def rows_of(
     return np.array(array, order="C")
 
 
-def ours(part: Any) -> bool:
-    """Is a function, or the class of an object, part of this package, and all that it stands beside?"""
-    part = part.func if isinstance(part, partial) else part
-    beside = getattr(part, "beside", None)
-    return str(getattr(part, "__module__", "")).startswith("vessel_gym.") and (beside is None or ours(beside))
-
-
 def copying(function: Callable[..., Any], owner: Any = None) -> Callable[..., Any]:
-    """The function itself if it, or its owner, is `ours`, and otherwise on copies."""
-    return function if ours(function if owner is None else owner) else Copying(function)
+    """The function itself if it, or its owner, is verified, and otherwise on copies."""
+    return function if is_verified(function if owner is None else owner) else Copying(function)
 
 
 def copied(value: Any) -> Any:

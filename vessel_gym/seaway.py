@@ -20,7 +20,7 @@ _LEAST = 1e-3  # rad, least yaw increment that filters assume: half a compass' n
 
 
 @dataclass(frozen=True, eq=False)
-class Seaway(Disturbance):
+class Seaway(Disturbance, verified=True):
     """Disturbance of a ship that turns in a sea: first-order motion in waves, and slow loads.
 
     The waves are a `WaveField`, which the ship sees from where she is: the frequency of encounter

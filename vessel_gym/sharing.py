@@ -12,14 +12,15 @@ import numpy as np
 
 _Builder = TypeVar("_Builder", bound=Callable[..., Any])
 _KEPT = 32  # objects of a builder
-_OURS = "vessel_gym", "estimators", "numpy", "builtins", "functools", "copyreg", "collections"
+_IMMUTABLE, _HEAP = 1 << 8, 1 << 9
+"""Flags of classes, ``Py_TPFLAGS_IMMUTABLETYPE`` and ``Py_TPFLAGS_HEAPTYPE``."""
 
 
 def shared(build: _Builder) -> _Builder:
-    """Return the same object whenever a function is called with the same immutable values of this package.
+    """Return the same object whenever a function is called with the same constants.
 
-    Whatever somebody else has written, or an array that can be written to, may change: with such arguments the function
-    is called anew.
+    Functions and parts that are not verified, and arrays that can be written to, may change: with such arguments the
+    function is called anew.
     """
 
     @lru_cache(maxsize=_KEPT)
@@ -50,14 +51,26 @@ class _Arguments:
 
 
 class _Values(pickle.Pickler):
-    """The values of immutable objects of this package; others are refused."""
+    """The values of constants; others are refused."""
 
     def reducer_override(self, value: Any) -> Any:
-        """Parts of one value: a record's fields, without what it has cached."""
-        if isinstance(value, type | FunctionType) and value.__module__.partition(".")[0] not in _OURS:
-            raise pickle.PicklingError("what somebody else has written may change")
-        if isinstance(value, np.ndarray) and value.flags.writeable:
-            raise pickle.PicklingError("an array may change")
+        """Parts of one value: a record's fields, without what it has cached; of classes and functions the identity."""
+        if not getattr(value, "verified", _constant(value)):
+            raise pickle.PicklingError("it may change")
         if is_dataclass(value) and not isinstance(value, type):
             return type(value), tuple(getattr(value, each.name) for each in fields(value))
+        if isinstance(value, FunctionType) or (isinstance(value, type) and not _built_in(value)):
+            return int, (id(value),)  # the arguments keep it
         return NotImplemented
+
+
+def _constant(value: Any) -> bool:
+    """Is a value that does not say whether it is verified a constant, as far as it is more than its parts?"""
+    if isinstance(value, type):
+        return _built_in(value) or getattr(vars(value).get("__dataclass_params__"), "frozen", False)
+    return not (isinstance(value, FunctionType) or (isinstance(value, np.ndarray) and value.flags.writeable))
+
+
+def _built_in(kind: type) -> bool:
+    """Is a class one that Python code cannot change?"""
+    return not kind.__flags__ & _HEAP or bool(kind.__flags__ & _IMMUTABLE)

@@ -15,6 +15,7 @@ from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES, Sensor, Sensors
 from vessel_gym.tasks.task import Estimate, Task
 from vessel_gym.vehicles.vehicle import Trims, Vehicle
+from vessel_gym.verified import is_verified
 
 __all__ = ["Estimate", "System", "Task", "Trims", "Vehicle"]
 
@@ -107,6 +108,11 @@ class System:
             raise TypeError(
                 f"tuning of a system must be a function of (name, composition), got {short_repr(self.tuning)}"
             )
+
+    @property
+    def verified(self) -> bool:
+        """Are vehicle, task and tuning?"""
+        return is_verified(self.vehicle) and is_verified(self.task) and is_verified(self.tuning)
 
     def sensors_of(self, choice: "str | Sequence[Sensor]", faults: Sequence[SensorFault] = ()) -> Sensors:
         """Its sensors in the quality of a suite by name, or somebody's own, with their faults.

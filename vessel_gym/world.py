@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 
 from estimators.engine import compiled
 from vessel_gym.filter_models.exogenous import Forces
-from vessel_gym.foreign import Call, CheckedMethods, Step, ours
+from vessel_gym.foreign import Call, CheckedMethods, Step
 from vessel_gym.processes import advance, product
 from vessel_gym.sensors import Sensors
 
@@ -50,8 +50,7 @@ class World:
             self.carried = self.carried @ forces.linear[len(forces.vehicle.increments) : forces.outside]
         self.transition = block_diag(disturbance.process.transition, sensors.bias.transition)
         self.root = block_diag(disturbance.white, disturbance.process.root, sensors.bias.root)
-        ours_alone = ours(forces.vehicle) and ours(forces.disturbance)
-        for name, compilable in (("move", ours_alone), ("begin", not users), ("sense", sensors.ours)):
+        for name, compilable in (("move", forces.verified), ("begin", not users), ("sense", sensors.verified)):
             if not compilable:
                 setattr(self, name, getattr(self, name).function)
 

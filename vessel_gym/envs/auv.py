@@ -15,6 +15,7 @@ from vessel_gym.vehicles.itsunusa import STATE as PLANE
 from vessel_gym.vehicles.itsunusa import Itsunusa, ItsunusaParameters
 from vessel_gym.vehicles.segorogeni import STATE as SPACE
 from vessel_gym.vehicles.segorogeni import Segorogeni
+from vessel_gym.verified import verified
 
 
 def _waters(spin: float, state: tuple[str, ...], **of_vehicle: Any) -> dict[str, Disturbance]:
@@ -32,6 +33,7 @@ WATERS = _waters(1.0, SPACE)
 PLANE_WATERS = _waters(0.5, PLANE, velocities=("u", "w"), rates=("q",), names=("current",))
 
 
+@verified
 def tuning(name: str, composition: Composition) -> dict[str, Any]:
     """Options of filters of a vehicle in space: an ensemble's, and the variance of the unknown input."""
     # An ensemble of 100 is a little too sure of itself; 1 + 1/N mends that (docs/dives.md). Without localisation that

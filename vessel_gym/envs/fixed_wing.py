@@ -12,6 +12,7 @@ from vessel_gym.system import System
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.puna import Puna, PunaParameters
+from vessel_gym.verified import verified
 
 
 def airs(dt: float, airspeed: float) -> dict[str, Air]:
@@ -23,6 +24,7 @@ def airs(dt: float, airspeed: float) -> dict[str, Air]:
     }
 
 
+@verified
 def _tuning(name: str, composition: Composition) -> dict[str, Any]:
     # No measurement shows the GNSS's bias in plan: a filter that doubts its model at every step doubts it ever more.
     if name == "robust-kf":

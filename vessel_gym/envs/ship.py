@@ -13,6 +13,7 @@ from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.ship import Ship
+from vessel_gym.verified import verified
 
 _KNOT = 1852.0 / 3600.0
 _LINEAR = ("kf", "kf-umv-ui-wdf", "ulise", "huber-kf", "robust-kf")
@@ -27,6 +28,7 @@ def seas(ship: CorvetteParameters, dt: float) -> dict[str, Seaway]:
     }
 
 
+@verified
 def input_tuning(name: str, composition: Composition) -> dict[str, Any]:
     """The variance of the yaw increment, for filters that estimate it."""
     if name in ("kf-umv-ui", "ulise"):

@@ -13,9 +13,10 @@ from vessel_gym.processes import linear
 from vessel_gym.system import System
 from vessel_gym.tasks.turning_trial import TurningTrial
 from vessel_gym.vehicles.corvette_thesis import ThesisCorvette
+from vessel_gym.verified import verified
 
 
-class UnknownStep(Disturbance):
+class UnknownStep(Disturbance, verified=True):
     """A yaw increment d that filters have for an unknown input of unknown size: the task says when it steps."""
 
     forces = ("yaw increment",)
@@ -28,6 +29,7 @@ class UnknownStep(Disturbance):
         return np.zeros((*state.shape[:-1], 1))
 
 
+@verified
 def _tuning(name: str, composition: Composition) -> dict[str, Any]:
     return {}
 

@@ -10,9 +10,10 @@ from scipy.linalg import block_diag
 from estimators.checks import numbers, short_repr
 from estimators.engine.arrays import TracedArray
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.foreign import Call, Copying, copying, ours
+from vessel_gym.foreign import Call, copying
 from vessel_gym.sensors import check_values
 from vessel_gym.vehicles.vehicle import Vehicle
+from vessel_gym.verified import is_verified
 
 
 def input_channels(vehicle: Vehicle) -> tuple[str, ...]:
@@ -62,9 +63,8 @@ class Forces:
             raise ValueError(mistake)
         self.vehicle, self.disturbance = vehicle, disturbance
         self._effect = copying(disturbance.effect, disturbance)
-        self._drift: Callable[..., Any] = copying(vehicle.drift, getattr(vehicle.drift, "__self__", None))
-        self.compilable = not isinstance(self._drift, Copying) and ours(disturbance)
-        """Are the vehicle's model and the effect part of this package?"""
+        self._drift: Callable[..., Any] = copying(vehicle.drift, vehicle)
+        self.verified = is_verified(vehicle) and is_verified(disturbance)
         known, increments = input_channels(vehicle), len(vehicle.increments)
         self.to = [known.index(name) for name in disturbance.forces]
         self.outside = increments + len(vehicle.ambient_flows)
@@ -110,7 +110,7 @@ class Forces:
 
     def users(self, state: np.ndarray) -> list[Call]:
         """The effect if it is a user's, to be called in states ``(B, n)``."""
-        if ours(self.disturbance):
+        if is_verified(self.disturbance):
             return []
         z = np.zeros((len(state), self.disturbance.process.size))
         return [(self.disturbance.effect, (z, state), [(len(self.to),)])]

@@ -10,9 +10,9 @@ from estimators.engine import compiled
 from estimators.varying import Schedule
 from vessel_gym.filter_models.exogenous import change_of
 from vessel_gym.filter_models.parts import Parts, seen_alike
-from vessel_gym.foreign import ours
 from vessel_gym.vehicles.integration import incremented as with_increments
 from vessel_gym.vehicles.vehicle import Trims
+from vessel_gym.verified import is_verified
 
 
 def nonlinear_model(parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[str, Any]) -> NonlinearModel:
@@ -68,9 +68,9 @@ def nonlinear_model(parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[st
         return pushes
 
     measurement, push = parts.expected, G if not flowing else pushed
-    if forces.compilable:
+    if forces.verified:
         transition = compiled(transition)
-    if ours(forces.disturbance) and all(ours(sensor.reads) for sensor in parts.sensors.each):
+    if is_verified(forces.disturbance) and all(is_verified(sensor.reads) for sensor in parts.sensors.each):
         measurement = compiled(measurement)
     if H.size:
         options |= {"G": push, "H": H}

@@ -8,16 +8,17 @@ from typing import Any
 import numpy as np
 
 from estimators.checks import short_repr
-from estimators.engine import as_word, compiled
+from estimators.engine import Compiled, as_word, compiled
 from estimators.engine.arrays import TracedArray
 from estimators.factory import unknown
 from estimators.threefry import normals, threefry, uniform
 from estimators.varying import StateNoise
 from vessel_gym.checks import check_names, check_numbers
-from vessel_gym.foreign import Call, copying, ours, refuse_not_finite
+from vessel_gym.foreign import Call, copying, refuse_not_finite
 from vessel_gym.processes import Process, product
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors.sensor import Sensor, check_values
+from vessel_gym.verified import is_verified
 
 
 class Sensors:
@@ -105,7 +106,7 @@ class Sensors:
             if getattr(sensor.reads, "linear", False) and not callable(sensor.sd):
                 self._gains[own, : len(units)] = reads(units[:, :n], units[:, n:]).T
             else:
-                self.called.append((own, compiled(reads) if ours(sensor.reads) else reads))
+                self.called.append((own, compiled(reads) if is_verified(sensor.reads) else reads))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Sensors, (self.each, self.state_names, self.exogenous_names, self.dt, self.faults)
@@ -116,9 +117,9 @@ class Sensors:
         return [copying(sensor.reads) for sensor in self.each]
 
     @property
-    def ours(self) -> bool:
-        """Are all functions of them part of this package?"""
-        return not self._varying and all(ours(sensor.reads) for sensor in self.each)
+    def verified(self) -> bool:
+        """Are all functions verified that are called at every step?"""
+        return not self._varying and all(isinstance(reads, Compiled) for _, reads in self.called)
 
     @cached_property
     def _varying(self) -> list[tuple[str, slice, Callable[[np.ndarray], np.ndarray]]]:
@@ -202,7 +203,7 @@ class Sensors:
         """Users' functions that `read` calls."""
         for own, _ in self.called:
             reads = self.each[self.owner[own.start]].reads
-            if not ours(reads):
+            if not is_verified(reads):
                 yield reads, (state, exogenous), [(own.stop - own.start,)]
         for _, own, spread in self._varying:
             yield spread, (self.measured(state, exogenous, bias)[..., own],), [(own.stop - own.start,)]

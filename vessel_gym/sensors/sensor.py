@@ -11,6 +11,7 @@ from estimators.checks import short_repr
 from vessel_gym.checks import check_names, check_numbers, function, instance, numbers
 from vessel_gym.foreign import copying, repeated
 from vessel_gym.processes import Process, linear
+from vessel_gym.verified import verified
 
 Known = Mapping[str, np.ndarray]
 """States by name, ``(...)`` each, that sensors before have given; what else they found may be there, too."""
@@ -290,5 +291,6 @@ def plain(components: Sequence[int]) -> Callable[[np.ndarray, np.ndarray], np.nd
     return linear(partial(_columns, columns(components)))
 
 
+@verified
 def _columns(chosen: Any, state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     return state[..., chosen]

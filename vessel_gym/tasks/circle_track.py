@@ -40,7 +40,7 @@ def _in_frame(scenario: np.ndarray, place: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class CircleTrack(TurningCircle):
+class CircleTrack(TurningCircle, verified=True):
     """The commanded track leads into a circle: a straight, a clothoid, rounds; a current does not shift it.
 
     It begins where the ship is put. A scenario (the episode's parameters, drawn at reset) is ``(initial heading [rad],

@@ -34,7 +34,7 @@ def to_body_axes(vector: Vector, roll: np.ndarray, pitch: np.ndarray, yaw: np.nd
 
 
 @dataclass(frozen=True)
-class Dive(Task):
+class Dive(Task, verified=True):
     """Common part of all dives: the path, how it is drawn, and how a dive is scored.
 
     The path is `vessel_gym.guidance.dive_path`'s. A scenario (the episode's parameters, drawn at reset) is ``(angle,
@@ -257,7 +257,7 @@ class Dive(Task):
 
 
 @dataclass(frozen=True)
-class SpatialDive(Dive):
+class SpatialDive(Dive, verified=True):
     """A dive of a vehicle with six degrees of freedom, whose state is `vessel_gym.vehicles.segorogeni.STATE`."""
 
     where = np.array([6, 7, 8, 10])
@@ -296,7 +296,7 @@ class SpatialDive(Dive):
 
 
 @dataclass(frozen=True)
-class VerticalDive(Dive):
+class VerticalDive(Dive, verified=True):
     """A dive in the vertical plane, of a vehicle whose state is `vessel_gym.vehicles.itsunusa.STATE`."""
 
     where = np.array([3, -1, 4, 5])

@@ -35,7 +35,7 @@ _OPTIONS = ("start", "goal", "obstacles", "altitude")
 
 
 @dataclass(frozen=True)
-class Flight(Task):
+class Flight(Task, verified=True):
     """A flight along a Dubins path round circular obstacles, of an aircraft whose state is `vehicles.puna.STATE`.
 
     A scenario (the episode's parameters, drawn at reset) is ``(97,)``: 16 segments of the path (x, y, heading,

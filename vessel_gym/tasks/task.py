@@ -12,6 +12,7 @@ from estimators.factory import unknown
 from vessel_gym.checks import numbers
 from vessel_gym.sensors import Sensors
 from vessel_gym.vehicles.vehicle import Vehicle
+from vessel_gym.verified import Verified
 
 FARTHEST = 1e5
 """m: a place beyond is a slip, in the unit or the origin."""
@@ -39,7 +40,7 @@ class Estimate:
     scale: np.ndarray | None = None
 
 
-class Task:
+class Task(Verified):
     """A mission. This one draws nothing, guides nobody and goes on until time is up.
 
     `score` is yours, and so is the rest. Where no others are given, observations are the estimate or the measurements,
@@ -60,7 +61,7 @@ class Task:
     success: str = ""
     """The one of ``end_reasons`` that means success; empty where success is to go on to the time limit."""
     commanding: ClassVar[slice | list[int] | None] = None
-    """Columns of a reference that hold what is `commanded`, for tasks of this package; None: none do."""
+    """Columns of a reference that hold what is `commanded`, for verified tasks; None: none do."""
     BOUND = 10.0
     """Observations are scaled to be of order 1 and clipped to +-10."""
     prior_sd: ClassVar[tuple[float, ...]]

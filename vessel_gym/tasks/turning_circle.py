@@ -37,7 +37,7 @@ def dead_reckoned(heading: np.ndarray, surge: np.ndarray, sway: np.ndarray, dt: 
 
 
 @dataclass(frozen=True)
-class TurningCircle(Task):
+class TurningCircle(Task, verified=True):
     """The commanded heading leads into a steady turn: straight, a ramp of the yaw rate, a circle.
 
     A scenario (the episode's parameters, drawn at reset) is ``(initial heading [rad], commanded yaw rate [rad/s])``; a

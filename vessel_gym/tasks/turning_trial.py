@@ -19,7 +19,7 @@ SWITCH = 98
 
 
 @dataclass(frozen=True)
-class TurningTrial(TurningCircle):
+class TurningTrial(TurningCircle, verified=True):
     """Follow the heading of a trial in which the rudder was put over to ``helm`` from a straight course.
 
     A scenario is ``(initial heading [rad], final yaw rate [rad/s], simulation)``; a reference is that of

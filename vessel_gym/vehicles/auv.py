@@ -252,7 +252,7 @@ def in_its_plane(sensor: Sensor) -> Sensor:
 
 
 @dataclass(frozen=True)
-class AUV(WholeState):
+class AUV(WholeState, verified=True):
     """A torpedo-shaped vehicle in batches: actuators, state, sensors, and what filters know.
 
     State: velocities through the water, then position and Euler angles. Increments [m/s, rad/s] change the velocities

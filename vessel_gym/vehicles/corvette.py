@@ -16,6 +16,7 @@ from vessel_gym.checks import check_numbers, instance
 from vessel_gym.processes import interpolated, linear
 from vessel_gym.sensors import Sensor
 from vessel_gym.vehicles.corvette_equations import AROUND, STATE, CorvetteParameters, corvette_rates
+from vessel_gym.verified import verified
 
 _CALM = np.zeros(len(AROUND))  # no current, no forces
 
@@ -162,12 +163,14 @@ def linear_matrices(ship: CorvetteParameters, dt: float, inputs: int = 2) -> tup
 # --- sensors of its heading -------------------------------------------------------------------------
 
 
+@verified
 @linear
 def _compass(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """The heading with what waves and gusts do to it over the step ``(..., 1)`` (eq. 4.5)."""
     return state[..., 2:3] + exogenous[..., :1]
 
 
+@verified
 @linear
 def _motion(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """Change of the heading by waves and gusts over the step ``(..., 1)``."""

@@ -50,7 +50,7 @@ B = np.array([[-2.6189e-7], [2.4075e-7], [0.0]])
 
 
 @dataclass(frozen=True)
-class ThesisCorvette(Ship):
+class ThesisCorvette(Ship, verified=True):
     """The ship in her turning circle trial, and the thesis' filter.
 
     The truth is this package's nonlinear ship: the recorded trial is not public. The action is the rudder angle.

@@ -22,6 +22,7 @@ from vessel_gym.sensors import Sensor, plain
 from vessel_gym.system import Trims
 from vessel_gym.vehicles.auv import AUV, VERTICAL, AUVParameters, in_its_plane
 from vessel_gym.vehicles.files import load
+from vessel_gym.verified import verified
 
 STATE = ("u", "w", "q", "x", "z", "theta")
 """State: velocity through the water [m/s], pitch rate [rad/s], position [m] and pitch [rad]."""
@@ -85,6 +86,7 @@ def itsunusa_rates(state: np.ndarray, control: np.ndarray, current: np.ndarray, 
     ], -1)  # fmt: skip
 
 
+@verified
 def _over_ground(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """Velocity over ground in body axes ``(..., 2)``."""
     current, (sin_theta, cos_theta) = exogenous[..., 3], sincos(state[..., 5])
@@ -96,7 +98,7 @@ _STEEPEST, _TRIMS = np.deg2rad(45.0), 91
 
 
 @dataclass(frozen=True)
-class Itsunusa(AUV):
+class Itsunusa(AUV, verified=True):
     """ITSUNUSA, in the vertical plane.
 
     The known input of its filters is ``u = (actuators before, actuators after, path angle commanded, 1)``. Linear

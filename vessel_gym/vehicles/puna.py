@@ -27,6 +27,7 @@ from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
 from vessel_gym.vehicles.files import check_parameters, check_vehicle, load
 from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN, I, PointMass, forces
 from vessel_gym.vehicles.whole_state import WholeState
+from vessel_gym.verified import verified
 
 STATE = ("x", "y", "h", "north", "east", "climb", "phi")
 """State: position and altitude [m], velocity over ground [m/s] and bank [rad]."""
@@ -188,6 +189,7 @@ _DOWN = (*_VERTICAL, "gust down 1", "gust down 2")
 _WIND = ("north", "east", "mean wind north", "mean wind east", "gust north", "gust east")
 
 
+@verified
 def _fix(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """Position, altitude, ground speed, course over ground and climb ``(..., 6)``."""
     _, _, _, north, east, climb, _ = np.moveaxis(state, -1, 0)
@@ -195,17 +197,20 @@ def _fix(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     return np.concatenate([state[..., :3], course], -1)
 
 
+@verified
 def _through_the_air(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """Measurement of the pitot tube ``(..., 1)``."""
     return airspeed(state, exogenous[..., 4:])[..., None]
 
 
+@verified
 def _velocity(measurements: np.ndarray, known: Known) -> Known:
     """Velocity over ground from speed and course of a GNSS."""
     speed, course = measurements[..., 3], measurements[..., 4]
     return {"ground speed": speed, "course": course, "north": speed * np.cos(course), "east": speed * np.sin(course)}
 
 
+@verified
 def _along(measurements: np.ndarray, known: Known) -> Known:
     """Difference of airspeed and ground speed, taken for a wind along the course."""
     if "ground speed" not in known:
@@ -217,7 +222,7 @@ def _along(measurements: np.ndarray, known: Known) -> Known:
 
 
 @dataclass(frozen=True)
-class Puna(WholeState):
+class Puna(WholeState, verified=True):
     """The aircraft in batches, as an environment uses it.
 
     Over a step the wind is constant; increments change velocities and bank at its end. Figures of the sensors are from

@@ -18,6 +18,7 @@ from estimators.engine import compiled, sincos
 from vessel_gym.sensors import Sensor, plain
 from vessel_gym.vehicles.auv import AUV, UNCERTAIN, AUVParameters, in_its_plane
 from vessel_gym.vehicles.files import load
+from vessel_gym.verified import verified
 
 STATE = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
 """State: velocity through the water [m/s], angular velocity [rad/s], position [m] and Euler angles [rad]."""
@@ -147,6 +148,7 @@ def segorogeni_rates(state: np.ndarray, control: np.ndarray, current: np.ndarray
     return np.stack([*accelerations, *kinematics], -1)
 
 
+@verified
 def _over_ground(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """Velocity over ground in body axes ``(..., 3)``."""
     u, v, w = np.moveaxis(state[..., :3], -1, 0)
@@ -162,7 +164,7 @@ def _over_ground(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Segorogeni(AUV):
+class Segorogeni(AUV, verified=True):
     """Segorogeni, in space."""
 
     body: SegorogeniParameters = field(default_factory=lambda: load("segorogeni", SegorogeniParameters))

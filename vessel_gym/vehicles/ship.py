@@ -22,12 +22,13 @@ from vessel_gym.vehicles.corvette_equations import (
 from vessel_gym.vehicles.files import check_vehicle, load
 from vessel_gym.vehicles.integration import runge_kutta
 from vessel_gym.vehicles.whole_state import Simulated
+from vessel_gym.verified import verified
 
 _ESTIMATED = STATE[:6]  # all but roll
 
 
 @dataclass(frozen=True)
-class Ship(Simulated):
+class Ship(Simulated, verified=True):
     """A ship whose position is measured and estimated, too, in batches.
 
     The action is the rudder *rate*: with an angle as action, the estimate's noise would saturate the steering gear.
@@ -169,6 +170,7 @@ class Ship(Simulated):
         return moving, known, carried
 
 
+@verified
 def _yaw_rate(dt: float, state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """The yaw rate with what waves do to it over the step ``(..., 1)``."""
     return state[..., 5:6] + exogenous[..., :1] / dt

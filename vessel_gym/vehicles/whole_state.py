@@ -7,9 +7,10 @@ import numpy as np
 
 from vessel_gym.vehicles.actuators import actuated
 from vessel_gym.vehicles.integration import incremented, runge_kutta
+from vessel_gym.verified import Verified
 
 
-class Simulated:
+class Simulated(Verified, verified=True):
     """Equations of motion, integrated by Runge and Kutta, with increments at the end of a step."""
 
     dt: float
@@ -43,7 +44,7 @@ class Simulated:
         )
 
 
-class WholeState(Simulated):
+class WholeState(Simulated, verified=True):
     """A vehicle of which filters have one model, the nonlinear one, that leaves out nothing.
 
     It begins with its actuators as they are while it cruises. Increments change some of its state at the end of a step,

@@ -1,0 +1,175 @@
+"""A vehicle, task, disturbance, sensor or filter of ours does the same in a user's file: no module's name decides."""
+
+import functools
+import inspect
+import linecache
+import re
+import sys
+import types
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from estimators import factory
+from estimators.engine import Compiled
+from vessel_gym.core import Core
+from vessel_gym.disturbances import Fault
+from vessel_gym.envs import ItsunusaAUVEnv, PunaUAVEnv, SegorogeniAUVEnv, SigmaCorvetteEnv, ThesisCorvetteEnv
+from vessel_gym.sensors import Sensor
+from vessel_gym.system import System
+from vessel_gym.tasks import circle_track, turning_circle
+from vessel_gym.vehicles import corvette, ship
+
+ENVS = SigmaCorvetteEnv, ThesisCorvetteEnv, SegorogeniAUVEnv, ItsunusaAUVEnv, PunaUAVEnv
+ITSUNUSA = ItsunusaAUVEnv.system
+FAULT = Fault("stern plane", bias=0.1, loss=0.2, amplitude=0.1, beside=ITSUNUSA.disturbances["rough"])
+SYSTEMS: dict[str, System] = {env.system.name: env.system for env in ENVS} | {
+    "a fault": replace(ITSUNUSA, disturbances={"moderate": FAULT}, estimator="ekf-ui-wdf")
+}
+
+
+def copied(made: Any) -> Any:
+    """A class or function with the text of one of ours, in a user's file that imports the rest."""
+    if isinstance(made, functools.partial):
+        other = functools.partial(copied(made.func), *made.args, **made.keywords)
+        vars(other).update(vars(made))
+        return other
+    own = dict(vars(sys.modules[made.__module__])) | {"__name__": "a_file_of_ones_own"}
+    exec(compile(inspect.getsource(made), "a_file_of_ones_own", "exec"), own)
+    return own[made.__name__]
+
+
+def copied_part(part: Any) -> Any:
+    """A frozen part of ours, of a class that is copied."""
+    other = object.__new__(copied(type(part)))
+    for each in fields(part) if hasattr(part, "__dataclass_fields__") else ():
+        object.__setattr__(other, each.name, getattr(part, each.name))
+    return other
+
+
+def copied_sensor(sensor: Sensor) -> Sensor:
+    return replace(sensor, reads=copied(sensor.reads), inverse=sensor.inverse and copied(sensor.inverse))
+
+
+def flights(
+    system: System, rows: int = 3, estimator: Any = None, steps: int = 12, seed: int = 3, **options: Any
+) -> Any:
+    """A core after some steps, and all that it gave."""
+    core = Core(system, rows, estimator, options)
+    core.start(seed)
+    seen, actions = [core.observe()], np.random.default_rng(0).uniform(-1.0, 1.0, (steps, core.action_shape[1]))
+    for action in actions:
+        reward, _ = core.step(np.tile(action, (rows, 1)))
+        seen.append(core.observe())
+    return core, core.info() | {"reward": reward, "seen": np.stack(seen, 1)}
+
+
+COPIES: dict[str, Any] = {
+    "vehicle": lambda system: {"vehicle": copied_part(system.vehicle)},
+    "task": lambda system: {"task": copied_part(system.task)},
+    "sensors": lambda system: {"sensors": tuple(map(copied_sensor, system.vehicle.sensors))},
+    "disturbance": lambda system: {"disturbances": {"moderate": copied_part(system.disturbances["moderate"])}},
+    "tuning": lambda system: {"tuning": copied(system.tuning)},
+}
+
+
+@pytest.mark.parametrize("part", COPIES)
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_a_verified_copy_takes_the_road_of_ours_to_the_bit(name: str, part: str) -> None:
+    """One program a step without inspection, a filter's model compiled, and all of it shared by environments."""
+    system = SYSTEMS[name]
+    own = replace(system, **COPIES[part](system))
+    (_, ours), (core, theirs) = flights(system), flights(own)
+    for key, values in ours.items():
+        np.testing.assert_array_equal(theirs[key], values, key)
+    assert not core.config.world.users
+    assert not core.config.mission.users
+    assert isinstance(core.config.world.move, Compiled)
+    for function in ("transition", "measurement"):
+        assert isinstance(getattr(core.composition.model, function, None), Compiled | types.MethodType)
+    again = Core(own, 1)
+    assert again.config.world is core.config.world
+    assert again.config.estimation is core.config.estimation
+
+
+def test_the_class_alone_says_whether_it_is_verified() -> None:
+    """A subclass is not, and with it nothing that stands beside it."""
+
+    class Rougher(type(FAULT.beside)):  # type: ignore[misc]
+        pass
+
+    beside = copied_part(FAULT.beside)
+    worlds = [
+        Core(replace(ITSUNUSA, disturbances={"moderate": replace(FAULT, beside=each)}), estimator="truth").config.world
+        for each in (beside, Rougher(**{each.name: getattr(beside, each.name) for each in fields(beside)}))
+    ]
+    assert [world.users for world in worlds] == [False, True]
+
+
+def test_a_class_of_the_same_name_is_another_one() -> None:
+    """As in a notebook whose cell is executed again."""
+    one, two = (copied_part(SigmaCorvetteEnv.system.vehicle) for _ in range(2))
+    worlds = [Core(replace(SigmaCorvetteEnv.system, vehicle=each)).config.world for each in (one, two, one)]
+    assert worlds[0] is worlds[2]
+    assert worlds[0] is not worlds[1]
+
+
+FILTERED = dict.fromkeys(("kf", "kf-umv-ui", "ulise"), "ThesisCorvette-v0")
+
+
+@pytest.mark.parametrize("name", factory.names())
+def test_a_filter_runs_as_ours_in_a_file_of_ones_own(name: str) -> None:
+    """Of the classes that are handed over, neither of which is tuned for the environment."""
+    kind = factory._FILTERS[name]
+    linear = {"model": "steady dives"} if name == "kf-umv-ui-wdf" else {}
+    env = "a fault" if name.endswith(("wdf", "ukf-umv")) else FILTERED.get(name, "SigmaCorvette-v0")
+    (core, ours), (other, theirs) = (
+        flights(SYSTEMS[env], estimator=each, steps=4, **linear) for each in (kind, copied(kind))
+    )
+    for key, values in ours.items():
+        np.testing.assert_array_equal(theirs[key], values, key)
+    assert (core.filter._programs or {}).keys() == (other.filter._programs or {}).keys()
+    assert type(other.filter) is not type(core.filter)
+    assert other.filter.verified
+
+
+# --- copies that nobody has verified are inspected ----------------------------------------------------
+
+
+def copied_module(module: Any, *others: tuple[str, str]) -> Any:
+    """A user's module with the text of one of ours, which does not say that it is verified."""
+    text, made = inspect.getsource(module), types.ModuleType(f"own_{module.__name__.rpartition('.')[2]}")
+    for name, own in others:
+        text = text.replace(f"from {name} import", f"from {own} import")
+    text = re.sub(r", verified=True|@verified\n", "", text)
+    sys.modules[made.__name__] = made
+    linecache.cache[made.__name__] = len(text), None, text.splitlines(True), made.__name__
+    exec(compile(text, made.__name__, "exec"), vars(made))
+    return made
+
+
+@pytest.fixture(scope="module")
+def inspected() -> dict[str, System]:
+    """Systems of ours, of which vehicle or task are of classes with the same text in a user's file."""
+    copied_module(corvette)
+    ships = copied_module(ship, ("vessel_gym.vehicles.corvette", "own_corvette"))
+    copied_module(turning_circle)
+    tracks = copied_module(circle_track, ("vessel_gym.tasks.turning_circle", "own_turning_circle"))
+    system = SigmaCorvetteEnv.system
+    vehicle, task = ships.Ship(system.vehicle.ship), tracks.CircleTrack(system.vehicle.ship)
+    return {"ours": system, "vehicle": replace(system, vehicle=vehicle), "task": replace(system, task=task)}
+
+
+@pytest.mark.parametrize("part", ["vehicle", "task"])
+def test_an_inspected_copy_flies_as_ours_alone_and_in_batches(inspected: dict[str, System], part: str) -> None:
+    (_, ours), (core, many) = (flights(inspected[name], 9, "ekf", 40) for name in ("ours", part))
+    assert core.config.world.users
+    assert core.config.world.whole
+    assert core.config.mission.whole
+    for name in ("truth", "measurement", "estimate", "reference", "reward"):
+        np.testing.assert_allclose(many[name], ours[name], rtol=1e-12, atol=1e-12, err_msg=name)
+    for row in (0, 4, 8):
+        for name, values in flights(inspected[part], 1, "ekf", 40, 3 + row)[1].items():
+            np.testing.assert_array_equal(values[0], many[name][row], name)
