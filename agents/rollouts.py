@@ -13,7 +13,7 @@ from agents.agent import Agent, load_agent
 from agents.named import vector_class
 from estimators import nis
 from vessel_gym import checks
-from vessel_gym.checks import whole
+from vessel_gym.checks import is_integer
 from vessel_gym.envs.vector import VesselVectorEnv, rows_like
 
 
@@ -123,7 +123,7 @@ def _checked(seeds: Any, agent: Any) -> list[int]:
     if not seeds:
         raise ValueError("rollout needs at least one seed")
     for seed in seeds:
-        if not (whole(seed) and seed >= 0):
+        if not (is_integer(seed) and seed >= 0):
             raise ValueError(f"seeds must be whole numbers >= 0, got {seed!r}")
     acts = all(callable(getattr(agent, method, None)) for method in ("reset", "act"))
     if not isinstance(agent, str | Path) and not acts:

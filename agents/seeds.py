@@ -8,7 +8,7 @@ Row i of a batch seeded s has the seed s + i, so these ranges must not overlap:
 - training: from 1,002,000,000, 100,000 apart for each training seed
 """
 
-from vessel_gym.checks import whole
+from vessel_gym.checks import is_integer
 
 _EVALUATION = 1_000_000_000
 _TUNING = _EVALUATION + 1_000_000
@@ -23,8 +23,8 @@ def evaluation_seeds(count: int, first: int = 0) -> list[int]:
         ValueError: for what is not whole numbers, or if they would leave the evaluation range.
     """
     most = _TUNING - _EVALUATION
-    if not (whole(count) and whole(first) and count >= 1 and first >= 0 and first + count <= most):
-        few = ": ask for at least 1" if not (whole(count) and count >= 1) else ""
+    if not (is_integer(count) and is_integer(first) and count >= 1 and first >= 0 and first + count <= most):
+        few = ": ask for at least 1" if not (is_integer(count) and count >= 1) else ""
         raise ValueError(f"there are {most} evaluation seeds, numbered from 0, got {count!r} from {first!r}{few}")
     return list(range(_EVALUATION + first, _EVALUATION + first + count))
 
@@ -36,7 +36,7 @@ def tuning_seeds(count: int) -> list[int]:
         ValueError: for what is not a whole number, or if they would leave the tuning range.
     """
     most = _TRAINING - _TUNING
-    if not (whole(count) and 1 <= count <= most):
+    if not (is_integer(count) and 1 <= count <= most):
         raise ValueError(f"there are {most} tuning seeds, got {count!r} of them: ask for at least 1")
     return list(range(_TUNING, _TUNING + count))
 
@@ -47,7 +47,7 @@ def training_seed(seed: int) -> int:
     Raises:
         ValueError: for a seed that is not a whole number, negative, or too great for the libraries that learn.
     """
-    if not (whole(seed) and seed >= 0):
+    if not (is_integer(seed) and seed >= 0):
         raise ValueError(f"a training seed must be >= 0, got {seed!r}")
     if seed >= 2**32:
         raise ValueError(f"a training seed must be below 2^32, got {seed!r}")

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.checks import whole
+from estimators.checks import integer
 
 CONFIDENCE = 0.95
 
@@ -81,7 +81,7 @@ def crossed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | Non
     """
     from scipy.special import stdtrit
 
-    whole("comparisons", comparisons, 1)
+    integer("comparisons", comparisons, 1)
     values = _matrix(values)
     runs, seeds = values.shape
     if seeds < 2:

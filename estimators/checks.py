@@ -147,7 +147,7 @@ def as_number(value: object) -> float:
         return np.inf
 
 
-def whole(name: str, value: object, lowest: int) -> int:
+def integer(name: str, value: object, lowest: int) -> int:
     """``value`` as a whole number of at least ``lowest``.
 
     Raises:

@@ -14,7 +14,7 @@ from typing import Any, Generic, NamedTuple, cast
 import numpy as np
 
 from estimators.belief import Record
-from estimators.checks import as_array, as_mask, short_repr, whole
+from estimators.checks import as_array, as_mask, integer, short_repr
 from estimators.contract import Estimator, Rng
 from estimators.models import Gaussian
 from estimators.randomness import RandomKeys
@@ -109,7 +109,7 @@ class Delayed(Generic[Record]):
             hasattr(filter, name) for name in ("init", "predict", "update")
         ):
             raise TypeError(f"filter must be a filter, as estimators.make gives one, got {short_repr(filter)}")
-        self.filter, self.horizon = filter, whole("horizon", horizon, 0)
+        self.filter, self.horizon = filter, integer("horizon", horizon, 0)
         self._apart = getattr(filter, "_alike", True)  # rows can be repeated by themselves: they share one model
 
     def __getattr__(self, name: str) -> Any:

@@ -28,7 +28,7 @@ from estimators.analysis import (
 )
 from estimators.angles import difference
 from estimators.belief import Belief, EnsembleBelief, Record, members_last, prior_belief
-from estimators.checks import number, short_repr, whole
+from estimators.checks import integer, number, short_repr
 from estimators.engine.matrices import is_traced
 from estimators.filter import Filter, Model, Rng, in_rows, inlinable
 from estimators.linalg import masked, semidefinite_cholesky, shared_root
@@ -95,7 +95,7 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
         self, model: Model, members: int = 100, inflation: float = 1.0, localisation: np.ndarray | None = None
     ) -> None:
         super().__init__(model)
-        self.members = whole("members", members, 2)
+        self.members = integer("members", members, 2)
         self.inflation = number("inflation", inflation, 0.0, np.inf, "a positive number")
         self.localisation = None if localisation is None else check_taper(localisation, model.n, model.p)
         Q = model.Q

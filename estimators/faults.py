@@ -26,7 +26,7 @@ import numpy as np
 from scipy.special import gammainccinv, ndtr, ndtri
 
 from estimators.belief import Belief, Recovery
-from estimators.checks import number, short_repr, whole
+from estimators.checks import integer, number, short_repr
 from estimators.delayed import DelayedBelief
 from estimators.linalg import identity, masked, solve
 
@@ -110,7 +110,7 @@ class FaultMonitor(ABC):
         Raises:
             ValueError: if the batch is no whole number from 0, or several.
         """
-        batch = tuple(whole("batch", rows, 0) for rows in (batch if isinstance(batch, tuple) else (batch,)))
+        batch = tuple(integer("batch", rows, 0) for rows in (batch if isinstance(batch, tuple) else (batch,)))
         nothing = np.zeros(batch)
         suspicion, memory = (np.zeros(nothing.shape + own) for own in ((len(self.names),), self._remembered))
         return Watch(nothing > 0.0, np.full(batch, -1), nothing, suspicion, memory)
@@ -213,7 +213,7 @@ class ChiSquareMonitor(FaultMonitor):
 
     def __init__(self, sensors: Sensors, false_alarms: float = 1e-3, window: int = 10) -> None:
         super().__init__(sensors, false_alarms)
-        self.window = whole("window", window, 1)
+        self.window = integer("window", window, 1)
         degrees = np.arange(1, window * len(self._belongs) + 1)
         self._thresholds = np.append(np.inf, 2.0 * gammainccinv(0.5 * degrees, self.false_alarms))
         self._remembered = window, 2 * (len(self.names) + 1)
@@ -325,7 +325,7 @@ def _threshold(drift: float, run_length: float) -> float:
 def _grouped(sensors: Sensors) -> tuple[tuple[str, ...], list[list[int]]]:
     """Names of sensors, and the channels of each."""
     if not isinstance(sensors, Mapping):
-        p = whole("sensors", sensors, 1)
+        p = integer("sensors", sensors, 1)
         return tuple(str(j) for j in range(p)), [[j] for j in range(p)]
     groups = [np.atleast_1d(np.asarray(channels)).tolist() for channels in sensors.values()]
     channels = [j for group in groups for j in group]

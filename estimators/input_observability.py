@@ -65,8 +65,8 @@ def input_conditions(
         S = congruence(C, solve_discrete_are(A.T, C.T, Q, R)) + R
     except (np.linalg.LinAlgError, ValueError):  # which SciPy raises where QZ fails
         S = R
-    one_step, told = _one_step(driven_measurements(C, G), H, np.linalg.inv(S))
-    variances, size = (np.diagonal(congruence(root, share)) for share in (one_step, np.eye(model.q) - told))
+    one_step, observable = _one_step(driven_measurements(C, G), H, np.linalg.inv(S))
+    variances, size = (np.diagonal(congruence(root, share)) for share in (one_step, np.eye(model.q) - observable))
     sd = np.where(size > 1e-9 * np.diagonal(cov), np.inf, np.sqrt(variances / np.diagonal(cov)))
     return InputConditions(
         int(now + late), sd, _added_zeros(A, np.linalg.solve(noise, C), G, np.linalg.solve(noise, H))
@@ -93,8 +93,8 @@ def _one_step(CG: np.ndarray, H: np.ndarray, precision: np.ndarray) -> tuple[np.
     def best(F: np.ndarray, weight: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
         values, directions = np.linalg.eigh(congruence(F.T, weight))
         chosen = values > 1e-14 * size
-        told = directions[:, chosen]
-        return (told / values[chosen]) @ told.T, told @ told.T
+        observable = directions[:, chosen]
+        return (observable / values[chosen]) @ observable.T, observable @ observable.T
 
     sizes = [float(np.trace(congruence(F.T, precision))) for F in (H, CG)]
     now, seen = best(H, precision, sizes[0])

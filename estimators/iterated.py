@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimators.belief import Belief
-from estimators.checks import number, whole
+from estimators.checks import integer, number
 from estimators.filter import Model
 from estimators.kalman import GaussianFilter
 from estimators.linalg import solve
@@ -45,7 +45,7 @@ class IteratedExtendedKalmanFilter(GaussianFilter[Belief], verified=True):
 
     def __init__(self, model: Model, iterations: int = 20, tolerance: float = 1e-6) -> None:
         super().__init__(model)
-        self.iterations = whole("iterations", iterations, 1)
+        self.iterations = integer("iterations", iterations, 1)
         self.tolerance = number("tolerance", tolerance, 0.0, what="positive")
 
     def _measurement(

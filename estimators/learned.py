@@ -95,10 +95,10 @@ class GainNetwork:
         """The hidden state after a measurement ``(..., k)``, and the gain ``(..., n, p)``."""
         seen = np.concatenate([innovation / self.innovation_scale, correction / self.state_scale], -1)
         seen = np.clip(seen, -LARGEST, LARGEST)
-        told = np.split(np.matvec(self.input_weights, seen) + self.input_bias, 3, -1)
+        input_gates = np.split(np.matvec(self.input_weights, seen) + self.input_bias, 3, -1)
         kept = np.split(np.matvec(self.hidden_weights, hidden) + self.hidden_bias, 3, -1)
-        reset, update = (1.0 / (1.0 + np.exp(-(a + b))) for a, b in zip(told[:2], kept[:2], strict=True))
-        hidden = (1.0 - update) * np.tanh(told[2] + reset * kept[2]) + update * hidden
+        reset, update = (1.0 / (1.0 + np.exp(-(a + b))) for a, b in zip(input_gates[:2], kept[:2], strict=True))
+        hidden = (1.0 - update) * np.tanh(input_gates[2] + reset * kept[2]) + update * hidden
         gain = np.matvec(self.gain_weights, hidden) + self.gain_bias
         gain = gain.reshape(gain.shape[:-1] + (self.state_scale.size, self.innovation_scale.size))
         return hidden, self.state_scale[:, None] * gain / self.innovation_scale

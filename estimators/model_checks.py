@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.checks import as_array, frozen, short_repr, whole
+from estimators.checks import as_array, frozen, integer, short_repr
 from estimators.engine.matrices import is_traced
 from estimators.linalg import masked
 from estimators.varying import Schedule, StateNoise
@@ -121,7 +121,7 @@ def _size(model: Any, letter: str, shapes: dict[str, str], option: str = "", num
         number: What the user gives.
     """
     if number is not None:
-        return whole(option, number, 1)
+        return integer(option, number, 1)
     axes = {name: shape.rindex(letter) - 2 for name, shape in shapes.items() if letter in shape and name != "B"}
     for name, axis in axes.items():
         if isinstance(table := _table(getattr(model, name)), np.ndarray):

@@ -7,7 +7,7 @@ import numpy as np
 
 from estimators.angles import difference
 from estimators.belief import Belief, Recovery
-from estimators.checks import as_array, number, whole, with_points
+from estimators.checks import as_array, integer, number, with_points
 from estimators.filter import Filter, Model, Rng, check_channels
 from estimators.kalman import joseph_update
 from estimators.linalg import congruence, solve, symmetrise
@@ -105,8 +105,8 @@ class MovingHorizonEstimator(Filter[HorizonBelief], verified=True):
 
     def __init__(self, model: Model, horizon: int = 10, iterations: int = 5, tolerance: float = 1e-6) -> None:
         super().__init__(model)
-        self.horizon = whole("horizon", horizon, 1)
-        self.iterations = whole("iterations", iterations, 1)
+        self.horizon = integer("horizon", horizon, 1)
+        self.iterations = integer("iterations", iterations, 1)
         self.tolerance = number("tolerance", tolerance, 0.0, what="positive")
 
     def _init(self, belief: Belief, rng: Rng) -> HorizonBelief:
@@ -170,8 +170,8 @@ class MovingHorizonEstimator(Filter[HorizonBelief], verified=True):
         batch, p = belief.mean.shape[:-1], self.model.p
         inputs = belief.inputs
         if u is not None:
-            told = np.zeros(batch + (2 * self.horizon * u.shape[-1],)) if inputs is None else inputs
-            inputs = np.concatenate([told, u, u], -1)
+            known_inputs = np.zeros(batch + (2 * self.horizon * u.shape[-1],)) if inputs is None else inputs
+            inputs = np.concatenate([known_inputs, u, u], -1)
         elif inputs is not None:
             inputs = np.concatenate([inputs, np.zeros(batch + (inputs.shape[-1] // self.horizon,))], -1)
         added = {
@@ -208,8 +208,8 @@ class MovingHorizonEstimator(Filter[HorizonBelief], verified=True):
         inputs = belief.inputs
         if belief.u is not None:
             m = belief.u.shape[-1]
-            told = np.zeros(belief.mean.shape[:-1] + (2 * self.horizon * m,)) if inputs is None else inputs
-            inputs = np.concatenate([told[..., :-m], belief.u], -1)
+            known_inputs = np.zeros(belief.mean.shape[:-1] + (2 * self.horizon * m,)) if inputs is None else inputs
+            inputs = np.concatenate([known_inputs[..., :-m], belief.u], -1)
         return belief.replace(
             measurements=measurements, seen=seen, noises=noises, inputs=inputs, pending=np.zeros(again.shape, bool)
         )

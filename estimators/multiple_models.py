@@ -136,13 +136,13 @@ class InteractingMultipleModels(Filter[MixtureBelief], verified=True):
             compared = ~(lacks_rank(spreads) & fair).any(-1, keepdims=True)  # of fewer directions it is another density
             weights = np.where(fair, np.log(belief.probabilities) + density, -np.inf)
             top = weights.max(-1, keepdims=True)
-            told = np.isfinite(top) & compared
-            shares = np.exp(weights - np.where(told, top, 0.0))
+            comparable = np.isfinite(top) & compared
+            shares = np.exp(weights - np.where(comparable, top, 0.0))
             total = shares.sum(-1, keepdims=True)
-            probabilities = np.where(told, shares / total, belief.probabilities)
+            probabilities = np.where(comparable, shares / total, belief.probabilities)
             seen = np.asarray(used.any(-2))
-            likelihood = np.where(told[..., 0] & seen.any(-1), (top + np.log(total))[..., 0], 0.0)
-            before = np.where(told & ~fair, 0.0, belief.probabilities)
+            likelihood = np.where(comparable[..., 0] & seen.any(-1), (top + np.log(total))[..., 0], 0.0)
+            before = np.where(comparable & ~fair, 0.0, belief.probabilities)
             before = before / before.sum(-1, keepdims=True)
             innovation, S = matched(before, innovations, spreads, self.model.measurement_angles)
             return self._together(

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.angles import difference, short_way
 from estimators.belief import Belief
-from estimators.checks import as_number, short_repr, whole, with_points
+from estimators.checks import as_number, integer, short_repr, with_points
 from estimators.ensemble import DrawingFilter, draw, noise_root
 from estimators.filter import Model, Rng
 from estimators.linalg import cholesky, semidefinite_cholesky, shared_root, symmetrise
@@ -85,7 +85,7 @@ class ParticleFilter(DrawingFilter[ParticleBelief], verified=True):
 
     def __init__(self, model: Model, particles: int = 1000, threshold: float = 0.5, jitter: float = 0.0) -> None:
         super().__init__(model)
-        self.particles = whole("particles", particles, 2)
+        self.particles = integer("particles", particles, 2)
         self.threshold, self.jitter = as_number(threshold), as_number(jitter)
         if not 0.0 <= self.threshold <= 1.0:
             raise ValueError(f"threshold must be a share from 0 to 1, got {short_repr(threshold)}")
@@ -155,19 +155,18 @@ class ParticleFilter(DrawingFilter[ParticleBelief], verified=True):
             expected = belief.particles @ resolve(model.C, u).mT
         else:
             expected = at_points("measurement", model.measurement, belief.particles, u, model.p)
-        told = np.isfinite(expected)
-        shares = weights[..., None] * told
+        finite = np.isfinite(expected)
+        shares = weights[..., None] * finite
         mean, anomalies = _about(shares / shares.sum(-2, keepdims=True), expected, model.measurement_angles)
         R, mask = self._noise(y, available, R, u)
         innovation, variance = difference(y, mean, model.measurement_angles), np.diagonal(R, axis1=-2, axis2=-1)
         off = np.square(difference(innovation[..., None, :], anomalies, model.measurement_angles))
-        nearest = np.where(told, off, np.inf).min(-2) / variance
-        outside = np.square(innovation) / ((shares * np.square(np.where(told, anomalies, 0.0))).sum(-2) + variance)
+        nearest = np.where(finite, off, np.inf).min(-2) / variance
+        outside = np.square(innovation) / ((shares * np.square(np.where(finite, anomalies, 0.0))).sum(-2) + variance)
         usable = (variance > 0.0) & ((nearest < _ABSURD) | (outside < _ABSURD))
         innovation = np.where(usable, innovation, np.nan)
-        measurement = Measurement(
-            innovation, self._no_columns, self._no_columns, R, mask, bool(mask.all()), np.where(told, anomalies, np.nan)
-        )
+        none, anomalies = self._no_columns, np.where(finite, anomalies, np.nan)
+        measurement = Measurement(innovation, none, none, R, mask, bool(mask.all()), anomalies)
         return measurement if measurement.complete else measurement.only(mask)
 
     # --- pieces -----------------------------------------------------------------------------------

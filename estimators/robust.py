@@ -5,7 +5,7 @@ from functools import reduce
 import numpy as np
 
 from estimators.belief import Belief
-from estimators.checks import number, whole
+from estimators.checks import integer, number
 from estimators.filter import Model, Rng
 from estimators.kalman import GaussianFilter, joseph_update
 from estimators.linalg import joined, principal_root, semidefinite_cholesky, solve, symmetrise, whitened
@@ -52,7 +52,7 @@ class HuberKalmanFilter(GaussianFilter[Belief], verified=True):
         super().__init__(model)
         infinite = isinstance(gamma, float | np.floating) and gamma == np.inf
         self.gamma = np.inf if infinite else number("gamma", gamma, 0.0, what="positive (standard deviations)")
-        self.iterations = whole("iterations", iterations, 1)
+        self.iterations = integer("iterations", iterations, 1)
         self.tolerance = number("tolerance", tolerance, 0.0, what="positive")
         self.sequential = self.gamma == np.inf
 

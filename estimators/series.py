@@ -17,7 +17,7 @@ from typing import Any, Generic, cast
 import numpy as np
 
 from estimators.belief import Belief, Record, over_time
-from estimators.checks import as_array, as_mask, short_repr, whole
+from estimators.checks import as_array, as_mask, integer, short_repr
 from estimators.delayed import Delayed, DelayedBelief
 from estimators.filter import Filter, Rng
 from estimators.models import Gaussian, LinearModel
@@ -124,7 +124,8 @@ def run(
     prior, continued = _prior(prior, batch)
     after, at = _known_inputs(u, t, T + continued, batch, continued)
     rng = _numbers(rng, batch)
-    if whole("first", first, 0) == 0 and continued and isinstance(rng, RandomKeys) and getattr(filter, "random", False):
+    draws = isinstance(rng, RandomKeys) and getattr(filter, "random", False)
+    if integer("first", first, 0) == 0 and continued and draws:
         raise ValueError("first must be how many measurements came before the belief: their random numbers are used up")
     loop, belief, predicted, updated = cast(Any, filter), prior, [], []
     for k in range(T):
@@ -171,7 +172,7 @@ def _numbers(rng: Rng | int, batch: tuple[int, ...]) -> Rng:
     if not isinstance(rng, int | np.integer):
         return rng
     rows = np.arange(int(np.prod(batch))).reshape(batch)
-    return RandomKeys(np.broadcast_to(key(whole("rng", rng, 0)), (*batch, 2))).of(rows)
+    return RandomKeys(np.broadcast_to(key(integer("rng", rng, 0)), (*batch, 2))).of(rows)
 
 
 def _prior(prior: Any, batch: tuple[int, ...]) -> tuple[Any, bool]:

@@ -18,7 +18,7 @@ import numpy as np
 
 from estimators.angles import difference
 from estimators.belief import Belief, InputBelief, Record, Recovery
-from estimators.checks import whole
+from estimators.checks import integer
 from estimators.delayed import Delayed
 from estimators.ensemble import EnsembleFilter
 from estimators.kalman import with_input
@@ -51,7 +51,7 @@ def smooth(series: Series[Record], lag: int | None = None) -> Record:
         ValueError: if ``lag`` is negative, or members cannot be followed back (localised or rotated).
     """
     later = len(series) - 1
-    steps = None if lag is None else min(whole("lag", lag, 0), later)
+    steps = None if lag is None else min(integer("lag", lag, 0), later)
     filter, updated, predicted = series.filter, series.updated, series.predicted
     if isinstance(filter, EnsembleFilter):
         return _members(filter, updated, predicted, steps)

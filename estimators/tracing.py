@@ -114,8 +114,8 @@ def traced(
                 now = _checked(filter, filter._predict(now, known, rng), now)
             elif method == "_update":
                 y, mask = matrix_input(program, 2, 0, (p,)), matrix_input(program, 3, 0, (p,), "b")
-                told = None if R is None else callbacks(lambda belief, u, R: R, 2)
-                measurement = filter._measurement(now, y, mask, told)
+                own_R = None if R is None else callbacks(lambda belief, u, R: R, 2)
+                measurement = filter._measurement(now, y, mask, own_R)
                 now = _checked(filter, filter._update(now, measurement, rng), now)
                 if not filter.verified:  # whose covariance may be symmetric but for rounding
                     now = Belief.replace(now, cov=symmetrise(now.cov))

@@ -62,14 +62,15 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
         C, G, H = self.model.C, self.model.G, self.model.H
         if not (isinstance(C, np.ndarray) and isinstance(G, np.ndarray) and isinstance(H, np.ndarray)):
             return
-        now, shown = observable_ranks(C, G @ self._root, H @ self._root)
+        now, observable = observable_ranks(C, G @ self._root, H @ self._root)
         late = q - now
-        if (shown < late).any():
-            row = np.argmax(late - shown)
-            late, shown = (np.broadcast_to(rank, (late - shown).shape).flat[row] for rank in (late, shown))
+        if (observable < late).any():
+            row = np.argmax(late - observable)
+            shape = (late - observable).shape
+            late, observable = (np.broadcast_to(rank, shape).flat[row] for rank in (late, observable))
             raise ValueError(
-                f"ulise needs rank(C2 G2) = q - rank(H) = {q} - {q - late}, got {shown}: measure the input, or a state "
-                "that it drives directly, by a measurement that no other unknown input disturbs"
+                f"ulise needs rank(C2 G2) = q - rank(H) = {q} - {q - late}, got {observable}: measure the input, or a "
+                "state that it drives directly, by a measurement that no other unknown input disturbs"
             )
 
     def _unseen(self, mean: np.ndarray) -> dict[str, Any]:
@@ -110,7 +111,7 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
         return belief.input_reach[..., : self.model.n, :]
 
     def _observable_input(self, belief: FeedthroughBelief, measurement: Measurement) -> np.ndarray:
-        late = self._shown(belief, measurement) @ self._root
+        late = self._observable(belief, measurement) @ self._root
         now = np.broadcast_to(measurement.H @ self._root, late.shape)
         return np.concatenate([now, late], -1)
 

@@ -56,12 +56,12 @@ class UnknownInputFilter(GaussianFilter[WithInput], verified=True):
 
     def _observable_input(self, belief: WithInput, measurement: Measurement) -> np.ndarray | None:
         """F of the first measurement of a step, in units of the input's prior; to later ones the prior is noise."""
-        return self._shown(belief, measurement) @ self._root if belief.innovation is None else None
+        return self._observable(belief, measurement) @ self._root if belief.innovation is None else None
 
     def _moved(self, belief: WithInput, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         return driven_on(self.model, belief, u)
 
-    def _shown(self, belief: WithInput, measurement: Measurement) -> np.ndarray:
+    def _observable(self, belief: WithInput, measurement: Measurement) -> np.ndarray:
         """F ``(..., p, q)`` of the first measurement of a step."""
         return measurement.H
 
@@ -93,16 +93,16 @@ class UnknownInputFilter(GaussianFilter[WithInput], verified=True):
         assert e is not None
         assert S is not None
         measurement = self._measurement(predicted, np.zeros(e.shape), available, None)
-        shown = self._observable_input(predicted, measurement)
-        if shown is None:  # a later measurement of the step, in whose S the prior is
+        observable = self._observable_input(predicted, measurement)
+        if observable is None:  # a later measurement of the step, in whose S the prior is
             assert predicted.input_observed is not None
             root = self._inverse_root.T @ (identity(q) - self._inverse_root @ predicted.input_observed @ self._root)
-            shown = joined([measurement.C, measurement.H], -1) @ self._joint(predicted)[..., -q:] @ root
-            S = symmetrise(S - shown @ shown.mT)
+            observable = joined([measurement.C, measurement.H], -1) @ self._joint(predicted)[..., -q:] @ root
+            S = symmetrise(S - observable @ observable.mT)
         density = super().log_likelihood(predicted, updated.replace(innovation_cov=S))
-        shown = np.broadcast_to(shown, (*e.shape, shown.shape[-1]))
+        observable = np.broadcast_to(observable, (*e.shape, observable.shape[-1]))
         precision = np.linalg.pinv(S, hermitian=True)
-        for F in np.split(shown, shown.shape[-1] // q, -1):  # what acts now, then what acted a step before
+        for F in np.split(observable, observable.shape[-1] // q, -1):  # what acts now, then what acted a step before
             values, directions = np.linalg.eigh(symmetrise(F.mT @ precision @ F))
             flat = values > OBSERVABLE
             size, F = np.where(flat, values, 1.0 + np.maximum(values, 0.0)), F @ directions
@@ -152,7 +152,7 @@ class UnknownInputFilter(GaussianFilter[WithInput], verified=True):
         if belief.innovation is not None:
             return self._revised(belief, measurement)
         C, R, n, q = measurement.C, measurement.R, self.model.n, self.model.q
-        F, G = self._shown(belief, measurement), self._drive(belief)
+        F, G = self._observable(belief, measurement), self._drive(belief)
         CP = C @ belief.cov
         S = CP @ C.mT + R
         solved = self._solved(belief, measurement, S, joined([CP, F], -1))
@@ -181,9 +181,9 @@ class UnknownInputFilter(GaussianFilter[WithInput], verified=True):
         z = joined([np.zeros((n, 1)), belief.input_mean[..., None]], -2)[..., 0]
         seen = joined([measurement.C, measurement.H], -1)
         z, joint, S = joseph_update(z, self._joint(belief), measurement.innovation, seen, measurement.R)
-        M, shown = congruence(inverse_root, joint[..., n:, n:]), inverse_root @ before @ root
-        MP = M @ shown
-        N = symmetrise(M - MP @ solve(identity(q) + shown @ MP, MP.mT))
+        M, observable = congruence(inverse_root, joint[..., n:, n:]), inverse_root @ before @ root
+        MP = M @ observable
+        N = symmetrise(M - MP @ solve(identity(q) + observable @ MP, MP.mT))
         values, directions = singular(np.where(np.isfinite(N), N, 0.0))
         hidden = (1.0 - (values * (1.0 + OBSERVABLE) < 1.0))[..., None, :]
         values = values[..., None, :]
@@ -273,7 +273,7 @@ class DelayedInputFilter(UnknownInputFilter[Delayed], verified=True):
     def _drive(self, belief: Delayed) -> np.ndarray:
         return self._input_matrix(belief) * waiting(belief)
 
-    def _shown(self, belief: Delayed, measurement: Measurement) -> np.ndarray:
+    def _observable(self, belief: Delayed, measurement: Measurement) -> np.ndarray:
         return measurement.C @ self._drive(belief)
 
     def _joint(self, belief: Delayed) -> np.ndarray:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.checks import call, finite_array, frozen, number, whole
+from estimators.checks import call, finite_array, frozen, integer, number
 from estimators.engine.matrices import is_traced, lookup_matrix
 
 Matrix = np.ndarray | Callable[[np.ndarray | None], np.ndarray]
@@ -56,7 +56,7 @@ class Schedule(Frozen):
         if not len(table):
             raise ValueError("table must have at least one entry, got none")
         object.__setattr__(self, "table", frozen(table))
-        object.__setattr__(self, "component", whole("component", self.component, 0))
+        object.__setattr__(self, "component", integer("component", self.component, 0))
         for name in ("scale", "middle"):
             object.__setattr__(self, name, number(name, getattr(self, name), what="a finite number"))
 

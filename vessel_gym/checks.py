@@ -12,8 +12,17 @@ from estimators.checks import numbers, short_repr
 from estimators.factory import unknown
 
 __all__ = [
-    "check_names", "check_numbers", "check_pair", "checked_action", "function", "instance", "number", "numbers",
-    "one_of", "options", "whole",
+    "check_names",
+    "check_numbers",
+    "check_pair",
+    "checked_action",
+    "function",
+    "instance",
+    "is_integer",
+    "number",
+    "numbers",
+    "one_of",
+    "options",
 ]  # fmt: skip
 
 LARGEST = 1e15
@@ -116,7 +125,7 @@ def options(name: str, value: object) -> dict[str, Any]:
     return dict(value)
 
 
-def whole(value: object) -> bool:
+def is_integer(value: object) -> bool:
     """Is a value a whole number? NumPy's are, True and 2.0 are not."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 

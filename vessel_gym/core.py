@@ -10,7 +10,7 @@ from gymnasium.error import ResetNeeded
 from estimators import Belief, RandomKeys
 from estimators.checks import short_repr
 from estimators.linalg import shared_root
-from vessel_gym.checks import checked_action, whole
+from vessel_gym.checks import checked_action, is_integer
 from vessel_gym.checks import options as checked_options
 from vessel_gym.configuration import Configuration, Options
 from vessel_gym.delivery import Measurements, injected
@@ -80,7 +80,7 @@ class Core:
 
     def __init__(self, system: System, num_envs: int = 1, *arguments: Any, num_threads: int = 1, **named: Any) -> None:
         for name, count in (("num_envs", num_envs), ("num_threads", num_threads)):
-            if not whole(count) or count < 1:
+            if not is_integer(count) or count < 1:
                 raise ValueError(f"{name} must be a positive whole number, got {short_repr(count)}")
         self.num_envs, self.num_threads = int(num_envs), int(num_threads)
         self.config = config = Configuration(system, Options(*arguments, **named), self.num_threads)

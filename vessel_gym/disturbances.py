@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from estimators.checks import number, whole
+from estimators.checks import integer, number
 from estimators.engine import sincos
 from vessel_gym.checks import check_names, check_numbers, instance
 from vessel_gym.processes import Process, interpolated, linear
@@ -200,7 +200,7 @@ class SurfaceWater(Beside, verified=True):
         check_numbers(self, not_negative="height depth", positive="period")
         instance("beside of SurfaceWater", self.beside, Water)
         for name in ("north", "down"):
-            whole(f"{name} of SurfaceWater", getattr(self, name), 0)
+            integer(f"{name} of SurfaceWater", getattr(self, name), 0)
 
     @property
     def names(self) -> tuple[str, ...]:  # type: ignore[override]

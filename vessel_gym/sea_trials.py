@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
-from estimators.checks import finite_array, number, whole
+from estimators.checks import finite_array, integer, number
 from vessel_gym.checks import check_numbers, function, instance
 from vessel_gym.vehicles.corvette_equations import AROUND, STATE, CorvetteParameters, corvette_rates
 from vessel_gym.vehicles.integration import runge_kutta
@@ -69,7 +69,7 @@ def simulate(
     instance("ship of simulate", ship, CorvetteParameters)
     check_numbers("simulate", {"rudder": rudder}, deflection="rudder")
     _check_times(ship, dt, duration=duration)
-    whole("substeps of simulate", substeps, 1)
+    integer("substeps of simulate", substeps, 1)
     function("stop of simulate", stop, "the state")
     current = tuple(finite_array("current of simulate", current, 2))
     steps = max(round(duration / dt), 1)
@@ -317,7 +317,7 @@ def zigzag(
         TypeError: for a ship that is none.
     """
     check_numbers("zigzag", {"heading": heading}, positive="heading?", deflection="heading?")
-    whole("cycles of zigzag", cycles, 1)
+    integer("cycles of zigzag", cycles, 1)
     instance("on_samples of zigzag", on_samples, bool)
     ship = _at_speed(ship, speed, rudder)
     _check_times(ship, dt, longest=longest)

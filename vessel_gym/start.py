@@ -12,7 +12,7 @@ from estimators.checks import short_repr
 from estimators.engine import as_word, compiled
 from estimators.randomness import word
 from estimators.threefry import normals, threefry, two_uniforms
-from vessel_gym.checks import whole
+from vessel_gym.checks import is_integer
 from vessel_gym.filter_models.build import Composition
 from vessel_gym.filter_models.exogenous import Forces
 from vessel_gym.sensors import Sensors
@@ -32,14 +32,14 @@ def seeds_of(seed: Any, num_envs: int, rows: list[int]) -> list[int]:
         seed = int(np.random.SeedSequence().generate_state(1)[0])
     if isinstance(seed, np.ndarray):
         seed = seed.tolist()
-    if not whole(seed) and not isinstance(seed, list | tuple):
+    if not is_integer(seed) and not isinstance(seed, list | tuple):
         raise ValueError(f"seed must be a whole number or a list of them, got {short_repr(seed)}")
-    seeds = [int(seed) + i for i in range(num_envs)] if whole(seed) else list(seed)
+    seeds = [int(seed) + i for i in range(num_envs)] if is_integer(seed) else list(seed)
     if len(seeds) != num_envs:
         raise ValueError(f"got {len(seeds)} seeds for {num_envs} environments")
-    if not all(whole(seeds[row]) and seeds[row] >= 0 for row in rows):
+    if not all(is_integer(seeds[row]) and seeds[row] >= 0 for row in rows):
         raise ValueError(f"seeds must be whole numbers >= 0, got {short_repr(seed)}")
-    return [int(each) if whole(each) else 0 for each in seeds]
+    return [int(each) if is_integer(each) else 0 for each in seeds]
 
 
 class Draws(NamedTuple):

@@ -7,7 +7,7 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 
-from estimators.checks import finite_array, short_repr, whole
+from estimators.checks import finite_array, integer, short_repr
 from vessel_gym.checks import check_names, check_numbers, instance, one_of, options
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.filter_models.build import Composition
@@ -40,8 +40,8 @@ def check_task(task: Task) -> None:
             f"task of a system must have {missing[0]}, as vessel_gym.system.Task has, got {short_repr(task)}"
         )
     title = type(task).__name__
-    whole(f"horizon of {title}", task.horizon, 1)
-    whole(f"uniforms of {title}", task.uniforms, 0)
+    integer(f"horizon of {title}", task.horizon, 1)
+    integer(f"uniforms of {title}", task.uniforms, 0)
     check_names(f"end_reasons of {title}", task.end_reasons)
     if len(set(task.end_reasons)) < len(task.end_reasons):
         raise ValueError(f"end_reasons of {title} must differ from each other, got {short_repr(task.end_reasons)}")

@@ -18,7 +18,7 @@ import numpy as np
 
 from agents.files import replacing
 from agents.policies.network import POLICIES, Dense, built, torch_policy
-from estimators.checks import as_array, as_number, whole
+from estimators.checks import as_array, as_number, integer
 from vessel_gym.extras import require
 
 _DESCRIPTION = "vessel_gym.json"
@@ -300,7 +300,7 @@ def _ours(path: Path, described: dict[str, Any], build: Callable[..., Any]) -> P
             if folder in arrays:
                 arrays[folder][rest.removesuffix(".npy")] = _array(archive, name)
     _check_sizes(settings, arrays["weights"].values())
-    frames, statistics = whole("frames", settings["frames"], 1), arrays["statistics"]
+    frames, statistics = integer("frames", settings["frames"], 1), arrays["statistics"]
     environment, vehicle = settings["environment"], dict(settings["vehicle"])
     built = build(settings, arrays["weights"])
     seen = built.observation_space

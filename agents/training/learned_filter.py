@@ -8,7 +8,7 @@ import numpy as np
 from agents.policies.network import one_thread
 from estimators import GainNetwork, Gaussian, LinearModel, make
 from estimators.angles import difference
-from estimators.checks import as_array, number, short_repr, whole
+from estimators.checks import as_array, integer, number, short_repr
 from estimators.learned import LARGEST
 from estimators.linalg import lacks_rank
 from estimators.varying import resolve
@@ -51,9 +51,9 @@ def train_filter(
     """
     require("torch")
     x, y, u = _checked(model, prior, x, y, u)
-    hidden, epochs = whole("hidden", hidden, 1), whole("epochs", epochs, 1)
+    hidden, epochs = integer("hidden", hidden, 1), integer("epochs", epochs, 1)
     rate = number("rate", rate, 0.0, np.inf, "a positive number")
-    seed = whole("seed", seed, 0)
+    seed = integer("seed", seed, 0)
     moved = np.zeros(x.shape)  # what the known input does over the step before
     if u is not None and model.B is not None:
         moved[1:] = np.matvec(resolve(model.B, None), u[:-1])

@@ -22,7 +22,7 @@ from agents.policies.checkpoint import write, zip_path
 from agents.policies.network import one_thread
 from agents.seeds import training_seed
 from agents.source import source_digest
-from estimators.checks import as_number, short_repr, whole
+from estimators.checks import as_number, integer, short_repr
 from estimators.factory import unknown
 from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.extras import require
@@ -111,7 +111,7 @@ def describe(
     if critic not in CRITICS:
         raise ValueError(f"critic must be 'truth', or None for one that is told nothing more, got {short_repr(critic)}")
     settings = hyperparameters(env_id, memory, settings)
-    steps = settings["steps"] if steps is None else whole("steps", steps, 1)
+    steps = settings["steps"] if steps is None else integer("steps", steps, 1)
     if steps < settings["num_envs"]:
         raise ValueError(f"steps must be at least the {settings['num_envs']} environments of a batch, got {steps}")
     described = {

@@ -4,7 +4,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from estimators.checks import short_repr, whole
+from estimators.checks import integer, short_repr
 from vessel_gym.checks import instance
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
@@ -27,7 +27,7 @@ def register_environment(system: System, max_episode_steps: int | None = None) -
     """
     instance("system", system, System)
     if max_episode_steps is not None:
-        whole("max_episode_steps", max_episode_steps, 1)
+        integer("max_episode_steps", max_episode_steps, 1)
     try:
         gym.envs.registration.parse_env_id(system.name)
     except gym.error.Error:

@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 
 from estimators.checks import short_repr
-from vessel_gym.checks import checked_action, whole
+from vessel_gym.checks import checked_action, is_integer
 from vessel_gym.core import Core
 from vessel_gym.envs.shared import action_space, check_arguments, first_seed, observation_space
 from vessel_gym.system import System
@@ -50,7 +50,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode; see `gymnasium.Env.reset`. ``options`` are the task's."""
-        if seed is not None and not whole(seed):
+        if seed is not None and not is_integer(seed):
             raise ValueError(f"seed must be a whole number or None, got {short_repr(seed)}")
         self.core.start(first_seed(self, self.core) if seed is None else seed, options)
         super().reset(seed=None if seed is None else int(seed))

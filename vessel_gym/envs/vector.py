@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from estimators.checks import short_repr
-from vessel_gym.checks import whole
+from vessel_gym.checks import is_integer
 from vessel_gym.core import Core
 from vessel_gym.envs.shared import action_space, check_arguments, first_seed, observation_space
 from vessel_gym.system import System
@@ -59,7 +59,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         **options: Any,
     ) -> None:
         check_arguments(self, options, render_mode)
-        if max_episode_steps is not None and not (whole(max_episode_steps) and max_episode_steps >= 1):
+        if max_episode_steps is not None and not (is_integer(max_episode_steps) and max_episode_steps >= 1):
             raise ValueError(
                 f"max_episode_steps must be a whole number of at least 1, got {short_repr(max_episode_steps)}"
             )

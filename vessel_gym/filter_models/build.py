@@ -80,11 +80,11 @@ class Composition(Parts):
         for i, name in (
             enumerate(vehicle.ambient_flows, len(vehicle.increments)) if self.assumed_as == "process-noise" else ()
         ):
-            shown = seen_anywhere(vehicle, self.sensors)[:, i]
-            if name in disturbance.forces and shown.any():
+            feedthrough = seen_anywhere(vehicle, self.sensors)[:, i]
+            if name in disturbance.forces and feedthrough.any():
                 raise ValueError(
-                    f"{self.sensors.of_channel(np.argmax(shown)).name} reads {name}, of which a filter knows nothing "
-                    f'that assumes {type(disturbance).__name__} as "{self.assumed_as}": assume it with '
+                    f"{self.sensors.of_channel(np.argmax(feedthrough)).name} reads {name}, of which a filter knows "
+                    f'nothing that assumes {type(disturbance).__name__} as "{self.assumed_as}": assume it with '
                     '{"as": "states"}, or leave it out'
                 )
 
@@ -181,11 +181,11 @@ def compose(
     for j, name in enumerate(vehicle.incremented):
         if name in own:
             incremented[own.index(name), j] = 1.0
-    shown = seen(sensors, cruising(vehicle))
+    feedthrough = seen(sensors, cruising(vehicle))
     options: dict[str, Any] = {
         "state_angles": tuple(i for i, name in enumerate(own) if name in vehicle.angles),
         "measurement_angles": sensors.angles, **_noise(parts, assumed_as == "process-noise", changing, incremented,
-        shown),
+        feedthrough),
     }  # fmt: skip
     inputs = forces.input_names if asked else ()
     G, H = np.zeros((len(names), len(inputs))), np.zeros((sensors.size, len(inputs)))
@@ -195,7 +195,7 @@ def compose(
         elif i >= forces.size:
             G[len(own) + estimated.tolist().index(i - forces.size), j] = 1.0
         if i < forces.outside:
-            H[:, j] = shown[:, i]
+            H[:, j] = feedthrough[:, i]
     if kind not in vehicle.linear_kinds:
         model: LinearModel | NonlinearModel = nonlinear_model(parts, G, H, options)
     elif isinstance(given := vehicle.linear(kind), Trims):
@@ -206,7 +206,7 @@ def compose(
 
 
 def _noise(
-    parts: Parts, as_noise: bool, changing: list[int], incremented: np.ndarray, shown: np.ndarray
+    parts: Parts, as_noise: bool, changing: list[int], incremented: np.ndarray, feedthrough: np.ndarray
 ) -> dict[str, Any]:
     """Q and R.
 
@@ -215,7 +215,7 @@ def _noise(
         as_noise: Do the disturbance's increments stand in Q and R alone?
         changing: Indices of the disturbance's states whose changes are the unknown input.
         incremented: ``(n, increments)`` what increments do to the state,
-        shown: and ``(p, f)`` what the exogenous input adds to the measurements.
+        feedthrough: and ``(p, f)`` what the exogenous input adds to the measurements.
 
     Raises:
         ValueError: for a sensor that reads white increments.
@@ -227,7 +227,7 @@ def _noise(
     root = np.zeros((len(incremented), first + process.normals + bias.normals))
     if not as_noise:
         white[parts.unknown] = 0.0
-        if shown[:, [i for i in forces.white_indices if i not in parts.unknown]].any():
+        if feedthrough[:, [i for i in forces.white_indices if i not in parts.unknown]].any():
             raise ValueError(
                 f"a sensor reads the white increments of {type(disturbance).__name__} as they come: assume "
                 'them with {"as": "unknown-input"}, or {"as": "white-input"}'
@@ -243,7 +243,7 @@ def _noise(
     full[:n] = parts.vehicle.cruise[0][:n]
     R = sensors.noise(parts.expected, full, None)
     if as_noise:
-        K, S = incremented[:, forces.increments], shown[:, forces.increments]
+        K, S = incremented[:, forces.increments], feedthrough[:, forces.increments]
         Q += K @ forces.increment_cov @ K.T
         increments = S @ forces.increment_cov @ S.T
         R = R.changed(lambda noise: noise + increments) if isinstance(R, StateNoise) else R + increments

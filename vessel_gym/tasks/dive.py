@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.checks import finite_array, short_repr, whole
+from estimators.checks import finite_array, integer, short_repr
 from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, instance, one_of
 from vessel_gym.guidance.dive_path import arc_from_origin, arc_to, locate, point_at
@@ -61,7 +61,7 @@ class Dive(Task, verified=True):
         instance(f"auv of {title}", self.auv, AUVParameters)
         for name in ("goal", "goal_spread"):
             finite_array(f"{name} of {title}", getattr(self, name), 3)
-        whole(f"horizon of {title}", self.horizon, 1)
+        integer(f"horizon of {title}", self.horizon, 1)
         check_numbers(self, positive="ahead dt margin tightest widest steepest", not_negative="launch_depth")
         check_numbers(self, direction="widest", deflection="steepest")
 

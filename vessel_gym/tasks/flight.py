@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.checks import short_repr, whole
+from estimators.checks import integer, short_repr
 from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, check_pair, instance, numbers, one_of
 from vessel_gym.guidance.detours import plans
@@ -60,7 +60,7 @@ class Flight(Task, verified=True):
 
     def __post_init__(self) -> None:
         instance("body of Flight", self.body, PunaParameters)
-        whole("horizon of Flight", self.horizon, 1)
+        integer("horizon of Flight", self.horizon, 1)
         check_numbers(self, positive="radius dt", not_negative="margin")
         for name in ("distance", "altitudes", "obstacle_radius", "ahead"):
             check_pair(f"{name} of Flight", getattr(self, name))

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.checks import short_repr, whole
+from estimators.checks import integer, short_repr
 from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, check_pair, instance, number, one_of
 from vessel_gym.sensors import Sensors
@@ -53,7 +53,7 @@ class TurningCircle(Task, verified=True):
     def __post_init__(self) -> None:
         instance(f"ship of {type(self).__name__}", self.ship, CorvetteParameters)
         check_numbers(self, positive="pace tightest")
-        whole(f"horizon of {type(self).__name__}", self.horizon, 1)
+        integer(f"horizon of {type(self).__name__}", self.horizon, 1)
         check_pair(f"radius of {type(self).__name__}", self.radius)
 
     prior_sd: ClassVar[tuple[float, ...]] = (0.2, 0.002, 0.03, 0.2)

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import root
 
 from estimators import Schedule, zero_order_hold
-from estimators.checks import finite_array, whole
+from estimators.checks import finite_array, integer
 from vessel_gym.checks import check_numbers, instance
 from vessel_gym.processes import interpolated, linear
 from vessel_gym.sensors import Sensor
@@ -46,7 +46,7 @@ def steady_turns(ship: CorvetteParameters, points: int = 165) -> SteadyTurn:
         RuntimeError: if the ship has no steady turns (it is directionally unstable).
     """
     instance("ship of steady_turns", ship, CorvetteParameters)
-    whole("points of steady_turns", points, 2)
+    integer("points of steady_turns", points, 2)
     c, scale = ship.vector(), np.array([ship.speed, ship.speed, ship.speed / ship.length])
 
     def accelerations(motion: np.ndarray, rudder: float) -> np.ndarray:

@@ -13,7 +13,7 @@ from typing import Any, TypeVar, get_args, get_origin, overload
 
 import numpy as np
 
-from estimators.checks import number, short_repr, whole
+from estimators.checks import integer, number, short_repr
 from estimators.factory import unknown
 from vessel_gym.checks import LARGEST, RANGES, check_numbers, instance, one_of
 
@@ -243,7 +243,7 @@ def check_vehicle(vehicle: Any, parameters: str, kind: type[Any]) -> None:
     title = type(vehicle).__name__
     instance(f"{parameters} of {title}", getattr(vehicle, parameters), kind)
     check_numbers(vehicle, positive="dt")
-    whole(f"substeps of {title}", vehicle.substeps, 1)
+    integer(f"substeps of {title}", vehicle.substeps, 1)
 
 
 def _line(text: str, keys: tuple[str, ...]) -> int | None:

@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 
 from estimators import LinearModel
-from estimators.checks import as_array, numbers, short_repr, whole
+from estimators.checks import as_array, integer, numbers, short_repr
 from vessel_gym import checks
 from vessel_gym.wrappers.simulation import square
 from vessel_gym.wrappers.watch import observed_state, plain_action
@@ -42,7 +42,7 @@ def identify(
     """
     checks.function("state", state, "(env, observation)")
     look, known_input = state or observed_state, partial(_with_one, plain_action(env.action_space))
-    whole("steps", steps, 1)
+    integer("steps", steps, 1)
     env.action_space.seed(seed)
     seen, _ = env.reset(seed=seed)
     x = _state(look(env, seen))
