@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Generic, cast
 
 import numpy as np
 
-from estimators.belief import Belief, Layout, Record, finite_rows
+from estimators.belief import Belief, Record, finite_rows
 from estimators.checks import as_array, as_mask, frozen
 from estimators.linalg import log_density, masked
 from estimators.model_checks import as_covariance, usable
@@ -17,7 +17,6 @@ from estimators.varying import noise_at, resolve
 Rng = RandomKeys | np.random.Generator | None
 """Random numbers: keys a row and a step, or a Generator for the whole batch."""
 Model = LinearModel | NonlinearModel
-Kept = tuple[np.ndarray, list[np.ndarray]]
 
 
 class Estimator(ABC, Generic[Record]):
@@ -223,17 +222,16 @@ class Estimator(ABC, Generic[Record]):
         return self.correct(self.forecast(belief, u, rng), y, available, None, rng)
 
     def forecast_steps(
-        self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray, kept: Kept | None = None
-    ) -> tuple[np.ndarray, Layout] | None:
-        """Predictions of several steps, packed ``(steps, rows, width)``; None: take one after the other.
+        self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray, wait: np.ndarray
+    ) -> np.ndarray | None:
+        """Predictions of several steps, packed ``(steps, rows, width)`` as the first; None: take one after the other.
 
         Args:
             belief: The prediction that the first measurement meets.
             u: Known inputs ``(steps + 1, rows, m)``: that of the first measurement, then those of the predictions.
             y: ``(steps, rows, p)`` measurements.
             available: ``(steps, rows, p)``.
-            kept: Indices of rows whose predictions are known, but for the last one perhaps, and these of all rows,
-                packed. The last one follows from the one before.
+            wait: ``(rows,)`` steps after which a row begins: ``belief`` is its prediction there.
         """
         return None
 

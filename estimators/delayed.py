@@ -9,7 +9,7 @@ out of sequence, whose formulas for one step of a linear model this makes needle
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, Generic, NamedTuple, cast
+from typing import Any, Generic
 
 import numpy as np
 
@@ -19,31 +19,7 @@ from estimators.contract import Estimator, Rng
 from estimators.models import Gaussian
 from estimators.randomness import RandomKeys
 from estimators.varying import resolve
-
-
-class Step(NamedTuple):
-    """One step that a late measurement may still reach."""
-
-    predicted: Any  # belief that its measurements meet; None: it is still to be made
-    u: np.ndarray | None  # (..., m) known input of the prediction
-    moved: RandomKeys | None  # random numbers of it
-    y: np.ndarray  # (..., p) what has come of its measurements so far
-    available: np.ndarray  # (..., p)
-    R: np.ndarray | None  # (..., p, p) of measurements that brought their own, NaN where none did
-    read: np.ndarray  # (...) whether there was an update
-    keys: RandomKeys | None  # random numbers of that
-    measurement_u: np.ndarray | None  # (..., m) known input of the measurements, where it was given with them
-
-    def rows(self, rows: Any) -> "Step":
-        """Some rows of the step."""
-        some: Any = (None if one is None else one[rows] for one in self)
-        return self if rows is ... else Step(*some)
-
-    def with_rows(self, rows: np.ndarray, other: "Step") -> "Step":
-        """The same step with some rows of another."""
-        merged = (_with_rows(mine, rows, theirs) for mine, theirs in zip(self[1:], other[1:], strict=True))
-        step = Step(self.predicted.with_rows(rows, other.predicted), *merged)
-        return step if step.predicted.u is None else step._replace(u=step.predicted.u)  # rows without one have zeros
+from estimators.window import Forecast, Step, Window, with_rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,13 +28,13 @@ class DelayedBelief(Generic[Record]):
 
     Attributes:
         now: The filter's own belief.
-        steps: Oldest first; the last is that of ``now``.
+        window: The steps; the last is that of ``now``.
         reach: ``(...)`` how many steps ago a row may still be read: back to where it began, at most the horizon.
         refused: ``(...)`` measurements since then that came too late, or a second time.
     """
 
     now: Record
-    steps: tuple[Step, ...]
+    window: Window
     reach: np.ndarray
     refused: np.ndarray
 
@@ -73,17 +49,14 @@ class DelayedBelief(Generic[Record]):
 
     def __getitem__(self, rows: Any) -> "DelayedBelief[Record]":
         """The beliefs of some rows of the batch."""
-        return DelayedBelief(
-            self.now[rows], tuple(step.rows(rows) for step in self.steps), self.reach[rows], self.refused[rows]
-        )
+        return DelayedBelief(self.now[rows], self.window.rows(rows), self.reach[rows], self.refused[rows])
 
     def with_rows(self, rows: np.ndarray, other: "DelayedBelief[Record]") -> "DelayedBelief[Record]":
         """This belief with the rows of a mask ``(...)`` replaced, in order, by those of ``other``."""
-        k = min(len(self.steps), len(other.steps))  # the newest meet; what lies before a row's first is out of reach
-        steps = (a.with_rows(rows, b) for a, b in zip(self.steps[-k:], other.steps[-k:], strict=True))
+        k = min(len(self.window.y), len(other.window.y))
         return DelayedBelief(
-            self.now.with_rows(rows, other.now), (*self.steps[:-k], *steps),
-            _with_rows(self.reach, rows, np.minimum(other.reach, k - 1)), _with_rows(self.refused, rows, other.refused),
+            self.now.with_rows(rows, other.now), self.window.with_rows(rows, other.window),
+            with_rows(self.reach, rows, np.minimum(other.reach, k - 1)), with_rows(self.refused, rows, other.refused),
         )  # fmt: skip
 
 
@@ -126,16 +99,18 @@ class Delayed(Generic[Record]):
 
     def _begun(self, begun: Record, rng: Rng) -> DelayedBelief[Record]:
         nothing = np.zeros(begun.mean.shape[:-1], int)
-        return DelayedBelief(
-            begun, (self._step(begun, begun.mean.shape[:-1], None, self._keys(rng)),), nothing, nothing
-        )
+        return DelayedBelief(begun, Window.begun(begun, self.filter.model.p, self._keys(rng)), nothing, nothing)
 
     def predict(self, belief: DelayedBelief[Record], u: Any = None, rng: Rng = None) -> DelayedBelief[Record]:
         """One step ahead, as `Filter.predict`."""
         keys, u = self._keys(rng), self._known(belief, u)
         predicted = self.filter.predict(belief.now, u, rng=keys)
-        steps = (*belief.steps, self._step(predicted, belief.reach.shape, u, keys))[-self.horizon - 1 :]
-        return DelayedBelief(predicted, steps, np.minimum(belief.reach + 1, self.horizon), belief.refused)
+        return self._followed(belief, predicted, u, keys)
+
+    def _followed(self, belief: DelayedBelief[Record], predicted: Any, u: Any, keys: Any) -> DelayedBelief[Record]:
+        window = belief.window.followed(predicted, u, keys, self.horizon + 1)
+        now = belief.now if predicted is None else predicted
+        return DelayedBelief(now, window, np.minimum(belief.reach + 1, self.horizon), belief.refused)
 
     def update(
         self,
@@ -159,7 +134,7 @@ class Delayed(Generic[Record]):
         Raises:
             ValueError: if ``y``, ``available`` or ``R`` have the wrong shape, or another ``u`` came before.
         """
-        rows, p, now = belief.mean.shape[:-1], self.filter.model.p, belief.steps[-1]
+        rows, p, window = belief.mean.shape[:-1], self.filter.model.p, belief.window
         y = as_array("y", y)
         if y.ndim < 2 or y.shape[-1] != p or y.shape[:-2] != rows:
             raise ValueError(
@@ -172,133 +147,139 @@ class Delayed(Generic[Record]):
             R = _fitting("R", as_array("R", R), (*y.shape, p))
             come = come & np.isfinite(np.diagonal(R, axis1=-2, axis2=-1))
         if u is not None:
+            now = window.step(-1)
             self._check_one_input(now, u)
-            now = now._replace(measurement_u=None if np.array_equal(now.predicted.u, u) else u)
-        return self.correct(replace(belief, steps=(*belief.steps[:-1], now)), y, come, R, rng)
+            own = None if np.array_equal(now.predicted.u, u) else u
+            window = window._replace(measurement_u=(*window.measurement_u[:-1], own))
+        return self.correct(replace(belief, window=window), y, come, R, rng)
 
     def correct(
         self, belief: DelayedBelief[Record], y: np.ndarray, available: np.ndarray, R: np.ndarray | None, rng: Rng
     ) -> DelayedBelief[Record]:
         """`update` without checks."""
-        rows, steps, refused = belief.reach.shape, list(belief.steps), belief.refused
-        available = available & np.isfinite(y)
-        steps[-1] = steps[-1]._replace(read=np.ones(rows, bool), keys=self._keys(rng))
-        oldest = np.zeros(rows, int)
-        for age in np.flatnonzero(np.moveaxis(available, -2, 0).reshape(y.shape[-2], -1).any(-1)).tolist():
-            new = available[..., age, :]
-            if age < len(steps):
-                step = steps[-1 - age]
-                taken = new & (age <= belief.reach)[..., None] & ~step.available
-                steps[-1 - age] = _taken(step, y[..., age, :], taken, None if R is None else R[..., age, :, :])
+        window = belief.window
+        own = (array.copy() for array in (window.y, window.available, window.read))
+        return self._corrected(replace(belief, window=Window(*window[:6], *own)), y, available, R, rng)
+
+    def _corrected(
+        self, belief: DelayedBelief[Record], y: np.ndarray, available: np.ndarray, R: np.ndarray | None, rng: Rng
+    ) -> DelayedBelief[Record]:
+        """The same, where the window's measurements belong to it alone."""
+        window, reach, refused, oldest = belief.window, belief.reach, belief.refused, np.zeros(belief.reach.shape, int)
+        window.read[-1], newest, own_R = True, len(window.y) - 1, list(window.R)
+        ages, p = y.shape[-2:]
+        for age in np.flatnonzero(available.reshape(-1, ages * p).any(0).reshape(ages, p).any(1)).tolist():
+            new, i = available[..., age, :] & np.isfinite(y[..., age, :]), newest - age
+            if i >= 0:
+                taken = new & (age <= reach)[..., None] & ~window.available[i]
+                if R is not None or own_R[i] is not None:
+                    own_R[i] = _merged_R(own_R[i], window.available[i], taken, None if R is None else R[..., age, :, :])
+                np.copyto(window.y[i], y[..., age, :], where=taken)
+                window.available[i] |= taken
+                window.read[i] |= taken.any(-1)
                 oldest = np.where(taken.any(-1), age, oldest)
                 new = new & ~taken
             refused = refused + new.sum(-1)
-        now = self._repeated(steps, oldest, belief.reach, belief.now)
-        return DelayedBelief(now, tuple(steps), belief.reach, refused)
+        window = window._replace(R=tuple(own_R), keys=(*window.keys[:-1], self._keys(rng)))
+        now, window = self._repeated(window, oldest, reach, belief.now)
+        return DelayedBelief(now, window, reach, refused)
 
     def begin(self, prior: Gaussian, u: Any, y: np.ndarray, available: np.ndarray, rng: Rng) -> DelayedBelief[Record]:
         """`init`, then `update`, without checks; ``u (..., m)`` is the known input of the first measurement."""
         begun = self.filter.start(prior, self._keys(rng), u)
-        return self.correct(self._begun(begun, rng), y, available, None, rng)
+        return self._corrected(self._begun(begun, rng), y, available, None, rng)
 
     def advance(
         self, belief: DelayedBelief[Record], u: Any, y: np.ndarray, available: np.ndarray, rng: Rng
     ) -> DelayedBelief[Record]:
         """`predict`, then `update`, without checks."""
-        steps = (*belief.steps, self._step(None, belief.reach.shape, u, self._keys(rng)))[-self.horizon - 1 :]
-        reach = np.minimum(belief.reach + 1, self.horizon)
-        return self.correct(DelayedBelief(belief.now, steps, reach, belief.refused), y, available, None, rng)
+        return self._corrected(self._followed(belief, None, u, self._keys(rng)), y, available, None, rng)
 
-    def _repeated(self, steps: list[Step], oldest: np.ndarray, reach: np.ndarray, before: Any) -> Any:
+    def _repeated(self, window: Window, oldest: np.ndarray, reach: np.ndarray, before: Any) -> tuple[Any, Window]:
         """The belief now; each row is predicted anew in the steps since its oldest new measurement.
 
         Args:
-            steps: The window, of which some are replaced.
-            oldest: ``(...)`` age of the oldest measurement that is new in a row.
+            window: With these measurements.
+            oldest: ``(...)`` how many steps ago the oldest new one of each row was taken.
             reach: ``(...)`` as in `DelayedBelief`.
             before: The belief before the last step, where that is still to be predicted.
-        """
-        late, now = oldest > 0, None
-        rest = ~late
-        if 4 * late.sum() > late.size:
-            rows = reach >= oldest.max()
-            now = self._together(steps, int(oldest.max()), rows, before)
-        if now is not None:
-            late, rest = late & ~rows, rest & ~rows
-        elif steps[-1].predicted is None:
-            steps[-1] = steps[-1]._replace(predicted=self._forecast(before, steps[-1]))
-        ages = np.unique(oldest[late]).tolist()
-        pieces = [(rows, self._alone(steps, age, rows)) for age in ages for rows in [late & (oldest == age)]]
-        if now is None:
-            if len(pieces) == 1 and not rest.any():
-                return pieces[0][1]
-            now = self._read(steps[-1])
-        elif rest.any():
-            pieces.append((rest, self._read(steps[-1], rest)))
-        for rows, belief in pieces:
-            now = now.with_rows(rows, belief)
-        return now
 
-    def _together(self, steps: list[Step], age: int, rows: np.ndarray, before: Any) -> Any:
-        """The belief of ``rows``, predicted anew in the last steps with all others; None: the filter cannot.
-
-        Others keep their predictions, and are believed anything now: many rows are computed sooner than taken out.
+        Returns:
+            It, and the window with these predictions.
         """
-        window, kept = steps[-1 - age :], None
-        if not rows.all():
-            packs = [step.predicted.pack() for step in window if step.predicted is not None]
-            if any(layout is not packs[0][1] for _, layout in packs):
-                return None
-            kept = np.flatnonzero(~rows), [packed for packed, _ in packs[1:]]
-        found = self._forecast_steps(window, before, kept)
-        if found is None:
+        late = oldest > 0
+        many = 4 * late.sum() > late.size  # all rows are computed sooner than some of them are taken out
+        found = self._together(window, int(oldest.max()), reach, before) if many else None
+        if found is not None:
+            window = found
+        else:
+            if window.predicted[-1] is None:
+                window = window.with_predicted(self._forecast(before, window.step(-1)))
+            for age in sorted({*oldest[late].tolist()}):
+                window = self._alone(window, age, late & (oldest == age))
+        return self._read(window.step(-1)), window
+
+    def _together(self, window: Window, age: int, reach: np.ndarray, before: Any) -> Window | None:
+        """The window with new predictions of all rows, each since its oldest step; None: the filter cannot."""
+        some, wait = window.last(age + 1), age - np.minimum(reach, age)
+        if not self._repeats(some):
             return None
-        steps[-age:] = (step._replace(predicted=own) for step, own in zip(window[1:], found, strict=True))
-        return self._read(steps[-1])
+        belief = some.belief(0)
+        if wait.any():
+            packed, layout = belief.pack()
+            packed = np.array(packed)
+            for k in set(wait.tolist()) - {0}:
+                rows, (own, found) = wait == k, some.packed(k)
+                if found is not layout:
+                    return None
+                packed[rows] = own[rows]
+            belief = belief.view(packed, layout, before.prior_mean, before.prior_cov, belief.u)
+        forecasts = self._forecasts(some, belief, wait)
+        return None if forecasts is None else window.with_predicted(*forecasts)
 
-    def _forecast_steps(self, window: list[Step], like: Any, kept: Any = None) -> list[Any] | None:
-        """Predictions of all steps of a window but the first; None: the filter cannot.
+    def _alone(self, window: Window, age: int, rows: np.ndarray) -> Window:
+        """The window with predictions of ``rows`` alone that are made anew in the last steps."""
+        apart = self._apart and not rows.all()
+        some = window.last(age + 1)
+        if apart:
+            some = some.rows(rows)
+        belief = some.belief(0)
+        found = self._forecasts(some, belief, np.zeros(len(some.y[0]), int)) if self._repeats(some) else None
+        if found is None:
+            found = []
+            for i in range(age):
+                belief = self._forecast(self._after(some.step(i)._replace(predicted=belief)), some.step(i + 1))
+                found.append(belief)
+        if not rows.all():
+            made = Window(tuple(found), *some.last(age)[1:])
+            found = [
+                window.belief(i).with_rows(rows, made.belief(i) if apart else made.belief(i)[rows])
+                for i in range(-age, 0)
+            ]
+        return window.with_predicted(*found)
+
+    def _repeats(self, window: Window) -> bool:
+        """May programs predict these steps? All were read, with the model's R and the input of their prediction."""
+        plain = isinstance(self.filter, Estimator) and not self.filter.random and window.y.ndim == 3
+        own = any(each is not None for some in (window.R[:-1], window.measurement_u[:-1]) for each in some)
+        return plain and not own and bool(window.read[:-1].all())
+
+    def _forecasts(self, window: Window, belief: Any, wait: np.ndarray) -> list[Any] | None:
+        """Predictions of all steps of a window but the first, in programs; None: the filter cannot.
 
         Args:
-            window: Of the first the prediction is read, and all measurements but the last.
-            like: A belief of these rows, with their priors.
-            kept: As in `Estimator.forecast_steps`.
+            window: The steps.
+            belief: The prediction of the first one, or for some rows of a later one.
+            wait: ``(rows,)`` how many steps later that is.
         """
-        belief = window[0].predicted
-        inputs: list[Any] = [belief.u, *(step.u for step in window[1:])]
-        if not self._repeats(window[:-1]) or any((one is None) != (inputs[0] is None) for one in inputs):
+        known = [each is not None for each in (belief.u, *window.u[1:])]
+        if any(known) and not all(known):
             return None
-        y, available = np.stack([step.y for step in window[:-1]]), np.stack([step.available for step in window[:-1]])
-        u = None if inputs[0] is None else np.stack(inputs)
-        found = cast(Any, self.filter).forecast_steps(belief, u, y, available, kept)
-        if found is None:
-            return None
-        packed, layout = found
-        prior = like.prior_mean, like.prior_cov
-        return [belief.view(values, layout, *prior, step.u) for values, step in zip(packed, window[1:], strict=True)]
-
-    def _alone(self, steps: list[Step], age: int, rows: np.ndarray) -> Any:
-        """The belief of ``rows``, taken out and predicted anew in the last steps."""
-        chosen: Any = rows if self._apart and not rows.all() else ...
-        first, *after = steps[-1 - age :]
-        window = [first.rows(chosen), *(step._replace(predicted=None).rows(chosen) for step in after)]
-        found = self._forecast_steps(window, window[0].predicted)
-        if found is None:
-            found, step = [], window[0]
-            for following in window[1:]:
-                step = following._replace(predicted=self._forecast(self._after(step), following))
-                found.append(step.predicted)
-        for i, predicted in enumerate(found, -age):
-            if not rows.all():
-                predicted = steps[i].predicted.with_rows(rows, predicted if chosen is rows else predicted[rows])
-            steps[i] = steps[i]._replace(predicted=predicted)
-        now = self._after(window[-1]._replace(predicted=found[-1]))
-        return now if chosen is rows or rows.all() else now[rows]
-
-    def _repeats(self, steps: list[Step]) -> bool:
-        """May these steps be one program? All were read, with the model's R and the input of their prediction."""
-        plain = isinstance(self.filter, Estimator) and not self.filter.random and steps[0].y.ndim == 2
-        return plain and all(step.R is None and step.measurement_u is None and step.read.all() for step in steps)
+        filter: Any = self.filter
+        u: Any = np.stack([belief.u, *window.u[1:]]) if all(known) else None  # type: ignore[list-item]
+        found = filter.forecast_steps(belief, u, window.y[:-1], window.available[:-1], wait)
+        like = filter.record.view(*belief.pack(), belief.prior_mean, belief.prior_cov, belief.u)
+        return None if found is None else [Forecast(packed, like) for packed in found]
 
     def _forecast(self, belief: Any, step: Step) -> Any:
         predict: Any = getattr(self.filter, "forecast", self.filter.predict)
@@ -324,7 +305,7 @@ class Delayed(Generic[Record]):
             row is so old.
         """
         rows = belief.reach == self.horizon
-        return rows, self._read(belief.steps[0], rows) if rows.any() else None
+        return rows, self._read(belief.window.step(0), rows) if rows.any() else None
 
     likelihood, sequential = "refused", True
 
@@ -346,11 +327,6 @@ class Delayed(Generic[Record]):
             raise TypeError("a late measurement repeats random numbers: give rng as keys (estimators.RandomKeys)")
         return rng
 
-    def _step(self, predicted: Any, rows: tuple[int, ...], u: np.ndarray | None, moved: RandomKeys | None) -> Step:
-        """A step of which nothing has been read; what is read later draws the numbers of the prediction."""
-        nothing = np.zeros((*rows, self.filter.model.p))
-        return Step(predicted, u, moved, nothing, nothing != 0.0, None, np.zeros(rows, bool), moved, None)
-
     def _known(self, belief: DelayedBelief[Record], u: Any) -> np.ndarray | None:
         """The known input, a row each and of our own, to be repeated apart."""
         if not isinstance(belief, DelayedBelief):
@@ -367,7 +343,7 @@ class Delayed(Generic[Record]):
         return self._after(step.rows(rows))
 
     def _after(self, step: Step) -> Any:
-        predicted, _, _, y, available, R, read, keys, u = step
+        predicted, _, R, keys, u, _, y, available, read = step
         if not read.all():
             updated = self._after(step._replace(read=np.ones(read.shape, bool))) if read.any() else None
             return predicted if updated is None else predicted.with_rows(read, updated[read])
@@ -383,16 +359,11 @@ class Delayed(Generic[Record]):
         return filter.update(predicted, y, rng=keys, available=available, R=R, u=u)
 
 
-def _taken(step: Step, y: np.ndarray, taken: np.ndarray, R: np.ndarray | None) -> Step:
-    """The step with the measurements ``taken (..., p)`` of ``y (..., p)``."""
-    if R is not None or step.R is not None:  # those of different calls have nothing in common
-        together, one = taken[..., None] & taken[..., None, :], taken[..., None] ^ taken[..., None, :]
-        before = np.nan if step.R is None else step.R
-        R = np.where(together, np.nan if R is None else R, np.where(one, 0.0, before))
-    return step._replace(
-        y=np.where(taken, y, step.y), available=step.available | taken, R=R,
-        read=step.read | taken.any(-1),
-    )  # fmt: skip
+def _merged_R(before: np.ndarray | None, available: np.ndarray, taken: np.ndarray, R: np.ndarray | None) -> np.ndarray:
+    """R of the measurements ``available (..., p)`` before, and those ``taken``; NaN where none brought its own."""
+    together, one = taken[..., None] & taken[..., None, :], taken[..., None] ^ taken[..., None, :]
+    # those of different calls have nothing in common
+    return np.where(together, np.nan if R is None else R, np.where(one, 0.0, np.nan if before is None else before))
 
 
 def _fitting(name: str, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
@@ -400,24 +371,6 @@ def _fitting(name: str, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarra
         return np.broadcast_to(values, shape)
     except ValueError:
         raise ValueError(f"{name} has shape {values.shape}, expected {shape}") from None
-
-
-def _with_rows(mine: Any, rows: np.ndarray, theirs: Any) -> Any:
-    """Arrays or keys with some rows of others; where one has none, its rows have nothing that is ever looked at."""
-    some = theirs if mine is None else mine
-    if isinstance(some, RandomKeys):
-        keys = (None if one is None else one.keys for one in (mine, theirs))
-        steps = (None if one is None else np.broadcast_to(one.step, one.keys.shape[:-1]) for one in (mine, theirs))
-        (my_keys, their_keys), (my_step, their_step) = keys, steps
-        return RandomKeys(_with_rows(my_keys, rows, their_keys), _with_rows(my_step, rows, their_step))
-    if some is None:
-        return None
-    nothing = np.nan if some.dtype == float else 0
-    if mine is None:
-        mine = np.full(rows.shape + theirs.shape[1:], nothing, theirs.dtype)
-    merged = np.array(mine)
-    merged[rows] = nothing if theirs is None else theirs
-    return merged
 
 
 def by_age(y: np.ndarray, delay: np.ndarray) -> np.ndarray:

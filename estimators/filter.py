@@ -12,7 +12,7 @@ import numpy as np
 from estimators.angles import difference
 from estimators.belief import Belief, Layout, Record, finite_rows
 from estimators.checks import frozen
-from estimators.contract import INVALID_INITIAL, Estimator, Kept, Model, Rng, check_channels
+from estimators.contract import INVALID_INITIAL, Estimator, Model, Rng, check_channels
 from estimators.engine.matrices import is_traced
 from estimators.linalg import congruence, identity, masked
 from estimators.measurement import Measurement
@@ -206,13 +206,12 @@ class Filter(Estimator[Record], verified=True):
         return super().advance(belief, u, y, available, rng)
 
     def forecast_steps(
-        self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray, kept: Kept | None = None
-    ) -> tuple[np.ndarray, Layout] | None:
+        self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray, wait: np.ndarray
+    ) -> np.ndarray | None:
         """`Estimator.forecast_steps`, a program for all successive steps with measurements, or without."""
         if self.random or not (self._compiles(None) and self.verified and self._regular):
             return None
         (packed, layout), (steps, rows) = belief.pack(), y.shape[:2]
-        others, packs = kept or (np.zeros(0, int), [])
         measured = [bool(each.any()) or not self.idle for each in available]
         programs = dict[bool, Traced]()
         for each in set(measured):
@@ -221,19 +220,16 @@ class Filter(Estimator[Record], verified=True):
                 return None
             programs[each] = program
         predicted, doubtful = np.empty((steps, rows, layout.width)), np.zeros((steps, rows, 1), bool)
-        cuts = [k for k in range(1, steps) if measured[k] != measured[k - 1] or (packs and k == steps - 1)]
-        state = in_rows(packed)
+        state, begun = in_rows(packed), wait <= np.arange(steps)[:, None]
+        cuts = [k for k in range(1, steps) if measured[k] != measured[k - 1]]
         for first, last in pairwise([0, *cuts, steps]):
             before, now = (state, state) if u is None else (u[first:], u[first + 1 :])
             programs[measured[first]].function(
                 rows, last - first, state, now, y[first:], available[first:], state, state, state, before,
-                predicted[first:], doubtful[first:],
+                begun[first:], predicted[first:], doubtful[first:],
             )  # fmt: skip
-            for k in range(first, min(last, len(packs))):
-                predicted[k, others] = packs[k][others]
             state = predicted[last - 1]
-        doubtful[: len(packs), others] = False
-        return None if doubtful.any() or not np.isfinite(state.sum()) else (predicted, layout)
+        return None if doubtful.any() or not np.isfinite(state.sum()) else predicted
 
     # --- programs: see estimators.tracing -----------------------------------------------------------
 

@@ -107,6 +107,7 @@ def traced(
     before = known if u is None or not successive else matrix_input(program, 7, 0, u.shape[-1:])  # of the update
     try:
         now: Any = type(belief)(**(_inputs(program, belief, layout) | {"u": before}))
+        first = now
         for method in methods:
             if method == "_init":
                 now = filter._init(now, rng)
@@ -120,7 +121,13 @@ def traced(
                 if not filter.verified:  # whose covariance may be symmetric but for rounding
                     now = Belief.replace(now, cov=symmetrise(now.cov))
                 doubtful = cast(Any, doubtful_rows(now, measurement.R))
-        found, parts = _packed(program, now)
+        results = now.stored()
+        found, parts = _packed(program, results)
+        if successive and found is layout:  # a row that waits stays as it is
+            begun = matrix_input(program, 8, 0, (1,), "b")
+            masks = begun[..., 0], begun, begun[..., None]  # of numbers, vectors and matrices
+            kept = {name: np.where(masks[own.ndim], results[name], own) for name, own in first.stored().items()}
+            parts, doubtful = _packed(program, kept)[1], None if doubtful is None else doubtful & begun[..., 0]
         mask = [] if doubtful is None else [doubtful.value]
     except Exception as error:
         if filter.verified:
@@ -133,7 +140,7 @@ def traced(
         return traced(filter, methods, belief, layout, u, R)
     sizes = (layout.width, 0 if u is None else u.shape[-1], p, p, callbacks.columns)
     arguments = [*(Argument((size,), "b" if i == 3 else "f") for i, size in enumerate(sizes)), *words]
-    arguments += [Argument(sizes[1:2])] * successive
+    arguments += [Argument(sizes[1:2]), Argument((1,), "b")] * successive
     outputs = [(parts, Argument((found.width,))), (mask, Argument((1,), "b"))]
     function = Function(program, arguments, outputs, parts if successive and found is layout else None)
     others = [each.source for each in program.inspections]
@@ -187,9 +194,8 @@ def _checked(filter: Any, result: Any, before: Any) -> Any:
     return result
 
 
-def _packed(program: Program, belief: Any) -> tuple[Layout, list[Any]]:
+def _packed(program: Program, results: dict[str, Any]) -> tuple[Layout, list[Any]]:
     """The layout of a traced belief's arrays, and these as parts of an output."""
-    results = belief.stored()
     return _columns(program, results, frozenset(name for name, value in results.items() if value.dtype == bool))
 
 

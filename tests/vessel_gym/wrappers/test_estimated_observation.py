@@ -506,7 +506,7 @@ def test_measurements_that_come_late_are_fused_where_they_belong(estimator: str)
         np.testing.assert_array_equal(infos[0]["truth"], infos[1]["truth"])
     assert infos[0]["refused"] == 0
     assert np.abs(infos[0]["estimate"] - infos[1]["estimate"]).max() > 0.0
-    step = late.watch.loop.belief.steps[-1 - 5]  # all that was taken then has come: the same before it
+    step = late.watch.loop.belief.window.step(-1 - 5)  # all that was taken then has come: the same before it
     assert step.available.all()
 
 
