@@ -106,16 +106,16 @@ def test_an_input_that_no_measurement_shows_is_smoothed_with_its_prior(name: str
     assert smoothed.input_cov[6, 0, 0, 0] < 0.5 * series.updated.input_cov[6, 0, 0, 0]
 
 
-@pytest.mark.parametrize("assume", [0.5, 20.0])
-def test_an_input_whose_variance_is_told_is_smoothed_as_the_state_that_it_could_be(told: float):
+@pytest.mark.parametrize("assumed", [0.5, 20.0])
+def test_an_input_whose_variance_is_told_is_smoothed_as_the_state_that_it_could_be(assumed: float):
     system = unknown_input_system(0, True)
     record = simulate(system, 1, runs=2, steps=15)
-    smoothed = smooth(run(make("kf", system.model, input_cov=told), system.prior, record.y, u=record.u))
+    smoothed = smooth(run(make("kf", system.model, input_cov=assumed), system.prior, record.y, u=record.u))
     whole, n = stacked(system.model), system.model.n
     Q = whole.Q.copy()
-    Q[n:, n:] = told
+    Q[n:, n:] = assumed
     as_state = make("kf", LinearModel(whole.A, whole.C, Q, whole.R, B=whole.B))
-    prior = np.eye(n + 1) * told
+    prior = np.eye(n + 1) * assumed
     prior[:n, :n] = system.cov
     other = smooth(run(as_state, Gaussian([*system.mean, 0.0], prior), record.y, u=record.u))
     np.testing.assert_allclose(smoothed.mean, other.mean[..., :n], rtol=0, atol=1e-9)
