@@ -334,16 +334,16 @@ def test_seeds_are_no_less_drawn_than_runs():
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "assume"),
+    ("low", "high", "expected"),
     [
         (-0.009, 0.009, "equivalent"), (0.001, 0.002, "equivalent"), (-0.011, 0.009, "not decided"),
         (-0.018, -0.006, "worse"), (-0.5, -0.4, "worse"), (0.002, 0.011, "better"), (0.0, 0.02, "not decided"),
     ],
 )  # fmt: skip
-def test_a_verdict_is_equivalent_within_the_margin_else_the_sign_else_open(low, high, told):
+def test_a_verdict_is_equivalent_within_the_margin_else_the_sign_else_open(low, high, expected):
     middle = 0.5 * (low + high)
-    assert verdict(Interval(middle, low, high), 0.01) == told
-    turned = {"worse": "better", "better": "worse"}.get(told, told)
+    assert verdict(Interval(middle, low, high), 0.01) == expected
+    turned = {"worse": "better", "better": "worse"}.get(expected, expected)
     assert verdict(Interval(-middle, -high, -low), 0.01) == turned
     assert verdict(Interval(100 * middle, 100 * low, 100 * high), 1.0) == told
     assert verdict(middle, 0.01) == verdict(None, 0.01) == "not decided"
