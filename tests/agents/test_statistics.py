@@ -345,7 +345,7 @@ def test_a_verdict_is_equivalent_within_the_margin_else_the_sign_else_open(low, 
     assert verdict(Interval(middle, low, high), 0.01) == expected
     turned = {"worse": "better", "better": "worse"}.get(expected, expected)
     assert verdict(Interval(-middle, -high, -low), 0.01) == turned
-    assert verdict(Interval(100 * middle, 100 * low, 100 * high), 1.0) == told
+    assert verdict(Interval(100 * middle, 100 * low, 100 * high), 1.0) == expected
     assert verdict(middle, 0.01) == verdict(None, 0.01) == "not decided"
 
 
