@@ -164,6 +164,9 @@ class Filter(Estimator[Record], verified=True):
         if R is not None or regular is None:
             R = self._own_R(belief) if R is None and isinstance(self.model.R, StateNoise) else R
             regular = regular_noise(masked(*self._noise(y, available, R, belief.u)))
+        nothing = self.idle and regular and R is None and available is not None and not available.any()
+        if nothing and (predicted := self._without_measurement(belief)) is not None:
+            return predicted
         if self._compiles(rng):
             packed, layout = belief.pack()
             program = cast(Traced, self._program(("_update",), belief, layout, belief.u, R))
@@ -191,6 +194,19 @@ class Filter(Estimator[Record], verified=True):
             available, R = (None if a is None else a[rows] for a in (available, R))
             measurement = self._measurement(some, y, available, R)
             return updated.with_rows(rows, self._recovered(some, updated[rows], measurement, y, rng, available, R))
+
+    def _without_measurement(self, belief: Record) -> Record | None:
+        """The belief after an update without measurements, which leaves a prediction as it is; None: update it."""
+        packed, layout = belief.pack()
+        if not (self._compiles(None) and self.verified and belief.innovation is None and np.isfinite(packed.sum())):
+            return None
+        program = cast(Traced, self._program(("_update",), belief, layout, belief.u))
+        out, p = np.zeros((*packed.shape[:-1], program.layout.width)), self.model.p
+        for name, (columns, _) in layout.fields.items():
+            out[program.layout.fields[name][0]] = packed[columns]
+        out[program.layout.fields["innovation_cov"][0]] = np.eye(p).ravel()
+        prior = belief.prior_mean, belief.prior_cov
+        return cast(Record, self.record.view(out, program.layout, *prior, belief.u))
 
     def advance(
         self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng

@@ -86,7 +86,12 @@ class Transit:
         self._owner = sensors.owner
         self._latency, self._jitter, self._clock = sensors.delays.T
         shape = rows, sensors.horizon + 1, sensors.size
-        self._y, self._delay = np.zeros(shape), np.full(shape, _NONE)  # by age, with the age at which each arrives
+        self._y, self._delay = (
+            np.zeros(shape),
+            np.full(shape, _NONE, np.int32),
+        )  # by age, with that at which each arrives
+        constant = not (self._jitter.any() or self._clock.any())
+        self._ages = (self._latency[self._owner], np.arange(sensors.size)) if constant else None  # of each channel
         self.lost = np.zeros(rows, np.int64)
         self._off = np.zeros(
             (rows, sensors.size), np.int64
@@ -112,15 +117,26 @@ class Transit:
         delay = self._latency[self._owner]
         if self._jitter.any():
             delay = delay + self._drawn(self._jitter, RandomKeys(keys, steps[:, None]), _JITTER)
-        delay = np.where(sampled[1], delay, _NONE)
-        self._y[rows] = y = np.concatenate([sampled[0][:, None], self._y[rows][:, :-1]], 1)
-        self._delay[rows] = delay = np.concatenate([delay[:, None], self._delay[rows][:, :-1]], 1)
-        arrived: np.ndarray = delay == np.arange(delay.shape[1])[:, None]
+        delay = np.where(sampled[1], delay, _NONE).astype(np.int32)
+        y = np.concatenate([sampled[0][:, None], self._y[rows][:, :-1]], 1)
+        delay = np.concatenate([delay[:, None], self._delay[rows][:, :-1]], 1)
+        if isinstance(rows, slice):  # all
+            self._y, self._delay = y, delay
+        else:
+            self._y[rows], self._delay[rows] = y, delay
+        arrived: np.ndarray = delay == np.arange(delay.shape[1], dtype=np.int32)[:, None]
         if not self._clock.any():
             return np.where(arrived, y, 0.0), arrived
         stamped, there = self._stamped(y, arrived, self._off[rows])
         self.lost[rows] += arrived.sum((1, 2)) - there.sum((1, 2))
         return stamped, there
+
+    def youngest(self, delivered: Measurements) -> Measurements:
+        """Of what was delivered the youngest measurement of each channel."""
+        if self._ages is None:
+            return youngest(delivered)
+        y, arrived = (each[:, *self._ages] for each in delivered)
+        return y, arrived
 
     def _drawn(self, most: np.ndarray, drawn: RandomKeys, use: int) -> np.ndarray:
         """Whole numbers from 0 to ``most (sensors,)``, of each channel's sensor: ``(rows, p)``."""

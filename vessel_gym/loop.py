@@ -81,7 +81,11 @@ class Loop:
         if self._faults is not None or self._transit is not None:
             delivered = self._delivered(measurements, steps, slice(None) if rows is None else rows, injected)
         self.delivered = _merged(self.delivered, rows, delivered)
-        self.measurements = self.delivered if self._transit is None else youngest(self.delivered)
+        if self._transit is None:
+            self.measurements = self.delivered
+        else:
+            own = youngest(delivered) if injected else self._transit.youngest(delivered)
+            self.measurements = _merged(self.measurements, rows, own)
         return delivered
 
     def begin(self, rows: np.ndarray | None, prior: Gaussian, measurements: Measurements, u: np.ndarray) -> Belief:
