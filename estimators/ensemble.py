@@ -28,9 +28,9 @@ from estimators.analysis import (
 )
 from estimators.angles import difference
 from estimators.belief import Belief, EnsembleBelief, Record, members_last, prior_belief
-from estimators.checks import integer, number, short_repr
+from estimators.checks import in_rows, integer, number, short_repr
 from estimators.engine.matrices import is_traced
-from estimators.filter import Filter, Model, Rng, in_rows, inlinable
+from estimators.filter import Filter, Model, Rng, inlinable
 from estimators.linalg import masked, semidefinite_cholesky, shared_root
 from estimators.localisation import check_taper, group_states
 from estimators.measurement import Measurement

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.angles import difference
 from estimators.belief import Belief, Layout, Record, finite_rows
-from estimators.checks import frozen
+from estimators.checks import frozen, in_rows
 from estimators.contract import INVALID_INITIAL, Estimator, Model, Rng, check_channels
 from estimators.engine.matrices import is_traced
 from estimators.linalg import congruence, identity, masked
@@ -31,7 +31,7 @@ from estimators.recovery import (
 from estimators.tracing import BOTH, PREDICTIONS, SUCCESSIVE, Traced, traced, traced_formula
 from estimators.varying import Schedule, StateNoise, resolve
 
-__all__ = ["Filter", "Model", "Rng", "check_channels", "in_rows", "inlinable"]
+__all__ = ["Filter", "Model", "Rng", "check_channels", "inlinable"]
 
 _Method = TypeVar("_Method", bound=Callable[..., Any])
 
@@ -404,13 +404,6 @@ class Filter(Estimator[Record], verified=True):
 
 _ANSWERS = {"_moved": (1, 2), "_linearise": (1, 2, 2), "_moving_G": (2,), "_moved_members": (2,), "_expected": (2,)}
 """Axes of what these methods say of a row."""
-
-
-def in_rows(array: np.ndarray) -> np.ndarray:
-    """The array ``(B, k)`` of one ``(..., k)``, as kernels need it."""
-    if not (array.flags.c_contiguous and array.flags.aligned):
-        array = np.array(array, order="C")
-    return array if array.ndim == 2 else array.reshape(math.prod(array.shape[:-1]), array.shape[-1])
 
 
 @cache

@@ -1,0 +1,116 @@
+"""Floors of the house, the way of a step through it, and names that are the field's."""
+
+import ast
+import io
+import re
+import sys
+import tokenize
+from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import pytest
+
+import vessel_gym  # noqa: F401, registers the environments
+
+ROOT = Path(__file__).parents[1]
+FLOORS = ("estimators", "vessel_gym", "agents", "scripts")
+"""A folder imports those before it, and never those behind it."""
+MODULES = {
+    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
+    for floor in FLOORS
+    for path in sorted((ROOT / floor).rglob("*.py"))
+}
+
+PRIVATE = {
+    "reading", "readings", "noted", "informs", "arrivals", "attach", "forcing", "kick", "kicks", "stir", "spoil",
+    "tally",
+    "neutralised", "climbed", "ladder", "rung", "settled", "straightened", "suiting", "retimed", "sheet", "sheets",
+    "pilot", "pilots", "anybody", "handed",
+}  # fmt: skip
+"""Words that once stood for a term of the field: docs/glossary.md has the terms, CHANGELOG.md what was called what."""
+
+
+def imports(module: str, late: bool) -> set[str]:
+    """Modules of the package that a module imports, for types too; ``late``: those within functions as well."""
+    found: set[str] = set()
+
+    def visit(node: ast.AST) -> None:
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.Import):
+                found.update(name.name for name in child.names)
+            elif isinstance(child, ast.ImportFrom):
+                names = {f"{child.module}.{name.name}" for name in child.names}
+                found.update(names & MODULES.keys())
+                if names - MODULES.keys():
+                    found.add(str(child.module))
+            elif late or not isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef):
+                visit(child)
+
+    visit(ast.parse(MODULES[module].read_text(encoding="utf-8")))
+    return (found & MODULES.keys()) - {module}
+
+
+def test_no_module_imports_itself_through_others() -> None:
+    try:
+        TopologicalSorter({module: imports(module, late=False) for module in MODULES}).prepare()
+    except CycleError as error:
+        pytest.fail(" <- ".join(error.args[1]))
+
+
+def test_no_folder_imports_one_above_it() -> None:
+    floor = {module: FLOORS.index(module.split(".")[0]) for module in MODULES}
+    upward = [(one, other) for one in MODULES for other in imports(one, late=True) if floor[other] > floor[one]]
+    assert upward == []
+
+
+@pytest.mark.parametrize("num_envs", [1, 3])
+@pytest.mark.parametrize("env_id", ["SigmaCorvette-v0", "SegorogeniAUV-v0", "PunaUAV-v0", "ThesisCorvette-v0"])
+def test_a_step_passes_each_module_once(env_id: str, num_envs: int) -> None:
+    """No module is called again by one that it called, but for inherited methods of the same object."""
+    env: Any = gym.make_vec(env_id, num_envs) if num_envs > 1 else gym.make(env_id).unwrapped
+    env.reset(seed=0)
+    action = env.action_space.sample()
+    env.step(action)  # what is compiled at the first step is
+    stack: list[tuple[str, Any]] = []
+    again = set()
+
+    def trace(frame: Any, event: str, _: Any) -> None:
+        if event == "call":
+            module, owner = frame.f_globals.get("__name__", ""), frame.f_locals.get("self")
+            last = stack[-1] if stack else ("", None)
+            if not module.startswith(FLOORS):
+                stack.append(last)
+                return
+            inside = [each for each, _ in stack]
+            if module != last[0] and module in inside and not (owner is not None and owner is last[1]):
+                again.add(" > ".join([*inside[inside.index(module) :], module]))
+            stack.append((module, owner))
+        elif event == "return" and stack:
+            stack.pop()
+
+    sys.setprofile(trace)
+    try:
+        env.step(action)
+    finally:
+        sys.setprofile(None)
+    assert not again
+
+
+def identifiers(path: Path) -> Iterator[str]:
+    """Names in a file's code, without comments and strings."""
+    source = io.StringIO(path.read_text(encoding="utf-8"))
+    return (token.string for token in tokenize.generate_tokens(source.readline) if token.type == tokenize.NAME)
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_names_are_of_the_field(module: str) -> None:
+    private = {
+        name
+        for name in identifiers(MODULES[module])
+        for word in re.sub(r"([a-z])([A-Z])", r"\1_\2", name).lower().split("_")
+        if word in PRIVATE
+    }
+    assert not private
