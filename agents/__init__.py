@@ -1,6 +1,7 @@
 """Agents that steer on estimates, and the means to train and score them.
 
 torch and stable-baselines3 are imported only when an agent is trained, saved or loaded.
+The package may import `vessel_gym` and `estimators`; `scripts` and `studies` import it.
 """
 
 from agents.agent import Agent, RandomAgent, load_agent

@@ -6,6 +6,8 @@ believes. Every task of the package has three:
 - ``"autopilot"``: the one that studies measure others by, linear-quadratic with what the task needs beside it;
 - ``"pid"``: decoupled loops of proportional, integral and derivative action (`agents.controllers.loops`);
 - ``"lqg"``: the linear-quadratic regulator of the whole deviation, on the estimate, and nothing else.
+
+They may import vehicles, tasks and `estimators`; agents and studies import them.
 """
 
 from collections.abc import Callable

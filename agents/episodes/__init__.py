@@ -1,4 +1,7 @@
-"""Episodes to touch: the same waves and noise met on several estimators, as one page that needs no network."""
+"""Episodes to touch: the same waves and noise met on several estimators, as one page that needs no network.
+
+They may import rollouts, metrics and `vessel_gym`; studies and commands import them.
+"""
 
 from agents.episodes.recording import Episode, episode, typical_seed
 

@@ -10,6 +10,8 @@ A `Job` names a function and its arguments. `run` computes what is missing and k
 
 A result is written whole or not at all, under a lock of its own: several runs may share a folder, and after a crash
 exactly what is missing is computed. Results hold no times, so those of two runs are equal byte for byte.
+
+They may import files and sources of `agents`, nothing that flies; studies and maintainers' commands import them.
 """
 
 from agents.jobs.job import Job

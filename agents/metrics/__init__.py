@@ -2,6 +2,8 @@
 
 Every task has a score, a return, steps, the error of an estimated unknown input, NEES and failed updates. A task adds
 what it is about; without that, it is also measured by how well each component of the state was estimated.
+
+They may import rollouts and statistics; studies, pages of episodes and commands import them.
 """
 
 import sys

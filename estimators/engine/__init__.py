@@ -2,6 +2,8 @@
 
 See docs/engine.md. `compiled` makes a function of arrays ``(..., n)`` run compiled; what follows are the words that
 such functions have besides NumPy's.
+
+It imports `estimators.checks` alone; filters, models and `vessel_gym` import it.
 """
 
 from estimators.engine.compiled import Compiled, compiled, forget, trace

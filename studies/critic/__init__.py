@@ -1,1 +1,1 @@
-"""Benchmark of the asymmetric critic, which alone is told the truth."""
+"""Benchmark of the asymmetric critic, which alone is given the truth."""

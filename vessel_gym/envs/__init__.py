@@ -1,4 +1,7 @@
-"""The environments: two thin faces on the batched core, and one module of data an environment."""
+"""The environments: two thin faces on the batched core, and one module of data an environment.
+
+They may import all other folders of `vessel_gym`; users import them by `gymnasium.make`.
+"""
 
 from vessel_gym.envs.auv import AUVEnv, AUVVectorEnv
 from vessel_gym.envs.fixed_wing import FixedWingEnv, FixedWingVectorEnv

@@ -1,6 +1,8 @@
 """Pictures of an episode with pygame, which is imported only when a renderer is made.
 
-There is one picture for every task; what lies around the vehicle is told by `vessel_gym.surroundings`.
+There is one picture for every task; `vessel_gym.surroundings` describes what lies around the vehicle.
+
+It may import the core and surroundings; environments import it when one is rendered.
 """
 
 import os

@@ -2,6 +2,8 @@
 
 A sensor is one object, and nothing else knows of it: measurements, raw observations, a filter's R, the localisation of
 ensembles and what can be had without a filter follow from it. Yours is a `Sensor`: docs/own-sensor.md.
+
+They may import processes and `estimators`; vehicles, filter models and the loop import them.
 """
 
 from vessel_gym.sensors.array import Sensors

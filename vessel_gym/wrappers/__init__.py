@@ -1,4 +1,7 @@
-"""Wrappers for environments that are not ours: an estimator in the loop of any Gymnasium environment."""
+"""Wrappers for environments that are not ours: an estimator in the loop of any Gymnasium environment.
+
+They may import the loop, sensors and `estimators`; nothing of the package imports them.
+"""
 
 from vessel_gym.wrappers.estimated import EstimatedObservation
 from vessel_gym.wrappers.identification import identify
