@@ -5,10 +5,9 @@ import re
 import socket
 import threading
 import time
-import warnings
-from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import Executor, as_completed
+from contextlib import contextmanager, suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -48,56 +47,57 @@ def _here(folder: Path, jobs: Sequence[Job]) -> Ends:
     yield from (work(job, folder, job.key) for job in jobs)
 
 
+Tries = Generator[tuple[Job, End | Exception], None, None]
+"""Jobs in order of completion, each with its end, or with the error of a process that was killed."""
+
+
+def _tried(executor: Executor, killed: type[Exception], folder: Path, jobs: Iterable[Job]) -> Tries:
+    """Each job on an executor, which raises ``killed`` for a job whose process was killed."""
+    futures = {executor.submit(work, job, folder, job.key): job for job in jobs}
+    for future in as_completed(futures):
+        error = future.exception()
+        if error is not None and not isinstance(error, killed):
+            raise error
+        yield futures.pop(future), error or future.result()
+
+
 def _in_processes(folder: Path, processes: int, modules: tuple[str, ...], jobs: Sequence[Job]) -> Ends:
+    """Jobs in a pool. A killed process ends the pool: those that it may have computed are tried again, one by one."""
+    left = dict.fromkeys(jobs)
+    while left:
+        with _pool(processes, modules) as (executor, killed):
+            for job, end in _tried(executor, killed, folder, left):
+                if isinstance(end, End):
+                    del left[job]
+                    yield end
+        for job in list(left)[: 2 * processes]:  # jobs begin in their order, so the killed one is among the first
+            del left[job]
+            yield _alone(job, folder)
+
+
+def _alone(job: Job, folder: Path) -> End:
+    """A job in a process of its own, which has all the memory there is, and then once more."""
+    for _ in range(2):
+        with _pool(1) as (executor, killed):
+            ((_, end),) = _tried(executor, killed, folder, [job])
+        if isinstance(end, End):
+            return end
+    codes = re.search(r"\{(.*)\}", str(end))  # e.g. SIGKILL(-9)
+    cause = codes[1] if codes else "nobody knows how"
+    return _killed(job, folder, f"the process that computed it was killed twice ({cause})")
+
+
+@contextmanager
+def _pool(processes: int, modules: tuple[str, ...] = ()) -> Iterator[tuple[Executor, type[Exception]]]:
+    """Processes of one thread each, stopped at the end, and the error of a job when one of them is killed."""
     require("joblib")
-    from joblib import Parallel, parallel_config
-    from joblib.externals.loky.process_executor import TerminatedWorkerError
-
-    left = {job.key: job for job in jobs}
-    with parallel_config(backend="loky", inner_max_num_threads=1, initializer=_begin, initargs=(os.getpid(), modules)):
-        processes = min(processes, max(len(jobs), 2))  # with one, joblib would compute here
-        parallel = Parallel(processes, return_as="generator_unordered", batch_size=1)
-    try:
-        with _dispatched(parallel, folder, jobs) as ends:
-            for end in ends:
-                del left[end.key]
-                yield end
-    except TerminatedWorkerError:
-        pass  # a process was killed, and joblib ended the others with it
-    for at_once in (processes, 1):  # the second time alone: it has all the memory there is
-        with closing(_apart(folder, at_once, list(left.values()))) as tries:
-            for job, result, cause in tries:
-                if result is not None:
-                    del left[job.key]
-                    yield result
-                elif at_once == 1:
-                    yield _killed(job, folder, f"the process that computed it was killed twice ({cause})")
-
-
-def _apart(folder: Path, at_once: int, jobs: Sequence[Job]) -> Generator[tuple[Job, End | None, str], None, None]:
-    """Each job in a process of its own: its end, or else what ended the process."""
-    from concurrent.futures import FIRST_COMPLETED, Future, wait
-
     from joblib.externals.loky.process_executor import ProcessPoolExecutor, TerminatedWorkerError
 
-    left, running = deque(jobs), dict[Future[End], tuple[Job, ProcessPoolExecutor]]()
+    executor = ProcessPoolExecutor(processes, initializer=_begin, initargs=(os.getpid(), modules), env=_ONE_THREAD)
     try:
-        while left or running:
-            while left and len(running) < at_once:
-                job = left.popleft()
-                process = ProcessPoolExecutor(1, initializer=_begin, initargs=(os.getpid(),), env=_ONE_THREAD)
-                running[process.submit(work, job, folder, job.key)] = job, process
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                job, process = running.pop(future)
-                process.shutdown()
-                try:
-                    yield job, future.result(), ""
-                except TerminatedWorkerError as error:
-                    codes = re.search(r"\{(.*)\}", str(error))  # e.g. SIGKILL(-9)
-                    yield job, None, codes[1] if codes else "nobody knows how"
+        yield executor, TerminatedWorkerError
     finally:
-        for _, process in running.values():
-            process.shutdown(kill_workers=True)
+        executor.shutdown(kill_workers=True)
 
 
 def _begin(parent: int, modules: tuple[str, ...] = ()) -> None:
@@ -124,74 +124,25 @@ def _killed(job: Job, folder: Path, text: str) -> End:
 
 
 def _on_cluster(folder: Path, client: Any, jobs: Sequence[Job]) -> Ends:
-    from joblib import Parallel
+    """Jobs on Dask's workers. Dask blames all jobs that were on a killed worker: they are tried again, one by one."""
+    from distributed import KilledWorker
 
-    parallel = Parallel(-1, _dask_backend(client), return_as="generator_unordered", pre_dispatch="all", batch_size=1)
-    killed: list[Job] = []
+    executor, left = client.get_executor(pure=False), list[Job]()
     try:
-        with _dispatched(parallel, folder, jobs) as ends:
-            for end in ends:
-                if isinstance(end, Job):
-                    killed.append(end)
-                else:
-                    yield end
-        for job in killed:  # alone: Dask blames all that were on a worker
-            with _dispatched(parallel, folder, [job]) as ends:
-                for end in ends:
-                    text = "every worker that computed it was killed"
-                    yield _killed(job, folder, text) if isinstance(end, Job) else end
+        for job, end in _tried(executor, KilledWorker, folder, jobs):
+            if isinstance(end, End):
+                yield end
+            else:
+                left.append(job)
+        for job in left:
+            ((_, end),) = _tried(executor, KilledWorker, folder, [job])
+            yield end if isinstance(end, End) else _killed(job, folder, "every worker that computed it was killed")
     except CannotStore:
         raise
     except Exception as error:
         raise ConnectionError(f"the Dask workers cannot go on: {type(error).__name__}: {error}") from error
-
-
-def _dask_backend(client: Any) -> Any:
-    """Joblib's backend for Dask, which would wait for ever for a task that ended without a result.
-
-    This one tells joblib of the error; if all the workers of a job were killed, the job itself comes instead of its
-    end.
-    """
-    from distributed import KilledWorker
-    from joblib._dask import DaskDistributedBackend
-
-    class Backend(DaskDistributedBackend):
-        def effective_n_jobs(self, n_jobs: int) -> int:
-            return 2  # how many compute is up to Dask; with one, joblib would compute here
-
-        def submit(self, func: Any, callback: Any = None) -> Any:
-            def tell(future: Any) -> None:
-                error = future.exception()
-                if isinstance(error, KilledWorker):
-                    ((_, (job, _, _), _),) = func.items
-                    callback([job])
-                elif error is not None:
-                    callback(error)
-
-            future = super().submit(func, callback)
-            future.add_done_callback(tell)
-            return future
-
-        def retrieve_result_callback(self, out: Any) -> Any:
-            if isinstance(out, BaseException):
-                raise out
-            return super().retrieve_result_callback(out)
-
-    return Backend(client=client)
-
-
-@contextmanager
-def _dispatched(parallel: Any, folder: Path, jobs: Sequence[Job]) -> Iterator[Iterator[Any]]:
-    """The ends of jobs that joblib was given; when left early, the processes that compute are stopped."""
-    from joblib import delayed
-
-    ends = parallel(delayed(work)(job, folder, job.key) for job in jobs)
-    try:
-        yield ends
     finally:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that some jobs were not computed, and that one could dispatch fewer
-            ends.close()
+        executor.shutdown(wait=False)
 
 
 def check_scheduler(address: str) -> None:
@@ -218,7 +169,7 @@ def check_scheduler(address: str) -> None:
 
 @contextmanager
 def _client(scheduler: str) -> Iterator[Any]:
-    require("dask", "distributed", "joblib")
+    require("dask", "distributed")
     from dask.distributed import Client
 
     check_scheduler(scheduler)
