@@ -1,4 +1,4 @@
-"""Sections of a report: consistency, robustness, cost, example episodes and everything else that is measured."""
+"""Sections of a report: consistency, example episodes and everything else that is measured."""
 
 from collections.abc import Iterable, Sequence
 from itertools import product
@@ -7,13 +7,10 @@ import numpy as np
 
 from agents.episodes import Episode
 from agents.metrics import NEES, SCORE, UNHEALTHY, WITHOUT_COVARIANCE, Metric, metrics
-from agents.page import Block, Entry, Live, Prose, Section, entry, listed, number
+from agents.page import Block, Entry, Live, Section, entry, listed, number
 from agents.studies.examples import examples
-from agents.studies.figures import AXES, cost_figure, framed, robustness_figure, varied
-from agents.studies.records import FLOOR, ORACLE
 from agents.studies.results import Place, Results
-from agents.studies.shares import ruled
-from agents.studies.wording import capitalised, microseconds, note, tabled, the
+from agents.studies.wording import capitalised, note, tabled, the
 from agents.studies.worlds import system_of
 
 
@@ -53,43 +50,6 @@ def _honesty(results: Results, place: Place, name: str) -> list[Entry]:
         diverged(results.places([place.environment])),
         entry(results.mean(place, who, name, UNHEALTHY), 1),
     ]
-
-
-def robustness(results: Results) -> Section:
-    """Shares kept over each axis that the conditions vary."""
-    title = "Robustness"
-    if not ruled(results):
-        return Section(title, [])
-    lacking = [AXES[axis] for axis in AXES if axis not in varied(results)]
-    missing = f"The study varies no {listed(lacking)} on its own." if lacking else ""
-    figure = robustness_figure(results)
-    if figure is None:
-        return Section(title, [Prose(missing)])
-    who, first = capitalised(the(results.classical)), results.conditions[0]
-    caption = note("robustness", Who=who, first=first, floor=FLOOR, oracle=ORACLE)
-    block = framed(figure, "Share kept over what may go wrong", caption)
-    return Section(title, [block, *([Prose(missing)] if missing else [])])
-
-
-def cost(results: Results) -> Section:
-    """CPU time of a step."""
-    figure = cost_figure(results)
-    if figure is None:
-        return Section("Cost", [])
-    timed = {e: {name: results.step_times(e, name) for name in results.estimators(e)} for e in results.environments}
-    sections = {e: [(n, _times(t, n == ORACLE)) for n, t in times.items() if t] for e, times in timed.items()}
-    batch, first, who = f"batch of {results.plan.study.episodes}", results.conditions[0], the(results.classical)
-    heads = [(batch, "µs"), ("beyond the truth", "µs"), ("one vehicle", "µs"), ("beyond the truth", "µs")]
-    caption = note("cost-figure", Who=capitalised(who), batch=batch)
-    text = note("cost", Who=capitalised(who), first=first, floor=FLOOR)
-    table = tabled("cost", "CPU time of a step, by estimator", text, heads, sections)
-    return Section("Cost", [framed(figure, f"Score over CPU time ({first})", caption), *table])
-
-
-def _times(times: list[tuple[int, float, float]], is_truth: bool) -> list[Entry]:
-    """A row of the table of costs: in a batch, and one vehicle alone."""
-    pairs = [(own, None if is_truth else own - truth) for _, own, truth in (times[0], times[-1])]
-    return [Entry(microseconds(value)) for pair in pairs for value in pair]
 
 
 def episodes(results: Results) -> Section:

@@ -7,7 +7,7 @@ import numpy as np
 from agents.page import Block, Entry, Prose, Section, Table
 from agents.statistics import BETTER, EQUIVALENT, WORSE, Interval, verdict
 from agents.studies.confirmation import CONFIRMED, FAILED, OPEN, Confirmed
-from agents.studies.figures import ALL, Row, columns_of, dots, framed, looks, share_rows, unitless
+from agents.studies.figures import ALL, Row, columns_of, dots, framed, looks, share_rows
 from agents.studies.records import FLOOR, ORACLE, RAW, Study
 from agents.studies.results import Place, Policy, Results
 from agents.studies.shares import ENDS, common, gap, kept, learners, rankable, ruled
@@ -42,7 +42,9 @@ def ranking(results: Results) -> Section:
     conditions = many(len(results.conditions), "condition")
     text = note("ranking", Who=capitalised(who), conditions=conditions, episodes=study.episodes, overall=overall)
     heading = "Share of the oracle's performance kept, by estimator"
-    blocks.append(Table(heading, text, "Estimator", unitless(heads), [("", share_rows(rows))], "ranking"))
+    blocks.append(
+        Table(heading, text, "Estimator", [(head, "") for head in heads], [("", share_rows(rows))], "ranking")
+    )
     blocks.append(_differences(results, names, best, heads))
     return Section(title, blocks + _learned_ranking(results, columns, heads, names))
 
@@ -52,8 +54,8 @@ def _differences(results: Results, names: list[str], best: list[dict[str, np.nda
     margin = results.plan.study.margin
     behind = [(name, [_behind(ranked, name, margin) for ranked in best]) for name in names]
     text = note("behind-the-best", Equivalent=EQUIVALENT.capitalize(), margin=margin)
-    heading = unitless(heads)
-    return Table("Difference from the best", text, "Estimator", heading, [("", behind)], "behind-the-best")
+    pairs = [(head, "") for head in heads]
+    return Table("Difference from the best", text, "Estimator", pairs, [("", behind)], "behind-the-best")
 
 
 def _learned_ranking(results: Results, columns: list[Sequence[str]], heads: list[str], names: list[str]) -> list[Block]:

@@ -9,14 +9,15 @@ from agents.jobs import Job
 from agents.page import Block, Bullets, Page, Prose, Section, listed, write
 from agents.studies.answer import answer, summary
 from agents.studies.confirmation import confirmed
+from agents.studies.cost import cost
 from agents.studies.examples import examples
-from agents.studies.figures import AXES
 from agents.studies.learning import learning
-from agents.studies.measures import consistency, cost, episodes, measures, robustness
+from agents.studies.measures import consistency, episodes, measures
 from agents.studies.plan import Flight
 from agents.studies.ranking import confirmation, price, ranking, tails
 from agents.studies.records import FLOOR
 from agents.studies.results import Results
+from agents.studies.robustness import AXES, robustness
 from agents.studies.settings import settings
 from agents.studies.wording import many, note, paragraphs
 from vessel_gym.extras import require

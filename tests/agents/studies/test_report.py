@@ -16,7 +16,7 @@ from invented import CLASSICAL, CONDITIONS, CORVETTE, LEARNED, QUALITY, SEGOROGE
 from agents.page import render
 from agents.statistics import UNDECIDED, WORSE, crossed_interval, paired_difference, verdict
 from agents.studies.answer import answer, summary
-from agents.studies.figures import transfer_figure
+from agents.studies.learning import transfer_figure
 from agents.studies.plan import plan
 from agents.studies.records import Agent
 from agents.studies.report import page, write_report
