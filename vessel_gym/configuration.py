@@ -49,27 +49,31 @@ class Options:
     """The arguments of an environment.
 
     Args:
-        estimator: Name of the estimator, None for the environment's default. The filters of the `estimators` package,
-            ``truth`` (oracle), ``measurement`` (last measurement, zero-order hold), ``dead-reckoning``; or your own: an
-            `estimators.Filter` subclass, or a function of the model that returns a filter.
-        estimator_options: Options of that estimator, over the environment's tuning; ``model`` chooses the filter's
-            model where there are several, ``assume`` its assumptions about the world (see
-            `vessel_gym.estimation.Assumptions`), ``late`` the use of measurements that come late: ``"fused"`` where
-            they belong (the default), ``"as new"`` or ``"discarded"``, ``monitor`` a monitor of its innovations for
-            faults of sensors: ``"cusum"``, ``"chi-square"``, a dictionary of such a ``kind`` and its options, or your
-            own (see `vessel_gym.estimation.monitor_of`).
-        sensors: ``"clean"``, ``"nominal"`` or ``"degraded"`` (10 % drop-outs, 5 % outliers), or your own: a list of
-            `vessel_gym.sensors.Sensor`, to which those of ``system.vehicle.sensors`` may belong.
-        disturbance: ``"calm"``, ``"moderate"`` or ``"rough"``, or your own: a `vessel_gym.disturbances.Disturbance`.
+        estimator: Name of the estimator; None is the environment's default. Beside the filters of the `estimators`
+            package there are ``truth`` (oracle), ``measurement`` (last measurement, zero-order hold) and
+            ``dead-reckoning``. An `estimators.Filter` subclass, or a function of the model that returns a filter, also
+            serves.
+        estimator_options: Options of the estimator, over the environment's tuning. ``model`` chooses the filter's model
+            where there are several, ``assume`` its assumptions about the world (see
+            `vessel_gym.estimation.Assumptions`). ``late`` is the use of late measurements: ``"fused"`` at their own
+            time (the default), ``"as new"`` or ``"discarded"``. ``monitor`` watches the innovations for sensor faults:
+            ``"cusum"``, ``"chi-square"``, a dictionary of such a ``kind`` and its options, or a monitor of your own
+            (see `vessel_gym.estimation.monitor_of`).
+        sensors: ``"clean"``, ``"nominal"`` or ``"degraded"`` (10 % more drop-outs, and 5 % outliers of ten times the
+            noise). A list of `vessel_gym.sensors.Sensor` gives your own, among them those of
+            ``system.vehicle.sensors``.
+        disturbance: ``"calm"``, ``"moderate"`` or ``"rough"``, or a `vessel_gym.disturbances.Disturbance` of your own.
         mismatch: Relative spread of the truth's parameters around the filter's, 0 to 0.25.
-        observe: ``"mean"``, ``"mean+std"``, either with ``"+alarms"`` (1 for each sensor that the monitor accuses, else
-            0), or ``"measurement"`` for raw measurements and their mask.
-        termination: By ``"belief"`` (the estimate; the default where estimates are observed), ``"agent"``
-            (the agent, by a last component of its action above 0.5) or ``"task"`` (the truth: one bit; the default
-            where measurements are observed). Limits of the task and time end any.
-        guidance: Is the agent told how to go on, from the estimated position or, of raw measurements, from where the
-            last of them put it? Without, it sees estimates or measurements as they are, and the mission. Default: where
-            estimates are observed.
+        observe: Content of an observation. ``"mean"`` is the estimate, ``"mean+std"`` also its standard deviations.
+            ``"mean+alarms"`` and ``"mean+std+alarms"`` append 1 for each sensor that the monitor accuses, else 0.
+            ``"measurement"`` is raw measurements and their mask.
+        termination: Source of the decision that the mission is complete. ``"belief"`` is the estimate (the default
+            where estimates are observed). ``"agent"`` is the agent, by a last component of its action above 0.5.
+            ``"task"`` is the truth: one bit, and the default where measurements are observed. Limits of the task and of
+            time end any episode.
+        guidance: With True, an observation describes the mission relative to the estimated position, or to the last
+            measured one. With False, it has the estimate or the measurements as they are, and the mission. The default
+            is True where estimates are observed.
         sensor_faults: Faults of sensors, and their times: a list of `vessel_gym.sensor_faults.SensorFault`.
 
     Raises:

@@ -142,6 +142,16 @@ def test_the_docstring_of_an_environment_is_its_manual(env_id: str):
         assert f"`{key}`" in manual, key
 
 
+@pytest.mark.parametrize("env_id", MANUALS)
+def test_a_manual_holds_every_line_of_the_environment_s_own_file(env_id: str):
+    cls = single_class(env_id)
+    file = Path(vessel_gym.__file__).parent / "envs" / "manuals" / f"{cls.__module__.rpartition('.')[2]}.md"
+    manual = " ".join((cls.__doc__ or "").split())
+    for line in file.read_text(encoding="utf-8").splitlines():
+        own = re.sub(r"^- ``\w+``: ", "", " ".join(line.split()))
+        assert "$" in own or own in manual, own
+
+
 @pytest.mark.parametrize("env_id", OURS)
 def test_make_vec_chooses_the_native_batch_without_being_asked(env_id: str):
     env = gym.make_vec(env_id, num_envs=2)

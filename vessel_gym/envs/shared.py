@@ -6,6 +6,7 @@ from dataclasses import fields
 from inspect import cleandoc, signature
 from pathlib import Path
 from string import Template
+from textwrap import fill
 from typing import Any, TypeVar
 
 import gymnasium as gym
@@ -16,21 +17,40 @@ from estimators.factory import unknown
 from vessel_gym.checks import one_of
 from vessel_gym.configuration import Options
 from vessel_gym.core import Core
+from vessel_gym.system import System
 
 E = TypeVar("E", bound=type)
 _MANUALS = Path(__file__).with_name("manuals")
+_SECTION = re.compile(r"^## ([^\n]+)\n\n(.*?)(?=\n+## |\n*\Z)", re.M | re.S)
+_ITEM = re.compile(r"^- ``(\w+)``: (.*?)(?=\n- |\n\n|\Z)", re.M | re.S)
+_ARGUMENT = re.compile(r"^    (\w+): (.*?)(?=\n    \w|\n\n)", re.M | re.S)
+_WRAPPING: Any = {"width": 118, "subsequent_indent": "  ", "break_on_hyphens": False, "break_long_words": False}
 
 
 def documented(environment: E) -> E:
-    """Add its manual to an environment's docstring: the Markdown file with its system's name, in ``manuals``.
+    """Add its manual to an environment's docstring: manuals/common.md, filled in from the file of its system's name.
 
-    ``$name`` in a manual is a passage that several share, ``shared/name.md``.
+    A section of that file fills the placeholder of its heading, an item of ``Information`` that of its key. Arguments
+    are documented by `Options`, and an item of ``Arguments`` adds what is particular to the environment. The files in
+    manuals/shared are passages of several manuals.
     """
+    system: System = environment.system  # type: ignore[attr-defined]
     passages = {path.stem: path.read_text(encoding="utf-8").rstrip() for path in (_MANUALS / "shared").glob("*.md")}
-    name = re.sub("(?<=[a-z])(?=[A-Z])", "_", environment.system.name.partition("-")[0]).lower()  # type: ignore[attr-defined]
-    manual = (_MANUALS / f"{name}.md").read_text(encoding="utf-8")
-    environment.__doc__ = f"{cleandoc(environment.__doc__ or '')}\n\n{Template(manual).substitute(passages)}"
+    name = re.sub("(?<=[a-z])(?=[A-Z])", "_", system.name.partition("-")[0]).lower()
+    own = dict(_SECTION.findall(_filled(f"{name}.md", passages)))
+    here, general = dict(_ITEM.findall(own.pop("Arguments"))), cleandoc(Options.__doc__ or "").partition("Raises:")[0]
+    items = [f"- ``{name}``: {text} {here.get(name, '')}" for name, text in _ARGUMENT.findall(general)]
+    values = {"id": system.name, "estimator": system.estimator, "arguments": "\n".join(items)}
+    values |= dict(_ITEM.findall(own.pop("Information")))
+    values |= {title.lower().replace(" ", "_"): text for title, text in own.items()}
+    manual = _ITEM.sub(lambda item: fill(" ".join(item[0].split()), **_WRAPPING), _filled("common.md", values))
+    environment.__doc__ = f"{cleandoc(environment.__doc__ or '')}\n\n{manual}"
     return environment
+
+
+def _filled(file: str, values: Mapping[str, str]) -> str:
+    """The text of a manual's file with ``$placeholders`` filled in."""
+    return Template((_MANUALS / file).read_text(encoding="utf-8")).substitute(values)
 
 
 def observation_space(core: Core) -> Box:
