@@ -167,19 +167,22 @@ class Delayed(Generic[Record]):
         """The same, where the window's measurements belong to it alone."""
         window, reach, refused, oldest = belief.window, belief.reach, belief.refused, np.zeros(belief.reach.shape, int)
         window.read[-1], newest, own_R = True, len(window.y) - 1, list(window.R)
-        ages, p = y.shape[-2:]
-        for age in np.flatnonzero(available.reshape(-1, ages * p).any(0).reshape(ages, p).any(1)).tolist():
-            new, i = available[..., age, :] & np.isfinite(y[..., age, :]), newest - age
+        ages = np.logical_or.reduce(available.reshape(-1, *y.shape[-2:])).any(1)
+        for age in np.flatnonzero(ages).tolist():
+            values, i = y[..., age, :], newest - age
+            new = available[..., age, :] & np.isfinite(values)
             if i >= 0:
                 taken = new & (age <= reach)[..., None] & ~window.available[i]
                 if R is not None or own_R[i] is not None:
                     own_R[i] = _merged_R(own_R[i], window.available[i], taken, None if R is None else R[..., age, :, :])
-                np.copyto(window.y[i], y[..., age, :], where=taken)
+                np.copyto(window.y[i], values, where=taken)
                 window.available[i] |= taken
-                window.read[i] |= taken.any(-1)
-                oldest = np.where(taken.any(-1), age, oldest)
-                new = new & ~taken
-            refused = refused + new.sum(-1)
+                rows = taken.any(-1)
+                window.read[i] |= rows
+                oldest = np.where(rows, age, oldest)
+                new ^= taken
+            if new.any():
+                refused = refused + new.sum(-1)
         window = window._replace(R=tuple(own_R), keys=(*window.keys[:-1], self._keys(rng)))
         now, window = self._repeated(window, oldest, reach, belief.now)
         return DelayedBelief(now, window, reach, refused)
@@ -228,11 +231,11 @@ class Delayed(Generic[Record]):
         if wait.any():
             packed, layout = belief.pack()
             packed = np.array(packed)
-            for k in set(wait.tolist()) - {0}:
-                rows, (own, found) = wait == k, some.packed(k)
-                if found is not layout:
-                    return None
-                packed[rows] = own[rows]
+            begun = {k: some.packed(k) for k in set(wait.tolist())}
+            if any(found is not layout for _, found in begun.values()):
+                return None
+            for row in np.flatnonzero(wait).tolist():
+                packed[row] = begun[wait[row]][0][row]
             belief = belief.view(packed, layout, before.prior_mean, before.prior_cov, belief.u)
         forecasts = self._forecasts(some, belief, wait)
         return None if forecasts is None else window.with_predicted(*forecasts)

@@ -201,10 +201,10 @@ class Filter(Estimator[Record], verified=True):
         if not (self._compiles(None) and self.verified and belief.innovation is None and np.isfinite(packed.sum())):
             return None
         program = cast(Traced, self._program(("_update",), belief, layout, belief.u))
-        out, p = np.zeros((*packed.shape[:-1], program.layout.width)), self.model.p
+        out = np.zeros((*packed.shape[:-1], program.layout.width))
         for name, (columns, _) in layout.fields.items():
             out[program.layout.fields[name][0]] = packed[columns]
-        out[program.layout.fields["innovation_cov"][0]] = np.eye(p).ravel()
+        out[program.layout.fields["innovation_cov"][0]] = identity(self.model.p).ravel()
         prior = belief.prior_mean, belief.prior_cov
         return cast(Record, self.record.view(out, program.layout, *prior, belief.u))
 
@@ -228,7 +228,7 @@ class Filter(Estimator[Record], verified=True):
         if self.random or not (self._compiles(None) and self.verified and self._regular):
             return None
         (packed, layout), (steps, rows) = belief.pack(), y.shape[:2]
-        measured = [bool(each.any()) or not self.idle for each in available]
+        measured: list[bool] = [True] * steps if not self.idle else available.reshape(steps, -1).any(1).tolist()  # type: ignore
         programs = dict[bool, Traced]()
         for each in set(measured):
             program = self._program(SUCCESSIVE if each else PREDICTIONS, belief, layout, None if u is None else u[0])

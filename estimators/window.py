@@ -56,7 +56,7 @@ class Window(NamedTuple):
     def followed(self, predicted: Any, u: np.ndarray | None, keys: RandomKeys | None, most: int) -> "Window":
         """The window one step on, of at most so many steps; nothing has been read of the last one."""
         first = max(len(self.y) + 1 - most, 0)
-        arrays = (np.concatenate([array[first:], np.zeros_like(array[:1])]) for array in self[6:])
+        arrays = (np.concatenate([array[first:], np.zeros((1, *array.shape[1:]), array.dtype)]) for array in self[6:])
         pairs = zip(self[:6], (predicted, keys, None, keys, None, u), strict=True)
         each: Any = ((*some[first:], new) for some, new in pairs)
         return Window(*each, *arrays)

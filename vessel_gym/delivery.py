@@ -86,10 +86,7 @@ class Transit:
         self._owner = sensors.owner
         self._latency, self._jitter, self._clock = sensors.delays.T
         shape = rows, sensors.horizon + 1, sensors.size
-        self._y, self._delay = (
-            np.zeros(shape),
-            np.full(shape, _NONE, np.int32),
-        )  # by age, with that at which each arrives
+        self._y, self._delay = np.zeros(shape), np.full(shape, _NONE, np.int32)  # by age, with the age of arrival
         constant = not (self._jitter.any() or self._clock.any())
         self._ages = (self._latency[self._owner], np.arange(sensors.size)) if constant else None  # of each channel
         self.lost = np.zeros(rows, np.int64)
@@ -117,9 +114,9 @@ class Transit:
         delay = self._latency[self._owner]
         if self._jitter.any():
             delay = delay + self._drawn(self._jitter, RandomKeys(keys, steps[:, None]), _JITTER)
-        delay = np.where(sampled[1], delay, _NONE).astype(np.int32)
+        delay = np.where(sampled[1], delay, _NONE)
         y = np.concatenate([sampled[0][:, None], self._y[rows][:, :-1]], 1)
-        delay = np.concatenate([delay[:, None], self._delay[rows][:, :-1]], 1)
+        delay = np.concatenate([delay[:, None], self._delay[rows][:, :-1]], 1, dtype=np.int32)
         if isinstance(rows, slice):  # all
             self._y, self._delay = y, delay
         else:
