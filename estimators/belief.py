@@ -153,17 +153,17 @@ class Belief(Packed):
         cls, packed: np.ndarray, layout: Layout, prior_mean: Any, prior_cov: Any, u: Any, recovery: Any = None
     ) -> Self:
         """A belief of packed rows ``(..., width)``, read-only from now on; without ``recovery``: the usual."""
-        belief, put = object.__new__(cls), object.__setattr__
+        belief, put, batch = object.__new__(cls), object.__setattr__, packed.shape[:-1]
         packed.setflags(write=False)
         put(belief, "packed", packed)
         put(belief, "layout", layout)
         put(belief, "prior_mean", prior_mean)
         put(belief, "prior_cov", prior_cov)
         put(belief, "u", u)
-        put(belief, "recovery", _usual(packed.shape[:-1]) if recovery is None else recovery)
+        put(belief, "recovery", _usual(batch) if recovery is None else recovery)
         (mean, _), (cov, square) = layout.fields["mean"], layout.fields["cov"]  # every caller reads these
         put(belief, "mean", packed[mean])
-        put(belief, "cov", packed[cov].reshape(packed.shape[:-1] + square))
+        put(belief, "cov", packed[cov].reshape(batch + square))
         return belief
 
     def pack(self) -> tuple[np.ndarray, Layout]:

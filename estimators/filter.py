@@ -277,7 +277,8 @@ class Filter(Estimator[Record], verified=True):
         """The result of a program of `_predict`, `_update` or both; and the mask ``(...)`` of its `doubtful_rows`."""
         batch, own = packed.shape[:-1], in_rows(packed)
         keys, step = self._words(rng, batch) if self.random else (own, own)
-        out, doubtful = np.empty((len(own), program.layout.width)), np.empty((len(own), 1), bool)
+        out = np.empty((len(own), program.layout.width))
+        doubtful: np.ndarray = np.empty(len(own), bool)
         program.function(
             len(own), 0, own, own if u is None else in_rows(u), own if y is None else in_rows(y),
             _all(len(own), self.model.p) if available is None else in_rows(available),
@@ -285,10 +286,10 @@ class Filter(Estimator[Record], verified=True):
             threads=self.num_threads,
         )  # fmt: skip
         if len(batch) != 1:
-            out = out.reshape(*batch, out.shape[-1])
+            out, doubtful = out.reshape(*batch, out.shape[-1]), doubtful.reshape(batch)
         recovery = belief.recovery if y is None else None
         updated: Any = self.record.view(out, program.layout, belief.prior_mean, belief.prior_cov, u, recovery)
-        return updated, doubtful.reshape(batch)
+        return updated, doubtful
 
     def _words(self, rng: Rng, batch: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
         """Keys ``(rows, 2)`` and steps ``(rows, 1)`` of a filter that draws random numbers."""

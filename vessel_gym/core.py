@@ -302,7 +302,9 @@ class Core:
         action, declared = now.action, self._none
         if self.config.options.termination == "agent":
             action, declared = action[:, :-1], action[:, -1] > DECLARED
-        exogenous = np.ascontiguousarray(now.exogenous[:, : self.config.world.forces.outside])
+        exogenous, forces = now.exogenous, self.config.world.forces
+        if forces.faulty:
+            exogenous = np.ascontiguousarray(exogenous[:, : forces.outside])
         return (
             now.scenario, now.steps, declared, self.loop.belief.mean, self._d(), now.state, exogenous, now.actuators,
             action, now.score_state,
@@ -389,26 +391,27 @@ class Core:
 
     def happened(self) -> dict[str, np.ndarray]:
         """Record of the last step, one row an environment, read-only."""
-        belief, unknown_input = self.loop.belief, self.unknown_input
+        loop, now, unknown_input = self.loop, self.now, self.unknown_input
+        belief, (measurement, available), sensors = loop.belief, loop.measurements, self.config.sensors
         input_mean = belief.input_mean
         happened = {
             "truth": self.truth,
             "unknown_input": unknown_input,
-            "reference": self.reference,
-            "actuators": self.actuators,
-            "measurement": self.loop.measurements[0],
-            "available": self.loop.measurements[1],
+            "reference": now.reference,
+            "actuators": now.actuators,
+            "measurement": measurement,
+            "available": available,
             "estimate": belief.mean,
             "covariance": belief.cov,
             "input_estimate": np.zeros(unknown_input.shape) if input_mean is None else input_mean,
-            "parameters": self.parameters,
+            "parameters": now.parameters,
         }
-        if self.sensors.horizon:
-            happened["refused"] = self.loop.refused
-        if self.sensors.faults:
-            happened["sensor_faults"] = self.loop.faulty(self.steps)
-        if self.loop.monitor is not None:
-            happened["alarms"] = self.loop.alarms
+        if sensors.horizon:
+            happened["refused"] = loop.refused
+        if sensors.faults:
+            happened["sensor_faults"] = loop.faulty(now.steps)
+        if self.config.estimation.monitor is not None:
+            happened["alarms"] = loop.alarms
         return happened
 
     # --- inside -----------------------------------------------------------------------------------

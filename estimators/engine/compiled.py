@@ -87,7 +87,10 @@ class Compiled:
         last = self._last
         if last is not None and last.matches(last.described, *arrays) and static == last.static:
             results = [np.empty(shape, dtype) for shape, dtype in last.results]
-            last.function(last.rows, last.shared, *arrays, *results, threads=threads)
+            if threads == 1:
+                last.run(*arrays, *results)
+            else:
+                last.function(last.rows, last.shared, *arrays, *results, threads=threads)
             return tuple(results) if last.several else results[0]
         return self._call(arrays, static, threads)
 
@@ -111,7 +114,7 @@ class Compiled:
             shapes = [a.shape for a in ready]
             if shapes == self._shapes and all(one is other for one, other in zip(ready, arrays, strict=True)):
                 self._last = _Call(
-                    matcher(), described(ready), static, function, count, shared,
+                    matcher(), described(ready), static, function, function.bound(count, shared), count, shared,
                     tuple((a.shape, a.dtype) for a in results), several, tuple(a.dtype for a in ready),
                 )  # fmt: skip
             self._shapes = shapes
@@ -144,6 +147,7 @@ class _Call(NamedTuple):
     described: np.ndarray
     static: dict[str, Any]
     function: Function
+    run: Callable[..., None]  # in one thread
     rows: int
     shared: int
     results: tuple[tuple[tuple[int, ...], np.dtype], ...]

@@ -90,9 +90,19 @@ class Function:
 
             each_part(part, parts, threads)
             return
-        width = self._wide if rows >= FEW else 1
-        entry = self._entries.get(width) or self.compiled(width)
+        width, entry = self._entry(rows)
         entry(rows, shared, machine.scratch(width * self.layout.size), self._constants, *arrays)
+
+    def bound(self, rows: int, shared: int) -> Callable[..., None]:
+        """Computation of so many rows of arrays in one thread; a partial function of machine code without scratch."""
+        if self.layout.size:
+            return partial(self, rows, shared)
+        return partial(self._entry(rows)[1], rows, shared, self._constants, self._constants)
+
+    def _entry(self, rows: int) -> tuple[int, Callable[..., None]]:
+        """Number of rows side by side where there are so many, and the machine code."""
+        width = self._wide if rows >= FEW else 1
+        return width, self._entries.get(width) or self.compiled(width)
 
     @cached_property
     def operations(self) -> int:
