@@ -41,6 +41,11 @@ class Interval:
         """True if the interval does not contain zero."""
         return self.low > 0.0 or self.high < 0.0
 
+    def times(self, factor: float) -> "Interval":
+        """The interval of what is so many times as great."""
+        low, high = sorted((factor * self.low, factor * self.high))
+        return Interval(factor * self.mean, low, high)
+
 
 EQUIVALENT, BETTER, WORSE, UNDECIDED = "equivalent", "better", "worse", "not decided"
 """Verdicts on a difference."""

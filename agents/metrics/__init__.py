@@ -132,8 +132,7 @@ def mean(metric: Metric, values: np.ndarray) -> Interval | None:
     """
     values = values[:, np.isfinite(values).all(axis=0)]
     if metric.yes_or_no and len(values) == 1 and values.size:
-        share = share_interval(int(np.count_nonzero(values)), values.size)
-        return Interval(100.0 * share.mean, 100.0 * share.low, 100.0 * share.high)
+        return share_interval(int(np.count_nonzero(values)), values.size).times(100.0)
     return crossed_interval(values) if values.size else None
 
 

@@ -1,29 +1,22 @@
 """The claims of a study, tested once on fresh evaluation seeds."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from math import comb
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from agents.files import replacing
 from agents.statistics import EQUIVALENT, UNDECIDED, Interval, paired_difference, verdict
 from agents.studies import shares
 from agents.studies.records import Study
 from agents.studies.results import Results
+from agents.studies.shares import Difference
 
 CONFIRMED, OPEN, FAILED = "confirmed", "not confirmed", "contradicted"
 """Outcomes of a claim on fresh seeds: the same verdict, none, another one."""
-
-
-class Difference(NamedTuple):
-    """A difference of shares kept, one less the other; the column is an environment, or ``"All"``."""
-
-    column: str
-    one: str
-    other: str
-    value: Interval | float | None
 
 
 @dataclass(frozen=True)
@@ -61,50 +54,34 @@ class Confirmed:
 
 def confirmed(results: Results, fresh: Results) -> Confirmed:
     """Compare the differences of a study with those on fresh seeds."""
-    margin, best = results.plan.study.margin, _best(results)
-    again = {each[:3]: each.value for each in _differences(fresh, best, chosen=True)}
+    margin = results.plan.study.margin
+    columns = shares.columns(shares.ruled(results), bool(shares.common(results)))
+    best = {column: next(iter(shares.rankable(results, where))) for column, where in columns.items()}
+    again = {each[:3]: each.value for each in _differences(fresh, columns, best, chosen=True)}
     claims = []
-    for first in _differences(results, best, chosen=False):
+    for first in _differences(results, columns, best, chosen=False):
         value = again.get(first[:3])
         claims.append(Claim(first, value, (verdict(first.value, margin), verdict(value, margin))))
-    columns = _columns(results)
-    column = next(iter(columns)) if len(shares.ruled(results)) == 1 or shares.common(results) else ""
+    column = next(iter(columns)) if len(columns) == 1 or shares.ALL in columns else ""
     share = shares.kept(fresh, columns[column], fresh.classical, best[column]) if column else None
     return Confirmed(fresh.plan.study.episodes, best.get(column, ""), share, claims)
 
 
-def _columns(results: Results) -> dict[str, Sequence[str]]:
-    """The environments that each column of the ranking stands for."""
-    each: dict[str, Sequence[str]] = {e: [e] for e in shares.ruled(results)}
-    return ({"All": list(each)} if shares.common(results) else {}) | each
-
-
-def _best(results: Results) -> dict[str, str]:
-    """The best estimator of each column."""
-    return {column: next(iter(shares.rankable(results, where))) for column, where in _columns(results).items()}
-
-
-def _differences(results: Results, best: dict[str, str], chosen: bool) -> Iterator[Difference]:
+def _differences(
+    results: Results, columns: Mapping[str, Sequence[str]], best: Mapping[str, str], chosen: bool
+) -> Iterator[Difference]:
     """Every estimator against the best, and learned agents against the classical one and each other.
 
     Where the best was chosen on other seeds, the 95 % hold for all comparisons with it at once, else for all pairs.
     """
-    for column, where in _columns(results).items():
+    for column, where in columns.items():
         ranked = shares.rankable(results, where)
-        others = [name for name in ranked if name != best.get(column)]
-        pairs = len(others) * (1 if chosen else len(ranked)) // (1 if chosen else 2)
-        for name in others if best.get(column) in ranked else ():
+        others = [name for name in ranked if name != best[column]]
+        pairs = len(others) if chosen else comb(len(ranked), 2)
+        for name in others if best[column] in ranked else ():
             found = paired_difference(ranked[name], ranked[best[column]], comparisons=pairs)
             yield Difference(column, name, best[column], found)
-    reference = shares.reference_policy(results)
-    for environment in [] if reference is None else shares.shared(results, reference):
-        assert reference is not None
-        value = shares.against_classical(results, environment, reference)
-        yield Difference(environment, str(reference), str(results.classical), value)
-        raw = [policy for policy in shares.learners(results) if results.agent(policy).raw]
-        for policy in raw:
-            value = shares.difference(results, [environment], reference, policy, len(raw))
-            yield Difference(environment, str(reference), str(policy), value)
+    yield from shares.learned_differences(results)
 
 
 def open_seeds(study: Study, out: Path) -> None:

@@ -13,6 +13,7 @@ from agents.plotting import INK, PALETTE, RAW, data_uri, styled
 from agents.statistics import Interval
 from agents.studies.records import FLOOR, ORACLE
 from agents.studies.results import Policy, Results
+from agents.studies.shares import ALL
 from agents.studies.wording import share_entry
 
 if TYPE_CHECKING:
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
 
 WIDTH = 7.2
 """Inches."""
-ALL = "All"
-"""Heading of what holds for all environments together."""
 _MARKS = "os^vDP<>Xp*h"
 _LINES = ("-", "--", "-.", ":")
 
@@ -138,12 +137,6 @@ def legend(figure: "Figure", panels: Iterable["Axes"], columns: int) -> None:
             found.setdefault(name, handle)
     if found:
         figure.legend(found.values(), found.keys(), loc="outside upper center", ncols=columns, fontsize=8.5)
-
-
-def columns_of(environments: Sequence[str], together: bool) -> tuple[list[str], list[Sequence[str]]]:
-    """Headings, and the environments that each stands for: every one, and before them perhaps all together."""
-    each: list[Sequence[str]] = [[e] for e in environments]
-    return ([ALL, *environments], [environments, *each]) if together else (list(environments), each)
 
 
 def share_rows(rows: Iterable[Row]) -> list[tuple[str, list[Entry]]]:

@@ -1,6 +1,6 @@
 """Section of a report: learned agents, beside the classical one and each other."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,10 +8,10 @@ import numpy as np
 from agents.page import Block, Entry, Prose, Section, Table, entry, number
 from agents.plotting import INK
 from agents.statistics import performance_profile, probability_of_improvement
-from agents.studies.figures import Row, columns_of, dots, framed, grid, legend, panels, policy_looks, share_rows
+from agents.studies.figures import Row, dots, framed, grid, legend, panels, policy_looks, share_rows
 from agents.studies.records import FEW_SEEDS, RAW
 from agents.studies.results import Policy, Results
-from agents.studies.shares import difference, kept, learners, reference_policy
+from agents.studies.shares import columns, difference, kept, learners, reference_policy
 from agents.studies.wording import many, note, share_entry, tabled
 
 if TYPE_CHECKING:
@@ -32,10 +32,11 @@ def learning(results: Results) -> Section:
         blocks.append(Prose(note("few-runs", runs=runs, few=FEW_SEEDS)))
     unseen = 100.0 * (1.0 - 0.05 ** (1.0 / seeds))
     blocks.append(Prose(note("rare-failures", runs=many(seeds, "run"), share=unseen)))
-    heads, columns = columns_of(environments, len(environments) > 1)
+    shown = columns(environments, len(environments) > 1)
+    heads = list(shown)
     look = policy_looks(results)
     rows = [
-        Row(str(policy), look[policy], [kept(results, column, policy, None) for column in columns])
+        Row(str(policy), look[policy], [kept(results, column, policy, None) for column in shown.values()])
         for policy in results.schools()
     ]
     at_home = note("at-home", runs=runs)
@@ -48,7 +49,7 @@ def learning(results: Results) -> Section:
     reference = reference_policy(results)
     if reference is not None:
         others = [policy for policy in learned if policy != reference]
-        blocks += _against(results, reference, others, columns, heads)
+        blocks += _against(results, reference, others, shown)
     blocks.append(framed(profile_figure(results), "Performance profiles", note("profiles")))
     for agent in (a for a in results.plan.study.agents if a.learned and not a.raw):
         figure = transfer_figure(results, agent.name)
@@ -59,7 +60,7 @@ def learning(results: Results) -> Section:
 
 
 def _against(
-    results: Results, reference: Policy, others: list[Policy], columns: list[Sequence[str]], heads: list[str]
+    results: Results, reference: Policy, others: list[Policy], shown: Mapping[str, Sequence[str]]
 ) -> list[Block]:
     """Other policies against the reference: probability of improvement, and what those without a filter gain."""
     raw = [policy for policy in others if results.agent(policy).raw]
@@ -72,11 +73,11 @@ def _against(
         return share_entry(difference(results, column, policy, reference, len(raw)), signed=True)
 
     title, text = f"Probability of improvement over {reference}", note("improvement", reference=reference)
-    rows = [(str(policy), [better(policy, column) for column in columns]) for policy in others]
-    blocks = tabled("improvement", title, text, heads, {"": rows}, "Agent")
-    rows = [(str(policy), [gain(policy, column) for column in columns]) for policy in raw]
+    rows = [(str(policy), [better(policy, column) for column in shown.values()]) for policy in others]
+    blocks = tabled("improvement", title, text, list(shown), {"": rows}, "Agent")
+    rows = [(str(policy), [gain(policy, column) for column in shown.values()]) for policy in raw]
     text = note("without-filter", reference=reference)
-    return [*blocks, *tabled("without-filter", "Learning without a filter", text, heads, {"": rows}, "Agent")]
+    return [*blocks, *tabled("without-filter", "Learning without a filter", text, list(shown), {"": rows}, "Agent")]
 
 
 def profile_figure(results: Results) -> "Figure":

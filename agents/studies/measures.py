@@ -33,11 +33,11 @@ def _honesty(results: Results, place: Place, name: str) -> list[Entry]:
     who = results.classical
 
     def share(key: str) -> Entry:
-        value = results.value(place, who, name, key)
-        return Entry("–" if value is None else number(float(np.mean(np.array(value, float))), 2))
+        found = [values[key] for values in results.runs_of(place, who, name).values()]
+        return Entry(number(float(np.mean(np.array(found, float))), 2) if found else "–")
 
     def diverged(places: Iterable[Place]) -> Entry:
-        runs = np.array([run for p in places for run in results.value(p, who, name, "diverged") or ()])
+        runs = np.array([values["diverged"] for p in places for values in results.runs_of(p, who, name).values()])
         counted = runs.size and name not in WITHOUT_COVARIANCE
         return Entry(f"{np.count_nonzero(runs)} of {runs.size}" if counted else "–")
 

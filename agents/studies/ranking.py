@@ -1,16 +1,16 @@
 """Sections of a report: who keeps how much, by how much others are behind, and what estimates cost in score."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from agents.page import Block, Entry, Prose, Section, Table
 from agents.statistics import BETTER, EQUIVALENT, WORSE, Interval, verdict
 from agents.studies.confirmation import CONFIRMED, FAILED, OPEN, Confirmed
-from agents.studies.figures import ALL, Row, columns_of, dots, framed, looks, share_rows
+from agents.studies.figures import Row, dots, framed, looks, share_rows
 from agents.studies.records import FLOOR, ORACLE, RAW, Study
 from agents.studies.results import Place, Policy, Results
-from agents.studies.shares import ENDS, common, gap, kept, learners, rankable, ruled
+from agents.studies.shares import ALL, ENDS, columns, common, gap, kept, learners, rankable, ruled
 from agents.studies.wording import capitalised, many, note, percent, share_entry, tabled, the
 
 
@@ -25,15 +25,15 @@ def ranking(results: Results) -> Section:
     if not environments:
         return Section(title, blocks if results.environments else [])
     together = bool(common(results))
-    heads, columns = columns_of(environments, together)
+    shown = columns(environments, together)
+    heads = list(shown)
     overall = f" {ALL}: only the estimators that were flown in every environment." if together else ""
     names = ranked_names(results, environments)
     look = looks(results)
-    best = [rankable(results, column) for column in columns]
+    best = {head: rankable(results, column) for head, column in shown.items()}
 
     def shares(name: str) -> list[Interval | float | None]:
-        of = zip(columns, best, strict=True)
-        return [kept(results, column, results.classical, name, max(len(ranked), 1)) for column, ranked in of]
+        return [kept(results, shown[head], results.classical, name, max(len(best[head]), 1)) for head in shown]
 
     rows = [Row(name, look[name], shares(name)) for name in (*names, *ENDS)]
     figure = dots(rows, heads, "share of the oracle's performance kept")
@@ -45,30 +45,31 @@ def ranking(results: Results) -> Section:
     blocks.append(
         Table(heading, text, "Estimator", [(head, "") for head in heads], [("", share_rows(rows))], "ranking")
     )
-    blocks.append(_differences(results, names, best, heads))
-    return Section(title, blocks + _learned_ranking(results, columns, heads, names))
+    blocks.append(_differences(results, names, best))
+    return Section(title, blocks + _learned_ranking(results, shown, names))
 
 
-def _differences(results: Results, names: list[str], best: list[dict[str, np.ndarray]], heads: list[str]) -> Table:
+def _differences(results: Results, names: list[str], best: Mapping[str, dict[str, np.ndarray]]) -> Table:
     """The estimators against the best of each column."""
     margin = results.plan.study.margin
-    behind = [(name, [_behind(ranked, name, margin) for ranked in best]) for name in names]
+    behind = [(name, [_behind(ranked, name, margin) for ranked in best.values()]) for name in names]
     text = note("behind-the-best", Equivalent=EQUIVALENT.capitalize(), margin=margin)
-    pairs = [(head, "") for head in heads]
+    pairs = [(head, "") for head in best]
     return Table("Difference from the best", text, "Estimator", pairs, [("", behind)], "behind-the-best")
 
 
-def _learned_ranking(results: Results, columns: list[Sequence[str]], heads: list[str], names: list[str]) -> list[Block]:
+def _learned_ranking(results: Results, shown: Mapping[str, Sequence[str]], names: list[str]) -> list[Block]:
     """The same for agents that learned: everybody on every estimator."""
     sections = {
         str(policy): [
-            (name, [share_entry(kept(results, c, policy, name)) for c in columns]) for name in (*names, *ENDS)
+            (name, [share_entry(kept(results, column, policy, name)) for column in shown.values()])
+            for name in (*names, *ENDS)
         ]
         for policy in (p for p in learners(results) if not results.agent(p).raw)
     }
     title = "Share of the oracle's performance kept by learned agents, by the estimator flown on"
     text = note("ranking-learned", runs=many(results.plan.study.training_seeds, "training run"))
-    return tabled("ranking-learned", title, text, heads, sections, "Flown on")
+    return tabled("ranking-learned", title, text, list(shown), sections, "Flown on")
 
 
 def ranked_names(results: Results, environments: list[str]) -> list[str]:

@@ -5,6 +5,7 @@ import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,7 +14,7 @@ import numpy as np
 from agents.jobs import Outcome, journal
 from agents.metrics import MONITORED, SCORE, Metric, mean, metrics
 from agents.statistics import Interval, crossed_interval, normalise, share_interval, skewed_interval
-from agents.studies.plan import Flight, Plan
+from agents.studies.plan import Plan
 from agents.studies.records import DEFAULT, FLOOR, ORACLE, RAW, Agent
 from agents.studies.worlds import system_of
 
@@ -69,19 +70,19 @@ class Results:
     # --- who, where, on what --------------------------------------------------------------------------
 
     @cached_property
-    def _flights(self) -> dict[tuple[Place, Policy, str], list[Flight]]:
-        """The flights that have results, by place, policy and estimator; one for each training seed."""
-        found: dict[tuple[Place, Policy, str], list[Flight]] = {}
+    def _flown(self) -> dict[tuple[Place, Policy, str], dict[int | None, str]]:
+        """The jobs that have results, by place, policy and estimator: their keys by training seed."""
+        found: dict[tuple[Place, Policy, str], dict[int | None, str]] = {}
         for f in self.plan.flights:
             if f.job.key in self.values:
                 key = Place(f.environment, f.condition), Policy(f.agent, f.trained_on), f.flown_on
-                found.setdefault(key, []).append(f)
+                found.setdefault(key, {})[f.training_seed] = f.job.key
         return found
 
     @cached_property
     def environments(self) -> list[str]:
         """Environments in which something was flown."""
-        return _unique(place.environment for place, _, _ in self._flights)
+        return _unique(place.environment for place, _, _ in self._flown)
 
     @cached_property
     def conditions(self) -> list[str]:
@@ -95,7 +96,7 @@ class Results:
 
     def policies(self, environment: str | None = None) -> list[Policy]:
         """The policies of an environment, or of all; the classical agents first."""
-        flown = _unique(policy for place, policy, _ in self._flights if environment in (None, place.environment))
+        flown = _unique(policy for place, policy, _ in self._flown if environment in (None, place.environment))
         return sorted(flown, key=lambda policy: bool(policy.trained_on))
 
     def estimators(self, environment: str | None = None, policy: Policy | None = None) -> list[str]:
@@ -104,12 +105,12 @@ class Results:
             each = [self.estimators(name, policy) for name in self.environments]
             return [name for name in _unique(name for names in each for name in names) if all(name in e for e in each)]
         return self._in_order(
-            name for place, who, name in self._flights if place.environment == environment and policy in (None, who)
+            name for place, who, name in self._flown if place.environment == environment and policy in (None, who)
         )
 
     def flown_on(self) -> list[str]:
         """Every estimator that flew anywhere, in the order of the study."""
-        return self._in_order(name for _, _, name in self._flights)
+        return self._in_order(name for _, _, name in self._flown)
 
     def _in_order(self, names: Iterable[str]) -> list[str]:
         order = [e.name for e in self.plan.study.estimators]
@@ -147,40 +148,33 @@ class Results:
         watched = any(MONITORED[0].key in value.get("figures", {}) for value in found)
         return (*metrics(system_of(environment)), *(MONITORED if watched else ()))
 
-    def seeds(self, place: Place, policy: Policy, estimator: str) -> list[int | None]:
-        """Training seeds of the rows of `figure`; None stands for an agent that does not learn."""
-        return [flight.training_seed for flight in self._flights.get((place, policy, estimator), [])]
+    def runs_of(self, place: Place, policy: Policy, estimator: str) -> dict[int | None, dict[str, Any]]:
+        """What `agents.studies.flying.fly` gave, by training seed; None stands for an agent that does not learn."""
+        keys = self._flown.get((place, policy, estimator), {})
+        return {seed: self.values[key] for seed, key in keys.items()}
+
+    def rows(self, place: Place, policy: Policy, estimator: str, key: str = "score") -> dict[int | None, np.ndarray]:
+        """A metric of `agents.metrics.scores` in each run ``(episodes,)``, by training seed; empty if not flown."""
+        runs = self.runs_of(place, policy, estimator)
+        return {seed: np.array(values["figures"][key], float) for seed, values in runs.items()}
 
     def figure(self, place: Place, policy: Policy, estimator: str, key: str = "score") -> np.ndarray | None:
-        """A metric of `agents.metrics.scores`, ``(runs, episodes)``; None if that was not flown."""
-        flown = self.value(place, policy, estimator, "figures")
-        return None if flown is None else np.array([figures[key] for figures in flown], float)
+        """The `rows` of all runs, ``(runs, episodes)``; None if that was not flown."""
+        rows = self.rows(place, policy, estimator, key)
+        return np.array(list(rows.values())) if rows else None
 
-    def value(self, place: Place, policy: Policy, estimator: str, key: str) -> list[Any] | None:
-        """A value of `agents.studies.flying.fly` in each run; None if that was not flown."""
-        flights = self._flights.get((place, policy, estimator))
-        return [self.values[f.job.key][key] for f in flights] if flights else None
-
-    def scale(self, place: Place) -> tuple[float, float] | None:
-        """The scores that are 0 and 1: the classical agent's means on `FLOOR` and on `ORACLE`.
+    def scale(self, place: Place) -> tuple[np.ndarray, np.ndarray] | None:
+        """The scores ``(episodes,)`` whose means are 0 and 1: the classical agent's on `FLOOR` and on `ORACLE`.
 
         None if either was not flown, or the oracle is no better than the floor.
         """
-        ends = [self.figure(place, self.classical, name) for name in (FLOOR, ORACLE)]
-        if ends[0] is None or ends[1] is None:
-            return None
-        low, high = float(ends[0].mean()), float(ends[1].mean())
-        return (low, high) if high > low else None
+        low, high = (self.figure(place, self.classical, name) for name in (FLOOR, ORACLE))
+        return None if low is None or high is None or not high.mean() > low.mean() else (low[0], high[0])
 
     def kept(self, place: Place, policy: Policy, estimator: str) -> np.ndarray | None:
         """Share of the oracle's performance that is kept, ``(runs, episodes)``, as `agents.statistics.normalise`."""
-        if self.scale(place) is None:
-            return None
-        score, floor, ceiling = (
-            self.figure(place, *flown)
-            for flown in ((policy, estimator), (self.classical, FLOOR), (self.classical, ORACLE))
-        )
-        return None if score is None or floor is None or ceiling is None else normalise(score, floor[0], ceiling[0])
+        ends, scores = self.scale(place), self.figure(place, policy, estimator)
+        return None if ends is None or scores is None else normalise(scores, *ends)
 
     def shares(self, environments: Iterable[str], policy: Policy, estimator: str | None = None) -> np.ndarray | None:
         """Share kept by each run at each evaluation seed ``(runs, episodes)``: means over environments.
@@ -219,15 +213,10 @@ class Results:
         for environment in environments:
             who = self.here(environment, policy)
             on = self.own(environment, policy) if estimator is None else estimator
-            places = self.scaled([environment])
-            each.append(_mean_by_run([self._rows(p, who, on, self.kept(p, who, on)) for p in places]))
-        return {seed: np.array([found[seed] for found in each]) for seed in _in_all(each)}
-
-    def _rows(
-        self, place: Place, policy: Policy, estimator: str, values: np.ndarray | None
-    ) -> dict[int | None, np.ndarray]:
-        """The rows of a figure by training seed."""
-        return {} if values is None else dict(zip(self.seeds(place, policy, estimator), values, strict=True))
+            shares = ((self.rows(p, who, on), self.kept(p, who, on)) for p in self.scaled([environment]))
+            found = [{} if kept is None else dict(zip(rows, kept, strict=True)) for rows, kept in shares]
+            each.append({seed: rows.mean(axis=0) for seed, rows in _in_all(found).items()})
+        return _in_all(each)
 
     def price(
         self, places: Iterable[Place], policy: Policy, estimator: str, comparisons: int = 1
@@ -239,11 +228,9 @@ class Results:
         """
         found = []
         for place in places:
-            truth, ours = (
-                self._rows(place, policy, name, self.figure(place, policy, name)) for name in (ORACLE, estimator)
-            )
+            truth, ours = (self.rows(place, policy, name) for name in (ORACLE, estimator))
             found.append({seed: truth[seed] - ours[seed] for seed in truth if seed in ours})
-        lost = list(_mean_by_run(found).values())
+        lost = [rows.mean(axis=0) for rows in _in_all(found).values()]
         if lost and not self.agent(policy).learned:
             return skewed_interval(lost[0], comparisons)
         return self.interval(policy, np.array(lost), comparisons) if lost else None
@@ -262,17 +249,14 @@ class Results:
     def completed(self, places: Sequence[Place], policy: Policy, estimator: str) -> Interval | float | None:
         """Share [%] of episodes that end as the task asks, by each seed its mean over places; None without flights."""
         success = system_of(places[0].environment).task.success
-        found = []
-        for place in places:
-            ends = [np.array(ends) == success for ends in self.value(place, policy, estimator, "ends") or ()]
-            found.append(dict(zip(self.seeds(place, policy, estimator), ends, strict=True)))
-        each = 100.0 * np.array(list(_mean_by_run(found).values()))
+        runs = (self.runs_of(place, policy, estimator) for place in places)
+        found = [{seed: np.array(values["ends"]) == success for seed, values in each.items()} for each in runs]
+        each = 100.0 * np.array([ends.mean(axis=0) for ends in _in_all(found).values()])
         if not each.size:
             return None
         if self.agent(policy).learned:
             return self.interval(policy, each)
-        share = share_interval(0.01 * each.mean() * each.size, each.size)
-        return Interval(100.0 * share.mean, 100.0 * share.low, 100.0 * share.high)
+        return share_interval(0.01 * each.mean() * each.size, each.size).times(100.0)
 
     def worst_decile(self, places: Iterable[Place], policy: Policy, estimator: str) -> float | None:
         """Mean score of the worst tenth of the episodes of all runs in all places; None without flights."""
@@ -284,15 +268,14 @@ class Results:
 
     def step_times(self, environment: str, estimator: str) -> list[tuple[int, float, float]]:
         """Rows of a batch, and CPU time [µs] of a step of the classical agent on an estimator and on the truth."""
-        place = Place(environment, self.conditions[0])
-        flights = self._flights.get((place, self.classical, estimator), [])
-        found = [self.timings[f.job.key] for f in flights if f.job.key in self.timings]
-        return [(rows, 1e6 * own, 1e6 * truth) for rows, own, truth in found[0]] if found else []
+        keys = self._flown.get((Place(environment, self.conditions[0]), self.classical, estimator), {})
+        times = self.timings.get(keys.get(None, ""), [])
+        return [(rows, 1e6 * own, 1e6 * truth) for rows, own, truth in times]
 
-    def places(self, environments: Iterable[str] | None = None, conditions: Iterable[str] | None = None) -> list[Place]:
+    def places(self, environments: Iterable[str] | None = None) -> list[Place]:
         """Every condition of every environment, or of some."""
-        chosen = list(self.conditions if conditions is None else conditions)
-        return [Place(e, c) for e in (self.environments if environments is None else environments) for c in chosen]
+        chosen = self.environments if environments is None else environments
+        return [Place(*each) for each in product(chosen, self.conditions)]
 
     def scaled(self, environments: Iterable[str] | None = None) -> list[Place]:
         """The `places` that have a `scale`: shares are kept of nothing elsewhere."""
@@ -305,23 +288,16 @@ class Results:
         keys = _unique(m.key for name in self.environments for m in self.metrics(name))
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(
-            ["environment", "condition", "agent", "trained_on", "training_seed", "estimator", "seed", "end"]
-            + ["is_success", *keys]
-        )
-        for f in self.plan.flights:
-            values = self.values.get(f.job.key)
-            if values is None:
-                continue
-            seed = "" if f.training_seed is None else f.training_seed
-            success = system_of(f.environment).task.success
-            for i, number in enumerate(self.plan.study.seeds):
-                shown = [values["figures"].get(key, [float("nan")] * (i + 1))[i] for key in keys]
-                writer.writerow(
-                    [f.environment, f.condition, f.agent, f.trained_on, seed, f.flown_on, number, values["ends"][i]]
-                    + [values["ends"][i] == success]
-                    + [f"{value:.6g}" if np.isfinite(value) else "" for value in shown]
-                )
+        who = ["environment", "condition", "agent", "trained_on", "training_seed", "estimator"]
+        writer.writerow([*who, "seed", "end", "is_success", *keys])
+        nothing = [float("nan")] * self.plan.study.episodes
+        for f in (f for f in self.plan.flights if f.job.key in self.values):
+            values, success = self.values[f.job.key], system_of(f.environment).task.success
+            flown = [f.environment, f.condition, f.agent, f.trained_on, f.training_seed, f.flown_on]
+            figures = [values["figures"].get(key, nothing) for key in keys]
+            for seed, end, *shown in zip(self.plan.study.seeds, values["ends"], *figures, strict=True):
+                numbers = [f"{value:.6g}" if np.isfinite(value) else "" for value in shown]
+                writer.writerow([*flown, seed, end, end == success, *numbers])
         return text.getvalue()
 
 
@@ -329,11 +305,7 @@ def _unique(items: Iterable[Any]) -> list[Any]:
     return list(dict.fromkeys(items))
 
 
-def _in_all(each: Sequence[Mapping[Any, Any]]) -> list[Any]:
-    """The keys that all mappings have."""
-    return [key for key in (each[0] if each else ()) if all(key in found for found in each)]
-
-
-def _mean_by_run(each: Sequence[Mapping[int | None, np.ndarray]]) -> dict[int | None, np.ndarray]:
-    """Means of rows over what every run has."""
-    return {seed: np.mean([found[seed] for found in each], axis=0) for seed in _in_all(each)}
+def _in_all(each: Sequence[Mapping[int | None, np.ndarray]]) -> dict[int | None, np.ndarray]:
+    """The rows of every run that all have, ``(len(each), episodes)``."""
+    seeds = [seed for seed in (each[0] if each else ()) if all(seed in found for found in each)]
+    return {seed: np.array([found[seed] for found in each]) for seed in seeds}

@@ -3,9 +3,10 @@
 Everything is a mean over training runs and evaluation seeds, with the one interval of `agents.statistics`.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
 from math import comb
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,17 @@ from agents.studies.results import Policy, Results
 
 ENDS = (ORACLE, FLOOR)
 """Estimators whose share is 1 and 0 by definition."""
+ALL = "All"
+"""Heading of what holds for all environments together."""
+
+
+class Difference(NamedTuple):
+    """A difference of shares kept, one less the other; the column is an environment, or `ALL`."""
+
+    column: str
+    one: str
+    other: str
+    value: Interval | float | None
 
 
 def rankable(results: Results, environments: Sequence[str]) -> dict[str, np.ndarray]:
@@ -31,6 +43,11 @@ def rankable(results: Results, environments: Sequence[str]) -> dict[str, np.ndar
 def ruled(results: Results) -> list[str]:
     """The environments in which shares can be told and somebody was flown."""
     return [e for e in results.environments if rankable(results, [e])]
+
+
+def columns(environments: Sequence[str], together: bool) -> dict[str, Sequence[str]]:
+    """The environments that each column of a table stands for: every one, and before them perhaps all together."""
+    return ({ALL: environments} if together else {}) | {e: [e] for e in environments}
 
 
 def common(results: Results) -> dict[str, np.ndarray]:
@@ -89,9 +106,24 @@ def reference_policy(results: Results) -> Policy | None:
     return next((policy for policy in plain if policy.trained_on == DEFAULT), plain[0] if plain else None)
 
 
-def shared(results: Results, *policies: Policy) -> list[str]:
-    """The environments in which all of these have results at home."""
-    return [e for e in results.environments if all(results.runs([e], policy) is not None for policy in policies)]
+def learned_differences(results: Results) -> Iterator[Difference]:
+    """Shares that the `reference_policy` keeps at home above the classical agent on the same estimator, and above raw.
+
+    The latter are those of the agents that learned on measurements, of the same training seeds; corrected for their
+    number.
+    """
+    reference = reference_policy(results)
+    raw = [policy for policy in learners(results) if results.agent(policy).raw]
+    for environment in results.environments:
+        if reference is None or results.runs([environment], reference) is None:
+            continue
+        here, who = results.own(environment, reference), results.classical
+        gaps = results.paired_shares([environment], (reference, here), (who, here))
+        value = None if gaps is None else results.interval(reference, gaps)
+        yield Difference(environment, str(reference), str(who), value)
+        for policy in raw:
+            value = difference(results, [environment], reference, policy, len(raw))
+            yield Difference(environment, str(reference), str(policy), value)
 
 
 def difference(
@@ -100,13 +132,6 @@ def difference(
     """Difference of the shares that two policies keep, each at home, in runs of the same training seeds."""
     gaps = results.paired_shares(environments, (one, None), (other, None))
     return None if gaps is None else results.interval(one, gaps, comparisons)
-
-
-def against_classical(results: Results, environment: str, policy: Policy) -> Interval | float | None:
-    """Share that training runs keep above what the classical agent keeps on the same estimator."""
-    here = results.own(environment, policy)
-    gaps = results.paired_shares([environment], (policy, here), (results.classical, here))
-    return None if gaps is None else results.interval(policy, gaps)
 
 
 def crossing(results: Results, environment: str) -> Interval | float | None:

@@ -60,9 +60,9 @@ def the(policy: Policy) -> str:
     return "the autopilot" if policy.agent == "autopilot" else policy.agent
 
 
-def named(policy: Policy) -> str:
-    """A name that holds a comma, in quotation marks."""
-    return f"“{policy}”" if "," in str(policy) else str(policy)
+def named(name: str) -> str:
+    """A name, in quotation marks if it holds a comma."""
+    return f"“{name}”" if "," in name else name
 
 
 def every(environments: Sequence[str]) -> str:
