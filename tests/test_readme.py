@@ -3,34 +3,39 @@
 import re
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import pytest
 
 ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
 PAGES = (
     ROOT / "README.md",
-    ROOT / "docs" / "training.md",
-    ROOT / "docs" / "environments" / "README.md",
-    ROOT / "docs" / "environments" / "sigma-corvette.md",
-    ROOT / "docs" / "tutorials" / "own-filter.md",
+    DOCS / "training.md",
+    DOCS / "environments" / "README.md",
+    DOCS / "environments" / "sigma-corvette.md",
 )
-EXAMPLES = {
-    f"{page.relative_to(ROOT)} {i}": code
-    for page in PAGES
-    for i, code in enumerate(
-        re.findall(r"```(?:python|\{code-cell\})\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
-    )
+NOTEBOOKS = (DOCS / "tutorials" / "own-filter.md", *sorted((DOCS / "id").glob("*-*.md")))
+
+
+def examples(page: Path) -> list[str]:
+    """Python of a page, without the options of cells."""
+    found = re.findall(r"```(?:python|\{code-cell\})\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    return [re.sub(r"^:.*\n", "", code, flags=re.M) for code in found]
+
+
+OWN = examples(NOTEBOOKS[0])[0]
+EXAMPLES = {f"{page.relative_to(ROOT)} {i}": code for page in PAGES for i, code in enumerate(examples(page))} | {
+    f"{page.relative_to(ROOT)} all": "".join(examples(page)) for page in NOTEBOOKS
 }
-OWN = EXAMPLES["docs/tutorials/own-filter.md 0"]
 
 
 def test_each_page_has_an_example() -> None:
-    assert {name.split(" ")[0] for name in EXAMPLES} == {str(page.relative_to(ROOT)) for page in PAGES}
+    assert {name.split(" ")[0] for name in EXAMPLES} == {str(page.relative_to(ROOT)) for page in (*PAGES, *NOTEBOOKS)}
 
 
 @pytest.mark.parametrize("example", EXAMPLES.values(), ids=EXAMPLES)
-def test_an_example_runs(example: str) -> None:
-    if "SteadyStateFilter)" in example and example is not OWN:
-        example = OWN + example  # a notebook's cells run in their order
+def test_an_example_runs(example: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plt, "show", lambda: plt.close("all"))
     exec(compile(example, "page", "exec"), {"__name__": "page"})
 
 
