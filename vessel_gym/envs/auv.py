@@ -1,4 +1,4 @@
-"""AUV-v0: any torpedo-shaped vehicle of a vehicle file dives along a curve on what a filter believes."""
+"""AUV-v0: any torpedo-shaped vehicle of a vehicle file dives along a curve with a filter in the loop."""
 
 from pathlib import Path
 from typing import Any
@@ -71,7 +71,7 @@ def auv_system(vessel: str | Path, name: str = "vessel_gym/AUV-v0") -> System:
 
 
 class AUVEnv(VesselEnv):
-    """Dive along a curve with an underwater vehicle of one's own on what an estimator believes.
+    """Dive along a curve with an underwater vehicle of one's own, with an estimator in the loop.
 
     `SegorogeniAUVEnv`, or `ItsunusaAUVEnv` for a vehicle in the vertical plane, documents spaces, rewards and
     arguments; the path is as many times as long as the vehicle is fast, and their files give their environments.

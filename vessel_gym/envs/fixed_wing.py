@@ -1,4 +1,4 @@
-"""FixedWing-v0: any small aircraft of a vehicle file flies a Dubins path round obstacles on what a filter believes."""
+"""FixedWing-v0: any small aircraft of a vehicle file flies a Dubins path round obstacles with a filter in the loop."""
 
 from pathlib import Path
 from typing import Any
@@ -56,7 +56,7 @@ def fixed_wing_system(vessel: str | Path, name: str = "vessel_gym/FixedWing-v0")
 
 
 class FixedWingEnv(VesselEnv):
-    """Fly a path round obstacles with an aircraft of one's own on what an estimator believes.
+    """Fly a path round obstacles with an aircraft of one's own, with an estimator in the loop.
 
     `PunaUAVEnv` documents spaces, rewards and arguments; paths are wider as the square of the cruising speed, and the
     PUNA's file gives the PUNA's environment. Truncation is after its 900 steps: give a much faster aircraft, whose

@@ -1,4 +1,4 @@
-"""ItsunusaAUV-v0: an underwater vehicle dives in the vertical plane on what a filter believes."""
+"""ItsunusaAUV-v0: an underwater vehicle dives in the vertical plane with a filter in the loop."""
 
 from vessel_gym.envs.auv import auv_system
 from vessel_gym.envs.shared import documented
@@ -10,7 +10,7 @@ ITSUNUSA_AUV = auv_system("itsunusa", "ItsunusaAUV-v0")
 
 @documented
 class ItsunusaAUVEnv(VesselEnv):
-    """Dive in the vertical plane on what an estimator believes."""
+    """Dive in the vertical plane with an estimator in the loop."""
 
     system = ITSUNUSA_AUV
 

@@ -1,4 +1,4 @@
-"""PunaUAV-v0: a small aircraft flies a Dubins path round obstacles on what a filter believes."""
+"""PunaUAV-v0: a small aircraft flies a Dubins path round obstacles with a filter in the loop."""
 
 from vessel_gym.envs.fixed_wing import fixed_wing_system
 from vessel_gym.envs.shared import documented
@@ -10,7 +10,7 @@ PUNA_UAV = fixed_wing_system("puna", "PunaUAV-v0")
 
 @documented
 class PunaUAVEnv(VesselEnv):
-    """Fly a path round obstacles to a goal on what an estimator believes."""
+    """Fly a path round obstacles to a goal with an estimator in the loop."""
 
     system = PUNA_UAV
 

@@ -1,4 +1,4 @@
-"""SegorogeniAUV-v0: an underwater vehicle dives along a curve in three dimensions on what a filter believes."""
+"""SegorogeniAUV-v0: an underwater vehicle dives along a curve in three dimensions with a filter in the loop."""
 
 from vessel_gym.envs.auv import auv_system
 from vessel_gym.envs.shared import documented
@@ -10,7 +10,7 @@ SEGOROGENI_AUV = auv_system("segorogeni", "SegorogeniAUV-v0")
 
 @documented
 class SegorogeniAUVEnv(VesselEnv):
-    """Dive along a curve in three dimensions on what an estimator believes."""
+    """Dive along a curve in three dimensions with an estimator in the loop."""
 
     system = SEGOROGENI_AUV
 

@@ -82,8 +82,8 @@ def check_arguments(env: Any, options: Mapping[str, Any], render_mode: str | Non
 
 
 def first_seed(env: gym.Env | gym.vector.VectorEnv, core: Core) -> int | None:
-    """The seed of a first episode that nobody seeds: the one that ``np_random_seed`` tells; None of later ones."""
+    """Seed of a first episode that is reset without one, that of ``np_random_seed``; None for later episodes."""
     if core.seeds:
         return None
     seed = env.np_random_seed
-    return None if seed == -1 else seed  # -1: somebody has set np_random
+    return None if seed == -1 else seed  # -1: np_random was set from outside

@@ -1,4 +1,4 @@
-"""Ship-v0: any ship of a vehicle file holds a turning circle on what a filter believes."""
+"""Ship-v0: any ship of a vehicle file holds a turning circle with a filter in the loop."""
 
 from pathlib import Path
 from typing import Any
@@ -68,7 +68,7 @@ def ship_system(vessel: str | Path | CorvetteParameters, name: str = "vessel_gym
 
 
 class ShipEnv(VesselEnv):
-    """Hold a turning circle with a ship of one's own on what an estimator believes.
+    """Hold a turning circle with a ship of one's own, with an estimator in the loop.
 
     `SigmaCorvetteEnv` documents spaces, rewards and arguments; times, yaw rates and the steps' length are in proportion
     to the time in which the ship sails its own length, and the corvette's file gives the corvette's environment.

@@ -1,4 +1,4 @@
-"""SigmaCorvette-v0: a SIGMA-class corvette holds a turning circle on what a filter believes."""
+"""SigmaCorvette-v0: a SIGMA-class corvette holds a turning circle with a filter in the loop."""
 
 from vessel_gym.envs.shared import documented
 from vessel_gym.envs.ship import ship_system
@@ -11,7 +11,7 @@ SEAS = SIGMA_CORVETTE.disturbances
 
 @documented
 class SigmaCorvetteEnv(VesselEnv):
-    """Hold a turning circle, as a place on the map, on what an estimator believes."""
+    """Hold a turning circle, as a place on the map, with an estimator in the loop."""
 
     system = SIGMA_CORVETTE
 

@@ -13,15 +13,15 @@ from vessel_gym.system import System
 
 
 class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
-    """An environment whose agent sees what an estimator believes.
+    """An environment with an estimator in the loop: its agent observes estimates.
 
     Args:
         render_mode: ``None``, ``"human"`` or ``"rgb_array"``.
         options: Those of `vessel_gym.configuration.Options`, by name.
 
-    Where sensors are late (`vessel_gym.sensors.Sensor`), ``info["refused"]`` counts the measurements of the episode
-    that came too late for the estimator; where they have faults, ``info["sensor_faults"]`` says which act; where a
-    monitor watches, ``info["alarms"]`` says which sensors it accuses.
+    Some keys of ``info`` depend on the arguments. With late sensors (`vessel_gym.sensors.Sensor`), ``refused`` counts
+    the episode's measurements that were delivered too late for the estimator. With sensor faults, ``sensor_faults`` is
+    the mask of the active ones. With a monitor, ``alarms`` is the mask of the sensors that it accuses.
 
     Raises:
         ValueError: for a name that does not exist, or a filter that the model cannot carry.

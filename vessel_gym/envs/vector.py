@@ -150,7 +150,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 f"{ended.sum()} of {self.num_envs} episodes have ended: "
                 "call reset(options={'reset_mask': terminated | truncated}) before the next step()"
             )
-        with np.errstate(all="ignore"):  # what would become of an ended vehicle is nobody's business
+        with np.errstate(all="ignore"):  # states of ended vehicles are not used
             reward, end = self.core.step(actions, ended=ended)
         terminated = end.astype(bool) & ~ended
         self.core.start(rows=np.flatnonzero(ended))
