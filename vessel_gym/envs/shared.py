@@ -40,7 +40,12 @@ def documented(environment: E) -> E:
     own = dict(_SECTION.findall(_filled(f"{name}.md", passages)))
     here, general = dict(_ITEM.findall(own.pop("Arguments"))), cleandoc(Options.__doc__ or "").partition("Raises:")[0]
     items = [f"- ``{name}``: {text} {here.get(name, '')}" for name, text in _ARGUMENT.findall(general)]
-    values = {"id": system.name, "estimator": system.estimator, "arguments": "\n".join(items)}
+    values = {
+        "id": system.name,
+        "estimator": system.estimator,
+        "arguments": "\n".join(items),
+        "version_history": "- v0: first version.",
+    }
     values |= dict(_ITEM.findall(own.pop("Information")))
     values |= {title.lower().replace(" ", "_"): text for title, text in own.items()}
     manual = _ITEM.sub(lambda item: fill(" ".join(item[0].split()), **_WRAPPING), _filled("common.md", values))
