@@ -17,6 +17,8 @@ _WHOLE = ("estimators", "vessel_gym")
 """Packages that count as a whole,"""
 _SEEN = ("rendering", "surroundings.py")
 """but for what is only looked at."""
+_SCENE = "vessel_gym.rendering.scene"
+"""Counts for the modules that import it: they keep what a page shows."""
 
 
 _INSTALLED = tuple(
@@ -76,7 +78,8 @@ def _closure(module: str, package: str, found: dict[str, Path]) -> dict[str, Pat
     package_of = module if path.stem == "__init__" else module.rpartition(".")[0]
     for name in sorted(_imported(path.read_bytes(), package_of)):
         known = name in found or name.startswith(_AROUND)
-        if not known and _counts(name.partition(".")[0], package) and _source(name) is not None:
+        counts = name == _SCENE or _counts(name.partition(".")[0], package)
+        if not known and counts and _source(name) is not None:
             _closure(name, package, found)
     return found
 

@@ -32,6 +32,8 @@ LATE = ("fused", "as new", "discarded")
 MONITORS: dict[str, type[FaultMonitor]] = {"chi-square": ChiSquareMonitor, "cusum": CusumMonitor}
 """What may watch a filter's innovations for faults of sensors, by name."""
 ENVIRONMENT_ONLY = ("truth", "measurement", "dead-reckoning")
+WITHOUT_COVARIANCE = ("truth", "measurement")
+"""Estimators that claim no uncertainty of their own: their NEES means nothing."""
 
 
 def estimator_names() -> tuple[str, ...]:

@@ -31,6 +31,7 @@ _WORDS = {
     "u": ("surge speed", "m/s"), "v": ("sway speed", "m/s"), "w": ("heave speed", "m/s"),
     "p": ("roll rate", "°/s"), "q": ("pitch rate", "°/s"), "r": ("yaw rate", "°/s"),
     "north": ("speed north", "m/s"), "east": ("speed east", "m/s"), "climb": ("climb rate", "m/s"),
+    "unknown yaw increment": ("unknown yaw increment", "mrad"),
 }  # fmt: skip
 
 
@@ -67,6 +68,11 @@ class Surroundings:
             finite_array(f"{name} of Surroundings", getattr(self, name), "k", 3)
         if self.goal is not None:
             finite_array("goal of Surroundings", self.goal, 4)
+
+    @property
+    def landmarks(self) -> np.ndarray:
+        """Path and goal ``(n, 3)``, which every map shows."""
+        return np.concatenate([self.path, np.zeros((0, 3)) if self.goal is None else [self.goal[:3]]])
 
 
 MakeSurroundings = Callable[[Any, np.ndarray], Surroundings]
@@ -132,7 +138,7 @@ def in_words(name: str, angles: Sequence[str]) -> tuple[str, str, float]:
         angles: The names of those that are angles.
     """
     words, unit = _WORDS.get(name, (name, "°" if name in angles else ""))
-    return words, unit, float(np.rad2deg(1.0)) if unit.startswith("°") else 1.0
+    return words, unit, float(np.rad2deg(1.0)) if unit.startswith("°") else 1e3 if unit == "mrad" else 1.0
 
 
 @register_surroundings(TurningCircle)

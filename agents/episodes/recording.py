@@ -13,15 +13,16 @@ import gymnasium as gym
 import numpy as np
 
 from agents.files import replacing
-from agents.metrics import WITHOUT_COVARIANCE, core_of
+from agents.metrics import core_of
 from agents.named import vector_class
 from agents.rollouts import Rollout, rollout
 from estimators import Filter
-from estimators.angles import difference
 from estimators.checks import short_repr
 from vessel_gym import checks
 from vessel_gym.estimation import build, chosen_disturbance
-from vessel_gym.surroundings import in_words, pose, surroundings_of
+from vessel_gym.rendering.hulls import HULLS
+from vessel_gym.rendering.scene import Chart, Scene
+from vessel_gym.surroundings import Surroundings, surroundings_of
 from vessel_gym.system import System
 
 COMPARED = ("ekf", "enkf", "dead-reckoning", "truth")
@@ -30,8 +31,8 @@ FRAMES = 1500
 """Moments of an episode that a page holds at most; of a longer one it holds every second, third and so on."""
 CLOUDS, MEMBERS = 300, 40
 """Moments at which an ensemble is kept at most, and how many of its members."""
-CHARTS = 4
-"""Errors of components that are charted at most."""
+CHARTS = 6
+"""Charts of a page at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,59 +175,71 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
     """Data of a page, from rollouts of one seed on estimators of these names."""
     core, scenario = core_of(flown[0]), flown[0].scenario
     assert scenario is not None
-    around, shown = asdict(surroundings_of(core, scenario[0])), _focus(core)
-    stride = 1 + int(max(each.length[0] for each in flown)) // FRAMES
-    config = core.config
-    words = [f"{config.disturbance_name} disturbance", f"{config.sensors_name} sensors", f"seed {flown[0].seeds[0]}"]
+    around, every = surroundings_of(core, scenario[0]), 1 + int(max(each.length[0] for each in flown)) // FRAMES
+    scenes = [
+        Scene(core_of(each), around, {key: values[: each.length[0] + 1, 0] for key, values in each.history.items()})
+        for each in flown
+    ]
+    first, hull = scenes[0].position, HULLS[around.hull]
+    low, high = _extent(around, [scene.true for scene in scenes])
     return {
         "title": f"{core.system.name}: one episode on {len(flown)} estimator{'s' * (len(flown) > 1)}",
         "name": core.system.name,
         "environment": flown[0].env_id,
-        "conditions": words,
-        "step": core.vehicle.dt,
-        "dt": core.vehicle.dt * stride,
+        "conditions": [*scenes[0].conditions, f"seed {flown[0].seeds[0]}"],
+        "dt": core.vehicle.dt * every,
         "placed": bool({"x", "y", "z", "h"} & set(core.vehicle.state_names)),
-        "located": bool({"x", "y"} & set(shown)),
-        "focus": [in_words(name, core.vehicle.angles)[:2] for name in shown],
-        "scene": {key: packed(value) if isinstance(value, np.ndarray) else value for key, value in around.items()},
-        "flights": [_flight(each, name, shown, stride) for each, name in zip(flown, names, strict=True)],
+        "located": scenes[0].located,
+        "focus": [
+            {"name": name, "unit": unit, "axis": axis}
+            for (name, unit, _), axis in zip(first.words, first.axes.tolist(), strict=True)
+        ],
+        "scene": {
+            key: packed(value) if isinstance(value, np.ndarray) else value for key, value in asdict(around).items()
+        }
+        | {"outline": hull.above.tolist(), "least": hull.least, "low": low, "high": high},
+        "flights": [_flight(*each, every) for each in zip(flown, names, scenes, strict=True)],
     }
 
 
-def _focus(core: Any) -> list[str]:
-    """Components of the close-up: estimated ones of the position, or else the heading or the first component."""
-    names = core.composition.names[: core.composition.base]
-    return [name for name in ("y", "x", "z", "h") if name in names] or (["psi"] if "psi" in names else [names[0]])
+def _extent(around: Surroundings, tracks: list[np.ndarray]) -> tuple[list[float], list[float]]:
+    """Least and most north, east and down [m] of path, obstacles and tracks."""
+    points = np.concatenate([around.path, *(track[:, :3] for track in tracks)])
+    place, radius = around.obstacles[:, :2], around.obstacles[:, 2:]
+    level = np.concatenate([points[:, :2], place - radius, place + radius])
+    return [*level.min(0).tolist(), float(points[:, 2].min())], [*level.max(0).tolist(), float(points[:, 2].max())]
 
 
-def _flight(flown: Rollout, name: str, shown: list[str], stride: int) -> dict[str, Any]:
-    """Data of a page about the first episode of a rollout."""
-    core, composition = core_of(flown), core_of(flown).composition
-    keep = np.unique(np.append(np.arange(0, flown.length[0], stride), flown.length[0]))
-    h = {key: values[keep, 0] for key, values in flown.history.items() if key != "ensemble"}
-    base = composition.names[: composition.base]
-    believed = [base.index(each) for each in shown]
-    true = h["truth"][:, [core.truth_names.index(each) for each in shown]]
-    angles = tuple(i for i, each in enumerate(shown) if each in core.vehicle.angles)
-    scale = np.array([in_words(each, core.vehicle.angles)[2] for each in shown])
-    error = difference(h["estimate"][:, believed], true, angles) * scale
-    claims = core.estimator not in WITHOUT_COVARIANCE
-    cov = h["covariance"][:, believed][:, :, believed] * np.outer(scale, scale)
-    guess = h["truth"].copy()  # what is not estimated stands where it truly is
-    places = [core.truth_names.index(each) for each in base]
-    guess[:, places] = h["estimate"][:, : composition.base]
+def _flight(flown: Rollout, name: str, scene: Scene, every: int) -> dict[str, Any]:
+    """Data of a page about a rollout's episode: of it every so many moments, and the last."""
+    keep, position = np.unique(np.append(np.arange(0, len(scene.true), every), len(scene.true) - 1)), scene.position
+
+    def chart(each: Chart) -> dict[str, Any]:
+        series = [line._asdict() | {"value": packed(line.value[keep])} for line in each.series]
+        band = None if each.band is None else [packed(edge[keep]) for edge in each.band]
+        measured = None if each.measured is None else packed(each.measured[keep])
+        return {
+            "title": each.title,
+            "limits": each.limits,
+            "ticks": each.ticks,
+            "series": series,
+            "band": band,
+            "measured": measured,
+        }
+
     return {
         "estimator": name,
         "score": float(flown.score[0]),
         "end": str(flown.end[0]),
-        "true": packed(pose(h["truth"], core.truth_names)),
-        "believed": packed(pose(guess, core.truth_names)),
-        "error": packed(error),
-        "covariance": packed(cov.reshape(len(cov), -1)) if claims else None,
-        "members": _members(flown, believed, angles, scale),
-        "fix": packed(_fixes(core, h, shown, true, angles) * scale),
-        "charts": [*_errors(core, h, claims), *_inputs(core, h), _score(h)],
-    }  # fmt: skip
+        "legend": scene.legend,
+        "true": packed(scene.true[keep]),
+        "believed": packed(scene.believed[keep]),
+        "error": packed(position.error[keep]),
+        "root": None if position.cov is None else packed(_root(position.cov[keep])),
+        "members": None if position.members is None else _members(position.members[:-1], scene.core.vehicle.dt),
+        "fix": packed(scene.fixes[keep]),
+        "charts": [chart(each) for each in scene.charts(CHARTS)],
+    }
 
 
 def packed(values: np.ndarray) -> dict[str, Any]:
@@ -239,71 +252,17 @@ def unpacked(packing: dict[str, Any]) -> np.ndarray:
     return np.frombuffer(base64.b64decode(packing["float32"]), "<f4").reshape(packing["shape"])
 
 
-def _members(flown: Rollout, believed: list[int], angles: tuple[int, ...], scale: np.ndarray) -> dict[str, Any] | None:
-    """Deviations of an ensemble's members from their mean ``(F, m, k)``, as 16-bit integers, with their steps."""
-    if "ensemble" not in flown.history:
-        return None
-    last = int(flown.length[0])
-    at = np.arange(0, last, 1 + last // CLOUDS)  # of the end itself a batch that resets at once keeps nothing
-    ensemble = flown.history["ensemble"][at, 0, :MEMBERS][..., believed]
-    mean = flown.history["estimate"][at, 0][:, None, believed]
-    away = difference(ensemble, mean, angles) * scale
+def _root(cov: np.ndarray) -> np.ndarray:
+    """Lower triangular roots ``(T, k, k)`` of covariances, which may be singular."""
+    values, vectors = np.linalg.eigh(cov)
+    upper = np.linalg.qr(np.swapaxes(vectors * np.sqrt(np.maximum(values, 0.0))[:, None], -1, -2), mode="r")
+    return np.swapaxes(upper * np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0.0, -1.0, 1.0)[..., None], -1, -2)
+
+
+def _members(away: np.ndarray, dt: float) -> dict[str, Any]:
+    """Deviations of an ensemble's members from their mean ``(F, m, k)``, as 16-bit integers, a ``period`` apart."""
+    every = 1 + len(away) // CLOUDS
+    away = away[::every, :MEMBERS]
     unit = float(np.abs(away).max(initial=1e-12)) / 32767.0
     integers = base64.b64encode(np.round(away / unit).astype("<i2").tobytes()).decode()
-    return {"shape": away.shape, "int16": integers, "unit": unit, "every": int(at[1]) if len(at) > 1 else 1}
-
-
-def _fixes(
-    core: Any, h: dict[str, np.ndarray], shown: list[str], true: np.ndarray, angles: tuple[int, ...]
-) -> np.ndarray:
-    """Measurements of components minus their truth ``(T, k)``; NaN where none came."""
-    fixes = np.full(true.shape, np.nan)
-    for i, name in enumerate(shown):
-        for channel in (c for c, given in enumerate(core.sensors.gives) if given == name):
-            off = difference(h["measurement"][:, [channel]], true[:, [i]], (0,) if i in angles else ())[:, 0]
-            fixes[:, i] = np.where(h["available"][:, channel], off, fixes[:, i])
-    return fixes
-
-
-def _errors(core: Any, h: dict[str, np.ndarray], claims: bool) -> list[dict[str, Any]]:
-    """Charts of what is believed minus what is true, with the band that the estimator claims, and the measurements."""
-    names = core.composition.names[: core.composition.base]
-    first = [name for name in ("y", "x", "z", "h", "psi", "phi") if name in names]
-    charts = []
-    for name in [*first, *(name for name in names if name not in first)][:CHARTS]:
-        i, (label, unit, scale) = names.index(name), in_words(name, core.vehicle.angles)
-        true = h["truth"][:, [core.truth_names.index(name)]]
-        angle = (0,) if name in core.vehicle.angles else ()
-        sd = np.sqrt(np.maximum(h["covariance"][:, i, i], 0.0))
-        fixes = _fixes(core, h, [name], true, angle)
-        charts.append({
-            "title": f"{label[:1].upper()}{label[1:]} error",
-            "unit": unit,
-            "believed": packed(scale * difference(h["estimate"][:, [i]], true, angle)[:, 0]),
-            "two_sigma": packed(2.0 * scale * sd) if claims else None,
-            "true": None,
-            "measurements": packed(scale * fixes[:, 0]) if name in core.sensors.gives else None,
-        })  # fmt: skip
-    return charts
-
-
-def _inputs(core: Any, h: dict[str, np.ndarray]) -> list[dict[str, Any]]:
-    """A chart of the unknown input, true and estimated, where there is one only: of many it would say little."""
-    if len(core.unknown_inputs) != 1 or not np.isfinite(h["unknown_input"]).all():
-        return []
-    name, true = core.unknown_inputs[0], h["unknown_input"][:, 0]
-    scale, unit = (1e3, "mrad") if name == "yaw increment" else (1.0, "")
-    estimate = None
-    if core.belief.input_mean is not None:
-        delay = core.filter.input_delay or 0
-        late = h["input_estimate"][delay:, 0]
-        estimate = packed(scale * np.append(late, np.full(len(true) - len(late), np.nan)))
-    return [
-        {"title": f"Unknown {name} d", "unit": unit, "believed": estimate, "two_sigma": None,
-         "true": packed(scale * true), "measurements": None}
-    ]  # fmt: skip
-
-
-def _score(h: dict[str, np.ndarray]) -> dict[str, Any]:
-    return {"title": "Score so far", "unit": "", "believed": packed(h["score"]), "two_sigma": None, "true": None,
-            "measurements": None}  # fmt: skip
+    return {"shape": away.shape, "int16": integers, "unit": unit, "period": every * dt}

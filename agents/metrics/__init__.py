@@ -20,7 +20,6 @@ from agents.metrics.metric import (
     SCORE,
     STEPS,
     UNHEALTHY,
-    WITHOUT_COVARIANCE,
     Metric,
     at_end,
     components,
@@ -36,7 +35,7 @@ from agents.metrics.metric import (
 )
 from agents.rollouts import Rollout
 from agents.statistics import Interval, crossed_interval, share_interval
-from vessel_gym.estimation import build, chosen_disturbance
+from vessel_gym.estimation import WITHOUT_COVARIANCE, build, chosen_disturbance
 from vessel_gym.registry import Registry
 from vessel_gym.system import System
 

@@ -10,9 +10,7 @@ import numpy as np
 from agents.rollouts import Rollout
 from estimators import chi_square_band, nees
 from estimators.angles import difference
-
-WITHOUT_COVARIANCE = ("truth", "measurement")
-"""Estimators that claim no uncertainty of their own: their NEES means nothing."""
+from vessel_gym.estimation import WITHOUT_COVARIANCE
 
 PerEpisode = Callable[[Rollout], np.ndarray]
 """One number of every episode of a rollout, ``(N,)``; NaN where there is none."""

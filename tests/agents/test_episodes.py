@@ -51,8 +51,9 @@ def test_a_page_holds_what_was_flown(flown: tuple[str, Episode]):
         np.testing.assert_allclose(unpacked(flight["error"])[:, :2], error, rtol=1e-4, atol=1e-4)
         cov = again.history["covariance"][:, 0][:, focus][:, :, focus]
         k = len(page["focus"])
-        packed = unpacked(flight["covariance"]).reshape(-1, k, k)[:, :2, :2]
-        np.testing.assert_allclose(packed, cov, rtol=1e-5, atol=1e-9)
+        root = unpacked(flight["root"]).reshape(-1, k, k).astype(float)
+        np.testing.assert_allclose((root @ root.swapaxes(1, 2))[:, :2, :2], cov, rtol=1e-5, atol=1e-9)
+        np.testing.assert_array_equal(root, np.tril(root))
     assert page["flights"][1]["members"] is None
     assert page["flights"][0]["members"]["shape"][2] == len(page["focus"])
 
@@ -92,7 +93,7 @@ def test_a_long_episode_keeps_every_second_moment_and_its_end(monkeypatch: pytes
     monkeypatch.setattr("agents.episodes.recording.FRAMES", 40)
     kept = rollout("autopilot", "ThesisCorvette-v0", [0], {"max_episode_steps": 61}, ensembles=True)
     page = page_of([kept], ["kf-umv-ui"])
-    assert page["dt"] == 2.0 * page["step"]
+    assert page["dt"] == 2.0 * kept.env.unwrapped.core.vehicle.dt
     assert page["flights"][0]["true"]["shape"][0] == 31 + 1
 
 
@@ -181,7 +182,7 @@ def test_in_a_browser_it_plays_scrubs_and_switches_without_a_complaint(tmp_path:
         page.click("#play")
         assert page.get_attribute("#play", "aria-label") == "Play"
         page.click("#estimators button:first-child")
-        assert "members" in page.inner_text("#legend")
+        assert "ensemble of" in page.inner_text("#legend")
         assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
         browser.close()
     assert complaints == []

@@ -81,6 +81,19 @@ def test_all_of_the_lower_layers_counts_but_the_pictures(tmp_path, monkeypatch, 
     assert (digests[0] != digests[1]) == counts
 
 
+def test_the_scene_counts_for_what_keeps_the_data_of_a_page_alone(monkeypatch):
+    changed, digests = False, {}
+    code = source._code
+    monkeypatch.setattr(source, "_code", lambda text: code(text + b"\na = 1" * (changed and b"class Scene" in text)))
+    for changed in (False, True):
+        source_digest.cache_clear()
+        for module in ("agents.studies.examples", "agents.studies.flying"):
+            digests[module, changed] = source_digest(module)
+    source_digest.cache_clear()
+    assert digests["agents.studies.examples", False] != digests["agents.studies.examples", True]
+    assert digests["agents.studies.flying", False] == digests["agents.studies.flying", True]
+
+
 @pytest.mark.parametrize(
     ("change", "counts"),
     [

@@ -283,10 +283,11 @@ def test_a_fix_leaves_a_mark_when_it_arrives_and_only_then(env_id, every, monkey
             counts.append(marks[0])
             marks.clear()
             env.step(np.zeros(3, np.float32))
-        core, fixes = env.unwrapped.core, env.unwrapped._renderer._picture.journey.fixes
+        core, scene = env.unwrapped.core, env.unwrapped._renderer._picture.scene
     assert counts == [1] * every + [2] * every + [3]
-    true = surroundings.pose(core.state, core.vehicle.state_names)[0, :3]
-    assert np.linalg.norm(fixes[-1] - true) < 5.0
+    np.testing.assert_array_equal(scene.true[-1], surroundings.pose(core.state, core.vehicle.state_names)[0])
+    assert np.flatnonzero(np.isfinite(scene.fixes).all(1)).tolist() == [0, every, 2 * every]
+    assert 0.0 < np.linalg.norm(scene.fixes[-2]) < 5.0
 
 
 @pytest.mark.parametrize("env_id", EVERY)

@@ -14,13 +14,11 @@ import numpy as np
 import pygame
 
 from vessel_gym.rendering import palette
+from vessel_gym.rendering.hulls import CIRCLE
 from vessel_gym.rendering.palette import Colour
 
 Point = tuple[float, float]
 Align = Literal["left", "centre", "right"]
-
-CIRCLE = np.stack([np.cos(np.linspace(0.0, 2.0 * np.pi, 48)), np.sin(np.linspace(0.0, 2.0 * np.pi, 48))], -1)
-"""Points ``(48, 2)`` of a unit circle."""
 
 _OVERSAMPLING = 2
 _FONTS = "dejavusans,segoeui,helveticaneue,arial,liberationsans,notosans,freesans"

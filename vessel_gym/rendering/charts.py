@@ -1,50 +1,16 @@
 """Charts over time, in cards."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from vessel_gym.rendering import palette
 from vessel_gym.rendering.canvas import Box, Canvas, nice, signed
-from vessel_gym.rendering.palette import Colour
+from vessel_gym.rendering.scene import Chart, ticks
 
 _GAP = 10.0
 _COLUMNS = 3
 _AXIS = 16.0  # pixels that the labels of the time take below a chart
-
-
-class Series(NamedTuple):
-    """One line of a chart; a ``label`` goes into the chart's legend."""
-
-    label: str
-    colour: Colour
-    value: np.ndarray  # (T,)
-    width: float = 1.4
-    late: float = 0.0  # by how many seconds the values come after what they tell of
-
-
-class Chart(NamedTuple):
-    """Lines over time, the last on top."""
-
-    title: str  # quantity and unit
-    series: Sequence[Series]
-    band: tuple[np.ndarray, np.ndarray] | None = None  # lower and upper edge of a pale area below the lines
-    reach: tuple[float, ...] = ()  # values that the axis reaches at least
-
-
-def error(title: str, value: np.ndarray, sd: np.ndarray) -> Chart:
-    """A chart of what is believed minus what is true ``(T,)``, with the standard deviation that is claimed for it."""
-    return Chart(title, [Series("believed − true, ±2σ", palette.BELIEVED, value)], (-2.0 * sd, 2.0 * sd))
-
-
-def comparison(
-    title: str, true: np.ndarray, believed: np.ndarray, sd: np.ndarray | None = None, late: float = 0.0
-) -> Chart:
-    """A chart of something true and something believed ``(T,)``, perhaps with the latter's standard deviation."""
-    named = "believed" if sd is None else "believed ±2σ"
-    lines = [Series("true", palette.TRUE_SOFT, true, 3.5), Series(named, palette.BELIEVED, believed, 1.2, late)]
-    return Chart(title, lines, None if sd is None else (believed - 2.0 * sd, believed + 2.0 * sd))
 
 
 def draw_charts(canvas: Canvas, box: Box, charts: Sequence[Chart], time: np.ndarray, longest: float) -> None:
@@ -82,10 +48,7 @@ def draw_chart(canvas: Canvas, box: Box, chart: Chart, time: np.ndarray, end: fl
     """
     canvas.panel(box)
     plot = box.inset(46, 30, 16, 8 + (_AXIS if timed else 0.0))
-    shown = np.concatenate([chart.reach, *(each.value for each in chart.series), *(chart.band or ())])
-    low, high = float(shown.min()), float(shown.max())
-    room = max(0.06 * (high - low), 1e-3)
-    low, high = low - room, high + room
+    low, high = chart.limits
     scale = np.array([plot.width / end, -plot.height / (high - low)])
 
     def pixels(time: np.ndarray, value: np.ndarray) -> np.ndarray:
@@ -94,7 +57,7 @@ def draw_chart(canvas: Canvas, box: Box, chart: Chart, time: np.ndarray, end: fl
     if chart.band is not None and len(time) > 1:
         edge = np.append(chart.band[0], chart.band[1][::-1])
         canvas.polygon(pixels(np.append(time, time[::-1]), edge), palette.BELIEVED_PALE)
-    for level in ticks(low, high, 3):
+    for level in chart.ticks:
         line = pixels(np.array([0.0, end]), np.full(2, level))
         canvas.line(line, palette.GRID if level else palette.ZERO, 1.0)
         canvas.text(plot.left - 6, line[0, 1], signed(level), palette.MUTED, 10, "right")
@@ -107,24 +70,16 @@ def draw_chart(canvas: Canvas, box: Box, chart: Chart, time: np.ndarray, end: fl
             canvas.text(x, plot.bottom + 10, words, palette.MUTED, 10, "centre")
     with canvas.clipped(plot.inset(-4, -4, -4, -4)):
         for each in chart.series:
-            points = pixels(time - each.late, each.value)
-            canvas.line(points, each.colour, each.width)
-            canvas.dot(points[-1], each.colour, 2.5)
+            if np.isfinite(each.value).any():
+                points = pixels(time, each.value)[np.isfinite(each.value)]
+                canvas.line(points, palette.LIGHT[each.colour], each.width)
+                canvas.dot(points[-1], palette.LIGHT[each.colour], 2.5)
     canvas.text(box.left + 12, box.top + 15, chart.title, palette.TEXT, 12, bold=True)
     right = box.right - 12.0
     for each in reversed(chart.series):
         if each.label:
             right -= canvas.text(right, box.top + 15, each.label, palette.MUTED, 10, "right") + 5
-            canvas.line(np.array([[right - 14.0, box.top + 15], [right, box.top + 15]]), each.colour, 2.0)
+            canvas.line(
+                np.array([[right - 14.0, box.top + 15], [right, box.top + 15]]), palette.LIGHT[each.colour], 2.0
+            )
             right -= 14.0 + 10.0
-
-
-def ticks(low: float, high: float, least: int) -> np.ndarray:
-    """Multiples of 1, 2 or 5 times a power of ten from ``low`` to ``high``: as few as there can be, but so many."""
-    exponent = int(np.ceil(np.log10(high - low)))
-    for power in range(exponent, exponent - 3, -1):
-        for step in (float(f"1e{power}"), float(f"5e{power - 1}"), float(f"2e{power - 1}")):
-            first, last = np.ceil(low / step - 1e-6), np.floor(high / step + 1e-6)
-            if last - first + 1 >= least:
-                return np.round(step * np.arange(first, last + 1.0), 2 - power) + 0.0
-    raise AssertionError("a hundredth of an interval lies in it often enough")

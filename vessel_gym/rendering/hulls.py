@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vessel_gym.rendering.canvas import CIRCLE
+CIRCLE = np.stack([np.cos(np.linspace(0.0, 2.0 * np.pi, 48)), np.sin(np.linspace(0.0, 2.0 * np.pi, 48))], -1)
+"""Points ``(48, 2)`` of a unit circle."""
 
 
 @dataclass(frozen=True, eq=False)

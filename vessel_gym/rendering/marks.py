@@ -3,29 +3,28 @@
 import numpy as np
 
 from vessel_gym.rendering import palette
-from vessel_gym.rendering.canvas import CIRCLE, Canvas, two_sigma
-from vessel_gym.rendering.hulls import HULLS
-from vessel_gym.rendering.journey import Journey, Moment
+from vessel_gym.rendering.canvas import Canvas, two_sigma
+from vessel_gym.rendering.hulls import CIRCLE, HULLS
 from vessel_gym.rendering.maps import Frame, View, bar_length, draw_grid
-from vessel_gym.surroundings import Surroundings
+from vessel_gym.rendering.scene import Scene
 
 
 class Marks:
     """Contents of every map of an episode so far.
 
     Args:
-        around: What is around the vehicle.
-        journey: Where it has been.
-        history: That as columns.
+        scene: The episode.
     """
 
-    def __init__(self, around: Surroundings, journey: Journey, history: Moment) -> None:
-        self.around, self.hull = around, HULLS[around.hull]
-        self.true, self.believed = journey.true(history), journey.believed(history)
-        """True and estimated places and attitudes ``(T, 6)``, see `vessel_gym.surroundings.pose`."""
-        self._spread, self._members = journey.spread(history.cov[-1]), journey.members()
-        self._fixes = np.array(journey.fixes).reshape(-1, 3)
-        self._fixed, self._located = journey.fixed, journey.located
+    def __init__(self, scene: Scene) -> None:
+        self.scene, self.hull = scene, HULLS[scene.surroundings.hull]
+        position, located = scene.position, scene.located
+        self._spread = np.zeros((3, 3)) if position.cov is None else position.axes.T @ position.cov[-1] @ position.axes
+        self._members = None
+        if located and position.members is not None:
+            self._members = scene.believed[-1, :3] + position.members[-1] @ position.axes
+        fixed = np.isfinite(scene.fixes[:, 0]) & located
+        self._fixes = scene.true[fixed, :3] + scene.fixes[fixed] @ position.axes
 
     def cov(self, view: View) -> np.ndarray:
         """Covariance ``(2, 2)`` of the believed position as it is seen."""
@@ -42,7 +41,7 @@ class Marks:
             mark: Pixels of half a cross.
             close: Whether the frame is a close-up, which shows more of the belief.
         """
-        around, box = self.around, frame.box
+        scene, around, box = self.scene, self.scene.surroundings, frame.box
 
         def at(points: np.ndarray) -> np.ndarray:
             return frame.pixels(view.seen(points))
@@ -66,11 +65,11 @@ class Marks:
                 goal, radius = at(np.array(around.goal[:3])), max(around.goal[3] * frame.scale, 4.0)
                 canvas.ring(goal, palette.GOAL, radius, 1.5)
                 canvas.dot(goal, palette.GOAL, 2.0)
-            if self._located:
-                canvas.line(at(self.believed[:, :3]), palette.BELIEVED, 1.5)
-            canvas.line(at(self.true[:, :3]), palette.TRUE, 2.0)
+            if scene.located:
+                canvas.line(at(scene.believed[:, :3]), palette.BELIEVED, 1.5)
+            canvas.line(at(scene.true[:, :3]), palette.TRUE, 2.0)
             if not close:
-                _draw_start(canvas, at(self.true[0, :3]))
+                _draw_start(canvas, at(scene.true[0, :3]))
             self._vehicles(canvas, frame, view, size, close)
 
     def _vehicles(self, canvas: Canvas, frame: Frame, view: View, size: float, close: bool) -> None:
@@ -78,9 +77,9 @@ class Marks:
         toward = np.array([[0.0, -1.0], [1.0, 0.0]])  # from up and right to x and y
         true, believed = (
             frame.pixels(view.seen(pose[:3])) + size * view.body(pose, self.hull) @ toward
-            for pose in (self.true[-1], self.believed[-1])
+            for pose in (self.scene.true[-1], self.scene.believed[-1])
         )
-        ellipse = frame.pixels(view.seen(self.believed[-1, :3]) + two_sigma(self.cov(view)))
+        ellipse = frame.pixels(view.seen(self.scene.believed[-1, :3]) + two_sigma(self.cov(view)))
         sure = self._members is not None or np.ptp(ellipse, 0).max() < 1.0
         if not sure:
             canvas.polygon(ellipse, palette.BELIEVED_PALE)
@@ -92,27 +91,8 @@ class Marks:
                 canvas.dot(member, palette.MEMBER, 1.8 if close else 1.2)
         canvas.outline(believed, palette.BELIEVED, 1.5)
         if close:
-            canvas.dot(frame.pixels(view.seen(self.true[-1, :3])), palette.TRUE, 3.0)
-            canvas.dot(frame.pixels(view.seen(self.believed[-1, :3])), palette.BELIEVED, 3.0)
-
-    def legend(self) -> dict[str, str]:
-        """Names of the marks that there are, by kind."""
-        around = self.around
-        labels = {"true": "true vehicle", "believed": "believed vehicle"}
-        if self._members is not None:
-            labels["cloud"] = f"ensemble of {len(self._members)}"
-        elif np.trace(self._spread) > 0.0:
-            labels["ellipse"] = "believed ±2σ"
-        if self._fixed:
-            labels["fix"] = "position fix"
-        labels["start"] = "start"
-        if len(around.path):
-            labels["path"] = "path to follow"
-        if around.goal is not None:
-            labels["goal"] = f"goal, within {around.goal[3]:g} m"
-        if len(around.obstacles):
-            labels["obstacle"] = "obstacle"
-        return labels
+            canvas.dot(frame.pixels(view.seen(self.scene.true[-1, :3])), palette.TRUE, 3.0)
+            canvas.dot(frame.pixels(view.seen(self.scene.believed[-1, :3])), palette.BELIEVED, 3.0)
 
     def draw_icon(self, canvas: Canvas, kind: str, at: np.ndarray) -> None:
         """Draw the icon of an entry of the legend."""

@@ -21,3 +21,4 @@ GOAL: Colour = (20, 140, 126)
 MEMBER: Colour = (240, 165, 98)
 FIX: Colour = (128, 78, 168)
 OBSTACLE: Colour = (240, 216, 214)
+LIGHT = {"true": TRUE, "true_soft": TRUE_SOFT, "believed": BELIEVED, "goal": GOAL, "measurement": FIX, "limit": LIMIT}

@@ -1,38 +1,28 @@
 "use strict";
 // An episode on several estimators: one clock, one stage (a map, or space), one close-up of the belief, and charts.
 (() => {
-  const page = JSON.parse(document.getElementById("episode").textContent);
   const element = (id) => document.getElementById(id);
-  const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
-  let colours = {};
+  const colours = {};
   function look() {
-    for (const name of ["paper", "ink", "muted", "edge", "grid", "water", "true", "believed", "member", "measurement", "commanded", "goal", "obstacle", "band"]) colours[name] = colour(name);
+    const style = getComputedStyle(document.documentElement);
+    for (const name of ["paper", "ink", "muted", "edge", "grid", "water", "true", "true_soft", "believed", "member", "measurement", "commanded", "goal", "limit", "obstacle", "band"]) colours[name] = style.getPropertyValue(`--${name}`).trim();
   }
   look();
 
   // --- data -----------------------------------------------------------------------------------------------------
 
-  function unpack(packed) {
-    if (!packed) return null;
-    const bytes = Uint8Array.from(atob(packed.float32 ?? packed.int16), (c) => c.charCodeAt(0));
-    const values = packed.float32 !== undefined ? new Float32Array(bytes.buffer) : new Int16Array(bytes.buffer);
-    const shape = packed.shape;
-    return { ...packed, values, rows: shape[0], width: shape.slice(1).reduce((a, b) => a * b, 1), float32: null, int16: null };
+  /** Arrays, which JSON holds in base64. */
+  function unpack(_, packed) {
+    if (!packed?.shape) return packed;
+    const { buffer } = Uint8Array.from(atob(packed.float32 ?? packed.int16), (c) => c.charCodeAt(0)), [rows, ...shape] = packed.shape;
+    const values = packed.float32 === undefined ? new Int16Array(buffer) : new Float32Array(buffer);
+    return { ...packed, values, rows, width: shape.reduce((a, b) => a * b, 1), float32: null, int16: null };
   }
+  const page = JSON.parse(element("episode").textContent, unpack), { scene, flights, focus, dt } = page;
   const row = (array, i) => array.values.subarray(i * array.width, (i + 1) * array.width);
-
-  const scene = { ...page.scene, path: unpack(page.scene.path), obstacles: unpack(page.scene.obstacles) };
-  const flights = page.flights.map((flight) => ({
-    ...flight,
-    true: unpack(flight.true), believed: unpack(flight.believed), error: unpack(flight.error),
-    covariance: unpack(flight.covariance), members: unpack(flight.members), fix: unpack(flight.fix),
-    charts: flight.charts.map((chart) => ({
-      ...chart, true: unpack(chart.true), believed: unpack(chart.believed), two_sigma: unpack(chart.two_sigma), measurements: unpack(chart.measurements),
-    })),
-  }));
-  const dt = page.dt;
+  const rows = (array, end = array.rows) => Array.from({ length: end }, (_, i) => row(array, i));
   const duration = Math.max(...flights.map((f) => f.true.rows - 1)) * dt;
-  const k = page.focus.length;
+  const k = focus.length;
 
   /** A row between two steps, so that motion is smooth at any speed. */
   function between(array, time) {
@@ -41,32 +31,20 @@
     return Array.from(a, (value, j) => value + share * (b[j] - value));
   }
   const stepAt = (flight, time) => Math.min(Math.floor(time / dt + 1e-6), flight.true.rows - 1);
-
-  /** Lower triangular L with L L' = cov, of a k x k covariance given row by row. */
-  function root(cov, k) {
-    const L = new Float64Array(k * k);
-    for (let i = 0; i < k; i++) for (let j = 0; j <= i; j++) {
-      let sum = cov[i * k + j];
-      for (let m = 0; m < j; m++) sum -= L[i * k + m] * L[j * k + m];
-      L[i * k + j] = i === j ? Math.sqrt(Math.max(sum, 0)) : L[j * k + j] > 0 ? sum / L[j * k + j] : 0;
-    }
-    return L;
+  /** A place, north, east and down, away from a pose by components of the position. */
+  const shifted = (pose, off) => [0, 1, 2].map((c) => off.reduce((sum, v, j) => sum + v * focus[j].axis[c], pose[c]));
+  /** Deviations of the ensemble's members from their mean, [m][k]; none without an ensemble. */
+  function cloud({ members }, time) {
+    if (!members) return [];
+    const values = row(members, Math.min(Math.floor(time / members.period), members.rows - 1));
+    return Array.from({ length: values.length / k }, (_, i) => Array.from(values.subarray(i * k, (i + 1) * k), (v) => v * members.unit));
   }
-  /** Where the members of the ensemble are from their mean, [m][k]; null where there is none. */
-  function cloud(flight, time) {
-    const members = flight.members;
-    if (!members) return null;
-    const frame = Math.min(Math.floor(time / (members.every * stepTime)), members.rows - 1);
-    const values = row(members, frame), found = [];
-    for (let i = 0; i < values.length; i += k) found.push(Array.from(values.subarray(i, i + k), (v) => v * members.unit));
-    return found;
-  }
-  const stepTime = page.step;
-  /** The last measurement that gave all that is shown close up, off the truth, and its age in seconds. */
+  /** Fixes of the position up to a step, as places. */
+  const fixes = (flight, i) => rows(flight.fix, i + 1).flatMap((fix, j) => (Number.isFinite(fix[0]) ? [shifted(row(flight.true, j), [...fix])] : []));
+  /** The last measurement of the close-up's components, minus the truth, and its age in seconds. */
   function lastFix(flight, time) {
     for (let i = stepAt(flight, time), first = Math.max(0, i - 4 / dt); i >= first; i--) {
-      const fix = row(flight.fix, i);
-      if (fix.slice(0, Math.min(k, 2)).every(Number.isFinite)) return { off: fix, age: time - i * dt };
+      if (Number.isFinite(row(flight.fix, i)[0])) return { off: row(flight.fix, i), age: time - i * dt };
     }
     return null;
   }
@@ -92,50 +70,40 @@
     const paper = canvas.getContext("2d");
     paper.setTransform(ratio, 0, 0, ratio, 0, 0);
     paper.clearRect(0, 0, width, height);
+    paper.lineJoin = "round";
     return { paper, width, height };
   }
-  function trace(paper, points, closed) {
+  /** Draw a line, or an area where it has a fill, with a closed outline. */
+  function draw(paper, points, { stroke, width = 1.5, dash = [], fill, alpha = 1 }) {
     paper.beginPath();
     points.forEach(([x, y], i) => (i ? paper.lineTo(x, y) : paper.moveTo(x, y)));
-    if (closed) paper.closePath();
+    if (fill) { paper.closePath(); paper.globalAlpha = alpha; paper.fillStyle = fill; paper.fill(); paper.globalAlpha = 1; }
+    if (stroke) { paper.setLineDash(dash); paper.strokeStyle = stroke; paper.lineWidth = width; paper.stroke(); }
   }
-  function cross(paper, x, y, r) {
-    paper.beginPath();
-    paper.moveTo(x - r, y - r); paper.lineTo(x + r, y + r); paper.moveTo(x - r, y + r); paper.lineTo(x + r, y - r);
-    paper.stroke();
+  function cross(paper, [x, y], r, width, alpha) {
+    paper.globalAlpha = alpha;
+    for (const s of [1, -1]) draw(paper, [[x - r, y - s * r], [x + r, y + s * r]], { stroke: colours.measurement, width });
+    paper.globalAlpha = 1;
   }
-  const dot = (paper, x, y, r) => { paper.beginPath(); paper.arc(x, y, r, 0, 2 * Math.PI); };
   const TURN = Array.from({ length: 49 }, (_, i) => [Math.cos((i * Math.PI) / 24), Math.sin((i * Math.PI) / 24)]);
-
-  // Outlines in lengths, forward and starboard.
-  const HULLS = {
-    ship: [[0.5, 0], [0.36, 0.055], [0.2, 0.075], [-0.4, 0.075], [-0.5, 0.06], [-0.5, -0.06], [-0.4, -0.075], [0.2, -0.075], [0.36, -0.055]],
-    torpedo: [[0.5, 0], [0.46, 0.05], [0.36, 0.075], [-0.25, 0.075], [-0.38, 0.05], [-0.4, 0.15], [-0.48, 0.15], [-0.5, 0.02],
-      [-0.5, -0.02], [-0.48, -0.15], [-0.4, -0.15], [-0.38, -0.05], [-0.25, -0.075], [0.36, -0.075], [0.46, -0.05]],
-    aircraft: [[0.3, 0], [0.22, 0.06], [-0.12, 0.5], [-0.2, 0.5], [-0.1, 0.08], [-0.2, 0], [-0.1, -0.08], [-0.2, -0.5], [-0.12, -0.5], [0.22, -0.06]],
-    dot: TURN.filter((_, i) => i % 4 === 0).map(([a, b]) => [0.5 * a, 0.5 * b]),
-  };
-  HULLS.ship = HULLS.ship.map(([a, b]) => [a, b * 1.25]);
+  const circle = ([x, y], r) => TURN.map(([a, b]) => [x + r * a, y + r * b]);
+  /** Twice the standard deviation, and the members, about what is believed; `at` puts deviations from it. */
+  function spread(paper, flight, time, at, radius) {
+    if (flight.root) {
+      const L = between(flight.root, time);
+      draw(paper, TURN.map(([a, b]) => at(focus.map((_, j) => 2 * (L[j * k] * a + (L[j * k + 1] ?? 0) * b)))), { fill: colours.band, stroke: colours.believed, width: 1.2 });
+    }
+    for (const off of cloud(flight, time)) draw(paper, circle(at(off), radius), { fill: colours.member });
+  }
 
   // --- the map --------------------------------------------------------------------------------------------------
 
-  function bounds() {
-    let low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
-    const take = (p) => p.forEach((v, j) => { if (j < 3 && Number.isFinite(v)) { low[j] = Math.min(low[j], v); high[j] = Math.max(high[j], v); } });
-    for (const f of flights) for (let i = 0; i < f.true.rows; i++) take(row(f.true, i));
-    for (let i = 0; i < scene.path.rows; i++) take(row(scene.path, i));
-    for (let i = 0; i < scene.obstacles.rows; i++) {
-      const [n, e, r] = row(scene.obstacles, i);
-      take([n - r, e - r]); take([n + r, e + r]);
-    }
-    return { low, high, middle: low.map((v, j) => (v + high[j]) / 2), span: Math.max(...low.map((v, j) => high[j] - v), 4 * scene.size, 1) };
-  }
-  const extent = bounds();
+  const extent = { low: scene.low, high: scene.high, middle: scene.low.map((v, j) => (v + scene.high[j]) / 2), span: Math.max(...scene.low.map((v, j) => scene.high[j] - v), 4 * scene.size, 1) };
   /** What the close-up takes of a view: a strip at the right of a wide one, at the top of a narrow one. */
   const aside = (width) => (width > 560 ? [element("close").offsetWidth, 0] : [0, element("close").offsetHeight]);
 
   class Plan {
-    constructor(canvas) { this.canvas = canvas; this.zoom = 1; this.words = ""; }
+    constructor(canvas) { this.canvas = canvas; }
     draw(flight, time) {
       const { paper, width, height } = sized(this.canvas);
       const truth = between(flight.true, time), believed = between(flight.believed, time), i = stepAt(flight, time);
@@ -143,91 +111,46 @@
       const whole = Math.min(room[1] / Math.max(extent.high[0] - extent.low[0], 1), room[0] / Math.max(extent.high[1] - extent.low[1], 1));
       const scale = state.follow ? Math.max(whole, Math.min(width, height) / (7 * scene.size)) : whole;
       const middle = state.follow ? truth : extent.middle;
-      const centre = [(width - right) / 2, (height + top) / 2];
-      const at = (n, e) => [centre[0] + (e - middle[1]) * scale, centre[1] - (n - middle[0]) * scale];
-      this.grid(paper, width, height, scale, at(0, 0));
-      for (let j = 0; j < scene.obstacles.rows; j++) {
-        const [n, e, r] = row(scene.obstacles, j), [x, y] = at(n, e);
-        dot(paper, x, y, r * scale); paper.globalAlpha = 0.25; paper.fillStyle = colours.obstacle; paper.fill(); paper.globalAlpha = 1;
-        paper.strokeStyle = colours.obstacle; paper.lineWidth = 1; paper.stroke();
-      }
-      paper.lineJoin = "round";
-      paper.setLineDash([6, 5]); paper.strokeStyle = colours.commanded; paper.lineWidth = 1.5;
-      trace(paper, Array.from({ length: scene.path.rows }, (_, j) => at(...row(scene.path, j)))); paper.stroke(); paper.setLineDash([]);
-      if (scene.goal) {
-        const [x, y] = at(scene.goal[0], scene.goal[1]);
-        dot(paper, x, y, Math.max(scene.goal[3] * scale, 5)); paper.strokeStyle = colours.goal; paper.lineWidth = 2; paper.stroke();
-      }
-      if (page.located) {
-        paper.strokeStyle = colours.measurement; paper.lineWidth = 1.1; paper.globalAlpha = 0.75;
-        for (let j = 0; j <= i; j++) {
-          const fix = row(flight.fix, j), t = row(flight.true, j);
-          if (Number.isFinite(fix[0]) && Number.isFinite(fix[1])) cross(paper, ...at(t[0] + fix[1], t[1] + fix[0]), 2.6);
-        }
-        paper.globalAlpha = 1;
-      }
-      this.track(paper, flight.true, i, truth, at, colours.true, 3);
-      if (page.located) this.track(paper, flight.believed, i, believed, at, colours.believed, 1.6);
-      const length = Math.max(scene.size * scale, scene.hull === "dot" ? 11 : scene.hull === "ship" ? 58 : 34);
-      if (page.located) this.spread(paper, flight, time, believed, scale, at);
-      else this.headings(paper, flight, time, believed, at, length);
-      this.hull(paper, truth, at, length); paper.fillStyle = colours.true; paper.globalAlpha = 0.35; paper.fill(); paper.globalAlpha = 1;
-      paper.strokeStyle = colours.true; paper.lineWidth = 1.6; paper.stroke();
-      this.hull(paper, believed, at, length); paper.strokeStyle = colours.believed; paper.lineWidth = 1.8; paper.stroke();
-      const factor = length / (scene.size * scale);
+      const at = ([n, e]) => [(width - right) / 2 + (e - middle[1]) * scale, (height + top) / 2 - (n - middle[0]) * scale];
+      this.grid(paper, width, height, scale, at([0, 0]));
+      for (const [n, e, r] of rows(scene.obstacles)) draw(paper, circle(at([n, e]), r * scale), { fill: colours.obstacle, alpha: 0.25, stroke: colours.obstacle, width: 1 });
+      draw(paper, rows(scene.path).map(at), { stroke: colours.commanded, dash: [6, 5] });
+      if (scene.goal) draw(paper, circle(at(scene.goal), Math.max(scene.goal[3] * scale, 5)), { stroke: colours.goal, width: 2 });
+      if (page.located) for (const place of fixes(flight, i)) cross(paper, at(place), 2.6, 1.1, 0.75);
+      const track = (array, now) => [...rows(array, i + 1), now].map(at);
+      draw(paper, track(flight.true, truth), { stroke: colours.true, width: 3 });
+      if (page.located) draw(paper, track(flight.believed, believed), { stroke: colours.believed, width: 1.6 });
+      const length = Math.max(scene.size * scale, scene.least), factor = length / (scene.size * scale);
+      if (page.located) spread(paper, flight, time, (off) => at(shifted(believed, off)), 1.7);
+      else this.headings(paper, flight, time, believed, at(believed), 1.6 * length);
+      draw(paper, this.hull(truth, at, length), { fill: colours.true, alpha: 0.35, stroke: colours.true, width: 1.6 });
+      draw(paper, this.hull(believed, at, length), { fill: "transparent", stroke: colours.believed, width: 1.8 });
       this.furniture(paper, width, height, scale, scene.hull !== "dot" && factor > 1.05 ? `vehicle drawn ${number(factor, 2)}×` : "");
     }
-    track(paper, array, i, now, at, stroke, thickness) {
-      const points = [];
-      for (let j = 0; j <= i; j++) { const p = row(array, j); points.push(at(p[0], p[1])); }
-      points.push(at(now[0], now[1]));
-      trace(paper, points); paper.strokeStyle = stroke; paper.lineWidth = thickness; paper.stroke();
-    }
-    hull(paper, pose, at, length) {
-      const [x, y] = at(pose[0], pose[1]), c = Math.cos(pose[5]), s = Math.sin(pose[5]);
-      trace(paper, HULLS[scene.hull].map(([a, b]) => [x + length * (a * s + b * c), y - length * (a * c - b * s)]), true);
-    }
-    /** Twice the standard deviation, and the members, about a believed position. */
-    spread(paper, flight, time, believed, scale, at) {
-      const [x, y] = at(believed[0], believed[1]);
-      if (flight.covariance) {
-        const L = root(between(flight.covariance, time), k);
-        trace(paper, TURN.map(([a, b]) => [x + 2 * scale * L[0] * a, y - 2 * scale * (L[k] * a + L[k + 1] * b)]), true);
-        paper.fillStyle = colours.band; paper.fill(); paper.strokeStyle = colours.believed; paper.lineWidth = 1; paper.stroke();
-      }
-      paper.fillStyle = colours.member;
-      for (const off of cloud(flight, time) ?? []) { dot(paper, x + off[0] * scale, y - off[1] * scale, 1.7); paper.fill(); }
+    hull(pose, at, length) {
+      const [x, y] = at(pose), c = Math.cos(pose[5]), s = Math.sin(pose[5]);
+      return scene.outline.map(([a, b]) => [x + length * (a * s + b * c), y - length * (a * c - b * s)]);
     }
     /** Twice the standard deviation of a heading, and the members' headings, as rays, magnified. */
-    headings(paper, flight, time, believed, at, length) {
-      if (page.focus[0][0] !== "heading") return;
-      const [x, y] = at(believed[0], believed[1]), far = 1.6 * length;
-      const ray = (angle) => [x + far * Math.sin(angle), y - far * Math.cos(angle)];
-      const sd = flight.covariance ? Math.sqrt(between(flight.covariance, time)[0]) : 0, half = (2 * sd * 10 * Math.PI) / 180;
-      if (half > 0) {
-        trace(paper, [[x, y], ...Array.from({ length: 17 }, (_, j) => ray(believed[5] + half * (j / 8 - 1)))], true);
-        paper.fillStyle = colours.band; paper.fill();
-      }
-      paper.strokeStyle = colours.member; paper.lineWidth = 0.8;
-      for (const off of cloud(flight, time) ?? []) { trace(paper, [[x, y], ray(believed[5] + (off[0] * 10 * Math.PI) / 180)]); paper.stroke(); }
+    headings(paper, flight, time, believed, [x, y], far) {
+      if (focus[0].name !== "heading") return;
+      const ray = (off) => { const angle = believed[5] + (off * 10 * Math.PI) / 180; return [x + far * Math.sin(angle), y - far * Math.cos(angle)]; };
+      const sd = flight.root ? between(flight.root, time)[0] : 0;
+      if (sd > 0) draw(paper, [[x, y], ...Array.from({ length: 17 }, (_, j) => ray(2 * sd * (j / 8 - 1)))], { fill: colours.band });
+      for (const [off] of cloud(flight, time)) draw(paper, [[x, y], ray(off)], { stroke: colours.member, width: 0.8 });
     }
     grid(paper, width, height, scale, [x0, y0]) {
-      const step = round125(70 / scale);
-      paper.strokeStyle = colours.grid; paper.lineWidth = 1; paper.beginPath();
-      const gap = step * scale;
-      for (let x = ((x0 % gap) + gap) % gap; x < width; x += gap) { paper.moveTo(x, 0); paper.lineTo(x, height); }
-      for (let y = ((y0 % gap) + gap) % gap; y < height; y += gap) { paper.moveTo(0, y); paper.lineTo(width, y); }
-      paper.stroke();
+      const gap = round125(70 / scale) * scale, style = { stroke: colours.grid, width: 1 };
+      for (let x = ((x0 % gap) + gap) % gap; x < width; x += gap) draw(paper, [[x, 0], [x, height]], style);
+      for (let y = ((y0 % gap) + gap) % gap; y < height; y += gap) draw(paper, [[0, y], [width, y]], style);
     }
     furniture(paper, width, height, scale, words) {
-      const bar = round125(60 / scale), x = 14, y = height - 14;
-      paper.strokeStyle = paper.fillStyle = colours.ink; paper.lineWidth = 1.5;
-      trace(paper, [[x, y - 4], [x, y], [x + bar * scale, y], [x + bar * scale, y - 4]]); paper.stroke();
+      const bar = round125(60 / scale), x = 14, y = height - 14, north = [width - 20, height - 16];
+      draw(paper, [[x, y - 4], [x, y], [x + bar * scale, y], [x + bar * scale, y - 4]], { stroke: colours.ink });
+      draw(paper, [[0, -26], [5, -12], [0, -15], [-5, -12]].map(([a, b]) => [north[0] + a, north[1] + b]), { fill: colours.ink });
       paper.font = "12px system-ui, sans-serif"; paper.textAlign = "left";
       paper.fillText(`${number(bar)} m${words ? `   ·   ${words}` : ""}`, x, y - 9);
-      const north = [width - 20, height - 16];
-      trace(paper, [[north[0], north[1] - 26], [north[0] + 5, north[1] - 12], [north[0], north[1] - 15], [north[0] - 5, north[1] - 12]], true); paper.fill();
-      paper.textAlign = "center"; paper.fillText("N", north[0], north[1]);
+      paper.textAlign = "center"; paper.fillText("N", ...north);
     }
     theme() {}
   }
@@ -252,8 +175,8 @@
     /** As near as all of path and flights is seen, beside the close-up and from where the camera looks. */
     fit() {
       const away = this.camera.position.clone().sub(this.controls.target).normalize(), [right, top] = aside(this.width);
-      const shown = [scene.path, ...flights.map((f) => f.true)].flatMap((array) =>
-        Array.from({ length: Math.min(array.rows, 40) }, (_, i) => this.place(row(array, Math.floor((i * (array.rows - 1)) / Math.max(Math.min(array.rows, 40) - 1, 1))))));
+      const some = (array) => rows(array).filter((_, i) => i % Math.ceil(array.rows / 40) === 0 || i === array.rows - 1);
+      const shown = [scene.path, ...flights.map((f) => f.true)].flatMap((array) => some(array).map(this.place));
       const seen = (point) => {
         const p = point.clone().project(this.camera), x = (p.x + 1) * 0.5 * this.width, y = (1 - p.y) * 0.5 * this.height;
         return x > 24 && x < this.width - right - 24 && y > top + 30 && y < this.height - 24;
@@ -284,16 +207,14 @@
           new THREE.MeshBasicMaterial({ color: colours.true, transparent: true, opacity: 0.1, side: THREE.DoubleSide, depthWrite: false }));
         sea.rotation.x = -Math.PI / 2; sea.position.set(snap(this.far.x), -scene.surface, snap(this.far.z)); this.scene.add(sea);
       }
-      for (let i = 0; i < scene.obstacles.rows; i++) {
-        const [n, e, r] = row(scene.obstacles, i), up = floor - extent.low[2] + 0.12 * extent.span;
+      for (const [n, e, r] of rows(scene.obstacles)) {
+        const up = floor - extent.low[2] + 0.12 * extent.span;
         const tower = new THREE.Mesh(new THREE.CylinderGeometry(r, r, up, 40),
           new THREE.MeshLambertMaterial({ color: colours.obstacle, transparent: true, opacity: 0.42, depthWrite: false }));
         tower.position.set(e, -floor + up / 2, -n); this.scene.add(tower);
       }
       const line = (array, stroke, thickness, dashed) => {
-        const points = [];
-        for (let i = 0; i < array.rows; i++) { const p = this.place(row(array, i)); points.push(p.x, p.y, p.z); }
-        const made = new THREE.Line2(new THREE.LineGeometry().setPositions(points),
+        const made = new THREE.Line2(new THREE.LineGeometry().setPositions(rows(array).flatMap((p) => this.place(p).toArray())),
           new THREE.LineMaterial({ color: stroke, linewidth: thickness, dashed: Boolean(dashed), dashSize: extent.span / 90, gapSize: extent.span / 110 }));
         if (dashed) made.computeLineDistances();
         made.frustumCulled = false; this.scene.add(made);
@@ -337,7 +258,7 @@
       const rounds = wire ? 8 : 24;
       if (scene.hull === "aircraft") {
         const wing = new THREE.Shape();
-        HULLS.aircraft.forEach(([a, b], i) => (i ? wing.lineTo(b * length, a * length) : wing.moveTo(b * length, a * length)));
+        scene.outline.forEach(([a, b], i) => (i ? wing.lineTo(b * length, a * length) : wing.moveTo(b * length, a * length)));
         material.side = THREE.DoubleSide;
         add(new THREE.ShapeGeometry(wing)).rotation.x = -Math.PI / 2;
         add(new THREE.CapsuleGeometry(0.05 * length, 0.3 * length, 4, rounds), 0, 0, -0.06).rotation.x = Math.PI / 2;
@@ -374,24 +295,15 @@
       const size = state.follow ? Math.max(scene.size / this.length, 0.05) : 1;
       this.true.scale.setScalar(size); this.believed.scale.setScalar(size);
       this.drop.position.copy(this.true.position); this.drop.scale.set(1, Math.max(this.floor - truth[2], 1e-6), 1);
-      const axis = { "north position": [0, 0, -1], "east position": [1, 0, 0], "depth": [0, -1, 0], "altitude": [0, 1, 0] };
-      const axes = page.focus.map(([name]) => axis[name] ?? [0, 0, 0]);
-      this.ellipsoid.visible = Boolean(flight.covariance) && page.placed;
+      this.ellipsoid.visible = Boolean(flight.root) && page.located;
       if (this.ellipsoid.visible) {
-        const L = root(between(flight.covariance, time), k), columns = [0, 1, 2].map((c) => {
-          const v = new THREE.Vector3();
-          for (let r = 0; r < k; r++) if (c < k) v.addScaledVector(new THREE.Vector3(...axes[r]), 2 * L[r * k + c]);
-          return v.lengthSq() > 0 ? v : new THREE.Vector3(c === 0 ? 1e-4 : 0, c === 1 ? 1e-4 : 0, c === 2 ? 1e-4 : 0);
-        });
+        const L = between(flight.root, time), thin = [[1e-4, 0, 0], [0, 1e-4, 0], [0, 0, 1e-4]];
+        const columns = thin.map((least, c) => new THREE.Vector3(...(c < k ? this.place(shifted([0, 0, 0], focus.map((_, r) => 2 * L[r * k + c]))).toArray() : least)));
+        columns.forEach((column, c) => { if (!column.lengthSq()) column.set(...thin[c]); });
         this.ellipsoid.matrix.makeBasis(...columns).setPosition(this.believed.position);
       }
-      this.fill(this.members, (cloud(flight, time) ?? []).map((off) => off.reduce((p, v, j) => p.addScaledVector(new THREE.Vector3(...axes[j]), v), this.believed.position.clone())));
-      const fixes = [];
-      for (let j = 0; j <= i; j++) {
-        const fix = row(flight.fix, j);
-        if (page.placed && fix.slice(0, Math.min(k, 2)).every(Number.isFinite)) fixes.push(fix.reduce((p, v, m) => p.addScaledVector(new THREE.Vector3(...axes[m]), Number.isFinite(v) ? v : 0), this.place(row(flight.true, j))));
-      }
-      this.fill(this.fixes, fixes);
+      this.fill(this.members, cloud(flight, time).map((off) => shifted(believed, off)));
+      this.fill(this.fixes, page.located ? fixes(flight, i) : []);
       this.look(truth);
       this.renderer.render(this.scene, this.camera);
     }
@@ -413,119 +325,95 @@
       this.camera.lookAt(this.controls.target);
     }
     fill(points, places) {
-      const array = points.geometry.attributes.position;
-      const count = Math.min(places.length, array.count);
-      for (let i = 0; i < count; i++) array.setXYZ(i, places[i].x, places[i].y, places[i].z);
+      const array = points.geometry.attributes.position, count = Math.min(places.length, array.count);
+      places.slice(0, count).forEach((place, i) => array.setXYZ(i, ...this.place(place).toArray()));
       array.needsUpdate = true; points.geometry.setDrawRange(0, count);
     }
   }
 
   // --- the close-up: what is believed, about the truth ----------------------------------------------------------
 
-  /** Which way the second of what is shown close up grows, in pixels: depth to the bottom, all else to the top. */
-  const DOWN = page.focus[1]?.[0] === "depth" ? 1 : -1;
   function closeUp(flight, time) {
-    const { paper, width, height } = sized(element("belief"));
-    const error = between(flight.error, time), members = cloud(flight, time), fix = lastFix(flight, time);
-    const cov = flight.covariance ? between(flight.covariance, time) : null;
+    const { paper, width, height } = sized(element("belief")), L = flight.root ? between(flight.root, time) : new Array(k * k).fill(0);
     paper.font = "11px system-ui, sans-serif";
-    (k === 1 ? bell : target)(paper, width, height, error, cov, members, fix);
-    paper.globalAlpha = 1;
+    (k === 1 ? bell : target)(paper, width, height, flight, time, between(flight.error, time), L, lastFix(flight, time));
   }
-  function target(paper, width, height, error, cov, members, fix) {
-    const sd = cov ? [Math.sqrt(Math.max(cov[0], 0)), Math.sqrt(Math.max(cov[k + 1], 0))] : [0, 0];
-    const reach = round125(Math.max(1.05 * Math.max(Math.abs(error[0]) + 2 * sd[0], Math.abs(error[1]) + 2 * sd[1]), 1e-3));
-    const cx = width / 2, cy = height / 2, scale = (Math.min(width, height) / 2 - 12) / reach;
-    const at = (a, b) => [cx + a * scale, cy + DOWN * b * scale];
-    paper.strokeStyle = colours.edge; paper.lineWidth = 1;
-    for (const r of [0.5, 1]) { dot(paper, cx, cy, r * reach * scale); paper.stroke(); }
-    trace(paper, [at(-reach, 0), at(reach, 0)]); paper.stroke();
-    trace(paper, [at(0, -reach), at(0, reach)]); paper.stroke();
+  function target(paper, width, height, flight, time, error, L, fix) {
+    const reach = round125(Math.max(1.05 * Math.max(Math.abs(error[0]) + 2 * L[0], Math.abs(error[1]) + 2 * Math.hypot(L[k], L[k + 1])), 1e-3));
+    const cx = width / 2, cy = height / 2, scale = (Math.min(width, height) / 2 - 12) / reach, edge = { stroke: colours.edge, width: 1 };
+    const at = ([a, b]) => [cx + a * scale, cy + DOWN * b * scale];
+    for (const r of [0.5, 1]) draw(paper, circle([cx, cy], r * reach * scale), edge);
+    draw(paper, [at([-reach, 0]), at([reach, 0])], edge);
+    draw(paper, [at([0, -reach]), at([0, reach])], edge);
     paper.fillStyle = colours.muted; paper.textAlign = "left";
-    paper.fillText(`${number(reach)} ${page.focus[0][1]}`, cx + 4, cy - reach * scale + 1);
-    const [x, y] = at(error[0], error[1]);
-    if (cov) {
-      const L = root(cov, k);
-      trace(paper, TURN.map(([a, b]) => at(error[0] + 2 * L[0] * a, error[1] + 2 * (L[k] * a + L[k + 1] * b))), true);
-      paper.fillStyle = colours.band; paper.fill(); paper.strokeStyle = colours.believed; paper.lineWidth = 1.5; paper.stroke();
-    }
-    paper.fillStyle = colours.member;
-    for (const off of members ?? []) { dot(paper, ...at(error[0] + off[0], error[1] + off[1]), 1.8); paper.fill(); }
+    paper.fillText(`${number(reach)} ${focus[0].unit}`, cx + 4, cy - reach * scale + 1);
+    spread(paper, flight, time, (off) => at([error[0] + off[0], error[1] + off[1]]), 1.8);
     if (fix) {
-      paper.globalAlpha = Math.max(0.2, 1 - fix.age / 4); paper.strokeStyle = colours.measurement; paper.lineWidth = 2;
-      const far = Math.hypot(fix.off[0], fix.off[1]) / reach;
-      if (far <= 1) cross(paper, ...at(fix.off[0], fix.off[1]), 4.5);
+      const far = Math.hypot(fix.off[0], fix.off[1]) / reach, alpha = Math.max(0.2, 1 - fix.age / 4);
+      if (far <= 1) cross(paper, at(fix.off), 4.5, 2, alpha);
       else {  // beyond the rim: an arrow that points to it
-        const [tx, ty] = at(fix.off[0] / far, fix.off[1] / far), a = Math.atan2(ty - cy, tx - cx), fin = (turn) => [tx - 8 * Math.cos(a + turn), ty - 8 * Math.sin(a + turn)];
-        trace(paper, [fin(0.5), [tx, ty], fin(-0.5)]); paper.stroke();
+        const tip = at([fix.off[0] / far, fix.off[1] / far]), angle = Math.atan2(tip[1] - cy, tip[0] - cx);
+        const fin = (turn) => [tip[0] - 8 * Math.cos(angle + turn), tip[1] - 8 * Math.sin(angle + turn)];
+        paper.globalAlpha = alpha; draw(paper, [fin(0.5), tip, fin(-0.5)], { stroke: colours.measurement, width: 2 }); paper.globalAlpha = 1;
       }
-      paper.globalAlpha = 1;
     }
-    dot(paper, x, y, 3.5); paper.fillStyle = colours.believed; paper.fill();
-    dot(paper, cx, cy, 4.5); paper.fillStyle = colours.true; paper.fill();
+    draw(paper, circle(at(error), 3.5), { fill: colours.believed });
+    draw(paper, circle([cx, cy], 4.5), { fill: colours.true });
   }
-  function bell(paper, width, height, error, cov, members, fix) {
-    const sd = cov ? Math.sqrt(Math.max(cov[0], 0)) : 0, base = height - 24;
-    const reach = round125(Math.max(Math.abs(error[0]) + 3 * sd, fix ? Math.abs(fix.off[0]) : 0, 1e-3));
-    const x = (v) => width / 2 + (v / reach) * (width / 2 - 12);
-    paper.strokeStyle = colours.edge; paper.lineWidth = 1; trace(paper, [[8, base], [width - 8, base]]); paper.stroke();
+  function bell(paper, width, height, flight, time, [error], [sd], fix) {
+    const base = height - 24, reach = round125(Math.max(Math.abs(error) + 3 * sd, fix ? Math.abs(fix.off[0]) : 0, 1e-3));
+    const x = (v) => width / 2 + (v / reach) * (width / 2 - 12), post = (v, high) => [[x(v), base], [x(v), high]];
+    draw(paper, [[8, base], [width - 8, base]], { stroke: colours.edge, width: 1 });
     paper.fillStyle = colours.muted; paper.textAlign = "center";
-    for (const v of [-reach, 0, reach]) paper.fillText(`${v > 0 ? "+" : ""}${number(v)}${page.focus[0][1]}`, Math.max(18, Math.min(width - 18, x(v))), height - 8);
+    for (const v of [-reach, 0, reach]) paper.fillText(`${v > 0 ? "+" : ""}${number(v)}${focus[0].unit}`, Math.max(18, Math.min(width - 18, x(v))), height - 8);
     if (sd > 0) {
-      const curve = Array.from({ length: 81 }, (_, i) => { const z = (i - 40) / 10; return [x(error[0] + z * sd), base - (base - 26) * Math.exp(-0.5 * z * z)]; });
-      trace(paper, [[curve[0][0], base], ...curve, [curve[80][0], base]], true);
-      paper.fillStyle = colours.band; paper.fill(); trace(paper, curve); paper.strokeStyle = colours.believed; paper.lineWidth = 1.5; paper.stroke();
+      const curve = Array.from({ length: 81 }, (_, i) => (i - 40) / 10).map((z) => [x(error + z * sd), base - (base - 26) * Math.exp(-0.5 * z * z)]);
+      draw(paper, curve, { fill: colours.band, stroke: colours.believed });
     }
-    paper.strokeStyle = colours.member; paper.lineWidth = 1;
-    for (const off of members ?? []) { trace(paper, [[x(error[0] + off[0]), base], [x(error[0] + off[0]), base - 14]]); paper.stroke(); }
-    paper.lineWidth = 2;
-    paper.strokeStyle = colours.believed; trace(paper, [[x(error[0]), 18], [x(error[0]), base]]); paper.stroke();
-    paper.strokeStyle = colours.true; trace(paper, [[x(0), 10], [x(0), base]]); paper.stroke();
-    if (fix) { paper.globalAlpha = Math.max(0.2, 1 - fix.age / 4); paper.strokeStyle = colours.measurement; cross(paper, x(fix.off[0]), base - 30, 4.5); }
+    for (const [off] of cloud(flight, time)) draw(paper, post(error + off, base - 14), { stroke: colours.member, width: 1 });
+    draw(paper, post(error, 18), { stroke: colours.believed, width: 2 });
+    draw(paper, post(0, 10), { stroke: colours.true, width: 2 });
+    if (fix) cross(paper, [x(fix.off[0]), base - 30], 4.5, 2, Math.max(0.2, 1 - fix.age / 4));
   }
 
   // --- charts ---------------------------------------------------------------------------------------------------
 
   let charts = [];
   function layCharts() {
-    const shelf = element("charts"), flight = current();
     charts.forEach((chart) => chart.plot.destroy());
-    shelf.replaceChildren();
-    charts = flight.charts.map((chart) => {
-      const box = document.createElement("div"), title = document.createElement("h2"), name = document.createElement("span");
-      const value = document.createElement("output"), room = document.createElement("div");
-      name.textContent = chart.title + (chart.unit ? `  [${chart.unit}]` : ""); title.append(name, value);
-      room.className = "plot"; room.setAttribute("role", "img"); room.setAttribute("aria-label", `${chart.title} over time on ${flight.estimator}`);
-      box.append(title, room); shelf.append(box);
+    charts = current().charts.map((chart) => {
+      const box = document.createElement("div");
+      box.innerHTML = '<h2><span></span><small></small><output></output></h2><div class="plot" role="img"></div>';
+      const [name, labels, value] = box.firstChild.children, room = box.lastChild;
+      name.textContent = chart.title; labels.append(...chart.series.filter(({ label }) => label).map(({ label, colour }) => {
+        const item = document.createElement("span");
+        item.textContent = label; item.style.setProperty("--line", `var(--${colour})`);
+        return item;
+      }));
+      room.setAttribute("aria-label", `${chart.title} over time on ${current().estimator}`);
       return { chart, box, room, value };
     });
-    for (const each of charts) plot(each, flight);
+    element("charts").replaceChildren(...charts.map(({ box }) => box));
+    charts.forEach(plot);
   }
-  function plot(each, flight) {
-    const { chart, room } = each, rows = chart.believed?.rows ?? chart.true.rows;
-    const plain = (array) => (array ? Array.from(array.values, (v) => (Number.isFinite(v) ? v : null)) : new Array(rows).fill(null));
-    const time = Array.from({ length: rows }, (_, i) => i * dt), believed = plain(chart.believed), band = plain(chart.two_sigma);
-    const high = band.map((v, i) => (v === null ? null : v)), low = band.map((v) => (v === null ? null : -v));
-    const score = chart.title.startsWith("Score"), zero = chart.two_sigma || chart.measurements || chart.title.endsWith("error");
-    const true_ = chart.true ? plain(chart.true) : zero ? new Array(rows).fill(0) : new Array(rows).fill(null);
-    const sizes = [...believed, ...band, ...true_].filter((v) => v !== null).map(Math.abs).sort((a, b) => a - b);
-    const biggest = Math.max(sizes[Math.floor(0.995 * (sizes.length - 1))] || 0, 1e-3);
-    const range = score ? [Math.min(-0.1, ...believed), Math.max(1.05, ...believed)] : [-1.2 * biggest, 1.2 * biggest];
-    const power = 10 ** Math.floor(Math.log10(biggest)), tick = power * [5, 2, 1].find((f) => f * power <= biggest * 1.000001);
+  function plot(each) {
+    const { chart, room } = each, { length } = chart.series[0].value.values, blank = new Array(length).fill(null);
+    const plain = (array) => (array ? Array.from(array.values, (v) => (Number.isFinite(v) ? v : null)) : blank);
     const axis = { stroke: () => colours.muted, grid: { stroke: () => colours.grid, width: 1 }, ticks: { show: false }, font: "11px system-ui, sans-serif" };
+    const edge = { stroke: "transparent", points: { show: false } }, stroke = () => colours.measurement;
+    const levels = [...new Set([chart.ticks[0], ...chart.ticks.filter((level) => level === 0), chart.ticks.at(-1)])];
     const options = {
       width: Math.max(room.clientWidth, 50), height: Math.max(room.clientHeight, 50), legend: { show: false }, padding: [6, 22, 0, 0],
       cursor: { drag: { x: false, y: false }, y: false, points: { show: false } },
-      scales: { x: { time: false, range: [0, duration] }, y: { range } },
-      axes: [{ ...axis, size: 20, gap: 2, values: (_, at) => at.map((v) => `${v} s`) }, { ...axis, size: 44, gap: 3, splits: () => (score ? [0, 0.5, 1] : [-tick, 0, tick]), values: (_, at) => at.map((v) => number(v)) }],
+      scales: { x: { time: false, range: [0, duration] }, y: { range: chart.limits } },
+      axes: [{ ...axis, size: 20, gap: 2, values: (_, at) => at.map((v) => `${v} s`) }, { ...axis, size: 44, gap: 3, splits: () => levels, values: (_, at) => at.map((v) => number(v)) }],
       bands: [{ series: [1, 2], fill: () => colours.band }],
-      series: [{},
-        { stroke: "transparent", points: { show: false } }, { stroke: "transparent", points: { show: false } },
-        { stroke: () => colours.measurement, width: 0, paths: () => null, points: { show: true, size: 3, fill: () => colours.measurement, stroke: () => colours.measurement } },
-        { stroke: () => colours.true, width: chart.true ? 2.5 : 1.2, points: { show: false } },
-        { stroke: () => (score ? colours.true : colours.believed), width: 1.5, points: { show: false } }],
+      series: [{}, edge, edge, { stroke: () => colours.edge, width: 1, points: { show: false } },
+        { width: 0, paths: () => null, points: { show: true, size: 3, fill: stroke, stroke } },
+        ...chart.series.map(({ colour, width }) => ({ stroke: () => colours[colour], width, points: { show: false } }))],
     };
-    each.plot = new uPlot(options, [time, high, low, plain(chart.measurements), true_, believed], room);
+    const zero = chart.limits[0] < 0 && chart.limits[1] > 0 ? new Array(length).fill(0) : blank, [low, high] = chart.band ?? [];
+    each.plot = new uPlot(options, [blank.map((_, i) => i * dt), plain(high), plain(low), zero, plain(chart.measured), ...chart.series.map(({ value }) => plain(value))], room);
     each.veil = document.createElement("div"); each.veil.className = "veil";
     each.plot.over.append(each.veil);
     const seek = (event) => {
@@ -536,10 +424,12 @@
     each.plot.over.addEventListener("pointermove", (event) => { if (event.buttons) seek(event); });
   }
   function drawCharts(flight, time) {
+    const i = stepAt(flight, time);
     for (const { chart, plot, veil, value } of charts) {
       veil.style.left = `${plot.valToPos(Math.min(time, duration), "x")}px`;
-      const i = stepAt(flight, time), v = chart.believed ? chart.believed.values[i] : NaN, s = chart.two_sigma?.values[i];
-      value.textContent = Number.isFinite(v) ? number(v) + (Number.isFinite(s) ? ` ± ${number(s, 2)}` : "") : chart.believed ? "" : "not estimated";
+      const v = chart.series.at(-1).value.values[i], half = chart.band ? (chart.band[1].values[i] - chart.band[0].values[i]) / 2 : NaN;
+      const known = Number.isFinite(v) ? number(v) + (Number.isFinite(half) ? ` ± ${number(half, 2)}` : "") : "";
+      value.textContent = chart.series.at(-1).label === "true" ? "not estimated" : known;
     }
   }
 
@@ -561,25 +451,32 @@
   }
   function tell() {
     const flight = current(), i = stepAt(flight, state.time);
-    const words = page.focus.map(([name, unit], j) => `${name} error ${number(row(flight.error, i)[j])} ${unit}`).join(", ");
+    const words = focus.map(({ name, unit }, j) => `${name} error ${number(row(flight.error, i)[j])} ${unit}`).join(", ");
     const told = `${flight.estimator} at ${state.time.toFixed(1)} s: ${words}. Final score ${number(flight.score)}${flight.end ? `, ${flight.end}` : ""}.`;
     element("status").textContent = told; element("view").setAttribute("aria-label", told); element("belief").setAttribute("aria-label", `Belief about the truth, close up. ${told}`);
   }
+  const line = (stroke, extra) => `<line x1="0" y1="6" x2="22" y2="6" stroke="var(--${stroke})" ${extra}/>`;
+  const round = (r, extra) => `<circle cx="11" cy="6" r="${r}" ${extra}/>`;
+  const ICONS = {  // in the order of the legend
+    true: line("true", 'stroke-width="3"'), believed: line("believed", 'stroke-width="2"'),
+    ellipse: '<ellipse cx="11" cy="6" rx="10" ry="5" fill="var(--band)" stroke="var(--believed)"/>',
+    cloud: [[4, 8], [11, 4], [17, 7]].map(([x, y]) => `<circle cx="${x}" cy="${y}" r="2" fill="var(--member)"/>`).join(""),
+    fix: '<path d="M7 2 15 10 M7 10 15 2" stroke="var(--measurement)" stroke-width="2"/>',
+    path: line("commanded", 'stroke-width="2" stroke-dasharray="5 4"'),
+    goal: round(5, 'fill="none" stroke="var(--goal)" stroke-width="2"'), obstacle: round(6, 'fill="var(--obstacle)" opacity="0.5"'),
+  };
   function layLegend() {
-    const flight = current(), line = (stroke, extra = "") => `<line x1="0" y1="6" x2="22" y2="6" stroke="var(--${stroke})" ${extra}/>`;
-    const items = [[line("true", 'stroke-width="3"'), "true vehicle and track"]];
-    items.push([line("believed", 'stroke-width="2"'), page.located || page.scene.space ? `believed by ${flight.estimator}` : `heading believed by ${flight.estimator}; its place is not estimated`]);
-    if (flight.covariance) items.push(['<ellipse cx="11" cy="6" rx="10" ry="5" fill="var(--band)" stroke="var(--believed)"/>', page.located || page.scene.space ? "believed position ± 2σ" : "believed heading ± 2σ, 10×"]);
-    if (flight.members) items.push([[4, 11, 17].map((x, i) => `<circle cx="${x}" cy="${[8, 4, 7][i]}" r="2" fill="var(--member)"/>`).join(""), `${flight.members.shape[1]} members of the ensemble`]);
-    const mark = stage instanceof Space ? '<rect x="9" y="4" width="5" height="5" fill="var(--measurement)"/>' : '<path d="M7 2 15 10 M7 10 15 2" stroke="var(--measurement)" stroke-width="2"/>';
-    if (flight.fix.values.some(Number.isFinite)) items.push([mark, "measurements"]);
-    if (scene.path.rows) items.push([line("commanded", 'stroke-width="2" stroke-dasharray="5 4"'), "commanded path"]);
-    if (scene.goal) items.push(['<circle cx="11" cy="6" r="5" fill="none" stroke="var(--goal)" stroke-width="2"/>', "goal"]);
-    if (scene.obstacles.rows) items.push(['<rect x="4" y="0" width="14" height="12" fill="var(--obstacle)" opacity="0.5"/>', "obstacle"]);
-    element("legend").replaceChildren(...items.map(([icon, words]) => {
+    const flight = current(), labels = { ...flight.legend };
+    if (!page.located) {
+      labels.believed = `${focus[0].name} believed by ${flight.estimator}; its place is not estimated`;
+      if (flight.fix.values.some(Number.isFinite)) labels.fix = `measured ${focus[0].name}`;
+      if (flight.root) labels.ellipse = `believed ${focus[0].name} ±2σ, 10×`;
+    }
+    element("legend").replaceChildren(...Object.keys(ICONS).filter((kind) => labels[kind]).map((kind) => {
       const item = document.createElement("li"), text = document.createElement("span");
+      const icon = kind === "fix" && stage instanceof Space ? '<rect x="9" y="4" width="5" height="5" fill="var(--measurement)"/>' : ICONS[kind];
       item.innerHTML = `<svg viewBox="0 0 22 12" aria-hidden="true">${icon}</svg>`; // icons are ours; words of others go in as text
-      text.textContent = words; item.append(text);
+      text.textContent = labels[kind]; item.append(text);
       return item;
     }));
   }
@@ -592,8 +489,10 @@
     button.title = `Key ${i + 1}`; score.textContent = flight.score.toFixed(3); score.title = "final score";
     button.append(score); button.addEventListener("click", () => choose(i)); element("estimators").append(button);
   });
-  const where = k === 1 ? `${page.focus[0][0]}, off the truth` : `${page.focus[0][0]} → and ${page.focus[1][0]} ${DOWN > 0 ? "↓" : "↑"} off the truth`;
-  element("close-title").textContent = `Close-up: ${where}`;
+  /** Which way the second of what is shown close up grows, in pixels: depth to the bottom, all else to the top. */
+  const DOWN = focus[1]?.axis[2] > 0 ? 1 : -1;
+  const close = k === 1 ? focus[0].name : `${focus[0].name} → and ${focus[1].name} ${DOWN > 0 ? "↓" : "↑"}`;
+  element("close-title").textContent = `Close-up: ${close} off the truth`;
   element("orbit").hidden = !scene.space;
   for (const speed of [0.5, 1, 2, 5, 10, 20, 50, 100]) {
     const option = document.createElement("option");

@@ -42,7 +42,7 @@ def test_an_example_is_what_is_flown_on_each_estimator_and_survives_its_store(en
         alone = rollout("autopilot", environment, [3], {"estimator": name, "disturbance": "calm"}, record=False)
         assert shown.scores[name] == alone.score[0]
     for flight in shown.page["flights"]:
-        assert (flight["covariance"] is None) == (flight["estimator"] == "measurement")
+        assert (flight["root"] is None) == (flight["estimator"] == "measurement")
 
 
 def test_the_typical_seed_is_the_one_whose_scores_lie_nearest_to_their_means():

@@ -1,0 +1,221 @@
+"""Scene of an episode: everything that a picture of it shows, computed once for windows and pages, which only draw it.
+
+It is computed from a history: the arrays of ``info`` that a rollout keeps, of one environment, ``(T, ...)`` by key.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.angles import difference
+from vessel_gym.core import Core
+from vessel_gym.estimation import WITHOUT_COVARIANCE
+from vessel_gym.surroundings import Surroundings, in_words, pose
+
+RECORDED = (
+    "truth", "estimate", "covariance", "measurement", "available", "unknown_input", "input_estimate", "score",
+)  # fmt: skip
+"""Keys of a history that a scene needs; it draws the ``action`` and the ``ensemble`` where these are there."""
+_FIRST = ("x", "y", "psi", "u", "climb", "z", "h", "theta")
+"""Components that are charted first."""
+_POSE = ("x", "y", "z", "h", "phi", "theta", "psi")
+"""Components that maps show: their charts show the error of the estimate."""
+_LINES = ("true", "goal", "measurement", "limit")
+
+
+class Series(NamedTuple):
+    """One line of a chart; a ``label`` goes into the chart's legend."""
+
+    label: str
+    colour: str  # its name in the palette
+    value: np.ndarray  # (T,), NaN where there is none
+    width: float = 1.4
+
+
+class Chart(NamedTuple):
+    """Lines over time, the last on top."""
+
+    title: str  # quantity and unit
+    series: Sequence[Series]
+    band: tuple[np.ndarray, np.ndarray] | None = None  # lower and upper edge of a pale area below the lines
+    reach: tuple[float, ...] = ()  # values that the axis reaches at least
+    measured: np.ndarray | None = None  # (T,) what a sensor says of the last line's quantity, NaN where nothing came
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Ends of the axis."""
+        shown = np.concatenate([self.reach, *(each.value for each in self.series), *(self.band or ())])
+        low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
+        room = max(0.06 * (high - low), 1e-3)
+        return low - room, high + room
+
+    @property
+    def ticks(self) -> list[float]:
+        """Three or more round levels of the axis."""
+        return ticks(*self.limits, 3).tolist()
+
+
+class Components:
+    """Estimated components of the vehicle's state, in the units in which they are shown.
+
+    Args:
+        core: The environment's core.
+        history: Of one environment.
+        names: The components' names.
+
+    Attributes:
+        words: In words, unit and how many of that are one in SI, of each component.
+        true: ``(T, k)``.
+        error: ``(T, k)`` estimated minus true; an estimate that is a full turn off is not wrong.
+        cov: ``(T, k, k)``; None from an estimator that claims none.
+        measured: ``(T, k)`` measured minus true; NaN where no measurement came.
+        axes: ``(k, 3)`` metres north, east and down of one of each; 0 for what is no position.
+        members: ``(t, m, k)`` deviations of the ensemble from its mean; None without an ensemble.
+    """
+
+    def __init__(self, core: Core, history: dict[str, np.ndarray], names: Sequence[str]) -> None:
+        state, turns = core.vehicle.state_names, [name in core.vehicle.angles for name in names]
+        at, angles = [core.composition.names.index(name) for name in names], tuple(np.flatnonzero(turns).tolist())
+        self.names, self.words = names, [in_words(name, core.vehicle.angles) for name in names]
+        scale = np.array([factor for *_, factor in self.words])
+        true = history["truth"][:, [state.index(name) for name in names]]
+        self.true, self.error = scale * true, scale * difference(history["estimate"][:, at], true, angles)
+        claimed = core.estimator not in WITHOUT_COVARIANCE
+        self.cov = history["covariance"][:, at][:, :, at] * np.outer(scale, scale) if claimed else None
+        measured = np.full(true.shape, np.nan)
+        for channel, name in enumerate(core.sensors.gives):
+            if name in names:
+                i, came = names.index(name), history["available"][:, channel]
+                measured[came, i] = history["measurement"][came, channel]
+        self.measured = scale * difference(measured, true, angles)
+        self.axes = pose(np.eye(len(state)), state)[[state.index(name) for name in names], :3]
+        self.members = None
+        if "ensemble" in history:
+            mean = history["estimate"][-len(history["ensemble"]) :, None, at]
+            self.members = scale * difference(history["ensemble"][..., at], mean, angles)
+
+
+class Scene:
+    """Everything that a picture of an episode shows.
+
+    Args:
+        core: The environment's core.
+        surroundings: What is around the vehicle.
+        history: Of one environment: `RECORDED`, and where they are there ``action`` ``(T, a)`` and ``ensemble``
+            ``(t, m, n)`` of the last t moments.
+
+    Attributes:
+        time: ``(T,)`` [s].
+        true: True places and attitudes of the vehicle ``(T, 6)``, see `vessel_gym.surroundings.pose`.
+        believed: Estimated ones, with the true values of what is not estimated.
+        position: Estimated components of the position; without any, the heading or the first component.
+        located: Is a component of the position estimated?
+        fixes: ``(T, k)`` measurements of the position minus the truth; NaN where the horizontal ones did not all come.
+    """
+
+    def __init__(self, core: Core, surroundings: Surroundings, history: dict[str, np.ndarray]) -> None:
+        self.core, self.surroundings, self.history = core, surroundings, history
+        names = core.composition.names[: core.composition.base]
+        self._estimated = sorted(names, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
+        states = history["truth"].copy()
+        self.time = np.arange(len(states)) * core.vehicle.dt
+        self.true = pose(states, core.truth_names)
+        states[:, [core.truth_names.index(name) for name in names]] = history["estimate"][:, : len(names)]
+        self.believed = pose(states, core.truth_names)
+        placed = [name for name in ("y", "x", "z", "h") if name in names]
+        self.position = Components(core, history, placed or (["psi"] if "psi" in names else [names[0]]))
+        self.located = bool(placed)
+        measured, level = self.position.measured, self.position.axes[:, :2].any(1)
+        self._fixed = level | ~level.any()  # a fix is of these: of the horizontal ones, where there are any
+        fixed = np.isfinite(measured[:, self._fixed]).all(1, keepdims=True)
+        self.fixes = np.where(fixed, np.where(np.isnan(measured), self.position.error, measured), np.nan)
+
+    def charts(self, most: int) -> list[Chart]:
+        """Charts of estimates, of the unknown input if there is one only, of actions and score.
+
+        Args:
+            most: How many there is room for.
+        """
+        core, history = self.core, self.history
+        rest = []
+        if len(core.unknown_inputs) == 1 and np.isfinite(history["unknown_input"]).all():
+            rest.append(self._unknown_input())
+        if "action" in history:
+            lines = zip(core.vehicle.action_names, _LINES, history["action"].T, strict=False)
+            rest.append(Chart("Actions", [Series(*each) for each in lines], reach=(-1.0, 1.0)))
+        rest.append(Chart("Score so far", [Series("", "true", history["score"], 2.0)], reach=(0.0, 1.0)))
+        return [self._component(name) for name in self._estimated[: most - len(rest)]] + rest
+
+    def _component(self, name: str) -> Chart:
+        """Chart of a component: of its error, where maps show the component itself."""
+        component = Components(self.core, self.history, [name])
+        (words, unit, _), error, measured = component.words[0], component.error[:, 0], component.measured[:, 0]
+        if name in _POSE:
+            lines, middle = [Series("believed − true", "believed", error)], np.zeros(len(error))
+        else:
+            true, middle = component.true[:, 0], component.true[:, 0] + error
+            lines, measured = [_true(true), Series("believed", "believed", middle, 1.2)], true + measured
+        chart = Chart(_title(words, unit), lines, measured=measured if np.isfinite(measured).any() else None)
+        if component.cov is None:
+            return chart
+        sd = np.sqrt(np.maximum(component.cov[:, 0, 0], 0.0))
+        lines[-1] = lines[-1]._replace(label=f"{lines[-1].label}{',' if name in _POSE else ''} ±2σ")
+        return chart._replace(band=(middle - 2.0 * sd, middle + 2.0 * sd))
+
+    def _unknown_input(self) -> Chart:
+        """Chart of the unknown input, the estimate at the time that it is of: some filters know it a step later."""
+        core, history = self.core, self.history
+        words, unit, scale = in_words(f"unknown {core.unknown_inputs[0]}", ())
+        lines = [_true(scale * history["unknown_input"][:, 0])]
+        if core.belief.input_mean is not None:
+            estimate = scale * history["input_estimate"][core.filter.input_delay or 0 :, 0]
+            missing = np.full(len(lines[0].value) - len(estimate), np.nan)
+            lines.append(Series("believed", "believed", np.append(estimate, missing), 1.2))
+        return Chart(_title(words, unit), lines)
+
+    @property
+    def conditions(self) -> list[str]:
+        """Conditions of the episode in words."""
+        config, mismatch = self.core.config, self.core.config.options.mismatch
+        words = [f"{config.disturbance_name} disturbance", f"{config.sensors_name} sensors"]
+        return [*words, f"mismatch {100 * mismatch:g} %"] if mismatch else words
+
+    @property
+    def legend(self) -> dict[str, str]:
+        """Names of the marks that maps show, by kind."""
+        around, position = self.surroundings, self.position
+        labels = {"true": "true vehicle", "believed": "believed vehicle"}
+        if self.located and position.cov is not None:
+            labels["ellipse"] = "believed ±2σ"
+        if self.located and position.members is not None:
+            labels["cloud"] = f"ensemble of {position.members.shape[1]}"
+        if self.located and set(self.core.sensors.gives).issuperset(np.array(position.names)[self._fixed]):
+            labels["fix"] = "position fix"
+        labels["start"] = "start"
+        if len(around.path):
+            labels["path"] = "path to follow"
+        if around.goal is not None:
+            labels["goal"] = f"goal, within {around.goal[3]:g} m"
+        if len(around.obstacles):
+            labels["obstacle"] = "obstacle"
+        return labels
+
+
+def _true(value: np.ndarray) -> Series:
+    return Series("true", "true_soft", value, 3.5)
+
+
+def _title(words: str, unit: str) -> str:
+    return words[:1].upper() + words[1:] + (f"  [{unit}]" if unit else "")
+
+
+def ticks(low: float, high: float, least: int) -> np.ndarray:
+    """Multiples of 1, 2 or 5 times a power of ten from ``low`` to ``high``: as few as there can be, but so many."""
+    exponent = int(np.ceil(np.log10(high - low)))
+    for power in range(exponent, exponent - 3, -1):
+        for step in (float(f"1e{power}"), float(f"5e{power - 1}"), float(f"2e{power - 1}")):
+            first, last = np.ceil(low / step - 1e-6), np.floor(high / step + 1e-6)
+            if last - first + 1 >= least:
+                return np.round(step * np.arange(first, last + 1.0), 2 - power) + 0.0
+    raise AssertionError("a hundredth of an interval lies in it often enough")
