@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -188,7 +188,7 @@ class Configuration:
         """The sensors."""
         return self.world.sensors
 
-    @property
+    @cached_property
     def success(self) -> int:
         """Number of the end that means success; 0: to go on to the time limit does."""
         return self.system.task.end_reasons.index(self.system.task.success)

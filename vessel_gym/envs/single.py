@@ -64,13 +64,13 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         An episode that has ended stays as it is, with reward 0, until the next reset.
         """
         core = self.core
-        if core.end[0]:
+        if core.now.end.item(0):
             checked_action(action, self._shape)
             return core.observe()[0], 0.0, True, False, self._info()
         reward, end = core.step(action, shape=self._shape)
         if self.render_mode is not None:
             self._record()
-        return self.core.observe()[0], float(reward[0]), bool(end[0]), False, self._info()
+        return core.observe()[0], reward.item(0), end.item(0) > 0, False, self._info()
 
     def render(self) -> np.ndarray | None:
         """An image ``(height, width, 3)`` of the episode so far; in mode ``"human"``, the window is kept current."""
@@ -86,10 +86,10 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
             self._renderer = None
 
     def _info(self) -> dict[str, Any]:
-        core, end = self.core, int(self.core.end[0])
+        core, end = self.core, self.core.now.end.item(0)
         info: dict[str, Any] = {name: values[0].copy() for name, values in core.happened().items()}
         info["healthy"], info["score"] = not core.loop.belief.recovery[0], core.score_of(0)
-        info["end"], info["is_success"] = core.task.end_reasons[end], end == core.config.success
+        info["end"], info["is_success"] = core.config.system.task.end_reasons[end], end == core.config.success
         return info
 
     def _record(self, begin: bool = False) -> None:
