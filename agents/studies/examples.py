@@ -21,7 +21,7 @@ def examples(plan: Plan) -> dict[str, Job]:
     chosen: dict[str, Job] = {}
     classical = next(agent.name for agent in plan.study.agents if not agent.learned)
     condition = plan.study.conditions[0].name
-    for environment in (e.id for e in plan.study.environments):
+    for environment in plan.study.environments:
         flights = {
             f.flown_on: f.job.arguments
             for f in plan.flights

@@ -60,10 +60,10 @@ def plan(study: Study) -> Plan:
     """
     flights: list[Flight] = []
     skipped: list[Skipped] = []
-    for environment in (e.id for e in study.environments):
+    for environment in study.environments:
         flyable = []
         for estimator in estimators_in(study, environment):
-            error = refusal(environment, _options(study, study.conditions[0], estimator, environment))
+            error = refusal(environment, options(study, study.conditions[0], estimator, environment))
             if error is None:
                 flyable.append(estimator)
             else:
@@ -95,16 +95,11 @@ def estimators_in(study: Study, environment: str) -> list[Estimator]:
     return list(found.values())
 
 
-def options(condition: Condition, estimator: Estimator, environment: str) -> dict[str, Any]:
+def options(study: Study, condition: Condition, estimator: Estimator, environment: str) -> dict[str, Any]:
     """The options of an environment, as plain data."""
     name = system_of(environment).estimator if estimator.estimator == DEFAULT else estimator.estimator
     chosen = {"estimator_options": estimator.options} if estimator.options else {}
-    return {"estimator": name} | chosen | condition.options
-
-
-def _options(study: Study, condition: Condition, estimator: Estimator, environment: str) -> dict[str, Any]:
-    """The options of an environment, with the termination of the study."""
-    return options(condition, estimator, environment) | {"termination": study.termination}
+    return {"estimator": name} | chosen | condition.options | {"termination": study.termination}
 
 
 def _seen(agent: Agent) -> dict[str, Any]:
@@ -113,8 +108,8 @@ def _seen(agent: Agent) -> dict[str, Any]:
     return {"observe": agent.observe} | guidance if agent.learned else {}
 
 
-Training = tuple[Estimator, int, Job]
-"""Estimator of a training, its training seed, and its job."""
+Training = tuple[Estimator, int | None, Job | None]
+"""Estimator of a training, its training seed, and its job; neither of an agent that does not learn."""
 
 
 def _trainings(study: Study, environment: str, agent: Agent, flyable: list[Estimator]) -> list[Training]:
@@ -138,18 +133,10 @@ def _flights(
     flyable: list[Estimator],
     trainings: list[Training],
 ) -> Iterable[Flight]:
-    if not agent.learned:
-        for estimator in flyable:
-            yield Flight(
-                environment, condition.name, agent.name, "", estimator.name, None,
-                _fly(study, environment, agent, condition, estimator, agent.kind),
-            )  # fmt: skip
-    for school, seed, training in trainings:
-        for estimator in [_RAW_MEASUREMENTS] if agent.raw else flyable:
-            yield Flight(
-                environment, condition.name, agent.name, school.name, estimator.name, seed,
-                _fly(study, environment, agent, condition, estimator, "checkpoint", training),
-            )  # fmt: skip
+    runs = trainings if agent.learned else [(Estimator(""), None, None)]
+    for (school, seed, training), estimator in product(runs, [_RAW_MEASUREMENTS] if agent.raw else flyable):
+        job = _fly(study, environment, agent, condition, estimator, training)
+        yield Flight(environment, condition.name, agent.name, school.name, estimator.name, seed, job)
 
 
 def _train(study: Study, environment: str, agent: Agent, school: Estimator, seed: int) -> Job:
@@ -159,23 +146,18 @@ def _train(study: Study, environment: str, agent: Agent, school: Estimator, seed
         "agents.studies.training:train_agent",
         {
             "environment": environment,
-            "options": _options(study, study.conditions[0], school, environment) | _seen(agent),
+            "options": options(study, study.conditions[0], school, environment) | _seen(agent),
             "memory": agent.memory,
             "critic": critic,
             "changed": agent.settings,
             "steps": steps,
             "seed": seed,
             "settings": {key: described[key] for key in ("hyperparameters", "versions")},
-            "own": digests(environment, school.estimator, *_own_world(study.conditions[0])),
+            "own": digests(environment, school.estimator, *study.conditions[0].own),
         },
         f"train {agent.name} on {school.name} in {environment}",
         artifact=".zip",
     )
-
-
-def _own_world(condition: Condition) -> tuple[str, str]:
-    """Names of a condition that may be the user's own."""
-    return condition.sensors, condition.disturbance
 
 
 def _fly(
@@ -184,18 +166,18 @@ def _fly(
     agent: Agent,
     condition: Condition,
     estimator: Estimator,
-    controller: str,
-    training: Job | None = None,
+    training: Job | None,
 ) -> Job:
+    controller = "checkpoint" if training else agent.kind
     return Job(
         "agents.studies.flying:fly",
         {
             "environment": environment,
-            "options": _options(study, condition, estimator, environment) | _seen(agent),
+            "options": options(study, condition, estimator, environment) | _seen(agent),
             "agent": controller,
             "first_seed": study.first_seed,
             "episodes": study.episodes,
-            "own": digests(environment, estimator.estimator, controller, *_own_world(condition))
+            "own": digests(environment, estimator.estimator, controller, *condition.own)
             | registered(environment, controller),
         }
         | ({} if training or condition != study.conditions[0] else {"timed_beside": ORACLE}),

@@ -16,17 +16,6 @@ FEW_SEEDS = 5
 
 
 @dataclass(frozen=True)
-class Environment:
-    """An environment of a study.
-
-    Attributes:
-        id: Registered with Gymnasium; ``"module:id"`` imports the module first.
-    """
-
-    id: str
-
-
-@dataclass(frozen=True)
 class Estimator:
     """An estimator of a study.
 
@@ -104,6 +93,11 @@ class Condition:
     faults: tuple[dict[str, Any], ...] = ()
 
     @property
+    def own(self) -> tuple[str, str]:
+        """Names that may be the user's own."""
+        return self.sensors, self.disturbance
+
+    @property
     def options(self) -> dict[str, Any]:
         """As options of an environment, see `agents.studies.worlds.environment_options`."""
         chosen = {"sensors": self.sensors, "disturbance": self.disturbance, "mismatch": self.mismatch}
@@ -130,7 +124,7 @@ class Study:
 
     Attributes:
         title: The question, in a line.
-        environments: Where.
+        environments: Registered with Gymnasium; ``"module:id"`` imports the module first.
         estimators: What is compared; `ORACLE` and `FLOOR` are always there.
         agents: Who flies; the autopilot always does, where there is one.
         conditions: Agents are trained in the first.
@@ -144,7 +138,7 @@ class Study:
     """
 
     title: str
-    environments: tuple[Environment, ...]
+    environments: tuple[str, ...]
     estimators: tuple[Estimator, ...]
     agents: tuple[Agent, ...]
     conditions: tuple[Condition, ...]

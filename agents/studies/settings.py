@@ -39,7 +39,7 @@ def settings(results: Results, out: Path) -> Section:
     blocks: list[Block] = [
         Facts("Run", run),
         Facts("Versions", versions),
-        Facts("Environments", [(e.id, _world(e.id)) for e in study.environments]),
+        Facts("Environments", [(name, _world(name)) for name in study.environments]),
         Facts("Conditions", [(c.name, _plain(c.options)) for c in study.conditions]),
         Facts("Agents", [(a.name, _agent_settings(a)) for a in study.agents]),
         Facts("Estimators", _tunings(results)),
@@ -101,7 +101,7 @@ def _tuning(results: Results, environment: str, name: str) -> str:
     study, system = results.plan.study, system_of(environment)
     each: dict[str, list[str]] = {}
     for condition in study.conditions:
-        given = options(condition, study.estimator(name), environment)
+        given = options(study, condition, study.estimator(name), environment)
         kind = given["estimator"]
         own = ":" in kind or ":" in condition.disturbance
         tuned = {} if own else tuning(system, kind, condition.disturbance)

@@ -13,20 +13,9 @@ from typing import Any
 from agents.controllers import PPO, controller_names, make_controller
 from agents.named import named_object
 from agents.seeds import evaluation_seeds
-from agents.studies.records import (
-    DEFAULT,
-    FLOOR,
-    ORACLE,
-    RAW,
-    Agent,
-    Condition,
-    Confirmation,
-    Environment,
-    Estimator,
-    Study,
-)
+from agents.studies.records import DEFAULT, FLOOR, ORACLE, RAW, Agent, Condition, Confirmation, Estimator, Study
 from agents.studies.toml_reader import Place, StudyError, TomlReader
-from agents.studies.worlds import CLASSICAL, environment_id, has_controller, known_estimator, refusal, system_of
+from agents.studies.worlds import CLASSICAL, check_estimator_name, environment_id, has_controller, refusal, system_of
 from agents.training.ppo import MEMORIES, describe, hyperparameters
 from estimators.checks import short_repr
 from vessel_gym.configuration import TERMINATIONS
@@ -95,23 +84,17 @@ class _Reader(TomlReader):
         if numbers["training_seeds"] > _MOST_TRAINING_SEEDS:
             text = f"training_seeds must be at most {_MOST_TRAINING_SEEDS}, got {numbers['training_seeds']}"
             self.wrong(("training_seeds",), text)
-        environments = tuple(
-            Environment(name) for name in self.section("environments", _SECTIONS["environments"], required=True)
-        )
-        ids = [environment.id for environment in environments]
-        estimators, agents = self.estimators(ids), self.agents(ids)
-        numbers["termination"] = self.termination("task" if any(agent.raw for agent in agents) else "belief")
+        ids = tuple(self.section("environments", _SECTIONS["environments"], required=True))
+        worlds = [name for name in ids if self.accepts(("environments", name), environment_id, name)]
+        estimators, agents = self.estimators(ids), self.agents(ids, worlds)
+        # Measurements contain no belief: where any agent is shown them, the truth ends a mission.
+        default = "task" if any(agent.raw for agent in agents) else "belief"
+        numbers["termination"] = self.choice((), self.data, "termination", TERMINATIONS, default)
         numbers["confirm"] = self.confirmation(numbers["first_seed"], numbers["episodes"])
         title = title or "What does the estimator cost?"
-        study = Study(title, environments, estimators, agents, self.conditions(), **numbers)
-        self.check(study)
+        study = Study(title, ids, estimators, agents, self.conditions(), **numbers)
+        self.check(study, worlds)
         return study
-
-    def termination(self, default: str) -> str:
-        """The termination; by default the truth where any agent is shown measurements, which contain no belief."""
-        chosen = self.value((), self.data, "termination", str, "a name", default)
-        self.name("termination", chosen, TERMINATIONS, ("termination",))
-        return chosen
 
     def confirmation(self, first_seed: int, episodes: int) -> Confirmation:
         """The seeds of the confirmation, none of which the study flies."""
@@ -133,9 +116,8 @@ class _Reader(TomlReader):
 
     # --- what only the environments can tell -------------------------------------------------------
 
-    def check(self, study: Study) -> None:
+    def check(self, study: Study, worlds: Sequence[str]) -> None:
         """Note names and options that no environment knows."""
-        worlds = [e.id for e in study.environments if self.accepts(("environments", e.id), environment_id, e.id)]
         for one, other in combinations(worlds, 2):
             if environment_id(one) == environment_id(other):
                 self.wrong(("environments", other), f"{one} and {other} are one environment: leave one of them out")
@@ -149,10 +131,8 @@ class _Reader(TomlReader):
         self.check_termination(study, worlds)
         for estimator in study.estimators:
             place = ("estimators", estimator.name)
-            wrong = None if estimator.estimator == DEFAULT else known_estimator(estimator.estimator)
-            if wrong:
-                self.wrong((*place, "estimator"), wrong)
-            else:
+            known = estimator.estimator == DEFAULT
+            if known or self.accepts((*place, "estimator"), check_estimator_name, estimator.estimator):
                 self.check_estimator(place, estimator, [w for w in worlds if w in (estimator.environments or worlds)])
         for agent in study.agents:
             place = ("agents", agent.name)
@@ -255,17 +235,15 @@ class _Reader(TomlReader):
         names = [e.name for e in found]
         return tuple(Estimator(name, name) for name in (ORACLE, FLOOR) if name not in names) + tuple(found)
 
-    def agents(self, ids: Sequence[str]) -> tuple[Agent, ...]:
+    def agents(self, ids: Sequence[str], worlds: Sequence[str]) -> tuple[Agent, ...]:
         named = self.data.get("estimators", {})
         estimators = [ORACLE, FLOOR, DEFAULT, *(named if isinstance(named, dict) else ())]
         found = []
         for name, table in self.section("agents", _SECTIONS["agents"]).items():
             place = ("agents", name)
             kind = self.value(place, table, "kind", str, "a name", name)
-            observe = self.value(place, table, "observe", str, "a name", "mean")
-            self.name("observe mode", observe, ("mean", "mean+std", "measurement"), (*place, "observe"))
-            memory = self.value(place, table, "memory", str, "a name", "none")
-            self.name("memory", memory, MEMORIES, (*place, "memory"))
+            observe = self.choice(place, table, "observe", ("mean", "mean+std", "measurement"), "mean", "observe mode")
+            memory = self.choice(place, table, "memory", MEMORIES, "none")
             if kind != "ppo":
                 for key in _LEARNED:
                     if key in table:
@@ -282,15 +260,13 @@ class _Reader(TomlReader):
                     text = f"steps must be whole numbers of at least 1 and at most {_MOST_STEPS}, got {number!r}"
                     self.wrong((*place, "steps"), text)
                     steps = {}
-            critic = self.value(place, table, "critic", str, "a name", "none")
-            self.name("critic", critic, ("none", "truth"), (*place, "critic"))
+            critic = self.choice(place, table, "critic", ("none", "truth"), "none")
             guidance = self.value(place, table, "guidance", (bool, type(None)), "true or false", None)
             settings = self.value(place, table, "settings", dict, "a table of hyperparameters", {})
             where = self.environments_of(place, table, ids)
             for env_id in steps if where else ():
                 self.name(f"environment of {name}", env_id, where, (*place, "steps"))
             found.append(Agent(name, kind, observe, memory, trained_on, steps, where, critic, guidance, settings))
-        worlds = [name for name in ids if _is_environment(name)]
         if worlds and not any(has_controller(CLASSICAL, world) for world in worlds):
             if all(agent.learned for agent in found):
                 text = (
@@ -342,11 +318,3 @@ class _Reader(TomlReader):
         for name in names:
             self.name("environment", name, ids, (*place, "environments"))
         return names
-
-
-def _is_environment(name: str) -> bool:
-    try:
-        environment_id(name)
-    except ValueError:
-        return False
-    return True

@@ -81,6 +81,14 @@ class TomlReader:
             return default
         return value
 
+    def choice(
+        self, place: Place, table: dict[str, Any], key: str, known: Iterable[str], default: str, kind: str = ""
+    ) -> str:
+        """One of the known names of a kind, which is called like its key if not given."""
+        chosen: str = self.value(place, table, key, str, "a name", default)
+        self.name(kind or key, chosen, known, (*place, key))
+        return chosen
+
     def own_name(self, place: Place, kind: str, known: Iterable[str]) -> None:
         """Note a name that something else has."""
         if place[-1] != kind and place[-1] in known:

@@ -102,16 +102,17 @@ def refusal(name: str, options: dict[str, Any]) -> Exception | None:
     return None
 
 
-def known_estimator(name: str) -> str | None:
-    """The mistake in an estimator's name; None if there is none."""
+def check_estimator_name(name: str) -> None:
+    """Refuse what is no estimator.
+
+    Raises:
+        ValueError: naming the mistake.
+    """
     if ":" in name:
-        try:
-            return None if callable(named_object(name)) else f"{name!r} is not an estimator: it cannot be called"
-        except ValueError as error:
-            return str(error)
-    if name in estimator_names():
-        return None
-    return unknown("estimator", name, ("default", *estimator_names()))
+        if not callable(named_object(name)):
+            raise ValueError(f"{name!r} is not an estimator: it cannot be called")
+    elif name not in estimator_names():
+        raise ValueError(unknown("estimator", name, ("default", *estimator_names())))
 
 
 def digests(*names: str) -> dict[str, str]:

@@ -31,7 +31,7 @@ from test_time_at_sea import AUV, FIX, at_sea, flown, late_fix, sensors_of
 from agents import Rollout, rollout
 from agents.metrics import metrics, scores
 from agents.studies.plan import plan
-from agents.studies.records import Agent, Condition, Environment, Estimator, Study
+from agents.studies.records import Agent, Condition, Estimator, Study
 from agents.studies.results import Results
 from estimators import ChiSquareMonitor, CusumMonitor, FaultMonitor, Filter, Gaussian, LinearModel
 from vessel_gym.core import Core
@@ -413,7 +413,7 @@ def test_a_study_holds_what_its_monitors_found(faulty: Rollout):
     watchful = Estimator("ekf, watched", "ekf", {"monitor": {"kind": "cusum", "false_alarms": 1e-4}})
     estimators = tuple(Estimator(name, name) for name in ("truth", "dead-reckoning", "ekf"))
     agents = (Agent("autopilot", "autopilot"),)
-    study = Study("?", (Environment(AUV),), (*estimators, watchful), agents, (Condition("nominal"),), 6, 5)
+    study = Study("?", (AUV,), (*estimators, watchful), agents, (Condition("nominal"),), 6, 5)
     planned = plan(study)
     assert not planned.skipped
     assert [f.flown_on for f in planned.flights][-1] == "ekf, watched"

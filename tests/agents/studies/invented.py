@@ -8,7 +8,7 @@ import numpy as np
 
 from agents.metrics import WITHOUT_COVARIANCE, metrics
 from agents.studies.plan import Plan, plan
-from agents.studies.records import RAW, Agent, Condition, Environment, Estimator, Study
+from agents.studies.records import RAW, Agent, Condition, Estimator, Study
 from agents.studies.results import Results
 from agents.studies.worlds import system_of
 
@@ -35,8 +35,7 @@ def study(
     environments=(CORVETTE, SEGOROGENI), agents=(CLASSICAL,), training_seeds=5, conditions=CONDITIONS, episodes=8
 ):
     estimators = (*ENDS, *(Estimator(name, name) for name in ("kf-umv-ui", "kf", "ekf", "enkf")))
-    worlds = tuple(Environment(name) for name in environments)
-    return Study("Which one?", worlds, estimators, agents, conditions, episodes, training_seeds)
+    return Study("Which one?", tuple(environments), estimators, agents, conditions, episodes, training_seeds)
 
 
 def results(planned: Plan | Study, quality=QUALITY, noise=0.01) -> Results:

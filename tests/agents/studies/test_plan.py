@@ -5,13 +5,13 @@ from dataclasses import replace
 import pytest
 
 from agents.studies.plan import plan
-from agents.studies.records import RAW, Agent, Condition, Environment, Estimator, Study
+from agents.studies.records import RAW, Agent, Condition, Estimator, Study
 from agents.studies.worlds import digests, environment_id, system_of
 
 CORVETTE, SEGOROGENI = "SigmaCorvette-v0", "SegorogeniAUV-v0"
 STUDY = Study(
     "t",
-    (Environment(CORVETTE), Environment(SEGOROGENI)),
+    (CORVETTE, SEGOROGENI),
     (
         Estimator("truth", "truth"),
         Estimator("dead-reckoning", "dead-reckoning"),

@@ -50,7 +50,7 @@ def test_a_study_is_what_its_file_says(tmp_path):
     study = read(tmp_path, SMALL)
     assert study.title == "A small study"
     assert (study.episodes, study.training_seeds, study.seeds) == (3, 2, evaluation_seeds(3))
-    assert [e.id for e in study.environments] == ["SigmaCorvette-v0", "SegorogeniAUV-v0"]
+    assert study.environments == ("SigmaCorvette-v0", "SegorogeniAUV-v0")
     plain = study.estimator("plain enkf")
     assert (plain.estimator, plain.options, plain.environments) == (
         "enkf",
