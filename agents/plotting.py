@@ -2,16 +2,13 @@
 
 import base64
 import io
-from collections.abc import Callable
 from contextlib import AbstractContextManager
-from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-P = ParamSpec("P")
 TRUE, BELIEVED, RAW, PALE, PUBLISHED, INK = "#1f4e79", "#c8590b", "#8a8f96", "#f3cfae", "#a3271b", "#444444"
 PALETTE = ("#1f4e79", "#c8590b", "#3f7f5f", "#7b4f9d", "#b08900", "#2f8fa8", "#8c3b4a", "#5a616b", "#9aa23a", "#d07fa0")
 """Colours for many lines, told apart also by those who do not see red from green where markers differ as well."""
@@ -33,21 +30,3 @@ def data_uri(figure: "Figure") -> str:
     with styled():
         figure.savefig(buffer, format="svg", metadata=nothing)
     return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()
-
-
-def drawing(width: float, height: float) -> Callable[[Callable[Concatenate["Figure", P], None]], Callable[P, str]]:
-    """Decorator for a function that draws on a new figure of this size [in]: it returns the figure as a data URI."""
-
-    def decorate(draw: Callable[Concatenate["Figure", P], None]) -> Callable[P, str]:
-        @wraps(draw)
-        def made(*args: P.args, **kwargs: P.kwargs) -> str:
-            from matplotlib.figure import Figure
-
-            with styled():
-                figure = Figure(figsize=(width, height), layout="constrained")
-                draw(figure, *args, **kwargs)
-                return data_uri(figure)
-
-        return made
-
-    return decorate

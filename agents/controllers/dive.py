@@ -3,14 +3,14 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from scipy.optimize import root
 
 from agents.controllers import AUTOPILOT, register_controller
 from agents.controllers.loops import Loop as PID
-from agents.controllers.loops import first_order, regulator_gains
+from agents.controllers.loops import first_order, regulator_gains, task_of
 from estimators import wrap
 from vessel_gym.system import System
 from vessel_gym.tasks.dive import Dive
@@ -220,9 +220,8 @@ class DiveAutopilot:
     """
 
     def __init__(self, system: System, tolerances: DiveTolerances | None = None) -> None:
-        task, vehicle = _dive(system)
-        tolerances = tolerances or DiveTolerances()
-        self._task, self._body = task, vehicle.body
+        self._task, vehicle = task_of(system, Dive, "flies dives", AUV), cast(AUV, system.vehicle)
+        tolerances, self._body = tolerances or DiveTolerances(), vehicle.body
         self._ahead = tolerances.look_ahead * vehicle.body.length
         self._vertical = vertical_loop(vehicle, tolerances)
         self._lateral = lateral_loop(vehicle, tolerances) if "rudder" in vehicle.action_names else None
@@ -261,13 +260,13 @@ class DiveRegulator(DiveAutopilot):
     """
 
     def __init__(self, system: System, tolerances: DiveTolerances | None = None) -> None:
-        tolerances, offset = tolerances or DiveTolerances(), _dive(system)[0].TRACK_TOLERANCE
-        offset = min(tolerances.offset, offset)
+        tolerances = tolerances or DiveTolerances()
+        offset = min(tolerances.offset, task_of(system, Dive, "flies dives").TRACK_TOLERANCE)
         super().__init__(system, replace(tolerances, look_ahead=np.inf, offset=offset))
 
 
 @register_controller(Dive, "pid")
-class DivePID:
+class DivePID(DiveAutopilot):
     """Line-of-sight guidance; a PID loop each for course and flight path, a PI loop for the speed.
 
     The loops know nothing of each other and of the steady motion that the path takes, but for the thrust at cruising
@@ -278,16 +277,14 @@ class DivePID:
     """
 
     def __init__(self, system: System, tolerances: DiveTolerances | None = None) -> None:
-        self._task, vehicle = _dive(system)
-        t, self._body = tolerances or DiveTolerances(), vehicle.body
-        self._ahead = t.look_ahead * vehicle.body.length
-        vertical = vertical_loop(vehicle, t)
-        self._climb = PID(-vertical.response, vertical.damping, t.direction, t.fin, vehicle.dt)
-        self._speed = PID(1.0 / self._body.mass, None, t.speed, self._body.mass, vehicle.dt)
+        super().__init__(system, tolerances)
+        t, mass, dt = tolerances or DiveTolerances(), self._body.mass, system.vehicle.dt
+        climb, course = self._vertical, self._lateral
+        self._climb = PID(-climb.response, climb.damping, t.direction, t.fin, dt)
         self._course = None
-        if "rudder" in vehicle.action_names:
-            lateral = lateral_loop(vehicle, t)
-            self._course = PID(lateral.response, lateral.damping, t.direction, t.fin, vehicle.dt)
+        if course is not None:
+            self._course = PID(course.response, course.damping, t.direction, t.fin, dt)
+        self._speed = PID(1.0 / mass, None, t.speed, mass, dt)
 
     def reset(self, num_envs: int) -> None:
         """Clear the integrals."""
@@ -306,12 +303,6 @@ class DivePID:
             fins.insert(0, self._course.act(course, seen.turning - seen.rates[2], -limit, limit))
         thrust = self._speed.act(-seen.surge, 0.0, 0.0, body.thrust_limit, body.cruise_thrust)
         return _actions(body, fins, thrust)
-
-
-def _dive(system: System) -> tuple[Dive, AUV]:
-    if not isinstance(system.task, Dive) or not isinstance(system.vehicle, AUV):
-        raise ValueError(f"this autopilot flies dives, not {type(system.task).__name__}")
-    return system.task, system.vehicle
 
 
 def _seen(task: Dive, observations: np.ndarray) -> _Seen:

@@ -2,14 +2,17 @@
 
 from dataclasses import dataclass
 from functools import cache
+from typing import cast
 
 import numpy as np
 
 from agents.controllers import AUTOPILOT, register_controller
-from agents.controllers.loops import Loop, regulator_gains
+from agents.controllers.loops import Loop, regulator_gains, task_of
 from vessel_gym.system import System
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.vehicles.puna import Puna, PunaParameters, trim
+
+_PURPOSE = "flies aircraft along paths"
 
 
 @dataclass(frozen=True)
@@ -93,9 +96,8 @@ class FlightAutopilot:
     """
 
     def __init__(self, system: System, tolerances: FlightTolerances | None = None) -> None:
-        task, vehicle = _flight(system)
-        tolerances = tolerances or FlightTolerances()
-        self._task, self._body = task, vehicle.body
+        self._task, vehicle = task_of(system, Flight, _PURPOSE, Puna), cast(Puna, system.vehicle)
+        tolerances, self._body = tolerances or FlightTolerances(), vehicle.body
         self._lateral = lateral_gains(vehicle, tolerances)
         self._longitudinal = longitudinal_gains(vehicle, tolerances)
         self._approach = tolerances.approach
@@ -159,7 +161,7 @@ class FlightPID:
     """
 
     def __init__(self, system: System, tolerances: FlightTolerances | None = None) -> None:
-        self._task, vehicle = _flight(system)
+        self._task, vehicle = task_of(system, Flight, _PURPOSE, Puna), cast(Puna, system.vehicle)
         t, self._body, dt = tolerances or FlightTolerances(), vehicle.body, vehicle.dt
         body = self._body
         lift = 0.5 * body.density[2] * body.cruise_speed**2 * body.area * body.lift[0]  # N/rad
@@ -183,12 +185,6 @@ class FlightPID:
         alpha = self._up.act(-o["altitude error"], -o["climb"], low, high, alpha)
         thrust = self._along.act(body.cruise_speed - o["airspeed"], 0.0, 0.0, body.thrust_limit, thrust)
         return _actions(body, np.stack([thrust, alpha], -1), bank)
-
-
-def _flight(system: System) -> tuple[Flight, Puna]:
-    if not isinstance(system.task, Flight) or not isinstance(system.vehicle, Puna):
-        raise ValueError(f"this autopilot flies aircraft along paths, not {type(system.task).__name__}")
-    return system.task, system.vehicle
 
 
 def _actions(body: PunaParameters, commands: np.ndarray, bank: np.ndarray) -> np.ndarray:

@@ -1,7 +1,11 @@
 """Regulators: loops of proportional, integral and derivative action, and linear-quadratic gains."""
 
+from typing import Any
+
 import numpy as np
 from scipy.linalg import solve_discrete_are
+
+from vessel_gym.system import System
 
 
 class Loop:
@@ -82,3 +86,14 @@ def regulator_gains(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) 
     """
     P = solve_discrete_are(A, B, Q, R)
     return np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
+
+
+def task_of(system: System, kind: type, purpose: str, vehicle: type = object) -> Any:
+    """The task of a system.
+
+    Raises:
+        ValueError: if it is not of that kind, or not for that kind of vehicle.
+    """
+    if not isinstance(system.task, kind) or not isinstance(system.vehicle, vehicle):
+        raise ValueError(f"this autopilot {purpose}, not {type(system.task).__name__}")
+    return system.task

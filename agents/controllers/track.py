@@ -6,7 +6,8 @@ from functools import cache
 import numpy as np
 
 from agents.controllers import AUTOPILOT, register_controller
-from agents.controllers.turning import TurningAutopilot, TurningPID, regulator_table, task_of
+from agents.controllers.loops import task_of
+from agents.controllers.turning import TurningAutopilot, TurningPID, regulator_table
 from vessel_gym.system import System
 from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.vehicles.corvette import steady_turns

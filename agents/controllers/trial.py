@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 
 from agents.controllers import AUTOPILOT, register_controller
-from agents.controllers.turning import TurningAutopilot, TurningPID, TurningRegulator, task_of
+from agents.controllers.loops import task_of
+from agents.controllers.turning import TurningAutopilot, TurningPID, TurningRegulator
 from vessel_gym.system import System
 from vessel_gym.tasks.turning_trial import TurningTrial
 from vessel_gym.vehicles.corvette import steady_turns

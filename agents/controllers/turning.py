@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from agents.controllers import AUTOPILOT, register_controller
-from agents.controllers.loops import Loop, first_order, regulator_gains
+from agents.controllers.loops import Loop, first_order, regulator_gains, task_of
 from vessel_gym.system import System
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import secant_models, steady_turns
@@ -58,17 +58,6 @@ def gains(ship: CorvetteParameters, dt: float, tolerances: Tolerances) -> np.nda
     n = 5 if np.isfinite(tolerances.heading_integral) else 4
     integral = np.array([[0.0, 0.0, dt, 0.0, 0.0]])
     return regulator_table(ship, dt, Q[:n, :n], tolerances.rudder_rate, lambda _: integral[: n - 4, :n])
-
-
-def task_of(system: System, kind: type, purpose: str) -> Any:
-    """The task of a system.
-
-    Raises:
-        ValueError: if it is not of that kind.
-    """
-    if not isinstance(system.task, kind):
-        raise ValueError(f"this autopilot {purpose}, not {type(system.task).__name__}")
-    return system.task
 
 
 @register_controller(TurningCircle, AUTOPILOT)

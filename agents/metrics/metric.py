@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,8 @@ from agents.rollouts import Rollout
 from estimators import chi_square_band, nees
 from estimators.angles import difference
 from vessel_gym.estimation import WITHOUT_COVARIANCE
+
+_band = cache(chi_square_band)
 
 PerEpisode = Callable[[Rollout], np.ndarray]
 """One number of every episode of a rollout, ``(N,)``; NaN where there is none."""
@@ -50,18 +52,31 @@ def rmse(*names: str, scale: float = 1.0) -> PerEpisode:
         names: As the vehicle names its state.
         scale: Metric's units in one of SI.
     """
-    return partial(_rmse, names=names, scale=scale)
+
+    def of(rollout: Rollout) -> np.ndarray:
+        chosen = components(rollout, *names)
+        if not chosen:
+            return np.full(len(rollout.seeds), np.nan)
+        core, h = core_of(rollout), rollout.history
+        error = difference(h["estimate"], core.estimated(h["truth"]), core.filter.model.state_angles)[..., chosen]
+        return rms(np.sqrt((error**2).sum(-1)), rollout.alive) * scale
+
+    return of
 
 
 def position_nees(*names: str) -> Metric:
     """NEES of the components with these names, which are the position."""
     meaning = "The same as NEES/n, for the position alone."
-    return Metric("position_nees", "Position NEES/n", "", "near 1", 2, meaning, of=partial(_nees, names=names))
+
+    def of(rollout: Rollout) -> np.ndarray:
+        return mean_nees(rollout, components(rollout, *names))
+
+    return Metric("position_nees", "Position NEES/n", "", "near 1", 2, meaning, of=of)
 
 
 def ended(end: str) -> PerEpisode:
     """Share of episodes that ended in these words [%]: 0 or 100 for each."""
-    return partial(_ended, end=end)
+    return lambda rollout: 100.0 * (rollout.end == end)
 
 
 def steps(rollout: Rollout) -> np.ndarray:
@@ -79,36 +94,6 @@ def _input_rmse(rollout: Rollout) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore"):
         error = (h["input_estimate"][delay:] - true) / np.sqrt(np.diag(composition.forces.input_cov))
     return rms(np.sqrt((error**2).mean(-1)), rollout.alive[delay:])
-
-
-def _rmse(rollout: Rollout, names: tuple[str, ...], scale: float) -> np.ndarray:
-    chosen = components(rollout, *names)
-    if not chosen:
-        return np.full(len(rollout.seeds), np.nan)
-    core, h = core_of(rollout), rollout.history
-    state = core.estimated(h["truth"])
-    error = difference(h["estimate"], state, core.filter.model.state_angles)[..., chosen]
-    return rms(np.sqrt((error**2).sum(-1)), rollout.alive) * scale
-
-
-def _nees(rollout: Rollout, names: tuple[str, ...]) -> np.ndarray:
-    return mean_nees(rollout, components(rollout, *names))
-
-
-def _ended(rollout: Rollout, end: str) -> np.ndarray:
-    return 100.0 * (rollout.end == end)
-
-
-def _score(rollout: Rollout) -> np.ndarray:
-    return rollout.score.astype(float)
-
-
-def _returns(rollout: Rollout) -> np.ndarray:
-    return rollout.returns.astype(float)
-
-
-def _unhealthy(rollout: Rollout) -> np.ndarray:
-    return np.sum(rollout.alive & ~rollout.history["healthy"], axis=0).astype(float)
 
 
 def _detected(rollout: Rollout) -> np.ndarray:
@@ -167,9 +152,12 @@ def mean_nees(rollout: Rollout, components: tuple[int, ...] | None = None) -> np
 
 SCORE = Metric(
     "score", "Score", "", "higher", 3,
-    "Sum of rewards over that of a perfect episode, computed from the truth; 0 to 1.", of=_score,
+    "Sum of rewards over that of a perfect episode, computed from the truth; 0 to 1.",
+    of=lambda rollout: rollout.score.astype(float),
 )  # fmt: skip
-RETURN = Metric("return", "Return", "", "higher", 1, "Sum of rewards.", of=_returns)
+RETURN = Metric(
+    "return", "Return", "", "higher", 1, "Sum of rewards.", of=lambda rollout: rollout.returns.astype(float)
+)
 STEPS = Metric("steps", "Steps", "", "", 0, "Steps flown.", of=steps)
 NEES = Metric(
     "nees", "NEES/n", "", "near 1", 2,
@@ -183,7 +171,7 @@ INPUT = Metric(
 )  # fmt: skip
 UNHEALTHY = Metric(
     "unhealthy", "Failed updates", "steps", "lower", 1, "Steps at which the estimator's usual update failed.",
-    of=_unhealthy,
+    of=lambda rollout: np.sum(rollout.alive & ~rollout.history["healthy"], axis=0).astype(float),
 )  # fmt: skip
 
 
@@ -286,8 +274,3 @@ def nis_consistency(rollout: Rollout) -> float | None:
     total = np.where(seen, values, 0.0).sum(1)[compared]
     band = np.array([_band(1, int(count)) for count in degrees[compared]])
     return float(np.mean((total >= band[:, 0]) & (total <= band[:, 1])))
-
-
-@cache
-def _band(runs: int, degrees: int) -> tuple[float, float]:
-    return chi_square_band(runs, degrees)

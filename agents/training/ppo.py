@@ -33,6 +33,9 @@ MEMORIES = ("none", "frames", "lstm")
 CRITICS = (None, "truth")
 """Inputs of a critic in training beside the agent's observation: nothing, or the truth."""
 
+_OF_PPO = ("n_steps", "batch_size", "n_epochs", "gamma", "gae_lambda", "clip_range", "ent_coef")
+"""Settings that PPO takes as they are."""
+
 OTHERS = "others"
 """The settings of environments that have none of their own."""
 
@@ -255,13 +258,7 @@ def learner(described: dict[str, Any], env_options: dict[str, Any] | None = None
     model = _algorithm(memory)(
         policy,
         env,
-        n_steps=settings["n_steps"],
-        batch_size=settings["batch_size"],
-        n_epochs=settings["n_epochs"],
-        gamma=settings["gamma"],
-        gae_lambda=settings["gae_lambda"],
-        clip_range=settings["clip_range"],
-        ent_coef=settings["ent_coef"],
+        **{name: settings[name] for name in _OF_PPO},
         learning_rate=LinearSchedule(settings["learning_rate"], settings["learning_rate_final"], 1.0),
         policy_kwargs=network,
         stats_window_size=2 * num_envs,

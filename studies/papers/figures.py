@@ -1,12 +1,12 @@
 """All figures of the papers' pages: panels of curves, ratios to print, and what the alternatives of a search cost."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.plotting import BELIEVED, INK, PALE, PALETTE, PUBLISHED, TRUE, drawing
+from agents.plotting import BELIEVED, INK, PALE, PALETTE, PUBLISHED, TRUE, data_uri, styled
 from studies.papers.measures import NEAR, Comparison
 from studies.papers.search import Search, words
 
@@ -78,11 +78,21 @@ def _plain_ticks(axes: "Axes") -> None:
             axis.set_minor_formatter(NullFormatter())
 
 
+def _drawn(width: float, height: float, draw: Callable[..., None], *arguments: Any) -> str:
+    """What a function draws on a new figure of this size [in], as a data URI."""
+    from matplotlib.figure import Figure
+
+    with styled():
+        figure = Figure(figsize=(width, height), layout="constrained")
+        draw(figure, *arguments)
+        return data_uri(figure)
+
+
 def panels(
     grid: Sequence[Sequence[Panel]], width: float, height: float, sharex: Any = True, sharey: Any = False
 ) -> str:
     """Figure of panels in rows, with one legend for all."""
-    return drawing(width, height)(_panels)(grid, sharex, sharey)
+    return _drawn(width, height, _panels, grid, sharex, sharey)
 
 
 def _panels(figure: "Figure", grid: Sequence[Sequence[Panel]], sharex: Any, sharey: Any) -> None:
@@ -102,7 +112,7 @@ def _panels(figure: "Figure", grid: Sequence[Sequence[Panel]], sharex: Any, shar
 def ratios(columns: Mapping[str, Sequence[Comparison]]) -> str:
     """Ours over every printed number with 95 % intervals; band: a factor of `NEAR`; a hollow mark does not count."""
     rows = len(next(iter(columns.values())))
-    return drawing(7.2, 1.1 + 0.2 * rows)(_ratios)(columns)
+    return _drawn(7.2, 1.1 + 0.2 * rows, _ratios, columns)
 
 
 def _ratios(figure: "Figure", columns: Mapping[str, Sequence[Comparison]]) -> None:
@@ -129,7 +139,7 @@ def _ratios(figure: "Figure", columns: Mapping[str, Sequence[Comparison]]) -> No
 def sensitivities(search: Search) -> str:
     """Log likelihood of the best combination with each alternative, below the best of all; filled: believed."""
     lines = sum(map(len, search.choices.values())) + len(search.choices)
-    return drawing(7.2, 0.9 + 0.155 * lines)(_sensitivities)(search)
+    return _drawn(7.2, 0.9 + 0.155 * lines, _sensitivities, search)
 
 
 def _sensitivities(figure: "Figure", search: Search) -> None:
