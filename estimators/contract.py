@@ -1,6 +1,7 @@
 """The contract that every filter keeps: `init`, `predict` and `update`, their arguments and errors."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from inspect import signature
 from typing import Any, ClassVar, Generic, cast
 
@@ -222,9 +223,10 @@ class Estimator(ABC, Generic[Record]):
         return self.correct(self.forecast(belief, u, rng), y, available, None, rng)
 
     def forecast_steps(
-        self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray, wait: np.ndarray
-    ) -> np.ndarray | None:
-        """Predictions of several steps, packed ``(steps, rows, width)`` as the first; None: take one after the other.
+        self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray, wait: np.ndarray,
+        kept: Sequence[int],
+    ) -> list[np.ndarray] | None:  # fmt: skip
+        """Predictions of successive steps, packed ``(rows, width)`` as the first; None: take one after the other.
 
         Args:
             belief: The prediction that the first measurement meets.
@@ -232,6 +234,7 @@ class Estimator(ABC, Generic[Record]):
             y: ``(steps, rows, p)`` measurements.
             available: ``(steps, rows, p)``.
             wait: ``(rows,)`` steps after which a row begins: ``belief`` is its prediction there.
+            kept: Steps whose predictions are returned; the last one is among them.
         """
         return None
 

@@ -8,7 +8,9 @@ Source: Bar-Shalom, Li & Kirubarajan (2001), Estimation with applications to tra
 out of sequence, whose formulas for one step of a linear model this makes needless.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Generic
 
 import numpy as np
@@ -19,7 +21,7 @@ from estimators.contract import Estimator, Rng
 from estimators.models import Gaussian
 from estimators.randomness import RandomKeys
 from estimators.varying import resolve
-from estimators.window import Forecast, Step, Window, with_rows
+from estimators.window import Forecast, Run, Step, Window, with_rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -227,17 +229,20 @@ class Delayed(Generic[Record]):
         some, wait = window.last(age + 1), age - np.minimum(reach, age)
         if not self._repeats(some):
             return None
-        belief = some.belief(0)
+        belief, start = some.belief(0), some.predicted[0]
         if wait.any():
             packed, layout = belief.pack()
             packed = np.array(packed)
-            begun = {k: some.packed(k) for k in set(wait.tolist())}
-            if any(found is not layout for _, found in begun.values()):
-                return None
-            for row in np.flatnonzero(wait).tolist():
-                packed[row] = begun[wait[row]][0][row]
+            for k in {*wait.tolist()} - {0}:
+                rows, begun = np.flatnonzero(wait == k), some.predicted[k]
+                found = begun.run.like if isinstance(begun, Forecast) else begun
+                if found.pack()[1] is not layout:
+                    return None
+                packed[rows] = begun.rows(rows) if isinstance(begun, Forecast) else found.pack()[0][rows]
             belief = belief.view(packed, layout, before.prior_mean, before.prior_cov, belief.u)
-        forecasts = self._forecasts(some, belief, wait)
+        # The next late measurement is likely to be of as many steps after this one as this is after the one before.
+        next_step = start.step if isinstance(start, Forecast) else age
+        forecasts = self._forecasts(some, belief, wait, sorted({*range(min(next_step + 1, age)), age - 1}))
         return None if forecasts is None else window.with_predicted(*forecasts)
 
     def _alone(self, window: Window, age: int, rows: np.ndarray) -> Window:
@@ -247,7 +252,9 @@ class Delayed(Generic[Record]):
         if apart:
             some = some.rows(rows)
         belief = some.belief(0)
-        found = self._forecasts(some, belief, np.zeros(len(some.y[0]), int)) if self._repeats(some) else None
+        found = (
+            self._forecasts(some, belief, np.zeros(len(some.y[0]), int), range(age)) if self._repeats(some) else None
+        )
         if found is None:
             found = []
             for i in range(age):
@@ -267,22 +274,25 @@ class Delayed(Generic[Record]):
         own = any(each is not None for some in (window.R[:-1], window.measurement_u[:-1]) for each in some)
         return plain and not own and bool(window.read[:-1].all())
 
-    def _forecasts(self, window: Window, belief: Any, wait: np.ndarray) -> list[Any] | None:
+    def _forecasts(self, window: Window, belief: Any, wait: np.ndarray, kept: Sequence[int]) -> list[Forecast] | None:
         """Predictions of all steps of a window but the first, in programs; None: the filter cannot.
 
         Args:
             window: The steps.
             belief: The prediction of the first one, or for some rows of a later one.
             wait: ``(rows,)`` how many steps later that is.
+            kept: Those that are likely to be read.
         """
-        known = [each is not None for each in (belief.u, *window.u[1:])]
+        inputs: list[Any] = [belief.u, *window.u[1:]]
+        known = [each is not None for each in inputs]
         if any(known) and not all(known):
             return None
         filter: Any = self.filter
-        u: Any = np.stack([belief.u, *window.u[1:]]) if all(known) else None  # type: ignore[list-item]
-        found = filter.forecast_steps(belief, u, window.y[:-1], window.available[:-1], wait)
         like = filter.record.view(*belief.pack(), belief.prior_mean, belief.prior_cov, belief.u)
-        return None if found is None else [Forecast(packed, like) for packed in found]
+        u = np.stack(inputs) if all(known) else None
+        forecasts = partial(filter.forecast_steps, like, u, window.y[:-1], window.available[:-1], wait)
+        run = Run(forecasts, like, wait, len(window.y) - 1, kept)
+        return None if run.found is None else [Forecast(run, step) for step in range(run.steps)]
 
     def _forecast(self, belief: Any, step: Step) -> Any:
         predict: Any = getattr(self.filter, "forecast", self.filter.predict)

@@ -2,7 +2,7 @@
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from itertools import pairwise
 from typing import Any, ClassVar, TypeVar, cast
@@ -222,29 +222,33 @@ class Filter(Estimator[Record], verified=True):
         return super().advance(belief, u, y, available, rng)
 
     def forecast_steps(
-        self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray, wait: np.ndarray
-    ) -> np.ndarray | None:
+        self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray, wait: np.ndarray,
+        kept: Sequence[int],
+    ) -> list[np.ndarray] | None:  # fmt: skip
         """`Estimator.forecast_steps`, a program for all successive steps with measurements, or without."""
         if self.random or not (self._compiles(None) and self.verified and self._regular):
             return None
         (packed, layout), (steps, rows) = belief.pack(), y.shape[:2]
-        measured: list[bool] = [True] * steps if not self.idle else available.reshape(steps, -1).any(1).tolist()  # type: ignore
+        measured: Any = available.reshape(steps, -1).any(1).tolist() if self.idle else [True] * steps
         programs = dict[bool, Traced]()
         for each in set(measured):
             program = self._program(SUCCESSIVE if each else PREDICTIONS, belief, layout, None if u is None else u[0])
             if program is None or program.callbacks or program.layout is not layout:
                 return None
             programs[each] = program
-        predicted, doubtful = np.empty((steps, rows, layout.width)), np.zeros((steps, rows, 1), bool)
+        predicted, doubtful = list[np.ndarray](), np.zeros((steps, rows, 1), bool)
         state, begun = in_rows(packed), wait <= np.arange(steps)[:, None]
-        cuts = [k for k in range(1, steps) if measured[k] != measured[k - 1]]
-        for first, last in pairwise([0, *cuts, steps]):
+        cuts = {k + 1 for k in kept} | {k for k in range(1, steps) if measured[k] != measured[k - 1]}
+        for first, last in pairwise(sorted({0, *cuts})):
             before, now = (state, state) if u is None else (u[first:], u[first + 1 :])
+            following = np.empty((rows, layout.width))
             programs[measured[first]].function(
                 rows, last - first, state, now, y[first:], available[first:], state, state, state, before,
-                begun[first:], predicted[first:], doubtful[first:],
+                begun[first:], following, doubtful[first:],
             )  # fmt: skip
-            state = predicted[last - 1]
+            state = following
+            if last - 1 in kept:
+                predicted.append(state)
         return None if doubtful.any() or not np.isfinite(state.sum()) else predicted
 
     # --- programs: see estimators.tracing -----------------------------------------------------------

@@ -142,7 +142,7 @@ def traced(
     arguments = [*(Argument((size,), "b" if i == 3 else "f") for i, size in enumerate(sizes)), *words]
     arguments += [Argument(sizes[1:2]), Argument((1,), "b")] * successive
     outputs = [(parts, Argument((found.width,))), (mask, Argument((1,), "b"))]
-    function = Function(program, arguments, outputs, parts if successive and found is layout else None)
+    function = Function(program, arguments, outputs, successive and found is layout)
     others = [each.source for each in program.inspections]
     dependencies = Dependencies(*others) if others else None
     return Traced(function, found, tuple(callbacks.each), callbacks.columns, dependencies)

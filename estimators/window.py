@@ -1,5 +1,6 @@
 """Windows of steps that late measurements may still reach, see `estimators.delayed`."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,11 +27,45 @@ class Step(NamedTuple):
         return self if rows is ... else Step(*some)
 
 
+class Run:
+    """Predictions of successive steps, of which those that nobody reads are not kept.
+
+    Args:
+        forecasts: Packed predictions of some of the steps, or None.
+        like: Belief that has their layout, and the priors of the rows.
+        wait: ``(rows,)`` steps after which a row begins, with its row of ``like``.
+        steps: How many.
+        kept: Steps whose predictions are computed at once.
+    """
+
+    def __init__(self, forecasts: Any, like: Any, wait: np.ndarray, steps: int, kept: Sequence[int]) -> None:
+        self.forecasts, self.like, self.wait, self.steps = forecasts, like, wait, steps
+        found = forecasts(kept)
+        self.found = None if found is None else dict(zip(kept, found, strict=True))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy has all predictions, and no filter."""
+        found = {step: self.packed(step) for step in range(self.steps)}
+        return vars(self) | {"found": found, "forecasts": None}
+
+    def packed(self, step: int) -> np.ndarray:
+        """The prediction of a step, ``(rows, width)``."""
+        assert self.found is not None
+        if step not in self.found:
+            self.found = dict(enumerate(self.forecasts(range(self.steps))))
+        return self.found[step]
+
+
 class Forecast(NamedTuple):
     """A prediction of which no belief has been made yet."""
 
-    packed: np.ndarray  # (rows, width)
-    like: Any  # a belief of these rows that has its layout, and their priors
+    run: Run
+    step: int  # of the run
+
+    def rows(self, rows: np.ndarray) -> np.ndarray:
+        """Some of its packed rows."""
+        begun = (self.run.wait[rows] > self.step).all()
+        return (self.run.like.pack()[0] if begun else self.run.packed(self.step))[rows]
 
 
 class Window(NamedTuple):
@@ -75,13 +110,9 @@ class Window(NamedTuple):
         found = self.predicted[step]
         if not isinstance(found, Forecast):
             return found
-        packed, like = found
-        return like.view(packed, like.layout, like.prior_mean, like.prior_cov, self.u[step])
-
-    def packed(self, step: int) -> tuple[np.ndarray, Any]:
-        """The same as packed rows, and their layout."""
-        found = self.predicted[step]
-        return (found.packed, found.like.layout) if isinstance(found, Forecast) else found.pack()
+        like = found.run.like
+        packed, (_, layout) = found.run.packed(found.step), like.pack()  # the layout is not that of before in a copy
+        return like.view(packed, layout, like.prior_mean, like.prior_cov, self.u[step])
 
     def step(self, step: int) -> Step:
         """One of its steps."""

@@ -46,8 +46,8 @@ class Function:
         program: What it computes; its instructions ``input`` and ``input matrix`` read the arguments.
         arguments: Rows of what it takes.
         outputs: For each result its scalars and views of matrices, one after the other, and an argument like it.
-        successive: Parts of the first argument in the next step, of a program that is repeated. Its other arguments and
-            its results are then ``(steps, rows, ...)``, and ``shared`` is how many steps.
+        successive: Is it repeated, so that its first result is its first argument in the next step? Of this result the
+            last is stored; other arguments and results are ``(steps, rows, ...)``, and ``shared`` is how many steps.
 
     Attributes:
         instructions: Those of the program that its outputs need, in order.
@@ -56,18 +56,17 @@ class Function:
 
     def __init__(
         self, program: Program, arguments: Sequence[Argument], outputs: Sequence[tuple[Any, Argument]],
-        successive: Sequence[Any] | None = None,
+        successive: bool = False,
     ) -> None:  # fmt: skip
-        self.successive = None if successive is None else tuple(successive)
+        self.successive = successive
         self.arguments, self.results = tuple(arguments), tuple(result for _, result in outputs)
         self.program, self.outputs = program, [entries for entries, _ in outputs]
-        everything = [*self.outputs, self.successive or ()]
-        values = [part.value if isinstance(part, View) else part for parts in everything for part in parts]
+        values = [part.value if isinstance(part, View) else part for parts in self.outputs for part in parts]
         self.instructions = program.complete(values)
         self.layout = Layout(program, self.instructions, values)
         largest = _LARGEST if _SOLVING.isdisjoint(each.opcode for each in self.instructions) else _LARGEST_SOLVED
         self._wide = LANES if self.layout.size * 8 <= largest else 1
-        if successive is not None:
+        if successive:
             self.layout.places[STATE] = self.layout.size
             self.layout.size += self.arguments[0].size
         self._places, self._constants = _placed(program)
@@ -229,7 +228,7 @@ class Driver(LinearEmitter):
         self._function = function
         self._bases: list[list[str]] = []
         self._state: Matrix | None = None  # what a step leaves to the next one
-        if function.successive is not None:
+        if function.successive:
             self._state = self.matrix(STATE, (1, function.arguments[0].size))
         self.special["input"] = self._input
         self.special["input matrix"] = self._input_matrix
@@ -246,22 +245,23 @@ class Driver(LinearEmitter):
             self._bases = self._places("a", strides, arguments, at)
             self.block(instructions)
             places = self._places("o", [each.size for each in results], results, at)
-            for parts, result, bases in zip(outputs, results, places, strict=True):
+            for parts, result, bases in list(zip(outputs, results, places, strict=True))[self._function.successive :]:
                 self._output(parts, result.kind, bases)
 
         def body(row: Tracer) -> None:
             own = [operation("minimum", row + lane, rows - 1) for lane in range(self.width)]
-            parts, state = self._function.successive, self._state
-            if parts is None or state is None:
+            if (state := self._state) is None:
                 step(own)
                 return
-            self._take(state, self._places("a", strides[:1], arguments[:1], own)[0], 0, "f")
+            first, last = (self._places(letter, strides[:1], arguments[:1], own)[0] for letter in "ao")
+            self._take(state, first, 0, "f")
 
             def successive(k: Tracer) -> None:
                 step([k * rows + each for each in own])
-                self.concatenate(parts, state)
+                self.concatenate(outputs[0], state)
 
             self.loop(0, shared, successive)
+            self._output([state.view], "f", last)
 
         self.loop(0, rows, body, step=self.width)
         given = ["i64 %rows", "i64 %shared", "ptr noalias %scratch", "ptr noalias readonly %constants"]

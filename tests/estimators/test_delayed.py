@@ -1,5 +1,7 @@
 """Measurements that come late: the belief is what it had been if they had come in time."""
 
+import pickle
+
 import numpy as np
 import pytest
 from batch import least_squares
@@ -7,6 +9,7 @@ from cases import CASES, Case, kalman_system, simulate
 
 from estimators import Belief, Delayed, Filter, Gaussian, LinearModel, NonlinearModel, RandomKeys, by_age, make, run
 from estimators.tracing import PREDICTIONS
+from estimators.window import Forecast
 
 STEPS, ROWS, HORIZON = 24, 4, 5
 
@@ -205,6 +208,31 @@ def test_steps_without_measurements_are_repeated_as_predictions_to_the_last_bit(
         for field in ("mean", "cov", "input_mean", "input_cov", "innovation", "innovation_cov", "available"):
             np.testing.assert_array_equal(getattr(late, field), getattr(belief, field))
     assert any(methods == PREDICTIONS for methods, *_ in filter._programs)
+
+
+@pytest.mark.parametrize("name", ["ekf", "kf-umv-ui"])
+def test_predictions_that_were_not_kept_are_made_again_when_a_measurement_reaches_them(name: str):
+    """Where all measurements are as late, those of steps in between are not kept; copies of a belief have them all."""
+    case = next(case for case in CASES if case.id == name)
+    system = case.system(0)
+    filter, record = case.make(system.model), simulate(system, 1, ROWS, 16)
+    delay = np.minimum(np.full(record.y.shape, 6), 15 - np.arange(16)[:, None, None])
+    delay[7, 1:, 0] = 3
+    delayed, ages = Delayed(filter, 6), by_age(record.y, delay)
+    ordered, late = filter.init(system.rows(ROWS)), delayed.init(system.rows(ROWS))
+    sparse = 0
+    for k in range(16):
+        if k:
+            ordered, late = (one.predict(b, record.u[k - 1]) for one, b in ((filter, ordered), (delayed, late)))
+        ordered = filter.update(ordered, record.y[k])
+        copied = pickle.loads(pickle.dumps(late)) if k < 12 else late
+        late, copied = delayed.update(late, ages[k]), delayed.update(copied, ages[k])
+        np.testing.assert_array_equal(copied.mean, late.mean)
+        runs = [one.run for one in late.window.predicted if isinstance(one, Forecast)]
+        sparse += any(len(run.found) < run.steps for run in runs)
+    assert sparse
+    for field in ("mean", "cov"):
+        np.testing.assert_allclose(getattr(late, field), getattr(ordered, field), rtol=0, atol=1e-12)
 
 
 def test_a_row_without_an_axis_of_a_batch_may_be_late():
