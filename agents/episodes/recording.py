@@ -21,6 +21,7 @@ from estimators.checks import short_repr
 from vessel_gym import checks
 from vessel_gym.estimation import build, chosen_disturbance
 from vessel_gym.rendering.hulls import HULLS
+from vessel_gym.rendering.palette import DARK, LIGHT
 from vessel_gym.rendering.scene import Chart, Scene
 from vessel_gym.surroundings import Surroundings, surroundings_of
 from vessel_gym.system import System
@@ -61,11 +62,13 @@ class Episode:
         def source(name: str) -> str:
             return (web / name).read_text(encoding="utf-8")
 
+        light, dark = ("".join(f"--{name}:{value};" for name, value in each.items()) for each in (LIGHT, DARK))
+        colours = f":root{{{light}}}@media (prefers-color-scheme: dark){{:root{{{dark}}}}}\n"
         names = ["vendor/uplot.min.js", *(["vendor/three.min.js"] if self.page["scene"]["space"] else []), "episode.js"]
         # "<" never stands in the data, so that no label of anybody ends the element that holds it.
         parts = {
             "title": html.escape(self.page["title"]),
-            "style": source("vendor/uplot.min.css") + source("episode.css"),
+            "style": source("vendor/uplot.min.css") + colours + source("episode.css"),
             "data": json.dumps(self.page, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
             "scripts": "".join(f"<script>{source(name)}</script>\n" for name in names),
         }

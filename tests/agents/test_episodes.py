@@ -17,6 +17,7 @@ from agents.rollouts import rollout
 from estimators import ExtendedKalmanFilter
 from scripts import watch
 from scripts.console import Refusal
+from vessel_gym.rendering.palette import DARK, LIGHT
 from vessel_gym.surroundings import pose
 
 ENVS = {"SigmaCorvette-v0": False, "SegorogeniAUV-v0": True, "PunaUAV-v0": True}
@@ -206,11 +207,9 @@ def luminance(colour: str) -> float:
     return float(linear @ [0.2126, 0.7152, 0.0722])
 
 
-@pytest.mark.parametrize("looks", [0, 1], ids=["light", "dark"])
-def test_words_and_marks_stand_out_from_what_they_stand_on(looks: int):
+@pytest.mark.parametrize("named", [LIGHT, DARK], ids=["light", "dark"])
+def test_words_and_marks_stand_out_from_what_they_stand_on(named: dict[str, str]):
     """As WCAG 2.2 asks (AA): words 4.5 to 1, marks 3 to 1."""
-    style = (Path(agents.__file__).parent / "episodes" / "web" / "episode.css").read_text(encoding="utf-8")
-    named = dict(re.findall(r"--(\w+): (#\w{6})", re.findall(r":root \{(.*?)\}", style, re.DOTALL)[looks]))
     words, marks = ("ink", "muted"), ("true", "believed", "member", "measurement", "commanded", "goal", "obstacle")
     for name, least in (*((word, 4.5) for word in words), *((mark, 3.0) for mark in marks)):
         for ground in ("paper", "page", "water"):

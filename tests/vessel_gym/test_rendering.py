@@ -21,7 +21,7 @@ from vessel_gym.rendering.canvas import Box, Canvas, nice  # noqa: E402
 from vessel_gym.rendering.charts import ticks  # noqa: E402
 from vessel_gym.rendering.hulls import HULLS  # noqa: E402
 from vessel_gym.rendering.maps import Frame, views_of  # noqa: E402
-from vessel_gym.rendering.palette import BELIEVED, LIMIT, MEMBER, TRUE  # noqa: E402
+from vessel_gym.rendering.palette import LIGHT  # noqa: E402
 from vessel_gym.rendering.renderer import SIZE  # noqa: E402
 
 CORVETTE, THESIS, SPATIAL, VERTICAL, FLIGHT = (
@@ -89,7 +89,7 @@ def put(states, names, place):
 
 def painted(pixels, colour):
     """Which pixels have exactly this colour."""
-    return (pixels == np.array(colour, np.uint8)).all(-1)
+    return (pixels == np.array(pygame.Color(LIGHT[colour])[:3], np.uint8)).all(-1)
 
 
 class Words(list):
@@ -103,7 +103,7 @@ class Words(list):
 def words(monkeypatch):
     written, write = Words(), Canvas.text
 
-    def text(canvas, x, y, text, colour=TRUE, size=12, align="left", bold=False):
+    def text(canvas, x, y, text, colour="true", size=12, align="left", bold=False):
         width = write(canvas, x, y, text, colour, size, align, bold)
         left = x - {"left": 0.0, "centre": 0.5, "right": 1.0}[align] * width
         written.append((text, left, left + width, y - 0.35 * size, y + 0.35 * size))
@@ -186,7 +186,7 @@ def test_drawing_changes_nothing_in_the_episode(env_id):
 )
 def test_every_kind_of_belief_can_be_drawn(env_id, options):
     pixels = drawn(env_id, disturbance="rough", sensors="degraded", mismatch=0.2, **options)
-    assert painted(pixels[MAPS], BELIEVED).any()
+    assert painted(pixels[MAPS], "believed").any()
 
 
 # --- what they show ------------------------------------------------------------------------------------
@@ -203,7 +203,7 @@ def test_only_the_marks_move_of_who_moves_and_only_the_track_bends_of_who_makes_
     stays = true, believed
     before = picture(core, stays)[MAPS]
     after = picture(core, *([stays, moves, stays] if detour else [moves]))[MAPS]
-    mine, other = (TRUE, BELIEVED) if whose == "truth" else (BELIEVED, TRUE)
+    mine, other = ("true", "believed") if whose == "truth" else ("believed", "true")
     assert (painted(before, mine) != painted(after, mine)).any()
     assert (painted(before, other) == painted(after, other)).all()
 
@@ -228,7 +228,7 @@ def test_north_is_up_east_is_right_and_deeper_is_lower(env_id, by, seen, rows, c
     believed, true = somewhere(core, 0.8, 0.4)
     middles = []
     for place in (true, true + by):
-        pixels = painted(picture(core, (place, believed)), TRUE)[: MAPS[0].stop, : MAPS[1].stop]
+        pixels = painted(picture(core, (place, believed)), "true")[: MAPS[0].stop, : MAPS[1].stop]
         tops = {text: round(top) for text, _, _, top, _ in words if text.startswith("Seen from")}
         below = tops.get("Seen from the side", MAPS[0].start)
         part = np.s_[below:] if seen == "the side" else np.s_[: below if env_id in SPACE else None]
@@ -243,9 +243,9 @@ def test_a_close_up_shows_by_how_much_the_estimator_is_wrong(env_id, dots):
     for error in (0.5, 1.0):
         dots.clear()
         picture(core, (np.array([error, 0.0, 0.0]), np.zeros(3)))
-        close = [(colour, at) for colour, at in dots if at[0] > 520 and at[1] < 380 and colour in (TRUE, BELIEVED)]
+        close = [(colour, at) for colour, at in dots if at[0] > 520 and at[1] < 380 and colour in ("true", "believed")]
         (_, true), (_, believed) = close[:2]
-        assert [colour for colour, _ in close[:2]] == [TRUE, BELIEVED]
+        assert [colour for colour, _ in close[:2]] == ["true", "believed"]
         apart.append(true - believed)
     assert np.hypot(*apart[1]) > np.hypot(*apart[0]) > 1.0
     if env_id not in (VERTICAL, DOCKING):
@@ -257,8 +257,8 @@ def test_a_close_up_shows_by_how_much_the_estimator_is_wrong(env_id, dots):
 def test_the_cloud_shows_as_many_members_as_there_are(env_id, members, dots, words):
     pixels = drawn(env_id, estimator="enkf", estimator_options={"members": members})
     legend = 7
-    assert sum(colour == MEMBER for colour, _ in dots) == 2 * (1 + (env_id in SPACE)) * members + legend
-    assert painted(pixels, MEMBER).sum() > 20
+    assert sum(colour == "member" for colour, _ in dots) == 2 * (1 + (env_id in SPACE)) * members + legend
+    assert painted(pixels, "member").sum() > 20
     assert f"ensemble of {members}" in words
 
 
@@ -320,13 +320,13 @@ def test_the_header_says_what_is_flown_under_which_conditions(env_id, words):
 def test_an_end_is_said_and_one_that_is_no_success_in_red(env_id, words):
     core = core_of(env_id)
     task = core.task
-    assert not painted(picture(core)[:60], LIMIT).any()
+    assert not painted(picture(core)[:60], "obstacle").any()
     for number, end in enumerate(task.end_reasons[1:], 1):
         core.end[:] = number
-        assert painted(picture(core)[:60], LIMIT).any() == (end != task.success)
+        assert painted(picture(core)[:60], "obstacle").any() == (end != task.success)
         assert end in words
     core.end[:], core.steps[:] = 0, task.horizon
-    assert painted(picture(core)[:60], LIMIT).any() == bool(task.success)
+    assert painted(picture(core)[:60], "obstacle").any() == bool(task.success)
     assert "time is up" in words
 
 
@@ -458,6 +458,6 @@ def test_a_line_of_one_point_draws_nothing():
     canvas = Canvas(32, 32)
     canvas.clear()
     before = pygame.image.tobytes(canvas.finish(), "RGB")
-    canvas.line(np.array([[5.0, 5.0]]), (0, 0, 0))
-    canvas.dashes(np.array([[5.0, 5.0]]), (0, 0, 0))
+    canvas.line(np.array([[5.0, 5.0]]), "ink")
+    canvas.dashes(np.array([[5.0, 5.0]]), "ink")
     assert pygame.image.tobytes(canvas.finish(), "RGB") == before

@@ -13,9 +13,8 @@ from typing import Any, Literal
 import numpy as np
 import pygame
 
-from vessel_gym.rendering import palette
 from vessel_gym.rendering.hulls import CIRCLE
-from vessel_gym.rendering.palette import Colour
+from vessel_gym.rendering.palette import LIGHT
 
 Point = tuple[float, float]
 Align = Literal["left", "centre", "right"]
@@ -59,8 +58,8 @@ def _font(size: int, bold: bool) -> pygame.font.Font:
 
 
 @lru_cache(maxsize=1024)
-def _label(text: str, size: int, colour: Colour, bold: bool) -> pygame.Surface:
-    return _font(size, bold).render(text, True, colour)
+def _label(text: str, size: int, colour: str, bold: bool) -> pygame.Surface:
+    return _font(size, bold).render(text, True, LIGHT[colour])
 
 
 class Canvas:
@@ -76,9 +75,9 @@ class Canvas:
         self._ink = pygame.Surface((width * _OVERSAMPLING, height * _OVERSAMPLING), depth=32)
         self._page = pygame.Surface(self.size, depth=32)
 
-    def clear(self, colour: Colour = palette.PAPER) -> None:
+    def clear(self, colour: str = "page") -> None:
         """Begin a new picture."""
-        self._ink.fill(colour)
+        self._ink.fill(LIGHT[colour])
 
     def finish(self) -> pygame.Surface:
         """The picture; it is valid until the next `finish`."""
@@ -95,26 +94,26 @@ class Canvas:
         finally:
             self._ink.set_clip(None)
 
-    def panel(self, box: Box, colour: Colour = palette.PANEL) -> None:
+    def panel(self, box: Box, colour: str = "paper") -> None:
         """A card with a thin edge."""
         k = _OVERSAMPLING
         rect = pygame.Rect(box.left * k, box.top * k, box.width * k, box.height * k)
-        pygame.draw.rect(self._ink, colour, rect, border_radius=6 * k)
-        pygame.draw.rect(self._ink, palette.EDGE, rect, width=k, border_radius=6 * k)
+        pygame.draw.rect(self._ink, LIGHT[colour], rect, border_radius=6 * k)
+        pygame.draw.rect(self._ink, LIGHT["edge"], rect, width=k, border_radius=6 * k)
 
-    def line(self, points: np.ndarray, colour: Colour, width: float = 1.5) -> None:
+    def line(self, points: np.ndarray, colour: str, width: float = 1.5) -> None:
         """A line through points."""
         if len(points) > 1:
-            pygame.draw.lines(self._ink, colour, False, _scaled(points), max(1, round(width * _OVERSAMPLING)))
+            pygame.draw.lines(self._ink, LIGHT[colour], False, _scaled(points), max(1, round(width * _OVERSAMPLING)))
 
-    def segments(self, ends: np.ndarray, colour: Colour, width: float = 1.5) -> None:
+    def segments(self, ends: np.ndarray, colour: str, width: float = 1.5) -> None:
         """Straight lines ``(n, 2, 2)``, those of them that are seen."""
         clip = np.array(self._ink.get_clip()) / _OVERSAMPLING
         seen = (ends.max(1) >= clip[:2] - width) & (ends.min(1) <= clip[:2] + clip[2:] + width)
         for start, end in _scaled(ends[seen.all(-1)]):
-            pygame.draw.line(self._ink, colour, start, end, max(1, round(width * _OVERSAMPLING)))
+            pygame.draw.line(self._ink, LIGHT[colour], start, end, max(1, round(width * _OVERSAMPLING)))
 
-    def dashes(self, points: np.ndarray, colour: Colour, width: float = 1.5, on: float = 6.0, off: float = 4.0) -> None:
+    def dashes(self, points: np.ndarray, colour: str, width: float = 1.5, on: float = 6.0, off: float = 4.0) -> None:
         """A dashed line through points, each dash straight."""
         length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
         starts = np.arange(0.0, length[-1], on + off)
@@ -122,33 +121,35 @@ class Canvas:
         at = [np.stack([np.interp(along, length, column) for column in points.T], -1) for along in (starts, ends)]
         self.segments(np.stack(at, 1), colour, width)
 
-    def polygon(self, points: np.ndarray, colour: Colour, outline: Colour | None = None, width: float = 1.0) -> None:
+    def polygon(self, points: np.ndarray, colour: str, outline: str | None = None, width: float = 1.0) -> None:
         """A filled polygon, with an outline if a colour is given for it."""
-        pygame.draw.polygon(self._ink, colour, _scaled(points))
+        pygame.draw.polygon(self._ink, LIGHT[colour], _scaled(points))
         if outline is not None:
             self.outline(points, outline, width)
 
-    def outline(self, points: np.ndarray, colour: Colour, width: float = 1.0) -> None:
+    def outline(self, points: np.ndarray, colour: str, width: float = 1.0) -> None:
         """A closed line through points."""
         self.line(np.concatenate([points, points[:2]]), colour, width)
 
-    def dot(self, at: Point | np.ndarray, colour: Colour, radius: float = 3.0) -> None:
+    def dot(self, at: Point | np.ndarray, colour: str, radius: float = 3.0) -> None:
         """A filled circle."""
         centre = (at[0] * _OVERSAMPLING, at[1] * _OVERSAMPLING)
-        pygame.draw.circle(self._ink, colour, centre, radius * _OVERSAMPLING)
+        pygame.draw.circle(self._ink, LIGHT[colour], centre, radius * _OVERSAMPLING)
 
-    def ring(self, at: Point | np.ndarray, colour: Colour, radius: float, width: float = 1.5) -> None:
+    def ring(self, at: Point | np.ndarray, colour: str, radius: float, width: float = 1.5) -> None:
         """A circle."""
         centre = (at[0] * _OVERSAMPLING, at[1] * _OVERSAMPLING)
-        pygame.draw.circle(self._ink, colour, centre, radius * _OVERSAMPLING, max(1, round(width * _OVERSAMPLING)))
+        pygame.draw.circle(
+            self._ink, LIGHT[colour], centre, radius * _OVERSAMPLING, max(1, round(width * _OVERSAMPLING))
+        )
 
-    def crosses(self, points: np.ndarray, colour: Colour, radius: float = 4.0, width: float = 1.5) -> None:
+    def crosses(self, points: np.ndarray, colour: str, radius: float = 4.0, width: float = 1.5) -> None:
         """Small x at points."""
         arms = radius * np.array([[[-1.0, -1.0], [1.0, 1.0]], [[-1.0, 1.0], [1.0, -1.0]]])
         self.segments((points[:, None, None] + arms).reshape(-1, 2, 2), colour, width)
 
     def text(
-        self, x: float, y: float, text: str, colour: Colour = palette.TEXT, size: int = 12, align: Align = "left",
+        self, x: float, y: float, text: str, colour: str = "ink", size: int = 12, align: Align = "left",
         bold: bool = False,
     ) -> float:  # fmt: skip
         """Write a line of text, vertically centred on ``y``; returns its width."""

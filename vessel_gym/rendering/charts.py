@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vessel_gym.rendering import palette
 from vessel_gym.rendering.canvas import Box, Canvas, nice, signed
 from vessel_gym.rendering.scene import Chart, ticks
 
@@ -56,30 +55,28 @@ def draw_chart(canvas: Canvas, box: Box, chart: Chart, time: np.ndarray, end: fl
 
     if chart.band is not None and len(time) > 1:
         edge = np.append(chart.band[0], chart.band[1][::-1])
-        canvas.polygon(pixels(np.append(time, time[::-1]), edge), palette.BELIEVED_PALE)
+        canvas.polygon(pixels(np.append(time, time[::-1]), edge), "believed_pale")
     for level in chart.ticks:
         line = pixels(np.array([0.0, end]), np.full(2, level))
-        canvas.line(line, palette.GRID if level else palette.ZERO, 1.0)
-        canvas.text(plot.left - 6, line[0, 1], signed(level), palette.MUTED, 10, "right")
+        canvas.line(line, "grid" if level else "zero", 1.0)
+        canvas.text(plot.left - 6, line[0, 1], signed(level), "muted", 10, "right")
     times = ticks(0.0, end, 4)
     for tick in times:
         x = plot.left + tick * scale[0]
-        canvas.line(np.array([[x, plot.top], [x, plot.bottom]]), palette.GRID, 1.0)
+        canvas.line(np.array([[x, plot.top], [x, plot.bottom]]), "grid", 1.0)
         if timed:
             words = f"{tick:g} s" if tick == times[-1] else f"{tick:g}"
-            canvas.text(x, plot.bottom + 10, words, palette.MUTED, 10, "centre")
+            canvas.text(x, plot.bottom + 10, words, "muted", 10, "centre")
     with canvas.clipped(plot.inset(-4, -4, -4, -4)):
         for each in chart.series:
             if np.isfinite(each.value).any():
                 points = pixels(time, each.value)[np.isfinite(each.value)]
-                canvas.line(points, palette.LIGHT[each.colour], each.width)
-                canvas.dot(points[-1], palette.LIGHT[each.colour], 2.5)
-    canvas.text(box.left + 12, box.top + 15, chart.title, palette.TEXT, 12, bold=True)
+                canvas.line(points, each.colour, each.width)
+                canvas.dot(points[-1], each.colour, 2.5)
+    canvas.text(box.left + 12, box.top + 15, chart.title, "ink", 12, bold=True)
     right = box.right - 12.0
     for each in reversed(chart.series):
         if each.label:
-            right -= canvas.text(right, box.top + 15, each.label, palette.MUTED, 10, "right") + 5
-            canvas.line(
-                np.array([[right - 14.0, box.top + 15], [right, box.top + 15]]), palette.LIGHT[each.colour], 2.0
-            )
-            right -= 14.0 + 10.0
+            right -= canvas.text(right, box.top + 15, each.label, "muted", 10, "right") + 5
+            canvas.line(np.array([[right - 9.0, box.top + 15], [right, box.top + 15]]), each.colour, 2.0)
+            right -= 9.0 + 10.0

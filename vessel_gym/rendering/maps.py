@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vessel_gym.rendering import palette
 from vessel_gym.rendering.canvas import Box, Canvas, nice
 from vessel_gym.rendering.hulls import Hull
 
@@ -93,9 +92,9 @@ class Frame:
 
 def draw_card(canvas: Canvas, box: Box, title: str, note: str = "") -> Box:
     """The card of a map with its title; returns where the map belongs, above a strip for its scale."""
-    canvas.panel(box, palette.WATER)
-    width = canvas.text(box.left + 12, box.top + 15, title, palette.TEXT, 12, bold=True)
-    canvas.text(box.left + 20 + width, box.top + 15, note, palette.MUTED, 10)
+    canvas.panel(box, "water")
+    width = canvas.text(box.left + 12, box.top + 15, title, "ink", 12, bold=True)
+    canvas.text(box.left + 20 + width, box.top + 15, note, "muted", 10)
     return box.inset(2, 28, 2, 24)
 
 
@@ -104,8 +103,8 @@ def draw_grid(canvas: Canvas, frame: Frame, step: float) -> None:
     box, gap, origin = frame.box, frame.scale * step, frame.pixels(np.zeros(2))
     x = np.arange(box.left + (origin[0] - box.left) % gap, box.right, gap)
     y = np.arange(box.top + (origin[1] - box.top) % gap, box.bottom, gap)
-    canvas.segments(np.stack([np.stack([x, 0.0 * x + end], -1) for end in (box.top, box.bottom)], 1), palette.GRID, 0.5)
-    canvas.segments(np.stack([np.stack([0.0 * y + end, y], -1) for end in (box.left, box.right)], 1), palette.GRID, 0.5)
+    canvas.segments(np.stack([np.stack([x, 0.0 * x + end], -1) for end in (box.top, box.bottom)], 1), "grid", 0.5)
+    canvas.segments(np.stack([np.stack([0.0 * y + end, y], -1) for end in (box.left, box.right)], 1), "grid", 0.5)
 
 
 def bar_length(frame: Frame) -> float:
@@ -117,11 +116,11 @@ def draw_scale_bar(canvas: Canvas, frame: Frame, note: str) -> None:
     """A bar of a round length with its length in words, below the map on the left; a remark beside it."""
     metres, left, y = bar_length(frame), frame.box.left + 12, frame.box.bottom + 14
     right = left + metres * frame.scale
-    canvas.line(np.array([[left, y - 4], [left, y], [right, y], [right, y - 4]]), palette.MUTED, 1.5)
-    canvas.text(right + 8, y - 3, f"{metres:g} m" + (f"   ·   {note}" if note else ""), palette.MUTED, 11)
+    canvas.line(np.array([[left, y - 4], [left, y], [right, y], [right, y - 4]]), "muted", 1.5)
+    canvas.text(right + 8, y - 3, f"{metres:g} m" + (f"   ·   {note}" if note else ""), "muted", 11)
 
 
 def draw_north(canvas: Canvas, x: float, y: float) -> None:
     """A north arrow, ``(x, y)`` its middle."""
-    canvas.polygon(np.array([[x, y - 12.0], [x + 6.0, y + 12.0], [x, y + 7.0], [x - 6.0, y + 12.0]]), palette.MUTED)
-    canvas.text(x, y + 21, "N", palette.MUTED, 11, "centre", bold=True)
+    canvas.polygon(np.array([[x, y - 12.0], [x + 6.0, y + 12.0], [x, y + 7.0], [x - 6.0, y + 12.0]]), "muted")
+    canvas.text(x, y + 21, "N", "muted", 11, "centre", bold=True)

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from vessel_gym.rendering import palette
 from vessel_gym.rendering.canvas import Canvas, two_sigma
 from vessel_gym.rendering.hulls import CIRCLE, HULLS
 from vessel_gym.rendering.maps import Frame, View, bar_length, draw_grid
@@ -52,22 +51,22 @@ class Marks:
                 y = float(frame.pixels(np.array([-around.surface, 0.0]))[1])
                 if y > box.top:
                     sky = [[box.left, box.top], [box.right, box.top], [box.right, y], [box.left, y]]
-                    canvas.polygon(np.array(sky), palette.PANEL)
-                    canvas.line(np.array([[box.left, y], [box.right, y]]), palette.TRUE_SOFT, 2.0)
+                    canvas.polygon(np.array(sky), "paper")
+                    canvas.line(np.array([[box.left, y], [box.right, y]]), "true_soft", 2.0)
                     if not close:
-                        canvas.text(box.right - 10, y - 9, "surface", palette.MUTED, 10, "right")
+                        canvas.text(box.right - 10, y - 9, "surface", "muted", 10, "right")
             for north, east, radius in () if view.aside else around.obstacles:
-                canvas.polygon(frame.pixels([north, east] + radius * CIRCLE), palette.OBSTACLE, palette.LIMIT, 1.0)
+                canvas.polygon(frame.pixels([north, east] + radius * CIRCLE), "obstacle_pale", "obstacle", 1.0)
             if len(around.path):
-                canvas.dashes(at(around.path), palette.COMMANDED, 1.5)
-            canvas.crosses(at(self._fixes), palette.FIX, mark, 0.35 * mark)
+                canvas.dashes(at(around.path), "commanded", 1.5)
+            canvas.crosses(at(self._fixes), "measurement", mark, 0.35 * mark)
             if around.goal is not None:
                 goal, radius = at(np.array(around.goal[:3])), max(around.goal[3] * frame.scale, 4.0)
-                canvas.ring(goal, palette.GOAL, radius, 1.5)
-                canvas.dot(goal, palette.GOAL, 2.0)
+                canvas.ring(goal, "goal", radius, 1.5)
+                canvas.dot(goal, "goal", 2.0)
             if scene.located:
-                canvas.line(at(scene.believed[:, :3]), palette.BELIEVED, 1.5)
-            canvas.line(at(scene.true[:, :3]), palette.TRUE, 2.0)
+                canvas.line(at(scene.believed[:, :3]), "believed", 1.5)
+            canvas.line(at(scene.true[:, :3]), "true", 2.0)
             if not close:
                 _draw_start(canvas, at(scene.true[0, :3]))
             self._vehicles(canvas, frame, view, size, close)
@@ -82,45 +81,45 @@ class Marks:
         ellipse = frame.pixels(view.seen(self.scene.believed[-1, :3]) + two_sigma(self.cov(view)))
         sure = self._members is not None or np.ptp(ellipse, 0).max() < 1.0
         if not sure:
-            canvas.polygon(ellipse, palette.BELIEVED_PALE)
-        canvas.polygon(true, palette.TRUE_PALE, palette.TRUE, 1.5)
+            canvas.polygon(ellipse, "believed_pale")
+        canvas.polygon(true, "true_pale", "true", 1.5)
         if not sure:
-            canvas.outline(ellipse, palette.MEMBER, 1.5)
+            canvas.outline(ellipse, "believed", 1.5)
         if self._members is not None:
             for member in frame.pixels(view.seen(self._members)):
-                canvas.dot(member, palette.MEMBER, 1.8 if close else 1.2)
-        canvas.outline(believed, palette.BELIEVED, 1.5)
+                canvas.dot(member, "member", 1.8 if close else 1.2)
+        canvas.outline(believed, "believed", 1.5)
         if close:
-            canvas.dot(frame.pixels(view.seen(self.scene.true[-1, :3])), palette.TRUE, 3.0)
-            canvas.dot(frame.pixels(view.seen(self.scene.believed[-1, :3])), palette.BELIEVED, 3.0)
+            canvas.dot(frame.pixels(view.seen(self.scene.true[-1, :3])), "true", 3.0)
+            canvas.dot(frame.pixels(view.seen(self.scene.believed[-1, :3])), "believed", 3.0)
 
     def draw_icon(self, canvas: Canvas, kind: str, at: np.ndarray) -> None:
         """Draw the icon of an entry of the legend."""
         line, outline = at + [[-14.0, 0.0], [14.0, 0.0]], at + self.hull.pixels(22.0, 0.0) * self.hull.above
         if kind == "true":
-            canvas.line(line, palette.TRUE, 2.0)
-            canvas.polygon(outline, palette.TRUE_PALE, palette.TRUE, 1.2)
+            canvas.line(line, "true", 2.0)
+            canvas.polygon(outline, "true_pale", "true", 1.2)
         elif kind == "believed":
-            canvas.line(line, palette.BELIEVED, 1.5)
-            canvas.polygon(outline, palette.PANEL, palette.BELIEVED, 1.2)
+            canvas.line(line, "believed", 1.5)
+            canvas.polygon(outline, "paper", "believed", 1.2)
         elif kind == "cloud":
             for member in ((-9, 1), (-5, -3), (-2, 3), (0, -1), (4, 4), (5, -2), (9, 0)):
-                canvas.dot(at + member, palette.MEMBER, 1.5)
+                canvas.dot(at + member, "member", 1.5)
         elif kind == "ellipse":
-            canvas.polygon(at + CIRCLE * [12.0, 6.0], palette.BELIEVED_PALE, palette.MEMBER, 1.0)
+            canvas.polygon(at + CIRCLE * [12.0, 6.0], "believed_pale", "believed", 1.0)
         elif kind == "fix":
-            canvas.crosses(at[None], palette.FIX, 3.5, 1.5)
+            canvas.crosses(at[None], "measurement", 3.5, 1.5)
         elif kind == "start":
             _draw_start(canvas, at)
         elif kind == "path":
-            canvas.dashes(line, palette.COMMANDED, 1.5)
+            canvas.dashes(line, "commanded", 1.5)
         elif kind == "goal":
-            canvas.ring(at, palette.GOAL, 7.0, 1.5)
-            canvas.dot(at, palette.GOAL, 2.0)
+            canvas.ring(at, "goal", 7.0, 1.5)
+            canvas.dot(at, "goal", 2.0)
         elif kind == "obstacle":
-            canvas.polygon(at + CIRCLE * 7.0, palette.OBSTACLE, palette.LIMIT, 1.0)
+            canvas.polygon(at + CIRCLE * 7.0, "obstacle_pale", "obstacle", 1.0)
 
 
 def _draw_start(canvas: Canvas, at: np.ndarray) -> None:
-    canvas.dot(at, palette.TEXT, 4.0)
-    canvas.dot(at, palette.PANEL, 2.2)
+    canvas.dot(at, "ink", 4.0)
+    canvas.dot(at, "paper", 2.2)

@@ -1,24 +1,13 @@
-"""Colours of pictures: red, green and blue from 0 to 255."""
+"""Colours of pictures by name: windows draw with the light ones, pages with those that the reader's system asks for."""
 
-Colour = tuple[int, int, int]
-
-PAPER: Colour = (241, 244, 247)
-PANEL: Colour = (255, 255, 255)
-WATER: Colour = (246, 250, 253)
-EDGE: Colour = (221, 227, 234)
-GRID: Colour = (234, 238, 243)
-ZERO: Colour = (203, 211, 220)
-TEXT: Colour = (31, 41, 55)
-MUTED: Colour = (104, 116, 131)
-TRUE: Colour = (29, 88, 158)
-TRUE_PALE: Colour = (196, 214, 234)
-TRUE_SOFT: Colour = (128, 171, 219)
-BELIEVED: Colour = (226, 112, 22)
-BELIEVED_PALE: Colour = (253, 228, 205)
-COMMANDED: Colour = (138, 150, 164)
-LIMIT: Colour = (196, 61, 61)
-GOAL: Colour = (20, 140, 126)
-MEMBER: Colour = (240, 165, 98)
-FIX: Colour = (128, 78, 168)
-OBSTACLE: Colour = (240, 216, 214)
-LIGHT = {"true": TRUE, "true_soft": TRUE_SOFT, "believed": BELIEVED, "goal": GOAL, "measurement": FIX, "limit": LIMIT}
+LIGHT = {
+    "page": "#f4f6f8", "paper": "#ffffff", "water": "#eaf1f7", "edge": "#d5dbe1", "grid": "#e3e8ed", "zero": "#c3cbd3",
+    "ink": "#22303c", "muted": "#5a6570", "true": "#1f4e79", "true_soft": "#80abdb", "true_pale": "#c4d2e0",
+    "believed": "#b04a00", "believed_pale": "#f4dece", "member": "#3f7f5f", "measurement": "#7b4f9d",
+    "commanded": "#5a616b", "goal": "#3f7f5f", "obstacle": "#8c3b4a", "obstacle_pale": "#e2ced2",
+}  # fmt: skip
+DARK = LIGHT | {
+    "page": "#10171e", "paper": "#17202a", "water": "#14222f", "edge": "#33404d", "grid": "#263340", "zero": "#33404d",
+    "ink": "#e6ebf0", "muted": "#a6b1bc", "true": "#7db4ea", "true_soft": "#4a79a8", "believed": "#ff9a4d",
+    "member": "#7fcfa4", "measurement": "#cba4ec", "commanded": "#a7b0ba", "goal": "#7fcfa4", "obstacle": "#e08a9a",
+}  # fmt: skip

@@ -3,12 +3,10 @@
 import numpy as np
 
 from vessel_gym.core import Core
-from vessel_gym.rendering import palette
 from vessel_gym.rendering.canvas import Box, Canvas, nice, two_sigma
 from vessel_gym.rendering.charts import draw_charts
 from vessel_gym.rendering.maps import Frame, View, draw_card, draw_north, draw_scale_bar, views_of
 from vessel_gym.rendering.marks import Marks
-from vessel_gym.rendering.palette import Colour
 from vessel_gym.rendering.scene import RECORDED, Scene
 from vessel_gym.surroundings import Surroundings, pose, surroundings_of
 
@@ -88,28 +86,28 @@ class Picture:
         """Under which conditions the vehicle is on its way, for how long, how far from its goal, and its end."""
         core, row, goal = self._core, self._row, self._surroundings.goal
         words = [f"estimator {core.estimator}", *scene.conditions]
-        canvas.text(box.left, box.top + 21, self.title, palette.TEXT, 17, bold=True)
-        canvas.text(box.left, box.top + 44, "   ·   ".join(words), palette.MUTED, 13)
+        canvas.text(box.left, box.top + 21, self.title, "ink", 17, bold=True)
+        canvas.text(box.left, box.top + 44, "   ·   ".join(words), "muted", 13)
         values = {"score": f"{core.score[row]:.3f}", "time": f"{core.steps[row] * core.vehicle.dt:.1f} s"}
         if goal is not None:
             away = float(np.linalg.norm(scene.true[-1, :3] - goal[:3]))
             values["to the goal"] = f"{away:.2f} m" if away < 1.0 else f"{away:.1f} m"
         right, y = box.right, box.top + 32
         for label, value in values.items():
-            right -= canvas.text(right, y, value, palette.TEXT, 15, "right", bold=True) + 8
-            right -= canvas.text(right, y, label, palette.MUTED, 13, "right") + 24
+            right -= canvas.text(right, y, value, "ink", 15, "right", bold=True) + 8
+            right -= canvas.text(right, y, label, "muted", 13, "right") + 24
         outcome, colour = self._outcome()
         canvas.text(right, y, outcome, colour, 15, "right", bold=True)
 
-    def _outcome(self) -> tuple[str, Colour]:
+    def _outcome(self) -> tuple[str, str]:
         """Outcome of the episode in words, and its colour."""
         task = self._core.task
         end = task.end_reasons[self._core.end[self._row]]
         if end:
-            return end, palette.GOAL if end == task.success else palette.LIMIT
+            return end, "goal" if end == task.success else "obstacle"
         if self._core.steps[self._row] >= task.horizon:
-            return "time is up", palette.LIMIT if task.success else palette.GOAL
-        return "under way", palette.MUTED
+            return "time is up", "obstacle" if task.success else "goal"
+        return "under way", "muted"
 
     # --- maps ---------------------------------------------------------------------------------------
 
@@ -170,5 +168,5 @@ class Picture:
         wide = (box.width - 12) / -(-len(labels) // 3)
         for i, (kind, label) in enumerate(labels.items()):
             at = np.array([box.left + 28 + (i // 3) * wide, box.top + 16 + (i % 3) * 24])
-            canvas.text(at[0] + 22, at[1], label, palette.TEXT, 11)
+            canvas.text(at[0] + 22, at[1], label, "ink", 11)
             marks.draw_icon(canvas, kind, at)

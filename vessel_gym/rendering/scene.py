@@ -21,7 +21,7 @@ _FIRST = ("x", "y", "psi", "u", "climb", "z", "h", "theta")
 """Components that are charted first."""
 _POSE = ("x", "y", "z", "h", "phi", "theta", "psi")
 """Components that maps show: their charts show the error of the estimate."""
-_LINES = ("true", "goal", "measurement", "limit")
+_LINES = ("true", "goal", "measurement", "obstacle")
 
 
 class Series(NamedTuple):
@@ -207,7 +207,7 @@ def _true(value: np.ndarray) -> Series:
 
 
 def _title(words: str, unit: str) -> str:
-    return words[:1].upper() + words[1:] + (f"  [{unit}]" if unit else "")
+    return words[:1].upper() + words[1:] + (f" [{unit}]" if unit else "")
 
 
 def ticks(low: float, high: float, least: int) -> np.ndarray:

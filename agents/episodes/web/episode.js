@@ -2,12 +2,8 @@
 // An episode on several estimators: one clock, one stage (a map, or space), one close-up of the belief, and charts.
 (() => {
   const element = (id) => document.getElementById(id);
-  const colours = {};
-  function look() {
-    const style = getComputedStyle(document.documentElement);
-    for (const name of ["paper", "ink", "muted", "edge", "grid", "water", "true", "true_soft", "believed", "member", "measurement", "commanded", "goal", "limit", "obstacle", "band"]) colours[name] = style.getPropertyValue(`--${name}`).trim();
-  }
-  look();
+  const style = getComputedStyle(document.documentElement);  // of now, whatever the reader's system asks for
+  const colours = new Proxy({}, { get: (_, name) => style.getPropertyValue(`--${name}`).trim() });
 
   // --- data -----------------------------------------------------------------------------------------------------
 
@@ -408,7 +404,7 @@
       scales: { x: { time: false, range: [0, duration] }, y: { range: chart.limits } },
       axes: [{ ...axis, size: 20, gap: 2, values: (_, at) => at.map((v) => `${v} s`) }, { ...axis, size: 44, gap: 3, splits: () => levels, values: (_, at) => at.map((v) => number(v)) }],
       bands: [{ series: [1, 2], fill: () => colours.band }],
-      series: [{}, edge, edge, { stroke: () => colours.edge, width: 1, points: { show: false } },
+      series: [{}, edge, edge, { stroke: () => colours.zero, width: 1, points: { show: false } },
         { width: 0, paths: () => null, points: { show: true, size: 3, fill: stroke, stroke } },
         ...chart.series.map(({ colour, width }) => ({ stroke: () => colours[colour], width, points: { show: false } }))],
     };
@@ -526,7 +522,7 @@
   }
   if (!page.placed) { element("view").hidden = true; element("buttons").hidden = true; }
 
-  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { look(); stage.theme(); layCharts(); state.dirty = true; });
+  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { stage.theme(); layCharts(); state.dirty = true; });
   new ResizeObserver(() => {
     for (const { plot, room } of charts) plot.setSize({ width: Math.max(room.clientWidth, 50), height: Math.max(room.clientHeight, 50) });
     state.dirty = true;
