@@ -32,7 +32,7 @@ F = TypeVar("F", bound=Factory)
 
 
 def _ours() -> None:
-    from agents.controllers import dive, flight, track, trial, turning  # noqa: F401
+    from agents.controllers import dive, flight, turning  # noqa: F401
 
 
 CONTROLLERS: Registry[Factory] = Registry("controller", _ours)

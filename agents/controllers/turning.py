@@ -1,4 +1,7 @@
-"""Controllers of turning circles, designed from the ship's linear models."""
+"""Controllers of a ship's turns: free, on a track, and in a trial whose action is the rudder angle.
+
+All are designed from the ship's linear models.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -10,7 +13,9 @@ import numpy as np
 from agents.controllers import AUTOPILOT, register_controller
 from agents.controllers.loops import Loop, first_order, regulator_gains, task_of
 from vessel_gym.system import System
+from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.tasks.turning_circle import TurningCircle
+from vessel_gym.tasks.turning_trial import TurningTrial
 from vessel_gym.vehicles.corvette import secant_models, steady_turns
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 
@@ -172,3 +177,161 @@ class TurningPID:
     def _ahead(self, observations: np.ndarray) -> np.ndarray:
         """Rudder that the commanded turn needs [rad]."""
         return self._needed * self._task.command_scale * observations[:, 5]
+
+
+# --- on a track -------------------------------------------------------------------------------------
+
+_ON_TRACK = "holds a ship on a track"
+
+
+@dataclass(frozen=True)
+class TrackTolerances:
+    """Deviations that count alike in the quadratic cost (Bryson's rule): each weight is 1 / tolerance^2."""
+
+    distance: float = 10.0  # m from the track, the task's own tolerance
+    heading: float = 0.05  # rad, likewise
+    yaw_rate: float = 0.02  # rad/s
+    rudder_rate: float = 0.7  # of the full rate
+    distance_integral: float = 1000.0  # m s; infinite: no integral
+    rudder: float = 0.05  # rad, for which a PID asks at the tolerance of the heading
+
+
+@cache
+def track_gains(ship: CorvetteParameters, dt: float, tolerances: TrackTolerances) -> np.ndarray:
+    """LQI gains ``(k, 6)`` from (v, r, psi, rudder, distance, its integral); without the integral ``(k, 5)``.
+
+    See `regulator_table`.
+    """
+    weights = np.array([
+        1e-3, tolerances.yaw_rate**-1, tolerances.heading**-1, 1e-3, tolerances.distance**-1,
+        tolerances.distance_integral**-1,
+    ])  # fmt: skip
+    n = 6 if np.isfinite(tolerances.distance_integral) else 5
+
+    def rows(speed: float) -> np.ndarray:
+        changes = np.zeros((2, 6))
+        changes[0, :3] = dt * np.array([1.0, 0.5 * dt * speed, speed])
+        changes[1, 4] = dt
+        return changes[: n - 4, :n]
+
+    return regulator_table(ship, dt, np.diag(weights[:n] ** 2), tolerances.rudder_rate, rows)
+
+
+@register_controller(CircleTrack, AUTOPILOT)
+class TrackAutopilot(TurningAutopilot):
+    """Linear-quadratic regulator with integral action about the commanded turn, on the commanded track.
+
+    It acts on the observation alone: what it regulates is what the estimator believes, the current included, in which
+    the observation's heading error already crabs.
+
+    Args:
+        system: The environment's system.
+        tolerances: The design's tolerances.
+
+    Raises:
+        ValueError: if the system's task is another.
+    """
+
+    def __init__(self, system: System, tolerances: TrackTolerances | None = None) -> None:
+        task, tolerances = task_of(system, CircleTrack, _ON_TRACK), tolerances or TrackTolerances()
+        self._regulate(task, system.vehicle.dt, track_gains(task.ship, system.vehicle.dt, tolerances))
+        self._near, self._limit = 6.0 * tolerances.distance, 2.0 * tolerances.distance_integral
+
+    def _place(self, observations: np.ndarray, heading_error: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+        distance = self._task.TRACK_SCALE * observations[:, 7]
+        return [np.clip(distance, -self._near, self._near)], distance
+
+
+@register_controller(CircleTrack, "lqg")
+class TrackRegulator(TrackAutopilot):
+    """The autopilot's linear-quadratic regulator without its integral: no memory, and a bias under steady loads.
+
+    Its arguments are those of `TrackAutopilot`.
+    """
+
+    def __init__(self, system: System, tolerances: TrackTolerances | None = None) -> None:
+        super().__init__(system, replace(tolerances or TrackTolerances(), distance_integral=np.inf))
+
+
+@register_controller(CircleTrack, "pid")
+class TrackPID(TurningPID):
+    """A heading PID behind a line of sight: it heads for a point of the track two ship lengths ahead.
+
+    The rudder by the errors of heading and yaw rate, and what the commanded turn is known to need. Its plant is
+    Nomoto's, the ship's linear model on a straight course reduced to first order. The steering gear follows with a
+    tenth of the loop's time. Line of sight: Fossen (2021), ch. 12.
+
+    Its arguments are those of `TrackAutopilot`.
+    """
+
+    AHEAD = 2.0  # ship lengths
+
+    def __init__(self, system: System, tolerances: TrackTolerances | None = None) -> None:
+        task, tolerances = task_of(system, CircleTrack, _ON_TRACK), tolerances or TrackTolerances()
+        self._close(task, system.vehicle.dt, tolerances.heading, tolerances.rudder)
+        self._turns = steady_turns(task.ship)
+
+    def _errors(self, observations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        heading, rate = super()._errors(observations)
+        sight = np.arctan2(self._task.TRACK_SCALE * observations[:, 7], self.AHEAD * self._ship.length)
+        return heading - sight, rate
+
+    def _ahead(self, observations: np.ndarray) -> np.ndarray:
+        commanded = self._task.command_scale * observations[:, 5]
+        return np.sign(commanded) * np.interp(np.abs(commanded), self._turns.yaw_rate, self._turns.rudder)
+
+
+# --- a turning circle trial -------------------------------------------------------------------------
+
+
+class _ByAngle:
+    """The rudder angle after a step, for a controller that gives the rudder rate over it."""
+
+    _task: Any
+    _ship: Any
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        """Rudder angle ``(B, 1)`` as a share of its limit."""
+        turn = self._ship.rudder_rate * self._task.dt / self._ship.rudder_limit
+        angle = observations[:, 4:5] + turn * super().act(observations)  # type: ignore[misc]
+        return np.clip(angle, -1.0, 1.0).astype(np.float32)
+
+
+@register_controller(TurningTrial, AUTOPILOT)
+class TrialAutopilot(_ByAngle, TurningAutopilot):
+    """`TurningAutopilot` for a rudder that is given as an angle."""
+
+
+@register_controller(TurningTrial, "lqg")
+class TrialRegulator(_ByAngle, TurningRegulator):
+    """`TurningRegulator` for a rudder that is given as an angle."""
+
+
+@register_controller(TurningTrial, "pid")
+class TrialPID(_ByAngle, TurningPID):
+    """`TurningPID` for a rudder that is given as an angle, with the rudder that the steady turn needs added."""
+
+    def _ahead(self, observations: np.ndarray) -> np.ndarray:
+        turns, rate = steady_turns(self._ship), self._task.command_scale * observations[:, 5]
+        return np.copysign(np.interp(np.abs(rate), turns.yaw_rate, turns.rudder), rate)
+
+
+@register_controller(TurningTrial, "constant-rudder")
+class ConstantRudder:
+    """The rudder of the trial, whatever is observed.
+
+    Args:
+        system: The environment's system.
+        angle: Rudder angle [rad]; None: that of the trial. The thesis prints 35 degrees.
+    """
+
+    def __init__(self, system: System, angle: float | None = None) -> None:
+        task = task_of(system, TurningTrial, "steers turning circle trials")
+        self._share = (task.helm if angle is None else angle) / task.ship.rudder_limit
+
+    def reset(self, num_envs: int) -> None:
+        """There is nothing to forget."""
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        """Rudder angle ``(B, 1)`` as a share of its limit."""
+        return np.full((len(observations), 1), self._share, np.float32)

@@ -63,7 +63,7 @@ class TaskMetrics:
 
 
 def _ours() -> None:
-    from agents.metrics import dive, flight, track, turning  # noqa: F401
+    from agents.metrics import dive, flight, turning  # noqa: F401
 
 
 TASK_METRICS: Registry[TaskMetrics] = Registry("metrics", _ours)

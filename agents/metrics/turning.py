@@ -1,11 +1,12 @@
-"""Metrics of turning circles, from a rollout's truth and estimates."""
+"""Metrics of turning circles, and of turns on a track, from a rollout's truth and estimates."""
 
 import numpy as np
 
-from agents.metrics import Metric, core_of, register_metrics, rms, rmse, steps
+from agents.metrics import Metric, core_of, position_nees, register_metrics, rms, rmse, steps
 from agents.rollouts import Rollout
 from estimators import wrap
 from vessel_gym.sea_trials import fit_circle
+from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import steady_turns
 from vessel_gym.vehicles.corvette_equations import STATE
@@ -52,20 +53,23 @@ def compute(rollout: Rollout) -> dict[str, np.ndarray]:
 
     The unknown input is NaN where none is estimated, and so is the circle of an episode that flew less than half of it.
     """
-    core = core_of(rollout)
-    h, alive, dt = rollout.history, rollout.alive, core.vehicle.dt
-    truth, reference = h["truth"], h["reference"]
-    radius_error, out_of_round = circle_errors(rollout)
+    alive, truth, reference = rollout.alive, rollout.history["truth"], rollout.history["reference"]
     raw, came = _raw_input(rollout)
-    deg, milli = np.rad2deg, 1e3
     return {
-        "heading_error": deg(rms(wrap(reference[..., 0] - truth[..., _PSI]), alive)),
-        "yaw_rate_error": deg(rms(reference[..., 1] - truth[..., _R], alive)),
+        "heading_error": np.rad2deg(rms(wrap(reference[..., 0] - truth[..., _PSI]), alive)),
+        "yaw_rate_error": np.rad2deg(rms(reference[..., 1] - truth[..., _R], alive)),
+        "raw_input_rmse": 1e3 * rms(raw, alive & came),
+    } | _turn(rollout, *circle_errors(rollout))
+
+
+def _turn(rollout: Rollout, radius_error: np.ndarray, out_of_round: np.ndarray) -> dict[str, np.ndarray]:
+    """Metrics of every turn, with the errors of its circle ``(N,)``."""
+    rate = np.diff(rollout.history["actuators"][..., 0], axis=0) / core_of(rollout).vehicle.dt
+    return {
         "radius_error": radius_error,
         "out_of_round": out_of_round,
-        "rudder_rate": deg(rms(np.diff(h["actuators"][..., 0], axis=0) / dt, alive[1:])),
-        "input_rmse": milli * input_error(rollout),
-        "raw_input_rmse": milli * rms(raw, alive & came),
+        "rudder_rate": np.rad2deg(rms(rate, rollout.alive[1:])),
+        "input_rmse": 1e3 * input_error(rollout),
     }
 
 
@@ -125,3 +129,42 @@ def input_error(rollout: Rollout) -> np.ndarray:
 
 
 register_metrics(TurningCircle, METRICS, compute)
+
+
+# --- on a track -------------------------------------------------------------------------------------
+
+TRACK_METRICS = (
+    TURN_STEPS,
+    Metric("track_error", "Off track", "m", "lower", 1, "RMS distance of the true ship from the track."),
+    *CIRCLE,
+    Metric("roll", "Roll", "°", "lower", 2, "RMS roll of the true ship."),
+    Metric(
+        "position_rmse", "Position", "m", "lower", 2, "RMS error of the estimated position, all of its components.",
+        of=rmse("x", "y"),
+    ),
+    Metric(
+        "current_rmse", "Current", "m/s", "lower", 3,
+        "RMS error of the estimated current, for which filters also take the leeway.",
+        of=rmse("current north", "current east"),
+    ),
+    *ESTIMATES,
+    position_nees("x", "y"),
+)  # fmt: skip
+
+
+def compute_on_track(rollout: Rollout) -> dict[str, np.ndarray]:
+    """Metrics that have no function of their own, ``(N,)`` by key.
+
+    The unknown input is NaN where none is estimated, and so is the circle of an episode that flew less than half of it.
+    """
+    core = core_of(rollout)
+    h, alive, names = rollout.history, rollout.alive, core.vehicle.state_names
+    scenario = core.task.scenario_of(h["reference"][0])
+    place = h["truth"][..., [names.index("x"), names.index("y")]]
+    return {
+        "track_error": rms(core.task.off_track(scenario, place), alive),
+        "roll": np.rad2deg(rms(h["truth"][..., names.index("phi")], alive)),
+    } | _turn(rollout, *circle_fit(rollout, 1.0 / np.abs(scenario[:, 2])))
+
+
+register_metrics(CircleTrack, TRACK_METRICS, compute_on_track)

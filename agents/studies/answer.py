@@ -10,18 +10,7 @@ from agents.studies import shares
 from agents.studies.confirmation import CONFIRMED, FAILED, OPEN, Confirmed, confirmed
 from agents.studies.records import FEW_SEEDS, FLOOR, ORACLE
 from agents.studies.results import Results
-from agents.studies.wording import (
-    amount,
-    capitalised,
-    every,
-    many,
-    microseconds,
-    named,
-    note,
-    percent,
-    share_entry,
-    the,
-)
+from agents.studies.wording import amount, capitalised, every, many, microseconds, named, note, percent, share_entry
 
 BEST = 5
 """Number of estimators in the table at the head of a report."""
@@ -38,7 +27,7 @@ def answer(results: Results, fresh: Results | None = None) -> list[str]:
         return ["Nothing has a result yet."]
     environments, everywhere = shares.ruled(results), shares.common(results)
     if not environments:
-        sentences = [note("no-ranking", who=the(results.classical), oracle=ORACLE, floor=FLOOR)]
+        sentences = [note("no-ranking", who=results.who, oracle=ORACLE, floor=FLOOR)]
     elif everywhere:
         sentences = _advice(results, environments, everywhere)
     else:
@@ -62,7 +51,7 @@ def summary(results: Results) -> Table | None:
         for name in list(ranked)[:BEST]
     ]  # fmt: skip
     heads = [("share kept", ""), (f"score lost against {ORACLE}", ""), ("completed", "%"), ("worst decile", "score")]
-    return Table(f"The best estimators for {the(results.classical)}", "", "Estimator", heads, [("", rows)])
+    return Table(f"The best estimators for {results.who}", "", "Estimator", heads, [("", rows)])
 
 
 def _advice(results: Results, environments: list[str], ranked: dict[str, np.ndarray]) -> list[str]:
@@ -72,7 +61,7 @@ def _advice(results: Results, environments: list[str], ranked: dict[str, np.ndar
     lost = amount(shares.loss(results, environments, best, len(ranked)))
     where = environments[0] if alone else every(environments)
     return [
-        note("advice" if alone else "advice-for-all", best=best, where=where, who=the(who), kept=kept, lost=lost),
+        note("advice" if alone else "advice-for-all", best=best, where=where, who=results.who, kept=kept, lost=lost),
         *_standing(results, ranked, best),
         *([] if alone else [_each_best(results, environments, best)]),
         *_prices_in_time(results, environments, best),
@@ -136,7 +125,7 @@ def _learned(results: Results) -> list[str]:
     gaps = {e: gap for (e, other), gap in found.items() if other == str(results.classical)}
     reference, sentences = named(str(shares.reference_policy(results))), []
     if gaps:
-        who, same = f"{reference}, flying the estimator of its training,", f"{the(results.classical)} on the same"
+        who, same = f"{reference}, flying the estimator of its training,", f"{results.who} on the same"
         if any(not isinstance(gap, Interval) or gap.excludes_zero for gap in gaps.values()):
             text = [f"{_more(gap)} in {e}" for e, gap in gaps.items()]
             sentences.append(f"{who} keeps {listed(text)} than {same}.")

@@ -7,7 +7,7 @@ from agents.statistics import Interval
 from agents.studies.figures import ends, framed, legend, looks, panels
 from agents.studies.records import FLOOR, ORACLE
 from agents.studies.results import Place, Results
-from agents.studies.wording import capitalised, microseconds, note, tabled, the
+from agents.studies.wording import microseconds, note, tabled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,10 +20,10 @@ def cost(results: Results) -> Section:
         return Section("Cost", [])
     timed = {e: {name: results.step_times(e, name) for name in results.estimators(e)} for e in results.environments}
     sections = {e: [(n, _times(t, n == ORACLE)) for n, t in times.items() if t] for e, times in timed.items()}
-    batch, first, who = f"batch of {results.plan.study.episodes}", results.conditions[0], the(results.classical)
+    batch, first = f"batch of {results.plan.study.episodes}", results.conditions[0]
     heads = [(batch, "µs"), ("beyond the truth", "µs"), ("one vehicle", "µs"), ("beyond the truth", "µs")]
-    caption = note("cost-figure", Who=capitalised(who), batch=batch)
-    text = note("cost", Who=capitalised(who), first=first, floor=FLOOR)
+    caption = note("cost-figure", who=results.who, batch=batch)
+    text = note("cost", who=results.who, first=first, floor=FLOOR)
     table = tabled("cost", "CPU time of a step, by estimator", text, heads, sections)
     return Section("Cost", [framed(figure, f"Score over CPU time ({first})", caption), *table])
 

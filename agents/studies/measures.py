@@ -10,7 +10,7 @@ from agents.metrics import NEES, SCORE, UNHEALTHY, WITHOUT_COVARIANCE, Metric, m
 from agents.page import Block, Entry, Live, Section, entry, listed, number
 from agents.studies.examples import examples
 from agents.studies.results import Place, Results
-from agents.studies.wording import capitalised, note, tabled, the
+from agents.studies.wording import note, tabled
 from agents.studies.worlds import system_of
 
 
@@ -21,8 +21,8 @@ def consistency(results: Results) -> Section:
         e: [(name, _honesty(results, Place(e, first), name)) for name in results.estimators(e, results.classical)]
         for e in results.environments
     }
-    who, without = capitalised(the(results.classical)), listed(WITHOUT_COVARIANCE)
-    text = note("consistency", Who=who, nees=NEES, unhealthy=UNHEALTHY, without=without)
+    without = listed(WITHOUT_COVARIANCE)
+    text = note("consistency", who=results.who, nees=NEES, unhealthy=UNHEALTHY, without=without)
     heads = ("Score", NEES.label, "NEES in band", "NIS in band", "Diverged", "Diverged, all conditions")
     title = f"What estimators claim, and what agents make of it ({first})"
     units = (*heads, (UNHEALTHY.label, UNHEALTHY.unit))
@@ -63,7 +63,7 @@ def episodes(results: Results) -> Section:
         ends = (f" ({flight['end']})" if flight["end"] else "" for flight in flights)
         scores = [f"{f['estimator']} {number(f['score'], 2)}{end}" for f, end in zip(flights, ends, strict=True)]
         varies = note("spread", spread=", ".join(spread)) if spread else ""
-        text = note("example", Who=capitalised(the(results.classical)), seed=shown.page["conditions"][-1],
+        text = note("example", who=results.who, seed=shown.page["conditions"][-1],
                     scores=", ".join(scores), varies=varies)  # fmt: skip
         blocks.append(Live(shown.html(), f"{environment}, {results.conditions[0]}", text.strip()))
     return Section("Example episodes", blocks)
@@ -86,7 +86,7 @@ def measures(results: Results) -> Section:
         ):  # fmt: skip
             rows = [(on, [entry(results.mean(place, who, on, m), m.decimals) for m in chosen]) for on in flown]
             meanings = " ".join(f"{m.label}: {m.meaning}" for m in chosen)
-            text = note("measures", Who=capitalised(the(who)), meanings=meanings) + along
+            text = note("measures", who=results.who, meanings=meanings) + along
             title, file = f"{kind}: {environment}, {first}", f"{name}-{environment}".lower().replace(":", "-")
             heads = [(m.label, m.unit) for m in chosen]
             blocks += tabled(file, title, text + _partly(results, place, chosen), heads, {"": rows})

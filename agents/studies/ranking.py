@@ -11,15 +11,14 @@ from agents.studies.figures import Row, dots, framed, looks, share_rows
 from agents.studies.records import FLOOR, ORACLE, RAW, Study
 from agents.studies.results import Place, Policy, Results
 from agents.studies.shares import ALL, ENDS, columns, common, gap, kept, learners, rankable, ruled
-from agents.studies.wording import capitalised, many, note, percent, share_entry, tabled, the
+from agents.studies.wording import many, note, percent, share_entry, tabled
 
 
 def ranking(results: Results) -> Section:
     """Shares kept on estimators, and their differences from the best."""
     title = "Which estimator to fly"
     environments = ruled(results)
-    who, study = the(results.classical), results.plan.study
-    blocks: list[Block] = [Prose(note("scale", who=who, floor=FLOOR, oracle=ORACLE))]
+    blocks: list[Block] = [Prose(note("scale", who=results.who, floor=FLOOR, oracle=ORACLE))]
     if results.environments:
         blocks += [Prose(text) for text in (_ruler(results), *_rulers(results))]
     if not environments:
@@ -37,10 +36,12 @@ def ranking(results: Results) -> Section:
 
     rows = [Row(name, look[name], shares(name)) for name in (*names, *ENDS)]
     figure = dots(rows, heads, "share of the oracle's performance kept")
-    caption = note("shares-figure", Who=capitalised(who), overall=overall)
+    caption = note("shares-figure", who=results.who, overall=overall)
     blocks.append(framed(figure, "Share of the oracle's performance that is kept", caption))
     conditions = many(len(results.conditions), "condition")
-    text = note("ranking", Who=capitalised(who), conditions=conditions, episodes=study.episodes, overall=overall)
+    text = note(
+        "ranking", who=results.who, conditions=conditions, episodes=results.plan.study.episodes, overall=overall
+    )
     heading = "Share of the oracle's performance kept, by estimator"
     blocks.append(
         Table(heading, text, "Estimator", [(head, "") for head in heads], [("", share_rows(rows))], "ranking")
@@ -147,7 +148,7 @@ def price(results: Results) -> Section:
             (label, [_lost(results, place, who, on) for place in places]) for label, who, on in flown if on != ORACLE
         ]
     learned = "; learned agents, on the estimator of their training" if learners(results) else ""
-    text = note("price", Who=capitalised(the(results.classical)), learned=learned)
+    text = note("price", who=results.who, learned=learned)
     table = tabled("price", "Score lost against the truth", text, results.conditions, sections)
     return Section("The price of estimation", [*_price_figure(results), *table] if table else [])
 
@@ -171,7 +172,7 @@ def _price_figure(results: Results) -> list[Block]:
     rows = [Row(name, look[name], values) for name, values in lost.items() if any(v is not None for v in values)]
     if not rows:
         return []
-    caption = note("price-figure", Who=capitalised(the(results.classical)), floor=FLOOR)
+    caption = note("price-figure", who=results.who, floor=FLOOR)
     figure = dots(rows, environments, "score lost against the truth", (0.0,))
     return [framed(figure, "Score lost against the truth", caption)]
 
@@ -190,7 +191,7 @@ def tails(results: Results) -> Section:
         for e in results.environments
     }
     heads = "Score", ("Completed", "%"), ("Worst decile", "score")
-    text = note("tails", who=the(results.classical))
+    text = note("tails", who=results.who)
     return Section("Tails", tabled("tails", "Tails beside means", text, heads, sections))
 
 

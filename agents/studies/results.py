@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.controllers import AUTOPILOT
 from agents.jobs import Outcome, journal
 from agents.metrics import MONITORED, SCORE, Metric, mean, metrics
 from agents.statistics import Interval, crossed_interval, normalise, share_interval, skewed_interval
@@ -93,6 +94,11 @@ class Results:
     def classical(self) -> Policy:
         """The agent that does not learn: its scores on `FLOOR` and `ORACLE` are 0 and 1 of every other."""
         return Policy(next(agent.name for agent in self.plan.study.agents if not agent.learned))
+
+    @cached_property
+    def who(self) -> str:
+        """The classical agent in a sentence."""
+        return "the autopilot" if self.classical.agent == AUTOPILOT else self.classical.agent
 
     def policies(self, environment: str | None = None) -> list[Policy]:
         """The policies of an environment, or of all; the classical agents first."""

@@ -9,7 +9,7 @@ from agents.studies.figures import Look, ends, framed, grid, legend, looks
 from agents.studies.records import FLOOR, ORACLE, Condition
 from agents.studies.results import Place, Results
 from agents.studies.shares import ENDS, ruled
-from agents.studies.wording import capitalised, note, the
+from agents.studies.wording import note
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,8 +32,7 @@ def robustness(results: Results) -> Section:
     missing = [Prose(f"The study varies no {listed(lacking)} on its own.")] if lacking else []
     if not drawn:
         return Section("Robustness", [*missing])
-    who, first = capitalised(the(results.classical)), results.conditions[0]
-    caption = note("robustness", Who=who, first=first, floor=FLOOR, oracle=ORACLE)
+    caption = note("robustness", who=results.who, first=results.conditions[0], floor=FLOOR, oracle=ORACLE)
     picture = framed(robustness_figure(results, drawn), "Share kept over what may go wrong", caption)
     return Section("Robustness", [picture, *missing])
 

@@ -8,7 +8,6 @@ from typing import Any
 
 from agents.page import Block, Entry, Table, entry, number, words
 from agents.statistics import Interval
-from agents.studies.results import Policy
 
 _NOTES = Path(__file__).parents[1] / "templates" / "study-notes.md"
 
@@ -21,7 +20,12 @@ def _notes() -> dict[str, list[str]]:
 
 
 def paragraphs(name: str, **values: Any) -> list[str]:
-    """The paragraphs of a note in ``templates/study-notes.md``, with these values in its braces."""
+    """The paragraphs of a note in ``templates/study-notes.md``, with these values in its braces.
+
+    ``Who`` stands for ``who`` at the beginning of a sentence.
+    """
+    if "who" in values:
+        values["Who"] = capitalised(values["who"])
     return [" ".join(text.split()).format(**values) for text in _notes()[name]]
 
 
@@ -53,11 +57,6 @@ def percent(value: Interval | float | None) -> Entry:
 def microseconds(value: float | None) -> str:
     """CPU time [µs] to three digits."""
     return "–" if value is None else number(value, 0 if value >= 100.0 else 1)
-
-
-def the(policy: Policy) -> str:
-    """An agent in a sentence."""
-    return "the autopilot" if policy.agent == "autopilot" else policy.agent
 
 
 def named(name: str) -> str:
