@@ -48,11 +48,12 @@ quick: venv  ## Run those of the tests that take a minute in all
 nightly: venv  ## Run all cases of the slow tests, and those that take minutes (half an hour)
 	$(BIN)/python -m $(WORKERS) -m "slow or nightly"
 
-lint: venv  ## Check style, format, types and spelling
+lint: venv  ## Check style, format, types, spelling and the language of pages
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/codespell
+	$(BIN)/python .ci/readability.py
 
 docs: .venv/.docs  ## Build the documentation site into docs/_build/html; a warning is an error
 	$(BIN)/sphinx-build -W --keep-going -n -q docs docs/_build/html
