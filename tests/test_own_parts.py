@@ -438,7 +438,7 @@ def test_a_task_that_gives_nan_is_refused_at_its_step(name: str, column: int) ->
 
     task = type("Broken", (WritingTask,), {name: spoilt})(False)
     message = refused(Core(replace(ItsunusaAUVEnv.system, task=task), 3, "ekf"))
-    step = {"score": 1, "observe": 1, "reference": 2}[name]
+    step = {"score": 1, "observe": 0, "reference": 2}[name]
     assert f" at step {step} in row 2" in message
     assert " Broken" in message
 

@@ -232,7 +232,8 @@ class Core:
         belief = loop.begin(some, known(prior, config.composition), self._passed(measurements, now), u)
         if self.raw is not None:
             self.raw.begin(some, known(prior, self.raw.composition), measurements, u)
-        now.reference = self._reference(scenario, steps, belief, state)
+        now.reference, *seen = config.mission.begin(scenario, steps, belief.mean, self._d(belief), state, actuators)
+        now.observation = seen[0] if seen else None
         self.now = now = now if some is None else self.now.merged(some, now)
         self._refuse_at(now.steps, None)
         for part, arrays in ((config.world, self._moving), (config.mission, self._scoring)):
@@ -299,38 +300,32 @@ class Core:
 
     def _scoring(self, now: EnvState) -> tuple[np.ndarray, ...]:
         """Arguments of `vessel_gym.mission.Mission.equations`."""
-        action, declared = now.action, self._none
+        action, declared, belief = now.action, self._none, self.loop.belief
         if self.config.options.termination == "agent":
             action, declared = action[:, :-1], action[:, -1] > DECLARED
         exogenous, forces = now.exogenous, self.config.world.forces
         if forces.faulty:
             exogenous = np.ascontiguousarray(exogenous[:, : forces.outside])
         return (
-            now.scenario, now.steps, declared, self.loop.belief.mean, self._d(), now.state, exogenous, now.actuators,
+            now.scenario, now.steps, declared, belief.mean, self._d(belief), now.state, exogenous, now.actuators,
             action, now.score_state,
         )  # fmt: skip
 
-    def _d(self) -> np.ndarray:
+    def _d(self, belief: Belief) -> np.ndarray:
         """The estimated unknown input ``(B, q)``; q is 0 where there is none."""
-        d = self.loop.belief.input_mean
-        return self._no_input if d is None else d
+        d = belief.input_mean
+        return self._no_input[: len(belief.mean)] if d is None else d
 
     def observe(self) -> np.ndarray:
         """Observations ``(B, k)``, float32 and within bounds, of estimates or measurements, mission and actuators."""
-        config, now, guided = self.config, self.now, self.config.mission.guided and self.observe_mode == "mean"
-        observation = now.observation if guided else None
+        now, bound = self.now, self.task.BOUND
+        observation = now.observation
         if observation is None:
-            bound, mission = self.task.BOUND, config.mission
             with np.errstate(over="ignore", invalid="ignore"):  # diverged estimates are clipped
-                if guided:
-                    observe = mission.observe if mission.whole else mission.observe.function
-                    observation = observe(self.loop.belief.mean, self._d(), now.reference, now.actuators)
-                else:
-                    observation = np.clip(np.concatenate(self._observed(), -1), -bound, bound)
-            if config.world.task is not self.task:
+                observation = np.clip(np.concatenate(self._observed(), -1), -bound, bound)
+            if self.config.world.task is not self.task:
                 name = f"the observation of {type(self.task).__name__}"
                 refuse_not_finite(name, observation, now.steps, None, self.loop.belief.mean, now.state)
-            now.observation = observation if guided else None
         return observation.astype(np.float32, "C")
 
     def _observed(self) -> list[np.ndarray]:
@@ -429,12 +424,6 @@ class Core:
         truth = self.estimated(config.true_state.values(now, config.world.size)), config.unknown_input.values(now)
         values = np.concatenate(truth, -1)
         return values, np.ones(values.shape, bool)
-
-    def _reference(self, scenario: np.ndarray, steps: np.ndarray, belief: Belief, state: np.ndarray) -> np.ndarray:
-        """The reference ``(B, k)``: where the vehicle believes to be, or is, if nobody sees what it believes."""
-        where = state[:, self.config.based] if self.observe_mode == "measurement" else belief.mean
-        reference: np.ndarray = self.config.world.task.reference(scenario, steps, where)
-        return reference
 
 
 def _only(rows: np.ndarray | None, values: np.ndarray) -> np.ndarray:

@@ -42,6 +42,8 @@ class Mission:
     ) -> None:
         self.task, self.composition, self.termination, self.based = task, composition, termination, list(based)
         self.guided, self.measured, self.users = guided, measured, users
+        if users:
+            self.begin: Any = self.begin.function
         parts = [task] if isinstance(task, CheckedMethods) else []
         self.step: Any = (
             Step(self, parts, lambda *arrays: composition.forces.users(arrays[5])) if users else self.equations
@@ -77,28 +79,35 @@ class Mission:
             over = task.over(reference if alike else task.reference(scenario, steps, truth if true else mean))
         reward, end, score_state = task.score(state, exogenous, reference, over, actuators, action, score_state)
         scored = reference, reward, end, score_state
-        seen = (self._observation(mean, input_mean, reference, actuators),) if self.guided else ()
+        seen = self._seen(steps, mean, input_mean, state, reference, actuators)
         if not self.users:
             return *scored, *seen
-        if seen and isinstance(task, CheckedMethods) and not isinstance(mean, TracedArray):
-            refuse_not_finite(f"the observation of {task.title}", seen[0], steps, None, mean, state)
         sound = [np.isfinite(reference).all(-1), np.isfinite(reward), (end >= 0.0) & (end < len(task.end_reasons))]
         sound += [end == np.floor(end), *(~np.isnan(each).any(-1) for each in (score_state, *seen))]
         return reference, reward, as_integer(end), score_state, *seen, reduce(and_, sound)
 
-    @compiled
-    def observe(
-        self, mean: np.ndarray, input_mean: np.ndarray, reference: np.ndarray, actuators: np.ndarray
-    ) -> np.ndarray:
-        """The observation of mode ``"mean"``, within bounds."""
-        return self._observation(mean, input_mean, reference, actuators)
+    @compiled(axes=(1, 0, 1, 1, 1, 1))
+    def begin(
+        self, scenario: np.ndarray, steps: np.ndarray, mean: np.ndarray, input_mean: np.ndarray, state: np.ndarray,
+        actuators: np.ndarray,
+    ) -> tuple[np.ndarray, ...]:  # fmt: skip
+        """Reference ``(..., k)`` at an episode's start; the observation if it is ``guided``."""
+        reference = self.task.reference(scenario, steps, state[..., self.based] if self.measured else mean)
+        return reference, *self._seen(steps, mean, input_mean, state, reference, actuators)
 
-    def _observation(
-        self, mean: np.ndarray, input_mean: np.ndarray, reference: np.ndarray, actuators: np.ndarray
-    ) -> np.ndarray:
+    def _seen(
+        self, steps: np.ndarray, mean: np.ndarray, input_mean: np.ndarray, state: np.ndarray, reference: np.ndarray,
+        actuators: np.ndarray,
+    ) -> tuple[np.ndarray, ...]:  # fmt: skip
+        """The observation of mode ``"mean"``, within bounds, if it is ``guided``."""
+        if not self.guided:
+            return ()
         with np.errstate(over="ignore", invalid="ignore"):  # diverged estimates are clipped
             seen = self.task.observe(estimate_of(self.composition, mean, input_mean), reference, actuators)
-            return np.clip(seen, -self.task.BOUND, self.task.BOUND)
+            seen = np.clip(seen, -self.task.BOUND, self.task.BOUND)
+        if isinstance(self.task, CheckedMethods) and not isinstance(mean, TracedArray):
+            refuse_not_finite(f"the observation of {self.task.title}", seen, steps, None, mean, state)
+        return (seen,)
 
     @property
     def whole(self) -> bool:

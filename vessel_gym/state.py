@@ -36,15 +36,14 @@ class EnvState:
 
     def merged(self, rows: np.ndarray, some: "EnvState") -> "EnvState":
         """The state with new values of some rows."""
-        merged = [getattr(self, each.name).copy() for each in _ARRAYS]
-        for whole, each in zip(merged, _ARRAYS, strict=True):
-            whole[rows] = getattr(some, each.name)
-        return EnvState(*merged)
-
-
-_ARRAYS = [each for each in fields(EnvState) if each.name != "observation"]
+        merged = {each.name: getattr(self, each.name) for each in fields(self)}
+        for name, whole in merged.items():
+            if whole is not None:
+                merged[name] = whole.copy()
+                merged[name][rows] = getattr(some, name)
+        return EnvState(**merged)
 
 
 def blank(rows: int) -> EnvState:
     """The state of environments that were never reset: nothing has begun."""
-    return EnvState(*(np.zeros(rows, int) for _ in _ARRAYS))
+    return EnvState(*(np.zeros(rows, int) for _ in fields(EnvState)[:-1]))

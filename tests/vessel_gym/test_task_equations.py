@@ -30,9 +30,9 @@ def calls(system: System) -> list[tuple[Any, tuple[np.ndarray, ...]]]:
     exogenous = core.exogenous[:, : core.forces.outside]
     return [
         (task.reference, (core.scenario, core.steps, mean)),
-        (task.begin, (state, core.scenario)),
+        (task.initial_score_state, (state, core.scenario)),
         (task.score, (state, exogenous, reference, over, core.actuators, core.action, core.now.score_state)),
-        (core.config.mission.observe, (mean, np.zeros((ROWS, 0)), reference, core.actuators)),
+        (core.config.mission.begin, (core.scenario, core.steps, mean, np.zeros((ROWS, 0)), state, core.actuators)),
     ]
 
 
