@@ -46,7 +46,7 @@ quick: venv  ## Run those of the tests that take a minute in all
 	$(BIN)/python -m $(WORKERS) -m "not slow and not nightly"
 
 nightly: venv  ## Run all cases of the slow tests, and those that take minutes (half an hour)
-	$(BIN)/python -m $(WORKERS) -m "slow or nightly"
+	VESSEL_GYM_OPTIMISE=1 $(BIN)/python -m $(WORKERS) -m "slow or nightly"
 
 lint: venv  ## Check style, format, types, spelling and the language of pages
 	$(BIN)/ruff check .

@@ -1,9 +1,10 @@
-"""How many examples and cases are tried.
+"""How many examples and cases are tried, and how code is compiled.
 
 Hypothesis draws the same examples every time; ``--hypothesis-profile thorough`` draws ten thousand. Of a slow test's
-cases ``make test`` runs two, spread over all of them and elsewhere for every test; ``make nightly`` runs them all.
+cases ``make test`` runs one, elsewhere for every test; ``make nightly`` runs them all, and optimises what it compiles.
 """
 
+import os
 from collections import defaultdict
 from collections.abc import Iterator
 from zlib import crc32
@@ -16,6 +17,7 @@ settings.register_profile("thorough", settings.get_profile("default"), max_examp
 settings.load_profile("default")
 
 CASES = 1
+os.environ.setdefault("VESSEL_GYM_OPTIMISE", "0")  # of other processes, too: compiling took half of the time
 
 
 @pytest.hookimpl(tryfirst=True)  # before -m selects

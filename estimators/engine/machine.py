@@ -52,7 +52,7 @@ def _function(text: str) -> Any:
     from llvmlite import binding
 
     machine = _machine()
-    digest = sha256(f"{_VERSION} {' '.join(_processor())} {text}".encode()).hexdigest()[:40]
+    digest = sha256(f"{_VERSION} {_optimised():d} {' '.join(_processor())} {text}".encode()).hexdigest()[:40]
     path = folder() / f"{digest}.o"
     code = _kept(path)
     if code is None:
@@ -88,11 +88,18 @@ def _object(text: str, machine: Any) -> bytes:
 
     _announce()
     module = binding.parse_assembly(text)
+    if not _optimised():
+        return bytes(machine.emit_object(module))
     options = binding.create_pipeline_tuning_options(speed_level=1)
     options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = False
     passes = binding.create_pass_builder(machine, options)
     passes.getModulePassManager().run(module, passes)
     return bytes(machine.emit_object(module))
+
+
+def _optimised() -> bool:
+    """Is code optimised? Otherwise it is compiled in a seventh of the time, and batches take up to four times as long."""
+    return os.environ.get("VESSEL_GYM_OPTIMISE") != "0"
 
 
 @cache
@@ -115,7 +122,8 @@ def _machine() -> Any:
         binding.add_symbol(symbol, ctypes.addressof(ctypes.c_byte.in_dll(ctypes.pythonapi, symbol)))
     _, triple, name, features = _processor()
     target = binding.Target.from_triple(triple)
-    return target.create_target_machine(cpu=name, features=features, opt=2, reloc="pic", jit=True)
+    level = 2 if _optimised() else 0
+    return target.create_target_machine(cpu=name, features=features, opt=level, reloc="pic", jit=True)
 
 
 def scratch(size: int) -> np.ndarray:

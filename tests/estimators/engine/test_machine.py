@@ -220,8 +220,11 @@ def elementary(x: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.skipif("x86_64" not in machine._processor()[1], reason="of processors of this family")
-@pytest.mark.parametrize("name", ["x86-64", "x86-64-v2", "x86-64-v3"])
-def test_a_processor_with_less_gives_the_same_bits(name: str, monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize("optimise", ["0", "1"])
+@pytest.mark.parametrize("name", ["x86-64", "x86-64-v2", "x86-64-v3", machine._processor()[2]])
+def test_a_processor_with_less_and_a_compiler_with_more_effort_give_the_same_bits(
+    name: str, optimise: str, monkeypatch: pytest.MonkeyPatch
+):
     if name == "x86-64-v3" and "+avx2" not in machine._processor()[3]:
         pytest.skip("this machine is an older one")
     rng = np.random.default_rng(0)
@@ -233,7 +236,9 @@ def test_a_processor_with_less_gives_the_same_bits(name: str, monkeypatch: pytes
         functions.append((random, random.n))
     expected = [results(f, n, np.ascontiguousarray(x[:, :n])) for f, n in functions]
     processor = machine._processor()
-    monkeypatch.setattr(machine, "_processor", lambda: (*processor[:2], name, ""))
+    monkeypatch.setenv("VESSEL_GYM_OPTIMISE", optimise)
+    if name != processor[2]:
+        monkeypatch.setattr(machine, "_processor", lambda: (*processor[:2], name, ""))
     forget(monkeypatch)
     texts = compilations(monkeypatch)
     assert [results(f, n, np.ascontiguousarray(x[:, :n])) for f, n in functions] == expected
