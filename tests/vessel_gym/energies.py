@@ -5,6 +5,9 @@ import numpy as np
 from vessel_gym.vehicles.itsunusa import I as Plane
 from vessel_gym.vehicles.segorogeni import I
 
+DRAG = ("X_uu", "Y_vv", "Y_rr", "Z_ww", "Z_qq", "K_pp", "M_ww", "M_qq", "N_vv", "N_rr")
+LIFT = ("Y_uv", "Y_ur", "Z_uw", "Z_uq", "M_uw", "M_uq", "N_uv", "N_ur", "K_up")
+
 
 def inertia(c: np.ndarray) -> np.ndarray:
     """Inertia ``(..., 6, 6)`` of body and added mass for coefficients ``(..., k)``."""

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import quad
 from scipy.linalg import expm
 from sensing import sensors_of, without_a_filter
 from stepping import corvette_step
@@ -326,72 +326,8 @@ def test_port_mirrors_starboard(ship: CorvetteParameters):
     np.testing.assert_allclose(mirrored, ship_rates(states, controls, c) * MIRROR, rtol=1e-12, atol=1e-13)
 
 
-@each_ship
-def test_a_batch_is_a_loop(ship: CorvetteParameters):
-    rng = np.random.default_rng(4)
-    states, controls = random_motions(rng, 12)
-    states, controls = states.reshape(3, 4, 8), controls.reshape(3, 4, 8)
-    c = ship.vector() * rng.uniform(0.9, 1.1, (4, len(COEFFICIENTS)))  # one ship a column
-    moving = np.concatenate([controls[..., :1], controls], -1)
-    rates, after = ship_rates(states, controls, c), ship_step(states, moving, c, 0.5, 2)
-    assert rates.shape == after.shape == (3, 4, 8)
-    for i, j in np.ndindex(3, 4):
-        np.testing.assert_array_equal(rates[i, j], ship_rates(states[i, j], controls[i, j], c[j]))
-        np.testing.assert_array_equal(after[i, j], ship_step(states[i, j], moving[i, j], c[j], 0.5, 2))
-
-
-def test_the_compiled_functions_leave_their_inputs_alone():
-    states, controls = random_motions(np.random.default_rng(5), 5)
-    moving, c = np.concatenate([controls[:, :1], controls], -1), SHIP.vector()
-    copies = [a.copy() for a in (states, controls, moving, c)]
-    ship_rates(states, controls, c)
-    ship_step(states, moving, c, 0.5, 1)
-    for a, b in zip((states, controls, moving, c), copies, strict=True):
-        np.testing.assert_array_equal(a, b)
-
-
-def precise(
-    ship: CorvetteParameters, state: np.ndarray, start: float, end: float, around: np.ndarray, dt: float
-) -> np.ndarray:
-    """A step by SciPy's integrator, the rudder moving linearly."""
-    c = ship.vector()
-    solution = solve_ivp(
-        lambda t, s: ship_rates(s, np.array([start + (end - start) * t / dt, *around]), c),
-        (0.0, dt), state, method="DOP853", rtol=1e-13, atol=1e-12,
-    )  # fmt: skip
-    return solution.y[:, -1]
-
-
 HARD_OVER = np.array([3.0, -4.0, 0.7, 13.0, -1.5, 0.03, -0.1, 0.02])
 PUSHED = np.array([0.3, -0.5, 1e5, -2e5, 5e6, 1e6, 0.2])
-
-
-@each_ship
-def test_a_step_is_the_solution_of_the_equations(ship: CorvetteParameters):
-    c = ship.vector()
-    exact = precise(ship, HARD_OVER, 0.5, 0.54, PUSHED, 0.5)
-    step = ship_step(HARD_OVER, np.array([0.5, 0.54, *PUSHED]), c, 0.5, 1)
-    np.testing.assert_allclose(step, exact, rtol=0, atol=1e-5)
-    finer = ship_step(HARD_OVER, np.array([0.5, 0.54, *PUSHED]), c, 0.5, 32)
-    np.testing.assert_allclose(finer, exact, rtol=0, atol=1e-11)
-
-
-@each_ship
-def test_the_step_is_of_fourth_order(ship: CorvetteParameters):
-    exact = precise(ship, HARD_OVER, 0.3, 0.5, PUSHED, 4.0)
-    control = np.array([0.3, 0.5, *PUSHED])
-    errors = [np.abs(ship_step(HARD_OVER, control, ship.vector(), 4.0, n) - exact).max() for n in (8, 16, 32)]
-    ratios = np.array(errors[:-1]) / errors[1:]
-    assert ((ratios > 13.0) & (ratios < 19.0)).all()
-
-
-@each_ship
-def test_substeps_are_steps(ship: CorvetteParameters):
-    c = ship.vector()
-    half = ship_step(HARD_OVER, np.array([0.50, 0.52, *PUSHED]), c, 0.25, 1)
-    two = ship_step(half, np.array([0.52, 0.54, *PUSHED]), c, 0.25, 1)
-    whole = ship_step(HARD_OVER, np.array([0.50, 0.54, *PUSHED]), c, 0.5, 2)
-    np.testing.assert_allclose(whole, two, rtol=1e-14)
 
 
 # --- what the ship does -----------------------------------------------------------------------------
@@ -659,12 +595,6 @@ def test_the_thesis_rudder_goes_to_the_angle_that_it_is_given_at_its_rate():
     np.testing.assert_allclose(after, [[full], [0.1], [0.1 - full], [-35 * DEG]], rtol=0, atol=1e-15)
 
 
-def test_without_mismatch_the_truth_has_the_filter_s_parameters():
-    normals = np.random.default_rng(8).normal(size=(5, len(UNCERTAIN)))
-    assert AT_SEA.normals == normals.shape[1]
-    np.testing.assert_array_equal(AT_SEA.parameters(0.0, normals), np.tile(SHIP.vector(), (5, 1)))
-
-
 def test_mismatch_spreads_hydrodynamics_within_two_deviations_and_leaves_geometry_alone():
     normals = np.array([[1.0] * len(UNCERTAIN), [-9.0] * len(UNCERTAIN), [0.0] * len(UNCERTAIN)])
     drawn, nominal = AT_SEA.parameters(0.1, normals), np.tile(SHIP.vector(), (3, 1))
@@ -702,17 +632,6 @@ def test_the_trial_starts_straight_on_whatever_the_filter_s_prior():
     state, actuators = VEHICLE.start(np.random.default_rng(9).normal(size=(4, 3)))
     np.testing.assert_array_equal(state, np.tile([0.0, 0.0, 0.0, SHIP.speed, 0.0, 0.0, 0.0, 0.0], (4, 1)))
     np.testing.assert_array_equal(actuators, np.zeros((4, 1)))
-
-
-def test_a_step_of_the_vehicle_is_a_step_of_the_ship_with_the_unknown_input_added():
-    rng = np.random.default_rng(10)
-    states, controls = random_motions(rng, 6)
-    before, after, around = controls[:, :1], controls[:, :1] + 0.02, controls[:, 1:]
-    d, c = rng.normal(size=(6, 1)) * 0.01, AT_SEA.parameters(0.0, np.zeros((6, AT_SEA.normals)))
-    stepped = AT_SEA.step(states, before, after, np.hstack([d, around]), c)
-    plain = ship_step(states, np.hstack([before, after, around]), c, 0.5, 1)
-    np.testing.assert_array_equal(np.delete(stepped, 2, -1), np.delete(plain, 2, -1))
-    np.testing.assert_allclose(stepped[:, 2], plain[:, 2] + d[:, 0], rtol=0, atol=1e-15)
 
 
 def test_a_perfect_compass_reads_heading_and_yaw_increment():

@@ -8,24 +8,18 @@ from energies import energy as energy_in_space
 from energies import energy_in_the_plane as energy
 from energies import inertia as inertia_in_space
 from energies import inertia_in_the_plane as inertia
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
 from scipy.optimize import root
-from sensing import UnevenWater, exogenous, sensors_of, without_a_filter
+from sensing import UnevenWater, exogenous, sensors_of
 from stepping import itsunusa_step, segorogeni_step
+from vehicle_cases import AUVS
 
 from agents import rollout
-from estimators import wrap
-from vessel_gym.core import Core
-from vessel_gym.disturbances import Fault, Water
+from vessel_gym.disturbances import Fault
 from vessel_gym.envs.auv import PLANE_WATERS as WATERS
-from vessel_gym.envs.itsunusa_auv import ITSUNUSA_AUV
-from vessel_gym.filter_models.build import Composition, compose
+from vessel_gym.filter_models.build import compose
 from vessel_gym.vehicles.auv import UNCERTAIN, VERTICAL
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.itsunusa import (
-    COEFFICIENTS,
     STATE,
     Itsunusa,
     itsunusa_rates,
@@ -39,26 +33,17 @@ BODY = load("itsunusa")
 C = BODY.vector()
 VEHICLE = Itsunusa()
 SENSORS = sensors_of(VEHICLE)
+AUV = AUVS["itsunusa"]
 STILL = np.zeros(1)  # no current
 DEG = np.pi / 180.0
 PLANE = np.array([0, 2, 4, 6, 8, 10])
 """Where the state lies in that of six degrees of freedom."""
-DRAG = ("X_uu", "Z_ww", "Z_qq", "M_ww", "M_qq")
-LIFT = ("Z_uw", "Z_uq", "M_uw", "M_uq")
 
 SIX = replace(
     load("segorogeni"), length=2.0, diameter=0.30, fin_area=BODY.fin_area, fin_position=-1.0, z_g=BODY.z_g,
     buoyancy_excess=BODY.buoyancy_excess, axial_drag=BODY.axial_drag, propeller_torque=0.0,
 )  # fmt: skip
 """The same body in six degrees of freedom."""
-
-
-def changed(c: np.ndarray, **values: float) -> np.ndarray:
-    """Coefficients with some of them set, by name."""
-    c = c.copy()
-    for name, value in values.items():
-        c[..., COEFFICIENTS.index(name)] = value
-    return c
 
 
 def random_states(rng: np.random.Generator, n: int) -> np.ndarray:
@@ -158,67 +143,6 @@ def test_going_ahead_the_equations_are_the_printed_ones():
     np.testing.assert_allclose(rates[:, :3], printed, rtol=1e-10, atol=1e-11)
 
 
-def power(state: np.ndarray, rates: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Rate of change of `energy`, by the chain rule."""
-    values = dict(zip(COEFFICIENTS, np.moveaxis(c, -1, 0), strict=True))
-    kinetic = np.vecdot(state[..., :3], np.matvec(inertia(c), rates[..., :3]))
-    tilt = np.sin(state[..., 5]) * rates[..., 5]
-    return kinetic - values["net_weight"] * rates[..., 4] + values["righting_moment"] * tilt
-
-
-@given(st.lists(st.floats(-1.0, 1.0, allow_subnormal=False), min_size=4, max_size=4))
-def test_in_still_water_without_thrust_energy_never_grows(numbers):
-    state = np.zeros(6)
-    state[[0, 1, 2, 5]] = np.array(numbers) * [4.0, 2.0, 3.0, 2.0 * np.pi]
-    gained = power(state, itsunusa_rates(state, np.zeros(2), STILL, C), C)
-    assert gained <= 1e-11 * (1.0 + np.abs(state[:3]).max()) ** 3
-
-
-@settings(max_examples=20)
-@given(st.integers(0, 2**32 - 1))
-def test_energy_never_grows_along_a_track(seed):
-    state = random_states(np.random.default_rng(seed), 8)
-    for _ in range(200):
-        after = itsunusa_step(state, np.zeros(4), STILL, C, 0.05, 4)
-        assert (energy(after, C) <= energy(state, C) + 1e-7).all()
-        state = after
-
-
-def test_without_drag_and_lift_energy_is_conserved():
-    c = changed(C, **dict.fromkeys(DRAG + LIFT, 0.0))
-    state = random_states(np.random.default_rng(4), 20)
-    after = itsunusa_step(state, np.zeros(4), STILL, c, 10.0, 10_000)
-    np.testing.assert_allclose(energy(after, c), energy(state, c), rtol=1e-10)
-    assert np.abs(after - state).max() > 1.0
-
-
-def test_the_inertia_is_symmetric_positive_definite_and_inverted_once():
-    M = inertia(C)
-    np.testing.assert_array_equal(M, M.T)
-    assert np.linalg.eigvalsh(M).min() > 0.0
-    values = dict(zip(COEFFICIENTS, C, strict=True))
-    inverse = [[values.get(f"inverse_{a}{b}", values.get(f"inverse_{b}{a}")) for b in "uwq"] for a in "uwq"]
-    np.testing.assert_allclose(M @ inverse, np.eye(3), rtol=0, atol=1e-12)
-
-
-def test_a_batch_is_a_loop_and_inputs_stay():
-    rng = np.random.default_rng(5)
-    states, controls = random_states(rng, 12).reshape(3, 4, 6), random_controls(rng, 12).reshape(3, 4, 2)
-    currents = random_currents(rng, 12).reshape(3, 4, 1)
-    c = VEHICLE.parameters(0.2, rng.normal(size=(4, VEHICLE.normals)))  # one vehicle a column
-    moving = np.concatenate([controls, 0.9 * controls], -1)
-    copies = [a.copy() for a in (states, controls, moving, currents, c)]
-    rates, after = itsunusa_rates(states, controls, currents, c), itsunusa_step(states, moving, currents, c, 0.1, 2)
-    read = SENSORS.exact(states, exogenous(VEHICLE, currents))
-    for i, j in np.ndindex(3, 4):
-        alone = states[i, j], controls[i, j], currents[i, j]
-        np.testing.assert_array_equal(rates[i, j], itsunusa_rates(*alone, c[j]))
-        np.testing.assert_array_equal(after[i, j], itsunusa_step(alone[0], moving[i, j], alone[2], c[j], 0.1, 2))
-        np.testing.assert_array_equal(read[i, j], SENSORS.exact(alone[0], exogenous(VEHICLE, alone[2])))
-    for a, b in zip((states, controls, moving, currents, c), copies, strict=True):
-        np.testing.assert_array_equal(a, b)
-
-
 # --- the step ---------------------------------------------------------------------------------------
 
 
@@ -227,29 +151,12 @@ CURRENT = np.array([0.2])
 HARD = np.array([-0.2, 10.0, -0.1, 20.0])
 
 
-def test_a_step_is_the_solution_of_the_equations():
-    solution = solve_ivp(
-        lambda t, s: itsunusa_rates(s, HARD[:2] + (HARD[2:] - HARD[:2]) * t / 0.1, CURRENT, C),
-        (0.0, 0.1), DIVE, method="DOP853", rtol=1e-13, atol=1e-13,
-    )  # fmt: skip
-    np.testing.assert_allclose(itsunusa_step(DIVE, HARD, CURRENT, C, 0.1, 2), solution.y[:, -1], rtol=0, atol=2e-6)
-    np.testing.assert_allclose(itsunusa_step(DIVE, HARD, CURRENT, C, 0.1, 64), solution.y[:, -1], rtol=0, atol=1e-9)
-
-
 def test_two_substeps_are_converged_over_a_dive():
     coarse = fine = np.array(DIVE)
     for k in range(150):
         control = np.array([0.3, 30.0, 0.35, 30.0]) * (1.0 if k < 40 else -0.4 if k < 80 else 0.1)
         coarse, fine = (itsunusa_step(x, control, CURRENT, C, 0.1, n) for x, n in ((coarse, 2), (fine, 20)))
         np.testing.assert_allclose(coarse, fine, rtol=0, atol=2e-5)
-
-
-def test_a_current_shifts_the_track_and_nothing_else():
-    rng = np.random.default_rng(6)
-    states, currents = random_states(rng, 20), random_currents(rng, 20)
-    drifted, straight = (itsunusa_step(states, HARD, flow, C, 2.0, 40) for flow in (currents, STILL))
-    np.testing.assert_allclose(drifted[:, 3] - straight[:, 3], 2.0 * currents[:, 0], rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(drifted[:, [0, 1, 2, 4, 5]], straight[:, [0, 1, 2, 4, 5]])
 
 
 # --- what the vehicle does --------------------------------------------------------------------------
@@ -300,13 +207,7 @@ def test_all_thrust_makes_two_metres_a_second():
 # --- the vehicle in an environment ------------------------------------------------------------------
 
 
-INCREMENTS, CURRENT_SD = (0.02, 0.015, 0.025), 0.12
-WATER = UnevenWater(VEHICLE, INCREMENTS, (CURRENT_SD,))
-
-
-def told(noise: float = 1.0, how: str | None = None) -> Composition:
-    """What filters are told of the vehicle in that water, with so many times the sensors' nominal noise."""
-    return compose(VEHICLE, "nonlinear", WATER, sensors_of(VEHICLE, noise), how)
+WATER = UnevenWater(VEHICLE, AUV.increments, AUV.currents)
 
 
 def test_names_and_sizes_agree():
@@ -314,8 +215,8 @@ def test_names_and_sizes_agree():
     assert SENSORS.channels == ("u over ground", "w over ground", "z", "theta", "q", "x")
     assert (VEHICLE.incremented, VEHICLE.ambient_flows) == (("u", "w", "q"), ("current",))
     assert VEHICLE.estimated("nonlinear") == STATE
-    assert told().names == (*STATE, "current")
-    assert told(how="process-noise").names == STATE
+    assert AUV.composed().names == (*STATE, "current")
+    assert AUV.composed(how="process-noise").names == STATE
     x = np.random.default_rng(13).normal(size=(4, 6))
     state, actuators = VEHICLE.start(x)
     np.testing.assert_array_equal(state, x)
@@ -323,14 +224,6 @@ def test_names_and_sizes_agree():
     np.testing.assert_array_equal(actuators, np.tile([0.0, BODY.cruise_thrust], (4, 1)))
     _, (_, thrust) = level_flight(1.5)
     assert BODY.cruise_thrust == pytest.approx(thrust, rel=0.02)
-
-
-def test_filters_estimate_the_whole_state_and_the_current():
-    core = Core(ITSUNUSA_AUV, 4, "dead-reckoning")
-    core.start(seed=3)
-    core.step(np.zeros((4, 2)))
-    assert core.truth_names == core.composition.names == (*STATE, "current")
-    np.testing.assert_array_equal(core.estimated(core.truth), np.hstack([core.state, core.sea_state]))
 
 
 def test_actuators_keep_their_limits_rates_and_lag():
@@ -343,27 +236,6 @@ def test_actuators_keep_their_limits_rates_and_lag():
     np.testing.assert_allclose(VEHICLE.actuate(actuators, np.array([[-1.0, 0.0]]))[0, 0], 20 * DEG - 0.1, rtol=1e-12)
 
 
-def test_a_step_of_the_vehicle_gets_its_increment_at_its_end():
-    rng = np.random.default_rng(7)
-    states, before, after = random_states(rng, 6), random_controls(rng, 6), random_controls(rng, 6)
-    increments, currents = rng.normal(size=(6, 3)) * 0.1, random_currents(rng, 6)
-    c = VEHICLE.parameters(0.0, np.zeros((6, VEHICLE.normals)))
-    stepped = VEHICLE.step(states, before, after, np.hstack([increments, currents]), c)
-    plain = itsunusa_step(states, np.hstack([before, after]), currents, C, 0.1, 2)
-    np.testing.assert_allclose(stepped[:, :3], plain[:, :3] + increments, rtol=0, atol=1e-15)
-    np.testing.assert_array_equal(stepped[:, 3:], plain[:, 3:])
-
-
-@pytest.mark.parametrize("water", [water for water in WATERS.values() if isinstance(water, Water)])
-def test_the_current_dies_away_in_200_s_and_keeps_its_size(water):
-    decay, currents = np.exp(-0.1 / 200.0), random_currents(np.random.default_rng(14), 6)
-    np.testing.assert_allclose(water.process.advance(currents), decay * currents, rtol=1e-15)
-    np.testing.assert_array_equal(water.effect(currents, np.zeros((6, 6))), currents)
-    np.testing.assert_allclose(water.process.start_cov, [[water.current**2]], rtol=1e-14)
-    fresh = water.process.root @ water.process.root.T
-    np.testing.assert_allclose(decay**2 * water.process.start_cov + fresh, [[water.current**2]], rtol=1e-14)
-
-
 def test_sensors_read_what_those_in_six_degrees_of_freedom_do():
     rng = np.random.default_rng(8)
     states, currents, six = random_states(rng, 50), random_currents(rng, 50), Segorogeni(SIX)
@@ -372,50 +244,12 @@ def test_sensors_read_what_those_in_six_degrees_of_freedom_do():
     np.testing.assert_allclose(SENSORS.exact(states, incremented), full[:, [0, 2, 3, 5, 8, 10]], rtol=0, atol=1e-13)
 
 
-def test_in_still_water_exact_measurements_give_back_the_state():
-    states = random_states(np.random.default_rng(9), 20)
-    measurements = SENSORS.exact(states, np.zeros((20, 4)))
-    known = SENSORS.states_from(measurements)
-    np.testing.assert_array_equal(np.stack([known[name] for name in STATE], -1), states)
-    x, d = without_a_filter(told(), VEHICLE.increments, measurements)
-    x = np.array(x)  # those of a belief are read-only
-    x[:, 5] = states[:, 5] + wrap(x[:, 5] - states[:, 5])
-    np.testing.assert_allclose(x, np.hstack([states, np.zeros((20, 1))]), rtol=0, atol=1e-14)
-    np.testing.assert_array_equal(d, np.zeros((20, 3)))
-
-
-def test_the_filter_s_model_is_the_vehicle_without_increments():
-    rng = np.random.default_rng(10)
-    model = told(noise=2.0).model
-    ensemble, currents = random_states(rng, 30).reshape(3, 10, 6), random_currents(rng, 30).reshape(3, 10, 1)
-    before, after = random_controls(rng, 3), random_controls(rng, 3)
-    whole = np.concatenate([ensemble, currents], -1)
-    predicted = model.transition(whole, np.hstack([before, after])[:, None])
-    c = VEHICLE.parameters(0.0, np.zeros((10, VEHICLE.normals)))
-    for i in range(3):
-        rows = [np.tile(control[i], (10, 1)) for control in (before, after)]
-        stepped = VEHICLE.step(ensemble[i], *rows, exogenous(VEHICLE, currents[i]), c)
-        np.testing.assert_array_equal(predicted[i, :, :6], stepped)
-    np.testing.assert_allclose(predicted[..., 6:], np.exp(-0.1 / 200.0) * currents, rtol=1e-15)
-    read = SENSORS.exact(ensemble, exogenous(VEHICLE, currents))
-    np.testing.assert_array_equal(model.measurement(whole, None), read)
-    np.testing.assert_allclose(model.R, np.diag((2.0 * np.array([0.01, 0.01, 0.02, 0.01, 0.005, 0.5])) ** 2))
-    increment = CURRENT_SD * np.sqrt(1.0 - np.exp(-2.0 * 0.1 / 200.0))
-    np.testing.assert_allclose(
-        model.Q, np.diag(np.array([*INCREMENTS, 0.0, 0.0, 0.0, increment]) ** 2), rtol=1e-12, atol=0
-    )
-    assert model.G is model.H is None
-    assert (model.state_angles, model.measurement_angles) == ((5,), (3,))
-    with pytest.raises(ValueError, match=r"^unknown filter model 'linear' .*: choose from nonlinear, steady dives$"):
-        Core(ITSUNUSA_AUV, estimator_options={"model": "linear"})
-
-
 def test_a_measurement_may_correct_all_but_the_way_covered_and_only_a_fix_corrects_that():
     read = ("u", "w", "z", "theta", "q", "x")
     assert tuple(channel.split()[0] for channel in SENSORS.channels) == read
     expected = [[(state == "x") == (measurement == "x") for measurement in read] for state in (*STATE, "current")]
-    np.testing.assert_array_equal(told().localisation, expected)
-    np.testing.assert_array_equal(told(how="process-noise").localisation, expected[:6])
+    np.testing.assert_array_equal(AUV.composed().localisation, expected)
+    np.testing.assert_array_equal(AUV.composed(how="process-noise").localisation, expected[:6])
 
 
 def test_mismatch_is_that_of_six_degrees_of_freedom():
@@ -430,7 +264,7 @@ def test_mismatch_is_that_of_six_degrees_of_freedom():
     expected = segorogeni_rates(in_space(states), rudder_centred(controls), northward(currents), full)
     np.testing.assert_allclose(rates, expected[:, PLANE], rtol=1e-11, atol=1e-12)
     assert np.linalg.eigvalsh(inertia(c)).min() > 0.0
-    assert power(states, itsunusa_rates(states, np.zeros(2), currents, c), c).max() < 0.0
+    assert AUV.power(states, itsunusa_rates(states, np.zeros(2), currents, c), c).max() < 0.0
     np.testing.assert_array_equal(VEHICLE.parameters(0.0, normals[:3, :VERTICAL]), np.tile(C, (3, 1)))
 
 

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from sensing import exogenous, sensors_of, without_a_filter
 from stepping import puna_step
 
@@ -19,7 +18,6 @@ from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN
 from vessel_gym.vehicles.puna import (
     STATE,
     Puna,
-    _fix,
     airspeed,
     puna_rates,
     trim,
@@ -215,29 +213,6 @@ def test_no_direction_is_special():
     np.testing.assert_allclose(after, turned(axes_step(states, control, C, 1.0, 10)), rtol=0, atol=1e-9)
 
 
-def test_a_batch_is_a_loop_and_inputs_stay():
-    rng = np.random.default_rng(7)
-    axes, controls = random_states(rng, 12).reshape(3, 4, 10), random_controls(rng, 12).reshape(3, 4, 3)
-    states, winds = own_state(axes), axes[..., 7:]
-    c = VEHICLE.parameters(0.2, rng.normal(size=(4, VEHICLE.normals)))  # one aircraft a column
-    moving = np.concatenate([controls, 0.9 * controls], -1)
-    copies = [a.copy() for a in (states, controls, moving, winds, c)]
-    rates, after = puna_rates(states, controls, winds, c), puna_step(states, moving, winds, c, 0.1, 1)
-    gnss, through_air = _fix(states, winds), airspeed(states, winds)
-    biases = rng.normal(size=(3, 4, 3))
-    read = SENSORS.exact(states, exogenous(VEHICLE, winds), biases)
-    for i, j in np.ndindex(3, 4):
-        np.testing.assert_array_equal(rates[i, j], puna_rates(states[i, j], controls[i, j], winds[i, j], c[j]))
-        alone = puna_step(states[i, j], moving[i, j], winds[i, j], c[j], 0.1, 1)
-        np.testing.assert_array_equal(after[i, j], alone)
-        np.testing.assert_array_equal(gnss[i, j], _fix(states[i, j], winds[i, j]))
-        assert through_air[i, j] == airspeed(states[i, j], winds[i, j])
-        alone = SENSORS.exact(states[i, j], exogenous(VEHICLE, winds[i, j]), biases[i, j])
-        np.testing.assert_array_equal(read[i, j], alone)
-    for a, b in zip((states, controls, moving, winds, c), copies, strict=True):
-        np.testing.assert_array_equal(a, b)
-
-
 # --- where the equations have poles -----------------------------------------------------------------
 
 
@@ -313,32 +288,6 @@ def test_a_steady_wind_shifts_the_track_and_nothing_else():
 
 CLIMBING_TURN = np.array([3.0, -4.0, 100.0, 17.0, 0.2, 0.7, 0.4, 2.0, -1.0, 0.5])
 HARD = np.array([4.0, 0.02, -0.6, 7.0, 0.07, 0.6])  # as fast as actuators move
-
-
-def precise(state: np.ndarray, control: np.ndarray, dt: float) -> np.ndarray:
-    """A step by SciPy's integrator, the actuators moving linearly."""
-    start, end = control[:3], control[3:]
-    solution = solve_ivp(
-        lambda t, s: puna_rates(s, start + (end - start) * t / dt, state[7:], C),
-        (0.0, dt), own_state(state), method="DOP853", rtol=1e-13, atol=1e-13,
-    )  # fmt: skip
-    return in_wind_axes(solution.y[:, -1], state[7:])
-
-
-def test_a_step_is_the_solution_of_the_equations_to_fourth_order():
-    exact = precise(CLIMBING_TURN, HARD, 0.1)
-    np.testing.assert_allclose(axes_step(CLIMBING_TURN, HARD, C, 0.1, 1), exact, rtol=0, atol=6e-5)
-    exact = precise(CLIMBING_TURN, HARD, 1.0)
-    errors = [np.abs(axes_step(CLIMBING_TURN, HARD, C, 1.0, n) - exact).max() for n in (10, 20, 40)]
-    ratios = np.array(errors[:-1]) / errors[1:]
-    assert ((ratios > 13.0) & (ratios < 20.0)).all()
-
-
-def test_substeps_are_steps():
-    middle = 0.5 * (HARD[:3] + HARD[3:])
-    half = axes_step(CLIMBING_TURN, np.concatenate([HARD[:3], middle]), C, 0.05, 1)
-    two = axes_step(half, np.concatenate([middle, HARD[3:]]), C, 0.05, 1)
-    np.testing.assert_allclose(axes_step(CLIMBING_TURN, HARD, C, 0.1, 2), two, rtol=1e-13)
 
 
 def test_one_step_is_converged_in_half_a_minute_of_full_reversals():
@@ -625,17 +574,6 @@ def test_straight_up_straight_down_and_at_rest_a_step_is_finite_and_no_wing_bear
     assert moved[0, 5] == pytest.approx((200.0 - 9.81) * 0.01, rel=0.02)
 
 
-def test_a_step_of_the_vehicle_gets_its_increment_at_its_end():
-    rng = np.random.default_rng(15)
-    axes, before, after = random_states(rng, 6), random_controls(rng, 6), random_controls(rng, 6)
-    states, winds, increments = own_state(axes), axes[:, 7:], rng.normal(size=(6, 4))
-    c = VEHICLE.parameters(0.0, np.zeros((6, VEHICLE.normals)))
-    stepped = VEHICLE.step(states, before, after, np.hstack([increments, winds]), c)
-    plain = puna_step(states, np.hstack([before, after]), winds, C, 0.1, 1)
-    np.testing.assert_array_equal(stepped[:, :3], plain[:, :3])
-    np.testing.assert_allclose(stepped[:, 3:] - plain[:, 3:], increments, rtol=0, atol=1e-12)
-
-
 def test_the_wind_decays_and_the_bias_stays_but_for_what_enters():
     rng = np.random.default_rng(27)
     air, bias = rng.normal(size=(6, 6)), rng.normal(size=(6, 3))
@@ -737,11 +675,6 @@ def test_the_filter_s_wind_decays_as_that_of_the_air_it_is_told():
 
 
 # --- mismatch ---------------------------------------------------------------------------------------
-
-
-def test_without_mismatch_every_truth_is_the_filter_s():
-    normals = np.random.default_rng(20).normal(size=(5, VEHICLE.normals))
-    np.testing.assert_array_equal(VEHICLE.parameters(0.0, normals), np.tile(C, (5, 1)))
 
 
 def test_mismatch_scales_what_is_uncertain_and_nothing_else():

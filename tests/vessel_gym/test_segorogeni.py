@@ -1,27 +1,18 @@
 """The Segorogeni: compiled equations against the printed ones, energy, trim, turns, the contract of a vehicle."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from energies import energy, inertia
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
+from energies import DRAG, LIFT, inertia
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
-from sensing import UnevenWater, exogenous, sensors_of, without_a_filter
+from sensing import sensors_of
 from stepping import segorogeni_step
+from vehicle_cases import AUVS, WITH_REMUS
 
-from estimators import wrap
-from vessel_gym.core import Core
-from vessel_gym.disturbances import Water
-from vessel_gym.envs.auv import WATERS
-from vessel_gym.envs.segorogeni_auv import SEGOROGENI_AUV
-from vessel_gym.filter_models.build import Composition, compose
 from vessel_gym.vehicles.auv import UNCERTAIN
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.hydrodynamics import Coefficients
 from vessel_gym.vehicles.segorogeni import (
     COEFFICIENTS,
     STATE,
@@ -34,31 +25,10 @@ BODY = load("segorogeni")
 C = BODY.vector()
 VEHICLE = Segorogeni()
 SENSORS = sensors_of(VEHICLE)
+AUV = AUVS["segorogeni"]
 STILL = np.zeros(2)  # no current
 DEG = np.pi / 180.0
-DRAG = ("X_uu", "Y_vv", "Y_rr", "Z_ww", "Z_qq", "K_pp", "M_ww", "M_qq", "N_vv", "N_rr")
-LIFT = ("Y_uv", "Y_ur", "Z_uw", "Z_uq", "M_uw", "M_uq", "N_uv", "N_ur", "K_up")
 MIRROR = np.array([1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1])
-
-REMUS = Coefficients(
-    X_udot=-0.93, Y_vdot=-35.5, Y_rdot=1.93, Z_wdot=-35.5, Z_qdot=-1.93, K_pdot=-0.0704, M_wdot=-1.93, M_qdot=-4.88,
-    N_vdot=1.93, N_rdot=-4.88, X_uu=-1.62, Y_vv=-131.0, Y_rr=0.632, Z_ww=-131.0, Z_qq=-0.632, K_pp=-0.0013,
-    M_ww=3.18, M_qq=-9.4, N_vv=-3.18, N_rr=-9.4, Y_uv=-28.6, Y_ur=6.15, Z_uw=-28.6, Z_uq=-6.15, M_uw=-10.6,
-    M_uq=-3.93, N_uv=10.6, N_ur=-3.93, Y_uudr=9.64, N_uudr=-6.15, Z_uuds=-9.64, M_uuds=-6.15,
-)  # fmt: skip
-"""A body with other couplings: Prestero (2001), drag in yaw without its misprints, moments of lift for both sides."""
-
-
-WITH_REMUS = replace(BODY, given=tuple(asdict(REMUS).items()))
-"""The vehicle's mass with REMUS' hydrodynamics."""
-
-
-def changed(c: np.ndarray, **values: float) -> np.ndarray:
-    """Coefficients with some of them set, by name."""
-    c = c.copy()
-    for name, value in values.items():
-        c[..., COEFFICIENTS.index(name)] = value
-    return c
 
 
 def random_states(rng: np.random.Generator, n: int) -> np.ndarray:
@@ -94,18 +64,6 @@ def test_the_printed_inverse_inertia_is_that_of_no_body():
         [-0.0128, 15.7327, 0.1966, 0.8288, 0.0240, -0.8641],
     ])  # fmt: skip
     assert (np.linalg.eigvals(printed).real < 0.0).sum() == 2
-
-
-@pytest.mark.parametrize("body", [BODY, WITH_REMUS])
-def test_the_inertia_is_symmetric_positive_definite_and_inverted_once(body):
-    c = body.vector()
-    M = inertia(c)
-    np.testing.assert_array_equal(M, M.T)
-    assert np.linalg.eigvalsh(M).min() > 0.0
-    values = dict(zip(COEFFICIENTS, c, strict=True))
-    axes = "uvwpqr"
-    inverse = [[values.get(f"inverse_{a}{b}", values.get(f"inverse_{b}{a}", 0.0)) for b in axes] for a in axes]
-    np.testing.assert_allclose(M @ inverse, np.eye(6), rtol=0, atol=1e-12)
 
 
 # --- the compiled equations -------------------------------------------------------------------------
@@ -168,75 +126,20 @@ def test_going_ahead_the_compiled_equations_are_the_printed_ones(body):
     np.testing.assert_allclose(compiled[:, :6], printed, rtol=1e-10, atol=1e-11)
 
 
-def power(state: np.ndarray, rates: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Rate of change of `energy`, by the chain rule."""
-    values = dict(zip(COEFFICIENTS, np.moveaxis(c, -1, 0), strict=True))
-    phi, theta = state[..., 9], state[..., 10]
-    kinetic = np.vecdot(state[..., :6], np.matvec(inertia(c), rates[..., :6]))
-    tilt = np.sin(phi) * np.cos(theta) * rates[..., 9] + np.cos(phi) * np.sin(theta) * rates[..., 10]
-    return kinetic - values["net_weight"] * rates[..., 8] + values["righting_moment"] * tilt
-
-
 def test_the_printed_lift_gives_energy_to_a_vehicle_going_astern():
     rng = np.random.default_rng(2)
     states = random_states(rng, 300)
     states[:, 0] = -np.abs(states[:, 0])
     rates = segorogeni_rates(states, np.zeros(3), random_currents(rng, 300), C)
-    assert power(states, rates, C).max() < 0.0
+    assert AUV.power(states, rates, C).max() < 0.0
     rates[:, :6] = [printed_equations(x, np.zeros(3), BODY) for x in states]
-    assert power(states, rates, C).max() > 0.1
-
-
-coordinate = st.floats(-1.0, 1.0, allow_subnormal=False)
-
-
-@given(st.lists(coordinate, min_size=11, max_size=11))
-def test_in_still_water_without_thrust_energy_never_grows(numbers):
-    state = np.zeros(12)
-    state[:6] = np.array(numbers[:6]) * [3.0, 2.0, 2.0, 4.0, 3.0, 3.0]
-    state[8:12] = np.array(numbers[6:10]) * [10.0, np.pi, 1.5, np.pi]
-    gained = power(state, segorogeni_rates(state, np.zeros(3), STILL, C), C)
-    assert gained <= 1e-12 * (1.0 + np.abs(state[:6]).max()) ** 3
-
-
-@settings(max_examples=20)
-@given(st.integers(0, 2**32 - 1))
-def test_kinetic_energy_never_grows_along_a_track(seed):
-    c = changed(C, net_weight=0.0, righting_moment=0.0)  # with them, the pole of the Euler angles spoils the account
-    rng = np.random.default_rng(seed)
-    state, currents = random_states(rng, 8), random_currents(rng, 8)
-    for _ in range(100):
-        after = segorogeni_step(state, np.zeros(6), currents, c, 0.05, 4)
-        assert (energy(after, c) <= energy(state, c)).all()
-        state = after
-
-
-def test_energy_never_grows_on_the_way_up():
-    state = TURNING_DIVE
-    for _ in range(400):
-        after = segorogeni_step(state, np.zeros(6), CURRENT, C, 0.05, 4)
-        assert energy(after, C) <= energy(state, C)
-        state = after
-    assert state[8] < TURNING_DIVE[8]
-
-
-def test_without_drag_and_lift_energy_is_conserved():
-    c = changed(C, **dict.fromkeys(DRAG + LIFT, 0.0))
-    rng = np.random.default_rng(3)
-    state, currents = random_states(rng, 20), random_currents(rng, 20)
-    state[:, 9:11] *= 0.3  # clear of the pole of the Euler angles
-    state[:, :6] *= 0.2
-    rates = segorogeni_rates(state, np.zeros(3), currents, c)
-    np.testing.assert_allclose(power(state, rates, c), 0.0, atol=1e-12)
-    after = segorogeni_step(state, np.zeros(6), currents, c, 10.0, 10_000)
-    np.testing.assert_allclose(energy(after, c), energy(state, c), rtol=0, atol=1e-8)
-    assert np.abs(after - state).max() > 1.0
+    assert AUV.power(states, rates, C).max() > 0.1
 
 
 def test_port_mirrors_starboard_but_for_the_propeller_s_torque():
     rng = np.random.default_rng(4)
     states, controls, currents = random_states(rng, 200), random_controls(rng, 200), random_currents(rng, 200)
-    c = changed(C, propeller_torque=0.0)
+    c = AUV.changed(propeller_torque=0.0)
     mirrored = segorogeni_rates(states * MIRROR, controls * [-1, 1, 1], currents * [1, -1], c)
     rates = segorogeni_rates(states, controls, currents, c)
     np.testing.assert_allclose(mirrored, rates * MIRROR, rtol=1e-12, atol=1e-13)
@@ -254,24 +157,6 @@ def test_without_weight_a_quarter_roll_turns_heave_and_pitch_into_sway_and_yaw(b
     du, dv, dw, dp, dq, dr = segorogeni_rates(states, controls, currents, c)[:, :6].T
     rates = segorogeni_rates(rolled, controls[:, [1, 0, 2]] * [1, -1, 1], currents, c)[:, :6]
     np.testing.assert_allclose(rates, np.stack([du, dw, -dv, dp, dr, -dq], -1), rtol=1e-11, atol=1e-12)
-
-
-def test_a_batch_is_a_loop_and_inputs_stay():
-    rng = np.random.default_rng(6)
-    states, controls = random_states(rng, 12).reshape(3, 4, 12), random_controls(rng, 12).reshape(3, 4, 3)
-    currents = random_currents(rng, 12).reshape(3, 4, 2)
-    c = VEHICLE.parameters(0.2, rng.normal(size=(4, VEHICLE.normals)))  # one vehicle a column
-    moving = np.concatenate([controls, 0.9 * controls], -1)
-    copies = [a.copy() for a in (states, controls, moving, currents, c)]
-    rates, after = segorogeni_rates(states, controls, currents, c), segorogeni_step(states, moving, currents, c, 0.1, 2)
-    read = SENSORS.exact(states, exogenous(VEHICLE, currents))
-    for i, j in np.ndindex(3, 4):
-        alone = states[i, j], controls[i, j], currents[i, j]
-        np.testing.assert_array_equal(rates[i, j], segorogeni_rates(*alone, c[j]))
-        np.testing.assert_array_equal(after[i, j], segorogeni_step(alone[0], moving[i, j], alone[2], c[j], 0.1, 2))
-        np.testing.assert_array_equal(read[i, j], SENSORS.exact(alone[0], exogenous(VEHICLE, alone[2])))
-    for a, b in zip((states, controls, moving, currents, c), copies, strict=True):
-        np.testing.assert_array_equal(a, b)
 
 
 # --- kinematics -------------------------------------------------------------------------------------
@@ -328,55 +213,6 @@ def test_nose_up_or_down_nothing_is_infinite(theta):
     for _ in range(100):
         states = VEHICLE.moved(states, *np.zeros((2, 3)), currents, C)
         assert np.isfinite(states).all()
-
-
-def test_a_current_shifts_the_track_and_nothing_else():
-    rng = np.random.default_rng(11)
-    states, controls = random_states(rng, 20), np.tile(random_controls(rng, 20), 2)
-    currents = random_currents(rng, 20)
-    drifted, straight = (segorogeni_step(states, controls, flow, C, 2.0, 40) for flow in (currents, STILL))
-    np.testing.assert_allclose(drifted[:, 6:8] - straight[:, 6:8], 2.0 * currents, rtol=0, atol=1e-12)
-    kept = [0, 1, 2, 3, 4, 5, 8, 9, 10, 11]
-    np.testing.assert_array_equal(drifted[:, kept], straight[:, kept])
-
-
-# --- the step ---------------------------------------------------------------------------------------
-
-
-TURNING_DIVE = np.array([1.0, -0.1, 0.05, 0.2, -0.1, 0.3, 3.0, -4.0, 2.0, 0.1, -0.3, 0.7])
-CURRENT = np.array([0.2, -0.1])
-HARD = np.array([0.30, -0.20, 3.0, 0.35, -0.10, 6.0])
-
-
-def precise(state: np.ndarray, control: np.ndarray, dt: float, c: np.ndarray) -> np.ndarray:
-    """A step by SciPy's integrator, the actuators moving linearly."""
-    start, end = control[:3], control[3:]
-    solution = solve_ivp(
-        lambda t, s: segorogeni_rates(s, start + (end - start) * t / dt, CURRENT, c),
-        (0.0, dt), state, method="DOP853", rtol=1e-13, atol=1e-13,
-    )  # fmt: skip
-    return solution.y[:, -1]
-
-
-def test_a_step_is_the_solution_of_the_equations():
-    exact = precise(TURNING_DIVE, HARD, 0.1, C)
-    np.testing.assert_allclose(segorogeni_step(TURNING_DIVE, HARD, CURRENT, C, 0.1, 2), exact, rtol=0, atol=2e-5)
-    np.testing.assert_allclose(segorogeni_step(TURNING_DIVE, HARD, CURRENT, C, 0.1, 64), exact, rtol=0, atol=1e-8)
-
-
-def test_where_the_equations_are_smooth_the_step_is_of_fourth_order():
-    c = changed(C, **dict.fromkeys(DRAG, 0.0))  # v |v| has no second derivative at zero
-    exact = precise(TURNING_DIVE, HARD, 1.0, c)
-    errors = [np.abs(segorogeni_step(TURNING_DIVE, HARD, CURRENT, c, 1.0, n) - exact).max() for n in (40, 80, 160)]
-    ratios = np.array(errors[:-1]) / errors[1:]
-    assert ((ratios > 13.0) & (ratios < 20.0)).all()
-
-
-def test_substeps_are_steps():
-    middle = 0.5 * (HARD[:3] + HARD[3:])
-    half = segorogeni_step(TURNING_DIVE, np.concatenate([HARD[:3], middle]), CURRENT, C, 0.05, 1)
-    two = segorogeni_step(half, np.concatenate([middle, HARD[3:]]), CURRENT, C, 0.05, 1)
-    np.testing.assert_allclose(segorogeni_step(TURNING_DIVE, HARD, CURRENT, C, 0.1, 2), two, rtol=1e-13)
 
 
 # --- what the vehicle does --------------------------------------------------------------------------
@@ -462,15 +298,6 @@ def test_positive_rudder_turns_to_starboard_positive_stern_plane_dives_and_thrus
 # --- the vehicle in an environment ------------------------------------------------------------------
 
 
-INCREMENTS, CURRENTS = (0.02, 0.01, 0.015, 0.03, 0.025, 0.035), (0.10, 0.15)
-WATER = UnevenWater(VEHICLE, INCREMENTS, CURRENTS)
-
-
-def told(noise: float = 1.0, how: str | None = None) -> Composition:
-    """What filters are told of the vehicle in that water, with so many times the sensors' nominal noise."""
-    return compose(VEHICLE, "nonlinear", WATER, sensors_of(VEHICLE, noise), how)
-
-
 def test_names_and_sizes_agree():
     assert VEHICLE.state_names == STATE
     assert len(STATE) == 12
@@ -482,8 +309,8 @@ def test_names_and_sizes_agree():
     assert SENSORS.exact(state, np.zeros((4, 8))).shape == (4, 12)
     assert actuators.shape == (4, len(VEHICLE.action_names))
     assert VEHICLE.estimated("nonlinear") == STATE
-    assert told().names == (*STATE, *VEHICLE.ambient_flows)
-    assert told(how="process-noise").names == STATE
+    assert AUV.composed().names == (*STATE, *VEHICLE.ambient_flows)
+    assert AUV.composed(how="process-noise").names == STATE
 
 
 def test_the_start_is_the_prior_s_with_the_paper_s_rudder():
@@ -495,17 +322,6 @@ def test_the_start_is_the_prior_s_with_the_paper_s_rudder():
     assert (state != x).all()  # a copy
     _, (_, _, thrust) = level_flight(1.0)
     assert BODY.cruise_thrust == pytest.approx(thrust, rel=0.1)
-
-
-def test_filters_estimate_the_whole_state_and_the_current():
-    core = Core(SEGOROGENI_AUV, 4, "dead-reckoning")
-    core.start(seed=3)
-    core.step(np.zeros((4, 3)))
-    assert core.truth_names == core.composition.names == (*STATE, *VEHICLE.ambient_flows)
-    np.testing.assert_array_equal(core.estimated(core.truth), np.hstack([core.state, core.sea_state]))
-    unaware = Core(SEGOROGENI_AUV, 4, "dead-reckoning", {"assume": {"as": "process-noise"}})
-    unaware.start(seed=3)
-    np.testing.assert_array_equal(unaware.estimated(unaware.truth), unaware.state)
 
 
 def test_fins_turn_at_their_rate_up_to_their_limit():
@@ -528,29 +344,6 @@ def test_thrust_lags_exponentially():
     assert np.exp(-0.1 / BODY.thrust_lag) == pytest.approx(0.8187, abs=1e-4)
 
 
-def test_a_step_of_the_vehicle_gets_its_increment_at_its_end():
-    rng = np.random.default_rng(13)
-    states, before, after = random_states(rng, 6), random_controls(rng, 6), random_controls(rng, 6)
-    increments, currents = rng.normal(size=(6, 6)) * 0.1, random_currents(rng, 6)
-    c = VEHICLE.parameters(0.0, np.zeros((6, VEHICLE.normals)))
-    stepped = VEHICLE.step(states, before, after, np.hstack([increments, currents]), c)
-    plain = segorogeni_step(states, np.hstack([before, after]), currents, C, 0.1, 2)
-    np.testing.assert_allclose(stepped[:, :6], plain[:, :6] + increments, rtol=0, atol=1e-15)
-    np.testing.assert_array_equal(stepped[:, 6:], plain[:, 6:])
-
-
-@pytest.mark.parametrize("water", [water for water in WATERS.values() if isinstance(water, Water)])
-def test_the_current_dies_away_in_200_s_and_keeps_its_size(water):
-    decay = np.exp(-0.1 / 200.0)
-    currents = random_currents(np.random.default_rng(20), 6)
-    np.testing.assert_allclose(water.process.advance(currents), decay * currents, rtol=1e-15)
-    np.testing.assert_array_equal(water.effect(currents, np.zeros((6, 12))), currents)
-    variance = 0.5 * water.current**2 * np.eye(2)  # two components share the power
-    np.testing.assert_allclose(water.process.start_cov, variance, rtol=1e-14)
-    fresh = water.process.root @ water.process.root.T
-    np.testing.assert_allclose(decay**2 * variance + fresh, variance, rtol=0, atol=1e-17)
-
-
 def test_sensors_read_velocity_over_ground_and_the_rest_as_it_is():
     rng = np.random.default_rng(14)
     states, currents = random_states(rng, 50), random_currents(rng, 50)
@@ -558,54 +351,6 @@ def test_sensors_read_velocity_over_ground_and_the_rest_as_it_is():
     plain = np.hstack([over_ground, states[:, 8:12], states[:, 3:8]])
     incremented = np.hstack([rng.normal(size=(50, 6)), currents])  # increments act later and are not seen
     np.testing.assert_allclose(SENSORS.exact(states, incremented), plain, rtol=0, atol=1e-12)
-
-
-def test_in_still_water_exact_measurements_give_back_the_state():
-    states = random_states(np.random.default_rng(15), 20)
-    measurements = SENSORS.exact(states, np.zeros((20, 8)))
-    known = SENSORS.states_from(measurements)
-    np.testing.assert_array_equal(np.stack([known[name] for name in STATE], -1), states)
-    x, d = without_a_filter(told(), VEHICLE.increments, measurements)
-    x = np.array(x)  # those of a belief are read-only
-    x[:, 9:12] = wrap(x[:, 9:12] - states[:, 9:12]) + states[:, 9:12]
-    np.testing.assert_allclose(x[:, :12], states, rtol=0, atol=1e-14)
-    np.testing.assert_array_equal(x[:, 12:], 0.0)
-    np.testing.assert_array_equal(d, np.zeros((20, 6)))
-
-
-def test_the_filter_s_model_is_the_vehicle_without_increments():
-    rng = np.random.default_rng(16)
-    model = told().model
-    ensemble = random_states(rng, 30).reshape(3, 10, 12)
-    currents, before, after = (
-        random_currents(rng, 30).reshape(3, 10, 2),
-        random_controls(rng, 3),
-        random_controls(rng, 3),
-    )
-    whole = np.concatenate([ensemble, currents], -1)
-    predicted = model.transition(whole, np.hstack([before, after])[:, None])
-    c = VEHICLE.parameters(0.0, np.zeros((10, VEHICLE.normals)))
-    for i in range(3):
-        rows = [np.tile(control[i], (10, 1)) for control in (before, after)]
-        stepped = VEHICLE.step(ensemble[i], *rows, exogenous(VEHICLE, currents[i]), c)
-        np.testing.assert_array_equal(predicted[i, :, :12], stepped)
-    np.testing.assert_allclose(predicted[..., 12:], np.exp(-0.1 / 200.0) * currents, rtol=1e-15)
-    read = SENSORS.exact(ensemble, exogenous(VEHICLE, currents))
-    np.testing.assert_array_equal(model.measurement(whole, None), read)
-
-
-def test_the_filter_s_noise_is_the_sensors_and_the_increments():
-    model = told(noise=2.0).model
-    sd = np.array([0.01, 0.01, 0.01, 0.02, 0.01, 0.01, 0.03, 0.005, 0.005, 0.005, 0.5, 0.5])
-    np.testing.assert_allclose(model.R, np.diag((2.0 * sd) ** 2))
-    increments = np.sqrt(1.0 - np.exp(-2.0 * 0.1 / 200.0)) * np.array(CURRENTS)
-    enters = np.concatenate([INCREMENTS, np.zeros(6), increments])
-    np.testing.assert_allclose(model.Q, np.diag(enters**2), rtol=1e-12, atol=0)
-    assert model.G is model.H is None
-    assert model.state_angles == (9, 10, 11)
-    assert model.measurement_angles == (4, 5, 6)
-    with pytest.raises(ValueError, match=r"^unknown filter model 'corrected': choose from nonlinear$"):
-        Core(SEGOROGENI_AUV, estimator_options={"model": "corrected"})
 
 
 def test_a_measurement_may_correct_what_lies_in_its_own_plane():
@@ -621,18 +366,13 @@ def test_a_measurement_may_correct_what_lies_in_its_own_plane():
             or (state.startswith("current") and measurement in drifting)
             for measurement in read
         ]
-        for state in told().names
+        for state in AUV.composed().names
     ]
-    np.testing.assert_array_equal(told().localisation, expected)
-    np.testing.assert_array_equal(told(how="process-noise").localisation, expected[:12])
+    np.testing.assert_array_equal(AUV.composed().localisation, expected)
+    np.testing.assert_array_equal(AUV.composed(how="process-noise").localisation, expected[:12])
 
 
 # --- mismatch ---------------------------------------------------------------------------------------
-
-
-def test_without_mismatch_every_truth_is_the_filter_s():
-    normals = np.random.default_rng(17).normal(size=(5, VEHICLE.normals))
-    np.testing.assert_array_equal(VEHICLE.parameters(0.0, normals), np.tile(C, (5, 1)))
 
 
 def test_mismatch_scales_what_is_uncertain_and_nothing_else():
@@ -668,6 +408,6 @@ def test_a_mismatched_vehicle_is_still_a_body_of_revolution_that_only_loses_ener
     np.testing.assert_allclose(c[:, 7], -c[:, 8])
     states = random_states(rng, 200)
     rates = segorogeni_rates(states, np.zeros(3), random_currents(rng, 200), c)
-    assert power(states, rates, c).max() < 0.0
+    assert AUV.power(states, rates, c).max() < 0.0
     columns = [COEFFICIENTS.index(f"inverse_{pair}") for pair in ("uu", "vv", "ww", "pp", "qq", "rr")]
     np.testing.assert_allclose(np.linalg.inv(M)[:, range(6), range(6)], c[:, columns], rtol=1e-10)

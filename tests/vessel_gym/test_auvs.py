@@ -1,0 +1,174 @@
+"""Laws of both underwater vehicles: inertia, energy, currents, and what filters are told of them."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from energies import DRAG, LIFT
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sensing import exogenous, sensors_of, without_a_filter
+from vehicle_cases import AUV, AUVS, WITH_REMUS
+
+from estimators import wrap
+from vessel_gym.core import Core
+from vessel_gym.disturbances import Water
+from vessel_gym.envs.auv import PLANE_WATERS, WATERS
+
+each_auv = pytest.mark.parametrize("auv", AUVS.values(), ids=AUVS)
+
+
+@pytest.mark.parametrize(
+    ("auv", "c"),
+    [(auv, auv.case.nominal) for auv in AUVS.values()] + [(AUVS["segorogeni"], WITH_REMUS.vector())],
+    ids=[*AUVS, "REMUS"],
+)
+def test_the_inertia_is_symmetric_positive_definite_and_inverted_once(auv: AUV, c: np.ndarray):
+    M, axes = auv.inertia(c), auv.axes
+    np.testing.assert_array_equal(M, M.T)
+    assert np.linalg.eigvalsh(M).min() > 0.0
+    values = dict(zip(auv.vehicle.parameter_names, c, strict=True))
+    inverse = [[values.get(f"inverse_{a}{b}", values.get(f"inverse_{b}{a}", 0.0)) for b in axes] for a in axes]
+    np.testing.assert_allclose(M @ inverse, np.eye(len(axes)), rtol=0, atol=1e-12)
+
+
+# --- energy -----------------------------------------------------------------------------------------
+
+
+@each_auv
+@given(seed=st.integers(0, 2**32 - 1), size=st.floats(0.0, 1.5))
+def test_in_still_water_without_thrust_energy_never_grows(auv: AUV, seed: int, size: float):
+    states, _, flow = auv.case.draw(np.random.default_rng(seed), 20)
+    states *= size
+    gained = auv.power(states, auv.rates(states, 0.0 * flow, auv.case.nominal), auv.case.nominal)
+    assert (gained <= 1e-12 * (1.0 + np.abs(states[:, : len(auv.axes)]).max(-1)) ** 3).all()
+
+
+@each_auv
+@settings(max_examples=20)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_kinetic_energy_never_grows_along_a_track(auv: AUV, seed: int):
+    c = auv.changed(net_weight=0.0, righting_moment=0.0)  # with them, the pole of the Euler angles spoils the account
+    states, _, currents = auv.case.draw(np.random.default_rng(seed), 8)
+    for _ in range(100):
+        after = auv.drift(states, currents, c, 0.05, 4)
+        assert (auv.energy(after, c) <= auv.energy(states, c)).all()
+        states = after
+
+
+@each_auv
+def test_energy_never_grows_on_the_way_up(auv: AUV):
+    start, _, _, current = map(np.array, auv.case.hard)
+    state, c, depth = start, auv.case.nominal, auv.vehicle.state_names.index("z")
+    for _ in range(1200):
+        after = auv.drift(state, current, c, 0.05, 4)
+        assert auv.energy(after, c) <= auv.energy(state, c)
+        state = after
+    assert state[depth] < start[depth]
+
+
+@each_auv
+def test_without_drag_and_lift_energy_is_conserved(auv: AUV):
+    c, names = auv.changed(**dict.fromkeys(DRAG + LIFT, 0.0)), auv.vehicle.state_names
+    states, _, currents = auv.case.draw(np.random.default_rng(3), 20)
+    states[:, [names.index(name) for name in ("phi", "theta") if name in names]] *= 0.3  # clear of the pole
+    states[:, : len(auv.axes)] *= 0.2
+    np.testing.assert_allclose(auv.power(states, auv.rates(states, currents, c), c), 0.0, atol=1e-12)
+    after = auv.drift(states, currents, c, 10.0, 10_000)
+    np.testing.assert_allclose(auv.energy(after, c), auv.energy(states, c), rtol=0, atol=1e-8)
+    assert np.abs(after - states).max() > 1.0
+
+
+# --- currents ---------------------------------------------------------------------------------------
+
+
+@each_auv
+def test_a_current_shifts_the_track_and_nothing_else(auv: AUV):
+    states, controls, currents = auv.case.draw(np.random.default_rng(11), 20)
+    moving, c, names = np.tile(controls, 2), auv.case.nominal, auv.vehicle.state_names
+    drifted, straight = (auv.case.step(states, moving, flow, c, 2.0, 40) for flow in (currents, 0.0 * currents))
+    level = [names.index(name) for name in ("x", "y") if name in names]
+    np.testing.assert_allclose(drifted[:, level] - straight[:, level], 2.0 * currents, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(np.delete(drifted, level, -1), np.delete(straight, level, -1))
+
+
+@pytest.mark.parametrize(
+    "water", [water for waters in (WATERS, PLANE_WATERS) for water in waters.values() if isinstance(water, Water)]
+)
+def test_the_current_dies_away_in_200_s_and_keeps_its_size(water: Water):
+    decay, k = np.exp(-0.1 / 200.0), len(water.names)
+    currents = np.random.default_rng(20).uniform(-0.5, 0.5, (6, k))
+    np.testing.assert_allclose(water.process.advance(currents), decay * currents, rtol=1e-15)
+    np.testing.assert_array_equal(water.effect(currents, np.zeros((6, 12))), currents)
+    variance = water.current**2 / k * np.eye(k)  # two components share the power
+    np.testing.assert_allclose(water.process.start_cov, variance, rtol=1e-14)
+    fresh = water.process.root @ water.process.root.T
+    np.testing.assert_allclose(decay**2 * variance + fresh, variance, rtol=0, atol=1e-17)
+
+
+# --- what filters are told --------------------------------------------------------------------------
+
+
+@each_auv
+def test_filters_estimate_the_whole_state_and_the_current(auv: AUV):
+    def begun(options: dict[str, Any]) -> Core:
+        core = Core(auv.system, 4, "dead-reckoning", options)
+        core.start(seed=3)
+        core.step(np.zeros((4, len(auv.vehicle.action_names))))
+        return core
+
+    core, unaware = begun({}), begun({"assume": {"as": "process-noise"}})
+    names = (*auv.vehicle.state_names, *auv.vehicle.ambient_flows)
+    assert core.truth_names == core.composition.names == auv.composed().names == names
+    np.testing.assert_array_equal(core.estimated(core.truth), np.hstack([core.state, core.sea_state]))
+    np.testing.assert_array_equal(unaware.estimated(unaware.truth), unaware.state)
+    assert auv.vehicle.estimated("nonlinear") == auv.composed(how="process-noise").names == auv.vehicle.state_names
+
+
+@each_auv
+def test_in_still_water_exact_measurements_give_back_the_state(auv: AUV):
+    states, _, currents = auv.case.draw(np.random.default_rng(15), 20)
+    names, sensors = auv.vehicle.state_names, sensors_of(auv.vehicle)
+    measurements = sensors.exact(states, exogenous(auv.vehicle, 0.0 * currents))
+    known = sensors.states_from(measurements)
+    np.testing.assert_array_equal(np.stack([known[name] for name in names], -1), states)
+    x, d = without_a_filter(auv.composed(), auv.vehicle.increments, measurements)
+    x, angles = np.array(x), [names.index(name) for name in auv.vehicle.angles]
+    x[:, angles] = wrap(x[:, angles] - states[:, angles]) + states[:, angles]
+    np.testing.assert_allclose(x, np.hstack([states, 0.0 * currents]), rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(d, np.zeros((20, len(auv.axes))))
+
+
+@each_auv
+def test_the_filter_s_model_is_the_vehicle_without_increments(auv: AUV):
+    rng, vehicle = np.random.default_rng(16), auv.vehicle
+    model, n = auv.composed().model, len(vehicle.state_names)
+    states, _, currents = auv.case.draw(rng, 3, 10)
+    (_, before, _), (_, after, _) = auv.case.draw(rng, 3), auv.case.draw(rng, 3)
+    whole = np.concatenate([states, currents], -1)
+    predicted = model.transition(whole, np.hstack([before, after])[:, None])
+    for i in range(3):
+        rows = [np.tile(control[i], (10, 1)) for control in (before, after)]
+        stepped = vehicle.step(states[i], *rows, exogenous(vehicle, currents[i]), np.tile(auv.case.nominal, (10, 1)))
+        np.testing.assert_array_equal(predicted[i, :, :n], stepped)
+    np.testing.assert_allclose(predicted[..., n:], np.exp(-0.1 / 200.0) * currents, rtol=1e-15)
+    measured = sensors_of(vehicle).exact(states, exogenous(vehicle, currents))
+    np.testing.assert_array_equal(model.measurement(whole, None), measured)
+
+
+@each_auv
+def test_the_filter_s_noise_is_the_sensors_and_the_increments(auv: AUV):
+    model, vehicle = auv.composed(noise=2.0).model, auv.vehicle
+    np.testing.assert_allclose(model.R, np.diag((2.0 * np.array(auv.sd)) ** 2))
+    increments = np.sqrt(1.0 - np.exp(-2.0 * 0.1 / 200.0)) * np.array(auv.currents)
+    still = np.zeros(len(vehicle.state_names) - len(auv.axes))
+    enters = np.concatenate([auv.increments, still, increments])
+    np.testing.assert_allclose(model.Q, np.diag(enters**2), rtol=1e-12, atol=0)
+    assert model.G is model.H is None
+    measured = [channel.split()[0] for channel in sensors_of(vehicle).channels]
+    assert model.state_angles == tuple(vehicle.state_names.index(name) for name in vehicle.angles)
+    assert model.measurement_angles == tuple(measured.index(name) for name in vehicle.angles)
+    with pytest.raises(
+        ValueError, match=rf"^unknown filter model 'corrected'.*: choose from {', '.join(vehicle.kinds)}$"
+    ):
+        Core(auv.system, estimator_options={"model": "corrected"})

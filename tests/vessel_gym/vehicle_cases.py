@@ -1,0 +1,194 @@
+"""The vehicles, what they can meet, and what tests hold their equations against."""
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import energies
+import numpy as np
+from energies import DRAG
+from scipy.integrate import solve_ivp
+from sensing import UnevenWater, sensors_of
+from stepping import step
+
+from vessel_gym.envs.itsunusa_auv import ITSUNUSA_AUV
+from vessel_gym.envs.segorogeni_auv import SEGOROGENI_AUV
+from vessel_gym.filter_models.build import Composition, compose
+from vessel_gym.system import System
+from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.hydrodynamics import Coefficients
+from vessel_gym.vehicles.itsunusa import Itsunusa
+from vessel_gym.vehicles.puna import Puna
+from vessel_gym.vehicles.segorogeni import Segorogeni
+from vessel_gym.vehicles.ship import Ship
+
+DEG = np.pi / 180.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """A vehicle, what it can meet, and a hard step.
+
+    Attributes:
+        vehicle: The vehicle.
+        nominal: Its coefficients.
+        low: Smallest states, actuators and flows; None: the negative of the largest.
+        high: Largest states, actuators and flows.
+        hard: State, actuators before and after, and flow of a step with all that the vehicle can do.
+        errors: Of that step by the vehicle's parts, and by 32 times as many.
+        order: An interval [s] and numbers of parts that show the order of the step.
+        kinks: Coefficients of terms without a second derivative, which are left out of the order.
+    """
+
+    vehicle: Any
+    nominal: np.ndarray
+    low: tuple[Any, Any, Any]
+    high: tuple[Any, Any, Any]
+    hard: tuple[Any, Any, Any, Any]
+    errors: tuple[float, float]
+    order: tuple[float, tuple[int, ...]]
+    kinks: tuple[str, ...] = ()
+
+    def draw(self, rng: np.random.Generator, *shape: int) -> list[np.ndarray]:
+        """States, actuators and flows of a shape."""
+        pairs = zip(self.low, self.high, strict=True)
+        ranges = [(-np.array(high) if low is None else low, high) for low, high in pairs]
+        return [rng.uniform(low, high, (*shape, len(high))) for low, high in ranges]
+
+    def step(self, state: Any, moving: Any, flow: Any, c: Any, dt: float, parts: int) -> np.ndarray:
+        """States after a step of so many parts; ``moving`` holds the actuators before and after."""
+        return step(self.vehicle.equations, state, moving, flow, c, dt, parts)
+
+    def exact(self, c: np.ndarray, dt: float) -> np.ndarray:
+        """The hard step by SciPy's integrator, the actuators moving linearly."""
+        state, before, after, flow = map(np.array, self.hard)
+        solution = solve_ivp(
+            lambda t, s: self.vehicle.equations(s, before + (after - before) * t / dt, flow, c),
+            (0.0, dt), state, method="DOP853", rtol=1e-13, atol=1e-13,
+        )  # fmt: skip
+        return solution.y[:, -1]
+
+    def hard_step(self, c: np.ndarray, dt: float, parts: int) -> np.ndarray:
+        """The hard step in so many parts."""
+        state, before, after, flow = map(np.array, self.hard)
+        return self.step(state, np.concatenate([before, after]), flow, c, dt, parts)
+
+
+def ship(name: str) -> Case:
+    """A ship under rudder in wind, waves and current."""
+    vehicle = Ship(load(name))
+    return Case(
+        vehicle, vehicle.ship.vector(),
+        low=([-500, -500, -4, 2, -5, -0.08, -0.5, -0.2], None, None),
+        high=([500, 500, 4, 18, 5, 0.08, 0.5, 0.2], [0.61], [1, 1, 2e5, 4e5, 1e7, 5e6, 0.5]),
+        hard=([3.0, -4.0, 0.7, 13.0, -1.5, 0.03, -0.1, 0.02], [0.5], [0.54],
+              [0.3, -0.5, 1e5, -2e5, 5e6, 1e6, 0.2]),
+        errors=(1e-5, 1e-11), order=(4.0, (8, 16, 32)),
+    )  # fmt: skip
+
+
+CASES = {
+    "segorogeni": Case(
+        Segorogeni(), load("segorogeni").vector(),
+        low=(None, [-0.35, -0.35, 0.0], None),
+        high=([2, 1, 1, 2, 1.5, 1.5, 50, 50, 20, 2, 1.3, 4], [0.35, 0.35, 8.0], [0.5, 0.5]),
+        hard=([1.0, -0.1, 0.05, 0.2, -0.1, 0.3, 3.0, -4.0, 2.0, 0.1, -0.3, 0.7], [0.30, -0.20, 3.0],
+              [0.35, -0.10, 6.0], [0.2, -0.1]),
+        errors=(2e-5, 1e-8), order=(1.0, (40, 80, 160)), kinks=DRAG,
+    ),
+    "itsunusa": Case(
+        Itsunusa(), load("itsunusa").vector(),
+        low=(None, [-0.35, 0.0], None), high=([3, 1, 1, 50, 20, 4], [0.35, 40.0], [0.5]),
+        hard=([1.5, 0.05, -0.1, 3.0, 2.0, -0.3], [-0.2, 10.0], [-0.1, 20.0], [0.2]),
+        errors=(2e-6, 1e-9), order=(1.0, (40, 80, 160)), kinks=DRAG,
+    ),
+    "puna": Case(
+        Puna(), load("puna").vector(),
+        low=([-500, -500, 0, -30, -30, -15, -0.9], [0.0, -0.07, -0.6], None),
+        high=([500, 500, 300, 30, 30, 15, 0.9], [16.0, 0.2, 0.6], [5, 5, 2]),
+        hard=([3.0, -4.0, 100.0, 14.743, 9.733, 2.877, 0.4], [4.0, 0.02, -0.6], [7.0, 0.07, 0.6], [2.0, -1.0, 0.5]),
+        errors=(5e-4, 1e-8), order=(1.0, (10, 20, 40)),
+    ),
+    "corvette": ship("corvette"),
+    "thesis' corvette": ship("corvette-thesis"),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class AUV:
+    """An underwater vehicle, its energy, and water that shakes every velocity by another amount.
+
+    Attributes:
+        case: The vehicle and what it can meet.
+        system: Its environment.
+        axes: Its velocities, ahead of the other states.
+        inertia: Of body and added mass, from coefficients.
+        energy: From states and coefficients.
+        increments: Standard deviations of what the water adds to the velocities in a step.
+        currents: Of the components of the current [m/s].
+        sd: Of the measurements.
+    """
+
+    case: Case
+    system: System
+    axes: str
+    inertia: Any
+    energy: Any
+    increments: tuple[float, ...]
+    currents: tuple[float, ...]
+    sd: tuple[float, ...]
+
+    @property
+    def vehicle(self) -> Any:
+        return self.case.vehicle
+
+    def rates(self, states: np.ndarray, flow: Any, c: np.ndarray) -> np.ndarray:
+        """Rates with fins amidships and no thrust."""
+        return self.vehicle.equations(states, np.zeros(len(self.case.high[1])), flow, c)
+
+    def drift(self, states: np.ndarray, flow: Any, c: np.ndarray, dt: float, parts: int) -> np.ndarray:
+        """States after a step with fins amidships and no thrust."""
+        return self.case.step(states, np.zeros(2 * len(self.case.high[1])), flow, c, dt, parts)
+
+    def changed(self, **values: float) -> np.ndarray:
+        """Coefficients with some of them set."""
+        names = self.vehicle.parameter_names
+        return np.array([values.get(name, x) for name, x in zip(names, self.case.nominal, strict=True)])
+
+    def power(self, states: np.ndarray, rates: np.ndarray, c: np.ndarray) -> np.ndarray:
+        """Rate of change of `energy`, by the chain rule."""
+        n, names = len(self.axes), self.vehicle.state_names
+        weights = dict(zip(self.vehicle.parameter_names, np.moveaxis(c, -1, 0), strict=True))
+        angles = [(states[..., names.index(a)], rates[..., names.index(a)]) for a in ("phi", "theta") if a in names]
+        tilt = sum(
+            np.sin(x) * rate * np.prod([np.cos(y) for y, _ in angles if y is not x], axis=0) for x, rate in angles
+        )
+        kinetic = np.vecdot(states[..., :n], np.matvec(self.inertia(c), rates[..., :n]))
+        return kinetic - weights["net_weight"] * rates[..., names.index("z")] + weights["righting_moment"] * tilt
+
+    def composed(self, noise: float = 1.0, how: str | None = None) -> Composition:
+        """The filters' model in that water, with so many times the sensors' nominal noise."""
+        water = UnevenWater(self.vehicle, self.increments, self.currents)
+        return compose(self.vehicle, "nonlinear", water, sensors_of(self.vehicle, noise), how)
+
+
+AUVS = {
+    "segorogeni": AUV(
+        CASES["segorogeni"], SEGOROGENI_AUV, "uvwpqr", energies.inertia, energies.energy,
+        (0.02, 0.01, 0.015, 0.03, 0.025, 0.035), (0.10, 0.15),
+        (0.01, 0.01, 0.01, 0.02, 0.01, 0.01, 0.03, 0.005, 0.005, 0.005, 0.5, 0.5),
+    ),
+    "itsunusa": AUV(
+        CASES["itsunusa"], ITSUNUSA_AUV, "uwq", energies.inertia_in_the_plane, energies.energy_in_the_plane,
+        (0.02, 0.015, 0.025), (0.12,), (0.01, 0.01, 0.02, 0.01, 0.005, 0.5),
+    ),
+}  # fmt: skip
+
+REMUS = Coefficients(
+    X_udot=-0.93, Y_vdot=-35.5, Y_rdot=1.93, Z_wdot=-35.5, Z_qdot=-1.93, K_pdot=-0.0704, M_wdot=-1.93, M_qdot=-4.88,
+    N_vdot=1.93, N_rdot=-4.88, X_uu=-1.62, Y_vv=-131.0, Y_rr=0.632, Z_ww=-131.0, Z_qq=-0.632, K_pp=-0.0013,
+    M_ww=3.18, M_qq=-9.4, N_vv=-3.18, N_rr=-9.4, Y_uv=-28.6, Y_ur=6.15, Z_uw=-28.6, Z_uq=-6.15, M_uw=-10.6,
+    M_uq=-3.93, N_uv=10.6, N_ur=-3.93, Y_uudr=9.64, N_uudr=-6.15, Z_uuds=-9.64, M_uuds=-6.15,
+)  # fmt: skip
+"""A body with other couplings: Prestero (2001), drag in yaw without its misprints, moments of lift for both sides."""
+WITH_REMUS = replace(load("segorogeni"), given=tuple(asdict(REMUS).items()))
+"""The Segorogeni's mass with REMUS' hydrodynamics."""
