@@ -98,7 +98,7 @@ def _object(text: str, machine: Any) -> bytes:
 
 
 def _optimised() -> bool:
-    """Is code optimised? Otherwise it is compiled in a seventh of the time, and batches take up to four times as long."""
+    """Is code optimised? Otherwise it compiles in a seventh of the time, and batches take up to four times as long."""
     return os.environ.get("VESSEL_GYM_OPTIMISE") != "0"
 
 
