@@ -11,7 +11,7 @@ from agents.studies.figures import Row, dots, framed, looks, share_rows
 from agents.studies.records import FLOOR, ORACLE, RAW, Study
 from agents.studies.results import Place, Policy, Results
 from agents.studies.shares import ALL, ENDS, columns, common, gap, kept, learners, rankable, ruled
-from agents.studies.wording import many, note, percent, share_entry, tabled
+from agents.studies.wording import grouped, many, note, percent, share_entry, tabled
 
 
 def ranking(results: Results) -> Section:
@@ -76,10 +76,8 @@ def _learned_ranking(results: Results, shown: Mapping[str, Sequence[str]], names
 def ranked_names(results: Results, environments: list[str]) -> list[str]:
     """Every estimator but the ends: those that flew everywhere first, by what they keep; last what has no share."""
     everywhere = list(common(results))
-    means: dict[str, list[float]] = {}
-    for environment in environments:
-        for name, values in rankable(results, [environment]).items():
-            means.setdefault(name, []).append(float(values.mean()))
+    each = (rankable(results, [environment]) for environment in environments)
+    means = grouped((name, float(values.mean())) for ranked in each for name, values in ranked.items())
     others = sorted((n for n in means if n not in everywhere), key=lambda n: -float(np.mean(means[n])))
     flown = (name for e in environments for name in results.estimators(e, results.classical))
     return list(dict.fromkeys([*everywhere, *others, *(name for name in flown if name not in ENDS)]))
@@ -100,14 +98,14 @@ def judged(difference: Interval | float | None, margin: float) -> Entry:
 
 def confirmation(found: Confirmed, fresh: Study) -> Section:
     """The claims of the first pass beside what fresh seeds say of them."""
-    sections: dict[str, list[tuple[str, list[Entry]]]] = {}
+    rows = []
     for claim in found.claims:
         first, again = judged(claim.first.value, fresh.margin), judged(claim.fresh, fresh.margin)
-        row = (f"{claim.first.one} − {claim.first.other}", [first, again, Entry(claim.outcome or "no claim")])
-        sections.setdefault(claim.first.column, []).append(row)
+        entries = [first, again, Entry(claim.outcome or "no claim")]
+        rows.append((claim.first.column, (f"{claim.first.one} − {claim.first.other}", entries)))
     seeds = {"episodes": fresh.episodes, "first_seed": fresh.first_seed}
     words = note("confirmation", confirmed=CONFIRMED.capitalize(), open=OPEN, failed=FAILED, **seeds)
-    table = tabled("confirmation", "Claims on fresh seeds", words, _CLAIM, sections, "Difference")
+    table = tabled("confirmation", "Claims on fresh seeds", words, _CLAIM, grouped(rows), "Difference")
     return Section("Confirmation on fresh seeds", table)
 
 

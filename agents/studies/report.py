@@ -19,7 +19,7 @@ from agents.studies.records import FLOOR
 from agents.studies.results import Results
 from agents.studies.robustness import AXES, robustness
 from agents.studies.settings import settings
-from agents.studies.wording import many, note, paragraphs
+from agents.studies.wording import grouped, many, note, paragraphs
 from vessel_gym.extras import require
 
 
@@ -84,19 +84,14 @@ def write_report(results: Results, out: Path, fresh: Results | None = None) -> P
 
 
 def _missing(results: Results) -> Section:
-    by_reason: dict[str, dict[str, list[str]]] = {}
-    for skipped in results.plan.skipped:
-        by_reason.setdefault(skipped.reason, {}).setdefault(skipped.environment, []).append(skipped.what)
     left_out = []
-    for reason, where in by_reason.items():
-        same: dict[str, list[str]] = {}
-        for environment, names in where.items():
-            same.setdefault(listed(names), []).append(environment)
+    for reason, skipped in grouped((each.reason, each) for each in results.plan.skipped).items():
+        where = grouped((each.environment, each.what) for each in skipped)
+        same = grouped((listed(names), environment) for environment, names in where.items())
         left_out += [f"{names} in {listed(places)}: {reason}." for names, places in same.items()]
     labels = _labels([*results.plan.jobs, *examples(results.plan).values()])
-    failed: dict[str, list[str]] = {}
-    for key, why in results.failures.items():
-        failed.setdefault((why.strip().splitlines() or ["no reason given"])[-1], []).append(labels.get(key, key))
+    whys = {key: (why.strip().splitlines() or ["no reason given"])[-1] for key, why in results.failures.items()}
+    failed = grouped((why, labels.get(key, key)) for key, why in whys.items())
     lost = [f"{_abbreviated(names)}: {why}" for why, names in failed.items()]
     absent = [f for f in results.plan.flights if f.job.key not in {*results.values, *results.failures}]
     blocks: list[Block] = []

@@ -155,7 +155,7 @@ class Results:
         return (*metrics(system_of(environment)), *(MONITORED if watched else ()))
 
     def runs_of(self, place: Place, policy: Policy, estimator: str) -> dict[int | None, dict[str, Any]]:
-        """What `agents.studies.flying.fly` gave, by training seed; None stands for an agent that does not learn."""
+        """Values of `agents.studies.flying.fly` by training seed; None stands for an agent that does not learn."""
         keys = self._flown.get((place, policy, estimator), {})
         return {seed: self.values[key] for seed, key in keys.items()}
 

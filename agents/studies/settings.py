@@ -15,6 +15,7 @@ from agents.source import source_digest
 from agents.studies.plan import options
 from agents.studies.records import RAW, Agent
 from agents.studies.results import Policy, Results
+from agents.studies.wording import grouped
 from agents.studies.worlds import environment_id, system_of
 from vessel_gym.estimation import tuning
 
@@ -64,15 +65,13 @@ def _agent_settings(agent: Agent) -> str:
 
 def _columns(results: Results) -> list[tuple[str, str]]:
     """Meaning of every metric; by environment, where tasks differ in that."""
-    meanings: dict[str, dict[str, list[str]]] = {}
-    for environment in results.environments:
-        for m in results.metrics(environment):
-            name = f"{m.key} [{m.unit}]" if m.unit else m.key
-            meanings.setdefault(name, {}).setdefault(m.meaning, []).append(environment)
-    return [
-        (name, next(iter(each)) if len(each) == 1 else " ".join(f"{listed(e)}: {text}" for text, e in each.items()))
-        for name, each in meanings.items()
-    ]
+    every = [(m, environment) for environment in results.environments for m in results.metrics(environment)]
+    rows = []
+    for name, found in grouped((f"{m.key} [{m.unit}]" if m.unit else m.key, (m.meaning, e)) for m, e in every).items():
+        each = grouped(found)
+        text = " ".join(f"{listed(where)}: {meaning}" for meaning, where in each.items())
+        rows.append((name, found[0][0] if len(each) == 1 else text))
+    return rows
 
 
 def _world(environment: str) -> str:
@@ -89,11 +88,8 @@ def _world(environment: str) -> str:
 
 def _tunings(results: Results) -> list[tuple[str, str]]:
     """Model and options of every estimator, as they are in each disturbance of the study; alike ones together."""
-    rows: dict[tuple[str, str], list[str]] = {}
-    for environment in results.environments:
-        for name in results.estimators(environment):
-            if name != RAW:
-                rows.setdefault((environment, _tuning(results, environment, name)), []).append(name)
+    flown = [(e, name) for e in results.environments for name in results.estimators(e) if name != RAW]
+    rows = grouped(((e, _tuning(results, e, name)), name) for e, name in flown)
     return [(f"{listed(names)}, {environment}", text) for (environment, text), names in rows.items()]
 
 

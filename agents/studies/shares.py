@@ -13,6 +13,7 @@ import numpy as np
 from agents.statistics import Interval, paired_difference, verdict
 from agents.studies.records import DEFAULT, FLOOR, ORACLE
 from agents.studies.results import Policy, Results
+from agents.studies.wording import grouped
 
 ENDS = (ORACLE, FLOOR)
 """Estimators whose share is 1 and 0 by definition."""
@@ -84,11 +85,8 @@ def gap(ranked: dict[str, np.ndarray], one: str, other: str) -> Interval | None:
 
 def verdicts(results: Results, ranked: dict[str, np.ndarray], best: str) -> dict[str, list[str]]:
     """The estimators but the best by their verdict against it, in their order."""
-    found: dict[str, list[str]] = {}
-    for name in ranked:
-        if name != best:
-            found.setdefault(verdict(gap(ranked, name, best), results.plan.study.margin), []).append(name)
-    return found
+    margin = results.plan.study.margin
+    return grouped((verdict(gap(ranked, name, best), margin), name) for name in ranked if name != best)
 
 
 def learners(results: Results) -> list[Policy]:

@@ -1,15 +1,19 @@
 """Numbers, names and notes as a report writes them."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from agents.page import Block, Entry, Table, entry, number, words
 from agents.statistics import Interval
 
 _NOTES = Path(__file__).parents[1] / "templates" / "study-notes.md"
+
+
+K = TypeVar("K")
+V = TypeVar("V")
 
 
 @cache
@@ -57,6 +61,14 @@ def percent(value: Interval | float | None) -> Entry:
 def microseconds(value: float | None) -> str:
     """CPU time [µs] to three digits."""
     return "–" if value is None else number(value, 0 if value >= 100.0 else 1)
+
+
+def grouped(pairs: Iterable[tuple[K, V]]) -> dict[K, list[V]]:
+    """The second of pairs by the first, both in their order."""
+    found: dict[K, list[V]] = {}
+    for key, value in pairs:
+        found.setdefault(key, []).append(value)
+    return found
 
 
 def named(name: str) -> str:

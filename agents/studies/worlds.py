@@ -7,7 +7,7 @@ from typing import Any
 import gymnasium as gym
 
 import vessel_gym  # noqa: F401  (registers the environments)
-from agents.controllers import AUTOPILOT, CONTROLLERS, is_controller, make_controller
+from agents.controllers import CONTROLLERS, is_controller, make_controller
 from agents.metrics import TASK_METRICS
 from agents.named import imported_module, named_object, vector_class
 from agents.source import source_digest
@@ -16,9 +16,6 @@ from vessel_gym.envs import VesselVectorEnv
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.system import System
-
-CLASSICAL = AUTOPILOT
-"""The classical controller of each environment, see `agents.controllers`."""
 
 
 @cache

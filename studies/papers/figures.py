@@ -79,7 +79,7 @@ def _plain_ticks(axes: "Axes") -> None:
 
 
 def _drawn(width: float, height: float, draw: Callable[..., None], *arguments: Any) -> str:
-    """What a function draws on a new figure of this size [in], as a data URI."""
+    """A new figure of this size [in], drawn by a function, as a data URI."""
     from matplotlib.figure import Figure
 
     with styled():
