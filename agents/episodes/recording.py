@@ -216,6 +216,8 @@ def _extent(around: Surroundings, tracks: list[np.ndarray]) -> tuple[list[float]
 def _flight(flown: Rollout, name: str, scene: Scene, every: int) -> dict[str, Any]:
     """Data of a page about a rollout's episode: of it every so many moments, and the last."""
     keep, position = np.unique(np.append(np.arange(0, len(scene.true), every), len(scene.true) - 1)), scene.position
+    members = None if position.members is None else position.members[:-1]  # of the end itself there are none
+    apart = 1 + len(scene.true) // CLOUDS
 
     def chart(each: Chart) -> dict[str, Any]:
         series = [line._asdict() | {"value": packed(line.value[keep])} for line in each.series]
@@ -239,7 +241,8 @@ def _flight(flown: Rollout, name: str, scene: Scene, every: int) -> dict[str, An
         "believed": packed(scene.believed[keep]),
         "error": packed(position.error[keep]),
         "root": None if position.cov is None else packed(_root(position.cov[keep])),
-        "members": None if position.members is None else _members(position.members[:-1], scene.core.vehicle.dt),
+        "members": None if members is None else packed(members[::apart, :MEMBERS]),
+        "period": apart * scene.core.vehicle.dt,
         "fix": packed(scene.fixes[keep]),
         "charts": [chart(each) for each in scene.charts(CHARTS)],
     }
@@ -260,12 +263,3 @@ def _root(cov: np.ndarray) -> np.ndarray:
     values, vectors = np.linalg.eigh(cov)
     upper = np.linalg.qr(np.swapaxes(vectors * np.sqrt(np.maximum(values, 0.0))[:, None], -1, -2), mode="r")
     return np.swapaxes(upper * np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0.0, -1.0, 1.0)[..., None], -1, -2)
-
-
-def _members(away: np.ndarray, dt: float) -> dict[str, Any]:
-    """Deviations of an ensemble's members from their mean ``(F, m, k)``, as 16-bit integers, a ``period`` apart."""
-    every = 1 + len(away) // CLOUDS
-    away = away[::every, :MEMBERS]
-    unit = float(np.abs(away).max(initial=1e-12)) / 32767.0
-    integers = base64.b64encode(np.round(away / unit).astype("<i2").tobytes()).decode()
-    return {"shape": away.shape, "int16": integers, "unit": unit, "period": every * dt}

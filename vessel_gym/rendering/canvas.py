@@ -133,15 +133,12 @@ class Canvas:
 
     def dot(self, at: Point | np.ndarray, colour: str, radius: float = 3.0) -> None:
         """A filled circle."""
-        centre = (at[0] * _OVERSAMPLING, at[1] * _OVERSAMPLING)
-        pygame.draw.circle(self._ink, LIGHT[colour], centre, radius * _OVERSAMPLING)
+        self.ring(at, colour, radius, 0.0)
 
     def ring(self, at: Point | np.ndarray, colour: str, radius: float, width: float = 1.5) -> None:
-        """A circle."""
-        centre = (at[0] * _OVERSAMPLING, at[1] * _OVERSAMPLING)
-        pygame.draw.circle(
-            self._ink, LIGHT[colour], centre, radius * _OVERSAMPLING, max(1, round(width * _OVERSAMPLING))
-        )
+        """A circle, filled for a width of 0."""
+        k = _OVERSAMPLING
+        pygame.draw.circle(self._ink, LIGHT[colour], (at[0] * k, at[1] * k), radius * k, round(width * k))
 
     def crosses(self, points: np.ndarray, colour: str, radius: float = 4.0, width: float = 1.5) -> None:
         """Small x at points."""

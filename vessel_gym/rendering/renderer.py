@@ -53,7 +53,9 @@ class Renderer:
     def draw(self) -> np.ndarray | None:
         """The picture ``(height, width, 3)``, or None in mode ``"human"``, where it goes to the window."""
         if not self._human:
-            return self._array()
+            self._picture.draw(_canvas())
+            pixels = pygame.image.tobytes(_canvas().finish(), "RGB")
+            return np.frombuffer(pixels, np.uint8).reshape(*SIZE[::-1], 3).copy()
         if self._window is not None and any(event.type == pygame.QUIT for event in pygame.event.get()):
             self.close()
         if self._window is not None:
@@ -68,9 +70,3 @@ class Renderer:
         if self._window is not None:
             self._window = None
             pygame.display.quit()
-
-    def _array(self) -> np.ndarray:
-        self._picture.draw(_canvas())
-        width, height = SIZE
-        pixels = pygame.image.tobytes(_canvas().finish(), "RGB")
-        return np.frombuffer(pixels, np.uint8).reshape(height, width, 3).copy()

@@ -10,9 +10,8 @@
   /** Arrays, which JSON holds in base64. */
   function unpack(_, packed) {
     if (!packed?.shape) return packed;
-    const { buffer } = Uint8Array.from(atob(packed.float32 ?? packed.int16), (c) => c.charCodeAt(0)), [rows, ...shape] = packed.shape;
-    const values = packed.float32 === undefined ? new Int16Array(buffer) : new Float32Array(buffer);
-    return { ...packed, values, rows, width: shape.reduce((a, b) => a * b, 1), float32: null, int16: null };
+    const bytes = Uint8Array.from(atob(packed.float32), (c) => c.charCodeAt(0)), [rows, ...shape] = packed.shape;
+    return { values: new Float32Array(bytes.buffer), rows, width: shape.reduce((a, b) => a * b, 1) };
   }
   const page = JSON.parse(element("episode").textContent, unpack), { scene, flights, focus, dt } = page;
   const row = (array, i) => array.values.subarray(i * array.width, (i + 1) * array.width);
@@ -30,10 +29,10 @@
   /** A place, north, east and down, away from a pose by components of the position. */
   const shifted = (pose, off) => [0, 1, 2].map((c) => off.reduce((sum, v, j) => sum + v * focus[j].axis[c], pose[c]));
   /** Deviations of the ensemble's members from their mean, [m][k]; none without an ensemble. */
-  function cloud({ members }, time) {
+  function cloud({ members, period }, time) {
     if (!members) return [];
-    const values = row(members, Math.min(Math.floor(time / members.period), members.rows - 1));
-    return Array.from({ length: values.length / k }, (_, i) => Array.from(values.subarray(i * k, (i + 1) * k), (v) => v * members.unit));
+    const values = row(members, Math.min(Math.floor(time / period), members.rows - 1));
+    return Array.from({ length: values.length / k }, (_, i) => Array.from(values.subarray(i * k, (i + 1) * k)));
   }
   /** Fixes of the position up to a step, as places. */
   const fixes = (flight, i) => rows(flight.fix, i + 1).flatMap((fix, j) => (Number.isFinite(fix[0]) ? [shifted(row(flight.true, j), [...fix])] : []));
