@@ -7,11 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
 import agents
-from agents import Episode, episode
+from agents import Episode, episode, load_agent
 from agents.episodes.recording import page_of, unpacked
 from agents.rollouts import rollout
 from estimators import ExtendedKalmanFilter
@@ -57,6 +58,31 @@ def test_a_page_holds_what_was_flown(flown: tuple[str, Episode]):
         np.testing.assert_array_equal(root, np.tril(root))
     assert page["flights"][1]["members"] is None
     assert page["flights"][0]["members"]["shape"][2] == len(page["focus"])
+
+
+@pytest.mark.parametrize("env_id", ["SigmaCorvette-v0", "SegorogeniAUV-v0"])
+def test_a_window_and_a_page_show_the_same_charts_tracks_and_fixes(env_id: str):
+    pytest.importorskip("pygame")
+    kept = rollout("autopilot", env_id, [3], {"max_episode_steps": 12}, ensembles=True)
+    page = page_of([kept], ["default"])
+    env = gym.make(env_id, render_mode="rgb_array")
+    observation, _ = env.reset(seed=3)
+    agent = load_agent("autopilot", env)
+    agent.reset(1)
+    for _ in range(12):
+        observation, *_ = env.step(agent.act(observation[None])[0])
+    scene, (flight,) = env.unwrapped._renderer._picture.scene, page["flights"]
+    for name, shown in (("true", scene.true), ("believed", scene.believed), ("fix", scene.fixes)):
+        np.testing.assert_allclose(unpacked(flight[name]), shown, rtol=2e-7)
+    drawn = {chart.title: chart for chart in scene.charts(6)}
+    both = [chart for chart in flight["charts"] if chart["title"] in drawn]
+    assert len(both) == len(drawn) - 1  # a rollout keeps no actions
+    for chart in both:
+        own = drawn[chart["title"]]
+        assert chart["limits"] == pytest.approx(own.limits)
+        for line, series in zip(chart["series"], own.series, strict=True):
+            assert (line["label"], line["colour"]) == (series.label, series.colour)
+            np.testing.assert_allclose(unpacked(line["value"]), series.value, rtol=1e-6)
 
 
 def test_all_estimators_begin_alike_and_meet_the_same_noise(flown: tuple[str, Episode]):
