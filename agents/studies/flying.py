@@ -1,5 +1,6 @@
 """Flights of studies: a pure function of its arguments, called by jobs."""
 
+from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 from time import process_time
@@ -8,7 +9,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.agent import Agent
 from agents.metrics import consistency, nees_of, nis_consistency, scores
 from agents.rollouts import Rollout, rollout
 from agents.seeds import evaluation_seeds
@@ -28,7 +28,7 @@ def fly(
     episodes: int,
     own: dict[str, str],
     timed_beside: str | None = None,
-    needs: list[Path] | None = None,
+    needs: Sequence[Path] = (),
 ) -> dict[str, Any]:
     """Fly the evaluation seeds and score them on the truth.
 
@@ -50,7 +50,7 @@ def fly(
     """
     import_own(own)
     flown = rollout(
-        _controller(agent, environment, needs),
+        str(needs[0]) if agent == "checkpoint" else classical_controller(agent, environment),
         environment_id(environment),
         evaluation_seeds(episodes, first_seed),
         environment_options(environment, options),
@@ -103,13 +103,6 @@ def _in_turns(environment: str, arms: list[dict[str, Any]], agent: str, rows: in
     for env, _, _ in flown:
         env.close()
     return (np.median(seconds[1:], axis=0) / (steps * rows)).tolist()
-
-
-def _controller(agent: str, environment: str, needs: list[Path] | None) -> Agent | str:
-    if agent == "checkpoint":
-        assert needs
-        return str(needs[0])
-    return classical_controller(agent, environment)
 
 
 def _diverged(flown: Rollout) -> np.ndarray:

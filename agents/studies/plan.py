@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
-from agents.controllers import unknown_controller
+from agents.controllers import is_controller, unknown_controller
 from agents.jobs import Job
 from agents.studies.records import DEFAULT, ORACLE, RAW, Agent, Condition, Estimator, Study
-from agents.studies.worlds import digests, environment_id, has_controller, refusal, registered, system_of
+from agents.studies.worlds import digests, environment_id, refusal, registered, system_of
 from agents.training.ppo import describe
 
 _RAW_MEASUREMENTS = Estimator(RAW, "measurement")
@@ -69,7 +69,7 @@ def plan(study: Study) -> Plan:
             else:
                 skipped.append(Skipped(environment, estimator.name, str(error)))
         for agent in _here(study.agents, environment):
-            if not agent.learned and not has_controller(agent.kind, environment):
+            if not agent.learned and not is_controller(agent.kind, system_of(environment)):
                 skipped.append(Skipped(environment, agent.name, unknown_controller(agent.kind, system_of(environment))))
                 continue
             trainings = _trainings(study, environment, agent, flyable)

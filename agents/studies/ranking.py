@@ -20,7 +20,9 @@ def ranking(results: Results) -> Section:
     environments = ruled(results)
     blocks: list[Block] = [Prose(note("scale", who=results.who, floor=FLOOR, oracle=ORACLE))]
     if results.environments:
-        blocks += [Prose(text) for text in (_ruler(results), *_rulers(results))]
+        chosen = results.plan.study.termination  # for all agents and both ends of the scale
+        ruler = note("ruler", chosen=chosen, ends=note(f"ends-{chosen}"))
+        blocks += [Prose(text) for text in (ruler, *_rulers(results))]
     if not environments:
         return Section(title, blocks if results.environments else [])
     together = bool(common(results))
@@ -104,23 +106,10 @@ def confirmation(found: Confirmed, fresh: Study) -> Section:
         entries = [first, again, Entry(claim.outcome or "no claim")]
         rows.append((claim.first.column, (f"{claim.first.one} − {claim.first.other}", entries)))
     seeds = {"episodes": fresh.episodes, "first_seed": fresh.first_seed}
+    heads = ("First seeds", "Fresh seeds", "Claim")
     words = note("confirmation", confirmed=CONFIRMED.capitalize(), open=OPEN, failed=FAILED, **seeds)
-    table = tabled("confirmation", "Claims on fresh seeds", words, _CLAIM, grouped(rows), "Difference")
+    table = tabled("confirmation", "Claims on fresh seeds", words, heads, grouped(rows), "Difference")
     return Section("Confirmation on fresh seeds", table)
-
-
-_CLAIM = ("First seeds", "Fresh seeds", "Claim")
-
-
-def _ruler(results: Results) -> str:
-    """The termination, for all agents and both ends of the scale."""
-    ends = {
-        "belief": "the estimate says that the vehicle is there",
-        "agent": "the agent declares that the vehicle is there",
-        "task": "the vehicle is there in truth",
-    }
-    chosen = results.plan.study.termination
-    return note("ruler", chosen=chosen, ends=ends[chosen])
 
 
 def _rulers(results: Results) -> list[str]:
@@ -143,7 +132,9 @@ def price(results: Results) -> Section:
     for environment in results.environments:
         places, flown = results.places([environment]), _flown(results, environment, (RAW, ORACLE))
         sections[environment] = [
-            (label, [_lost(results, place, who, on) for place in places]) for label, who, on in flown if on != ORACLE
+            (label, [share_entry(results.price([place], who, on), signed=True) for place in places])
+            for label, who, on in flown
+            if on != ORACLE
         ]
     learned = "; learned agents, on the estimator of their training" if learners(results) else ""
     text = note("price", who=results.who, learned=learned)
@@ -173,10 +164,6 @@ def _price_figure(results: Results) -> list[Block]:
     caption = note("price-figure", who=results.who, floor=FLOOR)
     figure = dots(rows, environments, "score lost against the truth", (0.0,))
     return [framed(figure, "Score lost against the truth", caption)]
-
-
-def _lost(results: Results, place: Place, policy: Policy, estimator: str) -> Entry:
-    return share_entry(results.price([place], policy, estimator), signed=True)
 
 
 # --- tails -------------------------------------------------------------------------------------------

@@ -10,12 +10,12 @@ from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
-from agents.controllers import AUTOPILOT, PPO, controller_names, make_controller
+from agents.controllers import AUTOPILOT, PPO, controller_names, is_controller, make_controller
 from agents.named import named_object
 from agents.seeds import evaluation_seeds
 from agents.studies.records import DEFAULT, FLOOR, ORACLE, RAW, Agent, Condition, Confirmation, Estimator, Study
 from agents.studies.toml_reader import Place, StudyError, TomlReader
-from agents.studies.worlds import check_estimator_name, environment_id, has_controller, refusal, system_of
+from agents.studies.worlds import check_estimator_name, environment_id, refusal, system_of
 from agents.training.ppo import MEMORIES, describe, hyperparameters
 from estimators.checks import short_repr
 from vessel_gym.configuration import TERMINATIONS
@@ -142,7 +142,7 @@ class _Reader(TomlReader):
             if ":" in agent.kind:
                 for world in here:
                     self.accepts((*place, "kind"), make_controller, agent.kind, system_of(world))
-            elif not agent.learned and not any(has_controller(agent.kind, w) for w in here):
+            elif not agent.learned and not any(is_controller(agent.kind, system_of(w)) for w in here):
                 self.name("kind of agent", agent.kind, (*(controllers or (AUTOPILOT,)), PPO), (*place, "kind"))
             if not agent.learned:
                 continue
@@ -267,7 +267,7 @@ class _Reader(TomlReader):
             for env_id in steps if where else ():
                 self.name(f"environment of {name}", env_id, where, (*place, "steps"))
             found.append(Agent(name, kind, observe, memory, trained_on, steps, where, critic, guidance, settings))
-        if worlds and not any(has_controller(AUTOPILOT, world) for world in worlds):
+        if worlds and not any(is_controller(AUTOPILOT, system_of(world)) for world in worlds):
             if all(agent.learned for agent in found):
                 text = (
                     "no environment of the study has an autopilot: name a controller, module:object if it is your own"

@@ -7,7 +7,7 @@ from typing import Any
 import gymnasium as gym
 
 import vessel_gym  # noqa: F401  (registers the environments)
-from agents.controllers import CONTROLLERS, is_controller, make_controller
+from agents.controllers import CONTROLLERS, make_controller
 from agents.metrics import TASK_METRICS
 from agents.named import imported_module, named_object, vector_class
 from agents.source import source_digest
@@ -78,11 +78,6 @@ def environment_options(environment: str, options: dict[str, Any]) -> dict[str, 
         "sensors": [replace(sensor, latency=latency.get(sensor.name, sensor.latency)) for sensor in each],
         "sensor_faults": [SensorFault(**fault) for fault in faults if fault["sensor"] in there],
     }
-
-
-def has_controller(agent: str, environment: str) -> bool:
-    """True if an environment has a controller of this kind: the user's own, or a registered one."""
-    return is_controller(agent, system_of(environment))
 
 
 def classical_controller(agent: str, environment: str) -> Any:

@@ -36,7 +36,7 @@ def test_examples_are_of_the_first_condition_on_the_default_two_others_and_dead_
 @pytest.mark.parametrize("environment", [CORVETTE, SEGOROGENI, "ItsunusaAUV-v0", "PunaUAV-v0"])
 def test_an_example_is_what_is_flown_on_each_estimator_and_survives_its_store(environment):
     names = ["ekf", "measurement"]
-    given = [(name, options(CALM, Estimator(name, name), environment)) for name in names]
+    given = [(name, options(study(), CALM, Estimator(name, name), environment)) for name in names]
     shown = Episode(json.loads(json.dumps(example(environment, given, "autopilot", [3], {}))))
     for name in names:
         alone = rollout("autopilot", environment, [3], {"estimator": name, "disturbance": "calm"}, record=False)
