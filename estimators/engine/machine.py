@@ -62,10 +62,11 @@ def _function(text: str) -> Any:
     engine = binding.create_mcjit_compiler(module, machine)
     engine.add_object_file(binding.ObjectFileRef.from_data(code))
     engine.finalize_object()
-    method = _Method(b"run", engine.get_function_address("call"), _FASTCALL, None)
+    # Bytes: the collector of garbage empties a structure of ctypes before it deletes the function, which reads it then.
+    method = bytes(_Method(b"run", engine.get_function_address("call"), _FASTCALL, None))
     create = ctypes.pythonapi.PyCFunction_NewEx
-    create.restype, create.argtypes = ctypes.py_object, (ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
-    return create(ctypes.addressof(method), (engine, method), None)  # it keeps its code
+    create.restype, create.argtypes = ctypes.py_object, (ctypes.c_char_p, ctypes.py_object, ctypes.c_void_p)
+    return create(method, (engine, method), None)  # it keeps its code
 
 
 class _Method(ctypes.Structure):

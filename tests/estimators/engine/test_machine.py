@@ -219,6 +219,24 @@ def elementary(x: np.ndarray) -> np.ndarray:
     ], -1)  # fmt: skip
 
 
+COLLECTED = """
+import gc
+from estimators.engine import machine, trace
+from estimators.engine.function import Argument
+function, _ = trace(lambda x: x + 1.0, [Argument((2,))])
+cycle = [machine._function(function.text(1))]
+cycle.append(cycle)
+del cycle
+gc.collect()
+"""
+
+
+def test_a_function_in_a_cycle_of_garbage_is_deleted_before_what_it_reads(tmp_path: Path):
+    # glibc fills what is freed with ones, so that a read of it ends the process
+    allocator = {"PYTHONMALLOC": "malloc", "MALLOC_PERTURB_": "255", "VESSEL_GYM_CACHE": str(tmp_path)}
+    subprocess.run([sys.executable, "-c", COLLECTED], cwd=ROOT, env=dict(os.environ, **allocator), check=True)
+
+
 @pytest.mark.skipif("x86_64" not in machine._processor()[1], reason="of processors of this family")
 @pytest.mark.parametrize("optimise", ["0", "1"])
 @pytest.mark.parametrize("name", ["x86-64", "x86-64-v2", "x86-64-v3", machine._processor()[2]])
