@@ -39,13 +39,13 @@ policies: .venv/.studies  ## Train the policies that come with the package anew,
 $(POLICIES):  # of three runs one in two learns to fly the aircraft
 	$(BIN)/python -m scripts.train $@ --out agents/policies/trained/$@.zip $(if $(filter Puna%,$@),--runs 3)
 
-test: venv  ## Run the tests, of slow ones one case each
+test: venv  ## Run the tests: of many cases a selection with every value, of slow tests one
 	$(BIN)/python -m $(WORKERS)
 
 quick: venv  ## Run those of the tests that take a minute in all
 	$(BIN)/python -m $(WORKERS) -m "not slow and not nightly"
 
-nightly: venv  ## Run all cases of the slow tests, and those that take minutes (half an hour)
+nightly: venv  ## Run all cases, and the tests that take minutes (half an hour)
 	VESSEL_GYM_OPTIMISE=1 $(BIN)/python -m $(WORKERS) -m "slow or nightly"
 
 lint: venv  ## Check style, format, types, spelling and the language of pages

@@ -1,12 +1,14 @@
 """How many examples and cases are tried, and how code is compiled.
 
-Hypothesis draws the same examples every time; ``--hypothesis-profile thorough`` draws ten thousand. Of a slow test's
-cases ``make test`` runs one, elsewhere for every test; ``make nightly`` runs them all, and optimises what it compiles.
+Hypothesis draws the same examples every time; ``--hypothesis-profile thorough`` draws ten thousand. Of a test's cases
+``make test`` runs so many that every value of every parameter occurs, of a slow test's one, elsewhere for every test.
+``make nightly`` runs them all, and optimises what it compiles.
 """
 
 import os
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 from zlib import crc32
 
 import pytest
@@ -24,13 +26,28 @@ os.environ.setdefault("VESSEL_GYM_OPTIMISE", "0")  # of other processes, too: co
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     cases = defaultdict(list)
     for item in items:
-        if item.get_closest_marker("slow") and not item.get_closest_marker("nightly"):
+        if not item.get_closest_marker("nightly") and hasattr(item, "callspec"):
             cases[item.nodeid.partition("[")[0]].append(item)
     for test, group in cases.items():
-        kept = {(crc32(test.encode()) + i * len(group) // CASES) % len(group) for i in range(CASES)}
+        if group[0].get_closest_marker("slow"):
+            kept = {(crc32(test.encode()) + i * len(group) // CASES) % len(group) for i in range(CASES)}
+        else:
+            kept = covering([item.callspec.params for item in group], [item.nodeid for item in group])
         for i, item in enumerate(group):
             if i not in kept:
                 item.add_marker("nightly")
+
+
+def covering(cases: Sequence[Mapping[str, Any]], names: Sequence[str]) -> set[int]:
+    """Indices of cases that hold every value of every parameter, chosen at random by the cases' names."""
+    kept, seen = set(), set()
+    for i in sorted(range(len(cases)), key=lambda i: crc32(names[i].encode())):
+        plain = {name: isinstance(value, str | float | int | None) for name, value in cases[i].items()}
+        values = {(name, type(value), value if plain[name] else id(value)) for name, value in cases[i].items()}
+        if not values <= seen:
+            kept.add(i)
+            seen |= values
+    return kept
 
 
 @pytest.fixture(autouse=True, scope="module")
