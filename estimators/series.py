@@ -124,9 +124,7 @@ def run(
     prior, continued = _prior(prior, batch)
     after, at = _known_inputs(u, t, T + continued, batch, continued)
     rng = _numbers(rng, batch)
-    draws = isinstance(rng, RandomKeys) and getattr(filter, "random", False)
-    if integer("first", first, 0) == 0 and continued and draws:
-        raise ValueError("first must be how many measurements came before the belief: their random numbers are used up")
+    _check_first(first, filter, rng, continued)
     loop, belief, predicted, updated = cast(Any, filter), prior, [], []
     for k in range(T):
         now = rng.at(first + k) if isinstance(rng, RandomKeys) else rng
@@ -165,6 +163,13 @@ def _check_timed(filter: Any, t: np.ndarray | None) -> None:
     constant = [isinstance(model, LinearModel) and not any(map(callable, vars(model).values())) for model in models]
     if t is not None and all(constant):
         raise ValueError("this model is the same however long a step takes: make it with sampled, or leave out t")
+
+
+def _check_first(first: int, filter: Any, rng: Rng, continued: bool) -> None:
+    """Refuse to use random numbers a second time."""
+    keyed = isinstance(rng, RandomKeys) and getattr(filter, "random", False)
+    if integer("first", first, 0) == 0 and continued and keyed:
+        raise ValueError("first must be how many measurements came before the belief: their random numbers are used up")
 
 
 def _numbers(rng: Rng | int, batch: tuple[int, ...]) -> Rng:

@@ -21,6 +21,7 @@ from vessel_gym.sensors import Sensor
 from vessel_gym.system import System
 from vessel_gym.tasks import circle_track, turning_circle
 from vessel_gym.vehicles import corvette, ship
+from vessel_gym.verified import is_verified
 
 ENVS = SigmaCorvetteEnv, ThesisCorvetteEnv, SegorogeniAUVEnv, ItsunusaAUVEnv, PunaUAVEnv
 ITSUNUSA = ItsunusaAUVEnv.system
@@ -106,6 +107,19 @@ def test_the_class_alone_says_whether_it_is_verified() -> None:
         for each in (beside, Rougher(**{each.name: getattr(beside, each.name) for each in fields(beside)}))
     ]
     assert [world.users for world in worlds] == [False, True]
+
+
+def test_an_object_that_passes_attributes_on_is_not_verified() -> None:
+    class Passing:
+        def __init__(self, part: Any) -> None:
+            self.part = part
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self.part, name)
+
+    for part in (ITSUNUSA.vehicle, ITSUNUSA.task, ITSUNUSA.vehicle.sensors[0].reads):
+        assert is_verified(part)
+        assert not is_verified(Passing(part))
 
 
 def test_a_class_of_the_same_name_is_another_one() -> None:

@@ -10,6 +10,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from vessel_gym.verified import declared
+
 _Builder = TypeVar("_Builder", bound=Callable[..., Any])
 _KEPT = 32  # objects of a builder
 _IMMUTABLE, _HEAP = 1 << 8, 1 << 9
@@ -55,7 +57,7 @@ class _Values(pickle.Pickler):
 
     def reducer_override(self, value: Any) -> Any:
         """Parts of one value: a record's fields, without what it has cached; of classes and functions the identity."""
-        if not getattr(value, "verified", _constant(value)):
+        if not (_constant(value) if (verified := declared(value)) is None else verified):
             raise pickle.PicklingError("it may change")
         if is_dataclass(value) and not isinstance(value, type):
             return type(value), tuple(getattr(value, each.name) for each in fields(value))

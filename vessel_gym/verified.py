@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
+from types import MethodType
 from typing import Any, ClassVar, TypeVar
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
@@ -32,4 +33,15 @@ def is_verified(part: Any) -> bool:
     """Is a part verified, with all that it stands beside? A partial function is if the function is."""
     part = part.func if isinstance(part, partial) else part
     beside = getattr(part, "beside", None)
-    return bool(getattr(part, "verified", False)) and (beside is None or is_verified(beside))
+    return declared(part.__func__ if isinstance(part, MethodType) else part) is True and (
+        beside is None or is_verified(beside)
+    )
+
+
+def declared(part: Any) -> Any:
+    """Declaration of a function or a class, or of an object's class; None: there is none.
+
+    An attribute that an object passes on from another one does not count.
+    """
+    own = getattr(part, "__dict__", {}).get("verified", vars(type(part)).get("verified"))
+    return part.verified if isinstance(own, property) and not isinstance(part, type) else own

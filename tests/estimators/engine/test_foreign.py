@@ -15,6 +15,7 @@ import pytest
 import scipy.interpolate
 
 from estimators.engine import compiled, repeat
+from estimators.engine.creation import traced_creation
 from estimators.engine.foreign import inspect
 from estimators.engine.interpret import interpret
 from tests.estimators.engine.random_functions import RandomFunction
@@ -566,3 +567,14 @@ def test_a_frozen_dataclass_stays_and_its_arrays_do_not():
 
 
 DRAGS = {1: 2.0}
+
+
+def test_compiled_extensions_make_plain_arrays_while_a_function_is_traced() -> None:
+    """A generator writes into a fresh array as into plain memory: of objects, it would be pointers."""
+
+    def fresh() -> np.ndarray:
+        return np.empty(3)
+
+    with traced_creation():
+        assert np.random.default_rng(0).normal(size=3).dtype == float
+        assert fresh().dtype == object
