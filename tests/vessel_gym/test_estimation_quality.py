@@ -51,9 +51,9 @@ class _Face:
 
 
 @cache
-def estimated(estimator: str, disturbance: str = "rough", told: str = "") -> dict[str, np.ndarray]:
-    """Everything in ``info`` at every step ``(T, N, ...)``; ``assume`` says how the filter is told of the sea."""
-    options = {"assume": {"as": told}} if told else {}
+def estimated(estimator: str, disturbance: str = "rough", assumed_as: str = "") -> dict[str, np.ndarray]:
+    """Everything in ``info`` at every step ``(T, N, ...)``; ``assumed_as`` says how the filter assumes the sea."""
+    options = {"assume": {"as": assumed_as}} if assumed_as else {}
     core = make_core(HEADING_SHIP.name, SEEDS, estimator=estimator, estimator_options=options, disturbance=disturbance)
     core.reset()
     frames = []
@@ -87,9 +87,9 @@ def test_kf_umv_ui_estimates_heading_better_than_kf_that_ignores_the_unknown_inp
 @pytest.mark.slow
 def test_telling_kf_the_true_variance_of_the_unknown_input_makes_it_as_good_as_kf_umv_ui():
     """In a rough sea the input is so large that knowing its variance adds next to nothing to not knowing it."""
-    told, unbiased = heading_rmse(estimated("kf", assumed_as="white-input")), heading_rmse(estimated("kf-umv-ui"))
-    assert paired_interval(heading_rmse(estimated("kf")) - told)[0] > 0.0
-    low, high = paired_interval(told - unbiased)
+    white, unbiased = heading_rmse(estimated("kf", assumed_as="white-input")), heading_rmse(estimated("kf-umv-ui"))
+    assert paired_interval(heading_rmse(estimated("kf")) - white)[0] > 0.0
+    low, high = paired_interval(white - unbiased)
     assert -0.01 * unbiased.mean() < low
     assert high < 0.01 * unbiased.mean()
 
