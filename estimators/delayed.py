@@ -97,11 +97,11 @@ class Delayed(Generic[Record]):
 
     def init(self, prior: Gaussian, rng: Rng = None) -> DelayedBelief[Record]:
         """The belief before any measurement, as `Filter.init`."""
-        return self._begun(self.filter.init(prior, rng=self._keys(rng)), rng)
+        return self._initial(self.filter.init(prior, rng=self._keys(rng)), rng)
 
-    def _begun(self, begun: Record, rng: Rng) -> DelayedBelief[Record]:
-        nothing = np.zeros(begun.mean.shape[:-1], int)
-        return DelayedBelief(begun, Window.begun(begun, self.filter.model.p, self._keys(rng)), nothing, nothing)
+    def _initial(self, initial: Record, rng: Rng) -> DelayedBelief[Record]:
+        nothing = np.zeros(initial.mean.shape[:-1], int)
+        return DelayedBelief(initial, Window.initial(initial, self.filter.model.p, self._keys(rng)), nothing, nothing)
 
     def predict(self, belief: DelayedBelief[Record], u: Any = None, rng: Rng = None) -> DelayedBelief[Record]:
         """One step ahead, as `Filter.predict`."""
@@ -142,18 +142,18 @@ class Delayed(Generic[Record]):
             raise ValueError(
                 f"y has shape {y.shape}, expected {(*rows, 'ages', p)}: measurements by age, those of now first"
             )
-        come, u = np.isfinite(y), self._known(belief, u)
+        arrived, u = np.isfinite(y), self._known(belief, u)
         if available is not None:
-            come = come & _fitting("available", as_mask("available", available), y.shape)
+            arrived = arrived & _fitting("available", as_mask("available", available), y.shape)
         if R is not None:
             R = _fitting("R", as_array("R", R), (*y.shape, p))
-            come = come & np.isfinite(np.diagonal(R, axis1=-2, axis2=-1))
+            arrived = arrived & np.isfinite(np.diagonal(R, axis1=-2, axis2=-1))
         if u is not None:
             now = window.step(-1)
             self._check_one_input(now, u)
             own = None if np.array_equal(now.predicted.u, u) else u
             window = window._replace(measurement_u=(*window.measurement_u[:-1], own))
-        return self.correct(replace(belief, window=window), y, come, R, rng)
+        return self.correct(replace(belief, window=window), y, arrived, R, rng)
 
     def correct(
         self, belief: DelayedBelief[Record], y: np.ndarray, available: np.ndarray, R: np.ndarray | None, rng: Rng
@@ -174,15 +174,17 @@ class Delayed(Generic[Record]):
             values, i = y[..., age, :], newest - age
             new = available[..., age, :] & np.isfinite(values)
             if i >= 0:
-                taken = new & (age <= reach)[..., None] & ~window.available[i]
+                accepted = new & (age <= reach)[..., None] & ~window.available[i]
                 if R is not None or own_R[i] is not None:
-                    own_R[i] = _merged_R(own_R[i], window.available[i], taken, None if R is None else R[..., age, :, :])
-                np.copyto(window.y[i], values, where=taken)
-                window.available[i] |= taken
-                rows = taken.any(-1)
+                    own_R[i] = _merged_R(
+                        own_R[i], window.available[i], accepted, None if R is None else R[..., age, :, :]
+                    )
+                np.copyto(window.y[i], values, where=accepted)
+                window.available[i] |= accepted
+                rows = accepted.any(-1)
                 window.read[i] |= rows
                 oldest = np.where(rows, age, oldest)
-                new ^= taken
+                new ^= accepted
             if new.any():
                 refused = refused + new.sum(-1)
         window = window._replace(R=tuple(own_R), keys=(*window.keys[:-1], self._keys(rng)))
@@ -191,8 +193,8 @@ class Delayed(Generic[Record]):
 
     def begin(self, prior: Gaussian, u: Any, y: np.ndarray, available: np.ndarray, rng: Rng) -> DelayedBelief[Record]:
         """`init`, then `update`, without checks; ``u (..., m)`` is the known input of the first measurement."""
-        begun = self.filter.start(prior, self._keys(rng), u)
-        return self._corrected(self._begun(begun, rng), y, available, None, rng)
+        initial = self.filter.start(prior, self._keys(rng), u)
+        return self._corrected(self._initial(initial, rng), y, available, None, rng)
 
     def advance(
         self, belief: DelayedBelief[Record], u: Any, y: np.ndarray, available: np.ndarray, rng: Rng
@@ -234,11 +236,11 @@ class Delayed(Generic[Record]):
             packed, layout = belief.pack()
             packed = np.array(packed)
             for k in {*wait.tolist()} - {0}:
-                rows, begun = np.flatnonzero(wait == k), some.predicted[k]
-                found = begun.run.like if isinstance(begun, Forecast) else begun
+                rows, initial = np.flatnonzero(wait == k), some.predicted[k]
+                found = initial.run.like if isinstance(initial, Forecast) else initial
                 if found.pack()[1] is not layout:
                     return None
-                packed[rows] = begun.rows(rows) if isinstance(begun, Forecast) else found.pack()[0][rows]
+                packed[rows] = initial.rows(rows) if isinstance(initial, Forecast) else found.pack()[0][rows]
             belief = belief.view(packed, layout, before.prior_mean, before.prior_cov, belief.u)
         # The next late measurement is likely to be of as many steps after this one as this is after the one before.
         next_step = start.step if isinstance(start, Forecast) else age
@@ -372,9 +374,11 @@ class Delayed(Generic[Record]):
         return filter.update(predicted, y, rng=keys, available=available, R=R, u=u)
 
 
-def _merged_R(before: np.ndarray | None, available: np.ndarray, taken: np.ndarray, R: np.ndarray | None) -> np.ndarray:
-    """R of the measurements ``available (..., p)`` before, and those ``taken``; NaN where none brought its own."""
-    together, one = taken[..., None] & taken[..., None, :], taken[..., None] ^ taken[..., None, :]
+def _merged_R(
+    before: np.ndarray | None, available: np.ndarray, accepted: np.ndarray, R: np.ndarray | None
+) -> np.ndarray:
+    """R of the measurements ``available (..., p)`` before, and those ``accepted``; NaN where none brought its own."""
+    together, one = accepted[..., None] & accepted[..., None, :], accepted[..., None] ^ accepted[..., None, :]
     # those of different calls have nothing in common
     return np.where(together, np.nan if R is None else R, np.where(one, 0.0, np.nan if before is None else before))
 
@@ -403,7 +407,7 @@ def by_age(y: np.ndarray, delay: np.ndarray) -> np.ndarray:
     if not ((late >= 0.0) & (late == np.rint(late))).all():
         raise ValueError("delay must be whole numbers of steps of at least 0")
     ages = int(late[late < len(y)].max(initial=0.0)) + 1  # what comes later does not come at all
-    come = np.full((*y.shape[:-1], ages, y.shape[-1]), np.nan)
+    arrived = np.full((*y.shape[:-1], ages, y.shape[-1]), np.nan)
     for age in range(min(ages, len(y))):
-        come[age:, ..., age, :] = np.where(late == age, y, np.nan)[: len(y) - age]
-    return come
+        arrived[age:, ..., age, :] = np.where(late == age, y, np.nan)[: len(y) - age]
+    return arrived

@@ -237,14 +237,14 @@ class Filter(Estimator[Record], verified=True):
                 return None
             programs[each] = program
         predicted, doubtful = list[np.ndarray](), np.zeros((steps, rows, 1), bool)
-        state, begun = in_rows(packed), wait <= np.arange(steps)[:, None]
+        state, running = in_rows(packed), wait <= np.arange(steps)[:, None]
         cuts = {k + 1 for k in kept} | {k for k in range(1, steps) if measured[k] != measured[k - 1]}
         for first, last in pairwise(sorted({0, *cuts})):
             before, now = (state, state) if u is None else (u[first:], u[first + 1 :])
             following = np.empty((rows, layout.width))
             programs[measured[first]].function(
                 rows, last - first, state, now, y[first:], available[first:], state, state, state, before,
-                begun[first:], following, doubtful[first:],
+                running[first:], following, doubtful[first:],
             )  # fmt: skip
             state = following
             if last - 1 in kept:

@@ -124,10 +124,10 @@ def traced(
         results = now.stored()
         found, parts = _packed(program, results)
         if successive and found is layout:  # a row that waits stays as it is
-            begun = matrix_input(program, 8, 0, (1,), "b")
-            masks = begun[..., 0], begun, begun[..., None]  # of numbers, vectors and matrices
+            running = matrix_input(program, 8, 0, (1,), "b")
+            masks = running[..., 0], running, running[..., None]  # of numbers, vectors and matrices
             kept = {name: np.where(masks[own.ndim], results[name], own) for name, own in first.stored().items()}
-            parts, doubtful = _packed(program, kept)[1], None if doubtful is None else doubtful & begun[..., 0]
+            parts, doubtful = _packed(program, kept)[1], None if doubtful is None else doubtful & running[..., 0]
         mask = [] if doubtful is None else [doubtful.value]
     except Exception as error:
         if filter.verified:

@@ -64,8 +64,8 @@ class Forecast(NamedTuple):
 
     def rows(self, rows: np.ndarray) -> np.ndarray:
         """Some of its packed rows."""
-        begun = (self.run.wait[rows] > self.step).all()
-        return (self.run.like.pack()[0] if begun else self.run.packed(self.step))[rows]
+        initial = (self.run.wait[rows] > self.step).all()
+        return (self.run.like.pack()[0] if initial else self.run.packed(self.step))[rows]
 
 
 class Window(NamedTuple):
@@ -82,7 +82,7 @@ class Window(NamedTuple):
     read: np.ndarray
 
     @classmethod
-    def begun(cls, belief: Any, channels: int, keys: RandomKeys | None) -> "Window":
+    def initial(cls, belief: Any, channels: int, keys: RandomKeys | None) -> "Window":
         """The window of a belief before any measurement, which draws the numbers of ``keys``."""
         y = np.zeros((1, *belief.mean.shape[:-1], channels))
         each = (belief,), (keys,), (None,), (keys,), (None,), (belief.u,)

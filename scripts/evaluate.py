@@ -74,10 +74,10 @@ def _fly(title: str, agent: str, env_id: str, seeds: list[int], worlds: list[dic
         for options in worlds:
             flown = rollout(agent, env_id, seeds, options, trust=trust)
             columns.append(scores(flown))
-            shown = metrics(flown.env.unwrapped.system)
+            chosen = metrics(flown.env.unwrapped.system)
             table.add_column(flown.env.unwrapped.core.estimator, justify="right")
             advance()
-    for metric in shown:
+    for metric in chosen:
         cells = [words(mean(metric, column[metric.key][None]), metric.decimals) for column in columns]
         table.add_row(escape(f"{metric.label} [{metric.unit}]" if metric.unit else metric.label), *map(escape, cells))
     Console().print(table)

@@ -28,7 +28,7 @@ PRIVATE = {
     "reading", "readings", "noted", "informs", "arrivals", "attach", "forcing", "kick", "kicks", "stir", "spoil",
     "tally",
     "neutralised", "climbed", "ladder", "rung", "settled", "straightened", "suiting", "retimed", "sheet", "sheets",
-    "pilot", "pilots", "anybody", "handed",
+    "pilot", "pilots", "anybody", "handed", "told", "shown", "begun",
 }  # fmt: skip
 """Words that once stood for a term of the field: docs/glossary.md has the terms, CHANGELOG.md what was called what."""
 

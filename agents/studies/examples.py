@@ -30,17 +30,17 @@ def examples(plan: Plan) -> dict[str, Job]:
         default = system_of(environment).estimator
         others = [e.name for e in plan.study.estimators if e.name in flights]
         others = [name for name in others if name not in (default, ORACLE, FLOOR)]
-        shown = [name for name in dict.fromkeys([default, *others[:1], *others[-1:], FLOOR]) if name in flights]
-        if shown:
-            told = {
+        names = [name for name in dict.fromkeys([default, *others[:1], *others[-1:], FLOOR]) if name in flights]
+        if names:
+            arguments = {
                 "environment": environment,
-                "estimators": [(name, flights[name]["options"]) for name in shown],
-                "agent": flights[shown[0]]["agent"],
+                "estimators": [(name, flights[name]["options"]) for name in names],
+                "agent": flights[names[0]]["agent"],
                 "seeds": list(plan.study.seeds),
-                "own": {module: digest for name in shown for module, digest in flights[name]["own"].items()},
+                "own": {module: digest for name in names for module, digest in flights[name]["own"].items()},
             }
             label = f"example episodes in {environment}"
-            chosen[environment] = Job("agents.studies.examples:example", told, label)
+            chosen[environment] = Job("agents.studies.examples:example", arguments, label)
     return chosen
 
 

@@ -32,11 +32,11 @@ def learning(results: Results) -> Section:
         blocks.append(Prose(note("few-runs", runs=runs, few=FEW_SEEDS)))
     unseen = 100.0 * (1.0 - 0.05 ** (1.0 / seeds))
     blocks.append(Prose(note("rare-failures", runs=many(seeds, "run"), share=unseen)))
-    shown = columns(environments, len(environments) > 1)
-    heads = list(shown)
+    by_head = columns(environments, len(environments) > 1)
+    heads = list(by_head)
     look = policy_looks(results)
     rows = [
-        Row(str(policy), look[policy], [kept(results, column, policy, None) for column in shown.values()])
+        Row(str(policy), look[policy], [kept(results, column, policy, None) for column in by_head.values()])
         for policy in results.schools()
     ]
     at_home = note("at-home", runs=runs)
@@ -49,7 +49,7 @@ def learning(results: Results) -> Section:
     reference = reference_policy(results)
     if reference is not None:
         others = [policy for policy in learned if policy != reference]
-        blocks += _against(results, reference, others, shown)
+        blocks += _against(results, reference, others, by_head)
     blocks.append(framed(profile_figure(results), "Performance profiles", note("profiles")))
     for agent in (a for a in results.plan.study.agents if a.learned and not a.raw):
         figure = transfer_figure(results, agent.name)
@@ -60,7 +60,7 @@ def learning(results: Results) -> Section:
 
 
 def _against(
-    results: Results, reference: Policy, others: list[Policy], shown: Mapping[str, Sequence[str]]
+    results: Results, reference: Policy, others: list[Policy], by_head: Mapping[str, Sequence[str]]
 ) -> list[Block]:
     """Other policies against the reference: probability of improvement, and what those without a filter gain."""
     raw = [policy for policy in others if results.agent(policy).raw]
@@ -73,11 +73,11 @@ def _against(
         return share_entry(difference(results, column, policy, reference, len(raw)), signed=True)
 
     title, text = f"Probability of improvement over {reference}", note("improvement", reference=reference)
-    rows = [(str(policy), [better(policy, column) for column in shown.values()]) for policy in others]
-    blocks = tabled("improvement", title, text, list(shown), {"": rows}, "Agent")
-    rows = [(str(policy), [gain(policy, column) for column in shown.values()]) for policy in raw]
+    rows = [(str(policy), [better(policy, column) for column in by_head.values()]) for policy in others]
+    blocks = tabled("improvement", title, text, list(by_head), {"": rows}, "Agent")
+    rows = [(str(policy), [gain(policy, column) for column in by_head.values()]) for policy in raw]
     text = note("without-filter", reference=reference)
-    return [*blocks, *tabled("without-filter", "Learning without a filter", text, list(shown), {"": rows}, "Agent")]
+    return [*blocks, *tabled("without-filter", "Learning without a filter", text, list(by_head), {"": rows}, "Agent")]
 
 
 def profile_figure(results: Results) -> "Figure":

@@ -58,14 +58,14 @@ def episodes(results: Results) -> Section:
     for environment, job in examples(results.plan).items():
         if job.key not in results.values:
             continue
-        shown = Episode(results.values[job.key])
-        flights, spread = shown.page["flights"], [number(sd, 2) for sd in shown.page["spread"] or ()]
+        episode = Episode(results.values[job.key])
+        flights, spread = episode.page["flights"], [number(sd, 2) for sd in episode.page["spread"] or ()]
         ends = (f" ({flight['end']})" if flight["end"] else "" for flight in flights)
         scores = [f"{f['estimator']} {number(f['score'], 2)}{end}" for f, end in zip(flights, ends, strict=True)]
         varies = note("spread", spread=", ".join(spread)) if spread else ""
-        text = note("example", who=results.who, seed=shown.page["conditions"][-1],
+        text = note("example", who=results.who, seed=episode.page["conditions"][-1],
                     scores=", ".join(scores), varies=varies)  # fmt: skip
-        blocks.append(Live(shown.html(), f"{environment}, {results.conditions[0]}", text.strip()))
+        blocks.append(Live(episode.html(), f"{environment}, {results.conditions[0]}", text.strip()))
     return Section("Example episodes", blocks)
 
 

@@ -26,15 +26,15 @@ def ranking(results: Results) -> Section:
     if not environments:
         return Section(title, blocks if results.environments else [])
     together = bool(common(results))
-    shown = columns(environments, together)
-    heads = list(shown)
+    by_head = columns(environments, together)
+    heads = list(by_head)
     overall = f" {ALL}: only the estimators that were flown in every environment." if together else ""
     names = ranked_names(results, environments)
     look = looks(results)
-    best = {head: rankable(results, column) for head, column in shown.items()}
+    best = {head: rankable(results, column) for head, column in by_head.items()}
 
     def shares(name: str) -> list[Interval | float | None]:
-        return [kept(results, shown[head], results.classical, name, max(len(best[head]), 1)) for head in shown]
+        return [kept(results, by_head[head], results.classical, name, max(len(best[head]), 1)) for head in by_head]
 
     rows = [Row(name, look[name], shares(name)) for name in (*names, *ENDS)]
     figure = dots(rows, heads, "share of the oracle's performance kept")
@@ -49,7 +49,7 @@ def ranking(results: Results) -> Section:
         Table(heading, text, "Estimator", [(head, "") for head in heads], [("", share_rows(rows))], "ranking")
     )
     blocks.append(_differences(results, names, best))
-    return Section(title, blocks + _learned_ranking(results, shown, names))
+    return Section(title, blocks + _learned_ranking(results, by_head, names))
 
 
 def _differences(results: Results, names: list[str], best: Mapping[str, dict[str, np.ndarray]]) -> Table:
@@ -61,18 +61,18 @@ def _differences(results: Results, names: list[str], best: Mapping[str, dict[str
     return Table("Difference from the best", text, "Estimator", pairs, [("", behind)], "behind-the-best")
 
 
-def _learned_ranking(results: Results, shown: Mapping[str, Sequence[str]], names: list[str]) -> list[Block]:
+def _learned_ranking(results: Results, by_head: Mapping[str, Sequence[str]], names: list[str]) -> list[Block]:
     """The same for agents that learned: everybody on every estimator."""
     sections = {
         str(policy): [
-            (name, [share_entry(kept(results, column, policy, name)) for column in shown.values()])
+            (name, [share_entry(kept(results, column, policy, name)) for column in by_head.values()])
             for name in (*names, *ENDS)
         ]
         for policy in (p for p in learners(results) if not results.agent(p).raw)
     }
     title = "Share of the oracle's performance kept by learned agents, by the estimator flown on"
     text = note("ranking-learned", runs=many(results.plan.study.training_seeds, "training run"))
-    return tabled("ranking-learned", title, text, list(shown), sections, "Flown on")
+    return tabled("ranking-learned", title, text, list(by_head), sections, "Flown on")
 
 
 def ranked_names(results: Results, environments: list[str]) -> list[str]:
@@ -94,8 +94,8 @@ def _behind(ranked: dict[str, np.ndarray], name: str, margin: float) -> Entry:
 
 def judged(difference: Interval | float | None, margin: float) -> Entry:
     """A difference in a table with its verdict; bold for better or worse."""
-    found, shown = verdict(difference, margin), share_entry(difference, signed=True)
-    return Entry(f"{shown}, {found}" if difference is not None else "–", strong=found in (BETTER, WORSE))
+    found, share = verdict(difference, margin), share_entry(difference, signed=True)
+    return Entry(f"{share}, {found}" if difference is not None else "–", strong=found in (BETTER, WORSE))
 
 
 def confirmation(found: Confirmed, fresh: Study) -> Section:

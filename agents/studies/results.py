@@ -301,8 +301,8 @@ class Results:
             values, success = self.values[f.job.key], system_of(f.environment).task.success
             flown = [f.environment, f.condition, f.agent, f.trained_on, f.training_seed, f.flown_on]
             figures = [values["figures"].get(key, nothing) for key in keys]
-            for seed, end, *shown in zip(self.plan.study.seeds, values["ends"], *figures, strict=True):
-                numbers = [f"{value:.6g}" if np.isfinite(value) else "" for value in shown]
+            for seed, end, *measured in zip(self.plan.study.seeds, values["ends"], *figures, strict=True):
+                numbers = [f"{value:.6g}" if np.isfinite(value) else "" for value in measured]
                 writer.writerow([*flown, seed, end, end == success, *numbers])
         return text.getvalue()
 

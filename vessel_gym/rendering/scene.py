@@ -45,8 +45,8 @@ class Chart(NamedTuple):
     @property
     def limits(self) -> tuple[float, float]:
         """Ends of the axis."""
-        shown = np.concatenate([self.reach, *(each.value for each in self.series), *(self.band or ())])
-        low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
+        values = np.concatenate([self.reach, *(each.value for each in self.series), *(self.band or ())])
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
         room = max(0.06 * (high - low), 1e-3)
         return low - room, high + room
 
