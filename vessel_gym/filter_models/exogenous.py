@@ -63,8 +63,10 @@ class Forces:
             raise ValueError(mistake)
         self.vehicle, self.disturbance = vehicle, disturbance
         self._effect = copying(disturbance.effect, disturbance)
-        self._drift: Callable[..., Any] = copying(vehicle.drift, vehicle)
+        owner = getattr(vehicle.drift, "__self__", vehicle)  # may be another one that it stands for
+        self._drift: Callable[..., Any] = copying(vehicle.drift, owner)
         self.verified = is_verified(vehicle) and is_verified(disturbance)
+        self.drift_verified = is_verified(owner) and is_verified(disturbance)
         known, increments = input_channels(vehicle), len(vehicle.increments)
         self.to = [known.index(name) for name in disturbance.forces]
         self.outside = increments + len(vehicle.ambient_flows)

@@ -68,7 +68,7 @@ def nonlinear_model(parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[st
         return pushes
 
     measurement, push = parts.expected, G if not flowing else pushed
-    if forces.verified:
+    if forces.drift_verified:
         transition = compiled(transition)
     if is_verified(forces.disturbance) and all(is_verified(sensor.reads) for sensor in parts.sensors.each):
         measurement = compiled(measurement)
