@@ -177,15 +177,16 @@ def build(
     if composition.assumed_as == "white-input" and estimator not in ("kf", *ENVIRONMENT_ONLY):
         name = estimator if isinstance(estimator, str) else "an estimator of one's own"
         raise ValueError(f'only kf can assume a white input of known variance, not {name}: say "as": "process-noise"')
-    if own:
-        made = estimator(model, **options)  # type: ignore[operator]
-        if not isinstance(made, Filter):
-            raise TypeError(f"estimator must return an estimators.Filter, got {type(made).__name__}")
-        check_own(made, composition)
-    else:
-        made = _made(system, str(estimator), options, composition, inputs, assumptions.Q)
-        if model is not straight:  # its input of a step is that of the next one, or of the one before
-            made.input_delay = 0 if composition.late else 1
+    try:
+        made = (
+            _own(estimator, options, composition) if own
+            else _made(system, str(estimator), options, composition, inputs, assumptions.Q)
+        )  # fmt: skip
+    except ValueError as error:
+        linear = [kind for kind in system.vehicle.linear_kinds if "needs a LinearModel" in str(error)]
+        raise (ValueError(f'{error}, or give the option "model": "{linear[0]}"') if linear else error) from None
+    if not own and model is not straight:  # its input of a step is that of the next one, or of the one before
+        made.input_delay = 0 if composition.late else 1
     check_input(made, composition)
     made.num_threads, watch = num_threads, monitor_of(monitor, sensors, made)
     return Estimation(made, composition, assumptions.prior, inputs, late, watch, sensors.horizon)
@@ -238,6 +239,15 @@ def monitor_of(choice: object, sensors: Sensors, filter: Filter) -> FaultMonitor
     kind = checks.one_of("kind of monitor", options.pop("kind", None), MONITORS)
     factory.check_options(kind, MONITORS[kind], options)
     return MONITORS[kind](channels, **options)
+
+
+def _own(estimator: Any, options: dict[str, Any], composition: Composition) -> Filter:
+    """A filter of one's own."""
+    made: Filter = estimator(composition.model, **options)
+    if not isinstance(made, Filter):
+        raise TypeError(f"estimator must return an estimators.Filter, got {type(made).__name__}")
+    check_own(made, composition)
+    return made
 
 
 def _made(

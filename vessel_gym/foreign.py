@@ -91,7 +91,13 @@ class CheckedMethods:
 
     def _checked(self, name: str, method: Copying, *arguments: Any) -> Any:
         """Result of a method, or a refusal that names it; of tracers it is traced, see `Programs`."""
-        returned, title = method(*arguments), f"{name} of {self.title}"
+        title = f"{name} of {self.title}"
+        try:
+            returned = method(*arguments)
+        except ValueError as error:
+            if "truth value of an array" not in str(error):
+                raise
+            raise ValueError(f"{title} must take several vehicles at once: use np.where for if, & for and") from error
         if name == "commanded" and returned is None:
             return None
         arrays = [each for each in arguments if isinstance(each, np.ndarray)]

@@ -199,7 +199,8 @@ def readme_line(summary: Mapping[str, Any]) -> str:
     return (
         "The experiments of the five source papers are [run again](docs/papers.md): of "
         f"{agree + better + worse} comparable\n"
-        f"printed errors ours agree with {agree}, {better} are smaller and {worse} larger, and {near} lie within 25 %."
+        f"printed errors ours equal {agree}, are smaller than {better} and larger than {worse}; "
+        f"{near} lies within 25 %."
     )
 
 

@@ -65,7 +65,7 @@ def test_docs_count_each_way_and_leave_what_a_search_found_out_of_the_sentence()
     assert "| A | 2 | 0 | 1, 1 | 1 | 2.0 |" in page
     assert "**A.** Opened." in page
     assert (
-        "of 4 comparable\nprinted errors ours agree with 2, 1 are smaller and 1 larger, and 0 lie within 25 %."
+        "of 4 comparable\nprinted errors ours equal 2, are smaller than 1 and larger than 1; 0 lies within 25 %."
         in readme_line(summary)
     )
 

@@ -138,7 +138,10 @@ class Sensor:
                 continue
             several = isinstance(values, tuple | list) or (isinstance(values, np.ndarray) and values.ndim > 0)
             if not (several and len(values) == k):
-                raise ValueError(f"{title} has {k} channels, so {name} must have {k} entries, got {short_repr(values)}")
+                hint = f": write ({values!r},)" if k == 1 and isinstance(values, int | float) else ""
+                raise ValueError(
+                    f"{title} has {k} channels, so {name} must have {k} entries, got {short_repr(values)}{hint}"
+                )
         for name, kind in (("sd", "not_negative"), ("scale", "positive")):
             values = getattr(self, name)
             for value in () if values is None or callable(values) else values:

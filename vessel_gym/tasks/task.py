@@ -176,10 +176,13 @@ class Task(Verified):
         self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
         action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """Yours, from the truth: what a step is worth, and whether it was the last.
+        """Score of a step, from the truth: yours.
+
+        The score of an episode, in ``info``, is the sum of its rewards over ``perfect``, clipped to [0, 1]: of a cost
+        that is subtracted it would be 0, so make it a factor such as ``1 / (1 + cost)``.
 
         Returns:
-            Reward in [0, 1] ``(B,)``, the number in ``end_reasons`` of why the episode ends (0: it goes on) ``(B,)``,
+            Reward ``(B,)``, the number in ``end_reasons`` of why the episode ends (0: it goes on) ``(B,)``,
             and the next score state.
         """
         raise NotImplementedError(f"{type(self).__name__} needs a method score: what is a step worth?")
