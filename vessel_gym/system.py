@@ -54,7 +54,8 @@ def check_task(task: Task) -> None:
     for name in ("prior_sd", "state_scale", "std_scale"):
         if hasattr(task, name) and (finite_array(f"{name} of {title}", getattr(task, name), "n") < 0.0).any():
             raise ValueError(f"{name} of {title} must be numbers of at least 0, got {short_repr(getattr(task, name))}")
-    unset = [name for name in ("vehicle", "prior_sd") if type(task).prior is Task.prior and not hasattr(task, name)]
+    needed = ("vehicle", "prior_sd") if getattr(type(task), "prior", None) is Task.prior else ()
+    unset = [name for name in needed if not hasattr(task, name)]
     if unset:
         raise TypeError(f"{title} needs {unset[0]}, from which `Task.prior` follows: see docs/own-task.md")
 
