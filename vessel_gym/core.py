@@ -206,11 +206,9 @@ class Core:
         at = slice(None) if some is None else rows
         seeds = self.seeds if some is None else [self.seeds[row] for row in rows]
         keys, numbers = draw(
-            RandomKeys.seeded(seeds).keys,
-            np.ascontiguousarray(self.episodes[at]),
-            names=draws.words,
+            RandomKeys.seeded(seeds).keys, np.ascontiguousarray(self.episodes[at]), names=draws.words,
             drawn=draws.counts,
-        )
+        )  # fmt: skip
         self._refuse_at(np.zeros(len(rows), int), None)
         scenario = task.scenario(numbers[:, : task.uniforms], options)
         prior = task.prior(scenario)

@@ -183,8 +183,10 @@ def build(
             else _made(system, str(estimator), options, composition, inputs, assumptions.Q)
         )  # fmt: skip
     except ValueError as error:
-        linear = [kind for kind in system.vehicle.linear_kinds if "needs a LinearModel" in str(error)]
-        raise (ValueError(f'{error}, or give the option "model": "{linear[0]}"') if linear else error) from None
+        linear = system.vehicle.linear_kinds
+        if not linear or "needs a LinearModel" not in str(error):
+            raise
+        raise ValueError(f'{error}, or give the option "model": "{linear[0]}"') from None
     if not own and model is not straight:  # its input of a step is that of the next one, or of the one before
         made.input_delay = 0 if composition.late else 1
     check_input(made, composition)
