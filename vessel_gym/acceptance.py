@@ -105,10 +105,11 @@ def _fix_columns(checked: CheckedMethods, what: str, least: int, name: str, *arg
 
 
 def check_input(filter: Filter, composition: Composition) -> None:
-    """Refuse a filter of an unknown input d that the measurements do not tell it of.
+    """Refuse a filter of an unknown input d that the measurements do not determine.
 
-    Along a nominal flight, in every step's measurements (a fix now and then leaves d to its prior in between): all of d
-    must show, to within `VAGUEST` of the sizes that are assumed, and the estimate's error must not grow.
+    Checked along a nominal flight, with those measurements that arrive in every step (between less frequent ones d
+    keeps its prior). They must determine all of d, each component with a standard deviation of at most `VAGUEST` times
+    its assumed size, and the estimate's error must not grow.
 
     Raises:
         ValueError: saying what fails, and by how much.
@@ -128,11 +129,11 @@ def check_input(filter: Filter, composition: Composition) -> None:
             return "no sensor reads in every step"
         found = input_conditions(A, C[often], G, H[often], Q, R[np.ix_(often, often)], prior)
         if found.rank < model.q:
-            return f"the measurements of every step show {found.rank} of {model.q} directions of it"
+            return f"the measurements of every step determine {found.rank} of its {model.q} directions"
         vague = int(np.argmax(found.sd))
         if found.sd[vague] > VAGUEST:
-            within = f"{found.sd[vague]:.1f} of the sizes that are assumed, not {VAGUEST:g}"
-            return f"a step's measurements tell {composition.inputs[vague]} to within {within}"
+            size = f"{found.sd[vague]:.1f} times its assumed size ({VAGUEST:g} at most)"
+            return f"one step determines {composition.inputs[vague]} to a standard deviation of {size}"
         farthest = np.abs(found.zeros).max(initial=0.0)
         if farthest > 1.0 + 1e-6:
             return f"it adds a zero of modulus {farthest:.3g}, outside the unit circle, so that errors grow"

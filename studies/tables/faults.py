@@ -1,6 +1,7 @@
 """Tables about faults: of actuators, as unknown inputs, and of sensors, late, switched off or watched by monitors."""
 
 import csv
+import re
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
@@ -83,7 +84,7 @@ def faults_found() -> str:
 
 
 def inputs() -> str:
-    """Every filter of an unknown input with every vehicle: its share of the `ekf`'s score, or why it is refused."""
+    """Every filter of an unknown input with every vehicle: its share of the `ekf`'s score, or its refusal in short."""
     from vessel_gym.disturbances import Fault
 
     names = ("kf-umv-ui", "kf-umv-ui-wdf", "ulise", "ekf-ui-wdf", "ukf-umv")
@@ -109,12 +110,23 @@ def inputs() -> str:
 
 
 def _flown(env_id: str, estimator: str | None, options: dict[str, Any], world: dict[str, Any]) -> Any:
-    """Figures of `SEEDS` flights, or why the environment refuses the filter."""
+    """Figures of `SEEDS` flights, or in short why the environment refuses the filter."""
     try:
         return Arm("", estimator, options, world).scores(env_id, SEEDS)
     except ValueError as error:
-        why = str(error).removeprefix(f"{estimator} ").split("; tell it")[0]
-        return why.split(": ")[-1 if why.startswith("cannot") else 0]
+        why = str(error)
+    for pattern, short in REASONS.items():
+        if found := re.search(pattern, why):
+            return short.format(*found.groups())
+    return why
+
+
+REASONS = {
+    "needs a LinearModel": "nonlinear model",
+    r"needs rank\(H\) = (\d+) unknown inputs?, got (\d+)": "rank H = {1}, not {0}",
+    r"standard deviation of (\S+) times": "σ = {0}",
+}
+"""Refusals of filters, and how a table shows them."""
 
 
 LATE = {"fused": "", "as new": ", as new", "discarded": ", discarded"}

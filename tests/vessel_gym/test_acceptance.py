@@ -35,16 +35,16 @@ def only(*names: str) -> list[Any]:
 REFUSED: dict[str, tuple[str, str, dict[str, Any], str]] = {
     "too many inputs": (
         AIRCRAFT, "ekf-ui-wdf", {"disturbance": Front(**{f.name: getattr(AIR, f.name) for f in fields(AIR)})},
-        "the measurements of every step show 1 of 2 directions of it",
+        "the measurements of every step determine 1 of its 2 directions",
     ),
     "seen weakly": (
         PLANE, "ukf-umv", {"disturbance": Fault("thrust", size=2.0, beside=PLANE_WATERS["moderate"])},
-        "a step's measurements tell thrust fault to within 5.0 of the sizes that are assumed, not 3",
+        r"one step determines thrust fault to a standard deviation of 5.0 times its assumed size \(3 at most\)",
     ),
     "lift": (
         AIRCRAFT, "ekf-ui-wdf", {"disturbance": Fault("angle of attack", size=0.03, beside=AIR)},
-        r"a step's measurements tell angle of attack fault to within \d+.\d of the sizes that are assumed, "
-        r"not 3",
+        r"one step determines angle of attack fault to a standard deviation of \d+.\d times its assumed size "
+        r"\(3 at most\)",
     ),
     "a zero": (
         AIRCRAFT, "ekf-ui-wdf", {"disturbance": Fault("thrust", size=1e6, beside=AIR), "sensors": only("barometer")},
@@ -81,7 +81,7 @@ def test_a_step_tells_what_is_unknown_relative_to_its_size(size: float):
         make_core(AUV, 1, estimator="ekf-ui-wdf", **world)
         return
     with pytest.raises(
-        ValueError, match=r"a step's measurements tell thrust fault to within (5.9|6.0|6.1) of the sizes"
+        ValueError, match=r"determines thrust fault to a standard deviation of (5.9|6.0|6.1) times its assumed size"
     ):
         make_core(AUV, 1, estimator="ekf-ui-wdf", **world)
 
