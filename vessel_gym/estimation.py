@@ -177,16 +177,7 @@ def build(
     if composition.assumed_as == "white-input" and estimator not in ("kf", *ENVIRONMENT_ONLY):
         name = estimator if isinstance(estimator, str) else "an estimator of one's own"
         raise ValueError(f'only kf can assume a white input of known variance, not {name}: say "as": "process-noise"')
-    try:
-        made = (
-            _own(estimator, options, composition) if own
-            else _made(system, str(estimator), options, composition, inputs, assumptions.Q)
-        )  # fmt: skip
-    except ValueError as error:
-        linear = system.vehicle.linear_kinds
-        if not linear or "needs a LinearModel" not in str(error):
-            raise
-        raise ValueError(f'{error}, or give the option "model": "{linear[0]}"') from None
+    made = _filter(system, estimator, options, composition, inputs, assumptions.Q)
     if not own and model is not straight:  # its input of a step is that of the next one, or of the one before
         made.input_delay = 0 if composition.late else 1
     check_input(made, composition)
@@ -241,6 +232,26 @@ def monitor_of(choice: object, sensors: Sensors, filter: Filter) -> FaultMonitor
     kind = checks.one_of("kind of monitor", options.pop("kind", None), MONITORS)
     factory.check_options(kind, MONITORS[kind], options)
     return MONITORS[kind](channels, **options)
+
+
+def _filter(
+    system: System,
+    estimator: Any,
+    options: dict[str, Any],
+    composition: Composition,
+    inputs: tuple[str, ...],
+    factor: float,
+) -> Filter:
+    """The package's filter of a name, or one's own; where it needs a linear model, the error names the option."""
+    try:
+        if callable(estimator):
+            return _own(estimator, options, composition)
+        return _made(system, estimator, options, composition, inputs, factor)
+    except ValueError as error:
+        linear = system.vehicle.linear_kinds
+        if not linear or "needs a LinearModel" not in str(error):
+            raise
+        raise ValueError(f'{error}, or give the option "model": "{linear[0]}"') from None
 
 
 def _own(estimator: Any, options: dict[str, Any], composition: Composition) -> Filter:
