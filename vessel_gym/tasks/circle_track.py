@@ -1,23 +1,19 @@
 """Hold a turning circle as a place on the map: straight on, into the turn and round, whatever sets the ship."""
 
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from estimators import Gaussian
 from estimators.engine import compiled, sincos
-from vessel_gym.processes import interpolated
-from vessel_gym.sensors import Sensors
-from vessel_gym.system import Estimate
-from vessel_gym.tasks.turning_circle import TurningCircle, wrapped
-from vessel_gym.vehicles.corvette import steady_turns
+from vessel_gym.tasks.steering import wrapped
+from vessel_gym.tasks.track import TRACK, Track
+from vessel_gym.tasks.turning_circle import TurningCircle
 
-# Columns of a scenario,
 HEADING, RATE, CURVATURE, SPEED = range(4)
-# and of a reference.
-WANTED, RATE_NOW, RATE_AHEAD, RATE_FINALLY, OFF, TRACK, SURGE, BELIEVED = range(8)
+"""Columns of a scenario."""
+RATE_FINALLY = 3
+"""Column of a reference beside those of `vessel_gym.tasks.track`."""
 _ABSURD = 1e9  # m: the square of a diverged position stays finite
 
 
@@ -32,15 +28,8 @@ def _clothoid(length: np.ndarray, total: np.ndarray, curvature: np.ndarray) -> t
     return ahead, length * angle * (1.0 / 3.0 - square * (1.0 / 42.0 - square / 1320.0)), angle
 
 
-def _in_frame(scenario: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """North and east ``(..., 2)`` as ahead and to starboard of the first heading."""
-    sin, cos = np.sin(scenario[..., HEADING]), np.cos(scenario[..., HEADING])
-    north, east = place[..., 0], place[..., 1]
-    return np.stack([north * cos + east * sin, east * cos - north * sin], -1)
-
-
 @dataclass(frozen=True)
-class CircleTrack(TurningCircle, verified=True):
+class CircleTrack(Track, TurningCircle, verified=True):
     """The commanded track leads into a circle: a straight, a clothoid, rounds; a current does not shift it.
 
     It begins where the ship is put. A scenario (the episode's parameters, drawn at reset) is ``(initial heading [rad],
@@ -49,9 +38,6 @@ class CircleTrack(TurningCircle, verified=True):
     PREVIEW seconds ahead, final yaw rate, distance to starboard of the track [m], its direction [rad], surge of the
     steady turn [m/s], believed heading [rad])``.
     """
-
-    commanding: ClassVar[slice | list[int]] = [RATE_NOW, BELIEVED]
-    prior_sd = (2.0, 2.0, 0.03, 0.2, 0.2, 0.002)
 
     def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
         """Draw scenarios ``(B, 4)``, see `TurningCircle.scenario`."""
@@ -63,18 +49,9 @@ class CircleTrack(TurningCircle, verified=True):
         curvature = np.copysign(np.interp(np.abs(rate), *self._turns[::-1]), rate)
         return np.stack([heading, rate, curvature, rate / curvature], -1)
 
-    def prior(self, scenario: np.ndarray) -> Gaussian:
-        """Prior of (x, y, psi, u, v, r): mean ``(B, 6)`` and covariance ``(6, 6)``."""
-        mean = np.zeros((len(scenario), 6))
-        mean[:, 2], mean[:, 3] = scenario[:, HEADING], self.ship.speed
-        return self._spread.about(mean)
-
     @compiled(axes=(1, 0, 1))
     def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """The reference ``(..., 8)`` at a step ``(...)`` of a ship in a state ``(..., 6)``, as in the prior.
-
-        The heading to steer adds the drift of the steady turn to the direction of the track.
-        """
+        """The reference ``(..., 8)`` at a step ``(...)`` of a ship in a state ``(..., 6)``, as in the prior."""
         rate, curvature, slower = scenario[..., RATE], scenario[..., CURVATURE], scenario[..., SPEED] - self.ship.speed
         lead, ramp = self._lengths(scenario)
         along, off, direction, bent = self._nearest(scenario, state[..., :2], self._nominal_distance(scenario, step))
@@ -83,17 +60,8 @@ class CircleTrack(TurningCircle, verified=True):
         share_ahead = np.clip((along + self.preview * speed - lead) / ramp, 0.0, 1.0)
         rate_now = bent * speed
         rate_ahead = share_ahead * curvature * (self.ship.speed + share_ahead * slower)
-        rates, speeds, sways = self._steady
-        at = np.minimum(np.abs(rate_now) / rates[-1], 1.0) * (len(rates) - 1.0)
-        surge, sway = interpolated(speeds, at), interpolated(sways, at)
-        heading = direction - np.arctan2(np.where(rate_now >= 0.0, sway, -sway), surge)
+        heading, surge = self.held(rate_now, direction)
         return np.stack([heading, rate_now, rate_ahead, rate, off, direction, surge, state[..., 2]], -1)
-
-    @cached_property
-    def _steady(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Yaw rates at equal steps from 0, speeds and sway velocities of steady turns."""
-        turns = steady_turns(self.ship)
-        return turns.yaw_rate, turns.speed, turns.sway
 
     def _lengths(self, scenario: np.ndarray) -> tuple[float, np.ndarray]:
         """Length [m] of the straight, and of the clothoid behind it."""
@@ -192,77 +160,6 @@ class CircleTrack(TurningCircle, verified=True):
         return self.track(np.tile(scenario, (len(along), 1)), along)[0]
 
     # --- what the agent sees ----------------------------------------------------------------------
-
-    TRACK_SCALE = 20.0  # m
-    SPEED_SCALE = 2.0  # m/s
-    FLOW_SCALE = 1.0  # m/s
-
-    def sizes(self, measurements: int, states: int) -> dict[str, int]:
-        """The lengths of the parts of observations."""
-        return {"guided": 11, "unguided": 12, "std": 6, "measurements": 2 * measurements, "mission": 2}
-
-    @cached_property
-    def _view_gains(self) -> np.ndarray:
-        scales = self.TRACK_SCALE, self.SPEED_SCALE, self.FLOW_SCALE, self.FLOW_SCALE
-        return np.concatenate([self._mean_gains, 1.0 / np.array(scales)])
-
-    def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-        """The observation ``(..., 11)`` of mode ``"mean"``, before clipping.
-
-        Errors to the heading that holds the track in the estimated current, and of the yaw rate; sway, d, rudder, the
-        yaw rate commanded now and ahead, distance to starboard of the track, surge above that of the steady turn, and
-        the current along the track and to starboard.
-        """
-        psi, u, v, r = (estimate.state[..., i] for i in range(2, 6))
-        north, east = (estimate.flow[..., i] for i in range(2))
-        columns = WANTED, RATE_NOW, RATE_AHEAD, OFF, SURGE
-        heading, rate, rate_ahead, off, surge = (reference[..., i] for i in columns)
-        d = np.zeros_like(v) if estimate.input_mean is None else estimate.input_mean[..., 0]
-        sin, cos = sincos(reference[..., TRACK])
-        along, across = north * cos + east * sin, east * cos - north * sin
-        crab = np.arcsin(np.clip(across / surge, -0.5, 0.5))
-        errors = wrapped(heading - crab - psi), rate * (1.0 + 2.0 * along / surge) - r
-        seen = [*errors, v, d, actuators[..., 0], rate, rate_ahead, off, u - surge, along, across]
-        return np.stack(seen, -1) * self._view_gains
-
-    def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
-        """The estimate itself ``(..., 10)``, in the frame of the first heading: no guidance.
-
-        Place, sine and cosine of the heading, surge above service speed, sway, yaw rate, d and current.
-        """
-        psi, u, v, r = (estimate.state[..., i] for i in range(2, 6))
-        d = np.zeros_like(v) if estimate.input_mean is None else estimate.input_mean[..., 0]
-        turned, surge = psi - scenario[..., HEADING], (u - self.ship.speed) / self.SPEED_SCALE
-        own = np.sin(turned), np.cos(turned), surge, v / self.SWAY_SCALE, r / self.command_scale, d / self.INPUT_SCALE
-        place = _in_frame(scenario, estimate.state[..., :2]) / self._place_scale
-        current = _in_frame(scenario, estimate.flow[..., :2]) / self.FLOW_SCALE
-        return np.concatenate([place, np.stack(own, -1), current], -1)
-
-    @property
-    def _place_scale(self) -> float:
-        """Of a place on the map [m]."""
-        return 2.0 * self.ship.length
-
-    def observe_std(self, estimate: Estimate) -> np.ndarray:
-        """The standard deviations ``(..., 6)`` of place (5 m), heading, sway, yaw rate and unknown input, scaled."""
-        assert estimate.sd is not None
-        sd = estimate.sd[..., [0, 1, 2, 4, 5]]
-        known = np.zeros_like(sd[..., :1]) if estimate.input_sd is None else estimate.input_sd[..., :1]
-        scale = [5.0, 5.0, self.HEADING_SCALE, self.SWAY_SCALE, self.rate_scale, self.INPUT_SCALE]
-        return np.concatenate([sd, known], -1) / scale
-
-    def observe_measurements(
-        self, sensors: Sensors, measurements: np.ndarray, available: np.ndarray, scenario: np.ndarray, step: np.ndarray
-    ) -> np.ndarray:
-        """Measurements and their mask ``(..., 2 p)``, no filter; heading and place relative to the first heading."""
-        gives, measured = list(sensors.gives), measurements / sensors.scale
-        turned = wrapped(measurements - scenario[..., :1])
-        measured = np.where([state == "psi" for state in gives], turned, measured)
-        if "x" in gives and "y" in gives:
-            place = _in_frame(scenario, measurements[..., [gives.index("x"), gives.index("y")]]) / self._place_scale
-            ahead_aside = {gives.index("x"): place[..., 0], gives.index("y"): place[..., 1]}
-            measured = np.stack([ahead_aside.get(i, measured[..., i]) for i in range(len(gives))], -1)
-        return np.concatenate([np.where(available, measured, 0.0), available], -1)
 
     def observe_mission(self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The rudder and the yaw rate of the turn ``(..., 2)``."""

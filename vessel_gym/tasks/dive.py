@@ -12,8 +12,8 @@ from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, instance, one_of
 from vessel_gym.guidance.dive_path import arc_from_origin, arc_to, locate, point_at
 from vessel_gym.system import Estimate
+from vessel_gym.tasks.steering import wrapped
 from vessel_gym.tasks.task import Task, three_numbers
-from vessel_gym.tasks.turning_circle import wrapped
 from vessel_gym.vehicles.auv import AUVParameters
 
 END_REASONS = ("", "arrived", "missed the goal", "off the path", "surfaced", "too deep", "pitched over")

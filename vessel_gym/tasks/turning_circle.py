@@ -7,19 +7,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.checks import integer, short_repr
+from estimators.checks import short_repr
 from estimators.engine import compiled
-from vessel_gym.checks import check_numbers, check_pair, instance, number, one_of
+from vessel_gym.checks import check_numbers, check_pair, number, one_of
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
-from vessel_gym.tasks.task import Task
+from vessel_gym.tasks.steering import Steering, wrapped
 from vessel_gym.vehicles.corvette import steady_turns
-from vessel_gym.vehicles.corvette_equations import CorvetteParameters
-
-
-def wrapped(angle: np.ndarray) -> np.ndarray:
-    """An angle in (-pi, pi]; one within half a turn of 0 keeps its digits."""
-    return angle + 2.0 * np.pi * np.floor(0.5 - angle / (2.0 * np.pi))
 
 
 def dead_reckoned(heading: np.ndarray, surge: np.ndarray, sway: np.ndarray, dt: float) -> np.ndarray:
@@ -37,34 +31,25 @@ def dead_reckoned(heading: np.ndarray, surge: np.ndarray, sway: np.ndarray, dt: 
 
 
 @dataclass(frozen=True)
-class TurningCircle(Task, verified=True):
+class TurningCircle(Steering, verified=True):
     """The commanded heading leads into a steady turn: straight, a ramp of the yaw rate, a circle.
 
     A scenario (the episode's parameters, drawn at reset) is ``(initial heading [rad], commanded yaw rate [rad/s])``; a
     reference is ``(heading [rad], yaw rate now, yaw rate PREVIEW seconds ahead, final yaw rate)``.
     """
 
-    ship: CorvetteParameters
-    pace: float = 1.0  # how many times as long as the corvette the ship takes to sail its length
-    horizon: int = 600  # steps
     radius: tuple[float, float] = (3.0, 6.0)  # commanded radius in ship lengths, either side
     tightest: float = 2.5  # that may be asked for; nearly the whole rudder, without a margin against gusts
 
     def __post_init__(self) -> None:
-        instance(f"ship of {type(self).__name__}", self.ship, CorvetteParameters)
-        check_numbers(self, positive="pace tightest")
-        integer(f"horizon of {type(self).__name__}", self.horizon, 1)
+        super().__post_init__()
+        check_numbers(self, positive="tightest")
         check_pair(f"radius of {type(self).__name__}", self.radius)
 
     prior_sd: ClassVar[tuple[float, ...]] = (0.2, 0.002, 0.03, 0.2)
     uniforms = 3
     """Uniform numbers that `scenario` needs."""
     commanding: ClassVar[slice | list[int]] = slice(1, 2)
-
-    @property
-    def dt(self) -> float:
-        """Time step [s]."""
-        return 0.5 * self.pace
 
     @property
     def lead(self) -> float:
@@ -75,11 +60,6 @@ class TurningCircle(Task, verified=True):
     def ramp(self) -> float:
         """Time [s] in which the full yaw rate comes to be commanded."""
         return 25.0 * self.pace
-
-    @property
-    def preview(self) -> float:
-        """Time [s] by which the command is seen ahead."""
-        return 10.0 * self.pace
 
     WIDEST = 1e5  # m: a commanded radius beyond is a slip in the unit
 
@@ -112,17 +92,6 @@ class TurningCircle(Task, verified=True):
         radius = self.ship.length * (shortest + (longest - shortest) * uniforms[..., 1])
         rate = self.yaw_rate(np.copysign(radius, uniforms[..., 2] - 0.5))
         return np.stack([np.pi * (1.0 - 2.0 * uniforms[..., 0]), rate], -1)
-
-    def yaw_rate(self, radius: np.ndarray) -> np.ndarray:
-        """The yaw rate [rad/s] of the steady turn with a signed radius [m]."""
-        curvature = 1.0 / radius
-        return np.copysign(np.interp(np.abs(curvature), *self._turns), curvature)
-
-    @cached_property
-    def _turns(self) -> tuple[np.ndarray, np.ndarray]:
-        """Curvatures [1/m] and yaw rates [rad/s] of steady turns."""
-        turns = steady_turns(self.ship)
-        return 1.0 / turns.radius, turns.yaw_rate
 
     def prior(self, scenario: np.ndarray) -> Gaussian:
         """Prior of (v, r, psi, u): mean ``(B, 4)`` and covariance ``(4, 4)``."""
@@ -163,32 +132,9 @@ class TurningCircle(Task, verified=True):
 
     # --- what the agent sees ----------------------------------------------------------------------
 
-    SWAY_SCALE = 2.0  # m/s
-    HEADING_SCALE = 0.1  # rad, errors and uncertainty
-    INPUT_SCALE = 0.01  # rad
-
-    @property
-    def rate_scale(self) -> float:
-        """Of errors and uncertainty of the yaw rate [rad/s]."""
-        return 0.01 / self.pace
-
-    @property
-    def command_scale(self) -> float:
-        """Of the commanded yaw rate [rad/s]."""
-        return 0.04 / self.pace
-
     def sizes(self, measurements: int, states: int) -> dict[str, int]:
         """The lengths of the parts of observations."""
         return {"guided": 7, "unguided": 8, "std": 4, "measurements": 2 * measurements, "mission": 3}
-
-    @cached_property
-    def _known_scales(self) -> list[float]:
-        return [self.ship.rudder_limit, self.command_scale, self.command_scale]
-
-    @cached_property
-    def _mean_gains(self) -> np.ndarray:
-        scales = [self.HEADING_SCALE, self.rate_scale, self.SWAY_SCALE, self.INPUT_SCALE, *self._known_scales]
-        return 1.0 / np.array(scales)
 
     @cached_property
     def _std_gains(self) -> np.ndarray:

@@ -1,0 +1,138 @@
+"""Base of the tasks in which a ship is held on a track: the prior, the course to steer and the observations."""
+
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from estimators import Gaussian
+from estimators.engine import sincos
+from vessel_gym.processes import interpolated
+from vessel_gym.sensors import Sensors
+from vessel_gym.system import Estimate
+from vessel_gym.tasks.steering import Steering, wrapped
+from vessel_gym.vehicles.corvette import steady_turns
+
+HEADING = 0
+"""Column of a scenario with the first direction of the track."""
+WANTED, RATE_NOW, RATE_AHEAD, _, OFF, TRACK, SURGE, BELIEVED = range(8)
+"""Columns of a reference: heading to steer in still water [rad], yaw rate now and `Steering.preview` seconds ahead
+[rad/s], one of the task's own, distance to starboard of the track [m], its direction [rad], surge of the steady turn
+[m/s], estimated heading [rad]."""
+
+
+def in_frame(scenario: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """North and east ``(..., 2)`` as ahead and to starboard of the track's first direction."""
+    sin, cos = np.sin(scenario[..., HEADING]), np.cos(scenario[..., HEADING])
+    north, east = place[..., 0], place[..., 1]
+    return np.stack([north * cos + east * sin, east * cos - north * sin], -1)
+
+
+class Track(Steering):
+    """A track over ground, which begins at the origin.
+
+    Attributes:
+        MISSION: How many numbers `observe_mission` gives.
+    """
+
+    commanding: ClassVar[slice | list[int]] = [RATE_NOW, BELIEVED]
+    prior_sd: ClassVar[tuple[float, ...]] = (2.0, 2.0, 0.03, 0.2, 0.2, 0.002)
+    MISSION: ClassVar[int] = 2
+
+    def prior(self, scenario: np.ndarray) -> Gaussian:
+        """Prior of (x, y, psi, u, v, r): mean ``(B, 6)`` and covariance ``(6, 6)``."""
+        mean = np.zeros((len(scenario), 6))
+        mean[:, 2], mean[:, 3] = scenario[:, HEADING], self.ship.speed
+        return self._spread.about(mean)
+
+    @cached_property
+    def _steady(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Yaw rates at equal steps from 0, speeds and sway velocities of steady turns."""
+        turns = steady_turns(self.ship)
+        return turns.yaw_rate, turns.speed, turns.sway
+
+    def held(self, rate: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Heading [rad] and surge [m/s] ``(...)`` of a ship in a steady turn whose course is a direction.
+
+        The heading adds the drift of the steady turn to the direction of the track.
+        """
+        rates, speeds, sways = self._steady
+        at = np.minimum(np.abs(rate) / rates[-1], 1.0) * (len(rates) - 1.0)
+        surge, sway = interpolated(speeds, at), interpolated(sways, at)
+        return direction - np.arctan2(np.where(rate >= 0.0, sway, -sway), surge), surge
+
+    # --- what the agent sees ----------------------------------------------------------------------
+
+    TRACK_SCALE = 20.0  # m
+    SPEED_SCALE = 2.0  # m/s
+    FLOW_SCALE = 1.0  # m/s
+
+    def sizes(self, measurements: int, states: int) -> dict[str, int]:
+        """The lengths of the parts of observations."""
+        mission = self.MISSION
+        return {
+            "guided": 11, "unguided": 10 + mission, "std": 6, "measurements": 2 * measurements, "mission": mission,
+        }  # fmt: skip
+
+    @cached_property
+    def _view_gains(self) -> np.ndarray:
+        scales = self.TRACK_SCALE, self.SPEED_SCALE, self.FLOW_SCALE, self.FLOW_SCALE
+        return np.concatenate([self._mean_gains, 1.0 / np.array(scales)])
+
+    def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        """The observation ``(..., 11)`` of mode ``"mean"``, before clipping.
+
+        Errors to the heading that holds the track in the estimated current, and of the yaw rate; sway, d, rudder, the
+        yaw rate commanded now and ahead, distance to starboard of the track, surge above that of the steady turn, and
+        the current along the track and to starboard.
+        """
+        psi, u, v, r = (estimate.state[..., i] for i in range(2, 6))
+        north, east = (estimate.flow[..., i] for i in range(2))
+        columns = WANTED, RATE_NOW, RATE_AHEAD, OFF, SURGE
+        heading, rate, rate_ahead, off, surge = (reference[..., i] for i in columns)
+        d = np.zeros_like(v) if estimate.input_mean is None else estimate.input_mean[..., 0]
+        sin, cos = sincos(reference[..., TRACK])
+        along, across = north * cos + east * sin, east * cos - north * sin
+        crab = np.arcsin(np.clip(across / surge, -0.5, 0.5))
+        errors = wrapped(heading - crab - psi), rate * (1.0 + 2.0 * along / surge) - r
+        seen = [*errors, v, d, actuators[..., 0], rate, rate_ahead, off, u - surge, along, across]
+        return np.stack(seen, -1) * self._view_gains
+
+    def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
+        """The estimate itself ``(..., 10)``, in the frame of the first heading: no guidance.
+
+        Place, sine and cosine of the heading, surge above service speed, sway, yaw rate, d and current.
+        """
+        psi, u, v, r = (estimate.state[..., i] for i in range(2, 6))
+        d = np.zeros_like(v) if estimate.input_mean is None else estimate.input_mean[..., 0]
+        turned, surge = psi - scenario[..., HEADING], (u - self.ship.speed) / self.SPEED_SCALE
+        own = np.sin(turned), np.cos(turned), surge, v / self.SWAY_SCALE, r / self.command_scale, d / self.INPUT_SCALE
+        place = in_frame(scenario, estimate.state[..., :2]) / self._place_scale
+        current = in_frame(scenario, estimate.flow[..., :2]) / self.FLOW_SCALE
+        return np.concatenate([place, np.stack(own, -1), current], -1)
+
+    @property
+    def _place_scale(self) -> float:
+        """Of a place on the map [m]."""
+        return 2.0 * self.ship.length
+
+    def observe_std(self, estimate: Estimate) -> np.ndarray:
+        """The standard deviations ``(..., 6)`` of place (5 m), heading, sway, yaw rate and unknown input, scaled."""
+        assert estimate.sd is not None
+        sd = estimate.sd[..., [0, 1, 2, 4, 5]]
+        known = np.zeros_like(sd[..., :1]) if estimate.input_sd is None else estimate.input_sd[..., :1]
+        scale = [5.0, 5.0, self.HEADING_SCALE, self.SWAY_SCALE, self.rate_scale, self.INPUT_SCALE]
+        return np.concatenate([sd, known], -1) / scale
+
+    def observe_measurements(
+        self, sensors: Sensors, measurements: np.ndarray, available: np.ndarray, scenario: np.ndarray, step: np.ndarray
+    ) -> np.ndarray:
+        """Measurements and their mask ``(..., 2 p)``, no filter; heading and place relative to the first heading."""
+        gives, measured = list(sensors.gives), measurements / sensors.scale
+        turned = wrapped(measurements - scenario[..., :1])
+        measured = np.where([state == "psi" for state in gives], turned, measured)
+        if "x" in gives and "y" in gives:
+            place = in_frame(scenario, measurements[..., [gives.index("x"), gives.index("y")]]) / self._place_scale
+            ahead_aside = {gives.index("x"): place[..., 0], gives.index("y"): place[..., 1]}
+            measured = np.stack([ahead_aside.get(i, measured[..., i]) for i in range(len(gives))], -1)
+        return np.concatenate([np.where(available, measured, 0.0), available], -1)
