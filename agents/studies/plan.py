@@ -75,7 +75,7 @@ def plan(study: Study) -> Plan:
             trainings = _trainings(study, environment, agent, flyable)
             if agent.learned and not trainings:
                 skipped.append(Skipped(environment, agent.name, "no estimator that it is trained on flies here"))
-            for condition in study.conditions:
+            for condition in (each for each in study.conditions if each.is_in(environment)):
                 flights += _flights(study, environment, agent, condition, flyable, trainings)
     return Plan(study, tuple(flights), tuple(skipped))
 
@@ -135,6 +135,8 @@ def _flights(
 ) -> Iterable[Flight]:
     runs = trainings if agent.learned else [(Estimator(""), None, None)]
     for (school, seed, training), estimator in product(runs, [_RAW_MEASUREMENTS] if agent.raw else flyable):
+        if agent.flown_on and estimator.name not in (school.name, *agent.flown_on):
+            continue
         job = _fly(study, environment, agent, condition, estimator, training)
         yield Flight(environment, condition.name, agent.name, school.name, estimator.name, seed, job)
 

@@ -43,6 +43,7 @@ class Agent:
         observe: What a PPO sees: ``"mean"``, ``"mean+std"``, or ``"measurement"``: raw measurements, no estimator.
         memory: Of a PPO: ``"none"``, ``"frames"`` or ``"lstm"``.
         trained_on: The estimators that it is trained on, one policy each; not for raw measurements.
+        flown_on: Estimators that it flies besides those of its training; empty: all. Not for raw measurements.
         steps: Environment steps of a training run, by environment; where there is none: the tuned budget.
         environments: Where it flies; empty: everywhere.
         critic: Of a PPO: ``"truth"`` or ``"none"``, see `agents.training.ppo.train`.
@@ -55,6 +56,7 @@ class Agent:
     observe: str = "mean"
     memory: str = "none"
     trained_on: tuple[str, ...] = (DEFAULT,)
+    flown_on: tuple[str, ...] = ()
     steps: dict[str, int] = field(default_factory=dict)
     environments: tuple[str, ...] = ()
     critic: str = "none"
@@ -83,6 +85,7 @@ class Condition:
         mismatch: Relative spread of the truth's parameters around the filters'.
         latency: Seconds by which sensors are late, by name; an environment has those of them that it has.
         faults: What goes wrong with sensors, likewise: fields of a `vessel_gym.sensor_faults.SensorFault` each.
+        environments: Where it is flown; empty: everywhere.
     """
 
     name: str
@@ -91,6 +94,11 @@ class Condition:
     mismatch: float = 0.0
     latency: dict[str, float] = field(default_factory=dict)
     faults: tuple[dict[str, Any], ...] = ()
+    environments: tuple[str, ...] = ()
+
+    def is_in(self, environment: str) -> bool:
+        """Is it flown in an environment?"""
+        return not self.environments or environment in self.environments
 
     @property
     def own(self) -> tuple[str, str]:
@@ -127,7 +135,7 @@ class Study:
         environments: Registered with Gymnasium; ``"module:id"`` imports the module first.
         estimators: What is compared; `ORACLE` and `FLOOR` are always there.
         agents: Who flies; the autopilot always does, where there is one.
-        conditions: Agents are trained in the first.
+        conditions: Agents are trained in the first, which is flown in every environment.
         episodes: Evaluation seeds, the same for everybody.
         training_seeds: Training runs of each learned agent: the unit of resampling.
         first_seed: The first evaluation seed, see `agents.seeds.evaluation_seeds`.

@@ -281,7 +281,8 @@ class Results:
     def places(self, environments: Iterable[str] | None = None) -> list[Place]:
         """Every condition of every environment, or of some."""
         chosen = self.environments if environments is None else environments
-        return [Place(*each) for each in product(chosen, self.conditions)]
+        conditions = self.plan.study.conditions
+        return [Place(name, each.name) for name, each in product(chosen, conditions) if each.is_in(name)]
 
     def scaled(self, environments: Iterable[str] | None = None) -> list[Place]:
         """The `places` that have a `scale`: shares are kept of nothing elsewhere."""

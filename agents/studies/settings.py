@@ -13,7 +13,7 @@ from agents.metrics import WITHOUT_COVARIANCE
 from agents.page import Block, Facts, Section, listed
 from agents.source import source_digest
 from agents.studies.plan import options
-from agents.studies.records import RAW, Agent
+from agents.studies.records import RAW, Agent, Condition
 from agents.studies.results import Policy, Results
 from agents.studies.wording import grouped
 from agents.studies.worlds import environment_id, system_of
@@ -41,7 +41,7 @@ def settings(results: Results, out: Path) -> Section:
         Facts("Run", run),
         Facts("Versions", versions),
         Facts("Environments", [(name, _world(name)) for name in study.environments]),
-        Facts("Conditions", [(c.name, _plain(c.options)) for c in study.conditions]),
+        Facts("Conditions", [(c.name, _condition(c)) for c in study.conditions]),
         Facts("Agents", [(a.name, _agent_settings(a)) for a in study.agents]),
         Facts("Estimators", _tunings(results)),
     ]
@@ -56,6 +56,10 @@ def _modules(results: Results) -> list[str]:
     """The modules that computed."""
     jobs = [each for job in results.plan.jobs for each in (job, *job.needs)]
     return sorted({job.function.partition(":")[0] for job in jobs})
+
+
+def _condition(condition: Condition) -> str:
+    return _plain(condition.options | ({"environments": condition.environments} if condition.environments else {}))
 
 
 def _agent_settings(agent: Agent) -> str:
@@ -96,7 +100,7 @@ def _tunings(results: Results) -> list[tuple[str, str]]:
 def _tuning(results: Results, environment: str, name: str) -> str:
     study, system = results.plan.study, system_of(environment)
     each: dict[str, list[str]] = {}
-    for condition in study.conditions:
+    for condition in (each for each in study.conditions if each.is_in(environment)):
         given = options(study, condition, study.estimator(name), environment)
         kind = given["estimator"]
         own = ":" in kind or ":" in condition.disturbance

@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from functools import partial
-from itertools import combinations, product
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -56,13 +56,13 @@ def read_study(path: Path | str) -> Study:
 
 # --- measurement, with every mistake ---------------------------------------------------------------------
 
-_LEARNED = ("observe", "memory", "trained_on", "steps", "critic", "guidance", "settings")
+_LEARNED = ("observe", "memory", "trained_on", "flown_on", "steps", "critic", "guidance", "settings")
 """Keys of agents that learn."""
 _SECTIONS: dict[str, tuple[str, ...]] = {
     "environments": (),
     "estimators": ("estimator", "options", "environments"),
     "agents": ("kind", *_LEARNED, "environments"),
-    "conditions": ("sensors", "disturbance", "mismatch", "latency", "faults"),
+    "conditions": ("sensors", "disturbance", "mismatch", "latency", "faults", "environments"),
 }
 _NUMBERS = {"episodes": 2, "training_seeds": 1, "first_seed": 0}
 _MOST_TRAINING_SEEDS, _MOST_STEPS = 1000, 2**31 - 1
@@ -92,7 +92,7 @@ class _Reader(TomlReader):
         numbers["termination"] = self.choice((), self.data, "termination", TERMINATIONS, default)
         numbers["confirm"] = self.confirmation(numbers["first_seed"], numbers["episodes"])
         title = title or "What does the estimator cost?"
-        study = Study(title, ids, estimators, agents, self.conditions(), **numbers)
+        study = Study(title, ids, estimators, agents, self.conditions(ids), **numbers)
         self.check(study, worlds)
         return study
 
@@ -121,13 +121,12 @@ class _Reader(TomlReader):
         for one, other in combinations(worlds, 2):
             if environment_id(one) == environment_id(other):
                 self.wrong(("environments", other), f"{one} and {other} are one environment: leave one of them out")
-        for condition, world in product((c for c in study.conditions if ":" not in c.disturbance), worlds):
-            self.name(
-                "disturbance", condition.disturbance, system_of(world).disturbances,
-                ("conditions", condition.name, "disturbance"),
-            )  # fmt: skip
         for condition in study.conditions:
-            self.check_condition(condition, worlds)
+            here = [world for world in worlds if condition.is_in(world)]
+            for world in here if ":" not in condition.disturbance else ():
+                seas = system_of(world).disturbances
+                self.name("disturbance", condition.disturbance, seas, ("conditions", condition.name, "disturbance"))
+            self.check_condition(condition, here)
         self.check_termination(study, worlds)
         for estimator in study.estimators:
             place = ("estimators", estimator.name)
@@ -251,8 +250,14 @@ class _Reader(TomlReader):
             trained_on = self.names(place, table, "trained_on", (DEFAULT,))
             for estimator in trained_on:
                 self.name("estimator", estimator, estimators, (*place, "trained_on"))
-            if observe == "measurement" and "trained_on" in table:
-                self.wrong((*place, "trained_on"), f"{name} sees raw measurements, so it is trained on no estimator")
+            flown_on = self.names(place, table, "flown_on", ())
+            for estimator in flown_on:
+                self.name(
+                    "estimator", estimator, [each for each in estimators if each != DEFAULT], (*place, "flown_on")
+                )
+            for key in ("trained_on", "flown_on") if observe == "measurement" else ():
+                if key in table:
+                    self.wrong((*place, key), f"{name} sees raw measurements: it is trained and flown on no estimator")
             steps = self.value(place, table, "steps", dict, "a table of numbers by environment", {})
             for env_id, number in steps.items():
                 self.name("environment", env_id, ids, (*place, "steps"))
@@ -266,7 +271,9 @@ class _Reader(TomlReader):
             where = self.environments_of(place, table, ids)
             for env_id in steps if where else ():
                 self.name(f"environment of {name}", env_id, where, (*place, "steps"))
-            found.append(Agent(name, kind, observe, memory, trained_on, steps, where, critic, guidance, settings))
+            found.append(
+                Agent(name, kind, observe, memory, trained_on, flown_on, steps, where, critic, guidance, settings)
+            )
         if worlds and not any(is_controller(AUTOPILOT, system_of(world)) for world in worlds):
             if all(agent.learned for agent in found):
                 text = (
@@ -278,8 +285,8 @@ class _Reader(TomlReader):
             return tuple(found)
         return (Agent(AUTOPILOT, AUTOPILOT), *found)
 
-    def conditions(self) -> tuple[Condition, ...]:
-        found = []
+    def conditions(self, ids: Sequence[str]) -> tuple[Condition, ...]:
+        found: list[Condition] = []
         for name, table in self.section("conditions", _SECTIONS["conditions"]).items():
             place = ("conditions", name)
             mismatch = self.value(place, table, "mismatch", (int, float), "a number", 0.0)
@@ -293,7 +300,10 @@ class _Reader(TomlReader):
                 float(mismatch),
                 self.value(place, table, "latency", dict, "a table of seconds by sensor", {}),
                 self.faults(place, table),
+                self.environments_of(place, table, ids),
             )
+            if condition.environments and not found:
+                self.wrong((*place, "environments"), "the first condition is that of trainings: no environments")
             if ":" not in condition.sensors:
                 self.name("sensor suite", condition.sensors, SUITES, (*place, "sensors"))
             found.append(condition)
@@ -313,7 +323,7 @@ class _Reader(TomlReader):
         return tuple(good)
 
     def environments_of(self, place: Place, table: dict[str, Any], ids: Sequence[str]) -> tuple[str, ...]:
-        """The environments that an estimator or agent is for."""
+        """Environments of an estimator, agent or condition; empty: all."""
         names = self.names(place, table, "environments", ())
         for name in names:
             self.name("environment", name, ids, (*place, "environments"))

@@ -93,6 +93,21 @@ def test_more_of_a_study_keeps_the_jobs_that_were_there(planned):
     assert not before & {job.key for job in other.jobs}
 
 
+def test_a_condition_of_one_environment_is_flown_there_alone():
+    rough = Condition("rough", disturbance="rough", environments=(SEGOROGENI,))
+    planned = plan(replace(STUDY, conditions=(STUDY.conditions[0], rough)))
+    assert {f.environment for f in flights(planned, condition="rough")} == {SEGOROGENI}
+    assert {f.environment for f in flights(planned, condition="nominal")} == {CORVETTE, SEGOROGENI}
+
+
+def test_a_policy_flies_the_estimator_of_its_training_and_those_that_its_agent_names():
+    some = Agent("PPO", "ppo", trained_on=("truth", "default"), flown_on=("dead-reckoning",))
+    planned = plan(replace(STUDY, agents=(STUDY.agents[0], some)))
+    flown = {(f.trained_on, f.flown_on) for f in flights(planned, environment=CORVETTE, agent="PPO")}
+    assert flown == {(own, on) for own in ("truth", "kf-umv-ui") for on in (own, "dead-reckoning")}
+    assert {f.flown_on for f in flights(planned, environment=CORVETTE, agent="autopilot")} > {"kf"}
+
+
 def test_the_source_of_what_is_the_users_own_is_part_of_a_job(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "own_filters_1.py").write_text("from estimators.kalman import KalmanFilter as Mine\n")

@@ -86,7 +86,8 @@ def test_what_is_left_out_has_its_documented_default(tmp_path):
 def test_a_resolved_study_is_plain_data_with_every_default(tmp_path):
     resolved = read(tmp_path, SMALL).resolved()
     assert json.loads(json.dumps(resolved))["conditions"][1] == {
-        "name": "rough", "sensors": "nominal", "disturbance": "rough", "mismatch": 0.1, "latency": {}, "faults": []
+        "name": "rough", "sensors": "nominal", "disturbance": "rough", "mismatch": 0.1, "latency": {}, "faults": [],
+        "environments": [],
     }  # fmt: skip
 
 
@@ -249,7 +250,7 @@ trained_on = ["enkf"]
         8: "no option 'memberss'",
         9: "members must be",
         12: "between 0 and 0.25",
-        18: "trained on no estimator",
+        18: "trained and flown on no estimator",
     }
     for line, words in expected.items():
         assert any(number == line and words in text for number, text in found), (line, found)
@@ -297,6 +298,8 @@ ONE = "[environments]\nSigmaCorvette-v0 = {}\n"
         ('[estimators]\nkf = { estimator = "ekf" }', "the name 'kf' is taken"),
         ('[estimators]\ndefault = { estimator = "ekf" }', "the name 'default' is taken"),
         ('[estimators]\n"raw measurements" = { estimator = "ekf" }', "the name 'raw measurements' is taken"),
+        ('[conditions]\na = { environments = ["SigmaCorvette-v0"] }', "the first condition is that of trainings"),
+        ('[agents]\na = { kind = "ppo", flown_on = ["default"] }', "unknown estimator 'default'"),
         ("[estimators]\n'' = { estimator = 'ekf' }", "names of estimators must be text in a line, got ''"),
         ("[estimators]\nekf = { environments = [] }", "environments must name one or more, each once, or be left out"),
         ('[agents]\nautopilot = { kind = "ppo" }', "the name 'autopilot' is taken: give this 'ppo' another one"),
