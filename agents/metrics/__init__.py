@@ -1,7 +1,8 @@
 """Metrics of episodes, registered by kind of task.
 
-Every task has a score, a return, steps, the error of an estimated unknown input, NEES and failed updates. A task adds
-what it is about; without that, it is also measured by how well each component of the state was estimated.
+Every task has a score, a return, steps, the error of an estimated unknown input, NEES and failed updates, and, where
+the vehicle says which of its actuators steer, the costs of steering. A task adds what it is about; without that, it is
+also measured by how well each component of the state was estimated.
 
 They may import rollouts and statistics; studies, pages of episodes and commands import them.
 """
@@ -12,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from agents.metrics.costs import STEERING
 from agents.metrics.metric import (
     INPUT,
     MONITORED,
@@ -40,9 +42,9 @@ from vessel_gym.registry import Registry
 from vessel_gym.system import System
 
 __all__ = [
-    "MONITORED", "NEES", "SCORE", "UNHEALTHY", "WITHOUT_COVARIANCE", "Metric", "at_end", "components", "consistency",
-    "core_of", "ended", "mean", "metrics", "nees_of", "nis_consistency", "position_nees", "register_metrics", "rms",
-    "rmse", "scores", "steps",
+    "MONITORED", "NEES", "SCORE", "STEERING", "UNHEALTHY", "WITHOUT_COVARIANCE", "Metric", "at_end", "components",
+    "consistency", "core_of", "ended", "mean", "metrics", "nees_of", "nis_consistency", "position_nees",
+    "register_metrics", "rms", "rmse", "scores", "steps",
 ]  # fmt: skip
 
 Computation = Callable[[Rollout], dict[str, np.ndarray]]
@@ -74,8 +76,8 @@ def register_metrics(task_type: type, metrics: Sequence[Metric], compute: Comput
 
     Args:
         task_type: The class of the task.
-        metrics: Beside score, return, steps, the input's error, NEES and failed updates, which every task has; one with
-            the key ``"steps"`` or ``"input_rmse"`` replaces these.
+        metrics: Beside score, return, steps, the costs of steering, the input's error, NEES and failed updates, which
+            every task has; one with the key ``"steps"`` or ``"input_rmse"``, or of a cost of steering, replaces these.
         compute: The metrics that have no ``of``: a function of a `Rollout` that returns ``(N,)`` by key.
 
     Raises:
@@ -89,8 +91,8 @@ def register_metrics(task_type: type, metrics: Sequence[Metric], compute: Comput
         if m.of is None and compute is None:
             raise ValueError(f"nothing computes {m.key!r}: give the metric an `of`, or register_metrics a function")
     own = [m.key for m in metrics]
-    steps, inputs = (() if m.key in own else (m,) for m in (STEPS, INPUT))
-    every = (SCORE, RETURN, *steps, *metrics, *inputs, NEES, UNHEALTHY)
+    first, inputs = ([m for m in known if m.key not in own] for known in ((STEPS, *STEERING), (INPUT,)))
+    every = (SCORE, RETURN, *first, *metrics, *inputs, NEES, UNHEALTHY)
     keys = [m.key for m in every]
     if len(set(keys)) < len(keys):
         raise ValueError(f"the metrics of a task need keys of their own, got {', '.join(keys)}")
@@ -137,9 +139,11 @@ def mean(metric: Metric, values: np.ndarray) -> Interval | None:
 
 def _of_task(system: System) -> TaskMetrics:
     """Registered metrics of a system's task; without any, those of every task and every estimate."""
+    steering = STEERING if len(getattr(system.vehicle, "steering", ())) else ()
     found = TASK_METRICS.of(system.task)
     if found:
-        return found[""]
+        possible = tuple(m for m in found[""].metrics if m not in STEERING or steering)
+        return TaskMetrics(possible, found[""].compute)
     errors = (
         Metric(
             f"{name.replace(' ', '_')}_rmse", name, "", "lower", 4, f"RMS error of the estimated {name} [SI].",
@@ -147,7 +151,7 @@ def _of_task(system: System) -> TaskMetrics:
         )
         for name in _estimated(system)
     )  # fmt: skip
-    return TaskMetrics((SCORE, RETURN, STEPS, *errors, INPUT, NEES, UNHEALTHY))
+    return TaskMetrics((SCORE, RETURN, STEPS, *steering, *errors, INPUT, NEES, UNHEALTHY))
 
 
 def _estimated(system: System) -> tuple[str, ...]:

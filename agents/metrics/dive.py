@@ -3,6 +3,7 @@
 import numpy as np
 
 from agents.metrics import Metric, at_end, core_of, ended, position_nees, register_metrics, rms, rmse, steps
+from agents.metrics.costs import off_track, tails
 from agents.rollouts import Rollout
 from vessel_gym.guidance.dive_path import follow, path_point
 from vessel_gym.tasks.dive import Dive
@@ -20,9 +21,15 @@ METRICS = (
     Metric("miss", "Miss distance", "m", "lower", 2, "Distance from the goal at the end of the dive."),
     Metric("cross_track", "Cross-track", "m", "lower", 3, "RMS distance of the truth from the path in plan."),
     Metric("normal", "Path-normal", "m", "lower", 3, "RMS distance across the path in the vertical plane along it."),
+    *off_track(2),
+    Metric(
+        "clearance", "Clearance", "m", "higher", 2,
+        "Least height above the depth at which the dive is lost.", cost=True,
+    ),
     Metric(
         "energy", "Energy", "", "lower", 2,
         "Energy used, relative to that of covering the path at cruising speed; below 1 for a dive that ended early.",
+        cost=True,
     ),
     Metric(
         "position_rmse", "Position", "m", "lower", 3, "RMS error of the estimated position, all of its components.",
@@ -53,12 +60,15 @@ def compute(rollout: Rollout) -> dict[str, np.ndarray]:
     task, h, alive = core_of(rollout).task, rollout.history, rollout.alive
     cross, normal = path_errors(rollout)
     scenario = h["reference"][0, :, 8:]
+    clearance = scenario[:, 2] + task.margin - task.position(h["truth"])[..., 2]
     goal = path_point(scenario[:, 1], scenario)[:, :3]
     seconds = np.hypot(scenario[:, 1], scenario[:, 2]) / task.auv.cruise_speed
     return {
         "miss": np.linalg.norm(task.position(at_end(rollout)) - goal, axis=-1),
         "cross_track": rms(cross, alive),
         "normal": rms(normal, alive),
+        "clearance": np.where(alive, clearance, np.inf).min(0),
+        **tails("off_track", np.hypot(cross, normal), alive, task.TRACK_TOLERANCE),
         "energy": np.where(alive[1:], task.power(h["actuators"][1:]), 0.0).sum(0) * task.dt / seconds,
     }
 

@@ -3,8 +3,10 @@
 import numpy as np
 
 from agents.metrics import Metric, at_end, core_of, ended, position_nees, register_metrics, rms, rmse, steps
+from agents.metrics.costs import off_track, tails
 from agents.rollouts import Rollout
 from vessel_gym.tasks.flight import Flight
+from vessel_gym.vehicles.puna import airspeed
 
 POSITION = ("x", "y", "h")
 
@@ -20,8 +22,16 @@ METRICS = (
     Metric("miss", "Miss distance", "m", "lower", 2, "Distance from the goal in plan at the end of the flight."),
     Metric("cross_track", "Cross-track", "m", "lower", 2, "RMS distance of the truth from the path in plan."),
     Metric("altitude", "Altitude", "m", "lower", 3, "RMS error of the true altitude against the commanded one."),
-    Metric("clearance", "Clearance", "m", "higher", 1, "Least distance of the truth from the edge of an obstacle."),
-    Metric("effort", "Effort", "", "lower", 4, "RMS change of the commands in a step, as a share of their range."),
+    *off_track(1),
+    Metric(
+        "clearance", "Clearance", "m", "higher", 1, "Least distance of the truth from the edge of an obstacle.",
+        cost=True,
+    ),
+    Metric(
+        "energy", "Energy", "", "lower", 2,
+        "Thrust times airspeed, summed, relative to covering the path at cruising speed; below 1 for a flight that "
+        "ended early.", cost=True,
+    ),
     Metric(
         "position_rmse", "Position", "m", "lower", 3, "RMS error of the estimated position in plan.", of=rmse("x", "y")
     ),
@@ -43,16 +53,29 @@ def compute(rollout: Rollout) -> dict[str, np.ndarray]:
     cross, above = path_errors(rollout)
     scenario = task.scenario_of(h["reference"][0])
     clearance = task.clearance(h["truth"], task.scenario_of(h["reference"]))
-    commands = task.body.actions(h["actuators"])
-    change = np.sqrt(np.mean(np.diff(commands, axis=0) ** 2, axis=-1)) / 2.0
     return {
         "miss": np.hypot(*(at_end(rollout)[:, :2] - task.goal(scenario)[:, :2]).T),
         "cross_track": rms(cross, alive),
         "altitude": rms(above, alive),
         "clearance": _or_nan(np.where(alive, clearance, np.inf).min(0)),
-        "effort": rms(change, alive[1:]),
+        "energy": _energy(rollout, scenario),
+        **tails("off_track", cross, alive, task.TRACK_TOLERANCE),
         "wind_rmse": rms(_wind_error(rollout), alive),
     }
+
+
+def _energy(rollout: Rollout, scenario: np.ndarray) -> np.ndarray:
+    """Energy of the propeller ``(N,)``, relative; NaN for a disturbance whose states the truth does not hold."""
+    core, h = core_of(rollout), rollout.history
+    forces, names = core.config.world.forces, core.truth_names
+    if not set(forces.disturbance.names) <= set(names):
+        return np.full(len(rollout.seeds), np.nan)
+    z = h["truth"][..., [names.index(name) for name in forces.disturbance.names]]
+    state = h["truth"][..., : len(core.vehicle.state_names)]
+    wind = forces.on(z, state)[..., len(core.vehicle.increments) : forces.outside]
+    power = h["actuators"][1:, :, 0] * airspeed(state, wind)[1:]
+    work = np.where(rollout.alive[1:], power, 0.0).sum(0) * core.vehicle.dt
+    return np.asarray(work / (core.task.body.cruise[0] * core.task.length_of(scenario)))
 
 
 def _wind_error(rollout: Rollout) -> np.ndarray:

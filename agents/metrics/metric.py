@@ -31,6 +31,7 @@ class Metric:
         meaning: One sentence.
         yes_or_no: True if each episode has 0 or 100 % of it.
         of: Computes it; None: the function registered with its task does, along with others.
+        cost: True for what the vehicle's owner pays, which stands beside the score.
     """
 
     key: str
@@ -41,6 +42,7 @@ class Metric:
     meaning: str
     yes_or_no: bool = False
     of: PerEpisode | None = field(default=None, compare=False, repr=False)
+    cost: bool = False
 
 
 def rmse(*names: str, scale: float = 1.0) -> PerEpisode:

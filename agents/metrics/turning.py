@@ -3,25 +3,37 @@
 import numpy as np
 
 from agents.metrics import Metric, core_of, position_nees, register_metrics, rms, rmse, steps
+from agents.metrics.costs import OUTSIDE, off_track, tails
 from agents.rollouts import Rollout
 from estimators import wrap
 from vessel_gym.sea_trials import fit_circle
 from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import steady_turns
-from vessel_gym.vehicles.corvette_equations import STATE
+from vessel_gym.vehicles.corvette_equations import COEFFICIENTS, STATE, propulsion, straight_course
 
-_X, _Y, _PSI, _R = (STATE.index(name) for name in ("x", "y", "psi", "r"))
+_X, _Y, _PSI, _U, _V, _R = (STATE.index(name) for name in ("x", "y", "psi", "u", "v", "r"))
 
+PROPULSION = (
+    Metric(
+        "added_resistance", "Added resistance", "%", "lower", 2,
+        "Mean longitudinal force of rudder, drift and turning, relative to the resistance of the straight course.",
+        cost=True,
+    ),
+    Metric(
+        "fuel", "Fuel", "%", "lower", 1,
+        "Energy of the propellers per distance made good; 100 is the straight course in calm water.", cost=True,
+    ),
+)  # fmt: skip
+"""What steering costs the ship's engines, by her own equations of motion."""
 CIRCLE = (
     Metric(
         "radius_error", "Radius error", "%", "lower", 2,
         "Distance between the radius of the circle fitted to the true track over ground and the commanded radius.",
     ),
     Metric("out_of_round", "Out of round", "m", "lower", 1, "RMS distance of that track from its fitted circle."),
-    Metric("rudder_rate", "Rudder rate", "°/s", "lower", 2, "RMS rate of the rudder: what the steering gear endures."),
 )  # fmt: skip
-"""Roundness of the turn, and its cost."""
+"""Roundness of the turn."""
 ESTIMATES = (
     Metric(
         "heading_rmse", "Heading", "mrad", "lower", 2, "RMS error of the estimated heading.", of=rmse("psi", scale=1e3)
@@ -37,6 +49,13 @@ ESTIMATES = (
 TURN_STEPS = Metric("steps", "Steps", "", "higher", 0, "Steps flown until the turn was complete or lost.", of=steps)
 METRICS = (
     TURN_STEPS,
+    *PROPULSION,
+    Metric(
+        "heading_error_95", "Heading error, 95 %", "°", "lower", 1,
+        "Heading error that is exceeded for 5 % of the time.", cost=True,
+    ),
+    Metric("heading_error_max", "Heading error, maximum", "°", "lower", 1, "Largest heading error."),
+    OUTSIDE,
     Metric("heading_error", "Heading error", "°", "lower", 2, "RMS of commanded minus true heading."),
     Metric("yaw_rate_error", "Yaw-rate error", "°/s", "lower", 3, "RMS of commanded minus true yaw rate."),
     *CIRCLE,
@@ -54,23 +73,36 @@ def compute(rollout: Rollout) -> dict[str, np.ndarray]:
     The unknown input is NaN where none is estimated, and so is the circle of an episode that flew less than half of it.
     """
     alive, truth, reference = rollout.alive, rollout.history["truth"], rollout.history["reference"]
-    raw, came = _raw_input(rollout)
+    task, error, (raw, came) = core_of(rollout).task, wrap(reference[..., 0] - truth[..., _PSI]), _raw_input(rollout)
+    ahead = np.hypot(truth[1:, :, _U], truth[1:, :, _V]) * np.cos(error[1:])  # of the speed through the water
+    made_good = np.where(alive[1:], ahead, 0.0).sum(0) * task.dt
     return {
-        "heading_error": np.rad2deg(rms(wrap(reference[..., 0] - truth[..., _PSI]), alive)),
+        "heading_error": np.rad2deg(rms(error, alive)),
         "yaw_rate_error": np.rad2deg(rms(reference[..., 1] - truth[..., _R], alive)),
         "raw_input_rmse": 1e3 * rms(raw, alive & came),
+        **tails("heading_error", error, alive, task.HEADING_TOLERANCE, float(np.rad2deg(1.0))),
+        **propulsion_costs(rollout, made_good),
     } | _turn(rollout, *circle_errors(rollout))
+
+
+def propulsion_costs(rollout: Rollout, made_good: np.ndarray) -> dict[str, np.ndarray]:
+    """`PROPULSION` of a ship that made good distances ``(N,)`` [m]; NaN for other equations of motion.
+
+    The propellers turn at constant revolutions, and their torque is taken to rise and fall as their thrust.
+    """
+    vehicle, h, alive = core_of(rollout).vehicle, rollout.history, rollout.alive
+    if tuple(vehicle.parameter_names) != COEFFICIENTS:
+        return dict.fromkeys(("added_resistance", "fuel"), np.full(made_good.shape, np.nan))
+    load, added = propulsion(h["truth"][..., : len(STATE)], h["actuators"][..., 0], h["parameters"])
+    speed, straight_load = straight_course(h["parameters"][0])
+    energy = np.where(alive[1:], load[1:], 0.0).sum(0) * vehicle.dt
+    relative = energy / np.where(made_good > 0.0, made_good, np.nan) * speed / straight_load
+    return {"added_resistance": 100.0 * np.where(alive, added, 0.0).sum(0) / alive.sum(0), "fuel": 100.0 * relative}
 
 
 def _turn(rollout: Rollout, radius_error: np.ndarray, out_of_round: np.ndarray) -> dict[str, np.ndarray]:
     """Metrics of every turn, with the errors of its circle ``(N,)``."""
-    rate = np.diff(rollout.history["actuators"][..., 0], axis=0) / core_of(rollout).vehicle.dt
-    return {
-        "radius_error": radius_error,
-        "out_of_round": out_of_round,
-        "rudder_rate": np.rad2deg(rms(rate, rollout.alive[1:])),
-        "input_rmse": 1e3 * input_error(rollout),
-    }
+    return {"radius_error": radius_error, "out_of_round": out_of_round, "input_rmse": 1e3 * input_error(rollout)}
 
 
 def _raw_input(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
@@ -135,7 +167,9 @@ register_metrics(TurningCircle, METRICS, compute)
 
 TRACK_METRICS = (
     TURN_STEPS,
+    *PROPULSION,
     Metric("track_error", "Off track", "m", "lower", 1, "RMS distance of the true ship from the track."),
+    *off_track(1),
     *CIRCLE,
     Metric("roll", "Roll", "°", "lower", 2, "RMS roll of the true ship."),
     Metric(
@@ -161,9 +195,12 @@ def compute_on_track(rollout: Rollout) -> dict[str, np.ndarray]:
     h, alive, names = rollout.history, rollout.alive, core.vehicle.state_names
     scenario = core.task.scenario_of(h["reference"][0])
     place = h["truth"][..., [names.index("x"), names.index("y")]]
+    along, off = core.task.on_track(scenario, place)
     return {
-        "track_error": rms(core.task.off_track(scenario, place), alive),
+        "track_error": rms(off, alive),
         "roll": np.rad2deg(rms(h["truth"][..., names.index("phi")], alive)),
+        **tails("off_track", off, alive, getattr(core.task, "margin", core.task.DISTANCE_TOLERANCE)),
+        **propulsion_costs(rollout, along[rollout.length, np.arange(len(scenario))] - along[0]),
     } | _turn(rollout, *circle_fit(rollout, 1.0 / np.abs(scenario[:, 2])))
 
 

@@ -40,7 +40,7 @@ from vessel_gym.tasks.dive import Dive, SpatialDive
 
 ENV, OWN = "KeepDepth-v0", "own_task:DepthController"
 SYSTEM = KeepDepthEnv.system
-COMMON = ["score", "return", "steps"]
+COMMON = ["score", "return", "steps", "steering_travel", "reversals", "saturation"]
 ENDS = ("input_rmse", "nees", "unhealthy")
 
 

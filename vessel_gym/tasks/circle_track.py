@@ -140,13 +140,14 @@ class CircleTrack(Track, TurningCircle, verified=True):
         """The scenarios ``(..., 4)`` to which references at their start ``(..., 8)`` belong."""
         return self._turn(reference[..., TRACK], reference[..., RATE_FINALLY])
 
-    def off_track(self, scenario: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """Distances ``(T, B)`` [m] of ships to starboard of their tracks on their way ``(T, B, 2)``."""
-        off, along = [], np.zeros(len(scenario))
+    def on_track(self, scenario: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distances [m] along their tracks, and to starboard of them, of ships on their way ``(T, B, 2)``."""
+        found, along = [], np.zeros(len(scenario))
         for now in place:
-            along, distance, _, _ = self._nearest(scenario, now, along)
-            off.append(distance)
-        return np.array(off)
+            along, off, _, _ = self._nearest(scenario, now, along)
+            found.append((along, off))
+        each, off_track = np.swapaxes(found, 0, 1)
+        return each, off_track
 
     @compiled(axes=(1, 0))
     def commanded(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:

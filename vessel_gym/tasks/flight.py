@@ -380,6 +380,10 @@ class Flight(Task, verified=True):
         """The scenario ``(..., 97)`` out of references ``(..., 103)``."""
         return reference[..., _WHERE:]
 
+    def length_of(self, scenario: np.ndarray) -> np.ndarray:
+        """The length [m] of the path of scenarios, ``(...)``."""
+        return scenario[..., _PATH]
+
     def altitude_of(self, scenario: np.ndarray) -> np.ndarray:
         """The commanded altitude [m] of courses, ``(...)``."""
         return scenario[..., _PATH + 1]

@@ -268,6 +268,11 @@ class AUV(WholeState, verified=True):
     def __post_init__(self) -> None:
         check_vehicle(self, "body", next(each.type for each in fields(self) if each.name == "body"))  # type: ignore[arg-type]
 
+    @property
+    def steering(self) -> tuple[int, ...]:
+        """Indices of the fins among its actuators."""
+        return tuple(range(len(self.action_names) - 1))
+
     @cached_property
     def cruise(self) -> tuple[np.ndarray, np.ndarray]:
         """Level at the cruising speed, fins centred: the start of a dive, and steady only for a vehicle in trim."""

@@ -256,6 +256,54 @@ def _cross_flow(v: np.ndarray, r: np.ndarray, a: np.ndarray) -> tuple[np.ndarray
     return np.where(one_sign, sway, both_sway), np.where(one_sign, yaw, both_yaw)
 
 
+def _propelled_rudder(
+    u: np.ndarray, v: np.ndarray, r: np.ndarray, rudder: np.ndarray, c: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Load of the propellers, normal force on the rudder [N], sine and cosine of its angle."""
+    # A propeller of constant revolutions pushes the more, and races the faster, the slower the ship.
+    load = np.maximum(1.0 + c[I.thrust_rise] * (1.0 - u / c[I.service_speed]), 0.0)
+    race = np.sqrt(u * u + c[I.race_power] * load) - np.abs(u)
+    # What flows to the rudder: drift and yaw rate in a turn reduce its angle of attack.
+    inflow, side = c[I.slipstream] * u + c[I.race] * race, c[I.straightening] * (v - c[I.half_length] * r)
+    sin_rudder, cos_rudder = sincos(rudder)
+    attacking = inflow * sin_rudder + side * cos_rudder  # all of the inflow times the sine of that angle
+    return load, c[I.rudder] * np.sqrt(inflow * inflow + side * side) * attacking, sin_rudder, cos_rudder
+
+
+def propulsion(state: np.ndarray, rudder: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Load of the propellers and added resistance of steering ``(...)``, each as a share of a straight course's thrust.
+
+    The surge equation's terms: the load is the thrust, and the added resistance is the rudder's drag with the
+    centripetal terms of drift and turning (Norrbin 1972). On a straight course at service speed in calm water the load
+    is 1 and the added resistance 0.
+
+    Args:
+        state: ``(..., 8)``, `STATE`.
+        rudder: ``(...)`` rad.
+        c: ``(..., k)``, `COEFFICIENTS`.
+    """
+    (u, v, r), c = np.moveaxis(state[..., 3:6], -1, 0), np.moveaxis(c, -1, 0)
+    load, force, sin_rudder, _ = _propelled_rudder(u, v, r, rudder, c)
+    turning = c[I.sway_inertia] * v * r + c[I.sway_yaw_inertia] * r * r
+    return load, (force * sin_rudder - turning) / c[I.thrust]
+
+
+def straight_course(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Speed [m/s] on a straight course in calm water, and load of the propellers there, ``(...)`` each.
+
+    The service speed and 1, unless ``mismatch`` has changed the ship's resistance: the thrust then balances the
+    resistance at another speed.
+
+    Args:
+        c: ``(..., k)``, `COEFFICIENTS`.
+    """
+    c = np.moveaxis(c, -1, 0)
+    falling = c[I.thrust] * c[I.thrust_rise] / c[I.service_speed]
+    most = c[I.thrust] * (1.0 + c[I.thrust_rise])
+    speed = (np.sqrt(falling * falling + 4.0 * c[I.resistance] * most) - falling) / (2.0 * c[I.resistance])
+    return speed, 1.0 + c[I.thrust_rise] * (1.0 - speed / c[I.service_speed])
+
+
 @compiled
 def corvette_rates(state: np.ndarray, control: np.ndarray, around: np.ndarray, c: np.ndarray) -> np.ndarray:
     """Rates ``(..., 8)`` of position, heading, velocities through the water (3-DOF) and roll, which follows.
@@ -274,14 +322,7 @@ def corvette_rates(state: np.ndarray, control: np.ndarray, around: np.ndarray, c
     m_vv, m_vr, m_rv, m_rr = c[I.sway_inertia], c[I.sway_yaw_inertia], c[I.yaw_sway_inertia], c[I.yaw_inertia]
     a = c[I.half_length]
     sway_drag, yaw_drag = _cross_flow(v, r, a)
-    # A propeller of constant revolutions pushes the more, and races the faster, the slower the ship.
-    load = np.maximum(1.0 + c[I.thrust_rise] * (1.0 - u / c[I.service_speed]), 0.0)
-    race = np.sqrt(u * u + c[I.race_power] * load) - np.abs(u)
-    # What flows to the rudder: drift and yaw rate in a turn reduce its angle of attack.
-    inflow, side = c[I.slipstream] * u + c[I.race] * race, c[I.straightening] * (v - a * r)
-    sin_rudder, cos_rudder = sincos(rudder)
-    attacking = inflow * sin_rudder + side * cos_rudder  # all of the inflow times the sine of that angle
-    force = c[I.rudder] * np.sqrt(inflow * inflow + side * side) * attacking
+    load, force, sin_rudder, cos_rudder = _propelled_rudder(u, v, r, rudder, c)
     # Surge: the sway added mass takes part in the centripetal term (Kirchhoff), which slows the ship in a turn.
     X = (
         c[I.thrust] * load - c[I.resistance] * u * np.abs(u) + m_vv * v * r + m_vr * r * r - force * sin_rudder

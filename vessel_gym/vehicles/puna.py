@@ -244,6 +244,7 @@ class Puna(WholeState, verified=True):
     angles: ClassVar = ("phi",)
     parameter_names: ClassVar = COEFFICIENTS
     action_names: ClassVar = ("thrust", "angle of attack", "bank")
+    steering: ClassVar = (1, 2)
     incremented: ClassVar = ("north", "east", "climb", "phi")
     ambient_flows: ClassVar = ("wind north", "wind east", "wind down")
     sensors: ClassVar = (

@@ -51,6 +51,7 @@ class Ship(Simulated, verified=True):
     angles = ("psi",)
     parameter_names = COEFFICIENTS
     action_names: ClassVar[tuple[str, ...]] = ("rudder rate",)
+    steering: ClassVar[tuple[int, ...]] = (0,)
     increments = ("yaw increment",)
     incremented = ("psi",)
     ambient_flows: ClassVar[tuple[str, ...]] = AROUND

@@ -31,6 +31,8 @@ class Vehicle(Protocol):
     A vehicle may have ``faults``, too, as `vessel_gym.vehicles.whole_state.WholeState` has: the names of what may be
     added to its actuators over a step, and ``faulty``, the known input with that; without them it has none. And
     ``noise``: schedules of Q and R by name, which its filters assume instead of ``process_sd`` and the sensors' noise.
+    And ``steering``: the indices of its actuators that are angles [rad] of rudders, fins or wings, whose travel,
+    reversals and saturation `agents.metrics` measures.
     """
 
     @property
