@@ -8,7 +8,8 @@ Sources: Hermawan (2020), the thesis that the task comes from, for the ship's pa
 Gedling & Hine (1983) for the linear derivatives (eqs. 2.19 and 2.23 of the thesis misprint two of
 them); Fossen (2011) for the structure; Fujii & Tuda (1961) for the rudder; Hoerner (1965) for cross-flow drag;
 Yasukawa & Yoshimura (2015) for what the propellers do to the rudder; Blanke & Christensen (1993), in Perez (2005), for
-roll, which follows sway and yaw and does nothing to them.
+roll, which follows sway and yaw and does nothing to them; Norrbin (1972), "On the added resistance due to steering on
+a straight course", for what steering costs.
 """
 
 from collections.abc import Iterator
