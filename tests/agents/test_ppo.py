@@ -9,7 +9,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from sb3_contrib import RecurrentPPO
 from sb3_contrib.common.recurrent.policies import RecurrentActorCriticPolicy
 from short_training import STEPS, TINY
 from stable_baselines3 import PPO
@@ -19,7 +18,7 @@ from agents import load_agent, rollout
 from agents.policies.checkpoint import description
 from agents.policies.lstm import LstmPolicy
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
-from agents.training.ppo import MEMORIES, batch, describe, hyperparameters, train
+from agents.training.ppo import CRITICS, MEMORIES, batch, describe, hyperparameters, train
 from agents.training.vec_env import StableBaselinesVecEnv
 from estimators import ExtendedKalmanFilter
 from vessel_gym.core import Core
@@ -37,9 +36,10 @@ def weights(path: Path) -> dict[str, np.ndarray]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("memory", MEMORIES)
-def test_the_same_seed_trains_the_same_policy_and_another_seed_another(tmp_path: Path, memory: str):
+@pytest.mark.parametrize("critic", CRITICS)
+def test_the_same_seed_trains_the_same_policy_and_another_seed_another(tmp_path: Path, memory: str, critic: str | None):
     one, other, third = (
-        weights(train(ENV, tmp_path / f"{name}.zip", RAW, seed, STEPS, memory=memory))
+        weights(train(ENV, tmp_path / f"{name}.zip", RAW, seed, STEPS, memory=memory, critic=critic))
         for name, seed in (("one", 3), ("other", 3), ("third", 4))
     )
     for key, value in one.items():  # on one machine: training carries rounding of another far
@@ -71,20 +71,37 @@ def test_training_flies_its_own_seeds_and_no_others(
     assert not used & set(tuning_seeds(1_000_000))
 
 
-def test_a_checkpoint_flies_as_the_policy_that_was_saved(tmp_path: Path, saved: list[PPO]):
-    path = train(ENV, tmp_path / "agent.zip", {"observe": "mean+std"}, steps=STEPS)
-    env = gym.make(ENV, observe="mean+std")
+SAVED = [("none", None, {"observe": "mean+std"}), ("lstm", None, RAW), ("none", "truth", RAW), ("lstm", "truth", RAW)]
+SAVED_SLOWLY = pytest.param("frames", "truth", RAW, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize(("memory", "critic", "options"), [*SAVED, SAVED_SLOWLY])
+def test_a_checkpoint_flies_as_the_actor_that_was_saved_without_the_critic_s_input(
+    tmp_path: Path, saved: list[Any], memory: str, critic: str | None, options: dict[str, Any]
+):
+    path = train(ENV, tmp_path / "agent.zip", options, steps=STEPS, memory=memory, critic=critic)
+    model, frames, rows = saved[0], 3 if memory == "frames" else 1, 5
+    env = gym.make(ENV, **options)
+    size, truth = env.observation_space.shape[0], model.get_env().truth if critic else 0
     agent = load_agent(path, env)
-    agent.reset(5)
-    observations = np.random.default_rng(0).uniform(-3.0, 3.0, (5, 17)).astype(np.float32)
-    actions = agent.act(observations)
-    expected, _ = saved[0].predict(observations, deterministic=True)
-    np.testing.assert_array_equal(actions, expected)
-    assert actions.shape == (5, 1)
-    assert env.action_space.contains(actions[0])
-    np.testing.assert_array_equal(agent.act(observations), actions)  # without exploration noise
-    one, other = (rollout(str(path), ENV, [1, 2], {"observe": "mean+std"}) for _ in range(2))
+    agent.reset(rows)
+    past = np.zeros((frames, rows, size + truth), np.float32)
+    rng, state, starts = np.random.default_rng(0), None, np.ones(rows, bool)
+    for _ in range(4):
+        new = rng.uniform(-3.0, 3.0, past[0].shape).astype(np.float32)
+        past = np.concatenate([past[1:], new[None]])
+        expected, state = model.predict(np.concatenate(list(past), -1), state, starts, deterministic=True)
+        actions = agent.act(new[:, :size])
+        np.testing.assert_allclose(actions, expected, rtol=0, atol=1e-6 if critic else 0.0)
+        assert env.action_space.contains(actions[0])
+        starts[:] = False
+    if memory == "none":
+        np.testing.assert_array_equal(agent.act(new[:, :size]), actions)  # without exploration noise
+    one, other = (rollout(str(path), ENV, [1, 2], options, record=False) for _ in range(2))
     np.testing.assert_array_equal(one.score, other.score)
+    described = description(path)
+    assert described["critic"] == critic
+    assert described["policy"]["observations"] == frames * size
 
 
 @pytest.mark.parametrize("env_id", [ENV, "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"])
@@ -105,7 +122,7 @@ def test_training_on_raw_measurements_runs_no_filter_and_sees_the_same(env_id: s
             np.testing.assert_array_equal(one, other)
 
 
-def test_a_filter_that_ends_missions_or_tells_the_critic_what_is_true_is_kept():
+def test_a_filter_that_ends_missions_or_serves_the_critic_is_kept():
     for options, critic in (({"termination": "belief"}, None), ({}, "truth"), ({"observe": "mean"}, None)):
         described = describe(ENV, {"observe": "measurement"} | options, 0, None, critic=critic)
         assert batch(described, 1).env.unwrapped.core.estimator == "kf-umv-ui"
@@ -172,20 +189,6 @@ def test_each_row_remembers_its_own_past_until_the_reset(tmp_path: Path, memory:
     np.testing.assert_array_equal(flown(past), together)
 
 
-@pytest.mark.slow
-def test_a_recurrent_agent_flies_as_the_policy_that_was_saved_and_as_before(tmp_path: Path, saved: list[RecurrentPPO]):
-    path = train(ENV, tmp_path / "agent.zip", RAW, steps=STEPS, memory="lstm")
-    agent = load_agent(path, gym.make(ENV, **RAW))
-    agent.reset(5)
-    state, starts = None, np.ones(5, bool)
-    for observations in np.random.default_rng(0).uniform(-3.0, 3.0, (6, 5, 10)).astype(np.float32):
-        expected, state = saved[0].predict(observations, state, starts, deterministic=True)
-        np.testing.assert_array_equal(agent.act(observations), expected)
-        starts[:] = False
-    one, other = (rollout(str(path), ENV, [1, 2], RAW, record=False) for _ in range(2))
-    np.testing.assert_array_equal(one.score, other.score)
-
-
 def test_the_recurrent_policy_is_that_of_sb3_contrib_in_all_that_a_training_asks_of_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -206,26 +209,27 @@ def test_the_recurrent_policy_is_that_of_sb3_contrib_in_all_that_a_training_asks
     assert (True, True) in beginnings
 
 
-def test_descriptions_tell_memories_apart_and_stand_in_the_checkpoint(tmp_path: Path):
-    told = [describe(ENV, RAW, 0, STEPS, memory) for memory in MEMORIES]
-    assert [one["memory"] for one in told] == list(MEMORIES)
-    assert describe(ENV, RAW, 0, STEPS) == told[0]
+def test_descriptions_differ_by_memory_and_critic_and_stand_in_the_checkpoint(tmp_path: Path):
+    described = [describe(ENV, RAW, 0, STEPS, memory) for memory in MEMORIES]
+    assert [one["memory"] for one in described] == list(MEMORIES)
+    assert describe(ENV, RAW, 0, STEPS) == described[0]
+    assert [describe(ENV, RAW, 0, STEPS, critic=critic)["critic"] for critic in CRITICS] == [None, "truth"]
     path = train(ENV, tmp_path / "agent.zip", RAW, steps=STEPS)
-    assert description(path).items() >= told[0].items()
+    assert description(path).items() >= described[0].items()
     assert description(path)["trained_steps"] == STEPS
 
 
-def test_options_may_be_objects_and_the_checkpoint_tells_them_as_plain_data(tmp_path: Path):
+def test_options_may_be_objects_and_the_checkpoint_holds_them_as_plain_data(tmp_path: Path):
     core = gym.make(ENV).unwrapped.core
     late = [replace(sensor, latency=2 * core.vehicle.dt) for sensor in core.sensors.each]
     options = {
         "estimator": ExtendedKalmanFilter, "sensors": late,
         "sensor_faults": [SensorFault(late[0].name, "bias", np.float64(0.1), begin=(1.0, 2.0))],
     }  # fmt: skip
-    told = description(train(ENV, tmp_path / "agent.zip", options, steps=STEPS))["env_options"]
-    assert told["estimator"] == "estimators.kalman:ExtendedKalmanFilter"
-    assert [sensor["latency"] for sensor in told["sensors"]] == [sensor.latency for sensor in late]
-    assert told["sensor_faults"][0]["begin"] == [1.0, 2.0]
+    stored = description(train(ENV, tmp_path / "agent.zip", options, steps=STEPS))["env_options"]
+    assert stored["estimator"] == "estimators.kalman:ExtendedKalmanFilter"
+    assert [sensor["latency"] for sensor in stored["sensors"]] == [sensor.latency for sensor in late]
+    assert stored["sensor_faults"][0]["begin"] == [1.0, 2.0]
     with pytest.raises(TypeError, match=r"a checkpoint cannot say what .* in env_options is"):
         train(ENV, tmp_path / "agent.zip", {"estimator": object()}, steps=STEPS)
 
@@ -257,17 +261,13 @@ def test_a_memory_that_is_unknown_or_without_settings_is_answered_with_those_tha
         hyperparameters("Other-v0", "lstm")
 
 
-def test_a_checkpoint_leaves_nothing_else_behind(tmp_path: Path):
-    path = train(ENV, tmp_path / "new" / "folder" / "agent.zip", steps=STEPS)
-    assert path == tmp_path / "new" / "folder" / "agent.zip"
-    assert [entry.name for entry in path.parent.iterdir()] == ["agent.zip"]
-    assert zipfile.is_zipfile(path)
-
-
-def test_a_suffix_is_added_and_the_name_is_kept(tmp_path: Path):
+def test_a_checkpoint_has_a_suffix_and_its_own_name_and_leaves_nothing_else_behind(tmp_path: Path):
     """Names with a point in them, as in a sweep, stay apart."""
-    paths = [train(ENV, tmp_path / name, steps=STEPS) for name in ("rate-0.1", "rate-0.2")]
-    assert [path.name for path in paths] == ["rate-0.1.zip", "rate-0.2.zip"]
+    folder = tmp_path / "new" / "folder"
+    paths = [train(ENV, folder / name, steps=STEPS) for name in ("rate-0.1", "rate-0.2.zip")]
+    assert paths == [folder / "rate-0.1.zip", folder / "rate-0.2.zip"]
+    assert set(folder.iterdir()) == set(paths)
+    assert all(map(zipfile.is_zipfile, paths))
 
 
 def test_a_training_that_breaks_off_leaves_the_old_checkpoint_as_it_was(tmp_path: Path):
@@ -295,10 +295,10 @@ def test_a_place_that_cannot_be_written_is_found_out_before_the_training(
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["file", "folder.zip"]
 
 
-def test_progress_is_told_after_each_rollout(tmp_path: Path):
-    told: list[tuple[int, int, float]] = []
-    train(ENV, tmp_path / "agent.zip", steps=STEPS, progress=lambda *args: told.append(args))
-    assert [(done, whole) for done, whole, _ in told] == [(128, STEPS), (256, STEPS), (384, STEPS)]
+def test_progress_is_reported_after_each_rollout(tmp_path: Path):
+    reported: list[tuple[int, int, float]] = []
+    train(ENV, tmp_path / "agent.zip", steps=STEPS, progress=lambda *args: reported.append(args))
+    assert [(done, whole) for done, whole, _ in reported] == [(128, STEPS), (256, STEPS), (384, STEPS)]
 
 
 def test_a_budget_below_one_batch_is_refused(tmp_path: Path):

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from heading_ship import HEADING_SHIP
 from own_task import DepthController, KeepDepth, KeepDepthEnv, KeepShallowDepth, system_with
+from refusals import refused
 
 import agents
 from agents import Metric, load_agent, register_controller, register_metrics, rollout
@@ -110,7 +111,7 @@ def test_an_autopilot_that_is_not_there_is_asked_for_in_vain(task: KeepDepth):
     sentence = (
         r"^unknown agent 'autopilot' for Keep\w+: choose your own as module:object, or .* agents\.register_controller$"
     )
-    with pytest.raises(ValueError, match=sentence):
+    with refused(ValueError, sentence):
         make_controller("autopilot", system_with(task))
 
 
@@ -125,9 +126,8 @@ def test_an_autopilot_that_is_not_there_is_asked_for_in_vain(task: KeepDepth):
     ],
 )
 def test_what_makes_no_agent_is_refused_in_one_sentence(agent: str, error: type, sentence: str):
-    with closing(gym.make(ENV)) as env, pytest.raises(error, match=sentence) as raised:
+    with closing(gym.make(ENV)) as env, refused(error, sentence):
         load_agent(agent, env)
-    assert "\n" not in str(raised.value)
 
 
 # --- registered ----------------------------------------------------------------------------------------
@@ -206,9 +206,8 @@ def test_steps_may_be_said_in_a_tasks_own_words():
     ],
 )
 def test_what_cannot_be_registered_is_refused_in_one_sentence(attempt, error: type, sentence: str):
-    with pytest.raises(error, match=sentence) as raised:
+    with refused(error, sentence):
         attempt()
-    assert "\n" not in str(raised.value)
 
 
 def test_the_same_module_may_register_again():

@@ -23,9 +23,9 @@ from contract import (
 )
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
+from refusals import refusal
 from scipy.stats import binom
 from test_autoreset import assert_same_in_every_mode
-from test_bad_input import refusal
 from test_time_at_sea import AUV, FIX, at_sea, flown, late_fix, sensors_of
 
 from agents import Rollout, rollout

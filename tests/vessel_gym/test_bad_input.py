@@ -18,6 +18,7 @@ from contract import (
     random_walk,
     single_class,
 )
+from refusals import refusal
 
 from estimators.kalman import ExtendedKalmanFilter
 from vessel_gym.configuration import OBSERVE
@@ -26,16 +27,6 @@ from vessel_gym.sensors import SUITES
 from vessel_gym.tasks.dive import Dive
 
 every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
-
-
-def refusal(expected: type[Exception] | tuple[type[Exception], ...], call: Any, *args: Any, **kwargs: Any) -> str:
-    """The message of the exception that a call raises: one sentence, on one line, of a readable length."""
-    with pytest.raises(expected) as caught:
-        call(*args, **kwargs)
-    message = str(caught.value)
-    assert "\n" not in message
-    assert 10 < len(message) < 350, message
-    return message
 
 
 def refusals_to_make(env_id: str, expected: type[Exception], **options: Any) -> list[str]:

@@ -26,9 +26,9 @@ from contract import (
     single_class,
     with_vehicle,
 )
+from refusals import refusal
 from scipy.stats import chi2
 from test_autoreset import assert_same_in_every_mode
-from test_bad_input import refusal
 
 from agents import rollout
 from agents.metrics import scores
