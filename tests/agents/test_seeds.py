@@ -54,9 +54,15 @@ def test_tuning_seeds_are_consecutive():
     assert tuning_seeds(3) == [TUNING[0] + i for i in range(3)]
 
 
-@pytest.mark.parametrize(("count", "first"), [(0, 0), (-1, 0), (1, -1), (1_000_001, 0), (2, 999_999), (1, 1_000_000)])
-def test_evaluation_seeds_do_not_leave_their_range(count: int, first: int):
-    with pytest.raises(ValueError, match=r"there are 1000000 evaluation seeds, numbered from 0, got .* from "):
+@pytest.mark.parametrize(
+    ("count", "first", "advice"),
+    [(0, 0, ": ask for at least 1"), (-1, 0, ": ask for at least 1"), (100, -1, "$"), (1_000_001, 0, ""),
+     (2, 999_999, ""), (1, 1_000_000, "")],
+)  # fmt: skip
+def test_evaluation_seeds_do_not_leave_their_range(count: int, first: int, advice: str):
+    """Who asks for a seed below the first gets no advice on their number."""
+    ours = rf"^there are 1000000 evaluation seeds, numbered from 0, got {count} from {first}{advice}"
+    with pytest.raises(ValueError, match=ours):
         evaluation_seeds(count, first)
 
 

@@ -73,7 +73,7 @@ print(*sorted({HEAVY!r} & set(sys.modules)), file=sys.stderr)
     assert done.stderr.split() == []
 
 
-def test_who_has_seen_enough_of_the_output_is_told_nothing():
+def test_a_closed_pipe_ends_a_command_without_a_message():
     program = "import sys; from scripts.console import command; command(lambda: print('x' * 1_000_000))"
     call = [sys.executable, "-c", program]
     with subprocess.Popen(call, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:

@@ -84,7 +84,7 @@ CALLS: dict[str, tuple[str, str, Callable[[Path], Any]]] = {
 
 
 @pytest.mark.parametrize("call", CALLS)
-def test_a_call_that_needs_an_extra_tells_what_to_type(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str):
+def test_a_call_that_needs_an_extra_says_what_to_type(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str):
     module, name, function = CALLS[call]
     monkeypatch.setitem(sys.modules, module, None)
     with zipfile.ZipFile(tmp_path / "foreign.zip", "w") as archive:
@@ -98,7 +98,7 @@ def sentence(module: str, name: str) -> str:
     return re.escape(f"this needs {module}, which is not installed: pip install 'vessel-gym[{name}]'")
 
 
-def test_the_adapter_a_picture_and_a_figure_of_a_filter_tell_what_to_type(monkeypatch: pytest.MonkeyPatch):
+def test_the_adapter_a_picture_and_a_figure_of_a_filter_say_what_to_type(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.delitem(sys.modules, "agents.training.vec_env", raising=False)
     for module in ("stable_baselines3", "pygame", "matplotlib", "matplotlib.figure"):
         monkeypatch.setitem(sys.modules, module, None)
@@ -128,7 +128,7 @@ def first_picture() -> Any:
         (watch.main, [], "pygame", "render"),
     ],
 )
-def test_a_command_that_needs_an_extra_tells_what_to_type_before_it_works(
+def test_a_command_that_needs_an_extra_says_what_to_type_before_it_works(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
     main: Callable[..., Any], arguments: list[str], module: str, name: str,
 ):  # fmt: skip

@@ -10,13 +10,13 @@ from scripts import console
 
 @pytest.fixture
 def clock(monkeypatch):
-    """A clock that stands until it is told."""
+    """A clock that stands still until it is set."""
     now = [100.0]
     monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
     return now
 
 
-def told(capsys) -> list[str]:
+def printed(capsys) -> list[str]:
     return capsys.readouterr().err.splitlines()
 
 
@@ -24,7 +24,7 @@ def test_many_short_jobs_say_how_far_they_are_at_each_tenth(clock, capsys):
     with console.job_progress("quick") as progress:
         for done in range(1001):
             progress(Status(done, 1000, 0, 5.0))
-    lines = told(capsys)
+    lines = printed(capsys)
     assert [line.partition(",")[0] for line in lines] == [f"quick: {done}/1000" for done in range(0, 1001, 100)]
     assert lines[0].startswith("quick: 0/1000, ends about ")
     assert lines[-1] == "quick: 1000/1000, done"
@@ -35,7 +35,7 @@ def test_long_jobs_say_it_every_ten_seconds(clock, capsys):
         for done in range(60):
             progress(Status(done, 10_000, 0, None))
             clock[0] += 2.5
-    lines = told(capsys)
+    lines = printed(capsys)
     assert [line.partition(",")[0] for line in lines] == [f"full: {done}/10000" for done in range(0, 60, 4)]
     assert lines[0].endswith("measuring how long it takes")
 
@@ -43,7 +43,7 @@ def test_long_jobs_say_it_every_ten_seconds(clock, capsys):
 def test_jobs_that_failed_are_counted_in_and_said(clock, capsys):
     with console.job_progress("quick") as progress:
         progress(Status(1, 3, 2, 0.0))
-    assert told(capsys) == ["quick: 3/3, 2 failed, done"]
+    assert printed(capsys) == ["quick: 3/3, 2 failed, done"]
 
 
 def test_trainings_and_flights_say_it_too(clock, capsys):
@@ -52,7 +52,7 @@ def test_trainings_and_flights_say_it_too(clock, capsys):
     with console.progress_bar("flying", 2) as advance:
         advance()
         advance()
-    assert told(capsys) == ["training: 50/100, score 0.250", "flying: 1/2", "flying: 2/2"]
+    assert printed(capsys) == ["training: 50/100, score 0.250", "flying: 1/2", "flying: 2/2"]
 
 
 def test_no_command_draws_a_bar_of_its_own():

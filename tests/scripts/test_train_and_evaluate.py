@@ -1,4 +1,4 @@
-"""The train and evaluate commands, and how every command refuses."""
+"""The train and evaluate commands."""
 
 import subprocess
 import sys
@@ -54,30 +54,6 @@ def test_of_several_trainings_the_best_on_tuning_seeds_is_kept(
     assert flown == [tuning_seeds(train.CHOOSING)] * 3
     printed = capsys.readouterr().out.splitlines()
     assert [line.split(":")[0] for line in printed] == ["run 7", "run 8", "run 9", "checkpoint"]
-
-
-@pytest.mark.parametrize(
-    ("module", "arguments", "sentence"),
-    [
-        ("evaluate", ["--estimator", "kf-umv-iu", "--episodes", "2"], "did you mean 'kf-umv-ui'?"),
-        ("evaluate", ["--disturbance", "stormy", "--episodes", "2"], "choose from calm, moderate, rough"),
-        ("evaluate", ["--agent", "nobody", "--episodes", "2"], "unknown agent 'nobody'"),
-        ("evaluate", ["SigmaFrigate-v0", "--episodes", "2"], "SigmaFrigate"),
-        ("train", ["--out", "/dev/null/ppo.zip"], "cannot write /dev/null/ppo.zip"),
-        ("train", ["--runs", "0"], "--runs must be at least 1, got 0"),
-        ("train", ["--steps", "5"], "steps must be at least"),
-        ("train", ["--critic", "oracle"], "critic must be 'truth', or None"),
-    ],
-)
-def test_a_command_refuses_in_one_sentence(
-    module: str, arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
-):
-    with pytest.raises(SystemExit) as stop:
-        command({"evaluate": evaluate, "train": train}[module].main, arguments)
-    assert stop.value.code == 2
-    told = capsys.readouterr().err
-    assert len(told.splitlines()) == 1
-    assert sentence in told
 
 
 @pytest.mark.slow

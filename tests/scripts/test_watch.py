@@ -1,4 +1,4 @@
-"""`scripts.watch` writes pictures and films, and refuses in one sentence what it cannot write."""
+"""`scripts.watch` writes pictures and films, and refuses in one sentence what the machine cannot write."""
 
 import sys
 from pathlib import Path
@@ -19,7 +19,7 @@ STEPS = 8
 
 
 class Helmsman:
-    """Steers on the heading error; closes the window after some steps, if told to."""
+    """Steers on the heading error; may close the window after some steps."""
 
     def __init__(self, quit_after=None):
         self.quit_after = quit_after
@@ -82,39 +82,6 @@ def test_the_picture_is_of_the_end_of_the_episode(run, tmp_path, monkeypatch):
     assert (iio.imread(out) == env.render()).all()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--out", "turn.avi"], "must be one of .html, .gif, .mp4, .png"),
-        (["--out", "file/turn.gif"], "cannot write file/turn.gif: File exists"),
-        (["--out", "folder.gif"], "it is a folder"),
-        (["--out", "turn.gif", "--every", "0"], "--every must be at least 1"),
-        (["--out", "turn.gif", "--estimator", "nosuch"], "unknown estimator 'nosuch'"),
-        (["--out", "turn.gif", "--seed", "-1"], "-1"),
-        (["Nosuch-v0", "--out", "turn.gif"], "unknown environment 'Nosuch-v0'"),
-    ],
-)
-def test_what_cannot_be_done_is_refused_in_one_sentence(run, tmp_path, monkeypatch, capsys, arguments, words):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "file").touch()
-    (tmp_path / "folder.gif").mkdir()
-    assert run(*arguments) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("error: ")
-    assert words in error
-    assert len(error.splitlines()) == 1
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder.gif"]
-
-
-def test_a_folder_without_write_permission_is_refused(run, tmp_path, monkeypatch, capsys):
-    def refuse(path, data):
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(Path, "write_bytes", refuse)
-    assert run("--out", str(tmp_path / "turn.gif")) == 2
-    assert "turn.gif: Permission denied" in capsys.readouterr().err
-
-
 def test_a_folder_that_is_missing_is_made(run, tmp_path):
     assert run("--out", str(tmp_path / "new" / "turn.png")) == 0
     assert [p.name for p in (tmp_path / "new").iterdir()] == ["turn.png"]
@@ -136,13 +103,17 @@ def test_a_film_that_fails_half_way_leaves_the_old_one_alone(run, tmp_path, monk
     assert out.read_bytes() == b"old"
 
 
-def test_a_full_disk_is_told_in_one_sentence(run, tmp_path, monkeypatch, capsys):
-    def full(source, target):
-        raise OSError(28, "No space left on device")
+@pytest.mark.parametrize(
+    ("method", "error"),
+    [("write_bytes", PermissionError(13, "Permission denied")), ("replace", OSError(28, "No space left on device"))],
+)
+def test_a_folder_without_permission_or_a_full_disk_is_one_sentence(run, tmp_path, monkeypatch, capsys, method, error):
+    def refuse(*arguments):
+        raise error
 
-    monkeypatch.setattr(Path, "replace", full)
+    monkeypatch.setattr(Path, method, refuse)
     assert run("--out", str(tmp_path / "turn.png")) == 2
-    assert "No space left" in capsys.readouterr().err
+    assert f"{error.strerror}\n" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 
@@ -155,14 +126,7 @@ def test_the_window_stays_until_it_is_closed(run, monkeypatch, quit_after):
     assert not pygame.display.get_init()
 
 
-@pytest.mark.parametrize("driver", ["offscreen", "nosuch"])
-def test_without_a_display_a_window_is_refused(run, monkeypatch, capsys, driver):
-    monkeypatch.setenv("SDL_VIDEODRIVER", driver)
+def test_without_a_driver_of_the_display_a_window_is_refused(run, monkeypatch, capsys):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "nosuch")
     assert run() == 2
     assert "no display" in capsys.readouterr().err
-
-
-def test_without_pygame_a_window_is_refused(run, monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "pygame", None)
-    assert run() == 2
-    assert "pip install 'vessel-gym[render]'" in capsys.readouterr().err

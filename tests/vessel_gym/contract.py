@@ -1,8 +1,9 @@
 """What the tests of the environments' common contract share: which environments, flown how, seen how."""
 
 import importlib
+import pickle
 from collections.abc import Iterator
-from copy import copy
+from copy import copy, deepcopy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -206,7 +207,7 @@ def observations(core: Core) -> dict[str, np.ndarray]:
     One of raw measurements shows those alone: its reference is where the truth is.
     """
     chosen, seen = core.observe_mode, {}
-    for mode in MODES if chosen != "measurement" else (chosen,):
+    for mode in dict.fromkeys((*MODES, chosen)) if chosen != "measurement" else (chosen,):
         core.config.observe_mode = mode
         seen[mode] = core.observe()
     core.config.observe_mode = chosen
@@ -227,7 +228,7 @@ def observations_when_truth_is_altered(
     other.seed(5)
     rng = np.random.default_rng(9)
     true.reset()
-    other.reset(measurements=true.measurements)
+    other.reset(measurements=true.loop.delivered)
     walk = random_walk(5, rows, true.action_size)
     seen = [observations(true)], [observations(other)]
     distance = [apart(true, other)]
@@ -237,13 +238,13 @@ def observations_when_truth_is_altered(
             for core in (true, other):
                 core.episodes[some] += 1
             true.reset(some)
-            other.reset(some, measurements=tuple(values[some] for values in true.measurements))
+            other.reset(some, measurements=tuple(values[some] for values in true.loop.delivered))
             seen[0].append(observations(true))
             seen[1].append(observations(other))
         scramble(other, rng)
         actions = next(walk)
         true.step(actions)
-        other.step(actions, measurements=true.measurements)
+        other.step(actions, measurements=true.loop.delivered)
         seen[0].append(observations(true))
         seen[1].append(observations(other))
         distance.append(apart(true, other))
@@ -276,6 +277,15 @@ def assert_apart(distance: dict[str, np.ndarray]) -> None:
     for part, values in distance.items():
         assert values.min() > 1e-5, part  # a swell of 0.01 acts with a hundredth of that
     assert distance["state"].min() > 1e-3
+
+
+def assert_copies_go_on(env: VesselVectorEnv, steps: int) -> None:
+    """A pickled and a deep copy of a batch take these steps bit for bit as the original does."""
+    for twin in (pickle.loads(pickle.dumps(env)), deepcopy(env)):
+        original, walk = deepcopy(env), random_walk(4, env.num_envs, env.single_action_space.shape[0])
+        for _ in range(steps):
+            actions = next(walk)
+            assert_same_tree(original.step(actions), twin.step(actions))
 
 
 def copy_tree(tree: Any) -> Any:

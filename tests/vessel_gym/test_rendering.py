@@ -293,9 +293,9 @@ def test_a_fix_leaves_a_mark_when_it_arrives_and_only_then(env_id, every, monkey
 @pytest.mark.parametrize("env_id", EVERY)
 def test_charts_show_estimates_actions_and_score(env_id, words):
     drawn(env_id)
-    told = [text for text, _, _, top, _ in words if top > CHARTS[0].start]
-    assert {"Actions", "Score so far"} <= set(told)
-    assert any("±2σ" in text for text in told)
+    written = [text for text, _, _, top, _ in words if top > CHARTS[0].start]
+    assert {"Actions", "Score so far"} <= set(written)
+    assert any("±2σ" in text for text in written)
 
 
 def test_what_has_no_place_is_shown_by_charts_alone(monkeypatch, words):
@@ -390,13 +390,6 @@ def test_a_window_that_the_user_closes_ends_nothing_else(monkeypatch):
         assert not pygame.display.get_init()
         env.step(np.zeros(1, np.float32))
         env.reset()
-
-
-def test_without_pygame_the_error_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pygame", None)
-    env = gym.make(CORVETTE, render_mode="rgb_array")
-    with pytest.raises(gym.error.DependencyNotInstalled, match=r"pip install 'vessel-gym\[render\]'"):
-        env.reset(seed=0)
 
 
 # --- pieces --------------------------------------------------------------------------------------------

@@ -3,8 +3,6 @@
 That without either nothing changes is what every other test says: they are of such environments.
 """
 
-import copy
-import pickle
 from dataclasses import replace
 from typing import Any
 
@@ -16,15 +14,15 @@ from contract import (
     FEW_MEMBERS,
     MANUALS,
     SPREAD,
-    AlteredCore,
-    AlteredVehicle,
+    assert_apart,
+    assert_copies_go_on,
     assert_same_tree,
     assert_sound,
     make_batch,
     make_core,
+    observations_when_truth_is_altered,
     random_walk,
     single_class,
-    with_vehicle,
 )
 from refusals import refusal
 from scipy.stats import chi2
@@ -303,37 +301,17 @@ def test_at_sea_a_copy_goes_on_bit_for_bit(env_id: str, late: str):
     for _ in range(7):
         env.step(next(walk))
     env.reset(options={"reset_mask": np.array([False, True, False])})
-    for twin in (pickle.loads(pickle.dumps(env)), copy.deepcopy(env)):
-        original, again = copy.deepcopy(env), random_walk(4, ROWS, env.single_action_space.shape[0])
-        for _ in range(10):
-            actions = next(again)
-            assert_same_tree(original.step(actions), twin.step(actions))
+    assert_copies_go_on(env, 10)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["ekf", "enkf", "measurement"])
 def test_at_sea_nothing_but_measurements_reaches_a_filter(estimator: str):
-    """Replayed to another truth, which is put elsewhere before each step, they give the same beliefs."""
+    """Replayed to another truth, which is put elsewhere before each step, they give the same observations."""
     options = at_sea(AUV) | {"estimator": estimator, "estimator_options": FEW_MEMBERS.get(estimator)}
-    true = make_core(AUV, ROWS, seed=5, **options)
-    other = AlteredCore(with_vehicle(AUV, AlteredVehicle), ROWS, **options)
-    other.seed(5)
-    true.reset()
-    other.reset(measurements=true.loop.delivered)
-    walk = random_walk(5, ROWS, true.action_size)
-    for step in range(30):
-        if step == 15:
-            some = np.array([0, 2])
-            for core in (true, other):
-                core.episodes[some] += 1
-            true.reset(some)
-            other.reset(some, measurements=tuple(values[some] for values in true.loop.delivered))
-        actions = next(walk)
-        true.step(actions)
-        other.step(actions, measurements=true.loop.delivered)
-        np.testing.assert_array_equal(other.belief.mean, true.belief.mean)
-        np.testing.assert_array_equal(other.observe(), true.observe())
-        assert np.abs(other.state - true.state).max() > 0.0
+    one, other, distance = observations_when_truth_is_altered(AUV, **options)
+    assert_apart(distance)
+    assert_same_tree(one, other)
 
 
 @pytest.mark.slow
