@@ -1,7 +1,10 @@
 """Compiled functions: a program for each row of a batch, over arrays whose rows lie one after the other."""
 
+import pickle
+import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property, partial
+from io import BytesIO
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -50,7 +53,6 @@ class Function:
             last is stored; other arguments and results are ``(steps, rows, ...)``, and ``shared`` is how many steps.
 
     Attributes:
-        instructions: Those of the program that its outputs need, in order.
         layout: Where matrices stand.
     """
 
@@ -62,7 +64,7 @@ class Function:
         self.arguments, self.results = tuple(arguments), tuple(result for _, result in outputs)
         self.program, self.outputs = program, [entries for entries, _ in outputs]
         values = [part.value if isinstance(part, View) else part for parts in self.outputs for part in parts]
-        self.instructions = program.complete(values)
+        self._instructions: tuple[Instruction, ...] | bytes = program.complete(values)
         self.layout = Layout(program, self.instructions, values)
         largest = _LARGEST if _SOLVING.isdisjoint(each.opcode for each in self.instructions) else _LARGEST_SOLVED
         self._wide = LANES if self.layout.size * 8 <= largest else 1
@@ -103,6 +105,12 @@ class Function:
         width = self._wide if rows >= FEW else 1
         return width, self._entries.get(width) or self.compiled(width)
 
+    @property
+    def instructions(self) -> tuple[Instruction, ...]:
+        """Instructions of the program that its outputs need, in order; compressed once there is machine code."""
+        kept = self._instructions
+        return pickle.loads(zlib.decompress(kept)) if isinstance(kept, bytes) else kept
+
     @cached_property
     def operations(self) -> int:
         """Operations a row."""
@@ -110,28 +118,37 @@ class Function:
 
     def compiled(self, width: int) -> Callable[..., None]:
         """The machine code for so many rows side by side, which programs that differ in numbers alone share."""
-        program = self.program
-        literals = tuple(
+        program, instructions = self.program, _serialised(self.instructions)
+        literals = [
             (value, literal(x, program.kinds[value], 1))
             for value, x in program.constants.items() if value not in self._places
-        )  # fmt: skip
-        outputs = tuple(map(tuple, self.outputs))
-        code: tuple[Any, ...] = (
-            self.instructions, outputs, self.arguments, self.results, self.successive, width, literals,
-            tuple(self._places.items()), tuple(program.sizes.items()), "".join(program.kinds),
-        )  # fmt: skip
-        entry, (self.instructions, *_) = machine.load(code, lambda: self.text(width))  # an equal copy takes megabytes
+        ]  # fmt: skip
+        code = _serialised((
+            self.outputs, self.arguments, self.results, self.successive, width, literals, self._places, program.sizes,
+            program.kinds,
+        ))  # fmt: skip
+        entry = machine.load(instructions + code, lambda: self.text(width))
+        self._instructions = zlib.compress(instructions, level=1)  # a twentieth: tuples of a program take megabytes
         self._entries[width] = entry
         return entry
 
     def text(self, width: int) -> str:
         """The program in LLVM IR."""
-        module = Module(self._places)
+        module, instructions = Module(self._places), self.instructions
         emitter = Driver(self, module, width)
-        if len(self.instructions) > _LONG:
+        if len(instructions) > _LONG:
             emitter.inlined = 0
         entry = _entry_point(2 + len(self.arguments) + len(self.results))
-        return module.text([emitter.function(self.instructions, self.outputs), entry])
+        return module.text([emitter.function(instructions, self.outputs), entry])
+
+
+def _serialised(value: Any) -> bytes:
+    """Bytes of a value, the same of equal parts, which need not be one object as they would with a memo."""
+    file = BytesIO()
+    pickler = pickle.Pickler(file, protocol=5)
+    pickler.fast = True
+    pickler.dump(value)
+    return file.getvalue()
 
 
 def _operations(instructions: Iterable[Instruction], sizes: Mapping[int, int]) -> int:

@@ -7,14 +7,14 @@ import shutil
 import stat
 import sys
 import tempfile
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from threading import Lock, local
 from time import time
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -23,13 +23,12 @@ _VERSION = "3"
 _MOST = 2_000  # modules that others can share; of more, the oldest are loaded anew when they are next needed
 _LINE = 8  # numbers in a line of the cache
 _compiling = Lock()
-_loaded: dict[Hashable, Any] = {}
-_Code = TypeVar("_Code", bound=Hashable)
+_loaded: dict[bytes, Callable[..., Any]] = {}
 _threads = local()
 
 
-def load(code: _Code, emit: Callable[[], str]) -> tuple[Callable[..., None], _Code]:
-    """The Python function of a module, whose symbol is ``call``, and the code that it was made of.
+def load(code: bytes, emit: Callable[[], str]) -> Callable[..., Any]:
+    """The Python function of a module, whose symbol is ``call``.
 
     Objects are kept by the digest of the text and of the processor, each written at once under a name of its own and
     then renamed: processes that compile the same need no lock.
@@ -38,12 +37,13 @@ def load(code: _Code, emit: Callable[[], str]) -> tuple[Callable[..., None], _Co
         code: All that the module depends on. A process emits and loads it once.
         emit: Gives its LLVM IR.
     """
+    key = sha256(code).digest()
     with _compiling:
-        if (found := _loaded.get(code)) is None:
-            found = _function(emit()), code
+        if (found := _loaded.get(key)) is None:
+            found = _function(emit())
             if len(_loaded) >= _MOST:
                 del _loaded[next(iter(_loaded))]
-            _loaded[code] = found
+            _loaded[key] = found
         return found
 
 
@@ -51,15 +51,14 @@ def _function(text: str) -> Any:
     """The function of a module's code in an execution engine of its own."""
     from llvmlite import binding
 
-    machine = _machine()
     digest = sha256(f"{_VERSION} {_optimised():d} {' '.join(_processor())} {text}".encode()).hexdigest()[:40]
     path = folder() / f"{digest}.o"
     code = _kept(path)
     if code is None:
-        code = _object(text, machine)
+        code = _object(text)
         _keep(path, code)
     module = binding.parse_assembly("")
-    engine = binding.create_mcjit_compiler(module, machine)
+    engine = binding.create_mcjit_compiler(module, _machine())
     engine.add_object_file(binding.ObjectFileRef.from_data(code))
     engine.finalize_object()
     # Bytes: the collector of garbage empties a structure of ctypes before it deletes the function, which reads it then.
@@ -83,11 +82,12 @@ _PYTHON = (
 )  # fmt: skip
 
 
-def _object(text: str, machine: Any) -> bytes:
+def _object(text: str) -> bytes:
     """The object code of a module."""
     from llvmlite import binding
 
     _announce()
+    machine = _machine()  # not the engine's, as one that has emitted keeps a megabyte
     module = binding.parse_assembly(text)
     if not _optimised():
         return bytes(machine.emit_object(module))

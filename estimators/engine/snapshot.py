@@ -60,7 +60,7 @@ READ = length_hint, getitem, getattr
 @cache
 def _holds() -> Callable[..., bool]:
     """The function of a table of addresses, whose first row counts its rows of lengths, items, attributes, arrays."""
-    return machine.load("snapshot", _text)[0]  # type: ignore[return-value]
+    return machine.load(b"snapshot", _text)
 
 
 def _text() -> str:

@@ -94,7 +94,7 @@ def test_threads_that_call_an_equation_first_compile_it_once(tmp_path: Path, mon
     matcher()  # which all compiled functions share
     monkeypatch.setattr(machine, "folder", lambda: tmp_path)
     compiling, own = [], machine._object
-    monkeypatch.setattr(machine, "_object", lambda text, target: compiling.append(text) or own(text, target))
+    monkeypatch.setattr(machine, "_object", lambda text: compiling.append(text) or own(text))
 
     @compiled(axes=(0,))
     def tripled(number: np.ndarray) -> np.ndarray:

@@ -48,7 +48,7 @@ def compilations(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The modules that are compiled from now on."""
     texts: list[str] = []
     own = machine._object
-    monkeypatch.setattr(machine, "_object", lambda text, target: texts.append(text) or own(text, target))
+    monkeypatch.setattr(machine, "_object", lambda text: texts.append(text) or own(text))
     return texts
 
 
@@ -192,6 +192,40 @@ def test_objects_that_nobody_has_used_for_long_are_removed(tmp_path: Path, monke
     forget(monkeypatch)
     compiled(function.function)(x)
     assert path.stat().st_mtime > 1e9  # using one counts
+
+
+# --- memory -----------------------------------------------------------------------------------------
+
+
+MEMORY = """
+import gc, os
+import numpy as np
+from estimators.engine import compiled
+from estimators.engine.program import Instruction
+def resident():
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+def equation(k):
+    return compiled(lambda x: sum(np.sin(x + i) for i in range(20 + k)))
+functions = [equation(k) for k in range(40)]
+for k, function in enumerate(functions):
+    function(np.zeros((9, 1)))
+    if k == 9:
+        before = resident()
+gc.collect()
+assert not any(type(each) is Instruction for each in gc.get_objects())
+print((resident() - before) / 30)
+assert functions[9](np.zeros((1, 1))) == functions[9](np.zeros((9, 1)))[0]  # one row has a program of its own
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="where Linux tells a process' memory")
+def test_a_process_keeps_little_of_what_compiling_needed(tmp_path: Path):
+    environment = dict(os.environ, VESSEL_GYM_CACHE=str(tmp_path), VESSEL_GYM_OPTIMISE="0")
+    done = subprocess.run(
+        [sys.executable, "-c", MEMORY], cwd=ROOT, env=environment, check=True, capture_output=True, text=True
+    )
+    assert float(done.stdout) < 300_000.0  # bytes a program; 860 thousand where the machine that emits is kept
 
 
 # --- the same bits ----------------------------------------------------------------------------------
