@@ -26,7 +26,7 @@ def main(
         agent: A controller of the task (autopilot, lqg, pid), ppo (comes with the package), random, the path of a
             checkpoint, or your own as module:object, whose code is run.
         estimator: One or more estimators; the environment's default if not given.
-        sensors: clean, nominal or degraded.
+        sensors: clean, nominal, degraded, budget or denied.
         disturbance: calm, moderate or rough.
         mismatch: Relative spread of the truth's parameters.
         observe: mean, mean+std or measurement.

@@ -32,7 +32,7 @@ def main(
         env_id: Registered environment.
         out: Checkpoint to write.
         estimator: What the agent sees the world through; the environment's default if not given.
-        sensors: clean, nominal or degraded.
+        sensors: clean, nominal, degraded, budget or denied.
         disturbance: calm, moderate or rough.
         mismatch: Relative spread of the truth's parameters.
         observe: mean, mean+std or measurement.

@@ -40,7 +40,7 @@ def main(
         env_id: Registered environment.
         estimator: What the agent sees the world through; the environment's default if not given. An .html begins with
             it, and has others to switch to.
-        sensors: clean, nominal or degraded.
+        sensors: clean, nominal, degraded, budget or denied.
         disturbance: calm, moderate or rough.
         seed: Seed of the episode.
         agent: A controller of the task (autopilot, lqg, pid), ppo (comes with the package), random, the path of a

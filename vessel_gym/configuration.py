@@ -59,9 +59,10 @@ class Options:
             time (the default), ``"as new"`` or ``"discarded"``. ``monitor`` watches the innovations for sensor faults:
             ``"cusum"``, ``"chi-square"``, a dictionary of such a ``kind`` and its options, or a monitor of your own
             (see `vessel_gym.estimation.monitor_of`).
-        sensors: ``"clean"``, ``"nominal"`` or ``"degraded"`` (10 % more drop-outs, and 5 % outliers of ten times the
-            noise). A list of `vessel_gym.sensors.Sensor` gives your own, among them those of
-            ``system.vehicle.sensors``.
+        sensors: ``"clean"``, ``"nominal"``, ``"degraded"`` (10 % more drop-outs, and 5 % outliers of ten times the
+            noise), ``"budget"`` (cheap instruments by their datasheets, with biases that filters estimate) or
+            ``"denied"`` (nominal ones, without the position fix for 120 s), see docs/sensor-suites.md. A list of
+            `vessel_gym.sensors.Sensor` gives your own, among them those of ``system.vehicle.sensors``.
         disturbance: ``"calm"``, ``"moderate"`` or ``"rough"``, or a `vessel_gym.disturbances.Disturbance` of your own.
         mismatch: Relative spread of the truth's parameters around the filter's, 0 to 0.25.
         observe: Content of an observation. ``"mean"`` is the estimate, ``"mean+std"`` also its standard deviations.

@@ -36,6 +36,8 @@ class Faulty:
                 earliest, latest = times
                 later = share[:, where] * (latest - earliest) if earliest < latest else 0.0  # infinity less itself
                 kept[rows, i] = earliest + later
+            if fault.duration is not None:
+                self._end[rows, i] = self._begin[rows, i] + fault.duration
 
     def on(self, steps: np.ndarray, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
         """Mask ``(rows, faults)`` of those that act in rows that are ``steps (rows,)`` after their start."""

@@ -4,12 +4,13 @@ The kinds are those of PX4's failure injection, its "wrong" in three: a bias, a 
 spoofing) and a scale. Faults of actuators are another matter: `vessel_gym.disturbances.Fault`.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from estimators.checks import numbers, short_repr
-from vessel_gym.checks import instance, one_of
+from vessel_gym.checks import check_numbers, instance, one_of
 
 KINDS = {
     "off": "",
@@ -34,9 +35,11 @@ class SensorFault:
             deviation of the noise that is read instead. One for all channels, or one for each.
         begin: Seconds after an episode's start; a pair: drawn in each episode, uniformly between the two.
         end: From when on it is over, likewise; infinity: never.
+        duration: Seconds from the drawn beginning to the end, in place of ``end``; None: as ``end`` says.
 
     Raises:
-        ValueError: for a kind that there is not, a size that it does not have, or times that make no sense.
+        ValueError: for a kind that there is not, a size that it does not have, times that make no sense, or a duration
+            beside an end.
     """
 
     sensor: str
@@ -44,6 +47,7 @@ class SensorFault:
     size: float | tuple[float, ...] | None = None
     begin: float | tuple[float, float] = 0.0
     end: float | tuple[float, float] = np.inf
+    duration: float | None = None
 
     def __post_init__(self) -> None:
         instance("sensor of a fault", self.sensor, str)
@@ -57,6 +61,9 @@ class SensorFault:
         if self.kind == "garbage" and np.any(np.less(size, 0.0)):  # type: ignore[arg-type]
             raise ValueError(f"size of {self} must be 0 or more, got {short_repr(self.size)}")
         (_, begin), (end, _) = self.times("begin"), self.times("end")
+        check_numbers(str(self), {"duration": self.duration}, positive="duration?")
+        if self.duration is not None and end < np.inf:
+            raise ValueError(f"{self} has a duration, which fixes its end: leave one of them out")
         if not begin < end:
             raise ValueError(
                 f"{self} must begin before it ends, got begin {short_repr(self.begin)} and end {short_repr(self.end)}"
@@ -79,3 +86,22 @@ class SensorFault:
             raise ValueError(f"{name} of {self} must be 0 s or more, or two such times in order, "
                              f"got {short_repr(time)}")  # fmt: skip
         return float(pair[0]), float(pair[1])
+
+
+LOSS = 120.0
+"""Seconds for which ``sensors="denied"`` takes away the fix."""
+
+
+def lost_fix(sensors: Iterable[str], seconds: float) -> tuple[SensorFault, ...]:
+    """Loss of the fix for `LOSS` seconds, within an episode that lasts longer than that.
+
+    The loss begins at a time drawn uniformly: in an episode of up to ``seconds`` > `LOSS`, such that it is over by
+    then; in a shorter one, whose mission takes about half of its time limit, in the first half, and it lasts to the
+    end.
+
+    Args:
+        sensors: Names of the sensors that are the fix.
+        seconds: Longest duration of an episode.
+    """
+    latest = seconds - LOSS if seconds > LOSS else 0.5 * seconds
+    return tuple(SensorFault(name, "off", begin=(0.0, latest), duration=LOSS) for name in sensors)

@@ -11,8 +11,9 @@ from estimators.checks import finite_array, integer, short_repr
 from vessel_gym.checks import check_names, check_numbers, instance, one_of, options
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.filter_models.build import Composition
-from vessel_gym.sensor_faults import SensorFault
-from vessel_gym.sensors import SUITES, Sensor, Sensors
+from vessel_gym.sensor_faults import SensorFault, lost_fix
+from vessel_gym.sensors import SUITE_NAMES, SUITES, Sensor, Sensors
+from vessel_gym.sensors.grades import read_grades
 from vessel_gym.tasks.task import Estimate, Task
 from vessel_gym.vehicles.vehicle import Trims, Vehicle
 from vessel_gym.verified import is_verified
@@ -120,17 +121,41 @@ class System:
         """Are vehicle, task and tuning?"""
         return is_verified(self.vehicle) and is_verified(self.task) and is_verified(self.tuning)
 
+    @property
+    def nominal_sensors(self) -> tuple[Sensor, ...]:
+        """Its sensors in their nominal quality."""
+        return self.vehicle.sensors if self.sensors is None else self.sensors
+
+    @property
+    def _outage(self) -> tuple[SensorFault, ...]:
+        """Loss of the fix: of the sensors that measure x or, where none does, the heading psi."""
+        nominal = self.sensors_of("nominal")
+        fixes = nominal.measuring("x") or nominal.measuring("psi")
+        if not fixes:
+            raise ValueError(
+                f'{self.name} has no sensors="denied": none of its sensors measures a state x or psi, so there is no '
+                "fix to lose"
+            )
+        return lost_fix(fixes, self.task.horizon * self.vehicle.dt)
+
     def sensors_of(self, choice: "str | Sequence[Sensor]", faults: Sequence[SensorFault] = ()) -> Sensors:
         """Its sensors in the quality of a suite by name, or somebody's own, with their faults.
 
         Raises:
-            ValueError: for a name that there is not, or sensors that do not fit the vehicle, see `Sensors`.
+            ValueError: for a name that there is not, a suite that the vehicle does not have, or sensors that do not fit
+                the vehicle, see `Sensors`.
             TypeError: for what is no sensor, or no fault of one.
         """
         vehicle = self.vehicle
         if isinstance(choice, str):
-            suite = SUITES[one_of("sensor suite", choice, SUITES)]
-            choice = suite.of(vehicle.sensors if self.sensors is None else self.sensors)
+            name = one_of("sensor suite", choice, dict.fromkeys((*SUITES, *SUITE_NAMES)))
+            if name == "denied" and isinstance(faults, list | tuple):
+                faults = (*faults, *self._outage)
+            if name == "budget":
+                choice = read_grades(self).suite(name)
+            else:
+                choice = SUITES.get(name, SUITES["nominal"]).of(self.nominal_sensors)
         elif not (isinstance(choice, list | tuple) and choice and all(isinstance(part, Sensor) for part in choice)):
-            raise TypeError(f"sensors must be one of {', '.join(SUITES)}, or Sensor objects, got {short_repr(choice)}")
+            named = ", ".join(SUITE_NAMES)
+            raise TypeError(f"sensors must be one of {named}, or Sensor objects, got {short_repr(choice)}")
         return Sensors(choice, vehicle.state_names, vehicle.increments + vehicle.ambient_flows, vehicle.dt, faults)

@@ -10,6 +10,7 @@ from agents.studies.records import FLOOR, ORACLE, Condition
 from agents.studies.results import Place, Results
 from agents.studies.shares import ENDS, ruled
 from agents.studies.wording import note
+from vessel_gym.sensors import SUITE_NAMES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +21,7 @@ AXES = {
     "faults": "faults of sensors",
 }  # fmt: skip
 """Axes along which conditions differ, with their labels."""
-_ORDER = {"disturbance": ("calm", "moderate", "rough"), "sensors": ("clean", "nominal", "degraded")}
+_ORDER = {"disturbance": ("calm", "moderate", "rough"), "sensors": SUITE_NAMES}
 
 
 def robustness(results: Results) -> Section:

@@ -21,7 +21,7 @@ from estimators.checks import short_repr
 from vessel_gym.configuration import TERMINATIONS
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensor_faults import SensorFault
-from vessel_gym.sensors import SUITES
+from vessel_gym.sensors import SUITE_NAMES
 
 
 def read_study(path: Path | str) -> Study:
@@ -305,7 +305,7 @@ class _Reader(TomlReader):
             if condition.environments and not found:
                 self.wrong((*place, "environments"), "the first condition is that of trainings: no environments")
             if ":" not in condition.sensors:
-                self.name("sensor suite", condition.sensors, SUITES, (*place, "sensors"))
+                self.name("sensor suite", condition.sensors, SUITE_NAMES, (*place, "sensors"))
             found.append(condition)
         return tuple(found) or (Condition("nominal"),)
 
@@ -316,7 +316,7 @@ class _Reader(TomlReader):
         good = []
         for fault in faults:
             if not isinstance(fault, dict) or not {"sensor", "kind"} <= set(fault) <= set(known):
-                text = f"faults must be tables of sensor, kind and perhaps size, begin, end, got {fault!r}"
+                text = f"faults must be tables of sensor, kind and perhaps size, begin, end, duration, got {fault!r}"
                 self.wrong((*place, "faults"), text)
             elif self.accepts((*place, "faults"), partial(SensorFault, **fault)):
                 good.append(fault)

@@ -72,11 +72,12 @@ def environment_options(environment: str, options: dict[str, Any]) -> dict[str, 
     latency, faults = made.pop("latency", {}), made.pop("faults", ())
     if not latency and not faults:
         return made
-    each = system_of(environment).sensors_of(made.get("sensors", "nominal")).each
-    there = {sensor.name for sensor in each}
+    chosen = system_of(environment).sensors_of(made.get("sensors", "nominal"))
+    there = {sensor.name for sensor in chosen.each}
+    own = [SensorFault(**fault) for fault in faults if fault["sensor"] in there]
     return made | {
-        "sensors": [replace(sensor, latency=latency.get(sensor.name, sensor.latency)) for sensor in each],
-        "sensor_faults": [SensorFault(**fault) for fault in faults if fault["sensor"] in there],
+        "sensors": [replace(sensor, latency=latency.get(sensor.name, sensor.latency)) for sensor in chosen.each],
+        "sensor_faults": [*own, *chosen.faults],
     }
 
 

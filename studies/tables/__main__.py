@@ -17,6 +17,7 @@ from scripts.console import Refusal, command, progress_bar
 from studies.tables.arms import EPISODES, Arm
 from studies.tables.faults import SEEDS, alarms, faults, faults_found, gap, inputs, latency
 from studies.tables.filters import adaptive_inflation, huber_iterations, robust_losses, unstable_zeros
+from studies.tables.grades import sensor_grades
 from studies.tables.markdown import ROOT, WITHOUT, number, percent, put, rows_of, shown, table
 
 
@@ -384,6 +385,7 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
 }
 """Page of each table, and the function that makes it."""
 TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
+    "grades": (ROOT / "docs/sensor-suites.md", sensor_grades),
     "advice": (ROOT / "docs/findings.md", lambda: advice(ROOT / "results/quick")),
     "exceptions": (ROOT / "docs/findings.md", lambda: exceptions(ROOT / "results/quick")),
     "papers": (ROOT / "docs/papers.md", papers),

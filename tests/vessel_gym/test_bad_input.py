@@ -23,7 +23,7 @@ from refusals import refusal
 from estimators.kalman import ExtendedKalmanFilter
 from vessel_gym.configuration import OBSERVE
 from vessel_gym.estimation import estimator_names
-from vessel_gym.sensors import SUITES
+from vessel_gym.sensors import SUITE_NAMES
 from vessel_gym.tasks.dive import Dive
 
 every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
@@ -54,8 +54,8 @@ def refusals_to_make(env_id: str, expected: type[Exception], **options: Any) -> 
 def test_an_unknown_name_is_answered_with_those_that_exist(env_id: str, option: str, wrong: Any):
     system = single_class(env_id).system
     known = {
-        "estimator": [name for name in estimator_names() if name not in REFUSED.get(env_id, {})], "sensors": SUITES,
-        "disturbance": system.disturbances, "observe": OBSERVE,
+        "estimator": [name for name in estimator_names() if name not in REFUSED.get(env_id, {})],
+        "sensors": SUITE_NAMES, "disturbance": system.disturbances, "observe": OBSERVE,
     }[option]  # fmt: skip
     # what might have been an object of one's own is of the wrong type
     kind = TypeError if option in ("sensors", "disturbance") and not isinstance(wrong, str) else ValueError

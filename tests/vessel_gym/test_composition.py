@@ -117,6 +117,7 @@ BIASED = {
     "constant": gyroscope(start=(0.02,) * 3),
     "walking": gyroscope(start=(0.01,) * 3, pace=(0.003,) * 3),
     "drifting": gyroscope(start=(0.01,) * 3, slope=(0.001,) * 3),
+    "correlated": gyroscope(start=(0.02,) * 3, time=20.0),
 }
 
 

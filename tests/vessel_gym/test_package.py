@@ -16,7 +16,7 @@ from contract import MANUALS, OURS, single_class, sizes_by_mode, vector_class
 import vessel_gym
 from vessel_gym.configuration import OBSERVE
 from vessel_gym.estimation import estimator_names
-from vessel_gym.sensors import SUITES
+from vessel_gym.sensors import SUITE_NAMES
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("estimators", "vessel_gym", "agents", "scripts")
@@ -129,7 +129,7 @@ def test_the_docstring_of_an_environment_is_its_manual(env_id: str):
     core = cls().core
     system, bound = cls.system, core.task.BOUND
     sizes = sizes_by_mode(core.task.sizes(core.sensors.size, len(core.composition.names)))
-    names = [*system.disturbances, *SUITES, *OBSERVE, *estimator_names(), *cls.metadata["render_modes"]]
+    names = [*system.disturbances, *SUITE_NAMES, *OBSERVE, *estimator_names(), *cls.metadata["render_modes"]]
     assert list(sizes) == [mode for mode in OBSERVE if "alarms" not in mode]  # there is one for each sensor
     for name in names:
         assert re.search(rf"[`\"]{re.escape(name)}[`\"]", manual), name

@@ -234,6 +234,7 @@ BIASES = {
     "constant": Bias(("b", "c"), start=(0.2, 3.0)),
     "walking": Bias(("b", "c"), start=(0.2, 0.0), pace=(0.05, 2.0)),
     "drifting": Bias(("b", "c"), start=(0.2, 1.0), slope=(0.1, 0.0)),
+    "correlated": Bias(("b", "c"), start=(0.2, 3.0), time=2.0),
     "walking and drifting": Bias(("b", "c"), start=(0.2, 1.0), pace=(0.3, 0.1), slope=(0.1, 0.4)),
 }
 every_bias = pytest.mark.parametrize("bias", BIASES.values(), ids=BIASES)
@@ -281,7 +282,7 @@ def test_biases_of_episodes_scatter_as_they_say(bias: Bias):
                     assert_variance(core.bias[:, channel], variance)
                 else:
                     np.testing.assert_array_equal(core.bias[:, channel], 0.0)
-        if before is not None and not any(bias.pace):  # what does not walk goes straight on
+        if before is not None and not any(bias.pace) and bias.time is None:  # what does not walk goes straight on
             drift = core.bias[:, 2:] if any(bias.slope) else np.zeros((2000, 2))
             np.testing.assert_allclose(core.bias[:, :2] - before[:, :2], 0.1 * drift, rtol=0, atol=1e-12)
         before = core.bias.copy()

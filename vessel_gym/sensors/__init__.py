@@ -7,6 +7,29 @@ They may import processes and `estimators`; vehicles, filter models and the loop
 """
 
 from vessel_gym.sensors.array import Sensors
-from vessel_gym.sensors.sensor import LONGEST, SUITES, Bias, Known, Sensor, SensorSuite, check_values, columns, plain
+from vessel_gym.sensors.sensor import (
+    LONGEST,
+    SUITE_NAMES,
+    SUITES,
+    Bias,
+    Known,
+    Sensor,
+    SensorSuite,
+    check_values,
+    columns,
+    plain,
+)
 
-__all__ = ["LONGEST", "SUITES", "Bias", "Known", "Sensor", "SensorSuite", "Sensors", "check_values", "columns", "plain"]
+__all__ = [
+    "LONGEST",
+    "SUITES",
+    "SUITE_NAMES",
+    "Bias",
+    "Known",
+    "Sensor",
+    "SensorSuite",
+    "Sensors",
+    "check_values",
+    "columns",
+    "plain",
+]  # fmt: skip

@@ -130,6 +130,15 @@ class Sensors:
         """The sensor to which a channel belongs."""
         return self.each[self.owner[channel]]
 
+    def measuring(self, name: str) -> tuple[str, ...]:
+        """Names of the sensors whose measurements depend on a state."""
+        if name not in self.state_names:
+            return ()
+        state = np.random.default_rng(0).standard_normal((3, len(self.state_names)))
+        moved, nothing = state + np.equal(self.state_names, name), np.zeros((3, len(self.exogenous_names)))
+        differ = (self.exact(state, nothing) != self.exact(moved, nothing)).any(0)
+        return tuple(dict.fromkeys(self.of_channel(channel).name for channel in np.flatnonzero(differ)))
+
     @property
     def _owning(self) -> Iterator[tuple[Sensor, slice]]:
         """Sensors and their channels."""

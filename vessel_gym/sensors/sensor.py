@@ -27,6 +27,11 @@ class Bias:
         pace: Of the random walk: what a second adds; 0: constant, as far as anybody knows.
         slope: Of a drift [per s], constant and unknown, which has states of its own; 0: none.
         scale: Size that counts as 1 in an observation of standard deviations.
+        time: Correlation time [s] of a stationary first-order Gauss-Markov process, in place of ``pace`` and
+            ``slope``; its standard deviation is ``start`` at every time. None: no such process.
+
+    Raises:
+        ValueError: for values of another number than the names, negative ones, or a ``time`` beside a pace or slope.
     """
 
     names: tuple[str, ...]
@@ -34,6 +39,7 @@ class Bias:
     pace: tuple[float, ...] = ()
     slope: tuple[float, ...] = ()
     scale: float = 1.0
+    time: float | None = None
 
     def __post_init__(self) -> None:
         names: Any = self.names
@@ -50,7 +56,11 @@ class Bias:
             for value in values:
                 check_numbers(f"the bias {self.names}", {name: value}, not_negative=name)
             object.__setattr__(self, name, tuple(map(float, values)))
-        check_numbers(self, positive="scale")
+        check_numbers(self, positive="scale time?")
+        if self.time is not None and any(self.pace + self.slope):
+            raise ValueError(
+                f"the bias {self.names} has a correlation time, so it is stationary: give it no pace and no slope"
+            )
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -59,6 +69,8 @@ class Bias:
 
     def process(self, dt: float) -> Process:
         """Its process over a step of ``dt`` [s]."""
+        if self.time is not None:
+            return Process.wandering(self.start, self.time, dt)
         slope = self.slope if any(self.slope) else ()
         walk = Process.walk(self.start + slope, self.pace + (0.0,) * len(slope), dt)
         return replace(walk, transition=walk.transition + dt * np.eye(walk.size, k=len(self.names)))
@@ -255,6 +267,10 @@ SUITES = {
     "nominal": SensorSuite(noise=1.0),
     "degraded": SensorSuite(noise=1.0, dropout=0.10, outliers=0.05),
 }
+"""Suites that every vehicle's sensors have, and `vessel_gym.wrappers.EstimatedObservation`, too."""
+SUITE_NAMES = (*SUITES, "budget", "denied")
+"""All suites of an environment: ``budget`` is a choice of grades (`vessel_gym.sensors.grades`), ``denied`` the nominal
+sensors without the fix for a time (`vessel_gym.sensor_faults.lost_fix`)."""
 
 
 def check_values(

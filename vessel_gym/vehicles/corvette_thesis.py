@@ -64,6 +64,7 @@ class ThesisCorvette(Ship, verified=True):
     substeps: int = 2  # RK4 steps of 0.4 s
 
     action_names = ("rudder",)
+    grades: ClassVar[str] = "corvette-thesis"
     ambient_flows = ()
     kinds = ("corrected", "as-printed")
     linear_kinds = kinds

@@ -4,7 +4,6 @@ A file only holds numbers: nothing in it is executed. What is wrong with it is s
 """
 
 import re
-import tomllib
 from dataclasses import MISSING, fields
 from functools import cache
 from importlib import import_module
@@ -16,6 +15,7 @@ import numpy as np
 from estimators.checks import integer, number, short_repr
 from estimators.factory import unknown
 from vessel_gym.checks import LARGEST, RANGES, check_numbers, instance, one_of
+from vessel_gym.toml_file import TomlFile
 
 P = TypeVar("P")
 
@@ -88,26 +88,10 @@ def _shipped(path: Path) -> Any:
     return _File(path).parameters(object, stable=True)
 
 
-class _File:
+class _File(TomlFile):
     """A file being read."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        try:
-            self.text = path.read_text(encoding="utf-8")
-            self.data = tomllib.loads(self.text)
-        except UnicodeDecodeError:
-            raise ValueError(f"{path}, line 1: the file is not text in UTF-8") from None
-        except (ValueError, RecursionError) as error:  # not TOML; a number of 5,000 digits, a thousand brackets
-            found = re.search(r"line (\d+)", str(error))
-            line = int(found[1]) if found else self.text.count("\n") + 1
-            sentence = re.sub(r" \(at .*?\)$", "", str(error)).replace("\n", " ")
-            raise ValueError(f"{path}, line {line}: not TOML: {sentence}") from None
-
-    def fault(self, keys: tuple[str, ...], sentence: str) -> ValueError:
-        """The error of a sentence on a key, or its table where it is missing, or the kind where that is."""
-        places = (_line(self.text, each) for each in (*(keys[:n] for n in range(len(keys), 0, -1)), ("kind",)))
-        return ValueError(f"{self.path}, line {next(filter(None, places), 1)}: {sentence}")
+    otherwise = ("kind",)
 
     def parameters(self, expected: type[Any], stable: bool) -> Any:
         """Parameters of the vehicle, as `load` returns them."""
@@ -244,22 +228,3 @@ def check_vehicle(vehicle: Any, parameters: str, kind: type[Any]) -> None:
     instance(f"{parameters} of {title}", getattr(vehicle, parameters), kind)
     check_numbers(vehicle, positive="dt")
     integer(f"substeps of {title}", vehicle.substeps, 1)
-
-
-def _line(text: str, keys: tuple[str, ...]) -> int | None:
-    """Line of a key or table, right after the lines that make a file without it; None: there is none."""
-    lines = text.split("\n")
-    without = 0
-    for count in range(1, len(lines) + 1):
-        try:
-            found = tomllib.loads("\n".join(lines[:count]))
-        except ValueError:  # amid a value of several lines
-            continue
-        for key in keys:
-            if not isinstance(found, dict) or key not in found:
-                break
-            found = found[key]
-        else:
-            return without + 1
-        without = count
-    return None

@@ -266,6 +266,7 @@ class Puna(WholeState, verified=True):
             "attitude", ("bank",), plain((6,)), (0.02,), angles=(0,), scale=(0.5,), gives=("phi",), corrects=(("phi",),)
         ),  # assumed
     )  # fmt: skip
+    grades: ClassVar[str] = "fixed-wing"
     rates: ClassVar = {"climb": "h"}
     carried: ClassVar = np.vstack([np.zeros((3, 3)), np.diag([1.0, 1.0, -1.0]), np.zeros((1, 3))])
     """Velocities are over ground: the wind carries the aircraft along from the first moment."""

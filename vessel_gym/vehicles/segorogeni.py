@@ -194,6 +194,7 @@ class Segorogeni(AUV, verified=True):
             gives=("x", "y"),
         ),
     )))  # fmt: skip
+    grades: ClassVar[str] = "auv"
     normals: ClassVar = len(UNCERTAIN)
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -55,6 +55,7 @@ class Ship(Simulated, verified=True):
     increments = ("yaw increment",)
     incremented = ("psi",)
     ambient_flows: ClassVar[tuple[str, ...]] = AROUND
+    grades: ClassVar[str] = "ship"
     kinds: ClassVar[tuple[str, ...]] = ("nonlinear", "linear")
     linear_kinds: ClassVar[tuple[str, ...]] = ("linear",)
     rates: ClassVar = {"r": "psi"}

@@ -33,6 +33,7 @@ class Vehicle(Protocol):
     ``noise``: schedules of Q and R by name, which its filters assume instead of ``process_sd`` and the sensors' noise.
     And ``steering``: the indices of its actuators that are angles [rad] of rudders, fins or wings, whose travel,
     reversals and saturation `agents.metrics` measures.
+    And ``grades``: a file of grades of its sensors, see `vessel_gym.sensors.grades`.
     """
 
     @property

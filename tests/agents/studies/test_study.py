@@ -211,7 +211,7 @@ h = { faults = { sensor = "gyroscope" } }
         5: "SegorogeniAUV-v0 refuses the condition b: latency of acoustic position is 0.25 s, which is no whole number",
         6: "latency must be a table of seconds by sensor, got 1.0",
         7: "unknown kind of sensor fault 'stuk' (did you mean 'stuck'?)",
-        8: "faults must be tables of sensor, kind and perhaps size, begin, end, got",
+        8: "faults must be tables of sensor, kind and perhaps size, begin, end, duration, got",
         9: "unknown sensor 'gyro'",
         10: "gyroscope has 3 channels, so size of the fault 'bias' of gyroscope must be one number or 3",
         11: "faults must be a list of tables",
@@ -309,7 +309,7 @@ ONE = "[environments]\nSigmaCorvette-v0 = {}\n"
         ('[agents]\nPPO = { kind = "ppo", trained_on = [] }', "trained_on must name one or more, each once"),
         ('[agents]\nPPO = { kind = "ppo", trained_on = ["truth", "truth"] }', "each once, or be left out"),
         ('[agents]\nPPO = { kind = "ppo", steps = { SigmaCorvette-v0 = "1e6" } }', "steps must be whole numbers"),
-        ('[conditions]\nx = { sensors = "math:pi" }', "sensors must be one of clean, nominal, degraded, or Sensor"),
+        ('[conditions]\nx = { sensors = "math:pi" }', "sensors must be one of clean, nominal, degraded, budget, "),
         ('[conditions]\nx = { disturbance = "math:pi" }', "disturbance must be one of calm, moderate, rough, or a"),
     ],
 )  # fmt: skip

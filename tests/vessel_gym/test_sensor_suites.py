@@ -1,0 +1,308 @@
+"""Sensor suites: grades with their sources, correlated errors, and the loss of the position fix.
+
+Statistical tests have fixed seeds; the false-alarm rate of each band is 1e-6 if nothing else is said.
+"""
+
+import re
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from contract import CARRIED, ENVIRONMENTS, FEW_MEMBERS, assert_sound, make_core, single_class
+from scipy.stats import chi2, kstest, norm
+
+from estimators import chi_square_band, nees
+from vessel_gym.sensor_faults import LOSS, SensorFault
+from vessel_gym.sensors import SUITE_NAMES, SUITES, Bias, Sensor, plain
+from vessel_gym.sensors.grades import DATA, NOMINAL, grades_of, load_grades, read_grades
+
+FALSE_ALARM = 1e-6
+SHIP, AUV, THESIS, AIRCRAFT = "SigmaCorvette-v0", "SegorogeniAUV-v0", "ThesisCorvette-v0", "PunaUAV-v0"
+GRADED = [env_id for env_id in ENVIRONMENTS if hasattr(single_class(env_id).system.vehicle, "grades")]
+every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
+every_graded = pytest.mark.parametrize("env_id", GRADED)
+FIX = {THESIS: "gyro compass", AIRCRAFT: "GNSS", "vessel_gym/FixedWing-v0": "GNSS"}
+FIX |= dict.fromkeys((SHIP, "vessel_gym/Ship-v0", "HeavyShip-v0"), "receiver")
+
+
+def system_of(env_id: str) -> Any:
+    return single_class(env_id).system
+
+
+# --- correlated errors ------------------------------------------------------------------------------
+
+
+def test_a_correlated_bias_has_its_variance_and_its_correlation_time():
+    """Exact: the covariance stays start², and the share kept in a step is that of the correlation time."""
+    for dt in (0.1, 0.5, 3.0):
+        process = Bias(("a", "b"), start=(0.2, 3.0), time=30.0).process(dt)
+        np.testing.assert_allclose(process.transition, np.exp(-dt / 30.0) * np.eye(2), rtol=1e-15)
+        after = process.transition @ process.start_cov @ process.transition.T + process.root @ process.root.T
+        np.testing.assert_allclose(after, np.diag([0.04, 9.0]), rtol=1e-13)
+
+
+@pytest.mark.slow
+def test_correlated_biases_of_episodes_scatter_and_forget_as_they_say():
+    """2,000 episodes at three times: variance, and that of what is new since the start, in chi-square bands."""
+    rows, time, start = 2000, 2.0, np.array([0.02, 0.3, 1.0])
+    gauge = replace(system_of(AUV).vehicle.sensors[2], bias=Bias(("a", "b", "c"), tuple(start), time=time))
+    core = make_core(AUV, rows, seed=23, estimator="truth", sensors=[gauge])
+    core.reset()
+    first = core.bias.copy()
+    low, high = chi2.ppf([FALSE_ALARM / 2, 1.0 - FALSE_ALARM / 2], rows) / rows
+    for step in range(41):
+        if step in (1, 10, 40):
+            share = np.exp(-0.1 * step / time)
+            fresh = (core.bias - share * first) / (start * np.sqrt(1.0 - share**2))
+            related = (fresh * first / start).sum(0) / np.sqrt(rows)  # standard normal
+            assert (low < np.mean((core.bias / start) ** 2, 0)).all()
+            assert (np.mean((core.bias / start) ** 2, 0) < high).all()
+            assert (low < np.mean(fresh**2, 0)).all()
+            assert (np.mean(fresh**2, 0) < high).all()
+            assert (np.abs(related) < norm.isf(FALSE_ALARM / 2)).all()
+        core.step(np.zeros((rows, 3)))
+
+
+@pytest.mark.parametrize("other", [{"pace": (0.1,)}, {"slope": (0.1,)}])
+def test_a_correlated_bias_neither_walks_nor_drifts(other: dict[str, Any]):
+    with pytest.raises(ValueError, match=r"^the bias \('b',\) has a correlation time, so it is stationary: give it no"):
+        Bias(("b",), (1.0,), time=10.0, **other)
+
+
+@pytest.mark.parametrize("time", [0.0, -1.0, np.inf, np.nan, "long"])
+def test_a_correlation_time_is_a_positive_number(time: Any):
+    with pytest.raises(ValueError, match=r"^time of Bias must be"):
+        Bias(("b",), (1.0,), time=time)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("estimator", "kind"), [("kf", "linear"), ("ekf", "linear"), ("ekf", "nonlinear")])
+def test_filters_of_the_budget_sensors_are_consistent_where_all_is_linear(estimator: str, kind: str):
+    """A ship on straight course in calm water, simulated by the filter's own model, so that nothing else is wrong.
+
+    NEES of 300 runs over the whole state, with the biases: at every tenth step in a band of false-alarm rate 1e-5.
+    """
+    options = {"estimator_options": {"model": kind}, "sensors": "budget", "disturbance": "calm"}
+    core = make_core(SHIP, 300, estimator=estimator, **options)
+    core.reset(options=None)
+    model, filter, prior = core.composition.model, core.loop.filter, core.belief
+    names = core.composition.names
+    assert {"bias heading", "bias north", "bias east", "bias yaw rate"} >= set(names[-3:])
+    rng, u = np.random.default_rng(31), np.broadcast_to(core.vehicle.cruise[1], (300, len(core.vehicle.cruise[1])))
+    Q, R = np.asarray(model.Q), np.asarray(model.R)
+    root = np.linalg.cholesky(Q + 1e-20 * np.eye(model.n))
+    x = prior.mean + (np.linalg.cholesky(prior.cov) @ rng.standard_normal((300, model.n, 1)))[..., 0]
+    belief, low_high = prior, chi_square_band(300, model.n, 1.0 - 1e-5)
+    for k in range(200):
+        x = model.transition(x, u) + rng.standard_normal(x.shape) @ root.T
+        belief = filter.predict(belief, u)
+        y = model.measurement(x, u) + rng.standard_normal((300, model.p)) @ np.linalg.cholesky(R).T
+        belief = filter.update(belief, y)
+        if k % 10 == 9:
+            angles = tuple(i for i, name in enumerate(names) if name in core.vehicle.angles)
+            assert low_high[0] < nees(belief.mean, belief.cov, x, angles=angles).mean() < low_high[1], k
+
+
+# --- the loss of the fix ----------------------------------------------------------------------------
+
+
+def losses(env_id: str, rows: int = 2000) -> np.ndarray:
+    """Mask ``(steps, rows)`` of the times at which the fix is lost in episodes of full length."""
+    core = make_core(env_id, rows, seed=41, estimator="truth", sensors="denied")
+    core.reset()
+    steps = np.arange(core.task.horizon + round(LOSS / core.vehicle.dt))
+    return np.stack([core.loop.faulty(np.full(rows, k))[:, 0] for k in steps])
+
+
+def test_a_lost_fix_is_lost_for_exactly_120_seconds_within_the_episode():
+    lost = losses(SHIP)
+    np.testing.assert_array_equal(lost.sum(0), 240)
+    begins = lost.argmax(0)
+    assert (lost[:601].sum(0) == 240).all()
+    # drawn between 0 and 180 s and seen at the next step: uniform within a step (Kolmogorov-Smirnov)
+    assert kstest((begins - 0.5) * 0.5 / 180.0, "uniform").pvalue > FALSE_ALARM
+
+
+@pytest.mark.parametrize("env_id", [AUV, "ItsunusaAUV-v0", AIRCRAFT])
+def test_in_a_short_episode_a_fix_lost_in_its_first_half_never_returns(env_id: str):
+    lost, horizon = losses(env_id), system_of(env_id).task.horizon
+    begins = lost.argmax(0)
+    assert begins.max() <= horizon / 2 + 1
+    assert begins.min() < 0.05 * horizon
+    assert (lost[:horizon].sum(0) == horizon - begins).all()
+
+
+@every_graded
+def test_a_lost_fix_takes_its_measurements_and_nothing_else(env_id: str):
+    """Until then all is as with nominal sensors, to the last bit; then the fix does not arrive."""
+    few = FEW_MEMBERS.get(system_of(env_id).estimator)
+    one, other = (make_core(env_id, 3, seed=5, estimator_options=few, sensors=name) for name in ("nominal", "denied"))
+    (fault,) = other.sensors.faults
+    assert fault.sensor == FIX.get(env_id, "USBL" if env_id == "Usbl-v0" else "acoustic position")
+    own = other.sensors.owner == [sensor.name for sensor in other.sensors.each].index(fault.sensor)
+    one.reset()
+    other.reset()
+    for k in range(30):
+        lost = other.loop.faulty(other.steps)[:, 0]
+        (y, came), (read, there) = one.measurements, other.measurements
+        np.testing.assert_array_equal(one.truth, other.truth)
+        np.testing.assert_array_equal(read[:, ~own], y[:, ~own])
+        np.testing.assert_array_equal(there, came & ~(own & lost[:, None]))
+        np.testing.assert_array_equal(read, np.where(there, y, 0.0))
+        action = np.full((3, one.action_size), 0.1 * np.sin(0.2 * k))
+        one.step(action)
+        other.step(action)
+
+
+def test_the_outage_is_told_as_other_faults_are_and_follows_those_of_the_user():
+    mine = [SensorFault("rate gyro", "bias", 0.1, begin=3.0)]
+    core = make_core(SHIP, 2, sensors="denied", sensor_faults=mine)
+    core.reset()
+    assert core.sensors.faults[0] is mine[0]
+    assert core.sensors.faults[1].duration == LOSS
+    assert core.info()["sensor_faults"].shape == (2, 2)
+    assert core.config.sensors_name == "denied"
+
+
+def test_a_fault_has_a_duration_or_an_end():
+    with pytest.raises(ValueError, match=r"has a duration, which fixes its end: leave one of them out$"):
+        SensorFault("receiver", "off", end=3.0, duration=2.0)
+    for wrong in (0.0, -1.0, np.nan, "long"):
+        with pytest.raises(ValueError, match=r"^duration of the fault 'off' of receiver must be"):
+            SensorFault("receiver", "off", duration=wrong)  # type: ignore[arg-type]
+
+
+def test_without_a_fix_there_is_none_to_lose():
+    log = Sensor("log", ("u",), plain((0,)), (0.1,))
+    with pytest.raises(ValueError, match='has no sensors="denied": none of its sensors measures a state x or psi, so'):
+        replace(system_of(AUV), name="Blind-v0", sensors=(log,)).sensors_of("denied")
+
+
+# --- grades -----------------------------------------------------------------------------------------
+
+
+def same(one: Sensor, other: Sensor) -> bool:
+    return all(getattr(one, each.name) == getattr(other, each.name) for each in fields(Sensor))
+
+
+@every_graded
+def test_the_nominal_suite_is_the_vehicle_s_own_sensors(env_id: str):
+    system = system_of(env_id)
+    for sensor, grades in zip(system.nominal_sensors, grades_of(system).values(), strict=True):
+        assert grades[NOMINAL] is sensor
+    for one, own in zip(system.sensors_of("nominal").each, system.nominal_sensors, strict=True):
+        assert same(one, own)
+
+
+@every_graded
+def test_each_grade_of_each_sensor_can_be_carried_beside_the_nominal_others(env_id: str):
+    system = system_of(env_id)
+    for name, grades in grades_of(system).items():
+        for grade in grades.values():
+            assert grade.name == name
+            system.sensors_of([grade if own.name == name else own for own in system.nominal_sensors])
+
+
+@pytest.mark.parametrize("path", sorted(DATA.glob("*.toml")), ids=lambda path: path.stem)
+def test_a_file_has_two_to_four_grades_of_each_sensor_with_sources(path: Path):
+    env_id = next(env_id for env_id in GRADED if system_of(env_id).vehicle.grades == path.stem)
+    grades = read_grades(system_of(env_id))
+    assert list(grades.sensors) == [sensor.name for sensor in system_of(env_id).vehicle.sensors]
+    for name, of in grades.sensors.items():
+        assert 2 <= len(of) <= 4, name
+        assert list(of)[-1] == grades.suites["budget"][name]  # the cheapest
+        for source in grades.sources[name].values():
+            assert re.search(r"\d{4}|datasheet|assumed|public", source), source
+
+
+@pytest.mark.parametrize("env_id", [SHIP, AUV, THESIS, AIRCRAFT, "ItsunusaAUV-v0"])
+def test_budget_sensors_err_slowly_and_filters_know_it(env_id: str):
+    sensors = system_of(env_id).sensors_of("budget")
+    assert all(sensor.bias is not None and sensor.bias.time is not None for sensor in sensors.each)
+    assert sensors.faults == ()
+    core = make_core(env_id, 1, estimator="dead-reckoning", sensors="budget")
+    assert core.composition.names[-len(sensors.bias_names) :] == sensors.bias_names
+
+
+def test_rates_and_latencies_of_a_grade_fall_on_the_vehicle_s_steps(tmp_path: Path):
+    file = tmp_path / "mine.toml"
+    file.write_text('[receiver.mine]\nsd = [1.0, 2.0]\nrate = 0.3\nlatency = 0.6\nsource = "mine"\n', encoding="utf-8")
+    for env_id, rate, latency in ((SHIP, 1.0 / 3.5, 0.5), ("vessel_gym/Ship-v0", None, None)):
+        system = system_of(env_id)
+        (nominal, mine) = load_grades(file, system)["receiver"].values()
+        assert nominal is system.vehicle.sensors[2]
+        assert (mine.sd, mine.bias, mine.dropout) == ((1.0, 2.0), None, 0.0)
+        system.sensors_of([mine])
+        if rate is not None:
+            assert (mine.rate, mine.latency) == (pytest.approx(rate), latency)
+
+
+WRONG = {
+    "sextant.good.sd = 1.0": (1, "unknown sensor 'sextant'"),
+    "receiver = 3": (1, "receiver must be a table, got 3"),
+    "[receiver.good]\nsource = 'x'": (1, "receiver of the grade 'good' needs a 'sd'"),
+    "[receiver.good]\nsd = 1.0": (1, "receiver of the grade 'good' needs a 'source'"),
+    "[receiver.good]\nsd = 1.0\nsource = 3": (3, "source of receiver of the grade 'good' must be a text"),
+    "[receiver.good]\nsd = 1.0\nsource = 'x'\nnoise = 3": (4, "unknown key of receiver of the grade 'good' 'noise'"),
+    "[receiver.nominal]\nsource = 'x'\nsd = 3.0": (3, "unknown key of receiver of the grade 'nominal' 'sd'"),
+    "[receiver.good]\nsource = 'x'\nsd = -1.0": (3, "sd of receiver must be a number of at least 0, got -1.0"),
+    "[receiver.good]\nsource = 'x'\nsd = [1.0]": (3, "receiver has 2 channels, so sd must have 2 entries, got (1.0,)"),
+    "[receiver.good]\nsource = 'x'\nsd = 1.0\ndropout = 2.0": (4, "dropout of receiver must be"),
+    "[receiver.good]\nsource = 'x'\nsd = 1.0\nrate = 0": (4, "rate of receiver must be"),
+    "[receiver.good]\nsource = 'x'\nsd = 1.0\nbias = 3": (4, "bias of receiver must be a table of start, and pace,"),
+    "[receiver.good]\nsource = 'x'\nsd = 1.0\nbias = { start = 1.0, time = -1.0 }": (4, "time of Bias must be"),
+    "[receiver.good]\nsource = 'x'\nsd = 1.0\nbias = { start = 1.0, pace = 1.0, time = 9.0 }": (
+        4, "the bias ('bias north', 'bias east') has a correlation time",
+    ),
+    "[suites.budget]\nreceiver = 'best'": (2, "unknown grade of receiver 'best'"),
+    "receiver": (1, "not TOML"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("text", WRONG, ids=range(len(WRONG)))
+def test_a_mistake_in_a_file_of_grades_is_one_sentence_with_its_line(tmp_path: Path, text: str):
+    file, (line, sentence) = tmp_path / "mine.toml", WRONG[text]
+    file.write_text(text + "\n", encoding="utf-8")
+    with pytest.raises(ValueError, match=re.escape(f"{file}, line {line}: {sentence}")) as caught:
+        load_grades(file, system_of(SHIP))
+    assert "\n" not in str(caught.value)
+
+
+class Bare(type(system_of(AUV).vehicle)):  # type: ignore[misc]
+    grades = None
+
+
+def test_a_vehicle_without_grades_says_so():
+    with pytest.raises(ValueError, match="has no grades of sensors: set its attribute grades to the path of a TOML"):
+        replace(system_of(AUV), name="Bare-v0", vehicle=Bare()).sensors_of("budget")
+
+
+# --- every environment on every suite ---------------------------------------------------------------
+
+
+def fly(env_id: str, estimator: str, suite: str) -> None:
+    """Forty steps, in which all must be sound and the filter healthy."""
+    few = FEW_MEMBERS.get(estimator)
+    core = make_core(env_id, 2, seed=6, estimator=estimator, estimator_options=few, sensors=suite, observe="mean+std")
+    core.reset()
+    rng = np.random.default_rng(6)
+    for _ in range(40):
+        core.step(rng.uniform(-0.3, 0.3, (2, core.action_size)))
+        assert_sound(core, core.observe(), None, core.info())
+    assert core.loop.belief.healthy.all() or estimator == "pf"  # of 20 particles
+
+
+@pytest.mark.parametrize("suite", [name for name in SUITE_NAMES if name not in SUITES])
+@every_environment
+def test_the_default_estimator_carries_every_suite(env_id: str, suite: str):
+    if suite == "budget" and env_id not in GRADED:
+        pytest.skip("a vehicle without grades")
+    fly(env_id, system_of(env_id).estimator, suite)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("env_id", "estimator"), [pair for pair in CARRIED if pair[0] in (SHIP, THESIS, AIRCRAFT)])
+def test_every_estimator_carries_the_budget_suite(env_id: str, estimator: str):
+    fly(env_id, estimator, "budget")

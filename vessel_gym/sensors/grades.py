@@ -1,0 +1,176 @@
+"""Grades of each sensor of a vehicle, best first, and the suites that choose among them: data with their sources.
+
+A TOML file has a table for each grade of each sensor, in the order from the best to the cheapest:
+
+    ["rate gyro"."consumer MEMS"]
+    sd = 1.7e-3
+    bias = { start = 8.7e-3, time = 300.0 }
+    source = "..."
+
+``sd`` is a number for all channels or one for each; ``rate`` [Hz] and ``latency`` [s] are rounded to whole steps of the
+vehicle; ``dropout`` is a probability; ``bias`` has ``start``, and ``pace``, ``slope`` or ``time``, see
+`vessel_gym.sensors.Bias`, on the first channels. Figures that a grade lacks are 0, and its rate is every step. The
+grade ``nominal`` is the vehicle's own sensor: it has a ``source`` alone, and every sensor has it. ``[suites.NAME]``
+chooses a grade of each sensor; of the sensors that it does not name, ``nominal``.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from estimators.checks import short_repr
+from estimators.factory import unknown
+from vessel_gym.checks import check_numbers
+from vessel_gym.sensors.sensor import Bias, Sensor
+from vessel_gym.toml_file import TomlFile
+
+DATA = Path(__file__).with_name("data")
+NOMINAL = "nominal"
+_FIGURES = ("sd", "rate", "dropout", "latency", "bias")
+_BIAS = ("start", "pace", "slope", "time")
+
+
+@dataclass(frozen=True)
+class Grades:
+    """Grades of the sensors of a vehicle.
+
+    Attributes:
+        sensors: Sensors by name and grade, best first.
+        sources: Sources of their figures, likewise.
+        suites: Name of each sensor's grade, by suite.
+    """
+
+    sensors: dict[str, dict[str, Sensor]]
+    sources: dict[str, dict[str, str]]
+    suites: dict[str, dict[str, str]]
+
+    def suite(self, name: str) -> tuple[Sensor, ...]:
+        """The sensors of a suite."""
+        return tuple(grades[self.suites[name].get(sensor, NOMINAL)] for sensor, grades in self.sensors.items())
+
+
+def grades_of(system: Any) -> dict[str, dict[str, Sensor]]:
+    """Grades of the sensors of a `vessel_gym.system.System`, by sensor and grade, best first.
+
+    Raises:
+        ValueError: for a vehicle without grades.
+    """
+    return read_grades(system).sensors
+
+
+def load_grades(path: str | Path, system: Any) -> dict[str, dict[str, Sensor]]:
+    """Grades of a file of one's own, as `grades_of` returns them.
+
+    Raises:
+        ValueError: for anything wrong in the file, in one sentence with its line.
+        OSError: if it cannot be read.
+    """
+    return read_grades(system, path).sensors
+
+
+def read_grades(system: Any, path: str | Path | None = None) -> Grades:
+    """Grades, sources and suites of a system's sensors.
+
+    Args:
+        system: A `vessel_gym.system.System`. The attribute ``grades`` of its vehicle names a file of the package,
+            or the path of another one.
+        path: A file; None: that of the vehicle, of which sensors that the system lacks are left out.
+
+    Raises:
+        ValueError: for a vehicle without grades, or anything wrong in the file, in one sentence with its line.
+        OSError: if the file cannot be read.
+    """
+    named, own = getattr(system.vehicle, "grades", None), system.nominal_sensors
+    if path is None and named is None:
+        title = type(system.vehicle).__name__
+        raise ValueError(f"{title} has no grades of sensors: set its attribute grades to the path of a TOML file")
+    if path is None:
+        path = DATA / f"{named}.toml" if isinstance(named, str) and "." not in named else named
+        own_alone = True
+    else:
+        own_alone = False
+    return _GradesFile(Path(path), own, system.vehicle.dt).grades(own_alone)  # type: ignore[arg-type]
+
+
+class _GradesFile(TomlFile):
+    """A file of grades being read, for a vehicle's sensors that read at steps of ``dt`` [s]."""
+
+    def __init__(self, path: Path, own: Sequence[Sensor], dt: float) -> None:
+        super().__init__(path)
+        self.own, self.dt = {sensor.name: sensor for sensor in own}, dt
+
+    def grades(self, own_alone: bool) -> Grades:
+        """The grades; ``own_alone``: leave out sensors that the vehicle lacks, instead of refusing them."""
+        tables = {name: table for name, table in self.data.items() if name != "suites"}
+        for name in () if own_alone else tables:
+            if name not in self.own:
+                raise self.fault((name,), unknown("sensor", name, self.own))
+        sensors: dict[str, dict[str, Sensor]] = {}
+        sources: dict[str, dict[str, str]] = {}
+        for name, own in self.own.items():
+            table = self._table((name,), tables.get(name, {}))
+            if NOMINAL not in table:  # a file may leave it out: it is then the best
+                table = {NOMINAL: {"source": "the vehicle's own"}} | table
+            sensors[name] = {grade: self._sensor(own, grade, each) for grade, each in table.items()}
+            sources[name] = {grade: each["source"] for grade, each in table.items()}
+        return Grades(sensors, sources, self._suites(sensors))
+
+    def _table(self, keys: tuple[str, ...], value: Any) -> dict[str, Any]:
+        if not isinstance(value, dict):
+            raise self.fault(keys, f"{keys[-1]} must be a table, got {short_repr(value)}")
+        return value
+
+    def _sensor(self, own: Sensor, grade: str, figures: Any) -> Sensor:
+        """The sensor in a grade."""
+        keys, name = (own.name, grade), f"{own.name} of the grade {grade!r}"
+        figures = self._table(keys, figures)
+        allowed = ("source",) if grade == NOMINAL else ("source", *_FIGURES)
+        for key in figures:
+            if key not in allowed:
+                raise self.fault((*keys, key), unknown(f"key of {name}", key, allowed))
+        for key in ("source",) if grade == NOMINAL else ("source", "sd"):
+            if key not in figures:
+                raise self.fault(keys, f"{name} needs a {key!r}")
+        if not isinstance(figures["source"], str):
+            raise self.fault((*keys, "source"), f"source of {name} must be a text")
+        try:
+            return own if grade == NOMINAL else self._with(own, figures)
+        except (ValueError, TypeError) as error:
+            named = (key for key in _FIGURES if str(error).startswith(f"{key} of "))
+            about = next(named, "bias" if "bias" in str(error).lower() else "sd")
+            raise self.fault((*keys, about), str(error)) from None
+
+    def _with(self, own: Sensor, figures: dict[str, Any]) -> Sensor:
+        """A sensor with the figures of a grade."""
+        channels, period = len(own.channels), 1
+        times = {"rate": figures.get("rate"), "latency": figures.get("latency", 0.0)}
+        check_numbers(own.name, times, positive="rate?", not_negative="latency")
+        if "rate" in figures:
+            period = max(round(1.0 / (figures["rate"] * self.dt)), 1)
+        bias = None
+        if "bias" in figures:
+            if not isinstance(figures["bias"], dict) or not {"start"} <= set(figures["bias"]) <= set(_BIAS):
+                raise ValueError(f"bias of {own.name} must be a table of start, and pace, slope or time")
+            given = {key: _tuple(value, channels) for key, value in figures["bias"].items() if key != "time"}
+            names = tuple(f"bias {channel.split(' [')[0]}" for channel in own.channels)[: len(given["start"])]
+            bias = Bias(names, **given, scale=max((1e-9, *given["start"])), time=figures["bias"].get("time"))
+        return replace(
+            own, sd=_tuple(figures["sd"], channels), rate=None if period == 1 else 1.0 / (period * self.dt),
+            dropout=figures.get("dropout", 0.0), latency=round(times["latency"] / self.dt) * self.dt, bias=bias,
+        )  # fmt: skip
+
+    def _suites(self, sensors: dict[str, dict[str, Sensor]]) -> dict[str, dict[str, str]]:
+        """The grades that suites choose, checked."""
+        suites = self._table(("suites",), self.data.get("suites", {}))
+        for suite, table in suites.items():
+            for name, grade in self._table(("suites", suite), table).items():
+                known = sensors.get(name)
+                if known is not None and grade not in known:
+                    raise self.fault(("suites", suite, name), unknown(f"grade of {name}", grade, known))
+        return suites
+
+
+def _tuple(value: Any, count: int) -> tuple[Any, ...]:
+    """A list's values, or a number for each of the channels."""
+    return tuple(value) if isinstance(value, list) else (value,) * count
