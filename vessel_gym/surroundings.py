@@ -17,6 +17,7 @@ from vessel_gym.guidance.dive_path import path_point
 from vessel_gym.guidance.path_following import COLUMNS
 from vessel_gym.guidance.words import Path
 from vessel_gym.registry import Registry
+from vessel_gym.tasks.channel import Channel
 from vessel_gym.tasks.dive import Dive
 from vessel_gym.tasks.flight import OBSTACLES, SEGMENTS, Flight
 from vessel_gym.tasks.turning_circle import TurningCircle
@@ -44,6 +45,7 @@ class Surroundings:
         size: Its length; an aircraft's span.
         space: Whether it moves in three dimensions.
         path: ``(k, 3)`` what it is asked to follow.
+        fairway: ``(k, 3)`` outline of the water within which it is to keep.
         goal: Where it is to arrive, and within what distance; None: nowhere.
         obstacles: ``(m, 3)`` north, east and radius of upright cylinders.
         surface: Whether there is water above, and its surface is at this depth; None: there is none.
@@ -56,6 +58,7 @@ class Surroundings:
     size: float = 1.0
     space: bool = False
     path: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    fairway: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     goal: tuple[float, float, float, float] | None = None
     obstacles: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     surface: float | None = None
@@ -64,7 +67,7 @@ class Surroundings:
         one_of("hull", self.hull, HULLS)
         check_numbers(self, positive="size", finite="surface?")
         instance("space of Surroundings", self.space, bool)
-        for name in ("path", "obstacles"):
+        for name in ("path", "fairway", "obstacles"):
             finite_array(f"{name} of Surroundings", getattr(self, name), "k", 3)
         if self.goal is not None:
             finite_array("goal of Surroundings", self.goal, 4)
@@ -146,12 +149,18 @@ def _turn(task: TurningCircle, scenario: np.ndarray) -> Surroundings:
     return Surroundings("ship", task.ship.length, path=_level(task.path(scenario)))
 
 
+@register_surroundings(Channel)
+def _channel(task: Channel, scenario: np.ndarray) -> Surroundings:
+    path, edges = _level(task.path(scenario)), _level(task.edges(scenario))
+    return Surroundings("ship", task.ship.length, path=path, fairway=edges)
+
+
 @register_surroundings(Dive)
 def _dive(task: Dive, scenario: np.ndarray) -> Surroundings:
     path = path_point(np.linspace(0.0, scenario[1], 121), scenario)[:, :3]
     north, east, down = path[-1]
     goal = (north, east, down, task.GOAL_TOLERANCE)
-    return Surroundings("torpedo", task.auv.length, True, path, goal, surface=-task.launch_depth)
+    return Surroundings("torpedo", task.auv.length, True, path, goal=goal, surface=-task.launch_depth)
 
 
 @register_surroundings(Flight)
@@ -162,7 +171,7 @@ def _flight(task: Flight, scenario: np.ndarray) -> Surroundings:
     north, east, _ = task.goal(scenario[None])[0]
     obstacles = scenario[-3 * OBSTACLES :].reshape(OBSTACLES, 3)
     goal = (north, east, down, task.GOAL_TOLERANCE)
-    return Surroundings("aircraft", _SPAN, True, path, goal, obstacles[obstacles[:, 2] > 0.0])
+    return Surroundings("aircraft", _SPAN, True, path, goal=goal, obstacles=obstacles[obstacles[:, 2] > 0.0])
 
 
 def _level(plane: np.ndarray, down: float = 0.0) -> np.ndarray:

@@ -13,7 +13,7 @@ import numpy as np
 from agents.controllers import AUTOPILOT, register_controller
 from agents.controllers.loops import Loop, first_order, regulator_gains, task_of
 from vessel_gym.system import System
-from vessel_gym.tasks.circle_track import CircleTrack
+from vessel_gym.tasks.track import Track
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.tasks.turning_trial import TurningTrial
 from vessel_gym.vehicles.corvette import secant_models, steady_turns
@@ -217,7 +217,7 @@ def track_gains(ship: CorvetteParameters, dt: float, tolerances: TrackTolerances
     return regulator_table(ship, dt, np.diag(weights[:n] ** 2), tolerances.rudder_rate, rows)
 
 
-@register_controller(CircleTrack, AUTOPILOT)
+@register_controller(Track, AUTOPILOT)
 class TrackAutopilot(TurningAutopilot):
     """Linear-quadratic regulator with integral action about the commanded turn, on the commanded track.
 
@@ -233,7 +233,7 @@ class TrackAutopilot(TurningAutopilot):
     """
 
     def __init__(self, system: System, tolerances: TrackTolerances | None = None) -> None:
-        task, tolerances = task_of(system, CircleTrack, _ON_TRACK), tolerances or TrackTolerances()
+        task, tolerances = task_of(system, Track, _ON_TRACK), tolerances or TrackTolerances()
         self._regulate(task, system.vehicle.dt, track_gains(task.ship, system.vehicle.dt, tolerances))
         self._near, self._limit = 6.0 * tolerances.distance, 2.0 * tolerances.distance_integral
 
@@ -242,7 +242,7 @@ class TrackAutopilot(TurningAutopilot):
         return [np.clip(distance, -self._near, self._near)], distance
 
 
-@register_controller(CircleTrack, "lqg")
+@register_controller(Track, "lqg")
 class TrackRegulator(TrackAutopilot):
     """The autopilot's linear-quadratic regulator without its integral: no memory, and a bias under steady loads.
 
@@ -253,7 +253,7 @@ class TrackRegulator(TrackAutopilot):
         super().__init__(system, replace(tolerances or TrackTolerances(), distance_integral=np.inf))
 
 
-@register_controller(CircleTrack, "pid")
+@register_controller(Track, "pid")
 class TrackPID(TurningPID):
     """A heading PID behind a line of sight: it heads for a point of the track two ship lengths ahead.
 
@@ -267,7 +267,7 @@ class TrackPID(TurningPID):
     AHEAD = 2.0  # ship lengths
 
     def __init__(self, system: System, tolerances: TrackTolerances | None = None) -> None:
-        task, tolerances = task_of(system, CircleTrack, _ON_TRACK), tolerances or TrackTolerances()
+        task, tolerances = task_of(system, Track, _ON_TRACK), tolerances or TrackTolerances()
         self._close(task, system.vehicle.dt, tolerances.heading, tolerances.rudder)
         self._turns = steady_turns(task.ship)
 

@@ -52,8 +52,8 @@ from vessel_gym.mission import Mission
 from vessel_gym.sensors import SUITES
 from vessel_gym.state import EnvState
 from vessel_gym.system import Estimate
-from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.tasks.flight import Flight
+from vessel_gym.tasks.track import Track
 
 ROOT = Path(__file__).parents[2]
 SOAK_STEPS = 28_000
@@ -65,7 +65,7 @@ every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
 
 def at_sea(env_id: str) -> bool:
     """Whether it is about a ship on a track, which takes a hundred steps to lose."""
-    return isinstance(single_class(env_id).system.task, CircleTrack)
+    return isinstance(single_class(env_id).system.task, Track)
 
 
 every_pair = pytest.mark.parametrize(("env_id", "estimator"), CARRIED)
@@ -775,5 +775,5 @@ def test_after_a_long_gap_the_estimate_returns_to_what_it_would_have_been(env_id
     cost = cost_of_the_gap(gapped, whole.belief.cov, members)
     # 5 standard deviations: eight rows with a dozen components, false-alarm rate 1e-4. Ensembles sample their gains as
     # well: of 16 other seeds of PunaUAV-v0 one was beyond, by twice as much.
-    least = 0.25 if isinstance(whole.task, CircleTrack) else 0.05 if isinstance(whole.task, Flight) else 1e-3
+    least = 0.25 if isinstance(whole.task, Track) else 0.05 if isinstance(whole.task, Flight) else 1e-3
     assert (np.abs(gapped.observe() - whole.observe()) <= np.maximum(least, 5.0 * cost)).all()

@@ -10,6 +10,7 @@ from vessel_gym.envs.own import register_environment
 from vessel_gym.envs.puna_uav import PunaUAVEnv, PunaUAVVectorEnv
 from vessel_gym.envs.segorogeni_auv import SegorogeniAUVEnv, SegorogeniAUVVectorEnv
 from vessel_gym.envs.ship import ShipEnv, ShipVectorEnv
+from vessel_gym.envs.sigma_channel import SigmaChannelEnv, SigmaChannelVectorEnv
 from vessel_gym.envs.sigma_corvette import SigmaCorvetteEnv, SigmaCorvetteVectorEnv
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.thesis_corvette import ThesisCorvetteEnv, ThesisCorvetteVectorEnv
@@ -28,6 +29,8 @@ __all__ = [
     "SegorogeniAUVVectorEnv",
     "ShipEnv",
     "ShipVectorEnv",
+    "SigmaChannelEnv",
+    "SigmaChannelVectorEnv",
     "SigmaCorvetteEnv",
     "SigmaCorvetteVectorEnv",
     "ThesisCorvetteEnv",

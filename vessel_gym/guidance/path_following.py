@@ -51,6 +51,18 @@ def _pieces(segments: np.ndarray) -> tuple[np.ndarray, ...]:
     )
 
 
+@compiled(axes=(0, 1))
+def pose_along(along: np.ndarray, segments: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """x, y [m] and heading [rad] ``(...)`` at distances ``along (...)`` [m] of paths ``(..., 5 k)``."""
+    x, y, angle, curvature, begin, _, _, exists = _pieces(segments)
+    pose = [x[..., 0], y[..., 0], angle[..., 0], curvature[..., 0], begin[..., 0]]
+    for k in range(1, exists.shape[-1]):
+        here = exists[..., k] & (along >= begin[..., k])
+        piece = x[..., k], y[..., k], angle[..., k], curvature[..., k], begin[..., k]
+        pose = [np.where(here, new, old) for new, old in zip(piece, pose, strict=True)]
+    return follow_on(along - pose[4], *pose[:4])
+
+
 def _closest(x: np.ndarray, y: np.ndarray, curvature: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Arc length in [low, high] of the point closest to (x ahead, y to the side of positive curvature) of a segment."""
     straight = curvature == 0.0

@@ -57,6 +57,8 @@ class Marks:
                         canvas.text(box.right - 10, y - 9, "surface", "muted", 10, "right")
             for north, east, radius in () if view.aside else around.obstacles:
                 canvas.polygon(frame.pixels([north, east] + radius * CIRCLE), "obstacle_pale", "obstacle", 1.0)
+            if len(around.fairway) and not view.aside:
+                canvas.polygon(at(around.fairway), "paper", "muted", 1.0)
             if len(around.path):
                 canvas.dashes(at(around.path), "commanded", 1.5)
             canvas.crosses(at(self._fixes), "measurement", mark, 0.35 * mark)
@@ -113,6 +115,8 @@ class Marks:
             _draw_start(canvas, at)
         elif kind == "path":
             canvas.dashes(line, "commanded", 1.5)
+        elif kind == "fairway":
+            canvas.polygon(at + [[-14.0, -6.0], [14.0, -6.0], [14.0, 6.0], [-14.0, 6.0]], "paper", "muted", 1.0)
         elif kind == "goal":
             canvas.ring(at, "goal", 7.0, 1.5)
             canvas.dot(at, "goal", 2.0)

@@ -195,6 +195,8 @@ class Scene:
         labels["start"] = "start"
         if len(around.path):
             labels["path"] = "path to follow"
+        if len(around.fairway):
+            labels["fairway"] = "channel"
         if around.goal is not None:
             labels["goal"] = f"goal, within {around.goal[3]:g} m"
         if len(around.obstacles):

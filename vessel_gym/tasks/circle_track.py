@@ -149,11 +149,6 @@ class CircleTrack(Track, TurningCircle, verified=True):
         each, off_track = np.swapaxes(found, 0, 1)
         return each, off_track
 
-    @compiled(axes=(1, 0))
-    def commanded(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """The commanded yaw rate and heading of who keeps to the track ``(..., 2)``."""
-        return self.reference(scenario, step, self.nominal(scenario, step))[..., self.commanding]
-
     def path(self, scenario: np.ndarray) -> np.ndarray:
         """The track ``(k, 2)`` of a scenario ``(4,)``, one circle long."""
         lead, circle = self.ship.speed * (self.lead + self.ramp), 2.0 * np.pi / abs(scenario[CURVATURE])

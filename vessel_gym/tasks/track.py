@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.engine import sincos
+from estimators.engine import compiled, sincos
 from vessel_gym.processes import interpolated
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
@@ -60,6 +60,15 @@ class Track(Steering):
         at = np.minimum(np.abs(rate) / rates[-1], 1.0) * (len(rates) - 1.0)
         surge, sway = interpolated(speeds, at), interpolated(sways, at)
         return direction - np.arctan2(np.where(rate >= 0.0, sway, -sway), surge), surge
+
+    def nominal(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """The state ``(..., 6)`` at a step ``(...)`` of a ship that keeps to the track."""
+        raise NotImplementedError
+
+    @compiled(axes=(1, 0))
+    def commanded(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """The commanded yaw rate and heading of who keeps to the track ``(..., 2)``."""
+        return self.reference(scenario, step, self.nominal(scenario, step))[..., self.commanding]
 
     # --- what the agent sees ----------------------------------------------------------------------
 

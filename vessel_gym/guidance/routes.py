@@ -1,0 +1,92 @@
+"""Routes of a ship: straight legs between waypoints, joined by arcs of one radius that touch both legs."""
+
+from itertools import combinations
+
+import numpy as np
+
+from estimators.angles import wrap
+from estimators.checks import short_repr
+from vessel_gym.checks import numbers
+from vessel_gym.guidance.words import Path, chain
+
+WAYPOINTS = 8
+"""Waypoints of a route at most."""
+SEGMENTS = 2 * WAYPOINTS - 3
+"""Straights and arcs of a route at most."""
+SHARPEST = np.deg2rad(120.0)
+"""Greatest change of course at a waypoint [rad]."""
+LONGEST = 1e5
+"""m: a route beyond is a slip in the unit."""
+
+
+def route(waypoints: object, radius: float, clearance: float = 0.0) -> tuple[np.ndarray, Path]:
+    """Waypoints ``(k, 2)`` relative to the first one, north and east [m], and the path along them.
+
+    Args:
+        waypoints: Rows (north, east) [m], 2 to `WAYPOINTS`.
+        radius: Radius of the arcs [m].
+        clearance: Least distance [m] between legs that do not follow each other.
+
+    Raises:
+        ValueError: for what is no such list, a change of course above `SHARPEST`, a leg too short for its arcs, a route
+            longer than `LONGEST`, or legs within the clearance of each other.
+    """
+    points = numbers(waypoints)
+    if points is None or points.ndim != 2 or points.shape[1] != 2:
+        raise ValueError(f"waypoints must be rows (north, east), metres, got {short_repr(waypoints)}")
+    if not 2 <= len(points) <= WAYPOINTS:
+        raise ValueError(f"waypoints must be 2 to {WAYPOINTS}, got {len(points)}")
+    if not np.isfinite(points).all():
+        raise ValueError(f"waypoints must be finite, got {short_repr(waypoints)}")
+    with np.errstate(over="ignore"):
+        points = points - points[0]
+        legs = np.diff(points, axis=0)
+        length = np.hypot(*legs.T)
+    if not length.sum() <= LONGEST:
+        raise ValueError(f"the legs of a route must be {LONGEST:.0f} m together at most, got {length.sum():.4g} m")
+    if not length.all():
+        first = 1 + int(length.argmin())
+        raise ValueError(f"waypoints {first} and {first + 1} are the same place")
+    course = np.arctan2(legs[:, 1], legs[:, 0])
+    turn = wrap(np.diff(course))
+    if (np.abs(turn) > SHARPEST).any():
+        at = int(np.abs(turn).argmax())
+        raise ValueError(
+            f"the course changes by {np.rad2deg(abs(turn[at])):.0f} degrees at waypoint {at + 2}, more than "
+            f"{np.rad2deg(SHARPEST):.0f}"
+        )
+    tangent = np.pad(radius * np.tan(0.5 * np.abs(turn)), 1)
+    straight = length - tangent[:-1] - tangent[1:]
+    if (straight < 0.0).any():
+        at = int(straight.argmin())
+        raise ValueError(
+            f"leg {at + 1} of the route is {length[at]:.0f} m long and needs {length[at] - straight[at]:.0f} m for its "
+            f"arcs of {radius:.0f} m radius"
+        )
+    for i, j in combinations(range(len(legs)), 2):
+        apart = np.inf if j == i + 1 else _apart(points[i], points[i + 1], points[j], points[j + 1])
+        if apart <= clearance:
+            raise ValueError(
+                f"legs {i + 1} and {j + 1} of the route come within {apart:.0f} m of each other, nearer than "
+                f"{clearance:.0f} m"
+            )
+    lengths = np.zeros(2 * len(legs) - 1)
+    lengths[::2], lengths[1::2] = straight, radius * np.abs(turn)
+    curvatures = np.zeros(len(lengths))
+    curvatures[1::2] = np.sign(turn) / radius
+    return points, chain(np.array([0.0, 0.0, course[0]]), curvatures, lengths)
+
+
+def _apart(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> float:
+    """Least distance [m] between the legs from a to b and from c to d; 0 where they cross."""
+
+    def side(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> float:
+        return float((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]))
+
+    def to_leg(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> float:
+        share = np.clip((p - q) @ (r - q) / ((r - q) @ (r - q)), 0.0, 1.0)
+        return float(np.hypot(*(q + share * (r - q) - p)))
+
+    if side(a, b, c) * side(a, b, d) < 0.0 and side(c, d, a) * side(c, d, b) < 0.0:
+        return 0.0
+    return min(to_leg(a, c, d), to_leg(b, c, d), to_leg(c, a, b), to_leg(d, a, b))

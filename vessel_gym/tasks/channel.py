@@ -1,0 +1,214 @@
+"""Keep a ship between the edges of a channel: along a straight leg, or a route of waypoints."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+
+from estimators import Gaussian
+from estimators.engine import compiled, sincos
+from vessel_gym.checks import check_numbers, one_of
+from vessel_gym.guidance.path_following import COLUMNS, locate, pose_along
+from vessel_gym.guidance.routes import SEGMENTS, WAYPOINTS, route
+from vessel_gym.tasks.steering import wrapped
+from vessel_gym.tasks.track import HEADING, Track, in_frame
+
+OFFSET, ERROR, LENGTH = 1, 2, 3
+"""Columns of a scenario after the first direction: distance to starboard [m] and heading error [rad] at the start,
+length of the channel [m]; waypoints and the path follow."""
+ALONG = 3
+"""Column of a reference beside those of `vessel_gym.tasks.track`: distance along the channel [m]."""
+_POINTS = LENGTH + 1
+_PATH = _POINTS + 2 * (WAYPOINTS - 1)
+_NUMBERS = _PATH + COLUMNS * SEGMENTS
+_ANYWHERE = np.array([-np.inf, np.inf, 0.0])
+_BESIDE = 8  # numbers of a reference before its scenario
+
+
+@dataclass(frozen=True)
+class Channel(Track, verified=True):
+    """A channel with lateral margins leads along a straight leg, or legs between waypoints joined by arcs.
+
+    It begins at the origin. A scenario (the episode's parameters, drawn at reset) is ``(direction of the first leg
+    [rad], distance to starboard and heading error at the start [m, rad], length [m])``, then the waypoints after the
+    first one (north, east [m]; the last is repeated) and the segments of the path (x, y, heading, curvature, length;
+    those of length 0 fill up). A reference is ``(heading to steer in still water [rad], mean yaw rates over the next
+    half of PREVIEW and the PREVIEW after it [rad/s], distance along the channel [m], to starboard of its axis [m],
+    direction of the axis [rad], surge of the steady turn [m/s], believed heading [rad])`` at the point of the axis
+    nearest to where the ship is believed to be, then the scenario.
+
+    The margin follows the concept design of PIANC Report 121 (2014), for a one-way outer channel: a width of 5 beams,
+    of which the ship's middle may use 4. The width adds up from 1.5 beams of manoeuvring lane (moderate), 0.1 for a
+    fast ship, 0.3 for cross wind up to 33 kn, 0.5 for cross current up to 1.5 kn, 1.0 for waves above 3 m, 0.2 for aids
+    to navigation (good), and 0.7 of bank clearance on either side.
+    """
+
+    leg: float = 40.0  # ship lengths, of the straight channel
+    margin_beams: float = 2.0  # that the ship's middle may be off the axis, either side
+    turn: float = 4.0  # ship lengths, radius of the arcs between waypoints
+    angle: float = 0.25 * np.pi  # rad between north, along which waves run, and the straight channel; either side
+    spread: float = float(np.deg2rad(10.0))  # rad, about that angle
+    offset: float = 0.5  # of the margin, greatest at the start
+    error: float = 0.05  # rad, greatest error of the heading at the start
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_numbers(self, positive="leg margin_beams turn", share="offset")
+        check_numbers(self, direction="angle", not_negative="spread error")
+
+    MISSION: ClassVar[int] = 1 + 2 * (WAYPOINTS - 1)
+    uniforms = 4
+    end_reasons = ("", "arrived", "aground")
+    success = "arrived"
+    perfect = 1.0
+    """Rewards are shares of the score."""
+
+    @property
+    def margin(self) -> float:
+        """Greatest distance [m] of the ship's middle from the axis."""
+        return self.margin_beams * self.ship.beam
+
+    # --- what is drawn ----------------------------------------------------------------------------
+
+    def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
+        """Draw scenarios ``(B, k)`` from uniforms ``(B, 4)``.
+
+        Args:
+            uniforms: for side and angle of the leg, and offset and heading error at the start.
+            options: ``{"waypoints": [(north, east), ...]}`` sets the channel's axis [m], counted from the first one.
+
+        Raises:
+            ValueError: for an unknown option, or a route that cannot be followed, see `vessel_gym.guidance.routes`.
+        """
+        scenarios = self._drawn(uniforms)
+        for option, value in options.items():
+            one_of("reset option", option, ("waypoints",))
+            points, path = route(value, self.turn * self.ship.length, 2.0 * self.margin + self.ship.beam)
+            scenarios[:, HEADING], scenarios[:, LENGTH] = path.segments[0, 2], path.length
+            listed = np.concatenate([points[1:], points[-1:].repeat(WAYPOINTS - len(points), 0)])
+            scenarios[:, _POINTS:_PATH], scenarios[:, _PATH:] = listed.ravel(), 0.0
+            scenarios[:, _PATH : _PATH + path.segments.size] = path.segments.ravel()
+        return scenarios
+
+    @compiled
+    def _drawn(self, uniforms: np.ndarray) -> np.ndarray:
+        """Scenarios ``(..., k)`` of straight legs."""
+        centred = 2.0 * uniforms - 1.0
+        heading = np.copysign(self.angle + self.spread * centred[..., 1], centred[..., 0])
+        zero, length = np.zeros_like(heading), np.zeros_like(heading) + self.leg * self.ship.length
+        sin, cos = sincos(heading)
+        start = [heading, self.offset * self.margin * centred[..., 2], self.error * centred[..., 3], length]
+        points = [length * cos, length * sin] * (WAYPOINTS - 1)
+        path = [zero, zero, heading, zero, length, *[zero] * (COLUMNS * (SEGMENTS - 1))]
+        return np.stack([*start, *points, *path], -1)
+
+    def prior(self, scenario: np.ndarray) -> Gaussian:
+        """Prior of (x, y, psi, u, v, r): mean ``(B, 6)`` and covariance ``(6, 6)``."""
+        mean, (sin, cos) = np.zeros((len(scenario), 6)), sincos(scenario[:, HEADING])
+        mean[:, 0], mean[:, 1] = -scenario[:, OFFSET] * sin, scenario[:, OFFSET] * cos
+        mean[:, 2], mean[:, 3] = scenario[:, HEADING] + scenario[:, ERROR], self.ship.speed
+        return self._spread.about(mean)
+
+    # --- where the ship is ------------------------------------------------------------------------
+
+    @cached_property
+    def _ahead(self) -> np.ndarray:
+        """Distances [m] up to which the mean curvatures of a reference reach."""
+        return np.array([0.5, 1.5]) * self.preview * self.ship.speed
+
+    @compiled(axes=(1, 1))
+    def _nearest(self, scenario: np.ndarray, place: np.ndarray) -> np.ndarray:
+        """Position relative to the axis ``(..., 7)`` of places ``(..., 2)``, see `locate`."""
+        pose = np.concatenate([place, np.zeros_like(place[..., :1])], -1)
+        return locate(pose, _ANYWHERE, scenario[..., _PATH:], self._ahead)
+
+    @compiled(axes=(1, 0, 1))
+    def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """The reference ``(..., k)`` of a ship in a state ``(..., 6)``, as in the prior."""
+        place = self._nearest(scenario, state[..., :2])
+        along, off, direction, soon, later = (place[..., i] for i in range(5))
+        rate = self.turning(soon)
+        heading, surge = self.held(rate, direction)
+        own = [heading, rate, self.turning(later), along, off, direction, surge, state[..., 2]]
+        return np.concatenate([np.stack(own, -1), scenario], -1)
+
+    @compiled(axes=(1, 0))
+    def nominal(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """Place and heading of a ship that keeps to axis and service speed, as a state ``(..., 6)`` of velocity 0."""
+        along = np.minimum(np.maximum(step * (self.dt * self.ship.speed), 0.0), scenario[..., LENGTH])
+        x, y, direction = pose_along(along, scenario[..., _PATH:])
+        zero = np.zeros_like(x)
+        return np.stack([x, y, direction, zero, zero, zero], -1)
+
+    def path(self, scenario: np.ndarray) -> np.ndarray:
+        """The axis ``(k, 2)`` of a scenario ``(n,)``."""
+        return self._axis(scenario)[:, :2]
+
+    def edges(self, scenario: np.ndarray) -> np.ndarray:
+        """Outline of the channel ``(2 k, 2)`` of a scenario ``(n,)``: half a beam outside the margins."""
+        x, y, direction = self._axis(scenario).T
+        starboard = (self.margin + 0.5 * self.ship.beam) * np.stack([-np.sin(direction), np.cos(direction)], -1)
+        axis = np.stack([x, y], -1)
+        return np.concatenate([axis + starboard, (axis - starboard)[::-1]])
+
+    @staticmethod
+    def _axis(scenario: np.ndarray) -> np.ndarray:
+        """Poses ``(k, 3)`` along the axis."""
+        along = np.linspace(0.0, scenario[LENGTH], 200)
+        return np.stack(pose_along(along, np.tile(scenario[_PATH:], (len(along), 1))), -1)
+
+    def scenario_of(self, reference: np.ndarray) -> np.ndarray:
+        """The scenarios ``(..., k)`` out of references."""
+        return reference[..., _BESIDE:]
+
+    def off_track(self, scenario: np.ndarray, place: np.ndarray) -> np.ndarray:
+        """Distances ``(T, B)`` [m] of ships to starboard of their axes on their way ``(T, B, 2)``."""
+        return np.array([self._nearest(scenario, now)[..., 1] for now in place])
+
+    def observe_mission(self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+        """The rudder, and the waypoints after the first in ten ship lengths ahead and to starboard ``(..., 15)``."""
+        points = [in_frame(scenario, scenario[..., i : i + 2]) for i in range(_POINTS, _PATH, 2)]
+        scale = 10.0 * self.ship.length
+        return np.concatenate([actuators / self.ship.rudder_limit, *(each / scale for each in points)], -1)
+
+    # --- how it is scored -------------------------------------------------------------------------
+
+    COURSE_TOLERANCE = 0.05  # rad between the axis and the course over ground, that halves its share of the reward
+    HELM_TOLERANCE = 0.5  # of the full rudder rate, that halves the reward
+
+    @property
+    def distance_tolerance(self) -> float:
+        """Distance [m] from the axis that halves the reward: a quarter of the margin."""
+        return 0.25 * self.margin
+
+    def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
+        """The farthest distance along the channel so far ``(..., 1)``."""
+        return np.zeros_like(scenario[..., :1])
+
+    @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
+    def score(
+        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
+        action: np.ndarray, score_state: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+        """Reward ``(...)``, end of the episode ``(...)`` and score state ``(..., 1)``, from the truth.
+
+        A step is worth the share of the channel that it is the first to cover, times how well the ship keeps to the
+        axis, to its direction over ground, and how little helm that takes: the score is at most 1, and neither
+        loitering nor ending early pays.
+        """
+        scenario, farthest = self.scenario_of(reference), score_state[..., 0]
+        place = self._nearest(scenario, state[..., :2])
+        along, off, direction = (place[..., i] for i in range(3))
+        psi, u, v = (state[..., i] for i in range(2, 5))
+        sin, cos = sincos(psi)
+        north, east = u * cos - v * sin + exogenous[..., 1], u * sin + v * cos + exogenous[..., 2]
+        aside = wrapped(np.arctan2(east, north) - direction)
+        length, aground = scenario[..., LENGTH], np.abs(off) > self.margin
+        covered = np.maximum(farthest, np.minimum(along, length))
+        value = 0.7 + 0.3 / (1.0 + (aside / self.COURSE_TOLERANCE) ** 2)
+        value = value / (1.0 + (off / self.distance_tolerance) ** 2)
+        value = value / (1.0 + (action[..., 0] / self.HELM_TOLERANCE) ** 2)
+        reward = np.where(aground, 0.0, value * (covered - farthest) / length)
+        end = np.where(aground, 2, np.where(along >= length, 1, 0))
+        return reward, end, np.stack([covered], -1)
