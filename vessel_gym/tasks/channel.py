@@ -129,7 +129,7 @@ class Channel(Track, verified=True):
         place = self._nearest(scenario, state[..., :2])
         along, off, direction, soon, later = (place[..., i] for i in range(5))
         rate = self.turning(soon)
-        heading, surge = self.held(rate, direction)
+        heading, surge = self.steady_course(rate, direction)
         own = [heading, rate, self.turning(later), along, off, direction, surge, state[..., 2]]
         return np.concatenate([np.stack(own, -1), scenario], -1)
 

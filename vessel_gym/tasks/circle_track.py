@@ -60,7 +60,7 @@ class CircleTrack(Track, TurningCircle, verified=True):
         share_ahead = np.clip((along + self.preview * speed - lead) / ramp, 0.0, 1.0)
         rate_now = bent * speed
         rate_ahead = share_ahead * curvature * (self.ship.speed + share_ahead * slower)
-        heading, surge = self.held(rate_now, direction)
+        heading, surge = self.steady_course(rate_now, direction)
         return np.stack([heading, rate_now, rate_ahead, rate, off, direction, surge, state[..., 2]], -1)
 
     def _lengths(self, scenario: np.ndarray) -> tuple[float, np.ndarray]:

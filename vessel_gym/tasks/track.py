@@ -51,7 +51,7 @@ class Track(Steering):
         turns = steady_turns(self.ship)
         return turns.yaw_rate, turns.speed, turns.sway
 
-    def held(self, rate: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def steady_course(self, rate: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Heading [rad] and surge [m/s] ``(...)`` of a ship in a steady turn whose course is a direction.
 
         The heading adds the drift of the steady turn to the direction of the track.
