@@ -8,6 +8,7 @@ from agents.rollouts import Rollout
 from estimators import wrap
 from vessel_gym.sea_trials import fit_circle
 from vessel_gym.tasks.circle_track import CircleTrack
+from vessel_gym.tasks.track import Track
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import steady_turns
 from vessel_gym.vehicles.corvette_equations import COEFFICIENTS, STATE, propulsion, straight_course
@@ -166,11 +167,9 @@ register_metrics(TurningCircle, METRICS, compute)
 # --- on a track -------------------------------------------------------------------------------------
 
 TRACK_METRICS = (
-    TURN_STEPS,
     *PROPULSION,
     Metric("track_error", "Off track", "m", "lower", 1, "RMS distance of the true ship from the track."),
     *off_track(1),
-    *CIRCLE,
     Metric("roll", "Roll", "°", "lower", 2, "RMS roll of the true ship."),
     Metric(
         "position_rmse", "Position", "m", "lower", 2, "RMS error of the estimated position, all of its components.",
@@ -187,21 +186,27 @@ TRACK_METRICS = (
 
 
 def compute_on_track(rollout: Rollout) -> dict[str, np.ndarray]:
-    """Metrics that have no function of their own, ``(N,)`` by key.
-
-    The unknown input is NaN where none is estimated, and so is the circle of an episode that flew less than half of it.
-    """
+    """Metrics that have no function of their own, ``(N,)`` by key; the unknown input is NaN where none is estimated."""
     core = core_of(rollout)
     h, alive, names = rollout.history, rollout.alive, core.vehicle.state_names
     scenario = core.task.scenario_of(h["reference"][0])
     place = h["truth"][..., [names.index("x"), names.index("y")]]
     along, off = core.task.on_track(scenario, place)
+    margin = getattr(core.task, "margin", 0.0) or core.task.DISTANCE_TOLERANCE
     return {
         "track_error": rms(off, alive),
         "roll": np.rad2deg(rms(h["truth"][..., names.index("phi")], alive)),
-        **tails("off_track", off, alive, getattr(core.task, "margin", core.task.DISTANCE_TOLERANCE)),
+        "input_rmse": 1e3 * input_error(rollout),
+        **tails("off_track", off, alive, margin),
         **propulsion_costs(rollout, along[rollout.length, np.arange(len(scenario))] - along[0]),
-    } | _turn(rollout, *circle_fit(rollout, 1.0 / np.abs(scenario[:, 2])))
+    }
 
 
-register_metrics(CircleTrack, TRACK_METRICS, compute_on_track)
+def compute_on_circle(rollout: Rollout) -> dict[str, np.ndarray]:
+    """Those of a turn on a track, ``(N,)`` by key; the circle of an episode that flew less than half of it is NaN."""
+    scenario = core_of(rollout).task.scenario_of(rollout.history["reference"][0])
+    return compute_on_track(rollout) | _turn(rollout, *circle_fit(rollout, 1.0 / np.abs(scenario[:, 2])))
+
+
+register_metrics(Track, TRACK_METRICS, compute_on_track)
+register_metrics(CircleTrack, (TURN_STEPS, *TRACK_METRICS, *CIRCLE), compute_on_circle)

@@ -78,7 +78,7 @@ def test_scenarios_lie_within_their_ranges_and_reach_them() -> None:
     for column, most in ((OFFSET, 0.5 * TASK.margin), (ERROR, 0.05)):
         assert 0.99 * most < np.abs(scenario[:, column]).max() <= most
     start = TASK.prior(scenario).mean
-    np.testing.assert_allclose(TASK.off_track(scenario, start[None, :, :2])[0], scenario[:, OFFSET], atol=1e-9)
+    np.testing.assert_allclose(TASK.on_track(scenario, start[None, :, :2])[1][0], scenario[:, OFFSET], atol=1e-9)
     np.testing.assert_allclose(start[:, 2] - scenario[:, HEADING], scenario[:, ERROR], atol=1e-12)
     assert TASK.margin == 2.0 * SHIP.beam
 
@@ -255,7 +255,7 @@ def test_in_a_calm_the_autopilot_stays_within_a_metre_of_the_axis() -> None:
     controller.reset(32)
     for step in range(500):
         core.step(controller.act(core.observe()))
-        off = np.abs(TASK.off_track(core.scenario, core.state[None, :, :2])).max()
+        off = np.abs(TASK.on_track(core.scenario, core.state[None, :, :2])[1]).max()
         assert off < (1.0 if step > 120 else 2.0)
 
 

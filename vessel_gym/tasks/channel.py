@@ -162,9 +162,10 @@ class Channel(Track, verified=True):
         """The scenarios ``(..., k)`` out of references."""
         return reference[..., _BESIDE:]
 
-    def off_track(self, scenario: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """Distances ``(T, B)`` [m] of ships to starboard of their axes on their way ``(T, B, 2)``."""
-        return np.array([self._nearest(scenario, now)[..., 1] for now in place])
+    def on_track(self, scenario: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distances [m] along their channels, and to starboard of the axes, of ships on their way ``(T, B, 2)``."""
+        along, off = np.moveaxis(np.array([self._nearest(scenario, now)[..., :2] for now in place]), -1, 0)
+        return along, off
 
     def observe_mission(self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
         """The rudder, and the waypoints after the first in ten ship lengths ahead and to starboard ``(..., 15)``."""
