@@ -19,7 +19,7 @@ def main(
     first_seed: int = 0,
     trust: bool = False,
 ) -> None:
-    """Fly an agent on one or several estimators, over the same seeds, and print its metrics.
+    """Fly an agent on one or several estimators, over the same seeds, and print score, costs and other metrics.
 
     Args:
         env_id: Registered environment.
@@ -64,7 +64,7 @@ def _fly(title: str, agent: str, env_id: str, seeds: list[int], worlds: list[dic
     from rich.table import Table
 
     from agents import rollout
-    from agents.metrics import mean, metrics, scores
+    from agents.metrics import SCORE, mean, metrics, scores
     from agents.page import words
 
     table = Table(title=title)
@@ -77,9 +77,11 @@ def _fly(title: str, agent: str, env_id: str, seeds: list[int], worlds: list[dic
             chosen = metrics(flown.env.unwrapped.system)
             table.add_column(flown.env.unwrapped.core.estimator, justify="right")
             advance()
-    for metric in chosen:
+    beside = [metric for metric in chosen if metric.cost or metric.key == SCORE.key]
+    for metric in (*beside, *(metric for metric in chosen if metric not in beside)):
         cells = [words(mean(metric, column[metric.key][None]), metric.decimals) for column in columns]
-        table.add_row(escape(f"{metric.label} [{metric.unit}]" if metric.unit else metric.label), *map(escape, cells))
+        name = f"{metric.label} [{metric.unit}]" if metric.unit else metric.label
+        table.add_row(escape(name), *map(escape, cells), end_section=metric is beside[-1])
     Console().print(table)
 
 

@@ -42,8 +42,8 @@ from vessel_gym.registry import Registry
 from vessel_gym.system import System
 
 __all__ = [
-    "MONITORED", "NEES", "SCORE", "STEERING", "UNHEALTHY", "WITHOUT_COVARIANCE", "Metric", "at_end", "components",
-    "consistency", "core_of", "ended", "mean", "metrics", "nees_of", "nis_consistency", "position_nees",
+    "MONITORED", "NEES", "SCORE", "STEERING", "UNHEALTHY", "WITHOUT_COVARIANCE", "Metric", "at_end",
+    "components", "consistency", "core_of", "ended", "mean", "metrics", "nees_of", "nis_consistency", "position_nees",
     "register_metrics", "rms", "rmse", "scores", "steps",
 ]  # fmt: skip
 
@@ -65,7 +65,7 @@ class TaskMetrics:
 
 
 def _ours() -> None:
-    from agents.metrics import dive, flight, turning  # noqa: F401
+    from agents.metrics import dive, flight, track, turning  # noqa: F401
 
 
 TASK_METRICS: Registry[TaskMetrics] = Registry("metrics", _ours)

@@ -1,14 +1,12 @@
-"""Metrics of turning circles, and of turns on a track, from a rollout's truth and estimates."""
+"""Metrics of turning circles from a rollout's truth and estimates."""
 
 import numpy as np
 
-from agents.metrics import Metric, core_of, position_nees, register_metrics, rms, rmse, steps
-from agents.metrics.costs import OUTSIDE, off_track, tails
+from agents.metrics import Metric, core_of, register_metrics, rms, rmse, steps
+from agents.metrics.costs import OUTSIDE, tails
 from agents.rollouts import Rollout
 from estimators import wrap
 from vessel_gym.sea_trials import fit_circle
-from vessel_gym.tasks.circle_track import CircleTrack
-from vessel_gym.tasks.track import Track
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import steady_turns
 from vessel_gym.vehicles.corvette_equations import COEFFICIENTS, STATE, propulsion, straight_course
@@ -77,13 +75,17 @@ def compute(rollout: Rollout) -> dict[str, np.ndarray]:
     task, error, (raw, came) = core_of(rollout).task, wrap(reference[..., 0] - truth[..., _PSI]), _raw_input(rollout)
     ahead = np.hypot(truth[1:, :, _U], truth[1:, :, _V]) * np.cos(error[1:])  # of the speed through the water
     made_good = np.where(alive[1:], ahead, 0.0).sum(0) * task.dt
+    radius_error, out_of_round = circle_errors(rollout)
     return {
         "heading_error": np.rad2deg(rms(error, alive)),
         "yaw_rate_error": np.rad2deg(rms(reference[..., 1] - truth[..., _R], alive)),
         "raw_input_rmse": 1e3 * rms(raw, alive & came),
         **tails("heading_error", error, alive, task.HEADING_TOLERANCE, float(np.rad2deg(1.0))),
         **propulsion_costs(rollout, made_good),
-    } | _turn(rollout, *circle_errors(rollout))
+        "radius_error": radius_error,
+        "out_of_round": out_of_round,
+        "input_rmse": 1e3 * input_error(rollout),
+    }
 
 
 def propulsion_costs(rollout: Rollout, made_good: np.ndarray) -> dict[str, np.ndarray]:
@@ -99,11 +101,6 @@ def propulsion_costs(rollout: Rollout, made_good: np.ndarray) -> dict[str, np.nd
     energy = np.where(alive[1:], load[1:], 0.0).sum(0) * vehicle.dt
     relative = energy / np.where(made_good > 0.0, made_good, np.nan) * speed / straight_load
     return {"added_resistance": 100.0 * np.where(alive, added, 0.0).sum(0) / alive.sum(0), "fuel": 100.0 * relative}
-
-
-def _turn(rollout: Rollout, radius_error: np.ndarray, out_of_round: np.ndarray) -> dict[str, np.ndarray]:
-    """Metrics of every turn, with the errors of its circle ``(N,)``."""
-    return {"radius_error": radius_error, "out_of_round": out_of_round, "input_rmse": 1e3 * input_error(rollout)}
 
 
 def _raw_input(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
@@ -162,51 +159,3 @@ def input_error(rollout: Rollout) -> np.ndarray:
 
 
 register_metrics(TurningCircle, METRICS, compute)
-
-
-# --- on a track -------------------------------------------------------------------------------------
-
-TRACK_METRICS = (
-    *PROPULSION,
-    Metric("track_error", "Off track", "m", "lower", 1, "RMS distance of the true ship from the track."),
-    *off_track(1),
-    Metric("roll", "Roll", "°", "lower", 2, "RMS roll of the true ship."),
-    Metric(
-        "position_rmse", "Position", "m", "lower", 2, "RMS error of the estimated position, all of its components.",
-        of=rmse("x", "y"),
-    ),
-    Metric(
-        "current_rmse", "Current", "m/s", "lower", 3,
-        "RMS error of the estimated current, for which filters also take the leeway.",
-        of=rmse("current north", "current east"),
-    ),
-    *ESTIMATES,
-    position_nees("x", "y"),
-)  # fmt: skip
-
-
-def compute_on_track(rollout: Rollout) -> dict[str, np.ndarray]:
-    """Metrics that have no function of their own, ``(N,)`` by key; the unknown input is NaN where none is estimated."""
-    core = core_of(rollout)
-    h, alive, names = rollout.history, rollout.alive, core.vehicle.state_names
-    scenario = core.task.scenario_of(h["reference"][0])
-    place = h["truth"][..., [names.index("x"), names.index("y")]]
-    along, off = core.task.on_track(scenario, place)
-    margin = getattr(core.task, "margin", 0.0) or core.task.DISTANCE_TOLERANCE
-    return {
-        "track_error": rms(off, alive),
-        "roll": np.rad2deg(rms(h["truth"][..., names.index("phi")], alive)),
-        "input_rmse": 1e3 * input_error(rollout),
-        **tails("off_track", off, alive, margin),
-        **propulsion_costs(rollout, along[rollout.length, np.arange(len(scenario))] - along[0]),
-    }
-
-
-def compute_on_circle(rollout: Rollout) -> dict[str, np.ndarray]:
-    """Those of a turn on a track, ``(N,)`` by key; the circle of an episode that flew less than half of it is NaN."""
-    scenario = core_of(rollout).task.scenario_of(rollout.history["reference"][0])
-    return compute_on_track(rollout) | _turn(rollout, *circle_fit(rollout, 1.0 / np.abs(scenario[:, 2])))
-
-
-register_metrics(Track, TRACK_METRICS, compute_on_track)
-register_metrics(CircleTrack, (TURN_STEPS, *TRACK_METRICS, *CIRCLE), compute_on_circle)

@@ -4,10 +4,12 @@ from collections.abc import Collection
 
 import numpy as np
 
-from agents.page import Table, listed, number
+from agents.metrics import STEERING
+from agents.page import Table, listed, number, words
 from agents.statistics import EQUIVALENT, UNDECIDED, WORSE, Interval
 from agents.studies import shares
 from agents.studies.confirmation import CONFIRMED, FAILED, OPEN, Confirmed, confirmed
+from agents.studies.measures import beyond
 from agents.studies.records import FEW_SEEDS, FLOOR, ORACLE
 from agents.studies.results import Results
 from agents.studies.wording import amount, capitalised, every, many, microseconds, named, note, percent, share_entry
@@ -64,6 +66,7 @@ def _advice(results: Results, environments: list[str], ranked: dict[str, np.ndar
         note("advice" if alone else "advice-for-all", best=best, where=where, who=results.who, kept=kept, lost=lost),
         *_standing(results, ranked, best),
         *([] if alone else [_each_best(results, environments, best)]),
+        *(_steering(results, where, best) if alone else []),
         *_prices_in_time(results, environments, best),
     ]
 
@@ -109,6 +112,24 @@ def _confirmation(found: Confirmed) -> list[str]:
     verb = "is" if total == 1 else "are"
     first = f"{len(names[CONFIRMED])} of {many(total, 'claim')} of the first seeds {verb} confirmed"
     return [*sentences, "; ".join([first, *text]) + "."]
+
+
+def _steering(results: Results, environment: str, estimator: str) -> list[str]:
+    """Steering on an estimator beyond that on the truth, in the first condition."""
+    place, known = results.places([environment])[0], results.metrics(environment)
+    found = []
+    for metric in (m for m in STEERING[:2] if m in known):
+        more, truth = beyond(results, place, estimator, metric), results.mean(place, results.classical, ORACLE, metric)
+        found += [] if more is None or truth is None else [(words(more, 1, signed=True), number(truth.mean, 1))]
+    if len(found) < 2:
+        return []
+    (travel, travel_on_truth), (turns, turns_on_truth) = found
+    return [
+        note(
+            "steering", condition=place.condition, travel=travel, travel_on_truth=travel_on_truth, turns=turns,
+            turns_on_truth=turns_on_truth,
+        )
+    ]  # fmt: skip
 
 
 def _prices_in_time(results: Results, environments: list[str], estimator: str) -> list[str]:

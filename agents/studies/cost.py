@@ -17,7 +17,7 @@ def cost(results: Results) -> Section:
     """CPU time of a step."""
     figure = cost_figure(results)
     if figure is None:
-        return Section("Cost", [])
+        return Section("CPU time", [])
     timed = {e: {name: results.step_times(e, name) for name in results.estimators(e)} for e in results.environments}
     sections = {e: [(n, _times(t, n == ORACLE)) for n, t in times.items() if t] for e, times in timed.items()}
     batch, first = f"batch of {results.plan.study.episodes}", results.conditions[0]
@@ -25,7 +25,7 @@ def cost(results: Results) -> Section:
     caption = note("cost-figure", who=results.who, batch=batch)
     text = note("cost", who=results.who, first=first, floor=FLOOR)
     table = tabled("cost", "CPU time of a step, by estimator", text, heads, sections)
-    return Section("Cost", [framed(figure, f"Score over CPU time ({first})", caption), *table])
+    return Section("CPU time", [framed(figure, f"Score over CPU time ({first})", caption), *table])
 
 
 def _times(times: list[tuple[int, float, float]], is_truth: bool) -> list[Entry]:

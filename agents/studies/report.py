@@ -12,7 +12,7 @@ from agents.studies.confirmation import confirmed
 from agents.studies.cost import cost
 from agents.studies.examples import examples
 from agents.studies.learning import learning
-from agents.studies.measures import consistency, episodes, measures
+from agents.studies.measures import consistency, costs, episodes, measures
 from agents.studies.plan import Flight
 from agents.studies.ranking import confirmation, price, ranking, tails
 from agents.studies.records import FLOOR
@@ -34,6 +34,7 @@ def page(results: Results, out: Path, fresh: Results | None = None) -> Page:
         *([] if fresh is None else [confirmation(confirmed(results, fresh), fresh.plan.study)]),
         tails(results),
         price(results),
+        costs(results),
         learning(results),
         consistency(results),
         robustness(results),

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from invented import CLASSICAL, CONDITIONS, CORVETTE, LEARNED, QUALITY, SEGOROGENI, results, study, without
 
-from agents.page import render
+from agents.metrics import SCORE, STEERING
+from agents.page import entry, render
 from agents.statistics import UNDECIDED, WORSE, crossed_interval, paired_difference, verdict
 from agents.studies.answer import answer, summary
 from agents.studies.learning import transfer_figure
@@ -317,6 +318,26 @@ def test_tails_stand_beside_means_in_report_and_file(small):
     episodes = list(csv.DictReader(io.StringIO(found.episodes_csv())))
     failed = [e for e in episodes if e["is_success"] == "False"]
     assert [(e["estimator"], e["condition"], e["end"]) for e in failed] == [("kf", flight.condition, "lost")]
+
+
+def test_costs_of_steering_stand_beside_the_score_as_differences_from_the_truth(small):
+    report, (place, *_) = page(small, OUT), small.places()
+    shown, head = rows(report, "costs-sigmacorvette-v0"), table(report, "costs-sigmacorvette-v0").head
+    chosen = [SCORE, *(m for m in small.metrics(CORVETTE) if m.cost)]
+    assert [label for label, _ in head] == [m.label for m in chosen]
+    assert len(head) <= 8
+    for metric in chosen:
+        ours, truth = (small.figure(place, small.classical, name, metric.key) for name in ("kf", "truth"))
+        assert shown["On the truth", "truth"][metric.label].startswith(f"{truth.mean():.{metric.decimals}f} ±")
+        expected = entry(crossed_interval(ours - truth), metric.decimals, signed=True)
+        assert shown["More than on the truth", "kf"][metric.label] == str(expected)
+
+
+def test_the_answer_names_what_steering_costs_on_the_best_of_one_environment(small, classical):
+    truth = small.mean(small.places()[0], small.classical, "truth", STEERING[0])
+    (told,) = (line for line in answer(small) if line.startswith("Costs of steering in nominal"))
+    assert f"°/min of travel (from {truth.mean:.1f})" in told
+    assert not any(line.startswith("Costs of steering") for line in answer(classical))
 
 
 def test_costs_are_beyond_the_truth_that_flew_in_turns_in_a_batch_and_alone(small):

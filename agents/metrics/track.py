@@ -1,0 +1,55 @@
+"""Metrics of ships on a track from a rollout's truth and estimates, and of turning circles on one."""
+
+import numpy as np
+
+from agents.metrics import Metric, core_of, position_nees, register_metrics, rms, rmse
+from agents.metrics.costs import off_track, tails
+from agents.metrics.turning import CIRCLE, ESTIMATES, PROPULSION, TURN_STEPS, circle_fit, input_error, propulsion_costs
+from agents.rollouts import Rollout
+from vessel_gym.tasks.circle_track import CircleTrack
+from vessel_gym.tasks.track import Track
+
+METRICS = (
+    *PROPULSION,
+    Metric("track_error", "Off track", "m", "lower", 1, "RMS distance of the true ship from the track."),
+    *off_track(1),
+    Metric("roll", "Roll", "°", "lower", 2, "RMS roll of the true ship."),
+    Metric(
+        "position_rmse", "Position", "m", "lower", 2, "RMS error of the estimated position, all of its components.",
+        of=rmse("x", "y"),
+    ),
+    Metric(
+        "current_rmse", "Current", "m/s", "lower", 3,
+        "RMS error of the estimated current, for which filters also take the leeway.",
+        of=rmse("current north", "current east"),
+    ),
+    *ESTIMATES,
+    position_nees("x", "y"),
+)  # fmt: skip
+
+
+def compute(rollout: Rollout) -> dict[str, np.ndarray]:
+    """Metrics that have no function of their own, ``(N,)`` by key; the unknown input is NaN where none is estimated."""
+    core, h, alive = core_of(rollout), rollout.history, rollout.alive
+    task, names = core.task, core.vehicle.state_names
+    scenario = task.scenario_of(h["reference"][0])
+    along, off = task.on_track(scenario, h["truth"][..., [names.index("x"), names.index("y")]])
+    margin = task.margin if hasattr(task, "margin") else task.DISTANCE_TOLERANCE
+    return {
+        "track_error": rms(off, alive),
+        "roll": np.rad2deg(rms(h["truth"][..., names.index("phi")], alive)),
+        "input_rmse": 1e3 * input_error(rollout),
+        **tails("off_track", off, alive, margin),
+        **propulsion_costs(rollout, along[rollout.length, np.arange(len(scenario))] - along[0]),
+    }
+
+
+def compute_on_circle(rollout: Rollout) -> dict[str, np.ndarray]:
+    """Those of a turning circle; the circle is NaN for an episode that flew less than half of it."""
+    curvature = core_of(rollout).task.scenario_of(rollout.history["reference"][0])[:, 2]
+    radius_error, out_of_round = circle_fit(rollout, 1.0 / np.abs(curvature))
+    return compute(rollout) | {"radius_error": radius_error, "out_of_round": out_of_round}
+
+
+register_metrics(Track, METRICS, compute)
+register_metrics(CircleTrack, (TURN_STEPS, *METRICS, *CIRCLE), compute_on_circle)
