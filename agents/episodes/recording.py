@@ -13,8 +13,9 @@ import gymnasium as gym
 import numpy as np
 
 from agents.files import replacing
-from agents.metrics import core_of
+from agents.metrics import core_of, metrics, scores
 from agents.named import vector_class
+from agents.page import number
 from agents.rollouts import Rollout, rollout
 from estimators import Filter
 from estimators.checks import short_repr
@@ -236,6 +237,7 @@ def _flight(flown: Rollout, name: str, scene: Scene, every: int) -> dict[str, An
         "estimator": name,
         "score": float(flown.score[0]),
         "end": str(flown.end[0]),
+        "costs": _costs(flown),
         "legend": scene.legend,
         "true": packed(scene.true[keep]),
         "believed": packed(scene.believed[keep]),
@@ -246,6 +248,17 @@ def _flight(flown: Rollout, name: str, scene: Scene, every: int) -> dict[str, An
         "fix": packed(scene.fixes[keep]),
         "charts": [chart(each) for each in scene.charts(CHARTS)],
     }
+
+
+def _costs(flown: Rollout) -> list[dict[str, Any]]:
+    """Costs of an episode to the vehicle's owner; those that it does not have are left out."""
+    figures, known = scores(flown), metrics(core_of(flown).system)
+    costs = ((m, float(figures[m.key][0])) for m in known if m.cost)
+    return [
+        {"label": m.label, "value": number(value, m.decimals), "unit": m.unit, "meaning": m.meaning}
+        for m, value in costs
+        if np.isfinite(value)
+    ]
 
 
 def packed(values: np.ndarray) -> dict[str, Any]:

@@ -14,6 +14,7 @@ import pytest
 import agents
 from agents import Episode, episode, load_agent
 from agents.episodes.recording import page_of, unpacked
+from agents.metrics import metrics, scores
 from agents.rollouts import rollout
 from estimators import ExtendedKalmanFilter
 from scripts import watch
@@ -46,6 +47,9 @@ def test_a_page_holds_what_was_flown(flown: tuple[str, Episode]):
         core = again.env.unwrapped.core
         assert flight["estimator"] == name
         assert flight["score"] == again.score[0]
+        figures, known = scores(again), metrics(core.system)
+        paid = [(m.label, f"{figures[m.key][0]:.{m.decimals}f}", m.unit) for m in known if m.cost]
+        assert [(each["label"], each["value"], each["unit"]) for each in flight["costs"]] == paid
         truth = pose(again.history["truth"][:, 0], core.truth_names)
         np.testing.assert_allclose(unpacked(flight["true"]), truth, rtol=2e-7)
         focus = [core.composition.names.index(key) for key in ("y", "x")]
@@ -195,9 +199,12 @@ def test_in_a_browser_it_plays_scrubs_and_switches_without_a_complaint(tmp_path:
         comes_to(lambda time: time == 2.0)
         assert page.locator("#estimators button[aria-checked=true]").inner_text().startswith("enkf")
         told = page.inner_text("#status")
+        costs = page.inner_text("#costs")
+        assert "Steering travel" in costs
         page.keyboard.press("2")
         assert page.locator("#estimators button[aria-checked=true]").inner_text().startswith("dead-reckoning")
         assert page.inner_text("#status") != told
+        assert page.inner_text("#costs") != costs
         page.keyboard.press("ArrowRight")
         comes_to(lambda time: time == pytest.approx(2.1))
         page.keyboard.press("End")

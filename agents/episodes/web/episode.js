@@ -442,7 +442,15 @@
     if (index < 0 || index >= flights.length) return;
     state.flight = index; state.dirty = true;
     [...element("estimators").children].forEach((button, i) => { button.setAttribute("aria-checked", String(i === index)); button.tabIndex = i === index ? 0 : -1; });
-    layLegend(); layCharts(); tell();
+    layCosts(); layLegend(); layCharts(); tell();
+  }
+  function layCosts() {
+    element("costs").replaceChildren(...current().costs.map(({ label, value, unit, meaning }) => {
+      const item = document.createElement("li"), amount = document.createElement("b");
+      amount.textContent = `${value}${unit ? ` ${unit}` : ""}`;
+      item.title = meaning; item.append(`${label} `, amount);
+      return item;
+    }));
   }
   function tell() {
     const flight = current(), i = stepAt(flight, state.time);
