@@ -1,12 +1,10 @@
 """Fly what the tables of docs/ show, and write them anew: ``python -m studies.tables``."""
 
-import csv
 import json
-from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
-from itertools import combinations
+from functools import cache, partial
+from itertools import combinations, product
 from pathlib import Path
 from textwrap import fill
 from typing import Any, NamedTuple
@@ -19,6 +17,7 @@ from studies.tables.faults import SEEDS, alarms, faults, faults_found, gap, inpu
 from studies.tables.filters import adaptive_inflation, huber_iterations, robust_losses, unstable_zeros
 from studies.tables.grades import sensor_grades
 from studies.tables.markdown import ROOT, WITHOUT, number, percent, put, rows_of, shown, table
+from studies.tables.suites import by_suite, differences, environments, flown, found, headline, truth_first
 
 
 class Flown(NamedTuple):
@@ -113,7 +112,7 @@ def _corvette() -> Any:
 
 
 @cache
-def flown(env_id: str, label: str) -> Flown:
+def journey(env_id: str, label: str) -> Flown:
     """Rollout metrics of one of an environment's arms."""
     from agents.metrics import components, consistency, scores
 
@@ -131,7 +130,7 @@ def journeys(env_id: str) -> str:
              "position error [m]", "position NEES/n", "in band", "NEES/n, all", "in band")  # fmt: skip
     rows = []
     for arm in JOURNEYS[env_id]:
-        of = flown(env_id, arm.label)
+        of = journey(env_id, arm.label)
         off = "cross_track" if env_id != "ItsunusaAUV-v0" else "normal"
         sure = arm.estimator not in WITHOUT_COVARIANCE
         rows.append((
@@ -167,14 +166,14 @@ def worth(plain: str, env_id: str) -> str:
     """Rows of a journey's table for the environment's own page."""
     same = ("`ekf`", "`measurement`", "`dead-reckoning`")
     name, *labels = SHORT[env_id]
-    found = (flown(env_id, label) for label in (*labels, *same))
+    found = (journey(env_id, label) for label in (*labels, *same))
     row = (name, *(f"{shown(of.scores['score'])} ({of.arrived})" for of in found))
     return table((f"Score (arrived of {EPISODES})", "`truth`", "default", plain, *same), [row])
 
 
 def paired_flights() -> str:
     """Paired differences of the aircraft's scores, which its page argues with."""
-    scores = {arm.label: flown("PunaUAV-v0", arm.label).scores["score"] for arm in FLIGHTS}
+    scores = {arm.label: journey("PunaUAV-v0", arm.label).scores["score"] for arm in FLIGHTS}
     default, plain = scores["`enkf`, localised"], scores["`enkf`, plain, inflation 1"]
     pairs = {
         "`truth` − default": scores["`truth`"] - default,
@@ -243,41 +242,21 @@ def insurance() -> str:
     return table(("`kf` assumes for d", *simulations.values()), rows)
 
 
-ABLATED = (
-    "truth", "kf-umv-ui", "ekf assuming waves", "ekf", "ekf, no current", "kf assuming d", "kf", "measurement",
+HEADLINE = (
+    "truth", "kf-umv-ui, nonlinear", "ekf assuming waves", "ekf, nonlinear", "kf, linear", "measurement",
     "dead-reckoning",
 )  # fmt: skip
-"""Estimators of the corvette's study on her page."""
-HEADLINE = ("truth", "kf-umv-ui", "ekf", "kf", "measurement", "dead-reckoning")
-"""And the README."""
-
-
-def ablation(results: Path, estimators: Sequence[str] = ABLATED, agents: Sequence[str] = ("autopilot", "PPO")) -> str:
-    """Scores of the corvette's study, by its condition and agent."""
-    with (results / "episodes.csv").open(encoding="utf-8") as file:
-        episodes = list(csv.DictReader(file))
-    scores: dict[tuple[str, ...], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
-    for one in sorted(episodes, key=lambda one: int(one["seed"])):
-        scores[one["condition"], one["agent"], one["estimator"]][one["training_seed"]].append(float(one["score"]))
-    rows = [
-        (f"{sea}, {agent}",
-         *(shown(np.array(list(scores[sea, agent, name].values()))) for name in estimators))
-        for sea in ("moderate", "rough") for agent in agents
-    ]  # fmt: skip
-    return table(("Score", *estimators), rows)
+"""Estimators of the corvette's study in the README and on her page."""
 
 
 def pairing(results: Path) -> str:
     """Factor of episodes that pairing saves, over all pairs of filters of a study in its nominal condition."""
-    with (results / "episodes.csv").open(encoding="utf-8") as file:
-        episodes = [one for one in csv.DictReader(file) if one["condition"] == "nominal"]
-    scores: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
-    for one in sorted(episodes, key=lambda one: int(one["seed"])):
-        if one["estimator"] not in ("truth", "measurement", "dead-reckoning"):
-            scores[one["environment"]][one["estimator"]].append(float(one["score"]))
     rows = []
-    for environment, of in scores.items():
-        pairs = [(np.array(a), np.array(b)) for a, b in combinations(of.values(), 2) if a != b]
+    for environment in environments(results):
+        of = flown(results, environment, "autopilot")
+        others = ("truth", "measurement", "dead-reckoning")
+        filters = [values[0] for (at, name), values in of.items() if at == "nominal" and name not in others]
+        pairs = [(a, b) for a, b in combinations(filters, 2) if (a != b).any()]
         factors = [(a.var() + b.var()) / (a - b).var() for a, b in pairs]
         cells = (f"{factor:.1f}" for factor in np.quantile(factors, (0.0, 0.25, 0.5, 0.75)))
         rows.append((environment, str(len(pairs)), *cells))
@@ -293,21 +272,18 @@ def advice(results: Path) -> str:
 def exceptions(results: Path) -> str:
     """Conditions of the quick study where another estimator beats the best, or that costs most; on fresh seeds."""
     fresh = results / "confirmation.csv"
-    with (fresh if fresh.exists() else results / "episodes.csv").open(encoding="utf-8") as file:
-        episodes = sorted(csv.DictReader(file), key=lambda one: int(one["seed"]))
+    file = fresh if fresh.exists() else results / "episodes.csv"
     best = rows_of(results / "tables" / "ranking.md").splitlines()[2].split("|")[1].strip()
 
     def less(world: str, condition: str, other: str) -> str:
-        flown: dict[str, list[float]] = defaultdict(list)
-        for one in episodes:
-            if (one["environment"], one["condition"]) == (world, condition):
-                flown[one["estimator"]].append(float(one["score"]))
-        return shown(np.array(flown[other]) - np.array(flown[best]))
+        of = flown(file, world, "autopilot")
+        return shown(of[condition, other] - of[condition, best])
 
     worlds = ("PunaUAV-v0", "ItsunusaAUV-v0", "SegorogeniAUV-v0")
     gains = ", ".join(f"{less(world, 'bad sensors', 'huber-kf')} in `{world}`" for world in worlds)
     lost = " and ".join(less("PunaUAV-v0", f"model {share} % off", "truth") for share in (10, 20))
-    seeds = f"{len({one['seed'] for one in episodes})} {'fresh ' if fresh.exists() else ''}seeds"
+    count = flown(file, worlds[0], "autopilot")["bad sensors", best].shape[-1]
+    seeds = f"{count} {'fresh ' if fresh.exists() else ''}seeds"
     return fill(
         f"Where one measurement in twenty is wild, `huber-kf` scores more than `{best}` by {gains}. Where lift and "
         f"mass are 10 or 20 % off, the aircraft loses {lost} of the score on `{best}` against the truth. (Means over "
@@ -342,6 +318,9 @@ def packaged_agents() -> str:
 
 
 ENVIRONMENTS, ESTIMATORS = ROOT / "docs/environments", ROOT / "docs/estimators"
+HER_PAGE = ENVIRONMENTS / "sigma-corvette.md"
+ABLATION, SUITES = ROOT / "results/ablation", ROOT / "results/suites"
+CORVETTE, CHANNEL = "SigmaCorvette-v0", "SigmaChannel-v0"
 
 
 def papers(counted: bool = False) -> str:
@@ -378,8 +357,18 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     "latency": (ROOT / "docs/late-fixes.md", lambda: latency(ROOT / "results/latency")),
     "gap": (ROOT / "docs/late-fixes.md", gap),
     "alarms": (ROOT / "docs/time-at-sea.md", alarms),
-    "headline": (ROOT / "README.md", lambda: ablation(ROOT / "results/ablation", HEADLINE, ("autopilot",))),
-    "ablation": (ENVIRONMENTS / "sigma-corvette.md", lambda: ablation(ROOT / "results/ablation")),
+    "headline": (ROOT / "README.md", lambda: by_suite(ABLATION, CORVETTE, "moderate", estimators=HEADLINE)),
+    "ablation": (HER_PAGE, lambda: by_suite(ABLATION, CORVETTE, "rough", estimators=HEADLINE)),
+    "ablation, PPO": (HER_PAGE, lambda: by_suite(ABLATION, CORVETTE, "moderate", "PPO")),
+    "suites": (ROOT / "docs/findings.md", lambda: differences(SUITES)),
+    **{
+        f"{env_id}, suites": (ROOT / "docs/suites.md", partial(by_suite, SUITES, env_id))
+        for env_id in (CORVETTE, CHANNEL, "ThesisCorvette-v0", *JOURNEYS)
+    },
+    **{
+        f"{env_id}, {sea}": (ROOT / "docs/suites.md", partial(by_suite, ABLATION, env_id, sea))
+        for env_id, sea in (*product((CORVETTE, CHANNEL), ("moderate", "rough")), (CHANNEL, "moderate quartering"))
+    },
     "pairing": (ROOT / "docs/statistics.md", lambda: pairing(ROOT / "results/quick")),
     "shares": (ROOT / "docs/findings.md", lambda: rows_of(ROOT / "results/quick/tables/ranking.md")),
 }
@@ -388,6 +377,9 @@ TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
     "grades": (ROOT / "docs/sensor-suites.md", sensor_grades),
     "advice": (ROOT / "docs/findings.md", lambda: advice(ROOT / "results/quick")),
     "exceptions": (ROOT / "docs/findings.md", lambda: exceptions(ROOT / "results/quick")),
+    "headline, found": (ROOT / "README.md", lambda: headline(ABLATION, CORVETTE, "moderate")),
+    "suites, found": (ROOT / "docs/findings.md", lambda: found(SUITES)),
+    "truth, found": (ROOT / "docs/suites.md", lambda: truth_first(ABLATION)),
     "papers": (ROOT / "docs/papers.md", papers),
     "papers, counted": (ROOT / "README.md", lambda: papers(counted=True)),
 }
@@ -397,8 +389,8 @@ TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
 def main(names: tuple[str, ...] = (*TABLES, *TEXTS), /) -> None:
     """Write tables of docs/ anew: dives, flights, faults and others are flown, in half an hour.
 
-    Those of studies are taken from results/ablation, results/quick and results/latency, where `make ablation` and
-    `python -m scripts.ablate studies/quick.toml --out results/quick` (or latency) leave them.
+    Those of studies are taken from results/ablation, results/suites, results/quick and results/latency, where
+    `make ablation` and `vessel-gym ablate suites` (or quick, or latency) leave them.
 
     Args:
         names: Which.

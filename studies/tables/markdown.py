@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,8 +27,12 @@ def shown(values: np.ndarray, decimals: int = 3) -> str:
     """The mean ``(seeds,)`` or ``(runs, seeds)`` with its 95 % interval."""
     from agents.statistics import crossed_interval
 
-    interval = crossed_interval(np.atleast_2d(values))
-    return WITHOUT if interval is None else f"{interval.mean:,.{decimals}f} ± {interval.half:.{decimals}f}"
+    return interval(crossed_interval(np.atleast_2d(values)), decimals)
+
+
+def interval(of: Any, decimals: int = 3) -> str:
+    """A mean and half of its interval; a dash without an interval."""
+    return WITHOUT if of is None else f"{of.mean:,.{decimals}f} ± {of.half:.{decimals}f}"
 
 
 def number(values: np.ndarray, decimals: int) -> str:

@@ -10,6 +10,7 @@ from scripts.console import Refusal
 from studies.tables import __main__ as tables
 from studies.tables import faults as fault_tables
 from studies.tables import filters as filter_tables
+from studies.tables import suites
 from studies.tables.markdown import around, put
 
 
@@ -30,16 +31,16 @@ def test_sentences_with_numbers_have_their_place(name: str):
     assert len(page.read_text(encoding="utf-8")[len(before) : -len(after)].strip()) > 50
 
 
-def test_the_sentences_of_a_study_are_made_of_what_it_stored(tmp_path: Path):
+def test_the_sentences_of_a_study_are_made_of_what_it_study(tmp_path: Path):
     (tmp_path / "answer.md").write_text("Take ekf.\nA step on ekf takes 3 µs.\nWorse: enkf.\n")
     assert tables.advice(tmp_path) == "Take ekf. Worse: enkf."
     (tmp_path / "tables").mkdir()
     (tmp_path / "tables" / "ranking.md").write_text("| Estimator | All |\n| --- | ---: |\n| ekf | 0.9 ± 0.1 |\n")
-    lines = ["environment,condition,estimator,seed,score"]
+    lines = ["environment,condition,agent,estimator,training_seed,seed,score"]
     for world in ("PunaUAV-v0", "ItsunusaAUV-v0", "SegorogeniAUV-v0"):
         for condition in ("bad sensors", "model 10 % off", "model 20 % off"):
             for name, score in (("truth", 0.9), ("huber-kf", 0.75), ("ekf", 0.5)):
-                lines += [f"{world},{condition},{name},{seed},{score + seed}" for seed in (1, 0)]
+                lines += [f"{world},{condition},autopilot,{name},,{seed},{score + seed}" for seed in (1, 0)]
     (tmp_path / "episodes.csv").write_text("\n".join(lines))
     told = " ".join(tables.exceptions(tmp_path).split())
     assert "than `ekf` by 0.250 ± 0.000 in `PunaUAV-v0`" in told
@@ -65,9 +66,9 @@ def test_the_tables_of_journeys_show_each_way_once(monkeypatch: pytest.MonkeyPat
     ways = {label: way for way in tables.JOURNEYS["ItsunusaAUV-v0"] if (label := way.label) in ("`truth`", "`ekf`")}
     monkeypatch.setattr(tables.Arm, "fly", partialmethod(tables.Arm.fly, episodes=2))
     monkeypatch.setattr(tables, "JOURNEYS", {"ItsunusaAUV-v0": tuple(ways.values())})
-    tables.flown.cache_clear()
+    tables.journey.cache_clear()
     lines = tables.journeys("ItsunusaAUV-v0").splitlines()
-    tables.flown.cache_clear()
+    tables.journey.cache_clear()
     assert [line.split(" | ")[0].strip("| ") for line in lines] == ["estimates", "---", *ways]
     truth, ekf = (line.split(" | ") for line in lines[2:])
     assert truth[4] == "0.000"
@@ -75,20 +76,66 @@ def test_the_tables_of_journeys_show_each_way_once(monkeypatch: pytest.MonkeyPat
     assert 0.0 < float(ekf[5]) < 20.0
 
 
-def test_the_table_of_a_study_is_made_of_its_episodes(tmp_path: Path):
-    lines = ["condition,agent,estimator,training_seed,seed,score"]
-    names = (
-        "truth", "kf-umv-ui", "ekf assuming waves", "ekf", "ekf, no current", "kf assuming d", "kf", "measurement",
-        "dead-reckoning",
-    )  # fmt: skip
-    for sea in ("moderate", "rough"):
-        for name in names:
-            lines += [f'{sea},autopilot,"{name}",,{seed},{0.25 * seed}' for seed in range(3)]
-            lines += [f'{sea},PPO,"{name}",{run},{seed},0.5' for run in range(2) for seed in range(3)]
-    (tmp_path / "episodes.csv").write_text("\n".join(lines))
-    table = tables.ablation(tmp_path).splitlines()
-    assert table[2].split(" | ")[1] == "0.250 ± 0.621"  # Student's, two degrees of freedom: 4.303 x 0.25 / sqrt(3)
-    assert table[3].split(" | ")[1] == "0.500 ± 0.000"
+def study(folder: Path, better: float = -0.01) -> Path:
+    """A study of two environments: in the first filters differ where fixes are lost; in the second they never do.
+
+    In the first, the second filter is ``better`` than the truth by so much with nominal sensors.
+    """
+    lines = ["environment,condition,agent,estimator,training_seed,seed,score,steering_travel"]
+    lost = {"truth": 0.0, "dead-reckoning": 0.6, "ekf": 0.1, "kf, linear": 0.2, "measurement": 0.3}
+    for world in ("A-v0", "B-v0"):
+        for suite in suites.SUITES:
+            for name, less in lost.items():
+                loss = less if (world, suite) == ("A-v0", "denied") or name == "dead-reckoning" else 0.01 * bool(less)
+                if (world, suite, name) == ("A-v0", "nominal", "ekf"):
+                    loss = -better
+                for seed in (1, 0, 2):
+                    score = 0.8 - loss + 0.1 * seed + 0.001 * (seed == 2) * (name == "ekf")
+                    lines.append(f'{world},"rough, {suite}",autopilot,"{name}",,{seed},{score},{100.0 * less + seed}')
+    (folder / "episodes.csv").write_text("\n".join(lines))
+    for function in (suites.flown, suites.stored):
+        function.cache_clear()
+    return folder
+
+
+def test_a_table_of_suites_has_score_and_steering_of_each_estimator(tmp_path: Path):
+    rows = suites.by_suite(study(tmp_path), "A-v0", "rough").splitlines()
+    assert [row.split(" | ")[0].strip("| ") for row in rows[2:]] == [
+        "`truth`", "`ekf`", "`kf, linear`", "`measurement`", "`dead-reckoning`",
+    ]  # fmt: skip
+    # Student's, two degrees of freedom, of 15 intervals at once: 17.28 x 0.1 / sqrt(3)
+    assert rows[2].split(" | ")[1] == "0.900 ± 0.997; 1"
+    assert rows[3].split(" | ")[3].startswith("0.800 ± ")
+    assert rows[3].strip("| ").endswith("; 11")
+    (only,) = suites.by_suite(tmp_path, "A-v0", "rough", estimators=["truth"]).splitlines()[2:]
+    assert only.startswith("| `truth` | 0.900 ± 0.4")
+    with pytest.raises(Refusal, match="PPO flew nothing in A-v0"):
+        suites.by_suite(tmp_path, "A-v0", "rough", "PPO")
+
+
+def test_a_study_of_suites_says_where_filters_differ(tmp_path: Path):
+    of = study(tmp_path)
+    row = next(line for line in suites.differences(of).splitlines() if line.startswith("| A-v0, rough, denied"))
+    assert [cell.split(" ± ")[0] for cell in row.strip("| ").split(" | ")[1:]] == [
+        "`ekf`", "**0.100", "**0.200", "**0.100",
+    ]  # fmt: skip
+    told = " ".join(suites.found(of).split())
+    assert "in 1 of 2 environments: `A-v0`. It does not in `B-v0`. " in told
+    assert "than the best filter nowhere" in told
+    assert told.endswith("The truth has the highest mean in 6 of 6 columns, and no estimator scores significantly more "
+                         "than it in any.")  # fmt: skip
+    text = " ".join(suites.headline(of, "A-v0", "rough").split())
+    assert (
+        "loses 0.010, 0.010 and 0.100 of the score against the truth on the best filter, and 0.010, 0.010 and " in text
+    )
+    assert "0.300 on held measurements, which steer 2.8 to 2.8 times as much." in text  # 31 of 11 degrees
+    assert text.endswith("No filter beats held measurements beyond chance with `nominal` and `budget` sensors.")
+
+
+def test_an_estimator_that_beats_the_truth_beyond_chance_is_named(tmp_path: Path):
+    told = suites.truth_first(study(tmp_path, better=0.2))
+    assert told.startswith("The truth has the highest mean in 5 of 6 columns.")
+    assert "Significantly more than the truth score `ekf` in A-v0, rough, nominal by 0.200" in told
 
 
 def test_a_table_that_does_not_exist_is_refused():
@@ -159,10 +206,10 @@ def test_more_measurements_than_inputs_leave_no_unstable_zero():
 def test_pairing_saves_as_much_as_scores_have_in_common(tmp_path: Path):
     rng = np.random.default_rng(0)
     weather, own = rng.normal(size=(2, 2000)), rng.normal(size=(2, 2, 2000))
-    lines = ["environment,condition,estimator,seed,score"]
+    lines = ["environment,condition,agent,estimator,training_seed,seed,score"]
     for vehicle, share in enumerate((3.0, 0.0)):  # of the weather; the factor is 1 + share^2
         for name, of in zip(("ekf", "ukf"), share * weather[vehicle] + own[vehicle], strict=True):
-            lines += [f"{vehicle},nominal,{name},{seed},{score}" for seed, score in enumerate(of)]
+            lines += [f"{vehicle},nominal,autopilot,{name},,{seed},{score}" for seed, score in enumerate(of)]
     (tmp_path / "episodes.csv").write_text("\n".join(lines))
     common, alone = (line.strip("| ").split(" | ") for line in tables.pairing(tmp_path).splitlines()[2:])
     assert common[:2] == ["0", "1"]

@@ -91,7 +91,7 @@ def test_a_resolved_study_is_plain_data_with_every_default(tmp_path):
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["quick", "corvette", "learned", "full", "latency"])
+@pytest.mark.parametrize("name", ["quick", "corvette", "suites", "learned", "full", "latency"])
 def test_the_studies_of_the_package_are_studies(name):
     study = read_study(Path(__file__).parents[3] / "studies" / f"{name}.toml")
     assert study.title

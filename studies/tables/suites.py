@@ -1,0 +1,189 @@
+"""Tables of estimators by sensor suite, from studies whose conditions are suites, or seas and suites."""
+
+import csv
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from functools import cache
+from math import comb
+from pathlib import Path
+from textwrap import fill
+from typing import NamedTuple
+
+import numpy as np
+
+from agents.page import listed
+from agents.statistics import Interval, crossed_interval, paired_difference
+from agents.studies.records import FLOOR, ORACLE
+from scripts.console import Refusal
+from studies.tables.markdown import WITHOUT, interval, table
+
+SUITES = ("nominal", "budget", "denied")
+HELD, TRAVEL = "measurement", "steering_travel"
+MARGIN = 0.05
+"""Difference of scores above which estimators count as different in sentences and bold cells."""
+
+
+class Column(NamedTuple):
+    """Scores of an environment in a condition by estimator, ``(runs, seeds)`` each.
+
+    ``comparisons`` is the number of pairs of estimators in all columns of its environment.
+    """
+
+    environment: str
+    condition: str
+    scores: dict[str, np.ndarray]
+    comparisons: int
+
+    @property
+    def suite(self) -> str:
+        """The sensor suite, without the sea."""
+        return self.condition.rpartition(", ")[2]
+
+    def gap(self, one: str, other: str) -> Interval:
+        """Difference of two estimators' scores on the same seeds; 95 % hold for all pairs of the environment."""
+        found = paired_difference(self.scores[one][0], self.scores[other][0], comparisons=self.comparisons)
+        assert found is not None
+        return found
+
+    def best(self) -> str:
+        """The filter with the highest mean score: neither the truth, dead reckoning nor held measurements."""
+        filters = [name for name in self.scores if name not in (ORACLE, FLOOR, HELD)]
+        return max(filters, key=lambda name: self.scores[name].mean())
+
+    def plain(self) -> str:
+        """The Kalman filter, or the extended one where there is no linear model."""
+        return next(name for name in ("kf, linear", "kf", "ekf") if name in self.scores)
+
+
+@cache
+def stored(path: Path) -> list[dict[str, str]]:
+    """Episodes of a study, from its folder or one of its files, in the order of their seeds."""
+    with (path / "episodes.csv" if path.is_dir() else path).open(encoding="utf-8") as file:
+        return sorted(csv.DictReader(file), key=lambda one: int(one["seed"]))
+
+
+def environments(results: Path) -> list[str]:
+    """Environments of a study."""
+    return list(dict.fromkeys(one["environment"] for one in stored(results)))
+
+
+@cache
+def flown(results: Path, environment: str, agent: str, key: str = "score") -> dict[tuple[str, str], np.ndarray]:
+    """A metric of a study ``(runs, seeds)`` by condition and estimator, dead reckoning last.
+
+    Raises:
+        Refusal: if the agent flew nothing there.
+    """
+    values: dict[tuple[str, str], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    for one in stored(results):
+        if (one["environment"], one["agent"]) == (environment, agent):
+            values[one["condition"], one["estimator"]][one["training_seed"]].append(float(one[key] or "nan"))
+    if not values:
+        raise Refusal(f"{agent} flew nothing in {environment} of {results}")
+    found = {place: np.array(list(runs.values())) for place, runs in values.items()}
+    return dict(sorted(found.items(), key=lambda item: item[0][1] == FLOOR))
+
+
+def by_suite(
+    results: Path, environment: str, sea: str = "", agent: str = "autopilot", estimators: Sequence[str] = ()
+) -> str:
+    """Score and steering travel of estimators (none: all) in each suite; 95 % hold for all scores of the table."""
+    scores, travels = (flown(results, environment, agent, key) for key in ("score", TRAVEL))
+    places = [f"{sea}, {suite}" if sea else suite for suite in SUITES]
+    names = estimators or list(dict.fromkeys(name for place, name in scores if place in places))
+    rows = []
+    for name in names:
+        cells = []
+        for place in places:
+            score, travel = (of.get((place, name)) for of in (scores, travels))
+            if score is None or travel is None:
+                cells.append(WITHOUT)
+                continue
+            cells.append(f"{interval(crossed_interval(score, len(names) * len(places)))}; {np.nanmean(travel):.0f}")
+        rows.append((f"`{name}`", *cells))
+    return table(("Score; steering travel [°/min]", *SUITES), rows)
+
+
+def columns(results: Path) -> Iterator[Column]:
+    """Columns of the autopilot, by environment and condition."""
+    for environment in environments(results):
+        of = flown(results, environment, "autopilot")
+        conditions = list(dict.fromkeys(condition for condition, _ in of))
+        each = {place: {name: of[place, name] for at, name in of if at == place} for place in conditions}
+        pairs = sum(comb(len(scores), 2) for scores in each.values())
+        yield from (Column(environment, place, scores, pairs) for place, scores in each.items())
+
+
+def differences(results: Path) -> str:
+    """The best filter of each column against the plain one, held measurements and the truth."""
+    rows = []
+    for at in columns(results):
+        best = at.best()
+        gaps = (at.gap(best, at.plain()) if best != at.plain() else None, at.gap(best, HELD), at.gap(ORACLE, best))
+        cells = (WITHOUT if gap is None else _bold(interval(gap), gap.low > MARGIN) for gap in gaps)
+        rows.append((f"{at.environment}, {at.condition}", f"`{best}`", *cells))
+    return table(("", "best filter", "best − plain", "best − `measurement`", "`truth` − best"), rows)
+
+
+def _bold(text: str, strong: bool) -> str:
+    return f"**{text}**" if strong else text
+
+
+def found(results: Path) -> str:
+    """Sentences on a study: where filters differ, where held measurements win, and where the truth is not first."""
+    wide: dict[str, bool] = {}
+    held: list[str] = []
+    for at in columns(results):
+        best = at.best()
+        differs = any(at.gap(best, other).low > MARGIN for other in (at.plain(), HELD) if other != best)
+        wide[at.environment] = wide.get(at.environment, False) or (at.suite != SUITES[0] and differs)
+        if at.gap(HELD, best).low > 0.0:
+            held.append(f"{at.environment}, {at.condition} ({interval(at.gap(HELD, best))})")
+    names = {is_wide: [f"`{name}`" for name in wide if wide[name] == is_wide] for is_wide in (True, False)}
+    text = (
+        f"With `budget` or `denied` sensors the best filter beats the plain Kalman filter, or held measurements, by "
+        f"more than {MARGIN:g} of the score and beyond chance in {len(names[True])} of {len(wide)} environments"
+    )
+    text += f": {listed(names[True])}. " if names[True] else ". "
+    text += f"It does not in {listed(names[False])}. " if names[False] else ""
+    text += f"Held measurements beat every filter in {'; '.join(held)}. " if held else (
+        "Held measurements score significantly more than the best filter nowhere. "
+    )  # fmt: skip
+    return fill(text + truth_first(results), 140, break_on_hyphens=False)
+
+
+def truth_first(results: Path) -> str:
+    """Test that no estimator scores more than the truth beyond chance, in a sentence that names the exceptions."""
+    every, first, beyond = 0, 0, []
+    for at in columns(results):
+        gaps = {name: at.gap(name, ORACLE) for name in at.scores if name != ORACLE}
+        every, first = every + 1, first + all(gap.mean <= 0.0 for gap in gaps.values())
+        where = f"in {at.environment}, {at.condition}"
+        beyond += [f"`{name}` {where} by {interval(gap)}" for name, gap in gaps.items() if gap.low > 0.0]
+    text = f"The truth has the highest mean in {first} of {every} columns"
+    if beyond:
+        return f"{text}. Significantly more than the truth score {listed(beyond)}."
+    return f"{text}, and no estimator scores significantly more than it in any."
+
+
+def headline(results: Path, environment: str, sea: str) -> str:
+    """Sentences on the worth of a filter in each suite: score lost against the truth, and steering."""
+    travels = flown(results, environment, "autopilot", TRAVEL)
+    chosen = [at for at in columns(results) if (at.environment, at.condition) == (environment, f"{sea}, {at.suite}")]
+    best = [at.best() for at in chosen]
+    lost = {
+        who: listed([f"{at.gap(ORACLE, name).mean:.3f}" for at, name in zip(chosen, names, strict=True)])
+        for who, names in (("best", best), ("held", [HELD] * len(chosen)))
+    }
+    ratios = [
+        float(np.nanmean(travels[at.condition, HELD]) / np.nanmean(travels[at.condition, name]))
+        for at, name in zip(chosen, best, strict=True)
+    ]
+    wins = [f"`{at.suite}`" for at, name in zip(chosen, best, strict=True) if at.gap(name, HELD).low <= 0.0]
+    text = (
+        f"With {listed([f'`{at.suite}`' for at in chosen])} sensors the autopilot loses {lost['best']} of the score "
+        f"against the truth on the best filter, and {lost['held']} on held measurements, which steer {min(ratios):.1f} "
+        f"to {max(ratios):.1f} times as much."
+    )
+    text += f" No filter beats held measurements beyond chance with {listed(wins)} sensors." if wins else ""
+    return fill(text, 140, break_on_hyphens=False)
