@@ -55,7 +55,8 @@ def imports(module: str, late: bool) -> set[str]:
 
 def test_no_module_imports_itself_through_others() -> None:
     try:
-        TopologicalSorter({module: imports(module, late=False) for module in MODULES}).prepare()
+        late = {module: not module.startswith("agents") for module in MODULES}  # whose registries load entries
+        TopologicalSorter({module: imports(module, late[module]) for module in MODULES}).prepare()
     except CycleError as error:
         pytest.fail(" <- ".join(error.args[1]))
 

@@ -1,7 +1,7 @@
 """Arrays of tracers: NumPy itself stacks, indexes and broadcasts them, and calls each one's operations."""
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -13,6 +13,8 @@ class TracedArray(np.ndarray):
     """An object array of `Tracer` and constants: one row of a batch, whose leading axes are gone."""
 
     __array_priority__ = 2000.0
+    stronger: ClassVar[set[type]] = set()
+    """Classes that NumPy asks instead where both are operands; `estimators.engine.matrices` adds its own."""
 
     @staticmethod
     def of(value: Any) -> "TracedArray":
@@ -25,10 +27,13 @@ class TracedArray(np.ndarray):
         return array.view(TracedArray)
 
     def __array_ufunc__(self, ufunc: Any, method: str, *operands: Any, **others: Any) -> Any:
-        return apply(ufunc, method, operands, others)
+        return NotImplemented if self._yields(map(type, operands)) else _apply(ufunc, method, operands, others)
 
     def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
-        return apply_function(function, args, kwargs)
+        return NotImplemented if self._yields(types) else _apply_function(function, args, kwargs)
+
+    def _yields(self, types: Iterable[type]) -> bool:
+        return not self.stronger.isdisjoint(types)
 
     def __array_finalize__(self, source: Any) -> None:
         """NumPy calls it of every view."""
@@ -77,6 +82,9 @@ class TracedArray(np.ndarray):
     def clip(self, low: Any = None, high: Any = None, **_: Any) -> Any:  # type: ignore[override]
         """Within bounds."""
         return _clip(self, low, high)
+
+
+Tracer.as_array = TracedArray.of
 
 
 def _program(*operands: Any) -> Program:
@@ -185,14 +193,8 @@ SCALAR_FUNCTIONS: dict[str, Callable[..., Any]] = {
 _COUNTED = {np.add}  # a sum of masks counts them
 
 
-def apply(ufunc: Any, method: str, operands: Sequence[Any], others: dict[str, Any]) -> Any:
+def _apply(ufunc: Any, method: str, operands: Sequence[Any], others: dict[str, Any]) -> Any:
     """One of NumPy's functions entry by entry, or its reduction."""
-    from estimators.engine.matrices import MatrixTracer
-
-    if any(isinstance(each, MatrixTracer) for each in operands):
-        return next(e for e in operands if isinstance(e, MatrixTracer)).__array_ufunc__(
-            ufunc, method, *operands, **others
-        )
     out = others.pop("out", None)
     if ufunc in (np.matmul, np.vecdot, np.matvec, np.vecmat) and method == "__call__" and not others:
         found = ufunc(*(np.asarray(each, object) for each in map(_operand, operands)))  # terms in their order
@@ -246,7 +248,7 @@ def _where_array(mask: Any, *choices: Any) -> Any:
 def _norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:
     if ord not in (None, 2) or (ord == 2 and np.ndim(x) > 1 and not isinstance(axis, int)):
         raise NotTraceable("np.linalg.norm in a traced function is the root of a sum of squares")
-    return np.sqrt(apply(np.add, "reduce", (x * x,), {"axis": axis, "keepdims": keepdims}))
+    return np.sqrt(_apply(np.add, "reduce", (x * x,), {"axis": axis, "keepdims": keepdims}))
 
 
 def _chosen(masks: Any, choices: Any, default: Any = 0.0) -> Any:
@@ -264,14 +266,14 @@ def _round(x: Any, decimals: int = 0) -> Any:
 def _accumulated(ufunc: Any) -> Callable[..., Any]:
     def accumulated(a: Any, axis: Any = None) -> Any:
         a = TracedArray.of(a)
-        return apply(ufunc, "accumulate", (a if axis is not None else a.ravel(), axis or 0), {})
+        return _apply(ufunc, "accumulate", (a if axis is not None else a.ravel(), axis or 0), {})
 
     return accumulated
 
 
 def _reduction(ufunc: Any) -> Callable[..., Any]:
     def reduced(a: Any, axis: Any = None, **others: Any) -> Any:
-        return apply(ufunc, "reduce", (a,), {"axis": axis} | others)
+        return _apply(ufunc, "reduce", (a,), {"axis": axis} | others)
 
     return reduced
 
@@ -310,17 +312,8 @@ _REARRANGING = {
 """NumPy's functions that move entries, or add and multiply them, as they do of any objects."""
 
 
-def apply_function(function: Any, args: Sequence[Any], kwargs: dict[str, Any]) -> Any:
+def _apply_function(function: Any, args: Sequence[Any], kwargs: dict[str, Any]) -> Any:
     """One of NumPy's functions that are not entry by entry."""
-    from estimators.engine.matrices import MatrixTracer, apply_matrix_function
-
-    def found(value: Any) -> bool:
-        if isinstance(value, list | tuple):
-            return any(map(found, value))
-        return isinstance(value, MatrixTracer)
-
-    if found(args):
-        return apply_matrix_function(function, args, kwargs)
     if (own := FUNCTIONS.get(function)) is not None:
         return own(*args, **kwargs)
     if function not in _REARRANGING and not _depends((*args, *kwargs.values())):

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from estimators.engine.tracer import Tracer, cast, operation
+from estimators.engine.arrays import TracedArray
+from estimators.engine.tracer import Tracer, cast, constant, operation
 from estimators.engine.tracer import where as _where
 
 _LN2_HIGH, _LN2_LOW, _PER_LN2 = 6.93147180369123816490e-01, 1.90821492927058770002e-10, 1.44269504088896338700
@@ -312,27 +313,6 @@ def sincos(angle: Any) -> tuple[Any, Any]:
         return _sincos(np.asarray(angle, float)[()])
 
 
-def remainder(x: Any, y: Any) -> Any:
-    """``x - y floor(x / y)`` with the sign of y, exactly, as `numpy.remainder`."""
-    if x.kind != "f" and y.kind != "f":
-        return operation("whole remainder", x, y)
-    rest = operation("fmod", x, y)
-    moved = _where((rest < 0.0) ^ (y < 0.0), rest + y, rest)
-    return _where(rest == 0.0, operation("copysign", 0.0, y), moved)
-
-
-def floor_divide(x: Any, y: Any) -> Any:
-    """``floor(x / y)`` of floats from their remainder, as `numpy.floor_divide`: a quotient is not rounded up."""
-    x, y = cast(x, "f"), cast(y, "f")
-    rest = operation("fmod", x, y)
-    quotient = (x - rest) / y
-    quotient = _where((rest != 0.0) & ((rest < 0.0) ^ (y < 0.0)), quotient - 1.0, quotient)
-    floor = operation("floor", quotient)
-    floor = _where(quotient - floor > 0.5, floor + 1.0, floor)
-    whole = _where(quotient == 0.0, operation("copysign", 0.0, x / y), floor)
-    return _where(y == 0.0, x / y, whole)
-
-
 def repeat(
     count: int, body: Callable[..., Sequence[Any]], *carried: Any, active: Callable[..., Any] | None = None
 ) -> tuple[Any, ...]:
@@ -372,9 +352,6 @@ def _repeated(count: int, body: Callable[..., Sequence[Any]], carried: tuple[Any
                 break
             carried = tuple(body(*carried))
         return tuple(carried)
-    from estimators.engine.arrays import TracedArray
-    from estimators.engine.tracer import constant
-
     arrays = [TracedArray.of(each) for each in carried]
     entries = [entry for array in arrays for entry in array.flat]
     program = next(each.program for each in entries if isinstance(each, Tracer))

@@ -6,10 +6,8 @@ from typing import Any
 import numpy as np
 
 from estimators.engine.matrices import (
-    _PRODUCTS,
+    FUNCTIONS,
     MatrixTracer,
-    _concatenate,
-    _where,
     is_mask,
     joined,
     matrix,
@@ -73,13 +71,6 @@ def _matvec(a: Any, x: Any) -> Any:
             f"np.matvec and np.vecmat in a traced formula are of a matrix and a vector, not {shapes((a, x))}"
         )
     return _matmul(a, x[..., None])[..., 0]
-
-
-_PRODUCTS |= {
-    np.matmul: _matmul,
-    np.matvec: _matvec,
-    np.vecmat: lambda x, a: _matvec(a.mT if a.ndim == 2 else a, x),
-}
 
 
 def inner(a: Any, b: Any) -> Any:
@@ -156,7 +147,10 @@ def _take(a: Any, indices: Any, axis: int) -> Any:
     return joined([a[(..., slice(i, i + 1), *rows)] for i in np.asarray(indices).tolist()], axis)
 
 
-FUNCTIONS: dict[Any, Any] = {
-    np.where: _where, np.concatenate: _concatenate, np.linalg.solve: solve_general, np.take: _take,
-}  # fmt: skip
-"""NumPy's functions of matrices that are not entry by entry."""
+FUNCTIONS |= {
+    np.matmul: _matmul,
+    np.matvec: _matvec,
+    np.vecmat: lambda x, a: _matvec(a.mT if a.ndim == 2 else a, x),
+    np.linalg.solve: solve_general,
+    np.take: _take,
+}

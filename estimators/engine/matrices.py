@@ -64,12 +64,14 @@ class MatrixTracer(NDArrayOperatorsMixin):
     def __array_ufunc__(self, ufunc: Any, method: str, *operands: Any, **others: Any) -> Any:
         if method != "__call__" or others:
             raise NotTraceable(f"a traced formula cannot have np.{ufunc.__name__} in it, so used")
-        if ufunc in _PRODUCTS:
-            return _PRODUCTS[ufunc](*(matrix(self.program, each) for each in operands))
+        if ufunc in FUNCTIONS:
+            return FUNCTIONS[ufunc](*(matrix(self.program, each) for each in operands))
         return entrywise(self.program, ufunc, *operands)
 
     def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
-        return apply_matrix_function(function, args, kwargs)
+        if function not in FUNCTIONS:
+            raise NotTraceable(f"a traced formula cannot have np.{function.__name__} in it")
+        return FUNCTIONS[function](*args, **kwargs)
 
     @property
     def dtype(self) -> np.dtype:
@@ -147,6 +149,9 @@ class MatrixTracer(NDArrayOperatorsMixin):
             raise NotTraceable("a traced formula's arrays are indexed by whole numbers, slices and None: use joined or "
                                "np.where")  # fmt: skip
         return self._part(self.places[key])
+
+
+TracedArray.stronger.add(MatrixTracer)
 
 
 def matrix(program: Program, value: Any) -> Any:
@@ -355,14 +360,5 @@ def _where(mask: Any, *choices: Any) -> Any:
     return entrywise(program_of(mask, *choices), np.where, mask, *choices)
 
 
-def apply_matrix_function(function: Any, args: Any, kwargs: Any) -> Any:
-    """One of NumPy's functions that are not entry by entry, of matrices."""
-    from estimators.engine.linear import FUNCTIONS
-
-    if function not in FUNCTIONS:
-        raise NotTraceable(f"a traced formula cannot have np.{function.__name__} in it")
-    return FUNCTIONS[function](*args, **kwargs)
-
-
-_PRODUCTS: dict[Any, Any] = {}
-"""NumPy's products, which `estimators.engine.linear` fills in."""
+FUNCTIONS: dict[Any, Any] = {np.where: _where, np.concatenate: _concatenate}
+"""NumPy's functions of matrices that are not entry by entry; `estimators.engine.linear` adds linear algebra."""

@@ -1,7 +1,7 @@
 """Tracers: what stands for a scalar while a function is traced, and records the operations on it."""
 
 from collections.abc import Callable
-from typing import Any, NoReturn
+from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 
@@ -22,6 +22,8 @@ class Tracer(_Operators):
     """A scalar of each row: a number, a word or a mask."""
 
     __slots__ = ("program", "value")
+    as_array: ClassVar[Callable[["Tracer"], Any]]
+    """Array of it alone, whose functions are its own, too; `estimators.engine.arrays` registers which."""
     __array_priority__ = 1000.0
     ndim = 0
     shape = ()
@@ -66,28 +68,20 @@ class Tracer(_Operators):
         return self
 
     def __array_ufunc__(self, ufunc: Any, method: str, *operands: Any, **others: Any) -> Any:
-        from estimators.engine.arrays import apply
-
-        return apply(ufunc, method, operands, others)
+        return self.as_array().__array_ufunc__(ufunc, method, *operands, **others)
 
     def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
-        from estimators.engine.arrays import apply_function
-
-        return apply_function(function, args, kwargs)
+        return self.as_array().__array_function__(function, types, args, kwargs)
 
     def __getitem__(self, key: Any) -> Any:
-        from estimators.engine.arrays import TracedArray
-
-        return TracedArray.of(self)[key]
+        return self.as_array()[key]
 
     def __getattr__(self, name: str) -> Any:
         if name in _METHODS:  # NumPy calls them of the entries of plain object arrays
             return lambda: operation(name, self)
         if name.startswith("__") or not hasattr(np.ndarray, name):
             raise AttributeError(f"a traced number has no .{name}")
-        from estimators.engine.arrays import TracedArray
-
-        return getattr(TracedArray.of(self), name)
+        return getattr(self.as_array(), name)
 
     def conjugate(self) -> "Tracer":
         """Itself: numbers are real."""
@@ -181,9 +175,7 @@ def operation(opcode: str, *operands: Any) -> Any:
     program = next(each.program for each in operands if isinstance(each, Tracer))
     traced = [constant(program, each) for each in operands]
     if opcode in ("remainder", "floor divide"):
-        from estimators.engine import elementary
-
-        return elementary.remainder(*traced) if opcode == "remainder" else elementary.floor_divide(*traced)
+        return _remainder(*traced) if opcode == "remainder" else _floor_divide(*traced)
     if opcode in _COMPARISONS:
         opcode, traced = _COMPARISONS[opcode], traced[::-1]
     kinds = {x.kind for x in traced}
@@ -249,6 +241,27 @@ def where(mask: Any, chosen: Any, other: Any) -> Any:
     if one.value == two.value:
         return one
     return Tracer(program, program.add("where", (mask.value, one.value, two.value), one.kind))
+
+
+def _remainder(x: Any, y: Any) -> Any:
+    """``x - y floor(x / y)`` with the sign of y, exactly, as `numpy.remainder`."""
+    if x.kind != "f" and y.kind != "f":
+        return operation("whole remainder", x, y)
+    rest = operation("fmod", x, y)
+    moved = where((rest < 0.0) ^ (y < 0.0), rest + y, rest)
+    return where(rest == 0.0, operation("copysign", 0.0, y), moved)
+
+
+def _floor_divide(x: Any, y: Any) -> Any:
+    """``floor(x / y)`` of floats from their remainder, as `numpy.floor_divide`: a quotient is not rounded up."""
+    x, y = cast(x, "f"), cast(y, "f")
+    rest = operation("fmod", x, y)
+    quotient = (x - rest) / y
+    quotient = where((rest != 0.0) & ((rest < 0.0) ^ (y < 0.0)), quotient - 1.0, quotient)
+    floor = operation("floor", quotient)
+    floor = where(quotient - floor > 0.5, floor + 1.0, floor)
+    whole = where(quotient == 0.0, operation("copysign", 0.0, x / y), floor)
+    return where(y == 0.0, x / y, whole)
 
 
 def power(x: Any, exponent: Any) -> Any:
