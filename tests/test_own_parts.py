@@ -511,7 +511,7 @@ MALFORMED = [
     ("task", "score", lambda x: (x[0][:1], *x[1:]), "as the reward, must give one number for each vehicle: for 3 "),
     ("task", "score", lambda x: (x[0] * 1j, *x[1:]), "as the reward, must give an array of real numbers"),
     ("task", "score", lambda x: (*x[:2], None), "as the score_state, must give an array of real numbers, got None"),
-    ("task", "score", lambda x: (*x[:2], np.zeros((3, 1))), "as the score_state, must give a row of 0 numbers"),
+    ("task", "score", lambda x: (*x[:2], np.zeros((3, 1))), "as the score_state, must give a row of 2 numbers"),
 ]
 
 
@@ -554,18 +554,19 @@ def test_nan_in_a_tally_is_refused_and_infinity_and_rewards_of_any_range_are_not
 
     def remembering(first: float, later: float) -> Any:
         def score(self: Any, *arguments: Any) -> Any:
-            reward, end, score_state = base(self, *arguments)
+            *others, score_state = arguments
+            reward, end, _ = base(self, *others, np.zeros_like(score_state))
             return -2000.0 * reward, end, score_state + later
 
         return own(
-            "task", initial_score_state=lambda self, state, scenario: np.full((len(state), 1), first), score=score
+            "task", initial_score_state=lambda self, state, scenario: np.full((len(state), 2), first), score=score
         )
 
     core = flown(remembering(np.inf, 0.0))
     assert (core.total < -1.0).all()
     assert np.isinf(core.now.score_state).all()
     with pytest.raises(
-        ValueError, match=r"^score of Mine, as the score_state, gave \[nan\] at step 1 in row 0: it must give"
+        ValueError, match=r"^score of Mine, as the score_state, gave \[nan, nan\] at step 1 in row 0: it must give"
     ):
         flown(remembering(0.0, np.nan))
 

@@ -298,15 +298,15 @@ def test_loitering_on_the_axis_does_not_pay() -> None:
     assert total.max() < 3.0 * TASK.dt * SHIP.speed / (TASK.leg * SHIP.length)
 
 
-def scored(along: float, off: float, course: float = 0.0, action: float = 0.0, farthest: float = 0.0) -> Any:
+def scored(along: float, off: float, course: float = 0.0, turned_by: float = 0.0, farthest: float = 0.0) -> Any:
     """Reward and end of a ship at service speed in still water."""
     scenario, state = scenarios(1), np.zeros((1, 8))
     state[0, :2] = turned(np.array([along, off]), scenario[0, HEADING])
     state[0, 2], state[0, 3] = scenario[0, HEADING] + course, SHIP.speed
     reference = TASK.reference(scenario, np.zeros(1, int), state[:, :6])
-    none, still = np.zeros((1, 1)), np.zeros((1, 8))
+    rudder, still = np.full((1, 1), turned_by * SHIP.rudder_rate * TASK.dt), np.zeros((1, 8))
     reward, end, _ = TASK.score(
-        state, still, reference, np.zeros(1, bool), none, none + action, np.array([[farthest]])
+        state, still, reference, np.zeros(1, bool), rudder, 0.0 * rudder, np.array([[farthest, 0.0, 0.0]])
     )  # fmt: skip
     return float(reward[0]), TASK.end_reasons[int(end[0])]
 
@@ -317,7 +317,7 @@ def test_a_perfect_step_is_worth_its_share_and_every_error_costs() -> None:
     assert scored(10.0, 0.0) == (pytest.approx(whole, rel=1e-9), "")
     assert scored(10.0, 7.0)[0] == pytest.approx(0.5 * whole, rel=1e-9)
     assert scored(10.0, 0.0, course=0.05)[0] == pytest.approx(0.85 * whole, rel=1e-9)
-    assert scored(10.0, 0.0, action=0.5)[0] == pytest.approx(0.5 * whole, rel=1e-9)
+    assert scored(10.0, 0.0, turned_by=0.5)[0] == pytest.approx(whole / (1.0 + 0.5 * (1.25 + 2.0)), rel=1e-9)
     assert scored(10.0, 0.0, farthest=10.0)[0] == 0.0
     assert scored(length + 5.0, 0.0, farthest=length - 5.0) == (pytest.approx(5.0 / length, rel=1e-9), "arrived")
     for side in (-1.0, 1.0):

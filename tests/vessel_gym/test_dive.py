@@ -85,6 +85,12 @@ def trim(task: Dive, rows: int = 1) -> np.ndarray:
     return actuators
 
 
+def remembered(task: Dive, progress_and_energy: Any) -> np.ndarray:
+    """Score states ``(B, k)`` with fins amidships and at rest."""
+    first = np.asarray(progress_and_energy, float)
+    return np.concatenate([first, np.zeros((len(first), 2 * (task.actuators - 1)))], -1)
+
+
 # --- courses ----------------------------------------------------------------------------------------
 
 
@@ -412,8 +418,9 @@ def test_raw_measurements_come_with_their_mask_and_the_course_and_no_estimate(sy
 
 
 def fly(
-    task: Dive, scenario: np.ndarray, positions: np.ndarray, pitch: Any = 0.0, thrust: Any = None, error: Any = 0.0
-) -> tuple[np.ndarray, str, np.ndarray]:
+    task: Dive, scenario: np.ndarray, positions: np.ndarray, pitch: Any = 0.0, thrust: Any = None, error: Any = 0.0,
+    fin: Any = 0.0,
+) -> tuple[np.ndarray, str, np.ndarray]:  # fmt: skip
     """Rewards ``(k,)``, end and last score state of a flight through positions ``(k + 1, 3)``, to its end or the last.
 
     Args:
@@ -423,13 +430,14 @@ def fly(
         pitch: rad.
         thrust: N; None: that of cruising.
         error: ``(3,)`` where it believes to be less where it is.
+        fin: rad, of every fin after each step ``(k + 1,)``, or of all.
     """
     scenario, actuators = scenario[None], trim(task)
     if thrust is not None:
         actuators[:, -1] = thrust
     score_state, rewards, end = task.initial_score_state(state(task, positions[0]), scenario), [], 0
-    for position in positions[1:]:
-        truth = state(task, position, pitch)
+    for position, angle in zip(positions[1:], np.broadcast_to(fin, len(positions)), strict=False):
+        truth, actuators[:, :-1] = state(task, position, pitch), angle
         reference = believed(task, state(task, np.asarray(position) + error), scenario)
         reward, number, score_state = score(task, truth, reference, actuators, np.zeros_like(actuators), score_state)
         rewards.append(float(reward[0]))
@@ -652,7 +660,7 @@ def test_arriving_is_by_belief_and_paid_by_truth(system: System):
             truth = state(task, goal[:3] + miss * direction)
             arrived = believed(task, state(task, goal[:3] + 1e-6 * onward), scenario[None])
             near = believed(task, state(task, goal[:3] - 1e-3 * onward), scenario[None])
-            score_state = np.array([[scenario[1], energy]])
+            score_state = remembered(task, [[scenario[1], energy]])
             reward, number, _ = score(task, truth, arrived, trim(task), 0.0 * trim(task), score_state)
             assert task.end_reasons[number[0]] == end
             assert reward[0] == pytest.approx((1 - task.TRACKING) / (1 + (miss / task.GOAL_TOLERANCE) ** 2))
@@ -665,7 +673,7 @@ def final_reward(task: Dive, scenario: np.ndarray, thrust: float, seconds: float
     goal = state(task, path_point(scenario[1], scenario)[:3])
     steps, actuators = round(seconds / task.dt), trim(task)
     actuators[:, -1] = thrust
-    score_state = np.array([[scenario[1], 0.0]])
+    score_state = remembered(task, [[scenario[1], 0.0]])
     beyond = believed(task, state(task, path_point(scenario[1] + 1e-6, scenario)[:3]), scenario[None])
     before = believed(task, state(task, path_point(scenario[1] - 0.1, scenario)[:3]), scenario[None])
     for _ in range(steps - 1):
@@ -754,7 +762,7 @@ def test_believing_to_have_arrived_decides_whatever_else_happens(system: System)
     """The mission is over then; where the vehicle truly is says whether it was a success."""
     task, scenario = system.task, scenarios(system.task, 1, 20)[0]
     there = believed(task, state(task, path_point(scenario[1] + 1e-6, scenario)[:3]), scenario[None])
-    score_state = np.array([[scenario[1], 20.0]])
+    score_state = remembered(task, [[scenario[1], 20.0]])
     surfaced = state(task, [0.0, 0.0, -5.0], 1.5)
     assert (
         task.end_reasons[score(task, surfaced, there, trim(task), 0.0 * trim(task), score_state)[1][0]]
@@ -769,7 +777,7 @@ def test_the_score_reads_position_and_pitch_of_the_truth_and_nothing_else(system
     read = np.isin(names, ("x", "y", "z", "theta"))
     other = np.where(read, truth, rng.normal(size=truth.shape))
     scenario = scenarios(task, 200, 21)
-    reference, score_state = believed(task, truth + 0.1, scenario), np.abs(rng.normal(size=(200, 2)))
+    reference, score_state = believed(task, truth + 0.1, scenario), remembered(task, np.abs(rng.normal(size=(200, 2))))
     actuators = trim(task, 200)
     acting = np.zeros((200, 8)), rng.normal(size=(200, 8))
     one, two = (
@@ -782,16 +790,30 @@ def test_the_score_reads_position_and_pitch_of_the_truth_and_nothing_else(system
 
 
 @DIVES
-def test_the_score_does_not_read_the_action_and_of_the_actuators_the_thrust_alone(system: System):
+def test_the_score_does_not_read_the_action(system: System):
     task, rng, scenario = system.task, np.random.default_rng(22), scenarios(system.task, 50, 22)
     truth = state(task, path_point(scenario[:, 1], scenario)[:, :3])
-    reference, score_state = believed(task, truth + 0.01, scenario), np.abs(rng.normal(size=(50, 2))) + 1.0
-    one, other = trim(task, 50), trim(task, 50)
-    other[:, :-1] = rng.normal(size=other[:, :-1].shape)
-    a = score(task, truth, reference, one, np.zeros_like(one), score_state)
-    b = score(task, truth, reference, other, rng.uniform(-1, 1, one.shape), score_state)
+    reference = believed(task, truth + 0.01, scenario)
+    score_state, actuators = remembered(task, np.abs(rng.normal(size=(50, 2))) + 1.0), trim(task, 50)
+    a, b = (
+        score(task, truth, reference, actuators, each, score_state) for each in (actuators, rng.normal(size=(50, 1)))
+    )
     for left, right in zip(a, b, strict=True):
         np.testing.assert_array_equal(left, right)
+
+
+@DIVES
+def test_fins_that_dither_cost_without_bound_and_resting_fins_nothing(system: System):
+    """A third of a rudder's price: all fins that turn by a share of the full rate and back at each step."""
+    task, scenario = system.task, scenarios(system.task, 1, 25)[0]
+    s = cruise(task, scenario)[:60]
+    best = fly(task, scenario, along(scenario, s))[0]
+    resting = fly(task, scenario, along(scenario, s), fin=0.3)[0]
+    np.testing.assert_allclose(resting[2:], best[2:], rtol=1e-12)  # once they are there
+    for share in (0.02, 0.3, 1.0):
+        angle = 0.5 * share * task.auv.fin_rate * task.dt * (-1.0) ** np.arange(len(s))
+        dithering = fly(task, scenario, along(scenario, s), fin=angle)[0]
+        np.testing.assert_allclose(dithering[2:], best[2:] / (1.0 + share * (1.25 + 4.0) / 3.0), rtol=1e-9)
 
 
 @DIVES
@@ -821,14 +843,15 @@ def test_dives_to_port_are_scored_like_dives_to_starboard():
     guess = truth + rng.normal(0.0, 0.5, truth.shape)
     actuators, score_state = (
         trim(task, rows) * rng.uniform(0.0, 1.5, (rows, 1)),
-        np.abs(rng.normal(size=(rows, 2))) * 5.0,
+        remembered(task, np.abs(rng.normal(size=(rows, 2))) * 5.0),
     )
     one = score(task, truth, believed(task, guess, scenario), actuators, actuators, score_state)
     port = believed(task, guess * flip, scenario * mirror)
     other = score(task, truth * flip, port, actuators * mirror, actuators * mirror, score_state)
     np.testing.assert_allclose(other[0], one[0], rtol=1e-9, atol=1e-12)
     np.testing.assert_array_equal(other[1], one[1])
-    np.testing.assert_allclose(other[2], one[2], rtol=1e-9)
+    mirrored = np.array([1.0, 1.0, -1.0, 1.0, -1.0, 1.0])  # the rudder and its rate
+    np.testing.assert_allclose(other[2], one[2] * mirrored, rtol=1e-9)
     np.testing.assert_allclose(
         task.initial_score_state(truth * flip, scenario * mirror), task.initial_score_state(truth, scenario), atol=1e-9
     )

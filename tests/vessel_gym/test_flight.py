@@ -306,7 +306,13 @@ def test_errors_cost_and_half_is_lost_at_the_tolerances():
     best = flown(scenario, along(scenario)[:100])[0]
     assert flown(scenario, along(scenario, off=3.0)[:100])[0] == pytest.approx(0.5 * best, rel=0.03)
     assert flown(scenario, along(scenario, above=1.5)[:100])[0] == pytest.approx(0.5 * best, rel=0.03)
-    assert flown(scenario, along(scenario)[:100], action=0.5)[0] == pytest.approx(0.9 * best, rel=0.01)
+
+
+def test_commands_that_jump_cost_without_bound():
+    """Travel and reversals of a command that jumps by ``2 a`` each step: ``1.25 a + 4 a``, relative to 1."""
+    scenario = scenarios(1, 4)[0]
+    best, *jumpy = (flown(scenario, along(scenario)[:100], action=a)[0] for a in (0.0, 0.1, 0.5, 1.0))
+    np.testing.assert_allclose(jumpy, best / (1.0 + 5.25 * np.array([0.1, 0.5, 1.0])), rtol=0.02)
 
 
 @pytest.mark.slow
@@ -354,7 +360,7 @@ def test_what_stalls_is_the_airspeed_and_not_the_speed_over_ground():
     truth = on_path(scenario[0], 300.0)
     along, against = STILL.copy(), STILL.copy()
     along[0, 4:6], against[0, 4:6] = 0.6 * truth[0, 3:5], -0.6 * truth[0, 3:5]
-    reference, score_state = TASK.reference(scenario, np.zeros(1), truth), np.array([[290.0, 0.0, 0.0, 0.0]])
+    reference, score_state = TASK.reference(scenario, np.zeros(1), truth), np.eye(1, 7) * 290.0
     ends = [END_REASONS[TASK.score(truth, wind, reference, np.zeros(1, bool), np.zeros((1, 3)), np.zeros((1, 3)),
     score_state)[1][0]]
             for wind in (STILL, along, against)]  # fmt: skip
@@ -363,7 +369,7 @@ def test_what_stalls_is_the_airspeed_and_not_the_speed_over_ground():
 
 def ending(scenario: np.ndarray, truth: np.ndarray, believed: np.ndarray) -> str:
     reference = TASK.reference(scenario, np.zeros(1), believed)
-    score_state = np.array([[290.0, 0.0, 0.0, 0.0]]) if truth[0, 0] < 700.0 else np.array([[740.0, 0.0, 0.0, 0.0]])
+    score_state = np.eye(1, 7) * 290.0 if truth[0, 0] < 700.0 else np.eye(1, 7) * 740.0
     return END_REASONS[
         TASK.score(truth, STILL, reference, TASK.over(reference), np.zeros((1, 3)), np.zeros((1, 3)), score_state)[1][0]
     ]

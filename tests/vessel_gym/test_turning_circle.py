@@ -255,12 +255,13 @@ def test_the_sizes_of_the_observations_are_those_announced(mode):
 
 
 def rewarded(truth, reference, action):
-    """Reward and whether the turn is lost; neither rudder nor what acts counts, and there is nothing to remember."""
-    rudder = np.random.default_rng(0).normal(size=(len(truth), 1))
-    score_state = TASK.initial_score_state(truth, scenarios(len(truth)))
+    """Reward and whether the turn is lost, of a rudder that goes on turning as the action says; no increment counts."""
+    step = SHIP.rudder_rate * TASK.dt * action
+    score_state = TASK.initial_score_state(truth, scenarios(len(truth))) + np.concatenate([0.0 * action, action], -1)
+    rudder, action = step, np.random.default_rng(0).uniform(-1.0, 1.0, action.shape)
     acting = np.random.default_rng(1).normal(size=(len(truth), 1 + len(AROUND)))
     reward, end, after = TASK.score(truth, acting, reference, TASK.over(reference), rudder, action, score_state)
-    assert score_state.shape == after.shape == (len(truth), 0)
+    np.testing.assert_allclose(after, np.concatenate([step, score_state[:, 1:]], -1))
     return reward, np.array(TASK.end_reasons)[end] == "turn lost"
 
 
@@ -291,7 +292,7 @@ def test_rewards_lie_between_zero_and_one_whatever_happens():
 
 def test_each_error_and_the_helm_cost_what_is_documented():
     reward, _ = scored([0.05, 0.0, 0.0, 0.0], [0.0, 0.15 * 0.03, 0.0, 0.0], [0.0, 0.0, 1.0, -0.5])
-    np.testing.assert_allclose(reward, [0.4 + 0.2, 0.8 + 0.1, 0.85, 1.0 - 0.15 / 4], rtol=1e-12)
+    np.testing.assert_allclose(reward, [0.5, 0.8 + 0.1, 1.0 / 2.25, 1.0 / 1.625], rtol=1e-12)
 
 
 def test_more_error_never_pays():

@@ -176,7 +176,6 @@ class Channel(Track, verified=True):
     # --- how it is scored -------------------------------------------------------------------------
 
     COURSE_TOLERANCE = 0.05  # rad between the axis and the course over ground, that halves its share of the reward
-    HELM_TOLERANCE = 0.5  # of the full rudder rate, that halves the reward
 
     @property
     def distance_tolerance(self) -> float:
@@ -184,18 +183,18 @@ class Channel(Track, verified=True):
         return 0.25 * self.margin
 
     def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
-        """The farthest distance along the channel so far ``(..., 1)``."""
-        return np.zeros_like(scenario[..., :1])
+        """The farthest distance along the channel so far, rudder and its rate ``(..., 3)``."""
+        return np.zeros_like(scenario[..., :3])
 
     @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
     def score(
         self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
         action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """Reward ``(...)``, end of the episode ``(...)`` and score state ``(..., 1)``, from the truth.
+        """Reward ``(...)``, end of the episode ``(...)`` and score state ``(..., 3)``, from the truth.
 
         A step is worth the share of the channel that it is the first to cover, times how well the ship keeps to the
-        axis, to its direction over ground, and how little helm that takes: the score is at most 1, and neither
+        axis and to its direction over ground, and how little steering that takes: the score is at most 1, and neither
         loitering nor ending early pays.
         """
         scenario, farthest = self.scenario_of(reference), score_state[..., 0]
@@ -209,7 +208,7 @@ class Channel(Track, verified=True):
         covered = np.maximum(farthest, np.minimum(along, length))
         value = 0.7 + 0.3 / (1.0 + (aside / self.COURSE_TOLERANCE) ** 2)
         value = value / (1.0 + (off / self.distance_tolerance) ** 2)
-        value = value / (1.0 + (action[..., 0] / self.HELM_TOLERANCE) ** 2)
-        reward = np.where(aground, 0.0, value * (covered - farthest) / length)
+        smooth, steered = self.smooth(actuators, score_state[..., 1:])
+        reward = np.where(aground, 0.0, value * smooth * (covered - farthest) / length)
         end = np.where(aground, 2, np.where(along >= length, 1, 0))
-        return reward, end, np.stack([covered], -1)
+        return reward, end, np.concatenate([np.stack([covered], -1), steered], -1)

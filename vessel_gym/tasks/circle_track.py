@@ -163,24 +163,24 @@ class CircleTrack(Track, TurningCircle, verified=True):
 
     # --- how it is scored -------------------------------------------------------------------------
 
-    DISTANCE_TOLERANCE = 10.0  # m from the track, that halves its share of the reward
-    COURSE_TOLERANCE = 0.05  # rad between the track and the course over ground, likewise
+    DISTANCE_TOLERANCE = 10.0  # m from the track, that halves the reward
+    COURSE_TOLERANCE = 0.05  # rad between the track and the course over ground, that halves its share
     FAR = 3.0  # ship lengths from the track, at which the turn is lost
     ENOUGH = 0.85  # of the nominal progress that counts as all
 
     def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
-        """The scenario, the distance along the track, and the farthest one so far: ``(..., 6)``."""
-        return np.concatenate([scenario, np.zeros_like(scenario[..., :2])], -1)
+        """The scenario, the distance along the track, the farthest one so far, rudder and its rate: ``(..., 8)``."""
+        return np.concatenate([scenario, np.zeros_like(scenario)], -1)
 
     @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
     def score(
         self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
         action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """Reward in [0, 1] ``(...)``, end of the episode ``(...)`` and score state ``(..., 6)``, from the truth.
+        """Reward in [0, 1] ``(...)``, end of the episode ``(...)`` and score state ``(..., 8)``, from the truth.
 
-        What counts is where the true ship is, which way it goes over ground, and that it goes on along the track:
-        neither loitering nor ending early pays.
+        Four factors: the distance of the true ship from the track; course over ground and yaw rate, six tenths and four
+        tenths of one factor; the steering; progress along the track. Neither loitering nor ending early pays.
         """
         scenario, before, farthest = score_state[..., :4], score_state[..., 4], score_state[..., 5]
         psi, u, v, r = (state[..., i] for i in range(2, 6))
@@ -192,10 +192,9 @@ class CircleTrack(Track, TurningCircle, verified=True):
         speed = self.ship.speed + bent / scenario[..., CURVATURE] * (scenario[..., SPEED] - self.ship.speed)
         fresh = np.maximum(along - farthest, 0.0)
         progress = np.minimum(fresh / (self.ENOUGH * (self.dt * speed)), 1.0)
-        value = 0.5 / (1.0 + (off / self.DISTANCE_TOLERANCE) ** 2)
-        value = value + 0.3 / (1.0 + (aside / self.COURSE_TOLERANCE) ** 2)
-        value = value + 0.2 / (1.0 + (turning / self.RATE_TOLERANCE) ** 2)
-        reward = value * (1.0 - self.HELM_COST * action[..., 0] ** 2) * progress
+        value = 0.6 / (1.0 + (aside / self.COURSE_TOLERANCE) ** 2) + 0.4 / (1.0 + (turning / self.RATE_TOLERANCE) ** 2)
+        smooth, steered = self.smooth(actuators, score_state[..., 6:])
+        reward = value / (1.0 + (off / self.DISTANCE_TOLERANCE) ** 2) * smooth * progress
         place = np.stack([along, np.maximum(farthest, along)], -1)
         lost = np.abs(off) > self.FAR * self.ship.length
-        return reward, np.where(lost, 1, 0), np.concatenate([scenario, place], -1)
+        return reward, np.where(lost, 1, 0), np.concatenate([scenario, place, steered], -1)

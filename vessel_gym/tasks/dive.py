@@ -12,6 +12,7 @@ from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, instance, one_of
 from vessel_gym.guidance.dive_path import arc_from_origin, arc_to, locate, point_at
 from vessel_gym.system import Estimate
+from vessel_gym.tasks.helm import smoothness
 from vessel_gym.tasks.steering import wrapped
 from vessel_gym.tasks.task import Task, three_numbers
 from vessel_gym.vehicles.auv import AUVParameters
@@ -194,6 +195,7 @@ class Dive(Task, verified=True):
 
     TRACKING = 0.7  # share of the score that following the path is worth; arriving is worth the rest
     TRACK_TOLERANCE = 0.25  # m off the path that halve what a metre of it is worth
+    FIN_PRICE = 1.0 / 3.0  # of effort; full rate takes a fin from limit to limit in 0.7 s, a ship's rudder in 14 s
     GOAL_TOLERANCE = 0.5  # m off the goal that still count as arrived, and halve what arriving is worth
     LOST = 5.0  # m off the path at which it is lost
     PITCH_LIMIT = np.deg2rad(75.0)  # rad: Euler angles have their pole at 90 deg
@@ -215,20 +217,22 @@ class Dive(Task, verified=True):
 
     @compiled
     def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
-        """The farthest progress [m] and the energy used [s at cruising power], ``(..., 2)``."""
+        """The farthest progress [m], energy used [s at cruising power], fins [rad] and their rates, ``(..., k)``."""
         progress = locate(self.position(state), scenario, 0.0)[..., 0]
-        return np.stack([np.clip(progress, 0.0, scenario[..., 1]), np.zeros_like(progress)], -1)
+        used = np.stack([np.clip(progress, 0.0, scenario[..., 1]), np.zeros_like(progress)], -1)
+        return np.concatenate([used, np.zeros_like(state[..., : 2 * (self.actuators - 1)])], -1)
 
     @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
     def score(
         self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
         action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """Reward in [0, 1] ``(...)``, end of the episode ``(...)`` and score state ``(..., 2)``, from the truth.
+        """Reward in [0, 1] ``(...)``, end of the episode ``(...)`` and score state ``(..., k)``, from the truth.
 
-        Every metre of the path pays once, when it is first covered, and the more the closer the vehicle is to the path:
-        staying, going back and circling pay nothing. Arriving pays by the distance to the goal and by the energy that
-        a dive at cruising speed would take over that used, so that waiting costs. Ending early forgoes the rest.
+        Every metre of the path pays once, when it is first covered, and the more the closer the vehicle is to the path
+        and the steadier its fins: staying, going back and circling pay nothing. Arriving pays by the distance to the
+        goal and by the energy that a dive at cruising speed would take over that used, so that waiting costs. Ending
+        early forgoes the rest.
         """
         scenario, position, farthest = self.scenario_of(reference), self.position(state), score_state[..., 0]
         length, depth, speed = scenario[..., 1], scenario[..., 2], self.auv.cruise_speed
@@ -236,7 +240,10 @@ class Dive(Task, verified=True):
         off = np.hypot(place[..., 1], place[..., 2] / np.sqrt(1.0 + place[..., 4] ** 2))
         fresh = np.clip(np.minimum(place[..., 0], length) - farthest, 0.0, self.FASTEST * speed * self.dt)
         energy = score_state[..., 1] + self.dt * self.power(actuators)
-        tracking = self.TRACKING * fresh / length / (1.0 + (off / self.TRACK_TOLERANCE) ** 2)
+        fins, before = actuators[..., :-1], score_state[..., 2:]
+        rates = (fins - before[..., : fins.shape[-1]]) / (self.auv.fin_rate * self.dt)
+        smooth = smoothness(rates, before[..., fins.shape[-1] :], self.FIN_PRICE)
+        tracking = self.TRACKING * fresh / length * (smooth / (1.0 + (off / self.TRACK_TOLERANCE) ** 2))
 
         goal = np.stack(point_at(length, scenario)[:3], -1)
         miss = np.sqrt(((position - goal) ** 2).sum(-1))
@@ -250,7 +257,7 @@ class Dive(Task, verified=True):
         end = np.where(down > depth + self.margin, _DEEP, end)
         end = np.where(np.abs(pitch) > self.PITCH_LIMIT, _PITCHED, end)
         end = np.where(over, np.where(miss <= self.GOAL_TOLERANCE, _ARRIVED, _MISSED), end)
-        return reward, end, np.stack([farthest + fresh, energy], -1)
+        return reward, end, np.concatenate([np.stack([farthest + fresh, energy], -1), fins, rates], -1)
 
 
 # --- six degrees of freedom -------------------------------------------------------------------------

@@ -15,6 +15,7 @@ from vessel_gym.guidance.dubins import NoPath, Path
 from vessel_gym.guidance.path_following import ANYWHERE, COLUMNS, locate
 from vessel_gym.guidance.words import follow_on
 from vessel_gym.system import Estimate
+from vessel_gym.tasks.helm import smoothness
 from vessel_gym.tasks.task import FARTHEST, Task, three_numbers
 from vessel_gym.vehicles.puna import PunaParameters
 
@@ -314,7 +315,6 @@ class Flight(Task, verified=True):
     TRACK_TOLERANCE = 3.0  # m off the path in plan that halve what a metre of it is worth
     ALTITUDE_TOLERANCE = 1.5  # m off the commanded altitude that do so
     BERTH = 10.0  # m from an obstacle, within which a metre is worth less and less
-    HELM_COST = 0.1  # share of what a metre is worth that commands cost which jump by half of their range each step
     GOAL_TOLERANCE = 8.0  # m off the goal in plan that still count as arrived, and halve what arriving is worth
     LOST = 100.0  # m off the path in plan at which it is lost
     HEIGHT_LOST = 40.0  # m off the commanded altitude at which it is
@@ -324,29 +324,30 @@ class Flight(Task, verified=True):
 
     @compiled
     def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
-        """The farthest progress [m] and the last commands, ``(..., 4)``."""
+        """The farthest progress [m], the last commands and their changes, ``(..., 7)``."""
         zero = np.zeros_like(state[..., 0])
-        return np.stack([np.maximum(self.track(state, scenario, zero)[..., 0], 0.0), zero, zero, zero], -1)
+        progress = np.maximum(self.track(state, scenario, zero)[..., 0], 0.0)
+        return np.stack([progress, *(zero,) * 6], -1)
 
     @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
     def score(
         self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
         action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """Reward in [0, 1] ``(...)``, end of the episode ``(...)`` and score state ``(..., 4)``, from the truth.
+        """Reward in [0, 1] ``(...)``, end of the episode ``(...)`` and score state ``(..., 7)``, from the truth.
 
         Every metre of the path pays once, when it is first covered, and the more the closer the aircraft is to the path
         and to its altitude, the smoother its commands and the clearer of obstacles: waiting, circling and short cuts
         pay nothing. Arriving pays by the distance to the goal and the share of the path that was covered.
         """
-        scenario, farthest, last = self.scenario_of(reference), score_state[..., 0], score_state[..., 1:]
+        scenario, farthest, last = self.scenario_of(reference), score_state[..., 0], score_state[..., 1:4]
         x, y, altitude, north, east, climb = (state[..., i] for i in range(6))
         length, above = scenario[..., _PATH], altitude - self.altitude_of(scenario)
         place, clearance = self.track(state, scenario, farthest), self.clearance(state, scenario)
         off, most = place[..., 6], self.FASTEST * self.body.cruise_speed * self.dt
         fresh = np.clip(np.minimum(place[..., 0], length) - farthest, 0.0, most)
-        jump = ((action - last) ** 2 / 3.0).sum(-1)
-        quality = (1.0 - self.HELM_COST * np.minimum(jump, 1.0)) * np.clip(clearance / self.BERTH, 0.0, 1.0)
+        change = 0.5 * (action - last)  # shares of the commands' range
+        quality = smoothness(change, score_state[..., 4:]) * np.clip(clearance / self.BERTH, 0.0, 1.0)
         near, level = (off / self.TRACK_TOLERANCE) ** 2, (above / self.ALTITUDE_TOLERANCE) ** 2
         tracking = self.TRACKING * fresh / length * (quality / ((1.0 + near) * (1.0 + level)))
 
@@ -363,7 +364,7 @@ class Flight(Task, verified=True):
         end = np.where(airspeed < self.STALL, _STALLED, end)
         end = np.where(over, np.where(miss <= self.GOAL_TOLERANCE, _ARRIVED, _MISSED), end)
         end = np.where(hit, _HIT, np.where(crashed, _CRASHED, end))
-        return reward, end, np.concatenate([np.stack([farthest + fresh], -1), action], -1)
+        return reward, end, np.concatenate([np.stack([farthest + fresh], -1), action, change], -1)
 
     @compiled(axes=(1, 1, 0))
     def track(self, state: np.ndarray, scenario: np.ndarray, farthest: np.ndarray) -> np.ndarray:

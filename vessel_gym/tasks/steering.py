@@ -7,6 +7,7 @@ import numpy as np
 
 from estimators.checks import integer
 from vessel_gym.checks import check_numbers, instance
+from vessel_gym.tasks.helm import smoothness
 from vessel_gym.tasks.task import Task
 from vessel_gym.vehicles.corvette import steady_turns
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
@@ -53,6 +54,16 @@ class Steering(Task):
         """Curvatures [1/m] and yaw rates [rad/s] of steady turns."""
         turns = steady_turns(self.ship)
         return 1.0 / turns.radius, turns.yaw_rate
+
+    def smooth(self, actuators: np.ndarray, before: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Factor of the reward for the steering ``(...)``, and the score state of the next step ``(..., 2)``.
+
+        Args:
+            actuators: The rudder [rad] ``(..., 1)``.
+            before: The rudder after the step before and its rate then, as a share of the full one ``(..., 2)``.
+        """
+        rate = (actuators - before[..., :1]) / (self.ship.rudder_rate * self.dt)
+        return smoothness(rate, before[..., 1:]), np.concatenate([actuators, rate], -1)
 
     SWAY_SCALE = 2.0  # m/s
     HEADING_SCALE = 0.1  # rad, errors and uncertainty

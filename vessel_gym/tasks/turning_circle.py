@@ -184,20 +184,23 @@ class TurningCircle(Steering, verified=True):
 
     # --- how it is scored -------------------------------------------------------------------------
 
-    HEADING_TOLERANCE = 0.05  # rad, error that halves the heading's share of the reward
-    RATE_TOLERANCE = 0.15  # of the commanded yaw rate, likewise
-    HELM_COST = 0.15  # share of the reward that the full rudder rate costs
+    HEADING_TOLERANCE = 0.05  # rad, error that halves the reward
+    RATE_TOLERANCE = 0.15  # of the commanded yaw rate, error that halves the yaw rate's fifth of it
     LOST = 0.5 * np.pi  # rad, heading error at which the turn is lost
 
     end_reasons = ("", "turn lost")
     """Success is to hold the turn until time is up, a perfect reward 1 at every step."""
+
+    def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
+        """Rudder and its rate ``(..., 2)``."""
+        return np.zeros_like(state[..., :2])
 
     @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
     def score(
         self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
         action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """Reward in [0, 1] ``(...)``, end of the episode ``(...)`` and an empty score state, from the truth.
+        """Reward in [0, 1] ``(...)``, end of the episode ``(...)`` and score state ``(..., 2)``, from the truth.
 
         The kernels are sharp on purpose: with wide ones an agent trades heading for rudder.
         Rewards are never negative, so ending early never pays; the reference moves with time, so
@@ -205,6 +208,8 @@ class TurningCircle(Steering, verified=True):
         """
         heading = wrapped(reference[..., 0] - state[..., 2])
         rate = (reference[..., 1] - state[..., 5]) / reference[..., 3]
-        value = 0.8 / (1.0 + (heading / self.HEADING_TOLERANCE) ** 2) + 0.2 / (1.0 + (rate / self.RATE_TOLERANCE) ** 2)
-        reward = value * (1.0 - self.HELM_COST * action[..., 0] ** 2)
-        return reward, np.where(np.abs(heading) > self.LOST, 1, 0), score_state
+        value = (0.8 + 0.2 / (1.0 + (rate / self.RATE_TOLERANCE) ** 2)) / (
+            1.0 + (heading / self.HEADING_TOLERANCE) ** 2
+        )
+        smooth, steered = self.smooth(actuators, score_state)
+        return value * smooth, np.where(np.abs(heading) > self.LOST, 1, 0), steered

@@ -33,7 +33,6 @@ class TurningTrial(TurningCircle, verified=True):
 
     uniforms = 0
     commanding: ClassVar[slice | list[int]] = [3, 4]
-    HELM_COST = 0.0  # the trial holds the rudder over
 
     def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
         """Courses ``(B, 3)``; nothing is drawn.
