@@ -4,6 +4,7 @@ import numpy as np
 
 from agents.metrics.metric import Metric, core_of
 from agents.rollouts import Rollout
+from vessel_gym.checks import is_integer
 
 DEAD_BAND = float(np.deg2rad(0.1))
 """Motion [rad] back from a turning point that is no reversal yet: less is numerical noise, not wear."""
@@ -14,7 +15,21 @@ def _steering(rollout: Rollout) -> np.ndarray:
     """Actuators that steer [rad], ``(T + 1, N, a)``; after an episode's end they rest."""
     last = np.minimum(np.arange(len(rollout.alive))[:, None], rollout.length)
     actuators = np.take_along_axis(rollout.history["actuators"], last[..., None], axis=0)
-    return actuators[..., list(core_of(rollout).system.vehicle.steering)]
+    return actuators[..., _indices(rollout)]
+
+
+def _indices(rollout: Rollout) -> list[int]:
+    """Indices of the actuators that steer.
+
+    Raises:
+        ValueError: if the vehicle does not have one of them.
+    """
+    vehicle, count = core_of(rollout).system.vehicle, rollout.history["actuators"].shape[-1]
+    for index in vehicle.steering:
+        if not (is_integer(index) and 0 <= index < count):
+            title = f"steering of {type(vehicle).__name__}"
+            raise ValueError(f"{title} must be indices below {count}, the number of its actuators, got {index!r}")
+    return list(vehicle.steering)
 
 
 def _minutes(rollout: Rollout) -> np.ndarray:
@@ -49,7 +64,7 @@ def turning_points(values: np.ndarray, dead_band: float) -> np.ndarray:
 def _saturation(rollout: Rollout) -> np.ndarray:
     """Share of steps [%] after which an actuator is where the least or the largest action would have brought it."""
     vehicle, actuators = core_of(rollout).system.vehicle, rollout.history["actuators"]
-    steering, lived = list(vehicle.steering), rollout.alive[1:]
+    steering, lived = _indices(rollout), rollout.alive[1:]
     before = np.where(lived[..., None], actuators[:-1], actuators[:1])
     rows, most = before.reshape(-1, before.shape[-1]), np.ones((before[..., 0].size, len(vehicle.action_names)))
     low, high = (

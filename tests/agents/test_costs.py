@@ -3,12 +3,15 @@
 from dataclasses import replace
 from functools import cache
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
 from agents import Rollout, rollout
 from agents.metrics import STEERING, metrics, scores
 from agents.metrics.costs import DEAD_BAND, tails, turning_points
+from vessel_gym.envs import SigmaCorvetteEnv
+from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.vehicles.corvette import steady_turns
 from vessel_gym.vehicles.corvette_equations import (
     AROUND,
@@ -28,6 +31,7 @@ COMMON = {"score", "steering_travel", "reversals", "saturation"}
 COSTS = {
     THESIS: COMMON | {"added_resistance", "fuel", "heading_error_95", "outside"},
     SIGMA: COMMON | {"added_resistance", "fuel", "off_track_95", "outside"},
+    "SigmaChannel-v0": COMMON | {"added_resistance", "fuel", "off_track_95", "outside"},
     AUV: COMMON | {"energy", "clearance", "off_track_95", "outside"},
     "ItsunusaAUV-v0": COMMON | {"energy", "clearance", "off_track_95", "outside"},
     PUNA: COMMON | {"energy", "clearance", "off_track_95", "outside"},
@@ -136,6 +140,38 @@ def test_a_vehicle_that_says_nothing_of_its_steering_has_no_costs_of_it():
     system = flown(SIGMA).env.unwrapped.system
     mute = {m.key for m in metrics(replace(system, vehicle=Nameless()))}
     assert {m.key for m in metrics(system)} - mute == {m.key for m in STEERING}
+
+
+class TwoRudders(Ship):
+    """A ship of a user's own, whose second actuator does not exist."""
+
+    steering = (0, 1)
+
+
+class OneRudder(Ship):
+    """One whose only actuator is her rudder."""
+
+
+@pytest.mark.parametrize("vehicle", [OneRudder(), TwoRudders()])
+def test_a_vehicle_of_ones_own_has_the_costs_of_the_actuators_that_it_names(vehicle: Ship):
+    class OwnEnv(VesselVectorEnv):
+        system = replace(SigmaCorvetteEnv.system, name="Own-v0", vehicle=vehicle)
+        max_episode_steps = 60
+
+    gym.register("OwnRudders-v0", entry_point=OwnEnv, vector_entry_point=OwnEnv, max_episode_steps=60)
+    try:
+        kept = rollout("autopilot", "OwnRudders-v0", [3, 4], {"estimator": "truth", "disturbance": "calm"})
+    finally:
+        del gym.registry["OwnRudders-v0"]
+    if isinstance(vehicle, TwoRudders):
+        with pytest.raises(
+            ValueError, match=r"^steering of TwoRudders must be indices below 1, the number of its actuators, got 1$"
+        ):
+            scores(kept)
+        return
+    ours = rollout("autopilot", SIGMA, [3, 4], {"estimator": "truth", "disturbance": "calm", "max_episode_steps": 60})
+    for key in COSTS[SIGMA]:
+        np.testing.assert_allclose(scores(kept)[key], scores(ours)[key], rtol=1e-9, err_msg=key)
 
 
 # --- propulsion -------------------------------------------------------------------------------------
