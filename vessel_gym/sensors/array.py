@@ -350,6 +350,13 @@ class Sensors:
                     f"{sensor.name} corrects nothing that this filter estimates: name some of {', '.join(names)}"
                 )
         named = {name for sensor in self.each for name in sensor.corrected_states}
+        for sensor, own in self._owning:  # where a state is corrected without the bias beside it, their sum goes wrong
+            if sensor.bias is None:
+                continue
+            for j, name in enumerate(sensor.bias.states):
+                state = self.gives[own.start + j % len(sensor.bias.names)]
+                if state in names and name in names and name not in named:
+                    mask[names.index(name)] = mask[names.index(state)]
         unnamed = [i for i, name in enumerate(names) if name not in named and not mask[i].any()]
         if unnamed:  # what somebody has added, and no sensor has heard of, would never be corrected
             mask[unnamed] = depends()[unnamed]

@@ -102,7 +102,8 @@ class Sensor:
         inverse: What can be had of its measurements ``(..., k)`` besides: a function of them and of the states that
             sensors before it have given, that returns states by name; None: what it ``gives``.
         corrects: For each channel the states that it may correct in an ensemble; None: those on which its measurement
-            depends, at once or two steps on.
+            depends, at once or two steps on. A bias that no sensor names is corrected with the state that its channel
+            gives.
         latency: Seconds from a measurement to its arrival,
         jitter: and the most that may be added to them: each measurement comes later by any whole number of steps up to
             that, so that one may overtake another.
