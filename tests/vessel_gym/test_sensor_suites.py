@@ -23,8 +23,8 @@ SHIP, AUV, THESIS, AIRCRAFT = "SigmaCorvette-v0", "SegorogeniAUV-v0", "ThesisCor
 GRADED = [env_id for env_id in ENVIRONMENTS if hasattr(single_class(env_id).system.vehicle, "grades")]
 every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
 every_graded = pytest.mark.parametrize("env_id", GRADED)
-FIX = {THESIS: "gyro compass", AIRCRAFT: "GNSS", "vessel_gym/FixedWing-v0": "GNSS"}
-FIX |= dict.fromkeys((SHIP, "vessel_gym/Ship-v0", "HeavyShip-v0"), "receiver")
+FIXES = ("receiver", "GNSS", "acoustic position", "USBL", "gyro compass")
+"""Sensors of a position; the last where a vehicle has none of the others."""
 
 
 def system_of(env_id: str) -> Any:
@@ -140,8 +140,9 @@ def test_a_lost_fix_takes_its_measurements_and_nothing_else(env_id: str):
     few = FEW_MEMBERS.get(system_of(env_id).estimator)
     one, other = (make_core(env_id, 3, seed=5, estimator_options=few, sensors=name) for name in ("nominal", "denied"))
     (fault,) = other.sensors.faults
-    assert fault.sensor == FIX.get(env_id, "USBL" if env_id == "Usbl-v0" else "acoustic position")
-    own = other.sensors.owner == [sensor.name for sensor in other.sensors.each].index(fault.sensor)
+    names = [sensor.name for sensor in other.sensors.each]
+    assert fault.sensor == next(name for name in FIXES if name in names)
+    own = other.sensors.owner == names.index(fault.sensor)
     one.reset()
     other.reset()
     for k in range(30):
