@@ -9,7 +9,7 @@ from agents.page import Table, listed, number, words
 from agents.statistics import EQUIVALENT, UNDECIDED, WORSE, Interval
 from agents.studies import shares
 from agents.studies.confirmation import CONFIRMED, FAILED, OPEN, Confirmed, confirmed
-from agents.studies.measures import beyond
+from agents.studies.ranking import beyond
 from agents.studies.records import FEW_SEEDS, FLOOR, ORACLE
 from agents.studies.results import Results
 from agents.studies.wording import amount, capitalised, every, many, microseconds, named, note, percent, share_entry
@@ -119,8 +119,9 @@ def _steering(results: Results, environment: str, estimator: str) -> list[str]:
     place, known = results.places([environment])[0], results.metrics(environment)
     found = []
     for metric in (m for m in STEERING[:2] if m in known):
-        more, truth = beyond(results, place, estimator, metric), results.mean(place, results.classical, ORACLE, metric)
-        found += [] if more is None or truth is None else [(words(more, 1, signed=True), number(truth.mean, 1))]
+        more = beyond(results, place, results.classical, estimator, metric)
+        truth = results.mean(place, results.classical, ORACLE, metric)
+        found += [(words(more, 1, signed=True), number(truth.mean, 1))] if isinstance(more, Interval) and truth else []
     if len(found) < 2:
         return []
     (travel, travel_on_truth), (turns, turns_on_truth) = found

@@ -1,4 +1,4 @@
-"""Sections of a report: costs beside the score, consistency, example episodes and everything else that is measured."""
+"""Sections of a report: consistency, example episodes and everything else that is measured."""
 
 from collections.abc import Iterable, Sequence
 from itertools import product
@@ -6,48 +6,12 @@ from itertools import product
 import numpy as np
 
 from agents.episodes import Episode
-from agents.metrics import NEES, SCORE, UNHEALTHY, WITHOUT_COVARIANCE, Metric, mean, metrics
+from agents.metrics import NEES, SCORE, UNHEALTHY, WITHOUT_COVARIANCE, Metric, metrics
 from agents.page import Block, Entry, Live, Section, entry, listed, number
-from agents.statistics import Interval
 from agents.studies.examples import examples
-from agents.studies.records import ORACLE
 from agents.studies.results import Place, Results
-from agents.studies.wording import note, tabled
+from agents.studies.wording import file_name, meanings, note, tabled
 from agents.studies.worlds import system_of
-
-
-def costs(results: Results) -> Section:
-    """Costs of the vehicle's owner on each estimator beyond those on the truth."""
-    blocks: list[Block] = []
-    who = results.classical
-    for environment in results.environments:
-        place = results.places([environment])[0]
-        chosen = [SCORE, *(m for m in metrics(system_of(environment)) if m.cost)]
-        on_truth = [entry(results.mean(place, who, ORACLE, m), m.decimals) for m in chosen]
-        rows = [
-            (name, [entry(beyond(results, place, name, m), m.decimals, signed=True) for m in chosen])
-            for name in results.estimators(environment, who)
-            if name != ORACLE
-        ]
-        sections = {f"On the {ORACLE}": [(ORACLE, on_truth)], f"More than on the {ORACLE}": rows}
-        text = " ".join((note("costs", who=results.who, oracle=ORACLE), _meanings(chosen)))
-        heads = [(m.label, m.unit) for m in chosen]
-        blocks += tabled(_file("costs", environment), f"Costs: {environment}, {place.condition}", text, heads, sections)
-    return Section("What the owner pays", blocks)
-
-
-def beyond(results: Results, place: Place, name: str, metric: Metric) -> Interval | None:
-    """Mean difference of a metric from that on the truth at the same seeds; None where either was not flown."""
-    ours, truth = (results.figure(place, results.classical, each, metric.key) for each in (name, ORACLE))
-    return None if ours is None or truth is None else mean(metric, ours - truth)
-
-
-def _meanings(chosen: Sequence[Metric]) -> str:
-    return " ".join(f"{m.label}: {m.meaning}" for m in chosen)
-
-
-def _file(name: str, environment: str) -> str:
-    return f"{name}-{environment}".lower().replace(":", "-")
 
 
 def consistency(results: Results) -> Section:
@@ -114,7 +78,7 @@ def measures(results: Results) -> Section:
         estimated = [m for m in known if m.key.endswith(("_rmse", "_nees"))]
         for kind, name, along, chosen in (
             ("How the vehicle was steered", "steering", "", [m for m in known if m not in estimated and not m.cost]),
-            ("What steering cost", "steering-costs", "", [m for m in known if m.cost]),
+            ("Costs on each estimator", "costs-on-each", "", [m for m in known if m.cost]),
             ("How well the state was estimated", "estimation",
              "Along the track that was flown on that estimator.", estimated),
         ):  # fmt: skip
@@ -129,9 +93,9 @@ def _table(
     place, who = results.places([environment])[0], results.classical
     flown = [n for n in results.estimators(environment, who) if results.figure(place, who, n) is not None]
     rows = [(on, [entry(results.mean(place, who, on, m), m.decimals) for m in chosen]) for on in flown]
-    text = " ".join(filter(None, (note("measures", who=results.who, meanings=_meanings(chosen)), more)))
+    text = " ".join(filter(None, (note("measures", who=results.who, meanings=meanings(chosen)), more)))
     title, heads = f"{title}: {environment}, {place.condition}", [(m.label, m.unit) for m in chosen]
-    return tabled(_file(name, environment), title, text + _partly(results, place, chosen), heads, {"": rows})
+    return tabled(file_name(name, environment), title, text + _partly(results, place, chosen), heads, {"": rows})
 
 
 def _partly(results: Results, place: Place, chosen: Sequence[Metric]) -> str:

@@ -4,14 +4,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from agents.page import Block, Entry, Prose, Section, Table
+from agents.metrics import SCORE, Metric, metrics
+from agents.page import Block, Entry, Prose, Section, Table, entry, number
 from agents.statistics import BETTER, EQUIVALENT, WORSE, Interval, verdict
 from agents.studies.confirmation import CONFIRMED, FAILED, OPEN, Confirmed
 from agents.studies.figures import Row, dots, framed, looks, share_rows
 from agents.studies.records import FLOOR, ORACLE, RAW, Study
 from agents.studies.results import Place, Policy, Results
 from agents.studies.shares import ALL, ENDS, columns, common, gap, kept, learners, rankable, ruled
-from agents.studies.wording import grouped, many, note, percent, share_entry, tabled
+from agents.studies.wording import file_name, grouped, many, meanings, note, percent, share_entry, tabled
+from agents.studies.worlds import system_of
 
 
 def ranking(results: Results) -> Section:
@@ -140,6 +142,43 @@ def price(results: Results) -> Section:
     text = note("price", who=results.who, learned=learned)
     table = tabled("price", "Score lost against the truth", text, results.conditions, sections)
     return Section("The price of estimation", [*_price_figure(results), *table] if table else [])
+
+
+def costs(results: Results) -> Section:
+    """Costs of the vehicle's owner beyond those of the classical agent on the truth."""
+    blocks: list[Block] = []
+    for environment in results.environments:
+        place = results.places([environment])[0]
+        chosen = [SCORE, *(m for m in metrics(system_of(environment)) if m.cost)]
+        on_truth = [entry(results.mean(place, results.classical, ORACLE, m), m.decimals) for m in chosen]
+        rows = [
+            (label, [_difference(beyond(results, place, who, on, m), m.decimals) for m in chosen])
+            for label, who, on in _flown(results, environment)
+            if (who, on) != (results.classical, ORACLE)
+        ]
+        sections = {f"On the {ORACLE}": [(ORACLE, on_truth)], f"More than on the {ORACLE}": rows}
+        learned = "; learned agents, on the estimator of their training" if learners(results) else ""
+        text = " ".join((note("costs", who=results.who, oracle=ORACLE, learned=learned), meanings(chosen)))
+        title, heads = f"Costs: {environment}, {place.condition}", [(m.label, m.unit) for m in chosen]
+        blocks += tabled(file_name("costs", environment), title, text, heads, sections)
+    return Section("What the owner pays", blocks)
+
+
+def beyond(results: Results, place: Place, who: Policy, on: str, metric: Metric) -> Interval | float | None:
+    """Mean difference of a metric from that of the classical agent on the truth at the same seeds.
+
+    Seeds that lack it in a run are left out; None where either was not flown, a number for one training run.
+    """
+    ours, truth = (results.figure(place, *each, metric.key) for each in ((who, on), (results.classical, ORACLE)))
+    if ours is None or truth is None:
+        return None
+    more = ours - truth
+    more = more[:, np.isfinite(more).all(axis=0)]
+    return results.interval(who, more) if more.size else None
+
+
+def _difference(value: Interval | float | None, decimals: int) -> Entry:
+    return Entry(number(value, decimals, True)) if isinstance(value, float) else entry(value, decimals, signed=True)
 
 
 def _flown(results: Results, environment: str, without: tuple[str, ...] = ()) -> list[tuple[str, Policy, str]]:

@@ -12,9 +12,9 @@ from agents.studies.confirmation import confirmed
 from agents.studies.cost import cost
 from agents.studies.examples import examples
 from agents.studies.learning import learning
-from agents.studies.measures import consistency, costs, episodes, measures
+from agents.studies.measures import consistency, episodes, measures
 from agents.studies.plan import Flight
-from agents.studies.ranking import confirmation, price, ranking, tails
+from agents.studies.ranking import confirmation, costs, price, ranking, tails
 from agents.studies.records import FLOOR
 from agents.studies.results import Results
 from agents.studies.robustness import AXES, robustness

@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
+from agents.metrics import Metric
 from agents.page import Block, Entry, Table, entry, number, words
 from agents.statistics import Interval
 
@@ -89,6 +90,16 @@ def capitalised(text: str) -> str:
 def many(count: int, noun: str) -> str:
     """A number of things."""
     return f"{count} {noun}{'s' if count != 1 else ''}"
+
+
+def meanings(chosen: Sequence[Metric]) -> str:
+    """Meanings of metrics, a sentence each."""
+    return " ".join(f"{m.label}: {m.meaning}" for m in chosen)
+
+
+def file_name(table: str, environment: str) -> str:
+    """Name of the file of an environment's table."""
+    return f"{table}-{environment}".lower().replace(":", "-")
 
 
 Rows = Sequence[tuple[str, list[Entry]]]

@@ -333,6 +333,16 @@ def test_costs_of_steering_stand_beside_the_score_as_differences_from_the_truth(
         assert shown["More than on the truth", "kf"][metric.label] == str(expected)
 
 
+def test_costs_of_learned_agents_stand_beside_those_of_the_classical_one(learned, taught):
+    shown, place = rows(taught, "costs-sigmacorvette-v0"), learned.places([CORVETTE])[0]
+    metric, policy = STEERING[0], Policy("PPO", "ekf")
+    ours, truth = (learned.figure(place, *each, metric.key) for each in ((policy, "ekf"), (learned.classical, "truth")))
+    expected = entry(learned.interval(policy, ours - truth), metric.decimals, signed=True)
+    row = shown["More than on the truth", "PPO trained on ekf, on ekf"]
+    assert row[metric.label] == str(expected)
+    assert row["Score"] != "–"
+
+
 def test_the_answer_names_what_steering_costs_on_the_best_of_one_environment(small, classical):
     truth = small.mean(small.places()[0], small.classical, "truth", STEERING[0])
     (told,) = (line for line in answer(small) if line.startswith("Costs of steering in nominal"))
