@@ -93,7 +93,7 @@ class Program:
     """and the users' functions that are part of it."""
 
     def __init__(self) -> None:
-        self.kinds: list[str] = []
+        self.kinds: Any = []
         self.sizes: dict[int, int] = {}
         self.constants: dict[int, Any] = {}
         self.tables: dict[int, np.ndarray] = {}
@@ -213,7 +213,7 @@ class Program:
     def complete(self, outputs: Sequence[int]) -> tuple[Instruction, ...]:
         """The same of a program to which nothing will be added."""
         live = tuple(self.live(outputs))
-        self._blocks, self._constants = [{}], {}
+        self._blocks, self._constants, self.kinds = [{}], {}, "".join(self.kinds)
         return live
 
 
