@@ -389,8 +389,6 @@ def assess(
 
 # --- the figure -------------------------------------------------------------------------------------
 
-_LINE, _BAND = "#1f5a94", "#c9d6e3"
-
 
 def consistency_figure(report: Consistency) -> "Figure":
     """The four tests in four panels, each with what is expected (dashed) and the band of a consistent filter.
