@@ -1,4 +1,4 @@
-"""What the pages on sensors, disturbances, tasks and vehicles of one's own show runs, is short, and stands a study."""
+"""Sensors, disturbances, tasks and vehicles of one's own as their pages show them, and what users' functions may do."""
 
 import contextlib
 import io
@@ -43,12 +43,6 @@ def test_a_part_of_ones_own_takes_thirty_lines_at_most_and_a_vehicle_forty(modul
     assert len([line for line in code(module).splitlines() if line.strip()]) <= (40 if module == "my_vehicle" else 30)
 
 
-@pytest.mark.parametrize("page", [*PAGES.values(), "time-at-sea"])
-def test_what_else_a_page_shows_runs(page: str) -> None:
-    for example in blocks(page, "python"):
-        exec(compile(example, page, "exec"), {"__name__": "page"})
-
-
 @pytest.mark.parametrize("env_id", [*OWN, "Catamaran-v0"])
 def test_filters_run_the_equations_of_a_page_compiled_with_their_exact_derivatives(catamaran: str, env_id: str) -> None:
     env: Any = gym.make(env_id, estimator="ekf")
@@ -80,7 +74,7 @@ def test_every_estimator_that_ours_carry_carries_a_part_of_ones_own(env_id: str,
 
 
 @pytest.mark.slow
-def test_who_is_told_of_ones_own_sensor_or_disturbance_is_as_good_as_it_says() -> None:
+def test_filters_that_assume_ones_own_sensor_or_disturbance_are_consistent() -> None:
     """64 dives: the mean NEES of 14 components over hundreds of steps lies within a quarter of its expectation.
 
     Of 1,536 dives on other seeds two missed their goal: that three of 64 do happens once in ten thousand times.
@@ -99,9 +93,9 @@ def test_a_sensor_of_ones_own_is_not_ignored_by_the_default_filter() -> None:
     for name, sensors in (("with", my_sensor.SENSORS), ("without", without)):
         flown = rollout("autopilot", "SegorogeniAUV-v0", range(16), {"sensors": sensors})
         error[name] = scores(flown)["position_rmse"].mean()
-        told = flown.env.unwrapped.core.composition.localisation
-        assert told.any(0).all()  # no measurement is ignored, and no state left uncorrected
-        assert told.any(1).all() or name == "without"
+        localised = flown.env.unwrapped.core.composition.localisation
+        assert localised.any(0).all()  # no measurement is ignored, and no state left uncorrected
+        assert localised.any(1).all() or name == "without"
     assert error["with"] < 0.8 * error["without"]
 
 
@@ -147,17 +141,6 @@ def test_a_study_runs_over_parts_of_ones_own(tmp_path: Path) -> None:
     outcome = run(list(jobs.values()), tmp_path / "results", processes=1)
     assert not outcome.failures
     assert len(jobs) == 4 * 4  # dead-reckoning flies in any case
-
-
-def test_an_environment_of_ones_own_can_be_pickled() -> None:
-    import pickle
-
-    env = gym.make("Shear-v0", estimator="ekf").unwrapped
-    env.reset(seed=0)
-    copy = pickle.loads(pickle.dumps(env))
-    for _ in range(5):
-        action = np.full(3, 0.2, np.float32)
-        np.testing.assert_array_equal(copy.step(action)[0], env.step(action)[0])
 
 
 def test_the_name_of_another_environment_is_not_taken() -> None:
@@ -270,7 +253,7 @@ STATES = SYSTEM.vehicle.state_names
 
 
 class Writing(Disturbance):
-    """A current, whose effect writes where it reads if it is told to."""
+    """A current, whose effect writes where it reads on request."""
 
     names = forces = ("current north", "current east")
     process = Process.wandering((0.2, 0.2), time=200.0, dt=0.1)
@@ -298,7 +281,7 @@ def writing_sensors(writes: bool) -> list[Sensor]:
 
 
 class WritingTask(Task):
-    """A dive that nobody guides; its functions write into all that they are handed if they are told to."""
+    """A dive that nobody guides; its functions write into all that they are handed on request."""
 
     vehicle, horizon, uniforms, ends = ItsunusaAUVEnv.system.vehicle, 60, 1, ("",)
     prior_sd = (0.05, 0.05, 0.02, 0.2, 0.2, 0.05)
@@ -333,7 +316,7 @@ class WritingTask(Task):
 
 
 class WritingVehicle(type(ItsunusaAUVEnv.system.vehicle)):  # type: ignore[misc]
-    """ITSUNUSA, whose functions write into all that they are handed if they are told to."""
+    """ITSUNUSA, whose functions write into all that they are handed on request."""
 
     writes = False
 
@@ -549,7 +532,7 @@ def test_an_array_of_another_shape_or_kind_is_refused_in_a_sentence(
     assert len(message) < 300
 
 
-def test_nan_in_a_tally_is_refused_and_infinity_and_rewards_of_any_range_are_not() -> None:
+def test_nan_in_a_score_state_is_refused_and_infinity_and_rewards_of_any_range_are_not() -> None:
     base = TurningCircle.score
 
     def remembering(first: float, later: float) -> Any:

@@ -1,6 +1,5 @@
 """The truth for the critic alone: the actor has no input for it, in the network, the learning and the flight."""
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,12 +18,11 @@ from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
 import agents.training.critic
 import agents.training.ppo
 from agents import load_agent, rollout, save_agent
-from agents.training.critic import TruthLstmPolicy, TruthPolicy, TruthVecEnv, oracle_view
+from agents.training.critic import TruthLstmPolicy, TruthPolicy, TruthVecEnv
 from agents.training.ppo import MEMORIES, train
 from agents.training.vec_env import StableBaselinesVecEnv
 from studies.critic.benchmark import leaking
 
-PAGE = Path(__file__).parents[2] / "docs/critic.md"
 ENV = "SigmaCorvette-v0"
 RAW = {"observe": "measurement", "estimator": "measurement"}
 VEHICLES = ("SigmaCorvette-v0", "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0", "ThesisCorvette-v0")
@@ -307,21 +305,6 @@ def test_frames_have_the_truth_of_their_own_moment_beside_them():
     np.testing.assert_array_equal(actor(torch.as_tensor(own)).numpy(), own)  # in flight
 
 
-def test_the_environment_s_own_observation_and_info_are_as_without_a_critic():
-    plain, env = (gym.make_vec(ENV, num_envs=ROWS) for _ in range(2))
-    plain.reset(seed=1)
-    watched = TruthVecEnv(env)
-    watched.seed(1)
-    watched.reset()
-    for action in leaning(5, 1):
-        expected, *_, info = plain.step(action)
-        before = oracle_view(env.core).copy()
-        given, *_, other_info = env.step(action)
-        np.testing.assert_array_equal(given, expected)
-        assert other_info.keys() == info.keys()
-        assert (oracle_view(env.core) != before).any()
-
-
 def test_an_end_that_is_overwritten_is_refused_in_a_sentence(tmp_path: Path):
     batch = gym.make_vec(ENV, num_envs=2, autoreset_mode=AutoresetMode.SAME_STEP)
     with refused(ValueError, "critic='truth' asks for the truth at the end of an episode"):
@@ -372,12 +355,3 @@ def test_another_critic_is_refused_in_a_sentence_before_anything_is_made(tmp_pat
     with refused(ValueError, r"critic must be 'truth', or None .*, got"):
         train(ENV, tmp_path / "agent.zip", critic=critic)
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.slow
-def test_what_the_page_shows_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.chdir(tmp_path)
-    examples = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
-    assert len(examples) == 2
-    for example in examples:
-        exec(compile(example, str(PAGE), "exec"), {"__name__": "page"})

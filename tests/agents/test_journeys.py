@@ -4,7 +4,6 @@
 """
 
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -119,12 +118,3 @@ def test_an_inflated_plain_ensemble_loses_the_aircraft_s_position():
     assert (plain.end == "arrived").sum() < 90 <= (localised.end == "arrived").sum()
     assert scores(plain)["position_rmse"].mean() > 1.5 * scores(localised)["position_rmse"].mean()
     assert gained(localised, plain)
-
-
-@pytest.mark.parametrize("page", ["dives.md", "flight.md"])
-def test_the_example_of_the_page_runs(page: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    text = (Path(__file__).parents[2] / "docs" / page).read_text(encoding="utf-8")
-    code = text[text.index("```python\n") + len("```python\n") :].split("```")[0]
-    monkeypatch.setattr("agents.seeds.evaluation_seeds", lambda count: evaluation_seeds(3))
-    exec(compile(code, page, "exec"), {"__name__": "page"})
-    assert capsys.readouterr().out.count("position_nees") == 4

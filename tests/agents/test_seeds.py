@@ -50,10 +50,6 @@ def test_evaluation_seeds_are_consecutive_from_the_first():
     assert evaluation_seeds(1, first=999_999) == [EVALUATION[-1]]
 
 
-def test_tuning_seeds_are_consecutive():
-    assert tuning_seeds(3) == [TUNING[0] + i for i in range(3)]
-
-
 @pytest.mark.parametrize(
     ("count", "first", "advice"),
     [(0, 0, ": ask for at least 1"), (-1, 0, ": ask for at least 1"), (100, -1, "$"), (1_000_001, 0, ""),

@@ -49,10 +49,6 @@ def test_the_digest_does_not_change_with_what_a_module_does_not_use(package):
     assert package(report="changed = True\n") == package()
 
 
-def test_the_digest_is_the_same_again(package):
-    assert package() == package()
-
-
 def test_a_circle_of_imports_ends(package):
     assert package(relative="import {0}.work\n") != package()
 

@@ -1,4 +1,3 @@
-import re
 from pathlib import Path
 
 import numpy as np
@@ -393,9 +392,3 @@ def test_the_interval_of_the_best_of_several_equals_holds_its_mean(estimators):
                     for n in (1, estimators))  # fmt: skip
     assert among >= 0.92
     assert alone < 0.89
-
-
-def test_the_example_of_the_page_runs():
-    page = (Path(__file__).parents[2] / "docs" / "statistics.md").read_text(encoding="utf-8")
-    [code] = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
-    exec(compile(code, "docs/statistics.md", "exec"), {"__name__": "page"})

@@ -7,7 +7,6 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
-from pages import blocks
 from refusals import refused
 
 from agents import load_agent, rollout
@@ -66,11 +65,6 @@ def test_it_flies_without_loading_torch():
     )
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert done.stdout == "set()\n", done.stderr
-
-
-def test_the_example_of_the_page_runs():
-    (example,) = blocks("agents", "python")
-    exec(compile(example, "agents.md", "exec"), {"__name__": "page"})
 
 
 @pytest.mark.parametrize(

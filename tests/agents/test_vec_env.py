@@ -44,7 +44,7 @@ def test_every_step_equals_that_of_single_environments_with_staggered_ends():
     np.testing.assert_allclose(observations, expected, rtol=0, atol=1e-6)
     returns, lengths = np.zeros(ROWS), np.zeros(ROWS, int)
     ends = {True: 0, False: 0}
-    alone = 0
+    alone, kept = 0, []
     for actions in leaning_actions(1):
         observations, rewards, dones, infos = env.step(actions)
         assert observations.dtype == rewards.dtype == np.float32
@@ -66,6 +66,7 @@ def test_every_step_equals_that_of_single_environments_with_staggered_ends():
             ends[truncated] += 1
             last = infos[i]["terminal_observation"]
             assert last.dtype == np.float32
+            kept.append((last, last.copy()))
             np.testing.assert_allclose(last, observation, rtol=0, atol=1e-6)
             assert infos[i]["TimeLimit.truncated"] == (truncated and not terminated)
             assert abs(infos[i]["episode"]["r"] - returns[i]) < 1e-9
@@ -79,23 +80,12 @@ def test_every_step_equals_that_of_single_environments_with_staggered_ends():
     assert ends[True] >= 4
     assert ends[False] >= 4
     assert alone >= 3
-
-
-def test_a_last_observation_does_not_change_when_the_environment_goes_on():
-    env = adapter(disturbance="rough")
-    env.seed(3)
-    env.reset()
-    kept = []
-    for actions in leaning_actions(3):
-        _, _, _, infos = env.step(actions)
-        kept += [(info["terminal_observation"], info["terminal_observation"].copy()) for info in infos if info]
-    assert len(kept) > 4
-    for held, copy in kept:
-        np.testing.assert_array_equal(held, copy)
+    for last, copy in kept:  # it does not change when the environment goes on
+        np.testing.assert_array_equal(last, copy)
 
 
 class ScriptedEnv(VectorEnv):
-    """Two rows that end as told; their observations count steps."""
+    """Two rows with given ends; their observations count steps."""
 
     metadata = {"autoreset_mode": AutoresetMode.SAME_STEP}
 
@@ -252,14 +242,6 @@ def small_ppo(env: VecEnv) -> PPO:
                device="cpu")  # fmt: skip
 
 
-def test_ppo_learns_on_it():
-    model = small_ppo(adapter())
-    before = [p.detach().clone() for p in model.policy.parameters()]
-    model.learn(2 * 16 * ROWS + 300)
-    assert any((a != b).any() for a, b in zip(before, model.policy.parameters(), strict=True))
-    assert len(model.ep_info_buffer) >= ROWS  # without a Monitor
-
-
 def test_ppo_learns_through_another_wrapper():
     model = small_ppo(VecNormalize(adapter()))
     model.learn(16 * ROWS)
@@ -281,10 +263,13 @@ def test_stable_baselines3_evaluates_a_policy_on_it_and_warns_of_nothing():
     assert (total, steps) == (pytest.approx(returns[0], abs=1e-3), lengths[0])
 
 
-def test_stable_baselines3_evaluates_while_it_learns():
+def test_stable_baselines3_learns_and_evaluates_while_it_does():
     model = small_ppo(adapter())
+    before = [p.detach().clone() for p in model.policy.parameters()]
     callback = EvalCallback(adapter(), n_eval_episodes=2, eval_freq=16, verbose=0, warn=False)
-    model.learn(16 * ROWS, callback=callback)
+    model.learn(2 * 16 * ROWS + 300, callback=callback)
+    assert any((a != b).any() for a, b in zip(before, model.policy.parameters(), strict=True))
+    assert len(model.ep_info_buffer) >= ROWS  # without a Monitor
     assert 0.0 <= callback.last_mean_reward <= LIMIT
 
 
@@ -300,7 +285,7 @@ class Judged(ScriptedEnv):
         return *rest, info | {"final_info": success}
 
 
-def test_the_success_of_an_episode_is_told_at_its_end():
+def test_the_success_of_an_episode_is_reported_at_its_end():
     env = StableBaselinesVecEnv(Judged())
     env.reset()
     _, _, _, infos = env.step(np.zeros((2, 1)))

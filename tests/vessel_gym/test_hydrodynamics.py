@@ -413,14 +413,16 @@ def test_positive_fins_turn_to_port_and_dive_and_steady_the_course(torpedo):
 # --- against published vehicles ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("name", "published"),
-    [("X_udot", -0.93), ("Y_vdot", -35.5), ("Z_wdot", -35.5), ("Y_rdot", 1.93), ("N_vdot", 1.93), ("Z_qdot", -1.93),
-     ("M_wdot", -1.93), ("M_qdot", -4.88), ("N_rdot", -4.88), ("Y_vv", -131.0), ("Z_ww", -131.0), ("M_qq", -9.4),
-     ("N_rr", -9.4)],
-)  # fmt: skip
-def test_remus_has_the_published_coefficients_within_a_quarter(name, published):
-    assert getattr(REMUS.coefficients(), name) == pytest.approx(published, rel=0.25)
+def test_remus_has_the_published_coefficients_within_a_quarter():
+    """Those of added mass, of drag across and of the fins; docs/hydrodynamics.md says why the others differ."""
+    near = ("X_udot", "Y_vdot", "Y_rdot", "Z_qdot", "M_qdot", "Y_vv", "M_qq", "Y_uudr", "M_uuds")
+    found = {name.partition(",")[0]: (ours, published) for name, published, ours, _ in remus_rows()}
+    for name in near:
+        ours, published = found[name]
+        assert ours == pytest.approx(published, rel=0.25), name
+    c = REMUS.coefficients()
+    alike = [("Y_vdot", "Z_wdot"), ("Y_rdot", "N_vdot"), ("Z_qdot", "M_wdot"), ("M_qdot", "N_rdot"), ("Y_vv", "Z_ww")]
+    assert all(getattr(c, one) == getattr(c, other) for one, other in [*alike, ("M_qq", "N_rr")])
 
 
 def test_lamb_s_spheroid_without_fins_is_too_light_for_remus():
@@ -430,10 +432,8 @@ def test_lamb_s_spheroid_without_fins_is_too_light_for_remus():
     assert turning * mass * (1.3327**2 + 0.191**2) / 20 / 4.88 == pytest.approx(0.39, abs=0.005)
 
 
-def test_one_fin_of_remus_has_the_published_lift_within_a_quarter_and_the_vehicle_has_two():
+def test_the_vehicle_has_two_fins_of_each_kind():
     one, c = REMUS.fin_lift(), REMUS.coefficients()
-    assert one == pytest.approx(9.64, rel=0.25)
-    assert one * -0.638 == pytest.approx(-6.15, rel=0.25)
     assert c.Y_uudr == -c.Z_uuds == 2 * one
     assert c.N_uudr == c.M_uuds == pytest.approx(2 * one * -0.638)
 

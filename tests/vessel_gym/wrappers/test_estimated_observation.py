@@ -218,9 +218,9 @@ def test_another_truth_under_the_same_measurements_changes_no_observation(observ
     flights = []
     for world in (Linear(), Elsewhere()):
         measurements = np.random.default_rng(1).normal(size=41)
-        told = Sensor("assume", ("y",), lambda x, u, r=measurements: np.full((*x.shape[:-1], 1), r[0]), (0.1,))
+        replayed = Sensor("replayed", ("y",), lambda x, u, r=measurements: np.full((*x.shape[:-1], 1), r[0]), (0.1,))
         kind = Leaky if leaks else EstimatedObservation
-        env = kind(world, LINEAR, LINEAR_PRIOR, estimator=estimator, sensors=[told], observe=observe)
+        env = kind(world, LINEAR, LINEAR_PRIOR, estimator=estimator, sensors=[replayed], observe=observe)
         flights.append(_flown(env))
     for one, other in zip(*flights, strict=True):
         assert np.abs(one["truth"] - other["truth"]).min() > 0.5
@@ -293,9 +293,9 @@ def test_rows_of_a_vector_fly_as_single_ones_over_their_ends(estimator: str, mod
             over[:] = False
         seen, _, terminated, truncated, info = many.step(actions)
         for i, one in enumerate(ones):
-            alone, *_, told = one.reset() if over[i] else one.step(actions[i])
+            alone, *_, single_info = one.reset() if over[i] else one.step(actions[i])
             np.testing.assert_array_equal(alone, seen[i])
-            np.testing.assert_array_equal(told["measurement"], info["measurement"][i])
+            np.testing.assert_array_equal(single_info["measurement"], info["measurement"][i])
         over = terminated | truncated
     assert many.watch.episodes.min() >= 1
 
@@ -321,12 +321,12 @@ def test_functions_of_a_batch_must_keep_its_rows():
     flat = lambda x: [np.cos(x[..., 0]), np.sin(x[..., 0]), x[..., 1]]  # noqa: E731
     with refused(ValueError, r"wants \(3,\) numbers, the estimate gives shape \(3, 4\)"):
         EstimatedObservations(envs, **given, observation=flat).reset(seed=0)
-    told = EstimatedObservations(
+    mixed = EstimatedObservations(
         envs, **given, observation=lambda x: np.stack(flat(x), -1), known_input=lambda a: np.moveaxis(a, -1, 0)
     )
-    told.reset(seed=0)
+    mixed.reset(seed=0)
     with pytest.raises(ValueError, match=r"known_input must give an array \(4, 1\)"):
-        told.step(np.zeros((4, 1), np.float32))
+        mixed.step(np.zeros((4, 1), np.float32))
     three = SyncVectorEnv([partial(gym.make, "Pendulum-v1")] * 3)  # as many as an observation has components
     with pytest.raises(ValueError, match="observation must give a row for each environment, and mixes them"):
         EstimatedObservations(three, **given, observation=flat)
@@ -527,7 +527,7 @@ def test_what_is_done_with_late_measurements_is_said_and_counted():
     assert [errors[how][1] for how in errors] == [0, 0, 146]
 
 
-def test_faults_of_sensors_act_and_are_told_in_info():
+def test_faults_of_sensors_act_and_stand_in_info():
     fault = SensorFault("y1", "bias", size=0.5, begin=5.0, end=9.0)
     flights = [_flown(cart_pole(sensor_faults=faults), steps=12) for faults in ((), [fault])]
     for k, (one, other) in enumerate(zip(*flights, strict=True)):
@@ -572,19 +572,6 @@ def test_rewards_of_goals_can_be_computed_and_are_those_of_the_truth(name: str):
     assert not hasattr(pendulum(), "compute_reward")
 
 
-COPIES = [copy.deepcopy, lambda env: cloudpickle.loads(cloudpickle.dumps(env))]
-
-
-@pytest.mark.parametrize("copied", COPIES)
-def test_a_copy_goes_on_as_the_original_does(copied: Callable[[gym.Env], gym.Env]):
-    env = cart_pole(estimator="enkf")
-    env.reset(seed=3)
-    env.step(1)
-    again = copied(env)
-    np.testing.assert_array_equal(env.step(0)[0], again.step(0)[0])
-    np.testing.assert_array_equal(env.reset()[0], again.reset()[0])
-
-
 def _swing(x, u):
     rate = np.clip(x[..., 1] + (15.0 * np.sin(x[..., 0]) + 3.0 * u[..., 0]) * 0.05, -8.0, 8.0)
     return np.stack([x[..., 0] + 0.05 * rate, rate], -1)
@@ -606,25 +593,39 @@ def _pendulum_seen(x):
     return np.stack([np.cos(x[..., 0]), np.sin(x[..., 0]), x[..., 1]], -1)
 
 
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
-@pytest.mark.parametrize("rows", [None, 2])
-def test_a_wrapper_of_named_functions_is_copied_and_pickled_in_an_episode(copied: Callable[[Any], Any], rows: Any):
-    model = NonlinearModel(
-        _swing, _angle, 1e-9 * np.eye(2), [[0.0025]], state_angles=(0,), measurement_angles=(0,)
-    )  # fmt: skip
+def _named_pendulum(rows: int | None = None) -> Any:
+    """A wrapper of functions that have names, which alone can be pickled."""
+    model = NonlinearModel(_swing, _angle, 1e-9 * np.eye(2), [[0.0025]], state_angles=(0,), measurement_angles=(0,))
     prior, asked = Gaussian([0.0, 0.0], np.diag([3.3, 0.33])), {"observation": _pendulum_seen, "estimator": "ukf"}
     if rows is None:
-        env: Any = EstimatedObservation(gym.make("Pendulum-v1"), model, prior, _pendulum_state, **asked)
-    else:
-        many = SyncVectorEnv([lambda: gym.make("Pendulum-v1")] * rows)
-        many.env_fns = ()  # which are of no use any more
-        env = EstimatedObservations(many, model, prior, _pendulum_states, **asked)
+        return EstimatedObservation(gym.make("Pendulum-v1"), model, prior, _pendulum_state, **asked)
+    many = SyncVectorEnv([lambda: gym.make("Pendulum-v1")] * rows)
+    many.env_fns = ()  # which are of no use any more
+    return EstimatedObservations(many, model, prior, _pendulum_states, **asked)
+
+
+def _pickled(env: Any) -> Any:
+    return pickle.loads(pickle.dumps(env))
+
+
+def _cloudpickled(env: Any) -> Any:
+    return cloudpickle.loads(cloudpickle.dumps(env))
+
+
+COPIES = [(partial(cart_pole, estimator="enkf"), copied) for copied in (copy.deepcopy, _cloudpickled)]
+COPIES += [(partial(_named_pendulum, rows), copied) for rows in (None, 2) for copied in (copy.deepcopy, _pickled)]
+
+
+@pytest.mark.parametrize(("make", "copied"), COPIES)
+def test_a_copy_goes_on_as_the_original_does(make: Callable[[], Any], copied: Callable[[Any], Any]):
+    env = make()
     env.reset(seed=3)
-    act = np.full(env.action_space.shape, 0.7, np.float32)
-    env.step(act)
+    env.action_space.seed(3)
+    env.step(env.action_space.sample())
     again = copied(env)
     for _ in range(4):
-        ours, theirs = env.step(act), again.step(act)
+        action = env.action_space.sample()
+        ours, theirs = env.step(action), again.step(action)
         for one, other in zip((*ours[:4], *ours[4].values()), (*theirs[:4], *theirs[4].values()), strict=True):
             np.testing.assert_array_equal(one, other)
     np.testing.assert_array_equal(env.reset()[0], again.reset()[0])
@@ -646,22 +647,19 @@ def test_actions_are_numbers_within_bounds_one_by_one_as_in_a_batch_and_after_a_
         assert plain(np.full(space.shape, 9.0)).max() == 2.0
 
 
-@pytest.mark.parametrize("copied", COPIES)
-def test_a_copy_of_a_simulator_flies_the_same_episodes(copied: Callable[[gym.Env], gym.Env]):
+ANEW = [(partial(anybody.inverted_pendulum, estimator="ukf"), copied) for copied in (copy.deepcopy, _cloudpickled)]
+ANEW += [(partial(pendulum, estimator="ukf"), lambda env: gym.make(env.spec))]
+
+
+@pytest.mark.parametrize(("make", "copied"), ANEW)
+def test_a_copy_of_a_simulator_or_of_a_spec_flies_the_same_episodes(make: Callable, copied: Callable):
     """MuJoCo's environments are copied as new ones, which have not begun."""
-    env = anybody.inverted_pendulum(estimator="ukf")
+    env = make()
     again = copied(env)
     np.testing.assert_array_equal(env.reset(seed=4)[0], again.reset(seed=4)[0])
     for _ in range(3):
         action = env.action_space.sample()
         np.testing.assert_array_equal(env.step(action)[0], again.step(action)[0])
-
-
-def test_an_environment_is_made_again_from_its_spec():
-    env = pendulum(estimator="ukf")
-    again = gym.make(env.spec)
-    np.testing.assert_array_equal(env.reset(seed=4)[0], again.reset(seed=4)[0])
-    np.testing.assert_array_equal(env.step([0.5])[0], again.step([0.5])[0])
 
 
 def test_resets_without_a_seed_differ_and_a_seed_begins_the_same_series_again():

@@ -1,0 +1,35 @@
+"""Examples of the pages run as they stand."""
+
+import re
+from pathlib import Path
+
+import pytest
+from pages import DOCS, blocks
+
+from agents.seeds import evaluation_seeds
+
+ELSEWHERE = {"engine", "studies", "training", "vehicles"}
+"""Pages whose examples other tests run."""
+PAGES = [page.stem for page in sorted(DOCS.glob("*.md")) if blocks(page.stem, "python")]
+SLOW = {"critic", "dubins"}
+LIBRARIES = {"InvertedPendulum": "mujoco", "LunarLander": "Box2D", "matplotlib": "matplotlib"}
+
+
+@pytest.mark.parametrize("page", [
+    pytest.param(page, marks=pytest.mark.slow if page in SLOW else ()) for page in PAGES if page not in ELSEWHERE
+])  # fmt: skip
+def test_the_examples_of_a_page_run_and_draw_its_pictures(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("agents.seeds.evaluation_seeds", lambda *_: evaluation_seeds(3))  # few flights
+    for code in blocks(page, "python"):
+        for name, library in LIBRARIES.items():
+            if name in code:
+                pytest.importorskip(library)
+        exec(compile(code, f"docs/{page}.md", "exec"), {"__name__": "page"})
+        if "savefig" in code:
+            pictures = re.findall(r"\(images/(.*?\.png)\)", (DOCS / f"{page}.md").read_text(encoding="utf-8"))
+            assert sorted(path.name for path in tmp_path.iterdir()) == sorted(pictures)
+    if page in ("dives", "flight"):
+        assert capsys.readouterr().out.count("position_nees") == 4
