@@ -158,7 +158,7 @@ _APART = "install vessel-gym into an environment of its own (python -m venv)"
 
 
 def complain(text: str) -> int:
-    """Tell a user in red what is wrong, and return the exit status of whoever was told."""
+    """Print in red what is wrong, and return the exit status of a refusal."""
     from rich.console import Console
 
     paragraph = "\n".join(line for line in text.splitlines() if line.strip())

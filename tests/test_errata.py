@@ -150,8 +150,8 @@ def test_i_xy_and_i_yz_vanish_for_a_hull_that_is_its_own_mirror_in_the_xz_plane(
 
 def test_the_printed_covariance_prediction_lacks_a_sign_the_gain_and_s() -> None:
     noise = 1e-3 * np.eye(3)  # eq. 4.6
-    told = Core(THESIS_CORVETTE, estimator_options={"model": "as-printed"}).composition.model
-    model = replace(told, Q=noise, R=1e-3 * np.eye(2))
+    printed = Core(THESIS_CORVETTE, estimator_options={"model": "as-printed"}).composition.model
+    model = replace(printed, Q=noise, R=1e-3 * np.eye(2))
     A, C, G, H, Q, R = (np.asarray(matrix) for matrix in (model.A, model.C, model.G, model.H, model.Q, model.R))
     prior = np.diag([0.02, 3e-4, 2e-3])
     filter = make("kf-umv-ui", model)
@@ -353,7 +353,7 @@ def test_the_derivative_of_the_trace_is_minus_two_p_c_transposed_and_so_on() -> 
     assert (C @ P).shape != K.shape  # printed: -2 C P
 
 
-def test_a_reading_s_noise_times_its_transpose_is_singular_and_only_its_mean_is_r() -> None:
+def test_a_measurement_s_noise_times_its_transpose_is_singular_and_only_its_mean_is_r() -> None:
     R = random_system(8)[3]
     v = np.random.default_rng(9).multivariate_normal(np.zeros(2), R, 20_000)
     assert np.linalg.matrix_rank(np.outer(v[0], v[0])) == 1

@@ -281,7 +281,7 @@ def writing_sensors(writes: bool) -> list[Sensor]:
 
 
 class WritingTask(Task):
-    """A dive that nobody guides; its functions write into all that they are handed on request."""
+    """A dive that nobody guides; its functions write into their arguments on request."""
 
     vehicle, horizon, uniforms, ends = ItsunusaAUVEnv.system.vehicle, 60, 1, ("",)
     prior_sd = (0.05, 0.05, 0.02, 0.2, 0.2, 0.05)
@@ -316,7 +316,7 @@ class WritingTask(Task):
 
 
 class WritingVehicle(type(ItsunusaAUVEnv.system.vehicle)):  # type: ignore[misc]
-    """ITSUNUSA, whose functions write into all that they are handed on request."""
+    """ITSUNUSA, whose functions write into their arguments on request."""
 
     writes = False
 
@@ -623,7 +623,7 @@ def test_a_vehicle_that_draws_random_numbers_flies_in_numpy(catamaran: str) -> N
     assert len(np.unique(core.state[:, 3])) == 3
 
 
-def test_a_function_that_does_not_repeat_itself_is_refused_when_it_is_handed_in() -> None:
+def test_a_function_that_does_not_repeat_itself_is_refused_when_an_environment_is_made() -> None:
     rng = np.random.default_rng(0)
 
     class Dice(Writing):

@@ -20,7 +20,7 @@ from vessel_gym.tasks.task import Task
 from vessel_gym.verified import is_verified
 
 VAGUEST = 3.0
-"""How many of its sizes an unknown input may be uncertain by when one step's measurements have told of it."""
+"""Uncertainty of an unknown input after one step's measurements, at most, in units of its size."""
 _STEPS, _DEFLECTED = 30, 0.3
 _NEAR = 1e-4
 """Variance of every state of a start that any model can have, in SI units and radians."""

@@ -1,4 +1,4 @@
-"""Functions that users write: they are handed copies, must repeat themselves, and may give nothing that is not finite.
+"""Functions that users write: they get copies, must repeat themselves, and may give nothing that is not finite.
 
 A function that writes where it reads changes neither the truth, nor a belief, nor another row. It is traced into the
 programs of a step if an inspection finds that it gives what NumPy gives.
@@ -31,7 +31,7 @@ _ORDINARY = 1e9
 
 
 class Copying:
-    """A function on copies of the arrays that it is handed.
+    """A function on copies of its arrays.
 
     Args:
         function: The user's.

@@ -13,7 +13,7 @@ from vessel_gym.estimation import Estimation
 class Loop:
     """Sensors, their randomness, and the filter and belief of B rows.
 
-    `sense` reads what is true; `receive` says what of that arrives when, `begin` and `estimate` are handed what has,
+    `sense` reads what is true; `receive` says what of that arrives when, `begin` and `estimate` take what has,
     and nothing else.
 
     Args:

@@ -123,7 +123,7 @@ def _actuators(vehicle: AUV, stern: float, thrust: float) -> np.ndarray:
 
 
 def _after(vehicle: AUV, state: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-    """States ``(..., n)`` after a step with the actuators held."""
+    """States ``(..., n)`` after a step with constant actuators."""
     control = np.concatenate([actuators, actuators], -1)
     return vehicle.drift(state, control, np.zeros(len(vehicle.ambient_flows)))
 
@@ -157,8 +157,8 @@ def _plane(
     """
     index, step = [vehicle.state_names.index(name) for name in plane], 1e-5
     offsets = step * np.eye(len(state))[index]
-    held = np.tile(actuators, (len(plane), 1))
-    A = (_after(vehicle, state + offsets, held) - _after(vehicle, state - offsets, held)).T
+    constant = np.tile(actuators, (len(plane), 1))
+    A = (_after(vehicle, state + offsets, constant) - _after(vehicle, state - offsets, constant)).T
     push = np.zeros_like(actuators)
     push[fin] = step
     B = _after(vehicle, state, actuators + push) - _after(vehicle, state, actuators - push)

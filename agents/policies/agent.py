@@ -54,7 +54,7 @@ class TrainedAgent:
         """The policy's mean action.
 
         Raises:
-            ValueError: for another number of rows than `reset` was told, or other observations.
+            ValueError: for another number of rows than that of `reset`, or other observations.
         """
         wanted = len(self._seen), self._size
         if np.shape(observations) != wanted:

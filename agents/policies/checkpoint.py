@@ -177,7 +177,7 @@ def _environment(model: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         raise ValueError("an agent is stored for the environments of vessel_gym: this one was trained in another")
     for inner in (*getattr(env, "envs", ())[:1], *([env.env] if hasattr(env, "env") else ())):
         _refuse_wrappers(inner)
-    # What a critic alone was told while it learned is no part of what the agent sees.
+    # The input of a critic alone is no part of the agent's observation.
     seen = spoken["frames"] * core.observation_size
     if statistics and _size(model.observation_space) != seen:
         raise ValueError("cannot store a VecNormalize that counts what the critic alone is told: leave it out")

@@ -178,8 +178,8 @@ def train(
         progress: Called with (steps so far, steps in all, mean score of late episodes).
         memory: ``"none"``: the agent acts on the newest observation alone; ``"frames"``: on its last ones, side by
             side, zeros before the first; ``"lstm"``: through a recurrent network (``RecurrentPPO``).
-        critic: ``"truth"``: the critic alone is told the truth while it learns, see `agents.training.critic`; the
-            policy acts on its observations as any other. None: it sees what the agent sees.
+        critic: ``"truth"``: the critic alone has the truth for an input, see `agents.training.critic`; the policy acts
+            on its observations as any other. None: it sees what the agent sees.
         settings: Hyperparameters by name over those of `hyperparameters`.
 
     Returns:

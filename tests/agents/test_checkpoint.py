@@ -286,7 +286,7 @@ def test_a_doctored_checkpoint_runs_nothing(tmp_path: Path, checkpoints: tuple[P
     assert not canary.exists()
 
 
-def test_a_command_loads_what_is_not_ours_only_when_told_to(
+def test_a_command_loads_what_is_not_ours_only_with_its_option(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     canary = tmp_path / "canary"

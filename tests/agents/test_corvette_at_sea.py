@@ -1,4 +1,4 @@
-"""What estimators are worth to the corvette in her seaway: fixed seeds, thresholds with their false-alarm rates."""
+"""Scores of the corvette in her seaway by estimator: fixed seeds, thresholds with their false-alarm rates."""
 
 from dataclasses import replace
 from functools import cache
@@ -23,19 +23,19 @@ def flown(estimator: str, sea: str, without: bool = False) -> dict[str, np.ndarr
 
 
 @pytest.mark.parametrize("sea", ["moderate", "rough"])
-def test_to_know_the_current_is_worth_more_than_chance(sea):
+def test_an_estimate_of_the_current_raises_the_score_significantly(sea):
     """Paired; the 99.9 % interval of the difference lies above 0."""
     gain = flown("kf-umv-ui", sea)["score"] - flown("kf-umv-ui", sea, without=True)["score"]
     assert gain.mean() > 3.5 * gain.std(ddof=1) / np.sqrt(len(gain))
     assert gain.mean() > 0.02
 
 
-def test_kf_umv_ui_knows_in_moderate_seas_how_much_it_knows():
+def test_kf_umv_ui_is_consistent_in_moderate_seas():
     """NEES/n between 0.8 and 1.3: the better model has taken the room that process noise had to cover before."""
     assert 0.8 < flown("kf-umv-ui", "moderate")["nees"].mean() < 1.3
 
 
-def test_kf_umv_ui_sees_heading_and_yaw_rate_best_of_those_who_are_told_nothing_of_waves():
+def test_of_filters_that_assume_no_waves_kf_umv_ui_estimates_heading_and_yaw_rate_best():
     ours = flown("kf-umv-ui", "rough")
     for other in ("ekf", "kf", "ulise", "measurement"):
         theirs = flown(other, "rough")
@@ -64,7 +64,7 @@ def test_every_filter_that_takes_the_model_flies(estimator):
 
 
 @pytest.mark.parametrize("estimator", ["ekf-ui-wdf", "ukf-umv"])
-def test_filters_that_take_d_for_a_late_state_see_what_kf_umv_ui_sees(estimator):
+def test_filters_that_take_d_for_a_late_state_estimate_what_kf_umv_ui_does(estimator):
     ours, theirs = flown("kf-umv-ui", "moderate"), flown(estimator, "moderate")
     for name in ("heading_rmse", "yaw_rate_rmse", "position_rmse"):
         # Sigma points see the bend of the turn, too, which shows where waves are low.

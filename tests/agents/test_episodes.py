@@ -39,8 +39,8 @@ def data(page: str) -> dict[str, Any]:
 
 
 def test_a_page_holds_what_was_flown(flown: tuple[str, Episode]):
-    env_id, shown = flown
-    page = data(shown.html())
+    env_id, compared = flown
+    page = data(compared.html())
     assert page["scene"]["space"] == ENVS[env_id]
     for name, flight in zip(("enkf", "dead-reckoning"), page["flights"], strict=True):
         again = rollout("autopilot", env_id, [3], {**BRIEF, "estimator": name})
@@ -76,8 +76,8 @@ def test_a_window_and_a_page_show_the_same_charts_tracks_and_fixes(env_id: str):
     for _ in range(12):
         observation, *_ = env.step(agent.act(observation[None])[0])
     scene, (flight,) = env.unwrapped._renderer._picture.scene, page["flights"]
-    for name, shown in (("true", scene.true), ("believed", scene.believed), ("fix", scene.fixes)):
-        np.testing.assert_allclose(unpacked(flight[name]), shown, rtol=2e-7)
+    for name, drawn_line in (("true", scene.true), ("believed", scene.believed), ("fix", scene.fixes)):
+        np.testing.assert_allclose(unpacked(flight[name]), drawn_line, rtol=2e-7)
     drawn = {chart.title: chart for chart in scene.charts(6)}
     both = [chart for chart in flight["charts"] if chart["title"] in drawn]
     assert len(both) == len(drawn) - 1  # a rollout keeps no actions
@@ -114,10 +114,10 @@ def test_a_page_needs_no_network_is_small_and_is_not_broken_by_names(flown: tupl
 def test_a_task_that_nobody_has_drawn_has_its_page(flown: tuple[str, Episode]):
     from pages import OWN
 
-    shown = episode("Docking-v0", ["ekf"], seed=1, env_options={"max_episode_steps": 20})
+    flight = episode("Docking-v0", ["ekf"], seed=1, env_options={"max_episode_steps": 20})
     assert "Docking-v0" in OWN
-    assert set(shown.scores) == {"ekf"}
-    assert data(shown.html())["flights"][0]["charts"]
+    assert set(flight.scores) == {"ekf"}
+    assert data(flight.html())["flights"][0]["charts"]
 
 
 def test_a_long_episode_keeps_every_second_moment_and_its_end(monkeypatch: pytest.MonkeyPatch):
@@ -159,9 +159,9 @@ def test_the_command_writes_the_page_and_a_notebook_shows_it(tmp_path: Path, mon
     watch.main("ThesisCorvette-v0", out=tmp_path / "new" / "episode.HTML")
     written = (tmp_path / "new" / "episode.HTML").read_text(encoding="utf-8")
     assert "on kf" in capsys.readouterr().out
-    shown = episode("ThesisCorvette-v0", ["kf"], env_options={"max_episode_steps": 9})
-    assert shown.html() == written
-    assert shown._repr_html_().startswith("<iframe srcdoc=")
+    flight = episode("ThesisCorvette-v0", ["kf"], env_options={"max_episode_steps": 9})
+    assert flight.html() == written
+    assert flight._repr_html_().startswith("<iframe srcdoc=")
 
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
@@ -175,8 +175,8 @@ CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", 
 def test_in_a_browser_it_plays_scrubs_and_switches_without_a_complaint(tmp_path: Path, width: int):
     from playwright.sync_api import sync_playwright
 
-    shown = episode("SegorogeniAUV-v0", ["enkf", "dead-reckoning"], env_options={"max_episode_steps": 80})
-    shown.save(tmp_path / "episode.html")
+    flight = episode("SegorogeniAUV-v0", ["enkf", "dead-reckoning"], env_options={"max_episode_steps": 80})
+    flight.save(tmp_path / "episode.html")
     complaints: list[str] = []
     with sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--enable-unsafe-swiftshader"])
@@ -198,12 +198,12 @@ def test_in_a_browser_it_plays_scrubs_and_switches_without_a_complaint(tmp_path:
 
         comes_to(lambda time: time == 2.0)
         assert page.locator("#estimators button[aria-checked=true]").inner_text().startswith("enkf")
-        told = page.inner_text("#status")
+        status = page.inner_text("#status")
         costs = page.inner_text("#costs")
         assert "Steering travel" in costs
         page.keyboard.press("2")
         assert page.locator("#estimators button[aria-checked=true]").inner_text().startswith("dead-reckoning")
-        assert page.inner_text("#status") != told
+        assert page.inner_text("#status") != status
         assert page.inner_text("#costs") != costs
         page.keyboard.press("ArrowRight")
         comes_to(lambda time: time == pytest.approx(2.1))
@@ -223,14 +223,14 @@ def test_in_a_browser_it_plays_scrubs_and_switches_without_a_complaint(tmp_path:
 
 
 def test_an_episode_says_what_it_is_in_a_line(flown: tuple[str, Episode]):
-    env_id, shown = flown
-    assert re.fullmatch(rf"<Episode {env_id}: enkf [\d.]+, dead-reckoning [\d.]+>", repr(shown))
+    env_id, flight = flown
+    assert re.fullmatch(rf"<Episode {env_id}: enkf [\d.]+, dead-reckoning [\d.]+>", repr(flight))
 
 
 def test_only_estimators_that_take_the_options_are_compared():
     watched = {"estimator": "ekf", "estimator_options": {"monitor": "cusum"}, "observe": "mean+alarms"}
-    shown = episode("SigmaCorvette-v0", env_options=BRIEF | watched)
-    assert [*shown.scores] == ["ekf", "enkf"]
+    flight = episode("SigmaCorvette-v0", env_options=BRIEF | watched)
+    assert [*flight.scores] == ["ekf", "enkf"]
 
 
 def luminance(colour: str) -> float:

@@ -101,9 +101,9 @@ def test_what_is_stored_is_not_computed_again(tmp_path):
 
 
 def test_a_job_reads_the_artifacts_that_it_needs(tmp_path):
-    *_, reading = study()
-    values = run([reading], tmp_path).values[reading.key]
-    assert values["bytes"] == [artifact_path(need, tmp_path).read_bytes().hex() for need in reading.needs]
+    *_, needing = study()
+    values = run([needing], tmp_path).values[needing.key]
+    assert values["bytes"] == [artifact_path(need, tmp_path).read_bytes().hex() for need in needing.needs]
 
 
 @pytest.mark.slow
@@ -449,7 +449,7 @@ def test_two_workers_of_a_cluster_give_the_same_files_though_one_is_killed(tmp_p
     outcome = run(long_study(), tmp_path, scheduler=address, progress=kill)
     assert victim.wait(PATIENCE) == -signal.SIGKILL
     assert len(outcome.values) == 44
-    assert 40 <= outcome.computed <= 44  # the few that the victim had stored, and not told of, are not computed again
+    assert 40 <= outcome.computed <= 44  # the few that the victim had stored, and not reported, are not computed again
     assert stored(tmp_path) == expected
     keys = [line["key"] for line in journal(tmp_path)]
     assert len(keys) == len(set(keys))

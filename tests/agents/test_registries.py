@@ -67,7 +67,7 @@ def test_a_task_of_ones_own_flies_and_is_scored_without_metrics(agent: str):
     names = ("u", "w", "q", "x", "z", "theta", "current")
     assert list(figures) == [*COMMON, *(f"{name}_rmse" for name in names), *ENDS]
     assert [m.key for m in metrics(SYSTEM)] == list(figures)
-    assert np.isnan(figures.pop("input_rmse")).all()  # of which nobody is told
+    assert np.isnan(figures.pop("input_rmse")).all()  # which no filter assumes
     assert all(np.isfinite(values).all() and values.shape == (2,) for values in figures.values())
     h = flight.history
     depth = np.sqrt(np.mean((h["estimate"][..., 4] - h["truth"][..., 4]) ** 2, axis=0))

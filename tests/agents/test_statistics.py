@@ -352,10 +352,10 @@ def test_a_verdict_is_equivalent_within_the_margin_else_the_sign_else_open(low, 
 def test_a_verdict_is_wrong_in_one_study_of_forty(true, wrong):
     """2,000 studies of 40 seeds: two one-sided tests at 2.5 %, of which 3.8 % or more err once in 5,000 times."""
     studies = np.random.default_rng(50).normal(true, 0.02, (2000, 40))
-    told = [verdict(mean_interval(each), 0.01) for each in studies]
-    assert told.count(wrong) <= 0.038 * 2000
+    verdicts = [verdict(mean_interval(each), 0.01) for each in studies]
+    assert verdicts.count(wrong) <= 0.038 * 2000
     if not true:
-        assert told.count("equivalent") >= 1400  # of an expected 1,490: fewer come once in 100,000 times
+        assert verdicts.count("equivalent") >= 1400  # of an expected 1,490: fewer come once in 100,000 times
 
 
 def test_the_interval_of_a_skewed_mean_is_students_for_even_values_and_turns_with_them():

@@ -39,12 +39,12 @@ def test_numpy_flies_as_torch_does(env_id: str):
 
 @every_environment
 def test_it_says_how_it_was_trained(env_id: str):
-    told = description(packaged(env_id))
-    assert told is not None
-    assert told["env_id"] == env_id
-    assert told["trained_steps"] >= told["steps"]
-    assert {"seed", "hyperparameters", "versions", "source"} <= set(told)
-    assert told["env_options"]["estimator"] is None  # the default
+    described = description(packaged(env_id))
+    assert described is not None
+    assert described["env_id"] == env_id
+    assert described["trained_steps"] >= described["steps"]
+    assert {"seed", "hyperparameters", "versions", "source"} <= set(described)
+    assert described["env_options"]["estimator"] is None  # the default
 
 
 def test_together_they_are_small():

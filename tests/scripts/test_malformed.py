@@ -1,4 +1,4 @@
-"""Whatever is typed after a command's name or handed to `agents`: one sentence, and exit status 2 for a command."""
+"""Whatever is typed after a command's name or passed to `agents`: one sentence, and exit status 2 for a command."""
 
 import contextlib
 import inspect
@@ -128,7 +128,7 @@ WORDS = [
     "environment", "all", "robust", "foo", "tcp://", "tcp://10.0.0.1:8786", "[::1]:1", "127.0.0.1:99999", "1/2", "0/2",
     "3/2",
 ]  # fmt: skip
-# Nothing is written outside the folder, and no process can be handed a zero byte.
+# Nothing is written outside the folder, and no process takes a zero byte.
 any_word = st.sampled_from(WORDS) | st.text(
     st.characters(exclude_characters="/\0", exclude_categories=["Cs"]), max_size=20
 )

@@ -1,4 +1,4 @@
-"""Monitors of faults in the loop: what they see, who sees them, and what is made of that.
+"""Monitors of faults in the loop: alarms, their observation, and metrics of them.
 
 That without a monitor nothing changes is what every other test says.
 """
@@ -142,8 +142,8 @@ def test_a_monitor_moves_no_measurement_no_belief_and_no_truth(estimator: str, l
     for (y, available), (same, arrived) in zip(flown(one, 25), flown(other, 25), strict=True):
         np.testing.assert_array_equal(y, same)
         np.testing.assert_array_equal(available, arrived)
-    told = one.info()
-    assert_same_tree({key: value for key, value in told.items() if key != "alarms"}, other.info())
+    info = one.info()
+    assert_same_tree({key: value for key, value in info.items() if key != "alarms"}, other.info())
     np.testing.assert_array_equal(one.observe(), other.observe())
 
 
@@ -254,13 +254,13 @@ def test_a_filter_of_ones_own_that_gives_no_covariance_of_its_innovations_says_s
 
 
 class Rolling(gym.Env):
-    """A cart that is pushed about at random; shown as an array, or in a dictionary."""
+    """A cart that is pushed about at random; observed in an array, or in a dictionary."""
 
     action_space = gym.spaces.Box(-1.0, 1.0, (1,), np.float64)
 
-    def __init__(self, shown: bool = False) -> None:
+    def __init__(self, named: bool = False) -> None:
         own = gym.spaces.Box(-np.inf, np.inf, (2,), np.float64)
-        self.shown, self.observation_space = shown, gym.spaces.Dict({"cart": own}) if shown else own
+        self.named, self.observation_space = named, gym.spaces.Dict({"cart": own}) if named else own
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
@@ -272,7 +272,7 @@ class Rolling(gym.Env):
         return self._seen(), 0.0, bool(abs(self.x[0]) > 0.25), False, {}
 
     def _seen(self):
-        return {"cart": self.x.copy()} if self.shown else self.x.copy()
+        return {"cart": self.x.copy()} if self.named else self.x.copy()
 
 
 ROLLING = LinearModel([[1.0, 0.1], [0.0, 0.9]], np.eye(2), np.diag([1e-4, 1e-2]), 4e-4 * np.eye(2), B=np.zeros((2, 1)))
@@ -280,11 +280,11 @@ CALM = Gaussian([0.0, 0.0], 0.01 * np.eye(2))
 JUMP = [SensorFault("y0", "bias", 0.5, begin=6.0, end=12.0)]
 
 
-def rolling(shown: bool = False, **options: Any) -> EstimatedObservation:
-    state = (lambda env, seen: seen["cart"]) if shown else None
-    observation = (lambda x: {"cart": x}) if shown else None
+def rolling(named: bool = False, **options: Any) -> EstimatedObservation:
+    state = (lambda env, seen: seen["cart"]) if named else None
+    observation = (lambda x: {"cart": x}) if named else None
     chosen = watched("kf", sensor_faults=JUMP, **options)
-    return EstimatedObservation(Rolling(shown), ROLLING, CALM, state, observation, **chosen)
+    return EstimatedObservation(Rolling(named), ROLLING, CALM, state, observation, **chosen)
 
 
 def test_wrapped_environments_are_watched_too_many_as_one():
@@ -300,10 +300,10 @@ def test_wrapped_environments_are_watched_too_many_as_one():
     for _ in range(60):
         seen, _, terminated, truncated, info = many.step(np.zeros((ROWS, 1)))
         for i, one in enumerate(ones):
-            alone, *_, told = one.reset() if over[i] else one.step(np.zeros(1))
+            alone, *_, single_info = one.reset() if over[i] else one.step(np.zeros(1))
             np.testing.assert_array_equal(alone, seen[i])
-            np.testing.assert_array_equal(told["alarms"], info["alarms"][i])
-            np.testing.assert_array_equal(alone[-2:], told["alarms"])
+            np.testing.assert_array_equal(single_info["alarms"], info["alarms"][i])
+            np.testing.assert_array_equal(alone[-2:], single_info["alarms"])
             assert one.observation_space.contains(alone)
         over = terminated | truncated
         found += (info["alarms"][:, 0] & info["sensor_faults"][:, 0]).sum()
@@ -312,15 +312,15 @@ def test_wrapped_environments_are_watched_too_many_as_one():
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # of spaces without bounds, which are the environment's own
-@pytest.mark.parametrize("shown", [False, True])
-def test_gymnasiums_and_stable_baselines_checkers_pass(shown: bool):
-    env = rolling(shown, observe="mean+alarms")
+@pytest.mark.parametrize("named", [False, True])
+def test_gymnasiums_and_stable_baselines_checkers_pass(named: bool):
+    env = rolling(named, observe="mean+alarms")
     check_env(env, skip_render_check=True)
     pytest.importorskip("stable_baselines3.common.env_checker").check_env(env, warn=False)
 
 
 def test_a_dictionary_shows_alarms_by_their_name():
-    env = rolling(shown=True, observe="mean+alarms")
+    env = rolling(named=True, observe="mean+alarms")
     seen, _ = env.reset(seed=1)
     assert set(seen) == {"cart", "alarms"}
     for _ in range(8):

@@ -87,8 +87,8 @@ def instantaneous(state: State, rudder: float) -> State:
     return symmetric(state, rudder, True)
 
 
-MEASUREMENTS = symmetric, instantaneous
-"""The two ways of reading the printed equations."""
+INTERPRETATIONS = symmetric, instantaneous
+"""The two interpretations of the printed equations."""
 
 
 def helmed(rates: Rates, state: State, rudder: float, order: float, duration: float, event=None):
@@ -200,13 +200,13 @@ def test_the_page_on_vehicles_has_the_mariner_s_table_as_it_is_computed():
         if trial == "turning circle":
             circles = [
                 turning_circle(MARINER, degrees * DEG),
-                *(reference_circle(of, degrees)[0] for of in MEASUREMENTS),
+                *(reference_circle(of, degrees)[0] for of in INTERPRETATIONS),
             ]
             computed = [f"{c.advance / L:.2f}; {c.tactical_diameter / L:.2f}" for c in circles]
         else:
             ours = zigzag(MARINER, degrees * DEG)
             overshoots = [(ours.first_overshoot / DEG, ours.second_overshoot / DEG)]
-            overshoots += [reference_overshoots(of, degrees) for of in MEASUREMENTS]
+            overshoots += [reference_overshoots(of, degrees) for of in INTERPRETATIONS]
             computed = [f"{first:.1f}; {second:.1f}" for first, second in overshoots]
         assert printed == computed
 

@@ -298,7 +298,7 @@ def test_charts_show_estimates_actions_and_score(env_id, words):
     assert any("±2σ" in text for text in written)
 
 
-def test_what_has_no_place_is_shown_by_charts_alone(monkeypatch, words):
+def test_what_has_no_place_is_drawn_in_charts_alone(monkeypatch, words):
     monkeypatch.setattr("vessel_gym.rendering.picture.views_of", lambda *given: [])
     drawn(VERTICAL)
     assert "Seen from" not in words

@@ -126,19 +126,19 @@ def test_with_jitter_every_measurement_comes_once_and_later_by_any_number_of_ste
     assert ((delays - expected) ** 2 / expected).sum() < chi2.isf(1e-6, len(delays) - 1)
 
 
-def test_a_wrong_clock_is_wrong_by_the_same_for_a_whole_episode_and_tells_of_no_time_to_come():
+def test_a_wrong_clock_is_wrong_by_the_same_for_a_whole_episode_and_stamps_no_time_to_come():
     rows, steps, latency, clock = 300, 15, 2, 3
     late = make_core(AUV, rows, estimator="truth", sensors=sensors_of(AUV, latency=latency, clock=clock))
     exact = make_core(AUV, rows, estimator="truth", sensors=sensors_of(AUV, latency=latency))
-    told, true = flown(late, steps), flown(exact, steps)
+    stamped, true = flown(late, steps), flown(exact, steps)
     gyroscope = 7  # a measurement in every step
-    ages = [available[:, :, gyroscope].argmax(1) for _, available in told[latency:]]
+    ages = [available[:, :, gyroscope].argmax(1) for _, available in stamped[latency:]]
     assert all((age == ages[0]).all() for age in ages)
     np.testing.assert_array_equal(np.unique(ages[0]), np.arange(latency + clock + 1))
     off, counts = np.unique(ages[0], return_counts=True)
     expected = rows / (2 * clock + 1) * np.array([2.0, *np.ones(len(off) - 1)])  # -3 and -2: both as of now
     assert ((counts - expected) ** 2 / expected).sum() < chi2.isf(1e-6, len(off) - 1)
-    for (y, available), (same, arrived) in zip(told, true, strict=True):
+    for (y, available), (same, arrived) in zip(stamped, true, strict=True):
         np.testing.assert_array_equal(y.sum(1), same.sum(1))
         np.testing.assert_array_equal(available.sum(1), arrived.sum(1))
 
@@ -151,18 +151,20 @@ def test_late_measurements_are_fused_to_the_last_bit_as_if_those_that_are_still_
     late, steps, options = 4, 14, {"estimator": estimator, "estimator_options": FEW_MEMBERS.get(estimator)}
     one = make_core(env_id, ROWS, sensors=sensors_of(env_id, "degraded", latency=late), **options)
     other = make_core(env_id, ROWS, sensors=sensors_of(env_id, "degraded"), **options)
-    told: list[tuple[np.ndarray, np.ndarray]] = []  # what a filter knows of its input may follow from what it believes
+    inputs: list[
+        tuple[np.ndarray, np.ndarray]
+    ] = []  # what a filter knows of its input may follow from what it believes
     estimate = one.loop.estimate
 
-    def noted(measurements: Any, u: np.ndarray, steps: np.ndarray) -> None:
-        told.append((u.copy(), steps.copy()))
+    def recorded(measurements: Any, u: np.ndarray, steps: np.ndarray) -> None:
+        inputs.append((u.copy(), steps.copy()))
         estimate(measurements, u, steps)
 
-    monkeypatch.setattr(one.loop, "estimate", noted)
+    monkeypatch.setattr(one.loop, "estimate", recorded)
     come = flown(one, steps)
     flown(other, 0)
     nothing = np.zeros((ROWS, other.sensors.size))
-    for step, (u, behind) in enumerate(told, 1):
+    for step, (u, behind) in enumerate(inputs, 1):
         there = step + late <= steps
         measurements = tuple(values[:, late] for values in come[step + late]) if there else (nothing, nothing != 0.0)
         other.loop.estimate(measurements, u, behind)
@@ -252,7 +254,7 @@ def test_of_two_measurements_that_come_together_only_the_younger_is_new():
             assert core.measurements[0][row, channel] == (y[row, ages[0], channel] if len(ages) else 0.0)
 
 
-def test_a_clock_that_tells_of_before_the_start_costs_measurements_and_they_are_counted():
+def test_a_clock_whose_stamps_are_before_the_start_costs_measurements_and_they_are_counted():
     core = make_core(AUV, 100, sensors=sensors_of(AUV, latency=2, clock=3), estimator="ekf")
     flown(core, 20)
     refused = core.info()["refused"]
@@ -398,7 +400,7 @@ def test_garbage_is_noise_of_its_size_whatever_there_is_to_read():
     assert abs(np.corrcoef(z[1:].ravel(), z[:-1].ravel())[0, 1]) < 5.0 / np.sqrt(z.size)
 
 
-def test_when_a_fault_begins_and_ends_is_drawn_in_each_episode_and_shown():
+def test_the_times_of_a_fault_are_drawn_in_each_episode_and_stand_in_info():
     fault = SensorFault("gyroscope", "bias", 0.1, begin=(1.0, 2.0), end=(2.5, 4.5))
     core = make_core(AUV, 400, estimator="truth", sensor_faults=[fault])
     core.start(0)

@@ -151,7 +151,7 @@ def test_a_file_that_is_not_there_is_called_that(tmp_path):
 
 
 @pytest.mark.slow
-def test_reading_files_needs_no_equations_of_motion():
+def test_loading_files_needs_no_equations_of_motion():
     program = "import sys, vessel_gym.vehicles.files; print('llvmlite' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
     assert done.stdout.split() == ["False"]

@@ -34,7 +34,7 @@ _NEAR = 1.01  # times its lower bound: a path as short as that needs no second s
 
 
 class NoPath(ValueError):
-    """No path was found; where the way is not shown to be closed, this is no proof that there is none."""
+    """No path was found; unless the message says that the way is closed, this is no proof that there is none."""
 
 
 # --- the check --------------------------------------------------------------------------------------

@@ -195,7 +195,7 @@ def test_measurements_are_the_same_under_every_estimator_in_all_episodes():
 
 
 class Elsewhere(Linear):
-    """The same, shown and truly somewhere else."""
+    """The same, observed and truly somewhere else."""
 
     def reset(self, *, seed=None, options=None):
         return super().reset(seed=seed)[0] + 0.7, {}
@@ -209,7 +209,7 @@ class Elsewhere(Linear):
 @pytest.mark.parametrize("estimator", ["ekf", "enkf", "dead-reckoning"])
 @pytest.mark.parametrize("leaks", [False, True])
 def test_another_truth_under_the_same_measurements_changes_no_observation(observe: str, estimator: str, leaks: bool):
-    """The environment shows itself elsewhere, and is there; measurements stay. An agent that is shown it would know."""
+    """The environment and its state are elsewhere; measurements stay. A leak would change the observation."""
 
     class Leaky(EstimatedObservation):
         def _observed(self, seen):
@@ -453,7 +453,7 @@ def test_episodes_that_are_reset_within_are_refused():
         EstimatedObservation(gym.wrappers.Autoreset(Linear()), LINEAR, LINEAR_PRIOR)
 
 
-def test_angles_are_shown_as_angles():
+def test_observed_angles_are_wrapped():
     class Turning(Linear):
         def reset(self, *, seed=None, options=None):
             self.x = np.array([3.0, 1.0])
@@ -461,9 +461,9 @@ def test_angles_are_shown_as_angles():
 
         def step(self, action):
             self.x = self.x + [0.1 * self.x[1], 0.0]
-            shown = self.x.copy()
-            shown[0] = (shown[0] + np.pi) % (2.0 * np.pi) - np.pi
-            return shown, 0.0, False, False, {}
+            observed = self.x.copy()
+            observed[0] = (observed[0] + np.pi) % (2.0 * np.pi) - np.pi
+            return observed, 0.0, False, False, {}
 
     model = LinearModel(
         [[1.0, 0.1], [0.0, 1.0]], [[1.0, 0.0]], 1e-9 * np.eye(2), [[1e-6]], B=np.zeros((2, 1)), state_angles=(0,),
@@ -563,7 +563,7 @@ def test_gymnasiums_and_stable_baselines_checkers_pass(name: str, observe: str):
 
 @pytest.mark.parametrize("name", HAVE_GOALS)
 def test_rewards_of_goals_can_be_computed_and_are_those_of_the_truth(name: str):
-    """The checker above wants the reward of the goal that is shown, which an estimate is not the one that was paid."""
+    """The checker above wants the reward of the observed goal, which an estimate is not the one that was paid."""
     env = built(name, estimator="kf")
     seen, _ = env.reset(seed=0)
     _, reward, _, _, info = env.step(env.action_space.sample())
