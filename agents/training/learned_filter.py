@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from agents.policies.network import one_thread
-from estimators import GainNetwork, Gaussian, LinearModel, make
+from estimators import GainNetwork, Gaussian, LinearModel, make, run
 from estimators.angles import difference
 from estimators.checks import as_array, integer, number, short_repr
 from estimators.learned import LARGEST
@@ -90,15 +90,9 @@ def _first(
 ) -> GainNetwork:
     """A network that says the steady gain of the model's Kalman filter, nearly, in scales of what that one leaves."""
     filter = make("kf", model)
-    belief = filter.init(Gaussian(np.broadcast_to(prior.mean, x.shape[1:]), prior.cov))
-    errors, innovations = [], []
-    for k in range(len(x)):
-        if k:
-            belief = filter.predict(belief, None if u is None else u[k - 1])
-        belief = filter.update(belief, y[k])
-        errors.append(difference(belief.mean, x[k], model.state_angles))
-        innovations.append(np.where(belief.available, belief.innovation, np.nan))
-    state_scale = np.sqrt(np.square(errors).mean((0, 1)))
+    beliefs = run(filter, prior, y, u).updated
+    innovations = np.where(beliefs.available, beliefs.innovation, np.nan)
+    state_scale = np.sqrt(np.square(difference(beliefs.mean, x, model.state_angles)).mean((0, 1)))
     innovation_scale = np.sqrt(np.nanmean(np.square(innovations), (0, 1)))
     steady = filter.init(prior)
     for _ in range(200):

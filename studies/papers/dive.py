@@ -7,7 +7,7 @@ estimates, as in the papers.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -99,6 +99,17 @@ class Experiment:
             belief = estimator.update(estimator.predict(belief, control, rng), measurement, rng)
             means.append(belief.mean)
         return np.stack(means)
+
+
+def own_step(vehicle: Any) -> Advance:
+    """The vehicle's own step in still water, by controls ``(..., 2 a)``: actuators before and after it."""
+    still, coefficients = np.zeros(len(vehicle.ambient_flows)), vehicle.body.vector()
+
+    def advance(states: np.ndarray, control: np.ndarray) -> np.ndarray:
+        before, after = np.split(control, 2, -1)
+        return vehicle.moved(states, before, after, still, coefficients)
+
+    return advance
 
 
 def channel_sd(sensors: tuple[Sensor, ...], channels: Sequence[str]) -> np.ndarray:

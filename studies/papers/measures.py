@@ -217,6 +217,13 @@ def trend(members: Sequence[int], errors: np.ndarray) -> Interval:
     return Interval(*(100.0 * (ratio**a - 1.0) for a in (interval.mean, interval.low, interval.high)))
 
 
+def exponential(logs: np.ndarray) -> Interval:
+    """Geometric mean of what these are the logarithms of ``(N,)``, with its 95 % interval."""
+    interval = mean_interval(logs)
+    assert interval is not None
+    return Interval(*(float(np.exp(end)) for end in (interval.mean, interval.low, interval.high)))
+
+
 def falls(change: Interval) -> str:
     """Verdict on the claim that errors fall."""
     if not change.excludes_zero:

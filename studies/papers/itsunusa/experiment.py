@@ -10,7 +10,7 @@ import numpy as np
 from agents.controllers.dive import DiveAutopilot
 from agents.jobs import Job
 from estimators import Filter, make
-from studies.papers.dive import Experiment, channel_sd, rms, thinned
+from studies.papers.dive import Experiment, channel_sd, own_step, rms, thinned
 from vessel_gym.envs.itsunusa_auv import ITSUNUSA_AUV
 from vessel_gym.system import Estimate
 from vessel_gym.vehicles.itsunusa import STATE, Itsunusa
@@ -23,7 +23,7 @@ _SCORED = [STATE.index(name) for name in ("u", "w", "q", "z")]
 _DEPTH = STATE.index("z")
 _STILL = np.zeros(1)  # the current
 VEHICLE = Itsunusa()
-_COEFFICIENTS = VEHICLE.body.vector()
+_step = own_step(VEHICLE)
 MEASUREMENT_SD = channel_sd(VEHICLE.sensors, ("u over ground", "w over ground", "q", "theta"))
 PROCESS_SD = np.append(ITSUNUSA_AUV.disturbances["moderate"].white.diagonal(), 0.0)  # on u, w, q and pitch
 PRIOR_SD = ITSUNUSA_AUV.task.prior(np.zeros((1, 3))).cov.diagonal()[[0, 1, 2, 5]] ** 0.5
@@ -127,8 +127,3 @@ def recorded_controls(ahead: float, depth: float) -> np.ndarray:
         controls.append(np.concatenate([before, actuators], -1)[0])
         truth = _step(truth, controls[-1])
     return np.stack(controls)
-
-
-def _step(states: np.ndarray, control: np.ndarray) -> np.ndarray:
-    before, after = np.split(control, 2, -1)
-    return VEHICLE.moved(states, before, after, _STILL, _COEFFICIENTS)

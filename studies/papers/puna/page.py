@@ -8,10 +8,10 @@ import numpy as np
 
 from agents.page import Entry, Table, listed, number, words
 from agents.plotting import BELIEVED, INK, PALETTE, PUBLISHED, RAW, TRUE
-from agents.statistics import Interval, mean_interval, paired_difference
+from agents.statistics import paired_difference
 from studies.papers.figures import Curve, Panel, panels, ratios, sensitivities
 from studies.papers.likelihood import of_errors
-from studies.papers.measures import Comparison, Report, comparison_table, falls, percent, rows, trend
+from studies.papers.measures import Comparison, Report, comparison_table, exponential, falls, percent, rows, trend
 from studies.papers.puna.experiment import CONTROLS, MEASURED, PLANE, QUANTITIES, bank, controls
 from studies.papers.search import Search
 from studies.papers.template import fill
@@ -24,6 +24,7 @@ _CIRCULAR = "Q and R were taken from it"
 def report(settings: Mapping[str, Any], results: Results) -> Report:
     """Page and measures, from the values of every job."""
     members, paths = settings["members"], settings["paths"]
+    at_300 = members.index(300)
     names = {"flight": "noise of a flight", "sizes": "noise of the printed sizes"}
     columns = {name: _comparisons(settings, results, level, "all") for level, name in names.items()}
     theirs = [[text] for text in settings["printed"]["constant"]["errors"]]
@@ -34,9 +35,7 @@ def report(settings: Mapping[str, Any], results: Results) -> Report:
     opened, obstructed = results["open"], results["obstructed"]
     shortest = {interpretation: min(found, key=found.get) for interpretation, found in opened["lengths"].items()}
     all_, alone = (_rmse(results, "flight", "constant", measured) for measured in MEASURED)
-    gains = {
-        q: _ratio(alone[members.index(300), :, i], all_[members.index(300), :, i]) for i, q in enumerate(QUANTITIES)
-    }
+    gains = {q: exponential(np.log(alone[at_300, :, i]) - np.log(all_[at_300, :, i])) for i, q in enumerate(QUANTITIES)}
     change = trend(members, np.exp(np.log(all_).mean(-1)).T)
     tables = {
         "published": comparison_table(columns), "words": _words(opened), "obstacle": _ways(paths, obstructed),
@@ -71,13 +70,6 @@ def _rmse(results: Results, level: str, control: str, measured: str) -> np.ndarr
 def _search(results: Results, combination: Mapping[str, Any]) -> np.ndarray:
     """RMS errors ``(runs, 4)`` of a combination of the search."""
     return np.asarray(results[f"search, {', '.join(map(str, combination.values()))}"]["rmse"])[0]
-
-
-def _ratio(worse: np.ndarray, better: np.ndarray) -> Interval:
-    """Geometric mean ratio of paired errors."""
-    logs = mean_interval(np.log(worse) - np.log(better))
-    assert logs is not None
-    return Interval(*(float(np.exp(end)) for end in (logs.mean, logs.low, logs.high)))
 
 
 def _comparisons(settings: Mapping[str, Any], results: Results, level: str, measured: str) -> list[Comparison]:

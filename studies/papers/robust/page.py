@@ -9,9 +9,9 @@ import numpy as np
 
 from agents.page import Entry, Table, entry, number, words
 from agents.plotting import BELIEVED, INK, PALETTE, RAW, TRUE
-from agents.statistics import Interval, mean_interval
+from agents.statistics import Interval
 from studies.papers.figures import Curve, Panel, ends, panels
-from studies.papers.measures import Report, Row
+from studies.papers.measures import Report, Row, exponential
 from studies.papers.robust.experiment import PRIOR_VARIANCE, STATES, STEP, Condition, job_name, sweeps
 from studies.papers.template import fill
 
@@ -74,9 +74,7 @@ def ratio(
     """Geometric mean of a filter's RMSE over that of the KF, or over its own under the condition ``without``."""
     ours = _rmse(results, population, condition, name)
     other = _rmse(results, population, without or condition, name if without else "kf")
-    logs = mean_interval(np.log(ours) - np.log(other))
-    assert logs is not None
-    return Interval(*(float(np.exp(end)) for end in (logs.mean, logs.low, logs.high)))
+    return exponential(np.log(ours) - np.log(other))
 
 
 def _units(results: Results, condition: Condition, name: str) -> np.ndarray:

@@ -11,7 +11,7 @@ from scipy.optimize import root
 
 from agents.jobs import Job
 from estimators import make
-from studies.papers.dive import Advance, Experiment, channel_sd, rms, thinned
+from studies.papers.dive import Advance, Experiment, channel_sd, own_step, rms, thinned
 from vessel_gym.envs.segorogeni_auv import SEGOROGENI_AUV
 from vessel_gym.vehicles.segorogeni import STATE, Segorogeni, segorogeni_rates
 
@@ -111,7 +111,7 @@ def dive(trial: Trial, own: bool, process: float = 1.0, measurement: float = 1.0
     share = OWN_STEP / dt  # the noise is stated for steps of the vehicle
     names = ("u", "v", "w", "r")[:measured]
     return Experiment(
-        advance=own_step(trial) if own else _euler_step(trial),
+        advance=own_step(trial.vehicle) if own else _euler_step(trial),
         start=np.zeros(len(STATE)),
         controls=_own_controls(trial, constant_controls(trial)) if own else _euler_controls(trial),
         estimated=_ESTIMATED,
@@ -140,7 +140,7 @@ def constant_controls(trial: Trial) -> np.ndarray:
     Raises:
         RuntimeError: if there are none.
     """
-    advance = own_step(trial)
+    advance = own_step(trial.vehicle)
 
     def miss(constant: np.ndarray) -> np.ndarray:
         state = np.zeros(len(STATE))
@@ -168,18 +168,6 @@ def _euler_controls(trial: Trial) -> np.ndarray:
     controls = np.tile(constant, (len(times), 1))
     controls[:, 0] = np.interp(times, [0.0, OWN_STEP], [np.deg2rad(trial.rudder), constant[0]])
     return controls
-
-
-def own_step(trial: Trial) -> Advance:
-    """Runge-Kutta at the vehicle's step, controls ``(..., 6)``."""
-    vehicle = trial.vehicle
-    coefficients = vehicle.body.vector()
-
-    def advance(states: np.ndarray, control: np.ndarray) -> np.ndarray:
-        before, after = np.split(control, 2, -1)
-        return vehicle.moved(states, before, after, _STILL, coefficients)
-
-    return advance
 
 
 def _euler_step(trial: Trial) -> Advance:
