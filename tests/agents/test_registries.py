@@ -8,6 +8,7 @@ from contextlib import closing
 from copy import deepcopy
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -37,6 +38,7 @@ from vessel_gym.envs import (
 )
 from vessel_gym.rendering import make_renderer
 from vessel_gym.surroundings import SURROUNDINGS, Surroundings, register_surroundings, surroundings_of
+from vessel_gym.system import System
 from vessel_gym.tasks.dive import Dive, SpatialDive
 
 ENV, OWN = "KeepDepth-v0", "own_task:DepthController"
@@ -219,18 +221,20 @@ def test_the_same_module_may_register_again():
 # --- pictures ------------------------------------------------------------------------------------------
 
 
-def picture(task: object, steps: int = 5, **options: object) -> np.ndarray:
+def picture(system: System, steps: int = 5, **options: Any) -> np.ndarray:
+    """A picture of more than 50 colours, some steps into an episode."""
     pytest.importorskip("pygame")
-    core = Core(system_with(task), 1, **options)  # type: ignore[arg-type]
+    core = Core(system, 1, **options)
     core.start(seed=0)
     renderer = make_renderer(core, "rgb_array", 20)
     renderer.begin()
     renderer.record()
     for _ in range(steps):
-        core.step(np.full((1, 2), 0.5))
+        core.step(np.full((1, core.action_size), 0.5))
         renderer.record()
     drawn = renderer.draw()
     assert drawn is not None
+    assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 50
     return drawn
 
 
@@ -239,10 +243,9 @@ def picture(task: object, steps: int = 5, **options: object) -> np.ndarray:
     "options", [{}, {"estimator": "truth"}, {"estimator": "dead-reckoning"}, {"observe": "measurement"}]
 )
 def test_a_task_without_surroundings_is_drawn_alone(options: dict[str, str]):
-    drawn = picture(KeepDepth(), **options)
+    drawn = picture(SYSTEM, **options)
     assert drawn.shape == (720, 1008, 3)
-    assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 50
-    assert (drawn != picture(KeepDepth(), steps=9, **options)).any()
+    assert (drawn != picture(SYSTEM, steps=9, **options)).any()
 
 
 class Foreign:
@@ -260,25 +263,15 @@ class Foreign:
 @pytest.mark.slow
 @pytest.mark.parametrize("env_id", ["SigmaCorvette-v0", "ThesisCorvette-v0", "SegorogeniAUV-v0", "PunaUAV-v0"])
 def test_every_vehicle_can_be_drawn_plainly(env_id: str):
-    pytest.importorskip("pygame")
     system = gym.make(env_id).unwrapped.system  # type: ignore[attr-defined]
-    core = Core(replace(system, task=Foreign(system.task)), 1)
-    core.start(seed=0)
-    renderer = make_renderer(core, "rgb_array", 20)
-    renderer.begin()
-    renderer.record()
-    core.step(np.zeros((1, core.action_size)))
-    renderer.record()
-    drawn = renderer.draw()
-    assert drawn is not None
-    assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 50
+    picture(replace(system, task=Foreign(system.task)), steps=1)
 
 
 def test_registered_surroundings_are_seen_by_pictures_and_pages_of_the_task_and_its_subclasses():
-    alone = picture(KeepDepth())
+    alone = picture(SYSTEM)
     register_surroundings(KeepDepth)(_dock)
     for task in (KeepDepth(), KeepShallowDepth()):
-        assert (picture(task) != alone).any()
+        assert (picture(system_with(task)) != alone).any()
         core = Core(system_with(task), 1)
         assert surroundings_of(core, np.array([0.3])).goal == (8.0, 0.0, 0.3, 0.5)
     page = agents.episode(ENV, ["ekf"], OWN, seed=5).page
