@@ -1,7 +1,5 @@
 """The train and evaluate commands."""
 
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -54,13 +52,6 @@ def test_of_several_trainings_the_best_on_tuning_seeds_is_kept(
     assert flown == [tuning_seeds(train.CHOOSING)] * 3
     printed = capsys.readouterr().out.splitlines()
     assert [line.split(":")[0] for line in printed] == ["run 7", "run 8", "run 9", "checkpoint"]
-
-
-@pytest.mark.slow
-def test_a_module_is_run_as_a_command():
-    run = subprocess.run([sys.executable, "-m", "scripts.evaluate", "--estimator"], capture_output=True, text=True)
-    assert run.returncode == 2
-    assert run.stderr == "error: --estimator needs the name of at least one estimator\n"
 
 
 def test_an_interrupted_command_ends_quietly():

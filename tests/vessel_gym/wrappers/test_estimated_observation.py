@@ -116,21 +116,21 @@ LINEAR = LinearModel(Linear.A, [[1.0, 0.0]], Linear.Q, [[0.01]], B=Linear.B)
 LINEAR_PRIOR = Gaussian([0.0, 0.0], 0.09 * np.eye(2))
 
 
+def _linear(rows: int, estimator: str, **options: Any) -> EstimatedObservations:
+    """As many linear environments: rows are as single ones, see `test_rows_of_a_vector_fly_as_single_ones`."""
+    return EstimatedObservations(SyncVectorEnv([Linear] * rows), LINEAR, LINEAR_PRIOR, estimator=estimator, **options)
+
+
 @pytest.mark.parametrize("estimator", ["kf", "ekf", "ukf", "etkf"])
 def test_driven_by_its_own_noise_errors_are_as_large_as_the_filter_says(estimator: str):
     """One late time of 300 independent episodes: false alarm 1e-4."""
     options = {"members": 200} if estimator == "etkf" else {}
-    env = EstimatedObservation(Linear(), LINEAR, LINEAR_PRIOR, estimator=estimator, estimator_options=options)
-    means, covs, truths = [], [], []
-    for seed in range(300):
-        env.reset(seed=seed)
-        for _ in range(15):
-            *_, info = env.step(np.zeros(1))
-        means.append(info["estimate"])
-        covs.append(info["covariance"])
-        truths.append(info["truth"])
+    env = _linear(300, estimator, estimator_options=options)
+    env.reset(seed=0)
+    for _ in range(15):
+        *_, info = env.step(np.zeros((300, 1)))
     low, high = chi_square_band(300, 2, 1.0 - 1e-4)
-    assert low < nees(np.array(means), np.array(covs), np.array(truths)).mean() < high
+    assert low < nees(info["estimate"], info["covariance"], info["truth"]).mean() < high
 
 
 class Running(Linear):
@@ -712,14 +712,11 @@ def test_a_linear_regulator_on_estimates_costs_what_riccati_says():
     P = solve_discrete_are(A.T, C.T, Q, R)
     after = P - P @ C.T @ np.linalg.solve(C @ P @ C.T + R, C @ P)
     expected = np.trace(S @ Q) + np.trace(after @ K.T @ (B.T @ S @ B + EFFORT) @ K)
-    env, costs = EstimatedObservation(Linear(), LINEAR, LINEAR_PRIOR, estimator="kf"), []
-    for seed in range(20):
-        seen, _ = env.reset(seed=seed)
-        total = 0.0
-        for k in range(1500):
-            seen, reward, *_ = env.step(-K @ seen)
-            total -= reward if k >= 100 else 0.0
-        costs.append(total / 1400)
+    env, costs = _linear(20, "kf"), np.zeros(20)
+    seen, _ = env.reset(seed=0)
+    for k in range(1500):
+        seen, reward, *_ = env.step(-seen @ K.T)
+        costs -= reward / 1400 if k >= 100 else 0.0
     error = np.std(costs, ddof=1) / np.sqrt(20)
     assert abs(np.mean(costs) - expected) < 3.0 * error
 
