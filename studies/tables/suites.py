@@ -14,6 +14,7 @@ import numpy as np
 from agents.page import listed
 from agents.statistics import Interval, crossed_interval, paired_difference
 from agents.studies.records import FLOOR, ORACLE
+from agents.studies.worlds import system_of
 from scripts.console import Refusal
 from studies.tables.markdown import WITHOUT, interval, table
 
@@ -50,9 +51,11 @@ class Column(NamedTuple):
         filters = [name for name in self.scores if name not in (ORACLE, FLOOR, HELD)]
         return max(filters, key=lambda name: self.scores[name].mean())
 
-    def plain(self) -> str:
-        """The Kalman filter, or the extended one where there is no linear model."""
-        return next(name for name in ("kf, linear", "kf", "ekf") if name in self.scores)
+    def rivals(self) -> dict[str, str]:
+        """Estimators that the best filter is compared with, by what they are; of no linear model the plain is `ekf`."""
+        plain = next(name for name in ("kf, linear", "kf", "ekf") if name in self.scores)
+        found = {"held measurements": HELD, "the plain Kalman filter": plain}
+        return found | {"the environment's default": system_of(self.environment).estimator}
 
 
 @cache
@@ -115,14 +118,15 @@ def columns(results: Path) -> Iterator[Column]:
 
 
 def differences(results: Path) -> str:
-    """The best filter of each column against the plain one, held measurements and the truth."""
+    """The best filter of each column against its rivals and the truth."""
     rows = []
     for at in columns(results):
         best = at.best()
-        gaps = (at.gap(best, at.plain()) if best != at.plain() else None, at.gap(best, HELD), at.gap(ORACLE, best))
-        cells = (WITHOUT if gap is None else _bold(interval(gap), gap.low > MARGIN) for gap in gaps)
+        others = (name if name in at.scores and name != best else None for name in at.rivals().values())
+        gaps = [None if name is None else at.gap(best, name) for name in others]
+        cells = [_bold(interval(gap), gap is not None and gap.low > MARGIN) for gap in (*gaps, at.gap(ORACLE, best))]
         rows.append((f"{at.environment}, {at.condition}", f"`{best}`", *cells))
-    return table(("", "best filter", "best − plain", "best − `measurement`", "`truth` − best"), rows)
+    return table(("", "best filter", "best − `measurement`", "best − plain", "best − default", "`truth` − best"), rows)
 
 
 def _bold(text: str, strong: bool) -> str:
@@ -130,24 +134,26 @@ def _bold(text: str, strong: bool) -> str:
 
 
 def found(results: Path) -> str:
-    """Sentences on a study: where filters differ, where held measurements win, and where the truth is not first."""
-    wide: dict[str, bool] = {}
-    held: list[str] = []
+    """Sentences on a study: where filters differ, where no filter is needed, and where the truth is not first."""
+    every = environments(results)
+    beaten: dict[str, dict[str, None]] = {}
+    ahead: list[str] = []
     for at in columns(results):
         best = at.best()
-        differs = any(at.gap(best, other).low > MARGIN for other in (at.plain(), HELD) if other != best)
-        wide[at.environment] = wide.get(at.environment, False) or (at.suite != SUITES[0] and differs)
-        if at.gap(HELD, best).low > 0.0:
-            held.append(f"{at.environment}, {at.condition} ({interval(at.gap(HELD, best))})")
-    names = {is_wide: [f"`{name}`" for name in wide if wide[name] == is_wide] for is_wide in (True, False)}
-    text = (
-        f"With `budget` or `denied` sensors the best filter beats the plain Kalman filter, or held measurements, by "
-        f"more than {MARGIN:g} of the score and beyond chance in {len(names[True])} of {len(wide)} environments"
-    )
-    text += f": {listed(names[True])}. " if names[True] else ". "
-    text += f"It does not in {listed(names[False])}. " if names[False] else ""
-    text += f"Held measurements beat every filter in {'; '.join(held)}. " if held else (
-        "Held measurements score significantly more than the best filter nowhere. "
+        for what, name in at.rivals().items():
+            wide = at.suite != SUITES[0] and name in at.scores and at.gap(best, name).low > MARGIN
+            beaten.setdefault(what, {}).update({f"`{at.environment}`": None} if wide else {})
+        for name in (HELD, FLOOR):
+            if (gap := at.gap(name, best)).low > 0.0:
+                ahead.append(f"`{name}` in {at.environment}, {at.condition}, by {interval(gap)}")
+    counts = [
+        f"{what} in {len(where)} of {len(every)} environments" + (f" ({listed(list(where))})" if where else "")
+        for what, where in beaten.items()
+    ]
+    scores = f"the best filter scores {MARGIN:g} more, beyond chance,"
+    text = f"With `budget` or `denied` sensors {scores} than {listed(counts)}. "
+    text += f"Without any filter one scores more than on the best: {'; '.join(ahead)}. " if ahead else (
+        "No filter is beaten by held measurements or dead reckoning beyond chance. "
     )  # fmt: skip
     return fill(text + truth_first(results), 140, break_on_hyphens=False)
 
