@@ -109,6 +109,7 @@
       const at = ([n, e]) => [(width - right) / 2 + (e - middle[1]) * scale, (height + top) / 2 - (n - middle[0]) * scale];
       this.grid(paper, width, height, scale, at([0, 0]));
       for (const [n, e, r] of rows(scene.obstacles)) draw(paper, circle(at([n, e]), r * scale), { fill: colours.obstacle, alpha: 0.25, stroke: colours.obstacle, width: 1 });
+      draw(paper, rows(scene.fairway).map(at), { fill: colours.true, alpha: 0.12, stroke: colours.muted, width: 1 });
       draw(paper, rows(scene.path).map(at), { stroke: colours.commanded, dash: [6, 5] });
       if (scene.goal) draw(paper, circle(at(scene.goal), Math.max(scene.goal[3] * scale, 5)), { stroke: colours.goal, width: 2 });
       if (page.located) for (const place of fixes(flight, i)) cross(paper, at(place), 2.6, 1.1, 0.75);
@@ -466,6 +467,7 @@
     cloud: [[4, 8], [11, 4], [17, 7]].map(([x, y]) => `<circle cx="${x}" cy="${y}" r="2" fill="var(--member)"/>`).join(""),
     fix: '<path d="M7 2 15 10 M7 10 15 2" stroke="var(--measurement)" stroke-width="2"/>',
     path: line("commanded", 'stroke-width="2" stroke-dasharray="5 4"'),
+    fairway: '<rect x="1" y="2" width="20" height="8" fill="var(--true)" fill-opacity="0.12" stroke="var(--muted)"/>',
     goal: round(5, 'fill="none" stroke="var(--goal)" stroke-width="2"'), obstacle: round(6, 'fill="var(--obstacle)" opacity="0.5"'),
   };
   function layLegend() {
