@@ -13,6 +13,7 @@ import numpy as np
 
 from scripts.console import Refusal, command, progress_bar
 from studies.tables.arms import EPISODES, Arm
+from studies.tables.channel import channel
 from studies.tables.faults import SEEDS, alarms, faults, faults_found, gap, inputs, latency
 from studies.tables.filters import adaptive_inflation, huber_iterations, robust_losses, unstable_zeros
 from studies.tables.grades import sensor_grades
@@ -344,6 +345,7 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     "segorogeni, short": (ENVIRONMENTS / "segorogeni-auv.md", lambda: worth("plain ensemble", "SegorogeniAUV-v0")),
     "itsunusa, short": (ENVIRONMENTS / "itsunusa-auv.md", lambda: worth("plain ensemble", "ItsunusaAUV-v0")),
     "puna, short": (ENVIRONMENTS / "puna-uav.md", lambda: worth("plain ensemble, inflation 1", "PunaUAV-v0")),
+    "channel": (ENVIRONMENTS / "sigma-channel.md", channel),
     "sensors": (ESTIMATORS / "unknown-input.md", sensor_sets),
     "zeros": (ESTIMATORS / "unknown-input.md", unstable_zeros),
     "huber": (ESTIMATORS / "robust.md", huber_iterations),
