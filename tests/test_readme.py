@@ -13,6 +13,7 @@ PAGES = (
     DOCS / "training.md",
     DOCS / "environments" / "README.md",
     DOCS / "environments" / "sigma-corvette.md",
+    DOCS / "environments" / "sigma-channel.md",
 )
 NOTEBOOKS = (DOCS / "tutorials" / "own-filter.md", *sorted((DOCS / "id").glob("*-*.md")))
 
