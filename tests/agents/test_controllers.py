@@ -31,8 +31,8 @@ LEAST = {
     ("ItsunusaAUV-v0", "pid"): 0.77, ("ItsunusaAUV-v0", "lqg"): 0.75,
     ("PunaUAV-v0", "pid"): 0.75, ("PunaUAV-v0", "lqg"): 0.76,
 }  # fmt: skip
-"""What the first 32 evaluation seeds give on default estimates is 0.01 to 0.05 more: 0.41, 0.60; 0.71, 0.70; 0.75, 0.56, 0.98;
-0.64, 0.69; 0.81, 0.79; 0.79, 0.81. The autopilots give 0.58, 0.75, 0.79, 0.70, 0.84 and 0.81."""
+"""What the first 32 evaluation seeds give on default estimates is 0.01 to 0.05 more: 0.41, 0.60; 0.71, 0.70; 0.75,
+0.56, 0.98; 0.64, 0.69; 0.81, 0.79; 0.79, 0.81. The autopilots give 0.58, 0.75, 0.79, 0.70, 0.84 and 0.81."""
 
 every_controller = pytest.mark.parametrize(("env_id", "name"), CONTROLLERS)
 
