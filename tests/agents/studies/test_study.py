@@ -190,6 +190,8 @@ spoofed = { faults = [{ sensor = "receiver", kind = "drift", size = [0.5, -0.2],
     assert environment_options("SegorogeniAUV-v0", spoofed.options)["sensor_faults"] == []
     (fault,) = environment_options("SigmaCorvette-v0", spoofed.options)["sensor_faults"]
     assert (fault.kind, fault.begin) == ("drift", [20.0, 40.0])
+    denied = environment_options("SigmaCorvette-v0", spoofed.options | {"sensors": "denied"})["sensor_faults"]
+    assert [each.kind for each in denied] == ["drift", "off"]  # that of the suite, too
 
 
 def test_what_is_wrong_with_times_and_faults_is_reported_with_its_line(tmp_path):
