@@ -317,3 +317,10 @@ def test_the_default_estimator_carries_every_suite(env_id: str, suite: str):
 @pytest.mark.parametrize(("env_id", "estimator"), [pair for pair in CARRIED if pair[0] in (SHIP, THESIS, AIRCRAFT)])
 def test_every_estimator_carries_the_budget_suite(env_id: str, estimator: str):
     fly(env_id, estimator, "budget")
+
+
+def test_the_page_shows_the_grades_of_the_files():
+    from studies.tables.grades import sensor_grades
+
+    page = (Path(__file__).parents[2] / "docs" / "sensor-suites.md").read_text(encoding="utf-8")
+    assert sensor_grades() in page, "python -m studies.tables grades"
