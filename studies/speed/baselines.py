@@ -48,7 +48,7 @@ class HandWrittenLoop:
         """Start an episode."""
         self.rate = self.task.scenario(np.zeros((1, 0)), {})[0, 1]
         self.truth = np.array([0.0, 0.0, 0.0, self.ship.speed, 0.0, 0.0])
-        self.rudder, self.k = 0.0, 0
+        self.rudder, self.share, self.k = 0.0, 0.0, 0
         self.filter.x, self.filter.P = np.zeros(3), self.task.prior_variance * np.eye(3)
 
     def drags(self, v: Any, r: Any, a: float) -> tuple[Any, Any]:
@@ -118,7 +118,10 @@ class HandWrittenLoop:
         ]
         true_error = (heading - self.truth[2] + np.pi) % (2.0 * np.pi) - np.pi
         rate_error = (rate - self.truth[5]) / (0.15 * self.rate)
-        reward = 0.8 / (1.0 + (true_error / 0.05) ** 2) + 0.2 / (1.0 + rate_error**2)
+        share, share_before = (self.rudder - before) / turn, self.share
+        self.share = share
+        reward = (0.8 + 0.2 / (1.0 + rate_error**2)) / (1.0 + (true_error / 0.05) ** 2)
+        reward /= 1.0 + 1.25 * abs(share) + 2.0 * abs(share - share_before)
         return np.clip(observation, -10.0, 10.0).astype(np.float32), float(reward)
 
 
