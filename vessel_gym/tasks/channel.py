@@ -41,7 +41,8 @@ class Channel(Track, verified=True):
     The margin follows the concept design of PIANC Report 121 (2014), for a one-way outer channel: a width of 5 beams,
     of which the ship's middle may use 4. The width adds up from 1.5 beams of manoeuvring lane (moderate), 0.1 for a
     fast ship, 0.3 for cross wind up to 33 kn, 0.5 for cross current up to 1.5 kn, 1.0 for waves above 3 m, 0.2 for aids
-    to navigation (good), and 0.7 of bank clearance on either side.
+    to navigation (good), and 0.7 of bank clearance on either side. The last three have not been compared with the
+    report itself.
     """
 
     leg: float = 40.0  # ship lengths, of the straight channel
