@@ -137,7 +137,7 @@ def skewed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None
     `crossed_interval` for ``comparisons``.
     """
     plain = crossed_interval(np.asarray(values, float)[None], comparisons)
-    if plain is None or plain.half == 0.0:
+    if plain is None or np.ptp(values) == 0.0:
         return plain
     deviations, n = np.asarray(values, float) - plain.mean, len(values)
     bend = (deviations**3).mean() / (deviations**2).mean() ** 1.5 / np.sqrt(n) / 3.0

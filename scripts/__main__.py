@@ -5,7 +5,7 @@ from importlib import import_module
 
 from scripts.console import command, complain, one_sentence_errors
 
-COMMANDS = ("watch", "evaluate", "train", "ablate", "reproduce")
+COMMANDS = ("watch", "evaluate", "train", "ablate", "budget", "reproduce")
 """The files of scripts/ that users call; the others write pages of this repository."""
 
 

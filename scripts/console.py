@@ -223,6 +223,13 @@ def progress_bar(title: str, total: int) -> Iterator[Callable[[], None]]:
 
 
 @contextmanager
+def search_progress(title: str) -> Iterator[Callable[[int, int], None]]:
+    """Progress of a search: candidates that need no further flight, and their number."""
+    with _progress(title, counted=True) as show:
+        yield show
+
+
+@contextmanager
 def job_progress(title: str) -> Iterator[Callable[[Status], None]]:
     """Progress for `agents.jobs.run`: jobs that have ended, and the time of day at which all will have."""
     with _progress(title, counted=True) as show:

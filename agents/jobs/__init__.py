@@ -15,7 +15,7 @@ They may import files and sources of `agents`, nothing that flies; studies and m
 """
 
 from agents.jobs.job import Job
-from agents.jobs.pools import check_scheduler
+from agents.jobs.pools import Workers, check_scheduler
 from agents.jobs.runner import Outcome, Status, run
 from agents.jobs.schedule import seconds_left
 from agents.jobs.store import artifact_path, journal, load, result_path
@@ -24,6 +24,7 @@ __all__ = [
     "Job",
     "Outcome",
     "Status",
+    "Workers",
     "artifact_path",
     "check_scheduler",
     "journal",

@@ -7,11 +7,11 @@ import threading
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, as_completed
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from agents.jobs.job import Job
 from agents.jobs.store import save_failure
@@ -29,16 +29,50 @@ Compute = Callable[[Sequence[Job]], Ends]
 """Computes jobs and yields their ends in order of completion."""
 
 
+class Workers:
+    """Processes of this machine, of one thread each, which start with the first jobs and serve several runs.
+
+    Args:
+        processes: Their number.
+        modules: What each imports at its start.
+    """
+
+    def __init__(self, processes: int, modules: Sequence[str] = ()) -> None:
+        self.processes, self._modules = processes, tuple(modules)
+        self._open = ExitStack()
+        self._pool: tuple[Executor, type[Exception]] | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def start(self) -> tuple[Executor, type[Exception]]:
+        """Executor of the processes, and the error of a job when one of them is killed."""
+        if self._pool is None:
+            self._pool = self._open.enter_context(_pool(self.processes, self._modules))
+        return self._pool
+
+    def stop(self) -> None:
+        """End the processes, with what they compute."""
+        self._pool = None
+        self._open.close()
+
+
 @contextmanager
 def pool(
-    folder: Path, processes: int, scheduler: str | None, modules: Sequence[str] = ()
+    folder: Path, processes: int | Workers, scheduler: str | None, modules: Sequence[str] = ()
 ) -> Iterator[tuple[Compute, int]]:
     """A function that computes jobs of ``modules``, yielding their ends as they come, and its parallelism."""
     if scheduler is not None:
         with _client(scheduler) as client:
             yield partial(_on_cluster, folder, client), sum(client.nthreads().values())
+    elif isinstance(processes, Workers):
+        yield partial(_in_processes, folder, processes), processes.processes
     elif processes > 1:
-        yield partial(_in_processes, folder, processes, tuple(modules)), processes
+        with Workers(processes, modules) as own:
+            yield partial(_in_processes, folder, own), processes
     else:
         yield partial(_here, folder), 1
 
@@ -61,16 +95,21 @@ def _tried(executor: Executor, killed: type[Exception], folder: Path, jobs: Iter
         yield futures.pop(future), error or future.result()
 
 
-def _in_processes(folder: Path, processes: int, modules: tuple[str, ...], jobs: Sequence[Job]) -> Ends:
+def _in_processes(folder: Path, workers: Workers, jobs: Sequence[Job]) -> Ends:
     """Jobs in a pool. A killed process ends the pool: those that it may have computed are tried again, one by one."""
     left = dict.fromkeys(jobs)
     while left:
-        with _pool(processes, modules) as (executor, killed):
-            for job, end in _tried(executor, killed, folder, left):
+        complete = False
+        try:
+            for job, end in _tried(*workers.start(), folder, left):
                 if isinstance(end, End):
                     del left[job]
                     yield end
-        for job in list(left)[: 2 * processes]:  # jobs begin in their order, so the killed one is among the first
+            complete = not left
+        finally:
+            if not complete:
+                workers.stop()
+        for job in list(left)[: 2 * workers.processes]:  # jobs begin in their order: the killed one is among the first
             del left[job]
             yield _alone(job, folder)
 

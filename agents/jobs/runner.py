@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.jobs.job import Job
-from agents.jobs.pools import Compute, pool
+from agents.jobs.pools import Compute, Workers, pool
 from agents.jobs.schedule import Clock, Forecast, part, waves, with_needs
 from agents.jobs.store import end_journal, journal, load, set_aside, strangers, sweep
 from agents.jobs.work import CannotStore
@@ -50,6 +50,7 @@ def run(
     scheduler: str | None = None,
     shard: tuple[int, int] | None = None,
     progress: Progress | None = None,
+    workers: Workers | None = None,
 ) -> Outcome:
     """Compute the jobs that have no result yet.
 
@@ -62,6 +63,7 @@ def run(
         scheduler: Address of a Dask scheduler whose workers compute instead; they must see the folder.
         shard: ``(i, n)``: only the i-th of n parts, counted from 1.
         progress: Called at the start and after every job.
+        workers: Processes that serve several runs, in place of those of this run alone.
 
     Returns:
         Values of all jobs that have some, with what failed.
@@ -73,36 +75,39 @@ def run(
     """
     if processes < 1:
         raise ValueError(f"processes must be at least 1, got {processes}")
-    folder = Path(folder).resolve()
-    wanted = with_needs(jobs)
+    folder, wanted = Path(folder).resolve(), with_needs(jobs)
     mine = wanted if shard is None else part(wanted, *shard)
     outcome = _stored(wanted, folder)
     missing = {key: job for key, job in mine.items() if key not in outcome.values}
     others = len(outcome.values) - (len(mine) - len(missing))  # of other parts of a job array
     clock, left = Clock(journal(folder)), [{job.key: job for job in wave} for wave in waves(missing)]
-    forecast, workers = Forecast(clock, left), processes
+    forecast, parallel = Forecast(clock, left), processes
 
     def report(label: str = "") -> None:
         if progress is not None:
             done = len(outcome.values) - others
-            progress(Status(done, len(mine), len(outcome.failures), forecast.seconds_left(workers), label))
+            progress(Status(done, len(mine), len(outcome.failures), forecast.seconds_left(parallel), label))
 
     report()
     if not missing:
         return outcome
     try:
-        modules = sorted({job.function.partition(":")[0] for job in missing.values()})
-        with pool(folder, processes, scheduler, modules) as (compute, workers):
+        with pool(folder, workers or processes, scheduler, _modules(missing)) as (compute, parallel):
             for wave in left:
                 with closing(_compute(wave, compute, clock, outcome)) as labels:
                     for label in labels:
                         report(label)
     except CannotStore as error:
-        done = len(outcome.values) - others
-        raise OSError(f"{error}; {done} of {len(mine)} are stored, and the same run goes on from there") from None
+        stored = f"{len(outcome.values) - others} of {len(mine)} are stored"
+        raise OSError(f"{error}; {stored}, and the same run goes on from there") from None
     finally:
         sweep(folder)
     return outcome
+
+
+def _modules(jobs: dict[str, Job]) -> list[str]:
+    """Modules whose functions are called."""
+    return sorted({job.function.partition(":")[0] for job in jobs.values()})
 
 
 def _stored(wanted: dict[str, Job], folder: Path) -> Outcome:

@@ -58,6 +58,11 @@ def threads():
     return {name: os.environ.get(name) for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
 
 
+def process(number):
+    time.sleep(0.2)  # so that every process gets one
+    return {"process": os.getpid()}
+
+
 def echo(**arguments):
     return {"arguments": arguments, "types": [type(value).__name__ for value in arguments.values()]}
 

@@ -13,7 +13,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.jobs import Job, Status, artifact_path, journal, load, pools, result_path, run, schedule, seconds_left
+from agents.jobs import (
+    Job,
+    Status,
+    Workers,
+    artifact_path,
+    journal,
+    load,
+    pools,
+    result_path,
+    run,
+    schedule,
+    seconds_left,
+)
 from agents.jobs import job as job_module
 from agents.jobs.schedule import Clock
 from agents.jobs.work import work
@@ -413,6 +425,25 @@ def test_a_job_that_kills_its_process_stops_no_other_and_gets_a_second_chance(tm
     assert outcome.values[once.key] == {"alive": True}
     assert outcome.computed == 2
     assert json.loads((tmp_path / "failed" / f"{killer.key}.json").read_text())["traceback"] == cause
+
+
+@pytest.mark.slow
+def test_several_runs_share_processes_even_after_one_was_killed_and_end_them_at_last(tmp_path):
+    def numbers(first: int) -> set[int]:
+        outcome = run([job("process", number=first + i) for i in range(4)], tmp_path, workers=workers)
+        return {values["process"] for values in outcome.values.values()}
+
+    with Workers(2) as workers:
+        first = numbers(0)
+        assert numbers(4) <= first
+        once = job("die", beside=str(tmp_path / "once"))
+        assert run([once], tmp_path, workers=workers).values[once.key] == {"alive": True}
+        others = numbers(8)
+        assert not others & first
+    assert os.getpid() not in first | others
+    for number in first | others:
+        with pytest.raises(ProcessLookupError):
+            os.kill(number, 0)
 
 
 # --- a cluster --------------------------------------------------------------------------------------

@@ -25,14 +25,14 @@ from agents.metrics import scores
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
 from agents.studies.study import StudyError, read_study
 from scripts import __main__ as console_command
-from scripts import ablate, evaluate, reproduce, train, watch
+from scripts import ablate, budget, evaluate, reproduce, train, watch
 from scripts.console import command
 from studies.lorenz import __main__ as lorenz
 from studies.speed import __main__ as speed
 from studies.speed import timing
 
 COMMANDS: dict[str, Any] = {
-    "ablate": ablate.main, "evaluate": evaluate.main, "lorenz": lorenz.main, "speed": speed.main,
+    "ablate": ablate.main, "budget": budget.main, "evaluate": evaluate.main, "lorenz": lorenz.main, "speed": speed.main,
     "reproduce": reproduce.main, "train": train.main, "watch": watch.main,
 }  # fmt: skip
 STUDY = """
@@ -202,6 +202,11 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tu
         ("lorenz --runs 99999999999999999999", "runs must be at most"),
         ("reproduce robust --processes 0", "--processes must be at least 1, got 0"),
         ("reproduce robust --out file", "cannot write into file: it is a file, not a folder"),
+        ("budget CartPole-v1", "'CartPole-v1' has no estimator in the loop"),
+        ("budget --keep 1.5", "--keep must be above 0 and at most 1, got 1.5"),
+        ("budget --prices nobody.toml", "cannot read the prices nobody.toml: No such file or directory"),
+        ("budget --prices study.toml", "unknown sensor in the prices 'title'"),
+        ("budget --out file", "cannot write into file: it is a file, not a folder"),
         ("ablate", "Missing from"),
         ("ablate quik", "unknown study 'quik' (did you mean 'quick'?)"),
         ("wacth PunaUAV-v0", "unknown command 'wacth' (did you mean 'watch'?)"),
@@ -246,7 +251,7 @@ def test_an_empty_word_is_not_taken_for_the_present_folder(name: str, arguments:
         "evaluate vessel_gym:SigmaCorvette-v0 --estimator kf None --episodes 1", "train --out new/ppo --steps 128",
         "watch --out turn.png", "speed --what loop flights --rows 2", "lorenz --runs 2 --cycles 1",
         "reproduce robust puna --processes 1", "ablate study.toml --shard 1/2 --processes 3",
-        "ablate quick --out new/quick",
+        "ablate quick --out new/quick", "budget vessel_gym:SigmaCorvette-v0 --keep 1 --rates 1 0.5 --out new/budget",
     ],
 )  # fmt: skip
 def test_what_can_be_meant_begins(line: str):

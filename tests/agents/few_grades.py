@@ -1,0 +1,27 @@
+"""The corvette with few grades of two sensors: a small case for a search of the cheapest suite."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
+from vessel_gym.envs.vector import VesselVectorEnv
+from vessel_gym.vehicles.ship import Ship
+
+
+@dataclass(frozen=True)
+class FewGrades(Ship, verified=True):
+    """The ship with grades of receiver and compass."""
+
+    grades: ClassVar[Any] = Path(__file__).with_suffix(".toml")
+
+
+class FewGradesVectorEnv(VesselVectorEnv):
+    """Its batch, whose episodes are short."""
+
+    system = replace(
+        SIGMA_CORVETTE,
+        name="FewGradesVectorEnv-v0",
+        vehicle=FewGrades(SIGMA_CORVETTE.vehicle.ship, SIGMA_CORVETTE.vehicle.dt),
+    )
+    max_episode_steps = 120

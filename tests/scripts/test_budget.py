@@ -1,0 +1,207 @@
+"""`vessel-gym budget`: from an environment and prices to the cheapest suite, whatever happens on the way."""
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import agents.jobs
+from agents.budget import flights
+from agents.budget.flights import Flights, World
+from agents.budget.result import Budget, cheapest
+from agents.budget.search import TRUTH, Request, share_kept
+from agents.budget.suites import choices_of, sensors_of, suites_of
+from agents.jobs import journal
+from agents.studies.worlds import system_of
+from scripts import budget
+from scripts.console import Refusal
+
+HERE = Path(__file__).parents[1] / "agents"
+ENVIRONMENT = "few_grades:FewGradesVectorEnv"
+PRICES = """
+[receiver]
+nominal = 900
+"four metres" = 400
+"twelve metres" = 50
+["gyro compass"]
+nominal = 20_000
+worst = 300
+"""
+
+
+@pytest.fixture(autouse=True)
+def _importable(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(HERE))
+
+
+@pytest.fixture
+def prices(tmp_path: Path) -> Path:
+    path = tmp_path / "prices.toml"
+    path.write_text(PRICES)
+    return path
+
+
+def flown(out: Path) -> list[dict[str, str]]:
+    """The suites of a run as it writes them."""
+    with (out / "budget.csv").open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def small(out: Path, prices: Path | None, processes: int = 1) -> int:
+    return budget.main(ENVIRONMENT, keep=0.93, prices=prices, episodes=128, out=out, processes=processes)
+
+
+@pytest.mark.slow
+def test_the_answer_is_printed_and_written_and_an_interrupted_run_goes_on(prices, tmp_path, capsys, monkeypatch):
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    assert small(whole, prices) == 0
+    printed = capsys.readouterr().out
+    rows = flown(whole)
+    (found,) = {row["price"] for row in rows if f"receiver {row['receiver']}" in printed.splitlines()[0]} & {
+        row["price"] for row in rows if row["verdict"] == "confirmed"
+    }
+    assert f"Its price is {found}" in printed
+    assert sum(len(line) > 0 and line[0] == "│" for line in printed.splitlines()) <= 40
+    page = (whole / "budget.html").read_text(encoding="utf-8")
+    assert "The cheapest sensors that keep 93 %" in page
+    assert page.count("data:image/svg+xml") == 1
+    assert (whole / "budget.png").stat().st_size > 10_000
+
+    runs: Iterator[int] = iter(range(100))
+
+    def interrupted(*arguments: object, **named: object) -> object:
+        if next(runs) == 2:
+            raise KeyboardInterrupt
+        return run(*arguments, **named)
+
+    run = agents.jobs.run
+    monkeypatch.setattr(agents.jobs, "run", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        small(broken, prices)
+    done = len(journal(broken))
+    assert 0 < done < len(journal(whole))
+    assert small(broken, prices) == 0
+    assert len(journal(broken)) == len(journal(whole))
+    assert (broken / "budget.csv").read_bytes() == (whole / "budget.csv").read_bytes()
+    assert (broken / "budget.html").read_bytes() == (whole / "budget.html").read_bytes()
+
+
+@pytest.mark.slow
+def test_two_processes_find_what_one_does(tmp_path):
+    for processes in (1, 2):
+        assert small(tmp_path / str(processes), None, processes) == 0
+    one, two = (tmp_path / name / "budget.csv" for name in ("1", "2"))
+    assert one.read_bytes() == two.read_bytes()
+
+
+def test_the_prices_that_a_run_writes_can_be_given_to_the_next(tmp_path, monkeypatch):
+    def begun(*_: object) -> None:
+        raise InterruptedError
+
+    monkeypatch.setattr("agents.budget.result.cheapest", begun)
+    for given in (None, tmp_path / "out" / "prices.toml"):
+        with pytest.raises(InterruptedError):
+            small(tmp_path / "out", given)
+
+
+def test_sensors_have_the_grades_and_rates_that_are_chosen():
+    system = system_of(ENVIRONMENT)
+    compass, gyro, receiver = sensors_of(system, {"receiver": ["twelve metres", 0.25], "gyro compass": ["worst", None]})
+    assert (receiver.sd, receiver.rate) == ((12.0, 12.0), 0.25)
+    assert compass.sd == (2e-2,)
+    assert gyro.sd == system.nominal_sensors[1].sd
+
+
+def test_lower_rates_are_choices_of_their_own():
+    choices = choices_of(system_of(ENVIRONMENT), (1.0, 0.5))
+    assert [str(each) for each in choices["receiver"]] == [
+        "nominal", "nominal at 0.5 Hz", "four metres", "four metres at 1 Hz", "four metres at 0.5 Hz", "twelve metres",
+    ]  # fmt: skip
+    assert [str(each) for each in choices["rate gyro"]] == ["nominal", "nominal at 1 Hz", "nominal at 0.5 Hz"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"keep": 0.0}, "--keep must be above 0 and at most 1, got 0"),
+        ({"keep": 1.01}, "--keep must be above 0 and at most 1, got 1.01"),
+        ({"keep": float("nan")}, "--keep must be above 0 and at most 1, got nan"),
+        ({"episodes": 31}, "--episodes must be at least 32, got 31"),
+        ({"first_seed": 500_000}, "--first-seed must be at most 499999, got 500000"),
+        ({"first_seed": 499_999, "episodes": 2}, "--episodes must be at least 32, got 2"),
+        ({"processes": 0}, "--processes must be at least 1, got 0"),
+        ({"rates": (0.3,)}, "reads at 0.3 Hz, which does not divide the 2 steps a second"),
+        ({"rates": (-1.0,)}, "--rates must be positive numbers of measurements a second, got -1"),
+        ({"estimator": "nosuch"}, "unknown estimator 'nosuch'"),
+        ({"agent": "nosuch"}, "nosuch"),
+        ({"disturbance": "nosuch"}, "unknown disturbance 'nosuch'"),
+    ],
+)
+def test_what_cannot_be_meant_is_one_sentence(tmp_path, arguments, sentence):
+    with pytest.raises(Refusal, match=r"^[^\n]*$") as refused:
+        budget.main(ENVIRONMENT, out=tmp_path / "out", **arguments)
+    assert sentence in str(refused.value)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("receiver = [", "not TOML"),
+        (PRICES.replace("worst = 300", ""), "the prices lack the grade 'worst' of gyro compass"),
+        (PRICES.replace("900", "-900"), "the price of receiver, nominal, must be a number of at least 0, got -900"),
+        (PRICES.replace("worst", "wrost"), "unknown grade of gyro compass in the prices 'wrost'"),
+    ],
+)
+def test_prices_that_cannot_be_meant_are_one_sentence(tmp_path, text, sentence):
+    path = tmp_path / "prices.toml"
+    path.write_text(text)
+    with pytest.raises(Refusal, match=r"^[^\n]*$") as refused:
+        budget.main(ENVIRONMENT, prices=path, out=tmp_path / "out")
+    assert sentence in str(refused.value)
+    with pytest.raises(OSError, match=r"cannot read the prices .*nobody\.toml: No such file"):
+        budget.main(ENVIRONMENT, prices=tmp_path / "nobody.toml", out=tmp_path / "out")
+
+
+def test_an_environment_without_grades_is_refused(tmp_path, monkeypatch):
+    system = system_of(ENVIRONMENT)
+    monkeypatch.setattr(type(system.vehicle), "grades", None)
+    with pytest.raises(Refusal, match="FewGrades has no grades of sensors"):
+        budget.main(ENVIRONMENT, out=tmp_path / "out")
+
+
+def test_a_suite_of_which_the_filter_cannot_be_built_is_refused_with_the_reason(monkeypatch):
+    def refuse(*_: object) -> None:
+        raise ValueError("no such filter on these sensors")
+
+    monkeypatch.setattr(World, "made", refuse)
+    found = flights.fly(ENVIRONMENT, None, "autopilot", "moderate", {"receiver": ["nominal", None]}, 0, 2, {})
+    assert found == {"refused": "no such filter on these sensors"}
+
+
+def searched(out: Path, first_seed: int) -> tuple[Budget, Flights]:
+    suites = suites_of(choices_of(system_of(ENVIRONMENT)))
+    made = Flights(World(ENVIRONMENT), suites, out, None, first_seed)
+    return cheapest(made, 0.97, 256), made
+
+
+@pytest.mark.nightly
+def test_the_answer_holds_on_fresh_seeds_in_19_of_20_repetitions(tmp_path):
+    """Each repetition has seeds of its own, and its answer is flown on 1,000 more; no chance is left for two misses.
+
+    With the 2.5 % that an answer may be wrong with, two or more of 20 are by Bonferroni less than 9 % at the very
+    border, and next to none elsewhere; seeds are fixed.
+    """
+    held, answers = 0, set()
+    for repetition in range(20):
+        found, made = searched(tmp_path, 2_000 * repetition)
+        assert found.answer is not None
+        truth, scores = made([Request(i, 200_000, 1000) for i in (TRUTH, found.answer)])
+        assert truth is not None
+        assert scores is not None
+        share = share_kept(scores, truth)
+        held += share.mean >= 0.97
+        answers.add(str(found.suites[found.answer]))
+        print(repetition, found.suites[found.answer], share)
+    assert held >= 19, answers
