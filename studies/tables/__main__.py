@@ -244,8 +244,8 @@ def insurance() -> str:
 
 
 HEADLINE = (
-    "truth", "kf-umv-ui, nonlinear", "ekf assuming waves", "ekf, nonlinear", "kf, linear", "measurement",
-    "dead-reckoning",
+    "truth", "kf-umv-ui, nonlinear", "ekf assuming waves", "huber-kf, nonlinear", "ekf, nonlinear", "kf, linear",
+    "measurement", "dead-reckoning",
 )  # fmt: skip
 """Estimators of the corvette's study in the README and on her page."""
 
