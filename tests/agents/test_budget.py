@@ -216,7 +216,7 @@ def test_without_prices_steps_to_better_grades_count():
 @pytest.mark.parametrize(
     ("prices", "sentence"),
     [
-        ({"recevier": {}}, "unknown sensor in the prices 'recevier' (did you mean 'receiver'?)"),
+        ({"receivr": {}}, "unknown sensor in the prices 'receivr' (did you mean 'receiver'?)"),
         ({"receiver": 3}, "prices of receiver must be a table of numbers by grade, got 3"),
         ({"receiver": {"godo": 1}}, "unknown grade of receiver in the prices 'godo' (did you mean 'good'?)"),
         ({"receiver": {"good": -1}}, "the price of receiver, good, must be a number of at least 0, got -1"),

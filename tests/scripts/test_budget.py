@@ -49,7 +49,7 @@ def flown(out: Path) -> list[dict[str, str]]:
 
 
 def small(out: Path, prices: Path | None, processes: int = 1) -> int:
-    return budget.main(ENVIRONMENT, keep=0.93, prices=prices, episodes=128, out=out, processes=processes)
+    return budget.main(ENVIRONMENT, keep=0.8, prices=prices, episodes=128, out=out, processes=processes)
 
 
 @pytest.mark.slow
@@ -64,7 +64,7 @@ def test_the_answer_is_printed_and_written_and_an_interrupted_run_goes_on(prices
     assert f"Its price is {found}" in printed
     assert sum(len(line) > 0 and line[0] == "│" for line in printed.splitlines()) <= 40
     page = (whole / "budget.html").read_text(encoding="utf-8")
-    assert "The cheapest sensors that keep 93 %" in page
+    assert "The cheapest sensors that keep 80 %" in page
     assert page.count("data:image/svg+xml") == 1
     assert (whole / "budget.png").stat().st_size > 10_000
 
@@ -180,18 +180,21 @@ def test_a_suite_of_which_the_filter_cannot_be_built_is_refused_with_the_reason(
     assert found == {"refused": "no such filter on these sensors"}
 
 
+SHARE = 0.86
+"""A hard case: on 1,000 seeds the cheapest suite but one keeps 0.857, and the cheapest that keeps this share 0.882."""
+
+
 def searched(out: Path, first_seed: int) -> tuple[Budget, Flights]:
     suites = suites_of(choices_of(system_of(ENVIRONMENT)))
     made = Flights(World(ENVIRONMENT), suites, out, None, first_seed)
-    return cheapest(made, 0.97, 256), made
+    return cheapest(made, SHARE, 256), made
 
 
 @pytest.mark.nightly
 def test_the_answer_holds_on_fresh_seeds_in_19_of_20_repetitions(tmp_path):
-    """Each repetition has seeds of its own, and its answer is flown on 1,000 more; no chance is left for two misses.
+    """Each repetition has seeds of its own, and its answer is flown on 1,000 more.
 
-    With the 2.5 % that an answer may be wrong with, two or more of 20 are by Bonferroni less than 9 % at the very
-    border, and next to none elsewhere; seeds are fixed.
+    If an answer is wrong in 2.5 % of cases, which it is only at the very border, two or more of 20 are in 9 %.
     """
     held, answers = 0, set()
     for repetition in range(20):
@@ -201,7 +204,7 @@ def test_the_answer_holds_on_fresh_seeds_in_19_of_20_repetitions(tmp_path):
         assert truth is not None
         assert scores is not None
         share = share_kept(scores, truth)
-        held += share.mean >= 0.97
+        held += share.mean >= SHARE
         answers.add(str(found.suites[found.answer]))
         print(repetition, found.suites[found.answer], share)
     assert held >= 19, answers
