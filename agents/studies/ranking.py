@@ -133,8 +133,9 @@ def price(results: Results) -> Section:
     sections = {}
     for environment in results.environments:
         places, flown = results.places([environment]), _flown(results, environment, (RAW, ORACLE))
+        each = [Place(environment, condition) for condition in results.conditions]
         sections[environment] = [
-            (label, [share_entry(results.price([place], who, on), signed=True) for place in places])
+            (label, [share_entry(results.price([at], who, on) if at in places else None, signed=True) for at in each])
             for label, who, on in flown
             if on != ORACLE
         ]

@@ -75,6 +75,16 @@ def test_the_advice_is_the_estimator_on_which_most_is_kept_wherever_that_is():
         assert told[1].startswith("Every other is worse")
 
 
+def test_conditions_of_one_environment_leave_dashes_in_the_rows_of_others():
+    conditions = (CONDITIONS[0], replace(CONDITIONS[1], environments=(SEGOROGENI,)))
+    report = page(results(study(agents=LEARNED[:2], conditions=conditions)), OUT)
+    render(report)
+    for each in report.tables:
+        assert {len(entries) for _, listed in each.sections for _, entries in listed} == {len(each.head)}
+    priced = rows(report, "price")
+    assert all((row["calm"] == "–") == (title == CORVETTE) for (title, _), row in priced.items())
+
+
 def test_a_small_table_at_the_head_begins_with_the_advice_and_agrees_with_the_large_one():
     found = results(plan(study((CORVETTE,))), QUALITY | {"ekf": 0.99})
     head = summary(found)
