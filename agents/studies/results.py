@@ -254,9 +254,10 @@ class Results:
 
     def completed(self, places: Sequence[Place], policy: Policy, estimator: str) -> Interval | float | None:
         """Share [%] of episodes that end as the task asks, by each seed its mean over places; None without flights."""
-        success = system_of(places[0].environment).task.success
-        runs = (self.runs_of(place, policy, estimator) for place in places)
-        found = [{seed: np.array(values["ends"]) == success for seed, values in each.items()} for each in runs]
+        found = []
+        for place in places:
+            success, runs = system_of(place.environment).task.success, self.runs_of(place, policy, estimator)
+            found.append({seed: np.array(values["ends"]) == success for seed, values in runs.items()})
         each = 100.0 * np.array([ends.mean(axis=0) for ends in _in_all(found).values()])
         if not each.size:
             return None

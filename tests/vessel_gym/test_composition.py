@@ -841,7 +841,7 @@ def test_surge_may_be_read_where_the_model_has_it():
     assert_smaller(*errors)
 
 
-SEAS = "calm, moderate, rough(, surface)?"
+SEAS = "calm, moderate, rough(, surface|, moderate quartering, rough quartering)?"
 WRONGLY_TOLD = [
     ({"sea": "calm"}, TypeError, "unknown key of assume 'sea': choose from disturbance, as, Q, R, prior"),
     ({"how": "states"}, TypeError, "unknown key of assume 'how': choose from disturbance, as, Q, R, prior"),

@@ -1,5 +1,6 @@
 """What a study found, by place, policy and estimator."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,6 +14,7 @@ from agents.studies import flying
 from agents.studies.plan import plan
 from agents.studies.records import RAW
 from agents.studies.results import Place, Policy, Results
+from agents.studies.worlds import system_of
 
 NOMINAL = Place(CORVETTE, "nominal")
 
@@ -161,3 +163,12 @@ def test_the_estimator_and_the_truth_fly_in_turns_and_only_steps_are_timed(monke
     assert alone == (1, pytest.approx(3e-3), pytest.approx(1e-3))
     turns = [name for i, name in enumerate(flown[: 12 * flying.STEPS]) if i % flying.STEPS == 0]
     assert turns == ["kf", "truth"] * 6
+
+
+def test_an_episode_is_completed_as_its_own_task_asks():
+    """The corvette's success is to go on until time is up, a dive's is to arrive."""
+    found = results(study())
+    ends = {f.job.key: system_of(f.environment).task.success for f in found.plan.flights}
+    values = {key: value | {"ends": [ends[key]] * len(value["ends"])} for key, value in found.values.items()}
+    share = replace(found, values=values).completed(found.places(), found.classical, "truth")
+    assert share.mean == pytest.approx(100.0)
