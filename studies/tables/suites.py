@@ -146,13 +146,11 @@ def found(results: Path) -> str:
         for name in (HELD, FLOOR):
             if (gap := at.gap(name, best)).low > 0.0:
                 ahead.append(f"`{name}` in {at.environment}, {at.condition}, by {interval(gap)}")
-    counts = [
-        f"{what} in {len(where)} of {len(every)} environments" + (f" ({listed(list(where))})" if where else "")
-        for what, where in beaten.items()
-    ]
-    scores = f"the best filter scores {MARGIN:g} more, beyond chance,"
-    text = f"With `budget` or `denied` sensors {scores} than {listed(counts)}. "
-    text += f"Without any filter one scores more than on the best: {'; '.join(ahead)}. " if ahead else (
+    text = f"Gains are counted on `budget` and `denied` sensors, above {MARGIN:g} of the score and beyond chance. "
+    for what, where in beaten.items():
+        text += f"Against {what} the best filter gains in {len(where)} of {len(every)} environments"
+        text += f" ({listed(list(where))}). " if where else ". "
+    text += f"Without any filter one scores more than on the best: {listed(ahead)}. " if ahead else (
         "No filter is beaten by held measurements or dead reckoning beyond chance. "
     )  # fmt: skip
     return fill(text + truth_first(results), 140, break_on_hyphens=False)

@@ -126,8 +126,8 @@ def test_a_study_of_suites_says_where_filters_differ(tmp_path: Path):
         "`ekf`", "**0.200", "**0.100", "–", "**0.100",
     ]  # fmt: skip
     told = " ".join(suites.found(of).split())
-    assert "than held measurements in 1 of 2 environments (`SigmaCorvette-v0`), " in told
-    assert "and the environment's default in 0 of 2 environments. No filter is beaten" in told
+    assert "Against held measurements the best filter gains in 1 of 2 environments (`SigmaCorvette-v0`). " in told
+    assert "Against the environment's default the best filter gains in 0 of 2 environments. No filter is beaten" in told
     assert told.endswith("The truth has the highest mean in 6 of 6 columns, and no estimator scores significantly more "
                          "than it in any.")  # fmt: skip
     text = " ".join(suites.headline(of, "SigmaCorvette-v0", "rough").split())
