@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from estimators.checks import short_repr
 from estimators.factory import unknown
 from vessel_gym.sensors import Sensor
 from vessel_gym.sensors.grades import grades_of
@@ -19,6 +20,8 @@ from vessel_gym.toml_file import TomlFile
 
 MOST = 2000
 """Suites among which one is searched."""
+DEAREST = 1e12
+"""Highest price of a grade: their sums keep their digits."""
 
 Prices = Mapping[str, Mapping[str, float]]
 """Price of each grade of each sensor, in any currency."""
@@ -155,8 +158,10 @@ def price_list(choices: Mapping[str, Sequence[Choice]], prices: Prices) -> dict[
             if grade not in map(str, choices[sensor]):
                 raise ValueError(unknown(f"grade of {sensor} in the prices", grade, map(str, choices[sensor])))
             number = isinstance(price, int | float) and not isinstance(price, bool)
-            if not (number and isfinite(price) and price >= 0.0):
-                raise ValueError(f"the price of {sensor}, {grade}, must be a number of at least 0, got {price!r}")
+            if not (number and 0.0 <= price <= DEAREST):
+                raise ValueError(
+                    f"the price of {sensor}, {grade}, must be a number from 0 to {DEAREST:g}, got {short_repr(price)}"
+                )
     found: dict[str, dict[str, float]] = {}
     for sensor, choice in _each(choices):
         listed = prices.get(sensor, {})

@@ -150,7 +150,7 @@ def found(results: Path) -> str:
     for what, where in beaten.items():
         text += f"Against {what} the best filter gains in {len(where)} of {len(every)} environments"
         text += f" ({listed(list(where))}). " if where else ". "
-    text += f"Without any filter one scores more than on the best: {listed(ahead)}. " if ahead else (
+    text += f"Scores without any filter are higher than on the best one with {listed(ahead)}. " if ahead else (
         "No filter is beaten by held measurements or dead reckoning beyond chance. "
     )  # fmt: skip
     return fill(text + truth_first(results), 140, break_on_hyphens=False)
@@ -166,7 +166,7 @@ def truth_first(results: Path) -> str:
         beyond += [f"`{name}` {where} by {interval(gap)}" for name, gap in gaps.items() if gap.low > 0.0]
     text = f"The truth has the highest mean in {first} of {every} columns"
     if beyond:
-        return f"{text}. Significantly more than the truth score {listed(beyond)}."
+        return f"{text}. Significantly higher than on the truth are the scores of {listed(beyond)}."
     return f"{text}, and no estimator scores significantly more than it in any."
 
 
@@ -186,7 +186,8 @@ def headline(results: Path, environment: str, sea: str) -> str:
     wins = [f"`{at.suite}`" for at, name in zip(chosen, best, strict=True) if at.gap(name, HELD).low <= 0.0]
     text = (
         f"With {listed([f'`{at.suite}`' for at in chosen])} sensors the autopilot loses {lost['best']} of the score "
-        f"against the truth on the best filter, and {lost['held']} on held measurements, which steer {min(ratios):.1f} "
+        f"against the truth on the best filter, and {lost['held']} on held "
+        f"measurements (`measurement`), which steer {min(ratios):.1f} "
         f"to {max(ratios):.1f} times as much."
     )
     text += f" No filter beats held measurements beyond chance with {listed(wins)} sensors." if wins else ""

@@ -134,14 +134,19 @@ def test_a_study_of_suites_says_where_filters_differ(tmp_path: Path):
     assert (
         "loses 0.010, 0.010 and 0.100 of the score against the truth on the best filter, and 0.010, 0.010 and " in text
     )
-    assert "0.300 on held measurements, which steer 2.8 to 2.8 times as much." in text  # 31 of 11 degrees
+    assert (
+        "0.300 on held measurements (`measurement`), which steer 2.8 to 2.8 times as much." in text
+    )  # 31 of 11 degrees
     assert text.endswith("No filter beats held measurements beyond chance with `nominal` and `budget` sensors.")
 
 
 def test_an_estimator_that_beats_the_truth_beyond_chance_is_named(tmp_path: Path):
     told = suites.truth_first(study(tmp_path, better=0.2))
     assert told.startswith("The truth has the highest mean in 5 of 6 columns.")
-    assert "Significantly more than the truth score `ekf` in SigmaCorvette-v0, rough, nominal by 0.200" in told
+    assert (
+        "Significantly higher than on the truth are the scores of `ekf` in SigmaCorvette-v0, rough, nominal by 0.200"
+        in told
+    )
 
 
 def test_a_table_that_does_not_exist_is_refused():

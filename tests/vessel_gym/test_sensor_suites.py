@@ -251,6 +251,10 @@ def test_rates_and_latencies_of_a_grade_fall_on_the_vehicle_s_steps(tmp_path: Pa
 
 
 WRONG = {
+    '[receiver.x]\nsd = 1.0\nsource = "a"\nbias = { start = "b" }': (4, "start of the bias of receiver must be"),
+    '[receiver.x]\nsd = 1.0\nsource = "a"\nrate = 1e-320': (4, "rate of receiver is too low"),
+    '[suites.b]\n"rate giro" = "x"': (2, "unknown sensor 'rate giro' (did you mean 'rate gyro'?)"),
+    '[suites.b]\n"rate gyro" = ["x"]': (2, "unknown grade of rate gyro ['x']"),
     "sextant.good.sd = 1.0": (1, "unknown sensor 'sextant'"),
     "receiver = 3": (1, "receiver must be a table, got 3"),
     "[receiver.good]\nsource = 'x'": (1, "receiver of the grade 'good' needs a 'sd'"),

@@ -22,7 +22,7 @@ from typing import Any
 from estimators.checks import short_repr
 from estimators.factory import unknown
 from vessel_gym.checks import check_numbers
-from vessel_gym.sensors.sensor import Bias, Sensor
+from vessel_gym.sensors.sensor import SLOWEST, Bias, Sensor
 from vessel_gym.toml_file import TomlFile
 
 DATA = Path(__file__).with_name("data")
@@ -114,7 +114,7 @@ class _GradesFile(TomlFile):
                 table = {NOMINAL: {"source": "the vehicle's own"}} | table
             sensors[name] = {grade: self._sensor(own, grade, each) for grade, each in table.items()}
             sources[name] = {grade: each["source"] for grade, each in table.items()}
-        return Grades(sensors, sources, self._suites(sensors))
+        return Grades(sensors, sources, self._suites(sensors, own_alone))
 
     def _table(self, keys: tuple[str, ...], value: Any) -> dict[str, Any]:
         if not isinstance(value, dict):
@@ -147,12 +147,16 @@ class _GradesFile(TomlFile):
         times = {"rate": figures.get("rate"), "latency": figures.get("latency", 0.0)}
         check_numbers(own.name, times, positive="rate?", not_negative="latency")
         if "rate" in figures:
+            if figures["rate"] * self.dt * SLOWEST < 1.0:
+                raise ValueError(f"rate of {own.name} is too low, got {figures['rate']:g} Hz")
             period = max(round(1.0 / (figures["rate"] * self.dt)), 1)
         bias = None
         if "bias" in figures:
             if not isinstance(figures["bias"], dict) or not {"start"} <= set(figures["bias"]) <= set(_BIAS):
                 raise ValueError(f"bias of {own.name} must be a table of start, and pace, slope or time")
             given = {key: _tuple(value, channels) for key, value in figures["bias"].items() if key != "time"}
+            for each in given["start"]:
+                check_numbers(f"the bias of {own.name}", {"start": each}, not_negative="start")
             names = tuple(f"bias {channel.split(' [')[0]}" for channel in own.channels)[: len(given["start"])]
             bias = Bias(names, **given, scale=max((1e-9, *given["start"])), time=figures["bias"].get("time"))
         return replace(
@@ -160,13 +164,15 @@ class _GradesFile(TomlFile):
             dropout=figures.get("dropout", 0.0), latency=round(times["latency"] / self.dt) * self.dt, bias=bias,
         )  # fmt: skip
 
-    def _suites(self, sensors: dict[str, dict[str, Sensor]]) -> dict[str, dict[str, str]]:
+    def _suites(self, sensors: dict[str, dict[str, Sensor]], own_alone: bool) -> dict[str, dict[str, str]]:
         """The grades that suites choose, checked."""
         suites = self._table(("suites",), self.data.get("suites", {}))
         for suite, table in suites.items():
             for name, grade in self._table(("suites", suite), table).items():
+                if name not in sensors and not own_alone:
+                    raise self.fault(("suites", suite, name), unknown("sensor", name, sensors))
                 known = sensors.get(name)
-                if known is not None and grade not in known:
+                if known is not None and (not isinstance(grade, str) or grade not in known):
                     raise self.fault(("suites", suite, name), unknown(f"grade of {name}", grade, known))
         return suites
 

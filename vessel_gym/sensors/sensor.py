@@ -188,8 +188,8 @@ class Sensor:
         if self.rate is None:
             return 1
         check_numbers("a sensor's period", {"dt": dt}, positive="dt")
-        steps = 1.0 / (self.rate * dt)
-        if steps < 0.5 or abs(steps - round(steps)) > 1e-6 * steps:
+        steps = 1.0 / max(self.rate * dt, 1e-300)
+        if not 0.5 <= steps <= SLOWEST or abs(steps - round(steps)) > 1e-6 * steps:
             raise ValueError(
                 f"{self.name} reads at {self.rate:g} Hz, which does not divide the {1.0 / dt:g} steps a second: its "
                 "measurements would fall between steps"
@@ -219,6 +219,8 @@ class Sensor:
         return latency, jitter, clock
 
 
+SLOWEST = 1e9
+"""Most steps from one measurement to the next."""
 LONGEST = 1000
 """How many steps a measurement may be late: all that long everything is kept."""
 
