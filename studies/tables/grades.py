@@ -10,7 +10,7 @@ VEHICLES = {
     "PunaUAV-v0": "Small aircraft",
     "ThesisCorvette-v0": "The ship of the thesis",
 }
-"""Headings by an environment with such a vehicle; a vehicle in the vertical plane has a part of another's grades."""
+"""Headings by an environment with such a vehicle."""
 
 
 def sensor_grades() -> str:

@@ -11,6 +11,7 @@ from test_routes import DOGLEG, every_route
 from agents.controllers import make_controller
 from vessel_gym.core import Core
 from vessel_gym.envs.sigma_channel import SIGMA_CHANNEL
+from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
 from vessel_gym.guidance.path_following import pose_along
 from vessel_gym.guidance.routes import WAYPOINTS, route
 from vessel_gym.seaway import Seaway
@@ -181,9 +182,14 @@ def test_the_autopilot_arrives(disturbance: str, least: float) -> None:
     assert score.mean() > least
 
 
-def test_loitering_on_the_axis_does_not_pay() -> None:
-    """A ship that is put back again and again to where she began is on the axis, and gets no further."""
-    core = Core(SIGMA_CHANNEL, 8, estimator="truth", disturbance="calm")
+@pytest.mark.parametrize(
+    ("system", "most"),
+    [(SIGMA_CHANNEL, 3.0 * TASK.dt * SHIP.speed / (TASK.leg * SHIP.length)), (SIGMA_CORVETTE, 200 * 0.06)],
+    ids=lambda value: getattr(value, "name", None),
+)
+def test_loitering_does_not_pay(system, most: float) -> None:
+    """A ship that is put back again and again to where she began is on the track, and gets no further."""
+    core = Core(system, 8, estimator="truth", disturbance="calm")
     core.start(0)
     state = core.state.copy()
     total = np.zeros(8)
@@ -191,7 +197,7 @@ def test_loitering_on_the_axis_does_not_pay() -> None:
         reward, _ = core.step(np.zeros((8, 1)))
         total += reward
         core.now.state = state.copy()
-    assert total.max() < 3.0 * TASK.dt * SHIP.speed / (TASK.leg * SHIP.length)
+    assert total.max() < most
 
 
 def scored(along: float, off: float, course: float = 0.0, turned_by: float = 0.0, farthest: float = 0.0) -> Any:

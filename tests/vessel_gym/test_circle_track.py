@@ -134,19 +134,6 @@ def test_nothing_but_holding_the_track_pays(policy, disturbance):
     assert flown(IDLE[policy], 16, disturbance).mean() <= 0.06
 
 
-def test_loitering_on_the_track_does_not_pay():
-    """A ship that is put back again and again to where the turn begins is on the track, and gets no further."""
-    core = Core(SIGMA_CORVETTE, 8, estimator="truth", disturbance="calm")
-    core.start(0)
-    state = core.state.copy()
-    total = np.zeros(8)
-    for _ in range(200):
-        reward, _ = core.step(np.zeros((8, 1)))
-        total += reward
-        core.now.state = state.copy()
-    assert total.max() / 200 <= 0.06
-
-
 @pytest.mark.parametrize("estimator", ["truth", "kf-umv-ui"])
 def test_the_autopilot_holds_the_track(estimator):
     rows = 16

@@ -129,7 +129,7 @@ class Itsunusa(AUV, verified=True):
             "acoustic position", ("x",), plain((3,)), (0.5,), rate=0.5, dropout=0.10, scale=(20.0,), gives=("x",),
         ),
     )))  # fmt: skip
-    grades: ClassVar[str] = "auv-plane"
+    grades: ClassVar[str] = "auv"
     normals: ClassVar = VERTICAL
 
     @cached_property
