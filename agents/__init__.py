@@ -1,16 +1,21 @@
 """Agents that steer on estimates, and the means to train and score them.
 
-torch and stable-baselines3 are imported only when an agent is trained, saved or loaded.
-The package may import `vessel_gym` and `estimators`; `scripts` and `studies` import it.
+A name is imported at its first use: the commands' ``--help`` answers at once. torch and stable-baselines3 are imported
+only when an agent is trained, saved or loaded. The package may import `vessel_gym` and `estimators`; `scripts` and
+`studies` import it.
 """
 
-from agents.agent import Agent, RandomAgent, load_agent
-from agents.controllers import register_controller
-from agents.controllers.turning import TurningAutopilot
-from agents.episodes import Episode, episode
-from agents.metrics import Metric, register_metrics
-from agents.policies.checkpoint import save_agent
-from agents.rollouts import Rollout, rollout
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from agents.agent import Agent, RandomAgent, load_agent
+    from agents.controllers import register_controller
+    from agents.controllers.turning import TurningAutopilot
+    from agents.episodes import Episode, episode
+    from agents.metrics import Metric, register_metrics
+    from agents.policies.checkpoint import save_agent
+    from agents.rollouts import Rollout, rollout
 
 __all__ = [
     "Agent",
@@ -26,3 +31,24 @@ __all__ = [
     "rollout",
     "save_agent",
 ]
+
+_MODULES = {
+    "agent": ("Agent", "RandomAgent", "load_agent"),
+    "controllers": ("register_controller",),
+    "controllers.turning": ("TurningAutopilot",),
+    "episodes": ("Episode", "episode"),
+    "metrics": ("Metric", "register_metrics"),
+    "policies.checkpoint": ("save_agent",),
+    "rollouts": ("Rollout", "rollout"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _MODULES.items():
+        if name in names:
+            return getattr(import_module(f"agents.{module}"), name)
+    raise AttributeError(f"module 'agents' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -48,8 +48,8 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
         name: A controller that is registered for the environment's task, such as ``"autopilot"`` (see
             `agents.controllers`); ``"ppo"``, which was trained on the environment's default estimates, comes with the
             package and needs no torch; ``"random"``; the path of a checkpoint that `agents.save_agent` or
-            ``scripts.train`` wrote; or ``"module:object"``, a controller of your own, made by calling the object with
-            the environment's `System`: the module is imported, which runs its code.
+            ``vessel-gym train`` wrote; or ``"module:object"``, a controller of your own, made by calling the object
+            with the environment's `System`: the module is imported, which runs its code.
         env: The environment (either face, wrapped or not) that it will fly.
         trust: Load other checkpoints of stable-baselines3, too, of any algorithm. They hold pickles: loading one runs
             whatever code its maker has put in. They leave out the statistics of a ``VecNormalize``: an agent that was

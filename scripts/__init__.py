@@ -1,4 +1,4 @@
-"""Command line: parse, call, print. One file a command; `scripts.__main__` is ``vessel-gym``, which knows them all.
+"""Commands in a checkout that is not installed: ``python -m scripts.train`` is ``vessel-gym train``, and so on.
 
-They may import everything, late; nothing imports them.
+`scripts.reproduce` runs in a checkout only, where the papers are.
 """

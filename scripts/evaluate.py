@@ -1,89 +1,9 @@
-"""Score an agent over many seeds: ``python -m scripts.evaluate --agent autopilot --disturbance rough``."""
+"""``python -m scripts.evaluate``: `agents.commands.evaluate`."""
 
-from contextlib import closing
-from typing import Any
+import sys
 
-from scripts.console import asked, command, in_range, progress_bar
-
-
-def main(
-    env_id: str = "SigmaCorvette-v0",
-    /,
-    agent: str = "autopilot",
-    estimator: tuple[str | None, ...] = (None,),
-    sensors: str = "nominal",
-    disturbance: str = "moderate",
-    mismatch: float = 0.0,
-    observe: str = "mean",
-    episodes: int = 100,
-    first_seed: int = 0,
-    trust: bool = False,
-) -> None:
-    """Fly an agent on one or several estimators, over the same seeds, and print score, costs and other metrics.
-
-    Args:
-        env_id: Registered environment.
-        agent: A controller of the task (autopilot, lqg, pid), ppo (comes with the package), random, the path of a
-            checkpoint, or your own as module:object, whose code is run.
-        estimator: One or more estimators; the environment's default if not given.
-        sensors: clean, nominal, degraded, budget or denied.
-        disturbance: calm, moderate or rough.
-        mismatch: Relative spread of the truth's parameters.
-        observe: mean, mean+std or measurement.
-        episodes: Episodes for each estimator.
-        first_seed: Number of the first evaluation seed, counted from 0.
-        trust: Load a checkpoint that vessel-gym did not write, although it can run any code.
-    """
-    import gymnasium as gym
-
-    from agents import load_agent
-    from agents.seeds import evaluation_seeds
-    from agents.studies.worlds import environment_id
-    from vessel_gym.checks import one_of
-
-    world: dict[str, Any] = {"sensors": sensors, "disturbance": disturbance, "mismatch": mismatch, "observe": observe}
-    with asked():
-        if not estimator:
-            raise ValueError("--estimator needs the name of at least one estimator")
-        env_id = environment_id(env_id)
-        one_of("--observe", observe, ("mean", "mean+std", "measurement"))
-        in_range("--episodes", episodes, 1)
-        in_range("--first-seed", first_seed, 0)
-        seeds = evaluation_seeds(episodes, first_seed)
-        for name in estimator:
-            with closing(gym.make_vec(env_id, num_envs=1, estimator=name, **world)) as env:
-                load_agent(agent, env, trust)
-    title = f"{env_id}, {agent}: mean and 95 % interval over {episodes} episodes, {disturbance} {sensors}"
-    _fly(title, agent, env_id, seeds, [{"estimator": name, **world} for name in estimator], trust)
-
-
-def _fly(title: str, agent: str, env_id: str, seeds: list[int], worlds: list[dict[str, Any]], trust: bool) -> None:
-    """Fly the seeds with each of the environment's options, and print a table of the metrics."""
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
-    from agents import rollout
-    from agents.metrics import SCORE, mean, metrics, scores
-    from agents.page import words
-
-    table = Table(title=title)
-    table.add_column("metric")
-    columns = []
-    with progress_bar("flying", len(worlds)) as advance:
-        for options in worlds:
-            flown = rollout(agent, env_id, seeds, options, trust=trust)
-            columns.append(scores(flown))
-            chosen = metrics(flown.env.unwrapped.system)
-            table.add_column(flown.env.unwrapped.core.estimator, justify="right")
-            advance()
-    beside = [metric for metric in chosen if metric.cost or metric.key == SCORE.key]
-    for metric in (*beside, *(metric for metric in chosen if metric not in beside)):
-        cells = [words(mean(metric, column[metric.key][None]), metric.decimals) for column in columns]
-        name = f"{metric.label} [{metric.unit}]" if metric.unit else metric.label
-        table.add_row(escape(name), *map(escape, cells), end_section=metric is beside[-1])
-    Console().print(table)
-
+from agents.commands.console import command
+from agents.commands.evaluate import main
 
 if __name__ == "__main__":
-    command(main)
+    sys.exit(command(main))

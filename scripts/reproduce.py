@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from scripts.console import Refusal, asked, command, in_range, job_progress
+from agents.commands.console import Refusal, asked, command, in_range, job_progress
 
 Name = Literal["all", "corvette", "segorogeni", "itsunusa", "robust", "puna"]
 

@@ -6,6 +6,14 @@ does so by itself. An agent sees what a filter believes; the truth moves underne
 
 from gymnasium.envs.registration import register
 
+from vessel_gym.shadowing import shadowing
+
+if _file := shadowing("estimators"):
+    raise ImportError(
+        f"vessel_gym needs its own package estimators, but {_file} is found first: rename that file or folder",
+        name=__name__,  # so that python -m vessel_gym prints the sentence alone
+    )
+
 __version__ = "1.0.0"
 
 for _where, _name, _steps in (

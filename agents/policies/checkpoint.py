@@ -227,7 +227,7 @@ def packaged(env_id: str) -> Path:
     if env_id not in known:
         raise ValueError(
             f"no trained agent comes with the package for {env_id!r}, only for {', '.join(known)}: train one with "
-            "scripts.train, and give the path of its checkpoint"
+            "vessel-gym train, and give the path of its checkpoint"
         )
     return folder / f"{env_id}.zip"
 
@@ -251,7 +251,7 @@ def load(path: Path, trust: bool, dense: bool = False) -> Policy:
     ours = described is not None and "policy" in described
     if not ours and not trust:
         raise ValueError(
-            f"{path} was not saved by agents.save_agent or scripts.train of this version, and to load it is to run "
+            f"{path} was not saved by agents.save_agent or vessel-gym train of this version, and to load it is to run "
             "whatever code it holds: if you trust whoever made it, say trust=True (--trust on a command line)"
         )
     if not dense:

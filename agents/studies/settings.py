@@ -26,7 +26,7 @@ def settings(results: Results, out: Path) -> Section:
     """Command, versions, and every setting of environments, conditions, agents, estimators and trainings."""
     study = results.plan.study
     run = [
-        ("command", f"python -m scripts.ablate {out}/study.toml --out {out}"),
+        ("command", f"vessel-gym ablate {out}/study.toml --out {out}"),
         ("evaluation seeds", f"{study.seeds[0]} to {study.seeds[-1]}"),
         ("termination", study.termination),
         ("margin of equivalence", f"{study.margin:g} of the share kept"),

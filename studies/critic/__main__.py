@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from scripts.console import asked, command, in_range
+from agents.commands.console import asked, command, in_range
 
 
 def main(worlds: tuple[str, ...] = (), /, runs: int = 5, out: Path = Path("results/critic")) -> None:

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from agents.commands.console import progress_bar
 from agents.files import compute_once
 from agents.plotting import PALETTE, styled
 from agents.policies.network import one_thread
 from agents.statistics import mean_interval
-from scripts.console import progress_bar
 from studies.critic.benchmark import END, HALF, World, learned
 from studies.tables.markdown import ROOT, put, shown, table
 

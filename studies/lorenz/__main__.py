@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from scripts.console import asked, command, in_range, progress_bar
+from agents.commands.console import asked, command, in_range, progress_bar
 
 if TYPE_CHECKING:
     from rich.table import Table

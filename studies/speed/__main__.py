@@ -4,7 +4,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
-from scripts.console import Refusal, asked, command, in_range
+from agents.commands.console import Refusal, asked, command, in_range
 
 What = Literal["loop", "filters", "flights", "where", "third-party"]
 MARK = "measured"

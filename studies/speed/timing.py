@@ -20,8 +20,8 @@ import numpy as np
 
 import vessel_gym
 import vessel_gym.core
+from agents.commands.console import Refusal, asked, progress_bar
 from estimators import names
-from scripts.console import Refusal, asked, progress_bar
 from studies.speed.baselines import (
     MEASUREMENTS,
     MEMBERS,

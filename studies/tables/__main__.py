@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from scripts.console import Refusal, command, progress_bar
+from agents.commands.console import Refusal, command, progress_bar
 from studies.tables.arms import EPISODES, Arm
 from studies.tables.channel import channel
 from studies.tables.faults import SEEDS, alarms, faults, faults_found, gap, inputs, latency

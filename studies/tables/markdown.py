@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from scripts.console import Refusal
+from agents.commands.console import Refusal
 
 ROOT = Path(__file__).parents[2]
 WITHOUT = "–"

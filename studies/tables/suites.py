@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agents.commands.console import Refusal
 from agents.page import listed
 from agents.statistics import Interval, crossed_interval, paired_difference
 from agents.studies.records import FLOOR, ORACLE
 from agents.studies.worlds import system_of
-from scripts.console import Refusal
 from studies.tables.markdown import WITHOUT, interval, table
 
 SUITES = ("nominal", "budget", "denied")

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from agents.commands.console import asked, command, in_range, progress_bar
 from agents.files import compute_once
 from agents.policies.network import one_thread
-from scripts.console import asked, command, in_range, progress_bar
 from studies.tables.markdown import ROOT, put, shown, table
 from studies.third_party.benchmark import ARMS, TRIALS, Trial, learned, random
 

@@ -23,11 +23,11 @@ from stable_baselines3 import A2C, DDPG, DQN, PPO, SAC, TD3
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecEnvWrapper, VecFrameStack, VecNormalize
 
 from agents import load_agent, rollout, save_agent
+from agents.commands import evaluate
+from agents.commands.console import command
 from agents.policies.agent import TrainedAgent
 from agents.policies.checkpoint import packaged
 from agents.training.vec_env import StableBaselinesVecEnv
-from scripts import evaluate
-from scripts.console import command
 
 ENV, THESIS = "SigmaCorvette-v0", "ThesisCorvette-v0"
 ROWS = 4

@@ -13,12 +13,12 @@ import pytest
 
 import agents
 from agents import Episode, episode, load_agent
+from agents.commands import watch
+from agents.commands.console import Refusal
 from agents.episodes.recording import page_of, unpacked
 from agents.metrics import metrics, scores
 from agents.rollouts import rollout
 from estimators import ExtendedKalmanFilter
-from scripts import watch
-from scripts.console import Refusal
 from vessel_gym.rendering.palette import DARK, LIGHT
 from vessel_gym.surroundings import pose
 

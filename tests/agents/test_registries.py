@@ -19,6 +19,7 @@ from refusals import refused
 
 import agents
 from agents import Metric, load_agent, register_controller, register_metrics, rollout
+from agents.commands import evaluate
 from agents.controllers import CONTROLLERS, controller_names, make_controller
 from agents.metrics import TASK_METRICS, at_end, components, metrics, rmse, scores
 from agents.source import _closure, source_digest
@@ -26,7 +27,6 @@ from agents.studies import worlds
 from agents.studies.plan import plan
 from agents.studies.records import Study
 from agents.studies.study import StudyError, read_study
-from scripts import evaluate
 from vessel_gym.core import Core
 from vessel_gym.envs import (
     ItsunusaAUVEnv,

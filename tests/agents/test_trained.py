@@ -73,7 +73,11 @@ def test_it_flies_without_loading_torch():
         ("SigmaCorvette-v0", {"observe": "measurement"}, "trained on observe='mean', .* gives 'measurement'"),
         ("SigmaCorvette-v0", {"observe": "mean+std"}, "trained on observe='mean', .* gives 'mean.std'"),
         ("SigmaCorvette-v0", {"guidance": False}, "was trained in another environment"),
-        ("vessel_gym/Ship-v0", {"vessel": "corvette"}, "no trained agent comes with the package for .* scripts.train"),
+        (
+            "vessel_gym/Ship-v0",
+            {"vessel": "corvette"},
+            "no trained agent comes with the package for .*vessel-gym train",
+        ),
     ],
 )
 def test_where_it_cannot_fly_a_sentence_says_so(env_id: str, options: dict[str, object], sentence: str):

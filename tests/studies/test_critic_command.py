@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 
+from agents.commands.console import command
 from agents.training.ppo import describe, learner
-from scripts.console import command
 from studies.critic import __main__ as critic
 from studies.critic import benchmark, page
 from studies.critic.benchmark import explained, flown, leaking, learned

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import vessel_gym
+from agents.commands.console import Refusal
 from estimators import RandomKeys, names
-from scripts.console import Refusal
 from studies.speed import timing
 from studies.speed.__main__ import MARK, main
 from studies.speed.baselines import (

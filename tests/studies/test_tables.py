@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scripts.console import Refusal
+from agents.commands.console import Refusal
 from studies.tables import __main__ as tables
 from studies.tables import faults as fault_tables
 from studies.tables import filters as filter_tables

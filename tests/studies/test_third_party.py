@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scripts.console import Refusal
+from agents.commands.console import Refusal
 from studies.tables.markdown import around
 from studies.third_party import __main__ as third_party
 from studies.third_party import benchmark

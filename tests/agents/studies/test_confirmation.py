@@ -5,13 +5,13 @@ from dataclasses import replace
 import pytest
 from invented import CONDITIONS, CORVETTE, LEARNED, QUALITY, results, study
 
+from agents.commands import ablate
 from agents.seeds import evaluation_seeds
 from agents.studies.answer import answer
 from agents.studies.confirmation import CONFIRMED, FAILED, OPEN, confirmed, is_open, open_seeds
 from agents.studies.plan import plan
 from agents.studies.records import Confirmation
 from agents.studies.report import page, write_report
-from scripts import ablate
 
 STUDY = replace(study((CORVETTE,), conditions=CONDITIONS[:1]), confirm=Confirmation(500, 40))
 

@@ -379,7 +379,7 @@ def test_all_columns_have_one_ruler_and_the_report_names_it(small):
 def test_every_setting_of_the_study_is_on_the_page(taught, learned):
     html = render(taught)
     for words in (
-        "python -m scripts.ablate",
+        "vessel-gym ablate",
         "numpy",
         "SHA-256",
         "1000000000 to 1000000007",

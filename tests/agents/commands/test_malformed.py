@@ -19,14 +19,14 @@ import agents
 import agents.jobs
 import agents.training.ppo
 import studies.lorenz.benchmarks
-from agents import rollout
+from agents import commands, rollout
+from agents.commands import ablate, budget, evaluate, train, watch
+from agents.commands.console import command
 from agents.jobs import check_scheduler
 from agents.metrics import scores
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
 from agents.studies.study import StudyError, read_study
-from scripts import __main__ as console_command
-from scripts import ablate, budget, evaluate, reproduce, train, watch
-from scripts.console import command
+from scripts import reproduce
 from studies.lorenz import __main__ as lorenz
 from studies.speed import __main__ as speed
 from studies.speed import timing
@@ -89,11 +89,11 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 def call(name: str, arguments: Sequence[str]) -> int | None:
     """The console command, or a command that it does not know."""
-    if name in COMMANDS and name not in console_command.COMMANDS:
+    if name in COMMANDS and name not in commands.COMMANDS:
         return command(COMMANDS[name], arguments)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["vessel-gym", name, *arguments])
-        return console_command.main()
+        return commands.main()
 
 
 def refused(name: str, *arguments: str) -> str | None:

@@ -1,4 +1,4 @@
-"""`scripts.watch` writes pictures and films, and refuses in one sentence what the machine cannot write."""
+"""`vessel-gym watch` writes pictures and films, and refuses in one sentence what the machine cannot write."""
 
 import sys
 from pathlib import Path
@@ -12,8 +12,8 @@ import pytest
 pygame = pytest.importorskip("pygame")
 
 import agents  # noqa: E402
-from scripts import watch  # noqa: E402
-from scripts.console import command  # noqa: E402
+from agents.commands import watch  # noqa: E402
+from agents.commands.console import command  # noqa: E402
 
 STEPS = 8
 

@@ -14,9 +14,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr
 from datetime import datetime, timedelta
-from importlib.util import find_spec
 from itertools import count, pairwise
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import tyro
@@ -51,8 +49,10 @@ def one_sentence_errors() -> Iterator[None]:
     try:
         yield
         sys.stdout.flush()
-    except ImportError as error:
-        sentence = _lacking(error)
+    except ModuleNotFoundError as error:
+        from vessel_gym.extras import missing
+
+        sentence = missing(error.name)
         if sentence is None:
             raise
         sys.exit(complain(sentence))
@@ -104,6 +104,8 @@ def _parsed(
         return functools.partial(main, *positional, **named)
 
     given = sys.argv[1:] if arguments is None else list(arguments)
+    if any(re.match(r"[A-Za-z_][\w.]*:", word) for word in given) and os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())  # where a module:object of the user's own lies; behind our packages
     for before, word in pairwise(["", *given]):
         if not word:  # which would be taken for a path: that of the present folder
             raise Refusal(f"the argument after {before!r} is empty" if before else "the first argument is empty")
@@ -133,28 +135,6 @@ def _boxed(text: str) -> str:
     sentence = " ".join(line for line in lines[start:end] if line)
     meant = re.search(r"Perhaps you meant:\s+(--[\w-]+)", "\n".join(lines))
     return f"{sentence.rstrip('.')}{f' (did you mean {meant[1]}?)' if meant else ''}; --help tells what there is"
-
-
-def _lacking(error: ImportError) -> str | None:
-    """Sentence about a module that cannot be imported; None if it is a mistake of ours.
-
-    ``agents`` is also what other distributions call a module of theirs, which lies in place of ours or before it.
-    """
-    from importlib.metadata import packages_distributions
-
-    import vessel_gym
-    from vessel_gym.extras import missing
-
-    found, ours = find_spec("agents"), Path(vessel_gym.__file__).parents[1] / "agents" / "__init__.py"
-    if found is None or found.origin is None or Path(found.origin) != ours:
-        return f"vessel-gym needs its own module agents, but {found and found.origin} is found first: {_APART}"
-    others = set(packages_distributions().get("agents", ())) - {"vessel-gym"}
-    if others:
-        return f"{', '.join(sorted(others))} has written over vessel-gym's module agents: {_APART}"
-    return missing(error.name) if isinstance(error, ModuleNotFoundError) else None
-
-
-_APART = "install vessel-gym into an environment of its own (python -m venv)"
 
 
 def complain(text: str) -> int:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from agents.commands import console
 from agents.jobs import Status
-from scripts import console
 
 
 @pytest.fixture

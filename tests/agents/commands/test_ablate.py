@@ -1,4 +1,4 @@
-"""`python -m scripts.ablate`: from a study file to a report, whatever happens on the way."""
+"""`vessel-gym ablate`: from a study file to a report, whatever happens on the way."""
 
 import json
 import os
@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from agents.commands import ablate
 from agents.jobs import journal
 from agents.studies.study import read_study
-from scripts import ablate
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 SMALL = """
 title = "A small study"
 episodes = 2

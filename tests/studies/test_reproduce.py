@@ -4,10 +4,10 @@ import json
 
 import pytest
 
+from agents.commands.console import Refusal
 from agents.jobs import Job, journal
 from agents.page import Entry, Page, Prose, Section, Table
 from scripts import reproduce
-from scripts.console import Refusal
 from studies import papers
 from studies.papers import PAPERS, jobs, report
 from studies.papers.measures import Report, Row

@@ -1,7 +1,6 @@
 """The console command: what it knows, how little it loads to say so, and whose module `agents` it wants."""
 
 import os
-import re
 import subprocess
 import sys
 from importlib import import_module
@@ -10,17 +9,17 @@ from pathlib import Path
 import pytest
 
 import vessel_gym
-from scripts import __main__ as console_command
-from scripts import console
+from agents import commands
+from vessel_gym.__main__ import main as vessel_gym_main
 
 ROOT = Path(vessel_gym.__file__).parents[1]
-COMMANDS = console_command.COMMANDS
-HEAVY = {"numpy", "scipy", "llvmlite", "gymnasium", "rich", "torch", "agents", "estimators", "vessel_gym"}
+COMMANDS = commands.COMMANDS
+HEAVY = {"scipy", "llvmlite", "rich", "torch", "estimators"}
 
 
 def called(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int | None:
     monkeypatch.setattr(sys, "argv", ["vessel-gym", *arguments])
-    return console_command.main()
+    return commands.main()
 
 
 @pytest.mark.parametrize("arguments", [(), ("-h",), ("--help",)])
@@ -51,8 +50,9 @@ def test_the_help_of_a_command_names_it_as_it_was_called(
 @pytest.mark.parametrize(
     "name",
     [
-        "scripts.__main__",
-        *(f"scripts.{each}" for each in COMMANDS),
+        "vessel_gym.__main__",
+        "scripts.reproduce",
+        *(f"agents.commands.{each}" for each in COMMANDS),
         *(f"studies.{each}.__main__" for each in ("critic", "lorenz", "speed")),
     ],
 )
@@ -62,10 +62,10 @@ def test_help_loads_nothing_that_takes_long_to_load(name: str):
 import sys
 from contextlib import suppress
 from {module.__name__} import main
-from scripts.console import command
+from agents.commands.console import command
 with suppress(SystemExit):
     sys.argv = ["vessel-gym"]
-    main() if {name == "scripts.__main__"} else command(main, ["--help"])
+    main() if {name == "vessel_gym.__main__"} else command(main, ["--help"])
 print(*sorted({HEAVY!r} & set(sys.modules)), file=sys.stderr)
 """
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
@@ -74,7 +74,7 @@ print(*sorted({HEAVY!r} & set(sys.modules)), file=sys.stderr)
 
 
 def test_a_closed_pipe_ends_a_command_without_a_message():
-    program = "import sys; from scripts.console import command; command(lambda: print('x' * 1_000_000))"
+    program = "import sys; from agents.commands.console import command; command(lambda: print('x' * 1_000_000))"
     call = [sys.executable, "-c", program]
     with subprocess.Popen(call, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout is not None
@@ -84,27 +84,60 @@ def test_a_closed_pipe_ends_a_command_without_a_message():
     assert process.returncode == 1
 
 
-def test_an_agents_of_somebody_else_is_named_with_what_to_do(tmp_path: Path):
-    (tmp_path / "agents").mkdir()
-    (tmp_path / "agents" / "__init__.py").touch()
-    path = os.pathsep.join([str(tmp_path), str(ROOT)])
-    call = [sys.executable, "-P", "-m", "scripts", "evaluate"]
-    done = subprocess.run(call, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True)
-    assert done.returncode == 2
-    assert re.fullmatch("error: .*module agents.*python -m venv.*\n", done.stderr)
-    assert str(tmp_path) in done.stderr
+@pytest.fixture
+def own(tmp_path: Path) -> Path:
+    """A user's folder whose names are ours: packages agents and scripts."""
+    for name in ("agents", "scripts"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").touch()
+    return tmp_path
+
+
+def shell(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Python in a folder that is first on the path, ours second."""
+    path = os.pathsep.join([str(folder), str(ROOT)])
+    call = [sys.executable, *arguments]
+    return subprocess.run(call, cwd=folder, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True)
+
+
+def test_an_agents_of_the_user_does_not_keep_a_command_from_working(own: Path):
+    done = shell(own, "-m", "vessel_gym", "evaluate", "--episodes", "0")
+    assert (done.returncode, done.stderr) == (2, "error: --episodes must be at least 1, got 0\n")
+
+
+@pytest.mark.parametrize("file", ["estimators.py", "estimators/__init__.py"])
+def test_an_estimators_of_the_user_is_named_by_the_import_and_by_the_command(own: Path, file: str):
+    (own / file).parent.mkdir(exist_ok=True)
+    (own / file).touch()
+    for arguments in (["-c", "import vessel_gym"], ["-m", "vessel_gym", "--version"]):
+        done = shell(own, *arguments)
+        assert done.returncode == 1
+        last = done.stderr.splitlines()[-1]
+        assert f"vessel_gym needs its own package estimators, but {own / file} is found first: rename" in last
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_folder_of_files_that_is_called_like_a_package_is_none(own: Path):
+    (own / "estimators").mkdir()
+    assert shell(own, "-c", "import vessel_gym").returncode == 0
 
 
 def test_who_wrote_over_our_agents_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    def main() -> None:
+    def broken() -> None:
         raise ImportError("cannot import name 'load_agent' from 'agents'")
 
     owners = {"agents": ["vessel-gym", "openai-agents"]}
     monkeypatch.setattr("importlib.metadata.packages_distributions", lambda: owners)
-    with pytest.raises(SystemExit) as stop:
-        console.command(main, [])
-    assert stop.value.code == 2
-    assert capsys.readouterr().err.startswith("error: openai-agents has written over vessel-gym's module agents: ")
+    monkeypatch.setattr(commands, "main", broken)
+    assert vessel_gym_main() == 2
+    assert capsys.readouterr().err.startswith("error: openai-agents has written over vessel-gym's package agents: ")
     del owners["agents"]
     with pytest.raises(ImportError):
-        console.command(main, [])
+        vessel_gym_main()
+
+
+@pytest.mark.parametrize("name", [*COMMANDS, "reproduce"])
+def test_every_command_runs_in_a_checkout_that_is_not_installed(name: str):
+    done = subprocess.run([sys.executable, "-m", f"scripts.{name}", "--help"], cwd=ROOT, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("usage: ")

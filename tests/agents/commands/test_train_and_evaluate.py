@@ -7,10 +7,10 @@ import pytest
 
 import agents.training.ppo
 from agents import rollout
+from agents.commands import evaluate, train
+from agents.commands.console import command
 from agents.policies.checkpoint import description, packaged
 from agents.seeds import tuning_seeds
-from scripts import evaluate, train
-from scripts.console import command
 
 
 @pytest.mark.slow

@@ -14,18 +14,19 @@ import gymnasium as gym
 import pytest
 
 import agents
+from agents.commands import ablate, watch
+from agents.commands import train as train_command
+from agents.commands.console import command
 from agents.jobs import Job, run
 from agents.page import Page, render
 from agents.studies.report import write_report
 from agents.training.ppo import train
 from estimators.consistency import consistency_figure
-from scripts import ablate, reproduce, watch
-from scripts import train as train_command
-from scripts.console import command
+from scripts import reproduce
 from studies.papers import report
 from vessel_gym.extras import EXTRAS, require
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 ENV = "SigmaCorvette-v0"
 

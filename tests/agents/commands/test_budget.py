@@ -12,12 +12,12 @@ from agents.budget.flights import Flights, World
 from agents.budget.result import Budget, cheapest
 from agents.budget.search import TRUTH, Request, share_kept
 from agents.budget.suites import choices_of, sensors_of, suites_of
+from agents.commands import budget
+from agents.commands.console import Refusal
 from agents.jobs import journal
 from agents.studies.worlds import system_of
-from scripts import budget
-from scripts.console import Refusal
 
-HERE = Path(__file__).parents[1] / "agents"
+HERE = Path(__file__).parents[1]
 ENVIRONMENT = "few_grades:FewGradesVectorEnv"
 PRICES = """
 [receiver]

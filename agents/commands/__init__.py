@@ -1,0 +1,45 @@
+"""Commands of ``vessel-gym``: parse, call, print. One file a command.
+
+A command imports what takes time within its functions; no other part of `agents` imports a command.
+"""
+
+import sys
+from importlib import import_module
+
+from agents.commands.console import command, complain, one_sentence_errors
+
+COMMANDS = ("watch", "evaluate", "train", "ablate", "budget")
+
+
+def main() -> int | None:
+    """Call the command that the first word names.
+
+    Returns:
+        Its exit status, if it has one.
+    """
+    name, *arguments = sys.argv[1:] or ["--help"]
+    if name in COMMANDS:
+        return command(import_module(f"agents.commands.{name}").main, arguments, f"vessel-gym {name}")
+    with one_sentence_errors():
+        if name in ("-h", "--help", "--version"):
+            print(_version() if name == "--version" else _listing())
+            return 0
+    from estimators.factory import unknown
+
+    return complain(unknown("command", name, COMMANDS))
+
+
+def _version() -> str:
+    """Name and version of this package."""
+    from vessel_gym import __version__
+
+    return f"vessel-gym {__version__}"
+
+
+def _listing() -> str:
+    """List of the commands, each with the first sentence of its help."""
+    lines = ["usage: vessel-gym COMMAND ...", ""]
+    lines += [
+        f"  {name:10} {import_module(f'agents.commands.{name}').main.__doc__.splitlines()[0]}" for name in COMMANDS
+    ]
+    return "\n".join([*lines, "", "vessel-gym COMMAND --help tells what a command takes; --version, which this is."])

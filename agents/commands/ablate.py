@@ -1,0 +1,148 @@
+"""Run a study file and write its report: ``vessel-gym ablate quick``."""
+
+import re
+import sys
+from contextlib import suppress
+from importlib import metadata
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from agents.commands.console import asked, in_range, job_progress
+
+
+def _shipped() -> dict[str, Path]:
+    """Study files that come with vessel-gym, by name: those of the checkout, or the wheel's data files."""
+    found = list(Path(__file__).parents[2].glob("studies/*.toml"))
+    if not found:
+        with suppress(metadata.PackageNotFoundError):
+            files = metadata.files("vessel-gym") or ()
+            found = [Path(str(file.locate())) for file in files if file.match("vessel-gym/studies/*.toml")]
+    return {path.stem: path for path in sorted(found)}
+
+
+STUDIES = _shipped()
+
+
+def main(
+    study: Annotated[Path, tyro.conf.Positional],
+    out: Path | None = None,
+    processes: int = 2,
+    scheduler: str | None = None,
+    shard: str | None = None,
+    confirm: bool = False,
+) -> int:
+    """Run what a study file asks for, as far as it has not been run, and write its report.
+
+    Results are kept in the output folder, each in a file of its own. After an interruption, run the same command
+    again: it goes on with what is missing. Several machines may share the folder.
+
+    Args:
+        study: The study file (TOML; docs/studies.md says what it holds), or the name of one that comes with vessel-gym,
+            e.g. quick.
+        out: Folder for results and report; results/ and the name of the study file if not given.
+        processes: Processes on this machine.
+        scheduler: Address of a Dask scheduler whose workers compute instead, e.g. tcp://10.0.0.1:8786.
+        shard: i/n: compute only the i-th of n parts, for job arrays; the report is made when all are done.
+        confirm: Open the fresh seeds, once in each folder: fly the study on them, too, and report which claims hold.
+
+    Returns:
+        The exit status: 1 if something failed or is missing.
+    """
+    from rich.console import Console
+
+    from agents.files import check_folder
+    from agents.jobs import check_scheduler, run
+    from agents.studies.confirmation import opening
+    from agents.studies.examples import examples
+    from agents.studies.results import Results
+    from vessel_gym.extras import require
+
+    require("matplotlib", "jinja2", "joblib", *(("dask", "distributed") if scheduler else ()))  # before the flights
+    out = out or Path("results") / study.stem
+    with asked():
+        part = _shard(shard)
+        in_range("--processes", processes, 1)
+        if scheduler is not None:
+            check_scheduler(scheduler)
+        planned, path = _plan(study)
+        check_folder(out)
+        fresh = _fresh(planned.study, out, confirm)
+    console = Console(markup=False, highlight=False, soft_wrap=True)
+    _introduce(planned.study, path, out, console)
+    jobs = [*planned.jobs, *examples(planned).values(), *(fresh.jobs if fresh else ())]
+    with job_progress(study.stem) as progress:
+        outcome = run(jobs, out, processes, scheduler, part, progress)
+    if fresh is None and opening(out):
+        outcome.notes.append(f"the fresh seeds of {out} were opened for another version of this study: not reported")
+    console.print(*outcome.notes, sep="\n", end="\n" if outcome.notes else "")
+    missing = sum(job.key not in outcome.values for job in jobs)
+    if part is not None and missing:
+        console.print(f"Part {shard} is done, {missing} of {len(jobs)} results are still missing: no report yet.")
+        return int(bool(outcome.failures))
+    _report(Results.of(planned, outcome, out), Results.of(fresh, outcome, out) if fresh else None, out, console)
+    if missing:
+        console.print(f"{missing} of {len(jobs)} results are missing; the report says why.")
+    return int(missing > 0)
+
+
+def _report(results: Any, fresh: Any, out: Path, console: Any) -> None:
+    """Write the report, and print its answer and its place."""
+    from agents.studies.answer import answer
+    from agents.studies.report import write_report
+
+    report = write_report(results, out, fresh)
+    console.print("", " ".join(answer(results, fresh)), "", f"Report: {report}", sep="\n")
+
+
+def _plan(study: Path) -> tuple[Any, Path]:
+    """The plan of a study, by the path of its file or the name of one that comes with vessel-gym, and that path."""
+    from agents.studies.plan import plan
+    from agents.studies.study import read_study
+    from estimators.factory import unknown
+
+    path = STUDIES.get(str(study), study)
+    if not path.suffix and not path.exists():
+        raise ValueError(f"{unknown('study', str(path), STUDIES)} (your own: a file, e.g. mine.toml)")
+    sys.path.append(str(path.resolve().parent))  # an own estimator may lie beside the study
+    return plan(read_study(path)), path
+
+
+def _fresh(study: Any, out: Path, confirm: bool) -> Any:
+    """The plan of a study on its fresh seeds, if they are open in the folder or are to be opened."""
+    from agents.studies.confirmation import is_open, open_seeds
+    from agents.studies.plan import plan
+
+    if confirm:
+        open_seeds(study, out)
+    return plan(study.fresh) if is_open(study, out) else None
+
+
+def _introduce(question: Any, study: Path, out: Path, console: Any) -> None:
+    """Print the title and write the study, as read and as resolved, into its folder."""
+    import json
+    import shutil
+
+    from agents.files import replacing
+    from agents.studies.records import FEW_SEEDS
+
+    console.print(question.title)
+    if question.learned and question.training_seeds < FEW_SEEDS:
+        console.print(
+            f"warning: {question.training_seeds} training seeds say little about learning; use {FEW_SEEDS} or more"
+        )
+    with replacing(out / "study.json") as path:
+        path.write_text(json.dumps(question.resolved(), indent=1), encoding="utf-8")
+    if study.resolve() != (out / "study.toml").resolve():
+        with replacing(out / "study.toml") as path:
+            shutil.copyfile(study, path)
+
+
+def _shard(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    found = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text)
+    if not found or not 1 <= int(found[1]) <= int(found[2]):
+        raise ValueError(f"--shard is i/n with 1 <= i <= n, e.g. 1/4, got {text!r}")
+    return int(found[1]), int(found[2])

@@ -1,0 +1,31 @@
+"""The console command: ``vessel-gym watch PunaUAV-v0``, or ``python -m vessel_gym watch PunaUAV-v0``."""
+
+import sys
+from importlib import import_module, metadata
+
+from vessel_gym.shadowing import FOLDER, shadowing
+
+
+def main() -> int | None:
+    """Run the command that the command line names; returns its exit status, if it has one.
+
+    The commands are in ``agents``, a floor above: they are imported by name. The user's own ``agents`` stays behind.
+    """
+    if shadowing("agents"):
+        sys.path.insert(0, FOLDER)
+    try:
+        return import_module("agents.commands").main()
+    except ImportError:
+        others = set(metadata.packages_distributions().get("agents", ())) - {"vessel-gym"}
+        if not others:
+            raise
+        print(
+            f"error: {', '.join(sorted(others))} has written over vessel-gym's package agents: "
+            "install vessel-gym into an environment of its own (python -m venv)",
+            file=sys.stderr,
+        )
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())
