@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from agents.commands.console import Refusal, asked, in_range, search_progress
+from agents.commands.console import Refusal, asked, in_range, print_table, search_progress
 
 
 def main(
@@ -107,18 +107,9 @@ def _search(
 
 def _show(found: Any) -> None:
     """Print the table of the suites round the answer."""
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
     from agents.budget.report import summary
 
     beside = summary(found)
-    table = Table(title=beside.title)
-    table.add_column(beside.first)
-    for label, _ in beside.head:
-        table.add_column(label, justify="right")
-    for _, rows in beside.sections:
-        for name, entries in rows:
-            table.add_row(escape(name), *(escape(str(each)) for each in entries))
-    Console().print(table)
+    header = [beside.first, *(label for label, _ in beside.head)]
+    sections = ([[name, *map(str, entries)] for name, entries in rows] for _, rows in beside.sections)
+    print_table(beside.title, header, sections)

@@ -5,14 +5,16 @@ Whatever takes time to import is imported where it is used, here and in the comm
 
 from __future__ import annotations
 
+import codecs
 import functools
 import io
 import os
 import re
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, redirect_stderr
+import unicodedata
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, redirect_stderr, suppress
 from datetime import datetime, timedelta
 from itertools import count, pairwise
 from typing import TYPE_CHECKING, Any
@@ -46,9 +48,12 @@ def command(
 @contextmanager
 def one_sentence_errors() -> Iterator[None]:
     """Around all that a command does: what the user or the machine cannot do ends in one sentence and exit status 2."""
+    _open_output()
     try:
-        yield
-        sys.stdout.flush()
+        try:
+            yield
+        finally:
+            sys.stdout.flush()
     except ModuleNotFoundError as error:
         from vessel_gym.extras import missing
 
@@ -57,14 +62,78 @@ def one_sentence_errors() -> Iterator[None]:
             raise
         sys.exit(complain(sentence))
     except BrokenPipeError:  # whoever read stdout has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard_output()
         sys.exit(1)
     except (Refusal, OSError) as error:
+        _discard_output()  # if the disk is full, what is left in the buffer cannot be written at the end, either
         sys.exit(complain(str(error)))
     except MemoryError as error:
         sys.exit(complain(f"this machine has too little memory for that: {error or 'ask for less'}"))
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
+        print(f"interrupted{f': {stop}' if str(stop) else ''}", file=sys.stderr)
         sys.exit(130)
+
+
+def _open_output() -> None:
+    """Let stdout and stderr take every character, spelled out where their encoding lacks it; a closed one is void."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115, as open as the process lives
+        elif isinstance(stream := getattr(sys, name), io.TextIOWrapper):
+            stream.reconfigure(errors=_SPELLED)
+
+
+def _discard_output() -> None:
+    """Send what is still to be written to stdout nowhere."""
+    with suppress(OSError, ValueError):  # of a stdout that is no file
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+_SPELLED = "vessel_gym.spelled"
+"""Name under which Python knows `_spelled`."""
+
+
+def _spelled(error: UnicodeError) -> tuple[str | bytes, int]:
+    """Spell out characters that an encoding lacks: sigma, +-, lines of boxes; others as Python's escapes."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(map(_spelling, error.object[error.start : error.end])), error.end
+
+
+def _spelling(character: str) -> str:
+    """A character in ASCII."""
+    name = unicodedata.name(character, "")
+    if name.startswith("GREEK"):
+        return name.rpartition(" ")[2].lower()
+    if name.startswith("BOX DRAWINGS"):
+        return "-" if name.endswith("HORIZONTAL") else "|" if name.endswith("VERTICAL") else "+"
+    plain = _ASCII.get(character) or unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode()
+    return plain or character.encode("ascii", "backslashreplace").decode()
+
+
+_ASCII = {
+    "±": "+-", "×": "x", "−": "-", "–": "-", "—": "-", "·": "*", "°": "deg", "≤": "<=", "≥": ">=", "≈": "~", "→": "->",
+}  # fmt: skip
+codecs.register_error(_SPELLED, _spelled)
+
+
+def print_table(title: str, header: Sequence[str], sections: Iterable[Iterable[Sequence[str]]]) -> None:
+    """Print a table of text, with numbers in all columns but the first; as wide as it needs to be in a file or pipe."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    def written(text: str) -> str:  # as wide as it will be
+        return escape(text.encode(sys.stdout.encoding or "utf-8", _SPELLED).decode(sys.stdout.encoding or "utf-8"))
+
+    console, table = Console(), Table(title=written(title))
+    for label in header:
+        table.add_column(written(label), justify="right" if table.columns else "left")
+    for rows in sections:
+        for row in rows:
+            table.add_row(*map(written, row))
+        table.add_section()
+    console.print(table, width=None if console.is_terminal else 1000)
 
 
 @contextmanager
@@ -177,7 +246,7 @@ def _progress(title: str, total: int | None = None, counted: bool = False) -> It
         TimeRemainingColumn,
     )  # fmt: skip
 
-    if not Console(stderr=True).is_terminal:
+    if not Console(stderr=True).is_terminal or "JPY_PARENT_PID" in os.environ:  # a notebook keeps every frame
         yield _Lines(title)
         return
     numbers = (MofNCompleteColumn(), TimeElapsedColumn()) if counted else (TimeRemainingColumn(),)
@@ -212,8 +281,21 @@ def search_progress(title: str) -> Iterator[Callable[[int, int], None]]:
 @contextmanager
 def job_progress(title: str) -> Iterator[Callable[[Status], None]]:
     """Progress for `agents.jobs.run`: jobs that have ended, and the time of day at which all will have."""
-    with _progress(title, counted=True) as show:
-        yield lambda status: show(status.done + status.failed, status.total, _end(status))
+    done = total = 0
+
+    def report(status: Status) -> None:
+        nonlocal done, total
+        if not total and status.done:
+            print(f"goes on: {status.done} of {status.total} results are there", file=sys.stderr)
+        done, total = status.done, status.total
+        show(status.done + status.failed, status.total, _end(status))
+
+    try:
+        with _progress(title, counted=True) as show:
+            yield report
+    except KeyboardInterrupt:
+        kept = f"{done} of {total} results are kept, and the same command goes on from there" if total else ""
+        raise KeyboardInterrupt(kept) from None
 
 
 def _end(status: Status) -> str:

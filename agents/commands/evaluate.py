@@ -3,7 +3,7 @@
 from contextlib import closing
 from typing import Any
 
-from agents.commands.console import asked, in_range, progress_bar
+from agents.commands.console import asked, in_range, print_table, progress_bar
 
 
 def main(
@@ -59,27 +59,26 @@ def main(
 
 def _fly(title: str, agent: str, env_id: str, seeds: list[int], worlds: list[dict[str, Any]], trust: bool) -> None:
     """Fly the seeds with each of the environment's options, and print a table of the metrics."""
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
     from agents import rollout
-    from agents.metrics import SCORE, mean, metrics, scores
-    from agents.page import words
+    from agents.metrics import SCORE, metrics, scores
 
-    table = Table(title=title)
-    table.add_column("metric")
-    columns = []
+    header, columns = ["metric"], []
     with progress_bar("flying", len(worlds)) as advance:
         for options in worlds:
             flown = rollout(agent, env_id, seeds, options, trust=trust)
             columns.append(scores(flown))
             chosen = metrics(flown.env.unwrapped.system)
-            table.add_column(flown.env.unwrapped.core.estimator, justify="right")
+            header.append(flown.env.unwrapped.core.estimator)
             advance()
     beside = [metric for metric in chosen if metric.cost or metric.key == SCORE.key]
-    for metric in (*beside, *(metric for metric in chosen if metric not in beside)):
-        cells = [words(mean(metric, column[metric.key][None]), metric.decimals) for column in columns]
-        name = f"{metric.label} [{metric.unit}]" if metric.unit else metric.label
-        table.add_row(escape(name), *map(escape, cells), end_section=metric is beside[-1])
-    Console().print(table)
+    sections = beside, [metric for metric in chosen if metric not in beside]
+    print_table(title, header, ([_row(metric, columns) for metric in section] for section in sections))
+
+
+def _row(metric: Any, columns: list[dict[str, Any]]) -> list[str]:
+    """Name of a metric, and its mean on each estimator."""
+    from agents.metrics import mean
+    from agents.page import words
+
+    name = f"{metric.label} [{metric.unit}]" if metric.unit else metric.label
+    return [name, *(words(mean(metric, column[metric.key][None]), metric.decimals) for column in columns)]

@@ -56,6 +56,9 @@ def main(
     from agents.studies.worlds import environment_id
     from vessel_gym.extras import require
 
+    with asked():
+        if out is not None and out.suffix.lower() not in SUFFIXES:
+            raise ValueError(f"cannot write {str(out)!r}: the suffix must be one of {', '.join(SUFFIXES)}")
     if out is not None and out.suffix.lower() != ".html":
         require("imageio", "imageio_ffmpeg", "PIL")
     options: dict[str, Any] = {"estimator": estimator, "sensors": sensors, "disturbance": disturbance}
@@ -65,8 +68,6 @@ def main(
         in_range("--seed", seed, 0)
         if out is None:
             check_display()
-        elif out.suffix.lower() not in SUFFIXES:
-            raise ValueError(f"cannot write {str(out)!r}: the suffix must be one of {', '.join(SUFFIXES)}")
     if out is not None and out.suffix.lower() == ".html":
         touch(env_id, agent, seed, options, trust, out)
         return

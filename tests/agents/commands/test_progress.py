@@ -42,8 +42,19 @@ def test_long_jobs_say_it_every_ten_seconds(clock, capsys):
 
 def test_jobs_that_failed_are_counted_in_and_said(clock, capsys):
     with console.job_progress("quick") as progress:
-        progress(Status(1, 3, 2, 0.0))
-    assert printed(capsys) == ["quick: 3/3, 2 failed, done"]
+        progress(Status(0, 3, 3, 0.0))
+    assert printed(capsys) == ["quick: 3/3, 3 failed, done"]
+
+
+def test_a_run_says_that_it_goes_on_and_what_an_interruption_left(clock, capsys):
+    with pytest.raises(SystemExit) as stop, console.one_sentence_errors(), console.job_progress("quick") as progress:
+        progress(Status(120, 300, 0, None))
+        progress(Status(121, 300, 0, None))
+        raise KeyboardInterrupt
+    assert stop.value.code == 130
+    lines = printed(capsys)
+    assert lines[0] == "goes on: 120 of 300 results are there"
+    assert lines[-1] == "interrupted: 121 of 300 results are kept, and the same command goes on from there"
 
 
 def test_trainings_and_flights_say_it_too(clock, capsys):
