@@ -59,14 +59,14 @@ def main(
     from agents.studies.results import Results
     from vessel_gym.extras import require
 
-    require("matplotlib", "jinja2", "joblib", *(("dask", "distributed") if scheduler else ()))  # before the flights
     out = out or Path("results") / study.stem
     with asked():
         part = _shard(shard)
         in_range("--processes", processes, 1)
+        planned, path = _plan(study)
+        require("matplotlib", "jinja2", "joblib", *(("dask", "distributed") if scheduler else ()))  # before the flights
         if scheduler is not None:
             check_scheduler(scheduler)
-        planned, path = _plan(study)
         check_folder(out)
         fresh = _fresh(planned.study, out, confirm)
     console = Console(markup=False, highlight=False, soft_wrap=True)

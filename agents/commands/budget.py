@@ -49,13 +49,13 @@ def main(
     from agents.studies.worlds import environment_id, system_of
     from vessel_gym.extras import require
 
-    require("matplotlib", "jinja2", "joblib")
     with asked():
         environment_id(env_id)
         _check_numbers(keep, episodes, first_seed, processes)
         suites = suites_of(choices_of(system_of(env_id), rates), None if prices is None else read_prices(prices))
         world = World(env_id, estimator, agent, disturbance)
         world.check()
+        require("matplotlib", "jinja2", "joblib")
         out = out or Path("results") / f"budget-{env_id.rpartition(':')[2]}"
         check_folder(out)
     return _search(world, suites, keep, episodes, first_seed, out, processes, prices is not None)

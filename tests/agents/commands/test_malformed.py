@@ -96,9 +96,10 @@ def call(name: str, arguments: Sequence[str]) -> int | None:
         return commands.main()
 
 
-def refused(name: str, *arguments: str) -> str | None:
-    """The sentence with which a command refuses its arguments; None if its work would begin."""
-    out, err = io.StringIO(), io.StringIO()
+def refused(name: str, *arguments: str, encoding: str | None = None) -> str | None:
+    """The sentence with which a command refuses its arguments, in any encoding; None if its work would begin."""
+    encoding = encoding or ("utf-8", "ascii", "cp1252")[sum(map(len, arguments)) % 3]
+    out, err = (io.TextIOWrapper(io.BytesIO(), encoding, write_through=True) for _ in range(2))
     status: Any = "neither refused nor begun"
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
@@ -108,8 +109,8 @@ def refused(name: str, *arguments: str) -> str | None:
         except SystemExit as stop:
             status = stop.code
     assert status == 2
-    text = err.getvalue()
-    assert not out.getvalue()
+    text, printed = (stream.buffer.getvalue().decode(encoding) for stream in (err, out))  # type: ignore[attr-defined]
+    assert not printed
     assert text.startswith("error: ")
     assert len(text) > len("error: \n") + 10
     assert "Traceback" not in text

@@ -47,10 +47,14 @@ def test_jobs_that_failed_are_counted_in_and_said(clock, capsys):
 
 
 def test_a_run_says_that_it_goes_on_and_what_an_interruption_left(clock, capsys):
-    with pytest.raises(SystemExit) as stop, console.one_sentence_errors(), console.job_progress("quick") as progress:
-        progress(Status(120, 300, 0, None))
-        progress(Status(121, 300, 0, None))
-        raise KeyboardInterrupt
+    def interrupted() -> None:
+        with console.job_progress("quick") as progress:
+            progress(Status(120, 300, 0, None))
+            progress(Status(121, 300, 0, None))
+            raise KeyboardInterrupt
+
+    with pytest.raises(SystemExit) as stop:
+        console.command(interrupted, [])
     assert stop.value.code == 130
     lines = printed(capsys)
     assert lines[0] == "goes on: 120 of 300 results are there"

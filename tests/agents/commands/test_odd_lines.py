@@ -1,0 +1,131 @@
+"""Odd command lines in any surroundings: a sentence each, or the right output."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from test_malformed import call, refused, workplace  # noqa: F401, the fixture
+
+ROOT = Path(__file__).parents[3]
+LINES = [
+    ("train PunaUAV-v0 PunaUAV-v0", "Unrecognized"),
+    ("train --sensors cléan", "choose from clean, nominal, degraded"),
+    ("train --observe believed", "choose from mean, mean+std, measurement"),
+    ("train --memory elephant", "memory"),
+    ("train --steps 1e3", "invalid literal"),
+    ("train --runs", "--runs"),
+    ("train --mismatch 2", "mismatch must be between 0 and 0.25"),
+    ("train --mismatch nan", "mismatch must be between 0 and 0.25"),
+    ("train --disturbance ±σ", "choose from calm, moderate, rough"),
+    ("train vessel_gym:Nosuch-v0", "Nosuch-v0"),
+    ("train nosuch_module:Env-v0", "nosuch_module"),
+    ("train --estimator", "--estimator"),
+    ("evaluate Ωmega-v0", "unknown environment"),
+    ("evaluate --agent ppo.zip", "there is no checkpoint 'ppo.zip'"),
+    ("evaluate --agent bytes", "bytes is not a checkpoint"),
+    ("evaluate --agent study.toml", "study.toml is not a checkpoint"),
+    ("evaluate --agent nosuch:Thing", "nosuch"),
+    ("evaluate --agent os:path", "os:path"),
+    ("evaluate --agent größe:Steuer", "größe"),
+    ("evaluate --estimator σ-filter", "unknown estimator"),
+    ("evaluate --estimator kf --estimator ekf --episodes x", "invalid literal"),
+    ("evaluate --episodes 1000000000", "evaluation seeds"),
+    ("evaluate --episodes 99999999999999999999", "--episodes must be at most 2147483647"),
+    ("evaluate --trust=maybe", "maybe"),
+    ("evaluate -e 3", "-e"),
+    ("EVALUATE", "unknown command 'EVALUATE'"),
+    ("evaluate PunaUAV-v0 --sensors budget --agent lqr", "unknown agent 'lqr'"),
+    ("watch --out x.foo", "the suffix must be one of .html, .gif, .mp4, .png"),
+    ("watch --out größe.σ", "the suffix must be one of"),
+    ("watch --out x", "the suffix must be one of"),
+    ("watch --out .html", "the suffix must be one of"),
+    ("watch --out turn.html --seed 1.5", "invalid literal"),
+    ("watch --out turn.html --agent nobody", "unknown agent 'nobody'"),
+    ("watch --out file/turn.html", "cannot write file/turn.html"),
+    ("watch PunaUAV-v0 SigmaCorvette-v0", "Unrecognized"),
+    ("ablate größe", "unknown study"),
+    ("ablate größe.toml", "cannot read the study"),
+    ("ablate bytes", "bytes: the file is not text in UTF-8"),
+    ("ablate quick full", "Unrecognized"),
+    ("ablate quick --scheduler tcp://", "a scheduler's address is like"),
+    ("budget --keep 0", "--keep must be above 0 and at most 1"),
+    ("budget --episodes 1", "--episodes must be at least"),
+    ("budget --rates -1", "--rates"),
+    ("budget --prices folder.gif", "cannot read the prices folder.gif"),
+    ("reproduce", "name the papers to reproduce"),
+    ("--versoin", "unknown command '--versoin'"),
+    ("±", "unknown command"),
+]
+
+
+@pytest.mark.parametrize(("line", "sentence"), LINES)
+def test_an_odd_line_is_refused_in_one_sentence_in_every_encoding(line: str, sentence: str):
+    name, *arguments = line.split()
+    said = {encoding: refused(name, *arguments, encoding=encoding) for encoding in ("utf-8", "cp1252", "ascii")}
+    assert sentence in str(said["utf-8"])
+    assert str(said["ascii"]).isascii()
+
+
+@pytest.mark.parametrize("line", [line for line, _ in LINES[::6]] + ["--help", "--version", "watch --help"])
+def test_a_closed_output_changes_nothing_but_what_is_seen(monkeypatch: pytest.MonkeyPatch, line: str):
+    monkeypatch.setattr(sys, "stdout", None)
+    monkeypatch.setattr(sys, "stderr", None)
+    name, *arguments = line.split()
+    status: object = None
+    try:
+        status = call(name, arguments)
+    except SystemExit as stop:
+        status = stop.code
+    for stream in (sys.stdout, sys.stderr):
+        stream.close()
+    assert status == (0 if "--help" in line or "--version" in line else 2)
+
+
+STILL = """
+import numpy as np
+
+class Still:
+    def __init__(self, system): pass
+    def reset(self, num_envs): pass
+    def act(self, observations): return np.zeros((len(observations), 3), np.float32)
+"""
+TABLE = "Score"
+SURROUNDINGS = {
+    "utf-8": ("", {"PYTHONIOENCODING": "utf-8"}, 0, "│ Input d [σ]"),
+    "ascii": ("", {"PYTHONIOENCODING": "ascii"}, 0, "| Input d [sigma]"),
+    "cp1252": ("", {"PYTHONIOENCODING": "cp1252"}, 0, "| Input d [sigma]"),
+    "no home": ("", {"HOME": "", "XDG_CACHE_HOME": "", "TERM": ""}, 0, TABLE),
+    "no folder to keep anything": (
+        "",
+        {"HOME": "/proc", "XDG_CACHE_HOME": "/proc", "VESSEL_GYM_CACHE": "/proc"},
+        0,
+        TABLE,
+    ),
+    "a notebook": ("", {"JPY_PARENT_PID": "1"}, 0, TABLE),
+    "a full disk": (">/dev/full", {}, 2, "No space left on device"),
+    "closed stdout": (">&-", {}, 0, "flying: 1/1"),
+    "closed stderr": ("2>&-", {}, 0, TABLE),
+    "both closed": (">&- 2>&-", {}, 0, ""),
+}
+"""Redirections and variables, with the exit status and a part of what is printed."""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="redirections of a POSIX shell")
+@pytest.mark.parametrize("surroundings", SURROUNDINGS)
+def test_the_same_episodes_are_flown_in_any_surroundings(tmp_path: Path, surroundings: str):
+    """In a folder with an agents and a scripts of its own, and the agent that is named."""
+    for name in ("agents.py", "scripts.py"):
+        (tmp_path / name).touch()
+    (tmp_path / "still.py").write_text(STILL)
+    redirection, variables, status, words = SURROUNDINGS[surroundings]
+    line = f"vessel_gym evaluate PunaUAV-v0 --episodes 1 --agent still:Still {redirection}"
+    done = subprocess.run(
+        f"'{sys.executable}' -m {line}", shell=True, cwd=tmp_path, capture_output=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)} | variables,
+    )  # fmt: skip
+    printed = (done.stdout + done.stderr).decode(variables.get("PYTHONIOENCODING", "utf-8"))
+    assert (done.returncode, "Traceback" in printed) == (status, False)
+    assert words in printed
