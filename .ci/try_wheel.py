@@ -21,11 +21,21 @@ CALLS = {
     "watch PunaUAV-v0 --out flight.gif": (2, r"pip install 'vessel-gym\[render\]'"),
     "train SigmaCorvette-v0": (2, r"pip install 'vessel-gym\[train\]'"),
     "ablate quick": (2, r"pip install 'vessel-gym\[report\]'"),
-    "reproduce all": (2, "run this in a checkout"),
+    "ablate quik": (2, "did you mean 'quick'"),
+    "watch PunaUAV-v0 --out flight.foo": (2, "the suffix must be one of"),
+    "evaluate PunaUAV-v0 --episodes 1 --agent own_agent:Still": (0, "Score"),
     "wacth PunaUAV-v0": (2, "did you mean 'watch'"),
 }
-"""Exit status and what is said, in an environment without extras."""
-UTF8 = {"PYTHONUTF8": "1"}
+"""Exit status and what is said, in an environment without extras and a folder of names like ours."""
+ENCODINGS = "utf-8", "ascii", "cp1252"
+OWN = """
+import numpy as np
+
+class Still:
+    def __init__(self, system): self.size = len(system.vehicle.action_names)
+    def reset(self, num_envs): pass
+    def act(self, observations): return np.zeros((len(observations), self.size), np.float32)
+"""
 FLIGHT = """
 import gymnasium as gym
 import vessel_gym
@@ -39,17 +49,26 @@ for _ in range(10):
 def main() -> int:
     """Try everything; returns the number of mistakes."""
     mistakes = 0
-    with tempfile.TemporaryDirectory() as empty:
+    with tempfile.TemporaryDirectory() as folder:
         start = time.perf_counter()
-        subprocess.run([sys.executable, "-c", FLIGHT], cwd=empty, check=True)
+        subprocess.run([sys.executable, "-c", FLIGHT], cwd=folder, check=True)
         print(f"Python {sys.version.split()[0]}: a vehicle moved after {time.perf_counter() - start:.0f} s")
-        for line, (status, words) in CALLS.items():
+        for name in ("agents.py", "scripts.py", "studies.py", "estimators.py"):  # a user's, named like ours
+            Path(folder, name).touch()
+        Path(folder, "own_agent.py").write_text(OWN)
+        for number, (line, (status, words)) in enumerate(CALLS.items()):
             call = [str(Path(sysconfig.get_path("scripts")) / "vessel-gym"), *line.split()]
-            done = subprocess.run(call, cwd=empty, capture_output=True, encoding="utf-8", env=os.environ | UTF8)
+            encoding = ENCODINGS[number % len(ENCODINGS)]
+            environment = os.environ | {"PYTHONIOENCODING": encoding}
+            done = subprocess.run(call, cwd=folder, capture_output=True, encoding=encoding, env=environment)
             said = done.stdout + done.stderr
             if done.returncode != status or not re.search(words, said) or "Traceback" in said:
                 mistakes += 1
                 print(f"vessel-gym {line}: exit status {done.returncode} instead of {status}, said:\n{said}")
+        done = subprocess.run([sys.executable, "-c", FLIGHT], cwd=folder, capture_output=True, text=True)
+        if not re.search(r"ImportError: .*estimators\.py is found first: rename", done.stderr):
+            mistakes += 1
+            print(f"import vessel_gym beside an estimators.py: said\n{done.stderr}")
     return mistakes
 
 

@@ -45,5 +45,15 @@ def test_an_estimator_of_one_s_own_takes_about_20_lines() -> None:
     assert len([line for line in body.splitlines() if line.strip()]) <= 20
 
 
+def test_the_links_of_the_readme_lead_from_the_page_of_the_package_to_files_that_exist() -> None:
+    links = re.findall(r"\]\(([^)]+)\)", (ROOT / "README.md").read_text(encoding="utf-8"))
+    assert len(links) > 20
+    assert all(link.startswith(("https://", "#")) for link in links)
+    ours = r"https://(?:github.com/vessel-gym/vessel-gym/blob|raw.githubusercontent.com/vessel-gym/vessel-gym)/main/([^#]+)"
+    paths = [found[1] for link in links if (found := re.match(ours, link))]
+    assert paths
+    assert [path for path in paths if not (ROOT / path).is_file()] == []
+
+
 def test_the_install_line_of_the_readme_has_what_its_other_lines_import() -> None:
     assert "pip install -c constraints.txt -e '.[all]'" in (ROOT / "README.md").read_text(encoding="utf-8")
