@@ -17,7 +17,7 @@ from vessel_gym.checks import is_integer
 from vessel_gym.envs.vector import VesselVectorEnv, rows_like
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Rollout:
     """One episode a seed: N episodes of at most T steps.
 
@@ -46,6 +46,10 @@ class Rollout:
     history: dict[str, np.ndarray]
     env: Any
     scenario: np.ndarray | None
+
+    def __repr__(self) -> str:
+        episodes = f"{len(self.seeds)} episode{'s' * (len(self.seeds) != 1)}"
+        return f"<Rollout {self.env_id}: {episodes}, mean score {self.score.mean():.3f}, {self.length.sum()} steps>"
 
     @property
     def alive(self) -> np.ndarray:

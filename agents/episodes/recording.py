@@ -23,7 +23,7 @@ from vessel_gym import checks
 from vessel_gym.estimation import build, chosen_disturbance
 from vessel_gym.rendering.hulls import HULLS
 from vessel_gym.rendering.palette import DARK, LIGHT
-from vessel_gym.rendering.scene import Chart, Scene
+from vessel_gym.rendering.scene import Chart, Scene, Series, ambients
 from vessel_gym.surroundings import Surroundings, surroundings_of
 from vessel_gym.system import System
 
@@ -35,6 +35,8 @@ CLOUDS, MEMBERS = 300, 40
 """Moments at which an ensemble is kept at most, and how many of its members."""
 CHARTS = 6
 """Charts of a page at most."""
+SCRIPTS = ("data", "canvas", "plan", "space", "charts", "controls")
+"""Files of the page's own script, in the order in which they are joined."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +67,16 @@ class Episode:
 
         light, dark = ("".join(f"--{name}:{value};" for name, value in each.items()) for each in (LIGHT, DARK))
         colours = f":root{{{light}}}@media (prefers-color-scheme: dark){{:root{{{dark}}}}}\n"
-        names = ["vendor/uplot.min.js", *(["vendor/three.min.js"] if self.page["scene"]["space"] else []), "episode.js"]
+        space = self.page["scene"] is not None and self.page["scene"]["space"]
+        libraries = ["uplot", "three"] if space else ["uplot"]
+        own = "".join(source(f"{name}.js") for name in SCRIPTS)
+        scripts = [*(source(f"vendor/{name}.min.js") for name in libraries), f'"use strict";(() => {{\n{own}}})();']
         # "<" never stands in the data, so that no label of anybody ends the element that holds it.
         parts = {
             "title": html.escape(self.page["title"]),
             "style": source("vendor/uplot.min.css") + colours + source("episode.css"),
             "data": json.dumps(self.page, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
-            "scripts": "".join(f"<script>{source(name)}</script>\n" for name in names),
+            "scripts": "".join(f"<script>{script}</script>\n" for script in scripts),
         }
         head, *rest = source("episode.html").split("{{")
         return head + "".join(parts[name] + after for name, _, after in (each.partition("}}") for each in rest))
@@ -176,34 +181,79 @@ def _compared(system: System, options: dict[str, Any], first: Any) -> list[Any]:
 
 
 def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
-    """Data of a page, from rollouts of one seed on estimators of these names."""
-    core, scenario = core_of(flown[0]), flown[0].scenario
+    """Data of a page, from rollouts of one seed on estimators of these names.
+
+    An environment of others has no map; its page holds charts of what its ``info`` holds of truth and estimate.
+
+    Raises:
+        ValueError: if there are no estimates in an episode.
+    """
+    env, every = flown[0].env.unwrapped, 1 + int(max(each.length[0] for each in flown)) // FRAMES
+    core, histories = getattr(env, "core", None), [_first_row(each) for each in flown]
+    page: dict[str, Any] = {
+        "title": f"{flown[0].env_id}: one episode on {len(flown)} estimator{'s' * (len(flown) > 1)}",
+        "name": flown[0].env_id,
+        "environment": flown[0].env_id,
+        "conditions": [f"seed {flown[0].seeds[0]}"],
+        "dt": (core.vehicle.dt if core else _time_step(env)) * every,
+        "unit": "s" if core or _time_step(env) != 1.0 else "steps",
+        "placed": False,
+        "located": False,
+        "focus": [],
+        "scene": None,
+    }
+    if core is None:
+        pairs = zip(flown, names, histories, strict=True)
+        flights = [_figures(each, name) | _curves(_estimates(history), every) for each, name, history in pairs]
+        return page | {"flights": flights}
+    scenario = flown[0].scenario
     assert scenario is not None
-    around, every = surroundings_of(core, scenario[0]), 1 + int(max(each.length[0] for each in flown)) // FRAMES
-    scenes = [
-        Scene(core_of(each), around, {key: values[: each.length[0] + 1, 0] for key, values in each.history.items()})
-        for each in flown
-    ]
+    around = surroundings_of(core, scenario[0])
+    scenes = [Scene(core_of(each), around, history) for each, history in zip(flown, histories, strict=True)]
     first, hull = scenes[0].position, HULLS[around.hull]
     low, high = _extent(around, [scene.true for scene in scenes])
-    return {
-        "title": f"{core.system.name}: one episode on {len(flown)} estimator{'s' * (len(flown) > 1)}",
+    values = {key: packed(value) if isinstance(value, np.ndarray) else value for key, value in asdict(around).items()}
+    return page | {
+        "title": page["title"].replace(flown[0].env_id, core.system.name, 1),
         "name": core.system.name,
-        "environment": flown[0].env_id,
-        "conditions": [*scenes[0].conditions, f"seed {flown[0].seeds[0]}"],
-        "dt": core.vehicle.dt * every,
+        "conditions": [*scenes[0].conditions, *page["conditions"]],
         "placed": bool({"x", "y", "z", "h"} & set(core.vehicle.state_names)),
         "located": scenes[0].located,
         "focus": [
             {"name": name, "unit": unit, "axis": axis}
             for (name, unit, _), axis in zip(first.words, first.axes.tolist(), strict=True)
         ],
-        "scene": {
-            key: packed(value) if isinstance(value, np.ndarray) else value for key, value in asdict(around).items()
-        }
-        | {"outline": hull.above.tolist(), "least": hull.least, "low": low, "high": high},
+        "scene": values | {"outline": hull.above.tolist(), "least": hull.least, "low": low, "high": high},
         "flights": [_flight(*each, every) for each in zip(flown, names, scenes, strict=True)],
     }
+
+
+def _first_row(flown: Rollout) -> dict[str, np.ndarray]:
+    """History ``(T + 1, ...)`` of the first episode of a rollout."""
+    return {key: values[: flown.length[0] + 1, 0] for key, values in flown.history.items()}
+
+
+def _time_step(env: Any) -> float:
+    """Time step [s] of an environment of others; 1, a step, where it names none."""
+    dt = getattr(next(iter(getattr(env, "envs", ())), env).unwrapped, "dt", None)
+    return float(dt) if isinstance(dt, int | float) and dt > 0.0 else 1.0
+
+
+def _estimates(history: dict[str, np.ndarray]) -> list[Chart]:
+    """Charts of the first components of truth and estimate in the ``info`` of an environment of others."""
+    if "estimate" not in history:
+        raise ValueError("there is no estimate to show: info of the environment holds no array 'estimate'")
+    charts, estimate = [], history["estimate"].reshape(len(history["estimate"]), -1)
+    truth, cov = (history.get(key) for key in ("truth", "covariance"))
+    for i, line in enumerate(estimate.T[:CHARTS]):
+        series, band = [Series("estimate", "believed", line)], None
+        if truth is not None and truth.shape == estimate.shape:
+            series.insert(0, Series("true", "true_soft", truth[:, i], 3.5))
+        if cov is not None and cov.shape == (*estimate.shape, estimate.shape[1]):
+            sd = np.sqrt(np.maximum(cov[:, i, i], 0.0))
+            band, series[-1] = (line - 2.0 * sd, line + 2.0 * sd), series[-1]._replace(label="estimate ±2σ")
+        charts.append(Chart(f"Component {i}", series, band))
+    return charts
 
 
 def _extent(around: Surroundings, tracks: list[np.ndarray]) -> tuple[list[float], list[float]]:
@@ -214,30 +264,52 @@ def _extent(around: Surroundings, tracks: list[np.ndarray]) -> tuple[list[float]
     return [*level.min(0).tolist(), float(points[:, 2].min())], [*level.max(0).tolist(), float(points[:, 2].max())]
 
 
-def _flight(flown: Rollout, name: str, scene: Scene, every: int) -> dict[str, Any]:
-    """Data of a page about a rollout's episode: of it every so many moments, and the last."""
-    keep, position = np.unique(np.append(np.arange(0, len(scene.true), every), len(scene.true) - 1)), scene.position
-    members = None if position.members is None else position.members[:-1]  # of the end itself there are none
-    apart = 1 + len(scene.true) // CLOUDS
-
-    def chart(each: Chart) -> dict[str, Any]:
-        series = [line._asdict() | {"value": packed(line.value[keep])} for line in each.series]
-        band = None if each.band is None else [packed(edge[keep]) for edge in each.band]
-        measured = None if each.measured is None else packed(each.measured[keep])
-        return {
-            "title": each.title,
-            "limits": each.limits,
-            "ticks": each.ticks,
-            "series": series,
-            "band": band,
-            "measured": measured,
-        }
-
+def _figures(flown: Rollout, name: str) -> dict[str, Any]:
+    """Name, score and end of an episode; an environment of others has its return instead of a score in [0, 1]."""
+    scored = "score" in flown.history
     return {
         "estimator": name,
         "score": float(flown.score[0]),
+        "scored": scored,
         "end": str(flown.end[0]),
-        "costs": _costs(flown),
+        "costs": _costs(flown) if scored else [],
+        "steps": int(flown.length[0]),
+    }
+
+
+def _kept(length: int, every: int) -> np.ndarray:
+    """Indices of every so many moments of an episode, and of the last."""
+    return np.unique(np.append(np.arange(0, length, every), length - 1))
+
+
+def _curves(charts: Sequence[Chart], every: int) -> dict[str, Any]:
+    """Charts as a page holds them."""
+
+    def packing(values: np.ndarray) -> dict[str, Any]:
+        return packed(values[_kept(len(values), every)])
+
+    return {
+        "charts": [
+            {
+                "title": each.title,
+                "limits": each.limits,
+                "ticks": each.ticks,
+                "series": [line._asdict() | {"value": packing(line.value)} for line in each.series],
+                "band": None if each.band is None else [packing(edge) for edge in each.band],
+                "measured": None if each.measured is None else packing(each.measured),
+            }
+            for each in charts
+        ]
+    }
+
+
+def _flight(flown: Rollout, name: str, scene: Scene, every: int) -> dict[str, Any]:
+    """Data of a page about a rollout's episode, in every so many moments and the last."""
+    keep, position = _kept(len(scene.true), every), scene.position
+    members = None if position.members is None else position.members[:-1]  # of the end itself there are none
+    apart = 1 + len(scene.true) // CLOUDS
+    return {
+        **_figures(flown, name),
         "legend": scene.legend,
         "true": packed(scene.true[keep]),
         "believed": packed(scene.believed[keep]),
@@ -246,7 +318,10 @@ def _flight(flown: Rollout, name: str, scene: Scene, every: int) -> dict[str, An
         "members": None if members is None else packed(members[::apart, :MEMBERS]),
         "period": apart * scene.core.vehicle.dt,
         "fix": packed(scene.fixes[keep]),
-        "charts": [chart(each) for each in scene.charts(CHARTS)],
+        "ambient": [
+            each._asdict() | {"vector": packed(each.vector[keep])} for each in ambients(scene.core, scene.history)
+        ],
+        **_curves(scene.charts(CHARTS), every),
     }
 
 

@@ -182,3 +182,8 @@ def test_episodes_that_may_never_end_are_refused_in_a_sentence():
     with pytest.raises(ValueError, match="episodes of Endless-v0 may never end: register it with max_episode_steps"):
         rollout("autopilot", "Endless-v0", [0])
     assert rollout("autopilot", "Endless-v0", [0], {"max_episode_steps": 5}).length == [5]
+
+
+def test_a_rollout_is_one_short_line():
+    flight = rollout("autopilot", ENV, [5, 6], {"max_episode_steps": 4})
+    assert re.fullmatch(rf"<Rollout {ENV}: 2 episodes, mean score [\d.]+, 8 steps>", repr(flight))

@@ -265,11 +265,11 @@ def test_the_cloud_shows_as_many_members_as_there_are(env_id, members, dots, wor
 @pytest.mark.parametrize("env_id", PLACED)
 def test_without_an_ensemble_there_is_an_ellipse_and_with_certainty_nothing(env_id, words):
     drawn(env_id, estimator="ekf")
-    assert any(entry[0] == "believed ±2σ" and entry[1] > 530 and entry[3] < 470 for entry in words)
+    assert any(entry[0] == "estimate ±2σ" and entry[1] > 530 and entry[3] < 470 for entry in words)
     assert "ensemble" not in words
     words.clear()
     drawn(env_id, estimator="truth")
-    assert not any(entry[0] == "believed ±2σ" and entry[3] < 470 for entry in words)
+    assert not any(entry[0] == "estimate ±2σ" and entry[3] < 470 for entry in words)
 
 
 @pytest.mark.parametrize(("env_id", "every"), [(SPATIAL, 20), (FLIGHT, 10)])

@@ -10,7 +10,9 @@ import numpy as np
 
 from estimators.angles import difference
 from vessel_gym.core import Core
+from vessel_gym.disturbances import SurfaceWater
 from vessel_gym.estimation import WITHOUT_COVARIANCE
+from vessel_gym.seaway import Seaway
 from vessel_gym.surroundings import Surroundings, in_words, pose
 
 RECORDED = (
@@ -54,6 +56,45 @@ class Chart(NamedTuple):
     def ticks(self) -> list[float]:
         """Three or more round levels of the axis."""
         return ticks(*self.limits, 3).tolist()
+
+
+class Ambient(NamedTuple):
+    """Wind, waves or current at the vehicle."""
+
+    name: str
+    unit: str
+    vector: np.ndarray  # (T, 2) north and east, where it goes to; its length is the speed or the wave height
+    note: str = ""
+
+
+def ambients(core: Core, history: dict[str, np.ndarray]) -> list[Ambient]:
+    """Wind, waves and current of an episode, as far as its disturbance has them.
+
+    Args:
+        core: The environment's core.
+        history: Of one environment, with the ``truth`` ``(T, n)``.
+    """
+    truth, names, disturbance = history["truth"], core.truth_names, core.config.world.forces.disturbance
+
+    def level(*each: str) -> np.ndarray:
+        columns = [[names.index(f"{name} {way}") for name in each] for way in ("north", "east")]
+        return np.stack([truth[:, column].sum(1) for column in columns], -1)
+
+    found = []
+    if "current north" in names:
+        found.append(Ambient("Current", "m/s", level("current")))
+    elif "current" in names:  # of a vehicle in a vertical plane, which lies north
+        found.append(Ambient("Current", "m/s", np.pad(truth[:, [names.index("current")]], ((0, 0), (0, 1)))))
+    if "mean wind north" in names:
+        found.append(Ambient("Wind", "m/s", level("mean wind", "gust"), "gusts included"))
+    if isinstance(disturbance, Seaway | SurfaceWater):
+        direction = disturbance.direction if isinstance(disturbance, Seaway) else 0.0
+        way = np.tile([np.cos(direction), np.sin(direction)], (len(truth), 1))
+        if isinstance(disturbance, Seaway):
+            found.append(Ambient("Wind", "m/s", disturbance.wind * way))
+        note = f"significant height, peak period {disturbance.period:g} s"
+        found.append(Ambient("Waves", "m", disturbance.height * way, note))
+    return found
 
 
 class Components:
@@ -152,10 +193,10 @@ class Scene:
         component = Components(self.core, self.history, [name])
         (words, unit, _), error, measured = component.words[0], component.error[:, 0], component.measured[:, 0]
         if name in _POSE:
-            lines, middle = [Series("believed − true", "believed", error)], np.zeros(len(error))
+            lines, middle = [Series("estimate − truth", "believed", error)], np.zeros(len(error))
         else:
             true, middle = component.true[:, 0], component.true[:, 0] + error
-            lines, measured = [_true(true), Series("believed", "believed", middle, 1.2)], true + measured
+            lines, measured = [_true(true), Series("estimate", "believed", middle, 1.2)], true + measured
         chart = Chart(_title(words, unit), lines, measured=measured if np.isfinite(measured).any() else None)
         if component.cov is None:
             return chart
@@ -171,7 +212,7 @@ class Scene:
         if core.belief.input_mean is not None:
             estimate = scale * history["input_estimate"][core.filter.input_delay or 0 :, 0]
             missing = np.full(len(lines[0].value) - len(estimate), np.nan)
-            lines.append(Series("believed", "believed", np.append(estimate, missing), 1.2))
+            lines.append(Series("estimate", "believed", np.append(estimate, missing), 1.2))
         return Chart(_title(words, unit), lines)
 
     @property
@@ -185,9 +226,9 @@ class Scene:
     def legend(self) -> dict[str, str]:
         """Names of the marks that maps show, by kind."""
         around, position = self.surroundings, self.position
-        labels = {"true": "true vehicle", "believed": "believed vehicle"}
+        labels = {"true": "true vehicle", "believed": "estimated vehicle"}
         if self.located and position.cov is not None:
-            labels["ellipse"] = "believed ±2σ"
+            labels["ellipse"] = "estimate ±2σ"
         if self.located and position.members is not None:
             labels["cloud"] = f"ensemble of {position.members.shape[1]}"
         if self.located and set(self.core.sensors.gives).issuperset(np.array(position.names)[self._fixed]):
