@@ -11,6 +11,8 @@ from gymnasium.spaces import Box
 POLICIES = {
     "ActorCriticPolicy": "stable_baselines3.common.policies",
     "SACPolicy": "stable_baselines3.sac.policies",
+    "TQCPolicy": "sb3_contrib.tqc.policies",
+    "CrossQPolicy": "sb3_contrib.crossq.policies",
     "TD3Policy": "stable_baselines3.td3.policies",
     "RecurrentActorCriticPolicy": "sb3_contrib.common.recurrent.policies",
     "LstmPolicy": "agents.policies.lstm",

@@ -1,13 +1,14 @@
-"""PPO through stable-baselines3 on the batched environments."""
+"""Training by PPO and other algorithms of stable-baselines3 and sb3-contrib, on the batched environments."""
 
+import inspect
 import json
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import partial
-from importlib import metadata
+from importlib import import_module, metadata
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -33,29 +34,72 @@ MEMORIES = ("none", "frames", "lstm")
 CRITICS = (None, "truth")
 """Inputs of a critic in training beside the agent's observation: nothing, or the truth."""
 
-_OF_PPO = ("n_steps", "batch_size", "n_epochs", "gamma", "gae_lambda", "clip_range", "ent_coef")
-"""Settings that PPO takes as they are."""
+ALGORITHMS = {
+    "ppo": "stable_baselines3:PPO",
+    "a2c": "stable_baselines3:A2C",
+    "crossq": "sb3_contrib:CrossQ",
+    "ddpg": "stable_baselines3:DDPG",
+    "sac": "stable_baselines3:SAC",
+    "td3": "stable_baselines3:TD3",
+    "tqc": "sb3_contrib:TQC",
+    "trpo": "sb3_contrib:TRPO",
+}
+"""Algorithms for continuous actions by name; RecurrentPPO is ``ppo`` with the memory ``lstm``."""
+
+_OF_NETWORK = ("log_std_init", "net_arch", "lstm_hidden_size")
+"""Settings of the network."""
+_OF_TRAINING = ("num_envs", "steps", "frames", "learning_rate_final", "action_noise")
+"""Settings that no algorithm takes as they are."""
+_GIVEN = ("policy", "env", "learning_rate", "policy_kwargs", "stats_window_size", "seed", "device", "verbose")
+"""Arguments of algorithms that are no settings, or are settings by another way."""
 
 OTHERS = "others"
 """The settings of environments that have none of their own."""
 
 
-def hyperparameters(env_id: str, memory: str = "none", changed: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """The settings of an environment, from ``agents/training/ppo.toml``: its own, and over them those of the memory.
+def hyperparameters(
+    env_id: str, memory: str = "none", changed: Mapping[str, Any] | None = None, algorithm: str = "ppo"
+) -> dict[str, Any]:
+    """The settings of a training: of PPO those of ``ppo.toml``, tuned by environment, and over them the memory's.
 
-    They are tuned for the package's environments; another one of a `vessel_gym.system.System` has those of `OTHERS`.
+    Another environment of a `vessel_gym.system.System` has those of `OTHERS`; another algorithm has its own of
+    ``algorithms.toml``, which are not tuned.
 
     Args:
         env_id: A registered environment.
         memory: One of `MEMORIES`.
-        changed: Settings by name, each a number where the tuned one is.
+        changed: Settings by name: of these, each a number where the given one is, or any argument of the algorithm.
+        algorithm: One of `ALGORITHMS`.
 
     Raises:
-        ValueError: if it has none, the memory is of no known kind, or a changed setting is none.
+        ValueError: if it has none, the memory or algorithm is of no known kind, or a changed setting is none.
     """
     if memory not in MEMORIES:
         raise ValueError(unknown("memory", memory, MEMORIES))
-    table = tomllib.loads(files("agents.training").joinpath("ppo.toml").read_text())
+    if algorithm not in ALGORITHMS:
+        raise ValueError(unknown("algorithm", algorithm, ALGORITHMS))
+    if algorithm == "ppo":
+        tuned = _of_ppo(env_id, memory)
+    elif memory == "none" and (env_id in _table("ppo") or _has_system(env_id)):
+        tuned = _table("algorithms")[algorithm]
+    else:
+        raise ValueError(f"{algorithm} trains agents without a memory, in environments of vessel_gym")
+    for name, value in (changed or {}).items():
+        if name == "steps" or not (name in tuned or name in _arguments(algorithm)):
+            known = [*(each for each in tuned if each != "steps"), *_arguments(algorithm)]
+            raise ValueError(unknown("setting", name, known))
+        if name in tuned and not _such_as(tuned[name], value):
+            raise ValueError(f"the setting {name} must be such as {tuned[name]!r}, got {short_repr(value)}")
+    return tuned | dict(changed or {})
+
+
+def _table(name: str) -> dict[str, Any]:
+    return tomllib.loads(files("agents.training").joinpath(f"{name}.toml").read_text())
+
+
+def _of_ppo(env_id: str, memory: str) -> dict[str, Any]:
+    """The tuned settings of PPO."""
+    table = _table("ppo")
     others = table.pop(OTHERS, None)
     if env_id not in table and not (others and _has_system(env_id)):
         raise ValueError(f"no PPO settings for {env_id!r} in agents/training/ppo.toml: choose from {', '.join(table)}")
@@ -66,13 +110,13 @@ def hyperparameters(env_id: str, memory: str = "none", changed: Mapping[str, Any
             f"no settings with memory {memory!r} for {env_id!r} in agents/training/ppo.toml: "
             f"choose from {', '.join(having)}"
         )
-    tuned = {key: value for key, value in own.items() if not isinstance(value, dict)} | own.get(memory, {})
-    for name, value in (changed or {}).items():
-        if name not in tuned or name == "steps":
-            raise ValueError(unknown("setting", name, [each for each in tuned if each != "steps"]))
-        if not _such_as(tuned[name], value):
-            raise ValueError(f"the setting {name} must be such as {tuned[name]!r}, got {short_repr(value)}")
-    return tuned | dict(changed or {})
+    return {key: value for key, value in own.items() if not isinstance(value, dict)} | own.get(memory, {})
+
+
+def _arguments(algorithm: str) -> list[str]:
+    """Names of an algorithm's arguments that may be set."""
+    arguments = inspect.signature(_algorithm(algorithm, "none")).parameters
+    return [name for name in arguments if name not in _GIVEN and not name.startswith("_") and name != "tensorboard_log"]
 
 
 def _such_as(tuned: Any, value: Any) -> bool:
@@ -96,6 +140,7 @@ def describe(
     memory: str = "none",
     critic: str | None = None,
     settings: Mapping[str, Any] | None = None,
+    algorithm: str = "ppo",
 ) -> dict[str, Any]:
     """Everything that decides what `train` gives, as plain data: equal descriptions, equal checkpoints.
 
@@ -113,7 +158,9 @@ def describe(
     require("torch", "stable_baselines3", "sb3_contrib")
     if critic not in CRITICS:
         raise ValueError(f"critic must be 'truth', or None for one that is told nothing more, got {short_repr(critic)}")
-    settings = hyperparameters(env_id, memory, settings)
+    if critic is not None and algorithm != "ppo":
+        raise ValueError(f"critic='truth' is for ppo, not {algorithm}")
+    settings = hyperparameters(env_id, memory, settings, algorithm)
     steps = settings["steps"] if steps is None else integer("steps", steps, 1)
     if steps < settings["num_envs"]:
         raise ValueError(f"steps must be at least the {settings['num_envs']} environments of a batch, got {steps}")
@@ -122,6 +169,7 @@ def describe(
         "env_options": env_options or {},
         "seed": seed,
         "steps": steps,
+        "algorithm": algorithm,
         "memory": memory,
         "critic": critic,
         "hyperparameters": settings,
@@ -164,8 +212,11 @@ def train(
     memory: str = "none",
     critic: str | None = None,
     settings: Mapping[str, Any] | None = None,
+    algorithm: str = "ppo",
+    folder: Path | None = None,
+    resume: bool = False,
 ) -> Path:
-    """Train PPO on an environment and save the checkpoint.
+    """Train an agent on an environment and save the checkpoint.
 
     The checkpoint is written whole or not at all.
 
@@ -181,20 +232,47 @@ def train(
         critic: ``"truth"``: the critic alone has the truth for an input, see `agents.training.critic`; the policy acts
             on its observations as any other. None: it sees what the agent sees.
         settings: Hyperparameters by name over those of `hyperparameters`.
+        algorithm: One of `ALGORITHMS`.
+        folder: Where learning curves, the latest and the best policy, and the state of an interrupted training go,
+            see `agents.training.callbacks`; None: nowhere.
+        resume: Go on from the state in the folder; the result is that of a training without interruption.
 
     Returns:
         The path of the checkpoint.
 
     Raises:
-        ValueError: for an environment or memory without settings, an unknown critic, or a budget below one rollout.
+        ValueError: for an environment, memory or algorithm without settings, an unknown critic, a budget below one
+            rollout, a state of another training, or one in the folder that is not to be resumed.
         TypeError: for options that a checkpoint cannot hold as plain data.
-        OSError: if the checkpoint cannot be written.
+        OSError: if the checkpoint cannot be written, or there is no state to resume from.
         ModuleNotFoundError: without torch or stable-baselines3.
+        KeyboardInterrupt: after Ctrl-C, when the state has been kept.
     """
-    described = describe(env_id, env_options, seed, steps, memory, critic, settings)
+    described = describe(env_id, env_options, seed, steps, memory, critic, settings, algorithm)
+    state = None if folder is None else _state(folder, described, resume)
     with replacing(zip_path(path)) as temporary, one_thread():
-        _learn(described, env_options, temporary, progress)
+        _learn(described, env_options, temporary, progress, folder, state)
     return zip_path(path)
+
+
+def _state(folder: Path, described: dict[str, Any], resume: bool) -> dict[str, Any] | None:
+    """The state in which a training was interrupted; None for a new one."""
+    from agents.training.callbacks import STATE
+    from agents.training.state import load_state
+
+    path = folder / STATE
+    if not resume:
+        if path.exists():
+            raise ValueError(f"{path} keeps an interrupted training: go on with resume, or remove that file")
+        return None
+    if not path.exists():
+        raise FileNotFoundError(f"there is no interrupted training to go on with: no file {path}")
+    state = load_state(path)
+    before = state["more"]["described"]
+    changed = [key for key, value in described.items() if before.get(key) != value]
+    if changed:
+        raise ValueError(f"{path} is of another training: it differs in {', '.join(changed)}")
+    return state
 
 
 def _learn(
@@ -202,26 +280,31 @@ def _learn(
     env_options: dict[str, Any] | None,
     path: Path,
     progress: Callable[[int, int, float], None] | None,
+    folder: Path | None,
+    state: dict[str, Any] | None,
 ) -> None:
     """Train what `describe` described and save the policy, with the steps that it took: whole rollouts."""
-    from stable_baselines3.common.callbacks import BaseCallback
+    from agents.training.callbacks import STATE, Checkpoints, Report, curves, interruptible
 
     budget = described["steps"]
-
-    class Report(BaseCallback):
-        def _on_step(self) -> bool:
-            return True
-
-        def _on_rollout_end(self) -> None:
-            if progress is not None:
-                late = [info["r"] for info in self.model.ep_info_buffer or ()]
-                perfect = self.training_env.get_attr("unwrapped", 0)[0].core.task.perfect
-                mean = float(np.mean(late)) / perfect if late else float("nan")
-                progress(self.num_timesteps, budget, mean)
-
+    report = Report(budget, progress)
     with learner(described, env_options) as model:
-        model.learn(budget, callback=Report())
+        if folder is None:
+            model.learn(budget, callback=report)
+        else:
+            from agents.training.state import restore
+
+            folder.mkdir(parents=True, exist_ok=True)
+            if state is not None:
+                restore(model, state)
+            checkpoints = Checkpoints(folder, described, env_options, state and state["more"])
+            with closing(curves(folder, model.num_timesteps)) as logger, interruptible(checkpoints):
+                model.set_logger(logger)
+                left = budget - model.num_timesteps
+                model.learn(left, callback=[report, checkpoints], reset_num_timesteps=state is None)
         write(path, model, described | {"trained_steps": model.num_timesteps})
+    if folder is not None:
+        (folder / STATE).unlink(missing_ok=True)
 
 
 @contextmanager
@@ -233,35 +316,39 @@ def learner(described: dict[str, Any], env_options: dict[str, Any] | None = None
         env_options: Those that were described, where they hold more than plain data.
     """
     import torch
+    from stable_baselines3.common.noise import NormalActionNoise
     from stable_baselines3.common.utils import LinearSchedule
 
     settings, seed, memory = (described[key] for key in ("hyperparameters", "seed", "memory"))
-    num_envs = settings["num_envs"]
+    num_envs, rate = settings["num_envs"], settings["learning_rate"]
     env = batch(described, num_envs, env_options)
     env.seed(training_seed(seed))
-    network: dict[str, Any] = {
-        "log_std_init": settings["log_std_init"],
-        "net_arch": settings["net_arch"],
-        "activation_fn": torch.nn.Tanh,
-    }
+    network: dict[str, Any] = {name: settings[name] for name in _OF_NETWORK if name in settings}
+    own = {name: value for name, value in settings.items() if name not in (*_OF_NETWORK, *_OF_TRAINING, *_GIVEN)}
     policy: Any = "MlpPolicy"
+    if described["algorithm"] == "ppo":
+        network["activation_fn"] = torch.nn.Tanh
     if memory == "lstm":
         from agents.policies.lstm import LstmPolicy
 
         policy = LstmPolicy
-        network["lstm_hidden_size"] = settings["lstm_hidden_size"]
     if described["critic"] == "truth":
         from agents.training.critic import TruthLstmPolicy, TruthPolicy
 
         policy = TruthLstmPolicy if memory == "lstm" else TruthPolicy
         network |= {"seen": env.seen, "truth": env.truth, "frames": settings.get("frames", 1)}
-    model = _algorithm(memory)(
+    if "action_noise" in settings:
+        size = env.action_space.shape[0]
+        own["action_noise"] = NormalActionNoise(np.zeros(size), np.full(size, settings["action_noise"]))
+    kind = _algorithm(described["algorithm"], memory)
+    if "stats_window_size" in inspect.signature(kind).parameters:  # DDPG lacks it
+        own["stats_window_size"] = 2 * num_envs
+    model = kind(
         policy,
         env,
-        **{name: settings[name] for name in _OF_PPO},
-        learning_rate=LinearSchedule(settings["learning_rate"], settings["learning_rate_final"], 1.0),
+        **own,
+        learning_rate=LinearSchedule(rate, settings.get("learning_rate_final", rate), 1.0),
         policy_kwargs=network,
-        stats_window_size=2 * num_envs,
         seed=seed,
         device="cpu",
     )
@@ -296,12 +383,7 @@ def batch(described: dict[str, Any], num_envs: int, env_options: dict[str, Any] 
     return VecFrameStack(env, described["hyperparameters"]["frames"]) if described["memory"] == "frames" else env
 
 
-def _algorithm(memory: str) -> Any:
+def _algorithm(name: str, memory: str) -> Any:
     """The class that trains agents with this memory."""
-    if memory == "lstm":
-        from sb3_contrib import RecurrentPPO
-
-        return RecurrentPPO
-    from stable_baselines3 import PPO
-
-    return PPO
+    module, _, kind = ("sb3_contrib:RecurrentPPO" if memory == "lstm" else ALGORITHMS[name]).partition(":")
+    return getattr(import_module(module), kind)

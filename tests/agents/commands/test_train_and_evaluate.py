@@ -35,6 +35,7 @@ def test_of_several_trainings_the_best_on_tuning_seeds_is_kept(
     flown = []
 
     def learn(env_id: str, path: Path, options: dict[str, Any], seed: int, **settings: Any) -> Path:
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(packaged(env_id).read_bytes() if seed == 8 else poor)
         return path
 
