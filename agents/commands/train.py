@@ -89,8 +89,9 @@ def main(
         if steps is not None:
             in_range("--steps", steps, 1)
         describe(env_id, options, seed, steps, memory, critic, changed, algorithm)
-    path = zip_path(out or Path("results") / algorithm)
-    check_file(path)
+    out = out or Path("results") / f"{algorithm}.zip"
+    check_file(out)
+    path = zip_path(out)
     with training_progress(f"{algorithm} on {env_id}") as progress, asked():
         given: dict[str, Any] = {"steps": steps, "progress": progress, "memory": memory, "critic": critic}
         given |= {"settings": changed, "algorithm": algorithm}

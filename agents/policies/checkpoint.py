@@ -321,7 +321,7 @@ def _array(archive: zipfile.ZipFile, name: str) -> np.ndarray:
         if np.lib.format.read_magic(file) != (1, 0):
             raise ValueError(f"{name} is no array of version 1.0")
         shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
-        if dtype.kind not in "fi":  # whole numbers: a batch normalisation counts its steps
+        if dtype.kind != "f" and (dtype.kind, shape) != ("i", ()):  # a batch normalisation counts its steps
             raise ValueError(f"{name} holds {dtype}, not real numbers")
         array = np.frombuffer(file.read(), dtype).reshape(shape, order="F" if fortran else "C")
     if not (np.abs(array) <= np.finfo(np.float32).max).all():
