@@ -45,7 +45,7 @@ def main(
         seed: Seed of the episode.
         agent: A controller of the task (autopilot, lqg, pid), ppo (comes with the package), random, the path of a
             checkpoint, or your own as module:object, whose code is run.
-        out: An .html to touch in a browser, on several estimators; a .gif, an .mp4, or a .png of the last frame.
+        out: An .html, an interactive page on several estimators; a .gif, an .mp4, or a .png of the last frame.
         every: Keep one frame in this many steps (.gif and .mp4).
         trust: Load a checkpoint that vessel-gym did not write, although it can run any code.
     """

@@ -56,10 +56,16 @@ function plot(each) {
     const box = each.plot.over.getBoundingClientRect();
     return Math.max(0, Math.min(duration, ((event.clientX - box.left) / box.width) * duration));
   };
-  each.plot.over.addEventListener("pointerdown", (event) => { each.plot.over.setPointerCapture(event.pointerId); go(timeAt(event)); });
+  each.plot.over.addEventListener("pointerdown", (event) => {
+    each.down = [event.clientX, event.clientY];
+    if (event.pointerType === "touch") return; // it may begin to scroll the page: a tap is a click
+    each.plot.over.setPointerCapture(event.pointerId); go(timeAt(event));
+  });
+  each.plot.over.addEventListener("click", (event) => go(timeAt(event)));
   each.plot.over.addEventListener("pointermove", (event) => {
     const time = timeAt(event);
-    if (event.buttons) go(time);
+    const [x, y] = each.down ?? [0, 0], along = Math.abs(event.clientX - x) > 8 + Math.abs(event.clientY - y);
+    if (event.buttons && (event.pointerType !== "touch" || along)) go(time);
     tip(event, [`${chart.title} at ${clock(time)}`, ...valuesAt(each, time)]);
   });
   each.plot.over.addEventListener("pointerleave", () => tip());

@@ -28,7 +28,7 @@ class Plan {
   draw(time) {
     const { paper, width, height } = sized(this.canvas), [right, top] = aside(), each = (height - top) / this.views.length;
     this.views.forEach((view, i) => {
-      const box = { x: 0, y: i === 0 ? 0 : top + i * each, width, height: i === 0 ? top + each : each, right: i === 0 ? right : 0, top: i === 0 ? top : 0 };
+      const box = { x: 0, y: i === 0 ? 0 : top + i * each, width, height: i === 0 ? top + each : each, right, top: i === 0 ? top : 0 };
       paper.save(); paper.beginPath(); paper.rect(box.x, box.y, box.width, box.height); paper.clip();
       this.view(paper, view, box, time);
       paper.restore();
@@ -52,7 +52,7 @@ class Plan {
     if (scene.goal) draw(paper, circle(at(scene.goal), Math.max(scene.goal[3] * scale, 5)), { stroke: colours.goal, width: 2 });
     const length = Math.max(scene.size * scale, scene.least), factor = length / (scene.size * scale);
     for (const part of shown().reverse()) this.flight(paper, view, part, time, at, length, scale);
-    if (scene.hull !== "dot" && factor > 1.05) write(paper, `vehicle drawn ${number(factor, 2)} times its size`, box.width - box.right - 10, box.y + box.height - 22, "right");
+    if (scene.hull !== "dot" && factor > 1.05) write(paper, `vehicle drawn ${number(factor, 2)} times its size`, box.width - box.right - 10, box.y + 16, "right");
   }
   flight(paper, view, { flight, look }, time, at, length, scale) {
     const truth = between(flight.true, time), estimate = between(flight.believed, time), i = stepAt(flight, time);
@@ -87,9 +87,10 @@ class Plan {
     for (const v of levels(middle[0] - half[0], middle[0] + half[0], gap)) {
       const [x] = flatAt([v, 0]);
       draw(paper, [[x, box.y], [x, bottom]], style);
-      if (x > 74 && x < box.width - 70) write(paper, number(v), x, bottom - 6, "center");
+      if (x > 74 && x < box.width - (view.above ? 70 : 130)) write(paper, number(v), x, bottom - 6, "center");
     }
-    for (const v of levels(middle[1] - half[1] - shift, middle[1] + half[1] - shift, gap)) {
+    const rise = round125(45 / scale);
+    for (const v of levels(middle[1] - half[1] - shift, middle[1] + half[1] - shift, rise)) {
       const [, y] = flatAt([0, v + shift]);
       draw(paper, [[0, y], [box.width, y]], style);
       if (y > box.y + box.top + 24 && y < bottom - 20 && (view.above || scene.surface === null || sign * v >= 0)) write(paper, number(sign * v), 6, y + 4);
