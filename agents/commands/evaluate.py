@@ -53,7 +53,8 @@ def main(
         for name in estimator:
             with closing(gym.make_vec(env_id, num_envs=1, estimator=name, **world)) as env:
                 load_agent(agent, env, trust)
-    title = f"{env_id}, {agent}: mean and 95 % interval over {episodes} episodes, {disturbance} {sensors}"
+    over = "one episode" if episodes == 1 else f"mean and 95 % interval over {episodes} episodes"
+    title = f"{env_id}, {agent}: {over}, {disturbance} {sensors}"
     _fly(title, agent, env_id, seeds, [{"estimator": name, **world} for name in estimator], trust)
 
 
@@ -76,9 +77,15 @@ def _fly(title: str, agent: str, env_id: str, seeds: list[int], worlds: list[dic
 
 
 def _row(metric: Any, columns: list[dict[str, Any]]) -> list[str]:
-    """Name of a metric, and its mean on each estimator."""
+    """Name of a metric, and its mean on each estimator; of one episode, its value."""
+    import numpy as np
+
     from agents.metrics import mean
     from agents.page import words
 
+    def cell(values: Any) -> str:
+        alone = len(values) == 1 and np.isfinite(values[0]) and not metric.yes_or_no
+        return f"{values[0]:.{metric.decimals}f}" if alone else words(mean(metric, values[None]), metric.decimals)
+
     name = f"{metric.label} [{metric.unit}]" if metric.unit else metric.label
-    return [name, *(words(mean(metric, column[metric.key][None]), metric.decimals) for column in columns)]
+    return [name, *(cell(column[metric.key]) for column in columns)]

@@ -1,6 +1,7 @@
 """Odd command lines in any surroundings: a sentence each, or the right output."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -91,11 +92,11 @@ class Still:
     def reset(self, num_envs): pass
     def act(self, observations): return np.zeros((len(observations), 3), np.float32)
 """
-TABLE = "Score"
+TABLE = r"Score +│ +0\.\d{3} │"
 SURROUNDINGS = {
-    "utf-8": ("", {"PYTHONIOENCODING": "utf-8"}, 0, "│ Input d [σ]"),
-    "ascii": ("", {"PYTHONIOENCODING": "ascii"}, 0, "| Input d [sigma]"),
-    "cp1252": ("", {"PYTHONIOENCODING": "cp1252"}, 0, "| Input d [sigma]"),
+    "utf-8": ("", {"PYTHONIOENCODING": "utf-8"}, 0, r"│ Input d \[σ\]"),
+    "ascii": ("", {"PYTHONIOENCODING": "ascii"}, 0, r"\| Input d \[sigma\]"),
+    "cp1252": ("", {"PYTHONIOENCODING": "cp1252"}, 0, r"\| Input d \[sigma\]"),
     "no home": ("", {"HOME": "", "XDG_CACHE_HOME": "", "TERM": ""}, 0, TABLE),
     "no folder to keep anything": (
         "",
@@ -109,7 +110,7 @@ SURROUNDINGS = {
     "closed stderr": ("2>&-", {}, 0, TABLE),
     "both closed": (">&- 2>&-", {}, 0, ""),
 }
-"""Redirections and variables, with the exit status and a part of what is printed."""
+"""Redirections and variables, with the exit status and a pattern of what is printed."""
 
 
 @pytest.mark.slow
@@ -128,4 +129,4 @@ def test_the_same_episodes_are_flown_in_any_surroundings(tmp_path: Path, surroun
     )  # fmt: skip
     printed = (done.stdout + done.stderr).decode(variables.get("PYTHONIOENCODING", "utf-8"))
     assert (done.returncode, "Traceback" in printed) == (status, False)
-    assert words in printed
+    assert re.search(words, printed)
