@@ -2,7 +2,7 @@
 
 stable-baselines3 pickles what describes an agent, and whoever unpickles a file runs what it says. A checkpoint of ours
 is a zip of a JSON file, which says what network to build, and of plain arrays, its weights. Nothing is built that is
-larger than these arrays.
+larger than these arrays. Beside them stand the entries that stable-baselines3 itself loads; nothing here reads them.
 """
 
 import json
@@ -18,6 +18,7 @@ import numpy as np
 
 from agents.files import replacing
 from agents.policies.network import POLICIES, Dense, built, torch_policy
+from agents.policies.stable import entries
 from estimators.checks import as_array, as_number, integer
 from vessel_gym.extras import require
 
@@ -66,9 +67,11 @@ def save_agent(model: Any, path: str | Path) -> Path:
     """Save an agent that stable-baselines3 trained, for `agents.load_agent`: without pickle, and with all it needs.
 
     The statistics of a ``VecNormalize`` and the frames of a ``VecFrameStack`` go with it; it flies on them, frozen.
+    stable-baselines3 loads the file, too, as one of ``model.save``, without these statistics.
 
     Args:
-        model: A PPO, A2C, SAC, TD3, DDPG or RecurrentPPO with its environment (``model.set_env`` gives it one).
+        model: A PPO, A2C, SAC, TD3, DDPG, RecurrentPPO, TQC, CrossQ, TRPO or ARS with its environment
+            (``model.set_env`` gives it one).
         path: Where the checkpoint goes (``.zip``); folders are made.
 
     Returns:
@@ -122,6 +125,8 @@ def write(path: Path, model: Any, described: dict[str, Any]) -> None:
         for name in sorted(arrays):
             with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w") as file:
                 np.lib.format.write_array(file, np.asarray(arrays[name]), allow_pickle=False)
+        for name, content in entries(model).items():
+            archive.writestr(zipfile.ZipInfo(name), content)
 
 
 def _class_name(policy: type) -> str:

@@ -15,6 +15,8 @@ POLICIES = {
     "CrossQPolicy": "sb3_contrib.crossq.policies",
     "TD3Policy": "stable_baselines3.td3.policies",
     "RecurrentActorCriticPolicy": "sb3_contrib.common.recurrent.policies",
+    "ARSPolicy": "sb3_contrib.ars.policies",
+    "ARSLinearPolicy": "sb3_contrib.ars.policies",
     "LstmPolicy": "agents.policies.lstm",
     "TruthPolicy": "agents.training.critic",
     "TruthLstmPolicy": "agents.training.critic",
@@ -98,9 +100,11 @@ def _bounded(size: int) -> Any:
 def built(policy: type, seen: Any, done: Any, network: dict[str, Any], weights: Any) -> Any:
     """A policy with its weights, ready to fly."""
     import torch
+    from sb3_contrib.ars.policies import ARSPolicy
 
+    rate = () if issubclass(policy, ARSPolicy) else (lambda _: 0.0,)
     with torch.random.fork_rng(devices=[]):  # its first weights are drawn, and thrown away
-        built = policy(seen, done, lambda _: 0.0, **network)
+        built = policy(seen, done, *rate, **network)
     built.load_state_dict(weights)
     built.set_training_mode(False)
     return built

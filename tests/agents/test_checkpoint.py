@@ -18,8 +18,9 @@ import numpy as np
 import pytest
 import torch
 from refusals import refused
-from sb3_contrib import TQC, RecurrentPPO
+from sb3_contrib import ARS, TQC, TRPO, CrossQ, RecurrentPPO
 from stable_baselines3 import A2C, DDPG, DQN, PPO, SAC, TD3
+from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecEnvWrapper, VecFrameStack, VecNormalize
 
 from agents import load_agent, rollout, save_agent
@@ -27,6 +28,7 @@ from agents.commands import evaluate
 from agents.commands.console import command
 from agents.policies.agent import TrainedAgent
 from agents.policies.checkpoint import packaged
+from agents.policies.stable import entries
 from agents.training.vec_env import StableBaselinesVecEnv
 
 ENV, THESIS = "SigmaCorvette-v0", "ThesisCorvette-v0"
@@ -40,16 +42,23 @@ ALGORITHMS = [
     (SAC, "MlpPolicy", {"learning_starts": 8}),
     (TD3, "MlpPolicy", {"learning_starts": 8}),
     (DDPG, "MlpPolicy", {"learning_starts": 8}),
+    (TQC, "MlpPolicy", {"learning_starts": 8}),
+    (CrossQ, "MlpPolicy", {"learning_starts": 8}),
+    (TRPO, "MlpPolicy", {"n_steps": 16, "batch_size": 64}),
+    (ARS, "MlpPolicy", {"n_delta": 2}),
+    (ARS, "LinearPolicy", {"n_delta": 2}),
 ]
-NAMES = ["PPO", "PPO with gSDE", "A2C", "RecurrentPPO", "SAC", "TD3", "DDPG"]
+NAMES = [
+    "PPO", "PPO with gSDE", "A2C", "RecurrentPPO", "SAC", "TD3", "DDPG", "TQC", "CrossQ", "TRPO", "ARS", "linear ARS",
+]  # fmt: skip
 
 
 def adapter(**options: Any) -> StableBaselinesVecEnv:
     return StableBaselinesVecEnv(gym.make_vec(ENV, num_envs=ROWS, max_episode_steps=20, **options))
 
 
-def trained(algorithm: Any, policy: str, settings: dict[str, Any], env: VecEnv) -> Any:
-    network = {"net_arch": [8], "activation_fn": torch.nn.ELU}
+def trained(algorithm: Any, policy: Any, settings: dict[str, Any], env: VecEnv) -> Any:
+    network = {} if policy == "LinearPolicy" else {"net_arch": [8], "activation_fn": torch.nn.ELU}
     model = algorithm(policy, env, policy_kwargs=network, seed=0, device="cpu", **settings)
     return model.learn(16 * ROWS)
 
@@ -71,8 +80,14 @@ def test_an_agent_of_any_algorithm_flies_as_it_was_trained(
 ):
     model = trained(algorithm, policy, settings, adapter())
     expected, _ = model.predict(observed(), deterministic=True)
-    np.testing.assert_array_equal(flown(save_agent(model, tmp_path / "ours"), observed()), expected)
+    ours = save_agent(model, tmp_path / "ours")
+    np.testing.assert_array_equal(flown(ours, observed()), expected)
     model.save(tmp_path / "theirs.zip")
+    again, theirs = (algorithm.load(path, env=adapter(), device="cpu") for path in (ours, tmp_path / "theirs.zip"))
+    assert entries(again) == entries(theirs)  # settings, networks and optimisers
+    np.testing.assert_array_equal(again.predict(observed(), deterministic=True)[0], expected)
+    assert again.num_timesteps == model.num_timesteps
+    again.learn(16 * ROWS, reset_num_timesteps=False)
     np.testing.assert_array_equal(flown(tmp_path / "theirs.zip", observed(), trust=True), expected)
     with refused(ValueError, r"theirs\.zip was not saved by .* run whatever code .* say trust=True"):
         load_agent(tmp_path / "theirs.zip", gym.make(ENV))
@@ -143,6 +158,10 @@ def test_an_agent_from_a_single_environment_is_stored_as_one_from_a_batch(tmp_pa
         load_agent(path, gym.make(ENV, observe="measurement"))
 
 
+class OwnPolicy(ActorCriticPolicy):
+    """A user's own network."""
+
+
 class Mirrored(VecEnvWrapper):
     def reset(self) -> np.ndarray:
         return -self.venv.reset()
@@ -162,7 +181,7 @@ def test_what_cannot_be_stored_in_numbers_and_words_is_refused_before_anything_i
         (trained(PPO, "MlpPolicy", SHORT, Mirrored(adapter())), "what Mirrored does to observations"),
         (PPO("MlpPolicy", StableBaselinesVecEnv(wrapped), device="cpu"), "what TransformAction does"),
         (trained(A2C, "MlpPolicy", {}, DummyVecEnv([lambda: single])), "what TransformObservation does"),
-        (trained(TQC, "MlpPolicy", {"learning_starts": 8}, adapter()), "cannot store a .*TQCPolicy.* trust=True"),
+        (trained(PPO, OwnPolicy, SHORT, adapter()), "cannot store a .*OwnPolicy.* trust=True"),
         (PPO("MlpPolicy", "Pendulum-v1", device="cpu"), "for the environments of vessel_gym"),
     ]
     own = PPO("MlpPolicy", adapter(), policy_kwargs={"features_extractor_class": Extractor}, device="cpu")
