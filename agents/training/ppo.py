@@ -85,11 +85,11 @@ def hyperparameters(
     else:
         raise ValueError(f"{algorithm} trains agents without a memory, in environments of vessel_gym")
     for name, value in (changed or {}).items():
-        if name == "steps" or not (name in tuned or name in _arguments(algorithm)):
-            known = [*(each for each in tuned if each != "steps"), *_arguments(algorithm)]
+        known = _arguments(algorithm) | {each: tuned[each] for each in tuned if each != "steps"}
+        if name not in known:
             raise ValueError(unknown("setting", name, known))
-        if name in tuned and not _such_as(tuned[name], value):
-            raise ValueError(f"the setting {name} must be such as {tuned[name]!r}, got {short_repr(value)}")
+        if not _such_as(known[name], value):
+            raise ValueError(f"the setting {name} must be such as {known[name]!r}, got {short_repr(value)}")
     return tuned | dict(changed or {})
 
 
@@ -113,16 +113,19 @@ def _of_ppo(env_id: str, memory: str) -> dict[str, Any]:
     return {key: value for key, value in own.items() if not isinstance(value, dict)} | own.get(memory, {})
 
 
-def _arguments(algorithm: str) -> list[str]:
-    """Names of an algorithm's arguments that may be set."""
-    arguments = inspect.signature(_algorithm(algorithm, "none")).parameters
-    return [name for name in arguments if name not in _GIVEN and not name.startswith("_") and name != "tensorboard_log"]
+def _arguments(algorithm: str) -> dict[str, Any]:
+    """Arguments of an algorithm that may be set, with their defaults."""
+    arguments = inspect.signature(_algorithm(algorithm, "none")).parameters.values()
+    plain = (each for each in arguments if not each.name.startswith("_") and each.name not in _GIVEN)
+    return {each.name: each.default for each in plain if isinstance(each.default, int | float)}
 
 
 def _such_as(tuned: Any, value: Any) -> bool:
     """Return whether a setting is as the tuned one: a list of sizes, a count, or a finite number, of no other sign."""
     if isinstance(tuned, list):
         return isinstance(value, list) and len(value) > 0 and all(_such_as(1, each) for each in value)
+    if isinstance(tuned, bool):
+        return isinstance(value, bool)
     if isinstance(tuned, int):
         return isinstance(value, int) and not isinstance(value, bool) and 1 <= value < 2**31
     return bool(np.isfinite(as_number(value))) and (tuned < 0.0 or value >= 0.0)

@@ -169,7 +169,7 @@ def _put_environment(env: Any, state: dict[str, Any]) -> None:
 
 
 def _changing(loop: Any) -> dict[str, Any]:
-    """What steps change in sensors and estimator: arrays, a belief, and the arrays of late and faulty sensors."""
+    """Changing parts of sensors and estimator: arrays, a belief, and the arrays of late and faulty sensors."""
     values = {name: value for name, value in vars(loop).items() if name not in _FIXED}
     for name in _PARTS:
         values[name] = {k: v for k, v in vars(values[name] or _Reader).items() if isinstance(v, np.ndarray)}

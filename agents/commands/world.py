@@ -1,0 +1,66 @@
+"""Options of an environment on the command line."""
+
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class World:
+    """Options of an environment.
+
+    Attributes:
+        estimator: What the agent sees the world through; the environment's default if not given.
+        estimator_options: Options of the estimator, as name=value, e.g. members=50.
+        sensors: clean, nominal, degraded, budget or denied.
+        disturbance: calm, moderate or rough.
+        mismatch: Relative spread of the truth's parameters.
+        observe: mean, mean+std or measurement.
+        guidance: Observe the mission relative to the reference; without it the state alone.
+        termination: Who ends a mission: task, belief or agent; the environment's default if not given.
+    """
+
+    estimator: str | None = None
+    estimator_options: tuple[str, ...] = ()
+    sensors: str = "nominal"
+    disturbance: str = "moderate"
+    mismatch: float = 0.0
+    observe: str = "mean"
+    guidance: bool = True
+    termination: str | None = None
+
+    def options(self) -> dict[str, Any]:
+        """Keyword arguments of `gymnasium.make`.
+
+        Raises:
+            ValueError: for an unknown kind of observation, or estimator options of another form.
+        """
+        from vessel_gym.checks import one_of
+
+        one_of("--observe", self.observe, ("mean", "mean+std", "measurement"))
+        options: dict[str, Any] = {"estimator": self.estimator, "sensors": self.sensors}
+        options |= {"disturbance": self.disturbance, "mismatch": self.mismatch, "observe": self.observe}
+        if self.estimator_options:
+            options["estimator_options"] = assigned("--estimator-options", self.estimator_options)
+        if not self.guidance:
+            options["guidance"] = False
+        return options if self.termination is None else options | {"termination": self.termination}
+
+
+def assigned(option: str, words: Sequence[str]) -> dict[str, Any]:
+    """Values by name, of words as name=value; a value is TOML, or else a text.
+
+    Raises:
+        ValueError: for a word of another form.
+    """
+    values = {}
+    for word in words:
+        name, _, text = word.partition("=")
+        if not (name and text):
+            raise ValueError(f"{option} takes words as name=value, got {word!r}")
+        try:
+            values[name] = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            values[name] = text
+    return values
