@@ -10,6 +10,7 @@ from gymnasium.spaces import Box
 from agents.controllers import CONTROLLERS, PPO, RANDOM, make_controller, unknown_controller
 from agents.policies.agent import TrainedAgent
 from agents.policies.checkpoint import packaged
+from agents.wrapped import Wrapped
 from estimators.checks import short_repr
 
 
@@ -65,14 +66,14 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
         raise TypeError(
             f"load_agent takes a name, autopilot or random, or the path of a checkpoint, got {short_repr(name)}"
         )
-    env = env.unwrapped
+    given, env = env, env.unwrapped
     if name == RANDOM:
         space = getattr(env, "single_action_space", env.action_space)
         if not isinstance(space, Box):
             raise ValueError(f"the random agent needs a continuous action space, got {space}")
         return RandomAgent(space.shape[0])
     if not hasattr(env, "core"):
-        raise ValueError(f"{name} flies the environments of vessel_gym, not {type(env).__name__}")
+        return _in_environment_of_others(name, given, trust)
     if name == PPO:
         return TrainedAgent(packaged(env.system.name), env, dense=True)
     if name in CONTROLLERS.of(env.core.task):
@@ -88,3 +89,19 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
     if Path(name).suffix == ".zip" or len(Path(name).parts) > 1:
         raise ValueError(f"there is no checkpoint {str(name)!r}")
     raise ValueError(unknown_controller(str(name), env.system, PPO, RANDOM, "the path of a checkpoint"))
+
+
+def _in_environment_of_others(name: str | Path, env: Any, trust: bool) -> Agent:
+    """A checkpoint, or an agent of the user's own, for an environment that is not one of vessel_gym."""
+    if os.path.isfile(name):
+        return TrainedAgent(Path(name), env, trust)
+    if isinstance(name, str) and ":" in name:
+        one = env.unwrapped.envs[0] if hasattr(env.unwrapped, "envs") else env
+        system: Any = Wrapped(env.spec.id, one)
+        return make_controller(name, system)
+    if Path(name).suffix == ".zip" or len(Path(name).parts) > 1:
+        raise ValueError(f"there is no checkpoint {str(name)!r}")
+    raise ValueError(
+        f"{name} flies the environments of vessel_gym alone: name random, the path of a checkpoint, or your own "
+        "agent as module:object"
+    )

@@ -88,7 +88,7 @@ def rollout(
     """
     seeds = _checked(seeds, agent)
     checks.function("progress", progress, "(step, horizon)")
-    env = _batch(env_id, len(seeds), {} if env_options is None else env_options)
+    env = batch(env_id, len(seeds), {} if env_options is None else env_options)
     try:
         flyer = load_agent(agent, env, trust) if isinstance(agent, str | Path) else agent
         flyer.reset(len(seeds))
@@ -172,7 +172,7 @@ class _History:
         return [self._core.belief.ensemble] if wanted else []
 
 
-def _batch(env_id: str, num_envs: int, options: dict[str, Any]) -> gym.vector.VectorEnv:
+def batch(env_id: str, num_envs: int, options: dict[str, Any]) -> gym.vector.VectorEnv:
     """Our environments in their native batch; any other one by one, because native batches of others differ."""
     if not isinstance(env_id, str):
         raise TypeError(f"env_id must be the name of a registered environment, got {env_id!r}")

@@ -34,42 +34,43 @@ def main(
         first_seed: Number of the first evaluation seed, counted from 0.
         trust: Load a checkpoint that vessel-gym did not write, although it can run any code.
     """
-    import gymnasium as gym
-
     from agents import load_agent
+    from agents.rollouts import batch
     from agents.seeds import evaluation_seeds
-    from agents.studies.worlds import environment_id
+    from agents.studies.worlds import options_of_command, registered_id
     from vessel_gym.checks import one_of
 
     world: dict[str, Any] = {"sensors": sensors, "disturbance": disturbance, "mismatch": mismatch, "observe": observe}
     with asked():
         if not estimator:
             raise ValueError("--estimator needs the name of at least one estimator")
-        env_id = environment_id(env_id)
+        env_id = registered_id(env_id)
         one_of("--observe", observe, ("mean", "mean+std", "measurement"))
         in_range("--episodes", episodes, 1)
         in_range("--first-seed", first_seed, 0)
         seeds = evaluation_seeds(episodes, first_seed)
-        for name in estimator:
-            with closing(gym.make_vec(env_id, num_envs=1, estimator=name, **world)) as env:
+        worlds = [options_of_command(env_id, {"estimator": name, **world}) for name in estimator]
+        for options in worlds:
+            with closing(batch(env_id, 1, options)) as env:
                 load_agent(agent, env, trust)
     over = "one episode" if episodes == 1 else f"mean and 95 % interval over {episodes} episodes"
-    title = f"{env_id}, {agent}: {over}, {disturbance} {sensors}"
-    _fly(title, agent, env_id, seeds, [{"estimator": name, **world} for name in estimator], trust)
+    conditions = f", {disturbance} {sensors}" if "mismatch" in worlds[0] else ""
+    _fly(f"{env_id}, {agent}: {over}{conditions}", agent, env_id, seeds, worlds, trust)
 
 
 def _fly(title: str, agent: str, env_id: str, seeds: list[int], worlds: list[dict[str, Any]], trust: bool) -> None:
     """Fly the seeds with each of the environment's options, and print a table of the metrics."""
     from agents import rollout
-    from agents.metrics import SCORE, metrics, scores
+    from agents.metrics import SCORE, core_of, metrics, scores
 
     header, columns = ["metric"], []
     with progress_bar("flying", len(worlds)) as advance:
         for options in worlds:
             flown = rollout(agent, env_id, seeds, options, trust=trust)
             columns.append(scores(flown))
-            chosen = metrics(flown.env.unwrapped.system)
-            header.append(flown.env.unwrapped.core.estimator)
+            core = core_of(flown)
+            chosen = metrics(core.system)
+            header.append(core.estimator or "no estimator")
             advance()
     beside = [metric for metric in chosen if metric.cost or metric.key == SCORE.key]
     sections = beside, [metric for metric in chosen if metric not in beside]

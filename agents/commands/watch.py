@@ -49,11 +49,9 @@ def main(
         every: Keep one frame in this many steps (.gif and .mp4).
         trust: Load a checkpoint that vessel-gym did not write, although it can run any code.
     """
-    import gymnasium as gym
-
     from agents import load_agent
     from agents.files import check_file
-    from agents.studies.worlds import environment_id
+    from agents.studies.worlds import options_of_command, registered_id
     from vessel_gym.extras import require
 
     with asked():
@@ -63,7 +61,7 @@ def main(
         require("imageio", "imageio_ffmpeg", "PIL")
     options: dict[str, Any] = {"estimator": estimator, "sensors": sensors, "disturbance": disturbance}
     with asked():
-        env_id = environment_id(env_id)
+        options = options_of_command(env_id := registered_id(env_id), options)
         in_range("--every", every, 1)
         in_range("--seed", seed, 0)
         if out is None:
@@ -72,7 +70,7 @@ def main(
         touch(env_id, agent, seed, options, trust, out)
         return
     with asked():
-        env = gym.make(env_id, render_mode="rgb_array" if out else "human", **options)
+        env = with_pictures(env_id, "rgb_array" if out else "human", options)
         flyer = load_agent(agent, env, trust)
     if out is not None:
         check_file(out)
@@ -80,6 +78,7 @@ def main(
         flyer.reset(1)
         with asked():  # the first picture needs pygame
             observation, _ = env.reset(seed=seed)
+            drawn(env, env_id)
         episode = fly(env, flyer, observation)
         score = record(env, episode, out, every) if out else show(env, episode)
     print(f"wrote {out}, score {score:.3f}" if out else f"score {score:.3f}")
@@ -134,21 +133,21 @@ def _quietly() -> Iterator[None]:
 
 
 def fly(env: Env, agent: Any, observation: np.ndarray) -> Episode:
-    """One episode; after each step, whether it has ended and the score so far."""
-    done = False
+    """One episode; after each step, whether it has ended and the score so far, or the return of one without."""
+    done, total = False, 0.0
     while not done:
-        observation, _, terminated, truncated, info = env.step(agent.act(observation[None])[0])
-        done = terminated or truncated
-        yield done, info["score"]
+        observation, reward, terminated, truncated, info = env.step(agent.act(observation[None])[0])
+        done, total = terminated or truncated, total + float(reward)
+        yield done, info.get("score", total)
 
 
 def show(env: Env, episode: Episode) -> float:
     """Show an episode in a window, which stays until the user closes it; returns the score."""
     import pygame
 
-    score = 0.0
+    score, own = 0.0, env.has_wrapper_attr("core")  # others have windows of their own
     for _, score in episode:
-        if not pygame.display.get_init():
+        if own and not pygame.display.get_init():
             return score
     while pygame.display.get_init():
         env.render()
@@ -164,7 +163,7 @@ def record(env: Env, episode: Episode, out: Path, every: int) -> float:
     with (
         replacing(out) as path,
         closing(_writer(path)) as writer,  # imageio's own exit closes nothing on errors
-        progress_bar(f"writing {out.name}", env.get_wrapper_attr("core").task.horizon) as advance,
+        progress_bar(f"writing {out.name}", horizon(env)) as advance,
     ):
         for step, (done, so_far) in enumerate(episode):
             score = so_far
@@ -172,6 +171,36 @@ def record(env: Env, episode: Episode, out: Path, every: int) -> float:
                 writer.append_data(env.render())
             advance()
     return score
+
+
+def with_pictures(env_id: str, mode: str, options: dict[str, Any]) -> Env:
+    """An environment with a render mode."""
+    import gymnasium as gym
+
+    from agents.studies.worlds import options_of_command
+
+    return gym.make(env_id, **options_of_command(env_id, {"render_mode": mode}), **options)
+
+
+def drawn(env: Env, env_id: str) -> None:
+    """Refuse an environment of others that cannot draw itself on this machine.
+
+    Raises:
+        ValueError: with its reason.
+    """
+    if env.has_wrapper_attr("core"):
+        return
+    try:
+        env.render()
+    except Exception as error:  # of whatever library it draws by
+        raise ValueError(f"{env_id} cannot draw itself here ({error}): write an .html with --out") from error
+
+
+def horizon(env: Env) -> int:
+    """Steps of an episode at most."""
+    if env.has_wrapper_attr("core"):
+        return int(env.get_wrapper_attr("core").task.horizon)
+    return (env.spec and env.spec.max_episode_steps) or 0
 
 
 def _writer(path: Path) -> Any:

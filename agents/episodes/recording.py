@@ -17,6 +17,7 @@ from agents.metrics import core_of, metrics, scores
 from agents.named import vector_class
 from agents.page import number
 from agents.rollouts import Rollout, rollout
+from agents.wrapped import Wrapped, takes, wrapped_system
 from estimators import Filter
 from estimators.checks import short_repr
 from vessel_gym import checks
@@ -26,6 +27,7 @@ from vessel_gym.rendering.palette import DARK, LIGHT
 from vessel_gym.rendering.scene import Chart, Scene, Series, ambients
 from vessel_gym.surroundings import Surroundings, surroundings_of
 from vessel_gym.system import System
+from vessel_gym.wrappers.watch import time_step
 
 COMPARED = ("ekf", "enkf", "dead-reckoning", "truth")
 """Estimators beside the environment's own, as far as its models carry them."""
@@ -128,8 +130,11 @@ def episode(
         system = getattr(vector_class(env_id), "system", None)
     except gym.error.Error as error:
         raise ValueError(str(error)) from None
-    if system is None:
-        raise ValueError(f"{env_id!r} has no estimator in the loop: name an environment of vessel_gym, or your own")
+    system = system or wrapped_system(env_id)
+    if not system.estimator:
+        raise ValueError(
+            f"{env_id!r} has no estimator in the loop: wrap it in vessel_gym.wrappers.EstimatedObservation"
+        )
     first = options.pop("estimator", None) or system.estimator
     if estimators is None:
         estimators = _compared(system, options, first)
@@ -140,7 +145,7 @@ def episode(
         if names.count(name) > 1:
             raise ValueError(f"each estimator is shown once, and {name!r} is named twice")
     flown = [
-        rollout(agent, env_id, [seed], {**options, "estimator": each}, trust=trust, ensembles=True)
+        rollout(agent, env_id, [seed], _with_estimator(system, options, each), trust=trust, ensembles=True)
         for each in estimators
     ]
     return Episode(page_of(flown, names))
@@ -165,8 +170,17 @@ def _name(estimator: Any) -> str:
     return own if isinstance(own, str) else "own"
 
 
-def _compared(system: System, options: dict[str, Any], first: Any) -> list[Any]:
+def _with_estimator(system: System | Wrapped, options: dict[str, Any], estimator: Any) -> dict[str, Any]:
+    """Options with an estimator, unless it is the only one that an environment of others has."""
+    fixed = isinstance(system, Wrapped) and estimator == system.estimator
+    return options if fixed else {**options, "estimator": estimator}
+
+
+def _compared(system: System | Wrapped, options: dict[str, Any], first: Any) -> list[Any]:
     """An estimator, then the environment's own and those of `COMPARED`, as far as its models and the options do."""
+    if isinstance(system, Wrapped):
+        others = COMPARED if takes(system.name, "estimator") else ()
+        return [first, *(name for name in others if name != first and _carried(system.name, options, name))]
     sensors = system.sensors_of(options.get("sensors", "nominal"))
     disturbance = chosen_disturbance(system, options.get("disturbance", "moderate"))
 
@@ -178,6 +192,15 @@ def _compared(system: System, options: dict[str, Any], first: Any) -> list[Any]:
         return isinstance(made.filter, Filter)
 
     return [first, *(name for name in dict.fromkeys((system.estimator, *COMPARED)) if name != first and carried(name))]
+
+
+def _carried(env_id: str, options: dict[str, Any], estimator: str) -> bool:
+    """Can an environment of others be made with an estimator?"""
+    try:
+        gym.make(env_id, **options, estimator=estimator).close()
+    except (ValueError, TypeError):
+        return False
+    return True
 
 
 def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
@@ -195,8 +218,8 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
         "name": flown[0].env_id,
         "environment": flown[0].env_id,
         "conditions": [f"seed {flown[0].seeds[0]}"],
-        "dt": (core.vehicle.dt if core else _time_step(env)) * every,
-        "unit": "s" if core or _time_step(env) != 1.0 else "steps",
+        "dt": (core.vehicle.dt if core else time_step(env)) * every,
+        "unit": "s" if core or time_step(env) != 1.0 else "steps",
         "placed": False,
         "located": False,
         "focus": [],
@@ -231,12 +254,6 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
 def _first_row(flown: Rollout) -> dict[str, np.ndarray]:
     """History ``(T + 1, ...)`` of the first episode of a rollout."""
     return {key: values[: flown.length[0] + 1, 0] for key, values in flown.history.items()}
-
-
-def _time_step(env: Any) -> float:
-    """Time step [s] of an environment of others; 1, a step, where it names none."""
-    dt = getattr(next(iter(getattr(env, "envs", ())), env).unwrapped, "dt", None)
-    return float(dt) if isinstance(dt, int | float) and dt > 0.0 else 1.0
 
 
 def _estimates(history: dict[str, np.ndarray]) -> list[Chart]:

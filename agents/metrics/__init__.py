@@ -9,7 +9,7 @@ They may import rollouts and statistics; studies, pages of episodes and commands
 
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from agents.metrics.metric import (
 )
 from agents.rollouts import Rollout
 from agents.statistics import Interval, crossed_interval, share_interval
+from agents.wrapped import Wrapped
 from vessel_gym.estimation import WITHOUT_COVARIANCE, build, chosen_disturbance
 from vessel_gym.registry import Registry
 from vessel_gym.system import System
@@ -67,6 +68,8 @@ class TaskMetrics:
 def _ours() -> None:
     from agents.metrics import dive, flight, track, turning  # noqa: F401
 
+
+_OWN_SCORE = replace(SCORE, meaning="The environment's own score; the return where it has none.", decimals=1)
 
 TASK_METRICS: Registry[TaskMetrics] = Registry("metrics", _ours)
 
@@ -99,7 +102,7 @@ def register_metrics(task_type: type, metrics: Sequence[Metric], compute: Comput
     TASK_METRICS.register(task_type, TaskMetrics(every, compute), sys._getframe(1).f_globals.get("__name__", ""))
 
 
-def metrics(system: System) -> tuple[Metric, ...]:
+def metrics(system: System | Wrapped) -> tuple[Metric, ...]:
     """Metrics of a system's task, in the order in which tables show them."""
     return _of_task(system).metrics
 
@@ -111,16 +114,15 @@ def scores(rollout: Rollout) -> dict[str, np.ndarray]:
     as NEES without a covariance.
 
     Raises:
-        ValueError: if the rollout kept no history, or is not of an environment with an estimator in the loop.
+        ValueError: if the rollout kept no history.
         TypeError: for what is no rollout.
     """
     if not isinstance(rollout, Rollout):
         raise TypeError(f"scores are those of a rollout, got {rollout!r}")
-    if not hasattr(rollout.env.unwrapped, "core"):
-        raise ValueError(f"{rollout.env_id} has no estimator in the loop, so its flights have no such metrics")
-    if not rollout.history:
+    system = core_of(rollout).system
+    if not rollout.history and system.estimator:
         raise ValueError("scores need the history of a rollout: fly it with record=True")
-    task = _of_task(rollout.env.unwrapped.core.system)
+    task = _of_task(system)
     computed = {} if task.compute is None else task.compute(rollout)
     every = (*task.metrics, *(MONITORED if "alarms" in rollout.history else ()))
     return {m.key: computed[m.key] if m.of is None else m.of(rollout) for m in every}
@@ -137,7 +139,7 @@ def mean(metric: Metric, values: np.ndarray) -> Interval | None:
     return crossed_interval(values) if values.size else None
 
 
-def _of_task(system: System) -> TaskMetrics:
+def _of_task(system: System | Wrapped) -> TaskMetrics:
     """Registered metrics of a system's task; without any, those of every task and every estimate."""
     steering = STEERING if len(getattr(system.vehicle, "steering", ())) else ()
     found = TASK_METRICS.of(system.task)
@@ -151,11 +153,15 @@ def _of_task(system: System) -> TaskMetrics:
         )
         for name in _estimated(system)
     )  # fmt: skip
+    if isinstance(system, Wrapped):
+        return TaskMetrics((_OWN_SCORE, RETURN, STEPS, *errors, *((NEES, UNHEALTHY) if system.estimator else ())))
     return TaskMetrics((SCORE, RETURN, STEPS, *steering, *errors, INPUT, NEES, UNHEALTHY))
 
 
-def _estimated(system: System) -> tuple[str, ...]:
+def _estimated(system: System | Wrapped) -> tuple[str, ...]:
     """Components that filters estimate by default under every disturbance: the vehicle's, and its sensors' biases."""
+    if isinstance(system, Wrapped):
+        return system.composition.names
     widest, sensors = {"model": system.vehicle.kinds[0]}, system.sensors_of("nominal")
     disturbances = (chosen_disturbance(system, name) for name in system.disturbances)
     first, *others = (

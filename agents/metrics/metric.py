@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from agents.rollouts import Rollout
+from agents.wrapped import Wrapped
 from estimators import chi_square_band, nees
 from estimators.angles import difference
 from vessel_gym.estimation import WITHOUT_COVARIANCE
@@ -209,8 +210,9 @@ def at_end(rollout: Rollout) -> np.ndarray:
 
 
 def core_of(rollout: Rollout) -> Any:
-    """The core of the environment that was flown."""
-    return rollout.env.unwrapped.core
+    """The core of the environment that was flown; of one of others, what stands for it (`agents.wrapped`)."""
+    env = rollout.env.unwrapped
+    return env.core if hasattr(env, "core") else Wrapped(rollout.env_id, env.envs[0])
 
 
 def rms(error: np.ndarray, mask: np.ndarray) -> np.ndarray:
@@ -228,7 +230,7 @@ def nees_of(rollout: Rollout, components: tuple[int, ...] | None = None) -> np.n
         components: of the filter's state; None: all.
     """
     core, h = core_of(rollout), rollout.history
-    if core.estimator in WITHOUT_COVARIANCE:
+    if core.estimator in ("", *WITHOUT_COVARIANCE):
         return None
     n = h["estimate"].shape[-1]
     chosen = list(range(n) if components is None else components)
@@ -265,9 +267,9 @@ def nis_consistency(rollout: Rollout) -> float | None:
     The degrees of freedom are the delivered measurements. None, too, for delayed sensors: not every measurement has an
     innovation when it is delivered.
     """
-    if core_of(rollout).sensors.horizon:
+    values = rollout.history.get("nis")
+    if values is None or np.isnan(values).all() or core_of(rollout).sensors.horizon:
         return None
-    values = rollout.history["nis"]
     seen = np.isfinite(values)
     degrees = np.where(seen, rollout.history["available"].sum(-1), 0).sum(1)
     compared = degrees > 0

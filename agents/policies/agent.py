@@ -27,21 +27,30 @@ class TrainedAgent:
 
     def __init__(self, path: Path, env: Any, trust: bool = False, dense: bool = False) -> None:
         self._policy = load(path, trust, dense)
-        network, frames, self._size = self._policy.network, self._policy.frames, env.core.observation_size
+        core = getattr(env.unwrapped, "core", None)
+        spaces = [getattr(env, f"single_{name}", getattr(env, name)) for name in ("observation_space", "action_space")]
+        given = None if core is None else core.observe_mode
+        wanted = spaces[1].shape if core is None else (core.action_size,)
+        network, frames = self._policy.network, self._policy.frames
+        self._size = int(np.prod(spaces[0].shape)) if core is None else core.observation_size
         # Two kinds of observation may have the same length: ask what it was trained on, not only how long that is.
-        trained, given = self._policy.observe, env.core.observe_mode
+        trained = self._policy.observe
         if trained is not None and trained != given:
-            raise ValueError(f"{path} was trained on observe={trained!r}, this environment gives {given!r}")
+            here = "is none of vessel_gym" if given is None else f"gives {given!r}"
+            raise ValueError(f"{path} was trained on observe={trained!r}, this environment {here}")
         seen, done = network.observation_space.shape, network.action_space.shape
-        if (seen, done) != ((frames * self._size,), (env.core.action_size,)):
+        if (seen, done) != ((frames * self._size,), wanted):
             raise ValueError(
                 f"{path} was trained in another environment: on observations of shape {seen} and actions of shape "
-                f"{done}, not {(frames * self._size,)} and {(env.core.action_size,)}"
+                f"{done}, not {(frames * self._size,)} and {wanted}"
             )
-        if (known := self._policy.vehicle) and not same_vehicle(known, vehicle_of(env.core.vehicle)):
+        if core is None:
+            network.action_space = spaces[1]  # a checkpoint of ours has no bounds: all our actions lie in [-1, 1]
+        known = self._policy.vehicle
+        if known and not same_vehicle(known, {} if core is None else vehicle_of(core.vehicle)):
             raise ValueError(
                 f"{path} was trained on another vehicle, that of {self._policy.environment}: fly it there, or train an "
-                f"agent in {env.core.system.name}"
+                f"agent in {core.system.name if core else 'this environment'}"
             )
         self.reset(1)
 

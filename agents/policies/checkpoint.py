@@ -21,6 +21,7 @@ from agents.policies.network import POLICIES, Dense, built, torch_policy
 from agents.policies.stable import entries
 from estimators.checks import as_array, as_number, integer
 from vessel_gym.extras import require
+from vessel_gym.wrappers import EstimatedObservation
 
 _DESCRIPTION = "vessel_gym.json"
 _OF_THE_TRAINING = ("optimizer_class", "optimizer_kwargs")
@@ -178,10 +179,17 @@ def _environment(model: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             raise ValueError(f"cannot store what {type(env).__name__} does to observations")
         env = env.venv
     core = getattr(env.get_attr("unwrapped", 0)[0], "core", None)
-    if core is None:
-        raise ValueError("an agent is stored for the environments of vessel_gym: this one was trained in another")
     for inner in (*getattr(env, "envs", ())[:1], *([env.env] if hasattr(env, "env") else ())):
         _refuse_wrappers(inner)
+    if core is None:
+        for space in (env.observation_space, env.action_space):
+            if not isinstance(space, gym.spaces.Box) or len(space.shape) != 1:
+                raise ValueError(
+                    f"only agents whose observations and actions are vectors of numbers are stored, not {space}"
+                )
+        spec = env.get_attr("spec", 0)[0]
+        named: dict[str, Any] = {"environment": spec.id if spec else "", "vehicle": {}, "observe": None}
+        return spoken | named | {"observations": spoken["frames"] * _size(env.observation_space)}, statistics
     # The input of a critic alone is no part of the agent's observation.
     seen = spoken["frames"] * core.observation_size
     if statistics and _size(model.observation_space) != seen:
@@ -215,7 +223,7 @@ def _refuse_wrappers(env: Any) -> None:
     kinds = (
         gym.ObservationWrapper, gym.ActionWrapper, gym.vector.VectorObservationWrapper, gym.vector.VectorActionWrapper,
     )  # fmt: skip
-    while isinstance(env, gym.Wrapper | gym.vector.VectorWrapper):
+    while isinstance(env, gym.Wrapper | gym.vector.VectorWrapper) and not isinstance(env, EstimatedObservation):
         if isinstance(env, kinds):
             raise ValueError(f"cannot store what {type(env).__name__} does to observations or actions")
         env = env.env

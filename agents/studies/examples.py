@@ -9,7 +9,7 @@ from agents.jobs import Job
 from agents.rollouts import Rollout, rollout
 from agents.studies.plan import Plan
 from agents.studies.records import FLOOR, ORACLE
-from agents.studies.worlds import classical_controller, environment_id, environment_options, import_own, system_of
+from agents.studies.worlds import classical_controller, environment_options, import_own, registered_id, system_of
 
 
 def examples(plan: Plan) -> dict[str, Job]:
@@ -65,7 +65,7 @@ def example(
     def fly(seeds: list[int], record: bool) -> list[Rollout]:
         return [
             rollout(
-                classical_controller(agent, environment), environment_id(environment), seeds,
+                classical_controller(agent, environment), registered_id(environment), seeds,
                 environment_options(environment, options), record=record, ensembles=record,
             )
             for _, options in estimators

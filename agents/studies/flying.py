@@ -6,13 +6,12 @@ from pathlib import Path
 from time import process_time
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
 from agents.metrics import consistency, nees_of, nis_consistency, scores
-from agents.rollouts import Rollout, rollout
+from agents.rollouts import Rollout, batch, rollout
 from agents.seeds import evaluation_seeds
-from agents.studies.worlds import classical_controller, environment_id, environment_options, import_own
+from agents.studies.worlds import classical_controller, environment_options, import_own, registered_id
 
 TURNS, STEPS, STEPS_ALONE = 6, 20, 50
 """Turns of a timing, and steps of each in a batch and of a vehicle alone."""
@@ -51,7 +50,7 @@ def fly(
     import_own(own)
     flown = rollout(
         str(needs[0]) if agent == "checkpoint" else classical_controller(agent, environment),
-        environment_id(environment),
+        registered_id(environment),
         evaluation_seeds(episodes, first_seed),
         environment_options(environment, options),
     )
@@ -60,7 +59,7 @@ def fly(
         "nees_in_band": consistency(flown),
         "nis_in_band": nis_consistency(flown),
         "diverged": _diverged(flown),
-        "ends": list(flown.end),
+        "ends": np.where(flown.terminated & (flown.end == ""), "terminated", flown.end).tolist(),
         "steps": int(flown.length.sum()),
     } | ({"timing": step_times(environment, options, agent, episodes, timed_beside)} if timed_beside else {})
 
@@ -88,8 +87,7 @@ def _in_turns(environment: str, arms: list[dict[str, Any]], agent: str, rows: in
     flown = []
     for options in arms:
         made = environment_options(environment, options)
-        native: Any = {"vectorization_mode": "vector_entry_point"}
-        env = gym.make_vec(environment_id(environment), rows, **native, **made)
+        env = batch(registered_id(environment), rows, made)
         controller = classical_controller(agent, environment)
         controller.reset(rows)
         flown.append([env, controller, env.reset(seed=evaluation_seeds(rows))[0]])  # type: ignore[arg-type]

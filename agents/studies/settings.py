@@ -17,6 +17,7 @@ from agents.studies.records import RAW, Agent, Condition
 from agents.studies.results import Policy, Results
 from agents.studies.wording import grouped
 from agents.studies.worlds import environment_id, system_of
+from agents.wrapped import Wrapped
 from vessel_gym.estimation import tuning
 
 _LIBRARIES = ("numpy", "scipy", "llvmlite", "gymnasium", "torch", "stable-baselines3", "sb3-contrib", "matplotlib")
@@ -103,7 +104,7 @@ def _tuning(results: Results, environment: str, name: str) -> str:
     for condition in (each for each in study.conditions if each.is_in(environment)):
         given = options(study, condition, study.estimator(name), environment)
         kind = given["estimator"]
-        own = ":" in kind or ":" in condition.disturbance
+        own = isinstance(system, Wrapped) or ":" in kind or ":" in condition.disturbance
         tuned = {} if own else tuning(system, kind, condition.disturbance)
         tuned = tuned | given.get("estimator_options", {})
         if kind not in WITHOUT_COVARIANCE:

@@ -15,7 +15,14 @@ from agents.named import named_object
 from agents.seeds import evaluation_seeds
 from agents.studies.records import DEFAULT, FLOOR, ORACLE, RAW, Agent, Condition, Confirmation, Estimator, Study
 from agents.studies.toml_reader import Place, StudyError, TomlReader
-from agents.studies.worlds import check_estimator_name, environment_id, refusal, system_of
+from agents.studies.worlds import (
+    check_estimator_name,
+    environment_id,
+    estimated_world,
+    refusal,
+    registered_id,
+    system_of,
+)
 from agents.training.ppo import MEMORIES, describe, hyperparameters
 from estimators.checks import short_repr
 from vessel_gym.configuration import TERMINATIONS
@@ -85,7 +92,7 @@ class _Reader(TomlReader):
             text = f"training_seeds must be at most {_MOST_TRAINING_SEEDS}, got {numbers['training_seeds']}"
             self.wrong(("training_seeds",), text)
         ids = tuple(self.section("environments", _SECTIONS["environments"], required=True))
-        worlds = [name for name in ids if self.accepts(("environments", name), environment_id, name)]
+        worlds = [name for name in ids if self.accepts(("environments", name), estimated_world, name)]
         estimators, agents = self.estimators(ids), self.agents(ids, worlds)
         # Measurements contain no belief: where any agent is shown them, the truth ends a mission.
         default = "task" if any(agent.raw for agent in agents) else "belief"
@@ -119,7 +126,7 @@ class _Reader(TomlReader):
     def check(self, study: Study, worlds: Sequence[str]) -> None:
         """Note names and options that no environment knows."""
         for one, other in combinations(worlds, 2):
-            if environment_id(one) == environment_id(other):
+            if registered_id(one) == registered_id(other):
                 self.wrong(("environments", other), f"{one} and {other} are one environment: leave one of them out")
         for condition in study.conditions:
             here = [world for world in worlds if condition.is_in(world)]
@@ -145,6 +152,7 @@ class _Reader(TomlReader):
                 self.name("kind of agent", agent.kind, (*(controllers or (AUTOPILOT,)), PPO), (*place, "kind"))
             if not agent.learned:
                 continue
+            here = [world for world in here if self.accepts((*place, "kind"), environment_id, world)]
             for world in here if agent.memory in MEMORIES else ():
                 described = (environment_id(world), None, 0, agent.steps.get(world), agent.memory, None)
                 if self.accepts((*place, "settings"), hyperparameters, described[0], agent.memory, agent.settings):

@@ -10,16 +10,32 @@ import vessel_gym  # noqa: F401  (registers the environments)
 from agents.controllers import CONTROLLERS, make_controller
 from agents.metrics import TASK_METRICS
 from agents.named import imported_module, named_object, vector_class
+from agents.rollouts import batch
 from agents.source import source_digest
+from agents.wrapped import Wrapped, taken_options, wrapped_system
 from estimators.factory import unknown
 from vessel_gym.envs import VesselVectorEnv
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensor_faults import SensorFault
-from vessel_gym.system import System
+
+
+def environment_id(name: str) -> str:
+    """The id of an environment of a `vessel_gym.system.System`, as `registered_id`.
+
+    Raises:
+        ValueError: if there is no such environment, or it is one of others.
+    """
+    env_id = registered_id(name)
+    if not issubclass(vector_class(env_id), VesselVectorEnv):
+        raise ValueError(
+            f"{name!r} is no environment of a System: name one of vessel_gym, or your own; others can be evaluated, "
+            "watched and ablated (docs/any-environment.md)"
+        )
+    return env_id
 
 
 @cache
-def environment_id(name: str) -> str:
+def registered_id(name: str) -> str:
     """The id under which Gymnasium has an environment.
 
     Args:
@@ -27,7 +43,7 @@ def environment_id(name: str) -> str:
             `VesselVectorEnv` with an attribute ``max_episode_steps``, registered here.
 
     Raises:
-        ValueError: if there is no such environment, or it is not one of a `vessel_gym.system.System`.
+        ValueError: if there is no such environment.
     """
     module, _, own = name.rpartition(":")
     env_id = own or name
@@ -46,19 +62,36 @@ def environment_id(name: str) -> str:
     if env_id not in gym.registry:
         ours = [id for id, spec in gym.registry.items() if str(spec.entry_point).startswith("vessel_gym")]
         raise ValueError(f"{unknown('environment', name, ours)} (your own: module:id)")
-    if not issubclass(vector_class(env_id), VesselVectorEnv):
-        raise ValueError(f"{name!r} has no estimator in the loop: name an environment of vessel_gym, or your own")
     return env_id
 
 
 @cache
-def system_of(name: str) -> System:
-    """The system of an environment.
+def system_of(name: str) -> Any:
+    """The system of an environment; of one of others, the `Wrapped` that stands for it.
 
     Raises:
-        ValueError: as `environment_id`.
+        ValueError: as `registered_id` and `wrapped_system`.
     """
-    return vector_class(environment_id(name)).system  # type: ignore[attr-defined]
+    env_id = registered_id(name)
+    found: Any = vector_class(env_id)
+    return found.system if issubclass(found, VesselVectorEnv) else wrapped_system(env_id)
+
+
+def estimated_world(name: str) -> Any:
+    """The `system_of` an environment with an estimator.
+
+    Raises:
+        ValueError: if there is no such environment, or it has none.
+    """
+    system = system_of(name)
+    if not system.estimator:
+        raise ValueError(f"{name!r} has no estimator in the loop: wrap it in vessel_gym.wrappers.EstimatedObservation")
+    return system
+
+
+def options_of_command(env_id: str, options: dict[str, Any]) -> dict[str, Any]:
+    """Options of a command as an environment takes them, see `taken_options`."""
+    return taken_options(env_id, options) if isinstance(system_of(env_id), Wrapped) else options
 
 
 def environment_options(environment: str, options: dict[str, Any]) -> dict[str, Any]:
@@ -70,6 +103,8 @@ def environment_options(environment: str, options: dict[str, Any]) -> dict[str, 
     names = {key: options[key] for key in ("estimator", "sensors", "disturbance") if key in options}
     made = options | {key: named_object(name) if ":" in name else name for key, name in names.items()}
     latency, faults = made.pop("latency", {}), made.pop("faults", ())
+    if isinstance(system_of(environment), Wrapped):
+        return taken_options(registered_id(environment), made | {"latency": latency or None, "faults": faults or None})
     if not latency and not faults:
         return made
     chosen = system_of(environment).sensors_of(made.get("sensors", "nominal"))
@@ -89,7 +124,7 @@ def classical_controller(agent: str, environment: str) -> Any:
 def refusal(name: str, options: dict[str, Any]) -> Exception | None:
     """Why an environment refuses options: a ValueError if it cannot carry the estimator, a TypeError for an option."""
     try:
-        gym.make_vec(environment_id(name), num_envs=1, **environment_options(name, options)).close()
+        batch(registered_id(name), 1, environment_options(name, options)).close()
     except (ValueError, TypeError) as error:
         return error
     return None

@@ -182,7 +182,7 @@ def test_what_cannot_be_stored_in_numbers_and_words_is_refused_before_anything_i
         (PPO("MlpPolicy", StableBaselinesVecEnv(wrapped), device="cpu"), "what TransformAction does"),
         (trained(A2C, "MlpPolicy", {}, DummyVecEnv([lambda: single])), "what TransformObservation does"),
         (trained(PPO, OwnPolicy, SHORT, adapter()), "cannot store a .*OwnPolicy.* trust=True"),
-        (PPO("MlpPolicy", "Pendulum-v1", device="cpu"), "for the environments of vessel_gym"),
+        (PPO("MlpPolicy", "CartPole-v1", device="cpu"), "observations and actions are vectors of numbers are stored"),
     ]
     own = PPO("MlpPolicy", adapter(), policy_kwargs={"features_extractor_class": Extractor}, device="cpu")
     cases.append((own, "cannot store policy_kwargs.'features_extractor_class'.* trust=True"))

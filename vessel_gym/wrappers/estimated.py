@@ -16,7 +16,7 @@ from vessel_gym.foreign import copied
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor
 from vessel_gym.wrappers.simulation import sampled_prior
-from vessel_gym.wrappers.watch import Model, Watch, observed_state
+from vessel_gym.wrappers.watch import Model, Watch, observed_state, time_step
 
 _ALL = np.ones(1, bool)
 
@@ -58,11 +58,12 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
             belong), "as new" or "discarded"; and ``monitor``: what watches it for faults of sensors, see
             `vessel_gym.estimation.monitor_of`.
         sensors: "clean", "nominal" or "degraded", or a list of `Sensor` objects that read ``(state, known input)``,
-            whose noise then takes the place of the model's R; a step is the unit of time.
+            whose noise then takes the place of the model's R. Their rates and delays are in Hz and s where the
+            environment has a time step ``dt``, as MuJoCo's have; elsewhere a step is the unit of time.
         observe: "mean"; "mean+std": with the deviations of the states behind, or as ``std`` in a dictionary; either
             with "+alarms": 1 for each sensor that the monitor accuses, likewise; or "measurement": the measurements,
             the mask of those that arrived, and what passes.
-        sensor_faults: What goes wrong with the sensors, and when, in steps: `SensorFault` objects.
+        sensor_faults: What goes wrong with the sensors, and when, in the same unit of time: `SensorFault` objects.
 
     Raises:
         TypeError: for what is no model, prior or estimator, or observations that are images.
@@ -100,10 +101,16 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         self._state = state or observed_state
         if prior is None and isinstance(model, Model):
             prior = sampled_prior(env, self._state, model.state_angles)
+            if len(prior.mean) != model.n:
+                given = "state= gives" if state else "the observation has"
+                raise ValueError(
+                    f"the model has {model.n} states, and {given} {len(prior.mean)} numbers: give state=, a function "
+                    "of (env, observation) that returns the states of the model, in its order"
+                )
         self.watch = Watch(
             env.observation_space, env.action_space, model, prior, estimator, estimator_options, sensors,
             sensor_faults, observe, None if observation is None else partial(_of_row, observation), passes,
-            known_input, rows=1,
+            known_input, rows=1, dt=time_step(env),
         )  # fmt: skip
         self.observation_space = self.watch.space
 
@@ -141,7 +148,9 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         return {key: value[0] for key, value in observed.items()} if isinstance(observed, dict) else observed[0]
 
     def _info(self) -> dict[str, Any]:
-        return {name: values[0] for name, values in self.watch.info().items()}
+        """Of one row; SyncVectorEnv stacks a bool, and no array of one."""
+        one = {name: values[0] for name, values in self.watch.info().items()}
+        return one | {"healthy": bool(one["healthy"])}
 
 
 def _of_row(observation: Callable[[np.ndarray], Any], x: np.ndarray) -> Any:

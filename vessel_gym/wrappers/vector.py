@@ -14,7 +14,7 @@ from vessel_gym.estimation import EstimatorChoice
 from vessel_gym.foreign import copied
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor
-from vessel_gym.wrappers.watch import Model, Watch, observed_state
+from vessel_gym.wrappers.watch import Model, Watch, observed_state, time_step
 
 
 class EstimatedObservation(VectorWrapper):
@@ -66,7 +66,7 @@ class EstimatedObservation(VectorWrapper):
         self._state = state or observed_state
         self.watch = Watch(
             env.single_observation_space, env.single_action_space, model, prior, estimator, estimator_options, sensors,
-            sensor_faults, observe, observation, passes, known_input, rows=env.num_envs,
+            sensor_faults, observe, observation, passes, known_input, rows=env.num_envs, dt=time_step(env),
         )  # fmt: skip
         self.single_observation_space = self.watch.space
         self.observation_space = batch_space(self.watch.space, env.num_envs)

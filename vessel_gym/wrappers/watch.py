@@ -1,6 +1,7 @@
 """Common part of the wrappers of one environment and of many: a loop around somebody else's environment."""
 
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from copy import deepcopy
 from dataclasses import replace
 from functools import partial
@@ -47,13 +48,14 @@ class Watch:
         passes: Keys, or components, of the observation that pass as they are.
         known_input: The known input as a function of the action; None: the action itself.
         rows: B.
+        dt: Time step [s] of the environment, see `time_step`.
     """
 
     def __init__(
         self, space: Space, action_space: Space, model: Model, prior: Gaussian, estimator: EstimatorChoice,
         options: dict[str, Any] | None, sensors: str | Sequence[Sensor], sensor_faults: Sequence[SensorFault],
         observe: str, observation: Callable[[np.ndarray], Any] | None, passes: Sequence[Any],
-        known_input: Callable[[Any], Any] | None, rows: int,
+        known_input: Callable[[Any], Any] | None, rows: int, dt: float = 1.0,
     ) -> None:  # fmt: skip
         if not isinstance(model, LinearModel | NonlinearModel):
             raise TypeError(f"model must be a LinearModel or a NonlinearModel, got {short_repr(model)}")
@@ -74,12 +76,13 @@ class Watch:
         for name in ("transition", "measurement"):
             repeated(f"{name} of the model", getattr(model, name), prior.mean, u)
         self.model, self._suite = model, isinstance(sensors, str)
-        self.sensors = _sensors(model, sensors, np.array(prior.mean), u, sensor_faults)
+        self.sensors = _sensors(model, sensors, np.array(prior.mean), u, sensor_faults, dt)
         model = replace(cast(Any, model), R=self.sensors.noise(partial(_expected, self.sensors), prior.mean, u))
         options = checks.options("estimator_options", options)
         late = checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
         monitor = options.pop("monitor", None)
         self.filter = _filter(model, estimator, options)
+        self.estimator = estimator if isinstance(estimator, str) else getattr(estimator, "__name__", "own")
         monitor = monitor_of(monitor, self.sensors, self.filter)
         self._estimation = Estimation(self.filter, cast(Any, None), 1.0, (), late, monitor, self.sensors.horizon)
         self.loop = Loop(self, rows, "_estimation")
@@ -326,6 +329,18 @@ def _parts(value: Any) -> list[np.ndarray]:
     return [np.asarray(part) for part in (value.values() if isinstance(value, dict) else [value])]
 
 
+def time_step(env: Any) -> float:
+    """Time step [s] of an environment, single or vector: its ``dt``, as MuJoCo's have; 1, a step, where it has none."""
+    base = getattr(env, "unwrapped", env)
+    if envs := getattr(base, "envs", ()):
+        return time_step(envs[0])
+    if makers := getattr(base, "env_fns", ()):  # of processes of their own
+        with closing(makers[0]()) as one:
+            return time_step(one)
+    dt = getattr(base, "dt", None)
+    return float(dt) if isinstance(dt, int | float | np.floating) and 0.0 < dt < np.inf else 1.0
+
+
 def observed_state(env: Any, seen: Any) -> Any:
     """The state of an environment that shows it."""
     return seen
@@ -372,7 +387,8 @@ def _checked_passes(space: Space, passes: Sequence[Any], observe: str) -> tuple[
 
 
 def _sensors(
-    model: Model, sensors: str | Sequence[Sensor], x: np.ndarray, u: np.ndarray, faults: Sequence[SensorFault]
+    model: Model, sensors: str | Sequence[Sensor], x: np.ndarray, u: np.ndarray, faults: Sequence[SensorFault],
+    dt: float,
 ) -> Sensors:  # fmt: skip
     """Sensors that read what the model says that there is to read, in a quality; or somebody's own.
 
@@ -392,7 +408,7 @@ def _sensors(
         sensors = suite.of(
             [Sensor(f"y{i}", (f"y{i}",), partial(_channel, model, i), (float(one),)) for i, one in enumerate(sd)]
         )
-    made = Sensors(sensors, states, tuple(f"u{i}" for i in range(len(u))), 1.0, faults)
+    made = Sensors(sensors, states, tuple(f"u{i}" for i in range(len(u))), dt, faults)
     if made.bias.size:
         raise ValueError("sensors here have no bias: make it a state of the model")
     if made.size != model.p:

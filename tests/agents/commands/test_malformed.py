@@ -166,13 +166,13 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tu
         ("evaluate --first-seed 999999 --episodes 2", "evaluation seeds, numbered from 0, got 2 from 999999"),
         ("evaluate --episodes ten", "Error parsing --episodes: invalid literal"),
         ("evaluate --estimatr kf", "did you mean --estimator?"),
-        ("evaluate CartPole-v1 --agent random", "'CartPole-v1' has no estimator in the loop"),
+        ("evaluate CartPole-v1", "autopilot flies the environments of vessel_gym alone: name random"),
         ("evaluate --agent random --estimator kf nosuch", "unknown estimator 'nosuch'"),
         ("evaluate --estimator kf-umv-iu --episodes 2", "did you mean 'kf-umv-ui'?"),
         ("evaluate --disturbance stormy --episodes 2", "choose from calm, moderate, rough"),
         ("evaluate --agent nobody --episodes 2", "unknown agent 'nobody'"),
         ("evaluate SigmaFrigate-v0 --episodes 2", "SigmaFrigate"),
-        ("train CartPole-v1", "'CartPole-v1' has no estimator in the loop"),
+        ("train CartPole-v1", "'CartPole-v1' is no environment of a System"),
         ("train --out folder.gif", "cannot write folder.gif: it is a folder"),
         ("train --out file/x.zip", "cannot write file/x.zip"),
         ("train --seed -1", "--seed must be at least 0, got -1"),
@@ -181,7 +181,7 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tu
         ("train --steps 0", "--steps must be at least 1, got 0"),
         ("train --steps 5", "steps must be at least"),
         ("train --critic oracle", "critic must be 'truth', or None"),
-        ("watch CartPole-v1 --agent random --out turn.gif", "'CartPole-v1' has no estimator in the loop"),
+        ("watch CartPole-v1 --agent random --out turn.html", "'CartPole-v1' has no estimator in the loop"),
         ("watch --seed -1 --out turn.gif", "--seed must be at least 0, got -1"),
         ("watch --out turn.avi", "must be one of .html, .gif, .mp4, .png"),
         ("watch --out file/turn.gif", "cannot write file/turn.gif: File exists"),
@@ -190,7 +190,7 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tu
         ("watch --out turn.gif --estimator nosuch", "unknown estimator 'nosuch'"),
         ("watch Nosuch-v0 --out turn.gif", "unknown environment 'Nosuch-v0'"),
         ("watch", "there is no display"),
-        ("speed CartPole-v1", "'CartPole-v1' has no estimator in the loop"),
+        ("speed CartPole-v1", "'CartPole-v1' is no environment of a System"),
         ("speed --rounds 0", "--rounds must be at least 1, got 0"),
         ("speed --rows", "--rows needs at least one word"),
         ("speed --what", "--what needs at least one word"),
@@ -203,7 +203,7 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tu
         ("lorenz --runs 99999999999999999999", "runs must be at most"),
         ("reproduce robust --processes 0", "--processes must be at least 1, got 0"),
         ("reproduce robust --out file", "cannot write into file: it is a file, not a folder"),
-        ("budget CartPole-v1", "'CartPole-v1' has no estimator in the loop"),
+        ("budget CartPole-v1", "'CartPole-v1' is no environment of a System"),
         ("budget --keep 1.5", "--keep must be above 0 and at most 1, got 1.5"),
         ("budget --prices nobody.toml", "cannot read the prices nobody.toml: No such file or directory"),
         ("budget --prices study.toml", "unknown sensor in the prices 'title'"),
@@ -421,5 +421,3 @@ def test_scores_of_what_has_none_are_refused():
         scores("flight")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="record=True"):
         scores(rollout(**GOOD | {"record": False}))
-    with pytest.raises(ValueError, match="Pendulum-v1 has no estimator in the loop"):
-        scores(rollout("random", "Pendulum-v1", [0]))

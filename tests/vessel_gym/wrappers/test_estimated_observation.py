@@ -516,7 +516,7 @@ def test_what_is_done_with_late_measurements_is_said_and_counted():
     for how in ("fused", "as new", "discarded"):
         env = pendulum(
             estimator="ukf", estimator_options={"late": how},
-            sensors=[Sensor("angle", ("angle",), lambda x, u: x[..., :1], (0.05,), latency=5.0, angles=(0,))],
+            sensors=[Sensor("angle", ("angle",), lambda x, u: x[..., :1], (0.05,), latency=0.25, angles=(0,))],
         )  # fmt: skip
         env.reset(seed=1)
         env.action_space.seed(1)
@@ -525,6 +525,31 @@ def test_what_is_done_with_late_measurements_is_said_and_counted():
         errors[how] = abs(np.sin(info["truth"][0] - info["estimate"][0])), info["refused"]
     assert errors["fused"][0] < 0.2
     assert [errors[how][1] for how in errors] == [0, 0, 146]
+
+
+@pytest.mark.parametrize("many", ["", "sync", "async"])
+def test_rates_are_in_hz_where_the_environment_has_a_time_step(many: str):
+    """Pendulum's steps take 0.05 s: at 4 Hz every fifth has a measurement, as late as 0.1 s is in steps."""
+    own = [Sensor("angle", ("angle",), lambda x, u: x[..., :1], (0.05,), rate=4.0, latency=0.1, angles=(0,))]
+    env: Any = pendulum(sensors=own)
+    if many:
+        model, prior = env.watch.model, env.watch.prior
+        batch = gym.make_vec("Pendulum-v1", 2, vectorization_mode=many)
+        env = EstimatedObservations(
+            batch, model, prior, state=lambda env, seen: np.stack([np.arctan2(seen[:, 1], seen[:, 0]), seen[:, 2]], -1),
+            observation=lambda x: np.stack([np.cos(x[..., 0]), np.sin(x[..., 0]), x[..., 1]], -1), sensors=own,
+        )  # fmt: skip
+    infos = [env.reset(seed=0)[1], *(env.step(env.action_space.sample())[-1] for _ in range(12))]
+    assert [k for k, info in enumerate(infos) if info["available"].all()] == [2, 7, 12]
+    env.close()
+
+
+def test_what_the_state_is_must_be_given_where_the_observation_is_not():
+    env = gym.make("InvertedPendulum-v5")
+    model = simulator(env, lambda x, u: x[..., :2], Q=1e-7, R=1e-4)
+    short = gym.wrappers.TransformObservation(env, lambda seen: seen[:3], gym.spaces.Box(-9, 9, (3,), np.float64))
+    with pytest.raises(ValueError, match=r"the model has 4 states, and the observation.* has 3 numbers: give state="):
+        EstimatedObservation(short, model)
 
 
 def test_faults_of_sensors_act_and_stand_in_info():

@@ -1,0 +1,114 @@
+"""Registered environments of others, in the place of a `vessel_gym.system.System` and its core.
+
+Studies, commands and metrics find estimator, sensors and state there. Most such environments have an
+`EstimatedObservation`; one without has no estimates, and its metrics are return and length.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from inspect import Parameter, signature
+from types import SimpleNamespace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.envs.registration import load_env_creator
+
+from vessel_gym.wrappers.watch import Watch, time_step
+
+_IMPLIED = {
+    "sensors": "nominal", "disturbance": "moderate", "mismatch": 0.0, "observe": "mean", "termination": "task",
+}  # fmt: skip
+"""Options at which commands and studies leave an environment of others as it is registered."""
+_OURS = ("disturbance", "mismatch", "termination", "latency", "faults", "guidance")
+"""Options that `EstimatedObservation` does not take: they need a keyword of their own."""
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """Task of an environment of others: its rewards, until it terminates or its time is over."""
+
+    horizon: int
+    success: str = ""
+
+
+class Wrapped:
+    """An environment of others, with the attributes of a system and of a core that `agents` needs.
+
+    Args:
+        name: The id under which it is registered.
+        env: One environment of that id.
+    """
+
+    disturbances: Mapping[str, Any] = {"moderate": None}
+    filter_models: Mapping[str, str] = {}
+    filter_model = "its own"
+
+    def __init__(self, name: str, env: gym.Env) -> None:
+        watch = watch_of(env)
+        self.name, self.env, self.system = name, env, self
+        self.task = Episodes((env.spec and env.spec.max_episode_steps) or 0)
+        self.vehicle = SimpleNamespace(dt=time_step(env), steering=())
+        self.belief = SimpleNamespace(input_mean=None)
+        self.estimator = "" if watch is None else watch.estimator
+        self.composition = SimpleNamespace(names=() if watch is None else watch.sensors.state_names, inputs=())
+        self.filter: Any = getattr(watch, "filter", None)
+        self.loop: Any = getattr(watch, "loop", None)
+        self.sensors: Any = getattr(watch, "sensors", None)
+
+    def estimated(self, truth: np.ndarray) -> np.ndarray:
+        """Components of the true state ``(..., n)`` that are estimated: all."""
+        return truth
+
+    def sensors_of(self, suite: Any) -> Any:
+        """Its sensors as registered; it has no suites."""
+        return self.sensors
+
+
+def watch_of(env: Any) -> Watch | None:
+    """The estimation of the `EstimatedObservation` within an environment; None without one."""
+    while isinstance(env, gym.Wrapper):
+        if isinstance(found := vars(env).get("watch"), Watch):
+            return found
+        env = env.env
+    return None
+
+
+def takes(env_id: str, option: str) -> bool:
+    """Has the function with which an environment is registered a keyword of this name?"""
+    spec = gym.spec(env_id)
+    made: Any = load_env_creator(spec.entry_point) if isinstance(spec.entry_point, str) else spec.entry_point
+    parameters = signature(made).parameters
+    every = any(each.kind is Parameter.VAR_KEYWORD for each in parameters.values())
+    return option in parameters or (every and option not in _OURS)
+
+
+def wrapped_system(env_id: str) -> Wrapped:
+    """An environment of others by its registered id.
+
+    Raises:
+        ValueError: if it cannot be made, or its episodes may never end.
+    """
+    try:
+        env = gym.make(env_id)
+    except (ValueError, TypeError, ImportError, gym.error.Error) as error:
+        raise ValueError(f"{env_id} cannot be made: {error}") from error
+    if not env.spec or not env.spec.max_episode_steps:
+        raise ValueError(f"episodes of {env_id} may never end: register it with max_episode_steps, or give that")
+    return Wrapped(env_id, env)
+
+
+def taken_options(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options of commands and studies as an environment of others takes them.
+
+    Raises:
+        TypeError: for a value other than the implied one of an option that the environment does not take.
+    """
+    implied = _IMPLIED | ({"termination": "belief"} if options.get("termination") == "belief" else {})
+    taken = {key: value for key, value in options.items() if value is not None and value != implied.get(key)}
+    for key in taken:
+        if not takes(env_id, key):
+            raise TypeError(
+                f"{env_id} takes no option {key!r}: leave it out, or give the registered function a keyword {key}="
+            )
+    return taken

@@ -1,0 +1,151 @@
+"""Environments of others with an `EstimatedObservation`, registered by their user."""
+
+import re
+import sys
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from agents import episode, load_agent, rollout, save_agent
+from agents.commands import main
+from agents.jobs import run
+from agents.metrics import consistency, scores
+from agents.studies.plan import plan
+from agents.studies.report import write_report
+from agents.studies.results import Results
+from agents.studies.study import StudyError, read_study
+from agents.studies.worlds import registered_id
+from estimators.angles import difference
+
+NAME = "swinging:Swinging-v0"
+STUDY = f"""
+episodes = 3
+[environments."{NAME}"]
+[estimators.ekf]
+[estimators.ukf]
+[agents.brake]
+kind = "swinging:Brake"
+"""
+
+
+def _command(monkeypatch: pytest.MonkeyPatch, line: str) -> int | None:
+    monkeypatch.setattr(sys, "argv", ["vessel-gym", *line.split()])
+    return main()
+
+
+def test_metrics_are_those_of_info():
+    """RMSE and NEES over the steps, from the truth, estimate and covariance of each step, and the return."""
+    flown = rollout("swinging:Brake", registered_id(NAME), [0, 1])
+    figures, h = scores(flown), flown.history
+    error = difference(h["estimate"], h["truth"], (0,))
+    nees = np.einsum("tni,tnij,tnj->tn", error, np.linalg.inv(h["covariance"]), error)
+    np.testing.assert_allclose(figures["x0_rmse"], np.sqrt((error[..., 0] ** 2).mean(0)))
+    np.testing.assert_allclose(figures["x1_rmse"], np.sqrt((error[..., 1] ** 2).mean(0)))
+    np.testing.assert_allclose(figures["nees"], nees.mean(0) / 2)
+    np.testing.assert_array_equal(figures["score"], flown.returns)
+    np.testing.assert_array_equal(figures["steps"], [40, 40])
+    assert 0.0 <= consistency(flown) <= 1.0
+    assert np.isnan(scores(rollout("swinging:Brake", "Swinging-v0", [0], {"estimator": "truth"}))["nees"]).all()
+
+
+def test_without_an_estimator_there_are_return_and_length():
+    figures = scores(rollout("random", "Pendulum-v1", [0]))
+    assert set(figures) == {"score", "return", "steps"}
+    assert figures["steps"] == [200]
+
+
+def test_evaluate_compares_estimators(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    line = f"evaluate {NAME} --agent swinging:Brake --estimator truth ekf ukf --episodes 2"
+    assert not _command(monkeypatch, line)
+    printed = capsys.readouterr().out
+    for word in ("truth", "ekf", "ukf", "Return", "x0", "x1", "NEES/n"):
+        assert word in printed
+    assert "moderate" not in printed  # no option of the environment
+
+
+def test_the_page_has_a_flight_on_each_estimator(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    flown = episode(registered_id(NAME), None, "swinging:Brake")
+    assert list(flown.scores) == ["ukf", "ekf", "enkf", "dead-reckoning", "truth"]
+    assert not _command(monkeypatch, f"watch {NAME} --agent swinging:Brake --out {tmp_path / 'page.html'}")
+    assert "Swinging-v0" in (tmp_path / "page.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_its_own_pictures_are_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    pytest.importorskip("pygame")
+    assert not _command(monkeypatch, f"watch {NAME} --agent swinging:Brake --out {tmp_path / 'x.gif'}")
+    assert len(pytest.importorskip("imageio").mimread(tmp_path / "x.gif")) >= 7
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        (
+            f"evaluate {NAME} --agent random --disturbance rough",
+            "Swinging-v0 takes no option 'disturbance': leave it out",
+        ),
+        (f"evaluate {NAME} --agent random --mismatch 0.1", "Swinging-v0 takes no option 'mismatch'"),
+        (f"evaluate {NAME} --agent random --sensors budget", "unknown sensor suite 'budget'"),
+        (f"evaluate {NAME} --agent random --estimator nosuch", "unknown estimator 'nosuch'"),
+        (f"evaluate {NAME}", "autopilot flies the environments of vessel_gym alone: name random"),
+        (f"evaluate {NAME} --agent no/such.zip", "there is no checkpoint 'no/such.zip'"),
+        (f"train {NAME}", "is no environment of a System"),
+        (f"watch {NAME} --agent random --disturbance rough --out x.html", "takes no option 'disturbance'"),
+    ],
+)
+def test_what_it_does_not_take_is_refused(
+    line: str, sentence: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit, match=r"^2$"):
+        _command(monkeypatch, line)
+    assert re.search(re.escape(sentence), re.sub(r"\s+", " ", capsys.readouterr().err))
+
+
+def test_a_study_ranks_the_estimators(tmp_path: Path):
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY)
+    planned = plan(read_study(path))
+    assert {f.flown_on for f in planned.flights} == {"truth", "dead-reckoning", "ekf", "ukf"}
+    assert not planned.skipped
+    outcome = run(planned.jobs, tmp_path / "results", 1)
+    assert not outcome.failures
+    text = write_report(Results.of(planned, outcome, tmp_path), tmp_path).read_text()
+    assert "x1" in text
+    assert "NEES" in text
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (("swinging:Brake", "ppo"), "is no environment of a System"),
+        ((NAME, "Pendulum-v1"), "'Pendulum-v1' has no estimator in the loop: wrap it"),
+        (("episodes = 3", "episodes = 3\n[conditions.rough]\ndisturbance = 'rough'"), "rough"),
+    ],
+)
+def test_a_study_names_what_such_an_environment_has_not(change: tuple[str, str], sentence: str, tmp_path: Path):
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY.replace(*change))
+    with pytest.raises(StudyError, match=sentence):
+        read_study(path)
+
+
+@pytest.mark.slow
+def test_an_agent_of_stable_baselines3_is_saved_and_flown(tmp_path: Path):
+    """Ours without pickle; theirs where it is trusted; with the actions of the model itself."""
+    sac = pytest.importorskip("stable_baselines3").SAC
+    env = gym.make(registered_id(NAME))
+    model = sac("MlpPolicy", env, learning_starts=10, seed=0, device="cpu", policy_kwargs={"net_arch": [8]}).learn(30)
+    model.save(tmp_path / "theirs.zip")
+    seen = np.stack([env.reset(seed=seed)[0] for seed in range(4)])
+    for path, trust in ((save_agent(model, tmp_path / "ours.zip"), False), (tmp_path / "theirs.zip", True)):
+        agent = load_agent(path, env, trust=trust)
+        agent.reset(4)
+        np.testing.assert_allclose(agent.act(seen), model.predict(seen, deterministic=True)[0], rtol=0, atol=1e-6)
+        assert rollout(str(path), "Swinging-v0", [0], trust=trust).length == [40]
+    with pytest.raises(ValueError, match="trust=True"):
+        load_agent(tmp_path / "theirs.zip", env)
+    with pytest.raises(ValueError, match="was trained in another environment"):
+        load_agent(tmp_path / "ours.zip", gym.make("MountainCarContinuous-v0"))
