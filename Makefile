@@ -36,8 +36,9 @@ policies: .venv/.studies  ## Train the policies that come with the package anew,
 	$(MAKE) -j 2 $(POLICIES)
 	$(BIN)/python -m studies.tables agents
 
-$(POLICIES):  # of three runs one in two learns to fly the aircraft
-	$(BIN)/python -m scripts.train $@ --out agents/policies/trained/$@.zip $(if $(filter Puna%,$@),--runs 3)
+$(POLICIES):  # curves and states of the training stay in results
+	$(BIN)/python -m scripts.train $@ --out results/policies/$@.zip
+	cp results/policies/$@.zip agents/policies/trained/
 
 test: venv  ## Run the tests: of many cases a selection with every value, of slow tests one
 	$(BIN)/python -m $(WORKERS)

@@ -41,13 +41,14 @@ class TruthVecEnv(StableBaselinesVecEnv):
 
     Args:
         env: The batch, not wrapped.
+        reward_scale: Factor of the rewards that are learned from.
 
     Raises:
         ValueError: for ``SAME_STEP`` autoreset, which leaves nothing of the truth in which an episode ended.
     """
 
-    def __init__(self, env: VesselVectorEnv) -> None:
-        super().__init__(env)
+    def __init__(self, env: VesselVectorEnv, reward_scale: float = 1.0) -> None:
+        super().__init__(env, reward_scale)
         if not self._resets:
             raise ValueError(
                 "critic='truth' asks for the truth at the end of an episode, which autoreset_mode='SameStep' has "

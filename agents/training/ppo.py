@@ -48,7 +48,7 @@ ALGORITHMS = {
 
 _OF_NETWORK = ("log_std_init", "net_arch", "lstm_hidden_size")
 """Settings of the network."""
-_OF_TRAINING = ("num_envs", "steps", "frames", "learning_rate_final", "action_noise")
+_OF_TRAINING = ("num_envs", "steps", "frames", "learning_rate_final", "action_noise", "reward_scale")
 """Settings that no algorithm takes as they are."""
 _GIVEN = ("policy", "env", "learning_rate", "policy_kwargs", "stats_window_size", "seed", "device", "verbose")
 """Arguments of algorithms that are no settings, or are settings by another way."""
@@ -377,12 +377,13 @@ def batch(described: dict[str, Any], num_envs: int, env_options: dict[str, Any] 
     ):
         options = options | {"estimator": "measurement", "estimator_options": {}}  # nobody sees what a filter believes
     vector: Any = gym.make_vec(described["env_id"], num_envs=num_envs, **options)
+    scale = described["hyperparameters"].get("reward_scale", 1.0)
     if described["critic"] == "truth":
         from agents.training.critic import TruthVecEnv
 
-        env: StableBaselinesVecEnv = TruthVecEnv(vector)
+        env: StableBaselinesVecEnv = TruthVecEnv(vector, scale)
     else:
-        env = StableBaselinesVecEnv(vector)
+        env = StableBaselinesVecEnv(vector, scale)
     return VecFrameStack(env, described["hyperparameters"]["frames"]) if described["memory"] == "frames" else env
 
 

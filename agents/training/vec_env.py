@@ -26,17 +26,18 @@ class StableBaselinesVecEnv(VecEnv):
 
     Args:
         env: The vector environment. A `VesselVectorEnv` may have any autoreset mode: the adapter resets what has ended.
+        reward_scale: Factor of the rewards that are learned from; ``episode`` holds the return without it.
 
     Raises:
         ValueError: if it is another's, or wrapped, and its autoreset mode is not ``SAME_STEP``.
     """
 
-    def __init__(self, env: gym.vector.VectorEnv) -> None:
+    def __init__(self, env: gym.vector.VectorEnv, reward_scale: float = 1.0) -> None:
         mode = env.metadata.get("autoreset_mode")
         self._resets = mode != gym.vector.AutoresetMode.SAME_STEP
         if self._resets and not isinstance(env, VesselVectorEnv):
             raise ValueError(f"the adapter needs an environment with SAME_STEP autoreset, this one has {mode}")
-        self.env = env
+        self.env, self.reward_scale = env, reward_scale
         self._seed: int | None = None
         self._actions: np.ndarray
         self._start = time.time()
@@ -98,7 +99,7 @@ class StableBaselinesVecEnv(VecEnv):
             if "is_success" in info["final_info"]:
                 infos[i]["is_success"] = bool(info["final_info"]["is_success"][i])
             self._returns[i], self._lengths[i] = 0.0, 0
-        return observations, rewards.astype(np.float32), dones, infos
+        return observations, self.reward_scale * rewards.astype(np.float32), dones, infos
 
     def _observed(self, observations: np.ndarray) -> np.ndarray:
         """Observations of a learner, from the environment's at this step ``(B, k)``."""

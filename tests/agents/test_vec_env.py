@@ -142,6 +142,22 @@ def test_a_reset_in_the_middle_begins_the_count_of_an_episode_again():
     assert max(lengths) == LIMIT
 
 
+def test_rewards_are_scaled_and_returns_of_episodes_are_not():
+    envs = [
+        StableBaselinesVecEnv(gym.make_vec("PunaUAV-v0", num_envs=2, max_episode_steps=5), reward_scale=scale)
+        for scale in (1.0, 100.0)
+    ]
+    for env in envs:
+        env.seed(3)
+        env.reset()
+    for _ in range(5):
+        (_, plain, _, infos), (_, scaled, dones, others) = (env.step(np.zeros((2, 3), np.float32)) for env in envs)
+        assert (plain > 0.0).any()
+        np.testing.assert_array_equal(scaled, 100.0 * plain)
+    assert dones.all()
+    assert [each["episode"]["r"] for each in infos] == [each["episode"]["r"] for each in others]
+
+
 def test_a_seed_holds_for_one_reset_only():
     env = adapter()
     env.seed(4)
