@@ -20,7 +20,7 @@ import agents.jobs
 import agents.training.ppo
 import studies.lorenz.benchmarks
 from agents import commands, rollout
-from agents.commands import ablate, budget, evaluate, train, watch
+from agents.commands import ablate, budget, convert, evaluate, train, watch
 from agents.commands.console import command
 from agents.jobs import check_scheduler
 from agents.metrics import scores
@@ -32,8 +32,8 @@ from studies.speed import __main__ as speed
 from studies.speed import timing
 
 COMMANDS: dict[str, Any] = {
-    "ablate": ablate.main, "budget": budget.main, "evaluate": evaluate.main, "lorenz": lorenz.main, "speed": speed.main,
-    "reproduce": reproduce.main, "train": train.main, "watch": watch.main,
+    "ablate": ablate.main, "budget": budget.main, "convert": convert.main, "evaluate": evaluate.main,
+    "lorenz": lorenz.main, "speed": speed.main, "reproduce": reproduce.main, "train": train.main, "watch": watch.main,
 }  # fmt: skip
 STUDY = """
 title = "A small study"
