@@ -10,6 +10,7 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PAGES = (
     ROOT / "README.md",
+    DOCS / "primer.md",
     DOCS / "training.md",
     DOCS / "environments" / "README.md",
     DOCS / "environments" / "sigma-corvette.md",

@@ -1,0 +1,83 @@
+"""Draw the pictures of docs/primer.md with the package itself: ``python docs/images/primer.py``."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from estimators import Gaussian, LinearModel, chi_square_band, make, nees, run
+from estimators.consistency import simulate
+from vessel_gym.guidance.dubins import plan, shortest
+
+HERE = Path(__file__).parent
+STEP = 0.1  # s
+POSITION = np.array([[1.0, STEP], [0.0, 0.98]])
+
+
+def unknown_input() -> None:
+    """A push, and its estimate by a filter that is told nothing of it."""
+    model = LinearModel(
+        POSITION, [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]], 1e-5 * np.eye(2), np.diag([0.04, 0.01, 0.09]),
+        G=[[0.005], [0.1]], H=[[0.0], [0.0], [1.0]],
+    )  # fmt: skip
+    push = 2.0 * np.sign(np.sin(0.05 * np.arange(300.0)))[:, None, None]
+    prior = Gaussian([0.0, 0.0], 0.1 * np.eye(2))
+    data = simulate(model, prior, np.random.default_rng(0), runs=2, steps=300, d=push)
+    series = run(make("kf-umv-ui", model), prior, data.y)
+    figure, axes = plt.subplots(figsize=(7, 2.8), layout="constrained")
+    time = STEP * np.arange(300)
+    axes.plot(time, series.input_mean[:, 0, 0], linewidth=1, label="estimate of kf-umv-ui")
+    axes.plot(time, push[:, 0, 0], color="black", label="the push, which nobody tells the filter")
+    axes.set(xlabel="time [s]", ylabel="push [m/s²]", ylim=(-3.2, 5.2))
+    axes.legend(loc="upper right", ncols=2)
+    figure.savefig(HERE / "primer-input.png", dpi=120)
+
+
+def ensemble() -> None:
+    """Members of an ensemble about the truth, and the NEES of an honest and of an overconfident filter."""
+    model = LinearModel(POSITION, [[1.0, 0.0]], np.diag([1e-4, 1e-2]), [[1.0]])
+    prior, runs, steps = Gaussian([0.0, 0.0], np.diag([4.0, 1.0])), 100, 120
+    data = simulate(model, prior, np.random.default_rng(1), runs=runs, steps=steps)
+    time = STEP * np.arange(steps)
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained")
+    filter = make("enkf", model, members=30)
+    belief, members, rng = filter.init(prior, np.random.default_rng(2)), [], np.random.default_rng(3)
+    for k in range(steps):
+        belief = filter.predict(belief, rng=rng) if k else belief
+        belief = filter.update(belief, data.y[k, 0], rng=rng)
+        members.append(belief.ensemble[:, 0])
+    left.plot(time, np.array(members), color="tab:blue", alpha=0.3, linewidth=0.6)
+    left.plot([], [], color="tab:blue", label="30 members")
+    left.plot(time, data.x[:, 0, 0], color="black", label="truth")
+    left.plot(time, data.y[:, 0, 0], ".", color="0.6", markersize=3, label="measurements")
+    left.set(xlabel="time [s]", ylabel="position [m]")
+    left.legend(loc="best", fontsize=8)
+    for name, of in (("right noise assumed", model), ("a tenth of it assumed", replace(model, Q=model.Q / 10))):
+        series = run(make("kf", of), prior, data.y)
+        right.plot(time, nees(series.updated.mean, series.updated.cov, data.x).mean(1) / 2, label=name)
+    low, high = chi_square_band(runs, 2)
+    right.axhspan(low / 2, high / 2, color="0.85", label="95 % band of a consistent filter")
+    right.set(xlabel="time [s]", ylabel="NEES, divided by the 2 states", ylim=(0, 8))
+    right.legend(loc="best", fontsize=8)
+    figure.savefig(HERE / "primer-ensemble.png", dpi=120)
+
+
+def dubins() -> None:
+    """The shortest Dubins path, and one round obstacles."""
+    start, goal, radius = [0.0, 0.0, 0.0], [600.0, 200.0, np.pi / 2], 100.0
+    obstacles = [(250.0, 20.0, 60.0), (430.0, 60.0, 45.0), (520.0, 150.0, 30.0)]
+    figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
+    for x, y, size in obstacles:
+        axes.add_patch(plt.Circle((x, y), size, color="0.85"))
+    paths = {"shortest": shortest(start, goal, radius), "round obstacles": plan(start, goal, radius, obstacles)}
+    for name, path in paths.items():
+        axes.plot(*path.sample(spacing=2.0).T[:2], label=f"{name}: {path.length:.0f} m")
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    axes.legend(loc="upper left")
+    figure.savefig(HERE / "primer-dubins.png", dpi=120)
+
+
+if __name__ == "__main__":
+    for draw in (unknown_input, ensemble, dubins):
+        draw()
