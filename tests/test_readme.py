@@ -36,8 +36,13 @@ def test_each_page_has_an_example() -> None:
 
 
 @pytest.mark.parametrize("example", EXAMPLES.values(), ids=EXAMPLES)
-def test_an_example_runs(example: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_example_runs(example: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plt, "show", lambda: plt.close("all"))
+    monkeypatch.chdir(tmp_path)
+    if "results/ppo.zip" in example:  # which a command above it has trained
+        from agents.training.ppo import train
+
+        train("SigmaCorvette-v0", Path("results/ppo.zip"), {"estimator": "kf-umv-ui"}, steps=128)
     exec(compile(example, "page", "exec"), {"__name__": "page"})
 
 
