@@ -46,7 +46,7 @@ extensions = [
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["_build", "gallery/README.rst", "gallery/*.py", "examples/*.ipynb"]
+exclude_patterns = ["_build", "notebooks", "gallery/README.rst", "gallery/*.py", "examples/*.ipynb"]
 source_suffix = {".rst": "restructuredtext", ".md": "myst-nb"}  # the first is what the API is written in
 templates_path = ["_templates"]
 

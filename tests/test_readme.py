@@ -1,5 +1,6 @@
 """Every Python example of the README, and of the pages that a newcomer reads first, runs."""
 
+import json
 import re
 from pathlib import Path
 
@@ -23,6 +24,16 @@ def examples(page: Path) -> list[str]:
     """Python of a page, without the options of cells."""
     found = re.findall(r"```(?:python|\{code-cell\})\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
     return [re.sub(r"^:.*\n", "", code, flags=re.M) for code in found]
+
+
+def test_the_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    cells = json.loads((DOCS / "notebooks" / "first-ship.ipynb").read_text(encoding="utf-8"))["cells"]
+    code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+    assert "%pip" in code[0]
+    namespace: dict[str, object] = {"__name__": "notebook"}
+    for cell in code[1:]:
+        exec(compile(cell, "cell", "exec"), namespace)
 
 
 OWN = examples(NOTEBOOKS[0])[0]
