@@ -51,9 +51,9 @@ def main(
     """
     from agents.files import check_file
 
-    out = out or Path("results") / f"{algorithm}.zip"
-    if algorithm == "recurrentppo":
-        algorithm, memory = "ppo", "lstm"
+    named = algorithm.lower()
+    out = out or Path("results") / f"{named}.zip"
+    algorithm, memory = ("ppo", "lstm") if named == "recurrentppo" else (named, memory)
     with asked():
         in_range("--runs", runs, 1)
         changed = _of_file(hyperparameters) | assigned("--set", settings)
@@ -61,7 +61,7 @@ def main(
         given |= {"settings": changed, "algorithm": algorithm}
         env_id, options = _checked(env_id, world, seed, given)
     check_file(out)
-    with training_progress(f"{algorithm} on {env_id}") as progress, asked():
+    with training_progress(f"{named} on {env_id}") as progress, asked():
         path = _train(range(seed, seed + runs), env_id, out, options, resume, given | {"progress": progress})
     print(f"checkpoint: {path}")
 

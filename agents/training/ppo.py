@@ -122,6 +122,8 @@ def _arguments(algorithm: str) -> dict[str, Any]:
 
 def _such_as(tuned: Any, value: Any) -> bool:
     """Return whether a setting is as the tuned one: a list of sizes, a count, or a finite number, of no other sign."""
+    if isinstance(tuned, list) and isinstance(value, dict):  # layers by network, as net_arch may be
+        return len(value) > 0 and all(_such_as(tuned, each) for each in value.values())
     if isinstance(tuned, list):
         return isinstance(value, list) and len(value) > 0 and all(_such_as(1, each) for each in value)
     if isinstance(tuned, bool):
