@@ -197,8 +197,8 @@ def readme_line(summary: Mapping[str, Any]) -> str:
     found = [Row(*values) for each in summary.values() for values in each["rows"] if EXPLORATORY not in values[0]]
     agree, near, better, worse, _ = counts(found)
     return (
-        "The experiments of the five source papers are [run again](docs/papers.md): of "
-        f"{agree + better + worse} comparable\n"
+        "The experiments of the five source papers are [run again]"
+        f"(https://github.com/vessel-gym/vessel-gym/blob/main/docs/papers.md): of {agree + better + worse} comparable\n"
         f"printed errors ours equal {agree}, are smaller than {better} and larger than {worse}; "
         f"{near} lies within 25 %."
     )

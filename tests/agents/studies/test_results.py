@@ -156,7 +156,7 @@ def test_the_estimator_and_the_truth_fly_in_turns_and_only_steps_are_timed(monke
         def close(self):
             pass
 
-    monkeypatch.setattr(flying.gym, "make_vec", lambda env_id, rows, estimator, **_: Env(estimator, rows))
+    monkeypatch.setattr(flying, "batch", lambda env_id, rows, made: Env(made["estimator"], rows))
     options = {"estimator": "kf", "estimator_options": {"input_cov": 1.0}}
     [batch, alone] = flying.step_times(CORVETTE, options, "autopilot", 4, "truth")
     assert batch == (4, pytest.approx(3e-3 / 4), pytest.approx(1e-3 / 4))
