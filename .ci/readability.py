@@ -1,7 +1,7 @@
 """Check the language of pages: ``python .ci/readability.py [PAGE ...]``, by default all pages in English.
 
 A sentence has at most 30 words and one semicolon. Every abbreviation is in the glossary, and no retired word is used.
-Code, tables, references and text that commands write are not checked.
+Code, formulas, tables, references and text that commands write are not checked.
 """
 
 import re
@@ -19,10 +19,12 @@ LONGEST = 30
 LEFT_OUT = re.compile(
     r"\A---\n.*?\n---\n"  # front matter
     r"|<!-- (?:table|text): .*?<!-- end -->|<!-- measured -->.*?<!-- end -->|<!-- (\w+) -->.*?<!-- /\1 -->"
+    r"|^\$\$$.*?^\$\$$"  # formulas
     r"|^:{3,}.*?$|^:[a-z-]+:.*?$"  # fences and options of MyST's directives
     r"|^## (?:References|Sources)\n.*?(?=^## |\Z)|^Sources?: .*?(?=\n\n|\Z)",
     re.S | re.M,
 )
+FORMULA = re.compile(r"\$[^$`]+\$")
 END = re.compile(r"(?<=[.!?])(?<!\bsec\.)(?<!\bch\.)(?<!\beq\.)(?<!\bal\.)[\"')]*\s+(?=[A-Z0-9\"(±−])")
 ABBREVIATION = re.compile(r"\b[A-Z]{2,}\b")
 KNOWN = re.compile(
@@ -43,7 +45,7 @@ def pages() -> list[Path]:
 def sentences(text: str) -> Iterator[str]:
     """Sentences of a page's headings, paragraphs and list items."""
     table = False
-    for token in MarkdownIt("commonmark").enable("table").parse(LEFT_OUT.sub("", text)):
+    for token in MarkdownIt("commonmark").enable("table").parse(FORMULA.sub("`formula`", LEFT_OUT.sub("", text))):
         table = token.type == "table_open" or (table and token.type != "table_close")
         if token.type == "inline" and not table:
             yield from END.split("".join(map(_words, token.children or ())))

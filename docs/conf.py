@@ -10,9 +10,11 @@ from pathlib import Path
 
 from docutils import nodes
 from docutils.statemachine import StringList
+from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.application import Sphinx
 from sphinx.util import logging
 from sphinx.util.docutils import SphinxDirective
+from sphinx.writers.html5 import HTML5Translator
 
 HERE = Path(__file__).parent
 SOURCE = "https://github.com/vessel-gym/vessel-gym"
@@ -29,6 +31,7 @@ names = list(episode(env_id, seed=seeds[0], env_options=sea).scores)
 scores = [rollout("autopilot", env_id, seeds, sea | {"estimator": name}, record=False).score for name in names]
 episode(env_id, names, seed=typical_seed(np.array(scores), seeds), env_options=sea).save(sys.argv[1])
 """
+NUMBER = re.compile(r"(?=.*\d)(?!.*[^\W\d_]{4}).{1,32}")  # a cell with a digit and without a long word
 sys.path.insert(0, str(HERE.parent))
 
 project = "vessel-gym"
@@ -88,6 +91,7 @@ sphinx_gallery_conf = {
     "download_all_examples": False,
 }
 
+html_math_renderer = "mathml"
 html_theme = "pydata_sphinx_theme"
 html_title = f"vessel-gym {version}"
 html_static_path = ["_static"]
@@ -153,7 +157,9 @@ def setup(app: Sphinx) -> None:
     """Add what is ours."""
     app.add_directive("manual", Manual)
     app.add_directive("episode", Episode)
+    app.add_html_math_renderer("mathml", (_write_mathml, None), (_write_mathml, None))
     app.connect("builder-inited", _fly_the_episode)
+    app.connect("doctree-read", _keep_numbers_on_one_line)
     app.connect("source-read", lambda app, page, text: _linked(text, (HERE / page).parent))
     app.connect("include-read", lambda app, path, page, text: _linked(text, (HERE / path).parent))
     app.connect("autodoc-process-docstring", _docstrings_as_they_are_written, 400)  # before napoleon's
@@ -167,6 +173,24 @@ def _fly_the_episode(app: Sphinx) -> None:
         )
         if done.returncode:
             logging.getLogger(__name__).info("no episode: %s", done.stderr.strip())
+
+
+def _write_mathml(writer: HTML5Translator, node: nodes.math | nodes.math_block) -> None:
+    """Write a formula as MathML, which browsers render without scripts, fonts or a network."""
+    block = isinstance(node, nodes.math_block)
+    formula = tex2mathml(node.astext(), as_block=block)
+    writer.body.append(f'<div class="math">{formula}</div>' if block else formula)
+    raise nodes.SkipNode
+
+
+def _keep_numbers_on_one_line(app: Sphinx, doctree: nodes.document) -> None:
+    """Mark the cells of numbers, and bind ± to its operands in text."""
+    for cell in doctree.findall(nodes.entry):
+        if NUMBER.fullmatch(cell.astext().strip()):
+            cell["classes"].append("number")
+    for text in list(doctree.findall(nodes.Text)):
+        if " ± " in text and not isinstance(text.parent, nodes.literal | nodes.literal_block):
+            text.parent.replace(text, nodes.Text(text.replace(" ± ", "\u00a0±\u00a0")))
 
 
 def _linked(text: list[str], folder: Path) -> None:

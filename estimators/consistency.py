@@ -118,8 +118,9 @@ class Band:
     p_value: float
 
     def curves(self) -> Curves:
-        """Times, ends of the interval, expected mean, and the mean."""
-        return np.arange(len(self.mean)), self.low, self.high, self.expected, {"found": self.mean}
+        """Times, ends of the interval, 1, and the mean, each divided by the degrees of freedom."""
+        degrees = np.where(self.expected > 0, self.expected, np.nan)
+        return np.arange(len(self.mean)), self.low / degrees, self.high / degrees, 1.0, {"found": self.mean / degrees}
 
 
 def chi_square_test(
@@ -406,8 +407,8 @@ def consistency_figure(report: Consistency) -> "Figure":
     figure = Figure(figsize=(10.0, 7.0), layout="constrained")
     remark = " (not required)" if report.conservative else ""
     panels: tuple[tuple[Any, ...], ...] = (
-        (report.nees, "State errors", "step", "NEES, mean over runs"),
-        (report.nis, "Innovations", "step", "NIS, mean over runs"),
+        (report.nees, "State errors", "step", "NEES / states, mean over runs"),
+        (report.nis, "Innovations", "step", "NIS / measurements, mean over runs"),
         (report.whiteness, f"Whiteness of innovations{remark}", "lag [steps]", "autocorrelation"),
         (report.coverage, "Credible intervals at the last step", "nominal probability [%]", "found minus nominal [%]"),
     )

@@ -388,8 +388,8 @@ def test_the_figure_shows_each_test_in_a_panel_with_named_axes():
     report, figure, panels = _panels(make("kf", MODEL), PRIOR)
     labels = [(axes.get_xlabel(), axes.get_ylabel()) for axes in panels]
     assert labels == [
-        ("step", "NEES, mean over runs"),
-        ("step", "NIS, mean over runs"),
+        ("step", "NEES / states, mean over runs"),
+        ("step", "NIS / measurements, mean over runs"),
         ("lag [steps]", "autocorrelation"),
         ("nominal probability [%]", "found minus nominal [%]"),
     ]
@@ -398,7 +398,7 @@ def test_the_figure_shows_each_test_in_a_panel_with_named_axes():
         assert "p = " in axes.get_title()
         assert "95 % band" in [text.get_text() for text in axes.get_legend().get_texts()]
     shown = [line.get_ydata() for line in panels[0].lines]
-    assert any(np.array_equal(y, report.nees.mean) for y in shown)
+    assert any(np.array_equal(y, report.nees.mean / MODEL.n) for y in shown)
     assert any(
         np.array_equal(y, report.whiteness.correlation[:, 0]) for y in (line.get_ydata() for line in panels[2].lines)
     )
