@@ -1,0 +1,206 @@
+"""Coefficients of a ship's manoeuvring model from trials: simulation errors of windows, minimised with exact gradients.
+
+Each window is simulated from an initial state of its own, which is estimated with the coefficients and eliminated.
+Errors of neighbouring moments and of windows of several lengths are dependent: the weight of the data is what the
+spread of the gradients between blocks of the logs supports (the magnitude adjustment of Ribatet, Cooley & Davison 2012,
+Statistica Sinica 22). So the intervals widen where wind and waves of minutes move the ship.
+
+Source: Ljung (1999), System Identification, sec. 7.4 and 10.2, for the method; Marquardt (1963) for the search.
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vessel_gym.identification.prediction import Windows, simulate, simulate_with_slopes, windows
+from vessel_gym.identification.trial import Trial
+from vessel_gym.vehicles.manoeuvring import COEFFICIENTS, STATE, Particulars
+from vessel_gym.vehicles.measured_ship import MeasuredShip
+
+LENGTHS = (20.0, 60.0, 120.0)
+"""Lengths of windows [s] of a ship that sails her length in 15 s; of others in proportion."""
+_PACE = 15.0
+_N = len(STATE)
+_ROUNDS, _STEPS, _RESCALED, _LEAST_GAIN = 3, 25, 6, 0.1
+
+
+def pace(particulars: Particulars, speeds: np.ndarray) -> float:
+    """Time [s] in which a ship of these speeds [m/s] sails her length."""
+    return particulars.length / max(float(np.sqrt(np.mean(speeds**2))), 1e-3 * np.sqrt(9.81 * particulars.length))
+
+
+def identify(trials: Sequence[Trial], particulars: Particulars, fixed: Collection[str] = ()) -> MeasuredShip:
+    """Identify the coefficients.
+
+    Args:
+        trials: At least one, on one grid.
+        particulars: What is known of the ship.
+        fixed: Coefficients that keep what is assumed of them; those of the wind where no trial has any.
+
+    Raises:
+        ValueError: if every trial is shorter than the shortest window, or a coefficient is unknown.
+    """
+    unknown = sorted(set(fixed) - set(COEFFICIENTS))
+    if unknown:
+        raise ValueError(f"{unknown[0]!r} is no coefficient of the model: {', '.join(COEFFICIENTS)}")
+    problem = _Problem(trials, particulars, fixed)
+    c, weight = problem.mean, 0.01
+    for _ in range(_ROUNDS):
+        c = problem.search(c, weight)
+        dispersion = problem.dispersion(c, weight)
+        if abs(np.log(dispersion * weight)) < 0.1:
+            break
+        weight = 1.0 / dispersion
+    covariance = np.linalg.inv(problem.normal(c, problem.linearise(c), weight).A)
+    return MeasuredShip(
+        particulars,
+        c,
+        covariance,
+        degrees_of_freedom=problem.blocks - 1,
+        dispersion=1.0 / weight,
+        errors=problem.errors(),
+        logs=tuple(trial.name for trial in trials),
+    )
+
+
+@dataclass
+class _Normal:
+    """Normal equations after elimination of the initial states: ``A dc = b``, and their parts."""
+
+    A: np.ndarray
+    b: np.ndarray
+    gradients: np.ndarray  # (blocks, k) of the data alone, unweighted
+    information: np.ndarray  # (k, k) likewise
+    steps: list[np.ndarray]  # (B, 6, k + 1) of each set's initial states
+
+
+class _Problem:
+    """Least squares of windows, with what is assumed of the coefficients."""
+
+    def __init__(self, trials: Sequence[Trial], particulars: Particulars, fixed: Collection[str]) -> None:
+        speeds = np.concatenate([trial.states[:, 3] for trial in trials])
+        dt, unit = trials[0].dt, pace(particulars, speeds)
+        speed = particulars.length / unit
+        steps = [max(2, round(length / _PACE * unit / dt)) for length in LENGTHS]
+        sets = {n * dt: windows(trials, n, steps[-1]) for n in steps}
+        self.sets: dict[float, Windows] = {length: each for length, each in sets.items() if each is not None}
+        if not self.sets:
+            raise ValueError(f"the logs are shorter than {steps[0] * dt:.3g} s, the shortest window")
+        self.p, self.dt, self.every = particulars.vector(), dt, max(1, steps[0] // 20)
+        table = particulars.coefficients
+        self.mean, self.sd = np.array([each.mean for each in table]), np.array([each.sd for each in table])
+        held = np.array([each in fixed for each in COEFFICIENTS])
+        self.precision = 1.0 / np.where(held, 1e-6 * self.sd, self.sd) ** 2
+        size = np.array([particulars.length, particulars.length, 1.0, speed, speed, 1.0 / unit])
+        self.start_sd = size * (0.01, 0.01, 0.01, 0.075, 0.075, 0.045)
+        self.floor = size * (0.0017, 0.0017, 0.002, 0.02, 0.02, 0.012)
+        self.initial = [each.states[0].copy() for each in self.sets.values()]
+        self.scales: list[np.ndarray] = []
+        self.numbers = np.unique(np.concatenate([each.block for each in self.sets.values()]))
+        self.blocks = len(self.numbers)
+
+    def _residuals(self, initial: list[np.ndarray], c: np.ndarray, slopes: bool) -> list[Any]:
+        """Errors ``(T, B, 6)`` of each set, with their derivatives if asked."""
+        found: list[Any] = []
+        for state, each in zip(initial, self.sets.values(), strict=True):
+            arguments = (state, each.control, each.air, c, self.p, each.dt)
+            measured = each.states[self.every :: self.every]
+            if slopes:
+                states, derivatives = simulate_with_slopes(*arguments, self.every)
+                found.append((measured - states, derivatives))
+            else:
+                found.append((measured - simulate(*arguments)[self.every :: self.every],))
+        return found
+
+    def rescale(self, c: np.ndarray) -> None:
+        """Take the RMS of each set's errors as their scale, single errors above three medians cut."""
+        self.scales = []
+        for (error,) in self._residuals(self.initial, c, slopes=False):
+            square = error**2
+            cut = np.minimum(square, 9.0 * np.median(square, axis=(0, 1)))
+            self.scales.append(np.maximum(np.sqrt(cut.mean((0, 1))), self.floor))
+
+    def cost(self, initial: list[np.ndarray], c: np.ndarray, weight: float) -> float:
+        """Half of the weighted sum of squares."""
+        with np.errstate(all="ignore"):  # a step too far may diverge: its cost is infinite
+            data = sum(
+                0.5 * float(((error / scale) ** 2).sum())
+                for (error,), scale in zip(self._residuals(initial, c, slopes=False), self.scales, strict=True)
+            )
+            starts = sum(
+                0.5 * float((((state - each.states[0]) / self.start_sd) ** 2).sum())
+                for state, each in zip(initial, self.sets.values(), strict=True)
+            )
+            total = weight * (data + starts) + 0.5 * float((self.precision * (c - self.mean) ** 2).sum())
+        return total if np.isfinite(total) else np.inf
+
+    def linearise(self, c: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Information ``(B, 6 + k, 6 + k)`` and gradient ``(B, 6 + k)`` of the windows of each set about ``c``."""
+        parts = []
+        for (error, slopes), scale, each, state in zip(
+            self._residuals(self.initial, c, slopes=True), self.scales, self.sets.values(), self.initial, strict=True
+        ):
+            rows = error.shape[1]
+            J = np.moveaxis(slopes / scale[:, None], 1, 0).reshape(rows, -1, _N + len(c))
+            e = np.moveaxis(error / scale, 1, 0).reshape(rows, -1, 1)
+            H, g = J.transpose(0, 2, 1) @ J, (J.transpose(0, 2, 1) @ e)[..., 0]
+            H[:, :_N, :_N] += np.diag(self.start_sd**-2)
+            g[:, :_N] += (each.states[0] - state) / self.start_sd**2
+            parts.append((H, g))
+        return parts
+
+    def normal(
+        self, c: np.ndarray, parts: list[tuple[np.ndarray, np.ndarray]], weight: float, damping: float = 0.0
+    ) -> _Normal:
+        """The normal equations of `linearise`, damped, without the initial states."""
+        k = len(c)
+        information, gradients, steps = np.zeros((k, k)), np.zeros((self.blocks, k)), []
+        for (H, g), each in zip(parts, self.sets.values(), strict=True):
+            starts = H[:, :_N, :_N] * (1.0 + damping * np.eye(_N))
+            step = np.linalg.solve(starts, np.concatenate([H[:, :_N, _N:], g[:, :_N, None]], -1))
+            steps.append(step)
+            information += (H[:, _N:, _N:] - H[:, _N:, :_N] @ step[..., :-1]).sum(0)
+            gradient = g[:, _N:] - (H[:, _N:, :_N] @ step[..., -1:])[..., 0]
+            np.add.at(gradients, np.searchsorted(self.numbers, each.block), gradient)
+        A = weight * information + np.diag(self.precision)
+        A[np.diag_indices(k)] *= 1.0 + damping
+        return _Normal(A, weight * gradients.sum(0) + self.precision * (self.mean - c), gradients, information, steps)
+
+    def search(self, c: np.ndarray, weight: float) -> np.ndarray:
+        """The minimum, by Levenberg and Marquardt's method; initial states move along."""
+        damping = 1e-3
+        for count in range(_STEPS):
+            if count < _RESCALED:
+                self.rescale(c)
+            parts, cost = self.linearise(c), self.cost(self.initial, c, weight)
+            while True:
+                now = self.normal(c, parts, weight, damping)
+                change = np.linalg.solve(now.A, now.b)
+                change *= min(1.0, 2.0 / float(np.abs(change / self.sd).max()))  # two assumed deviations at most
+                initial = [
+                    state + step[..., -1] - step[..., :-1] @ change
+                    for state, step in zip(self.initial, now.steps, strict=True)
+                ]
+                gain = cost - self.cost(initial, c + change, weight)
+                if gain > 0.0:
+                    break
+                damping *= 10.0
+                if damping > 1e6:
+                    return c
+            c, self.initial, damping = c + change, initial, max(0.2 * damping, 1e-6)
+            if count >= _RESCALED and gain < _LEAST_GAIN:
+                break
+        return c
+
+    def dispersion(self, c: np.ndarray, weight: float) -> float:
+        """Variance of the gradients between blocks over the one of independent errors, at least 1."""
+        now = self.normal(c, self.linearise(c), weight)
+        spread = now.gradients.T @ now.gradients * (self.blocks / max(1, self.blocks - 1))
+        inverse = np.linalg.inv(now.A)
+        return max(1.0, float(np.trace(inverse @ spread) / np.trace(inverse @ now.information)))
+
+    def errors(self) -> dict[float, np.ndarray]:
+        """RMS error of each set of windows, by length."""
+        return dict(zip(self.sets, self.scales, strict=True))
