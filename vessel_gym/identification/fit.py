@@ -19,7 +19,7 @@ from vessel_gym.identification.trial import Trial
 from vessel_gym.vehicles.manoeuvring import COEFFICIENTS, STATE, Particulars
 from vessel_gym.vehicles.measured_ship import MeasuredShip
 
-LENGTHS = (20.0, 60.0, 120.0)
+LENGTHS = (60.0, 120.0)
 """Lengths of windows [s] of a ship that sails her length in 15 s; of others in proportion."""
 _PACE = 15.0
 _N = len(STATE)
@@ -49,11 +49,10 @@ def identify(trials: Sequence[Trial], particulars: Particulars, fixed: Collectio
     c, weight = problem.mean, 0.01
     for _ in range(_ROUNDS):
         c = problem.search(c, weight)
-        dispersion = problem.dispersion(c, weight)
+        dispersion, covariance = problem.spread(c, weight)
         if abs(np.log(dispersion * weight)) < 0.1:
             break
         weight = 1.0 / dispersion
-    covariance = np.linalg.inv(problem.normal(c, problem.linearise(c), weight).A)
     return MeasuredShip(
         particulars,
         c,
@@ -72,7 +71,7 @@ class _Normal:
     A: np.ndarray
     b: np.ndarray
     gradients: np.ndarray  # (blocks, k) of the data alone, unweighted
-    information: np.ndarray  # (k, k) likewise
+    information: np.ndarray  # (blocks, k, k) likewise
     steps: list[np.ndarray]  # (B, 6, k + 1) of each set's initial states
 
 
@@ -156,15 +155,16 @@ class _Problem:
     ) -> _Normal:
         """The normal equations of `linearise`, damped, without the initial states."""
         k = len(c)
-        information, gradients, steps = np.zeros((k, k)), np.zeros((self.blocks, k)), []
+        information, gradients, steps = np.zeros((self.blocks, k, k)), np.zeros((self.blocks, k)), []
         for (H, g), each in zip(parts, self.sets.values(), strict=True):
             starts = H[:, :_N, :_N] * (1.0 + damping * np.eye(_N))
             step = np.linalg.solve(starts, np.concatenate([H[:, :_N, _N:], g[:, :_N, None]], -1))
             steps.append(step)
-            information += (H[:, _N:, _N:] - H[:, _N:, :_N] @ step[..., :-1]).sum(0)
+            block = np.searchsorted(self.numbers, each.block)
+            np.add.at(information, block, H[:, _N:, _N:] - H[:, _N:, :_N] @ step[..., :-1])
             gradient = g[:, _N:] - (H[:, _N:, :_N] @ step[..., -1:])[..., 0]
-            np.add.at(gradients, np.searchsorted(self.numbers, each.block), gradient)
-        A = weight * information + np.diag(self.precision)
+            np.add.at(gradients, block, gradient)
+        A = weight * information.sum(0) + np.diag(self.precision)
         A[np.diag_indices(k)] *= 1.0 + damping
         return _Normal(A, weight * gradients.sum(0) + self.precision * (self.mean - c), gradients, information, steps)
 
@@ -194,12 +194,23 @@ class _Problem:
                 break
         return c
 
-    def dispersion(self, c: np.ndarray, weight: float) -> float:
-        """Variance of the gradients between blocks over the one of independent errors, at least 1."""
+    def spread(self, c: np.ndarray, weight: float) -> tuple[float, np.ndarray]:
+        """Dispersion of the data, at least 1, and the covariance ``(k, k)`` of the estimates.
+
+        Blocks are independent. The gradient of each is that at the estimate without it (the jackknife, CR3 of Bell &
+        McCaffrey 2002), to first order. The dispersion is the variance of gradients between blocks over that of
+        independent errors.
+        """
         now = self.normal(c, self.linearise(c), weight)
-        spread = now.gradients.T @ now.gradients * (self.blocks / max(1, self.blocks - 1))
         inverse = np.linalg.inv(now.A)
-        return max(1.0, float(np.trace(inverse @ spread) / np.trace(inverse @ now.information)))
+        left_out = now.A - weight * now.information
+        gradients = np.linalg.solve(left_out, now.gradients[..., None])[..., 0] @ now.A
+        spread = gradients.T @ gradients * (1.0 - 1.0 / self.blocks)
+        information = now.information.sum(0)
+        dispersion = max(1.0, float(np.trace(inverse @ spread) / np.trace(inverse @ information)))
+        # What a few blocks say of each direction is as uncertain as what all say of the mean: half of each.
+        between = 0.5 * weight**2 * (spread + dispersion * information)
+        return dispersion, inverse @ (np.diag(self.precision) + between) @ inverse
 
     def errors(self) -> dict[float, np.ndarray]:
         """RMS error of each set of windows, by length."""
