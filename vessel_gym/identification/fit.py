@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from vessel_gym.identification.prediction import Windows, simulate, simulate_with_slopes, windows
-from vessel_gym.identification.trial import Trial
+from vessel_gym.identification.trial import Trial, pace
 from vessel_gym.vehicles.manoeuvring import COEFFICIENTS, STATE, Particulars
 from vessel_gym.vehicles.measured_ship import MeasuredShip
 
@@ -24,11 +24,6 @@ LENGTHS = (60.0, 120.0)
 _PACE = 15.0
 _N = len(STATE)
 _ROUNDS, _STEPS, _RESCALED, _LEAST_GAIN = 3, 25, 6, 0.1
-
-
-def pace(particulars: Particulars, speeds: np.ndarray) -> float:
-    """Time [s] in which a ship of these speeds [m/s] sails her length."""
-    return particulars.length / max(float(np.sqrt(np.mean(speeds**2))), 1e-3 * np.sqrt(9.81 * particulars.length))
 
 
 def identify(trials: Sequence[Trial], particulars: Particulars, fixed: Collection[str] = ()) -> MeasuredShip:
@@ -75,19 +70,25 @@ class _Normal:
     steps: list[np.ndarray]  # (B, 6, k + 1) of each set's initial states
 
 
+def window_lengths(trials: Sequence[Trial], particulars: Particulars) -> list[float]:
+    """Lengths [s] of the windows of these trials."""
+    unit = pace(particulars, np.concatenate([trial.states[:, 3] for trial in trials]))
+    return [max(2, round(length / _PACE * unit / trials[0].dt)) * trials[0].dt for length in LENGTHS]
+
+
 class _Problem:
     """Least squares of windows, with what is assumed of the coefficients."""
 
     def __init__(self, trials: Sequence[Trial], particulars: Particulars, fixed: Collection[str]) -> None:
-        speeds = np.concatenate([trial.states[:, 3] for trial in trials])
-        dt, unit = trials[0].dt, pace(particulars, speeds)
-        speed = particulars.length / unit
-        steps = [max(2, round(length / _PACE * unit / dt)) for length in LENGTHS]
+        dt = trials[0].dt
+        steps = [round(length / dt) for length in window_lengths(trials, particulars)]
+        speed = float(np.sqrt(np.mean(np.concatenate([trial.states[:, 3] for trial in trials]) ** 2)))
+        unit = particulars.length / max(speed, 1e-9)
         sets = {n * dt: windows(trials, n, steps[-1]) for n in steps}
         self.sets: dict[float, Windows] = {length: each for length, each in sets.items() if each is not None}
         if not self.sets:
             raise ValueError(f"the logs are shorter than {steps[0] * dt:.3g} s, the shortest window")
-        self.p, self.dt, self.every = particulars.vector(), dt, max(1, steps[0] // 20)
+        self.p, self.every = particulars.vector(), max(1, steps[0] // 60)
         table = particulars.coefficients
         self.mean, self.sd = np.array([each.mean for each in table]), np.array([each.sd for each in table])
         held = np.array([each in fixed for each in COEFFICIENTS])

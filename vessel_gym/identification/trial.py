@@ -1,16 +1,23 @@
 """A log as identification uses it: motion, control and wind on a common grid, held measurements left out."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import savgol_filter
 
-from vessel_gym.vehicles.manoeuvring import AIR
+from vessel_gym.logs import Log, LogError
+from vessel_gym.logs.log import ANGLES
+from vessel_gym.vehicles.manoeuvring import AIR, Particulars
 
 _SMOOTHING, _GUST, _SLOW = 2.1, 1.0, 200.0
 """Spans [s]: of the polynomial that smooths positions, of the wind that a ship feels as one, of the wind that moves the
 surface of the water."""
+_NEEDED = ("x", "y", "heading", "yaw rate", "rudder", "revolutions")
+_STEPS, _GAP, _LEAST = 75.0, 15.0, 50
 _HELD = 5
 """Position or heading repeated so often was held by the instrument: a moving ship's is never the same."""
 
@@ -45,55 +52,91 @@ class Trial:
             self.name, self.dt, start, self.states[first : last + 1], self.control[first:last], self.air[first:last]
         )
 
-    @classmethod
-    def of(cls, name: str, t: np.ndarray, columns: dict[str, np.ndarray], dt: float) -> "Trial":
-        """The trial of measured columns.
 
-        Args:
-            name: Of the log.
-            t: ``(N,)`` increasing times [s].
-            columns: ``(N,)`` each: x, y [m], heading, yaw rate, rudder, revolutions; wind speed and wind direction
-                where they were measured. NaN where a value is missing.
-            dt: Time step of the grid [s].
-
-        Raises:
-            ValueError: if a column is missing, or has fewer than ten values.
-        """
-        missing = [each for each in ("x", "y", "heading", "yaw rate", "rudder", "revolutions") if each not in columns]
-        if missing:
-            raise ValueError(f"{name} has no {', '.join(missing)}, which identification needs")
-        fine = dt / max(1, round(dt / max(float(np.median(np.diff(t))), 1e-3)))  # steps of the raw grid
-        grid = np.arange(t[0], t[-1] + 0.5 * fine, fine)
-        raw = {key: _filled(name, key, t, column, grid) for key, column in columns.items()}
-        count, each = divmod(len(grid) - 1, round(dt / fine))[0], round(dt / fine)
-        states = _states(raw, fine)[: count * each + 1 : each]
-
-        def mean(column: np.ndarray) -> np.ndarray:
-            return column[: count * each].reshape(count, each).mean(-1)
-
-        air = np.zeros((count, len(AIR)))
-        if "wind speed" in raw and "wind direction" in raw:
-            for axis, function in enumerate((np.cos, np.sin)):
-                wind = mean(raw["wind speed"] * function(raw["wind direction"]))
-                air[:, axis] = gaussian_filter1d(wind, _GUST / dt)
-                air[:, 2 + axis] = _slow(wind, dt)
-        control = np.stack([mean(raw["rudder"]), mean(raw["revolutions"])], -1)
-        return cls(name, dt, float(t[0]), states, control, air)
+def common_step(logs: Sequence[Log], particulars: Particulars) -> float:
+    """Time step [s] for the trials of logs: 75 of them while the ship sails her length."""
+    speeds = []
+    for log in logs:
+        _, values, available = log.sampled(("x", "y"), 1.0)
+        moved = np.hypot(*np.diff(values, axis=0).T)[available[1:].all(-1) & available[:-1].all(-1)]
+        speeds.append(moved)
+    squares = np.concatenate(speeds) ** 2
+    if squares.size == 0:
+        raise LogError(f"{logs[0].name}: no two positions are a second apart")
+    step = pace(particulars, np.sqrt(np.minimum(squares, 25.0 * np.median(squares)))) / _STEPS
+    return float(f"{step:.1g}")
 
 
-def _filled(name: str, key: str, t: np.ndarray, column: np.ndarray, grid: np.ndarray) -> np.ndarray:
-    """A column on the grid, missing and held values interpolated; angles unwrapped, controls and gusts held."""
-    good = np.isfinite(column) & np.isfinite(t)
-    if key in ("x", "y", "heading"):
-        good &= ~_held(column)
-    if good.sum() < 10:
-        raise ValueError(f"{name}: {key} has {good.sum()} values, identification needs at least 10")
-    at, values = t[good], column[good]
+def pace(particulars: Particulars, speeds: np.ndarray) -> float:
+    """Time [s] in which a ship of these speeds [m/s] sails her length."""
+    return particulars.length / max(float(np.sqrt(np.mean(speeds**2))), 1e-3 * np.sqrt(9.81 * particulars.length))
+
+
+def trials(log: Log, dt: float) -> list[Trial]:
+    """The trials of a log: its parts without gaps in position, heading, yaw rate, rudder and revolutions.
+
+    Args:
+        log: With those channels, and wind speed and wind direction where they were measured.
+        dt: Time step of the grid [s].
+
+    Raises:
+        LogError: if a channel is missing, or no part is longer than `_LEAST` steps.
+    """
+    channels = {name: log[name].measured() for name in _NEEDED}
+    if "wind speed" in log and "wind direction" in log:
+        channels |= {name: log[name].measured() for name in ("wind speed", "wind direction")}
+    for name in ("x", "y", "heading"):
+        times, values = channels[name]
+        channels[name] = times[~_held(values)], values[~_held(values)]
+    if few := [name for name, (times, _) in channels.items() if len(times) < _LEAST]:
+        raise LogError(f"{log.name}: {few[0]} has fewer than {_LEAST} measurements")
+    first = max(times[0] for times, _ in channels.values())
+    last = min(times[-1] for times, _ in channels.values())
+    breaks = [first, last]
+    for name in _NEEDED:
+        times = channels[name][0]
+        for i in np.flatnonzero(np.diff(times) > _GAP * dt):
+            breaks += [times[i], times[i + 1]]
+    found = []
+    for begin, end in pairwise(sorted(each for each in breaks if first <= each <= last)):
+        gap = any(
+            np.any((times[:-1] <= begin) & (times[1:] >= end) & (np.diff(times) > _GAP * dt))
+            for times in (channels[name][0] for name in _NEEDED)
+        )
+        if not gap and end - begin > _LEAST * dt:
+            found.append(_trial(log.name, channels, begin, end, dt))
+    if not found:
+        raise LogError(f"{log.name}: no part of {_LEAST * dt:.3g} s is without gaps")
+    return found
+
+
+def _trial(name: str, channels: dict[str, Any], begin: float, end: float, dt: float) -> Trial:
+    """One part of a log."""
+    rate = float(np.median(np.diff(channels["x"][0])))
+    each = max(1, round(dt / rate))  # samples of the raw grid in a step
+    fine = dt / each
+    count = int((end - begin) / dt + 1e-9)
+    grid = begin + fine * np.arange(count * each + 1)
+    raw = {key: _on(grid, key, *measured) for key, measured in channels.items()}
+    states = _states(raw, fine)[::each]
+
+    def mean(column: np.ndarray) -> np.ndarray:
+        return column[: count * each].reshape(count, each).mean(-1)
+
+    air = np.zeros((count, len(AIR)))
+    if "wind speed" in raw:
+        for axis, function in enumerate((np.cos, np.sin)):
+            wind = mean(raw["wind speed"] * function(raw["wind direction"]))
+            air[:, axis] = gaussian_filter1d(wind, _GUST / dt)
+            air[:, 2 + axis] = _slow(wind, dt)
+    return Trial(name, dt, begin, states, np.stack([mean(raw["rudder"]), mean(raw["revolutions"])], -1), air)
+
+
+def _on(grid: np.ndarray, key: str, times: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """A channel on the grid: controls are held, angles unwrapped, others linear between measurements."""
     if key in ("rudder", "revolutions"):
-        return values[np.maximum(np.searchsorted(at, grid + 1e-9, side="right") - 1, 0)]
-    if key in ("heading", "wind direction"):
-        values = np.unwrap(values)
-    return np.interp(grid, at, values)
+        return values[np.maximum(np.searchsorted(times, grid + 1e-9, side="right") - 1, 0)]
+    return np.interp(grid, times, np.unwrap(values) if key in ANGLES else values)
 
 
 def _held(column: np.ndarray) -> np.ndarray:
