@@ -18,7 +18,7 @@ _SMOOTHING, _GUST, _SLOW = 2.1, 1.0, 200.0
 surface of the water."""
 _NEEDED = ("x", "y", "heading", "yaw rate", "rudder", "revolutions")
 _STEPS, _GAP, _LEAST = 75.0, 15.0, 50
-_HELD = 5
+_REPEATS = 5
 """Position or heading repeated so often was held by the instrument: a moving ship's is never the same."""
 
 
@@ -87,7 +87,7 @@ def trials(log: Log, dt: float) -> list[Trial]:
         channels |= {name: log[name].measured() for name in ("wind speed", "wind direction")}
     for name in ("x", "y", "heading"):
         times, values = channels[name]
-        channels[name] = times[~_held(values)], values[~_held(values)]
+        channels[name] = times[~_repeated(values)], values[~_repeated(values)]
     if few := [name for name, (times, _) in channels.items() if len(times) < _LEAST]:
         raise LogError(f"{log.name}: {few[0]} has fewer than {_LEAST} measurements")
     first = max(times[0] for times, _ in channels.values())
@@ -139,12 +139,12 @@ def _on(grid: np.ndarray, key: str, times: np.ndarray, values: np.ndarray) -> np
     return np.interp(grid, times, np.unwrap(values) if key in ANGLES else values)
 
 
-def _held(column: np.ndarray) -> np.ndarray:
-    """Values that repeat the one before, in runs of at least `_HELD`; the first of a run is a measurement."""
+def _repeated(column: np.ndarray) -> np.ndarray:
+    """Values that repeat the one before, in runs of at least `_REPEATS`; the first of a run is a measurement."""
     same = np.concatenate([[False], np.diff(column) == 0.0])
     edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
     for first, last in edges.reshape(-1, 2):
-        if last - first < _HELD:
+        if last - first < _REPEATS:
             same[first:last] = False
     return same
 

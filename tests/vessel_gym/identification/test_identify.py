@@ -1,5 +1,7 @@
 """Identification: it recovers ships from simulated trials, and its intervals hold what they promise."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -82,10 +84,15 @@ def test_intervals_cover() -> None:
     that a false alarm is rarer than 5 % at .945.
     """
     inside, determined = [], []
-    for seed in range(100):
-        rng = np.random.default_rng([7, seed])
+    seeds = itertools.count()
+    while len(inside) < 100:
+        rng = np.random.default_rng([7, next(seeds)])
         c = coefficients(rng, spread=1.0)
-        ship = identify([trial(rng, c, 600.0) for _ in range(4)], SHIP)
+        with np.errstate(all="ignore"):
+            voyages = [trial(rng, c, 600.0) for _ in range(4)]
+        if not all(np.isfinite(each.states).all() and np.abs(each.states[:, 5]).max() < 0.3 for each in voyages):
+            continue  # no ship spins faster than a turn in 20 s: these coefficients are none's
+        ship = identify(voyages, SHIP)
         low, high = ship.intervals.T
         inside.append((low <= c) & (c <= high))
         determined.append(ship.determined)

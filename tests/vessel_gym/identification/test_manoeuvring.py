@@ -103,7 +103,7 @@ def test_a_file_holds_a_ship(tmp_path: Path) -> None:
     ("line", "text", "sentence"),
     [
         ("length", "length = -3.0", "line 4: length must be a number above 0, got -3"),
-        ("length", "lenght = 3.0", "line 4: unknown key in"),
+        ("length", "longth = 3.0", "line 4: unknown key in"),
         ("length", "length = nan", "line 4: length must be a finite number, got nan"),
         ("length", "", "needs a 'length'"),
         ("kind", 'kind = "ship"', "line 1: a measured ship's file has kind = 'measured ship', got 'ship'"),
