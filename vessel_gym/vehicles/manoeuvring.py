@@ -98,7 +98,7 @@ C: Any = SimpleNamespace(**{symbol: i for i, symbol in enumerate(COEFFICIENTS)})
 
 @dataclass(frozen=True)
 class Particulars:
-    """What is known of a ship without a trial, SI units.
+    """Particulars of a ship, known without a trial, SI units.
 
     Attributes:
         length: Between perpendiculars [m].

@@ -53,6 +53,19 @@ def test_damaged_rows_are_kept_as_far_as_they_can_be_read_and_named(tmp_path: Pa
     np.testing.assert_array_equal(found["y"].measured()[0], [0.0, 1.0, 2.0, 4.0])
 
 
+def test_parquet_is_read_as_the_csv_of_the_same_columns(tmp_path: Path) -> None:
+    pyarrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    columns = {"t": [0.0, 0.1, 0.2], "heading [deg]": [10.0, None, 30.0], "x": [1, 2, 3]}
+    parquet.write_table(pyarrow.table(columns), tmp_path / "log.parquet")
+    found, same = read(tmp_path / "log.parquet"), log(tmp_path, "t,heading [deg],x\n0,10,1\n.1,,2\n.2,30,3\n")
+    for name in same.channels:
+        np.testing.assert_array_equal(found[name].values, same[name].values)
+        np.testing.assert_array_equal(found[name].lines, same[name].lines)
+    (tmp_path / "broken.parquet").write_bytes(b"PAR1 and no more")
+    with pytest.raises(LogError, match=r"broken\.parquet: not a Parquet file"):
+        read(tmp_path / "broken.parquet")
+
+
 def test_rows_come_one_by_one_from_a_pipe() -> None:
     read_so_far = []
 
