@@ -35,6 +35,7 @@ from vessel_gym.vehicles.corvette_thesis import ThesisCorvette
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.hydrodynamics import Fins, Spheroid, axial_drag_coefficient, lamb_factors
 from vessel_gym.vehicles.puna import Puna, trim
+from vessel_gym.vehicles.rov import ROV
 from vessel_gym.vehicles.seakeeping import wave_loads
 from vessel_gym.vehicles.segorogeni import Segorogeni
 from vessel_gym.vehicles.ship import Ship
@@ -127,6 +128,8 @@ CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, list[Any]]]] = [
     (ThesisCorvette, {"ship": SHIP}, {"ship": [None, "corvette", AUV], "dt": NOT_POSITIVE, "substeps": NO_WHOLE}),
     (Ship, {"ship": SHIP}, {"ship": [None, 3], "dt": NOT_POSITIVE}),
     (Segorogeni, {"body": AUV}, {"body": [None, SHIP], "dt": NOT_POSITIVE, "substeps": NO_WHOLE}),
+    (ROV, {}, {"body": [None, AUV], "dt": NOT_POSITIVE, "substeps": NO_WHOLE}),
+    (changed(ROV().body), {}, {"mass": NOT_POSITIVE, "positions": [None, (1.0, 2.0, 3.0)], "X_uu": [1.0]}),
     (Puna, {"body": PUNA}, {"body": [None, AUV], "dt": NOT_POSITIVE}),
     (trim, {"speed": 20.0, "body": PUNA}, {"speed": NOT_POSITIVE, "body": [None, SHIP], "bank": [30.0, "x"]}),
     (Spheroid, {"length": 2.0, "diameter": 0.2}, {"length": NOT_POSITIVE, "diameter": NOT_POSITIVE}),

@@ -21,6 +21,7 @@ from vessel_gym.vehicles.files import load, names
 from vessel_gym.vehicles.hydrodynamics import Coefficients, axial_drag_coefficient
 from vessel_gym.vehicles.itsunusa import ItsunusaParameters
 from vessel_gym.vehicles.puna import PunaParameters, trim
+from vessel_gym.vehicles.rov import ROVParameters
 from vessel_gym.vehicles.segorogeni import SegorogeniParameters
 
 DATA = Path(files.__file__).with_name("data")
@@ -74,6 +75,37 @@ drag = [1.0, 0.1, 0.02]
 [propulsion]
 cruise_speed = 18.0
 thrust_limit = 15.0
+"""
+
+
+THRUSTERS = """\
+kind = "rov"
+
+[particulars]
+mass = 10.0
+roll_inertia = 0.2
+pitch_inertia = 0.2
+yaw_inertia = 0.3
+z_g = 0.02
+
+[thrusters]
+positions = [[0.1, 0.2, 0.0], [0.1, -0.2, 0.0]]
+directions = [[1, 0, 0], [1, 0, 0]]
+thrust_limit = 20.0
+
+[coefficients]
+X_udot = -5.0
+Y_vdot = -6.0
+Z_wdot = -7.0
+K_pdot = -0.1
+M_qdot = -0.1
+N_rdot = -0.1
+X_uu = -50.0
+Y_vv = -60.0
+Z_ww = -70.0
+K_pp = -1.0
+M_qq = -1.0
+N_rr = -1.0
 """
 
 
@@ -141,7 +173,7 @@ def test_a_name_that_no_vehicle_has_is_answered_with_the_nearest():
 
 @pytest.mark.parametrize("wrong", [3, None, b"puna", ["puna"]], ids=repr)
 def test_what_is_neither_a_name_nor_a_path_is_refused_in_one_sentence(wrong):
-    with pytest.raises(TypeError, match=r"^a vehicle is the path of a file or one of corvette, .*, got [^\n]*$"):
+    with pytest.raises(TypeError, match=r"^a vehicle is the path of a file or one of bluerov2-heavy, .*, got [^\n]*$"):
         load(wrong)
 
 
@@ -175,12 +207,15 @@ def test_a_small_file_is_a_vehicle(write):
     assert turning_circle(ship, ship.rudder_limit).tactical_diameter < 5.0 * ship.length
     assert isinstance(load(write(TORPEDO)), SegorogeniParameters)
     assert isinstance(load(write(TORPEDO.replace('auv"', 'auv"\ndegrees_of_freedom = 3'))), ItsunusaParameters)
+    rov = load(write(THRUSTERS))
+    np.testing.assert_array_equal(rov.allocation[:, 0], [1.0, 0.0, 0.0, 0.0, 0.0, -0.2])
+    assert (rov.X_u, rov.thrust_lag) == (0.0, 0.1)
     wing = load(write(WING))
     assert trim(18.0, wing).thrust < wing.thrust_limit
 
 
 def test_what_the_layout_of_a_file_names_is_what_its_class_knows():
-    for cls in (CorvetteParameters, SegorogeniParameters, ItsunusaParameters, PunaParameters):
+    for cls in (CorvetteParameters, SegorogeniParameters, ItsunusaParameters, PunaParameters, ROVParameters):
         named = [name for keys in cls.TABLES.values() for name in keys]
         assert len(named) == len(set(named))
         assert {each.name for each in fields(cls)} - set(named) <= {"given", "printed_kinematics"}
@@ -328,6 +363,13 @@ WRONG = [  # file, what is replaced by what, the line, the sentence
     (TORPEDO, "[fins]", "[coefficients]\nwith_added_mass = 1\n[fins]", 9, "with_added_mass must be true or false"),
     (TORPEDO, "[fins]", "[coefficients]\nY_uudr = inf\n[fins]", 9, "Y_uudr must be a finite number, got inf"),
     (TORPEDO, "[fins]", "fins = 3", 8, r"\[fins\] must be a table, got 3|key"),
+    (THRUSTERS, "[[0.1, 0.2, 0.0], [", "[[0.1, 0.2], [", 11, r"each of positions must be a list of 3 finite numbers"),
+    (THRUSTERS, "[[0.1, 0.2, 0.0], [0.1, -0.2, 0.0]]", "[]", 11, "positions must be a list of lists of 3 finite"),
+    (THRUSTERS, "[[1, 0, 0], [1, 0, 0]]", "[[1, 0, 0]]", 12, "2 thrusters have no 1 directions"),
+    (THRUSTERS, "[[1, 0, 0], ", "[[0, 0, 0], ", 12, r"the direction of a thruster must not be \(0, 0, 0\)"),
+    (THRUSTERS, "X_uu = -50.0", "X_uu = 50.0", 22, "X_uu must be a number of at most 0: it resists the motion"),
+    (THRUSTERS, "K_pp = -1.0\n", "", 15, r"\[coefficients\] needs a 'K_pp'"),
+    (THRUSTERS, "z_g", "buoyancy_excess = -100.0\nz_g", 8, "100 N are more than the weight: it displaces no water"),
     (WING, "lift = [4.0, 0.1]", "lift = [4.0]", 8, r"lift must be a list of 2 finite numbers, got \[4.0\]"),
     (WING, "lift = [4.0, 0.1]", "lift = 4.0", 8, "lift must be a list of 2 finite numbers, got 4.0"),
     (WING, "lift = [4.0, 0.1]", "lift = [4.0, nan]", 8, "lift must be a list of 2 finite numbers, got nan"),
@@ -386,7 +428,7 @@ def test_the_sign_of_the_stability_is_whether_small_motions_of_the_compiled_ship
 @settings(max_examples=150, deadline=None)
 @given(data=st.data())
 def test_whatever_is_written_into_a_file_it_is_a_vehicle_or_one_sentence_with_a_line(data, tmp_path_factory):
-    lines = data.draw(st.sampled_from([SHIP, TORPEDO, WING])).split("\n")
+    lines = data.draw(st.sampled_from([SHIP, TORPEDO, WING, THRUSTERS])).split("\n")
     where = data.draw(st.integers(0, len(lines) - 1))
     keys = st.sampled_from(["length", "mass", "speed", "lift", "kind", "rudder", "[rudder]", "z_g", "x", '"a b"', ""])
     values = st.one_of(

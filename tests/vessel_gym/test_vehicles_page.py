@@ -10,6 +10,7 @@ from vessel_gym.sea_trials import turning_circle, zigzag
 from vessel_gym.vehicles.files import load, names
 from vessel_gym.vehicles.hydrodynamics import Coefficients
 from vessel_gym.vehicles.puna import PunaParameters
+from vessel_gym.vehicles.rov import ROVParameters
 from vessel_gym.vehicles.segorogeni import SegorogeniParameters
 
 PAGE = (Path(__file__).parents[2] / "docs" / "vehicles.md").read_text(encoding="utf-8")
@@ -41,7 +42,7 @@ def test_the_sentences_on_mistakes_are_those_that_are_said(tmp_path, monkeypatch
 
 
 def test_every_key_and_every_vehicle_is_on_the_page():
-    for cls in (type(load("corvette")), SegorogeniParameters, PunaParameters):
+    for cls in (type(load("corvette")), SegorogeniParameters, PunaParameters, ROVParameters):
         for table, keys in cls.TABLES.items():
             assert f"`[{table}]`" in PAGE
             for key in keys:

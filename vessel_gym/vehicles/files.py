@@ -24,6 +24,7 @@ _KINDS = {
     "ship": {3: ("corvette_equations", "CorvetteParameters")},
     "auv": {6: ("segorogeni", "SegorogeniParameters"), 3: ("itsunusa", "ItsunusaParameters")},
     "fixed-wing": {3: ("puna", "PunaParameters")},
+    "rov": {6: ("rov", "ROVParameters")},
 }
 """Module and class of the parameters by kind and degrees of freedom, the usual ones first."""
 
@@ -36,6 +37,7 @@ _NEGATIVE = (-LARGEST, np.nextafter(0.0, 1.0), "a number of at most 0: it resist
 _ACUTE = (0.0, 0.5 * np.pi, "an angle above 0 and below 90 degrees")
 _RANGES = (
     dict.fromkeys(("x_g", "fin_position", "buoyancy_excess", "propeller_torque", "drag", "lift", "density"), _ANY)
+    | dict.fromkeys(("positions", "directions"), _ANY)
     | dict.fromkeys(("z_g", "drag_coefficient"), RANGES["not_negative"])
     | dict.fromkeys(("rudder_limit", "fin_limit", "bank_limit"), _ACUTE)
     | dict.fromkeys(("alpha_low", "alpha_high"), (-0.5 * np.pi, 0.5 * np.pi, "an angle within 90 degrees"))
@@ -45,6 +47,7 @@ _RANGES = (
     | dict.fromkeys(("Xudot", "Yvdot", "Nrdot", "Yv", "Nr", "Ydelta"), _NEGATIVE)
     | dict.fromkeys(("X_udot", "Y_vdot", "Z_wdot", "K_pdot", "M_qdot", "N_rdot"), _NEGATIVE)
     | dict.fromkeys(("X_uu", "Y_vv", "Z_ww", "K_pp", "M_qq", "N_rr"), _NEGATIVE)
+    | dict.fromkeys(("X_u", "Y_v", "Z_w", "K_p", "M_q", "N_r"), _NEGATIVE)
     | dict.fromkeys(("Y_uv", "Z_uw", "M_uq", "N_ur", "K_up"), _NEGATIVE)
 )
 """Ranges of numbers that need not be positive; other coefficients of an underwater vehicle may be anything finite."""
@@ -182,15 +185,25 @@ def _value(cls: type[Any], name: str, key: str, value: object) -> Any:
             raise ValueError(f"{name} must be true or false, got {short_repr(value)}")
         return value
     if get_origin(kind) is tuple:
-        size = len(get_args(kind))
-        what = f"a list of {size} finite numbers"
-        if not isinstance(value, list | tuple) or len(value) != size:
-            raise ValueError(f"{name} must be {what}, got {short_repr(value)}")
-        return tuple(number(name, each, low, high, what) for each in value)
+        entry, *rest = get_args(kind)
+        if rest == [Ellipsis]:
+            if not isinstance(value, list | tuple) or not value:
+                raise ValueError(f"{name} must be a list of lists of {len(get_args(entry))} finite numbers, "
+                                 f"got {short_repr(value)}")  # fmt: skip
+            return tuple(_numbers(f"each of {name}", row, len(get_args(entry)), low, high) for row in value)
+        return _numbers(name, value, 1 + len(rest), low, high)
     if key != name:
         low, high = np.rad2deg([low, high])
         return float(np.deg2rad(number(key, value, low, high, what)))
     return number(name, value, low, high, what)
+
+
+def _numbers(name: str, value: object, size: int, low: float, high: float) -> tuple[float, ...]:
+    """Numbers of a list of a given size."""
+    what = f"a list of {size} finite numbers"
+    if not isinstance(value, list | tuple) or len(value) != size:
+        raise ValueError(f"{name} must be {what}, got {short_repr(value)}")
+    return tuple(number(name, each, low, high, what) for each in value)
 
 
 def check_parameters(record: Any) -> None:

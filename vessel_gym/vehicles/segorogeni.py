@@ -118,6 +118,28 @@ def _accelerations(
     )
 
 
+def attitude(state: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Sine and cosine ``(...)`` of the roll, the pitch and the yaw of states ``(..., 12)``."""
+    return [sincos(state[..., i]) for i in (9, 10, 11)]
+
+
+def kinematics(
+    velocity: list[np.ndarray], angles: list[tuple[np.ndarray, np.ndarray]], current: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Rates of position and Euler angles ``(...)``, of velocities in body axes, `attitude` and current ``(..., 2)``."""
+    u, v, w, p, q, r = velocity
+    (sin_phi, cos_phi), (sin_theta, cos_theta), (sin_psi, cos_psi) = angles
+    down = v * sin_phi + w * cos_phi
+    ahead, aside = u * cos_theta + down * sin_theta, v * cos_phi - w * sin_phi
+    # Euler angles have a pole at 90 deg of pitch: within 1 deg of it they turn at the rate of 1 deg.
+    bounded = np.where(np.abs(cos_theta) > 0.0175, cos_theta, np.where(cos_theta >= 0.0, 0.0175, -0.0175))
+    turn = (q * sin_phi + r * cos_phi) / bounded
+    return (
+        ahead * cos_psi - aside * sin_psi + current[..., 0], ahead * sin_psi + aside * cos_psi + current[..., 1],
+        down * cos_theta - u * sin_theta, p + turn * sin_theta, q * cos_phi - r * sin_phi, turn,
+    )  # fmt: skip
+
+
 @compiled
 def segorogeni_rates(state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray) -> np.ndarray:
     """Rates ``(..., 12)`` of the velocities through the water, then of position and Euler angles.
@@ -128,24 +150,16 @@ def segorogeni_rates(state: np.ndarray, control: np.ndarray, current: np.ndarray
         current: North and east ``(..., 2)``.
         c: ``(..., k)``, `COEFFICIENTS`.
     """
-    *velocity, _, _, _, phi, theta, psi = np.moveaxis(state, -1, 0)
     (north, east), c = np.moveaxis(current, -1, 0), np.moveaxis(c, -1, 0)
-    u, v, w, p, q, r = velocity
-    (sin_phi, cos_phi), (sin_theta, cos_theta), (sin_psi, cos_psi) = sincos(phi), sincos(theta), sincos(psi)
+    velocity, angles = list(np.moveaxis(state, -1, 0)[:6]), attitude(state)
+    u, v, w, _, _, r = velocity
+    (sin_phi, cos_phi), (sin_theta, cos_theta), (sin_psi, cos_psi) = angles
     gravity = (-sin_theta, cos_theta * sin_phi, cos_theta * cos_phi)
     accelerations = _accelerations(velocity, np.moveaxis(control, -1, 0), gravity, c)
-    down = v * sin_phi + w * cos_phi
-    ahead, aside = u * cos_theta + down * sin_theta, v * cos_phi - w * sin_phi
-    # Euler angles have a pole at 90 deg of pitch: within 1 deg of it they turn at the rate of 1 deg.
-    bounded = np.where(np.abs(cos_theta) > 0.0175, cos_theta, np.where(cos_theta >= 0.0, 0.0175, -0.0175))
-    turn = (q * sin_phi + r * cos_phi) / bounded
-    spatial = (
-        ahead * cos_psi - aside * sin_psi + north, ahead * sin_psi + aside * cos_psi + east,
-        down * cos_theta - u * sin_theta, p + turn * sin_theta, q * cos_phi - r * sin_phi, turn,
-    )  # fmt: skip
+    spatial = kinematics(velocity, angles, current)
     printed = u * cos_psi - v * sin_psi + north, u * sin_psi + v * cos_psi + east, w, 0.0, 0.0, r
-    kinematics = (np.where(c[I.printed_kinematics] != 0.0, *pair) for pair in zip(printed, spatial, strict=True))
-    return np.stack([*accelerations, *kinematics], -1)
+    rates = (np.where(c[I.printed_kinematics] != 0.0, *pair) for pair in zip(printed, spatial, strict=True))
+    return np.stack([*accelerations, *rates], -1)
 
 
 @verified
