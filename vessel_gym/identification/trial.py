@@ -86,8 +86,7 @@ def trials(log: Log, dt: float) -> list[Trial]:
     if "wind speed" in log and "wind direction" in log:
         channels |= {name: log[name].measured() for name in ("wind speed", "wind direction")}
     for name in ("x", "y", "heading"):
-        times, values = channels[name]
-        channels[name] = times[~_repeated(values)], values[~_repeated(values)]
+        channels[name] = without_repeats(*channels[name], name)
     if few := [name for name, (times, _) in channels.items() if len(times) < _LEAST]:
         raise LogError(f"{log.name}: {few[0]} has fewer than {_LEAST} measurements")
     first = max(times[0] for times, _ in channels.values())
@@ -139,14 +138,19 @@ def _on(grid: np.ndarray, key: str, times: np.ndarray, values: np.ndarray) -> np
     return np.interp(grid, times, np.unwrap(values) if key in ANGLES else values)
 
 
-def _repeated(column: np.ndarray) -> np.ndarray:
-    """Values that repeat the one before, in runs of at least `_REPEATS`; the first of a run is a measurement."""
-    same = np.concatenate([[False], np.diff(column) == 0.0])
+def without_repeats(times: np.ndarray, values: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times and values without runs of at least `_REPEATS` equal values, but for the first of each.
+
+    The instrument held them; a yaw rate may stay.
+    """
+    if name == "yaw rate":
+        return times, values
+    same = np.concatenate([[False], np.diff(values) == 0.0])
     edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
     for first, last in edges.reshape(-1, 2):
         if last - first < _REPEATS:
             same[first:last] = False
-    return same
+    return times[~same], values[~same]
 
 
 def _states(raw: dict[str, np.ndarray], dt: float) -> np.ndarray:

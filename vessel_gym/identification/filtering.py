@@ -1,0 +1,183 @@
+"""Filters on a log: a measured ship with coloured accelerations as the model, noise tuned on the log, and verdicts.
+
+The state of the filters is that of the ship, an acceleration in each degree of freedom that the model does not explain
+(a Gauss-Markov process, stronger at more revolutions), and offset and scale error of the rate gyro.
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
+
+from estimators import NonlinearModel, make, run
+from estimators.models import Gaussian
+from estimators.series import Series
+from vessel_gym.identification.trial import Trial, trials, without_repeats
+from vessel_gym.logs import Log
+from vessel_gym.vehicles.manoeuvring import rates
+from vessel_gym.vehicles.measured_ship import MeasuredShip
+
+SENSORS = ("x", "y", "heading", "yaw rate")
+NOISE = (
+    "position", "heading", "yaw rate", "surge", "sway", "yaw", "time constant", "growth", "gyro drift",
+)  # fmt: skip
+"""Standard deviations of measurements [m, rad, rad/s] and of the unexplained accelerations [m/s2, rad/s2], time constant
+of these [s], their growth with the square of the revolutions, and the drift of the gyro's offset [rad/s in a second]."""
+_SHIP, _INPUTS, _SCALE = 6, 6, 0.01
+"""States of the ship, known inputs, and the standard deviation of the gyro's scale error."""
+
+
+@dataclass(frozen=True, eq=False)
+class Voyage:
+    """A log as filters take it.
+
+    Attributes:
+        trial: Its motion and inputs on the grid.
+        y: ``(T, 4)`` measurements in the order of `SENSORS`; NaN where none was taken.
+        u: ``(T, 6)`` control and air at each time, held over the step that follows.
+    """
+
+    trial: Trial
+    y: np.ndarray
+    u: np.ndarray
+
+
+def voyages(log: Log, dt: float) -> list[Voyage]:
+    """The parts of a log without gaps, sampled at steps of ``dt`` [s].
+
+    Raises:
+        LogError: if a channel is missing, or every part is too short.
+    """
+    found = []
+    for trial in trials(log, dt):
+        count = len(trial)
+        y = np.full((count, len(SENSORS)), np.nan)
+        for column, name in enumerate(SENSORS):
+            times, values = without_repeats(*log[name].measured(), name)
+            index = np.round((times - trial.start) / dt).astype(int)
+            near = (index >= 0) & (index < count) & (np.abs(times - trial.start - index * dt) < 0.25 * dt)
+            y[index[near], column] = values[near]
+        found.append(Voyage(trial, y, np.concatenate([trial.control, trial.air], -1)))
+    return found
+
+
+def model(ship: MeasuredShip, dt: float) -> NonlinearModel:
+    """The filter's model at steps of ``dt``; its input ends in the noise (`inputs`)."""
+    c, p = tuple(map(float, ship.coefficients)), tuple(map(float, ship.particulars.vector()))
+    return _model(c, p, float(dt))
+
+
+@lru_cache(8)
+def _model(c: tuple[float, ...], p: tuple[float, ...], dt: float) -> NonlinearModel:
+    moving = partial(_transition, np.array(c), np.array(p), dt)
+    return NonlinearModel(
+        moving, _measured, partial(_process, dt), _errors, state_angles=(2,), measurement_angles=(2,), states=11,
+        measurements=4,
+    )  # fmt: skip
+
+
+def inputs(u: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Known inputs ``(..., 6)`` with the noise ``(..., 9)`` in the order of `NOISE`, and relative revolutions squared."""
+    square = u[..., 1:2] ** 2
+    load = square / max(float(square.mean()), 1e-12)
+    shape = np.broadcast_shapes(u.shape[:-1], noise.shape[:-1])
+    return np.concatenate([np.broadcast_to(a, (*shape, a.shape[-1])) for a in (u, noise, load)], -1)
+
+
+def _transition(c: np.ndarray, p: np.ndarray, dt: float, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+    state, extra, gyro = x[..., :_SHIP], x[..., _SHIP : _SHIP + 3], x[..., _SHIP + 3 :]
+    control, air, constant = u[..., :2], u[..., 2:6], u[..., 12:13]
+    pushed = np.concatenate([0.0 * extra, extra], -1)
+    h = 0.5 * dt
+    for _ in range(2):
+        middle = state + 0.5 * h * (rates(state, control, air, c, p) + pushed)
+        state = state + h * (rates(middle, control, air, c, p) + pushed)
+    return np.concatenate([state, np.exp(-dt / constant) * extra, gyro], -1)
+
+
+def _measured(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    """Position, heading, and the yaw rate with the gyro's offset and scale error."""
+    return np.stack([x[..., 0], x[..., 1], x[..., 2], x[..., 5] * (1.0 + x[..., 10]) + x[..., 9]], -1)
+
+
+def _process(dt: float, u: np.ndarray) -> np.ndarray:
+    """Covariance of the process noise ``(..., 11, 11)``."""
+    _, _, _, surge, sway, yaw, constant, growth, drift, load = np.moveaxis(u[..., _INPUTS:], -1, 0)
+    changed = (1.0 - np.exp(-2.0 * dt / constant)) * (1.0 + growth * load) ** 2
+    none = 0.0 * surge + 1e-12
+    variances = (*(none,) * _SHIP, *(changed * each**2 for each in (surge, sway, yaw)), dt * drift**2, none)
+    return np.stack(variances, -1)[..., None] * np.eye(_SHIP + 5)
+
+
+def _errors(u: np.ndarray) -> np.ndarray:
+    """Covariance of the measurement noise ``(..., 4, 4)``."""
+    position, heading, rate = np.moveaxis(u[..., _INPUTS : _INPUTS + 3], -1, 0)
+    return np.stack([position**2, position**2, heading**2, rate**2], -1)[..., None] * np.eye(len(SENSORS))
+
+
+def prior(first: np.ndarray, noise: np.ndarray) -> Gaussian:
+    """About the first measured states ``(..., 6)``, two measurement errors wide, for noise ``(..., 9)``."""
+    position, heading, rate, surge, sway, yaw, *_ = np.moveaxis(noise, -1, 0)
+    sd = (position, position, heading, 4.0 * position, 4.0 * position, rate, surge, sway, yaw, rate, 0.0 * rate + _SCALE)
+    variances = np.square(np.stack(sd, -1)) * np.array([4.0] * 10 + [1.0])
+    mean = np.concatenate([first, np.zeros((*first.shape[:-1], 5))], -1)
+    return Gaussian(mean, variances[..., None] * np.eye(_SHIP + 5))
+
+
+def start_noise(ship: MeasuredShip, pace: float) -> np.ndarray:
+    """Noise ``(9,)`` to begin with, for a ship that sails her length in ``pace`` seconds."""
+    length = ship.particulars.length
+    pushed = 0.02 * length / pace**2
+    return np.array(
+        [3e-3 * length, 0.01, 0.02 / pace, pushed, pushed, 0.05 / pace**2, pace, 0.5, 2e-4 / pace**1.5]
+    )  # fmt: skip
+
+
+def tune(ship: MeasuredShip, found: Sequence[Voyage], steps: int, start: np.ndarray) -> np.ndarray:
+    """Noise ``(9,)`` with the largest likelihood of an ``ekf`` on windows of voyages, each of ``steps``.
+
+    All changed parameters of a gradient are rows of one run.
+    """
+    from scipy.optimize import minimize
+
+    parts = [(each, first) for each in found for first in range(0, len(each.u) - steps + 1, steps)]
+    y = np.stack([each.y[first : first + steps] for each, first in parts], 1)[:, None]
+    u = np.stack([each.u[first : first + steps] for each, first in parts], 1)[:, None]
+    first = np.stack([each.trial.states[first] for each, first in parts])
+    filter, h, k = make("ekf", model(ship, found[0].trial.dt)), 1e-3, len(start)
+
+    def value(z: np.ndarray) -> tuple[float, np.ndarray]:
+        points = z + np.concatenate([np.zeros((1, k)), h * np.eye(k)])
+        noise = start * np.exp(points)[:, None]
+        rows = np.broadcast_to(y, (steps, k + 1, *y.shape[2:]))
+        begun = prior(np.broadcast_to(first, (k + 1, *first.shape)), np.broadcast_to(noise, (k + 1, len(first), k)))
+        series = run(filter, begun, rows, inputs(u, noise))
+        # Outliers would tell of themselves alone: a measurement counts at most as one that is 5 deviations off.
+        costs = -np.maximum(series.log_likelihoods, np.median(series.log_likelihoods[:, :1]) - 12.5).sum((0, 2))
+        costs = costs + 0.5 * (points**2 / 9.0).sum(-1)
+        return float(costs[0]), (costs[1:] - costs[0]) / h
+
+    found_at = minimize(value, np.zeros(k), jac=True, method="L-BFGS-B", bounds=[(-6.0, 6.0)] * k, options={"maxiter": 60})
+    return start * np.exp(found_at.x)
+
+
+def estimate(
+    name: str, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, withheld: Collection[str] = (), rng: int = 0
+) -> Series:
+    """A filter over a voyage.
+
+    Args:
+        name: Of the filter (`estimators.names`).
+        ship: The model.
+        voyage: The measurements.
+        noise: ``(9,)`` in the order of `NOISE`.
+        withheld: Sensors that the filter does not get after the first measurement.
+        rng: Seed of filters that draw numbers.
+    """
+    available = np.isfinite(voyage.y)
+    available[1:, [SENSORS.index(each) for each in withheld]] = False
+    filter = make(name, model(ship, voyage.trial.dt))
+    start = prior(voyage.trial.states[0], noise)
+    return run(filter, start, voyage.y, inputs(voyage.u, noise), available=available, rng=rng)
