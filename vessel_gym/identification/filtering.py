@@ -120,7 +120,19 @@ def _errors(u: np.ndarray) -> np.ndarray:
 def prior(first: np.ndarray, noise: np.ndarray) -> Gaussian:
     """About the first measured states ``(..., 6)``, two measurement errors wide, for noise ``(..., 9)``."""
     position, heading, rate, surge, sway, yaw, *_ = np.moveaxis(noise, -1, 0)
-    sd = (position, position, heading, 4.0 * position, 4.0 * position, rate, surge, sway, yaw, rate, 0.0 * rate + _SCALE)
+    sd = (
+        position,
+        position,
+        heading,
+        4.0 * position,
+        4.0 * position,
+        rate,
+        surge,
+        sway,
+        yaw,
+        rate,
+        0.0 * rate + _SCALE,
+    )
     variances = np.square(np.stack(sd, -1)) * np.array([4.0] * 10 + [1.0])
     mean = np.concatenate([first, np.zeros((*first.shape[:-1], 5))], -1)
     return Gaussian(mean, variances[..., None] * np.eye(_SHIP + 5))
@@ -159,7 +171,9 @@ def tune(ship: MeasuredShip, found: Sequence[Voyage], steps: int, start: np.ndar
         costs = costs + 0.5 * (points**2 / 9.0).sum(-1)
         return float(costs[0]), (costs[1:] - costs[0]) / h
 
-    found_at = minimize(value, np.zeros(k), jac=True, method="L-BFGS-B", bounds=[(-6.0, 6.0)] * k, options={"maxiter": 60})
+    found_at = minimize(
+        value, np.zeros(k), jac=True, method="L-BFGS-B", bounds=[(-6.0, 6.0)] * k, options={"maxiter": 60}
+    )
     return start * np.exp(found_at.x)
 
 

@@ -152,12 +152,17 @@ class _Problem:
         return parts
 
     def normal(
-        self, c: np.ndarray, parts: list[tuple[np.ndarray, np.ndarray]], weight: float, damping: float = 0.0
+        self,
+        c: np.ndarray,
+        parts: list[tuple[np.ndarray, np.ndarray]],
+        weight: float,
+        damping: float = 0.0,
+        sets: Any = None,
     ) -> _Normal:
         """The normal equations of `linearise`, damped, without the initial states."""
         k = len(c)
         information, gradients, steps = np.zeros((self.blocks, k, k)), np.zeros((self.blocks, k)), []
-        for (H, g), each in zip(parts, self.sets.values(), strict=True):
+        for (H, g), each in zip(parts, sets or self.sets.values(), strict=True):
             starts = H[:, :_N, :_N] * (1.0 + damping * np.eye(_N))
             step = np.linalg.solve(starts, np.concatenate([H[:, :_N, _N:], g[:, :_N, None]], -1))
             steps.append(step)
@@ -202,7 +207,8 @@ class _Problem:
         McCaffrey 2002), to first order. The dispersion is the variance of gradients between blocks over that of
         independent errors.
         """
-        now = self.normal(c, self.linearise(c), weight)
+        parts = self.linearise(c)
+        now = self.normal(c, parts, weight)
         inverse = np.linalg.inv(now.A)
         left_out = now.A - weight * now.information
         gradients = np.linalg.solve(left_out, now.gradients[..., None])[..., 0] @ now.A
@@ -211,7 +217,22 @@ class _Problem:
         dispersion = max(1.0, float(np.trace(inverse @ spread) / np.trace(inverse @ information)))
         # What a few blocks say of each direction is as uncertain as what all say of the mean: half of each.
         between = 0.5 * weight**2 * (spread + dispersion * information)
-        return dispersion, inverse @ (np.diag(self.precision) + between) @ inverse
+        return dispersion, inverse @ (np.diag(self.precision) + between) @ inverse + np.diag(
+            self._bias(c, parts, weight) ** 2
+        )
+
+    def _bias(self, c: np.ndarray, parts: list[tuple[np.ndarray, np.ndarray]], weight: float) -> np.ndarray:
+        """Error ``(k,)`` of estimates from windows, told from those of short and of long windows alone, to first order.
+
+        A disturbance that lasts is mistaken for motion that decays slowly: damping is estimated too small, by an error
+        that is inversely proportional to the length of the window.
+        """
+        steps = []
+        for each, part in zip(self.sets.items(), parts, strict=True):
+            alone = self.normal(c, [part], 2.0 * weight, sets=[each[1]])
+            steps.append(np.linalg.solve(alone.A, alone.b))
+        short, *_, long = self.sets
+        return (steps[0] - steps[-1]) * (long + short) / (2.0 * (long - short)) if long > short else 0.0 * c
 
     def errors(self) -> dict[float, np.ndarray]:
         """RMS error of each set of windows, by length."""
