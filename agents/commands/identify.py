@@ -1,5 +1,6 @@
 """Identify a ship from logs of her trials: ``vessel-gym identify turn.csv zigzag.csv --vessel particulars.toml``."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -31,6 +32,7 @@ def main(
         fixed: Coefficients that keep what is assumed of them, e.g. kc.
     """
     from agents.files import check_file
+    from vessel_gym.identification.filtering import NOISE, sampling, tune, voyages
     from vessel_gym.identification.fit import identify
     from vessel_gym.identification.trial import common_step, trials
     from vessel_gym.logs import Columns, read, read_columns
@@ -48,6 +50,8 @@ def main(
         still = {*fixed, *(COEFFICIENTS[i] for i in WIND if windless)}
         compared = [part for path in check for part in trials(read(path, chosen), step)] or parts
         ship = identify(parts, particulars, still)
+        sampled = [voyage for log in found for voyage in voyages(log, sampling(parts, ship))]
+        ship = replace(ship, noise=dict(zip(NOISE, map(float, tune(ship, sampled)), strict=True)))
         ship.write(out)
     _report(ship)
     _compare(ship, parts, compared, "logs that were not used" if check else "the logs themselves")
@@ -87,5 +91,6 @@ def _compare(ship: Any, parts: Any, compared: Any, which: str) -> None:
         runs = np.array([whole(predict, part) for part in compared])
         heading, position = np.nanmedian(errors, 0)
         rows.append((name, f"{np.rad2deg(heading):.1f}", f"{position:.2f}", f"{np.median(runs):.2f}"))
-    head = ("", f"heading, {seconds:.0f} s ahead [deg]", "position [lengths]", "yaw rate of a run [share of its RMS]")
+    head = ("", "heading [deg]", "position [lengths]", "yaw rate [share]")
     print_table(f"Median RMS error over {which}", head, [rows])
+    print(f"Heading and position {seconds:.0f} s ahead of any moment; yaw rate over a whole run as a share of its RMS.")

@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 
 from estimators import NonlinearModel, make, run
+from estimators.angles import difference
+from estimators.metrics import nis
 from estimators.models import Gaussian
 from estimators.series import Series
-from vessel_gym.identification.trial import Trial, trials, without_repeats
+from vessel_gym.identification.trial import Trial, pace, trials, without_repeats
 from vessel_gym.logs import Log
 from vessel_gym.vehicles.manoeuvring import rates
 from vessel_gym.vehicles.measured_ship import MeasuredShip
@@ -23,8 +25,8 @@ SENSORS = ("x", "y", "heading", "yaw rate")
 NOISE = (
     "position", "heading", "yaw rate", "surge", "sway", "yaw", "time constant", "growth", "gyro drift",
 )  # fmt: skip
-"""Standard deviations of measurements [m, rad, rad/s] and of the unexplained accelerations [m/s2, rad/s2], time constant
-of these [s], their growth with the square of the revolutions, and the drift of the gyro's offset [rad/s in a second]."""
+"""Standard deviations of measurements [m, rad, rad/s] and of the unexplained accelerations [m/s2, rad/s2], their time
+constant [s], their growth with the square of the revolutions, the drift of the gyro's offset [rad/s in a second]."""
 _SHIP, _INPUTS, _SCALE = 6, 6, 0.01
 """States of the ship, known inputs, and the standard deviation of the gyro's scale error."""
 
@@ -72,14 +74,16 @@ def model(ship: MeasuredShip, dt: float) -> NonlinearModel:
 @lru_cache(8)
 def _model(c: tuple[float, ...], p: tuple[float, ...], dt: float) -> NonlinearModel:
     moving = partial(_transition, np.array(c), np.array(p), dt)
+    noise: Any = partial(_process, dt)
+    errors: Any = _errors  # both follow the known input
     return NonlinearModel(
-        moving, _measured, partial(_process, dt), _errors, state_angles=(2,), measurement_angles=(2,), states=11,
+        moving, _measured, noise, errors, state_angles=(2,), measurement_angles=(2,), states=11,
         measurements=4,
     )  # fmt: skip
 
 
 def inputs(u: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Known inputs ``(..., 6)`` with the noise ``(..., 9)`` in the order of `NOISE`, and relative revolutions squared."""
+    """Known inputs ``(..., 6)``, the noise ``(..., 9)`` in the order of `NOISE`, and relative revolutions squared."""
     square = u[..., 1:2] ** 2
     load = square / max(float(square.mean()), 1e-12)
     shape = np.broadcast_shapes(u.shape[:-1], noise.shape[:-1])
@@ -138,6 +142,15 @@ def prior(first: np.ndarray, noise: np.ndarray) -> Gaussian:
     return Gaussian(mean, variances[..., None] * np.eye(_SHIP + 5))
 
 
+def sampling(found: Sequence[Trial], ship: MeasuredShip) -> float:
+    """Time step [s] of filters: 15 of them while the ship sails her length."""
+    return float(f"{_pace(found, ship) / 15.0:.1g}")
+
+
+def _pace(found: Sequence[Trial], ship: MeasuredShip) -> float:
+    return pace(ship.particulars, np.concatenate([trial.states[:, 3] for trial in found]))
+
+
 def start_noise(ship: MeasuredShip, pace: float) -> np.ndarray:
     """Noise ``(9,)`` to begin with, for a ship that sails her length in ``pace`` seconds."""
     length = ship.particulars.length
@@ -147,13 +160,15 @@ def start_noise(ship: MeasuredShip, pace: float) -> np.ndarray:
     )  # fmt: skip
 
 
-def tune(ship: MeasuredShip, found: Sequence[Voyage], steps: int, start: np.ndarray) -> np.ndarray:
+def tune(ship: MeasuredShip, found: Sequence[Voyage], steps: int = 60) -> np.ndarray:
     """Noise ``(9,)`` with the largest likelihood of an ``ekf`` on windows of voyages, each of ``steps``.
 
     All changed parameters of a gradient are rows of one run.
     """
     from scipy.optimize import minimize
 
+    steps = min(steps, max(len(each.u) for each in found))
+    start = start_noise(ship, _pace([each.trial for each in found], ship))
     parts = [(each, first) for each in found for first in range(0, len(each.u) - steps + 1, steps)]
     y = np.stack([each.y[first : first + steps] for each, first in parts], 1)[:, None]
     u = np.stack([each.u[first : first + steps] for each, first in parts], 1)[:, None]
@@ -195,3 +210,89 @@ def estimate(
     filter = make(name, model(ship, voyage.trial.dt))
     start = prior(voyage.trial.states[0], noise)
     return run(filter, start, voyage.y, inputs(voyage.u, noise), available=available, rng=rng)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Consistency of a filter on measured data, where there is no truth.
+
+    Attributes:
+        inside: Share of NIS within its central 95 % interval.
+        ratio: Mean NIS over its degrees of freedom, 1 for a consistent filter.
+        lag: Correlation of successive innovations, the largest of the sensors'; 0 for a consistent filter.
+        withheld: Share of each sensor's measurements within two standard deviations of what a filter without that
+            sensor foretells, measurement noise included; .954 for a consistent filter.
+    """
+
+    inside: float
+    ratio: float
+    lag: float
+    withheld: dict[str, float]
+
+    @property
+    def trusted(self) -> bool:
+        """True if its standard deviations may be believed: near what a consistent filter has."""
+        return self.inside >= 0.85 and 0.5 <= self.ratio <= 2.0 and min(self.withheld.values()) >= 0.75
+
+
+WITHHELD = {"position": ("x", "y"), "heading": ("heading",), "yaw rate": ("yaw rate",)}
+"""Sensors that are left out together."""
+_BEGINNING = 5
+
+
+def nis_of(series: Series) -> tuple[np.ndarray, np.ndarray]:
+    """NIS ``(T,)`` and its degrees of freedom ``(T,)``: the measurements that came."""
+    belief: Any = series.updated
+    count = np.asarray(belief.available).sum(-1)
+    return nis(belief.innovation, belief.innovation_cov), count
+
+
+def judge(name: str, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, rng: int = 0) -> tuple[Series, Verdict]:
+    """A filter over a voyage, and how consistent it is.
+
+    Raises:
+        ValueError: if the filter cannot work with the model, or its estimates are lost.
+    """
+    from scipy.stats import chi2
+
+    series = estimate(name, ship, voyage, noise, rng=rng)
+    belief: Any = series.updated
+    square, count = (each[_BEGINNING:] for each in nis_of(series))
+    used = count > 0
+    if not used.any() or not np.isfinite(square[used]).all():
+        raise ValueError(f"{name} loses its estimates on {voyage.trial.name}")
+    low, high = chi2.ppf(0.025, count[used]), chi2.ppf(0.975, count[used])
+    inside = float(((square[used] > low) & (square[used] < high)).mean())
+    deviations = np.sqrt(np.einsum("tii->ti", np.asarray(belief.innovation_cov)))
+    white = np.where(belief.available, np.asarray(belief.innovation) / deviations, 0.0)[_BEGINNING:]
+    lag = float(np.max((white[1:] * white[:-1]).sum(0) / np.maximum((white**2).sum(0), 1e-12)))
+    withheld = {
+        label: _foretold(estimate(name, ship, voyage, noise, sensors, rng), ship, voyage, noise, sensors)
+        for label, sensors in WITHHELD.items()
+    }
+    return series, Verdict(inside, float(square[used].sum() / count[used].sum()), lag, withheld)
+
+
+def _foretold(series: Series, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, sensors: Collection[str]) -> float:
+    """Share of withheld measurements within two standard deviations of those that are foretold."""
+    used, u = model(ship, voyage.trial.dt), inputs(voyage.u, noise)
+    mean, cov = np.asarray(series.predicted.mean), np.asarray(series.predicted.cov)
+    foretold, H = used.linearise_measurement(mean, u)[:2]
+    error = difference(voyage.y, foretold, used.measurement_angles)
+    spread = np.einsum("tij,tjk,tik->ti", H, cov, H) + np.einsum("tii->ti", _errors(u))
+    columns = [SENSORS.index(each) for each in sensors]
+    error, deviation = error[_BEGINNING:, columns], np.sqrt(spread)[_BEGINNING:, columns]
+    measured = np.isfinite(error)
+    return float((np.abs(error[measured]) < 2.0 * deviation[measured]).mean()) if measured.any() else np.nan
+
+
+def noise_of(ship: MeasuredShip) -> np.ndarray:
+    """Noise ``(9,)`` of a vessel file.
+
+    Raises:
+        ValueError: if the file has none.
+    """
+    missing = [name for name in NOISE if name not in ship.noise]
+    if missing:
+        raise ValueError(f"the vessel file's [noise] has no {missing[0]!r}: identify the ship, or tune the noise")
+    return np.array([ship.noise[name] for name in NOISE])

@@ -13,7 +13,7 @@ from vessel_gym.logs import Log, LogError
 from vessel_gym.logs.log import ANGLES
 from vessel_gym.vehicles.manoeuvring import AIR, Particulars
 
-_SMOOTHING, _GUST, _SLOW = 2.1, 1.0, 200.0
+_SMOOTHING, _GUST, SLOW = 2.1, 1.0, 200.0
 """Spans [s]: of the polynomial that smooths positions, of the wind that a ship feels as one, of the wind that moves the
 surface of the water."""
 _NEEDED = ("x", "y", "heading", "yaw rate", "rudder", "revolutions")
@@ -163,7 +163,7 @@ def _states(raw: dict[str, np.ndarray], dt: float) -> np.ndarray:
 
 def _slow(wind: np.ndarray, dt: float) -> np.ndarray:
     """First-order low-pass filter, which begins at the mean of the first minute."""
-    share, mean, result = dt / _SLOW, float(np.mean(wind[: max(1, round(60.0 / dt))])), np.empty_like(wind)
+    share, mean, result = dt / SLOW, float(np.mean(wind[: max(1, round(60.0 / dt))])), np.empty_like(wind)
     for i, value in enumerate(wind):
         mean += share * (value - mean)
         result[i] = mean

@@ -26,8 +26,7 @@ class MeasuredShip:
         covariance: ``(k, k)`` of their errors.
         degrees_of_freedom: Of Student's t for intervals: independent blocks of the logs, less one; 0 without any log.
         dispersion: How many dependent simulation errors count as one.
-        noise: Standard deviations: of accelerations that no model explains ("surge", "sway" [m/s2], "yaw" [rad/s2], in
-            a second each) and of measurements ("x", "y" [m], "heading" [rad], "yaw rate" [rad/s]).
+        noise: What filters assume, by name: `vessel_gym.identification.filtering.NOISE`.
         errors: RMS errors of simulated windows by their length [s], in the order of the state.
         logs: Names of the logs.
     """

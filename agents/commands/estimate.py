@@ -1,0 +1,131 @@
+"""Estimate a ship's motion from a log: ``vessel-gym estimate voyage.csv --vessel identified.toml``."""
+
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+
+from agents.commands.console import asked, print_table
+
+_FILTERS = ("ekf", "ukf", "iekf", "enkf", "etkf", "enkf-sr", "huber-kf")
+_STATES = ("x", "y", "heading", "surge", "sway", "yaw rate")
+
+
+def main(
+    log: Annotated[Path, tyro.conf.Positional],
+    /,
+    vessel: Path,
+    columns: Path | None = None,
+    estimators: tuple[str, ...] = _FILTERS,
+    out: Path = Path("results/estimates.csv"),
+    tune: bool = False,
+    seed: int = 0,
+) -> None:
+    """Estimate motion with its uncertainty, and judge filters where there is no truth.
+
+    Each sensor is withheld in turn, and its measurements are compared with those that a filter without it foretells.
+    With - as the log, lines are read from a pipe, and estimates of the first filter are printed as they are made.
+
+    Args:
+        log: CSV or Parquet file, or - for a pipe.
+        vessel: Vessel file of `vessel-gym identify`.
+        columns: Column map of the log; columns are recognised by their names without one.
+        estimators: Filters; the table of estimates is that of the first.
+        out: CSV file of estimates and standard deviations to write.
+        tune: Tune the noise on the first half of the log and judge on the second; otherwise the vessel file's is used.
+        seed: Of filters that draw numbers.
+    """
+    from agents.files import check_file
+    from estimators import names
+    from estimators.factory import unknown
+    from vessel_gym.identification.filtering import sampling, voyages
+    from vessel_gym.identification.trial import common_step, trials
+    from vessel_gym.logs import Columns, read, read_columns
+    from vessel_gym.vehicles.measured_ship import read as read_ship
+
+    with asked():
+        for name in estimators:
+            if name not in names():
+                raise ValueError(unknown("filter", name, names()))
+        if not estimators:
+            raise ValueError("--estimators needs at least one filter")
+        ship = read_ship(vessel)
+        chosen = read_columns(columns) if columns else Columns({})
+        if str(log) == "-":
+            return _stream(sys.stdin, chosen, ship, estimators[0])
+        check_file(out)
+        found = read(log, chosen)
+        step = sampling(trials(found, common_step([found], ship.particulars)), ship)
+        parts = voyages(found, step)
+        tables = _judged(parts, ship, estimators, tune, seed)
+    _write(out, tables)
+    print(f"estimates of {estimators[0]}: {out}")
+    return None
+
+
+def _judged(parts: Any, ship: Any, estimators: tuple[str, ...], tuned: bool, seed: int) -> list[tuple[Any, Any]]:
+    """Judge the filters on the longest part, print it, and return the first filter's estimates of every part."""
+    from vessel_gym.identification.filtering import WITHHELD, Voyage, estimate, judge, noise_of, tune
+
+    longest = max(parts, key=lambda part: len(part.u))
+    half = len(longest.u) // 2 if tuned else 0
+
+    def part(first: int, last: int) -> Any:
+        return Voyage(longest.trial.part(first, last), longest.y[first:last], longest.u[first:last])
+
+    noise = tune(ship, [part(0, half)]) if tuned else noise_of(ship)
+    judged = part(half, len(longest.u))
+    rows = []
+    for name in estimators:
+        try:
+            _, verdict = judge(name, ship, judged, noise, seed)
+        except ValueError as error:
+            rows.append((name, str(error), *[""] * (3 + len(WITHHELD))))
+            continue
+        shares = (f"{100.0 * share:.0f} %" for share in verdict.withheld.values())
+        answer = "yes" if verdict.trusted else "no"
+        rows.append(
+            (name, answer, f"{100.0 * verdict.inside:.0f} %", f"{verdict.ratio:.2f}", f"{verdict.lag:.2f}", *shares)
+        )
+    print_table("Consistency of filters", ("", "trust", "NIS inside", "NIS ratio", "lag 1", *WITHHELD), [rows])
+    print(
+        "NIS inside: within its central 95 % interval. NIS ratio: mean over degrees of freedom, 1 if consistent. "
+        "Lag 1: correlation of successive innovations, 0 if consistent. Position, heading, yaw rate: share of the "
+        "withheld sensor's measurements within two standard deviations of those foretold, 95 % if consistent."
+    )
+    return [(each, estimate(estimators[0], ship, each, noise, rng=seed)) for each in parts]
+
+
+def _write(path: Path, tables: list[tuple[Any, Any]]) -> None:
+    """Write estimates as CSV: time, state, standard deviations, NIS."""
+    from agents.files import replacing
+    from vessel_gym.identification.filtering import nis_of
+
+    with replacing(path) as written, written.open("w", encoding="utf-8") as file:
+        file.write(_header(("NIS", "degrees of freedom")))
+        for voyage, series in tables:
+            square, count = nis_of(series)
+            for k, (mean, cov) in enumerate(zip(series.mean, series.cov, strict=True)):
+                time = voyage.trial.start + k * voyage.trial.dt
+                file.write(_row(time, mean, cov, (square[k], count[k])))
+
+
+def _header(others: Iterable[str] = ()) -> str:
+    return ",".join(("time", *_STATES, *(f"sd of {name}" for name in _STATES), *others)) + "\n"
+
+
+def _row(time: float, mean: np.ndarray, cov: np.ndarray, others: Iterable[float] = ()) -> str:
+    sd = np.sqrt(np.diagonal(cov))[: len(_STATES)]
+    return ",".join(f"{number:.9g}" for number in (time, *mean[: len(_STATES)], *sd, *others)) + "\n"
+
+
+def _stream(lines: Iterable[str], columns: Any, ship: Any, name: str) -> None:
+    """Print estimates as the lines come."""
+    from vessel_gym.identification.stream import estimates
+
+    print(_header(), end="", flush=True)
+    for time, mean, cov in estimates(lines, columns, ship, name):
+        print(_row(time, mean, cov), end="", flush=True)

@@ -1,0 +1,82 @@
+"""Estimates from a pipe: a filter's step as soon as the measurements of a time step are complete."""
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from estimators import make
+from vessel_gym.identification.filtering import SENSORS, inputs, model, noise_of, prior
+from vessel_gym.identification.trial import SLOW
+from vessel_gym.logs import Columns, LogError, rows
+from vessel_gym.vehicles.measured_ship import MeasuredShip
+
+_WIND = ("wind speed", "wind direction")
+_CONTROL = ("rudder", "revolutions")
+
+
+def estimates(
+    lines: Iterable[str], columns: Columns, ship: MeasuredShip, name: str, dt: float = 1.0
+) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
+    """Time, mean ``(11,)`` and covariance ``(11, 11)`` after each step, from the first in which every sensor answered.
+
+    Args:
+        lines: Of a CSV log, its header first; times must be numbers.
+        columns: The column map.
+        ship: The vessel, with its noise.
+        name: Of the filter.
+        dt: Time step [s].
+
+    Raises:
+        LogError: if a sensor, the rudder or the revolutions have no column.
+        ValueError: if the vessel file has no noise.
+    """
+    noise, filter = noise_of(ship), make(name, model(ship, dt))
+    parsed = rows(lines, columns, "the pipe")
+    channels = [column.channel for column in next(parsed)]
+    missing = [each for each in (*SENSORS, *_CONTROL) if each not in channels]
+    if missing:
+        raise LogError(f"the pipe, line 1: no column is the {missing[0]}, which estimation needs")
+    belief, before, edge, slow = None, None, None, None
+    latest: dict[str, float] = {}
+    load = _MeanSquare()
+    for _, numbers in parsed:
+        row = dict(zip(channels, numbers, strict=True))
+        time = row.pop("time")
+        if not np.isfinite(time) or (edge is not None and time < edge - dt):
+            continue  # time stood still or ran back
+        edge = time + dt if edge is None else edge
+        while time >= edge:
+            if belief is not None or all(each in latest for each in (*SENSORS, *_CONTROL)):
+                y = np.array([latest.pop(each, np.nan) for each in SENSORS])
+                u, slow = _known(latest, slow, dt)
+                known = inputs(u, noise)
+                known[-1] = load(u[1])
+                if belief is None:
+                    first = np.array([y[0], y[1], y[2], 0.0, 0.0, y[3]])
+                    belief = filter.init(prior(first, noise))
+                else:
+                    belief = filter.predict(belief, before)
+                belief, before = filter.update(belief, y, u=known), known
+                yield edge, np.asarray(belief.mean), np.asarray(belief.cov)
+            edge += dt
+        latest |= {each: value for each, value in row.items() if np.isfinite(value)}
+
+
+def _known(latest: dict[str, float], slow: np.ndarray | None, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Known input ``(6,)`` of the latest row, and the slow wind ``(2,)``."""
+    wind = np.zeros(2)
+    if all(each in latest for each in _WIND):
+        wind = latest["wind speed"] * np.array([np.cos(latest["wind direction"]), np.sin(latest["wind direction"])])
+    slow = wind if slow is None else slow + min(1.0, dt / SLOW) * (wind - slow)
+    return np.array([*(latest[each] for each in _CONTROL), *wind, *slow]), slow
+
+
+class _MeanSquare:
+    """Square of a number over the mean square so far."""
+
+    def __init__(self) -> None:
+        self._sum, self._count = 1e-12, 0
+
+    def __call__(self, value: float) -> float:
+        self._sum, self._count = self._sum + value**2, self._count + 1
+        return value**2 * self._count / self._sum
