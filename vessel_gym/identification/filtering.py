@@ -179,8 +179,8 @@ def tune(ship: MeasuredShip, found: Sequence[Voyage], steps: int = 60) -> np.nda
         points = z + np.concatenate([np.zeros((1, k)), h * np.eye(k)])
         noise = start * np.exp(points)[:, None]
         rows = np.broadcast_to(y, (steps, k + 1, *y.shape[2:]))
-        begun = prior(np.broadcast_to(first, (k + 1, *first.shape)), np.broadcast_to(noise, (k + 1, len(first), k)))
-        series = run(filter, begun, rows, inputs(u, noise))
+        priors = prior(np.broadcast_to(first, (k + 1, *first.shape)), np.broadcast_to(noise, (k + 1, len(first), k)))
+        series = run(filter, priors, rows, inputs(u, noise))
         # Outliers would tell of themselves alone: a measurement counts at most as one that is 5 deviations off.
         costs = -np.maximum(series.log_likelihoods, np.median(series.log_likelihoods[:, :1]) - 12.5).sum((0, 2))
         costs = costs + 0.5 * (points**2 / 9.0).sum(-1)

@@ -1,4 +1,4 @@
-"""Manoeuvring model of a measured ship: surge, sway and yaw in the form of the MMG, for four quadrants and low speed.
+"""Manoeuvring model of a measured ship: surge, sway and yaw in the form of the MMG (Manoeuvring Modelling Group), for four quadrants and low speed.
 
 Frames: x0 north, y0 east, psi clockwise from x0; body x forward, y starboard, origin amidships; positive rudder turns
 the ship to starboard. Velocities are over ground. The state is `STATE`, the control `CONTROL`, what is around `AIR`.
