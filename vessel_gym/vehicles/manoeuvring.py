@@ -1,4 +1,6 @@
-"""Manoeuvring model of a measured ship: surge, sway and yaw in the form of the MMG (Manoeuvring Modelling Group), for four quadrants and low speed.
+"""Manoeuvring model of a measured ship: surge, sway and yaw, in four quadrants and at low speed.
+
+Its form is that of the MMG (Manoeuvring Modelling Group).
 
 Frames: x0 north, y0 east, psi clockwise from x0; body x forward, y starboard, origin amidships; positive rudder turns
 the ship to starboard. Velocities are over ground. The state is `STATE`, the control `CONTROL`, what is around `AIR`.

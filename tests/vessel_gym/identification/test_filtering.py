@@ -46,7 +46,7 @@ def voyage(rng: np.random.Generator, ship: MeasuredShip, noise: np.ndarray, step
 
 
 def test_a_filter_on_its_own_model_is_trusted() -> None:
-    """Means of 12 voyages: on 60 others the mean of 12 has standard deviations of .003, .008, .010, and .031 at most."""
+    """Means of 12 voyages: on 60 others a mean of 12 has standard deviations of .003, .008, .010, and .031 at most."""
     rng = np.random.default_rng(0)
     ship = known(rng)
     noise = noise_of(ship)
