@@ -12,12 +12,12 @@ from typing import Any
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary name beside ``path`` that takes its place at the end; after an error nothing is left of it.
 
-    Folders are made, and the name is claimed at once: a place that cannot be written shows before the work.
+    Folders are made. A place that cannot be written shows before the work, and nothing lies there during it.
 
     Raises:
         OSError: if the file cannot be written there.
     """
-    temporary = _claimed(path)
+    temporary = check_file(path)
     try:
         yield temporary
         temporary.replace(path)
@@ -37,13 +37,25 @@ def compute_once(path: Path, compute: Callable[[], Any]) -> None:
             temporary.write_text(json.dumps(values), encoding="utf-8")
 
 
-def check_file(path: Path) -> None:
+def check_file(path: Path) -> Path:
     """Refuse a place where no file can be written; its folder is made.
+
+    Returns:
+        A name beside it for what is being written.
 
     Raises:
         OSError: as `replacing`.
     """
-    _claimed(path).unlink()
+    if path.is_dir():
+        raise IsADirectoryError(f"cannot write {path}: it is a folder")
+    temporary = path.with_name(f".{path.stem}-{os.getpid()}{path.suffix}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary.write_bytes(b"")  # a killed process of the same number may have left something there
+        temporary.unlink()
+    except OSError as error:
+        raise OSError(f"cannot write {path}: {error.strerror}") from None
+    return temporary
 
 
 def check_folder(path: Path) -> None:
@@ -55,15 +67,3 @@ def check_folder(path: Path) -> None:
     if path.exists() and not path.is_dir():
         raise NotADirectoryError(f"cannot write into {path}: it is a file, not a folder")
     check_file(path / "any")
-
-
-def _claimed(path: Path) -> Path:
-    if path.is_dir():
-        raise IsADirectoryError(f"cannot write {path}: it is a folder")
-    temporary = path.with_name(f".{path.stem}-{os.getpid()}{path.suffix}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_bytes(b"")  # a killed process of the same number may have left something there
-    except OSError as error:
-        raise OSError(f"cannot write {path}: {error.strerror}") from None
-    return temporary

@@ -76,7 +76,7 @@ class Checkpoints(BaseCallback):
         self._folder, self._described, self._options = folder, described, env_options
         self._best: float = kept["best"] if kept else -np.inf
         self._done: int = kept["evaluations"] if kept else 0
-        self._saved = time.monotonic()
+        self._saved = time.monotonic() if kept else -np.inf  # a new training keeps its state at once
         self.interrupted = False
 
     def _on_step(self) -> bool:

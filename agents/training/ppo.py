@@ -300,6 +300,8 @@ def _learn(
             from agents.training.state import restore
 
             folder.mkdir(parents=True, exist_ok=True)
+            for partial in (*folder.glob(".state-*.pkl"), *folder.glob(".latest-*.zip")):  # of a killed process
+                partial.unlink()
             if state is not None:
                 restore(model, state)
             checkpoints = Checkpoints(folder, described, env_options, state and state["more"])

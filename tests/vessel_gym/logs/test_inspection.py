@@ -1,0 +1,112 @@
+"""Faults that are put into simulated logs are found, and clean logs have none."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.vessel_gym.identification.voyages import STEP, coefficients, trial
+from vessel_gym.logs import Channel, Log
+from vessel_gym.logs.inspection import inspect, noise, rate
+from vessel_gym.logs.lag import lag
+
+LOGS = 20
+
+
+def clean(seed: int) -> Log:
+    """A log of three minutes with white noise, the velocities over ground in it."""
+    rng = np.random.default_rng([3, seed])
+    voyage = trial(rng, coefficients(rng), 180.0, noise=0.0)
+    count = len(voyage)
+    t = STEP * np.arange(count)
+    sd = {"x": 0.01, "y": 0.01, "heading": 2e-3, "surge": 3e-3, "sway": 3e-3, "yaw rate": 3e-4}
+    motion = {
+        name: voyage.states[:count, i] + size * rng.normal(size=count) for i, (name, size) in enumerate(sd.items())
+    }
+    values = motion | {"rudder": voyage.control[:, 0], "revolutions": voyage.control[:, 1]}
+    lines = np.arange(2, count + 2)
+    return Log("log.csv", {name: Channel(name, t, column, lines) for name, column in values.items()})
+
+
+def altered(log: Log, name: str, change: Callable[[np.ndarray], np.ndarray]) -> Log:
+    """The log with other values of a channel."""
+    channel = log[name]
+    other = Channel(name, channel.times, change(channel.values.copy()), channel.lines)
+    return Log(log.name, log.channels | {name: other}, log.remarks)
+
+
+def at(values: np.ndarray, first: int, last: int, new: float | np.ndarray) -> np.ndarray:
+    """Values with a span of new ones."""
+    values[first:last] = new
+    return values
+
+
+FAULTS: dict[str, tuple[str, Callable[[Log], Log], int]] = {
+    "missing": ("heading", lambda log: altered(log, "heading", lambda v: at(v, 400, 420, np.nan)), 402),
+    "held": ("x", lambda log: altered(log, "x", lambda v: at(v, 301, 315, v[300])), 303),
+    "jump": ("y", lambda log: altered(log, "y", lambda v: at(v, 500, 900, v[500:900] + 0.5)), 502),
+    "unit": ("rudder", lambda log: altered(log, "rudder", np.rad2deg), 0),
+    "quantised": ("yaw rate", lambda log: altered(log, "yaw rate", lambda v: 0.005 * np.round(v / 0.005)), 2),
+}
+
+
+@pytest.mark.parametrize("kind", FAULTS)
+def test_faults_are_found_at_their_lines(kind: str) -> None:
+    """In at least 19 of 20 logs."""
+    channel, put, line = FAULTS[kind]
+    found = [[each for each in inspect(put(clean(seed))) if each.kind == kind] for seed in range(LOGS)]
+    hits = [any(each.channel == channel and (not line or abs(each.line - line) <= 1) for each in one) for one in found]
+    assert sum(hits) >= LOGS - 1
+
+
+def test_clean_logs_have_no_faults() -> None:
+    """False alarms: a lag in at most 5 of 60 channels, since its interval misses 0 on this side with probability .025.
+
+    A jump in at most 2 of 120 channels of motion: a propeller that reverses bends the yaw rate at once.
+    """
+    found = [each for seed in range(LOGS) for each in inspect(clean(seed))]
+    assert [each for each in found if each.kind not in ("lag", "jump")] == []
+    assert sum(each.kind == "lag" for each in found) <= 5
+    assert sum(each.kind == "jump" for each in found) <= 2
+
+
+def test_times_that_run_back_stand_still_or_leave_a_gap_are_found() -> None:
+    log = clean(0)
+    t = log["x"].times.copy()
+    t[100], t[200], t[300:] = t[95], t[199], t[300:] + 4.0
+    log = Log("log.csv", {name: Channel(name, t, each.values, each.lines) for name, each in log.channels.items()})
+    sentences = {each.line: each.sentence for each in inspect(log) if each.kind in ("time", "gap")}
+    assert "runs back" in sentences[102]
+    assert "stands still" in sentences[202]
+    assert sentences[302].startswith("4.2 s without a row, usually 0.2 s")
+
+
+def test_noise_and_rate_are_recovered() -> None:
+    log = clean(1)
+    np.testing.assert_allclose(noise(log["heading"]), 2e-3, rtol=0.1)
+    np.testing.assert_allclose(noise(log["yaw rate"]), 3e-4, rtol=0.1)
+    np.testing.assert_allclose(rate(log["x"]), 5.0, rtol=1e-6)
+
+
+def test_the_interval_of_a_lag_holds_it() -> None:
+    """In at least 16 of 20 logs; fewer than 16 has a probability of .003 at 95 %."""
+    inside = []
+    for seed in range(LOGS):
+        log = clean(seed)
+        times = log["surge"].times
+        late = altered(log, "surge", lambda v, times=times: np.interp(times - 0.6, times, v))
+        found = lag(late, "surge")
+        assert found is not None
+        inside.append(abs(found[0] - 0.6) <= found[1])
+    assert sum(inside) >= 16
+
+
+def test_the_command_names_lines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from agents.commands import console
+    from agents.commands import inspect as command
+
+    rows = "\n".join(f"{0.1 * k},{k}" for k in range(30))
+    (tmp_path / "log.csv").write_text(f"t,x\n{rows}\n3.0,oops\n", encoding="utf-8")
+    console.command(command.main, [str(tmp_path / "log.csv")])
+    assert "line 32: 'x' is 'oops', which is no number" in capsys.readouterr().out
