@@ -34,10 +34,9 @@ def lag(log: Log, name: str) -> tuple[float, float] | None:
         north, east = (savgol_filter(each, span, 2, deriv=1, delta=dt) for each in filled[1:3])
         cos, sin = np.cos(heading), np.sin(heading)
         expected = north * cos + east * sin if name == "surge" else east * cos - north * sin
-    found = [
-        _best(a, b, dt) for a, b in zip(*(np.array_split(each, _PARTS) for each in (filled[0], expected)), strict=True)
-    ]
-    found = [each for each in found if each is not None]
+    parts = zip(*(np.array_split(each, _PARTS) for each in (filled[0], expected)), strict=True)
+    best = [_best(a, b, dt) for a, b in parts]
+    found = np.array([each for each in best if each is not None])
     if len(found) < 4:
         return None
     from scipy.stats import t
