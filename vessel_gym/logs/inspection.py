@@ -47,7 +47,7 @@ def inspect(log: Log) -> list[Finding]:
     first = next(iter(log.channels.values()))
     found += _times(first)
     for channel in log.channels.values():
-        for check in (_missing, _held, _jumps, _quantised, _unit):
+        for check in (_missing, _repeats, _jumps, _quantised, _unit):
             found += check(channel)
     found += _lags(log)
     return sorted(found, key=lambda each: each.line)
@@ -89,7 +89,7 @@ def _missing(channel: Channel) -> Iterator[Finding]:
         yield Finding("missing", channel.name, int(channel.lines[first]), f"{count} rows without a number")
 
 
-def _held(channel: Channel) -> Iterator[Finding]:
+def _repeats(channel: Channel) -> Iterator[Finding]:
     if channel.name in ("rudder", "revolutions"):
         return  # commands stay
     same = np.concatenate([[False], np.diff(channel.values) == 0.0])
