@@ -399,7 +399,8 @@ def test_a_file_that_is_no_text_is_called_that(tmp_path):
 
 def test_a_vehicle_of_another_kind_is_refused_where_one_is_expected(write):
     said = complaint(write(TORPEDO), CorvetteParameters)
-    assert said == "my.toml, line 1: kind 'auv' with 6 degrees of freedom, where Corvette is needed"
+    assert said.startswith("my.toml, line 1: kind 'auv' with 6 degrees of freedom, where Corvette is needed: docs/vehi")
+    assert "kind 'rov' with 6 degrees of freedom, where AUV is needed" in complaint("bluerov2-heavy", AUVParameters)
     assert "with 3 degrees of freedom, where Segorogeni is needed" in complaint("itsunusa", SegorogeniParameters)
     assert load("itsunusa", AUVParameters) is load("itsunusa")
 

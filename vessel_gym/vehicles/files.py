@@ -129,7 +129,10 @@ class _File(TomlFile):
         cls = getattr(import_module(f"vessel_gym.vehicles.{module}"), name)
         if not issubclass(cls, expected):
             wanted = expected.__name__.removesuffix("Parameters")
-            raise self.fault(("kind",), f"kind {kind!r} with {freedom} degrees of freedom, where {wanted} is needed")
+            found = f"kind {kind!r} with {freedom} degrees of freedom"
+            raise self.fault(
+                ("kind",), f"{found}, where {wanted} is needed: docs/vehicles.md has an environment for each"
+            )
         return cls
 
     def _values(self, cls: type[Any]) -> dict[str, Any]:
