@@ -139,11 +139,18 @@ def _pool(processes: int, modules: tuple[str, ...] = ()) -> Iterator[tuple[Execu
         executor.shutdown(kill_workers=True)
 
 
+_GROWTH = 2_000_000_000  # bytes
+
+
 def _begin(parent: int, modules: tuple[str, ...] = ()) -> None:
     """End this process soon after its parent, which may be killed before it can stop it, and import what jobs need.
 
-    Loky ends a worker, with a warning, that has grown by 300 MB since its first job. Torch alone is half of that.
+    Loky ends a worker, with a warning, that has grown by 300 MB since its first job. Torch is half of that, and the
+    compiled programs of a study's filters, which stay, are more: only a worker that grows by `_GROWTH` is replaced.
     """
+    from joblib.externals.loky import process_executor
+
+    process_executor._MAX_MEMORY_LEAK_SIZE = _GROWTH
 
     def watch() -> None:
         while os.getppid() == parent:

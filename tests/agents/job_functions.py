@@ -73,3 +73,13 @@ def nothing():
 
 def loaded(modules):
     return {name: name in sys.modules for name in modules}
+
+
+_kept: list[bytes] = []
+
+
+def grown(megabytes: int) -> int:
+    """The number of the process, which keeps so much more memory; it takes as long as loky waits for its next look."""
+    _kept.append(b"x" * (megabytes * 1_000_000))
+    time.sleep(1.1)
+    return os.getpid()
