@@ -7,7 +7,6 @@ import socket
 import subprocess
 import sys
 import time
-import warnings
 from importlib import import_module
 from pathlib import Path
 
@@ -514,7 +513,6 @@ def test_what_killed_processes_had_begun_to_write_is_gone_after_the_next_run(tmp
 def test_a_worker_that_keeps_what_it_compiled_is_not_replaced():
     pytest.importorskip("psutil")  # without it loky does not look
     grown = import_module("job_functions").grown
-    with pools._pool(1) as (executor, _), warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with pools._pool(1) as (executor, _):
         found = [executor.submit(grown, megabytes) for megabytes in (0, 400, 0, 0)]
         assert len({each.result() for each in found}) == 1
