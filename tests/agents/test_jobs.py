@@ -510,6 +510,7 @@ def test_what_killed_processes_had_begun_to_write_is_gone_after_the_next_run(tmp
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:A worker stopped")  # as an error it would end loky's own thread
 def test_a_worker_that_keeps_what_it_compiled_is_not_replaced():
     pytest.importorskip("psutil")  # without it loky does not look
     grown = import_module("job_functions").grown
