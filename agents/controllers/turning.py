@@ -17,7 +17,7 @@ from vessel_gym.tasks.track import Track
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.tasks.turning_trial import TurningTrial
 from vessel_gym.vehicles.corvette import secant_models, steady_turns
-from vessel_gym.vehicles.corvette_equations import CorvetteParameters
+from vessel_gym.vehicles.steered import SteeredShip
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Tolerances:
 
 
 def regulator_table(
-    ship: CorvetteParameters, dt: float, Q: np.ndarray, rudder_rate: float, rows: Callable[[float], np.ndarray]
+    ship: SteeredShip, dt: float, Q: np.ndarray, rudder_rate: float, rows: Callable[[float], np.ndarray]
 ) -> np.ndarray:
     """LQ gains ``(k, n)`` for each of `steady_turns`: rudder rate from (v, r, psi, rudder, further states).
 
@@ -57,7 +57,7 @@ def regulator_table(
 
 
 @cache
-def gains(ship: CorvetteParameters, dt: float, tolerances: Tolerances) -> np.ndarray:
+def gains(ship: SteeredShip, dt: float, tolerances: Tolerances) -> np.ndarray:
     """LQI gains ``(k, 5)`` from (v, r, psi, rudder, integral), without the integral ``(k, 4)``: `regulator_table`."""
     Q = np.diag([0.0, tolerances.yaw_rate**-2, tolerances.heading**-2, 0.0, tolerances.heading_integral**-2])
     n = 5 if np.isfinite(tolerances.heading_integral) else 4
@@ -196,8 +196,14 @@ class TrackTolerances:
     rudder: float = 0.05  # rad, for which a PID asks at the tolerance of the heading
 
 
+def _track_tolerances(task: Track, given: TrackTolerances | None) -> TrackTolerances:
+    """The default ones for the size of the task's ship, or those given."""
+    usual, share = TrackTolerances(), task.TRACK_SCALE / Track.TRACK_SCALE
+    return given or replace(usual, distance=share * usual.distance, distance_integral=share * usual.distance_integral)
+
+
 @cache
-def track_gains(ship: CorvetteParameters, dt: float, tolerances: TrackTolerances) -> np.ndarray:
+def track_gains(ship: SteeredShip, dt: float, tolerances: TrackTolerances) -> np.ndarray:
     """LQI gains ``(k, 6)`` from (v, r, psi, rudder, distance, its integral); without the integral ``(k, 5)``.
 
     See `regulator_table`.
@@ -233,7 +239,8 @@ class TrackAutopilot(TurningAutopilot):
     """
 
     def __init__(self, system: System, tolerances: TrackTolerances | None = None) -> None:
-        task, tolerances = task_of(system, Track, _ON_TRACK), tolerances or TrackTolerances()
+        task = task_of(system, Track, _ON_TRACK)
+        tolerances = _track_tolerances(task, tolerances)
         self._regulate(task, system.vehicle.dt, track_gains(task.ship, system.vehicle.dt, tolerances))
         self._near, self._limit = 6.0 * tolerances.distance, 2.0 * tolerances.distance_integral
 
@@ -250,7 +257,8 @@ class TrackRegulator(TrackAutopilot):
     """
 
     def __init__(self, system: System, tolerances: TrackTolerances | None = None) -> None:
-        super().__init__(system, replace(tolerances or TrackTolerances(), distance_integral=np.inf))
+        tolerances = _track_tolerances(task_of(system, Track, _ON_TRACK), tolerances)
+        super().__init__(system, replace(tolerances, distance_integral=np.inf))
 
 
 @register_controller(Track, "pid")
@@ -267,7 +275,8 @@ class TrackPID(TurningPID):
     AHEAD = 2.0  # ship lengths
 
     def __init__(self, system: System, tolerances: TrackTolerances | None = None) -> None:
-        task, tolerances = task_of(system, Track, _ON_TRACK), tolerances or TrackTolerances()
+        task = task_of(system, Track, _ON_TRACK)
+        tolerances = _track_tolerances(task, tolerances)
         self._close(task, system.vehicle.dt, tolerances.heading, tolerances.rudder)
         self._turns = steady_turns(task.ship)
 

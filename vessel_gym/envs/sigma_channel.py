@@ -13,8 +13,9 @@ from vessel_gym.tasks.channel import Channel
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.files import load
 
-_TASK = Channel(load("corvette", CorvetteParameters))
-_SEAS = seas(_TASK.ship, _TASK.dt)
+_SHIP = load("corvette", CorvetteParameters)
+_TASK = Channel(_SHIP)
+_SEAS = seas(_SHIP, _TASK.dt)
 SIGMA_CHANNEL = replace(
     SIGMA_CORVETTE,
     name="SigmaChannel-v0",

@@ -126,11 +126,12 @@ class Track(Steering):
         return 2.0 * self.ship.length
 
     def observe_std(self, estimate: Estimate) -> np.ndarray:
-        """The standard deviations ``(..., 6)`` of place (5 m), heading, sway, yaw rate and unknown input, scaled."""
+        """The standard deviations ``(..., 6)`` of place, heading, sway, yaw rate and unknown input, scaled."""
         assert estimate.sd is not None
         sd = estimate.sd[..., [0, 1, 2, 4, 5]]
         known = np.zeros_like(sd[..., :1]) if estimate.input_sd is None else estimate.input_sd[..., :1]
-        scale = [5.0, 5.0, self.HEADING_SCALE, self.SWAY_SCALE, self.rate_scale, self.INPUT_SCALE]
+        place = 0.25 * self.TRACK_SCALE
+        scale = [place, place, self.HEADING_SCALE, self.SWAY_SCALE, self.rate_scale, self.INPUT_SCALE]
         return np.concatenate([sd, known], -1) / scale
 
     def observe_measurements(

@@ -10,6 +10,7 @@ from estimators import Gaussian
 from estimators.engine import compiled, lookup
 from vessel_gym.checks import one_of
 from vessel_gym.tasks.turning_circle import TurningCircle
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.corvette_thesis import SIMULATIONS, ThesisCorvette
 
 SAMPLES = 195
@@ -26,6 +27,7 @@ class TurningTrial(TurningCircle, verified=True):
     `TurningCircle` and the simulation.
     """
 
+    ship: CorvetteParameters
     pace: float = 1.6  # for steps of 0.8 s
     horizon: int = SAMPLES - 1
     helm: float = float(np.deg2rad(28.0))  # rad; beyond it the ship hardly turns faster

@@ -15,10 +15,8 @@ from estimators.checks import finite_array, integer
 from vessel_gym.checks import check_numbers, instance
 from vessel_gym.processes import interpolated, linear
 from vessel_gym.sensors import Sensor
-from vessel_gym.vehicles.corvette_equations import AROUND, STATE, CorvetteParameters, corvette_rates
+from vessel_gym.vehicles.steered import SteeredShip
 from vessel_gym.verified import verified
-
-_CALM = np.zeros(len(AROUND))  # no current, no forces
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +35,7 @@ class SteadyTurn:
 
 
 @cache
-def steady_turns(ship: CorvetteParameters, points: int = 165) -> SteadyTurn:
+def steady_turns(ship: SteeredShip, points: int = 165) -> SteadyTurn:
     """Steady turns at equal steps of yaw rate, up to the one that 80 % of the rudder holds.
 
     Beyond, the yaw rate hardly rises with the rudder any more, and a command there could not be steered to.
@@ -45,13 +43,12 @@ def steady_turns(ship: CorvetteParameters, points: int = 165) -> SteadyTurn:
     Raises:
         RuntimeError: if the ship has no steady turns (it is directionally unstable).
     """
-    instance("ship of steady_turns", ship, CorvetteParameters)
+    instance("ship of steady_turns", ship, SteeredShip)
     integer("points of steady_turns", points, 2)
-    c, scale = ship.vector(), np.array([ship.speed, ship.speed, ship.speed / ship.length])
+    scale = np.array([ship.speed, ship.speed, ship.speed / ship.length])
 
     def accelerations(motion: np.ndarray, rudder: float) -> np.ndarray:
-        state = np.concatenate([np.zeros(3), motion, np.zeros(2)])
-        return corvette_rates(state, np.array([rudder]), _CALM, c)[3:6] / scale
+        return ship.accelerations(motion, np.array([rudder])) / scale
 
     def held_rudder(z: np.ndarray, rudder: float) -> np.ndarray:
         return accelerations(z * scale, rudder)
@@ -80,13 +77,12 @@ def steady_turns(ship: CorvetteParameters, points: int = 165) -> SteadyTurn:
     return SteadyTurn(rates, speed, sway, rudder, radius)
 
 
-def sway_yaw_jacobian(state: np.ndarray, rudder: np.ndarray, ship: CorvetteParameters) -> tuple[np.ndarray, np.ndarray]:
+def sway_yaw_jacobian(state: np.ndarray, rudder: np.ndarray, ship: SteeredShip) -> tuple[np.ndarray, np.ndarray]:
     """d(v', r')/d(v, r) ``(..., 2, 2)`` and d(v', r')/d(rudder) ``(..., 2, 1)`` at ``(u, v, r)``.
 
     Central differences of the compiled equations: the linear models cannot drift away from the truth.
     """
-    instance("ship of sway_yaw_jacobian", ship, CorvetteParameters)
-    c = ship.vector()
+    instance("ship of sway_yaw_jacobian", ship, SteeredShip)
     state, rudder = finite_array("state", state, "...", 3), finite_array("rudder", rudder, "...")
     points = np.concatenate([state, rudder[..., None]], -1)  # (u, v, r, rudder)
     step = np.array([1e-6, 1e-8, 1e-6])
@@ -94,9 +90,7 @@ def sway_yaw_jacobian(state: np.ndarray, rudder: np.ndarray, ship: CorvetteParam
     offsets[[0, 1, 2], [1, 2, 3]] = step
 
     def rates(p: np.ndarray) -> np.ndarray:
-        full = np.zeros(p.shape[:-1] + (len(STATE),))
-        full[..., 3:6] = p[..., :3]
-        return corvette_rates(full, p[..., 3:], _CALM, c)[..., 4:6]
+        return ship.accelerations(p[..., :3], p[..., 3:])[..., 1:]
 
     difference = rates(points[..., None, :] + offsets) - rates(points[..., None, :] - offsets)
     jacobian = np.swapaxes(difference / (2.0 * step[:, None]), -1, -2)
@@ -104,7 +98,7 @@ def sway_yaw_jacobian(state: np.ndarray, rudder: np.ndarray, ship: CorvetteParam
 
 
 @cache
-def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.ndarray]:
+def secant_models(ship: SteeredShip, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Discrete ``A (k, 3, 3)`` and ``B (k, 3, 1)`` of (v, r, psi) for each of `steady_turns`.
 
     The linear model at the service speed is badly wrong in a hard turn, where the ship has lost a third of
@@ -112,7 +106,7 @@ def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.n
     on the ray from zero to the commanded turn's equilibrium, at that turn's speed (8-point
     Gauss-Legendre): it is exact at both ends.
     """
-    instance("ship of secant_models", ship, CorvetteParameters)
+    instance("ship of secant_models", ship, SteeredShip)
     check_numbers("secant_models", {"dt": dt}, positive="dt")
     turns = steady_turns(ship)
     nodes, weights = np.polynomial.legendre.leggauss(8)
@@ -128,21 +122,19 @@ def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.n
 
 
 @cache
-def surge_models(ship: CorvetteParameters, dt: float) -> np.ndarray:
+def surge_models(ship: SteeredShip, dt: float) -> np.ndarray:
     """Share of a deviation from the speed of each of `steady_turns` that is left after a step ``(k,)``."""
-    instance("ship of surge_models", ship, CorvetteParameters)
+    instance("ship of surge_models", ship, SteeredShip)
     check_numbers("surge_models", {"dt": dt}, positive="dt")
-    turns, c, step = steady_turns(ship), ship.vector(), 1e-4
-    zero = np.zeros(len(turns.speed))
+    turns, step = steady_turns(ship), 1e-4
 
     def surge(speed: np.ndarray) -> np.ndarray:
-        state = np.stack([zero, zero, zero, speed, turns.sway, turns.yaw_rate, zero, zero], -1)
-        return corvette_rates(state, turns.rudder[:, None], _CALM, c)[:, 3]
+        return ship.accelerations(np.stack([speed, turns.sway, turns.yaw_rate], -1), turns.rudder[:, None])[:, 0]
 
     return np.exp(dt * (surge(turns.speed + step) - surge(turns.speed - step)) / (2.0 * step))
 
 
-def linear_matrices(ship: CorvetteParameters, dt: float, inputs: int = 2) -> tuple[Schedule, Schedule]:
+def linear_matrices(ship: SteeredShip, dt: float, inputs: int = 2) -> tuple[Schedule, Schedule]:
     """A and B of (v, r, psi) as functions of ``u = (rudder, commanded yaw rate, ...)``: those of the commanded turn.
 
     Args:
@@ -150,7 +142,7 @@ def linear_matrices(ship: CorvetteParameters, dt: float, inputs: int = 2) -> tup
         dt: Step [s].
         inputs: Components of u, of which the rudder alone moves the ship.
     """
-    instance("ship of linear_matrices", ship, CorvetteParameters)
+    instance("ship of linear_matrices", ship, SteeredShip)
     A_table, B_table = secant_models(ship, dt)
     A_table = np.concatenate([A_table[:0:-1], A_table])  # the same turn to port
     B_table = np.concatenate([B_table[:0:-1], B_table])

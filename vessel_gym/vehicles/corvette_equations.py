@@ -22,6 +22,7 @@ import numpy as np
 
 from estimators.engine import compiled, sincos
 from vessel_gym.vehicles.files import check_parameters
+from vessel_gym.vehicles.steered import SteeredShip
 from vessel_gym.waves import GRAVITY
 
 STATE = ("x", "y", "psi", "u", "v", "r", "phi", "p")
@@ -56,7 +57,7 @@ _CROSS_FLOW = np.array([
 
 
 @dataclass(frozen=True)
-class CorvetteParameters:
+class CorvetteParameters(SteeredShip):
     """Particulars of a ship, SI units: what a vehicle file gives, each number there with its source.
 
     What has a default may be left out. ``given`` holds measured or computed derivatives by name, which replace the
@@ -212,6 +213,12 @@ class CorvetteParameters:
             "rudder_arm": height - 0.34 * self.draught,
         }
         return np.array([values[name] for name in COEFFICIENTS])
+
+    def accelerations(self, motion: np.ndarray, rudder: np.ndarray) -> np.ndarray:
+        """See `SteeredShip`: upright, without current and forces."""
+        state = np.zeros((*motion.shape[:-1], len(STATE)))
+        state[..., 3:6] = motion
+        return corvette_rates(state, rudder, np.zeros(len(AROUND)), self.vector())[..., 3:6]
 
     def mistakes(self) -> Iterator[tuple[str, str]]:
         """Mistakes that no ship has: the name of a number, and a sentence on it."""

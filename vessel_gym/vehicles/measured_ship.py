@@ -1,6 +1,7 @@
 """A ship identified from logs: particulars, coefficients with their uncertainty, noise, and the file of them."""
 
 from dataclasses import MISSING, dataclass, field, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -9,15 +10,18 @@ import numpy as np
 from estimators.checks import short_repr
 from estimators.factory import unknown
 from vessel_gym.toml_file import TomlFile
-from vessel_gym.vehicles.manoeuvring import COEFFICIENTS, STATE, Particulars
+from vessel_gym.vehicles.manoeuvring import AIR, COEFFICIENTS, STATE, Particulars, rates
+from vessel_gym.vehicles.steered import SteeredShip
 
 KIND = "measured ship"
-_TABLES = ("particulars", "coefficients", "standard_errors", "correlation", "noise", "identification")
+_TABLES = ("particulars", "coefficients", "standard_errors", "correlation", "service", "noise", "identification")
+_SERVICE = ("revolutions", "rudder_rate")
 _DIGITS = 6
+_MIRROR = np.array([1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True, eq=False)
-class MeasuredShip:
+class MeasuredShip(SteeredShip):
     """A ship of `vessel_gym.vehicles.manoeuvring`.
 
     Attributes:
@@ -29,6 +33,8 @@ class MeasuredShip:
         noise: What filters assume, by name: `vessel_gym.identification.filtering.NOISE`.
         errors: RMS errors of simulated windows by their length [s], in the order of the state.
         logs: Names of the logs.
+        revolutions: Of the propeller at service speed [1/s]; 0 without any log.
+        rudder_rate: Of the steering gear [rad/s]; 0 without any log.
     """
 
     particulars: Particulars
@@ -39,6 +45,8 @@ class MeasuredShip:
     noise: dict[str, float] = field(default_factory=dict)
     errors: dict[float, np.ndarray] = field(default_factory=dict)
     logs: tuple[str, ...] = ()
+    revolutions: float = 0.0
+    rudder_rate: float = 0.0
 
     @classmethod
     def assumed(cls, particulars: Particulars) -> "MeasuredShip":
@@ -71,6 +79,42 @@ class MeasuredShip:
         values, vectors = np.linalg.eigh(self.covariance)
         return self.coefficients + normals @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
 
+    length = property(lambda self: self.particulars.length)
+    beam = property(lambda self: self.particulars.beam)
+    rudder_limit = property(lambda self: self.particulars.rudder_limit)
+
+    @cached_property
+    def speed(self) -> float:  # type: ignore[override]
+        """Speed [m/s] at which thrust and resistance balance on a straight course.
+
+        Raises:
+            ValueError: if they do nowhere.
+        """
+        from scipy.optimize import brentq
+
+        def surge(speed: float) -> float:
+            return float(self.accelerations(np.array([speed, 0.0, 0.0]), np.zeros(1))[0])
+
+        low, high = 1e-3 * np.sqrt(9.81 * self.length), np.sqrt(9.81 * self.length)
+        if not surge(low) > 0.0 > surge(high):
+            raise ValueError(
+                f"the ship keeps no speed at {self.revolutions:g} revolutions a second: her file needs a [service] "
+                "table, which identify writes from logs of a ship that goes ahead"
+            )
+        return float(brentq(surge, low, high))
+
+    def accelerations(self, motion: np.ndarray, rudder: np.ndarray) -> np.ndarray:
+        """See `SteeredShip`: the mean of a turn and its mirror image, at service revolutions."""
+        revolutions, none = np.full_like(rudder, self.revolutions), np.zeros((*motion.shape[:-1], 3))
+        each = [
+            side * rates(
+                np.concatenate([none, side * motion], -1), np.concatenate([side[1] * rudder, revolutions], -1),
+                np.zeros(len(AIR)), self.coefficients, self.particulars.vector(),
+            )[..., 3:]
+            for side in (np.ones(3), _MIRROR)
+        ]  # fmt: skip
+        return 0.5 * (each[0] + each[1])
+
     def write(self, path: Path) -> None:
         """Write the file that `read` reads.
 
@@ -93,6 +137,7 @@ class MeasuredShip:
             f"{name} = [{', '.join(f'{x:.5f}' for x in row[:i])}]"
             for i, (name, row) in enumerate(zip(COEFFICIENTS, correlation, strict=True))
         ]
+        lines += ["", "[service]"] + [f"{name} = {getattr(self, name):.{_DIGITS}g}" for name in _SERVICE]
         lines += ["", "[noise]"] + [f'"{name}" = {value:.{_DIGITS}g}' for name, value in self.noise.items()]
         lines += ["", "[identification]", f"degrees_of_freedom = {self.degrees_of_freedom}"]
         lines += [f"dispersion = {self.dispersion:.4g}", f"logs = {[str(log) for log in self.logs]!r}"]
@@ -134,6 +179,7 @@ class _File(TomlFile):
         if len(given) < 3:
             raise self.fault((given[0],), "coefficients, standard_errors and correlation belong together")
         about = self.data.get("identification", {})
+        service = self._table("service", _SERVICE, low=0.0) if "service" in self.data else {}
         errors = self._table("standard_errors", COEFFICIENTS, low=0.0)
         sd, correlation = np.array([errors[name] for name in COEFFICIENTS]), np.eye(len(COEFFICIENTS))
         for i, name in enumerate(COEFFICIENTS):
@@ -151,6 +197,8 @@ class _File(TomlFile):
             covariance=correlation * np.outer(sd, sd),
             degrees_of_freedom=freedom,
             noise=self._table("noise", tuple(self.data.get("noise", {})), low=0.0),
+            revolutions=service.get("revolutions", 0.0),
+            rudder_rate=service.get("rudder_rate", 0.0),
             logs=tuple(map(str, about.get("logs", ()))) if isinstance(about.get("logs", ()), list) else (),
         )
 
