@@ -17,6 +17,7 @@ def main(
     observe: str = "mean",
     episodes: int = 100,
     first_seed: int = 0,
+    vessel: str | None = None,
     trust: bool = False,
 ) -> None:
     """Fly an agent on one or several estimators, over the same seeds, and print score, costs and other metrics.
@@ -32,6 +33,7 @@ def main(
         observe: mean, mean+std or measurement.
         episodes: Episodes for each estimator.
         first_seed: Number of the first evaluation seed, counted from 0.
+        vessel: Vehicle file, or the name of one that comes with the package, for environments that take one.
         trust: Load a checkpoint that vessel-gym did not write, although it can run any code.
     """
     from agents import load_agent
@@ -41,6 +43,7 @@ def main(
     from vessel_gym.checks import one_of
 
     world: dict[str, Any] = {"sensors": sensors, "disturbance": disturbance, "mismatch": mismatch, "observe": observe}
+    world |= {} if vessel is None else {"vessel": vessel}
     with asked():
         if not estimator:
             raise ValueError("--estimator needs the name of at least one estimator")

@@ -33,6 +33,7 @@ def main(
     out: Path | None = None,
     every: int = 6,
     trust: bool = False,
+    vessel: str | None = None,
 ) -> None:
     """Watch one episode in a window or, with --out, write it to a file.
 
@@ -48,6 +49,7 @@ def main(
         out: An .html, an interactive page on several estimators; a .gif, an .mp4, or a .png of the last frame.
         every: Keep one frame in this many steps (.gif and .mp4).
         trust: Load a checkpoint that vessel-gym did not write, although it can run any code.
+        vessel: Vehicle file, or the name of one that comes with the package, for environments that take one.
     """
     from agents import load_agent
     from agents.files import check_file
@@ -60,6 +62,7 @@ def main(
     if out is not None and out.suffix.lower() != ".html":
         require("imageio", "imageio_ffmpeg", "PIL")
     options: dict[str, Any] = {"estimator": estimator, "sensors": sensors, "disturbance": disturbance}
+    options |= {} if vessel is None else {"vessel": vessel}
     with asked():
         options = options_of_command(env_id := registered_id(env_id), options)
         in_range("--every", every, 1)

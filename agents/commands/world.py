@@ -19,6 +19,7 @@ class World:
         observe: mean, mean+std or measurement.
         guidance: Observe the mission relative to the reference; without it the state alone.
         termination: Who ends a mission: task, belief or agent; the environment's default if not given.
+        vessel: Vehicle file, or the name of one that comes with the package, for environments that take one.
     """
 
     estimator: str | None = None
@@ -29,6 +30,7 @@ class World:
     observe: str = "mean"
     guidance: bool = True
     termination: str | None = None
+    vessel: str | None = None
 
     def options(self) -> dict[str, Any]:
         """Keyword arguments of `gymnasium.make`.
@@ -45,7 +47,8 @@ class World:
             options["estimator_options"] = assigned("--estimator-options", self.estimator_options)
         if not self.guidance:
             options["guidance"] = False
-        return options if self.termination is None else options | {"termination": self.termination}
+        own = {"termination": self.termination, "vessel": self.vessel}
+        return options | {name: value for name, value in own.items() if value is not None}
 
 
 def assigned(option: str, words: Sequence[str]) -> dict[str, Any]:

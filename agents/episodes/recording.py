@@ -4,6 +4,7 @@ import base64
 import html
 import json
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -16,7 +17,7 @@ from agents.files import replacing
 from agents.metrics import core_of, metrics, scores
 from agents.named import vector_class
 from agents.page import number
-from agents.rollouts import Rollout, rollout
+from agents.rollouts import Rollout, batch, rollout
 from agents.wrapped import Wrapped, takes, wrapped_system
 from estimators import Filter
 from estimators.checks import short_repr
@@ -130,6 +131,9 @@ def episode(
         system = getattr(vector_class(env_id), "system", None)
     except gym.error.Error as error:
         raise ValueError(str(error)) from None
+    if system and "vessel" in options:  # her own system, with estimators of its own
+        with closing(batch(env_id, 1, options)) as env:
+            system = env.unwrapped.system  # type: ignore[attr-defined]
     system = system or wrapped_system(env_id)
     if not system.estimator:
         raise ValueError(

@@ -29,15 +29,16 @@ METRICS = (
 
 
 def compute(rollout: Rollout) -> dict[str, np.ndarray]:
-    """Metrics that have no function of their own, ``(N,)`` by key; the unknown input is NaN where none is estimated."""
+    """Metrics that have no function of their own, ``(N,)`` by key; NaN are an unknown input and a roll that there is not."""
     core, h, alive = core_of(rollout), rollout.history, rollout.alive
     task, names = core.task, core.vehicle.state_names
     scenario = task.scenario_of(h["reference"][0])
     along, off = task.on_track(scenario, h["truth"][..., [names.index("x"), names.index("y")]])
+    unknown = np.full(len(scenario), np.nan)
     margin = task.margin if hasattr(task, "margin") else task.DISTANCE_TOLERANCE
     return {
         "track_error": rms(off, alive),
-        "roll": np.rad2deg(rms(h["truth"][..., names.index("phi")], alive)),
+        "roll": np.rad2deg(rms(h["truth"][..., names.index("phi")], alive)) if "phi" in names else unknown,
         "input_rmse": 1e3 * input_error(rollout),
         **tails("off_track", off, alive, margin),
         **propulsion_costs(rollout, along[rollout.length, np.arange(len(scenario))] - along[0]),

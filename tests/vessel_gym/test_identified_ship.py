@@ -7,7 +7,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from agents import episode, rollout
 from agents.controllers.turning import TrackAutopilot
+from agents.metrics import scores
 from tests.vessel_gym.identification.voyages import SHIP
 from vessel_gym.envs.ship import ship_system
 from vessel_gym.vehicles.corvette import steady_turns
@@ -114,6 +116,16 @@ def test_the_autopilot_holds_the_circle_on_a_filter(file: Path) -> None:
         scores[estimator] = total.mean() / 400
     assert scores["truth"] > 0.3
     assert scores["ekf"] > 0.8 * scores["truth"]
+
+
+def test_metrics_and_the_episode_page_take_the_file(file: Path, tmp_path: Path) -> None:
+    flown = rollout("autopilot", "vessel_gym/Ship-v0", [7], {"vessel": file})
+    found = scores(flown)
+    assert np.isfinite(found["track_error"]).all()
+    assert np.isnan(found["roll"]).all()  # her model has none
+    page = tmp_path / "episode.html"
+    episode("vessel_gym/Ship-v0", ["ekf", "measurement"], seed=7, env_options={"vessel": file}).save(page)
+    assert page.stat().st_size > 10_000
 
 
 def test_a_ship_without_logs_is_refused_in_a_sentence(tmp_path: Path) -> None:
