@@ -29,7 +29,7 @@ METRICS = (
 
 
 def compute(rollout: Rollout) -> dict[str, np.ndarray]:
-    """Metrics that have no function of their own, ``(N,)`` by key; NaN are an unknown input and a roll that there is not."""
+    """Metrics that have no function of their own, ``(N,)`` by key; NaN where there is no unknown input or roll."""
     core, h, alive = core_of(rollout), rollout.history, rollout.alive
     task, names = core.task, core.vehicle.state_names
     scenario = task.scenario_of(h["reference"][0])
