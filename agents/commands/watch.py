@@ -39,8 +39,7 @@ def main(
 
     Args:
         env_id: Registered environment.
-        estimator: What the agent sees the world through; the environment's default if not given. An .html begins with
-            it, and has others to switch to.
+        estimator: What the agent sees the world through, in an .html at first; the environment's default if not given.
         sensors: clean, nominal, degraded, budget or denied.
         disturbance: calm, moderate or rough.
         seed: Seed of the episode.
@@ -52,7 +51,6 @@ def main(
         vessel: Vehicle file, or the name of one that comes with the package, for environments that take one.
     """
     from agents import load_agent
-    from agents.files import check_file
     from agents.studies.worlds import options_of_command, registered_id
     from vessel_gym.extras import require
 
@@ -61,8 +59,8 @@ def main(
             raise ValueError(f"cannot write {str(out)!r}: the suffix must be one of {', '.join(SUFFIXES)}")
     if out is not None and out.suffix.lower() != ".html":
         require("imageio", "imageio_ffmpeg", "PIL")
-    options: dict[str, Any] = {"estimator": estimator, "sensors": sensors, "disturbance": disturbance}
-    options |= {} if vessel is None else {"vessel": vessel}
+    given = {"estimator": estimator, "sensors": sensors, "disturbance": disturbance, "vessel": vessel}
+    options = {name: value for name, value in given.items() if value is not None}
     with asked():
         options = options_of_command(env_id := registered_id(env_id), options)
         in_range("--every", every, 1)
@@ -75,8 +73,6 @@ def main(
     with asked():
         env = with_pictures(env_id, "rgb_array" if out else "human", options)
         flyer = load_agent(agent, env, trust)
-    if out is not None:
-        check_file(out)
     with closing(env):
         flyer.reset(1)
         with asked():  # the first picture needs pygame
@@ -159,8 +155,9 @@ def show(env: Env, episode: Episode) -> float:
 
 def record(env: Env, episode: Episode, out: Path, every: int) -> float:
     """Write an episode to a file; returns the score."""
-    from agents.files import replacing
+    from agents.files import check_file, replacing
 
+    check_file(out)
     last_only = out.suffix.lower() == ".png"
     score = 0.0
     with (
