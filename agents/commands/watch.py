@@ -51,6 +51,7 @@ def main(
         vessel: Vehicle file, or the name of one that comes with the package, for environments that take one.
     """
     from agents import load_agent
+    from agents.files import check_file
     from agents.studies.worlds import options_of_command, registered_id
     from vessel_gym.extras import require
 
@@ -73,6 +74,8 @@ def main(
     with asked():
         env = with_pictures(env_id, "rgb_array" if out else "human", options)
         flyer = load_agent(agent, env, trust)
+    if out is not None:
+        check_file(out)
     with closing(env):
         flyer.reset(1)
         with asked():  # the first picture needs pygame
@@ -155,9 +158,8 @@ def show(env: Env, episode: Episode) -> float:
 
 def record(env: Env, episode: Episode, out: Path, every: int) -> float:
     """Write an episode to a file; returns the score."""
-    from agents.files import check_file, replacing
+    from agents.files import replacing
 
-    check_file(out)
     last_only = out.suffix.lower() == ".png"
     score = 0.0
     with (
