@@ -30,7 +30,7 @@ def main(
     With - as the log, lines are read from a pipe, and estimates of the first filter are printed as they are made.
 
     Args:
-        log: CSV or Parquet file, or - for a pipe.
+        log: CSV, Parquet, NMEA 0183 or ULog file, or - for a pipe of CSV or NMEA 0183.
         vessel: Vessel file of `vessel-gym identify`.
         columns: Column map of the log; columns are recognised by their names without one.
         estimators: Filters; the table of estimates is that of the first.

@@ -12,7 +12,7 @@ def main(log: Annotated[Path, tyro.conf.Positional], /, columns: Path | None = N
     """Say what is in a log and what is wrong with it, each fault with its line.
 
     Args:
-        log: CSV or Parquet file.
+        log: CSV, Parquet, NMEA 0183 or ULog file.
         columns: Column map of the log; columns are recognised by their names without one.
     """
     from vessel_gym.logs import Columns, read, read_columns

@@ -53,13 +53,9 @@ def main(
     from agents import load_agent
     from agents.files import check_file
     from agents.studies.worlds import options_of_command, registered_id
-    from vessel_gym.extras import require
 
-    with asked():
-        if out is not None and out.suffix.lower() not in SUFFIXES:
-            raise ValueError(f"cannot write {str(out)!r}: the suffix must be one of {', '.join(SUFFIXES)}")
-    if out is not None and out.suffix.lower() != ".html":
-        require("imageio", "imageio_ffmpeg", "PIL")
+    if out is not None:
+        check_suffix(out)
     given = {"estimator": estimator, "sensors": sensors, "disturbance": disturbance, "vessel": vessel}
     options = {name: value for name, value in given.items() if value is not None}
     with asked():
@@ -96,6 +92,17 @@ def touch(env_id: str, agent: str, seed: int, options: dict[str, Any], trust: bo
         flown = episode(env_id, None, agent, seed, options, trust)
     flown.save(out)
     print(f"wrote {out}, score {', '.join(f'{score:.3f} on {name}' for name, score in flown.scores.items())}")
+
+
+def check_suffix(out: Path) -> None:
+    """Refuse a file that is neither a page nor a picture, or for whose kind an extra is missing."""
+    from vessel_gym.extras import require
+
+    with asked():
+        if out.suffix.lower() not in SUFFIXES:
+            raise ValueError(f"cannot write {str(out)!r}: the suffix must be one of {', '.join(SUFFIXES)}")
+    if out.suffix.lower() != ".html":
+        require("imageio", "imageio_ffmpeg", "PIL")
 
 
 def check_display() -> None:

@@ -8,10 +8,14 @@ from estimators import make
 from vessel_gym.identification.filtering import SENSORS, inputs, model, noise_of, prior
 from vessel_gym.identification.trial import SLOW
 from vessel_gym.logs import Columns, LogError, rows
+from vessel_gym.logs.read import tangent_plane, turned
 from vessel_gym.vehicles.measured_ship import MeasuredShip
 
 _WIND = ("wind speed", "wind direction")
 _CONTROL = ("rudder", "revolutions")
+_NEEDED = (*SENSORS, *_CONTROL)
+_PLANE = ("x", "y")
+_LONGEST_START = 60.0
 
 
 def estimates(
@@ -20,33 +24,35 @@ def estimates(
     """Time, mean ``(11,)`` and covariance ``(11, 11)`` after each step, from the first in which every sensor answered.
 
     Args:
-        lines: Of a CSV log, its header first; times must be numbers.
+        lines: Of a CSV log, its header first, or of NMEA 0183.
         columns: The column map.
         ship: The vessel, with its noise.
         name: Of the filter.
         dt: Time step [s].
 
     Raises:
-        LogError: if a sensor, the rudder or the revolutions have no column.
+        LogError: if a sensor, the rudder or the revolutions have no column, or do not come within a minute.
         ValueError: if the vessel file has no noise.
     """
     noise, filter = noise_of(ship), make(name, model(ship, dt))
     parsed = rows(lines, columns, "the pipe")
     channels = [column.channel for column in next(parsed)]
-    missing = [each for each in (*SENSORS, *_CONTROL) if each not in channels]
+    missing = [each for each in _NEEDED if each not in (*channels, *(_PLANE if "latitude" in channels else ()))]
     if missing:
         raise LogError(f"the pipe, line 1: no column is the {missing[0]}, which estimation needs")
-    belief, before, edge, slow = None, None, None, None
+    belief, before, edge, slow, began = None, None, None, None, None
     latest: dict[str, float] = {}
-    load = _MeanSquare()
-    for _, numbers in parsed:
-        row = dict(zip(channels, numbers, strict=True))
+    load, plane = _MeanSquare(), _Plane()
+    for line, numbers in parsed:
+        row = plane(dict(zip(channels, numbers, strict=True)))
         time = row.pop("time")
         if not np.isfinite(time) or (edge is not None and time < edge - dt):
             continue  # time stood still or ran back
-        edge = time + dt if edge is None else edge
+        edge, began = (time + dt, time) if edge is None or began is None else (edge, began)
+        if belief is None and time > began + _LONGEST_START and (never := [e for e in _NEEDED if e not in latest]):
+            raise LogError(f"the pipe, line {line}: no {never[0]} has come for {_LONGEST_START:.0f} s")
         while time >= edge:
-            if belief is not None or all(each in latest for each in (*SENSORS, *_CONTROL)):
+            if belief is not None or all(each in latest for each in _NEEDED):
                 y = np.array([latest.pop(each, np.nan) for each in SENSORS])
                 u, slow = _known(latest, slow, dt)
                 known = inputs(u, noise)
@@ -69,6 +75,22 @@ def _known(latest: dict[str, float], slow: np.ndarray | None, dt: float) -> tupl
         wind = latest["wind speed"] * np.array([np.cos(latest["wind direction"]), np.sin(latest["wind direction"])])
     slow = wind if slow is None else slow + min(1.0, dt / SLOW) * (wind - slow)
     return np.array([*(latest[each] for each in _CONTROL), *wind, *slow]), slow
+
+
+class _Plane:
+    """Rows with x and y of latitude and longitude, from the first fix."""
+
+    def __init__(self) -> None:
+        self._origin: tuple[float, float] | None = None
+
+    def __call__(self, row: dict[str, float]) -> dict[str, float]:
+        latitude, longitude = row.get("latitude", np.nan), row.get("longitude", np.nan)
+        if not np.isfinite(latitude + longitude):
+            return row
+        self._origin = self._origin or (latitude, longitude)
+        north, east = tangent_plane(*self._origin)
+        y = float(east * turned(np.asarray(longitude), self._origin[1]))
+        return row | {"x": north * (latitude - self._origin[0]), "y": y}
 
 
 class _MeanSquare:

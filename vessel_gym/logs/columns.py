@@ -1,7 +1,7 @@
 """Column maps: which column of a file is which channel, in which unit."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,6 +58,11 @@ class Columns:
     chosen: dict[str, dict[str, object]]
     source: str = "the column map"
 
+    def completed(self, defaults: Mapping[str, str]) -> "Columns":
+        """The map with these columns for channels that it does not name, or names without a column."""
+        given = {channel: {"column": column} | self.chosen.get(channel, {}) for channel, column in defaults.items()}
+        return Columns({**self.chosen, **given}, self.source)
+
     def of(self, header: Sequence[str], name: str) -> list[Column]:
         """Columns of a file with this header, the time first.
 
@@ -91,7 +96,8 @@ class Columns:
     def _column(self, channel: str, title: str, table: dict[str, object], name: str) -> Column:
         units = _UNITS["s" if channel == "time" else CHANNELS[channel]]
         inside = re.search(r"[\[(]([^\])]*)[\])]\s*$", title)
-        unit = str(table.get("unit", inside[1].strip() if inside else next(iter(units))))
+        named = inside is not None and not inside[1].isdigit()  # xyz[2] is an index
+        unit = str(table.get("unit", inside[1].strip() if inside and named else next(iter(units))))
         if channel == "time" and unit.lower() == ISO:
             return Column(channel, title, float("nan"))
         if unit not in units:

@@ -44,8 +44,9 @@ class Finding:
 def inspect(log: Log) -> list[Finding]:
     """The faults of a log, in the order of their lines."""
     found = [Finding("damaged row", "", line, sentence) for line, sentence in log.remarks]
-    first = next(iter(log.channels.values()))
-    found += _times(first)
+    clocks = {id(each.times): each for each in reversed(log.channels.values())}  # rows of a table share one
+    for channel in clocks.values():
+        found += _times(channel, "" if len(clocks) == 1 else channel.name)
     for channel in log.channels.values():
         for check in (_missing, _repeats, _jumps, _quantised, _unit):
             found += check(channel)
@@ -68,19 +69,19 @@ def rate(channel: Channel) -> float:
     return float("nan") if len(times) < 2 else 1.0 / float(np.median(np.diff(times)))
 
 
-def _times(channel: Channel) -> Iterator[Finding]:
+def _times(channel: Channel, name: str) -> Iterator[Finding]:
     times, lines = channel.times, channel.lines
     for i in np.flatnonzero(~np.isfinite(times))[:1]:
-        yield Finding("time", "", int(lines[i]), f"{(~np.isfinite(times)).sum()} rows have no time")
+        yield Finding("time", name, int(lines[i]), f"{(~np.isfinite(times)).sum()} rows have no time")
     good = np.isfinite(times)
     times, lines = times[good], lines[good]
     steps = np.diff(times)
     for words, at in (("runs back", steps < 0.0), ("stands still", steps == 0.0)):
         for i in np.flatnonzero(at)[:20]:
-            yield Finding("time", "", int(lines[i + 1]), f"time {words} at {times[i + 1]:.6g} s")
+            yield Finding("time", name, int(lines[i + 1]), f"time {words} at {times[i + 1]:.6g} s")
     usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else np.inf
     for i in np.flatnonzero(steps > _GAP * usual)[:20]:
-        yield Finding("gap", "", int(lines[i + 1]), f"{steps[i]:.3g} s without a row, usually {usual:.3g} s")
+        yield Finding("gap", name, int(lines[i + 1]), f"{steps[i]:.3g} s without a row, usually {usual:.3g} s")
 
 
 def _missing(channel: Channel) -> Iterator[Finding]:
