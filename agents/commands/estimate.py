@@ -68,7 +68,7 @@ def main(
 
 def _judged(parts: Any, ship: Any, estimators: tuple[str, ...], tuned: bool, seed: int) -> list[tuple[Any, Any]]:
     """Judge the filters on the longest part, print it, and return the first filter's estimates of every part."""
-    from vessel_gym.identification.filtering import WITHHELD, Voyage, estimate, judge, noise_of, tune
+    from vessel_gym.identification.filtering import WITHHELD, Voyage, estimate, judge, noise_of, simulated, tune
 
     longest = max(parts, key=lambda part: len(part.u))
     half = len(longest.u) // 2 if tuned else 0
@@ -78,23 +78,36 @@ def _judged(parts: Any, ship: Any, estimators: tuple[str, ...], tuned: bool, see
 
     noise = tune(ship, [part(0, half)]) if tuned else noise_of(ship)
     judged = part(half, len(longest.u))
+    drawn = simulated(ship, judged, noise, seed)
     rows = []
     for name in estimators:
         try:
             _, verdict = judge(name, ship, judged, noise, seed)
+            _, at_home = judge(name, ship, drawn, noise, seed)
         except ValueError as error:
-            rows.append((name, str(error), *[""] * (3 + len(WITHHELD))))
+            rows.append((name, str(error), *[""] * (5 + len(WITHHELD))))
             continue
         shares = (f"{100.0 * share:.0f} %" for share in verdict.withheld.values())
         answer = "yes" if verdict.trusted else "no"
         rows.append(
-            (name, answer, f"{100.0 * verdict.inside:.0f} %", f"{verdict.ratio:.2f}", f"{verdict.lag:.2f}", *shares)
+            (
+                name,
+                answer,
+                f"{100.0 * verdict.inside:.0f} %",
+                f"{verdict.ratio:.2f}",
+                f"{verdict.lag:.2f}",
+                *shares,
+                f"{100.0 * at_home.inside:.0f} %",
+                f"{at_home.ratio:.2f}",
+            )
         )
-    print_table("Consistency of filters", ("", "trust", "NIS inside", "NIS ratio", "lag 1", *WITHHELD), [rows])
+    beside = ("simulated: NIS inside", "NIS ratio")
+    print_table("Consistency of filters", ("", "trust", "NIS inside", "NIS ratio", "lag 1", *WITHHELD, *beside), [rows])
     print(
         "NIS inside: within its central 95 % interval. NIS ratio: mean over degrees of freedom, 1 if consistent. "
         "Lag 1: correlation of successive innovations, 0 if consistent. Position, heading, yaw rate: share of the "
-        "withheld sensor's measurements within two standard deviations of those foretold, 95 % if consistent."
+        "withheld sensor's measurements within two standard deviations of those foretold, 95 % if consistent. "
+        "Simulated: the same on a voyage drawn from the filter's own model, with the inputs of the log."
     )
     return [(each, estimate(estimators[0], ship, each, noise, rng=seed)) for each in parts]
 

@@ -55,6 +55,7 @@ def main(
         ship.write(out)
     _report(ship)
     _compare(ship, parts, compared, "logs that were not used" if check else "the logs themselves")
+    _gaps(ship, compared)
     print(f"vessel: {out}")
 
 
@@ -94,3 +95,31 @@ def _compare(ship: Any, parts: Any, compared: Any, which: str) -> None:
     head = ("", "heading [deg]", "position [lengths]", "yaw rate [share]")
     print_table(f"Median RMS error over {which}", head, [rows])
     print(f"Heading and position {seconds:.0f} s ahead of any moment; yaw rate over a whole run as a share of its RMS.")
+
+
+def _gaps(ship: Any, compared: Any) -> None:
+    """Print numbers of manoeuvres, measured and simulated."""
+    import numpy as np
+
+    from vessel_gym.identification.manoeuvres import compare
+    from vessel_gym.identification.score import predictors
+
+    length, rows = ship.particulars.length, []
+    for part in compared:
+        found = compare(predictors(ship, part.dt, {})["identified model"], part)
+        if found is None:
+            continue
+        scales = (length, length, 0.01)
+        numbers = [
+            [getattr(each, name) / scale for each in found]
+            for name, scale in zip(("advance", "tactical_diameter", "speed_loss"), scales, strict=True)
+        ]
+        count = min(len(each.overshoots) for each in found)
+        numbers.append([float(np.rad2deg(np.mean(each.overshoots[:count]))) if count else np.nan for each in found])
+        if np.isfinite(numbers).any():
+            rows.append(
+                (part.name, *("" if np.isnan(pair).any() else "{:.1f} / {:.1f}".format(*pair) for pair in numbers))
+            )
+    if rows:
+        head = ("", "advance [lengths]", "tactical diameter [lengths]", "speed loss [%]", "mean overshoot [deg]")
+        print_table("Manoeuvres, measured / simulated from where the rudder is put over", head, [rows])

@@ -5,7 +5,7 @@ The state of the filters is that of the ship, an acceleration in each degree of 
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any
 
@@ -233,6 +233,23 @@ class Verdict:
     def trusted(self) -> bool:
         """True if its standard deviations may be believed: near what a consistent filter has."""
         return self.inside >= 0.85 and 0.5 <= self.ratio <= 2.0 and min(self.withheld.values()) >= 0.75
+
+
+def simulated(ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, rng: int = 0) -> Voyage:
+    """A voyage with the same inputs whose motion and measurements are drawn from the filters' own model.
+
+    Measurements that the log lacks are lacking here, too. A filter is as consistent on the log as here if the model
+    holds at sea.
+    """
+    from estimators.consistency import simulate
+
+    drawn = simulate(
+        model(ship, voyage.trial.dt), prior(voyage.trial.states[0], noise), np.random.default_rng(rng), runs=2,
+        steps=len(voyage.u), u=inputs(voyage.u, noise)[:, None],
+    )  # fmt: skip
+    states = np.concatenate([drawn.x[:, 0, :_SHIP], drawn.x[-1:, 0, :_SHIP]])
+    y = np.where(np.isfinite(voyage.y), drawn.y[:, 0], np.nan)
+    return Voyage(replace(voyage.trial, states=states), y, voyage.u)
 
 
 WITHHELD = {"position": ("x", "y"), "heading": ("heading",), "yaw rate": ("yaw rate",)}

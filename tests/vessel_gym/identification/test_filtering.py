@@ -7,18 +7,16 @@ import numpy as np
 import pytest
 
 from estimators import make
-from estimators.consistency import simulate
 from tests.vessel_gym.identification.voyages import SHIP, STEP, coefficients, trial, write
 from vessel_gym.identification.filtering import (
     NOISE,
     SENSORS,
     Voyage,
     estimate,
-    inputs,
     judge,
     model,
     noise_of,
-    prior,
+    simulated,
     start_noise,
     tune,
     voyages,
@@ -38,11 +36,8 @@ def voyage(rng: np.random.Generator, ship: MeasuredShip, noise: np.ndarray, step
     """A voyage drawn from the filter's own model."""
     each = trial(rng, ship.coefficients, steps * STEP).part(0, steps)
     u = np.concatenate([each.control, each.air], -1)
-    drawn = simulate(
-        model(ship, STEP), prior(each.states[0], noise), rng, runs=2, steps=steps, u=inputs(u, noise)[:, None]
-    )
-    states = np.concatenate([drawn.x[:, 0, :6], drawn.x[-1:, 0, :6]])
-    return Voyage(replace(each, states=states), drawn.y[:, 0], u)
+    plain = Voyage(each, np.zeros((steps, len(SENSORS))), u)
+    return simulated(ship, plain, noise, int(rng.integers(2**31)))
 
 
 def test_a_filter_on_its_own_model_is_trusted() -> None:

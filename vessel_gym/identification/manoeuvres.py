@@ -1,0 +1,93 @@
+"""Numbers of turning and zig-zag trials, measured and simulated: the gap between a log and its model.
+
+Advance and tactical diameter are as in IMO resolution MSC.137(76), from where the rudder is put over.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from vessel_gym.identification.score import Predict
+from vessel_gym.identification.trial import Trial
+
+_LEAST = 0.05
+"""Rudder angle [rad] of a manoeuvre."""
+
+
+@dataclass(frozen=True)
+class Manoeuvre:
+    """Numbers of a trial; NaN of those that it does not show.
+
+    Attributes:
+        advance: Distance along the first course to a change of heading of 90 degrees [m].
+        tactical_diameter: Distance across it to a change of 180 degrees [m].
+        speed_loss: Share of the speed that is lost at 180 degrees.
+        overshoots: Changes of heading [rad] after each reversal of the rudder, in their order.
+    """
+
+    advance: float
+    tactical_diameter: float
+    speed_loss: float
+    overshoots: tuple[float, ...]
+
+
+def execution(rudder: np.ndarray) -> int | None:
+    """Step at which the rudder is first put over, to half of its largest angle; None of a trial without rudder."""
+    largest = float(np.abs(rudder).max(initial=0.0))
+    return int(np.argmax(np.abs(rudder) > 0.5 * largest)) if largest > _LEAST else None
+
+
+def manoeuvre(states: np.ndarray, rudder: np.ndarray) -> Manoeuvre:
+    """Numbers of a trial that begins where the rudder is put over.
+
+    Args:
+        states: ``(T + 1, 6)``.
+        rudder: ``(T,)`` [rad].
+    """
+    over = np.flatnonzero(np.abs(rudder) > _LEAST)
+    reversals = over[1:][np.diff(np.sign(rudder[over])) != 0.0]
+    end = int(reversals[0]) if len(reversals) else len(rudder)
+    x, y, psi = states[: end + 1, :3].T
+    side = float(np.sign(rudder[0]))
+    turned = side * (psi - psi[0])
+    ahead = (x - x[0]) * np.cos(psi[0]) + (y - y[0]) * np.sin(psi[0])
+    across = side * ((y - y[0]) * np.cos(psi[0]) - (x - x[0]) * np.sin(psi[0]))
+    speed = np.hypot(states[: end + 1, 3], states[: end + 1, 4])
+    half = _at(turned, np.pi, speed)
+    return Manoeuvre(
+        _at(turned, 0.5 * np.pi, ahead),
+        _at(turned, np.pi, across),
+        1.0 - half / float(speed[0]),
+        _overshoots(states[:, 2], rudder, reversals),
+    )
+
+
+def compare(predict: Predict, trial: Trial) -> tuple[Manoeuvre, Manoeuvre] | None:
+    """Numbers of a trial as measured, and as simulated from where the rudder is put over; None without rudder."""
+    first = execution(trial.control[:, 0])
+    if first is None:
+        return None
+    part = trial.part(first, len(trial))
+    states = predict(part.states[:1], part.control[:, None], part.air[:, None])[:, 0]
+    return manoeuvre(part.states, part.control[:, 0]), manoeuvre(states, part.control[:, 0])
+
+
+def _at(turned: np.ndarray, angle: float, values: np.ndarray) -> float:
+    """Values where a change of heading is first reached."""
+    reached = np.flatnonzero(turned >= angle)
+    if len(reached) == 0 or reached[0] == 0:
+        return float("nan")
+    i = int(reached[0])
+    share = (angle - turned[i - 1]) / (turned[i] - turned[i - 1])
+    return float(values[i - 1] + share * (values[i] - values[i - 1]))
+
+
+def _overshoots(psi: np.ndarray, rudder: np.ndarray, reversals: np.ndarray) -> tuple[float, ...]:
+    """Change of heading to the old side from each reversal to the next; the last one only if the ship came back."""
+    found = []
+    for first, last in pairwise([*reversals, len(rudder)]):
+        beyond = -np.sign(rudder[first]) * (psi[first : last + 1] - psi[first])
+        if beyond[-1] < beyond.max():
+            found.append(float(beyond.max()))
+    return tuple(found)
