@@ -32,10 +32,24 @@ class Manoeuvre:
     overshoots: tuple[float, ...]
 
 
-def execution(rudder: np.ndarray) -> int | None:
-    """Step at which the rudder is first put over, to half of its largest angle; None of a trial without rudder."""
+def execution(rudder: np.ndarray, psi: np.ndarray) -> int | None:
+    """Step at which a manoeuvre begins; None of a trial without rudder.
+
+    That of a turn is where the rudder goes to the side on which the heading changes most, if by at least 90 degrees.
+    That of others is where it first reaches half of its largest angle.
+
+    Args:
+        rudder: ``(T,)`` [rad].
+        psi: Heading ``(T + 1,)`` [rad].
+    """
     largest = float(np.abs(rudder).max(initial=0.0))
-    return int(np.argmax(np.abs(rudder) > 0.5 * largest)) if largest > _LEAST else None
+    if largest <= _LEAST:
+        return None
+    side = np.where(np.abs(rudder) > 0.5 * largest, np.sign(rudder), 0.0)
+    edges = [0, *np.flatnonzero(np.diff(side)) + 1, len(side)]
+    turned = [side[a] * (psi[b] - psi[a]) for a, b in pairwise(edges)]
+    longest = int(np.argmax(turned))
+    return int(edges[longest]) if turned[longest] >= 0.5 * np.pi else int(np.argmax(side != 0.0))
 
 
 def manoeuvre(states: np.ndarray, rudder: np.ndarray) -> Manoeuvre:
@@ -65,7 +79,7 @@ def manoeuvre(states: np.ndarray, rudder: np.ndarray) -> Manoeuvre:
 
 def compare(predict: Predict, trial: Trial) -> tuple[Manoeuvre, Manoeuvre] | None:
     """Numbers of a trial as measured, and as simulated from where the rudder is put over; None without rudder."""
-    first = execution(trial.control[:, 0])
+    first = execution(trial.control[:, 0], trial.states[:, 2])
     if first is None:
         return None
     part = trial.part(first, len(trial))

@@ -47,11 +47,13 @@ def test_overshoots_are_what_the_heading_goes_on_after_a_reversal() -> None:
 def test_a_trial_of_the_model_itself_has_no_gap() -> None:
     rng = np.random.default_rng(0)
     c, dt = coefficients(rng, 0.2), 0.2
-    control = np.stack([np.r_[np.zeros(50), np.full(600, 0.5)], np.full(650, 10.0)], -1)
+    control = np.stack(
+        [np.r_[np.zeros(20), np.full(20, -0.5), np.zeros(10), np.full(600, 0.5)], np.full(650, 10.0)], -1
+    )
     air, start = np.zeros((650, 4)), np.array([0.0, 0.0, 1.0, 0.4, 0.0, 0.0])
     states = simulate(start, control, air, c, SHIP.vector(), dt)
-    assert execution(control[:, 0]) == 50
-    assert execution(np.zeros(10)) is None
+    assert execution(control[:, 0], states[:, 2]) == 50
+    assert execution(np.zeros(10), np.zeros(11)) is None
     ship = MeasuredShip.assumed(SHIP)
     predict = predictors(replace(ship, coefficients=c), dt, {})["identified model"]
     found = compare(predict, Trial("turn", dt, 0.0, states, control, air))
