@@ -262,12 +262,15 @@ def test_in_a_browser_it_plays_scrubs_switches_and_overlays_without_a_complaint(
         assert "ensemble of" in page.inner_text("#legend")
         page.keyboard.press("Shift+2")
         assert page.locator("#errors li").count() == 2
-        assert "dead-reckoning" in page.inner_text("#legend")
+        assert "position fix, dead-reckoning" in page.inner_text("#legend")
         assert "Current" in page.inner_text("#ambient")
         page.locator("#charts .u-over").first.hover()
         assert "dead-reckoning:" in page.inner_text("#tip")
         assert page.eval_on_selector("#view", "view => getComputedStyle(view).touchAction") == "pan-y"
         assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+        page.locator("#view").hover()
+        page.mouse.wheel(0, 99)  # a page higher than the window scrolls, also over the scene
+        page.wait_for_function("scrollY > 0 || document.documentElement.scrollHeight <= innerHeight")
         browser.close()
     assert [complaint for complaint in complaints if webgl or "WebGL" not in complaint] == []
 

@@ -25,9 +25,9 @@ function write(paper, text, x, y, align = "left", colour = colours.muted) {
   paper.textAlign = align; paper.lineWidth = 3; paper.strokeStyle = colours.water; paper.strokeText(text, x, y);
   paper.fillStyle = colour; paper.fillText(text, x, y);
 }
-function cross(paper, [x, y], r, width, alpha) {
+function cross(paper, [x, y], r, width, alpha, stroke = colours.measurement) {
   paper.globalAlpha = alpha;
-  for (const s of [1, -1]) draw(paper, [[x - r, y - s * r], [x + r, y + s * r]], { stroke: colours.measurement, width });
+  for (const s of [1, -1]) draw(paper, [[x - r, y - s * r], [x + r, y + s * r]], { stroke, width });
   paper.globalAlpha = 1;
 }
 const TURN = Array.from({ length: 49 }, (_, i) => [Math.cos((i * Math.PI) / 24), Math.sin((i * Math.PI) / 24)]);

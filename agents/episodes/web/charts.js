@@ -13,7 +13,7 @@ function layCharts() {
     const own = chart.series.map((each) => ({ ...each, label: other ? named(each, state.first) : each.label }));
     const lines = [...(other ? other.series.map((each) => ({ ...each, ...overlay(each) })) : []), ...own];
     name.textContent = chart.title;
-    labels.append(...(other ? [...own, ...lines.slice(0, -own.length)] : own).filter(({ label }) => label).map(({ label, colour, dash }) => {
+    labels.append(...(other ? [...own, ...lines.slice(0, -own.length)] : own).filter(({ label }) => label).sort((a, b) => a.label.startsWith("true, ") - b.label.startsWith("true, ")).map(({ label, colour, dash }) => {
       const item = document.createElement("span");
       item.textContent = label; item.style.setProperty("--line", `var(--${colour})`); item.classList.toggle("dashed", Boolean(dash));
       return item;
@@ -35,7 +35,7 @@ function plot(each) {
   const blank = new Array(length).fill(null), points = { show: false };
   const plain = (array) => (array ? Array.from({ length }, (_, i) => (Number.isFinite(array.values[i]) ? array.values[i] : null)) : blank);
   const axis = { stroke: () => colours.muted, grid: { stroke: () => colours.grid, width: 1 }, ticks: { show: false }, font: "11px system-ui, sans-serif" };
-  const edge = { stroke: "transparent", points }, mark = () => colours.measurement;
+  const edge = { stroke: "transparent", points }, marks = LOOKS.map(({ fix }) => () => colours[fix]).reverse();
   const ends = [Math.min(chart.limits[0], other?.limits[0] ?? Infinity), Math.max(chart.limits[1], other?.limits[1] ?? -Infinity)];
   const round = [...chart.ticks, ...(other?.ticks ?? [])].sort((a, b) => a - b), levels = [...new Set([round[0], ...round.filter((level) => level === 0), round.at(-1)])];
   const options = {
@@ -45,11 +45,11 @@ function plot(each) {
     axes: [{ ...axis, size: 20, gap: 2, values: (_, at) => at.map((v) => `${v} ${data.unit}`) }, { ...axis, size: 44, gap: 3, splits: () => levels, values: (_, at) => at.map((v) => number(v)) }],
     bands: [{ series: [1, 2], fill: () => colours.band }, { series: [3, 4], fill: () => colours["band-second"] }],
     series: [{}, edge, edge, edge, edge, { stroke: () => colours.zero, width: 1, points },
-      { width: 0, paths: () => null, points: { show: true, size: 3, fill: mark, stroke: mark } },
+      ...marks.map((mark) => ({ width: 0, paths: () => null, points: { show: true, size: 3, fill: mark, stroke: mark } })),
       ...lines.map(({ colour, width, dash }) => ({ stroke: () => colours[colour], width, dash, points }))],
   };
   const zero = ends[0] < 0 && ends[1] > 0 ? new Array(length).fill(0) : blank, [low, high] = chart.band ?? [], [low2, high2] = other?.band ?? [];
-  each.plot = new uPlot(options, [blank.map((_, i) => i * dt), plain(high), plain(low), plain(high2), plain(low2), zero, plain(chart.measured), ...lines.map(({ value }) => plain(value))], room);
+  each.plot = new uPlot(options, [blank.map((_, i) => i * dt), plain(high), plain(low), plain(high2), plain(low2), zero, plain(other?.measured), plain(chart.measured), ...lines.map(({ value }) => plain(value))], room);
   each.veil = document.createElement("div"); each.veil.className = "veil";
   each.plot.over.append(each.veil);
   const timeAt = (event) => {
@@ -71,12 +71,13 @@ function plot(each) {
   each.plot.over.addEventListener("pointerleave", () => tip());
 }
 /** Every line of a chart at a time, as text. */
-function valuesAt({ chart, lines }, time) {
-  const i = stepAt(flights[state.first], time), measured = chart.measured?.values[i];
-  const at = ({ values, rows }) => values[Math.min(Math.floor(time / dt + 1e-6), rows - 1)];
+function valuesAt({ chart, other, lines }, time) {
+  const i = stepAt(flights[state.first], time), at = ({ values, rows }) => values[Math.min(Math.floor(time / dt + 1e-6), rows - 1)];
   const text = lines.map(({ label, value }) => `${label.replace(/,? ±2σ/, "") || flights[state.first].estimator}: ${number(at(value))}`);
   if (chart.band) text.push(`±2σ: ${number((chart.band[1].values[i] - chart.band[0].values[i]) / 2, 2)}`);
-  if (Number.isFinite(measured)) text.push(`measured: ${number(measured)}`);
+  for (const [each, index] of [[chart, state.first], [other, state.second]]) {
+    if (each?.measured && Number.isFinite(at(each.measured))) text.push(`measured${other ? `, ${flights[index].estimator}` : ""}: ${number(at(each.measured))}`);
+  }
   return text;
 }
 function drawCharts(time) {

@@ -49,11 +49,12 @@ const line = (stroke, extra = "") => `<line x1="0" y1="6" x2="22" y2="6" stroke=
 const round = (r, extra) => `<circle cx="11" cy="6" r="${r}" ${extra}/>`;
 const oval = (look) => `<ellipse cx="11" cy="6" rx="10" ry="5" fill="var(--${look.band})" stroke="var(--${look.colour})"/>`;
 const dots = (fill) => [[4, 8], [11, 4], [17, 7]].map(([x, y]) => `<circle cx="${x}" cy="${y}" r="2" fill="var(--${fill})"/>`).join("");
+const mark = ({ fix }) => `<path d="M7 2 15 10 M7 10 15 2" stroke="var(--${fix})" stroke-width="2"/>`;
 const DASH = 'stroke-width="2" stroke-dasharray="5 4"';
 const ICONS = { // in the order of the legend
   true: line("true", 'stroke-width="3"'), believed: line("believed", 'stroke-width="2"'), ellipse: oval(LOOKS[0]), cloud: dots("member"),
   true2: line("true", DASH), believed2: line("second", DASH), ellipse2: oval(LOOKS[1]), cloud2: dots("second"),
-  fix: '<path d="M7 2 15 10 M7 10 15 2" stroke="var(--measurement)" stroke-width="2"/>', path: line("commanded", DASH),
+  fix: mark(LOOKS[0]), fix2: mark(LOOKS[1]), path: line("commanded", DASH),
   fairway: '<rect x="1" y="2" width="20" height="8" fill="var(--true)" fill-opacity="0.12" stroke="var(--muted)"/>',
   goal: round(5, 'fill="none" stroke="var(--goal)" stroke-width="2"'), obstacle: round(6, 'fill="var(--obstacle)" opacity="0.5"'),
 };
@@ -67,12 +68,12 @@ function layLegend() {
       if (flight.fix.values.some(Number.isFinite)) own.fix = `measured ${focus[0].name}`;
       if (flight.root) own.ellipse = `${focus[0].name} ±2σ, 10 times magnified`;
     }
-    for (const kind of ["true", "believed", "ellipse", "cloud"]) if (own[kind]) labels[kind + suffix] = overlaid() && !own[kind].includes(flight.estimator) ? `${own[kind]}, ${flight.estimator}` : own[kind];
-    if (!j) for (const kind of ["fix", "path", "fairway", "goal", "obstacle"]) labels[kind] = own[kind];
+    for (const kind of ["true", "believed", "ellipse", "cloud", "fix"]) if (own[kind]) labels[kind + suffix] = overlaid() && !own[kind].includes(flight.estimator) ? `${own[kind]}, ${flight.estimator}` : own[kind];
+    if (!j) for (const kind of ["path", "fairway", "goal", "obstacle"]) labels[kind] = own[kind];
   });
   element("legend").replaceChildren(...Object.keys(ICONS).filter((kind) => labels[kind]).map((kind) => {
     const item = document.createElement("li"), text = document.createElement("span");
-    const icon = kind === "fix" && stage instanceof Space ? '<rect x="9" y="4" width="5" height="5" fill="var(--measurement)"/>' : ICONS[kind];
+    const icon = kind.startsWith("fix") && stage instanceof Space ? `<rect x="9" y="4" width="5" height="5" fill="var(--${LOOKS[Number(kind === "fix2")].fix})"/>` : ICONS[kind];
     item.innerHTML = `<svg viewBox="0 0 22 12" aria-hidden="true">${icon}</svg>`; // icons are ours; words of others go in as text
     text.textContent = labels[kind]; item.append(text);
     return item;

@@ -20,8 +20,8 @@ const duration = Math.max(...flights.map((f) => lengthOf(f) - 1)) * dt;
 const state = { time: 0, first: 0, second: -1, playing: false, follow: false, speed: 1, dirty: true };
 /** Marks of the first and of the second estimator; the second is dashed too, for whom colours look alike. */
 const LOOKS = [
-  { colour: "believed", member: "member", band: "band", dash: [], line: 3 },
-  { colour: "second", member: "second", band: "band-second", dash: [6, 4], line: 1.8 },
+  { colour: "believed", member: "member", band: "band", fix: "measurement", dash: [], line: 3 },
+  { colour: "second", member: "second", band: "band-second", fix: "second", dash: [6, 4], line: 1.8 },
 ];
 /** The flights shown now, the first chosen on top. */
 const shown = () => [state.first, state.second].flatMap((i, j) => (i < 0 ? [] : [{ flight: flights[i], look: LOOKS[j], index: i }]));

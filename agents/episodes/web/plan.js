@@ -52,11 +52,11 @@ class Plan {
     if (scene.goal) draw(paper, circle(at(scene.goal), Math.max(scene.goal[3] * scale, 5)), { stroke: colours.goal, width: 2 });
     const length = Math.max(scene.size * scale, scene.least), factor = length / (scene.size * scale);
     for (const part of shown().reverse()) this.flight(paper, view, part, time, at, length, scale);
-    if (scene.hull !== "dot" && factor > 1.05) write(paper, `vehicle drawn ${number(factor, 2)} times its size`, box.width - box.right - 10, box.y + 16, "right");
+    if (scene.hull !== "dot" && factor > 1.05) write(paper, `vehicle drawn ${number(factor, 2)} times its size`, box.width - box.right - 10, box.y + box.height - 22, "right");
   }
   flight(paper, view, { flight, look }, time, at, length, scale) {
     const truth = between(flight.true, time), estimate = between(flight.believed, time), i = stepAt(flight, time);
-    if (data.located && flight === flights[state.first]) for (const place of fixes(flight, i)) cross(paper, at(place), 2.6, 1.1, 0.75);
+    if (data.located) for (const place of fixes(flight, i)) cross(paper, at(place), 2.6, 1.1, 0.75, colours[look.fix]);
     const track = (array, now) => [...rows(array, i + 1), now].map(at);
     draw(paper, track(flight.true, truth), { stroke: colours.true, width: look.line, dash: look.dash });
     if (data.located) draw(paper, track(flight.believed, estimate), { stroke: colours[look.colour], width: 1.6, dash: look.dash });

@@ -7,6 +7,8 @@ class Space {
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true });
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, 2));
     this.camera = new THREE.PerspectiveCamera(40, 1, extent.span * 0.002, extent.span * 30);
+    // The wheel scrolls the page, and zooms with Ctrl or Cmd: the controls must not see it without.
+    canvas.addEventListener("wheel", (event) => { if (!event.ctrlKey && !event.metaKey) event.stopImmediatePropagation(); }, { capture: true });
     this.controls = new THREE.OrbitControls(this.camera, canvas);
     this.controls.enableDamping = false;
     this.controls.addEventListener("change", () => { state.dirty = true; });
@@ -81,11 +83,10 @@ class Space {
     this.parts = LOOKS.map((look, j) => ({
       tracks: flights.map((f) => ({ true: line(f.true, colours.true, j ? 2 : 3.5, j), estimate: line(f.believed, colours[look.colour], 2, j) })),
       true: this.vehicle(length, colours.true, false), estimate: this.vehicle(length * 1.04, colours[look.colour], true),
-      ellipsoid: this.ellipsoid(colours[look.colour]), members: this.points(200, colours[look.member], 4),
+      ellipsoid: this.ellipsoid(colours[look.colour]), members: this.points(200, colours[look.member], 4), fixes: this.points(Math.max(...flights.map((f) => f.true.rows)), colours[look.fix], 4),
     }));
     this.drop = new THREE.Line2(new THREE.LineGeometry().setPositions([0, 0, 0, 0, scene.surface === null ? -1 : 1, 0]), new THREE.LineMaterial({ color: colours.muted, linewidth: 1.2 }));
     this.drop.frustumCulled = false; this.scene.add(this.drop);
-    this.fixes = this.points(Math.max(...flights.map((f) => f.true.rows)), colours.measurement, 4);
   }
   ellipsoid(fill) {
     const made = new THREE.Mesh(new THREE.SphereGeometry(1, 32, 20), new THREE.MeshBasicMaterial({ color: fill, transparent: true, opacity: 0.25, depthWrite: false }));
@@ -145,7 +146,6 @@ class Space {
     const first = parts[0].flight, truth = between(first.true, time);
     this.drop.position.copy(this.parts[0].true.position);
     this.drop.scale.set(1, Math.max(Math.abs((scene.surface ?? this.floor) - truth[2]), 1e-6), 1);
-    this.fill(this.fixes, data.located ? fixes(first, stepAt(first, time)) : []);
     this.look(this.parts[0].true.position);
     this.renderer.render(this.scene, this.camera);
     this.label();
@@ -158,6 +158,7 @@ class Space {
       each.true.geometry.instanceCount = each.estimate.geometry.instanceCount = now;
     });
     for (const each of [part.true, part.estimate, part.members]) each.visible = Boolean(flight);
+    this.fill(part.fixes, flight && data.located ? fixes(flight, stepAt(flight, time)) : []);
     part.ellipsoid.visible = Boolean(flight?.root) && data.located;
     if (!flight) return;
     const estimate = between(flight.believed, time), size = state.follow ? Math.max(scene.size / this.length, 0.05) : 1;
