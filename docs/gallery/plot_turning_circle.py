@@ -18,6 +18,6 @@ for estimator in ("measurement", "ekf", "kf-umv-ui"):
     truth, estimate = (flight.history[key][: flight.length[0] + 1, 0, :2] for key in ("truth", "estimate"))
     off = np.linalg.norm(estimate - truth, axis=1)
     axes.plot(0.5 * np.arange(len(off)), off, linewidth=1, label=f"{estimator}: score {flight.score[0]:.2f}")
-axes.set(xlabel="time [s]", ylabel="error of the believed place [m]")
+axes.set(xlabel="time [s]", ylabel="error of the estimated position [m]")
 axes.legend()
 plt.show()

@@ -74,7 +74,7 @@ class Marks:
             self._vehicles(canvas, frame, view, size, close)
 
     def _vehicles(self, canvas: Canvas, frame: Frame, view: View, size: float, close: bool) -> None:
-        """The true vehicle, how sure the estimator is of its place, the believed vehicle."""
+        """The true vehicle, how sure the estimator is of its place, the estimated vehicle."""
         toward = np.array([[0.0, -1.0], [1.0, 0.0]])  # from up and right to x and y
         true, believed = (
             frame.pixels(view.seen(pose[:3])) + size * view.body(pose, self.hull) @ toward
