@@ -99,7 +99,7 @@ html_css_files = ["site.css"]
 html_show_sourcelink = False
 html_theme_options = {
     "logo": {"text": "vessel-gym"},
-    "header_links_before_dropdown": 6,
+    "header_links_before_dropdown": 5,
     "navbar_align": "left",
     "navbar_persistent": ["search-button"],
     "navbar_end": ["version-switcher", "theme-switcher", "navbar-icon-links"],
@@ -142,7 +142,7 @@ class Episode(SphinxDirective):
                     "", f'<iframe class="episode" src="_static/episode.html" title="{title}"></iframe>', format="html"
                 )
             ]
-        text = "A corvette in her turning circle: true and believed ship, track, heading, rudder, unknown input"
+        text = "A corvette in her turning circle: true and estimated ship, track, heading, rudder, unknown input"
         return [nodes.image("", uri="images/turning-circle.png", alt=text)]
 
 
@@ -184,13 +184,18 @@ def _write_mathml(writer: HTML5Translator, node: nodes.math | nodes.math_block) 
 
 
 def _keep_numbers_on_one_line(app: Sphinx, doctree: nodes.document) -> None:
-    """Mark the cells of numbers, and bind ± to its operands in text."""
+    """Mark the cells of numbers and of long text, and bind ± to its operands in text and in output."""
     for cell in doctree.findall(nodes.entry):
         if NUMBER.fullmatch(cell.astext().strip()):
             cell["classes"].append("number")
+        elif len(cell.astext()) > 14:
+            cell["classes"].append("text")
     for text in list(doctree.findall(nodes.Text)):
-        if " ± " in text and not isinstance(text.parent, nodes.literal | nodes.literal_block):
-            text.parent.replace(text, nodes.Text(text.replace(" ± ", "\u00a0±\u00a0")))
+        parent = text.parent
+        code = isinstance(parent, nodes.literal | nodes.literal_block) and "output" not in parent["classes"]
+        if " ± " in text and not code:
+            parent.replace(text, nodes.Text(text.replace(" ± ", "\u00a0±\u00a0")))
+            parent.rawsource = parent.astext()  # of a literal block that differs nothing is highlighted
 
 
 def _linked(text: list[str], folder: Path) -> None:
