@@ -2,6 +2,7 @@
 
 import os
 import re
+import signal
 import socket
 import threading
 import time
@@ -11,6 +12,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from queue import Empty
 from typing import Any, Self
 
 from agents.jobs.job import Job
@@ -136,6 +138,9 @@ def _pool(processes: int, modules: tuple[str, ...] = ()) -> Iterator[tuple[Execu
     try:
         yield executor, TerminatedWorkerError
     finally:
+        with suppress(Empty):  # loky forgets jobs that have not begun, and then fails to find those in this queue
+            while True:
+                executor._work_ids.get_nowait()
         executor.shutdown(kill_workers=True)
 
 
@@ -151,6 +156,7 @@ def _begin(parent: int, modules: tuple[str, ...] = ()) -> None:
     from joblib.externals.loky import process_executor
 
     process_executor._MAX_MEMORY_LEAK_SIZE = _GROWTH
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the parent, too, which stops its workers
 
     def watch() -> None:
         while os.getppid() == parent:
