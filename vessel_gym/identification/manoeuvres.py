@@ -1,8 +1,10 @@
 """Numbers of turning and zig-zag trials, measured and simulated: the gap between a log and its model.
 
-Advance and tactical diameter are as in IMO resolution MSC.137(76), from where the rudder is put over.
+Advance and tactical diameter are as in IMO resolution MSC.137(76), from where the rudder is put over. Overshoots are
+with the rudder of the log, periods with a rudder that the model reverses itself, at the headings at which the ship did.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -32,6 +34,10 @@ class Manoeuvre:
     overshoots: tuple[float, ...]
 
 
+_PATIENCE = 3.0
+"""Times the measured duration that a simulated ship may take to the heading at which the rudder is reversed."""
+
+
 def execution(rudder: np.ndarray, psi: np.ndarray) -> int | None:
     """Step at which a manoeuvre begins; None of a trial without rudder.
 
@@ -59,8 +65,7 @@ def manoeuvre(states: np.ndarray, rudder: np.ndarray) -> Manoeuvre:
         states: ``(T + 1, 6)``.
         rudder: ``(T,)`` [rad].
     """
-    over = np.flatnonzero(np.abs(rudder) > _LEAST)
-    reversals = over[1:][np.diff(np.sign(rudder[over])) != 0.0]
+    reversals = _reversals(rudder)
     end = int(reversals[0]) if len(reversals) else len(rudder)
     x, y, psi = states[: end + 1, :3].T
     side = float(np.sign(rudder[0]))
@@ -77,14 +82,67 @@ def manoeuvre(states: np.ndarray, rudder: np.ndarray) -> Manoeuvre:
     )
 
 
+def executed(trial: Trial) -> Trial | None:
+    """The trial from where the rudder is put over; None without rudder."""
+    first = execution(trial.control[:, 0], trial.states[:, 2])
+    return None if first is None else trial.part(first, len(trial))
+
+
 def compare(predict: Predict, trial: Trial) -> tuple[Manoeuvre, Manoeuvre] | None:
     """Numbers of a trial as measured, and as simulated from where the rudder is put over; None without rudder."""
-    first = execution(trial.control[:, 0], trial.states[:, 2])
-    if first is None:
+    part = executed(trial)
+    if part is None:
         return None
-    part = trial.part(first, len(trial))
+    rudder, states = part.control[:, 0], predict(part.states[:1], part.control[:, None], part.air[:, None])[:, 0]
+    return manoeuvre(part.states, rudder), manoeuvre(states, rudder)
+
+
+def track_errors(predict: Predict, part: Trial, distances: Sequence[float]) -> np.ndarray:
+    """Distance ``(k,)`` [m] of the simulated ship from the measured one after she sailed ``distances`` ``(k,)`` [m].
+
+    Args:
+        predict: The model; it begins at the first measured state.
+        part: A trial, `executed` or whole.
+        distances: Along the measured track; of those beyond its end the error is NaN.
+    """
     states = predict(part.states[:1], part.control[:, None], part.air[:, None])[:, 0]
-    return manoeuvre(part.states, part.control[:, 0]), manoeuvre(states, part.control[:, 0])
+    sailed = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(part.states[:, :2], axis=0).T))])
+    error = np.hypot(*(states - part.states)[:, :2].T)
+    return np.interp(distances, sailed, error, right=np.nan)
+
+
+def periods(predict: Predict, part: Trial) -> tuple[np.ndarray, np.ndarray]:
+    """Periods of a zig-zag [s], measured and simulated, ``(n,)`` each: from a reversal to the next but one.
+
+    The simulated ship reverses her rudder where she reaches the headings of the measured reversals. She has the rudder
+    and revolutions of the log since the last reversal, and the wind of her own time. A period that she does not end
+    is NaN.
+
+    Args:
+        predict: The model; it begins at the first measured state.
+        part: A trial, `executed`.
+    """
+    reversals = _reversals(part.control[:, 0])
+    times, state, now = [], part.states[:1], 0
+    for first, last in pairwise([0, *reversals.tolist()]):
+        steps = np.arange(round(_PATIENCE * (last - first)))
+        control = part.control[first + np.minimum(steps, last - first - 1)]
+        states = predict(state, control[:, None], part.air[np.minimum(now + steps, len(part) - 1), None])[:, 0]
+        way = np.sign(part.states[last, 2] - part.states[first, 2])
+        reached = np.flatnonzero(way * (states[:, 2] - part.states[last, 2]) >= 0.0)
+        if len(reached) == 0:
+            break
+        now, state = now + int(reached[0]), states[reached[:1]]
+        times.append(now)
+    simulated = np.full(len(reversals), np.nan)
+    simulated[: len(times)] = times
+    return part.dt * (reversals[2:] - reversals[:-2]), part.dt * (simulated[2:] - simulated[:-2])
+
+
+def _reversals(rudder: np.ndarray) -> np.ndarray:
+    """Steps at which the rudder goes to the other side."""
+    over = np.flatnonzero(np.abs(rudder) > _LEAST)
+    return over[1:][np.diff(np.sign(rudder[over])) != 0.0]
 
 
 def _at(turned: np.ndarray, angle: float, values: np.ndarray) -> float:

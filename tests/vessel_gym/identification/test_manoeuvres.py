@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from tests.vessel_gym.identification.voyages import SHIP, coefficients
-from vessel_gym.identification.manoeuvres import compare, execution, manoeuvre
+from vessel_gym.identification.manoeuvres import compare, executed, execution, manoeuvre, periods, track_errors
 from vessel_gym.identification.prediction import simulate
-from vessel_gym.identification.score import predictors
+from vessel_gym.identification.score import Predict, predictors
 from vessel_gym.identification.trial import Trial
 from vessel_gym.vehicles.measured_ship import MeasuredShip
 
@@ -57,6 +57,48 @@ def test_a_trial_of_the_model_itself_has_no_gap() -> None:
     ship = MeasuredShip.assumed(SHIP)
     predict = predictors(replace(ship, coefficients=c), dt, {})["identified model"]
     found = compare(predict, Trial("turn", dt, 0.0, states, control, air))
+    part = executed(Trial("turn", dt, 0.0, states, control, air))
+    assert part is not None
+    np.testing.assert_array_equal(track_errors(predict, part, [1.0, 5.0]), 0.0)
     assert found is not None
     assert np.isfinite([found[0].advance, found[0].tactical_diameter, found[0].speed_loss]).all()
     assert found[0] == found[1]
+
+
+def turning(rate: float, speed: float = 0.0, dt: float = 0.1) -> Predict:
+    """A ship that turns at once, at a rate [rad/s] in proportion to the sine of her rudder, and advances north."""
+
+    def predict(state: np.ndarray, control: np.ndarray, air: np.ndarray) -> np.ndarray:
+        steps = np.zeros((len(control), *state.shape))
+        steps[..., 0], steps[..., 2] = speed * dt, rate * dt * np.sign(control[..., 0])
+        return state + np.concatenate([np.zeros_like(steps[:1]), np.cumsum(steps, 0)])
+
+    return predict
+
+
+def zigzag(angle: float = 10.0, legs: int = 6) -> Trial:
+    """A zig-zag of a ship that turns at 1 degree/s and advances at 1 m/s: her period is four times the angle [s]."""
+    count = round(20.0 * angle)
+    side = np.concatenate([np.ones(count // 2), *(np.full(count, (-1.0) ** (k + 1)) for k in range(legs))])
+    control = np.stack([0.3 * side, np.full_like(side, 10.0)], -1)
+    predict = turning(np.deg2rad(1.0), 1.0)
+    states = predict(np.zeros((1, 6)), control[:, None], np.zeros((len(side), 1, 4)))[:, 0]
+    return Trial("zigzag", 0.1, 0.0, states, control, np.zeros((len(side), 4)))
+
+
+def test_periods_are_those_of_triangles_and_half_as_long_for_a_ship_that_turns_twice_as_fast() -> None:
+    part = zigzag()
+    for factor in (1.0, 2.0, 0.5):
+        measured, simulated = periods(turning(factor * np.deg2rad(1.0)), part)
+        np.testing.assert_allclose(measured, [40.0] * 4, atol=1e-9)
+        np.testing.assert_allclose(simulated, 40.0 / factor, atol=0.25)  # a step at each reversal
+
+
+def test_a_ship_that_does_not_reach_the_heading_has_no_period() -> None:
+    _, simulated = periods(turning(np.deg2rad(0.2)), zigzag())
+    assert np.isnan(simulated).all()
+
+
+def test_a_track_is_off_by_what_a_faster_ship_gains() -> None:
+    found = track_errors(turning(0.0, 1.2), zigzag(), [5.0, 20.0, 1e4])
+    np.testing.assert_allclose(found, [1.0, 4.0, np.nan], rtol=1e-6)
