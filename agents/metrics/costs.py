@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agents.metrics.metric import Metric, core_of
+from agents.metrics.metric import core_of, described
 from agents.rollouts import Rollout
 from vessel_gym.checks import is_integer
 
@@ -75,39 +75,8 @@ def _saturation(rollout: Rollout) -> np.ndarray:
     return 100.0 * (limited.any(-1) & lived).sum(0) / rollout.length
 
 
-STEERING = (
-    Metric(
-        "steering_travel", "Steering travel", "°/min", "lower", 1,
-        "Angle through which rudders, fins or wings are moved, all of them together.", of=_travel, cost=True,
-    ),
-    Metric(
-        "reversals", "Reversals", "1/min", "lower", 1,
-        "Changes of direction of these motions, counted once they have gone back by 0.1°.", of=_reversals, cost=True,
-    ),
-    Metric(
-        "saturation", "Saturation", "%", "lower", 1,
-        "Share of time in which one of them is at the limit of its rate or angle.", of=_saturation, cost=True,
-    ),
-)  # fmt: skip
+STEERING = described("steering", steering_travel=_travel, reversals=_reversals, saturation=_saturation)
 """What steering costs any vehicle whose ``steering`` says which of its actuators steer."""
-
-
-def off_track(decimals: int) -> tuple[Metric, ...]:
-    """Metrics of the distance from a path [m], which `tails` computes."""
-    return (
-        Metric(
-            "off_track_95", "Off track, 95 %", "m", "lower", decimals,
-            "Distance from the path that is exceeded for 5 % of the time.", cost=True,
-        ),
-        Metric("off_track_max", "Off track, maximum", "m", "lower", decimals, "Largest distance from the path."),
-        OUTSIDE,
-    )  # fmt: skip
-
-
-OUTSIDE = Metric(
-    "outside", "Outside", "%", "lower", 1, "Share of time in which the error is larger than the task's margin.",
-    cost=True,
-)  # fmt: skip
 
 
 def tails(name: str, error: np.ndarray, alive: np.ndarray, margin: float, scale: float = 1.0) -> dict[str, np.ndarray]:

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from agents.metrics import Metric, at_end, core_of, ended, position_nees, register_metrics, rms, rmse, steps
-from agents.metrics.costs import off_track, tails
+from agents.metrics import at_end, core_of, ended, position_nees, register_metrics, rms, rmse, steps
+from agents.metrics.costs import tails
+from agents.metrics.metric import described
 from agents.rollouts import Rollout
 from vessel_gym.guidance.dive_path import follow, path_point
 from vessel_gym.tasks.dive import Dive
@@ -11,48 +12,18 @@ from vessel_gym.tasks.dive import Dive
 POSITION = ("x", "y", "z")
 
 METRICS = (
-    Metric(
-        "steps", "Steps", "", "lower", 0, "Steps until the vehicle believed to be there, or the dive was lost.",
-        of=steps,
-    ),
-    Metric(
-        "arrived", "Arrived", "%", "higher", 0, "Dives that ended within 0.5 m of the goal.", True, of=ended("arrived")
-    ),
-    Metric("miss", "Miss distance", "m", "lower", 2, "Distance from the goal at the end of the dive."),
-    Metric("cross_track", "Cross-track", "m", "lower", 3, "RMS distance of the truth from the path in plan."),
-    Metric("normal", "Path-normal", "m", "lower", 3, "RMS distance across the path in the vertical plane along it."),
-    *off_track(2),
-    Metric(
-        "clearance", "Clearance", "m", "higher", 2,
-        "Least height above the depth at which the dive is lost.", cost=True,
-    ),
-    Metric(
-        "energy", "Energy", "", "lower", 2,
-        "Energy used, relative to that of covering the path at cruising speed; below 1 for a dive that ended early.",
-        cost=True,
-    ),
-    Metric(
-        "position_rmse", "Position", "m", "lower", 3, "RMS error of the estimated position, all of its components.",
-        of=rmse(*POSITION),
-    ),
-    Metric(
-        "velocity_rmse", "Velocity", "m/s", "lower", 4, "RMS error of the estimated velocity through the water.",
-        of=rmse("u", "v", "w"),
-    ),
-    Metric(
-        "rate_rmse", "Rates", "mrad/s", "lower", 2, "RMS error of the estimated angular velocity.",
-        of=rmse("p", "q", "r", scale=1e3),
-    ),
-    Metric(
-        "attitude_rmse", "Attitude", "mrad", "lower", 2, "RMS error of the estimated attitude angles.",
-        of=rmse("phi", "theta", "psi", scale=1e3),
-    ),
-    Metric(
-        "current_rmse", "Current", "m/s", "lower", 4, "RMS error of the estimated current.",
-        of=rmse("current", "current north", "current east"),
+    *described(
+        "dive",
+        steps=steps,
+        arrived=ended("arrived"),
+        position_rmse=rmse(*POSITION),
+        velocity_rmse=rmse("u", "v", "w"),
+        rate_rmse=rmse("p", "q", "r", scale=1e3),
+        attitude_rmse=rmse("phi", "theta", "psi", scale=1e3),
+        current_rmse=rmse("current", "current north", "current east"),
     ),
     position_nees(*POSITION),
-)  # fmt: skip
+)
 
 
 def compute(rollout: Rollout) -> dict[str, np.ndarray]:

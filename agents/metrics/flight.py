@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from agents.metrics import Metric, at_end, core_of, ended, position_nees, register_metrics, rms, rmse, steps
-from agents.metrics.costs import off_track, tails
+from agents.metrics import at_end, core_of, ended, position_nees, register_metrics, rms, rmse, steps
+from agents.metrics.costs import tails
+from agents.metrics.metric import described
 from agents.rollouts import Rollout
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.vehicles.puna import airspeed
@@ -11,39 +12,18 @@ from vessel_gym.vehicles.puna import airspeed
 POSITION = ("x", "y", "h")
 
 METRICS = (
-    Metric(
-        "steps", "Steps", "", "lower", 0, "Steps until the aircraft believed to be there, or the flight was lost.",
-        of=steps,
+    *described(
+        "flight",
+        steps=steps,
+        arrived=ended("arrived"),
+        hit=ended("hit an obstacle"),
+        position_rmse=rmse("x", "y"),
+        height_rmse=rmse("h"),
+        velocity_rmse=rmse("north", "east", "climb"),
+        bank_rmse=rmse("phi", scale=1e3),
     ),
-    Metric(
-        "arrived", "Arrived", "%", "higher", 0, "Flights that ended within 8 m of the goal.", True, of=ended("arrived")
-    ),
-    Metric("hit", "Hit", "%", "lower", 0, "Flights that ended in an obstacle.", True, of=ended("hit an obstacle")),
-    Metric("miss", "Miss distance", "m", "lower", 2, "Distance from the goal in plan at the end of the flight."),
-    Metric("cross_track", "Cross-track", "m", "lower", 2, "RMS distance of the truth from the path in plan."),
-    Metric("altitude", "Altitude", "m", "lower", 3, "RMS error of the true altitude against the commanded one."),
-    *off_track(1),
-    Metric(
-        "clearance", "Clearance", "m", "higher", 1, "Least distance of the truth from the edge of an obstacle.",
-        cost=True,
-    ),
-    Metric(
-        "energy", "Energy", "", "lower", 2,
-        "Thrust times airspeed, summed, relative to covering the path at cruising speed; below 1 for a flight that "
-        "ended early.", cost=True,
-    ),
-    Metric(
-        "position_rmse", "Position", "m", "lower", 3, "RMS error of the estimated position in plan.", of=rmse("x", "y")
-    ),
-    Metric("height_rmse", "Height", "m", "lower", 3, "RMS error of the estimated altitude.", of=rmse("h")),
-    Metric(
-        "velocity_rmse", "Velocity", "m/s", "lower", 3, "RMS error of the estimated velocity over ground.",
-        of=rmse("north", "east", "climb"),
-    ),
-    Metric("bank_rmse", "Bank", "mrad", "lower", 2, "RMS error of the estimated bank.", of=rmse("phi", scale=1e3)),
-    Metric("wind_rmse", "Wind", "m/s", "lower", 3, "RMS error of the estimated level wind, gusts included."),
     position_nees(*POSITION),
-)  # fmt: skip
+)
 
 
 def compute(rollout: Rollout) -> dict[str, np.ndarray]:

@@ -1,8 +1,10 @@
 """Metrics of an episode: their description, root mean squares and consistency."""
 
+import csv
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -46,6 +48,24 @@ class Metric:
     cost: bool = False
 
 
+@cache
+def _catalogue() -> list[dict[str, str]]:
+    """Rows of ``metrics.csv``."""
+    with files("agents.metrics").joinpath("metrics.csv").open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def described(task: str, **of: PerEpisode) -> tuple[Metric, ...]:
+    """Metrics of a kind of task, as ``metrics.csv`` describes them and in its order, with their functions by key."""
+    return tuple(
+        Metric(
+            row["key"], row["label"], row["unit"], row["better"], int(row["decimals"]), row["meaning"],
+            row["kind"] == "yes or no", of.get(row["key"]), row["kind"] == "cost",
+        )
+        for row in _catalogue() if task in row["tasks"].split(", ")
+    )  # fmt: skip
+
+
 def rmse(*names: str, scale: float = 1.0) -> PerEpisode:
     """RMS error of the estimated state: of those of its components that have these names, together.
 
@@ -69,12 +89,12 @@ def rmse(*names: str, scale: float = 1.0) -> PerEpisode:
 
 def position_nees(*names: str) -> Metric:
     """NEES of the components with these names, which are the position."""
-    meaning = "The same as NEES/n, for the position alone."
 
     def of(rollout: Rollout) -> np.ndarray:
         return mean_nees(rollout, components(rollout, *names))
 
-    return Metric("position_nees", "Position NEES/n", "", "near 1", 2, meaning, of=of)
+    (metric,) = described("position", position_nees=of)
+    return metric
 
 
 def ended(end: str) -> PerEpisode:
@@ -153,49 +173,22 @@ def mean_nees(rollout: Rollout, components: tuple[int, ...] | None = None) -> np
     return np.where(alive, values, 0.0).sum(0) / alive.sum(0) / n
 
 
-SCORE = Metric(
-    "score", "Score", "", "higher", 3,
-    "Sum of rewards over that of a perfect episode, computed from the truth; 0 to 1.",
-    of=lambda rollout: rollout.score.astype(float),
-)  # fmt: skip
-RETURN = Metric(
-    "return", "Return", "", "higher", 1, "Sum of rewards.", of=lambda rollout: rollout.returns.astype(float)
+SCORE, RETURN, STEPS, INPUT, NEES, UNHEALTHY = described(
+    "every",
+    score=lambda rollout: rollout.score.astype(float),
+    steps=steps,
+    input_rmse=_input_rmse,
+    nees=mean_nees,
+    unhealthy=lambda rollout: np.sum(rollout.alive & ~rollout.history["healthy"], axis=0).astype(float),
+    **{"return": lambda rollout: rollout.returns.astype(float)},
 )
-STEPS = Metric("steps", "Steps", "", "", 0, "Steps flown.", of=steps)
-NEES = Metric(
-    "nees", "NEES/n", "", "near 1", 2,
-    "Mean squared estimation error in units of the claimed covariance, per state; above 1: too sure of itself.",
-    of=mean_nees,
-)  # fmt: skip
-INPUT = Metric(
-    "input_rmse", "Input d", "σ", "lower", 3,
-    "RMS error of the estimated unknown input, each component in units of the size that filters assume.",
-    of=_input_rmse,
-)  # fmt: skip
-UNHEALTHY = Metric(
-    "unhealthy", "Failed updates", "steps", "lower", 1, "Steps at which the estimator's usual update failed.",
-    of=lambda rollout: np.sum(rollout.alive & ~rollout.history["healthy"], axis=0).astype(float),
-)  # fmt: skip
-
-
-MONITORED = (
-    Metric(
-        "detected", "Detected", "%", "higher", 0, "Episodes in which an alarm follows the first fault of a sensor.",
-        True, of=_detected,
-    ),
-    Metric(
-        "detection_delay", "Delay", "s", "lower", 1, "Time from the first fault of a sensor to the next alarm.",
-        of=_detection_delay,
-    ),
-    Metric(
-        "right_sensor", "Right sensor", "%", "higher", 0, "Of these alarms those of a sensor that has had a fault.",
-        True, of=_right_sensor,
-    ),
-    Metric(
-        "false_alarms", "False alarms", "1/h", "lower", 1,
-        "Alarms an hour before there is any fault; one that lasts counts once.", of=_false_alarms,
-    ),
-)  # fmt: skip
+MONITORED = described(
+    "alarms",
+    detected=_detected,
+    detection_delay=_detection_delay,
+    right_sensor=_right_sensor,
+    false_alarms=_false_alarms,
+)
 """Metrics of the alarms of a monitor of sensors."""
 
 

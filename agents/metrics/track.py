@@ -2,30 +2,18 @@
 
 import numpy as np
 
-from agents.metrics import Metric, core_of, position_nees, register_metrics, rms, rmse
-from agents.metrics.costs import off_track, tails
-from agents.metrics.turning import CIRCLE, ESTIMATES, PROPULSION, TURN_STEPS, circle_fit, input_error, propulsion_costs
+from agents.metrics import core_of, position_nees, register_metrics, rms, rmse, turning
+from agents.metrics.costs import tails
+from agents.metrics.metric import described
+from agents.metrics.turning import ESTIMATES, circle_fit, input_error, propulsion_costs
 from agents.rollouts import Rollout
 from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.tasks.track import Track
 
 METRICS = (
-    *PROPULSION,
-    Metric("track_error", "Off track", "m", "lower", 1, "RMS distance of the true ship from the track."),
-    *off_track(1),
-    Metric("roll", "Roll", "°", "lower", 2, "RMS roll of the true ship."),
-    Metric(
-        "position_rmse", "Position", "m", "lower", 2, "RMS error of the estimated position, all of its components.",
-        of=rmse("x", "y"),
-    ),
-    Metric(
-        "current_rmse", "Current", "m/s", "lower", 3,
-        "RMS error of the estimated current, for which filters also take the leeway.",
-        of=rmse("current north", "current east"),
-    ),
-    *ESTIMATES,
+    *described("track", position_rmse=rmse("x", "y"), current_rmse=rmse("current north", "current east"), **ESTIMATES),
     position_nees("x", "y"),
-)  # fmt: skip
+)
 
 
 def compute(rollout: Rollout) -> dict[str, np.ndarray]:
@@ -52,5 +40,8 @@ def compute_on_circle(rollout: Rollout) -> dict[str, np.ndarray]:
     return compute(rollout) | {"radius_error": radius_error, "out_of_round": out_of_round}
 
 
+_OF_TURNS = {metric.key: metric for metric in turning.METRICS}
+_ON_CIRCLE = (_OF_TURNS["steps"], *METRICS, _OF_TURNS["radius_error"], _OF_TURNS["out_of_round"])
+
 register_metrics(Track, METRICS, compute)
-register_metrics(CircleTrack, (TURN_STEPS, *METRICS, *CIRCLE), compute_on_circle)
+register_metrics(CircleTrack, _ON_CIRCLE, compute_on_circle)

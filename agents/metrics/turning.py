@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from agents.metrics import Metric, core_of, register_metrics, rms, rmse, steps
-from agents.metrics.costs import OUTSIDE, tails
+from agents.metrics import core_of, register_metrics, rms, rmse, steps
+from agents.metrics.costs import tails
+from agents.metrics.metric import described
 from agents.rollouts import Rollout
 from estimators import wrap
 from vessel_gym.sea_trials import fit_circle
@@ -13,57 +14,9 @@ from vessel_gym.vehicles.corvette_equations import COEFFICIENTS, STATE, propulsi
 
 _X, _Y, _PSI, _U, _V, _R = (STATE.index(name) for name in ("x", "y", "psi", "u", "v", "r"))
 
-PROPULSION = (
-    Metric(
-        "added_resistance", "Added resistance", "%", "lower", 2,
-        "Mean longitudinal force of rudder, drift and turning, relative to the resistance of the straight course.",
-        cost=True,
-    ),
-    Metric(
-        "fuel", "Fuel", "%", "lower", 1,
-        "Energy of the propellers per distance made good; 100 is the straight course in calm water.", cost=True,
-    ),
-)  # fmt: skip
-"""What steering costs the ship's engines, by her own equations of motion."""
-CIRCLE = (
-    Metric(
-        "radius_error", "Radius error", "%", "lower", 2,
-        "Distance between the radius of the circle fitted to the true track over ground and the commanded radius.",
-    ),
-    Metric("out_of_round", "Out of round", "m", "lower", 1, "RMS distance of that track from its fitted circle."),
-)  # fmt: skip
-"""Roundness of the turn."""
-ESTIMATES = (
-    Metric(
-        "heading_rmse", "Heading", "mrad", "lower", 2, "RMS error of the estimated heading.", of=rmse("psi", scale=1e3)
-    ),
-    Metric(
-        "yaw_rate_rmse", "Yaw rate", "mrad/s", "lower", 2, "RMS error of the estimated yaw rate.",
-        of=rmse("r", scale=1e3),
-    ),
-    Metric("sway_rmse", "Sway", "m/s", "lower", 3, "RMS error of the estimated sway velocity.", of=rmse("v")),
-    Metric("input_rmse", "Input d", "mrad", "lower", 3, "RMS error of the estimated unknown input."),
-)  # fmt: skip
+ESTIMATES = {"heading_rmse": rmse("psi", scale=1e3), "yaw_rate_rmse": rmse("r", scale=1e3), "sway_rmse": rmse("v")}
 """Errors of the estimates that every filter of a ship gives."""
-TURN_STEPS = Metric("steps", "Steps", "", "higher", 0, "Steps flown until the turn was complete or lost.", of=steps)
-METRICS = (
-    TURN_STEPS,
-    *PROPULSION,
-    Metric(
-        "heading_error_95", "Heading error, 95 %", "°", "lower", 1,
-        "Heading error that is exceeded for 5 % of the time.", cost=True,
-    ),
-    Metric("heading_error_max", "Heading error, maximum", "°", "lower", 1, "Largest heading error."),
-    OUTSIDE,
-    Metric("heading_error", "Heading error", "°", "lower", 2, "RMS of commanded minus true heading."),
-    Metric("yaw_rate_error", "Yaw-rate error", "°/s", "lower", 3, "RMS of commanded minus true yaw rate."),
-    *CIRCLE,
-    *ESTIMATES,
-    Metric(
-        "raw_input_rmse", "Raw channel", "mrad", "lower", 3,
-        "RMS error of the second measurement taken for the unknown input as it is.",
-    ),
-)  # fmt: skip
+METRICS = described("turning circle", steps=steps, **ESTIMATES)
 
 
 def compute(rollout: Rollout) -> dict[str, np.ndarray]:
@@ -89,7 +42,7 @@ def compute(rollout: Rollout) -> dict[str, np.ndarray]:
 
 
 def propulsion_costs(rollout: Rollout, made_good: np.ndarray) -> dict[str, np.ndarray]:
-    """`PROPULSION` of a ship that made good distances ``(N,)`` [m]; NaN for other equations of motion.
+    """Added resistance and fuel of a ship that made good distances ``(N,)`` [m]; NaN for other equations of motion.
 
     The propellers turn at constant revolutions, and their torque is taken to rise and fall as their thrust.
     """
