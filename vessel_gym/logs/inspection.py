@@ -11,7 +11,7 @@ from scipy.stats import median_abs_deviation
 
 from vessel_gym.logs.log import ANGLES, Channel, Log
 
-_GAP = 3.5
+GAP = 3.5
 """Steps without a row that count as a gap."""
 _HELD = 5
 """Equal values in a row of a moving ship that count as held."""
@@ -29,7 +29,7 @@ class Finding:
     """A fault.
 
     Attributes:
-        kind: "damaged row", "missing", "time", "gap", "held", "jump", "quantised", "unit" or "lag".
+        kind: "damaged row", "missing", "time", "gap", "held", "jump", "quantised", "unit", "lag" or "scale".
         channel: Name of the channel; empty if it concerns the whole log.
         line: First line of the file that it concerns.
         sentence: What was found.
@@ -43,15 +43,25 @@ class Finding:
 
 def inspect(log: Log) -> list[Finding]:
     """The faults of a log, in the order of their lines."""
-    found = [Finding("damaged row", "", line, sentence) for line, sentence in log.remarks]
+    found = [*_damaged(log)]
     clocks = {id(each.times): each for each in reversed(log.channels.values())}  # rows of a table share one
     for channel in clocks.values():
         found += _times(channel, "" if len(clocks) == 1 else channel.name)
     for channel in log.channels.values():
         for check in (_missing, _repeats, _jumps, _quantised, _unit):
             found += check(channel)
-    found += _lags(log)
+    found += [*_lags(log), *_scale(log)]
     return sorted(found, key=lambda each: each.line)
+
+
+def _damaged(log: Log) -> Iterator[Finding]:
+    """Damaged rows; of those that say the same the first, with their number."""
+    same: dict[str, list[int]] = {}
+    for line, sentence in log.remarks:
+        same.setdefault(sentence, []).append(line)
+    for sentence, lines in same.items():
+        often = f", as of {len(lines) - 1} other rows until line {lines[-1]}" if len(lines) > 1 else ""
+        yield Finding("damaged row", "", lines[0], sentence + often)
 
 
 def noise(channel: Channel) -> float:
@@ -80,12 +90,12 @@ def _times(channel: Channel, name: str) -> Iterator[Finding]:
         for i in np.flatnonzero(at)[:20]:
             yield Finding("time", name, int(lines[i + 1]), f"time {words} at {times[i + 1]:.6g} s")
     usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else np.inf
-    for i in np.flatnonzero(steps > _GAP * usual)[:20]:
+    for i in np.flatnonzero(steps > GAP * usual)[:20]:
         yield Finding("gap", name, int(lines[i + 1]), f"{steps[i]:.3g} s without a row, usually {usual:.3g} s")
 
 
 def _missing(channel: Channel) -> Iterator[Finding]:
-    for first, last in _spans(~np.isfinite(channel.values)):
+    for first, last in _spans(~np.isfinite(channel.values))[:20]:
         count = last - first
         yield Finding("missing", channel.name, int(channel.lines[first]), f"{count} rows without a number")
 
@@ -94,12 +104,12 @@ def _repeats(channel: Channel) -> Iterator[Finding]:
     if channel.name in ("rudder", "revolutions"):
         return  # commands stay
     same = np.concatenate([[False], np.diff(channel.values) == 0.0])
-    spans = [(first, last) for first, last in _spans(same) if last - first >= _HELD]
+    spans = _spans(same, _HELD)
     if not spans:
         return
-    longest = max(last - first for first, last in spans)
-    sentence = f"held {len(spans)} times, for up to {longest + 1} rows"
-    yield Finding("held", channel.name, int(channel.lines[spans[0][0]]), sentence)
+    first, last = max(spans, key=lambda span: span[1] - span[0])
+    often = f"{len(spans)} times, for up to" if len(spans) > 1 else "for"
+    yield Finding("held", channel.name, int(channel.lines[first]), f"held {often} {last - first + 1} rows")
 
 
 def _jumps(channel: Channel) -> Iterator[Finding]:
@@ -161,7 +171,18 @@ def _lags(log: Log) -> Iterator[Finding]:
                 yield Finding("lag", name, int(log[name].lines[0]), sentence)
 
 
-def _spans(mask: np.ndarray) -> list[tuple[int, int]]:
-    """First and last + 1 of each run of true values, at most 20."""
+def _scale(log: Log) -> Iterator[Finding]:
+    """Scale error of the yaw rate against the heading, where its 95 % interval excludes 0."""
+    from vessel_gym.logs.scale import scale
+
+    found = scale(log) if "yaw rate" in log and "heading" in log else None
+    if found is not None and abs(found[0]) > found[1]:
+        words = f"{100.0 * abs(found[0]):.2g} % (± {100.0 * found[1]:.2g} %) {'faster' if found[0] > 0.0 else 'slower'}"
+        sentence = f"its scale is off: the heading turns {words}"
+        yield Finding("scale", "yaw rate", int(log["yaw rate"].lines[0]), sentence)
+
+
+def _spans(mask: np.ndarray, least: int = 1) -> list[tuple[int, int]]:
+    """First and last + 1 of each run of so many true values or more."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)][:20]
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= least]

@@ -1,7 +1,8 @@
 """NMEA 0183: sentences of a ship's instruments as rows of channels, parsed by pynmea2.
 
 GGA, RMC and GLL give positions, HDT the heading, ROT the yaw rate, VTG surge and sway, RSA the rudder, RPM the
-revolutions of the first shaft, MWD the true and MWV the relative wind. Other sentences are passed over.
+revolutions of the first shaft, MWD the true and MWV the relative wind. Without HDT the heading is that of HDG, if this
+has the variation. Other sentences are passed over.
 """
 
 import math
@@ -20,6 +21,7 @@ HEADER = (
 """Columns of the rows, in the units of the sentences."""
 _NAMES = tuple(each.partition(" [")[0] for each in HEADER)
 _SENTENCE = re.compile(r"\$[A-Z]{2}([A-Z]{3}),")
+_OTHER = re.compile(r"[$!][A-Z]{2}[A-Z0-9]+,.*\*[0-9A-F]{2}\s*$")
 _DAY = 86400.0
 _SPEEDS = {"M": 1.0, "N": 1852.0 / 3600.0, "K": 1.0 / 3.6}
 """Factors to m/s by the letter of the unit."""
@@ -29,8 +31,13 @@ Row = dict[str, float]
 
 
 def is_nmea(line: str) -> bool:
-    """True of a line with an NMEA sentence."""
-    return _SENTENCE.search(line) is not None
+    """True of a line with an NMEA sentence, if only a manufacturer's or one of other ships."""
+    return _SENTENCE.search(line) is not None or _OTHER.search(line) is not None
+
+
+def is_comment(line: str) -> bool:
+    """True of a line that a logger may write above the first sentence: empty, or behind a #."""
+    return line.startswith("#") or not line.strip()
 
 
 def rows(lines: Iterable[str], columns: Columns, name: str, remark: Callable[[int, str], None]) -> Iterator:
@@ -53,7 +60,7 @@ def rows(lines: Iterable[str], columns: Columns, name: str, remark: Callable[[in
     require("pynmea2")
     taken = columns.completed(dict(zip(_NAMES[1:], HEADER[1:], strict=True))).of(HEADER, name)
     yield taken
-    clock, heading, fixed = _Clock(), math.nan, math.nan
+    clock, heading, fixed, kinds = _Clock(), math.nan, math.nan, set[str]()
     for line, text in enumerate(lines, 1):
         match = _SENTENCE.search(text)
         kind = match[1] if match else ""
@@ -68,6 +75,9 @@ def rows(lines: Iterable[str], columns: Columns, name: str, remark: Callable[[in
             continue
         if math.isnan(clock.time):
             remark(line, f"{kind}: no time has come before it")
+            continue
+        kinds.add(kind)
+        if kind == "HDG" and "HDT" in kinds:
             continue
         heading = row.get("heading", heading)
         if kind == "VTG":
@@ -199,6 +209,16 @@ def _hdt(sentence: Any) -> Row:
     return {"heading": _number(sentence.heading, "heading")}
 
 
+def _hdg(sentence: Any) -> Row:
+    """True heading of a magnetic compass."""
+    heading = _number(sentence.heading, "heading")
+    if not sentence.variation:
+        raise ValueError("it has no variation, so that its heading is magnetic")
+    signs = {"E": 1.0, "W": -1.0}
+    parts = ((sentence.deviation, sentence.dev_dir), (sentence.variation, sentence.var_dir))
+    return {"heading": (heading + sum(float(each) * signs.get(to, math.nan) for each, to in parts if each)) % 360.0}
+
+
 def _rot(sentence: Any) -> Row:
     _valid(sentence.status)
     return {"yaw rate": _number(sentence.rate_of_turn, "rate of turn")}
@@ -250,7 +270,7 @@ def _velocity(row: Row, heading: float) -> Row:
 
 
 _READ: dict[str, Callable[[Any], Row]] = {
-    "GGA": _gga, "RMC": _rmc, "GLL": _rmc, "HDT": _hdt, "ROT": _rot, "RSA": _rsa, "RPM": _rpm, "MWD": _mwd,
+    "GGA": _gga, "RMC": _rmc, "GLL": _rmc, "HDT": _hdt, "HDG": _hdg, "ROT": _rot, "RSA": _rsa, "RPM": _rpm, "MWD": _mwd,
     "MWV": _mwv, "VTG": _vtg,
 }  # fmt: skip
 """Channels of a sentence by its kind."""

@@ -3,7 +3,7 @@
 import csv
 import math
 from array import array
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from itertools import chain
 from pathlib import Path
@@ -13,7 +13,7 @@ import numpy as np
 
 from vessel_gym.logs.columns import Column, Columns
 from vessel_gym.logs.log import Channel, Log, LogError
-from vessel_gym.logs.nmea import is_nmea
+from vessel_gym.logs.nmea import is_comment, is_nmea
 from vessel_gym.logs.nmea import rows as sentence_rows
 from vessel_gym.logs.ulog import read as read_ulog
 
@@ -21,6 +21,7 @@ MOST_ROWS = 4_000_000
 """A longer log does not fit in memory everywhere: 40 hours at 25 measurements a second."""
 _MOST_REMARKS = 1000
 _LONGEST_LINE = 1_000_000
+_COMMENTS = 1000
 _MISSING = ("", "nan", "na", "n/a", "null", "none", "-")
 _LARGEST = 1e15
 
@@ -33,7 +34,7 @@ def read(path: Path, columns: Columns | None = None) -> Log:
 
     Args:
         path: CSV (separated by commas, semicolons or tabs; the first line names the columns), NMEA 0183 (``.nmea``, or
-            a sentence in the first line), ``.parquet``, or ``.ulg``.
+            a sentence in the first line that is no comment), ``.parquet``, or ``.ulg``.
         columns: The column map; columns are recognised by their names without one.
 
     Raises:
@@ -49,9 +50,9 @@ def read(path: Path, columns: Columns | None = None) -> Log:
     remarks: list[tuple[int, str]] = []
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         lines = _lines(file, path.name)
-        first = next(lines, "")
-        sentences = path.suffix.lower() == ".nmea" or is_nmea(first)
-        found = _table(rows(chain([first], lines), columns, path.name, remarks, sentences), path.name)
+        lines, sentences = _told_apart(lines)
+        sentences = sentences or path.suffix.lower() == ".nmea"
+        found = _table(rows(lines, columns, path.name, remarks, sentences), path.name)
     return _log_of_sentences(path.name, found, remarks) if sentences else _log(path.name, found, remarks)
 
 
@@ -69,6 +70,16 @@ def _lines(file: TextIO, name: str) -> Iterator[str]:
         yield line
 
 
+def _told_apart(lines: Iterable[str]) -> tuple[Iterator[str], bool]:
+    """The lines, and whether they are NMEA 0183: the first one that is no comment has a sentence."""
+    lines, begun = iter(lines), []
+    for line in lines:
+        begun.append(line)
+        if not is_comment(line) or len(begun) == _COMMENTS:
+            break
+    return chain(begun, lines), bool(begun) and is_nmea(begun[-1])
+
+
 def _table(parsed: Iterator, name: str) -> tuple[list[Column], np.ndarray]:
     """Columns of `rows`, and a table ``(N, 1 + columns)`` of line and numbers."""
     taken, values = next(parsed), array("d")
@@ -77,7 +88,7 @@ def _table(parsed: Iterator, name: str) -> tuple[list[Column], np.ndarray]:
             raise LogError(f"{name}, line {line}: more than {MOST_ROWS:,} rows; thin the log, or cut it in parts")
         values.append(line)
         values.extend(row)
-    return taken, np.array(values).reshape(-1, 1 + len(taken))
+    return taken, np.frombuffer(values).reshape(-1, 1 + len(taken))  # a copy would double the memory
 
 
 def rows(
@@ -94,7 +105,7 @@ def rows(
         columns: The column map.
         name: Of the log, for errors.
         remarks: Damaged rows are added to it: line and sentence.
-        sentences: True for NMEA 0183; the first line tells if not given.
+        sentences: True for NMEA 0183; the first line that is no comment decides if not given.
 
     Yields:
         First the columns (`Column`), the time first; then for each row its line and its numbers in the channels' units.
@@ -102,11 +113,13 @@ def rows(
     Raises:
         LogError: if the header is missing or names no channel.
     """
+    if sentences is None:
+        lines, sentences = _told_apart(lines)
+    if sentences:
+        yield from sentence_rows(lines, columns, name, lambda *what: _remark(remarks, *what))
+        return
     lines = iter(lines)
     first = next(lines, "")
-    if sentences or (sentences is None and is_nmea(first)):
-        yield from sentence_rows(chain([first], lines), columns, name, lambda *what: _remark(remarks, *what))
-        return
     if not first.strip() or "\0" in first:
         raise LogError(f"{name}, line 1: a log begins with a line that names its columns")
     separator = max(",;\t", key=first.count)
@@ -190,7 +203,7 @@ def _log(name: str, found: tuple[list[Column], np.ndarray], remarks: list[tuple[
     channels = {
         column.channel: Channel(column.channel, times, table[:, 2 + i], lines) for i, column in enumerate(taken[1:])
     }
-    return Log(name, _projected(_enough(name, channels)), tuple(remarks))
+    return Log(name, _projected(_enough(name, channels, remarks)), tuple(remarks))
 
 
 def _log_of_sentences(name: str, found: tuple[list[Column], np.ndarray], remarks: list[tuple[int, str]]) -> Log:
@@ -201,7 +214,7 @@ def _log_of_sentences(name: str, found: tuple[list[Column], np.ndarray], remarks
         lines, times, values = table[np.isfinite(table[:, 2 + i])][:, [0, 1, 2 + i]].T
         if len(lines):
             channels[column.channel] = Channel(column.channel, _spread(times), values, lines.astype(int))
-    return Log(name, _projected(_enough(name, channels)), tuple(remarks))
+    return Log(name, _projected(_enough(name, channels, remarks)), tuple(remarks))
 
 
 def _spread(times: np.ndarray) -> np.ndarray:
@@ -215,14 +228,15 @@ def _spread(times: np.ndarray) -> np.ndarray:
     return times + part / np.repeat(count, count) * np.repeat(step, count)
 
 
-def _enough(name: str, channels: dict[str, Channel]) -> dict[str, Channel]:
+def _enough(name: str, channels: dict[str, Channel], remarks: Sequence[tuple[int, str]] = ()) -> dict[str, Channel]:
     """The channels.
 
     Raises:
         LogError: if fewer than two of their rows have a time.
     """
     if max((np.isfinite(each.times).sum() for each in channels.values()), default=0) < 2:
-        raise LogError(f"{name}, line 2: fewer than two rows have a time")
+        few = "fewer than two rows have a time"
+        raise LogError(f"{name}: {few}; line {remarks[0][0]}: {remarks[0][1]}" if remarks else f"{name}, line 2: {few}")
     return {key: each for key, each in channels.items() if np.isfinite(each.times).any()}
 
 

@@ -33,6 +33,10 @@ ODD = [
 ]
 
 
+BYTES = 40
+"""Of memory at most for each number of a log that is inspected: it is kept once, in 8, and looked at by channels."""
+
+
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     """Sound logs by suffix."""
@@ -111,3 +115,34 @@ def test_a_file_of_a_gigabyte_without_lines_is_refused_in_little_memory(header: 
         assert tracemalloc.get_traced_memory()[1] < 2**25
     finally:
         tracemalloc.stop()
+
+
+def test_memory_is_in_proportion_to_the_numbers_of_a_log(tmp_path: Path) -> None:
+    """So that the most rows that are read bound it: 4 million of 11 channels are 44 million numbers of 8 bytes."""
+    peaks = []
+    for count in (10_000, 40_000):
+        rng, path = np.random.default_rng(0), tmp_path / f"{count}.csv"
+        table = np.cumsum(rng.normal(size=(count, 11)), 0) * 1e-3
+        table[:, 0] = 0.1 * np.arange(count)
+        head = "time,x,y,heading,yaw rate,surge,sway,rudder,revolutions,wind speed,wind direction"
+        np.savetxt(path, table, "%.6g", ",", header=head, comments="")
+        tracemalloc.start()
+        try:
+            inspect(read(path))
+            peaks.append(tracemalloc.get_traced_memory()[1])
+        finally:
+            tracemalloc.stop()
+    assert peaks[1] - peaks[0] < 30_000 * 11 * BYTES
+    assert peaks[1] < 4.5 * peaks[0]
+
+
+def test_a_log_of_too_many_rows_is_refused_at_the_first_that_is_too_many(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vessel_gym.logs.read.MOST_ROWS", 1000)
+    (tmp_path / "log.csv").write_text("t,x\n" + "".join(f"{k},{k}\n" for k in range(1000)))
+    assert len(read(tmp_path / "log.csv")["x"].values) == 1000
+    with (tmp_path / "log.csv").open("a") as file:
+        file.write("1000,0\n")
+    with pytest.raises(LogError, match=r"log\.csv, line 1002: more than 1,000 rows; thin the log, or cut it in parts"):
+        read(tmp_path / "log.csv")

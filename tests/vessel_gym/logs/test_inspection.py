@@ -10,6 +10,7 @@ from tests.vessel_gym.identification.voyages import STEP, coefficients, trial
 from vessel_gym.logs import Channel, Log
 from vessel_gym.logs.inspection import inspect, noise, rate
 from vessel_gym.logs.lag import lag
+from vessel_gym.logs.scale import scale
 
 LOGS = 20
 
@@ -63,10 +64,13 @@ def test_faults_are_found_at_their_lines(kind: str) -> None:
 def test_clean_logs_have_no_faults() -> None:
     """False alarms: a lag in at most 5 of 60 channels, since its interval misses 0 on this side with probability .025.
 
-    A jump in at most 2 of 120 channels of motion: a propeller that reverses bends the yaw rate at once.
+    A scale error in at most 3 of 20 logs: its interval excludes 0 with probability .05, and more than 3 do so with
+    probability .016. A jump in at most 2 of 120 channels of motion: a propeller that reverses bends the yaw rate at
+    once.
     """
     found = [each for seed in range(LOGS) for each in inspect(clean(seed))]
-    assert [each for each in found if each.kind not in ("lag", "jump")] == []
+    assert [each for each in found if each.kind not in ("lag", "jump", "scale")] == []
+    assert sum(each.kind == "scale" for each in found) <= 3
     assert sum(each.kind == "lag" for each in found) <= 5
     assert sum(each.kind == "jump" for each in found) <= 2
 
@@ -100,6 +104,52 @@ def test_the_interval_of_a_lag_holds_it() -> None:
         assert found is not None
         inside.append(abs(found[0] - 0.6) <= found[1])
     assert sum(inside) >= 16
+
+
+def test_the_interval_of_a_gyro_s_scale_holds_it_whatever_its_offset() -> None:
+    """In at least 16 of 20 logs; fewer than 16 has a probability of .003 at 95 %."""
+    inside, said = [], []
+    for seed in range(LOGS):
+        log = altered(clean(seed), "yaw rate", lambda v: v / 1.05 + 2e-3)
+        found = scale(log)
+        assert found is not None
+        inside.append(abs(found[0] - 0.05) <= found[1])
+        said += [each.sentence for each in inspect(log) if each.kind == "scale" and each.channel == "yaw rate"]
+    assert sum(inside) >= 16
+    assert len(said) >= LOGS - 1
+    assert all("faster" in each for each in said)
+
+
+def test_a_gap_does_not_change_the_scale() -> None:
+    log = clean(3)
+    kept = np.delete(np.arange(len(log["heading"].times)), np.s_[300:420])
+    cut = {
+        name: Channel(name, each.times[kept], each.values[kept], each.lines[kept])
+        for name, each in log.channels.items()
+    }
+    found, whole = scale(Log("log.csv", cut)), scale(log)
+    assert found is not None
+    assert whole is not None
+    assert abs(found[0] - whole[0]) < whole[1]
+
+
+def test_a_still_or_short_log_has_no_scale() -> None:
+    log = clean(0)
+    assert scale(altered(log, "yaw rate", np.zeros_like)) is None
+    short = {
+        name: Channel(name, each.times[:120], each.values[:120], each.lines[:120])
+        for name, each in log.channels.items()
+    }
+    assert scale(Log("log.csv", short)) is None
+
+
+def test_a_long_hold_is_found_behind_many_short_ones() -> None:
+    """A receiver at half the rate repeats each value once."""
+    log = altered(clean(0), "x", lambda v: np.repeat(v[::2], 2)[: len(v)])
+    log = altered(log, "x", lambda v: at(v, 800, 813, v[800]))
+    (found,) = [each for each in inspect(log) if each.kind == "held"]
+    assert (found.channel, found.sentence) == ("x", "held for 14 rows")
+    assert abs(found.line - 802) <= 2
 
 
 def test_the_command_names_lines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

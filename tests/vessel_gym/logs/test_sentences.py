@@ -140,8 +140,31 @@ def test_a_column_map_changes_signs_and_keeps_the_rest(tmp_path: Path) -> None:
     assert "heading" in found
 
 
+def test_a_magnetic_heading_is_corrected_and_used_where_there_is_no_true_one(tmp_path: Path) -> None:
+    magnetic = [sentence(f"SDHDG,{359.0 + k:.1f},0.5,W,1.5,E") for k in range(3)]
+    found = log(tmp_path, [line for k in range(3) for line in (fix(k), magnetic[k])])
+    np.testing.assert_allclose(np.rad2deg(found["heading"].values), [0.0, 1.0, 2.0], atol=1e-9)
+    both = log(tmp_path, [line for k in range(3) for line in (fix(k), sentence("HEHDT,90.0,T"), magnetic[k])])
+    np.testing.assert_allclose(np.rad2deg(both["heading"].values), 90.0)
+    bare = log(tmp_path, [line for k in range(3) for line in (fix(k), sentence("SDHDG,10.0,,,,"))])
+    assert "heading" not in bare
+    (said,) = [each.sentence for each in inspect(bare) if each.kind == "damaged row"]
+    assert said == "HDG: it has no variation, so that its heading is magnetic, as of 2 other rows until line 6"
+
+
+@pytest.mark.parametrize(
+    "first", ["# Name: a receiver\n#\n\n", "$PSRF151,1*3F\n", "!AIVDM,1,1,,B,15N4cJ`005Jrek0H@9n`DW5608EP,0*13\n"]
+)
+def test_sentences_are_told_below_comments_and_other_sentences(first: str, tmp_path: Path) -> None:
+    """Loggers write names and dates above the first sentence, and receivers say what is their maker's."""
+    (tmp_path / "log.txt").write_text(first + "\n".join(voyage(4)), encoding="utf-8")
+    assert {"x", "heading", "rudder"} <= set(read(tmp_path / "log.txt").channels)
+    with (tmp_path / "log.txt").open() as pipe:
+        assert len(list(rows(pipe, Columns({})))) > 20
+
+
 def test_what_has_no_time_or_no_sentence_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match="fewer than two rows have a time"):
+    with pytest.raises(LogError, match="fewer than two rows have a time; line 1: HDT: no time has come before it"):
         log(tmp_path, [sentence("HEHDT,90.0,T")] * 5)
     with pytest.raises(LogError, match="fewer than two rows have a time"):
         log(tmp_path, ["nothing"] * 5)
