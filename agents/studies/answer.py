@@ -1,6 +1,6 @@
 """The answer to a study, computed: the advice in a sentence, a small table, what else was found."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 
 import numpy as np
 
@@ -29,7 +29,7 @@ def answer(results: Results, fresh: Results | None = None) -> list[str]:
         return ["Nothing has a result yet."]
     environments, everywhere = shares.ruled(results), shares.common(results)
     if not environments:
-        sentences = [note("no-ranking", who=results.who, oracle=ORACLE, floor=FLOOR)]
+        sentences = [note("no-ranking", who=results.who, oracle=ORACLE, floor=FLOOR), *_scored(results)]
     elif everywhere:
         sentences = _advice(results, environments, everywhere)
     else:
@@ -57,18 +57,39 @@ def summary(results: Results) -> Table | None:
 
 
 def _advice(results: Results, environments: list[str], ranked: dict[str, np.ndarray]) -> list[str]:
-    """The best of the ranked estimators of an environment, or of all, how the others stand to it, and its costs."""
+    """The estimator to fly in an environment, or in all: the cheapest of the best. How others stand, and its costs."""
     best, who, alone = next(iter(ranked)), results.classical, len(environments) == 1
-    kept = amount(shares.kept(results, environments, who, best, len(ranked)))
-    lost = amount(shares.loss(results, environments, best, len(ranked)))
     where = environments[0] if alone else every(environments)
+    if enough := shares.episodes_to_tell(results, environments, ranked):
+        more = f"; about {number(enough, 0)} episodes would tell" if enough > 0.0 else ""
+        flown = many(results.plan.study.episodes, "episode")
+        return [note("too-few", episodes=flown, where=where, best=best, enough=more)]
+    pick = shares.cheapest(results, environments, ranked)
+    kept = amount(shares.kept(results, environments, who, pick, len(ranked)))
+    lost = amount(shares.loss(results, environments, pick, len(ranked)))
+    why = "" if pick == best else f", equivalent to {best}, which keeps most, and cheaper"
     return [
-        note("advice" if alone else "advice-for-all", best=best, where=where, who=results.who, kept=kept, lost=lost),
+        note(
+            "advice" if alone else "advice-for-all",
+            pick=pick, why=why, where=where, who=results.who, kept=kept, lost=lost,
+        ),
         *_standing(results, ranked, best),
-        *([] if alone else [_each_best(results, environments, best)]),
-        *(_steering(results, where, best) if alone else []),
-        *_prices_in_time(results, environments, best),
-    ]
+        *([] if alone else [_each_best(results, environments, pick)]),
+        *(_steering(results, where, pick) if alone else []),
+        *_prices_in_time(results, environments, pick),
+    ]  # fmt: skip
+
+
+def _scored(results: Results) -> Iterator[str]:
+    """Mean scores in environments in which nothing can be ranked: on the ends of the scale, and on the best other."""
+    for environment in results.environments:
+        place, who = results.places([environment])[0], results.classical
+        names = results.estimators(environment, who)
+        means = {name: mean for name in names if (mean := results.mean(place, who, name)) is not None}
+        others = sorted(means.keys() - set(shares.ENDS), key=lambda name: -means[name].mean)
+        each = [f"{amount(means[name])} on {name}" for name in (*shares.ENDS, *others[:1]) if name in means]
+        if each:
+            yield f"{capitalised(results.who)} in {environment}, {place.condition}, scores {listed(each)}."
 
 
 def _standing(results: Results, ranked: dict[str, np.ndarray], best: str) -> list[str]:
@@ -77,7 +98,7 @@ def _standing(results: Results, ranked: dict[str, np.ndarray], best: str) -> lis
     if list(found) == [WORSE]:
         second = found[WORSE][0]
         return [f"Every other is worse; the next, {second}, keeps {amount(shares.gap(ranked, best, second))} less."]
-    words = {EQUIVALENT: f"Equivalent to it (within ±{margin:g})", UNDECIDED: "Not decided", WORSE: "Worse"}
+    words = {EQUIVALENT: f"Equivalent to {best} (within ±{margin:g})", UNDECIDED: "Not decided", WORSE: "Worse"}
     return [f"{word}: {listed(found[each])}." for each, word in words.items() if each in found]
 
 

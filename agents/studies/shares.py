@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.statistics import Interval, paired_difference, verdict
+from agents.statistics import EQUIVALENT, Interval, mean_interval, paired_difference, verdict
 from agents.studies.records import DEFAULT, FLOOR, ORACLE
 from agents.studies.results import Policy, Results
 from agents.studies.wording import grouped
@@ -87,6 +87,41 @@ def verdicts(results: Results, ranked: dict[str, np.ndarray], best: str) -> dict
     """The estimators but the best by their verdict against it, in their order."""
     margin = results.plan.study.margin
     return grouped((verdict(gap(ranked, name, best), margin), name) for name in ranked if name != best)
+
+
+def cheapest(results: Results, environments: Sequence[str], ranked: dict[str, np.ndarray]) -> str:
+    """The best estimator, or one equivalent to it whose step takes least CPU time: less by a tenth, beyond the noise.
+
+    A time counts as a multiple of that on the truth, flown in turns with it: jobs may run on several machines.
+    """
+    best, times = next(iter(ranked)), {}
+    for name in (best, *verdicts(results, ranked, best).get(EQUIVALENT, ())):
+        each = [results.step_times(e, name)[:1] for e in environments]
+        if not all(each):
+            return best
+        times[name] = sum(own / truth for [(_, own, truth)] in each)
+    least = min(times, key=lambda name: times[name])
+    return least if times[least] < 0.9 * times[best] else best
+
+
+def episodes_to_tell(results: Results, environments: Sequence[str], ranked: dict[str, np.ndarray]) -> float:
+    """Number of evaluation seeds that would tell what the best estimator keeps; 0 if those flown do, NaN of one.
+
+    They do if the scale's interval excludes zero and that of the share kept is no wider than the scale (Fieller 1954:
+    a ratio whose denominator may be zero has no bounded interval). So many as make both half as wide, by their spread.
+    """
+    from scipy.special import ndtri
+
+    ends = [ends for place in results.scaled(environments) if (ends := results.scale(place)) is not None]
+    worth, kept = np.mean([high - low for low, high in ends], axis=0), next(iter(ranked.values()))
+    if len(kept) < 2:
+        return float("nan")
+    needed, enough = 0.0, True
+    for values, half, among in ((worth, worth.mean(), 1), (kept, 0.5, len(ranked))):
+        found = mean_interval(values, among)
+        enough &= found is not None and found.half < half
+        needed = max(needed, (2.0 * ndtri(1.0 - 0.025 / among) * values.std(ddof=1) / half) ** 2)
+    return 0.0 if enough else float(np.ceil(needed))
 
 
 def learners(results: Results) -> list[Policy]:

@@ -109,7 +109,38 @@ def test_estimators_that_differ_by_chance_are_said_to():
         answer(results(study((CORVETTE,)), dict.fromkeys(QUALITY, 0.9) | {"truth": 1.0, "dead-reckoning": 0.0}))
     )
     assert "Worse" not in told
-    assert re.search(r"(Equivalent to it \(within ±0.01\)|Not decided): .* and .*", told)
+    assert re.search(r"(Equivalent to \S+ \(within ±0.01\)|Not decided): .* and .*", told)
+
+
+def test_of_equivalent_estimators_the_advice_is_the_cheapest_and_says_so():
+    planned = plan(study((CORVETTE,), episodes=100))
+    alike = QUALITY | {"kf-umv-ui": 0.95, "ekf": 0.949}  # invented times grow with the length of a name
+    cheap, standing, *_ = answer(results(planned, alike, noise=1e-3))
+    assert cheap.startswith(f"Fly ekf in {CORVETTE}, equivalent to kf-umv-ui, which keeps most, and cheaper: on it")
+    assert standing.startswith("Equivalent to kf-umv-ui")
+    untimed = replace(results(planned, alike, noise=1e-3), timings={})
+    assert answer(untimed)[0].startswith(f"Fly kf-umv-ui in {CORVETTE}: on it")
+    assert answer(results(planned, alike | {"ekf": 0.8}, noise=1e-3))[0].startswith(
+        f"Fly kf-umv-ui in {CORVETTE}: on it"
+    )
+
+
+@pytest.mark.parametrize(("episodes", "noise"), [(4, 0.5), (20, 0.5)])
+def test_few_episodes_end_in_no_advice_but_in_a_number_of_episodes_that_give_one(episodes, noise):
+    def said(number):
+        return answer(results(study((CORVETTE,), conditions=CONDITIONS[:1], episodes=number), noise=noise))[0]
+
+    few = said(episodes)
+    assert few.startswith(f"{episodes} episodes cannot tell which estimator to fly in {CORVETTE}")
+    enough = int(re.search(r"; about (\d+) episodes would tell\.", few)[1])
+    assert enough > episodes
+    assert said(enough).startswith("Fly ")
+
+
+def test_of_one_episode_not_even_that_number_is_known():
+    one = answer(results(study((CORVETTE,), conditions=CONDITIONS[:1], episodes=1)))[0]
+    assert one.startswith("1 episode cannot tell")
+    assert one.endswith("keeps most.")
 
 
 @pytest.mark.slow
@@ -276,7 +307,11 @@ def test_what_an_environment_refuses_is_listed_with_the_reason(classical, plain)
 
 def test_where_the_truth_is_worth_nothing_there_is_no_share_and_the_page_says_so():
     flat = results(study((CORVETTE,)), QUALITY | {"truth": -1.0})
-    assert answer(flat)[0].startswith("No estimator can be ranked")
+    ranked, scores, *_ = answer(flat)
+    assert ranked.startswith("No estimator can be ranked")
+    assert re.search(
+        r"scores −0\.7\d* ± .* on truth, 0\.1\d* ± .* on dead-reckoning and 0\.8\d* ± .* on kf-umv-ui", scores
+    )
     assert "No scale" in render(page(flat, OUT))
 
 
