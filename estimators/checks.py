@@ -1,6 +1,5 @@
 """Checks of users' arguments: arrays and numbers, or an error that names the argument in one sentence."""
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -113,13 +112,6 @@ def shaped_array(name: str, value: object, *shape: int | str) -> np.ndarray:
         comma = "," if len(shape) == 1 else ""
         raise ValueError(f"{name} must have shape ({', '.join(map(str, shape))}{comma}), got {array.shape}")
     return array
-
-
-def in_rows(array: np.ndarray) -> np.ndarray:
-    """The array ``(B, k)`` of one ``(..., k)``, contiguous, as compiled programs need it."""
-    if not (array.flags.c_contiguous and array.flags.aligned):
-        array = np.array(array, order="C")
-    return array if array.ndim == 2 else array.reshape(math.prod(array.shape[:-1]), array.shape[-1])
 
 
 def as_mask(name: str, value: object) -> np.ndarray:

@@ -28,7 +28,7 @@ from estimators.analysis import (
 )
 from estimators.angles import difference
 from estimators.belief import Belief, EnsembleBelief, Record, members_last, prior_belief
-from estimators.checks import in_rows, integer, number, short_repr
+from estimators.checks import integer, number, short_repr
 from estimators.engine.matrices import is_traced
 from estimators.filter import Filter, Model, Rng, inlinable
 from estimators.linalg import masked, semidefinite_cholesky, shared_root
@@ -70,7 +70,7 @@ class DrawingFilter(Filter[Record], verified=True):
         step = numbers.step
         if not isinstance(step, np.ndarray) or step.shape != batch or step.dtype != np.int64:
             step = np.full(batch, step, np.int64)
-        return in_rows(numbers.keys), in_rows(step[..., None])
+        return numbers.keys, step[..., None]
 
 
 class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):

@@ -1,6 +1,5 @@
 """Filters that run on the engine: `_predict` and `_update`, compiled where they are formulas, and their recovery."""
 
-import math
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -11,8 +10,9 @@ import numpy as np
 
 from estimators.angles import difference
 from estimators.belief import Belief, Layout, Record, finite_rows
-from estimators.checks import frozen, in_rows
+from estimators.checks import frozen
 from estimators.contract import INVALID_INITIAL, Estimator, Model, Rng, check_channels
+from estimators.engine import Compiled
 from estimators.engine.matrices import is_traced
 from estimators.linalg import congruence, identity, masked
 from estimators.measurement import Measurement
@@ -28,7 +28,7 @@ from estimators.recovery import (
     regular_noise,
     unsound_rows,
 )
-from estimators.tracing import BOTH, PREDICTIONS, SUCCESSIVE, Traced, traced, traced_formula
+from estimators.tracing import BOTH, PREDICTIONS, SUCCESSIVE, Traced, traced
 from estimators.varying import Schedule, StateNoise, resolve
 
 __all__ = ["Filter", "Model", "Rng", "check_channels", "inlinable"]
@@ -75,7 +75,7 @@ class Filter(Estimator[Record], verified=True):
         R = model.R.table if isinstance(model.R, Schedule) else model.R
         self._regular = None if callable(R) else regular_noise(R)
         self._alike = all(getattr(matrix, "ndim", 2) == 2 for matrix in vars(model).values())  # all rows have one model
-        self._programs: dict[Any, Traced] | None = {} if self.formulas and self._alike else None
+        self._programs: dict[Any, Any] | None = {} if self.formulas and self._alike else None
         self._first: tuple[np.ndarray, Layout] | None = None  # a row as it begins, but for mean and covariance
 
     def __init_subclass__(cls, verified: bool = False, **arguments: Any) -> None:
@@ -236,8 +236,8 @@ class Filter(Estimator[Record], verified=True):
             if program is None or program.callbacks or program.layout is not layout:
                 return None
             programs[each] = program
-        predicted, doubtful = list[np.ndarray](), np.zeros((steps, rows, 1), bool)
-        state, running = in_rows(packed), wait <= np.arange(steps)[:, None]
+        predicted, doubtful = list[np.ndarray](), np.zeros((steps, rows), bool)
+        state, running = np.ascontiguousarray(packed), wait <= np.arange(steps)[:, None]
         cuts = {k + 1 for k in kept} | {k for k in range(1, steps) if measured[k] != measured[k - 1]}
         for first, last in pairwise(sorted({0, *cuts})):
             before, now = (state, state) if u is None else (u[first:], u[first + 1 :])
@@ -279,18 +279,13 @@ class Filter(Estimator[Record], verified=True):
         available: np.ndarray | None = None, R: np.ndarray | None = None, rng: Rng = None,
     ) -> tuple[Record, np.ndarray]:  # fmt: skip
         """The result of a program of `_predict`, `_update` or both; and the mask ``(...)`` of its `doubtful_rows`."""
-        batch, own = packed.shape[:-1], in_rows(packed)
-        keys, step = self._words(rng, batch) if self.random else (own, own)
-        out = np.empty((len(own), program.layout.width))
-        doubtful: np.ndarray = np.empty(len(own), bool)
-        program.function(
-            len(own), 0, own, own if u is None else in_rows(u), own if y is None else in_rows(y),
-            _all(len(own), self.model.p) if available is None else in_rows(available),
-            in_rows(program.results(belief, u, R, batch)) if program.callbacks else own, keys, step, out, doubtful,
-            threads=self.num_threads,
-        )  # fmt: skip
-        if len(batch) != 1:
-            out, doubtful = out.reshape(*batch, out.shape[-1]), doubtful.reshape(batch)
+        batch = packed.shape[:-1]
+        keys, step = self._words(rng, batch) if self.random else (packed, packed)
+        out, doubtful = program.function.compute((
+            packed, packed if u is None else u, packed if y is None else y,
+            _all(batch, self.model.p) if available is None else available,
+            program.results(belief, u, R, batch) if program.callbacks else packed, keys, step,
+        ), self.num_threads)  # fmt: skip
         recovery = belief.recovery if y is None else None
         updated: Any = self.record.view(out, program.layout, belief.prior_mean, belief.prior_cov, u, recovery)
         return updated, doubtful
@@ -304,17 +299,11 @@ class Filter(Estimator[Record], verified=True):
 
         For what is computed between host callbacks; it gives vectors or matrices, one or a tuple of them.
         """
-        if self._programs is None or is_traced(matrices[0]):
+        if self._programs is None:
             return formula(*matrices)
-        batch, sizes = matrices[0].shape[:-2], tuple(matrix.shape[-2:] for matrix in matrices)
-        program = self._programs.get((formula.__name__, sizes))
-        if program is None:
-            program = self._programs[formula.__name__, sizes] = traced_formula(formula, sizes)
-        rows = [in_rows(matrix.reshape(*batch, math.prod(size))) for matrix, size in zip(matrices, sizes, strict=True)]
-        out = np.empty((len(rows[0]), program.layout.width))
-        program.function(len(out), 0, *rows, out, threads=self.num_threads)
-        results = tuple(out[own].reshape(batch + shape) for own, shape in program.layout.fields.values())
-        return results if len(results) > 1 else results[0]
+        if (own := self._programs.get(formula.__name__)) is None:
+            own = self._programs[formula.__name__] = Compiled(formula, (2,) * len(matrices), True)
+        return own(*matrices, threads=self.num_threads)
 
     # --- the model ----------------------------------------------------------------------------------
 
@@ -412,6 +401,6 @@ _ANSWERS = {"_moved": (1, 2), "_linearise": (1, 2, 2), "_moving_G": (2,), "_move
 
 
 @cache
-def _all(rows: int, measurements: int) -> np.ndarray:
+def _all(batch: tuple[int, ...], measurements: int) -> np.ndarray:
     """The mask of measurements that have all arrived, made once."""
-    return np.ones((rows, measurements), bool)
+    return np.ones((*batch, measurements), bool)

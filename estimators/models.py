@@ -4,7 +4,6 @@ Notation throughout: ``x+ = A x + B u + G d + w`` and ``y = C x + H d + v`` with
 ``v ~ N(0, R)`` and ``d`` unknown; n states, m known inputs, q unknown inputs, p measurements.
 """
 
-import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
@@ -16,12 +15,10 @@ from estimators.checks import as_array, call, frozen, read_only, short_repr
 from estimators.differences import central_differences, check_jacobian, steps, values_at
 from estimators.engine.compiled import Compiled, compiled
 from estimators.engine.derivative import linearise
-from estimators.engine.foreign import Inspection, inspect, inspections, keep, known
+from estimators.engine.foreign import Inspection, inspection_of, inspections
 from estimators.engine.matrices import columnwise, is_traced, matrix
 from estimators.model_checks import as_covariance, check_matrices
 from estimators.varying import Frozen, Function, Matrix, StateMatrix, resolve
-
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,15 +337,8 @@ def inspected(function: Function, x: np.ndarray, u: np.ndarray | None) -> Compil
         return function
     if x.dtype == object:  # it is traced as a part of another
         return None
-    key = _key(function, x, u)
-    try:
-        inspection = known(key)
-    except TypeError:  # it can be no key
-        return None
-    if inspection is None:
-        inspection = inspect(lambda x, u=None: function(x, u), x) if u is None else inspect(function, x, u)
-        if not keep(key, inspection).traceable:
-            _log.info("%s runs in NumPy: %s", getattr(function, "__name__", "a function"), inspection.reason)
+    own, samples = (lambda x, u=None: function(x, u), (x,)) if u is None else (function, (x, u))
+    inspection = inspection_of(_key(function, x, u), own, *samples)
     return inspection if inspection.traceable else None
 
 

@@ -141,23 +141,11 @@ def traced(
     sizes = (layout.width, 0 if u is None else u.shape[-1], p, p, callbacks.columns)
     arguments = [*(Argument((size,), "b" if i == 3 else "f") for i, size in enumerate(sizes)), *words]
     arguments += [Argument(sizes[1:2]), Argument((1,), "b")] * successive
-    outputs = [(parts, Argument((found.width,))), (mask, Argument((1,), "b"))]
+    outputs = [(parts, Argument((found.width,))), (mask, Argument((), "b"))]
     function = Function(program, arguments, outputs, successive and found is layout)
     others = [each.source for each in program.inspections]
     dependencies = Dependencies(*others) if others else None
     return Traced(function, found, tuple(callbacks.each), callbacks.columns, dependencies)
-
-
-def traced_formula(formula: Callable[..., Any], sizes: tuple[tuple[int, int], ...]) -> Traced:
-    """The program of a formula of matrices of these sizes, which gives vectors or matrices, one or a tuple of them."""
-    program = Program()
-    results = formula(*(matrix_input(program, argument, 0, size) for argument, size in enumerate(sizes)))
-    named = {str(i): result for i, result in enumerate(results if isinstance(results, tuple) else (results,))}
-    layout, parts = _columns(program, named)
-    return Traced(
-        Function(program, [Argument((math.prod(size),)) for size in sizes], [(parts, Argument((layout.width,)))]),
-        layout,
-    )
 
 
 def _inputs(program: Program, belief: Any, layout: Layout) -> dict[str, Any]:
@@ -195,14 +183,8 @@ def _checked(filter: Any, result: Any, before: Any) -> Any:
 
 
 def _packed(program: Program, results: dict[str, Any]) -> tuple[Layout, list[Any]]:
-    """The layout of a traced belief's arrays, and these as parts of an output."""
-    return _columns(program, results, frozenset(name for name, value in results.items() if value.dtype == bool))
-
-
-def _columns(
-    program: Program, results: dict[str, Any], masks: frozenset[str] = frozenset()
-) -> tuple[Layout, list[Any]]:
-    """The layout of results, and these as parts of an output of floats."""
+    """The layout of a traced belief's arrays, and these as parts of an output of floats."""
     parts = [matrix(program, value) for value in results.values()]
+    masks = frozenset(name for name, value in results.items() if value.dtype == bool)
     found = layout_of(tuple((name, value.shape) for name, value in results.items()), masks)
     return found, [part.view if isinstance(part, MatrixTracer) else tracer.cast(part, "f").value for part in parts]

@@ -224,7 +224,7 @@ class Core:
         now = EnvState(
             np.ascontiguousarray(keys[:, len(DRAWN) : draws.world]), steps, scenario, parameters, state,
             np.zeros((len(rows), config.action_size)), actuators, drifting, noise, exogenous, scenario, score_state,
-            total, np.zeros_like(steps),
+            total, steps.copy(),
         )  # fmt: skip
         measurements = loop.receive(measurements or (read[0], read[1]), steps, some, measurements is not None)
         belief = loop.begin(some, known(prior, config.composition), self._passed(measurements, now), u)

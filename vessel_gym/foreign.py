@@ -18,7 +18,7 @@ from estimators.engine import Compiled, as_float, forget
 from estimators.engine.arrays import TracedArray
 from estimators.engine.creation import traced_creation
 from estimators.engine.dependencies import Dependencies
-from estimators.engine.foreign import Inspection, inspect, keep, known
+from estimators.engine.foreign import Inspection, inspection_of
 from estimators.engine.tracer import NotTraceable
 from vessel_gym.verified import is_verified
 
@@ -181,9 +181,9 @@ def traced(
             part.calls = None
     for function, arguments, shapes in calls:
         inspection = _inspected(function, arguments)
-        rows = inspection.function.results if inspection.function is not None else ()
-        reason = inspection.reason or _misfit([row.shape for row in rows], shapes)
-        if reason:
+        if inspection.function is None:  # the log has its reason
+            return None
+        if reason := _misfit([row.shape for row in inspection.function.results], shapes):
             _log.info("%s runs in NumPy: %s", getattr(function, "__qualname__", "a function"), reason)
             return None
     try:
@@ -256,15 +256,8 @@ def _inspected(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Insp
     ]
     given = tuple(value is not None for values in opened for value in values)
     arrays = [value for values in opened for value in values if value is not None]
-    try:
-        key = function, given, tuple(each.shape[1:] for each in arrays)
-        inspection = known(key)
-    except TypeError:  # it can be no key
-        return Inspection("nothing tells it from other functions")
-    if inspection is None:
-        own = partial(_opened, function, kinds, given)
-        inspection = keep(key, inspect(own, *arrays, axes=[each.ndim - 1 for each in arrays]))
-    return inspection
+    key, own = (function, given, *(each.shape[1:] for each in arrays)), partial(_opened, function, kinds, given)
+    return inspection_of(key, own, *arrays, axes=[each.ndim - 1 for each in arrays])
 
 
 def _opened(function: Callable[..., Any], kinds: tuple[type, ...], given: tuple[bool, ...], *arrays: Any) -> Any:

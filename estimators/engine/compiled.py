@@ -1,17 +1,17 @@
 """Functions of arrays ``(..., n)`` that run compiled: traced when they are first called with rows of some shapes."""
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache, partial, update_wrapper, wraps
-from typing import Any, NamedTuple
+from functools import partial, update_wrapper, wraps
+from typing import Any
 
 import numpy as np
 
 from estimators.engine.arrays import TracedArray, entries
-from estimators.engine.function import Argument, Function, kind_of
-from estimators.engine.matching import described, matcher
+from estimators.engine.function import Argument, Function
+from estimators.engine.matching import in_memory, kind_of
 from estimators.engine.matrices import MatrixTracer, is_mask, matrix_input
 from estimators.engine.program import Program
-from estimators.engine.tracer import KINDS, NotTraceable, Tracer, cast
+from estimators.engine.tracer import Tracer, cast
 
 
 def trace(function: Callable[..., Any], rows: Sequence[Argument], matrices: bool = False) -> tuple[Function, bool]:
@@ -61,8 +61,7 @@ class Compiled:
         self.function, self._axes, self._matrices = function, axes, matrices
         self._traced: dict[Any, tuple[Function, bool]] = {}
         self._partial: dict[tuple[bool, ...], Compiled] = {}
-        self._last: _Call | None = None
-        self._shapes: list[tuple[int, ...]] = []  # of the arguments before, as few are worth describing
+        self._last: tuple[dict[str, Any], Function | None, bool] = {}, None, False  # as it was called last
 
     @property
     def __self__(self) -> Any:
@@ -82,42 +81,31 @@ class Compiled:
     def __call__(self, *arrays: Any, threads: int = 1, **static: Any) -> Any:
         """The function's results for arrays; where they are tracers, traced with its caller.
 
-        So many threads may share the rows, if the arrays have one leading axis.
+        So many threads may share the rows.
         """
-        last = self._last
-        if last is not None and last.matches(last.described, *arrays) and static == last.static:
-            results = [np.empty(shape, dtype) for shape, dtype in last.results]
-            if threads == 1:
-                last.run(*arrays, *results)
-            else:
-                last.function(last.rows, last.shared, *arrays, *results, threads=threads)
-            return tuple(results) if last.several else results[0]
-        return self._call(arrays, static, threads)
+        constants, function, several = self._last
+        if function is None or static != constants or (results := function.repeated(arrays, threads)) is None:
+            return self._call(arrays, static, threads)
+        return results if several else results[0]
 
     def _call(self, arrays: tuple[Any, ...], static: dict[str, Any], threads: int) -> Any:
         """The same of arguments unlike the last ones."""
-        if any(type(each) is not np.ndarray for each in arrays):
+        if {*map(type, arrays)} != {np.ndarray}:
             if any(isinstance(each, TracedArray | Tracer | MatrixTracer) for each in arrays):
                 return self.function(*arrays, **static)
             if any(each is None for each in arrays):
                 return self._without(arrays)(*(each for each in arrays if each is not None), threads=threads, **static)
         axes = self._axes or (1,) * len(arrays)
-        rows = [_rows(each) for each in arrays]
+        rows = list(map(in_memory, arrays))
         key = tuple((a.shape[a.ndim - k :], a.dtype.char) for a, k in zip(rows, axes, strict=True)), *static.items()
         if key not in self._traced:
             each = [Argument(a.shape[a.ndim - k :], kind_of(a)) for a, k in zip(rows, axes, strict=True)]
             self._traced[key] = trace(partial(self.function, **static), each, self._matrices)
         function, several = self._traced[key]
-        count, shared, ready, results = prepared(function, rows, axes)
-        if count:
-            function(count, shared, *ready, *results, threads=threads)
-            shapes = [a.shape for a in ready]
-            if shapes == self._shapes and all(one is other for one, other in zip(ready, arrays, strict=True)):
-                self._last = _Call(
-                    matcher(), described(ready), static, function, function.bound(count, shared), count, shared,
-                    tuple((a.shape, a.dtype) for a in results), several, tuple(a.dtype for a in ready),
-                )  # fmt: skip
-            self._shapes = shapes
+        self._last = static, function, several
+        results = function.repeated(rows, threads)
+        if results is None:
+            results = function.prepared(rows, threads)
         return tuple(results) if several else results[0]
 
     def _without(self, arrays: Sequence[Any]) -> "Compiled":
@@ -138,21 +126,6 @@ class Compiled:
             return getattr, (instance, self.function.__name__)
         name = getattr(self.function, "__qualname__", "<locals>")
         return (Compiled, (self.function, self._axes, self._matrices)) if "<locals>" in name else name
-
-
-class _Call(NamedTuple):
-    """A call whose arguments needed no preparation: the next one of arrays like these needs none either."""
-
-    matches: Callable[..., bool]
-    described: np.ndarray
-    static: dict[str, Any]
-    function: Function
-    run: Callable[..., None]  # in one thread
-    rows: int
-    shared: int
-    results: tuple[tuple[tuple[int, ...], np.dtype], ...]
-    several: bool
-    dtypes: tuple[np.dtype, ...]  # which are kept for those that are described
 
 
 class _Methods(dict[Compiled, Compiled]):
@@ -184,48 +157,3 @@ def compiled(function: Any = None, *, axes: Sequence[int] | None = None, matrice
     if function is None:
         return lambda function: Compiled(function, axes, matrices)
     return Compiled(function, axes, matrices)
-
-
-def _rows(value: Any) -> np.ndarray:
-    """An argument as an array in C order, of a type that the engine has."""
-    array = np.asarray(value)
-    if array.dtype not in KINDS.values():
-        if array.dtype.kind not in "fiub":
-            raise NotTraceable(f"a compiled function takes numbers, got {array.dtype}")
-        array = array.astype(float if array.dtype.kind == "f" else KINDS[array.dtype.kind])
-    return array if array.flags.c_contiguous else np.ascontiguousarray(array).reshape(array.shape)
-
-
-def call(function: Function, arrays: Sequence[np.ndarray], axes: Sequence[int]) -> list[np.ndarray]:
-    """A compiled function of arrays in C order that have one batch, or none where all rows share them."""
-    rows, shared, ready, results = prepared(function, arrays, axes)
-    if rows:
-        function(rows, shared, *ready, *results)
-    return results
-
-
-_broadcast = lru_cache(np.broadcast_shapes)
-
-
-def prepared(
-    function: Function, arrays: Sequence[np.ndarray], axes: Sequence[int]
-) -> tuple[int, int, list[np.ndarray], list[np.ndarray]]:
-    """Number of rows, mask of shared arrays, the arrays as a function takes them, and its results."""
-    leading = [a.shape[: a.ndim - k] for a, k in zip(arrays, axes, strict=True)]
-    batch: tuple[int, ...] = ()
-    for own in leading:
-        if own != batch and own:
-            batch = _broadcast(batch, own)
-    rows, shared, ready = 1, 0, []
-    for n in batch:
-        rows *= n
-    for i, (array, own) in enumerate(zip(arrays, leading, strict=True)):
-        if own != batch:
-            if any(n != 1 for n in own):
-                whole = np.empty(batch + array.shape[len(own) :], array.dtype)
-                whole[...] = array
-                array = whole
-            else:
-                shared |= 1 << i
-        ready.append(array)
-    return rows, shared, ready, [np.empty(batch + row.shape, KINDS[row.kind]) for row in function.results]

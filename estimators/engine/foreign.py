@@ -6,6 +6,7 @@ others around them.
 """
 
 import linecache
+import logging
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -15,14 +16,16 @@ import numpy as np
 
 from estimators import checks
 from estimators.engine.arrays import TracedArray, entries
-from estimators.engine.compiled import _rows, call, given, output
+from estimators.engine.compiled import given, output
 from estimators.engine.creation import traced_creation
 from estimators.engine.dependencies import Dependencies
-from estimators.engine.function import FEW, Argument, Function, kind_of
+from estimators.engine.function import FEW, Argument, Function
 from estimators.engine.interpret import interpret
+from estimators.engine.matching import in_memory, kind_of
 from estimators.engine.program import Program
 from estimators.engine.tracer import NotTraceable
 
+_log = logging.getLogger(__name__)
 _LONGEST = 20_000  # values of a program; LLVM needs a second for as many
 _OWN = 64  # rows of the samples that are compared
 _DRAWS = 3
@@ -42,7 +45,6 @@ class Inspection:
     def __init__(self, reason: str = "", function: Function | None = None, several: bool = False) -> None:
         self.reason, self.traceable = reason, function is not None
         self.function, self.several = function, several
-        self.axes: tuple[int, ...] = ()
         self.source: Callable[..., Any] = lambda *_: None
         self.dependencies: Dependencies | None = None
 
@@ -59,7 +61,7 @@ class Inspection:
         """The function's results for arrays (none of them None), computed by its program."""
         if self.function is None:
             raise NotTraceable(self.reason)
-        results = call(self.function, [_rows(each) for each in arrays if each is not None], self.axes)
+        results = self.function.compute([each for each in arrays if each is not None])
         return tuple(results) if self.several else results[0]
 
 
@@ -91,22 +93,26 @@ _KEPT = 1_000
 """Functions whose inspections are kept; of more, the oldest are inspected anew when they are next used."""
 
 
-def known(key: Any) -> Inspection | None:
-    """The inspection that is kept under a key; None: there is none, or what it reads has changed since.
+def inspection_of(key: tuple[Any, ...], function: Callable[..., Any], *samples: Any, axes: Any = None) -> Inspection:
+    """What `inspect` says, kept under a key until something that the function reads is another.
 
-    Raises:
-        TypeError: if it can be no key.
+    Args:
+        key: The function as its user has it, for the log, and what else tells the inspection from others.
+        function: Of arrays.
+        samples: As for `inspect`,
+        axes: likewise.
     """
-    found = inspections.get(key)
-    return None if found is None or (found.traceable and not found.unchanged()) else found
-
-
-def keep(key: Any, inspection: Inspection) -> Inspection:
-    """Keep an inspection under a key."""
-    if key not in inspections and len(inspections) >= _KEPT:
-        del inspections[next(iter(inspections))]
-    inspections[key] = inspection
-    return inspection
+    try:
+        found = inspections.get(key)
+    except TypeError:  # it can be no key
+        return Inspection("nothing tells it from other functions")
+    if found is None or (found.traceable and not found.unchanged()):
+        if key not in inspections and len(inspections) >= _KEPT:
+            del inspections[next(iter(inspections))]
+        found = inspections[key] = inspect(function, *samples, axes=axes)
+        if not found.traceable:
+            _log.info("%s runs in NumPy: %s", getattr(key[0], "__qualname__", "a function"), found.reason)
+    return found
 
 
 def _inspected(function: Callable[..., Any], given: Sequence[Any], axes: list[int]) -> Inspection:
@@ -133,15 +139,15 @@ def _inspected(function: Callable[..., Any], given: Sequence[Any], axes: list[in
         except Exception as error:  # tracing may say better why; and it need not be a function of a row alone
             failure = failure or (error if rows == slice(None) else None)
     _check_unchanged(dependencies)
-    shapes = [Argument(a.shape[a.ndim - k :], kind_of(_rows(a))) for a, k in zip(samples, axes, strict=True)]
+    shapes = [Argument(a.shape[a.ndim - k :], kind_of(in_memory(a))) for a, k in zip(samples, axes, strict=True)]
     traced, several = _trace_rows(function, shapes, batched)
     _check_unchanged(dependencies)
     if failure is not None:
         raise failure
     for compared, expected in cases:
-        _compare(traced, compared, axes, batched, expected)
+        _compare(traced, compared, batched, expected)
     inspection = Inspection(function=traced, several=several)
-    inspection.source, inspection.axes, inspection.dependencies = function, tuple(axes), dependencies
+    inspection.source, inspection.dependencies = function, dependencies
     return inspection
 
 
@@ -261,20 +267,18 @@ def _nudged(arguments: Sequence[np.ndarray], axes: Sequence[int], batched: Seque
     return found
 
 
-def _compare(
-    function: Function, arguments: Sequence[np.ndarray], axes: Sequence[int], batched: Sequence[bool], expected: Any
-) -> None:
+def _compare(function: Function, arguments: Sequence[np.ndarray], batched: Sequence[bool], expected: Any) -> None:
     """Refuse a program that gives other results than NumPy.
 
     Both round differently: elementary functions and sums in another order. How much that may matter is measured, by
     Monte Carlo arithmetic (Parker, 1997): the program is run with every rounded result off by up to 4 units in the
     last place, and NumPy's may differ by 8 times as much as those of such runs do, and by 4 units in the last place.
     """
-    arrays = [_rows(each) for each in arguments]
-    copies = [_rows(np.stack([each] * FEW)) if has else each for each, has in zip(arrays, batched, strict=True)]
-    found = [each[0] if any(batched) else each for each in call(function, copies, axes)]  # compiled once, for many rows
+    arrays = list(map(in_memory, arguments))
+    copies = [np.stack([each] * FEW) if has else each for each, has in zip(arrays, batched, strict=True)]
+    found = [each[0] if any(batched) else each for each in function.compute(copies)]  # compiled once, for many rows
     rng = np.random.default_rng(0)
-    runs = [interpret(function, arrays, axes, _PERTURBATION, rng) for _ in range(_DRAWS)]
+    runs = [interpret(function, arrays, _PERTURBATION, rng) for _ in range(_DRAWS)]
     for i, (own, numpy) in enumerate(zip(found, expected, strict=True)):
         compare(own, numpy, [run[i] for run in runs])
 

@@ -1,9 +1,10 @@
 """Compiled functions: a program for each row of a batch, over arrays whose rows lie one after the other."""
 
+import math
 import pickle
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from io import BytesIO
 from typing import Any, NamedTuple
 
@@ -12,6 +13,7 @@ import numpy as np
 from estimators.engine import machine
 from estimators.engine.emit import Emitter, Module, is_literal, literal, type_of
 from estimators.engine.linear_emit import LinearEmitter
+from estimators.engine.matching import Call, described, in_memory, matcher
 from estimators.engine.matrix_emit import Index, Matrix
 from estimators.engine.program import Instruction, Program, View
 from estimators.engine.tracer import KINDS, Tracer, cast, operation, where
@@ -42,6 +44,9 @@ class Argument(NamedTuple):
         return int(np.prod(self.shape, dtype=int))
 
 
+_broadcast = lru_cache(np.broadcast_shapes)
+
+
 class Function:
     """A program, compiled for one row and for many when it is first needed for as many.
 
@@ -54,6 +59,7 @@ class Function:
 
     Attributes:
         layout: Where matrices stand.
+        stacked: Do those of a row alone stand on the stack, where they need no scratch that threads must not share?
     """
 
     def __init__(
@@ -71,8 +77,57 @@ class Function:
         if successive:
             self.layout.places[STATE] = self.layout.size
             self.layout.size += self.arguments[0].size
+        self.stacked = 0 < self.layout.size * 8 <= _LARGEST
         self._places, self._constants = _placed(program)
         self._entries: dict[int, Callable[..., None]] = {}
+        self._last: Call | None = None
+        self._shapes: list[tuple[int, ...]] = []  # of the arguments before, as few are worth describing
+
+    def compute(self, arrays: Sequence[Any], threads: int = 1) -> Sequence[np.ndarray]:
+        """Results of arrays that have one batch, or none where all rows share them."""
+        results = self.repeated(arrays, threads)
+        return self.prepared(list(map(in_memory, arrays)), threads) if results is None else results
+
+    def repeated(self, arrays: Sequence[Any], threads: int) -> Sequence[np.ndarray] | None:
+        """The same of arguments like those of the last call, which need no preparation; None: they are others."""
+        last = self._last
+        if last is None or (results := last.fresh(last.described, *arrays)) is None:
+            return None
+        if threads == 1:
+            last.run(*arrays, *results)
+        else:
+            self(last.rows, last.shared, *arrays, *results, threads=threads)
+        return results
+
+    def prepared(self, arrays: list[np.ndarray], threads: int) -> Sequence[np.ndarray]:
+        """The same of arrays `in_memory`, unlike those of the last call; of axes that differ they are repeated."""
+        leading = [a.shape[: a.ndim - len(own.shape)] for a, own in zip(arrays, self.arguments, strict=True)]
+        batch: tuple[int, ...] = ()
+        for axes in leading:
+            if axes != batch and axes:
+                batch = _broadcast(batch, axes)
+        rows, shared = math.prod(batch), 0
+        for i, axes in enumerate(leading):
+            if axes != batch:
+                if any(n != 1 for n in axes):
+                    whole = np.empty(batch + arrays[i].shape[len(axes) :], arrays[i].dtype)
+                    whole[...] = arrays[i]
+                    arrays[i] = whole
+                else:
+                    shared |= 1 << i
+        results = [np.empty(batch + row.shape, KINDS[row.kind]) for row in self.results]
+        if rows:
+            self(rows, shared, *arrays, *results, threads=threads)
+            shapes = [array.shape for array in arrays]
+            if shapes == self._shapes:
+                run = partial(self, rows, shared)
+                width, entry = self._entry(rows)
+                if not self.layout.size or (width == 1 and self.stacked):  # machine code that needs no scratch
+                    run = partial(entry, rows, shared, self._constants, self._constants)
+                types = [array.dtype for array in arrays]
+                self._last = Call(matcher(), described(arrays, results), types, run, rows, shared)
+            self._shapes = shapes
+        return results
 
     def __call__(self, rows: int, shared: int, *arrays: np.ndarray, threads: int = 1) -> None:
         """Compute rows of arrays.
@@ -81,24 +136,18 @@ class Function:
             rows: How many.
             shared: Bits of the arguments that have one row for all.
             arrays: The arguments and the results, in C order and of the types that they have here. Nothing is checked.
-            threads: Threads that may share the rows; arrays then have one leading axis.
+            threads: Threads that may share the rows.
         """
         if threads > 1 and len(parts := shares(rows, threads, self.operations, LANES)) > 1:
 
             def part(some: slice) -> None:
-                own = (array if shared >> i & 1 else array[some] for i, array in enumerate(arrays))
+                own = (a if shared >> i & 1 else a.reshape(rows, -1)[some] for i, a in enumerate(arrays))
                 self(some.stop - some.start, shared, *own)
 
             each_part(part, parts, threads)
             return
         width, entry = self._entry(rows)
         entry(rows, shared, machine.scratch(width * self.layout.size), self._constants, *arrays)
-
-    def bound(self, rows: int, shared: int) -> Callable[..., None]:
-        """Computation of so many rows of arrays in one thread; a partial function of machine code without scratch."""
-        if self.layout.size:
-            return partial(self, rows, shared)
-        return partial(self._entry(rows)[1], rows, shared, self._constants, self._constants)
 
     def _entry(self, rows: int) -> tuple[int, Callable[..., None]]:
         """Number of rows side by side where there are so many, and the machine code."""
@@ -282,6 +331,9 @@ class Driver(LinearEmitter):
 
         self.loop(0, rows, body, step=self.width)
         given = ["i64 %rows", "i64 %shared", "ptr noalias %scratch", "ptr noalias readonly %constants"]
+        if self.width == 1 and self._function.stacked:
+            given[2] = "ptr %unused"
+            self.lines.insert(0, f"  %scratch = alloca [{self._function.layout.size} x double], align 64")
         given += [f"ptr %a{i}" for i in range(len(arguments))] + [f"ptr %o{i}" for i in range(len(results))]
         return "\n".join([f"define internal void @run({', '.join(given)}) #0 {{\nentry:", *self.lines, "  ret void\n}"])
 
@@ -395,8 +447,3 @@ class Driver(LinearEmitter):
 
 _MEMORY = {"f": "double", "i": "i64", "u": "i64", "b": "i8"}
 _ALIGN = {"f": 8, "i": 8, "u": 8, "b": 1}
-
-
-def kind_of(array: np.ndarray) -> str:
-    """The letter of an array's type."""
-    return next(kind for kind, dtype in KINDS.items() if dtype == array.dtype)

@@ -16,22 +16,19 @@ _COMPUTED |= {"where": np.where, "bits": float_bits, "from bits": bits_float}
 
 
 def interpret(
-    function: Function, arrays: Sequence[np.ndarray], axes: Sequence[int], noise: float, rng: np.random.Generator
+    function: Function, arrays: Sequence[np.ndarray], noise: float, rng: np.random.Generator
 ) -> list[np.ndarray]:
     """A program of scalars, of arrays in C order: without noise to the bit what it gives compiled.
 
     Args:
         function: Without matrices.
         arrays: Its arguments, which have one batch or none.
-        axes: How many last axes of each are a row's.
         noise: How far each rounded result is at most off, as a part of it: for sensitivity to rounding.
         rng: Draws the noise.
     """
-    leading = [a.shape[: a.ndim - k] for a, k in zip(arrays, axes, strict=True)]
-    batch, columns = (
-        np.broadcast_shapes(*leading),
-        [a.reshape((*own, -1)) for a, own in zip(arrays, leading, strict=True)],
-    )
+    leading = [a.shape[: a.ndim - len(own.shape)] for a, own in zip(arrays, function.arguments, strict=True)]
+    batch = np.broadcast_shapes(*leading)
+    columns = [a.reshape((*own, -1)) for a, own in zip(arrays, leading, strict=True)]
     program = function.program
     values: dict[int, Any] = {value: KINDS[program.kinds[value]].type(x) for value, x in program.constants.items()}
 

@@ -78,8 +78,11 @@ class _Method(ctypes.Structure):
 _FASTCALL = 0x80
 _PYTHON = (
     "PyLong_AsSsize_t", "PyEval_SaveThread", "PyEval_RestoreThread", "Py_IncRef", "Py_DecRef", "PyErr_Clear",
-    "PyObject_Size", "PyObject_GetItem", "PyObject_GetAttr", "_Py_NoneStruct", "_Py_TrueStruct", "_Py_FalseStruct",
+    "PyObject_Size", "PyObject_GetItem", "PyObject_GetAttr", "PyTuple_New", "PyTuple_SetItem", "_Py_NoneStruct",
+    "_Py_TrueStruct", "_Py_FalseStruct",
 )  # fmt: skip
+_EMPTY = 184
+"""Place of ``PyArray_Empty`` in NumPy's table of C functions; it stays, as compiled extensions rely on it."""
 
 
 def _object(text: str) -> bytes:
@@ -121,10 +124,18 @@ def _machine() -> Any:
     binding.initialize_native_asmprinter()
     for symbol in _PYTHON:
         binding.add_symbol(symbol, ctypes.addressof(ctypes.c_byte.in_dll(ctypes.pythonapi, symbol)))
+    binding.add_symbol("PyArray_Empty", _numpy_functions()[_EMPTY])
     _, triple, name, features = _processor()
     target = binding.Target.from_triple(triple)
     level = 2 if _optimised() else 0
     return target.create_target_machine(cpu=name, features=features, opt=level, reloc="pic", jit=True)
+
+
+def _numpy_functions() -> Any:
+    """Addresses of NumPy's C functions."""
+    table = ctypes.pythonapi.PyCapsule_GetPointer
+    table.restype, table.argtypes = ctypes.POINTER(ctypes.c_void_p), (ctypes.py_object, ctypes.c_char_p)
+    return table(np._core._multiarray_umath._ARRAY_API, None)  # type: ignore[attr-defined]
 
 
 def scratch(size: int) -> np.ndarray:

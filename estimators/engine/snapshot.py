@@ -46,8 +46,9 @@ class Snapshot:
 
     def holds(self) -> bool:
         """Is everything as it was?"""
+        alike = self._matches(self._described, *self._arrays)  # else other numbers of bytes
         return (
-            (not self._arrays or self._matches(self._described, *self._arrays))  # else other numbers of bytes
+            alike is not None
             and self._holds(self._table)
             and all(array.tobytes() == contents for array, contents in self._others)
         )

@@ -313,7 +313,8 @@ def test_whole_series_of_states_that_are_no_vectors_are_run_and_come_late():
 def test_functions_that_are_made_for_a_step_are_not_inspected(monkeypatch: pytest.MonkeyPatch):
     """Inspecting takes a hundred times as long as calling."""
     inspected = []
-    monkeypatch.setattr(estimators.models, "inspect", lambda *given: inspected.append(given) or Inspection("not here"))
+    refusal = Inspection("not here")
+    monkeypatch.setattr(estimators.models, "inspection_of", lambda *given: inspected.append(given) or refusal)
     filter, start, u = make("eskf", ATTITUDE), np.eye(2, 7), np.zeros((2, 3))
     belief = filter.init(ManifoldGaussian(start, PRIOR))
     for _ in range(3):

@@ -20,7 +20,7 @@ import numpy as np
 
 from estimators.engine import linear, machine
 from estimators.engine.arrays import TracedArray
-from estimators.engine.compiled import call, output
+from estimators.engine.compiled import output
 from estimators.engine.function import Argument, Function
 from estimators.engine.matrices import MatrixTracer, is_mask, joined, matrix, matrix_input
 from estimators.engine.program import Program, View
@@ -323,7 +323,7 @@ def fuzz(seed: int, met: Counter) -> Iterator[str]:
         names.append(name)
     function = Function(program, rows, [output(program, each) for each in symbols])
     yield from out_of_bounds(function)
-    found = call(function, arrays, [len(row.shape) for row in rows])
+    found = function.compute(arrays)
     for name, symbol, result, (clean, *others) in zip(names, symbols, found, values, strict=False):
         met["entries"] += result.size
         wrong = differs(result, np.asarray(clean, float), [np.asarray(other, float) for other in others], met)
@@ -333,7 +333,7 @@ def fuzz(seed: int, met: Counter) -> Iterator[str]:
             yield f"{name} of {symbol.shape} gave {result[at]!r}, NumPy {expected}, with noise {noise}"
             return
     for some in () if not batch else (slice(0, 1), slice(1, 3), slice(2, None)):
-        few = call(function, [np.ascontiguousarray(each[some]) for each in arrays], [len(row.shape) for row in rows])
+        few = function.compute([each[some] for each in arrays])
         for name, whole, part in zip(names, found, few, strict=True):
             if np.ascontiguousarray(whole[some]).tobytes() != part.tobytes() and not np.isnan(part).any():
                 yield f"{name} has other bits in rows {some} alone"

@@ -10,7 +10,7 @@ import pytest
 
 from estimators.engine import NotTraceable, compiled, jacobian, machine, repeat
 from estimators.engine.arrays import TracedArray, entries
-from estimators.engine.compiled import call, trace
+from estimators.engine.compiled import trace
 from estimators.engine.foreign import compare
 from estimators.engine.function import Argument
 from estimators.engine.interpret import interpret
@@ -66,7 +66,7 @@ def check(function: RandomFunction, rng: np.random.Generator, exact: bool, seen:
     unsigned = not names.isdisjoint(UNSIGNED)
     for x in (ordinary, special) if exact and not (unsigned and "copysign" in names) else (ordinary,):
         expected = function(x.copy())
-        found = call(both, [x], (1,))[0].reshape(expected.shape)
+        found = both.compute([x])[0].reshape(expected.shape)
         if exact:
             signs = unsigned | (np.signbit(found) == np.signbit(expected))
             same = (found == expected) & signs | (found != found) & (expected != expected)
@@ -74,7 +74,7 @@ def check(function: RandomFunction, rng: np.random.Generator, exact: bool, seen:
         else:
             noisy = [interpret(traced, [x], (1,), 2.0**-50, rng)[0] for _ in range(3)]
             compare(found, expected, noisy)
-    _, found = call(both, [ordinary], (1,))
+    _, found = both.compute([ordinary])
 
     def plain(x: np.ndarray) -> np.ndarray:
         return np.asarray(function(x)).reshape(len(x), -1)  # type: ignore[no-any-return]

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from estimators.engine import compiled, machine
-from estimators.engine.compiled import call, trace
+from estimators.engine.compiled import trace
 from estimators.engine.function import Argument
 from estimators.engine.matching import described, matcher
 from tests.estimators.engine.random_functions import RandomFunction
@@ -234,10 +234,10 @@ def test_a_process_keeps_little_of_what_compiling_needed(tmp_path: Path):
 def results(function: Callable[[Any], Any], n: int, x: np.ndarray) -> list[bytes]:
     """The bits of rows, alone and in batches."""
     traced, _ = trace(function, [Argument((n,))])
-    whole = call(traced, [x], (1,))[0]
+    whole = traced.compute([x])[0]
     found = [whole.tobytes()]
     for first, last in ((0, 1), (3, 4), (1, 6), (2, len(x)), (0, len(x) - 1)):
-        part = call(traced, [np.ascontiguousarray(x[first:last])], (1,))[0]
+        part = traced.compute([x[first:last]])[0]
         assert part.tobytes() == np.ascontiguousarray(whole[first:last]).tobytes()
     return found
 
@@ -336,4 +336,21 @@ def test_arrays_are_alike_if_their_types_shapes_and_order_are(count: int):
             type(a) is np.ndarray and a.shape == b.shape and a.dtype == b.dtype and a.flags.c_contiguous
             for a, b in zip(now, before, strict=True)
         )
-        assert matcher()(described(before), *now) is alike
+        fresh = matcher()(described(before, ordered), *now)
+        assert (fresh is not None) is alike
+        for one, other in zip(fresh or (), ordered, strict=alike):
+            assert (type(one), one.shape, one.dtype) == (np.ndarray, other.shape, other.dtype)
+            assert all((one.flags.c_contiguous, one.flags.writeable, one.flags.owndata))
+
+
+def test_arrays_for_results_are_given_back():
+    """Types, shapes and arrays are counted as Python counts them: none is left behind, none is freed too early."""
+    x, dtype = np.zeros((3, 2)), np.dtype(float)
+    table, before = described([x], [x, x]), sys.getrefcount(dtype)
+    for _ in range(1000):
+        fresh = matcher()(table, x)
+        assert [sys.getrefcount(each) for each in fresh] == [3, 3]  # the tuple, the comprehension and the question
+        fresh[0][:] = 1.0
+    del fresh
+    assert sys.getrefcount(dtype) == before
+    assert [matcher()(table, *others) for others in ((), (x.T,), (x, x))] == [None] * 3

@@ -11,7 +11,7 @@ import pytest
 
 from estimators import linalg
 from estimators.engine import NotTraceable, machine
-from estimators.engine.compiled import call, given, trace
+from estimators.engine.compiled import given, trace
 from estimators.engine.function import Argument, Function
 from estimators.engine.program import Program
 from tests.estimators.cases import random_covariance
@@ -97,7 +97,7 @@ def traced(formula: Formula) -> Function:
 
 
 def run(function: Function, parts: list[np.ndarray]) -> np.ndarray:
-    return call(function, [np.ascontiguousarray(part) for part in parts], AXES)[0]
+    return function.compute(parts)[0]
 
 
 def tracers() -> list[Any]:
@@ -201,20 +201,20 @@ def test_large_matrices_are_loops_and_not_unrolled():
     function, _ = trace(lambda S: lower(S) @ S, [Argument((30, 30))], matrices=True)
     assert len(function.instructions) < 10
     S = random_covariance(np.random.default_rng(0), 30, (6,))
-    (found,) = call(function, [S], (2,))
+    (found,) = function.compute([S])
     np.testing.assert_allclose(found, np.linalg.cholesky(S) @ S, rtol=1e-11, atol=1e-11)
 
 
 def test_a_product_over_nothing_is_zero():
     function, _ = trace(lambda H: H @ H.mT + 1.0, [Argument((3, 0))], matrices=True)
-    (found,) = call(function, [np.zeros((5, 3, 0))], (2,))
+    (found,) = function.compute([np.zeros((5, 3, 0))])
     np.testing.assert_array_equal(found, np.ones((5, 3, 3)))
 
 
 def test_no_equations_have_a_solution_of_no_rows():
     for word in (solve, solve_lower, solve_upper, np.linalg.solve):
         function, _ = trace(word, [Argument((0, 0)), Argument((0, 2))], matrices=True)
-        assert call(function, [np.zeros((5, 0, 0)), np.zeros((5, 0, 2))], (2, 2))[0].shape == (5, 0, 2)
+        assert function.compute([np.zeros((5, 0, 0)), np.zeros((5, 0, 2))])[0].shape == (5, 0, 2)
 
 
 # --- refused ----------------------------------------------------------------------------------------
