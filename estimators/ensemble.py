@@ -127,7 +127,7 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
                 packed, layout = belief.pack()
                 if (program := self._program(_BEGIN, belief, layout, u)) is not None:
                     initial, doubtful = self._executed(program, belief, packed, u, y, available, rng=rng)
-                    if not doubtful.any():
+                    if not np.count_nonzero(doubtful):
                         return initial
         return super().begin(prior, u, y, available, rng)
 

@@ -181,7 +181,7 @@ class Filter(Estimator[Record], verified=True):
                 if not self.verified:
                     updated = self._returned("_update", updated, belief.mean.shape[:-1])
                 rows = doubtful_rows(updated, measurement.R)
-        doubtful = bool(rows.any())
+        doubtful = np.count_nonzero(rows) > 0
         if regular and doubtful:
             rows = unsound_rows(self, belief, updated, rows)
         if regular and not (doubtful and rows.any()) and (self.verified or proper(updated.cov)):

@@ -374,13 +374,15 @@ class Core:
         Args:
             rows: Mask ``(B,)`` of those that are wanted; of the others comes 0 or None. None: all.
         """
-        happened = self.happened() | {
+        happened, own = self.happened(), {
             "healthy": self.loop.belief.healthy,
             "score": self.score,
             "end": np.array(self.task.end_reasons, dtype=object)[self.end],
             "is_success": self.end == self.config.success,
-        }
-        return {name: _only(rows, values) for name, values in happened.items()}
+        }  # fmt: skip
+        if rows is None:
+            return {name: values.copy() for name, values in happened.items()} | own
+        return {name: _only(rows, values) for name, values in (happened | own).items()}
 
     def happened(self) -> dict[str, np.ndarray]:
         """Record of the last step, one row an environment, read-only."""
@@ -424,10 +426,8 @@ class Core:
         return values, np.ones(values.shape, bool)
 
 
-def _only(rows: np.ndarray | None, values: np.ndarray) -> np.ndarray:
-    """A copy of the values of some rows, with 0 or None in the others; None: of all."""
-    if rows is None:
-        return values.copy()
+def _only(rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """A copy of the values of some rows, with 0 or None in the others."""
     only = np.full(values.shape, None) if values.dtype == object else np.zeros(values.shape, values.dtype)
     only[rows] = values[rows]
     return only

@@ -28,6 +28,8 @@ def seeds_of(seed: Any, num_envs: int, rows: list[int]) -> list[int]:
     Raises:
         ValueError: for anything but one or as many as there are environments, whole and not negative in ``rows``.
     """
+    if type(seed) is int and seed >= 0:  # as nearly all are
+        return list(range(seed, seed + num_envs))
     if seed is None:
         seed = int(np.random.SeedSequence().generate_state(1)[0])
     if isinstance(seed, np.ndarray):
