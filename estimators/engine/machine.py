@@ -133,8 +133,8 @@ def _machine() -> Any:
 
 def _numpy_functions() -> Any:
     """Addresses of NumPy's C functions."""
-    table = ctypes.pythonapi.PyCapsule_GetPointer
-    table.restype, table.argtypes = ctypes.POINTER(ctypes.c_void_p), (ctypes.py_object, ctypes.c_char_p)
+    pointer = ctypes.PYFUNCTYPE(ctypes.POINTER(ctypes.c_void_p), ctypes.py_object, ctypes.c_char_p)
+    table = pointer(("PyCapsule_GetPointer", ctypes.pythonapi))
     return table(np._core._multiarray_umath._ARRAY_API, None)  # type: ignore[attr-defined]
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from estimators.engine import compiled, machine, repeat, trace
 from estimators.engine.function import Argument
-from estimators.engine.matching import matcher
+from estimators.engine.matching import described, matcher
 from estimators.threads import WORTH, each, shares
 
 PARTS = tuple(slice(i, i + 1) for i in range(7))
@@ -108,3 +108,27 @@ def test_threads_that_call_an_equation_first_compile_it_once(tmp_path: Path, mon
 
     assert each(work, PARTS[:3], 3) == [0.0, 3.0, 6.0]
     assert len(compiling) == 1
+
+
+@pytest.mark.parametrize("batch", [(48,), (3, 16), (1, 48), (2, 3, 8)])
+def test_threads_share_rows_of_any_batch(batch: tuple[int, ...], monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("estimators.threads.WORTH", 1)
+    product = compiled(lambda A, x, b: (A @ x, (x * b).sum(-1) > 0.0), axes=(2, 1, 1), matrices=False)
+    rng = np.random.default_rng(0)
+    A, x, b = rng.normal(size=(*batch, 3, 3)), rng.normal(size=(*batch, 3)), rng.normal(size=3)
+    for _ in range(3):  # the third call repeats the second
+        for shared, alone in zip(product(A, x, b, threads=3), product(A, x, b), strict=True):
+            np.testing.assert_array_equal(shared, alone)
+        np.testing.assert_allclose(shared, (x * b).sum(-1) > 0.0)
+
+
+def test_arrays_out_of_line_are_copied():
+    """Machine code may load numbers as if they began at multiples of eight bytes."""
+    doubled = compiled(lambda x: 2.0 * x)
+    for _ in range(3):
+        np.testing.assert_array_equal(doubled(np.ones((4, 3))), np.full((4, 3), 2.0))
+    raw = np.zeros(97, np.uint8)[1:].view(float).reshape(4, 3)
+    raw[...] = np.arange(12.0).reshape(4, 3)
+    assert not raw.flags.aligned
+    assert matcher()(described([np.ones((4, 3))]), raw) is None
+    np.testing.assert_array_equal(doubled(raw), 2.0 * raw)
