@@ -266,7 +266,8 @@ def render(page: Page) -> str:
         for block in section.blocks:
             counts[type(block)] = numbers[id(block)] = counts.get(type(block), 0) + 1
     context: dict[str, Any] = {"page": page, "number": lambda block: numbers.get(id(block))}
-    return environment.get_template("page.html").render(kind=lambda block: type(block).__name__, **context)
+    html = environment.get_template("page.html").render(kind=lambda block: type(block).__name__, **context)
+    return html.replace(" ± ", "\u00a0±\u00a0")  # no line breaks there
 
 
 def write(page: Page, path: Path) -> Path:

@@ -11,6 +11,7 @@ import numpy as np
 import vessel_gym  # noqa: F401  (registers the environments)
 from agents.agent import Agent, load_agent
 from agents.named import vector_class
+from agents.refusal import Refusal
 from estimators import nis
 from vessel_gym import checks
 from vessel_gym.checks import is_integer
@@ -85,6 +86,7 @@ def rollout(
     Raises:
         ValueError: if there is no such environment, if there are no seeds, or if the agent cannot fly it.
         TypeError: for an agent that cannot act, or arguments of another kind.
+        Refusal: as `acted`.
     """
     seeds = _checked(seeds, agent)
     checks.function("progress", progress, "(step, horizon)")
@@ -101,7 +103,9 @@ def rollout(
         score, end = np.full(len(seeds), np.nan), np.full(len(seeds), "", dtype=object)
         horizon = env.spec.max_episode_steps if env.spec and env.spec.max_episode_steps else 0
         while alive.any():
-            observations, reward, terminated, truncated, info = env.step(flyer.act(observations))
+            observations, reward, terminated, truncated, info = env.step(
+                acted(flyer, observations, env.action_space.shape)
+            )
             done = (terminated | truncated) & alive
             final = info.get("final_info", {}) if done.any() else {}
             if history is not None:
@@ -117,6 +121,19 @@ def rollout(
         env.close()
     score, kept = np.where(np.isnan(score), returns, score), {} if history is None else history.arrays()
     return Rollout(env_id, np.array(seeds), score, returns, length, ended, end, kept, env, scenario)
+
+
+def acted(agent: Agent, observations: np.ndarray, shape: tuple[int, ...] | None) -> np.ndarray:
+    """Actions of an agent, of the shape that the environment takes, if that is an array.
+
+    Raises:
+        Refusal: for actions of another shape.
+    """
+    actions = agent.act(observations)
+    if shape is not None and np.shape(actions) != shape:
+        kind = "nothing" if actions is None else f"an array of shape {np.shape(actions)}"
+        raise Refusal(f"act of {type(agent).__name__} returns {kind}, and must return {shape}: a row an environment")
+    return actions
 
 
 def _checked(seeds: Any, agent: Any) -> list[int]:

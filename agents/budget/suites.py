@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from math import fsum, isfinite, prod
+from math import fsum, prod
 from pathlib import Path
 from typing import Any
 
@@ -87,12 +87,16 @@ def choices_of(system: System, rates: Sequence[float] = ()) -> dict[str, list[Ch
     Sensors of which there is no choice are left out.
 
     Raises:
-        ValueError: if there is no choice at all, or a rate does not divide the system's steps a second.
+        ValueError: if there is no choice at all, or a rate is not below that of any grade, or does not divide the
+            steps of a second.
     """
     grades, dt = grades_of(system), system.vehicle.dt
+    highest = max(sensor.rate or 1.0 / dt for of_sensor in grades.values() for sensor in of_sensor.values())
     for rate in rates:
-        if not (isfinite(rate) and rate > 0.0):
-            raise ValueError(f"--rates must be positive numbers of measurements a second, got {rate:g}")
+        if not 0.0 < rate < highest:
+            raise ValueError(
+                f"--rates must be above 0 and below {highest:g} Hz, the highest of any grade, got {rate:g}"
+            )
     found = {}
     for name, of_sensor in grades.items():
         found[name] = [

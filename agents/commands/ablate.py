@@ -56,15 +56,18 @@ def main(
     from agents.jobs import check_scheduler, run
     from agents.studies.confirmation import opening
     from agents.studies.examples import examples
+    from agents.studies.plan import plan
     from agents.studies.results import Results
+    from agents.studies.study import read_study
     from vessel_gym.extras import require
 
     out = out or Path("results") / study.stem
     with asked():
         part = _shard(shard)
         in_range("--processes", processes, 1)
-        planned, path = _plan(study)
-        require("matplotlib", "jinja2", "joblib", *(("dask", "distributed") if scheduler else ()))  # before the flights
+        path = _file(study)
+        require("matplotlib", "jinja2", "joblib", *(("dask", "distributed") if scheduler else ()))  # before all work
+        planned = plan(read_study(path))
         if scheduler is not None:
             check_scheduler(scheduler)
         check_folder(out)
@@ -96,17 +99,15 @@ def _report(results: Any, fresh: Any, out: Path, console: Any) -> None:
     console.print("", " ".join(answer(results, fresh)), "", f"Report: {report}", sep="\n")
 
 
-def _plan(study: Path) -> tuple[Any, Path]:
-    """The plan of a study, by the path of its file or the name of one that comes with vessel-gym, and that path."""
-    from agents.studies.plan import plan
-    from agents.studies.study import read_study
+def _file(study: Path) -> Path:
+    """The file of a study, by its path or the name of one that comes with vessel-gym; its folder holds own modules."""
     from estimators.factory import unknown
 
     path = STUDIES.get(str(study), study)
     if not path.suffix and not path.exists():
         raise ValueError(f"{unknown('study', str(path), STUDIES)} (your own: a file, e.g. mine.toml)")
     sys.path.append(str(path.resolve().parent))  # an own estimator may lie beside the study
-    return plan(read_study(path)), path
+    return path
 
 
 def _fresh(study: Any, out: Path, confirm: bool) -> Any:

@@ -46,18 +46,23 @@ def main(
     from agents.budget.flights import World
     from agents.budget.suites import choices_of, read_prices, suites_of
     from agents.files import check_folder
+    from agents.page import listed
     from agents.studies.worlds import environment_id, system_of
     from vessel_gym.extras import require
 
     with asked():
         environment_id(env_id)
         _check_numbers(keep, episodes, first_seed, processes)
-        suites = suites_of(choices_of(system_of(env_id), rates), None if prices is None else read_prices(prices))
+        system = system_of(env_id)
+        choices = choices_of(system, rates)
+        suites = suites_of(choices, None if prices is None else read_prices(prices))
         world = World(env_id, estimator, agent, disturbance)
         world.check()
         require("matplotlib", "jinja2", "joblib")
         out = out or Path("results") / f"budget-{env_id.rpartition(':')[2]}"
         check_folder(out)
+    if fixed := [sensor.name for sensor in system.nominal_sensors if sensor.name not in choices]:
+        print(f"the vehicle's file of grades has no choice for {listed(fixed)}: flown as in the environment")
     return _search(world, suites, keep, episodes, first_seed, out, processes, prices is not None)
 
 

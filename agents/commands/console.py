@@ -21,15 +21,13 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
+from agents.refusal import Refusal
+
 if TYPE_CHECKING:
     from agents.jobs import Status
 
 MOST = 2**31 - 1
 """No number of anything that a command takes may be greater."""
-
-
-class Refusal(ValueError):
-    """A request that cannot be met; the text says why, and what to do, in one sentence."""
 
 
 def command(
@@ -220,17 +218,24 @@ _PAUSE = 10.0
 
 
 class _Lines:
-    """Progress in plain lines, for files and pipes: at the start and the end, at each tenth, and every ten seconds."""
+    """Progress in plain lines, for files and pipes: at the start and the end, at each tenth, and every ten seconds.
 
-    def __init__(self, title: str) -> None:
-        self._title, self._said, self._tenth = title, 0.0, -1
+    Work that is ``even``, each piece as long as another, gets the time that is left.
+    """
+
+    def __init__(self, title: str, even: bool) -> None:
+        self._title, self._even, self._said, self._tenth = title, even, 0.0, -1
+        self._first: tuple[int, float] | None = None
 
     def __call__(self, done: int, total: int, text: str = "") -> None:
         """Say it, if it is time to."""
         tenth, now = 10 * done // max(total, 1), time.monotonic()
+        begun, start = self._first = self._first or (done, now)
         if tenth > self._tenth or now >= self._said + _PAUSE:
             self._tenth, self._said = tenth, now
-            print(f"{self._title}: {done}/{total}" + (f", {text}" if text else ""), file=sys.stderr, flush=True)
+            timed = self._even and begun < done < total
+            left = f"{timedelta(seconds=round((now - start) * (total - done) / (done - begun)))} left" if timed else ""
+            print(", ".join(filter(None, (f"{self._title}: {done}/{total}", text, left))), file=sys.stderr, flush=True)
 
 
 @contextmanager
@@ -247,7 +252,7 @@ def _progress(title: str, total: int | None = None, counted: bool = False) -> It
     )  # fmt: skip
 
     if not Console(stderr=True).is_terminal or "JPY_PARENT_PID" in os.environ:  # a notebook keeps every frame
-        yield _Lines(title)
+        yield _Lines(title, even=not counted)
         return
     numbers = (MofNCompleteColumn(), TimeElapsedColumn()) if counted else (TimeRemainingColumn(),)
     texts = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[text]}")

@@ -3,7 +3,10 @@
 from contextlib import closing
 from typing import Any
 
+import tyro
+
 from agents.commands.console import asked, in_range, print_table, progress_bar
+from agents.commands.world import World
 
 
 def main(
@@ -11,13 +14,9 @@ def main(
     /,
     agent: str = "autopilot",
     estimator: tuple[str | None, ...] = (None,),
-    sensors: str = "nominal",
-    disturbance: str = "moderate",
-    mismatch: float = 0.0,
-    observe: str = "mean",
+    world: tyro.conf.OmitArgPrefixes[World] = World(),  # noqa: B008  (frozen)
     episodes: int = 100,
     first_seed: int = 0,
-    vessel: str | None = None,
     trust: bool = False,
 ) -> None:
     """Fly an agent on one or several estimators, over the same seeds, and print score, costs and other metrics.
@@ -27,37 +26,29 @@ def main(
         agent: A controller of the task (autopilot, lqg, pid), ppo (comes with the package), random, the path of a
             checkpoint, or your own as module:object, whose code is run.
         estimator: One or more estimators; the environment's default if not given.
-        sensors: clean, nominal, degraded, budget or denied.
-        disturbance: calm, moderate or rough.
-        mismatch: Relative spread of the truth's parameters.
-        observe: mean, mean+std or measurement.
+        world: Options of the environment.
         episodes: Episodes for each estimator.
         first_seed: Number of the first evaluation seed, counted from 0.
-        vessel: Vehicle file, or the name of one that comes with the package, for environments that take one.
         trust: Load a checkpoint that vessel-gym did not write, although it can run any code.
     """
     from agents import load_agent
     from agents.rollouts import batch
     from agents.seeds import evaluation_seeds
     from agents.studies.worlds import options_of_command, registered_id
-    from vessel_gym.checks import one_of
 
-    world: dict[str, Any] = {"sensors": sensors, "disturbance": disturbance, "mismatch": mismatch, "observe": observe}
-    world |= {} if vessel is None else {"vessel": vessel}
     with asked():
         if not estimator:
             raise ValueError("--estimator needs the name of at least one estimator")
         env_id = registered_id(env_id)
-        one_of("--observe", observe, ("mean", "mean+std", "measurement"))
         in_range("--episodes", episodes, 1)
         in_range("--first-seed", first_seed, 0)
         seeds = evaluation_seeds(episodes, first_seed)
-        worlds = [options_of_command(env_id, {"estimator": name, **world}) for name in estimator]
+        worlds = [options_of_command(env_id, world.options(name)) for name in estimator]
         for options in worlds:
             with closing(batch(env_id, 1, options)) as env:
                 load_agent(agent, env, trust)
     over = "one episode" if episodes == 1 else f"mean and 95 % interval over {episodes} episodes"
-    conditions = f", {disturbance} {sensors}" if "mismatch" in worlds[0] else ""
+    conditions = f", {world.disturbance} {world.sensors}" if "mismatch" in worlds[0] else ""
     _fly(f"{env_id}, {agent}: {over}{conditions}", agent, env_id, seeds, worlds, trust)
 
 

@@ -19,6 +19,7 @@ def main(
     /,
     out: Path | None = None,
     algorithm: str = "ppo",
+    estimator: str | None = None,
     world: tyro.conf.OmitArgPrefixes[World] = World(),  # noqa: B008  (frozen)
     memory: str = "none",
     critic: str | None = None,
@@ -39,6 +40,7 @@ def main(
         env_id: Registered environment.
         out: Checkpoint to write; results/ and the name of the algorithm if not given.
         algorithm: ppo, recurrentppo (ppo with --memory lstm), a2c, trpo, sac, td3, tqc, crossq or ddpg.
+        estimator: What the agent sees the world through; the environment's default if not given.
         world: Options of the environment.
         memory: What the agent remembers: none, frames (its last observations) or lstm (a recurrent network).
         critic: truth, so that the critic alone is told the truth while it learns (docs/critic.md).
@@ -59,21 +61,21 @@ def main(
         changed = _of_file(hyperparameters) | assigned("--set", settings)
         given: dict[str, Any] = {"steps": steps, "memory": memory, "critic": critic}
         given |= {"settings": changed, "algorithm": algorithm}
-        env_id, options = _checked(env_id, world, seed, given)
+        env_id, options = _checked(env_id, world.options(estimator), seed, given)
     check_file(out)
     with training_progress(f"{named} on {env_id}") as progress, asked():
         path = _train(range(seed, seed + runs), env_id, out, options, resume, given | {"progress": progress})
     print(f"checkpoint: {path}")
 
 
-def _checked(env_id: str, world: World, seed: int, given: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+def _checked(env_id: str, options: dict[str, Any], seed: int, given: dict[str, Any]) -> tuple[str, dict[str, Any]]:
     """The id and the options of the environment, once everything is known to fit together."""
     import gymnasium as gym
 
     from agents.studies.worlds import environment_id
     from agents.training.ppo import describe
 
-    env_id, options = environment_id(env_id), world.options()
+    env_id = environment_id(env_id)
     gym.make_vec(env_id, num_envs=1, **options).close()
     in_range("--seed", seed, 0)
     if given["steps"] is not None:

@@ -8,7 +8,10 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import tyro
+
 from agents.commands.console import asked, in_range, progress_bar
+from agents.commands.world import World
 
 if TYPE_CHECKING:
     import gymnasium as gym
@@ -26,29 +29,25 @@ def main(
     env_id: str = "SigmaCorvette-v0",
     /,
     estimator: str | None = None,
-    sensors: str = "nominal",
-    disturbance: str = "moderate",
+    world: tyro.conf.OmitArgPrefixes[World] = World(),  # noqa: B008  (frozen)
     seed: int = 0,
     agent: str = "autopilot",
     out: Path | None = None,
     every: int = 6,
     trust: bool = False,
-    vessel: str | None = None,
 ) -> None:
     """Watch one episode in a window or, with --out, write it to a file.
 
     Args:
         env_id: Registered environment.
         estimator: What the agent sees the world through, in an .html at first; the environment's default if not given.
-        sensors: clean, nominal, degraded, budget or denied.
-        disturbance: calm, moderate or rough.
+        world: Options of the environment.
         seed: Seed of the episode.
         agent: A controller of the task (autopilot, lqg, pid), ppo (comes with the package), random, the path of a
             checkpoint, or your own as module:object, whose code is run.
         out: An .html, an interactive page on several estimators; a .gif, an .mp4, or a .png of the last frame.
         every: Keep one frame in this many steps (.gif and .mp4).
         trust: Load a checkpoint that vessel-gym did not write, although it can run any code.
-        vessel: Vehicle file, or the name of one that comes with the package, for environments that take one.
     """
     from agents import load_agent
     from agents.files import check_file
@@ -56,10 +55,8 @@ def main(
 
     if out is not None:
         check_suffix(out)
-    given = {"estimator": estimator, "sensors": sensors, "disturbance": disturbance, "vessel": vessel}
-    options = {name: value for name, value in given.items() if value is not None}
     with asked():
-        options = options_of_command(env_id := registered_id(env_id), options)
+        options = options_of_command(env_id := registered_id(env_id), world.options(estimator))
         in_range("--every", every, 1)
         in_range("--seed", seed, 0)
         if out is None:
@@ -143,9 +140,11 @@ def _quietly() -> Iterator[None]:
 
 def fly(env: Env, agent: Any, observation: np.ndarray) -> Episode:
     """One episode; after each step, whether it has ended and the score so far, or the return of one without."""
-    done, total = False, 0.0
+    from agents.rollouts import acted
+
+    done, total, shape = False, 0.0, (1, *(env.action_space.shape or ()))
     while not done:
-        observation, reward, terminated, truncated, info = env.step(agent.act(observation[None])[0])
+        observation, reward, terminated, truncated, info = env.step(acted(agent, observation[None], shape)[0])
         done, total = terminated or truncated, total + float(reward)
         yield done, info.get("score", total)
 

@@ -8,10 +8,9 @@ from typing import Any
 
 @dataclass(frozen=True)
 class World:
-    """Options of an environment.
+    """Options of an environment, beside its estimator.
 
     Attributes:
-        estimator: What the agent sees the world through; the environment's default if not given.
         estimator_options: Options of the estimator, as name=value, e.g. members=50.
         sensors: clean, nominal, degraded, budget or denied.
         disturbance: calm, moderate or rough.
@@ -22,7 +21,6 @@ class World:
         vessel: Vehicle file, or the name of one that comes with the package, for environments that take one.
     """
 
-    estimator: str | None = None
     estimator_options: tuple[str, ...] = ()
     sensors: str = "nominal"
     disturbance: str = "moderate"
@@ -32,8 +30,8 @@ class World:
     termination: str | None = None
     vessel: str | None = None
 
-    def options(self) -> dict[str, Any]:
-        """Keyword arguments of `gymnasium.make`.
+    def options(self, estimator: str | None = None) -> dict[str, Any]:
+        """Keyword arguments of `gymnasium.make`; without an estimator the environment's own.
 
         Raises:
             ValueError: for an unknown kind of observation, or estimator options of another form.
@@ -41,14 +39,10 @@ class World:
         from vessel_gym.checks import one_of
 
         one_of("--observe", self.observe, ("mean", "mean+std", "measurement"))
-        options: dict[str, Any] = {"estimator": self.estimator, "sensors": self.sensors}
-        options |= {"disturbance": self.disturbance, "mismatch": self.mismatch, "observe": self.observe}
-        if self.estimator_options:
-            options["estimator_options"] = assigned("--estimator-options", self.estimator_options)
-        if not self.guidance:
-            options["guidance"] = False
-        own = {"termination": self.termination, "vessel": self.vessel}
-        return options | {name: value for name, value in own.items() if value is not None}
+        options = assigned("--estimator-options", self.estimator_options) or None
+        guidance = None if self.guidance else False
+        given = vars(self) | {"estimator": estimator, "estimator_options": options, "guidance": guidance}
+        return {name: value for name, value in given.items() if value is not None}
 
 
 def assigned(option: str, words: Sequence[str]) -> dict[str, Any]:

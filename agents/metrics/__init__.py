@@ -154,7 +154,7 @@ def _of_task(system: System | Wrapped) -> TaskMetrics:
         for name in _estimated(system)
     )  # fmt: skip
     if isinstance(system, Wrapped):
-        return TaskMetrics((_OWN_SCORE, RETURN, STEPS, *errors, *((NEES, UNHEALTHY) if system.estimator else ())))
+        return TaskMetrics((_OWN_SCORE, STEPS, *errors, *((NEES, UNHEALTHY) if system.estimator else ())))
     return TaskMetrics((SCORE, RETURN, STEPS, *steering, *errors, INPUT, NEES, UNHEALTHY))
 
 

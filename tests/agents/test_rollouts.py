@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from agents import RandomAgent, load_agent, rollout
+from agents.refusal import Refusal
 
 ENV = "SigmaCorvette-v0"
 ROUGH = {"disturbance": "rough", "sensors": "degraded"}
@@ -187,3 +188,19 @@ def test_episodes_that_may_never_end_are_refused_in_a_sentence():
 def test_a_rollout_is_one_short_line():
     flight = rollout("autopilot", ENV, [5, 6], {"max_episode_steps": 4})
     assert re.fullmatch(rf"<Rollout {ENV}: 2 episodes, mean score [\d.]+, 8 steps>", repr(flight))
+
+
+@pytest.mark.parametrize("env_id", [ENV, "Pendulum-v1"])
+@pytest.mark.parametrize("shape", [(2, 7), (2,), None])
+def test_actions_of_another_shape_are_one_sentence_also_where_an_environment_of_others_takes_them(
+    env_id: str, shape: Any
+):
+    class Own:
+        def reset(self, num_envs: int) -> None:
+            pass
+
+        def act(self, observations: np.ndarray) -> Any:
+            return None if shape is None else np.zeros(shape, np.float32)
+
+    with pytest.raises(Refusal, match=r"^act of Own returns (nothing|an array of .*), and must return \(2, 1\): .*$"):
+        rollout(Own(), env_id, [0, 1])

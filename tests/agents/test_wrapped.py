@@ -52,7 +52,7 @@ def test_metrics_are_those_of_info():
 
 def test_without_an_estimator_there_are_return_and_length():
     figures = scores(rollout("random", "Pendulum-v1", [0]))
-    assert set(figures) == {"score", "return", "steps"}
+    assert set(figures) == {"score", "steps"}
     assert figures["steps"] == [200]
 
 
@@ -60,7 +60,7 @@ def test_evaluate_compares_estimators(monkeypatch: pytest.MonkeyPatch, capsys: p
     line = f"evaluate {NAME} --agent swinging:Brake --estimator truth ekf ukf --episodes 2"
     assert not _command(monkeypatch, line)
     printed = capsys.readouterr().out
-    for word in ("truth", "ekf", "ukf", "Return", "x0", "x1", "NEES/n"):
+    for word in ("truth", "ekf", "ukf", "Score", "Steps", "x0", "x1", "NEES/n"):
         assert word in printed
     assert "moderate" not in printed  # no option of the environment
 

@@ -122,6 +122,12 @@ def first_picture() -> Any:
     [
         (train_command.main, ["--out", "agent.zip"], "torch", "train"),
         (ablate.main, [str(ROOT / "studies" / "quick.toml")], "jinja2", "report"),
+        (
+            ablate.main,
+            ["nothing.toml"],
+            "jinja2",
+            "report",
+        ),  # before the study is read, whose filters would be compiled
         (ablate.main, [str(ROOT / "studies" / "quick.toml"), "--scheduler", "tcp://127.0.0.1:9"], "dask", "cluster"),
         (reproduce.main, ["all"], "matplotlib", "report"),
         (watch.main, ["--out", "turn.gif"], "imageio", "render"),

@@ -1,12 +1,12 @@
 """Whatever is typed after a command's name or passed to `agents`: one sentence, and exit status 2 for a command."""
 
 import contextlib
-import inspect
 import io
 import re
 import socket
 import sys
 from collections.abc import Iterator, Sequence
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +20,9 @@ import agents.jobs
 import agents.training.ppo
 import studies.lorenz.benchmarks
 from agents import commands, rollout
-from agents.commands import ablate, budget, convert, evaluate, train, watch
+from agents.commands import ablate, budget, convert, estimate, evaluate, identify, inspect, train, watch
 from agents.commands.console import command
+from agents.commands.world import World
 from agents.jobs import check_scheduler
 from agents.metrics import scores
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
@@ -32,8 +33,9 @@ from studies.speed import __main__ as speed
 from studies.speed import timing
 
 COMMANDS: dict[str, Any] = {
-    "ablate": ablate.main, "budget": budget.main, "convert": convert.main, "evaluate": evaluate.main,
-    "lorenz": lorenz.main, "speed": speed.main, "reproduce": reproduce.main, "train": train.main, "watch": watch.main,
+    "ablate": ablate.main, "budget": budget.main, "convert": convert.main, "estimate": estimate.main,
+    "evaluate": evaluate.main, "identify": identify.main, "inspect": inspect.main, "lorenz": lorenz.main,
+    "speed": speed.main, "reproduce": reproduce.main, "train": train.main, "watch": watch.main,
 }  # fmt: skip
 STUDY = """
 title = "A small study"
@@ -142,7 +144,10 @@ def command_line(draw: st.DrawFn) -> tuple[str, list[str]]:
     """A command and its real options, each with any words; sometimes an option or a command that there is not."""
     name = draw(st.sampled_from(sorted(COMMANDS)) | word)
     main = COMMANDS.get(name, train.main)
-    options = ["", *(f"--{key.replace('_', '-')}" for key in inspect.signature(main).parameters)]
+    options = [
+        "",
+        *(f"--{key.replace('_', '-')}" for key in (*signature(main).parameters, *signature(World).parameters)),
+    ]
     arguments = list(FIRST.get(name, [])) if draw(st.booleans()) else []
     for option in draw(st.lists(st.sampled_from(options) | word.map(lambda text: f"--{text}"), max_size=3)):
         arguments += ([option] if option else []) + draw(st.lists(word, max_size=2))

@@ -70,6 +70,17 @@ def test_trainings_and_flights_say_it_too(clock, capsys):
     assert printed(capsys) == ["training: 50/100, score 0.250", "flying: 1/2", "flying: 2/2"]
 
 
+def test_even_work_says_how_long_it_still_takes_and_resumed_work_counts_from_where_it_goes_on(clock, capsys):
+    with console.training_progress("training") as trained:
+        for steps in (4000, 5000, 6000, 10_000):
+            trained(steps, 10_000, float("nan"))
+            clock[0] += 30.0
+    left = ["", ", 0:02:30 left", ", 0:02:00 left", ""]
+    assert printed(capsys) == [
+        f"training: {steps}/10000{text}" for steps, text in zip((4000, 5000, 6000, 10_000), left, strict=True)
+    ]
+
+
 def test_no_command_draws_a_bar_of_its_own():
     drawing = {path.name for path in Path(console.__file__).parent.glob("*.py") if "rich.progress" in path.read_text()}
     assert drawing == {"console.py"}

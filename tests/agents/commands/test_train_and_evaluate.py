@@ -9,7 +9,6 @@ import agents.training.ppo
 from agents import rollout
 from agents.commands import evaluate, train
 from agents.commands.console import command
-from agents.commands.world import World
 from agents.policies.checkpoint import description, packaged
 from agents.seeds import tuning_seeds
 
@@ -49,7 +48,7 @@ def test_of_several_trainings_the_best_on_tuning_seeds_is_kept(
     ).read_bytes()
     monkeypatch.setattr(agents.training.ppo, "train", learn)
     monkeypatch.setattr(agents, "rollout", fly)
-    train.main("ThesisCorvette-v0", out=tmp_path / "best.zip", world=World(estimator="truth"), seed=7, runs=3)
+    train.main("ThesisCorvette-v0", out=tmp_path / "best.zip", estimator="truth", seed=7, runs=3)
     assert (tmp_path / "best.zip").read_bytes() == packaged("ThesisCorvette-v0").read_bytes()
     assert flown == [tuning_seeds(train.CHOOSING)] * 3
     printed = capsys.readouterr().out.splitlines()

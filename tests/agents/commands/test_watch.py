@@ -103,6 +103,16 @@ def test_a_film_that_fails_half_way_leaves_the_old_one_alone(run, tmp_path, monk
     assert out.read_bytes() == b"old"
 
 
+def test_an_action_of_another_shape_is_one_sentence(run, tmp_path, monkeypatch, capsys):
+    class Flat(Helmsman):
+        def act(self, observations):
+            return super().act(observations)[:, 0]
+
+    monkeypatch.setattr(agents, "load_agent", lambda name, env, trust: Flat())
+    assert run("--out", str(tmp_path / "turn.png")) == 2
+    assert capsys.readouterr().err.splitlines()[-1].startswith("error: act of Flat returns an array of shape (1,)")
+
+
 @pytest.mark.parametrize(
     ("method", "error"),
     [("write_bytes", PermissionError(13, "Permission denied")), ("replace", OSError(28, "No space left on device"))],
