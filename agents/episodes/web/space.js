@@ -232,13 +232,16 @@ class Space {
     const [a, b] = [value(from[c]), value(to[c])], ends = [this.pixels(from), this.pixels(to)], long = Math.hypot(ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]);
     if (!(long > 30)) return;
     draw(paper, ends, { stroke: colours.muted, width: 1.2 });
-    const step = round125((Math.abs(b - a) * (c === 2 ? 34 : 58)) / long), out = c === 2 ? [-6, 4, "right"] : [0, 15, "center"];
+    const middle = [0, 1].map((j) => (ends[0][j] + ends[1][j]) / 2), centre = this.pixels(extent.middle);
+    let [nx, ny] = [(ends[1][1] - ends[0][1]) / long, (ends[0][0] - ends[1][0]) / long]; // away from the box
+    if (nx * (middle[0] - centre[0]) + ny * (middle[1] - centre[1]) < 0) [nx, ny] = [-nx, -ny];
+    const align = Math.abs(nx) < 0.35 ? "center" : nx > 0 ? "left" : "right", step = round125((Math.abs(b - a) * (c === 2 ? 34 : 58)) / long);
     for (const v of levels(Math.min(a, b), Math.max(a, b), step)) {
       const place = from.map((f, j) => (j === c ? f + ((to[c] - f) * (v - a)) / (b - a) : f)), [x, y] = this.pixels(place);
       draw(paper, circle([x, y], 1.8), { fill: colours.muted });
-      write(paper, number(v), x + out[0], y + out[1], out[2]);
+      write(paper, number(v), x + 8 * nx, y + 4 + 11 * ny, align);
     }
-    const [x, y] = c === 2 ? ends[0] : [(ends[0][0] + ends[1][0]) / 2, (ends[0][1] + ends[1][1]) / 2];
-    write(paper, name, c === 2 ? Math.max(4, x - 40) : x, y + (c === 2 ? -12 : 29), c === 2 ? "left" : "center", colours.ink);
+    if (c === 2) write(paper, name, Math.max(4, ends[0][0] - 40), ends[0][1] - 12, "left", colours.ink);
+    else write(paper, name, middle[0] + (8 + 36 * Math.abs(nx)) * nx, middle[1] + 4 + 25 * ny, align, colours.ink);
   }
 }
