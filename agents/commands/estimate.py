@@ -23,6 +23,7 @@ def main(
     out: Path = Path("results/estimates.csv"),
     tune: bool = False,
     seed: int = 0,
+    page: Path | None = None,
 ) -> None:
     """Estimate motion with its uncertainty, and judge filters where there is no truth.
 
@@ -37,6 +38,7 @@ def main(
         out: CSV file of estimates and standard deviations to write.
         tune: Tune the noise on the first half of the log and judge on the second; otherwise the vessel file's is used.
         seed: Of filters that draw numbers.
+        page: HTML file to write: track, estimates, innovations and NIS of every filter that keeps its estimates.
     """
     from agents.files import check_file
     from estimators import names
@@ -56,18 +58,29 @@ def main(
         chosen = read_columns(columns) if columns else Columns({})
         if str(log) == "-":
             return _stream(sys.stdin, chosen, ship, estimators[0])
-        check_file(out)
+        for file in (out, page):
+            if file is not None:
+                check_file(file)
         found = read(log, chosen)
         step = sampling(trials(found, common_step([found], ship.particulars)), ship)
         parts = voyages(found, step)
-        tables = _judged(parts, ship, estimators, tune, seed)
+        tables, judged = _judged(parts, ship, estimators, tune, seed)
     _write(out, tables)
     print(f"estimates of {estimators[0]}: {out}")
+    if page is not None and judged[1]:
+        from agents.episodes.voyages import voyage_page
+
+        voyage_page(ship.particulars.length, *judged).save(page)
+        print(f"page: {page}")
     return None
 
 
-def _judged(parts: Any, ship: Any, estimators: tuple[str, ...], tuned: bool, seed: int) -> list[tuple[Any, Any]]:
-    """Judge the filters on the longest part, print it, and return the first filter's estimates of every part."""
+def _judged(parts: Any, ship: Any, estimators: tuple[str, ...], tuned: bool, seed: int) -> tuple[list[Any], Any]:
+    """Judge the filters on the longest part, and print it.
+
+    Returns:
+        The first filter's estimates of every part; the longest part with name, estimates and verdict of each filter.
+    """
     from vessel_gym.identification.filtering import WITHHELD, Voyage, estimate, judge, noise_of, simulated, tune
 
     longest = max(parts, key=lambda part: len(part.u))
@@ -79,14 +92,15 @@ def _judged(parts: Any, ship: Any, estimators: tuple[str, ...], tuned: bool, see
     noise = tune(ship, [part(0, half)]) if tuned else noise_of(ship)
     judged = part(half, len(longest.u))
     drawn = simulated(ship, judged, noise, seed)
-    rows = []
+    rows, found = [], []
     for name in estimators:
         try:
-            _, verdict = judge(name, ship, judged, noise, seed)
+            series, verdict = judge(name, ship, judged, noise, seed)
             _, at_home = judge(name, ship, drawn, noise, seed)
         except ValueError as error:
             rows.append((name, str(error), *[""] * (5 + len(WITHHELD))))
             continue
+        found.append((name, series, verdict))
         shares = (f"{100.0 * share:.0f} %" for share in verdict.withheld.values())
         answer = "yes" if verdict.trusted else "no"
         rows.append(
@@ -109,7 +123,7 @@ def _judged(parts: Any, ship: Any, estimators: tuple[str, ...], tuned: bool, see
         "withheld sensor's measurements within two standard deviations of those foretold, 95 % if consistent. "
         "Simulated: the same on a voyage drawn from the filter's own model, with the inputs of the log."
     )
-    return [(each, estimate(estimators[0], ship, each, noise, rng=seed)) for each in parts]
+    return [(each, estimate(estimators[0], ship, each, noise, rng=seed)) for each in parts], (judged, found)
 
 
 def _write(path: Path, tables: list[tuple[Any, Any]]) -> None:

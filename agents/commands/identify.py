@@ -114,8 +114,9 @@ def _gaps(ship: Any, compared: Any) -> None:
             [getattr(each, name) / scale for each in found]
             for name, scale in zip(("advance", "tactical_diameter", "speed_loss"), scales, strict=True)
         ]
-        count = min(len(each.overshoots) for each in found)
-        numbers.append([float(np.rad2deg(np.mean(each.overshoots[:count]))) if count else np.nan for each in found])
+        overshoots = np.rad2deg([each.overshoots for each in found])
+        both = np.isfinite(overshoots).all(0)
+        numbers.append(overshoots[:, both].mean(1) if both.any() else np.full(2, np.nan))
         if np.isfinite(numbers).any():
             rows.append(
                 (part.name, *("" if np.isnan(pair).any() else "{:.1f} / {:.1f}".format(*pair) for pair in numbers))

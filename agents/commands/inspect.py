@@ -8,17 +8,21 @@ import tyro
 from agents.commands.console import asked, print_table
 
 
-def main(log: Annotated[Path, tyro.conf.Positional], /, columns: Path | None = None) -> None:
+def main(log: Annotated[Path, tyro.conf.Positional], /, columns: Path | None = None, page: Path | None = None) -> None:
     """Say what is in a log and what is wrong with it, each fault with its line.
 
     Args:
         log: CSV, Parquet, NMEA 0183 or ULog file.
         columns: Column map of the log; columns are recognised by their names without one.
+        page: HTML file to write: each channel over time, with its faults.
     """
+    from agents.files import check_file
     from vessel_gym.logs import Columns, read, read_columns
     from vessel_gym.logs.inspection import inspect, noise, rate
 
     with asked():
+        if page is not None:
+            check_file(page)
         found = read(log, read_columns(columns) if columns else Columns({}))
     rows = []
     for name, channel in found.channels.items():
@@ -34,3 +38,8 @@ def main(log: Annotated[Path, tyro.conf.Positional], /, columns: Path | None = N
         print(f"line {fault.line}: {fault.channel + ': ' if fault.channel else ''}{fault.sentence}")
     if not faults:
         print("no fault found")
+    if page is not None:
+        from agents.episodes.logs import log_page
+
+        log_page(found, faults).save(page)
+        print(f"page: {page}")

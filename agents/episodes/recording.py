@@ -1,19 +1,13 @@
 """One episode on several estimators: flown, packed into a page, shown."""
 
-import base64
-import html
-import json
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field
-from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
-from agents.files import replacing
+from agents.episodes.page import FRAMES, Page, curves, drawn, focus, kept, packed, root
 from agents.metrics import core_of, metrics, scores
 from agents.named import vector_class
 from agents.page import number
@@ -23,34 +17,21 @@ from estimators import Filter
 from estimators.checks import short_repr
 from vessel_gym import checks
 from vessel_gym.estimation import build, chosen_disturbance
-from vessel_gym.rendering.hulls import HULLS
-from vessel_gym.rendering.palette import DARK, LIGHT
 from vessel_gym.rendering.scene import Chart, Scene, Series, ambients
-from vessel_gym.surroundings import Surroundings, surroundings_of
+from vessel_gym.surroundings import surroundings_of
 from vessel_gym.system import System
 from vessel_gym.wrappers.watch import time_step
 
 COMPARED = ("ekf", "enkf", "dead-reckoning", "truth")
 """Estimators beside the environment's own, as far as its models carry them."""
-FRAMES = 1500
-"""Moments of an episode that a page holds at most; of a longer one it holds every second, third and so on."""
 CLOUDS, MEMBERS = 300, 40
 """Moments at which an ensemble is kept at most, and how many of its members."""
 CHARTS = 6
 """Charts of a page at most."""
-SCRIPTS = ("data", "canvas", "plan", "space", "charts", "controls")
-"""Files of the page's own script, in the order in which they are joined."""
 
 
-@dataclass(frozen=True, eq=False)
-class Episode:
-    """The same episode on several estimators, as a page that needs no network: a notebook shows it, `save` writes it.
-
-    Attributes:
-        page: What the page shows, as JSON holds it.
-    """
-
-    page: dict[str, Any] = field(repr=False)
+class Episode(Page):
+    """The same episode on several estimators, as a page."""
 
     def __repr__(self) -> str:
         scores = ", ".join(f"{name} {score:.3f}" for name, score in self.scores.items())
@@ -60,45 +41,6 @@ class Episode:
     def scores(self) -> dict[str, float]:
         """The score on each estimator."""
         return {flight["estimator"]: flight["score"] for flight in self.page["flights"]}
-
-    def html(self) -> str:
-        """The whole page: data, drawing and libraries in one document."""
-        web = files("agents.episodes") / "web"
-
-        def source(name: str) -> str:
-            return (web / name).read_text(encoding="utf-8")
-
-        light, dark = ("".join(f"--{name}:{value};" for name, value in each.items()) for each in (LIGHT, DARK))
-        colours = f":root{{{light}}}@media (prefers-color-scheme: dark){{:root{{{dark}}}}}\n"
-        space = self.page["scene"] is not None and self.page["scene"]["space"]
-        libraries = ["uplot", "three"] if space else ["uplot"]
-        own = "".join(source(f"{name}.js") for name in SCRIPTS)
-        scripts = [*(source(f"vendor/{name}.min.js") for name in libraries), f'"use strict";(() => {{\n{own}}})();']
-        # "<" never stands in the data, so that no label of anybody ends the element that holds it.
-        parts = {
-            "title": html.escape(self.page["title"]),
-            "style": source("vendor/uplot.min.css") + colours + source("episode.css"),
-            "data": json.dumps(self.page, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
-            "scripts": "".join(f"<script>{script}</script>\n" for script in scripts),
-        }
-        head, *rest = source("episode.html").split("{{")
-        return head + "".join(parts[name] + after for name, _, after in (each.partition("}}") for each in rest))
-
-    def save(self, path: Path | str) -> None:
-        """Write the page.
-
-        Raises:
-            OSError: if it cannot be written there.
-        """
-        with replacing(Path(path)) as temporary:
-            temporary.write_text(self.html(), encoding="utf-8")
-
-    def _repr_html_(self) -> str:
-        srcdoc, title = (html.escape(text) for text in (self.html(), self.page["title"]))
-        return (
-            f'<iframe srcdoc="{srcdoc}" title="{title}" sandbox="allow-scripts" loading="lazy" '
-            'style="width:100%;height:720px;border:0"></iframe>'
-        )
 
 
 def episode(
@@ -224,6 +166,7 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
         "conditions": [f"seed {flown[0].seeds[0]}"],
         "dt": (core.vehicle.dt if core else time_step(env)) * every,
         "unit": "s" if core or time_step(env) != 1.0 else "steps",
+        "truth": True,
         "placed": False,
         "located": False,
         "focus": [],
@@ -231,26 +174,21 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
     }
     if core is None:
         pairs = zip(flown, names, histories, strict=True)
-        flights = [_figures(each, name) | _curves(_estimates(history), every) for each, name, history in pairs]
+        flights = [_figures(each, name) | curves(_estimates(history), every) for each, name, history in pairs]
         return page | {"flights": flights}
     scenario = flown[0].scenario
     assert scenario is not None
     around = surroundings_of(core, scenario[0])
     scenes = [Scene(core_of(each), around, history) for each, history in zip(flown, histories, strict=True)]
-    first, hull = scenes[0].position, HULLS[around.hull]
-    low, high = _extent(around, [scene.true for scene in scenes])
-    values = {key: packed(value) if isinstance(value, np.ndarray) else value for key, value in asdict(around).items()}
+    first = scenes[0].position
     return page | {
         "title": page["title"].replace(flown[0].env_id, core.system.name, 1),
         "name": core.system.name,
         "conditions": [*scenes[0].conditions, *page["conditions"]],
         "placed": bool({"x", "y", "z", "h"} & set(core.vehicle.state_names)),
         "located": scenes[0].located,
-        "focus": [
-            {"name": name, "unit": unit, "axis": axis}
-            for (name, unit, _), axis in zip(first.words, first.axes.tolist(), strict=True)
-        ],
-        "scene": values | {"outline": hull.above.tolist(), "least": hull.least, "low": low, "high": high},
+        "focus": focus(first.words, first.axes),
+        "scene": drawn(around, [scene.true for scene in scenes]),
         "flights": [_flight(*each, every) for each in zip(flown, names, scenes, strict=True)],
     }
 
@@ -277,14 +215,6 @@ def _estimates(history: dict[str, np.ndarray]) -> list[Chart]:
     return charts
 
 
-def _extent(around: Surroundings, tracks: list[np.ndarray]) -> tuple[list[float], list[float]]:
-    """Least and most north, east and down [m] of path, obstacles and tracks."""
-    points = np.concatenate([around.path, *(track[:, :3] for track in tracks)])
-    place, radius = around.obstacles[:, :2], around.obstacles[:, 2:]
-    level = np.concatenate([points[:, :2], place - radius, place + radius])
-    return [*level.min(0).tolist(), float(points[:, 2].min())], [*level.max(0).tolist(), float(points[:, 2].max())]
-
-
 def _figures(flown: Rollout, name: str) -> dict[str, Any]:
     """Name, score and end of an episode; an environment of others has its return instead of a score in [0, 1]."""
     scored = "score" in flown.history
@@ -298,35 +228,9 @@ def _figures(flown: Rollout, name: str) -> dict[str, Any]:
     }
 
 
-def _kept(length: int, every: int) -> np.ndarray:
-    """Indices of every so many moments of an episode, and of the last."""
-    return np.unique(np.append(np.arange(0, length, every), length - 1))
-
-
-def _curves(charts: Sequence[Chart], every: int) -> dict[str, Any]:
-    """Charts as a page holds them."""
-
-    def packing(values: np.ndarray) -> dict[str, Any]:
-        return packed(values[_kept(len(values), every)])
-
-    return {
-        "charts": [
-            {
-                "title": each.title,
-                "limits": each.limits,
-                "ticks": each.ticks,
-                "series": [line._asdict() | {"value": packing(line.value)} for line in each.series],
-                "band": None if each.band is None else [packing(edge) for edge in each.band],
-                "measured": None if each.measured is None else packing(each.measured),
-            }
-            for each in charts
-        ]
-    }
-
-
 def _flight(flown: Rollout, name: str, scene: Scene, every: int) -> dict[str, Any]:
     """Data of a page about a rollout's episode, in every so many moments and the last."""
-    keep, position = _kept(len(scene.true), every), scene.position
+    keep, position = kept(len(scene.true), every), scene.position
     members = None if position.members is None else position.members[:-1]  # of the end itself there are none
     apart = 1 + len(scene.true) // CLOUDS
     return {
@@ -335,14 +239,14 @@ def _flight(flown: Rollout, name: str, scene: Scene, every: int) -> dict[str, An
         "true": packed(scene.true[keep]),
         "believed": packed(scene.believed[keep]),
         "error": packed(position.error[keep]),
-        "root": None if position.cov is None else packed(_root(position.cov[keep])),
+        "root": None if position.cov is None else packed(root(position.cov[keep])),
         "members": None if members is None else packed(members[::apart, :MEMBERS]),
         "period": apart * scene.core.vehicle.dt,
         "fix": packed(scene.fixes[keep]),
         "ambient": [
             each._asdict() | {"vector": packed(each.vector[keep])} for each in ambients(scene.core, scene.history)
         ],
-        **_curves(scene.charts(CHARTS), every),
+        **curves(scene.charts(CHARTS), every),
     }
 
 
@@ -355,20 +259,3 @@ def _costs(flown: Rollout) -> list[dict[str, Any]]:
         for m, value in costs
         if np.isfinite(value)
     ]
-
-
-def packed(values: np.ndarray) -> dict[str, Any]:
-    """An array as JSON can hold it: float32, little-endian, in base64."""
-    return {"shape": values.shape, "float32": base64.b64encode(np.asarray(values, "<f4").tobytes()).decode()}
-
-
-def unpacked(packing: dict[str, Any]) -> np.ndarray:
-    """The array of `packed`."""
-    return np.frombuffer(base64.b64decode(packing["float32"]), "<f4").reshape(packing["shape"])
-
-
-def _root(cov: np.ndarray) -> np.ndarray:
-    """Lower triangular roots ``(T, k, k)`` of covariances, which may be singular."""
-    values, vectors = np.linalg.eigh(cov)
-    upper = np.linalg.qr(np.swapaxes(vectors * np.sqrt(np.maximum(values, 0.0))[:, None], -1, -2), mode="r")
-    return np.swapaxes(upper * np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0.0, -1.0, 1.0)[..., None], -1, -2)

@@ -17,7 +17,8 @@ import agents
 from agents import Episode, episode, load_agent
 from agents.commands import watch
 from agents.commands.console import Refusal
-from agents.episodes.recording import page_of, unpacked
+from agents.episodes.page import unpacked
+from agents.episodes.recording import page_of
 from agents.metrics import metrics, scores
 from agents.rollouts import rollout
 from estimators import ExtendedKalmanFilter

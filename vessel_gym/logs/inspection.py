@@ -121,12 +121,14 @@ def _jumps(channel: Channel) -> Iterator[Finding]:
     if len(values) < 20:
         return
     values = np.unwrap(values) if channel.name in ANGLES else values
-    bend = np.diff(values, 2)
-    scale = float(median_abs_deviation(bend, scale="normal"))
-    far = np.flatnonzero(np.abs(bend) > _FAR * max(scale, 1e-12)) + 1
-    steps = np.concatenate([[0.0], np.diff(values)])
+    bend, waits = np.abs(np.diff(values, 2)), np.diff(times)
+    bend[np.maximum(waits[1:], waits[:-1]) > GAP * np.median(waits)] = 0.0  # a gap is no jump
+    scale = float(median_abs_deviation(np.diff(values, 2), scale="normal"))
+    far = np.flatnonzero(bend > _FAR * max(scale, 1e-12)) + 1
     apart = far[np.concatenate([[True], np.diff(far) > 3])] if len(far) else far
-    sizes = np.array([max(steps[i : i + 2], key=abs) for i in apart])
+    steps = np.concatenate([[0.0], np.diff(values), [0.0]])
+    apart = apart + (np.abs(steps[apart + 1]) > np.abs(steps[apart]))  # the row that the larger step leads to
+    sizes = steps[apart]
     for rank in np.argsort(-np.abs(sizes))[:_LISTED]:
         sentence = f"jumps by {sizes[rank]:.3g} {channel.unit} at {times[apart[rank]]:.6g} s"
         yield Finding("jump", channel.name, int(lines[apart[rank]]), sentence)

@@ -41,6 +41,10 @@ def test_overshoots_are_what_the_heading_goes_on_after_a_reversal() -> None:
     rudder[98:100] = 0.0
     found = manoeuvre(states, rudder)
     np.testing.assert_allclose(np.rad2deg(found.overshoots), [3.0, 4.0], atol=0.1)
+    gone = manoeuvre(states[:131], rudder[:130])  # it ends before the ship comes back
+    assert len(gone.overshoots) == 1
+    assert np.isnan(gone.overshoots[0])
+    assert execution(np.concatenate([np.full(50, -0.14), rudder]), np.concatenate([np.zeros(50), states[:, 2]])) == 50
     assert np.isnan(found.advance)
 
 

@@ -143,12 +143,26 @@ def test_a_still_or_short_log_has_no_scale() -> None:
     assert scale(Log("log.csv", short)) is None
 
 
+def test_a_jump_has_the_line_it_leads_to_and_a_gap_is_none() -> None:
+    log = clean(2)
+    for change in (lambda v: at(v, 400, 401, v[400] + 3.0), lambda v: at(v, 400, 900, v[400:900] + 3.0)):
+        found = [each for each in inspect(altered(log, "x", change)) if each.kind == "jump" and each.channel == "x"]
+        assert found[0].line == 402
+        assert abs(float(found[0].sentence.split()[2]) - 3.0) < 0.1
+    kept = np.delete(np.arange(len(log["x"].times)), np.s_[400:500])
+    cut = {
+        name: Channel(name, each.times[kept], each.values[kept], each.lines[kept])
+        for name, each in log.channels.items()
+    }
+    assert all(abs(each.line - 502) > 5 for each in inspect(Log("log.csv", cut)) if each.kind == "jump")
+
+
 def test_a_long_hold_is_found_behind_many_short_ones() -> None:
     """A receiver at half the rate repeats each value once."""
     log = altered(clean(0), "x", lambda v: np.repeat(v[::2], 2)[: len(v)])
     log = altered(log, "x", lambda v: at(v, 800, 813, v[800]))
     (found,) = [each for each in inspect(log) if each.kind == "held"]
-    assert (found.channel, found.sentence) == ("x", "held for 14 rows")
+    assert (found.channel, found.sentence) == ("x", "held for 13 rows")
     assert abs(found.line - 802) <= 2
 
 
