@@ -264,30 +264,43 @@ def nis_of(series: Series) -> tuple[np.ndarray, np.ndarray]:
     return nis(belief.innovation, belief.innovation_cov), count
 
 
+def consistency(series: Series) -> tuple[float, float, float]:
+    """Share of NIS within its central 95 % interval, NIS ratio and lag, as in `Verdict`.
+
+    Raises:
+        ValueError: if there are no estimates, or they are lost.
+    """
+    from scipy.stats import chi2
+
+    belief: Any = series.updated
+    square, count = (each[_BEGINNING:] for each in nis_of(series))
+    used = count > 0
+    if not used.any() or not np.isfinite(square[used]).all():
+        raise ValueError("the estimates are lost")
+    low, high = chi2.ppf(0.025, count[used]), chi2.ppf(0.975, count[used])
+    inside = float(((square[used] > low) & (square[used] < high)).mean())
+    deviations = np.sqrt(np.einsum("tii->ti", np.asarray(belief.innovation_cov)))
+    white = np.where(belief.available, np.asarray(belief.innovation) / deviations, 0.0)[_BEGINNING:]
+    lag = float(np.max((white[1:] * white[:-1]).sum(0) / np.maximum((white**2).sum(0), 1e-12)))
+    return inside, float(square[used].sum() / count[used].sum()), lag
+
+
 def judge(name: str, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, rng: int = 0) -> tuple[Series, Verdict]:
     """A filter over a voyage, and how consistent it is.
 
     Raises:
         ValueError: if the filter cannot work with the model, or its estimates are lost.
     """
-    from scipy.stats import chi2
-
     series = estimate(name, ship, voyage, noise, rng=rng)
-    belief: Any = series.updated
-    square, count = (each[_BEGINNING:] for each in nis_of(series))
-    used = count > 0
-    if not used.any() or not np.isfinite(square[used]).all():
-        raise ValueError(f"{name} loses its estimates on {voyage.trial.name}")
-    low, high = chi2.ppf(0.025, count[used]), chi2.ppf(0.975, count[used])
-    inside = float(((square[used] > low) & (square[used] < high)).mean())
-    deviations = np.sqrt(np.einsum("tii->ti", np.asarray(belief.innovation_cov)))
-    white = np.where(belief.available, np.asarray(belief.innovation) / deviations, 0.0)[_BEGINNING:]
-    lag = float(np.max((white[1:] * white[:-1]).sum(0) / np.maximum((white**2).sum(0), 1e-12)))
+    try:
+        found = consistency(series)
+    except ValueError:
+        raise ValueError(f"{name} loses its estimates on {voyage.trial.name}") from None
     withheld = {
         label: _foretold(estimate(name, ship, voyage, noise, sensors, rng), ship, voyage, noise, sensors)
         for label, sensors in WITHHELD.items()
     }
-    return series, Verdict(inside, float(square[used].sum() / count[used].sum()), lag, withheld)
+    return series, Verdict(*found, withheld)
 
 
 def _foretold(series: Series, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, sensors: Collection[str]) -> float:
