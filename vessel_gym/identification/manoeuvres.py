@@ -25,7 +25,7 @@ class Manoeuvre:
         advance: Distance along the first course to a change of heading of 90 degrees [m].
         tactical_diameter: Distance across it to a change of 180 degrees [m].
         speed_loss: Share of the speed that is lost at 180 degrees.
-        overshoots: Changes of heading [rad] after each reversal of the rudder, in their order.
+        overshoots: Changes of heading [rad] after each reversal of the rudder; NaN where the ship does not come back.
     """
 
     advance: float
@@ -42,7 +42,7 @@ def execution(rudder: np.ndarray, psi: np.ndarray) -> int | None:
     """Step at which a manoeuvre begins; None of a trial without rudder.
 
     That of a turn is where the rudder goes to the side on which the heading changes most, if by at least 90 degrees.
-    That of others is where it first reaches half of its largest angle.
+    That of others is where it first reaches nine tenths of its largest angle: before, it may keep a course.
 
     Args:
         rudder: ``(T,)`` [rad].
@@ -55,7 +55,7 @@ def execution(rudder: np.ndarray, psi: np.ndarray) -> int | None:
     edges = [0, *np.flatnonzero(np.diff(side)) + 1, len(side)]
     turned = [side[a] * (psi[b] - psi[a]) for a, b in pairwise(edges)]
     longest = int(np.argmax(turned))
-    return int(edges[longest]) if turned[longest] >= 0.5 * np.pi else int(np.argmax(side != 0.0))
+    return int(edges[longest]) if turned[longest] >= 0.5 * np.pi else int(np.argmax(np.abs(rudder) > 0.9 * largest))
 
 
 def manoeuvre(states: np.ndarray, rudder: np.ndarray) -> Manoeuvre:
@@ -156,10 +156,9 @@ def _at(turned: np.ndarray, angle: float, values: np.ndarray) -> float:
 
 
 def _overshoots(psi: np.ndarray, rudder: np.ndarray, reversals: np.ndarray) -> tuple[float, ...]:
-    """Change of heading to the old side from each reversal to the next; the last one only if the ship came back."""
+    """Change of heading to the old side from each reversal to the next; NaN if the ship does not come back."""
     found = []
     for first, last in pairwise([*reversals, len(rudder)]):
         beyond = -np.sign(rudder[first]) * (psi[first : last + 1] - psi[first])
-        if beyond[-1] < beyond.max():
-            found.append(float(beyond.max()))
+        found.append(float(beyond.max()) if beyond[-1] < beyond.max() else np.nan)
     return tuple(found)
