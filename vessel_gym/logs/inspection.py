@@ -186,5 +186,5 @@ def _scale(log: Log) -> Iterator[Finding]:
 
 def _spans(mask: np.ndarray, least: int = 1) -> list[tuple[int, int]]:
     """First and last + 1 of each run of so many true values or more."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= least]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]))).reshape(-1, 2)
+    return [(int(a), int(b)) for a, b in edges[edges[:, 1] - edges[:, 0] >= least]]

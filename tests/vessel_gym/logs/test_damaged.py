@@ -33,7 +33,7 @@ ODD = [
 ]
 
 
-BYTES = 40
+BYTES = 30
 """Of memory at most for each number of a log that is inspected: it is kept once, in 8, and looked at by channels."""
 
 
