@@ -1,7 +1,8 @@
 """Lorenz-63 and Lorenz-96: published scores of filters by members and particles, and the experiments behind them.
 
-Each row of `BENCHMARKS` is a setting with the analysis RMSE printed for it. The score is that of the literature: at
-each analysis the root of the mean square error over the components, averaged over the analyses after a burn-in.
+Each of `BENCHMARKS`, the rows of ``benchmarks.csv``, is a setting with the analysis RMSE printed for it. The score is
+that of the literature: at each analysis the root of the mean square error over the components, averaged over the
+analyses after a burn-in.
 
 Sources: Lorenz (1963), Deterministic nonperiodic flow; Lorenz & Emanuel (1998), Optimal sites for supplementary weather
 observations; Sakov & Oke (2008a), A deterministic formulation of the ensemble Kalman filter; Sakov, Oliver & Bertino
@@ -12,8 +13,10 @@ those printed in DAPPER (Raanes et al., https://github.com/nansencenter/DAPPER) 
 ones), of Laplace's noise, of 400 members or 3000 particles and more, which take minutes, and doubles.
 """
 
-from collections.abc import Callable
+import csv
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -114,6 +117,7 @@ LORENZ96 = Setting(
 )
 HALF96 = replace(LORENZ96, name="Lorenz-96, R = 1.5, half", measurement_var=1.5, seen=tuple(range(0, 40, 2)))
 SMALL96 = replace(HALF96, name="Lorenz-96 of 10, R = 1.5, half", start=(8.0,) * 10, seen=(0, 2, 4, 6, 8))
+SETTINGS = (LORENZ63, NOISY63, FIRST63, LORENZ96, HALF96, SMALL96)
 
 
 @dataclass(frozen=True)
@@ -159,71 +163,29 @@ class Benchmark:
         return ", ".join(words + ([] if self.radius is None else [f"radius {self.radius:g}"]))
 
 
-_ENKF, _SQUARE_ROOT, _LOCAL, _PARTICLES = ("enkf",), ("enkf-sr", "etkf"), ("letkf",), ("pf",)
-_SAKOV2012 = "Sakov et al. (2012), Table 1; DAPPER Lorenz63/sakov2012"
-_SAKOV2008 = "Sakov & Oke (2008a), Table 1; DAPPER Lorenz96/sakov2008"
-_DENKF = "DAPPER Lorenz96/sakov2008, its DEnKF"
-_OTHERS = "DAPPER Lorenz96/sakov2008"
-_BOCQUET2015 = "Bocquet et al. (2015), Fig. 3; DAPPER Lorenz96/sakov2008"
-_HOTEIT2015 = "DAPPER Lorenz96/hoteit2015, after Hoteit et al. (2015)"
-_IN_DAPPER63 = "DAPPER Lorenz63/sakov2012"
-_ANDERSON2010 = "DAPPER Lorenz63/anderson2010rhf, after Anderson (2010)"
-_WILJES2017 = "DAPPER Lorenz63/wiljes2017, after de Wiljes et al. (2016)"
-_BOCQUET2010 = "DAPPER Lorenz96/bocquet2010, after Bocquet et al. (2010), Fig. 1"
-_BOCQUET2010_40 = "DAPPER Lorenz96/bocquet2010_m40, after Bocquet et al. (2010), Fig. 5"
 _WIDER = 1.82
 """A radius of `gaspari_cohn` to one of DAPPER's, where the taper is about exp(-1/2)."""
 
 
-def _inflated(factor: float, rotate: bool = False) -> dict[str, Any]:
-    return {"inflation": factor} | ({"rotate": True} if rotate else {})
+def _read(row: Mapping[str, str]) -> Benchmark:
+    """The benchmark of a row of ``benchmarks.csv``, where radii are DAPPER's."""
+    tuning: dict[str, Any] = {
+        key: float(row[key]) for key in ("inflation", "adaptive", "jitter", "threshold") if row[key]
+    }
+    return Benchmark(
+        next(each for each in SETTINGS if each.name == row["setting"]),
+        tuple(row["filters"].split()),
+        int(row["members"]),
+        float(row["published"]),
+        row["source"],
+        tuning | ({"rotate": True} if row["rotate"] else {}),
+        _WIDER * float(row["radius"]) if row["radius"] else None,
+        bool(row["reported_only"]),
+    )
 
 
-def _adaptive(certainty: float = 1.0, rotate: bool = False) -> dict[str, Any]:
-    return {"adaptive": certainty} | ({"rotate": True} if rotate else {})
-
-
-def _jittered(bandwidths: float, share: float) -> dict[str, Any]:
-    return {"jitter": bandwidths, "threshold": share}
-
-
-BENCHMARKS = (
-    Benchmark(LORENZ63, _ENKF, 10, 0.65, _SAKOV2012, _inflated(1.04), reported_only=True),
-    Benchmark(LORENZ63, _ENKF, 100, 0.56, _SAKOV2012, _inflated(1.01)),
-    Benchmark(LORENZ63, _SQUARE_ROOT, 3, 0.80, _SAKOV2012, _inflated(1.30)),
-    Benchmark(LORENZ63, _SQUARE_ROOT, 10, 0.60, _SAKOV2012, _inflated(1.02, rotate=True)),
-    Benchmark(LORENZ63, _LOCAL, 3, 0.60, _IN_DAPPER63, _adaptive()),
-    Benchmark(LORENZ63, _LOCAL, 10, 0.54, _IN_DAPPER63, _adaptive(rotate=True)),
-    Benchmark(LORENZ63, _PARTICLES, 100, 0.38, _IN_DAPPER63, _jittered(2.4, 0.3), reported_only=True),
-    Benchmark(LORENZ63, _PARTICLES, 800, 0.28, _IN_DAPPER63, _jittered(0.9, 0.2), reported_only=True),
-    Benchmark(NOISY63, _LOCAL, 20, 0.87, _ANDERSON2010, _adaptive(rotate=True)),
-    Benchmark(FIRST63, _LOCAL, 5, 2.68, _WILJES2017, _adaptive()),
-    Benchmark(FIRST63, _LOCAL, 30, 2.52, _WILJES2017, _adaptive(rotate=True)),
-    Benchmark(FIRST63, _PARTICLES, 35, 2.05, _WILJES2017, _jittered(1.4, 0.3), reported_only=True),
-    Benchmark(LORENZ96, _ENKF, 28, 0.24, _SAKOV2008, _inflated(1.08)),
-    Benchmark(LORENZ96, _ENKF, 40, 0.22, _SAKOV2008, _inflated(1.06)),
-    Benchmark(LORENZ96, _SQUARE_ROOT, 17, 0.217, _HOTEIT2015, _inflated(1.03), reported_only=True),
-    Benchmark(LORENZ96, _SQUARE_ROOT, 20, 0.20, _BOCQUET2015, _inflated(1.04, rotate=True)),
-    Benchmark(LORENZ96, _SQUARE_ROOT, 24, 0.18, _SAKOV2008, _inflated(1.013, rotate=True), reported_only=True),
-    Benchmark(LORENZ96, _SQUARE_ROOT, 28, 0.18, _HOTEIT2015, _inflated(1.02, rotate=True)),
-    Benchmark(LORENZ96, _SQUARE_ROOT, 40, 0.18, _DENKF, _inflated(1.01, rotate=True)),
-    Benchmark(LORENZ96, _LOCAL, 20, 0.24, _BOCQUET2015, _adaptive()),
-    Benchmark(LORENZ96, _LOCAL, 20, 0.19, _BOCQUET2015, _adaptive(2.0)),
-    Benchmark(LORENZ96, _LOCAL, 24, 0.21, _OTHERS, _adaptive(rotate=True)),
-    Benchmark(LORENZ96, _LOCAL, 24, 0.18, _OTHERS, _adaptive(2.0, rotate=True)),
-    Benchmark(LORENZ96, _LOCAL, 7, 0.22, _OTHERS, _inflated(1.04, rotate=True), _WIDER * 4),
-    Benchmark(LORENZ96, _LOCAL, 10, 0.21, _HOTEIT2015, _inflated(1.02, rotate=True), _WIDER * 4),
-    Benchmark(LORENZ96, _LOCAL, 10, 0.20, _HOTEIT2015, _inflated(1.04, rotate=True), _WIDER * 6),
-    Benchmark(LORENZ96, _LOCAL, 10, 0.22, _HOTEIT2015, _inflated(1.10, rotate=True), _WIDER * 10),
-    Benchmark(LORENZ96, _LOCAL, 10, 0.29, _HOTEIT2015, _inflated(1.20), _WIDER * 15),
-    Benchmark(
-        HALF96, _LOCAL, 24, 0.38, _BOCQUET2010_40, _inflated(1.01, rotate=True) | _adaptive(), reported_only=True
-    ),
-    Benchmark(SMALL96, _LOCAL, 8, 0.31, _BOCQUET2010, _adaptive(1.3, rotate=True)),
-    Benchmark(SMALL96, _PARTICLES, 50, 1.0, _BOCQUET2010, _jittered(1.7, 0.3), reported_only=True),
-    Benchmark(SMALL96, _PARTICLES, 100, 0.36, _BOCQUET2010, _jittered(1.3, 0.2), reported_only=True),
-    Benchmark(SMALL96, _PARTICLES, 800, 0.25, _BOCQUET2010, _jittered(0.8, 0.2)),
-)
+with Path(__file__).with_name("benchmarks.csv").open(encoding="utf-8") as file:
+    BENCHMARKS = tuple(map(_read, csv.DictReader(file)))
 
 
 def analysis_rmse(
