@@ -1,6 +1,6 @@
 """A study as jobs: who is trained on what, who flies what, and what is left out and why."""
 
-from collections.abc import Iterable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -58,26 +58,9 @@ def plan(study: Study) -> Plan:
 
     That is an estimator that does not fit its model, or a controller that its task does not have.
     """
-    flights: list[Flight] = []
-    skipped: list[Skipped] = []
-    for environment in study.environments:
-        flyable = []
-        for estimator in estimators_in(study, environment):
-            error = refusal(environment, options(study, study.conditions[0], estimator, environment))
-            if error is None:
-                flyable.append(estimator)
-            else:
-                skipped.append(Skipped(environment, estimator.name, str(error)))
-        for agent in _here(study.agents, environment):
-            if not agent.learned and not is_controller(agent.kind, system_of(environment)):
-                skipped.append(Skipped(environment, agent.name, unknown_controller(agent.kind, system_of(environment))))
-                continue
-            trainings = _trainings(study, environment, agent, flyable)
-            if agent.learned and not trainings:
-                skipped.append(Skipped(environment, agent.name, "no estimator that it is trained on flies here"))
-            for condition in (each for each in study.conditions if each.is_in(environment)):
-                flights += _flights(study, environment, agent, condition, flyable, trainings)
-    return Plan(study, tuple(flights), tuple(skipped))
+    places = [_EnvironmentPlan(study, name) for name in study.environments]
+    flights = tuple(flight for place in places for flight in place.flights())
+    return Plan(study, flights, tuple(skipped for place in places for skipped in place.skipped))
 
 
 def estimators_in(study: Study, environment: str) -> list[Estimator]:
@@ -112,81 +95,82 @@ Training = tuple[Estimator, int | None, Job | None]
 """Estimator of a training, its training seed, and its job; neither of an agent that does not learn."""
 
 
-def _trainings(study: Study, environment: str, agent: Agent, flyable: list[Estimator]) -> list[Training]:
-    """Every training of an agent in an environment; none for an agent that does not learn."""
-    if not agent.learned:
-        return []
-    default = system_of(environment).estimator
-    wanted = [default if name == DEFAULT else name for name in agent.trained_on]
-    schools = [_RAW_MEASUREMENTS] if agent.raw else [e for e in flyable if e.name in wanted]
-    return [
-        (school, seed, _train(study, environment, agent, school, seed))
-        for school, seed in product(schools, range(study.training_seeds))
-    ]
+class _EnvironmentPlan:
+    """An environment of a study: the estimators that fly there, and what is left out."""
 
+    def __init__(self, study: Study, environment: str) -> None:
+        self.study, self.environment, self.system = study, environment, system_of(environment)
+        self.skipped: list[Skipped] = []
+        self.flyable: list[Estimator] = []
+        for estimator in estimators_in(study, environment):
+            error = refusal(environment, options(study, study.conditions[0], estimator, environment))
+            if error is None:
+                self.flyable.append(estimator)
+            else:
+                self._skip(estimator.name, str(error))
 
-def _flights(
-    study: Study,
-    environment: str,
-    agent: Agent,
-    condition: Condition,
-    flyable: list[Estimator],
-    trainings: list[Training],
-) -> Iterable[Flight]:
-    runs = trainings if agent.learned else [(Estimator(""), None, None)]
-    for (school, seed, training), estimator in product(runs, [_RAW_MEASUREMENTS] if agent.raw else flyable):
-        if agent.flown_on and estimator.name not in (school.name, *agent.flown_on):
-            continue
-        job = _fly(study, environment, agent, condition, estimator, training)
-        yield Flight(environment, condition.name, agent.name, school.name, estimator.name, seed, job)
+    def _skip(self, what: str, reason: str) -> None:
+        self.skipped.append(Skipped(self.environment, what, reason))
 
+    def flights(self) -> Iterator[Flight]:
+        """Every flight of the agents that fly there."""
+        for agent in self.study.agents:
+            if agent.environments and self.environment not in agent.environments:
+                continue
+            if not agent.learned and not is_controller(agent.kind, self.system):
+                self._skip(agent.name, unknown_controller(agent.kind, self.system))
+                continue
+            trainings = self._trainings(agent)
+            if not trainings:
+                self._skip(agent.name, "no estimator that it is trained on flies here")
+            flown_on = [_RAW_MEASUREMENTS] if agent.raw else self.flyable
+            conditions = (each for each in self.study.conditions if each.is_in(self.environment))
+            for condition, (school, seed, training), estimator in product(conditions, trainings, flown_on):
+                if not agent.flown_on or estimator.name in (school.name, *agent.flown_on):
+                    names = self.environment, condition.name, agent.name, school.name, estimator.name
+                    yield Flight(*names, seed, self._fly(agent, condition, estimator, training))
 
-def _train(study: Study, environment: str, agent: Agent, school: Estimator, seed: int) -> Job:
-    steps, critic = agent.steps.get(environment), None if agent.critic == "none" else agent.critic
-    described = describe(environment_id(environment), None, seed, steps, agent.memory, critic, agent.settings)
-    return Job(
-        "agents.studies.training:train_agent",
-        {
-            "environment": environment,
-            "options": options(study, study.conditions[0], school, environment) | _seen(agent),
+    def _trainings(self, agent: Agent) -> list[Training]:
+        """Every training of an agent; one without a job for an agent that does not learn."""
+        if not agent.learned:
+            return [(Estimator(""), None, None)]
+        wanted = [self.system.estimator if name == DEFAULT else name for name in agent.trained_on]
+        schools = [_RAW_MEASUREMENTS] if agent.raw else [e for e in self.flyable if e.name in wanted]
+        seeds = range(self.study.training_seeds)
+        return [(school, seed, self._train(agent, school, seed)) for school, seed in product(schools, seeds)]
+
+    def _options(self, agent: Agent, condition: Condition, estimator: Estimator) -> dict[str, Any]:
+        return options(self.study, condition, estimator, self.environment) | _seen(agent)
+
+    def _train(self, agent: Agent, school: Estimator, seed: int) -> Job:
+        env, first = self.environment, self.study.conditions[0]
+        steps, critic = agent.steps.get(env), None if agent.critic == "none" else agent.critic
+        described = describe(environment_id(env), None, seed, steps, agent.memory, critic, agent.settings)
+        arguments = {
+            "environment": env,
+            "options": self._options(agent, first, school),
             "memory": agent.memory,
             "critic": critic,
             "changed": agent.settings,
             "steps": steps,
             "seed": seed,
             "settings": {key: described[key] for key in ("hyperparameters", "versions")},
-            "own": digests(environment, school.estimator, *study.conditions[0].own),
-        },
-        f"train {agent.name} on {school.name} in {environment}",
-        artifact=".zip",
-    )
+            "own": digests(env, school.estimator, *first.own),
+        }
+        label = f"train {agent.name} on {school.name} in {env}"
+        return Job("agents.studies.training:train_agent", arguments, label, artifact=".zip")
 
-
-def _fly(
-    study: Study,
-    environment: str,
-    agent: Agent,
-    condition: Condition,
-    estimator: Estimator,
-    training: Job | None,
-) -> Job:
-    controller = "checkpoint" if training else agent.kind
-    return Job(
-        "agents.studies.flying:fly",
-        {
-            "environment": environment,
-            "options": options(study, condition, estimator, environment) | _seen(agent),
+    def _fly(self, agent: Agent, condition: Condition, estimator: Estimator, training: Job | None) -> Job:
+        env, study, controller = self.environment, self.study, "checkpoint" if training else agent.kind
+        arguments = {
+            "environment": env,
+            "options": self._options(agent, condition, estimator),
             "agent": controller,
             "first_seed": study.first_seed,
             "episodes": study.episodes,
-            "own": digests(environment, estimator.estimator, controller, *condition.own)
-            | registered(environment, controller),
+            "own": digests(env, estimator.estimator, controller, *condition.own) | registered(env, controller),
         }
-        | ({} if training or condition != study.conditions[0] else {"timed_beside": ORACLE}),
-        f"fly {agent.name if training else controller} on {estimator.name} in {environment}",
-        needs=(training,) if training else (),
-    )
-
-
-def _here(agents: Iterable[Agent], environment: str) -> list[Agent]:
-    return [agent for agent in agents if not agent.environments or environment in agent.environments]
+        if not training and condition == study.conditions[0]:
+            arguments["timed_beside"] = ORACLE
+        label = f"fly {agent.name if training else controller} on {estimator.name} in {env}"
+        return Job("agents.studies.flying:fly", arguments, label, (training,) if training else ())
