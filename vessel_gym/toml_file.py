@@ -38,11 +38,11 @@ class TomlFile:
 
     def fault(self, keys: tuple[str, ...], sentence: str) -> ValueError:
         """The error of a sentence on a key, or its table where it is missing, or `otherwise` where that is."""
-        places = (_line(self.text, each) for each in (*(keys[:n] for n in range(len(keys), 0, -1)), self.otherwise))
+        places = (line_of(self.text, each) for each in (*(keys[:n] for n in range(len(keys), 0, -1)), self.otherwise))
         return ValueError(f"{self.path}, line {next(filter(None, places), 1)}: {sentence}")
 
 
-def _line(text: str, keys: tuple[str, ...]) -> int | None:
+def line_of(text: str, keys: tuple[str, ...]) -> int | None:
     """Line of a key or table, right after the lines that make a file without it; None: there is none."""
     if not keys:
         return None

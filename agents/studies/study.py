@@ -4,7 +4,7 @@ import os
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial
 from itertools import combinations
 from pathlib import Path
@@ -13,8 +13,8 @@ from typing import Any
 from agents.controllers import AUTOPILOT, PPO, controller_names, is_controller, make_controller
 from agents.named import named_object
 from agents.seeds import evaluation_seeds
-from agents.studies.records import DEFAULT, FLOOR, ORACLE, RAW, Agent, Condition, Confirmation, Estimator, Study
-from agents.studies.toml_reader import Place, StudyError, TomlReader
+from agents.studies.records import DEFAULT, FLOOR, ORACLE, RAW, Agent, Condition, Estimator, Study
+from agents.studies.toml_reader import Place, StudyError, TomlReader, keys_of
 from agents.studies.worlds import (
     check_estimator_name,
     environment_id,
@@ -61,65 +61,64 @@ def read_study(path: Path | str) -> Study:
     return study
 
 
-# --- measurement, with every mistake ---------------------------------------------------------------------
-
+_SECTIONS = ("environments", "estimators", "agents", "conditions")
 _LEARNED = ("observe", "memory", "trained_on", "flown_on", "steps", "critic", "guidance", "settings")
 """Keys of agents that learn."""
-_SECTIONS: dict[str, tuple[str, ...]] = {
-    "environments": (),
-    "estimators": ("estimator", "options", "environments"),
-    "agents": ("kind", *_LEARNED, "environments"),
-    "conditions": ("sensors", "disturbance", "mismatch", "latency", "faults", "environments"),
-}
-_NUMBERS = {"episodes": 2, "training_seeds": 1, "first_seed": 0}
+_LEAST = {"episodes": 2, "training_seeds": 1, "first_seed": 0}
+"""Least values of numbers of a study and of its confirmation."""
 _MOST_TRAINING_SEEDS, _MOST_STEPS = 1000, 2**31 - 1
 
 
 class _Reader(TomlReader):
     """Makes a study of parsed TOML and notes what is wrong with it."""
 
+    WORDS = {
+        "title": "a text",
+        "steps": "a table of numbers by environment",
+        "settings": "a table of hyperparameters",
+        "latency": "a table of seconds by sensor",
+    }
+    CHOICES = {
+        "observe": ("mean", "mean+std", "measurement"),
+        "memory": MEMORIES,
+        "critic": ("none", "truth"),
+        "termination": TERMINATIONS,
+    }
+
     def study(self) -> Study:
         """The study; meaningless if there are mistakes."""
+        plain = [key for key in keys_of(Study) if key not in _SECTIONS]
         for key in self.data:
-            self.name("key", key, ("title", *_NUMBERS, "margin", "termination", "confirm", *_SECTIONS), (key,))
-        title = self.value((), self.data, "title", str, "a text", "")
-        numbers: dict[str, Any] = {key: self.count((), self.data, key, Study) for key in _NUMBERS}
-        self.accepts(("episodes",), evaluation_seeds, max(numbers["episodes"], 1), max(numbers["first_seed"], 0))
-        numbers["margin"] = float(self.value((), self.data, "margin", (int, float), "a number", Study.margin))
-        if not 0.0 < numbers["margin"] < 1.0:
-            self.wrong(("margin",), f"margin must be a share between 0 and 1, got {numbers['margin']:g}")
-        if numbers["training_seeds"] > _MOST_TRAINING_SEEDS:
-            text = f"training_seeds must be at most {_MOST_TRAINING_SEEDS}, got {numbers['training_seeds']}"
-            self.wrong(("training_seeds",), text)
-        ids = tuple(self.section("environments", _SECTIONS["environments"], required=True))
+            self.name("key", key, (*plain, *_SECTIONS), (key,))
+        values = self.values(Study, {key: value for key, value in self.data.items() if key in plain}, ())
+        values["title"] = values.get("title") or "What does the estimator cost?"
+        ids = tuple(self.section("environments", (), required=True))
         worlds = [name for name in ids if self.accepts(("environments", name), estimated_world, name)]
         estimators, agents = self.estimators(ids), self.agents(ids, worlds)
         # Measurements contain no belief: where any agent is shown them, the truth ends a mission.
-        default = "task" if any(agent.raw for agent in agents) else "belief"
-        numbers["termination"] = self.choice((), self.data, "termination", TERMINATIONS, default)
-        numbers["confirm"] = self.confirmation(numbers["first_seed"], numbers["episodes"])
-        title = title or "What does the estimator cost?"
-        study = Study(title, ids, estimators, agents, self.conditions(ids), **numbers)
+        values.setdefault("termination", "task" if any(agent.raw for agent in agents) else "belief")
+        sections = {"environments": ids, "estimators": estimators, "agents": agents, "conditions": self.conditions(ids)}
+        study = Study(**values | sections)
+        self.check_numbers(study)
         self.check(study, worlds)
         return study
 
-    def confirmation(self, first_seed: int, episodes: int) -> Confirmation:
-        """The seeds of the confirmation, none of which the study flies."""
-        place, table = ("confirm",), self.value((), self.data, "confirm", dict, "a table", {})
-        for key in table:
-            self.name("key in confirm", key, ("first_seed", "episodes"), (*place, key))
-        fresh = Confirmation(*(self.count(place, table, key, Confirmation) for key in ("first_seed", "episodes")))
-        self.accepts(place, evaluation_seeds, max(fresh.episodes, 1), max(fresh.first_seed, 0))
-        if fresh.first_seed < first_seed + episodes and first_seed < fresh.first_seed + fresh.episodes:
-            self.wrong(place, "the seeds of confirm must be fresh, and the study flies some of them: give a first_seed")
-        return fresh
-
-    def count(self, place: Place, table: dict[str, Any], key: str, record: type) -> int:
-        """A whole number of at least its least value; by default that of the record."""
-        value = self.value(place, table, key, int, "a whole number", getattr(record, key))
-        if value < _NUMBERS[key]:
-            self.wrong((*place, key), f"{key} must be at least {_NUMBERS[key]}, got {value}")
-        return value
+    def check_numbers(self, study: Study) -> None:
+        """Seeds are at least as many as needed, those of the confirmation fresh, and the margin is a share."""
+        for place, record in ((), study), (("confirm",), study.confirm):
+            for key, least in _LEAST.items():
+                if (value := getattr(record, key, least)) < least:
+                    self.wrong((*place, key), f"{key} must be at least {least}, got {value}")
+            self.accepts(place or ("episodes",), evaluation_seeds, max(record.episodes, 1), max(record.first_seed, 0))
+        if not 0.0 < study.margin < 1.0:
+            self.wrong(("margin",), f"margin must be a share between 0 and 1, got {study.margin:g}")
+        if study.training_seeds > _MOST_TRAINING_SEEDS:
+            text = f"training_seeds must be at most {_MOST_TRAINING_SEEDS}, got {study.training_seeds}"
+            self.wrong(("training_seeds",), text)
+        first, fresh = study.first_seed, study.confirm
+        if fresh.first_seed < first + study.episodes and first < fresh.first_seed + fresh.episodes:
+            text = "the seeds of confirm must be fresh, and the study flies some of them: give a first_seed"
+            self.wrong(("confirm",), text)
 
     # --- what only the environments can tell -------------------------------------------------------
 
@@ -226,16 +225,13 @@ class _Reader(TomlReader):
 
     def estimators(self, ids: Sequence[str]) -> tuple[Estimator, ...]:
         found = []
-        for name, table in self.section("estimators", _SECTIONS["estimators"]).items():
+        for name, table in self.section("estimators", keys_of(Estimator)).items():
             place = ("estimators", name)
-            options = self.value(place, table, "options", dict, "a table", {})
-            estimator = Estimator(
-                name,
-                self.value(place, table, "estimator", str, "a name", name),
-                {key: None if value == "none" else value for key, value in options.items()},
-                self.environments_of(place, table, ids),
-            )
+            estimator = Estimator(**{"name": name, "estimator": name} | self.values(Estimator, table, place))
+            plain = {key: None if value == "none" else value for key, value in estimator.options.items()}
+            estimator = replace(estimator, options=plain)
             self.own_name(place, estimator.estimator, (DEFAULT, RAW, *estimator_names()))
+            self.names("environment", estimator.environments, ids, (*place, "environments"))
             if name == estimator.estimator and name in (ORACLE, FLOOR) and estimator != Estimator(name, name):
                 self.wrong(place, f"{name} is an end of the scale: leave it as it is, {name} = {{}}")
             found.append(estimator)
@@ -246,42 +242,26 @@ class _Reader(TomlReader):
         named = self.data.get("estimators", {})
         estimators = [ORACLE, FLOOR, DEFAULT, *(named if isinstance(named, dict) else ())]
         found = []
-        for name, table in self.section("agents", _SECTIONS["agents"]).items():
+        for name, table in self.section("agents", keys_of(Agent)).items():
             place = ("agents", name)
-            kind = self.value(place, table, "kind", str, "a name", name)
-            observe = self.choice(place, table, "observe", ("mean", "mean+std", "measurement"), "mean", "observe mode")
-            memory = self.choice(place, table, "memory", MEMORIES, "none")
-            if kind != "ppo":
-                for key in _LEARNED:
-                    if key in table:
-                        self.wrong((*place, key), f"{key} is for agents that learn; {name} is of kind {kind}")
-            trained_on = self.names(place, table, "trained_on", (DEFAULT,))
-            for estimator in trained_on:
-                self.name("estimator", estimator, estimators, (*place, "trained_on"))
-            flown_on = self.names(place, table, "flown_on", ())
-            for estimator in flown_on:
-                self.name(
-                    "estimator", estimator, [each for each in estimators if each != DEFAULT], (*place, "flown_on")
-                )
-            for key in ("trained_on", "flown_on") if observe == "measurement" else ():
-                if key in table:
+            agent = Agent(**{"name": name, "kind": name} | self.values(Agent, table, place))
+            for key in (key for key in _LEARNED if key in table):
+                if not agent.learned:
+                    self.wrong((*place, key), f"{key} is for agents that learn; {name} is of kind {agent.kind}")
+                if agent.raw and key in ("trained_on", "flown_on"):
                     self.wrong((*place, key), f"{name} sees raw measurements: it is trained and flown on no estimator")
-            steps = self.value(place, table, "steps", dict, "a table of numbers by environment", {})
-            for env_id, number in steps.items():
-                self.name("environment", env_id, ids, (*place, "steps"))
+            self.names("estimator", agent.trained_on, estimators, (*place, "trained_on"))
+            self.names("estimator", agent.flown_on, [e for e in estimators if e != DEFAULT], (*place, "flown_on"))
+            self.names("environment", agent.environments, ids, (*place, "environments"))
+            self.names("environment", agent.steps, ids, (*place, "steps"))
+            for number in agent.steps.values():
                 if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= _MOST_STEPS:
                     text = f"steps must be whole numbers of at least 1 and at most {_MOST_STEPS}, got {number!r}"
                     self.wrong((*place, "steps"), text)
-                    steps = {}
-            critic = self.choice(place, table, "critic", ("none", "truth"), "none")
-            guidance = self.value(place, table, "guidance", (bool, type(None)), "true or false", None)
-            settings = self.value(place, table, "settings", dict, "a table of hyperparameters", {})
-            where = self.environments_of(place, table, ids)
-            for env_id in steps if where else ():
-                self.name(f"environment of {name}", env_id, where, (*place, "steps"))
-            found.append(
-                Agent(name, kind, observe, memory, trained_on, flown_on, steps, where, critic, guidance, settings)
-            )
+                    agent = replace(agent, steps={})
+            if agent.environments:
+                self.names(f"environment of {name}", agent.steps, agent.environments, (*place, "steps"))
+            found.append(agent)
         if worlds and not any(is_controller(AUTOPILOT, system_of(world)) for world in worlds):
             if all(agent.learned for agent in found):
                 text = (
@@ -295,21 +275,16 @@ class _Reader(TomlReader):
 
     def conditions(self, ids: Sequence[str]) -> tuple[Condition, ...]:
         found: list[Condition] = []
-        for name, table in self.section("conditions", _SECTIONS["conditions"]).items():
+        for name, table in self.section("conditions", keys_of(Condition)).items():
             place = ("conditions", name)
-            mismatch = self.value(place, table, "mismatch", (int, float), "a number", 0.0)
-            if not 0.0 <= mismatch <= 0.25:
-                self.wrong((*place, "mismatch"), f"mismatch must be between 0 and 0.25, got {mismatch!r}")
-                mismatch = 0.0
-            condition = Condition(
-                name,
-                self.value(place, table, "sensors", str, "a name", "nominal"),
-                self.value(place, table, "disturbance", str, "a name", "moderate"),
-                float(mismatch),
-                self.value(place, table, "latency", dict, "a table of seconds by sensor", {}),
-                self.faults(place, table),
-                self.environments_of(place, table, ids),
-            )
+            values = self.values(Condition, table, place)
+            values["faults"] = self.faults(place, values.get("faults", ()))
+            condition = Condition(name, **values)
+            if not 0.0 <= condition.mismatch <= 0.25:
+                text = f"mismatch must be between 0 and 0.25, got {condition.mismatch:g}"
+                self.wrong((*place, "mismatch"), text)
+                condition = replace(condition, mismatch=0.0)
+            self.names("environment", condition.environments, ids, (*place, "environments"))
             if condition.environments and not found:
                 self.wrong((*place, "environments"), "the first condition is that of trainings: no environments")
             if ":" not in condition.sensors:
@@ -317,9 +292,8 @@ class _Reader(TomlReader):
             found.append(condition)
         return tuple(found) or (Condition("nominal"),)
 
-    def faults(self, place: Place, table: dict[str, Any]) -> tuple[dict[str, Any], ...]:
+    def faults(self, place: Place, faults: Sequence[Any]) -> tuple[dict[str, Any], ...]:
         """The faults of a condition that are some."""
-        faults = self.value(place, table, "faults", list, "a list of tables", [])
         known = [each.name for each in fields(SensorFault)]
         good = []
         for fault in faults:
@@ -329,10 +303,3 @@ class _Reader(TomlReader):
             elif self.accepts((*place, "faults"), partial(SensorFault, **fault)):
                 good.append(fault)
         return tuple(good)
-
-    def environments_of(self, place: Place, table: dict[str, Any], ids: Sequence[str]) -> tuple[str, ...]:
-        """Environments of an estimator, agent or condition; empty: all."""
-        names = self.names(place, table, "environments", ())
-        for name in names:
-            self.name("environment", name, ids, (*place, "environments"))
-        return names

@@ -1,11 +1,12 @@
 """Tables of a TOML file, read with every mistake and its line."""
 
-import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_origin, get_type_hints
 
 from estimators.factory import unknown
+from vessel_gym.toml_file import line_of
 
 Place = tuple[str, ...]
 """Keys that lead to a value."""
@@ -21,17 +22,41 @@ class StudyError(ValueError):
         super().__init__(f"{path}{many}" + "\n".join(lines))
 
 
+_KINDS: dict[Any, tuple[tuple[type, ...], str]] = {
+    str: ((str,), "a name"),
+    int: ((int,), "a whole number"),
+    float: ((int, float), "a number"),
+    bool | None: ((bool,), "true or false"),
+    dict: ((dict,), "a table"),
+    tuple: ((list,), "a list of tables"),
+}
+"""Types in TOML of a record's attributes, by their annotation, and what they are called; a record's is a table."""
+
+
+def keys_of(record: type) -> list[str]:
+    """Keys of a record in a file: its attributes but its name, which is that of its table."""
+    return [each.name for each in fields(record) if each.name != "name"]
+
+
 class TomlReader:
-    """Values of parsed TOML, with a note of what is wrong with them."""
+    """Records of parsed TOML, with a note of what is wrong with them.
+
+    Attributes:
+        WORDS: What values must be, by key, where their type says less.
+        CHOICES: Values that there are, by key.
+    """
+
+    WORDS: Mapping[str, str] = {}
+    CHOICES: Mapping[str, Sequence[str]] = {}
 
     def __init__(self, data: dict[str, Any], text: str) -> None:
-        self.data, self.lines = data, lines_of(text)
+        self.data, self.text = data, text
         self.mistakes: list[tuple[int, str]] = []
 
     def wrong(self, place: Place, text: str) -> None:
         """Note a mistake at a place, or at the nearest one around it that has a line."""
-        known = next((self.lines[place[:n]] for n in range(len(place), 0, -1) if place[:n] in self.lines), 0)
-        self.mistakes.append((known, text))
+        lines = (line_of(self.text, place[:n]) for n in range(len(place), 0, -1))
+        self.mistakes.append((next(filter(None, lines), 0), text))
 
     def accepts(self, place: Place, function: Callable[..., Any], *arguments: Any) -> bool:
         """Call a function, note its ValueError or TypeError as a mistake, and return whether there was none."""
@@ -62,67 +87,50 @@ class TomlReader:
             good[name] = table
         return good
 
-    def names(self, place: Place, table: dict[str, Any], key: str, default: tuple[str, ...]) -> tuple[str, ...]:
-        """A list of names, each once."""
-        value = table.get(key, list(default))
-        if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
-            self.wrong((*place, key), f"{key} must be a list of names, got {value!r}")
-            return default
-        if key in table and not 0 < len(value) == len(set(value)):
-            self.wrong((*place, key), f"{key} must name one or more, each once, or be left out, got {value!r}")
-        return tuple(value)
+    def values(self, record: type, table: Mapping[str, Any], place: Place) -> dict[str, Any]:
+        """Values of a table for the attributes of a record; those of another type are noted and left out."""
+        kinds, found = get_type_hints(record), {}
+        for key in keys_of(record):
+            kind, where = kinds[key], (*place, key)
+            if key not in table or not self.is_of(kind, key, table[key], where):
+                continue
+            found[key] = table[key]
+            if is_dataclass(kind):
+                for each in table[key]:
+                    self.name(f"key in {key}", each, keys_of(kind), (*where, each))
+                found[key] = kind(**self.values(kind, table[key], where))
+            elif kind in (float, tuple[str, ...]):
+                found[key] = (float if kind is float else tuple)(table[key])
+            if key in self.CHOICES:
+                self.name("observe mode" if key == "observe" else key, table[key], self.CHOICES[key], where)
+        return found
 
-    def value(self, place: Place, table: dict[str, Any], key: str, kind: Any, words: str, default: Any) -> Any:
-        """A value of a kind; the default where there is none, or one of another kind."""
-        value = table.get(key, default)
-        kinds = kind if isinstance(kind, tuple) else (kind,)
-        if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
-            self.wrong((*place, key), f"{key} must be {words}, got {value!r}")
-            return default
-        return value
-
-    def choice(
-        self, place: Place, table: dict[str, Any], key: str, known: Iterable[str], default: str, kind: str = ""
-    ) -> str:
-        """One of the known names of a kind, which is called like its key if not given."""
-        chosen: str = self.value(place, table, key, str, "a name", default)
-        self.name(kind or key, chosen, known, (*place, key))
-        return chosen
+    def is_of(self, kind: Any, key: str, value: Any, place: Place) -> bool:
+        """Note a value of another type than an attribute's, and return whether it is of that."""
+        if kind == tuple[str, ...]:
+            types, words = (list,), "a list of names"
+            good = isinstance(value, list) and all(isinstance(name, str) for name in value)
+            if good and not 0 < len(value) == len(set(value)):
+                self.wrong(place, f"{key} must name one or more, each once, or be left out, got {value!r}")
+        else:
+            types, words = _KINDS[kind if kind in _KINDS else get_origin(kind) or dict]
+            good = isinstance(value, types) and (not isinstance(value, bool) or bool in types)
+        if not good:
+            self.wrong(place, f"{key} must be {self.WORDS.get(key, words)}, got {value!r}")
+        return good
 
     def own_name(self, place: Place, kind: str, known: Iterable[str]) -> None:
         """Note a name that something else has."""
         if place[-1] != kind and place[-1] in known:
             self.wrong(place, f"the name {place[-1]!r} is taken: give this {kind!r} another one")
 
+    def names(self, kind: str, names: Iterable[str], known: Iterable[str], place: Place) -> None:
+        """Note those of some names that are not known."""
+        for name in names:
+            self.name(kind, name, known, place)
+
     def name(self, kind: str, name: str, known: Iterable[str], place: Place) -> None:
         """Note a name that is not known."""
         known = list(known)
         if name not in known:
             self.wrong(place, unknown(kind, name, known))
-
-
-_KEY = r"""(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')"""
-_DOTTED = rf"{_KEY}(?:\s*\.\s*{_KEY})*"
-
-
-def lines_of(text: str) -> dict[Place, int]:
-    """The line of every key of a TOML text, also of those in inline tables; values are not looked into further."""
-    lines: dict[Place, int] = {}
-    table: Place = ()
-    place: Place = ()
-    for number, line in enumerate(text.splitlines(), 1):
-        if header := re.match(rf"\s*\[\[?\s*({_DOTTED})\s*\]\]?", line):
-            table = place = _parts(header[1])
-            lines.setdefault(place, number)
-        elif key := re.match(rf"\s*({_DOTTED})\s*=", line):
-            place = table + _parts(key[1])
-            for n in range(1, len(place) + 1):
-                lines.setdefault(place[:n], number)
-            line = line[key.end() :]
-        for inner in re.finditer(rf"[{{,]\s*({_DOTTED})\s*=", line):
-            lines.setdefault(place + _parts(inner[1]), number)
-    return lines
-
-
-def _parts(dotted: str) -> Place:
-    return tuple(part.strip("\"'") for part in re.findall(_KEY, dotted))
