@@ -2,7 +2,7 @@
 
 import os
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -72,36 +72,25 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
         if not isinstance(space, Box):
             raise ValueError(f"the random agent needs a continuous action space, got {space}")
         return RandomAgent(space.shape[0])
-    if not hasattr(env, "core"):
-        return _in_environment_of_others(name, given, trust)
-    if name == PPO:
+    ours = hasattr(env, "core")
+    if ours and name == PPO:
         return TrainedAgent(packaged(env.system.name), env, dense=True)
-    if name in CONTROLLERS.of(env.core.task):
+    if ours and name in CONTROLLERS.of(env.core.task):
         if env.core.observe_mode == "measurement":
             raise ValueError(f'the {name} needs estimates: use observe="mean" or "mean+std"')
         if not env.core.config.options.guidance or env.core.config.options.termination == "agent":
             raise ValueError(f"the {name} goes by guidance and declares nothing: leave out guidance and ends")
         return make_controller(str(name), env.system)
     if os.path.isfile(name):  # which takes any name; pathlib raises for one that is too long
-        return TrainedAgent(Path(name), env, trust)
+        return TrainedAgent(Path(name), given, trust)
     if isinstance(name, str) and ":" in name:
-        return make_controller(name, env.system)
+        one = env.envs[0] if hasattr(env, "envs") else given
+        return make_controller(name, env.system if ours else cast(Any, Wrapped(given.spec.id, one)))
     if Path(name).suffix == ".zip" or len(Path(name).parts) > 1:
         raise ValueError(f"there is no checkpoint {str(name)!r}")
+    if not ours:
+        raise ValueError(
+            f"{name} flies the environments of vessel_gym alone: name random, the path of a checkpoint, or your own "
+            "agent as module:object"
+        )
     raise ValueError(unknown_controller(str(name), env.system, PPO, RANDOM, "the path of a checkpoint"))
-
-
-def _in_environment_of_others(name: str | Path, env: Any, trust: bool) -> Agent:
-    """A checkpoint, or an agent of the user's own, for an environment that is not one of vessel_gym."""
-    if os.path.isfile(name):
-        return TrainedAgent(Path(name), env, trust)
-    if isinstance(name, str) and ":" in name:
-        one = env.unwrapped.envs[0] if hasattr(env.unwrapped, "envs") else env
-        system: Any = Wrapped(env.spec.id, one)
-        return make_controller(name, system)
-    if Path(name).suffix == ".zip" or len(Path(name).parts) > 1:
-        raise ValueError(f"there is no checkpoint {str(name)!r}")
-    raise ValueError(
-        f"{name} flies the environments of vessel_gym alone: name random, the path of a checkpoint, or your own "
-        "agent as module:object"
-    )
