@@ -2,8 +2,11 @@
 
 import csv
 import io
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -74,39 +77,18 @@ class Table:
 
     def csv(self) -> str:
         """As comma-separated values."""
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows(self.rows())
-        return text.getvalue()
+        return csv_text(self.rows())
 
     def markdown(self) -> str:
         """As Markdown, the title above and the note below."""
         heading, *body = [[cell.replace("|", "\\|") for cell in row] for row in self.rows()]
         names = len(heading) - len(self.head)
-        rule = ["---"] * names + ["---:"] * len(self.head)
-        lines = [f"| {' | '.join(row)} |" for row in (heading, rule, *body)]
-        return "\n".join([f"**{self.title}**", "", *lines, *(["", self.note] if self.note else []), ""])
+        table = markdown_table(heading, body, names)
+        return "\n".join([f"**{self.title}**", "", table, *(["", self.note] if self.note else []), ""])
 
     def latex(self) -> str:
         """As a LaTeX table for ``booktabs``, a section's title on a line of its own."""
-        heading = [
-            tex(self.first),
-            *(f"{tex(label)} [{tex(unit)}]" if unit else tex(label) for label, unit in self.head),
-        ]
-        lines = [" & ".join(heading) + r" \\"]
-        for title, rows in self.sections:
-            lines.append(r"\midrule")
-            if title:
-                lines.append(rf"\multicolumn{{{len(heading)}}}{{l}}{{\textit{{{tex(title)}}}}} \\")
-            lines += [
-                " & ".join([tex(name), *(tex(str(entry)) for entry in entries)]) + r" \\" for name, entries in rows
-            ]
-        return "\n".join([
-            "% needs \\usepackage{booktabs}",
-            r"\begin{table}", r"\centering", rf"\caption{{{tex(self.title)}}}", rf"\label{{tab:{self.name}}}",
-            rf"\begin{{tabular}}{{l{'r' * len(self.head)}}}", r"\toprule", *lines, r"\bottomrule", r"\end{tabular}",
-            *([rf"\par\smallskip\footnotesize {tex(self.note)}"] if self.note else []),
-            r"\end{table}", "",
-        ])  # fmt: skip
+        return templates().get_template("table.tex").render(table=self)
 
 
 _TEX = {
@@ -252,21 +234,80 @@ def listed(items: Sequence[str]) -> str:
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"
 
 
-def render(page: Page) -> str:
-    """The page as HTML, its tables and figures numbered in their order."""
+def many(count: int, noun: str) -> str:
+    """A number of things."""
+    return f"{count} {noun}{'s' if count != 1 else ''}"
+
+
+def markdown_table(heading: Sequence[str], rows: Iterable[Sequence[str]], words: int) -> str:
+    """A table in Markdown, of which so many columns hold words and stand left; the others stand right."""
+    rule = ["---"] * words + ["---:"] * (len(heading) - words)
+    return "\n".join(f"| {' | '.join(row)} |" for row in (heading, rule, *rows))
+
+
+def csv_text(rows: Iterable[Sequence[Any]]) -> str:
+    """Rows as comma-separated values."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
+
+
+@cache
+def templates() -> Any:
+    """Jinja's environment of the package's templates: HTML is escaped, and a name without a value is an error.
+
+    Raises:
+        ModuleNotFoundError: without Jinja.
+    """
     require("jinja2")
-    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
     environment = Environment(
-        loader=PackageLoader("agents"), autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
-    )
+        loader=PackageLoader("agents"), autoescape=select_autoescape(default_for_string=False), trim_blocks=True,
+        lstrip_blocks=True, keep_trailing_newline=False, undefined=StrictUndefined,
+    )  # fmt: skip
+    environment.filters |= {
+        "number": number,
+        "words": words,
+        "listed": listed,
+        "tex": tex,
+        "repr": repr,
+        "g": "{:g}".format,
+    }
+    environment.filters["capitalised"] = lambda text: text[0].upper() + text[1:]
+    return environment
+
+
+@cache
+def _notes(name: str) -> dict[str, list[Any]]:
+    """Templates of a file's paragraphs by the heading above them."""
+    text = files("agents").joinpath("templates", name).read_text(encoding="utf-8")
+    notes = (note.partition("\n") for note in re.split(r"(?m)^## ", text)[1:])
+    return {
+        heading: [templates().from_string(" ".join(each.split())) for each in body.strip().split("\n\n")]
+        for heading, _, body in notes
+    }
+
+
+def paragraphs(name: str, heading: str, **values: Any) -> list[str]:
+    """The paragraphs below a heading of a file of templates, with these values; those that are empty are left out.
+
+    Raises:
+        jinja2.UndefinedError: if a value lacks.
+        ModuleNotFoundError: without Jinja.
+    """
+    return [text for each in _notes(name)[heading] if (text := each.render(values).strip())]
+
+
+def render(page: Page) -> str:
+    """The page as HTML, its tables and figures numbered in their order."""
     numbers: dict[int, int] = {}
     counts: dict[type, int] = {}
     for section in page.sections:
         for block in section.blocks:
             counts[type(block)] = numbers[id(block)] = counts.get(type(block), 0) + 1
     context: dict[str, Any] = {"page": page, "number": lambda block: numbers.get(id(block))}
-    html = environment.get_template("page.html").render(kind=lambda block: type(block).__name__, **context)
+    html = templates().get_template("page.html").render(kind=lambda block: type(block).__name__, **context)
     return html.replace(" ± ", "\u00a0±\u00a0")  # no line breaks there
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -112,11 +112,7 @@ class Flights:
         truth = request.suite == TRUTH
         end = request.first + request.episodes
         for first in range(request.first, end, PART):
-            arguments = {
-                "environment": self.world.environment,
-                "estimator": ORACLE if truth else self.world.estimator,
-                "agent": self.world.agent,
-                "disturbance": self.world.disturbance,
+            arguments = asdict(replace(self.world, estimator=ORACLE) if truth else self.world) | {
                 "names": None if truth else self.suites[request.suite].names,
                 "first_seed": self.first_seed + first,
                 "episodes": min(PART, end - first),

@@ -1,7 +1,5 @@
 """The answer of a search as sentences, tables, a picture and a page."""
 
-import csv
-import io
 from collections.abc import Sequence
 from itertools import combinations
 from pathlib import Path
@@ -14,7 +12,20 @@ from agents.budget.result import Budget
 from agents.budget.search import FAILS, REFUSED
 from agents.budget.suites import Choice, Suite
 from agents.files import replacing
-from agents.page import Bullets, Entry, Facts, Figure, Page, Section, Table, entry, listed, words, write
+from agents.page import (
+    Bullets,
+    Entry,
+    Facts,
+    Figure,
+    Page,
+    Section,
+    Table,
+    csv_text,
+    entry,
+    many,
+    paragraphs,
+    write,
+)
 from agents.plotting import INK, data_uri, styled
 
 if TYPE_CHECKING:
@@ -28,57 +39,20 @@ CONFIRMED, NOT_CONFIRMED, NOT_FLOWN = "confirmed", "not confirmed", "not flown"
 
 def conclusion(budget: Budget) -> list[str]:
     """The answer, the conclusion first."""
-    search, found = budget.search, budget.answer
-    asked = f"{100 * budget.keep:g} % of the score on the truth"
-    if found is None:
-        share = budget.around.shares.get(budget.centre)
-        said = [
-            f"No suite is confirmed to keep {asked}.",
-            f"The nearest, {budget.suites[budget.centre]}, keeps {words(share, 3)} in the search.",
-        ]
-    else:
-        fresh = words(budget.confirmed[found], 3)
-        said = [
-            f"The cheapest suite that keeps {asked}: {budget.suites[found]}.",
-            f"Its price is {budget.suites[found].price:g}, and it keeps {fresh} on {search.episodes} fresh seeds.",
-        ]
-    flown = len(search.verdicts)
-    verdicts = [search.verdicts.get(i) for i in budget.cheaper]
-    said.append(
-        f"{flown} of {len(budget.suites)} suites were flown. Of {len(verdicts)}"
-        f"{' that cost less than the answer' if found is not None else ''}, "
-        f"{verdicts.count(FAILS)} keep less, {len(search.skipped(budget.cheaper))} are no better in any sensor than "
-        f"one that does, {verdicts.count(REFUSED)} are refused, and {len(budget.undecided)} are not decided."
-    )
-    if budget.surprises:
-        names = [f'"{budget.suites[i]}"' for i in budget.surprises]
-        said.append(
-            f"Better grades do not always score more here: {listed(names)} keeps the share, although it is no better "
-            "in any sensor than a suite that does not."
-        )
-    return said
+    verdicts = [budget.search.verdicts.get(i) for i in budget.cheaper]
+    surprises = [f'"{budget.suites[i]}"' for i in budget.surprises]
+    counted = {"verdicts": verdicts, "fails": FAILS, "refused": REFUSED, "surprises": surprises}
+    heading = "not-confirmed" if budget.answer is None else "confirmed"
+    return [*_notes(heading, budget), *_notes("flown", budget, **counted)]
 
 
 def guarantees(budget: Budget, priced: bool) -> list[str]:
     """The assumptions behind the answer, and the probabilities of its errors."""
-    return [
-        "The fresh seeds were not used in the search, so the search may have compared any number of suites. They are "
-        "flown for suites in an order fixed before, the safest first, up to the first that is not confirmed. An answer "
-        "that keeps less than was asked for has a probability of at most 2.5 %.",
-        f"The 95 % intervals of the search hold for all {len(budget.suites)} suites and all their looks at once.",
-        "A suite that is no better in any sensor than one that keeps less was not flown. That it keeps less, too, is "
-        "an assumption. It is needed for the claim that nothing cheaper will do, and not for the answer's share.",
-        "Intervals are Student's, corrected for skewness. A disaster rarer than one episode in a few hundred may not "
-        "occur in any flight, and is then in no interval.",
-        "The answer holds for this environment, disturbance, estimator and agent, and for these grades.",
-        "Prices are the user's." if priced else
-        "No prices were given, so each step to a better grade of any sensor counts 1. Other suites of the same price "
-        "may keep the share, too. Give prices with --prices.",
-    ]  # fmt: skip
+    return _notes("guarantees", budget, priced=priced)
 
 
-def _many(number: int, name: str) -> str:
-    return f"{number} {name}{'' if number == 1 else 's'}"
+def _notes(name: str, budget: Budget, **values: Any) -> list[str]:
+    return paragraphs("budget-notes.md", name, budget=budget, **values)
 
 
 def verdict(budget: Budget, suite: int) -> str:
@@ -102,11 +76,7 @@ def summary(budget: Budget) -> Table:
             Entry(verdict(budget, suite), strong=suite == budget.answer),
         ]
         rows.append((_named(budget, suite), entries))
-    note = (
-        f"{'The answer' if budget.answer is not None else 'The first row'} is {budget.suites[centre]}; other rows name "
-        "the sensors that differ from it. Share of the score on the truth, with 95 % intervals: in the search for all "
-        "suites and looks at once, on fresh seeds for one suite."
-    )
+    (note,) = _notes("summary", budget)
     head = [("Price", ""), ("Search", ""), ("Fresh seeds", ""), ("Verdict", "")]
     return Table("Suites round the answer", note, "Suite", head, [("", rows)])
 
@@ -124,17 +94,14 @@ def _named(budget: Budget, suite: int) -> str:
 
 def suites_csv(budget: Budget) -> str:
     """Every suite: its grades and price, episodes, shares with their intervals, and verdict."""
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    sensors = list(budget.suites[0].choices)
     numbers = ["episodes", "share", "low", "high", "fresh_share", "fresh_low", "fresh_high"]
-    rows.writerow([*sensors, "price", *numbers, "verdict"])
+    rows: list[list[Any]] = [[*budget.suites[0].choices, "price", *numbers, "verdict"]]
     for i, suite in enumerate(budget.suites):
         cells: list[Any] = [*map(str, suite.choices.values()), f"{suite.price:g}", len(budget.around.scores.get(i, ()))]
         for share in (budget.around.shares.get(i), budget.confirmed.get(i)):
             cells += [""] * 3 if share is None else [f"{x:.6f}" for x in (share.mean, share.low, share.high)]
-        rows.writerow([*cells, verdict(budget, i)])
-    return text.getvalue()
+        rows.append([*cells, verdict(budget, i)])
+    return csv_text(rows)
 
 
 # --- picture ---------------------------------------------------------------------------------------------
@@ -210,12 +177,8 @@ def _key(suite: Suite, changed: dict[str, Choice] | None = None) -> tuple[Choice
 def page(budget: Budget, priced: bool) -> Page:
     """The report of a search as data."""
     world = budget.world
-    image = Figure(
-        data_uri(picture(budget)),
-        "Share kept over the grades of two sensors",
-        "Each panel varies two sensors, and the others are as its title says; the best grades are at the upper left. "
-        f"The line is that of {budget.keep:g}. The answer is in bold; a dash stands for a suite that is refused.",
-    )
+    (caption,) = _notes("picture", budget)
+    image = Figure(data_uri(picture(budget)), "Share kept over the grades of two sensors", caption)
     facts = Facts(
         "Flown",
         [
@@ -235,7 +198,7 @@ def page(budget: Budget, priced: bool) -> Page:
         Section("Settings", [facts]),
     ]
     title = f"The cheapest sensors that keep {100 * budget.keep:g} %"
-    subtitle = f"vessel-gym {vessel_gym.__version__}: {world.environment}, {_many(len(budget.suites), 'suite')}"
+    subtitle = f"vessel-gym {vessel_gym.__version__}: {world.environment}, {many(len(budget.suites), 'suite')}"
     return Page(title, subtitle, conclusion(budget), sections)
 
 

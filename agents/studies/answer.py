@@ -10,9 +10,9 @@ from agents.statistics import EQUIVALENT, UNDECIDED, WORSE, Interval
 from agents.studies import shares
 from agents.studies.confirmation import CONFIRMED, FAILED, OPEN, Confirmed, confirmed
 from agents.studies.ranking import beyond
-from agents.studies.records import FEW_SEEDS, FLOOR, ORACLE
+from agents.studies.records import ORACLE
 from agents.studies.results import Results
-from agents.studies.wording import amount, capitalised, every, many, microseconds, named, note, percent, share_entry
+from agents.studies.wording import amount, every, microseconds, named, note, paragraphs, percent, share_entry
 
 BEST = 5
 """Number of estimators in the table at the head of a report."""
@@ -29,13 +29,17 @@ def answer(results: Results, fresh: Results | None = None) -> list[str]:
         return ["Nothing has a result yet."]
     environments, everywhere = shares.ruled(results), shares.common(results)
     if not environments:
-        sentences = [note("no-ranking", who=results.who, oracle=ORACLE, floor=FLOOR), *_scored(results)]
+        sentences = [note("no-ranking", results), *_scored(results)]
     elif everywhere:
         sentences = _advice(results, environments, everywhere)
     else:
         sentences = [line for e in environments for line in _advice(results, [e], shares.rankable(results, [e]))]
     sentences += [*_learned(results), *_crossings(results)]
-    return [*sentences, *([] if fresh is None else _confirmation(confirmed(results, fresh))), _measured(results)]
+    return [
+        *sentences,
+        *([] if fresh is None else _confirmation(results, confirmed(results, fresh))),
+        _measured(results),
+    ]
 
 
 def summary(results: Results) -> Table | None:
@@ -61,23 +65,17 @@ def _advice(results: Results, environments: list[str], ranked: dict[str, np.ndar
     best, who, alone = next(iter(ranked)), results.classical, len(environments) == 1
     where = environments[0] if alone else every(environments)
     if enough := shares.episodes_to_tell(results, environments, ranked):
-        more = f"; about {number(enough, 0)} episodes would tell" if enough > 0.0 else ""
-        flown = many(results.plan.study.episodes, "episode")
-        return [note("too-few", episodes=flown, where=where, best=best, enough=more)]
+        return [note("too-few", results, where=where, best=best, enough=enough)]
     pick = shares.cheapest(results, environments, ranked)
     kept = amount(shares.kept(results, environments, who, pick, len(ranked)))
     lost = amount(shares.loss(results, environments, pick, len(ranked)))
-    why = "" if pick == best else f", equivalent to {best}, which keeps most, and cheaper"
     return [
-        note(
-            "advice" if alone else "advice-for-all",
-            pick=pick, why=why, where=where, who=results.who, kept=kept, lost=lost,
-        ),
+        note("advice", results, alone=alone, pick=pick, best=best, where=where, kept=kept, lost=lost),
         *_standing(results, ranked, best),
         *([] if alone else [_each_best(results, environments, pick)]),
         *(_steering(results, where, pick) if alone else []),
         *_prices_in_time(results, environments, pick),
-    ]  # fmt: skip
+    ]
 
 
 def _scored(results: Results) -> Iterator[str]:
@@ -89,7 +87,7 @@ def _scored(results: Results) -> Iterator[str]:
         others = sorted(means.keys() - set(shares.ENDS), key=lambda name: -means[name].mean)
         each = [f"{amount(means[name])} on {name}" for name in (*shares.ENDS, *others[:1]) if name in means]
         if each:
-            yield f"{capitalised(results.who)} in {environment}, {place.condition}, scores {listed(each)}."
+            yield note("scored", results, place=place, each=each)
 
 
 def _standing(results: Results, ranked: dict[str, np.ndarray], best: str) -> list[str]:
@@ -116,23 +114,14 @@ def _each_best(results: Results, environments: list[str], pick: str) -> str:
             better.append(f"in {environment} {best} keeps {more} more than {pick}{tied}")
         else:
             equal.append(environment)
-    nothing = [f"in {listed(equal)} nothing is shown to be better than {pick}"] if equal else []
-    text = "; ".join([*better, *nothing]) + "."
-    return f"By environment the best differs: {text}" if better else capitalised(text)
+    return note("best-by-environment", results, better=better, equal=equal, pick=pick)
 
 
-def _confirmation(found: Confirmed) -> list[str]:
+def _confirmation(results: Results, found: Confirmed) -> list[str]:
     """Claims of the first pass on the fresh seeds."""
-    seeds = f"{found.episodes} fresh evaluation seeds"
-    sentences = [f"On {seeds}, opened once, {found.best} keeps {amount(found.kept)}."] if found.best else []
     names = {word: [str(c) for c in found.claims if c.outcome == word] for word in (CONFIRMED, OPEN, FAILED)}
-    total = sum(map(len, names.values()))
-    if not total:
-        return sentences
-    text = [f"{word}: {listed(names[word])}" for word in (OPEN, FAILED) if names[word]]
-    verb = "is" if total == 1 else "are"
-    first = f"{len(names[CONFIRMED])} of {many(total, 'claim')} of the first seeds {verb} confirmed"
-    return [*sentences, "; ".join([first, *text]) + "."]
+    total, open_ = sum(map(len, names.values())), {word: names[word] for word in (OPEN, FAILED) if names[word]}
+    return paragraphs("claims", results, found=found, kept=amount(found.kept), names=names, total=total, open=open_)
 
 
 def _steering(results: Results, environment: str, estimator: str) -> list[str]:
@@ -148,7 +137,7 @@ def _steering(results: Results, environment: str, estimator: str) -> list[str]:
     (travel, travel_on_truth), (turns, turns_on_truth) = found
     return [
         note(
-            "steering", condition=place.condition, travel=travel, travel_on_truth=travel_on_truth, turns=turns,
+            "steering", results, condition=place.condition, travel=travel, travel_on_truth=travel_on_truth, turns=turns,
             turns_on_truth=turns_on_truth,
         )
     ]  # fmt: skip
@@ -159,7 +148,7 @@ def _prices_in_time(results: Results, environments: list[str], estimator: str) -
     times = [found[0][1:] for e in environments if (found := results.step_times(e, estimator))]
     ends = [[microseconds(end(each)) for end in (min, max)] for each in zip(*times, strict=True)]
     spans = [low if low == high else f"{low} to {high}" for low, high in ends]
-    return [note("times", estimator=estimator, own=spans[0], truth=spans[1])] if spans else []
+    return [note("times", results, estimator=estimator, own=spans[0], truth=spans[1])] if spans else []
 
 
 def _learned(results: Results) -> list[str]:
@@ -182,7 +171,9 @@ def _learned(results: Results) -> list[str]:
     for environment, others in raw.items():
         more = listed([f"{_more(gap)} than {named(name)}" for name, gap in others.items()])
         verb = _verb(others.values())
-        sentences.append(note("filter-or-memory", environment=environment, verb=verb, who=reference, more=more))
+        sentences.append(
+            note("filter-or-memory", results, environment=environment, verb=verb, reference=reference, more=more)
+        )
     return sentences
 
 
@@ -203,7 +194,7 @@ def _crossings(results: Results) -> list[str]:
     """Cost of flying on an estimator that the policy was not trained on."""
     costs = {e: shares.crossing(results, e) for e in results.environments}
     text = [f"{_more(_turned(cost))} in {e}" for e, cost in costs.items() if cost is not None]
-    return [note("crossings", text=listed(text))] if text else []
+    return [note("crossings", results, text=listed(text))] if text else []
 
 
 def _more(gap: Interval | float) -> str:
@@ -221,10 +212,6 @@ def _turned(gap: Interval | float) -> Interval | float:
 
 
 def _measured(results: Results) -> str:
-    study, flights = results.plan.study, results.plan.flights
-    words = note("means", episodes=study.episodes, conditions=many(len(study.conditions), "condition"))
-    if study.learned:
-        few = ", too few to say what another training would give" if study.training_seeds < FEW_SEEDS else ""
-        words += "; " + note("means-of-runs", runs=many(study.training_seeds, "training run"), few=few)
+    flights = results.plan.flights
     missing = sum(flight.job.key not in results.values for flight in flights)
-    return f"({words}" + (f"; {missing} of {len(flights)} flights have no result" if missing else "") + ".)"
+    return note("means", results, missing=missing, flights=len(flights))

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from agents.page import Entry, Section
 from agents.statistics import Interval
 from agents.studies.figures import ends, framed, legend, looks, panels
-from agents.studies.records import FLOOR, ORACLE
+from agents.studies.records import ORACLE
 from agents.studies.results import Place, Results
 from agents.studies.wording import microseconds, note, tabled
 
@@ -22,10 +22,9 @@ def cost(results: Results) -> Section:
     sections = {e: [(n, _times(t, n == ORACLE)) for n, t in times.items() if t] for e, times in timed.items()}
     batch, first = f"batch of {results.plan.study.episodes}", results.conditions[0]
     heads = [(batch, "µs"), ("beyond the truth", "µs"), ("one vehicle", "µs"), ("beyond the truth", "µs")]
-    caption = note("cost-figure", who=results.who, batch=batch)
-    text = note("cost", who=results.who, first=first, floor=FLOOR)
-    table = tabled("cost", "CPU time of a step, by estimator", text, heads, sections)
-    return Section("CPU time", [framed(figure, f"Score over CPU time ({first})", caption), *table])
+    drawn = framed(figure, f"Score over CPU time ({first})", note("cost-figure", results))
+    table = tabled("cost", "CPU time of a step, by estimator", note("cost", results), heads, sections)
+    return Section("CPU time", [drawn, *table])
 
 
 def _times(times: list[tuple[int, float, float]], is_truth: bool) -> list[Entry]:

@@ -12,7 +12,7 @@ from agents.studies.figures import Row, dots, framed, grid, legend, panels, poli
 from agents.studies.records import FEW_SEEDS, RAW
 from agents.studies.results import Policy, Results
 from agents.studies.shares import columns, difference, kept, learners, reference_policy
-from agents.studies.wording import many, note, share_entry, tabled
+from agents.studies.wording import note, share_entry, tabled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,12 +26,10 @@ def learning(results: Results) -> Section:
     if not learned or not environments:
         return Section(title, [])
     seeds = results.plan.study.training_seeds
-    runs = many(seeds, "training run")
     blocks: list[Block] = []
     if seeds < FEW_SEEDS:
-        blocks.append(Prose(note("few-runs", runs=runs, few=FEW_SEEDS)))
-    unseen = 100.0 * (1.0 - 0.05 ** (1.0 / seeds))
-    blocks.append(Prose(note("rare-failures", runs=many(seeds, "run"), share=unseen)))
+        blocks.append(Prose(note("few-runs", results)))
+    blocks.append(Prose(note("rare-failures", results)))
     by_head = columns(environments, len(environments) > 1)
     heads = list(by_head)
     look = policy_looks(results)
@@ -39,7 +37,7 @@ def learning(results: Results) -> Section:
         Row(str(policy), look[policy], [kept(results, column, policy, None) for column in by_head.values()])
         for policy in results.schools()
     ]
-    at_home = note("at-home", runs=runs)
+    at_home = note("at-home", results)
     shares = dots(rows, heads, "share of the oracle's performance kept")
     sections, name = [("", share_rows(rows))], "Share of the oracle's performance kept, by agent"
     blocks += [
@@ -50,12 +48,12 @@ def learning(results: Results) -> Section:
     if reference is not None:
         others = [policy for policy in learned if policy != reference]
         blocks += _against(results, reference, others, by_head)
-    blocks.append(framed(profile_figure(results), "Performance profiles", note("profiles")))
+    blocks.append(framed(profile_figure(results), "Performance profiles", note("profiles", results)))
     for agent in (a for a in results.plan.study.agents if a.learned and not a.raw):
         figure = transfer_figure(results, agent.name)
         if figure is not None:
             heading = f"{agent.name}: trained on one estimator, flown on another"
-            blocks.append(framed(figure, heading, note("transfer")))
+            blocks.append(framed(figure, heading, note("transfer", results)))
     return Section(title, blocks)
 
 
@@ -72,11 +70,11 @@ def _against(
     def gain(policy: Policy, column: Sequence[str]) -> Entry:
         return share_entry(difference(results, column, policy, reference, len(raw)), signed=True)
 
-    title, text = f"Probability of improvement over {reference}", note("improvement", reference=reference)
+    title, text = f"Probability of improvement over {reference}", note("improvement", results, reference=reference)
     rows = [(str(policy), [better(policy, column) for column in by_head.values()]) for policy in others]
     blocks = tabled("improvement", title, text, list(by_head), {"": rows}, "Agent")
     rows = [(str(policy), [gain(policy, column) for column in by_head.values()]) for policy in raw]
-    text = note("without-filter", reference=reference)
+    text = note("without-filter", results, reference=reference)
     return [*blocks, *tabled("without-filter", "Learning without a filter", text, list(by_head), {"": rows}, "Agent")]
 
 

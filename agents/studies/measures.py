@@ -10,7 +10,7 @@ from agents.metrics import NEES, SCORE, UNHEALTHY, WITHOUT_COVARIANCE, Metric, m
 from agents.page import Block, Entry, Live, Section, entry, listed, number
 from agents.studies.examples import examples
 from agents.studies.results import Place, Results
-from agents.studies.wording import file_name, meanings, note, tabled
+from agents.studies.wording import file_name, note, tabled
 from agents.studies.worlds import system_of
 
 
@@ -22,7 +22,7 @@ def consistency(results: Results) -> Section:
         for e in results.environments
     }
     without = listed(WITHOUT_COVARIANCE)
-    text = note("consistency", who=results.who, nees=NEES, unhealthy=UNHEALTHY, without=without)
+    text = note("consistency", results, nees=NEES, unhealthy=UNHEALTHY, without=without)
     heads = ("Score", NEES.label, "NEES in band", "NIS in band", "Diverged", "Diverged, all conditions")
     title = f"What estimators claim, and what agents make of it ({first})"
     units = (*heads, (UNHEALTHY.label, UNHEALTHY.unit))
@@ -62,9 +62,8 @@ def episodes(results: Results) -> Section:
         flights, spread = episode.page["flights"], [number(sd, 2) for sd in episode.page["spread"] or ()]
         ends = (f" ({flight['end']})" if flight["end"] else "" for flight in flights)
         scores = [f"{f['estimator']} {number(f['score'], 2)}{end}" for f, end in zip(flights, ends, strict=True)]
-        varies = note("spread", spread=", ".join(spread)) if spread else ""
-        text = note("example", who=results.who, seed=episode.page["conditions"][-1],
-                    scores=", ".join(scores), varies=varies)  # fmt: skip
+        seed = episode.page["conditions"][-1]
+        text = note("example", results, seed=seed, scores=", ".join(scores), spread=", ".join(spread))
         blocks.append(Live(episode.html(), f"{environment}, {results.conditions[0]}", text.strip()))
     return Section("Example episodes", blocks)
 
@@ -93,7 +92,7 @@ def _table(
     place, who = results.places([environment])[0], results.classical
     flown = [n for n in results.estimators(environment, who) if results.figure(place, who, n) is not None]
     rows = [(on, [entry(results.mean(place, who, on, m), m.decimals) for m in chosen]) for on in flown]
-    text = " ".join(filter(None, (note("measures", who=results.who, meanings=meanings(chosen)), more)))
+    text = " ".join(filter(None, (note("measures", results, metrics=chosen), more)))
     title, heads = f"{title}: {environment}, {place.condition}", [(m.label, m.unit) for m in chosen]
     return tabled(file_name(name, environment), title, text + _partly(results, place, chosen), heads, {"": rows})
 

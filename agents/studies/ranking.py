@@ -6,13 +6,13 @@ import numpy as np
 
 from agents.metrics import SCORE, Metric, metrics
 from agents.page import Block, Entry, Prose, Section, Table, entry, number
-from agents.statistics import BETTER, EQUIVALENT, WORSE, Interval, verdict
-from agents.studies.confirmation import CONFIRMED, FAILED, OPEN, Confirmed
+from agents.statistics import BETTER, WORSE, Interval, verdict
+from agents.studies.confirmation import Confirmed
 from agents.studies.figures import Row, dots, framed, looks, share_rows
-from agents.studies.records import FLOOR, ORACLE, RAW, Study
+from agents.studies.records import FLOOR, ORACLE, RAW
 from agents.studies.results import Place, Policy, Results
-from agents.studies.shares import ALL, ENDS, columns, common, gap, kept, learners, rankable, ruled
-from agents.studies.wording import file_name, grouped, many, meanings, note, percent, share_entry, tabled
+from agents.studies.shares import ENDS, columns, common, gap, kept, learners, rankable, ruled
+from agents.studies.wording import file_name, grouped, note, percent, share_entry, tabled
 from agents.studies.worlds import system_of
 
 
@@ -20,17 +20,14 @@ def ranking(results: Results) -> Section:
     """Shares kept on estimators, and their differences from the best."""
     title = "Which estimator to fly"
     environments = ruled(results)
-    blocks: list[Block] = [Prose(note("scale", who=results.who, floor=FLOOR, oracle=ORACLE))]
+    blocks: list[Block] = [Prose(note("scale", results))]
     if results.environments:
-        chosen = results.plan.study.termination  # for all agents and both ends of the scale
-        ruler = note("ruler", chosen=chosen, ends=note(f"ends-{chosen}"))
-        blocks += [Prose(text) for text in (ruler, *_rulers(results))]
+        blocks += [Prose(text) for text in (note("ruler", results), *_rulers(results))]
     if not environments:
         return Section(title, blocks if results.environments else [])
     together = bool(common(results))
     by_head = columns(environments, together)
     heads = list(by_head)
-    overall = f" {ALL}: only the estimators that were flown in every environment." if together else ""
     names = ranked_names(results, environments)
     look = looks(results)
     best = {head: rankable(results, column) for head, column in by_head.items()}
@@ -40,17 +37,13 @@ def ranking(results: Results) -> Section:
 
     rows = [Row(name, look[name], shares(name)) for name in (*names, *ENDS)]
     figure = dots(rows, heads, "share of the oracle's performance kept")
-    caption = note("shares-figure", who=results.who, overall=overall)
-    blocks.append(framed(figure, "Share of the oracle's performance that is kept", caption))
-    conditions = many(len(results.conditions), "condition")
-    text = note(
-        "ranking", who=results.who, conditions=conditions, episodes=results.plan.study.episodes, overall=overall
-    )
+    caption, text = (note(name, results, together=together) for name in ("shares-figure", "ranking"))
     heading = "Share of the oracle's performance kept, by estimator"
-    blocks.append(
-        Table(heading, text, "Estimator", [(head, "") for head in heads], [("", share_rows(rows))], "ranking")
-    )
-    blocks.append(_differences(results, names, best))
+    blocks += [
+        framed(figure, "Share of the oracle's performance that is kept", caption),
+        Table(heading, text, "Estimator", [(head, "") for head in heads], [("", share_rows(rows))], "ranking"),
+        _differences(results, names, best),
+    ]
     return Section(title, blocks + _learned_ranking(results, by_head, names))
 
 
@@ -58,8 +51,7 @@ def _differences(results: Results, names: list[str], best: Mapping[str, dict[str
     """The estimators against the best of each column."""
     margin = results.plan.study.margin
     behind = [(name, [_behind(ranked, name, margin) for ranked in best.values()]) for name in names]
-    text = note("behind-the-best", Equivalent=EQUIVALENT.capitalize(), margin=margin)
-    pairs = [(head, "") for head in best]
+    text, pairs = note("behind-the-best", results), [(head, "") for head in best]
     return Table("Difference from the best", text, "Estimator", pairs, [("", behind)], "behind-the-best")
 
 
@@ -73,8 +65,7 @@ def _learned_ranking(results: Results, by_head: Mapping[str, Sequence[str]], nam
         for policy in (p for p in learners(results) if not results.agent(p).raw)
     }
     title = "Share of the oracle's performance kept by learned agents, by the estimator flown on"
-    text = note("ranking-learned", runs=many(results.plan.study.training_seeds, "training run"))
-    return tabled("ranking-learned", title, text, list(by_head), sections, "Flown on")
+    return tabled("ranking-learned", title, note("ranking-learned", results), list(by_head), sections, "Flown on")
 
 
 def ranked_names(results: Results, environments: list[str]) -> list[str]:
@@ -100,17 +91,15 @@ def judged(difference: Interval | float | None, margin: float) -> Entry:
     return Entry(f"{share}, {found}" if difference is not None else "–", strong=found in (BETTER, WORSE))
 
 
-def confirmation(found: Confirmed, fresh: Study) -> Section:
+def confirmation(found: Confirmed, fresh: Results) -> Section:
     """The claims of the first pass beside what fresh seeds say of them."""
-    rows = []
+    rows, margin = [], fresh.plan.study.margin
     for claim in found.claims:
-        first, again = judged(claim.first.value, fresh.margin), judged(claim.fresh, fresh.margin)
+        first, again = judged(claim.first.value, margin), judged(claim.fresh, margin)
         entries = [first, again, Entry(claim.outcome or "no claim")]
         rows.append((claim.first.column, (f"{claim.first.one} − {claim.first.other}", entries)))
-    seeds = {"episodes": fresh.episodes, "first_seed": fresh.first_seed}
-    heads = ("First seeds", "Fresh seeds", "Claim")
-    words = note("confirmation", confirmed=CONFIRMED.capitalize(), open=OPEN, failed=FAILED, **seeds)
-    table = tabled("confirmation", "Claims on fresh seeds", words, heads, grouped(rows), "Difference")
+    heads, text = ("First seeds", "Fresh seeds", "Claim"), note("confirmation", fresh)
+    table = tabled("confirmation", "Claims on fresh seeds", text, heads, grouped(rows), "Difference")
     return Section("Confirmation on fresh seeds", table)
 
 
@@ -125,7 +114,7 @@ def _rulers(results: Results) -> list[str]:
         elif isinstance(worth, Interval) and not worth.excludes_zero:
             doubtful.append(where)
     texts = {"no-scale": none, "doubtful-scale": doubtful}
-    return [note(name, oracle=ORACLE, floor=FLOOR, places="; ".join(of)) for name, of in texts.items() if of]
+    return [note(name, results, places="; ".join(of)) for name, of in texts.items() if of]
 
 
 def price(results: Results) -> Section:
@@ -139,8 +128,7 @@ def price(results: Results) -> Section:
             for label, who, on in flown
             if on != ORACLE
         ]
-    learned = "; learned agents, on the estimator of their training" if learners(results) else ""
-    text = note("price", who=results.who, learned=learned)
+    text = note("price", results, learned=learners(results))
     table = tabled("price", "Score lost against the truth", text, results.conditions, sections)
     return Section("The price of estimation", [*_price_figure(results), *table] if table else [])
 
@@ -158,8 +146,7 @@ def costs(results: Results) -> Section:
             if (who, on) != (results.classical, ORACLE)
         ]
         sections = {f"On the {ORACLE}": [(ORACLE, on_truth)], f"More than on the {ORACLE}": rows}
-        learned = "; learned agents, on the estimator of their training" if learners(results) else ""
-        text = " ".join((note("costs", who=results.who, oracle=ORACLE, learned=learned), meanings(chosen)))
+        text = note("costs", results, learned=learners(results), metrics=chosen)
         title, heads = f"Costs: {environment}, {place.condition}", [(m.label, m.unit) for m in chosen]
         blocks += tabled(file_name("costs", environment), title, text, heads, sections)
     return Section("What the owner pays", blocks)
@@ -201,9 +188,8 @@ def _price_figure(results: Results) -> list[Block]:
     rows = [Row(name, look[name], values) for name, values in lost.items() if any(v is not None for v in values)]
     if not rows:
         return []
-    caption = note("price-figure", who=results.who, floor=FLOOR)
     figure = dots(rows, environments, "score lost against the truth", (0.0,))
-    return [framed(figure, "Score lost against the truth", caption)]
+    return [framed(figure, "Score lost against the truth", note("price-figure", results))]
 
 
 # --- tails -------------------------------------------------------------------------------------------
@@ -216,8 +202,7 @@ def tails(results: Results) -> Section:
         for e in results.environments
     }
     heads = "Score", ("Completed", "%"), ("Worst decile", "score")
-    text = note("tails", who=results.who)
-    return Section("Tails", tabled("tails", "Tails beside means", text, heads, sections))
+    return Section("Tails", tabled("tails", "Tails beside means", note("tails", results), heads, sections))
 
 
 def _tail(results: Results, places: Sequence[Place], who: Policy, on: str) -> list[Entry]:

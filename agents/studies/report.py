@@ -6,7 +6,7 @@ from pathlib import Path
 import vessel_gym
 from agents.files import replacing
 from agents.jobs import Job
-from agents.page import Block, Bullets, Page, Prose, Section, listed, write
+from agents.page import Block, Bullets, Page, Prose, Section, listed, many, write
 from agents.studies.answer import answer, summary
 from agents.studies.confirmation import confirmed
 from agents.studies.cost import cost
@@ -15,11 +15,10 @@ from agents.studies.learning import learning
 from agents.studies.measures import consistency, episodes, measures
 from agents.studies.plan import Flight
 from agents.studies.ranking import confirmation, costs, price, ranking, tails
-from agents.studies.records import FLOOR
 from agents.studies.results import Results
 from agents.studies.robustness import AXES, robustness
 from agents.studies.settings import settings
-from agents.studies.wording import grouped, many, note, paragraphs
+from agents.studies.wording import grouped, paragraphs
 from vessel_gym.extras import require
 
 
@@ -31,7 +30,7 @@ def page(results: Results, out: Path, fresh: Results | None = None) -> Page:
     study = results.plan.study
     sections = [
         ranking(results),
-        *([] if fresh is None else [confirmation(confirmed(results, fresh), fresh.plan.study)]),
+        *([] if fresh is None else [confirmation(confirmed(results, fresh), fresh)]),
         tails(results),
         price(results),
         costs(results),
@@ -138,5 +137,5 @@ def _abbreviated(names: Sequence[str]) -> str:
 def _limits(results: Results) -> Section:
     study = results.plan.study
     model = "limits-mismatch" if any(condition.mismatch for condition in study.conditions) else "limits-exact"
-    learned = paragraphs("limits-learned", first=results.conditions[0]) if study.learned else []
-    return Section("Assumptions and limits", [Bullets([*paragraphs("limits", floor=FLOOR), note(model), *learned])])
+    names = ("limits", model, *(["limits-learned"] if study.learned else []))
+    return Section("Assumptions and limits", [Bullets([text for name in names for text in paragraphs(name, results)])])

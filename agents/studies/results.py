@@ -1,7 +1,5 @@
 """Results of a study by environment, condition, agent and estimator."""
 
-import csv
-import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,6 +12,7 @@ import numpy as np
 from agents.controllers import AUTOPILOT
 from agents.jobs import Outcome, journal
 from agents.metrics import MONITORED, SCORE, Metric, mean, metrics
+from agents.page import csv_text
 from agents.statistics import Interval, crossed_interval, normalise, share_interval, skewed_interval
 from agents.studies.plan import Plan
 from agents.studies.records import DEFAULT, FLOOR, ORACLE, RAW, Agent
@@ -294,10 +293,8 @@ class Results:
     def episodes_csv(self) -> str:
         """One row an episode: who flew where on what, the seed, and every metric; empty where there is no value."""
         keys = _unique(m.key for name in self.environments for m in self.metrics(name))
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
         who = ["environment", "condition", "agent", "trained_on", "training_seed", "estimator"]
-        writer.writerow([*who, "seed", "end", "is_success", *keys])
+        rows = [[*who, "seed", "end", "is_success", *keys]]
         nothing = [float("nan")] * self.plan.study.episodes
         for f in (f for f in self.plan.flights if f.job.key in self.values):
             values, success = self.values[f.job.key], system_of(f.environment).task.success
@@ -305,8 +302,8 @@ class Results:
             figures = [values["figures"].get(key, nothing) for key in keys]
             for seed, end, *measured in zip(self.plan.study.seeds, values["ends"], *figures, strict=True):
                 numbers = [f"{value:.6g}" if np.isfinite(value) else "" for value in measured]
-                writer.writerow([*flown, seed, end, end == success, *numbers])
-        return text.getvalue()
+                rows.append([*flown, seed, end, end == success, *numbers])
+        return csv_text(rows)
 
 
 def _unique(items: Iterable[Any]) -> list[Any]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from agents.page import Prose, Section, listed
 from agents.statistics import crossed_interval
 from agents.studies.figures import Look, ends, framed, grid, legend, looks
-from agents.studies.records import FLOOR, ORACLE, Condition
+from agents.studies.records import Condition
 from agents.studies.results import Place, Results
 from agents.studies.shares import ENDS, ruled
 from agents.studies.wording import note
@@ -33,9 +33,8 @@ def robustness(results: Results) -> Section:
     missing = [Prose(f"The study varies no {listed(lacking)} on its own.")] if lacking else []
     if not drawn:
         return Section("Robustness", [*missing])
-    caption = note("robustness", who=results.who, first=results.conditions[0], floor=FLOOR, oracle=ORACLE)
-    picture = framed(robustness_figure(results, drawn), "Share kept over what may go wrong", caption)
-    return Section("Robustness", [picture, *missing])
+    figure, caption = robustness_figure(results, drawn), note("robustness", results)
+    return Section("Robustness", [framed(figure, "Share kept over what may go wrong", caption), *missing])
 
 
 def varied(results: Results) -> dict[str, list[Condition]]:

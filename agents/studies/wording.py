@@ -1,42 +1,30 @@
 """Numbers, names and notes as a report writes them."""
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cache
-from pathlib import Path
 from typing import Any, TypeVar
 
+from agents import page
 from agents.metrics import Metric
-from agents.page import Block, Entry, Table, entry, number, words
+from agents.page import Block, Entry, Table, entry, many, number, words
 from agents.statistics import Interval
-
-_NOTES = Path(__file__).parents[1] / "templates" / "study-notes.md"
-
+from agents.studies.records import FEW_SEEDS, FLOOR, ORACLE
+from agents.studies.results import Results
 
 K = TypeVar("K")
 V = TypeVar("V")
 
 
-@cache
-def _notes() -> dict[str, list[str]]:
-    """Paragraphs by the name of their note."""
-    _, *notes = re.split(r"(?m)^## ", _NOTES.read_text(encoding="utf-8"))
-    return {name: text.strip().split("\n\n") for name, _, text in (note.partition("\n") for note in notes)}
+def paragraphs(name: str, results: Results, **values: Any) -> list[str]:
+    """The paragraphs of a note in ``templates/study-notes.md`` about results of a study, with these values."""
+    study = results.plan.study
+    values |= {"study": study, "who": results.who, "first": results.conditions[0], "meanings": meanings, "many": many}
+    values |= {"oracle": ORACLE, "floor": FLOOR, "few": FEW_SEEDS, "runs": many(study.training_seeds, "training run")}
+    return page.paragraphs("study-notes.md", name, conditions=many(len(study.conditions), "condition"), **values)
 
 
-def paragraphs(name: str, **values: Any) -> list[str]:
-    """The paragraphs of a note in ``templates/study-notes.md``, with these values in its braces.
-
-    ``Who`` stands for ``who`` at the beginning of a sentence.
-    """
-    if "who" in values:
-        values["Who"] = capitalised(values["who"])
-    return [" ".join(text.split()).format(**values) for text in _notes()[name]]
-
-
-def note(name: str, **values: Any) -> str:
+def note(name: str, results: Results, **values: Any) -> str:
     """A note of one paragraph, as `paragraphs`."""
-    (text,) = paragraphs(name, **values)
+    (text,) = paragraphs(name, results, **values)
     return text
 
 
@@ -80,16 +68,6 @@ def named(name: str) -> str:
 def every(environments: Sequence[str]) -> str:
     """All environments, by their number."""
     return "both environments" if len(environments) == 2 else f"all {len(environments)} environments"
-
-
-def capitalised(text: str) -> str:
-    """The beginning of a sentence."""
-    return text[0].upper() + text[1:]
-
-
-def many(count: int, noun: str) -> str:
-    """A number of things."""
-    return f"{count} {noun}{'s' if count != 1 else ''}"
 
 
 def meanings(chosen: Sequence[Metric]) -> str:

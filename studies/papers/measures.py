@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.page import Entry, Page, Table, number
+from agents.page import Entry, Page, Table, markdown_table, number
 from agents.statistics import Interval, mean_interval
 from studies.papers.likelihood import half_unit
 
@@ -165,8 +165,7 @@ def _ours(c: Comparison) -> list[Entry]:
 
 def summary_table(found: Sequence[Row]) -> str:
     """The rows as a Markdown table."""
-    lines = [list(HEAD), ["---"] * 2 + ["---:"] * (len(HEAD) - 2), *(each.texts for each in found)]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return markdown_table(HEAD, [each.texts for each in found], 2)
 
 
 def counts(found: Sequence[Row]) -> list[int]:
@@ -180,16 +179,15 @@ def papers_page(summary: Mapping[str, Any]) -> str:
     for each in summary.values():
         for values in each["rows"]:
             ways.setdefault(values[0], []).append(Row(*values))
-    head = "| Paper | agree | within 25 % | better, worse | not comparable | typical factor |"
-    lines = [head, "| --- |" + " ---: |" * 5]
+    head, lines = ("Paper", "agree", "within 25 %", "better, worse", "not comparable", "typical factor"), []
     for paper, found in ways.items():
         agree, near, better, worse, incomparable = counts(found)
         scored = np.array([row.numbers - row.incomparable for row in found])
         logs = np.log([row.factor or 1.0 for row in found])
         factor = f"{np.exp(scored @ logs / scored.sum()):.1f}" if scored.sum() else "–"
-        lines.append(f"| {paper} | {agree} | {near} | {better}, {worse} | {incomparable} | {factor} |")
+        lines.append([paper, str(agree), str(near), f"{better}, {worse}", str(incomparable), factor])
     openings = [f"**{name.title()}.** {each['opening']}" for name, each in summary.items()]
-    return "\n".join(lines) + "\n\n" + "\n\n".join(openings)
+    return "\n\n".join([markdown_table(head, lines, 1), *openings])
 
 
 def readme_line(summary: Mapping[str, Any]) -> str:

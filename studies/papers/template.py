@@ -17,9 +17,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from agents.page import Block, Bullets, Claim, Claims, Facts, Figure, Page, Prose, Section, Table, listed, number
-from agents.page import words as interval_words
-from vessel_gym.extras import require
+from agents.page import Block, Bullets, Claim, Claims, Facts, Figure, Page, Prose, Section, Table, templates
 
 
 def fill(folder: Path, tables: Mapping[str, Table], figures: Mapping[str, str], **values: Any) -> tuple[Page, str]:
@@ -35,13 +33,10 @@ def fill(folder: Path, tables: Mapping[str, Table], figures: Mapping[str, str], 
         KeyError: if the template shows a table or figure that does not exist.
         jinja2.UndefinedError: if it has a placeholder without a value.
     """
-    require("jinja2")
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    package = templates()
+    from jinja2 import FileSystemLoader
 
-    environment = Environment(  # plain text: the page is escaped where it becomes HTML
-        loader=FileSystemLoader(folder), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters |= {"number": number, "words": interval_words, "listed": listed, "g": "{:g}".format}
+    environment = package.overlay(loader=FileSystemLoader(folder))
     top, *parts = re.split(r"^## ", environment.get_template("page.md").render(values), flags=re.MULTILINE)
     title, subtitle, opening = _paragraphs(top)
     sections = [Section("In one paragraph", [Prose(_joined(opening))])]

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from agents.commands.console import Refusal
+from agents.page import markdown_table
 
 ROOT = Path(__file__).parents[2]
 WITHOUT = "–"
@@ -20,7 +21,7 @@ def rows_of(page: Path) -> str:
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """In Markdown."""
-    return "\n".join("| " + " | ".join(line) + " |" for line in (heads, ["---"] * len(heads), *rows))
+    return markdown_table(heads, rows, len(heads))
 
 
 def shown(values: np.ndarray, decimals: int = 3) -> str:
