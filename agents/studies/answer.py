@@ -157,13 +157,9 @@ def _learned(results: Results) -> list[str]:
     gaps = {e: gap for (e, other), gap in found.items() if other == str(results.classical)}
     reference, sentences = named(str(shares.reference_policy(results))), []
     if gaps:
-        who, same = f"{reference}, flying the estimator of its training,", f"{results.who} on the same"
-        if any(not isinstance(gap, Interval) or gap.excludes_zero for gap in gaps.values()):
-            text = [f"{_more(gap)} in {e}" for e, gap in gaps.items()]
-            sentences.append(f"{who} keeps {listed(text)} than {same}.")
-        else:
-            text = [f"{amount(gap, signed=True)} in {e}" for e, gap in gaps.items()]
-            sentences.append(f"{who} is not significantly different from {same}: {listed(text)}.")
+        sure = any(not isinstance(gap, Interval) or gap.excludes_zero for gap in gaps.values())
+        text = [f"{_more(gap) if sure else amount(gap, signed=True)} in {e}" for e, gap in gaps.items()]
+        sentences.append(note("learned", results, reference=reference, sure=sure, gaps=text))
     raw: dict[str, dict[str, Interval | float]] = {}
     for (environment, other), gap in found.items():
         if other != str(results.classical):
