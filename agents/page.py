@@ -266,37 +266,33 @@ def templates() -> Any:
         loader=PackageLoader("agents"), autoescape=select_autoescape(default_for_string=False), trim_blocks=True,
         lstrip_blocks=True, keep_trailing_newline=False, undefined=StrictUndefined,
     )  # fmt: skip
-    environment.filters |= {
-        "number": number,
-        "words": words,
-        "listed": listed,
-        "tex": tex,
-        "repr": repr,
-        "g": "{:g}".format,
-    }
-    environment.filters["capitalised"] = lambda text: text[0].upper() + text[1:]
+    environment.filters |= {"number": number, "words": words, "listed": listed, "tex": tex, "repr": repr}
+    environment.filters |= {"g": "{:g}".format, "capitalised": lambda text: text[0].upper() + text[1:]}
     return environment
 
 
 @cache
-def _notes(name: str) -> dict[str, list[Any]]:
-    """Templates of a file's paragraphs by the heading above them."""
-    text = files("agents").joinpath("templates", name).read_text(encoding="utf-8")
-    notes = (note.partition("\n") for note in re.split(r"(?m)^## ", text)[1:])
-    return {
-        heading: [templates().from_string(" ".join(each.split())) for each in body.strip().split("\n\n")]
-        for heading, _, body in notes
-    }
+def _notes(file: str) -> dict[str, list[Any]]:
+    """Templates of the notes of a file: their titles, where they have some, and paragraphs, by name."""
+    text = files("agents").joinpath("templates", file).read_text(encoding="utf-8")
+    found = {}
+    for note in re.split(r"(?m)^## ", text)[1:]:
+        heading, *parts = note.strip().split("\n\n")
+        name, *title = heading.split(": ", 1)
+        found[name] = [templates().from_string(" ".join(each.split())) for each in (*title, *parts)]
+    return found
 
 
-def paragraphs(name: str, heading: str, **values: Any) -> list[str]:
-    """The paragraphs below a heading of a file of templates, with these values; those that are empty are left out.
+def paragraphs(file: str, name: str, **values: Any) -> list[str]:
+    """The title, if it has one, and the paragraphs of a note with these values; those that are empty are left out.
+
+    A file of ``templates/`` has a line ``## name`` or ``## name: title`` above each note.
 
     Raises:
         jinja2.UndefinedError: if a value lacks.
         ModuleNotFoundError: without Jinja.
     """
-    return [text for each in _notes(name)[heading] if (text := each.render(values).strip())]
+    return [text for each in _notes(file)[name] if (text := each.render(values).strip())]
 
 
 def render(page: Page) -> str:

@@ -7,7 +7,7 @@ from agents.statistics import Interval
 from agents.studies.figures import ends, framed, legend, looks, panels
 from agents.studies.records import ORACLE
 from agents.studies.results import Place, Results
-from agents.studies.wording import microseconds, note, tabled
+from agents.studies.wording import microseconds, tabled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,11 +20,9 @@ def cost(results: Results) -> Section:
         return Section("CPU time", [])
     timed = {e: {name: results.step_times(e, name) for name in results.estimators(e)} for e in results.environments}
     sections = {e: [(n, _times(t, n == ORACLE)) for n, t in times.items() if t] for e, times in timed.items()}
-    batch, first = f"batch of {results.plan.study.episodes}", results.conditions[0]
+    batch = f"batch of {results.plan.study.episodes}"
     heads = [(batch, "µs"), ("beyond the truth", "µs"), ("one vehicle", "µs"), ("beyond the truth", "µs")]
-    drawn = framed(figure, f"Score over CPU time ({first})", note("cost-figure", results))
-    table = tabled("cost", "CPU time of a step, by estimator", note("cost", results), heads, sections)
-    return Section("CPU time", [drawn, *table])
+    return Section("CPU time", [framed(figure, "cost-figure", results), *tabled("cost", results, heads, sections)])
 
 
 def _times(times: list[tuple[int, float, float]], is_truth: bool) -> list[Entry]:

@@ -14,7 +14,7 @@ from agents.statistics import Interval
 from agents.studies.records import FLOOR, ORACLE
 from agents.studies.results import Policy, Results
 from agents.studies.shares import ALL
-from agents.studies.wording import share_entry
+from agents.studies.wording import paragraphs, share_entry
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -144,6 +144,6 @@ def share_rows(rows: Iterable[Row]) -> list[tuple[str, list[Entry]]]:
     return [(row.name, [share_entry(value) for value in row.values]) for row in rows]
 
 
-def framed(figure: "Figure", title: str, caption: str) -> Picture:
-    """A figure on a page."""
-    return Picture(data_uri(figure), title, caption)
+def framed(figure: "Figure", name: str, results: Results, **values: Any) -> Picture:
+    """A figure on a page, with title and caption of a note."""
+    return Picture(data_uri(figure), *paragraphs(name, results, **values))

@@ -12,7 +12,7 @@ from agents.studies.figures import Row, dots, framed, grid, legend, panels, poli
 from agents.studies.records import FEW_SEEDS, RAW
 from agents.studies.results import Policy, Results
 from agents.studies.shares import columns, difference, kept, learners, reference_policy
-from agents.studies.wording import note, share_entry, tabled
+from agents.studies.wording import note, paragraphs, share_entry, tabled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,30 +30,27 @@ def learning(results: Results) -> Section:
     if seeds < FEW_SEEDS:
         blocks.append(Prose(note("few-runs", results)))
     blocks.append(Prose(note("rare-failures", results)))
-    by_head = columns(environments, len(environments) > 1)
+    by_head, (heading, at_home) = columns(environments, len(environments) > 1), paragraphs("at-home", results)
     heads = list(by_head)
     look = policy_looks(results)
     rows = [
         Row(str(policy), look[policy], [kept(results, column, policy, None) for column in by_head.values()])
         for policy in results.schools()
     ]
-    at_home = note("at-home", results)
-    shares = dots(rows, heads, "share of the oracle's performance kept")
-    sections, name = [("", share_rows(rows))], "Share of the oracle's performance kept, by agent"
+    shares, pairs = dots(rows, heads, "share of the oracle's performance kept"), [(head, "") for head in heads]
     blocks += [
-        framed(shares, "Share kept by each agent", at_home + " Hollow: one run, no interval."),
-        Table(name, at_home, "Agent", [(head, "") for head in heads], sections, "agents"),
+        framed(shares, "at-home-figure", results, at_home=at_home),
+        Table(heading, at_home, "Agent", pairs, [("", share_rows(rows))], "agents"),
     ]
     reference = reference_policy(results)
     if reference is not None:
         others = [policy for policy in learned if policy != reference]
         blocks += _against(results, reference, others, by_head)
-    blocks.append(framed(profile_figure(results), "Performance profiles", note("profiles", results)))
+    blocks.append(framed(profile_figure(results), "profiles", results))
     for agent in (a for a in results.plan.study.agents if a.learned and not a.raw):
         figure = transfer_figure(results, agent.name)
         if figure is not None:
-            heading = f"{agent.name}: trained on one estimator, flown on another"
-            blocks.append(framed(figure, heading, note("transfer", results)))
+            blocks.append(framed(figure, "transfer", results, agent=agent.name))
     return Section(title, blocks)
 
 
@@ -70,12 +67,10 @@ def _against(
     def gain(policy: Policy, column: Sequence[str]) -> Entry:
         return share_entry(difference(results, column, policy, reference, len(raw)), signed=True)
 
-    title, text = f"Probability of improvement over {reference}", note("improvement", results, reference=reference)
     rows = [(str(policy), [better(policy, column) for column in by_head.values()]) for policy in others]
-    blocks = tabled("improvement", title, text, list(by_head), {"": rows}, "Agent")
+    blocks = tabled("improvement", results, list(by_head), {"": rows}, "Agent", reference=reference)
     rows = [(str(policy), [gain(policy, column) for column in by_head.values()]) for policy in raw]
-    text = note("without-filter", results, reference=reference)
-    return [*blocks, *tabled("without-filter", "Learning without a filter", text, list(by_head), {"": rows}, "Agent")]
+    return blocks + tabled("without-filter", results, list(by_head), {"": rows}, "Agent", reference=reference)
 
 
 def profile_figure(results: Results) -> "Figure":

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -21,12 +22,10 @@ def consistency(results: Results) -> Section:
         e: [(name, _honesty(results, Place(e, first), name)) for name in results.estimators(e, results.classical)]
         for e in results.environments
     }
-    without = listed(WITHOUT_COVARIANCE)
-    text = note("consistency", results, nees=NEES, unhealthy=UNHEALTHY, without=without)
+    values = {"nees": NEES, "unhealthy": UNHEALTHY, "without": listed(WITHOUT_COVARIANCE)}
     heads = ("Score", NEES.label, "NEES in band", "NIS in band", "Diverged", "Diverged, all conditions")
-    title = f"What estimators claim, and what agents make of it ({first})"
     units = (*heads, (UNHEALTHY.label, UNHEALTHY.unit))
-    return Section("Consistency beside task score", tabled("consistency", title, text, units, sections))
+    return Section("Consistency beside task score", tabled("consistency", results, units, sections, **values))
 
 
 def _honesty(results: Results, place: Place, name: str) -> list[Entry]:
@@ -75,29 +74,26 @@ def measures(results: Results) -> Section:
     for environment in results.environments:
         known = [m for m in metrics(system_of(environment)) if m.key not in elsewhere]
         estimated = [m for m in known if m.key.endswith(("_rmse", "_nees"))]
-        for kind, name, along, chosen in (
-            ("How the vehicle was steered", "steering", "", [m for m in known if m not in estimated and not m.cost]),
-            ("Costs on each estimator", "costs-on-each", "", [m for m in known if m.cost]),
-            ("How well the state was estimated", "estimation",
-             "Along the track that was flown on that estimator.", estimated),
-        ):  # fmt: skip
-            blocks += _table(results, environment, kind, name, chosen, along)
+        for kind, file, chosen in (
+            ("How the vehicle was steered", "steering", [m for m in known if m not in estimated and not m.cost]),
+            ("Costs on each estimator", "costs-on-each", [m for m in known if m.cost]),
+            ("How well the state was estimated", "estimation", estimated),
+        ):
+            values = {"kind": kind, "metrics": chosen, "estimates": chosen is estimated}
+            blocks += _table(results, environment, file, values)
     return Section("Steering and estimation in figures", blocks)
 
 
-def _table(
-    results: Results, environment: str, title: str, name: str, chosen: Sequence[Metric], more: str
-) -> list[Block]:
+def _table(results: Results, environment: str, file: str, values: dict[str, Any]) -> list[Block]:
     """Table of metrics of the classical agent in the first condition, an estimator a row."""
-    place, who = results.places([environment])[0], results.classical
+    place, who, chosen = results.places([environment])[0], results.classical, values["metrics"]
     flown = [n for n in results.estimators(environment, who) if results.figure(place, who, n) is not None]
     rows = [(on, [entry(results.mean(place, who, on, m), m.decimals) for m in chosen]) for on in flown]
-    text = " ".join(filter(None, (note("measures", results, metrics=chosen), more)))
-    title, heads = f"{title}: {environment}, {place.condition}", [(m.label, m.unit) for m in chosen]
-    return tabled(file_name(name, environment), title, text + _partly(results, place, chosen), heads, {"": rows})
+    heads, values = [(m.label, m.unit) for m in chosen], values | {"partly": _partly(results, place, chosen)}
+    return tabled("measures", results, heads, {"": rows}, file=file_name(file, environment), place=place, **values)
 
 
-def _partly(results: Results, place: Place, chosen: Sequence[Metric]) -> str:
+def _partly(results: Results, place: Place, chosen: Sequence[Metric]) -> list[str]:
     """Numbers of episodes with a metric that only some episodes have."""
     notes = []
     for name, m in product(results.estimators(place.environment, results.classical), chosen):
@@ -105,4 +101,4 @@ def _partly(results: Results, place: Place, chosen: Sequence[Metric]) -> str:
         count = 0 if values is None else int(np.isfinite(values).sum())
         if values is not None and 0 < count < values.size:
             notes.append(f"{m.label.lower()} on {name} {count}")
-    return f" Episodes that have the figure, where not all do: {', '.join(notes)}." if notes else ""
+    return notes

@@ -12,7 +12,7 @@ from agents.studies.figures import Row, dots, framed, looks, share_rows
 from agents.studies.records import FLOOR, ORACLE, RAW
 from agents.studies.results import Place, Policy, Results
 from agents.studies.shares import ENDS, columns, common, gap, kept, learners, rankable, ruled
-from agents.studies.wording import file_name, grouped, note, percent, share_entry, tabled
+from agents.studies.wording import file_name, grouped, note, paragraphs, percent, share_entry, tabled
 from agents.studies.worlds import system_of
 
 
@@ -37,11 +37,10 @@ def ranking(results: Results) -> Section:
 
     rows = [Row(name, look[name], shares(name)) for name in (*names, *ENDS)]
     figure = dots(rows, heads, "share of the oracle's performance kept")
-    caption, text = (note(name, results, together=together) for name in ("shares-figure", "ranking"))
-    heading = "Share of the oracle's performance kept, by estimator"
+    texts, pairs = paragraphs("ranking", results, together=together), [(head, "") for head in heads]
     blocks += [
-        framed(figure, "Share of the oracle's performance that is kept", caption),
-        Table(heading, text, "Estimator", [(head, "") for head in heads], [("", share_rows(rows))], "ranking"),
+        framed(figure, "shares-figure", results, together=together),
+        Table(*texts, "Estimator", pairs, [("", share_rows(rows))], "ranking"),
         _differences(results, names, best),
     ]
     return Section(title, blocks + _learned_ranking(results, by_head, names))
@@ -51,8 +50,8 @@ def _differences(results: Results, names: list[str], best: Mapping[str, dict[str
     """The estimators against the best of each column."""
     margin = results.plan.study.margin
     behind = [(name, [_behind(ranked, name, margin) for ranked in best.values()]) for name in names]
-    text, pairs = note("behind-the-best", results), [(head, "") for head in best]
-    return Table("Difference from the best", text, "Estimator", pairs, [("", behind)], "behind-the-best")
+    texts, pairs = paragraphs("behind-the-best", results), [(head, "") for head in best]
+    return Table(*texts, "Estimator", pairs, [("", behind)], "behind-the-best")
 
 
 def _learned_ranking(results: Results, by_head: Mapping[str, Sequence[str]], names: list[str]) -> list[Block]:
@@ -64,8 +63,7 @@ def _learned_ranking(results: Results, by_head: Mapping[str, Sequence[str]], nam
         ]
         for policy in (p for p in learners(results) if not results.agent(p).raw)
     }
-    title = "Share of the oracle's performance kept by learned agents, by the estimator flown on"
-    return tabled("ranking-learned", title, note("ranking-learned", results), list(by_head), sections, "Flown on")
+    return tabled("ranking-learned", results, list(by_head), sections, "Flown on")
 
 
 def ranked_names(results: Results, environments: list[str]) -> list[str]:
@@ -98,9 +96,8 @@ def confirmation(found: Confirmed, fresh: Results) -> Section:
         first, again = judged(claim.first.value, margin), judged(claim.fresh, margin)
         entries = [first, again, Entry(claim.outcome or "no claim")]
         rows.append((claim.first.column, (f"{claim.first.one} − {claim.first.other}", entries)))
-    heads, text = ("First seeds", "Fresh seeds", "Claim"), note("confirmation", fresh)
-    table = tabled("confirmation", "Claims on fresh seeds", text, heads, grouped(rows), "Difference")
-    return Section("Confirmation on fresh seeds", table)
+    heads = ("First seeds", "Fresh seeds", "Claim")
+    return Section("Confirmation on fresh seeds", tabled("confirmation", fresh, heads, grouped(rows), "Difference"))
 
 
 def _rulers(results: Results) -> list[str]:
@@ -128,8 +125,7 @@ def price(results: Results) -> Section:
             for label, who, on in flown
             if on != ORACLE
         ]
-    text = note("price", results, learned=learners(results))
-    table = tabled("price", "Score lost against the truth", text, results.conditions, sections)
+    table = tabled("price", results, results.conditions, sections, learned=learners(results))
     return Section("The price of estimation", [*_price_figure(results), *table] if table else [])
 
 
@@ -146,9 +142,9 @@ def costs(results: Results) -> Section:
             if (who, on) != (results.classical, ORACLE)
         ]
         sections = {f"On the {ORACLE}": [(ORACLE, on_truth)], f"More than on the {ORACLE}": rows}
-        text = note("costs", results, learned=learners(results), metrics=chosen)
-        title, heads = f"Costs: {environment}, {place.condition}", [(m.label, m.unit) for m in chosen]
-        blocks += tabled(file_name("costs", environment), title, text, heads, sections)
+        heads, values = [(m.label, m.unit) for m in chosen], {"metrics": chosen, "learned": learners(results)}
+        file = file_name("costs", environment)
+        blocks += tabled("costs", results, heads, sections, file=file, place=place, **values)
     return Section("What the owner pays", blocks)
 
 
@@ -189,7 +185,7 @@ def _price_figure(results: Results) -> list[Block]:
     if not rows:
         return []
     figure = dots(rows, environments, "score lost against the truth", (0.0,))
-    return [framed(figure, "Score lost against the truth", note("price-figure", results))]
+    return [framed(figure, "price-figure", results)]
 
 
 # --- tails -------------------------------------------------------------------------------------------
@@ -202,7 +198,7 @@ def tails(results: Results) -> Section:
         for e in results.environments
     }
     heads = "Score", ("Completed", "%"), ("Worst decile", "score")
-    return Section("Tails", tabled("tails", "Tails beside means", note("tails", results), heads, sections))
+    return Section("Tails", tabled("tails", results, heads, sections))
 
 
 def _tail(results: Results, places: Sequence[Place], who: Policy, on: str) -> list[Entry]:

@@ -9,7 +9,6 @@ from agents.studies.figures import Look, ends, framed, grid, legend, looks
 from agents.studies.records import Condition
 from agents.studies.results import Place, Results
 from agents.studies.shares import ENDS, ruled
-from agents.studies.wording import note
 from vessel_gym.sensors import SUITE_NAMES
 
 if TYPE_CHECKING:
@@ -33,8 +32,7 @@ def robustness(results: Results) -> Section:
     missing = [Prose(f"The study varies no {listed(lacking)} on its own.")] if lacking else []
     if not drawn:
         return Section("Robustness", [*missing])
-    figure, caption = robustness_figure(results, drawn), note("robustness", results)
-    return Section("Robustness", [framed(figure, "Share kept over what may go wrong", caption), *missing])
+    return Section("Robustness", [framed(robustness_figure(results, drawn), "robustness", results), *missing])
 
 
 def varied(results: Results) -> dict[str, list[Condition]]:

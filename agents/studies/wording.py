@@ -86,14 +86,16 @@ Rows = Sequence[tuple[str, list[Entry]]]
 
 def tabled(
     name: str,
-    title: str,
-    text: str,
+    results: Results,
     heads: Sequence[str | tuple[str, str]],
     sections: Mapping[str, Rows],
     first: str = "Estimator",
+    file: str = "",
+    **values: Any,
 ) -> list[Block]:
-    """A table without rows and sections that have no value; no block if that leaves nothing."""
+    """The table of a note without rows and sections that have no value; no block if that leaves nothing."""
+    title, text = paragraphs(name, results, **values)
     filled = {title: [row for row in rows if any(e.value != "–" for e in row[1])] for title, rows in sections.items()}
     filled = {title: rows for title, rows in filled.items() if rows}
     pairs = [(head, "") if isinstance(head, str) else head for head in heads]
-    return [Table(title, text, first, pairs, list(filled.items()), name)] if filled else []
+    return [Table(title, text, first, pairs, list(filled.items()), file or name)] if filled else []
