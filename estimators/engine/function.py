@@ -123,7 +123,7 @@ class Function:
                 run = partial(self, rows, shared)
                 width, entry = self._entry(rows)
                 if not self.layout.size or (width == 1 and self.stacked):  # machine code that needs no scratch
-                    run = partial(entry, rows, shared, self._constants, self._constants)
+                    run = partial(entry, 0, rows, shared, self._constants, self._constants)
                 types = [array.dtype for array in arrays]
                 self._last = Call(matcher(), described(arrays, results), types, run, rows, shared)
             self._shapes = shapes
@@ -138,16 +138,14 @@ class Function:
             arrays: The arguments and the results, in C order and of the types that they have here. Nothing is checked.
             threads: Threads that may share the rows.
         """
-        if threads > 1 and len(parts := shares(rows, threads, self.operations, LANES)) > 1:
-
-            def part(some: slice) -> None:
-                own = (a if shared >> i & 1 else a.reshape(rows, -1)[some] for i, a in enumerate(arrays))
-                self(some.stop - some.start, shared, *own)
-
-            each_part(part, parts, threads)
-            return
         width, entry = self._entry(rows)
-        entry(rows, shared, machine.scratch(width * self.layout.size), self._constants, *arrays)
+
+        def part(some: slice) -> None:
+            room = machine.scratch(width * self.layout.size)
+            entry(some.start, some.stop, shared, room, self._constants, *arrays)
+
+        parts = shares(rows, threads, self.operations, LANES) if threads > 1 else [slice(0, rows)]
+        each_part(part, parts, threads)
 
     def _entry(self, rows: int) -> tuple[int, Callable[..., None]]:
         """Number of rows side by side where there are so many, and the machine code."""
@@ -218,21 +216,22 @@ def _operations(instructions: Iterable[Instruction], sizes: Mapping[int, int]) -
 def _entry_point(pointers: int) -> str:
     """The module's Python function, in LLVM IR: a call through ctypes would take longer than most programs.
 
-    It takes two whole numbers and so many arrays of NumPy, whose data begin where their object says, right behind the
+    It takes three whole numbers and so many arrays of NumPy, whose data begin where their object says, right behind the
     head that all objects have (``PyArrayObject_fields``). It looks at nothing else of them: their owner has checked
     them. While it computes many rows, other threads of Python run.
     """
     emitter = Emitter(Program(), Module({}), 1)
-    numbers = [emitter.line(f"call i64 @PyLong_AsSsize_t(ptr {emitter.pointer('%args', 8 * i)})") for i in range(2)]
-    arrays = [emitter.pointer(emitter.pointer("%args", 8 * i + 16), object.__basicsize__) for i in range(pointers)]
+    numbers = [emitter.line(f"call i64 @PyLong_AsSsize_t(ptr {emitter.pointer('%args', 8 * i)})") for i in range(3)]
+    arrays = [emitter.pointer(emitter.pointer("%args", 8 * i + 24), object.__basicsize__) for i in range(pointers)]
+    count = emitter.line(f"sub i64 {numbers[1]}, {numbers[0]}")
     return "\n".join([
         "declare i64 @PyLong_AsSsize_t(ptr)", "declare ptr @PyEval_SaveThread()", "declare void @Py_IncRef(ptr)",
         "declare void @PyEval_RestoreThread(ptr)", "@_Py_NoneStruct = external global i8",
         "define ptr @call(ptr %self, ptr %args, i64 %count) {", "entry:", *emitter.lines,
-        f"  %many = icmp sge i64 {numbers[0]}, {FEW}", "  br i1 %many, label %release, label %compute",
+        f"  %many = icmp sge i64 {count}, {FEW}", "  br i1 %many, label %release, label %compute",
         "release:", "  %released = call ptr @PyEval_SaveThread()", "  br label %compute",
         "compute:", "  %thread = phi ptr [null, %entry], [%released, %release]",
-        f"  call void @run(i64 {numbers[0]}, i64 {numbers[1]}, {', '.join(f'ptr {each}' for each in arrays)})",
+        f"  call void @run({', '.join([f'i64 {each}' for each in numbers] + [f'ptr {each}' for each in arrays])})",
         "  br i1 %many, label %restore, label %done",
         "restore:", "  call void @PyEval_RestoreThread(ptr %thread)", "  br label %done",
         "done:", "  call void @Py_IncRef(ptr @_Py_NoneStruct)", "  ret ptr @_Py_NoneStruct", "}",
@@ -302,7 +301,7 @@ class Driver(LinearEmitter):
     def function(self, instructions: Sequence[Instruction], outputs: Sequence[Any]) -> str:
         """The function in LLVM IR."""
         arguments, results = self._function.arguments, self._function.results
-        rows, shared = self.one.value("%rows", "i"), self.one.value("%shared", "i")
+        start, end, shared = (self.one.value(f"%{name}", "i") for name in ("first", "end", "shared"))
         strides: list[Any] = [each.size for each in arguments]
         if self._state is None:
             strides = [where((shared & (1 << i)) != 0, 0, size) for i, size in enumerate(strides)]
@@ -315,7 +314,7 @@ class Driver(LinearEmitter):
                 self._output(parts, result.kind, bases)
 
         def body(row: Tracer) -> None:
-            own = [operation("minimum", row + lane, rows - 1) for lane in range(self.width)]
+            own = [operation("minimum", row + lane, end - 1) for lane in range(self.width)]
             if (state := self._state) is None:
                 step(own)
                 return
@@ -323,17 +322,18 @@ class Driver(LinearEmitter):
             self._take(state, first, 0, "f")
 
             def successive(k: Tracer) -> None:
-                step([k * rows + each for each in own])
+                step([k * end + each for each in own])
                 self.concatenate(outputs[0], state)
 
             self.loop(0, shared, successive)
             self._output([state.view], "f", last)
 
-        self.loop(0, rows, body, step=self.width)
-        given = ["i64 %rows", "i64 %shared", "ptr noalias %scratch", "ptr noalias readonly %constants"]
+        self.loop(start, end, body, step=self.width)
+        given = [*(f"i64 %{each}" for each in ("first", "end", "shared")), "ptr noalias %scratch"]
         if self.width == 1 and self._function.stacked:
-            given[2] = "ptr %unused"
+            given[-1] = "ptr %unused"
             self.lines.insert(0, f"  %scratch = alloca [{self._function.layout.size} x double], align 64")
+        given.append("ptr noalias readonly %constants")
         given += [f"ptr %a{i}" for i in range(len(arguments))] + [f"ptr %o{i}" for i in range(len(results))]
         return "\n".join([f"define internal void @run({', '.join(given)}) #0 {{\nentry:", *self.lines, "  ret void\n}"])
 
