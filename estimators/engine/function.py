@@ -59,7 +59,6 @@ class Function:
 
     Attributes:
         layout: Where matrices stand.
-        stacked: Do those of a row alone stand on the stack, where they need no scratch that threads must not share?
     """
 
     def __init__(
@@ -77,7 +76,6 @@ class Function:
         if successive:
             self.layout.places[STATE] = self.layout.size
             self.layout.size += self.arguments[0].size
-        self.stacked = 0 < self.layout.size * 8 <= _LARGEST
         self._places, self._constants = _placed(program)
         self._entries: dict[int, Callable[..., None]] = {}
         self._last: Call | None = None
@@ -122,7 +120,7 @@ class Function:
             if shapes == self._shapes:
                 run = partial(self, rows, shared)
                 width, entry = self._entry(rows)
-                if not self.layout.size or (width == 1 and self.stacked):  # machine code that needs no scratch
+                if not self.layout.size or self.stacked(width):  # machine code that needs no scratch
                     run = partial(entry, 0, rows, shared, self._constants, self._constants)
                 types = [array.dtype for array in arrays]
                 self._last = Call(matcher(), described(arrays, results), types, run, rows, shared)
@@ -146,6 +144,10 @@ class Function:
 
         parts = shares(rows, threads, self.operations, LANES) if threads > 1 else [slice(0, rows)]
         each_part(part, parts, threads)
+
+    def stacked(self, width: int) -> bool:
+        """Do the matrices of so many rows side by side stand on the stack, where they need no scratch?"""
+        return 0 < 8 * width * self.layout.size <= _LARGEST
 
     def _entry(self, rows: int) -> tuple[int, Callable[..., None]]:
         """Number of rows side by side where there are so many, and the machine code."""
@@ -330,9 +332,9 @@ class Driver(LinearEmitter):
 
         self.loop(start, end, body, step=self.width)
         given = [*(f"i64 %{each}" for each in ("first", "end", "shared")), "ptr noalias %scratch"]
-        if self.width == 1 and self._function.stacked:
+        if self._function.stacked(self.width):
             given[-1] = "ptr %unused"
-            self.lines.insert(0, f"  %scratch = alloca [{self._function.layout.size} x double], align 64")
+            self.lines.insert(0, f"  %scratch = alloca [{self.width * self._function.layout.size} x double], align 64")
         given.append("ptr noalias readonly %constants")
         given += [f"ptr %a{i}" for i in range(len(arguments))] + [f"ptr %o{i}" for i in range(len(results))]
         return "\n".join([f"define internal void @run({', '.join(given)}) #0 {{\nentry:", *self.lines, "  ret void\n}"])
