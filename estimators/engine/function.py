@@ -118,9 +118,8 @@ class Function:
             self(rows, shared, *arrays, *results, threads=threads)
             shapes = [array.shape for array in arrays]
             if shapes == self._shapes:
-                run = partial(self, rows, shared)
-                width, entry = self._entry(rows)
-                if not self.layout.size or self.stacked(width):  # machine code that needs no scratch
+                run, (width, entry) = partial(self, rows, shared), self._entry(rows)
+                if self.stacked(width):
                     run = partial(entry, 0, rows, shared, self._constants, self._constants)
                 types = [array.dtype for array in arrays]
                 self._last = Call(matcher(), described(arrays, results), types, run, rows, shared)
@@ -147,7 +146,7 @@ class Function:
 
     def stacked(self, width: int) -> bool:
         """Do the matrices of so many rows side by side stand on the stack, where they need no scratch?"""
-        return 0 < 8 * width * self.layout.size <= _LARGEST
+        return 8 * width * self.layout.size <= _LARGEST
 
     def _entry(self, rows: int) -> tuple[int, Callable[..., None]]:
         """Number of rows side by side where there are so many, and the machine code."""
