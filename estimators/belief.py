@@ -385,8 +385,7 @@ def _usual(rows: tuple[int, ...]) -> np.ndarray:
 
 def prior_belief(mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None) -> Belief:
     """A belief before an episode, for a program that has the covariance ``(n, n)`` of all rows as a constant."""
-    belief, covs = object.__new__(Belief), np.empty(mean.shape + mean.shape[-1:])
-    covs[...] = cov
+    belief, covs = object.__new__(Belief), np.full(mean.shape + mean.shape[-1:], cov)
     values: dict[str, Any] = {"packed": mean, "layout": layout_of((("mean", mean.shape[-1:]),)), "u": u}
     values |= {"prior_mean": mean, "prior_cov": covs, "recovery": _usual(mean.shape[:-1])}
     for name, value in values.items():

@@ -94,7 +94,7 @@ _KEPT = 1_000
 
 
 def inspection_of(key: tuple[Any, ...], function: Callable[..., Any], *samples: Any, axes: Any = None) -> Inspection:
-    """What `inspect` says, kept under a key until something that the function reads is another.
+    """The inspection of a function, kept under a key until something that it reads is another.
 
     Args:
         key: The function as its user has it, for the log, and what else tells the inspection from others.
