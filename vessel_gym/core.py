@@ -293,7 +293,7 @@ class Core:
         action = now.action[:, :-1] if self.config.options.termination == "agent" else now.action
         return (
             action, now.scenario, now.reference, now.state, now.actuators, now.exogenous, now.parameters, now.keys,
-            now.steps, now.drifting, now.noise, self.loop.sensing(None),
+            now.steps, now.drifting, now.noise, self.loop.sensing,
         )  # fmt: skip
 
     def _scoring(self, now: EnvState) -> tuple[np.ndarray, ...]:

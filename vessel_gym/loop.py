@@ -26,6 +26,7 @@ class Loop:
         measurements: and of that the youngest measurement of each channel.
         belief: What the filter believes.
         watch: What the monitor has seen, where there is one.
+        sensing: Keys ``(B, sensors, 2)`` of the random numbers of the sensors.
     """
 
     sensors = property(attrgetter("owner.sensors"))
@@ -37,7 +38,7 @@ class Loop:
     def __init__(self, owner: Any, rows: int, name: str = "estimation") -> None:
         self.owner, self.name, self.rows = owner, name, rows
         sensors = owner.sensors
-        self._sensing = np.zeros((rows, len(sensors.each), 2), np.uint64)
+        self.sensing = np.zeros((rows, len(sensors.each), 2), np.uint64)
         self._filtering = RandomKeys(np.zeros((rows, 2), np.uint64))
         self._faults = Faulty(sensors, rows) if sensors.faults else None
         self._transit = Transit(sensors, rows) if sensors.horizon else None
@@ -56,15 +57,11 @@ class Loop:
 
     def restart(self, rows: np.ndarray | slice, sensing: np.ndarray, filtering: np.ndarray) -> None:
         """Begin an episode of some rows, with keys ``(rows, sensors, 2)`` and ``(rows, 2)`` of the filter's numbers."""
-        self._sensing[rows], self._filtering.keys[rows] = sensing, filtering
+        self.sensing[rows], self._filtering.keys[rows] = sensing, filtering
         self._refused[rows] = 0
         for part in (self._faults, self._transit):
             if part is not None:
                 part.restart(rows, sensing)
-
-    def sensing(self, rows: np.ndarray | slice | None) -> np.ndarray:
-        """Keys ``(rows, sensors, 2)`` of the random numbers of the sensors of rows (None: all)."""
-        return self._sensing if rows is None else self._sensing[rows]
 
     def receive(
         self, measurements: Measurements, steps: np.ndarray, rows: np.ndarray | None, injected: bool = False
@@ -153,7 +150,7 @@ class Loop:
             return sampled
         if injected:
             sampled = np.zeros((len(steps), self.sensors.size)), np.zeros((len(steps), self.sensors.size), bool)
-        delivered = self._transit.carry(sampled, steps, self._sensing[rows], rows)
+        delivered = self._transit.carry(sampled, steps, self.sensing[rows], rows)
         if injected:
             delivered = measurements if measurements[0].ndim == 3 else of_now(measurements, self.sensors.horizon)
         self._refused[rows] += self._neglected(delivered[1])

@@ -109,11 +109,6 @@ class Mission:
             refuse_not_finite(f"the observation of {self.task.title}", seen, steps, None, mean, state)
         return (seen,)
 
-    @property
-    def whole(self) -> bool:
-        """Are steps one program?"""
-        return not self.users or self.step.whole
-
 
 def estimate_of(composition: Composition, mean: np.ndarray, input_mean: np.ndarray | None) -> Estimate:
     """The task's view of means ``(..., n)`` of the state and ``(..., q)`` of the unknown input; q may be 0."""

@@ -59,11 +59,6 @@ class World:
         _, _, _, state, _, exogenous, _, _, _, drifting, *_ = arrays
         return self.sensors.users(*self._measuring(state, exogenous, drifting))
 
-    @property
-    def whole(self) -> bool:
-        """Are steps one program?"""
-        return not self.users or self.step.whole
-
     @compiled(axes=(1, 1, 1, 1, 1, 1, 1, 2, 0, 1, 1, 2))
     def equations(
         self, action: np.ndarray, scenario: np.ndarray, reference: np.ndarray, state: np.ndarray, actuators: np.ndarray,

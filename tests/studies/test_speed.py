@@ -46,7 +46,7 @@ def test_the_hand_written_loop_is_the_same_environment_on_the_same_random_number
     loop.filter.x, loop.filter.P = core.belief.mean[0].copy(), core.belief.cov[0].copy()
     for action in actions:
         reward, _ = core.step(np.array([[action]]))
-        read = RandomKeys(core.loop._sensing).at(core.steps).normals(1)[0, :, 0]
+        read = RandomKeys(core.loop.sensing).at(core.steps).normals(1)[0, :, 0]
         monkeypatch.setattr(loop, "rng", _Scripted([read]))
         observation, hand_reward = loop.step(float(action))
         np.testing.assert_allclose(loop.truth, core.state[0, :6], rtol=1e-9, atol=1e-9)

@@ -147,7 +147,7 @@ class Watch:
     def _measured(self, u: np.ndarray, rows: np.ndarray | None) -> Measurements:
         """Measurements delivered to rows (None: all) in their present states, by known inputs ``(B, m)`` of all."""
         chosen: Any = slice(None) if rows is None else rows
-        x, u, steps, keys = self.truth[chosen], u[chosen], self.steps[chosen], self.loop.sensing(rows)
+        x, u, steps, keys = self.truth[chosen], u[chosen], self.steps[chosen], self.loop.sensing[chosen]
         if self._suite:
             measurement = self.model.measurement
             exact = (inspected(measurement, x, u) or Copying(measurement))(x, u)
