@@ -51,7 +51,7 @@ def test_an_example_runs(example: str, tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(plt, "show", lambda: plt.close("all"))
     monkeypatch.chdir(tmp_path)
     if "results/ppo.zip" in example:  # which a command above it has trained
-        from agents.training.ppo import train
+        from agents.training.algorithms import train
 
         train("SigmaCorvette-v0", Path("results/ppo.zip"), {"estimator": "kf-umv-ui"}, steps=128)
     exec(compile(example, "page", "exec"), {"__name__": "page"})

@@ -73,7 +73,7 @@ def _checked(env_id: str, options: dict[str, Any], seed: int, given: dict[str, A
     import gymnasium as gym
 
     from agents.studies.worlds import environment_id
-    from agents.training.ppo import describe
+    from agents.training.algorithms import describe
 
     env_id = environment_id(env_id)
     gym.make_vec(env_id, num_envs=1, **options).close()
@@ -108,7 +108,7 @@ def _train(runs: range, env_id: str, out: Path, options: dict[str, Any], resume:
         KeyboardInterrupt: after Ctrl-C; the text says how to go on.
     """
     from agents.policies.checkpoint import zip_path
-    from agents.training.ppo import train
+    from agents.training.algorithms import train
 
     path = zip_path(out)
     try:
@@ -124,8 +124,8 @@ def _best(runs: range, env_id: str, out: Path, options: dict[str, Any], resume: 
     from agents import rollout
     from agents.files import replacing
     from agents.seeds import tuning_seeds
+    from agents.training.algorithms import train
     from agents.training.callbacks import STATE
-    from agents.training.ppo import train
 
     scores, seeds = {}, tuning_seeds(CHOOSING)
     for run in runs:

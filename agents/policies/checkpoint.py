@@ -101,7 +101,7 @@ def zip_path(path: str | Path) -> Path:
 
 
 def description(path: str | Path) -> dict[str, Any] | None:
-    """The description that `agents.training.ppo.train` wrote into a checkpoint; None without one."""
+    """The description that `agents.training.algorithms.train` wrote into a checkpoint; None without one."""
     try:
         with zipfile.ZipFile(path) as archive:
             return _described(archive)

@@ -9,7 +9,7 @@ from agents.controllers import is_controller, unknown_controller
 from agents.jobs import Job
 from agents.studies.records import DEFAULT, ORACLE, RAW, Agent, Condition, Estimator, Study
 from agents.studies.worlds import digests, environment_id, refusal, registered, system_of
-from agents.training.ppo import describe
+from agents.training.algorithms import describe
 
 _RAW_MEASUREMENTS = Estimator(RAW, "measurement")
 

@@ -46,9 +46,9 @@ class Agent:
         flown_on: Estimators that it flies besides those of its training; empty: all. Not for raw measurements.
         steps: Environment steps of a training run, by environment; where there is none: the tuned budget.
         environments: Where it flies; empty: everywhere.
-        critic: Of a PPO: ``"truth"`` or ``"none"``, see `agents.training.ppo.train`.
+        critic: Of a PPO: ``"truth"`` or ``"none"``, see `agents.training.algorithms.train`.
         guidance: Of a PPO: the option of that name of an environment; None: its default.
-        settings: Of a PPO: hyperparameters over the tuned ones, see `agents.training.ppo.hyperparameters`.
+        settings: Of a PPO: hyperparameters over the tuned ones, see `agents.training.algorithms.hyperparameters`.
     """
 
     name: str

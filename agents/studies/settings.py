@@ -117,7 +117,7 @@ def _tuning(results: Results, environment: str, name: str) -> str:
 
 def _trainings(results: Results) -> list[tuple[str, str]]:
     """Training of each learned agent: on what, and for how long."""
-    from agents.training.ppo import hyperparameters
+    from agents.training.algorithms import hyperparameters
 
     rows: dict[str, str] = {}
     for flight in results.plan.flights:

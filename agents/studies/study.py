@@ -23,7 +23,7 @@ from agents.studies.worlds import (
     registered_id,
     system_of,
 )
-from agents.training.ppo import MEMORIES, describe, hyperparameters
+from agents.training.algorithms import MEMORIES, describe, hyperparameters
 from estimators.checks import short_repr
 from vessel_gym.configuration import TERMINATIONS
 from vessel_gym.estimation import estimator_names

@@ -5,7 +5,7 @@ from typing import Any
 
 from agents.policies.checkpoint import description
 from agents.studies.worlds import environment_id, environment_options
-from agents.training.ppo import train
+from agents.training.algorithms import train
 from vessel_gym.extras import require
 
 require("torch", "stable_baselines3", "sb3_contrib")
@@ -26,7 +26,7 @@ def train_agent(
     own: dict[str, str],
     artifact: Path,
 ) -> dict[str, Any]:
-    """Train PPO by `agents.training.ppo.train`; the checkpoint is the artifact, and ``steps`` those of whole rollouts.
+    """Train by `agents.training.algorithms.train`; the checkpoint is the artifact, ``steps`` those of whole rollouts.
 
     Hyperparameters that are ``changed`` are not the tuned ones. The ``settings`` that `train` looks up by itself and
     the source digests of what is the user's ``own`` are here to be part of the job.

@@ -61,7 +61,7 @@ class Checkpoints(BaseCallback):
 
     Args:
         folder: Where the files go.
-        described: What `agents.training.ppo.describe` gave.
+        described: What `agents.training.algorithms.describe` gave.
         env_options: Passed to the environment of evaluations.
         kept: What the state of an interrupted training holds beside the learner; None: a new training.
 

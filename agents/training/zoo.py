@@ -11,7 +11,7 @@ import gymnasium as gym
 
 from agents.files import replacing
 from agents.policies.checkpoint import write, zip_path
-from agents.training.ppo import ALGORITHMS, OTHERS
+from agents.training.algorithms import ALGORITHMS, OTHERS
 from estimators.factory import unknown
 from vessel_gym.extras import require
 

@@ -13,7 +13,7 @@ import numpy as np
 from agents.policies.checkpoint import write
 from agents.rollouts import rollout
 from agents.seeds import evaluation_seeds
-from agents.training.ppo import batch, describe, learner
+from agents.training.algorithms import batch, describe, learner
 
 POINTS = 4
 """Number of evaluations of a training, each on the same seeds, which no training uses."""

@@ -10,18 +10,18 @@ from short_training import REMEMBERING, TINY
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """The tuned settings with a small network and short rollouts."""
-    import agents.training.ppo as ppo
+    from agents.training import algorithms
 
-    tuned = {
-        memory: ppo.hyperparameters("SigmaCorvette-v0", memory) | TINY | own for memory, own in REMEMBERING.items()
-    }
-    monkeypatch.setattr(ppo, "hyperparameters", lambda env_id, memory="none", *_: tuned[memory])
+    tuned = {}
+    for memory, own in REMEMBERING.items():
+        tuned[memory] = algorithms.hyperparameters("SigmaCorvette-v0", memory) | TINY | own
+    monkeypatch.setattr(algorithms, "hyperparameters", lambda env_id, memory="none", *_: tuned[memory])
 
 
 @pytest.fixture
 def saved(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """The models that are written to checkpoints, as stable-baselines3 trained them."""
-    import agents.training.ppo as ppo
+    from agents.training import algorithms
 
     models: list[Any] = []
 
@@ -29,6 +29,6 @@ def saved(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
         models.append(model)
         original(path, model, described)
 
-    original = ppo.write
-    monkeypatch.setattr(ppo, "write", write)
+    original = algorithms.write
+    monkeypatch.setattr(algorithms, "write", write)
     return models

@@ -15,11 +15,11 @@ from short_training import STEPS, TINY
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
 
+import agents.training.algorithms
 import agents.training.critic
-import agents.training.ppo
 from agents import load_agent, rollout, save_agent
+from agents.training.algorithms import MEMORIES, train
 from agents.training.critic import TruthLstmPolicy, TruthPolicy, TruthVecEnv
-from agents.training.ppo import MEMORIES, train
 from agents.training.vec_env import StableBaselinesVecEnv
 from studies.critic.benchmark import leaking
 

@@ -18,7 +18,7 @@ from agents import load_agent, rollout
 from agents.policies.checkpoint import description
 from agents.policies.lstm import LstmPolicy
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
-from agents.training.ppo import CRITICS, MEMORIES, batch, describe, hyperparameters, train
+from agents.training.algorithms import CRITICS, MEMORIES, batch, describe, hyperparameters, train
 from agents.training.vec_env import StableBaselinesVecEnv
 from estimators import ExtendedKalmanFilter
 from vessel_gym.core import Core
@@ -256,7 +256,7 @@ def test_a_memory_that_is_unknown_or_without_settings_is_answered_with_those_tha
         hyperparameters(ENV, "elephant")
     assert "frames" not in hyperparameters(ENV)
     tables = {ENV: {"steps": 1, "lstm": {}}, "Other-v0": {"steps": 1}}
-    monkeypatch.setattr("agents.training.ppo.tomllib.loads", lambda text: tables)
+    monkeypatch.setattr("agents.training.algorithms.tomllib.loads", lambda text: tables)
     with pytest.raises(ValueError, match=rf"no settings with memory 'lstm' for 'Other-v0' .*: choose from {ENV}"):
         hyperparameters("Other-v0", "lstm")
 

@@ -102,7 +102,7 @@ def test_the_commands_take_a_task_and_a_controller_of_ones_own(capsys: pytest.Ca
 
 @pytest.mark.slow
 def test_a_task_of_ones_own_is_trained(tmp_path: Path):
-    from agents.training.ppo import train
+    from agents.training.algorithms import train
 
     checkpoint = train(ENV, tmp_path / "ppo.zip", steps=8192)
     assert rollout(checkpoint, ENV, [0]).length[0] == 60

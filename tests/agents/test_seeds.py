@@ -7,7 +7,7 @@ import pytest
 from stable_baselines3 import PPO
 
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
-from agents.training.ppo import hyperparameters
+from agents.training.algorithms import hyperparameters
 from agents.training.vec_env import StableBaselinesVecEnv
 
 MILLION = 1_000_000

@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 from agents.training import callbacks
+from agents.training.algorithms import ALGORITHMS, train
 from agents.training.callbacks import BEST, CURVES, LATEST, STATE
-from agents.training.ppo import ALGORITHMS, train
 from agents.training.state import load_state
 
 STEPS = 10 * 8 * 16

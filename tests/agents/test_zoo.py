@@ -18,7 +18,7 @@ from agents import load_agent
 from agents.commands import convert as convert_command
 from agents.commands.console import command
 from agents.policies.checkpoint import description
-from agents.training.ppo import describe, learner
+from agents.training.algorithms import describe, learner
 from agents.training.zoo import convert, hyperparams
 
 ENV = "SigmaCorvette-v0"

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from agents.commands.console import command
-from agents.training.ppo import describe, learner
+from agents.training.algorithms import describe, learner
 from studies.critic import __main__ as critic
 from studies.critic import benchmark, page
 from studies.critic.benchmark import explained, flown, leaking, learned

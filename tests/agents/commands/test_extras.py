@@ -20,7 +20,7 @@ from agents.commands.console import command
 from agents.jobs import Job, run
 from agents.page import Page, render
 from agents.studies.report import write_report
-from agents.training.ppo import train
+from agents.training.algorithms import train
 from estimators.consistency import consistency_figure
 from scripts import reproduce
 from studies.papers import report

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 import agents
 import agents.jobs
-import agents.training.ppo
+import agents.training.algorithms
 import studies.lorenz.benchmarks
 from agents import commands, rollout
 from agents.commands import ablate, budget, convert, estimate, evaluate, identify, inspect, train, watch
@@ -82,7 +82,7 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.setattr(socket, "create_connection", nobody)
         patch.setattr("agents.jobs.pools._PATIENCE", 0)
         for place, name in (
-            (agents, "rollout"), (agents.training.ppo, "train"), (agents.jobs, "run"), (watch, "fly"),
+            (agents, "rollout"), (agents.training.algorithms, "train"), (agents.jobs, "run"), (watch, "fly"),
             (timing, "report"), (studies.lorenz.benchmarks, "analysis_rmse"),
         ):  # fmt: skip
             patch.setattr(place, name, begin)

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-import agents.training.ppo
+import agents.training.algorithms
 from agents import rollout
 from agents.commands import evaluate, train
 from agents.commands.console import command
@@ -43,10 +43,10 @@ def test_of_several_trainings_the_best_on_tuning_seeds_is_kept(
         flown.append(seeds)
         return rollout(agent, env_id, seeds[:4], *rest, **more)
 
-    poor = agents.training.ppo.train(
+    poor = agents.training.algorithms.train(
         "ThesisCorvette-v0", tmp_path / "poor.zip", {"estimator": "truth"}, steps=128
     ).read_bytes()
-    monkeypatch.setattr(agents.training.ppo, "train", learn)
+    monkeypatch.setattr(agents.training.algorithms, "train", learn)
     monkeypatch.setattr(agents, "rollout", fly)
     train.main("ThesisCorvette-v0", out=tmp_path / "best.zip", estimator="truth", seed=7, runs=3)
     assert (tmp_path / "best.zip").read_bytes() == packaged("ThesisCorvette-v0").read_bytes()

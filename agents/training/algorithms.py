@@ -1,4 +1,4 @@
-"""Training by PPO and other algorithms of stable-baselines3 and sb3-contrib, on the batched environments."""
+"""Training by the algorithms of stable-baselines3 and sb3-contrib, on the batched environments."""
 
 import inspect
 import json
