@@ -84,9 +84,8 @@ def rollout(
         ensembles: Keep in the history the members of an estimator that has an ensemble, too; NaN at an episode's end.
 
     Raises:
-        ValueError: if there is no such environment, if there are no seeds, or if the agent cannot fly it.
+        ValueError: if there is no such environment, if there are no seeds, or if the agent cannot fly it; as `acted`.
         TypeError: for an agent that cannot act, or arguments of another kind.
-        Refusal: as `acted`.
     """
     seeds = _checked(seeds, agent)
     checks.function("progress", progress, "(step, horizon)")
@@ -111,8 +110,7 @@ def rollout(
             if history is not None:
                 history.add(info, final, alive, done)
             returns += np.where(alive, reward, 0.0)
-            length += alive
-            ended |= terminated & done
+            length, ended = length + alive, ended | (terminated & done)
             score[done], end[done] = final.get("score", score)[done], final.get("end", end)[done]
             alive &= ~done
             if progress is not None:

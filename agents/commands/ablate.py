@@ -56,18 +56,13 @@ def main(
     from agents.jobs import check_scheduler, run
     from agents.studies.confirmation import opening
     from agents.studies.examples import examples
-    from agents.studies.plan import plan
     from agents.studies.results import Results
-    from agents.studies.study import read_study
-    from vessel_gym.extras import require
 
     out = out or Path("results") / study.stem
     with asked():
         part = _shard(shard)
         in_range("--processes", processes, 1)
-        path = _file(study)
-        require("matplotlib", "jinja2", "joblib", *(("dask", "distributed") if scheduler else ()))  # before all work
-        planned = plan(read_study(path))
+        planned = _plan(path := _file(study), scheduler is not None)
         if scheduler is not None:
             check_scheduler(scheduler)
         check_folder(out)
@@ -108,6 +103,16 @@ def _file(study: Path) -> Path:
         raise ValueError(f"{unknown('study', str(path), STUDIES)} (your own: a file, e.g. mine.toml)")
     sys.path.append(str(path.resolve().parent))  # an own estimator may lie beside the study
     return path
+
+
+def _plan(path: Path, cluster: bool) -> Any:
+    """The plan of a study, whose filters are compiled for it, once all that its run needs is there."""
+    from agents.studies.plan import plan
+    from agents.studies.study import read_study
+    from vessel_gym.extras import require
+
+    require("matplotlib", "jinja2", "joblib", *(("dask", "distributed") if cluster else ()))
+    return plan(read_study(path))
 
 
 def _fresh(study: Any, out: Path, confirm: bool) -> Any:

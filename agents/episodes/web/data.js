@@ -75,6 +75,6 @@ const placeInWords = ([north, east, down]) => [
 /** The error of the position; of a log, which has no truth, its doubled standard deviation. */
 const errorInWords = (flight, i) => focus.map(({ name, unit }, j) => {
   const value = data.truth ? decimals(row(flight.error, i)[j]) : `±${decimals(2 * Math.hypot(...row(flight.root, i).subarray(j * k, j * k + k)))}`;
-  return `${name.replace(" position", "")} ${value} ${unit}`;
+  return `${name.replace(" position", "")} ${value}\u00a0${unit}`;
 }).join(", ");
 const ERROR = data.truth ? "estimate minus truth" : "estimate ±2σ";
