@@ -29,6 +29,7 @@ _KINDS: dict[Any, tuple[tuple[type, ...], str]] = {
     bool | None: ((bool,), "true or false"),
     dict: ((dict,), "a table"),
     tuple: ((list,), "a list of tables"),
+    tuple[str, ...]: ((list,), "a list of names"),
 }
 """Types in TOML of a record's attributes, by their annotation, and what they are called; a record's is a table."""
 
@@ -95,7 +96,7 @@ class TomlReader:
             if key not in table or not self.is_of(kind, key, table[key], where):
                 continue
             found[key] = table[key]
-            if is_dataclass(kind):
+            if isinstance(kind, type) and is_dataclass(kind):
                 for each in table[key]:
                     self.name(f"key in {key}", each, keys_of(kind), (*where, each))
                 found[key] = kind(**self.values(kind, table[key], where))
@@ -107,17 +108,15 @@ class TomlReader:
 
     def is_of(self, kind: Any, key: str, value: Any, place: Place) -> bool:
         """Note a value of another type than an attribute's, and return whether it is of that."""
-        if kind == tuple[str, ...]:
-            types, words = (list,), "a list of names"
-            good = isinstance(value, list) and all(isinstance(name, str) for name in value)
-            if good and not 0 < len(value) == len(set(value)):
-                self.wrong(place, f"{key} must name one or more, each once, or be left out, got {value!r}")
-        else:
-            types, words = _KINDS[kind if kind in _KINDS else get_origin(kind) or dict]
-            good = isinstance(value, types) and (not isinstance(value, bool) or bool in types)
-        if not good:
+        types, words = _KINDS[kind if kind in _KINDS else get_origin(kind) or dict]
+        names = value if kind == tuple[str, ...] and isinstance(value, list) else []
+        good = isinstance(value, types) and isinstance(value, bool) == (bool in types)
+        if not good or not all(isinstance(name, str) for name in names):
             self.wrong(place, f"{key} must be {self.WORDS.get(key, words)}, got {value!r}")
-        return good
+            return False
+        if kind == tuple[str, ...] and not 0 < len(names) == len(set(names)):
+            self.wrong(place, f"{key} must name one or more, each once, or be left out, got {value!r}")
+        return True
 
     def own_name(self, place: Place, kind: str, known: Iterable[str]) -> None:
         """Note a name that something else has."""
