@@ -13,7 +13,7 @@ import numpy as np
 
 from vessel_gym.sensors import Sensor
 from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
-from vessel_gym.vehicles.files import check_parameters, check_vehicle
+from vessel_gym.vehicles.files import FromFile, Particulars
 from vessel_gym.vehicles.hydrodynamics import (
     Coefficients,
     Fins,
@@ -46,7 +46,7 @@ VERTICAL = 7
 
 
 @dataclass(frozen=True)
-class AUVParameters:
+class AUVParameters(Particulars):
     """Particulars of a torpedo-shaped vehicle, SI units: what a vehicle file gives, each number there with its source.
 
     What has a default may be left out. ``given`` holds measured or computed coefficients by name, which replace those
@@ -71,9 +71,6 @@ class AUVParameters:
     gravity: float = 9.81  # m/s2
     given: tuple[tuple[str, float], ...] = ()  # coefficients by name
     with_added_mass: bool = False  # given Y_ur, Z_uq, M_uw, N_uv, M_uq, N_ur hold Kirchhoff's terms, as Prestero's do
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
     TABLES: ClassVar = {
         "particulars": (
@@ -252,7 +249,7 @@ def in_its_plane(sensor: Sensor) -> Sensor:
 
 
 @dataclass(frozen=True)
-class AUV(WholeState, verified=True):
+class AUV(FromFile, WholeState, verified=True):
     """A torpedo-shaped vehicle in batches: actuators, state, sensors, and what filters know.
 
     State: velocities through the water, then position and Euler angles. Increments [m/s, rad/s] change the velocities
@@ -264,9 +261,6 @@ class AUV(WholeState, verified=True):
     body: AUVParameters
     dt: float = 0.1  # s, the papers' control rate
     substeps: int = 2
-
-    def __post_init__(self) -> None:
-        check_vehicle(self, "body", next(each.type for each in fields(self) if each.name == "body"))  # type: ignore[arg-type]
 
     @property
     def steering(self) -> tuple[int, ...]:

@@ -21,7 +21,7 @@ from typing import ClassVar
 import numpy as np
 
 from estimators.engine import compiled, sincos
-from vessel_gym.vehicles.files import check_parameters
+from vessel_gym.vehicles.files import Particulars
 from vessel_gym.vehicles.steered import SteeredShip
 from vessel_gym.waves import GRAVITY
 
@@ -57,7 +57,7 @@ _CROSS_FLOW = np.array([
 
 
 @dataclass(frozen=True)
-class CorvetteParameters(SteeredShip):
+class CorvetteParameters(Particulars, SteeredShip):
     """Particulars of a ship, SI units: what a vehicle file gives, each number there with its source.
 
     What has a default may be left out. ``given`` holds measured or computed derivatives by name, which replace the
@@ -91,9 +91,6 @@ class CorvetteParameters(SteeredShip):
     frontal_area: float | None = None  # m2 above the water; None: 0.82 B^2, as the corvette's
     lateral_area: float | None = None  # m2; None: 0.083 L^2, likewise
     given: tuple[tuple[str, float], ...] = ()  # derivatives by name
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
     TABLES: ClassVar = {
         "particulars": ("length", "beam", "draught", "mass", "x_g", "yaw_radius", "water_density"),

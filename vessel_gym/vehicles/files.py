@@ -8,7 +8,7 @@ from dataclasses import MISSING, fields
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_origin, overload
+from typing import Any, ClassVar, TypeVar, get_args, get_origin, overload
 
 import numpy as np
 
@@ -215,38 +215,44 @@ def _numbers(name: str, value: object, size: int, low: float, high: float) -> tu
     return tuple(number(name, each, low, high, what) for each in value)
 
 
-def check_parameters(record: Any) -> None:
-    """Refuse numbers that no vehicle has, as files with them are refused.
+class Particulars:
+    """Base of a vehicle's parameters: a record of numbers, refused as files with them are.
 
     Raises:
-        ValueError: naming the number.
+        ValueError: naming a number that no vehicle has.
     """
-    cls, given = type(record), getattr(record, "given", ())
-    for each in fields(cls):
-        value = getattr(record, each.name)
-        if each.name != "given" and not (value is None and each.default is None):
-            _value(cls, each.name, each.name, value)
-    if not isinstance(given, tuple) or not all(isinstance(pair, tuple) and len(pair) == 2 for pair in given):
-        raise ValueError(f"given must be a tuple of pairs (name, number), got {short_repr(given)}")
-    known = {name for names in cls.TABLES.values() for name in names} - {each.name for each in fields(cls)}
-    for name, value in given:
-        one_of("name in given", name, sorted(known))
-        _value(cls, name, name, value)
+
+    TABLES: ClassVar[dict[str, tuple[str, ...]]]
+    """Keys of a vehicle file by table; those that are no fields of the record go to ``given``."""
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    def __post_init__(self) -> None:
+        cls, given = type(self), getattr(self, "given", ())
+        for each in fields(cls):
+            value = getattr(self, each.name)
+            if each.name != "given" and not (value is None and each.default is None):
+                _value(cls, each.name, each.name, value)
+        if not isinstance(given, tuple) or not all(isinstance(pair, tuple) and len(pair) == 2 for pair in given):
+            raise ValueError(f"given must be a tuple of pairs (name, number), got {short_repr(given)}")
+        known = {name for names in cls.TABLES.values() for name in names} - {each.name for each in fields(cls)}
+        for name, value in given:
+            one_of("name in given", name, sorted(known))
+            _value(cls, name, name, value)
 
 
-def check_vehicle(vehicle: Any, parameters: str, kind: type[Any]) -> None:
-    """Refuse a vehicle of other parameters, and steps that are none.
-
-    Args:
-        vehicle: The vehicle.
-        parameters: Name of the field that holds its parameters,
-        kind: and their class.
+class FromFile:
+    """Base of vehicles of which a file gives the parameters: their first field. Others are ``dt`` and ``substeps``.
 
     Raises:
         TypeError: for parameters of another class.
-        ValueError: for the others.
+        ValueError: for steps that are none.
     """
-    title = type(vehicle).__name__
-    instance(f"{parameters} of {title}", getattr(vehicle, parameters), kind)
-    check_numbers(vehicle, positive="dt")
-    integer(f"substeps of {title}", vehicle.substeps, 1)
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+    substeps: int
+
+    def __post_init__(self) -> None:
+        title, first = type(self).__name__, fields(self)[0]
+        instance(f"{first.name} of {title}", getattr(self, first.name), first.type)  # type: ignore[arg-type]
+        check_numbers(self, positive="dt")
+        integer(f"substeps of {title}", self.substeps, 1)

@@ -1,6 +1,5 @@
 """A ship identified from logs as an environment uses it, and what moves her beside her model."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
@@ -12,11 +11,11 @@ from vessel_gym.checks import check_numbers, instance
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.processes import Process, linear
 from vessel_gym.sensors import Sensor, plain
-from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
 from vessel_gym.vehicles.corvette import COMPASS
-from vessel_gym.vehicles.files import check_vehicle
+from vessel_gym.vehicles.files import FromFile
 from vessel_gym.vehicles.manoeuvring import COEFFICIENTS, STATE, rates
 from vessel_gym.vehicles.measured_ship import MeasuredShip
+from vessel_gym.vehicles.steered import SteeredByRate
 from vessel_gym.vehicles.whole_state import WholeState
 from vessel_gym.verified import verified
 
@@ -47,7 +46,7 @@ def _yaw_rate(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class IdentifiedShip(WholeState, verified=True):
+class IdentifiedShip(FromFile, SteeredByRate, WholeState, verified=True):
     """A measured ship at service revolutions; the action is the rudder rate.
 
     Filters have the identified model, with the accelerations that it left unexplained in the logs as states.
@@ -57,19 +56,10 @@ class IdentifiedShip(WholeState, verified=True):
     dt: float
     substeps: int = 1
 
-    def __post_init__(self) -> None:
-        check_vehicle(self, "ship", MeasuredShip)
-
     state_names = STATE
     equations = staticmethod(_rates)
-    angles: ClassVar[tuple[str, ...]] = ("psi",)
     parameter_names: ClassVar[tuple[str, ...]] = (*COEFFICIENTS, *(f"particular {i}" for i in range(10)), "revolutions")
-    action_names: ClassVar[tuple[str, ...]] = ("rudder rate",)
-    steering: ClassVar[tuple[int, ...]] = (0,)
-    incremented: ClassVar[tuple[str, ...]] = ("psi",)
     ambient_flows: ClassVar[tuple[str, ...]] = FLOWS
-    grades: ClassVar[str] = "ship"
-    rates: ClassVar[Mapping[str, str]] = {"r": "psi"}
     normals: ClassVar[int] = len(COEFFICIENTS)
     largest_mismatch: ClassVar[float] = 1.0
     """At which the truth's coefficients are drawn from the distribution of the estimates."""
@@ -79,15 +69,6 @@ class IdentifiedShip(WholeState, verified=True):
         drawn = self.ship.drawn(mismatch * np.clip(normals, -_CLIP, _CLIP))
         known = np.append(self.ship.particulars.vector(), self.ship.revolutions)
         return np.concatenate([drawn, np.broadcast_to(known, (*drawn.shape[:-1], len(known)))], -1)
-
-    @cached_property
-    def _nominal(self) -> np.ndarray:
-        """The coefficients that filters know ``(k,)``."""
-        return self.parameters(0.0, np.zeros((1, self.normals)))[0]
-
-    @cached_property
-    def _actuators(self) -> np.ndarray:
-        return actuator_parameters(Actuator(self.ship.rudder_rate * self.dt, kept=1.0, limit=self.ship.rudder_limit))
 
     @cached_property
     def sensors(self) -> tuple[Sensor, ...]:

@@ -24,7 +24,7 @@ from estimators.engine import compiled, sincos
 from vessel_gym.checks import check_numbers, instance
 from vessel_gym.sensors import Bias, Known, Sensor, plain
 from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
-from vessel_gym.vehicles.files import check_parameters, check_vehicle, load
+from vessel_gym.vehicles.files import FromFile, Particulars, load
 from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN, I, PointMass, forces
 from vessel_gym.vehicles.whole_state import WholeState
 from vessel_gym.verified import verified
@@ -36,7 +36,7 @@ HARDEST = 200.0  # m/s2: no wing bears more lift. At 20 m/s the aircraft reaches
 
 
 @dataclass(frozen=True, kw_only=True)
-class PunaParameters(PointMass):
+class PunaParameters(Particulars, PointMass):
     """An aircraft with its actuators and their limits: what a vehicle file gives, each number there with its source."""
 
     cruise_speed: float  # m/s
@@ -46,9 +46,6 @@ class PunaParameters(PointMass):
     alpha_high: float = float(np.deg2rad(12.0))  # rad, assumed: clear of the stall
     alpha_rate: float = 0.5  # rad/s, assumed: the short-period motion that a point mass leaves out
     bank_limit: float = float(np.deg2rad(35.0))  # rad, assumed
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
     TABLES: ClassVar = {
         "particulars": ("mass", "area", "gravity"),
@@ -222,7 +219,7 @@ def _along(measurements: np.ndarray, known: Known) -> Known:
 
 
 @dataclass(frozen=True)
-class Puna(WholeState, verified=True):
+class Puna(FromFile, WholeState, verified=True):
     """The aircraft in batches, as an environment uses it.
 
     Over a step the wind is constant; increments change velocities and bank at its end. Figures of the sensors are from
@@ -235,9 +232,6 @@ class Puna(WholeState, verified=True):
     body: PunaParameters = field(default_factory=lambda: load("puna", PunaParameters))
     dt: float = 0.1  # s
     substeps: int = 1  # one RK4 step is converged to 3 cm and 2e-4 rad in 30 s of full reversals
-
-    def __post_init__(self) -> None:
-        check_vehicle(self, "body", PunaParameters)
 
     state_names: ClassVar = STATE
     equations: ClassVar = staticmethod(puna_rates)

@@ -16,7 +16,7 @@ import numpy as np
 
 from estimators.engine import compiled
 from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
-from vessel_gym.vehicles.files import check_parameters, check_vehicle, load
+from vessel_gym.vehicles.files import FromFile, Particulars, load
 from vessel_gym.vehicles.segorogeni import STATE, Segorogeni, attitude, kinematics
 from vessel_gym.vehicles.whole_state import WholeState
 
@@ -30,7 +30,7 @@ COEFFICIENTS = (*(f"inertia of {name}" for name in STATE[:6]), *LINEAR, *QUADRAT
 
 
 @dataclass(frozen=True, kw_only=True)
-class ROVParameters:
+class ROVParameters(Particulars):
     """Particulars of a vehicle with thrusters, SI units: what a vehicle file gives, each number there with its source.
 
     Coefficients have the signs of SNAME (1950), so those that resist the motion are negative.
@@ -65,9 +65,6 @@ class ROVParameters:
     K_pp: float
     M_qq: float
     N_rr: float
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
     TABLES: ClassVar = {
         "particulars": (
@@ -141,7 +138,7 @@ def rov_rates(state: np.ndarray, force: np.ndarray, current: np.ndarray, c: np.n
 
 
 @dataclass(frozen=True)
-class ROV(WholeState, verified=True):
+class ROV(FromFile, WholeState, verified=True):
     """A vehicle with thrusters in batches, with the state, the sensors and the water of `Segorogeni`.
 
     An action is the thrust of each thruster as a share of its limit. Filters estimate the whole state; their known
@@ -162,9 +159,6 @@ class ROV(WholeState, verified=True):
     sensors: ClassVar = Segorogeni.sensors
     grades: ClassVar[str] = "auv"
     normals: ClassVar = len(UNCERTAIN)
-
-    def __post_init__(self) -> None:
-        check_vehicle(self, "body", ROVParameters)
 
     @cached_property
     def action_names(self) -> tuple[str, ...]:  # type: ignore[override]

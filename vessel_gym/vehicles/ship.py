@@ -9,7 +9,6 @@ import numpy as np
 from estimators.engine import sincos
 from vessel_gym.processes import linear
 from vessel_gym.sensors import Sensor, plain
-from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
 from vessel_gym.vehicles.corvette import COMPASS, linear_matrices, steady_turns, surge_models
 from vessel_gym.vehicles.corvette_equations import (
     AROUND,
@@ -19,16 +18,16 @@ from vessel_gym.vehicles.corvette_equations import (
     CorvetteParameters,
     corvette_rates,
 )
-from vessel_gym.vehicles.files import check_vehicle, load
+from vessel_gym.vehicles.files import FromFile, load
 from vessel_gym.vehicles.integration import runge_kutta
-from vessel_gym.vehicles.whole_state import Simulated
+from vessel_gym.vehicles.steered import SteeredByRate
 from vessel_gym.verified import verified
 
 _ESTIMATED = STATE[:6]  # all but roll
 
 
 @dataclass(frozen=True)
-class Ship(Simulated, verified=True):
+class Ship(FromFile, SteeredByRate, verified=True):
     """A ship whose position is measured and estimated, too, in batches.
 
     The action is the rudder *rate*: with an angle as action, the estimate's noise would saturate the steering gear.
@@ -43,22 +42,13 @@ class Ship(Simulated, verified=True):
     dt: float = 0.5  # s
     substeps: int = 1  # one RK4 step of 0.5 s is converged to 0.002 %
 
-    def __post_init__(self) -> None:
-        check_vehicle(self, "ship", CorvetteParameters)
-
     state_names = STATE
     equations = staticmethod(corvette_rates)
-    angles = ("psi",)
     parameter_names = COEFFICIENTS
-    action_names: ClassVar[tuple[str, ...]] = ("rudder rate",)
-    steering: ClassVar[tuple[int, ...]] = (0,)
     increments = ("yaw increment",)
-    incremented = ("psi",)
     ambient_flows: ClassVar[tuple[str, ...]] = AROUND
-    grades: ClassVar[str] = "ship"
     kinds: ClassVar[tuple[str, ...]] = ("nonlinear", "linear")
     linear_kinds: ClassVar[tuple[str, ...]] = ("linear",)
-    rates: ClassVar = {"r": "psi"}
     normals = len(UNCERTAIN)
     """Normal numbers that `parameters` needs."""
 
@@ -105,20 +95,11 @@ class Ship(Simulated, verified=True):
         """State ``(..., 8)`` and actuators ``(..., 1)`` from what is estimated."""
         return self._placed(x), np.zeros((*x.shape[:-1], 1))
 
-    @cached_property
-    def _actuators(self) -> np.ndarray:
-        return actuator_parameters(Actuator(self.ship.rudder_rate * self.dt, kept=1.0, limit=self.ship.rudder_limit))
-
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
         """Estimated components one step on under ``u = (rudder, ...)``, constant over the step."""
         rudder = u[..., :1]
         moved = runge_kutta(corvette_rates, self._placed(x), rudder, rudder, flow, self._nominal, self.dt)
         return moved[..., : len(_ESTIMATED)]
-
-    @cached_property
-    def _nominal(self) -> np.ndarray:
-        """The coefficients that filters know ``(k,)``."""
-        return self.ship.vector()
 
     def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
         """The mean rudder over a step, the commanded yaw rate and believed heading, and 1.

@@ -1,6 +1,12 @@
-"""Base of ships that are steered by a rudder: what tasks, controllers and linear models ask of one."""
+"""Ships that are steered by a rudder: what tasks, controllers and linear models ask of one, and her steering gear."""
+
+from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
+
+from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
+from vessel_gym.vehicles.whole_state import Simulated
 
 
 class SteeredShip:
@@ -28,3 +34,19 @@ class SteeredShip:
             rudder: [rad] ``(..., 1)``.
         """
         raise NotImplementedError
+
+
+class SteeredByRate(Simulated, verified=True):
+    """A ship in batches whose action is the rudder *rate*, and whose heading gets increments."""
+
+    ship: Any
+    angles: ClassVar[tuple[str, ...]] = ("psi",)
+    action_names: ClassVar[tuple[str, ...]] = ("rudder rate",)
+    steering: ClassVar[tuple[int, ...]] = (0,)
+    incremented: ClassVar[tuple[str, ...]] = ("psi",)
+    grades: ClassVar[str] = "ship"
+    rates: ClassVar[dict[str, str]] = {"r": "psi"}
+
+    @cached_property
+    def _actuators(self) -> np.ndarray:
+        return actuator_parameters(Actuator(self.ship.rudder_rate * self.dt, kept=1.0, limit=self.ship.rudder_limit))

@@ -20,8 +20,15 @@ class Simulated(Verified, verified=True):
     equations: ClassVar[Any]
     """The equations of motion, `vessel_gym.vehicles.integration.Rates`; who overrides `moved` needs none."""
     carried: ClassVar[np.ndarray | None] = None
+    normals: ClassVar[int]
+    parameters: Any
     _actuators: Any
     """The parameters of its actuators, see `vessel_gym.vehicles.actuators.actuator_parameters`."""
+
+    @cached_property
+    def _nominal(self) -> np.ndarray:
+        """The coefficients that filters know ``(k,)``."""
+        return self.parameters(0.0, np.zeros((1, self.normals)))[0]
 
     def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
         """Actuators ``(..., a)`` after a step of ``action`` in [-1, 1], within limits and rates."""
@@ -106,8 +113,3 @@ class WholeState(Simulated, verified=True):
         """A step without increments, as filters know it."""
         a = len(self.action_names)
         return self.moved(x, u[..., :a], u[..., a : 2 * a], flow, self._nominal)
-
-    @cached_property
-    def _nominal(self) -> np.ndarray:
-        """The coefficients that filters know ``(k,)``."""
-        return self.body.vector()
