@@ -8,7 +8,6 @@ subclass of `Disturbance`: docs/own-disturbance.md.
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -136,21 +135,8 @@ class Water(Disturbance, verified=True):
         check_numbers(self, not_negative="turbulence spin current", positive="current_time dt")
         for name in ("velocities", "rates", "names"):
             check_names(f"{name} of Water", getattr(self, name))
-
-    @property
-    def forces(self) -> tuple[str, ...]:  # type: ignore[override]
-        """The current, which is the state itself."""
-        return self.names
-
-    @property
-    def white_increments(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Increments on velocities and rates."""
-        return tuple(f"{name} increment" for name in (*self.velocities, *self.rates))
-
-    @property
-    def scale(self) -> tuple[float, ...]:  # type: ignore[override]
-        """0.1 m/s."""
-        return (0.1,) * len(self.names)
+        increments = tuple(f"{name} increment" for name in (*self.velocities, *self.rates))
+        vars(self).update(forces=self.names, white_increments=increments, scale=(0.1,) * len(self.names))  # 0.1 m/s
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]
@@ -164,24 +150,8 @@ class Water(Disturbance, verified=True):
         return np.diag(np.repeat([self.turbulence, self.spin], [len(self.velocities), len(self.rates)]))
 
 
-class Beside(Disturbance):
-    """A disturbance that acts besides another one, ``beside``, whose white noise is its own."""
-
-    beside: Any
-
-    @property
-    def white_increments(self) -> tuple[str, ...]:  # type: ignore[override]
-        """The increments of the other one."""
-        return self.beside.white_increments
-
-    @property
-    def white(self) -> np.ndarray:  # type: ignore[override]
-        """And the root of their covariance."""
-        return self.beside.white
-
-
 @dataclass(frozen=True)
-class SurfaceWater(Beside, verified=True):
+class SurfaceWater(Disturbance, verified=True):
     """Water near the surface: beside what else it does, waves carry a submerged vehicle to and fro.
 
     The horizontal orbital velocity of a `WaveField` that runs to the north, which dies away with the depth as
@@ -201,26 +171,11 @@ class SurfaceWater(Beside, verified=True):
         instance("beside of SurfaceWater", self.beside, Water)
         for name in ("north", "down"):
             integer(f"{name} of SurfaceWater", getattr(self, name), 0)
-
-    @property
-    def names(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Of what else the water does, then the waves."""
-        return *self.beside.names, *WaveField.names
-
-    @property
-    def forces(self) -> tuple[str, ...]:  # type: ignore[override]
-        """The current."""
-        return self.beside.forces
-
-    @property
-    def scale(self) -> tuple[float, ...]:  # type: ignore[override]
-        """Of the current; 1 of waves."""
-        return *self.beside.scale, *(1.0 for _ in WaveField.names)
-
-    @property
-    def dt(self) -> float:  # type: ignore[override]
-        """As of what else the water does."""
-        return self.beside.dt
+        water, ones = self.beside, (1.0,) * len(WaveField.names)
+        vars(self).update(
+            names=(*water.names, *WaveField.names), forces=water.forces, scale=(*water.scale, *ones), dt=water.dt,
+            white_increments=water.white_increments, white=water.white,
+        )  # fmt: skip
 
     @cached_property
     def waves(self) -> WaveField:
@@ -311,7 +266,7 @@ class Air(Disturbance, verified=True):
 
 
 @dataclass(frozen=True)
-class Fault(Beside, verified=True):
+class Fault(Disturbance, verified=True):
     """A fault of an actuator beside whatever else acts: the actuator is not where it is measured to be.
 
     Over a step it is off by ``bias - loss * angle + amplitude sin(2 pi t / period + phase)`` and by a random walk: the
@@ -341,6 +296,13 @@ class Fault(Beside, verified=True):
         check_numbers("a fault", vars(self), positive="dt size", share="loss", finite="bias amplitude")
         check_numbers("a fault", vars(self), not_negative="start walk")
         number("period of a fault", self.period, low=2.0 * self.dt, what=f"above two steps of {self.dt:g} s")
+        other, loss = self.beside, (f"{self.actuator} loss",) if self.loss else ()
+        vars(self).update(
+            names=(*other.names, *(f"{self.actuator} {name}" for _, own, _ in self._own for name in own)),
+            forces=(*other.forces, f"{self.actuator} fault", *loss),
+            inputs=(*(other.inputs or ()), f"{self.actuator} fault"), input_sd=(*(other.input_sd or ()), self.size),
+            white_increments=other.white_increments, white=other.white,
+        )  # fmt: skip
 
     @property
     def _own(self) -> list[tuple[Process, tuple[str, ...], tuple[float, ...]]]:
@@ -353,27 +315,6 @@ class Fault(Beside, verified=True):
         if self.amplitude:
             own.append((Process(rotation, np.zeros((2, 2)), np.eye(2)), ("swing", "swing back"), (1.0, 1.0)))
         return own
-
-    @property
-    def names(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Of what else acts, then a walk and a swing, if there are."""
-        return *self.beside.names, *(f"{self.actuator} {name}" for _, own, _ in self._own for name in own)
-
-    @property
-    def forces(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Forces of the other disturbance, the fault, and a loss if there is."""
-        loss = (f"{self.actuator} loss",) if self.loss else ()
-        return *self.beside.forces, f"{self.actuator} fault", *loss
-
-    @property
-    def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
-        """The fault, and others beside it."""
-        return *(self.beside.inputs or ()), f"{self.actuator} fault"
-
-    @property
-    def input_sd(self) -> tuple[float, ...]:  # type: ignore[override]
-        """Their sizes."""
-        return *(self.beside.input_sd or ()), self.size
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]
