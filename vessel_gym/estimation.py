@@ -13,6 +13,7 @@ from estimators import (
     Delayed,
     FaultMonitor,
     Filter,
+    Model,
     factory,
 )
 from estimators.checks import number, short_repr
@@ -154,7 +155,7 @@ def build(
         TypeError: for an unknown option, options that are no dictionary, or a function that returns no filter.
     """
     options = checks.options("estimator_options", options)
-    own = _is_own(estimator)
+    own = is_own(estimator)
     if not own and (not isinstance(estimator, str) or estimator not in estimator_names()):
         raise ValueError(factory.unknown("estimator", estimator, accepted(system, sensors, disturbance)))
     assumptions = Assumptions.of(options.pop("assume", None))
@@ -185,7 +186,7 @@ def build(
     return Estimation(made, composition, assumptions.prior, inputs, late, watch, sensors.horizon)
 
 
-def _is_own(estimator: object) -> bool:
+def is_own(estimator: object) -> bool:
     """Is an estimator a function that returns one? A filter that is built already is refused."""
     if isinstance(estimator, Filter) or (isinstance(estimator, type) and not issubclass(estimator, Filter)):
         kind = f"an instance of {type(estimator).__name__}" if isinstance(estimator, Filter) else short_repr(estimator)
@@ -245,7 +246,9 @@ def _filter(
     """The package's filter of a name, or one's own; where it needs a linear model, the error names the option."""
     try:
         if callable(estimator):
-            return _own(estimator, options, composition)
+            made = own_filter(estimator, options, composition.model)
+            check_own(made, composition)
+            return made
         return _made(system, estimator, options, composition, inputs, factor)
     except ValueError as error:
         linear = system.vehicle.linear_kinds
@@ -254,12 +257,11 @@ def _filter(
         raise ValueError(f'{error}, or give the option "model": "{linear[0]}"') from None
 
 
-def _own(estimator: Any, options: dict[str, Any], composition: Composition) -> Filter:
+def own_filter(estimator: Any, options: dict[str, Any], model: Model) -> Filter:
     """A filter of one's own."""
-    made: Filter = estimator(composition.model, **options)
+    made: Filter = estimator(model, **options)
     if not isinstance(made, Filter):
         raise TypeError(f"estimator must return an estimators.Filter, got {type(made).__name__}")
-    check_own(made, composition)
     return made
 
 

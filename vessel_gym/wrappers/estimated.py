@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 
-from estimators import Gaussian
+from estimators import Gaussian, Model
 from estimators.checks import numbers
 from vessel_gym import checks
 from vessel_gym.estimation import EstimatorChoice
@@ -16,7 +16,7 @@ from vessel_gym.foreign import copied
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor
 from vessel_gym.wrappers.simulation import sampled_prior
-from vessel_gym.wrappers.watch import Model, Watch, observed_state, time_step
+from vessel_gym.wrappers.watch import Watch, observed_state, time_step
 
 _ALL = np.ones(1, bool)
 
@@ -108,9 +108,9 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
                     "of (env, observation) that returns the states of the model, in its order"
                 )
         self.watch = Watch(
-            env.observation_space, env.action_space, model, prior, estimator, estimator_options, sensors,
-            sensor_faults, observe, None if observation is None else partial(_of_row, observation), passes,
-            known_input, rows=1, dt=time_step(env),
+            env.observation_space, env.action_space, 1, time_step(env), model, prior,
+            None if observation is None else partial(_of_row, observation), passes, known_input, estimator,
+            estimator_options, sensors, observe, sensor_faults,
         )  # fmt: skip
         self.observation_space = self.watch.space
 

@@ -7,14 +7,11 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
-from estimators import Gaussian
+from estimators import Gaussian, Model
 from estimators.checks import short_repr
 from vessel_gym import checks
-from vessel_gym.estimation import EstimatorChoice
 from vessel_gym.foreign import copied
-from vessel_gym.sensor_faults import SensorFault
-from vessel_gym.sensors import Sensor
-from vessel_gym.wrappers.watch import Model, Watch, observed_state, time_step
+from vessel_gym.wrappers.watch import Watch, observed_state, time_step
 
 
 class EstimatedObservation(VectorWrapper):
@@ -30,9 +27,8 @@ class EstimatedObservation(VectorWrapper):
         state: The true states ``(B, n)``, a function of (env, observations); None: the observations. Environments are
             rows, which nobody can check where B is n: Gymnasium's native CartPole, for one, keeps them in columns.
         observation: The observations as a function of the states ``(B, n)``, a row each; None: the states.
-        passes: As for the single one.
-        known_input: Known input of the filter ``(B, m)``, a function of the actions; None: these as numbers.
-        estimator, estimator_options, sensors, observe, sensor_faults: As for the single one.
+        **options: As for the single one: ``passes``, ``known_input`` (a function of the actions, ``(B, m)``),
+            ``estimator``, ``estimator_options``, ``sensors``, ``observe`` and ``sensor_faults``.
 
     Raises:
         TypeError: as the single one.
@@ -46,13 +42,7 @@ class EstimatedObservation(VectorWrapper):
         prior: Gaussian,
         state: Callable[[VectorEnv, Any], Any] | None = None,
         observation: Callable[[np.ndarray], Any] | None = None,
-        passes: Sequence[Any] = (),
-        known_input: Callable[[Any], Any] | None = None,
-        estimator: EstimatorChoice = "ekf",
-        estimator_options: dict[str, Any] | None = None,
-        sensors: str | Sequence[Sensor] = "nominal",
-        observe: str = "mean",
-        sensor_faults: Sequence[SensorFault] = (),
+        **options: Any,
     ) -> None:
         super().__init__(env)
         mode = AutoresetMode(env.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP))
@@ -65,8 +55,8 @@ class EstimatedObservation(VectorWrapper):
         checks.function("state", state, "(env, observations)")
         self._state = state or observed_state
         self.watch = Watch(
-            env.single_observation_space, env.single_action_space, model, prior, estimator, estimator_options, sensors,
-            sensor_faults, observe, observation, passes, known_input, rows=env.num_envs, dt=time_step(env),
+            env.single_observation_space, env.single_action_space, env.num_envs, time_step(env), model, prior,
+            observation, **options,
         )  # fmt: skip
         self.single_observation_space = self.watch.space
         self.observation_space = batch_space(self.watch.space, env.num_envs)

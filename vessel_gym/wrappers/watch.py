@@ -11,21 +11,20 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Space
 
-from estimators import Filter, Gaussian, LinearModel, NonlinearModel, RandomKeys, factory, wrap
+from estimators import Filter, Gaussian, LinearModel, Model, NonlinearModel, RandomKeys, factory, wrap
 from estimators.checks import numbers, short_repr
 from estimators.models import inspected
 from estimators.randomness import word
 from vessel_gym import checks
 from vessel_gym.configuration import OBSERVE, alarming
 from vessel_gym.delivery import Measurements
-from vessel_gym.estimation import LATE, Estimation, EstimatorChoice, monitor_of
+from vessel_gym.estimation import LATE, Estimation, EstimatorChoice, is_own, monitor_of, own_filter
 from vessel_gym.foreign import Copying, copied, repeated
 from vessel_gym.loop import Loop
 from vessel_gym.reference_filters import DeadReckoning, Oracle
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES, Sensor, Sensors
 
-Model = LinearModel | NonlinearModel
 KNOWN = ("truth", "dead-reckoning")
 """Estimators that only an environment can have."""
 
@@ -36,26 +35,17 @@ class Watch:
     Args:
         space: Observation space of one environment.
         action_space: Action space of one.
-        model: What the filter knows of it.
-        prior: What is known of the state at the start.
-        estimator: Name, or a function of the model that returns a filter.
-        options: The filter's own, and ``late``: what is done with late measurements, one of
-            `vessel_gym.estimation.LATE`; and ``monitor``: what watches it, see `vessel_gym.estimation.monitor_of`.
-        sensors: Name of a suite, or sensors of one's own.
-        sensor_faults: What goes wrong with them, and when.
-        observe: One of `vessel_gym.configuration.OBSERVE`.
-        observation: The observation as a function of the state; None: the state itself.
-        passes: Keys, or components, of the observation that pass as they are.
-        known_input: The known input as a function of the action; None: the action itself.
         rows: B.
         dt: Time step [s] of the environment, see `time_step`.
+        model, prior, ...: As of `vessel_gym.wrappers.EstimatedObservation`; functions are of B rows.
     """
 
     def __init__(
-        self, space: Space, action_space: Space, model: Model, prior: Gaussian, estimator: EstimatorChoice,
-        options: dict[str, Any] | None, sensors: str | Sequence[Sensor], sensor_faults: Sequence[SensorFault],
-        observe: str, observation: Callable[[np.ndarray], Any] | None, passes: Sequence[Any],
-        known_input: Callable[[Any], Any] | None, rows: int, dt: float = 1.0,
+        self, space: Space, action_space: Space, rows: int, dt: float, model: Model, prior: Gaussian,
+        observation: Callable[[np.ndarray], Any] | None = None, passes: Sequence[Any] = (),
+        known_input: Callable[[Any], Any] | None = None, estimator: EstimatorChoice = "ekf",
+        estimator_options: dict[str, Any] | None = None, sensors: str | Sequence[Sensor] = "nominal",
+        observe: str = "mean", sensor_faults: Sequence[SensorFault] = (),
     ) -> None:  # fmt: skip
         if not isinstance(model, LinearModel | NonlinearModel):
             raise TypeError(f"model must be a LinearModel or a NonlinearModel, got {short_repr(model)}")
@@ -78,7 +68,7 @@ class Watch:
         self.model, self._suite = model, isinstance(sensors, str)
         self.sensors = _sensors(model, sensors, np.array(prior.mean), u, sensor_faults, dt)
         model = replace(cast(Any, model), R=self.sensors.noise(partial(_expected, self.sensors), prior.mean, u))
-        options = checks.options("estimator_options", options)
+        options = checks.options("estimator_options", estimator_options)
         late = checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
         monitor = options.pop("monitor", None)
         self.filter = _filter(model, estimator, options)
@@ -427,15 +417,8 @@ def _channel(model: Model, i: int, state: np.ndarray, exogenous: np.ndarray) -> 
 
 
 def _filter(model: Model, estimator: EstimatorChoice, options: dict[str, Any]) -> Filter:
-    if isinstance(estimator, Filter) or (isinstance(estimator, type) and not issubclass(estimator, Filter)):
-        raise TypeError(
-            f"estimator must be a name, or a Filter class or function of the model, got {short_repr(estimator)}"
-        )
-    if callable(estimator):
-        made = estimator(model, **options)
-        if not isinstance(made, Filter):
-            raise TypeError(f"estimator must return an estimators.Filter, got {type(made).__name__}")
-        return made
+    if is_own(estimator):
+        return own_filter(estimator, options, model)
     known = (*factory.names(), *KNOWN)
     if not isinstance(estimator, str) or estimator not in known:
         raise ValueError(factory.unknown("estimator", estimator, known))

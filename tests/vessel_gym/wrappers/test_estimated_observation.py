@@ -18,13 +18,13 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from refusals import refused
 
-from estimators import Filter, Gaussian, LinearModel, NonlinearModel, make, names
+from estimators import Filter, Gaussian, LinearModel, Model, NonlinearModel, make, names
 from estimators.metrics import chi_square_band, nees
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES, Sensor, SensorSuite
 from vessel_gym.wrappers import EstimatedObservation, identify, simulator
 from vessel_gym.wrappers.vector import EstimatedObservation as EstimatedObservations
-from vessel_gym.wrappers.watch import Model, plain_action
+from vessel_gym.wrappers.watch import plain_action
 
 NEEDS = dict.fromkeys(
     ("inverted_pendulum", "inverted_double_pendulum", "swimmer", "hopper", "half_cheetah", "reacher"), "mujoco"
@@ -822,7 +822,7 @@ GIVEN = {
     [
         ({"estimator": "ufk"}, ValueError, "unknown estimator 'ufk'.*did you mean 'ukf'"),
         ({"estimator": "kf"}, ValueError, "kf needs a LinearModel"),
-        ({"estimator": int}, TypeError, "estimator must be a name, or a Filter class or function of the model"),
+        ({"estimator": int}, TypeError, "estimator must be a name, a Filter class or a function of the model"),
         ({"estimator": lambda model: 3}, TypeError, "estimator must return an estimators.Filter"),
         ({"estimator_options": {"members": 5}}, TypeError, "ekf has no option 'members'"),
         ({"estimator": "truth", "estimator_options": {"members": 5}}, TypeError, "truth has no option 'members'"),
