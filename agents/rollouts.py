@@ -13,9 +13,10 @@ from agents.agent import Agent, load_agent
 from agents.named import vector_class
 from agents.refusal import Refusal
 from estimators import nis
+from estimators.linalg import rows_like
 from vessel_gym import checks
 from vessel_gym.checks import is_integer
-from vessel_gym.envs.vector import VesselVectorEnv, rows_like
+from vessel_gym.envs.vector import VesselVectorEnv
 
 
 @dataclass(frozen=True, eq=False, repr=False)

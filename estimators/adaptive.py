@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.belief import Belief
-from estimators.checks import number
-from estimators.filter import Filter, Model, Rng, check_channels
+from estimators.checks import AT_LEAST_0, number
+from estimators.filter import Filter, Model, Rng
 from estimators.kalman import joseph_update
-from estimators.linalg import congruence, joined, solve, symmetric_blocks, symmetrise
+from estimators.linalg import congruence, joined, rows_like, solve, symmetric_blocks, symmetrise
 from estimators.measurement import Measurement
 from estimators.varying import resolve
 
@@ -66,15 +66,15 @@ class AdaptiveKalmanFilter(Filter[AdaptiveBelief], verified=True):
 
     name = "adaptive-kf"
     record = AdaptiveBelief
+    channelled = "measurement_noise"
 
     def __init__(self, model: Model, q_rate: float = 0.01, r_rate: float = 0.01) -> None:
         super().__init__(model)
         for name, noise in (("Q", model.Q), ("R", model.R)):
             if callable(noise):
                 raise ValueError(f"adaptive-kf needs {name} as an array to begin with: it estimates what follows")
-        below_zero = -np.finfo(float).smallest_subnormal
-        self.q_rate = number("q_rate", q_rate, below_zero, 1.0, "at least 0 and below 1")
-        self.r_rate = number("r_rate", r_rate, below_zero, 1.0, "at least 0 and below 1")
+        self.q_rate = number("q_rate", q_rate, AT_LEAST_0, 1.0, "at least 0 and below 1")
+        self.r_rate = number("r_rate", r_rate, AT_LEAST_0, 1.0, "at least 0 and below 1")
         self.sequential = self.q_rate == self.r_rate == 0.0
 
     def _init(self, belief: Belief, rng: Rng) -> AdaptiveBelief:
@@ -85,11 +85,6 @@ class AdaptiveKalmanFilter(Filter[AdaptiveBelief], verified=True):
             belief, process_noise=Q, measurement_noise=R, noise_mean=np.zeros(batch + (n + p,)),
             noise_cov=_apart(Q, R), state_noise_cov=np.zeros(batch + (n, n + p)), pending=np.zeros(batch, bool),
         )  # fmt: skip
-
-    def _batch(self, belief: AdaptiveBelief) -> tuple[int, ...]:
-        batch = super()._batch(belief)
-        check_channels(self, belief.measurement_noise.shape[-1])
-        return batch
 
     def _predict(self, belief: AdaptiveBelief, u: np.ndarray | None, rng: Rng) -> AdaptiveBelief:
         mean, A = self.model.linearise_transition(belief.mean, u, belief.cov)
@@ -133,12 +128,8 @@ class AdaptiveKalmanFilter(Filter[AdaptiveBelief], verified=True):
         came = np.asarray(measurement.available.any(-1))  # else the noises wait for the next measurement
         return AdaptiveBelief.updated(
             belief, mean, cov, measurement, S,
-            **{name: _where(came, new, getattr(belief, name)) for name, new in own.items()},
+            **{name: np.where(rows_like(came, new), new, getattr(belief, name)) for name, new in own.items()},
         )  # fmt: skip
-
-
-def _where(rows: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
-    return np.where(rows.reshape(rows.shape + (1,) * (new.ndim - rows.ndim)), new, old)
 
 
 def _apart(Q: np.ndarray, R: np.ndarray) -> np.ndarray:

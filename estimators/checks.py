@@ -5,6 +5,9 @@ from typing import Any
 
 import numpy as np
 
+AT_LEAST_0, UP_TO_1 = float(np.nextafter(0.0, -1.0)), float(np.nextafter(1.0, 2.0))
+"""Bounds of `number`, which are left out, for numbers that may be 0 or 1."""
+
 
 def as_array(name: str, value: object) -> np.ndarray:
     """``value`` as a float array.

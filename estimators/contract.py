@@ -40,6 +40,10 @@ class Estimator(ABC, Generic[Record]):
     """States may be no vectors (`NonlinearModel.difference`)."""
     sequential: bool = True
     """Updates of one step add up to one with all its measurements: on a linear model, with independent noises."""
+    channelled: ClassVar[str] = ""
+    """Array of its beliefs whose last axis is that of all measurements; empty: none is."""
+    mixes: bool = True
+    """An update may take linear combinations of the measurements, where these repeat each other."""
     likelihood: ClassVar[str] = "approximate"
     """Kind of `log_likelihood`: "exact", "diffuse" or "approximate"."""
     verified: ClassVar[bool] = False
@@ -256,6 +260,12 @@ class Estimator(ABC, Generic[Record]):
         *batch, n = belief.mean.shape
         if n != self.model.n:
             raise ValueError(f"the belief is for {n} states, the model has {self.model.n}")
+        channels = getattr(belief, self.channelled).shape[-1] if self.channelled else self.model.p
+        if channels != self.model.p:
+            raise ValueError(
+                f"the belief is of {channels} measurements, the model has {self.model.p}: {self.name} needs all "
+                "sensors in one model, with NaN for those that have not come"
+            )
         return tuple(batch)
 
     def _known(self, u: np.ndarray | None, batch: tuple[int, ...]) -> np.ndarray | None:
@@ -304,19 +314,6 @@ class Estimator(ABC, Generic[Record]):
     def _own_R(self, belief: Record) -> np.ndarray:
         """R ``(..., p, p)`` of measurements that bring none of their own."""
         return noise_at(self.model.R, belief.mean, belief.u)
-
-
-def check_channels(filter: Estimator, channels: int) -> None:
-    """Refuse a belief that holds something of another number of measurements.
-
-    Raises:
-        ValueError: saying of how many.
-    """
-    if channels != filter.model.p:
-        raise ValueError(
-            f"the belief is of {channels} measurements, the model has {filter.model.p}: {filter.name} needs all "
-            "sensors in one model, with NaN for those that have not come"
-        )
 
 
 def _broadcast(name: str, value: np.ndarray, shape: tuple[int, ...], core: int = 1) -> np.ndarray:

@@ -98,6 +98,7 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
         self.members = integer("members", members, 2)
         self.inflation = number("inflation", inflation, 0.0, np.inf, "a positive number")
         self.localisation = None if localisation is None else check_taper(localisation, model.n, model.p)
+        self.mixes = localisation is None  # which is about channels
         Q = model.Q
         self._noise_root = None if callable(Q) else noise_root(Q)
         curved = isinstance(model, NonlinearModel)  # a linear model's measurements are as unwrapped as its states
@@ -170,8 +171,6 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
     def _condensed(
         self, start: EnsembleBelief, measurement: Measurement, S: np.ndarray, lost: np.ndarray
     ) -> tuple[Measurement, np.ndarray] | None:
-        if self.localisation is not None:  # which is about channels: mixed ones have no place in it
-            return None
         alone = measurement.only(measurement.available)
         return super()._condensed(start, alone._replace(available=np.ones_like(alone.available)), S, lost)
 

@@ -11,7 +11,7 @@ import numpy as np
 from estimators.angles import difference
 from estimators.belief import Belief, Layout, Record, finite_rows
 from estimators.checks import frozen
-from estimators.contract import INVALID_INITIAL, Estimator, Model, Rng, check_channels
+from estimators.contract import INVALID_INITIAL, Estimator, Model, Rng
 from estimators.engine import Compiled
 from estimators.engine.matrices import is_traced
 from estimators.linalg import congruence, identity, masked
@@ -31,7 +31,7 @@ from estimators.recovery import (
 from estimators.tracing import BOTH, PREDICTIONS, SUCCESSIVE, Traced, traced
 from estimators.varying import Schedule, StateNoise, resolve
 
-__all__ = ["Filter", "Model", "Rng", "check_channels", "inlinable"]
+__all__ = ["Filter", "Model", "Rng", "inlinable"]
 
 _Method = TypeVar("_Method", bound=Callable[..., Any])
 

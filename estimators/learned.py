@@ -139,6 +139,7 @@ class LearnedGainFilter(GaussianFilter[LearnedGainBelief], verified=True):
 
     name = "LearnedGainFilter"
     record = LearnedGainBelief
+    mixes = False  # the network knows the channels as they are
     sequential = False
     formulas = False
 
@@ -170,9 +171,3 @@ class LearnedGainFilter(GaussianFilter[LearnedGainBelief], verified=True):
             hidden=np.where(any_came, hidden, belief.hidden),
             correction=np.where(any_came, correction, belief.correction),
         )  # fmt: skip
-
-    def _condensed(
-        self, start: LearnedGainBelief, measurement: Measurement, S: np.ndarray, lost: np.ndarray
-    ) -> tuple[Measurement, np.ndarray] | None:
-        """The network knows the channels as they are, not mixed ones."""
-        return None

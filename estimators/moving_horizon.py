@@ -8,9 +8,9 @@ import numpy as np
 from estimators.angles import difference
 from estimators.belief import Belief, Recovery
 from estimators.checks import as_array, integer, number, with_points
-from estimators.filter import Filter, Model, Rng, check_channels
+from estimators.filter import Filter, Model, Rng
 from estimators.kalman import joseph_update
-from estimators.linalg import congruence, solve, symmetrise
+from estimators.linalg import congruence, rows_like, solve, symmetrise
 from estimators.measurement import Measurement
 from estimators.varying import resolve
 
@@ -102,6 +102,7 @@ class MovingHorizonEstimator(Filter[HorizonBelief], verified=True):
 
     name = "mhe"
     record = HorizonBelief
+    channelled = "measurements"
 
     def __init__(self, model: Model, horizon: int = 10, iterations: int = 5, tolerance: float = 1e-6) -> None:
         super().__init__(model)
@@ -112,11 +113,6 @@ class MovingHorizonEstimator(Filter[HorizonBelief], verified=True):
     def _init(self, belief: Belief, rng: Rng) -> HorizonBelief:
         window = _window_of(belief.mean, belief.cov, self.horizon, self.model.p)
         return HorizonBelief.of(belief, **window, pending=np.ones(belief.mean.shape[:-1], bool))
-
-    def _batch(self, belief: HorizonBelief) -> tuple[int, ...]:
-        batch = super()._batch(belief)
-        check_channels(self, belief.measurements.shape[-1])
-        return batch
 
     def _predict(self, belief: HorizonBelief, u: np.ndarray | None, rng: Rng) -> HorizonBelief:
         mean, A = self.model.linearise_transition(belief.mean, u, belief.cov)
@@ -315,4 +311,4 @@ def _window(belief: HorizonBelief) -> dict[str, Any]:
 def _where(rows: np.ndarray, new: Any, old: Any) -> Any:
     if new is None or old is None:
         return new if old is None else old
-    return np.where(rows.reshape(rows.shape + (1,) * (new.ndim - rows.ndim)), new, old)
+    return np.where(rows_like(rows, new), new, old)

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.angles import difference, short_way
 from estimators.belief import Belief
-from estimators.checks import as_number, integer, short_repr, with_points
+from estimators.checks import AT_LEAST_0, UP_TO_1, integer, number, with_points
 from estimators.ensemble import DrawingFilter, draw, noise_root
 from estimators.filter import Model, Rng
 from estimators.linalg import cholesky, semidefinite_cholesky, shared_root, symmetrise
@@ -82,15 +82,13 @@ class ParticleFilter(DrawingFilter[ParticleBelief], verified=True):
 
     name = "pf"
     record = ParticleBelief
+    mixes = False  # particles are weighed by the channels as they are: where R is singular the measurement is left out
 
     def __init__(self, model: Model, particles: int = 1000, threshold: float = 0.5, jitter: float = 0.0) -> None:
         super().__init__(model)
         self.particles = integer("particles", particles, 2)
-        self.threshold, self.jitter = as_number(threshold), as_number(jitter)
-        if not 0.0 <= self.threshold <= 1.0:
-            raise ValueError(f"threshold must be a share from 0 to 1, got {short_repr(threshold)}")
-        if not 0.0 <= self.jitter < np.inf:
-            raise ValueError(f"jitter must be a number of at least 0, got {short_repr(jitter)}")
+        self.threshold = number("threshold", threshold, AT_LEAST_0, UP_TO_1, "a share from 0 to 1")
+        self.jitter = number("jitter", jitter, AT_LEAST_0, np.inf, "a number of at least 0")
         if self._regular is False:
             raise ValueError("pf needs noise in every measurement, but R is singular: give it a little, or use etkf")
         self._noise_root = None if callable(model.Q) else noise_root(model.Q)
@@ -121,12 +119,6 @@ class ParticleFilter(DrawingFilter[ParticleBelief], verified=True):
         after = np.where(gone[..., None], before, after)
         log_weights = _normalised(np.where(gone, _NOWHERE, log_weights))[0]
         return self._believed(belief, after, log_weights, u)
-
-    def _condensed(
-        self, start: ParticleBelief, measurement: Measurement, S: np.ndarray, lost: np.ndarray
-    ) -> tuple[Measurement, np.ndarray] | None:
-        """Particles are weighed by the channels as they are: where R is singular the measurement is left out."""
-        return None
 
     def _update(self, belief: ParticleBelief, measurement: Measurement, rng: Rng) -> ParticleBelief:
         self._numbers(rng, belief.mean.shape[:-1])

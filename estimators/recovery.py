@@ -65,12 +65,12 @@ def _mildest(
 ) -> Record:
     """The result with each lost row as the mildest remedy but the prior gives it; ``start`` is finite there."""
     S = failed.innovation_cov
-    remedies = (
-        (Recovery.PSEUDO_INVERSE, lambda: None if S is None else filter._condensed(start, measurement, S, lost)),
+    remedies = [
+        (Recovery.PSEUDO_INVERSE, lambda: filter._condensed(start, measurement, S, lost)),
         (Recovery.WITHOUT_CHANNEL, lambda: _without_offending(measurement, S)),
         (Recovery.PREDICTION, lambda: (measurement.only(np.zeros(measurement.available.shape, bool)), lost)),
-    )
-    for remedy, milder in remedies:
+    ]
+    for remedy, milder in remedies if filter.mixes and S is not None else remedies[1:]:
         if not lost.any():
             return result
         changed = milder()

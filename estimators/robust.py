@@ -5,7 +5,7 @@ from functools import reduce
 import numpy as np
 
 from estimators.belief import Belief
-from estimators.checks import integer, number
+from estimators.checks import AT_LEAST_0, integer, number
 from estimators.filter import Model, Rng
 from estimators.kalman import GaussianFilter, joseph_update
 from estimators.linalg import joined, principal_root, semidefinite_cholesky, solve, symmetrise, whitened
@@ -122,7 +122,7 @@ class RobustKalmanFilter(GaussianFilter[Belief], verified=True):
 
     def __init__(self, model: Model, radius: float = 0.01) -> None:
         super().__init__(model)
-        self.radius = number("radius", radius, -_LEAST, np.inf, "finite and not negative")
+        self.radius = number("radius", radius, AT_LEAST_0, np.inf, "finite and not negative")
 
     def _predict(self, belief: Belief, u: np.ndarray | None, rng: Rng) -> Belief:
         predicted = super()._predict(belief, u, rng)
@@ -173,7 +173,6 @@ def _entropy_odds(values: np.ndarray, radius: float) -> np.ndarray:
 
 
 _NEWTON_STEPS = 10
-_LEAST = np.finfo(float).smallest_subnormal
 _BELOW_ONE = np.nextafter(1.0, 0.0)
 
 

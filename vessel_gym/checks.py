@@ -6,34 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from estimators.checks import as_number as number
-from estimators.checks import number as within
-from estimators.checks import numbers, short_repr
+from estimators.checks import AT_LEAST_0, UP_TO_1, number, numbers, short_repr
 from estimators.factory import unknown
-
-__all__ = [
-    "check_names",
-    "check_numbers",
-    "check_pair",
-    "checked_action",
-    "function",
-    "instance",
-    "is_integer",
-    "number",
-    "numbers",
-    "one_of",
-    "options",
-]  # fmt: skip
 
 LARGEST = 1e15
 """Numbers beyond are no quantities of a vehicle, a sea or a time in SI units."""
-AT_LEAST_0 = float(np.nextafter(0.0, -1.0))
 _DEGREES = "in radians (np.deg2rad makes them of degrees)"
 RANGES = {
     "positive": (0.0, LARGEST, "a number above 0"),
     "not_negative": (AT_LEAST_0, LARGEST, "a number of at least 0"),
     "finite": (-LARGEST, LARGEST, "a finite number"),
-    "share": (AT_LEAST_0, float(np.nextafter(1.0, 2.0)), "a number from 0 to 1"),
+    "share": (AT_LEAST_0, UP_TO_1, "a number from 0 to 1"),
     "direction": (-6.3, 6.3, f"an angle of at most one turn, {_DEGREES}"),
     "deflection": (-1.6, 1.6, f"an angle of at most a quarter of a turn, {_DEGREES}"),
 }
@@ -57,7 +40,7 @@ def check_numbers(of: object, values: Mapping[str, object] | None = None, **kind
         for name in names.split():
             value = getattr(of, name.rstrip("?")) if values is None else values[name.rstrip("?")]
             if value is not None or not name.endswith("?"):
-                within(f"{name.rstrip('?')} of {title}", value, low, high, what)
+                number(f"{name.rstrip('?')} of {title}", value, low, high, what)
 
 
 def check_pair(name: str, value: object, low: float = 0.0) -> None:

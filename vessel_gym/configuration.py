@@ -8,9 +8,9 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from estimators import FaultMonitor
-from estimators.checks import short_repr
+from estimators.checks import as_number, short_repr
 from vessel_gym.acceptance import checked_disturbance, checked_task, checked_vehicle
-from vessel_gym.checks import number, one_of
+from vessel_gym.checks import one_of
 from vessel_gym.checks import options as checked_options
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
@@ -96,7 +96,7 @@ class Options:
 
     def __post_init__(self) -> None:
         raw = one_of("observe mode", self.observe, OBSERVE) == "measurement"
-        if not number(self.mismatch) >= 0.0:
+        if not as_number(self.mismatch) >= 0.0:
             raise ValueError(f"mismatch must be between 0 and 0.25, got {short_repr(self.mismatch)}")
         termination = one_of(
             "termination", ("task" if raw else "belief") if self.termination is None else self.termination, TERMINATIONS

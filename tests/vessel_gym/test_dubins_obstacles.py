@@ -420,7 +420,7 @@ START, GOAL, DISC = [0.0, 0.0, 0.0], [20.0, 0.0, 0.0], [10.0, 0.0, 2.0]
         (START, GOAL, 1.0, [[10.0, 0.0, np.nan]], 0.0, "obstacle 0 must have finite numbers"),
         (START, GOAL, 1.0, [["x", 0.0, 1.0]], 0.0, "obstacles must be an array of real numbers, got"),
         (START, GOAL, 1.0, [DISC, DISC[:2]], 0.0, "obstacles must be an array of real numbers, got"),
-        (START, GOAL, 1.0, [DISC], "wide", "margin must be an array of real numbers, got 'wide'"),
+        (START, GOAL, 1.0, [DISC], "wide", "margin must be finite and 0 or more, got 'wide'"),
         (START, "home", 1.0, [DISC], 0.0, "goal must be an array of real numbers, got 'home'"),
         (START, GOAL, 1e-9, [DISC], 0.0, r"within 1e\+06 turn radii .*, got 2e\+10: turn wider"),
         (START, GOAL, 1.0, DISC, 0.0, r"rows \(x, y, radius\)"),

@@ -9,8 +9,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from estimators.checks import short_repr
-from vessel_gym.checks import is_integer
+from estimators.checks import integer
 from vessel_gym.core import Core
 from vessel_gym.envs.shared import action_space, check_arguments, first_seed, observation_space
 from vessel_gym.system import System
@@ -59,10 +58,8 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         **options: Any,
     ) -> None:
         check_arguments(self, options, render_mode)
-        if max_episode_steps is not None and not (is_integer(max_episode_steps) and max_episode_steps >= 1):
-            raise ValueError(
-                f"max_episode_steps must be a whole number of at least 1, got {short_repr(max_episode_steps)}"
-            )
+        if max_episode_steps is not None:
+            integer("max_episode_steps", max_episode_steps, 1)
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode}
         self.core = Core(self.system, num_envs, num_threads=num_threads, **options)
@@ -211,8 +208,3 @@ def _autoreset_mode(mode: Any) -> AutoresetMode:
     except ValueError:
         known = ", ".join(repr(known.value) for known in AutoresetMode)
         raise ValueError(f"unknown autoreset_mode {mode!r}: choose from {known}") from None
-
-
-def rows_like(rows: np.ndarray, array: np.ndarray) -> np.ndarray:
-    """The mask with as many axes as the array."""
-    return rows.reshape(rows.shape + (1,) * (array.ndim - 1))

@@ -11,7 +11,7 @@ shortens it. Plans of many scenes are found together: their equations are evalua
 
 import numpy as np
 
-from estimators.checks import as_array, finite_array
+from estimators.checks import AT_LEAST_0, as_array, finite_array, number
 from estimators.engine import compiled
 from vessel_gym.checks import instance
 from vessel_gym.guidance.roadmap import DISCS, ways
@@ -217,7 +217,8 @@ def _discs(obstacles: np.ndarray, margin: float) -> np.ndarray:
     Raises:
         ValueError: for obstacles that are no circles, or a margin that is negative.
     """
-    obstacles, room = as_array("obstacles", obstacles), as_array("margin", margin)
+    obstacles = as_array("obstacles", obstacles)
+    room = number("the margin", margin, AT_LEAST_0, np.inf, "finite and 0 or more")
     if obstacles.size == 0:
         obstacles = np.zeros((0, 3))
     if obstacles.ndim != 2 or obstacles.shape[1] != 3:
@@ -225,6 +226,4 @@ def _discs(obstacles: np.ndarray, margin: float) -> np.ndarray:
     if not np.isfinite(obstacles).all() or (obstacles[:, 2] < 0.0).any():
         bad = ~np.isfinite(obstacles).all(-1) | (obstacles[:, 2] < 0.0)
         raise ValueError(f"obstacle {bad.argmax()} must have finite numbers and a radius of 0 or more: correct it")
-    if room.ndim or not 0.0 <= room < np.inf:
-        raise ValueError(f"the margin must be finite and 0 or more, got {margin}")
-    return obstacles + [0.0, 0.0, float(room)]
+    return obstacles + [0.0, 0.0, room]

@@ -10,8 +10,7 @@ from pathlib import Path as File
 import numpy as np
 
 from estimators.angles import wrap
-from estimators.checks import short_repr
-from vessel_gym.checks import numbers
+from estimators.checks import numbers, short_repr
 from vessel_gym.guidance.words import Path, chain
 from vessel_gym.toml_file import TomlFile
 

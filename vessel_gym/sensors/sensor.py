@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from estimators.checks import short_repr
-from vessel_gym.checks import check_names, check_numbers, function, instance, numbers
+from estimators.checks import numbers, short_repr
+from vessel_gym.checks import check_names, check_numbers, function, instance
 from vessel_gym.foreign import copying, repeated
 from vessel_gym.processes import Process, linear
 from vessel_gym.verified import verified

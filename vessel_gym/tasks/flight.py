@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.checks import integer, short_repr
+from estimators.checks import integer, number, numbers, short_repr
 from estimators.engine import compiled
-from vessel_gym.checks import check_numbers, check_pair, instance, numbers, one_of
+from vessel_gym.checks import check_numbers, check_pair, instance, one_of
 from vessel_gym.guidance.detours import plans
 from vessel_gym.guidance.dubins import NoPath, Path
 from vessel_gym.guidance.path_following import ANYWHERE, COLUMNS, locate
@@ -32,6 +32,7 @@ _PATH = COLUMNS * SEGMENTS
 _CENTRE_X, _CENTRE_Y, _RADIUS = (slice(i, None, 3) for i in range(-3 * OBSTACLES, 3 - 3 * OBSTACLES))
 _WHERE = 6  # numbers of a reference before its scenario
 _NEAR = 40.0  # m
+_ALTITUDES = np.nextafter(50.0, 0.0), np.nextafter(1000.0, 2000.0)  # m, both left out
 _OPTIONS = ("start", "goal", "obstacles", "altitude")
 
 
@@ -100,7 +101,9 @@ class Flight(Task, verified=True):
         fixed = self._obstacles(options["obstacles"]) if "obstacles" in options else None
         if fixed is not None:
             given = {"start": np.zeros(3), "goal": np.array([750.0, 0.0, 0.0])} | given
-        altitude = self._altitude(options["altitude"]) if "altitude" in options else None
+        altitude = None
+        if "altitude" in options:
+            altitude = number("altitude", options["altitude"], *_ALTITUDES, "between 50 and 1000 m")
         if fixed is not None:  # the same for all: planned once
             scenarios, errors = self._planned(given["start"][None], given["goal"][None], fixed[None])
             if errors:
@@ -207,12 +210,6 @@ class Flight(Task, verified=True):
         if np.abs(obstacles).max() > FARTHEST:
             raise ValueError(f"obstacles must lie within {FARTHEST:.0f} m of the origin, got {short_repr(value)}")
         return obstacles
-
-    def _altitude(self, value: object) -> float:
-        altitude = numbers(value)
-        if altitude is None or altitude.ndim or not 50.0 <= altitude <= 1000.0:
-            raise ValueError(f"altitude must be between 50 and 1000 m, got {short_repr(value)}")
-        return float(altitude)
 
     def prior(self, scenario: np.ndarray) -> Gaussian:
         """Prior, level at the path's beginning at cruising speed: mean ``(B, 7)``, covariance.

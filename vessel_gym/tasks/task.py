@@ -7,9 +7,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.checks import short_repr
+from estimators.checks import numbers, short_repr
 from estimators.factory import unknown
-from vessel_gym.checks import numbers
 from vessel_gym.sensors import Sensors
 from vessel_gym.vehicles.vehicle import Vehicle
 from vessel_gym.verified import Verified

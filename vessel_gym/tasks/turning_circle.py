@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.checks import short_repr
+from estimators.checks import as_number, short_repr
 from estimators.engine import compiled
-from vessel_gym.checks import check_numbers, check_pair, number, one_of
+from vessel_gym.checks import check_numbers, check_pair, one_of
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.steering import Steering, wrapped
@@ -77,7 +77,7 @@ class TurningCircle(Steering, verified=True):
         for option, value in options.items():
             one_of("reset option", option, ("radius",))
             low = self.tightest * self.ship.length
-            wanted = number(value)
+            wanted = as_number(value)
             if not low <= abs(wanted) < np.inf:
                 raise ValueError(f"radius must be at least {low:.0f} m to either side, got {short_repr(value)}")
             if abs(wanted) > self.WIDEST:
