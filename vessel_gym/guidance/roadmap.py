@@ -71,18 +71,6 @@ def join(a: np.ndarray, b: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, n
     return length, bends, chosen
 
 
-@compiled(axes=(1, 1, 1, 2))
-def _through(first: np.ndarray, node: np.ndarray, last: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lengths ``(...)`` of the shortest clear ways to a touch ``(..., 7)``, and on from there, as of `join`."""
-    return join(first, node, discs)[0], join(node, last, discs)[0]
-
-
-@compiled
-def _free_through(first: np.ndarray, node: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same whatever they cross, as of `free_length`."""
-    return free_length(first, node), free_length(node, last)
-
-
 # --- the shortest way -------------------------------------------------------------------------------
 
 
@@ -119,14 +107,15 @@ def _search(
     """
     nowhere = np.tile([-1.0, 0.0, 0.0, 0.0], (len(discs), 1))
     first, last = np.concatenate([start, nowhere], -1), np.concatenate([goal, nowhere], -1)
-    near, ahead = _free_through(first[scene], nodes, last[scene])
+    near, ahead = free_length(first[scene], nodes), free_length(nodes, last[scene])
     within, least = near + ahead, np.full(len(discs), np.inf)
     np.fmin.at(least, scene, within)
     shortest, way, ends = np.minimum(join(first, last, discs)[0], limit), *np.full((2, len(scene)), np.inf)
     best = shortest.copy()
     for share in _SHARES:
         i = np.nonzero((within < best[scene] * (1.0 + HAIR)) & (within <= share * least[scene]) & (way == np.inf))[0]
-        way[i], ends[i] = _through(first[scene[i]], nodes[i], last[scene[i]], discs[scene[i]])
+        way[i] = join(first[scene[i]], nodes[i], discs[scene[i]])[0]
+        ends[i] = join(nodes[i], last[scene[i]], discs[scene[i]])[0]
         np.minimum.at(best, scene[i], way[i] + ends[i])
     kept = np.nonzero(within < best[scene] * (1.0 + HAIR))[0]
     straight = sum(np.hypot(*(nodes[kept, i] - p[scene[kept], i] for i in (0, 1))) for p in (first, last))
