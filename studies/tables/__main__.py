@@ -107,7 +107,7 @@ def turns_in(sea: str) -> tuple[Arm, ...]:
 
 
 def _corvette() -> Any:
-    from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
+    from vessel_gym.envs.ship import SIGMA_CORVETTE
 
     return SIGMA_CORVETTE
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
+from vessel_gym.envs.ship import SIGMA_CORVETTE
 from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.vehicles.ship import Ship
 

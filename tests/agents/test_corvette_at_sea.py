@@ -9,7 +9,7 @@ import pytest
 from agents import rollout
 from agents.metrics import scores
 from agents.seeds import evaluation_seeds
-from vessel_gym.envs.sigma_corvette import SEAS
+from vessel_gym.envs.ship import SEAS
 
 pytestmark = pytest.mark.slow
 SEEDS = evaluation_seeds(40)

@@ -10,10 +10,9 @@ from estimators import make
 from tests.vessel_gym.contract import make_core
 from vessel_gym.acceptance import VAGUEST, nominal_flight
 from vessel_gym.disturbances import Air, Disturbance, Fault
-from vessel_gym.envs.auv import PLANE_WATERS, WATERS
-from vessel_gym.envs.puna_uav import PUNA_UAV
-from vessel_gym.envs.segorogeni_auv import SEGOROGENI_AUV
-from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
+from vessel_gym.envs.auv import PLANE_WATERS, SEGOROGENI_AUV, WATERS
+from vessel_gym.envs.fixed_wing import PUNA_UAV
+from vessel_gym.envs.ship import SIGMA_CORVETTE
 
 AUV, PLANE, AIRCRAFT, SHIP = "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0", "SigmaCorvette-v0"
 AIR = PUNA_UAV.disturbances["moderate"]

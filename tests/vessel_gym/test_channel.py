@@ -10,8 +10,7 @@ from test_routes import DOGLEG, every_route
 
 from agents.controllers import make_controller
 from vessel_gym.core import Core
-from vessel_gym.envs.sigma_channel import SIGMA_CHANNEL
-from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
+from vessel_gym.envs.ship import SIGMA_CHANNEL, SIGMA_CORVETTE
 from vessel_gym.guidance.path_following import pose_along
 from vessel_gym.guidance.routes import WAYPOINTS, route
 from vessel_gym.seaway import Seaway

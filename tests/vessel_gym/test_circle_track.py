@@ -9,7 +9,7 @@ from scipy.optimize import minimize_scalar
 
 from agents.controllers import make_controller
 from vessel_gym.core import Core
-from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
+from vessel_gym.envs.ship import SIGMA_CORVETTE
 from vessel_gym.tasks.circle_track import CURVATURE, SPEED
 from vessel_gym.tasks.track import BELIEVED, OFF, RATE_NOW, TRACK, WANTED
 from vessel_gym.vehicles.corvette import steady_turns

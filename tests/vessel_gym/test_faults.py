@@ -12,7 +12,7 @@ from tests.vessel_gym.contract import FEW_MEMBERS, make_core
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Disturbance, Fault
 from vessel_gym.envs.auv import PLANE_WATERS, WATERS
-from vessel_gym.envs.puna_uav import PUNA_UAV
+from vessel_gym.envs.fixed_wing import PUNA_UAV
 
 AUV, PLANE, AIRCRAFT = "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"
 ACTUATORS = {

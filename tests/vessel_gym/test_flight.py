@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from contract import make_core, sizes_by_mode
 
-from vessel_gym.envs.puna_uav import PUNA_UAV, PunaUAVEnv
+from vessel_gym.envs.fixed_wing import PUNA_UAV, PunaUAVEnv
 from vessel_gym.filter_models.exogenous import Forces
 from vessel_gym.guidance.dubins import approach, candidates, plan, shortest, word_path
 from vessel_gym.guidance.path_following import ANYWHERE, LEAD, locate

@@ -11,7 +11,7 @@ from estimators import Gaussian, make, wrap
 from studies.papers.puna.model import MISSILE, PlanarPuna, planar_derivative
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Air
-from vessel_gym.envs.puna_uav import PUNA_UAV
+from vessel_gym.envs.fixed_wing import PUNA_UAV
 from vessel_gym.filter_models.build import Composition, compose
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN

@@ -8,7 +8,7 @@ import pytest
 
 from agents.controllers import make_controller
 from vessel_gym.core import Core
-from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
+from vessel_gym.envs.ship import SIGMA_CORVETTE
 from vessel_gym.tasks.helm import smoothness
 
 TASK = SIGMA_CORVETTE.task

@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from vessel_gym.envs.sigma_channel import SIGMA_CHANNEL
+from vessel_gym.envs.ship import SIGMA_CHANNEL
 from vessel_gym.guidance.routes import LONGEST, WAYPOINTS, read_waypoints, route
 
 TASK: Any = SIGMA_CHANNEL.task

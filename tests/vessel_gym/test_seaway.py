@@ -11,8 +11,7 @@ from stepping import corvette_step
 
 from studies.ships.nomoto import nomoto_linear
 from vessel_gym.core import Core
-from vessel_gym.envs.ship import ship_system
-from vessel_gym.envs.sigma_corvette import SEAS, SIGMA_CORVETTE
+from vessel_gym.envs.ship import SEAS, SIGMA_CORVETTE, ship_system
 from vessel_gym.sea_trials import simulate
 from vessel_gym.seaway import Seaway
 from vessel_gym.vehicles.corvette import steady_turns

@@ -5,8 +5,7 @@ import pytest
 
 from vessel_gym.core import Core
 from vessel_gym.disturbances import SurfaceWater
-from vessel_gym.envs.itsunusa_auv import ITSUNUSA_AUV
-from vessel_gym.envs.segorogeni_auv import SEGOROGENI_AUV
+from vessel_gym.envs.auv import ITSUNUSA_AUV, SEGOROGENI_AUV
 from vessel_gym.waves import GRAVITY, jonswap
 
 SYSTEMS = {"segorogeni": SEGOROGENI_AUV, "itsunusa": ITSUNUSA_AUV}

@@ -7,8 +7,8 @@ import pytest
 
 from vessel_gym.core import Core
 from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv
-from vessel_gym.envs.puna_uav import PUNA_UAV
-from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
+from vessel_gym.envs.fixed_wing import PUNA_UAV
+from vessel_gym.envs.ship import SIGMA_CORVETTE
 from vessel_gym.envs.thesis_corvette import THESIS_CORVETTE
 from vessel_gym.system import System
 

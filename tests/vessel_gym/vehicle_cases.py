@@ -10,8 +10,7 @@ from scipy.integrate import solve_ivp
 from sensing import UnevenWater, sensors_of
 from stepping import step
 
-from vessel_gym.envs.itsunusa_auv import ITSUNUSA_AUV
-from vessel_gym.envs.segorogeni_auv import SEGOROGENI_AUV
+from vessel_gym.envs.auv import ITSUNUSA_AUV, SEGOROGENI_AUV
 from vessel_gym.filter_models.build import Composition, compose
 from vessel_gym.system import System
 from vessel_gym.vehicles.files import load

@@ -1,9 +1,10 @@
-"""AUV-v0: any torpedo-shaped vehicle of a vehicle file dives along a curve with a filter in the loop."""
+"""AUV-v0, SegorogeniAUV-v0, ItsunusaAUV-v0: a torpedo-shaped vehicle dives along a curve with a filter in the loop."""
 
 from pathlib import Path
 from typing import Any
 
 from vessel_gym.disturbances import Disturbance, SurfaceWater, Water
+from vessel_gym.envs.shared import documented
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.filter_models.build import OF_UNKNOWN_INPUTS, Composition
@@ -100,3 +101,33 @@ class AUVVectorEnv(VesselVectorEnv):
     def __init__(self, num_envs: int = 1, vessel: str | Path = "remus-100", **options: Any) -> None:
         self.system = auv_system(vessel)  # type: ignore[misc]
         super().__init__(num_envs, **options)
+
+
+SEGOROGENI_AUV = auv_system("segorogeni", "SegorogeniAUV-v0")
+ITSUNUSA_AUV = auv_system("itsunusa", "ItsunusaAUV-v0")
+
+
+@documented
+class SegorogeniAUVEnv(VesselEnv):
+    """Dive along a curve in three dimensions with an estimator in the loop."""
+
+    system = SEGOROGENI_AUV
+
+
+class SegorogeniAUVVectorEnv(VesselVectorEnv):
+    """The native batch of `SegorogeniAUVEnv`, which documents spaces, rewards and arguments."""
+
+    system = SEGOROGENI_AUV
+
+
+@documented
+class ItsunusaAUVEnv(VesselEnv):
+    """Dive in the vertical plane with an estimator in the loop."""
+
+    system = ITSUNUSA_AUV
+
+
+class ItsunusaAUVVectorEnv(VesselVectorEnv):
+    """The native batch of `ItsunusaAUVEnv`, which documents spaces, rewards and arguments."""
+
+    system = ITSUNUSA_AUV

@@ -5,6 +5,7 @@ from typing import Any
 
 from vessel_gym.disturbances import Air
 from vessel_gym.envs.auv import tuning
+from vessel_gym.envs.shared import documented
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.filter_models.build import Composition
@@ -85,3 +86,19 @@ class FixedWingVectorEnv(VesselVectorEnv):
     def __init__(self, num_envs: int = 1, vessel: str | Path = "puna", **options: Any) -> None:
         self.system = fixed_wing_system(vessel)  # type: ignore[misc]
         super().__init__(num_envs, **options)
+
+
+PUNA_UAV = fixed_wing_system("puna", "PunaUAV-v0")
+
+
+@documented
+class PunaUAVEnv(VesselEnv):
+    """Fly a path round obstacles to a goal with an estimator in the loop."""
+
+    system = PUNA_UAV
+
+
+class PunaUAVVectorEnv(VesselVectorEnv):
+    """The native batch of `PunaUAVEnv`, which documents spaces, rewards and arguments."""
+
+    system = PUNA_UAV

@@ -1,18 +1,20 @@
 """Ship-v0: any ship of a vehicle file holds a turning circle with a filter in the loop."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vessel_gym.checks import instance
+from vessel_gym.envs.shared import documented
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.filter_models.build import Composition
 from vessel_gym.seaway import Seaway
 from vessel_gym.system import System
-from vessel_gym.tasks.circle_track import CircleTrack
-from vessel_gym.tasks.scaled_circle import ScaledCircle
+from vessel_gym.tasks.channel import Channel
+from vessel_gym.tasks.circle_track import CircleTrack, ScaledCircle
 from vessel_gym.vehicles.corvette import steady_turns
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.files import load
@@ -130,3 +132,42 @@ class ShipVectorEnv(VesselVectorEnv):
     def __init__(self, num_envs: int = 1, vessel: str | Path = "mariner", **options: Any) -> None:
         self.system = ship_system(vessel)  # type: ignore[misc]
         super().__init__(num_envs, **options)
+
+
+SIGMA_CORVETTE = ship_system("corvette", "SigmaCorvette-v0")
+SEAS = SIGMA_CORVETTE.disturbances
+SIGMA_CHANNEL = replace(
+    SIGMA_CORVETTE,
+    name="SigmaChannel-v0",
+    task=Channel(load("corvette", CorvetteParameters)),
+    # The channel leads north-east or north-west: waves that run to the south come from 45 degrees off the bow, those
+    # that run to the north from 45 degrees off the stern.
+    disturbances={name: replace(sea, direction=np.pi) for name, sea in SEAS.items()}
+    | {f"{name} quartering": SEAS[name] for name in ("moderate", "rough")},
+)
+
+
+@documented
+class SigmaCorvetteEnv(VesselEnv):
+    """Hold a turning circle, as a place on the map, with an estimator in the loop."""
+
+    system = SIGMA_CORVETTE
+
+
+class SigmaCorvetteVectorEnv(VesselVectorEnv):
+    """The native batch of `SigmaCorvetteEnv`, which documents spaces, rewards and arguments."""
+
+    system = SIGMA_CORVETTE
+
+
+@documented
+class SigmaChannelEnv(VesselEnv):
+    """Keep to a channel in bow or quartering seas, with an estimator in the loop."""
+
+    system = SIGMA_CHANNEL
+
+
+class SigmaChannelVectorEnv(VesselVectorEnv):
+    """The native batch of `SigmaChannelEnv`, which documents spaces, rewards and arguments."""
+
+    system = SIGMA_CHANNEL

@@ -11,7 +11,7 @@ from agents.controllers.dive import DiveAutopilot
 from agents.jobs import Job
 from estimators import Filter, make
 from studies.papers.dive import Experiment, channel_sd, own_step, rms, thinned
-from vessel_gym.envs.itsunusa_auv import ITSUNUSA_AUV
+from vessel_gym.envs.auv import ITSUNUSA_AUV
 from vessel_gym.system import Estimate
 from vessel_gym.vehicles.itsunusa import STATE, Itsunusa
 

@@ -12,7 +12,7 @@ from scipy.optimize import root
 from agents.jobs import Job
 from estimators import make
 from studies.papers.dive import Advance, Experiment, channel_sd, own_step, rms, thinned
-from vessel_gym.envs.segorogeni_auv import SEGOROGENI_AUV
+from vessel_gym.envs.auv import SEGOROGENI_AUV
 from vessel_gym.vehicles.segorogeni import STATE, Segorogeni, segorogeni_rates
 
 QUANTITIES = {"x": "m", "y": "m", "z": "m", "angle": "rad"}
