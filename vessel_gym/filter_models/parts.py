@@ -61,12 +61,11 @@ class Parts:
         z = spread(components, self.forces.disturbance.process.size, x)
         return self.forces.on(z, self.state(x), self.unknown)
 
-    def expected(self, x: np.ndarray, u: np.ndarray | None, biased: bool = True) -> np.ndarray:
-        """Measurements without noise ``(..., p)`` in states ``(..., m)`` of a filter, with their biases or without."""
+    def expected(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        """Measurements without noise ``(..., p)`` in states ``(..., m)`` of a filter, with their biases."""
         first, outside = self.base + len(self.estimated), self.forces.outside
         acting = np.broadcast_to(self.acting(x)[..., :outside], (*x.shape[:-1], outside))
-        bias = x[..., first : first + self.sensors.bias.size] if biased else None
-        return self.sensors.exact(self.state(x), acting, bias)
+        return self.sensors.exact(self.state(x), acting, x[..., first : first + self.sensors.bias.size])
 
 
 # --- what is relevant -------------------------------------------------------------------------------

@@ -81,16 +81,15 @@ def read_grades(system: Any, path: str | Path | None = None) -> Grades:
         ValueError: for a vehicle without grades, or anything wrong in the file, in one sentence with its line.
         OSError: if the file cannot be read.
     """
-    named, own = getattr(system.vehicle, "grades", None), system.nominal_sensors
-    if path is None and named is None:
-        title = type(system.vehicle).__name__
-        raise ValueError(f"{title} has no grades of sensors: set its attribute grades to the path of a TOML file")
+    own_alone = path is None
     if path is None:
-        path = DATA / f"{named}.toml" if isinstance(named, str) and "." not in named else named
-        own_alone = True
-    else:
-        own_alone = False
-    return _GradesFile(Path(path), own, system.vehicle.dt).grades(own_alone)  # type: ignore[arg-type]
+        path = getattr(system.vehicle, "grades", None)
+        if path is None:
+            title = type(system.vehicle).__name__
+            raise ValueError(f"{title} has no grades of sensors: set its attribute grades to the path of a TOML file")
+        if isinstance(path, str) and "." not in path:
+            path = DATA / f"{path}.toml"
+    return _GradesFile(Path(path), system.nominal_sensors, system.vehicle.dt).grades(own_alone)
 
 
 class _GradesFile(TomlFile):
