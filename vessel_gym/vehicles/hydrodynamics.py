@@ -8,7 +8,6 @@ for the added mass of a spheroid; Blevins (1979) for that of sections; Hoerner (
 Triantafyllou & Amzallag (1984) for axial drag.
 """
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,29 +18,20 @@ from vessel_gym.checks import check_numbers, instance
 # --- shape ------------------------------------------------------------------------------------------
 
 
-class Hull(ABC):
+class Hull:
     """A body of revolution; x [m] counts forward from the origin of the body axes."""
 
     diameter: float
+    bow: float
+    """Foremost x [m]."""
+    stern: float
+    """Aftmost x [m]."""
+    joints: tuple[float, ...] = ()
+    """Places x [m] at which pieces of different curvature meet."""
 
-    @property
-    @abstractmethod
-    def bow(self) -> float:
-        """Foremost x [m]."""
-
-    @property
-    @abstractmethod
-    def stern(self) -> float:
-        """Aftmost x [m]."""
-
-    @property
-    def joints(self) -> tuple[float, ...]:
-        """Places x [m] at which pieces of different curvature meet."""
-        return ()
-
-    @abstractmethod
     def radius(self, x: np.ndarray) -> np.ndarray:
         """Radius [m] at ``x``, zero beyond the ends."""
+        raise NotImplementedError
 
     def strips(self, *cuts: float) -> tuple[np.ndarray, np.ndarray]:
         """Middles and widths [m] of strips from end to end, none of which crosses a joint, the origin or a cut.
@@ -66,16 +56,7 @@ class Spheroid(Hull):
 
     def __post_init__(self) -> None:
         check_numbers(self, positive="length diameter")
-
-    @property
-    def bow(self) -> float:
-        """Foremost x [m]."""
-        return 0.5 * self.length
-
-    @property
-    def stern(self) -> float:
-        """Aftmost x [m]."""
-        return -0.5 * self.length
+        vars(self).update(bow=0.5 * self.length, stern=-0.5 * self.length)
 
     def radius(self, x: np.ndarray) -> np.ndarray:
         """Radius [m] at ``x``, zero beyond the ends."""
