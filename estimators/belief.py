@@ -233,7 +233,7 @@ class Belief(Packed):
         merged = dict[str, Any]()
         for name, (mine, theirs) in _aligned((self, other)).items():
             merged[name] = mine
-            if mine is not None and (name == "packed" or not np.array_equal(mine[rows], theirs)):
+            if mine is not None and (name == "packed" or not (mine[rows] == theirs).all()):
                 merged[name] = np.array(mine)
                 merged[name][rows] = theirs
                 merged[name].setflags(write=False)
