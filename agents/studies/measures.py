@@ -22,7 +22,7 @@ def consistency(results: Results) -> Section:
         e: [(name, _honesty(results, Place(e, first), name)) for name in results.estimators(e, results.classical)]
         for e in results.environments
     }
-    values = {"nees": NEES, "unhealthy": UNHEALTHY, "without": listed(WITHOUT_COVARIANCE)}
+    values: dict[str, Any] = {"nees": NEES, "unhealthy": UNHEALTHY, "without": listed(WITHOUT_COVARIANCE)}
     heads = ("Score", NEES.label, "NEES in band", "NIS in band", "Diverged", "Diverged, all conditions")
     units = (*heads, (UNHEALTHY.label, UNHEALTHY.unit))
     return Section("Consistency beside task score", tabled("consistency", results, units, sections, **values))

@@ -1,6 +1,7 @@
 """Sections of a report: who keeps how much, by how much others are behind, and what estimates cost in score."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -37,10 +38,10 @@ def ranking(results: Results) -> Section:
 
     rows = [Row(name, look[name], shares(name)) for name in (*names, *ENDS)]
     figure = dots(rows, heads, "share of the oracle's performance kept")
-    texts, pairs = paragraphs("ranking", results, together=together), [(head, "") for head in heads]
+    (heading, text), pairs = paragraphs("ranking", results, together=together), [(head, "") for head in heads]
     blocks += [
         framed(figure, "shares-figure", results, together=together),
-        Table(*texts, "Estimator", pairs, [("", share_rows(rows))], "ranking"),
+        Table(heading, text, "Estimator", pairs, [("", share_rows(rows))], "ranking"),
         _differences(results, names, best),
     ]
     return Section(title, blocks + _learned_ranking(results, by_head, names))
@@ -50,8 +51,8 @@ def _differences(results: Results, names: list[str], best: Mapping[str, dict[str
     """The estimators against the best of each column."""
     margin = results.plan.study.margin
     behind = [(name, [_behind(ranked, name, margin) for ranked in best.values()]) for name in names]
-    texts, pairs = paragraphs("behind-the-best", results), [(head, "") for head in best]
-    return Table(*texts, "Estimator", pairs, [("", behind)], "behind-the-best")
+    (title, text), pairs = paragraphs("behind-the-best", results), [(head, "") for head in best]
+    return Table(title, text, "Estimator", pairs, [("", behind)], "behind-the-best")
 
 
 def _learned_ranking(results: Results, by_head: Mapping[str, Sequence[str]], names: list[str]) -> list[Block]:
@@ -142,9 +143,9 @@ def costs(results: Results) -> Section:
             if (who, on) != (results.classical, ORACLE)
         ]
         sections = {f"On the {ORACLE}": [(ORACLE, on_truth)], f"More than on the {ORACLE}": rows}
-        heads, values = [(m.label, m.unit) for m in chosen], {"metrics": chosen, "learned": learners(results)}
-        file = file_name("costs", environment)
-        blocks += tabled("costs", results, heads, sections, file=file, place=place, **values)
+        values: dict[str, Any] = {"place": place, "metrics": chosen, "learned": learners(results)}
+        heads, file = [(m.label, m.unit) for m in chosen], file_name("costs", environment)
+        blocks += tabled("costs", results, heads, sections, file=file, **values)
     return Section("What the owner pays", blocks)
 
 
