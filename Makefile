@@ -43,8 +43,8 @@ $(POLICIES):  # curves and states of the training stay in results
 test: venv  ## Run the tests: of many cases a selection with every value, of slow tests one
 	$(BIN)/python -m $(WORKERS)
 
-quick: venv  ## Run those of the tests that take a minute in all
-	$(BIN)/python -m $(WORKERS) -m "not slow and not nightly"
+quick: venv  ## Run one case of each test that is not slow, which takes a minute in all
+	$(BIN)/python -m $(WORKERS) -m "not slow and not further and not nightly"
 
 nightly: venv  ## Run all cases, and the tests that take minutes (half an hour)
 	VESSEL_GYM_OPTIMISE=1 $(BIN)/python -m $(WORKERS) -m "slow or nightly"

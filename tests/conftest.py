@@ -2,7 +2,7 @@
 
 Hypothesis draws the same examples every time; ``--hypothesis-profile thorough`` draws ten thousand. Of a test's cases
 ``make test`` runs so many that every value of every parameter occurs, of a slow test's one, elsewhere for every test.
-``make nightly`` runs them all, and optimises what it compiles.
+``make quick`` runs one of each test that is not slow, ``make nightly`` all, and optimises what it compiles.
 """
 
 import os
@@ -34,8 +34,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         else:
             kept = covering([item.callspec.params for item in group], [item.nodeid for item in group])
         for i, item in enumerate(group):
-            if i not in kept:
-                item.add_marker("nightly")
+            if i != min(kept):
+                item.add_marker("further" if i in kept else "nightly")
 
 
 def covering(cases: Sequence[Mapping[str, Any]], names: Sequence[str]) -> set[int]:

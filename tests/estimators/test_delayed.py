@@ -11,7 +11,7 @@ from estimators import Belief, Delayed, Filter, Gaussian, LinearModel, Nonlinear
 from estimators.tracing import PREDICTIONS
 from estimators.window import Forecast
 
-STEPS, ROWS, HORIZON = 24, 4, 5
+STEPS, ROWS, HORIZON = 18, 4, 4
 
 
 class Late:

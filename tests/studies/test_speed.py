@@ -12,7 +12,7 @@ import pytest
 import vessel_gym
 from agents.commands.console import Refusal
 from estimators import RandomKeys, names
-from studies.speed import timing
+from studies.speed import flights, timing
 from studies.speed.__main__ import MARK, main
 from studies.speed.baselines import (
     HandWrittenLoop,
@@ -276,6 +276,8 @@ def test_the_report_names_all_that_is_timed_and_goes_onto_a_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setattr(timing, "BATCH", 2)
+    for module in (timing, flights):
+        monkeypatch.setattr(module, "STEPS", 4)
     page = tmp_path / "page.md"
     page.write_text("before\n<!-- measured -->\nold\n<!-- end -->\nafter\n")
     main(("ItsunusaAUV-v0",), rows=(1, 2), rounds=1, page=page)

@@ -171,7 +171,10 @@ def test_the_table_of_late_fixes_is_made_of_its_episodes(tmp_path: Path):
 
 @pytest.mark.slow
 def test_a_robust_filter_without_a_fix_is_moved_by_the_noise_of_its_other_measurements(monkeypatch: pytest.MonkeyPatch):
+    flown = fault_tables._without_a_fix
+    shown = lambda way, times: flown(way, times) if "`ekf`" in way.label or "0.01" in way.label else [""] * 6  # noqa: E731
     monkeypatch.setattr(fault_tables, "SEEDS", 8)
+    monkeypatch.setattr(fault_tables, "_without_a_fix", shown)
     ekf, *_, robust, quiet = (line.strip("| ").split(" | ") for line in fault_tables.gap().splitlines()[2:])
     (sure, gain), (doubtful, large), (_, same) = ((float(row[4]), float(row[6])) for row in (ekf, robust, quiet))
     assert doubtful > 10.0 * sure
@@ -185,6 +188,7 @@ def test_the_table_of_alarms_shows_that_a_stuck_fix_is_found_and_a_silent_one_is
     monkeypatch.setattr(fault_tables, "EPISODES", 4)
     monkeypatch.setattr(fault_tables, "WATCHED", {"Segorogeni": fault_tables.WATCHED["Segorogeni"]})
     monkeypatch.setattr(fault_tables, "MONITORS", ("chi-square",))
+    monkeypatch.setattr(fault_tables, "WRONG", {kind: fault_tables.WRONG[kind] for kind in ("off", "stuck", "drift")})
     rows = dict(line.strip("| ").split(" | ") for line in fault_tables.alarms().splitlines()[2:])
     assert list(rows) == ["no fault, `ekf`", "no fault, `enkf`", *fault_tables.WRONG.values()]
     assert rows["no fault, `ekf`"] == "0.0 an hour"

@@ -9,6 +9,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import pytest
 from gymnasium.vector import AutoresetMode
 from pages import OWN
 
@@ -24,6 +25,12 @@ OURS = [key for key, spec in gym.registry.items() if str(spec.entry_point).start
 """Every environment that the package registers: a new one joins all tests of the contract by being registered."""
 ENVIRONMENTS = [*OURS, *OWN]
 """And those of the pages on parts of one's own."""
+every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
+_FEW = ("SigmaCorvette-v0", "PunaUAV-v0", "vessel_gym/Ship-v0", "Docking-v0")
+some_environments = pytest.mark.parametrize(
+    "env_id", [pytest.param(key, marks=() if key in _FEW else pytest.mark.nightly) for key in ENVIRONMENTS]
+)
+"""Where the code is the same for all: ships, an aircraft and one of one's own; the others in `make nightly`."""
 MANUALS = [key for key in OURS if "/" not in key]
 """Those with a manual of their own: those of any vehicle point to them."""
 

@@ -9,7 +9,7 @@ import pytest
 from estimators import make
 from tests.vessel_gym.contract import make_core
 from vessel_gym.acceptance import VAGUEST, nominal_flight
-from vessel_gym.disturbances import Air, Disturbance, Fault
+from vessel_gym.disturbances import Air, Fault
 from vessel_gym.envs.auv import PLANE_WATERS, SEGOROGENI_AUV, WATERS
 from vessel_gym.envs.fixed_wing import PUNA_UAV
 from vessel_gym.envs.ship import SIGMA_CORVETTE
@@ -85,20 +85,22 @@ def test_a_step_tells_what_is_unknown_relative_to_its_size(size: float):
         make_core(AUV, 1, estimator="ekf-ui-wdf", **world)
 
 
-ACCEPTED: list[tuple[str, str, Disturbance]] = [
-    *((SHIP, name, sea) for sea in SIGMA_CORVETTE.disturbances.values() for name in ("kf-umv-ui", "ulise")),
-    *((AUV, name, Fault("rudder", beside=Fault("stern plane", beside=WATERS[water])))
-      for water in WATERS for name in ("ekf-ui-wdf", "ukf-umv")),
-    *((PLANE, name, Fault("stern plane", beside=PLANE_WATERS[water]))
-      for water in WATERS for name in ("kf-umv-ui-wdf", "ulise", "ekf-ui-wdf", "ukf-umv")),
-    *((AIRCRAFT, name, Fault("bank", beside=air))
-      for air in PUNA_UAV.disturbances.values() for name in ("ekf-ui-wdf", "ukf-umv")),
-]  # fmt: skip
+SAILED = {
+    SHIP: (("kf-umv-ui", "ulise"), SIGMA_CORVETTE.disturbances, lambda sea: sea),
+    AUV: (("ekf-ui-wdf", "ukf-umv"), WATERS, lambda sea: Fault("rudder", beside=Fault("stern plane", beside=sea))),
+    PLANE: (("kf-umv-ui-wdf", "ulise", "ekf-ui-wdf", "ukf-umv"), PLANE_WATERS,
+            lambda sea: Fault("stern plane", beside=sea)),
+    AIRCRAFT: (("ekf-ui-wdf", "ukf-umv"), PUNA_UAV.disturbances, lambda air: Fault("bank", beside=air)),
+}  # fmt: skip
+"""Filters of an unknown input, the weather of an environment, and the unknown input in it."""
 
 
-@pytest.mark.parametrize(("env_id", "estimator", "disturbance"), ACCEPTED)
-def test_what_measurements_show_well_is_accepted(env_id: str, estimator: str, disturbance: Disturbance):
-    make_core(env_id, 1, estimator=estimator, disturbance=disturbance)
+@pytest.mark.parametrize("weather", ["calm", "moderate", "rough"])
+@pytest.mark.parametrize("case", [f"{env_id} {name}" for env_id, (names, *_) in SAILED.items() for name in names])
+def test_what_measurements_show_well_is_accepted(case: str, weather: str):
+    env_id, estimator = case.split()
+    _, weathers, unknown = SAILED[env_id]
+    make_core(env_id, 1, estimator=estimator, disturbance=unknown(weathers[weather]))
 
 
 def test_the_nominal_flight_is_the_vehicles_own_and_goes_its_usual_way():

@@ -6,7 +6,18 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from contract import ENVIRONMENTS, FEW_MEMBERS, NATURE, assert_same_tree, make_batch, random_walk, row_of, single_class
+from contract import (
+    ENVIRONMENTS,
+    FEW_MEMBERS,
+    NATURE,
+    assert_same_tree,
+    every_environment,
+    make_batch,
+    random_walk,
+    row_of,
+    single_class,
+    some_environments,
+)
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
@@ -16,7 +27,6 @@ ROWS = 3
 MODES = list(AutoresetMode)
 ROUGH = {"sensors": "degraded", "disturbance": "rough", "mismatch": 0.2}
 
-every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
 every_mode = pytest.mark.parametrize("mode", MODES)
 with_and_without_randomness_of_its_own = pytest.mark.parametrize("estimator", ["measurement", "enkf"])
 
@@ -293,7 +303,7 @@ def test_the_first_reset_is_of_all_environments():
     env.reset(seed=0, options={"reset_mask": np.array([True, True])})
 
 
-@every_environment
+@some_environments
 def test_a_reset_of_some_environments_may_seed_them_and_pass_the_tasks_options(env_id: str):
     env = make_batch(env_id, 3)
     env.reset(seed=0)

@@ -17,6 +17,7 @@ from contract import (
     make_core,
     random_walk,
     single_class,
+    some_environments,
 )
 from refusals import refusal
 
@@ -25,8 +26,6 @@ from vessel_gym.configuration import OBSERVE
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensors import SUITE_NAMES
 from vessel_gym.tasks.dive import Dive
-
-every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
 
 
 def refusals_to_make(env_id: str, expected: type[Exception], **options: Any) -> list[str]:
@@ -40,7 +39,7 @@ def refusals_to_make(env_id: str, expected: type[Exception], **options: Any) -> 
 
 
 @pytest.mark.slow
-@every_environment
+@some_environments
 @pytest.mark.parametrize(
     ("option", "wrong"),
     [
@@ -65,14 +64,14 @@ def test_an_unknown_name_is_answered_with_those_that_exist(env_id: str, option: 
             assert name in message
 
 
-@every_environment
+@some_environments
 def test_a_name_that_is_nearly_right_is_answered_with_the_one_that_was_meant(env_id: str):
     for message in refusals_to_make(env_id, ValueError, estimator="enkfsr"):
         assert "did you mean 'enkf-sr'?" in message
 
 
 @pytest.mark.slow
-@every_environment
+@some_environments
 @pytest.mark.parametrize("wrong", ["kf-umv", "kf-umv-iu", "kf-umv-ui-wd", "ulis", "ekf-ui", "k"])
 def test_no_estimator_is_offered_that_refuses_the_vehicle(env_id: str, wrong: str):
     for message in refusals_to_make(env_id, ValueError, estimator=wrong):
@@ -86,14 +85,14 @@ def test_the_corvette_is_still_offered_the_filter_that_it_carries():
         assert "did you mean 'kf-umv-ui'?" in message
 
 
-@every_environment
+@some_environments
 def test_an_unknown_render_mode_is_answered_with_those_that_exist(env_id: str):
     message = refusal(ValueError, single_class(env_id), render_mode="ascii")
     for name in ("'ascii'", "human", "rgb_array"):
         assert name in message
 
 
-@every_environment
+@some_environments
 def test_an_argument_that_the_environment_does_not_have_is_answered_with_those_that_it_has(env_id: str):
     for message in refusals_to_make(env_id, TypeError, sensor="clean", estimator="nonsense"):
         assert message.startswith(f"unknown argument of {env_id} 'sensor' (did you mean 'sensors'?): choose from ")
@@ -111,7 +110,7 @@ def test_an_unknown_estimator_option_is_named_and_answered_with_those_that_exist
         assert message.startswith(f"{estimator} has no option 'gain': it takes ")
 
 
-@every_environment
+@some_environments
 @pytest.mark.parametrize("estimator", ["truth", "ekf"])
 def test_an_option_of_an_estimator_without_any_is_named(env_id: str, estimator: str):
     for message in refusals_to_make(env_id, TypeError, estimator=estimator, estimator_options={"gain": 1.0}):
@@ -133,7 +132,7 @@ def test_a_bad_value_of_an_estimator_option_is_named(env_id: str, estimator: str
         assert f"{option} must be {law}" in message
 
 
-@every_environment
+@some_environments
 def test_an_unknown_filter_model_is_answered_with_those_that_exist(env_id: str):
     system = single_class(env_id).system
     options = {"estimator": "kf", "estimator_options": {"model": "perfect"}}
@@ -167,20 +166,20 @@ def test_estimator_options_that_were_passed_are_not_changed(env_id: str, estimat
     assert passed == options
 
 
-@every_environment
+@some_environments
 def test_a_function_that_builds_no_filter_is_refused(env_id: str):
     for message in refusals_to_make(env_id, TypeError, estimator=lambda model: "no filter"):
         assert message.startswith("estimator must return an estimators.Filter, got str")
 
 
-@every_environment
+@some_environments
 @pytest.mark.parametrize("wrong", ["foo", ["members"], 3, 0, False, (), {3: 1.0}], ids=repr)
 def test_estimator_options_that_are_no_dictionary_are_refused(env_id: str, wrong: Any):
     for message in refusals_to_make(env_id, TypeError, estimator_options=wrong):
         assert f"estimator_options must be a dictionary of values by name, or None, got {wrong!r}" in message
 
 
-@every_environment
+@some_environments
 @pytest.mark.parametrize("wrong", [["nonlinear"], None, 3], ids=repr)
 def test_a_filter_model_that_is_no_name_is_refused(env_id: str, wrong: Any):
     for estimator in ("ekf", ExtendedKalmanFilter):
@@ -189,7 +188,7 @@ def test_a_filter_model_that_is_no_name_is_refused(env_id: str, wrong: Any):
             assert "model must be the name of a filter model" in message
 
 
-@every_environment
+@some_environments
 def test_a_filter_that_is_built_already_is_refused_and_so_is_a_class_that_is_no_filter(env_id: str):
     built = single_class(env_id)().core.filter
     for wrong, kind in ((built, f"an instance of {type(built).__name__}"), (dict, "<class 'dict'>")):
@@ -201,34 +200,34 @@ def test_a_filter_that_is_built_already_is_refused_and_so_is_a_class_that_is_no_
 # --- numbers ----------------------------------------------------------------------------------------
 
 
-@every_environment
+@some_environments
 @pytest.mark.parametrize("wrong", [-0.01, 0.41, np.nan, np.inf, "0.1", None, True, [0.1], 1e20, 1j], ids=str)
 def test_a_mismatch_out_of_range_is_refused_with_the_range(env_id: str, wrong: Any):
     for message in refusals_to_make(env_id, ValueError, mismatch=wrong):
         assert message == f"mismatch must be between 0 and 0.25, got {wrong!r}"
 
 
-@every_environment
+@some_environments
 @pytest.mark.parametrize("right", [0, 0.25, np.float64(0.2), np.float32(0.2), np.int64(0)], ids=repr)
 def test_any_number_in_range_is_a_mismatch(env_id: str, right: Any):
     gym.make(env_id, mismatch=right).reset(seed=0)
 
 
-@every_environment
+@some_environments
 @pytest.mark.parametrize("wrong", [0, -1, 2.5, 2.0, True, "3", None, np.nan], ids=repr)
 def test_a_wrong_number_of_environments_is_refused(env_id: str, wrong: Any):
     message = refusal(ValueError, gym.make_vec, env_id, num_envs=wrong, vectorization_mode="vector_entry_point")
     assert message == f"num_envs must be a positive whole number, got {wrong!r}"
 
 
-@every_environment
+@some_environments
 @pytest.mark.parametrize("wrong", [0, -1, 1.5, True, "two", None], ids=repr)
 def test_a_wrong_number_of_threads_is_refused(env_id: str, wrong: Any):
     message = refusal(ValueError, make_batch, env_id, 2, num_threads=wrong)
     assert message == f"num_threads must be a positive whole number, got {wrong!r}"
 
 
-@every_environment
+@some_environments
 @pytest.mark.parametrize("wrong", [0, -5, 2.5, True, "60"], ids=repr)
 def test_a_wrong_time_limit_is_refused(env_id: str, wrong: Any):
     message = refusal(ValueError, make_batch, env_id, 2, max_episode_steps=wrong)
@@ -240,7 +239,7 @@ def test_a_wrong_time_limit_is_refused(env_id: str, wrong: Any):
 
 
 @pytest.mark.slow
-@every_environment
+@some_environments
 @pytest.mark.parametrize("wrong", [-1, 1.5, "7", True, [1, 2], [1, 2, 3, 4], [1, -2, 3], [1, 2.5, 3], [1, "2", 3],
                                    [1, None, 3], [True, 2, 3], np.array([1.0, 2.0, 3.0])], ids=repr)  # fmt: skip
 def test_a_wrong_seed_of_a_batch_is_refused_and_the_old_one_stands(env_id: str, wrong: Any):
@@ -257,7 +256,7 @@ def test_a_wrong_seed_of_a_batch_is_refused_and_the_old_one_stands(env_id: str, 
 
 
 @pytest.mark.slow
-@every_environment
+@some_environments
 @pytest.mark.parametrize("wrong", [-1, 1.5, "7", [1], True, np.array([1])], ids=repr)
 def test_a_wrong_seed_of_a_single_environment_is_refused_and_the_old_one_stands(env_id: str, wrong: Any):
     env, twin = gym.make(env_id), gym.make(env_id)
@@ -268,7 +267,7 @@ def test_a_wrong_seed_of_a_single_environment_is_refused_and_the_old_one_stands(
     assert env.unwrapped.np_random_seed == 1
 
 
-@every_environment
+@some_environments
 def test_any_whole_number_is_a_seed_of_either_face(env_id: str):
     for seed in (np.int64(7), np.uint8(7), np.array(7)):
         batch = make_batch(env_id, 1)
@@ -282,7 +281,7 @@ def test_any_whole_number_is_a_seed_of_either_face(env_id: str):
 # --- reset options ----------------------------------------------------------------------------------
 
 
-@every_environment
+@some_environments
 def test_an_unknown_reset_option_is_named(env_id: str):
     for env in (gym.make(env_id), make_batch(env_id, 2)):
         message = refusal(ValueError, env.reset, seed=0, options={"speed": 3.0})
@@ -290,7 +289,7 @@ def test_an_unknown_reset_option_is_named(env_id: str):
         assert ": choose from " in message or env_id == "Docking-v0"  # which has none
 
 
-@every_environment
+@some_environments
 @pytest.mark.parametrize("wrong", [[1], "goal", 3, 0, {3: 1.0}], ids=repr)
 def test_reset_options_that_are_no_dictionary_are_refused(env_id: str, wrong: Any):
     for env in (gym.make(env_id), make_batch(env_id, 2)):
@@ -338,7 +337,7 @@ def test_a_goal_that_is_no_place_is_refused(env_id: str, wrong: Any):
         assert message == f"goal must be three finite numbers, metres north, east and down, got {wrong!r}"
 
 
-@every_environment
+@some_environments
 @pytest.mark.parametrize("seed", [None, 9])
 def test_a_refused_reset_changes_nothing(env_id: str, seed: int | None):
     env, twin = make_batch(env_id, 2), make_batch(env_id, 2)
@@ -354,7 +353,7 @@ def test_a_refused_reset_changes_nothing(env_id: str, seed: int | None):
 
 
 @pytest.mark.slow
-@every_environment
+@some_environments
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_an_action_that_is_not_finite_is_refused_and_changes_nothing(env_id: str, value: float):
     for env, twin in (
@@ -370,7 +369,7 @@ def test_an_action_that_is_not_finite_is_refused_and_changes_nothing(env_id: str
         assert_same_tree(env.step(action), twin.step(action))
 
 
-@every_environment
+@some_environments
 def test_an_action_of_the_wrong_shape_is_refused_with_both_shapes(env_id: str):
     size = len(single_class(env_id).system.vehicle.action_names)
     single = single_class(env_id)()
@@ -387,7 +386,7 @@ def test_an_action_of_the_wrong_shape_is_refused_with_both_shapes(env_id: str):
 
 
 @pytest.mark.slow
-@every_environment
+@some_environments
 @pytest.mark.parametrize(
     "wrong", ["hard to port", None, {"rudder": 1.0}, ["0.5"], [[1.0], [1.0, 2.0]], np.array([1j]), [None]], ids=repr
 )
@@ -400,7 +399,7 @@ def test_an_action_that_is_no_array_of_numbers_is_refused(env_id: str, wrong: An
 # --- injected measurements ------------------------------------------------------------------------------
 
 
-@every_environment
+@some_environments
 def test_injected_measurements_of_the_wrong_form_are_refused_and_change_nothing(env_id: str):
     core, twin = make_core(env_id, 2), make_core(env_id, 2)
     core.reset()
@@ -419,7 +418,7 @@ def test_injected_measurements_of_the_wrong_form_are_refused_and_change_nothing(
     assert_same_tree(core.info(), twin.info())
 
 
-@every_environment
+@some_environments
 def test_an_action_beyond_its_bounds_is_clipped_as_documented(env_id: str):
     one, other = make_batch(env_id, 2), make_batch(env_id, 2)
     one.reset(seed=0)
@@ -432,7 +431,7 @@ def test_an_action_beyond_its_bounds_is_clipped_as_documented(env_id: str):
 # --- order of calls ---------------------------------------------------------------------------------
 
 
-@every_environment
+@some_environments
 def test_a_step_before_the_first_reset_says_what_to_do(env_id: str):
     size = len(single_class(env_id).system.vehicle.action_names)
     expected = (gym.error.ResetNeeded, RuntimeError, ValueError)
@@ -442,7 +441,7 @@ def test_a_step_before_the_first_reset_says_what_to_do(env_id: str):
         assert "reset" in refusal(expected, env.step, np.zeros(shape, np.float32))
 
 
-@every_environment
+@some_environments
 def test_reading_the_truth_before_the_first_reset_says_what_to_do(env_id: str):
     for env in (single_class(env_id)(), make_batch(env_id, 2)):
         assert "reset" in refusal((gym.error.ResetNeeded, RuntimeError, ValueError), lambda env=env: env.truth)

@@ -29,6 +29,7 @@ from contract import (
     assert_sound,
     copy_tree,
     estimate_of,
+    every_environment,
     make_batch,
     make_core,
     observations,
@@ -59,8 +60,6 @@ ROOT = Path(__file__).parents[2]
 SOAK_STEPS = 28_000
 EXACT = 1e-10
 """For one row and many: a library may sum in another order for another number of rows."""
-
-every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
 
 
 def at_sea(env_id: str) -> bool:

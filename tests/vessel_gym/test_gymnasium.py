@@ -13,14 +13,15 @@ import numpy as np
 import pytest
 from contract import (
     CARRIED,
-    ENVIRONMENTS,
     FEW_MEMBERS,
     MANUALS,
     assert_same_tree,
     copy_tree,
+    every_environment,
     make_batch,
     random_walk,
     single_class,
+    some_environments,
 )
 from gymnasium import wrappers as single_wrappers
 from gymnasium.utils import seeding
@@ -30,7 +31,6 @@ from gymnasium.wrappers import vector as wrappers
 from agents import load_agent
 
 CORVETTE = "SigmaCorvette-v0"
-every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
 every_estimator = pytest.mark.parametrize(("env_id", "estimator"), CARRIED)
 every_mode = pytest.mark.parametrize("mode", list(AutoresetMode))
 
@@ -278,7 +278,7 @@ def test_a_copy_goes_on_bit_for_bit(env_id: str, estimator: str):
 
 
 @pytest.mark.slow
-@every_environment
+@some_environments
 @pytest.mark.parametrize("made", [pickled, copy.deepcopy], ids=["pickle", "deepcopy"])
 def test_a_copy_shows_the_episode_from_its_beginning_and_leaves_the_original_alone(env_id: str, made: Callable):
     pytest.importorskip("pygame")
@@ -298,7 +298,7 @@ def test_a_copy_shows_the_episode_from_its_beginning_and_leaves_the_original_alo
 # --- seeds ------------------------------------------------------------------------------------------
 
 
-@every_environment
+@some_environments
 def test_np_random_seed_tells_what_an_environment_was_seeded_with(env_id: str):
     for env in (gym.make(env_id).unwrapped, make_batch(env_id, 3)):
         env.reset(seed=7)
@@ -308,7 +308,7 @@ def test_np_random_seed_tells_what_an_environment_was_seeded_with(env_id: str):
         assert env.np_random_seed == 7
 
 
-@every_environment
+@some_environments
 def test_an_episode_that_nobody_seeded_can_be_repeated_by_np_random_seed(env_id: str):
     for make in (lambda: gym.make(env_id).unwrapped, lambda: make_batch(env_id, 3)):
         asked, unasked = make(), make()
@@ -332,7 +332,7 @@ def test_seeds_that_no_one_number_tells_are_minus_one():
     assert env.np_random.random() == one.np_random.random() != other.np_random.random()
 
 
-@every_environment
+@some_environments
 def test_a_refused_reset_leaves_np_random_alone(env_id: str):
     for env in (gym.make(env_id).unwrapped, make_batch(env_id, 2)):
         env.reset(seed=3)

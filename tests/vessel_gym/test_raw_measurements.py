@@ -10,6 +10,7 @@ from contract import (
     ENVIRONMENTS,
     FEW_MEMBERS,
     assert_same_tree,
+    every_environment,
     make_batch,
     make_core,
     random_walk,
@@ -22,7 +23,6 @@ from estimators import Belief, Filter
 from vessel_gym.core import Core
 from vessel_gym.system import Estimate
 
-every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
 GOALS = [key for key in ENVIRONMENTS if "arrived" in single_class(key).system.task.end_reasons]
 
 BELIEVED = {"estimate", "covariance", "input_estimate", "healthy"}

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contract import CARRIED, ENVIRONMENTS, FEW_MEMBERS, assert_sound, make_core, single_class
+from contract import CARRIED, ENVIRONMENTS, FEW_MEMBERS, assert_sound, every_environment, make_core, single_class
 from scipy.stats import chi2, kstest, norm
 
 from estimators import chi_square_band, nees
@@ -21,7 +21,6 @@ from vessel_gym.sensors.grades import NOMINAL, grades_of, load_grades, read_grad
 FALSE_ALARM = 1e-6
 SHIP, AUV, THESIS, AIRCRAFT = "SigmaCorvette-v0", "SegorogeniAUV-v0", "ThesisCorvette-v0", "PunaUAV-v0"
 GRADED = [env_id for env_id in ENVIRONMENTS if hasattr(single_class(env_id).system.vehicle, "grades")]
-every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
 every_graded = pytest.mark.parametrize("env_id", GRADED)
 FIXES = ("receiver", "GNSS", "acoustic position", "USBL", "gyro compass")
 """Sensors of a position; the last where a vehicle has none of the others."""

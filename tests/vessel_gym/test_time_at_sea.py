@@ -10,7 +10,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from contract import (
-    ENVIRONMENTS,
     FEW_MEMBERS,
     MANUALS,
     SPREAD,
@@ -18,6 +17,7 @@ from contract import (
     assert_copies_go_on,
     assert_same_tree,
     assert_sound,
+    every_environment,
     make_batch,
     make_core,
     observations_when_truth_is_altered,
@@ -38,7 +38,6 @@ from vessel_gym.sensors import LONGEST, SUITES, Sensor, Sensors, plain
 AUV, ROWS = "SegorogeniAUV-v0", 3
 FIX = "acoustic position"
 
-every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
 every_vehicle = pytest.mark.parametrize("env_id", MANUALS)
 
 

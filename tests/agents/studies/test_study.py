@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from agents.commands.ablate import STUDIES
 from agents.seeds import evaluation_seeds
 from agents.studies.plan import plan
 from agents.studies.records import Study
@@ -91,10 +92,12 @@ def test_a_resolved_study_is_plain_data_with_every_default(tmp_path):
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["quick", "corvette", "suites", "learned", "full", "latency"])
-def test_the_studies_of_the_package_are_studies(name):
-    study = read_study(Path(__file__).parents[3] / "studies" / f"{name}.toml")
+@pytest.mark.parametrize("name", STUDIES)
+def test_the_studies_of_the_package_are_studies_of_which_no_filter_assumes_another_ship_s_sea(name):
+    study = read_study(STUDIES[name])
     assert study.title
+    assert study.title.startswith("Withdrawn") is (name == "learned")  # which the command prints
+    assert all("input_cov" not in estimator.options for estimator in study.estimators)
     if name == "quick":
         assert len(study.environments) == 4
         assert len(study.estimators) >= 8
