@@ -80,8 +80,11 @@ every_estimator_and_mode = pytest.mark.parametrize(
 
 
 @every_estimator_and_mode
-def test_gymnasium_finds_nothing_to_warn_of(env_id: str, estimator: str, observe: str):
+def test_gymnasium_and_stable_baselines3_find_nothing_to_warn_of(env_id: str, estimator: str, observe: str):
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
     env = gym.make(env_id, estimator=estimator, observe=observe)
+    checker.check_env(env.unwrapped, warn=True)
+    checker.check_env(env, warn=True)  # as users hand it over: with Gymnasium's wrappers
     check_env(env.unwrapped, skip_render_check=True)
     env.close()
 
@@ -92,15 +95,6 @@ def test_gymnasium_finds_nothing_to_warn_of_in_the_pictures(env_id: str, monkeyp
     pytest.importorskip("pygame")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     check_env(gym.make(env_id, render_mode="rgb_array").unwrapped)
-
-
-@every_estimator_and_mode
-def test_stable_baselines3_finds_nothing_to_warn_of(env_id: str, estimator: str, observe: str):
-    checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    env = gym.make(env_id, estimator=estimator, observe=observe)
-    checker.check_env(env.unwrapped, warn=True)
-    checker.check_env(env, warn=True)  # as users hand it over: with Gymnasium's wrappers
-    env.close()
 
 
 @pytest.mark.parametrize(("env_id", "estimator"), [(key, name) for key, names in REFUSED.items() for name in names])
