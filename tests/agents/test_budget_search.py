@@ -62,6 +62,7 @@ def test_a_suite_at_the_border_is_confirmed_by_chance_in_2_5_percent_of_cases(di
     assert hits >= binom.ppf(RARELY, trials, 0.01)  # nor does it ask for more than it says
 
 
+@pytest.mark.slow
 def test_all_intervals_of_a_search_hold_at_once_in_95_percent_of_searches():
     trials, misses = 150, 0
     for seed in range(trials):
@@ -85,6 +86,7 @@ def test_the_whole_procedure_rarely_errs_where_all_but_one_suite_keep_a_trifle_t
     assert rare(wrong, trials, 0.025)
 
 
+@pytest.mark.slow
 def test_the_share_kept_does_not_depend_on_better_sensors_scoring_more():
     """In worlds where suites keep any share, however their grades are."""
     trials, wrong = 150, 0
@@ -95,6 +97,7 @@ def test_the_share_kept_does_not_depend_on_better_sensors_scoring_more():
     assert rare(wrong, trials, 0.025)
 
 
+@pytest.mark.slow
 def test_the_cheapest_suite_is_found_where_it_is_better_by_half_a_standard_deviation_of_a_difference():
     shares = 1.0 - 0.02 * LEVELS.sum(1) + 0.005  # 0.965 with two steps, 0.945 with three
     found = [procedure(shares, seed)[0] for seed in range(50)]

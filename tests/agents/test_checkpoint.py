@@ -418,6 +418,7 @@ def test_entries_many_times_as_large_as_the_file_are_not_unpacked(tmp_path: Path
         load_agent(path, gym.make(ENV))
 
 
+@pytest.mark.slow
 def test_an_agent_of_another_vehicle_of_equal_shape_is_refused(checkpoints: tuple[Path, Path]):
     """Ships of vehicle files have one id."""
     ship = "vessel_gym/Ship-v0"

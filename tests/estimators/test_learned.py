@@ -23,6 +23,7 @@ def _case(seed: int = 0) -> tuple[System, LearnedGainFilter]:
     return system, LearnedGainFilter(system.model, _network(system.model.n, system.model.p))
 
 
+@pytest.mark.slow
 def test_torch_and_numpy_make_the_same_means():
     """With measurements missing and an angle among them."""
     torch = pytest.importorskip("torch")

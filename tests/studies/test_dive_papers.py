@@ -78,6 +78,7 @@ def test_true_velocities_integrate_to_the_true_position():
     np.testing.assert_allclose(depths, truth[..., DIVER.index("z")], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_against_the_planned_path_the_error_is_the_vehicles_and_hardly_the_filters():
     """What explains that members and measurements do not matter in the paper's Table III."""
     trial = TRIAL._asdict()
@@ -91,6 +92,7 @@ def test_against_the_planned_path_the_error_is_the_vehicles_and_hardly_the_filte
     np.testing.assert_allclose(louder["planned path"].mean(0) / planned, 2.0, rtol=0.2)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_errors_and_another_one_others():
     first, second, other = (segorogeni.estimate(True, 10, 3, seed, TRIAL._asdict()) for seed in (0, 0, 1))
     for name, values in first.items():

@@ -23,6 +23,7 @@ def test_a_taut_string_touches_the_obstacle_ends_at_the_goal_and_has_the_length_
         assert np.sign(path.pose(0.5 * path.length)[1]) == {"L": -1.0, "R": 1.0}[turn]  # L passes with it on the left
 
 
+@pytest.mark.slow
 def test_the_printed_points_of_the_obstacle_case_are_tangent_points_to_their_last_digit():
     found = puna.obstacle_case(PATHS)
     printed = [PATHS["obstructed"][end] for end in ("start", "goal")]
@@ -54,6 +55,7 @@ def test_without_noise_flights_follow_the_model_and_measurements_are_the_truth()
         np.testing.assert_allclose(expected, np.tile(state, (2, 1)), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_sizes_and_measurements_see_the_same_flights_and_seeds_repeat():
     case = FLIGHT | {"control": "varying", "members": [20, 50], "runs": 2}
     every, again, other, alone = (

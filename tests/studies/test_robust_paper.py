@@ -57,6 +57,7 @@ def test_from_natures_own_start_the_error_of_the_robust_filter_ends_as_large_as_
     assert off.max() < 1e-6
 
 
+@pytest.mark.slow
 def test_the_same_seeds_give_the_same_errors_and_conditions_share_their_noise():
     first, second = _errors(OUTLIERS), _errors(OUTLIERS)
     for name in S["filters"]:

@@ -62,6 +62,7 @@ def test_a_text_goes_between_its_own_marks(tmp_path: Path):
             put(page, lacking, "new")
 
 
+@pytest.mark.slow
 def test_the_tables_of_journeys_show_each_way_once(monkeypatch: pytest.MonkeyPatch):
     ways = {label: way for way in tables.JOURNEYS["ItsunusaAUV-v0"] if (label := way.label) in ("`truth`", "`ekf`")}
     monkeypatch.setattr(tables.Arm, "fly", partialmethod(tables.Arm.fly, episodes=2))

@@ -61,6 +61,7 @@ def alarms(core: Core, steps: int, seed: int = 5) -> np.ndarray:
 # --- what they see ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("env_id", ["ItsunusaAUV-v0", "PunaUAV-v0"])
 def test_where_nothing_is_wrong_alarms_are_as_rare_as_it_was_stated(env_id: str):
     """Steps are independent where the window is one step; a false alarm of the test itself: 1e-4."""
@@ -75,6 +76,7 @@ def test_where_nothing_is_wrong_alarms_are_as_rare_as_it_was_stated(env_id: str)
     assert low < raised < high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", [SensorFault(FIX, "stuck", begin=5.0), SensorFault(FIX, "bias", 4.0, begin=5.0)])
 @pytest.mark.parametrize("kind", ["cusum", "chi-square"])
 def test_a_fix_that_is_stuck_or_off_by_four_metres_is_accused_within_ten_seconds(fault: SensorFault, kind: str):
@@ -93,6 +95,7 @@ def test_a_fix_that_is_stuck_or_off_by_four_metres_is_accused_within_ten_seconds
     assert (first.sum(-1) <= 1).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["ekf", "enkf"])
 def test_a_late_measurement_that_is_fused_is_judged_by_the_innovation_that_it_had_had_in_time(estimator: str):
     """To the last bit, so many steps later; nothing is judged before, and rows that begin again begin again."""
@@ -119,6 +122,7 @@ def test_a_late_measurement_that_is_fused_is_judged_by_the_innovation_that_it_ha
     np.testing.assert_array_equal(delayed[15 + late :, some], timely[15:-late, some])
 
 
+@pytest.mark.slow
 def test_a_late_measurement_that_is_discarded_raises_what_a_lost_one_does():
     lost = [replace(sensor, dropout=1.0) if sensor.name == FIX else sensor for sensor in late_fix()]
     discarded = make_core(AUV, 20, **watched(sensors=late_fix(latency=0.3), estimator_options={"late": "discarded"}))
@@ -132,6 +136,7 @@ def test_a_late_measurement_that_is_discarded_raises_what_a_lost_one_does():
 # --- what they change, and who sees them --------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["ekf", "enkf"])
 @pytest.mark.parametrize("late", ["fused", "as new", "discarded"])
 def test_a_monitor_moves_no_measurement_no_belief_and_no_truth(estimator: str, late: str):
@@ -167,6 +172,7 @@ def test_alarms_stand_behind_all_else_that_is_observed(mode: str, guidance: bool
     assert raised > 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["ekf", "enkf"])
 @pytest.mark.parametrize("sea", [False, True])
 def test_truth_reaches_no_alarm(estimator: str, sea: bool):
@@ -178,6 +184,7 @@ def test_truth_reaches_no_alarm(estimator: str, sea: bool):
     assert one["mean+alarms"][..., -5:].sum() > 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sea", [False, True])
 def test_the_alarms_of_a_row_are_those_of_a_single_environment_in_every_mode(sea: bool, monkeypatch):
     chosen = {"estimator_options": FEW_MEMBERS["enkf"] | {"monitor": OFTEN}}
@@ -386,6 +393,7 @@ def test_without_faults_there_is_nothing_to_detect_and_without_a_monitor_no_such
     assert set(scores(replace(sound, history=unseen))) == usual
 
 
+@pytest.mark.slow
 def test_a_study_holds_what_its_monitors_found(faulty: Rollout):
     watchful = Estimator("ekf, watched", "ekf", {"monitor": {"kind": "cusum", "false_alarms": 1e-4}})
     estimators = tuple(Estimator(name, name) for name in ("truth", "dead-reckoning", "ekf"))

@@ -143,6 +143,7 @@ def flown(policy: Any, rows: int, disturbance: str) -> tuple[np.ndarray, np.ndar
     return total, ends
 
 
+@pytest.mark.slow
 def test_in_a_calm_the_autopilot_stays_within_a_metre_of_the_axis() -> None:
     """On the truth, a minute after a start on the axis: its integral has found the current and the wind by then."""
     system = replace(SIGMA_CHANNEL, task=Exact(SHIP, offset=0.0, error=0.0))

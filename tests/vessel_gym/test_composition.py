@@ -331,6 +331,7 @@ def test_the_localisation_of_a_sensor_that_says_nothing_of_what_it_corrects_foll
     np.testing.assert_array_equal(mask[:, :-3], nominal[:, :-2])  # the others as they were
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES)
 def test_gymnasium_makes_an_environment_with_sensors_of_ones_own(mode: str):
     env = gym.make(AUV, sensors=WITH_USBL, observe=mode)
@@ -348,6 +349,7 @@ def test_gymnasium_makes_an_environment_with_sensors_of_ones_own(mode: str):
     assert info["available"][:3].any()
 
 
+@pytest.mark.slow
 def test_copies_with_parts_of_ones_own_go_on_as_the_original():
     compass = Sensor("compass", ("psi",), plain((11,)), (0.02,), angles=(0,), gives=("psi",))
     env = single_class(AUV)(sensors=[USBL, compass], disturbance=OWN["sheared"])

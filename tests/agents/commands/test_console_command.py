@@ -95,6 +95,7 @@ def shell(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(call, cwd=folder, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True)
 
 
+@pytest.mark.slow
 def test_an_agents_of_the_user_does_not_keep_a_command_from_working(own: Path):
     done = shell(own, "-m", "vessel_gym", "evaluate", "--episodes", "0")
     assert (done.returncode, done.stderr) == (2, "error: --episodes must be at least 1, got 0\n")

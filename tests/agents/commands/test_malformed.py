@@ -376,6 +376,7 @@ def attempt(function: Any, *arguments: Any, **named: Any) -> None:
     assert "\n\n" not in message
 
 
+@pytest.mark.slow
 @given(junk, junk)
 def test_seeds_of_any_kind_are_refused_in_one_sentence(count: Any, first: Any):
     for function in (tuning_seeds, training_seed, scores):

@@ -28,6 +28,7 @@ def test_a_trained_agent_can_be_evaluated_on_several_estimators(
         assert label in printed
 
 
+@pytest.mark.slow
 def test_of_several_trainings_the_best_on_tuning_seeds_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):

@@ -80,6 +80,7 @@ def test_the_advice_is_the_estimator_on_which_most_is_kept_wherever_that_is():
         assert told[1].startswith("Every other is worse")
 
 
+@pytest.mark.slow
 def test_conditions_of_one_environment_leave_dashes_in_the_rows_of_others():
     conditions = (CONDITIONS[0], replace(CONDITIONS[1], environments=(SEGOROGENI,)))
     report = page(results(study(agents=LEARNED[:2], conditions=conditions)), OUT)
@@ -90,6 +91,7 @@ def test_conditions_of_one_environment_leave_dashes_in_the_rows_of_others():
     assert all((row["calm"] == "–") == (title == CORVETTE) for (title, _), row in priced.items())
 
 
+@pytest.mark.slow
 def test_a_small_table_at_the_head_begins_with_the_advice_and_agrees_with_the_large_one():
     found = results(plan(study((CORVETTE,))), QUALITY | {"ekf": 0.99})
     head = summary(found)

@@ -118,6 +118,7 @@ def test_estimators_come_in_the_order_of_the_study(found):
     assert found.estimators(policy=found.classical) == ["truth", "dead-reckoning", "ekf", "enkf"]
 
 
+@pytest.mark.slow
 def test_times_of_steps_come_from_the_journal_and_are_no_part_of_a_result(tmp_path):
     planned = plan(study((CORVETTE,), conditions=CONDITIONS[:1], episodes=2))
     flight = next(f for f in planned.flights if f.flown_on == "kf")

@@ -67,6 +67,7 @@ def start(cache: Path, *arguments: str) -> subprocess.Popen[str]:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_objects_serve_other_processes_and_two_that_compile_at_once_agree(tmp_path: Path):
     both = [start(tmp_path) for _ in range(2)]
     one, other = (each.communicate() for each in both)
@@ -219,6 +220,7 @@ assert functions[9](np.zeros((1, 1))) == functions[9](np.zeros((9, 1)))[0]  # on
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="where Linux tells a process' memory")
 def test_a_process_keeps_little_of_what_compiling_needed(tmp_path: Path):
     environment = dict(os.environ, VESSEL_GYM_CACHE=str(tmp_path), VESSEL_GYM_OPTIMISE="0")
@@ -265,6 +267,7 @@ gc.collect()
 """
 
 
+@pytest.mark.slow
 def test_a_function_in_a_cycle_of_garbage_is_deleted_before_what_it_reads(tmp_path: Path):
     # glibc fills what is freed with ones, so that a read of it ends the process
     allocator = {"PYTHONMALLOC": "malloc", "MALLOC_PERTURB_": "255", "VESSEL_GYM_CACHE": str(tmp_path)}
