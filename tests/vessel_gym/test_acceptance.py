@@ -1,6 +1,7 @@
 """Which filters of an unknown input an environment accepts, and what it says of the others."""
 
 from dataclasses import dataclass, fields
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -95,8 +96,14 @@ SAILED = {
 """Filters of an unknown input, the weather of an environment, and the unknown input in it."""
 
 
-@pytest.mark.parametrize("weather", ["calm", "moderate", "rough"])
-@pytest.mark.parametrize("case", [f"{env_id} {name}" for env_id, (names, *_) in SAILED.items() for name in names])
+@pytest.mark.parametrize(
+    ("case", "weather"),
+    [
+        (f"{env_id} {name}", weather)
+        for env_id, (names, own, _) in SAILED.items()
+        for name, weather in product(names, own)
+    ],
+)
 def test_what_measurements_show_well_is_accepted(case: str, weather: str):
     env_id, estimator = case.split()
     _, weathers, unknown = SAILED[env_id]
