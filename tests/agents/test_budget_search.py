@@ -74,9 +74,7 @@ def test_all_intervals_of_a_search_hold_at_once_in_95_percent_of_searches():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("disaster", [0.0, 0.01])
-def test_the_whole_procedure_rarely_errs_where_all_but_one_suite_keep_a_trifle_too_little(
-    disaster: float,
-):
+def test_the_whole_procedure_rarely_errs_where_all_but_one_suite_keep_a_trifle_too_little(disaster: float):
     trials, wrong = 150, 0
     shares = np.full(len(LEVELS), KEEP - 1e-9)
     shares[-1] = 1.0

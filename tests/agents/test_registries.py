@@ -28,14 +28,7 @@ from agents.studies.plan import plan
 from agents.studies.records import Study
 from agents.studies.study import StudyError, read_study
 from vessel_gym.core import Core
-from vessel_gym.envs import (
-    ItsunusaAUVEnv,
-    PunaUAVEnv,
-    SegorogeniAUVEnv,
-    SigmaCorvetteEnv,
-    ThesisCorvetteEnv,
-    VesselEnv,
-)
+from vessel_gym.envs import ItsunusaAUVEnv, PunaUAVEnv, SegorogeniAUVEnv, SigmaCorvetteEnv, ThesisCorvetteEnv, VesselEnv
 from vessel_gym.rendering import make_renderer
 from vessel_gym.surroundings import SURROUNDINGS, Surroundings, register_surroundings, surroundings_of
 from vessel_gym.system import System

@@ -11,15 +11,7 @@ from estimators import Belief, Filter, Gaussian, KalmanFilter, LinearModel, Reco
 from estimators.filter import Model, Rng
 from estimators.linalg import symmetrise
 from estimators.measurement import Measurement
-from tests.estimators.cases import (
-    Case,
-    arrays,
-    assert_same,
-    every_case,
-    kalman_system,
-    simulate,
-    some_measurements,
-)
+from tests.estimators.cases import Case, arrays, assert_same, every_case, kalman_system, simulate, some_measurements
 
 
 @every_case("deterministic")

@@ -17,18 +17,7 @@ from filterpy.common import Q_discrete_white_noise
 from filterpy.kalman import KalmanFilter as FilterpyKalman
 from pykalman import KalmanFilter as PykalmanFilter
 
-from estimators import (
-    Gaussian,
-    KalmanFilter,
-    LinearModel,
-    NonlinearModel,
-    Recovery,
-    make,
-    nees,
-    run,
-    smooth,
-    stacked,
-)
+from estimators import Gaussian, KalmanFilter, LinearModel, NonlinearModel, Recovery, make, nees, run, smooth, stacked
 from estimators.metrics import chi_square_band
 
 KALMAN = ("kf", "ekf", "ukf")

@@ -848,16 +848,8 @@ WRONGLY_TOLD = [
     ({"sea": "calm"}, TypeError, "unknown key of assume 'sea': choose from disturbance, as, Q, R, prior"),
     ({"how": "states"}, TypeError, "unknown key of assume 'how': choose from disturbance, as, Q, R, prior"),
     ("calm", TypeError, "assume must be a dictionary of values by name, or None, got 'calm'"),
-    (
-        {"disturbance": "hurricane"},
-        ValueError,
-        f"unknown disturbance 'hurricane': choose from {SEAS}",
-    ),
-    (
-        {"disturbance": 3},
-        TypeError,
-        f"disturbance must be one of {SEAS}, or a Disturbance object, got 3",
-    ),
+    ({"disturbance": "hurricane"}, ValueError, f"unknown disturbance 'hurricane': choose from {SEAS}"),
+    ({"disturbance": 3}, TypeError, f"disturbance must be one of {SEAS}, or a Disturbance object, got 3"),
     (
         {"as": "state"},
         ValueError,

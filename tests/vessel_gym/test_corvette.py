@@ -326,7 +326,6 @@ def test_port_mirrors_starboard(ship: CorvetteParameters):
     np.testing.assert_allclose(mirrored, ship_rates(states, controls, c) * MIRROR, rtol=1e-12, atol=1e-13)
 
 
-HARD_OVER = np.array([3.0, -4.0, 0.7, 13.0, -1.5, 0.03, -0.1, 0.02])
 PUSHED = np.array([0.3, -0.5, 1e5, -2e5, 5e6, 1e6, 0.2])
 
 

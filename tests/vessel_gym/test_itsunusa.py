@@ -19,15 +19,8 @@ from vessel_gym.envs.auv import PLANE_WATERS as WATERS
 from vessel_gym.filter_models.build import compose
 from vessel_gym.vehicles.auv import UNCERTAIN, VERTICAL
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.itsunusa import (
-    STATE,
-    Itsunusa,
-    itsunusa_rates,
-)
-from vessel_gym.vehicles.segorogeni import (
-    Segorogeni,
-    segorogeni_rates,
-)
+from vessel_gym.vehicles.itsunusa import STATE, Itsunusa, itsunusa_rates
+from vessel_gym.vehicles.segorogeni import Segorogeni, segorogeni_rates
 
 BODY = load("itsunusa")
 C = BODY.vector()
@@ -214,9 +207,6 @@ def test_names_and_sizes_agree():
     assert VEHICLE.state_names == STATE
     assert SENSORS.channels == ("u over ground", "w over ground", "z", "theta", "q", "x")
     assert (VEHICLE.incremented, VEHICLE.ambient_flows) == (("u", "w", "q"), ("current",))
-    assert VEHICLE.estimated("nonlinear") == STATE
-    assert AUV.composed().names == (*STATE, "current")
-    assert AUV.composed(how="process-noise").names == STATE
     x = np.random.default_rng(13).normal(size=(4, 6))
     state, actuators = VEHICLE.start(x)
     np.testing.assert_array_equal(state, x)

@@ -14,14 +14,7 @@ from vessel_gym.envs.own import register_environment
 from vessel_gym.envs.ship import SIGMA_CORVETTE
 from vessel_gym.guidance import dive_path, dubins, words
 from vessel_gym.processes import Process
-from vessel_gym.sea_trials import (
-    circle_geometry,
-    fit_circle,
-    initial_turning,
-    simulate,
-    turning_circle,
-    zigzag,
-)
+from vessel_gym.sea_trials import circle_geometry, fit_circle, initial_turning, simulate, turning_circle, zigzag
 from vessel_gym.seaway import Seaway
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Bias, Sensor, Sensors, SensorSuite, plain

@@ -15,13 +15,7 @@ from vessel_gym.envs.fixed_wing import PUNA_UAV
 from vessel_gym.filter_models.build import Composition, compose
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN
-from vessel_gym.vehicles.puna import (
-    STATE,
-    Puna,
-    airspeed,
-    puna_rates,
-    trim,
-)
+from vessel_gym.vehicles.puna import STATE, Puna, airspeed, puna_rates, trim
 
 BODY = load("puna")
 C = BODY.vector()
@@ -286,7 +280,6 @@ def test_a_steady_wind_shifts_the_track_and_nothing_else():
 # --- the step ---------------------------------------------------------------------------------------
 
 
-CLIMBING_TURN = np.array([3.0, -4.0, 100.0, 17.0, 0.2, 0.7, 0.4, 2.0, -1.0, 0.5])
 HARD = np.array([4.0, 0.02, -0.6, 7.0, 0.07, 0.6])  # as fast as actuators move
 
 

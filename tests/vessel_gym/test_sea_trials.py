@@ -5,14 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vessel_gym.sea_trials import (
-    circle_geometry,
-    fit_circle,
-    initial_turning,
-    simulate,
-    turning_circle,
-    zigzag,
-)
+from vessel_gym.sea_trials import circle_geometry, fit_circle, initial_turning, simulate, turning_circle, zigzag
 from vessel_gym.vehicles.corvette import steady_turns
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.files import load

@@ -15,12 +15,7 @@ from vessel_gym.envs.ship import SEAS, SIGMA_CORVETTE, ship_system
 from vessel_gym.sea_trials import simulate
 from vessel_gym.seaway import Seaway
 from vessel_gym.vehicles.corvette import steady_turns
-from vessel_gym.vehicles.corvette_equations import (
-    COEFFICIENTS,
-    STATE,
-    CorvetteParameters,
-    corvette_rates,
-)
+from vessel_gym.vehicles.corvette_equations import COEFFICIENTS, STATE, CorvetteParameters, corvette_rates
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.seakeeping import SHORT_CREST, wave_loads, wave_response
 from vessel_gym.waves import GRAVITY, encounter_frequency, jonswap

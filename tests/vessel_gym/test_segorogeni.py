@@ -13,13 +13,7 @@ from vehicle_cases import AUVS, WITH_REMUS
 
 from vessel_gym.vehicles.auv import UNCERTAIN
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.segorogeni import (
-    COEFFICIENTS,
-    STATE,
-    Segorogeni,
-    SegorogeniParameters,
-    segorogeni_rates,
-)
+from vessel_gym.vehicles.segorogeni import COEFFICIENTS, STATE, Segorogeni, SegorogeniParameters, segorogeni_rates
 
 BODY = load("segorogeni")
 C = BODY.vector()
@@ -308,9 +302,6 @@ def test_names_and_sizes_agree():
     state, actuators = VEHICLE.start(np.ones((4, 12)))
     assert SENSORS.exact(state, np.zeros((4, 8))).shape == (4, 12)
     assert actuators.shape == (4, len(VEHICLE.action_names))
-    assert VEHICLE.estimated("nonlinear") == STATE
-    assert AUV.composed().names == (*STATE, *VEHICLE.ambient_flows)
-    assert AUV.composed(how="process-noise").names == STATE
 
 
 def test_the_start_is_the_prior_s_with_the_paper_s_rudder():

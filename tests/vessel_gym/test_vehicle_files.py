@@ -222,8 +222,7 @@ def test_what_the_layout_of_a_file_names_is_what_its_class_knows():
 
 
 @pytest.mark.parametrize(
-    ("name", "coefficient", "power"),
-    [("Yv", "Yv", 2), ("Yr", "Yr", 3), ("Nv", "Nv", 3), ("Nr", "Nr", 4)],
+    ("name", "coefficient", "power"), [("Yv", "Yv", 2), ("Yr", "Yr", 3), ("Nv", "Nv", 3), ("Nr", "Nr", 4)]
 )
 def test_a_given_derivative_of_a_ship_replaces_the_estimated_one_and_no_other(write, name, coefficient, power):
     prime = float(1.1 * load(write(SHIP)).clarke[name])

@@ -72,7 +72,6 @@ ROUNDED: dict[str, tuple[int, Word]] = {
     "matmul": (2, lambda a, b: (np.stack([a, b], -1) @ np.array([[0.5, 1.0], [-1.0, 0.2]]))[..., 1]),
     "einsum": (2, lambda a, b: np.einsum("...i,i->...", np.stack([a, b], -1), [0.4, -0.9])),
 }
-STEEP = ("floor", "ceil", "rint", "quotient", "copysign", "sign", "lookup")  # which jump, or have no slope
 
 
 def _in_place(a: Any, b: Any) -> Any:

@@ -83,11 +83,6 @@ class Catamaran(Hull):
         return 2.0 * super().drag(x)
 
 
-class Coefficient(enum.IntEnum):
-    MASS = 0
-    DRAG = 1
-
-
 def closure() -> tuple[Callable[..., Any], Callable[[float], None], np.ndarray]:
     gain, array = 2.0, np.ones(2)
 
