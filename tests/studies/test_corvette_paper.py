@@ -14,7 +14,6 @@ from vessel_gym.tasks.turning_trial import SAMPLES
 from vessel_gym.vehicles.corvette_thesis import SIMULATIONS
 
 S = settings("corvette")
-RUNS = 20
 
 
 @pytest.mark.parametrize("simulation", SIMULATIONS)

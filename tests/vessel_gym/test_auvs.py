@@ -109,7 +109,6 @@ def test_the_current_dies_away_in_200_s_and_keeps_its_size(water: Water):
 # --- what filters are told --------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 @each_auv
 def test_filters_estimate_the_whole_state_and_the_current(auv: AUV):
     def begun(options: dict[str, Any]) -> Core:

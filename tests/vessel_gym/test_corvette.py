@@ -53,11 +53,6 @@ def ship_rates(states: np.ndarray, controls: np.ndarray, c: np.ndarray) -> np.nd
     return corvette_rates(states, controls[..., :1], controls[..., 1:], c)
 
 
-def ship_step(states: np.ndarray, controls: np.ndarray, c: np.ndarray, dt: float, substeps: int) -> np.ndarray:
-    """States ``(..., 8)`` after ``dt``; controls ``(..., 9)``: rudder before and after, and what is around."""
-    return corvette_step(states, controls[..., :2], controls[..., 2:], c, dt, substeps)
-
-
 def upright(motion: np.ndarray) -> np.ndarray:
     """States ``(..., 8)`` of ships that do not roll, out of the first of their components."""
     state = np.zeros(np.shape(motion)[:-1] + (len(STATE),))
@@ -324,9 +319,6 @@ def test_port_mirrors_starboard(ship: CorvetteParameters):
     c = ship.vector()
     mirrored = ship_rates(states * MIRROR, controls * [-1, *MIRROR_AROUND], c)
     np.testing.assert_allclose(mirrored, ship_rates(states, controls, c) * MIRROR, rtol=1e-12, atol=1e-13)
-
-
-PUSHED = np.array([0.3, -0.5, 1e5, -2e5, 5e6, 1e6, 0.2])
 
 
 # --- what the ship does -----------------------------------------------------------------------------

@@ -141,7 +141,6 @@ def test_going_ahead_the_equations_are_the_printed_ones():
 
 DIVE = np.array([1.5, 0.05, -0.1, 3.0, 2.0, -0.3])
 CURRENT = np.array([0.2])
-HARD = np.array([-0.2, 10.0, -0.1, 20.0])
 
 
 def test_two_substeps_are_converged_over_a_dive():

@@ -280,9 +280,6 @@ def test_a_steady_wind_shifts_the_track_and_nothing_else():
 # --- the step ---------------------------------------------------------------------------------------
 
 
-HARD = np.array([4.0, 0.02, -0.6, 7.0, 0.07, 0.6])  # as fast as actuators move
-
-
 def test_one_step_is_converged_in_half_a_minute_of_full_reversals():
     state, control = level_flight(20.0, altitude=100.0)
     coarse, fine, actuators, slopes = state, state, control[None], []

@@ -20,8 +20,6 @@ from vessel_gym.vehicles.puna import Puna
 from vessel_gym.vehicles.segorogeni import Segorogeni
 from vessel_gym.vehicles.ship import Ship
 
-DEG = np.pi / 180.0
-
 
 @dataclass(frozen=True)
 class Case:
