@@ -13,9 +13,10 @@ from vessel_gym.logs import Log, LogError
 from vessel_gym.logs.log import ANGLES
 from vessel_gym.vehicles.manoeuvring import AIR, Particulars
 
-_SMOOTHING, _GUST, SLOW = 2.1, 1.0, 200.0
-"""Spans [s]: of the polynomial that smooths positions, of the wind that a ship feels as one, of the wind that moves the
-surface of the water."""
+_SMOOTHING = 25
+"""Steps of the polynomial that smooths positions: a third of the time in which the ship sails her length."""
+_GUST, SLOW = 1.0, 200.0
+"""Spans [s]: of the wind that a ship feels as one, of the wind that moves the surface of the water."""
 _NEEDED = ("x", "y", "heading", "yaw rate", "rudder", "revolutions")
 _STEPS, _GAP, _LEAST = 75.0, 15.0, 50
 _REPEATS = 5
@@ -30,7 +31,7 @@ class Trial:
         name: Of its log.
         dt: Time step [s].
         start: Time of the first step in the log [s].
-        states: ``(T + 1, 6)`` measured state: positions smoothed over two seconds, velocities from them.
+        states: ``(T + 1, 6)`` measured state: smoothed positions, velocities from them.
         control: ``(T, 2)`` mean rudder [rad] and revolutions [1/s] over each step.
         air: ``(T, 4)`` mean wind over each step, and its slow mean; zeros where none was measured.
     """
@@ -117,7 +118,7 @@ def _trial(name: str, channels: dict[str, Any], begin: float, end: float, dt: fl
     count = int((end - begin) / dt + 1e-9)
     grid = begin + fine * np.arange(count * each + 1)
     raw = {key: _on(grid, key, *measured) for key, measured in channels.items()}
-    states = _states(raw, fine)[::each]
+    states = _states(raw, fine, each * _SMOOTHING)[::each]
 
     def mean(column: np.ndarray) -> np.ndarray:
         return column[: count * each].reshape(count, each).mean(-1)
@@ -153,9 +154,9 @@ def without_repeats(times: np.ndarray, values: np.ndarray, name: str) -> tuple[n
     return times[~same], values[~same]
 
 
-def _states(raw: dict[str, np.ndarray], dt: float) -> np.ndarray:
+def _states(raw: dict[str, np.ndarray], dt: float, steps: int) -> np.ndarray:
     """States ``(N, 6)``: velocities are the derivative of the smoothed position, which no instrument delays."""
-    span = min(max(5, 2 * round(0.5 * _SMOOTHING / dt) + 1), 2 * ((len(raw["x"]) - 1) // 2) + 1)
+    span = min(2 * (steps // 2) + 1, 2 * ((len(raw["x"]) - 1) // 2) + 1)
     x, y, vx, vy = (savgol_filter(raw[key], span, 2, deriv=order, delta=dt) for order in (0, 1) for key in ("x", "y"))
     cos, sin = np.cos(raw["heading"]), np.sin(raw["heading"])
     return np.stack([x, y, raw["heading"], vx * cos + vy * sin, vy * cos - vx * sin, raw["yaw rate"]], -1)
