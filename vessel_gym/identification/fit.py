@@ -19,7 +19,7 @@ from vessel_gym.identification.trial import Trial, pace
 from vessel_gym.vehicles.manoeuvring import COEFFICIENTS, STATE, Particulars
 from vessel_gym.vehicles.measured_ship import MeasuredShip
 
-LENGTHS = (60.0, 120.0)
+LENGTHS = (60.0, 120.0, 240.0)
 """Lengths of windows [s] of a ship that sails her length in 15 s; of others in proportion."""
 _PACE = 15.0
 _N = len(STATE)
@@ -239,12 +239,13 @@ class _Problem:
         A disturbance that lasts is mistaken for motion that decays slowly: damping is estimated too small, by an error
         that is inversely proportional to the length of the window.
         """
-        steps = []
-        for each, part in zip(self.sets.items(), parts, strict=True):
-            alone = self.normal(c, [part], 2.0 * weight, sets=[each[1]])
+        inverse, steps = 1.0 / np.array(list(self.sets)), []
+        if len(inverse) == 1:
+            return 0.0 * c
+        for each, part in zip(self.sets.values(), parts, strict=True):
+            alone = self.normal(c, [part], len(parts) * weight, sets=[each])
             steps.append(np.linalg.solve(alone.A, alone.b))
-        short, *_, long = self.sets
-        return (steps[0] - steps[-1]) * (long + short) / (2.0 * (long - short)) if long > short else 0.0 * c
+        return (steps[0] - steps[-1]) * inverse.mean() / (inverse[0] - inverse[-1])
 
     def errors(self) -> dict[float, np.ndarray]:
         """RMS error of each set of windows, by length."""
