@@ -116,7 +116,7 @@ def _gaps(ship: Any, compared: Any) -> None:
         ]
         overshoots = np.rad2deg([each.overshoots for each in found])
         both = np.isfinite(overshoots).all(0)
-        numbers.append(overshoots[:, both].mean(1) if both.any() else np.full(2, np.nan))
+        numbers.append(list(overshoots[:, both].mean(1)) if both.any() else [np.nan, np.nan])
         if np.isfinite(numbers).any():
             rows.append(
                 (part.name, *("" if np.isnan(pair).any() else "{:.1f} / {:.1f}".format(*pair) for pair in numbers))

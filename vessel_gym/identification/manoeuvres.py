@@ -97,7 +97,7 @@ def compare(predict: Predict, trial: Trial) -> tuple[Manoeuvre, Manoeuvre] | Non
     return manoeuvre(part.states, rudder), manoeuvre(states, rudder)
 
 
-def track_errors(predict: Predict, part: Trial, distances: Sequence[float]) -> np.ndarray:
+def track_errors(predict: Predict, part: Trial, distances: Sequence[float] | np.ndarray) -> np.ndarray:
     """Distance ``(k,)`` [m] of the simulated ship from the measured one after she sailed ``distances`` ``(k,)`` [m].
 
     Args:
