@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.commands.console import Refusal, command, progress_bar
+from studies.logs import tables as logs
 from studies.tables.arms import EPISODES, Arm
 from studies.tables.channel import channel
 from studies.tables.faults import SEEDS, alarms, faults, faults_found, gap, inputs, latency
@@ -372,6 +373,7 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
         for env_id, sea in (*product((CORVETTE, CHANNEL), ("moderate", "rough")), (CHANNEL, "moderate quartering"))
     },
     "pairing": (ROOT / "docs/statistics.md", lambda: pairing(ROOT / "results/quick")),
+    **{name: (logs.PAGE, made) for name, made in logs.TABLES.items()},
     "shares": (ROOT / "docs/findings.md", lambda: rows_of(ROOT / "results/quick/tables/ranking.md")),
 }
 """Page of each table, and the function that makes it."""
@@ -382,6 +384,7 @@ TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
     "headline, found": (ROOT / "README.md", lambda: headline(ABLATION, CORVETTE, "moderate")),
     "suites, found": (ROOT / "docs/findings.md", lambda: found(SUITES)),
     "truth, found": (ROOT / "docs/suites.md", lambda: truth_first(ABLATION)),
+    **{name: (logs.PAGE, made) for name, made in logs.TEXTS.items()},
     "papers": (ROOT / "docs/papers.md", papers),
     "papers, counted": (ROOT / "README.md", lambda: papers(counted=True)),
 }
@@ -392,7 +395,8 @@ def main(names: tuple[str, ...] = (*TABLES, *TEXTS), /) -> None:
     """Write tables of docs/ anew: dives, flights, faults and others are flown, in half an hour.
 
     Those of studies are taken from results/ablation, results/suites, results/quick and results/latency, where
-    `make ablation` and `vessel-gym ablate suites` (or quick, or latency) leave them.
+    `make ablation` and `vessel-gym ablate suites` (or quick, or latency) leave them, those of logs from what
+    `python -m studies.logs` stored.
 
     Args:
         names: Which.

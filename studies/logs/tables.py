@@ -1,0 +1,235 @@
+"""Tables and sentences of docs/logs-findings.md, from the stored results."""
+
+import json
+from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+
+from agents.page import listed
+from studies.tables.markdown import ROOT, WITHOUT, interval, put, table
+
+PAGE, STORED = ROOT / "docs/logs-findings.md", Path(__file__).with_name("summary.json")
+KINDS = {"turn": "turns", "zigzag": "zig-zags", "random": "random", "berthing": "berthing"}
+"""Beginnings of the runs' names, and what they are called."""
+
+
+@cache
+def stored() -> dict[str, Any]:
+    """Results of the last computation."""
+    found: dict[str, Any] = json.loads(STORED.read_text(encoding="utf-8"))
+    return found
+
+
+def turns() -> str:
+    """Advance, tactical diameter and speed loss of the turns."""
+    rows = [
+        (
+            _label(run),
+            *(_pair(run[key], decimals) for key, decimals in _TURN.items()),
+            _cell(run["track error"][_MODEL][2], 2),
+        )
+        for run in _runs("turn")
+    ]
+    heads = ("turn", "advance [L]", "tactical diameter [L]", "speed loss [%]", "track error after 10 L [L]")
+    return table(heads, rows)
+
+
+_TURN = {"advance": 2, "tactical diameter": 2, "speed loss": 0}
+_MODEL = "identified model"
+
+
+def zigzags() -> str:
+    """Overshoots and periods of the zig-zags."""
+    rows = []
+    for run in _runs("zigzag"):
+        overshoots, periods = (_paired(run[key]) for key in ("overshoots", "periods"))
+        rows.append((
+            _label(run), str(overshoots.shape[1]), _pair(_means(overshoots), 1),
+            _cell(np.abs(np.diff(overshoots, axis=0)).max(initial=0.0), 1), _pair(_means(periods), 1),
+            _cell(run["track error"][_MODEL][2], 2),
+        ))  # fmt: skip
+    heads = ("zig-zag", "overshoots", "their mean [°]", "largest difference [°]", "mean period [s]",
+             "track error after 10 L [L]")  # fmt: skip
+    return table(heads, rows)
+
+
+def tracks() -> str:
+    """Median and largest track errors by kind of run, beside those of simpler models."""
+    rows = []
+    for kind, name in KINDS.items():
+        runs = _runs(kind)
+        of = {each: np.array([run["track error"][each] for run in runs], float) for each in (_MODEL, *_RIVALS)}
+        after = ("; ".join(_cell(each, 2) for each in _ends(of[_MODEL][:, k])) for k in (1, 2))
+        rivals = (_cell(_ends(of[each][:, 1])[0], 2) for each in _RIVALS)
+        rows.append((f"{name} ({len(runs)})", *after, *rivals))
+    heads = ("runs", "model, 5 L; largest", "model, 10 L; largest", *(f"{each}, 5 L" for each in _RIVALS))
+    return table(heads, rows)
+
+
+_RIVALS = ("without wind", "Nomoto, order 2", "goes on as it goes")
+
+
+def filters() -> str:
+    """Consistency of filters at sea and in simulation."""
+    rows = []
+    for name, runs in stored()["filters"].items():
+        if not (both := _both(runs)):
+            rows.append((f"`{name}`", runs[0]["error"], *[WITHOUT] * 4))
+            continue
+        inside = {place: 100.0 * np.array([each[place]["inside"] for each in both]) for place in _PLACES}
+        ratio = {place: np.array([each[place]["ratio"] for each in both]) for place in _PLACES}
+        near = {place: int(((ratio[place] > 0.5) & (ratio[place] < 2.0)).sum()) for place in _PLACES}
+        rows.append((
+            f"`{name}`", *(f"{inside[place].mean():.0f} %" for place in _PLACES), interval(_difference(runs), 1),
+            f"{near['measured']} / {near['simulated']} of {len(both)}",
+            _pair([np.median([each[place]["lag"] for each in both]) for place in _PLACES], 2),
+        ))  # fmt: skip
+    heads = ("filter", "NIS inside, at sea", "simulated", "difference [points]", "runs within a factor 2",
+             "lag 1, median")  # fmt: skip
+    return table(heads, rows)
+
+
+_PLACES = ("measured", "simulated")
+
+
+def consistency() -> str:
+    """The answer in words: filters that are as consistent at sea as in simulation, and those that are not."""
+    alike: list[tuple[str, Any]] = []
+    apart: list[tuple[str, Any]] = []
+    lost = []
+    for name, runs in stored()["filters"].items():
+        found = _difference(runs)
+        failed = sum("error" in run for run in runs)
+        if failed:
+            lost.append(f"`{name}` on {failed} of {len(runs)} runs")
+        if found is not None:
+            (apart if found.excludes_zero else alike).append((f"`{name}`", found))
+    first = (
+        "No filter is as consistent at sea as in simulation"
+        if not alike
+        else (
+            f"As consistent at sea as in simulation, within the interval, {'is' if len(alike) == 1 else 'are'} "
+            f"{listed([name for name, _ in alike])}"
+        )
+    )
+    sentences = [first + "."]
+    if apart:
+        ends = dict.fromkeys(f"{-end(found.mean for _, found in apart):.0f}" for end in (max, min))
+        sentences.append(
+            f"{listed([name for name, _ in apart])} {'has' if len(apart) == 1 else 'have'} {' to '.join(ends)} "
+            "percentage points of NIS fewer inside its central 95 % interval than in simulation."
+        )
+    if lost:
+        sentences.append(f"Estimates are lost by {listed(lost)}.")
+    return fill(" ".join(sentences), 140, break_on_hyphens=False)
+
+
+def gap() -> str:
+    """The gap of manoeuvres in words: median and largest differences of simulated from measured numbers."""
+    turning = {key: np.array([run[key] for run in _runs("turn")], float) for key in _TURN}
+    share = {key: 100.0 * np.abs(pair[:, 1] / pair[:, 0] - 1.0) for key, pair in turning.items()}
+    loss = np.abs(np.diff(turning["speed loss"])[:, 0])
+    runs = _runs("zigzag")
+    overshoots = np.concatenate([_paired(run["overshoots"]) for run in runs], 1)
+    overshoots = np.abs(np.diff(overshoots[:, overshoots[0] > 1.0], axis=0))[0]
+    both = np.concatenate([_paired(run["periods"]) for run in runs], 1).T
+    period = 100.0 * np.abs(both[:, 1] / both[:, 0] - 1.0)
+    sentences = (
+        f"Advance differs by {_spread(share['advance'], 0)} %, tactical diameter by "
+        f"{_spread(share['tactical diameter'], 0)} %, and speed loss by {_spread(loss, 0)} points.",
+        f"Of {len(overshoots)} overshoots above 1 degree {100.0 * (overshoots < 2.0).mean():.0f} % differ by less than "
+        f"2 degrees, and all by less than {np.ceil(10.0 * overshoots.max()) / 10.0:.1f}.",
+        f"Periods differ by {_spread(period, 0)} %.",
+    )
+    return fill(" ".join(sentences), 140, break_on_hyphens=False)
+
+
+def sensors() -> str:
+    """Errors of the sensors in words, from all logs together: weighted by the inverse squares of their intervals."""
+    found = []
+    for key, factor, decimals in (("surge's lag", 1.0, 2), ("gyro's scale", 100.0, 1)):
+        of = factor * np.array([each[key] for each in stored()["sensors"] if each[key] is not None])
+        weight = 1.0 / of[:, 1] ** 2
+        mean, half = float((weight * of[:, 0]).sum() / weight.sum()), float(1.0 / np.sqrt(weight.sum()))
+        said = int((np.abs(of[:, 0]) > of[:, 1]).sum())
+        found.append((f"{mean:.{decimals}f} ± {half:.{decimals}f}", f"{said} of {len(of)}"))
+    (late, late_in), (off, off_in) = found
+    text = (
+        f"Surge lags the derivative of the position by {late} s in all logs together, and beyond its 95 % interval in "
+        f"{late_in} logs. The heading turns {off} % faster than the gyro says, and {off_in} logs show it beyond their "
+        "own interval."
+    )
+    return fill(text, 140, break_on_hyphens=False)
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    "logs, turns": turns, "logs, zig-zags": zigzags, "logs, tracks": tracks, "logs, filters": filters,
+}  # fmt: skip
+TEXTS: dict[str, Callable[[], str]] = {"logs, gap": gap, "logs, sensors": sensors, "logs, consistency": consistency}
+
+
+def write() -> None:
+    """Write them into the page."""
+    stored.cache_clear()
+    for kind, made in (("table", TABLES), ("text", TEXTS)):
+        for name, function in made.items():
+            put(PAGE, f"{kind}: {name}", function())
+
+
+def _runs(kind: str) -> list[dict[str, Any]]:
+    return [run for run in stored()["runs"] if run["name"].startswith(kind)]
+
+
+def _label(run: dict[str, Any]) -> str:
+    """Date and time of a run."""
+    _, date, *time = run["name"].replace("_cut", "").split("_")
+    return f"{date}, {':'.join(time)}"
+
+
+def _both(runs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Runs on which a filter kept its estimates."""
+    return [run for run in runs if "error" not in run]
+
+
+def _difference(runs: Sequence[dict[str, Any]]) -> Any:
+    """Share of NIS inside [%], measured minus simulated, with its interval over runs."""
+    from agents.statistics import paired_difference
+
+    measured, simulated = (100.0 * np.array([run[place]["inside"] for run in _both(runs)], float) for place in _PLACES)
+    return paired_difference(measured, simulated) if len(measured) else None
+
+
+def _pair(values: Sequence[float | None], decimals: int) -> str:
+    """Measured and simulated."""
+    return " / ".join(_cell(each, decimals) for each in values)
+
+
+def _paired(values: list[list[float | None]]) -> np.ndarray:
+    """Measured and simulated ``(2, n)``, those that are both there."""
+    both = np.array(values, float)
+    return both[:, np.isfinite(both).all(0)]
+
+
+def _means(both: np.ndarray) -> Sequence[float]:
+    """Of measured and of simulated numbers ``(2, n)``."""
+    return both.mean(1).tolist() if both.size else (np.nan, np.nan)
+
+
+def _cell(value: Any, decimals: int) -> str:
+    return WITHOUT if value is None or np.isnan(value) else f"{value:.{decimals}f}"
+
+
+def _spread(values: np.ndarray, decimals: int) -> str:
+    """Median, and the largest value."""
+    median, largest = _ends(values)
+    return f"{median:.{decimals}f} (at most {largest:.{decimals}f})"
+
+
+def _ends(values: np.ndarray) -> tuple[float, float]:
+    """Median and largest value; NaN of none."""
+    known = values[np.isfinite(values)]
+    return (float(np.median(known)), float(known.max())) if len(known) else (np.nan, np.nan)
