@@ -57,6 +57,8 @@ def main(
         ship = read_ship(vessel)
         chosen = read_columns(columns) if columns else Columns({})
         if str(log) == "-":
+            if page is not None:
+                raise ValueError("--page needs a log that ends: a pipe has none")
             return _stream(sys.stdin, chosen, ship, estimators[0])
         for file in (out, page):
             if file is not None:

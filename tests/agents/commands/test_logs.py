@@ -60,6 +60,7 @@ def test_from_logs_to_estimates(folder: Path, capsys: pytest.CaptureFixture[str]
         (identify.main, ("a.csv", "--vessel", "a.csv"), "not TOML"),
         (estimate.main, ("a.csv", "--vessel", "particulars.toml"), "has no 'position'"),
         (estimate.main, ("a.csv", "--vessel", "all.toml", "--estimators", "efk"), "did you mean 'ekf'"),
+        (estimate.main, ("-", "--vessel", "all.toml", "--page", "a.html"), "--page needs a log that ends"),
     ],
 )
 def test_what_cannot_be_done_is_said_in_a_sentence(
