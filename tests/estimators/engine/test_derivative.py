@@ -72,7 +72,7 @@ def check(function: RandomFunction, rng: np.random.Generator, exact: bool, seen:
             same = (found == expected) & signs | (found != found) & (expected != expected)
             assert same.all(), (function, x[~same.reshape(len(x), -1).all(-1)])
         else:
-            noisy = [interpret(traced, [x], (1,), 2.0**-50, rng)[0] for _ in range(3)]
+            noisy = [interpret(traced, [x], 2.0**-50, rng)[0] for _ in range(3)]
             compare(found, expected, noisy)
     _, found = both.compute([ordinary])
 

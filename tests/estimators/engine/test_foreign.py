@@ -532,7 +532,7 @@ def test_a_program_in_numpy_has_the_bits_of_its_compiled_self():
     x, n = np.random.default_rng(1).normal(size=(99, 2)) * 5.0, np.arange(99)
     inspection = inspect(function, x, n, axes=(1, 0))
     assert inspection.traceable, inspection.reason
-    (found,) = interpret(inspection.function, [x, n], (1, 0), 0.0, np.random.default_rng())
+    (found,) = interpret(inspection.function, [x, n], 0.0, np.random.default_rng())
     np.testing.assert_array_equal(found.view(np.int64), inspection(x, n).view(np.int64))
 
 
