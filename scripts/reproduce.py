@@ -8,7 +8,8 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from agents.commands.console import Refusal, asked, command, in_range, job_progress
+from agents.commands.console import asked, command, in_range, job_progress
+from agents.refusal import Refusal
 
 Name = Literal["all", "corvette", "segorogeni", "itsunusa", "robust", "puna"]
 

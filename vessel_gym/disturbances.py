@@ -173,8 +173,8 @@ class SurfaceWater(Disturbance, verified=True):
             integer(f"{name} of SurfaceWater", getattr(self, name), 0)
         water, ones = self.beside, (1.0,) * len(WaveField.names)
         vars(self).update(
-            names=(*water.names, *WaveField.names), forces=water.forces, scale=(*water.scale, *ones), dt=water.dt,
-            white_increments=water.white_increments, white=water.white,
+            names=(*water.names, *WaveField.names), forces=water.forces, scale=(*(water.scale or ()), *ones),
+            dt=water.dt, white_increments=water.white_increments, white=water.white,
         )  # fmt: skip
 
     @cached_property
@@ -185,7 +185,7 @@ class SurfaceWater(Disturbance, verified=True):
     @cached_property
     def process(self) -> Process:  # type: ignore[override]
         """The current, then the waves."""
-        return Process.joined(self.beside.process, self.waves.process(self.dt))
+        return Process.joined(self.beside.process, self.waves.process(self.beside.dt))
 
     @cached_property
     def speeds(self) -> np.ndarray:

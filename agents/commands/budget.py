@@ -3,7 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from agents.commands.console import Refusal, asked, in_range, print_table, search_progress
+from agents.commands.console import asked, in_range, print_table, search_progress
+from agents.refusal import Refusal
 
 
 def main(

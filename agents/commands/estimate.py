@@ -56,9 +56,9 @@ def main(
             raise ValueError("--estimators needs at least one filter")
         ship = read_ship(vessel)
         chosen = read_columns(columns) if columns else Columns({})
+        if str(log) == "-" and page is not None:
+            raise ValueError("--page needs a log that ends: a pipe has none")
         if str(log) == "-":
-            if page is not None:
-                raise ValueError("--page needs a log that ends: a pipe has none")
             return _stream(sys.stdin, chosen, ship, estimators[0])
         for file in (out, page):
             if file is not None:

@@ -106,7 +106,7 @@ def _text() -> str:
         return [at + 16 + 8 * axes, emitter.one.value(emitter.line(f"icmp ne ptr {array}, null"), "b")]
 
     there = emitter.one.value(emitter.line(f"icmp ne ptr {fresh}, null"), "b")
-    _, made = emitter.loop(0, results, result, [at + 8, there], going=lambda _, made: made)
+    _, made = emitter.loop(0, results, result, [at + start, there], going=lambda _, made: made)
     answer, lost = (
         emitter.line(f"select i1 {emitter.one.name(made)}, ptr {one}, ptr {other}")
         for one, other in ((fresh, "null"), ("null", fresh))  # without memory it raises

@@ -4,7 +4,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
-from agents.commands.console import Refusal, asked, command, in_range
+from agents.commands.console import asked, command, in_range
+from agents.refusal import Refusal
 
 What = Literal["loop", "filters", "flights", "where", "third-party"]
 MARK = "measured"

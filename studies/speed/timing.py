@@ -20,7 +20,8 @@ import numpy as np
 
 import vessel_gym
 import vessel_gym.core
-from agents.commands.console import Refusal, asked, progress_bar
+from agents.commands.console import asked, progress_bar
+from agents.refusal import Refusal
 from estimators import names
 from studies.speed.baselines import (
     MEASUREMENTS,

@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.commands.console import Refusal, command, progress_bar
+from agents.commands.console import command, progress_bar
+from agents.refusal import Refusal
 from studies.logs import tables as logs
 from studies.tables.arms import EPISODES, Arm
 from studies.tables.channel import channel

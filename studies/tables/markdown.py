@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.commands.console import Refusal
 from agents.page import markdown_table
+from agents.refusal import Refusal
 
 ROOT = Path(__file__).parents[2]
 WITHOUT = "–"

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.commands.console import Refusal
 from agents.page import listed
+from agents.refusal import Refusal
 from agents.statistics import Interval, crossed_interval, paired_difference
 from agents.studies.records import FLOOR, ORACLE
 from agents.studies.worlds import system_of

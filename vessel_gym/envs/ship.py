@@ -135,7 +135,7 @@ class ShipVectorEnv(VesselVectorEnv):
 
 
 SIGMA_CORVETTE = ship_system("corvette", "SigmaCorvette-v0")
-SEAS = SIGMA_CORVETTE.disturbances
+SEAS: dict[str, Any] = SIGMA_CORVETTE.disturbances
 SIGMA_CHANNEL = replace(
     SIGMA_CORVETTE,
     name="SigmaChannel-v0",
