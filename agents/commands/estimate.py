@@ -60,9 +60,8 @@ def main(
             raise ValueError("--page needs a log that ends: a pipe has none")
         if str(log) == "-":
             return _stream(sys.stdin, chosen, ship, estimators[0])
-        for file in (out, page):
-            if file is not None:
-                check_file(file)
+        for file in filter(None, (out, page)):
+            check_file(file)
         found = read(log, chosen)
         step = sampling(trials(found, common_step([found], ship.particulars)), ship)
         parts = voyages(found, step)

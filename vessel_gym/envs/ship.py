@@ -1,5 +1,6 @@
 """Ship-v0: any ship of a vehicle file holds a turning circle with a filter in the loop."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -135,7 +136,7 @@ class ShipVectorEnv(VesselVectorEnv):
 
 
 SIGMA_CORVETTE = ship_system("corvette", "SigmaCorvette-v0")
-SEAS: dict[str, Any] = SIGMA_CORVETTE.disturbances
+SEAS: Mapping[str, Any] = SIGMA_CORVETTE.disturbances
 SIGMA_CHANNEL = replace(
     SIGMA_CORVETTE,
     name="SigmaChannel-v0",
