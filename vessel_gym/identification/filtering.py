@@ -38,7 +38,7 @@ _SHIP, _INPUTS, _SMOOTHED = 6, 6, 5
 _SCALE, _AGE, _HEADING, _CURRENT, STATES = 10, 11, 12, 13, 15
 _LASTING = {"age": 0.5, "heading drift": 40.0, "current": 100.0}
 """Time constants [s]."""
-GATE, _REJECTED = 1e-4, 3
+GATE, _REJECTED = 1e-7, 2
 """Probability that the gate rejects a sensor of a consistent filter, and measurements that it rejects in succession:
 the next one is taken, so that a ship that did move is found again."""
 MEMORY, _ASSUMED = 30.0, 40.0
@@ -198,7 +198,7 @@ def start_noise(ship: MeasuredShip, pace: float) -> np.ndarray:
     pushed = 0.06 * length / pace**2
     return np.array([
         2e-3 * length, 4e-3, 5e-3 / pace, pushed, pushed, 0.12 / pace**2, 0.3 * pace, 0.3, 5.0, 3e-3 / pace**1.5,
-        0.03, 0.05, 0.012, 0.15 * length / pace,
+        0.03, 0.03, 0.012, 0.15 * length / pace,
     ])  # fmt: skip
 
 

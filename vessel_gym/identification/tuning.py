@@ -18,9 +18,9 @@ from vessel_gym.identification.filtering import (
 )
 from vessel_gym.vehicles.measured_ship import MeasuredShip
 
-_TUNED = ("position", "heading", "yaw rate", "surge", "sway", "yaw", "growth", "manoeuvre")
+_TUNED = ("position", "heading", "yaw rate", "yaw", "growth", "manoeuvre")
 """What innovations determine; errors that last do not show from one step to the next."""
-_TAIL, _WINDOWS, _SPREAD = 8.0, 40, 1.5
+_TAIL, _WINDOWS, _SPREAD = 40.0, 40, 1.0
 """Degrees of freedom of Student's t, windows at most, and what is assumed of the logarithm of a parameter."""
 
 
