@@ -247,7 +247,7 @@ class Gated:
         from scipy.stats import chi2
 
         self._filter = _filter(name, model(ship, dt))
-        self._limits = {count: float(chi2.isf(GATE, count)) for count in (1, 2)}
+        self._limits = {count: float(chi2.isf(GATE, count)) for count in range(1, 5)}
         self._misses = dict.fromkeys(WITHHELD, 0)
         self._level, self._weight = 1.0, _ASSUMED
         self._keys, self._count = RandomKeys(key(rng)), 0
@@ -294,6 +294,7 @@ class Gated:
     def _learn(self, belief: Any) -> None:
         square, count = float(nis(belief.innovation, belief.innovation_cov)), int(np.sum(belief.available))
         if count and np.isfinite(square):
+            square = min(square, self._level * self._limits[count])  # a jump says little of the level
             kept = (1.0 - 1.0 / MEMORY) * self._weight
             self._level, self._weight = (kept * self._level + square) / (kept + count), kept + count
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimators.models import Gaussian
 from vessel_gym.identification.filtering import SENSORS, Gated, inputs, noise_of, prior
-from vessel_gym.identification.trial import SLOW, fine
+from vessel_gym.identification.trial import ROUNDING, SLOW, fine
 from vessel_gym.logs import Columns, LogError, rows
 from vessel_gym.logs.read import tangent_plane, turned
 from vessel_gym.vehicles.measured_ship import MeasuredShip
@@ -106,10 +106,12 @@ class _Fresh:
     """False for a value that the instrument held, by what its changes have been so far (`without_repeats`)."""
 
     def __init__(self) -> None:
-        self._last, self._smallest, self._sum, self._count = np.nan, np.inf, 0.0, 0
+        self._last = self._change = np.nan
+        self._smallest, self._sum, self._count = np.inf, 0.0, 0
 
     def __call__(self, value: float) -> bool:
-        change, self._last = abs(value - self._last), value
-        if change > 0.0:
-            self._smallest, self._sum, self._count = min(change, self._smallest), self._sum + change, self._count + 1
+        change, before = value - self._last, self._change
+        bend, self._last, self._change = abs(change - before), value, change
+        if bend > ROUNDING * abs(value):
+            self._smallest, self._sum, self._count = min(bend, self._smallest), self._sum + bend, self._count + 1
         return change != 0.0 or not self._count or not fine(self._smallest, self._sum / self._count)

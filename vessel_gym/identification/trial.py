@@ -19,7 +19,7 @@ _GUST, SLOW = 1.0, 200.0
 """Spans [s]: of the wind that a ship feels as one, of the wind that moves the surface of the water."""
 _NEEDED = ("x", "y", "heading", "yaw rate", "rudder", "revolutions")
 _STEPS, _GAP, _LEAST = 75.0, 15.0, 50
-_REPEATS = 5
+_REPEATS, ROUNDING = 5, 1e-9
 """Position or heading repeated so often was held by the instrument: a moving ship's is never the same."""
 
 
@@ -148,10 +148,9 @@ def without_repeats(times: np.ndarray, values: np.ndarray, name: str) -> tuple[n
     """
     if name == "yaw rate":
         return times, values
-    changes = np.abs(np.diff(values))
-    same = np.concatenate([[False], changes == 0.0])
-    moved = changes[changes > 0.0]
-    if len(moved) and fine(float(moved.min()), float(moved.mean())):
+    same, bends = np.concatenate([[False], np.diff(values) == 0.0]), np.abs(np.diff(values, 2))
+    bends = bends[bends > ROUNDING * np.abs(values).max(initial=0.0)]
+    if len(bends) and fine(float(bends.min()), float(bends.mean())):
         return times[~same], values[~same]
     edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
     for first, last in edges.reshape(-1, 2):
@@ -161,11 +160,11 @@ def without_repeats(times: np.ndarray, values: np.ndarray, name: str) -> tuple[n
 
 
 def fine(smallest: float, mean: float) -> bool:
-    """True if a moving ship's values repeat by chance in fewer than one of a hundred cases.
+    """True if a moving ship's values repeat by chance in about one of a hundred cases at most.
 
     Args:
-        smallest: Smallest change of the values, the resolution of an instrument.
-        mean: Their mean change.
+        smallest: Smallest second difference of the values, the resolution of an instrument.
+        mean: Their mean second difference.
     """
     return smallest < 0.01 * mean
 

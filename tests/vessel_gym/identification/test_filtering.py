@@ -140,7 +140,7 @@ def test_a_ship_that_did_move_is_found_again() -> None:
     assert not found.rejected[102, 0]
     error = np.abs(found.mean[:, 0] - moved[:, 0])
     assert error[101] > 2.0
-    assert error[115:].max() < 0.5
+    assert error[150:].max() < 0.5
 
 
 def test_a_held_sensor_is_missing_and_the_uncertainty_grows(tmp_path: Path) -> None:
