@@ -17,13 +17,13 @@ def log_page(log: Log, findings: Sequence[Finding]) -> Page:
     steps = [1.0 / rate(each) for each in log.channels.values()]
     dt = max(np.nanmin([last - first, *steps]), (last - first) / (FRAMES - 1), 1e-6)
     count = round((last - first) / dt) + 1
-    shown = {name: channel for name, channel in log.channels.items() if len(channel.measured()[0])}
+    charted = {name: channel for name, channel in log.channels.items() if len(channel.measured()[0])}
     charts = [
         _chart(channel, first, dt, count)
         | {"faults": [_fault(log, each, first, "") for each in findings if each.channel == name]}
-        for name, channel in shown.items()
+        for name, channel in charted.items()
     ]
-    others = [_fault(log, each, first, each.channel) for each in findings if each.channel not in shown]
+    others = [_fault(log, each, first, each.channel) for each in findings if each.channel not in charted]
     number = f"{len(findings)} fault{'s' * (len(findings) != 1)}" if findings else "no fault found"
     return Page({
         "title": f"{log.name}: {number}",

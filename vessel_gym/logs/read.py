@@ -50,7 +50,7 @@ def read(path: Path, columns: Columns | None = None) -> Log:
     remarks: list[tuple[int, str]] = []
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         lines = _lines(file, path.name)
-        lines, sentences = _told_apart(lines)
+        lines, sentences = _recognised(lines)
         sentences = sentences or path.suffix.lower() == ".nmea"
         found = _table(rows(lines, columns, path.name, remarks, sentences), path.name)
     return _log_of_sentences(path.name, found, remarks) if sentences else _log(path.name, found, remarks)
@@ -70,14 +70,14 @@ def _lines(file: TextIO, name: str) -> Iterator[str]:
         yield line
 
 
-def _told_apart(lines: Iterable[str]) -> tuple[Iterator[str], bool]:
+def _recognised(lines: Iterable[str]) -> tuple[Iterator[str], bool]:
     """The lines, and whether they are NMEA 0183: the first one that is no comment has a sentence."""
-    lines, begun = iter(lines), []
+    lines, opening = iter(lines), []
     for line in lines:
-        begun.append(line)
-        if not is_comment(line) or len(begun) == _COMMENTS:
+        opening.append(line)
+        if not is_comment(line) or len(opening) == _COMMENTS:
             break
-    return chain(begun, lines), bool(begun) and is_nmea(begun[-1])
+    return chain(opening, lines), bool(opening) and is_nmea(opening[-1])
 
 
 def _table(parsed: Iterator, name: str) -> tuple[list[Column], np.ndarray]:
@@ -114,7 +114,7 @@ def rows(
         LogError: if the header is missing or names no channel.
     """
     if sentences is None:
-        lines, sentences = _told_apart(lines)
+        lines, sentences = _recognised(lines)
     if sentences:
         yield from sentence_rows(lines, columns, name, lambda *what: _remark(remarks, *what))
         return

@@ -1,6 +1,7 @@
 """Damaged logs: each is read as far as it can be, or refused in one sentence, in bounded memory."""
 
 import tracemalloc
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -139,7 +140,7 @@ def test_memory_is_in_proportion_to_the_numbers_of_a_log(tmp_path: Path) -> None
 def test_a_log_of_too_many_rows_is_refused_at_the_first_that_is_too_many(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("vessel_gym.logs.read.MOST_ROWS", 1000)
+    monkeypatch.setattr(import_module("vessel_gym.logs.read"), "MOST_ROWS", 1000)
     (tmp_path / "log.csv").write_text("t,x\n" + "".join(f"{k},{k}\n" for k in range(1000)))
     assert len(read(tmp_path / "log.csv")["x"].values) == 1000
     with (tmp_path / "log.csv").open("a") as file:
