@@ -102,7 +102,7 @@ def write_as_the_page_s_map_says(path: Path, voyage: Trial) -> None:
 def test_the_command_lines_of_the_docs_page_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """From logs with the names of its column map to a policy; evaluation and training are shortened."""
+    """From logs with the names of its column map to a policy; what takes long is shortened."""
     pytest.importorskip("stable_baselines3")
     monkeypatch.chdir(tmp_path)
     columns, particulars = (
@@ -115,7 +115,11 @@ def test_the_command_lines_of_the_docs_page_run(
     for name in ("turn", "zigzag", "random", "voyage"):
         write_as_the_page_s_map_says(Path(f"{name}.csv"), trial(rng, c, 200.0))
     settings = [f"{key}={value}".replace(" ", "") for key, value in TINY.items()]
-    shorter = {"evaluate": ["--episodes", "1"], "train": ["--steps", str(TRAINED), "--set", *settings]}
+    shorter = {
+        "estimate": ["--estimators", "ekf"],
+        "evaluate": ["--episodes", "1"],
+        "train": ["--steps", str(TRAINED), "--set", *settings],
+    }
     run = []
     for line in "".join(blocks("logs", "bash")).splitlines():
         before, _, words = line.rpartition("| ")
