@@ -281,7 +281,7 @@ class _Reader(TomlReader):
             values["faults"] = self.faults(place, values.get("faults", ()))
             condition = Condition(name, **values)
             if not 0.0 <= condition.mismatch <= 0.25:
-                text = f"mismatch must be between 0 and 0.25, got {condition.mismatch:g}"
+                text = f"mismatch must be between 0 and 0.25, got {short_repr(condition.mismatch)}"
                 self.wrong((*place, "mismatch"), text)
                 condition = replace(condition, mismatch=0.0)
             self.names("environment", condition.environments, ids, (*place, "environments"))

@@ -1,6 +1,7 @@
 """Tables of a TOML file, read with every mistake and its line."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, get_origin, get_type_hints
@@ -100,8 +101,11 @@ class TomlReader:
                 for each in table[key]:
                     self.name(f"key in {key}", each, keys_of(kind), (*where, each))
                 found[key] = kind(**self.values(kind, table[key], where))
-            elif kind in (float, tuple[str, ...]):
-                found[key] = (float if kind is float else tuple)(table[key])
+            elif kind == tuple[str, ...]:
+                found[key] = tuple(table[key])
+            elif kind is float:
+                with suppress(OverflowError):  # too many digits, which the range refuses
+                    found[key] = float(table[key])
             if key in self.CHOICES:
                 self.name("observe mode" if key == "observe" else key, table[key], self.CHOICES[key], where)
         return found
