@@ -11,7 +11,7 @@ import pytest
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Air, Disturbance, Fault, Sea, SurfaceWater, Water
 from vessel_gym.envs.own import register_environment
-from vessel_gym.envs.ship import SIGMA_CORVETTE
+from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
 from vessel_gym.guidance import dive_path, dubins, words
 from vessel_gym.processes import Process
 from vessel_gym.sea_trials import circle_geometry, fit_circle, initial_turning, simulate, turning_circle, zigzag
@@ -106,7 +106,8 @@ CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, list[Any]]]] = [
       "start": [[0.0] * 6, "x"], "rudder": [10.0, None], "current": [1.0, (1.0,), (np.nan, 0.0)], "stop": [3]}),
     (turning_circle, TRIAL, {"ship": [None, "corvette"], "rudder": [10.0, -35.0, "10", None, np.nan, 0.0],
                              "speed": [-5.0, 0.0, "fast"], "turns": NOT_POSITIVE, "longest": [0.0, np.inf, "x"]}),
-    (zigzag, TRIAL, {"ship": [None, 3], "rudder": [0.0, 10.0, "x"], "heading": [0.0, -1.0, 20.0, "x"]}),
+    (zigzag, TRIAL, {"ship": [None, 3], "rudder": [0.0, 10.0, "x"], "heading": [0.0, -1.0, 20.0, "x"],
+                     "cycles": NO_WHOLE, "on_samples": [None, "yes", np.zeros(2)]}),
     (initial_turning, TRIAL, {"ship": [None], "rudder": [0.0, 10.0], "heading": [0.0, 10.0, None]}),
     (circle_geometry, {"x": SERIES, "y": SERIES, "psi": SERIES},
      {"x": [None, [], SERIES[:3]], "psi": ["x", np.full(50, np.nan)], "dt": [0.0, -1.0, "x"]}),
