@@ -44,10 +44,8 @@ def copied(made: Any) -> Any:
 
 def copied_part(part: Any) -> Any:
     """A frozen part of ours, of a class that is copied."""
-    other = object.__new__(copied(type(part)))
-    for each in fields(part) if hasattr(part, "__dataclass_fields__") else ():
-        object.__setattr__(other, each.name, getattr(part, each.name))
-    return other
+    each = fields(part) if hasattr(part, "__dataclass_fields__") else ()
+    return copied(type(part))(**{own.name: getattr(part, own.name) for own in each if own.init})
 
 
 def copied_sensor(sensor: Sensor) -> Sensor:

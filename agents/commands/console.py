@@ -230,11 +230,11 @@ class _Lines:
     def __call__(self, done: int, total: int, text: str = "") -> None:
         """Say it, if it is time to."""
         tenth, now = 10 * done // max(total, 1), time.monotonic()
-        begun, start = self._first = self._first or (done, now)
+        first, start = self._first = self._first or (done, now)
         if tenth > self._tenth or now >= self._said + _PAUSE:
             self._tenth, self._said = tenth, now
-            timed = self._even and begun < done < total
-            left = f"{timedelta(seconds=round((now - start) * (total - done) / (done - begun)))} left" if timed else ""
+            timed = self._even and first < done < total
+            left = f"{timedelta(seconds=round((now - start) * (total - done) / (done - first)))} left" if timed else ""
             print(", ".join(filter(None, (f"{self._title}: {done}/{total}", text, left))), file=sys.stderr, flush=True)
 
 

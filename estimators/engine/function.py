@@ -141,8 +141,10 @@ class Function:
             room = machine.scratch(width * self.layout.size)
             entry(some.start, some.stop, shared, room, self._constants, *arrays)
 
-        parts = shares(rows, threads, self.operations, LANES) if threads > 1 else [slice(0, rows)]
-        each_part(part, parts, threads)
+        if threads == 1:
+            part(slice(0, rows))
+        else:
+            each_part(part, shares(rows, threads, self.operations, LANES), threads)
 
     def stacked(self, width: int) -> bool:
         """Do the matrices of so many rows side by side stand on the stack, where they need no scratch?"""

@@ -77,34 +77,42 @@ def nis_of(estimates: Estimates, passed: bool = False) -> tuple[np.ndarray, np.n
     return nis(belief.innovation, belief.innovation_cov), np.asarray(belief.available).sum(-1)
 
 
+def consistency(found: Estimates) -> tuple[float, float, float, float]:
+    """Share of NIS inside, NIS ratio, share rejected and lag, as in `Verdict`.
+
+    Raises:
+        ValueError: if there are no estimates, or they are lost.
+    """
+    from scipy.stats import chi2
+
+    square, count = (each[_BEGINNING:] for each in nis_of(found))
+    used = count > 0
+    if not used.any() or not np.isfinite(square[used]).all():
+        raise ValueError("the estimates are lost")
+    low, high = chi2.ppf(0.025, count[used]), chi2.ppf(0.975, count[used])
+    inside = float(((square[used] > low) & (square[used] < high)).mean())
+    square, passed = (each[_BEGINNING:] for each in nis_of(found, passed=True))
+    rejected = float(found.rejected[_BEGINNING:].sum() / count.sum())
+    return inside, float(square.sum() / max(1, passed.sum())), rejected, _lag(found.updated)
+
+
 def judge(name: str, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, rng: int = 0) -> tuple[Estimates, Verdict]:
     """A filter over a voyage, and how consistent it is.
 
     Raises:
         ValueError: if the filter cannot work with the model, or its estimates are lost.
     """
-    from scipy.stats import chi2
-
     found = estimate(name, ship, voyage, noise, rng=rng)
-    square, count = (each[_BEGINNING:] for each in nis_of(found))
-    used = count > 0
-    if not used.any() or not np.isfinite(square[used]).all():
-        raise ValueError(f"{name} loses its estimates on {voyage.trial.name}")
-    low, high = chi2.ppf(0.025, count[used]), chi2.ppf(0.975, count[used])
-    inside = float(((square[used] > low) & (square[used] < high)).mean())
-    square, passed = (each[_BEGINNING:] for each in nis_of(found, passed=True))
+    try:
+        numbers = consistency(found)
+    except ValueError:
+        raise ValueError(f"{name} loses its estimates on {voyage.trial.name}") from None
     withheld = {
         label: _foretold(estimate(name, ship, voyage, noise, sensors, rng), ship, voyage, noise, sensors)
         for label, sensors in WITHHELD.items()
     }
-    return found, Verdict(
-        inside,
-        float(square.sum() / max(1, passed.sum())),
-        float(found.rejected[_BEGINNING:].sum() / count.sum()),
-        _lag(found.updated),
-        {label: share for label, (share, _) in withheld.items()},
-        {label: deviation for label, (_, deviation) in withheld.items()},
-    )
+    shares, deviations = ({label: each[i] for label, each in withheld.items()} for i in (0, 1))
+    return found, Verdict(*numbers, shares, deviations)
 
 
 def _lag(belief: Any) -> float:
@@ -127,7 +135,7 @@ def foretold(
     error = difference(y, expected, used.measurement_angles)
     spread = np.einsum("...ij,...jk,...ik->...i", H, cov, H)
     spread = spread + np.asarray(level)[..., None] * np.einsum("...ii->...i", measurement_noise(known))
-    return error[..., columns], np.sqrt(spread[..., columns])
+    return error[..., list(columns)], np.sqrt(spread[..., list(columns)])
 
 
 def _foretold(

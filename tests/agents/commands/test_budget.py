@@ -49,7 +49,7 @@ def flown(out: Path) -> list[dict[str, str]]:
 
 
 def small(out: Path, prices: Path | None, processes: int = 1) -> int:
-    return budget.main(ENVIRONMENT, keep=0.8, prices=prices, episodes=32, out=out, processes=processes)
+    return budget.main(ENVIRONMENT, keep=0.8, prices=prices, episodes=128, out=out, processes=processes)
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from agents.commands import ablate, watch
 from agents.commands import train as train_command
 from agents.commands.console import command
 from agents.jobs import Job, run
-from agents.page import Page, render
+from agents.page import templates
 from agents.studies.report import write_report
 from agents.training.algorithms import train
 from estimators.consistency import consistency_figure
@@ -74,7 +74,7 @@ CALLS: dict[str, tuple[str, str, Callable[[Path], Any]]] = {
     "loading": ("sb3_contrib", "train", lambda path: agents.load_agent(path / "foreign.zip", gym.make(ENV), True)),
     "a report": ("matplotlib", "report", lambda path: write_report(None, path)),
     "a paper": ("matplotlib", "report", lambda path: report("corvette", {})),
-    "a page": ("jinja2", "report", lambda path: render(Page("", "", (), ()))),
+    "a page": ("jinja2", "report", lambda path: templates.__wrapped__()),
     "processes": ("joblib", "report", lambda path: run([Job("agents.seeds:training_seed", {})], path, processes=2)),
     "a cluster": (
         "dask",
