@@ -52,7 +52,8 @@ class Plan {
     if (scene.goal) draw(paper, circle(at(scene.goal), Math.max(scene.goal[3] * scale, 5)), { stroke: colours.goal, width: 2 });
     const length = Math.max(scene.size * scale, scene.least), factor = length / (scene.size * scale);
     for (const part of shown().reverse()) this.flight(paper, view, part, time, at, length, scale);
-    if (scene.hull !== "dot" && factor > 1.05) write(paper, `vehicle drawn ${number(factor, 2)} times its size`, box.width - box.right - 10, box.y + box.height - 22, "right");
+    const [x, y, align] = box.top ? [box.width - box.right - 10, 28, "right"] : [10, 16, "left"]; // beside the buttons, or above the tracks
+    if (scene.hull !== "dot" && factor > 1.05) write(paper, `vehicle drawn ${number(factor, 2)} times its size`, x, box.y + y, align);
   }
   flight(paper, view, { flight, look }, time, at, length, scale) {
     const truth = between(flight.true, time), estimate = between(flight.believed, time), i = stepAt(flight, time);
