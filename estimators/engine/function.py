@@ -121,8 +121,7 @@ class Function:
                 run, (width, entry) = partial(self, rows, shared), self._entry(rows)
                 if self.stacked(width):
                     run = partial(entry, 0, rows, shared, self._constants, self._constants)
-                types = [array.dtype for array in arrays]
-                self._last = Call(matcher(), described(arrays, results), types, run, rows, shared)
+                self._last = Call(matcher(), described(arrays, results), [a.dtype for a in arrays], run, rows, shared)
             self._shapes = shapes
         return results
 
@@ -138,8 +137,7 @@ class Function:
         width, entry = self._entry(rows)
 
         def part(some: slice) -> None:
-            room = machine.scratch(width * self.layout.size)
-            entry(some.start, some.stop, shared, room, self._constants, *arrays)
+            entry(some.start, some.stop, shared, machine.scratch(width * self.layout.size), self._constants, *arrays)
 
         if threads == 1:
             part(slice(0, rows))
