@@ -36,12 +36,12 @@ heading [rad], and the drift of the water [m/s]."""
 _SHIP, _INPUTS, _SMOOTHED = 6, 6, 5
 """States of the ship, known inputs, and steps over which the positions are smoothed that a voyage starts from."""
 _SCALE, _AGE, _HEADING, _CURRENT, STATES = 10, 11, 12, 13, 15
-_LASTING = {"age": 0.5, "heading drift": 40.0, "current": 100.0}
+_LASTING = {"gyro scale": 100.0, "age": 0.5, "heading drift": 40.0, "current": 100.0}
 """Time constants [s]."""
 GATE, _REJECTED = 1e-7, 2
 """Probability that the gate rejects a sensor of a consistent filter, and measurements that it rejects in succession:
 the next one is taken, so that a ship that did move is found again."""
-MEMORY, _ASSUMED = 30.0, 40.0
+MEMORY, _ASSUMED = 15.0, 20.0
 """Steps over which the level of all noise is averaged, and degrees of freedom that the level 1 counts as."""
 
 
@@ -130,9 +130,10 @@ def _transition(c: np.ndarray, p: np.ndarray, dt: float, x: np.ndarray, u: np.nd
     for _ in range(2):
         middle = state + 0.5 * h * (rates(state, control, air, c, p) + pushed)
         state = state + h * (rates(middle, control, air, c, p) + pushed)
-    age, heading, slow = (np.exp(-dt / each) for each in _LASTING.values())
-    lasting = (age * x[..., _AGE:_HEADING], heading * x[..., _HEADING:_CURRENT], slow * current)
-    return np.concatenate([state, np.exp(-dt / constant) * extra, x[..., _SHIP + 3 : _AGE], *lasting], -1)
+    kept = np.exp(-dt / np.array([*_LASTING.values(), _LASTING["current"]]))
+    return np.concatenate(
+        [state, np.exp(-dt / constant) * extra, x[..., _SCALE - 1 : _SCALE], kept * x[..., _SCALE:]], -1
+    )
 
 
 def _measured(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
@@ -158,7 +159,7 @@ def _process(dt: float, u: np.ndarray) -> np.ndarray:
     accelerations = (1.0 - np.exp(-2.0 * dt / noise["time constant"])) * grown**2
     none = 0.0 * grown + 1e-12
     variances = [none] * _SHIP + [accelerations * noise[name] ** 2 for name in ("surge", "sway", "yaw")]
-    variances += [dt * noise["gyro drift"] ** 2, none]
+    variances += [dt * noise["gyro drift"] ** 2]
     variances += [renewed[name] * noise[name] ** 2 for name in (*_LASTING, "current")]
     acting = np.eye(STATES) + 0.5 * dt * np.eye(STATES, k=3) * (np.arange(STATES) // 3 == 1)[:, None]
     return acting @ (np.stack(variances, -1)[..., None] * np.eye(STATES)) @ acting.T
@@ -234,20 +235,22 @@ class Step:
 
 
 class Gated:
-    """A filter that finds the level of all noise, behind a chi-square gate.
+    """A filter that finds the level of all noise, behind a gate.
 
     Only ratios of variances are assumed. Their common factor is the mean of NIS over its degrees of freedom, old ones
     forgotten (West & Harrison 1997, Bayesian Forecasting and Dynamic Models, sec. 4.5 and 10.8); gains do not depend on
     it. A sensor's measurement is rejected if the square of its innovation, relative to the covariance, is one of the
-    largest `GATE` of a consistent filter's (Bar-Shalom, Li & Kirubarajan 2001, sec. 5.7). After some rejections in
+    largest `GATE` of a consistent filter's (Bar-Shalom, Li & Kirubarajan 2001, sec. 5.7); as the level is estimated,
+    that has an F distribution. After some rejections in
     succession the next measurement is taken.
     """
 
     def __init__(self, name: str, ship: MeasuredShip, dt: float, rng: int = 0) -> None:
-        from scipy.stats import chi2
+        from scipy.stats import f
 
         self._filter = _filter(name, model(ship, dt))
-        self._limits = {count: float(chi2.isf(GATE, count)) for count in range(1, 5)}
+        channels = len(SENSORS)
+        self._limits = {n: float(n * f.isf(GATE, n, channels * MEMORY)) for n in range(1, channels + 1)}
         self._misses = dict.fromkeys(WITHHELD, 0)
         self._level, self._weight = 1.0, _ASSUMED
         self._keys, self._count = RandomKeys(key(rng)), 0

@@ -97,7 +97,7 @@ def test_a_withheld_sensor_changes_nothing_but_what_is_measured() -> None:
     np.testing.assert_array_equal(first.mean, second.mean)
 
 
-@pytest.mark.parametrize("rate", [filtering.GATE, 0.02])
+@pytest.mark.parametrize("rate", [filtering.GATE, 2e-3])
 def test_the_gate_rejects_at_its_rate(rate: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """On its own model; 4 standard deviations of the binomial distribution, false alarm 1e-4."""
     monkeypatch.setattr(filtering, "GATE", rate)
