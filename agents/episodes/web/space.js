@@ -241,7 +241,8 @@ class Space {
       draw(paper, circle([x, y], 1.8), { fill: colours.muted });
       write(paper, number(v), x + 8 * nx, y + 4 + 11 * ny, align);
     }
-    if (c === 2) write(paper, name, Math.max(4, ends[0][0] - 40), ends[0][1] - 12, "left", colours.ink);
-    else write(paper, name, middle[0] + (8 + 36 * Math.abs(nx)) * nx, middle[1] + 4 + 25 * ny, align, colours.ink);
+    const [x, y] = c === 2 ? [ends[0][0] - 40, ends[0][1] - 12] : [middle[0] + (8 + 36 * Math.abs(nx)) * nx, middle[1] + 4 + 25 * ny];
+    const wide = paper.measureText(name).width, before = c === 2 || align === "left" ? 0 : align === "right" ? wide : wide / 2;
+    write(paper, name, Math.max(4, Math.min(x - before, this.width - wide - 4)), y, "left", colours.ink); // within the scene
   }
 }
