@@ -59,7 +59,7 @@ const round125 = (value) => {
 /** Multiples of a round step within two ends. */
 const levels = (low, high, step) => Array.from({ length: Math.max(0, Math.floor(high / step + 1e-6) - Math.ceil(low / step - 1e-6) + 1) }, (_, i) => (Math.ceil(low / step - 1e-6) + i) * step);
 const number = (value, digits = 3) => (Number.isFinite(value) ? Number(value.toPrecision(digits)).toString().replace("-", "−") : "–");
-const decimals = (value) => (Number.isFinite(value) ? value.toFixed(Math.abs(value) < 1 ? 3 : Math.abs(value) < 10 ? 2 : 1).replace("-", "−") : "–");
+const decimals = (value) => (Number.isFinite(value) ? value.toFixed(Math.abs(value) < 1 ? 3 : Math.abs(value) < 10 ? 2 : 1).replace(/^-(?=[0.]+$)/, "").replace("-", "−") : "–");
 const clock = (time) => `${time.toFixed(1)} ${data.unit}`;
 const scoreOf = (flight) => flight.verdict ?? (flight.scored ? `score ${flight.score.toFixed(3)} of 1` : `return ${number(flight.score, 4)}`);
 /** Vertical position in the reader's terms: depth below the surface, altitude, or the coordinate itself. */
