@@ -35,7 +35,7 @@ class Rollout:
             after an episode's end repeat its last values. Beside that ``nis``: the normalised innovation squared,
             NaN where an estimator has none, and at an episode's end.
         env: The (closed) vector environment, for its system and spaces.
-        course: ``(N, k)`` parameters of the episode that the task has drawn; None where the environment is not ours.
+        scenario: ``(N, k)`` parameters of the episode that the task has drawn; None where the environment is not ours.
     """
 
     env_id: str
