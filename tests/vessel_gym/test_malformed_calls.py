@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from vessel_gym.envs.sigma_corvette import SIGMA_CORVETTE
 
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Air, Disturbance, Fault, Sea, SurfaceWater, Water
 from vessel_gym.envs.own import register_environment
+from vessel_gym.envs.ship import SIGMA_CORVETTE
 from vessel_gym.guidance import dive_path, dubins, words
 from vessel_gym.processes import Process
 from vessel_gym.sea_trials import circle_geometry, fit_circle, initial_turning, simulate, turning_circle, zigzag
