@@ -125,11 +125,16 @@ def print_table(title: str, header: Sequence[str], sections: Iterable[Iterable[S
         return escape(text.encode(sys.stdout.encoding or "utf-8", _SPELLED).decode(sys.stdout.encoding or "utf-8"))
 
     console, table = Console(), Table(title=written(title))
+    sections = [[[*map(written, row)] for row in rows] for rows in sections]
+    columns = [*zip(header, *(row for rows in sections for row in rows), strict=True)][1:]
+    whole = 15 + sum(3 + max(map(len, column)) for column in columns) < console.width  # the first column makes room
     for label in header:
-        table.add_column(written(label), justify="right" if table.columns else "left")
+        table.add_column(
+            written(label), justify="right" if table.columns else "left", no_wrap=whole and bool(table.columns)
+        )
     for rows in sections:
         for row in rows:
-            table.add_row(*map(written, row))
+            table.add_row(*row)
         table.add_section()
     console.print(table, width=None if console.is_terminal else 1000)
 

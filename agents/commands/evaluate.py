@@ -54,6 +54,8 @@ def main(
 
 def _fly(title: str, agent: str, env_id: str, seeds: list[int], worlds: list[dict[str, Any]], trust: bool) -> None:
     """Fly the seeds with each of the environment's options, and print a table of the metrics."""
+    import numpy as np
+
     from agents import rollout
     from agents.metrics import SCORE, core_of, metrics, scores
 
@@ -66,8 +68,9 @@ def _fly(title: str, agent: str, env_id: str, seeds: list[int], worlds: list[dic
             chosen = metrics(core.system)
             header.append(core.estimator or "no estimator")
             advance()
-    beside = [metric for metric in chosen if metric.cost or metric.key == SCORE.key]
-    sections = beside, [metric for metric in chosen if metric not in beside]
+    given = [metric for metric in chosen if any(np.isfinite(column[metric.key]).any() for column in columns)]
+    beside = [metric for metric in given if metric.cost or metric.key == SCORE.key]
+    sections = beside, [metric for metric in given if metric not in beside]
     print_table(title, header, ([_row(metric, columns) for metric in section] for section in sections))
 
 
