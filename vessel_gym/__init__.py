@@ -10,7 +10,8 @@ from vessel_gym.shadowing import shadowing
 
 if _file := shadowing("estimators"):
     raise ImportError(
-        f"vessel_gym needs its own package estimators, but {_file} is found first: rename that file or folder",
+        f"vessel_gym needs its own package estimators, but {_file} is found first: rename that file or folder, or "
+        "start your script by python -P or from a subfolder",
         name=__name__,  # so that python -m vessel_gym prints the sentence alone
     )
 

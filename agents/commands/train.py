@@ -1,6 +1,7 @@
 """Train an agent on an environment: ``vessel-gym train SigmaCorvette-v0 --estimator kf-umv-ui``."""
 
 import shutil
+import sys
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any
@@ -80,7 +81,10 @@ def _checked(env_id: str, options: dict[str, Any], seed: int, given: dict[str, A
     in_range("--seed", seed, 0)
     if given["steps"] is not None:
         in_range("--steps", given["steps"], 1)
-    describe(env_id, options, seed, **given)
+    described = describe(env_id, options, seed, **given)
+    idle = described["hyperparameters"].get("learning_starts", 0)
+    if described["steps"] <= idle:
+        print(f"learning starts after {idle} steps: give more --steps, or --set learning_starts=100", file=sys.stderr)
     return env_id, options
 
 
