@@ -229,7 +229,7 @@ def nees_of(rollout: Rollout, components: tuple[int, ...] | None = None) -> np.n
     chosen = list(range(n) if components is None else components)
     state = core.estimated(h["truth"])
     angles = tuple(chosen.index(i) for i in core.filter.model.state_angles if i in chosen)
-    cov = h["covariance"][..., chosen, :][..., chosen]
+    cov = h["covariance"] if components is None else h["covariance"][..., np.array(chosen)[:, None], chosen]
     return nees(h["estimate"][..., chosen], cov, state[..., chosen], angles)
 
 

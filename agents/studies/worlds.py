@@ -28,8 +28,8 @@ def environment_id(name: str) -> str:
     env_id = registered_id(name)
     if not issubclass(vector_class(env_id), VesselVectorEnv):
         raise ValueError(
-            f"{name!r} is no environment of a System, and only those can be used here: evaluate, watch and ablate take "
-            "others, and a script of your own trains on them (docs/any-environment.md)"
+            f"{name!r} is no environment of vessel_gym, and only those can be used here: evaluate, watch and ablate "
+            "take others, and a script of your own trains on them (docs/any-environment.md)"
         )
     return env_id
 

@@ -29,7 +29,7 @@ def env_id(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
-@lru_cache(maxsize=4)  # one of the aircraft holds 250 MB
+@lru_cache(maxsize=2)  # one of the aircraft holds 250 MB
 def flown(env_id: str, estimator: str | None = None, inflation: float | None = None, plain: bool = False) -> Rollout:
     """Flights on an estimator; a plain one is an ensemble without localisation."""
     own = {"localisation": None} if plain else {}

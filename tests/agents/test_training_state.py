@@ -49,10 +49,10 @@ def interrupt(monkeypatch: pytest.MonkeyPatch, least: float) -> None:
 
 KINDS = [("ppo", "none", None), ("sac", "none", None), ("ppo", "lstm", None), ("ppo", "frames", LATE)]
 OTHERS = [(name, "none", None) for name in ALGORITHMS if name not in ("ppo", "sac")]
-SLOW = [pytest.param(*each, marks=pytest.mark.slow) for each in OTHERS]
+AT_NIGHT = [pytest.param(*each, marks=pytest.mark.nightly) for each in OTHERS]
 
 
-@pytest.mark.parametrize(("algorithm", "memory", "options"), KINDS + SLOW)
+@pytest.mark.parametrize(("algorithm", "memory", "options"), KINDS + AT_NIGHT)
 def test_an_interrupted_training_goes_on_to_the_same_checkpoint(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, algorithm: str, memory: str, options: Any
 ):

@@ -91,7 +91,7 @@ def test_its_own_pictures_are_written(monkeypatch: pytest.MonkeyPatch, tmp_path:
         (f"evaluate {NAME} --agent random --estimator nosuch", "unknown estimator 'nosuch'"),
         (f"evaluate {NAME}", "autopilot flies the environments of vessel_gym alone: name random"),
         (f"evaluate {NAME} --agent no/such.zip", "there is no checkpoint 'no/such.zip'"),
-        (f"train {NAME}", "is no environment of a System"),
+        (f"train {NAME}", "is no environment of vessel_gym"),
         (f"watch {NAME} --agent random --disturbance rough --out x.html", "takes no option 'disturbance'"),
     ],
 )
@@ -120,7 +120,7 @@ def test_a_study_ranks_the_estimators(tmp_path: Path):
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (("swinging:Brake", "ppo"), "is no environment of a System"),
+        (("swinging:Brake", "ppo"), "is no environment of vessel_gym"),
         ((NAME, "Pendulum-v1"), "'Pendulum-v1' has no estimator in the loop: wrap it"),
         (("episodes = 3", "episodes = 3\n[conditions.rough]\ndisturbance = 'rough'"), "rough"),
     ],

@@ -164,7 +164,7 @@ def _errors(steps: int, runs: int = 6, burn_in: int = 100, cycles: int = 150, **
     return float(np.median(total))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_it_finds_the_inflation_that_the_truth_needs():
     """The longer the time between measurements, the more: the best of a range of factors are 1.02, 1.08 and 1.5.
 

@@ -6,6 +6,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import cumulative_simpson
 from scipy.optimize import minimize_scalar
+from scipy.spatial import cKDTree
 
 from vessel_gym.guidance.dive_path import arc_to, follow, path_point
 
@@ -176,7 +177,7 @@ def test_a_position_is_before_the_start_or_beyond_the_end_only_where_it_is_behin
     np.testing.assert_allclose(progress[progress < 0.0], position[progress < 0.0, 0])
     np.testing.assert_allclose(progress[progress > length] - length, onward[progress > length])
     points = path_point(np.linspace(0.0, length, 2001), arc)[:, :2]
-    nearest = np.hypot(*(position[:, None, :2] - points).T).min(0)
+    nearest = cKDTree(points).query(position[:, :2])[0]
     there = path_point(progress, arc)[:, :2]
     on = (progress >= 0.0) & (progress <= length)
     assert 100 < on.sum() < len(on)

@@ -9,7 +9,7 @@ from vessel_gym.guidance.dubins import NoPath, approach, lengths, plan, shortest
 
 SCENES = 1000
 """Random scenes in a run of the tests; set 2_000 for the full count."""
-OTHERS = 16
+OTHERS = 6
 """Scenes for the other planner in a run of the tests; set 10_000 for the full count, which takes ten minutes."""
 SIZE = 20.0
 """Side of the square [turn radii] in which poses and obstacles of a random scene lie."""

@@ -139,7 +139,7 @@ def test_few_episodes_end_in_no_advice_but_in_a_number_of_episodes_that_give_one
 
     few = said(episodes)
     assert few.startswith(f"{episodes} episodes cannot tell which estimator to fly in {CORVETTE}")
-    enough = int(re.search(r"; about (\d+) episodes would tell\.", few)[1])
+    enough = int(re.search(r"; by their scatter it takes at least (\d+) episodes to tell\.", few)[1])
     assert enough > episodes
     assert said(enough).startswith("Fly ")
 
