@@ -161,13 +161,11 @@ class AlteredCore(Core):
 
 
 def silent(sensors: Sensors) -> Sensors:
-    """The same sensors that show zero: what is read is their noise alone, bit for bit."""
+    """The same sensors that show zero: what is read is their noise and slow errors alone, bit for bit."""
     each = []
     for sensor in sensors.each:
         zeros = np.zeros(len(sensor.channels))
-        each.append(
-            replace(sensor, reads=lambda state, exogenous, zeros=zeros: state[..., :1] * 0.0 + zeros, bias=None)
-        )
+        each.append(replace(sensor, reads=lambda state, exogenous, zeros=zeros: state[..., :1] * 0.0 + zeros))
     return Sensors(each, sensors.state_names, sensors.exogenous_names, sensors.dt)
 
 
