@@ -169,8 +169,8 @@ class Delayed(Generic[Record]):
         """The same, where the window's measurements belong to it alone."""
         window, reach, refused, oldest = belief.window, belief.reach, belief.refused, np.zeros(belief.reach.shape, int)
         window.read[-1], newest, own_R = True, len(window.y) - 1, list(window.R)
-        ages = np.logical_or.reduce(available.reshape(-1, *y.shape[-2:])).any(1)
-        for age in np.flatnonzero(ages).tolist():
+        by_age = np.moveaxis(available, -2, 0).reshape(y.shape[-2], -1)
+        for age in np.flatnonzero(by_age.any(1)).tolist():
             values, i = y[..., age, :], newest - age
             new = available[..., age, :] & np.isfinite(values)
             if i >= 0:

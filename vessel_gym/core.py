@@ -299,14 +299,14 @@ class Core:
     def _scoring(self, now: EnvState) -> tuple[np.ndarray, ...]:
         """Arguments of `vessel_gym.mission.Mission.equations`."""
         action, declared, belief = now.action, self._none, self.loop.belief
+        estimates = map(np.ascontiguousarray, (belief.mean, self._d(belief)))  # programs run at once on such arrays
         if self.config.options.termination == "agent":
             action, declared = action[:, :-1], action[:, -1] > DECLARED
         exogenous, forces = now.exogenous, self.config.world.forces
         if forces.faulty:
             exogenous = np.ascontiguousarray(exogenous[:, : forces.outside])
         return (
-            now.scenario, now.steps, declared, belief.mean, self._d(belief), now.state, exogenous, now.actuators,
-            action, now.score_state,
+            now.scenario, now.steps, declared, *estimates, now.state, exogenous, now.actuators, action, now.score_state,
         )  # fmt: skip
 
     def _d(self, belief: Belief) -> np.ndarray:

@@ -87,7 +87,7 @@ class Transit:
     def __init__(self, sensors: Sensors, rows: int) -> None:
         self._owner = sensors.owner
         self._latency, self._jitter, self._clock = sensors.delays.T
-        shape = rows, sensors.horizon + 1, sensors.size
+        shape = sensors.horizon + 1, rows, sensors.size
         self._y, self._delay = np.zeros(shape), np.full(shape, _NONE, np.int32)  # by age, with the age of arrival
         constant = not (self._jitter.any() or self._clock.any())
         self._ages = (self._latency[self._owner], np.arange(sensors.size)) if constant else None  # of each channel
@@ -98,7 +98,7 @@ class Transit:
 
     def restart(self, rows: np.ndarray | slice, keys: np.ndarray) -> None:
         """Begin an episode of some rows, with keys ``(rows, sensors, 2)``: nothing is under way."""
-        self._delay[rows], self.lost[rows] = _NONE, 0
+        self._delay[:, rows], self.lost[rows] = _NONE, 0
         if self._clock.any():
             self._off[rows] = self._drawn(2 * self._clock, RandomKeys(keys), _CLOCK) - self._clock[self._owner]
 
@@ -117,15 +117,16 @@ class Transit:
         if self._jitter.any():
             delay = delay + self._drawn(self._jitter, RandomKeys(keys, steps[:, None]), _JITTER)
         delay = np.where(sampled[1], delay, _NONE)
-        y = np.concatenate([sampled[0][:, None], self._y[rows][:, :-1]], 1)
-        delay = np.concatenate([delay[:, None], self._delay[rows][:, :-1]], 1, dtype=np.int32)
+        y = np.concatenate([sampled[0][None], self._y[:-1, rows]])
+        delay = np.concatenate([delay[None], self._delay[:-1, rows]], dtype=np.int32)
         if isinstance(rows, slice):  # all
             self._y, self._delay = y, delay
         else:
-            self._y[rows], self._delay[rows] = y, delay
-        arrived: np.ndarray = delay == np.arange(delay.shape[1], dtype=np.int32)[:, None]
+            self._y[:, rows], self._delay[:, rows] = y, delay
+        arrived = delay == np.arange(len(delay), dtype=np.int32)[:, None, None]
+        y, arrived = np.where(arrived, y, 0.0).swapaxes(0, 1), arrived.swapaxes(0, 1)
         if not self._clock.any():
-            return np.where(arrived, y, 0.0), arrived
+            return y, arrived
         stamped, there = self._stamped(y, arrived, self._off[rows])
         self.lost[rows] += arrived.sum((1, 2)) - there.sum((1, 2))
         return stamped, there

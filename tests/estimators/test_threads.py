@@ -22,8 +22,9 @@ def test_every_row_is_in_one_part(rows: int, threads: int, operations: int):
     parts = shares(rows, threads, operations, 8)
     assert [row for part in parts for row in range(rows)[part]] == list(range(rows))
     assert 1 <= len(parts) <= threads
-    sizes = [part.stop - part.start for part in parts]
-    assert max(sizes) - min(sizes) <= 16
+    callers, *others = (part.stop - part.start for part in parts)
+    ahead = WORTH // 2 // operations if others else 0
+    assert all(size > 0 and abs(callers - ahead - size) <= 16 for size in others)
     assert len(parts) == 1 or len(parts) * WORTH <= rows * operations
     assert len(parts) >= min(threads, rows * operations // WORTH, rows // 8)
     assert all(part.start % 8 == 0 for part in parts)
