@@ -8,22 +8,14 @@ from typing import Any
 import numpy as np
 
 from agents.commands.console import progress_bar
-from vessel_gym.identification.filtering import (
-    NOISE,
-    Voyage,
-    consistency,
-    estimate,
-    noise_of,
-    sampling,
-    simulated,
-    tune,
-    voyages,
-)
+from vessel_gym.identification.consistency import consistency, simulated
+from vessel_gym.identification.filtering import NOISE, Voyage, estimate, noise_of, sampling, voyages
 from vessel_gym.identification.fit import identify
 from vessel_gym.identification.manoeuvres import compare, executed, periods, track_errors
 from vessel_gym.identification.nomoto import identify_nomoto
 from vessel_gym.identification.score import predictors
 from vessel_gym.identification.trial import Trial, common_step, trials
+from vessel_gym.identification.tuning import tune
 from vessel_gym.logs import Columns, Log, read
 from vessel_gym.logs.lag import lag
 from vessel_gym.logs.scale import scale
@@ -131,7 +123,7 @@ def _judged(name: str, ship: MeasuredShip, voyage: Voyage) -> dict[str, Any]:
     found: dict[str, Any] = {"run": voyage.trial.name.removesuffix(".csv")}
     try:
         for key, each in (("measured", voyage), ("simulated", simulated(ship, voyage, noise))):
-            inside, ratio, lag = map(_plain, consistency(estimate(name, ship, each, noise)))
+            inside, ratio, _, lag = map(_plain, consistency(estimate(name, ship, each, noise)))
             found[key] = {"inside": inside, "ratio": ratio, "lag": lag}
     except ValueError as error:
         return {"run": found["run"], "error": str(error)}
