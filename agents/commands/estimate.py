@@ -123,8 +123,8 @@ def _judged(parts: Any, ship: Any, estimators: tuple[str, ...], tuned: bool, see
     head = ("", "trust", "NIS inside", "NIS ratio", "rejected", "lag 1", *WITHHELD, *beside)
     print_table(f"Consistency of filters at steps of {judged.trial.dt:g} s", head, [rows])
     print(
-        "NIS inside: within its central 95 % interval, rejected measurements included. NIS ratio: mean over degrees of "
-        "freedom of those that the gate let through, 1 if consistent. Rejected: share of measured values. "
+        "NIS inside: within its central 95 % interval, rejected measurements included. NIS ratio: mean over that of "
+        "a consistent filter, of those that the gate let through. Rejected: share of measured values. "
         "Lag 1: correlation of successive innovations, 0 if consistent. Position, heading, yaw rate: share of the "
         "withheld sensor's measurements within two standard deviations of those foretold, 95 % if consistent, and the "
         "median of two deviations. "

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,15 +16,17 @@ from vessel_gym.identification.filtering import (
     WITHHELD,
     Estimates,
     Voyage,
+    degrees_of_freedom,
     estimate,
     inputs,
     measurement_noise,
     model,
     prior,
+    sensor_levels,
 )
 from vessel_gym.vehicles.measured_ship import MeasuredShip
 
-_BEGINNING = 5
+_BEGINNING, _DRAWS = 5, 100_000
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,7 @@ class Verdict:
 
     Attributes:
         inside: Share of NIS within its central 95 % interval, of all measurements, those that the gate rejected too.
-        ratio: Mean NIS over its degrees of freedom, of what the gate let through; 1 for a consistent filter.
+        ratio: Mean NIS over that of a consistent filter, of what the gate let through.
         rejected: Share of measured values that the gate rejected.
         lag: Correlation of successive innovations, the largest of the sensors'; 0 for a consistent filter.
         withheld: Share of each sensor's measurements within two standard deviations of what a filter without that
@@ -77,23 +80,42 @@ def nis_of(estimates: Estimates, passed: bool = False) -> tuple[np.ndarray, np.n
     return nis(belief.innovation, belief.innovation_cov), np.asarray(belief.available).sum(-1)
 
 
+def nis_band(estimates: Estimates, passed: bool = False) -> np.ndarray:
+    """Limits of the central 95 % interval of a consistent filter's NIS, and its mean, ``(T, 3)``.
+
+    Each sensor's square is relative to an estimated level, and has an F distribution instead of chi-squared.
+    """
+    belief: Any = estimates.updated if passed else estimates.tried
+    came = np.asarray(belief.available)
+    columns = [[SENSORS.index(each) for each in sensors] for sensors in WITHHELD.values()]
+    counts = np.stack([came[:, each].sum(-1) for each in columns], -1)
+    return np.array([_band(tuple(each)) for each in counts.tolist()])
+
+
+@lru_cache(64)
+def _band(counts: tuple[int, ...]) -> tuple[float, float, float]:
+    """Quantiles and mean of a sum of F distributions, each times its degrees of freedom, by simulation."""
+    rng = np.random.default_rng(0)
+    squares = sum(n * rng.f(n, degrees_of_freedom(n), _DRAWS) if n else np.zeros(_DRAWS) for n in counts)
+    return float(np.quantile(squares, 0.025)), float(np.quantile(squares, 0.975)), float(np.mean(squares))
+
+
 def consistency(found: Estimates) -> tuple[float, float, float, float]:
     """Share of NIS inside, NIS ratio, share rejected and lag, as in `Verdict`.
 
     Raises:
         ValueError: if there are no estimates, or they are lost.
     """
-    from scipy.stats import chi2
-
     square, count = (each[_BEGINNING:] for each in nis_of(found))
     used = count > 0
     if not used.any() or not np.isfinite(square[used]).all():
         raise ValueError("the estimates are lost")
-    low, high = chi2.ppf(0.025, count[used]), chi2.ppf(0.975, count[used])
+    low, high, _ = nis_band(found)[_BEGINNING:][used].T
     inside = float(((square[used] > low) & (square[used] < high)).mean())
-    square, passed = (each[_BEGINNING:] for each in nis_of(found, passed=True))
+    square, _ = (each[_BEGINNING:] for each in nis_of(found, passed=True))
+    expected = float(nis_band(found, passed=True)[_BEGINNING:, 2].sum())
     rejected = float(found.rejected[_BEGINNING:].sum() / count.sum())
-    return inside, float(square.sum() / max(1, passed.sum())), rejected, _lag(found.updated)
+    return inside, float(square.sum()) / max(1.0, expected), rejected, _lag(found.updated)
 
 
 def judge(name: str, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, rng: int = 0) -> tuple[Estimates, Verdict]:
@@ -124,17 +146,17 @@ def _lag(belief: Any) -> float:
 
 def foretold(
     used: NonlinearModel, predicted: Belief, y: np.ndarray, known: np.ndarray, columns: Collection[int],
-    level: np.ndarray | float = 1.0,
+    level: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Errors of predicted measurements ``(..., len(columns))``, and their standard deviations, noise included.
 
-    The covariance of the prediction is at the ``level (...)`` of noise already, that of the measurement is not.
+    The covariance of the prediction is at the ``level (..., 3)`` of noise already, that of the measurement is not.
     """
     mean, cov = np.asarray(predicted.mean), np.asarray(predicted.cov)
     expected, H = used.linearise_measurement(mean, known)[:2]
     error = difference(y, expected, used.measurement_angles)
-    spread = np.einsum("...ij,...jk,...ik->...i", H, cov, H)
-    spread = spread + np.asarray(level)[..., None] * np.einsum("...ii->...i", measurement_noise(known))
+    noise = sensor_levels(level) * np.einsum("...ii->...i", measurement_noise(known))
+    spread = np.einsum("...ij,...jk,...ik->...i", H, cov, H) + noise
     return error[..., list(columns)], np.sqrt(spread[..., list(columns)])
 
 

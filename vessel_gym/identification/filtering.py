@@ -36,13 +36,17 @@ heading [rad], and the drift of the water [m/s]."""
 _SHIP, _INPUTS, _SMOOTHED = 6, 6, 5
 """States of the ship, known inputs, and steps over which the positions are smoothed that a voyage starts from."""
 _SCALE, _AGE, _HEADING, _CURRENT, STATES = 10, 11, 12, 13, 15
+_ENSEMBLES, _MEMBERS = ("enkf", "etkf", "enkf-sr", "letkf"), 400
+"""Filters with members, and how many of them."""
 _LASTING = {"gyro scale": 100.0, "age": 0.5, "heading drift": 40.0, "current": 100.0}
 """Time constants [s]."""
 GATE, _REJECTED = 1e-7, 2
 """Probability that the gate rejects a sensor of a consistent filter, and measurements that it rejects in succession:
 the next one is taken, so that a ship that did move is found again."""
-MEMORY, _ASSUMED = 15.0, 20.0
-"""Steps over which the level of all noise is averaged, and degrees of freedom that the level 1 counts as."""
+MEMORY, _ASSUMED = 6.0, 10.0
+"""Steps over which levels of noise are averaged, and degrees of freedom that the level 1 counts as."""
+_LEVELLED = np.array([0, 0, 1, 0, 0, 2, 0, 0, 2, 2, 2, -1, 1, 0, 0])
+"""Sensor, in the order of `WITHHELD`, that says most of each state: its level is that of the state's variance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +107,15 @@ def _model(c: tuple[float, ...], p: tuple[float, ...], dt: float) -> NonlinearMo
 
 @lru_cache(32)
 def _filter(name: str, used: NonlinearModel) -> Any:
-    """A filter, which keeps its programs for the next voyage."""
-    return make(name, used)
+    """A filter, which keeps its programs for the next voyage.
+
+    Members correlate every state with the p measurements by chance, so that an update shrinks the variance of what is
+    not measured by ``p / (N - 1)`` (Sacher & Bartello 2008, Monthly Weather Review 136). The inflation restores it:
+    otherwise the uncertainty of a withheld position vanishes in some minutes.
+    """
+    if name not in _ENSEMBLES:
+        return make(name, used)
+    return make(name, used, members=_MEMBERS, inflation=float(np.sqrt(1.0 + len(SENSORS) / (_MEMBERS - 1))))
 
 
 def inputs(ship: MeasuredShip, u: np.ndarray, noise: np.ndarray) -> np.ndarray:
@@ -217,14 +228,14 @@ def noise_of(ship: MeasuredShip) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """A time step of a filter behind a gate; covariances are those at the level of noise that was found so far.
+    """A time step of a filter behind a gate; covariances are at the levels of noise that were found so far.
 
     Attributes:
         predicted: The belief before the measurement.
         tried: That after all of the measurement, whose innovation the gate has seen.
         updated: That after what the gate let through.
         rejected: ``(4,)`` mask of the sensors that it did not.
-        level: ``()`` factor of the variances of all noise, before the measurement.
+        level: ``(3,)`` factors of variances before the measurement, in the order of `WITHHELD`.
     """
 
     predicted: Belief
@@ -235,24 +246,24 @@ class Step:
 
 
 class Gated:
-    """A filter that finds the level of all noise, behind a gate.
+    """A filter that finds the level of each sensor's noise, behind a gate.
 
-    Only ratios of variances are assumed. Their common factor is the mean of NIS over its degrees of freedom, old ones
-    forgotten (West & Harrison 1997, Bayesian Forecasting and Dynamic Models, sec. 4.5 and 10.8); gains do not depend on
-    it. A sensor's measurement is rejected if the square of its innovation, relative to the covariance, is one of the
-    largest `GATE` of a consistent filter's (Bar-Shalom, Li & Kirubarajan 2001, sec. 5.7); as the level is estimated,
-    that has an F distribution. After some rejections in
-    succession the next measurement is taken.
+    A level is the mean of the squared innovation over what the filter expects of it, old ones forgotten (Mehra 1970,
+    IEEE Transactions on Automatic Control 15; West & Harrison 1997, Bayesian Forecasting and Dynamic Models, sec.
+    10.8). Gains stay those of the assumed noise. At these levels the square of a consistent filter has an F
+    distribution (`degrees_of_freedom`). A measurement is rejected if its square is one of the largest `GATE`
+    (Bar-Shalom, Li & Kirubarajan 2001, sec. 5.7). Squares below that limit have a smaller mean, which the levels allow
+    for. After some rejections in succession the next measurement is taken.
     """
 
     def __init__(self, name: str, ship: MeasuredShip, dt: float, rng: int = 0) -> None:
-        from scipy.stats import f
+        from scipy.stats import chi2, f
 
         self._filter = _filter(name, model(ship, dt))
-        channels = len(SENSORS)
-        self._limits = {n: float(n * f.isf(GATE, n, channels * MEMORY)) for n in range(1, channels + 1)}
+        self._limits = {n: float(n * f.isf(GATE, n, degrees_of_freedom(n))) for n in (1, 2)}
+        self._means = {n: n * float(chi2.cdf(far, n + 2) / chi2.cdf(far, n)) for n, far in self._limits.items()}
         self._misses = dict.fromkeys(WITHHELD, 0)
-        self._level, self._weight = 1.0, _ASSUMED
+        self._level, self._weight = np.ones(len(WITHHELD)), np.full(len(WITHHELD), _ASSUMED)
         self._keys, self._count = RandomKeys(key(rng)), 0
         self._last: tuple[Any, np.ndarray] | None = None
 
@@ -265,7 +276,7 @@ class Gated:
             known: Input of `inputs` at this time.
             available: ``(4,)`` mask of measurements that the filter gets; None: all that are finite.
         """
-        keys, last, before = self._keys.at(self._count), self._last, self._level
+        keys, last, level = self._keys.at(self._count), self._last, self._level.copy()
         if last is None:
             predicted = self._filter.init(start, rng=keys)
         else:
@@ -276,38 +287,47 @@ class Gated:
             passed = ~rejected if available is None else available & ~rejected
             updated = self._filter.update(predicted, y, rng=keys, available=passed, u=known)
         self._count, self._last = self._count + 1, (updated, known)
-        self._learn(updated)
-        return Step(
-            _at_level(predicted, before), _at_level(tried, before), _at_level(updated, before, self._level), rejected,
-            np.array(before),
-        )  # fmt: skip
+        beliefs = _at_level(predicted, level), _at_level(tried, level), _at_level(updated, level, self._level)
+        return Step(*beliefs, rejected, level)
 
     def _rejected(self, belief: Any) -> np.ndarray:
+        """Sensors that the gate rejects ``(4,)``; levels learn from the others."""
         rejected, came = np.zeros(len(SENSORS), bool), np.asarray(belief.available)
-        for label, sensors in WITHHELD.items():
-            columns = [i for i in map(SENSORS.index, sensors) if came[i]]
-            if not columns:
+        for i, (label, sensors) in enumerate(WITHHELD.items()):
+            columns = [column for column in map(SENSORS.index, sensors) if came[column]]
+            if not columns:  # its level approaches the mean of the others'
+                others = np.delete(self._level, i)
+                self._level[i] += (np.average(others, weights=np.delete(self._weight, i)) - self._level[i]) / MEMORY
                 continue
-            square = float(nis(belief.innovation[columns], belief.innovation_cov[np.ix_(columns, columns)]))
-            far = square > self._level * self._limits[len(columns)] and self._misses[label] < _REJECTED
+            n, level = len(columns), self._level[i]
+            square = float(nis(belief.innovation[columns], belief.innovation_cov[np.ix_(columns, columns)])) / level
+            far = square > self._limits[n] and self._misses[label] < _REJECTED
             self._misses[label] = self._misses[label] + 1 if far else 0
             rejected[columns] = far
+            if not far and np.isfinite(square):
+                kept = (1.0 - 1.0 / MEMORY) * self._weight[i]
+                share = min(square, self._limits[n]) / self._means[n]
+                self._level[i], self._weight[i] = level * (kept + n * share) / (kept + n), kept + n
         return rejected
 
-    def _learn(self, belief: Any) -> None:
-        square, count = float(nis(belief.innovation, belief.innovation_cov)), int(np.sum(belief.available))
-        if count and np.isfinite(square):
-            square = min(square, self._level * self._limits[count])  # a jump says little of the level
-            kept = (1.0 - 1.0 / MEMORY) * self._weight
-            self._level, self._weight = (kept * self._level + square) / (kept + count), kept + count
+
+def degrees_of_freedom(count: int) -> float:
+    """Degrees of freedom of the level of ``count`` values a step, a weighted mean (Satterthwaite 1946, Biometrics)."""
+    return count * (2.0 * MEMORY - 1.0)
 
 
-def _at_level(belief: Any, level: float, after: float | None = None) -> Belief:
+def sensor_levels(level: np.ndarray) -> np.ndarray:
+    """Factors ``(..., 4)`` of the variance of each measurement, of those of ``level (..., 3)``."""
+    return np.repeat(level, [len(sensors) for sensors in WITHHELD.values()], -1)
+
+
+def _at_level(belief: Belief, level: np.ndarray, after: np.ndarray | None = None) -> Belief:
     """A belief whose covariances, that of the innovation first, are at other levels of noise."""
-    changes = {"cov": (level if after is None else after) * belief.cov}
+    states = np.sqrt(np.append(level if after is None else after, 1.0)[_LEVELLED])
+    changes = {"cov": states[:, None] * belief.cov * states}
     if belief.innovation_cov is not None:
-        came = np.asarray(belief.available)
-        changes["innovation_cov"] = np.where(came[:, None] & came, level, 1.0) * belief.innovation_cov
+        channels = np.where(np.asarray(belief.available), np.sqrt(sensor_levels(level)), 1.0)
+        changes["innovation_cov"] = channels[:, None] * belief.innovation_cov * channels
     return Belief.replace(belief, **changes)
 
 
@@ -351,4 +371,5 @@ def estimate(
     start = prior(voyage.trial.states[0], noise)
     found = [gated.step(start, y, known[k], available[k]) for k, y in enumerate(voyage.y)]
     beliefs = (over_time([getattr(each, part) for each in found]) for part in ("predicted", "tried", "updated"))
-    return Estimates(*beliefs, *(np.stack([getattr(each, part) for each in found]) for part in ("rejected", "level")))
+    arrays = (np.stack([getattr(each, part) for each in found]) for part in ("rejected", "level"))
+    return Estimates(*beliefs, *arrays)

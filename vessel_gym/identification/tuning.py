@@ -20,8 +20,9 @@ from vessel_gym.vehicles.measured_ship import MeasuredShip
 
 _TUNED = ("position", "heading", "yaw rate", "yaw", "growth", "manoeuvre")
 """What innovations determine; errors that last do not show from one step to the next."""
-_TAIL, _WINDOWS, _SPREAD = 40.0, 40, 1.0
-"""Degrees of freedom of Student's t, windows at most, and what is assumed of the logarithm of a parameter."""
+_TAIL, _WINDOWS, _SPREAD, _RANGE = 40.0, 40, 1.0, 1.5
+"""Degrees of freedom of Student's t, windows at most, and what is assumed of the logarithm of a parameter: its standard
+deviation and its largest change. Noise that vanishes would leave no room for errors of linearisation."""
 
 
 def tune(ship: MeasuredShip, found: Sequence[Voyage], steps: int = 60, rounds: int = 20) -> np.ndarray:
@@ -61,6 +62,6 @@ def tune(ship: MeasuredShip, found: Sequence[Voyage], steps: int = 60, rounds: i
         return float(costs[0]), (costs[1:] - costs[0]) / h
 
     found_at = minimize(
-        value, np.zeros(k), jac=True, method="L-BFGS-B", bounds=[(-4.0, 4.0)] * k, options={"maxiter": rounds}
+        value, np.zeros(k), jac=True, method="L-BFGS-B", bounds=[(-_RANGE, _RANGE)] * k, options={"maxiter": rounds}
     )
     return noise_at(found_at.x)

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimators import make
 from tests.vessel_gym.identification.voyages import SHIP, STEP, coefficients, trial, write
 from vessel_gym.identification import filtering
 from vessel_gym.identification.consistency import judge, simulated
@@ -16,7 +15,6 @@ from vessel_gym.identification.filtering import (
     WITHHELD,
     Voyage,
     estimate,
-    model,
     noise_of,
     start_noise,
     voyages,
@@ -42,49 +40,70 @@ def voyage(rng: np.random.Generator, ship: MeasuredShip, noise: np.ndarray, step
     return simulated(ship, plain, noise, int(rng.integers(2**31)))
 
 
+def less(noise: np.ndarray, factor: float) -> np.ndarray:
+    """Noise whose standard deviations are smaller; time constant and factors of growth are none."""
+    return noise / np.where(np.isin(NOISE, ("time constant", "growth", "manoeuvre")), 1.0, factor)
+
+
 def test_a_filter_on_its_own_model_is_trusted() -> None:
-    """Means of 12 voyages: on 60 others a mean of 12 has standard deviations of .003, .008, .010, and .031 at most."""
+    """Means of 12 voyages, within 4 standard deviations of them on 36 others.
+
+    Those are .003 of the share of NIS, .004 of the ratio and .009 of the lag, about .04. A withheld sensor errs for
+    minutes, so that a voyage says about as much as one measurement: .04.
+    """
     rng = np.random.default_rng(0)
     ship = known(rng)
     noise = noise_of(ship)
     verdicts = [judge("ekf", ship, voyage(rng, ship, noise), noise)[1] for _ in range(12)]
-    assert abs(np.mean([each.inside for each in verdicts]) - 0.95) < 0.02
-    assert abs(np.mean([each.ratio for each in verdicts]) - 1.0) < 0.05
-    assert np.mean([each.lag for each in verdicts]) < 0.15
+    assert abs(np.mean([each.inside for each in verdicts]) - 0.95) < 0.013
+    assert abs(np.mean([each.ratio for each in verdicts]) - 1.0) < 0.016
+    assert abs(np.mean([each.lag for each in verdicts]) - 0.04) < 0.036
     for name in verdicts[0].withheld:
-        assert 0.88 < np.mean([each.withheld[name] for each in verdicts]) <= 1.0
-    assert np.mean([each.trusted for each in verdicts]) > 0.7
+        assert np.mean([each.withheld[name] for each in verdicts]) > 0.95 - 0.16
+    assert np.mean([each.trusted for each in verdicts]) > 0.5  # .86 ± .1 of 12, each as likely
 
 
 def test_the_level_of_all_noise_is_found() -> None:
-    """A filter that assumes a third of every standard deviation finds a level of nine, and is as good as without."""
+    """A filter that assumes a third of every standard deviation finds levels of nine, and is as good as without.
+
+    The mean of n squares of a sensor has the relative standard deviation sqrt(2 / n). The share of NIS inside has .011.
+    Withheld sensors have the level of the others.
+    """
     rng = np.random.default_rng(1)
     ship = known(rng)
     noise = noise_of(ship)
     each = voyage(rng, ship, noise)
-    third = noise / np.where(np.isin(NOISE, ("time constant", "growth", "manoeuvre")), 1.0, 3.0)
-    found = estimate("ekf", ship, each, third)
-    assert abs(np.log(np.mean(found.level[100:]) / 9.0)) < 0.15  # about 3 standard deviations
-    assert judge("ekf", ship, each, third)[1].inside > 0.85
+    found, verdict = judge("ekf", ship, each, less(noise, 3.0))
+    count = 300 * np.array([len(sensors) for sensors in WITHHELD.values()])
+    assert np.all(np.abs(np.log(found.level[-300:].mean(0) / 9.0)) < 4.0 * np.sqrt(2.0 / count))
+    assert abs(verdict.inside - 0.95) < 0.044
+    expected = judge("ekf", ship, each, noise)[1].deviations
+    for name, deviation in verdict.deviations.items():
+        assert abs(np.log(deviation / expected[name])) < np.log(2.0)
 
 
 def test_a_filter_with_wrong_ratios_of_noise_is_not_trusted() -> None:
+    """Levels make good what innovations show, not what a filter foretells of a sensor that it does not get."""
     rng = np.random.default_rng(1)
     ship = known(rng)
     noise = noise_of(ship)
-    small = noise * np.where(np.isin(NOISE, ("position", "age")), 0.05, 1.0)
-    _, verdict = judge("ekf", ship, voyage(rng, ship, noise), small)
-    assert not verdict.trusted
-    assert verdict.inside < 0.85
+    wrong = noise * np.where(np.isin(NOISE, ("surge", "sway", "yaw", "current", "gyro drift")), 0.05, 1.0)
+    verdicts = [judge("ekf", ship, voyage(rng, ship, noise), wrong)[1] for _ in range(3)]
+    assert not any(each.trusted for each in verdicts)
+    assert max(min(each.withheld.values()) for each in verdicts) < 0.75
 
 
 @pytest.mark.slow
 def test_noise_is_recovered() -> None:
+    """Within 4 standard deviations of 6 draws with other seeds: .03 of the logarithm and, of the yaw rate, .15.
+
+    The noise of the gyro is confounded with accelerations of a step. The tuning begins at a distance of log 2.
+    """
     rng = np.random.default_rng(2)
     ship = known(rng)
     noise = noise_of(ship) * np.array([2.0, 0.5, 2.0, 1.0, 1.0, 1.5, *[1.0] * 8])
-    found = tune(ship, [voyage(rng, ship, noise, 600) for _ in range(6)])
-    np.testing.assert_allclose(found[:3], noise[:3], rtol=0.15)
+    found = tune(ship, [voyage(rng, ship, noise, 600) for _ in range(4)])
+    assert np.all(np.abs(np.log(found[:3] / noise[:3])) < (0.15, 0.15, 0.6))
 
 
 def test_a_withheld_sensor_changes_nothing_but_what_is_measured() -> None:
@@ -97,16 +116,21 @@ def test_a_withheld_sensor_changes_nothing_but_what_is_measured() -> None:
     np.testing.assert_array_equal(first.mean, second.mean)
 
 
-@pytest.mark.parametrize("rate", [filtering.GATE, 2e-3])
+@pytest.mark.parametrize("rate", [filtering.GATE, 2e-2])
 def test_the_gate_rejects_at_its_rate(rate: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """On its own model; 4 standard deviations of the binomial distribution, false alarm 1e-4."""
+    """On its own model, within 4 standard deviations of the binomial distribution, false alarm 1e-4.
+
+    Rejections make the level, which has an error of its own, too small: of independent normal innovations, too, the
+    gate rejects .025 of single ones and .023 of pairs at .02 (4,000 steps of 400 series). So a quarter is allowed for.
+    """
     monkeypatch.setattr(filtering, "GATE", rate)
     rng = np.random.default_rng(7)
     ship = known(rng)
     noise = noise_of(ship)
     found = np.concatenate([estimate("ekf", ship, voyage(rng, ship, noise), noise).rejected for _ in range(8)])
     each = found[:, [SENSORS.index(sensors[0]) for sensors in WITHHELD.values()]]
-    assert abs(each.mean() - rate) < 4.0 * np.sqrt(rate / each.size) + 1.0 / each.size
+    assert each.mean() - 1.25 * rate < 4.0 * np.sqrt(1.25 * rate / each.size) + 1.0 / each.size
+    assert each.mean() - rate > -4.0 * np.sqrt(rate / each.size)
 
 
 @pytest.mark.parametrize(("sensor", "size"), [("x", 0.5), ("heading", 0.5), ("yaw rate", 0.3)])
@@ -198,15 +222,37 @@ def test_a_vessel_without_noise_is_refused() -> None:
         noise_of(MeasuredShip.assumed(SHIP))
 
 
-@pytest.mark.parametrize("name", ["ukf", "enkf"])
-def test_other_filters_agree_with_the_ekf(name: str) -> None:
-    """With small noise, where the model is nearly linear."""
+def apart(name: str, factor: float) -> float:
+    """RMS difference of a filter's estimates from those of the ekf, in its standard deviations, at less noise."""
     rng = np.random.default_rng(6)
     ship = known(rng)
-    noise = noise_of(ship) / np.where(np.isin(NOISE, ("time constant", "growth", "manoeuvre")), 1.0, 3.0)
+    noise = less(noise_of(ship), factor)
     each = voyage(rng, ship, noise, 100)
-    ekf = estimate("ekf", ship, each, noise)
-    other = estimate(name, ship, each, noise, rng=1)
+    ekf, other = estimate("ekf", ship, each, noise), estimate(name, ship, each, noise, rng=1)
     sd = np.sqrt(np.einsum("tii->ti", ekf.cov))[:, :6]
-    assert np.sqrt(np.mean(((other.mean - ekf.mean)[:, :6] / sd) ** 2)) < (0.1 if name == "ukf" else 1.0)
-    assert make(name, model(ship, STEP)).model.p == len(SENSORS)
+    return float(np.sqrt(np.mean(((other.mean - ekf.mean)[:, :6] / sd) ** 2)))
+
+
+def test_the_ukf_agrees_with_the_ekf_where_noise_vanishes() -> None:
+    """They differ by what is quadratic in the errors, which in standard deviations is proportional to the noise.
+
+    At a tenth of the noise it is a tenth, cubic terms aside: less than a fifth.
+    """
+    large, small = apart("ukf", 3.0), apart("ukf", 30.0)
+    assert large < 0.2
+    assert small < 0.2 * large
+
+
+def test_the_enkf_agrees_with_the_ekf_as_members_become_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sampling errors are as the inverse root of the number of members: 16 times as many halve it twice.
+
+    The two ensembles are independent, and each error is of hundreds of estimates in dependent steps: half as much
+    again.
+    """
+    errors = []
+    for members in (400, 6400):
+        monkeypatch.setattr(filtering, "_MEMBERS", members)
+        filtering._filter.cache_clear()
+        errors.append(apart("enkf", 30.0))
+    filtering._filter.cache_clear()
+    assert 0.25 / 1.5 < errors[1] / errors[0] < 0.25 * 1.5
