@@ -11,6 +11,7 @@ import tyro
 from agents.commands.console import asked, print_table
 
 _FILTERS = ("ekf", "ukf", "iekf", "enkf", "etkf", "enkf-sr", "huber-kf")
+_UNITS = ((1.0, "m"), (180.0 / np.pi, "deg"), (180.0 / np.pi, "deg/s"))
 _STATES = ("x", "y", "heading", "surge", "sway", "yaw rate")
 
 
@@ -82,16 +83,14 @@ def _judged(parts: Any, ship: Any, estimators: tuple[str, ...], tuned: bool, see
     Returns:
         The first filter's estimates of every part; the longest part with name, estimates and verdict of each filter.
     """
-    from vessel_gym.identification.filtering import WITHHELD, Voyage, estimate, judge, noise_of, simulated, tune
+    from vessel_gym.identification.consistency import judge, simulated
+    from vessel_gym.identification.filtering import estimate, noise_of
+    from vessel_gym.identification.tuning import tune
 
     longest = max(parts, key=lambda part: len(part.u))
     half = len(longest.u) // 2 if tuned else 0
-
-    def part(first: int, last: int) -> Any:
-        return Voyage(longest.trial.part(first, last), longest.y[first:last], longest.u[first:last])
-
-    noise = tune(ship, [part(0, half)]) if tuned else noise_of(ship)
-    judged = part(half, len(longest.u))
+    noise = tune(ship, [longest.part(0, half)]) if tuned else noise_of(ship)
+    judged = longest.part(half, len(longest.u))
     drawn = simulated(ship, judged, noise, seed)
     rows, found = [], []
     for name in estimators:
@@ -99,38 +98,57 @@ def _judged(parts: Any, ship: Any, estimators: tuple[str, ...], tuned: bool, see
             series, verdict = judge(name, ship, judged, noise, seed)
             _, at_home = judge(name, ship, drawn, noise, seed)
         except ValueError as error:
-            rows.append((name, str(error), *[""] * (5 + len(WITHHELD))))
+            rows.append((name, str(error), *[""] * 6))
             continue
         found.append((name, series, verdict))
-        shares = (f"{100.0 * share:.0f} %" for share in verdict.withheld.values())
-        answer = "yes" if verdict.trusted else "no"
         rows.append(
             (
                 name,
-                answer,
+                "yes" if verdict.trusted else "no",
                 f"{100.0 * verdict.inside:.0f} %",
                 f"{verdict.ratio:.2f}",
+                f"{100.0 * verdict.rejected:.1f} %",
                 f"{verdict.lag:.2f}",
-                *shares,
                 f"{100.0 * at_home.inside:.0f} %",
                 f"{at_home.ratio:.2f}",
             )
         )
-    beside = ("simulated: NIS inside", "NIS ratio")
-    print_table("Consistency of filters", ("", "trust", "NIS inside", "NIS ratio", "lag 1", *WITHHELD, *beside), [rows])
+    head = ("", "trust", "NIS inside", "NIS ratio", "rejected", "lag 1", "simulated: NIS inside", "NIS ratio")
+    print_table(f"Consistency of filters at steps of {judged.trial.dt:g} s", head, [rows])
     print(
-        "NIS inside: within its central 95 % interval. NIS ratio: mean over degrees of freedom, 1 if consistent. "
-        "Lag 1: correlation of successive innovations, 0 if consistent. Position, heading, yaw rate: share of the "
-        "withheld sensor's measurements within two standard deviations of those foretold, 95 % if consistent. "
+        "NIS inside: within its central 95 % interval, rejected measurements included. NIS ratio: mean over that of "
+        "a consistent filter, of those that the gate let through. Rejected: share of measured values. "
+        "Lag 1: correlation of successive innovations, 0 if consistent. "
         "Simulated: the same on a voyage drawn from the filter's own model, with the inputs of the log."
     )
+    if found:
+        _print_withheld(found)
     return [(each, estimate(estimators[0], ship, each, noise, rng=seed)) for each in parts], (judged, found)
+
+
+def _print_withheld(found: list[tuple[str, Any, Any]]) -> None:
+    """Print what filters foretell of sensors that they do not get."""
+    rows = [
+        (
+            name,
+            *(
+                f"{100.0 * share:.0f} % of ± {2.0 * verdict.deviations[label] * scale:.2g} {unit}"
+                for (label, share), (scale, unit) in zip(verdict.withheld.items(), _UNITS, strict=True)
+            ),
+        )
+        for name, _, verdict in found
+    ]
+    print_table("Sensors withheld in turn", ("", *found[0][2].withheld), [rows])
+    print(
+        "Share of the withheld sensor's measurements within two standard deviations of those foretold, 95 % if "
+        "consistent, and the median of two deviations."
+    )
 
 
 def _write(path: Path, tables: list[tuple[Any, Any]]) -> None:
     """Write estimates as CSV: time, state, standard deviations, NIS."""
     from agents.files import replacing
-    from vessel_gym.identification.filtering import nis_of
+    from vessel_gym.identification.consistency import nis_of
 
     with replacing(path) as written, written.open("w", encoding="utf-8") as file:
         file.write(_header(("NIS", "degrees of freedom")))

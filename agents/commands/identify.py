@@ -32,9 +32,10 @@ def main(
         fixed: Coefficients that keep what is assumed of them, e.g. kc.
     """
     from agents.files import check_file
-    from vessel_gym.identification.filtering import NOISE, sampling, tune, voyages
+    from vessel_gym.identification.filtering import NOISE, sampling, voyages
     from vessel_gym.identification.fit import identify
     from vessel_gym.identification.trial import common_step, trials
+    from vessel_gym.identification.tuning import tune
     from vessel_gym.logs import Columns, read, read_columns
     from vessel_gym.vehicles.manoeuvring import COEFFICIENTS, WIND
     from vessel_gym.vehicles.measured_ship import read as read_ship

@@ -7,8 +7,8 @@ import numpy as np
 
 from agents.episodes.page import FRAMES, Page, curves, drawn, focus, kept, packed, root
 from estimators.angles import difference
-from estimators.series import Series as Estimates
-from vessel_gym.identification.filtering import SENSORS, Verdict, Voyage, nis_of
+from vessel_gym.identification.consistency import Verdict, nis_band, nis_of
+from vessel_gym.identification.filtering import SENSORS, Estimates, Voyage
 from vessel_gym.rendering.scene import Ambient, Chart, Series, ticks
 from vessel_gym.surroundings import Surroundings, in_words
 
@@ -101,14 +101,12 @@ def _estimates(voyage: Voyage, series: Estimates, every: int) -> list[dict[str, 
 
 def _consistency(series: Estimates, every: int) -> list[dict[str, Any]]:
     """Charts of NIS with its central 95 % interval, and of innovations with their doubled deviations."""
-    from scipy.stats import chi2
-
     square, count = nis_of(series)
     came = count > 0
-    band = tuple(np.where(came, chi2.ppf(q, np.maximum(count, 1)), np.nan) for q in (0.025, 0.975))
+    band = np.where(came, nis_band(series)[:, :2].T, np.nan)
     nis = Chart("NIS", [Series("NIS, 95 % interval", "believed", np.where(came, square, np.nan))], (band[0], band[1]))
     charts = [_cut(nis, every, 0.0, float(np.nanmax(band[1], initial=1.0))) | {"range": "95 % interval"}]
-    belief: Any = series.updated
+    belief: Any = series.tried
     deviations = np.sqrt(np.einsum("tii->ti", np.asarray(belief.innovation_cov)))
     for i, (name, scale) in enumerate(_SCALES.items()):
         words, unit, _ = in_words({"heading": "psi", "yaw rate": "r"}.get(name, name), ("psi",))

@@ -8,22 +8,15 @@ from typing import Any
 import numpy as np
 
 from agents.commands.console import progress_bar
-from vessel_gym.identification.filtering import (
-    NOISE,
-    Voyage,
-    consistency,
-    estimate,
-    noise_of,
-    sampling,
-    simulated,
-    tune,
-    voyages,
-)
+from studies.logs.accuracy import AHEAD, TESTS, accuracy
+from vessel_gym.identification.consistency import consistency, judge, simulated
+from vessel_gym.identification.filtering import NOISE, Voyage, estimate, noise_of, sampling, voyages
 from vessel_gym.identification.fit import identify
 from vessel_gym.identification.manoeuvres import compare, executed, periods, track_errors
 from vessel_gym.identification.nomoto import identify_nomoto
 from vessel_gym.identification.score import predictors
 from vessel_gym.identification.trial import Trial, common_step, trials
+from vessel_gym.identification.tuning import tune
 from vessel_gym.logs import Columns, Log, read
 from vessel_gym.logs.lag import lag
 from vessel_gym.logs.scale import scale
@@ -45,13 +38,9 @@ COLUMNS = Columns({
     }.items()
 })  # fmt: skip
 FOLDS = 4
-TESTS = ("turn", "zigzag")
-"""Beginnings of the names of runs that begin where the rudder is put over."""
 DISTANCES = (1.0, 5.0, 10.0)
 """Ship lengths after which tracks are compared."""
 FILTERS = ("ekf", "ukf", "iekf", "enkf", "etkf", "enkf-sr", "huber-kf")
-AHEAD = 60.0
-"""Time [s] that Nomoto's models are fitted to foretell."""
 
 
 def read_folder(folder: Path) -> list[Log]:
@@ -122,20 +111,26 @@ def _compared(ship: MeasuredShip, part: Trial, nomoto: dict[str, Any]) -> dict[s
             name: _plain(track_errors(each, tested, np.multiply(DISTANCES, length)) / length)
             for name, each in predict.items()
         },
+        "accuracy": {name: _plain(accuracy(each, part, tested, length)) for name, each in predict.items()},
     }
 
 
 def _judged(name: str, ship: MeasuredShip, voyage: Voyage) -> dict[str, Any]:
     """Consistency of a filter on a run, and on one drawn from its own model; an error instead where it fails."""
-    noise = noise_of(ship)
-    found: dict[str, Any] = {"run": voyage.trial.name.removesuffix(".csv")}
+    noise, run = noise_of(ship), voyage.trial.name.removesuffix(".csv")
     try:
-        for key, each in (("measured", voyage), ("simulated", simulated(ship, voyage, noise))):
-            inside, ratio, lag = map(_plain, consistency(estimate(name, ship, each, noise)))
-            found[key] = {"inside": inside, "ratio": ratio, "lag": lag}
+        _, verdict = judge(name, ship, voyage, noise)
+        inside, ratio, _, lag = consistency(estimate(name, ship, simulated(ship, voyage, noise), noise))
     except ValueError as error:
-        return {"run": found["run"], "error": str(error)}
-    return found
+        return {"run": run, "error": str(error)}
+    return {
+        "run": run,
+        "steps": len(voyage.u),
+        "measured": _plain(
+            {key: getattr(verdict, key) for key in ("inside", "ratio", "lag", "withheld", "deviations")}
+        ),
+        "simulated": _plain({"inside": inside, "ratio": ratio, "lag": lag}),
+    }
 
 
 def _plain(values: Any) -> Any:

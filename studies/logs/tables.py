@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from agents.page import listed
+from studies.logs.accuracy import accuracies, met
 from studies.tables.markdown import ROOT, WITHOUT, interval, put, table
 
 PAGE, STORED = ROOT / "docs/logs-findings.md", Path(__file__).with_name("summary.json")
@@ -94,6 +95,66 @@ def filters() -> str:
 
 
 _PLACES = ("measured", "simulated")
+_SENSORS = {
+    "position": (1.0, "m"),
+    "heading": (float(np.rad2deg(1.0)), "°"),
+    "yaw rate": (float(np.rad2deg(1.0)), "°/s"),
+}
+
+
+def withheld() -> str:
+    """Shares of each withheld sensor's measurements within two standard deviations, with their median."""
+    rows = []
+    for name, runs in stored()["filters"].items():
+        if not (both := _both(runs)):
+            continue
+        of = {key: {each: np.array([run["measured"][key][each] for run in both], float) for each in _SENSORS}
+              for key in ("withheld", "deviations")}  # fmt: skip
+        low = "; ".join(str(int((each < 0.75).sum())) for each in of["withheld"].values())
+        shares = (
+            f"{100.0 * _pooled(both, each):.0f} % of ± {2.0 * scale * np.median(of['deviations'][each]):.2g} {unit}"
+            for each, (scale, unit) in _SENSORS.items()
+        )
+        rows.append((f"`{name}`", *shares, f"{low} of {len(both)}"))
+    return table(("filter", *_SENSORS, "runs below 75 %"), rows)
+
+
+def targets() -> str:
+    """Targets of the errors that are met, and those that are not."""
+    within, beyond = met(stored()["runs"])
+    errors = _overshoot_errors()
+    (within if (errors < 2.0).mean() >= 0.8 and errors.max() < 4.0 else beyond).append("overshoots")
+    return fill(
+        f"Targets that are met: {'; '.join(within)}. Targets that are not met: {'; '.join(beyond)}. Overshoots are to "
+        "differ by less than 2 degrees in 80 % of cases, and by less than 4 in all.",
+        140,
+        break_on_hyphens=False,
+    )
+
+
+def trusted() -> str:
+    """Targets of the filters that are met, and by which they are not."""
+    sentences = []
+    for key, (low, high) in {"NIS": (85.0, 98.0), **dict.fromkeys(_SENSORS, (92.0, 98.0))}.items():
+        shares = {f"`{name}`": 100.0 * _pooled(both, key)
+                  for name, runs in stored()["filters"].items() if (both := _both(runs))}  # fmt: skip
+        bad = [name for name, share in shares.items() if not low <= share <= high]
+        by = "all filters" if not bad else "no filter" if len(bad) == len(shares) else f"all filters but {listed(bad)}"
+        which = "NIS inside" if key == "NIS" else f"the withheld {key}"
+        found = f"{min(shares.values()):.1f} to {max(shares.values()):.1f} %"
+        sentences.append(f"The target of {which}, {low:.0f} to {high:.0f} %, is met by {by} ({found}).")
+    return fill(" ".join(sentences), 140, break_on_hyphens=False)
+
+
+def _pooled(runs: Sequence[dict[str, Any]], key: str) -> float:
+    """Share over all steps of NIS inside, or of a withheld sensor's measurements."""
+    of = [run["measured"]["inside"] if key == "NIS" else run["measured"]["withheld"][key] for run in runs]
+    return float(np.average(of, weights=[run["steps"] for run in runs]))
+
+
+def accurate() -> str:
+    """Errors of the model beside their targets."""
+    return accuracies(stored()["runs"])
 
 
 def consistency() -> str:
@@ -134,8 +195,7 @@ def gap() -> str:
     share = {key: 100.0 * np.abs(pair[:, 1] / pair[:, 0] - 1.0) for key, pair in turning.items()}
     loss = np.abs(np.diff(turning["speed loss"])[:, 0])
     runs = _runs("zigzag")
-    overshoots = np.concatenate([_paired(run["overshoots"]) for run in runs], 1)
-    overshoots = np.abs(np.diff(overshoots[:, overshoots[0] > 1.0], axis=0))[0]
+    overshoots = _overshoot_errors()
     both = np.concatenate([_paired(run["periods"]) for run in runs], 1).T
     period = 100.0 * np.abs(both[:, 1] / both[:, 0] - 1.0)
     sentences = (
@@ -146,6 +206,13 @@ def gap() -> str:
         f"Periods differ by {_spread(period, 0)} %.",
     )
     return fill(" ".join(sentences), 140, break_on_hyphens=False)
+
+
+def _overshoot_errors() -> np.ndarray:
+    """Of all measured overshoots above 1 degree [degrees]."""
+    overshoots = np.concatenate([_paired(run["overshoots"]) for run in _runs("zigzag")], 1)
+    found: np.ndarray = np.abs(np.diff(overshoots[:, overshoots[0] > 1.0], axis=0))[0]
+    return found
 
 
 def sensors() -> str:
@@ -168,8 +235,12 @@ def sensors() -> str:
 
 TABLES: dict[str, Callable[[], str]] = {
     "logs, turns": turns, "logs, zig-zags": zigzags, "logs, tracks": tracks, "logs, filters": filters,
+    "logs, withheld": withheld, "logs, accuracy": accurate,
 }  # fmt: skip
-TEXTS: dict[str, Callable[[], str]] = {"logs, gap": gap, "logs, sensors": sensors, "logs, consistency": consistency}
+TEXTS: dict[str, Callable[[], str]] = {
+    "logs, gap": gap, "logs, sensors": sensors, "logs, consistency": consistency, "logs, targets": targets,
+    "logs, filters' targets": trusted,
+}  # fmt: skip
 
 
 def write() -> None:

@@ -262,7 +262,7 @@ def test_in_a_browser_it_plays_scrubs_switches_and_overlays_without_a_complaint(
         assert page.get_attribute("#play", "aria-label") == "Play"
         assert "ensemble of" in page.inner_text("#legend")
         page.keyboard.press("Shift+2")
-        page.locator("#errors li").nth(1).wait_for()  # drawn with the next frame
+        assert page.locator("#errors li").count() == 2
         assert "position fix, dead-reckoning" in page.inner_text("#legend")
         assert "Current" in page.inner_text("#ambient")
         page.locator("#charts .u-over").first.hover()

@@ -13,15 +13,14 @@ import pytest
 from agents.episodes.logs import log_page
 from agents.episodes.page import FRAMES, Page, unpacked
 from agents.episodes.voyages import voyage_page
-from estimators.series import Series
 from tests.vessel_gym.identification.voyages import SHIP, coefficients, trial, write
+from vessel_gym.identification.consistency import Verdict, nis_of
 from vessel_gym.identification.filtering import (
     NOISE,
     SENSORS,
-    Verdict,
+    Estimates,
     Voyage,
     estimate,
-    nis_of,
     noise_of,
     start_noise,
     voyages,
@@ -45,12 +44,12 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Log:
 
 
 @pytest.fixture(scope="module")
-def judged(log: Log) -> tuple[Voyage, list[tuple[str, Series, Verdict]]]:
+def judged(log: Log) -> tuple[Voyage, list[tuple[str, Estimates, Verdict]]]:
     """The longest part of the log, and two filters on it."""
     ship = MeasuredShip.assumed(SHIP)
     ship = replace(ship, noise=dict(zip(NOISE, start_noise(ship, 15.0).tolist(), strict=True)))
     voyage = max(voyages(log, 0.4), key=lambda each: len(each.u))
-    verdict = Verdict(0.9, 1.1, 0.1, {"position": 0.95})
+    verdict = Verdict(0.9, 1.1, 0.0, 0.1, {"position": 0.95}, {"position": 1.0})
     return voyage, [(name, estimate(name, ship, voyage, noise_of(ship)), verdict) for name in ("ekf", "huber-kf")]
 
 

@@ -1,6 +1,7 @@
 """The page of logs beside their simulation: its command on simulated logs, its tables on results that are known."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +11,19 @@ import pytest
 from agents.commands.console import command
 from studies.logs import __main__ as findings
 from studies.logs import results, tables
+from studies.logs.accuracy import accuracy
 from tests.vessel_gym.identification.voyages import STEP, coefficients, trial
 
 
 def pair(measured: float, simulated: float) -> dict[str, Any]:
-    return {
+    """Consistency of a filter on a run of 100 steps, where a sensor without a heading is foretold in 7 of 10 cases."""
+    sensors = {"position": 0.95, "heading": 0.7, "yaw rate": 0.99}
+    found: dict[str, Any] = {
         place: {"inside": share, "ratio": 1.0, "lag": 0.1}
         for place, share in (("measured", measured), ("simulated", simulated))
     }
+    found["measured"] |= {"withheld": sensors, "deviations": {"position": 2.0, "heading": 0.05, "yaw rate": 0.001}}
+    return {"steps": 100} | found
 
 
 FILTERS = {
@@ -29,7 +35,12 @@ TRACK = {
     "identified model": [0.1, 0.2, 0.4], "without wind": [0.2, 0.3, None], "Nomoto, order 1": [1.0, 2.0, 3.0],
     "Nomoto, order 2": [1.0, None, None], "goes on as it goes": [1.0, 4.0, 9.0],
 }  # fmt: skip
-RUNS = [
+ERRORS = ("steady yaw rate", "steady surge", "yaw rate", "circle", "heading", "position")
+ACCURACY = {
+    name: dict(zip(ERRORS, (k * 1.0, k * 5.0, k * 0.05, None, k * 4.0, k * 0.3), strict=True))
+    for k, name in enumerate(TRACK, 1)
+}
+RUNS: list[dict[str, Any]] = [
     {"name": "turn_01-Jan-2020_00_00_00", "advance": [4.0, 5.0], "tactical diameter": [5.0, 5.5],
      "speed loss": [50.0, 48.0], "overshoots": [[], []], "periods": [[], []], "track error": TRACK},
     {"name": "zigzag_01-Jan-2020_00_00_00", "advance": [None, None], "tactical diameter": [None, None],
@@ -37,6 +48,8 @@ RUNS = [
      "periods": [[40.0, 50.0], [44.0, 55.0]], "track error": TRACK},
     *({"name": f"{kind}_01-Jan-2020_00_00_00", "track error": TRACK} for kind in ("random", "berthing")),
 ]  # fmt: skip
+for each in RUNS:
+    each["accuracy"] = ACCURACY
 
 SENSORS = [{"surge's lag": each, "gyro's scale": scale} for each, scale in (
     ([0.4, 0.1], [0.01, 0.02]), ([0.8, 0.1], [0.02, 0.01]), (None, None),
@@ -70,6 +83,44 @@ def test_manoeuvres_are_compared_where_both_ships_show_them() -> None:
     (row,) = tables.zigzags().splitlines()[2:]
     assert row == "| 01-Jan-2020, 00:00:00 | 3 | 4.2 / 6.3 | 8.5 | 45.0 / 49.5 | 0.40 |"
     assert tables.tracks().splitlines()[2] == "| turns (1) | 0.20; 0.20 | 0.40; 0.40 | 0.30 | – | 4.00 |"
+
+
+@pytest.mark.usefixtures("known")
+def test_errors_stand_beside_their_targets() -> None:
+    """What no run shows is neither met nor missed."""
+    rows = dict(row.strip("| ").split(" | ", 1) for row in tables.accurate().splitlines())
+    assert rows["steady surge [%]"] == "5.0; 5.0 | 4; 10 | 10.0 | 20.0 | 25.0"
+    assert rows["position after one circle [L]"] == "–; – | 0.5; 1 | – | – | –"
+    assert rows["heading after 60 s [°]"] == "4.0; 4.0 | 9; – | 8.0 | 16.0 | 20.0"
+    good, bad = " ".join(tables.targets().split()).split(" Targets that are not met: ")
+    assert "steady yaw rate (median); steady yaw rate (largest); steady surge (largest)" in good
+    assert bad.startswith("steady surge (median); overshoots. ")
+
+
+@pytest.mark.usefixtures("known")
+def test_filters_are_judged_by_sensors_that_they_do_not_get() -> None:
+    rows = dict(row.strip("| ").split(" | ", 1) for row in tables.withheld().splitlines())
+    assert rows["`same`"] == "95 % of ± 4 m | 70 % of ± 5.7 ° | 99 % of ± 0.11 °/s | 0; 8; 0 of 8"
+    assert "`lost`" not in rows
+    words = " ".join(tables.trusted().split())
+    assert "The target of NIS inside, 85 to 98 %, is met by all filters but `worse` (73.9 to 94.5 %)." in words
+    assert "The target of the withheld heading, 92 to 98 %, is met by no filter (70.0 to 70.0 %)." in words
+    assert "The target of the withheld position, 92 to 98 %, is met by all filters (95.0 to 95.0 %)." in words
+
+
+def test_a_model_that_is_the_ship_has_no_error() -> None:
+    """But for the noise of its first state and measurements; a turn of 3 degrees a second closes its circle."""
+    rng = np.random.default_rng(1)
+    voyage = trial(rng, coefficients(rng, 0.2), 400.0, noise=0.0)
+    states = voyage.states.copy()
+    time = STEP * np.arange(len(states))
+    states[:, 2], states[:, 5] = np.deg2rad(3.0) * time, np.deg2rad(3.0)
+    turn = replace(voyage, name="turn", states=states)
+    found = accuracy(lambda state, *_: np.broadcast_to(states[:, None], (len(states), len(state), 6)), turn, turn, 3.0)
+    assert all(found[name] == 0.0 for name in ("yaw rate", "steady yaw rate", "steady surge", "circle"))
+    faster = states * (1.0, 1.0, 1.0, 1.1, 1.0, 1.2)
+    found = accuracy(lambda state, *_: np.broadcast_to(faster[:, None], (len(states), len(state), 6)), turn, turn, 3.0)
+    np.testing.assert_allclose([found[name] for name in ERRORS[:3]], [20.0, 10.0, 0.2], rtol=1e-9)
 
 
 @pytest.mark.usefixtures("known")

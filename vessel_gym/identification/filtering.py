@@ -1,34 +1,52 @@
-"""Filters on a log: a measured ship with coloured accelerations as the model, noise tuned on the log, and verdicts.
+"""Filters on a log: a measured ship with coloured accelerations as the model, and a gate for measurements.
 
-The state of the filters is that of the ship, an acceleration in each degree of freedom that the model does not explain
-(a Gauss-Markov process, stronger at more revolutions), and offset and scale error of the rate gyro.
+The state of the filters is that of the ship, and what explains errors that last (each a Gauss-Markov process, but for
+the gyro's scale error): an acceleration in each degree of freedom that the model does not have, offset and scale error
+of the rate gyro, the age of position and heading, the error of the heading, and a drift of the water.
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 
-from estimators import NonlinearModel, make, run
-from estimators.angles import difference
+from estimators import NonlinearModel, make
+from estimators.belief import Belief, over_time
 from estimators.metrics import nis
 from estimators.models import Gaussian
-from estimators.series import Series
+from estimators.randomness import RandomKeys, key
 from vessel_gym.identification.trial import Trial, pace, trials, without_repeats
 from vessel_gym.logs import Log
 from vessel_gym.vehicles.manoeuvring import rates
 from vessel_gym.vehicles.measured_ship import MeasuredShip
 
 SENSORS = ("x", "y", "heading", "yaw rate")
+WITHHELD = {"position": ("x", "y"), "heading": ("heading",), "yaw rate": ("yaw rate",)}
+"""Sensors that are left out together, and pass the gate together."""
 NOISE = (
-    "position", "heading", "yaw rate", "surge", "sway", "yaw", "time constant", "growth", "gyro drift",
+    "position", "heading", "yaw rate", "surge", "sway", "yaw", "time constant", "growth", "manoeuvre", "gyro drift",
+    "gyro scale", "age", "heading drift", "current",
 )  # fmt: skip
 """Standard deviations of measurements [m, rad, rad/s] and of the unexplained accelerations [m/s2, rad/s2], their time
-constant [s], their growth with the square of the revolutions, the drift of the gyro's offset [rad/s in a second]."""
-_SHIP, _INPUTS, _SCALE = 6, 6, 0.01
-"""States of the ship, known inputs, and the standard deviation of the gyro's scale error."""
+constant [s], their growth with the square of the revolutions and with changes of propeller and rudder forces, the drift
+of the gyro's offset [rad/s in a second] and its scale error, the age of position and heading [s], the slow error of the
+heading [rad], and the drift of the water [m/s]."""
+_SHIP, _INPUTS, _SMOOTHED = 6, 6, 5
+"""States of the ship, known inputs, and steps over which the positions are smoothed that a voyage starts from."""
+_SCALE, _AGE, _HEADING, _CURRENT, STATES = 10, 11, 12, 13, 15
+_ENSEMBLES, _MEMBERS = ("enkf", "etkf", "enkf-sr", "letkf"), 1000
+"""Filters with members, and how many of them."""
+_LASTING = {"gyro scale": 100.0, "age": 0.5, "heading drift": 40.0, "current": 100.0}
+"""Time constants [s]."""
+GATE, _REJECTED = 1e-7, 2
+"""Probability that the gate rejects a sensor of a consistent filter, and measurements that it rejects in succession:
+the next one is taken, so that a ship that did move is found again."""
+MEMORY, _ASSUMED = 6.0, 10.0
+"""Steps over which levels of noise are averaged, and degrees of freedom that the level 1 counts as."""
+_LEVELLED = np.array([0, 0, 1, 0, 0, 2, 0, 0, 2, 2, 2, -1, 1, 0, 0])
+"""Sensor, in the order of `WITHHELD`, that says most of each state: its level is that of the state's variance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +63,10 @@ class Voyage:
     y: np.ndarray
     u: np.ndarray
 
+    def part(self, first: int, last: int) -> "Voyage":
+        """Steps ``first`` to ``last``."""
+        return Voyage(self.trial.part(first, last), self.y[first:last], self.u[first:last])
+
 
 def voyages(log: Log, dt: float) -> list[Voyage]:
     """The parts of a log without gaps, sampled at steps of ``dt`` [s].
@@ -53,13 +75,15 @@ def voyages(log: Log, dt: float) -> list[Voyage]:
         LogError: if a channel is missing, or every part is too short.
     """
     found = []
-    for trial in trials(log, dt):
+    for trial in trials(log, dt, _SMOOTHED):
         count = len(trial)
         y = np.full((count, len(SENSORS)), np.nan)
         for column, name in enumerate(SENSORS):
             times, values = without_repeats(*log[name].measured(), name)
             index = np.round((times - trial.start) / dt).astype(int)
-            near = (index >= 0) & (index < count) & (np.abs(times - trial.start - index * dt) < 0.25 * dt)
+            off = np.abs(times - trial.start - index * dt)
+            nearest = np.argsort(-off, kind="stable")  # the nearest to a step is assigned last
+            near = nearest[((index >= 0) & (index < count) & (off < 0.25 * dt))[nearest]]
             y[index[near], column] = values[near]
         found.append(Voyage(trial, y, np.concatenate([trial.control, trial.air], -1)))
     return found
@@ -67,257 +91,131 @@ def voyages(log: Log, dt: float) -> list[Voyage]:
 
 def model(ship: MeasuredShip, dt: float) -> NonlinearModel:
     """The filter's model at steps of ``dt``; its input ends in the noise (`inputs`)."""
-    c, p = tuple(map(float, ship.coefficients)), tuple(map(float, ship.particulars.vector()))
-    return _model(c, p, float(dt))
+    return _model(tuple(map(float, ship.coefficients)), tuple(map(float, ship.particulars.vector())), float(dt))
 
 
 @lru_cache(8)
 def _model(c: tuple[float, ...], p: tuple[float, ...], dt: float) -> NonlinearModel:
     moving = partial(_transition, np.array(c), np.array(p), dt)
     noise: Any = partial(_process, dt)
-    errors: Any = _errors  # both follow the known input
+    errors: Any = measurement_noise  # both follow the known input
     return NonlinearModel(
-        moving, _measured, noise, errors, state_angles=(2,), measurement_angles=(2,), states=11,
-        measurements=4,
+        moving, _measured, noise, errors, state_angles=(2,), measurement_angles=(2,), states=STATES,
+        measurements=len(SENSORS),
     )  # fmt: skip
 
 
-def inputs(u: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Known inputs ``(..., 6)``, the noise ``(..., 9)`` in the order of `NOISE`, and relative revolutions squared."""
-    square = u[..., 1:2] ** 2
-    load = square / max(float(square.mean()), 1e-12)
+@lru_cache(32)
+def _filter(name: str, used: NonlinearModel) -> Any:
+    """A filter, which keeps its programs for the next voyage.
+
+    Members correlate every state with the p measurements by chance, so that an update shrinks the variance of what is
+    not measured by ``p / (N - 1)`` (Sacher & Bartello 2008, Monthly Weather Review 136). The inflation restores it:
+    otherwise the uncertainty of a withheld position vanishes in some minutes.
+    """
+    if name not in _ENSEMBLES:
+        return make(name, used)
+    return make(name, used, members=_MEMBERS, inflation=float(np.sqrt(1.0 + len(SENSORS) / (_MEMBERS - 1))))
+
+
+def inputs(ship: MeasuredShip, u: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Known inputs ``(T, ..., 6)``, the noise ``(..., K)`` in the order of `NOISE`, and what accelerations grow with.
+
+    That is the square of the revolutions relative to those of service, and the change of propeller and rudder forces,
+    in proportion to it, over two steps: the rudder follows its order late, and the flow about the hull both.
+    """
+    square = u[..., 1] * np.abs(u[..., 1]) / ship.revolutions**2 if ship.revolutions else 0.0 * u[..., 1]
+    forces = np.stack([square, square * u[..., 0]])
+    before = np.concatenate([forces[:, :1], forces[:, :1], forces[:, :-1]], 1)
+    changed = np.abs(forces - before[:, 1:]) + np.abs(before[:, 1:] - before[:, :-1])
+    load = np.stack([np.abs(square), changed.sum(0)], -1)
     shape = np.broadcast_shapes(u.shape[:-1], noise.shape[:-1])
     return np.concatenate([np.broadcast_to(a, (*shape, a.shape[-1])) for a in (u, noise, load)], -1)
 
 
 def _transition(c: np.ndarray, p: np.ndarray, dt: float, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-    state, extra, gyro = x[..., :_SHIP], x[..., _SHIP : _SHIP + 3], x[..., _SHIP + 3 :]
+    state, extra, current = x[..., :_SHIP], x[..., _SHIP : _SHIP + 3], x[..., _CURRENT:]
     control, air, constant = u[..., :2], u[..., 2:6], u[..., 12:13]
-    pushed = np.concatenate([0.0 * extra, extra], -1)
+    pushed = np.concatenate([current, 0.0 * extra[..., :1], extra], -1)
     h = 0.5 * dt
     for _ in range(2):
         middle = state + 0.5 * h * (rates(state, control, air, c, p) + pushed)
         state = state + h * (rates(middle, control, air, c, p) + pushed)
-    return np.concatenate([state, np.exp(-dt / constant) * extra, gyro], -1)
+    kept = np.exp(-dt / np.array([*_LASTING.values(), _LASTING["current"]]))
+    return np.concatenate(
+        [state, np.exp(-dt / constant) * extra, x[..., _SCALE - 1 : _SCALE], kept * x[..., _SCALE:]], -1
+    )
 
 
 def _measured(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-    """Position, heading, and the yaw rate with the gyro's offset and scale error."""
-    return np.stack([x[..., 0], x[..., 1], x[..., 2], x[..., 5] * (1.0 + x[..., 10]) + x[..., 9]], -1)
+    """Position and heading of some time ago, and the yaw rate with the gyro's offset and scale error."""
+    psi, surge, sway, rate, age = x[..., 2], x[..., 3], x[..., 4], x[..., 5], x[..., _AGE]
+    north, east = surge * np.cos(psi) - sway * np.sin(psi), surge * np.sin(psi) + sway * np.cos(psi)
+    return np.stack(
+        [
+            x[..., 0] - age * north,
+            x[..., 1] - age * east,
+            psi - age * rate + x[..., _HEADING],
+            rate * (1.0 + x[..., _SCALE]) + x[..., _SCALE - 1],
+        ],
+        -1,
+    )
 
 
 def _process(dt: float, u: np.ndarray) -> np.ndarray:
-    """Covariance of the process noise ``(..., 11, 11)``."""
-    _, _, _, surge, sway, yaw, constant, growth, drift, load = np.moveaxis(u[..., _INPUTS:], -1, 0)
-    changed = (1.0 - np.exp(-2.0 * dt / constant)) * (1.0 + growth * load) ** 2
-    none = 0.0 * surge + 1e-12
-    variances = (*(none,) * _SHIP, *(changed * each**2 for each in (surge, sway, yaw)), dt * drift**2, none)
-    return np.stack(variances, -1)[..., None] * np.eye(_SHIP + 5)
+    """Covariance of the process noise ``(..., 15, 15)``; accelerations act over half of the step of their change."""
+    noise = dict(zip((*NOISE, "load", "changed"), np.moveaxis(u[..., _INPUTS:], -1, 0), strict=True))
+    grown = 1.0 + noise["growth"] * noise["load"] + noise["manoeuvre"] * noise["changed"]
+    renewed = {name: 1.0 - np.exp(-2.0 * dt / each) for name, each in _LASTING.items()}
+    accelerations = (1.0 - np.exp(-2.0 * dt / noise["time constant"])) * grown**2
+    none = 0.0 * grown + 1e-12
+    variances = [none] * _SHIP + [accelerations * noise[name] ** 2 for name in ("surge", "sway", "yaw")]
+    variances += [dt * noise["gyro drift"] ** 2]
+    variances += [renewed[name] * noise[name] ** 2 for name in (*_LASTING, "current")]
+    acting = np.eye(STATES) + 0.5 * dt * np.eye(STATES, k=3) * (np.arange(STATES) // 3 == 1)[:, None]
+    return acting @ (np.stack(variances, -1)[..., None] * np.eye(STATES)) @ acting.T
 
 
-def _errors(u: np.ndarray) -> np.ndarray:
-    """Covariance of the measurement noise ``(..., 4, 4)``."""
+def measurement_noise(u: np.ndarray) -> np.ndarray:
+    """Covariance of the measurement noise ``(..., 4, 4)`` at known inputs of `inputs`."""
     position, heading, rate = np.moveaxis(u[..., _INPUTS : _INPUTS + 3], -1, 0)
     return np.stack([position**2, position**2, heading**2, rate**2], -1)[..., None] * np.eye(len(SENSORS))
 
 
 def prior(first: np.ndarray, noise: np.ndarray) -> Gaussian:
-    """About the first measured states ``(..., 6)``, two measurement errors wide, for noise ``(..., 9)``."""
-    position, heading, rate, surge, sway, yaw, *_ = np.moveaxis(noise, -1, 0)
-    sd = (
-        position,
-        position,
-        heading,
-        4.0 * position,
-        4.0 * position,
-        rate,
-        surge,
-        sway,
-        yaw,
-        rate,
-        0.0 * rate + _SCALE,
-    )
-    variances = np.square(np.stack(sd, -1)) * np.array([4.0] * 10 + [1.0])
-    mean = np.concatenate([first, np.zeros((*first.shape[:-1], 5))], -1)
-    return Gaussian(mean, variances[..., None] * np.eye(_SHIP + 5))
+    """About the first measured states ``(..., 6)``, two standard deviations wide, for noise ``(..., K)``."""
+    sd = dict(zip(NOISE, np.moveaxis(noise, -1, 0), strict=True))
+    position, heading, rate = sd["position"], np.hypot(sd["heading"], sd["heading drift"]), sd["yaw rate"]
+    speed = 4.0 * position + sd["current"]
+    wide = (position, position, heading, speed, speed, rate, sd["surge"], sd["sway"], sd["yaw"], rate)
+    stationary = (sd["gyro scale"], sd["age"], sd["heading drift"], sd["current"], sd["current"])
+    variances = np.square(np.stack([*(2.0 * each for each in wide), *stationary], -1))
+    mean = np.concatenate([first, np.zeros((*first.shape[:-1], STATES - _SHIP))], -1)
+    return Gaussian(mean, variances[..., None] * np.eye(STATES))
 
 
 def sampling(found: Sequence[Trial], ship: MeasuredShip) -> float:
     """Time step [s] of filters: 15 of them while the ship sails her length."""
-    return float(f"{_pace(found, ship) / 15.0:.1g}")
+    return float(f"{mean_pace(found, ship) / 15.0:.1g}")
 
 
-def _pace(found: Sequence[Trial], ship: MeasuredShip) -> float:
+def mean_pace(found: Sequence[Trial], ship: MeasuredShip) -> float:
+    """Time [s] in which the ship sails her length in these trials."""
     return pace(ship.particulars, np.concatenate([trial.states[:, 3] for trial in found]))
 
 
 def start_noise(ship: MeasuredShip, pace: float) -> np.ndarray:
-    """Noise ``(9,)`` to begin with, for a ship that sails her length in ``pace`` seconds."""
+    """Noise ``(K,)`` to begin with, for a ship that sails her length in ``pace`` seconds."""
     length = ship.particulars.length
-    pushed = 0.02 * length / pace**2
-    return np.array(
-        [3e-3 * length, 0.01, 0.02 / pace, pushed, pushed, 0.05 / pace**2, pace, 0.5, 2e-4 / pace**1.5]
-    )  # fmt: skip
-
-
-def tune(ship: MeasuredShip, found: Sequence[Voyage], steps: int = 60) -> np.ndarray:
-    """Noise ``(9,)`` with the largest likelihood of an ``ekf`` on windows of voyages, each of ``steps``.
-
-    All changed parameters of a gradient are rows of one run.
-    """
-    from scipy.optimize import minimize
-
-    steps = min(steps, max(len(each.u) for each in found))
-    start = start_noise(ship, _pace([each.trial for each in found], ship))
-    parts = [(each, first) for each in found for first in range(0, len(each.u) - steps + 1, steps)]
-    y = np.stack([each.y[first : first + steps] for each, first in parts], 1)[:, None]
-    u = np.stack([each.u[first : first + steps] for each, first in parts], 1)[:, None]
-    first = np.stack([each.trial.states[first] for each, first in parts])
-    filter, h, k = make("ekf", model(ship, found[0].trial.dt)), 1e-3, len(start)
-
-    def value(z: np.ndarray) -> tuple[float, np.ndarray]:
-        points = z + np.concatenate([np.zeros((1, k)), h * np.eye(k)])
-        noise = start * np.exp(points)[:, None]
-        rows = np.broadcast_to(y, (steps, k + 1, *y.shape[2:]))
-        priors = prior(np.broadcast_to(first, (k + 1, *first.shape)), np.broadcast_to(noise, (k + 1, len(first), k)))
-        series = run(filter, priors, rows, inputs(u, noise))
-        # Outliers would tell of themselves alone: a measurement counts at most as one that is 5 deviations off.
-        costs = -np.maximum(series.log_likelihoods, np.median(series.log_likelihoods[:, :1]) - 12.5).sum((0, 2))
-        costs = costs + 0.5 * (points**2 / 9.0).sum(-1)
-        return float(costs[0]), (costs[1:] - costs[0]) / h
-
-    found_at = minimize(
-        value, np.zeros(k), jac=True, method="L-BFGS-B", bounds=[(-6.0, 6.0)] * k, options={"maxiter": 60}
-    )
-    return start * np.exp(found_at.x)
-
-
-def estimate(
-    name: str, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, withheld: Collection[str] = (), rng: int = 0
-) -> Series:
-    """A filter over a voyage.
-
-    Args:
-        name: Of the filter (`estimators.names`).
-        ship: The model.
-        voyage: The measurements.
-        noise: ``(9,)`` in the order of `NOISE`.
-        withheld: Sensors that the filter does not get after the first measurement.
-        rng: Seed of filters that draw numbers.
-    """
-    available = np.isfinite(voyage.y)
-    available[1:, [SENSORS.index(each) for each in withheld]] = False
-    filter = make(name, model(ship, voyage.trial.dt))
-    start = prior(voyage.trial.states[0], noise)
-    return run(filter, start, voyage.y, inputs(voyage.u, noise), available=available, rng=rng)
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """Consistency of a filter on measured data, where there is no truth.
-
-    Attributes:
-        inside: Share of NIS within its central 95 % interval.
-        ratio: Mean NIS over its degrees of freedom, 1 for a consistent filter.
-        lag: Correlation of successive innovations, the largest of the sensors'; 0 for a consistent filter.
-        withheld: Share of each sensor's measurements within two standard deviations of what a filter without that
-            sensor foretells, measurement noise included; .954 for a consistent filter.
-    """
-
-    inside: float
-    ratio: float
-    lag: float
-    withheld: dict[str, float]
-
-    @property
-    def trusted(self) -> bool:
-        """True if its standard deviations may be believed: near what a consistent filter has."""
-        return self.inside >= 0.85 and 0.5 <= self.ratio <= 2.0 and min(self.withheld.values()) >= 0.75
-
-
-def simulated(ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, rng: int = 0) -> Voyage:
-    """A voyage with the same inputs whose motion and measurements are drawn from the filters' own model.
-
-    Measurements that the log lacks are lacking here, too. A filter is as consistent on the log as here if the model
-    holds at sea.
-    """
-    from estimators.consistency import simulate
-
-    drawn = simulate(
-        model(ship, voyage.trial.dt), prior(voyage.trial.states[0], noise), np.random.default_rng(rng), runs=2,
-        steps=len(voyage.u), u=inputs(voyage.u, noise)[:, None],
-    )  # fmt: skip
-    states = np.concatenate([drawn.x[:, 0, :_SHIP], drawn.x[-1:, 0, :_SHIP]])
-    y = np.where(np.isfinite(voyage.y), drawn.y[:, 0], np.nan)
-    return Voyage(replace(voyage.trial, states=states), y, voyage.u)
-
-
-WITHHELD = {"position": ("x", "y"), "heading": ("heading",), "yaw rate": ("yaw rate",)}
-"""Sensors that are left out together."""
-_BEGINNING = 5
-
-
-def nis_of(series: Series) -> tuple[np.ndarray, np.ndarray]:
-    """NIS ``(T,)`` and its degrees of freedom ``(T,)``: the measurements that came."""
-    belief: Any = series.updated
-    count = np.asarray(belief.available).sum(-1)
-    return nis(belief.innovation, belief.innovation_cov), count
-
-
-def consistency(series: Series) -> tuple[float, float, float]:
-    """Share of NIS within its central 95 % interval, NIS ratio and lag, as in `Verdict`.
-
-    Raises:
-        ValueError: if there are no estimates, or they are lost.
-    """
-    from scipy.stats import chi2
-
-    belief: Any = series.updated
-    square, count = (each[_BEGINNING:] for each in nis_of(series))
-    used = count > 0
-    if not used.any() or not np.isfinite(square[used]).all():
-        raise ValueError("the estimates are lost")
-    low, high = chi2.ppf(0.025, count[used]), chi2.ppf(0.975, count[used])
-    inside = float(((square[used] > low) & (square[used] < high)).mean())
-    deviations = np.sqrt(np.einsum("tii->ti", np.asarray(belief.innovation_cov)))
-    white = np.where(belief.available, np.asarray(belief.innovation) / deviations, 0.0)[_BEGINNING:]
-    lag = float(np.max((white[1:] * white[:-1]).sum(0) / np.maximum((white**2).sum(0), 1e-12)))
-    return inside, float(square[used].sum() / count[used].sum()), lag
-
-
-def judge(name: str, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, rng: int = 0) -> tuple[Series, Verdict]:
-    """A filter over a voyage, and how consistent it is.
-
-    Raises:
-        ValueError: if the filter cannot work with the model, or its estimates are lost.
-    """
-    series = estimate(name, ship, voyage, noise, rng=rng)
-    try:
-        found = consistency(series)
-    except ValueError:
-        raise ValueError(f"{name} loses its estimates on {voyage.trial.name}") from None
-    withheld = {
-        label: _foretold(estimate(name, ship, voyage, noise, sensors, rng), ship, voyage, noise, sensors)
-        for label, sensors in WITHHELD.items()
-    }
-    return series, Verdict(*found, withheld)
-
-
-def _foretold(series: Series, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, sensors: Collection[str]) -> float:
-    """Share of withheld measurements within two standard deviations of those that are foretold."""
-    used, u = model(ship, voyage.trial.dt), inputs(voyage.u, noise)
-    mean, cov = np.asarray(series.predicted.mean), np.asarray(series.predicted.cov)
-    foretold, H = used.linearise_measurement(mean, u)[:2]
-    error = difference(voyage.y, foretold, used.measurement_angles)
-    spread = np.einsum("tij,tjk,tik->ti", H, cov, H) + np.einsum("tii->ti", _errors(u))
-    columns = [SENSORS.index(each) for each in sensors]
-    error, deviation = error[_BEGINNING:, columns], np.sqrt(spread)[_BEGINNING:, columns]
-    measured = np.isfinite(error)
-    return float((np.abs(error[measured]) < 2.0 * deviation[measured]).mean()) if measured.any() else np.nan
+    pushed = 0.06 * length / pace**2
+    return np.array([
+        2e-3 * length, 4e-3, 5e-3 / pace, pushed, pushed, 0.12 / pace**2, 0.3 * pace, 0.3, 5.0, 9e-3 / pace**1.5,
+        0.03, 0.03, 0.012, 0.2 * length / pace,
+    ])  # fmt: skip
 
 
 def noise_of(ship: MeasuredShip) -> np.ndarray:
-    """Noise ``(9,)`` of a vessel file.
+    """Noise ``(K,)`` of a vessel file.
 
     Raises:
         ValueError: if the file has none.
@@ -326,3 +224,152 @@ def noise_of(ship: MeasuredShip) -> np.ndarray:
     if missing:
         raise ValueError(f"the vessel file's [noise] has no {missing[0]!r}: identify the ship, or tune the noise")
     return np.array([ship.noise[name] for name in NOISE])
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A time step of a filter behind a gate; covariances are at the levels of noise that were found so far.
+
+    Attributes:
+        predicted: The belief before the measurement.
+        tried: That after all of the measurement, whose innovation the gate has seen.
+        updated: That after what the gate let through.
+        rejected: ``(4,)`` mask of the sensors that it did not.
+        level: ``(3,)`` factors of variances before the measurement, in the order of `WITHHELD`.
+    """
+
+    predicted: Belief
+    tried: Belief
+    updated: Belief
+    rejected: np.ndarray
+    level: np.ndarray
+
+
+class Gated:
+    """A filter that finds the level of each sensor's noise, behind a gate.
+
+    A level is the mean of the squared innovation over what the filter expects of it, old ones forgotten (Mehra 1970,
+    IEEE Transactions on Automatic Control 15; West & Harrison 1997, Bayesian Forecasting and Dynamic Models, sec.
+    10.8). Gains stay those of the assumed noise. At these levels the square of a consistent filter has an F
+    distribution (`degrees_of_freedom`). A measurement is rejected if its square is one of the largest `GATE`
+    (Bar-Shalom, Li & Kirubarajan 2001, sec. 5.7). Squares below that limit have a smaller mean, which the levels allow
+    for. After some rejections in succession the next measurement is taken.
+    """
+
+    def __init__(self, name: str, ship: MeasuredShip, dt: float, rng: int = 0) -> None:
+        from scipy.stats import chi2, f
+
+        self._filter = _filter(name, model(ship, dt))
+        self._limits = {n: float(n * f.isf(GATE, n, degrees_of_freedom(n))) for n in (1, 2)}
+        self._means = {n: n * float(chi2.cdf(far, n + 2) / chi2.cdf(far, n)) for n, far in self._limits.items()}
+        self._misses = dict.fromkeys(WITHHELD, 0)
+        self._level, self._weight = np.ones(len(WITHHELD)), np.full(len(WITHHELD), _ASSUMED)
+        self._keys, self._count = RandomKeys(key(rng)), 0
+        self._last: tuple[Any, np.ndarray] | None = None
+
+    def step(self, start: Gaussian, y: np.ndarray, known: np.ndarray, available: np.ndarray | None = None) -> Step:
+        """The next step.
+
+        Args:
+            start: Belief before the first measurement; not used later.
+            y: ``(4,)`` measurements.
+            known: Input of `inputs` at this time.
+            available: ``(4,)`` mask of measurements that the filter gets; None: all that are finite.
+        """
+        keys, last, level = self._keys.at(self._count), self._last, self._level.copy()
+        if last is None:
+            predicted = self._filter.init(start, rng=keys)
+        else:
+            predicted = self._filter.predict(last[0], last[1], rng=keys)
+        updated = tried = self._filter.update(predicted, y, rng=keys, available=available, u=known)
+        rejected = self._rejected(tried)
+        if rejected.any():
+            passed = ~rejected if available is None else available & ~rejected
+            updated = self._filter.update(predicted, y, rng=keys, available=passed, u=known)
+        self._count, self._last = self._count + 1, (updated, known)
+        beliefs = _at_level(predicted, level), _at_level(tried, level), _at_level(updated, level, self._level)
+        return Step(*beliefs, rejected, level)
+
+    def _rejected(self, belief: Any) -> np.ndarray:
+        """Sensors that the gate rejects ``(4,)``; levels learn from the others."""
+        rejected, came = np.zeros(len(SENSORS), bool), np.asarray(belief.available)
+        for i, (label, sensors) in enumerate(WITHHELD.items()):
+            columns = [column for column in map(SENSORS.index, sensors) if came[column]]
+            if not columns:  # its level approaches the mean of the others'
+                others = np.delete(self._level, i)
+                self._level[i] += (np.average(others, weights=np.delete(self._weight, i)) - self._level[i]) / MEMORY
+                continue
+            n, level = len(columns), self._level[i]
+            square = float(nis(belief.innovation[columns], belief.innovation_cov[np.ix_(columns, columns)])) / level
+            far = square > self._limits[n] and self._misses[label] < _REJECTED
+            self._misses[label] = self._misses[label] + 1 if far else 0
+            rejected[columns] = far
+            if not far and np.isfinite(square):
+                kept = (1.0 - 1.0 / MEMORY) * self._weight[i]
+                share = min(square, self._limits[n]) / self._means[n]
+                self._level[i], self._weight[i] = level * (kept + n * share) / (kept + n), kept + n
+        return rejected
+
+
+def degrees_of_freedom(count: int) -> float:
+    """Degrees of freedom of the level of ``count`` values a step, a weighted mean (Satterthwaite 1946, Biometrics)."""
+    return count * (2.0 * MEMORY - 1.0)
+
+
+def sensor_levels(level: np.ndarray) -> np.ndarray:
+    """Factors ``(..., 4)`` of the variance of each measurement, of those of ``level (..., 3)``."""
+    return np.repeat(level, [len(sensors) for sensors in WITHHELD.values()], -1)
+
+
+def _at_level(belief: Belief, level: np.ndarray, after: np.ndarray | None = None) -> Belief:
+    """A belief whose covariances, that of the innovation first, are at other levels of noise."""
+    states = np.sqrt(np.append(level if after is None else after, 1.0)[_LEVELLED])
+    changes = {"cov": states[:, None] * belief.cov * states}
+    if belief.innovation_cov is not None:
+        channels = np.where(np.asarray(belief.available), np.sqrt(sensor_levels(level)), 1.0)
+        changes["innovation_cov"] = channels[:, None] * belief.innovation_cov * channels
+    return Belief.replace(belief, **changes)
+
+
+@dataclass(frozen=True, eq=False)
+class Estimates:
+    """A filter over a voyage: `Step` with a leading axis of time."""
+
+    predicted: Belief
+    tried: Belief
+    updated: Belief
+    rejected: np.ndarray
+    level: np.ndarray
+
+    @property
+    def mean(self) -> np.ndarray:
+        """``(T, 15)`` estimates."""
+        return self.updated.mean
+
+    @property
+    def cov(self) -> np.ndarray:
+        """``(T, 15, 15)`` their covariances."""
+        return self.updated.cov
+
+
+def estimate(
+    name: str, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, withheld: Collection[str] = (), rng: int = 0
+) -> Estimates:
+    """A filter over a voyage.
+
+    Args:
+        name: Of the filter (`estimators.names`).
+        ship: The model.
+        voyage: The measurements.
+        noise: ``(K,)`` in the order of `NOISE`.
+        withheld: Sensors that the filter does not get after the first measurement.
+        rng: Seed of filters that draw numbers.
+    """
+    available = np.isfinite(voyage.y)
+    available[1:, [SENSORS.index(each) for each in withheld]] = False
+    gated, known = Gated(name, ship, voyage.trial.dt, rng), inputs(ship, voyage.u, noise)
+    start = prior(voyage.trial.states[0], noise)
+    found = [gated.step(start, y, known[k], available[k]) for k, y in enumerate(voyage.y)]
+    beliefs = (over_time([getattr(each, part) for each in found]) for part in ("predicted", "tried", "updated"))
+    arrays = (np.stack([getattr(each, part) for each in found]) for part in ("rejected", "level"))
+    return Estimates(*beliefs, *arrays)

@@ -1,9 +1,11 @@
 """Coefficients of a ship's manoeuvring model from trials: simulation errors of windows, minimised with exact gradients.
 
 Each window is simulated from an initial state of its own, which is estimated with the coefficients and eliminated.
-Errors of neighbouring moments and of windows of several lengths are dependent: the weight of the data is what the
-spread of the gradients between blocks of the logs supports (the magnitude adjustment of Ribatet, Cooley & Davison 2012,
-Statistica Sinica 22). So the intervals widen where wind and waves of minutes move the ship.
+Errors of neighbouring moments and of windows of several lengths are dependent. So the weight of the data against what
+is assumed follows from cross-validation: it is the smallest that foretells each trial from the others within a standard
+error of the best (Hastie, Tibshirani & Friedman 2009, The Elements of Statistical Learning, sec. 7.10). Intervals
+follow from the spread of the gradients between blocks of the logs. They widen where wind and waves of minutes move the
+ship.
 
 Source: Ljung (1999), System Identification, sec. 7.4 and 10.2, for the method; Marquardt (1963) for the search.
 """
@@ -23,7 +25,9 @@ LENGTHS = (60.0, 120.0, 240.0)
 """Lengths of windows [s] of a ship that sails her length in 15 s; of others in proportion."""
 _PACE = 15.0
 _N = len(STATE)
-_ROUNDS, _STEPS, _RESCALED, _LEAST_GAIN = 3, 25, 6, 0.1
+_WEIGHTS = (1 / 2000, 1 / 1000, 1 / 500, 1 / 200, 1 / 100, 1 / 50)
+"""Of the data, tried in turn."""
+_STEPS, _RESCALED, _LEAST_GAIN = 25, 6, 0.1
 
 
 def identify(trials: Sequence[Trial], particulars: Particulars, fixed: Collection[str] = ()) -> MeasuredShip:
@@ -41,19 +45,14 @@ def identify(trials: Sequence[Trial], particulars: Particulars, fixed: Collectio
     if unknown:
         raise ValueError(f"{unknown[0]!r} is no coefficient of the model: {', '.join(COEFFICIENTS)}")
     problem = _Problem(trials, particulars, fixed)
-    c, weight = problem.mean, 0.01
-    for _ in range(_ROUNDS):
-        c = problem.search(c, weight)
-        dispersion, covariance = problem.spread(c, weight)
-        if abs(np.log(dispersion * weight)) < 0.1:
-            break
-        weight = 1.0 / dispersion
+    c, weight = problem.weighted()
+    dispersion, covariance = problem.spread(c, weight)
     return MeasuredShip(
         particulars,
         c,
         covariance,
         degrees_of_freedom=problem.blocks - 1,
-        dispersion=1.0 / weight,
+        dispersion=dispersion,
         errors=problem.errors(),
         logs=tuple(trial.name for trial in trials),
         revolutions=float(np.median(np.concatenate([trial.control[trial.control[:, 1] > 0.0, 1] for trial in trials]))),
@@ -112,6 +111,9 @@ class _Problem:
         self.scales: list[np.ndarray] = []
         self.numbers = np.unique(np.concatenate([each.block for each in self.sets.values()]))
         self.blocks = len(self.numbers)
+        ends = np.cumsum([1 + len(trial) // steps[-1] for trial in trials])
+        trial = np.searchsorted(ends, self.numbers, side="right")
+        self.groups = np.unique(trial, return_inverse=True)[1] if trial.min() < trial.max() else np.arange(self.blocks)
 
     def _residuals(self, initial: list[np.ndarray], c: np.ndarray, slopes: bool) -> list[Any]:
         """Errors ``(T, B, 6)`` of each set, with their derivatives if asked."""
@@ -137,16 +139,19 @@ class _Problem:
     def cost(self, initial: list[np.ndarray], c: np.ndarray, weight: float) -> float:
         """Half of the weighted sum of squares."""
         with np.errstate(all="ignore"):  # a step too far may diverge: its cost is infinite
-            data = sum(
-                0.5 * float(((error / scale) ** 2).sum())
-                for (error,), scale in zip(self._residuals(initial, c, slopes=False), self.scales, strict=True)
-            )
-            starts = sum(
-                0.5 * float((((state - each.states[0]) / self.start_sd) ** 2).sum())
-                for state, each in zip(initial, self.sets.values(), strict=True)
-            )
-            total = weight * (data + starts) + 0.5 * float((self.precision * (c - self.mean) ** 2).sum())
+            data = float(self.data_costs(initial, c).sum())
+            total = weight * data + 0.5 * float((self.precision * (c - self.mean) ** 2).sum())
         return total if np.isfinite(total) else np.inf
+
+    def data_costs(self, initial: list[np.ndarray], c: np.ndarray) -> np.ndarray:
+        """Half of the sum of squares of the data alone, by block."""
+        found = np.zeros(self.blocks)
+        for (error,), scale, state, each in zip(
+            self._residuals(initial, c, slopes=False), self.scales, initial, self.sets.values(), strict=True
+        ):
+            squares = ((error / scale) ** 2).sum((0, 2)) + (((state - each.states[0]) / self.start_sd) ** 2).sum(-1)
+            np.add.at(found, np.searchsorted(self.numbers, each.block), 0.5 * squares)
+        return found
 
     def linearise(self, c: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """Information ``(B, 6 + k, 6 + k)`` and gradient ``(B, 6 + k)`` of the windows of each set about ``c``."""
@@ -186,11 +191,46 @@ class _Problem:
         A[np.diag_indices(k)] *= 1.0 + damping
         return _Normal(A, weight * gradients.sum(0) + self.precision * (self.mean - c), gradients, information, steps)
 
-    def search(self, c: np.ndarray, weight: float) -> np.ndarray:
-        """The minimum, by Levenberg and Marquardt's method; initial states move along."""
+    def weighted(self) -> tuple[np.ndarray, float]:
+        """The minimum, and the smallest weight of the data whose error of left-out trials is not larger than the least.
+
+        That is within a standard error of their difference. Scales of the errors are those of the first weight.
+        """
+        c, tried = self.search(self.mean, _WEIGHTS[0], _RESCALED), []
+        for weight in _WEIGHTS:
+            c = self.search(c, weight)
+            tried.append((self.left_out(c, weight), weight, c, self.initial))
+        errors = np.array([each[0] for each in tried])
+        beyond = errors - errors[errors.sum(1).argmin()]
+        near = beyond.sum(1) <= np.sqrt(beyond.shape[1]) * beyond.std(1)
+        _, weight, c, self.initial = tried[int(np.argmax(near))]
+        return c, weight
+
+    def left_out(self, c: np.ndarray, weight: float) -> np.ndarray:
+        """Half of the sums of squares of each trial (of a single trial, of each block) at the minimum without it.
+
+        To first order of the errors about the minimum ``c`` of all.
+        """
+        now, errors = self.normal(c, self.linearise(c), weight), self.data_costs(self.initial, c)
+        found = np.zeros(self.groups.max() + 1)
+        for group in range(len(found)):
+            own = self.groups == group
+            information, gradient = now.information[own].sum(0), now.gradients[own].sum(0)
+            change = np.linalg.solve(now.A - weight * information, now.b - weight * gradient)
+            found[group] = errors[own].sum() + 0.5 * change @ information @ change - gradient @ change
+        return found
+
+    def search(self, c: np.ndarray, weight: float, rescaled: int = 0) -> np.ndarray:
+        """The minimum, by Levenberg and Marquardt's method; initial states move along.
+
+        Args:
+            c: Coefficients to begin with.
+            weight: Of the data.
+            rescaled: Steps before which scales of the errors are estimated anew.
+        """
         damping = 1e-3
         for count in range(_STEPS):
-            if count < _RESCALED:
+            if count < rescaled:
                 self.rescale(c)
             parts, cost = self.linearise(c), self.cost(self.initial, c, weight)
             while True:
@@ -208,7 +248,7 @@ class _Problem:
                 if damping > 1e6:
                     return c
             c, self.initial, damping = c + change, initial, max(0.2 * damping, 1e-6)
-            if count >= _RESCALED and gain < _LEAST_GAIN:
+            if count >= rescaled and gain < _LEAST_GAIN:
                 break
         return c
 

@@ -4,9 +4,9 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from estimators import make
-from vessel_gym.identification.filtering import SENSORS, inputs, model, noise_of, prior
-from vessel_gym.identification.trial import SLOW
+from estimators.models import Gaussian
+from vessel_gym.identification.filtering import SENSORS, Gated, inputs, noise_of, prior
+from vessel_gym.identification.trial import ROUNDING, SLOW, fine
 from vessel_gym.logs import Columns, LogError, rows
 from vessel_gym.logs.read import tangent_plane, turned
 from vessel_gym.vehicles.measured_ship import MeasuredShip
@@ -15,13 +15,14 @@ _WIND = ("wind speed", "wind direction")
 _CONTROL = ("rudder", "revolutions")
 _NEEDED = (*SENSORS, *_CONTROL)
 _PLANE = ("x", "y")
+_HELD = ("x", "y", "heading")
 _LONGEST_START = 60.0
 
 
 def estimates(
     lines: Iterable[str], columns: Columns, ship: MeasuredShip, name: str, dt: float = 1.0
 ) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
-    """Time, mean ``(11,)`` and covariance ``(11, 11)`` after each step, from the first in which every sensor answered.
+    """Time, mean ``(15,)`` and covariance ``(15, 15)`` after each step, from the first in which every sensor answered.
 
     Args:
         lines: Of a CSV log, its header first, or of NMEA 0183.
@@ -34,38 +35,46 @@ def estimates(
         LogError: if a sensor, the rudder or the revolutions have no column, or do not come within a minute.
         ValueError: if the vessel file has no noise.
     """
-    noise, filter = noise_of(ship), make(name, model(ship, dt))
+    noise = noise_of(ship)
+    gated, fresh, plane = Gated(name, ship, dt), {each: _Fresh() for each in _HELD}, _Plane()
     parsed = rows(lines, columns, "the pipe")
     channels = [column.channel for column in next(parsed)]
     missing = [each for each in _NEEDED if each not in (*channels, *(_PLANE if "latitude" in channels else ()))]
     if missing:
         raise LogError(f"the pipe, line 1: no column is the {missing[0]}, which estimation needs")
-    belief, before, edge, slow, began = None, None, None, None, None
+    edge, slow, began = None, None, None
     latest: dict[str, float] = {}
-    load, plane = _MeanSquare(), _Plane()
+    start, known = None, np.empty((0, 6))
     for line, numbers in parsed:
         row = plane(dict(zip(channels, numbers, strict=True)))
         time = row.pop("time")
         if not np.isfinite(time) or (edge is not None and time < edge - dt):
             continue  # time stood still or ran back
         edge, began = (time + dt, time) if edge is None or began is None else (edge, began)
-        if belief is None and time > began + _LONGEST_START and (never := [e for e in _NEEDED if e not in latest]):
+        if start is None and time > began + _LONGEST_START and (never := [e for e in _NEEDED if e not in latest]):
             raise LogError(f"the pipe, line {line}: no {never[0]} has come for {_LONGEST_START:.0f} s")
         while time >= edge:
-            if belief is not None or all(each in latest for each in _NEEDED):
+            if start is not None or all(each in latest for each in _NEEDED):
                 y = np.array([latest.pop(each, np.nan) for each in SENSORS])
                 u, slow = _known(latest, slow, dt)
-                known = inputs(u, noise)
-                known[-1] = load(u[1])
-                if belief is None:
-                    first = np.array([y[0], y[1], y[2], 0.0, 0.0, y[3]])
-                    belief = filter.init(prior(first, noise))
-                else:
-                    belief = filter.predict(belief, before)
-                belief, before = filter.update(belief, y, u=known), known
+                start = _start(ship, y, noise) if start is None else start
+                known = np.concatenate([known[-2:], u[None]])
+                belief = gated.step(start, y, inputs(ship, known, noise)[-1]).updated
                 yield edge, np.asarray(belief.mean), np.asarray(belief.cov)
             edge += dt
-        latest |= {each: value for each, value in row.items() if np.isfinite(value)}
+        latest |= {
+            each: value
+            for each, value in row.items()
+            if np.isfinite(value) and (each not in fresh or fresh[each](value))
+        }
+
+
+def _start(ship: MeasuredShip, y: np.ndarray, noise: np.ndarray) -> Gaussian:
+    """Belief before the first measurement ``(4,)``: speeds are unknown, up to Froude numbers of ships."""
+    start = prior(np.array([y[0], y[1], y[2], 0.0, 0.0, y[3]]), noise)
+    cov = start.cov.copy()
+    cov[3, 3] = cov[4, 4] = 0.04 * 9.81 * ship.length
+    return Gaussian(start.mean, cov)
 
 
 def _known(latest: dict[str, float], slow: np.ndarray | None, dt: float) -> tuple[np.ndarray, np.ndarray]:
@@ -93,12 +102,16 @@ class _Plane:
         return row | {"x": north * (latitude - self._origin[0]), "y": y}
 
 
-class _MeanSquare:
-    """Square of a number over the mean square so far."""
+class _Fresh:
+    """False for a value that the instrument held, by what its changes have been so far (`without_repeats`)."""
 
     def __init__(self) -> None:
-        self._sum, self._count = 1e-12, 0
+        self._last = self._change = np.nan
+        self._smallest, self._sum, self._count = np.inf, 0.0, 0
 
-    def __call__(self, value: float) -> float:
-        self._sum, self._count = self._sum + value**2, self._count + 1
-        return value**2 * self._count / self._sum
+    def __call__(self, value: float) -> bool:
+        change, before = value - self._last, self._change
+        bend, self._last, self._change = abs(change - before), value, change
+        if bend > ROUNDING * abs(value):
+            self._smallest, self._sum, self._count = min(bend, self._smallest), self._sum + bend, self._count + 1
+        return change != 0.0 or not self._count or not fine(self._smallest, self._sum / self._count)

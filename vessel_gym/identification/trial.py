@@ -19,7 +19,7 @@ _GUST, SLOW = 1.0, 200.0
 """Spans [s]: of the wind that a ship feels as one, of the wind that moves the surface of the water."""
 _NEEDED = ("x", "y", "heading", "yaw rate", "rudder", "revolutions")
 _STEPS, _GAP, _LEAST = 75.0, 15.0, 50
-_REPEATS = 5
+_REPEATS, ROUNDING = 5, 1e-9
 """Position or heading repeated so often was held by the instrument: a moving ship's is never the same."""
 
 
@@ -73,12 +73,13 @@ def pace(particulars: Particulars, speeds: np.ndarray) -> float:
     return particulars.length / max(float(np.sqrt(np.mean(speeds**2))), 1e-3 * np.sqrt(9.81 * particulars.length))
 
 
-def trials(log: Log, dt: float) -> list[Trial]:
+def trials(log: Log, dt: float, smoothed: int = _SMOOTHING) -> list[Trial]:
     """The trials of a log: its parts without gaps in position, heading, yaw rate, rudder and revolutions.
 
     Args:
         log: With those channels, and wind speed and wind direction where they were measured.
         dt: Time step of the grid [s].
+        smoothed: Steps over which positions are smoothed.
 
     Raises:
         LogError: if a channel is missing, or no part is longer than `_LEAST` steps.
@@ -104,13 +105,13 @@ def trials(log: Log, dt: float) -> list[Trial]:
             for times in (channels[name][0] for name in _NEEDED)
         )
         if not gap and end - begin > _LEAST * dt:
-            found.append(_trial(log.name, channels, begin, end, dt))
+            found.append(_trial(log.name, channels, begin, end, dt, smoothed))
     if not found:
         raise LogError(f"{log.name}: no part of {_LEAST * dt:.3g} s is without gaps")
     return found
 
 
-def _trial(name: str, channels: dict[str, Any], begin: float, end: float, dt: float) -> Trial:
+def _trial(name: str, channels: dict[str, Any], begin: float, end: float, dt: float, smoothed: int) -> Trial:
     """One part of a log."""
     rate = float(np.median(np.diff(channels["x"][0])))
     each = max(1, round(dt / rate))  # samples of the raw grid in a step
@@ -118,7 +119,7 @@ def _trial(name: str, channels: dict[str, Any], begin: float, end: float, dt: fl
     count = int((end - begin) / dt + 1e-9)
     grid = begin + fine * np.arange(count * each + 1)
     raw = {key: _on(grid, key, *measured) for key, measured in channels.items()}
-    states = _states(raw, fine, each * _SMOOTHING)[::each]
+    states = _states(raw, fine, each * smoothed)[::each]
 
     def mean(column: np.ndarray) -> np.ndarray:
         return column[: count * each].reshape(count, each).mean(-1)
@@ -140,18 +141,32 @@ def _on(grid: np.ndarray, key: str, times: np.ndarray, values: np.ndarray) -> np
 
 
 def without_repeats(times: np.ndarray, values: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Times and values without runs of at least `_REPEATS` equal values, but for the first of each.
+    """Times and values without those that the instrument held; a yaw rate may stay.
 
-    The instrument held them; a yaw rate may stay.
+    Any repeated value was held if the resolution is fine (`fine`), otherwise runs of at least `_REPEATS`, but for the
+    first of each.
     """
     if name == "yaw rate":
         return times, values
-    same = np.concatenate([[False], np.diff(values) == 0.0])
+    same, bends = np.concatenate([[False], np.diff(values) == 0.0]), np.abs(np.diff(values, 2))
+    bends = bends[bends > ROUNDING * np.abs(values).max(initial=0.0)]
+    if len(bends) and fine(float(bends.min()), float(bends.mean())):
+        return times[~same], values[~same]
     edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
     for first, last in edges.reshape(-1, 2):
         if last - first < _REPEATS:
             same[first:last] = False
     return times[~same], values[~same]
+
+
+def fine(smallest: float, mean: float) -> bool:
+    """True if a moving ship's values repeat by chance in about one of a hundred cases at most.
+
+    Args:
+        smallest: Smallest second difference of the values, the resolution of an instrument.
+        mean: Their mean second difference.
+    """
+    return smallest < 0.01 * mean
 
 
 def _states(raw: dict[str, np.ndarray], dt: float, steps: int) -> np.ndarray:

@@ -81,7 +81,8 @@ def test_intervals_cover() -> None:
     """100 ships in coloured disturbances: a share of .93 to .97 of the determined coefficients is in its interval.
 
     The blocks are 100 independent ships; by simulation of other seeds the share has a standard deviation of .008, so
-    that a false alarm is rarer than 5 % at .945.
+    that a false alarm is rarer than 5 % at .945. Each coefficient that 20 ships or more determine is inside in .88 of
+    them at least, less a standard deviation of .04 of the share.
     """
     inside, determined = [], []
     seeds = itertools.count()
@@ -96,5 +97,7 @@ def test_intervals_cover() -> None:
         low, high = ship.intervals.T
         inside.append((low <= c) & (c <= high))
         determined.append(ship.determined)
-    share = np.array(inside)[np.array(determined)].mean()
-    assert 0.93 <= share <= 0.97
+    found, known = np.array(inside), np.array(determined)
+    assert 0.93 <= found[known].mean() <= 0.97
+    often = known.sum(0) >= 20
+    assert ((found & known).sum(0)[often] / known.sum(0)[often]).min() >= 0.88 - 0.04

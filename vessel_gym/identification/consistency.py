@@ -1,0 +1,172 @@
+"""Consistency of filters on measured data, where there is no truth: innovations, and sensors withheld in turn."""
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from estimators.angles import difference
+from estimators.belief import Belief
+from estimators.metrics import nis
+from estimators.models import NonlinearModel
+from vessel_gym.identification.filtering import (
+    SENSORS,
+    WITHHELD,
+    Estimates,
+    Voyage,
+    degrees_of_freedom,
+    estimate,
+    inputs,
+    measurement_noise,
+    model,
+    prior,
+    sensor_levels,
+)
+from vessel_gym.vehicles.measured_ship import MeasuredShip
+
+_BEGINNING, _DRAWS = 5, 100_000
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Consistency of a filter on measured data.
+
+    Attributes:
+        inside: Share of NIS within its central 95 % interval, of all measurements, those that the gate rejected too.
+        ratio: Mean NIS over that of a consistent filter, of what the gate let through.
+        rejected: Share of measured values that the gate rejected.
+        lag: Correlation of successive innovations, the largest of the sensors'; 0 for a consistent filter.
+        withheld: Share of each sensor's measurements within two standard deviations of what a filter without that
+            sensor foretells, measurement noise included; .954 for a consistent filter.
+        deviations: Median of those standard deviations [m, rad, rad/s].
+    """
+
+    inside: float
+    ratio: float
+    rejected: float
+    lag: float
+    withheld: dict[str, float]
+    deviations: dict[str, float]
+
+    @property
+    def trusted(self) -> bool:
+        """True if its standard deviations may be believed: near what a consistent filter has."""
+        return self.inside >= 0.85 and 0.5 <= self.ratio <= 2.0 and min(self.withheld.values()) >= 0.75
+
+
+def simulated(ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, rng: int = 0) -> Voyage:
+    """A voyage with the same inputs whose motion and measurements are drawn from the filters' own model.
+
+    Measurements that the log lacks are lacking here, too. A filter is as consistent on the log as here if the model
+    holds at sea.
+    """
+    from estimators.consistency import simulate
+
+    ships_states = voyage.trial.states.shape[-1]
+    drawn = simulate(
+        model(ship, voyage.trial.dt), prior(voyage.trial.states[0], noise), np.random.default_rng(rng), runs=2,
+        steps=len(voyage.u), u=inputs(ship, voyage.u, noise)[:, None],
+    )  # fmt: skip
+    states = np.concatenate([drawn.x[:, 0], drawn.x[-1:, 0]])[:, :ships_states]
+    y = np.where(np.isfinite(voyage.y), drawn.y[:, 0], np.nan)
+    return Voyage(replace(voyage.trial, states=states), y, voyage.u)
+
+
+def nis_of(estimates: Estimates, passed: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """NIS ``(T,)`` and its degrees of freedom ``(T,)``: of all measurements that came, or of those that passed."""
+    belief: Any = estimates.updated if passed else estimates.tried
+    return nis(belief.innovation, belief.innovation_cov), np.asarray(belief.available).sum(-1)
+
+
+def nis_band(estimates: Estimates, passed: bool = False) -> np.ndarray:
+    """Limits of the central 95 % interval of a consistent filter's NIS, and its mean, ``(T, 3)``.
+
+    Each sensor's square is relative to an estimated level, and has an F distribution instead of chi-squared.
+    """
+    belief: Any = estimates.updated if passed else estimates.tried
+    came = np.asarray(belief.available)
+    columns = [[SENSORS.index(each) for each in sensors] for sensors in WITHHELD.values()]
+    counts = np.stack([came[:, each].sum(-1) for each in columns], -1)
+    return np.array([_band(tuple(each)) for each in counts.tolist()])
+
+
+@lru_cache(64)
+def _band(counts: tuple[int, ...]) -> tuple[float, float, float]:
+    """Quantiles and mean of a sum of F distributions, each times its degrees of freedom, by simulation."""
+    rng = np.random.default_rng(0)
+    squares = sum(n * rng.f(n, degrees_of_freedom(n), _DRAWS) if n else np.zeros(_DRAWS) for n in counts)
+    return float(np.quantile(squares, 0.025)), float(np.quantile(squares, 0.975)), float(np.mean(squares))
+
+
+def consistency(found: Estimates) -> tuple[float, float, float, float]:
+    """Share of NIS inside, NIS ratio, share rejected and lag, as in `Verdict`.
+
+    Raises:
+        ValueError: if there are no estimates, or they are lost.
+    """
+    square, count = (each[_BEGINNING:] for each in nis_of(found))
+    used = count > 0
+    if not used.any() or not np.isfinite(square[used]).all():
+        raise ValueError("the estimates are lost")
+    low, high, _ = nis_band(found)[_BEGINNING:][used].T
+    inside = float(((square[used] > low) & (square[used] < high)).mean())
+    square, _ = (each[_BEGINNING:] for each in nis_of(found, passed=True))
+    expected = float(nis_band(found, passed=True)[_BEGINNING:, 2].sum())
+    rejected = float(found.rejected[_BEGINNING:].sum() / count.sum())
+    return inside, float(square.sum()) / max(1.0, expected), rejected, _lag(found.updated)
+
+
+def judge(name: str, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, rng: int = 0) -> tuple[Estimates, Verdict]:
+    """A filter over a voyage, and how consistent it is.
+
+    Raises:
+        ValueError: if the filter cannot work with the model, or its estimates are lost.
+    """
+    found = estimate(name, ship, voyage, noise, rng=rng)
+    try:
+        numbers = consistency(found)
+    except ValueError:
+        raise ValueError(f"{name} loses its estimates on {voyage.trial.name}") from None
+    withheld = {
+        label: _foretold(estimate(name, ship, voyage, noise, sensors, rng), ship, voyage, noise, sensors)
+        for label, sensors in WITHHELD.items()
+    }
+    shares, deviations = ({label: each[i] for label, each in withheld.items()} for i in (0, 1))
+    return found, Verdict(*numbers, shares, deviations)
+
+
+def _lag(belief: Any) -> float:
+    """Correlation of successive innovations, the largest of the sensors'."""
+    deviations = np.sqrt(np.einsum("tii->ti", np.asarray(belief.innovation_cov)))
+    white = np.where(belief.available, np.asarray(belief.innovation) / deviations, 0.0)[_BEGINNING:]
+    return float(np.max((white[1:] * white[:-1]).sum(0) / np.maximum((white**2).sum(0), 1e-12)))
+
+
+def foretold(
+    used: NonlinearModel, predicted: Belief, y: np.ndarray, known: np.ndarray, columns: Collection[int],
+    level: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Errors of predicted measurements ``(..., len(columns))``, and their standard deviations, noise included.
+
+    The covariance of the prediction is at the ``level (..., 3)`` of noise already, that of the measurement is not.
+    """
+    mean, cov = np.asarray(predicted.mean), np.asarray(predicted.cov)
+    expected, H = used.linearise_measurement(mean, known)[:2]
+    error = difference(y, expected, used.measurement_angles)
+    noise = sensor_levels(level) * np.einsum("...ii->...i", measurement_noise(known))
+    spread = np.einsum("...ij,...jk,...ik->...i", H, cov, H) + noise
+    return error[..., list(columns)], np.sqrt(spread[..., list(columns)])
+
+
+def _foretold(
+    found: Estimates, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, sensors: Collection[str]
+) -> tuple[float, float]:
+    """Share of withheld measurements within two standard deviations of those foretold, and the median deviation."""
+    known, columns = inputs(ship, voyage.u, noise), [SENSORS.index(each) for each in sensors]
+    error, deviation = foretold(model(ship, voyage.trial.dt), found.predicted, voyage.y, known, columns, found.level)
+    measured = np.isfinite(error) & (np.arange(len(error)) >= _BEGINNING)[:, None]
+    if not measured.any():
+        return np.nan, np.nan
+    return float((np.abs(error) < 2.0 * deviation)[measured].mean()), float(np.median(deviation[measured]))

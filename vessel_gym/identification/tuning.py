@@ -1,0 +1,67 @@
+"""Noise of filters tuned on logs by the likelihood of innovations with heavy tails."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimators import make, run
+from estimators.metrics import nis
+from vessel_gym.identification.filtering import (
+    NOISE,
+    SENSORS,
+    Voyage,
+    inputs,
+    mean_pace,
+    model,
+    prior,
+    start_noise,
+)
+from vessel_gym.vehicles.measured_ship import MeasuredShip
+
+_TUNED = ("position", "heading", "yaw rate", "yaw", "growth", "manoeuvre")
+"""What innovations determine; errors that last do not show from one step to the next."""
+_TAIL, _WINDOWS, _SPREAD, _RANGE = 40.0, 40, 1.0, 1.5
+"""Degrees of freedom of Student's t, windows at most, and what is assumed of the logarithm of a parameter: its standard
+deviation and its largest change. Noise that vanishes would leave no room for errors of linearisation."""
+
+
+def tune(ship: MeasuredShip, found: Sequence[Voyage], steps: int = 60, rounds: int = 20) -> np.ndarray:
+    """Noise ``(K,)`` with the largest likelihood of an ``ekf`` on windows of voyages, each of ``steps``.
+
+    Innovations have Student's t distribution, as those of a filter that finds the level of noise. All changed
+    parameters of a gradient are rows of one run.
+    """
+    from scipy.optimize import minimize
+
+    steps = min(steps, max(len(each.u) for each in found))
+    start = start_noise(ship, mean_pace([each.trial for each in found], ship))
+    parts = [each.part(first, first + steps) for each in found for first in range(0, len(each.u) - steps + 1, steps)]
+    parts = [parts[i] for i in np.unique(np.linspace(0, len(parts) - 1, _WINDOWS).round().astype(int))]
+    y = np.stack([each.y for each in parts], 1)[:, None]
+    u = np.stack([each.u for each in parts], 1)[:, None]
+    first = np.stack([each.trial.states[0] for each in parts])
+    filter, h, k = make("ekf", model(ship, found[0].trial.dt)), 1e-3, len(_TUNED)
+    moved = np.array([NOISE.index(name) for name in _TUNED])
+
+    def noise_at(z: np.ndarray) -> np.ndarray:
+        noise = np.broadcast_to(start, (*z.shape[:-1], len(start))).copy()
+        noise[..., moved] *= np.exp(z)
+        return noise
+
+    def value(z: np.ndarray) -> tuple[float, np.ndarray]:
+        points = z + np.concatenate([np.zeros((1, k)), h * np.eye(k)])
+        noise = noise_at(points)[:, None]
+        rows = (k + 1, len(first))
+        priors = prior(np.broadcast_to(first, (*rows, first.shape[-1])), np.broadcast_to(noise, (*rows, len(start))))
+        measured = np.broadcast_to(y, (steps, *rows, len(SENSORS)))
+        series = run(filter, priors, measured, inputs(ship, u, noise))
+        square = nis(series.updated.innovation, series.updated.innovation_cov)
+        count = np.asarray(series.updated.available).sum(-1)
+        tails = 0.5 * (_TAIL + count) * np.log1p(square / _TAIL) - 0.5 * square
+        costs = (tails - series.log_likelihoods).sum((0, 2)) + 0.5 * ((points / _SPREAD) ** 2).sum(-1)
+        return float(costs[0]), (costs[1:] - costs[0]) / h
+
+    found_at = minimize(
+        value, np.zeros(k), jac=True, method="L-BFGS-B", bounds=[(-_RANGE, _RANGE)] * k, options={"maxiter": rounds}
+    )
+    return noise_at(found_at.x)
