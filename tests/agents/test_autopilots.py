@@ -401,9 +401,12 @@ def test_an_auv_that_differs_from_its_model_is_flown_all_the_same(system: System
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("disturbance", "least", "mean"), [("calm", 0.95, 0.95), ("rough", 0.7, 0.85)])
+@pytest.mark.parametrize(("disturbance", "least", "mean"), [("calm", 0.9, 0.95), ("rough", 0.7, 0.85)])
 def test_on_truth_every_flight_arrives_and_keeps_to_the_path(disturbance: str, least: float, mean: float):
-    """In rough air the mean says how well the path is kept: single flights fall to 0.74 among sixty, on any path."""
+    """In rough air the mean says how well the path is kept: single flights fall to 0.74 among sixty, on any path.
+
+    In calm air commands cost a share of the reward, the more the path bends: of 200 flights the lowest scores 0.902.
+    """
     flight = on_truth(FLIGHT, 12, disturbance)
     assert flight.terminated.all()
     assert (flight.end == "arrived").all()

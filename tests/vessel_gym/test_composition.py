@@ -130,7 +130,7 @@ FAULTS = [
 
 # --- the model is the world's -----------------------------------------------------------------------
 
-MET = {env_id: {"disturbance": "rough"} for env_id in ("SigmaCorvette-v0", "vessel_gym/Ship-v0")}
+MET = {env_id: {"disturbance": "rough"} for env_id in ("SigmaCorvette-v0", "SigmaChannel-v0", "vessel_gym/Ship-v0")}
 """Where filters take a sea for another one, unless they are told of it by name."""
 DISTURBED = [env_id for env_id in OURS if env_id != "ThesisCorvette-v0"]
 """Those with a sea or an air, of which filters have the world's model: the thesis' have not."""
