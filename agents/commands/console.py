@@ -129,9 +129,9 @@ def print_table(title: str, header: Sequence[str], sections: Iterable[Iterable[S
     columns = [*zip(header, *(row for rows in sections for row in rows), strict=True)][1:]
     whole = 15 + sum(3 + max(map(len, column)) for column in columns) < console.width  # the first column makes room
     for label in header:
-        table.add_column(
-            written(label), justify="right" if table.columns else "left", no_wrap=whole and bool(table.columns)
-        )
+        numbers = bool(table.columns)
+        justify: Any = "right" if numbers else "left"
+        table.add_column(written(label), justify=justify, no_wrap=whole and numbers, overflow="fold")
     for rows in sections:
         for row in rows:
             table.add_row(*row)

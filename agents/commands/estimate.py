@@ -104,7 +104,7 @@ def _judged(parts: Any, ship: Any, estimators: tuple[str, ...], tuned: bool, see
         rows.append(
             (
                 name,
-                "yes" if verdict.trusted else "no",
+                f"no: {', '.join(verdict.doubts)}" if verdict.doubts else "yes",
                 f"{100.0 * verdict.inside:.0f} %",
                 f"{verdict.ratio:.2f}",
                 f"{100.0 * verdict.rejected:.1f} %",

@@ -51,9 +51,16 @@ class Verdict:
     deviations: dict[str, float]
 
     @property
+    def doubts(self) -> list[str]:
+        """Figures that are far from a consistent filter's: NIS inside, NIS ratio, withheld sensors."""
+        near = {"NIS inside": self.inside >= 0.85, "NIS ratio": 0.5 <= self.ratio <= 2.0}
+        near |= {sensor: not share < 0.75 for sensor, share in self.withheld.items()}
+        return [figure for figure, good in near.items() if not good]
+
+    @property
     def trusted(self) -> bool:
         """True if its standard deviations may be believed: near what a consistent filter has."""
-        return self.inside >= 0.85 and 0.5 <= self.ratio <= 2.0 and min(self.withheld.values()) >= 0.75
+        return not self.doubts
 
 
 def simulated(ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, rng: int = 0) -> Voyage:

@@ -90,7 +90,10 @@ class Columns:
         if not found or found[0].channel != "time":
             raise LogError(f"{name}, line 1: no column is the time; name it in a column map; {_listed(names)}")
         if len(found) == 1:
-            raise LogError(f"{name}, line 1: no column is a known channel; write a column map; {_listed(names)}")
+            known = ", ".join(CHANNELS)
+            raise LogError(
+                f"{name}, line 1: no column is a known channel; write a column map of some of {known}; {_listed(names)}"
+            )
         return found
 
     def _column(self, channel: str, title: str, table: dict[str, object], name: str) -> Column:

@@ -85,7 +85,7 @@ def test_rows_come_one_by_one_from_a_pipe() -> None:
     [
         ("", "", "line 1: a log begins with a line that names its columns"),
         ("a,b\n1,2\n", "", "line 1: no column is the time"),
-        ("t,b\n1,2\n", "", "line 1: no column is a known channel; write a column map; the columns are 't', 'b'"),
+        ("t,b\n1,2\n", "", "line 1: no column is a known channel; write a column map of some of x, y"),
         ("t,x\n1,2\n", "", "line 2: fewer than two rows have a time"),
         ("t,x\n1,2\n2,3\n", 'x = "X"\nheading = "h"\n', "there is no column 'h' for the heading"),
         ("t,x [furlong]\n1,2\n2,3\n", "", "unknown unit of x 'furlong'"),
