@@ -38,7 +38,7 @@ def main(
         estimators: Filters; the table of estimates is that of the first.
         out: CSV file of estimates and standard deviations to write.
         tune: Tune the noise on the first half of the log and judge on the second; otherwise the vessel file's is used.
-        seed: Of filters that draw numbers.
+        seed: Of filters that draw numbers; those of a pipe have seed 0.
         page: HTML file to write: track, estimates, innovations and NIS of every filter that keeps its estimates.
     """
     from agents.files import check_file
@@ -57,9 +57,8 @@ def main(
             raise ValueError("--estimators needs at least one filter")
         ship = read_ship(vessel)
         chosen = read_columns(columns) if columns else Columns({})
-        if str(log) == "-" and page is not None:
-            raise ValueError("--page needs a log that ends: a pipe has none")
         if str(log) == "-":
+            _check_of_pipe(page, seed)
             return _stream(sys.stdin, chosen, ship, estimators[0])
         for file in filter(None, (out, page)):
             check_file(file)
@@ -166,6 +165,18 @@ def _header(others: Iterable[str] = ()) -> str:
 def _row(time: float, mean: np.ndarray, cov: np.ndarray, others: Iterable[float] = ()) -> str:
     sd = np.sqrt(np.diagonal(cov))[: len(_STATES)]
     return ",".join(f"{number:.9g}" for number in (time, *mean[: len(_STATES)], *sd, *others)) + "\n"
+
+
+def _check_of_pipe(page: Path | None, seed: int) -> None:
+    """Refuse options that a pipe has no use for.
+
+    Raises:
+        ValueError: if there is a page or a seed.
+    """
+    if page is not None:
+        raise ValueError("--page needs a log that ends: a pipe has none")
+    if seed:
+        raise ValueError("--seed needs a log that ends: the filter of a pipe has seed 0")
 
 
 def _stream(lines: Iterable[str], columns: Any, ship: Any, name: str) -> None:

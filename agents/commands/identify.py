@@ -1,5 +1,7 @@
 """Identify a ship from logs of her trials: ``vessel-gym identify turn.csv zigzag.csv --vessel particulars.toml``."""
 
+import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -32,7 +34,7 @@ def main(
         fixed: Coefficients that keep what is assumed of them, e.g. kc.
     """
     from agents.files import check_file
-    from vessel_gym.identification.filtering import NOISE, sampling, voyages
+    from vessel_gym.identification.filtering import NOISE, sampling
     from vessel_gym.identification.fit import identify
     from vessel_gym.identification.trial import common_step, trials
     from vessel_gym.identification.tuning import tune
@@ -41,7 +43,8 @@ def main(
     from vessel_gym.vehicles.measured_ship import read as read_ship
 
     with asked():
-        particulars = read_ship(vessel).particulars
+        known = read_ship(vessel)
+        particulars = known.particulars
         chosen = read_columns(columns) if columns else Columns({})
         check_file(out)
         found = [read(path, chosen) for path in logs]
@@ -50,14 +53,36 @@ def main(
         windless = not any(part.air.any() for part in parts)
         still = {*fixed, *(COEFFICIENTS[i] for i in WIND if windless)}
         compared = [part for path in check for part in trials(read(path, chosen), step)] or parts
+        sampled = _sampled(found, sampling(parts, known))
         ship = identify(parts, particulars, still)
-        sampled = [voyage for log in found for voyage in voyages(log, sampling(parts, ship))]
         ship = replace(ship, noise=dict(zip(NOISE, map(float, tune(ship, sampled)), strict=True)))
         ship.write(out)
     _report(ship)
     _compare(ship, parts, compared, "logs that were not used" if check else "the logs themselves")
     _gaps(ship, compared)
     print(f"vessel: {out}")
+
+
+def _sampled(logs: Sequence[Any], step: float) -> list[Any]:
+    """Voyages on which the noise of filters is tuned; of a log that is too short for them a sentence.
+
+    Raises:
+        LogError: if every log is too short.
+    """
+    from vessel_gym.identification.filtering import voyages
+    from vessel_gym.logs import LogError
+
+    found, short = [], []
+    for log in logs:
+        try:
+            found += voyages(log, step)
+        except LogError as error:
+            short.append(error)
+    if not found:
+        raise short[0]
+    for each in short:
+        print(f"{each}: this log says nothing of the noise of filters", file=sys.stderr)
+    return found
 
 
 def _report(ship: Any) -> None:

@@ -84,7 +84,9 @@ def _checked(env_id: str, options: dict[str, Any], seed: int, given: dict[str, A
     described = describe(env_id, options, seed, **given)
     idle = described["hyperparameters"].get("learning_starts", 0)
     if described["steps"] <= idle:
-        print(f"learning starts after {idle} steps: give more --steps, or --set learning_starts=100", file=sys.stderr)
+        sooner = described["steps"] // 10
+        advice = f"give more --steps, or --set learning_starts={sooner}"
+        print(f"learning starts after {idle} steps: {advice}", file=sys.stderr)
     return env_id, options
 
 

@@ -1,4 +1,4 @@
-"""Errors of open-loop simulations of runs, and the targets that were set for them before they were computed."""
+"""Errors of open-loop simulations of runs, and the targets of their median and largest values."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -41,8 +41,8 @@ _MODEL, _RIVALS = "identified model", ("without wind", "Nomoto, order 2", "goes 
 def accuracy(predict: Predict, run: Trial, part: Trial, length: float) -> dict[str, float]:
     """Errors of a simulation that begins at the first state of a part of a run; NaN of what it does not show.
 
-    That of a turn or zig-zag ends where the propeller stops for good. Steady values are means over whole circles after
-    the first half of one, or over what follows it if that is less.
+    That of a turn or zig-zag ends where the propeller stops for good, if it turns at all. Steady values are means over
+    whole circles after the first half of one, or over what follows it if that is less.
 
     Args:
         predict: The model.
@@ -51,8 +51,9 @@ def accuracy(predict: Predict, run: Trial, part: Trial, length: float) -> dict[s
         length: Of the ship [m].
     """
     turns = run.name.startswith("turn")
-    if run.name.startswith(TESTS):
-        part = part.part(0, 1 + int(np.flatnonzero(part.control[:, 1])[-1]))
+    turning = np.flatnonzero(part.control[:, 1])
+    if run.name.startswith(TESTS) and turning.size:
+        part = part.part(0, 1 + int(turning[-1]))
     states, measured = predict(part.states[:1], part.control[:, None], part.air[:, None])[:, 0], part.states
     turned = np.abs(measured[:, 2] - measured[0, 2])
     rate = measured[:, 5]

@@ -2,10 +2,11 @@
 
 Each window is simulated from an initial state of its own, which is estimated with the coefficients and eliminated.
 Errors of neighbouring moments and of windows of several lengths are dependent. So the weight of the data against what
-is assumed follows from cross-validation: it is the smallest that foretells each trial from the others within a standard
-error of the best (Hastie, Tibshirani & Friedman 2009, The Elements of Statistical Learning, sec. 7.10). Intervals
-follow from the spread of the gradients between blocks of the logs. They widen where wind and waves of minutes move the
-ship.
+is assumed follows from cross-validation: it is the smallest whose error of left-out trials exceeds the least by at most
+a standard error of the difference of both. The rule of Hastie, Tibshirani & Friedman (2009, The Elements of Statistical
+Learning, sec. 7.10) has the standard error of the least error itself, which trials of unequal difficulty make large.
+Differences are paired by trial. Intervals follow from the spread of the gradients between blocks of the logs. They
+widen where wind and waves of minutes move the ship.
 
 Source: Ljung (1999), System Identification, sec. 7.4 and 10.2, for the method; Marquardt (1963) for the search.
 """
@@ -27,6 +28,8 @@ _PACE = 15.0
 _N = len(STATE)
 _WEIGHTS = (1 / 2000, 1 / 1000, 1 / 500, 1 / 200, 1 / 100, 1 / 50)
 """Of the data, tried in turn."""
+_FEWEST = 3
+"""Blocks that cross-validation needs: a standard error of two differences has one degree of freedom."""
 _STEPS, _RESCALED, _LEAST_GAIN = 25, 6, 0.1
 
 
@@ -39,11 +42,18 @@ def identify(trials: Sequence[Trial], particulars: Particulars, fixed: Collectio
         fixed: Coefficients that keep what is assumed of them; those of the wind where no trial has any.
 
     Raises:
-        ValueError: if every trial is shorter than the shortest window, or a coefficient is unknown.
+        ValueError: if every trial is shorter than the shortest window, the propeller never turns ahead, or a
+            coefficient is unknown.
     """
     unknown = sorted(set(fixed) - set(COEFFICIENTS))
     if unknown:
         raise ValueError(f"{unknown[0]!r} is no coefficient of the model: {', '.join(COEFFICIENTS)}")
+    ahead = np.concatenate([trial.control[trial.control[:, 1] > 0.0, 1] for trial in trials])
+    if not ahead.size:
+        raise ValueError(
+            "the propeller never turns ahead in the logs: they tell nothing of thrust, of a rudder in the slipstream "
+            "and of revolutions of service"
+        )
     problem = _Problem(trials, particulars, fixed)
     c, weight = problem.weighted()
     dispersion, covariance = problem.spread(c, weight)
@@ -55,7 +65,7 @@ def identify(trials: Sequence[Trial], particulars: Particulars, fixed: Collectio
         dispersion=dispersion,
         errors=problem.errors(),
         logs=tuple(trial.name for trial in trials),
-        revolutions=float(np.median(np.concatenate([trial.control[trial.control[:, 1] > 0.0, 1] for trial in trials]))),
+        revolutions=float(np.median(ahead)),
         rudder_rate=rudder_rate(trials, particulars.length),
     )
 
@@ -68,6 +78,23 @@ def rudder_rate(trials: Sequence[Trial], length: float) -> float:
     """
     fastest = max(float(np.quantile(np.abs(np.diff(trial.control[:, 0])) / trial.dt, 0.995)) for trial in trials)
     return min(fastest, float(np.deg2rad(65.0) / (28.0 * np.sqrt(length / 150.0))))
+
+
+def within_an_error(errors: np.ndarray) -> int:
+    """Index of the first row of ``errors`` whose sum exceeds the least by at most a standard error of the difference.
+
+    Rows whose errors are not finite are left out; the index is 0 if none is left, or if there is one column. Of two
+    columns the first row is found that is not worse than the least in both.
+
+    Args:
+        errors: ``(weights, trials)`` in ascending order of the weights.
+    """
+    finite, count = np.isfinite(errors).all(1), errors.shape[1]
+    if count < 2 or not finite.any():
+        return 0
+    known = np.flatnonzero(finite)
+    beyond = errors[known] - errors[known[errors[known].sum(1).argmin()]]
+    return int(known[np.argmax(beyond.sum(1) <= np.sqrt(count) * beyond.std(1, ddof=1))])
 
 
 @dataclass
@@ -192,24 +219,25 @@ class _Problem:
         return _Normal(A, weight * gradients.sum(0) + self.precision * (self.mean - c), gradients, information, steps)
 
     def weighted(self) -> tuple[np.ndarray, float]:
-        """The minimum, and the smallest weight of the data whose error of left-out trials is not larger than the least.
+        """The minimum of the cost, and the weight of the data that cross-validation chooses (`within_an_error`).
 
-        That is within a standard error of their difference. Scales of the errors are those of the first weight.
+        Of fewer than `_FEWEST` blocks it is the smallest weight. Coefficients then stay closest to what is assumed of
+        them, and intervals widest. Scales of the errors are those of the first weight.
         """
         c, tried = self.search(self.mean, _WEIGHTS[0], _RESCALED), []
-        for weight in _WEIGHTS:
+        for weight in _WEIGHTS if self.blocks >= _FEWEST else _WEIGHTS[:1]:
             c = self.search(c, weight)
             tried.append((self.left_out(c, weight), weight, c, self.initial))
-        errors = np.array([each[0] for each in tried])
-        beyond = errors - errors[errors.sum(1).argmin()]
-        near = beyond.sum(1) <= np.sqrt(beyond.shape[1]) * beyond.std(1)
-        _, weight, c, self.initial = tried[int(np.argmax(near))]
+        _, weight, c, self.initial = tried[within_an_error(np.array([each[0] for each in tried]))]
         return c, weight
 
     def left_out(self, c: np.ndarray, weight: float) -> np.ndarray:
         """Half of the sums of squares of each trial (of a single trial, of each block) at the minimum without it.
 
-        To first order of the errors about the minimum ``c`` of all.
+        To first order of the errors about the minimum ``c`` of all. Initial states are fitted to the windows of the
+        trial that is left out, so that its errors are smaller than those of a forecast; this holds for all weights.
+        Blocks of a single trial follow each other, and a disturbance across two of them is in both parts. So their
+        errors favour the data more than those of trials do.
         """
         now, errors = self.normal(c, self.linearise(c), weight), self.data_costs(self.initial, c)
         found = np.zeros(self.groups.max() + 1)

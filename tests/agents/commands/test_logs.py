@@ -3,6 +3,7 @@
 import io
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,13 +22,16 @@ from vessel_gym.vehicles.measured_ship import MeasuredShip, read
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Particulars and three logs."""
+    """Particulars, three logs, one that is too short for filters, and one of a propeller that never turns."""
     path, rng = tmp_path_factory.mktemp("logs"), np.random.default_rng(0)
     MeasuredShip.assumed(SHIP).write(path / "all.toml")
     (path / "particulars.toml").write_text((path / "all.toml").read_text().partition("[coefficients]")[0])
     c = coefficients(rng)
     for name in ("a", "b", "c"):
         write(path / f"{name}.csv", trial(rng, c, 300.0))
+    write(path / "short.csv", trial(rng, c, 30.0))
+    afloat = trial(rng, c, 300.0)
+    write(path / "adrift.csv", replace(afloat, control=afloat.control * (1.0, 0.0)))
     return path
 
 
@@ -53,6 +57,19 @@ def test_from_logs_to_estimates(folder: Path, capsys: pytest.CaptureFixture[str]
     assert np.isfinite(numbers["heading"]).all()
 
 
+def test_a_log_too_short_for_filters_is_left_out_of_their_noise(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ship = folder / "two.toml"
+    arguments = (folder / "a.csv", folder / "short.csv", "--vessel", folder / "particulars.toml", "--out", ship)
+    console.command(identify.main, [str(each) for each in arguments])
+    error = capsys.readouterr().err
+    assert "short.csv: no part of" in error
+    assert "this log says nothing of the noise of filters" in error
+    assert read(ship).logs == ("a.csv", "short.csv")
+    assert np.isfinite(list(read(ship).noise.values())).all()
+
+
 @pytest.mark.parametrize(
     ("main", "arguments", "sentence"),
     [
@@ -61,6 +78,9 @@ def test_from_logs_to_estimates(folder: Path, capsys: pytest.CaptureFixture[str]
         (estimate.main, ("a.csv", "--vessel", "particulars.toml"), "has no 'position'"),
         (estimate.main, ("a.csv", "--vessel", "all.toml", "--estimators", "efk"), "did you mean 'ekf'"),
         (estimate.main, ("-", "--vessel", "all.toml", "--page", "a.html"), "--page needs a log that ends"),
+        (estimate.main, ("-", "--vessel", "all.toml", "--seed", "1"), "--seed needs a log that ends"),
+        (identify.main, ("adrift.csv", "--vessel", "particulars.toml", "--out", "adrift.toml"), "never turns"),
+        (identify.main, ("short.csv", "--vessel", "particulars.toml", "--out", "short.toml"), "is without gaps"),
     ],
 )
 def test_what_cannot_be_done_is_said_in_a_sentence(

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tests.vessel_gym.identification.voyages import SHIP, STEP, coefficients, gauss_markov, trial
-from vessel_gym.identification.fit import identify
+from vessel_gym.identification import fit
+from vessel_gym.identification.fit import identify, within_an_error
 from vessel_gym.identification.nomoto import Nomoto, identify_nomoto
 from vessel_gym.identification.score import ahead, predictors, whole
 from vessel_gym.identification.trial import Trial
@@ -58,6 +59,51 @@ def test_what_cannot_be_identified_is_said(seconds: float, fixed: tuple[str, ...
     rng = np.random.default_rng(3)
     with pytest.raises(ValueError, match=sentence):
         identify([trial(rng, coefficients(rng), seconds)], SHIP, fixed)
+
+
+def test_a_propeller_that_never_turns_is_refused_before_the_search() -> None:
+    rng = np.random.default_rng(5)
+    each = trial(rng, coefficients(rng))
+    still = Trial("adrift", STEP, 0.0, each.states, each.control * (1.0, 0.0), each.air)
+    with pytest.raises(ValueError, match="the propeller never turns ahead"):
+        identify([still], SHIP)
+
+
+def test_two_blocks_leave_the_smallest_weight(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However much better larger ones foretell."""
+    rng = np.random.default_rng(6)
+    tried = []
+
+    def errors(problem: fit._Problem, c: np.ndarray, weight: float) -> np.ndarray:
+        tried.append(weight)
+        return np.full(problem.blocks, 1.0 / weight)
+
+    monkeypatch.setattr(fit._Problem, "left_out", errors)
+    c = coefficients(rng)
+    ship = identify([trial(rng, c, 200.0) for _ in range(2)], SHIP)
+    assert ship.degrees_of_freedom == 1
+    assert tried == [fit._WEIGHTS[0]]
+
+
+NAN = [np.nan, np.nan, np.nan]
+
+
+@pytest.mark.parametrize(
+    ("errors", "chosen"),
+    [
+        ([[9.0, 9.0, 9.0], [6.0, 5.0, 4.0], [5.0, 5.0, 5.0], [5.0, 5.0, 4.0]], 1),  # beyond: 1, 0, 0; error 1
+        ([[6.0, 5.0, 4.1], [5.0, 5.0, 4.0]], 1),  # beyond: 1.1, error .96
+        ([[6.0, 3.0], [5.0, 5.0]], 0),
+        ([[6.0, 6.0], [6.0, 4.0], [5.0, 4.5]], 1),  # better in one of two
+        ([[6.0, 6.0], [5.0, 5.0]], 1),  # worse in both
+        ([NAN, [9.0, 9.0, 9.0], [5.0, 5.0, 5.0]], 2),
+        ([[9.0, 9.0, 9.0], [5.0, 5.0, 5.0], [-np.inf, 1.0, np.nan]], 1),
+        ([NAN, NAN], 0),
+        ([[9.0], [5.0]], 0),
+    ],
+)
+def test_the_smallest_weight_within_a_standard_error_of_the_difference(errors: list[list[float]], chosen: int) -> None:
+    assert within_an_error(np.array(errors)) == chosen
 
 
 @pytest.mark.parametrize("model", [Nomoto(0.08, (9.0,), 0.02), Nomoto(0.08, (12.0, 2.0, 4.0), -0.01)])
