@@ -1,5 +1,6 @@
 """Errors of open-loop simulations of runs, and the targets of their median and largest values."""
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -99,6 +100,16 @@ def met(runs: Sequence[dict[str, Any]]) -> tuple[list[str], list[str]]:
             if target is not None and not np.isnan(value):
                 (within if value <= target else beyond).append(f"{each.title.split(' [')[0]} ({word})")
     return within, beyond
+
+
+def largest(runs: Sequence[dict[str, Any]]) -> dict[str, int]:
+    """Names of the runs with the largest errors of the model, and how many of them each has, most first."""
+    counts: Counter[str] = Counter()
+    for each in _FIGURES:
+        of = {run["name"]: run["accuracy"][_MODEL][each.name] for run in runs if run["name"].startswith(each.runs)}
+        if known := {name: value for name, value in of.items() if value is not None}:
+            counts[max(known, key=lambda name: known[name])] += 1
+    return dict(counts.most_common())
 
 
 def _values(runs: Sequence[dict[str, Any]], figure: _Figure, model: str) -> np.ndarray:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from agents.page import listed
-from studies.logs.accuracy import accuracies, met
+from studies.logs.accuracy import accuracies, largest, met
 from studies.tables.markdown import ROOT, WITHOUT, interval, put, table
 
 PAGE, STORED = ROOT / "docs/logs-findings.md", Path(__file__).with_name("summary.json")
@@ -152,9 +152,46 @@ def _pooled(runs: Sequence[dict[str, Any]], key: str) -> float:
     return float(np.average(of, weights=[run["steps"] for run in runs]))
 
 
-def accurate() -> str:
-    """Errors of the model beside their targets."""
-    return accuracies(stored()["runs"])
+def largest_errors() -> str:
+    """Runs with the largest errors of the model in words."""
+    counts = largest(stored()["runs"])
+    parts = [f"{count} {'is' if count == 1 else 'are'} of `{name}`" for name, count in counts.items()]
+    return fill(f"Of the {sum(counts.values())} largest errors {listed(parts)}.", 140, break_on_hyphens=False)
+
+
+def lowest() -> str:
+    """Runs in words on which no filter foretells a withheld sensor."""
+    judged = [both for runs in stored()["filters"].values() if (both := _both(runs))]
+    sentences = []
+    for each in _SENSORS:
+        low = [{run["run"] for run in both if run["measured"]["withheld"][each] < 0.75} for both in judged]
+        if names := sorted(set.intersection(*low)):
+            runs = listed([f"`{name}`" for name in names])
+            sentences.append(f"By every filter the withheld {each} has less than 75 % in {runs}.")
+    found = " ".join(sentences) or "No withheld sensor has less than 75 % by every filter in any run."
+    return fill(found, 140, break_on_hyphens=False)
+
+
+def widths() -> str:
+    """Standard deviations in words: of a withheld position, and of ensembles beside other filters."""
+    from studies.logs.results import SHIP
+
+    of = {
+        name: np.median([[run["measured"]["deviations"][each] for each in _SENSORS] for run in both], 0)
+        for name, runs in stored()["filters"].items()
+        if (both := _both(runs))
+    }
+    ends = dict.fromkeys(f"{end(each[0] for each in of.values()) / SHIP.length:.1f}" for end in (min, max))
+    sentences = [f"The standard deviation of a withheld position is {' to '.join(ends)} ship lengths in the median."]
+    members, others = ([of[name] for name in of if (name in _ENSEMBLES) == which] for which in (True, False))
+    if members and others:
+        ratio = np.mean(members, 0) / np.mean(others, 0)
+        parts = [f"{value:.2f} ({each})" for each, value in zip(_SENSORS, ratio, strict=True)]
+        sentences.append(f"Ratios of the deviations of ensembles to those of other filters are {listed(parts)}.")
+    return fill(" ".join(sentences), 140, break_on_hyphens=False)
+
+
+_ENSEMBLES = ("enkf", "etkf", "enkf-sr", "letkf")
 
 
 def consistency() -> str:
@@ -235,11 +272,12 @@ def sensors() -> str:
 
 TABLES: dict[str, Callable[[], str]] = {
     "logs, turns": turns, "logs, zig-zags": zigzags, "logs, tracks": tracks, "logs, filters": filters,
-    "logs, withheld": withheld, "logs, accuracy": accurate,
+    "logs, withheld": withheld, "logs, accuracy": lambda: accuracies(stored()["runs"]),
 }  # fmt: skip
 TEXTS: dict[str, Callable[[], str]] = {
     "logs, gap": gap, "logs, sensors": sensors, "logs, consistency": consistency, "logs, targets": targets,
-    "logs, filters' targets": trusted,
+    "logs, filters' targets": trusted, "logs, largest errors": largest_errors, "logs, lowest": lowest,
+    "logs, widths": widths,
 }  # fmt: skip
 
 

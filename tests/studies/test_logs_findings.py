@@ -88,13 +88,23 @@ def test_manoeuvres_are_compared_where_both_ships_show_them() -> None:
 @pytest.mark.usefixtures("known")
 def test_errors_stand_beside_their_targets() -> None:
     """What no run shows is neither met nor missed."""
-    rows = dict(row.strip("| ").split(" | ", 1) for row in tables.accurate().splitlines())
+    rows = dict(row.strip("| ").split(" | ", 1) for row in tables.TABLES["logs, accuracy"]().splitlines())
     assert rows["steady surge [%]"] == "5.0; 5.0 | 4; 10 | 10.0 | 20.0 | 25.0"
     assert rows["position after one circle [L]"] == "–; – | 0.5; 1 | – | – | –"
     assert rows["heading after 60 s [°]"] == "4.0; 4.0 | 9; – | 8.0 | 16.0 | 20.0"
     good, bad = " ".join(tables.targets().split()).split(" Targets that are not met: ")
     assert "steady yaw rate (median); steady yaw rate (largest); steady surge (largest)" in good
     assert bad.startswith("steady surge (median); overshoots. ")
+
+
+def test_runs_with_the_largest_errors_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Seven rows have an error; the zig-zag alone shows its own, and is worst after 60 s."""
+    worse = {name: each | {"heading": 30.0, "position": 2.0} for name, each in ACCURACY.items()}
+    runs = [run | {"accuracy": worse if run["name"].startswith("zigzag") else ACCURACY} for run in RUNS]
+    monkeypatch.setattr(tables, "stored", lambda: {"runs": runs})
+    turn, zigzag, random = (f"`{kind}_01-Jan-2020_00_00_00`" for kind in ("turn", "zigzag", "random"))
+    words = " ".join(tables.largest_errors().split())
+    assert words == f"Of the 7 largest errors 3 are of {turn}, 3 are of {zigzag} and 1 is of {random}."
 
 
 @pytest.mark.usefixtures("known")
@@ -106,6 +116,32 @@ def test_filters_are_judged_by_sensors_that_they_do_not_get() -> None:
     assert "The target of NIS inside, 85 to 98 %, is met by all filters but `worse` (73.9 to 94.5 %)." in words
     assert "The target of the withheld heading, 92 to 98 %, is met by no filter (70.0 to 70.0 %)." in words
     assert "The target of the withheld position, 92 to 98 %, is met by all filters (95.0 to 95.0 %)." in words
+
+
+@pytest.mark.usefixtures("known")
+def test_runs_that_no_filter_foretells_are_named() -> None:
+    words = " ".join(tables.lowest().split())
+    assert words.startswith("By every filter the withheld heading has less than 75 % in `turn_0`, `turn_1`")
+    assert "position" not in words
+
+
+def test_deviations_of_ensembles_stand_beside_those_of_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    wide = pair(0.9, 0.9)
+    wide["measured"] |= {"deviations": {"position": 3.0, "heading": 0.05, "yaw rate": 0.002}}
+    found = {"ekf": [{"run": "a", **pair(0.9, 0.9)}], "etkf": [{"run": "a", **wide}]}
+    monkeypatch.setattr(tables, "stored", lambda: {"filters": found})
+    words = " ".join(tables.widths().split())
+    assert "a withheld position is 0.7 to 1.0 ship lengths" in words
+    assert "to those of other filters are 1.50 (position), 1.00 (heading) and 2.00 (yaw rate)." in words
+
+
+def test_a_run_whose_propeller_never_turns_is_judged_whole() -> None:
+    rng = np.random.default_rng(2)
+    voyage = trial(rng, coefficients(rng, 0.2), 100.0)
+    adrift = replace(voyage, name="zigzag", control=voyage.control * (1.0, 0.0))
+    states = adrift.states[:, None]
+    found = accuracy(lambda state, *_: np.broadcast_to(states, (len(states), len(state), 6)), adrift, adrift, 3.0)
+    assert found["yaw rate"] == 0.0
 
 
 def test_a_model_that_is_the_ship_has_no_error() -> None:

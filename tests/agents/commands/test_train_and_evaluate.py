@@ -63,3 +63,10 @@ def test_an_interrupted_command_ends_quietly():
     with pytest.raises(SystemExit) as stop:
         command(interrupted, [])
     assert stop.value.code == 130
+
+
+def test_learning_that_starts_too_late_is_told_with_a_start_that_fits(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("stable_baselines3")
+    given = {"steps": 50, "memory": "none", "critic": None, "settings": {}, "algorithm": "sac"}
+    train._checked("SigmaCorvette-v0", {}, 0, given)
+    assert "--set learning_starts=5\n" in capsys.readouterr().err
