@@ -19,8 +19,9 @@ from vessel_gym.identification.filtering import (
     start_noise,
     voyages,
 )  # fmt: skip
+from vessel_gym.identification.prediction import simulate
 from vessel_gym.identification.stream import estimates
-from vessel_gym.identification.trial import without_repeats
+from vessel_gym.identification.trial import Trial, without_repeats
 from vessel_gym.identification.tuning import tune
 from vessel_gym.logs import Columns, LogError, read
 from vessel_gym.vehicles.measured_ship import MeasuredShip
@@ -150,6 +151,62 @@ def test_jumps_of_a_measurement_are_rejected(sensor: str, size: float) -> None:
     assert found.rejected[jumps, columns[0]].mean() >= 0.95
     if found.rejected[jumps, columns[0]].all() and found.rejected.sum() == len(jumps) * len(columns):
         np.testing.assert_allclose(found.mean, expected.mean, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["ekf", "ukf", "huber-kf"])
+@pytest.mark.parametrize(
+    ("sensor", "size"),
+    [*(("x", size) for size in (3.0, 10.0, 100.0, 1e4, 2e5)), *(("heading", size) for size in (0.2, np.pi / 2, 3.0))],
+)
+@pytest.mark.filterwarnings("error")
+def test_what_a_sensor_shows_is_found_again_and_nothing_else_moves(name: str, sensor: str, size: float) -> None:
+    """Position, heading and yaw rate are those of a log without the jump, and as certain three steps later.
+
+    A jump of any size tells nothing of the other states: they move by less than a standard deviation. A new heading
+    turns the speed over the ground, too, so that the next position errs by some.
+    """
+    rng = np.random.default_rng(9)
+    ship = known(rng)
+    noise = noise_of(ship)
+    clean = voyage(rng, ship, noise, 160)
+    jump = np.where((np.arange(160)[:, None] >= 100) & (np.array(SENSORS) == sensor), size, 0.0)
+    found = estimate(name, ship, replace(clean, y=clean.y + jump), noise)
+    expected = estimate(name, ship, clean, noise).mean[:, [0, 1, 2, 5]] + jump
+    assert found.rejected[100:102, SENSORS.index(sensor)].all()
+    assert not found.rejected[102:].any()
+    sd = np.sqrt(np.einsum("tii->ti", found.cov))[:, [0, 1, 2, 5]]
+    off = np.abs((found.mean[:, [0, 1, 2, 5]] - expected) / sd)[102:]
+    assert off.max() < 5.0
+    assert off[:, 2:].max() < 1.0
+    assert np.all(sd[105] < 3.0 * sd[99])
+
+
+def test_a_ship_whose_speed_changed_is_found_again() -> None:
+    """A tug moves her at 0.5 m/s, as fast as she sails: the third fix says how fast, and no more are rejected."""
+    rng = np.random.default_rng(9)
+    ship = known(rng)
+    noise = noise_of(ship)
+    clean = voyage(rng, ship, noise, 160)
+    towed = 0.5 * np.maximum(0.0, np.arange(160.0) - 100.0)[:, None] * (1.0, 0.0, 0.0, 0.0)
+    found = estimate("ekf", ship, replace(clean, y=clean.y + towed), noise)
+    assert found.rejected[100:, 0].sum() <= 4
+    sd = np.sqrt(found.cov[106:, 0, 0])
+    assert np.abs((found.mean - clean.y[:, :1] - towed[:, :1])[106:, 0] / sd).max() < 6.0
+
+
+def test_the_filter_of_a_log_without_noise_foretells_the_next_manoeuvre() -> None:
+    """Innovations that vanish do not make a level vanish: the turn after a straight course is believed."""
+    rng = np.random.default_rng(1)
+    ship = replace(known(rng), coefficients=coefficients(rng, 0.3))
+    steps = 150
+    control, air = np.zeros((5 * steps, 2)), np.zeros((5 * steps, 4))
+    control[:, 1], control[5 * 75 :, 0] = 8.0, 0.5
+    states = simulate(np.array([0.0, 0.0, 0.3, 0.5, 0.0, 0.0]), control, air, ship.coefficients, SHIP.vector(), STEP)
+    u = np.concatenate([control, air], -1)[::5]
+    sailed = Trial("straight, then a turn", 5 * STEP, 0.0, states[::5], u[:, :2], u[:, 2:])
+    found = estimate("ekf", ship, Voyage(sailed, states[::5][:steps, [0, 1, 2, 5]], u), noise_of(ship))
+    assert found.level.min() == pytest.approx(0.01)
+    assert not found.rejected.any()
 
 
 def test_a_ship_that_did_move_is_found_again() -> None:
