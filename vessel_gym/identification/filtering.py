@@ -268,7 +268,7 @@ class Gated:
     After some rejections in succession the next measurement is taken. The prediction's error in the states that the
     sensor shows is then as large as the innovation, and independent of all other errors. Speeds or the yaw rate are as
     uncertain as would explain the innovation, up to those of ships. So a jump of the position leaves the heading as it
-    is. The level does not learn from this measurement.
+    is. The level counts its square as the largest that passes, so that noise that did grow is found, too.
     """
 
     def __init__(self, name: str, ship: MeasuredShip, dt: float, rng: int = 0) -> None:
@@ -322,14 +322,18 @@ class Gated:
             n, level = len(columns), self._level[i]
             square = float(nis(belief.innovation[columns], belief.innovation_cov[np.ix_(columns, columns)])) / level
             far = square > self._limits[n]
-            if far and self._misses[label] >= _REJECTED:
-                lost[label] = float(np.square(belief.innovation[columns]).sum()) / level
-            elif far:
+            if far and self._misses[label] < _REJECTED:
                 self._misses[label], rejected[columns] = self._misses[label] + 1, True
-            elif np.isfinite(square):
+                continue
+            if far:
+                lost[label] = float(np.square(belief.innovation[columns]).sum()) / level
+            else:
+                self._misses[label] = 0
+            if np.isfinite(square):
                 kept = (1.0 - 1.0 / MEMORY) * self._weight[i]
-                learnt = level * (kept + n * square / self._means[n]) / (kept + n)
-                self._level[i], self._weight[i], self._misses[label] = max(_LEAST, learnt), kept + n, 0
+                share = min(square, self._limits[n]) / self._means[n]
+                self._level[i] = max(_LEAST, level * (kept + n * share) / (kept + n))
+                self._weight[i] = kept + n
         return rejected, lost
 
     def _unsure(self, predicted: Any, lost: dict[str, float]) -> Gaussian:
