@@ -20,7 +20,7 @@ from vessel_gym.identification.filtering import (
     voyages,
 )  # fmt: skip
 from vessel_gym.identification.prediction import simulate
-from vessel_gym.identification.stream import estimates
+from vessel_gym.identification.stream import _Fresh, estimates
 from vessel_gym.identification.trial import Trial, without_repeats
 from vessel_gym.identification.tuning import tune
 from vessel_gym.logs import Columns, LogError, read
@@ -84,7 +84,7 @@ def test_the_level_of_all_noise_is_found() -> None:
 
 
 def test_noise_of_which_each_innovation_is_too_large_is_found() -> None:
-    """Measurements that are taken after rejections raise the level until others pass; about five times do."""
+    """Measurements that are taken after rejections raise the level until others pass."""
     rng = np.random.default_rng(1)
     ship = known(rng)
     noise = noise_of(ship)
@@ -261,6 +261,39 @@ def test_repeats_are_held_where_the_resolution_is_fine() -> None:
     np.testing.assert_array_equal(without_repeats(times, held, "x")[0], np.delete(times, [500, 501]))
     rounded = np.round(0.4 * values)  # two of five values change: the instrument's resolution
     assert len(without_repeats(times[:20], rounded[:20], "x")[0]) == 20
+
+
+def judged_fresh(values: np.ndarray, name: str) -> tuple[int, int]:
+    """Repeats that a log and a pipe leave out."""
+    fresh = _Fresh(name == "heading")
+    kept, _ = without_repeats(np.arange(float(len(values))), values, name)
+    return len(values) - len(kept), sum(not fresh(each) for each in values.tolist())
+
+
+def test_a_coarse_compass_stays_coarse_at_north() -> None:
+    """It shows whole degrees, and crosses north in every third step: none of its repeats was held."""
+    rng = np.random.default_rng(12)
+    degrees = np.round(2.0 * np.sin(2.1 * np.arange(400)) + rng.normal(size=400)) % 360.0
+    assert np.any(np.diff(degrees) == 0.0)
+    assert np.mean(np.abs(np.diff(degrees)) > 180.0) > 0.25
+    assert judged_fresh(np.deg2rad(degrees), "heading") == (0, 0)
+
+
+def test_a_fine_compass_stays_fine_at_north() -> None:
+    rng = np.random.default_rng(13)
+    degrees = rng.normal(0.0, 0.8, 400) % 360.0
+    degrees[300:302] = degrees[299]
+    assert judged_fresh(np.deg2rad(degrees), "heading") == (2, 2)
+
+
+@pytest.mark.parametrize("far", [1e3, 2e5])
+def test_outliers_do_not_make_coarse_fixes_fine(far: float) -> None:
+    """Fixes of whole metres of a slow ship repeat; one is wrong by up to 200 km."""
+    rng = np.random.default_rng(14)
+    values = np.round(np.cumsum(rng.uniform(0.4, 1.0, 400)))
+    assert np.any(np.diff(values) == 0.0)
+    values[50] += far
+    assert judged_fresh(values, "x") == (0, 0)
 
 
 def test_a_pipe_gives_the_estimates_of_the_file(tmp_path: Path) -> None:
