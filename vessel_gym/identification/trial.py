@@ -62,16 +62,17 @@ def common_step(logs: Sequence[Log], particulars: Particulars) -> float:
         _, values, available = log.sampled(("x", "y"), 1.0)
         moved = np.hypot(*np.diff(values, axis=0).T)[available[1:].all(-1) & available[:-1].all(-1)]
         speeds.append(moved)
-    squares = np.concatenate(speeds) ** 2
-    if squares.size == 0:
+    moved = np.concatenate(speeds)
+    if moved.size == 0:
         raise LogError(f"{logs[0].name}: no two positions are a second apart")
-    step = pace(particulars, np.sqrt(np.minimum(squares, 25.0 * np.median(squares)))) / _STEPS
-    return float(f"{step:.1g}")
+    return float(f"{pace(particulars, moved) / _STEPS:.1g}")
 
 
 def pace(particulars: Particulars, speeds: np.ndarray) -> float:
-    """Time [s] in which a ship of these speeds [m/s] sails her length."""
-    return particulars.length / max(float(np.sqrt(np.mean(speeds**2))), 1e-3 * np.sqrt(9.81 * particulars.length))
+    """Time [s] in which a ship of these speeds [m/s] sails her length; speeds count up to five times their median."""
+    squares = np.square(speeds)
+    root = float(np.sqrt(np.mean(np.minimum(squares, 25.0 * np.median(squares)))))
+    return particulars.length / max(root, 1e-3 * np.sqrt(9.81 * particulars.length))
 
 
 def trials(log: Log, dt: float, smoothed: int = _SMOOTHING) -> list[Trial]:
