@@ -49,7 +49,7 @@ def judged(log: Log) -> tuple[Voyage, list[tuple[str, Estimates, Verdict]]]:
     ship = MeasuredShip.assumed(SHIP)
     ship = replace(ship, noise=dict(zip(NOISE, start_noise(ship, 15.0).tolist(), strict=True)))
     voyage = max(voyages(log, 0.4), key=lambda each: len(each.u))
-    verdict = Verdict(0.9, 1.1, 0.0, 0.1, {"position": 0.95}, {"position": 1.0})
+    verdict = Verdict(0.9, 1.1, 0.0, 0.1, {"position": 0.95}, {"position": 1.0}, 100)
     return voyage, [(name, estimate(name, ship, voyage, noise_of(ship)), verdict) for name in ("ekf", "huber-kf")]
 
 

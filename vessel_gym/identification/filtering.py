@@ -43,8 +43,18 @@ _LASTING = {"gyro scale": 100.0, "age": 0.5, "heading drift": 40.0, "current": 1
 GATE, _REJECTED = 1e-7, 2
 """Probability that the gate rejects a sensor of a consistent filter, and measurements that it rejects in succession:
 the next one is taken, so that a ship that did move is found again."""
-MEMORY, _ASSUMED = 6.0, 10.0
-"""Steps over which levels of noise are averaged, and degrees of freedom that the level 1 counts as."""
+_FOUND = {"position": ((0, 1), (3, 4)), "heading": ((2,), (5,)), "yaw rate": ((9,), (5,))}
+"""States that are found again as the sensor shows them, and those of the ship that may be why they were lost: speeds,
+or the yaw rate. A gyro shows its offset."""
+_FROUDE, _TURNED = 0.2, 0.3
+"""Standard deviations of an unknown speed, over the root of gravity times length, and of an unknown heading [rad], at
+which sigma points stay within half a turn."""
+MEMORY, _ASSUMED, _LEAST = 6.0, 10.0, 0.01
+"""Steps over which levels of noise are averaged, degrees of freedom that the level 1 counts as, and the least level.
+
+Tuning changes a standard deviation by a factor of 4.5 at most (`tuning`). Innovations below a tenth of the assumed
+ones are those of a simulation without noise or of a sensor that repeats itself, and do not foretell the next manoeuvre.
+"""
 _LEVELLED = np.array([0, 0, 1, 0, 0, 2, 0, 0, 2, 2, 2, -1, 1, 0, 0])
 """Sensor, in the order of `WITHHELD`, that says most of each state: its level is that of the state's variance."""
 
@@ -253,13 +263,19 @@ class Gated:
     10.8). Gains stay those of the assumed noise. At these levels the square of a consistent filter has an F
     distribution (`degrees_of_freedom`). A measurement is rejected if its square is one of the largest `GATE`
     (Bar-Shalom, Li & Kirubarajan 2001, sec. 5.7). Squares below that limit have a smaller mean, which the levels allow
-    for. After some rejections in succession the next measurement is taken.
+    for.
+
+    After some rejections in succession the next measurement is taken. The prediction's error in the states that the
+    sensor shows is then as large as the innovation, and independent of all other errors. Speeds or the yaw rate are as
+    uncertain as would explain the innovation, up to those of ships. So a jump of the position leaves the heading as it
+    is. The level counts its square as the largest that passes, so that noise that did grow is found, too.
     """
 
     def __init__(self, name: str, ship: MeasuredShip, dt: float, rng: int = 0) -> None:
         from scipy.stats import chi2, f
 
         self._filter = _filter(name, model(ship, dt))
+        self._dt, self._length = dt, ship.length
         self._limits = {n: float(n * f.isf(GATE, n, degrees_of_freedom(n))) for n in (1, 2)}
         self._means = {n: n * float(chi2.cdf(far, n + 2) / chi2.cdf(far, n)) for n, far in self._limits.items()}
         self._misses = dict.fromkeys(WITHHELD, 0)
@@ -282,17 +298,21 @@ class Gated:
         else:
             predicted = self._filter.predict(last[0], last[1], rng=keys)
         updated = tried = self._filter.update(predicted, y, rng=keys, available=available, u=known)
-        rejected = self._rejected(tried)
-        if rejected.any():
+        rejected, lost = self._gate(tried)
+        if lost or rejected.any():
             passed = ~rejected if available is None else available & ~rejected
-            updated = self._filter.update(predicted, y, rng=keys, available=passed, u=known)
+            unsure = self._filter.init(self._unsure(predicted, lost), rng=keys) if lost else predicted
+            updated = self._filter.update(unsure, y, rng=keys, available=passed, u=known)
         self._count, self._last = self._count + 1, (updated, known)
         beliefs = _at_level(predicted, level), _at_level(tried, level), _at_level(updated, level, self._level)
         return Step(*beliefs, rejected, level)
 
-    def _rejected(self, belief: Any) -> np.ndarray:
-        """Sensors that the gate rejects ``(4,)``; levels learn from the others."""
-        rejected, came = np.zeros(len(SENSORS), bool), np.asarray(belief.available)
+    def _gate(self, belief: Any) -> tuple[np.ndarray, dict[str, float]]:
+        """Sensors that the gate rejects ``(4,)``, and squared innovations of those taken after rejections.
+
+        Levels learn from the others.
+        """
+        rejected, came, lost = np.zeros(len(SENSORS), bool), np.asarray(belief.available), {}
         for i, (label, sensors) in enumerate(WITHHELD.items()):
             columns = [column for column in map(SENSORS.index, sensors) if came[column]]
             if not columns:  # its level approaches the mean of the others'
@@ -301,14 +321,34 @@ class Gated:
                 continue
             n, level = len(columns), self._level[i]
             square = float(nis(belief.innovation[columns], belief.innovation_cov[np.ix_(columns, columns)])) / level
-            far = square > self._limits[n] and self._misses[label] < _REJECTED
-            self._misses[label] = self._misses[label] + 1 if far else 0
-            rejected[columns] = far
-            if not far and np.isfinite(square):
+            far = square > self._limits[n]
+            if far and self._misses[label] < _REJECTED:
+                self._misses[label], rejected[columns] = self._misses[label] + 1, True
+                continue
+            if far:
+                lost[label] = float(np.square(belief.innovation[columns]).sum()) / level
+            else:
+                self._misses[label] = 0
+            if np.isfinite(square):
                 kept = (1.0 - 1.0 / MEMORY) * self._weight[i]
                 share = min(square, self._limits[n]) / self._means[n]
-                self._level[i], self._weight[i] = level * (kept + n * share) / (kept + n), kept + n
-        return rejected
+                self._level[i] = max(_LEAST, level * (kept + n * share) / (kept + n))
+                self._weight[i] = kept + n
+        return rejected, lost
+
+    def _unsure(self, predicted: Any, lost: dict[str, float]) -> Gaussian:
+        """The prediction with larger variances of what some sensors show, by their squared innovations."""
+        cov, speed = np.array(predicted.cov), _FROUDE**2 * 9.81 * self._length
+        for label, square in lost.items():
+            states, slopes = (list(each) for each in _FOUND[label])
+            span = 1.0 if label == "yaw rate" else (1 + self._misses[label]) * self._dt
+            slope = min(square / span**2, speed if label == "position" else speed / self._length**2)
+            own = np.diag(cov)[states] + (min(square, _TURNED**2) if label == "heading" else square)
+            cov[states], cov[:, states] = 0.0, 0.0
+            cov[states, states] = own
+            cov[slopes, slopes] += slope
+            self._misses[label] = 0
+        return Gaussian(np.array(predicted.mean), cov)
 
 
 def degrees_of_freedom(count: int) -> float:
@@ -360,10 +400,16 @@ def estimate(
     Args:
         name: Of the filter (`estimators.names`).
         ship: The model.
-        voyage: The measurements.
+        voyage: The measurements, ``(T, 4)``.
         noise: ``(K,)`` in the order of `NOISE`.
         withheld: Sensors that the filter does not get after the first measurement.
         rng: Seed of filters that draw numbers.
+
+    Returns:
+        Beliefs with T rows, ``rejected`` ``(T, 4)`` and ``level`` ``(T, 3)``.
+
+    Raises:
+        ValueError: if no filter has this name, it cannot work with the model, or a withheld sensor is not in `SENSORS`.
     """
     available = np.isfinite(voyage.y)
     available[1:, [SENSORS.index(each) for each in withheld]] = False

@@ -1,13 +1,16 @@
 """Estimates from a pipe: a filter's step as soon as the measurements of a time step are complete."""
 
+from collections import deque
 from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from estimators.angles import wrap
 from estimators.models import Gaussian
 from vessel_gym.identification.filtering import SENSORS, Gated, inputs, noise_of, prior
 from vessel_gym.identification.trial import ROUNDING, SLOW, fine
 from vessel_gym.logs import Columns, LogError, rows
+from vessel_gym.logs.log import ANGLES
 from vessel_gym.logs.read import tangent_plane, turned
 from vessel_gym.vehicles.measured_ship import MeasuredShip
 
@@ -16,7 +19,7 @@ _CONTROL = ("rudder", "revolutions")
 _NEEDED = (*SENSORS, *_CONTROL)
 _PLANE = ("x", "y")
 _HELD = ("x", "y", "heading")
-_LONGEST_START = 60.0
+_LONGEST_START, _RECENT = 60.0, 1000
 
 
 def estimates(
@@ -36,7 +39,7 @@ def estimates(
         ValueError: if the vessel file has no noise.
     """
     noise = noise_of(ship)
-    gated, fresh, plane = Gated(name, ship, dt), {each: _Fresh() for each in _HELD}, _Plane()
+    gated, fresh, plane = Gated(name, ship, dt), {each: _Fresh(each in ANGLES) for each in _HELD}, _Plane()
     parsed = rows(lines, columns, "the pipe")
     channels = [column.channel for column in next(parsed)]
     missing = [each for each in _NEEDED if each not in (*channels, *(_PLANE if "latitude" in channels else ()))]
@@ -103,15 +106,16 @@ class _Plane:
 
 
 class _Fresh:
-    """False for a value that the instrument held, by what its changes have been so far (`without_repeats`)."""
+    """False for a value that the instrument held, by its recent changes (`without_repeats`)."""
 
-    def __init__(self) -> None:
-        self._last = self._change = np.nan
-        self._smallest, self._sum, self._count = np.inf, 0.0, 0
+    def __init__(self, angle: bool) -> None:
+        self._angle, self._last, self._change = angle, np.nan, np.nan
+        self._bends: deque[float] = deque(maxlen=_RECENT)
 
     def __call__(self, value: float) -> bool:
         change, before = value - self._last, self._change
-        bend, self._last, self._change = abs(change - before), value, change
+        bend, self._last, self._change = change - before, value, change
+        bend = abs(float(wrap(bend)) if self._angle else bend)
         if bend > ROUNDING * abs(value):
-            self._smallest, self._sum, self._count = min(bend, self._smallest), self._sum + bend, self._count + 1
-        return change != 0.0 or not self._count or not fine(self._smallest, self._sum / self._count)
+            self._bends.append(bend)
+        return change != 0.0 or not fine(np.array(self._bends))

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import savgol_filter
 
+from estimators.angles import wrap
 from vessel_gym.logs import Log, LogError
 from vessel_gym.logs.log import ANGLES
 from vessel_gym.vehicles.manoeuvring import AIR, Particulars
@@ -61,16 +62,17 @@ def common_step(logs: Sequence[Log], particulars: Particulars) -> float:
         _, values, available = log.sampled(("x", "y"), 1.0)
         moved = np.hypot(*np.diff(values, axis=0).T)[available[1:].all(-1) & available[:-1].all(-1)]
         speeds.append(moved)
-    squares = np.concatenate(speeds) ** 2
-    if squares.size == 0:
+    moved = np.concatenate(speeds)
+    if moved.size == 0:
         raise LogError(f"{logs[0].name}: no two positions are a second apart")
-    step = pace(particulars, np.sqrt(np.minimum(squares, 25.0 * np.median(squares)))) / _STEPS
-    return float(f"{step:.1g}")
+    return float(f"{pace(particulars, moved) / _STEPS:.1g}")
 
 
 def pace(particulars: Particulars, speeds: np.ndarray) -> float:
-    """Time [s] in which a ship of these speeds [m/s] sails her length."""
-    return particulars.length / max(float(np.sqrt(np.mean(speeds**2))), 1e-3 * np.sqrt(9.81 * particulars.length))
+    """Time [s] in which a ship of these speeds [m/s] sails her length; speeds count up to five times their median."""
+    squares = np.square(speeds)
+    root = float(np.sqrt(np.mean(np.minimum(squares, 25.0 * np.median(squares)))))
+    return particulars.length / max(root, 1e-3 * np.sqrt(9.81 * particulars.length))
 
 
 def trials(log: Log, dt: float, smoothed: int = _SMOOTHING) -> list[Trial]:
@@ -148,9 +150,9 @@ def without_repeats(times: np.ndarray, values: np.ndarray, name: str) -> tuple[n
     """
     if name == "yaw rate":
         return times, values
-    same, bends = np.concatenate([[False], np.diff(values) == 0.0]), np.abs(np.diff(values, 2))
-    bends = bends[bends > ROUNDING * np.abs(values).max(initial=0.0)]
-    if len(bends) and fine(float(bends.min()), float(bends.mean())):
+    same, bends = np.concatenate([[False], np.diff(values) == 0.0]), np.diff(values, 2)
+    bends = np.abs(wrap(bends) if name in ANGLES else bends)
+    if fine(bends[bends > ROUNDING * np.abs(values).max(initial=0.0)]):
         return times[~same], values[~same]
     edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
     for first, last in edges.reshape(-1, 2):
@@ -159,14 +161,14 @@ def without_repeats(times: np.ndarray, values: np.ndarray, name: str) -> tuple[n
     return times[~same], values[~same]
 
 
-def fine(smallest: float, mean: float) -> bool:
+def fine(bends: np.ndarray) -> bool:
     """True if a moving ship's values repeat by chance in about one of a hundred cases at most.
 
     Args:
-        smallest: Smallest second difference of the values, the resolution of an instrument.
-        mean: Their mean second difference.
+        bends: Magnitudes of second differences of the values, of angles the short way round, none of them 0. The
+            smallest is the resolution of an instrument, and the median what the ship does; outliers do not move it.
     """
-    return smallest < 0.01 * mean
+    return bends.size > 0 and bool(bends.min() < 0.01 * np.median(bends))
 
 
 def _states(raw: dict[str, np.ndarray], dt: float, steps: int) -> np.ndarray:

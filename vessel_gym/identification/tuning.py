@@ -30,9 +30,23 @@ def tune(ship: MeasuredShip, found: Sequence[Voyage], steps: int = 60, rounds: i
 
     Innovations have Student's t distribution, as those of a filter that finds the level of noise. All changed
     parameters of a gradient are rows of one run.
+
+    Args:
+        ship: The model.
+        found: Voyages of the same time step, with measurements ``(T, 4)``; those shorter than a window are not used.
+        steps: Length of a window, at most that of the longest voyage.
+        rounds: Iterations of the optimiser at most.
+
+    Returns:
+        ``(K,)`` standard deviations and factors in the order of `NOISE`.
+
+    Raises:
+        ValueError: if there is no voyage.
     """
     from scipy.optimize import minimize
 
+    if not found:
+        raise ValueError("there is no voyage to tune the noise on")
     steps = min(steps, max(len(each.u) for each in found))
     start = start_noise(ship, mean_pace([each.trial for each in found], ship))
     parts = [each.part(first, first + steps) for each in found for first in range(0, len(each.u) - steps + 1, steps)]
