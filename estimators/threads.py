@@ -9,11 +9,13 @@ from typing import TypeVar
 
 Result = TypeVar("Result")
 WORTH = 1_000_000
-"""Operations that are worth a thread: they take some 40 us. It wakes in half of that, in which the caller computes."""
+"""Operations that are worth a thread: they take some 40 us. A thread starts some 20 us after the caller."""
 
 
 def shares(rows: int, threads: int, operations: int, lanes: int = 1) -> list[slice]:
-    """Slices of the rows, one a thread, or fewer where little is computed; the first one is the caller's, and longer.
+    """Slices of the rows, one a thread, or fewer where little is computed.
+
+    The first is the caller's. It has more rows by what the caller computes while the others wake: half of `WORTH`.
 
     Args:
         rows: How many.

@@ -82,7 +82,7 @@ def _judged(parts: Any, ship: Any, estimators: tuple[str, ...], tuned: bool, see
     Returns:
         The first filter's estimates of every part; the longest part with name, estimates and verdict of each filter.
     """
-    from vessel_gym.identification.consistency import judge, simulated
+    from vessel_gym.identification.consistency import filtered, judge, simulated
     from vessel_gym.identification.filtering import estimate, noise_of
     from vessel_gym.identification.tuning import tune
 
@@ -95,7 +95,7 @@ def _judged(parts: Any, ship: Any, estimators: tuple[str, ...], tuned: bool, see
     for name in estimators:
         try:
             series, verdict = judge(name, ship, judged, noise, seed)
-            _, at_home = judge(name, ship, drawn, noise, seed)
+            _, (inside, ratio, *_) = filtered(name, ship, drawn, noise, seed)
         except ValueError as error:
             rows.append((name, str(error), *[""] * 6))
             continue
@@ -108,8 +108,8 @@ def _judged(parts: Any, ship: Any, estimators: tuple[str, ...], tuned: bool, see
                 f"{verdict.ratio:.2f}",
                 f"{100.0 * verdict.rejected:.1f} %",
                 f"{verdict.lag:.2f}",
-                f"{100.0 * at_home.inside:.0f} %",
-                f"{at_home.ratio:.2f}",
+                f"{100.0 * inside:.0f} %",
+                f"{ratio:.2f}",
             )
         )
     head = ("", "trust", "NIS inside", "NIS ratio", "rejected", "lag 1", "simulated: NIS inside", "NIS ratio")

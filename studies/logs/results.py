@@ -9,8 +9,8 @@ import numpy as np
 
 from agents.commands.console import progress_bar
 from studies.logs.accuracy import AHEAD, TESTS, accuracy
-from vessel_gym.identification.consistency import consistency, judge, simulated
-from vessel_gym.identification.filtering import NOISE, Voyage, estimate, noise_of, sampling, voyages
+from vessel_gym.identification.consistency import filtered, judge, simulated
+from vessel_gym.identification.filtering import NOISE, Voyage, noise_of, sampling, voyages
 from vessel_gym.identification.fit import identify
 from vessel_gym.identification.manoeuvres import compare, executed, periods, track_errors
 from vessel_gym.identification.nomoto import identify_nomoto
@@ -120,7 +120,7 @@ def _judged(name: str, ship: MeasuredShip, voyage: Voyage) -> dict[str, Any]:
     noise, run = noise_of(ship), voyage.trial.name.removesuffix(".csv")
     try:
         _, verdict = judge(name, ship, voyage, noise)
-        inside, ratio, _, lag = consistency(estimate(name, ship, simulated(ship, voyage, noise), noise))
+        _, (inside, ratio, _, lag) = filtered(name, ship, simulated(ship, voyage, noise), noise)
     except ValueError as error:
         return {"run": run, "error": str(error)}
     return {

@@ -175,6 +175,7 @@ def lowest() -> str:
 def widths() -> str:
     """Standard deviations in words: of a withheld position, and of ensembles beside other filters."""
     from studies.logs.results import SHIP
+    from vessel_gym.identification.filtering import ENSEMBLES
 
     of = {
         name: np.median([[run["measured"]["deviations"][each] for each in _SENSORS] for run in both], 0)
@@ -183,15 +184,12 @@ def widths() -> str:
     }
     ends = dict.fromkeys(f"{end(each[0] for each in of.values()) / SHIP.length:.1f}" for end in (min, max))
     sentences = [f"The standard deviation of a withheld position is {' to '.join(ends)} ship lengths in the median."]
-    members, others = ([of[name] for name in of if (name in _ENSEMBLES) == which] for which in (True, False))
+    members, others = ([of[name] for name in of if (name in ENSEMBLES) == which] for which in (True, False))
     if members and others:
         ratio = np.mean(members, 0) / np.mean(others, 0)
         parts = [f"{value:.2f} ({each})" for each, value in zip(_SENSORS, ratio, strict=True)]
         sentences.append(f"Ratios of the deviations of ensembles to those of other filters are {listed(parts)}.")
     return fill(" ".join(sentences), 140, break_on_hyphens=False)
-
-
-_ENSEMBLES = ("enkf", "etkf", "enkf-sr", "letkf")
 
 
 def consistency() -> str:

@@ -143,8 +143,10 @@ def consistency(found: Estimates) -> tuple[float, float, float, float]:
     return inside, float(square.sum()) / max(1.0, expected), rejected, _lag(found.updated)
 
 
-def judge(name: str, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, rng: int = 0) -> tuple[Estimates, Verdict]:
-    """A filter over a voyage, and how consistent it is.
+def filtered(
+    name: str, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, rng: int = 0
+) -> tuple[Estimates, tuple[float, float, float, float]]:
+    """A filter over a voyage, and its `consistency`.
 
     Raises:
         ValueError: if the filter cannot work with the model, no measurement came after the first steps, or the
@@ -152,9 +154,18 @@ def judge(name: str, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, rng:
     """
     found = estimate(name, ship, voyage, noise, rng=rng)
     try:
-        numbers = consistency(found)
+        return found, consistency(found)
     except ValueError as error:
         raise ValueError(f"{name} on {voyage.trial.name}: {error}") from None
+
+
+def judge(name: str, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, rng: int = 0) -> tuple[Estimates, Verdict]:
+    """A filter over a voyage, and how consistent it is with all sensors and without each.
+
+    Raises:
+        ValueError: as `filtered`.
+    """
+    found, numbers = filtered(name, ship, voyage, noise, rng)
     withheld = {
         label: _foretold(estimate(name, ship, voyage, noise, sensors, rng), ship, voyage, noise, sensors)
         for label, sensors in WITHHELD.items()

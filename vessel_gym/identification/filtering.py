@@ -36,7 +36,7 @@ heading [rad], and the drift of the water [m/s]."""
 _SHIP, _INPUTS, _SMOOTHED = 6, 6, 5
 """States of the ship, known inputs, and steps over which the positions are smoothed that a voyage starts from."""
 _SCALE, _AGE, _HEADING, _CURRENT, STATES = 10, 11, 12, 13, 15
-_ENSEMBLES, _MEMBERS = ("enkf", "etkf", "enkf-sr", "letkf"), 1000
+ENSEMBLES, _MEMBERS = ("enkf", "etkf", "enkf-sr", "letkf"), 1000
 """Filters with members, and how many of them."""
 _LASTING = {"gyro scale": 100.0, "age": 0.5, "heading drift": 40.0, "current": 100.0}
 """Time constants [s]."""
@@ -123,7 +123,7 @@ def _filter(name: str, used: NonlinearModel) -> Any:
     not measured by ``p / (N - 1)`` (Sacher & Bartello 2008, Monthly Weather Review 136). The inflation restores it:
     otherwise the uncertainty of a withheld position vanishes in some minutes.
     """
-    if name not in _ENSEMBLES:
+    if name not in ENSEMBLES:
         return make(name, used)
     return make(name, used, members=_MEMBERS, inflation=float(np.sqrt(1.0 + len(SENSORS) / (_MEMBERS - 1))))
 
@@ -338,7 +338,7 @@ class Gated:
 
     def _unsure(self, predicted: Any, lost: dict[str, float]) -> Gaussian:
         """The prediction with larger variances of what some sensors show, by their squared innovations."""
-        cov, speed = np.array(predicted.cov), _FROUDE**2 * 9.81 * self._length
+        cov, speed = np.array(predicted.cov), unknown_speed(self._length)
         for label, square in lost.items():
             states, slopes = (list(each) for each in _FOUND[label])
             span = 1.0 if label == "yaw rate" else (1 + self._misses[label]) * self._dt
@@ -349,6 +349,11 @@ class Gated:
             cov[slopes, slopes] += slope
             self._misses[label] = 0
         return Gaussian(np.array(predicted.mean), cov)
+
+
+def unknown_speed(length: float) -> float:
+    """Variance [m2/s2] of a speed of which nothing is known but that a ship of this length [m] can have it."""
+    return _FROUDE**2 * 9.81 * length
 
 
 def degrees_of_freedom(count: int) -> float:
@@ -372,14 +377,8 @@ def _at_level(belief: Belief, level: np.ndarray, after: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class Estimates:
-    """A filter over a voyage: `Step` with a leading axis of time."""
-
-    predicted: Belief
-    tried: Belief
-    updated: Belief
-    rejected: np.ndarray
-    level: np.ndarray
+class Estimates(Step):
+    """A filter over a voyage: times lead every array of `Step`."""
 
     @property
     def mean(self) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 
 from estimators.angles import wrap
 from estimators.models import Gaussian
-from vessel_gym.identification.filtering import SENSORS, Gated, inputs, noise_of, prior
+from vessel_gym.identification.filtering import SENSORS, Gated, inputs, noise_of, prior, unknown_speed
 from vessel_gym.identification.trial import ROUNDING, SLOW, fine
 from vessel_gym.logs import Columns, LogError, rows
 from vessel_gym.logs.log import ANGLES
@@ -76,7 +76,7 @@ def _start(ship: MeasuredShip, y: np.ndarray, noise: np.ndarray) -> Gaussian:
     """Belief before the first measurement ``(4,)``: speeds are unknown, up to Froude numbers of ships."""
     start = prior(np.array([y[0], y[1], y[2], 0.0, 0.0, y[3]]), noise)
     cov = start.cov.copy()
-    cov[3, 3] = cov[4, 4] = 0.04 * 9.81 * ship.length
+    cov[3, 3] = cov[4, 4] = unknown_speed(ship.length)
     return Gaussian(start.mean, cov)
 
 
