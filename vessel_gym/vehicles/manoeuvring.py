@@ -5,7 +5,9 @@ Its form is that of the MMG (Manoeuvring Modelling Group).
 Frames: x0 north, y0 east, psi clockwise from x0; body x forward, y starboard, origin amidships; positive rudder turns
 the ship to starboard. Velocities are over ground. The state is `STATE`, the control `CONTROL`, what is around `AIR`.
 
-Sources: Yasukawa & Yoshimura (2015), J. Mar. Sci. Technol. 20:37, for the structure (the MMG standard method);
+Sources: Yasukawa & Yoshimura (2015), J. Mar. Sci. Technol. 20:37, for the structure (the MMG standard method), and for
+a rudder of which the propeller's slipstream meets a part; Hirano (1980), Nav. Archit. Ocean Eng. 19:68, for a wake that
+shrinks with the drift at the stern;
 Yoshimura, Nakao & Ishibashi (2009), MARSIM, for the cross-flow drag of the hull at any drift angle; Clarke, Gedling &
 Hine (1983) for what is assumed of the linear derivatives; Fujii & Tuda (1961) for the rudder; Motora (1959), as read by
 Clarke's regression, for added masses; Fujiwara, Ueno & Nimura (1998) for the harmonics of the wind loads.
@@ -72,8 +74,10 @@ _TABLE = (
     Coefficient("Nnb", 0.0, 0.05, "yaw moment of the propeller astern"),
     Coefficient("Ynub", 0.0, 0.1, "sway force of the propeller astern, linear in the advance ratio"),
     Coefficient("Nnub", 0.0, 0.05, "yaw moment of the propeller astern, linear in the advance ratio"),
-    Coefficient("eps", 0.7, 0.3, "share of the speed that reaches the rudder"),
-    Coefficient("kap", 0.6, 0.4, "share of the propeller's race that reaches the rudder"),
+    Coefficient("eps", 0.7, 0.3, "share of the speed that reaches the rudder on a straight course"),
+    Coefficient(
+        "kappa", 0.5, 0.25, "acceleration of the slipstream at the rudder, share of that far behind"
+    ),
     Coefficient("kapb", 0.0, 0.03, "flow that the propeller astern adds at the rudder"),
     Coefficient("gp", 0.4, 0.2, "flow straightening, side flow from starboard"),
     Coefficient("gm", 0.4, 0.2, "flow straightening, side flow from port"),
@@ -142,6 +146,7 @@ class Particulars:
         return np.array([
             self.length, self.mass, self.x_g, inertia, hull, self.water_density * self.propeller_diameter**4,
             self.propeller_diameter, rudder, air * self.frontal_area, air * self.lateral_area,
+            min(1.0, self.propeller_diameter / np.sqrt(self.rudder_area * self.rudder_aspect)),
         ])  # fmt: skip
 
     @cached_property
@@ -171,7 +176,7 @@ class Particulars:
 
 
 _P = IntEnum("_P", (
-    "length", "mass", "x_g", "inertia", "hull", "propeller", "diameter", "rudder", "frontal", "lateral",
+    "length", "mass", "x_g", "inertia", "hull", "propeller", "diameter", "rudder", "frontal", "lateral", "slipstream",
 ), start=0)  # fmt: skip
 WIND = (C.kc, C.cx0, C.cx1, C.cx3, C.cy1, C.cy3, C.cn1, C.cn2, C.cn3)
 """The coefficients that only a log with the wind can determine."""
@@ -214,10 +219,14 @@ def _rudder(
     u: np.ndarray, v: np.ndarray, r: np.ndarray, control: tuple[np.ndarray, np.ndarray], race: np.ndarray,
     c: np.ndarray, p: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """Surge and sway force, yaw moment of the rudder in the propeller's slipstream."""
+    """Surge and sway force, yaw moment of the rudder, of whose height the propeller's slipstream meets a share."""
     rudder, n = control
-    along, spin = c[C.eps] * u, n * n * p[_P.diameter] * p[_P.diameter]
-    square = np.where(n > 0.0, c[C.kap] * (8.0 / np.pi) * race, c[C.kapb] * spin) + along * along
+    stern = v - 0.5 * p[_P.length] * r
+    wake = (1.0 - c[C.eps]) * np.exp(-4.0 * stern * stern / (u * u + v * v + 1e-4))  # finite at rest
+    along, share = (1.0 - wake) * u, p[_P.slipstream]
+    jet = along + c[C.kappa] * (np.sqrt(along * along + (8.0 / np.pi) * race + 1e-8) - along)
+    astern = c[C.kapb] * n * n * p[_P.diameter] * p[_P.diameter] + along * along
+    square = np.where(n > 0.0, share * jet * jet + (1.0 - share) * along * along, astern)
     inflow = np.sqrt(np.maximum(square, 0.0) + 1e-8)  # the derivative at rest is finite
     across = v - c[C.lr] * p[_P.length] * r
     side = np.where(across > 0.0, c[C.gp], c[C.gm]) * across
@@ -273,6 +282,6 @@ def _rates_and_slopes(
 
 rates = compiled(_rates)
 """Rates ``(..., 6)`` of `STATE` from state ``(..., 6)``, control ``(..., 2)``, air ``(..., 4)``, coefficients
-``(..., k)`` and `Particulars.vector` ``(..., 10)``."""
+``(..., k)`` and `Particulars.vector` ``(..., 11)``."""
 rates_and_slopes = compiled(_rates_and_slopes)
 """Those ``(..., 6, 1 + 6 + k)`` with the exact derivatives by the state and by the coefficients."""

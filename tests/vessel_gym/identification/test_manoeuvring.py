@@ -8,7 +8,7 @@ import pytest
 
 from tests.vessel_gym.identification.voyages import SHIP, coefficients
 from vessel_gym.identification.prediction import simulate, simulate_with_slopes
-from vessel_gym.vehicles.manoeuvring import COEFFICIENTS, C, _rates, rates
+from vessel_gym.vehicles.manoeuvring import _P, COEFFICIENTS, C, _rates, _rudder, rates
 from vessel_gym.vehicles.measured_ship import MeasuredShip, read
 
 P = SHIP.vector()
@@ -68,6 +68,31 @@ def test_on_a_straight_course_thrust_is_resistance() -> None:
         np.array([0.0, 0, 0, 0.5 * speed, 0, 0]), np.tile([0.0, n], (4000, 1)), np.zeros((4000, 4)), c, P, 0.2
     )
     np.testing.assert_allclose(states[-1, 3], speed, rtol=1e-6)
+
+
+def rudder_force(u: float, v: float, race: float, **values: float) -> float:
+    """Sway force of a rudder of 1e-3 rad, over that of a rudder of the same angle in an undisturbed flow of 1 m/s."""
+    c = np.zeros(len(COEFFICIENTS))
+    for name, value in values.items():
+        c[getattr(C, name)] = value
+    numbers = (np.array(each) for each in (u, v, 0.0))
+    force = _rudder(*numbers, (np.array(1e-3), np.array(10.0)), np.array(race), c, P)[1]
+    return float(force / (-P[_P.rudder] * 1e-3))
+
+
+def test_a_rudder_meets_the_slipstream_of_momentum_theory_on_a_part_of_its_height() -> None:
+    far = np.sqrt(1.0 + 8.0 / np.pi * 2.0)  # of a thrust 2 rho D^2 (1 m/s)^2
+    share = SHIP.propeller_diameter / np.sqrt(1.5 * SHIP.rudder_area)
+    assert rudder_force(1.0, 0.0, 2.0, eps=1.0) == pytest.approx(1.0, rel=1e-5)
+    assert rudder_force(1.0, 0.0, 0.0, eps=1.0, kappa=1.0) == pytest.approx(1.0, rel=1e-5)
+    assert rudder_force(1.0, 0.0, 2.0, eps=1.0, kappa=1.0) == pytest.approx(share * far**2 + 1.0 - share, rel=1e-5)
+    assert rudder_force(0.0, 0.0, 2.0, kappa=0.5) == pytest.approx(share * 0.25 * (far**2 - 1.0), rel=1e-5)
+
+
+def test_the_wake_shrinks_with_drift() -> None:
+    straight, drifting = (rudder_force(1.0, v, 0.0, eps=0.6) for v in (0.0, 0.5))
+    assert straight == pytest.approx(0.6**2, rel=1e-5)
+    assert drifting == pytest.approx((1.0 - 0.4 * np.exp(-4.0 * 0.5**2 / (1.0 + 0.5**2))) ** 2, rel=1e-3)
 
 
 def test_slopes_are_the_derivatives_of_the_simulation() -> None:
