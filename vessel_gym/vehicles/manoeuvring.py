@@ -75,9 +75,7 @@ _TABLE = (
     Coefficient("Ynub", 0.0, 0.1, "sway force of the propeller astern, linear in the advance ratio"),
     Coefficient("Nnub", 0.0, 0.05, "yaw moment of the propeller astern, linear in the advance ratio"),
     Coefficient("eps", 0.7, 0.3, "share of the speed that reaches the rudder on a straight course"),
-    Coefficient(
-        "kappa", 0.5, 0.25, "acceleration of the slipstream at the rudder, share of that far behind"
-    ),
+    Coefficient("kappa", 0.5, 0.25, "acceleration of the slipstream at the rudder, share of that far behind"),
     Coefficient("kapb", 0.0, 0.03, "flow that the propeller astern adds at the rudder"),
     Coefficient("gp", 0.4, 0.2, "flow straightening, side flow from starboard"),
     Coefficient("gm", 0.4, 0.2, "flow straightening, side flow from port"),
