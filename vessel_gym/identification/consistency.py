@@ -166,11 +166,12 @@ def judge(name: str, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, rng:
         ValueError: as `filtered`.
     """
     found, numbers = filtered(name, ship, voyage, noise, rng)
-    withheld = {
-        label: _foretold(estimate(name, ship, voyage, noise, sensors, rng), ship, voyage, noise, sensors)
-        for label, sensors in WITHHELD.items()
-    }
-    shares, deviations = ({label: each[i] for label, each in withheld.items()} for i in (0, 1))
+    shares, deviations = {}, {}
+    for label, sensors in WITHHELD.items():
+        error, deviation = without(sensors, name, ship, voyage, noise, rng)
+        known = error.size > 0
+        shares[label] = float((np.abs(error) < 2.0 * deviation).mean()) if known else np.nan
+        deviations[label] = float(np.median(deviation)) if known else np.nan
     count = int((nis_of(found)[1][_BEGINNING:] > 0).sum())
     return found, Verdict(*numbers, shares, deviations, count)
 
@@ -199,13 +200,18 @@ def foretold(
     return error[..., list(columns)], np.sqrt(spread[..., list(columns)])
 
 
-def _foretold(
-    found: Estimates, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, sensors: Collection[str]
-) -> tuple[float, float]:
-    """Share of withheld measurements within two standard deviations of those foretold, and the median deviation."""
+def without(
+    sensors: Collection[str], name: str, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, rng: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of the measurements that a filter without these sensors foretells, and their standard deviations.
+
+    Both are ``(n,)``, of all measurements of theirs after the beginning, measurement noise included.
+
+    Raises:
+        ValueError: as `estimate`.
+    """
+    found = estimate(name, ship, voyage, noise, sensors, rng)
     known, columns = inputs(ship, voyage.u, noise), [SENSORS.index(each) for each in sensors]
     error, deviation = foretold(model(ship, voyage.trial.dt), found.predicted, voyage.y, known, columns, found.level)
     measured = np.isfinite(error) & (np.arange(len(error)) >= _BEGINNING)[:, None]
-    if not measured.any():
-        return np.nan, np.nan
-    return float((np.abs(error) < 2.0 * deviation)[measured].mean()), float(np.median(deviation[measured]))
+    return error[measured], deviation[measured]

@@ -27,12 +27,12 @@ WITHHELD = {"position": ("x", "y"), "heading": ("heading",), "yaw rate": ("yaw r
 """Sensors that are left out together, and pass the gate together."""
 NOISE = (
     "position", "heading", "yaw rate", "surge", "sway", "yaw", "time constant", "growth", "manoeuvre", "gyro drift",
-    "gyro scale", "age", "heading drift", "current",
+    "gyro scale", "age", "heading drift", "current", *(f"{sensor} outage" for sensor in WITHHELD),
 )  # fmt: skip
 """Standard deviations of measurements [m, rad, rad/s] and of the unexplained accelerations [m/s2, rad/s2], their time
 constant [s], their growth with the square of the revolutions and with changes of propeller and rudder forces, the drift
 of the gyro's offset [rad/s in a second] and its scale error, the age of position and heading [s], the slow error of the
-heading [rad], and the drift of the water [m/s]."""
+heading [rad], the drift of the water [m/s], and factors of the standard deviations after an outage of each sensor."""
 _SHIP, _INPUTS, _SMOOTHED = 6, 6, 5
 """States of the ship, known inputs, and steps over which the positions are smoothed that a voyage starts from."""
 _SCALE, _AGE, _HEADING, _CURRENT, STATES = 10, 11, 12, 13, 15
@@ -43,6 +43,8 @@ _LASTING = {"gyro scale": 100.0, "age": 0.5, "heading drift": 40.0, "current": 1
 GATE, _REJECTED = 1e-7, 2
 """Probability that the gate rejects a sensor of a consistent filter, and measurements that it rejects in succession:
 the next one is taken, so that a ship that did move is found again."""
+_OUTAGE, _FACTORS = 15.0, slice(_INPUTS + NOISE.index("position outage"), _INPUTS + len(NOISE))
+"""Steps without a sensor after which most of its factor applies, and the place of the factors in an input."""
 _FOUND = {"position": ((0, 1), (3, 4)), "heading": ((2,), (5,)), "yaw rate": ((9,), (5,))}
 """States that are found again as the sensor shows them, and those of the ship that may be why they were lost: speeds,
 or the yaw rate. A gyro shows its offset."""
@@ -217,10 +219,10 @@ def mean_pace(found: Sequence[Trial], ship: MeasuredShip) -> float:
 def start_noise(ship: MeasuredShip, pace: float) -> np.ndarray:
     """Noise ``(K,)`` to begin with, for a ship that sails her length in ``pace`` seconds."""
     length = ship.particulars.length
-    pushed = 0.06 * length / pace**2
+    pushed = 0.03 * length / pace**2
     return np.array([
-        2e-3 * length, 4e-3, 5e-3 / pace, pushed, pushed, 0.12 / pace**2, 0.3 * pace, 0.3, 5.0, 9e-3 / pace**1.5,
-        0.03, 0.03, 0.012, 0.2 * length / pace,
+        2e-3 * length, 2e-3, 2e-3 / pace, pushed, pushed, 0.12 / pace**2, 0.15 * pace, 0.3, 5.0, 2e-3 / pace**1.5,
+        0.03, 0.03, 0.015, 0.05 * length / pace, *np.ones(len(WITHHELD)),
     ])  # fmt: skip
 
 
@@ -278,7 +280,7 @@ class Gated:
         self._dt, self._length = dt, ship.length
         self._limits = {n: float(n * f.isf(GATE, n, degrees_of_freedom(n))) for n in (1, 2)}
         self._means = {n: n * float(chi2.cdf(far, n + 2) / chi2.cdf(far, n)) for n, far in self._limits.items()}
-        self._misses = dict.fromkeys(WITHHELD, 0)
+        self._misses, self._missing = dict.fromkeys(WITHHELD, 0), np.zeros(len(WITHHELD))
         self._level, self._weight = np.ones(len(WITHHELD)), np.full(len(WITHHELD), _ASSUMED)
         self._keys, self._count = RandomKeys(key(rng)), 0
         self._last: tuple[Any, np.ndarray] | None = None
@@ -292,22 +294,26 @@ class Gated:
             known: Input of `inputs` at this time.
             available: ``(4,)`` mask of measurements that the filter gets; None: all that are finite.
         """
-        keys, last, level = self._keys.at(self._count), self._last, self._level.copy()
+        keys, last, level = self._keys.at(self._count), self._last, self._stated(known)
         if last is None:
             predicted = self._filter.init(start, rng=keys)
         else:
             predicted = self._filter.predict(last[0], last[1], rng=keys)
         updated = tried = self._filter.update(predicted, y, rng=keys, available=available, u=known)
-        rejected, lost = self._gate(tried)
+        rejected, lost = self._gate(tried, level)
         if lost or rejected.any():
             passed = ~rejected if available is None else available & ~rejected
             unsure = self._filter.init(self._unsure(predicted, lost), rng=keys) if lost else predicted
             updated = self._filter.update(unsure, y, rng=keys, available=passed, u=known)
         self._count, self._last = self._count + 1, (updated, known)
-        beliefs = _at_level(predicted, level), _at_level(tried, level), _at_level(updated, level, self._level)
+        beliefs = _at_level(predicted, level), _at_level(tried, level), _at_level(updated, level, self._stated(known))
         return Step(*beliefs, rejected, level)
 
-    def _gate(self, belief: Any) -> tuple[np.ndarray, dict[str, float]]:
+    def _stated(self, known: np.ndarray) -> np.ndarray:
+        """Levels ``(3,)`` of the covariances; those of sensors that are missing grow to the square of their factor."""
+        return self._level * (1.0 + (known[_FACTORS] - 1.0) * (1.0 - np.exp(-self._missing / _OUTAGE))) ** 2
+
+    def _gate(self, belief: Any, levels: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
         """Sensors that the gate rejects ``(4,)``, and squared innovations of those taken after rejections.
 
         Levels learn from the others.
@@ -318,13 +324,16 @@ class Gated:
             if not columns:  # its level approaches the mean of the others'
                 others = np.delete(self._level, i)
                 self._level[i] += (np.average(others, weights=np.delete(self._weight, i)) - self._level[i]) / MEMORY
+                self._missing[i] += 1.0
                 continue
-            n, level = len(columns), self._level[i]
+            n, level = len(columns), levels[i]
             square = float(nis(belief.innovation[columns], belief.innovation_cov[np.ix_(columns, columns)])) / level
             far = square > self._limits[n]
             if far and self._misses[label] < _REJECTED:
                 self._misses[label], rejected[columns] = self._misses[label] + 1, True
+                self._missing[i] += 1.0
                 continue
+            self._missing[i] = 0.0
             if far:
                 lost[label] = float(np.square(belief.innovation[columns]).sum()) / level
             else:
@@ -332,7 +341,7 @@ class Gated:
             if np.isfinite(square):
                 kept = (1.0 - 1.0 / MEMORY) * self._weight[i]
                 share = min(square, self._limits[n]) / self._means[n]
-                self._level[i] = max(_LEAST, level * (kept + n * share) / (kept + n))
+                self._level[i] = max(_LEAST, self._level[i] * (kept + n * share) / (kept + n))
                 self._weight[i] = kept + n
         return rejected, lost
 

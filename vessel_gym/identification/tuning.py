@@ -1,14 +1,16 @@
 """Noise of filters tuned on logs by the likelihood of innovations with heavy tails."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
 from estimators import make, run
 from estimators.metrics import nis
+from vessel_gym.identification.consistency import without
 from vessel_gym.identification.filtering import (
     NOISE,
     SENSORS,
+    WITHHELD,
     Voyage,
     inputs,
     mean_pace,
@@ -24,12 +26,16 @@ _TAIL, _WINDOWS, _SPREAD, _RANGE = 40.0, 40, 1.0, 1.5
 """Degrees of freedom of Student's t, windows at most, and what is assumed of the logarithm of a parameter: its standard
 deviation and its largest change. Noise that vanishes would leave no room for errors of linearisation."""
 
+_LARGEST, _NORMAL = 10.0, 0.9545
+"""Largest factor of standard deviations without a sensor, and share of a normal law within two of them."""
+
 
 def tune(ship: MeasuredShip, found: Sequence[Voyage], steps: int = 60, rounds: int = 20) -> np.ndarray:
     """Noise ``(K,)`` with the largest likelihood of an ``ekf`` on windows of voyages, each of ``steps``.
 
     Innovations have Student's t distribution, as those of a filter that finds the level of noise. All changed
-    parameters of a gradient are rows of one run.
+    parameters of a gradient are rows of one run. Errors that last do not show in innovations. So standard deviations
+    without a sensor are multiplied by a factor, from the errors of an ``ekf`` that does not get it on these voyages.
 
     Args:
         ship: The model.
@@ -78,4 +84,14 @@ def tune(ship: MeasuredShip, found: Sequence[Voyage], steps: int = 60, rounds: i
     found_at = minimize(
         value, np.zeros(k), jac=True, method="L-BFGS-B", bounds=[(-_RANGE, _RANGE)] * k, options={"maxiter": rounds}
     )
-    return noise_at(found_at.x)
+    noise = noise_at(found_at.x)
+    outages = [NOISE.index(f"{sensor} outage") for sensor in WITHHELD]
+    noise[outages] = [_outage(sensors, ship, found, noise) for sensors in WITHHELD.values()]
+    return noise
+
+
+def _outage(sensors: Collection[str], ship: MeasuredShip, found: Sequence[Voyage], noise: np.ndarray) -> float:
+    """Factor of standard deviations without sensors, so that two of them hold as many measurements as a normal law."""
+    ratios = np.concatenate([np.abs(np.divide(*without(sensors, "ekf", ship, each, noise))) / 2.0 for each in found])
+    ratios = ratios[np.isfinite(ratios)]
+    return float(np.clip(np.quantile(ratios, _NORMAL), 1.0, _LARGEST)) if ratios.size else 1.0

@@ -44,7 +44,8 @@ def voyage(rng: np.random.Generator, ship: MeasuredShip, noise: np.ndarray, step
 
 def less(noise: np.ndarray, factor: float) -> np.ndarray:
     """Noise whose standard deviations are smaller; time constant and factors of growth are none."""
-    return noise / np.where(np.isin(NOISE, ("time constant", "growth", "manoeuvre")), 1.0, factor)
+    kept = ("time constant", "growth", "manoeuvre", *(f"{sensor} outage" for sensor in WITHHELD))
+    return noise / np.where(np.isin(NOISE, kept), 1.0, factor)
 
 
 def test_a_filter_on_its_own_model_is_trusted() -> None:
@@ -150,7 +151,7 @@ def test_noise_is_recovered() -> None:
     """
     rng = np.random.default_rng(2)
     ship = known(rng)
-    noise = noise_of(ship) * np.array([2.0, 0.5, 2.0, 1.0, 1.0, 1.5, *[1.0] * 8])
+    noise = noise_of(ship) * np.array([2.0, 0.5, 2.0, 1.0, 1.0, 1.5, *[1.0] * 11])
     found = tune(ship, [voyage(rng, ship, noise, 600) for _ in range(4)])
     assert np.all(np.abs(np.log(found[:3] / noise[:3])) < (0.15, 0.15, 0.6))
 
