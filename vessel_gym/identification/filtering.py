@@ -221,8 +221,8 @@ def start_noise(ship: MeasuredShip, pace: float) -> np.ndarray:
     length = ship.particulars.length
     pushed = 0.03 * length / pace**2
     return np.array([
-        2e-3 * length, 2e-3, 2e-3 / pace, pushed, pushed, 0.12 / pace**2, 0.15 * pace, 0.3, 5.0, 2e-3 / pace**1.5,
-        0.03, 0.03, 0.015, 0.05 * length / pace, *np.ones(len(WITHHELD)),
+        2e-3 * length, 2e-3, 2e-3 / pace, pushed, pushed, 0.12 / pace**2, 0.1 * pace, 0.3, 5.0, 2e-3 / pace**1.5,
+        0.03, 0.03, 0.02, 0.05 * length / pace, *np.ones(len(WITHHELD)),
     ])  # fmt: skip
 
 
@@ -356,6 +356,8 @@ class Gated:
             cov[states], cov[:, states] = 0.0, 0.0
             cov[states, states] = own
             cov[slopes, slopes] += slope
+            if label == "heading":  # the velocity over the ground stays, and turns in the ship's frame
+                cov[[3, 4], [3, 4]] += min(square, 4.0) * float(np.square(predicted.mean[[3, 4]]).sum())
             self._misses[label] = 0
         return Gaussian(np.array(predicted.mean), cov)
 

@@ -91,7 +91,16 @@ def tune(ship: MeasuredShip, found: Sequence[Voyage], steps: int = 60, rounds: i
 
 
 def _outage(sensors: Collection[str], ship: MeasuredShip, found: Sequence[Voyage], noise: np.ndarray) -> float:
-    """Factor of standard deviations without sensors, so that two of them hold as many measurements as a normal law."""
-    ratios = np.concatenate([np.abs(np.divide(*without(sensors, "ekf", ship, each, noise))) / 2.0 for each in found])
-    ratios = ratios[np.isfinite(ratios)]
-    return float(np.clip(np.quantile(ratios, _NORMAL), 1.0, _LARGEST)) if ratios.size else 1.0
+    """Factor of standard deviations without sensors, so that two of them hold as many measurements as a normal law.
+
+    Errors of one voyage depend on each other, and a few voyages tell little of the next: the factor is larger by
+    Student's t over the normal law, with a degree of freedom for each voyage beside the first.
+    """
+    from scipy.stats import t
+
+    ratios = [np.abs(np.divide(*without(sensors, "ekf", ship, each, noise))) / 2.0 for each in found]
+    ratios = [each for each in ratios if each.size and np.isfinite(each).all()]
+    if not ratios:
+        return 1.0
+    few = t.isf(0.5 * (1.0 - _NORMAL), len(ratios) - 1) / 2.0 if len(ratios) > 1 else 1.0
+    return float(np.clip(few * np.quantile(np.concatenate(ratios), _NORMAL), 1.0, _LARGEST))
