@@ -349,8 +349,8 @@ def test_what_the_input_leaves_of_the_innovation_is_as_large_as_the_filter_says(
 @every_case("consistent", "kalman")
 def test_normalised_errors_follow_the_whole_chi_square_law(case: Case):
     """Not the mean alone: the share of runs below each quantile at the last time."""
-    system, runs = case.system(1), 8_000
-    record = simulate(system, 26, runs, 20)
+    system, runs = case.system(1), 20_000
+    record = simulate(system, 26, runs, 10)
     final = track(case.make(system.model), system.rows(runs), record)[-1]
     values = nees(final.mean, final.cov, record.x[-1])
     for level in (0.05, 0.5, 0.95):
