@@ -19,7 +19,7 @@ settings.register_profile("default", derandomize=True, deadline=None)
 settings.register_profile("thorough", settings.get_profile("default"), max_examples=10_000)
 settings.load_profile("default")
 
-gc.set_threshold(5_000)  # programs are many objects and little garbage
+gc.set_threshold(5_000)  # tracing makes many objects and little garbage
 CASES = 1
 os.environ.setdefault("VESSEL_GYM_OPTIMISE", "0")  # of other processes, too: compiling took half of the time
 

@@ -249,7 +249,7 @@ def test_the_estimation_error_does_not_depend_on_the_size_of_the_input(case: Cas
 @pytest.mark.slow
 @every_case("unknown-input", "linear")
 def test_state_and_input_estimates_are_unbiased(case: Case):
-    system, runs, steps = case.system(2), 20_000, 30
+    system, runs, steps = case.system(2), 20_000, 15
     record = simulate(system, 11, runs=runs, steps=steps)
     final = track(case.make(system.model), system.rows(runs), record)[-1]
     errors = np.concatenate(

@@ -383,7 +383,7 @@ def test_a_disturbance_of_ones_own_works_with_every_estimator(disturbance: Distu
         core = make_core(AUV, 3, seed=8, **chosen)
         assert core.config.disturbance_name == "own"
         core.reset()
-        for _ in range(12):
+        for _ in range(40):
             reward, _ = core.step(np.full((3, 3), 0.1))
             assert_sound(core, core.observe(), reward, core.info())
         ambient_flows = not any(name.endswith("increment") for name in disturbance.forces)  # which are not d, but held

@@ -160,7 +160,7 @@ def test_every_filter_of_a_faulty_vehicle_stays_finite(env_id: str):
         options = FEW_MEMBERS.get(estimator, {})
         core = make_core(env_id, 3, seed=6, disturbance=fault, estimator=estimator, estimator_options=options)
         core.reset()
-        moved(core, 20)
+        moved(core, 40)
         assert np.isfinite(core.belief.mean).all()
         assert np.isfinite(core.observe()).all()
     states = {"assume": {"as": "states"}}

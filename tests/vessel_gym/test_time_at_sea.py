@@ -266,7 +266,7 @@ def test_how_late_measurements_are_taken_moves_no_measurement_and_no_truth():
     names = "ekf", "enkf", "measurement", "dead-reckoning", "truth"
     chosen = [(name, FEW_MEMBERS.get(name, {}) | {"late": late}) for name in names for late in LATE]
     each = [make_core(AUV, ROWS, estimator=name, estimator_options=few, **at_sea(AUV)) for name, few in chosen]
-    first, *others = [flown(core, 15) for core in each]
+    first, *others = [flown(core, 25) for core in each]
     for other in others:
         for (y, available), (same, arrived) in zip(first, other, strict=True):
             np.testing.assert_array_equal(y, same)
