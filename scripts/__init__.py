@@ -1,4 +1,4 @@
-"""Commands in a checkout that is not installed: ``python -m scripts.train`` is ``vessel-gym train``, and so on.
+"""What runs in a checkout only: `scripts.reproduce`, for the papers are not in the package.
 
-`scripts.reproduce` runs in a checkout only, where the papers are.
+Commands of the package run there without an installation, too: ``python -m vessel_gym train``.
 """
