@@ -156,11 +156,16 @@ def test_a_table_that_does_not_exist_is_refused():
 
 
 def test_the_table_of_late_fixes_is_made_of_its_episodes(tmp_path: Path):
-    lines = ["environment,condition,estimator,seed,score,position_rmse,position_nees", "A-v0,in time,truth,0,1.0,0.0,"]
+    lines = [
+        "environment,agent,training_seed,condition,estimator,seed,score,position_rmse,position_nees",
+        "A-v0,autopilot,,in time,truth,0,1.0,0.0,",
+    ]
     for estimator in ("ekf", "enkf"):
         for way, error in (("", 1.0), (", as new", 2.0), (", discarded", 3.0)):
             for condition in ("in time", "1 s late", "2 s late"):
-                lines += [f'A-v0,{condition},"{estimator}{way}",{seed},0.5,{error + seed},1.5' for seed in range(2)]
+                lines += [
+                    f'A-v0,autopilot,,{condition},"{estimator}{way}",{seed},0.5,{error + seed},1.5' for seed in range(2)
+                ]
     (tmp_path / "episodes.csv").write_text("\n".join(lines))
     rows = tables.latency(tmp_path).splitlines()
     assert len(rows) == 2 + 4
