@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 class TomlError(ValueError):
-    """What is wrong with a TOML file, in one sentence, and its line."""
+    """A mistake in a TOML file: one sentence, and its line."""
 
     def __init__(self, path: Path, line: int, sentence: str) -> None:
         self.line, self.sentence = line, sentence

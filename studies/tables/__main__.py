@@ -23,10 +23,11 @@ from studies.papers.measures import papers_page, readme_line
 from studies.tables.arms import EPISODES, Arm
 from studies.tables.channel import channel
 from studies.tables.faults import SEEDS, alarms, faults, faults_found, gap, inputs, latency
-from studies.tables.filters import adaptive_inflation, huber_iterations, robust_losses, unstable_zeros
+from studies.tables.filters import adaptive_inflation, huber_iterations, published_scores, robust_losses, unstable_zeros
 from studies.tables.grades import sensor_grades
 from studies.tables.markdown import ROOT, WITHOUT, number, percent, put, rows_of, shown, table
 from studies.tables.suites import by_suite, differences, environments, flown, found, headline, truth_first
+from studies.third_party.table import returns
 from vessel_gym.envs.ship import SIGMA_CORVETTE
 from vessel_gym.vehicles.corvette import MOTION_UNIT
 
@@ -340,11 +341,13 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     "huber": (ESTIMATORS / "robust.md", huber_iterations),
     "robust": (ESTIMATORS / "robust.md", robust_losses),
     "adaptive": (ESTIMATORS / "ensembles-formulas.md", adaptive_inflation),
+    "lorenz": (ESTIMATORS / "lorenz.md", published_scores),
     "insurance": (ESTIMATORS / "unknown-input.md", insurance),
     "inputs": (ESTIMATORS / "unknown-input.md", inputs),
     "faults": (ESTIMATORS / "unknown-input-faults.md", faults),
     "faults found": (ESTIMATORS / "unknown-input-faults.md", faults_found),
     "agents": (ROOT / "docs/agents.md", packaged_agents),
+    "learned": (ROOT / "docs/any-environment.md", returns),
     "latency": (ROOT / "docs/late-fixes.md", lambda: latency(ROOT / "results/latency")),
     "gap": (ROOT / "docs/late-fixes.md", gap),
     "alarms": (ROOT / "docs/time-at-sea.md", alarms),
@@ -380,11 +383,11 @@ TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
 
 
 def main(names: tuple[str, ...] = (*TABLES, *TEXTS), /) -> None:
-    """Write tables of docs/ anew: dives, flights, faults and others are flown, in half an hour.
+    """Write tables of docs/ anew: dives, flights, faults and others are flown and trained for, in an hour.
 
-    Those of studies are taken from results/ablation, results/suites, results/quick and results/latency, where
-    `make ablation` and `vessel-gym ablate suites` (or quick, or latency) leave them, those of logs from what
-    `python -m studies.logs` stored.
+    Trainings are kept in results/third-party. Tables of studies are taken from results/ablation, results/suites,
+    results/quick and results/latency, where `make ablation` and `vessel-gym ablate suites` (or quick, or latency) leave
+    them, those of logs from what `python -m studies.logs` stored.
 
     Args:
         names: Which.

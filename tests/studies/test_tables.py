@@ -217,6 +217,16 @@ def test_the_tables_of_robust_filters_show_who_wins_where(monkeypatch: pytest.Mo
     assert rows["as the model says"][1] > 1.0
 
 
+def test_the_table_of_lorenz_has_every_published_score_beside_ours(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(filter_tables, "analysis_rmse", lambda row, *_: row.published * np.array([0.9, 1.1]))
+    lines = filter_tables.published_scores().splitlines()[2:]
+    for line, row in zip(lines, filter_tables.BENCHMARKS, strict=True):
+        assert all(name in line for name in row.filters)
+        assert f"{row.published:.3f} ± " in line
+        assert row.described in line
+        assert ("reported" in line) == row.reported_only
+
+
 def test_more_measurements_than_inputs_leave_no_unstable_zero():
     rows = [line.strip("| ").split(" | ") for line in filter_tables.unstable_zeros(20).splitlines()[2:]]
     assert len(rows) == 3
