@@ -1,6 +1,5 @@
 """The trainings of `studies.critic`, and the tables and the picture that it writes to docs/critic.md."""
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -10,7 +9,6 @@ from agents.commands.console import progress_bar
 from agents.files import compute_once
 from agents.plotting import PALETTE, styled
 from agents.policies.network import one_thread
-from agents.statistics import mean_interval
 from studies.critic.benchmark import END, HALF, World, learned
 from studies.tables.markdown import ROOT, put, shown, table
 
@@ -54,27 +52,21 @@ def write(found: Found) -> None:
 
 def scores(found: Found) -> str:
     """Mean scores at half time and at the end, with intervals over runs and evaluation seeds."""
-    return _compared(found, "score", shown)
+    return _compared(found, "score")
 
 
 def variances(found: Found) -> str:
     """Explained variances likewise, with intervals over runs."""
-
-    def of_runs(values: np.ndarray) -> str:
-        interval = mean_interval(values)
-        assert interval is not None, "two runs have an interval"
-        return f"{interval.mean:.3f} ± {interval.half:.3f}"
-
-    return _compared(found, "explained", of_runs)
+    return _compared(found, "explained")
 
 
-def _compared(found: Found, figure: str, words: Callable[[np.ndarray], str]) -> str:
+def _compared(found: Found, figure: str) -> str:
     rows = []
     for world in WORLDS.values():
         own, true = (found[world, arm][figure] for arm in ("observation", "truth"))
         rows += [
-            (f"{world.label}, {world.steps // share:,} steps", words(own[:, point]), words(true[:, point]),
-             words(true[:, point] - own[:, point]))
+            (f"{world.label}, {world.steps // share:,} steps", shown(own[:, point]), shown(true[:, point]),
+             shown(true[:, point] - own[:, point]))
             for share, point in ((2, HALF), (1, END))
         ]  # fmt: skip
     return table(("", "critic sees the observation", "and the truth", "difference"), rows)
