@@ -27,7 +27,7 @@ venv: .venv/.installed  ## Install the project and its tools into .venv, in the 
 	touch $@
 
 ablation: .venv/.studies  ## Train and score agents on every estimator, and write the report to results/ablation
-	$(BIN)/python -m vessel_gym ablate studies/corvette.toml --out results/ablation
+	$(BIN)/python -m scripts.ablate studies/corvette.toml --out results/ablation
 
 POLICIES := PunaUAV-v0 SegorogeniAUV-v0 ItsunusaAUV-v0 SigmaCorvette-v0 ThesisCorvette-v0
 .PHONY: $(POLICIES)
@@ -37,7 +37,7 @@ policies: .venv/.studies  ## Train the policies that come with the package anew,
 	$(BIN)/python -m studies.tables agents
 
 $(POLICIES):  # curves and states of the training stay in results
-	$(BIN)/python -m vessel_gym train $@ --out results/policies/$@.zip
+	$(BIN)/python -m scripts.train $@ --out results/policies/$@.zip
 	cp results/policies/$@.zip agents/policies/trained/
 
 test: venv  ## Run the tests: of many cases a selection with every value, of slow tests one

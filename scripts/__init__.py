@@ -1,4 +1,4 @@
-"""Commands of a checkout alone: `scripts.reproduce`, for the papers are not in the package.
+"""Commands in a checkout that is not installed: ``python -m scripts.train`` is ``vessel-gym train``, and so on.
 
-Commands of the package run there without an installation, too: ``python -m vessel_gym train``.
+`scripts.reproduce` runs in a checkout only, where the papers are.
 """
