@@ -165,7 +165,7 @@ def test_prices_that_cannot_be_meant_are_one_sentence(tmp_path, text, sentence):
     with pytest.raises(Refusal, match=r"^[^\n]*$") as refused:
         budget.main(ENVIRONMENT, prices=path, out=tmp_path / "out")
     assert sentence in str(refused.value)
-    with pytest.raises(OSError, match=r"cannot read the prices .*nobody\.toml: No such file"):
+    with pytest.raises(OSError, match=r"cannot read .*nobody\.toml: No such file"):
         budget.main(ENVIRONMENT, prices=tmp_path / "nobody.toml", out=tmp_path / "out")
 
 
