@@ -25,8 +25,8 @@ def replacing(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-def compute_once(path: Path, compute: Callable[[], Any]) -> None:
-    """Write computed values to a JSON file, whole or not at all; an existing file is kept and nothing is computed.
+def compute_once(path: Path, compute: Callable[[], Any]) -> Any:
+    """Values of a JSON file; without the file they are computed, and written whole or not at all.
 
     Raises:
         OSError: as `replacing`.
@@ -35,6 +35,7 @@ def compute_once(path: Path, compute: Callable[[], Any]) -> None:
         values = compute()
         with replacing(path) as temporary:
             temporary.write_text(json.dumps(values), encoding="utf-8")
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def check_file(path: Path) -> Path:

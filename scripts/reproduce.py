@@ -2,14 +2,12 @@
 
 import json
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
 
 from agents.commands.console import asked, command, in_range, job_progress
-from agents.refusal import Refusal
 
 Name = Literal["all", "corvette", "segorogeni", "itsunusa", "robust", "puna"]
 
@@ -38,8 +36,6 @@ def main(
     from agents.jobs import run
     from vessel_gym.extras import require
 
-    if find_spec("studies.papers") is None:
-        raise Refusal("the papers are not part of the package: run this in a checkout of the repository")
     require("matplotlib", "jinja2", "joblib")  # before the experiments, not after them
     from studies.papers import PAPERS, jobs, report
     from studies.papers.measures import Row, summary_table

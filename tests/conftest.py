@@ -5,6 +5,7 @@ Hypothesis draws the same examples every time; ``--hypothesis-profile thorough``
 ``make quick`` runs one of each test that is not slow, ``make nightly`` all, and optimises what it compiles.
 """
 
+import gc
 import os
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,6 +19,7 @@ settings.register_profile("default", derandomize=True, deadline=None)
 settings.register_profile("thorough", settings.get_profile("default"), max_examples=10_000)
 settings.load_profile("default")
 
+gc.set_threshold(5_000)  # tracing makes many objects and little garbage
 CASES = 1
 os.environ.setdefault("VESSEL_GYM_OPTIMISE", "0")  # of other processes, too: compiling took half of the time
 

@@ -387,7 +387,7 @@ class Core:
     def happened(self) -> dict[str, np.ndarray]:
         """Record of the last step, one row an environment, read-only."""
         loop, now, unknown_input = self.loop, self.now, self.unknown_input
-        belief, (measurement, available), sensors = loop.belief, loop.measurements, self.config.sensors
+        belief, (measurement, available) = loop.belief, loop.measurements
         input_mean = belief.input_mean
         happened = {
             "truth": self.truth,
@@ -401,13 +401,7 @@ class Core:
             "input_estimate": np.zeros(unknown_input.shape) if input_mean is None else input_mean,
             "parameters": now.parameters,
         }
-        if sensors.horizon:
-            happened["refused"] = loop.refused
-        if sensors.faults:
-            happened["sensor_faults"] = loop.faulty(now.steps)
-        if self.config.estimation.monitor is not None:
-            happened["alarms"] = loop.alarms
-        return happened
+        return happened | loop.beside(now.steps)
 
     # --- inside -----------------------------------------------------------------------------------
 

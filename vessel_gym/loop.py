@@ -123,9 +123,11 @@ class Loop:
         if estimation.monitor is not None:
             self.watch = self._watched(self.watch, self.belief)
 
-    def faulty(self, steps: np.ndarray) -> np.ndarray:
-        """Mask ``(B, faults)`` of the sensors' faults that act in rows ``steps (B,)`` after their start."""
-        return np.zeros((self.rows, 0), bool) if self._faults is None else self._faults.on(steps)
+    def beside(self, steps: np.ndarray) -> dict[str, np.ndarray]:
+        """More of an info: where sensors are late ``refused``, with faults their mask, and a monitor's alarms."""
+        found = {"refused": self.refused} if self.sensors.horizon else {}
+        found |= {} if self._faults is None else {"sensor_faults": self._faults.on(steps)}
+        return found | ({} if self.monitor is None else {"alarms": self.alarms})
 
     @property
     def alarms(self) -> np.ndarray:

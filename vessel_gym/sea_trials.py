@@ -291,9 +291,7 @@ def zigzag(
     rudder: float,
     heading: float | None = None,
     dt: float = 0.5,
-    cycles: int = 1,
     speed: float | None = None,
-    on_samples: bool = False,
     longest: float = 1800.0,
 ) -> ZigzagTrial:
     """The zig-zag trial of MSC.137(76): reverse the rudder each time that the heading has changed as far.
@@ -306,10 +304,7 @@ def zigzag(
         rudder: Rudder angle [rad]; positive begins to starboard.
         heading: Change of heading [rad] at which the rudder is reversed; None: as large as the rudder angle.
         dt: Step [s].
-        cycles: Full cycles to record.
         speed: Approach speed [m/s], for which the thrust is set; None: the service speed.
-        on_samples: Reverse at the next sample instead, as a helmsman who looks at the compass every ``dt``: the
-            record that a fit of Nomoto's model wants, if the rudder needs a whole number of steps to go over.
         longest: Time [s] after which the trial ends in any case.
 
     Raises:
@@ -317,12 +312,10 @@ def zigzag(
         TypeError: for a ship that is none.
     """
     check_numbers("zigzag", {"heading": heading}, positive="heading?", deflection="heading?")
-    integer("cycles of zigzag", cycles, 1)
-    instance("on_samples of zigzag", on_samples, bool)
     ship = _at_speed(ship, speed, rudder)
     _check_times(ship, dt, longest=longest)
     target = abs(rudder if heading is None else heading)
-    track, executes, peaks = _run_zigzag(ship, rudder, target, dt, cycles, on_samples, longest)
+    track, executes, peaks = _run_zigzag(ship, rudder, target, dt, longest)
     return ZigzagTrial(
         first_overshoot=peaks[0] if peaks else None,
         second_overshoot=peaks[1] if len(peaks) > 1 else None,
@@ -333,18 +326,16 @@ def zigzag(
 
 
 def _run_zigzag(
-    ship: CorvetteParameters, rudder: float, target: float, dt: float, cycles: int, on_samples: bool, longest: float
+    ship: CorvetteParameters, rudder: float, target: float, dt: float, longest: float
 ) -> tuple[Track, list[float], list[float]]:
-    """Track, times of orders and overshoots of a zig-zag trial whose rudder is reversed at ``target`` [rad]."""
+    """Track, times of orders and overshoots of one full cycle, whose rudder is reversed at ``target`` [rad]."""
     helm, state, angle, order = _Helm(ship), _straight_on(ship), 0.0, float(rudder)
     states, angles, executes, peaks = [state], [angle], [0.0], []
     for k in range(max(round(longest / dt), 1)):
         elapsed = 0.0
         after = helm.step(state, angle, order, dt)
         if np.sign(order) * after[0][2] >= target:  # reverse within this step
-            elapsed = dt
-            if not on_samples:
-                elapsed = helm.time_to(np.copysign(target, order), state, angle, order, dt)
+            elapsed = helm.time_to(np.copysign(target, order), state, angle, order, dt)
             state, angle = helm.step(state, angle, order, elapsed)
             order = -order
             executes.append(k * dt + elapsed)
@@ -356,7 +347,7 @@ def _run_zigzag(
             peaks.append(float(abs(before[2] + 0.5 * before[5] * zero) - target))
         states.append(state)
         angles.append(angle)
-        if len(executes) >= 2 * cycles + 2 and len(peaks) >= 2 * cycles:
+        if len(executes) >= 4 and len(peaks) >= 2:
             break
     return Track(dt * np.arange(len(states)), np.array(states), np.array(angles)), executes, peaks
 

@@ -5,6 +5,14 @@ import tomllib
 from pathlib import Path
 
 
+class TomlError(ValueError):
+    """A mistake in a TOML file: one sentence, and its line."""
+
+    def __init__(self, path: Path, line: int, sentence: str) -> None:
+        self.line, self.sentence = line, sentence
+        super().__init__(f"{path}, line {line}: {sentence}")
+
+
 class TomlFile:
     """A TOML file being read.
 
@@ -17,7 +25,7 @@ class TomlFile:
         otherwise: Key whose line an error names if the file lacks the key that the error is about.
 
     Raises:
-        ValueError: for a file that is not TOML in UTF-8.
+        TomlError: for a file that is not TOML in UTF-8.
         OSError: if it cannot be read.
     """
 
@@ -27,19 +35,25 @@ class TomlFile:
         self.path = path
         try:
             self.text = path.read_text(encoding="utf-8")
-            self.data = tomllib.loads(self.text)
         except UnicodeDecodeError:
-            raise ValueError(f"{path}, line 1: the file is not text in UTF-8") from None
+            raise TomlError(path, 1, "the file is not text in UTF-8") from None
+        except OSError as error:
+            raise type(error)(f"cannot read {path}: {error.strerror}") from None
+        try:
+            self.data = tomllib.loads(self.text)
         except (ValueError, RecursionError) as error:  # not TOML; a number of 5,000 digits, a thousand brackets
             found = re.search(r"line (\d+)", str(error))
             line = int(found[1]) if found else self.text.count("\n") + 1
             sentence = re.sub(r" \(at .*?\)$", "", str(error)).replace("\n", " ")
-            raise ValueError(f"{path}, line {line}: not TOML: {sentence}") from None
+            raise TomlError(path, line, f"not TOML: {sentence}") from None
 
-    def fault(self, keys: tuple[str, ...], sentence: str) -> ValueError:
+    def line(self, keys: tuple[str, ...]) -> int | None:
+        """Line of a key, or of the nearest table around it where it is missing; None: there is none."""
+        return next(filter(None, (line_of(self.text, keys[:n]) for n in range(len(keys), 0, -1))), None)
+
+    def fault(self, keys: tuple[str, ...], sentence: str) -> TomlError:
         """The error of a sentence on a key, or its table where it is missing, or `otherwise` where that is."""
-        places = (line_of(self.text, each) for each in (*(keys[:n] for n in range(len(keys), 0, -1)), self.otherwise))
-        return ValueError(f"{self.path}, line {next(filter(None, places), 1)}: {sentence}")
+        return TomlError(self.path, self.line(keys) or self.line(self.otherwise) or 1, sentence)
 
 
 def line_of(text: str, keys: tuple[str, ...]) -> int | None:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from math import fsum, prod
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from estimators.factory import unknown
 from vessel_gym.sensors import Sensor
 from vessel_gym.sensors.grades import grades_of
 from vessel_gym.system import System
-from vessel_gym.toml_file import TomlFile
 
 MOST = 2000
 """Suites among which one is searched."""
@@ -177,19 +175,6 @@ def price_list(choices: Mapping[str, Sequence[Choice]], prices: Prices) -> dict[
 
 def _each(choices: Mapping[str, Sequence[Choice]]) -> Iterator[tuple[str, Choice]]:
     return ((sensor, choice) for sensor, listed in choices.items() for choice in listed)
-
-
-def read_prices(path: Path) -> dict[str, Any]:
-    """Prices from a TOML file: a table for each sensor, with a number for each grade.
-
-    Raises:
-        ValueError: for what is no TOML.
-        OSError: if it cannot be read.
-    """
-    try:
-        return TomlFile(path).data
-    except OSError as error:
-        raise OSError(f"cannot read the prices {path}: {error.strerror}") from None
 
 
 def prices_toml(suites: Sequence[Suite]) -> str:

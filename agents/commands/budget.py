@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from agents.commands.console import asked, in_range, print_table, search_progress
+from agents.commands.console import asked, in_range, print_table, progress
 from agents.refusal import Refusal
 
 
@@ -45,18 +45,19 @@ def main(
         The exit status: 1 if no suite is confirmed.
     """
     from agents.budget.flights import World
-    from agents.budget.suites import choices_of, read_prices, suites_of
+    from agents.budget.suites import choices_of, suites_of
     from agents.files import check_folder
     from agents.page import listed
     from agents.studies.worlds import environment_id, system_of
     from vessel_gym.extras import require
+    from vessel_gym.toml_file import TomlFile
 
     with asked():
         environment_id(env_id)
         _check_numbers(keep, episodes, first_seed, processes)
         system = system_of(env_id)
         choices = choices_of(system, rates)
-        suites = suites_of(choices, None if prices is None else read_prices(prices))
+        suites = suites_of(choices, None if prices is None else TomlFile(prices).data)
         world = World(env_id, estimator, agent, disturbance)
         world.check()
         require("matplotlib", "jinja2", "joblib")
@@ -97,10 +98,11 @@ def _search(
     if not (out / "prices.toml").exists():  # the user's own may lie there
         with replacing(out / "prices.toml") as path:
             path.write_text(prices_toml(suites), encoding="utf-8")
-    with search_progress(f"{len(suites)} suites") as progress, Workers(processes, ["agents.budget.flights"]) as workers:
+    workers = Workers(processes, ["agents.budget.flights"])
+    with progress(f"{len(suites)} suites", counted=True) as show, workers:
         flights = Flights(world, suites, out, workers if processes > 1 else None, first_seed)
         try:
-            found = result.cheapest(flights, keep, episodes, progress)
+            found = result.cheapest(flights, keep, episodes, show)
         except RuntimeError as error:
             raise Refusal(str(error)) from error
     report = write_report(found, out, priced)

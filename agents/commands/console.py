@@ -244,7 +244,7 @@ class _Lines:
 
 
 @contextmanager
-def _progress(title: str, total: int | None = None, counted: bool = False) -> Iterator[Callable[..., None]]:
+def progress(title: str, total: int | None = None, counted: bool = False) -> Iterator[Callable[..., None]]:
     """Progress by calls with (done, total, text): a bar with the time that is left or, without a terminal, lines."""
     from rich.console import Console
     from rich.progress import (
@@ -269,7 +269,7 @@ def _progress(title: str, total: int | None = None, counted: bool = False) -> It
 @contextmanager
 def training_progress(title: str) -> Iterator[Callable[[int, int, float], None]]:
     """Progress of a training: steps, mean score of late episodes."""
-    with _progress(title) as show:
+    with progress(title) as show:
         yield lambda done, total, score: show(done, max(done, total), f"score {score:.3f}" if score == score else "")
 
 
@@ -277,15 +277,8 @@ def training_progress(title: str) -> Iterator[Callable[[int, int, float], None]]
 def progress_bar(title: str, total: int) -> Iterator[Callable[[], None]]:
     """Progress over ``total`` equal pieces of work; call what it yields after each."""
     done = count(1)
-    with _progress(title, total) as show:
+    with progress(title, total) as show:
         yield lambda: show(next(done), total)
-
-
-@contextmanager
-def search_progress(title: str) -> Iterator[Callable[[int, int], None]]:
-    """Progress of a search: candidates that need no further flight, and their number."""
-    with _progress(title, counted=True) as show:
-        yield show
 
 
 @contextmanager
@@ -301,7 +294,7 @@ def job_progress(title: str) -> Iterator[Callable[[Status], None]]:
         show(status.done + status.failed, status.total, _end(status))
 
     try:
-        with _progress(title, counted=True) as show:
+        with progress(title, counted=True) as show:
             yield report
     except KeyboardInterrupt:
         kept = f"{done} of {total} results are kept, and the same command goes on from there" if total else ""

@@ -2,7 +2,6 @@
 
 import shutil
 import sys
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -53,13 +52,14 @@ def main(
         resume: Go on with an interrupted training.
     """
     from agents.files import check_file
+    from vessel_gym.toml_file import TomlFile
 
     named = algorithm.lower()
     out = out or Path("results") / f"{named}.zip"
     algorithm, memory = ("ppo", "lstm") if named == "recurrentppo" else (named, memory)
     with asked():
         in_range("--runs", runs, 1)
-        changed = _of_file(hyperparameters) | assigned("--set", settings)
+        changed = (TomlFile(hyperparameters).data if hyperparameters else {}) | assigned("--set", settings)
         given: dict[str, Any] = {"steps": steps, "memory": memory, "critic": critic}
         given |= {"settings": changed, "algorithm": algorithm}
         env_id, options = _checked(env_id, world.options(estimator), seed, given)
@@ -88,23 +88,6 @@ def _checked(env_id: str, options: dict[str, Any], seed: int, given: dict[str, A
         advice = f"give more --steps, or --set learning_starts={sooner}"
         print(f"learning starts after {idle} steps: {advice}", file=sys.stderr)
     return env_id, options
-
-
-def _of_file(path: Path | None) -> dict[str, Any]:
-    """Settings of a TOML file; none without one.
-
-    Raises:
-        ValueError: if it is no TOML.
-        OSError: if it cannot be read.
-    """
-    if path is None:
-        return {}
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no file of hyperparameters {path}")
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise ValueError(f"{path} is no TOML file of settings: {error}") from None
 
 
 def _train(runs: range, env_id: str, out: Path, options: dict[str, Any], resume: bool, given: dict[str, Any]) -> Path:

@@ -213,15 +213,16 @@ class DiveAutopilot:
 
     Args:
         system: The environment's system.
-        tolerances: The design's tolerances.
 
     Raises:
         ValueError: if the system's task is no dive.
     """
 
-    def __init__(self, system: System, tolerances: DiveTolerances | None = None) -> None:
+    tolerances = DiveTolerances()  # of the design
+
+    def __init__(self, system: System) -> None:
         self._task, vehicle = task_of(system, Dive, "flies dives", AUV), cast(AUV, system.vehicle)
-        tolerances, self._body = tolerances or DiveTolerances(), vehicle.body
+        tolerances, self._body = self.tolerances, vehicle.body
         self._ahead = tolerances.look_ahead * vehicle.body.length
         self._vertical = vertical_loop(vehicle, tolerances)
         self._lateral = lateral_loop(vehicle, tolerances) if "rudder" in vehicle.action_names else None
@@ -255,14 +256,9 @@ class DiveRegulator(DiveAutopilot):
     """The linear-quadratic regulator of both planes with the distance from the path as a state, and no guidance.
 
     About the same steady motions as the autopilot, whose line-of-sight guidance this one does without.
-
-    Its arguments are those of `DiveAutopilot`.
     """
 
-    def __init__(self, system: System, tolerances: DiveTolerances | None = None) -> None:
-        tolerances = tolerances or DiveTolerances()
-        offset = min(tolerances.offset, task_of(system, Dive, "flies dives").TRACK_TOLERANCE)
-        super().__init__(system, replace(tolerances, look_ahead=np.inf, offset=offset))
+    tolerances = replace(DiveTolerances(), look_ahead=np.inf, offset=Dive.TRACK_TOLERANCE)
 
 
 @register_controller(Dive, "pid")
@@ -272,13 +268,11 @@ class DivePID(DiveAutopilot):
     The loops know nothing of each other and of the steady motion that the path takes, but for the thrust at cruising
     speed: their integrals have to find it. Their plants are the planes of the linearised vehicle, reduced to first
     order.
-
-    Its arguments are those of `DiveAutopilot`.
     """
 
-    def __init__(self, system: System, tolerances: DiveTolerances | None = None) -> None:
-        super().__init__(system, tolerances)
-        t, mass, dt = tolerances or DiveTolerances(), self._body.mass, system.vehicle.dt
+    def __init__(self, system: System) -> None:
+        super().__init__(system)
+        t, mass, dt = self.tolerances, self._body.mass, system.vehicle.dt
         climb, course = self._vertical, self._lateral
         self._climb = PID(-climb.response, climb.damping, t.direction, t.fin, dt)
         self._course = None

@@ -89,15 +89,16 @@ class FlightAutopilot:
 
     Args:
         system: The environment's system.
-        tolerances: The design's tolerances.
 
     Raises:
         ValueError: if the system's task is no flight.
     """
 
-    def __init__(self, system: System, tolerances: FlightTolerances | None = None) -> None:
+    tolerances = FlightTolerances()  # of the design
+
+    def __init__(self, system: System) -> None:
         self._task, vehicle = task_of(system, Flight, _PURPOSE, Puna), cast(Puna, system.vehicle)
-        tolerances, self._body = tolerances or FlightTolerances(), vehicle.body
+        tolerances, self._body = self.tolerances, vehicle.body
         self._lateral = lateral_gains(vehicle, tolerances)
         self._longitudinal = longitudinal_gains(vehicle, tolerances)
         self._approach = tolerances.approach
@@ -141,10 +142,7 @@ class FlightAutopilot:
 
 @register_controller(Flight, "lqg")
 class FlightRegulator(FlightAutopilot):
-    """The linear-quadratic regulators alone: to the path by its distance, without the vector field's bound.
-
-    Its arguments are those of `FlightAutopilot`.
-    """
+    """The linear-quadratic regulators alone: to the path by its distance, without the vector field's bound."""
 
     def _field(self, cross: np.ndarray) -> np.ndarray:
         return self._approach * self._slope * cross
@@ -156,13 +154,13 @@ class FlightPID:
 
     The loops know nothing of each other; the bank that the path takes is added. Plants are a point mass in level
     flight: weight times bank across, the slope of the lift upwards, thrust ahead.
-
-    Its arguments are those of `FlightAutopilot`.
     """
 
-    def __init__(self, system: System, tolerances: FlightTolerances | None = None) -> None:
+    tolerances = FlightTolerances()
+
+    def __init__(self, system: System) -> None:
         self._task, vehicle = task_of(system, Flight, _PURPOSE, Puna), cast(Puna, system.vehicle)
-        t, self._body, dt = tolerances or FlightTolerances(), vehicle.body, vehicle.dt
+        t, self._body, dt = self.tolerances, vehicle.body, vehicle.dt
         body = self._body
         lift = 0.5 * body.density[2] * body.cruise_speed**2 * body.area * body.lift[0]  # N/rad
         self._across = Loop(body.gravity, 0.0, t.cross_track, t.bank, dt)

@@ -74,16 +74,17 @@ class TurningAutopilot:
 
     Args:
         system: The environment's system (its task's scales, its ship).
-        tolerances: The design's tolerances.
 
     Raises:
         ValueError: if the system's task is another.
     """
 
-    def __init__(self, system: System, tolerances: Tolerances | None = None) -> None:
-        task, tolerances = task_of(system, TurningCircle, "steers turning circles"), tolerances or Tolerances()
-        self._regulate(task, system.vehicle.dt, gains(task.ship, system.vehicle.dt, tolerances))
-        self._limit = 4.0 * tolerances.heading_integral
+    tolerances: Any = Tolerances()  # of the design
+
+    def __init__(self, system: System) -> None:
+        task = task_of(system, TurningCircle, "steers turning circles")
+        self._regulate(task, system.vehicle.dt, gains(task.ship, system.vehicle.dt, self.tolerances))
+        self._limit = 4.0 * self.tolerances.heading_integral
 
     def _regulate(self, task: Any, dt: float, gains: np.ndarray) -> None:
         self._task, self._ship, self._dt, self._gains = task, task.ship, dt, gains
@@ -126,13 +127,9 @@ class TurningAutopilot:
 
 @register_controller(TurningCircle, "lqg")
 class TurningRegulator(TurningAutopilot):
-    """The autopilot's linear-quadratic regulator without its integral: no memory, and a bias under steady loads.
+    """The autopilot's linear-quadratic regulator without its integral: no memory, and a bias under steady loads."""
 
-    Its arguments are those of `TurningAutopilot`.
-    """
-
-    def __init__(self, system: System, tolerances: Tolerances | None = None) -> None:
-        super().__init__(system, replace(tolerances or Tolerances(), heading_integral=np.inf))
+    tolerances = replace(Tolerances(), heading_integral=np.inf)
 
 
 @register_controller(TurningCircle, "pid")
@@ -141,20 +138,19 @@ class TurningPID:
 
     Its plant is Nomoto's, the ship's linear model on a straight course reduced to first order; the rudder that the
     commanded yaw rate needs there is added. The steering gear follows with a tenth of the loop's time.
-
-    Its arguments are those of `TurningAutopilot`.
     """
 
-    def __init__(self, system: System, tolerances: Tolerances | None = None) -> None:
-        task, tolerances = task_of(system, TurningCircle, "steers turning circles"), tolerances or Tolerances()
-        self._close(task, system.vehicle.dt, tolerances.heading, tolerances.rudder)
+    tolerances: Any = Tolerances()  # of the design
 
-    def _close(self, task: Any, dt: float, heading: float, rudder: float) -> None:
-        """Design the loop by the tolerances of heading and rudder."""
+    def __init__(self, system: System) -> None:
+        self._close(task_of(system, TurningCircle, "steers turning circles"), system.vehicle.dt)
+
+    def _close(self, task: Any, dt: float) -> None:
+        """Design the loop."""
         self._task, self._ship = task, task.ship
         A, B = (table[0] for table in secant_models(self._ship, dt))
         response, damping = first_order(A[:2, :2], B[:2, 0], 1, dt)
-        self._loop = Loop(response, damping, heading, rudder, dt)
+        self._loop = Loop(response, damping, self.tolerances.heading, self.tolerances.rudder, dt)
         self._needed = damping / response  # rad of rudder for a yaw rate of 1 rad/s
         self._gear = max(0.1 / self._loop.frequency, dt) * self._ship.rudder_rate
         self.reset(1)
@@ -196,12 +192,6 @@ class TrackTolerances:
     rudder: float = 0.05  # rad, for which a PID asks at the tolerance of the heading
 
 
-def _track_tolerances(task: Track, given: TrackTolerances | None) -> TrackTolerances:
-    """The default ones for the size of the task's ship, or those given."""
-    usual, share = TrackTolerances(), task.TRACK_SCALE / Track.TRACK_SCALE
-    return given or replace(usual, distance=share * usual.distance, distance_integral=share * usual.distance_integral)
-
-
 @cache
 def track_gains(ship: SteeredShip, dt: float, tolerances: TrackTolerances) -> np.ndarray:
     """LQI gains ``(k, 6)`` from (v, r, psi, rudder, distance, its integral); without the integral ``(k, 5)``.
@@ -232,17 +222,19 @@ class TrackAutopilot(TurningAutopilot):
 
     Args:
         system: The environment's system.
-        tolerances: The design's tolerances.
 
     Raises:
         ValueError: if the system's task is another.
     """
 
-    def __init__(self, system: System, tolerances: TrackTolerances | None = None) -> None:
-        task = task_of(system, Track, _ON_TRACK)
-        tolerances = _track_tolerances(task, tolerances)
-        self._regulate(task, system.vehicle.dt, track_gains(task.ship, system.vehicle.dt, tolerances))
-        self._near, self._limit = 6.0 * tolerances.distance, 2.0 * tolerances.distance_integral
+    tolerances = TrackTolerances()  # of the design for the corvette; distances grow with the ship
+
+    def __init__(self, system: System) -> None:
+        task, t = task_of(system, Track, _ON_TRACK), self.tolerances
+        share = task.TRACK_SCALE / Track.TRACK_SCALE
+        t = replace(t, distance=share * t.distance, distance_integral=share * t.distance_integral)
+        self._regulate(task, system.vehicle.dt, track_gains(task.ship, system.vehicle.dt, t))
+        self._near, self._limit = 6.0 * t.distance, 2.0 * t.distance_integral
 
     def _place(self, observations: np.ndarray, heading_error: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
         distance = self._task.TRACK_SCALE * observations[:, 7]
@@ -251,14 +243,9 @@ class TrackAutopilot(TurningAutopilot):
 
 @register_controller(Track, "lqg")
 class TrackRegulator(TrackAutopilot):
-    """The autopilot's linear-quadratic regulator without its integral: no memory, and a bias under steady loads.
+    """The autopilot's linear-quadratic regulator without its integral: no memory, and a bias under steady loads."""
 
-    Its arguments are those of `TrackAutopilot`.
-    """
-
-    def __init__(self, system: System, tolerances: TrackTolerances | None = None) -> None:
-        tolerances = _track_tolerances(task_of(system, Track, _ON_TRACK), tolerances)
-        super().__init__(system, replace(tolerances, distance_integral=np.inf))
+    tolerances = replace(TrackTolerances(), distance_integral=np.inf)
 
 
 @register_controller(Track, "pid")
@@ -268,17 +255,15 @@ class TrackPID(TurningPID):
     The rudder by the errors of heading and yaw rate, and what the commanded turn is known to need. Its plant is
     Nomoto's, the ship's linear model on a straight course reduced to first order. The steering gear follows with a
     tenth of the loop's time. Line of sight: Fossen (2021), ch. 12.
-
-    Its arguments are those of `TrackAutopilot`.
     """
 
     AHEAD = 2.0  # ship lengths
 
-    def __init__(self, system: System, tolerances: TrackTolerances | None = None) -> None:
-        task = task_of(system, Track, _ON_TRACK)
-        tolerances = _track_tolerances(task, tolerances)
-        self._close(task, system.vehicle.dt, tolerances.heading, tolerances.rudder)
-        self._turns = steady_turns(task.ship)
+    tolerances = TrackTolerances()
+
+    def __init__(self, system: System) -> None:
+        self._close(task_of(system, Track, _ON_TRACK), system.vehicle.dt)
+        self._turns = steady_turns(self._ship)
 
     def _errors(self, observations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         heading, rate = super()._errors(observations)

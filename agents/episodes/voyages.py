@@ -12,7 +12,6 @@ from vessel_gym.identification.filtering import SENSORS, Estimates, Voyage
 from vessel_gym.rendering.scene import Ambient, Chart, Series, ticks
 from vessel_gym.surroundings import Surroundings, in_words
 
-_ANGLE = SENSORS.index("heading")
 _DEGREES = float(np.rad2deg(1.0))
 _SCALES = {"x": 1.0, "y": 1.0, "heading": _DEGREES, "yaw rate": _DEGREES}
 _STATES = (

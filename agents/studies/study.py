@@ -1,8 +1,6 @@
 """Study files, read from TOML and checked before anything runs."""
 
 import os
-import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from functools import partial
@@ -29,6 +27,7 @@ from vessel_gym.configuration import TERMINATIONS
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITE_NAMES
+from vessel_gym.toml_file import TomlError, TomlFile
 
 
 def read_study(path: Path | str) -> Study:
@@ -42,19 +41,9 @@ def read_study(path: Path | str) -> Study:
     if not isinstance(path, str | os.PathLike):
         raise TypeError(f"path must be that of a study file, got {short_repr(path)}")
     try:
-        text = Path(path).read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise StudyError(path, [(0, "the file is not text in UTF-8")]) from None
-    except OSError as error:
-        raise type(error)(f"cannot read the study {path}: {error.strerror}") from None
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        found = re.search(r"line (\d+)", str(error))
-        raise StudyError(path, [(int(found[1]) if found else 0, f"not TOML: {error}")]) from None
-    except (ValueError, RecursionError) as error:  # a number of 5,000 digits, a thousand brackets
-        raise StudyError(path, [(0, f"not TOML that can be read: {error}")]) from None
-    reader = _Reader(data, text)
+        reader = _Reader(TomlFile(Path(path)))
+    except TomlError as error:
+        raise StudyError(path, [(error.line, error.sentence)]) from None
     study = reader.study()
     if reader.mistakes:
         raise StudyError(path, reader.mistakes)

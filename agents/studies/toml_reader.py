@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, get_origin, get_type_hints
 
 from estimators.factory import unknown
-from vessel_gym.toml_file import line_of
+from vessel_gym.toml_file import TomlFile
 
 Place = tuple[str, ...]
 """Keys that lead to a value."""
@@ -51,14 +51,13 @@ class TomlReader:
     WORDS: Mapping[str, str] = {}
     CHOICES: Mapping[str, Sequence[str]] = {}
 
-    def __init__(self, data: dict[str, Any], text: str) -> None:
-        self.data, self.text = data, text
+    def __init__(self, file: TomlFile) -> None:
+        self.file, self.data = file, file.data
         self.mistakes: list[tuple[int, str]] = []
 
     def wrong(self, place: Place, text: str) -> None:
         """Note a mistake at a place, or at the nearest one around it that has a line."""
-        lines = (line_of(self.text, place[:n]) for n in range(len(place), 0, -1))
-        self.mistakes.append((next(filter(None, lines), 0), text))
+        self.mistakes.append((self.file.line(place) or 0, text))
 
     def accepts(self, place: Place, function: Callable[..., Any], *arguments: Any) -> bool:
         """Call a function, note its ValueError or TypeError as a mistake, and return whether there was none."""

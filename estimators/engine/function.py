@@ -157,7 +157,7 @@ class Function:
     def instructions(self) -> tuple[Instruction, ...]:
         """Instructions of the program that its outputs need, in order; compressed once there is machine code."""
         kept = self._instructions
-        return pickle.loads(zlib.decompress(kept)) if isinstance(kept, bytes) else kept
+        return tuple(map(Instruction._make, pickle.loads(zlib.decompress(kept)))) if isinstance(kept, bytes) else kept
 
     @cached_property
     def operations(self) -> int:
@@ -166,7 +166,7 @@ class Function:
 
     def compiled(self, width: int) -> Callable[..., None]:
         """The machine code for so many rows side by side, which programs that differ in numbers alone share."""
-        program, instructions = self.program, _serialised(self.instructions)
+        program, instructions = self.program, _serialised([*map(tuple, self.instructions)])  # faster than records
         literals = [
             (value, literal(x, program.kinds[value], 1))
             for value, x in program.constants.items() if value not in self._places

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 _KEPT = 90 * 86400.0  # seconds after their last use that objects are kept
-_VERSION = "3"
+_VERSION = "4"
 _MOST = 2_000  # modules that others can share; of more, the oldest are loaded anew when they are next needed
 _LINE = 8  # numbers in a line of the cache
 _compiling = Lock()
@@ -30,32 +30,32 @@ _threads = local()
 def load(code: bytes, emit: Callable[[], str]) -> Callable[..., Any]:
     """The Python function of a module, whose symbol is ``call``.
 
-    Objects are kept by the digest of the text and of the processor, each written at once under a name of its own and
-    then renamed: processes that compile the same need no lock.
+    Objects are kept by the digest of the code, of this package and of the processor, each written at once under a name
+    of its own and then renamed: processes that compile the same need no lock.
 
     Args:
-        code: All that the module depends on. A process emits and loads it once.
-        emit: Gives its LLVM IR.
+        code: All that the module depends on, this package's sources aside. A process loads it once.
+        emit: Gives its LLVM IR, where no object is kept.
     """
     key = sha256(code).digest()
     with _compiling:
         if (found := _loaded.get(key)) is None:
-            found = _function(emit())
+            found = _function(key, emit)
             if len(_loaded) >= _MOST:
                 del _loaded[next(iter(_loaded))]
             _loaded[key] = found
         return found
 
 
-def _function(text: str) -> Any:
-    """The function of a module's code in an execution engine of its own."""
+def _function(key: bytes, emit: Callable[[], str]) -> Any:
+    """The function of a module of this digest in an execution engine of its own."""
     from llvmlite import binding
 
-    digest = sha256(f"{_VERSION} {_optimised():d} {' '.join(_processor())} {text}".encode()).hexdigest()[:40]
-    path = folder() / f"{digest}.o"
+    compiler = f"{_VERSION} {_optimised():d} {' '.join(_processor())} {_emitter()}"
+    path = folder() / f"{sha256(compiler.encode() + key).hexdigest()[:40]}.o"
     code = _kept(path)
     if code is None:
-        code = _object(text)
+        code = _object(emit())
         _keep(path, code)
     module = binding.parse_assembly("")
     engine = binding.create_mcjit_compiler(module, _machine())
@@ -114,6 +114,13 @@ def _processor() -> tuple[str, ...]:
 
     name = binding.get_host_cpu_name()
     return llvmlite.__version__, binding.get_default_triple(), name, binding.get_host_cpu_features().flatten()
+
+
+@cache
+def _emitter() -> str:
+    """Digest of this package, whose modules emit LLVM IR, and sizes of the heads of Python's objects."""
+    sources = sha256(b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py"))))
+    return f"{sources.hexdigest()} {object.__basicsize__} {bytes.__basicsize__}"
 
 
 def _machine() -> Any:

@@ -1,6 +1,6 @@
 """Tracers: what stands for a scalar while a function is traced, and records the operations on it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, NoReturn
 
 import numpy as np
@@ -92,7 +92,7 @@ def constant(program: Program, value: Any) -> Tracer:
     """The tracer of a constant scalar."""
     if type(value) is Tracer:
         return value
-    if type(value) is float:
+    if isinstance(value, float):  # np.float64, too
         return Tracer(program, program.constant(value, "f"))
     if isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 0:
         value = value[()]
@@ -167,11 +167,13 @@ _PROMOTING = frozenset((
 
 def operation(opcode: str, *operands: Any) -> Any:
     """The result of an opcode of scalars, computed at once where all are constants."""
-    if opcode in _FLOATS and type(operands[0]) is type(operands[1]) is Tracer:  # most instructions by far
-        x, y = operands
-        kinds, constants = x.program.kinds, x.program.constants
-        if kinds[x.value] == kinds[y.value] == "f" and x.value not in constants and y.value not in constants:
-            return Tracer(x.program, x.program.add(opcode, (x.value, y.value), "f"))
+    if opcode in _FLOATS:  # most instructions by far
+        program = operands[type(operands[0]) is not Tracer].program
+        x, y = operands = constant(program, operands[0]), constant(program, operands[1])
+        a, b = program.constants.get(x.value), program.constants.get(y.value)
+        if program.kinds[x.value] == program.kinds[y.value] == "f" and (a is None or b is None):
+            simple = None if a is b else _simplified(opcode, operands, (a, b))
+            return Tracer(program, program.add(opcode, (x.value, y.value), "f")) if simple is None else simple
     program = next(each.program for each in operands if isinstance(each, Tracer))
     traced = [constant(program, each) for each in operands]
     if opcode in ("remainder", "floor divide"):
@@ -210,7 +212,7 @@ def operation(opcode: str, *operands: Any) -> Any:
 _MASK_IDENTITIES = {"and": True, "or": False, "xor": False}
 
 
-def _simplified(opcode: str, operands: list[Tracer], values: list[Any]) -> Tracer | None:
+def _simplified(opcode: str, operands: Sequence[Tracer], values: Sequence[Any]) -> Tracer | None:
     """Simplify an operation with an identity element, to the bit: 0.0 is none of addition."""
     if opcode == "multiply" and 1 in values:
         return operands[values.index(1) - 1]

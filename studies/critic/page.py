@@ -1,7 +1,5 @@
 """The trainings of `studies.critic`, and the tables and the picture that it writes to docs/critic.md."""
 
-import json
-from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -11,7 +9,6 @@ from agents.commands.console import progress_bar
 from agents.files import compute_once
 from agents.plotting import PALETTE, styled
 from agents.policies.network import one_thread
-from agents.statistics import mean_interval
 from studies.critic.benchmark import END, HALF, World, learned
 from studies.tables.markdown import ROOT, put, shown, table
 
@@ -27,51 +24,49 @@ WORLDS = {
 }
 
 
-def learn(worlds: Sequence[str], runs: int, out: Path) -> None:
-    """Train in these worlds, as far as results are missing."""
-    todo = [(WORLDS[name], arm, seed) for name in worlds for seed in range(runs) for arm in WORLDS[name].arms]
-    with progress_bar("trainings", len(todo)) as advance, one_thread():
-        for world, arm, seed in todo:
-            compute_once(_result(out, world, arm, seed), partial(learned, world, arm, seed))
-            advance()
+Found = dict[tuple[World, str], dict[str, np.ndarray]]
+"""Measured values ``(runs, POINTS, ...)`` by world and arm."""
 
 
-def write(runs: int, out: Path) -> None:
-    """Write the page from the results of all worlds."""
-    found = {(world, arm): _read(out, world, arm, runs) for world in WORLDS.values() for arm in world.arms}
+def measured(runs: int, out: Path) -> Found:
+    """Train in all worlds, as far as results are missing."""
+    todo, found = [(world, arm) for world in WORLDS.values() for arm in world.arms], {}
+    with progress_bar("trainings", runs * len(todo)) as advance, one_thread():
+        for world, arm in todo:
+            each = []
+            for seed in range(runs):
+                name = f"{world.label}-{arm}-{seed}.json".replace(",", "").replace(" ", "-")
+                each.append(compute_once(out / name, partial(learned, world, arm, seed)))
+                advance()
+            found[world, arm] = {key: np.array([run[key] for run in each]) for key in each[0]}
+    return found
+
+
+def write(found: Found) -> None:
+    """Write the page."""
     put(PAGE, "table: scores", scores(found))
     put(PAGE, "table: explained", variances(found))
     put(PAGE, "table: leak", leak(found))
     draw(found)
 
 
-Found = dict[tuple[World, str], dict[str, np.ndarray]]
-"""Measured values ``(runs, POINTS, ...)`` by world and arm."""
-
-
 def scores(found: Found) -> str:
     """Mean scores at half time and at the end, with intervals over runs and evaluation seeds."""
-    return _compared(found, "score", shown)
+    return _compared(found, "score")
 
 
 def variances(found: Found) -> str:
     """Explained variances likewise, with intervals over runs."""
-
-    def of_runs(values: np.ndarray) -> str:
-        interval = mean_interval(values)
-        assert interval is not None, "two runs have an interval"
-        return f"{interval.mean:.3f} ± {interval.half:.3f}"
-
-    return _compared(found, "explained", of_runs)
+    return _compared(found, "explained")
 
 
-def _compared(found: Found, figure: str, words: Callable[[np.ndarray], str]) -> str:
+def _compared(found: Found, figure: str) -> str:
     rows = []
     for world in WORLDS.values():
         own, true = (found[world, arm][figure] for arm in ("observation", "truth"))
         rows += [
-            (f"{world.label}, {world.steps // share:,} steps", words(own[:, point]), words(true[:, point]),
-             words(true[:, point] - own[:, point]))
+            (f"{world.label}, {world.steps // share:,} steps", shown(own[:, point]), shown(true[:, point]),
+             shown(true[:, point] - own[:, point]))
             for share, point in ((2, HALF), (1, END))
         ]  # fmt: skip
     return table(("", "critic sees the observation", "and the truth", "difference"), rows)
@@ -122,12 +117,3 @@ def draw(found: Found) -> None:
         }
         figure.legend(lines.values(), lines.keys(), loc="outside lower center", ncols=len(lines))
         figure.savefig(PICTURE, dpi=150)
-
-
-def _result(out: Path, world: World, arm: str, seed: int) -> Path:
-    return out / f"{world.label}-{arm}-{seed}.json".replace(",", "").replace(" ", "-")
-
-
-def _read(out: Path, world: World, arm: str, runs: int) -> dict[str, np.ndarray]:
-    all_runs = [json.loads(_result(out, world, arm, seed).read_text(encoding="utf-8")) for seed in range(runs)]
-    return {key: np.array([run[key] for run in all_runs]) for key in all_runs[0]}

@@ -7,10 +7,10 @@ analyses after a burn-in.
 Sources: Lorenz (1963), Deterministic nonperiodic flow; Lorenz & Emanuel (1998), Optimal sites for supplementary weather
 observations; Sakov & Oke (2008a), A deterministic formulation of the ensemble Kalman filter; Sakov, Oliver & Bertino
 (2012), An iterative EnKF for strongly nonlinear systems; Bocquet, Raanes & Hannart (2015), Expanding the validity of
-the ensemble Kalman filter without the intrinsic need for inflation; and those that `BENCHMARKS` name. The values are
-those printed in DAPPER (Raanes et al., https://github.com/nansencenter/DAPPER) beside the settings of these papers, in
-``mods/Lorenz63`` and ``mods/Lorenz96``: all but those of methods that are not here (smoothers, serial and variational
-ones), of Laplace's noise, of 400 members or 3000 particles and more, which take minutes, and doubles.
+the ensemble Kalman filter without the intrinsic need for inflation; and those that ``benchmarks.csv`` names. The
+values are those printed in DAPPER (Raanes et al., https://github.com/nansencenter/DAPPER) beside the settings of these
+papers, in ``mods/Lorenz63`` and ``mods/Lorenz96``: all but those of methods that are not here (smoothers, serial and
+variational ones), of Laplace's noise, of 400 members or 3000 particles and more, which take minutes, and doubles.
 """
 
 import csv
@@ -129,7 +129,6 @@ class Benchmark:
         filters: The filters that the score is for: several names where they are the same transform.
         members: N, of members or of particles.
         published: Analysis RMSE as printed.
-        source: Where.
         tuning: Other options of the filter.
         radius: Of the taper (`gaspari_cohn`) by distances on the circle of Lorenz-96; None: no localisation.
         reported_only: Whether the mean varies too much to be held against: with few members or particles, or with the
@@ -141,7 +140,6 @@ class Benchmark:
     filters: tuple[str, ...]
     members: int
     published: float
-    source: str
     tuning: dict[str, Any] = field(default_factory=dict)
     radius: float | None = None
     reported_only: bool = False
@@ -177,7 +175,6 @@ def _read(row: Mapping[str, str]) -> Benchmark:
         tuple(row["filters"].split()),
         int(row["members"]),
         float(row["published"]),
-        row["source"],
         tuning | ({"rotate": True} if row["rotate"] else {}),
         _WIDER * float(row["radius"]) if row["radius"] else None,
         bool(row["reported_only"]),
@@ -194,7 +191,6 @@ def analysis_rmse(
     runs: int,
     cycles: int = 1000,
     seed: int = 0,
-    progress: Callable[[], None] = lambda: None,
 ) -> np.ndarray:
     """Scores ``(runs,)`` of independent runs, which are the rows of one batch.
 
@@ -207,7 +203,6 @@ def analysis_rmse(
         runs: Rows.
         cycles: Analyses that are scored.
         seed: Of the truth, the measurements and the filter.
-        progress: Called after every analysis, of which there are ``benchmark.setting.burn_in + cycles``.
     """
     setting = benchmark.setting
     world, chance = np.random.default_rng([seed, 0]), np.random.default_rng([seed, 1])
@@ -224,5 +219,4 @@ def analysis_rmse(
         belief = filter.update(filter.predict(belief, rng=chance), y, rng=chance)
         if k >= setting.burn_in:
             total += np.sqrt(np.mean((belief.mean - truth) ** 2, axis=-1))
-        progress()
     return total / cycles

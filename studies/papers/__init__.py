@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 from agents.jobs import Job
 from estimators.factory import unknown
-from vessel_gym.extras import require
 
 if TYPE_CHECKING:  # experiments run without what draws
     from studies.papers.measures import Report
@@ -29,7 +28,8 @@ def settings(name: str) -> dict[str, Any]:
     Raises:
         ValueError: if there is no such paper.
     """
-    _known(name)
+    if name not in PAPERS:
+        raise ValueError(unknown("paper", name, ("all", *PAPERS)))
     return tomllib.loads((Path(__file__).parent / name / "settings.toml").read_text(encoding="utf-8"))
 
 
@@ -39,8 +39,8 @@ def jobs(name: str) -> dict[str, Job]:
     Raises:
         ValueError: if there is no such paper.
     """
-    _known(name)
-    return import_module(f"studies.papers.{name}.experiment").jobs(settings(name))
+    values = settings(name)
+    return import_module(f"studies.papers.{name}.experiment").jobs(values)
 
 
 def report(name: str, results: Mapping[str, Mapping[str, Any]]) -> "Report":
@@ -49,11 +49,5 @@ def report(name: str, results: Mapping[str, Mapping[str, Any]]) -> "Report":
     Raises:
         ValueError: if there is no such paper.
     """
-    _known(name)
-    require("matplotlib")
-    return import_module(f"studies.papers.{name}.page").report(settings(name), results)
-
-
-def _known(name: str) -> None:
-    if name not in PAPERS:
-        raise ValueError(unknown("paper", name, ("all", *PAPERS)))
+    values = settings(name)
+    return import_module(f"studies.papers.{name}.page").report(values, results)

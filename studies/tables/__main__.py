@@ -11,16 +11,25 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents import rollout
 from agents.commands.console import command, progress_bar
+from agents.metrics import WITHOUT_COVARIANCE, components, consistency, scores
+from agents.policies.checkpoint import description, packaged
 from agents.refusal import Refusal
+from agents.seeds import evaluation_seeds
+from agents.studies.worlds import system_of
 from studies.logs import tables as logs
+from studies.papers.measures import papers_page, readme_line
 from studies.tables.arms import EPISODES, Arm
 from studies.tables.channel import channel
 from studies.tables.faults import SEEDS, alarms, faults, faults_found, gap, inputs, latency
-from studies.tables.filters import adaptive_inflation, huber_iterations, robust_losses, unstable_zeros
+from studies.tables.filters import adaptive_inflation, huber_iterations, published_scores, robust_losses, unstable_zeros
 from studies.tables.grades import sensor_grades
 from studies.tables.markdown import ROOT, WITHOUT, number, percent, put, rows_of, shown, table
 from studies.tables.suites import by_suite, differences, environments, flown, found, headline, truth_first
+from studies.third_party.table import returns
+from vessel_gym.envs.ship import SIGMA_CORVETTE
+from vessel_gym.vehicles.corvette import MOTION_UNIT
 
 
 class Flown(NamedTuple):
@@ -91,7 +100,8 @@ OTHER = {"moderate": "calm", "rough": "moderate"}
 def turns_in(sea: str) -> tuple[Arm, ...]:
     """Ways of telling filters of the corvette's sea."""
     met, other = ({"assume": {"disturbance": name, "as": "states"}} for name in (sea, OTHER[sea]))
-    still = {"assume": {"disturbance": replace(_corvette().disturbances[sea].believed, current=0.0)}}
+    believed: Any = SIGMA_CORVETTE.disturbances[sea].believed
+    still = {"assume": {"disturbance": replace(believed, current=0.0)}}
     return (
         Arm("`truth`", "truth"),
         Arm("`kf-umv-ui`", "kf-umv-ui"),
@@ -108,17 +118,9 @@ def turns_in(sea: str) -> tuple[Arm, ...]:
     )
 
 
-def _corvette() -> Any:
-    from vessel_gym.envs.ship import SIGMA_CORVETTE
-
-    return SIGMA_CORVETTE
-
-
 @cache
 def journey(env_id: str, label: str) -> Flown:
     """Rollout metrics of one of an environment's arms."""
-    from agents.metrics import components, consistency, scores
-
     flight = next(arm for arm in JOURNEYS[env_id] if arm.label == label).fly(env_id)
     position, of_all = (consistency(flight, where) for where in (components(flight, "x", "y", "z", "h"), None))
     return Flown(scores(flight), int((flight.end == "arrived").sum()), position, of_all)
@@ -126,8 +128,6 @@ def journey(env_id: str, label: str) -> Flown:
 
 def journeys(env_id: str) -> str:
     """Scores of estimators in a dive or a flight."""
-    from agents.metrics import WITHOUT_COVARIANCE
-
     altitude = env_id == "PunaUAV-v0"
     heads = ("estimates", f"arrived of {EPISODES}", "off [m]", *(("altitude [m]",) if altitude else ()), "score",
              "position error [m]", "position NEES/n", "in band", "NEES/n, all", "in band")  # fmt: skip
@@ -205,9 +205,7 @@ def surface_waves() -> str:
 
 def sensor_sets() -> str:
     """The corvette on `kf-umv-ui` with fewer and other sensors."""
-    from vessel_gym.vehicles.corvette import MOTION_UNIT
-
-    compass, gyro, receiver = _corvette().vehicle.sensors
+    compass, gyro, receiver = SIGMA_CORVETTE.vehicle.sensors
     sets = {
         "compass, rate gyro, receiver": [compass, gyro, receiver],
         "motion unit instead of the gyro": [compass, MOTION_UNIT, receiver],
@@ -226,9 +224,6 @@ def sensor_sets() -> str:
 
 def insurance() -> str:
     """The heading error with `kf`, which assumes a size of d, over that with `kf-umv-ui`, by simulation."""
-    from agents import rollout
-    from agents.metrics import scores
-    from agents.seeds import evaluation_seeds
 
     def error(simulation: str, estimator: str, **options: Any) -> np.ndarray:
         settings = {"estimator": estimator, "estimator_options": options}
@@ -298,11 +293,6 @@ def exceptions(results: Path) -> str:
 
 def packaged_agents() -> str:
     """The trained agents of the package beside the autopilots, on default estimates."""
-    from agents import rollout
-    from agents.policies.checkpoint import description, packaged
-    from agents.seeds import evaluation_seeds
-    from agents.studies.worlds import system_of
-
     heads = ("", "estimates", "`autopilot`", "`ppo`", "`ppo` − `autopilot`", f"reached the end, of {EPISODES}",
              "training: seed, steps")  # fmt: skip
     rows = []
@@ -328,8 +318,6 @@ CORVETTE, CHANNEL = "SigmaCorvette-v0", "SigmaChannel-v0"
 
 def papers(counted: bool = False) -> str:
     """The papers' measures, or the sentence that counts them, from what ``python -m scripts.reproduce all`` stored."""
-    from studies.papers.measures import papers_page, readme_line
-
     stored, last = (ROOT / folder / "summary.json" for folder in ("studies/papers", "results/reproduction"))
     if last.exists():
         stored.write_text(last.read_text(encoding="utf-8"), encoding="utf-8")
@@ -353,11 +341,13 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     "huber": (ESTIMATORS / "robust.md", huber_iterations),
     "robust": (ESTIMATORS / "robust.md", robust_losses),
     "adaptive": (ESTIMATORS / "ensembles-formulas.md", adaptive_inflation),
+    "lorenz": (ESTIMATORS / "lorenz.md", published_scores),
     "insurance": (ESTIMATORS / "unknown-input.md", insurance),
     "inputs": (ESTIMATORS / "unknown-input.md", inputs),
     "faults": (ESTIMATORS / "unknown-input-faults.md", faults),
     "faults found": (ESTIMATORS / "unknown-input-faults.md", faults_found),
     "agents": (ROOT / "docs/agents.md", packaged_agents),
+    "learned": (ROOT / "docs/any-environment.md", returns),
     "latency": (ROOT / "docs/late-fixes.md", lambda: latency(ROOT / "results/latency")),
     "gap": (ROOT / "docs/late-fixes.md", gap),
     "alarms": (ROOT / "docs/time-at-sea.md", alarms),
@@ -393,11 +383,11 @@ TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
 
 
 def main(names: tuple[str, ...] = (*TABLES, *TEXTS), /) -> None:
-    """Write tables of docs/ anew: dives, flights, faults and others are flown, in half an hour.
+    """Write tables of docs/ anew: dives, flights, faults and others are flown and trained for, in an hour.
 
-    Those of studies are taken from results/ablation, results/suites, results/quick and results/latency, where
-    `make ablation` and `vessel-gym ablate suites` (or quick, or latency) leave them, those of logs from what
-    `python -m studies.logs` stored.
+    Trainings are kept in results/third-party. Tables of studies are taken from results/ablation, results/suites,
+    results/quick and results/latency, where `make ablation` and `vessel-gym ablate suites` (or quick, or latency) leave
+    them, those of logs from what `python -m studies.logs` stored.
 
     Args:
         names: Which.

@@ -5,6 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from agents import rollout
+from agents.metrics import scores
+from agents.seeds import evaluation_seeds
+
 EPISODES = 100
 
 
@@ -19,15 +23,10 @@ class Arm:
 
     def fly(self, env_id: str, episodes: int = EPISODES, **world: Any) -> Any:
         """Rollout of the evaluation seeds; ``world`` holds further options of the environment."""
-        from agents import rollout
-        from agents.seeds import evaluation_seeds
-
         chosen = {} if self.estimator is None else {"estimator": self.estimator}
         settings = chosen | {"estimator_options": self.options} | self.world | world
         return rollout("autopilot", env_id, evaluation_seeds(episodes), settings)
 
     def scores(self, env_id: str, episodes: int = EPISODES, **world: Any) -> dict[str, np.ndarray]:
         """Metrics of that rollout by name, one number an episode ``(episodes,)``."""
-        from agents.metrics import scores
-
         return scores(self.fly(env_id, episodes, **world))

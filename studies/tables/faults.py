@@ -1,16 +1,21 @@
 """Tables about faults: of actuators, as unknown inputs, and of sensors, late, switched off or watched by monitors."""
 
-import csv
 import re
-from collections import defaultdict
 from collections.abc import Sequence
+from functools import reduce
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.studies.worlds import system_of
 from studies.tables.arms import EPISODES, Arm
 from studies.tables.markdown import WITHOUT, number, shown, table
+from studies.tables.suites import environments, flown
+from vessel_gym.core import Core
+from vessel_gym.disturbances import Fault
+from vessel_gym.sensor_faults import SensorFault
+from vessel_gym.sensors import SensorSuite
 
 
 class Faulty(NamedTuple):
@@ -22,11 +27,6 @@ class Faulty(NamedTuple):
 
     def fault(self, weather: str, **fault: float) -> Any:
         """The same fault of each, beside the water or the air of the environment."""
-        from functools import reduce
-
-        from agents.studies.worlds import system_of
-        from vessel_gym.disturbances import Fault
-
         beside = system_of(self.env_id).disturbances[weather]
         return reduce(lambda beside, actuator: Fault(actuator, beside=beside, **fault), self.actuators, beside)
 
@@ -68,9 +68,6 @@ def faults() -> str:
 
 def faults_found() -> str:
     """The error of the input's estimate, in units of its prior."""
-    from agents.studies.worlds import system_of
-    from vessel_gym.sensors import SensorSuite
-
     heads = ("", "sensors", "`ekf-ui-wdf`", "`ukf-umv`", "`kf-umv-ui-wdf`")
     rows = []
     for vehicle in FAULTY:
@@ -85,8 +82,6 @@ def faults_found() -> str:
 
 def inputs() -> str:
     """Every filter of an unknown input with every vehicle: its share of the `ekf`'s score, or its refusal in short."""
-    from vessel_gym.disturbances import Fault
-
     names = ("kf-umv-ui", "kf-umv-ui-wdf", "ulise", "ekf-ui-wdf", "ukf-umv")
     worlds: list[tuple[str, str, Any]] = [
         ("corvette, waves", "SigmaCorvette-v0", "moderate"),
@@ -135,22 +130,18 @@ LATE = {"fused": "", "as new": ", as new", "discarded": ", discarded"}
 
 def latency(results: Path) -> str:
     """Score, position error and its NEES in the study of late fixes: in time, and by what is done with late ones."""
-    with (results / "episodes.csv").open(encoding="utf-8") as file:
-        episodes = sorted(csv.DictReader(file), key=lambda one: int(one["seed"]))
-    flown: dict[tuple[str, ...], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
-    for one in episodes:
-        for figure in ("score", "position_rmse", "position_nees"):
-            flown[one["environment"], one["condition"], one["estimator"]][figure].append(float(one[figure] or "nan"))
 
-    def cell(*where: str) -> str:
-        of = {figure: np.array(values) for figure, values in flown[where].items()}
-        error, nees = number(of["position_rmse"], 2), number(of["position_nees"], 2)
-        return f"{shown(of['score'])}; {error} m; {nees}"
+    def cell(environment: str, condition: str, estimator: str) -> str:
+        score, error, nees = (
+            flown(results, environment, "autopilot", key)[condition, estimator]
+            for key in ("score", "position_rmse", "position_nees")
+        )
+        return f"{shown(score)}; {number(error, 2)} m; {number(nees, 2)}"
 
     rows = [
         (f"{environment.removesuffix('-v0')}, `{estimator}`", condition, cell(environment, "in time", estimator),
          *(cell(environment, condition, estimator + way) for way in LATE.values()))
-        for environment in dict.fromkeys(one["environment"] for one in episodes)
+        for environment in environments(results)
         for estimator in ("ekf", "enkf")
         for condition in ("1 s late", "2 s late")
     ]  # fmt: skip
@@ -177,10 +168,6 @@ def gap() -> str:
 
 def _without_a_fix(way: Arm, times: Sequence[float]) -> list[str]:
     """RMS errors of the position so long after the fix was switched off; what is claimed at the end, and the gain."""
-    from agents.studies.worlds import system_of
-    from vessel_gym.core import Core
-    from vessel_gym.sensor_faults import SensorFault
-
     off = [SensorFault("acoustic position", "off", begin=GAP)]
     core = Core(system_of("SegorogeniAUV-v0"), SEEDS, way.estimator, way.options, sensor_faults=off, **way.world)
     core.start(0)
@@ -241,9 +228,6 @@ def _finding(of: dict[str, np.ndarray]) -> str:
 
 def _watched(env_id: str, fix: str, monitor: str, estimator: str, kind: str | None = None) -> dict[str, np.ndarray]:
     """Figures of `EPISODES` flights under a monitor, with a fault of the fix that begins after 10 to 20 s."""
-    from agents.studies.worlds import system_of
-    from vessel_gym.sensor_faults import SensorFault
-
     faults = []
     if kind is not None:
         (sd,) = (np.array(sensor.sd) for sensor in system_of(env_id).vehicle.sensors if sensor.name == fix)

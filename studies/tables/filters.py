@@ -5,7 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from studies.tables.markdown import table
+from agents.statistics import share_interval
+from estimators import input_conditions
+from studies.lorenz.benchmarks import BENCHMARKS, LORENZ96, Benchmark, analysis_rmse
+from studies.papers.robust.experiment import Condition, StateSpace, simulate, track
+from studies.tables.markdown import shown, table
 
 RUNS, STEPS, SKIPPED = 1000, 200, 20
 """Runs, steps, and steps that are not scored, of the tables of robust filters."""
@@ -14,8 +18,6 @@ OUTLIERS = {"Gaussian": {}, "10 % at 10 σ": {"rate": 0.1, "size": 10.0}, "10 % 
 
 def _constant_velocity(intensity: float, process: float = 1.0, measurement: float = 1.0) -> Any:
     """Constant velocity under white acceleration [m2/s3], with factors on Q and R; position measured at 1 Hz."""
-    from studies.papers.robust.experiment import StateSpace
-
     A, B, C = np.array([[1.0, 1.0], [0.0, 1.0]]), np.zeros((2, 1)), np.array([[1.0, 0.0]])
     Q = process * intensity * np.array([[1.0 / 3.0, 0.5], [0.5, 1.0]])
     return StateSpace(A[None, None], B[None, None], C[None, None], Q[None, None], np.array([[measurement]]))
@@ -23,17 +25,9 @@ def _constant_velocity(intensity: float, process: float = 1.0, measurement: floa
 
 def _squared_errors(name: str, model: Any, record: Any, **options: Any) -> np.ndarray:
     """Squared error of the state after each update, mean over time, one number a run ``(RUNS,)``."""
-    from estimators import Gaussian, make
-
-    filter = make(name, model.model, **options)
-    belief = filter.init(Gaussian(np.zeros(record.x.shape[1:]), 10.0 * np.eye(2)))
-    total = np.zeros(record.x.shape[1:-1])
-    for k, (x, y) in enumerate(zip(record.x, record.y, strict=True)):
-        belief = filter.update(belief, y)
-        if k >= SKIPPED:
-            total += ((belief.mean - x) ** 2).sum(-1)
-        belief = filter.predict(belief, np.zeros(1))
-    return total[0] / (STEPS - SKIPPED)
+    beliefs = track({"kind": name, **options}, model, record.y)
+    squares = [((after.mean - x) ** 2).sum(-1) for (_, after), x in zip(beliefs, record.x, strict=True)]
+    return np.mean(squares[SKIPPED:], axis=0)[0]
 
 
 def _ratio(errors: np.ndarray, reference: np.ndarray) -> tuple[float, float]:
@@ -44,8 +38,6 @@ def _ratio(errors: np.ndarray, reference: np.ndarray) -> tuple[float, float]:
 
 
 def _record(model: Any, world: Any, seed: int, **condition: float) -> Any:
-    from studies.papers.robust.experiment import Condition, simulate
-
     return simulate(model, world, Condition(**condition), STEPS, RUNS, seed)
 
 
@@ -93,9 +85,6 @@ def unstable_zeros(systems: int = 400) -> str:
 
     Four states and one input; A has normal entries and a spectral radius of 0.98, C, G and H have normal entries.
     """
-    from agents.statistics import share_interval
-    from estimators import input_conditions
-
     rows = []
     for label, gain in (("at once, `kf-umv-ui`", 1.0), ("at once, H ten times as large", 10.0), ("one step late", 0.0)):
         cells = []
@@ -114,14 +103,26 @@ def unstable_zeros(systems: int = 400) -> str:
 
 def adaptive_inflation(runs: int = 20) -> str:
     """Median analysis RMSE of `letkf` on Lorenz-96 by inflation, at several steps between measurements."""
-    from studies.lorenz.benchmarks import LORENZ96, Benchmark, analysis_rmse
-
     factors = (1.02, 1.04, 1.08, 1.15, 1.3, 1.5)
     tunings = [*({"inflation": factor} for factor in factors), {"adaptive": 1.0}]
     rows = []
     for steps in (1, 3, 5):
         setting = replace(LORENZ96, steps=steps)
-        arms = (Benchmark(setting, ("letkf",), 20, 0.0, "", tuning | {"rotate": True}) for tuning in tunings)
+        arms = (Benchmark(setting, ("letkf",), 20, 0.0, tuning | {"rotate": True}) for tuning in tunings)
         errors = [np.median(analysis_rmse(arm, "letkf", runs, 1000, 0)) for arm in arms]
         rows.append((str(steps), *(f"{error:.3f}" for error in errors), f"{errors[-1] / min(errors[:-1]):.2f}"))
     return table(("steps", *map(str, factors), "`adaptive=1`", "of the best factor"), rows)
+
+
+def published_scores(runs: int = 20) -> str:
+    """Analysis RMSE of ensemble and particle filters on the Lorenz systems, beside what is published.
+
+    Filters that are the same transform share a row and are run once, under the first name.
+    """
+    rows = []
+    for row in BENCHMARKS:
+        scores = analysis_rmse(row, row.filters[0], runs)
+        published = f"{row.published:g}{' (reported only)' if row.reported_only else ''}"
+        name = row.setting.name, ", ".join(row.filters), str(row.members), row.described
+        rows.append((*name, shown(scores), f"{np.median(scores):.3f}", published))
+    return table(("system", "filter", "N", "options", "ours", "median", "published"), rows)

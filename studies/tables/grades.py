@@ -1,5 +1,6 @@
 """Grades of the sensors of each vehicle, with the suites that choose them and their sources."""
 
+from agents.studies.worlds import system_of
 from studies.tables.markdown import WITHOUT, table
 from vessel_gym.sensors import Sensor
 from vessel_gym.sensors.grades import NOMINAL, read_grades
@@ -15,8 +16,6 @@ VEHICLES = {
 
 def sensor_grades() -> str:
     """A table for each kind of vehicle, in Markdown."""
-    from agents.studies.worlds import system_of
-
     parts = []
     for env_id, heading in VEHICLES.items():
         grades, rows = read_grades(system_of(env_id)), []

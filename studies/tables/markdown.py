@@ -9,6 +9,7 @@ import numpy as np
 
 from agents.page import markdown_table
 from agents.refusal import Refusal
+from agents.statistics import crossed_interval
 
 ROOT = Path(__file__).parents[2]
 WITHOUT = "–"
@@ -26,8 +27,6 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def shown(values: np.ndarray, decimals: int = 3) -> str:
     """The mean ``(seeds,)`` or ``(runs, seeds)`` with its 95 % interval."""
-    from agents.statistics import crossed_interval
-
     return interval(crossed_interval(np.atleast_2d(values)), decimals)
 
 

@@ -1,6 +1,6 @@
 """Dives and flights on several estimators differ, and the default estimators are consistent in the position.
 
-100 evaluation seeds, nominal sensors, moderate disturbance, the autopilot, whose tolerances were tuned on other seeds.
+50 evaluation seeds, nominal sensors, moderate disturbance, the autopilot, whose tolerances were tuned on other seeds.
 """
 
 from functools import lru_cache
@@ -29,16 +29,18 @@ def env_id(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
-@lru_cache(maxsize=2)  # one of the aircraft holds 250 MB
-def flown(env_id: str, estimator: str | None = None, inflation: float | None = None, plain: bool = False) -> Rollout:
+@lru_cache(maxsize=2)  # one of the aircraft holds 125 MB
+def flown(
+    env_id: str, estimator: str | None = None, inflation: float | None = None, plain: bool = False, first: int = 0
+) -> Rollout:
     """Flights on an estimator; a plain one is an ensemble without localisation."""
     own = {"localisation": None} if plain else {}
     own |= {} if inflation is None else {"inflation": inflation}
-    return rollout("autopilot", env_id, evaluation_seeds(100), {"estimator": estimator, "estimator_options": own})
+    return rollout("autopilot", env_id, evaluation_seeds(50, first), {"estimator": estimator, "estimator_options": own})
 
 
-def unlocalised(env_id: str) -> Rollout:
-    return flown(env_id, inflation=1.0 if env_id == PUNA else None, plain=True)
+def unlocalised(env_id: str, first: int = 0) -> Rollout:
+    return flown(env_id, inflation=1.0 if env_id == PUNA else None, plain=True, first=first)
 
 
 def pooled_rms(journey: Rollout) -> tuple[float, float]:
@@ -52,39 +54,45 @@ def position(journey: Rollout) -> tuple[int, ...]:
     return components(journey, *(flight if journey.env_id == PUNA else dive).POSITION)
 
 
-def gained(better: Rollout, worse: Rollout) -> bool:
-    difference = paired_difference(better.score, worse.score)
+def gained(better: np.ndarray, worse: np.ndarray) -> bool:
+    difference = paired_difference(better, worse)
     return difference is not None and difference.low > 0.0
 
 
 def test_on_its_default_estimates_the_autopilot_keeps_the_path_and_arrives(env_id: str):
     journey = flown(env_id)
     assert journey.env.unwrapped.core.estimator == DEFAULTS[env_id]
-    assert (journey.end == "arrived").sum() >= 95
+    assert (journey.end == "arrived").sum() >= 47
     assert pooled_rms(journey)[0] <= OFF_PATH[env_id]
 
 
 def test_on_the_last_measurements_it_arrives_in_half_at_most_and_is_off_the_path_twice_as_far(env_id: str):
-    raw = flown(env_id, "measurement")
-    assert (raw.end == "arrived").sum() <= (49 if env_id == PUNA else 50)
-    assert pooled_rms(raw)[0] >= 2.0 * pooled_rms(flown(env_id))[0]
+    assert (flown(env_id, "measurement").end == "arrived").sum() <= 25
+    off, default = (
+        np.hypot(*(pooled_rms(flown(env_id, name, first=first))[0] for first in (0, 50)))
+        for name in ("measurement", None)
+    )
+    assert off >= 2.0 * default
 
 
 def test_the_smaller_the_error_of_the_estimate_the_higher_the_score(env_id: str):
-    assert gained(flown(env_id, "truth"), flown(env_id))
-    assert gained(flown(env_id), flown(env_id, "measurement"))
+    truth, default, measurement = (flown(env_id, name).score for name in ("truth", None, "measurement"))
+    assert gained(truth, default)
+    assert gained(default, measurement)
 
 
 def test_an_ensemble_without_localisation_is_overconfident(env_id: str):
     """Without localisation the position's variance shrinks between two fixes, and journeys miss their goal."""
     plain, localised = unlocalised(env_id), flown(env_id)
     assert consistency(plain, position(plain)) < consistency(localised, position(plain)) - LESS_CONSISTENT[env_id]
-    assert gained(localised, plain)
+    more = localised.score, flown(env_id, first=50).score
+    less = plain.score, unlocalised(env_id, 50).score
+    assert gained(np.concatenate(more), np.concatenate(less))  # of 50 alone an aircraft's gain would not be significant
     assert env_id != PUNA or scores(plain)["position_nees"].mean() > 2.0
 
 
 def test_the_default_filter_is_consistent_in_the_position(env_id: str):
-    """The mean NEES of a dive, by its size, is 1 on average: 100 runs, 4 standard errors, false-alarm rate 6e-5.
+    """The mean NEES of a dive, by its size, is 1 on average: 50 runs, 4 standard errors, false-alarm rate 2e-4.
 
     The share of times in a chi-square band scatters there from 0.6 to 1, for errors last. Of flights it was 0.91 to
     0.98 on five other sets of 100 seeds, with a standard deviation of 0.03: three of these below 0.95 are a false alarm
@@ -115,6 +123,6 @@ def test_flights_hold_the_altitude_touch_no_obstacle_and_keep_half_of_the_path_s
 def test_an_inflated_plain_ensemble_loses_the_aircraft_s_position():
     """Every step inflates what no measurement but the fix of each second shows, and the bias that none shows."""
     plain, localised = flown(PUNA, inflation=1.01, plain=True), flown(PUNA)
-    assert (plain.end == "arrived").sum() < 90 <= (localised.end == "arrived").sum()
+    assert (plain.end == "arrived").sum() < 45 <= (localised.end == "arrived").sum()
     assert scores(plain)["position_rmse"].mean() > 1.5 * scores(localised)["position_rmse"].mean()
-    assert gained(localised, plain)
+    assert gained(localised.score, plain.score)

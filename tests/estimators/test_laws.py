@@ -249,7 +249,7 @@ def test_the_estimation_error_does_not_depend_on_the_size_of_the_input(case: Cas
 @pytest.mark.slow
 @every_case("unknown-input", "linear")
 def test_state_and_input_estimates_are_unbiased(case: Case):
-    system, runs, steps = case.system(2), 20_000, 30
+    system, runs, steps = case.system(2), 20_000, 15
     record = simulate(system, 11, runs=runs, steps=steps)
     final = track(case.make(system.model), system.rows(runs), record)[-1]
     errors = np.concatenate(
@@ -350,7 +350,7 @@ def test_what_the_input_leaves_of_the_innovation_is_as_large_as_the_filter_says(
 def test_normalised_errors_follow_the_whole_chi_square_law(case: Case):
     """Not the mean alone: the share of runs below each quantile at the last time."""
     system, runs = case.system(1), 20_000
-    record = simulate(system, 26, runs, 20)
+    record = simulate(system, 26, runs, 10)
     final = track(case.make(system.model), system.rows(runs), record)[-1]
     values = nees(final.mean, final.cov, record.x[-1])
     for level in (0.05, 0.5, 0.95):

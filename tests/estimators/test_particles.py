@@ -75,7 +75,7 @@ def _growth(k: float) -> NonlinearModel:
 def _on_a_grid(y: np.ndarray, prior: Gaussian) -> list[tuple[float, float, float]]:
     """Mean, variance and log density of each measurement of the growth model, by Bayes' rule on a grid."""
     model = _growth(0)
-    x = np.linspace(-45.0, 45.0, 3001)
+    x = np.linspace(-45.0, 45.0, 1201)
     step = x[1] - x[0]
     density = multivariate_normal.pdf(x, prior.mean[0], prior.cov[0, 0])
     out = []
@@ -116,7 +116,7 @@ def _followed(name: str, y: np.ndarray, runs: int, **options: object):
 @pytest.mark.slow
 def test_the_growth_model_is_followed_as_by_the_exact_filter_and_better_than_by_linearising():
     """Its posterior has two peaks, as the measurement does not show the sign. Bands as in the linear test."""
-    runs, N = 40, 20_000  # peaks that hold 1e-4 of the mass make the variance, and need particles
+    runs, N = 20, 20_000  # peaks that hold 1e-4 of the mass make the variance, and need particles
     truth, y = _grown(3, 40)
     exact = _on_a_grid(y[:, 0], Gaussian([0.0], [[5.0]]))
     beliefs = _followed("pf", y, runs, particles=N)
@@ -310,13 +310,13 @@ def test_a_heading_that_may_be_on_both_sides_of_the_cut_is_averaged_on_the_circl
 @pytest.mark.slow
 def test_a_vehicle_is_followed_by_range_and_bearing_as_the_extended_filter_follows_it():
     system = turning_vehicle(0)
-    record = simulate(system, 0, runs=20, steps=100)
+    record = simulate(system, 0, runs=10, steps=100)
     errors = []
     for filter, rng in (
         (make("ekf", system.model), None),
-        (make("pf", system.model, particles=5000), _numbers(*range(20))),
+        (make("pf", system.model, particles=5000), _numbers(*range(10))),
     ):
-        beliefs = track(filter, system.rows(20), record, rng)[20:]
+        beliefs = track(filter, system.rows(10), record, rng)[20:]
         error = np.array([b.mean[:, :2] for b in beliefs]) - record.x[20:, :, :2]
         errors.append(np.sqrt((error**2).mean()))
     assert errors[1] < 1.1 * errors[0]

@@ -56,14 +56,10 @@ def test_a_critic_that_says_the_same_of_everything_explains_nothing_and_one_that
         assert explained(model, described) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_world_that_there_is_not_is_refused_in_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    for arguments, sentence in (
-        (["estimate", "--out", str(tmp_path)], "unknown world 'estimate' (did you mean 'estimates'?)"),
-        (["--runs", "1", "--out", str(tmp_path)], "--runs must be at least 2"),
-    ):
-        with pytest.raises(SystemExit):
-            command(critic.main, arguments)
-        told = capsys.readouterr().err
-        assert sentence in told
-        assert len(told.splitlines()) == 1
+def test_too_few_runs_are_refused_in_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit):
+        command(critic.main, ["--runs", "1", "--out", str(tmp_path)])
+    told = capsys.readouterr().err
+    assert "--runs must be at least 2" in told
+    assert len(told.splitlines()) == 1
     assert not list(tmp_path.iterdir())

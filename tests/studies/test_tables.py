@@ -156,11 +156,16 @@ def test_a_table_that_does_not_exist_is_refused():
 
 
 def test_the_table_of_late_fixes_is_made_of_its_episodes(tmp_path: Path):
-    lines = ["environment,condition,estimator,seed,score,position_rmse,position_nees", "A-v0,in time,truth,0,1.0,0.0,"]
+    lines = [
+        "environment,agent,training_seed,condition,estimator,seed,score,position_rmse,position_nees",
+        "A-v0,autopilot,,in time,truth,0,1.0,0.0,",
+    ]
     for estimator in ("ekf", "enkf"):
         for way, error in (("", 1.0), (", as new", 2.0), (", discarded", 3.0)):
             for condition in ("in time", "1 s late", "2 s late"):
-                lines += [f'A-v0,{condition},"{estimator}{way}",{seed},0.5,{error + seed},1.5' for seed in range(2)]
+                lines += [
+                    f'A-v0,autopilot,,{condition},"{estimator}{way}",{seed},0.5,{error + seed},1.5' for seed in range(2)
+                ]
     (tmp_path / "episodes.csv").write_text("\n".join(lines))
     rows = tables.latency(tmp_path).splitlines()
     assert len(rows) == 2 + 4
@@ -210,6 +215,16 @@ def test_the_tables_of_robust_filters_show_who_wins_where(monkeypatch: pytest.Mo
     assert rows["10 % of measurements at 10 σ"][2] > 1.0
     assert rows["least-favourable model, 0.1"][3] < 1.0 < rows["least-favourable model, 0.1"][1]
     assert rows["as the model says"][1] > 1.0
+
+
+def test_the_table_of_lorenz_has_every_published_score_beside_ours(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(filter_tables, "analysis_rmse", lambda row, *_: row.published * np.array([0.9, 1.1]))
+    lines = filter_tables.published_scores().splitlines()[2:]
+    for line, row in zip(lines, filter_tables.BENCHMARKS, strict=True):
+        assert all(name in line for name in row.filters)
+        assert f"{row.published:.3f} ± " in line
+        assert row.described in line
+        assert ("reported" in line) == row.reported_only
 
 
 def test_more_measurements_than_inputs_leave_no_unstable_zero():

@@ -5,16 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.commands.console import Refusal
-from studies.tables.markdown import around
-from studies.third_party import __main__ as third_party
-from studies.third_party import benchmark
-from studies.third_party.__main__ import PAGE, main, returns_table
+from studies.third_party import benchmark, table
 from studies.third_party.benchmark import ARMS, TRIALS, Trial
+from studies.third_party.table import returns, returns_table
 
 
 def test_the_table_says_what_share_of_the_gain_over_chance_is_kept():
-    truth, chance = np.array([[2.0, 4.0], [4.0, 6.0]]), [-6.0, -6.0]
+    truth, chance = np.array([[2.0, 4.0], [4.0, 6.0]]), np.array([-6.0, -6.0])
     last = returns_table({TRIALS["pendulum"]: (chance, truth, truth - 1.0)}).splitlines()[-1]
     _, label, *cells, share, _ = (cell.strip() for cell in last.split("|"))
     assert label == "Pendulum-v1, 100,000 steps"
@@ -22,26 +19,20 @@ def test_the_table_says_what_share_of_the_gain_over_chance_is_kept():
     assert share == "90.0 ± 0.0 %"
 
 
-def test_what_was_trained_is_not_trained_again_and_goes_onto_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_what_was_trained_is_not_trained_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     trained: list[tuple[str, str, int]] = []
-    page = tmp_path / "page.md"
-    page.write_text("before\n<!-- table: learned -->\n\n<!-- end -->\nafter\n")
 
     def learned(trial: Trial, arm: str, seed: int) -> list[float]:
         trained.append((trial.env_id, arm, seed))
         return [1.0 + seed, 2.0]
 
-    monkeypatch.setattr(third_party, "learned", learned)
-    monkeypatch.setattr(third_party, "random", lambda trial: [0.0, 0.5])
-    monkeypatch.setattr(third_party, "PAGE", page)
-    for _ in range(2):
-        main(runs=2, out=tmp_path / "results")
-    assert len(trained) == len(set(trained)) == 2 * len(ARMS) * len(TRIALS)
-    written = page.read_text()
-    assert "CartPole-v1" in written
-    assert "100.0 ± 0.0 %" in written
-    with pytest.raises(Refusal, match="runs"):
-        main(runs=1)
+    monkeypatch.setattr(table, "learned", learned)
+    monkeypatch.setattr(table, "random", lambda trial: [0.0, 0.5])
+    one, again = (returns(tmp_path / "results") for _ in range(2))
+    assert one == again
+    assert len(trained) == len(set(trained)) == table.RUNS * len(ARMS) * len(TRIALS)
+    assert "CartPole-v1" in one
+    assert "100.0 ± 0.0 %" in one
 
 
 @pytest.mark.parametrize("name", TRIALS)
@@ -60,9 +51,3 @@ def test_a_short_training_repeats_to_the_last_bit(name: str, monkeypatch: pytest
     trial = TRIALS[name]
     short = Trial(trial.env_id, trial.given, 64, 2, trial.options | {"n_steps": 32, "batch_size": 64})
     assert benchmark.learned(short, "ukf", 0) == benchmark.learned(short, "ukf", 0)
-
-
-def test_the_page_has_a_place_for_the_table():
-    before, after = around(PAGE, "table: learned")
-    assert before
-    assert after

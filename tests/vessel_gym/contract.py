@@ -343,10 +343,11 @@ class Soaked:
     missing: int = 0
 
 
-def soak(env_id: str, steps: int, num_envs: int = 4, seed: int = 0) -> Soaked:
+def soak(env_id: str, steps: int, num_envs: int = 4, seed: int = 0, turns: int = 1) -> Soaked:
     """Random actions over every estimator x suite, about ``steps`` in all.
 
-    Disturbances and observe modes take turns, so that each meets every estimator, suite and the other.
+    Disturbances and observe modes take turns, so that each meets every estimator, suite and the other. So may the
+    suites that an estimator meets.
     """
     system = single_class(env_id).system
     names = [name for key, name in CARRIED if key == env_id]
@@ -355,6 +356,7 @@ def soak(env_id: str, steps: int, num_envs: int = 4, seed: int = 0) -> Soaked:
         (name, suite, seas[(i + j) % len(seas)], MODES[(i + 2 * j) % len(MODES)])
         for i, name in enumerate(names)
         for j, suite in enumerate(SUITES)
+        if (i + j) % turns == 0
     ]
     each = int(np.ceil(steps / len(combinations) / num_envs))
     seen = Soaked()

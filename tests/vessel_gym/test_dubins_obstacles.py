@@ -7,9 +7,9 @@ from shaken_roadmap import shortest_found
 from vessel_gym.guidance import detours
 from vessel_gym.guidance.dubins import NoPath, approach, lengths, plan, shortest, word_path
 
-SCENES = 1000
+SCENES = 480
 """Random scenes in a run of the tests; set 2_000 for the full count."""
-OTHERS = 6
+OTHERS = 3
 """Scenes for the other planner in a run of the tests; set 10_000 for the full count, which takes ten minutes."""
 SIZE = 20.0
 """Side of the square [turn radii] in which poses and obstacles of a random scene lie."""

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from energies import energy
+from nomoto_models import nomoto_linear
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from stepping import segorogeni_step
 
-from studies.ships.nomoto import nomoto_linear
 from vessel_gym.sea_trials import circle_geometry, initial_turning, turning_circle, zigzag
 from vessel_gym.vehicles.auv import UNCERTAIN
 from vessel_gym.vehicles.files import load

@@ -8,13 +8,13 @@ from sensing import exogenous, sensors_of, without_a_filter
 from stepping import puna_step
 
 from estimators import Gaussian, make, wrap
-from studies.papers.puna.model import MISSILE, PlanarPuna, planar_derivative
+from studies.papers.puna.model import PlanarPuna, planar_derivative
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Air
 from vessel_gym.envs.fixed_wing import PUNA_UAV
 from vessel_gym.filter_models.build import Composition, compose
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN
+from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN, PointMass
 from vessel_gym.vehicles.puna import STATE, Puna, airspeed, puna_rates, trim
 
 BODY = load("puna")
@@ -23,6 +23,9 @@ VEHICLE = Puna()
 SENSORS = sensors_of(VEHICLE)
 DEG = np.pi / 180.0
 MIRROR = np.array([1, -1, 1, 1, 1, -1, -1, 1, -1, 1])
+MISSILE = PointMass(1005.0, 0.3376, (-1.9431, -0.1499, 0.2359), (21.9, 0.0), (3.312e-9, -1.142e-4, 1.224))
+"""The one aircraft whose constants are published in the form of the PUNA's paper: the missile of Subchan & Zbikowski
+(2009), that flies at 272 m/s. At the paper's 20 m/s it would need a lift coefficient of 119."""
 AIR = Air(wind=3.0, gust=1.06, vertical_gust=0.7)
 
 
@@ -724,5 +727,5 @@ def test_measuring_every_state_is_better_than_measuring_x_alone():
 
 
 def test_a_measurement_set_that_the_paper_does_not_have_is_refused():
-    with pytest.raises(ValueError, match="unknown measurement set 'h': choose x or all"):
+    with pytest.raises(ValueError, match="unknown measurement set 'h': choose from x, all"):
         PlanarPuna().model("h", np.eye(4), np.eye(1))

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from nomoto_models import nomoto_linear
 from scipy.stats import chi2
 from stepping import corvette_step
 
-from studies.ships.nomoto import nomoto_linear
 from vessel_gym.core import Core
 from vessel_gym.envs.ship import SEAS, SIGMA_CORVETTE, ship_system
 from vessel_gym.sea_trials import simulate

@@ -181,13 +181,7 @@ class Watch:
             "truth": self.truth, "estimate": belief.mean, "covariance": belief.cov, "measurement": y,
             "available": available, "healthy": belief.healthy,
         }  # fmt: skip
-        if self.sensors.horizon:
-            happened["refused"] = self.loop.refused
-        if self.sensors.faults:
-            happened["sensor_faults"] = self.loop.faulty(self.steps)
-        if self.loop.monitor is not None:
-            happened["alarms"] = self.loop.alarms
-        return {name: values.copy() for name, values in happened.items()}
+        return {name: values.copy() for name, values in (happened | self.loop.beside(self.steps)).items()}
 
     def known(self, action: Any) -> np.ndarray:
         """Known input of filters for an action."""

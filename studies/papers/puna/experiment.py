@@ -11,7 +11,7 @@ import numpy as np
 
 from agents.jobs import Job
 from estimators import Filter, Gaussian, make, rmse, wrap
-from studies.papers.puna.model import PlanarPuna
+from studies.papers.puna.model import SEEN, PlanarPuna
 from vessel_gym.guidance.dubins import WORDS, Path, approach, candidates, lengths, plan, shortest, word_path
 from vessel_gym.guidance.words import chain
 from vessel_gym.vehicles.files import load
@@ -186,12 +186,6 @@ def flights(
     return states, states + np.sqrt(measurement) * rng.standard_normal(states.shape)
 
 
-def ensemble_filter(measured: str, process: np.ndarray, measurement: np.ndarray, members: int) -> Filter:
-    """The paper's filter on its model, with one of its two sets of measurements; variances as in `flights`."""
-    seen = [2] if measured == "x" else [0, 1, 2, 3]
-    return make("enkf", PLANE.model(measured, np.diag(process), np.diag(measurement[seen])), members=members)
-
-
 def estimates(
     enkf: Filter, u: np.ndarray, process: np.ndarray, measurements: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
@@ -218,11 +212,10 @@ def estimate(
     Q, R = np.array(process), np.array(measurement)
     u = controls(control, steps, swing, period)
     truth, measurements = flights(u, Q, R, runs, seed)
-    errors = []
+    model, errors = PLANE.model(measured, np.diag(Q), np.diag(R[SEEN[measured]])), []
     for size in members:
-        means = estimates(
-            ensemble_filter(measured, Q, R, size), u, Q, measurements, np.random.default_rng([seed, size])
-        )
+        enkf = make("enkf", model, members=size)
+        means = estimates(enkf, u, Q, measurements, np.random.default_rng([seed, size]))
         errors.append(rmse(means, truth, angles=(0,), axis=0))
     return {
         "rmse": np.array(errors), "slowest": truth[:, :, 1].min(0), "truth": truth[:, 0], "estimate": means[:, 0]

@@ -10,13 +10,13 @@ import numpy as np
 
 from estimators import NonlinearModel
 from estimators.engine import sincos
+from vessel_gym.checks import one_of
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.point_mass import I, PointMass, forces
 from vessel_gym.vehicles.puna import PunaParameters
 
-MISSILE = PointMass(1005.0, 0.3376, (-1.9431, -0.1499, 0.2359), (21.9, 0.0), (3.312e-9, -1.142e-4, 1.224))
-"""The one aircraft whose constants are published in the paper's form: the missile of Subchan & Zbikowski (2009), that
-flies at 272 m/s. At the paper's 20 m/s it would need a lift coefficient of 119."""
+SEEN = {"x": [2], "all": [0, 1, 2, 3]}
+"""Components of the state that are measured, by set."""
 
 
 def planar_derivative(state: np.ndarray, control: np.ndarray, c: np.ndarray) -> np.ndarray:
@@ -63,9 +63,7 @@ class PlanarPuna:
         Raises:
             ValueError: for another set.
         """
-        if measured not in ("x", "all"):
-            raise ValueError(f"unknown measurement set {measured!r}: choose x or all")
-        seen = [2] if measured == "x" else [0, 1, 2, 3]
+        seen = SEEN[one_of("measurement set", measured, SEEN)]
 
         def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
             assert u is not None

@@ -1,6 +1,8 @@
 """`vessel-gym budget`: from an environment and prices to the cheapest suite, whatever happens on the way."""
 
+import contextlib
 import csv
+import io
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -35,13 +37,6 @@ def _importable(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(HERE))
 
 
-@pytest.fixture
-def prices(tmp_path: Path) -> Path:
-    path = tmp_path / "prices.toml"
-    path.write_text(PRICES)
-    return path
-
-
 def flown(out: Path) -> list[dict[str, str]]:
     """The suites of a run as it writes them."""
     with (out / "budget.csv").open(encoding="utf-8") as file:
@@ -52,11 +47,20 @@ def small(out: Path, prices: Path | None, processes: int = 1) -> int:
     return budget.main(ENVIRONMENT, keep=0.8, prices=prices, episodes=128, out=out, processes=processes)
 
 
+@pytest.fixture(scope="module")
+def run_of_one(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, str]:
+    """Prices, where a run in one process with them wrote, and what it printed."""
+    folder, printed = tmp_path_factory.mktemp("budget"), io.StringIO()
+    (folder / "prices.toml").write_text(PRICES)
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(printed):
+        patch.syspath_prepend(str(HERE))
+        assert small(folder / "whole", folder / "prices.toml") == 0
+    return folder / "prices.toml", folder / "whole", printed.getvalue()
+
+
 @pytest.mark.slow
-def test_the_answer_is_printed_and_written_and_an_interrupted_run_goes_on(prices, tmp_path, capsys, monkeypatch):
-    whole, broken = tmp_path / "whole", tmp_path / "broken"
-    assert small(whole, prices) == 0
-    printed = capsys.readouterr().out
+def test_the_answer_is_printed_and_written_and_an_interrupted_run_goes_on(run_of_one, tmp_path, monkeypatch):
+    (prices, whole, printed), broken = run_of_one, tmp_path / "broken"
     rows = flown(whole)
     answer = next(line for line in printed.splitlines() if line.startswith("The cheapest suite"))
     (found,) = {row["price"] for row in rows if f"receiver {row['receiver']}" in answer} & {
@@ -89,11 +93,10 @@ def test_the_answer_is_printed_and_written_and_an_interrupted_run_goes_on(prices
 
 
 @pytest.mark.slow
-def test_two_processes_find_what_one_does(tmp_path):
-    for processes in (1, 2):
-        assert small(tmp_path / str(processes), None, processes) == 0
-    one, two = (tmp_path / name / "budget.csv" for name in ("1", "2"))
-    assert one.read_bytes() == two.read_bytes()
+def test_two_processes_find_what_one_does(run_of_one, tmp_path):
+    prices, whole, _ = run_of_one
+    assert small(tmp_path, prices, processes=2) == 0
+    assert (tmp_path / "budget.csv").read_bytes() == (whole / "budget.csv").read_bytes()
 
 
 def test_the_prices_that_a_run_writes_can_be_given_to_the_next(tmp_path, monkeypatch):
@@ -162,7 +165,7 @@ def test_prices_that_cannot_be_meant_are_one_sentence(tmp_path, text, sentence):
     with pytest.raises(Refusal, match=r"^[^\n]*$") as refused:
         budget.main(ENVIRONMENT, prices=path, out=tmp_path / "out")
     assert sentence in str(refused.value)
-    with pytest.raises(OSError, match=r"cannot read the prices .*nobody\.toml: No such file"):
+    with pytest.raises(OSError, match=r"cannot read .*nobody\.toml: No such file"):
         budget.main(ENVIRONMENT, prices=tmp_path / "nobody.toml", out=tmp_path / "out")
 
 

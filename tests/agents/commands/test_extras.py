@@ -23,7 +23,6 @@ from agents.studies.report import write_report
 from agents.training.algorithms import train
 from estimators.consistency import consistency_figure
 from scripts import reproduce
-from studies.papers import report
 from vessel_gym.extras import EXTRAS, require
 
 ROOT = Path(__file__).parents[3]
@@ -73,7 +72,6 @@ CALLS: dict[str, tuple[str, str, Callable[[Path], Any]]] = {
     "saving": ("stable_baselines3", "train", lambda path: agents.save_agent(None, path / "agent.zip")),
     "loading": ("sb3_contrib", "train", lambda path: agents.load_agent(path / "foreign.zip", gym.make(ENV), True)),
     "a report": ("matplotlib", "report", lambda path: write_report(None, path)),
-    "a paper": ("matplotlib", "report", lambda path: report("corvette", {})),
     "a page": ("jinja2", "report", lambda path: templates.__wrapped__()),
     "processes": ("joblib", "report", lambda path: run([Job("agents.seeds:training_seed", {})], path, processes=2)),
     "a cluster": (

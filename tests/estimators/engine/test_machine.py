@@ -22,9 +22,9 @@ matcher()  # an object of its own, which is no part of what is counted below
 SCRIPT = """
 import sys
 import numpy as np
-from estimators.engine import compiled, machine
+from estimators.engine import compiled, function, machine
 if "--forbidden" in sys.argv:
-    machine._object = None
+    machine._object = function.Function.text = None
 @compiled
 def function(x):
     return np.stack([np.sin(x[..., 0]) * x[..., 1], np.exp(-x[..., 1] ** 2)], -1)
@@ -78,7 +78,7 @@ def test_objects_serve_other_processes_and_two_that_compile_at_once_agree(tmp_pa
     assert said == {f"vessel-gym: compiling equations once, a few seconds; kept in {private}"}
     assert max(one[1].count("\n"), other[1].count("\n")) == 1  # of two programs
     third = start(tmp_path, "--forbidden").communicate()
-    assert third == (one[0], "")  # nothing was compiled, and nothing said
+    assert third == (one[0], "")  # nothing was emitted or compiled, and nothing said
     assert not list(tmp_path.glob("**/*.new"))
 
 
@@ -100,6 +100,17 @@ def test_a_damaged_object_is_compiled_anew(damage: Any, tmp_path: Path, monkeypa
     forget(monkeypatch)
     compiled(function.function)(x)
     assert len(texts) == 1
+
+
+def test_an_object_of_another_version_of_the_engine_is_not_used(monkeypatch: pytest.MonkeyPatch):
+    function, x = fresh(), np.ones((1, 3))
+    function(x)
+    texts = compilations(monkeypatch)
+    for sources, count in ((machine._emitter(), 0), ("of another version", 1)):
+        forget(monkeypatch)
+        monkeypatch.setattr(machine, "_emitter", lambda sources=sources: sources)
+        compiled(function.function)(x)
+        assert len(texts) == count
 
 
 def test_a_folder_that_cannot_be_written_costs_time_and_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -260,7 +271,7 @@ import gc
 from estimators.engine import machine, trace
 from estimators.engine.function import Argument
 function, _ = trace(lambda x: x + 1.0, [Argument((2,))])
-cycle = [machine._function(function.text(1))]
+cycle = [machine._function(b"", lambda: function.text(1))]
 cycle.append(cycle)
 del cycle
 gc.collect()

@@ -94,7 +94,7 @@ def test_damaged_logs_are_inspected_or_refused(
 ) -> None:
     path = tmp_path_factory.mktemp("damaged") / f"log{suffix}"
 
-    @settings(max_examples=250, deadline=None, derandomize=True)
+    @settings(max_examples=100, deadline=None, derandomize=True)
     @given(damages())
     def check(damage: list[tuple[str, float, float, bytes]]) -> None:
         path.write_bytes(damaged(whole[suffix], damage))

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from nomoto_models import nomoto_fit, nomoto_linear
 from scipy.signal import StateSpace, lsim
 
-from studies.ships.nomoto import nomoto_fit, nomoto_linear
-from vessel_gym.sea_trials import simulate, zigzag
+from vessel_gym.sea_trials import simulate
 from vessel_gym.vehicles.corvette import sway_yaw_jacobian
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.files import load
@@ -51,7 +51,16 @@ def test_the_linear_figures_are_the_gain_and_the_slope_of_the_ships_transfer_fun
 
 def small_zigzag(ship: CorvetteParameters, rudder: float):
     """The fit to a zig-zag in whose steps the rudder moves linearly: it goes over in one, back in two."""
-    track = zigzag(ship, rudder, dt=rudder / ship.rudder_rate, on_samples=True).track
+    orders = [rudder]
+
+    def helmsman(_: float, state: np.ndarray) -> float:
+        """The rudder is reversed at the first sample at which the heading has changed by as much."""
+        if np.sign(orders[-1]) * state[2] >= rudder:
+            orders.append(-orders[-1])
+        return orders[-1]
+
+    dt = rudder / ship.rudder_rate
+    track = simulate(ship, helmsman, 1800.0, dt, stop=lambda _: len(orders) > 3)
     return nomoto_fit(track.time, track.rudder, track.state[:, 5], ship.speed, L)
 
 
