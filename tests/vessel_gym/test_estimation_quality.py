@@ -16,6 +16,7 @@ from vessel_gym.filter_models.build import compose
 from vessel_gym.processes import root_of
 
 SEEDS = 64
+KEPT = ("truth", "measurement", "unknown_input", "estimate", "covariance", "input_estimate")
 PSI, YAW_RATE = 2, 1  # in the filter's state
 TRUE_PSI, TRUE_YAW_RATE = 2, 5
 
@@ -52,14 +53,15 @@ class _Face:
 
 @cache
 def estimated(estimator: str, disturbance: str = "rough", assumed_as: str = "") -> dict[str, np.ndarray]:
-    """Everything in ``info`` at every step ``(T, N, ...)``; ``assumed_as`` says how the filter assumes the sea."""
+    """Those of `KEPT` at every step ``(T, N, ...)``; ``assumed_as`` says how the filter assumes the sea."""
     options = {"assume": {"as": assumed_as}} if assumed_as else {}
     core = make_core(HEADING_SHIP.name, SEEDS, estimator=estimator, estimator_options=options, disturbance=disturbance)
     core.reset()
     frames = []
     for actions in rudder_programs(disturbance):
         core.step(actions)
-        frames.append(core.info())
+        info = core.info()
+        frames.append({key: info[key] for key in KEPT if key in info})
     return {key: np.stack([frame[key] for frame in frames]) for key in frames[0]}
 
 
