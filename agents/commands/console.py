@@ -124,7 +124,7 @@ def print_table(title: str, header: Sequence[str], sections: Iterable[Iterable[S
     def written(text: str) -> str:  # as wide as it will be
         return escape(text.encode(sys.stdout.encoding or "utf-8", _SPELLED).decode(sys.stdout.encoding or "utf-8"))
 
-    console, table = Console(), Table(title=written(title))
+    console, table = Console(width=None if sys.stdout.isatty() else 1000), Table(title=written(title))
     sections = [[[*map(written, row)] for row in rows] for rows in sections]
     columns = [*zip(header, *(row for rows in sections for row in rows), strict=True)][1:]
     whole = 15 + sum(3 + max(map(len, column)) for column in columns) < console.width  # the first column makes room
@@ -136,7 +136,7 @@ def print_table(title: str, header: Sequence[str], sections: Iterable[Iterable[S
         for row in rows:
             table.add_row(*row)
         table.add_section()
-    console.print(table, width=None if console.is_terminal else 1000)
+    console.print(table)
 
 
 @contextmanager
