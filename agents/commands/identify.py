@@ -94,7 +94,8 @@ def _report(ship: Any) -> None:
         COEFFICIENTS, ship.coefficients, ship.intervals, ship.determined, ship.particulars.coefficients, strict=True
     ):
         if known:
-            rows.append((name, f"{value:.4g}", f"{low:.3g} to {high:.3g}", f"{assumed.mean:.3g} ± {assumed.sd:.2g}"))
+            label = f"{name}: {assumed.meaning}"
+            rows.append((label, f"{value:.4g}", f"{low:.3g} to {high:.3g}", f"{assumed.mean:.3g} ± {assumed.sd:.2g}"))
         else:
             unknown.append(name)
     print_table("Coefficients that the logs determine", ("", "estimate", "95 % interval", "assumed before"), [rows])
