@@ -54,7 +54,10 @@ def main(
         still = {*fixed, *(COEFFICIENTS[i] for i in WIND if windless)}
         compared = [part for path in check for part in trials(read(path, chosen), step)] or parts
         sampled = _sampled(found, sampling(parts, known))
+        minutes = sum(len(part) for part in parts) * step / 60.0
+        print(f"identifying the model from {minutes:.0f} minutes of {len(found)} logs", file=sys.stderr)
         ship = identify(parts, particulars, still)
+        print("tuning the noise that filters assume", file=sys.stderr)
         ship = replace(ship, noise=dict(zip(NOISE, map(float, tune(ship, sampled)), strict=True)))
         ship.write(out)
     _report(ship)
