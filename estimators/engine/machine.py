@@ -123,6 +123,9 @@ def _emitter() -> str:
     return f"{sources.hexdigest()} {object.__basicsize__} {bytes.__basicsize__}"
 
 
+_emitter()  # at import: the files may change before the first program is compiled
+
+
 def _machine() -> Any:
     """The processor as LLVM describes it; an execution engine owns its own and frees it."""
     from llvmlite import binding

@@ -168,7 +168,7 @@ def judge(name: str, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, rng:
     found, numbers = filtered(name, ship, voyage, noise, rng)
     shares, deviations = {}, {}
     for label, sensors in WITHHELD.items():
-        error, deviation = without(sensors, name, ship, voyage, noise, rng)
+        error, deviation = withheld_errors(sensors, name, ship, voyage, noise, rng)
         known = error.size > 0
         shares[label] = float((np.abs(error) < 2.0 * deviation).mean()) if known else np.nan
         deviations[label] = float(np.median(deviation)) if known else np.nan
@@ -200,7 +200,7 @@ def foretold(
     return error[..., list(columns)], np.sqrt(spread[..., list(columns)])
 
 
-def without(
+def withheld_errors(
     sensors: Collection[str], name: str, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, rng: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Errors of the measurements that a filter without these sensors foretells, and their standard deviations.

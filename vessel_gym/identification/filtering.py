@@ -32,7 +32,7 @@ NOISE = (
 """Standard deviations of measurements [m, rad, rad/s] and of the unexplained accelerations [m/s2, rad/s2], their time
 constant [s], their growth with the square of the revolutions and with changes of propeller and rudder forces, the drift
 of the gyro's offset [rad/s in a second] and its scale error, the age of position and heading [s], the slow error of the
-heading [rad], the drift of the water [m/s], and factors of the standard deviations after an outage of each sensor."""
+heading [rad], the drift of the water [m/s], and factors of the standard deviations in an outage of each sensor."""
 _SHIP, _INPUTS, _SMOOTHED = 6, 6, 5
 """States of the ship, known inputs, and steps over which the positions are smoothed that a voyage starts from."""
 _SCALE, _AGE, _HEADING, _CURRENT, STATES = 10, 11, 12, 13, 15
@@ -43,8 +43,10 @@ _LASTING = {"gyro scale": 100.0, "age": 0.5, "heading drift": 40.0, "current": 1
 GATE, _REJECTED = 1e-7, 2
 """Probability that the gate rejects a sensor of a consistent filter, and measurements that it rejects in succession:
 the next one is taken, so that a ship that did move is found again."""
-_OUTAGE, _FACTORS = 15.0, slice(_INPUTS + NOISE.index("position outage"), _INPUTS + len(NOISE))
-"""Steps without a sensor after which most of its factor applies, and the place of the factors in an input."""
+_OUTAGE, _SPARSE = 15.0, 5.0
+"""Steps of an outage after which most of its factor applies, and steps without a measurement that are none."""
+_FACTORS, LARGEST = slice(_INPUTS + NOISE.index("position outage"), _INPUTS + len(NOISE)), 10.0
+"""Place of the factors in an input, and the largest of them."""
 _FOUND = {"position": ((0, 1), (3, 4)), "heading": ((2,), (5,)), "yaw rate": ((9,), (5,))}
 """States that are found again as the sensor shows them, and those of the ship that may be why they were lost: speeds,
 or the yaw rate. A gyro shows its offset."""
@@ -230,12 +232,16 @@ def noise_of(ship: MeasuredShip) -> np.ndarray:
     """Noise ``(K,)`` of a vessel file.
 
     Raises:
-        ValueError: if the file has none.
+        ValueError: if the file has none, or a factor below 1 or above `LARGEST`.
     """
     missing = [name for name in NOISE if name not in ship.noise]
     if missing:
         raise ValueError(f"the vessel file's [noise] has no {missing[0]!r}: identify the ship, or tune the noise")
-    return np.array([ship.noise[name] for name in NOISE])
+    noise = np.array([ship.noise[name] for name in NOISE])
+    for name, factor in zip(WITHHELD, noise[-len(WITHHELD) :], strict=True):
+        if not 1.0 <= factor <= LARGEST:
+            raise ValueError(f"the vessel file's '{name} outage' must be from 1 to {LARGEST:g}, got {factor:g}")
+    return noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,7 +300,7 @@ class Gated:
             known: Input of `inputs` at this time.
             available: ``(4,)`` mask of measurements that the filter gets; None: all that are finite.
         """
-        keys, last, level = self._keys.at(self._count), self._last, self._stated(known)
+        keys, last, level = self._keys.at(self._count), self._last, self._levels(known)
         if last is None:
             predicted = self._filter.init(start, rng=keys)
         else:
@@ -306,12 +312,13 @@ class Gated:
             unsure = self._filter.init(self._unsure(predicted, lost), rng=keys) if lost else predicted
             updated = self._filter.update(unsure, y, rng=keys, available=passed, u=known)
         self._count, self._last = self._count + 1, (updated, known)
-        beliefs = _at_level(predicted, level), _at_level(tried, level), _at_level(updated, level, self._stated(known))
+        beliefs = _at_level(predicted, level), _at_level(tried, level), _at_level(updated, level, self._levels(known))
         return Step(*beliefs, rejected, level)
 
-    def _stated(self, known: np.ndarray) -> np.ndarray:
+    def _levels(self, known: np.ndarray) -> np.ndarray:
         """Levels ``(3,)`` of the covariances; those of sensors that are missing grow to the square of their factor."""
-        return self._level * (1.0 + (known[_FACTORS] - 1.0) * (1.0 - np.exp(-self._missing / _OUTAGE))) ** 2
+        grown = 1.0 - np.exp(-np.maximum(0.0, self._missing - _SPARSE) / _OUTAGE)
+        return self._level * (1.0 + (known[_FACTORS] - 1.0) * grown) ** 2
 
     def _gate(self, belief: Any, levels: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
         """Sensors that the gate rejects ``(4,)``, and squared innovations of those taken after rejections.

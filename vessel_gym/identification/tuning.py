@@ -6,8 +6,9 @@ import numpy as np
 
 from estimators import make, run
 from estimators.metrics import nis
-from vessel_gym.identification.consistency import without
+from vessel_gym.identification.consistency import withheld_errors
 from vessel_gym.identification.filtering import (
+    LARGEST,
     NOISE,
     SENSORS,
     WITHHELD,
@@ -26,8 +27,8 @@ _TAIL, _WINDOWS, _SPREAD, _RANGE = 40.0, 40, 1.0, 1.5
 """Degrees of freedom of Student's t, windows at most, and what is assumed of the logarithm of a parameter: its standard
 deviation and its largest change. Noise that vanishes would leave no room for errors of linearisation."""
 
-_LARGEST, _NORMAL = 10.0, 0.9545
-"""Largest factor of standard deviations without a sensor, and share of a normal law within two of them."""
+_FEWEST, _NORMAL = 30, 0.9545
+"""Measurements of a voyage that its errors without a sensor need, and share of a normal law within two deviations."""
 
 
 def tune(ship: MeasuredShip, found: Sequence[Voyage], steps: int = 60, rounds: int = 20) -> np.ndarray:
@@ -39,7 +40,8 @@ def tune(ship: MeasuredShip, found: Sequence[Voyage], steps: int = 60, rounds: i
 
     Args:
         ship: The model.
-        found: Voyages of the same time step, with measurements ``(T, 4)``; those shorter than a window are not used.
+        found: Voyages of the same time step, with measurements ``(T, 4)``. Those shorter than a window serve only the
+            factors.
         steps: Length of a window, at most that of the longest voyage.
         rounds: Iterations of the optimiser at most.
 
@@ -94,13 +96,14 @@ def _outage(sensors: Collection[str], ship: MeasuredShip, found: Sequence[Voyage
     """Factor of standard deviations without sensors, so that two of them hold as many measurements as a normal law.
 
     Errors of one voyage depend on each other, and a few voyages tell little of the next: the factor is larger by
-    Student's t over the normal law, with a degree of freedom for each voyage beside the first.
+    Student's t over the normal law, with a degree of freedom for each voyage beside the first, two at least.
     """
     from scipy.stats import t
 
-    ratios = [np.abs(np.divide(*without(sensors, "ekf", ship, each, noise))) / 2.0 for each in found]
-    ratios = [each for each in ratios if each.size and np.isfinite(each).all()]
+    errors = [withheld_errors(sensors, "ekf", ship, each, noise) for each in found]
+    ratios = [np.abs(error / deviation) / 2.0 for error, deviation in errors if error.size >= _FEWEST]
     if not ratios:
         return 1.0
-    few = t.isf(0.5 * (1.0 - _NORMAL), len(ratios) - 1) / 2.0 if len(ratios) > 1 else 1.0
-    return float(np.clip(few * np.quantile(np.concatenate(ratios), _NORMAL), 1.0, _LARGEST))
+    few = t.isf(0.5 * (1.0 - _NORMAL), max(2, len(ratios) - 1)) / 2.0
+    factor = few * float(np.quantile(np.concatenate(ratios), _NORMAL))
+    return float(np.clip(factor, 1.0, LARGEST)) if np.isfinite(factor) else LARGEST

@@ -6,8 +6,9 @@ Frames: x0 north, y0 east, psi clockwise from x0; body x forward, y starboard, o
 the ship to starboard. Velocities are over ground. The state is `STATE`, the control `CONTROL`, what is around `AIR`.
 
 Sources: Yasukawa & Yoshimura (2015), J. Mar. Sci. Technol. 20:37, for the structure (the MMG standard method), and for
-a rudder of which the propeller's slipstream meets a part; Hirano (1980), Nav. Archit. Ocean Eng. 19:68, for a wake that
-shrinks with the drift at the stern;
+a rudder of which the propeller's slipstream meets a part; Hirano (1980), J. Soc. Nav. Archit. Jpn. 147:144, for a wake
+that shrinks with the drift at the stern. Here only the rudder's wake does, and ``eps`` is the share of the ship's speed
+at the rudder instead of the ratio of both wakes, so that it does not scale the slipstream. Further:
 Yoshimura, Nakao & Ishibashi (2009), MARSIM, for the cross-flow drag of the hull at any drift angle; Clarke, Gedling &
 Hine (1983) for what is assumed of the linear derivatives; Fujii & Tuda (1961) for the rudder; Motora (1959), as read by
 Clarke's regression, for added masses; Fujiwara, Ueno & Nimura (1998) for the harmonics of the wind loads.
@@ -217,14 +218,15 @@ def _rudder(
     u: np.ndarray, v: np.ndarray, r: np.ndarray, control: tuple[np.ndarray, np.ndarray], race: np.ndarray,
     c: np.ndarray, p: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """Surge and sway force, yaw moment of the rudder, of whose height the propeller's slipstream meets a share."""
+    """Surge and sway force, yaw moment of a rudder that stands partly in the slipstream."""
     rudder, n = control
     stern = v - 0.5 * p[_P.length] * r
     wake = (1.0 - c[C.eps]) * np.exp(-4.0 * stern * stern / (u * u + v * v + 1e-4))  # finite at rest
     along, share = (1.0 - wake) * u, p[_P.slipstream]
-    jet = along + c[C.kappa] * (np.sqrt(along * along + (8.0 / np.pi) * race + 1e-8) - along)
-    astern = c[C.kapb] * n * n * p[_P.diameter] * p[_P.diameter] + along * along
-    square = np.where(n > 0.0, share * jet * jet + (1.0 - share) * along * along, astern)
+    square, far = along * along, np.sqrt(along * along + (8.0 / np.pi) * race + 1e-8)
+    jet = np.abs(along) + c[C.kappa] * (far - np.abs(along))
+    astern = c[C.kapb] * n * n * p[_P.diameter] * p[_P.diameter] + square
+    square = np.where(n > 0.0, share * jet * jet + (1.0 - share) * square, astern)
     inflow = np.sqrt(np.maximum(square, 0.0) + 1e-8)  # the derivative at rest is finite
     across = v - c[C.lr] * p[_P.length] * r
     side = np.where(across > 0.0, c[C.gp], c[C.gm]) * across

@@ -6,10 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import t as student
 
 from tests.vessel_gym.identification.voyages import SHIP, STEP, coefficients, trial, write
-from vessel_gym.identification import filtering
-from vessel_gym.identification.consistency import Verdict, _lag, judge, simulated, without
+from vessel_gym.identification import filtering, tuning
+from vessel_gym.identification.consistency import Verdict, _lag, judge, simulated, withheld_errors
 from vessel_gym.identification.filtering import (
     NOISE,
     SENSORS,
@@ -23,7 +24,7 @@ from vessel_gym.identification.filtering import (
 from vessel_gym.identification.prediction import simulate
 from vessel_gym.identification.stream import _Fresh, estimates
 from vessel_gym.identification.trial import Trial, pace, without_repeats
-from vessel_gym.identification.tuning import tune
+from vessel_gym.identification.tuning import _outage, tune
 from vessel_gym.logs import Columns, LogError, read
 from vessel_gym.vehicles.measured_ship import MeasuredShip
 
@@ -133,7 +134,7 @@ def test_noise_of_which_each_innovation_is_too_large_is_found() -> None:
 
 
 def test_factors_of_outages_apply_while_a_sensor_is_missing() -> None:
-    """Standard deviations of what it measures grow to threefold within three spans, and no other does.
+    """Standard deviations of what it measures grow to threefold from the sixth step on, and no other does.
 
     Until then and after its return they are those without a factor.
     """
@@ -145,12 +146,34 @@ def test_factors_of_outages_apply_while_a_sensor_is_missing() -> None:
     y[50:150, SENSORS.index("heading")] = np.nan
     found, plain = (estimate("ekf", ship, replace(each, y=y), used) for used in (factors, noise))
     grown = found.level / plain.level
-    np.testing.assert_array_equal(grown[:51], 1.0)
+    np.testing.assert_array_equal(grown[:56], 1.0)
     np.testing.assert_array_equal(grown[:, [0, 2]], 1.0)
     assert np.all(np.diff(grown[50:151, 1]) >= 0.0)
     assert 8.0 < grown[100, 1] < grown[150, 1] <= 9.0
     np.testing.assert_array_equal(found.mean[:150], plain.mean[:150])
     assert grown[151, 1] < 1.1
+
+
+def test_a_factor_that_is_none_is_refused() -> None:
+    ship = known(np.random.default_rng(3))
+    for factor in (0.5, 11.0, np.inf):
+        wrong = replace(ship, noise=ship.noise | {"heading outage": factor})
+        with pytest.raises(ValueError, match=r"'heading outage' must be from 1 to 10, got"):
+            noise_of(wrong)
+
+
+def test_a_factor_allows_for_few_voyages_and_lost_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On its own model a factor of one voyage is that of Student's t with two degrees of freedom, as of three."""
+    rng = np.random.default_rng(5)
+    ship = known(rng)
+    noise = noise_of(ship)
+    one = voyage(rng, ship, noise, 100)
+    ratios = np.abs(np.divide(*withheld_errors(("yaw rate",), "ekf", ship, one, noise))) / 2.0
+    expected = student.ppf(0.97725, 2) / 2.0 * np.quantile(ratios, 0.9545)
+    assert _outage(("yaw rate",), ship, [one], noise) == pytest.approx(max(1.0, expected))
+    assert _outage(("yaw rate",), ship, [one, one.part(0, 20)], noise) == pytest.approx(max(1.0, expected))
+    monkeypatch.setattr(tuning, "withheld_errors", lambda *_: (np.full(95, np.nan), np.ones(95)))
+    assert _outage(("yaw rate",), ship, [one], noise) == 10.0
 
 
 @pytest.mark.slow
@@ -168,7 +191,7 @@ def test_factors_of_outages_make_good_what_lasts() -> None:
     plain = np.where(np.char.endswith(NOISE, "outage"), 1.0, found)
 
     def share(among: list[Voyage], noise: np.ndarray) -> float:
-        ratios = [np.divide(*without(("x", "y"), "ekf", ship, each, noise)) for each in among]
+        ratios = [np.divide(*withheld_errors(("x", "y"), "ekf", ship, each, noise)) for each in among]
         return float((np.abs(np.concatenate(ratios)) < 2.0).mean())
 
     assert share(own, plain) < 0.9 < 0.95 < share(own, found)

@@ -70,13 +70,13 @@ def test_on_a_straight_course_thrust_is_resistance() -> None:
     np.testing.assert_allclose(states[-1, 3], speed, rtol=1e-6)
 
 
-def rudder_force(u: float, v: float, race: float, **values: float) -> float:
+def rudder_force(u: float, v: float, race: float, n: float = 10.0, **values: float) -> float:
     """Sway force of a rudder of 1e-3 rad, over that of a rudder of the same angle in an undisturbed flow of 1 m/s."""
     c = np.zeros(len(COEFFICIENTS))
     for name, value in values.items():
         c[getattr(C, name)] = value
     numbers = (np.array(each) for each in (u, v, 0.0))
-    force = _rudder(*numbers, (np.array(1e-3), np.array(10.0)), np.array(race), c, P)[1]
+    force = _rudder(*numbers, (np.array(1e-3), np.array(n)), np.array(race), c, P)[1]
     return float(force / (-P[_P.rudder] * 1e-3))
 
 
@@ -87,6 +87,12 @@ def test_a_rudder_meets_the_slipstream_of_momentum_theory_on_a_part_of_its_heigh
     assert rudder_force(1.0, 0.0, 0.0, eps=1.0, kappa=1.0) == pytest.approx(1.0, rel=1e-5)
     assert rudder_force(1.0, 0.0, 2.0, eps=1.0, kappa=1.0) == pytest.approx(share * far**2 + 1.0 - share, rel=1e-5)
     assert rudder_force(0.0, 0.0, 2.0, kappa=0.5) == pytest.approx(share * 0.25 * (far**2 - 1.0), rel=1e-5)
+
+
+def test_a_rudder_hardly_feels_a_propeller_that_hardly_turns_ahead_or_astern() -> None:
+    for u in (2.0, 0.0, -2.0):
+        stopped, turning = (rudder_force(u, 0.0, 0.0, n=n, eps=0.7, kappa=0.5, kapb=0.03) for n in (0.0, 1e-9))
+        assert turning == pytest.approx(stopped, abs=1e-4)
 
 
 def test_the_wake_shrinks_with_drift() -> None:
