@@ -157,7 +157,10 @@ def build(
     options = checks.options("estimator_options", options)
     own = is_own(estimator)
     if not own and (not isinstance(estimator, str) or estimator not in estimator_names()):
-        raise ValueError(factory.unknown("estimator", estimator, accepted(system, sensors, disturbance)))
+        advice = (
+            ". A filter of your own is passed as its class, in a study as module:class" if ":" in str(estimator) else ""
+        )
+        raise ValueError(factory.unknown("estimator", estimator, accepted(system, sensors, disturbance)) + advice)
     assumptions = Assumptions.of(options.pop("assume", None))
     late = checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
     monitor = options.pop("monitor", None)

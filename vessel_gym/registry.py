@@ -15,7 +15,7 @@ class Registry(Generic[T]):
     """
 
     def __init__(self, what: str, ours: Callable[[], object]) -> None:
-        self._what, self._ours = what, ours
+        self._what, self._ours, self._loaded = what, ours, False
         self._entries: dict[type, dict[str, tuple[str, T]]] = {}
 
     def register(self, kind: type, entry: T, module: str, name: str = "") -> None:
@@ -32,7 +32,8 @@ class Registry(Generic[T]):
             ValueError: if another module has given it one of this name.
         """
         if not isinstance(kind, type):
-            raise TypeError(f"a {self._what} is registered for a class of tasks, got {kind!r}")
+            raise TypeError(f"{self._what} can be registered for a class of tasks, got {kind!r}")
+        self._load()
         entries = self._entries.setdefault(kind, {})
         if name in entries and entries[name][0] != module:
             called = f"{self._what} {name!r}" if name else self._what
@@ -43,15 +44,25 @@ class Registry(Generic[T]):
 
     def of(self, task: Any) -> dict[str, T]:
         """Entries of a task by name: its class's own, and those that it inherits."""
-        return {name: entry for name, (_, entry) in self._found(task).items()}
+        return self.of_class(type(task))
+
+    def of_class(self, kind: type) -> dict[str, T]:
+        """Entries of the tasks of a class by name."""
+        return {name: entry for name, (_, entry) in self._found(kind).items()}
 
     def modules(self, task: Any) -> dict[str, str]:
         """The modules that they are from, by name."""
-        return {name: module for name, (module, _) in self._found(task).items()}
+        return {name: module for name, (module, _) in self._found(type(task)).items()}
 
-    def _found(self, task: Any) -> dict[str, tuple[str, T]]:
-        self._ours()
+    def _load(self) -> None:
+        """Have the package's own registered first: its modules register while they are imported here."""
+        if not self._loaded:
+            self._loaded = True
+            self._ours()
+
+    def _found(self, kind: type) -> dict[str, tuple[str, T]]:
+        self._load()
         found: dict[str, tuple[str, T]] = {}
-        for kind in reversed(type(task).__mro__):
-            found |= self._entries.get(kind, {})
+        for each in reversed(kind.__mro__):
+            found |= self._entries.get(each, {})
         return found

@@ -75,21 +75,29 @@ TASK_METRICS: Registry[TaskMetrics] = Registry("metrics", _ours)
 
 
 def register_metrics(task_type: type, metrics: Sequence[Metric], compute: Computation | None = None) -> None:
-    """Register the metrics of a kind of task; subclasses inherit them.
+    """Register the metrics of a kind of task; subclasses inherit them, unless they register their own.
 
     Args:
         task_type: The class of the task.
         metrics: Beside score, return, steps, the costs of steering, the input's error, NEES and failed updates, which
             every task has; one with the key ``"steps"`` or ``"input_rmse"``, or of a cost of steering, replaces these.
-        compute: The metrics that have no ``of``: a function of a `Rollout` that returns ``(N,)`` by key.
+            Those of the parent class and one's own are ``[*metrics(system), mine]``, with a system of the parent.
+        compute: The metrics that have no ``of``: a function of a `Rollout` that returns ``(N,)`` by key; None: that of
+            the parent class.
 
     Raises:
         TypeError: for a task type that is no class, or metrics that are none.
         ValueError: for a metric without a computation, two metrics of one key, or metrics registered elsewhere.
     """
-    metrics = tuple(metrics)
+    metrics = tuple(m for m in metrics if m not in (SCORE, RETURN, NEES, UNHEALTHY))
     if not all(isinstance(m, Metric) for m in metrics):
         raise TypeError(f"a task is registered with objects of the class Metric, got {metrics!r}")
+    if (
+        compute is None
+        and isinstance(task_type, type)
+        and (found := TASK_METRICS.of_class(task_type.__base__ or object))
+    ):
+        compute = found[""].compute
     for m in metrics:
         if m.of is None and compute is None:
             raise ValueError(f"nothing computes {m.key!r}: give the metric an `of`, or register_metrics a function")
@@ -114,7 +122,7 @@ def scores(rollout: Rollout) -> dict[str, np.ndarray]:
     as NEES without a covariance.
 
     Raises:
-        ValueError: if the rollout kept no history.
+        ValueError: if the rollout kept no history, or a metric is not one value an episode.
         TypeError: for what is no rollout.
     """
     if not isinstance(rollout, Rollout):
@@ -125,7 +133,13 @@ def scores(rollout: Rollout) -> dict[str, np.ndarray]:
     task = _of_task(system)
     computed = {} if task.compute is None else task.compute(rollout)
     every = (*task.metrics, *(MONITORED if "alarms" in rollout.history else ()))
-    return {m.key: computed[m.key] if m.of is None else m.of(rollout) for m in every}
+    found = {m.key: np.asarray(computed[m.key] if m.of is None else m.of(rollout)) for m in every}
+    for key, values in found.items():
+        if values.shape != (len(rollout.seeds),):
+            raise ValueError(
+                f"metric {key!r} must be one value an episode, ({len(rollout.seeds)},), got {values.shape}"
+            )
+    return found
 
 
 def mean(metric: Metric, values: np.ndarray) -> Interval | None:

@@ -33,7 +33,8 @@ class Metric:
         decimals: Digits to print.
         meaning: One sentence.
         yes_or_no: True if each episode has 0 or 100 % of it.
-        of: Computes it; None: the function registered with its task does, along with others.
+        of: Computes it: a function of a `Rollout` that returns one value an episode, ``(N,)``, NaN where there is none.
+            None: the function registered with its task does, along with others.
         cost: True for what the vehicle's owner pays, which stands beside the score.
     """
 

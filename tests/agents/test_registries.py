@@ -29,6 +29,7 @@ from agents.studies.records import Study
 from agents.studies.study import StudyError, read_study
 from vessel_gym.core import Core
 from vessel_gym.envs import ItsunusaAUVEnv, PunaUAVEnv, SegorogeniAUVEnv, SigmaCorvetteEnv, ThesisCorvetteEnv, VesselEnv
+from vessel_gym.registry import Registry
 from vessel_gym.rendering import make_renderer
 from vessel_gym.surroundings import SURROUNDINGS, Surroundings, register_surroundings, surroundings_of
 from vessel_gym.system import System
@@ -170,6 +171,35 @@ def test_the_nearest_class_counts():
     register_metrics(KeepShallowDepth, (PITCH,), _pitch)
     assert [m.key for m in metrics(system_with(KeepShallowDepth()))] == [*COMMON, "pitch", *ENDS]
     assert [m.key for m in metrics(SYSTEM)] == [*COMMON, "offset", *ENDS]
+
+
+def test_a_metric_is_added_to_those_of_the_parent():
+    register_metrics(KeepDepth, (PITCH,), _pitch)
+    register_controller(KeepDepth, "autopilot")(DepthController)
+    register_metrics(KeepShallowDepth, [*metrics(SYSTEM), OFFSET])
+    keys = [m.key for m in metrics(system_with(KeepShallowDepth()))]
+    assert sorted(keys) == sorted([*(m.key for m in metrics(SYSTEM)), "offset"])
+    flight = rollout("autopilot", ENV, [3, 4])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("agents.metrics._of_task", lambda _: TASK_METRICS.of_class(KeepShallowDepth)[""])
+        both = scores(flight)
+    np.testing.assert_array_equal(both["pitch"], scores(flight)["pitch"])
+    np.testing.assert_array_equal(both["offset"], _offset(flight))
+
+
+@pytest.mark.parametrize("of", [lambda flown: flown.history["truth"][..., 0], lambda flown: 1.0])
+def test_a_metric_that_is_not_one_value_an_episode_is_refused(of):
+    register_metrics(KeepDepth, (replace(OFFSET, of=of),))
+    register_controller(KeepDepth, "autopilot")(DepthController)
+    with refused(ValueError, "metric 'offset' must be one value an episode"):
+        scores(rollout("autopilot", ENV, [3, 4]))
+
+
+def test_the_packages_entries_are_registered_before_a_users():
+    """Otherwise the package would be refused its own, when they are first looked for."""
+    registry: Registry[int] = Registry("metrics", lambda: registry.register(KeepDepth, 1, "ours"))
+    with refused(ValueError, "KeepDepth has its metrics from ours: subclass"):
+        registry.register(KeepDepth, 2, "mine")
 
 
 def test_steps_may_be_said_in_a_tasks_own_words():
