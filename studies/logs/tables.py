@@ -125,8 +125,8 @@ def targets() -> str:
     errors = _overshoot_errors()
     (within if (errors < 2.0).mean() >= 0.8 and errors.max() < 4.0 else beyond).append("overshoots")
     return fill(
-        f"Targets that are met: {'; '.join(within)}. Targets that are not met: {'; '.join(beyond)}. Overshoots are to "
-        "differ by less than 2 degrees in 80 % of cases, and by less than 4 in all.",
+        f"Targets that are met: {'; '.join(within)}. Targets that are not met: {'; '.join(beyond)}. The target for "
+        "overshoots: differences below 2 degrees in 80 % of cases, below 4 in all.",
         140,
         break_on_hyphens=False,
     )
@@ -167,8 +167,8 @@ def lowest() -> str:
         low = [{run["run"] for run in both if run["measured"]["withheld"][each] < 0.75} for both in judged]
         if names := sorted(set.intersection(*low)):
             runs = listed([f"`{name}`" for name in names])
-            sentences.append(f"By every filter the withheld {each} has less than 75 % in {runs}.")
-    found = " ".join(sentences) or "No withheld sensor has less than 75 % by every filter in any run."
+            sentences.append(f"In {runs}, every filter covers less than 75 % of the withheld {each}.")
+    found = " ".join(sentences) or "In no run does every filter cover less than 75 % of a withheld sensor."
     return fill(found, 140, break_on_hyphens=False)
 
 
@@ -188,7 +188,7 @@ def widths() -> str:
     if members and others:
         ratio = np.mean(members, 0) / np.mean(others, 0)
         parts = [f"{value:.2f} ({each})" for each, value in zip(_SENSORS, ratio, strict=True)]
-        sentences.append(f"Ratios of the deviations of ensembles to those of other filters are {listed(parts)}.")
+        sentences.append(f"Ensembles' standard deviations are {listed(parts)} times those of other filters.")
     return fill(" ".join(sentences), 140, break_on_hyphens=False)
 
 
@@ -217,7 +217,7 @@ def consistency() -> str:
         ends = dict.fromkeys(f"{-end(found.mean for _, found in apart):.0f}" for end in (max, min))
         sentences.append(
             f"{listed([name for name, _ in apart])} {'has' if len(apart) == 1 else 'have'} {' to '.join(ends)} "
-            "percentage points of NIS fewer inside its central 95 % interval than in simulation."
+            "percentage points less NIS inside the interval at sea than in simulation."
         )
     if lost:
         sentences.append(f"Estimates are lost by {listed(lost)}.")
@@ -261,9 +261,9 @@ def sensors() -> str:
         found.append((f"{mean:.{decimals}f} ± {half:.{decimals}f}", f"{said} of {len(of)}"))
     (late, late_in), (off, off_in) = found
     text = (
-        f"Surge lags the derivative of the position by {late} s in all logs together, and beyond its 95 % interval in "
-        f"{late_in} logs. The heading turns {off} % faster than the gyro says, and {off_in} logs show it beyond their "
-        "own interval."
+        f"Surge lags the derivative of the position by {late} s in all logs together; in {late_in} logs the interval "
+        f"excludes zero. The heading turns {off} % faster than the gyro says, and in {off_in} logs the interval "
+        "excludes zero."
     )
     return fill(text, 140, break_on_hyphens=False)
 

@@ -7,14 +7,14 @@ import pytest
 
 PAGE = Path(__file__).parents[2] / "docs" / "estimators" / "laws.md"
 WHY_NOT = {
-    "kalman": "is not a Kalman filter, with any options, on purpose",
-    "unknown-input": "estimates no unknown input",
-    "consistent": "is judged for consistency in tests of its own, where its claim differs",
-    "linear": "is tried here on a nonlinear system",
-    "deterministic": "has members drawn at random, for which the law is stated and tested apart",
-    "ensemble": "has no members",
-    "square-root": "does not update its members by a square root",
-    "long": "is run for fewer steps: this law is for one filter of each kind, which keeps the suite short",
+    "kalman": "by design it differs from a Kalman filter, whatever its options",
+    "unknown-input": "the law is about filters that estimate an unknown input, and this one does not",
+    "consistent": "it is tested for consistency separately, because it makes a different claim",
+    "linear": "it is tested here on a nonlinear system",
+    "deterministic": "it draws members at random; the law is stated for them and tested separately",
+    "ensemble": "it has no members",
+    "square-root": "it does not update its members by a square root",
+    "long": "it is tested over fewer steps; ten thousand are run for one filter of each family only",
 }
 """Why a law says nothing about a filter, by the property that the law is about."""
 
@@ -79,13 +79,16 @@ def _page(laws: dict[str, tuple[str, ...]], cases: tuple) -> str:
         "test run (`tests/estimators`) writes it: it tries every law of the common suite on every filter, with",
         "several sets of options and random systems. A *yes* means that the law held in all of them, a **no** that",
         "it failed in one. With a letter the law does not apply to this filter, for the reason below the table.",
-        "Laws of one filter alone have tests of their own, and so has consistency where a filter's claim differs.",
+        "",
+        "Every filter that `make` knows by name is in the table. [Several models](multiple-models.md) have no name;",
+        "their own tests apply the common laws to them. Laws of a single filter are tested separately, as is",
+        "consistency where a filter makes a different claim.",
         "",
         "| law | " + " | ".join(filters) + " |",
         "|---|" + "---|" * len(filters),
         *rows,
         "",
-        *(f"- **{letters[tag]}**: it {WHY_NOT[tag]}." for tag in WHY_NOT if tag in used),
+        *(f"- **{letters[tag]}**: {WHY_NOT[tag]}." for tag in WHY_NOT if tag in used),
         "",
     ]
     return "\n".join(lines)

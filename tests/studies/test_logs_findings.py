@@ -66,7 +66,7 @@ def test_filters_that_are_as_consistent_at_sea_are_told_from_others() -> None:
     words = " ".join(tables.consistency().split())
     assert words == (
         "As consistent at sea as in simulation, within the interval, is `same`. `worse` has 21 percentage points "
-        "of NIS fewer inside its central 95 % interval than in simulation. Estimates are lost by `lost` on 8 of 8 runs."
+        "less NIS inside the interval at sea than in simulation. Estimates are lost by `lost` on 8 of 8 runs."
     )
     rows = {row.split(" | ")[0].strip("| "): row for row in tables.filters().splitlines()}
     assert "| 74 % | 95 % | -21.1 ± 2.0 | 8 / 8 of 8 |" in rows["`worse`"]
@@ -121,7 +121,8 @@ def test_filters_are_judged_by_sensors_that_they_do_not_get() -> None:
 @pytest.mark.usefixtures("known")
 def test_runs_that_no_filter_foretells_are_named() -> None:
     words = " ".join(tables.lowest().split())
-    assert words.startswith("By every filter the withheld heading has less than 75 % in `turn_0`, `turn_1`")
+    assert words.startswith("In `turn_0`, `turn_1`")
+    assert words.endswith("every filter covers less than 75 % of the withheld heading.")
     assert "position" not in words
 
 
@@ -132,7 +133,7 @@ def test_deviations_of_ensembles_stand_beside_those_of_others(monkeypatch: pytes
     monkeypatch.setattr(tables, "stored", lambda: {"filters": found})
     words = " ".join(tables.widths().split())
     assert "a withheld position is 0.7 to 1.0 ship lengths" in words
-    assert "to those of other filters are 1.50 (position), 1.00 (heading) and 2.00 (yaw rate)." in words
+    assert "are 1.50 (position), 1.00 (heading) and 2.00 (yaw rate) times those of other filters." in words
 
 
 def test_a_run_whose_propeller_never_turns_is_judged_whole() -> None:
@@ -162,8 +163,8 @@ def test_a_model_that_is_the_ship_has_no_error() -> None:
 @pytest.mark.usefixtures("known")
 def test_errors_of_sensors_are_weighted_by_their_intervals() -> None:
     words = " ".join(tables.sensors().split())
-    assert "by 0.60 ± 0.07 s in all logs together, and beyond its 95 % interval in 2 of 2 logs" in words
-    assert "turns 1.8 ± 0.9 % faster than the gyro says, and 1 of 2 logs" in words
+    assert "by 0.60 ± 0.07 s in all logs together; in 2 of 2 logs the interval excludes zero" in words
+    assert "turns 1.8 ± 0.9 % faster than the gyro says, and in 1 of 2 logs the interval" in words
 
 
 def test_what_is_stored_makes_the_page() -> None:
