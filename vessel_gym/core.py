@@ -401,7 +401,7 @@ class Core:
             "input_estimate": np.zeros(unknown_input.shape) if input_mean is None else input_mean,
             "parameters": now.parameters,
         }
-        return happened | loop.beside(now.steps)
+        return happened | loop.extra_info(now.steps)
 
     # --- inside -----------------------------------------------------------------------------------
 

@@ -123,8 +123,8 @@ class Loop:
         if estimation.monitor is not None:
             self.watch = self._watched(self.watch, self.belief)
 
-    def beside(self, steps: np.ndarray) -> dict[str, np.ndarray]:
-        """More of an info: where sensors are late ``refused``, with faults their mask, and a monitor's alarms."""
+    def extra_info(self, steps: np.ndarray) -> dict[str, np.ndarray]:
+        """Entries of ``info`` by occasion: ``refused`` of late sensors, the mask of faults, the alarms of a monitor."""
         found = {"refused": self.refused} if self.sensors.horizon else {}
         found |= {} if self._faults is None else {"sensor_faults": self._faults.on(steps)}
         return found | ({} if self.monitor is None else {"alarms": self.alarms})

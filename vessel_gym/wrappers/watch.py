@@ -181,7 +181,7 @@ class Watch:
             "truth": self.truth, "estimate": belief.mean, "covariance": belief.cov, "measurement": y,
             "available": available, "healthy": belief.healthy,
         }  # fmt: skip
-        return {name: values.copy() for name, values in (happened | self.loop.beside(self.steps)).items()}
+        return {name: values.copy() for name, values in (happened | self.loop.extra_info(self.steps)).items()}
 
     def known(self, action: Any) -> np.ndarray:
         """Known input of filters for an action."""
