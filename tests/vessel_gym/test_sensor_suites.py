@@ -112,7 +112,7 @@ def losses(env_id: str, rows: int = 2000) -> np.ndarray:
     core = make_core(env_id, rows, seed=41, estimator="truth", sensors="denied")
     core.reset()
     steps = np.arange(core.task.horizon + round(LOSS / core.vehicle.dt))
-    return np.stack([core.loop.beside(np.full(rows, k))["sensor_faults"][:, 0] for k in steps])
+    return np.stack([core.loop.extra_info(np.full(rows, k))["sensor_faults"][:, 0] for k in steps])
 
 
 def test_a_lost_fix_is_lost_for_exactly_120_seconds_within_the_episode():
@@ -145,7 +145,7 @@ def test_a_lost_fix_takes_its_measurements_and_nothing_else(env_id: str):
     one.reset()
     other.reset()
     for k in range(30):
-        lost = other.loop.beside(other.steps)["sensor_faults"][:, 0]
+        lost = other.loop.extra_info(other.steps)["sensor_faults"][:, 0]
         (y, came), (read, there) = one.measurements, other.measurements
         np.testing.assert_array_equal(one.truth, other.truth)
         np.testing.assert_array_equal(read[:, ~own], y[:, ~own])
