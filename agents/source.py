@@ -7,9 +7,7 @@ from functools import cache
 from importlib.machinery import ModuleSpec
 from importlib.util import find_spec, resolve_name
 from pathlib import Path
-
-import estimators
-import vessel_gym
+from typing import Any
 
 _AROUND = ("agents.jobs",)
 """Modules that keep results and compute none: a change there leaves the results as they are."""
@@ -44,8 +42,10 @@ def source_digest(module: str) -> str:
         ValueError: if there is no such module.
     """
     digest = hashlib.sha256()
-    for package in (estimators, vessel_gym):
-        root = Path(package.__file__ or "").parent
+    for package in _WHOLE:
+        entry = _source(package)  # it is not imported: filters take a quarter of a second
+        assert entry is not None
+        root = entry.parent
         for path in sorted((*root.rglob("*.py"), *root.rglob("*.toml"))):
             name = path.relative_to(root)
             if name.parts[0] not in _SEEN:
@@ -62,10 +62,12 @@ def _code(source: bytes) -> bytes:
         tree = ast.parse(source)
     except (SyntaxError, ValueError):
         return source
-    for node in ast.walk(tree):
-        match node:
-            case ast.Module() | ast.ClassDef() | ast.FunctionDef() | ast.AsyncFunctionDef():
-                node.body = node.body[ast.get_docstring(node, clean=False) is not None :]
+    blocks: list[Any] = [tree]  # statements alone, as expressions are most of a tree and have no docstring
+    for node in blocks:
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            node.body = node.body[ast.get_docstring(node, clean=False) is not None :]
+        for name in ("body", "handlers", "cases", "orelse", "finalbody"):
+            blocks += getattr(node, name, ())
     return ast.dump(tree).encode()
 
 

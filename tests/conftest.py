@@ -19,7 +19,7 @@ settings.register_profile("default", derandomize=True, deadline=None)
 settings.register_profile("thorough", settings.get_profile("default"), max_examples=10_000)
 settings.load_profile("default")
 
-gc.set_threshold(5_000)  # tracing makes many objects and little garbage
+gc.set_threshold(20_000)  # tracing makes many objects and little garbage
 CASES = 1
 os.environ.setdefault("VESSEL_GYM_OPTIMISE", "0")  # of other processes, too: compiling took half of the time
 
@@ -41,14 +41,20 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def covering(cases: Sequence[Mapping[str, Any]], names: Sequence[str]) -> set[int]:
-    """Indices of cases that hold every value of every parameter, chosen at random by the cases' names."""
+    """Indices of few cases that hold every value of every parameter.
+
+    The next case has the most new values; of several, the one whose name comes first in a random order.
+    """
     kept, seen = set(), set()
-    for i in sorted(range(len(cases)), key=lambda i: crc32(names[i].encode())):
-        plain = {name: isinstance(value, str | float | int | None) for name, value in cases[i].items()}
-        values = {(name, type(value), value if plain[name] else id(value)) for name, value in cases[i].items()}
-        if not values <= seen:
-            kept.add(i)
-            seen |= values
+    values = []
+    for case in cases:
+        plain = {name: isinstance(value, str | float | int | None) for name, value in case.items()}
+        values.append({(name, type(x), x if plain[name] else id(x)) for name, x in case.items()})
+    left = sorted(range(len(cases)), key=lambda i: crc32(names[i].encode()))
+    while left := [i for i in left if not values[i] <= seen]:
+        best = max(left, key=lambda i: len(values[i] - seen))
+        kept.add(best)
+        seen |= values[best]
     return kept
 
 

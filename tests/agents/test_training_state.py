@@ -52,6 +52,7 @@ OTHERS = [(name, "none", None) for name in ALGORITHMS if name not in ("ppo", "sa
 AT_NIGHT = [pytest.param(*each, marks=pytest.mark.nightly) for each in OTHERS]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("algorithm", "memory", "options"), KINDS + AT_NIGHT)
 def test_an_interrupted_training_goes_on_to_the_same_checkpoint(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, algorithm: str, memory: str, options: Any

@@ -278,8 +278,9 @@ def test_predictions_are_those_of_the_textbook_formulas(members: int, spread: fl
 def test_rows_are_the_same_to_the_last_bit_alone_together_and_in_batches_of_any_size(
     name: str, options: dict[str, object]
 ):
+    filter = make(name, _wrapping(), members=20, **options)
+
     def flown(rows: slice = slice(None), threads: int = 1) -> list[Belief]:
-        filter = make(name, _wrapping(), members=20, **options)
         filter.num_threads = threads
         belief, numbers, y, available = _begun(filter, 0.5, rows)
         lost = np.where(np.arange(ROWS)[rows] == 3, np.nan, 1.0)[:, None, None]

@@ -109,7 +109,7 @@ def test_a_cusum_of_one_channel_has_the_stated_time_between_false_alarms():
     assert_mean(after, 100.0)
 
 
-@pytest.mark.parametrize("correlation", [0.0, 0.6, -0.9])
+@pytest.mark.parametrize("correlation", [0.6, *(pytest.param(c, marks=pytest.mark.nightly) for c in (0.0, -0.9))])
 def test_cusums_of_several_channels_raise_no_more_false_alarms_than_stated(correlation: float):
     rng = np.random.default_rng(2)
     S = (1.0 - abs(correlation)) * np.eye(3)

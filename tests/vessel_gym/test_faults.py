@@ -153,6 +153,7 @@ def test_who_takes_a_fault_for_a_random_walk_finds_it(env_id: str):
     assert np.sqrt(core.belief.cov[:, at, at]).max() < 2.5 * DEG
 
 
+@pytest.mark.slow
 @every_vehicle
 def test_every_filter_of_a_faulty_vehicle_stays_finite(env_id: str):
     fault = faulty(env_id, *SEEN[env_id], bias=0.2, amplitude=0.3, loss=0.5)

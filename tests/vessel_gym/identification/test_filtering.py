@@ -210,7 +210,7 @@ def test_a_filter_with_wrong_ratios_of_noise_is_not_trusted() -> None:
 
 
 @pytest.mark.slow
-def test_noise_is_recovered() -> None:
+def test_noise_is_recovered(monkeypatch: pytest.MonkeyPatch) -> None:
     """Within 4 standard deviations of 6 draws with other seeds: .03 of the logarithm and, of the yaw rate, .15.
 
     The noise of the gyro is confounded with accelerations of a step. The tuning begins at a distance of log 2.
@@ -218,6 +218,7 @@ def test_noise_is_recovered() -> None:
     rng = np.random.default_rng(2)
     ship = known(rng)
     noise = noise_of(ship) * np.array([2.0, 0.5, 2.0, 1.0, 1.0, 1.5, *[1.0] * 11])
+    monkeypatch.setattr(tuning, "_outage", lambda *_: 1.0)  # found afterwards, in a quarter of the time
     found = tune(ship, [voyage(rng, ship, noise, 600) for _ in range(4)])
     assert np.all(np.abs(np.log(found[:3] / noise[:3])) < (0.15, 0.15, 0.6))
 
@@ -232,7 +233,7 @@ def test_a_withheld_sensor_changes_nothing_but_what_is_measured() -> None:
     np.testing.assert_array_equal(first.mean, second.mean)
 
 
-@pytest.mark.parametrize("rate", [filtering.GATE, 2e-2])
+@pytest.mark.parametrize("rate", [pytest.param(filtering.GATE, marks=pytest.mark.nightly), 2e-2])
 def test_the_gate_rejects_at_its_rate(rate: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """On its own model, within 4 standard deviations of the binomial distribution, false alarm 1e-4.
 
