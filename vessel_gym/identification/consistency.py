@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 
 from estimators.angles import difference
-from estimators.belief import Belief
 from estimators.metrics import nis
-from estimators.models import NonlinearModel
 from vessel_gym.identification.filtering import (
     SENSORS,
     WITHHELD,
@@ -184,22 +182,6 @@ def _lag(belief: Any) -> float:
     return float(correlation[np.argmax(np.abs(correlation))])
 
 
-def foretold(
-    used: NonlinearModel, predicted: Belief, y: np.ndarray, known: np.ndarray, columns: Collection[int],
-    level: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Errors of predicted measurements ``(..., len(columns))``, and their standard deviations, noise included.
-
-    The covariance of the prediction is at the ``level (..., 3)`` of noise already, that of the measurement is not.
-    """
-    mean, cov = np.asarray(predicted.mean), np.asarray(predicted.cov)
-    expected, H = used.linearise_measurement(mean, known)[:2]
-    error = difference(y, expected, used.measurement_angles)
-    noise = sensor_levels(level) * np.einsum("...ii->...i", measurement_noise(known))
-    spread = np.einsum("...ij,...jk,...ik->...i", H, cov, H) + noise
-    return error[..., list(columns)], np.sqrt(spread[..., list(columns)])
-
-
 def withheld_errors(
     sensors: Collection[str], name: str, ship: MeasuredShip, voyage: Voyage, noise: np.ndarray, rng: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -212,6 +194,11 @@ def withheld_errors(
     """
     found = estimate(name, ship, voyage, noise, sensors, rng)
     known, columns = inputs(ship, voyage.u, noise), [SENSORS.index(each) for each in sensors]
-    error, deviation = foretold(model(ship, voyage.trial.dt), found.predicted, voyage.y, known, columns, found.level)
+    used, mean, cov = model(ship, voyage.trial.dt), np.asarray(found.predicted.mean), np.asarray(found.predicted.cov)
+    expected, H = used.linearise_measurement(mean, known)[:2]
+    error = difference(voyage.y, expected, used.measurement_angles)[:, columns]
+    # The covariance of the prediction is at the level of noise already, that of the measurement is not.
+    added = sensor_levels(found.level) * np.einsum("...ii->...i", measurement_noise(known))
+    deviation = np.sqrt(np.einsum("...ij,...jk,...ik->...i", H, cov, H) + added)[:, columns]
     measured = np.isfinite(error) & (np.arange(len(error)) >= _BEGINNING)[:, None]
     return error[measured], deviation[measured]

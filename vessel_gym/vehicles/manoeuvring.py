@@ -223,10 +223,10 @@ def _rudder(
     stern = v - 0.5 * p[_P.length] * r
     wake = (1.0 - c[C.eps]) * np.exp(-4.0 * stern * stern / (u * u + v * v + 1e-4))  # finite at rest
     along, share = (1.0 - wake) * u, p[_P.slipstream]
-    square, far = along * along, np.sqrt(along * along + (8.0 / np.pi) * race + 1e-8)
+    outside, far = along * along, np.sqrt(along * along + (8.0 / np.pi) * race + 1e-8)
     jet = np.abs(along) + c[C.kappa] * (far - np.abs(along))
-    astern = c[C.kapb] * n * n * p[_P.diameter] * p[_P.diameter] + square
-    square = np.where(n > 0.0, share * jet * jet + (1.0 - share) * square, astern)
+    astern = c[C.kapb] * n * n * p[_P.diameter] * p[_P.diameter] + outside
+    square = np.where(n > 0.0, share * jet * jet + (1.0 - share) * outside, astern)
     inflow = np.sqrt(np.maximum(square, 0.0) + 1e-8)  # the derivative at rest is finite
     across = v - c[C.lr] * p[_P.length] * r
     side = np.where(across > 0.0, c[C.gp], c[C.gm]) * across
