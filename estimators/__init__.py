@@ -51,6 +51,7 @@ from estimators.ulise import ULISE
 from estimators.unknown_input import (
     DelayedInputFilter,
     DelayedUMVFilter,
+    EndedUMVFilter,
     ExtendedUMVFilter,
     NoFeedthroughFilter,
     UMVFilter,
@@ -71,6 +72,7 @@ __all__ = [
     "DelayedInputBelief",
     "DelayedInputFilter",
     "DelayedUMVFilter",
+    "EndedUMVFilter",
     "DrawingFilter",
     "EnsembleBelief",
     "EnsembleFilter",

@@ -13,24 +13,29 @@ from estimators.varying import Matrix, Schedule, resolve
 
 
 def input_delayed(model: "LinearModel") -> "LinearModel":
-    """The linear model without feedthrough as one with: the input of the step before is taken for that of now.
+    """The linear model whose measurements show d(k-1), as one of direct feedthrough: that input is taken for d(k).
 
-    With ``x' = x - G d(k-1)`` and ``d' = d(k-1)``: ``x'+ = A x' + A G d' + B u``, ``y = C x' + C G d'``. So a filter
-    that needs rank(H) = q takes a model of rank(C G) = q; it estimates x', and calls the input of the step before that
-    of now. Exact where G does not change.
+    With ``x' = x - G d(k-1)`` and ``d' = d(k-1)``: ``x'+ = A x' + A G d' + B u``, ``y = C x' + (C G + H) d'``. So a
+    filter that needs rank(H) = q takes a model of rank(C G + H) = q; it estimates x', and calls the input of the step
+    before that of now. Exact where G does not change.
 
     Args:
-        model: With unknown inputs and H = 0.
+        model: With unknown inputs, and H = 0 or ``delayed_feedthrough``.
 
     Raises:
-        ValueError: if the model has no unknown input, or one that feeds through.
+        ValueError: if the model has no unknown input, or one that feeds through at once.
     """
     G: Any = model.G
-    if model.q == 0 or callable(model.H) or np.any(model.H):
-        raise ValueError("input_delayed needs an unknown input without feedthrough: give the model G, and H = 0")
+    H: Any = model.H
+    if model.q == 0 or not model.delayed_feedthrough and (callable(H) or np.any(H)):
+        raise ValueError(
+            "input_delayed needs an unknown input without feedthrough: give the model G, and H = 0 or "
+            "delayed_feedthrough=True"
+        )
     return LinearModel(
         model.A, model.C, model.Q, model.R, B=model.B,
-        G=_assembled(lambda A, G: A @ G, model.A, G), H=_assembled(lambda C, G: C @ G, model.C, G),
+        G=_assembled(lambda A, G: A @ G, model.A, G),
+        H=_assembled(lambda C, G, H: C @ G + H, model.C, G, H),
         state_angles=model.state_angles, measurement_angles=model.measurement_angles,
     )  # fmt: skip
 
@@ -40,7 +45,8 @@ def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearMo
 
     ``(x, d)+ = [A, G; 0, 0] (x, d) + [0; I] d(k+1)`` and ``y = [C, H] (x, d)``. So filters that need H = 0 take a model
     with feedthrough: what they call the input of the step before is the d that acts now. Begin with the input's prior
-    beside that of the state.
+    beside that of the state. A model of ``delayed_feedthrough`` has d(k-1) for these states, which drives nothing more:
+    ``(x, d)+ = [A, 0; 0, 0] (x, d) + [G; I] d(k)``. Begin with zeros beside the state.
 
     Args:
         model: With unknown inputs, and H of rank q if an unbiased filter is to tell them. A Jacobian of your own is
@@ -54,11 +60,16 @@ def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearMo
     H: Any = model.H
     if q == 0:
         raise ValueError("stacked needs an unknown input: give the model G, H or both")
+    ended, drive = model.delayed_feedthrough, np.eye(n + q, q, -n)
+    if ended and callable(G):
+        raise ValueError("stacked needs a constant G where the feedthrough is delayed")
     options: dict[str, Any] = {
         "Q": _assembled(lambda Q: _above(joined([Q, np.zeros((n, q))], -1), q), model.Q), "R": model.R,
-        "G": np.eye(n + q, q, -n), "H": np.zeros((p, q)),
+        "G": drive + _above(G, q) if ended else drive, "H": np.zeros((p, q)),
         "state_angles": model.state_angles, "measurement_angles": model.measurement_angles,
     }  # fmt: skip
+    if ended:  # d(k-1) is in the state already
+        G = np.zeros((n, q))
     if isinstance(model, LinearModel):
         return LinearModel(
             _assembled(lambda A, G: _above(joined([A, G], -1), q), model.A, G),
@@ -68,7 +79,7 @@ def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearMo
 
     def transition(z: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         x, d = z[..., :n], z[..., n:]
-        moved = model.transition(x, u) + np.matvec(model.input_matrix(x, u), d)
+        moved = model.transition(x, u) + np.matvec(G if ended else model.input_matrix(x, u), d)
         return np.concatenate([moved, np.zeros(moved.shape[:-1] + (q,))], -1)
 
     def measurement(z: np.ndarray, u: np.ndarray | None) -> np.ndarray:

@@ -22,7 +22,7 @@ from estimators.particles import ParticleFilter
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
 from estimators.square_root import SquareRootKalmanFilter
 from estimators.ulise import ULISE
-from estimators.unknown_input import DelayedUMVFilter, ExtendedUMVFilter, UMVFilter
+from estimators.unknown_input import DelayedUMVFilter, EndedUMVFilter, ExtendedUMVFilter, UMVFilter
 from estimators.unscented import UnscentedKalmanFilter, UnscentedUMVFilter
 
 _FILTERS: dict[str, type[Filter]] = {
@@ -72,8 +72,11 @@ def make(name: str, model: Model, **options: Any) -> Filter:
     """
     if not isinstance(name, str) or name not in _FILTERS:
         raise ValueError(unknown("filter", name, _FILTERS))
-    check_options(name, _FILTERS[name], options)
-    return _FILTERS[name](model, **options)
+    cls = _FILTERS[name]
+    if cls is UMVFilter and getattr(model, "delayed_feedthrough", False):
+        cls = EndedUMVFilter
+    check_options(name, cls, options)
+    return cls(model, **options)
 
 
 def check_options(name: str, cls: type, options: dict[str, Any]) -> None:

@@ -105,7 +105,9 @@ class KalmanFilter(GaussianFilter[Belief], verified=True):
         x-+ = A x + B u + G d         P-+ = [A G] cov(x, d) [A G]' + Q
 
     so that what the measurement shows of d is not forgotten in the prediction. `kf-umv-ui` is the limit of a D that
-    grows without bound.
+    grows without bound. With ``delayed_feedthrough`` the measurement contains d(k-1), which has moved the prediction::
+
+        x-+ = A x + B u      P-+ = A P A' + G D G' + Q      cov(x-+, d) = G D      (``input_delay`` 1)
 
     Source: Kalman (1960); covariance update in Joseph form; Anderson & Moore (1979), Optimal Filtering, sec. 5.4, for
     noises of process and measurement that are correlated.
@@ -133,23 +135,39 @@ class KalmanFilter(GaussianFilter[Belief], verified=True):
             raise ValueError("input_cov was given, but the model has no unknown input (G and H are missing)")
         self.input_cov = None if input_cov is None else input_covariance("input_cov", input_cov, model.q)
         if self.input_cov is not None:
-            self.input_delay, self.record = 0, InputBelief
+            self.input_delay, self.record = int(model.delayed_feedthrough), InputBelief
 
     def _unseen(self, mean: np.ndarray) -> dict[str, Any]:
-        return {} if self.input_cov is None else unseen_input(mean, self.input_cov)
+        if self.input_cov is None:
+            return {}  # before the first step nothing has acted that a delayed feedthrough could show
+        return unseen_input(mean, np.zeros(self.input_cov.shape) if self.input_delay else self.input_cov)
+
+    def _own(self, before: Belief, mean: np.ndarray, u: np.ndarray | None) -> dict[str, Any]:
+        if self.input_cov is None or not self.input_delay:
+            return self._unseen(mean)
+        unseen = unseen_input(mean, self.input_cov)
+        driven = self.model.input_matrix(before.mean, u) @ self.input_cov
+        return unseen | {"state_input_cov": unseen["state_input_cov"] + driven}
 
     def _moved(self, belief: Belief, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        return driven_on(self.model, belief, u) if isinstance(belief, InputBelief) else super()._moved(belief, u)
+        if self.input_cov is None or not isinstance(belief, InputBelief):
+            return super()._moved(belief, u)
+        if not self.input_delay:
+            return driven_on(self.model, belief, u)
+        mean, cov = super()._moved(belief, u)
+        return mean, cov + congruence(self.model.input_matrix(belief.mean, u), self.input_cov)
 
     def _update(self, belief: Belief, measurement: Measurement, rng: Rng) -> Belief:
         if self.input_cov is None:
             return super()._update(belief, measurement, rng)
         n, q = self.model.n, self.model.q
-        if belief.innovation is None:
-            joint = symmetric_blocks(belief.cov, np.zeros((n, q)), self.input_cov)
-            mean = joined([belief.mean[..., None], np.zeros((q, 1))], -2)[..., 0]
-        else:
+        if belief.innovation is not None:
             mean, joint = with_input(belief)
+        else:  # d(k), of which nothing is known but D, or d(k-1), which has moved the state
+            driven = belief.state_input_cov if self.input_delay else np.zeros((n, q))
+            known = belief.input_cov if self.input_delay else self.input_cov
+            joint = symmetric_blocks(belief.cov, driven, known)
+            mean = joined([belief.mean[..., None], np.zeros((q, 1))], -2)[..., 0]
         seen = joined([measurement.C, measurement.H], -1)
         mean, cov, S = joseph_update(mean, joint, measurement.innovation, seen, measurement.R)
         return InputBelief.updated(

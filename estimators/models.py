@@ -1,7 +1,8 @@
 """Priors, linear models and nonlinear models of filters.
 
 Notation throughout: ``x+ = A x + B u + G d + w`` and ``y = C x + H d + v`` with ``w ~ N(0, Q)``,
-``v ~ N(0, R)`` and ``d`` unknown; n states, m known inputs, q unknown inputs, p measurements.
+``v ~ N(0, R)`` and ``d`` unknown; n states, m known inputs, q unknown inputs, p measurements. With
+``delayed_feedthrough``, ``y(k) = C x(k) + H d(k-1) + v(k)``: measurements contain the input of the step that has ended.
 """
 
 from collections.abc import Callable
@@ -93,6 +94,8 @@ class LinearModel(Frozen):
         H: ``(..., p, q)`` unknown input to the measurement (direct feedthrough).
         state_angles: indices of states that are angles.
         measurement_angles: indices of measurements that are angles; their innovation is wrapped.
+        delayed_feedthrough: H feeds d(k-1) through, the unknown input of the step that has ended, instead of d(k). A
+            gyro that averages over its sampling interval reads so what has turned it since the last measurement.
 
     Raises:
         ValueError: naming the argument whose shape or definiteness is wrong.
@@ -107,6 +110,7 @@ class LinearModel(Frozen):
     H: Matrix | None = None
     state_angles: tuple[int, ...] = ()
     measurement_angles: tuple[int, ...] = ()
+    delayed_feedthrough: bool = False
     n: int = field(init=False)
     p: int = field(init=False)
     q: int = field(init=False)
@@ -186,6 +190,7 @@ class NonlinearModel(Frozen):
             are no vectors, as attitudes are; it broadcasts, and ``sum`` is its inverse. n is then the size of the
             error, Q its noise, and Jacobians are by errors. None: states are vectors, but for their angles.
         sum: ``x(b, e) -> (..., nx)``, the state that is the error ``e (..., n)`` away from b; likewise.
+        delayed_feedthrough: H feeds d(k-1) through instead of d(k), see `LinearModel`.
 
     A Jacobian of your own is compared with differences when it is first used. Functions must be pure, as those of a
     `LinearModel`, and may only read their arguments; the model is immutable likewise.
@@ -208,6 +213,7 @@ class NonlinearModel(Frozen):
     measurements: int | None = None
     difference: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     sum: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+    delayed_feedthrough: bool = False
     n: int = field(init=False)
     p: int = field(init=False)
     q: int = field(init=False)

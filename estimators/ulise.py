@@ -35,7 +35,8 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
     shows well is estimated from N(0, ``input_prior``). Covariances follow in Joseph form.
 
     The input is known whole one step late: ``input_mean`` is d(k-1) (``input_delay`` 1), ``feedthrough_mean`` is d1(k).
-    With H = 0 this is `kf-umv-ui-wdf`; with rank H = q the states are those of `kf-umv-ui`.
+    With H = 0 this is `kf-umv-ui-wdf`; with rank H = q the states are those of `kf-umv-ui`. With
+    ``delayed_feedthrough`` nothing shows at once, and ``F = C G + H``.
 
     Source: Yong, Zhu & Frazzoli (2016), A unified filter for simultaneous input and state estimation of linear
     discrete-time stochastic systems.
@@ -62,7 +63,10 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
         C, G, H = self.model.C, self.model.G, self.model.H
         if not (isinstance(C, np.ndarray) and isinstance(G, np.ndarray) and isinstance(H, np.ndarray)):
             return
-        now, observable = observable_ranks(C, G @ self._root, H @ self._root)
+        if model.delayed_feedthrough:  # d(k) shows at k + 1 alone, through both
+            now, observable = np.zeros((), int), np.linalg.matrix_rank((C @ G + H) @ self._root)
+        else:
+            now, observable = observable_ranks(C, G @ self._root, H @ self._root)
         late = q - now
         if (observable < late).any():
             row = np.argmax(late - observable)
@@ -112,16 +116,21 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
 
     def _observable_input(self, belief: FeedthroughBelief, measurement: Measurement) -> np.ndarray:
         late = self._observable(belief, measurement) @ self._root
-        now = np.broadcast_to(measurement.H @ self._root, late.shape)
+        now = np.broadcast_to(self._feedthrough(measurement)[0] @ self._root, late.shape)
         return np.concatenate([now, late], -1)
 
+    def _feedthrough(self, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
+        """What measurements contain of d(k) and of d(k-1) ``(..., p, q)``, but for what that did to the state."""
+        H, none = measurement.H, np.zeros(measurement.H.shape)
+        return (none, H) if self.model.delayed_feedthrough else (H, none)
+
     def _update(self, belief: FeedthroughBelief, measurement: Measurement, rng: Rng) -> FeedthroughBelief:
-        C, H, R = measurement.C, measurement.H, measurement.R
+        C, (H, delayed), R = measurement.C, self._feedthrough(measurement), measurement.R
         n, q = self.model.n, self.model.q
         pending = waiting(belief)
         reach = belief.input_reach * pending + np.eye(n + q, q, -n) * (1.0 - pending)
         G, rest = reach[..., :n, :], reach[..., n:, :]
-        CP, F = C @ belief.cov, C @ G
+        CP, F = C @ belief.cov, C @ G + delayed * pending
         S = CP @ C.mT + R
         solved = self._solved(belief, measurement, S, joined([CP, H, F], -1))
         K, SH, SF = solved[..., :n].mT, solved[..., n : n + q], solved[..., n + q :]

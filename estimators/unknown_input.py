@@ -234,6 +234,11 @@ class UMVFilter(UnknownInputFilter[InputBelief], verified=True):
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
         super().__init__(model, input_prior)
         self.idle = np.array_equal(self._root @ self._inverse_root, np.eye(model.q))  # else the prior is rounded
+        if model.delayed_feedthrough:
+            raise ValueError(
+                "UMVFilter takes H d(k) for the input that acts now, but this model has delayed_feedthrough: use "
+                'EndedUMVFilter, which estimators.make("kf-umv-ui", model) builds of such a model'
+            )
         if isinstance(model.H, np.ndarray):
             rank = int(np.linalg.matrix_rank(model.H).min())
             if rank < model.q:
@@ -274,7 +279,8 @@ class DelayedInputFilter(UnknownInputFilter[Delayed], verified=True):
         return self._input_matrix(belief) * waiting(belief)
 
     def _observable(self, belief: Delayed, measurement: Measurement) -> np.ndarray:
-        return measurement.C @ self._drive(belief)
+        shown = measurement.C @ self._input_matrix(belief)
+        return (shown + measurement.H if self.model.delayed_feedthrough else shown) * waiting(belief)
 
     def _joint(self, belief: Delayed) -> np.ndarray:
         n, q = self.model.n, self.model.q
@@ -299,7 +305,7 @@ def waiting(belief: DelayedInputBelief) -> np.ndarray:
 
 
 class NoFeedthroughFilter(DelayedInputFilter[DelayedInputBelief], verified=True):
-    """Base of filters of models with H = 0: the unknown input acts on the state only.
+    """Base of filters that know nothing of d(k) at k: H is 0, or feeds d(k-1) through (``delayed_feedthrough``).
 
     Each says how it linearises a nonlinear model.
     """
@@ -308,16 +314,19 @@ class NoFeedthroughFilter(DelayedInputFilter[DelayedInputBelief], verified=True)
 
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
         super().__init__(model, input_prior)
-        if callable(model.H) or np.any(model.H):
+        if not model.delayed_feedthrough and (callable(model.H) or np.any(model.H)):
             raise ValueError(f"{self.name} needs H = 0 (no feedthrough): use kf-umv-ui or ulise")
-        C, changes = getattr(model, "C", None), callable(model.G)
-        if constant := isinstance(C, np.ndarray) and not changes:
-            rank = int(np.linalg.matrix_rank(C @ self._G).min())
+        C, H, changes = getattr(model, "C", None), model.H, callable(model.G)
+        if constant := isinstance(C, np.ndarray) and isinstance(H, np.ndarray) and not changes:
+            rank = int(np.linalg.matrix_rank(C @ self._G + H).min())
+        elif changes or callable(H) or np.any(H):
+            rank = min(model.p, model.q)
         else:  # C G changes, but is never of higher rank than this
-            rank = min(model.p, model.q if changes else int(np.linalg.matrix_rank(self._G).min()))
+            rank = min(model.p, int(np.linalg.matrix_rank(self._G).min()))
         if rank < model.q:
+            shown = "C G + H" if model.delayed_feedthrough else "C G"
             raise ValueError(
-                f"{self.name} needs rank(C G) = {model.q} unknown input{'s' if model.q > 1 else ''}, "
+                f"{self.name} needs rank({shown}) = {model.q} unknown input{'s' if model.q > 1 else ''}, "
                 f"got {'' if constant else 'at most '}{rank}: measure a state that each input drives directly"
             )
 
@@ -339,10 +348,13 @@ class ExtendedUMVFilter(NoFeedthroughFilter, verified=True):
     ``input_prior``) for that step. Jacobians are taken at a prediction that knows nothing of d(k-1): what an input does
     to them within one step is neglected.
 
+    With ``delayed_feedthrough`` the measurement contains d(k-1) besides: ``F = C G + H``.
+
     Sources: Kitanidis (1987); Gillijns & De Moor (2007a); Pan et al. (2010), the extended filter without feedthrough.
 
     Args:
-        model: A model with H = 0 and rank(C G) = q; a nonlinear one may give G as a function of ``(x, u)``.
+        model: A model with H = 0 and rank(C G) = q, or with ``delayed_feedthrough`` and rank(C G + H) = q; a nonlinear
+            one may give G as a function of ``(x, u)``.
         input_prior: Covariance ``(q, q)`` of the unknown input where a measurement hardly shows it; a number
             stands for that number times identity. Its scale is the problem's: set it.
 
@@ -351,6 +363,31 @@ class ExtendedUMVFilter(NoFeedthroughFilter, verified=True):
     """
 
     name = "ekf-ui-wdf"
+
+
+class EndedUMVFilter(ExtendedUMVFilter, verified=True):
+    """KF-UMV-UI of a model whose H feeds through the input of the step that has ended (``delayed_feedthrough``).
+
+    The input d(k-1) has moved the state x(k) through G before the measurement of step k shows it, through C and H::
+
+        x(k) = A x(k-1) + B u(k-1) + G d(k-1) + w      y(k) = C x(k) + H d(k-1) + v(k)      F = C G + H
+
+    With F the formulas are those of `ExtendedUMVFilter`, so that the belief is about x(k) with the input in it. It is
+    `UMVFilter` on the equivalent model of ``x' = x - G d(k-1)``, with ``G' = A G`` and ``H' = C G + H``: see
+    `estimators.input_delayed`.
+
+    Sources: Gillijns & De Moor (2007b); Kitanidis (1987).
+
+    Args:
+        model: A model with rank(C G + H) = q; a nonlinear one may give G as a function of ``(x, u)``.
+        input_prior: Covariance ``(q, q)`` of the unknown input where a measurement hardly shows it; a number
+            stands for that number times identity. Its scale is the problem's: set it.
+
+    Raises:
+        ValueError: if the model feeds d(k) through, or the rank condition cannot hold.
+    """
+
+    name = "kf-umv-ui"
 
 
 class DelayedUMVFilter(NoFeedthroughFilter, verified=True):

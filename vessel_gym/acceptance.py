@@ -117,6 +117,12 @@ def check_input(filter: Filter, composition: Composition) -> None:
     if not isinstance(filter, UnknownInputFilter) or not composition.inputs:
         return
     model, sensors = composition.model, composition.sensors
+    if filter.model.delayed_feedthrough != model.delayed_feedthrough and np.any(model.H):
+        raise ValueError(
+            f"{filter.name} takes its unknown input at another time than measurements show it: they contain that of "
+            f"the step that {'has ended' if model.delayed_feedthrough else 'comes'}; build it on a model with "
+            f"delayed_feedthrough={model.delayed_feedthrough}"
+        )
     base, u = nominal_flight(composition.vehicle, composition.names[: composition.base])
     x = np.zeros((len(base), model.n))
     x[:, : composition.base] = base
@@ -140,7 +146,8 @@ def check_input(filter: Filter, composition: Composition) -> None:
         return ""
 
     A, C = model.linearise_transition(x, u)[1], model.linearise_measurement(x, u)[1]
-    given = A, C, model.input_matrix(x, u), resolve(model.H, u)  # type: ignore[arg-type]
+    G, H = model.input_matrix(x, u), resolve(model.H, u)  # type: ignore[arg-type]
+    given = (A, C, A @ G, C @ G + H) if model.delayed_feedthrough else (A, C, G, H)
     for matrices in zip(*(np.broadcast_to(each, (len(x), *each.shape[-2:])) for each in given), strict=True):
         if why := failing(*matrices):
             acting = type(composition.forces.disturbance).__name__

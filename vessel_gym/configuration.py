@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import chain
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -215,12 +216,14 @@ class TrueState(NamedTuple):
     drifting: bool  # is the disturbance's state among them?
     alone: bool  # are they the vehicle's state and nothing else?
     estimated: list[int]  # places of those that the filter estimates; -1: it alone thinks that there is one
+    ended: list[int]  # indices of the increments of the step that has ended which are among them
 
     def values(self, now: EnvState, sea: int) -> np.ndarray:
         """The true states ``(B, n)``; the disturbance's state has ``sea`` components."""
         if self.alone:
             return now.state
-        return np.concatenate([now.state, now.drifting if self.drifting else now.drifting[:, sea:]], -1)
+        drifting = now.drifting if self.drifting else now.drifting[:, sea:]
+        return np.concatenate([now.state, drifting, now.ended[:, self.ended]], -1)
 
     @classmethod
     def of(cls, world: World, composition: Composition) -> "TrueState":
@@ -228,15 +231,16 @@ class TrueState(NamedTuple):
         disturbance, vehicle = world.forces.disturbance, world.forces.vehicle.state_names
         drifting = disturbance.assumed_as == "states" or len(composition.estimated) > 0
         names = *vehicle, *(disturbance.names if drifting else ()), *world.sensors.bias_names
+        names = *names, *composition.ended_names
         estimated = [names.index(name) if name in names else -1 for name in composition.names]
-        return cls(names, drifting, len(names) == len(vehicle), estimated)
+        return cls(names, drifting, len(names) == len(vehicle), estimated, composition.ended)
 
 
 class UnknownInput(NamedTuple):
-    """Places of the true unknown input."""
+    """Places of the true unknown input: increments and changes of the step that has ended, flows and faults of now."""
 
-    columns: Any  # of `noise` or `exogenous`, or of both and a last column of NaN
-    array: str  # "noise", "exogenous" or, where both hold a part, ""
+    columns: Any  # of an array, or of all three and a last column of NaN
+    array: str  # "ended_noise", "ended", "exogenous" or, where several hold a part, ""
 
     def values(self, now: EnvState) -> np.ndarray:
         """The true one of every environment ``(B, q)``; NaN what only the filter thinks there is."""
@@ -244,7 +248,7 @@ class UnknownInput(NamedTuple):
             chosen: np.ndarray = getattr(now, self.array)[:, self.columns]
             return chosen
         unheard = np.full((len(now.noise), 1), np.nan)
-        return np.concatenate([now.noise, now.exogenous, unheard], -1)[:, self.columns]
+        return np.concatenate([now.ended_noise, now.ended, now.exogenous, unheard], -1)[:, self.columns]
 
     @classmethod
     def of(cls, world: World, names: tuple[str, ...]) -> "UnknownInput":
@@ -252,11 +256,17 @@ class UnknownInput(NamedTuple):
         disturbance = world.forces.disturbance
         new = (*disturbance.names, *world.sensors.bias_names)
         new = (*disturbance.white_increments, *map(change_of, new))  # components of `noise`
-        acting = (*new, *input_channels(world.forces.vehicle)[: world.forces.size])
-        places = [acting.index(name) if name in acting else len(acting) for name in names]
-        fresh, forced = all(i < len(new) for i in places), all(len(new) <= i < len(acting) for i in places)
-        chosen = columns([i - len(new) for i in places] if forced else places)
-        return cls(chosen, "noise" if fresh else "exogenous" if forced else "")
+        channels, increments = input_channels(world.forces.vehicle)[: world.forces.size], world.forces.vehicle.increments
+        arrays = {
+            "ended_noise": new,
+            "ended": [name if name in increments else None for name in channels],
+            "exogenous": [None if name in increments else name for name in channels],
+        }  # fmt: skip
+        for array, held in arrays.items():
+            if all(name in held for name in names):
+                return cls(columns([held.index(name) for name in names]), array)
+        held = [*chain(*arrays.values())]
+        return cls(columns([held.index(name) if name in held else len(held) for name in names]), "")
 
 
 def observed(observe: str, guidance: bool) -> tuple[str, ...]:

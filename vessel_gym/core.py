@@ -223,8 +223,8 @@ class Core:
             parameters = config.nominal.repeat(len(rows), 0)
         now = EnvState(
             np.ascontiguousarray(keys[:, len(DRAWN) : draws.world]), steps, scenario, parameters, state,
-            np.zeros((len(rows), config.action_size)), actuators, drifting, noise, exogenous, scenario, score_state,
-            total, steps.copy(),
+            np.zeros((len(rows), config.action_size)), actuators, drifting, noise, exogenous, np.zeros_like(noise),
+            np.zeros_like(exogenous), scenario, score_state, total, steps.copy(),
         )  # fmt: skip
         measurements = loop.receive(measurements or (read[0], read[1]), steps, some, measurements is not None)
         belief = loop.begin(some, known(prior, config.composition), self._passed(measurements, now), u)

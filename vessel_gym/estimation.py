@@ -22,7 +22,7 @@ from vessel_gym import checks
 from vessel_gym.acceptance import check_input, check_own
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.filter_models.build import Composition, checked_assumption, compose, unknown_inputs
-from vessel_gym.filter_models.exogenous import Forces
+from vessel_gym.filter_models.exogenous import Forces, input_channels
 from vessel_gym.reference_filters import DeadReckoning, Oracle, ZeroOrderHold
 from vessel_gym.sensors import Sensors
 from vessel_gym.sharing import shared
@@ -109,6 +109,13 @@ class Estimation:
     horizon: int = 0
 
     @cached_property
+    def input_delay(self) -> int:
+        """Steps by which an estimate of the unknown input is later than the true one that `Core.unknown_input` has."""
+        vehicle = self.composition.vehicle
+        levels = set(input_channels(vehicle)) - set(vehicle.increments)  # of these it has what is now
+        return 0 if levels.isdisjoint(self.inputs) else self.filter.input_delay or 0
+
+    @cached_property
     def tells_truth(self) -> bool:
         """Is it the declared exception, whose measurement is the truth?"""
         return isinstance(self.filter, Oracle)
@@ -168,10 +175,6 @@ def build(
         assumptions = Assumptions()
     default = system.filter_models.get(str(estimator), system.filter_model)
     composition = _composed(system, options.pop("model", default), assumptions, sensors, disturbance)
-    straight = composition.model
-    if not own:
-        composition = composition.adapted_to(str(estimator))
-    model = composition.model
     nature = composition.forces if assumptions.disturbance is None else Forces(system.vehicle, disturbance)
     inputs = composition.inputs or unknown_inputs(nature, sensors)
     acting = *disturbance.names, *composition.forces.disturbance.names
@@ -182,8 +185,6 @@ def build(
         name = estimator if isinstance(estimator, str) else "an estimator of one's own"
         raise ValueError(f'only kf can assume a white input of known variance, not {name}: say "as": "process-noise"')
     made = _filter(system, estimator, options, composition, inputs, assumptions.Q)
-    if not own and model is not straight:  # its input of a step is that of the next one, or of the one before
-        made.input_delay = 0 if composition.late else 1
     check_input(made, composition)
     made.num_threads, watch = num_threads, monitor_of(monitor, sensors, made)
     return Estimation(made, composition, assumptions.prior, inputs, late, watch, sensors.horizon)

@@ -21,6 +21,8 @@ class EnvState:
     drifting: np.ndarray  # (B, s) states of the disturbance, then of the sensors' biases
     noise: np.ndarray  # (B, w + s) new in increments, disturbance and biases over the coming step
     exogenous: np.ndarray  # (B, f) exogenous input over the coming step
+    ended_noise: np.ndarray  # (B, w + s) what was new over the step that has ended,
+    ended: np.ndarray  # (B, f) and the exogenous input then; zeros after a reset
     reference: np.ndarray  # (B, k)
     score_state: np.ndarray  # (B, k) score state
     total: np.ndarray  # (B,) sum of rewards
@@ -28,10 +30,10 @@ class EnvState:
     observation: np.ndarray | None = None  # (B, k) where the step gives it
 
     def after(self, action: np.ndarray) -> "EnvState":
-        """The state a step later, in which all but the number of steps and the action is as it was."""
+        """The state a step later, in which what was coming has ended, and the rest is as it was."""
         return EnvState(
             self.keys, self.steps + _ONE, self.scenario, self.parameters, self.state, action, self.actuators,
-            self.drifting, self.noise, self.exogenous, self.reference, self.score_state, self.total, self.end,
+            self.drifting, self.noise, self.exogenous, self.noise, self.exogenous, self.reference, self.score_state, self.total, self.end,
         )  # fmt: skip
 
     def merged(self, rows: np.ndarray, some: "EnvState") -> "EnvState":

@@ -57,7 +57,8 @@ class World:
     def _called(self, *arrays: np.ndarray) -> Iterator[Call]:
         """Users' functions that `equations` call of arrays, besides methods of parts."""
         _, _, _, state, _, exogenous, _, _, _, drifting, *_ = arrays
-        return self.sensors.users(*self._measuring(state, exogenous, drifting))
+        ended = exogenous[..., : len(self.forces.vehicle.increments)]
+        return self.sensors.users(*self._measured(state, ended, exogenous, drifting))
 
     @compiled(axes=(1, 1, 1, 1, 1, 1, 1, 2, 0, 1, 1, 2))
     def equations(
@@ -73,15 +74,16 @@ class World:
         commanding = self.task.commanding
         commanded = self.task.commanded(scenario, steps - 1) if commanding is None else reference[..., commanding]
         u = self.vehicle.known_input(actuators, after, commanded)
+        ended = exogenous[..., : len(self.forces.vehicle.increments)]
         moved = self.move(state, actuators, after, exogenous, parameters, keys, steps, drifting, noise)
         state, drifting, noise, exogenous = moved
         exogenous = self._with_task(exogenous, scenario, steps)
-        sensed = self.sense(state, exogenous, drifting, steps, sensing)
-        stepped = after, u, state, drifting, noise, exogenous, *sensed
+        measured = self._measured(state, ended, exogenous, drifting)
+        stepped = after, u, state, drifting, noise, exogenous, *self.sense(*measured, steps, sensing)
         if not self.users:
             return stepped
         finite = (np.isfinite(each).all(-1) for each in (after, u, state, exogenous))
-        return *stepped, reduce(and_, finite, self.sensors.sound(*self._measuring(state, exogenous, drifting)))
+        return *stepped, reduce(and_, finite, self.sensors.sound(*measured))
 
     @compiled(axes=(1, 1, 1, 1, 1, 2, 0, 1, 1))
     def move(
@@ -135,21 +137,30 @@ class World:
         drifting, noise, exogenous = self._with_effect(advanced, state, actuators)
         exogenous = self._with_task(exogenous, scenario, steps)
         u = self.vehicle.known_input(actuators, actuators, self.task.commanded(scenario, steps))
-        read = self.sense(state, exogenous, drifting, steps, keys[..., count:, :])
+        ended = np.zeros((*steps.shape, len(self.forces.vehicle.increments)))
+        read = self.sense(*self._measured(state, ended, exogenous, drifting), steps, keys[..., count:, :])
         return actuators, u, state, drifting, noise, exogenous, *read, self.task.initial_score_state(state, scenario)
 
     @compiled(axes=(1, 1, 1, 0, 2))
     def sense(
-        self, state: np.ndarray, exogenous: np.ndarray, drifting: np.ndarray, steps: np.ndarray, sensing: np.ndarray
+        self, state: np.ndarray, exogenous: np.ndarray, bias: np.ndarray, steps: np.ndarray, sensing: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Measurements ``(..., p)`` and the mask of those available, by keys ``(..., sensors, 2)``."""
-        return self.sensors.read(*self._measuring(state, exogenous, drifting), steps, sensing)
+        return self.sensors.read(state, exogenous, bias, steps, sensing)
 
-    def _measuring(
-        self, state: np.ndarray, exogenous: np.ndarray, drifting: np.ndarray
+    def _measured(
+        self, state: np.ndarray, ended: np.ndarray, coming: np.ndarray, drifting: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """State, exogenous input and biases that sensors read."""
-        return state, exogenous[..., : self.forces.outside], drifting[..., self.size :]
+        """State, exogenous input and biases that sensors read: no sensor sees what has not happened.
+
+        Args:
+            state: ``(..., n)`` of the vehicle, now.
+            ended: Increments ``(..., increments)`` of the step that has ended, which are in that state.
+            coming: Exogenous input ``(..., f)`` of the coming step, of which flows are those of now.
+            drifting: States of disturbance and biases ``(..., s)``.
+        """
+        flows = coming[..., ended.shape[-1] : self.forces.outside]
+        return state, np.concatenate([ended, flows], -1), drifting[..., self.size :]
 
     @compiled(axes=(2, 0, 1, 1))
     def _advanced(

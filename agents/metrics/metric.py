@@ -113,7 +113,7 @@ def _input_rmse(rollout: Rollout) -> np.ndarray:
     composition = core.composition
     if core.belief.input_mean is None or not composition.inputs:
         return np.full(len(rollout.seeds), np.nan)
-    delay = core.filter.input_delay or 0  # the estimate of step k is of the input of step k - delay
+    delay = core.config.estimation.input_delay  # the estimate of step k is of the input of step k - delay
     true = h["unknown_input"][: len(rollout.alive) - delay]
     with np.errstate(divide="ignore", invalid="ignore"):
         error = (h["input_estimate"][delay:] - true) / np.sqrt(np.diag(composition.forces.input_cov))

@@ -106,7 +106,7 @@ def input_error(rollout: Rollout) -> np.ndarray:
     core, h = core_of(rollout), rollout.history
     if core.belief.input_mean is None:
         return np.full(len(rollout.seeds), np.nan)
-    delay = core.filter.input_delay or 0  # the estimate of step k is of the input of step k - delay
+    delay = core.config.estimation.input_delay  # the estimate of step k is of the input of step k - delay
     true = _true_input(rollout)
     return rms(h["input_estimate"][delay:, :, 0] - true[: len(true) - delay], rollout.alive[delay:])
 

@@ -11,7 +11,7 @@ from vessel_gym.checks import instance
 from vessel_gym.envs.shared import documented
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
-from vessel_gym.filter_models.build import Composition
+from vessel_gym.filter_models.build import OF_UNKNOWN_INPUTS, Composition
 from vessel_gym.seaway import Seaway
 from vessel_gym.system import System
 from vessel_gym.tasks.channel import Channel
@@ -41,8 +41,8 @@ def seas(ship: CorvetteParameters, dt: float) -> dict[str, Seaway]:
 @verified
 def input_tuning(name: str, composition: Composition) -> dict[str, Any]:
     """The variance of the yaw increment, for filters that estimate it."""
-    if name in ("kf-umv-ui", "ulise"):
-        return {"input_prior": composition.forces.increment_cov}
+    if name in OF_UNKNOWN_INPUTS and composition.inputs:
+        return {"input_prior": composition.forces.input_cov}
     return {}
 
 

@@ -17,9 +17,9 @@ from vessel_gym.verified import verified
 
 
 class UnknownStep(Disturbance, verified=True):
-    """A yaw increment d that filters have for an unknown input of unknown size: the task says when it steps."""
+    """A step d that filters have for an unknown input of unknown size: the task says when it steps."""
 
-    forces = ("yaw increment",)
+    forces = inputs = ("yaw increment",)
     assumed_as = "unknown-input"
     input_sd = (1.0,)
 

@@ -4,14 +4,13 @@ The filter's state is the vehicle's, then the disturbance's as far as it is assu
 biases.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from estimators import LinearModel, NonlinearModel, input_delayed, stacked
-from estimators.varying import StateNoise
+from estimators import LinearModel, NonlinearModel
 from vessel_gym.checks import one_of
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.filter_models.exogenous import Forces, change_of, cruising
@@ -24,8 +23,8 @@ from vessel_gym.vehicles.vehicle import Trims, Vehicle
 ASSUMED = ("states", "unknown-input", "white-input", "process-noise")
 """Ways to assume a disturbance: its state is part of the filter's (``states``); its `Disturbance.inputs` are
 the unknown input d (``unknown-input``), perhaps with the variance that they have, and white (``white-input``), and what
-of its state does something else is part of the filter's; or its increments stand in Q and R alone (``process-noise``),
-and the filter knows nothing of a flow."""
+of its state does something else is part of the filter's; or its increments are process noise (``process-noise``), and
+the filter knows nothing of a flow."""
 
 
 OF_UNKNOWN_INPUTS = ("kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise")
@@ -50,25 +49,12 @@ class Composition(Parts):
         names: The components of its state: of the vehicle, of the disturbance, of the sensors' biases.
         inputs: What its unknown input d is, by name.
         assumed_as: One of `ASSUMED`.
-        late: Whether the unknown input that acts now is the last part of the filter's state.
     """
 
     model: LinearModel | NonlinearModel
     names: tuple[str, ...]
     inputs: tuple[str, ...]
     assumed_as: str
-    late: bool = False
-
-    def adapted_to(self, filter_name: str) -> "Composition":
-        """With the unknown input if a filter of that name needs it: in the measurements at once, or one step later."""
-        model = self.model
-        fed = model.q > 0 and (callable(model.H) or bool(np.any(model.H)))
-        if fed and filter_name in ("kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv"):
-            names = *self.names, *(f"{name} now" for name in self.inputs)
-            return replace(self, model=stacked(model), names=names, late=True)
-        if filter_name == "kf-umv-ui" and model.q > 0 and not fed and isinstance(model, LinearModel):
-            return replace(self, model=input_delayed(model))
-        return self
 
     def check_ambient_flows(self) -> None:
         """Refuse a sensor that reads a flow of which the filter assumes nothing, and which it would take to be 0.
@@ -103,8 +89,8 @@ class Composition(Parts):
         """Sizes of what comes after the vehicle's state that count as 1 in an observation of standard deviations."""
         disturbance = self.forces.disturbance
         sizes = disturbance.scale or np.sqrt(np.diag(disturbance.process.start_cov))
-        inputs = np.sqrt(np.diag(self.forces.input_cov)) if self.late else np.zeros(0)
-        return np.concatenate([np.asarray(sizes, float)[self.estimated], self.sensors.bias_scale, inputs])
+        ended = np.sqrt(np.diag(self.forces.cov))[self.ended]
+        return np.concatenate([np.asarray(sizes, float)[self.estimated], self.sensors.bias_scale, ended])
 
     @cached_property
     def localisation(self) -> np.ndarray:
@@ -175,17 +161,20 @@ def compose(
     estimated = (
         np.zeros(0, int) if assumed_as == "process-noise" else relevant(forces, sensors, len(own), unknown, changing)
     )
-    parts = Parts(forces, sensors, own, estimated, unknown)
-    names = (*own, *(disturbance.names[i] for i in estimated), *sensors.bias_names)
+    shown = seen_anywhere(vehicle, sensors).any(0)
+    ended = [i for i in forces.increments if shown[i] and i not in unknown]
+    parts = Parts(forces, sensors, own, estimated, unknown, ended)
+    names = (*own, *(disturbance.names[i] for i in estimated), *sensors.bias_names, *parts.ended_names)
     incremented = np.zeros((len(names), len(vehicle.increments)))  # K: what increments do to the state
     for j, name in enumerate(vehicle.incremented):
         if name in own:
             incremented[own.index(name), j] = 1.0
+    incremented[np.arange(len(names) - len(ended), len(names)), ended] = 1.0
     feedthrough = seen(sensors, cruising(vehicle))
     options: dict[str, Any] = {
         "state_angles": tuple(i for i, name in enumerate(own) if name in vehicle.angles),
-        "measurement_angles": sensors.angles, **_noise(parts, assumed_as == "process-noise", changing, incremented,
-        feedthrough),
+        "measurement_angles": sensors.angles,
+        **_noise(parts, assumed_as == "process-noise", changing, incremented),
     }  # fmt: skip
     inputs = forces.input_names if asked else ()
     G, H = np.zeros((len(names), len(inputs))), np.zeros((sensors.size, len(inputs)))
@@ -196,6 +185,7 @@ def compose(
             G[len(own) + estimated.tolist().index(i - forces.size), j] = 1.0
         if i < forces.outside:
             H[:, j] = feedthrough[:, i]
+    options["delayed_feedthrough"] = _delayed(parts, inputs, H)
     if kind not in vehicle.linear_kinds:
         model: LinearModel | NonlinearModel = nonlinear_model(parts, G, H, options)
     elif isinstance(given := vehicle.linear(kind), Trims):
@@ -205,20 +195,30 @@ def compose(
     return Composition(**vars(parts), model=model, names=names, inputs=inputs, assumed_as=assumed_as)
 
 
-def _noise(
-    parts: Parts, as_noise: bool, changing: list[int], incremented: np.ndarray, feedthrough: np.ndarray
-) -> dict[str, Any]:
+def _delayed(parts: Parts, inputs: tuple[str, ...], H: np.ndarray) -> bool:
+    """Do measurements show the unknown input of the step that has ended? Of a flow they show what it is now.
+
+    Raises:
+        ValueError: for sensors that show both, which no filter can take.
+    """
+    increments = np.array([name in parts.vehicle.increments for name in inputs], bool)
+    shown = H.any(0)
+    if shown[increments].any() and shown[~increments].any():
+        raise ValueError(
+            f"sensors show increments of the step that has ended and flows as they are now, of {', '.join(inputs)}: no "
+            'filter can take both for its unknown input; assume them with {"as": "states"}'
+        )
+    return not shown[~increments].any()
+
+
+def _noise(parts: Parts, as_noise: bool, changing: list[int], incremented: np.ndarray) -> dict[str, Any]:
     """Q and R.
 
     Args:
         parts: What the model is composed of.
         as_noise: Do the disturbance's increments stand in Q and R alone?
         changing: Indices of the disturbance's states whose changes are the unknown input.
-        incremented: ``(n, increments)`` what increments do to the state,
-        feedthrough: and ``(p, f)`` what the exogenous input adds to the measurements.
-
-    Raises:
-        ValueError: for a sensor that reads white increments.
+        incremented: ``(n, increments)`` what increments do to the state.
     """
     forces, sensors, estimated, n = parts.forces, parts.sensors, parts.estimated, parts.base
     disturbance, bias = forces.disturbance, parts.sensors.bias
@@ -227,26 +227,20 @@ def _noise(
     root = np.zeros((len(incremented), first + process.normals + bias.normals))
     if not as_noise:
         white[parts.unknown] = 0.0
-        if feedthrough[:, [i for i in forces.white_indices if i not in parts.unknown]].any():
-            raise ValueError(
-                f"a sensor reads the white increments of {type(disturbance).__name__} as they come: assume "
-                'them with {"as": "unknown-input"}, or {"as": "white-input"}'
-            )
         fresh = process.root.copy()
         fresh[changing] = 0.0
         root[:, :first] = incremented @ white[: incremented.shape[-1]]
         root[n : n + len(estimated), first : first + process.normals] = fresh[estimated]
-    root[n + len(estimated) :, first + process.normals :] = bias.root
+    biases = n + len(estimated)
+    root[biases : biases + bias.size, first + process.normals :] = bias.root
     Q = root @ root.T
     Q[:n, :n] += np.diag(np.asarray(parts.vehicle.process_sd)[:n] ** 2)
     full = np.zeros(len(incremented))
     full[:n] = parts.vehicle.cruise[0][:n]
     R = sensors.noise(parts.expected, full, None)
     if as_noise:
-        K, S = incremented[:, forces.increments], feedthrough[:, forces.increments]
+        K = incremented[:, forces.increments]
         Q += K @ forces.increment_cov @ K.T
-        increments = S @ forces.increment_cov @ S.T
-        R = R.changed(lambda noise: noise + increments) if isinstance(R, StateNoise) else R + increments
     noise: dict[str, Any] = {"Q": Q, "R": R}
     for name, table in getattr(parts.vehicle, "noise", {}).items():
         if np.shape(noise[name]) == table.table.shape[1:]:  # of other sensors or more states it says nothing

@@ -143,7 +143,7 @@ class Forces:
     @property
     def increment_cov(self) -> np.ndarray:
         """Stationary covariance of the increments that it gives."""
-        return self._cov[np.ix_(self.increments, self.increments)]
+        return self.cov[np.ix_(self.increments, self.increments)]
 
     @cached_property
     def input_cov(self) -> np.ndarray:
@@ -151,7 +151,7 @@ class Forces:
         if self.disturbance.input_sd is not None:
             return np.diag(np.square(self.disturbance.input_sd))
         root = self.disturbance.process.root
-        return block_diag(self._cov, root @ root.T)[np.ix_(self.inputs, self.inputs)]
+        return block_diag(self.cov, root @ root.T)[np.ix_(self.inputs, self.inputs)]
 
     @cached_property
     def white(self) -> np.ndarray:
@@ -161,7 +161,7 @@ class Forces:
         return white
 
     @cached_property
-    def _cov(self) -> np.ndarray:
+    def cov(self) -> np.ndarray:
         """Stationary covariance of the exogenous input."""
         return self.linear @ self.disturbance.process.start_cov @ self.linear.T + self.white @ self.white.T
 

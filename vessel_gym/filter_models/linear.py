@@ -28,7 +28,7 @@ def linear_model(
     """
     forces, vehicle, drift = parts.forces, parts.vehicle, parts.drift
     n, k, increments, given = parts.base, len(parts.estimated), len(vehicle.increments), vehicle.linear(kind)
-    size = n + drift.size
+    size = n + drift.size + len(parts.ended)
     effect = np.zeros((forces.size, size))  # E: what the filter's state gives of the exogenous input
     effect[:, n : n + k] = forces.linear[:, parts.estimated]
     effect[parts.unknown] = 0.0
@@ -40,8 +40,8 @@ def linear_model(
             raise ValueError(f"the {kind} model does not say what {what} does to it: choose a nonlinear one")
     flowing = [(j, i - increments) for j, i in enumerate(forces.inputs) if i in parts.unknown and i in moved]
     carry, constant = effect[increments : forces.outside], np.zeros((size, size))
-    constant[:n] = incremented[:n] @ effect[:increments]
-    constant[n:, n:] = drift.transition
+    constant[:] = incremented @ effect[:increments]
+    constant[n : n + drift.size, n : n + drift.size] += drift.transition
 
     def transition(u: np.ndarray | None) -> np.ndarray:
         matrix = _extended(constant, resolve(A, u))
@@ -77,12 +77,15 @@ def _extended(constant: np.ndarray, own: np.ndarray) -> np.ndarray:
 
 def _measured(parts: Parts, effect: np.ndarray) -> np.ndarray:
     """C, with the exogenous input ``effect (f, n)`` of a unit of each state."""
-    n, k, sensors, size = parts.base, len(parts.estimated), parts.sensors, effect.shape[-1]
-    seen = effect[: parts.forces.outside].T
-    nothing = sensors.exact(parts.state(np.zeros(n)), np.zeros(parts.forces.outside), np.zeros(sensors.bias.size))
+    sensors, first, size = parts.sensors, parts.base + len(parts.estimated), effect.shape[-1]
+    last = first + sensors.bias.size
+    seen = effect[: parts.forces.outside].T.copy()
+    seen[:, : len(parts.vehicle.increments)] = 0.0
+    seen[np.arange(last, size), parts.ended] = 1.0  # sensors show increments of the step that has ended
+    nothing = sensors.exact(parts.state(np.zeros(size)), np.zeros(seen.shape[-1]), np.zeros(sensors.bias.size))
 
     def read(x: np.ndarray) -> np.ndarray:
-        return sensors.exact(parts.state(x), x @ seen, x[..., n + k :]) - nothing
+        return sensors.exact(parts.state(x), x @ seen, x[..., first:last]) - nothing
 
     C, x = read(np.eye(size)).T, np.linspace(-1.0, 2.0, size)
     wrong = np.flatnonzero(np.abs(read(x) - C @ x) > 1e-9 * (1.0 + np.abs(C) @ np.abs(x)))

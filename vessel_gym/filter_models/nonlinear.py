@@ -36,10 +36,11 @@ def nonlinear_model(parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[st
         assert u is not None
         if u.size > u.shape[-1] and u.shape[:-1] != x.shape[:-1]:
             x = np.broadcast_to(x, np.broadcast_shapes(x.shape[:-1], u.shape[:-1]) + x.shape[-1:])
-        acting = parts.acting(x)
+        acting, zero = parts.acting(x), np.zeros(x.shape[:-1])
         after = forces.moved(x[..., :n], u, acting)
         after = with_increments(after, acting[..., :increments], moves) if has_increments else after
-        return np.concatenate([after, drift.advance(x[..., n:])], -1)
+        ended = [np.stack([acting[..., i] + zero for i in parts.ended], -1)] if parts.ended else []
+        return np.concatenate([after, drift.advance(x[..., n : n + drift.size]), *ended], -1)
 
     flowing = [(j, i) for j, i in enumerate(forces.inputs) if i in parts.unknown and i >= increments]
     for _, i in flowing:

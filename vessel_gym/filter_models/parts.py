@@ -21,6 +21,8 @@ class Parts:
         estimated: Indices of the estimated components of the disturbance's state, which follow; the sensors' biases are
             last.
         unknown: Indices of the exogenous inputs that are treated as the unknown input d.
+        ended: Indices of the increments that are further states as they were over the step that has ended: sensors show
+            them. They are the last of the filter's state.
     """
 
     forces: Forces
@@ -28,6 +30,12 @@ class Parts:
     own: tuple[str, ...]
     estimated: np.ndarray
     unknown: list[int]
+    ended: list[int]
+
+    @property
+    def ended_names(self) -> tuple[str, ...]:
+        """Names of the increments that are states."""
+        return tuple(f"last {self.vehicle.increments[i]}" for i in self.ended)
 
     @property
     def base(self) -> int:
@@ -63,9 +71,12 @@ class Parts:
 
     def expected(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """Measurements without noise ``(..., p)`` in states ``(..., m)`` of a filter, with their biases."""
-        first, outside = self.base + len(self.estimated), self.forces.outside
-        acting = np.broadcast_to(self.acting(x)[..., :outside], (*x.shape[:-1], outside))
-        return self.sensors.exact(self.state(x), acting, x[..., first : first + self.sensors.bias.size])
+        first, increments = self.base + len(self.estimated), len(self.vehicle.increments)
+        last = first + self.sensors.bias.size
+        ended = spread({i: x[..., last + j] for j, i in enumerate(self.ended)}, increments, x)
+        flows = self.acting(x)[..., increments : self.forces.outside]
+        flows = np.broadcast_to(flows, (*x.shape[:-1], flows.shape[-1]))
+        return self.sensors.exact(self.state(x), np.concatenate([ended, flows], -1), x[..., first:last])
 
 
 # --- what is relevant -------------------------------------------------------------------------------

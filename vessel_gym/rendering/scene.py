@@ -210,7 +210,7 @@ class Scene:
         words, unit, scale = in_words(f"unknown {core.unknown_inputs[0]}", ())
         lines = [_true(scale * history["unknown_input"][:, 0])]
         if core.belief.input_mean is not None:
-            estimate = scale * history["input_estimate"][core.filter.input_delay or 0 :, 0]
+            estimate = scale * history["input_estimate"][core.config.estimation.input_delay :, 0]
             missing = np.full(len(lines[0].value) - len(estimate), np.nan)
             lines.append(Series("estimate", "believed", np.append(estimate, missing), 1.2))
         return Chart(_title(words, unit), lines)

@@ -14,7 +14,7 @@ from estimators import Schedule, zero_order_hold
 from estimators.checks import finite_array, integer
 from vessel_gym.checks import check_numbers, instance
 from vessel_gym.processes import interpolated, linear
-from vessel_gym.sensors import Sensor
+from vessel_gym.sensors import Sensor, plain
 from vessel_gym.vehicles.steered import SteeredShip
 from vessel_gym.verified import verified
 
@@ -152,25 +152,22 @@ def linear_matrices(ship: SteeredShip, dt: float, inputs: int = 2) -> tuple[Sche
     return Schedule(A_table, 1, scale, middle), Schedule(B_table, 1, scale, middle)
 
 
-# --- sensors of its heading -------------------------------------------------------------------------
+# --- sensors of her heading -------------------------------------------------------------------------
+
+
+COMPASS = Sensor(
+    "gyro compass", ("heading [rad]",), plain((2,)), (2e-3,), angles=(0,), gives=("psi",)  # 0.11 deg
+)  # fmt: skip
 
 
 @verified
 @linear
-def _compass(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
-    """The heading with what waves and gusts do to it over the step ``(..., 1)`` (eq. 4.5)."""
-    return state[..., 2:3] + exogenous[..., :1]
-
-
-@verified
-@linear
-def _motion(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
-    """Change of the heading by waves and gusts over the step ``(..., 1)``."""
+def _increment(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
+    """The yaw increment ``(..., 1)``: what waves and gusts did to the heading over the step that has ended."""
     return exogenous[..., :1]
 
 
-COMPASS = Sensor("gyro compass", ("heading [rad]",), _compass, (2e-3,), angles=(0,), gives=("psi",))  # 0.11 deg
 MOTION_UNIT = Sensor(
-    "motion reference unit", ("wave-band yaw increment [rad]",), _motion, (1e-3,),  # 0.06 deg
+    "motion reference unit", ("wave-band yaw increment [rad]",), _increment, (1e-3,),  # 0.06 deg
     scale=(0.01,), gives=("yaw increment",),
 )  # fmt: skip

@@ -1,7 +1,8 @@
 """The ship of A. E. Hermawan's thesis (ITS Surabaya, 2020): eqs. 4.3 to 4.6 and the five simulations of Section 4.5.
 
 A linear filter of three states (sway, yaw rate, heading) follows a ship that turns under a constant rudder, while a
-deterministic step d, the unknown input, enters both measurements ``(psi + d, d)``. There is no sea.
+deterministic step d, the unknown input, enters both measurements ``(psi + d, d)``. There is no sea. As printed, d(k) is
+in the measurements of step k and moves the heading of the filter's model from k to k + 1: this compass foresees it.
 """
 
 from dataclasses import dataclass, field, replace
@@ -11,12 +12,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Schedule
+from vessel_gym.processes import linear
 from vessel_gym.sensors import Sensor
 from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
 from vessel_gym.vehicles.corvette import COMPASS, MOTION_UNIT, linear_matrices
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.ship import Ship
+from vessel_gym.verified import verified
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,13 @@ B = np.array([[-2.6189e-7], [2.4075e-7], [0.0]])
 """Eq. 4.3 to the digit, B of the rudder [rad]: neither the ship's nor consistent in units."""
 
 
+@verified
+@linear
+def _foreseeing(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
+    """The heading with the d of the coming step ``(..., 1)``, eq. 4.5."""
+    return state[..., 2:3] + exogenous[..., :1]
+
+
 @dataclass(frozen=True)
 class ThesisCorvette(Ship, verified=True):
     """The ship in her turning circle trial, and the thesis' filter.
@@ -56,7 +66,7 @@ class ThesisCorvette(Ship, verified=True):
     The truth is this package's nonlinear ship: the recorded trial is not public. The action is the rudder angle.
     Filters estimate (v, r, psi); their known input is ``u = (rudder, commanded yaw rate, simulation)``, and the
     simulation chooses Q and R. They take d for a yaw increment that also moves the heading, ``psi+ = psi + dt r + d``
-    (eq. 4.4). It does not move the ship, as the thesis' record was made without it.
+    (eq. 4.4). It does not move the ship, as the thesis' record was made without it: a level, not an increment.
     """
 
     ship: CorvetteParameters = field(default_factory=lambda: load("corvette-thesis", CorvetteParameters))
@@ -65,10 +75,14 @@ class ThesisCorvette(Ship, verified=True):
 
     action_names = ("rudder",)
     grades: ClassVar[str] = "corvette-thesis"
-    ambient_flows = ()
+    increments = ()
+    incremented: ClassVar[tuple[str, ...]] = ()
+    ambient_flows = ("yaw increment",)
     kinds = ("corrected", "as-printed")
     linear_kinds = kinds
-    sensors: ClassVar[tuple[Sensor, ...]] = tuple(replace(each, sd=(NOISE,)) for each in (COMPASS, MOTION_UNIT))
+    sensors: ClassVar[tuple[Sensor, ...]] = (
+        replace(COMPASS, reads=_foreseeing, sd=(NOISE,)), replace(MOTION_UNIT, sd=(NOISE,))
+    )  # fmt: skip
     cruise: ClassVar[Any] = (np.zeros(3), np.zeros(3))  # straight on
 
     def estimated(self, kind: str) -> tuple[str, ...]:
@@ -102,13 +116,13 @@ class ThesisCorvette(Ship, verified=True):
         self, state: np.ndarray, before: np.ndarray, after: np.ndarray, exogenous: np.ndarray, parameters: np.ndarray
     ) -> np.ndarray:
         """The state one step later, in calm water; d does not move the ship."""
-        calm = np.zeros((*exogenous.shape[:-1], 1 + len(Ship.ambient_flows)))
+        calm = np.zeros((*exogenous.shape[:-1], len(Ship.ambient_flows)))
         return super().step(state, before, after, calm, parameters)
 
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
         """The corrected linear model."""
-        A, B = self.linear("corrected")
-        return np.matvec(A(u), x) + np.matvec(B(u), u)
+        A, B, driven = self.linear("corrected")
+        return np.matvec(A(u), x) + np.matvec(B(u), u) + np.matvec(driven, flow)
 
     def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
         """The mean rudder over a step, the yaw rate of the commanded turn, and the simulation."""
@@ -118,5 +132,7 @@ class ThesisCorvette(Ship, verified=True):
         return np.concatenate([rudder, commanded], -1)
 
     def linear(self, kind: str) -> tuple[Any, ...]:
-        """A and B: ``"corrected"``, those of the commanded turn (`linear_matrices`), or ``"as-printed"``, eq. 4.3."""
-        return (A, np.pad(B, ((0, 0), (0, 2)))) if kind == "as-printed" else linear_matrices(self.ship, self.dt, 3)
+        """A, B and what d does: ``"corrected"``, those of the commanded turn, or ``"as-printed"``, eqs. 4.3 and 4.4."""
+        printed = A, np.pad(B, ((0, 0), (0, 2)))
+        own = printed if kind == "as-printed" else linear_matrices(self.ship, self.dt, 3)
+        return *own, np.array([[0.0], [0.0], [1.0]])

@@ -35,7 +35,7 @@ class Ship(FromFile, SteeredByRate, verified=True):
     All filters estimate (x, y, psi, u, v, r); roll, which does nothing to these, is left to itself. Their known input
     is ``u = (rudder, commanded yaw rate, believed heading, 1)``: linear ones follow the commanded turn, and the track
     on the heading. With d the yaw increment that waves give in a step, ``psi+ = psi + dt r + d``; the compass reads
-    ``psi + d``, as in the thesis, and the rate gyro ``r + d / dt``.
+    psi, and the rate gyro ``r + d / dt`` with the d of the step that has ended.
     """
 
     ship: CorvetteParameters = field(default_factory=lambda: load("corvette", CorvetteParameters))
@@ -155,5 +155,5 @@ class Ship(FromFile, SteeredByRate, verified=True):
 
 @verified
 def _yaw_rate(dt: float, state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
-    """The yaw rate with what waves do to it over the step ``(..., 1)``."""
+    """The yaw rate ``(..., 1)``, with the mean of that of the waves over the step that has ended."""
     return state[..., 5:6] + exogenous[..., :1] / dt
