@@ -14,7 +14,10 @@ from estimators.unknown_input import UnknownInputFilter
 from estimators.varying import resolve
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.filter_models.build import Composition
+from vessel_gym.filter_models.exogenous import Forces, input_channels
+from vessel_gym.filter_models.parts import seen_anywhere
 from vessel_gym.foreign import CheckedMethods, copied, repeated, rows_of
+from vessel_gym.sensors import Sensors
 from vessel_gym.system import Vehicle
 from vessel_gym.tasks.task import Task
 from vessel_gym.verified import is_verified
@@ -102,6 +105,21 @@ def _fix_columns(checked: CheckedMethods, what: str, least: int, name: str, *arg
         checked.columns[what] = max(array.shape[1], least)
         getattr(checked, name)(*arguments)  # where there are fewer, a refusal
     return given
+
+
+def check_causal(sensors: Sensors, forces: Forces) -> None:
+    """Refuse a sensor that reads a mean over the coming step, which nobody can know yet.
+
+    Raises:
+        ValueError: naming both.
+    """
+    for name in forces.disturbance.averaged:
+        shown = seen_anywhere(forces.vehicle, sensors)[:, input_channels(forces.vehicle).index(name)]
+        if shown.any():
+            raise ValueError(
+                f"{sensors.of_channel(np.argmax(shown)).name} reads {name}, of which {type(forces.disturbance).__name__} "
+                "gives the mean over the coming step: a sensor may read states, increments, currents and forces"
+            )
 
 
 def check_input(filter: Filter, composition: Composition) -> None:

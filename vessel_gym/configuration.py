@@ -10,7 +10,7 @@ import numpy as np
 
 from estimators import FaultMonitor
 from estimators.checks import as_number, short_repr
-from vessel_gym.acceptance import checked_disturbance, checked_task, checked_vehicle
+from vessel_gym.acceptance import check_causal, checked_disturbance, checked_task, checked_vehicle
 from vessel_gym.checks import one_of
 from vessel_gym.checks import options as checked_options
 from vessel_gym.disturbances import Disturbance
@@ -41,6 +41,7 @@ def _world(
     vehicle = checked_vehicle(system.vehicle)
     task = checked_task(system.task, vehicle)
     given, forces = system.sensors_of(sensors, faults), Forces(system.vehicle, chosen_disturbance(system, disturbance))
+    check_causal(given, forces)
     users = not (forces.verified and given.verified and is_verified(system.task))
     return World(vehicle, forces, checked_disturbance(forces.disturbance), given, task, users)
 

@@ -41,6 +41,7 @@ class Disturbance(Verified, verified=True):
         input_sd: Standard deviations that filters take d to have where no measurement shows it; None: what follows from
             `process` and ``white``.
         scale: Sizes of z that count as 1 in an observation of standard deviations; None: those at the start.
+        averaged: What of its ``forces`` is a mean over the coming step, which no sensor may read.
         dt: The step [s] that it was made for; None: any.
         believed: What filters take it for unless another is named; None: what it is.
     """
@@ -54,6 +55,7 @@ class Disturbance(Verified, verified=True):
     inputs: tuple[str, ...] | None = None
     input_sd: tuple[float, ...] | None = None
     scale: tuple[float, ...] | None = None
+    averaged: tuple[str, ...] = ()
     dt: float | None = None
     believed: "Disturbance | None" = None
 

@@ -49,6 +49,7 @@ class Seaway(Disturbance, verified=True):
     names = (*WaveField.names, "current north", "current east")
     forces = ("yaw increment", *AROUND)
     assumed_as = "unknown-input"
+    averaged = ("roll moment", "wave sway")
 
     def __post_init__(self) -> None:
         instance("ship of Seaway", self.ship, CorvetteParameters)

@@ -1,0 +1,144 @@
+"""No sensor reads what has not happened, in any environment but that of the thesis, which prints a compass that does."""
+
+from dataclasses import dataclass, replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import vessel_gym  # noqa: F401  (registers the environments)
+from estimators import LinearModel, UMVFilter
+from vessel_gym.core import Core
+from vessel_gym.disturbances import Disturbance
+from vessel_gym.processes import linear
+from vessel_gym.sensors import Sensor
+from vessel_gym.system import registered
+from vessel_gym.vehicles.ship import Ship
+
+SHIPS = "SigmaCorvette-v0", "SigmaChannel-v0", "vessel_gym/Ship-v0"
+ALL = *SHIPS, "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"
+ROWS = 8
+
+
+def _sensor_of_increments(system) -> Sensor:
+    """A user's sensor without noise that reads every increment."""
+    count = len(system.vehicle.increments)
+    channels = tuple(f"increment {i}" for i in range(count))
+    return Sensor("increments", channels, lambda state, exogenous: exogenous[..., :count], (0.0,) * count)
+
+
+def _flown(env_id: str, **options):
+    system = registered(env_id)
+    noiseless = [replace(each, sd=(0.0,) * len(each.channels)) for each in system.vehicle.sensors]
+    core = Core(
+        system, ROWS, estimator="measurement", disturbance="rough", sensors=[*noiseless, _sensor_of_increments(system)],
+        **options,
+    )  # fmt: skip
+    core.start(3)
+    return core
+
+
+@pytest.mark.parametrize("env_id", ALL)
+def test_a_sensor_of_an_increment_reads_what_it_did_to_the_state(env_id: str):
+    """The state less the step of the state before without increments, to 1e-12; nothing has acted at a reset."""
+    core, vehicle = _flown(env_id), registered(env_id).vehicle
+    count = len(vehicle.increments)
+    places = [vehicle.state_names.index(name) for name in vehicle.incremented]
+    rng = np.random.default_rng(0)
+    np.testing.assert_array_equal(core.measurements[0][:, -count:], 0.0)
+    for _ in range(40):
+        state, exogenous, actuators = core.state.copy(), core.exogenous.copy(), core.actuators.copy()
+        exogenous[:, :count] = 0.0
+        core.step(rng.uniform(-0.3, 0.3, core.action_shape))
+        still = vehicle.step(state, actuators, core.actuators, exogenous, core.parameters)
+        scale = np.maximum(1.0, np.abs(core.state[:, places]))
+        assert np.abs((core.measurements[0][:, -count:] - (core.state - still)[:, places]) / scale).max() < 1e-12
+
+
+@pytest.mark.parametrize("env_id", SHIPS)
+def test_compass_and_gyro_of_a_ship_read_her_heading_and_what_has_turned_her(env_id: str):
+    core, vehicle = _flown(env_id), registered(env_id).vehicle
+    for _ in range(40):
+        before = core.state.copy()
+        core.step(np.zeros(core.action_shape))
+        y, (psi, r) = core.measurements[0], core.state[:, [2, 5]].T
+        np.testing.assert_allclose(y[:, 0], psi, rtol=0, atol=1e-12)
+        turned = vehicle.dt * (y[:, 1] - r)  # by waves, over the step that has ended
+        np.testing.assert_allclose(core.unknown_input[:, 0], turned, rtol=0, atol=1e-12)
+        assert np.abs(psi - before[:, 2] - turned).max() < 0.1
+
+
+@pytest.mark.parametrize("env_id", ALL)
+def test_measurements_are_equal_to_the_bit_whatever_is_drawn_for_later_steps(env_id: str):
+    one, other = _flown(env_id), _flown(env_id)
+    action = np.zeros(one.action_shape)
+    for _ in range(5):
+        one.step(action), other.step(action)
+    other.now.keys = other.now.keys[::-1].copy()  # all numbers from now on are others
+    one.step(action), other.step(action)
+    np.testing.assert_array_equal(one.measurements[0], other.measurements[0])
+    for _ in range(60):
+        one.step(action), other.step(action)
+    assert (one.measurements[0] != other.measurements[0]).any(-1).all()
+
+
+def test_who_reads_a_mean_over_the_coming_step_is_refused():
+    system = registered("SigmaCorvette-v0")
+    for name in ("wave sway", "roll moment"):
+        i = (*system.vehicle.increments, *system.vehicle.ambient_flows).index(name)
+        peeping = Sensor("peeping", (name,), linear(lambda state, exogenous, i=i: exogenous[..., i : i + 1]), (1.0,))
+        with pytest.raises(ValueError, match=f"peeping reads {name}, .* over the coming step"):
+            gym.make("SigmaCorvette-v0", sensors=[*system.vehicle.sensors, peeping])
+
+
+def _old_timing(model) -> UMVFilter:
+    """KF-UMV-UI that takes what the gyro shows for the input of the coming step."""
+    u = registered("SigmaCorvette-v0").vehicle.cruise[1]
+    A, C = (getattr(model, name)(u) if callable(getattr(model, name)) else getattr(model, name) for name in "AC")
+    return UMVFilter(LinearModel(A, C, model.Q, model.R, B=model.B, G=model.G, H=model.H))
+
+
+def test_a_filter_whose_model_has_the_old_timing_is_refused():
+    with pytest.raises(ValueError, match="another time than measurements show it"):
+        gym.make("SigmaCorvette-v0", estimator=_old_timing, estimator_options={"model": "linear"})
+    with pytest.raises(ValueError, match="use EndedUMVFilter"):
+        gym.make("SigmaCorvette-v0", estimator=UMVFilter)
+
+
+class _Shaking(Disturbance):
+    """White yaw increments, which a sensor may read when they have acted."""
+
+    white_increments = ("yaw increment",)
+    white = np.array([[0.01]])
+
+
+@dataclass(frozen=True)
+class _ExactShip(Ship, verified=True):
+    """A ship of which filters leave out nothing in calm water."""
+
+    @property
+    def process_sd(self) -> np.ndarray:
+        return np.zeros(6)
+
+
+@pytest.mark.parametrize("assumed", ["states", "process-noise", "unknown-input", "white-input"])
+def test_white_increments_that_sensors_show_are_estimated_consistently(assumed: str):
+    """NEES of an increment that a filter has as a state, or as its input, is 1: within 6 sd of the mean of 4,000."""
+    system = replace(registered("SigmaCorvette-v0"), name="own", vehicle=_ExactShip())
+    estimator = {"unknown-input": "kf-umv-ui", "white-input": "kf"}.get(assumed, "ekf")
+    core = Core(
+        system, 100, estimator=estimator, estimator_options={"assume": {"as": assumed}}, disturbance=_Shaking()
+    )  # fmt: skip
+    core.start(0)
+    found = []
+    for k in range(60):
+        core.step(np.zeros(core.action_shape))
+        belief = core.belief
+        if assumed in ("unknown-input", "white-input"):
+            mean, var = belief.input_mean[:, 0], belief.input_cov[:, 0, 0]
+        else:
+            assert core.composition.names[-1] == "last yaw increment"
+            mean, var = belief.mean[:, -1], belief.cov[:, -1, -1]
+        if k >= 20:
+            found.append((mean - core.unknown_input[:, 0]) ** 2 / var)
+    assert abs(np.mean(found) - 1.0) < 6.0 * np.sqrt(2.0 / np.size(found))
