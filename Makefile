@@ -29,7 +29,7 @@ venv: .venv/.installed  ## Install the project and its tools into .venv, in the 
 ablation: .venv/.studies  ## Train and score agents on every estimator, and write the report to results/ablation
 	$(BIN)/python -m scripts.ablate studies/corvette.toml --out results/ablation
 
-POLICIES := PunaUAV-v0 SegorogeniAUV-v0 ItsunusaAUV-v0 SigmaCorvette-v0 ThesisCorvette-v0
+POLICIES := PunaUAV-v0 SegorogeniAUV-v0 ItsunusaAUV-v0 SigmaCorvette-v0
 .PHONY: $(POLICIES)
 
 policies: .venv/.studies  ## Train the policies that come with the package anew, and write their scores into docs/agents.md

@@ -312,11 +312,11 @@ class TrialPID(_ByAngle, TurningPID):
 
 @register_controller(TurningTrial, "constant-rudder")
 class ConstantRudder:
-    """The rudder of the trial, whatever is observed.
+    """The rudder of the trial, whatever is observed: the reference agent of ``ThesisCorvette-v0``.
 
     Args:
         system: The environment's system.
-        angle: Rudder angle [rad]; None: that of the trial. The thesis prints 35 degrees.
+        angle: Rudder angle [rad]; None: that of the trial. The thesis prints 35 degrees (Section 4.3.1).
     """
 
     def __init__(self, system: System, angle: float | None = None) -> None:

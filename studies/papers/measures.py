@@ -26,7 +26,7 @@ class Comparison:
         quantity: What the number measures.
         unit: Of the number.
         printed: To the digit.
-        line: Lines of the paper's text.
+        where: Place in the paper: table, equation or section.
         ours: Errors of our runs ``(runs,)``; None if there is none.
         averaged: Runs behind the printed number.
         meant: The number without its misprint.
@@ -37,7 +37,7 @@ class Comparison:
     quantity: str
     unit: str
     printed: str
-    line: str
+    where: str
     ours: np.ndarray | None
     averaged: int = 1
     meant: float | None = None
@@ -134,16 +134,16 @@ def rows(paper: str, comparisons: Sequence[Comparison]) -> list[Row]:
 
 
 def comparison_table(columns: Mapping[str, Sequence[Comparison]], name: str = "published") -> Table:
-    """Printed numbers with their lines, and for each column of ours the mean, the ratio to print and the verdict."""
+    """Printed numbers with their places, and for each column of ours the mean, the ratio to print and the verdict."""
     sections: dict[str, list[tuple[str, list[Entry]]]] = {}
     for group in zip(*columns.values(), strict=True):
         first = group[0]
         printed = first.printed if first.meant is None else f"{first.printed} ({first.meant:g} meant)"
-        entries = [Entry(f"{printed} {first.unit}".strip()), Entry(first.line)]
+        entries = [Entry(f"{printed} {first.unit}".strip()), Entry(first.where)]
         for c in group:
             entries += _ours(c)
         sections.setdefault(first.experiment, []).append((first.quantity, entries))
-    head = [("printed", ""), ("lines", "")]
+    head = [("printed", ""), ("where", "")]
     for label in columns:
         head += [(label or "ours", ""), ("ours / printed", ""), ("verdict", "")]
     return Table("", "", "", head, list(sections.items()), name)

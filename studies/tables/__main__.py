@@ -296,7 +296,7 @@ def packaged_agents() -> str:
     heads = ("", "estimates", "`autopilot`", "`ppo`", "`ppo` − `autopilot`", f"reached the end, of {EPISODES}",
              "training: seed, steps")  # fmt: skip
     rows = []
-    for env_id in ("SigmaCorvette-v0", "ThesisCorvette-v0", *JOURNEYS):
+    for env_id in ("SigmaCorvette-v0", *JOURNEYS):
         flights = {
             name: rollout(name, env_id, evaluation_seeds(EPISODES), record=False) for name in ("autopilot", "ppo")
         }

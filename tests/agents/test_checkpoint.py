@@ -31,7 +31,7 @@ from agents.policies.checkpoint import packaged
 from agents.policies.stable import entries
 from agents.training.vec_env import StableBaselinesVecEnv
 
-ENV, THESIS = "SigmaCorvette-v0", "ThesisCorvette-v0"
+ENV = "SigmaCorvette-v0"
 ROWS = 4
 SHORT = {"n_steps": 16, "batch_size": 32, "n_epochs": 1}
 ALGORITHMS = [
@@ -378,9 +378,9 @@ DENSE: dict[str, Callable[[dict[str, bytes]], Any]] = {
 @pytest.mark.parametrize("fault", [*BROKEN, *DENSE])
 def test_a_damaged_checkpoint_is_refused_in_a_sentence(tmp_path: Path, checkpoints: tuple[Path, Path], fault: str):
     path, dense = tmp_path / "agent.zip", fault in DENSE
-    changed(packaged(THESIS) if dense else checkpoints[0], path, DENSE[fault] if dense else BROKEN[fault])
+    changed(packaged(ENV) if dense else checkpoints[0], path, DENSE[fault] if dense else BROKEN[fault])
     with refused(ValueError, r"agent\.zip is not a checkpoint of an agent, or is damaged"):
-        TrainedAgent(path, gym.make(THESIS), dense=True) if dense else load_agent(path, gym.make(ENV))
+        TrainedAgent(path, gym.make(ENV), dense=True) if dense else load_agent(path, gym.make(ENV))
 
 
 LARGE: dict[str, Callable[[dict[str, bytes]], Any]] = {
@@ -445,6 +445,6 @@ def test_a_file_that_is_no_checkpoint_is_refused_in_a_sentence(
         with refused(ValueError, f"{path.name} is not a checkpoint of an agent"):
             load_agent(path, gym.make(ENV), trust)
     path = tmp_path / "dense.zip"
-    path.write_bytes(packaged(THESIS).read_bytes()[:-1000])
+    path.write_bytes(packaged(ENV).read_bytes()[:-1000])
     with refused(ValueError, r"dense\.zip is not a checkpoint of an agent"):
-        TrainedAgent(path, gym.make(THESIS), trust, dense=True)
+        TrainedAgent(path, gym.make(ENV), trust, dense=True)

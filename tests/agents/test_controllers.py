@@ -39,7 +39,7 @@ every_controller = pytest.mark.parametrize(("env_id", "name"), CONTROLLERS)
 
 def test_every_environment_has_the_same_three_names():
     for env_id in ENVIRONMENTS:
-        beside = ("constant-rudder",) if env_id == "ThesisCorvette-v0" else ()  # of the source's trial
+        beside = ("constant-rudder",) if env_id == "ThesisCorvette-v0" else ()  # the trial itself
         assert controller_names(system_of(env_id)) == ("autopilot", *beside, "lqg", "pid")
 
 
@@ -50,6 +50,16 @@ def test_every_controller_does_its_task(env_id: str, name: str):
     assert flight.score.mean() >= LEAST[env_id, name]
     task = flight.env.unwrapped.system.task
     assert (flight.end == task.success).mean() >= 0.9  # arrived; on the corvette, not lost
+
+
+@pytest.mark.slow
+def test_the_thesis_is_no_control_task_as_the_constant_rudder_of_its_trial_beats_every_feedback():
+    env_id, seeds = "ThesisCorvette-v0", evaluation_seeds(8)
+    constant, *others = (
+        rollout(name, env_id, seeds, record=False).score for name in ("constant-rudder", "autopilot", "lqg", "pid")
+    )
+    for feedback in others:
+        assert (constant > feedback + 0.1).all()
 
 
 @cache

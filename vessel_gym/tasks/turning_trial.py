@@ -1,4 +1,8 @@
-"""The turning circle trial of the thesis: the helm is put over, and the heading of the trial is followed."""
+"""The turning circle trial of the thesis: the helm is put over, and the heading of the trial is followed.
+
+Angle of the helm, time step, switch of d and prior variance are inferred: docs/environments/thesis-corvette.md has what
+the thesis prints instead.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,9 +18,9 @@ from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.corvette_thesis import SIMULATIONS, ThesisCorvette
 
 SAMPLES = 195
-"""Samples of the thesis' record: one at reset, one after each step."""
+"""Samples of the thesis' record (Section 4.5): one at reset, one after each step."""
 SWITCH = 98
-"""Sample from which d is negative, halfway."""
+"""Sample from which d is negative: halfway, inferred. The thesis prints a switch after one sample (Section 4.3.1)."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +34,8 @@ class TurningTrial(TurningCircle, verified=True):
     ship: CorvetteParameters
     pace: float = 1.6  # for steps of 0.8 s
     horizon: int = SAMPLES - 1
-    helm: float = float(np.deg2rad(28.0))  # rad; beyond it the ship hardly turns faster
-    prior_variance: float = 1e-3  # of sway, yaw rate and heading, as the filter assumes it
+    helm: float = float(np.deg2rad(28.0))  # rad, inferred: beyond it the ship hardly turns faster; printed are 35 deg
+    prior_variance: float = 1e-3  # of sway, yaw rate and heading, as the filter assumes it; inferred: that of Q
 
     uniforms = 0
     commanding: ClassVar[slice | list[int]] = [3, 4]

@@ -22,10 +22,10 @@ _SHOWN = 5
 _TELLING = 0.05
 """Share of an error by which it must change for a claim to count it."""
 _STEPS = (
-    ("A larger Q alone changes nothing significant", "907", "I", "II"),
-    ("A larger R alone raises the error, if not significantly", "929, 1016", "I", "III"),
-    ("A larger Q and R raise the error", "953, 1016", "I", "IV"),
-    ("A larger d raises the error", "979–981, 1017", "I", "V"),
+    ("A larger Q alone changes nothing significant", "sec. 4.5, II", "I", "II"),
+    ("A larger R alone raises the error, if not significantly", "secs. 4.5, III, and 5.1", "I", "III"),
+    ("A larger Q and R raise the error", "secs. 4.5, IV, and 5.1", "I", "IV"),
+    ("A larger d raises the error", "secs. 4.5, V, and 5.1", "I", "V"),
 )
 
 
@@ -79,7 +79,7 @@ def _comparisons(
     """The ten means of Table 4.9 beside ours ``(2, runs)``; the d of II gave the noise, so that it is circular."""
     return [
         Comparison(
-            f"simulation {s}", quantity, "rad", printed[s]["means"][i], printed[s]["lines"], ours[s][i], averaged=3,
+            f"simulation {s}", quantity, "rad", printed[s]["means"][i], printed[s]["where"], ours[s][i], averaged=3,
             reason="the noise was taken from it" if circular and (s, i) == ("II", 1) else "",
         )
         for s in SIMULATIONS for i, quantity in enumerate(QUANTITIES)
@@ -101,7 +101,7 @@ def _left(R: float, prior: float) -> float:
 
 
 def _claim(
-    rmse: Mapping[tuple[str, str], np.ndarray], text: str, lines: str, before: str, after: str
+    rmse: Mapping[tuple[str, str], np.ndarray], text: str, where: str, before: str, after: str
 ) -> dict[str, str]:
     """Verdict on a rise of the errors of heading and d, paired over the runs."""
     pairs = [(rmse[before, MODELS[0]][i], rmse[after, MODELS[0]][i]) for i in range(2)]
@@ -114,7 +114,7 @@ def _claim(
     true = {1} if "raise" in text else {0}
     outcome = verdicts.get(frozenset(signs), "differs between heading and d")
     return {
-        "text": f"{text} ({before} to {after}; l. {lines})", "evidence": f"{changes}; {evidence}",
+        "text": f"{text} ({before} to {after}; {where})", "evidence": f"{changes}; {evidence}",
         "verdict": f"{'true' if signs == true else 'false'}, at a fixed noise it {outcome}",
     }  # fmt: skip
 
@@ -156,9 +156,9 @@ def _ratio_law(rmse: Mapping[tuple[str, str], np.ndarray]) -> list[str]:
 
 
 def _choices(open_: Mapping[str, Any]) -> Table:
-    head = [("tried, first what was set up before the search", ""), ("believed", ""), ("lines", "")]
+    head = [("tried, first what was set up before the search", ""), ("believed", ""), ("where", "")]
     lines = [
-        (name.replace("_", " "), [Entry("; ".join(map(str, c["tried"]))), Entry(str(c["believed"])), Entry(c["lines"])])
+        (name.replace("_", " "), [Entry("; ".join(map(str, c["tried"]))), Entry(str(c["believed"])), Entry(c["where"])])
         for name, c in open_.items()
     ]
     return Table("", "", "choice", head, [("", lines)], "choices")

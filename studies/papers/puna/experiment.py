@@ -26,7 +26,7 @@ INTERPRETATIONS = {
     "from the y axis, clockwise": (np.pi / 2, -1.0),
     "from the y axis, counter-clockwise": (np.pi / 2, 1.0),
 }
-"""Interpretations of a printed heading chi: theta = offset + sign chi. The paper says "to the y axis" (l. 884)."""
+"""Interpretations of a printed heading chi: theta = offset + sign chi. The paper says "to the y axis" (sec. II d)."""
 START = np.array([0.0, 20.0, 0.0, 100.0])
 """Level, at the speed and the first altitude of the Dubins cases; no initial state is printed."""
 

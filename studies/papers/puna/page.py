@@ -81,7 +81,7 @@ def _comparisons(settings: Mapping[str, Any], results: Results, level: str, meas
         for i, (quantity, unit) in enumerate(QUANTITIES.items()):
             found.append(Comparison(
                 f"{control} angle, {printed['members']} members", quantity, unit, printed["errors"][i],
-                printed["lines"], ours[:, i],
+                printed["where"], ours[:, i],
                 meant=printed.get("meant", {}).get(quantity), reason=_CIRCULAR if level == "sizes" else "",
             ))  # fmt: skip
     return found

@@ -13,11 +13,11 @@ import numpy as np
 from agents.jobs import Job
 from estimators import Belief, Gaussian, LinearModel, make, van_loan, zero_order_hold
 
-STATES = MEASUREMENTS = 2  # x1 and x2 (l. 264); y is a vector (l. 112)
+STATES = MEASUREMENTS = 2  # x1 and x2 (figure 1); y is a vector (after eq. 4)
 MARGIN = (0.1, 1.0)  # 1/s, decay rate of the slowest mode: stable, memory of 1 to 10 s
 INTENSITY = (0.1, 10.0)  # 1/s, of the process noise, log-uniform
 MEASUREMENT_VARIANCE = 1.0  # the unit of y
-PRIOR_VARIANCE = 10.0  # of each state, mean 0: the filter knows little at first (l. 278, 284)
+PRIOR_VARIANCE = 10.0  # of each state, mean 0: the filter knows little at first (on figures 3 and 4)
 STEP = 0.1  # s
 INPUT_PERIOD = 100  # steps of the square wave u, so that an error of A keeps mattering
 _HORIZON = 20  # steps that nature plans beyond the last: near its end it would have nothing to anticipate

@@ -68,12 +68,12 @@ def _comparisons(settings: Mapping[str, Any], errors: Mapping[int, np.ndarray], 
     found, printed = [], settings["printed"]
     for i, size in enumerate(settings["members"]):
         for (name, unit), text, ours in zip(QUANTITIES.items(), printed[str(size)], errors[size].T, strict=True):
-            found.append(Comparison(f"{size} members", name, unit, text, "405–408", ours, settings["averaged"]))
+            found.append(Comparison(f"{size} members", name, unit, text, "Table III", ours, settings["averaged"]))
         found.append(
-            Comparison(f"{size} members", "time", "s", printed["time"][i], "405–408", None, reason="its machine")
+            Comparison(f"{size} members", "time", "s", printed["time"][i], "Table III", None, reason="its machine")
         )
     for name, text, ours in zip("xyz", printed["end"], final.T, strict=True):
-        found.append(Comparison("end of the dive", name, "m", text, "439", ours))
+        found.append(Comparison("end of the dive", name, "m", text, "sec. III D", ours))
     return found
 
 

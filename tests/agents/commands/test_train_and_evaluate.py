@@ -45,12 +45,12 @@ def test_of_several_trainings_the_best_on_tuning_seeds_is_kept(
         return rollout(agent, env_id, seeds[:4], *rest, **more)
 
     poor = agents.training.algorithms.train(
-        "ThesisCorvette-v0", tmp_path / "poor.zip", {"estimator": "truth"}, steps=128
+        "SigmaCorvette-v0", tmp_path / "poor.zip", {"estimator": "truth"}, steps=128
     ).read_bytes()
     monkeypatch.setattr(agents.training.algorithms, "train", learn)
     monkeypatch.setattr(agents, "rollout", fly)
-    train.main("ThesisCorvette-v0", out=tmp_path / "best.zip", estimator="truth", seed=7, runs=3)
-    assert (tmp_path / "best.zip").read_bytes() == packaged("ThesisCorvette-v0").read_bytes()
+    train.main("SigmaCorvette-v0", out=tmp_path / "best.zip", estimator="truth", seed=7, runs=3)
+    assert (tmp_path / "best.zip").read_bytes() == packaged("SigmaCorvette-v0").read_bytes()
     assert flown == [tuning_seeds(train.CHOOSING)] * 3
     printed = capsys.readouterr().out.splitlines()
     assert [line.split(":")[0] for line in printed] == ["run 7", "run 8", "run 9", "checkpoint"]
