@@ -29,7 +29,7 @@ class Simulation:
     Attributes:
         Q: Process noise variance that the filter assumes, times identity.
         R: Measurement noise variance that it assumes, times identity.
-        size: Height of the step d [rad]: up by ``size``, then down to ``-size``.
+        size: Height of the step d [rad]: up by ``size``, then down to ``-size``; inferred, see `SIMULATIONS`.
     """
 
     Q: float
@@ -44,9 +44,10 @@ SIMULATIONS = {
     "IV": Simulation(1.0, 1.0, 0.01),
     "V": Simulation(1e-3, 1e-3, 0.1),
 }
-"""Simulations by number. V prints 0.1 and 0.2, and calls them larger than the 1 and 2 of I to IV: read as 0.01."""
+"""Simulations by number; sizes are inferred. V prints 0.1 and 0.2, and calls them larger than the 1 and 2 of I to IV,
+which are therefore read as 0.01."""
 NOISE = 6e-4
-"""Standard deviation [rad] of both measurements, from the error of d in simulation II, which shows it."""
+"""Standard deviation [rad] of both measurements, inferred from the error of d in simulation II, which shows it."""
 A = np.array([[0.4159, 0.1811, 0.0], [5.4795e-10, 1.0, 0.0], [0.0, 0.5, 1.0]])
 B = np.array([[-2.6189e-7], [2.4075e-7], [0.0]])
 """Eq. 4.3 to the digit, B of the rudder [rad]: neither the ship's nor consistent in units."""
