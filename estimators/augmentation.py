@@ -27,7 +27,7 @@ def input_delayed(model: "LinearModel") -> "LinearModel":
     """
     G: Any = model.G
     H: Any = model.H
-    if model.q == 0 or not model.delayed_feedthrough and (callable(H) or np.any(H)):
+    if model.q == 0 or (not model.delayed_feedthrough and (callable(H) or np.any(H))):
         raise ValueError(
             "input_delayed needs an unknown input without feedthrough: give the model G, and H = 0 or "
             "delayed_feedthrough=True"

@@ -164,9 +164,9 @@ class KalmanFilter(GaussianFilter[Belief], verified=True):
         if belief.innovation is not None:
             mean, joint = with_input(belief)
         else:  # d(k), of which nothing is known but D, or d(k-1), which has moved the state
+            assert isinstance(belief, InputBelief)
             driven = belief.state_input_cov if self.input_delay else np.zeros((n, q))
-            known = belief.input_cov if self.input_delay else self.input_cov
-            joint = symmetric_blocks(belief.cov, driven, known)
+            joint = symmetric_blocks(belief.cov, driven, belief.input_cov if self.input_delay else self.input_cov)
             mean = joined([belief.mean[..., None], np.zeros((q, 1))], -2)[..., 0]
         seen = joined([measurement.C, measurement.H], -1)
         mean, cov, S = joseph_update(mean, joint, measurement.innovation, seen, measurement.R)

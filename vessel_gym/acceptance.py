@@ -117,8 +117,8 @@ def check_causal(sensors: Sensors, forces: Forces) -> None:
         shown = seen_anywhere(forces.vehicle, sensors)[:, input_channels(forces.vehicle).index(name)]
         if shown.any():
             raise ValueError(
-                f"{sensors.of_channel(np.argmax(shown)).name} reads {name}, of which {type(forces.disturbance).__name__} "
-                "gives the mean over the coming step: a sensor may read states, increments, currents and forces"
+                f"{sensors.of_channel(np.argmax(shown)).name} reads {name}, which is a mean over the coming step: let "
+                "it read states, increments, currents or forces"
             )
 
 
@@ -135,7 +135,8 @@ def check_input(filter: Filter, composition: Composition) -> None:
     if not isinstance(filter, UnknownInputFilter) or not composition.inputs:
         return
     model, sensors = composition.model, composition.sensors
-    if filter.model.delayed_feedthrough != model.delayed_feedthrough and np.any(model.H):
+    fed = callable(model.H) or np.any(model.H)
+    if fed and filter.model.delayed_feedthrough != model.delayed_feedthrough:
         raise ValueError(
             f"{filter.name} takes its unknown input at another time than measurements show it: they contain that of "
             f"the step that {'has ended' if model.delayed_feedthrough else 'comes'}; build it on a model with "

@@ -257,7 +257,8 @@ class UnknownInput(NamedTuple):
         disturbance = world.forces.disturbance
         new = (*disturbance.names, *world.sensors.bias_names)
         new = (*disturbance.white_increments, *map(change_of, new))  # components of `noise`
-        channels, increments = input_channels(world.forces.vehicle)[: world.forces.size], world.forces.vehicle.increments
+        vehicle = world.forces.vehicle
+        channels, increments = input_channels(vehicle)[: world.forces.size], vehicle.increments
         arrays = {
             "ended_noise": new,
             "ended": [name if name in increments else None for name in channels],

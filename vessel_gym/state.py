@@ -33,7 +33,8 @@ class EnvState:
         """The state a step later, in which what was coming has ended, and the rest is as it was."""
         return EnvState(
             self.keys, self.steps + _ONE, self.scenario, self.parameters, self.state, action, self.actuators,
-            self.drifting, self.noise, self.exogenous, self.noise, self.exogenous, self.reference, self.score_state, self.total, self.end,
+            self.drifting, self.noise, self.exogenous, self.noise, self.exogenous, self.reference, self.score_state,
+            self.total, self.end,
         )  # fmt: skip
 
     def merged(self, rows: np.ndarray, some: "EnvState") -> "EnvState":

@@ -1,4 +1,4 @@
-"""No sensor reads what has not happened, in any environment but that of the thesis, which prints a compass that does."""
+"""No sensor reads what has not happened; the compass of the thesis, as it is printed, does."""
 
 from dataclasses import dataclass, replace
 

@@ -161,7 +161,7 @@ def compose(
     estimated = (
         np.zeros(0, int) if assumed_as == "process-noise" else relevant(forces, sensors, len(own), unknown, changing)
     )
-    shown = seen_anywhere(vehicle, sensors).any(0)
+    shown: np.ndarray = np.any(seen_anywhere(vehicle, sensors), 0)
     ended = [i for i in forces.increments if shown[i] and i not in unknown]
     parts = Parts(forces, sensors, own, estimated, unknown, ended)
     names = (*own, *(disturbance.names[i] for i in estimated), *sensors.bias_names, *parts.ended_names)
@@ -202,7 +202,7 @@ def _delayed(parts: Parts, inputs: tuple[str, ...], H: np.ndarray) -> bool:
         ValueError: for sensors that show both, which no filter can take.
     """
     increments = np.array([name in parts.vehicle.increments for name in inputs], bool)
-    shown = H.any(0)
+    shown: np.ndarray = np.any(H, 0)
     if shown[increments].any() and shown[~increments].any():
         raise ValueError(
             f"sensors show increments of the step that has ended and flows as they are now, of {', '.join(inputs)}: no "

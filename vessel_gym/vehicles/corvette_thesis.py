@@ -76,7 +76,7 @@ class ThesisCorvette(Ship, verified=True):
 
     action_names = ("rudder",)
     grades: ClassVar[str] = "corvette-thesis"
-    increments = ()
+    increments: ClassVar[tuple[str, ...]] = ()
     incremented: ClassVar[tuple[str, ...]] = ()
     ambient_flows = ("yaw increment",)
     kinds = ("corrected", "as-printed")
