@@ -6,6 +6,7 @@ A disturbance has a state of its own, z, and acts on a vehicle through the parts
 subclass of `Disturbance`: docs/own-disturbance.md.
 """
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -120,12 +121,13 @@ class Sea(Disturbance, verified=True):
 class Water(Disturbance, verified=True):
     """Disturbance of a submerged vehicle by water: turbulence, and a current that wanders.
 
-    Over each step turbulence adds an increment to every velocity of the vehicle through the water; the current is a
-    first-order Gauss-Markov process. A filter that assumes all of it knows all that there is to know.
+    Turbulence is white noise on every acceleration of the vehicle through the water: each step adds an increment to its
+    velocities, with a variance in proportion to the step's length. The current is a first-order Gauss-Markov process. A
+    filter that assumes all of it knows all that there is to know.
     """
 
-    turbulence: float  # standard deviation of an increment, m/s
-    spin: float  # of an increment on a rate, rad/s
+    turbulence: float  # standard deviation of what a second adds to a velocity, m/s per sqrt(s)
+    spin: float  # of what a second adds to a rate, rad/s per sqrt(s)
     current: float  # RMS speed, m/s
     velocities: tuple[str, ...] = ("u", "v", "w")  # that get increments,
     rates: tuple[str, ...] = ("p", "q", "r")
@@ -148,8 +150,9 @@ class Water(Disturbance, verified=True):
 
     @cached_property
     def white(self) -> np.ndarray:  # type: ignore[override]
-        """Increments [m/s, rad/s]."""
-        return np.diag(np.repeat([self.turbulence, self.spin], [len(self.velocities), len(self.rates)]))
+        """Increments of a step [m/s, rad/s]."""
+        in_a_second = np.repeat([self.turbulence, self.spin], [len(self.velocities), len(self.rates)])
+        return np.sqrt(self.dt) * np.diag(in_a_second)
 
 
 @dataclass(frozen=True)
@@ -215,15 +218,18 @@ class Air(Disturbance, verified=True):
 
     Low-altitude Dryden spectra (MIL-F-8785C) as met at a constant airspeed: the vertical gust has the second-order
     form; north and east have the first-order, longitudinal one, so that a turn does not change the spectrum. The state
-    is the mean wind north and east and that of the gusts (north, east, two of the vertical) [m/s]. A filter that is
-    assumes all of it knows all that there is to know.
+    is the mean wind north and east and that of the gusts (north, east, two of the vertical) [m/s]. Turbulence that is
+    shorter than a step is white noise: it adds increments to velocities and bank, with variances in proportion to the
+    step's length. A filter that assumes all of it knows all that there is to know.
     """
 
     wind: float  # RMS speed of the mean wind, which is level, m/s
     gust: float  # standard deviation of a level gust component, m/s
     vertical_gust: float  # of the vertical one, m/s
-    increment: float = 0.05  # standard deviation of what turbulence adds to each velocity in a step, m/s; assumed
-    roll: float = 0.005  # of what it rolls the aircraft, rad; assumed
+    # Standard deviations of what a second of turbulence adds to each velocity, m/s per sqrt(s), and to the bank, rad
+    # per sqrt(s): those in 0.1 s are assumed.
+    increment: float = 0.05 / math.sqrt(0.1)
+    roll: float = 0.005 / math.sqrt(0.1)
     wind_time: float = 200.0  # s, in which the mean wind changes; assumed
     length: float = 200.0  # m, of level gusts; Beard & McLain (2012), Table 4.1
     vertical_length: float = 50.0  # m, of vertical ones; there too
@@ -257,8 +263,8 @@ class Air(Disturbance, verified=True):
 
     @cached_property
     def white(self) -> np.ndarray:  # type: ignore[override]
-        """Increments on velocities [m/s] and bank [rad]."""
-        return np.diag([self.increment, self.increment, self.increment, self.roll])
+        """Increments of a step on velocities [m/s] and bank [rad]."""
+        return np.sqrt(self.dt) * np.diag([self.increment, self.increment, self.increment, self.roll])
 
     @linear
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:

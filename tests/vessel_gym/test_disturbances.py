@@ -13,9 +13,11 @@ from scipy.integrate import quad
 from scipy.linalg import block_diag, expm
 from scipy.stats import chi2, norm
 
-from vessel_gym.disturbances import Air, Disturbance, Sea, Water
+from vessel_gym.disturbances import Air, Disturbance, Fault, Sea, SurfaceWater, Water
 from vessel_gym.filter_models.exogenous import Forces
 from vessel_gym.processes import root_of
+from vessel_gym.sensors.sensor import Bias
+from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.ship import Ship
 
 FALSE_ALARM = 1e-6
@@ -69,14 +71,6 @@ def test_the_stationary_covariance_is_what_the_sizes_say(sea):
     assert P[3, 3] == P[4, 4]
     assert P[0, 0] == pytest.approx((sea.wave / sea.peak) ** 2)  # yaw angle of a narrow band about the peak
     np.testing.assert_allclose(P[~np.eye(5, dtype=bool)], 0.0, atol=1e-18)
-
-
-@every_sea
-def test_two_half_steps_are_one_step(sea):
-    half_A, half_Q = transition_and_noise(replace(sea, dt=0.25))
-    A, Q = transition_and_noise(sea)
-    np.testing.assert_allclose(half_A @ half_A, A, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(half_A @ half_Q @ half_A.T + half_Q, Q, rtol=1e-9, atol=1e-16)
 
 
 @pytest.mark.parametrize(
@@ -185,7 +179,7 @@ WATER = Water(turbulence=0.01, spin=0.002, current=0.2, velocities=("u", "w"), r
 
 def test_the_water_adds_to_every_velocity_as_it_says():
     assert WATER.white_increments == ("u increment", "w increment", "q increment")
-    np.testing.assert_array_equal(WATER.white, np.diag([0.01, 0.01, 0.002]))
+    np.testing.assert_allclose(WATER.white, np.sqrt(0.1) * np.diag([0.01, 0.01, 0.002]), rtol=1e-15)
     state = np.random.default_rng(0).normal(size=(4, 2))
     np.testing.assert_array_equal(WATER.effect(state, np.zeros((4, 6))), state)
 
@@ -247,13 +241,9 @@ def test_gusts_have_the_dryden_spectra(air):
         np.testing.assert_allclose(covariance, np.diag([level, level, down]), rtol=0, atol=2e-6)
 
 
-def test_a_step_keeps_the_gusts_stationary_and_two_half_steps_are_one():
+def test_a_step_keeps_the_gusts_stationary():
     A, Q, P = gusts_of(AIR)
     np.testing.assert_allclose(A @ P @ A.T + Q, P, rtol=0, atol=1e-13)
-    half, noise, same = gusts_of(replace(AIR, dt=0.05))
-    np.testing.assert_allclose(half @ half, A, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(half @ noise @ half.T + noise, Q, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(same, P, rtol=0, atol=1e-13)
     np.testing.assert_allclose(np.diag(P), [1.06**2, 1.06**2, 0.7**2 / 4, 0.7**2 / 4], rtol=1e-12)
 
 
@@ -268,7 +258,7 @@ def test_the_wind_decays_as_slowly_as_the_aircraft_crosses_it():
 
 
 def test_what_enters_in_a_step_keeps_the_wind_as_it_is():
-    np.testing.assert_array_equal(AIR.white, np.diag([0.05, 0.05, 0.05, 0.005]))
+    np.testing.assert_allclose(AIR.white, np.diag([0.05, 0.05, 0.05, 0.005]), rtol=1e-15)
     A, Q = transition_and_noise(AIR)
     P = AIR.process.start_cov
     np.testing.assert_allclose(A @ P @ A.T + Q, P, atol=1e-13)
@@ -291,6 +281,47 @@ def test_gusts_twice_as_strong_are_the_same_gusts_doubled():
     np.testing.assert_allclose(four_times, 4.0 * Q, rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(as_large, 4.0 * P, rtol=1e-9, atol=1e-15)
     np.testing.assert_array_equal(same, A)
+
+
+# --- steps of any length ----------------------------------------------------------------------------
+
+
+SURFACE = SurfaceWater(0.88, 7.5, WATER, north=6, down=8)
+FAULT = Fault("rudder", start=0.02, walk=0.01, amplitude=0.1, beside=WATER)
+BY_STEP = {
+    **{f"{name} sea": (sea, replace(sea, dt=0.25)) for name, sea in SEAS.items()},
+    "water": (WATER, replace(WATER, dt=0.05)),
+    "water below waves": (SURFACE, replace(SURFACE, beside=replace(WATER, dt=0.05))),
+    "air": (AIR, replace(AIR, dt=0.05)),
+    "fault": (FAULT, replace(FAULT, beside=replace(WATER, dt=0.05), dt=0.05)),
+}
+"""Disturbances at a step, and at half of it."""
+
+
+@pytest.mark.parametrize("pair", BY_STEP.values(), ids=BY_STEP)
+def test_what_two_half_steps_add_has_the_distribution_of_what_one_step_adds(pair: tuple[Disturbance, Disturbance]):
+    (A, Q), (half_A, half_Q) = map(transition_and_noise, pair)
+    np.testing.assert_allclose(half_A @ half_A, A, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(half_A @ half_Q @ half_A.T + half_Q, Q, rtol=1e-9, atol=1e-16)
+    whole, half = pair
+    np.testing.assert_allclose(half.process.start_cov, whole.process.start_cov, rtol=1e-12, atol=1e-16)
+    np.testing.assert_allclose(2.0 * half.white @ half.white.T, whole.white @ whole.white.T, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "bias", [Bias(("offset",), start=(0.1,), pace=(0.02,)), Bias(("offset",), start=(0.1,), time=30.0)]
+)
+def test_what_two_half_steps_add_to_a_bias_has_the_distribution_of_what_one_step_adds(bias: Bias):
+    whole, half = bias.process(0.1), bias.process(0.05)
+    (A, Q), (half_A, half_Q) = ((each.transition, each.root @ each.root.T) for each in (whole, half))
+    np.testing.assert_allclose(half_A @ half_A, A, rtol=1e-14)
+    np.testing.assert_allclose(half_A @ half_Q @ half_A.T + half_Q, Q, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["corvette", "mariner"])
+def test_what_the_models_of_a_ship_leave_out_in_two_half_steps_is_that_in_one(name: str):
+    whole, half = (Ship(load(name), dt).process_sd for dt in (0.5, 0.25))
+    np.testing.assert_allclose(2.0 * half**2, whole**2, rtol=1e-12)
 
 
 # --- in an environment ------------------------------------------------------------------------------

@@ -102,7 +102,7 @@ class StraightTrack(Task):
         return 1.0 / (1.0 + state[..., 0] ** 2), np.zeros(len(state), int), score_state
 
 
-WATER = Water(0.0, SPIN, CURRENT, (), ("r",), ("current",), CURRENT_TIME, DT)
+WATER = Water(0.0, SPIN / np.sqrt(DT), CURRENT, (), ("r",), ("current",), CURRENT_TIME, DT)
 SYSTEM = System(
     "LinearShip-v0", StraightTrack.vehicle, StraightTrack(), {"moderate": WATER}, "kf", "linear", lambda name, of: {}
 )

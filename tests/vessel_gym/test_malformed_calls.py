@@ -117,7 +117,7 @@ CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, list[Any]]]] = [
                          "rudder_limit": [35.0, 0.0], "yaw_radius": [2.0, "x"], "given": ["x", 3, (("Nx", 1.0),)]}),
     (changed(AUV), {}, {"length": NOT_POSITIVE, "thrust_limit": NOT_POSITIVE, "fin_taper": [2.0], "fin_limit": [20.0]}),
     (changed(PUNA), {}, {"mass": NOT_POSITIVE, "drag": [None, 1.0, (1.0, 2.0), ("x", 1.0, 1.0)], "alpha_high": [12.0]}),
-    (ThesisCorvette, {"ship": SHIP}, {"ship": [None, "corvette", AUV], "dt": NOT_POSITIVE, "substeps": NO_WHOLE}),
+    (ThesisCorvette, {"ship": SHIP}, {"ship": [None, "corvette", AUV], "dt": NOT_POSITIVE}),
     (Ship, {"ship": SHIP}, {"ship": [None, 3], "dt": NOT_POSITIVE}),
     (Segorogeni, {"body": AUV}, {"body": [None, SHIP], "dt": NOT_POSITIVE, "substeps": NO_WHOLE}),
     (ROV, {}, {"body": [None, AUV], "dt": NOT_POSITIVE, "substeps": NO_WHOLE}),

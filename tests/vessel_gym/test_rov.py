@@ -8,6 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from pages import blocks
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
@@ -15,7 +16,15 @@ from agents import rollout
 from agents.metrics import scores
 from agents.studies.study import read_study
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.rov import QUADRATIC, ROV, UNCERTAIN, ROVParameters, rov_rates
+from vessel_gym.vehicles.rov import (
+    QUADRATIC,
+    ROV,
+    UNCERTAIN,
+    ROVParameters,
+    rov_rates,
+    with_euler_angles,
+    with_quaternion,
+)
 
 BODY = load("bluerov2-heavy", ROVParameters)
 C = BODY.vector()
@@ -32,13 +41,20 @@ def skew(x: np.ndarray) -> np.ndarray:
     return np.cross(np.eye(3), x)
 
 
-def fossen(state: np.ndarray, thrusts: np.ndarray, current: np.ndarray) -> np.ndarray:
-    """M dv/dt + C(v) v + D(v) v + g(eta) = tau of Fossen (2011), eqs. 6.44, 8.24 and 4.6, one state at a time."""
-    nu, (x, y, z) = state[:6], state[9:12]
+def attitude(state: np.ndarray) -> Rotation:
+    """The rotation from body axes to North-East-Down, of Euler angles."""
+    return Rotation.from_euler("ZYX", state[..., [11, 10, 9]])
+
+
+def fossen(nu: np.ndarray, to_earth: Rotation, thrusts: np.ndarray, current: np.ndarray) -> np.ndarray:
+    """Rates ``(9,)`` of the velocities through the water and of the position.
+
+    M dv/dt + C(v) v + D(v) v + g(eta) = tau of Fossen (2011), eqs. 6.44, 8.24 and 4.6.
+    """
     p1, p2 = np.split(INERTIA * nu, 2)
     coriolis = np.block([[np.zeros((3, 3)), -skew(p1)], [-skew(p1), -skew(p2)]])
     linear, quadratic = np.diag([13.7, 0, 33, 0, 0.8, 0]), np.diag([141, 217, 190, 1.19, 0.47, 1.5])
-    to_body = Rotation.from_euler("ZYX", [z, y, x]).inv()
+    to_body = to_earth.inv()
     weight = to_body.apply([0.0, 0.0, 13.5 * 9.82])
     lift = to_body.apply([0.0, 0.0, -(13.5 * 9.82 - 0.98)])
     restoring = np.concatenate([weight + lift, np.cross([0.0, 0.0, -0.01], lift)])
@@ -46,18 +62,56 @@ def fossen(state: np.ndarray, thrusts: np.ndarray, current: np.ndarray) -> np.nd
     for position, direction, thrust in zip(BODY.positions, BODY.directions, thrusts, strict=True):
         force = thrust * np.array(direction) / np.linalg.norm(direction)
         tau = tau + np.concatenate([force, np.cross(position, force)])
-    turn = np.array([
-        [1.0, np.sin(x) * np.tan(y), np.cos(x) * np.tan(y)],
-        [0.0, np.cos(x), -np.sin(x)],
-        [0.0, np.sin(x) / np.cos(y), np.cos(x) / np.cos(y)],
-    ])  # fmt: skip
-    return np.concatenate([tau / INERTIA, to_body.inv().apply(nu[:3]) + [*current, 0.0], turn @ nu[3:]])
+    return np.concatenate([tau / INERTIA, to_earth.apply(nu[:3]) + [*current, 0.0]])
 
 
 def test_the_equations_are_those_of_fossen_in_matrices():
-    rates = rov_rates(STATES, THRUSTS @ BODY.allocation.T, CURRENTS, C)
-    expected = [fossen(*each) for each in zip(STATES, THRUSTS, CURRENTS, strict=True)]
-    np.testing.assert_allclose(rates, expected, rtol=1e-11, atol=1e-11)
+    states = with_quaternion(STATES)
+    rates = rov_rates(states, THRUSTS @ BODY.allocation.T, CURRENTS, C)
+    moving = [fossen(s[:6], attitude(s), *acting) for s, *acting in zip(STATES, THRUSTS, CURRENTS, strict=True)]
+    turning = [  # eqs. 2.57 and 2.58
+        0.5 * np.vstack([-e[1:], e[0] * np.eye(3) + skew(e[1:])]) @ omega
+        for e, omega in zip(states[:, 9:], STATES[:, 3:6], strict=True)
+    ]
+    np.testing.assert_allclose(rates, np.hstack([moving, turning]), rtol=1e-11, atol=1e-11)
+
+
+def test_the_vehicle_turns_over_as_its_rotation_matrix_does():
+    """Opposed thrusters pitch it head over heels, twice in three seconds, 2 degrees past the pole of Euler angles."""
+    thrusts, flow = np.array([0.0, 0.0, 0.0, 0.0, 24.0, 24.2, -24.0, -24.0]), np.array([0.2, -0.1])
+    start = np.zeros(12)
+    start[[1, 11]] = 0.05, 0.5
+
+    def rates(_: float, y: np.ndarray) -> np.ndarray:
+        matrix = y[9:].reshape(3, 3)
+        turning = matrix @ skew(y[3:6])
+        return np.concatenate([fossen(y[:6], Rotation.from_matrix(matrix), thrusts, flow), turning.ravel()])
+
+    times, begun = ROV.dt * np.arange(31), np.concatenate([start[:9], attitude(start).as_matrix().ravel()])
+    exact = solve_ivp(rates, (0.0, 3.0), begun, method="DOP853", rtol=1e-9, atol=1e-9, t_eval=times).y.T
+    assert np.count_nonzero(np.diff(np.sign(exact[:, -1]))) == 4  # upside down and back again, twice
+    turned = Rotation.from_matrix(exact[:, 9:].reshape(-1, 3, 3))
+    for substeps, error in ((ROV.substeps, 2e-3), (16, 1e-6)):  # of fourth order, from rest to 2 rad/s in a step
+        vehicle, states = ROV(BODY, substeps=substeps), [start]
+        for _ in times[1:]:
+            states.append(vehicle.moved(states[-1], thrusts, thrusts, flow, C))
+        assert (turned.inv() * attitude(np.array(states))).magnitude().max() < error
+        np.testing.assert_allclose(np.array(states)[:, :9], exact[:, :9], rtol=0, atol=error)
+
+
+def test_euler_angles_are_those_of_the_attitude_nearest_to_the_old_ones():
+    """At the pole, too, where roll and yaw are not determined alone."""
+    states, near = STATES.copy(), STATES + RNG.normal(scale=0.3, size=STATES.shape)
+    states[:20, 10] = np.pi / 2.0 * np.sign(states[:20, 10])
+    states[20:40, 10] = np.nextafter(np.pi / 2.0, 0.0)
+    near[:, [9, 11]] += 20.0
+    found = with_euler_angles(with_quaternion(states), near)
+    assert (attitude(found).inv() * attitude(states)).magnitude().max() < 1e-14
+    assert np.abs(found[:, 10]).max() <= np.pi / 2.0 + 1e-15
+    assert np.abs(found[:, [9, 11]] - near[:, [9, 11]]).max() <= np.pi + 1e-13
+    np.testing.assert_array_equal(found[:, :9], states[:, :9])
+    shown = with_euler_angles(with_quaternion(STATES), STATES)  # which turn by no more than a right angle in pitch
+    np.testing.assert_allclose(shown, STATES, rtol=0, atol=1e-13)
 
 
 def test_the_generalised_force_of_a_unit_thrust_is_the_thruster_s_direction_and_moment():
@@ -81,9 +135,9 @@ def test_a_symmetric_pair_of_thrusters_gives_no_sway_roll_or_yaw(pair: tuple[int
 
 def test_without_thrust_energy_only_decreases_and_without_damping_it_is_constant():
     def power(c: np.ndarray) -> np.ndarray:
-        rates = rov_rates(STATES, np.zeros(6), CURRENTS, c)
-        roll, pitch = STATES[:, 9], STATES[:, 10]
-        righting = (np.sin(roll) * np.cos(pitch) * rates[:, 9] + np.cos(roll) * np.sin(pitch) * rates[:, 10]) * C[19]
+        states = with_quaternion(STATES)
+        rates = rov_rates(states, np.zeros(6), CURRENTS, c)
+        righting = 4.0 * (states[:, 10:12] * rates[:, 10:12]).sum(-1) * C[19]  # 2 (e1^2 + e2^2) is 1 - cos(heel)
         return (c[..., :6] * STATES[:, :6] * rates[:, :6]).sum(-1) - C[18] * rates[:, 8] + righting
 
     assert power(C).max() < 0.0
@@ -121,7 +175,6 @@ def test_the_steady_speed_is_that_at_which_damping_takes_all_of_the_force(axis: 
     thrusts, state = (np.linalg.pinv(BODY.allocation) @ tau)[None], np.zeros((1, 12))
     for _ in range(100):
         state = vehicle.moved(state, thrusts, thrusts, STILL[None], vehicle.body.vector()[None])
-        state[:, 9:] = 0.0  # turns without end pass the pole of Euler angles
     linear, quadratic = -C[6 + axis], -C[12 + axis]
     speed = (-linear + np.sqrt(linear**2 + 4.0 * quadratic * tau[axis])) / (2.0 * quadratic)
     np.testing.assert_allclose(state[0, :6], np.eye(6)[axis] * speed, rtol=1e-6, atol=1e-6)
@@ -166,6 +219,19 @@ def test_the_recipe_docks_on_a_consistent_filter(recipe: str, estimator: str):
     figures = scores(flown)
     assert figures["docked"].mean() == 100.0
     assert estimator == "truth" or 0.85 < figures["nees"].mean() < 1.2
+
+
+def test_a_filter_follows_the_vehicle_head_over_heels(recipe: str):
+    """Attitudes are measured to 0.02 rad, so that 0.06 rad are many standard errors of an estimate off."""
+    env, errors, upright = gym.make(recipe, estimator="ekf"), [], []
+    env.reset(seed=1)
+    core = env.unwrapped.core
+    for _ in range(60):
+        env.step(np.array([0.1, 0.0, 0.0, 0.0, 0.9, 0.9, -0.8, -0.8], np.float32))
+        errors.append((attitude(core.state[0]).inv() * attitude(core.belief.mean[0])).magnitude())
+        upright.append(attitude(core.state[0]).apply([0.0, 0.0, 1.0])[2])
+    assert min(upright) < -0.9
+    assert max(errors) < 0.06
 
 
 def test_the_filter_of_the_recipe_runs_compiled(recipe: str):

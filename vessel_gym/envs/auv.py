@@ -1,5 +1,6 @@
 """AUV-v0, SegorogeniAUV-v0, ItsunusaAUV-v0: a torpedo-shaped vehicle dives along a curve with a filter in the loop."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +21,15 @@ from vessel_gym.verified import verified
 
 
 def _waters(spin: float, state: tuple[str, ...], **of_vehicle: Any) -> dict[str, Disturbance]:
-    """Waters by name, the last under waves; ``spin`` is what turbulence does to rates beside velocities."""
+    """Waters by name, the last under waves; ``spin`` is what turbulence does to rates beside velocities.
+
+    The increments [m/s] are those of 0.1 s.
+    """
     figures = {"calm": (0.002, 0.05), "moderate": (0.005, 0.10), "rough": (0.010, 0.20)}
-    waters = {
-        name: Water(increment, spin * increment, current, **of_vehicle)
-        for name, (increment, current) in figures.items()
-    }
+    waters = {}
+    for name, (increment, current) in figures.items():
+        turbulence = increment / math.sqrt(0.1)
+        waters[name] = Water(turbulence, spin * turbulence, current, **of_vehicle)
     above = SurfaceWater(0.88, 7.5, waters["moderate"], state.index("x"), state.index("z"))
     return waters | {"surface": above}
 

@@ -21,7 +21,7 @@ from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.identified import IdentifiedShip, MeasuredSea
 from vessel_gym.vehicles.measured_ship import MeasuredShip
-from vessel_gym.vehicles.ship import Ship
+from vessel_gym.vehicles.ship import Ship, pace
 from vessel_gym.vehicles.steered import SteeredShip
 from vessel_gym.verified import verified
 
@@ -62,12 +62,10 @@ def ship_system(vessel: str | Path | SteeredShip, name: str = "vessel_gym/Ship-v
     """
     instance("name", name, str)
     ship = vessel if isinstance(vessel, SteeredShip) else load(vessel, SteeredShip)
-    corvette = load("corvette", CorvetteParameters)
-    pace = (ship.length / ship.speed) / (corvette.length / corvette.speed)
     if isinstance(ship, MeasuredShip):
-        return _identified_system(ship, corvette, pace, name)
+        return _identified_system(ship, load("corvette", CorvetteParameters), pace(ship), name)
     assert isinstance(ship, CorvetteParameters)
-    task = CircleTrack(ship, pace)
+    task = CircleTrack(ship, pace(ship))
     return System(
         name=name,
         vehicle=Ship(ship, task.dt),

@@ -72,7 +72,6 @@ class ThesisCorvette(Ship, verified=True):
 
     ship: CorvetteParameters = field(default_factory=lambda: load("corvette-thesis", CorvetteParameters))
     dt: float = 0.8  # s: the printed 0.5 s leaves 195 samples no time for a full turn
-    substeps: int = 2  # RK4 steps of 0.4 s
 
     action_names = ("rudder",)
     grades: ClassVar[str] = "corvette-thesis"

@@ -241,7 +241,9 @@ class Particulars:
 
 
 class FromFile:
-    """Base of vehicles of which a file gives the parameters: their first field. Others are ``dt`` and ``substeps``.
+    """Base of vehicles of which a file gives the parameters: their first field.
+
+    Others are ``dt`` and, unless they follow from the parameters, ``substeps``.
 
     Raises:
         TypeError: for parameters of another class.
@@ -255,4 +257,5 @@ class FromFile:
         title, first = type(self).__name__, fields(self)[0]
         instance(f"{first.name} of {title}", getattr(self, first.name), first.type)  # type: ignore[arg-type]
         check_numbers(self, positive="dt")
-        integer(f"substeps of {title}", self.substeps, 1)
+        if "substeps" in self.__dataclass_fields__:
+            integer(f"substeps of {title}", self.substeps, 1)

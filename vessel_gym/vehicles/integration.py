@@ -1,5 +1,6 @@
 """Vehicles in time: the fourth-order method of Runge and Kutta, written once for all equations of motion."""
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -34,6 +35,21 @@ def runge_kutta(
         shares = i / substeps, (i + 0.5) / substeps, (i + 1) / substeps
         state = part(state, before, change, flow, c, dt / substeps, shares, rates=rates)
     return state
+
+
+def resolving_substeps(dt: float, fastest: float) -> int:
+    """Smallest number of equal substeps in which `runge_kutta` resolves the modes of linear motion.
+
+    A mode with eigenvalue ``lambda`` is resolved in substeps h with ``|lambda| h <= 1/2``. The
+    numerical solution then has an eigenvalue within 0.08 % of ``|lambda|``. An oscillation's is
+    ``(|lambda| h)^4 / 120`` too slow, at most 0.05 %, and gains ``(|lambda| h)^5 / 144``, at most
+    0.0002, in damping ratio. Beyond ``2 sqrt(2)`` an undamped oscillation would grow.
+
+    Args:
+        dt: Length of the step [s].
+        fastest: Largest modulus of the eigenvalues [1/s].
+    """
+    return max(1, math.ceil(2.0 * dt * fastest - 1e-9))
 
 
 @compiled(axes=(1, 1, 1, 1, 1, 0, 1))

@@ -1,23 +1,24 @@
 """Remotely operated vehicles: a rigid body in six degrees of freedom, moved by thrusters alone (kind = "rov").
 
 Frames: North-East-Down, body x forward, y starboard, z down, origin at the centre of gravity. Body, added mass and
-damping are symmetric about the body's planes, so inertia and damping are diagonal.
+damping are symmetric about the body's planes, so inertia and damping are diagonal. The vehicle may take any attitude:
+a step moves a quaternion, and states hold Euler angles.
 
-Sources: Fossen (2011), chapters 6 to 8, for the equations and the allocation of thrusters; von Benzon et al. (2022)
-for the diagonal model of a BlueROV2 Heavy (data/bluerov2-heavy.toml).
+Sources: Fossen (2011), chapters 2 and 6 to 8, for the equations and the allocation of thrusters; von Benzon et al.
+(2022) for the diagonal model of a BlueROV2 Heavy (data/bluerov2-heavy.toml).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
-from estimators.engine import compiled
+from estimators.engine import compiled, sincos
 from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
 from vessel_gym.vehicles.files import FromFile, Particulars, load
-from vessel_gym.vehicles.segorogeni import STATE, Segorogeni, attitude, kinematics
+from vessel_gym.vehicles.segorogeni import STATE, Segorogeni
 from vessel_gym.vehicles.whole_state import WholeState
 
 ADDED_MASS = ("X_udot", "Y_vdot", "Z_wdot", "K_pdot", "M_qdot", "N_rdot")
@@ -104,37 +105,92 @@ class ROVParameters(Particulars):
             yield "buoyancy_excess", f"{-self.buoyancy_excess:g} N are more than the weight: it displaces no water"
 
 
-@compiled
-def rov_rates(state: np.ndarray, force: np.ndarray, current: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Rates ``(..., 12)`` of the velocities through the water, then of position and Euler angles.
-
-    Kirchhoff's equations of the momentum of body and water, which is theirs in body axes, with damping.
+def _rotation(quaternion: Sequence[np.ndarray]) -> tuple[tuple[np.ndarray, ...], ...]:
+    """Rows of the matrix ``(3, 3)`` that rotates body axes to North-East-Down, of a unit quaternion.
 
     Args:
-        state: ``(..., 12)``, `STATE`.
+        quaternion: Four arrays ``(...)``, the real part first.
+    """
+    e0, e1, e2, e3 = quaternion
+    return (
+        (1.0 - 2.0 * (e2 * e2 + e3 * e3), 2.0 * (e1 * e2 - e3 * e0), 2.0 * (e1 * e3 + e2 * e0)),
+        (2.0 * (e1 * e2 + e3 * e0), 1.0 - 2.0 * (e1 * e1 + e3 * e3), 2.0 * (e2 * e3 - e1 * e0)),
+        (2.0 * (e1 * e3 - e2 * e0), 2.0 * (e2 * e3 + e1 * e0), 1.0 - 2.0 * (e1 * e1 + e2 * e2)),
+    )
+
+
+@compiled
+def with_quaternion(state: np.ndarray) -> np.ndarray:
+    """The state `STATE` ``(..., 12)`` with a unit quaternion in place of the Euler angles ``(..., 13)``."""
+    (s1, c1), (s2, c2), (s3, c3) = (sincos(0.5 * state[..., i]) for i in (9, 10, 11))
+    quaternion = (
+        c1 * c2 * c3 + s1 * s2 * s3, s1 * c2 * c3 - c1 * s2 * s3,
+        c1 * s2 * c3 + s1 * c2 * s3, c1 * c2 * s3 - s1 * s2 * c3,
+    )  # fmt: skip
+    return np.concatenate([state[..., :9], np.stack(quaternion, -1)], -1)
+
+
+@compiled
+def with_euler_angles(state: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """The state with a quaternion ``(..., 13)`` as a state `STATE` ``(..., 12)``.
+
+    The pitch is within 90 degrees. Roll and yaw are those within half a turn of the ones in
+    ``near (..., 12)``, so that they do not jump by whole turns. As the vehicle passes the pole, at
+    90 degrees of pitch, both jump by half a turn: the attitude does not.
+    """
+    quaternion = [state[..., i] for i in range(9, 13)]
+    norm = np.sqrt(sum(e * e for e in quaternion))
+    (_, north_y, north_z), (_, east_y, east_z), (down_x, down_y, down_z) = _rotation([e / norm for e in quaternion])
+    sin, cos = sincos(near[..., 9])
+    sin_change, cos_change = down_y * cos - down_z * sin, down_z * cos + down_y * sin
+    at_pole = np.abs(sin_change) + np.abs(cos_change) < 1e-12  # any roll serves there: the old one
+    phi = near[..., 9] + np.arctan2(sin_change, np.where(at_pole, 1e-12, cos_change))
+    sin, cos = sincos(phi)
+    theta = np.arctan2(-down_x, down_y * sin + down_z * cos)
+    # The body's y axis, turned back by the roll, is level.
+    sin_psi, cos_psi = north_z * sin - north_y * cos, east_y * cos - east_z * sin
+    sin, cos = sincos(near[..., 11])
+    psi = near[..., 11] + np.arctan2(sin_psi * cos - cos_psi * sin, cos_psi * cos + sin_psi * sin)
+    return np.concatenate([state[..., :9], np.stack([phi, theta, psi], -1)], -1)
+
+
+@compiled
+def rov_rates(state: np.ndarray, force: np.ndarray, current: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Rates ``(..., 13)`` of the velocities through the water, the position and the attitude.
+
+    Kirchhoff's equations of the momentum of body and water, which is theirs in body axes, with
+    damping. The attitude is a unit quaternion, which has no pole (Fossen 2011, sec. 2.2.2).
+
+    Args:
+        state: ``(..., 13)``, as `with_quaternion` gives it.
         force: Generalised force of the thrusters ``(..., 6)``.
         current: North and east ``(..., 2)``.
         c: ``(..., 20)``, `COEFFICIENTS`.
     """
-    velocity, angles = [state[..., i] for i in range(6)], attitude(state)
+    velocity, (e0, e1, e2, e3) = [state[..., i] for i in range(6)], (state[..., i] for i in range(9, 13))
     u, v, w, p, q, r = velocity
     inertia = [c[..., i] for i in range(6)]
     Px, Py, Pz, Lx, Ly, Lz = (m * x for m, x in zip(inertia, velocity, strict=True))
-    (sin_phi, cos_phi), (sin_theta, cos_theta), _ = angles
+    north, east, down = _rotation((e0, e1, e2, e3))
     weight, righting = c[..., 18], c[..., 19]
     turning = (
-        Py * r - Pz * q - weight * sin_theta,
-        Pz * p - Px * r + weight * cos_theta * sin_phi,
-        Px * q - Py * p + weight * cos_theta * cos_phi,
-        Ly * r - Lz * q + Py * w - Pz * v - righting * cos_theta * sin_phi,
-        Lz * p - Lx * r + Pz * u - Px * w - righting * sin_theta,
+        Py * r - Pz * q + weight * down[0],
+        Pz * p - Px * r + weight * down[1],
+        Px * q - Py * p + weight * down[2],
+        Ly * r - Lz * q + Py * w - Pz * v - righting * down[1],
+        Lz * p - Lx * r + Pz * u - Px * w + righting * down[0],
         Lx * q - Ly * p + Px * v - Py * u,
     )
     accelerations = [
         (turning[i] + (c[..., 6 + i] + c[..., 12 + i] * np.abs(x)) * x + force[..., i]) / inertia[i]
         for i, x in enumerate(velocity)
     ]
-    return np.stack([*accelerations, *kinematics(velocity, angles, current)], -1)
+    over_ground = [x * u + y * v + z * w for x, y, z in (north, east, down)]
+    return np.stack([
+        *accelerations, over_ground[0] + current[..., 0], over_ground[1] + current[..., 1], over_ground[2],
+        -0.5 * (e1 * p + e2 * q + e3 * r), 0.5 * (e0 * p - e3 * q + e2 * r),
+        0.5 * (e3 * p + e0 * q - e1 * r), 0.5 * (e1 * q - e2 * p + e0 * r),
+    ], -1)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -179,6 +235,6 @@ class ROV(FromFile, WholeState, verified=True):
     def moved(
         self, state: np.ndarray, before: np.ndarray, after: np.ndarray, flow: np.ndarray, parameters: np.ndarray
     ) -> np.ndarray:
-        """The state one step later, without increments."""
-        allocation = self.body.allocation
-        return super().moved(state, np.matvec(allocation, before), np.matvec(allocation, after), flow, parameters)
+        """The state one step later, without increments; the attitude moves as a quaternion."""
+        before, after = (np.matvec(self.body.allocation, thrusts) for thrusts in (before, after))
+        return with_euler_angles(super().moved(with_quaternion(state), before, after, flow, parameters), state)

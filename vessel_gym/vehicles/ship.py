@@ -9,7 +9,13 @@ import numpy as np
 from estimators.engine import sincos
 from vessel_gym.processes import linear
 from vessel_gym.sensors import Sensor, plain
-from vessel_gym.vehicles.corvette import COMPASS, linear_matrices, steady_turns, surge_models
+from vessel_gym.vehicles.corvette import (
+    COMPASS,
+    linear_matrices,
+    steady_turns,
+    surge_models,
+    sway_yaw_jacobian,
+)
 from vessel_gym.vehicles.corvette_equations import (
     AROUND,
     COEFFICIENTS,
@@ -19,8 +25,8 @@ from vessel_gym.vehicles.corvette_equations import (
     corvette_rates,
 )
 from vessel_gym.vehicles.files import FromFile, load
-from vessel_gym.vehicles.integration import runge_kutta
-from vessel_gym.vehicles.steered import SteeredByRate
+from vessel_gym.vehicles.integration import resolving_substeps, runge_kutta
+from vessel_gym.vehicles.steered import SteeredByRate, SteeredShip
 from vessel_gym.verified import verified
 
 _ESTIMATED = STATE[:6]  # all but roll
@@ -40,7 +46,6 @@ class Ship(FromFile, SteeredByRate, verified=True):
 
     ship: CorvetteParameters = field(default_factory=lambda: load("corvette", CorvetteParameters))
     dt: float = 0.5  # s
-    substeps: int = 1  # one RK4 step of 0.5 s is converged to 0.002 %
 
     state_names = STATE
     equations = staticmethod(corvette_rates)
@@ -75,8 +80,31 @@ class Ship(FromFile, SteeredByRate, verified=True):
 
     @property
     def process_sd(self) -> np.ndarray:
-        """Of (x, y, psi, u, v, r) in a step: the sway of waves, and wind, of which no model knows."""
-        return np.array([0.2, 0.2, 1e-4, 0.03, 0.04, 6e-4 * 0.5 / self.dt])
+        """Of (x, y, psi, u, v, r) in a step: the sway of waves, and wind, of which no model knows.
+
+        White noise, so its variance grows with the length of the step. The figures are the
+        corvette's in 0.5 s; another ship's are those in 0.5 s times her `pace`, with the yaw rate
+        in proportion to the rate at which she turns.
+        """
+        slower = pace(self.ship)
+        in_half_second = np.array([0.2, 0.2, 1e-4, 0.03, 0.04, 6e-4 / slower])
+        return in_half_second * np.sqrt(self.dt / (0.5 * slower))
+
+    @cached_property
+    def _plane_mode(self) -> float:
+        """Largest modulus of the eigenvalues of sway and yaw at service speed [1/s]."""
+        ahead = np.array([self.ship.speed, 0.0, 0.0])
+        jacobian, _ = sway_yaw_jacobian(ahead, np.array(0.0), self.ship)
+        return float(np.abs(np.linalg.eigvals(jacobian)).max())
+
+    @cached_property
+    def substeps(self) -> int:  # type: ignore[override]
+        """RK4 steps in a step of the truth, which resolve roll, sway and yaw: the corvette's is 1.
+
+        Roll is the fastest mode of slow ships, whose steps are long.
+        """
+        roll = 2.0 * np.pi / self.ship.period_of_roll
+        return resolving_substeps(self.dt, max(roll, self._plane_mode))
 
     def estimated(self, kind: str) -> tuple[str, ...]:
         """(x, y, psi, u, v, r)."""
@@ -96,9 +124,12 @@ class Ship(FromFile, SteeredByRate, verified=True):
         return self._placed(x), np.zeros((*x.shape[:-1], 1))
 
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
-        """Estimated components one step on under ``u = (rudder, ...)``, constant over the step."""
-        rudder = u[..., :1]
-        moved = runge_kutta(corvette_rates, self._placed(x), rudder, rudder, flow, self._nominal, self.dt)
+        """Estimated components one step on under ``u = (rudder, ...)``, constant over the step.
+
+        Without roll, only sway and yaw need be resolved.
+        """
+        rudder, substeps = u[..., :1], resolving_substeps(self.dt, self._plane_mode)
+        moved = runge_kutta(corvette_rates, self._placed(x), rudder, rudder, flow, self._nominal, self.dt, substeps)
         return moved[..., : len(_ESTIMATED)]
 
     def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
@@ -151,6 +182,12 @@ class Ship(FromFile, SteeredByRate, verified=True):
             return np.stack([np.stack(column, -1) for column in (rudder, n * (zero,), n * (zero,), constant)], -1)
 
         return moving, known, carried
+
+
+def pace(ship: SteeredShip) -> float:
+    """Time in which a ship sails her own length, as a multiple of the corvette's."""
+    corvette = load("corvette", CorvetteParameters)
+    return (ship.length / ship.speed) / (corvette.length / corvette.speed)
 
 
 @verified
