@@ -22,6 +22,7 @@ from studies.logs import tables as logs
 from studies.papers.measures import papers_page, readme_line
 from studies.tables.arms import EPISODES, Arm
 from studies.tables.channel import channel
+from studies.tables.compass import compass
 from studies.tables.faults import SEEDS, alarms, faults, faults_found, gap, inputs, latency
 from studies.tables.filters import adaptive_inflation, huber_iterations, published_scores, robust_losses, unstable_zeros
 from studies.tables.grades import sensor_grades
@@ -363,6 +364,7 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
         f"{env_id}, {sea}": (ROOT / "docs/suites.md", partial(by_suite, ABLATION, env_id, sea))
         for env_id, sea in (*product((CORVETTE, CHANNEL), ("moderate", "rough")), (CHANNEL, "moderate quartering"))
     },
+    "compass": (ROOT / "docs/suites.md", compass),
     "pairing": (ROOT / "docs/statistics.md", lambda: pairing(ROOT / "results/quick")),
     **{name: (logs.PAGE, made) for name, made in logs.TABLES.items()},
     "shares": (ROOT / "docs/findings.md", lambda: rows_of(ROOT / "results/quick/tables/ranking.md")),

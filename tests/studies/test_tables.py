@@ -8,9 +8,9 @@ import pytest
 
 from agents.commands.console import Refusal
 from studies.tables import __main__ as tables
+from studies.tables import compass, suites
 from studies.tables import faults as fault_tables
 from studies.tables import filters as filter_tables
-from studies.tables import suites
 from studies.tables.markdown import around, put
 
 
@@ -48,6 +48,15 @@ def test_the_sentences_of_a_study_are_made_of_what_it_study(tmp_path: Path):
     assert "(Means over 2 seeds;" in told
     (tmp_path / "confirmation.csv").write_text("\n".join(lines))
     assert "(Means over 2 fresh seeds;" in " ".join(tables.exceptions(tmp_path).split())
+
+
+def test_another_memory_of_the_compass_leaves_all_else_of_the_sensors():
+    """Size and constant of her error too, so that the figure shows the correlation time alone."""
+    usual, long = (compass.sensors(time) for time in (30.0, 3000.0))
+    for one, other in zip(usual, long, strict=True):
+        changed = {"time": 3000.0} if one.name == compass.COMPASS else {}
+        assert vars(other.bias) == vars(one.bias) | changed
+        assert vars(other) | {"bias": None} == vars(one) | {"bias": None}
 
 
 def test_a_text_goes_between_its_own_marks(tmp_path: Path):

@@ -236,6 +236,7 @@ BIASES = {
     "drifting": Bias(("b", "c"), start=(0.2, 1.0), slope=(0.1, 0.0)),
     "correlated": Bias(("b", "c"), start=(0.2, 3.0), time=2.0),
     "walking and drifting": Bias(("b", "c"), start=(0.2, 1.0), pace=(0.3, 0.1), slope=(0.1, 0.4)),
+    "correlated beside a constant": Bias(("b", "c"), start=(0.2, 3.0), time=2.0, constant=(0.5, 0.0)),
 }
 every_bias = pytest.mark.parametrize("bias", BIASES.values(), ids=BIASES)
 
@@ -262,7 +263,8 @@ def test_a_bias_has_the_variance_that_it_says_at_every_time(bias: Bias):
             np.testing.assert_allclose(np.diag(cov)[:2], variance_of(bias, steps * dt), rtol=1e-12)
             assert cov[0, 1] == 0.0
     drifts = any(bias.slope)
-    assert bias.states == ("b", "c", *(("drift of b", "drift of c") if drifts else ()))
+    constants = ("constant b", "constant c") if any(bias.constant) else ()
+    assert bias.states == ("b", "c", *(("drift of b", "drift of c") if drifts else ()), *constants)
     assert bias.process(0.1).size == len(bias.states)
 
 
@@ -299,6 +301,21 @@ def test_a_bias_is_in_the_first_channels_and_in_no_other():
     np.testing.assert_allclose(read, [0.0, 0.1, 1.0, 2.3, 3.4])
     np.testing.assert_array_equal(state, np.arange(6.0))
     np.testing.assert_array_equal(sensors.exact(state, np.zeros(1)), [0, 0, 1, 2, 3])
+
+
+@pytest.mark.parametrize("slope", [(), (0.3, 0.1)], ids=["still", "drifting"])
+def test_a_constant_error_is_added_to_the_moving_one_and_never_changes(slope: tuple[float, ...]):
+    """Drawn once: the variance stays, none is added, and a measurement has the sum."""
+    bias = Bias(("bias u", "bias v"), start=(1.0, 2.0), slope=slope, constant=(0.5, 3.0))
+    process, n = bias.process(0.5), len(bias.states)
+    assert not process.root[n - 2 :].any()
+    np.testing.assert_array_equal(process.transition[n - 2 :], np.eye(n)[n - 2 :])
+    np.testing.assert_allclose(moments(process, 40)[n - 2 :, n - 2 :], np.diag([0.25, 9.0]), rtol=1e-15)
+    sensors = made([Sensor("log", ("u", "v"), plain((0, 1)), (0.1, 0.1), bias=bias)])
+    assert sensors.bias_names == bias.states
+    parts = np.arange(1.0, n + 1.0)
+    read = sensors.exact(np.zeros(6), np.zeros(1), parts)
+    np.testing.assert_allclose(read, parts[:2] + parts[n - 2 :], rtol=1e-15)
 
 
 # --- noise that depends on what is measured -----------------------------------------------------------
@@ -494,6 +511,7 @@ MISDECLARED = [
     (lambda: Bias(("b",), np.array([0.1])), ValueError, r"the bias .* needs a tuple of 1 values of start, got array.*"),
     (lambda: Bias((), ()), ValueError, r"names of a bias must be a tuple of names, got \(\)"),
     (lambda: Bias(("b",), start=(1.0,), pace=(1.0, 2.0)), ValueError, r"the bias .* a tuple of 1 values of pace, .*"),
+    (lambda: Bias(("b",), start=(1.0,), constant=(1.0, 2.0)), ValueError, r"the bias .* 1 values of constant, got .*"),
     (lambda: Bias(("b",), start=(-1.0,)), ValueError, r"start of the bias .* must be a number of at least 0, got .*"),
 ]  # fmt: skip
 

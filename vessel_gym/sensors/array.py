@@ -94,8 +94,8 @@ class Sensors:
         self.bias_gain = np.zeros((self.size, self.bias.size))
         for sensor, own in self._owning:
             if sensor.bias is not None:
-                k, first = len(sensor.bias.names), self.bias_names.index(sensor.bias.names[0])
-                self.bias_gain[own.start : own.start + k, first : first + k] = np.eye(k)
+                gain, first = sensor.bias.gain, self.bias_names.index(sensor.bias.names[0])
+                self.bias_gain[own.start : own.start + len(gain), first : first + gain.shape[1]] = gain
         self.bias_scale = np.array([bias.scale for bias in biased for _ in bias.states])
         self._check()
         n, units = len(states), np.eye(len(states) + len(exogenous))

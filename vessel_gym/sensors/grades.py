@@ -2,16 +2,18 @@
 
 A TOML file has a table for each grade of each sensor, in the order from the best to the cheapest:
 
-    ["rate gyro"."consumer MEMS"]
-    sd = 1.7e-3
-    bias = { start = 8.7e-3, time = 300.0 }
+    ["gyro compass".magnetic]
+    sd = 3.5e-3
+    bias = { start = 9.3e-3, time = 30.0, constant = 8.7e-3 }
     source = "..."
+    assumed = ["time"]
 
 ``sd`` is a number for all channels or one for each; ``rate`` [Hz] and ``latency`` [s] are rounded to whole steps of the
-vehicle; ``dropout`` is a probability; ``bias`` has ``start``, and ``pace``, ``slope`` or ``time``, see
-`vessel_gym.sensors.Bias`, on the first channels. Figures that a grade lacks are 0, and its rate is every step. The
-grade ``nominal`` is the vehicle's own sensor: it has a ``source`` alone, and every sensor has it. ``[suites.NAME]``
-chooses a grade of each sensor; of the sensors that it does not name, ``nominal``.
+vehicle; ``dropout`` is a probability; ``bias`` has ``start``, and ``pace``, ``slope``, ``time`` or ``constant``, see
+`vessel_gym.sensors.Bias`, on the first channels. Figures that a grade lacks are 0, and its rate is every step.
+``source`` names the document from which the figures were taken, and ``assumed`` those figures that are in no document,
+by their keys. The grade ``nominal`` is the vehicle's own sensor: it has ``source`` and ``assumed`` alone, and every
+sensor has it. ``[suites.NAME]`` chooses a grade of each sensor; of the sensors that it does not name, ``nominal``.
 """
 
 from collections.abc import Sequence
@@ -28,7 +30,9 @@ from vessel_gym.toml_file import TomlFile
 DATA = Path(__file__).with_name("data")
 NOMINAL = "nominal"
 _FIGURES = ("sd", "rate", "dropout", "latency", "bias")
-_BIAS = ("start", "pace", "slope", "time")
+_BIAS = ("start", "pace", "slope", "time", "constant")
+_TEXTS = ("source", "assumed")
+_MAY_BE_ASSUMED = ("sd", "rate", "dropout", "latency", *_BIAS)
 
 
 @dataclass(frozen=True)
@@ -37,12 +41,14 @@ class Grades:
 
     Attributes:
         sensors: Sensors by name and grade, best first.
-        sources: Sources of their figures, likewise.
+        sources: Sources of their figures by sensor and grade.
+        assumed: Keys of the figures that no document states, by sensor and grade.
         suites: Name of each sensor's grade, by suite.
     """
 
     sensors: dict[str, dict[str, Sensor]]
     sources: dict[str, dict[str, str]]
+    assumed: dict[str, dict[str, tuple[str, ...]]]
     suites: dict[str, dict[str, str]]
 
     def suite(self, name: str) -> tuple[Sensor, ...]:
@@ -107,13 +113,15 @@ class _GradesFile(TomlFile):
                 raise self.fault((name,), unknown("sensor", name, self.own))
         sensors: dict[str, dict[str, Sensor]] = {}
         sources: dict[str, dict[str, str]] = {}
+        assumed: dict[str, dict[str, tuple[str, ...]]] = {}
         for name, own in self.own.items():
             table = self._table((name,), tables.get(name, {}))
             if NOMINAL not in table:  # a file may leave it out: it is then the best
                 table = {NOMINAL: {"source": "the vehicle's own"}} | table
             sensors[name] = {grade: self._sensor(own, grade, each) for grade, each in table.items()}
             sources[name] = {grade: each["source"] for grade, each in table.items()}
-        return Grades(sensors, sources, self._suites(sensors, own_alone))
+            assumed[name] = {grade: tuple(each.get("assumed", ())) for grade, each in table.items()}
+        return Grades(sensors, sources, assumed, self._suites(sensors, own_alone))
 
     def _table(self, keys: tuple[str, ...], value: Any) -> dict[str, Any]:
         if not isinstance(value, dict):
@@ -124,7 +132,7 @@ class _GradesFile(TomlFile):
         """The sensor in a grade."""
         keys, name = (own.name, grade), f"{own.name} of the grade {grade!r}"
         figures = self._table(keys, figures)
-        allowed = ("source",) if grade == NOMINAL else ("source", *_FIGURES)
+        allowed = _TEXTS if grade == NOMINAL else (*_TEXTS, *_FIGURES)
         for key in figures:
             if key not in allowed:
                 raise self.fault((*keys, key), unknown(f"key of {name}", key, allowed))
@@ -133,6 +141,10 @@ class _GradesFile(TomlFile):
                 raise self.fault(keys, f"{name} needs a {key!r}")
         if not isinstance(figures["source"], str):
             raise self.fault((*keys, "source"), f"source of {name} must be a text")
+        assumed = figures.get("assumed", [])
+        for key in assumed if isinstance(assumed, list) else (assumed,):
+            if key not in _MAY_BE_ASSUMED:
+                raise self.fault((*keys, "assumed"), unknown(f"assumed figure of {name}", key, _MAY_BE_ASSUMED))
         try:
             return own if grade == NOMINAL else self._with(own, figures)
         except (ValueError, TypeError) as error:
@@ -152,12 +164,14 @@ class _GradesFile(TomlFile):
         bias = None
         if "bias" in figures:
             if not isinstance(figures["bias"], dict) or not {"start"} <= set(figures["bias"]) <= set(_BIAS):
-                raise ValueError(f"bias of {own.name} must be a table of start, and pace, slope or time")
+                raise ValueError(f"bias of {own.name} must be a table of start, and pace, slope, time or constant")
             given = {key: _tuple(value, channels) for key, value in figures["bias"].items() if key != "time"}
-            for each in given["start"]:
-                check_numbers(f"the bias of {own.name}", {"start": each}, not_negative="start")
+            for key, values in given.items():
+                for each in values:
+                    check_numbers(f"the bias of {own.name}", {key: each}, not_negative=key)
             names = tuple(f"bias {channel.split(' [')[0]}" for channel in own.channels)[: len(given["start"])]
-            bias = Bias(names, **given, scale=max((1e-9, *given["start"])), time=figures["bias"].get("time"))
+            scale = max((1e-9, *given["start"], *given.get("constant", ())))
+            bias = Bias(names, **given, scale=scale, time=figures["bias"].get("time"))
         return replace(
             own, sd=_tuple(figures["sd"], channels), rate=None if period == 1 else 1.0 / (period * self.dt),
             dropout=figures.get("dropout", 0.0), latency=round(times["latency"] / self.dt) * self.dt, bias=bias,

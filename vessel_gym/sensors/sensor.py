@@ -29,6 +29,8 @@ class Bias:
         scale: Size that counts as 1 in an observation of standard deviations.
         time: Correlation time [s] of a stationary first-order Gauss-Markov process, in place of ``pace`` and
             ``slope``; its standard deviation is ``start`` at every time. None: no such process.
+        constant: Standard deviations of a constant error that is added to this process and has states of its own, such
+            as the static error of a compass beside its dynamic error; 0: none.
 
     Raises:
         ValueError: for values of another number than the names, negative ones, or a ``time`` beside a pace or slope.
@@ -40,6 +42,7 @@ class Bias:
     slope: tuple[float, ...] = ()
     scale: float = 1.0
     time: float | None = None
+    constant: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         names: Any = self.names
@@ -47,7 +50,7 @@ class Bias:
             raise ValueError(f"names of a bias must be a tuple of names, got {short_repr(names)}")
         check_names("names of a bias", names)
         object.__setattr__(self, "names", tuple(names))
-        for name in ("start", "pace", "slope"):
+        for name in ("start", "pace", "slope", "constant"):
             values = getattr(self, name)
             values = (0.0,) * len(names) if isinstance(values, tuple) and not values else values
             if not isinstance(values, tuple | list) or len(values) != len(names):
@@ -64,11 +67,24 @@ class Bias:
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Names of its states: of the biases, then of those drifts that there are."""
-        return self.names + (tuple(f"drift of {name}" for name in self.names) if any(self.slope) else ())
+        """Names of its states: of the biases, then of drifts and of constants, if there are any."""
+        drifts = tuple(f"drift of {name}" for name in self.names) if any(self.slope) else ()
+        constants = tuple(f"constant {name}" for name in self.names) if any(self.constant) else ()
+        return self.names + drifts + constants
+
+    @property
+    def gain(self) -> np.ndarray:
+        """Matrix ``(channels, states)`` by which the states are added to the measurement."""
+        k, n = len(self.names), len(self.states)
+        return np.eye(k, n) + (np.eye(k, n, k=n - k) if any(self.constant) else 0.0)
 
     def process(self, dt: float) -> Process:
         """Its process over a step of ``dt`` [s]."""
+        constants = self.constant if any(self.constant) else ()
+        return Process.joined(self._moving(dt), Process.walk(constants, (0.0,) * len(constants), dt))
+
+    def _moving(self, dt: float) -> Process:
+        """The process without the constants."""
         if self.time is not None:
             return Process.wandering(self.start, self.time, dt)
         slope = self.slope if any(self.slope) else ()
