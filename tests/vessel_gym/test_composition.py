@@ -591,23 +591,30 @@ def test_the_unknown_input_is_the_same_whatever_filters_are_told_of_it():
         flight = rollout("autopilot", SHIP, range(8), options)
         core = flight.env.unwrapped.core
         assert core.unknown_inputs == ("yaw increment",)
-        np.testing.assert_array_equal(core.unknown_input, core.exogenous[:, :1])
+        np.testing.assert_array_equal(core.unknown_input, core.now.ended[:, :1])
         errors.append(scores(flight)["input_rmse"].mean())
     assert errors[1] == pytest.approx(errors[0], rel=0.1)
 
 
-def test_told_as_noise_adds_what_increments_do_to_state_and_measurements_as_if_they_were_unrelated():
+def test_told_as_noise_an_increment_is_white_and_a_state_when_its_step_has_ended():
     as_input, as_noise = (
         told(SHIP, estimator="ekf", **{"as": how}).composition for how in ("unknown-input", "process-noise")
     )
     d = as_input.forces.increment_cov
     G, H = as_input.model.G, as_input.model.H
-    np.testing.assert_allclose(as_noise.model.Q, as_input.model.Q + G @ d @ G.T, rtol=1e-14)
-    np.testing.assert_allclose(as_noise.model.R, as_input.model.R + H @ d @ H.T, rtol=1e-14)
+    assert as_noise.names == (*as_input.names, "last yaw increment")
+    moved, size = np.vstack([G, np.eye(1)]), len(as_input.names)
+    Q = block_diag(as_input.model.Q, np.zeros((1, 1)))
+    np.testing.assert_allclose(as_noise.model.Q, Q + moved @ d @ moved.T, rtol=1e-14)
+    np.testing.assert_array_equal(as_noise.model.R, as_input.model.R)
+    x = np.random.default_rng(0).normal(size=size + 1)
+    _, C = as_noise.model.linearise_measurement(x, None)
+    np.testing.assert_allclose(C[:, size:], H, rtol=0, atol=1e-12)
+    assert as_input.model.delayed_feedthrough
     assert as_noise.model.G is None
     assert as_noise.model.H is None
     np.testing.assert_array_equal(G, [[0.0], [0.0], [1.0], [0.0]])
-    np.testing.assert_array_equal(H, [[1.0], [1.0]])
+    np.testing.assert_array_equal(H, [[0.0], [1.0]])
 
 
 def linear_runs(model: LinearModel, runs: int, steps: int, prior: np.ndarray) -> np.ndarray:
@@ -623,7 +630,7 @@ def linear_runs(model: LinearModel, runs: int, steps: int, prior: np.ndarray) ->
             belief = kf.predict(belief, u)
         y = model.measurement(x, u) + rng.normal(size=(runs, model.p)) * np.sqrt(np.diag(model.R))
         belief = kf.update(belief, y, u=u)
-        values.append(nees(belief.mean, belief.cov, x, angles=(2,)))
+        values.append(nees(belief.mean[..., :6], belief.cov[..., :6, :6], x[..., :6], angles=(2,)))
     return np.stack(values)
 
 
@@ -636,11 +643,12 @@ def test_a_kalman_filter_holds_the_waves_as_states_and_is_consistent():
         "wave yaw",
         "wave yaw rate",
         "gust yaw rate",
+        "last yaw increment",
     )  # no current: none shows
     assert isinstance(composition.model, LinearModel)
     sea = composition.forces.disturbance
-    prior = block_diag(np.diag([0.2, 0.002, 0.03]) ** 2, sea.process.start_cov[:3, :3])
-    root = composition.model.Q + 1e-24 * np.eye(6)
+    prior = block_diag(np.diag([0.2, 0.002, 0.03]) ** 2, sea.process.start_cov[:3, :3], 1e-24)
+    root = composition.model.Q + 1e-24 * np.eye(7)
     means = linear_runs(replace(composition.model, Q=root), 200, 300, prior).mean(-1)
     low, high = chi_square_band(200, 6)
     assert np.mean((low <= means) & (means <= high)) >= 0.9
@@ -651,12 +659,12 @@ def test_the_composed_linear_model_is_that_of_the_ship_and_of_the_sea_beside_eac
     plain_model = told(SHIP, estimator="kf", **{"as": "unknown-input"}).composition.model
     model, sea, u = composition.model, composition.forces.disturbance, np.array([0.1, 0.03])
     d = np.array([0.0, 0.5, 0.5])  # yaw increment by wave yaw, wave yaw rate, gust yaw rate
-    expected = np.zeros((6, 6))
-    expected[:3, :3], expected[3:, 3:] = plain_model.A(u), sea.process.transition[:3, :3]
-    expected[2, 3:] = d
+    expected = np.zeros((7, 7))
+    expected[:3, :3], expected[3:6, 3:6] = plain_model.A(u), sea.process.transition[:3, :3]
+    expected[[2, 6], 3:6] = d
     np.testing.assert_allclose(model.A(u), expected, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(model.B(u), np.vstack([plain_model.B(u), np.zeros((3, 2))]), rtol=0, atol=1e-15)
-    np.testing.assert_allclose(model.C, [[0, 0, 1, *d], [0, 0, 0, *d]], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(model.B(u), np.vstack([plain_model.B(u), np.zeros((4, 2))]), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(model.C, [[0, 0, 1, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0, 1]], rtol=0, atol=1e-12)
 
 
 # --- what is misdeclared ----------------------------------------------------------------------------
@@ -792,7 +800,7 @@ def test_a_current_that_shows_on_other_headings_only_is_a_state_too():
     log = Sensor("log", ("u over ground",), over_ground, (0.05,))
     sensors = [*single_class(SHIP).system.vehicle.sensors, log]
     core = make_core(SHIP, 1, estimator="ekf", estimator_options={"assume": {"as": "states"}}, sensors=sensors)
-    assert core.composition.names[-2:] == ("current north", "current east")
+    assert core.composition.names[-3:-1] == ("current north", "current east")
 
 
 @pytest.mark.filterwarnings("error")
@@ -874,25 +882,21 @@ def test_what_cannot_be_told_is_refused_in_one_sentence(env_id: str, wrong: Any,
     assert options == {"assume": wrong}
 
 
-def test_a_white_increment_that_a_sensor_reads_as_it_comes_is_told_as_input():
-    """State and measurement have it at once: then a Kalman filter that assumes its variance is exact."""
+def test_a_kalman_filter_that_is_told_of_a_white_increment_is_exact_in_each_way_to_tell_it():
+    """State and measurement have it when its step has ended: as a state, as noise or as an input of known variance."""
     shaken = {"names": (), "forces": (), "process": Process.joined(), "dt": 0.5, "white_increments": ("yaw increment",),
               "white": np.array([[0.009]])}  # fmt: skip
-    sentence = (
-        '^a sensor reads the white increments of Mine as they come: assume them with {"as": "unknown-input"}, or '
-        '{"as": "white-input"}$'
-    )
-    assert_refused(lambda: make_core(SHIP, 1, disturbance=disturbance(**shaken)), ValueError, sentence)
     mine = disturbance(**shaken, assumed_as="unknown-input")
     np.testing.assert_allclose(Forces(single_class(SHIP).system.vehicle, mine).increment_cov, [[0.009**2]])
-    errors = []
-    for estimator, how in (("kf", "white-input"), ("kf", "unknown-input"), ("kf-umv-ui", "unknown-input")):
+    errors, ways = [], [("kf", how) for how in ("white-input", "states", "process-noise", "unknown-input")]
+    for estimator, how in (*ways, ("kf-umv-ui", "unknown-input")):
         options = {"assume": {"as": how}}
         core = make_core(SHIP, 32, seed=13, estimator=estimator, estimator_options=options, disturbance=mine)
         seen = flown(core, 100)
         errors.append(np.sqrt(np.mean((seen["estimate"][..., 2] - seen["truth"][..., 2]) ** 2, 0)))
-    assert_smaller(errors[0], errors[1])
-    assert_smaller(errors[2], errors[1])
+    np.testing.assert_allclose(errors[1:3], errors[:1] * 2, rtol=1e-9)
+    assert_smaller(errors[0], errors[3])
+    assert_smaller(errors[4], errors[3])
 
 
 def test_the_names_of_a_composition_are_unique_and_every_state_has_one():

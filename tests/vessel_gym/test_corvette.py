@@ -672,7 +672,7 @@ def test_the_filter_s_noise_is_that_of_the_simulation_row_by_row(kind):
 
 def test_with_other_sensors_the_filter_s_noise_is_theirs():
     compass = sensors_of(VEHICLE).each[0]
-    sensors = Sensors([compass], VEHICLE.state_names, VEHICLE.increments, VEHICLE.dt)
+    sensors = Sensors([compass], VEHICLE.state_names, VEHICLE.ambient_flows, VEHICLE.dt)
     model = compose(VEHICLE, "corrected", UnknownStep(), sensors, "process-noise").model
     np.testing.assert_array_equal(model.R, [[NOISE**2]])
 

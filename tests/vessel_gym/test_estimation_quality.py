@@ -103,15 +103,6 @@ def test_a_kalman_filter_that_holds_the_waves_as_states_sees_the_heading_no_wors
     assert high < 0.0
 
 
-def test_told_as_noise_a_kalman_filter_misses_that_measurement_and_state_move_together():
-    """Measured, 2.150 against 1.431 mrad."""
-    noise, white = (
-        heading_rmse(estimated("kf", assumed_as="process-noise")),
-        heading_rmse(estimated("kf", assumed_as="white-input")),
-    )
-    assert paired_interval(noise - white)[0] > 0.0
-
-
 def test_who_holds_the_waves_as_states_is_not_too_sure_of_them():
     """By a chi-square of one time, false alarm 1e-6; of the ship itself it is cautious, as its process noise is."""
     history = estimated("kf", assumed_as="states")
