@@ -82,9 +82,9 @@ def simulate(
         y = model.measurement(x, now) + _noise(resolve(model.R, now), rng, runs)
         following = model.transition(x, now) + _noise(resolve(model.Q, now), rng, runs)
         if d is not None and model.H is not None:
-            shown = k - 1 if model.delayed_feedthrough else k
-            if shown >= 0:  # nothing has acted before the first measurement
-                y = y + np.matvec(resolve(model.H, now), d[shown])
+            observed = k - 1 if model.delayed_feedthrough else k
+            if observed >= 0:  # nothing has acted before the first measurement
+                y = y + np.matvec(resolve(model.H, now), d[observed])
             following = following + np.matvec(model.input_matrix(x, now), d[k])
         xs.append(x)
         ys.append(y)

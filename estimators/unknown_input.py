@@ -265,7 +265,7 @@ class DelayedInputFilter(UnknownInputFilter[Delayed], verified=True):
         return unseen | {"pending": np.zeros(mean.shape[:-1], bool), "input_matrix": G}
 
     def _own(self, before: Delayed, mean: np.ndarray, u: np.ndarray | None) -> dict[str, Any]:
-        G = self._asked("_moving_G", before, u)
+        G = self._asked("_moving_G", before, u) if callable(self.model.G) else None
         return self._unseen(mean) | {"pending": np.ones(mean.shape[:-1], bool), "input_matrix": G}
 
     def _met(self, belief: Delayed) -> dict[str, Any]:
@@ -279,8 +279,8 @@ class DelayedInputFilter(UnknownInputFilter[Delayed], verified=True):
         return self._input_matrix(belief) * waiting(belief)
 
     def _observable(self, belief: Delayed, measurement: Measurement) -> np.ndarray:
-        shown = measurement.C @ self._input_matrix(belief)
-        return (shown + measurement.H if self.model.delayed_feedthrough else shown) * waiting(belief)
+        driven = measurement.C @ self._input_matrix(belief)
+        return (driven + measurement.H if self.model.delayed_feedthrough else driven) * waiting(belief)
 
     def _joint(self, belief: Delayed) -> np.ndarray:
         n, q = self.model.n, self.model.q
@@ -288,9 +288,7 @@ class DelayedInputFilter(UnknownInputFilter[Delayed], verified=True):
         return congruence(drive, super()._joint(belief))
 
     def _moving_G(self, belief: Belief, u: np.ndarray | None) -> np.ndarray | None:
-        """G of a prediction, if it changes."""
-        if not callable(self.model.G):
-            return None
+        """G of a prediction, where it changes."""
         G = self.model.input_matrix(belief.mean, u)
         return G if is_traced(G) else np.broadcast_to(G, belief.mean.shape[:-1] + G.shape[-2:])
 
@@ -324,9 +322,9 @@ class NoFeedthroughFilter(DelayedInputFilter[DelayedInputBelief], verified=True)
         else:  # C G changes, but is never of higher rank than this
             rank = min(model.p, int(np.linalg.matrix_rank(self._G).min()))
         if rank < model.q:
-            shown = "C G + H" if model.delayed_feedthrough else "C G"
+            condition = "C G + H" if model.delayed_feedthrough else "C G"
             raise ValueError(
-                f"{self.name} needs rank({shown}) = {model.q} unknown input{'s' if model.q > 1 else ''}, "
+                f"{self.name} needs rank({condition}) = {model.q} unknown input{'s' if model.q > 1 else ''}, "
                 f"got {'' if constant else 'at most '}{rank}: measure a state that each input drives directly"
             )
 

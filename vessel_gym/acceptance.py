@@ -114,10 +114,10 @@ def check_causal(sensors: Sensors, forces: Forces) -> None:
         ValueError: naming both.
     """
     for name in forces.disturbance.averaged:
-        shown = seen_anywhere(forces.vehicle, sensors)[:, input_channels(forces.vehicle).index(name)]
-        if shown.any():
+        feedthrough = seen_anywhere(forces.vehicle, sensors)[:, input_channels(forces.vehicle).index(name)]
+        if feedthrough.any():
             raise ValueError(
-                f"{sensors.of_channel(np.argmax(shown)).name} reads {name}, which is a mean over the coming step: let "
+                f"{sensors.of_channel(np.argmax(feedthrough)).name} reads {name}, which is a mean over the coming step: let "
                 "it read states, increments, currents or forces"
             )
 

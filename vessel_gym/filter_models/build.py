@@ -161,8 +161,8 @@ def compose(
     estimated = (
         np.zeros(0, int) if assumed_as == "process-noise" else relevant(forces, sensors, len(own), unknown, changing)
     )
-    shown: np.ndarray = np.any(seen_anywhere(vehicle, sensors), 0)
-    ended = [i for i in forces.increments if shown[i] and i not in unknown]
+    observable: np.ndarray = np.any(seen_anywhere(vehicle, sensors), 0)
+    ended = [i for i in forces.increments if observable[i] and i not in unknown]
     parts = Parts(forces, sensors, own, estimated, unknown, ended)
     names = (*own, *(disturbance.names[i] for i in estimated), *sensors.bias_names, *parts.ended_names)
     incremented = np.zeros((len(names), len(vehicle.increments)))  # K: what increments do to the state
@@ -202,13 +202,13 @@ def _delayed(parts: Parts, inputs: tuple[str, ...], H: np.ndarray) -> bool:
         ValueError: for sensors that show both, which no filter can take.
     """
     increments = np.array([name in parts.vehicle.increments for name in inputs], bool)
-    shown: np.ndarray = np.any(H, 0)
-    if shown[increments].any() and shown[~increments].any():
+    feedthrough: np.ndarray = np.any(H, 0)
+    if feedthrough[increments].any() and feedthrough[~increments].any():
         raise ValueError(
             f"sensors show increments of the step that has ended and flows as they are now, of {', '.join(inputs)}: no "
             'filter can take both for its unknown input; assume them with {"as": "states"}'
         )
-    return not shown[~increments].any()
+    return not feedthrough[~increments].any()
 
 
 def _noise(parts: Parts, as_noise: bool, changing: list[int], incremented: np.ndarray) -> dict[str, Any]:
