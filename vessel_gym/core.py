@@ -214,7 +214,7 @@ class Core:
         prior = task.prior(scenario)
         loop.restart(at, keys[:, draws.world :], keys[:, DRAWN.index("filter")])
         steps, total = np.zeros(len(rows), int), np.zeros(len(rows))
-        actuators, u, state, drifting, noise, exogenous, *read, score_state = config.world.begin(
+        actuators, u, state, drifting, noise, exogenous, drawn, *read, score_state = config.world.begin(
             scenario, prior.mean, shared_root(prior.cov), numbers, keys[:, len(DRAWN) :], steps
         )
         if config.options.mismatch:
@@ -224,7 +224,7 @@ class Core:
         now = EnvState(
             np.ascontiguousarray(keys[:, len(DRAWN) : draws.world]), steps, scenario, parameters, state,
             np.zeros((len(rows), config.action_size)), actuators, drifting, noise, exogenous, np.zeros_like(noise),
-            np.zeros_like(exogenous), scenario, score_state, total, steps.copy(),
+            np.zeros_like(exogenous), drawn, scenario, score_state, total, steps.copy(),
         )  # fmt: skip
         measurements = loop.receive(measurements or (read[0], read[1]), steps, some, measurements is not None)
         belief = loop.begin(some, known(prior, config.composition), self._passed(measurements, now), u)
@@ -293,7 +293,7 @@ class Core:
         action = now.action[:, :-1] if self.config.options.termination == "agent" else now.action
         return (
             action, now.scenario, now.reference, now.state, now.actuators, now.exogenous, now.parameters, now.keys,
-            now.steps, now.drifting, now.noise, self.loop.sensing,
+            now.steps, now.drifting, now.noise, now.drawn, self.loop.sensing,
         )  # fmt: skip
 
     def _scoring(self, now: EnvState) -> tuple[np.ndarray, ...]:

@@ -7,7 +7,7 @@ subclass of `Disturbance`: docs/own-disturbance.md.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,9 +16,9 @@ from scipy.linalg import block_diag
 from estimators.checks import integer, number
 from estimators.engine import sincos
 from vessel_gym.checks import check_names, check_numbers, instance
-from vessel_gym.processes import Process, interpolated, linear
+from vessel_gym.processes import Process, integrated, interpolated, linear
 from vessel_gym.verified import Verified
-from vessel_gym.waves import GRAVITY, WaveField
+from vessel_gym.waves import GRAVITY, WaveBands, WaveField
 
 
 class Disturbance(Verified, verified=True):
@@ -45,6 +45,8 @@ class Disturbance(Verified, verified=True):
         averaged: What of its ``forces`` is a mean over the coming step, which no sensor may read.
         dt: The step [s] that it was made for; None: any.
         believed: What filters take it for unless another is named; None: what it is.
+        modelled: What filters that assume it have in its place; None: what it is.
+        uniforms: Uniform random numbers that an episode draws, of which `draw` makes constants.
     """
 
     names: tuple[str, ...] = ()
@@ -59,6 +61,16 @@ class Disturbance(Verified, verified=True):
     averaged: tuple[str, ...] = ()
     dt: float | None = None
     believed: "Disturbance | None" = None
+    modelled: "Disturbance | None" = None
+    uniforms: int = 0
+
+    def draw(self, uniforms: np.ndarray) -> np.ndarray:
+        """Constants of an episode ``(..., e)``, of ``uniforms (..., u)`` from 0 to 1."""
+        return uniforms
+
+    def effect_at(self, drawn: np.ndarray, time: np.ndarray, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """Effect at a ``time (...)`` [s] of an episode that has drawn ``(..., e)``, without which it is `effect`."""
+        return self.effect(z, state)
 
     @linear
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
@@ -159,9 +171,8 @@ class Water(Disturbance, verified=True):
 class SurfaceWater(Disturbance, verified=True):
     """Water near the surface: beside what else it does, waves carry a submerged vehicle to and fro.
 
-    The horizontal orbital velocity of a `WaveField` that runs to the north, which dies away with the depth as
-    ``exp(-k z)`` (Airy), is that of a current; the vertical one is left out. A filter that assumes all of it holds the
-    waves as states.
+    The horizontal orbital velocity of a `WaveField` that runs to the north, and that the current carries, dies away
+    with the depth as ``exp(-k z)`` (Airy), and is that of a current; the vertical one is left out.
     """
 
     height: float  # significant, m
@@ -171,15 +182,21 @@ class SurfaceWater(Disturbance, verified=True):
     down: int  # and which its depth
     depth: float = 2.0  # m, of the place 0
 
+    uniforms = WaveField.uniforms
+
     def __post_init__(self) -> None:
         check_numbers(self, not_negative="height depth", positive="period")
         instance("beside of SurfaceWater", self.beside, Water)
         for name in ("north", "down"):
             integer(f"{name} of SurfaceWater", getattr(self, name), 0)
-        water, ones = self.beside, (1.0,) * len(WaveField.names)
+        self._name(("water north",), (1.0,))
+
+    def _name(self, own: tuple[str, ...], scale: tuple[float, ...]) -> None:
+        """Name what is of the other water, and its own components of the state."""
+        water = self.beside
         vars(self).update(
-            names=(*water.names, *WaveField.names), forces=water.forces, scale=(*(water.scale or ()), *ones),
-            dt=water.dt, white_increments=water.white_increments, white=water.white,
+            names=(*water.names, *own), forces=water.forces, scale=(*(water.scale or ()), *scale), dt=water.dt,
+            white_increments=water.white_increments, white=water.white,
         )  # fmt: skip
 
     @cached_property
@@ -189,27 +206,70 @@ class SurfaceWater(Disturbance, verified=True):
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]
+        """The current, and how far it has carried the water north."""
+        return integrated(self.beside.process, (0,), self.beside.dt)
+
+    @cached_property
+    def modelled(self) -> "BandedSurfaceWater":  # type: ignore[override]
+        """The water in which filters that assume it have bands in place of the field."""
+        return BandedSurfaceWater(*(getattr(self, each.name) for each in fields(self)))
+
+    def draw(self, uniforms: np.ndarray) -> np.ndarray:
+        """Frequencies and phases of the waves of an episode."""
+        return self.waves.draw(uniforms)
+
+    def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """The current [m/s], where there are no waves."""
+        return self.beside.effect(z[..., : self.beside.process.size], state)
+
+    def effect_at(self, drawn: np.ndarray, time: np.ndarray, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """The current with what the waves of an episode add to its first component [m/s]."""
+        depth, ahead = np.maximum(self.depth + state[..., self.down], 0.0), np.zeros_like(time)
+        for w, phase in self.waves.phases(drawn, time, state[..., self.north] - z[..., self.beside.process.size]):
+            ahead = ahead + w * np.exp((-1.0 / GRAVITY) * w * w * depth) * sincos(phase)[1]
+        return self._carried(self.waves.amplitude * ahead, z, state)
+
+    def _carried(self, ahead: np.ndarray, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+        flow = self.beside.effect(z[..., : self.beside.process.size], state)
+        return np.concatenate([(flow[..., 0] + ahead)[..., None], flow[..., 1:]], -1)
+
+
+@dataclass(frozen=True)
+class BandedSurfaceWater(SurfaceWater, verified=True):
+    """A filter's model of `SurfaceWater`: its waves are `WaveBands`, at rest over ground."""
+
+    uniforms = 0
+    modelled = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        self._name(WaveBands.names, (1.0,) * len(WaveBands.names))
+
+    @cached_property
+    def bands(self) -> WaveBands:
+        """The waves alone."""
+        return WaveBands(self.height, self.period)
+
+    @cached_property
+    def process(self) -> Process:  # type: ignore[override]
         """The current, then the waves."""
-        return Process.joined(self.beside.process, self.waves.process(self.beside.dt))
+        return Process.joined(self.beside.process, self.bands.process(self.beside.dt))
 
     @cached_property
     def speeds(self) -> np.ndarray:
         """Standard deviations of the velocity in each band [m/s] at depths of 0, 1, 2 ... metres, ``(101, 3)``."""
         depths = np.arange(101.0)
-        decay = [np.exp(-np.outer(w**2 / GRAVITY, depths)) * w[:, None] for w in self.waves.within]
-        return np.sqrt(np.stack([self.waves.power(band, each) for band, each in enumerate(decay)], -1))
+        decay = [np.exp(-np.outer(w**2 / GRAVITY, depths)) * w[:, None] for w in self.bands.within]
+        return np.sqrt(np.stack([self.bands.power(band, each) for band, each in enumerate(decay)], -1))
 
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The current with what waves add to its first component [m/s]."""
         k, deepest = self.beside.process.size, len(self.speeds) - 1.0
         depth = np.minimum(np.maximum(self.depth + state[..., self.down], 0.0), deepest)
+        parts, ahead = self.bands.at(z[..., k:], state[..., self.north]), np.zeros_like(depth)
         speeds = interpolated(self.speeds, depth)
-        flow = self.beside.effect(z[..., :k], state)
-        ahead = flow[..., 0]
-        for band, wave_number in enumerate(self.waves.numbers):
-            sin, cos = sincos(wave_number * state[..., self.north])
-            ahead = ahead + speeds[..., band] * (z[..., k + 2 * band] * cos + z[..., k + 2 * band + 1] * sin)
-        return np.concatenate([ahead[..., None], flow[..., 1:]], -1)
+        for band, (real, _) in enumerate(parts):
+            ahead = ahead + speeds[..., band] * real
+        return self._carried(ahead, z, state)
 
 
 @dataclass(frozen=True)
@@ -309,7 +369,8 @@ class Fault(Disturbance, verified=True):
             names=(*other.names, *(f"{self.actuator} {name}" for _, own, _ in self._own for name in own)),
             forces=(*other.forces, f"{self.actuator} fault", *loss),
             inputs=(*(other.inputs or ()), f"{self.actuator} fault"), input_sd=(*(other.input_sd or ()), self.size),
-            white_increments=other.white_increments, white=other.white,
+            white_increments=other.white_increments, white=other.white, uniforms=other.uniforms,
+            averaged=other.averaged,
         )  # fmt: skip
 
     @property
@@ -333,6 +394,12 @@ class Fault(Disturbance, verified=True):
         return process
 
     @property
+    def modelled(self) -> "Fault | None":  # type: ignore[override]
+        """The fault beside what filters have in place of the other disturbance."""
+        other = self.beside.modelled
+        return None if other is None else replace(self, beside=other)
+
+    @property
     def scale(self) -> tuple[float, ...]:  # type: ignore[override]
         """Of what else acts; that of the fault; 1 of what swings."""
         there = self.beside.scale or tuple(np.sqrt(np.diag(self.beside.process.start_cov)))
@@ -340,8 +407,18 @@ class Fault(Disturbance, verified=True):
 
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Effect of the other disturbance, the fault without its loss, and the share that is lost."""
+        return self._with_fault(self.beside.effect(z[..., : self.beside.process.size], state), z)
+
+    def draw(self, uniforms: np.ndarray) -> np.ndarray:
+        """Constants of the other disturbance."""
+        return self.beside.draw(uniforms)
+
+    def effect_at(self, drawn: np.ndarray, time: np.ndarray, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """As `effect`, at a time of an episode."""
+        return self._with_fault(self.beside.effect_at(drawn, time, z[..., : self.beside.process.size], state), z)
+
+    def _with_fault(self, others: np.ndarray, z: np.ndarray) -> np.ndarray:
         k = self.beside.process.size
-        others = self.beside.effect(z[..., :k], state)
         offset = np.zeros(z.shape[:-1]) + self.bias
         if self.start or self.walk:
             offset = offset + z[..., k]

@@ -330,6 +330,7 @@ def _composed(
         disturbance = chosen_disturbance(system, assumptions.disturbance)
     elif disturbance.believed is not None:
         disturbance = disturbance.believed
+    disturbance = disturbance.modelled or disturbance
     composition = compose(system.vehicle, kind, disturbance, sensors, assumptions.how)
     if assumptions.Q == assumptions.R == 1.0:
         return composition

@@ -50,7 +50,8 @@ RETURNED: dict[str, tuple[str, ...]] = {
     "parameters": ("parameters",), "start": ("state", "actuators"), "actuate": ("actuators",), "step": ("state",),
     "known_input": ("known input",), "scenario": ("scenario",), "prior": ("prior",), "reference": ("reference",),
     "commanded": ("commanded",), "exogenous": ("exogenous",), "over": ("over",), "initial_score_state":
-    ("score_state",), "score": ("reward", "end", "score_state"), "effect": ("effect",), **{name: (name,) for name in
+    ("score_state",), "score": ("reward", "end", "score_state"), "effect": ("effect",), "draw": ("drawn",),
+    "effect_at": ("effect",), **{name: (name,) for name in
     _OBSERVED},
 }  # fmt: skip
 """Methods of vehicles, tasks and disturbances by name, and what each returns."""

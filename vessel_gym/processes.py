@@ -1,6 +1,6 @@
 """Gauss-Markov processes: what currents, gusts, waves and the biases of sensors are made of."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar
@@ -130,6 +130,18 @@ class Process:
         return cls(
             *(block_diag(*(getattr(p, name) for p in processes)) for name in ("transition", "root", "start_cov"))
         )
+
+
+def integrated(process: Process, which: Sequence[int], dt: float) -> Process:
+    """A process with the integrals over time of some of its components, which begin at 0, behind them."""
+    k, m = process.size, len(which)
+    added = np.zeros((m, k))
+    added[range(m), which] = dt
+    transition = np.block([[process.transition, np.zeros((k, m))], [added, np.eye(m)]])
+    root = np.vstack([process.root, np.zeros((m, process.normals))])
+    whole = Process(transition, root, block_diag(process.start_cov, np.zeros((m, m))))
+    vars(whole)["start_root"] = np.vstack([process.start_root, np.zeros((m, k))])  # the process begins as it does alone
+    return whole
 
 
 def _sizes(name: str, value: object) -> np.ndarray:

@@ -1,7 +1,9 @@
 """A sea that knows the ship: long waves at the frequency and angle at which she meets them, wind, drift, a current."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
+from math import factorial
 
 import numpy as np
 from scipy.optimize import root
@@ -9,10 +11,10 @@ from scipy.optimize import root
 from estimators.engine import lookup, sincos
 from vessel_gym.checks import check_numbers, instance
 from vessel_gym.disturbances import Disturbance, Sea
-from vessel_gym.processes import Process
+from vessel_gym.processes import Process, integrated
 from vessel_gym.vehicles.corvette_equations import AROUND, STATE, CorvetteParameters, corvette_rates
-from vessel_gym.vehicles.seakeeping import wave_loads, wave_response
-from vessel_gym.waves import GRAVITY, WaveField, encounter_frequency
+from vessel_gym.vehicles.seakeeping import SHORT_CREST, WaveMotion, wave_loads, wave_response
+from vessel_gym.waves import GRAVITY, WaveBands, WaveField, encounter_frequency
 
 _AIR_DENSITY = 1.224  # kg/m3
 _REFLECTED = 0.25  # share of the waves' energy that a ship abeam reflects; assumed
@@ -23,12 +25,14 @@ _LEAST = 1e-3  # rad, least yaw increment that filters assume: half a compass' n
 class Seaway(Disturbance, verified=True):
     """Disturbance of a ship that turns in a sea: first-order motion in waves, and slow loads.
 
-    The waves are a `WaveField`, which the ship sees from where she is: the frequency of encounter
-    ``w - k U cos(beta)``, zero and negative in following seas, follows from how she moves, and her yaw rate and sway
-    velocity from `wave_response`.
-    Superposed on manoeuvring (Fossen 2021, ch. 10), the first turns the heading, the second carries the track; the
-    roll moment acts on the ship. Wind (Blendermann 1994, a destroyer) and the drift of the waves that she reflects
-    (Faltinsen 1990) push her to leeward, which nobody can tell from a current by her position.
+    The waves are a `WaveField`: the ship meets them at the frequency ``w - k U cos(beta)``, zero and negative in
+    following seas, and they give her the yaw rate and the sway velocity of `wave_response`. Superposed on manoeuvring
+    (Fossen 2021, ch. 10), the first turns the heading, the second carries the track; the roll moment acts on the ship.
+    Wind (Blendermann 1994, a destroyer) and the drift of the waves that she reflects (Faltinsen 1990) push her to
+    leeward, which nobody can tell from a current by her position.
+
+    There is one frame. The current carries the ship and the waves, whose field rests in the water. The wind blows over
+    ground, and the ship and the water feel what is left of it when they move.
 
     Waves and wind run to the north, unless ``direction`` says otherwise.
 
@@ -40,16 +44,17 @@ class Seaway(Disturbance, verified=True):
     ship: CorvetteParameters
     height: float  # significant, m
     period: float  # of the spectrum's peak, s
-    wind: float  # m/s
+    wind: float  # over ground, m/s
     current: float  # RMS speed, m/s
     dt: float
     direction: float = 0.0  # to which waves and wind run, rad
     current_time: float = 1000.0  # s
 
-    names = (*WaveField.names, "current north", "current east")
+    names = ("current north", "current east", "water north", "water east")
     forces = ("yaw increment", *AROUND)
     assumed_as = "unknown-input"
     averaged = ("roll moment", "wave sway")
+    uniforms = WaveField.uniforms
 
     def __post_init__(self) -> None:
         instance("ship of Seaway", self.ship, CorvetteParameters)
@@ -63,50 +68,45 @@ class Seaway(Disturbance, verified=True):
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]
-        """The bands, rotating, and the current."""
+        """The current, and how far it has carried the water."""
+        return integrated(self._current, (0, 1), self.dt)
+
+    @cached_property
+    def _current(self) -> Process:
         sd = self.current / np.sqrt(2.0)
-        return Process.joined(self.waves.process(self.dt), Process.wandering((sd, sd), self.current_time, self.dt))
+        return Process.wandering((sd, sd), self.current_time, self.dt)
 
-    def response(self, beta: np.ndarray, speed: float) -> np.ndarray:
-        """Sway velocity [m/s], yaw rate [rad/s] and roll moment [N m] of a unit of each band ``(3, ..., 3)``, complex.
-
-        As strong as all waves of the band together, in the phase of those at its frequency.
+    def yaw_rate(self, beta: np.ndarray, speed: float) -> np.ndarray:
+        """RMS of the yaw rate in waves ``(...)`` [rad/s].
 
         Args:
             beta: Where the waves run to, from the heading on [rad].
             speed: [m/s].
         """
-        waves, each = self.waves, []
-        for band, frequencies in enumerate(waves.within):
-            w = np.append(frequencies, waves.frequencies[band]).reshape((-1,) + np.ndim(beta) * (1,))
-            motion, loads = wave_response(self.ship, w, beta, speed), wave_loads(self.ship, w, beta)[..., 2:]
-            given = np.concatenate([motion, loads], -1)
-            each.append(np.sqrt(waves.power(band, given[:-1])) * np.exp(1j * np.angle(given[-1])))
-        return np.stack(each)
+        return self._rms(np.asarray(beta), speed, 0.0)
 
-    def mean_response(self, beta: np.ndarray, speed: float) -> np.ndarray:
-        """`response` averaged over the coming step, in which the ship meets the waves: what a step holds of it.
-
-        Over steps that are long for the waves it is smaller, and the heading swings as far as in continuous time.
-        """
-        w = self.waves.frequencies.reshape((-1,) + np.ndim(beta) * (1,))
-        half = 0.5 * self.dt * encounter_frequency(w, beta, np.asarray(speed))
-        return (np.sinc(half / np.pi) * np.exp(1j * half))[..., None] * self.response(beta, speed)
-
-    def yaw_rate(self, beta: np.ndarray, speed: float) -> np.ndarray:
-        """RMS of the yaw rate in waves ``(...)`` [rad/s]; arguments as `response`."""
-        return np.sqrt((np.abs(self.response(beta, speed)[..., 1]) ** 2).sum(0))
+    def _rms(self, beta: np.ndarray, speed: float, dt: float) -> np.ndarray:
+        """The same, of means over ``dt`` [s]."""
+        w, spectrum = (each.reshape((-1,) + beta.ndim * (1,)) for each in self.waves.spectrum)
+        half = 0.5 * dt * encounter_frequency(w, beta, np.asarray(speed))
+        yaw = np.sinc(half / np.pi) * np.abs(wave_response(self.ship, w, beta, speed)[..., 1])
+        return np.sqrt(np.trapezoid(spectrum * yaw**2, w, axis=0))
 
     @cached_property
     def believed(self) -> Sea:  # type: ignore[override]
         """Disturbance that filters assume by default: yaw of no direction, and a current that leeway moves."""
         beta = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
-        yaw = self.mean_response(beta, 0.8 * self.ship.speed)[..., 1]
-        wave = max(np.sqrt((np.abs(yaw) ** 2).sum(0).mean()), _LEAST / self.dt)
+        yaw = self._rms(beta, 0.8 * self.ship.speed, self.dt)
+        wave = max(np.sqrt((yaw**2).mean()), _LEAST / self.dt)
         return Sea(
-            wave=float(wave), peak=float(self.waves.frequencies[1]), gust=0.0,
+            wave=float(wave), peak=2.0 * np.pi / self.period, gust=0.0,
             current=float(np.hypot(self.current, self.leeway)), current_time=100.0, dt=self.dt,
         )  # fmt: skip
+
+    @cached_property
+    def modelled(self) -> "BandedSeaway":  # type: ignore[override]
+        """The sea in which filters that assume it have bands in place of the field."""
+        return BandedSeaway(*(getattr(self, each.name) for each in fields(self)))
 
     @cached_property
     def input_sd(self) -> tuple[float, ...]:  # type: ignore[override]
@@ -128,50 +128,60 @@ class Seaway(Disturbance, verified=True):
 
         return float(abs(root(accelerations, [0.0, 1.0, 0.0]).x[2]) * self.ship.speed)
 
+    def draw(self, uniforms: np.ndarray) -> np.ndarray:
+        """Frequencies [rad/s] and phases [rad] of an episode's waves, velocities [m/s] at half the ship's draught."""
+        drawn = self.waves.draw(uniforms)
+        w = drawn[..., : WaveField.components]
+        velocity = self.waves.amplitude * w * np.exp((-0.5 * self.ship.draught / GRAVITY) * w * w)
+        return np.concatenate([drawn, velocity], -1)
+
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """The yaw increment [rad], and what is `AROUND` the ship, ``(..., 8)``."""
-        x, y, psi, u, v = np.moveaxis(state[..., :5], -1, 0)
-        beta = self.direction - psi
-        sway, yaw, roll = self._motion(z, x, y, beta, u)
-        surge_force, side_force, turning = self._wind(beta, u, v)
-        sin_beta, _ = sincos(beta)
+        """The yaw increment [rad], and what is `AROUND` the ship, ``(..., 8)``, where there are no waves."""
+        none = np.zeros_like(state[..., 0])
+        return self._acting((none, none, none), z[..., :2], state)
+
+    def effect_at(self, drawn: np.ndarray, time: np.ndarray, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """The same in the waves of an episode: means over the coming step of the motion that they give her.
+
+        Over steps that are long for the waves these are smaller, and the heading swings as far as in continuous time.
+        """
+        (x, y, psi, u), total = np.moveaxis(state[..., :4], -1, 0), [np.zeros_like(time)] * 3
+        sin_mu, cos_mu = sincos(self.direction)
+        along = (x - z[..., 2]) * cos_mu + (y - z[..., 3]) * sin_mu
+        sin_beta, cos_beta = sincos(self.direction - psi)
+        hull = self._hull.at(u)
+        for i, (w, phase) in enumerate(self.waves.phases(drawn, time, along)):  # one by one: it takes few registers
+            k_cos = w * w * cos_beta * (1.0 / GRAVITY)
+            met = w - k_cos * u
+            half = 0.5 * self.dt * met  # of the phase of a step
+            size = drawn[..., WaveField.uniforms + i] * _mean(half)
+            sin, cos = sincos(phase + half)
+            side = size * (sin_beta * cos - SHORT_CREST * sin), size * (sin_beta * sin + SHORT_CREST * cos)
+            total = [one + other for one, other in zip(total, hull.moved(w, k_cos, met, side), strict=True)]
+        return self._acting(total, z[..., :2], state)
+
+    def _acting(self, motion: Sequence[np.ndarray], current: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """The yaw increment, and what is `AROUND` the ship, given sway, yaw rate and roll moment of the waves."""
+        psi, u, v = np.moveaxis(state[..., 2:5], -1, 0)
+        sin_beta, _ = sincos(self.direction - psi)
+        sin_mu, cos_mu = sincos(self.direction)
+        north, east = self.wind * cos_mu - current[..., 0], self.wind * sin_mu - current[..., 1]
+        sin, cos = sincos(psi)
+        surge_force, side_force, turning = self._wind(north * cos + east * sin - u, east * cos - north * sin - v)
         side = side_force + self._drift * sin_beta * np.abs(sin_beta)
-        bands = 2 * len(self.waves.numbers)
+        sway, yaw, roll = motion
         return np.stack([
-            self.dt * yaw, z[..., bands], z[..., bands + 1], surge_force, side, turning, roll, sway,
+            self.dt * yaw, current[..., 0], current[..., 1], surge_force, side, turning, roll, sway,
         ], -1)  # fmt: skip
 
-    def _motion(
-        self, z: np.ndarray, x: np.ndarray, y: np.ndarray, beta: np.ndarray, speed: np.ndarray
-    ) -> list[np.ndarray]:
-        """Sway velocity [m/s], yaw rate [rad/s] and roll moment [N m] of the waves ``(...)`` at a place."""
-        turn = beta / (2.0 * np.pi)
-        at = (turn - np.floor(turn)) * _BETAS
-        i = np.minimum(np.floor(at), _BETAS - 1.0)
-        slowest, fastest = _speeds(self.ship)[[0, -1]]
-        to = np.minimum(np.maximum((speed - slowest) / (fastest - slowest), 0.0), 1.0) * (_SPEEDS - 1)
-        j = np.minimum(np.floor(to), _SPEEDS - 2.0)
-        f, g, first = (at - i)[..., None], (to - j)[..., None], j * (_BETAS + 1) + i
-        near, beside, far, last = (lookup(self._table, first + k) for k in (0, 1, _BETAS + 1, _BETAS + 2))
-        response = (1.0 - g) * ((1.0 - f) * near + f * beside)
-        response = response + g * ((1.0 - f) * far + f * last)
-        sin_mu, cos_mu = sincos(self.direction)
-        total = [np.zeros_like(x)] * 3
-        for band, number in enumerate(self.waves.numbers):
-            sin, cos = sincos(number * (x * cos_mu + y * sin_mu))
-            real, imaginary = z[..., 2 * band], z[..., 2 * band + 1]
-            real, imaginary = real * cos + imaginary * sin, imaginary * cos - real * sin  # z exp(-j k x)
-            own = [response[..., 6 * band + k] for k in range(6)]
-            total = [total[k] + (own[k] * real - own[k + 3] * imaginary) for k in range(3)]
-        return total
+    def _wind(self, along: np.ndarray, across: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Surge and sway force [N] and yaw moment [N m] of the air's velocity as the ship feels it [m/s] ``(...)``.
 
-    def _wind(self, beta: np.ndarray, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Surge and sway force [N] and yaw moment [N m] of the wind ``(...)``, Blendermann (1994)."""
+        Blendermann (1994).
+        """
         ship = self.ship
         frontal = 0.82 * ship.beam**2 if ship.frontal_area is None else ship.frontal_area
         lateral = 0.083 * ship.length**2 if ship.lateral_area is None else ship.lateral_area
-        sin_beta, cos_beta = sincos(beta)
-        along, across = self.wind * cos_beta - u, self.wind * sin_beta - v  # of the air, as the ship feels it
         angle = np.abs(np.arctan2(-across, -along))  # from the bow, from which it comes
         front = np.where(angle < 0.5 * np.pi, 0.60, 0.65)
         sin_angle, cos_angle = sincos(angle)
@@ -188,17 +198,92 @@ class Seaway(Disturbance, verified=True):
         return self.ship.water_density * GRAVITY * self.ship.length * self.height**2 / 16.0 * _REFLECTED
 
     @cached_property
+    def _hull(self) -> WaveMotion:
+        return WaveMotion(self.ship)
+
+
+@dataclass(frozen=True, eq=False)
+class BandedSeaway(Seaway, verified=True):
+    """A filter's model of a `Seaway`: its waves are `WaveBands`, at rest over ground.
+
+    The ship answers each as strongly as all waves of the band together, in the phase of those at its frequency.
+    """
+
+    names = (*WaveBands.names, "current north", "current east")  # type: ignore[assignment]
+    uniforms = 0
+    modelled = None  # type: ignore[assignment]
+
+    @cached_property
+    def bands(self) -> WaveBands:
+        """The waves alone."""
+        return WaveBands(self.height, self.period)
+
+    @cached_property
+    def process(self) -> Process:  # type: ignore[override]
+        """The bands, rotating, and the current."""
+        return Process.joined(self.bands.process(self.dt), self._current)
+
+    def response(self, beta: np.ndarray, speed: float) -> np.ndarray:
+        """Sway velocity [m/s], yaw rate [rad/s] and roll moment [N m] of a unit of each band ``(3, ..., 3)``, complex.
+
+        Args:
+            beta: Where the waves run to, from the heading on [rad].
+            speed: [m/s].
+        """
+        bands, each = self.bands, []
+        for band, frequencies in enumerate(bands.within):
+            w = np.append(frequencies, bands.frequencies[band]).reshape((-1,) + np.ndim(beta) * (1,))
+            motion, loads = wave_response(self.ship, w, beta, speed), wave_loads(self.ship, w, beta)[..., 2:]
+            given = np.concatenate([motion, loads], -1)
+            each.append(np.sqrt(bands.power(band, given[:-1])) * np.exp(1j * np.angle(given[-1])))
+        return np.stack(each)
+
+    def mean_response(self, beta: np.ndarray, speed: float) -> np.ndarray:
+        """`response` averaged over the coming step."""
+        w = self.bands.frequencies.reshape((-1,) + np.ndim(beta) * (1,))
+        half = 0.5 * self.dt * encounter_frequency(w, beta, np.asarray(speed))
+        return (np.sinc(half / np.pi) * np.exp(1j * half))[..., None] * self.response(beta, speed)
+
+    def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """The yaw increment [rad], and what is `AROUND` the ship, ``(..., 8)``."""
+        x, y, psi, u = np.moveaxis(state[..., :4], -1, 0)
+        sin_mu, cos_mu = sincos(self.direction)
+        total, response = [np.zeros_like(x)] * 3, self._interpolated(self.direction - psi, u)
+        for band, (real, imaginary) in enumerate(self.bands.at(z, x * cos_mu + y * sin_mu)):
+            own = [response[..., 6 * band + k] for k in range(6)]
+            total = [total[k] + (own[k] * real - own[k + 3] * imaginary) for k in range(3)]
+        return self._acting(total, z[..., -2:], state)
+
+    def _interpolated(self, beta: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """Real and imaginary parts of `mean_response` ``(..., bands * 6)``."""
+        turn = beta / (2.0 * np.pi)
+        at = (turn - np.floor(turn)) * _BETAS
+        i = np.minimum(np.floor(at), _BETAS - 1.0)
+        slowest, fastest = _TABLED[[0, -1]] * self.ship.speed
+        to = np.minimum(np.maximum((speed - slowest) / (fastest - slowest), 0.0), 1.0) * (len(_TABLED) - 1)
+        j = np.minimum(np.floor(to), len(_TABLED) - 2.0)
+        f, g, first = (at - i)[..., None], (to - j)[..., None], j * (_BETAS + 1) + i
+        near, beside, far, last = (lookup(self._table, first + k) for k in (0, 1, _BETAS + 1, _BETAS + 2))
+        response = (1.0 - g) * ((1.0 - f) * near + f * beside)
+        return response + g * ((1.0 - f) * far + f * last)
+
+    @cached_property
     def _table(self) -> np.ndarray:
         """Real and imaginary parts of `mean_response`, by speed and beta ``(speeds * betas, bands * 6)``."""
         beta = np.linspace(0.0, 2.0 * np.pi, _BETAS + 1)
-        response = np.stack([self.mean_response(beta, speed) for speed in _speeds(self.ship)])
+        response = np.stack([self.mean_response(beta, speed) for speed in _TABLED * self.ship.speed])
         parts = np.moveaxis(np.concatenate([response.real, response.imag], -1), 1, 2)
-        return parts.reshape(_SPEEDS * (_BETAS + 1), -1)
+        return parts.reshape(len(_TABLED) * (_BETAS + 1), -1)
 
 
-_SPEEDS, _BETAS = 21, 120
+def _mean(half: np.ndarray) -> np.ndarray:
+    """Size of a wave's mean over twice a phase ``half`` [rad] ``(...)``: ``sin(half) / half``, and 0 from pi on."""
+    square = np.minimum(half * half, np.pi**2)
+    total = np.zeros_like(square)
+    for i in range(9, -1, -1):  # Taylor's series, to 2e-10
+        total = total * square + (-1.0) ** i / factorial(2 * i + 1)
+    return total
 
 
-def _speeds(ship: CorvetteParameters) -> np.ndarray:
-    """Speeds [m/s] at which responses are tabled."""
-    return ship.speed * np.linspace(0.25, 1.25, _SPEEDS)
+_TABLED, _BETAS = np.linspace(0.25, 1.25, 21), 120
+"""Speeds, in units of the service speed, and number of directions at which responses are tabled."""

@@ -18,7 +18,7 @@ from vessel_gym.filter_models.exogenous import Forces
 from vessel_gym.sensors import Sensors
 from vessel_gym.world import World
 
-DRAWN = ("task", "vehicle", "parameters", "filter")
+DRAWN = ("task", "vehicle", "parameters", "filter", "field")
 """What is drawn by itself at the start of an episode; then come the parts of the world and the sensors."""
 
 
@@ -61,8 +61,8 @@ class Draws(NamedTuple):
         words = tuple(word(name) for name in (*DRAWN, *parts, *sensed))
         spread, uniforms = world.forces.vehicle.normals if mismatch else 0, world.task.uniforms
         starts = [(0, root.shape[-1], 1) for root in world.start_roots]
-        counts = [(uniforms, 0, 0), (0, based, 0), (0, spread, 0), (0, 0, 0), *starts]
-        counts += [(0, 0, 0)] * len(world.sensors.each)
+        own = (uniforms, 0, 0), (0, based, 0), (0, spread, 0), (0, 0, 0), (world.disturbance.uniforms, 0, 0)
+        counts = [*own, *starts, *[(0, 0, 0)] * len(world.sensors.each)]
         return cls(words, tuple(counts), len(DRAWN) + len(parts), slice(end := uniforms + based, end + spread))
 
 

@@ -23,6 +23,7 @@ class EnvState:
     exogenous: np.ndarray  # (B, f) exogenous input over the coming step
     ended_noise: np.ndarray  # (B, w + s) what was new over the step that has ended,
     ended: np.ndarray  # (B, f) and the exogenous input then; zeros after a reset
+    drawn: np.ndarray  # (B, e) constants of the disturbance for the episode
     reference: np.ndarray  # (B, k)
     score_state: np.ndarray  # (B, k) score state
     total: np.ndarray  # (B,) sum of rewards
@@ -33,8 +34,8 @@ class EnvState:
         """The state a step later, in which what was coming has ended, and the rest is as it was."""
         return EnvState(
             self.keys, self.steps + _ONE, self.scenario, self.parameters, self.state, action, self.actuators,
-            self.drifting, self.noise, self.exogenous, self.noise, self.exogenous, self.reference, self.score_state,
-            self.total, self.end,
+            self.drifting, self.noise, self.exogenous, self.noise, self.exogenous, self.drawn, self.reference,
+            self.score_state, self.total, self.end,
         )  # fmt: skip
 
     def merged(self, rows: np.ndarray, some: "EnvState") -> "EnvState":

@@ -1,16 +1,22 @@
-"""A field of long-crested waves, seen from where one is."""
+"""Long-crested waves: a field of place and time, which is the truth, and its bands, which filters assume."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import ClassVar
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from estimators.checks import finite_array
+from estimators.engine import sincos
 from vessel_gym.checks import check_numbers
-from vessel_gym.processes import Process
+from vessel_gym.processes import Process, interpolated
 
 GRAVITY = 9.81  # m/s2
+_RANGE = 0.4, 4.0
+"""Lowest and highest frequency of waves, in units of the spectrum's peak."""
 BANDS = 3
 _PEAKS = np.array([0.8, 1.0, 1.35])
 """The frequencies of the bands, in units of the spectrum's peak,"""
@@ -55,9 +61,76 @@ def jonswap(frequency: np.ndarray, height: float, period: float, peakedness: flo
 
 @dataclass(frozen=True)
 class WaveField:
-    """JONSWAP waves in three bands, each a complex number that rotates at their frequency: ``exp((j w - b) dt) z + n``.
+    """A JONSWAP sea as a field of place and time: ``sum a cos(w t - k s + p)``, s along the waves.
 
-    Its variance is 1 whatever the frequency is. At a place x along the direction of the waves it is ``exp(-j k x) z``.
+    The components have equal energy. Once an episode the frequency w of each is drawn within its
+    bin of equal energy, and its phase p: so the mean over episodes of the autocorrelation of
+    anything linear in the waves is the integral of the spectrum, and none repeats itself. In deep
+    water k is ``w^2 / g``.
+    """
+
+    height: float  # significant, m
+    period: float  # of the spectrum's peak, s
+
+    components: ClassVar[int] = 24
+    uniforms: ClassVar[int] = 2 * components
+
+    def __post_init__(self) -> None:
+        check_numbers(self, not_negative="height", positive="period")
+
+    @property
+    def amplitude(self) -> float:
+        """Of each component [m]."""
+        return self.height / np.sqrt(8.0 * self.components)
+
+    @cached_property
+    def spectrum(self) -> tuple[np.ndarray, np.ndarray]:
+        """Frequencies [rad/s] and spectrum [m2 s]."""
+        w = 2.0 * np.pi / self.period * np.linspace(*_RANGE, 4001)
+        return w, jonswap(w, self.height, self.period)
+
+    @cached_property
+    def _quantiles(self) -> np.ndarray:
+        """Frequency [rad/s] below which 0, 1/2048, 2/2048 ... 1 of the energy is ``(2049,)``."""
+        w, spectrum = self.spectrum
+        energy = cumulative_trapezoid(spectrum, w, initial=0.0)
+        return np.interp(np.linspace(0.0, energy[-1], 2049), energy, w)
+
+    def draw(self, uniforms: np.ndarray) -> np.ndarray:
+        """Frequencies [rad/s], then phases [rad], of an episode ``(..., 2 n)``.
+
+        Args:
+            uniforms: Numbers from 0 to 1 ``(..., 2 n)``.
+        """
+        n, cells = self.components, len(self._quantiles) - 1
+        at = cells / n * (np.arange(n) + uniforms[..., :n])
+        w = np.stack([interpolated(self._quantiles, at[..., i]) for i in range(n)], -1)
+        return np.concatenate([w, 2.0 * np.pi * uniforms[..., n:]], -1)
+
+    def phases(self, drawn: np.ndarray, time: np.ndarray, along: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Frequency [rad/s] and phase [rad] ``(...)`` of each component.
+
+        Args:
+            drawn: As `draw` gives it ``(..., 2 n)``.
+            time: [s] ``(...)``.
+            along: Place in the water along the waves [m] ``(...)``.
+        """
+        for i in range(self.components):
+            w, phase = drawn[..., i], drawn[..., self.components + i]
+            yield w, phase + w * (time - w * (along * (1.0 / GRAVITY)))
+
+    def elevation(self, drawn: np.ndarray, time: np.ndarray, along: np.ndarray) -> np.ndarray:
+        """Of the surface [m] ``(...)``; arguments as `phases`."""
+        each = [np.cos(phase) for _, phase in self.phases(drawn, time, along)]
+        return self.amplitude * np.sum(each, 0)
+
+
+@dataclass(frozen=True)
+class WaveBands:
+    """A filter's model of a `WaveField`: three bands, each a complex number ``z+ = exp((j w - b) dt) z + n``.
+
+    Its variance is 1 whatever the frequency is. The damping b is constant: one that follows the speed of the ship
+    through the groups of waves serves no better (docs/seaway.md).
     """
 
     height: float  # significant, m
@@ -92,10 +165,24 @@ class WaveField:
 
     def process(self, dt: float) -> Process:
         """Process of the bands' real and imaginary parts over a step of ``dt`` [s]."""
-        check_numbers("WaveField.process", {"dt": dt}, positive="dt")
+        check_numbers("WaveBands.process", {"dt": dt}, positive="dt")
         bands = []
         for frequency in self.frequencies:
             kept = np.exp(-_DAMPING * frequency * dt)
             cos, sin = kept * np.cos(frequency * dt), kept * np.sin(frequency * dt)
             bands.append(Process(np.array([[cos, -sin], [sin, cos]]), np.sqrt(1.0 - kept**2) * np.eye(2), np.eye(2)))
         return Process.joined(*bands)
+
+    def at(self, z: np.ndarray, along: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Real and imaginary part ``(...)`` of each band, ``exp(-j k s) z``, at a place s along the waves [m].
+
+        Args:
+            z: ``(..., 6)``.
+            along: ``(...)``.
+        """
+        parts = []
+        for band, number in enumerate(self.numbers):
+            sin, cos = sincos(number * along)
+            real, imaginary = z[..., 2 * band], z[..., 2 * band + 1]
+            parts.append((real * cos + imaginary * sin, imaginary * cos - real * sin))
+        return parts

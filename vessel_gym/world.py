@@ -50,7 +50,11 @@ class World:
             self.carried = self.carried @ forces.linear[len(forces.vehicle.increments) : forces.outside]
         self.transition = block_diag(disturbance.process.transition, sensors.bias.transition)
         self.root = block_diag(disturbance.white, disturbance.process.root, sensors.bias.root)
-        for name, compilable in (("move", forces.verified), ("begin", not users), ("sense", sensors.verified)):
+        verified = {
+            "move": forces.verified, "begin": not users, "sense": sensors.verified, "draw": forces.verified,
+            "effect": forces.verified,
+        }  # fmt: skip
+        for name, compilable in verified.items():
             if not compilable:
                 setattr(self, name, getattr(self, name).function)
 
@@ -60,11 +64,11 @@ class World:
         ended = exogenous[..., : len(self.forces.vehicle.increments)]
         return self.sensors.users(*self._measured(state, ended, exogenous, drifting))
 
-    @compiled(axes=(1, 1, 1, 1, 1, 1, 1, 2, 0, 1, 1, 2))
+    @compiled(axes=(1, 1, 1, 1, 1, 1, 1, 2, 0, 1, 1, 1, 2))
     def equations(
         self, action: np.ndarray, scenario: np.ndarray, reference: np.ndarray, state: np.ndarray, actuators: np.ndarray,
         exogenous: np.ndarray, parameters: np.ndarray, keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray,
-        noise: np.ndarray, sensing: np.ndarray,
+        noise: np.ndarray, drawn: np.ndarray, sensing: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
         """Actuators and known input after an action, then what `move` gives, then what `sense` does.
 
@@ -75,7 +79,7 @@ class World:
         commanded = self.task.commanded(scenario, steps - 1) if commanding is None else reference[..., commanding]
         u = self.vehicle.known_input(actuators, after, commanded)
         ended = exogenous[..., : len(self.forces.vehicle.increments)]
-        moved = self.move(state, actuators, after, exogenous, parameters, keys, steps, drifting, noise)
+        moved = self.move(state, actuators, after, exogenous, parameters, keys, steps, drifting, noise, drawn)
         state, drifting, noise, exogenous = moved
         exogenous = self._with_task(exogenous, scenario, steps)
         measured = self._measured(state, ended, exogenous, drifting)
@@ -85,10 +89,10 @@ class World:
         finite = (np.isfinite(each).all(-1) for each in (after, u, state, exogenous))
         return *stepped, reduce(and_, finite, self.sensors.sound(*measured))
 
-    @compiled(axes=(1, 1, 1, 1, 1, 2, 0, 1, 1))
+    @compiled(axes=(1, 1, 1, 1, 1, 2, 0, 1, 1, 1))
     def move(
         self, state: np.ndarray, before: np.ndarray, after: np.ndarray, exogenous: np.ndarray, parameters: np.ndarray,
-        keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray, noise: np.ndarray,
+        keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray, noise: np.ndarray, drawn: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """The vehicle's state, the states of disturbance and biases, noise and exogenous input a step later.
 
@@ -102,20 +106,22 @@ class World:
             steps: ``(...)`` since the episode's start, with this one.
             drifting: States of disturbance and biases ``(..., s)``.
             noise: ``(..., w + s)`` of the step.
+            drawn: Constants of the disturbance for the episode ``(..., e)``.
         """
         measured = after
         if self.forces.faulty:
             offsets, _ = self.forces.of_actuators(exogenous)
             before, after = before + offsets, after + offsets
         state = self.vehicle.step(state, before, after, exogenous[..., : self.forces.outside], parameters)
-        return state, *self._with_effect(self._advanced(keys, steps, drifting, noise), state, measured)
+        advanced = self._advanced(keys, steps, drifting, noise)
+        return state, *self._with_effect(advanced, drawn, steps, state, measured)
 
     @compiled(axes=(1, 1, 2, 1, 2, 0))
     def begin(
         self, scenario: np.ndarray, mean: np.ndarray, root: np.ndarray, numbers: np.ndarray, keys: np.ndarray,
         steps: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
-        """Actuators and known input at an episode's start, then what `move` and `sense` give, then the score state.
+        """Actuators, known input, what `move` gives, the disturbance's constants, what `sense` gives, score state.
 
         Args:
             scenario: What the task drew ``(..., c)``.
@@ -127,6 +133,8 @@ class World:
         """
         start_root, first, count = block_diag(*self.start_roots), self.task.uniforms, len(self.parts)
         last, normals = numbers.shape[-1] - start_root.shape[-1], numbers[..., first : first + mean.shape[-1]]
+        uniforms = numbers[..., last - self.disturbance.uniforms : last]
+        drawn = self.draw(uniforms) if self.disturbance.uniforms else uniforms
         drifting = product(start_root, numbers[..., last:], np.zeros((*mean.shape[:-1], len(start_root))))
         x = mean + (root * normals[..., None, :]).sum(-1)
         if self.carried is not None:
@@ -134,12 +142,13 @@ class World:
         state, actuators = self.vehicle.start(x)
         noise = np.zeros((*drifting.shape[:-1], len(self.root)))
         advanced = self._advanced(keys[..., :count, :], steps, drifting, noise, first=True)
-        drifting, noise, exogenous = self._with_effect(advanced, state, actuators)
+        drifting, noise, exogenous = self._with_effect(advanced, drawn, steps, state, actuators)
         exogenous = self._with_task(exogenous, scenario, steps)
         u = self.vehicle.known_input(actuators, actuators, self.task.commanded(scenario, steps))
         ended = np.zeros((*steps.shape, len(self.forces.vehicle.increments)))
         read = self.sense(*self._measured(state, ended, exogenous, drifting), steps, keys[..., count:, :])
-        return actuators, u, state, drifting, noise, exogenous, *read, self.task.initial_score_state(state, scenario)
+        score_state = self.task.initial_score_state(state, scenario)
+        return actuators, u, state, drifting, noise, exogenous, drawn, *read, score_state
 
     @compiled(axes=(1, 1, 1, 0, 2))
     def sense(
@@ -178,10 +187,26 @@ class World:
         return np.concatenate([exogenous[..., :outside] + added, exogenous[..., outside:]], -1)
 
     def _with_effect(
-        self, advanced: tuple[np.ndarray, np.ndarray, np.ndarray], state: np.ndarray, actuators: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        self, advanced: tuple[np.ndarray, np.ndarray, np.ndarray], drawn: np.ndarray, steps: np.ndarray,
+        state: np.ndarray, actuators: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         drifting, noise, exogenous = advanced
         if self.forces.constant:
             return advanced
-        effect = self.disturbance.effect(drifting[..., : self.size], state)
+        effect = self.effect(drawn, steps, drifting[..., : self.size], state)
         return drifting, noise, self.forces.add(exogenous, effect, actuators)
+
+    @compiled
+    def draw(self, uniforms: np.ndarray) -> np.ndarray:
+        """The disturbance's constants of an episode ``(..., e)``."""
+        drawn: np.ndarray = self.disturbance.draw(uniforms)
+        return drawn
+
+    @compiled(axes=(1, 0, 1, 1))
+    def effect(self, drawn: np.ndarray, steps: np.ndarray, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """The disturbance's effect ``(..., forces)`` after so many ``steps (...)`` of an episode."""
+        own = self.disturbance
+        given: np.ndarray = (
+            own.effect_at(drawn, self.sensors.dt * steps, z, state) if own.uniforms else own.effect(z, state)
+        )
+        return given

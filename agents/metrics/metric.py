@@ -170,8 +170,7 @@ def mean_nees(rollout: Rollout, components: tuple[int, ...] | None = None) -> np
     values, alive = nees_of(rollout, components), rollout.alive
     if values is None:
         return np.full(len(rollout.seeds), np.nan)
-    n = rollout.history["estimate"].shape[-1] if components is None else len(components)
-    return np.where(alive, values, 0.0).sum(0) / alive.sum(0) / n
+    return np.where(alive, values, 0.0).sum(0) / alive.sum(0) / len(_known(rollout, components))
 
 
 SCORE, RETURN, STEPS, INPUT, NEES, UNHEALTHY = described(
@@ -221,17 +220,24 @@ def nees_of(rollout: Rollout, components: tuple[int, ...] | None = None) -> np.n
 
     Args:
         rollout: with its history.
-        components: of the filter's state; None: all.
+        components: of the filter's state; None: those that the truth has, too.
     """
     core, h = core_of(rollout), rollout.history
     if core.estimator in ("", *WITHOUT_COVARIANCE):
         return None
-    n = h["estimate"].shape[-1]
-    chosen = list(range(n) if components is None else components)
+    chosen = list(_known(rollout, components))
     state = core.estimated(h["truth"])
     angles = tuple(chosen.index(i) for i in core.filter.model.state_angles if i in chosen)
-    cov = h["covariance"] if components is None else h["covariance"][..., np.array(chosen)[:, None], chosen]
+    cov = h["covariance"][..., np.array(chosen)[:, None], chosen]
     return nees(h["estimate"][..., chosen], cov, state[..., chosen], angles)
+
+
+def _known(rollout: Rollout, components: tuple[int, ...] | None) -> tuple[int, ...]:
+    """The components given; None: those of the filter's state that the truth has, too."""
+    if components is not None:
+        return components
+    absent = np.isnan(core_of(rollout).estimated(rollout.history["truth"])).all((0, 1))
+    return tuple(np.flatnonzero(~absent).tolist())
 
 
 def consistency(rollout: Rollout, components: tuple[int, ...] | None = None) -> float | None:
@@ -241,13 +247,13 @@ def consistency(rollout: Rollout, components: tuple[int, ...] | None = None) -> 
 
     Args:
         rollout: with its history.
-        components: of the filter's state; None: all.
+        components: of the filter's state; None: those that the truth has, too.
     """
     values = nees_of(rollout, components)
     if values is None:
         return None
     alive = rollout.alive
-    n = rollout.history["estimate"].shape[-1] if components is None else len(components)
+    n = len(_known(rollout, components))
     runs = alive.sum(1)
     flown = runs > 0
     mean = np.where(alive, values, 0.0).sum(1)[flown] / runs[flown]

@@ -130,13 +130,20 @@ FAULTS = [
 
 # --- the model is the world's -----------------------------------------------------------------------
 
-MET = {env_id: {"disturbance": "rough"} for env_id in ("SigmaCorvette-v0", "SigmaChannel-v0", "vessel_gym/Ship-v0")}
-"""Where filters take a sea for another one, unless they are told of it by name."""
+MET: dict[str, dict[str, Any]] = {
+    env_id: {"disturbance": single_class(env_id).system.disturbances["rough"].modelled}
+    for env_id in ("SigmaCorvette-v0", "SigmaChannel-v0", "vessel_gym/Ship-v0")
+}
+"""Where filters take a sea for another one, unless they assume its bands, which stand for a field of waves."""
 DISTURBED = [env_id for env_id in OURS if env_id != "ThesisCorvette-v0"]
 """Those with a sea or an air, of which filters have the world's model: the thesis' have not."""
 WORLDS: list[tuple[str, dict[str, Any]]] = [
     *(
-        (env_id, {"estimator_options": {"assume": {"as": "states"} | MET.get(env_id, {}), "model": "nonlinear"}})
+        (
+            env_id,
+            MET.get(env_id, {})
+            | {"estimator_options": {"assume": {"as": "states"} | MET.get(env_id, {}), "model": "nonlinear"}},
+        )
         for env_id in DISTURBED
     ),
     *((AUV, {"sensors": sensors}) for sensors in (WITH_USBL, *BIASED.values())),

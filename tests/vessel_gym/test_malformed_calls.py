@@ -32,7 +32,7 @@ from vessel_gym.vehicles.rov import ROV
 from vessel_gym.vehicles.seakeeping import wave_loads
 from vessel_gym.vehicles.segorogeni import Segorogeni
 from vessel_gym.vehicles.ship import Ship
-from vessel_gym.waves import WaveField, encounter_frequency, jonswap
+from vessel_gym.waves import WaveBands, WaveField, encounter_frequency, jonswap
 
 SHIP, MARINER, AUV, PUNA = (load(name) for name in ("corvette", "mariner", "segorogeni", "puna"))
 SENSOR: dict[str, Any] = {"name": "fix", "channels": ("x [m]",), "reads": plain((0,)), "sd": (1.0,)}
@@ -75,7 +75,8 @@ CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, list[Any]]]] = [
     (Seaway, SEAWAY, {"ship": [None, "corvette", AUV], "height": NOT_POSITIVE, "period": NOT_POSITIVE,
                       "wind": NEGATIVE, "direction": [90.0, "north", np.nan], "current_time": NOT_POSITIVE}),
     (WaveField, {"height": 2.0, "period": 8.0}, {"height": NEGATIVE, "period": NOT_POSITIVE}),
-    (WaveField(2.0, 8.0).process, {"dt": 0.5}, {"dt": NOT_POSITIVE}),
+    (WaveBands, {"height": 2.0, "period": 8.0}, {"height": NEGATIVE, "period": NOT_POSITIVE}),
+    (WaveBands(2.0, 8.0).process, {"dt": 0.5}, {"dt": NOT_POSITIVE}),
     (jonswap, {"frequency": SERIES[1:], "height": 2.0, "period": 8.0},
      {"frequency": [None, "x", 0.5, [], [1.0, 0.5], [0.0, 1.0], [np.nan, 1.0]], "period": NOT_POSITIVE,
       "height": NEGATIVE, "peakedness": NOT_POSITIVE}),
@@ -188,7 +189,7 @@ def test_the_table_is_long_enough_and_right_calls_pass():
 
 @pytest.mark.parametrize("right", [2, np.float32(2.0), np.int64(2), np.array(2.0)])
 def test_any_number_is_a_number(right: Any):
-    assert Seaway(**SEAWAY | {"height": right}).waves.frequencies.shape == (3,)
+    assert Seaway(**SEAWAY | {"height": right}).modelled.bands.frequencies.shape == (3,)
     assert Process.wandering([right], right, right).size == 1
 
 

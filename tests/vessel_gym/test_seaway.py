@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,12 +19,13 @@ from vessel_gym.vehicles.corvette import steady_turns
 from vessel_gym.vehicles.corvette_equations import COEFFICIENTS, STATE, CorvetteParameters, corvette_rates
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.seakeeping import SHORT_CREST, wave_loads, wave_response
-from vessel_gym.waves import GRAVITY, encounter_frequency, jonswap
+from vessel_gym.waves import GRAVITY, WaveField, encounter_frequency, jonswap
 
 SHIP = load("corvette", CorvetteParameters)
 MARINER = load("mariner", CorvetteParameters)
 C = dict(zip(COEFFICIENTS, SHIP.vector(), strict=True))
 MODERATE, ROUGH = SEAS["moderate"], SEAS["rough"]
+COMPONENTS = WaveField.components
 DEG, KNOT = np.pi / 180.0, 1852.0 / 3600.0
 AROUND_BETAS = np.linspace(0.0, 2.0 * np.pi, 25)
 
@@ -41,38 +43,147 @@ def test_waves_are_met_at_the_frequency_that_the_books_have(beta, met):
     assert encounter_frequency(0.8, beta, 15.4) == pytest.approx(met, abs=5e-4)
 
 
-@pytest.mark.parametrize("beta", [0.0, 1.0, 0.5 * np.pi, 2.5, np.pi])
-def test_a_ship_that_sails_through_the_field_meets_it_at_that_frequency(beta):
-    """What is seen of a wave that does not change turns by the frequency of encounter, whatever the heading."""
-    sea = Seaway(SHIP, height=2.0, period=2.0 * np.pi / 0.8, wind=0.0, current=0.0, dt=0.5)
-    t, speed, band = np.linspace(0.0, 4.0, 81), 15.4, 1
-    w, psi = sea.waves.frequencies[band], heading_for(beta)
-    z = np.zeros((len(t), 8))
-    phase = np.exp(1j * w * t)
-    z[:, 2 * band], z[:, 2 * band + 1] = phase.real, phase.imag
-    state = np.zeros((len(t), len(STATE)))
-    state[:, 0], state[:, 1] = speed * t * np.cos(psi), speed * t * np.sin(psi)
+def drawn_seas(sea: Any, episodes: int, seed: int = 0) -> np.ndarray:
+    return sea.draw(np.random.default_rng(seed).uniform(size=(episodes, sea.uniforms)))
+
+
+def response(sea: Seaway, w: np.ndarray, beta: float, speed: float) -> np.ndarray:
+    """Sway velocity, yaw rate and roll moment per metre of waves, means over a step ``(..., 3)``."""
+    half = 0.5 * sea.dt * encounter_frequency(w, beta, speed)
+    loads = wave_loads(SHIP, w, beta)[..., 2:]
+    whole = np.concatenate([wave_response(SHIP, w, beta, speed), loads], -1)
+    return (np.sinc(half / np.pi) * np.exp(1j * half))[..., None] * whole
+
+
+@pytest.mark.parametrize("speed", [7.0, 15.4])
+@pytest.mark.parametrize("beta", DEG * np.array([0.0, 57.0, 90.0, 143.0, 180.0]))
+def test_a_ship_that_sails_through_the_field_answers_each_wave_at_the_frequency_at_which_she_meets_it(beta, speed):
+    """Against the sum over the waves drawn of `wave_response`, in a current that carries ship and waves."""
+    sea, t, psi, current = replace(ROUGH, direction=0.4), np.linspace(0.0, 60.0, 241), 0.4 - beta, np.array([1.1, -0.7])
+    drawn = np.repeat(drawn_seas(sea, 1), len(t), 0)
+    z, state = np.zeros((len(t), 4)), np.zeros((len(t), len(STATE)))
+    z[:, :2], z[:, 2:] = current, t[:, None] * current
+    state[:, :2] = np.outer(speed * t, [np.cos(psi), np.sin(psi)]) + z[:, 2:] + [30.0, -80.0]
     state[:, 2], state[:, 3] = psi, speed
-    seen = sea.effect(z, state)
-    response = sea.mean_response(np.array(beta), speed)[band]
-    expected = response * np.exp(1j * encounter_frequency(w, beta, speed) * t)[:, None]
-    scale = np.abs(response)
-    # The kernel interpolates responses between tabled speeds.
-    assert np.abs(seen[:, 0] / sea.dt - expected[:, 1].real).max() < 0.02 * scale[1]
-    assert np.abs(seen[:, -1] - expected[:, 0].real).max() < 0.02 * scale[0]
-    assert np.abs(seen[:, -2] - expected[:, 2].real).max() < 0.02 * scale[2]
+    w, phase = drawn[0, :COMPONENTS], drawn[0, COMPONENTS : 2 * COMPONENTS]
+    turned = phase - w**2 / GRAVITY * (30.0 * np.cos(0.4) - 80.0 * np.sin(0.4))
+    turned = turned + np.outer(t, encounter_frequency(w, beta, speed))
+    amplitude = np.sqrt(2.0 * sea.height**2 / 16.0 / COMPONENTS)
+    expected = amplitude * (np.exp(1j * turned)[..., None] * response(sea, w, beta, speed)).sum(1).real
+    seen = (sea.effect_at(drawn, t, z, state) - sea.effect(z, state))[:, [7, 0, 6]] / [1.0, sea.dt, 1.0]
+    assert (np.abs(seen - expected).max(0) < 1e-4 * np.array([1.0, 0.01, 1e6])).all()
 
 
-def test_the_waves_keep_their_variance_at_any_frequency_of_encounter():
+# Memory: a wave that is met at w_e comes back after 2 pi / w_e, and those of a narrow band of w_e come back together.
+
+SPEEDS, HEADINGS = (15.4, 7.0), (0.0, 30.0, 45.0, 90.0, 135.0, 180.0)
+
+
+def autocovariances(power: np.ndarray, met: np.ndarray, lags: np.ndarray) -> np.ndarray:
+    """Of a sum of waves of a ``power (..., n)`` that are met at frequencies ``(..., n)``."""
+    return np.array([(power * np.cos(met * lag)).sum() for lag in lags])
+
+
+def forecast_share(correlation: np.ndarray, dt: float, ahead: float) -> float:
+    """R^2 of the best linear forecast from 30 s of the past with noise of 1 % of the variance."""
+    n, lag = round(30.0 / dt), round(ahead / dt)
+    past = correlation[np.abs(np.subtract.outer(np.arange(n), np.arange(n)))] + 0.01 * np.eye(n)
+    return float(correlation[lag : lag + n] @ np.linalg.solve(past, correlation[lag : lag + n]))
+
+
+def memories(speed: float, heading: float, channel: int) -> tuple[np.ndarray, np.ndarray]:
+    """Autocovariances to 60 s of the waves drawn for 200 episodes, and of the spectral integral."""
+    beta, lags = DEG * heading, ROUGH.dt * np.arange(121)
+    drawn = drawn_seas(ROUGH, 200)[:, :COMPONENTS]
+    energy = ROUGH.height**2 / 16.0 / drawn.size
+    power = energy * np.abs(response(ROUGH, drawn, beta, speed)[..., channel]) ** 2
+    mean = autocovariances(power, encounter_frequency(drawn, beta, speed), lags)
+    w = 2.0 * np.pi / ROUGH.period * np.linspace(0.4, 4.0, 4001)
+    density = jonswap(w, ROUGH.height, ROUGH.period) * np.abs(response(ROUGH, w, beta, speed)[..., channel]) ** 2
+    return mean, autocovariances(density * (w[1] - w[0]), encounter_frequency(w, beta, speed), lags)
+
+
+@pytest.mark.parametrize("channel", [0, 1], ids=["sway", "yaw rate"])
+def test_waves_are_remembered_as_long_as_their_spectrum_says(channel):
+    """Over 200 episodes of fixed seeds; motions below 2 % of the largest are left out."""
+    motions = {(speed, beta): memories(speed, beta, channel) for speed in SPEEDS for beta in HEADINGS}
+    largest = max(exact[0] for _, exact in motions.values())
+    compared = 0
+    for mean, exact in motions.values():
+        if exact[0] < 0.02**2 * largest:
+            continue
+        compared += 1
+        assert np.sqrt(mean[0] / exact[0]) == pytest.approx(1.0, abs=0.02)
+        assert np.abs(mean / mean[0] - exact / exact[0]).max() < 0.05
+        shares = [forecast_share(each / each[0], ROUGH.dt, 10.0) for each in (mean, exact)]
+        assert shares[0] == pytest.approx(shares[1], abs=0.05)
+    assert compared >= 10
+
+
+def test_a_sea_of_components_has_its_significant_height():
+    """At 4,000 places; phases are random, so that the variance of 200 episodes is known to 0.1 %."""
+    drawn, along = drawn_seas(ROUGH, 200)[:, None], 40.0 * np.arange(4000.0)
+    surface = ROUGH.waves.elevation(drawn, np.full(along.shape, 17.0), along)
+    assert 4.0 * surface.std() == pytest.approx(ROUGH.height, rel=0.02)
+
+
+def test_the_field_is_one_of_place_and_time_whatever_ship_and_filter_do():
+    """Two cores of one seed, with different estimators, sensors and helms, meet the same sea where they are."""
+    chosen = {"estimator": "ekf"}, {"estimator": "truth", "sensors": "budget", "disturbance": "rough", "mismatch": 0.1}
+    cores = [Core(SIGMA_CORVETTE, 3, **{"disturbance": "rough"} | each) for each in chosen]
+    for core, helm in zip(cores, (0.0, 0.7), strict=True):
+        core.start(11)
+        for _ in range(40):
+            core.step(np.full((3, 1), helm))
+    one, other = (core.now for core in cores)
+    assert (one.drawn == other.drawn).all()
+    assert np.abs(one.state[:, :2] - other.state[:, :2]).min() > 0.1
+    for now in (one, other):
+        acting = ROUGH.effect_at(one.drawn, ROUGH.dt * now.steps, now.drifting[:, :4], now.state)
+        assert (np.abs(now.exogenous - acting) <= 1e-9 * np.abs(acting).max(0)).all()
+
+
+def test_waves_wind_and_current_are_of_one_frame():
+    """In a current along the wind a ship moves through the water as without it in what is left of the wind."""
+    for speed, toward in ((1.3, 0.8), (-2.0, 3.0)):
+        still = replace(ROUGH, direction=toward, wind=ROUGH.wind - speed)
+        sea, c = replace(ROUGH, direction=toward), SHIP.vector()
+        drift, drawn, motions = speed * np.array([np.cos(toward), np.sin(toward)]), drawn_seas(ROUGH, 8), []
+        for where, current in ((still, 0.0 * drift), (sea, drift)):
+            state, vehicle = np.zeros((8, len(STATE))), SIGMA_CORVETTE.vehicle
+            state[:, 2], state[:, 3] = np.linspace(0.0, 6.0, 8), 12.0
+            for step in range(120):
+                time = np.full(8, sea.dt * step)
+                z = np.tile(np.concatenate([current, sea.dt * step * current]), (8, 1))
+                helm = np.full((8, 1), 0.05)
+                state = vehicle.step(state, helm, helm, where.effect_at(drawn, time, z, state), np.tile(c, (8, 1)))
+            state[:, :2] -= 120 * sea.dt * current
+            motions.append(state)
+        assert (np.abs(motions[1] - motions[0]) <= 1e-9 * np.abs(motions[0]).max(0)).all()
+
+
+def test_a_current_carries_the_water():
+    core = Core(SIGMA_CORVETTE, 3, disturbance="rough")
+    core.start(0)
+    way = np.zeros((3, 2))
+    for _ in range(20):
+        way += ROUGH.dt * core.sea_state[:, :2]
+        core.step(np.zeros((3, 1)))
+    np.testing.assert_allclose(core.sea_state[:, 2:], way, rtol=1e-12, atol=1e-14)
+    assert np.abs(way).min() > 0.01
+
+
+def test_the_bands_of_filters_keep_their_variance_wherever_the_ship_is():
     """Z stays standard normal as it rotates, and so does what a ship sees of it from wherever she is."""
-    process = MODERATE.process
+    sea = MODERATE.modelled
+    process = sea.process
     bands = slice(0, 6)
     cov = process.transition @ process.start_cov @ process.transition.T + process.root @ process.root.T
     assert np.abs(cov - process.start_cov).max() < 1e-12
     assert (process.start_cov[bands, bands] == np.eye(6)).all()
     # Astern the frequency of encounter passes through zero between these speeds.
-    sea, z = MODERATE, np.random.default_rng(0).standard_normal((20_000, 8))
-    for speed in (6.0, GRAVITY / sea.waves.frequencies[1], 16.0):
+    z = np.random.default_rng(0).standard_normal((20_000, 8))
+    for speed in (6.0, GRAVITY / sea.bands.frequencies[1], 16.0):
         state = np.zeros((len(z), len(STATE)))
         state[:, :2] = np.random.default_rng(1).uniform(-2e3, 2e3, (len(z), 2))
         state[:, 3] = speed
@@ -87,8 +198,10 @@ def test_bands_carry_the_yaw_of_the_whole_spectrum():
     beta, w = AROUND_BETAS[:, None], np.linspace(0.25, 2.8, 2000)
     for sea in (MODERATE, ROUGH):
         spectrum = jonswap(w, sea.height, sea.period)
-        whole = np.abs(wave_response(SHIP, w, beta, 12.0)[..., 1]) ** 2 * spectrum
-        assert sea.yaw_rate(AROUND_BETAS, 12.0) == pytest.approx(np.sqrt(np.trapezoid(whole, w)), rel=0.02)
+        whole = np.sqrt(np.trapezoid(np.abs(wave_response(SHIP, w, beta, 12.0)[..., 1]) ** 2 * spectrum, w))
+        assert sea.yaw_rate(AROUND_BETAS, 12.0) == pytest.approx(whole, rel=0.02)
+        bands = np.abs(sea.modelled.response(AROUND_BETAS, 12.0)[..., 1])
+        assert np.sqrt((bands**2).sum(0)) == pytest.approx(whole, rel=0.02)
 
 
 def test_a_sea_has_its_significant_height_and_peak():
@@ -180,16 +293,16 @@ def test_however_long_a_step_is_the_waves_swing_the_heading_as_far_as_in_continu
     """A calm head sea, which the Mariner meets at 3.8 rad a step; its waves here are regular."""
     sea = ship_system(ship).disturbances["calm"]
     t = sea.dt * np.arange(4000.0)
-    for band, w in enumerate(sea.waves.frequencies):
-        z, state = np.zeros((len(t), len(sea.names))), np.zeros((len(t), len(STATE)))
-        z[:, 2 * band], z[:, 2 * band + 1] = np.cos(w * t), np.sin(w * t)
+    for w in 2.0 * np.pi / sea.period * np.array([0.8, 1.0, 1.35]):
+        drawn, state = np.zeros((len(t), 3 * COMPONENTS)), np.zeros((len(t), len(STATE)))
+        drawn[:, 0], drawn[:, 2 * COMPONENTS] = w, w * np.exp(-0.5 * w**2 / GRAVITY * ship.draught)  # of 1 m
         state[:, 0], state[:, 2], state[:, 3] = -ship.speed * t, np.pi, ship.speed
-        response = sea.response(np.array(np.pi), ship.speed)[band]
+        answer = wave_response(ship, w, np.pi, ship.speed)
         met = encounter_frequency(w, np.pi, ship.speed)
-        acting = sea.effect(z, state)
+        acting = sea.effect_at(drawn, t, np.zeros((len(t), 4)), state)
         heading, moved = np.cumsum(acting[:, 0]), sea.dt * np.cumsum(acting[:, -1])
-        assert heading.var() == pytest.approx(0.5 * abs(response[1] / met) ** 2, rel=0.02)
-        assert moved.var() == pytest.approx(0.5 * abs(response[0] / met) ** 2, rel=0.02)
+        assert heading.var() == pytest.approx(0.5 * abs(answer[1] / met) ** 2, rel=0.02)
+        assert moved.var() == pytest.approx(0.5 * abs(answer[0] / met) ** 2, rel=0.02)
 
 
 def test_yaw_is_largest_off_the_stern_and_small_ahead():
@@ -375,7 +488,7 @@ def test_the_ship_s_own_jacobian_is_that_of_her_model():
 
 def test_who_is_told_of_the_sea_itself_holds_its_waves():
     core = Core(SIGMA_CORVETTE, 2, "ekf", {"assume": {"disturbance": "moderate", "as": "states"}})
-    assert core.composition.names[6:] == MODERATE.names
+    assert core.composition.names[6:-1] == MODERATE.modelled.names
 
 
 @pytest.mark.parametrize(

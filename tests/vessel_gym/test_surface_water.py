@@ -19,26 +19,29 @@ def above(name: str) -> SurfaceWater:
 
 @pytest.mark.parametrize("depth", [0.0, 2.0, 8.0, 20.0])
 def test_the_velocity_dies_away_with_the_depth_as_in_airy_s_theory(depth):
-    """Against the whole spectrum. 40,000 draws: 5 deviations of their own are 2 %."""
+    """Against the whole spectrum, of the field and of filters' bands. 40,000 draws: 5 deviations are 2 %."""
     water = above("segorogeni")
     rng = np.random.default_rng(0)
-    z = np.concatenate([np.zeros((40_000, 2)), rng.standard_normal((40_000, 6))], -1)
-    state = np.zeros((len(z), len(SEGOROGENI_AUV.vehicle.state_names)))
-    state[:, water.down], state[:, water.north] = depth - water.depth, rng.uniform(-100.0, 100.0, len(z))
-    speed = water.effect(z, state)
+    state = np.zeros((40_000, len(SEGOROGENI_AUV.vehicle.state_names)))
+    state[:, water.down], state[:, water.north] = depth - water.depth, rng.uniform(-100.0, 100.0, len(state))
+    z = np.concatenate([np.zeros((len(state), 2)), rng.standard_normal((len(state), 6))], -1)
+    drawn, time = water.draw(rng.uniform(size=(len(state), water.uniforms))), rng.uniform(0.0, 300.0, len(state))
     w = np.linspace(0.2, 6.0, 20_000)
     below = jonswap(w, 0.88, 7.5) * (w * np.exp(-(w**2) / GRAVITY * depth)) ** 2
-    assert speed[:, 0].std() == pytest.approx(np.sqrt(np.trapezoid(below, w)), rel=0.02)
-    assert not speed[:, 1].any()  # they run to the north
+    for speed in (water.effect_at(drawn, time, z[:, :3], state), water.modelled.effect(z, state)):
+        assert speed[:, 0].std() == pytest.approx(np.sqrt(np.trapezoid(below, w)), rel=0.02)
+        assert not speed[:, 1:].any() or np.array_equal(speed[:, 1], z[:, 1])  # they run to the north
 
 
 def test_above_the_surface_there_is_no_more_than_at_it():
     water = above("segorogeni")
-    z, state = np.ones((1, 8)), np.zeros((1, 12))
+    z, state, time = np.ones((1, 8)), np.zeros((1, 12)), np.ones(1)
+    drawn = water.draw(np.full((1, water.uniforms), 0.3))
     state[0, water.down] = -water.depth
-    at = water.effect(z, state)
+    at, model = water.effect_at(drawn, time, z, state), water.modelled.effect(z, state)
     state[0, water.down] = -50.0
-    assert (water.effect(z, state) == at).all()
+    assert (water.effect_at(drawn, time, z, state) == at).all()
+    assert (water.modelled.effect(z, state) == model).all()
 
 
 @pytest.mark.parametrize("name", sorted(SYSTEMS))
@@ -60,7 +63,7 @@ def test_a_filter_holds_the_waves_as_states_and_flies(name):
     water = above(name)
     core = Core(SYSTEMS[name], 4, disturbance=water)
     core.start(0)
-    assert core.composition.names[-6 - core.sensors.bias.size :][:6] == water.waves.names
+    assert core.composition.names[-6 - core.sensors.bias.size :][:6] == water.modelled.names[-6:]
     for _ in range(30):
         core.step(np.zeros((4, core.action_size)))
     assert np.isfinite(core.belief.mean).all()

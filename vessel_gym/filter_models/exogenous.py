@@ -183,8 +183,6 @@ def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
         sizes = numbers(getattr(disturbance, what) or ())
         if sizes is None or not ((sizes >= least) & np.isfinite(sizes)).all():
             yield f"{what} of {who} must be numbers {wanted}, got {short_repr(getattr(disturbance, what))}"
-    if disturbance.assumed_as != "states" and process.normals < process.size:
-        yield f"{who} needs as many normal numbers a step as its state has components to begin"
     for name in (*disturbance.forces, *disturbance.white_increments):
         if name not in known:
             yield f"{who} gives {short_repr(name)}, but what acts on this vehicle is {', '.join(known)}"

@@ -4,10 +4,16 @@ Angles: beta is the direction in which the waves run less the heading; 0 is a fo
 (Fossen 2021, ch. 10).
 """
 
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from estimators.checks import finite_array, number
+from estimators.engine import sincos
 from vessel_gym.checks import instance
+from vessel_gym.processes import interpolated
 from vessel_gym.vehicles.corvette import sway_yaw_jacobian
 from vessel_gym.vehicles.corvette_equations import COEFFICIENTS, CorvetteParameters
 from vessel_gym.waves import GRAVITY, encounter_frequency
@@ -86,3 +92,86 @@ def sway_yaw_matrices(ship: CorvetteParameters, speed: float) -> tuple[np.ndarra
     body = np.array([[ship.mass, c["mass_x_g"]], [c["mass_x_g"], turning]])
     A, _ = sway_yaw_jacobian(np.array([speed, 0.0, 0.0]), np.array(0.0), ship)
     return inertia, body, -inertia @ A - speed * np.outer(body[:, 0], [0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class WaveMotion:
+    """`wave_response` and roll moment in real numbers, for programs, of a ship at any speed.
+
+    A ship at rest moves as the water along her hull does, ``n = (even, -j odd)``. The response, which solves
+    ``(M + j w_e I) x = (D + j w B + j w_e A) n``, is hence ``n + (M + j w_e I)^-1 U c`` with
+    ``c = j odd b + j k cos(beta) B n``, where b is the first column of B, the inertia of the body, and I = A + B.
+    """
+
+    ship: CorvetteParameters
+
+    @cached_property
+    def _table(self) -> np.ndarray:
+        """M by speed ``(26, 4)``: sway force and yaw moment against a unit of sway and yaw."""
+        tabled = []
+        for speed in self.ship.speed * _SPEEDS:
+            _, body, damping = sway_yaw_matrices(self.ship, speed)
+            tabled.append((damping + speed * np.outer(body[:, 0], [0.0, 1.0])).ravel())
+        return np.array(tabled)
+
+    def at(self, speed: np.ndarray) -> "HullAtSpeed":
+        """The ship at speeds ``(...)`` [m/s], with M interpolated between tabled ones."""
+        place = (len(_SPEEDS) - 1) / _SPEEDS[-1] / self.ship.speed * speed
+        table = interpolated(self._table, np.minimum(np.maximum(place, 0.0), len(_SPEEDS) - 1.0))
+        M = [[table[..., 2 * i + j] for j in range(2)] for i in range(2)]
+        inertia, body, _ = sway_yaw_matrices(self.ship, 0.0)
+        (a, b), (c, d) = inertia
+        cross = M[0][0] * d + M[1][1] * a - M[0][1] * c - M[1][0] * b
+        determinants = M[0][0] * M[1][1] - M[0][1] * M[1][0], cross, a * d - b * c
+        return HullAtSpeed(self.ship, speed, determinants, _adjugate_times(M, body), _adjugate_times(inertia, body))
+
+
+class HullAtSpeed(NamedTuple):
+    """A ship in waves at speeds ``(...)``, see `WaveMotion`."""
+
+    ship: CorvetteParameters
+    speed: Any
+    determinants: tuple[Any, Any, float]  # p, q, s of det(M + j w_e I) = p - s w_e^2 + j q w_e
+    damped: list[list[Any]]  # adj(M) B
+    inert: list[list[Any]]  # adj(I) B
+
+    def moved(self, w: Any, k_cos: Any, met: Any, side: tuple[Any, Any]) -> list[Any]:
+        """Sway velocity [m/s], yaw rate [rad/s] and roll moment [N m] ``(...)`` at a moment.
+
+        Args:
+            w: Frequency of a wave [rad/s].
+            k_cos: Its number along the hull ``k cos(beta)`` [1/m].
+            met: Frequency of encounter [rad/s].
+            side: Velocity of the water to the ship's side amidships [m/s], real and imaginary part.
+        """
+        X = 0.5 * self.ship.length * k_cos  # phase between amidships and the end
+        X = np.where(np.abs(X) < 1e-6, 1e-6, X)
+        sin, cos = sincos(X)
+        over = 1.0 / X
+        even = sin * over
+        odd = (even - cos) * over * (6.0 / self.ship.length)
+        real, imaginary = k_cos * odd, odd + k_cos * even
+        met_real, met_imaginary = met * real, met * imaginary
+        p, q, s = self.determinants
+        p, q = p - s * met * met, q * met
+        scale = self.speed / (p * p + q * q)
+        p, q = p * scale, q * scale
+        a, b = side[0] * p + side[1] * q, side[1] * p - side[0] * q  # side U / det
+        sway, yaw = (
+            (m[1] * real - n[0] * met_imaginary) * a - (m[0] * imaginary + n[1] * met_real) * b
+            for m, n in zip(self.damped, self.inert, strict=True)
+        )
+        righting = self.ship.mass * self.ship.stiffness  # times g k / w = w
+        return [even * side[0] + sway, odd * side[1] + yaw, -righting * w * even * side[1]]
+
+
+_SPEEDS = np.linspace(0.0, 1.25, 26)
+"""Speeds at which forces on the hull are tabled, in units of the service speed."""
+
+
+def _adjugate_times(M: Any, B: np.ndarray) -> list[list[Any]]:
+    """The determinant of M times its inverse times B, ``(2, 2)``."""
+    return [
+        [M[1][1] * B[0, j] - M[0][1] * B[1, j] for j in range(2)],
+        [M[0][0] * B[1, j] - M[1][0] * B[0, j] for j in range(2)],
+    ]
