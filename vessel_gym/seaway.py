@@ -144,6 +144,8 @@ class Seaway(Disturbance, verified=True):
         """The same in the waves of an episode: means over the coming step of the motion that they give her.
 
         Over steps that are long for the waves these are smaller, and the heading swings as far as in continuous time.
+        The roll moment acts unchanged over a step, which takes ``sinc(w_e dt / 2)`` of a wave away: so it is that of
+        the step's middle, larger by as much, and she rolls as far, too.
         """
         (x, y, psi, u), total = np.moveaxis(state[..., :4], -1, 0), [np.zeros_like(time)] * 3
         sin_mu, cos_mu = sincos(self.direction)
@@ -154,10 +156,12 @@ class Seaway(Disturbance, verified=True):
             k_cos = w * w * cos_beta * (1.0 / GRAVITY)
             met = w - k_cos * u
             half = 0.5 * self.dt * met  # of the phase of a step
-            size = drawn[..., WaveField.uniforms + i] * _mean(half)
+            mean, velocity = _mean(half), drawn[..., WaveField.uniforms + i]
             sin, cos = sincos(phase + half)
-            side = size * (sin_beta * cos - SHORT_CREST * sin), size * (sin_beta * sin + SHORT_CREST * cos)
-            total = [one + other for one, other in zip(total, hull.moved(w, k_cos, met, side), strict=True)]
+            side = velocity * (sin_beta * cos - SHORT_CREST * sin), velocity * (sin_beta * sin + SHORT_CREST * cos)
+            factors = mean, mean, _held(mean)
+            moved = zip(total, factors, hull.moved(w, k_cos, met, side), strict=True)
+            total = [one + factor * other for one, factor, other in moved]
         return self._acting(total, z[..., :2], state)
 
     def _acting(self, motion: Sequence[np.ndarray], current: np.ndarray, state: np.ndarray) -> np.ndarray:
@@ -274,6 +278,16 @@ class BandedSeaway(Seaway, verified=True):
         response = np.stack([self.mean_response(beta, speed) for speed in _TABLED * self.ship.speed])
         parts = np.moveaxis(np.concatenate([response.real, response.imag], -1), 1, 2)
         return parts.reshape(len(_TABLED) * (_BETAS + 1), -1)
+
+
+def _held(mean: np.ndarray) -> np.ndarray:
+    """Factor on a roll moment that is held over a step, given `_mean`: ``1 / mean`` up to half a wave a step.
+
+    Of waves that are met faster, steps would make slow ones: up to two thirds of a wave a step they fade away.
+    """
+    half_a_wave, last = 2.0 / np.pi, np.sin(2.0 * np.pi / 3.0) / (2.0 * np.pi / 3.0)
+    share = np.minimum(np.maximum((mean - last) / (half_a_wave - last), 0.0), 1.0)
+    return share / np.maximum(mean, half_a_wave)
 
 
 def _mean(half: np.ndarray) -> np.ndarray:
