@@ -117,8 +117,8 @@ def check_causal(sensors: Sensors, forces: Forces) -> None:
         feedthrough = seen_anywhere(forces.vehicle, sensors)[:, input_channels(forces.vehicle).index(name)]
         if feedthrough.any():
             raise ValueError(
-                f"{sensors.of_channel(np.argmax(feedthrough)).name} reads {name}, which is a mean over the coming step: let "
-                "it read states, increments, currents or forces"
+                f"{sensors.of_channel(np.argmax(feedthrough)).name} reads {name}, a mean over the coming "
+                "step: let it read states, increments, currents or forces"
             )
 
 
