@@ -15,6 +15,7 @@ from estimators.engine import compiled, repeat
 from estimators.engine.matrices import is_traced
 from estimators.linalg import (
     cholesky,
+    identity,
     inner,
     joined,
     masked,
@@ -31,6 +32,8 @@ _MOST = 100.0
 """Largest squared inflation by the finite-size filter: an absurd measurement shall not inflate unobserved states."""
 _ABSURD = 1e300
 """Largest squared innovation that counts: beyond, sums overflow."""
+_HUGE = 1e150
+"""Pivot of an anomaly that is a combination of others."""
 _ONE = np.array(1.0)
 Moments = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """Members ``(..., n, N)``, their mean, anomalies of the measurements, innovation, mask of those available, and R."""
@@ -56,9 +59,66 @@ def covariance(members: np.ndarray, mean: np.ndarray) -> np.ndarray:
     return inner(A, A) / (A.shape[-1] - 1)
 
 
+# --- draws ----------------------------------------------------------------------------------------------
+
+
+def exact_noise(
+    root: np.ndarray, normals: np.ndarray, A: np.ndarray | None = None, gram: np.ndarray | None = None
+) -> np.ndarray:
+    """Noise ``L z (..., k, N)`` with sample mean 0, sample covariance ``L L'`` and no sample correlation with A.
+
+    The normals are centred, lose their regression on the anomalies and are whitened::
+
+        z <- z - (z A') (A A')^+ A        z <- chol(z z' / (N - 1))^-1 z
+
+    A row of zeros stays one. N must be at least r + n + 1, where n is the number of anomalies.
+
+    Source: second-order exact sampling of perturbations, Hoteit, Pham, Gharamti & Luo (2015), Mitigating observation
+    perturbation sampling errors in the stochastic EnKF, Mon. Wea. Rev. 143.
+
+    Args:
+        root: ``L (..., k, r)``.
+        normals: Standard normals ``(..., r, N)``.
+        A: Anomalies of the members ``(..., n, N)``; None: there are none.
+        gram: ``A A' (..., n, n)``.
+    """
+    z = normals - _mean(normals)
+    if A is not None and gram is not None:
+        z = z - _regression(A, gram, z)
+        z = z - _mean(z)  # the anomalies' rounding, where these nearly repeat each other
+    cov = inner(z, z) / (z.shape[-1] - 1)
+    absent = np.where(cov.diagonal(0, -2, -1) == 0.0, 1.0, 0.0)
+    W = cholesky(cov + absent[..., None] * identity(cov.shape[-1]))
+    return solve_upper(W.mT, root.mT).mT @ z
+
+
+def _regression(A: np.ndarray, gram: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Projection ``z A' (A A')^+ A (..., r, N)`` of rows ``z`` on the rows of ``A (..., n, N)``."""
+    L = semidefinite_cholesky(gram)
+    repeats = np.where(L.diagonal(0, -2, -1) == 0.0, _HUGE, 0.0)  # of earlier rows: their share comes out as 0
+    L = np.where(identity(gram.shape[-1]) > 0.0, L + repeats[..., None], L)
+    return solve_upper(L.mT, solve_lower(L, inner(A, z))).mT @ A
+
+
 def _centred_noise(root: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """``L n_i (..., k, N)`` with the mean of the normals ``(..., r, N)`` removed."""
     return root @ (normals - _mean(normals))
+
+
+def redraw(members: np.ndarray, kept: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Members ``(..., n, N)`` of which those not ``kept`` are drawn from the mean and covariance of the others.
+
+    Args:
+        members: ``(..., n, N)``, finite where kept.
+        kept: Mask ``(..., N)``, at least two a row.
+        normals: Standard normals ``(..., n, N)``.
+    """
+    number = kept.sum(-1)[..., None]
+    members = np.where(kept[..., None, :], members, 0.0)
+    mean = members.sum(-1) / number
+    A = np.where(kept[..., None, :], members - mean[..., None], 0.0)
+    root = semidefinite_cholesky(inner(A, A) / (number[..., None] - 1.0))
+    return np.where(kept[..., None, :], members, mean[..., None] + root @ normals)
 
 
 # --- angles ---------------------------------------------------------------------------------------------
@@ -121,7 +181,7 @@ def _replace_rows(
 
 @compiled(axes=(1, 2, 2), matrices=True)
 def sample(
-    mean: np.ndarray, root: np.ndarray, normals: np.ndarray, *, angles: tuple[int, ...]
+    mean: np.ndarray, root: np.ndarray, normals: np.ndarray, *, angles: tuple[int, ...], exact: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean ``(..., n)``, members ``x_i = m + L n_i`` of a prior, the noise centred, and their covariance.
 
@@ -130,18 +190,24 @@ def sample(
         root: ``L (..., n, n)``, a square root of the covariance.
         normals: ``(..., n, N)``.
         angles: Components that are gathered where they are spread out: about their circular mean, near ``m``.
+        exact: The members have the prior's covariance exactly, see `exact_noise`.
     """
     centre = mean[..., None]
-    members = _replace_rows(_gather_near, angles, centre + _centred_noise(root, normals), centre)
+    noise = exact_noise(root, normals) if exact else _centred_noise(root, normals)
+    members = _replace_rows(_gather_near, angles, centre + noise, centre)
     mean = _mean(members)[..., 0]
     return mean, members, covariance(members, mean)
 
 
 @compiled(axes=(2, 2, 2, 2), matrices=True)
 def forecast(
-    before: np.ndarray, after: np.ndarray, root: np.ndarray, normals: np.ndarray, *, angles: tuple[int, ...]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Mean ``(..., n)`` and members ``x_i = f(x_i-) + L n_i``, the noise centred so that the mean follows the model.
+    before: np.ndarray, after: np.ndarray, root: np.ndarray, normals: np.ndarray, *, angles: tuple[int, ...],
+    exact: bool,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """Mean ``(..., n)``, members ``x_i = f(x_i-) + L n_i`` and their covariance ``(..., n, n)``.
+
+    The noise is centred, so that the mean follows the model. With exact draws the covariance is the sum of that of the
+    moved members and ``L L'``, but for angles that are spread out; with independent draws it is so in expectation.
 
     Args:
         before: Members ``(..., n, N)``,
@@ -149,12 +215,21 @@ def forecast(
         root: ``L (..., n, r)``, a square root of the process noise covariance.
         normals: ``(..., r, N)``.
         angles: Components that the transition may wrap.
+        exact: Draws have no sample correlation with the moved members, see `exact_noise`.
     """
     members = _replace_rows(_unwrap_step, angles, after, before)
-    if root.shape[-1] > 0:
+    if exact and root.shape[-1] > 0:
+        mean = average(members)
+        A = members - mean[..., None]
+        gram = inner(A, A)
+        members = members + exact_noise(root, normals, A, gram)
+        if not angles:
+            return mean, members, gram / (members.shape[-1] - 1) + inner(root, root)
+    elif root.shape[-1] > 0:
         members = members + _centred_noise(root, normals)
     members = _replace_rows(_gather, angles, members)
-    return average(members), members
+    mean = average(members)
+    return mean, members, covariance(members, mean)
 
 
 @compiled(axes=(2,), matrices=True)
@@ -168,10 +243,11 @@ def expect(measurements: np.ndarray, *, angles: tuple[int, ...]) -> tuple[np.nda
 # --- analysis -------------------------------------------------------------------------------------------
 
 
-@compiled(axes=(2, 1, 2, 1, 1, 2, 2, 2, 2), matrices=True)
+@compiled(axes=(2, 1, 2, 1, 1, 2, 2, 2, 2, 2), matrices=True)
 def perturbed_analysis(
     members: np.ndarray, mean: np.ndarray, Y: np.ndarray, innovation: np.ndarray, available: np.ndarray,
-    R: np.ndarray, root: np.ndarray, normals: np.ndarray, taper: np.ndarray, *, inflation: float,
+    R: np.ndarray, root: np.ndarray, normals: np.ndarray, taper: np.ndarray, cov: np.ndarray, *,
+    inflation: float, exact: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Stochastic analysis ``x_i = x_i- + K (y + v_i - h(x_i-))`` with ``K = (C P)' S^-1``.
 
@@ -185,7 +261,9 @@ def perturbed_analysis(
         root: and a square root of it; of the whole R, or of the available measurements.
         normals: ``(..., p, N)``; finite or not where the root of the available measurements has no use for them.
         taper: ``(p, n)`` factors on the gain.
+        cov: Covariance of the members ``(..., n, n)``.
         inflation: Factor on the anomalies of components that a measurement may correct.
+        exact: Perturbations have no sample correlation with the members, see `exact_noise`.
 
     Returns:
         The mean and members of the analysis, and ``S``.
@@ -196,7 +274,8 @@ def perturbed_analysis(
     gain = np.where(taper > 0.0, taper * solve(S, inner(Y, A) / (N - 1)), 0.0)
     arrived = 1.0 * available
     used = np.vecmat(arrived, 1.0 * (np.abs(root) > 0.0)) > 0.0
-    noise = _centred_noise(root, np.where(used[..., None], normals, 0.0))
+    normals = np.where(used[..., None], normals, 0.0)
+    noise = exact_noise(root, normals, A, cov * (N - 1.0)) if exact else _centred_noise(root, normals)
     A = A + gain.mT @ (noise - Y)
     corrected = np.vecmat(arrived, 1.0 * (taper > 0.0)) > 0.0
     factor = np.where(corrected, inflation, 1.0)[..., None]

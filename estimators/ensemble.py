@@ -10,6 +10,7 @@ Everything costs O(N p (n + p)), and nothing is N x N unless that is less than p
 `enkf-sr` excepted).
 """
 
+import warnings
 from typing import Any, ClassVar
 
 import numpy as np
@@ -22,6 +23,7 @@ from estimators.analysis import (
     forecast,
     local_analysis,
     perturbed_analysis,
+    redraw,
     rotate_anomalies,
     sample,
     transform_analysis,
@@ -36,12 +38,17 @@ from estimators.localisation import check_taper, group_states
 from estimators.measurement import Measurement
 from estimators.models import Gaussian, LinearModel, NonlinearModel, at_columns
 from estimators.randomness import RandomKeys
+from estimators.recovery import attempt
 from estimators.varying import resolve
 
 Drawn = RandomKeys | np.random.Generator
 """`Rng` of a filter that draws from it: there is one."""
-START, PROCESS, MEASUREMENTS, ROTATION = range(4)
+START, PROCESS, MEASUREMENTS, ROTATION, MOVED, EXPECTED = range(6)
 """Uses of random numbers."""
+_REDRAWS = 16
+"""Times that members outside the domain of a measurement are drawn again: of uses from EXPECTED on."""
+DRAWS = "exact", "independent"
+"""Kinds of draws: with exact sample moments, or one independent of the other."""
 _BEGIN = "_init", "_update"
 _FEW = 16
 """Groups of components that a program has one after the other; of more, each is a row."""
@@ -77,14 +84,26 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
     """Base of ensemble filters: members, their prediction, the moments, inflation and localisation.
 
     Random numbers: the members of ``init`` and the process noise of ``predict`` are drawn and centred, so that they
-    move the ensemble's mean by nothing: the mean follows the model, and the covariance is right in expectation. Process
-    noise takes rank(Q) numbers a member, none where Q = 0 (n where Q is a function of ``u``).
+    move the ensemble's mean by nothing. With exact draws their sample covariance is the one asked for, and process
+    noise has no sample correlation with the members; with independent draws that holds in expectation. Process noise
+    takes rank(Q) numbers a member, none where Q = 0 (n where Q is a function of ``u``).
+
+    A member that is not finite after a step, or of which an available measurement has no value, has left the model's
+    domain. It is drawn again from the mean and covariance of the others, as long as these are more than n.
 
     Args:
         model: Any model; an unknown input in it is ignored.
-        members: N, at least 2.
+        members: N, at least 2; None: 64, or the next multiple of 8 from n + r + 2 on, r = max(rank Q, p).
         inflation: Factor on the anomalies of every component that an update may correct; 1: none.
         localisation: ``(n, p)``: which measurement may correct which component; None: every one.
+        draws: "exact": noise has exact sample moments (`exact_noise`), for which N must be at least n + r + 2;
+            "independent": as in most papers.
+
+    Raises:
+        ValueError: for another kind of draws, or an option out of its range.
+
+    Warns:
+        UserWarning: for exact draws with too few members, which are then independent ones.
     """
 
     record = EnsembleBelief
@@ -92,15 +111,32 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
     _questions: ClassVar = {"_moved_members": "_moved_members", "_expected": "_expected"}
 
     def __init__(
-        self, model: Model, members: int = 100, inflation: float = 1.0, localisation: np.ndarray | None = None
+        self,
+        model: Model,
+        members: int | None = None,
+        inflation: float = 1.0,
+        localisation: np.ndarray | None = None,
+        draws: str = "exact",
     ) -> None:
         super().__init__(model)
-        self.members = integer("members", members, 2)
         self.inflation = number("inflation", inflation, 0.0, np.inf, "a positive number")
         self.localisation = None if localisation is None else check_taper(localisation, model.n, model.p)
         self.mixes = localisation is None  # which is about channels
         Q = model.Q
         self._noise_root = None if callable(Q) else noise_root(Q)
+        rank = model.n if self._noise_root is None else self._noise_root.shape[-1]
+        needed = model.n + max(rank, model.p) + 2
+        self.members = max(64, -8 * (-needed // 8)) if members is None else integer("members", members, 2)
+        if not isinstance(draws, str) or draws not in DRAWS:
+            raise ValueError(f"draws must be 'exact' or 'independent', got {short_repr(draws)}")
+        self._exact = draws == "exact" and self.members >= needed
+        if draws == "exact" and not self._exact:
+            warnings.warn(
+                f"{self.name} with {self.members} members has independent draws: exact ones need {needed}, "
+                f'{model.n} states + {max(rank, model.p)} draws + 2 (give more members, or draws="independent")',
+                UserWarning,
+                stacklevel=3,
+            )
         curved = isinstance(model, NonlinearModel)  # a linear model's measurements are as unwrapped as its states
         self._angles = tuple(sorted(model.state_angles)) if curved else ()
         self._seams = tuple(sorted(model.measurement_angles)) if curved else ()
@@ -113,7 +149,7 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
         batch = belief.mean.shape[:-1]
         root = self._prior_root if is_traced(belief.mean) else shared_root(belief.cov)
         normals = members_last(draw(self._numbers(rng, batch), batch, self.members, self.model.n, START))
-        mean, members, cov = sample(belief.mean, root, normals, angles=self._angles)
+        mean, members, cov = sample(belief.mean, root, normals, angles=self._angles, exact=self._exact)
         return EnsembleBelief.predicted(belief, mean, cov, belief.u, ensemble=members.mT)
 
     def begin(
@@ -132,13 +168,37 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
                         return initial
         return super().begin(prior, u, y, available, rng)
 
+    def forecast(self, belief: EnsembleBelief, u: np.ndarray | None, rng: Rng) -> EnsembleBelief:
+        """The belief one step ahead; members that leave the model's domain are drawn again."""
+        predicted = super().forecast(belief, u, rng)
+        if np.isfinite(predicted.mean.sum()):
+            return predicted
+        rows = ~np.isfinite(predicted.mean.sum(-1))
+        some, u = belief[rows], None if u is None else u[rows]
+        rng = rng[rows] if isinstance(rng, RandomKeys) else rng
+        with np.errstate(all="ignore"):
+            after = members_last(self._moved_members(some, u).mT)
+            after = self._redrawn(after, np.isfinite(after).all(-2), rng, MOVED)
+            return predicted.with_rows(rows, self._noisy(some, after, u, rng))
+
     def _predict(self, belief: EnsembleBelief, u: np.ndarray | None, rng: Rng) -> EnsembleBelief:
-        model, batch = self.model, belief.mean.shape[:-1]
-        after = self._asked("_moved_members", belief, u)
-        root = semidefinite_cholesky(resolve(model.Q, u)) if self._noise_root is None else self._noise_root
+        return self._noisy(belief, self._asked("_moved_members", belief, u), u, rng)
+
+    def _noisy(self, belief: EnsembleBelief, after: np.ndarray, u: np.ndarray | None, rng: Rng) -> EnsembleBelief:
+        """The prediction of a belief whose members have moved to ``after (..., n, N)``."""
+        batch = belief.mean.shape[:-1]
+        root = semidefinite_cholesky(resolve(self.model.Q, u)) if self._noise_root is None else self._noise_root
         normals = members_last(draw(self._numbers(rng, batch), batch, self.members, root.shape[-1], PROCESS))
-        mean, members = forecast(members_last(belief.ensemble), after, root, normals, angles=self._angles)
-        return EnsembleBelief.predicted(belief, mean, covariance(members, mean), u, ensemble=members.mT)
+        mean, members, cov = forecast(
+            members_last(belief.ensemble), after, root, normals, angles=self._angles, exact=self._exact
+        )
+        return EnsembleBelief.predicted(belief, mean, cov, u, ensemble=members.mT)
+
+    def _redrawn(self, members: np.ndarray, kept: np.ndarray, rng: Rng, use: int) -> np.ndarray:
+        """Members ``(..., n, N)`` with those not ``kept (..., N)`` drawn again, in rows that keep more than n."""
+        batch = kept.shape[:-1]
+        normals = members_last(draw(self._numbers(rng, batch), batch, self.members, self.model.n, use))
+        return redraw(members, kept | (kept.sum(-1)[..., None] <= self.model.n), normals)
 
     @inlinable("transition")
     def _moved_members(self, belief: EnsembleBelief, u: np.ndarray | None) -> np.ndarray:
@@ -174,6 +234,36 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
         alone = measurement.only(measurement.available)
         return super()._condensed(start, alone._replace(available=np.ones_like(alone.available)), S, lost)
 
+    def _recovered(
+        self, belief: EnsembleBelief, updated: EnsembleBelief, measurement: Measurement, y: np.ndarray, rng: Rng,
+        available: np.ndarray | None, R: np.ndarray | None,
+    ) -> EnsembleBelief:  # fmt: skip
+        """The recovered update, after members that an available measurement has no value for are drawn again."""
+        assert measurement.anomalies is not None
+        if (np.isfinite(measurement.anomalies) | ~measurement.available[..., None, :]).all():
+            return super()._recovered(belief, updated, measurement, y, rng, available, R)
+        members = members_last(belief.ensemble)
+        redrawn = self._redrawn_until_expected(belief, measurement.available, rng)
+        rows = (redrawn != members).any((-2, -1)) & np.isfinite(redrawn).all((-2, -1))
+        if rows.any():
+            belief = belief.with_rows(rows, belief[rows].replace(ensemble=redrawn[rows].mT))
+            measurement = self._measurement(belief, y, available, R)
+            updated = updated.with_rows(rows, attempt(self, belief, measurement, rng)[rows])
+        return super()._recovered(belief, updated, measurement, y, rng, available, R)
+
+    def _redrawn_until_expected(self, belief: EnsembleBelief, available: np.ndarray, rng: Rng) -> np.ndarray:
+        """Members ``(..., n, N)``, drawn again a few times where an available measurement has no value for them."""
+        members = members_last(belief.ensemble)
+        finite = np.isfinite(members).all(-2)
+        for attempt_number in range(_REDRAWS):
+            expected = self._expected(belief, belief.u)
+            kept = (np.isfinite(expected) | ~available[..., None]).all(-2) | ~finite
+            if kept.all():
+                break
+            members = self._redrawn(members, kept, rng, EXPECTED + attempt_number)
+            belief = belief.replace(ensemble=members.mT)
+        return members
+
     # --- pieces -----------------------------------------------------------------------------------
 
     def _moments(self, belief: EnsembleBelief, measurement: Measurement) -> Moments:
@@ -194,19 +284,26 @@ class EnsembleKalmanFilter(EnsembleFilter, verified=True):
 
     Args:
         model: Any model; an unknown input in it is ignored.
-        members: N, at least 2.
+        members: N, at least 2; None: 64, or the next multiple of 8 from n + r + 2 on, r = max(rank Q, p).
         inflation: Factor on the anomalies of every component that an update may correct; 1: none.
         localisation: ``(n, p)`` from 0 to 1, multiplies the gain: which measurement may correct which component, and by
             how much of what the covariance says; None: every one, whole.
+        draws: "exact": noise has exact sample moments (`exact_noise`), for which N must be at least n + r + 2;
+            "independent": as in most papers.
     """
 
     name = "enkf"
     sequential = False
 
     def __init__(
-        self, model: Model, members: int = 100, inflation: float = 1.0, localisation: np.ndarray | None = None
+        self,
+        model: Model,
+        members: int | None = None,
+        inflation: float = 1.0,
+        localisation: np.ndarray | None = None,
+        draws: str = "exact",
     ) -> None:
-        super().__init__(model, members, inflation, localisation)
+        super().__init__(model, members, inflation, localisation, draws)
         self._measurement_root = None if callable(model.R) else semidefinite_cholesky(model.R)
         self._factors = np.ones((model.p, model.n)) if self.localisation is None else self.localisation.T
 
@@ -221,8 +318,9 @@ class EnsembleKalmanFilter(EnsembleFilter, verified=True):
         wanted = np.vecmat(1.0 * arrived, 1.0 * (np.abs(root) > 0.0)) > 0.0
         normals = members_last(draw(numbers, batch, self.members, self.model.p, MEASUREMENTS, wanted))
         mean, members, S = perturbed_analysis(
-            *self._moments(belief, measurement), root, normals, self._factors, inflation=self.inflation
-        )
+            *self._moments(belief, measurement), root, normals, self._factors, belief.cov,
+            inflation=self.inflation, exact=self._exact,
+        )  # fmt: skip
         return EnsembleBelief.updated(belief, mean, covariance(members, mean), measurement, S, ensemble=members.mT)
 
 
@@ -246,11 +344,13 @@ class EnsembleTransformFilter(EnsembleFilter, verified=True):
 
     Args:
         model: Any model; an unknown input in it is ignored.
-        members: N, at least 2.
+        members: N, at least 2; None: 64, or the next multiple of 8 from n + r + 2 on, r = max(rank Q, p).
         inflation: Factor on the anomalies of every component that an update may correct; 1: none.
         localisation: ``(n, p)`` of 0 and 1: which measurement may correct which component. Components with the same row
             form a group, and each group is transformed with its own measurements; None: one group.
         rotate: Rotate the anomalies at random after each update, keeping their mean and covariance.
+        draws: "exact": noise has exact sample moments (`exact_noise`), for which N must be at least n + r + 2;
+            "independent": as in most papers.
     """
 
     name = "etkf"
@@ -262,12 +362,13 @@ class EnsembleTransformFilter(EnsembleFilter, verified=True):
     def __init__(
         self,
         model: Model,
-        members: int = 100,
+        members: int | None = None,
         inflation: float = 1.0,
         localisation: np.ndarray | None = None,
         rotate: bool = False,
+        draws: str = "exact",
     ) -> None:
-        super().__init__(model, members, inflation, localisation)
+        super().__init__(model, members, inflation, localisation, draws)
         if not isinstance(rotate, bool):
             raise ValueError(f"rotate must be True or False, got {short_repr(rotate)}")
         self.rotate = rotate
@@ -315,11 +416,13 @@ class EnsembleSquareRootFilter(EnsembleTransformFilter, verified=True):
 
     Args:
         model: Any model; an unknown input in it is ignored.
-        members: N, at least 2.
+        members: N, at least 2; None: 64, or the next multiple of 8 from n + r + 2 on, r = max(rank Q, p).
         inflation: Factor on the anomalies of every component that an update may correct; 1: none.
         localisation: ``(n, p)`` of 0 and 1, as in `EnsembleTransformFilter`.
         rotate: Rotate the anomalies at random after each update, keeping their mean and covariance.
         variant: "symmetric" or "evensen2004".
+        draws: "exact": noise has exact sample moments (`exact_noise`), for which N must be at least n + r + 2;
+            "independent": as in most papers.
     """
 
     name = "enkf-sr"
@@ -327,13 +430,14 @@ class EnsembleSquareRootFilter(EnsembleTransformFilter, verified=True):
     def __init__(
         self,
         model: Model,
-        members: int = 100,
+        members: int | None = None,
         inflation: float = 1.0,
         localisation: np.ndarray | None = None,
         rotate: bool = False,
         variant: str = "symmetric",
+        draws: str = "exact",
     ) -> None:
-        super().__init__(model, members, inflation, localisation, rotate)
+        super().__init__(model, members, inflation, localisation, rotate, draws)
         if not isinstance(variant, str) or variant not in ("symmetric", "evensen2004"):
             raise ValueError(f"variant must be 'symmetric' or 'evensen2004', got {short_repr(variant)}")
         self.variant = variant
@@ -366,12 +470,14 @@ class LocalEnsembleTransformFilter(EnsembleTransformFilter, verified=True):
 
     Args:
         model: Any model; an unknown input in it is ignored.
-        members: N, at least 2.
+        members: N, at least 2; None: 64, or the next multiple of 8 from n + r + 2 on, r = max(rank Q, p).
         inflation: Factor on the anomalies of the analysis, whether or not it is adaptive, too; 1: none.
         localisation: ``(n, p)`` from 0 to 1: by what the information of a measurement is multiplied for a component;
             None: by 1.
         rotate: Rotate the anomalies at random after each update, keeping their mean and covariance.
         adaptive: How many samples of N the prior of the scale is worth, above 0; None: no inflation that adapts.
+        draws: "exact": noise has exact sample moments (`exact_noise`), for which N must be at least n + r + 2;
+            "independent": as in most papers.
     """
 
     name = "letkf"
@@ -380,13 +486,14 @@ class LocalEnsembleTransformFilter(EnsembleTransformFilter, verified=True):
     def __init__(
         self,
         model: Model,
-        members: int = 100,
+        members: int | None = None,
         inflation: float = 1.0,
         localisation: np.ndarray | None = None,
         rotate: bool = False,
         adaptive: float | None = None,
+        draws: str = "exact",
     ) -> None:
-        super().__init__(model, members, inflation, localisation, rotate)
+        super().__init__(model, members, inflation, localisation, rotate, draws)
         self.adaptive = adaptive
         if adaptive is not None:
             self._certainty = number("adaptive", adaptive, 0.0, np.inf, "a positive number, or None")

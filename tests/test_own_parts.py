@@ -67,7 +67,7 @@ def test_every_estimator_that_ours_carry_carries_a_part_of_ones_own(env_id: str,
         ours(estimator=estimator)
     except ValueError:
         pytest.skip("ours refuses it, too")
-    few = {"pf": {"particles": 20}} | {key: {"members": 20} for key in ("enkf", "enkf-sr", "etkf", "letkf")}
+    few = {"pf": {"particles": 20}}
     flown = rollout("random", env_id, range(2), {"estimator": estimator, "estimator_options": few.get(estimator, {})})
     for key in ("truth", "estimate", "covariance"):
         assert np.isfinite(flown.history[key]).all()

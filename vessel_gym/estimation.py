@@ -1,5 +1,6 @@
 """The estimator of an environment: chosen by name, with its assumptions, its model and its monitor."""
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -17,6 +18,7 @@ from estimators import (
     factory,
 )
 from estimators.checks import number, short_repr
+from estimators.robust import RobustKalmanFilter
 from estimators.unknown_input import UnknownInputFilter
 from vessel_gym import checks
 from vessel_gym.acceptance import check_input, check_own
@@ -160,6 +162,9 @@ def build(
     Raises:
         ValueError: for an unknown name or way with late measurements, or a filter that cannot work with the model.
         TypeError: for an unknown option, options that are no dictionary, or a function that returns no filter.
+
+    Warns:
+        UserWarning: for a radius of ``robust-kf`` that is too large beside the sensors' biases.
     """
     options = checks.options("estimator_options", options)
     own = is_own(estimator)
@@ -186,6 +191,8 @@ def build(
         raise ValueError(f'only kf can assume a white input of known variance, not {name}: say "as": "process-noise"')
     made = _filter(system, estimator, options, composition, inputs, assumptions.Q)
     check_input(made, composition)
+    if isinstance(made, RobustKalmanFilter):
+        _warn_of_biases(made, sensors, system.task.horizon)
     made.num_threads, watch = num_threads, monitor_of(monitor, sensors, made)
     return Estimation(made, composition, assumptions.prior, inputs, late, watch, sensors.horizon)
 
@@ -295,6 +302,26 @@ def _made(
             f'{name} needs an unknown input, but assumes {acting} as "{composition.assumed_as}": assume one with '
             'increments, with {"as": "unknown-input"}, or choose another estimator'
         ) from None
+
+
+def _warn_of_biases(filter: RobustKalmanFilter, sensors: Sensors, horizon: int) -> None:
+    """Warn where a ball enlarges variances by far more a step than the slowest bias returns towards zero.
+
+    A ball of radius c multiplies the largest eigenvalue of a covariance by about ``1 + sqrt(2 c)`` at every step. The
+    difference of a state and its sensor's bias, which no measurement shows, is brought back by the bias alone, by
+    dt / tau a step. A bias that lasts for the whole episode counts as one that returns over its ``horizon`` [steps].
+    """
+    if not sensors.bias.size or filter.radius == 0.0:
+        return
+    returns = max(-np.log(np.diagonal(sensors.bias.transition).max()), 1.0 / horizon)
+    if np.sqrt(2.0 * filter.radius) > 10.0 * returns:
+        warnings.warn(
+            f"{filter.name} with radius {filter.radius:g} enlarges variances by {np.sqrt(2.0 * filter.radius):.2g} of "
+            f"themselves a step, and the sensors' slowest bias returns by {returns:.2g} of itself: position minus bias "
+            f"runs away; take a radius of at most {50.0 * returns**2:.1g}",
+            UserWarning,
+            stacklevel=3,
+        )
 
 
 def tuning(system: System, name: str, disturbance: str) -> dict[str, Any]:

@@ -134,6 +134,7 @@ class Benchmark:
         reported_only: Whether the mean varies too much to be held against: with few members or particles, or with the
             least inflation that works, about one run in twenty loses the truth for good. Or we do not meet it
             (Lorenz-96, R = 1.5, half).
+        draws: Of an ensemble: those of the published scores are independent.
     """
 
     setting: Setting
@@ -143,11 +144,13 @@ class Benchmark:
     tuning: dict[str, Any] = field(default_factory=dict)
     radius: float | None = None
     reported_only: bool = False
+    draws: str = "independent"
 
     @property
     def options(self) -> dict[str, Any]:
         """Options of the filter."""
-        options = {"particles" if "pf" in self.filters else "members": self.members} | self.tuning
+        size = {"particles": self.members} if "pf" in self.filters else {"members": self.members, "draws": self.draws}
+        options = size | self.tuning
         if self.radius is not None:
             n = len(self.setting.start)
             apart = np.abs(np.subtract.outer(np.arange(n), self.setting.read))

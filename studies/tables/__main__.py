@@ -42,25 +42,18 @@ class Flown(NamedTuple):
     band: float | None
 
 
-PLAIN = {"localisation": None}
-UNINFLATED = {"localisation": None, "inflation": 1.0}
+PLAIN = {"members": 100, "draws": "independent"}
 MISMATCH, DEGRADED, ROUGH = {"mismatch": 0.2}, {"sensors": "degraded"}, {"disturbance": "rough"}
 DIVES = (
     Arm("`truth`", "truth"),
-    Arm("`enkf`, localised", "enkf"),
-    Arm("`enkf`, plain", "enkf", PLAIN),
-    Arm("`enkf-sr`, localised", "enkf-sr"),
-    Arm("`enkf-sr`, plain", "enkf-sr", PLAIN),
+    Arm("`enkf`", "enkf"),
+    Arm("`enkf`, independent draws", "enkf", PLAIN),
+    Arm("`enkf-sr`", "enkf-sr"),
+    Arm("`enkf-sr`, independent draws", "enkf-sr", PLAIN),
     *(Arm(f"`{name}`", name) for name in ("ekf", "ukf", "huber-kf", "measurement", "dead-reckoning")),
 )
 FLIGHTS = (
-    Arm("`truth`", "truth"),
-    Arm("`enkf`, localised", "enkf"),
-    Arm("`enkf`, plain, inflation 1", "enkf", UNINFLATED),
-    Arm("`enkf`, plain, inflation 1.01", "enkf", PLAIN),
-    Arm("`enkf-sr`, localised", "enkf-sr"),
-    Arm("`enkf-sr`, plain, inflation 1", "enkf-sr", UNINFLATED),
-    Arm("`enkf-sr`, plain, inflation 1.01", "enkf-sr", PLAIN),
+    *DIVES[:5],
     *(Arm(f"`{name}`", name) for name in ("ekf", "ukf", "huber-kf", "robust-kf", "measurement", "dead-reckoning")),
 )
 
@@ -68,7 +61,7 @@ FLIGHTS = (
 def elsewhere(default: str) -> tuple[Arm, ...]:
     """Other members, models, sensors and seas, on an environment's default estimator and its rivals."""
     return (
-        Arm("default, 1,000 members, inflation 1", default, {"members": 1000, "inflation": 1.0}),
+        Arm("default, 1,000 members", default, {"members": 1000}),
         Arm("default, mismatch 0.1", default, world={"mismatch": 0.1}),
         Arm("default, mismatch 0.2", default, world=MISMATCH),
         Arm("`ekf`, mismatch 0.2", "ekf", world=MISMATCH),
@@ -89,9 +82,9 @@ JOURNEYS = {
 }
 """The ways of each environment's table."""
 SHORT = {
-    "SegorogeniAUV-v0": ("Segorogeni (`enkf`)", "`truth`", "`enkf`, localised", "`enkf`, plain"),
-    "ItsunusaAUV-v0": ("ITSUNUSA (`enkf-sr`)", "`truth`", "`enkf-sr`, localised", "`enkf-sr`, plain"),
-    "PunaUAV-v0": ("PUNA (`enkf`)", "`truth`", "`enkf`, localised", "`enkf`, plain, inflation 1"),
+    "SegorogeniAUV-v0": ("Segorogeni (`enkf`)", "`truth`", "`enkf`", "`enkf`, independent draws"),
+    "ItsunusaAUV-v0": ("ITSUNUSA (`enkf-sr`)", "`truth`", "`enkf-sr`", "`enkf-sr`, independent draws"),
+    "PunaUAV-v0": ("PUNA (`enkf`)", "`truth`", "`enkf`", "`enkf`, independent draws"),
 }
 """Name of an environment on its own page, and the arms that this page adds to those of all environments."""
 OTHER = {"moderate": "calm", "rough": "moderate"}
@@ -178,13 +171,13 @@ def worth(plain: str, env_id: str) -> str:
 def paired_flights() -> str:
     """Paired differences of the aircraft's scores, which its page argues with."""
     scores = {arm.label: journey("PunaUAV-v0", arm.label).scores["score"] for arm in FLIGHTS}
-    default, plain = scores["`enkf`, localised"], scores["`enkf`, plain, inflation 1"]
+    default, plain = scores["`enkf`"], scores["`enkf`, independent draws"]
     pairs = {
         "`truth` − default": scores["`truth`"] - default,
         "default − `measurement`": default - scores["`measurement`"],
         "`ekf` − default": scores["`ekf`"] - default,
         "`ukf` − default": scores["`ukf`"] - default,
-        "default − plain, inflation 1": default - plain,
+        "default − independent draws": default - plain,
         "`ekf` − `huber-kf`": scores["`ekf`"] - scores["`huber-kf`"],
     }
     return table(tuple(pairs), [[shown(difference) for difference in pairs.values()]])
@@ -333,9 +326,9 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     "puna, paired": (ROOT / "docs/flight.md", paired_flights),
     "moderate": (ROOT / "docs/seaway.md", lambda: turns("moderate")),
     "rough": (ROOT / "docs/seaway.md", lambda: turns("rough")),
-    "segorogeni, short": (ENVIRONMENTS / "segorogeni-auv.md", lambda: worth("plain ensemble", "SegorogeniAUV-v0")),
-    "itsunusa, short": (ENVIRONMENTS / "itsunusa-auv.md", lambda: worth("plain ensemble", "ItsunusaAUV-v0")),
-    "puna, short": (ENVIRONMENTS / "puna-uav.md", lambda: worth("plain ensemble, inflation 1", "PunaUAV-v0")),
+    "segorogeni, short": (ENVIRONMENTS / "segorogeni-auv.md", lambda: worth("independent draws", "SegorogeniAUV-v0")),
+    "itsunusa, short": (ENVIRONMENTS / "itsunusa-auv.md", lambda: worth("independent draws", "ItsunusaAUV-v0")),
+    "puna, short": (ENVIRONMENTS / "puna-uav.md", lambda: worth("independent draws", "PunaUAV-v0")),
     "channel": (ENVIRONMENTS / "sigma-channel.md", channel),
     "sensors": (ESTIMATORS / "unknown-input.md", sensor_sets),
     "zeros": (ESTIMATORS / "unknown-input.md", unstable_zeros),

@@ -21,7 +21,7 @@ DEFAULTS = {"SegorogeniAUV-v0": "enkf", "ItsunusaAUV-v0": "enkf-sr", PUNA: "enkf
 OFF_PATH = {"SegorogeniAUV-v0": 0.3, "ItsunusaAUV-v0": 0.3, PUNA: 2.5}
 """Bound of the root mean square distance from the path [m] on default estimates."""
 LESS_CONSISTENT = {"SegorogeniAUV-v0": 0.05, "ItsunusaAUV-v0": 0.05, PUNA: 0.5}
-"""Share of times in the chi-square band that an ensemble loses, at least, without localisation."""
+"""Share of times in the chi-square band that an ensemble loses, at least, with independent draws."""
 
 
 @pytest.fixture(scope="module", params=DEFAULTS)
@@ -30,17 +30,10 @@ def env_id(request: pytest.FixtureRequest) -> str:
 
 
 @lru_cache(maxsize=2)  # one of the aircraft holds 125 MB
-def flown(
-    env_id: str, estimator: str | None = None, inflation: float | None = None, plain: bool = False, first: int = 0
-) -> Rollout:
-    """Flights on an estimator; a plain one is an ensemble without localisation."""
-    own = {"localisation": None} if plain else {}
-    own |= {} if inflation is None else {"inflation": inflation}
+def flown(env_id: str, estimator: str | None = None, plain: bool = False, first: int = 0) -> Rollout:
+    """Flights on an estimator; a plain one is an ensemble of 100 with independent draws."""
+    own = {"members": 100, "draws": "independent"} if plain else {}
     return rollout("autopilot", env_id, evaluation_seeds(50, first), {"estimator": estimator, "estimator_options": own})
-
-
-def unlocalised(env_id: str, first: int = 0) -> Rollout:
-    return flown(env_id, inflation=1.0 if env_id == PUNA else None, plain=True, first=first)
 
 
 def pooled_rms(journey: Rollout) -> tuple[float, float]:
@@ -81,12 +74,12 @@ def test_the_smaller_the_error_of_the_estimate_the_higher_the_score(env_id: str)
     assert gained(default, measurement)
 
 
-def test_an_ensemble_without_localisation_is_overconfident(env_id: str):
-    """Without localisation the position's variance shrinks between two fixes, and journeys miss their goal."""
-    plain, localised = unlocalised(env_id), flown(env_id)
-    assert consistency(plain, position(plain)) < consistency(localised, position(plain)) - LESS_CONSISTENT[env_id]
-    more = localised.score, flown(env_id, first=50).score
-    less = plain.score, unlocalised(env_id, 50).score
+def test_an_ensemble_with_independent_draws_is_overconfident(env_id: str):
+    """Chance correlations shrink the position's variance between two fixes, and journeys miss their goal."""
+    plain, exact = flown(env_id, plain=True), flown(env_id)
+    assert consistency(plain, position(plain)) < consistency(exact, position(plain)) - LESS_CONSISTENT[env_id]
+    more = exact.score, flown(env_id, first=50).score
+    less = plain.score, flown(env_id, plain=True, first=50).score
     assert gained(np.concatenate(more), np.concatenate(less))  # of 50 alone an aircraft's gain would not be significant
     assert env_id != PUNA or scores(plain)["position_nees"].mean() > 2.0
 
@@ -118,11 +111,3 @@ def test_flights_hold_the_altitude_touch_no_obstacle_and_keep_half_of_the_path_s
     assert figures["altitude"].mean() <= 0.7
     assert (journey.end != "hit an obstacle").all()
     assert figures["clearance"].min() >= 0.5 * journey.env.unwrapped.system.task.margin
-
-
-def test_an_inflated_plain_ensemble_loses_the_aircraft_s_position():
-    """Every step inflates what no measurement but the fix of each second shows, and the bias that none shows."""
-    plain, localised = flown(PUNA, inflation=1.01, plain=True), flown(PUNA)
-    assert (plain.end == "arrived").sum() < 45 <= (localised.end == "arrived").sum()
-    assert scores(plain)["position_rmse"].mean() > 1.5 * scores(localised)["position_rmse"].mean()
-    assert gained(localised.score, plain.score)

@@ -24,7 +24,7 @@ OFF_POLICY = {"num_envs": 8, "net_arch": [8], "learning_starts": 100, "batch_siz
 TINY = dict.fromkeys(ALGORITHMS, OFF_POLICY) | {
     "ppo": ON_POLICY | {"batch_size": 64, "n_epochs": 2}, "trpo": ON_POLICY | {"batch_size": 64}, "a2c": ON_POLICY
 }  # fmt: skip
-LATE = {"sensors": "denied", "estimator": "enkf", "estimator_options": {"members": 20}}
+LATE = {"sensors": "denied", "estimator": "enkf"}
 
 
 def learned(path: Path, algorithm: str = "ppo", memory: str = "none", options: Any = None, **more: Any) -> bytes:

@@ -320,7 +320,7 @@ def test_what_does_not_fit_gets_one_sentence():
         delayed.update(delayed.init(prior), np.zeros((3, 3)))
     with pytest.raises(ValueError, match=r"some of them late, are for Delayed\(filter, horizon\)"):
         kf.update(kf.init(prior), np.zeros((3, 4, 2)))
-    drawn = Delayed(make("enkf", model, members=5), 1)
+    drawn = Delayed(make("enkf", model), 1)
     with pytest.raises(TypeError, match="give rng as keys"):
         drawn.init(prior, rng=np.random.default_rng(0))
     with pytest.raises(ValueError, match="delay must be whole numbers"):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.linalg import sqrtm
 
 from estimators import Belief, Gaussian, LinearModel, NonlinearModel, RandomKeys, make, wrap
-from estimators.analysis import rotate_anomalies
+from estimators.analysis import exact_noise, rotate_anomalies
 from estimators.ensemble import noise_root
 from tests.estimators.cases import (
     Case,
@@ -45,7 +45,7 @@ def _spread(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
 def _predicted(name: str, members: int, n: int, p: int, seed: int = 0, **options: object):
     """A system, its filter and a prediction for three rows some way into a run."""
     system = kalman_system(seed, n=n, p=p)
-    filter = make(name, system.model, members=members, **options)
+    filter = make(name, system.model, members=members, draws="independent", **options)
     record = simulate(system, seed, runs=3, steps=3)
     belief = track(filter, system.rows(3), record, np.random.default_rng(seed))[-1]
     return system, filter, filter.predict(belief, record.u[-1], rng=np.random.default_rng(1)), record.y[-1]
@@ -110,7 +110,7 @@ def test_enkf_sr_etkf_and_letkf_are_the_same_filter(rotate: bool):
     system = kalman_system(0)
     record = simulate(system, 0, runs=3, steps=20)
     available = np.random.default_rng(0).random(record.y.shape) < 0.8
-    options = {"members": 7, "inflation": 1.1, "rotate": rotate}
+    options = {"members": 7, "draws": "independent", "inflation": 1.1, "rotate": rotate}
     pairs = (
         track(make(name, system.model, **options), system.rows(3), record, np.random.default_rng(1), available)
         for name in SQUARE_ROOT
@@ -160,7 +160,7 @@ def test_precise_measurements_cost_the_digits_that_are_printed(p: int, R: float,
     for seed in range(20):
         rng = np.random.default_rng(seed)
         C = rng.normal(size=(p, 3))
-        filter = make("etkf", LinearModel(np.eye(3), C, np.eye(3), R * np.eye(p)), members=5)
+        filter = make("etkf", LinearModel(np.eye(3), C, np.eye(3), R * np.eye(p)), members=5, draws="independent")
         before = filter.init(Gaussian(np.zeros(3), np.eye(3)), rng=rng)
         y = C @ rng.normal(size=3) + np.sqrt(R) * rng.normal(size=p)
         after = filter.update(before, y, rng=rng)
@@ -182,7 +182,7 @@ def test_precise_measurements_cost_the_digits_that_are_printed(p: int, R: float,
 @pytest.mark.parametrize(("members", "n", "p"), SIZES)
 def test_the_published_variant_keeps_the_second_moments_about_the_analysis(members: int, n: int, p: int):
     system, filter, before, y = _predicted("enkf-sr", members, n, p, variant="evensen2004")
-    symmetric = make("enkf-sr", system.model, members=members)
+    symmetric = make("enkf-sr", system.model, members=members, draws="independent")
     rng = np.random.default_rng(0)
     after, expected = filter.update(before, y, rng=rng), symmetric.update(before, y, rng=rng)
     about = after.ensemble - expected.mean[..., None, :]
@@ -205,6 +205,119 @@ def test_the_published_variant_moves_the_mean_by_about_a_quarter_of_the_spread_a
 # --- 1. linear and Gaussian ---------------------------------------------------------------------------
 
 
+def _nearly_constant_state() -> tuple[LinearModel, np.ndarray]:
+    """Six states, one known at first and one nearly constant, noise of rank 3, correlated measurements; a prior."""
+    rng = np.random.default_rng(0)
+    A = 0.95 * np.linalg.qr(rng.normal(size=(6, 6)))[0]
+    A[5] = 0.999 * np.eye(6)[5]
+    B = rng.normal(size=(6, 3))
+    model = LinearModel(A, rng.normal(size=(3, 6)), 0.1 * B @ B.T, random_covariance(rng, 3))
+    return model, np.diag([1.0, 1.0, 1.0, 0.0, 1.0, 1.0])
+
+
+@pytest.mark.parametrize("members", [None, 6 + 3 + 2])
+@pytest.mark.parametrize("name", ["enkf", "enkf-sr", "etkf"])
+def test_with_exact_draws_the_filter_is_the_kalman_filter(name: str, members: int | None):
+    """Over 500 steps with 30 % of measurements missing, to 1e-8; independent draws of 64 members differ by 0.1."""
+    model, cov = _nearly_constant_state()
+    rows, rng, keys = 4, np.random.default_rng(1), _numbers(*range(4))
+    kf, filter = make("kf", model), make(name, model, members=members)
+    prior = Gaussian(np.zeros((rows, 6)), cov)
+    exact, belief = kf.init(prior), filter.init(prior, rng=keys.at(0))
+    for k in range(1, 501):
+        y, available = rng.normal(size=(rows, 3)), rng.random((rows, 3)) < 0.7
+        exact = kf.update(kf.predict(exact), y, available=available)
+        ahead = filter.predict(belief, rng=keys.at(k))
+        belief = filter.update(ahead, y, rng=keys.at(k), available=available)
+        np.testing.assert_allclose(belief.mean, exact.mean, rtol=0, atol=1e-8)
+        np.testing.assert_allclose(belief.cov, exact.cov, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(_spread(belief)[1], exact.cov, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize(("n", "r", "members"), [(6, 3, 11), (16, 10, 64), (26, 12, 64)])
+def test_exact_draws_have_exact_moments(n: int, r: int, members: int):
+    """Mean 0, covariance I and no correlation with anomalies of any size, one of which repeats another: to 1e-12."""
+    rng = np.random.default_rng(2)
+    A = rng.normal(size=(20, n, members)) * 10.0 ** rng.uniform(-3.0, 3.0, (n, 1))
+    A[:, 1] = -2.0 * A[:, 0]
+    A -= A.mean(-1, keepdims=True)
+    z = exact_noise(np.eye(r), rng.normal(size=(20, r, members)), A, A @ A.mT)
+    unit = A / np.sqrt(np.square(A).mean(-1, keepdims=True))
+    np.testing.assert_allclose(z.mean(-1), 0.0, atol=1e-12)
+    np.testing.assert_allclose(z @ z.mT / (members - 1), np.broadcast_to(np.eye(r), (20, r, r)), atol=1e-12)
+    np.testing.assert_allclose(z @ unit.mT / members, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_default_has_enough_members_for_exact_draws_and_fewer_are_warned_of(name: str):
+    """64, or the next multiple of 8 from n + max(rank Q, p) + 2 on."""
+    for n, p, members in ((4, 3, 64), (31, 1, 64), (32, 3, 72), (4, 60, 72)):
+        model = LinearModel(np.eye(n), np.ones((p, n)), np.eye(n), np.eye(p))
+        assert make(name, model).members == members
+    model = LinearModel(np.eye(4), np.eye(3, 4), np.eye(4), np.eye(3))
+    with pytest.warns(UserWarning, match=f"^{name} with 9 members has independent draws: exact ones need 10") as seen:
+        few = make(name, model, members=9)
+    assert len(seen) == 1
+    plain, prior = make(name, model, members=9, draws="independent"), Gaussian(np.zeros((1, 4)), np.eye(4))
+    assert_same(few.init(prior, rng=_numbers(0)), plain.init(prior, rng=_numbers(0)))
+    with pytest.raises(ValueError, match="draws must be 'exact' or 'independent'"):
+        make(name, model, draws="some")
+
+
+# --- members outside the model's domain ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize("members", [64, 1000])
+@pytest.mark.parametrize("root", [False, True])
+@pytest.mark.parametrize("name", ["enkf", "enkf-sr"])
+def test_a_member_outside_the_models_domain_is_drawn_again_and_the_others_stay(name: str, root: bool, members: int):
+    """A tank that drains by the root of its level, near empty: no row begins again, and the error is that of `ekf`.
+
+    Measured is the level or its root, so that members have no transition, or no measurement either.
+    """
+
+    def measured(x: np.ndarray, u: None) -> np.ndarray:
+        return np.sqrt(x) if root else x
+
+    model = NonlinearModel(lambda x, u: x - 0.05 * np.sqrt(x) + 0.01, measured, [[0.01**2]], [[0.05**2]])
+    rng, rows = np.random.default_rng(0), 20
+    x, prior = np.full((rows, 1), 0.04), Gaussian(np.full((rows, 1), 0.04), [[1e-4]])
+    ekf, filter, keys = make("ekf", model), make(name, model, members=members), _numbers(*range(rows))
+    beliefs = [ekf.init(prior), filter.init(prior, rng=keys.at(0))]
+    squares = np.zeros(2)
+    for k in range(1, 101):
+        x = np.maximum(model.transition(x, None) + 0.01 * rng.normal(size=(rows, 1)), 1e-4)
+        y = measured(x, None) + 0.05 * rng.normal(size=(rows, 1))
+        beliefs = [f.advance(b, None, y, None, keys.at(k)) for f, b in zip((ekf, filter), beliefs, strict=True)]
+        assert beliefs[1].healthy.all()
+        squares += [np.square(b.mean - x).mean() for b in beliefs]
+    assert squares[1] < 1.02 * squares[0]
+
+
+def test_a_member_that_is_drawn_again_leaves_other_rows_and_members_alone():
+    """To the last bit, alone and in a batch; where no more than n are left, the row begins again from its prior."""
+    model = NonlinearModel(lambda x, u: 0.9 * np.sqrt(x), lambda x, u: x, 1e-4 * np.eye(2), np.eye(2))
+    filter, keys = make("enkf", model), _numbers(*range(4))
+    belief = filter.init(Gaussian(np.full((4, 2), 9.0), np.eye(2)), rng=keys.at(0))
+    ensemble = np.array(belief.ensemble)
+    ensemble[1, :5], ensemble[3, 2:] = -1.0, -1.0
+    changed = filter.predict(belief.replace(ensemble=ensemble), rng=keys.at(1))
+    plain, alone = filter.predict(belief, rng=keys.at(1)), filter.predict(
+        belief[1:2].replace(ensemble=ensemble[1:2]), rng=keys[1:2].at(1)
+    )  # fmt: skip
+    for row in (0, 2):
+        assert_same(changed[row], plain[row])
+    assert_same(changed[1:2], alone)
+    assert np.isfinite(changed.ensemble[:3]).all()
+    np.testing.assert_allclose(changed.ensemble[1, 5:], plain.ensemble[1, 5:], rtol=0, atol=0.05)
+    assert np.abs(changed.ensemble[1, :5] - changed.mean[1]).max() < 4.0 * np.sqrt(changed.cov[1].max())
+    after = filter.update(changed, np.full(2, 3.0), rng=keys.at(1))
+    assert after.healthy.tolist() == [True, True, True, False]
+
+
+# --- as 1 / sqrt(N) -----------------------------------------------------------------------------------
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_the_filter_tends_to_the_kalman_filter_as_one_over_the_root_of_members(name: str):
@@ -213,7 +326,8 @@ def test_the_filter_tends_to_the_kalman_filter_as_one_over_the_root_of_members(n
     exact = track(make("kf", system.model), system.rows(runs), record)[-1]
     sizes, errors = (25, 100, 400, 1600), []
     for members in sizes:
-        belief = track(make(name, system.model, members=members), system.rows(runs), record, np.random.default_rng(0))
+        filter = make(name, system.model, members=members, draws="independent")
+        belief = track(filter, system.rows(runs), record, np.random.default_rng(0))
         errors.append([
             np.sqrt(((belief[-1].mean - exact.mean) ** 2).mean()), np.sqrt(((belief[-1].cov - exact.cov) ** 2).mean()),
         ])  # fmt: skip
@@ -274,7 +388,8 @@ def test_errors_are_as_large_as_a_large_ensemble_says_but_for_its_sample_size(na
     system, runs, members = kalman_system(1), 400, 100
     n = system.model.n
     record = simulate(system, 20, runs, 5)
-    final = track(make(name, system.model, members=members), system.rows(runs), record, np.random.default_rng(0))[-1]
+    filter = make(name, system.model, members=members, draws="independent")
+    final = track(filter, system.rows(runs), record, np.random.default_rng(0))[-1]
     error = record.x[-1] - final.mean
     mean = np.einsum("ri,rij,rj->r", error, np.linalg.inv(final.cov), error).mean() * (members - n - 2) / (members - 1)
     # Mean of 400 values of about chi-square law: standard deviation sqrt(2 n / 400); four of them, and 3 % for the
@@ -332,7 +447,7 @@ def test_a_noise_root_has_as_many_columns_as_the_rank_and_gives_the_covariance_b
 def test_a_square_root_update_draws_nothing_unless_it_rotates(name: str):
     model = kalman_system(0).model
     for rotate, numbers in ((False, 0), (True, 5 * 4)):
-        filter, rng = make(name, model, members=6, rotate=rotate), _Counting()
+        filter, rng = make(name, model, members=6, draws="independent", rotate=rotate), _Counting()
         belief = filter.init(Gaussian(np.zeros(4), np.eye(4)), rng=rng)
         rng.drawn = 0
         filter.update(belief, np.zeros(3), rng=rng)
@@ -345,7 +460,7 @@ def test_a_square_root_update_draws_nothing_unless_it_rotates(name: str):
 @pytest.mark.parametrize("name", NAMES)
 def test_inflation_multiplies_the_anomalies_of_the_analysis_and_leaves_the_mean(name: str):
     system, filter, before, y = _predicted(name, 8, 4, 3)
-    inflated = make(name, system.model, members=8, inflation=1.3)
+    inflated = make(name, system.model, members=8, draws="independent", inflation=1.3)
     one, other = (f.update(before, y, rng=np.random.default_rng(0)) for f in (filter, inflated))
     np.testing.assert_allclose(other.mean, one.mean, rtol=0, atol=1e-13)
     np.testing.assert_allclose(_spread(other)[0], 1.3 * _spread(one)[0], rtol=0, atol=1e-12)
@@ -386,7 +501,7 @@ def test_rotations_are_uniform():
 @pytest.mark.parametrize("name", SQUARE_ROOT)
 def test_a_filter_that_rotates_has_the_moments_of_one_that_does_not(name: str):
     system, filter, before, y = _predicted(name, 8, 4, 3)
-    turning = make(name, system.model, members=8, rotate=True)
+    turning = make(name, system.model, members=8, draws="independent", rotate=True)
     one, other = (f.update(before, y, rng=np.random.default_rng(0)) for f in (filter, turning))
     np.testing.assert_allclose(other.mean, one.mean, rtol=0, atol=1e-12)
     np.testing.assert_allclose(other.cov, one.cov, rtol=0, atol=1e-12)
@@ -411,7 +526,7 @@ def test_a_measurement_never_corrects_a_component_that_its_localisation_excludes
 @pytest.mark.parametrize("name", NAMES)
 def test_a_localisation_that_excludes_nothing_changes_nothing(name: str):
     system, filter, before, y = _predicted(name, 8, 4, 3)
-    whole = make(name, system.model, members=8, localisation=np.ones((4, 3)))
+    whole = make(name, system.model, members=8, draws="independent", localisation=np.ones((4, 3)))
     one, other = (f.update(before, y, rng=np.random.default_rng(0)) for f in (filter, whole))
     assert_same(one, other, 1e-13)
 
@@ -420,9 +535,11 @@ def test_a_localisation_that_excludes_nothing_changes_nothing(name: str):
 def test_each_group_of_components_is_updated_by_its_own_measurements_alone(name: str):
     """As a filter without the other measurements would update it."""
     system, _, before, y = _predicted(name, 8, 4, 3)
-    local = make(name, system.model, members=8, localisation=MASK).update(before, y, rng=np.random.default_rng(0))
+    local = make(name, system.model, members=8, draws="independent", localisation=MASK).update(
+        before, y, rng=np.random.default_rng(0)
+    )
     for states, without in (([0, 2], 2), ([1], 0)):
-        reduced = make(name, without_channel(system.model, without), members=8)
+        reduced = make(name, without_channel(system.model, without), members=8, draws="independent")
         alone = reduced.update(before, np.delete(y, without, -1), rng=np.random.default_rng(0))
         np.testing.assert_allclose(local.ensemble[..., states], alone.ensemble[..., states], rtol=0, atol=1e-12)
 
@@ -430,7 +547,7 @@ def test_each_group_of_components_is_updated_by_its_own_measurements_alone(name:
 def test_a_taper_multiplies_the_gain_of_perturbed_measurements():
     taper = np.linspace(0.0, 1.0, 12).reshape(4, 3)
     system, _, before, y = _predicted("enkf", 8, 4, 3)
-    local = make("enkf", system.model, members=8, localisation=taper)
+    local = make("enkf", system.model, members=8, draws="independent", localisation=taper)
     P, C = before.cov, system.model.C
     K = P @ C.T @ np.linalg.inv(C @ P @ C.T + system.model.R)
     after = local.update(before, y, rng=np.random.default_rng(0))
@@ -441,7 +558,7 @@ def test_a_taper_multiplies_the_gain_of_perturbed_measurements():
 def test_localisation_inflates_only_components_that_a_measurement_may_correct():
     system, _, before, y = _predicted("etkf", 8, 4, 3)
     plain, inflated = (
-        make("etkf", system.model, members=8, localisation=MASK, inflation=c).update(
+        make("etkf", system.model, members=8, draws="independent", localisation=MASK, inflation=c).update(
             before, y, rng=np.random.default_rng(0), available=[True, False, False]
         )
         for c in (1.0, 1.5)
@@ -694,7 +811,7 @@ def test_an_unknown_input_in_the_model_is_ignored(name: str):
     driven = dataclasses.replace(system.model, G=np.ones((4, 1)), H=np.ones((3, 1)))
     record = simulate(system, 0, runs=2, steps=4)
     one, other = (
-        track(make(name, model, members=9), system.rows(2), record, _numbers(0, 1))[-1]
+        track(make(name, model, members=9, draws="independent"), system.rows(2), record, _numbers(0, 1))[-1]
         for model in (system.model, driven)
     )
     assert_same(one, other)
@@ -736,7 +853,9 @@ def test_a_function_that_does_not_broadcast_is_named_with_the_shapes(name: str):
     prior = Gaussian(np.zeros((2, 3)), np.eye(3))
 
     def step(transition, measurement) -> None:
-        filter = make(name, NonlinearModel(transition, measurement, np.eye(3), np.eye(3)), members=5)
+        filter = make(
+            name, NonlinearModel(transition, measurement, np.eye(3), np.eye(3)), members=5, draws="independent"
+        )
         filter.update(filter.predict(filter.init(prior, rng=rng), rng=rng), np.zeros(3), rng=rng)
 
     for bad in (lambda x, u: np.array([x[0], x[1]]).sum(-1), lambda x, u: np.ones((3, 3)) @ x, lambda x, u: x[7]):

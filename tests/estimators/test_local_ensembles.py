@@ -20,7 +20,7 @@ def _begun(members: int, n: int, p: int, spread: float = 1.0):
     model = LinearModel(np.eye(n), rng.normal(size=(p, n)), np.eye(n), random_covariance(rng, p))
     numbers = RandomKeys.seeded(range(3))
     prior = Gaussian(rng.normal(size=(3, n)), spread**2 * random_covariance(rng, n))
-    before = make("letkf", model, members=members).init(prior, rng=numbers)
+    before = make("letkf", model, members=members, draws="independent").init(prior, rng=numbers)
     return model, before, rng.normal(size=(3, p)), numbers
 
 
@@ -42,7 +42,9 @@ def test_each_component_is_updated_with_r_divided_by_its_taper(members: int, n: 
     model, before, y, numbers = _begun(members, n, p)
     taper = np.random.default_rng(1).choice([0.0, 0.05, 0.4, 0.9, 1.0], (n, p))
     taper[0], taper[1] = 1.0, 0.0
-    after = make("letkf", model, members=members, localisation=taper).update(before, y, rng=numbers)
+    after = make("letkf", model, members=members, draws="independent", localisation=taper).update(
+        before, y, rng=numbers
+    )
     for row in range(3):
         for i in range(n):
             near = taper[i] > 0.0
@@ -64,7 +66,10 @@ def test_without_a_taper_it_is_the_etkf_and_with_a_mask_the_etkf_with_its_groups
     for localisation in (None, np.ones((6, 9)), mask):
         one, other = (
             track(
-                make(name, system.model, members=members, inflation=1.1, rotate=True, localisation=localisation),
+                make(
+                    name, system.model, members=members, draws="independent", inflation=1.1, rotate=True,
+                    localisation=localisation,
+                ),
                 system.rows(3), record, RandomKeys.seeded(range(3)), available,
             )
             for name in ("etkf", "letkf")
@@ -124,7 +129,7 @@ def _asked_for(before: Belief, model: LinearModel, y: np.ndarray, certainty: flo
 @pytest.mark.parametrize(("members", "n", "p"), SIZES)
 def test_the_inflation_is_the_least_of_the_finite_size_filters_cost(members: int, n: int, p: int, certainty: float):
     model, before, y, numbers = _begun(members, n, p, spread=0.5)
-    filter = make("letkf", model, members=members, adaptive=certainty)
+    filter = make("letkf", model, members=members, draws="independent", adaptive=certainty)
     after, factors = filter.update(before, y, rng=numbers), []
     for row in range(3):
         factor = _asked_for(before[row], model, y[row], certainty)
@@ -136,7 +141,7 @@ def test_the_inflation_is_the_least_of_the_finite_size_filters_cost(members: int
 
 def test_it_inflates_where_measurements_ask_for_it_and_not_without_a_measurement():
     model, before, y, numbers = _begun(8, 4, 6)
-    plain, adaptive = (make("letkf", model, members=8, adaptive=c) for c in (None, 1.0))
+    plain, adaptive = (make("letkf", model, members=8, draws="independent", adaptive=c) for c in (None, 1.0))
     mean = before.mean @ model.C.T
     spread = [np.trace(adaptive.update(before, mean + far * (y - mean), rng=numbers).cov[0]) for far in (0, 3, 9, 1e6)]
     assert (np.diff(spread) > 0.0).all()
@@ -152,7 +157,7 @@ def _errors(steps: int, runs: int = 6, burn_in: int = 100, cycles: int = 150, **
     world, chance = np.random.default_rng([3, 0]), np.random.default_rng([3, 1])
     setting = dataclasses.replace(LORENZ96, steps=steps)
     model, total = setting.model(), np.zeros(runs)
-    filter = make("letkf", model, rotate=True, **options)
+    filter = make("letkf", model, draws="independent", rotate=True, **options)
     truth = rk4(setting.derivative, 8.0 + world.standard_normal((runs, 40)), 0.05, 200)
     belief = filter.init(Gaussian(truth, 0.001 * np.eye(40)), rng=chance)
     for k in range(burn_in + cycles):

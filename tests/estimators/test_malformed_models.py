@@ -128,7 +128,8 @@ def test_whatever_a_filter_is_given_it_answers_with_a_sentence_or_a_belief(data:
         nonlinear = data.draw(st.booleans())
         model, p, m = data.draw(_models(nonlinear))
         options = data.draw(_options(name))
-        members = {"pf": {"particles": 5}} | {key: {"members": 5} for key in ("enkf", "enkf-sr", "etkf", "letkf")}
+        few = {"members": 5, "draws": "independent"}
+        members = {"pf": {"particles": 5}} | dict.fromkeys(("enkf", "enkf-sr", "etkf", "letkf"), few)
         filter = make(name, model, **{**members.get(name, {}), **options})
         prior = Gaussian(data.draw(_arrays(model.n)), data.draw(_covariances(model.n)))
         rng = np.random.default_rng(0)

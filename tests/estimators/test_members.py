@@ -34,6 +34,9 @@ FILTERS = [
     ("enkf-sr", {"inflation": 1.1, "localisation": MASK}),
     ("enkf-sr", {"variant": "evensen2004"}),
 ]
+SIZES = pytest.mark.parametrize(
+    ("members", "draws"), [(2, "independent"), (7, "independent"), (100, "independent"), (16, "exact"), (100, "exact")]
+)
 SPREADS = pytest.mark.parametrize("spread", [0.05, 2.0], ids=["members close together", "angles all round"])
 
 
@@ -91,8 +94,14 @@ def _centred(numbers: RandomKeys, members: int, count: int, use: int) -> np.ndar
     return normals - normals.mean(-2, keepdims=True)
 
 
+def _exact(normals: np.ndarray, A: np.ndarray) -> np.ndarray:
+    """Centred normals ``(N, r)`` of one row, without what they share with anomalies ``(N, n)``, made white."""
+    rest = normals - A @ np.linalg.lstsq(A, normals)[0]
+    return rest @ np.linalg.inv(np.linalg.cholesky(rest.T @ rest / (len(A) - 1))).T
+
+
 def _analysis(
-    filter: Filter, belief: Belief, y: np.ndarray, arrived: np.ndarray, R: np.ndarray, numbers: RandomKeys
+    filter: Filter, belief: Belief, y: np.ndarray, arrived: np.ndarray, R: np.ndarray, numbers: RandomKeys, draws: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The members after a measurement of one row, their mean, the innovation and its covariance, by the formulas."""
     model, N, p = filter.model, filter.members, filter.model.p
@@ -107,7 +116,12 @@ def _analysis(
     if filter.name == "enkf":
         gain = taper * (A.T @ Y / (N - 1) @ np.linalg.inv(S))
         mean += gain @ e
-        A = A + (_centred(numbers, N, p, MEASUREMENTS) @ root.T - Y) @ gain.T
+        normals = _centred(numbers, N, p, MEASUREMENTS)
+        if draws == "exact":
+            used = (np.abs(root[arrived]) > 0.0).any(0)
+            normals = np.where(used, normals, 0.0)
+            normals[:, used] = _exact(normals[:, used], A)
+        A = A + (normals @ root.T - Y) @ gain.T
     else:
         for i, row in enumerate(taper):
             used = (row > 0.0) & arrived
@@ -122,10 +136,12 @@ def _analysis(
 
 
 @SPREADS
-@pytest.mark.parametrize("members", [2, 7, 100])
+@SIZES
 @pytest.mark.parametrize(("name", "options"), [each for each in FILTERS if not {"rotate", "variant"} & each[1].keys()])
-def test_updates_are_those_of_the_textbook_formulas(name: str, options: dict[str, object], members: int, spread: float):
-    filter = make(name, _wrapping(), members=members, **options)
+def test_updates_are_those_of_the_textbook_formulas(
+    name: str, options: dict[str, object], members: int, draws: str, spread: float
+):
+    filter = make(name, _wrapping(), members=members, draws=draws, **options)
     begun, numbers, y, available = _begun(filter, spread)
     before = filter.predict(begun, rng=numbers)
     own = np.linspace(1.0, 2.0, ROWS)[:, None, None] * random_covariance(np.random.default_rng(2), 4)
@@ -134,7 +150,7 @@ def test_updates_are_those_of_the_textbook_formulas(name: str, options: dict[str
         assert after.healthy.all()
         for row in range(ROWS):
             noise = filter.model.R if R is None else R[row]
-            ensemble, mean, e, S = _analysis(filter, before[row], y[row], available[row], noise, numbers[row])
+            ensemble, mean, e, S = _analysis(filter, before[row], y[row], available[row], noise, numbers[row], draws)
             size = max(1.0, np.abs(ensemble).max())
             np.testing.assert_allclose(after.ensemble[row], ensemble, rtol=0, atol=1e-12 * size)
             np.testing.assert_allclose(after.mean[row], mean, rtol=0, atol=1e-12 * size)
@@ -151,7 +167,7 @@ def test_measurements_that_outnumber_the_members_are_taken_in_as_pair_after_pair
     if perfect:
         R[3], R[:, 3] = 0.0, 0.0
     model = LinearModel(np.eye(7), rng.normal(size=(12, 7)), np.eye(7), R)
-    filter, numbers = make("etkf", model, members=5), RandomKeys.seeded(range(3))
+    filter, numbers = make("etkf", model, members=5, draws="independent"), RandomKeys.seeded(range(3))
     before = filter.init(Gaussian(np.zeros((3, 7)), random_covariance(rng, 7)), rng=numbers)
     y, available = rng.normal(size=(3, 12)), rng.permuted(np.arange(12) < arriving)
     together = filter.update(before, y, rng=numbers, available=available)
@@ -191,7 +207,8 @@ def test_missing_measurements_of_a_transform_are_as_if_there_were_none(members: 
     np.testing.assert_allclose(apart[2][np.ix_(available, available)], compact[2], rtol=0, atol=1e-13)
 
 
-def test_members_of_a_perturbed_analysis_follow_no_number_of_a_missing_measurement():
+@pytest.mark.parametrize("exact", [False, True])
+def test_members_of_a_perturbed_analysis_follow_no_number_of_a_missing_measurement(exact: bool):
     rng = np.random.default_rng(5)
     before, e, available = rng.normal(size=(4, 10)), rng.normal(size=3), np.array([True, False, True])
     mean, Y, normals, R = before.mean(-1), rng.normal(size=(3, 10)), rng.normal(size=(3, 10)), random_covariance(rng, 3)
@@ -201,7 +218,9 @@ def test_members_of_a_perturbed_analysis_follow_no_number_of_a_missing_measureme
     def analysed(Y: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, ...]:
         root, taper = semidefinite_cholesky(R), np.ones((3, 4))
         e_there = np.where(available, e, 0.0)
-        return perturbed_analysis(before, mean, Y, e_there, available, R, root, normals, taper, inflation=1.0)
+        return perturbed_analysis(
+            before, mean, Y, e_there, available, R, root, normals, taper, np.cov(before), inflation=1.0, exact=exact
+        )
 
     wanted = analysed(Y, np.where(available[:, None], normals, 0.0))
     for one, other in zip(analysed(lacking * Y, normals), wanted, strict=True):
@@ -218,11 +237,13 @@ def test_compiled_steps_are_those_of_numpy_and_the_same_bits_alone_and_together(
     available, R = rng.random((rows, p)) < 0.7, random_covariance(rng, p)
     R, noise = masked(R, available), rng.normal(size=(rows, p, members))
     moments = before, mean, Y, np.where(available, e, 0.0), available, R
+    roots, exact = np.broadcast_to(root, (rows, n, n)), members > 2 * n and members > n + p
+    perturbed = *moments, semidefinite_cholesky(R), noise, np.ones((rows, p, n)), covariance(before, mean)
     steps: list[tuple[Any, Any, dict[str, Any]]] = [
-        (forecast, (before, after, np.broadcast_to(root, (rows, n, n)), normals), {"angles": (0,)}),
+        (forecast, (before, after, roots, normals), {"angles": (0,), "exact": exact}),
         (expect, (Y,), {"angles": (0,)}),
         (covariance, (before, mean), {}),
-        (perturbed_analysis, (*moments, semidefinite_cholesky(R), noise, np.ones((rows, p, n))), {"inflation": 1.1}),
+        (perturbed_analysis, perturbed, {"inflation": 1.1, "exact": exact}),
         (transform_analysis, moments, {"inflation": 1.1, "certainty": 1.5, "regular": True}),
     ]
     for function, arrays, static in steps:
@@ -257,16 +278,20 @@ def test_an_absurd_measurement_inflates_by_a_factor_of_ten_and_no_more(size: flo
 
 
 @SPREADS
-@pytest.mark.parametrize("members", [2, 7, 100])
-def test_predictions_are_those_of_the_textbook_formulas(members: int, spread: float):
-    filter = make("enkf", _wrapping(), members=members)
+@SIZES
+def test_predictions_are_those_of_the_textbook_formulas(members: int, draws: str, spread: float):
+    filter = make("enkf", _wrapping(), members=members, draws=draws)
     begun, numbers, *_ = _begun(filter, spread)
     x = begun.ensemble
     after = filter.model.transition(x, None)
     step = after[..., 2] - x[..., 2]
     apart = (np.abs(step - step[:, :1]) > np.pi).any(-1)
     after[apart, :, 2] = (x[..., 2] + _near(step, step[:, :1]))[apart]
-    noise = _centred(numbers, members, filter._noise_root.shape[-1], PROCESS) @ filter._noise_root.T
+    normals = _centred(numbers, members, filter._noise_root.shape[-1], PROCESS)
+    if draws == "exact":
+        moved = after - after.mean(-2, keepdims=True)
+        normals = np.stack([_exact(own, anomalies) for own, anomalies in zip(normals, moved, strict=True)])
+    noise = normals @ filter._noise_root.T
     predicted, mean, ensemble = filter.predict(begun, rng=numbers), after.mean(-2), after + noise
     ensemble[..., 2] = _together(ensemble[..., 2])
     mean[:, 2] = ensemble[..., 2].mean(-1)
@@ -305,7 +330,7 @@ def test_an_episode_begins_with_the_bits_of_init_and_update_whatever_prior_came_
     name: str, options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ):
     rng = np.random.default_rng(1)
-    filter = make(name, _wrapping(), members=6, **options)
+    filter = make(name, _wrapping(), members=12, **options)
     priors = [Gaussian(rng.normal(size=(ROWS, 5)), random_covariance(rng, 5)) for _ in range(2)]
     y, available, numbers = rng.normal(size=(ROWS, 4)), rng.random((ROWS, 4)) < 0.7, RandomKeys.seeded(range(ROWS))
     expected = [filter.update(filter.init(prior, numbers), y, numbers, available) for prior in priors]

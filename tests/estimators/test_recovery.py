@@ -287,8 +287,8 @@ def test_a_precise_measurement_of_what_was_unknown_leaves_a_covariance(name: str
 @pytest.mark.parametrize("name", ["enkf", "etkf"])
 def test_a_row_that_recovers_draws_as_it_would_alone(name: str):
     """What one row needs to recover costs its neighbours no random numbers, sick or not."""
-    options = {"rotate": True} if name == "etkf" else {}
-    filter = make(name, LinearModel(I3, [*I3[:2], I3[0]], 0.1 * I3, np.zeros((3, 3))), members=4, **options)
+    options = {"members": 4, "draws": "independent"} | ({"rotate": True} if name == "etkf" else {})
+    filter = make(name, LinearModel(I3, [*I3[:2], I3[0]], 0.1 * I3, np.zeros((3, 3))), **options)
     y = np.array([[1.0, 2.0, 1.0], [1e308, 2.0, np.nan], [1.0, np.nan, np.nan]])
     means = np.array([[0.0, 0.0, 0.0], [-1e308, 0.0, 0.0], [0.0, 0.0, 0.0]])
 

@@ -297,7 +297,7 @@ def test_a_series_of_several_models_continues_and_a_generator_goes_on_by_itself(
     y, K = np.random.default_rng(0).normal(size=(9, 2, 2)), 4
     model, prior = LinearModel(0.9 * np.eye(2), np.eye(2), 0.1 * np.eye(2), np.eye(2)), Gaussian(np.zeros(2), np.eye(2))
     modes = InteractingMultipleModels([make("kf", model), make("huber-kf", model)], [[0.9, 0.1], [0.1, 0.9]])
-    for filter in (modes, make("enkf", model, members=5)):
+    for filter in (modes, make("enkf", model, members=6)):
         rng, parts = np.random.default_rng(1), np.random.default_rng(1)
         whole, before = run(filter, prior, y, rng=rng), run(filter, prior, y[:K], rng=parts)
         after = run(filter, before.last, y[K:], rng=parts)

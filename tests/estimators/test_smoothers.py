@@ -277,7 +277,7 @@ def test_smoothed_members_have_the_moments_of_the_exact_smoother_where_nothing_i
     system = kalman_system(0)
     model = LinearModel(system.model.A, system.model.C, np.zeros((4, 4)), system.model.R, B=system.model.B)
     record = simulate(system, 1, runs=1, steps=10)
-    etkf = make("etkf", model, members=members)
+    etkf = make("etkf", model, members=members, draws="independent")
     series = run(etkf, system.prior, record.y[:, 0], u=record.u[:, 0], rng=0)
     begun = series.predicted[0]
     exact = smooth(run(make("kf", model), Gaussian(begun.mean, begun.cov), record.y[:, 0], u=record.u[:, 0]))
@@ -315,7 +315,7 @@ def test_what_cannot_be_smoothed_says_why():
     plain = kalman_system(0)
     record = simulate(plain, 1, runs=1, steps=4)
     for options in ({"rotate": True}, {"localisation": np.ones((4, 3))}):
-        series = run(make("etkf", plain.model, members=5, **options), plain.prior, record.y, u=record.u, rng=0)
+        series = run(make("etkf", plain.model, **options), plain.prior, record.y, u=record.u, rng=0)
         with pytest.raises(ValueError, match="members of etkf cannot be followed back"):
             smooth(series)
     with pytest.raises(ValueError, match="lag must be a whole number of at least 0"):

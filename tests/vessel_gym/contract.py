@@ -60,7 +60,7 @@ REFUSED = {
 }
 """Estimators that an environment's model cannot carry, and the condition that the refusal must name."""
 
-FEW_MEMBERS = {name: {"members": 20} for name in ("enkf", "enkf-sr", "etkf", "letkf")} | {"pf": {"particles": 20}}
+FEW_MEMBERS = {"pf": {"particles": 20}}
 """Options of estimators where it does not matter how good they are: a small ensemble takes the same path as a large."""
 
 CARRIED = [(key, name) for key in ENVIRONMENTS for name in estimator_names() if name not in REFUSED.get(key, {})]

@@ -153,7 +153,7 @@ def test_a_linear_filter_refuses_a_nonlinear_model_by_name(env_id: str, estimato
 GOOD_VALUES = {
     "kf": {"input_cov": 1e-4, "assume": {"as": "unknown-input"}},
     "ukf": {"alpha": 0.5},
-    "enkf": {"members": 30},
+    "enkf": {"members": 80},
 }
 
 

@@ -328,13 +328,13 @@ def test_an_acoustic_system_of_ones_own_works_with_every_estimator_and_tells_whe
 
 def test_the_localisation_of_a_sensor_that_says_nothing_of_what_it_corrects_follows_from_its_geometry():
     core = make_core(AUV, 1, sensors=WITH_USBL)
-    names, mask = core.composition.names, core.filter.localisation
+    names, mask = core.composition.names, core.composition.localisation
     corrected_states = [{name for name, on in zip(names, column, strict=True) if on} for column in mask[:, -3:].T]
     assert {"x", "y", "z"} <= corrected_states[0]  # the range
     assert {"x", "y"} <= corrected_states[1]  # the bearing
     assert "z" not in corrected_states[1]
     assert {"x", "y", "z"} <= corrected_states[2]  # the elevation
-    nominal = make_core(AUV, 1).filter.localisation
+    nominal = make_core(AUV, 1).composition.localisation
     np.testing.assert_array_equal(mask[:, :-3], nominal[:, :-2])  # the others as they were
 
 
@@ -428,7 +428,7 @@ def test_an_ekf_that_is_told_of_a_disturbance_of_ones_own_is_consistent(disturba
 # --- truth stays where it is ------------------------------------------------------------------------
 
 LEAKS: list[tuple[str, dict[str, Any]]] = [
-    (AUV, {"sensors": WITH_USBL, "estimator": "enkf", "estimator_options": {"members": 20}}),
+    (AUV, {"sensors": WITH_USBL, "estimator": "enkf"}),
     (AUV, {"sensors": BIASED["drifting"], "estimator": "ekf"}),
     (AUV, {"sensors": BIASED["walking"], "estimator": "measurement", "disturbance": OWN["swell"]}),
     (AUV, {"sensors": BIASED["walking"], "observe": "measurement", "guidance": True}),
@@ -777,7 +777,7 @@ def test_a_sensor_may_inform_what_acts_or_is_biased_or_what_this_filter_does_not
     mine = sensor(plain((6, 7)), bias=bias, corrects=(("x", "bias x", "current north"), ("surface current east", "u")))
     sensors = [*single_class(AUV).system.vehicle.sensors, mine]
     for chosen in ({}, {"assume": {"as": "process-noise"}}, {"assume": {"disturbance": "calm"}}):
-        make_core(AUV, 1, sensors=sensors, disturbance=OWN["sheared"], estimator_options=chosen | {"members": 20})
+        make_core(AUV, 1, sensors=sensors, disturbance=OWN["sheared"], estimator_options=chosen)
 
 
 CURRENT_METER = Sensor("current meter", ("north", "east"), lambda state, exogenous: exogenous[..., 1:3], (0.05, 0.05))

@@ -253,7 +253,7 @@ def test_a_close_up_shows_by_how_much_the_estimator_is_wrong(env_id, dots):
 
 
 @pytest.mark.parametrize("env_id", [SPATIAL, VERTICAL, FLIGHT, DOCKING])
-@pytest.mark.parametrize("members", [40, 90])
+@pytest.mark.parametrize("members", [70, 90])
 def test_the_cloud_shows_as_many_members_as_there_are(env_id, members, dots, words):
     pixels = drawn(env_id, estimator="enkf", estimator_options={"members": members})
     legend = 7

@@ -356,7 +356,7 @@ def test_budget_sensors_err_slowly_and_filters_know_it(env_id: str):
 @pytest.mark.parametrize("env_id", [AUV, "ItsunusaAUV-v0"])
 def test_an_ensemble_corrects_a_bias_with_the_state_beside_it(env_id: str):
     """Otherwise state and bias drift apart whose sum is well measured, and the ensemble is far too sure of both."""
-    core = make_core(env_id, 1, estimator="enkf", estimator_options={"members": 20}, sensors="budget")
+    core = make_core(env_id, 1, estimator="enkf", sensors="budget")
     names, mask = core.composition.names, core.composition.localisation
     for state, bias in (("z", "bias z"), ("theta", "bias theta"), ("q", "bias q"), ("x", "bias x")):
         np.testing.assert_array_equal(mask[names.index(bias)], mask[names.index(state)])

@@ -385,7 +385,7 @@ def test_a_filter_s_noise_follows_what_it_expects_one_row_is_as_many_and_nature_
     """R at the predicted mean; a batch, single rows and other filters fly the same truth and measurements."""
     flown = {}
     for estimator, rows in (("ekf", 3), ("ekf", 1), ("ukf", 3), ("enkf", 3), ("pf", 3), ("measurement", 3), ("mhe", 3)):
-        few = {"enkf": {"members": 10}, "pf": {"particles": 20}, "mhe": {"horizon": 3}}.get(estimator, {})
+        few = {"pf": {"particles": 20}, "mhe": {"horizon": 3}}.get(estimator, {})
         core = make_core("ItsunusaAUV-v0", rows, sensors=ranging(growing), estimator=estimator, estimator_options=few)
         core.start(5)
         history = []

@@ -318,11 +318,7 @@ def test_at_sea_nothing_but_measurements_reaches_a_filter(estimator: str):
 @pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["ekf", "enkf"])
 def test_a_fix_that_is_a_second_late_costs_a_twentieth_at_most_where_it_is_fused_where_it_belongs(estimator: str):
-    """Paired by seed; NEES of 12 s and more over 60 dives scatters by some hundredths.
-
-    Of N = 100 members and n = 12 components the inverse of the sample covariance is too large by (N - 1) / (N - n - 2)
-    (Anderson 2003, sec. 7.7).
-    """
+    """Paired by seed; NEES of 12 s and more over 60 dives scatters by some hundredths."""
 
     def fly(late: str | None) -> dict[str, float]:
         world: dict[str, Any] = {"estimator": estimator}
@@ -336,7 +332,7 @@ def test_a_fix_that_is_a_second_late_costs_a_twentieth_at_most_where_it_is_fused
     assert fused["position_rmse"] < 1.05 * in_time["position_rmse"]
     assert 1.15 * in_time["position_rmse"] < lost["position_rmse"] < new["position_rmse"]
     assert fused["nees"] == pytest.approx(in_time["nees"], abs=0.03)
-    assert 0.9 < fused["nees"] / {"ekf": 1.0, "enkf": 99.0 / 86.0}[estimator] < 1.1
+    assert 0.9 < fused["nees"] < 1.1
     assert new["position_nees"] > 2.0
 
 

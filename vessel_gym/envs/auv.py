@@ -8,7 +8,7 @@ from vessel_gym.disturbances import Disturbance, SurfaceWater, Water
 from vessel_gym.envs.shared import documented
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
-from vessel_gym.filter_models.build import OF_UNKNOWN_INPUTS, Composition
+from vessel_gym.filter_models.build import BESIDE_BIASES, OF_UNKNOWN_INPUTS, Composition
 from vessel_gym.system import System
 from vessel_gym.tasks.dive import SpatialDive, VerticalDive
 from vessel_gym.vehicles.auv import AUVParameters
@@ -40,11 +40,9 @@ PLANE_WATERS = _waters(0.5, PLANE, velocities=("u", "w"), rates=("q",), names=("
 
 @verified
 def tuning(name: str, composition: Composition) -> dict[str, Any]:
-    """Options of filters of a vehicle in space: an ensemble's, and the variance of the unknown input."""
-    # An ensemble of 100 is a little too sure of itself; 1 + 1/N mends that (docs/dives.md). Without localisation that
-    # of an aircraft is three times too sure of the position.
-    if name in ("enkf", "enkf-sr", "etkf", "letkf"):
-        return {"members": 100, "inflation": 1.01, "localisation": composition.localisation}
+    """Options of filters: the variance of the unknown input, and a ball that leaves biases as slow as they are."""
+    if name == "robust-kf":
+        return {"radius": BESIDE_BIASES}
     if name in OF_UNKNOWN_INPUTS and composition.inputs:
         return {"input_prior": composition.forces.input_cov}
     return {}

@@ -8,12 +8,10 @@ from vessel_gym.envs.auv import tuning
 from vessel_gym.envs.shared import documented
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
-from vessel_gym.filter_models.build import Composition
 from vessel_gym.system import System
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.puna import Puna, PunaParameters
-from vessel_gym.verified import verified
 
 
 def airs(dt: float, airspeed: float) -> dict[str, Air]:
@@ -23,14 +21,6 @@ def airs(dt: float, airspeed: float) -> dict[str, Air]:
         "moderate": Air(wind=3.0, gust=1.06, vertical_gust=0.7, dt=dt, airspeed=airspeed),
         "rough": Air(wind=5.0, gust=2.12, vertical_gust=1.4, dt=dt, airspeed=airspeed),
     }
-
-
-@verified
-def _tuning(name: str, composition: Composition) -> dict[str, Any]:
-    # No measurement shows the GNSS's bias in plan: a filter that doubts its model at every step doubts it ever more.
-    if name == "robust-kf":
-        return {"radius": 1e-6}
-    return tuning(name, composition)
 
 
 def fixed_wing_system(vessel: str | Path, name: str = "vessel_gym/FixedWing-v0") -> System:
@@ -53,7 +43,7 @@ def fixed_wing_system(vessel: str | Path, name: str = "vessel_gym/FixedWing-v0")
         ahead=(20.0 * share, 60.0 * share),
         horizon=round(900 * body.cruise_speed / 20.0),
     )
-    return System(name, Puna(body), task, airs(task.dt, body.cruise_speed), "enkf", "nonlinear", _tuning)
+    return System(name, Puna(body), task, airs(task.dt, body.cruise_speed), "enkf", "nonlinear", tuning)
 
 
 class FixedWingEnv(VesselEnv):

@@ -11,7 +11,7 @@ from vessel_gym.checks import instance
 from vessel_gym.envs.shared import documented
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
-from vessel_gym.filter_models.build import OF_UNKNOWN_INPUTS, Composition
+from vessel_gym.filter_models.build import BESIDE_BIASES, OF_UNKNOWN_INPUTS, Composition
 from vessel_gym.seaway import Seaway
 from vessel_gym.system import System
 from vessel_gym.tasks.channel import Channel
@@ -40,7 +40,9 @@ def seas(ship: CorvetteParameters, dt: float) -> dict[str, Seaway]:
 
 @verified
 def input_tuning(name: str, composition: Composition) -> dict[str, Any]:
-    """The variance of the yaw increment, for filters that estimate it."""
+    """The variance of the yaw increment, and a ball that leaves biases as slow as they are."""
+    if name == "robust-kf":
+        return {"radius": BESIDE_BIASES}
     if name in OF_UNKNOWN_INPUTS and composition.inputs:
         return {"input_prior": composition.forces.input_cov}
     return {}

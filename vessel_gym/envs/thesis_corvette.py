@@ -8,7 +8,7 @@ from vessel_gym.disturbances import Disturbance
 from vessel_gym.envs.shared import documented
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
-from vessel_gym.filter_models.build import Composition
+from vessel_gym.filter_models.build import BESIDE_BIASES, Composition
 from vessel_gym.processes import linear
 from vessel_gym.system import System
 from vessel_gym.tasks.turning_trial import TurningTrial
@@ -31,7 +31,7 @@ class UnknownStep(Disturbance, verified=True):
 
 @verified
 def _tuning(name: str, composition: Composition) -> dict[str, Any]:
-    return {}
+    return {"radius": BESIDE_BIASES} if name == "robust-kf" else {}
 
 
 _VEHICLE = ThesisCorvette()

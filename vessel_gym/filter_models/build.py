@@ -29,6 +29,9 @@ the filter knows nothing of a flow."""
 
 OF_UNKNOWN_INPUTS = ("kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise")
 """The filters that take a prior of an unknown input, which is to be true where no measurement shows it."""
+BESIDE_BIASES = 1e-6
+"""Radius of `robust-kf`: it enlarges the largest standard deviation of a prediction by 0.07 % a step, less than the
+slowest bias of a sensor returns to zero."""
 
 
 def checked_assumption(how: object) -> str:

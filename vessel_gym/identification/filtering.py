@@ -129,7 +129,8 @@ def _filter(name: str, used: NonlinearModel) -> Any:
     """
     if name not in ENSEMBLES:
         return make(name, used)
-    return make(name, used, members=_MEMBERS, inflation=float(np.sqrt(1.0 + len(SENSORS) / (_MEMBERS - 1))))
+    inflation = float(np.sqrt(1.0 + len(SENSORS) / (_MEMBERS - 1)))
+    return make(name, used, members=_MEMBERS, inflation=inflation, draws="independent")
 
 
 def inputs(ship: MeasuredShip, u: np.ndarray, noise: np.ndarray) -> np.ndarray:

@@ -85,7 +85,7 @@ def estimate(
 def _filter(experiment: Experiment, form: str, members: int) -> Filter:
     if form == "ekf":
         return make("ekf", experiment.model)
-    return make("enkf-sr", experiment.model, members=members, variant=form)
+    return make("enkf-sr", experiment.model, members=members, variant=form, draws="independent")
 
 
 def dive(trial: Mapping[str, float], measured: int = 3, process: float = 1.0, measurement: float = 1.0) -> Experiment:

@@ -214,7 +214,7 @@ def estimate(
     truth, measurements = flights(u, Q, R, runs, seed)
     model, errors = PLANE.model(measured, np.diag(Q), np.diag(R[SEEN[measured]])), []
     for size in members:
-        enkf = make("enkf", model, members=size)
+        enkf = make("enkf", model, members=size, draws="independent")
         means = estimates(enkf, u, Q, measurements, np.random.default_rng([seed, size]))
         errors.append(rmse(means, truth, angles=(0,), axis=0))
     return {

@@ -90,7 +90,8 @@ def estimate(
     """
     experiment = dive(read(trial), own, process, measurement, measured)
     dives = experiment.run(runs, np.random.default_rng([seed, 0]))
-    filter_ = make("enkf", experiment.model, members=members) if members else make("ekf", experiment.model)
+    options: dict[str, Any] = {"members": members, "draws": "independent"} if members else {}
+    filter_ = make("enkf" if members else "ekf", experiment.model, **options)
     means = experiment.estimates(filter_, dives.measurements, np.random.default_rng([seed, members]))
     places, truth = positions(experiment, means), dives.truth[..., _PLACE]
     plan = experiment.planned[:, None, _PLACE]
