@@ -79,7 +79,7 @@ def draw() -> None:
     axes.axhline(1.0, color="C0", linewidth=1.0)
     axes.set(xlabel="members", ylabel="share of the variance kept", ylim=(0.0, 1.1))
     axes.set_title("Variance of a state that no measurement shows, after 150 s; lines: the formula", fontsize=10)
-    axes.legend(loc="center right", fontsize=9)
+    axes.legend(loc="center left", fontsize=9)
     figure.savefig(HERE / "exact-draws.png", dpi=120)
 
 

@@ -162,6 +162,29 @@ def test_the_huber_filter_refuses_options_that_mean_nothing(options: dict[str, f
 # --- robust-kf --------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("radius", [1e-6, 1e-4, 1e-2])
+def test_the_ball_multiplies_the_largest_variance_by_one_and_the_root_of_twice_its_radius(radius: float):
+    """To first order: 14 % with a radius of 0.01; a variance that is much smaller stays."""
+    V = least_favourable_covariance(np.diag([1.0, 1e-4]), radius)
+    assert V[0, 0] - 1.0 == pytest.approx(np.sqrt(2.0 * radius), rel=0.06)
+    assert V[1, 1] == pytest.approx(1e-4, rel=2e-5)
+
+
+def test_beside_a_bias_a_large_ball_runs_away_and_a_small_one_does_not():
+    """A bias that returns by 4.5e-4 a step, 600 steps: no measurement shows its difference from the state."""
+    kept = np.exp(-4.5e-4)
+    model = LinearModel(np.diag([1.0, kept]), [[1.0, 1.0]], np.diag([1e-4, 1.0 - kept**2]), [[1e-4]])
+    variances = []
+    for radius in (0.0, 1e-6, 0.01):
+        filter = make("robust-kf", model, radius=radius)
+        belief = filter.init(Gaussian(np.zeros(2), np.diag([4.0, 1.0])))
+        for _ in range(600):
+            belief = filter.update(filter.predict(belief), [0.0])
+        variances.append(belief.cov[1, 1])
+    assert variances[1] < 3.0 * variances[0]
+    assert variances[2] > 100.0 * variances[0]
+
+
 @pytest.mark.slow
 @settings(derandomize=True, max_examples=200, deadline=None)
 @given(

@@ -59,7 +59,7 @@ def test_a_run_is_the_loop_by_hand(case: Case):
 
 def test_a_seed_gives_every_row_numbers_of_its_own_and_the_same_ones_again():
     system = kalman_system(0)
-    filter, y = make("enkf", system.model, members=10), np.zeros((4, 2, 3))
+    filter, y = make("enkf", system.model, draws="independent"), np.zeros((4, 2, 3))
     u = np.zeros((4, 2, 2))
     first, again, other = (run(filter, system.prior, y, u=u, rng=seed) for seed in (3, 3, 4))
     np.testing.assert_array_equal(first.mean, again.mean)

@@ -772,6 +772,18 @@ def test_a_sensor_that_is_misdeclared_is_refused_in_one_sentence(env_id: str, mi
     assert_refused(lambda: make_core(env_id, 1, sensors=sensors), ValueError, f"^{sentence}$")
 
 
+@pytest.mark.parametrize("env_id", OURS)
+def test_a_ball_that_outgrows_the_sensors_slowest_bias_is_warned_of_and_the_default_is_none(env_id: str):
+    """A warning is an error in tests, so that the default, and any radius without biases, must give none."""
+    assert make_core(env_id, 1, estimator="robust-kf", sensors="budget").filter.radius == 1e-6
+    message = (
+        "^robust-kf with radius 0.01 enlarges variances by 0.14 of themselves a step, and the sensors' slowest bias"
+    )
+    with pytest.warns(UserWarning, match=message):
+        make_core(env_id, 1, estimator="robust-kf", sensors="budget", estimator_options={"radius": 0.01})
+    make_core(env_id, 1, estimator="robust-kf", sensors="budget", estimator_options={"radius": 0.0})
+
+
 def test_a_sensor_may_inform_what_acts_or_is_biased_or_what_this_filter_does_not_estimate():
     bias = Bias(("bias x",), start=(1.0,))
     mine = sensor(plain((6, 7)), bias=bias, corrects=(("x", "bias x", "current north"), ("surface current east", "u")))
