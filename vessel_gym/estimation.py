@@ -115,7 +115,8 @@ class Estimation:
         """Steps by which an estimate of the unknown input is later than the true one that `Core.unknown_input` has."""
         vehicle = self.composition.vehicle
         levels = set(input_channels(vehicle)) - set(vehicle.increments)  # of these it has what is now
-        return 0 if levels.isdisjoint(self.inputs) else self.filter.input_delay or 0
+        as_it_acts = self.composition.late or levels.isdisjoint(self.inputs)
+        return 0 if as_it_acts else self.filter.input_delay or 0
 
     @cached_property
     def tells_truth(self) -> bool:
@@ -180,6 +181,8 @@ def build(
         assumptions = Assumptions()
     default = system.filter_models.get(str(estimator), system.filter_model)
     composition = _composed(system, options.pop("model", default), assumptions, sensors, disturbance)
+    if not own:
+        composition = composition.adapted_to(str(estimator))
     nature = composition.forces if assumptions.disturbance is None else Forces(system.vehicle, disturbance)
     inputs = composition.inputs or unknown_inputs(nature, sensors)
     acting = *disturbance.names, *composition.forces.disturbance.names

@@ -127,6 +127,8 @@ def _start(cov: bytes, composition: Composition) -> Gaussian:
     n, bias = len(_square(cov)), np.arange(len(whole) - composition.sensors.bias.size, len(whole))
     kept = np.concatenate([np.arange(composition.base), n + composition.estimated, bias])
     known = whole[np.ix_(kept, kept)]
+    if composition.late:
+        known = block_diag(known, composition.forces.input_cov)
     if composition.ended:  # nothing has acted before the start: a variance that is as good as none, and not singular
         known = block_diag(known, 1e-6 * composition.forces.cov[np.ix_(composition.ended, composition.ended)])
     return Gaussian(np.zeros(len(known)), known)

@@ -4,13 +4,13 @@ The filter's state is the vehicle's, then the disturbance's as far as it is assu
 biases.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from estimators import LinearModel, NonlinearModel
+from estimators import LinearModel, NonlinearModel, stacked
 from vessel_gym.checks import one_of
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.filter_models.exogenous import Forces, change_of, cruising
@@ -52,12 +52,21 @@ class Composition(Parts):
         names: The components of its state: of the vehicle, of the disturbance, of the sensors' biases.
         inputs: What its unknown input d is, by name.
         assumed_as: One of `ASSUMED`.
+        late: Is the unknown input, which measurements show as it acts, the last part of the filter's state?
     """
 
     model: LinearModel | NonlinearModel
     names: tuple[str, ...]
     inputs: tuple[str, ...]
     assumed_as: str
+    late: bool = False
+
+    def adapted_to(self, filter_name: str) -> "Composition":
+        """With the unknown input as a state if a filter of that name knows no feedthrough of what acts now."""
+        if self.model.delayed_feedthrough or filter_name not in ("kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv"):
+            return self
+        names = *self.names, *(f"{name} now" for name in self.inputs)
+        return replace(self, model=stacked(self.model), names=names, late=True)
 
     def check_ambient_flows(self) -> None:
         """Refuse a sensor that reads a flow of which the filter assumes nothing, and which it would take to be 0.
@@ -93,7 +102,8 @@ class Composition(Parts):
         disturbance = self.forces.disturbance
         sizes = disturbance.scale or np.sqrt(np.diag(disturbance.process.start_cov))
         ended = np.sqrt(np.diag(self.forces.cov))[self.ended]
-        return np.concatenate([np.asarray(sizes, float)[self.estimated], self.sensors.bias_scale, ended])
+        inputs = np.sqrt(np.diag(self.forces.input_cov)) if self.late else np.zeros(0)
+        return np.concatenate([np.asarray(sizes, float)[self.estimated], self.sensors.bias_scale, ended, inputs])
 
     @cached_property
     def localisation(self) -> np.ndarray:
