@@ -149,6 +149,10 @@ class KalmanFilter(GaussianFilter[Belief], verified=True):
         driven = self.model.input_matrix(before.mean, u) @ self.input_cov
         return unseen | {"state_input_cov": unseen["state_input_cov"] + driven}
 
+    def _input_matrix(self, belief: Belief) -> np.ndarray:
+        """G of the last prediction ``(..., n, q)``."""
+        return self.model.input_matrix(belief.mean, belief.u)
+
     def _moved(self, belief: Belief, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         if self.input_cov is None or not isinstance(belief, InputBelief):
             return super()._moved(belief, u)

@@ -21,7 +21,7 @@ from estimators.belief import Belief, InputBelief, Record, Recovery
 from estimators.checks import integer
 from estimators.delayed import Delayed
 from estimators.ensemble import EnsembleFilter
-from estimators.kalman import with_input
+from estimators.kalman import KalmanFilter, with_input
 from estimators.linalg import congruence, equilibrated, identity, joined, lacks_rank, semidefinite
 from estimators.series import Series
 
@@ -109,16 +109,21 @@ def _gains(
 ) -> tuple[np.ndarray, np.ndarray]:
     """D ``(..., n, k)`` and J ``(..., k, n)`` of beliefs and their predictions; J is 0 where one was lost."""
     n, k, u = updated.mean.shape[-1], P.shape[-1], following.u
-    A, D = filter._slopes(updated, u), np.eye(n, k)
+    A, D, cov = filter._slopes(updated, u), np.eye(n, k), following.cov
     if isinstance(updated, InputBelief):
         if filter.input_delay == 0:
             G = filter.model.input_matrix(updated.mean, u)
             A = joined([A, G], -1)
         else:
-            D = joined([identity(n), -filter._input_matrix(following)], -1)
+            G = filter._input_matrix(following)
+            D = joined([identity(n), -G], -1)
+            if (
+                isinstance(filter, KalmanFilter) and filter.input_cov is not None
+            ):  # which has the input's variance in its prediction
+                cov = cov - congruence(G, filter.input_cov)
     cross = P[..., : A.shape[-1]] @ A.mT
-    forgot = (recovery == Recovery.PRIOR) | ~np.isfinite(following.cov).all((-2, -1))
-    J = _regression(cross, np.where(forgot[..., None, None], identity(n), following.cov))
+    forgot = (recovery == Recovery.PRIOR) | ~np.isfinite(cov).all((-2, -1))
+    J = _regression(cross, np.where(forgot[..., None, None], identity(n), cov))
     return np.broadcast_to(D, J.shape[:-2] + (n, k)), np.where(forgot[..., None, None], 0.0, J)
 
 

@@ -262,14 +262,28 @@ class DelayedInputFilter(UnknownInputFilter[Delayed], verified=True):
     def _unseen(self, mean: np.ndarray) -> dict[str, Any]:
         unseen = super()._unseen(mean)
         G = np.zeros(unseen["state_input_cov"].shape) if callable(self.model.G) else None
+        if self.model.delayed_feedthrough:  # nothing has acted that a measurement could contain: d(-1) is known to be 0
+            unseen["input_cov"] = np.zeros(unseen["input_cov"].shape)
+            unseen["input_observed"] = unseen["input_observed"] + identity(self.model.q)
         return unseen | {"pending": np.zeros(mean.shape[:-1], bool), "input_matrix": G}
 
     def _own(self, before: Delayed, mean: np.ndarray, u: np.ndarray | None) -> dict[str, Any]:
         G = self._asked("_moving_G", before, u) if callable(self.model.G) else None
-        return self._unseen(mean) | {"pending": np.ones(mean.shape[:-1], bool), "input_matrix": G}
+        return super()._unseen(mean) | {"pending": np.ones(mean.shape[:-1], bool), "input_matrix": G}
 
     def _met(self, belief: Delayed) -> dict[str, Any]:
         return {"pending": np.zeros(belief.pending.shape, bool), "input_matrix": belief.input_matrix}
+
+    def _estimated(
+        self, belief: Delayed, measurement: Measurement
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        correction, cov, observed, S = super()._estimated(belief, measurement)
+        if belief.innovation is not None or not self.model.delayed_feedthrough:
+            return correction, cov, observed, S
+        n, q, acted = self.model.n, self.model.q, waiting(belief)  # before the first prediction d(-1) stays 0
+        of_state = np.concatenate([np.ones(n), np.zeros(q)])
+        kept = acted + (1.0 - acted) * np.outer(of_state, of_state)
+        return correction, cov * kept, observed * acted + (1.0 - acted) * identity(q), S
 
     def _input_matrix(self, belief: Delayed) -> np.ndarray:
         """G of the last prediction ``(..., n, q)``."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators import Filter, Gaussian, input_conditions
+from estimators import Filter, Gaussian, LinearModel, NonlinearModel, input_conditions
 from estimators.check import check_steps
 from estimators.unknown_input import UnknownInputFilter
 from estimators.varying import resolve
@@ -132,16 +132,12 @@ def check_input(filter: Filter, composition: Composition) -> None:
     Raises:
         ValueError: saying what fails, and by how much.
     """
-    if not isinstance(filter, UnknownInputFilter) or not composition.inputs:
-        return
     model, sensors = composition.model, composition.sensors
-    fed = callable(model.H) or np.any(model.H)
-    if fed and filter.model.delayed_feedthrough != model.delayed_feedthrough:
-        raise ValueError(
-            f"{filter.name} takes its unknown input at another time than measurements show it: they contain that of "
-            f"the step that {'has ended' if model.delayed_feedthrough else 'comes'}; build it on a model with "
-            f"delayed_feedthrough={model.delayed_feedthrough}"
-        )
+    if not composition.inputs:
+        return
+    _check_timing(filter, model)
+    if not isinstance(filter, UnknownInputFilter):
+        return
     base, u = nominal_flight(composition.vehicle, composition.names[: composition.base])
     x = np.zeros((len(base), model.n))
     x[:, : composition.base] = base
@@ -174,6 +170,21 @@ def check_input(filter: Filter, composition: Composition) -> None:
                 f'{filter.name} cannot assume {acting} as "{composition.assumed_as}", with the unknown input {names}: '
                 f'{why}; assume it with {{"as": "states"}}, or add a sensor'
             )
+
+
+def _check_timing(filter: Filter, model: LinearModel | NonlinearModel) -> None:
+    """Refuse a filter that takes its input at another time than measurements show it.
+
+    Raises:
+        ValueError: saying of which step measurements contain it.
+    """
+    fed = callable(model.H) or np.any(model.H)
+    if fed and filter.input_delay is not None and filter.model.delayed_feedthrough != model.delayed_feedthrough:
+        raise ValueError(
+            f"{filter.name} takes its unknown input at another time than measurements show it: they contain that of "
+            f"the step that {'has ended' if model.delayed_feedthrough else 'comes'}; build it on a model with "
+            f"delayed_feedthrough={model.delayed_feedthrough}"
+        )
 
 
 def check_own(filter: Filter, composition: Composition) -> None:

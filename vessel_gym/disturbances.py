@@ -212,7 +212,7 @@ class SurfaceWater(Disturbance, verified=True):
     @cached_property
     def modelled(self) -> "BandedSurfaceWater":  # type: ignore[override]
         """The water in which filters that assume it have bands in place of the field."""
-        return BandedSurfaceWater(*(getattr(self, each.name) for each in fields(self)))
+        return BandedSurfaceWater(*(getattr(self, each.name) for each in fields(SurfaceWater)))
 
     def draw(self, uniforms: np.ndarray) -> np.ndarray:
         """Frequencies and phases of the waves of an episode."""

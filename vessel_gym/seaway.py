@@ -55,6 +55,7 @@ class Seaway(Disturbance, verified=True):
     assumed_as = "unknown-input"
     averaged = ("roll moment", "wave sway")
     uniforms = WaveField.uniforms
+    scale = (1.0, 1.0, 1.0, 1.0)  # m/s and m
 
     def __post_init__(self) -> None:
         instance("ship of Seaway", self.ship, CorvetteParameters)
@@ -86,7 +87,7 @@ class Seaway(Disturbance, verified=True):
         return self._rms(np.asarray(beta), speed, 0.0)
 
     def _rms(self, beta: np.ndarray, speed: float, dt: float) -> np.ndarray:
-        """The same, of means over ``dt`` [s]."""
+        """RMS of means of the yaw rate over ``dt`` [s]; arguments as `yaw_rate`."""
         w, spectrum = (each.reshape((-1,) + beta.ndim * (1,)) for each in self.waves.spectrum)
         half = 0.5 * dt * encounter_frequency(w, beta, np.asarray(speed))
         yaw = np.sinc(half / np.pi) * np.abs(wave_response(self.ship, w, beta, speed)[..., 1])
@@ -106,7 +107,7 @@ class Seaway(Disturbance, verified=True):
     @cached_property
     def modelled(self) -> "BandedSeaway":  # type: ignore[override]
         """The sea in which filters that assume it have bands in place of the field."""
-        return BandedSeaway(*(getattr(self, each.name) for each in fields(self)))
+        return BandedSeaway(*(getattr(self, each.name) for each in fields(Seaway)))
 
     @cached_property
     def input_sd(self) -> tuple[float, ...]:  # type: ignore[override]
@@ -141,7 +142,9 @@ class Seaway(Disturbance, verified=True):
         return self._acting((none, none, none), z[..., :2], state)
 
     def effect_at(self, drawn: np.ndarray, time: np.ndarray, z: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """The same in the waves of an episode: means over the coming step of the motion that they give her.
+        """The yaw increment and what is `AROUND` the ship, ``(..., 8)``, in the waves of an episode.
+
+        Of the motion that waves give her they are means over the coming step.
 
         Over steps that are long for the waves these are smaller, and the heading swings as far as in continuous time.
         The roll moment acts unchanged over a step, which takes ``sinc(w_e dt / 2)`` of a wave away: so it is that of
@@ -215,7 +218,7 @@ class BandedSeaway(Seaway, verified=True):
 
     names = (*WaveBands.names, "current north", "current east")  # type: ignore[assignment]
     uniforms = 0
-    modelled = None  # type: ignore[assignment]
+    modelled = scale = None  # type: ignore[assignment]
 
     @cached_property
     def bands(self) -> WaveBands:

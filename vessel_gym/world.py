@@ -42,6 +42,8 @@ class World:
         self.step: Any = Step(self, self.own_parts, self._called) if users else self.equations
         biases = [s.bias.process(sensors.dt) for s in sensors.each if s.bias is not None]
         self.size = disturbance.process.size
+        flows = forces.vehicle.ambient_flows
+        self.readable = np.array([float(name not in disturbance.averaged) for name in flows])
         self.parts = np.array([process.normals for process in (disturbance.process, *biases)])
         self.parts[0] += disturbance.white.shape[-1]
         self.start_roots = [process.start_root for process in (disturbance.process, *biases)]
@@ -165,10 +167,13 @@ class World:
         Args:
             state: ``(..., n)`` of the vehicle, now.
             ended: Increments ``(..., increments)`` of the step that has ended, which are in that state.
-            coming: Exogenous input ``(..., f)`` of the coming step, of which flows are those of now.
+            coming: Exogenous input ``(..., f)`` of the coming step, of which flows are those of now; of means over that
+                step sensors get zeros.
             drifting: States of disturbance and biases ``(..., s)``.
         """
         flows = coming[..., ended.shape[-1] : self.forces.outside]
+        if not self.readable.all():
+            flows = flows * self.readable
         return state, np.concatenate([ended, flows], -1), drifting[..., self.size :]
 
     @compiled(axes=(2, 0, 1, 1))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators import EndedUMVFilter, Gaussian, LinearModel, UMVFilter, input_delayed, make, stacked
+from estimators import EndedUMVFilter, Gaussian, LinearModel, UMVFilter, input_delayed, make, run, smooth, stacked
 from estimators.consistency import simulate
 
 N, P, Q = 4, 3, 2
@@ -99,3 +99,33 @@ def test_a_filter_of_what_acts_now_refuses_the_model_and_says_which_takes_it():
         UMVFilter(_model())
     with pytest.raises(ValueError, match=r"needs rank\(C G \+ H\) = 2"):
         EndedUMVFilter(replace(_model(), H=np.zeros((P, Q))))
+
+
+@pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "kf"])
+def test_measurements_of_a_step_that_come_one_after_the_other_are_as_good_as_together(name: str):
+    """At the first step, too, at which no input has acted."""
+    model, y = _model(), _measurements(7, 12)
+    options = {"input_cov": 0.7} if name == "kf" else {"input_prior": PRIOR}
+    filter = make(name, model, **options)
+    whole = _beliefs(filter, Gaussian(np.zeros(N), np.eye(N)), y)
+    belief = filter.init(Gaussian(np.zeros(N), np.eye(N)))
+    for k, each in enumerate(y):
+        belief = filter.predict(belief) if k else belief
+        for channels in ([0], [1, 2]):
+            belief = filter.update(belief, np.where(np.isin(np.arange(P), channels), each, np.nan))
+        for array in ("mean", "cov", "input_mean", "input_cov"):
+            np.testing.assert_allclose(getattr(belief, array), getattr(whole[k], array), rtol=0, atol=1e-7)
+    first = whole[0]
+    assert not first.input_mean.any()
+    assert not first.input_cov.any()
+
+
+def test_a_series_of_a_kalman_filter_told_the_variance_is_smoothed_as_that_of_the_model_with_the_input_as_a_state():
+    model, y, D = _model(), _measurements(8, 30), np.array([[0.5, 0.2], [0.2, 0.9]])
+    told = smooth(run(make("kf", model, input_cov=D), Gaussian(np.zeros(N), np.eye(N)), y))
+    whole = stacked(model)
+    noisy = LinearModel(whole.A, whole.C, whole.Q + whole.G @ D @ whole.G.T, whole.R)
+    start = Gaussian(np.zeros(N + Q), np.diag([1.0] * N + [0.0] * Q))
+    expected = smooth(run(make("kf", noisy), start, y))
+    np.testing.assert_allclose(told.mean, expected.mean[:, :N], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(told.input_mean, expected.mean[:, N:], rtol=0, atol=1e-9)

@@ -1,16 +1,17 @@
 """No sensor reads what has not happened; the compass of the thesis, as it is printed, does."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
 import vessel_gym  # noqa: F401  (registers the environments)
-from estimators import LinearModel, UMVFilter
+from estimators import KalmanFilter, LinearModel, UMVFilter
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.processes import linear
+from vessel_gym.seaway import Seaway
 from vessel_gym.sensors import Sensor
 from vessel_gym.system import registered
 from vessel_gym.vehicles.ship import Ship
@@ -91,6 +92,34 @@ def test_who_reads_a_mean_over_the_coming_step_is_refused():
             gym.make("SigmaCorvette-v0", sensors=[*system.vehicle.sensors, peeping])
 
 
+def test_a_mean_over_the_coming_step_is_kept_from_sensors_whatever_they_do_with_it():
+    system = registered("SigmaCorvette-v0")
+    i = (*system.vehicle.increments, *system.vehicle.ambient_flows).index("roll moment")
+    large = Sensor("large", ("roll moment",), lambda s, x: np.where(abs(x[..., [i]]) > 10.0, x[..., [i]], 0.0), (1e-9,))
+    core = Core(system, ROWS, disturbance="rough", sensors=[*system.vehicle.sensors, large])
+    core.start(0)
+    core.step(np.zeros(core.action_shape))
+    assert np.abs(core.exogenous[:, i]).min() > 10.0
+    assert np.abs(core.measurements[0][:, -1]).max() < 1e-7
+
+
+def test_a_sea_of_ones_own_acts_as_a_field_or_is_refused():
+    system = registered("SigmaCorvette-v0")
+
+    @dataclass(frozen=True, eq=False)
+    class Mine(Seaway):
+        """A sea with a number of its own."""
+
+        more: float = 1.0
+
+    figures = {each.name: getattr(system.disturbances["rough"], each.name) for each in fields(Seaway)}
+    assumed = {"assume": {"disturbance": Mine(**figures), "as": "states"}}
+    Core(system, 1, "ekf", assumed, disturbance=Mine(**figures)).start(0)
+    Mine.effect = lambda self, z, state: Seaway.effect(self, z, state) + 1.0  # type: ignore[method-assign]
+    with pytest.raises(ValueError, match="Mine gives another effect, but as a field it acts by effect_at"):
+        Core(system, 1, "ekf", disturbance=Mine(**figures))
+
+
 def _old_timing(model) -> UMVFilter:
     """KF-UMV-UI that takes what the gyro shows for the input of the coming step."""
     u = registered("SigmaCorvette-v0").vehicle.cruise[1]
@@ -98,9 +127,16 @@ def _old_timing(model) -> UMVFilter:
     return UMVFilter(LinearModel(A, C, model.Q, model.R, B=model.B, G=model.G, H=model.H))
 
 
+def _old_kalman_filter(model) -> KalmanFilter:
+    """A Kalman filter that is told the variance of the input of the coming step."""
+    return KalmanFilter(replace(model, delayed_feedthrough=False), input_cov=1e-5)
+
+
 def test_a_filter_whose_model_has_the_old_timing_is_refused():
     with pytest.raises(ValueError, match="another time than measurements show it"):
         gym.make("SigmaCorvette-v0", estimator=_old_timing, estimator_options={"model": "linear"})
+    with pytest.raises(ValueError, match="another time than measurements show it"):
+        gym.make("SigmaCorvette-v0", estimator=_old_kalman_filter, estimator_options={"model": "linear"})
     with pytest.raises(ValueError, match="use EndedUMVFilter"):
         gym.make("SigmaCorvette-v0", estimator=UMVFilter)
 

@@ -9,6 +9,7 @@ from scipy.linalg import block_diag
 
 from estimators.checks import numbers, short_repr
 from estimators.engine.arrays import TracedArray
+from vessel_gym.checks import is_integer
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.foreign import Call, copying
 from vessel_gym.sensors import check_values
@@ -186,6 +187,14 @@ def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
     for name in (*disturbance.forces, *disturbance.white_increments):
         if name not in known:
             yield f"{who} gives {short_repr(name)}, but what acts on this vehicle is {', '.join(known)}"
+    for name in disturbance.averaged:
+        if name not in disturbance.forces:
+            yield f"averaged of {who} must name some of its forces, got {short_repr(name)}"
+    if not is_integer(disturbance.uniforms) or disturbance.uniforms < 0:
+        yield f"uniforms of {who} must be a whole number of at least 0, got {short_repr(disturbance.uniforms)}"
+    owners = [next(c for c in type(disturbance).__mro__ if name in vars(c)) for name in ("effect", "effect_at")]
+    if disturbance.uniforms and owners[0] is not owners[1] and issubclass(*owners):
+        yield f"{owners[0].__name__} gives another effect, but as a field it acts by effect_at: give that instead"
     for name in disturbance.white_increments:
         if name not in vehicle.increments or name in disturbance.forces:
             increments = ", ".join(vehicle.increments)
