@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from estimators.checks import integer, number
-from estimators.engine import sincos
+from estimators.engine import along, sincos
 from vessel_gym.checks import check_names, check_numbers, instance
 from vessel_gym.processes import Process, integrated, interpolated, linear
 from vessel_gym.verified import Verified
@@ -224,9 +224,14 @@ class SurfaceWater(Disturbance, verified=True):
 
     def effect_at(self, drawn: np.ndarray, time: np.ndarray, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The current with what the waves of an episode add to its first component [m/s]."""
-        depth, ahead = np.maximum(self.depth + state[..., self.down], 0.0), np.zeros_like(time)
-        for w, phase in self.waves.phases(drawn, time, state[..., self.north] - z[..., self.beside.process.size]):
-            ahead = ahead + w * np.exp((-1.0 / GRAVITY) * w * w * depth) * sincos(phase)[1]
+        depth = np.maximum(self.depth + state[..., self.down], 0.0)
+        place = state[..., self.north] - z[..., self.beside.process.size]
+
+        def orbital(w: np.ndarray, phase: np.ndarray) -> list[np.ndarray]:
+            return [w * np.exp((-1.0 / GRAVITY) * w * w * depth) * sincos(phase)[1]]
+
+        (each,) = along(orbital, *self.waves.phases(drawn, time, place))
+        ahead = each.sum(-1)
         return self._carried(self.waves.amplitude * ahead, z, state)
 
     def _carried(self, ahead: np.ndarray, z: np.ndarray, state: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from math import factorial
 import numpy as np
 from scipy.optimize import root
 
-from estimators.engine import lookup, sincos
+from estimators.engine import along, lookup, sincos
 from vessel_gym.checks import check_numbers, instance
 from vessel_gym.disturbances import Disturbance, Sea
 from vessel_gym.processes import Process, integrated
@@ -150,21 +150,24 @@ class Seaway(Disturbance, verified=True):
         The roll moment acts unchanged over a step, which takes ``sinc(w_e dt / 2)`` of a wave away: so it is that of
         the step's middle, larger by as much, and she rolls as far, too.
         """
-        (x, y, psi, u), total = np.moveaxis(state[..., :4], -1, 0), [np.zeros_like(time)] * 3
+        x, y, psi, u = np.moveaxis(state[..., :4], -1, 0)
         sin_mu, cos_mu = sincos(self.direction)
-        along = (x - z[..., 2]) * cos_mu + (y - z[..., 3]) * sin_mu
+        place = (x - z[..., 2]) * cos_mu + (y - z[..., 3]) * sin_mu
         sin_beta, cos_beta = sincos(self.direction - psi)
         hull = self._hull.at(u)
-        for i, (w, phase) in enumerate(self.waves.phases(drawn, time, along)):  # one by one: it takes few registers
+
+        def moved(w: np.ndarray, phase: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
             k_cos = w * w * cos_beta * (1.0 / GRAVITY)
             met = w - k_cos * u
             half = 0.5 * self.dt * met  # of the phase of a step
-            mean, velocity = _mean(half), drawn[..., WaveField.uniforms + i]
+            mean = _mean(half)
             sin, cos = sincos(phase + half)
             side = velocity * (sin_beta * cos - SHORT_CREST * sin), velocity * (sin_beta * sin + SHORT_CREST * cos)
-            factors = mean, mean, _held(mean)
-            moved = zip(total, factors, hull.moved(w, k_cos, met, side), strict=True)
-            total = [one + factor * other for one, factor, other in moved]
+            sway, yaw, roll = hull.moved(w, k_cos, met, side)
+            return [mean * sway, mean * yaw, _held(mean) * roll]
+
+        waves = *self.waves.phases(drawn, time, place), drawn[..., WaveField.uniforms :]
+        total = [each.sum(-1) for each in along(moved, *waves)]
         return self._acting(total, z[..., :2], state)
 
     def _acting(self, motion: Sequence[np.ndarray], current: np.ndarray, state: np.ndarray) -> np.ndarray:

@@ -1,6 +1,5 @@
 """Long-crested waves: a field of place and time, which is the truth, and its bands, which filters assume."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -10,7 +9,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from estimators.checks import finite_array
-from estimators.engine import sincos
+from estimators.engine import along, sincos
 from vessel_gym.checks import check_numbers
 from vessel_gym.processes import Process, interpolated
 
@@ -104,25 +103,24 @@ class WaveField:
         """
         n, cells = self.components, len(self._quantiles) - 1
         at = cells / n * (np.arange(n) + uniforms[..., :n])
-        w = np.stack([interpolated(self._quantiles, at[..., i]) for i in range(n)], -1)
+        (w,) = along(lambda at: [interpolated(self._quantiles, at)], at)
         return np.concatenate([w, 2.0 * np.pi * uniforms[..., n:]], -1)
 
-    def phases(self, drawn: np.ndarray, time: np.ndarray, along: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Frequency [rad/s] and phase [rad] ``(...)`` of each component.
+    def phases(self, drawn: np.ndarray, time: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Frequencies [rad/s] and phases [rad] of the components ``(..., n)``.
 
         Args:
             drawn: As `draw` gives it ``(..., 2 n)``.
             time: [s] ``(...)``.
-            along: Place in the water along the waves [m] ``(...)``.
+            place: In the water, along the waves [m] ``(...)``.
         """
-        for i in range(self.components):
-            w, phase = drawn[..., i], drawn[..., self.components + i]
-            yield w, phase + w * (time - w * (along * (1.0 / GRAVITY)))
+        w, phase = drawn[..., : self.components], drawn[..., self.components : 2 * self.components]
+        return w, phase + w * (time[..., None] - w * (place * (1.0 / GRAVITY))[..., None])
 
-    def elevation(self, drawn: np.ndarray, time: np.ndarray, along: np.ndarray) -> np.ndarray:
+    def elevation(self, drawn: np.ndarray, time: np.ndarray, place: np.ndarray) -> np.ndarray:
         """Of the surface [m] ``(...)``; arguments as `phases`."""
-        each = [np.cos(phase) for _, phase in self.phases(drawn, time, along)]
-        return self.amplitude * np.sum(each, 0)
+        _, phases = self.phases(drawn, time, place)
+        return self.amplitude * np.cos(phases).sum(-1)
 
 
 @dataclass(frozen=True)

@@ -18,12 +18,14 @@ from estimators.engine.elementary import (
     sincos,
     sincos_near_zero,
 )
+from estimators.engine.matrices import along
 from estimators.engine.tables import lookup
 from estimators.engine.tracer import NotTraceable
 
 __all__ = [
     "Compiled",
     "NotTraceable",
+    "along",
     "as_float",
     "as_integer",
     "as_word",

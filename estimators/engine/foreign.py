@@ -174,6 +174,8 @@ def _called(function: Callable[..., Any], arguments: Sequence[np.ndarray]) -> li
 class _Limited(Program):
     """A program without loops, of a length that can be compiled."""
 
+    loops = False
+
     def new(self, kind: str, size: int | None = None) -> int:
         if len(self.kinds) > _LONGEST:
             raise NotTraceable("its loops are too long to be unrolled: use NumPy's functions of arrays")

@@ -224,6 +224,25 @@ def columnwise(function: Any, *operands: Any, wanted: Any = None, interleaved: b
     return MatrixTracer(program, value, (program.sizes[value] // count, count))
 
 
+def along(function: Any, *rows: Any) -> tuple[Any, ...]:
+    """What a function of numbers gives for each entry of rows ``(..., k)``: arrays ``(..., k)``.
+
+    A compiled program has its instructions once, where Python's own loop would be unrolled; of one row eight entries
+    are computed side by side. It is no part of a `repeat`, and has no derivative.
+
+    Args:
+        function: Of as many numbers or arrays ``(...)`` as there are rows; it gives a sequence of such, and may use
+            others, which are the same for all entries.
+        rows: Of the same length.
+    """
+    program = program_of(*rows) if any(map(is_traced, rows)) else None
+    if program is None or not program.loops:
+        each = [function(*(row[..., i] for row in rows)) for i in range(np.shape(rows[0])[-1])]
+        return tuple(np.stack(found, -1) for found in zip(*each, strict=True))
+    columns = matrix(program, TracedArray.of(np.stack(rows)))
+    return tuple(columnwise(lambda column: TracedArray.of(list(function(*column))), columns).scalars())
+
+
 def split(row: MatrixTracer, count: int) -> MatrixTracer:
     """One row of entries as ``count`` rows."""
     return MatrixTracer(row.program, row.value, (count, row.size // count))

@@ -91,6 +91,8 @@ class Program:
     """what is traced instead,"""
     inspections: set[Any]
     """and the users' functions that are part of it."""
+    loops = True
+    """May it have loops?"""
 
     def __init__(self) -> None:
         self.kinds: Any = []

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import scipy.interpolate
 
-from estimators.engine import compiled, repeat
+from estimators.engine import along, compiled, repeat
 from estimators.engine.creation import traced_creation
 from estimators.engine.foreign import inspect
 from estimators.engine.interpret import interpret
@@ -479,6 +479,11 @@ def test_loops_of_arrays_are_loops_of_each_row():
 
     traced(function)
     assert not inspect(lambda x: repeat(3, lambda a: (a + a[::-1],), x)[0], X).traceable
+
+
+def test_a_function_along_rows_is_that_of_each_row():
+    assert inspect(lambda x: along(lambda a: [a * x[..., 0]], x)[0], X).traceable
+    assert not inspect(lambda x: along(lambda a: [a * x[..., 0].sum()], x)[0], X).traceable
 
 
 def test_an_argument_without_a_batch_is_shared():

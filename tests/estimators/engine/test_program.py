@@ -13,15 +13,18 @@ import pytest
 
 from estimators.engine import (
     NotTraceable,
+    along,
     as_float,
     as_integer,
     as_word,
     bits_float,
     compiled,
     float_bits,
+    jacobian,
     lookup,
     machine,
     repeat,
+    sincos,
 )
 from estimators.engine.compiled import trace
 from estimators.engine.function import Argument
@@ -251,6 +254,45 @@ def test_a_loop_ends_by_a_mask():
 def test_a_loop_of_no_passes_gives_what_it_got():
     x = np.array([2.0, 3.0])
     np.testing.assert_array_equal(compiled(lambda x: repeat(0, lambda a: (a + 1.0,), x[..., 0])[0])(x), 2.0)
+
+
+def waves(x: Any) -> tuple[Any, ...]:
+    """Of pairs ``(..., 2 k)`` and numbers that all pairs share, in a table's entries, too."""
+    first, last, k = x[..., 0], x[..., -1], x.shape[-1] // 2
+
+    def each(a: Any, b: Any) -> list[Any]:
+        sine, cosine = sincos(a * first - b)
+        return [np.where(a > b, sine, last * cosine), lookup(np.array([3.0, 1.0, 2.0]), a) + b]
+
+    return along(each, x[..., :k], x[..., k:] + last[..., None])
+
+
+@pytest.mark.parametrize("entries", [1, 3, 8, 13, 24])
+def test_a_function_along_rows_is_that_of_each_entry(entries: int):
+    x = 2.0 * np.random.default_rng(entries).normal(size=(21, 2 * entries))
+    function = compiled(waves)
+    for found, expected in zip(function(x), waves(x), strict=True):
+        np.testing.assert_array_equal(found, expected)
+    for row, *expected in zip(x, *function(x), strict=True):
+        np.testing.assert_array_equal(function(row), expected)
+
+
+def test_a_function_along_rows_has_its_instructions_once():
+    few, many = (trace(waves, [Argument((2 * k,))])[0].instructions for k in (3, 24))
+    (short, long) = ([each for each in found if each.opcode == "columns"] for found in (few, many))
+    assert len(short) == len(long) == 1
+    assert len(short[0].attributes[0].body) == len(long[0].attributes[0].body) > 3
+
+
+def test_a_function_along_rows_is_refused_where_it_would_be_wrong():
+    def shared(x: Any) -> Any:
+        return along(lambda a: [a * x[..., 0]], np.linspace(0.0, 1.0, 5) + 0.0 * as_float(x[..., :1] > 0.0))[0]
+
+    for function in (lambda x: along(lambda a: [a * a], x)[0], shared):
+        with pytest.raises(NotTraceable, match="no derivative"):
+            compiled(lambda x, function=function: jacobian(function(x), x))(np.ones(5))
+    with pytest.raises(TypeError, match="no matrices"):
+        compiled(lambda x: repeat(2, lambda y: along(lambda a: [2.0 * a], y), x)[0])(np.ones(5))
 
 
 # --- batches ----------------------------------------------------------------------------------------
