@@ -64,6 +64,10 @@ class Disturbance(Verified, verified=True):
     modelled: "Disturbance | None" = None
     uniforms: int = 0
 
+    def met(self, z: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """The state z ``(..., k)`` as a vehicle meets it that has moved from one state ``(..., n)`` to another: z."""
+        return z
+
     def draw(self, uniforms: np.ndarray) -> np.ndarray:
         """Constants of an episode ``(..., e)``, of ``uniforms (..., u)`` from 0 to 1."""
         return uniforms

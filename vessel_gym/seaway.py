@@ -14,7 +14,7 @@ from vessel_gym.disturbances import Disturbance, Sea
 from vessel_gym.processes import Process, integrated
 from vessel_gym.vehicles.corvette_equations import AROUND, STATE, CorvetteParameters, corvette_rates
 from vessel_gym.vehicles.seakeeping import SHORT_CREST, WaveMotion, wave_loads, wave_response
-from vessel_gym.waves import GRAVITY, WaveBands, WaveField, encounter_frequency
+from vessel_gym.waves import BANDS, GRAVITY, WaveBands, WaveField, encounter_frequency
 
 _AIR_DENSITY = 1.224  # kg/m3
 _REFLECTED = 0.25  # share of the waves' energy that a ship abeam reflects; assumed
@@ -214,9 +214,11 @@ class Seaway(Disturbance, verified=True):
 
 @dataclass(frozen=True, eq=False)
 class BandedSeaway(Seaway, verified=True):
-    """A filter's model of a `Seaway`: its waves are `WaveBands`, at rest over ground.
+    """A filter's model of a `Seaway`: its waves are `WaveBands` as the ship meets them.
 
-    The ship answers each as strongly as all waves of the band together, in the phase of those at its frequency.
+    She answers each as strongly as all waves of the band together, in the phase of those at its frequency. The phases
+    are those at the ship, and turn as she moves: how she moves tells how often she meets waves, and no wave tells where
+    she is. In phases at a place the filter would take its position from a sea that it knows for half a minute.
     """
 
     names = (*WaveBands.names, "current north", "current east")  # type: ignore[assignment]
@@ -256,13 +258,20 @@ class BandedSeaway(Seaway, verified=True):
 
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The yaw increment [rad], and what is `AROUND` the ship, ``(..., 8)``."""
-        x, y, psi, u = np.moveaxis(state[..., :4], -1, 0)
-        sin_mu, cos_mu = sincos(self.direction)
-        total, response = [np.zeros_like(x)] * 3, self._interpolated(self.direction - psi, u)
-        for band, (real, imaginary) in enumerate(self.bands.at(z, x * cos_mu + y * sin_mu)):
+        psi, u = state[..., 2], state[..., 3]
+        total, response = [np.zeros_like(u)] * 3, self._interpolated(self.direction - psi, u)
+        for band in range(BANDS):
+            real, imaginary = z[..., 2 * band], z[..., 2 * band + 1]
             own = [response[..., 6 * band + k] for k in range(6)]
             total = [total[k] + (own[k] * real - own[k + 3] * imaginary) for k in range(3)]
         return self._acting(total, z[..., -2:], state)
+
+    def met(self, z: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """The state with the phases of the waves where the ship is after a step, through the water."""
+        sin_mu, cos_mu = sincos(self.direction)
+        north, east = ((after - before)[..., i] - self.dt * z[..., i - 2] for i in range(2))
+        parts = self.bands.at(z, north * cos_mu + east * sin_mu)
+        return np.stack([*(each for part in parts for each in part), z[..., -2], z[..., -1]], -1)
 
     def _interpolated(self, beta: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """Real and imaginary parts of `mean_response` ``(..., bands * 6)``."""

@@ -114,8 +114,13 @@ class World:
         if self.forces.faulty:
             offsets, _ = self.forces.of_actuators(exogenous)
             before, after = before + offsets, after + offsets
+        left = state
         state = self.vehicle.step(state, before, after, exogenous[..., : self.forces.outside], parameters)
-        advanced = self._advanced(keys, steps, drifting, noise)
+        drifting, *advanced = self._advanced(keys, steps, drifting, noise)
+        if self.forces.meets:
+            z = self.disturbance.met(drifting[..., : self.size], left, state)
+            drifting = np.concatenate([z, drifting[..., self.size :]], -1)
+        advanced = drifting, *advanced
         return state, *self._with_effect(advanced, drawn, steps, state, measured)
 
     @compiled(axes=(1, 1, 2, 1, 2, 0))

@@ -91,6 +91,8 @@ class Forces:
         self.unknown = [i for i in self.inputs if i < self.size]
         """Indices of the exogenous inputs that are treated as d; an actuator's fault includes its loss."""
         self.unknown += [i + len(known) - self._losses for i in self.unknown if self.outside <= i < self._losses]
+        self.meets = type(disturbance).met is not Disturbance.met
+        """Does its state follow how the vehicle moves?"""
         self.constant = getattr(disturbance.effect, "linear", False) and not self.faulty
         """Is its effect declared to be `gains` times its state, wherever the vehicle is?"""
 

@@ -27,7 +27,7 @@ def nonlinear_model(parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[st
     Raises:
         ValueError: for an unknown flow that measurements show otherwise elsewhere.
     """
-    forces, vehicle, n, drift = parts.forces, parts.vehicle, parts.base, parts.drift
+    forces, vehicle, n = parts.forces, parts.vehicle, parts.base
     increments = len(vehicle.increments)
     moves = [parts.own.index(name) for name in vehicle.incremented if name in parts.own]
     has_increments = len(parts.estimated) > 0 and forces.has_increments
@@ -40,7 +40,7 @@ def nonlinear_model(parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[st
         after = forces.moved(x[..., :n], u, acting)
         after = with_increments(after, acting[..., :increments], moves) if has_increments else after
         ended = [np.stack([acting[..., i] + zero for i in parts.ended], -1)] if parts.ended else []
-        return np.concatenate([after, drift.advance(x[..., n : n + drift.size]), *ended], -1)
+        return np.concatenate([after, parts.drifted(x, after), *ended], -1)
 
     flowing = [(j, i) for j, i in enumerate(forces.inputs) if i in parts.unknown and i >= increments]
     for _, i in flowing:

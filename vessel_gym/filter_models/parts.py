@@ -69,6 +69,17 @@ class Parts:
         z = spread(components, self.forces.disturbance.process.size, x)
         return self.forces.on(z, self.state(x), self.unknown)
 
+    def drifted(self, x: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """States of disturbance and biases a step after those in ``x (..., m)``; the vehicle's are ``after`` it."""
+        drift, k = self.drift, len(self.estimated)
+        moved = drift.advance(x[..., self.base : self.base + drift.size])
+        if not (k and self.forces.meets):
+            return moved
+        components = {int(i): moved[..., j] for j, i in enumerate(self.estimated)}
+        z = spread(components, self.forces.disturbance.process.size, x)
+        z = self.forces.disturbance.met(z, self.state(x), self.state(after))
+        return np.concatenate([np.stack([z[..., int(i)] for i in self.estimated], -1), moved[..., k:]], -1)
+
     def expected(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """Measurements without noise ``(..., p)`` in states ``(..., m)`` of a filter, with their biases."""
         first, increments = self.base + len(self.estimated), len(self.vehicle.increments)
