@@ -80,7 +80,7 @@ def test_the_score_is_that_of_the_episode_and_lies_in_the_unit_interval():
     np.testing.assert_allclose(flight.score, flight.history["score"][-1], rtol=0, atol=1e-12)
     assert (flight.score > 0.5).all()
     assert (flight.score <= 1.0).all()
-    assert flight.history["truth"].shape == (601, 5, 16)
+    assert flight.history["truth"].shape == (601, 5, 12)
     assert not any(key.startswith("_") for key in flight.history)
 
 

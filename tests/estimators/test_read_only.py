@@ -160,7 +160,8 @@ def test_another_mean_moves_members_and_particles(name: str):
     moved = begun.replace(mean=target)
     points = "particles" if name == "pf" else "ensemble"
     for belief in (begun, moved):
-        weights = np.exp(belief.log_weights) if name == "pf" else np.full(belief.ensemble.shape[:-1], 0.01)
+        rows = None if name == "pf" else belief.ensemble.shape[:-1]
+        weights = np.exp(belief.log_weights) if rows is None else np.full(rows, 1.0 / rows[-1])
         np.testing.assert_allclose(np.vecmat(weights, getattr(belief, points)), belief.mean, rtol=0, atol=1e-12)
     np.testing.assert_allclose(moved.cov, begun.cov, rtol=0, atol=1e-13)
     ahead, before = (filter.predict(belief, np.zeros(2), rng=rng).mean for belief in (moved, begun))

@@ -260,7 +260,7 @@ def test_the_determinant_counts_channels_that_came_together():
 def test_a_filter_that_draws_numbers_has_the_same_in_every_evaluation():
     def build(q: float, r: float) -> tuple[Filter, Gaussian]:
         filter, prior = level(q, r)
-        return make("enkf", filter.model, members=100), prior
+        return make("enkf", filter.model, members=100, draws="independent"), prior
 
     start = {"q": 1e3, "r": 1e4}
     one, again, other = (fit(build, start, NILE, rng=rng) for rng in (1, 1, RandomKeys.seeded([7])[0]))

@@ -187,8 +187,7 @@ def test_truth_reaches_no_alarm(estimator: str, sea: bool):
 @pytest.mark.slow
 @pytest.mark.parametrize("sea", [False, True])
 def test_the_alarms_of_a_row_are_those_of_a_single_environment_in_every_mode(sea: bool, monkeypatch):
-    chosen = {"estimator_options": FEW_MEMBERS["enkf"] | {"monitor": OFTEN}}
-    monkeypatch.setitem(FEW_MEMBERS, "enkf", chosen["estimator_options"])
+    monkeypatch.setitem(FEW_MEMBERS, "enkf", {"monitor": OFTEN})
     assert_same_in_every_mode(AUV, "enkf", observe="mean+alarms", **(at_sea(AUV) if sea else {"sensors": "degraded"}))
 
 

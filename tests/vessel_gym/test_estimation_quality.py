@@ -74,7 +74,11 @@ def heading_rmse(history: dict[str, np.ndarray]) -> np.ndarray:
 def test_every_estimator_watched_the_same_ships():
     one = estimated("kf-umv-ui")
     assert one["truth"].shape == (600, SEEDS, 8)
-    assert estimated("kf", assumed_as="states")["truth"].shape == (600, SEEDS, 13)  # and the sea
+    assert estimated("kf", assumed_as="states")["truth"].shape == (
+        600,
+        SEEDS,
+        14,
+    )  # and the sea, and its last increment
     for other in (estimated("kf"), estimated("kf", assumed_as="white-input"), estimated("dead-reckoning")):
         for key in ("truth", "unknown_input", "measurement"):
             np.testing.assert_array_equal(one[key], other[key])
