@@ -103,7 +103,7 @@ def turns_in(sea: str) -> tuple[Arm, ...]:
         Arm("`ekf`, waves as states, as the ship meets them", "ekf", met),
         Arm(f"`ekf`, likewise, assuming a {OTHER[sea]} sea", "ekf", other),
         Arm("`ekf`, waves as states, of no direction", "ekf", {"assume": {"as": "states"}}),
-        Arm("`ekf`, waves in Q and R, without a current", "ekf", {"assume": {"as": "process-noise"}}),
+        Arm("`ekf`, waves as process noise, without a current", "ekf", {"assume": {"as": "process-noise"}}),
         Arm("`ekf`, nothing of waves", "ekf"),
         Arm("`kf-umv-ui`, linear", "kf-umv-ui", {"model": "linear"}),
         Arm("`kf` with d's variance, linear", "kf", {"assume": {"as": "white-input"}}),
