@@ -139,7 +139,8 @@ class KalmanFilter(GaussianFilter[Belief], verified=True):
 
     def _unseen(self, mean: np.ndarray) -> dict[str, Any]:
         if self.input_cov is None:
-            return {}  # before the first step nothing has acted that a delayed feedthrough could show
+            return {}
+        # Before the first step nothing has acted that a delayed feedthrough could show.
         return unseen_input(mean, np.zeros(self.input_cov.shape) if self.input_delay else self.input_cov)
 
     def _own(self, before: Belief, mean: np.ndarray, u: np.ndarray | None) -> dict[str, Any]:

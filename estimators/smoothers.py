@@ -117,9 +117,8 @@ def _gains(
         else:
             G = filter._input_matrix(following)
             D = joined([identity(n), -G], -1)
-            if (
-                isinstance(filter, KalmanFilter) and filter.input_cov is not None
-            ):  # which has the input's variance in its prediction
+            # A Kalman filter that was told the input's variance has it in its prediction.
+            if isinstance(filter, KalmanFilter) and filter.input_cov is not None:
                 cov = cov - congruence(G, filter.input_cov)
     cross = P[..., : A.shape[-1]] @ A.mT
     forgot = (recovery == Recovery.PRIOR) | ~np.isfinite(cov).all((-2, -1))
