@@ -18,14 +18,7 @@ from estimators.belief import Belief, DelayedInputBelief, EnsembleBelief, Feedth
 from estimators.check import check_filter
 from estimators.delayed import Delayed, DelayedBelief, by_age
 from estimators.discretisation import forward_euler, sampled, van_loan, zero_order_hold
-from estimators.ensemble import (
-    DrawingFilter,
-    EnsembleFilter,
-    EnsembleKalmanFilter,
-    EnsembleSquareRootFilter,
-    EnsembleTransformFilter,
-    LocalEnsembleTransformFilter,
-)
+from estimators.ensemble import DrawingFilter, EnsembleFilter, EnsembleKalmanFilter, EnsembleTransformFilter
 from estimators.error_state import ErrorStateKalmanFilter
 from estimators.factory import make, names
 from estimators.faults import ChiSquareMonitor, CusumMonitor, FaultMonitor, Watch
@@ -34,7 +27,6 @@ from estimators.input_observability import InputConditions, input_conditions
 from estimators.iterated import IteratedExtendedKalmanFilter
 from estimators.kalman import ExtendedKalmanFilter, GaussianFilter, KalmanFilter
 from estimators.learned import GainNetwork, LearnedGainBelief, LearnedGainFilter
-from estimators.localisation import gaspari_cohn
 from estimators.measurement import Measurement
 from estimators.metrics import chi_square_band, nees, nis, rmse
 from estimators.models import Gaussian, LinearModel, ManifoldGaussian, NonlinearModel
@@ -77,7 +69,6 @@ __all__ = [
     "EnsembleBelief",
     "EnsembleFilter",
     "EnsembleKalmanFilter",
-    "EnsembleSquareRootFilter",
     "EnsembleTransformFilter",
     "ErrorStateKalmanFilter",
     "ExtendedKalmanFilter",
@@ -99,7 +90,6 @@ __all__ = [
     "LearnedGainBelief",
     "LearnedGainFilter",
     "LinearModel",
-    "LocalEnsembleTransformFilter",
     "ManifoldGaussian",
     "Measurement",
     "MixtureBelief",
@@ -128,7 +118,6 @@ __all__ = [
     "chi_square_band",
     "fit",
     "forward_euler",
-    "gaspari_cohn",
     "input_conditions",
     "input_delayed",
     "make",

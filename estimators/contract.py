@@ -28,8 +28,8 @@ class Estimator(ABC, Generic[Record]):
     `advance` the second with it.
     """
 
-    name: ClassVar[str]
-    """By default the class' own name."""
+    name: str
+    """That by which it was made; by default the class' own name."""
     record: type[Belief] = Belief
     """Class of its beliefs."""
     input_delay: int | None = None

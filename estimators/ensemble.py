@@ -6,8 +6,7 @@ Rows are members: an ensemble is ``(..., N, n)``; in memory members are last, as
 
     C P- = Y' A / (N - 1)        S = Y' Y / (N - 1) + R        K = (C P-)' S^-1
 
-Everything costs O(N p (n + p)), and nothing is N x N unless that is less than p x p (``variant="evensen2004"`` of
-`enkf-sr` excepted).
+Everything costs O(N p (n + p)), and nothing is N x N unless that is less than p x p.
 """
 
 import warnings
@@ -18,13 +17,10 @@ import numpy as np
 from estimators.analysis import (
     Moments,
     covariance,
-    evensen_transform,
     expect,
     forecast,
-    local_analysis,
     perturbed_analysis,
     redraw,
-    rotate_anomalies,
     sample,
     transform_analysis,
 )
@@ -34,7 +30,6 @@ from estimators.checks import integer, number, short_repr
 from estimators.engine.matrices import is_traced
 from estimators.filter import Filter, Model, Rng, inlinable
 from estimators.linalg import masked, semidefinite_cholesky, shared_root
-from estimators.localisation import check_taper, group_states
 from estimators.measurement import Measurement
 from estimators.models import Gaussian, LinearModel, NonlinearModel, at_columns
 from estimators.randomness import RandomKeys
@@ -43,15 +38,13 @@ from estimators.varying import resolve
 
 Drawn = RandomKeys | np.random.Generator
 """`Rng` of a filter that draws from it: there is one."""
-START, PROCESS, MEASUREMENTS, ROTATION, MOVED, EXPECTED = range(6)
+START, PROCESS, MEASUREMENTS, MOVED, EXPECTED = 0, 1, 2, 4, 5
 """Uses of random numbers."""
 _REDRAWS = 16
 """Times that members outside the domain of a measurement are drawn again: of uses from EXPECTED on."""
 DRAWS = "exact", "independent"
 """Kinds of draws: with exact sample moments, or one independent of the other."""
 _BEGIN = "_init", "_update"
-_FEW = 16
-"""Groups of components that a program has one after the other; of more, each is a row."""
 
 
 class DrawingFilter(Filter[Record], verified=True):
@@ -81,7 +74,7 @@ class DrawingFilter(Filter[Record], verified=True):
 
 
 class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
-    """Base of ensemble filters: members, their prediction, the moments, inflation and localisation.
+    """Base of ensemble filters: members, their prediction, the moments and inflation.
 
     Random numbers: the members of ``init`` and the process noise of ``predict`` are drawn and centred, so that they
     move the ensemble's mean by nothing. With exact draws their sample covariance is the one asked for, and process
@@ -94,8 +87,7 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
     Args:
         model: Any model; an unknown input in it is ignored.
         members: N, at least 2; None: 64, or the next multiple of 8 from n + r + 2 on, r = max(rank Q, p).
-        inflation: Factor on the anomalies of every component that an update may correct; 1: none.
-        localisation: ``(n, p)``: which measurement may correct which component; None: every one.
+        inflation: Factor on the anomalies after each measurement; 1: none.
         draws: "exact": noise has exact sample moments (`exact_noise`), for which N must be at least n + r + 2;
             "independent": as in most papers.
 
@@ -115,13 +107,10 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
         model: Model,
         members: int | None = None,
         inflation: float = 1.0,
-        localisation: np.ndarray | None = None,
         draws: str = "exact",
     ) -> None:
         super().__init__(model)
         self.inflation = number("inflation", inflation, 0.0, np.inf, "a positive number")
-        self.localisation = None if localisation is None else check_taper(localisation, model.n, model.p)
-        self.mixes = localisation is None  # which is about channels
         Q = model.Q
         self._noise_root = None if callable(Q) else noise_root(Q)
         rank = model.n if self._noise_root is None else self._noise_root.shape[-1]
@@ -132,7 +121,7 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
         self._exact = draws == "exact" and self.members >= needed
         if draws == "exact" and not self._exact:
             warnings.warn(
-                f"{self.name} with {self.members} members has independent draws: exact ones need {needed}, "
+                f"an ensemble of {self.members} members has independent draws: exact ones need {needed}, "
                 f'{model.n} states + {max(rank, model.p)} draws + 2 (give more members, or draws="independent")',
                 UserWarning,
                 stacklevel=3,
@@ -285,9 +274,7 @@ class EnsembleKalmanFilter(EnsembleFilter, verified=True):
     Args:
         model: Any model; an unknown input in it is ignored.
         members: N, at least 2; None: 64, or the next multiple of 8 from n + r + 2 on, r = max(rank Q, p).
-        inflation: Factor on the anomalies of every component that an update may correct; 1: none.
-        localisation: ``(n, p)`` from 0 to 1, multiplies the gain: which measurement may correct which component, and by
-            how much of what the covariance says; None: every one, whole.
+        inflation: Factor on the anomalies after each measurement; 1: none.
         draws: "exact": noise has exact sample moments (`exact_noise`), for which N must be at least n + r + 2;
             "independent": as in most papers.
     """
@@ -300,12 +287,10 @@ class EnsembleKalmanFilter(EnsembleFilter, verified=True):
         model: Model,
         members: int | None = None,
         inflation: float = 1.0,
-        localisation: np.ndarray | None = None,
         draws: str = "exact",
     ) -> None:
-        super().__init__(model, members, inflation, localisation, draws)
+        super().__init__(model, members, inflation, draws)
         self._measurement_root = None if callable(model.R) else semidefinite_cholesky(model.R)
-        self._factors = np.ones((model.p, model.n)) if self.localisation is None else self.localisation.T
 
     def _update(self, belief: EnsembleBelief, measurement: Measurement, rng: Rng) -> EnsembleBelief:
         batch, arrived = belief.mean.shape[:-1], measurement.available
@@ -318,17 +303,18 @@ class EnsembleKalmanFilter(EnsembleFilter, verified=True):
         wanted = np.vecmat(1.0 * arrived, 1.0 * (np.abs(root) > 0.0)) > 0.0
         normals = members_last(draw(numbers, batch, self.members, self.model.p, MEASUREMENTS, wanted))
         mean, members, S = perturbed_analysis(
-            *self._moments(belief, measurement), root, normals, self._factors, belief.cov,
+            *self._moments(belief, measurement), root, normals, belief.cov,
             inflation=self.inflation, exact=self._exact,
         )  # fmt: skip
         return EnsembleBelief.updated(belief, mean, covariance(members, mean), measurement, S, ensemble=members.mT)
 
 
 class EnsembleTransformFilter(EnsembleFilter, verified=True):
-    """ETKF: the members are transformed so that their covariance is the Kalman filter's, without random numbers.
+    """ETKF, or EnKF-SR: the members are transformed so that their covariance is the Kalman filter's.
 
-    ``A <- T A`` with the symmetric, mean-preserving ``T = (I + Y R^-1 Y' / (N - 1))^-1/2``, computed as a reduced gain
-    in p x p algebra: with ``S = L L'``, the singular value decomposition ``L^-1 R^1/2 = U s V'`` and ``W = L^-T U``::
+    The update draws no random numbers. ``A <- T A`` with the symmetric, mean-preserving ``T = (I + Y R^-1 Y' / (N -
+    1))^-1/2``, computed as a reduced gain in p x p algebra: with ``S = L L'``, the singular value decomposition ``L^-1
+    R^1/2 = U s V'`` and ``W = L^-T U``::
 
         K = (C P-)' W W'        K~ = (C P-)' W diag(1 / (1 + s)) W'        A <- A - Y K~'
 
@@ -338,166 +324,39 @@ class EnsembleTransformFilter(EnsembleFilter, verified=True):
     itself, P the variance that is predicted and eps the machine's precision, and by some ``eps sqrt(P / R)`` where T is
     formed.
 
-    Sources: Bishop, Etherton & Majumdar (2001); Wang, Bishop & Julier (2004); the reduced gain of Whitaker & Hamill
-    (2002) for measurements taken together; rotations: Sakov & Oke (2008b); localisation: Hunt, Kostelich & Szunyogh
-    (2007).
+    Evensen's square-root filter is the same transform in its symmetric form, which keeps the members' mean.
+
+    Sources: Bishop, Etherton & Majumdar (2001); Wang, Bishop & Julier (2004); Evensen (2004), made symmetric by Sakov &
+    Oke (2008b) and Livings, Dance & Nichols (2008); the reduced gain of Whitaker & Hamill (2002) for measurements taken
+    together.
 
     Args:
         model: Any model; an unknown input in it is ignored.
         members: N, at least 2; None: 64, or the next multiple of 8 from n + r + 2 on, r = max(rank Q, p).
-        inflation: Factor on the anomalies of every component that an update may correct; 1: none.
-        localisation: ``(n, p)`` of 0 and 1: which measurement may correct which component. Components with the same row
-            form a group, and each group is transformed with its own measurements; None: one group.
-        rotate: Rotate the anomalies at random after each update, keeping their mean and covariance.
+        inflation: Factor on the anomalies after each measurement; 1: none.
         draws: "exact": noise has exact sample moments (`exact_noise`), for which N must be at least n + r + 2;
             "independent": as in most papers.
     """
 
     name = "etkf"
-    _certainty = 0.0
-    """Of the scale of the members (`finite_size_inflation`); 0: no inflation that adapts."""
-    _tapers: ClassVar[bool] = False
-    """A localisation may be a taper; else it is a mask."""
 
     def __init__(
         self,
         model: Model,
         members: int | None = None,
         inflation: float = 1.0,
-        localisation: np.ndarray | None = None,
-        rotate: bool = False,
         draws: str = "exact",
     ) -> None:
-        super().__init__(model, members, inflation, localisation, draws)
-        if not isinstance(rotate, bool):
-            raise ValueError(f"rotate must be True or False, got {short_repr(rotate)}")
-        self.rotate = rotate
-        taper = np.ones((model.n, model.p)) if self.localisation is None else self.localisation
-        if not (self._tapers or np.isin(taper, (0.0, 1.0)).all()):
-            raise ValueError(f"localisation of {self.name} must be 0 or 1 everywhere: a taper is for enkf and letkf")
-        self._groups = group_states(taper)
-        if rotate or sum(len(states) for states, _, _ in self._groups) > _FEW:
-            self._programs = None
-        self.sequential = self.inflation == 1.0 and localisation is None
+        super().__init__(model, members, inflation, draws)
+        self.sequential = self.inflation == 1.0
 
     def _update(self, belief: EnsembleBelief, measurement: Measurement, rng: Rng) -> EnsembleBelief:
-        numbers = self._numbers(rng, belief.mean.shape[:-1])
+        self._numbers(rng, belief.mean.shape[:-1])
         regular = bool(self._regular) and measurement.whole_R is self.model.R
-        mean, members, S = self._analysis(regular, self._moments(belief, measurement))
-        ensemble = members.mT
-        if self.rotate:
-            normals = draw(numbers, mean.shape[:-1], self.members - 1, min(self.members - 1, self.model.n), ROTATION)
-            ensemble = rotate_anomalies(ensemble - mean[..., None, :], normals) + mean[..., None, :]
-        return EnsembleBelief.updated(
-            belief, mean, covariance(members_last(ensemble), mean), measurement, S, ensemble=ensemble
+        mean, members, S = transform_analysis(
+            *self._moments(belief, measurement), inflation=self.inflation, regular=regular
         )
-
-    def _analysis(self, regular: bool, moments: Moments) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Mean ``(..., n)``, members ``(..., n, N)`` and S after the measurement described by `_moments`.
-
-        ``regular``: R is known to be nonsingular.
-        """
-        options: dict[str, Any] = {"inflation": self.inflation, "certainty": self._certainty, "regular": regular}
-        if self.localisation is None:
-            return transform_analysis(*moments, **options)
-        return local_analysis(moments, self._groups, **options)
-
-
-class EnsembleSquareRootFilter(EnsembleTransformFilter, verified=True):
-    """EnKF-SR: Evensen's square-root filter, by default in its symmetric, mean-preserving form.
-
-    With ``C = Y' Y + (N - 1) R = Z L Z'`` and the singular value decomposition ``L^-1/2 Z' Y' = U s V'``, the anomalies
-    (as columns) become ``A V sqrt(I - s's) V'``: the same transform as `etkf`, computed by the same code.
-    ``variant="evensen2004"`` leaves out the last ``V'`` as published: the second moments are the same, but the mean of
-    the members moves at random, by about a quarter of the spread at N = 10. It forms an N x N matrix, and is there to
-    reproduce papers.
-
-    Source: Evensen (2004); the mean is treated by Sakov & Oke (2008b) and Livings, Dance & Nichols (2008).
-
-    Args:
-        model: Any model; an unknown input in it is ignored.
-        members: N, at least 2; None: 64, or the next multiple of 8 from n + r + 2 on, r = max(rank Q, p).
-        inflation: Factor on the anomalies of every component that an update may correct; 1: none.
-        localisation: ``(n, p)`` of 0 and 1, as in `EnsembleTransformFilter`.
-        rotate: Rotate the anomalies at random after each update, keeping their mean and covariance.
-        variant: "symmetric" or "evensen2004".
-        draws: "exact": noise has exact sample moments (`exact_noise`), for which N must be at least n + r + 2;
-            "independent": as in most papers.
-    """
-
-    name = "enkf-sr"
-
-    def __init__(
-        self,
-        model: Model,
-        members: int | None = None,
-        inflation: float = 1.0,
-        localisation: np.ndarray | None = None,
-        rotate: bool = False,
-        variant: str = "symmetric",
-        draws: str = "exact",
-    ) -> None:
-        super().__init__(model, members, inflation, localisation, rotate, draws)
-        if not isinstance(variant, str) or variant not in ("symmetric", "evensen2004"):
-            raise ValueError(f"variant must be 'symmetric' or 'evensen2004', got {short_repr(variant)}")
-        self.variant = variant
-        self.sequential = self.sequential and variant == "symmetric"
-        if variant != "symmetric":
-            self._programs = None
-
-    def _analysis(self, regular: bool, moments: Moments) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        mean, members, S = super()._analysis(regular, moments)
-        if self.variant == "symmetric":
-            return mean, members, S
-        members = evensen_transform(members, mean, S, moments, self._groups, self.inflation)
-        return members.mean(-1), members, S
-
-
-class LocalEnsembleTransformFilter(EnsembleTransformFilter, verified=True):
-    """LETKF: each component is transformed by the measurements near it, which count the less the farther they are.
-
-    The transform of `etkf` for every group of components with equal rows of ``localisation``, with R divided by their
-    taper, so that a measurement's information fades with distance instead of ending: see `gaspari_cohn`.
-
-    With ``adaptive`` every analysis also finds by how much the members differ from each other too little, or too much,
-    in each group: the finite-size filter EnKF-N in its dual form, for an ensemble of N tells the covariance of a
-    sample, and its scale is told again by the measurement. It has no memory, so that a belief is no more than its
-    members, and no tuning but how much the scale of a sample is believed: chaos without model error needs 1 to 2. The
-    belief's ``innovation_cov`` is that of the members as they came: where they are inflated, it is too small for the
-    measurement.
-
-    Sources: Hunt, Kostelich & Szunyogh (2007); Bocquet, Raanes & Hannart (2015); Raanes, Bocquet & Carrassi (2019).
-
-    Args:
-        model: Any model; an unknown input in it is ignored.
-        members: N, at least 2; None: 64, or the next multiple of 8 from n + r + 2 on, r = max(rank Q, p).
-        inflation: Factor on the anomalies of the analysis, whether or not it is adaptive, too; 1: none.
-        localisation: ``(n, p)`` from 0 to 1: by what the information of a measurement is multiplied for a component;
-            None: by 1.
-        rotate: Rotate the anomalies at random after each update, keeping their mean and covariance.
-        adaptive: How many samples of N the prior of the scale is worth, above 0; None: no inflation that adapts.
-        draws: "exact": noise has exact sample moments (`exact_noise`), for which N must be at least n + r + 2;
-            "independent": as in most papers.
-    """
-
-    name = "letkf"
-    _tapers = True
-
-    def __init__(
-        self,
-        model: Model,
-        members: int | None = None,
-        inflation: float = 1.0,
-        localisation: np.ndarray | None = None,
-        rotate: bool = False,
-        adaptive: float | None = None,
-        draws: str = "exact",
-    ) -> None:
-        super().__init__(model, members, inflation, localisation, rotate, draws)
-        self.adaptive = adaptive
-        if adaptive is not None:
-            self._certainty = number("adaptive", adaptive, 0.0, np.inf, "a positive number, or None")
-            self.sequential = False
+        return EnsembleBelief.updated(belief, mean, covariance(members, mean), measurement, S, ensemble=members.mT)
 
 
 # --- shared -------------------------------------------------------------------------------------------

@@ -7,12 +7,7 @@ from typing import Any
 
 from estimators.adaptive import AdaptiveKalmanFilter
 from estimators.checks import short_repr
-from estimators.ensemble import (
-    EnsembleKalmanFilter,
-    EnsembleSquareRootFilter,
-    EnsembleTransformFilter,
-    LocalEnsembleTransformFilter,
-)
+from estimators.ensemble import EnsembleKalmanFilter, EnsembleTransformFilter
 from estimators.error_state import ErrorStateKalmanFilter
 from estimators.filter import Filter, Model
 from estimators.iterated import IteratedExtendedKalmanFilter
@@ -42,14 +37,13 @@ _FILTERS: dict[str, type[Filter]] = {
         UnscentedKalmanFilter,
         UnscentedUMVFilter,
         EnsembleKalmanFilter,
-        EnsembleSquareRootFilter,
         EnsembleTransformFilter,
-        LocalEnsembleTransformFilter,
         ParticleFilter,
         HuberKalmanFilter,
         RobustKalmanFilter,
     )
 }
+_FILTERS["enkf-sr"] = EnsembleTransformFilter
 
 
 def names() -> tuple[str, ...]:
@@ -76,7 +70,9 @@ def make(name: str, model: Model, **options: Any) -> Filter:
     if cls is UMVFilter and getattr(model, "delayed_feedthrough", False):
         cls = EndedUMVFilter
     check_options(name, cls, options)
-    return cls(model, **options)
+    made = cls(model, **options)
+    made.name = name
+    return made
 
 
 def check_options(name: str, cls: type, options: dict[str, Any]) -> None:

@@ -48,7 +48,7 @@ def smooth(series: Series[Record], lag: int | None = None) -> Record:
 
     Raises:
         TypeError: if the filter has no smoother.
-        ValueError: if ``lag`` is negative, or members cannot be followed back (localised or rotated).
+        ValueError: if ``lag`` is negative.
     """
     later = len(series) - 1
     steps = None if lag is None else min(integer("lag", lag, 0), later)
@@ -140,11 +140,6 @@ def _regression(cross: np.ndarray, cov: np.ndarray) -> np.ndarray:
 
 def _members(filter: EnsembleFilter, updated: Any, predicted: Any, steps: int | None) -> Any:
     """The same, member by member."""
-    if filter.localisation is not None or getattr(filter, "rotate", False):
-        raise ValueError(
-            f"members of {filter.name} cannot be followed back where they are localised or rotated: run it without, or "
-            "smooth with kf, ekf or ukf"
-        )
     angles, own = filter.model.state_angles, updated.ensemble
     spread, ahead = (
         difference(belief.ensemble, belief.mean[..., None, :], angles) for belief in (updated[:-1], predicted[1:])

@@ -68,7 +68,7 @@ HEADING_SHIP = System(
     estimator="kf-umv-ui",
     filter_model="corrected",
     filter_models=dict.fromkeys(
-        ("ekf", "iekf", "srkf", "eskf", "adaptive-kf", "mhe", "ukf", "enkf", "enkf-sr", "etkf", "letkf", "pf"),
+        ("ekf", "iekf", "srkf", "eskf", "adaptive-kf", "mhe", "ukf", "enkf", "enkf-sr", "etkf", "pf"),
         "nonlinear",
     ),
     tuning=input_tuning,

@@ -185,8 +185,6 @@ def build(
         composition = composition.adapted_to(str(estimator))
     nature = composition.forces if assumptions.disturbance is None else Forces(system.vehicle, disturbance)
     inputs = composition.inputs or unknown_inputs(nature, sensors)
-    acting = *disturbance.names, *composition.forces.disturbance.names
-    sensors.check_corrects((*acting, *(name for sensor in system.vehicle.sensors for name in sensor.corrected_states)))
     if assumptions.how is None and estimator not in ENVIRONMENT_ONLY:  # these do without a model of measurements
         composition.check_ambient_flows()
     if composition.assumed_as == "white-input" and estimator not in ("kf", *ENVIRONMENT_ONLY):

@@ -9,8 +9,9 @@ observations; Sakov & Oke (2008a), A deterministic formulation of the ensemble K
 (2012), An iterative EnKF for strongly nonlinear systems; Bocquet, Raanes & Hannart (2015), Expanding the validity of
 the ensemble Kalman filter without the intrinsic need for inflation; and those that ``benchmarks.csv`` names. The
 values are those printed in DAPPER (Raanes et al., https://github.com/nansencenter/DAPPER) beside the settings of these
-papers, in ``mods/Lorenz63`` and ``mods/Lorenz96``: all but those of methods that are not here (smoothers, serial and
-variational ones), of Laplace's noise, of 400 members or 3000 particles and more, which take minutes, and doubles.
+papers, in ``mods/Lorenz63`` and ``mods/Lorenz96``: all but those of methods that are not here (smoothers, local, serial
+and variational ones, members that are rotated, inflation that adapts), of Laplace's noise, of 400 members or 3000
+particles and more, which take minutes, and doubles.
 """
 
 import csv
@@ -22,7 +23,6 @@ from typing import Any
 import numpy as np
 
 from estimators.factory import make
-from estimators.localisation import gaspari_cohn
 from estimators.models import Gaussian, NonlinearModel
 
 
@@ -110,14 +110,14 @@ LORENZ63 = Setting(
     measurement_var=2.0,
     burn_in=64,
 )
-NOISY63 = replace(LORENZ63, name="Lorenz-63, R = 8", steps=12, measurement_var=8.0, burn_in=133)
-FIRST63 = replace(NOISY63, name="Lorenz-63, R = 8, x alone", burn_in=33, seen=(0,))
+FIRST63 = replace(LORENZ63, name="Lorenz-63, R = 8, x alone", steps=12, measurement_var=8.0, burn_in=33, seen=(0,))
 LORENZ96 = Setting(
     "Lorenz-96", lorenz96, start=(8.0,) * 40, start_var=0.001, dt=0.05, steps=1, measurement_var=1.0, burn_in=400
 )
-HALF96 = replace(LORENZ96, name="Lorenz-96, R = 1.5, half", measurement_var=1.5, seen=tuple(range(0, 40, 2)))
-SMALL96 = replace(HALF96, name="Lorenz-96 of 10, R = 1.5, half", start=(8.0,) * 10, seen=(0, 2, 4, 6, 8))
-SETTINGS = (LORENZ63, NOISY63, FIRST63, LORENZ96, HALF96, SMALL96)
+SMALL96 = replace(
+    LORENZ96, name="Lorenz-96 of 10, R = 1.5, half", start=(8.0,) * 10, measurement_var=1.5, seen=(0, 2, 4, 6, 8)
+)
+SETTINGS = (LORENZ63, FIRST63, LORENZ96, SMALL96)
 
 
 @dataclass(frozen=True)
@@ -130,10 +130,8 @@ class Benchmark:
         members: N, of members or of particles.
         published: Analysis RMSE as printed.
         tuning: Other options of the filter.
-        radius: Of the taper (`gaspari_cohn`) by distances on the circle of Lorenz-96; None: no localisation.
         reported_only: Whether the mean varies too much to be held against: with few members or particles, or with the
-            least inflation that works, about one run in twenty loses the truth for good. Or we do not meet it
-            (Lorenz-96, R = 1.5, half).
+            least inflation that works, about one run in twenty loses the truth for good.
         draws: Of an ensemble: those of the published scores are independent.
     """
 
@@ -142,7 +140,6 @@ class Benchmark:
     members: int
     published: float
     tuning: dict[str, Any] = field(default_factory=dict)
-    radius: float | None = None
     reported_only: bool = False
     draws: str = "independent"
 
@@ -150,36 +147,22 @@ class Benchmark:
     def options(self) -> dict[str, Any]:
         """Options of the filter."""
         size = {"particles": self.members} if "pf" in self.filters else {"members": self.members, "draws": self.draws}
-        options = size | self.tuning
-        if self.radius is not None:
-            n = len(self.setting.start)
-            apart = np.abs(np.subtract.outer(np.arange(n), self.setting.read))
-            options["localisation"] = gaspari_cohn(np.minimum(apart, n - apart), self.radius)
-        return options
+        return size | self.tuning
 
     @property
     def described(self) -> str:
         """The tuning in words."""
-        words = [key if value is True else f"{key} {value:g}" for key, value in self.tuning.items()]
-        return ", ".join(words + ([] if self.radius is None else [f"radius {self.radius:g}"]))
-
-
-_WIDER = 1.82
-"""A radius of `gaspari_cohn` to one of DAPPER's, where the taper is about exp(-1/2)."""
+        return ", ".join(f"{key} {value:g}" for key, value in self.tuning.items())
 
 
 def _read(row: Mapping[str, str]) -> Benchmark:
-    """The benchmark of a row of ``benchmarks.csv``, where radii are DAPPER's."""
-    tuning: dict[str, Any] = {
-        key: float(row[key]) for key in ("inflation", "adaptive", "jitter", "threshold") if row[key]
-    }
+    """The benchmark of a row of ``benchmarks.csv``."""
     return Benchmark(
         next(each for each in SETTINGS if each.name == row["setting"]),
         tuple(row["filters"].split()),
         int(row["members"]),
         float(row["published"]),
-        tuning | ({"rotate": True} if row["rotate"] else {}),
-        _WIDER * float(row["radius"]) if row["radius"] else None,
+        {key: float(row[key]) for key in ("inflation", "jitter", "threshold") if row[key]},
         bool(row["reported_only"]),
     )
 

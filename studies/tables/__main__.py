@@ -24,7 +24,7 @@ from studies.tables.arms import EPISODES, Arm
 from studies.tables.channel import channel
 from studies.tables.compass import compass
 from studies.tables.faults import SEEDS, alarms, faults, faults_found, gap, inputs, latency
-from studies.tables.filters import adaptive_inflation, huber_iterations, published_scores, robust_losses, unstable_zeros
+from studies.tables.filters import huber_iterations, published_scores, robust_losses, unstable_zeros
 from studies.tables.grades import sensor_grades
 from studies.tables.markdown import ROOT, WITHOUT, number, percent, put, rows_of, shown, table
 from studies.tables.suites import by_suite, differences, environments, flown, found, headline, truth_first
@@ -334,7 +334,6 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     "zeros": (ESTIMATORS / "unknown-input.md", unstable_zeros),
     "huber": (ESTIMATORS / "robust.md", huber_iterations),
     "robust": (ESTIMATORS / "robust.md", robust_losses),
-    "adaptive": (ESTIMATORS / "ensembles-formulas.md", adaptive_inflation),
     "lorenz": (ESTIMATORS / "lorenz.md", published_scores),
     "insurance": (ESTIMATORS / "unknown-input.md", insurance),
     "inputs": (ESTIMATORS / "unknown-input.md", inputs),

@@ -7,7 +7,7 @@ import numpy as np
 
 from agents.statistics import share_interval
 from estimators import input_conditions
-from studies.lorenz.benchmarks import BENCHMARKS, LORENZ96, Benchmark, analysis_rmse
+from studies.lorenz.benchmarks import BENCHMARKS, analysis_rmse
 from studies.papers.robust.experiment import Condition, StateSpace, simulate, track
 from studies.tables.markdown import shown, table
 
@@ -99,19 +99,6 @@ def unstable_zeros(systems: int = 400) -> str:
             cells.append(f"{100.0 * of.mean:.1f} % [{100.0 * of.low:.1f}, {100.0 * of.high:.1f}]")
         rows.append((label, *cells))
     return table(("d reaches the measurements", "1 measurement", "2", "3"), rows)
-
-
-def adaptive_inflation(runs: int = 20) -> str:
-    """Median analysis RMSE of `letkf` on Lorenz-96 by inflation, at several steps between measurements."""
-    factors = (1.02, 1.04, 1.08, 1.15, 1.3, 1.5)
-    tunings = [*({"inflation": factor} for factor in factors), {"adaptive": 1.0}]
-    rows = []
-    for steps in (1, 3, 5):
-        setting = replace(LORENZ96, steps=steps)
-        arms = (Benchmark(setting, ("letkf",), 20, 0.0, tuning | {"rotate": True}) for tuning in tunings)
-        errors = [np.median(analysis_rmse(arm, "letkf", runs, 1000, 0)) for arm in arms]
-        rows.append((str(steps), *(f"{error:.3f}" for error in errors), f"{errors[-1] / min(errors[:-1]):.2f}"))
-    return table(("steps", *map(str, factors), "`adaptive=1`", "of the best factor"), rows)
 
 
 def published_scores(runs: int = 20) -> str:

@@ -81,9 +81,8 @@ def _options(name: str) -> st.SearchStrategy[dict[str, Any]]:
         "kf": ["input_cov"], "iekf": ["iterations", "tolerance"], "adaptive-kf": ["q_rate", "r_rate"],
         "mhe": ["horizon", "iterations", "tolerance"],
         "ukf": ["alpha", "beta", "kappa"], "huber-kf": ["gamma", "iterations", "tolerance"],
-        "robust-kf": ["radius"], "enkf": ["inflation", "localisation"], "etkf": ["inflation", "localisation", "rotate"],
-        "enkf-sr": ["inflation", "variant"], "pf": ["threshold", "jitter"],
-        "letkf": ["inflation", "localisation", "adaptive"], "ukf-umv": ["input_prior", "alpha"],
+        "robust-kf": ["radius"], "enkf": ["inflation", "draws"], "etkf": ["inflation", "draws"],
+        "enkf-sr": ["inflation", "draws"], "pf": ["threshold", "jitter"], "ukf-umv": ["input_prior", "alpha"],
     }.get(name, ["input_prior"] if name not in ("ekf", "srkf", "eskf") else [])  # fmt: skip
     value = st.one_of(JUNK, NUMBERS, _arrays(2, 2))
     some = st.dictionaries(st.sampled_from([*known, "colour"]), value, max_size=1)
@@ -110,10 +109,10 @@ def _models(draw: st.DrawFn, nonlinear: bool) -> tuple[Any, int, int]:
 @pytest.mark.parametrize(
     ("name", "option"),
     [("ukf", "alpha"), ("ukf", "beta"), ("ukf", "kappa"), ("enkf", "members"), ("enkf", "inflation"),
-     ("enkf-sr", "variant"), ("huber-kf", "gamma"), ("huber-kf", "iterations"), ("huber-kf", "tolerance"),
+     ("etkf", "draws"), ("huber-kf", "gamma"), ("huber-kf", "iterations"), ("huber-kf", "tolerance"),
      ("robust-kf", "radius"), ("adaptive-kf", "q_rate"), ("adaptive-kf", "r_rate"),
      ("mhe", "horizon"), ("mhe", "iterations"), ("iekf", "iterations"), ("iekf", "tolerance"),
-     ("pf", "particles"), ("pf", "threshold"), ("pf", "jitter"), ("letkf", "adaptive")],
+     ("pf", "particles"), ("pf", "threshold"), ("pf", "jitter")],
 )  # fmt: skip
 def test_an_option_that_is_too_large_or_no_number_is_refused_by_its_name(name: str, option: str, value: Any):
     model = LinearModel(np.eye(2), np.eye(2), np.eye(2), np.eye(2))
@@ -129,7 +128,7 @@ def test_whatever_a_filter_is_given_it_answers_with_a_sentence_or_a_belief(data:
         model, p, m = data.draw(_models(nonlinear))
         options = data.draw(_options(name))
         few = {"members": 5, "draws": "independent"}
-        members = {"pf": {"particles": 5}} | dict.fromkeys(("enkf", "enkf-sr", "etkf", "letkf"), few)
+        members = {"pf": {"particles": 5}} | dict.fromkeys(("enkf", "enkf-sr", "etkf"), few)
         filter = make(name, model, **{**members.get(name, {}), **options})
         prior = Gaussian(data.draw(_arrays(model.n)), data.draw(_covariances(model.n)))
         rng = np.random.default_rng(0)

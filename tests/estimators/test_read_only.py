@@ -170,7 +170,7 @@ def test_another_mean_moves_members_and_particles(name: str):
         begun.replace(cov=begun.cov)
 
 
-@pytest.mark.parametrize("name", ["enkf", "enkf-sr", "etkf", "letkf", "pf", "mhe", "imm"])
+@pytest.mark.parametrize("name", ["enkf", "etkf", "pf", "mhe", "imm"])
 def test_another_mean_without_its_points_is_refused(name: str):
     system, rng = kalman_system(0), RandomKeys.seeded(range(2))
     filter = {"imm": _imm, "mhe": _mhe}.get(name, lambda model: make(name, model))(system.model)

@@ -314,10 +314,6 @@ def test_what_cannot_be_smoothed_says_why():
             smooth(series)
     plain = kalman_system(0)
     record = simulate(plain, 1, runs=1, steps=4)
-    for options in ({"rotate": True}, {"localisation": np.ones((4, 3))}):
-        series = run(make("etkf", plain.model, **options), plain.prior, record.y, u=record.u, rng=0)
-        with pytest.raises(ValueError, match="members of etkf cannot be followed back"):
-            smooth(series)
     with pytest.raises(ValueError, match="lag must be a whole number of at least 0"):
         smooth(run(make("kf", plain.model), plain.prior, record.y, u=record.u), lag=-1)
 

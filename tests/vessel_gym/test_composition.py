@@ -327,18 +327,6 @@ def test_an_acoustic_system_of_ones_own_works_with_every_estimator_and_tells_whe
         assert_smaller(*errors)
 
 
-def test_the_localisation_of_a_sensor_that_says_nothing_of_what_it_corrects_follows_from_its_geometry():
-    core = make_core(AUV, 1, sensors=WITH_USBL)
-    names, mask = core.composition.names, core.composition.localisation
-    corrected_states = [{name for name, on in zip(names, column, strict=True) if on} for column in mask[:, -3:].T]
-    assert {"x", "y", "z"} <= corrected_states[0]  # the range
-    assert {"x", "y"} <= corrected_states[1]  # the bearing
-    assert "z" not in corrected_states[1]
-    assert {"x", "y", "z"} <= corrected_states[2]  # the elevation
-    nominal = make_core(AUV, 1).composition.localisation
-    np.testing.assert_array_equal(mask[:, :-3], nominal[:, :-2])  # the others as they were
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES)
 def test_gymnasium_makes_an_environment_with_sensors_of_ones_own(mode: str):
@@ -761,8 +749,6 @@ WRONG_SENSORS = [
     (AUV, sensor(plain((6, 7)), bias=Bias(("x", "y"), start=(1.0, 1.0))), "a bias is called 'x', as another .*"),
     (AUV, sensor(plain((6, 7)), bias=Bias(("current north",), start=(1.0,))),
      "a bias is called 'current north', as is a component of Water"),
-    (AUV, sensor(plain((6, 7)), corrects=(("x", "curent north"), ("y",))),
-     r"unknown state that mine corrects 'curent north' \(did you mean 'current north'\?\): choose from u, .*"),
 ]  # fmt: skip
 
 
@@ -782,14 +768,6 @@ def test_a_ball_that_outgrows_the_sensors_slowest_bias_is_warned_of_and_the_defa
     with pytest.warns(UserWarning, match=message):
         make_core(env_id, 1, estimator="robust-kf", sensors="budget", estimator_options={"radius": 0.01})
     make_core(env_id, 1, estimator="robust-kf", sensors="budget", estimator_options={"radius": 0.0})
-
-
-def test_a_sensor_may_inform_what_acts_or_is_biased_or_what_this_filter_does_not_estimate():
-    bias = Bias(("bias x",), start=(1.0,))
-    mine = sensor(plain((6, 7)), bias=bias, corrects=(("x", "bias x", "current north"), ("surface current east", "u")))
-    sensors = [*single_class(AUV).system.vehicle.sensors, mine]
-    for chosen in ({}, {"assume": {"as": "process-noise"}}, {"assume": {"disturbance": "calm"}}):
-        make_core(AUV, 1, sensors=sensors, disturbance=OWN["sheared"], estimator_options=chosen)
 
 
 CURRENT_METER = Sensor("current meter", ("north", "east"), lambda state, exogenous: exogenous[..., 1:3], (0.05, 0.05))

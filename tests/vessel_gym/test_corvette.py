@@ -675,12 +675,3 @@ def test_with_other_sensors_the_filter_s_noise_is_theirs():
     sensors = Sensors([compass], VEHICLE.state_names, VEHICLE.ambient_flows, VEHICLE.dt)
     model = compose(VEHICLE, "corrected", UnknownStep(), sensors, "process-noise").model
     np.testing.assert_array_equal(model.R, [[NOISE**2]])
-
-
-@pytest.mark.parametrize("kind", VEHICLE.kinds)
-def test_measurements_of_the_ship_may_correct_whatever_they_depend_on(kind):
-    # The compass shows the heading, two steps on rates of turn and what drives them: as printed, sway does not. The
-    # motion reference unit shows the unknown input alone.
-    composed = compose(VEHICLE, kind, UnknownStep(), sensors_of(VEHICLE))
-    seen = {"psi", "r"} if kind == "as-printed" else {"psi", "r", "v"}
-    np.testing.assert_array_equal(composed.localisation, [[name in seen, False] for name in composed.names])

@@ -233,14 +233,6 @@ def test_sensors_read_what_those_in_six_degrees_of_freedom_do():
     np.testing.assert_allclose(SENSORS.exact(states, incremented), full[:, [0, 2, 3, 5, 8, 10]], rtol=0, atol=1e-13)
 
 
-def test_a_measurement_may_correct_all_but_the_way_covered_and_only_a_fix_corrects_that():
-    read = ("u", "w", "z", "theta", "q", "x")
-    assert tuple(channel.split()[0] for channel in SENSORS.channels) == read
-    expected = [[(state == "x") == (measurement == "x") for measurement in read] for state in (*STATE, "current")]
-    np.testing.assert_array_equal(AUV.composed().localisation, expected)
-    np.testing.assert_array_equal(AUV.composed(how="process-noise").localisation, expected[:6])
-
-
 def test_mismatch_is_that_of_six_degrees_of_freedom():
     normals = np.random.default_rng(11).normal(size=(100, len(UNCERTAIN)))
     c = VEHICLE.parameters(0.3, normals[:, :VERTICAL])

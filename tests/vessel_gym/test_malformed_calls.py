@@ -96,7 +96,7 @@ CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, list[Any]]]] = [
     (Sensor, SENSOR, {"name": [None, 3], "channels": [None, (), "x", (3,)], "reads": [None, 3],
                       "sd": [None, 1.0, (-1.0,)], "rate": [0.0, "10", np.nan], "dropout": [1.5, -0.1, None],
                       "bias": ["b", 3], "angles": [None, (1,), 0.5],
-                      "corrects": [3.0, ("x",)], "latency": [-1.0, "1", None], "inverse": [3, "x"]}),
+                      "latency": [-1.0, "1", None], "inverse": [3, "x"]}),
     (SensorSuite, {"noise": 1.0}, {"noise": NEGATIVE, "dropout": [1.5, "x"], "lossless": [None, "yes", 1]}),
     (Sensors, {"sensors": (Sensor(**SENSOR),), "states": ("x", "y"), "exogenous": ("f",), "dt": 0.5},
      {"sensors": [None, 3, "x", ()], "states": [None, "xy", 3], "dt": NOT_POSITIVE}),

@@ -467,21 +467,6 @@ def test_names_and_sizes_agree():
     assert told(how="process-noise").names == (*STATE, *AROUND[6:])  # the bias is the sensor's
 
 
-def test_a_measurement_may_correct_what_it_tells_of_and_no_chance_correlation():
-    level = {"x", "y", "north", "east", "bias x", "bias y"}
-    course = {"x", "y", "north", "east", "phi", *AROUND[:4]}
-    vertical = {"h", "climb", "bias h"}
-    down = {*vertical, "gust down 1", "gust down 2"}
-    corrected = {
-        "x": level, "y": level, "h": vertical, "ground speed": course, "course over ground": course, "climb": down,
-        "pressure altitude": down, "airspeed": {"north", "east", *AROUND[:4]}, "bank": {"phi"},
-    }  # fmt: skip
-    assert tuple(corrected) == SENSORS.channels
-    expected = [[name in names for names in corrected.values()] for name in (*STATE, *AROUND)]
-    np.testing.assert_array_equal(told().localisation, expected)
-    np.testing.assert_array_equal(told(how="process-noise").localisation, [*expected[:7], *expected[13:]])
-
-
 def test_the_start_is_the_prior_s_trimmed_for_20_m_s():
     x = np.random.default_rng(14).normal(size=(4, 7))
     state, actuators = VEHICLE.start(x)

@@ -344,25 +344,6 @@ def test_sensors_read_velocity_over_ground_and_the_rest_as_it_is():
     np.testing.assert_allclose(SENSORS.exact(states, incremented), plain, rtol=0, atol=1e-12)
 
 
-def test_a_measurement_may_correct_what_lies_in_its_own_plane():
-    planes = {
-        "vertical": {"u", "w", "q", "z", "theta"}, "lateral": {"v", "p", "r", "phi", "psi"}, "in plan": {"x", "y"},
-    }  # fmt: skip
-    assert set.union(*planes.values()) == set(STATE)
-    read = [channel.split()[0] for channel in SENSORS.channels]
-    drifting = {"u", "v", "psi"}  # in which the current shows
-    expected = [
-        [
-            any({state, measurement} <= plane for plane in planes.values())
-            or (state.startswith("current") and measurement in drifting)
-            for measurement in read
-        ]
-        for state in AUV.composed().names
-    ]
-    np.testing.assert_array_equal(AUV.composed().localisation, expected)
-    np.testing.assert_array_equal(AUV.composed(how="process-noise").localisation, expected[:12])
-
-
 # --- mismatch ---------------------------------------------------------------------------------------
 
 

@@ -353,16 +353,6 @@ def test_budget_sensors_err_slowly_and_filters_know_it(env_id: str):
     assert core.composition.names[-len(sensors.bias_names) :] == sensors.bias_names
 
 
-@pytest.mark.parametrize("env_id", [AUV, "ItsunusaAUV-v0"])
-def test_an_ensemble_corrects_a_bias_with_the_state_beside_it(env_id: str):
-    """Otherwise state and bias drift apart whose sum is well measured, and the ensemble is far too sure of both."""
-    core = make_core(env_id, 1, estimator="enkf", sensors="budget")
-    names, mask = core.composition.names, core.composition.localisation
-    for state, bias in (("z", "bias z"), ("theta", "bias theta"), ("q", "bias q"), ("x", "bias x")):
-        np.testing.assert_array_equal(mask[names.index(bias)], mask[names.index(state)])
-        assert mask[names.index(bias)].any()
-
-
 def test_rates_and_latencies_of_a_grade_fall_on_the_vehicle_s_steps(tmp_path: Path):
     file = tmp_path / "mine.toml"
     file.write_text('[receiver.mine]\nsd = [1.0, 2.0]\nrate = 0.3\nlatency = 0.6\nsource = "mine"\n', encoding="utf-8")

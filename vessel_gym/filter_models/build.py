@@ -105,34 +105,6 @@ class Composition(Parts):
         inputs = np.sqrt(np.diag(self.forces.input_cov)) if self.late else np.zeros(0)
         return np.concatenate([np.asarray(sizes, float)[self.estimated], self.sensors.bias_scale, ended, inputs])
 
-    @cached_property
-    def localisation(self) -> np.ndarray:
-        """Mask ``(n, p)`` of the states that measurements may correct, see `vessel_gym.sensors.Sensor`."""
-        return self.sensors.corrected_states(self.names, lambda: self._depends)
-
-    @cached_property
-    def _depends(self) -> np.ndarray:
-        """The mask ``(n, p)`` of the states on which measurements depend at once or within two steps, while cruising.
-
-        It cruises at places of no consequence to how it moves: at the origin a range or a bearing from there says
-        nothing, or anything.
-        """
-        x, u = self.vehicle.cruise
-        full = np.zeros(len(self.names))
-        full[: self.base] = x[: self.base]
-        A = self.model.linearise_transition(full, u)[1]
-        free = [i for i in range(self.base) if np.abs(A[:, i] - np.eye(len(A))[i]).max() < 1e-9]
-        mask = np.zeros((len(self.names), self.sensors.size), bool)
-        for place in np.random.default_rng(0).uniform(-30.0, 30.0, (3, len(free))):
-            full[free] = x[free] + place
-            A, C = self.model.linearise_transition(full, u)[1], self.model.linearise_measurement(full, u)[1]
-            depends = np.abs(C)
-            for _ in range(2):
-                C = C @ A
-                depends = np.maximum(depends, np.abs(C))
-            mask |= (depends > 1e-6 * depends.max(-1, keepdims=True)).T
-        return mask.astype(float)
-
 
 def unknown_inputs(forces: Forces, sensors: Sensors) -> tuple[str, ...]:
     """Names of the unknown inputs of a coming step where no filter assumes one.

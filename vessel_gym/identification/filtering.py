@@ -36,7 +36,7 @@ heading [rad], the drift of the water [m/s], and factors of the standard deviati
 _SHIP, _INPUTS, _SMOOTHED = 6, 6, 5
 """States of the ship, known inputs, and steps over which the positions are smoothed that a voyage starts from."""
 _SCALE, _AGE, _HEADING, _CURRENT, STATES = 10, 11, 12, 13, 15
-ENSEMBLES, _MEMBERS = ("enkf", "etkf", "enkf-sr", "letkf"), 1000
+ENSEMBLES, _MEMBERS = ("enkf", "etkf", "enkf-sr"), 1000
 """Filters with members, and how many of them."""
 _LASTING = {"gyro scale": 100.0, "age": 0.5, "heading drift": 40.0, "current": 100.0}
 """Time constants [s]."""

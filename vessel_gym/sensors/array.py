@@ -1,6 +1,6 @@
 """Several sensors, whose channels stand beside each other."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, partial, reduce
 from operator import and_
 from typing import Any
@@ -313,51 +313,3 @@ class Sensors:
             if sensor.inverse is not None:
                 known.update(copying(sensor.inverse)(measurements[..., own], known))
         return known
-
-    def check_corrects(self, others: Iterable[str]) -> None:
-        """Refuse a sensor that corrects what there is not.
-
-        Args:
-            others: What may be named besides the vehicle's state and the biases.
-
-        Raises:
-            ValueError: naming the nearest.
-        """
-        known = dict.fromkeys((*self.state_names, *self.bias_names, *others))
-        for sensor in self.each:
-            for name in sensor.corrected_states:
-                if name not in known:
-                    raise ValueError(unknown(f"state that {sensor.name} corrects", name, known))
-
-    def corrected_states(self, names: tuple[str, ...], depends: Callable[[], np.ndarray]) -> np.ndarray:
-        """Mask ``(n, p)`` of the states of an ensemble that each measurement may correct.
-
-        Args:
-            names: The filter's states.
-            depends: Gives the mask ``(n, p)`` of the states on which a measurement depends.
-
-        Raises:
-            ValueError: if a sensor corrects none of them.
-        """
-        mask = np.zeros((len(names), self.size))
-        for sensor, own in self._owning:
-            if sensor.corrects is None:
-                mask[:, own] = depends()[:, own]
-                continue
-            mask[:, own] = [[float(name in corrected_states) for corrected_states in sensor.corrects] for name in names]
-            if not mask[:, own].any():
-                raise ValueError(
-                    f"{sensor.name} corrects nothing that this filter estimates: name some of {', '.join(names)}"
-                )
-        named = {name for sensor in self.each for name in sensor.corrected_states}
-        for sensor, own in self._owning:  # where a state is corrected without the bias beside it, their sum goes wrong
-            if sensor.bias is None:
-                continue
-            for j, name in enumerate(sensor.bias.states):
-                state = self.gives[own.start + j % len(sensor.bias.names)]
-                if state in names and name in names and name not in named:
-                    mask[names.index(name)] = mask[names.index(state)]
-        unnamed = [i for i, name in enumerate(names) if name not in named and not mask[i].any()]
-        if unnamed:  # what somebody has added, and no sensor has heard of, would never be corrected
-            mask[unnamed] = depends()[unnamed]
-        return mask

@@ -117,9 +117,6 @@ class Sensor:
             none.
         inverse: What can be had of its measurements ``(..., k)`` besides: a function of them and of the states that
             sensors before it have given, that returns states by name; None: what it ``gives``.
-        corrects: For each channel the states that it may correct in an ensemble; None: those on which its measurement
-            depends, at once or two steps on. A bias that no sensor names is corrected with the state that its channel
-            gives.
         latency: Seconds from a measurement to its arrival,
         jitter: and the most that may be added to them: each measurement comes later by any whole number of steps up to
             that, so that one may overtake another.
@@ -141,27 +138,21 @@ class Sensor:
     scale: tuple[float, ...] | None = None
     gives: tuple[str | None, ...] | None = None
     inverse: Callable[[np.ndarray, Known], Known] | None = None
-    corrects: tuple[tuple[str, ...], ...] | None = None
     latency: float = 0.0
     jitter: float = 0.0
     clock: float = 0.0
 
     def __post_init__(self) -> None:
         instance("name of a sensor", self.name, str)
-        title, channels = self.name, (self.channels,)
+        title = self.name
         if self.bias is not None:
             instance(f"bias of {title}", self.bias, Bias)
         function(f"inverse of {title}", self.inverse, "(measurements, known)")
-        tuples: tuple[tuple[str, Any], ...] = ("channels", channels), ("corrects", self.corrects)
-        for name, listed in tuples:
-            for entry in listed if isinstance(listed, tuple | list) else ():
-                if isinstance(entry, str):  # whose letters would pass for names
-                    raise ValueError(f"{name} of {title} must hold tuples of names, got {short_repr(entry)}")
         check_names(f"channels of {title}", self.channels)
         k = len(self.channels)
         if not k:
             raise ValueError(f"channels of {title} must be one or more names")
-        for name in ("sd", "range", "scale", "gives", "corrects"):
+        for name in ("sd", "range", "scale", "gives"):
             values = getattr(self, name)
             if callable(values) if name == "sd" else values is None:
                 continue
@@ -189,11 +180,6 @@ class Sensor:
             raise ValueError(f"angles of {title} must be indices below {k}, got {short_repr(self.angles)}")
         if self.bias is not None and len(self.bias.names) > k:
             raise ValueError(f"{title} has {k} channels, but a bias on {len(self.bias.names)}")
-
-    @property
-    def corrected_states(self) -> tuple[str, ...]:
-        """All that its channels correct, if it says so."""
-        return tuple(name for names in self.corrects or () for name in names)
 
     def period(self, dt: float) -> int:
         """Steps of ``dt`` [s] from one measurement to the next.

@@ -11,7 +11,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from vessel_gym.sensors import Sensor
 from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
 from vessel_gym.vehicles.files import FromFile, Particulars
 from vessel_gym.vehicles.hydrodynamics import (
@@ -225,27 +224,6 @@ def _inverse(axes: str, inertia: np.ndarray) -> dict[str, np.ndarray]:
     """Inverse of a block ``(..., 3, 3)`` of the inertia by its axes: ``inverse_uw`` is surge from heave force."""
     inverse = np.linalg.inv(inertia)
     return {f"inverse_{axes[i]}{axes[j]}": inverse[..., i, j] for i, j in zip(_ROW, _COLUMN, strict=True)}
-
-
-_VERTICAL, _LATERAL, _PLAN = ("u", "w", "q", "z", "theta"), ("v", "p", "r", "phi", "psi"), ("x", "y")
-
-
-def plane(name: str) -> tuple[str, ...]:
-    """States of an ensemble that a measurement of a component may correct: those in its own plane.
-
-    To first order surge, heave and pitch know nothing of sway, roll and yaw; the current shows in how the vehicle
-    drifts over ground; where it is in plan only position fixes show. A hundred members see chance correlations
-    between all of these, which twenty steps of other measurements between two fixes would take for knowledge.
-    """
-    if name in _PLAN:
-        return _PLAN
-    drifting = ("current north", "current east") if name in ("u", "v", "psi") else ()
-    return (*_VERTICAL, "current", *drifting) if name in _VERTICAL else (*_LATERAL, *drifting)
-
-
-def in_its_plane(sensor: Sensor) -> Sensor:
-    """The sensor, which corrects what lies in the plane of what it gives."""
-    return replace(sensor, corrects=tuple(plane(str(name)) for name in sensor.gives or ()))
 
 
 @dataclass(frozen=True)

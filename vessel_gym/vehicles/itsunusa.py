@@ -20,7 +20,7 @@ from scipy.optimize import root
 from estimators.engine import compiled, sincos
 from vessel_gym.sensors import Sensor, plain
 from vessel_gym.system import Trims
-from vessel_gym.vehicles.auv import AUV, VERTICAL, AUVParameters, in_its_plane
+from vessel_gym.vehicles.auv import AUV, VERTICAL, AUVParameters
 from vessel_gym.vehicles.files import load
 from vessel_gym.verified import verified
 
@@ -117,7 +117,7 @@ class Itsunusa(AUV, verified=True):
     incremented: ClassVar = STATE[:3]
     ambient_flows: ClassVar = ("current",)
     rates: ClassVar = {"q": "theta"}
-    sensors: ClassVar = tuple(map(in_its_plane, (
+    sensors: ClassVar = (
         Sensor(
             "Doppler log", ("u over ground", "w over ground"), _over_ground, (0.01, 0.01), dropout=0.10,
             scale=(0.5, 0.25), gives=("u", "w"),
@@ -128,7 +128,7 @@ class Itsunusa(AUV, verified=True):
         Sensor(
             "acoustic position", ("x",), plain((3,)), (0.5,), rate=0.5, dropout=0.10, scale=(20.0,), gives=("x",),
         ),
-    )))  # fmt: skip
+    )  # fmt: skip
     grades: ClassVar[str] = "auv"
     normals: ClassVar = VERTICAL
 

@@ -179,13 +179,6 @@ def airspeed(state: np.ndarray, wind: np.ndarray) -> np.ndarray:
 # --- the vehicle as an environment uses it ----------------------------------------------------------
 
 
-_LEVEL = ("x", "y", "north", "east", "bias x", "bias y")
-_COURSE = ("x", "y", "north", "east", "phi", "mean wind north", "mean wind east", "gust north", "gust east")
-_VERTICAL = ("h", "climb", "bias h")
-_DOWN = (*_VERTICAL, "gust down 1", "gust down 2")
-_WIND = ("north", "east", "mean wind north", "mean wind east", "gust north", "gust east")
-
-
 @verified
 def _fix(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """Position, altitude, ground speed, course over ground and climb ``(..., 6)``."""
@@ -224,9 +217,7 @@ class Puna(FromFile, WholeState, verified=True):
 
     Over a step the wind is constant; increments change velocities and bank at its end. Figures of the sensors are from
     public models of small aircraft (Beard & McLain 2012, ch. 7): the GNSS has white noise and a bias that wanders.
-    Ten times a second barometer, pitot tube and attitude tell of altitude, wind and bank, and only by chance
-    correlations of the position in plan, whose variance would shrink between two fixes of the GNSS: hence what each
-    corrects. Filters estimate the whole state; their known input is ``u = (actuators before, actuators after)``.
+    Filters estimate the whole state; their known input is ``u = (actuators before, actuators after)``.
     """
 
     body: PunaParameters = field(default_factory=lambda: load("puna", PunaParameters))
@@ -247,18 +238,12 @@ class Puna(FromFile, WholeState, verified=True):
             _fix, (1.0, 1.0, 1.5, 0.05, 0.03, 0.1), rate=1.0,
             bias=Bias(("bias x", "bias y", "bias h"), start=(0.1,) * 3, pace=(0.21, 0.21, 0.40)),
             angles=(4,), scale=(100.0, 100.0, 100.0, 20.0, 3.0, 1.0), gives=("x", "y", "h", None, None, "climb"),
-            inverse=_velocity, corrects=(_LEVEL, _LEVEL, _VERTICAL, _COURSE, _COURSE, _DOWN),
+            inverse=_velocity,
         ),
-        Sensor(
-            "barometer", ("pressure altitude",), plain((2,)), (0.5,), scale=(100.0,), gives=("h",), corrects=(_DOWN,)
-        ),
-        Sensor(
-            "pitot tube", ("airspeed",), _through_the_air, (0.5,),
-            scale=(20.0,), inverse=_along, corrects=(_WIND,),
-        ),
-        Sensor(
-            "attitude", ("bank",), plain((6,)), (0.02,), angles=(0,), scale=(0.5,), gives=("phi",), corrects=(("phi",),)
-        ),  # assumed
+        Sensor("barometer", ("pressure altitude",), plain((2,)), (0.5,), scale=(100.0,), gives=("h",)),
+        Sensor("pitot tube", ("airspeed",), _through_the_air, (0.5,), scale=(20.0,), inverse=_along),
+        # the attitude's noise is assumed
+        Sensor("attitude", ("bank",), plain((6,)), (0.02,), angles=(0,), scale=(0.5,), gives=("phi",)),
     )  # fmt: skip
     grades: ClassVar[str] = "fixed-wing"
     rates: ClassVar = {"climb": "h"}

@@ -16,7 +16,7 @@ import numpy as np
 
 from estimators.engine import compiled, sincos
 from vessel_gym.sensors import Sensor, plain
-from vessel_gym.vehicles.auv import AUV, UNCERTAIN, AUVParameters, in_its_plane
+from vessel_gym.vehicles.auv import AUV, UNCERTAIN, AUVParameters
 from vessel_gym.vehicles.files import load
 from vessel_gym.verified import verified
 
@@ -191,7 +191,7 @@ class Segorogeni(AUV, verified=True):
     incremented: ClassVar = STATE[:6]
     ambient_flows: ClassVar = ("current north", "current east")
     rates: ClassVar = {"p": "phi", "q": "theta", "r": "psi"}
-    sensors: ClassVar = tuple(map(in_its_plane, (
+    sensors: ClassVar = (
         Sensor(
             "Doppler log", ("u over ground", "v over ground", "w over ground"),
             _over_ground,
@@ -207,7 +207,7 @@ class Segorogeni(AUV, verified=True):
             "acoustic position", ("x", "y"), plain((6, 7)), (0.5, 0.5), rate=0.5, dropout=0.10, scale=(10.0, 10.0),
             gives=("x", "y"),
         ),
-    )))  # fmt: skip
+    )  # fmt: skip
     grades: ClassVar[str] = "auv"
     normals: ClassVar = len(UNCERTAIN)
 

@@ -16,7 +16,7 @@ STUDY = Study(
         Estimator("truth", "truth"),
         Estimator("dead-reckoning", "dead-reckoning"),
         Estimator("kf", "kf"),
-        Estimator("plain", "enkf", {"inflation": 1.0, "localisation": None}, (SEGOROGENI,)),
+        Estimator("plain", "enkf", {"inflation": 1.0, "members": None}, (SEGOROGENI,)),
     ),
     (
         Agent("autopilot", "autopilot"),

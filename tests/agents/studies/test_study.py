@@ -23,7 +23,7 @@ SegorogeniAUV-v0 = {}
 
 [estimators]
 kf = {}
-"plain enkf" = { estimator = "enkf", options = { localisation = "none" }, environments = ["SegorogeniAUV-v0"] }
+"plain enkf" = { estimator = "enkf", options = { members = "none" }, environments = ["SegorogeniAUV-v0"] }
 
 [conditions]
 nominal = {}
@@ -55,7 +55,7 @@ def test_a_study_is_what_its_file_says(tmp_path):
     plain = study.estimator("plain enkf")
     assert (plain.estimator, plain.options, plain.environments) == (
         "enkf",
-        {"localisation": None},
+        {"members": None},
         ("SegorogeniAUV-v0",),
     )
     assert [(c.name, c.disturbance, c.sensors, c.mismatch) for c in study.conditions] == [
