@@ -9,7 +9,6 @@ from estimators.engine.matrices import (
     FUNCTIONS,
     MatrixTracer,
     is_mask,
-    joined,
     matrix,
     program_of,
     refuse_masks,
@@ -141,16 +140,9 @@ def orthogonal(a: Any) -> Any:
     return _rotated(a, False)[0]
 
 
-def _take(a: Any, indices: Any, axis: int) -> Any:
-    """Rows (axis -2) or columns (axis -1) by constant indices."""
-    rows = (slice(None),) if axis == -2 else ()
-    return joined([a[(..., slice(i, i + 1), *rows)] for i in np.asarray(indices).tolist()], axis)
-
-
 FUNCTIONS |= {
     np.matmul: _matmul,
     np.matvec: _matvec,
     np.vecmat: lambda x, a: _matvec(a.mT if a.ndim == 2 else a, x),
     np.linalg.solve: solve_general,
-    np.take: _take,
 }

@@ -6,12 +6,11 @@ analyses after a burn-in.
 
 Sources: Lorenz (1963), Deterministic nonperiodic flow; Lorenz & Emanuel (1998), Optimal sites for supplementary weather
 observations; Sakov & Oke (2008a), A deterministic formulation of the ensemble Kalman filter; Sakov, Oliver & Bertino
-(2012), An iterative EnKF for strongly nonlinear systems; Bocquet, Raanes & Hannart (2015), Expanding the validity of
-the ensemble Kalman filter without the intrinsic need for inflation; and those that ``benchmarks.csv`` names. The
-values are those printed in DAPPER (Raanes et al., https://github.com/nansencenter/DAPPER) beside the settings of these
-papers, in ``mods/Lorenz63`` and ``mods/Lorenz96``: all but those of methods that are not here (smoothers, local, serial
-and variational ones, members that are rotated, inflation that adapts), of Laplace's noise, of 400 members or 3000
-particles and more, which take minutes, and doubles.
+(2012), An iterative EnKF for strongly nonlinear systems; and those that ``benchmarks.csv`` names. The values are those
+printed in DAPPER (Raanes et al., https://github.com/nansencenter/DAPPER) beside the settings of these papers, in
+``mods/Lorenz63`` and ``mods/Lorenz96``: all but those of methods that are not here (smoothers, local, serial and
+variational ones, members that are rotated, inflation that adapts), of Laplace's noise, of 400 members or 3000 particles
+and more, which take minutes, and doubles.
 """
 
 import csv
