@@ -13,7 +13,6 @@ from agents.agent import Agent, load_agent
 from agents.named import vector_class
 from agents.refusal import Refusal
 from estimators import nis
-from estimators.linalg import rows_like
 from vessel_gym import checks
 from vessel_gym.checks import is_integer
 from vessel_gym.envs.vector import VesselVectorEnv
@@ -207,3 +206,8 @@ def batch(env_id: str, num_envs: int, options: dict[str, Any]) -> gym.vector.Vec
             raise ValueError(f"episodes of {env_id} may never end: register it with max_episode_steps, or give that")
         return env
     return gym.make_vec(env_id, num_envs=num_envs, vectorization_mode="sync", vector_kwargs=same_step, **options)
+
+
+def rows_like(rows: np.ndarray, array: np.ndarray) -> np.ndarray:
+    """The mask ``rows (...)`` with as many axes as an array ``(..., k, ...)``."""
+    return rows.reshape(rows.shape + (1,) * (array.ndim - rows.ndim))

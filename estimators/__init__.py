@@ -11,7 +11,6 @@ The last axis holds the components of a vector, every leading axis is a batch::
     belief.mean, belief.cov
 """
 
-from estimators.adaptive import AdaptiveBelief, AdaptiveKalmanFilter
 from estimators.angles import wrap
 from estimators.augmentation import input_delayed, stacked
 from estimators.belief import Belief, DelayedInputBelief, EnsembleBelief, FeedthroughBelief, InputBelief, Recovery
@@ -19,25 +18,20 @@ from estimators.check import check_filter
 from estimators.delayed import Delayed, DelayedBelief, by_age
 from estimators.discretisation import forward_euler, sampled, van_loan, zero_order_hold
 from estimators.ensemble import DrawingFilter, EnsembleFilter, EnsembleKalmanFilter, EnsembleTransformFilter
-from estimators.error_state import ErrorStateKalmanFilter
 from estimators.factory import make, names
 from estimators.faults import ChiSquareMonitor, CusumMonitor, FaultMonitor, Watch
 from estimators.filter import Filter, Model, Rng
 from estimators.input_observability import InputConditions, input_conditions
 from estimators.iterated import IteratedExtendedKalmanFilter
 from estimators.kalman import ExtendedKalmanFilter, GaussianFilter, KalmanFilter
-from estimators.learned import GainNetwork, LearnedGainBelief, LearnedGainFilter
 from estimators.measurement import Measurement
 from estimators.metrics import chi_square_band, nees, nis, rmse
-from estimators.models import Gaussian, LinearModel, ManifoldGaussian, NonlinearModel
-from estimators.moving_horizon import HorizonBelief, MovingHorizonEstimator
-from estimators.multiple_models import InteractingMultipleModels, MixtureBelief
+from estimators.models import Gaussian, LinearModel, NonlinearModel
 from estimators.particles import ParticleBelief, ParticleFilter
 from estimators.randomness import RandomKeys
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
 from estimators.series import Series, run
 from estimators.smoothers import smooth
-from estimators.square_root import RootBelief, SquareRootKalmanFilter
 from estimators.tuning import Fit, fit
 from estimators.ulise import ULISE
 from estimators.unknown_input import (
@@ -54,8 +48,6 @@ from estimators.varying import Schedule
 
 __all__ = [
     "ULISE",
-    "AdaptiveBelief",
-    "AdaptiveKalmanFilter",
     "Belief",
     "ChiSquareMonitor",
     "CusumMonitor",
@@ -70,31 +62,22 @@ __all__ = [
     "EnsembleFilter",
     "EnsembleKalmanFilter",
     "EnsembleTransformFilter",
-    "ErrorStateKalmanFilter",
     "ExtendedKalmanFilter",
     "ExtendedUMVFilter",
     "FaultMonitor",
     "FeedthroughBelief",
     "Filter",
     "Fit",
-    "GainNetwork",
     "Gaussian",
     "GaussianFilter",
-    "HorizonBelief",
     "HuberKalmanFilter",
     "InputBelief",
     "InputConditions",
-    "InteractingMultipleModels",
     "IteratedExtendedKalmanFilter",
     "KalmanFilter",
-    "LearnedGainBelief",
-    "LearnedGainFilter",
     "LinearModel",
-    "ManifoldGaussian",
     "Measurement",
-    "MixtureBelief",
     "Model",
-    "MovingHorizonEstimator",
     "NoFeedthroughFilter",
     "NonlinearModel",
     "ParticleBelief",
@@ -103,11 +86,9 @@ __all__ = [
     "Recovery",
     "Rng",
     "RobustKalmanFilter",
-    "RootBelief",
     "Schedule",
     "Series",
     "SigmaPoints",
-    "SquareRootKalmanFilter",
     "UMVFilter",
     "UnknownInputFilter",
     "UnscentedKalmanFilter",

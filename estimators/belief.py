@@ -428,7 +428,7 @@ def _aligned(beliefs: Sequence[Belief]) -> dict[str, list[Any]]:
 
 def _unseen(name: str, like: np.ndarray, belief: Belief) -> np.ndarray:
     """A field's value in a belief that has seen no measurement, or was told no known input, yet."""
-    if name not in ("u", "inputs", "innovation", "innovation_cov", "available"):
+    if name not in ("u", "innovation", "innovation_cov", "available"):
         raise ValueError(f"cannot merge two beliefs of which only one has {name}: they are of different filters")
     size = like.shape[-1]
     blank = np.eye(size) if name == "innovation_cov" else np.zeros(size, like.dtype)

@@ -36,28 +36,20 @@ class Estimator(ABC, Generic[Record]):
     """Steps by which the unknown input is known late (0 or 1); None: the filter estimates none."""
     random: ClassVar[bool] = False
     """It draws random numbers, so that ``rng`` must be given."""
-    manifolds: ClassVar[bool] = False
-    """States may be no vectors (`NonlinearModel.difference`)."""
     sequential: bool = True
     """Updates of one step add up to one with all its measurements: on a linear model, with independent noises."""
-    channelled: ClassVar[str] = ""
-    """Array of its beliefs whose last axis is that of all measurements; empty: none is."""
     mixes: bool = True
     """An update may take linear combinations of the measurements, where these repeat each other."""
     likelihood: ClassVar[str] = "approximate"
     """Kind of `log_likelihood`: "exact", "diffuse" or "approximate"."""
     verified: ClassVar[bool] = False
     """The results of this very class need no check, for tests hold that they are right; a class argument."""
-    num_threads: int = 1
-    """Threads that share the rows; no result depends on it."""
     _settings: ClassVar[frozenset[str]]
     """Arguments of constructors, which are read-only afterwards."""
 
     def __init__(self, model: Model) -> None:
         if not isinstance(model, LinearModel | NonlinearModel):
             raise TypeError(f"model must be a LinearModel or a NonlinearModel, got {type(model).__name__}")
-        if getattr(model, "difference", None) is not None and not self.manifolds:
-            raise ValueError(f"{self.name} needs states that are vectors: for a model with a difference use eskf")
         self.model = model
 
     def __init_subclass__(cls, verified: bool = False, **arguments: Any) -> None:
@@ -101,7 +93,9 @@ class Estimator(ABC, Generic[Record]):
         """
         if not isinstance(prior, Gaussian):
             raise TypeError(f"prior must be a Gaussian(mean, cov), got {type(prior).__name__}")
-        self._check_prior(prior)
+        for size in (prior.mean.shape[-1], prior.cov.shape[-1]):
+            if size != self.model.n:
+                raise ValueError(f"the prior is for {size} states, the model has {self.model.n}")
         initial = self.start(prior, rng)
         if not finite_rows(initial).all():
             raise ValueError(INVALID_INITIAL.format(type(self).__name__))
@@ -244,11 +238,6 @@ class Estimator(ABC, Generic[Record]):
 
     # --- checks, which a filter may narrow ----------------------------------------------------------
 
-    def _check_prior(self, prior: Gaussian) -> None:
-        for size in (prior.mean.shape[-1], prior.cov.shape[-1]):
-            if size != self.model.n:
-                raise ValueError(f"the prior is for {size} states, the model has {self.model.n}")
-
     def _check_known_input(self, u: np.ndarray | None) -> None:
         self.model.check_known_input(u)
 
@@ -260,12 +249,6 @@ class Estimator(ABC, Generic[Record]):
         *batch, n = belief.mean.shape
         if n != self.model.n:
             raise ValueError(f"the belief is for {n} states, the model has {self.model.n}")
-        channels = getattr(belief, self.channelled).shape[-1] if self.channelled else self.model.p
-        if channels != self.model.p:
-            raise ValueError(
-                f"the belief is of {channels} measurements, the model has {self.model.p}: {self.name} needs all "
-                "sensors in one model, with NaN for those that have not come"
-            )
         return tuple(batch)
 
     def _known(self, u: np.ndarray | None, batch: tuple[int, ...]) -> np.ndarray | None:

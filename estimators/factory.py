@@ -5,17 +5,13 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any
 
-from estimators.adaptive import AdaptiveKalmanFilter
 from estimators.checks import short_repr
 from estimators.ensemble import EnsembleKalmanFilter, EnsembleTransformFilter
-from estimators.error_state import ErrorStateKalmanFilter
 from estimators.filter import Filter, Model
 from estimators.iterated import IteratedExtendedKalmanFilter
 from estimators.kalman import ExtendedKalmanFilter, KalmanFilter
-from estimators.moving_horizon import MovingHorizonEstimator
 from estimators.particles import ParticleFilter
 from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
-from estimators.square_root import SquareRootKalmanFilter
 from estimators.ulise import ULISE
 from estimators.unknown_input import DelayedUMVFilter, EndedUMVFilter, ExtendedUMVFilter, UMVFilter
 from estimators.unscented import UnscentedKalmanFilter, UnscentedUMVFilter
@@ -26,10 +22,6 @@ _FILTERS: dict[str, type[Filter]] = {
         KalmanFilter,
         ExtendedKalmanFilter,
         IteratedExtendedKalmanFilter,
-        SquareRootKalmanFilter,
-        ErrorStateKalmanFilter,
-        AdaptiveKalmanFilter,
-        MovingHorizonEstimator,
         UMVFilter,
         DelayedUMVFilter,
         ExtendedUMVFilter,

@@ -285,7 +285,7 @@ class Filter(Estimator[Record], verified=True):
             packed, packed if u is None else u, packed if y is None else y,
             _all(batch, self.model.p) if available is None else available,
             program.results(belief, u, R, batch) if program.callbacks else packed, keys, step,
-        ), self.num_threads)  # fmt: skip
+        ))  # fmt: skip
         recovery = belief.recovery if y is None else None
         updated: Any = self.record.view(out, program.layout, belief.prior_mean, belief.prior_cov, u, recovery)
         return updated, doubtful
@@ -303,7 +303,7 @@ class Filter(Estimator[Record], verified=True):
             return formula(*matrices)
         if (own := self._programs.get(formula.__name__)) is None:
             own = self._programs[formula.__name__] = Compiled(formula, (2,) * len(matrices), True)
-        return own(*matrices, threads=self.num_threads)
+        return own(*matrices)
 
     # --- the model ----------------------------------------------------------------------------------
 

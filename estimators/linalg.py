@@ -33,11 +33,6 @@ def masked(R: np.ndarray, kept: np.ndarray) -> np.ndarray:
     return np.where(kept[..., None] & kept[..., None, :], R, identity(R.shape[-1]))
 
 
-def rows_like(rows: np.ndarray, array: np.ndarray) -> np.ndarray:
-    """The mask ``rows (...)`` with as many axes as an array ``(..., k, ...)``."""
-    return rows.reshape(rows.shape + (1,) * (array.ndim - rows.ndim))
-
-
 def equilibrated(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Standard deviations ``(..., p)``, 1 where S has none, and S ``(..., p, p)`` in units of them."""
     scale = np.sqrt(np.diagonal(s, axis1=-2, axis2=-1))

@@ -8,7 +8,7 @@ Notation throughout: ``x+ = A x + B u + G d + w`` and ``y = C x + H d + v`` with
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
-from typing import Any, ClassVar, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -34,12 +34,11 @@ class Gaussian(Frozen):
 
     mean: np.ndarray
     cov: np.ndarray
-    _vector: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         mean = as_array("mean", self.mean)
         cov = as_covariance("cov", self.cov)
-        if mean.ndim < 1 or (self._vector and mean.shape[-1] != cov.shape[-1]):
+        if mean.ndim < 1 or mean.shape[-1] != cov.shape[-1]:
             raise ValueError(f"mean has shape {mean.shape}, but cov {cov.shape} is for a vector of {cov.shape[-1]}")
         if not np.isfinite(mean).all():
             raise ValueError("mean must be finite")
@@ -61,16 +60,6 @@ class Gaussian(Frozen):
         if not isinstance(other, Gaussian):
             return NotImplemented
         return np.array_equal(self.mean, other.mean) and np.array_equal(self.cov, other.cov)
-
-
-@dataclass(frozen=True, eq=False)
-class ManifoldGaussian(Gaussian):
-    """A state ``(..., nx)`` that is no vector, and the covariance ``(..., n, n)`` of its error, which is one.
-
-    What the error of a state is, a model says (`NonlinearModel.difference`); it may have fewer numbers than the state.
-    """
-
-    _vector = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,10 +175,6 @@ class NonlinearModel(Frozen):
         measurement_jacobian: ``dh/dx (x, u) -> (..., p, n)``; None: likewise.
         states: n, where Q and G are functions, and Q has no value at ``u = None`` that would tell.
         measurements: p, where R and H are functions, likewise.
-        difference: ``e(a, b) -> (..., n)``, the error of ``b (..., nx)`` where ``a (..., nx)`` is true, for states that
-            are no vectors, as attitudes are; it broadcasts, and ``sum`` is its inverse. n is then the size of the
-            error, Q its noise, and Jacobians are by errors. None: states are vectors, but for their angles.
-        sum: ``x(b, e) -> (..., nx)``, the state that is the error ``e (..., n)`` away from b; likewise.
         delayed_feedthrough: H feeds d(k-1) through instead of d(k), see `LinearModel`.
 
     A Jacobian of your own is compared with differences when it is first used. Functions must be pure, as those of a
@@ -211,8 +196,6 @@ class NonlinearModel(Frozen):
     measurement_jacobian: Callable[[np.ndarray, np.ndarray | None], np.ndarray] | None = None
     states: int | None = None
     measurements: int | None = None
-    difference: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
-    sum: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     delayed_feedthrough: bool = False
     n: int = field(init=False)
     p: int = field(init=False)
@@ -224,10 +207,6 @@ class NonlinearModel(Frozen):
             function = getattr(self, name)
             if not callable(function) and not (function is None and name.endswith("jacobian")):
                 raise ValueError(f"{name} must be a function of (x, u), got {short_repr(function)}")
-        if (self.difference is None) != (self.sum is None):
-            raise ValueError("difference and sum belong together: give both, or neither")
-        if self.difference is not None and self.state_angles:
-            raise ValueError("difference and sum say what errors of angles are: leave state_angles out")
         shapes = {"Q": "nn", "R": "pp", "G": "nq", "H": "pq"}
         check_matrices(self, shapes, of_state="G", n=("states", self.states), p=("measurements", self.measurements))
 
@@ -243,7 +222,7 @@ class NonlinearModel(Frozen):
             names: Transition or measurement and, where the filter needs it, its Jacobian, which has to be compared.
         """
         functions = [(name, function) for name in names if (function := getattr(self, name)) is not None]
-        return self.difference is None and all(
+        return all(
             (name in ("transition", "measurement") or name in self._compared) and inspected(function, x, u) is not None
             for name, function in functions
         )
@@ -295,21 +274,16 @@ class NonlinearModel(Frozen):
             own = own and self.source(f"{name}_jacobian", x, u)
             return tuple(matrix(program, each) for each in linearise(source, x, u, slopes=own))
         x = read_only(x)
-        if own is None and self.difference is None and (traced := inspected(function, x, u)) is not None:
-            return _compiled(linearise, traced)(x, u)
-        at, of, value = x, function, None
-        if self.difference is not None:  # a function of the error, about none
-            at, value = np.zeros(x.shape[:-1] + (self.n,)), np.asarray(call(name, function, x, u))
-            of = partial(self._of_error, name, x, value)
         if own is None:
-            found, jacobian = central_differences(name, of, at, u, size, angles, steps(at, cov, self.state_angles))
-            return found if value is None else value, jacobian
+            if (traced := inspected(function, x, u)) is not None:
+                return _compiled(linearise, traced)(x, u)
+            return central_differences(name, function, x, u, size, angles, steps(x, cov, self.state_angles))
         jacobian = self._own_jacobian(f"{name}_jacobian", size, x, u)
         if f"{name}_jacobian" not in self._compared:
-            check_jacobian(name, of, jacobian, at, u, angles, steps(at, cov, self.state_angles))
+            check_jacobian(name, function, jacobian, x, u, angles, steps(x, cov, self.state_angles))
             if np.isfinite(jacobian).all():  # else it is compared again where it is
                 self._compared[f"{name}_jacobian"] = True
-        return at_points(name, function, x[..., None, :], u, size)[..., 0, :] if value is None else value, jacobian
+        return at_points(name, function, x[..., None, :], u, size)[..., 0, :], jacobian
 
     def _own_jacobian(self, name: str, size: int, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """The user's Jacobian ``(..., size, n)`` of this name.
@@ -321,12 +295,6 @@ class NonlinearModel(Frozen):
         if jacobian.shape[-2:] != expected[-2:]:
             raise ValueError(f"{name} gave a matrix of shape {jacobian.shape}, expected {expected}")
         return np.broadcast_to(jacobian, expected)
-
-    def _of_error(self, name: str, x: np.ndarray, value: np.ndarray, e: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """A function of errors ``(..., k, n)`` of a state: the transition's error, or a measurement."""
-        model: Any = self
-        after = np.asarray(call(name, getattr(self, name), model.sum(x[..., None, :], e), u))
-        return model.difference(after, value[..., None, :]) if name == "transition" else after
 
 
 _KEPT = 500

@@ -345,7 +345,7 @@ class WritesAll(WritingVehicle):
 def written(part: str, writes: bool) -> Core:
     if part == "vehicle":
         made = (WritesAll if writes else WritingVehicle)(ItsunusaAUVEnv.system.vehicle.body)
-        return Core(replace(ItsunusaAUVEnv.system, vehicle=made), 3, "ukf", num_threads=2)
+        return Core(replace(ItsunusaAUVEnv.system, vehicle=made), 3, "ukf")
     if part == "task":
         return Core(replace(ItsunusaAUVEnv.system, task=WritingTask(writes)), 3, "ekf", observe="mean+std")
     options = {"disturbance": Writing(writes)} if part == "effect" else {"sensors": writing_sensors(writes)}

@@ -123,7 +123,6 @@ class Configuration:
     Args:
         system: The environment as data.
         options: Those of the environment.
-        num_threads: Threads that share the rows; no result depends on it.
 
     Attributes:
         world: The true world, with its vehicle, sensors and disturbance.
@@ -140,11 +139,11 @@ class Configuration:
         TypeError: likewise.
     """
 
-    def __init__(self, system: System, options: Options, num_threads: int = 1) -> None:
-        self.system, self.options, self.num_threads, self.observe_mode = system, options, num_threads, options.observe
+    def __init__(self, system: System, options: Options) -> None:
+        self.system, self.options, self.observe_mode = system, options, options.observe
         self.world = world = _world(system, options.sensors, options.sensor_faults, options.disturbance)
         vehicle, task, raw = system.vehicle, system.task, options.observe == "measurement"
-        rest = world.sensors, world.forces.disturbance, num_threads
+        rest = world.sensors, world.forces.disturbance
         choice = system.estimator if options.estimator is None else options.estimator
         self.estimation: Estimation = build(system, choice, options.estimator_options, *rest)
         self.raw: Estimation | None = None
@@ -179,7 +178,7 @@ class Configuration:
         self.nominal = np.array(world.vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Configuration, (self.system, self.options, self.num_threads)
+        return Configuration, (self.system, self.options)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         return self

@@ -47,7 +47,6 @@ class Core:
         system: The environment as data.
         num_envs: B.
         arguments: Those of `vessel_gym.configuration.Options`, in order or
-        num_threads: Threads that share the rows; no result depends on it.
         named: by name.
 
     Attributes:
@@ -78,12 +77,11 @@ class Core:
     )
     reference, steps, total, end = (_of(f"now.{name}") for name in ("reference", "steps", "total", "end"))
 
-    def __init__(self, system: System, num_envs: int = 1, *arguments: Any, num_threads: int = 1, **named: Any) -> None:
-        for name, count in (("num_envs", num_envs), ("num_threads", num_threads)):
-            if not is_integer(count) or count < 1:
-                raise ValueError(f"{name} must be a positive whole number, got {short_repr(count)}")
-        self.num_envs, self.num_threads = int(num_envs), int(num_threads)
-        self.config = config = Configuration(system, Options(*arguments, **named), self.num_threads)
+    def __init__(self, system: System, num_envs: int = 1, *arguments: Any, **named: Any) -> None:
+        if not is_integer(num_envs) or num_envs < 1:
+            raise ValueError(f"num_envs must be a positive whole number, got {short_repr(num_envs)}")
+        self.num_envs = int(num_envs)
+        self.config = config = Configuration(system, Options(*arguments, **named))
         self.loop = Loop(config, self.num_envs)
         self.raw = None if config.raw is None else Loop(config, self.num_envs, "raw")
         self.action_shape = self.num_envs, config.action_size
@@ -280,12 +278,12 @@ class Core:
 
     def _moved(self, now: EnvState) -> Sequence[np.ndarray]:
         """The world after a step, as `vessel_gym.world.World.equations` gives it."""
-        moved: Sequence[np.ndarray] = self.config.world.step(*self._moving(now), threads=self.num_threads)
+        moved: Sequence[np.ndarray] = self.config.world.step(*self._moving(now))
         return moved
 
     def _scored(self, now: EnvState) -> Sequence[np.ndarray]:
         """Reference, reward and more, as `vessel_gym.mission.Mission.equations` gives them."""
-        scored: Sequence[np.ndarray] = self.config.mission.step(*self._scoring(now), threads=self.num_threads)
+        scored: Sequence[np.ndarray] = self.config.mission.step(*self._scoring(now))
         return scored
 
     def _moving(self, now: EnvState) -> tuple[np.ndarray, ...]:

@@ -147,7 +147,6 @@ def build(
     options: dict[str, Any] | None,
     sensors: Sensors,
     disturbance: Disturbance,
-    num_threads: int = 1,
 ) -> Estimation:
     """The estimator of an environment.
 
@@ -158,7 +157,6 @@ def build(
             ``assume`` its assumptions (`Assumptions`), ``late`` one of `LATE`, ``monitor`` as in `monitor_of`.
         sensors: The sensors, which the filter knows.
         disturbance: What acts.
-        num_threads: Threads that share the filter's rows.
 
     Raises:
         ValueError: for an unknown name or way with late measurements, or a filter that cannot work with the model.
@@ -194,7 +192,7 @@ def build(
     check_input(made, composition)
     if isinstance(made, RobustKalmanFilter):
         _warn_of_biases(made, sensors, system.task.horizon)
-    made.num_threads, watch = num_threads, monitor_of(monitor, sensors, made)
+    watch = monitor_of(monitor, sensors, made)
     return Estimation(made, composition, assumptions.prior, inputs, late, watch, sensors.horizon)
 
 

@@ -228,14 +228,14 @@ class Step:
         self._equations, self.whole = equations, found is not None
         self._reads = Dependencies(*found) if found else None
 
-    def __call__(self, *arrays: np.ndarray, threads: int = 1) -> Sequence[np.ndarray]:
+    def __call__(self, *arrays: np.ndarray) -> Sequence[np.ndarray]:
         """The equations' results but for the mask; users' functions are checked."""
         if not self._traces or not (self._reads is None or self._reads.unchanged()):
             self._trace(*arrays)
-        if not self.whole:  # in one thread, as NumPy may round otherwise in a part of the rows
+        if not self.whole:
             found: Sequence[np.ndarray] = self._equations.function(*arrays)[:-1]
             return found
-        *results, sound = self._equations(*arrays, threads=threads)
+        *results, sound = self._equations(*arrays)
         if np.count_nonzero(sound) < sound.size:
             self._equations.function(*arrays)  # function by function, which refuses all but what has run away
         return results

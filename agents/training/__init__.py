@@ -1,4 +1,4 @@
-"""Training: of agents by PPO, and of filters with a learned gain. It needs torch and stable-baselines3.
+"""Training of agents by PPO. It needs torch and stable-baselines3.
 
 It may import policies and `estimators`; studies and commands import it.
 """

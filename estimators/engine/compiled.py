@@ -78,23 +78,20 @@ class Compiled:
             own[self] = Compiled(self.function.__get__(instance), self._axes, self._matrices)
         return own[self]
 
-    def __call__(self, *arrays: Any, threads: int = 1, **static: Any) -> Any:
-        """The function's results for arrays; where they are tracers, traced with its caller.
-
-        So many threads may share the rows.
-        """
+    def __call__(self, *arrays: Any, **static: Any) -> Any:
+        """The function's results for arrays; where they are tracers, traced with its caller."""
         constants, function, several = self._last
-        if function is None or static != constants or (results := function.repeated(arrays, threads)) is None:
-            return self._call(arrays, static, threads)
+        if function is None or static != constants or (results := function.repeated(arrays)) is None:
+            return self._call(arrays, static)
         return results if several else results[0]
 
-    def _call(self, arrays: tuple[Any, ...], static: dict[str, Any], threads: int) -> Any:
+    def _call(self, arrays: tuple[Any, ...], static: dict[str, Any]) -> Any:
         """The same of arguments unlike the last ones."""
         if {*map(type, arrays)} != {np.ndarray}:
             if any(isinstance(each, TracedArray | Tracer | MatrixTracer) for each in arrays):
                 return self.function(*arrays, **static)
             if any(each is None for each in arrays):
-                return self._without(arrays)(*(each for each in arrays if each is not None), threads=threads, **static)
+                return self._without(arrays)(*(each for each in arrays if each is not None), **static)
         axes = self._axes or (1,) * len(arrays)
         rows = list(map(in_memory, arrays))
         key = tuple((a.shape[a.ndim - k :], a.dtype.char) for a, k in zip(rows, axes, strict=True)), *static.items()
@@ -103,9 +100,7 @@ class Compiled:
             self._traced[key] = trace(partial(self.function, **static), each, self._matrices)
         function, several = self._traced[key]
         self._last = static, function, several
-        results = function.repeated(rows, threads)
-        if results is None:
-            results = function.prepared(rows, threads)
+        results = function.compute(rows)
         return tuple(results) if several else results[0]
 
     def _without(self, arrays: Sequence[Any]) -> "Compiled":

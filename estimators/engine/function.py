@@ -3,8 +3,8 @@
 import math
 import pickle
 import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cached_property, lru_cache, partial
+from collections.abc import Callable, Sequence
+from functools import lru_cache, partial
 from io import BytesIO
 from typing import Any, NamedTuple
 
@@ -17,8 +17,6 @@ from estimators.engine.matching import Call, described, in_memory, matcher
 from estimators.engine.matrix_emit import Index, Matrix
 from estimators.engine.program import Instruction, Program, View
 from estimators.engine.tracer import KINDS, Tracer, cast, operation, where
-from estimators.threads import each as each_part
-from estimators.threads import shares
 
 LANES = 8
 """Rows side by side in a batch; a row alone has a program of its own."""
@@ -81,23 +79,20 @@ class Function:
         self._last: Call | None = None
         self._shapes: list[tuple[int, ...]] = []  # of the arguments before, as few are worth describing
 
-    def compute(self, arrays: Sequence[Any], threads: int = 1) -> Sequence[np.ndarray]:
+    def compute(self, arrays: Sequence[Any]) -> Sequence[np.ndarray]:
         """Results of arrays that have one batch, or none where all rows share them."""
-        results = self.repeated(arrays, threads)
-        return self.prepared(list(map(in_memory, arrays)), threads) if results is None else results
+        results = self.repeated(arrays)
+        return self.prepared(list(map(in_memory, arrays))) if results is None else results
 
-    def repeated(self, arrays: Sequence[Any], threads: int) -> Sequence[np.ndarray] | None:
+    def repeated(self, arrays: Sequence[Any]) -> Sequence[np.ndarray] | None:
         """The same of arguments like those of the last call, which need no preparation; None: they are others."""
         last = self._last
         if last is None or (results := last.fresh(last.described, *arrays)) is None:
             return None
-        if threads == 1:
-            last.run(*arrays, *results)
-        else:
-            self(last.rows, last.shared, *arrays, *results, threads=threads)
+        last.run(*arrays, *results)
         return results
 
-    def prepared(self, arrays: list[np.ndarray], threads: int) -> Sequence[np.ndarray]:
+    def prepared(self, arrays: list[np.ndarray]) -> Sequence[np.ndarray]:
         """The same of arrays `in_memory`, unlike those of the last call; of axes that differ they are repeated."""
         leading = [a.shape[: a.ndim - len(own.shape)] for a, own in zip(arrays, self.arguments, strict=True)]
         batch: tuple[int, ...] = ()
@@ -115,34 +110,26 @@ class Function:
                     shared |= 1 << i
         results = [np.empty(batch + row.shape, KINDS[row.kind]) for row in self.results]
         if rows:
-            self(rows, shared, *arrays, *results, threads=threads)
+            self(rows, shared, *arrays, *results)
             shapes = [array.shape for array in arrays]
             if shapes == self._shapes:
                 run, (width, entry) = partial(self, rows, shared), self._entry(rows)
                 if self.stacked(width):
-                    run = partial(entry, 0, rows, shared, self._constants, self._constants)
-                self._last = Call(matcher(), described(arrays, results), [a.dtype for a in arrays], run, rows, shared)
+                    run = partial(entry, rows, shared, self._constants, self._constants)
+                self._last = Call(matcher(), described(arrays, results), [a.dtype for a in arrays], run)
             self._shapes = shapes
         return results
 
-    def __call__(self, rows: int, shared: int, *arrays: np.ndarray, threads: int = 1) -> None:
+    def __call__(self, rows: int, shared: int, *arrays: np.ndarray) -> None:
         """Compute rows of arrays.
 
         Args:
             rows: How many.
             shared: Bits of the arguments that have one row for all.
             arrays: The arguments and the results, in C order and of the types that they have here. Nothing is checked.
-            threads: Threads that may share the rows.
         """
         width, entry = self._entry(rows)
-
-        def part(some: slice) -> None:
-            entry(some.start, some.stop, shared, machine.scratch(width * self.layout.size), self._constants, *arrays)
-
-        if threads == 1:
-            part(slice(0, rows))
-        else:
-            each_part(part, shares(rows, threads, self.operations, LANES), threads)
+        entry(rows, shared, machine.scratch(width * self.layout.size), self._constants, *arrays)
 
     def stacked(self, width: int) -> bool:
         """Do the matrices of so many rows side by side stand on the stack, where they need no scratch?"""
@@ -158,11 +145,6 @@ class Function:
         """Instructions of the program that its outputs need, in order; compressed once there is machine code."""
         kept = self._instructions
         return tuple(map(Instruction._make, pickle.loads(zlib.decompress(kept)))) if isinstance(kept, bytes) else kept
-
-    @cached_property
-    def operations(self) -> int:
-        """Operations a row."""
-        return _operations(self.instructions, self.program.sizes)
 
     def compiled(self, width: int) -> Callable[..., None]:
         """The machine code for so many rows side by side, which programs that differ in numbers alone share."""
@@ -199,37 +181,21 @@ def _serialised(value: Any) -> bytes:
     return file.getvalue()
 
 
-def _operations(instructions: Iterable[Instruction], sizes: Mapping[int, int]) -> int:
-    """Operations of instructions on scalars and on matrices of these sizes."""
-    total = 0
-    for opcode, operands, result, attributes in instructions:
-        each = sizes.get(result, 1)
-        if opcode == "repeat":
-            each = attributes[0].count * _operations(attributes[0].body, sizes)
-        elif opcode == "columns":
-            each = attributes[0].size * _operations(attributes[0].body, sizes)
-        elif opcode in _SOLVING or opcode in ("matmul", "inner"):
-            each *= max(1, *(operand.shape[1] for operand in operands[:1] if isinstance(operand, View)))
-        total += each
-    return total
-
-
 def _entry_point(pointers: int) -> str:
     """The module's Python function, in LLVM IR: a call through ctypes would take longer than most programs.
 
-    It takes three whole numbers and so many arrays of NumPy, whose data begin where their object says, right behind the
+    It takes two whole numbers and so many arrays of NumPy, whose data begin where their object says, right behind the
     head that all objects have (``PyArrayObject_fields``). It looks at nothing else of them: their owner has checked
     them. While it computes many rows, other threads of Python run.
     """
     emitter = Emitter(Program(), Module({}), 1)
-    numbers = [emitter.line(f"call i64 @PyLong_AsSsize_t(ptr {emitter.pointer('%args', 8 * i)})") for i in range(3)]
-    arrays = [emitter.pointer(emitter.pointer("%args", 8 * i + 24), object.__basicsize__) for i in range(pointers)]
-    count = emitter.line(f"sub i64 {numbers[1]}, {numbers[0]}")
+    numbers = [emitter.line(f"call i64 @PyLong_AsSsize_t(ptr {emitter.pointer('%args', 8 * i)})") for i in range(2)]
+    arrays = [emitter.pointer(emitter.pointer("%args", 8 * i + 16), object.__basicsize__) for i in range(pointers)]
     return "\n".join([
         "declare i64 @PyLong_AsSsize_t(ptr)", "declare ptr @PyEval_SaveThread()", "declare void @Py_IncRef(ptr)",
         "declare void @PyEval_RestoreThread(ptr)", "@_Py_NoneStruct = external global i8",
         "define ptr @call(ptr %self, ptr %args, i64 %count) {", "entry:", *emitter.lines,
-        f"  %many = icmp sge i64 {count}, {FEW}", "  br i1 %many, label %release, label %compute",
+        f"  %many = icmp sge i64 {numbers[0]}, {FEW}", "  br i1 %many, label %release, label %compute",
         "release:", "  %released = call ptr @PyEval_SaveThread()", "  br label %compute",
         "compute:", "  %thread = phi ptr [null, %entry], [%released, %release]",
         f"  call void @run({', '.join([f'i64 {each}' for each in numbers] + [f'ptr {each}' for each in arrays])})",
@@ -302,7 +268,7 @@ class Driver(LinearEmitter):
     def function(self, instructions: Sequence[Instruction], outputs: Sequence[Any]) -> str:
         """The function in LLVM IR."""
         arguments, results = self._function.arguments, self._function.results
-        start, end, shared = (self.one.value(f"%{name}", "i") for name in ("first", "end", "shared"))
+        end, shared = (self.one.value(f"%{name}", "i") for name in ("end", "shared"))
         strides: list[Any] = [each.size for each in arguments]
         if self._state is None:
             strides = [where((shared & (1 << i)) != 0, 0, size) for i, size in enumerate(strides)]
@@ -329,8 +295,8 @@ class Driver(LinearEmitter):
             self.loop(0, shared, successive)
             self._output([state.view], "f", last)
 
-        self.loop(start, end, body, step=self.width)
-        given = [*(f"i64 %{each}" for each in ("first", "end", "shared")), "ptr noalias %scratch"]
+        self.loop(0, end, body, step=self.width)
+        given = [*(f"i64 %{each}" for each in ("end", "shared")), "ptr noalias %scratch"]
         if self._function.stacked(self.width):
             given[-1] = "ptr %unused"
             self.lines.insert(0, f"  %scratch = alloca [{self.width * self._function.layout.size} x double], align 64")

@@ -44,9 +44,7 @@ class Call(NamedTuple):
     fresh: Callable[..., Sequence[np.ndarray] | None]
     described: np.ndarray
     types: list[np.dtype]  # which are kept for those that are described
-    run: Callable[..., None]  # in one thread
-    rows: int
-    shared: int
+    run: Callable[..., None]
 
 
 def described(arrays: Sequence[np.ndarray], results: Sequence[np.ndarray] = ()) -> np.ndarray:

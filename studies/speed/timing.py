@@ -242,8 +242,6 @@ def flight_plan(env_ids: tuple[str, ...]) -> dict[str, dict[str, Any]]:
         plan[env_id] = {"rows": 0}
         plan[batch := f"{env_id}, batch of {BATCH}"] = {"rows": BATCH}
         plan[f"{batch}, degraded sensors"] = {"rows": BATCH, "sensors": "degraded"}
-        many = 16 * BATCH if env_id == CORVETTE else BATCH
-        plan[f"{env_id}, batch of {many:,}, two threads"] = {"rows": many, "num_threads": 2}
         if env_id == CORVETTE:
             plan |= {f"{env_id}, batch of {rows:,}": {"rows": rows} for rows in (1, 4 * BATCH, 16 * BATCH)}
             plan |= {f"{batch}, {name}": {"rows": BATCH, "estimator": name} for name in ("kf", "ekf", "ukf")}

@@ -309,18 +309,6 @@ CASES = (
     _case("ekf on a turning vehicle", "ekf", turning_vehicle, "deterministic"),
     _case("iekf", "iekf", kalman_system, "kalman consistent linear deterministic"),
     _case("iekf on a turning vehicle", "iekf", turning_vehicle, "deterministic"),
-    _case("srkf", "srkf", kalman_system, "kalman consistent linear deterministic long"),
-    _case("srkf on a turning vehicle", "srkf", turning_vehicle, "deterministic"),
-    _case("eskf", "eskf", kalman_system, "kalman consistent linear deterministic"),
-    _case("eskf on a turning vehicle", "eskf", turning_vehicle, "deterministic"),
-    _case("mhe", "mhe", kalman_system, "kalman consistent linear deterministic", horizon=4),
-    _case("mhe on a turning vehicle", "mhe", turning_vehicle, "deterministic", horizon=4),
-    _case(
-        "adaptive-kf with rates of 0", "adaptive-kf", kalman_system, "kalman consistent linear deterministic",
-        q_rate=0.0, r_rate=0.0,
-    ),
-    _case("adaptive-kf of Q", "adaptive-kf", kalman_system, "linear deterministic", r_rate=0.0),
-    _case("adaptive-kf of Q on a turning vehicle", "adaptive-kf", turning_vehicle, "deterministic", r_rate=0.0),
     _case(
         "kf-umv-ui", "kf-umv-ui", lambda seed: unknown_input_system(seed, True),
         f"{_UI} long", input_prior=INPUT_PRIOR,

@@ -55,7 +55,7 @@ def test_only_numpy_and_scipy_are_needed_until_then():
 
 
 def test_modules_import_each_other_in_one_direction_types_and_late_imports_included():
-    """The engine counts as one module; it needs checks of arguments and threads alone."""
+    """The engine counts as one module; it needs checks of arguments alone."""
     graph: dict[str, set[str]] = {}
     for path in (ROOT / "estimators").rglob("*.py"):
         imports = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom)]
@@ -64,7 +64,7 @@ def test_modules_import_each_other_in_one_direction_types_and_late_imports_inclu
         graph.setdefault(own, set()).update({name[1] for name in names if name[0] == "estimators"} - {own})
     order = list(graphlib.TopologicalSorter(graph).static_order())  # raises where there is a circle
     assert order.index("linalg") < order.index("models") < order.index("filter") < order.index("kalman")
-    assert graph["engine"] <= {"checks", "threads"}
+    assert graph["engine"] <= {"checks"}
 
 
 def test_everything_that_is_exported_exists():

@@ -15,8 +15,7 @@ from tests.estimators.cases import INPUT_PRIOR, System, pushed_vehicle, simulate
 FAR = np.array([6e5, -5e6])
 """A place in UTM coordinates [m]."""
 NONLINEAR = (
-    "ekf", "iekf", "srkf", "eskf", "adaptive-kf", "mhe", "ukf", "enkf", "etkf", "pf",
-    "huber-kf", "robust-kf",
+    "ekf", "iekf", "ukf", "enkf", "etkf", "pf", "huber-kf", "robust-kf",
 )  # fmt: skip
 PUSHED = ("ekf-ui-wdf", "ukf-umv")
 LINEAR = ("kf", "kf-umv-ui", "kf-umv-ui-wdf", "ulise")

@@ -561,7 +561,7 @@ def test_a_measurement_covariance_that_is_passed_replaces_that_of_the_model(case
     passed = track(case.make(model), system.rows(rows), record, _numbers(0, 1, 2), R=np.broadcast_to(R, (8, *R.shape)))
     built_in = track(case.make(dataclasses.replace(model, R=R)), system.rows(rows), record, _numbers(0, 1, 2))
     for one, other in zip(passed, built_in, strict=True):
-        assert_same(one, other, 1e-13, ignore=["measurement_noise"])  # begun with the model's
+        assert_same(one, other, 1e-13)
 
 
 @every_case("deterministic", "linear")

@@ -78,12 +78,11 @@ def _check(belief: Belief) -> None:
 
 def _options(name: str) -> st.SearchStrategy[dict[str, Any]]:
     known = {
-        "kf": ["input_cov"], "iekf": ["iterations", "tolerance"], "adaptive-kf": ["q_rate", "r_rate"],
-        "mhe": ["horizon", "iterations", "tolerance"],
+        "kf": ["input_cov"], "iekf": ["iterations", "tolerance"],
         "ukf": ["alpha", "beta", "kappa"], "huber-kf": ["gamma", "iterations", "tolerance"],
         "robust-kf": ["radius"], "enkf": ["inflation", "draws"], "etkf": ["inflation", "draws"],
         "enkf-sr": ["inflation", "draws"], "pf": ["threshold", "jitter"], "ukf-umv": ["input_prior", "alpha"],
-    }.get(name, ["input_prior"] if name not in ("ekf", "srkf", "eskf") else [])  # fmt: skip
+    }.get(name, ["input_prior"] if name != "ekf" else [])  # fmt: skip
     value = st.one_of(JUNK, NUMBERS, _arrays(2, 2))
     some = st.dictionaries(st.sampled_from([*known, "colour"]), value, max_size=1)
     return st.one_of(st.just({}), st.just({}), some)
@@ -110,8 +109,8 @@ def _models(draw: st.DrawFn, nonlinear: bool) -> tuple[Any, int, int]:
     ("name", "option"),
     [("ukf", "alpha"), ("ukf", "beta"), ("ukf", "kappa"), ("enkf", "members"), ("enkf", "inflation"),
      ("etkf", "draws"), ("huber-kf", "gamma"), ("huber-kf", "iterations"), ("huber-kf", "tolerance"),
-     ("robust-kf", "radius"), ("adaptive-kf", "q_rate"), ("adaptive-kf", "r_rate"),
-     ("mhe", "horizon"), ("mhe", "iterations"), ("iekf", "iterations"), ("iekf", "tolerance"),
+     ("robust-kf", "radius"),
+     ("iekf", "iterations"), ("iekf", "tolerance"),
      ("pf", "particles"), ("pf", "threshold"), ("pf", "jitter")],
 )  # fmt: skip
 def test_an_option_that_is_too_large_or_no_number_is_refused_by_its_name(name: str, option: str, value: Any):

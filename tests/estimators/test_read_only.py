@@ -12,7 +12,6 @@ from estimators import (
     Belief,
     Filter,
     Gaussian,
-    InteractingMultipleModels,
     LinearModel,
     Measurement,
     NonlinearModel,
@@ -62,7 +61,7 @@ def test_nobody_can_write_to_a_belief(case: Case):
             assert not array.flags.writeable, name
 
 
-@pytest.mark.parametrize("name", ["kf", "mhe", "enkf"])
+@pytest.mark.parametrize("name", ["kf", "enkf"])
 def test_a_known_input_that_changes_later_does_not_change_the_belief(name: str):
     system = kalman_system(0)
     filter, rng, u = make(name, system.model), RandomKeys.seeded(range(1)), np.ones((1, 2))
@@ -73,8 +72,8 @@ def test_a_known_input_that_changes_later_does_not_change_the_belief(name: str):
 
 @pytest.mark.parametrize(
     ("name", "setting"),
-    [("ukf", "alpha"), ("huber-kf", "gamma"), ("robust-kf", "radius"), ("enkf", "inflation"), ("mhe", "horizon"),
-     ("pf", "threshold"), ("kf", "model")],
+    [("ukf", "alpha"), ("huber-kf", "gamma"), ("robust-kf", "radius"), ("enkf", "inflation"), ("pf", "threshold"),
+     ("kf", "model")],
 )  # fmt: skip
 def test_a_setting_of_a_filter_is_read_only(name: str, setting: str):
     filter = make(name, LinearModel(I2, I2, I2, I2))
@@ -125,7 +124,7 @@ def _in_place(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
 
 
 @pytest.mark.parametrize("part", ["transition", "measurement"])
-@pytest.mark.parametrize("name", ["ekf", "iekf", "ukf", "eskf", "srkf", "enkf", "etkf", "pf", "mhe", "huber-kf"])
+@pytest.mark.parametrize("name", ["ekf", "iekf", "ukf", "enkf", "etkf", "pf", "huber-kf"])
 def test_a_function_of_a_model_that_works_in_place_is_refused_and_the_belief_stays(name: str, part: str):
     model = NonlinearModel(**{"transition": _same, "measurement": _same, "Q": I2, "R": I2} | {part: _in_place})
     filter, rng = make(name, model), RandomKeys.seeded(range(2))
@@ -170,10 +169,10 @@ def test_another_mean_moves_members_and_particles(name: str):
         begun.replace(cov=begun.cov)
 
 
-@pytest.mark.parametrize("name", ["enkf", "etkf", "pf", "mhe", "imm"])
+@pytest.mark.parametrize("name", ["enkf", "etkf", "pf"])
 def test_another_mean_without_its_points_is_refused(name: str):
     system, rng = kalman_system(0), RandomKeys.seeded(range(2))
-    filter = {"imm": _imm, "mhe": _mhe}.get(name, lambda model: make(name, model))(system.model)
+    filter = make(name, system.model)
     begun = filter.init(system.rows(2), rng=rng)
     for belief in (begun, filter.predict(begun, np.zeros(2), rng=rng)):
         with pytest.raises(TypeError, match=r"of a belief go together: use belief\.replace, not dataclasses\.replace"):
@@ -204,32 +203,3 @@ def test_a_mean_that_is_no_array_is_made_one_or_refused():
     assert (np.abs(filter.predict(moved, np.zeros(2)).mean[0] - A @ x) <= rounding).all()
     with pytest.raises(ValueError, match=r"^mean must be an array of real numbers, got"):
         belief.replace(mean=["a", "b"])
-
-
-def _mhe(model: LinearModel) -> Filter:
-    return make("mhe", model, horizon=4)
-
-
-def _imm(model: LinearModel) -> Filter:
-    return InteractingMultipleModels([make("kf", model)] * 2, [[0.9, 0.1], [0.1, 0.9]])
-
-
-@pytest.mark.parametrize("build", [_mhe, _imm])
-@pytest.mark.parametrize("predicted", [False, True])
-def test_another_mean_in_a_window_or_a_mixture_is_that_in_the_kalman_filter(build: Callable, predicted: bool):
-    """On a linear model all three are the same filter; the mean is exchanged in the middle of a series."""
-    system = kalman_system(0)
-    record = simulate(system, 0, 2, 8)
-    target = system.mean + np.arange(4.0)
-    means = []
-    for filter in (make("kf", system.model), build(system.model)):
-        belief = filter.init(system.rows(2))
-        for k, y in enumerate(record.y):
-            belief = filter.predict(belief, record.u[k]) if k else belief
-            if k == 4 and predicted:
-                belief = belief.replace(mean=target + 0.0 * belief.mean)
-            belief = filter.update(belief, y)
-            if k == 4 and not predicted:
-                belief = belief.replace(mean=target + 0.0 * belief.mean)
-        means.append(belief.mean)
-    np.testing.assert_allclose(*means, rtol=0, atol=1e-10)

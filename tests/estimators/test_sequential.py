@@ -11,10 +11,7 @@ from estimators import (
     Delayed,
     EnsembleKalmanFilter,
     Filter,
-    GainNetwork,
     Gaussian,
-    InteractingMultipleModels,
-    LearnedGainFilter,
     LinearModel,
     NonlinearModel,
     make,
@@ -34,7 +31,7 @@ from tests.estimators.cases import (
 
 ROWS, STEPS = 3, 5
 LINEAR = [case for case in CASES if "linear" in case.laws]
-ESTIMATES = ("mean", "cov", "input_mean", "input_cov", "state_input_cov", "input_observed", "probabilities")
+ESTIMATES = ("mean", "cov", "input_mean", "input_cov", "state_input_cov", "input_observed")
 REFUSED = "takes one update a step: pass all measurements of a step together, NaN for none, or give them to Delayed"
 
 
@@ -65,18 +62,6 @@ def _assert_estimates_equal(one: Belief, other: Belief, tolerance: float = 1e-11
             np.testing.assert_allclose(mine[name], theirs[name], rtol=0, atol=close, err_msg=name)
 
 
-def _modes(model: LinearModel) -> InteractingMultipleModels:
-    filters = [make("kf", dataclasses.replace(model, Q=factor * model.Q)) for factor in (0.5, 4.0)]
-    return InteractingMultipleModels(filters, [[0.9, 0.1], [0.2, 0.8]])
-
-
-def _learned(model: LinearModel) -> LearnedGainFilter:
-    n, p, k = model.n, model.p, 2
-    shapes = (3 * k, p + n), (3 * k, k), (3 * k,), (3 * k,), (n * p, k), (n * p,)
-    rng = np.random.default_rng(0)
-    return LearnedGainFilter(model, GainNetwork(*(0.1 * rng.normal(size=s) for s in shapes), np.ones(p), np.ones(n)))
-
-
 def _told_the_variance(seed: int) -> System:
     return unknown_input_system(seed, True, p=4, q=2)
 
@@ -90,8 +75,6 @@ BUILT = [
     pytest.param(
         _told_the_variance, lambda m: make("kf", m, input_cov=[[2.0, 0.3], [0.3, 1.0]]), id="kf with input_cov"
     ),
-    pytest.param(kalman_system, _modes, id="imm"),
-    pytest.param(kalman_system, _learned, id="learned gain"),
     pytest.param(kalman_system, lambda m: OneOfYourOwn(m, members=20), id="of your own"),
 ]
 
@@ -168,7 +151,7 @@ def test_each_measurement_has_its_own_known_input_covariance_and_measurement_fun
 def test_sensors_may_be_filters_of_their_own_over_the_same_states():
     system = _independent(kalman_system(0))
     m, y = system.model, np.array([1.0, -2.0, 0.5])
-    for name, options in (("kf", {}), ("ekf", {}), ("srkf", {}), ("ukf", {}), ("etkf", {"members": 20})):
+    for name, options in (("kf", {}), ("ekf", {}), ("ukf", {}), ("etkf", {"members": 20})):
         sensors = [
             make(name, dataclasses.replace(m, C=m.C[rows], R=m.R[rows, rows]), **options)
             for rows in (slice(0, 1), slice(1, 3))
@@ -179,18 +162,7 @@ def test_sensors_may_be_filters_of_their_own_over_the_same_states():
         _assert_estimates_equal(parts, joint.update(belief, y, rng=rng))
 
 
-@pytest.mark.parametrize("name", ["mhe", "adaptive-kf"])
-def test_beliefs_that_hold_measurements_are_refused_by_a_filter_of_other_sensors(name: str):
-    model = kalman_system(0).model
-    part = make(name, dataclasses.replace(model, C=model.C[:1], R=model.R[:1, :1]))
-    belief = make(name, model).init(Gaussian(np.zeros(4), np.eye(4)))
-    with pytest.raises(
-        ValueError, match=f"the belief is of 3 measurements, the model has 1: {name} needs all sensors in one"
-    ):
-        part.update(belief, [1.0])
-
-
-@pytest.mark.parametrize("name", ["kf", "srkf", "kf-umv-ui", "pf"])
+@pytest.mark.parametrize("name", ["kf", "kf-umv-ui", "pf"])
 def test_correlated_noises_are_refused_in_two_updates_and_taken_in_one(name: str):
     feedthrough = {"G": [[1.0], [0.0]], "H": [[0.0], [1.0], [0.0]]} if name == "kf-umv-ui" else {}
     R = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.0], [0.5, 0.0, 1.0]])
@@ -237,7 +209,6 @@ CHAINED = [
     ("kf", kalman_system, lambda m: make("kf", m)),
     ("kf with input_cov", _told_the_variance, lambda m: make("kf", m, input_cov=2.0)),
     ("pf", kalman_system, lambda m: make("pf", m, particles=30)),
-    ("imm", kalman_system, _modes),
     ("kf-umv-ui", lambda seed: unknown_input_system(seed, True), lambda m: make("kf-umv-ui", m, input_prior=50.0)),
     ("wdf", lambda seed: unknown_input_system(seed, False), lambda m: make("kf-umv-ui-wdf", m, input_prior=50.0)),
 ]

@@ -13,7 +13,6 @@ from estimators import (
     Delayed,
     Filter,
     Gaussian,
-    InteractingMultipleModels,
     LinearModel,
     NonlinearModel,
     RandomKeys,
@@ -285,7 +284,7 @@ def test_a_series_continues_over_steps_of_any_length_and_with_measurements_that_
         lambda x, u: np.tanh(x[..., :1]) + u[..., :1] * (1.0 + u[..., 1:]), model.Q,
         lambda u: 0.1 * (1.0 + u[..., 1:, None]), states=2, measurements=1,
     )  # fmt: skip
-    for filter in (make("kf", model), make("ekf", curved), make("mhe", curved, horizon=3), make("ukf", curved)):
+    for filter in (make("kf", model), make("ekf", curved), make("ukf", curved)):
         whole = run(filter, prior, y, u=u, t=t)
         before = run(filter, prior, y[:K], u=u[:K], t=t[:K])
         after = run(filter, before.last, y[K:], u=u[K - 1 :], t=t[K - 1 :])
@@ -293,18 +292,16 @@ def test_a_series_continues_over_steps_of_any_length_and_with_measurements_that_
         np.testing.assert_array_equal(np.concatenate([before.cov, after.cov]), whole.cov)
 
 
-def test_a_series_of_several_models_continues_and_a_generator_goes_on_by_itself():
+def test_a_series_of_members_continues_and_a_generator_goes_on_by_itself():
     y, K = np.random.default_rng(0).normal(size=(9, 2, 2)), 4
     model, prior = LinearModel(0.9 * np.eye(2), np.eye(2), 0.1 * np.eye(2), np.eye(2)), Gaussian(np.zeros(2), np.eye(2))
-    modes = InteractingMultipleModels([make("kf", model), make("huber-kf", model)], [[0.9, 0.1], [0.1, 0.9]])
-    for filter in (modes, make("enkf", model, members=6)):
-        rng, parts = np.random.default_rng(1), np.random.default_rng(1)
-        whole, before = run(filter, prior, y, rng=rng), run(filter, prior, y[:K], rng=parts)
-        after = run(filter, before.last, y[K:], rng=parts)
-        np.testing.assert_array_equal(np.concatenate([before.mean, after.mean]), whole.mean)
+    filter, rng, parts = make("enkf", model, members=6), np.random.default_rng(1), np.random.default_rng(1)
+    whole, before = run(filter, prior, y, rng=rng), run(filter, prior, y[:K], rng=parts)
+    after = run(filter, before.last, y[K:], rng=parts)
+    np.testing.assert_array_equal(np.concatenate([before.mean, after.mean]), whole.mean)
 
 
-@pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "etkf", "pf", "mhe", "kf-umv-ui", "ulise"])
+@pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "etkf", "pf", "kf-umv-ui", "ulise"])
 @pytest.mark.parametrize("delayed", [False, True], ids=["", "delayed"])
 def test_a_measurement_gets_the_known_input_of_its_own_time(name: str, delayed: bool):
     """Measurements of ``C x + D u`` are those of ``C x`` once ``D u`` of the same time is taken off."""

@@ -51,7 +51,6 @@ REFUSED = {
     "SegorogeniAUV-v0": _NONLINEAR_AND_NO_INPUT,
     "ItsunusaAUV-v0": _NO_INPUT,
     "PunaUAV-v0": _NONLINEAR_AND_NO_INPUT,
-    "ThesisCorvette-v0": {"adaptive-kf": "Q as an array"},
     "vessel_gym/AUV-v0": _NONLINEAR_AND_NO_INPUT,
     "vessel_gym/FixedWing-v0": _NONLINEAR_AND_NO_INPUT,
     "Usbl-v0": _NONLINEAR_AND_NO_INPUT,

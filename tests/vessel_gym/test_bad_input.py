@@ -221,13 +221,6 @@ def test_a_wrong_number_of_environments_is_refused(env_id: str, wrong: Any):
 
 
 @some_environments
-@pytest.mark.parametrize("wrong", [0, -1, 1.5, True, "two", None], ids=repr)
-def test_a_wrong_number_of_threads_is_refused(env_id: str, wrong: Any):
-    message = refusal(ValueError, make_batch, env_id, 2, num_threads=wrong)
-    assert message == f"num_threads must be a positive whole number, got {wrong!r}"
-
-
-@some_environments
 @pytest.mark.parametrize("wrong", [0, -5, 2.5, True, "60"], ids=repr)
 def test_a_wrong_time_limit_is_refused(env_id: str, wrong: Any):
     message = refusal(ValueError, make_batch, env_id, 2, max_episode_steps=wrong)

@@ -73,14 +73,6 @@ def test_two_in_two_threads_fly_as_each_alone() -> None:
     assert all(map(same, together, alone))
 
 
-def test_threads_are_those_of_each() -> None:
-    one, two = (Core(ItsunusaAUVEnv.system, 40, num_threads=k) for k in (1, 2))
-    assert one.filter.num_threads == 1
-    assert two.filter.num_threads == 2
-    assert one.config.world is two.config.world
-    assert same(flown(one, 0), flown(two, 0))
-
-
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
 @pytest.mark.parametrize("env_id", ["SigmaCorvette-v0", "SegorogeniAUV-v0"])
 def test_copies_go_on_as_the_original(env_id: str, copied: Callable[[gym.Env], gym.Env]) -> None:

@@ -282,15 +282,6 @@ def test_at_sea_too_the_episodes_of_a_row_are_those_of_a_single_environment_in_e
     assert_same_in_every_mode(env_id, estimator, **at_sea(env_id))
 
 
-@pytest.mark.parametrize("estimator", ["ekf", "enkf"])
-def test_at_sea_no_result_depends_on_threads(estimator: str):
-    options = at_sea(AUV) | {"estimator": estimator, "estimator_options": FEW_MEMBERS.get(estimator)}
-    one, other = (make_core(AUV, 7, num_threads=threads, **options) for threads in (1, 3))
-    flown(one, 20)
-    flown(other, 20)
-    assert_same_tree(one.info(), other.info())
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("late", LATE)
 @every_vehicle

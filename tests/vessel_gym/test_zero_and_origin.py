@@ -179,9 +179,7 @@ def apart(told: Episode, axes: Axes, one: list[Belief], other: list[Belief]) -> 
 
 # --- the law ----------------------------------------------------------------------------------------
 
-DIFFERENCING = (
-    "ekf", "iekf", "srkf", "eskf", "adaptive-kf", "mhe", "huber-kf", "robust-kf", "dead-reckoning",
-)  # fmt: skip
+DIFFERENCING = ("ekf", "iekf", "huber-kf", "robust-kf", "dead-reckoning")
 """Filters that take the vehicles' Jacobians by differences (on the thesis' corvette only `ekf` does)."""
 
 # A heading of half a turn has digits of 4e-16 rad. Over a step of 1e-5 rad a difference has 4e-11, which the gains of

@@ -35,14 +35,10 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             passes the registered value.
         autoreset_mode: A `gymnasium.vector.AutoresetMode` or its value.
         render_mode: ``None`` or ``"rgb_array"``.
-        num_threads: Threads that share the rows of what is compiled; the rest stays in the calling thread. No result
-            depends on it, to the last bit. Few rows stay in one thread: it pays where a step takes milliseconds, from
-            thousands of rows on, or 110 with an ensemble of 100 members.
         options: Those of `vessel_gym.configuration.Options`, by name.
 
     Raises:
-        ValueError: as `VesselEnv`, and for a ``num_envs`` or ``num_threads`` that is not a positive whole number, or
-            another mode.
+        ValueError: as `VesselEnv`, and for a ``num_envs`` that is not a positive whole number, or another mode.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": ["rgb_array"], "render_fps": 20}
@@ -54,7 +50,6 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         max_episode_steps: int | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
-        num_threads: int = 1,
         **options: Any,
     ) -> None:
         check_arguments(self, options, render_mode)
@@ -62,7 +57,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             integer("max_episode_steps", max_episode_steps, 1)
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode}
-        self.core = Core(self.system, num_envs, num_threads=num_threads, **options)
+        self.core = Core(self.system, num_envs, **options)
         self.num_envs = num_envs
         self.max_episode_steps = max_episode_steps
         self.render_mode = render_mode

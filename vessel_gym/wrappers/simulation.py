@@ -157,7 +157,7 @@ class _Rollout:
         self._size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """A copy has threads and scratch of its own."""
+        """A copy has scratch of its own."""
         return type(self), (self._model, self._substeps)
 
     def __call__(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:

@@ -96,7 +96,6 @@ def test_a_resolved_study_is_plain_data_with_every_default(tmp_path):
 def test_the_studies_of_the_package_are_studies_of_which_no_filter_assumes_another_ship_s_sea(name):
     study = read_study(STUDIES[name])
     assert study.title
-    assert study.title.startswith("Withdrawn") is (name == "learned")  # which the command prints
     assert all("input_cov" not in estimator.options for estimator in study.estimators)
     if name == "quick":
         assert len(study.environments) == 4
