@@ -66,8 +66,7 @@ class Options:
             ``"denied"`` (nominal ones, without the position fix for 120 s), see docs/sensor-suites.md. A list of
             `vessel_gym.sensors.Sensor` gives your own, among them those of ``system.vehicle.sensors``.
         disturbance: ``"calm"``, ``"moderate"`` or ``"rough"``, or a `vessel_gym.disturbances.Disturbance` of your own.
-        mismatch: Relative spread of the truth's parameters around the filter's, 0 to 0.25; for an identified ship the
-            share of the errors of her coefficients, 0 to 1.
+        mismatch: Relative spread of the truth's parameters around the filter's, 0 to 0.25.
         observe: Content of an observation. ``"mean"`` is the estimate, ``"mean+std"`` also its standard deviations.
             ``"mean+alarms"`` and ``"mean+std+alarms"`` append 1 for each sensor that the monitor accuses, else 0.
             ``"measurement"`` is raw measurements and their mask.
@@ -98,7 +97,7 @@ class Options:
 
     def __post_init__(self) -> None:
         raw = one_of("observe mode", self.observe, OBSERVE) == "measurement"
-        if not as_number(self.mismatch) >= 0.0:
+        if not 0.0 <= as_number(self.mismatch) <= 0.25:
             raise ValueError(f"mismatch must be between 0 and 0.25, got {short_repr(self.mismatch)}")
         termination = one_of(
             "termination", ("task" if raw else "belief") if self.termination is None else self.termination, TERMINATIONS
@@ -150,8 +149,6 @@ class Configuration:
         if options.guidance and raw:
             wide = {"model": vehicle.kinds[0]}  # the same whatever estimator is named
             self.raw = build(system, "measurement", wide, *rest)
-        if options.mismatch > (most := getattr(vehicle, "largest_mismatch", 0.25)):
-            raise ValueError(f"mismatch must be between 0 and {most:g}, got {short_repr(options.mismatch)}")
         if options.termination == "agent" and not task.success:
             raise ValueError(
                 f"{system.name} goes on until time is up, so there is nothing to declare: termination='task'"

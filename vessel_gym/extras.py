@@ -7,7 +7,6 @@ EXTRAS = {
     "report": ("matplotlib", "jinja2", "joblib"),
     "render": ("pygame", "imageio", "imageio_ffmpeg", "PIL"),
     "cluster": ("dask", "distributed"),
-    "logs": ("pyarrow", "pynmea2", "pyulog"),
 }
 """Modules by the extra that brings them, as in pyproject.toml; some come with others, too."""
 

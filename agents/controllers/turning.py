@@ -17,7 +17,7 @@ from vessel_gym.tasks.track import Track
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.tasks.turning_trial import TurningTrial
 from vessel_gym.vehicles.corvette import secant_models, steady_turns
-from vessel_gym.vehicles.steered import SteeredShip
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Tolerances:
 
 
 def regulator_table(
-    ship: SteeredShip, dt: float, Q: np.ndarray, rudder_rate: float, rows: Callable[[float], np.ndarray]
+    ship: CorvetteParameters, dt: float, Q: np.ndarray, rudder_rate: float, rows: Callable[[float], np.ndarray]
 ) -> np.ndarray:
     """LQ gains ``(k, n)`` for each of `steady_turns`: rudder rate from (v, r, psi, rudder, further states).
 
@@ -57,7 +57,7 @@ def regulator_table(
 
 
 @cache
-def gains(ship: SteeredShip, dt: float, tolerances: Tolerances) -> np.ndarray:
+def gains(ship: CorvetteParameters, dt: float, tolerances: Tolerances) -> np.ndarray:
     """LQI gains ``(k, 5)`` from (v, r, psi, rudder, integral), without the integral ``(k, 4)``: `regulator_table`."""
     Q = np.diag([0.0, tolerances.yaw_rate**-2, tolerances.heading**-2, 0.0, tolerances.heading_integral**-2])
     n = 5 if np.isfinite(tolerances.heading_integral) else 4
@@ -193,7 +193,7 @@ class TrackTolerances:
 
 
 @cache
-def track_gains(ship: SteeredShip, dt: float, tolerances: TrackTolerances) -> np.ndarray:
+def track_gains(ship: CorvetteParameters, dt: float, tolerances: TrackTolerances) -> np.ndarray:
     """LQI gains ``(k, 6)`` from (v, r, psi, rudder, distance, its integral); without the integral ``(k, 5)``.
 
     See `regulator_table`.
@@ -227,12 +227,10 @@ class TrackAutopilot(TurningAutopilot):
         ValueError: if the system's task is another.
     """
 
-    tolerances = TrackTolerances()  # of the design for the corvette; distances grow with the ship
+    tolerances = TrackTolerances()
 
     def __init__(self, system: System) -> None:
         task, t = task_of(system, Track, _ON_TRACK), self.tolerances
-        share = task.TRACK_SCALE / Track.TRACK_SCALE
-        t = replace(t, distance=share * t.distance, distance_integral=share * t.distance_integral)
         self._regulate(task, system.vehicle.dt, track_gains(task.ship, system.vehicle.dt, t))
         self._near, self._limit = 6.0 * t.distance, 2.0 * t.distance_integral
 

@@ -3,6 +3,7 @@
 They may import rollouts, metrics and `vessel_gym`; studies and commands import them.
 """
 
-from agents.episodes.recording import Episode, episode, typical_seed
+from agents.episodes.page import Episode
+from agents.episodes.recording import episode, typical_seed
 
 __all__ = ["Episode", "episode", "typical_seed"]

@@ -1,4 +1,4 @@
-"""Pages with a map and charts that need no network: their data, and the document around them."""
+"""The page of an episode, which needs no network: its data, and the document around them."""
 
 import base64
 import html
@@ -24,14 +24,23 @@ SCRIPTS = ("data", "canvas", "plan", "space", "charts", "controls")
 
 
 @dataclass(frozen=True, eq=False)
-class Page:
-    """A page that needs no network: a notebook shows it, `save` writes it.
+class Episode:
+    """The same episode on several estimators, as a page that needs no network: a notebook shows it, `save` writes it.
 
     Attributes:
         page: What it shows, as JSON holds it.
     """
 
     page: dict[str, Any] = field(repr=False)
+
+    def __repr__(self) -> str:
+        scores = ", ".join(f"{name} {score:.3f}" for name, score in self.scores.items())
+        return f"<Episode {self.page['name']}: {scores}>"
+
+    @property
+    def scores(self) -> dict[str, float]:
+        """The score on each estimator."""
+        return {flight["estimator"]: flight["score"] for flight in self.page["flights"]}
 
     def html(self) -> str:
         """The whole page: data, drawing and libraries in one document."""

@@ -7,7 +7,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.episodes.page import FRAMES, Page, curves, drawn, focus, kept, packed, root
+from agents.episodes.page import FRAMES, Episode, curves, drawn, focus, kept, packed, root
 from agents.metrics import core_of, metrics, scores
 from agents.named import vector_class
 from agents.page import number
@@ -28,19 +28,6 @@ CLOUDS, MEMBERS = 300, 40
 """Moments at which an ensemble is kept at most, and how many of its members."""
 CHARTS = 6
 """Charts of a page at most."""
-
-
-class Episode(Page):
-    """The same episode on several estimators, as a page."""
-
-    def __repr__(self) -> str:
-        scores = ", ".join(f"{name} {score:.3f}" for name, score in self.scores.items())
-        return f"<Episode {self.page['name']}: {scores}>"
-
-    @property
-    def scores(self) -> dict[str, float]:
-        """The score on each estimator."""
-        return {flight["estimator"]: flight["score"] for flight in self.page["flights"]}
 
 
 def episode(
@@ -166,7 +153,6 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
         "conditions": [f"seed {flown[0].seeds[0]}"],
         "dt": (core.vehicle.dt if core else time_step(env)) * every,
         "unit": "s" if core or time_step(env) != 1.0 else "steps",
-        "truth": True,
         "placed": False,
         "located": False,
         "focus": [],

@@ -18,7 +18,6 @@ from agents.policies.checkpoint import description, packaged
 from agents.refusal import Refusal
 from agents.seeds import evaluation_seeds
 from agents.studies.worlds import system_of
-from studies.logs import tables as logs
 from studies.papers.measures import papers_page, readme_line
 from studies.tables.arms import EPISODES, Arm
 from studies.tables.channel import channel
@@ -358,7 +357,6 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     },
     "compass": (ROOT / "docs/suites.md", compass),
     "pairing": (ROOT / "docs/statistics.md", lambda: pairing(ROOT / "results/quick")),
-    **{name: (logs.PAGE, made) for name, made in logs.TABLES.items()},
     "shares": (ROOT / "docs/findings.md", lambda: rows_of(ROOT / "results/quick/tables/ranking.md")),
 }
 """Page of each table, and the function that makes it."""
@@ -369,7 +367,6 @@ TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
     "headline, found": (ROOT / "README.md", lambda: headline(ABLATION, CORVETTE, "moderate")),
     "suites, found": (ROOT / "docs/findings.md", lambda: found(SUITES)),
     "truth, found": (ROOT / "docs/suites.md", lambda: truth_first(ABLATION)),
-    **{name: (logs.PAGE, made) for name, made in logs.TEXTS.items()},
     "papers": (ROOT / "docs/papers.md", papers),
     "papers, counted": (ROOT / "README.md", lambda: papers(counted=True)),
 }
@@ -381,7 +378,7 @@ def main(names: tuple[str, ...] = (*TABLES, *TEXTS), /) -> None:
 
     Trainings are kept in results/third-party. Tables of studies are taken from results/ablation, results/suites,
     results/quick and results/latency, where `make ablation` and `vessel-gym ablate suites` (or quick, or latency) leave
-    them, those of logs from what `python -m studies.logs` stored.
+    them.
 
     Args:
         names: Which.

@@ -15,14 +15,10 @@ from vessel_gym.filter_models.build import BESIDE_BIASES, OF_UNKNOWN_INPUTS, Com
 from vessel_gym.seaway import Seaway
 from vessel_gym.system import System
 from vessel_gym.tasks.channel import Channel
-from vessel_gym.tasks.circle_track import CircleTrack, ScaledCircle
-from vessel_gym.vehicles.corvette import steady_turns
+from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.identified import IdentifiedShip, MeasuredSea
-from vessel_gym.vehicles.measured_ship import MeasuredShip
 from vessel_gym.vehicles.ship import Ship, pace
-from vessel_gym.vehicles.steered import SteeredShip
 from vessel_gym.verified import verified
 
 _KNOT = 1852.0 / 3600.0
@@ -48,7 +44,7 @@ def input_tuning(name: str, composition: Composition) -> dict[str, Any]:
     return {}
 
 
-def ship_system(vessel: str | Path | SteeredShip, name: str = "vessel_gym/Ship-v0") -> System:
+def ship_system(vessel: str | Path | CorvetteParameters, name: str = "vessel_gym/Ship-v0") -> System:
     """A ship that turns, as an environment.
 
     All times are those of the corvette, times as long as the ship takes to sail its own length: a slow ship gets longer
@@ -63,10 +59,7 @@ def ship_system(vessel: str | Path | SteeredShip, name: str = "vessel_gym/Ship-v
         OSError: if the file cannot be read.
     """
     instance("name", name, str)
-    ship = vessel if isinstance(vessel, SteeredShip) else load(vessel, SteeredShip)
-    if isinstance(ship, MeasuredShip):
-        return _identified_system(ship, load("corvette", CorvetteParameters), pace(ship), name)
-    assert isinstance(ship, CorvetteParameters)
+    ship = vessel if isinstance(vessel, CorvetteParameters) else load(vessel, CorvetteParameters)
     task = CircleTrack(ship, pace(ship))
     return System(
         name=name,
@@ -80,29 +73,6 @@ def ship_system(vessel: str | Path | SteeredShip, name: str = "vessel_gym/Ship-v
     )
 
 
-def _identified_system(ship: MeasuredShip, corvette: CorvetteParameters, pace: float, name: str) -> System:
-    """A ship identified from logs; winds and currents are those of `seas` at the scale of her length (Froude)."""
-    try:
-        steady_turns(ship)
-    except RuntimeError as error:
-        raise ValueError(f"{error}: identify her from logs with turning trials, too") from None
-    task = ScaledCircle(ship, pace, corvette=corvette)
-    share = np.sqrt(ship.length / corvette.length)
-    winds = {"calm": (8.5, 0.1), "moderate": (19.0, 0.3), "rough": (24.5, 0.6)}
-    return System(
-        name=name,
-        vehicle=IdentifiedShip(ship, task.dt),
-        task=task,
-        disturbances={
-            sea: MeasuredSea(ship, wind=share * knots * _KNOT, current=share * current, dt=task.dt)
-            for sea, (knots, current) in winds.items()
-        },
-        estimator="ekf",
-        filter_model="nonlinear",
-        tuning=input_tuning,
-    )
-
-
 class ShipEnv(VesselEnv):
     """Hold a turning circle with a ship of one's own, with an estimator in the loop.
 
@@ -110,8 +80,7 @@ class ShipEnv(VesselEnv):
     to the time in which the ship sails its own length, and the corvette's file gives the corvette's environment.
 
     Args:
-        vessel: A vehicle file of a ship (docs/vehicles.md, docs/logs.md for an identified one), or the name of one that
-            comes with the package.
+        vessel: A vehicle file of a ship (docs/vehicles.md), or the name of one that comes with the package.
         options: As `VesselEnv`.
 
     Raises:

@@ -1,6 +1,6 @@
 """Hold a turning circle as a place on the map: straight on, into the turn and round, whatever sets the ship."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,8 +9,6 @@ from estimators.engine import compiled, sincos
 from vessel_gym.tasks.steering import wrapped
 from vessel_gym.tasks.track import TRACK, Track
 from vessel_gym.tasks.turning_circle import TurningCircle
-from vessel_gym.vehicles.corvette_equations import CorvetteParameters
-from vessel_gym.vehicles.files import load
 
 HEADING, RATE, CURVATURE, SPEED = range(4)
 """Columns of a scenario."""
@@ -200,22 +198,3 @@ class CircleTrack(Track, TurningCircle, verified=True):
         place = np.stack([along, np.maximum(farthest, along)], -1)
         lost = np.abs(off) > self.FAR * self.ship.length
         return reward, np.where(lost, 1, 0), np.concatenate([scenario, place, steered], -1)
-
-
-@dataclass(frozen=True)
-class ScaledCircle(CircleTrack, verified=True):
-    """`CircleTrack` with lengths and speeds in proportion to those of the ship."""
-
-    corvette: CorvetteParameters = field(default_factory=lambda: load("corvette", CorvetteParameters))
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        length, speed = self.ship.length / self.corvette.length, self.ship.speed / self.corvette.speed
-        scaled: dict[str, Any] = {
-            name: length * getattr(CircleTrack, name) for name in ("DISTANCE_TOLERANCE", "TRACK_SCALE")
-        }
-        scaled |= {name: speed * getattr(CircleTrack, name) for name in ("SWAY_SCALE", "SPEED_SCALE", "FLOW_SCALE")}
-        x, y, psi, u, v, r = CircleTrack.prior_sd
-        scaled["prior_sd"] = (length * x, length * y, psi, speed * u, speed * v, r / self.pace)
-        for name, value in scaled.items():
-            object.__setattr__(self, name, value)

@@ -10,7 +10,7 @@ from vessel_gym.checks import check_numbers, instance
 from vessel_gym.tasks.helm import smoothness
 from vessel_gym.tasks.task import Task
 from vessel_gym.vehicles.corvette import steady_turns
-from vessel_gym.vehicles.steered import SteeredShip
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 
 
 def wrapped(angle: np.ndarray) -> np.ndarray:
@@ -22,12 +22,12 @@ def wrapped(angle: np.ndarray) -> np.ndarray:
 class Steering(Task):
     """Base of the tasks in which a ship is steered by her rudder."""
 
-    ship: SteeredShip
+    ship: CorvetteParameters
     pace: float = 1.0  # how many times as long as the corvette the ship takes to sail its length
     horizon: int = 600  # steps
 
     def __post_init__(self) -> None:
-        instance(f"ship of {type(self).__name__}", self.ship, SteeredShip)
+        instance(f"ship of {type(self).__name__}", self.ship, CorvetteParameters)
         check_numbers(self, positive="pace")
         integer(f"horizon of {type(self).__name__}", self.horizon, 1)
 

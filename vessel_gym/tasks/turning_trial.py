@@ -14,7 +14,6 @@ from estimators import Gaussian
 from estimators.engine import compiled, lookup
 from vessel_gym.checks import one_of
 from vessel_gym.tasks.turning_circle import TurningCircle
-from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.corvette_thesis import SIMULATIONS, ThesisCorvette
 
 SAMPLES = 195
@@ -31,7 +30,6 @@ class TurningTrial(TurningCircle, verified=True):
     `TurningCircle` and the simulation.
     """
 
-    ship: CorvetteParameters
     pace: float = 1.6  # for steps of 0.8 s
     horizon: int = SAMPLES - 1
     helm: float = float(np.deg2rad(28.0))  # rad, inferred: beyond it the ship hardly turns faster; printed are 35 deg

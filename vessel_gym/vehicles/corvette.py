@@ -15,7 +15,7 @@ from estimators.checks import finite_array, integer
 from vessel_gym.checks import check_numbers, instance
 from vessel_gym.processes import interpolated, linear
 from vessel_gym.sensors import Sensor, plain
-from vessel_gym.vehicles.steered import SteeredShip
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.verified import verified
 
 
@@ -35,7 +35,7 @@ class SteadyTurn:
 
 
 @cache
-def steady_turns(ship: SteeredShip, points: int = 165) -> SteadyTurn:
+def steady_turns(ship: CorvetteParameters, points: int = 165) -> SteadyTurn:
     """Steady turns at equal steps of yaw rate, up to the one that 80 % of the rudder holds.
 
     Beyond, the yaw rate hardly rises with the rudder any more, and a command there could not be steered to.
@@ -43,7 +43,7 @@ def steady_turns(ship: SteeredShip, points: int = 165) -> SteadyTurn:
     Raises:
         RuntimeError: if the ship has no steady turns (it is directionally unstable).
     """
-    instance("ship of steady_turns", ship, SteeredShip)
+    instance("ship of steady_turns", ship, CorvetteParameters)
     integer("points of steady_turns", points, 2)
     scale = np.array([ship.speed, ship.speed, ship.speed / ship.length])
 
@@ -77,12 +77,12 @@ def steady_turns(ship: SteeredShip, points: int = 165) -> SteadyTurn:
     return SteadyTurn(rates, speed, sway, rudder, radius)
 
 
-def sway_yaw_jacobian(state: np.ndarray, rudder: np.ndarray, ship: SteeredShip) -> tuple[np.ndarray, np.ndarray]:
+def sway_yaw_jacobian(state: np.ndarray, rudder: np.ndarray, ship: CorvetteParameters) -> tuple[np.ndarray, np.ndarray]:
     """d(v', r')/d(v, r) ``(..., 2, 2)`` and d(v', r')/d(rudder) ``(..., 2, 1)`` at ``(u, v, r)``.
 
     Central differences of the compiled equations: the linear models cannot drift away from the truth.
     """
-    instance("ship of sway_yaw_jacobian", ship, SteeredShip)
+    instance("ship of sway_yaw_jacobian", ship, CorvetteParameters)
     state, rudder = finite_array("state", state, "...", 3), finite_array("rudder", rudder, "...")
     points = np.concatenate([state, rudder[..., None]], -1)  # (u, v, r, rudder)
     step = np.array([1e-6, 1e-8, 1e-6])
@@ -98,7 +98,7 @@ def sway_yaw_jacobian(state: np.ndarray, rudder: np.ndarray, ship: SteeredShip) 
 
 
 @cache
-def secant_models(ship: SteeredShip, dt: float) -> tuple[np.ndarray, np.ndarray]:
+def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Discrete ``A (k, 3, 3)`` and ``B (k, 3, 1)`` of (v, r, psi) for each of `steady_turns`.
 
     The linear model at the service speed is badly wrong in a hard turn, where the ship has lost a third of
@@ -106,7 +106,7 @@ def secant_models(ship: SteeredShip, dt: float) -> tuple[np.ndarray, np.ndarray]
     on the ray from zero to the commanded turn's equilibrium, at that turn's speed (8-point
     Gauss-Legendre): it is exact at both ends.
     """
-    instance("ship of secant_models", ship, SteeredShip)
+    instance("ship of secant_models", ship, CorvetteParameters)
     check_numbers("secant_models", {"dt": dt}, positive="dt")
     turns = steady_turns(ship)
     nodes, weights = np.polynomial.legendre.leggauss(8)
@@ -122,9 +122,9 @@ def secant_models(ship: SteeredShip, dt: float) -> tuple[np.ndarray, np.ndarray]
 
 
 @cache
-def surge_models(ship: SteeredShip, dt: float) -> np.ndarray:
+def surge_models(ship: CorvetteParameters, dt: float) -> np.ndarray:
     """Share of a deviation from the speed of each of `steady_turns` that is left after a step ``(k,)``."""
-    instance("ship of surge_models", ship, SteeredShip)
+    instance("ship of surge_models", ship, CorvetteParameters)
     check_numbers("surge_models", {"dt": dt}, positive="dt")
     turns, step = steady_turns(ship), 1e-4
 
@@ -134,7 +134,7 @@ def surge_models(ship: SteeredShip, dt: float) -> np.ndarray:
     return np.exp(dt * (surge(turns.speed + step) - surge(turns.speed - step)) / (2.0 * step))
 
 
-def linear_matrices(ship: SteeredShip, dt: float, inputs: int = 2) -> tuple[Schedule, Schedule]:
+def linear_matrices(ship: CorvetteParameters, dt: float, inputs: int = 2) -> tuple[Schedule, Schedule]:
     """A and B of (v, r, psi) as functions of ``u = (rudder, commanded yaw rate, ...)``: those of the commanded turn.
 
     Args:
@@ -142,7 +142,7 @@ def linear_matrices(ship: SteeredShip, dt: float, inputs: int = 2) -> tuple[Sche
         dt: Step [s].
         inputs: Components of u, of which the rudder alone moves the ship.
     """
-    instance("ship of linear_matrices", ship, SteeredShip)
+    instance("ship of linear_matrices", ship, CorvetteParameters)
     A_table, B_table = secant_models(ship, dt)
     A_table = np.concatenate([A_table[:0:-1], A_table])  # the same turn to port
     B_table = np.concatenate([B_table[:0:-1], B_table])

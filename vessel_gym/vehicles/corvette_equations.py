@@ -22,7 +22,6 @@ import numpy as np
 
 from estimators.engine import compiled, sincos
 from vessel_gym.vehicles.files import Particulars
-from vessel_gym.vehicles.steered import SteeredShip
 from vessel_gym.waves import GRAVITY
 
 STATE = ("x", "y", "psi", "u", "v", "r", "phi", "p")
@@ -57,7 +56,7 @@ _CROSS_FLOW = np.array([
 
 
 @dataclass(frozen=True)
-class CorvetteParameters(Particulars, SteeredShip):
+class CorvetteParameters(Particulars):
     """Particulars of a ship, SI units: what a vehicle file gives, each number there with its source.
 
     What has a default may be left out. ``given`` holds measured or computed derivatives by name, which replace the
@@ -212,7 +211,12 @@ class CorvetteParameters(Particulars, SteeredShip):
         return np.array([values[name] for name in COEFFICIENTS])
 
     def accelerations(self, motion: np.ndarray, rudder: np.ndarray) -> np.ndarray:
-        """See `SteeredShip`: upright, without current and forces."""
+        """Accelerations ``(..., 3)`` of surge, sway [m/s2] and yaw [rad/s2], upright, without current and forces.
+
+        Args:
+            motion: Surge, sway [m/s] and yaw rate [rad/s] ``(..., 3)``.
+            rudder: [rad] ``(..., 1)``.
+        """
         state = np.zeros((*motion.shape[:-1], len(STATE)))
         state[..., 3:6] = motion
         return corvette_rates(state, rudder, np.zeros(len(AROUND)), self.vector())[..., 3:6]

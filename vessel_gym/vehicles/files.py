@@ -83,13 +83,7 @@ def load(source: str | Path, expected: type[Any] = object, *, stable: bool = Tru
         source = _DATA / f"{source}.toml"
         if isinstance(parameters := _shipped(source), expected):
             return parameters
-    file = _File(Path(source))
-    if file.data.get("kind") == "measured ship":
-        from vessel_gym.vehicles.measured_ship import MeasuredShip, read
-
-        if issubclass(MeasuredShip, expected):
-            return read(Path(source))
-    return file.parameters(expected, stable)
+    return _File(Path(source)).parameters(expected, stable)
 
 
 @cache

@@ -9,6 +9,7 @@ import numpy as np
 from estimators.engine import sincos
 from vessel_gym.processes import linear
 from vessel_gym.sensors import Sensor, plain
+from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
 from vessel_gym.vehicles.corvette import (
     COMPASS,
     linear_matrices,
@@ -26,14 +27,14 @@ from vessel_gym.vehicles.corvette_equations import (
 )
 from vessel_gym.vehicles.files import FromFile, load
 from vessel_gym.vehicles.integration import resolving_substeps, runge_kutta
-from vessel_gym.vehicles.steered import SteeredByRate, SteeredShip
+from vessel_gym.vehicles.whole_state import Simulated
 from vessel_gym.verified import verified
 
 _ESTIMATED = STATE[:6]  # all but roll
 
 
 @dataclass(frozen=True)
-class Ship(FromFile, SteeredByRate, verified=True):
+class Ship(FromFile, Simulated, verified=True):
     """A ship whose position is measured and estimated, too, in batches.
 
     The action is the rudder *rate*: with an angle as action, the estimate's noise would saturate the steering gear.
@@ -50,6 +51,12 @@ class Ship(FromFile, SteeredByRate, verified=True):
     state_names = STATE
     equations = staticmethod(corvette_rates)
     parameter_names = COEFFICIENTS
+    angles: ClassVar[tuple[str, ...]] = ("psi",)
+    action_names: ClassVar[tuple[str, ...]] = ("rudder rate",)
+    steering: ClassVar[tuple[int, ...]] = (0,)
+    incremented: ClassVar[tuple[str, ...]] = ("psi",)
+    grades: ClassVar[str] = "ship"
+    rates: ClassVar[dict[str, str]] = {"r": "psi"}
     increments: ClassVar[tuple[str, ...]] = ("yaw increment",)
     ambient_flows: ClassVar[tuple[str, ...]] = AROUND
     kinds: ClassVar[tuple[str, ...]] = ("nonlinear", "linear")
@@ -62,6 +69,10 @@ class Ship(FromFile, SteeredByRate, verified=True):
         c = np.tile(self.ship.vector(), (len(normals), 1))
         c[:, UNCERTAIN] *= 1.0 + mismatch * np.clip(normals, -2.0, 2.0)
         return c
+
+    @cached_property
+    def _actuators(self) -> np.ndarray:
+        return actuator_parameters(Actuator(self.ship.rudder_rate * self.dt, kept=1.0, limit=self.ship.rudder_limit))
 
     @cached_property
     def sensors(self) -> tuple[Sensor, ...]:
@@ -184,7 +195,7 @@ class Ship(FromFile, SteeredByRate, verified=True):
         return moving, known, carried
 
 
-def pace(ship: SteeredShip) -> float:
+def pace(ship: CorvetteParameters) -> float:
     """Time in which a ship sails her own length, as a multiple of the corvette's."""
     corvette = load("corvette", CorvetteParameters)
     return (ship.length / ship.speed) / (corvette.length / corvette.speed)

@@ -70,7 +70,7 @@ function target(paper, width, height, parts, time, fix) {
       paper.globalAlpha = alpha; draw(paper, [fin(0.5), tip, fin(-0.5)], { stroke: colours.measurement, width: 2 }); paper.globalAlpha = 1;
     }
   }
-  if (data.truth) draw(paper, circle([cx, cy], 4.5), { fill: colours.true });
+  draw(paper, circle([cx, cy], 4.5), { fill: colours.true });
   for (const { look, error } of parts) draw(paper, circle(at(error), 3.5), { fill: colours[look.colour] });
 }
 function bell(paper, width, height, parts, time, fix) {

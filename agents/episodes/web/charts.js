@@ -8,8 +8,8 @@ function layCharts() {
   const second = overlaid() ? flights[state.second] : null;
   charts = flights[state.first].charts.map((chart) => {
     const other = second?.charts.find(({ title }) => title === chart.title), box = document.createElement("div");
-    box.innerHTML = '<h2><span></span><small></small><output></output></h2><div class="plot" role="img"></div><ul class="faults"></ul>';
-    const [title, room, faults] = box.children, [name, labels, value] = title.children;
+    box.innerHTML = '<h2><span></span><small></small><output></output></h2><div class="plot" role="img"></div>';
+    const [title, room] = box.children, [name, labels, value] = title.children;
     const own = chart.series.map((each) => ({ ...each, label: other ? named(each, state.first) : each.label }));
     const lines = [...(other ? other.series.map((each) => ({ ...each, ...overlay(each) })) : []), ...own];
     name.textContent = chart.title;
@@ -18,21 +18,10 @@ function layCharts() {
       item.textContent = label; item.style.setProperty("--line", `var(--${colour})`); item.classList.toggle("dashed", Boolean(dash));
       return item;
     }));
-    if (chart.note) labels.append(chart.note);
-    layFaults(faults, chart.faults);
     return { chart, other, lines, box, room, value };
   });
   element("charts").replaceChildren(...charts.map(({ box }) => box));
   charts.forEach(plot);
-}
-/** Faults with their lines; one whose time is known leads there. */
-function layFaults(list, faults = []) {
-  list.replaceChildren(...faults.map(({ line, at, text }) => {
-    const item = document.createElement("li"), where = document.createElement(at === null ? "b" : "button");
-    where.textContent = `line ${line}`; item.append(where, ` ${text}`);
-    if (at !== null) { where.type = "button"; where.addEventListener("click", () => go(at)); }
-    return item;
-  }));
 }
 /** With two estimators a line goes by the name of its own. */
 const named = ({ label, colour }, index) => (colour === "true_soft" ? `true, ${flights[index].estimator}` : flights[index].estimator);
@@ -54,11 +43,10 @@ function plot(each) {
     cursor: { drag: { x: false, y: false }, y: false, points },
     scales: { x: { time: false, range: [0, duration] }, y: { range: ends } },
     axes: [{ ...axis, size: 20, gap: 2, values: (_, at) => at.map((v) => `${v} ${data.unit}`) }, { ...axis, size: 44, gap: 3, splits: () => levels, values: (_, at) => at.map((v) => number(v)) }],
-    hooks: { draw: [(drawn) => markFaults(drawn, chart.faults)] },
     bands: [{ series: [1, 2], fill: () => colours.band }, { series: [3, 4], fill: () => colours["band-second"] }],
     series: [{}, edge, edge, edge, edge, { stroke: () => colours.zero, width: 1, points },
       ...marks.map((mark) => ({ width: 0, paths: () => null, points: { show: true, size: 3, fill: mark, stroke: mark } })),
-      ...lines.map(({ colour, width, dash, spanGaps }) => ({ stroke: () => colours[colour], width, dash, spanGaps, points }))],
+      ...lines.map(({ colour, width, dash }) => ({ stroke: () => colours[colour], width, dash, points }))],
   };
   const zero = ends[0] < 0 && ends[1] > 0 ? new Array(length).fill(0) : blank, [low, high] = chart.band ?? [], [low2, high2] = other?.band ?? [];
   each.plot = new uPlot(options, [blank.map((_, i) => i * dt), plain(high), plain(low), plain(high2), plain(low2), zero, plain(other?.measured), plain(chart.measured), ...lines.map(({ value }) => plain(value))], room);
@@ -78,28 +66,16 @@ function plot(each) {
     const time = timeAt(event);
     const [x, y] = each.down ?? [0, 0], along = Math.abs(event.clientX - x) > 8 + Math.abs(event.clientY - y);
     if (event.buttons && (event.pointerType !== "touch" || along)) go(time);
-    const near = (chart.faults ?? []).filter(({ at }) => at !== null && Math.abs(at - time) * each.plot.over.clientWidth < 6 * duration);
-    tip(event, [`${chart.title} at ${clock(time)}`, ...valuesAt(each, time), ...near.map(({ line, text }) => `line ${line}: ${text}`)]);
+    tip(event, [`${chart.title} at ${clock(time)}`, ...valuesAt(each, time)]);
   });
   each.plot.over.addEventListener("pointerleave", () => tip());
-}
-/** A mark at the time of each fault. */
-function markFaults({ ctx, bbox, valToPos }, faults = []) {
-  ctx.save(); ctx.fillStyle = colours.obstacle;
-  for (const { at } of faults) {
-    if (at === null) continue;
-    const x = valToPos(at, "x", true), r = 5 * devicePixelRatio;
-    ctx.globalAlpha = 0.45; ctx.fillRect(x - 0.5 * devicePixelRatio, bbox.top, devicePixelRatio, bbox.height);
-    ctx.globalAlpha = 1; ctx.beginPath(); ctx.moveTo(x - r, bbox.top); ctx.lineTo(x + r, bbox.top); ctx.lineTo(x, bbox.top + 1.6 * r); ctx.fill();
-  }
-  ctx.restore();
 }
 /** Every line of a chart at a time, as text. */
 function valuesAt({ chart, other, lines }, time) {
   const i = stepAt(flights[state.first], time), at = ({ values, rows }) => values[Math.min(Math.floor(time / dt + 1e-6), rows - 1)];
   const text = lines.map(({ label, value }) => `${label.replace(/,? ±2σ/, "") || flights[state.first].estimator}: ${number(at(value))}`);
   const [low, high] = (chart.band ?? []).map(({ values }) => values[i]);
-  if (chart.band) text.push(chart.range ? `${chart.range}: ${number(low)} to ${number(high)}` : `±2σ: ${number((high - low) / 2, 2)}`);
+  if (chart.band) text.push(`±2σ: ${number((high - low) / 2, 2)}`);
   for (const [each, index] of [[chart, state.first], [other, state.second]]) {
     if (each?.measured && Number.isFinite(at(each.measured))) text.push(`measured${other ? `, ${flights[index].estimator}` : ""}: ${number(at(each.measured))}`);
   }
@@ -109,7 +85,7 @@ function drawCharts(time) {
   for (const each of charts) {
     const { chart, other, plot: drawn, veil, value, room } = each, i = stepAt(flights[state.first], time);
     veil.style.left = `${drawn.valToPos(Math.min(time, duration), "x")}px`;
-    const v = chart.series.at(-1).value.values[i], half = chart.band && !chart.range ? (chart.band[1].values[i] - chart.band[0].values[i]) / 2 : NaN;
+    const v = chart.series.at(-1).value.values[i], half = chart.band ? (chart.band[1].values[i] - chart.band[0].values[i]) / 2 : NaN;
     const known = Number.isFinite(v) ? number(v) + (Number.isFinite(half) ? ` ± ${number(half, 2)}` : "") : "";
     const last = other?.series.at(-1).value, beside = other ? ` | ${number(last.values[stepAt(flights[state.second], time)])}` : "";
     value.textContent = chart.series.at(-1).label === "true" ? "not estimated" : known + beside;

@@ -18,7 +18,7 @@ function choose(first, second = state.second) {
   });
   [...element("second").options].forEach((option) => { option.disabled = Number(option.value) === first; });
   element("second").value = String(state.second);
-  element("overlay-note").hidden = !overlaid() || !data.truth;
+  element("overlay-note").hidden = !overlaid();
   layCosts(); layLegend(); layCharts(); layAmbient(); report();
 }
 function layCosts() {
@@ -41,7 +41,7 @@ function layErrors() {
 }
 /** The state of the page for a screen reader: at rest only, for each change would be read aloud. */
 function report() {
-  const words = shown().map(({ flight }) => `${flight.estimator} at ${clock(state.time)}${k ? `: ${ERROR} ${errorInWords(flight, stepAt(flight, state.time))}` : ""}. ${data.truth ? "Final " : ""}${scoreOf(flight)}${flight.end ? `, ${flight.end}` : ""}.`).join(" ");
+  const words = shown().map(({ flight }) => `${flight.estimator} at ${clock(state.time)}${k ? `: estimate minus truth ${errorInWords(flight, stepAt(flight, state.time))}` : ""}. Final ${scoreOf(flight)}${flight.end ? `, ${flight.end}` : ""}.`).join(" ");
   element("status").textContent = words;
   if (scene) { element("view").setAttribute("aria-label", words); element("belief").setAttribute("aria-label", `Close-up of the error. ${words}`); }
 }
@@ -68,7 +68,7 @@ function layLegend() {
       if (flight.fix.values.some(Number.isFinite)) own.fix = `measured ${focus[0].name}`;
       if (flight.root) own.ellipse = `${focus[0].name} ±2σ, 10 times magnified`;
     }
-    for (const kind of ["true", "believed", "ellipse", "cloud", "fix"]) if (own[kind] && (data.truth || !j || kind !== "fix")) labels[kind + suffix] = overlaid() && !own[kind].includes(flight.estimator) ? `${own[kind]}, ${flight.estimator}` : own[kind];
+    for (const kind of ["true", "believed", "ellipse", "cloud", "fix"]) if (own[kind]) labels[kind + suffix] = overlaid() && !own[kind].includes(flight.estimator) ? `${own[kind]}, ${flight.estimator}` : own[kind];
     if (!j) for (const kind of ["path", "fairway", "goal", "obstacle"]) labels[kind] = own[kind];
   });
   element("legend").replaceChildren(...Object.keys(ICONS).filter((kind) => labels[kind]).map((kind) => {
@@ -112,7 +112,6 @@ flights.forEach((flight, i) => {
   element("second").append(option(i, flight.estimator));
 });
 element("overlay").hidden = element("choose-help").hidden = flights.length < 2;
-element("estimators").hidden = Boolean(data.faults);
 element("second").addEventListener("change", (event) => choose(state.first, Number(event.target.value)));
 for (const speed of [0.5, 1, 2, 5, 10, 20, 50, 100]) element("speed").append(option(speed, `${speed}×`));
 element("speed").value = String((state.speed = [1, 2, 5, 10, 20, 50, 100].find((s) => duration / s <= 30) ?? 100));
@@ -149,7 +148,7 @@ function layStage() {
   element("turns").hidden = element("orbit").hidden = !space;
   for (const [name, by] of Object.entries(turns)) element(`turn-${name}`).addEventListener("click", () => stage.turn(...by));
   const close = k === 1 ? focus[0].name : `${focus[0].name} → and ${focus[1].name} ${DOWN > 0 ? "↓" : "↑"}`;
-  element("close-title").textContent = `${data.truth ? "Estimate minus truth" : "Measurement minus estimate"}: ${close}`;
+  element("close-title").textContent = `Estimate minus truth: ${close}`;
   if (!data.placed) element("view").hidden = element("buttons").hidden = true;
   element("view").addEventListener("pointermove", (event) => {
     const box = element("view").getBoundingClientRect(), found = event.buttons ? null : nearest(event.clientX - box.left, event.clientY - box.top);
@@ -170,11 +169,9 @@ function nearest(x, y) {
   }
   if (!best) return null;
   const { flight, i } = best;
-  return { lines: [`${flight.estimator} at ${clock(i * dt)}`, `${data.truth ? "true" : "estimated"}: ${placeInWords(row(flight.true, i))}`, `${ERROR}: ${errorInWords(flight, i)}`] };
+  return { lines: [`${flight.estimator} at ${clock(i * dt)}`, `true: ${placeInWords(row(flight.true, i))}`, `estimate minus truth: ${errorInWords(flight, i)}`] };
 }
 if (scene) layStage();
-document.body.classList.toggle("measured", !data.truth);
-layFaults(element("faults"), data.faults);
 if (!scene) { element("stage").hidden = element("follow-help").hidden = element("orbit").hidden = true; document.body.classList.add("charts-only"); }
 
 window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { stage?.theme(); layCharts(); state.dirty = true; });
@@ -206,10 +203,10 @@ function frame(now) {
   requestAnimationFrame(frame);
 }
 
-// "#t=30&estimator=2&over=1" opens a page at a moment, at rest; without it the page of an episode plays, unless its reader wants no motion.
+// "#t=30&estimator=2&over=1" opens a page at a moment, at rest; without it the page plays, unless its reader wants no motion.
 const asked = new URLSearchParams(location.hash.slice(1));
 choose(Math.min(flights.length, Math.max(1, Math.floor(Number(asked.get("estimator"))) || 1)) - 1, Math.floor(Number(asked.get("over"))) - 1);
 if (asked.has("follow")) follow(true);
-if (asked.has("t") || !data.truth) go(asked.has("t") ? Number(asked.get("t")) || 0 : duration);
-play(data.truth && !asked.has("t") && !window.matchMedia("(prefers-reduced-motion: reduce)").matches);
+if (asked.has("t")) go(Number(asked.get("t")) || 0);
+play(!asked.has("t") && !window.matchMedia("(prefers-reduced-motion: reduce)").matches);
 requestAnimationFrame(frame);

@@ -61,7 +61,7 @@ const levels = (low, high, step) => Array.from({ length: Math.max(0, Math.floor(
 const number = (value, digits = 3) => (Number.isFinite(value) ? Number(value.toPrecision(digits)).toString().replace("-", "−") : "–");
 const decimals = (value) => (Number.isFinite(value) ? value.toFixed(Math.abs(value) < 1 ? 3 : Math.abs(value) < 10 ? 2 : 1).replace(/^-(?=[0.]+$)/, "").replace("-", "−") : "–");
 const clock = (time) => `${time.toFixed(1)} ${data.unit}`;
-const scoreOf = (flight) => flight.verdict ?? (flight.scored ? `score ${flight.score.toFixed(3)} of 1` : `return ${number(flight.score, 4)}`);
+const scoreOf = (flight) => flight.scored ? `score ${flight.score.toFixed(3)} of 1` : `return ${number(flight.score, 4)}`;
 /** Vertical position in the reader's terms: depth below the surface, altitude, or the coordinate itself. */
 const HEIGHT = scene && (scene.hull === "aircraft"
   ? { word: "altitude", of: (down) => -down }
@@ -72,9 +72,5 @@ const placeInWords = ([north, east, down]) => [
   `${number(north)} m north`, ...(WIDE ? [`${number(east)} m east`] : []),
   ...(scene.space ? [`${HEIGHT.word} ${number(HEIGHT.of(down))} m`] : []),
 ].join(", ");
-/** The error of the position; of a log, which has no truth, its doubled standard deviation. */
-const errorInWords = (flight, i) => focus.map(({ name, unit }, j) => {
-  const value = data.truth ? decimals(row(flight.error, i)[j]) : `±${decimals(2 * Math.hypot(...row(flight.root, i).subarray(j * k, j * k + k)))}`;
-  return `${name.replace(" position", "")} ${value}\u00a0${unit}`;
-}).join(", ");
-const ERROR = data.truth ? "estimate minus truth" : "estimate ±2σ";
+/** The error of the position. */
+const errorInWords = (flight, i) => focus.map(({ name, unit }, j) => `${name.replace(" position", "")} ${decimals(row(flight.error, i)[j])}\u00a0${unit}`).join(", ");

@@ -57,16 +57,16 @@ class Plan {
   }
   flight(paper, view, { flight, look }, time, at, length, scale) {
     const truth = between(flight.true, time), estimate = between(flight.believed, time), i = stepAt(flight, time);
-    if (data.located && (data.truth || look === LOOKS[0])) for (const place of fixes(flight, i)) cross(paper, at(place), 2.6, 1.1, 0.75, colours[look.fix]);
+    if (data.located) for (const place of fixes(flight, i)) cross(paper, at(place), 2.6, 1.1, 0.75, colours[look.fix]);
     const track = (array, now) => [...rows(array, i + 1), now].map(at);
-    if (data.truth) draw(paper, track(flight.true, truth), { stroke: colours.true, width: look.line, dash: look.dash });
+    draw(paper, track(flight.true, truth), { stroke: colours.true, width: look.line, dash: look.dash });
     if (data.located) draw(paper, track(flight.believed, estimate), { stroke: colours[look.colour], width: 1.6, dash: look.dash });
     const [x, y] = at(estimate), flat = (off) => view.flat(shifted([0, 0, 0], off)).map((v, c) => (c ? -v : v) * scale);
     if (data.located) {
       if (flight.root) draw(paper, ellipse(flight, time, flat).map(([a, b]) => [x + a, y + b]), { fill: colours[look.band], stroke: colours[look.colour], width: 1.2 });
       for (const off of cloud(flight, time)) { const [a, b] = flat(off); draw(paper, circle([x + a, y + b], 1.7), { fill: colours[look.member] }); }
     } else if (view.above) this.headings(paper, flight, look, time, estimate, [x, y], 1.6 * length);
-    if (data.truth) draw(paper, this.hull(view, truth, at, length), { fill: colours.true, alpha: 0.35, stroke: colours.true, width: 1.6 });
+    draw(paper, this.hull(view, truth, at, length), { fill: colours.true, alpha: 0.35, stroke: colours.true, width: 1.6 });
     draw(paper, this.hull(view, estimate, at, length), { fill: "transparent", stroke: colours[look.colour], width: 1.8 });
   }
   hull(view, pose, at, length) {

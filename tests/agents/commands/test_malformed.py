@@ -19,7 +19,7 @@ import agents
 import agents.jobs
 import agents.training.algorithms
 from agents import commands, rollout
-from agents.commands import ablate, budget, convert, estimate, evaluate, identify, inspect, train, watch
+from agents.commands import ablate, budget, convert, evaluate, train, watch
 from agents.commands.console import command
 from agents.commands.world import World
 from agents.jobs import check_scheduler
@@ -31,8 +31,7 @@ from studies.speed import __main__ as speed
 from studies.speed import timing
 
 COMMANDS: dict[str, Any] = {
-    "ablate": ablate.main, "budget": budget.main, "convert": convert.main, "estimate": estimate.main,
-    "evaluate": evaluate.main, "identify": identify.main, "inspect": inspect.main,
+    "ablate": ablate.main, "budget": budget.main, "convert": convert.main, "evaluate": evaluate.main,
     "speed": speed.main, "reproduce": reproduce.main, "train": train.main, "watch": watch.main,
 }  # fmt: skip
 STUDY = """
