@@ -7,7 +7,6 @@ from agents.metrics.costs import tails
 from agents.metrics.metric import described
 from agents.rollouts import Rollout
 from estimators import wrap
-from vessel_gym.sea_trials import fit_circle
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import steady_turns
 from vessel_gym.vehicles.corvette_equations import COEFFICIENTS, STATE, propulsion, straight_course
@@ -95,10 +94,23 @@ def circle_fit(rollout: Rollout, commanded: np.ndarray) -> tuple[np.ndarray, np.
             continue
         whole = np.flatnonzero(turned >= 2.0 * np.pi)
         track = track[: whole[0] + 1] if len(whole) else track
-        circle = fit_circle(track[:, _X], track[:, _Y])
-        radius_error[i] = 100.0 * abs(circle.radius / commanded[i] - 1.0)
-        out_of_round[i] = circle.rms
+        radius, out_of_round[i] = _fitted_circle(track[:, _X], track[:, _Y])
+        radius_error[i] = 100.0 * abs(radius / commanded[i] - 1.0)
     return radius_error, out_of_round
+
+
+def _fitted_circle(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Radius of the circle through points ``(k,)`` by linear least squares, and RMS distance from it [m].
+
+    Source: Kasa (1976), A circle fitting procedure. With noise, it favours small circles on short arcs.
+    """
+    size = max(np.ptp(x), np.ptp(y))
+    a, b = (x - x.mean()) / size, (y - y.mean()) / size
+    columns = np.stack([2.0 * a, 2.0 * b, np.ones_like(a)], -1)
+    centre_a, centre_b, rest = np.linalg.lstsq(columns, a * a + b * b, rcond=1e-10)[0]
+    radius = np.sqrt(rest + centre_a**2 + centre_b**2)
+    rms = np.sqrt(np.mean((np.hypot(a - centre_a, b - centre_b) - radius) ** 2))
+    return float(size * radius), float(size * rms)
 
 
 def input_error(rollout: Rollout) -> np.ndarray:

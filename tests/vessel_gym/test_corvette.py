@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from manoeuvres import DEG, initial_turning, overshoots, rates_of, sailed, turning_circle
 from scipy.integrate import quad
 from scipy.linalg import expm
 from sensing import sensors_of, without_a_filter
@@ -15,7 +16,6 @@ from vessel_gym.core import Core
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.envs.thesis_corvette import THESIS_CORVETTE, UnknownStep
 from vessel_gym.filter_models.build import compose
-from vessel_gym.sea_trials import simulate
 from vessel_gym.sensors import Sensors
 from vessel_gym.vehicles.corvette import linear_matrices, secant_models, steady_turns, sway_yaw_jacobian
 from vessel_gym.vehicles.corvette_equations import (
@@ -35,7 +35,6 @@ SHIPS = {"thesis": SHIP, "corvette": load("corvette")}
 each_ship = pytest.mark.parametrize("ship", SHIPS.values(), ids=SHIPS)
 VEHICLE, AT_SEA = ThesisCorvette(SHIP, 0.5), Ship(SHIP)
 L, U = SHIP.length, SHIP.speed
-DEG = np.pi / 180.0
 MIRROR = np.array([1, -1, -1, 1, -1, -1, -1, -1])
 MIRROR_AROUND = np.array([1, -1, 1, -1, -1, -1, -1])
 
@@ -326,17 +325,17 @@ def test_port_mirrors_starboard(ship: CorvetteParameters):
 
 @each_ship
 def test_a_straight_run_keeps_its_speed_and_its_course(ship: CorvetteParameters):
-    track = simulate(ship, 0.0, 1000.0)
-    np.testing.assert_allclose(track.state[:, 3], U, rtol=1e-12)
-    np.testing.assert_array_equal(track.state[:, [1, 2, 4, 5, 6, 7]], 0.0)
-    np.testing.assert_allclose(track.state[:, 0], U * track.time, rtol=1e-12)
+    states = sailed(ship, np.zeros(2001))
+    np.testing.assert_allclose(states[:, 3], U, rtol=1e-12)
+    np.testing.assert_array_equal(states[:, [1, 2, 4, 5, 6, 7]], 0.0)
+    np.testing.assert_allclose(states[:, 0], U * 0.5 * np.arange(2001), rtol=1e-12)
 
 
 @pytest.mark.parametrize("excess", [-5.0, 3.0])
 @each_ship
 def test_another_speed_returns_to_the_service_speed_without_passing_it(ship: CorvetteParameters, excess: float):
     start = upright(np.array([0.0, 0.0, 0.0, U + excess]))
-    difference = simulate(ship, 0.0, 200.0, start=start).state[:, 3] - U
+    difference = sailed(ship, np.zeros(401), start=start)[:, 3] - U
     assert (np.sign(excess) * difference > 0.0).all()
     assert (np.diff(np.abs(difference)) < 0.0).all()
     assert abs(difference[-1]) < 0.05 * abs(excess)
@@ -552,8 +551,8 @@ def test_in_a_commanded_turn_the_secant_model_predicts_heading_better_than_the_l
     rate = np.interp(1.0 / (radius * L), 1.0 / turns.radius, turns.yaw_rate)
     commanded = side * rate * np.clip(np.arange(600) * dt / 25.0, 0.0, 1.0)
     orders = np.sign(commanded) * np.interp(np.abs(commanded), turns.yaw_rate, turns.rudder)
-    track = simulate(SHIP, orders, 600 * dt, dt)
-    told = np.stack([0.5 * (track.rudder[:-1] + track.rudder[1:]), commanded], -1)
+    rudder = np.append(0.0, orders)  # at the end of each step where it was ordered
+    told = np.stack([0.5 * (rudder[:-1] + rudder[1:]), commanded], -1)
     A, B = sway_yaw_jacobian(np.array([U, 0.0, 0.0]), np.array(0.0), SHIP)
     block, input_block = np.zeros((3, 3)), np.zeros((3, 1))
     block[:2, :2], block[2, 1], input_block[:2] = A, 1.0, B
@@ -563,10 +562,41 @@ def test_in_a_commanded_turn_the_secant_model_predicts_heading_better_than_the_l
     for k, u in enumerate(told):
         by_secant[k + 1] = A_secant(u) @ by_secant[k] + B_secant(u) @ u
         by_linear[k + 1] = A_linear @ by_linear[k] + B_linear @ u[:1]
-    heading = track.state[:, 2]
+    heading = sailed(SHIP, rudder, dt)[:, 2]
     assert abs(heading[-1]) > 2.0 * np.pi  # a full turn and beyond
     errors = [np.sqrt(np.mean((x[:, 2] - heading) ** 2)) for x in (by_secant, by_linear)]
     assert errors[0] < 0.25 * errors[1]
+
+
+# --- manoeuvres, by the standards of MSC.137(76) ----------------------------------------------------
+
+
+def test_the_turning_circle_is_a_frigate_s_and_meets_the_standard():
+    found, radius, ratio = turning_circle(rates_of(SHIP), U, 35)
+    np.testing.assert_allclose(
+        [*np.array([*found, radius]) / L, ratio], [3.222, 1.800, 4.348, 2.204, 0.5972], atol=5e-4
+    )
+    assert found.advance < 4.5 * L
+    assert found.tactical_diameter < 5.0 * L
+
+
+@each_ship
+@pytest.mark.parametrize("k", [20, 80, 160])
+def test_a_turn_settles_on_the_steady_turn_that_was_solved_for(ship: CorvetteParameters, k: int):
+    turns = steady_turns(ship)
+    _, radius, ratio = turning_circle(rates_of(ship), U, turns.rudder[k] / DEG)
+    assert radius == pytest.approx(turns.radius[k], rel=1e-6)
+    assert ratio * U == pytest.approx(np.hypot(turns.speed[k], turns.sway[k]), rel=1e-6)
+
+
+@each_ship
+def test_zigzags_and_the_begin_of_a_turn_meet_the_standard(ship: CorvetteParameters):
+    assert L / U < 10.0  # s, the class of ships to which these limits belong
+    (first, second), (hard, _) = (overshoots(rates_of(ship), U, degrees) for degrees in (10, 20))
+    assert 0.0 < first <= 10.0
+    assert 0.0 < second <= 25.0
+    assert 0.0 < hard <= 25.0
+    assert L < initial_turning(rates_of(ship), U) < 2.5 * L
 
 
 # --- the vehicle as an environment uses it ----------------------------------------------------------

@@ -14,7 +14,6 @@ from vessel_gym.envs.own import register_environment
 from vessel_gym.envs.ship import SIGMA_CORVETTE
 from vessel_gym.guidance import dive_path, dubins, words
 from vessel_gym.processes import Process
-from vessel_gym.sea_trials import circle_geometry, fit_circle, initial_turning, simulate, turning_circle, zigzag
 from vessel_gym.seaway import Seaway
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Bias, Sensor, Sensors, SensorSuite, plain
@@ -58,7 +57,6 @@ def given(task: Task, name: str, value: Any) -> Task:
 
 SEAWAY = {"ship": SHIP, "height": 2.0, "period": 8.0, "wind": 5.0, "current": 0.3, "dt": 0.5}
 WATER = {"turbulence": 0.01, "spin": 0.01, "current": 0.1}
-TRIAL = {"ship": SHIP, "rudder": 0.3}
 DIVE = {"auv": AUV, "goal": (10.0, 18.0, 6.0), "goal_spread": (1.0, 1.0, 0.5), "ahead": 2.5, "horizon": 500}
 SYSTEM = {name: getattr(SIGMA_CORVETTE, name) for name in System.__dataclass_fields__}
 CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, list[Any]]]] = [
@@ -101,18 +99,6 @@ CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, list[Any]]]] = [
     (Sensors, {"sensors": (Sensor(**SENSOR),), "states": ("x", "y"), "exogenous": ("f",), "dt": 0.5},
      {"sensors": [None, 3, "x", ()], "states": [None, "xy", 3], "dt": NOT_POSITIVE}),
     (SensorFault, {"sensor": "fix", "kind": "off"}, {"sensor": [None, 3], "kind": [None, "of"], "begin": ["x", -1.0]}),
-    (simulate, {"ship": SHIP, "command": 0.1, "duration": 5.0},
-     {"ship": [None, "corvette", AUV], "command": [None, "port", 10.0, np.nan, [0.1, "x"], lambda t, state: None],
-      "duration": [*NO_NUMBER, 0.0, -1.0, 1e12], "dt": [*NO_NUMBER, 0.0, 1e3], "substeps": NO_WHOLE,
-      "start": [[0.0] * 6, "x"], "rudder": [10.0, None], "current": [1.0, (1.0,), (np.nan, 0.0)], "stop": [3]}),
-    (turning_circle, TRIAL, {"ship": [None, "corvette"], "rudder": [10.0, -35.0, "10", None, np.nan, 0.0],
-                             "speed": [-5.0, 0.0, "fast"], "turns": NOT_POSITIVE, "longest": [0.0, np.inf, "x"]}),
-    (zigzag, TRIAL, {"ship": [None, 3], "rudder": [0.0, 10.0, "x"], "heading": [0.0, -1.0, 20.0, "x"]}),
-    (initial_turning, TRIAL, {"ship": [None], "rudder": [0.0, 10.0], "heading": [0.0, 10.0, None]}),
-    (circle_geometry, {"x": SERIES, "y": SERIES, "psi": SERIES},
-     {"x": [None, [], SERIES[:3]], "psi": ["x", np.full(50, np.nan)], "dt": [0.0, -1.0, "x"]}),
-    (fit_circle, {"x": np.cos(SERIES), "y": np.sin(SERIES)},
-     {"x": [None, np.full(50, np.nan), []], "y": ["x", SERIES[:3]]}),
     (changed(SHIP), {}, {"length": NOT_POSITIVE, "resistance": NOT_POSITIVE, "speed": NOT_POSITIVE,
                          "mass": [-1.0, "10"],
                          "rudder_limit": [35.0, 0.0], "yaw_radius": [2.0, "x"], "given": ["x", 3, (("Nx", 1.0),)]}),

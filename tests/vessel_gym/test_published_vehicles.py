@@ -6,30 +6,25 @@ geometry of a recorded track.
 """
 
 import re
-from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 from energies import energy
+from manoeuvres import DEG, Rates, Turn, ahead, figures, helmed, initial_turning, overshoots, rates_of, turning_circle
 from nomoto_models import nomoto_linear
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from stepping import segorogeni_step
 
-from vessel_gym.sea_trials import circle_geometry, initial_turning, turning_circle, zigzag
 from vessel_gym.vehicles.auv import UNCERTAIN
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.segorogeni import COEFFICIENTS, segorogeni_rates
-
-DEG = np.pi / 180.0
 
 # --- the Mariner class ------------------------------------------------------------------------------
 
 MARINER = load("mariner")
 L, U0 = MARINER.length, MARINER.speed
-RATE = 5.0 * DEG  # of the rudder, rad/s
 
 PRINTED = {
     "m": 798, "Iz": 39.2, "Xudot": -42, "Yvdot": -748, "Yrdot": -9.354, "Nvdot": 4.646, "Nrdot": -43.8,
@@ -44,7 +39,6 @@ PRINTED = {
 P = {name: 1e-5 * value for name, value in PRINTED.items()}
 
 State = np.ndarray
-Rates = Callable[[State, float], State]
 
 
 def polynomial(state: State, rudder: float, instantaneous: bool) -> State:
@@ -91,44 +85,17 @@ INTERPRETATIONS = symmetric, instantaneous
 """The two interpretations of the printed equations."""
 
 
-def helmed(rates: Rates, state: State, rudder: float, order: float, duration: float, event=None):
-    """The model under an order of the helm until the duration is over or an event: times, states, last rudder."""
-
-    def angle(t: float) -> float:
-        return rudder + np.clip(order - rudder, -RATE * t, RATE * t)
-
-    solution = solve_ivp(
-        lambda t, s: rates(s, angle(t)), (0.0, duration), state, rtol=1e-7, atol=1e-9, max_step=1.0,
-        events=event, dense_output=True,
-    )  # fmt: skip
-    return solution, angle(solution.t[-1])
+START = ahead(U0)
+OURS = rates_of(MARINER)
 
 
-START = np.array([0.0, 0.0, 0.0, U0, 0.0, 0.0])
+def circle(rates: Rates, degrees: float) -> Turn:
+    return turning_circle(rates, U0, degrees)[0]
 
 
-@cache
-def reference_circle(rates: Rates, degrees: float):
-    solution, _ = helmed(rates, START, 0.0, degrees * DEG, 900.0)
-    time = np.arange(0.0, 900.0, 0.5)
-    x, y, psi, u, v, r = solution.sol(time)
-    return circle_geometry(x, y, psi), float(np.hypot(u[-1], v[-1]) / abs(r[-1]))
-
-
-@cache
-def reference_overshoots(rates: Rates, degrees: float) -> tuple[float, float]:
+def swings(rates: Rates, degrees: float) -> tuple[float, float]:
     """First and second overshoot of a zig-zag [deg]."""
-    state, rudder, side, peaks = START, 0.0, 1.0, []
-    for _ in range(3):
-
-        def reached(_: float, s: State, side: float = side) -> float:
-            return side * s[2] - degrees * DEG
-
-        reached.terminal, reached.direction = True, 1.0
-        solution, rudder = helmed(rates, state, rudder, side * degrees * DEG, 600.0, reached)
-        peaks.append((-side * solution.y[2]).max() / DEG - degrees)
-        state, side = solution.y[:, -1], -side
-    return peaks[1], peaks[2]
+    return overshoots(rates, U0, degrees)
 
 
 def test_the_reference_gives_the_turning_circle_that_fossen_prints():
@@ -140,8 +107,8 @@ def test_the_reference_gives_the_turning_circle_that_fossen_prints():
     def as_fossen(state: State, rudder: float) -> State:
         return polynomial(state, rudder, True)
 
-    ahead, _ = helmed(as_fossen, START, 0.0, 0.0, 100.0)
-    turn, _ = helmed(as_fossen, ahead.y[:, -1], 0.0, -15.0 * DEG, 900.0)
+    straight, _ = helmed(as_fossen, START, 0.0, 0.0, 100.0)
+    turn, _ = helmed(as_fossen, straight.y[:, -1], 0.0, -15.0 * DEG, 900.0)
     u, v, r = turn.y[3:, -1]
     assert np.hypot(u, v) / abs(r) == pytest.approx(711.0, abs=0.5)
     time = np.arange(0.0, 900.0, 0.1)
@@ -164,31 +131,24 @@ def test_the_linear_mariner_is_the_published_one():
 @pytest.mark.slow
 @pytest.mark.parametrize("degrees", [10, 15, 20, 35])
 def test_the_mariner_turns_as_its_published_equations_do(degrees: int):
-    published, radius = reference_circle(symmetric, degrees)
-    ours = turning_circle(MARINER, degrees * DEG)
-    assert ours.advance == pytest.approx(published.advance, rel=0.10)
-    assert ours.transfer == pytest.approx(published.transfer, rel=0.10)
-    assert ours.tactical_diameter == pytest.approx(published.tactical_diameter, rel=0.10)
-    assert ours.steady_radius == pytest.approx(radius, rel=0.10)
+    published, radius, _ = turning_circle(symmetric, U0, degrees)
+    ours, ours_radius, _ = turning_circle(OURS, U0, degrees)
+    np.testing.assert_allclose(ours, published, rtol=0.10)
+    assert ours_radius == pytest.approx(radius, rel=0.10)
 
 
 @pytest.mark.parametrize("degrees", [10, 20])
 def test_the_mariner_s_zig_zag_is_that_of_its_published_equations(degrees: int):
-    first, second = reference_overshoots(symmetric, degrees)
-    ours = zigzag(MARINER, degrees * DEG)
-    assert ours.first_overshoot / DEG == pytest.approx(first, rel=0.20)
-    assert ours.second_overshoot / DEG == pytest.approx(second, rel=0.20)
+    np.testing.assert_allclose(swings(OURS, degrees), swings(symmetric, degrees), rtol=0.20)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("degrees", [10, 20, 35])
 def test_as_mariner_m_reads_its_equations_the_mariner_begins_to_turn_the_same(degrees: int):
     """Until much speed is lost, in advance and overshoots: its tactical diameter at hard helm is a quarter larger."""
-    published, _ = reference_circle(instantaneous, degrees)
-    assert turning_circle(MARINER, degrees * DEG).advance == pytest.approx(published.advance, rel=0.10)
+    assert circle(OURS, degrees).advance == pytest.approx(circle(instantaneous, degrees).advance, rel=0.10)
     if degrees <= 20:
-        first, _ = reference_overshoots(instantaneous, degrees)
-        assert zigzag(MARINER, degrees * DEG).first_overshoot / DEG == pytest.approx(first, rel=0.20)
+        assert swings(OURS, degrees)[0] == pytest.approx(swings(instantaneous, degrees)[0], rel=0.20)
 
 
 def test_the_page_on_vehicles_has_the_mariner_s_table_as_it_is_computed():
@@ -198,25 +158,19 @@ def test_the_page_on_vehicles_has_the_mariner_s_table_as_it_is_computed():
     for trial, angle, *printed in rows:
         degrees = int(angle)
         if trial == "turning circle":
-            circles = [
-                turning_circle(MARINER, degrees * DEG),
-                *(reference_circle(of, degrees)[0] for of in INTERPRETATIONS),
-            ]
+            circles = (circle(of, degrees) for of in (OURS, *INTERPRETATIONS))
             computed = [f"{c.advance / L:.2f}; {c.tactical_diameter / L:.2f}" for c in circles]
         else:
-            ours = zigzag(MARINER, degrees * DEG)
-            overshoots = [(ours.first_overshoot / DEG, ours.second_overshoot / DEG)]
-            overshoots += [reference_overshoots(of, degrees) for of in INTERPRETATIONS]
-            computed = [f"{first:.1f}; {second:.1f}" for first, second in overshoots]
+            computed = ["{:.1f}; {:.1f}".format(*swings(of, degrees)) for of in (OURS, *INTERPRETATIONS)]
         assert printed == computed
 
 
 def test_the_mariner_meets_the_standards_of_its_kind():
-    hard = turning_circle(MARINER, 35 * DEG)
+    hard = circle(OURS, 35)
     assert hard.advance < 4.5 * L
     assert hard.tactical_diameter < 5.0 * L
-    assert initial_turning(MARINER) < 2.5
-    assert zigzag(MARINER, 10 * DEG).first_overshoot / DEG < 5.0 + 0.5 * L / U0
+    assert initial_turning(OURS, U0) < 2.5 * L
+    assert swings(OURS, 10)[0] < 5.0 + 0.5 * L / U0
 
 
 # --- REMUS ------------------------------------------------------------------------------------------
@@ -299,9 +253,8 @@ def both(rudder: float, stern: float, duration: float) -> tuple[State, State]:
 def test_remus_turns_as_its_published_equations_do(degrees: float):
     published, ours = both(degrees * DEG, 0.0, 60.0)
     assert np.sign(ours[-1, 11]) == np.sign(degrees)
-    geometry = [circle_geometry(*track[:, [6, 7, 11]].T) for track in (published, ours)]
-    assert geometry[1].advance == pytest.approx(geometry[0].advance, rel=0.01)
-    assert geometry[1].tactical_diameter == pytest.approx(geometry[0].tactical_diameter, rel=0.01)
+    turns = [figures(*track[:, [6, 7, 11]].T) for track in (published, ours)]
+    np.testing.assert_allclose(turns[1], turns[0], rtol=0.01)
     largest = np.abs(published).max(0)
     for i in (0, 1, 5, 8, 9, 10):  # speed, drift, yaw rate, depth, roll and pitch, all the way
         np.testing.assert_allclose(ours[:, i], published[:, i], atol=0.01 * largest[i])

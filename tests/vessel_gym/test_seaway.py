@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from manoeuvres import sailed
 from nomoto_models import nomoto_linear
 from scipy.stats import chi2
 from stepping import corvette_step
 
 from vessel_gym.core import Core
 from vessel_gym.envs.ship import SEAS, SIGMA_CORVETTE, ship_system
-from vessel_gym.sea_trials import simulate
 from vessel_gym.seaway import Seaway
 from vessel_gym.vehicles.corvette import steady_turns
 from vessel_gym.vehicles.corvette_equations import COEFFICIENTS, STATE, CorvetteParameters, corvette_rates
@@ -376,7 +376,8 @@ def test_filters_are_told_the_leeway_of_a_ship_that_her_rudder_holds_across_the_
 
 
 def hard_over(side: float) -> np.ndarray:
-    return simulate(SHIP, side * 35.0 * DEG, 500.0, dt=0.1).state
+    time = 0.1 * np.arange(5001)
+    return sailed(SHIP, side * np.minimum(SHIP.rudder_rate * time, 35.0 * DEG), 0.1)
 
 
 def test_at_constant_revolutions_the_steady_turn_is_tighter_than_the_tactical_diameter():

@@ -13,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import vessel_gym.vehicles.files as files
-from vessel_gym.sea_trials import turning_circle
 from vessel_gym.vehicles.auv import AUVParameters
 from vessel_gym.vehicles.corvette import steady_turns
 from vessel_gym.vehicles.corvette_equations import COEFFICIENTS, CorvetteParameters
@@ -204,7 +203,7 @@ def test_a_small_file_is_a_vehicle(write):
     assert isinstance(ship, CorvetteParameters)
     assert (ship.length, ship.rudder_limit, ship.x_g) == (60.0, np.deg2rad(30.0), 0.0)
     assert ship.stability > 0.0
-    assert turning_circle(ship, ship.rudder_limit).tactical_diameter < 5.0 * ship.length
+    assert steady_turns(ship).radius[-1] < 2.5 * ship.length
     assert isinstance(load(write(TORPEDO)), SegorogeniParameters)
     assert isinstance(load(write(TORPEDO.replace('auv"', 'auv"\ndegrees_of_freedom = 3'))), ItsunusaParameters)
     rov = load(write(THRUSTERS))
