@@ -1,11 +1,9 @@
 """Files that are written whole or not at all."""
 
-import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 
 @contextmanager
@@ -23,19 +21,6 @@ def replacing(path: Path) -> Iterator[Path]:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
-
-
-def compute_once(path: Path, compute: Callable[[], Any]) -> Any:
-    """Values of a JSON file; without the file they are computed, and written whole or not at all.
-
-    Raises:
-        OSError: as `replacing`.
-    """
-    if not path.exists():
-        values = compute()
-        with replacing(path) as temporary:
-            temporary.write_text(json.dumps(values), encoding="utf-8")
-    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def check_file(path: Path) -> Path:

@@ -86,26 +86,6 @@ class Table:
         table = markdown_table(heading, body, names)
         return "\n".join([f"**{self.title}**", "", table, *(["", self.note] if self.note else []), ""])
 
-    def latex(self) -> str:
-        """As a LaTeX table for ``booktabs``, a section's title on a line of its own."""
-        return templates().get_template("table.tex").render(table=self)
-
-
-_TEX = {
-    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
-    "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", '"': r"\textquotedbl{}",
-    **{character: "\\" + character for character in "&%$#_{}"},
-    # A bracket after the end of a row would be read as that row's spacing.
-    "[": "{[}", "]": "{]}",
-    "±": r"$\pm$", "−": "$-$", "–": "--", "°": r"$^\circ$", "×": r"$\times$", "≥": r"$\geq$", "≤": r"$\leq$",
-    "µ": r"$\mu$", "σ": r"$\sigma$", "ψ": r"$\psi$", "²": "$^2$", "→": r"$\to$", "…": r"\ldots{}",
-}  # fmt: skip
-
-
-def tex(text: str) -> str:
-    """Plain text for LaTeX: what means something to it is escaped, and symbols are named."""
-    return "".join(_TEX.get(character, character) for character in text)
-
 
 @dataclass(frozen=True)
 class Prose:
@@ -266,7 +246,7 @@ def templates() -> Any:
         loader=PackageLoader("agents"), autoescape=select_autoescape(default_for_string=False), trim_blocks=True,
         lstrip_blocks=True, keep_trailing_newline=False, undefined=StrictUndefined,
     )  # fmt: skip
-    environment.filters |= {"number": number, "words": words, "listed": listed, "tex": tex, "repr": repr}
+    environment.filters |= {"number": number, "words": words, "listed": listed, "repr": repr}
     environment.filters |= {"g": "{:g}".format, "capitalised": lambda text: text[0].upper() + text[1:]}
     return environment
 

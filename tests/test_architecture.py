@@ -30,7 +30,7 @@ PRIVATE = {
     "neutralised", "climbed", "ladder", "rung", "settled", "straightened", "suiting", "retimed", "sheet", "sheets",
     "pilot", "pilots", "anybody", "handed", "told", "shown", "begun",
 }  # fmt: skip
-"""Words that once stood for a term of the field: docs/glossary.md has the terms, CHANGELOG.md what was called what."""
+"""Words that once stood for a term of the field: docs/glossary.md has the terms."""
 
 
 def imports(module: str, late: bool) -> set[str]:

@@ -11,7 +11,7 @@ from agents.seeds import evaluation_seeds
 ELSEWHERE = {"engine", "studies", "training", "vehicles"}
 """Pages whose examples other tests run."""
 PAGES = [page.stem for page in sorted(DOCS.glob("*.md")) if blocks(page.stem, "python")] + ["recipes/own-measurements"]
-SLOW = {"critic", "dubins"}
+SLOW = {"dubins"}
 LIBRARIES = {"InvertedPendulum": "mujoco", "LunarLander": "Box2D", "matplotlib": "matplotlib", "pandas": "pandas"}
 
 

@@ -8,7 +8,7 @@ from importlib import import_module
 
 from agents.commands.console import command, complain, one_sentence_errors
 
-COMMANDS = ("watch", "evaluate", "train", "convert", "ablate", "budget")
+COMMANDS = ("watch", "evaluate", "train", "ablate", "budget")
 
 
 def main() -> int | None:

@@ -31,7 +31,6 @@ def main(
     processes: int = 2,
     scheduler: str | None = None,
     shard: str | None = None,
-    confirm: bool = False,
 ) -> int:
     """Run what a study file asks for, as far as it has not been run, and write its report.
 
@@ -45,7 +44,6 @@ def main(
         processes: Processes on this machine.
         scheduler: Address of a Dask scheduler whose workers compute instead, e.g. tcp://10.0.0.1:8786.
         shard: i/n: compute only the i-th of n parts, for job arrays; the report is made when all are done.
-        confirm: Open the fresh seeds, once in each folder: fly the study on them, too, and report which claims hold.
 
     Returns:
         The exit status: 1 if something failed or is missing.
@@ -54,7 +52,6 @@ def main(
 
     from agents.files import check_folder
     from agents.jobs import check_scheduler, run
-    from agents.studies.confirmation import opening
     from agents.studies.examples import examples
     from agents.studies.results import Results
 
@@ -66,32 +63,29 @@ def main(
         if scheduler is not None:
             check_scheduler(scheduler)
         check_folder(out)
-        fresh = _fresh(planned.study, out, confirm)
     console = Console(markup=False, highlight=False, soft_wrap=True)
     _introduce(planned.study, path, out, console)
-    jobs = [*planned.jobs, *examples(planned).values(), *(fresh.jobs if fresh else ())]
+    jobs = [*planned.jobs, *examples(planned).values()]
     with job_progress(study.stem) as progress:
         outcome = run(jobs, out, processes, scheduler, part, progress)
-    if fresh is None and opening(out):
-        outcome.notes.append(f"the fresh seeds of {out} were opened for another version of this study: not reported")
     console.print(*outcome.notes, sep="\n", end="\n" if outcome.notes else "")
     missing = sum(job.key not in outcome.values for job in jobs)
     if part is not None and missing:
         console.print(f"Part {shard} is done, {missing} of {len(jobs)} results are still missing: no report yet.")
         return int(bool(outcome.failures))
-    _report(Results.of(planned, outcome, out), Results.of(fresh, outcome, out) if fresh else None, out, console)
+    _report(Results.of(planned, outcome, out), out, console)
     if missing:
         console.print(f"{missing} of {len(jobs)} results are missing; the report says why.")
     return int(missing > 0)
 
 
-def _report(results: Any, fresh: Any, out: Path, console: Any) -> None:
+def _report(results: Any, out: Path, console: Any) -> None:
     """Write the report, and print its answer and its place."""
     from agents.studies.answer import answer
     from agents.studies.report import write_report
 
-    report = write_report(results, out, fresh)
-    console.print("", " ".join(answer(results, fresh)), "", f"Report: {report}", sep="\n")
+    report = write_report(results, out)
+    console.print("", " ".join(answer(results)), "", f"Report: {report}", sep="\n")
 
 
 def _file(study: Path) -> Path:
@@ -113,16 +107,6 @@ def _plan(path: Path, cluster: bool) -> Any:
 
     require("matplotlib", "jinja2", "joblib", *(("dask", "distributed") if cluster else ()))
     return plan(read_study(path))
-
-
-def _fresh(study: Any, out: Path, confirm: bool) -> Any:
-    """The plan of a study on its fresh seeds, if they are open in the folder or are to be opened."""
-    from agents.studies.confirmation import is_open, open_seeds
-    from agents.studies.plan import plan
-
-    if confirm:
-        open_seeds(study, out)
-    return plan(study.fresh) if is_open(study, out) else None
 
 
 def _introduce(question: Any, study: Path, out: Path, console: Any) -> None:

@@ -22,7 +22,6 @@ def main(
     estimator: str | None = None,
     world: tyro.conf.OmitArgPrefixes[World] = World(),  # noqa: B008  (frozen)
     memory: str = "none",
-    critic: str | None = None,
     seed: int = 0,
     steps: int | None = None,
     runs: int = 1,
@@ -32,9 +31,9 @@ def main(
 ) -> None:
     """Train PPO, with tuned settings, or another algorithm of stable-baselines3, and save the checkpoint.
 
-    A folder beside the checkpoint, of the same name without .zip, gets progress.csv, TensorBoard's events, and the
-    latest and best policy on tuning seeds. Ctrl-C, or the death of the process, leaves a state there: the same command
-    with --resume goes on, and learns the same weights as if it had never stopped.
+    A folder beside the checkpoint, of the same name without .zip, gets progress.csv, TensorBoard's events, the latest
+    and best policy on tuning seeds, and stable-baselines3's checkpoints. After Ctrl-C, or the death of the process, the
+    same command with --resume goes on from the last of them.
 
     Args:
         env_id: Registered environment.
@@ -43,7 +42,6 @@ def main(
         estimator: What the agent sees the world through; the environment's default if not given.
         world: Options of the environment.
         memory: What the agent remembers: none, frames (its last observations) or lstm (a recurrent network).
-        critic: truth, so that the critic alone is told the truth while it learns (docs/critic.md).
         seed: Number of the training run.
         steps: Environment steps; the tuned budget if not given.
         runs: Training runs, numbered from --seed on; of several the one that scores best on tuning seeds is saved.
@@ -60,7 +58,7 @@ def main(
     with asked():
         in_range("--runs", runs, 1)
         changed = (TomlFile(hyperparameters).data if hyperparameters else {}) | assigned("--set", settings)
-        given: dict[str, Any] = {"steps": steps, "memory": memory, "critic": critic}
+        given: dict[str, Any] = {"steps": steps, "memory": memory}
         given |= {"settings": changed, "algorithm": algorithm}
         env_id, options = _checked(env_id, world.options(estimator), seed, given)
     check_file(out)
@@ -114,14 +112,14 @@ def _best(runs: range, env_id: str, out: Path, options: dict[str, Any], resume: 
     from agents.files import replacing
     from agents.seeds import tuning_seeds
     from agents.training.algorithms import train
-    from agents.training.callbacks import STATE
+    from agents.training.callbacks import last_checkpoint
 
     scores, seeds = {}, tuning_seeds(CHOOSING)
     for run in runs:
         folder = out.with_suffix("") / f"run-{run}"
         path = folder.with_suffix(".zip")
         if not (resume and path.exists()):
-            interrupted = resume and (folder / STATE).exists()
+            interrupted = resume and last_checkpoint(folder) is not None
             train(env_id, path, options, run, folder=folder, resume=interrupted, **given)
         scores[path] = float(rollout(path, env_id, seeds, options, record=False).score.mean())
         print(f"run {run}: mean score {scores[path]:.3f} over {CHOOSING} tuning seeds", flush=True)

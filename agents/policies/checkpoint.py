@@ -190,12 +190,8 @@ def _environment(model: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         spec = env.get_attr("spec", 0)[0]
         named: dict[str, Any] = {"environment": spec.id if spec else "", "vehicle": {}, "observe": None}
         return spoken | named | {"observations": spoken["frames"] * _size(env.observation_space)}, statistics
-    # The input of a critic alone is no part of the agent's observation.
-    seen = spoken["frames"] * core.observation_size
-    if statistics and _size(model.observation_space) != seen:
-        raise ValueError("cannot store a VecNormalize that counts what the critic alone is told: leave it out")
-    known = {"environment": core.system.name, "vehicle": vehicle_of(core.vehicle)}
-    return spoken | known | {"observations": seen, "observe": core.observe_mode}, statistics
+    known = {"environment": core.system.name, "vehicle": vehicle_of(core.vehicle), "observe": core.observe_mode}
+    return spoken | known | {"observations": spoken["frames"] * core.observation_size}, statistics
 
 
 def vehicle_of(vehicle: Any) -> dict[str, Any]:

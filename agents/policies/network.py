@@ -18,8 +18,6 @@ POLICIES = {
     "ARSPolicy": "sb3_contrib.ars.policies",
     "ARSLinearPolicy": "sb3_contrib.ars.policies",
     "LstmPolicy": "agents.policies.lstm",
-    "TruthPolicy": "agents.training.critic",
-    "TruthLstmPolicy": "agents.training.critic",
 }
 """Networks of checkpoints, and their modules."""
 
@@ -84,7 +82,7 @@ def _bounded(size: int) -> Any:
     from torch.overrides import TorchFunctionMode
 
     class Bounded(TorchFunctionMode):
-        left = 2 * size  # `TruthPolicy` makes a critic twice
+        left = size
 
         def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
             made = func(*args, **(kwargs or {}))

@@ -8,23 +8,17 @@ from agents.metrics import STEERING
 from agents.page import Table, listed, number, words
 from agents.statistics import EQUIVALENT, UNDECIDED, WORSE, Interval
 from agents.studies import shares
-from agents.studies.confirmation import CONFIRMED, FAILED, OPEN, Confirmed, confirmed
 from agents.studies.ranking import beyond
 from agents.studies.records import ORACLE
 from agents.studies.results import Results
-from agents.studies.wording import amount, every, microseconds, named, note, paragraphs, percent, share_entry
+from agents.studies.wording import amount, every, microseconds, named, note, percent, share_entry
 
 BEST = 5
 """Number of estimators in the table at the head of a report."""
 
 
-def answer(results: Results, fresh: Results | None = None) -> list[str]:
-    """Sentences that answer the question of a study, the advice first.
-
-    Args:
-        results: Of a study.
-        fresh: The same on the seeds of its confirmation.
-    """
+def answer(results: Results) -> list[str]:
+    """Sentences that answer the question of a study, the advice first."""
     if not results.environments:
         return ["Nothing has a result yet."]
     environments, everywhere = shares.ruled(results), shares.common(results)
@@ -34,12 +28,7 @@ def answer(results: Results, fresh: Results | None = None) -> list[str]:
         sentences = _advice(results, environments, everywhere)
     else:
         sentences = [line for e in environments for line in _advice(results, [e], shares.rankable(results, [e]))]
-    sentences += [*_learned(results), *_crossings(results)]
-    return [
-        *sentences,
-        *([] if fresh is None else _confirmation(results, confirmed(results, fresh))),
-        _measured(results),
-    ]
+    return [*sentences, *_learned(results), _measured(results)]
 
 
 def summary(results: Results) -> Table | None:
@@ -117,13 +106,6 @@ def _each_best(results: Results, environments: list[str], pick: str) -> str:
     return note("best-by-environment", results, better=better, equal=equal, pick=pick)
 
 
-def _confirmation(results: Results, found: Confirmed) -> list[str]:
-    """Claims of the first pass on the fresh seeds."""
-    names = {word: [str(c) for c in found.claims if c.outcome == word] for word in (CONFIRMED, OPEN, FAILED)}
-    total, open_ = sum(map(len, names.values())), {word: names[word] for word in (OPEN, FAILED) if names[word]}
-    return paragraphs("claims", results, found=found, kept=amount(found.kept), names=names, total=total, open=open_)
-
-
 def _steering(results: Results, environment: str, estimator: str) -> list[str]:
     """Steering on an estimator beyond that on the truth, in the first condition."""
     place, known = results.places([environment])[0], results.metrics(environment)
@@ -186,25 +168,14 @@ def _verb(gaps: Collection[Interval | float]) -> str:
     return "compares as follows with"
 
 
-def _crossings(results: Results) -> list[str]:
-    """Cost of flying on an estimator that the policy was not trained on."""
-    costs = {e: shares.crossing(results, e) for e in results.environments}
-    text = [f"{_more(_turned(cost))} in {e}" for e, cost in costs.items() if cost is not None]
-    return [note("crossings", results, text=listed(text))] if text else []
-
-
 def _more(gap: Interval | float) -> str:
     """A difference in words: how much more, or less."""
     mean = gap.mean if isinstance(gap, Interval) else gap
-    word, size = ("less", _turned(gap)) if mean < 0.0 else ("more", gap)
-    if not isinstance(size, Interval):
-        return f"{number(size, 3)} {word} (one run, no interval)"
+    word = "less" if mean < 0.0 else "more"
+    if not isinstance(gap, Interval):
+        return f"{number(abs(gap), 3)} {word} (one run, no interval)"
+    size = gap.times(-1.0) if mean < 0.0 else gap
     return f"{amount(size)} {word}" + ("" if size.excludes_zero else " (not significant)")
-
-
-def _turned(gap: Interval | float) -> Interval | float:
-    """The same difference the other way round."""
-    return gap.times(-1.0) if isinstance(gap, Interval) else -gap
 
 
 def _measured(results: Results) -> str:

@@ -144,13 +144,12 @@ class _EnvironmentPlan:
 
     def _train(self, agent: Agent, school: Estimator, seed: int) -> Job:
         env, first = self.environment, self.study.conditions[0]
-        steps, critic = agent.steps.get(env), None if agent.critic == "none" else agent.critic
-        described = describe(environment_id(env), None, seed, steps, agent.memory, critic, agent.settings)
+        steps = agent.steps.get(env)
+        described = describe(environment_id(env), None, seed, steps, agent.memory, agent.settings)
         arguments = {
             "environment": env,
             "options": self._options(agent, first, school),
             "memory": agent.memory,
-            "critic": critic,
             "changed": agent.settings,
             "steps": steps,
             "seed": seed,

@@ -8,7 +8,6 @@ import numpy as np
 from agents.metrics import SCORE, Metric, metrics
 from agents.page import Block, Entry, Prose, Section, Table, entry, number
 from agents.statistics import BETTER, WORSE, Interval, verdict
-from agents.studies.confirmation import Confirmed
 from agents.studies.figures import Row, dots, framed, looks, share_rows
 from agents.studies.records import FLOOR, ORACLE, RAW
 from agents.studies.results import Place, Policy, Results
@@ -81,24 +80,11 @@ def _behind(ranked: dict[str, np.ndarray], name: str, margin: float) -> Entry:
     if name not in ranked:
         return Entry("–")
     best = next(iter(ranked))
-    return Entry("best") if name == best else judged(gap(ranked, name, best), margin)
-
-
-def judged(difference: Interval | float | None, margin: float) -> Entry:
-    """A difference in a table with its verdict; bold for better or worse."""
+    if name == best:
+        return Entry("best")
+    difference = gap(ranked, name, best)
     found, share = verdict(difference, margin), share_entry(difference, signed=True)
     return Entry(f"{share}, {found}" if difference is not None else "–", strong=found in (BETTER, WORSE))
-
-
-def confirmation(found: Confirmed, fresh: Results) -> Section:
-    """The claims of the first pass beside what fresh seeds say of them."""
-    rows, margin = [], fresh.plan.study.margin
-    for claim in found.claims:
-        first, again = judged(claim.first.value, margin), judged(claim.fresh, margin)
-        entries = [first, again, Entry(claim.outcome or "no claim")]
-        rows.append((claim.first.column, (f"{claim.first.one} − {claim.first.other}", entries)))
-    heads = ("First seeds", "Fresh seeds", "Claim")
-    return Section("Confirmation on fresh seeds", tabled("confirmation", fresh, heads, grouped(rows), "Difference"))
 
 
 def _rulers(results: Results) -> list[str]:

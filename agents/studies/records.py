@@ -1,6 +1,6 @@
 """Records of a study: what is compared, where, by which agents and in which conditions."""
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from agents.seeds import evaluation_seeds
@@ -46,7 +46,6 @@ class Agent:
         flown_on: Estimators that it flies besides those of its training; empty: all. Not for raw measurements.
         steps: Environment steps of a training run, by environment; where there is none: the tuned budget.
         environments: Where it flies; empty: everywhere.
-        critic: Of a PPO: ``"truth"`` or ``"none"``, see `agents.training.algorithms.train`.
         guidance: Of a PPO: the option of that name of an environment; None: its default.
         settings: Of a PPO: hyperparameters over the tuned ones, see `agents.training.algorithms.hyperparameters`.
     """
@@ -59,7 +58,6 @@ class Agent:
     flown_on: tuple[str, ...] = ()
     steps: dict[str, int] = field(default_factory=dict)
     environments: tuple[str, ...] = ()
-    critic: str = "none"
     guidance: bool | None = None
     settings: dict[str, Any] = field(default_factory=dict)
 
@@ -114,19 +112,6 @@ class Condition:
 
 
 @dataclass(frozen=True)
-class Confirmation:
-    """Fresh evaluation seeds, on which the claims of a study are tested once.
-
-    Attributes:
-        first_seed: The first of them, see `agents.seeds.evaluation_seeds`.
-        episodes: Number of seeds.
-    """
-
-    first_seed: int = 100_000
-    episodes: int = 300
-
-
-@dataclass(frozen=True)
 class Study:
     """A study: environments, estimators, agents and conditions.
 
@@ -142,7 +127,6 @@ class Study:
         margin: Of equivalence: differences of the share kept that are smaller do not matter.
         termination: One of `vessel_gym.configuration.TERMINATIONS`: what ends a mission, for all agents and both ends
             of the scale alike.
-        confirm: The fresh seeds of a confirmation.
     """
 
     title: str
@@ -155,17 +139,11 @@ class Study:
     first_seed: int = 0
     margin: float = 0.01
     termination: str = "belief"
-    confirm: Confirmation = Confirmation()
 
     @property
     def seeds(self) -> list[int]:
         """The evaluation seeds."""
         return evaluation_seeds(self.episodes, self.first_seed)
-
-    @property
-    def fresh(self) -> "Study":
-        """The same study on the seeds of its confirmation."""
-        return replace(self, first_seed=self.confirm.first_seed, episodes=self.confirm.episodes)
 
     @property
     def learned(self) -> bool:

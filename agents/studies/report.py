@@ -8,13 +8,12 @@ from agents.files import replacing
 from agents.jobs import Job
 from agents.page import Block, Bullets, Page, Prose, Section, listed, many, write
 from agents.studies.answer import answer, summary
-from agents.studies.confirmation import confirmed
 from agents.studies.cost import cost
 from agents.studies.examples import examples
 from agents.studies.learning import learning
 from agents.studies.measures import consistency, episodes, measures
 from agents.studies.plan import Flight
-from agents.studies.ranking import confirmation, costs, price, ranking, tails
+from agents.studies.ranking import costs, price, ranking, tails
 from agents.studies.results import Results
 from agents.studies.robustness import AXES, robustness
 from agents.studies.settings import settings
@@ -22,15 +21,11 @@ from agents.studies.wording import grouped, paragraphs
 from vessel_gym.extras import require
 
 
-def page(results: Results, out: Path, fresh: Results | None = None) -> Page:
-    """The report of a study as data, as far as it is flown.
-
-    The folder is for the command that runs it again; ``fresh`` are the results on the seeds of its confirmation.
-    """
+def page(results: Results, out: Path) -> Page:
+    """The report of a study as data, as far as it is flown; the folder is for the command that runs it again."""
     study = results.plan.study
     sections = [
         ranking(results),
-        *([] if fresh is None else [confirmation(confirmed(results, fresh), fresh)]),
         tails(results),
         price(results),
         costs(results),
@@ -50,29 +45,27 @@ def page(results: Results, out: Path, fresh: Results | None = None) -> Page:
         f"{many(len(study.estimators), 'estimator')}, {many(len(study.agents), 'agent')}, "
         f"{many(len(study.conditions), 'condition')}, {study.episodes} paired evaluation seeds"
         + (f", {many(study.training_seeds, 'training run')} of each learned agent" if study.learned else ""),
-        answer(results, fresh),
+        answer(results),
         [section for section in sections if section.blocks],
         summary(results),
     )
 
 
-def write_report(results: Results, out: Path, fresh: Results | None = None) -> Path:
+def write_report(results: Results, out: Path) -> Path:
     """Write ``report.html``, ``answer.md``, ``episodes.csv`` and ``tables/``, each file whole or not at all.
 
-    Arguments are those of `page`; fresh episodes go to ``confirmation.csv``. Returns the page.
+    Arguments are those of `page`. Returns the page.
 
     Raises:
         OSError: if a file cannot be written.
         ModuleNotFoundError: without Matplotlib or Jinja.
     """
     require("matplotlib", "jinja2")
-    report = page(results, out, fresh)
+    report = page(results, out)
     files = {out / "episodes.csv": results.episodes_csv(), out / "answer.md": "\n".join(report.answer) + "\n"}
-    if fresh is not None:
-        files[out / "confirmation.csv"] = fresh.episodes_csv()
     for table in report.tables:
         if table.name:
-            forms = {".csv": table.csv(), ".md": table.markdown(), ".tex": table.latex()}
+            forms = {".csv": table.csv(), ".md": table.markdown()}
             files |= {out / "tables" / f"{table.name}{suffix}": text for suffix, text in forms.items()}
     for path, text in files.items():
         with replacing(path) as temporary:

@@ -4,7 +4,6 @@ Everything is a mean over training runs and evaluation seeds, with the one inter
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import product
 from math import comb
 from typing import NamedTuple
 
@@ -165,17 +164,3 @@ def difference(
     """Difference of the shares that two policies keep, each at home, in runs of the same training seeds."""
     gaps = results.paired_shares(environments, (one, None), (other, None))
     return None if gaps is None else results.interval(one, gaps, comparisons)
-
-
-def crossing(results: Results, environment: str) -> Interval | float | None:
-    """Share lost by policies trained on another estimator than the one flown, mean over pairs of estimators."""
-    schools = [policy for policy in results.policies(environment) if results.agent(policy).learned]
-    pairs = [
-        results.paired_shares([environment], (here, None), (stranger, here.trained_on))
-        for here, stranger in product(schools, schools)
-        if here.agent == stranger.agent and here != stranger
-    ]
-    lost = [gaps for gaps in pairs if gaps is not None]
-    if not lost or len({len(gaps) for gaps in lost}) > 1:
-        return None
-    return results.interval(schools[0], np.mean(lost, axis=0))

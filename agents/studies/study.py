@@ -51,10 +51,10 @@ def read_study(path: Path | str) -> Study:
 
 
 _SECTIONS = ("environments", "estimators", "agents", "conditions")
-_LEARNED = ("observe", "memory", "trained_on", "flown_on", "steps", "critic", "guidance", "settings")
+_LEARNED = ("observe", "memory", "trained_on", "flown_on", "steps", "guidance", "settings")
 """Keys of agents that learn."""
 _LEAST = {"episodes": 2, "training_seeds": 1, "first_seed": 0}
-"""Least values of numbers of a study and of its confirmation."""
+"""Least values of numbers of a study."""
 _MOST_TRAINING_SEEDS, _MOST_STEPS = 1000, 2**31 - 1
 
 
@@ -70,7 +70,6 @@ class _Reader(TomlReader):
     CHOICES = {
         "observe": ("mean", "mean+std", "measurement"),
         "memory": MEMORIES,
-        "critic": ("none", "truth"),
         "termination": TERMINATIONS,
     }
 
@@ -93,21 +92,16 @@ class _Reader(TomlReader):
         return study
 
     def check_numbers(self, study: Study) -> None:
-        """Seeds are at least as many as needed, those of the confirmation fresh, and the margin is a share."""
-        for place, record in ((), study), (("confirm",), study.confirm):
-            for key, least in _LEAST.items():
-                if (value := getattr(record, key, least)) < least:
-                    self.wrong((*place, key), f"{key} must be at least {least}, got {value}")
-            self.accepts(place or ("episodes",), evaluation_seeds, max(record.episodes, 1), max(record.first_seed, 0))
+        """Seeds are at least as many as needed, and the margin is a share."""
+        for key, least in _LEAST.items():
+            if (value := getattr(study, key)) < least:
+                self.wrong((key,), f"{key} must be at least {least}, got {value}")
+        self.accepts(("episodes",), evaluation_seeds, max(study.episodes, 1), max(study.first_seed, 0))
         if not 0.0 < study.margin < 1.0:
             self.wrong(("margin",), f"margin must be a share between 0 and 1, got {study.margin:g}")
         if study.training_seeds > _MOST_TRAINING_SEEDS:
             text = f"training_seeds must be at most {_MOST_TRAINING_SEEDS}, got {study.training_seeds}"
             self.wrong(("training_seeds",), text)
-        first, fresh = study.first_seed, study.confirm
-        if fresh.first_seed < first + study.episodes and first < fresh.first_seed + fresh.episodes:
-            text = "the seeds of confirm must be fresh, and the study flies some of them: give a first_seed"
-            self.wrong(("confirm",), text)
 
     # --- what only the environments can tell -------------------------------------------------------
 
@@ -142,7 +136,7 @@ class _Reader(TomlReader):
                 continue
             here = [world for world in here if self.accepts((*place, "kind"), environment_id, world)]
             for world in here if agent.memory in MEMORIES else ():
-                described = (environment_id(world), None, 0, agent.steps.get(world), agent.memory, None)
+                described = (environment_id(world), None, 0, agent.steps.get(world), agent.memory)
                 if self.accepts((*place, "settings"), hyperparameters, described[0], agent.memory, agent.settings):
                     self.accepts((*place, "steps"), describe, *described, agent.settings)
             flown = [w for name in agent.trained_on for w in here if w in (study.estimator(name).environments or here)]

@@ -18,7 +18,6 @@ def train_agent(
     environment: str,
     options: dict[str, Any],
     memory: str,
-    critic: str | None,
     changed: dict[str, Any],
     steps: int | None,
     seed: int,
@@ -32,7 +31,7 @@ def train_agent(
     the source digests of what is the user's ``own`` are here to be part of the job.
     """
     chosen = environment_options(environment, options)
-    train(environment_id(environment), artifact, chosen, seed, steps, None, memory, critic, changed)
+    train(environment_id(environment), artifact, chosen, seed, steps, None, memory, changed)
     described = description(artifact)
     assert described is not None
     return {"steps": described["trained_steps"]}

@@ -31,9 +31,6 @@ from vessel_gym.extras import require
 MEMORIES = ("none", "frames", "lstm")
 """Memories of an agent: none, its last observations, or a recurrent network over all of them."""
 
-CRITICS = (None, "truth")
-"""Inputs of a critic in training beside the agent's observation: nothing, or the truth."""
-
 ALGORITHMS = {
     "ppo": "stable_baselines3:PPO",
     "a2c": "stable_baselines3:A2C",
@@ -143,7 +140,6 @@ def describe(
     seed: int,
     steps: int | None,
     memory: str = "none",
-    critic: str | None = None,
     settings: Mapping[str, Any] | None = None,
     algorithm: str = "ppo",
 ) -> dict[str, Any]:
@@ -156,15 +152,11 @@ def describe(
         environments' and estimators' source code.
 
     Raises:
-        ValueError: for an environment or memory without settings, an unknown critic, or a budget below one rollout.
+        ValueError: for an environment or memory without settings, or a budget below one rollout.
         TypeError: for options that no plain data can tell.
         ModuleNotFoundError: without torch or stable-baselines3.
     """
     require("torch", "stable_baselines3", "sb3_contrib")
-    if critic not in CRITICS:
-        raise ValueError(f"critic must be 'truth', or None for one that is told nothing more, got {short_repr(critic)}")
-    if critic is not None and algorithm != "ppo":
-        raise ValueError(f"critic='truth' is for ppo, not {algorithm}")
     settings = hyperparameters(env_id, memory, settings, algorithm)
     steps = settings["steps"] if steps is None else integer("steps", steps, 1)
     if steps < settings["num_envs"]:
@@ -176,7 +168,6 @@ def describe(
         "steps": steps,
         "algorithm": algorithm,
         "memory": memory,
-        "critic": critic,
         "hyperparameters": settings,
         "versions": {"vessel-gym": vessel_gym.__version__}
         | {name: metadata.version(name) for name in ("numpy", "torch", "stable-baselines3", "sb3-contrib")},
@@ -215,7 +206,6 @@ def train(
     steps: int | None = None,
     progress: Callable[[int, int, float], None] | None = None,
     memory: str = "none",
-    critic: str | None = None,
     settings: Mapping[str, Any] | None = None,
     algorithm: str = "ppo",
     folder: Path | None = None,
@@ -234,50 +224,53 @@ def train(
         progress: Called with (steps so far, steps in all, mean score of late episodes).
         memory: ``"none"``: the agent acts on the newest observation alone; ``"frames"``: on its last ones, side by
             side, zeros before the first; ``"lstm"``: through a recurrent network (``RecurrentPPO``).
-        critic: ``"truth"``: the critic alone has the truth for an input, see `agents.training.critic`; the policy acts
-            on its observations as any other. None: it sees what the agent sees.
         settings: Hyperparameters by name over those of `hyperparameters`.
         algorithm: One of `ALGORITHMS`.
-        folder: Where learning curves, the latest and the best policy, and the state of an interrupted training go,
+        folder: Where learning curves, the latest and the best policy, and the checkpoints of stable-baselines3 go,
             see `agents.training.callbacks`; None: nowhere.
-        resume: Go on from the state in the folder; the result is that of a training without interruption.
+        resume: Go on from the last checkpoint of stable-baselines3 in the folder, in new episodes. It holds pickles,
+            as all of stable-baselines3's.
 
     Returns:
         The path of the checkpoint.
 
     Raises:
-        ValueError: for an environment, memory or algorithm without settings, an unknown critic, a budget below one
-            rollout, a state of another training, or one in the folder that is not to be resumed.
+        ValueError: for an environment, memory or algorithm without settings, a budget below one rollout, a checkpoint
+            of another training, or one in the folder that is not to be resumed.
         TypeError: for options that a checkpoint cannot hold as plain data.
-        OSError: if the checkpoint cannot be written, or there is no state to resume from.
+        OSError: if the checkpoint cannot be written, or there is none to resume from.
         ModuleNotFoundError: without torch or stable-baselines3.
-        KeyboardInterrupt: after Ctrl-C, when the state has been kept.
+        KeyboardInterrupt: after Ctrl-C; the text names the last checkpoint in the folder.
     """
-    described = describe(env_id, env_options, seed, steps, memory, critic, settings, algorithm)
-    state = None if folder is None else _state(folder, described, resume)
+    described = describe(env_id, env_options, seed, steps, memory, settings, algorithm)
+    kept = None if folder is None else _kept(folder, described, resume)
     with replacing(zip_path(path)) as temporary, one_thread():
-        _learn(described, env_options, temporary, progress, folder, state)
+        _learn(described, env_options, temporary, progress, folder, kept)
     return zip_path(path)
 
 
-def _state(folder: Path, described: dict[str, Any], resume: bool) -> dict[str, Any] | None:
-    """The state in which a training was interrupted; None for a new one."""
-    from agents.training.callbacks import STATE
-    from agents.training.state import load_state
+def _kept(folder: Path, described: dict[str, Any], resume: bool) -> Path | None:
+    """The checkpoint with which a training goes on; None for a new one."""
+    from stable_baselines3.common.save_util import load_from_zip_file
 
-    path = folder / STATE
-    if not resume:
-        if path.exists():
-            raise ValueError(f"{path} keeps an interrupted training: go on with resume, or remove that file")
+    from agents.training.callbacks import last_checkpoint
+
+    path = last_checkpoint(folder)
+    if path is not None and not resume:
+        raise ValueError(f"{path} keeps an interrupted training: go on with resume, or remove that file")
+    if path is None and resume:
+        raise FileNotFoundError(f"there is no interrupted training to go on with: no checkpoint in {folder}")
+    if path is None:
         return None
-    if not path.exists():
-        raise FileNotFoundError(f"there is no interrupted training to go on with: no file {path}")
-    state = load_state(path)
-    before = state["more"]["described"]
+    try:
+        data, *_ = load_from_zip_file(path, device="cpu")
+        before = dict((data or {})["described"])
+    except Exception:  # a damaged pickle may break anything
+        raise ValueError(f"{path} is damaged: remove it, and --resume goes on from the one before it") from None
     changed = [key for key, value in described.items() if before.get(key) != value]
     if changed:
         raise ValueError(f"{path} is of another training: it differs in {', '.join(changed)}")
-    return state
+    return path
 
 
 def _learn(
@@ -286,45 +279,46 @@ def _learn(
     path: Path,
     progress: Callable[[int, int, float], None] | None,
     folder: Path | None,
-    state: dict[str, Any] | None,
+    kept: Path | None,
 ) -> None:
     """Train what `describe` described and save the policy, with the steps that it took: whole rollouts."""
-    from agents.training.callbacks import STATE, Checkpoints, Report, curves, interruptible
+    from agents.training.callbacks import Checkpoints, Evaluation, Report, curves, last_checkpoint, remove_checkpoints
 
     budget = described["steps"]
     report = Report(budget, progress)
-    with learner(described, env_options) as model:
+    with _learner(described, env_options, kept) as model:
         if folder is None:
             model.learn(budget, callback=report)
         else:
-            from agents.training.state import restore
-
             folder.mkdir(parents=True, exist_ok=True)
-            for partial in (*folder.glob(".state-*.pkl"), *folder.glob(".latest-*.zip")):  # of a killed process
-                partial.unlink()
-            if state is not None:
-                restore(model, state)
-            checkpoints = Checkpoints(folder, described, env_options, state and state["more"])
-            with closing(curves(folder, model.num_timesteps)) as logger, interruptible(checkpoints):
+            checkpoints = Checkpoints(folder, budget // described["hyperparameters"]["num_envs"])
+            callbacks = [report, checkpoints, Evaluation(folder, described, env_options)]
+            with closing(curves(folder, model.num_timesteps)) as logger:
                 model.set_logger(logger)
-                left = budget - model.num_timesteps
-                model.learn(left, callback=[report, checkpoints], reset_num_timesteps=state is None)
+                try:
+                    model.learn(budget - model.num_timesteps, callback=callbacks, reset_num_timesteps=kept is None)
+                except KeyboardInterrupt:
+                    last = last_checkpoint(folder)
+                    raise KeyboardInterrupt(f"the last checkpoint is {last}" if last else "") from None
         write(path, model, described | {"trained_steps": model.num_timesteps})
     if folder is not None:
-        (folder / STATE).unlink(missing_ok=True)
+        remove_checkpoints(folder)
 
 
 @contextmanager
-def learner(described: dict[str, Any], env_options: dict[str, Any] | None = None) -> Iterator[Any]:
+def _learner(described: dict[str, Any], env_options: dict[str, Any] | None, kept: Path | None) -> Iterator[Any]:
     """The model of stable-baselines3 that learns what `describe` described, with its environment while it does.
 
     Args:
         described: What `describe` gave.
         env_options: Those that were described, where they hold more than plain data.
+        kept: A checkpoint with which it goes on; None: a new model.
     """
     import torch
     from stable_baselines3.common.noise import NormalActionNoise
     from stable_baselines3.common.utils import LinearSchedule
+
+    from agents.training.callbacks import replay_path
 
     settings, seed, memory = (described[key] for key in ("hyperparameters", "seed", "memory"))
     num_envs, rate = settings["num_envs"], settings["learning_rate"]
@@ -339,26 +333,27 @@ def learner(described: dict[str, Any], env_options: dict[str, Any] | None = None
         from agents.policies.lstm import LstmPolicy
 
         policy = LstmPolicy
-    if described["critic"] == "truth":
-        from agents.training.critic import TruthLstmPolicy, TruthPolicy
-
-        policy = TruthLstmPolicy if memory == "lstm" else TruthPolicy
-        network |= {"seen": env.seen, "truth": env.truth, "frames": settings.get("frames", 1)}
     if "action_noise" in settings:
         size = env.action_space.shape[0]
         own["action_noise"] = NormalActionNoise(np.zeros(size), np.full(size, settings["action_noise"]))
     kind = _algorithm(described["algorithm"], memory)
     if "stats_window_size" in inspect.signature(kind).parameters:  # DDPG lacks it
         own["stats_window_size"] = 2 * num_envs
-    model = kind(
-        policy,
-        env,
-        **own,
-        learning_rate=LinearSchedule(rate, settings.get("learning_rate_final", rate), 1.0),
-        policy_kwargs=network,
-        seed=seed,
-        device="cpu",
-    )
+    if kept is None:
+        model = kind(
+            policy,
+            env,
+            **own,
+            learning_rate=LinearSchedule(rate, settings.get("learning_rate_final", rate), 1.0),
+            policy_kwargs=network,
+            seed=seed,
+            device="cpu",
+        )
+        model.described = described  # which its checkpoints keep
+    else:
+        model = kind.load(kept, env, device="cpu")
+        if (replay := replay_path(kept)).exists():
+            model.load_replay_buffer(replay)
     # PPO reseeds the environments with its own seed: put the training range back.
     env.seed(training_seed(seed))
     try:
@@ -368,26 +363,16 @@ def learner(described: dict[str, Any], env_options: dict[str, Any] | None = None
 
 
 def batch(described: dict[str, Any], num_envs: int, env_options: dict[str, Any] | None = None) -> Any:
-    """The environments, as the learner of what `describe` described sees them; ``env_options`` as for `learner`."""
+    """The environments, as the learner of what `describe` described sees them; ``env_options`` as described."""
     from stable_baselines3.common.vec_env import VecFrameStack
 
     from agents.training.vec_env import StableBaselinesVecEnv
 
     options = env_options or described["env_options"]
-    if (
-        options.get("observe") == "measurement"
-        and options.get("termination") != "belief"
-        and described["critic"] is None
-    ):
+    if options.get("observe") == "measurement" and options.get("termination") != "belief":
         options = options | {"estimator": "measurement", "estimator_options": {}}  # nobody sees what a filter believes
     vector: Any = gym.make_vec(described["env_id"], num_envs=num_envs, **options)
-    scale = described["hyperparameters"].get("reward_scale", 1.0)
-    if described["critic"] == "truth":
-        from agents.training.critic import TruthVecEnv
-
-        env: StableBaselinesVecEnv = TruthVecEnv(vector, scale)
-    else:
-        env = StableBaselinesVecEnv(vector, scale)
+    env = StableBaselinesVecEnv(vector, described["hyperparameters"].get("reward_scale", 1.0))
     return VecFrameStack(env, described["hyperparameters"]["frames"]) if described["memory"] == "frames" else env
 
 

@@ -1,11 +1,7 @@
-"""Callbacks of a training: progress, curves, evaluation, and a state from which an interrupted one goes on."""
+"""Callbacks of a training: progress, curves, evaluation, and checkpoints from which an interrupted one goes on."""
 
 import shutil
-import signal
-import threading
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -20,20 +16,15 @@ from vessel_gym.extras import require
 require("stable_baselines3")
 
 from stable_baselines3.common import logger as sb3_logger  # noqa: E402
-from stable_baselines3.common.callbacks import BaseCallback  # noqa: E402
-
-from agents.training.state import save_state  # noqa: E402
+from stable_baselines3.common.callbacks import BaseCallback, CheckpointCallback  # noqa: E402
 
 EVALUATIONS, EPISODES = 10, 20
 """Evaluations of a training, and episodes of each, on tuning seeds."""
-PAUSE = 60.0
-"""Seconds between two states that are kept."""
-CURVES, STATE, LATEST, BEST = "progress.csv", "state.pkl", "latest.zip", "best.zip"
-"""Files of a training's folder; TensorBoard's events lie beside them."""
-
-
-class Interrupted(KeyboardInterrupt):
-    """A training that the user has interrupted; the text says how far it got and how it goes on."""
+CHECKPOINTS = 20
+"""Checkpoints of stable-baselines3 in a training."""
+CURVES, LATEST, BEST = "progress.csv", "latest.zip", "best.zip"
+"""Files of a training's folder; TensorBoard's events and stable-baselines3's checkpoints lie beside them."""
+_CHECKPOINT = "checkpoint"
 
 
 class Report(BaseCallback):
@@ -54,8 +45,49 @@ class Report(BaseCallback):
             self._progress(self.num_timesteps, self._budget, mean)
 
 
-class Checkpoints(BaseCallback):
-    """The folder of a training: its state, its latest and its best policy, and what these score.
+class Checkpoints(CheckpointCallback):
+    """stable-baselines3's checkpoints, `CHECKPOINTS` of them in a training, of which the last two stay.
+
+    Args:
+        folder: Where the files go.
+        steps: Steps of the batch in the training.
+    """
+
+    def __init__(self, folder: Path, steps: int) -> None:
+        super().__init__(max(steps // CHECKPOINTS, 1), str(folder), _CHECKPOINT, save_replay_buffer=True)
+
+    def _on_step(self) -> bool:
+        go_on = super()._on_step()
+        remove_checkpoints(Path(self.save_path), 2)
+        return go_on
+
+
+def _checkpoints(folder: Path) -> list[Path]:
+    """Checkpoints of stable-baselines3 in a folder, from the first to the last."""
+    return sorted(folder.glob(f"{_CHECKPOINT}_*_steps.zip"), key=lambda path: int(path.stem.split("_")[1]))
+
+
+def last_checkpoint(folder: Path) -> Path | None:
+    """The last checkpoint of stable-baselines3 in a folder, if there is one."""
+    return next(reversed(_checkpoints(folder)), None)
+
+
+def replay_path(checkpoint: Path) -> Path:
+    """The file of the replay buffer that goes with a checkpoint of stable-baselines3."""
+    name = checkpoint.stem.replace(_CHECKPOINT, f"{_CHECKPOINT}_replay_buffer")
+    return checkpoint.with_name(f"{name}.pkl")
+
+
+def remove_checkpoints(folder: Path, kept: int = 0) -> None:
+    """Remove the checkpoints of stable-baselines3 from a folder, but for the last ones."""
+    paths = _checkpoints(folder)
+    for path in paths[: len(paths) - kept]:
+        replay_path(path).unlink(missing_ok=True)
+        path.unlink()
+
+
+class Evaluation(BaseCallback):
+    """The latest and the best policy of a training, and what they score.
 
     Evaluation draws no random number of the learner, so a training learns the same with this callback or without.
 
@@ -63,21 +95,18 @@ class Checkpoints(BaseCallback):
         folder: Where the files go.
         described: What `agents.training.algorithms.describe` gave.
         env_options: Passed to the environment of evaluations.
-        kept: What the state of an interrupted training holds beside the learner; None: a new training.
-
-    Raises:
-        Interrupted: between two rollouts, after Ctrl-C; the state is kept.
     """
 
-    def __init__(
-        self, folder: Path, described: dict[str, Any], env_options: dict[str, Any] | None, kept: Any = None
-    ) -> None:
+    def __init__(self, folder: Path, described: dict[str, Any], env_options: dict[str, Any] | None) -> None:
         super().__init__()
         self._folder, self._described, self._options = folder, described, env_options
-        self._best: float = kept["best"] if kept else -np.inf
-        self._done: int = kept["evaluations"] if kept else 0
-        self._saved = time.monotonic() if kept else -np.inf  # a new training keeps its state at once
-        self.interrupted = False
+        self._best, self._done = -np.inf, 0
+
+    def _on_training_start(self) -> None:
+        best = self._folder / BEST
+        if self.num_timesteps and best.exists():  # of the training that goes on
+            self._best = self._score(best)
+        self._done = self.num_timesteps * EVALUATIONS // self._described["steps"]
 
     def _on_step(self) -> bool:
         return True
@@ -85,54 +114,26 @@ class Checkpoints(BaseCallback):
     def _on_rollout_start(self) -> None:
         if self.num_timesteps * EVALUATIONS >= (self._done + 1) * self._described["steps"]:
             self._evaluate()
-        if self.interrupted or time.monotonic() >= self._saved + PAUSE:
-            self._keep()
-        if self.interrupted:
-            share = self.num_timesteps / self._described["steps"]
-            raise Interrupted(f"{share:.0%} of the steps are kept in {self._folder / STATE}")
 
     def _on_training_end(self) -> None:
         self._evaluate()
         self.logger.record("time/total_timesteps", self.num_timesteps, exclude="tensorboard")
         self.logger.dump(self.num_timesteps)
 
-    def _keep(self) -> None:
-        more = {"described": self._described, "best": self._best, "evaluations": self._done}
-        save_state(self._folder / STATE, self.model, more)
-        self._saved = time.monotonic()
-
     def _evaluate(self) -> None:
         """Score the latest policy on tuning seeds, and keep it if it is the best so far."""
         latest, described = self._folder / LATEST, self._described
         write(latest, self.model, described | {"trained_steps": self.num_timesteps})
-        flown = rollout(latest, described["env_id"], tuning_seeds(EPISODES), self._options, record=False)
-        score = float(flown.score.mean())
+        score = self._score(latest)
         self.logger.record("eval/score", score)
         self._done = self.num_timesteps * EVALUATIONS // described["steps"]
         if score > self._best:
             self._best = score
             shutil.copyfile(latest, self._folder / BEST)
 
-
-@contextmanager
-def interruptible(checkpoints: Checkpoints) -> Iterator[None]:
-    """Around learning: a first Ctrl-C waits for the end of a rollout, a second one does not.
-
-    Only the main thread of a process can listen.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def note(*_: Any) -> None:
-        checkpoints.interrupted = True
-        signal.signal(signal.SIGINT, before)
-
-    before = signal.signal(signal.SIGINT, note)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
+    def _score(self, path: Path) -> float:
+        env_id, seeds = self._described["env_id"], tuning_seeds(EPISODES)
+        return float(rollout(path, env_id, seeds, self._options, record=False).score.mean())
 
 
 def curves(folder: Path, steps: int) -> sb3_logger.Logger:

@@ -57,7 +57,7 @@ class StableBaselinesVecEnv(VecEnv):
         self._reset_options()
         self._returns[:], self._lengths[:] = 0.0, 0
         self.reset_infos = [{} for _ in range(self.num_envs)]
-        return self._observed(observations)
+        return observations
 
     def set_options(self, options: list[dict[str, Any]] | dict[str, Any] | None = None) -> None:
         """The options of the next `reset`, for all environments alike.
@@ -76,14 +76,13 @@ class StableBaselinesVecEnv(VecEnv):
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """Observations, rewards, dones and one info an environment."""
         observations, rewards, terminated, truncated, info = self.env.step(self._actions)
-        observations = self._observed(observations)
         self._returns += rewards
         self._lengths += 1
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         dones = terminated | truncated
         if dones.any() and self._resets:
             info = {"final_obs": observations, "final_info": info}
-            observations = self._observed(self.env.reset(options={"reset_mask": dones})[0])
+            observations = self.env.reset(options={"reset_mask": dones})[0]
         for i in np.flatnonzero(dones):
             infos[i] = {
                 "terminal_observation": info["final_obs"][i],
@@ -100,10 +99,6 @@ class StableBaselinesVecEnv(VecEnv):
                 infos[i]["is_success"] = bool(info["final_info"]["is_success"][i])
             self._returns[i], self._lengths[i] = 0.0, 0
         return observations, self.reward_scale * rewards.astype(np.float32), dones, infos
-
-    def _observed(self, observations: np.ndarray) -> np.ndarray:
-        """Observations of a learner, from the environment's at this step ``(B, k)``."""
-        return observations
 
     def close(self) -> None:
         """Close the environment."""

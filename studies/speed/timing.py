@@ -35,8 +35,8 @@ from studies.speed.baselines import (
     numpy_kalman,
     ours,
 )
+from studies.speed.cart_pole import CART_POLE
 from studies.speed.flights import STEPS, Flight, units
-from studies.third_party.benchmark import CART_POLE
 from vessel_gym.core import Core
 from vessel_gym.wrappers.vector import EstimatedObservation
 

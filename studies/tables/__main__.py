@@ -27,7 +27,6 @@ from studies.tables.filters import huber_iterations, published_scores, robust_lo
 from studies.tables.grades import sensor_grades
 from studies.tables.markdown import ROOT, WITHOUT, number, percent, put, rows_of, shown, table
 from studies.tables.suites import by_suite, differences, environments, flown, found, headline, truth_first
-from studies.third_party.table import returns
 from vessel_gym.envs.ship import SIGMA_CORVETTE
 from vessel_gym.vehicles.corvette import MOTION_UNIT
 
@@ -261,9 +260,8 @@ def advice(results: Path) -> str:
 
 
 def exceptions(results: Path) -> str:
-    """Conditions of the quick study in which filters differ most, and that cost most; on fresh seeds."""
-    fresh = results / "confirmation.csv"
-    file = fresh if fresh.exists() else results / "episodes.csv"
+    """Conditions of the quick study in which filters differ most, and that cost most."""
+    file = results / "episodes.csv"
     best = rows_of(results / "tables" / "ranking.md").splitlines()[2].split("|")[1].strip()
 
     def less(world: str, condition: str, one: str, other: str) -> str:
@@ -274,11 +272,10 @@ def exceptions(results: Path) -> str:
     gains = ", ".join(f"{less(world, 'bad sensors', 'huber-kf', 'ekf')} in `{world}`" for world in worlds)
     lost = " and ".join(less("PunaUAV-v0", f"model {share} % off", "truth", best) for share in (10, 20))
     count = flown(file, worlds[0], "autopilot")["bad sensors", best].shape[-1]
-    seeds = f"{count} {'fresh ' if fresh.exists() else ''}seeds"
     return fill(
         f"Where one measurement in twenty is wild, `huber-kf` scores more than `ekf` by {gains}. Where lift and "
         f"mass are 10 or 20 % off, the aircraft loses {lost} of the score on `{best}` against the truth. (Means over "
-        f"{seeds}; each 95 % interval stands for itself.)",
+        f"{count} seeds; each 95 % interval stands for itself.)",
         140,
         break_on_hyphens=False,
     )
@@ -339,7 +336,6 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     "faults": (ESTIMATORS / "unknown-input-faults.md", faults),
     "faults found": (ESTIMATORS / "unknown-input-faults.md", faults_found),
     "agents": (ROOT / "docs/agents.md", packaged_agents),
-    "learned": (ROOT / "docs/any-environment.md", returns),
     "latency": (ROOT / "docs/late-fixes.md", lambda: latency(ROOT / "results/latency")),
     "gap": (ROOT / "docs/late-fixes.md", gap),
     "alarms": (ROOT / "docs/time-at-sea.md", alarms),
@@ -374,9 +370,9 @@ TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
 
 
 def main(names: tuple[str, ...] = (*TABLES, *TEXTS), /) -> None:
-    """Write tables of docs/ anew: dives, flights, faults and others are flown and trained for, in an hour.
+    """Write tables of docs/ anew: dives, flights, faults and others are flown, in an hour.
 
-    Trainings are kept in results/third-party. Tables of studies are taken from results/ablation, results/suites,
+    Tables of studies are taken from results/ablation, results/suites,
     results/quick and results/latency, where `make ablation` and `vessel-gym ablate suites` (or quick, or latency) leave
     them.
 

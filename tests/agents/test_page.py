@@ -99,24 +99,7 @@ AWKWARD = Table(
         ("calm & rough", [("[kf]", [Entry("−1.0", "0.1"), Entry("#2 ^3")])]),
         ("", [("$", [Entry("–"), Entry("0.1 [0.0, 0.2]")])]),
     ],
-    "awkward",
 )  # fmt: skip
-
-
-def test_a_table_in_latex_escapes_everything_and_has_as_many_columns_as_it_declares():
-    text = AWKWARD.latex()
-    assert text.isascii()
-    assert r"\begin{tabular}{lrr}" in text
-    assert r"\label{tab:awkward}" in text
-    plain = re.sub(r"\\(?:[&%$#_{}]|text\w+\{\})", "", text)  # without what is escaped
-    lines = [line for line in plain.splitlines() if line.endswith(r" \\")]
-    cells = [line for line in lines if "multicolumn" not in line]
-    assert [line.count("&") for line in cells] == [2, 2, 2]
-    assert sum("multicolumn{3}" in line for line in lines) == 1
-    assert not re.search(r"[#~]|\^(?!\\circ)", plain)
-    assert not any(line.lstrip().startswith("[") for line in lines)  # after the end of a row that would be its spacing
-    assert text.count("{") - text.count(r"\{") == text.count("}") - text.count(r"\}")
-    assert [text.count(rf"\{rule}rule") for rule in ("top", "mid", "bottom")] == [1, 2, 1]
 
 
 def test_a_table_in_markdown_has_the_same_cells_in_every_row():

@@ -18,7 +18,7 @@ from agents import load_agent, rollout
 from agents.policies.checkpoint import description
 from agents.policies.lstm import LstmPolicy
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
-from agents.training.algorithms import CRITICS, MEMORIES, batch, describe, hyperparameters, train
+from agents.training.algorithms import MEMORIES, batch, describe, hyperparameters, train
 from agents.training.vec_env import StableBaselinesVecEnv
 from estimators import ExtendedKalmanFilter
 from vessel_gym.core import Core
@@ -36,10 +36,9 @@ def weights(path: Path) -> dict[str, np.ndarray]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("memory", MEMORIES)
-@pytest.mark.parametrize("critic", CRITICS)
-def test_the_same_seed_trains_the_same_policy_and_another_seed_another(tmp_path: Path, memory: str, critic: str | None):
+def test_the_same_seed_trains_the_same_policy_and_another_seed_another(tmp_path: Path, memory: str):
     one, other, third = (
-        weights(train(ENV, tmp_path / f"{name}.zip", RAW, seed, STEPS, memory=memory, critic=critic))
+        weights(train(ENV, tmp_path / f"{name}.zip", RAW, seed, STEPS, memory=memory))
         for name, seed in (("one", 3), ("other", 3), ("third", 4))
     )
     for key, value in one.items():  # on one machine: training carries rounding of another far
@@ -71,37 +70,31 @@ def test_training_flies_its_own_seeds_and_no_others(
     assert not used & set(tuning_seeds(1_000_000))
 
 
-SAVED = [("none", None, {"observe": "mean+std"}), ("lstm", None, RAW), ("none", "truth", RAW), ("lstm", "truth", RAW)]
-SAVED_SLOWLY = pytest.param("frames", "truth", RAW, marks=pytest.mark.slow)
-
-
-@pytest.mark.parametrize(("memory", "critic", "options"), [*SAVED, SAVED_SLOWLY])
-def test_a_checkpoint_flies_as_the_actor_that_was_saved_without_the_critic_s_input(
-    tmp_path: Path, saved: list[Any], memory: str, critic: str | None, options: dict[str, Any]
+@pytest.mark.parametrize(("memory", "options"), [("none", {"observe": "mean+std"}), ("lstm", RAW), ("frames", RAW)])
+def test_a_checkpoint_flies_as_the_actor_that_was_saved(
+    tmp_path: Path, saved: list[Any], memory: str, options: dict[str, Any]
 ):
-    path = train(ENV, tmp_path / "agent.zip", options, steps=STEPS, memory=memory, critic=critic)
+    path = train(ENV, tmp_path / "agent.zip", options, steps=STEPS, memory=memory)
     model, frames, rows = saved[0], 3 if memory == "frames" else 1, 5
     env = gym.make(ENV, **options)
-    size, truth = env.observation_space.shape[0], model.get_env().truth if critic else 0
+    size = env.observation_space.shape[0]
     agent = load_agent(path, env)
     agent.reset(rows)
-    past = np.zeros((frames, rows, size + truth), np.float32)
+    past = np.zeros((frames, rows, size), np.float32)
     rng, state, starts = np.random.default_rng(0), None, np.ones(rows, bool)
     for _ in range(4):
         new = rng.uniform(-3.0, 3.0, past[0].shape).astype(np.float32)
         past = np.concatenate([past[1:], new[None]])
         expected, state = model.predict(np.concatenate(list(past), -1), state, starts, deterministic=True)
-        actions = agent.act(new[:, :size])
-        np.testing.assert_allclose(actions, expected, rtol=0, atol=1e-6 if critic else 0.0)
+        actions = agent.act(new)
+        np.testing.assert_array_equal(actions, expected)
         assert env.action_space.contains(actions[0])
         starts[:] = False
     if memory == "none":
-        np.testing.assert_array_equal(agent.act(new[:, :size]), actions)  # without exploration noise
+        np.testing.assert_array_equal(agent.act(new), actions)  # without exploration noise
     one, other = (rollout(str(path), ENV, [1, 2], options, record=False) for _ in range(2))
     np.testing.assert_array_equal(one.score, other.score)
-    described = description(path)
-    assert described["critic"] == critic
-    assert described["policy"]["observations"] == frames * size
+    assert description(path)["policy"]["observations"] == frames * size
 
 
 @pytest.mark.parametrize("env_id", [ENV, "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"])
@@ -122,9 +115,9 @@ def test_training_on_raw_measurements_runs_no_filter_and_sees_the_same(env_id: s
             np.testing.assert_array_equal(one, other)
 
 
-def test_a_filter_that_ends_missions_or_serves_the_critic_is_kept():
-    for options, critic in (({"termination": "belief"}, None), ({}, "truth"), ({"observe": "mean"}, None)):
-        described = describe(ENV, {"observe": "measurement"} | options, 0, None, critic=critic)
+def test_a_filter_that_ends_missions_is_kept():
+    for options in ({"termination": "belief"}, {"observe": "mean"}):
+        described = describe(ENV, {"observe": "measurement"} | options, 0, None)
         assert batch(described, 1).env.unwrapped.core.estimator == "kf-umv-ui"
 
 
@@ -209,11 +202,10 @@ def test_the_recurrent_policy_is_that_of_sb3_contrib_in_all_that_a_training_asks
     assert (True, True) in beginnings
 
 
-def test_descriptions_differ_by_memory_and_critic_and_stand_in_the_checkpoint(tmp_path: Path):
+def test_descriptions_differ_by_memory_and_stand_in_the_checkpoint(tmp_path: Path):
     described = [describe(ENV, RAW, 0, STEPS, memory) for memory in MEMORIES]
     assert [one["memory"] for one in described] == list(MEMORIES)
     assert describe(ENV, RAW, 0, STEPS) == described[0]
-    assert [describe(ENV, RAW, 0, STEPS, critic=critic)["critic"] for critic in CRITICS] == [None, "truth"]
     path = train(ENV, tmp_path / "agent.zip", RAW, steps=STEPS)
     assert description(path).items() >= described[0].items()
     assert description(path)["trained_steps"] == STEPS

@@ -59,7 +59,7 @@ def test_a_study_ends_with_its_answer_and_where_the_report_lies_and_is_not_compu
     assert (out / "report.html").stat().st_size > 100_000
     assert (out / "study.toml").read_text() == SMALL
     assert json.loads((out / "study.json").read_text())["training_seeds"] == 1
-    assert {path.suffix for path in (out / "tables").iterdir()} == {".csv", ".md", ".tex"}
+    assert {path.suffix for path in (out / "tables").iterdir()} == {".csv", ".md"}
     computed = len(journal(out))
     episodes = (out / "episodes.csv").read_bytes()
     assert ablate.main(out / "study.toml", out, processes=1) == 0  # as the report says

@@ -19,7 +19,7 @@ import agents
 import agents.jobs
 import agents.training.algorithms
 from agents import commands, rollout
-from agents.commands import ablate, budget, convert, evaluate, train, watch
+from agents.commands import ablate, budget, evaluate, train, watch
 from agents.commands.console import command
 from agents.commands.world import World
 from agents.jobs import check_scheduler
@@ -31,7 +31,7 @@ from studies.speed import __main__ as speed
 from studies.speed import timing
 
 COMMANDS: dict[str, Any] = {
-    "ablate": ablate.main, "budget": budget.main, "convert": convert.main, "evaluate": evaluate.main,
+    "ablate": ablate.main, "budget": budget.main, "evaluate": evaluate.main,
     "speed": speed.main, "reproduce": reproduce.main, "train": train.main, "watch": watch.main,
 }  # fmt: skip
 STUDY = """
@@ -182,7 +182,6 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tu
         ("train --runs 0", "--runs must be at least 1, got 0"),
         ("train --steps 0", "--steps must be at least 1, got 0"),
         ("train --steps 5", "steps must be at least"),
-        ("train --critic oracle", "critic must be 'truth', or None"),
         ("watch CartPole-v1 --agent random --out turn.html", "'CartPole-v1' has no estimator in the loop"),
         ("watch --seed -1 --out turn.gif", "--seed must be at least 0, got -1"),
         ("watch --out turn.avi", "must be one of .html, .gif, .mp4, .png"),

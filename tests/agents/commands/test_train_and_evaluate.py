@@ -14,12 +14,12 @@ from agents.seeds import tuning_seeds
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("memory", "critic"), [("none", None), ("frames", None), ("none", "truth")])
+@pytest.mark.parametrize("memory", ["none", "frames"])
 def test_a_trained_agent_can_be_evaluated_on_several_estimators(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], memory: str, critic: str | None
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], memory: str
 ):
     checkpoint = tmp_path / "ppo.zip"
-    train.main("SigmaCorvette-v0", out=checkpoint, memory=memory, critic=critic, steps=128)
+    train.main("SigmaCorvette-v0", out=checkpoint, memory=memory, steps=128)
     assert f"checkpoint: {checkpoint}" in capsys.readouterr().out
     assert description(checkpoint)["memory"] == memory
     evaluate.main("SigmaCorvette-v0", agent=str(checkpoint), estimator=("truth", "kf"), episodes=2)
@@ -67,6 +67,6 @@ def test_an_interrupted_command_ends_quietly():
 
 def test_learning_that_starts_too_late_is_told_with_a_start_that_fits(capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("stable_baselines3")
-    given = {"steps": 50, "memory": "none", "critic": None, "settings": {}, "algorithm": "sac"}
+    given = {"steps": 50, "memory": "none", "settings": {}, "algorithm": "sac"}
     train._checked("SigmaCorvette-v0", {}, 0, given)
     assert "--set learning_starts=5\n" in capsys.readouterr().err

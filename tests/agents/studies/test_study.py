@@ -107,23 +107,21 @@ def test_the_studies_of_the_package_are_studies_of_which_no_filter_assumes_anoth
 RULED = """
 first_seed = 40
 margin = 0.02
-confirm = { first_seed = 900 }
 
 [environments]
 SegorogeniAUV-v0 = {}
 
 [agents]
-PPO = { kind = "ppo", critic = "truth", guidance = false, settings = { gamma = 0.9, net_arch = [32] } }
+PPO = { kind = "ppo", guidance = false, settings = { gamma = 0.9, net_arch = [32] } }
 """
 
 
 def test_seeds_margin_and_settings_of_an_agent_are_read(tmp_path):
     study = read(tmp_path, "episodes = 3\n" + RULED)
     assert study.seeds == evaluation_seeds(3, 40)
-    assert study.fresh.seeds == evaluation_seeds(300, 900)
     assert (study.margin, study.termination) == (0.02, "belief")
     ppo = study.agents[-1]
-    assert (ppo.critic, ppo.guidance, ppo.settings) == ("truth", False, {"gamma": 0.9, "net_arch": [32]})
+    assert (ppo.guidance, ppo.settings) == (False, {"gamma": 0.9, "net_arch": [32]})
 
 
 @pytest.mark.parametrize("chosen", ["belief", "task"])
@@ -138,13 +136,12 @@ def test_what_is_wrong_with_seeds_margin_and_termination_is_reported_with_its_li
     text = """first_seed = -1
 margin = 0
 termination = "beleif"
-confirm = { first_seed = 50, episode = 3 }
 [environments]
 SegorogeniAUV-v0 = {}
 [agents]
-mine = { kind = "autopilot", critic = "truth" }
+mine = { kind = "autopilot", guidance = true }
 PPO = { kind = "ppo", guidance = 1, settings = { gama = 0.9 } }
-other = { kind = "ppo", critic = "oracle", settings = { net_arch = 3 } }
+other = { kind = "ppo", settings = { net_arch = 3 } }
 empty = { kind = "ppo", settings = { net_arch = [] } }
 endless = { kind = "ppo", settings = { gamma = inf } }
 half = { kind = "ppo", settings = { n_steps = 0.5 } }
@@ -153,13 +150,12 @@ half = { kind = "ppo", settings = { n_steps = 0.5 } }
         1: "first_seed must be at least 0",
         2: "margin must be a share between 0 and 1",
         3: "did you mean 'belief'",
-        4: "the seeds of confirm must be fresh",
-        8: "critic is for agents that learn",
-        9: "did you mean 'gamma'",
-        10: "the setting net_arch must be such as [64, 64], got 3",
-        11: "the setting net_arch must be such as [64, 64], got []",
-        12: "the setting gamma must be such as 1.0, got inf",
-        13: "the setting n_steps must be such as 64, got 0.5",
+        7: "guidance is for agents that learn",
+        8: "did you mean 'gamma'",
+        9: "the setting net_arch must be such as [64, 64], got 3",
+        10: "the setting net_arch must be such as [64, 64], got []",
+        11: "the setting gamma must be such as 1.0, got inf",
+        12: "the setting n_steps must be such as 64, got 0.5",
     }
     found = mistakes(tmp_path, text)
     for line, words in expected.items():

@@ -1,1 +1,0 @@
-"""Benchmark of the asymmetric critic, which alone is given the truth."""

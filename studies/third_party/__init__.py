@@ -1,1 +1,0 @@
-"""Benchmark of learning on estimates in environments of third parties."""

@@ -1,0 +1,90 @@
+"""Interrupted trainings go on from their last checkpoint, and what lies in their folder meanwhile."""
+
+import csv
+import signal
+import zipfile
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from agents.policies.checkpoint import description
+from agents.training import callbacks
+from agents.training.algorithms import train
+from agents.training.callbacks import BEST, CURVES, LATEST, last_checkpoint
+
+STEPS = 10 * 8 * 16
+TINY = {
+    "ppo": {"num_envs": 8, "net_arch": [8], "n_steps": 16, "batch_size": 64, "n_epochs": 2},
+    "sac": {"num_envs": 8, "net_arch": [8], "learning_starts": 100, "batch_size": 32, "gradient_steps": 2},
+}
+
+
+def learned(path: Path, algorithm: str = "ppo", memory: str = "none", options: Any = None, **more: Any) -> Path:
+    return train("SigmaCorvette-v0", path, options, 1, STEPS, None, memory, TINY[algorithm], algorithm, **more)
+
+
+def interrupt(monkeypatch: pytest.MonkeyPatch, share: float) -> None:
+    """Press Ctrl-C once, in the middle of a rollout, after a share of the steps."""
+
+    def pressed(self: Any) -> bool:
+        if not seen and self.num_timesteps >= share * STEPS:
+            seen.append(True)
+            signal.raise_signal(signal.SIGINT)
+        return True
+
+    seen: list[bool] = []
+    monkeypatch.setattr(callbacks.Evaluation, "_on_step", pressed)
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "memory"),
+    [("ppo", "none"), *(pytest.param(*each, marks=pytest.mark.slow) for each in (("sac", "none"), ("ppo", "lstm")))],
+)
+def test_an_interrupted_training_goes_on_from_its_last_checkpoint_to_the_asked_number_of_steps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, algorithm: str, memory: str
+):
+    path, folder = tmp_path / "agent.zip", tmp_path / "agent"
+    interrupt(monkeypatch, 0.62)
+    with pytest.raises(KeyboardInterrupt, match=r"^the last checkpoint is .*checkpoint_768_steps.zip$"):
+        learned(path, algorithm, memory, folder=folder)
+    assert not path.exists()
+    assert len(list(folder.glob("checkpoint_*_steps.zip"))) == 2
+    with pytest.raises(ValueError, match="keeps an interrupted training: go on with resume, or remove that file"):
+        learned(path, algorithm, memory, folder=folder)
+    with pytest.raises(ValueError, match=r"is of another training: it differs in env_options$"):
+        learned(path, algorithm, memory, {"sensors": "clean"}, folder=folder, resume=True)
+    begun: list[int] = []
+    start = callbacks.Evaluation._on_training_start
+    monkeypatch.setattr(
+        callbacks.Evaluation, "_on_training_start", lambda self: begun.append(self.num_timesteps) or start(self)
+    )
+    learned(path, algorithm, memory, folder=folder, resume=True)
+    assert begun == [768]
+    names = {file.name for file in folder.iterdir()}
+    events = {name for name in names if "tfevents" in name}
+    assert names - events == {CURVES, LATEST, BEST}
+    assert bool(events) == (find_spec("tensorboard") is not None)
+    with (folder / CURVES).open() as file:
+        rows = list(csv.DictReader(file))
+    steps = [int(row["time/total_timesteps"]) for row in rows]
+    assert steps == sorted(steps)
+    assert steps[0] < 768 or algorithm == "sac"  # which writes no row so early
+    assert steps[-1] == description(path)["trained_steps"] >= STEPS
+    assert float(rows[-1]["eval/score"]) > 0.0
+    with zipfile.ZipFile(path) as ours, zipfile.ZipFile(folder / LATEST) as latest:
+        name = next(name for name in ours.namelist() if name.startswith("weights/"))
+        assert ours.read(name) == latest.read(name)
+
+
+def test_without_a_checkpoint_or_with_a_damaged_one_nothing_is_resumed(tmp_path: Path):
+    folder = tmp_path / "agent"
+    with pytest.raises(FileNotFoundError, match="there is no interrupted training to go on with: no checkpoint in"):
+        learned(tmp_path / "agent.zip", folder=folder, resume=True)
+    folder.mkdir()
+    (folder / "checkpoint_64_steps.zip").write_bytes(b"junk")
+    (folder / "checkpoint_128_steps.zip").write_bytes(b"junk")
+    assert last_checkpoint(folder) == folder / "checkpoint_128_steps.zip"
+    with pytest.raises(ValueError, match=r"checkpoint_128_steps.zip is damaged: remove it"):
+        learned(tmp_path / "agent.zip", folder=folder, resume=True)
