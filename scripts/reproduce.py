@@ -61,7 +61,7 @@ def main(
             console.print(said)
             continue
         made = report(name, {what: outcome.values[job.key] for what, job in group.items()})
-        console.print(f"Page: {_write(name, made, out)}" + (f", believed: {made.believed}" if made.believed else ""))
+        console.print(f"Page: {_write(name, made, out)}")
         summary[name] = {"opening": made.opening, "rows": made.rows}
         rows += made.rows
     console.print(f"\n{summary_table(rows)}")

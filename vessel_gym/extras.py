@@ -3,7 +3,7 @@
 from importlib.util import find_spec
 
 EXTRAS = {
-    "train": ("torch", "stable_baselines3", "sb3_contrib", "yaml"),
+    "train": ("torch", "stable_baselines3", "sb3_contrib"),
     "report": ("matplotlib", "jinja2", "joblib"),
     "render": ("pygame", "imageio", "imageio_ffmpeg", "PIL"),
     "cluster": ("dask", "distributed"),

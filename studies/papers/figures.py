@@ -1,4 +1,4 @@
-"""All figures of the papers' pages: panels of curves, ratios to print, and what the alternatives of a search cost."""
+"""All figures of the papers' pages: panels of curves, and ratios to print."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -8,7 +8,6 @@ import numpy as np
 
 from agents.plotting import BELIEVED, INK, PALE, PALETTE, PUBLISHED, TRUE, data_uri, styled
 from studies.papers.measures import NEAR, Comparison
-from studies.papers.search import Search, words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -134,36 +133,6 @@ def _ratios(figure: "Figure", columns: Mapping[str, Sequence[Comparison]]) -> No
     axes.grid(axis="x")
     if len(columns) > 1:
         figure.legend(loc="outside upper right", ncols=len(columns))
-
-
-def sensitivities(search: Search) -> str:
-    """Log likelihood of the best combination with each alternative, below the best of all; filled: believed."""
-    lines = sum(map(len, search.choices.values())) + len(search.choices)
-    return _drawn(7.2, 0.9 + 0.155 * lines, _sensitivities, search)
-
-
-def _sensitivities(figure: "Figure", search: Search) -> None:
-    axes = figure.subplots()
-    labels: list[str] = []
-    for name in search.choices:
-        labels.append(name.replace("_", " "))
-        axes.axhline(len(labels) - 1.6, color=INK, linewidth=0.3)
-        for alternative, drop in search.drops(name).items():
-            believed = alternative == search.believed[name]
-            axes.plot(
-                drop, len(labels), "o", color=BELIEVED if believed else TRUE, markersize=5,
-                markerfacecolor=BELIEVED if believed else "white", clip_on=False,
-            )  # fmt: skip
-            labels.append(f"   {words(alternative)}")
-    titles = [i for i, label in enumerate(labels) if not label.startswith(" ")]
-    axes.set_yticks(range(len(labels)), labels, fontsize=7.5)
-    for i in titles:
-        axes.get_yticklabels()[i].set_fontweight("bold")
-    axes.set_xscale("symlog", linthresh=10.0)
-    axes.set_xticks((0, 2, 5, 10, 100, 1000), ["0", "2", "5", "10", "100", "1000"])
-    axes.set(ylim=(len(labels) - 0.5, -0.7), xlabel="log likelihood below the best combination")
-    axes.set_xlim(-0.3, max(12.0, 1.3 * max(max(search.drops(name).values()) for name in search.choices)))
-    axes.grid(axis="x")
 
 
 def ends(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

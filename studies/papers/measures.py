@@ -8,7 +8,6 @@ import numpy as np
 
 from agents.page import Entry, Page, Table, markdown_table, number
 from agents.statistics import Interval, mean_interval
-from studies.papers.likelihood import half_unit
 
 AGREES, BETTER, WORSE, INCOMPARABLE = "agrees", "better", "worse", "not comparable"
 EXPLORATORY = "exploratory"
@@ -81,7 +80,8 @@ class Comparison:
 
     @property
     def _rounding(self) -> float:
-        return half_unit(self.printed if self.meant is None else str(self.meant))
+        printed = self.printed if self.meant is None else str(self.meant)
+        return 0.5 * 10.0 ** -len(printed.partition(".")[2])  # half a unit of the last digit
 
 
 class Row(NamedTuple):
@@ -108,12 +108,11 @@ HEAD = ("paper", "experiment", "numbers", "agree", "better", "worse", "not compa
 
 
 class Report(NamedTuple):
-    """Page of a paper, a row for each of its experiments, its opening, and how likely the believed explanation is."""
+    """Page of a paper, a row for each of its experiments, and its opening."""
 
     page: Page
     rows: list[Row]
     opening: str
-    believed: str = ""
 
 
 def row(paper: str, experiment: str, comparisons: Iterable[Comparison]) -> Row:

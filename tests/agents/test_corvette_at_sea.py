@@ -45,20 +45,7 @@ def test_of_filters_that_assume_no_waves_kf_umv_ui_estimates_heading_and_yaw_rat
 
 
 @pytest.mark.parametrize(
-    "estimator",
-    [
-        "kf-umv-ui",
-        "kf-umv-ui-wdf",
-        "ekf-ui-wdf",
-        "ukf-umv",
-        "ulise",
-        "kf",
-        "huber-kf",
-        "robust-kf",
-        "ukf",
-        "enkf",
-        "enkf-sr",
-    ],
+    "estimator", ["kf-umv-ui-wdf", "ulise", "kf", "huber-kf", "robust-kf", "ukf", "enkf", "enkf-sr"]
 )
 def test_every_filter_that_takes_the_model_flies(estimator):
     assert flown(estimator, "moderate")["score"].mean() > 0.8 * flown("ekf", "moderate")["score"].mean()

@@ -84,14 +84,6 @@ def test_the_score_is_that_of_the_episode_and_lies_in_the_unit_interval():
     assert not any(key.startswith("_") for key in flight.history)
 
 
-@pytest.mark.slow
-def test_without_a_record_the_scores_are_the_same():
-    one, other = rollout("autopilot", ENV, [1, 2]), rollout("autopilot", ENV, [1, 2], record=False)
-    np.testing.assert_array_equal(one.score, other.score)
-    assert other.history == {}
-    assert other.alive.shape == (601, 2)
-
-
 def test_reset_options_reach_the_environment():
     flight = rollout("autopilot", ENV, [1, 2], reset_options={"radius": -300.0})
     rate = flight.history["reference"][0, :, 3]
@@ -136,21 +128,6 @@ def test_a_random_agent_is_random_but_repeats_itself_after_a_reset():
     assert (other.act(np.zeros((4, 7))) != first).any()
 
 
-def test_no_seeds_are_refused():
-    with pytest.raises(ValueError, match="rollout needs at least one seed"):
-        rollout("autopilot", ENV, [])
-
-
-@pytest.mark.parametrize("wrong", [-1, 1.7, "seven", None, True], ids=repr)
-def test_a_wrong_seed_is_refused(wrong: object):
-    with pytest.raises((ValueError, TypeError), match="seed"):
-        rollout("autopilot", ENV, [1, wrong])
-
-
-def test_seeds_may_come_as_an_array():
-    np.testing.assert_array_equal(rollout("autopilot", ENV, np.arange(2), record=False).seeds, [0, 1])
-
-
 def test_an_unknown_agent_is_answered_with_those_that_exist_and_a_missing_checkpoint_is_called_missing(tmp_path: Path):
     known = r"unknown agent .*: choose autopilot, lqg, pid, ppo, random, the path of a checkpoint"
     missing = "there is no checkpoint '.*'"
@@ -170,11 +147,6 @@ def test_what_is_no_agents_name_is_answered_with_what_load_agent_takes(name: obj
     sentence = f"load_agent takes a name, autopilot or random, or the path of a checkpoint, got {name!r}"
     with pytest.raises(TypeError, match=f"^{re.escape(sentence)}$"):
         load_agent(name, gym.make(ENV))  # type: ignore[arg-type]
-
-
-def test_the_autopilot_refuses_an_environment_of_others_in_a_sentence():
-    with pytest.raises(ValueError, match="autopilot"):
-        rollout("autopilot", "Pendulum-v1", [0])
 
 
 def test_episodes_that_may_never_end_are_refused_in_a_sentence():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from heading_ship import HEADING_SHIP
 
-from agents import RandomAgent, Rollout, rollout
+from agents import Rollout, rollout
 from agents.metrics import consistency, metrics, scores
 from agents.metrics.turning import circle_errors
 from vessel_gym.vehicles.corvette import steady_turns
@@ -239,9 +239,3 @@ def test_the_oracle_has_no_error():
     figures = scores(rollout("autopilot", HEADING_SHIP.name, [0, 1], {"estimator": "truth"}))
     for key in ("heading_rmse", "yaw_rate_rmse", "sway_rmse", "input_rmse"):
         np.testing.assert_allclose(figures[key], 0.0, atol=1e-9)
-
-
-def test_a_rollout_without_history_is_refused():
-    bare = rollout(RandomAgent(1), HEADING_SHIP.name, [0], record=False)
-    with pytest.raises(ValueError, match="record=True"):
-        scores(bare)

@@ -86,13 +86,8 @@ def test_its_own_pictures_are_written(monkeypatch: pytest.MonkeyPatch, tmp_path:
             f"evaluate {NAME} --agent random --disturbance rough",
             "Swinging-v0 takes no option 'disturbance': leave it out",
         ),
-        (f"evaluate {NAME} --agent random --mismatch 0.1", "Swinging-v0 takes no option 'mismatch'"),
-        (f"evaluate {NAME} --agent random --sensors budget", "unknown sensor suite 'budget'"),
-        (f"evaluate {NAME} --agent random --estimator nosuch", "unknown estimator 'nosuch'"),
         (f"evaluate {NAME}", "autopilot flies the environments of vessel_gym alone: name random"),
-        (f"evaluate {NAME} --agent no/such.zip", "there is no checkpoint 'no/such.zip'"),
         (f"train {NAME}", "is no environment of vessel_gym"),
-        (f"watch {NAME} --agent random --disturbance rough --out x.html", "takes no option 'disturbance'"),
     ],
 )
 def test_what_it_does_not_take_is_refused(

@@ -1,18 +1,15 @@
-"""Measures of closeness, likelihoods and searches, and pages from templates."""
+"""Measures of closeness, and pages from templates."""
 
 from pathlib import Path
 
 import jinja2
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
 
 from agents.page import Bullets, Claim, Claims, Facts, Figure, Prose, Table
 from agents.statistics import Interval
 from studies.papers import template
-from studies.papers.likelihood import half_unit, log_likelihood, of_errors
 from studies.papers.measures import Comparison, comparison_table, falls, papers_page, readme_line, row, rows, trend
-from studies.papers.search import Search
 
 RNG = np.random.default_rng(0)
 
@@ -78,55 +75,6 @@ def test_a_trend_follows_a_power_of_the_members_and_says_when_errors_fall():
     assert falls(change) == "true"
     assert falls(Interval(1.0, 0.5, 1.5)) == "false"
     assert falls(Interval(0.1, -0.5, 0.7)).startswith("undecided")
-
-
-# --- likelihood -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("n", [1, 3])
-def test_the_likelihood_is_that_of_normal_logarithms_with_a_shared_discrepancy(n: int):
-    texts = ["0.0057", "0.0028", "0.0026"][:n]
-    x, mean, sd, discrepancy = np.log([float(text) for text in texts]), -5.5, 0.3, 0.15
-    rounding = np.log1p(half_unit(texts[0]) / np.exp(x.mean())) / np.sqrt(3.0)
-    cov = (sd**2 + rounding**2) * np.eye(n) + discrepancy**2
-    expected = multivariate_normal(np.full(n, mean), cov).logpdf(x)
-    assert log_likelihood(texts, np.array(mean), np.array(sd), discrepancy) == pytest.approx(expected, rel=1e-10)
-
-
-def test_errors_that_scatter_about_the_print_are_likelier_than_those_that_do_not():
-    errors = np.exp(RNG.normal(np.log(0.1), 0.1, size=(500, 1)))
-    near, far = (of_errors([["0.100"]], factor * errors, 0.1) for factor in (1.0, 2.0))
-    assert near > far + 5.0
-    assert log_likelihood(["0.1"], np.array(np.nan), np.array(1.0), 0.1) == -1e9
-
-
-def search() -> Search:
-    open_ = {
-        "scored": {"tried": ["updated", "predicted"], "believed": "predicted"},
-        "prior": {"tried": [0.1, 1.0, 10.0], "believed": 1.0},
-    }
-    values = {("updated", 0.1): -9.0, ("predicted", 1.0): -1.0, ("predicted", 10.0): 0.0}
-    return Search.of(open_, lambda each: values.get((each["scored"], each["prior"]), -20.0))
-
-
-def test_a_search_ranks_every_combination_and_says_what_each_choice_costs():
-    found = search()
-    assert found.values.shape == (2, 3)
-    assert found.best() == [{"scored": "predicted", "prior": 10.0}]
-    assert found.rank(found.believed) == 2
-    assert found.below_best(found.believed) == 1.0
-    assert found.rank(found.first) == 3
-    assert found.verdict == "rank 2 of 6, log likelihood 1.0 below the best"
-    assert found.drops("scored") == {"updated": 9.0, "predicted": 0.0}
-    assert (found.cost("scored", "updated"), found.cost("scored", "other")) == ("9.0", "–")
-    assert found.drops("prior") == {0.1: 9.0, 1.0: 1.0, 10.0: 0.0}
-    shares = np.exp([-20.0, -1.0, 0.0]) + np.exp([-9.0, -20.0, -20.0])
-    np.testing.assert_allclose(found.shares("prior"), shares / shares.sum())
-    ranking = found.ranking(1, {"factor": ["1", "2", "3"]}).sections[0][1]
-    assert [name for name, _ in ranking] == ["1", "believed (2)", "before (3)"]
-    assert sum(len(lines) for _, lines in found.sensitivity().sections) == 5
-    with pytest.raises(ValueError, match=r"prior = 5.0 was not tried: add it"):
-        found.value({"scored": "updated", "prior": 5.0})
 
 
 # --- templates --------------------------------------------------------------------------------------

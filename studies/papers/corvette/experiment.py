@@ -1,6 +1,6 @@
 """Hermawan's five simulations: KF-UMV-UI follows a turning circle with an unknown input in the measurements."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -8,7 +8,6 @@ import gymnasium as gym
 import numpy as np
 
 from agents.jobs import Job
-from studies.papers.likelihood import log_likelihood
 from vessel_gym.envs.thesis_corvette import THESIS_CORVETTE
 from vessel_gym.tasks.turning_trial import SAMPLES, SWITCH
 from vessel_gym.vehicles.corvette_thesis import NOISE, SIMULATIONS, A, B, Simulation
@@ -25,7 +24,7 @@ C, G, H = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]), np.array([[0.0], [0.0], 
 
 
 def jobs(settings: Mapping[str, Any]) -> dict[str, Job]:
-    """A job for each simulation and filter model, and the search by recursion and discrepancy."""
+    """A job for each simulation and filter model, and for a d that drives the heading."""
     here, found = __name__, {}
     trial = {key: settings[key] for key in ("seed", "runs")}
     for simulation, model in product(SIMULATIONS, MODELS):
@@ -33,12 +32,6 @@ def jobs(settings: Mapping[str, Any]) -> dict[str, Job]:
         found[f"{simulation}, {model}"] = Job(f"{here}:simulate", arguments, f"corvette, model {model}")
     for simulation in ("I", "V"):
         found[f"driven, {simulation}"] = Job(f"{here}:driven", {"simulation": simulation, **trial}, "corvette, driven")
-    tried = {name: choice["tried"] for name, choice in settings["open"].items()}
-    search = {key: settings[key] for key in ("seed", "printed")}
-    for recursion, discrepancy in product(tried["recursion"], settings["discrepancies"]):
-        arguments = search | {"tried": tried | {"recursion": [recursion]}, "discrepancy": discrepancy}
-        arguments["runs"] = settings["samples_of_search"]
-        found[f"search, {recursion}, {discrepancy}"] = Job(f"{here}:search", arguments, "corvette, search")
     return found
 
 
@@ -86,33 +79,23 @@ def rms(errors: np.ndarray) -> np.ndarray:
     return np.sqrt(np.mean(errors**2, -1))
 
 
-# --- the search -------------------------------------------------------------------------------------
-# The filter is linear and its gains do not depend on the measurements: its errors are sums of responses to the record,
-# to d, to the noise and to the error of the first estimate. So each response is computed once for all combinations.
+# --- one combination of choices ----------------------------------------------------------------------
 
 
 class Recursion(NamedTuple):
-    """A filter as its gains: ``d = M e``, ``x = x- + L e``, ``x-+ = A x + B u + E d``."""
+    """A filter as its gains: ``d = M e``, ``x = x- + L e``, ``x-+ = A x + B u + G d``."""
 
     L: list[np.ndarray]
     M: list[np.ndarray]
-    E: np.ndarray
-    u: float
 
 
 def recursion(simulation: Simulation, kind: str, first: str, prior: float) -> Recursion:
-    """Gains of the filter of Gillijns and De Moor ("cited"), or of Table 2.5 to the letter ("as printed").
-
-    Table 2.5 calls the matrix of d both E and B: "as printed, the rudder's B" takes it for that of the rudder, which is
-    what its prediction then leaves out.
-    """
+    """Gains of the filter of Gillijns and De Moor ("cited"), or of Table 2.5 to the letter ("as printed")."""
     q, r = simulation.Q * np.eye(3), simulation.R * np.eye(2)
     R_inverse, P, eye = np.eye(2) / simulation.R, prior * np.eye(3), np.eye(3)
-    rudder = kind.endswith("the rudder's B")
-    E = B if rudder else G
     if first == "predict":
         P = A @ P @ A.T + q
-    found = Recursion([], [], E, 0.0 if rudder else RUDDER)
+    found = Recursion([], [])
     for _ in range(SAMPLES):
         K = P @ C.T @ np.linalg.inv(C @ P @ C.T + r)
         S = np.linalg.inv(H.T @ R_inverse @ (np.eye(2) - C @ K) @ H)
@@ -120,8 +103,8 @@ def recursion(simulation: Simulation, kind: str, first: str, prior: float) -> Re
         found.L.append(K @ (np.eye(2) - H @ M))
         found.M.append(M)
         updated = (eye + K @ H @ S @ H.T @ R_inverse @ C) @ (eye - K @ C) @ P
-        cross = A @ (-K @ H @ S) @ E.T if kind == "cited" else A @ C.T @ R_inverse @ H @ E.T
-        P = A @ updated @ A.T + cross + cross.T + E @ S @ E.T + q
+        cross = A @ (-K @ H @ S) @ G.T if kind == "cited" else A @ C.T @ R_inverse @ H @ G.T
+        P = A @ updated @ A.T + cross + cross.T + G @ S @ G.T + q
         P = 0.5 * (P + P.T)
     return found
 
@@ -143,56 +126,15 @@ def respond(
         d = innovation @ M.T
         x = x + innovation @ L.T
         found[:2, :, k] = x[:, 2] - heading[:, k], d[:, 0]
-        x = x @ A.T + B[:, 0] * u + d @ filter.E.T
+        x = x @ A.T + B[:, 0] * u + d @ G.T
     return found
 
 
-class Parts(NamedTuple):
-    """Responses of a filter ``(3, ..., T)``: to records, to steps d of unit height, to noise by kind, to the start."""
-
-    record: np.ndarray
-    step: np.ndarray
-    noise: dict[tuple[str, bool], np.ndarray]
-    start: np.ndarray
-
-
-def parts(filter: Recursion, first: str, records: np.ndarray, steps: np.ndarray, runs: int, seed: int) -> Parts:
-    """The responses of a filter to records and steps ``(..., T)`` and to that many draws of noise and start."""
-    rng = np.random.default_rng(seed)
-    still, none = np.zeros((1, SAMPLES)), np.zeros(3)
-    drawn = {"normal": rng.standard_normal((runs, SAMPLES, 2)), "uniform": rng.random((runs, SAMPLES, 2))}
-    noise = {}
-    for (kind, each), same in product(drawn.items(), (False, True)):
-        v = each[..., [0, 0]] if same else each
-        noise[kind, same] = respond(filter, first, np.broadcast_to(still, v.shape[:2]), v, none)
-    start = rng.standard_normal((runs, 3))
-    flat, d = records.reshape(-1, SAMPLES), steps.reshape(-1, SAMPLES)
-    zeros = np.zeros((runs, SAMPLES))
-    record = respond(filter, first, flat, measurements(flat, 0.0 * flat, np.zeros(2)), none, filter.u)
-    step = respond(filter, first, 0.0 * d, measurements(0.0 * d, d, np.zeros(2)), none)
-    step[1] -= d
-    return Parts(
-        record.reshape(3, *records.shape), step.reshape(3, *steps.shape), noise,
-        respond(filter, first, zeros, np.zeros((runs, SAMPLES, 2)), start),
-    )  # fmt: skip
-
-
-def records(tried: Mapping[str, Sequence[Any]]) -> np.ndarray:
-    """Headings ``(records, resolutions, T)`` [rad]."""
-    headings = {"ship": RECORD, "uniform turn": np.linspace(0.0, 2.0 * np.pi, SAMPLES)}
-    units = np.deg2rad(tried["resolution"])
-    return np.array([
-        [headings[name] if unit == 0.0 else unit * np.round(headings[name] / unit) for unit in units]
-        for name in tried["record"]
-    ])  # fmt: skip
-
-
-def steps(tried: Mapping[str, Sequence[Any]]) -> np.ndarray:
-    """Unknown inputs ``(switches, values after them, T)`` of height 1."""
-    k = np.arange(SAMPLES)
-    return np.array(
-        [[np.where(k < switch, 1.0, after) for after in tried["after_switch"]] for switch in tried["switch"]]
-    )
+def record(choice: str, resolution: float) -> np.ndarray:
+    """Heading ``(1, T)`` [rad], rounded to a resolution [deg]."""
+    heading = RECORD if choice == "ship" else np.linspace(0.0, 2.0 * np.pi, SAMPLES)
+    unit = np.deg2rad(resolution)
+    return (unit * np.round(heading / unit) if unit else heading)[None]
 
 
 def level(noise: str, R: float) -> tuple[str, float]:
@@ -203,72 +145,22 @@ def level(noise: str, R: float) -> tuple[str, float]:
     return kind, {"R": R, "sqrt(R)": np.sqrt(R)}.get(text) or float(text)
 
 
-def start_sd(words: str, prior: float) -> float:
-    """Standard deviation of the error of the first estimate."""
-    return np.sqrt(prior) if words == "root of the prior" else float(words)
-
-
-def log_errors(
-    tried: Mapping[str, Sequence[Any]], simulation: str, found: Parts, prior: float
-) -> Iterator[tuple[int, int, np.ndarray]]:
-    """Logarithms of RMSE by what is scored (-1: d, else the index of "scored"), axes as the rest of the choices.
-
-    Yields:
-        Both indices, and the array ``(starts, records, resolutions, switches, afters, sizes, noises, same, runs)``.
-    """
-    s = SIMULATIONS[simulation]
-    sizes = [s.size] if simulation == "V" else tried["size"]
-    scores = [(-1, 1, 0)]
-    for i, scored in enumerate(tried["scored"]):
-        scores.append((i, 0 if scored == "updated" else 2, int(scored.endswith("from the second on"))))
-    for index, what, skipped in scores:
-        heights = np.array(sizes)[:, None]
-        fixed = (found.record[what][:, :, None, None, None] + heights * found.step[what][:, :, None])[..., skipped:]
-        shape, flat = fixed.shape[:-1], fixed.reshape(-1, fixed.shape[-1])
-        columns = []
-        for start, noise, same in product(tried["start_sd"], tried["noise"], tried["same_noise"]):
-            kind, scale = level(noise, s.R)
-            random = scale * found.noise[kind, same][what] + start_sd(start, prior) * found.start[what]
-            random = random[:, skipped:]
-            squares = (flat**2).sum(-1)[:, None] + 2.0 * flat @ random.T + (random**2).sum(-1)
-            columns.append(0.5 * np.log(np.maximum(squares, 1e-30) / flat.shape[-1]))
-        errors = np.stack(columns, -2).reshape(
-            *shape, *(len(tried[n]) for n in ("start_sd", "noise", "same_noise")), -1
-        )
-        yield index, what, np.moveaxis(errors, 5, 0)
-
-
-def search(
-    tried: Mapping[str, Sequence[Any]], printed: Mapping[str, Mapping[str, Any]], discrepancy: float, runs: int,
-    seed: int,
-) -> dict[str, Any]:  # fmt: skip
-    """``log_likelihood`` of Tables 4.4 to 4.8 under every combination of what is tried, an axis a choice."""
-    shape = [len(alternatives) for alternatives in tried.values()]
-    total = np.zeros(shape)
-    grid, inputs = records(tried), steps(tried)
-    for i, j, k in np.ndindex(*shape[1:4]):
-        kind, first, prior = tried["recursion"][i], tried["first"][j], tried["prior"][k]
-        made: dict[tuple[float, float], Parts] = {}
-        for name, s in SIMULATIONS.items():
-            with np.errstate(all="ignore"):  # the printed recursion may diverge: its likelihood is then nothing
-                if (s.Q, s.R) not in made:
-                    made[s.Q, s.R] = parts(recursion(s, kind, first, prior), first, grid, inputs, runs, seed)
-                for scored, what, errors in log_errors(tried, name, made[s.Q, s.R], prior):
-                    texts = printed[name]["unknown_input" if what == 1 else "heading"]
-                    found = log_likelihood(texts, errors.mean(-1), errors.std(-1, ddof=1), discrepancy)
-                    total[slice(None) if scored < 0 else scored, i, j, k] += found
-    return {"log_likelihood": np.round(total, 3)}
-
-
-def explain(combination: Mapping[str, Any], runs: int, seed: int) -> dict[str, np.ndarray]:
-    """RMSE ``(2, runs)`` of heading and d in each simulation under one combination."""
-    tried = {name: [alternative] for name, alternative in combination.items()}
+def explain(choices: Mapping[str, Any], runs: int, seed: int) -> dict[str, np.ndarray]:
+    """RMSE ``(2, runs)`` of heading and d in each simulation under one combination of choices."""
+    rng = np.random.default_rng(seed)
+    drawn = {"normal": rng.standard_normal((runs, SAMPLES, 2)), "uniform": rng.random((runs, SAMPLES, 2))}
+    sd = np.sqrt(choices["prior"]) if choices["start_sd"] == "root of the prior" else float(choices["start_sd"])
+    start = sd * rng.standard_normal((runs, 3))
+    heading = record(choices["record"], choices["resolution"])
+    scored = 0 if choices["scored"] == "updated" else 2
+    skipped = int(choices["scored"].endswith("from the second on"))
     found = {}
     for name, s in SIMULATIONS.items():
-        filter = recursion(s, combination["recursion"], combination["first"], combination["prior"])
-        made = parts(filter, combination["first"], records(tried), steps(tried), runs, seed)
-        by_score = {
-            scored: np.exp(errors.ravel()) for scored, _, errors in log_errors(tried, name, made, combination["prior"])
-        }
-        found[name] = np.stack([by_score[0], by_score[-1]])
+        height = s.size if name == "V" else choices["size"]
+        d = height * np.where(np.arange(SAMPLES) < choices["switch"], 1.0, choices["after_switch"])
+        kind, scale = level(choices["noise"], s.R)
+        noise = scale * (drawn[kind][..., [0, 0]] if choices["same_noise"] else drawn[kind])
+        filter = recursion(s, choices["recursion"], choices["first"], choices["prior"])
+        errors = respond(filter, choices["first"], heading, measurements(heading, d, noise), start, RUDDER)
+        found[name] = np.stack([rms(errors[scored][:, skipped:]), rms(errors[1] - d)])
     return found

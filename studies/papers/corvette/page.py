@@ -6,19 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from agents.page import Entry, Table, entry, number, words
+from agents.page import Entry, Table, entry, words
 from agents.plotting import BELIEVED
 from agents.statistics import Interval, mean_interval, paired_difference
 from studies.papers.corvette.experiment import MODELS, PRIOR, QUANTITIES, TRIAL, explain
-from studies.papers.figures import Curve, Panel, panels, ratios, sensitivities
+from studies.papers.figures import Curve, Panel, panels, ratios
 from studies.papers.measures import EXPLORATORY, Comparison, Report, comparison_table, row, rows
-from studies.papers.search import Search
 from studies.papers.template import fill
 from vessel_gym.tasks.turning_trial import SAMPLES, SWITCH
 from vessel_gym.vehicles.corvette_thesis import NOISE, SIMULATIONS
 
-_SHOWN = 5
-"""Best combinations in the ranking."""
 _TELLING = 0.05
 """Share of an error by which it must change for a claim to count it."""
 _STEPS = (
@@ -36,41 +33,26 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
         (simulation, model): np.asarray(results[f"{simulation}, {model}"]["rmse"])
         for simulation in SIMULATIONS for model in MODELS
     }  # fmt: skip
-    found = [_search(settings, results, discrepancy) for discrepancy in settings["discrepancies"]]
-    search = found[0]
-    seed, few = settings["seed"], settings["samples_of_search"]
-    explained = [explain(each, few, seed) for each in (*search.best(_SHOWN), search.believed)]
-    believed = explain(search.believed, settings["runs"], seed)
+    choices = {name: choice["believed"] for name, choice in open_.items()}
+    believed = explain(choices, settings["runs"], settings["seed"])
     before = _comparisons(printed, {s: rmse[s, MODELS[0]] for s in SIMULATIONS}, circular=True)
     after = _comparisons(printed, believed)
     columns = {"before the search": before, "believed": after}
-    factors = [f"{_factor(printed, each):.2f}" for each in (*explained, {s: rmse[s, MODELS[0]] for s in SIMULATIONS})]
-    tables = {
-        "published": comparison_table(columns), "ranking": search.ranking(_SHOWN, {"typical factor": factors}),
-        "sensitivity": search.sensitivity(), "choices": _choices(open_), "models": _models(rmse),
-        "discrepancies": _discrepancies(settings["discrepancies"], found),
-    }  # fmt: skip
-    figures = {"ratios": ratios(columns), "sensitivity": sensitivities(search), "example": _example(printed, results)}
+    tables = {"published": comparison_table(columns), "choices": _choices(open_), "models": _models(rmse)}
+    figures = {"ratios": ratios(columns), "example": _example(printed, results)}
     least = sum(float(p["means"][1]) < np.sqrt(SIMULATIONS[s].R / 2.0) for s, p in printed.items())
-    way = f"{settings['paper']}, believed ({EXPLORATORY}, of {search.values.size:,})"
+    way = f"{settings['paper']}, believed ({EXPLORATORY}, of {settings['search']['combinations']:,})"
     counted = row(way, "simulations I to V", after)
     page, opening = fill(
         Path(__file__).parent, tables, figures, settings=settings, noise=f"{NOISE:g}",
-        tried=sum(len(choice["tried"]) for choice in open_.values()), choices=len(open_), prior=PRIOR, switch=SWITCH,
+        choices=len(open_), prior=PRIOR, switch=SWITCH,
         helm=np.rad2deg(TRIAL.helm), step=TRIAL.dt,
         factor=_factor(printed, believed), factor_before=_factor(printed, {s: rmse[s, MODELS[0]] for s in SIMULATIONS}),
         claims=[_claim(rmse, *step) for step in _STEPS], order=_order(rmse), least=least, near=counted.near,
-        small=_small(rmse), driven=_driven(results), ratio=_ratio_law(rmse), search=search,
-        left={s: _left(SIMULATIONS[s].R, search.believed["prior"]) for s in ("I", "III")},
+        small=_small(rmse), driven=_driven(results), ratio=_ratio_law(rmse), believed=choices,
+        left={s: _left(SIMULATIONS[s].R, choices["prior"]) for s in ("I", "III")},
     )  # fmt: skip
-    return Report(page, [*rows(settings["paper"], before), counted], opening, search.verdict)
-
-
-def _search(settings: Mapping[str, Any], results: Mapping[str, Any], discrepancy: float) -> Search:
-    """The search with one discrepancy, joined over the recursions, its second axis."""
-    kinds = settings["open"]["recursion"]["tried"]
-    values = [np.asarray(results[f"search, {kind}, {discrepancy}"]["log_likelihood"]) for kind in kinds]
-    return Search.of(settings["open"], np.concatenate(values, 1))
+    return Report(page, [*rows(settings["paper"], before), counted], opening)
 
 
 def _comparisons(
@@ -156,9 +138,9 @@ def _ratio_law(rmse: Mapping[tuple[str, str], np.ndarray]) -> list[str]:
 
 
 def _choices(open_: Mapping[str, Any]) -> Table:
-    head = [("tried, first what was set up before the search", ""), ("believed", ""), ("where", "")]
+    head = [("before the search", ""), ("believed", ""), ("where", "")]
     lines = [
-        (name.replace("_", " "), [Entry("; ".join(map(str, c["tried"]))), Entry(str(c["believed"])), Entry(c["where"])])
+        (name.replace("_", " "), [Entry(str(c["first"])), Entry(str(c["believed"])), Entry(c["where"])])
         for name, c in open_.items()
     ]
     return Table("", "", "choice", head, [("", lines)], "choices")
@@ -171,19 +153,6 @@ def _models(rmse: Mapping[tuple[str, str], np.ndarray]) -> Table:
     ]
     head = [(f"{quantity}, {model}", "rad") for model in MODELS for quantity in QUANTITIES]
     return Table("", "", "simulation", head, [("", lines)], "models")
-
-
-def _discrepancies(values: list[float], searches: list[Search]) -> Table:
-    """How far below the best the believed combination and three alternatives are with other discrepancies."""
-    shown = {"scored: updated": ("scored", "updated"), "Table 2.5 to the letter": ("recursion", "as printed"),
-             "d down to −1": ("after_switch", -1.0)}  # fmt: skip
-    lines = []
-    for value, search in zip(values, searches, strict=True):
-        drops = [search.below_best(search.believed), *(search.drops(name)[each] for name, each in shown.values())]
-        entries = [Entry(f"{search.rank(search.believed):,}"), *(Entry(number(drop, 1)) for drop in drops)]
-        lines.append((f"{value:g}", entries))
-    head = [(label, "") for label in ("rank of the believed", "the believed", *shown)]
-    return Table("", "", "discrepancy", head, [("", lines)], "discrepancies")
 
 
 def _example(printed: Mapping[str, Any], results: Mapping[str, Any]) -> str:

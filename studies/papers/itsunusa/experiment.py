@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from functools import cache
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -44,9 +43,8 @@ def jobs(settings: Mapping[str, Any]) -> dict[str, Job]:
         dives(f"{PRINTED}, {members}", PRINTED, members)
         dives(f"{SYMMETRIC}, {members}", SYMMETRIC, members)
         dives(f"{SYMMETRIC}, {members}, pitch", SYMMETRIC, members, 4)
-    for names, process, measurement in product(*(choice["tried"] for choice in settings["open"].values())):
-        factors = {"process": process, "measurement": measurement}
-        dives(f"search, {names}, {process}, {measurement}", "ekf", 0, len(names.split(", ")), **factors)
+    names, process, measurement = (choice["believed"] for choice in settings["open"].values())
+    dives("believed", "ekf", 0, len(names.split(", ")), process=process, measurement=measurement)
     return found
 
 

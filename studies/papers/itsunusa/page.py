@@ -9,7 +9,7 @@ import numpy as np
 from agents.page import Table, entry, number, words
 from agents.plotting import BELIEVED, TRUE
 from agents.statistics import Interval, mean_interval
-from studies.papers.figures import Curve, Panel, panels, ratios, sensitivities
+from studies.papers.figures import Curve, Panel, panels, ratios
 from studies.papers.itsunusa.experiment import (
     MEASUREMENT_SD,
     PRINTED,
@@ -19,9 +19,7 @@ from studies.papers.itsunusa.experiment import (
     VEHICLE,
     recorded_controls,
 )
-from studies.papers.likelihood import of_errors
 from studies.papers.measures import EXPLORATORY, Comparison, Report, comparison_table, falls, percent, rows, trend
-from studies.papers.search import Search
 from studies.papers.template import fill
 
 _FORMS = {
@@ -41,19 +39,10 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
     }
     plain, pitched, _ = errors
     columns = {form: _comparisons(settings, errors[form]) for form in (plain, pitched)}
-    theirs = [[text] for text in printed[str(most)][:-1]]
-    search = Search.of(
-        settings["open"], lambda each: of_errors(theirs, _errors(results, each), settings["discrepancy"])
-    )
-    ranked = [_errors(results, each).mean(0) for each in (*search.best(5), search.believed, search.first)]
-    head = {"surge, heave, pitch rate, depth": [", ".join(number(v, 4) for v in means) for means in ranked]}
-    tables = {
-        "published": comparison_table(columns), "forms": _forms(errors), "ranking": search.ranking(5, head),
-        "sensitivity": search.sensitivity(),
-    }  # fmt: skip
+    tables = {"published": comparison_table(columns), "forms": _forms(errors)}
     figures = {
         "ratios": ratios({form: [c for c in found if c.ours is not None] for form, found in columns.items()}),
-        "sensitivity": sensitivities(search), "dive": _dive(printed[str(most)], results[_FORMS[plain].format(most)]),
+        "dive": _dive(printed[str(most)], results[_FORMS[plain].format(most)]),
     }  # fmt: skip
     stacked = {form: np.stack([each[size] for size in members], -1) for form, each in errors.items()}
     motions = {form: trend(members, np.exp(np.log(values[:, :3]).mean(1))) for form, values in stacked.items()}
@@ -67,7 +56,8 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
     assert position is not None
     share = Interval(*(100.0 * end / trial["depth"] for end in (position.mean, position.low, position.high)))
     page, opening = fill(
-        Path(__file__).parent, tables, figures, settings=settings, fewest=fewest, most=most, lower=lower, search=search,
+        Path(__file__).parent, tables, figures, settings=settings, fewest=fewest, most=most, lower=lower,
+        believed=[number(v, 4) for v in np.mean(results["believed"]["rmse"], 0)], printed=printed[str(most)][:-1],
         depth={form: words(interval, 3) for form, interval in depth.items()}, plain=plain, pitched=pitched,
         motions={form: percent(change) for form, change in motions.items()}, falls=falls(motions[plain]),
         sampling=sampling, steep=sum(each > sampling for each in lower.values()), share=words(share, 2),
@@ -77,7 +67,7 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
     )  # fmt: skip
     paper = settings["paper"]
     found = [*rows(paper, columns[plain]), *rows(f"{paper}, {pitched} ({EXPLORATORY})", columns[pitched])]
-    return Report(page, found, opening, search.verdict)
+    return Report(page, found, opening)
 
 
 def _comparisons(settings: Mapping[str, Any], errors: Mapping[int, np.ndarray]) -> list[Comparison]:
@@ -89,12 +79,6 @@ def _comparisons(settings: Mapping[str, Any], errors: Mapping[int, np.ndarray]) 
             found.append(Comparison(f"{size} members", name, unit, text, "Table 2", ours))
         found.append(Comparison(f"{size} members", "time", "s", time, "Table 2", None, reason="its machine"))
     return found
-
-
-def _errors(results: Mapping[str, Any], each: Mapping[str, Any]) -> np.ndarray:
-    """Errors ``(runs, 4)`` of a combination of the search."""
-    name = f"search, {each['measured']}, {each['process_noise']}, {each['measurement_noise']}"
-    return np.asarray(results[name]["rmse"])
 
 
 def _forms(errors: Mapping[str, Mapping[int, np.ndarray]]) -> Table:

@@ -39,16 +39,12 @@ def jobs(settings: Mapping[str, Any]) -> dict[str, Job]:
     flight = {key: settings[key] for key in ("seed", "steps", "swing", "period")}
     D = np.array(settings["D"])
 
-    def flights(name: str, control: str, measured: str, members: list[int], runs: int, q: float, r: float) -> None:
+    sizes = {key: settings[key] for key in ("members", "runs")}
+    for (level, (q, r)), control, measured in product(settings["levels"].items(), CONTROLS, MEASURED):
         noise = {"process": list(q * D), "measurement": list(r * D)}
-        arguments = {"control": control, "measured": measured, "members": members, "runs": runs} | noise | flight
-        found[name] = Job(f"{here}:estimate", arguments, f"PUNA, {control} angle, {measured}, {len(members)} sizes")
-
-    for level, control, measured in product(settings["levels"], CONTROLS, MEASURED):
+        arguments = {"control": control, "measured": measured} | sizes | noise | flight
         name = f"{level}, {control}, {measured}"
-        flights(name, control, measured, settings["members"], settings["runs"], *settings["levels"][level])
-    for measured, q, r in product(*(choice["tried"] for choice in settings["open"].values())):
-        flights(f"search, {measured}, {q}, {r}", "constant", measured, [100], settings["search_runs"], q, r)
+        found[name] = Job(f"{here}:estimate", arguments, f"PUNA, {control} angle, {measured}")
     return found
 
 

@@ -9,11 +9,9 @@ import numpy as np
 from agents.page import Entry, Table, listed, number, words
 from agents.plotting import BELIEVED, INK, PALETTE, PUBLISHED, RAW, TRUE
 from agents.statistics import paired_difference
-from studies.papers.figures import Curve, Panel, panels, ratios, sensitivities
-from studies.papers.likelihood import of_errors
+from studies.papers.figures import Curve, Panel, panels, ratios
 from studies.papers.measures import Comparison, Report, comparison_table, exponential, falls, percent, rows, trend
 from studies.papers.puna.experiment import CONTROLS, MEASURED, PLANE, QUANTITIES, bank, controls
-from studies.papers.search import Search
 from studies.papers.template import fill
 from vessel_gym.guidance.dubins import WORDS
 
@@ -27,11 +25,6 @@ def report(settings: Mapping[str, Any], results: Results) -> Report:
     at_300 = members.index(300)
     names = {"flight": "noise of a flight", "sizes": "noise of the printed sizes"}
     columns = {name: _comparisons(settings, results, level, "all") for level, name in names.items()}
-    theirs = [[text] for text in settings["printed"]["constant"]["errors"]]
-    search = Search.of(
-        settings["open"], lambda each: of_errors(theirs, _search(results, each), settings["discrepancy"])
-    )
-    ranked = [_search(results, each).mean(0) for each in (*search.best(5), search.believed, search.first)]
     opened, obstructed = results["open"], results["obstructed"]
     shortest = {interpretation: min(found, key=found.get) for interpretation, found in opened["lengths"].items()}
     all_, alone = (_rmse(results, "flight", "constant", measured) for measured in MEASURED)
@@ -39,16 +32,14 @@ def report(settings: Mapping[str, Any], results: Results) -> Report:
     change = trend(members, np.exp(np.log(all_).mean(-1)).T)
     tables = {
         "published": comparison_table(columns), "words": _words(opened), "obstacle": _ways(paths, obstructed),
-        "ranking": search.ranking(5, {"γ, v, x, h": [", ".join(number(v, 3) for v in means) for means in ranked]}),
-        "sensitivity": search.sensitivity(),
     }  # fmt: skip
     figures = {
-        "ratios": ratios(columns), "sensitivity": sensitivities(search), "paths": _paths(paths, opened, obstructed),
+        "ratios": ratios(columns), "paths": _paths(paths, opened, obstructed),
         "flight": _flight(results),
     }  # fmt: skip
     ends_ = [paths["obstructed"][end] for end in ("start", "goal")]
     page, opening = fill(
-        Path(__file__).parent, tables, figures, settings=settings, open=opened, obstructed=obstructed, search=search,
+        Path(__file__).parent, tables, figures, settings=settings, open=opened, obstructed=obstructed,
         trim=controls("constant", 1, 0.0, 1.0)[0], shortest=shortest, plane=PLANE,
         agree=[interpretation for interpretation, word in shortest.items() if word == paths["open"]["word"]],
         gains={q: f"{g.mean:.2f} [{g.low:.2f}, {g.high:.2f}]" for q, g in gains.items()}, falls=falls(change),
@@ -56,20 +47,14 @@ def report(settings: Mapping[str, Any], results: Results) -> Report:
         best={c: _best(settings, results, c) for c in CONTROLS}, change=percent(change),
         away=np.abs(np.asarray(obstructed["tangent points"]) - ends_).max(),
         stalled=100.0 * np.mean(np.asarray(results["sizes, constant, all"]["slowest"]) <= 0.0),
-        near=int((search.values.max() - search.values < 3.0).sum()),
         alone=[f"{c.ratio.mean:.2f}" for c in _comparisons(settings, results, "flight", "x")[:4]],
     )  # fmt: skip
-    return Report(page, rows(settings["paper"], columns[names["flight"]]), opening, search.verdict)
+    return Report(page, rows(settings["paper"], columns[names["flight"]]), opening)
 
 
 def _rmse(results: Results, level: str, control: str, measured: str) -> np.ndarray:
     """RMS errors ``(sizes, runs, 4)``."""
     return np.asarray(results[f"{level}, {control}, {measured}"]["rmse"])
-
-
-def _search(results: Results, combination: Mapping[str, Any]) -> np.ndarray:
-    """RMS errors ``(runs, 4)`` of a combination of the search."""
-    return np.asarray(results[f"search, {', '.join(map(str, combination.values()))}"]["rmse"])[0]
 
 
 def _comparisons(settings: Mapping[str, Any], results: Results, level: str, measured: str) -> list[Comparison]:

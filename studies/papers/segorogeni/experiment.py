@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
-from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -61,17 +60,13 @@ def jobs(settings: Mapping[str, Any]) -> dict[str, Job]:
             dives(f"printed step, {members}, {seed}", False, members, settings["runs_of_a_seed"], seed)
         dives(f"own step, {members}", True, members, settings["own_runs"])
     dives("own step, 0", True, 0, settings["own_runs"])
-    tried = [settings["open"][name]["tried"] for name in ("process_noise", "measurement_noise", "measured")]
-    for process, measurement, names in product(*tried):
-        factors = {"process": process, "measurement": measurement, "measured": len(names.split(", "))}
-        dives(f"search, {process}, {measurement}, {names}", True, 0, settings["search_runs"], **factors)
+    dives("believed", True, 0, settings["own_runs"], process=settings["open"]["process_noise"]["believed"])
     return found
 
 
 def estimate(
-    own: bool, members: int, runs: int, seed: int, trial: Mapping[str, Any], process: float = 1.0,
-    measurement: float = 1.0, measured: int = 4,
-) -> dict[str, np.ndarray]:  # fmt: skip
+    own: bool, members: int, runs: int, seed: int, trial: Mapping[str, Any], process: float = 1.0
+) -> dict[str, np.ndarray]:
     """Errors of the position in some runs of the dive; truth and measurements depend on the seed alone.
 
     Args:
@@ -81,14 +76,12 @@ def estimate(
         seed: Of truth, measurements and filter.
         trial: The dive, as in the settings file.
         process: Factor on the process noise.
-        measurement: Factor on the measurement noise.
-        measured: How many of u, v, w, r.
 
     Returns:
         ``planned path`` and ``true position``: RMSE ``(runs, 4)`` of x, y, z [m] and yaw [rad] against each; ``final
         (runs, 3)`` distances from the planned end [m]; of the first run ``time``, ``truth``, ``plan``, ``estimate``.
     """
-    experiment = dive(read(trial), own, process, measurement, measured)
+    experiment = dive(read(trial), own, process)
     dives = experiment.run(runs, np.random.default_rng([seed, 0]))
     options: dict[str, Any] = {"members": members, "draws": "independent"} if members else {}
     filter_ = make("enkf" if members else "ekf", experiment.model, **options)
@@ -106,19 +99,18 @@ def estimate(
     }
 
 
-def dive(trial: Trial, own: bool, process: float = 1.0, measurement: float = 1.0, measured: int = 4) -> Experiment:
+def dive(trial: Trial, own: bool, process: float = 1.0) -> Experiment:
     """The dive from rest under constant controls, and the filter's assumptions; see `estimate`."""
     dt = OWN_STEP if own else trial.step
     share = OWN_STEP / dt  # the noise is stated for steps of the vehicle
-    names = ("u", "v", "w", "r")[:measured]
     return Experiment(
         advance=own_step(trial.vehicle) if own else _euler_step(trial),
         start=np.zeros(len(STATE)),
         controls=_own_controls(trial, constant_controls(trial)) if own else _euler_controls(trial),
         estimated=_ESTIMATED,
-        measured=[_ESTIMATED.index(STATE.index(name)) for name in names],
+        measured=[_ESTIMATED.index(STATE.index(name)) for name in ("u", "v", "w", "r")],
         process_sd=process * PROCESS_SD / np.sqrt(share),
-        measurement_sd=measurement * MEASUREMENT_SD[:measured] * np.sqrt(share),
+        measurement_sd=MEASUREMENT_SD * np.sqrt(share),
         prior_sd=PRIOR_SD,
     )
 

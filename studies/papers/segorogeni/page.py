@@ -9,10 +9,8 @@ import numpy as np
 from agents.page import Table, entry, number, words
 from agents.plotting import BELIEVED, PALETTE, TRUE
 from agents.statistics import mean_interval, paired_difference
-from studies.papers.figures import Curve, Panel, panels, ratios, sensitivities
-from studies.papers.likelihood import of_errors
+from studies.papers.figures import Curve, Panel, panels, ratios
 from studies.papers.measures import Comparison, Report, comparison_table, falls, percent, rows, trend
-from studies.papers.search import Search
 from studies.papers.segorogeni.experiment import MEASUREMENT_SD, OWN_STEP, PROCESS_SD, QUANTITIES, REFERENCES
 from studies.papers.template import fill
 
@@ -31,15 +29,10 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
     own = {size: {r: np.asarray(results[f"own step, {size}"][r]) for r in REFERENCES} for size in (*members, 0)}
     final = joined(most, "final")
     columns = {f"against the {r}": _comparisons(settings, errors[r], final) for r in REFERENCES}
-    search = _search(settings, results)
-    ranked = [_errors(results, each) for each in (*search.best(5), search.believed, search.first)]
-    tables = {
-        "published": comparison_table(columns), "own": _own_table(own), "sensitivity": search.sensitivity(),
-        "ranking": search.ranking(5, {"x, y, z, angle": [", ".join(number(v, 2) for v in e.mean(0)) for e in ranked]}),
-    }  # fmt: skip
+    tables = {"published": comparison_table(columns), "own": _own_table(own)}
     figures = {
         "ratios": ratios({name: [c for c in found if c.ours is not None] for name, found in columns.items()}),
-        "sensitivity": sensitivities(search), "path": _path(results[f"printed step, {most}, {settings['seeds'][0]}"]),
+        "path": _path(results[f"printed step, {most}, {settings['seeds'][0]}"]),
     }  # fmt: skip
     ours = {reference: errors[reference][most].mean(0) for reference in REFERENCES}
     theirs = np.array([float(text) for text in settings["printed"][str(most)]])
@@ -50,7 +43,9 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
     decided = {None if i is None or not i.excludes_zero else i.mean < 0.0 for i in best}
     page, opening = fill(
         Path(__file__).parent, tables, figures, settings=settings, dives=len(final), most=most, fewest=fewest,
-        ours={r: [number(value, 3) for value in values] for r, values in ours.items()}, search=search,
+        ours={r: [number(value, 3) for value in values] for r, values in ours.items()},
+        noise=settings["open"]["process_noise"]["believed"],
+        believed=[number(value, 2) for value in np.mean(results["believed"][_PLAN], 0)],
         factors={r: theirs / values for r, values in ours.items()}, changes={r: percent(c) for r, c in changes.items()},
         falls=falls(changes[_PLAN]), planned=_PLAN, truth=_TRUE,
         angle_change=percent(trend(members, sizes[_PLAN][:, 3])),
@@ -60,7 +55,7 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
         spread=list(100.0 * errors[_PLAN][most].std(0, ddof=1) / ours[_PLAN]), own_step=OWN_STEP, process=PROCESS_SD,
         off=words(mean_interval(np.linalg.norm(final, axis=-1)), 2), measurement=MEASUREMENT_SD,
     )  # fmt: skip
-    return Report(page, rows(settings["paper"], columns[f"against the {_PLAN}"]), opening, search.verdict)
+    return Report(page, rows(settings["paper"], columns[f"against the {_PLAN}"]), opening)
 
 
 def _comparisons(settings: Mapping[str, Any], errors: Mapping[int, np.ndarray], final: np.ndarray) -> list[Comparison]:
@@ -75,19 +70,6 @@ def _comparisons(settings: Mapping[str, Any], errors: Mapping[int, np.ndarray], 
     for name, text, ours in zip("xyz", printed["end"], final.T, strict=True):
         found.append(Comparison("end of the dive", name, "m", text, "sec. III D", ours))
     return found
-
-
-def _search(settings: Mapping[str, Any], results: Mapping[str, Any]) -> Search:
-    """Log likelihoods of Table III, whose four sizes are repetitions."""
-    printed = list(zip(*(settings["printed"][str(members)] for members in settings["members"]), strict=True))
-    shared = settings["discrepancy"], settings["averaged"]
-    return Search.of(settings["open"], lambda each: of_errors(printed, _errors(results, each), *shared))
-
-
-def _errors(results: Mapping[str, Any], each: Mapping[str, Any]) -> np.ndarray:
-    """Errors ``(runs, 4)`` of a combination of the search."""
-    name = f"search, {each['process_noise']}, {each['measurement_noise']}, {each['measured']}"
-    return np.asarray(results[name][each["reference"]])
 
 
 def _own_table(own: Mapping[int, Mapping[str, np.ndarray]]) -> Table:

@@ -129,18 +129,12 @@ def test_lower_rates_are_choices_of_their_own():
     ("arguments", "sentence"),
     [
         ({"keep": 0.0}, "--keep must be above 0 and at most 1, got 0"),
-        ({"keep": 1.01}, "--keep must be above 0 and at most 1, got 1.01"),
         ({"keep": float("nan")}, "--keep must be above 0 and at most 1, got nan"),
         ({"episodes": 31}, "--episodes must be at least 32, got 31"),
         ({"first_seed": 500_000}, "--first-seed must be at most 499999, got 500000"),
-        ({"first_seed": 499_999, "episodes": 2}, "--episodes must be at least 32, got 2"),
-        ({"processes": 0}, "--processes must be at least 1, got 0"),
         ({"rates": (0.3,)}, "reads at 0.3 Hz, which does not divide the 2 steps a second"),
-        ({"rates": (-1.0,)}, "--rates must be above 0 and below 2 Hz, the highest of any grade, got -1"),
         ({"rates": (0.5, 2.0)}, "--rates must be above 0 and below 2 Hz, the highest of any grade, got 2"),
-        ({"estimator": "nosuch"}, "unknown estimator 'nosuch'"),
         ({"agent": "nosuch"}, "nosuch"),
-        ({"disturbance": "nosuch"}, "unknown disturbance 'nosuch'"),
     ],
 )
 def test_what_cannot_be_meant_is_one_sentence(tmp_path, arguments, sentence):

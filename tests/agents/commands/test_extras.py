@@ -119,7 +119,6 @@ def first_picture() -> Any:
     ("main", "arguments", "module", "name"),
     [
         (train_command.main, ["--out", "agent.zip"], "torch", "train"),
-        (ablate.main, [str(ROOT / "studies" / "quick.toml")], "jinja2", "report"),
         (
             ablate.main,
             ["nothing.toml"],
@@ -129,8 +128,6 @@ def first_picture() -> Any:
         (ablate.main, [str(ROOT / "studies" / "quick.toml"), "--scheduler", "tcp://127.0.0.1:9"], "dask", "cluster"),
         (reproduce.main, ["all"], "matplotlib", "report"),
         (watch.main, ["--out", "turn.gif"], "imageio", "render"),
-        (watch.main, ["--out", "turn.gif"], "pygame", "render"),
-        (watch.main, [], "pygame", "render"),
     ],
 )
 def test_a_command_that_needs_an_extra_says_what_to_type_before_it_works(
