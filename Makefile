@@ -36,7 +36,7 @@ policies: .venv/.studies  ## Train the policies that come with the package anew,
 	$(MAKE) -j 2 $(POLICIES)
 	$(BIN)/python -m studies.tables agents
 
-$(POLICIES):  # curves and states of the training stay in results
+$(POLICIES):  # curves of the training stay in results
 	$(BIN)/python -m scripts.train $@ --out results/policies/$@.zip
 	cp results/policies/$@.zip agents/policies/trained/
 

@@ -51,13 +51,13 @@ EQUIVALENT, BETTER, WORSE, UNDECIDED = "equivalent", "better", "worse", "not dec
 """Verdicts on a difference."""
 
 
-def verdict(difference: Interval | float | None, margin: float) -> str:
+def verdict(difference: Interval | None, margin: float) -> str:
     """The verdict that an interval of a difference allows: two one-sided tests of equivalence, then the sign.
 
     `EQUIVALENT` for an interval within the margin on both sides; else `BETTER` or `WORSE` for one that excludes zero,
     positive where the one is better; else, and without an interval, `UNDECIDED`.
     """
-    if not isinstance(difference, Interval):
+    if difference is None:
         return UNDECIDED
     if -margin < difference.low and difference.high < margin:
         return EQUIVALENT

@@ -135,7 +135,7 @@ def _prices_in_time(results: Results, environments: list[str], estimator: str) -
 
 def _learned(results: Results) -> list[str]:
     """Learned agents against the classical one, and filters against memory."""
-    found = {(d.column, d.other): d.value for d in shares.learned_differences(results) if d.value is not None}
+    found = {(e, other): gap for e, other, gap in shares.learned_differences(results) if gap is not None}
     gaps = {e: gap for (e, other), gap in found.items() if other == str(results.classical)}
     reference, sentences = named(str(shares.reference_policy(results))), []
     if gaps:

@@ -5,7 +5,6 @@ Everything is a mean over training runs and evaluation seeds, with the one inter
 
 from collections.abc import Iterable, Iterator, Sequence
 from math import comb
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,15 +17,6 @@ ENDS = (ORACLE, FLOOR)
 """Estimators whose share is 1 and 0 by definition."""
 ALL = "All"
 """Heading of what holds for all environments together."""
-
-
-class Difference(NamedTuple):
-    """A difference of shares kept, one less the other; the column is an environment, or `ALL`."""
-
-    column: str
-    one: str
-    other: str
-    value: Interval | float | None
 
 
 def rankable(results: Results, environments: Sequence[str]) -> dict[str, np.ndarray]:
@@ -138,11 +128,11 @@ def reference_policy(results: Results) -> Policy | None:
     return next((policy for policy in plain if policy.trained_on == DEFAULT), plain[0] if plain else None)
 
 
-def learned_differences(results: Results) -> Iterator[Difference]:
+def learned_differences(results: Results) -> Iterator[tuple[str, str, Interval | float | None]]:
     """Shares that the `reference_policy` keeps at home above the classical agent on the same estimator, and above raw.
 
     The latter are those of the agents that learned on measurements, of the same training seeds; corrected for their
-    number.
+    number. Each is an environment, the other agent and the difference.
     """
     reference = reference_policy(results)
     raw = [policy for policy in learners(results) if results.agent(policy).raw]
@@ -152,10 +142,10 @@ def learned_differences(results: Results) -> Iterator[Difference]:
         here, who = results.own(environment, reference), results.classical
         gaps = results.paired_shares([environment], (reference, here), (who, here))
         value = None if gaps is None else results.interval(reference, gaps)
-        yield Difference(environment, str(reference), str(who), value)
+        yield environment, str(who), value
         for policy in raw:
             value = difference(results, [environment], reference, policy, len(raw))
-            yield Difference(environment, str(reference), str(policy), value)
+            yield environment, str(policy), value
 
 
 def difference(

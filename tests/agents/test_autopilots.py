@@ -1,7 +1,6 @@
 """Autopilots: designs that stand up to independent ones, and flights that hold what they were designed for."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -19,7 +18,7 @@ from estimators import wrap
 from vessel_gym.envs import ItsunusaAUVEnv, PunaUAVEnv, SegorogeniAUVEnv
 from vessel_gym.guidance.dive_path import follow
 from vessel_gym.system import System
-from vessel_gym.vehicles.corvette import secant_models, steady_turns
+from vessel_gym.vehicles.corvette import secant_models
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.puna import trim
 
@@ -148,29 +147,6 @@ def test_the_closed_loops_are_stable_and_well_damped(name: str):
     slow = np.log(closed[np.abs(closed) > 0.8] + 0j) / plane.dt
     # What the fins of an AUV cannot reach, the roll, keeps the damping of the hull.
     assert (-slow.real / np.abs(slow) > 0.25).all()
-
-
-LIMITED: list[tuple[Callable[[Any], np.ndarray], Any, str]] = [
-    (lambda t: vertical_loop(SPATIAL.vehicle, t).gains, DIVING, "fin"),
-    (lambda t: vertical_loop(VERTICAL.vehicle, t).gains, DIVING, "fin"),
-    (lambda t: lateral_gains(FLIGHT.vehicle, t), FLYING, "bank"),
-    (lambda t: longitudinal_gains(FLIGHT.vehicle, t)[1, :3], FLYING, "alpha"),
-]
-
-
-@pytest.mark.parametrize(("designed", "tolerances", "command"), LIMITED)
-def test_the_less_a_command_may_move_the_smaller_its_gains(designed, tolerances: Any, command: str):
-    sizes = [
-        np.linalg.norm(designed(replace(tolerances, **{command: factor * getattr(tolerances, command)})))
-        for factor in (0.5, 1.0, 2.0)
-    ]
-    assert sizes[0] < 0.9 * sizes[1] < 0.81 * sizes[2]
-
-
-def test_a_ship_s_gains_vary_smoothly_from_turn_to_turn():
-    K = gains(SHIP, DT, TURNING)
-    assert len(K) == len(steady_turns(SHIP).yaw_rate)
-    assert (np.abs(np.diff(K, axis=0)) < 0.05 * np.abs(K).max(0)).all()
 
 
 # --- steady motions ---------------------------------------------------------------------------------

@@ -124,15 +124,6 @@ def test_bang_bang_is_always_saturated_and_gentle_commands_never_are(env_id: str
     assert (gentle["steering_travel"] < 0.1 * brisk["steering_travel"]).all()
 
 
-@pytest.mark.parametrize("env_id", [SIGMA, AUV])
-def test_costs_of_an_episode_are_those_that_it_has_in_a_batch(env_id: str):
-    options = {"estimator": "truth", "max_episode_steps": 90}
-    batch = scores(rollout("autopilot", env_id, [3, 4, 5], options))
-    alone = [scores(rollout("autopilot", env_id, [seed], options)) for seed in (3, 4, 5)]
-    for key in COSTS[env_id]:
-        np.testing.assert_allclose(batch[key], [each[key][0] for each in alone], rtol=1e-9, err_msg=key)
-
-
 def test_a_vehicle_that_says_nothing_of_its_steering_has_no_costs_of_it():
     class Nameless(Ship):
         steering = ()

@@ -275,18 +275,6 @@ def test_a_training_that_breaks_off_leaves_the_old_checkpoint_as_it_was(tmp_path
     assert [entry.name for entry in tmp_path.iterdir()] == ["agent.zip"]
 
 
-def test_a_place_that_cannot_be_written_is_found_out_before_the_training(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setattr(Core, "step", lambda *_: pytest.fail("it had begun to train"))
-    (tmp_path / "file").write_text("in the way")
-    (tmp_path / "folder.zip").mkdir()
-    for place in (tmp_path / "file" / "agent.zip", tmp_path / "folder.zip"):
-        with pytest.raises(OSError, match=str(place.name) + "|file"):
-            train(ENV, place, steps=STEPS)
-    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["file", "folder.zip"]
-
-
 def test_progress_is_reported_after_each_rollout(tmp_path: Path):
     reported: list[tuple[int, int, float]] = []
     train(ENV, tmp_path / "agent.zip", steps=STEPS, progress=lambda *args: reported.append(args))
