@@ -21,7 +21,6 @@ ALONG = 3
 """Column of a reference beside those of `vessel_gym.tasks.track`: distance along the channel [m]."""
 _POINTS = LENGTH + 1
 _PATH = _POINTS + 2 * (WAYPOINTS - 1)
-_NUMBERS = _PATH + COLUMNS * SEGMENTS
 _ANYWHERE = np.array([-np.inf, np.inf, 0.0])
 _BESIDE = 8  # numbers of a reference before its scenario
 
