@@ -8,9 +8,12 @@ from pages import DOCS, blocks
 
 from agents.seeds import evaluation_seeds
 
-ELSEWHERE = {"engine", "studies", "training", "vehicles"}
+ELSEWHERE = {"engine", "recipes/error-state", "recipes/several-models", "studies", "training", "vehicles"}
 """Pages whose examples other tests run."""
-PAGES = [page.stem for page in sorted(DOCS.glob("*.md")) if blocks(page.stem, "python")] + ["recipes/own-measurements"]
+FILES = *sorted(DOCS.glob("*.md")), *sorted(DOCS.glob("recipes/*.md"))
+PAGES = [
+    page for page in (file.relative_to(DOCS).with_suffix("").as_posix() for file in FILES) if blocks(page, "python")
+]
 SLOW = {"dubins"}
 LIBRARIES = {"InvertedPendulum": "mujoco", "LunarLander": "Box2D", "matplotlib": "matplotlib", "pandas": "pandas"}
 

@@ -4,7 +4,6 @@ They may import the loop, sensors and `estimators`; nothing of the package impor
 """
 
 from vessel_gym.wrappers.estimated import EstimatedObservation
-from vessel_gym.wrappers.identification import identify
 from vessel_gym.wrappers.simulation import simulator
 
-__all__ = ["EstimatedObservation", "identify", "simulator"]
+__all__ = ["EstimatedObservation", "simulator"]

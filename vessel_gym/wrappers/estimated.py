@@ -44,7 +44,7 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
     Args:
         env: Any environment whose observations are numbers, or dictionaries of such.
         model: What the filter knows of it: a `LinearModel` or `NonlinearModel` of one step, of your own or from
-            `simulator` or `identify`. R says how well its measurements are read.
+            `simulator`. R says how well its measurements are read.
         prior: What is known of the state at the start; None: how copies of the environment begin.
         state: The true state ``(n,)``, a function of (env, observation); None: the observation itself. Nobody but the
             sensors, the oracle and ``info`` gets it.

@@ -60,7 +60,9 @@ def simulator(
         elif hasattr(base, "state"):
             get, put = _classic_state, _set_classic
         else:
-            raise TypeError(f"nobody knows how to set the state of {base.spec.id}: give get and put, or use identify")
+            raise TypeError(
+                f"nobody knows how to set the state of {base.spec.id}: give get and put, or a model of your own"
+            )
     if get is None or put is None:
         raise TypeError("give both get and put, or neither")
     steps: Any = _Simulator(copy, get, put)
@@ -98,7 +100,9 @@ def _tried(env: gym.Env, steps: "_Simulator") -> tuple[np.ndarray, np.ndarray]:
         x.append(np.array(steps.get(env), float))
         if x[-1].ndim != 1:
             shape = x[-1].shape
-            raise TypeError(f"get gives a state of shape {shape}, no row of numbers: give get and put, or use identify")
+            raise TypeError(
+                f"get gives a state of shape {shape}, no row of numbers: give get and put, or a model of your own"
+            )
         u.append(np.asarray(space.sample(), float).reshape(-1))
         steps.put(env, x[0])
         if not np.allclose(steps.get(env), x[0], rtol=1e-12, atol=1e-12):

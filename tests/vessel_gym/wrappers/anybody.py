@@ -6,8 +6,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from estimators import Gaussian, NonlinearModel
-from vessel_gym.wrappers import EstimatedObservation, identify, simulator
+from estimators import Gaussian, LinearModel, NonlinearModel
+from vessel_gym.wrappers import EstimatedObservation, simulator
 
 
 def cart_pole(**options: Any) -> gym.Env:
@@ -63,11 +63,36 @@ def acrobot(**options: Any) -> gym.Env:
     )  # fmt: skip
 
 
+def _known(action: Any) -> np.ndarray:
+    """An action as the known input of a fitted model: with a 1 behind."""
+    return np.concatenate([action, np.ones((*np.shape(action)[:-1], 1))], -1)
+
+
+def _fitted(env_id: str, state: Callable[[Any], Any], C: np.ndarray) -> LinearModel:
+    """A linear model from random steps, by least squares."""
+    env = gym.make(env_id)
+    env.action_space.seed(0)
+    x, before, after = state(env.reset(seed=0)[0]), [], []
+    while len(before) < 2000:
+        action = env.action_space.sample()
+        seen, _, terminated, truncated, _ = env.step(action)
+        if terminated or truncated:
+            seen, _ = env.reset()
+        else:
+            before.append([*x, *_known(action)])
+            after.append(state(seen))
+        x = state(seen)
+    n, AB = len(x), np.linalg.lstsq(before, after)[0].T
+    residuals = np.array(after) - np.array(before) @ AB.T
+    Q = residuals.T @ residuals / (len(before) - AB.shape[1])
+    return LinearModel(AB[:, :n], C, Q, 1e-4 * np.eye(len(C)), B=AB[:, n:])
+
+
 def lunar_lander(**options: Any) -> gym.Env:
     env = gym.make("LunarLanderContinuous-v3")
-    model, known = identify(gym.make("LunarLanderContinuous-v3"), lambda env, obs: obs[:6], np.eye(6)[[0, 1, 4]], 1e-4)
+    model = _fitted("LunarLanderContinuous-v3", lambda obs: obs[:6], np.eye(6)[[0, 1, 4]])
     return EstimatedObservation(
-        env, model, None, lambda env, obs: obs[:6], passes=(6, 7), known_input=known, **options
+        env, model, None, lambda env, obs: obs[:6], passes=(6, 7), known_input=_known, **options
     )  # the legs' contacts pass
 
 
@@ -119,10 +144,10 @@ def point_maze(**options: Any) -> gym.Env:
     import gymnasium_robotics
 
     gym.register_envs(gymnasium_robotics)
-    model, known = identify(gym.make("PointMaze_UMaze-v3"), lambda env, obs: obs["observation"], np.eye(2, 4), 1e-4)
+    model = _fitted("PointMaze_UMaze-v3", lambda obs: obs["observation"], np.eye(2, 4))
     return EstimatedObservation(
         gym.make("PointMaze_UMaze-v3"), model, None, lambda env, obs: obs["observation"],
-        lambda x: {"observation": x, "achieved_goal": x[..., :2]}, ["desired_goal"], known, **options,
+        lambda x: {"observation": x, "achieved_goal": x[..., :2]}, ["desired_goal"], _known, **options,
     )  # fmt: skip
 
 
@@ -130,8 +155,8 @@ def parking(**options: Any) -> gym.Env:
     import highway_env
 
     gym.register_envs(highway_env)
-    model, known = identify(gym.make("parking-v0"), lambda env, obs: obs["observation"], np.eye(6)[[0, 1, 4, 5]], 1e-4)
+    model = _fitted("parking-v0", lambda obs: obs["observation"], np.eye(6)[[0, 1, 4, 5]])
     return EstimatedObservation(
         gym.make("parking-v0"), model, None, lambda env, obs: obs["observation"],
-        lambda x: {"observation": x, "achieved_goal": x}, ["desired_goal"], known, **options,
+        lambda x: {"observation": x, "achieved_goal": x}, ["desired_goal"], _known, **options,
     )  # fmt: skip

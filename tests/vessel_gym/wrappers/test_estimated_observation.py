@@ -22,7 +22,7 @@ from estimators import Filter, Gaussian, LinearModel, Model, NonlinearModel, mak
 from estimators.metrics import chi_square_band, nees
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES, Sensor, SensorSuite
-from vessel_gym.wrappers import EstimatedObservation, identify, simulator
+from vessel_gym.wrappers import EstimatedObservation, simulator
 from vessel_gym.wrappers.vector import EstimatedObservation as EstimatedObservations
 from vessel_gym.wrappers.watch import plain_action
 
@@ -746,7 +746,7 @@ def test_a_linear_regulator_on_estimates_costs_what_riccati_says():
     assert abs(np.mean(costs) - expected) < 3.0 * error
 
 
-# --- models from simulators and steps -----------------------------------------------------------------
+# --- models from simulators ---------------------------------------------------------------------------
 
 
 def test_a_simulator_steps_as_the_equations_do():
@@ -772,15 +772,6 @@ def test_a_native_rollout_steps_as_the_environment_does(name: str):
         env.step(action)
         expected = np.concatenate([base.data.qpos, base.data.qvel])
         np.testing.assert_allclose(model.transition(x, action.astype(float)), expected, rtol=0, atol=1e-4)
-
-
-def test_an_identified_linear_environment_is_that_environment():
-    model, known = identify(Linear(), None, [[1.0, 0.0]], 0.01, steps=20000)
-    spread = 5.0 * np.sqrt(np.diag(Linear.Q).max() / 20000 / 1e-3)  # five deviations of the least certain entry
-    np.testing.assert_allclose(model.A, Linear.A, rtol=0, atol=spread)
-    np.testing.assert_allclose(model.B[:, :1], Linear.B, rtol=0, atol=spread)
-    np.testing.assert_allclose(np.diag(model.Q), np.diag(Linear.Q), rtol=5.0 * np.sqrt(2.0 / 20000))
-    np.testing.assert_array_equal(known(np.array([0.5])), [0.5, 1.0])
 
 
 class Dice(Linear):
@@ -960,11 +951,6 @@ def test_simulators_that_are_none_are_refused():
         simulator(gym.make("Linear-v0"), read, 1e-6, 1e-4, get=lambda env: env.unwrapped.x)
     with pytest.raises(ValueError, match="a state that put sets is not the one that get finds"):
         simulator(gym.make("Linear-v0"), read, 1e-6, 1e-4, get=lambda env: env.unwrapped.x, put=lambda env, x: None)
-    with pytest.raises(ValueError, match="too few"):
-        identify(Linear(), None, [[1.0, 0.0]], 0.01, steps=20)
-    for given in (np.nan, [np.nan, 0.0], [[0.0], [1.0]]):
-        with pytest.raises(ValueError, match="state must give a row of finite numbers, got"):
-            identify(Linear(), lambda env, seen, given=given: given, [[1.0, 0.0]], 0.01)
     with pytest.raises(ValueError, match=r"give prior=, .* cannot be made again"):
         EstimatedObservation(Linear(), LINEAR)
 
@@ -980,4 +966,4 @@ def test_a_filter_of_ones_own_is_in_the_loop_too():
     env = EstimatedObservation(Linear(), LINEAR, LINEAR_PRIOR, estimator=Still)
     env.reset(seed=0)
     np.testing.assert_array_equal(env.step(np.ones(1))[0], 0.0)
-    assert importlib.import_module("vessel_gym.wrappers").__all__ == ["EstimatedObservation", "identify", "simulator"]
+    assert importlib.import_module("vessel_gym.wrappers").__all__ == ["EstimatedObservation", "simulator"]
