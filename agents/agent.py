@@ -78,8 +78,8 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
     if ours and name in CONTROLLERS.of(env.core.task):
         if env.core.observe_mode == "measurement":
             raise ValueError(f'the {name} needs estimates: use observe="mean" or "mean+std"')
-        if not env.core.config.options.guidance or env.core.config.options.termination == "agent":
-            raise ValueError(f"the {name} goes by guidance and declares nothing: leave out guidance and ends")
+        if not env.core.config.options.guidance:
+            raise ValueError(f"the {name} goes by guidance: leave out guidance")
         return make_controller(str(name), env.system)
     if os.path.isfile(name):  # which takes any name; pathlib raises for one that is too long
         return TrainedAgent(Path(name), given, trust)

@@ -29,8 +29,8 @@ from vessel_gym.world import World
 
 OBSERVE = ("mean", "mean+std", "mean+alarms", "mean+std+alarms", "measurement")
 """What may be observed: estimates, with their standard deviations and a monitor's alarms, or raw measurements."""
-TERMINATIONS = ("belief", "agent", "task")
-"""Who says that a mission is done: what the estimator believes, the agent, or the task, which knows the truth."""
+TERMINATIONS = ("belief", "task")
+"""Who says that a mission is done: what the estimator believes, or the task, which knows the truth."""
 
 
 @shared
@@ -71,9 +71,8 @@ class Options:
             ``"mean+alarms"`` and ``"mean+std+alarms"`` append 1 for each sensor that the monitor accuses, else 0.
             ``"measurement"`` is raw measurements and their mask.
         termination: Source of the decision that the mission is complete. ``"belief"`` is the estimate (the default
-            where estimates are observed). ``"agent"`` is the agent, by a last component of its action above 0.5.
-            ``"task"`` is the truth: one bit, and the default where measurements are observed. Limits of the task and of
-            time end any episode.
+            where estimates are observed). ``"task"`` is the truth: one bit, and the default where measurements are
+            observed. Limits of the task and of time end any episode.
         guidance: With True, an observation describes the mission relative to the estimated position, or to the last
             measured one. With False, it has the estimate or the measurements as they are, and the mission. The default
             is True where estimates are observed.
@@ -149,10 +148,6 @@ class Configuration:
         if options.guidance and raw:
             wide = {"model": vehicle.kinds[0]}  # the same whatever estimator is named
             self.raw = build(system, "measurement", wide, *rest)
-        if options.termination == "agent" and not task.success:
-            raise ValueError(
-                f"{system.name} goes on until time is up, so there is nothing to declare: termination='task'"
-            )
         sizes, seen = (
             task.sizes(world.sensors.size, len(self.composition.names)),
             observed(options.observe, bool(options.guidance)),
@@ -161,7 +156,7 @@ class Configuration:
             raise ValueError(f"sizes of {type(task).__name__} must give {', '.join(seen)}, got {short_repr(sizes)}")
         alarms = alarming(options.observe, self.estimation.monitor)
         self.observation_size: int = sum(sizes[part] for part in seen) + len(alarms)
-        self.action_size = len(vehicle.action_names) + (options.termination == "agent")
+        self.action_size = len(vehicle.action_names)
         self.perfect = float(task.perfect), float(task.perfect == task.horizon)
         self.based = tuple(vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0]))
         users = not (is_verified(task) and is_verified(self.composition.forces.disturbance))

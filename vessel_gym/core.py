@@ -22,9 +22,6 @@ from vessel_gym.state import EnvState, blank
 from vessel_gym.system import System
 from vessel_gym.tasks.task import Estimate
 
-DECLARED = 0.5
-"""An agent declares a mission done by a last component of its action above this."""
-
 
 def _of(path: str) -> Any:
     """A read-only attribute that is one of a part."""
@@ -85,7 +82,7 @@ class Core:
         self.loop = Loop(config, self.num_envs)
         self.raw = None if config.raw is None else Loop(config, self.num_envs, "raw")
         self.action_shape = self.num_envs, config.action_size
-        self._rows, self._none, self._no_input = np.arange(num_envs), np.zeros(num_envs, bool), np.zeros((num_envs, 0))
+        self._rows, self._no_input = np.arange(num_envs), np.zeros((num_envs, 0))
         self.seeds: list[int] = []
         self.episodes = np.zeros(num_envs, int)
         self.now = blank(self.num_envs)
@@ -288,23 +285,20 @@ class Core:
 
     def _moving(self, now: EnvState) -> tuple[np.ndarray, ...]:
         """Arguments of `vessel_gym.world.World.equations`."""
-        action = now.action[:, :-1] if self.config.options.termination == "agent" else now.action
         return (
-            action, now.scenario, now.reference, now.state, now.actuators, now.exogenous, now.parameters, now.keys,
+            now.action, now.scenario, now.reference, now.state, now.actuators, now.exogenous, now.parameters, now.keys,
             now.steps, now.drifting, now.noise, now.drawn, self.loop.sensing,
         )  # fmt: skip
 
     def _scoring(self, now: EnvState) -> tuple[np.ndarray, ...]:
         """Arguments of `vessel_gym.mission.Mission.equations`."""
-        action, declared, belief = now.action, self._none, self.loop.belief
+        belief = self.loop.belief
         estimates = map(np.ascontiguousarray, (belief.mean, self._d(belief)))  # programs run at once on such arrays
-        if self.config.options.termination == "agent":
-            action, declared = action[:, :-1], action[:, -1] > DECLARED
         exogenous, forces = now.exogenous, self.config.world.forces
         if forces.faulty:
             exogenous = np.ascontiguousarray(exogenous[:, : forces.outside])
         return (
-            now.scenario, now.steps, declared, *estimates, now.state, exogenous, now.actuators, action, now.score_state,
+            now.scenario, now.steps, *estimates, now.state, exogenous, now.actuators, now.action, now.score_state,
         )  # fmt: skip
 
     def _d(self, belief: Belief) -> np.ndarray:

@@ -20,7 +20,7 @@ class Mission:
     Args:
         task: With its methods checked where it is a user's.
         composition: What the filter estimates.
-        termination: Whose estimate or word completes a mission: one of `vessel_gym.configuration.TERMINATIONS`.
+        termination: What completes a mission: one of `vessel_gym.configuration.TERMINATIONS`.
         based: Which components of the true state stand where the filter has them.
         guided: Are estimates alone observed, with guidance? Then the step observes, too.
         measured: Are raw measurements observed? Then the reference is where the truth is.
@@ -46,13 +46,13 @@ class Mission:
             self.begin: Any = self.begin.function
         parts = [task] if isinstance(task, CheckedMethods) else []
         self.step: Any = (
-            Step(self, parts, lambda *arrays: composition.forces.users(arrays[5])) if users else self.equations
+            Step(self, parts, lambda *arrays: composition.forces.users(arrays[4])) if users else self.equations
         )
 
-    @compiled(axes=(1, 0, 0, 1, 1, 1, 1, 1, 1, 1))
+    @compiled(axes=(1, 0, 1, 1, 1, 1, 1, 1, 1))
     def equations(
-        self, scenario: np.ndarray, steps: np.ndarray, declared: np.ndarray, mean: np.ndarray, input_mean: np.ndarray,
-        state: np.ndarray, exogenous: np.ndarray, actuators: np.ndarray, action: np.ndarray, score_state: np.ndarray,
+        self, scenario: np.ndarray, steps: np.ndarray, mean: np.ndarray, input_mean: np.ndarray, state: np.ndarray,
+        exogenous: np.ndarray, actuators: np.ndarray, action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
         """Reference ``(..., k)``, reward and end ``(...)``, score state; the observation if it is ``guided``.
 
@@ -61,7 +61,6 @@ class Mission:
         Args:
             scenario: What the task drew ``(..., c)``.
             steps: ``(...)`` since the episode's start.
-            declared: ``(...)`` where the agent says that the mission is complete.
             mean: Estimated state ``(..., n)``,
             input_mean: and unknown input ``(..., q)``; q may be 0.
             state: True state.
@@ -72,11 +71,9 @@ class Mission:
         """
         task, truth = self.task, state[..., self.based]
         reference = task.reference(scenario, steps, truth if self.measured else mean)
-        over = declared
-        if self.termination != "agent":
-            true = self.termination == "task"
-            alike = true == self.measured
-            over = task.over(reference if alike else task.reference(scenario, steps, truth if true else mean))
+        true = self.termination == "task"
+        alike = true == self.measured
+        over = task.over(reference if alike else task.reference(scenario, steps, truth if true else mean))
         reward, end, score_state = task.score(state, exogenous, reference, over, actuators, action, score_state)
         scored = reference, reward, end, score_state
         seen = self._seen(steps, mean, input_mean, state, reference, actuators)

@@ -17,7 +17,7 @@ class World:
         mismatch: Relative spread of the truth's parameters.
         observe: mean, mean+std or measurement.
         guidance: Observe the mission relative to the reference; without it the state alone.
-        termination: Who ends a mission: task, belief or agent; the environment's default if not given.
+        termination: Who ends a mission: task or belief; the environment's default if not given.
         vessel: Vehicle file, or the name of one that comes with the package, for environments that take one.
     """
 

@@ -116,7 +116,6 @@ class _Reader(TomlReader):
                 seas = system_of(world).disturbances
                 self.name("disturbance", condition.disturbance, seas, ("conditions", condition.name, "disturbance"))
             self.check_condition(condition, here)
-        self.check_termination(study, worlds)
         for estimator in study.estimators:
             place = ("estimators", estimator.name)
             known = estimator.estimator == DEFAULT
@@ -143,22 +142,6 @@ class _Reader(TomlReader):
             if here and agent.trained_on and not flown and not agent.raw:
                 text = f"{agent.name} flies in no environment of an estimator that it is trained on"
                 self.wrong((*place, "trained_on"), text)
-
-    def check_termination(self, study: Study, worlds: Sequence[str]) -> None:
-        """All environments know the termination, and so do the agents that do not learn."""
-        if study.termination != "agent":
-            return
-        place = ("termination",)
-        for world in worlds:
-            error = refusal(world, {"estimator": ORACLE, "termination": "agent"})
-            if error is not None:
-                self.wrong(place, f"{world} refuses termination 'agent': {error}")
-        registered = [agent.name for agent in study.agents if not agent.learned and ":" not in agent.kind]
-        if registered:
-            text = (
-                "declares no mission done: termination 'agent' needs a controller of your own, module:object, instead"
-            )
-            self.wrong(place, f"{registered[0]} {text}")
 
     def check_condition(self, condition: Condition, worlds: Sequence[str]) -> None:
         """Note own sensors and disturbances, and late or failing sensors, that an environment refuses."""

@@ -373,12 +373,10 @@ def test_raw_measurements_do_not_change_when_truth_does_not_even_beside_the_orac
 @every_environment
 @pytest.mark.parametrize(
     "options",
-    [{"observe": "measurement", "estimator": "truth", "guidance": True}, {"guidance": False}, {"termination": "agent"}],
-    ids=["guided by measurements", "unguided", "declared"],
+    [{"observe": "measurement", "estimator": "truth", "guidance": True}, {"guidance": False}],
+    ids=["guided by measurements", "unguided"],
 )
 def test_what_guides_and_what_ends_do_not_change_what_is_seen_when_truth_does(env_id: str, options: dict[str, Any]):
-    if "termination" in options and not single_class(env_id).system.task.success:
-        pytest.skip("there is nothing to declare")
     one, other, distance = observations_when_truth_is_altered(env_id, sensors="degraded", **options)
     assert_apart(distance)
     for mode, seen in one.items():
@@ -394,9 +392,9 @@ def told_the_position(monkeypatch: pytest.MonkeyPatch) -> None:
             return Mission.begin(self, scenario, steps, mean, *others)
 
         def equations(self, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
-            scenario, steps, declared, mean, known, state, *others = arrays
+            scenario, steps, mean, known, state, *others = arrays
             mean = np.concatenate([state[:, self.based], mean[:, len(self.based) :]], -1)
-            return Mission.equations(self, scenario, steps, declared, mean, known, state, *others)
+            return Mission.equations(self, scenario, steps, mean, known, state, *others)
 
     monkeypatch.setattr(configuration, "_mission", Leaking)
 

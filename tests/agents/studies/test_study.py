@@ -163,14 +163,6 @@ half = { kind = "ppo", settings = { n_steps = 0.5 } }
     assert {line for line, _ in found} == set(expected)
 
 
-def test_where_agents_end_missions_every_agent_has_to_declare_them(tmp_path):
-    text = 'termination = "agent"\n[environments]\nSigmaCorvette-v0 = {}\n'
-    found = mistakes(tmp_path, text)
-    assert all(line == 1 for line, _ in found)
-    assert any("nothing to declare" in words for _, words in found)
-    assert any("autopilot declares no mission done" in words for _, words in found)
-
-
 def test_sensors_may_be_late_and_fail_in_a_condition(tmp_path):
     text = """[environments]
 SegorogeniAUV-v0 = {}
