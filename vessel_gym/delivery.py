@@ -10,9 +10,6 @@ from vessel_gym.sensors import Sensors, columns
 Measurements = tuple[np.ndarray, np.ndarray]
 """Measurements ``(B, p)`` and the mask ``(B, p)`` of those that arrived; or by age, ``(B, ages, p)`` each."""
 
-_JITTER, _CLOCK = 2, 3
-"""Uses of a sensor's random numbers: `vessel_gym.sensors.Sensors.corrupted` has 0 and 1."""
-
 
 class Faulty:
     """The faults of the sensors of B rows, in their order: when each acts in this episode, and what stuck ones show."""
@@ -79,78 +76,36 @@ class Faulty:
 
 
 class Transit:
-    """Measurements of B rows that are under way.
-
-    ``lost (B,)`` counts those since the start that arrived with others whose wrong time stamps are the same.
-    """
+    """Measurements of B rows that are under way."""
 
     def __init__(self, sensors: Sensors, rows: int) -> None:
-        self._owner = sensors.owner
-        self._latency, self._jitter, self._clock = sensors.delays.T
+        delay = sensors.delays[sensors.owner]
+        self._due = delay == np.arange(sensors.horizon + 1)[:, None]  # (ages, p)
+        self._ages = delay, np.arange(sensors.size)  # of each channel
         shape = sensors.horizon + 1, rows, sensors.size
-        self._y, self._delay = np.zeros(shape), np.full(shape, _NONE, np.int32)  # by age, with the age of arrival
-        constant = not (self._jitter.any() or self._clock.any())
-        self._ages = (self._latency[self._owner], np.arange(sensors.size)) if constant else None  # of each channel
-        self.lost = np.zeros(rows, np.int64)
-        self._off = np.zeros(
-            (rows, sensors.size), np.int64
-        )  # what its clock adds to the age of a measurement, in steps
+        self._y, self._available = np.zeros(shape), np.zeros(shape, bool)  # by age
 
-    def restart(self, rows: np.ndarray | slice, keys: np.ndarray) -> None:
-        """Begin an episode of some rows, with keys ``(rows, sensors, 2)``: nothing is under way."""
-        self._delay[:, rows], self.lost[rows] = _NONE, 0
-        if self._clock.any():
-            self._off[rows] = self._drawn(2 * self._clock, RandomKeys(keys), _CLOCK) - self._clock[self._owner]
+    def restart(self, rows: np.ndarray | slice) -> None:
+        """Begin an episode of some rows: nothing is under way."""
+        self._available[:, rows] = False
 
-    def carry(
-        self, sampled: Measurements, steps: np.ndarray, keys: np.ndarray, rows: np.ndarray | slice
-    ) -> Measurements:
-        """Measurements that arrive now, by the age of their time stamps ``(rows, ages, p)``, with the mask.
-
-        Args:
-            sampled: What the sensors of these rows take now.
-            steps: ``(rows,)`` after their start.
-            keys: ``(rows, sensors, 2)``.
-            rows: Which.
-        """
-        delay = self._latency[self._owner]
-        if self._jitter.any():
-            delay = delay + self._drawn(self._jitter, RandomKeys(keys, steps[:, None]), _JITTER)
-        delay = np.where(sampled[1], delay, _NONE)
-        y = np.concatenate([sampled[0][None], self._y[:-1, rows]])
-        delay = np.concatenate([delay[None], self._delay[:-1, rows]], dtype=np.int32)
+    def carry(self, sampled: Measurements, rows: np.ndarray | slice) -> Measurements:
+        """Measurements that arrive now, by age ``(rows, ages, p)``, with the mask; of what these rows sample now."""
+        y, available = (
+            np.concatenate([now[None], before[:-1, rows]])
+            for now, before in zip(sampled, (self._y, self._available), strict=True)
+        )
         if isinstance(rows, slice):  # all
-            self._y, self._delay = y, delay
+            self._y, self._available = y, available
         else:
-            self._y[:, rows], self._delay[:, rows] = y, delay
-        arrived = delay == np.arange(len(delay), dtype=np.int32)[:, None, None]
-        y, arrived = np.where(arrived, y, 0.0).swapaxes(0, 1), arrived.swapaxes(0, 1)
-        if not self._clock.any():
-            return y, arrived
-        stamped, there = self._stamped(y, arrived, self._off[rows])
-        self.lost[rows] += arrived.sum((1, 2)) - there.sum((1, 2))
-        return stamped, there
+            self._y[:, rows], self._available[:, rows] = y, available
+        arrived = available & self._due[:, None]
+        return np.where(arrived, y, 0.0).swapaxes(0, 1), arrived.swapaxes(0, 1)
 
     def youngest(self, delivered: Measurements) -> Measurements:
-        """Of what was delivered the youngest measurement of each channel."""
-        if self._ages is None:
-            return youngest(delivered)
+        """The delivered measurement of each channel, of which there is one at most."""
         y, arrived = (each[:, *self._ages] for each in delivered)
         return y, arrived
-
-    def _drawn(self, most: np.ndarray, drawn: RandomKeys, use: int) -> np.ndarray:
-        """Whole numbers from 0 to ``most (sensors,)``, of each channel's sensor: ``(rows, p)``."""
-        return np.floor(drawn.uniforms(1, use)[..., 0] * (most + 1)).astype(np.int64)[:, self._owner]
-
-    def _stamped(self, y: np.ndarray, arrived: np.ndarray, off: np.ndarray) -> Measurements:
-        """Measurements by the ages that wrong clocks give them, none below 0; the youngest, where two have one."""
-        ages = arrived.shape[1]
-        stamped, there = np.zeros(y.shape), np.zeros(y.shape, bool)
-        for age in range(ages - 1, -1, -1):
-            said, comes = np.clip(age + off, 0, ages - 1)[:, None], arrived[:, age, None]
-            np.put_along_axis(stamped, said, np.where(comes, y[:, age, None], np.take_along_axis(stamped, said, 1)), 1)
-            np.put_along_axis(there, said, comes | np.take_along_axis(there, said, 1), 1)
-        return stamped, there
 
 
 def youngest(measurements: Measurements) -> Measurements:
@@ -169,7 +124,6 @@ def of_now(measurements: Measurements, horizon: int) -> Measurements:
     return y, available
 
 
-_NONE = -1
 _ROUNDING = 1e-6
 """Seconds: a fault that begins at 0.3 s begins in the third step of 0.1 s."""
 

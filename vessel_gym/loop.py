@@ -47,7 +47,6 @@ class Loop:
         self.measurements: Measurements = youngest(self.delivered) if ages else self.delivered
         self.belief: Belief
         self.watch: Watch
-        self._refused = np.zeros(rows, int)
 
     @property
     def estimation(self) -> Estimation:
@@ -58,10 +57,10 @@ class Loop:
     def restart(self, rows: np.ndarray | slice, sensing: np.ndarray, filtering: np.ndarray) -> None:
         """Begin an episode of some rows, with keys ``(rows, sensors, 2)`` and ``(rows, 2)`` of the filter's numbers."""
         self.sensing[rows], self._filtering.keys[rows] = sensing, filtering
-        self._refused[rows] = 0
-        for part in (self._faults, self._transit):
-            if part is not None:
-                part.restart(rows, sensing)
+        if self._faults is not None:
+            self._faults.restart(rows, sensing)
+        if self._transit is not None:
+            self._transit.restart(rows)
 
     def receive(
         self, measurements: Measurements, steps: np.ndarray, rows: np.ndarray | None, injected: bool = False
@@ -124,9 +123,8 @@ class Loop:
             self.watch = self._watched(self.watch, self.belief)
 
     def extra_info(self, steps: np.ndarray) -> dict[str, np.ndarray]:
-        """Entries of ``info`` by occasion: ``refused`` of late sensors, the mask of faults, the alarms of a monitor."""
-        found = {"refused": self.refused} if self.sensors.horizon else {}
-        found |= {} if self._faults is None else {"sensor_faults": self._faults.on(steps)}
+        """Entries of ``info`` by occasion: the mask of faults, the alarms of a monitor."""
+        found = {} if self._faults is None else {"sensor_faults": self._faults.on(steps)}
         return found | ({} if self.monitor is None else {"alarms": self.alarms})
 
     @property
@@ -134,12 +132,6 @@ class Loop:
         """Mask ``(B, sensors)`` of the sensors that the monitor accuses now, in the order of its names."""
         assert self.monitor is not None
         return np.asarray(self.watch.accused[:, None] == np.arange(len(self.monitor.names)))
-
-    @property
-    def refused(self) -> np.ndarray:
-        """Measurements since each row's start that came too late for its filter to take in ``(B,)``."""
-        refused = self._refused if self._transit is None else self._refused + self._transit.lost
-        return refused + self.belief.refused if self.estimation.fuses else refused
 
     def _delivered(
         self, measurements: Measurements, steps: np.ndarray, rows: np.ndarray | slice, injected: bool
@@ -152,10 +144,9 @@ class Loop:
             return sampled
         if injected:
             sampled = np.zeros((len(steps), self.sensors.size)), np.zeros((len(steps), self.sensors.size), bool)
-        delivered = self._transit.carry(sampled, steps, self.sensing[rows], rows)
+        delivered = self._transit.carry(sampled, rows)
         if injected:
-            delivered = measurements if measurements[0].ndim == 3 else of_now(measurements, self.sensors.horizon)
-        self._refused[rows] += self._neglected(delivered[1])
+            return measurements if measurements[0].ndim == 3 else of_now(measurements, self.sensors.horizon)
         return delivered
 
     def _watched(self, watch: Watch, belief: Any) -> Watch:
@@ -180,13 +171,6 @@ class Loop:
         if estimation.fuses or measurements[0].ndim == 2:
             return measurements
         return youngest(measurements) if estimation.late == "as new" else (measurements[0][:, 0], measurements[1][:, 0])
-
-    def _neglected(self, arrived: np.ndarray) -> Any:
-        """Number ``(rows,)`` of delivered measurements ``(rows, ages, p)`` that no filter uses."""
-        late = self.estimation.late
-        if late == "as new":
-            return arrived.sum((1, 2)) - arrived.any(1).sum(1)
-        return arrived[:, 1:].sum((1, 2)) if late == "discarded" else 0
 
 
 def _updated(filter: Any, belief: Any, y: np.ndarray, available: Any, rng: Any, u: Any = None) -> Any:

@@ -1,4 +1,4 @@
-"""Measurements that come late, out of order and wrongly stamped, and sensors that fail.
+"""Measurements that come late, and sensors that fail.
 
 That without either nothing changes is what every other test says: they are of such environments.
 """
@@ -67,8 +67,9 @@ def every_fault(env_id: str) -> list[SensorFault]:
 
 
 def at_sea(env_id: str) -> dict[str, Any]:
-    """All at once."""
-    sensors = sensors_of(env_id, "degraded", latency=2, jitter=4, clock=2)
+    """All at once: sensors are late by 2 and 6 steps in turn."""
+    late = zip(*(sensors_of(env_id, "degraded", latency=steps) for steps in (2, 6)), strict=True)
+    sensors = [pair[i % 2] for i, pair in enumerate(late)]
     return {"sensors": sensors, "sensor_faults": every_fault(env_id), "disturbance": "rough", "mismatch": 0.2}
 
 
@@ -99,49 +100,6 @@ def test_with_a_latency_each_measurement_comes_so_much_later_and_says_of_when_it
         np.testing.assert_array_equal(available[:, late], now[step - late][1])
 
 
-def test_with_jitter_every_measurement_comes_once_and_later_by_any_number_of_steps_alike():
-    latency, jitter, rows, steps = 2, 3, 200, 40
-    options = {"estimator": "truth", "disturbance": "calm"}
-    now = flown(make_core(AUV, rows, sensors=sensors_of(AUV), **options), steps)
-    come = flown(make_core(AUV, rows, sensors=sensors_of(AUV, latency=latency, jitter=jitter), **options), steps)
-    delays = np.zeros(jitter + 1)
-    overtaken = 0
-    for taken in range(steps - latency - jitter):
-        y, available = now[taken]
-        times = np.zeros(available.shape, int)
-        for age in range(latency + jitter + 1):
-            values, arrived = (one[:, age] for one in come[taken + age])
-            np.testing.assert_array_equal(values[arrived], y[arrived])
-            times += arrived
-            if age < latency:
-                assert not arrived.any()
-            else:  # the channels of a sensor come together: its first alone is counted
-                delays[age - latency] += arrived[:, [0, 3, 4, 7, 10]].sum()
-        np.testing.assert_array_equal(times, available)
-    for _, available in come:
-        overtaken += (available.sum(1) > 1).sum()
-    assert overtaken > 1000
-    expected = delays.sum() / len(delays)
-    assert ((delays - expected) ** 2 / expected).sum() < chi2.isf(1e-6, len(delays) - 1)
-
-
-def test_a_wrong_clock_is_wrong_by_the_same_for_a_whole_episode_and_stamps_no_time_to_come():
-    rows, steps, latency, clock = 300, 15, 2, 3
-    late = make_core(AUV, rows, estimator="truth", sensors=sensors_of(AUV, latency=latency, clock=clock))
-    exact = make_core(AUV, rows, estimator="truth", sensors=sensors_of(AUV, latency=latency))
-    stamped, true = flown(late, steps), flown(exact, steps)
-    gyroscope = 7  # a measurement in every step
-    ages = [available[:, :, gyroscope].argmax(1) for _, available in stamped[latency:]]
-    assert all((age == ages[0]).all() for age in ages)
-    np.testing.assert_array_equal(np.unique(ages[0]), np.arange(latency + clock + 1))
-    off, counts = np.unique(ages[0], return_counts=True)
-    expected = rows / (2 * clock + 1) * np.array([2.0, *np.ones(len(off) - 1)])  # -3 and -2: both as of now
-    assert ((counts - expected) ** 2 / expected).sum() < chi2.isf(1e-6, len(off) - 1)
-    for (y, available), (same, arrived) in zip(stamped, true, strict=True):
-        np.testing.assert_array_equal(y.sum(1), same.sum(1))
-        np.testing.assert_array_equal(available.sum(1), arrived.sum(1))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "estimator"), [pair for pair in SPREAD if pair[1] != "truth"])
 def test_late_measurements_are_fused_to_the_last_bit_as_if_those_that_are_still_under_way_were_lost(
@@ -169,48 +127,9 @@ def test_late_measurements_are_fused_to_the_last_bit_as_if_those_that_are_still_
         other.loop.estimate(measurements, u, behind)
     np.testing.assert_array_equal(one.belief.mean, other.belief.mean)
     np.testing.assert_array_equal(one.belief.cov, other.belief.cov)
-    assert not one.loop.refused.any()
 
 
-@pytest.mark.parametrize("estimator", ["ekf", "enkf", "measurement"])
-def test_a_shuffle_is_put_in_order(estimator: str):
-    """Under jitter a filter ends where it had been in time, when all has come."""
-    options = {"estimator": estimator, "estimator_options": FEW_MEMBERS.get(estimator)}
-    late, steps = 5, 20
-    one = make_core(AUV, ROWS, sensors=sensors_of(AUV, jitter=late), **options)
-    other = make_core(AUV, ROWS, sensors=sensors_of(AUV), **options)
-    nothing = np.zeros((ROWS, one.sensors.size))
-    for core in (one, other):
-        core.start(3)
-    walk, under_way = random_walk(1, ROWS, one.action_size), [one.loop.delivered]
-    for _ in range(steps):
-        actions = next(walk)
-        one.step(actions)
-        other.step(actions)
-        under_way.append(one.loop.delivered)
-    assert not np.array_equal(one.belief.mean, other.belief.mean)
-    taken = make_core(AUV, ROWS, sensors=sensors_of(AUV), estimator="truth")
-    healthy = flown(taken, 0, seed=3)
-    walk = random_walk(1, ROWS, one.action_size)
-    for _ in range(steps):
-        taken.step(next(walk))
-        healthy.append(taken.loop.delivered)
-    shape = ROWS, late + 1, one.sensors.size
-    rest = np.zeros(shape), np.zeros(shape, bool)  # all at once, of each age what has not come
-    for age in range(1, late + 1):
-        step = steps - age + 1
-        come = np.zeros(healthy[step][1].shape, bool)
-        for waited in range(age):
-            come |= under_way[step + waited][1][:, waited]
-        rest[0][:, age], rest[1][:, age] = healthy[step][0], healthy[step][1] & ~come
-    actions = next(walk)
-    one.step(actions, measurements=rest)
-    other.step(actions, measurements=(nothing, nothing != 0.0))
-    np.testing.assert_array_equal(one.belief.mean, other.belief.mean)
-    np.testing.assert_array_equal(one.belief.cov, other.belief.cov)
-
-
-def test_what_is_discarded_is_as_if_it_were_lost_and_is_counted():
+def test_what_is_discarded_is_as_if_it_were_lost():
     discards = {"estimator": "ekf", "estimator_options": {"late": "discarded"}}
     one = make_core(AUV, ROWS, sensors=late_fix(latency=0.3), **discards)
     other = make_core(AUV, ROWS, estimator="ekf", sensors=[replace(s, dropout=1.0) if s.name == FIX else s
@@ -218,9 +137,7 @@ def test_what_is_discarded_is_as_if_it_were_lost_and_is_counted():
     come = flown(one, 45)
     flown(other, 45)
     np.testing.assert_array_equal(one.belief.mean, other.belief.mean)
-    late = sum(available[:, 1:].sum((1, 2)) for _, available in come)
-    assert late.all()
-    np.testing.assert_array_equal(one.info()["refused"], late)
+    assert sum(available[:, 1:].sum((1, 2)) for _, available in come).all()
 
 
 def test_what_is_taken_as_new_is_as_if_it_had_been_read_when_it_came():
@@ -235,31 +152,6 @@ def test_what_is_taken_as_new_is_as_if_it_had_been_read_when_it_came():
         one.step(actions)
         other.step(actions, measurements=one.measurements)
         np.testing.assert_array_equal(one.belief.mean, other.belief.mean)
-    assert not one.info()["refused"].any()
-
-
-def test_of_two_measurements_that_come_together_only_the_younger_is_new():
-    jittery = sensors_of(AUV, jitter=3)
-    core = make_core(AUV, ROWS, sensors=jittery, estimator="ekf", estimator_options={"late": "as new"})
-    come = flown(core, 30)
-    older = sum((available.sum(1) - 1).clip(0).sum(-1) for _, available in come)
-    assert older.all()
-    np.testing.assert_array_equal(core.info()["refused"], older)
-    y, available = come[-1]
-    for row in range(ROWS):
-        for channel in range(core.sensors.size):
-            ages = np.flatnonzero(available[row, :, channel])
-            assert core.measurements[1][row, channel] == bool(len(ages))
-            assert core.measurements[0][row, channel] == (y[row, ages[0], channel] if len(ages) else 0.0)
-
-
-def test_a_clock_whose_stamps_are_before_the_start_costs_measurements_and_they_are_counted():
-    core = make_core(AUV, 100, sensors=sensors_of(AUV, latency=2, clock=3), estimator="ekf")
-    flown(core, 20)
-    refused = core.info()["refused"]
-    assert (refused > 0).any()
-    assert (refused == 0).any()
-    assert core.belief.healthy.all()
 
 
 def test_how_late_measurements_are_taken_moves_no_measurement_and_no_truth():
@@ -440,7 +332,7 @@ def test_faults_without_measure_leave_everything_finite(estimator: str):
     names = [sensor.name for sensor in sensors_of(AUV)]
     for size in (1e30, 1e308):
         wrong = [SensorFault(name, kind, size) for name in names for kind in ("bias", "drift", "scale", "garbage")]
-        core = make_core(AUV, ROWS, estimator=estimator, sensor_faults=wrong, sensors=sensors_of(AUV, jitter=2))
+        core = make_core(AUV, ROWS, estimator=estimator, sensor_faults=wrong, sensors=sensors_of(AUV, latency=2))
         core.start(0)
         for _ in range(15):
             reward, _ = core.step(np.zeros((ROWS, 3)))
@@ -464,18 +356,17 @@ def test_raw_measurements_show_what_has_come_and_the_mission_is_guided_by_it():
 # --- what is no such thing ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("field", ["latency", "jitter", "clock"])
-def test_a_delay_that_is_none_is_refused_in_a_sentence(field: str):
+def test_a_latency_that_is_none_is_refused_in_a_sentence():
     sensor = Sensor("log", ("u",), plain((0,)), (0.1,))
     for wrong in (-0.1, np.nan, np.inf, "1", None, True):
-        message = refusal(ValueError, replace, sensor, **{field: wrong})
-        assert message == f"{field} of log must be a number of at least 0, got {wrong!r}"
+        message = refusal(ValueError, replace, sensor, latency=wrong)
+        assert message == f"latency of log must be a number of at least 0, got {wrong!r}"
     for wrong in (0.25, 0.101):
-        message = refusal(ValueError, Sensors, [replace(sensor, **{field: wrong})], ("u",), (), 0.1)
-        assert message.startswith(f"{field} of log is {wrong:g} s, which is no whole number of steps of 0.1 s")
-    message = refusal(ValueError, Sensors, [replace(sensor, **{field: 1e6})], ("u",), (), 0.1)
-    assert message == f"latency, jitter and clock of log are 1e+07 steps together, of {LONGEST} at most"
-    Sensors([replace(sensor, **{field: 0.3})], ("u",), (), 0.1)  # which is 2.9999999999999996 steps
+        message = refusal(ValueError, Sensors, [replace(sensor, latency=wrong)], ("u",), (), 0.1)
+        assert message.startswith(f"latency of log is {wrong:g} s, which is no whole number of steps of 0.1 s")
+    message = refusal(ValueError, Sensors, [replace(sensor, latency=1e6)], ("u",), (), 0.1)
+    assert message == f"latency of log is 1e+07 steps, of {LONGEST} at most"
+    Sensors([replace(sensor, latency=0.3)], ("u",), (), 0.1)  # which is 2.9999999999999996 steps
 
 
 @pytest.mark.parametrize(

@@ -20,8 +20,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         render_mode: ``None``, ``"human"`` or ``"rgb_array"``.
         options: Those of `vessel_gym.configuration.Options`, by name.
 
-    Some keys of ``info`` depend on the arguments. With late sensors (`vessel_gym.sensors.Sensor`), ``refused`` counts
-    the episode's measurements that were delivered too late for the estimator. With sensor faults, ``sensor_faults`` is
+    Some keys of ``info`` depend on the arguments. With sensor faults, ``sensor_faults`` is
     the mask of the active ones. With a monitor, ``alarms`` is the mask of the sensors that it accuses.
 
     Raises:

@@ -33,8 +33,8 @@ class Sensors:
 
     Attributes:
         size: p, the number of channels.
-        delays: ``(sensors, 3)`` latency, jitter and error of the clock of each, in steps.
-        horizon: How many steps late a measurement may be, or be said to be.
+        delays: Latency of each sensor in steps ``(sensors,)``.
+        horizon: Largest of these delays.
         sd: Standard deviations ``(p,)``; NaN where they depend on what is measured.
         gives: For each channel the state, or the part of the exogenous input, that it reads as such.
         bias: How all biases move.
@@ -78,8 +78,8 @@ class Sensors:
         ranges = [r for sensor in self.each for r in (sensor.range or ((-np.inf, np.inf),) * len(sensor.channels))]
         self._ranges = np.array(ranges, float).T
         self._periods = [sensor.period(dt) for sensor in self.each]
-        self.delays = np.array([sensor.delays(dt) for sensor in self.each])
-        self.horizon = int(self.delays.sum(1).max())
+        self.delays = np.array([sensor.delay(dt) for sensor in self.each])
+        self.horizon = int(self.delays.max())
         self.faults = self._checked_faults(faults, names)
         self.angles = tuple(own.start + i for s, own in self._owning for i in s.angles)
         self.scale = np.array([x for s in self.each for x in (s.scale or (1.0,) * len(s.channels))])

@@ -117,11 +117,7 @@ class Sensor:
             none.
         inverse: What can be had of its measurements ``(..., k)`` besides: a function of them and of the states that
             sensors before it have given, that returns states by name; None: what it ``gives``.
-        latency: Seconds from a measurement to its arrival,
-        jitter: and the most that may be added to them: each measurement comes later by any whole number of steps up to
-            that, so that one may overtake another.
-        clock: The most by which its clock may be wrong [s]: its time stamps tell a whole number of steps, drawn in each
-            episode, too much or too little; never a time to come.
+        latency: Seconds from a measurement to its arrival.
     """
 
     name: str
@@ -139,8 +135,6 @@ class Sensor:
     gives: tuple[str | None, ...] | None = None
     inverse: Callable[[np.ndarray, Known], Known] | None = None
     latency: float = 0.0
-    jitter: float = 0.0
-    clock: float = 0.0
 
     def __post_init__(self) -> None:
         instance("name of a sensor", self.name, str)
@@ -172,7 +166,7 @@ class Sensor:
                 each = "(least, greatest) for each channel"
                 raise ValueError(f"range of {title} must have {each}, got {short_repr(self.range)}")
         check_numbers(title, vars(self), share="dropout outliers", positive="rate?")
-        check_numbers(title, vars(self), not_negative="outlier_scale latency jitter clock")
+        check_numbers(title, vars(self), not_negative="outlier_scale latency")
         if not callable(self.reads):
             raise ValueError(f"reads of {title} must be a function of (state, exogenous), got {short_repr(self.reads)}")
         angles = self.angles if isinstance(self.angles, tuple | list) else (None,)
@@ -198,27 +192,22 @@ class Sensor:
             )
         return round(steps)
 
-    def delays(self, dt: float) -> tuple[int, int, int]:
-        """Latency, jitter and error of the clock in steps of ``dt`` [s].
+    def delay(self, dt: float) -> int:
+        """Latency in steps of ``dt`` [s].
 
         Raises:
-            ValueError: if they are no whole numbers of steps, or too many together.
+            ValueError: if it is no whole number of steps, or of too many.
         """
-        check_numbers("a sensor's delays", {"dt": dt}, positive="dt")
-        counts = {name: getattr(self, name) / dt for name in ("latency", "jitter", "clock")}
-        for name, steps in counts.items():
-            if abs(steps - np.rint(steps)) > 1e-6 * max(steps, 1.0):
-                raise ValueError(
-                    f"{name} of {self.name} is {getattr(self, name):g} s, which is no whole number of steps of {dt:g} "
-                    "s: its measurements would arrive between steps"
-                )
-        if sum(counts.values()) > LONGEST:
+        check_numbers("a sensor's delay", {"dt": dt}, positive="dt")
+        steps = self.latency / dt
+        if abs(steps - np.rint(steps)) > 1e-6 * max(steps, 1.0):
             raise ValueError(
-                f"latency, jitter and clock of {self.name} are {sum(counts.values()):g} steps together, of {LONGEST} "
-                "at most"
+                f"latency of {self.name} is {self.latency:g} s, which is no whole number of steps of {dt:g} s: its "
+                "measurements would arrive between steps"
             )
-        latency, jitter, clock = map(round, counts.values())
-        return latency, jitter, clock
+        if steps > LONGEST:
+            raise ValueError(f"latency of {self.name} is {steps:g} steps, of {LONGEST} at most")
+        return round(steps)
 
 
 SLOWEST = 1e9

@@ -38,8 +38,8 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         )
 
     ``info`` has, besides the environment's own and in place of its keys of these names, ``truth`` and ``estimate``
-    ``(n,)``, ``covariance`` ``(n, n)``, ``measurement`` and ``available`` ``(p,)``, ``healthy``; ``refused`` where
-    sensors are late, ``sensor_faults`` where they fail, ``alarms`` where a monitor watches.
+    ``(n,)``, ``covariance`` ``(n, n)``, ``measurement`` and ``available`` ``(p,)``, ``healthy``;
+    ``sensor_faults`` where they fail, ``alarms`` where a monitor watches.
 
     Args:
         env: Any environment whose observations are numbers, or dictionaries of such.

@@ -174,7 +174,7 @@ spoofed = { faults = [{ sensor = "receiver", kind = "drift", size = [0.5, -0.2],
     late, spoofed = read(tmp_path, text).conditions
     for world, delays in (("SegorogeniAUV-v0", [0, 0, 0, 0, 10]), ("SigmaCorvette-v0", [0, 0, 4])):
         own = environment_options(world, late.options)
-        assert [sensor.delays(system_of(world).vehicle.dt)[0] for sensor in own["sensors"]] == delays
+        assert [sensor.delay(system_of(world).vehicle.dt) for sensor in own["sensors"]] == delays
         assert {sensor.dropout > 0.0 for sensor in own["sensors"]} == {True}  # of the suite, all the same
         assert own["sensor_faults"] == []
     assert environment_options("SegorogeniAUV-v0", spoofed.options)["sensor_faults"] == []

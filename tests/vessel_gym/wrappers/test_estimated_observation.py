@@ -484,12 +484,9 @@ def test_batches_that_hide_how_episodes_end_are_refused():
 # --- time, and faults ---------------------------------------------------------------------------------
 
 
-def _positions(latency: float, jitter: float = 0.0) -> list[Sensor]:
+def _positions(latency: float) -> list[Sensor]:
     read = [("cart", 0, 0.02), ("pole", 2, 0.01)]
-    return [
-        Sensor(name, (name,), lambda x, u, i=i: x[..., i : i + 1], (sd,), latency=latency, jitter=jitter)
-        for name, i, sd in read
-    ]
+    return [Sensor(name, (name,), lambda x, u, i=i: x[..., i : i + 1], (sd,), latency=latency) for name, i, sd in read]
 
 
 @pytest.mark.parametrize("estimator", ["ekf", "enkf", "huber-kf"])
@@ -497,7 +494,7 @@ def test_measurements_that_come_late_are_fused_where_they_belong(estimator: str)
     """When the last has come, the belief is that of the measurements in time; rows of a batch are as single ones."""
     options = {"members": 20} if estimator == "enkf" else {}
     given = {"estimator": estimator, "estimator_options": options}
-    late, timely = (cart_pole(sensors=_positions(*delay), **given) for delay in ((3.0, 2.0), (0.0, 0.0)))
+    late, timely = (cart_pole(sensors=_positions(delay), **given) for delay in (5.0, 0.0))
     for env in (late, timely):
         env.reset(seed=3)
     rng = np.random.default_rng(0)
@@ -505,14 +502,13 @@ def test_measurements_that_come_late_are_fused_where_they_belong(estimator: str)
         action = int(rng.integers(2))
         infos = [env.step(action)[-1] for env in (late, timely)]
         np.testing.assert_array_equal(infos[0]["truth"], infos[1]["truth"])
-    assert infos[0]["refused"] == 0
     assert np.abs(infos[0]["estimate"] - infos[1]["estimate"]).max() > 0.0
     step = late.watch.loop.belief.window.step(-1 - 5)  # all that was taken then has come: the same before it
     assert step.available.all()
 
 
-def test_what_is_done_with_late_measurements_is_said_and_counted():
-    errors = {}
+def test_what_is_done_with_late_measurements_is_said():
+    errors = []
     for how in ("fused", "as new", "discarded"):
         env = pendulum(
             estimator="ukf", estimator_options={"late": how},
@@ -522,9 +518,8 @@ def test_what_is_done_with_late_measurements_is_said_and_counted():
         env.action_space.seed(1)
         for _ in range(150):
             *_, info = env.step(env.action_space.sample())
-        errors[how] = abs(np.sin(info["truth"][0] - info["estimate"][0])), info["refused"]
-    assert errors["fused"][0] < 0.2
-    assert [errors[how][1] for how in errors] == [0, 0, 146]
+        errors.append(abs(np.sin(info["truth"][0] - info["estimate"][0])))
+    assert errors[0] < min(0.2, *errors[1:])
 
 
 @pytest.mark.parametrize("many", ["", "sync", "async"])
@@ -900,7 +895,6 @@ def test_what_passes_may_be_of_any_kind():
         ({"observation": lambda x: {"place": x[:1], "goal": x}}, ValueError, r"wants \(2,\) numbers"),
         ({"state": None}, ValueError, "state must give the model's states"),
         ({"sensors": _positions(0.5)}, ValueError, "latency of cart is 0.5 s, which is no whole number of steps"),
-        ({"sensors": _positions(1.0, 0.5)}, ValueError, "jitter of cart is 0.5 s"),
         ({"sensor_faults": [SensorFault("gps", "off")]}, ValueError, "unknown sensor of sensor_faults 'gps'"),
         ({"sensor_faults": "off"}, TypeError, "sensor_faults must be a list of SensorFault objects"),
         ({"observe": None}, ValueError, "unknown observe mode None"),
