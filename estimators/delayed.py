@@ -311,17 +311,6 @@ class Delayed(Generic[Record]):
         if (step.available.any(-1, keepdims=True) & other).any():
             raise ValueError("u must be the same for all measurements of a step: Delayed takes them in together")
 
-    def fixed_lag(self, belief: DelayedBelief[Record]) -> tuple[np.ndarray, Record | None]:
-        """The fixed-lag estimate, which no measurement will change any more: each is of at least ``horizon`` steps ago.
-
-        Returns:
-            Mask ``(...)`` of the rows that are older than the horizon, and what these believed so many steps ago, after
-            all measurements of that step: its innovations are those of a filter to which nothing comes late. None: no
-            row is so old.
-        """
-        rows = belief.reach == self.horizon
-        return rows, self._read(belief.window.step(0), rows) if rows.any() else None
-
     likelihood, sequential = "refused", True
 
     def log_likelihood(self, predicted: Any, updated: Any) -> np.ndarray:

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from estimators import FaultMonitor
 from estimators.checks import as_number, short_repr
 from vessel_gym.acceptance import check_causal, checked_disturbance, checked_task, checked_vehicle
 from vessel_gym.checks import one_of
@@ -27,8 +26,8 @@ from vessel_gym.system import System
 from vessel_gym.verified import is_verified
 from vessel_gym.world import World
 
-OBSERVE = ("mean", "mean+std", "mean+alarms", "mean+std+alarms", "measurement")
-"""What may be observed: estimates, with their standard deviations and a monitor's alarms, or raw measurements."""
+OBSERVE = ("mean", "mean+std", "measurement")
+"""What may be observed: estimates, also with their standard deviations, or raw measurements."""
 TERMINATIONS = ("belief", "task")
 """Who says that a mission is done: what the estimator believes, or the task, which knows the truth."""
 
@@ -58,9 +57,7 @@ class Options:
         estimator_options: Options of the estimator, over the environment's tuning. ``model`` chooses the filter's model
             where there are several, ``assume`` its assumptions about the world (see
             `vessel_gym.estimation.Assumptions`). ``late`` is the use of late measurements: ``"fused"`` at their own
-            time (the default), ``"as new"`` or ``"discarded"``. ``monitor`` watches the innovations for sensor faults:
-            ``"cusum"``, ``"chi-square"``, a dictionary of such a ``kind`` and its options, or a monitor of your own
-            (see `vessel_gym.estimation.monitor_of`).
+            time (the default), ``"as new"`` or ``"discarded"``.
         sensors: ``"clean"``, ``"nominal"``, ``"degraded"`` (10 % more drop-outs, and 5 % outliers of ten times the
             noise), ``"budget"`` (cheap instruments by their datasheets, with biases that filters estimate) or
             ``"denied"`` (nominal ones, without the position fix for 120 s), see docs/sensor-suites.md. A list of
@@ -68,7 +65,6 @@ class Options:
         disturbance: ``"calm"``, ``"moderate"`` or ``"rough"``, or a `vessel_gym.disturbances.Disturbance` of your own.
         mismatch: Relative spread of the truth's parameters around the filter's, 0 to 0.25.
         observe: Content of an observation. ``"mean"`` is the estimate, ``"mean+std"`` also its standard deviations.
-            ``"mean+alarms"`` and ``"mean+std+alarms"`` append 1 for each sensor that the monitor accuses, else 0.
             ``"measurement"`` is raw measurements and their mask.
         termination: Source of the decision that the mission is complete. ``"belief"`` is the estimate (the default
             where estimates are observed). ``"task"`` is the truth: one bit, and the default where measurements are
@@ -154,8 +150,7 @@ class Configuration:
         )
         if not isinstance(sizes, dict) or not all(part in sizes for part in seen):
             raise ValueError(f"sizes of {type(task).__name__} must give {', '.join(seen)}, got {short_repr(sizes)}")
-        alarms = alarming(options.observe, self.estimation.monitor)
-        self.observation_size: int = sum(sizes[part] for part in seen) + len(alarms)
+        self.observation_size: int = sum(sizes[part] for part in seen)
         self.action_size = len(vehicle.action_names)
         self.perfect = float(task.perfect), float(task.perfect == task.horizon)
         self.based = tuple(vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0]))
@@ -267,18 +262,3 @@ def observed(observe: str, guidance: bool) -> tuple[str, ...]:
     if observe == "measurement":
         return *(("guided",) if guidance else ()), "measurements", "mission"
     return "guided" if guidance else "unguided", *(("std",) if "std" in observe else ())
-
-
-def alarming(observe: str, monitor: FaultMonitor | None) -> tuple[str, ...]:
-    """Names of the sensors whose alarms an observation shows behind all else.
-
-    Raises:
-        ValueError: if it shows some, and no monitor watches.
-    """
-    if "alarms" not in observe:
-        return ()
-    if monitor is None:
-        raise ValueError(
-            f'observe="{observe}" shows the alarms of a monitor: give one, estimator_options={{"monitor": "cusum"}}'
-        )
-    return monitor.names

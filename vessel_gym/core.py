@@ -335,8 +335,6 @@ class Core:
             parts = [task.observe_state(estimate, scenario), task.observe_mission(scenario, steps, actuators)]
         if "std" in self.observe_mode:
             parts.append(task.observe_std(estimate))
-        if "alarms" in self.observe_mode:
-            parts.append(self.loop.alarms)
         return parts
 
     def _estimate(self, loop: Loop) -> Estimate:

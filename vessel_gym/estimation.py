@@ -1,25 +1,16 @@
-"""The estimator of an environment: chosen by name, with its assumptions, its model and its monitor."""
+"""The estimator of an environment: chosen by name, with its assumptions and its model."""
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
-from estimators import (
-    ChiSquareMonitor,
-    CusumMonitor,
-    Delayed,
-    FaultMonitor,
-    Filter,
-    Model,
-    factory,
-)
+from estimators import Delayed, Filter, Model, factory
 from estimators.checks import number, short_repr
 from estimators.robust import RobustKalmanFilter
-from estimators.unknown_input import UnknownInputFilter
 from vessel_gym import checks
 from vessel_gym.acceptance import check_input, check_own
 from vessel_gym.disturbances import Disturbance
@@ -32,8 +23,6 @@ from vessel_gym.system import System
 
 LATE = ("fused", "as new", "discarded")
 """What is done with measurements that come late: fused where they belong, taken for new ones, or thrown away."""
-MONITORS: dict[str, type[FaultMonitor]] = {"chi-square": ChiSquareMonitor, "cusum": CusumMonitor}
-"""What may watch a filter's innovations for faults of sensors, by name."""
 ENVIRONMENT_ONLY = ("truth", "measurement", "dead-reckoning")
 WITHOUT_COVARIANCE = ("truth", "measurement")
 """Estimators that claim no uncertainty of their own: their NEES means nothing."""
@@ -98,7 +87,6 @@ class Estimation:
         prior: Factor on the covariance of what is known at the start.
         inputs: What is kept of the unknown input for scoring: the filter's d; if it has none, see `unknown_inputs`.
         late: What is done with measurements that come late: one of `LATE`.
-        monitor: What watches its innovations for faults of sensors; None: nothing does.
         horizon: Steps by which measurements may be late.
     """
 
@@ -107,7 +95,6 @@ class Estimation:
     prior: float
     inputs: tuple[str, ...]
     late: str = LATE[0]
-    monitor: FaultMonitor | None = None
     horizon: int = 0
 
     @cached_property
@@ -154,7 +141,7 @@ def build(
         system: The environment's system.
         estimator: One of `estimator_names`, or a function of the model (and options) that returns a filter.
         options: The filter's own options, over the system's tuning; ``model`` chooses the kind of the filter's model,
-            ``assume`` its assumptions (`Assumptions`), ``late`` one of `LATE`, ``monitor`` as in `monitor_of`.
+            ``assume`` its assumptions (`Assumptions`), ``late`` one of `LATE`.
         sensors: The sensors, which the filter knows.
         disturbance: What acts.
 
@@ -174,7 +161,6 @@ def build(
         raise ValueError(factory.unknown("estimator", estimator, accepted(system, sensors, disturbance)) + advice)
     assumptions = Assumptions.of(options.pop("assume", None))
     late = checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
-    monitor = options.pop("monitor", None)
     if estimator == "truth":  # its assumptions are the world's
         assumptions = Assumptions()
     default = system.filter_models.get(str(estimator), system.filter_model)
@@ -192,8 +178,7 @@ def build(
     check_input(made, composition)
     if isinstance(made, RobustKalmanFilter):
         _warn_of_biases(made, sensors, system.task.horizon)
-    watch = monitor_of(monitor, sensors, made)
-    return Estimation(made, composition, assumptions.prior, inputs, late, watch, sensors.horizon)
+    return Estimation(made, composition, assumptions.prior, inputs, late, sensors.horizon)
 
 
 def is_own(estimator: object) -> bool:
@@ -204,45 +189,6 @@ def is_own(estimator: object) -> bool:
             f"estimator must be a name, a Filter class or a function of the model that returns a filter, got {kind}"
         )
     return callable(estimator)
-
-
-def monitor_of(choice: object, sensors: Sensors, filter: Filter) -> FaultMonitor | None:
-    """Monitor of a filter for faults of its sensors.
-
-    Args:
-        choice: One of `MONITORS`; a dictionary of its ``kind`` and its options; a `FaultMonitor` class, or any function
-            of the sensors' channels by name that returns a monitor; None: nothing.
-        sensors: The sensors.
-        filter: What is watched.
-
-    Raises:
-        ValueError: for a kind or a value that there is not, or a filter whose innovations say nothing of faults.
-        TypeError: for an option that the monitor does not have, or what makes no monitor.
-    """
-    if choice is None:
-        return None
-    if isinstance(filter, Oracle | DeadReckoning | ZeroOrderHold):
-        raise ValueError(f"{filter.name} has no innovations that a monitor could watch: choose a filter, or no monitor")
-    if isinstance(filter, UnknownInputFilter):
-        raise ValueError(
-            f"the innovations of {filter.name} carry its unknown input, so that a monitor cannot tell it from a fault: "
-            "choose a filter that assumes the input as noise, or no monitor"
-        )
-    channels = {sensor.name: np.flatnonzero(sensors.owner == i).tolist() for i, sensor in enumerate(sensors.each)}
-    if callable(choice):
-        made = choice(channels)
-        if not isinstance(made, FaultMonitor):
-            raise TypeError(f"monitor must return an estimators.FaultMonitor, got {type(made).__name__}")
-        return made
-    if not isinstance(choice, str | Mapping):
-        raise TypeError(
-            f"monitor must be a name, a dictionary of its kind and options, a FaultMonitor class or a function of the "
-            f"sensors' channels that returns a monitor, got {short_repr(choice)}"
-        )
-    options = checks.options("monitor", {"kind": choice} if isinstance(choice, str) else choice)
-    kind = checks.one_of("kind of monitor", options.pop("kind", None), MONITORS)
-    factory.check_options(kind, MONITORS[kind], options)
-    return MONITORS[kind](channels, **options)
 
 
 def _filter(

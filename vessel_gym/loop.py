@@ -5,7 +5,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from estimators import Belief, Gaussian, RandomKeys, Watch
+from estimators import Belief, Gaussian, RandomKeys
 from vessel_gym.delivery import Faulty, Measurements, Transit, of_now, youngest
 from vessel_gym.estimation import Estimation
 
@@ -25,14 +25,12 @@ class Loop:
         delivered: Measurements delivered last, ``(B, p)``, or by age ``(B, ages, p)`` where sensors are late,
         measurements: and of that the youngest measurement of each channel.
         belief: What the filter believes.
-        watch: What the monitor has seen, where there is one.
         sensing: Keys ``(B, sensors, 2)`` of the random numbers of the sensors.
     """
 
     sensors = property(attrgetter("owner.sensors"))
-    composition, filter, monitor, tells_truth = (
-        cast(Any, property(attrgetter(f"estimation.{name}")))
-        for name in ("composition", "filter", "monitor", "tells_truth")
+    composition, filter, tells_truth = (
+        cast(Any, property(attrgetter(f"estimation.{name}"))) for name in ("composition", "filter", "tells_truth")
     )
 
     def __init__(self, owner: Any, rows: int, name: str = "estimation") -> None:
@@ -46,7 +44,6 @@ class Loop:
         self.delivered: Measurements = tuple(np.zeros((rows, *ages, sensors.size), kind) for kind in (float, bool))  # type: ignore
         self.measurements: Measurements = youngest(self.delivered) if ages else self.delivered
         self.belief: Belief
-        self.watch: Watch
 
     @property
     def estimation(self) -> Estimation:
@@ -90,7 +87,7 @@ class Loop:
         The prior is what is known at the start, of what the filter estimates.
         """
         rng, estimation = None, self.estimation
-        filter, monitor = estimation.filter, estimation.monitor
+        filter = estimation.filter
         if filter.random:
             rng = self._filtering if rows is None else self._filtering[rows]
         prior = prior if estimation.prior == 1.0 else Gaussian(prior.mean, estimation.prior * prior.cov)
@@ -103,9 +100,6 @@ class Loop:
             self.belief = belief
         else:
             self.belief = self.belief.with_rows(rows, belief)
-        if monitor is not None:
-            watch = self._watched(monitor.start(len(belief.mean)), belief)
-            self.watch = watch if rows is None else self.watch.with_rows(rows, watch)
         return belief
 
     def estimate(self, measurements: Measurements, u: np.ndarray, steps: np.ndarray) -> None:
@@ -119,19 +113,10 @@ class Loop:
         else:
             predicted = filter.predict(self.belief, u, rng=rng)
             self.belief = _updated(filter, predicted, y, available, rng)
-        if estimation.monitor is not None:
-            self.watch = self._watched(self.watch, self.belief)
 
     def extra_info(self, steps: np.ndarray) -> dict[str, np.ndarray]:
-        """Entries of ``info`` by occasion: the mask of faults, the alarms of a monitor."""
-        found = {} if self._faults is None else {"sensor_faults": self._faults.on(steps)}
-        return found | ({} if self.monitor is None else {"alarms": self.alarms})
-
-    @property
-    def alarms(self) -> np.ndarray:
-        """Mask ``(B, sensors)`` of the sensors that the monitor accuses now, in the order of its names."""
-        assert self.monitor is not None
-        return np.asarray(self.watch.accused[:, None] == np.arange(len(self.monitor.names)))
+        """Entry of ``info`` where sensors may fail: the mask of active faults."""
+        return {} if self._faults is None else {"sensor_faults": self._faults.on(steps)}
 
     def _delivered(
         self, measurements: Measurements, steps: np.ndarray, rows: np.ndarray | slice, injected: bool
@@ -148,20 +133,6 @@ class Loop:
         if injected:
             return measurements if measurements[0].ndim == 3 else of_now(measurements, self.sensors.horizon)
         return delivered
-
-    def _watched(self, watch: Watch, belief: Any) -> Watch:
-        """State of the monitor after an update of all rows of ``watch``.
-
-        Of measurements that are fused where they belong it sees a step when none can reach it any more: innovations of
-        before would change with each that comes, and be independent no more.
-        """
-        estimation = self.estimation
-        monitor = estimation.monitor
-        assert monitor is not None
-        if not estimation.fuses:
-            return monitor.watch(watch, belief)
-        rows, estimate = estimation.delayed.fixed_lag(belief)
-        return watch if estimate is None else watch.with_rows(rows, monitor.watch(watch[rows], estimate))
 
     def _for_filter(self, measurements: Measurements) -> tuple[np.ndarray, np.ndarray | None]:
         """Measurements and mask, as filters take them."""

@@ -16,7 +16,6 @@ import numpy as np
 from agents.metrics.costs import STEERING
 from agents.metrics.metric import (
     INPUT,
-    MONITORED,
     NEES,
     RETURN,
     SCORE,
@@ -43,7 +42,7 @@ from vessel_gym.registry import Registry
 from vessel_gym.system import System
 
 __all__ = [
-    "MONITORED", "NEES", "SCORE", "STEERING", "UNHEALTHY", "WITHOUT_COVARIANCE", "Metric", "at_end",
+    "NEES", "SCORE", "STEERING", "UNHEALTHY", "WITHOUT_COVARIANCE", "Metric", "at_end",
     "components", "consistency", "core_of", "ended", "mean", "metrics", "nees_of", "nis_consistency", "position_nees",
     "register_metrics", "rms", "rmse", "scores", "steps",
 ]  # fmt: skip
@@ -116,7 +115,7 @@ def metrics(system: System | Wrapped) -> tuple[Metric, ...]:
 
 
 def scores(rollout: Rollout) -> dict[str, np.ndarray]:
-    """Every metric of every episode, ``(N,)`` by key; with a monitor of sensors, its alarms' metrics, too.
+    """Every metric of every episode, ``(N,)`` by key.
 
     Only times that an episode lived through count. A metric that an episode or an estimator does not have is NaN, such
     as NEES without a covariance.
@@ -132,8 +131,7 @@ def scores(rollout: Rollout) -> dict[str, np.ndarray]:
         raise ValueError("scores need the history of a rollout: fly it with record=True")
     task = _of_task(system)
     computed = {} if task.compute is None else task.compute(rollout)
-    every = (*task.metrics, *(MONITORED if "alarms" in rollout.history else ()))
-    found = {m.key: np.asarray(computed[m.key] if m.of is None else m.of(rollout)) for m in every}
+    found = {m.key: np.asarray(computed[m.key] if m.of is None else m.of(rollout)) for m in task.metrics}
     for key, values in found.items():
         if values.shape != (len(rollout.seeds),):
             raise ValueError(

@@ -120,51 +120,6 @@ def _input_rmse(rollout: Rollout) -> np.ndarray:
     return rms(np.sqrt((error**2).mean(-1)), rollout.alive[delay:])
 
 
-def _detected(rollout: Rollout) -> np.ndarray:
-    delay, _ = _noticed(rollout)
-    return np.where(np.isnan(delay), np.nan, 100.0 * np.isfinite(delay))
-
-
-def _detection_delay(rollout: Rollout) -> np.ndarray:
-    delay, _ = _noticed(rollout)
-    return np.where(np.isfinite(delay), delay, np.nan)
-
-
-def _right_sensor(rollout: Rollout) -> np.ndarray:
-    delay, right = _noticed(rollout)
-    return np.where(np.isfinite(delay), 100.0 * right, np.nan)
-
-
-def _noticed(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
-    """Delay of the first alarm after the first fault, and a mask of those of a sensor that has had a fault.
-
-    Seconds ``(N,)``, infinite where none comes, NaN where nothing is at fault; and ``(N,)``.
-    """
-    core, runs = core_of(rollout), np.arange(len(rollout.seeds))
-    had, accused = _had(rollout), rollout.history["alarms"]
-    onset = had.any(-1)
-    alarm = accused.any(-1) & onset & rollout.alive
-    first = alarm.argmax(0)
-    delay = np.where(alarm.any(0), (first - onset.argmax(0)) * core.vehicle.dt, np.inf)
-    of = np.array([[fault.sensor == name for name in core.loop.monitor.names] for fault in core.sensors.faults], bool)
-    right = accused[first, runs] & (had[first, runs] @ of.reshape(had.shape[-1], accused.shape[-1]))
-    return np.where((onset & rollout.alive).any(0), delay, np.nan), right.any(-1)
-
-
-def _had(rollout: Rollout) -> np.ndarray:
-    """Faults of sensors that act, or have acted before: mask ``(T + 1, N, faults)``."""
-    acting = rollout.history.get("sensor_faults", np.zeros((*rollout.alive.shape, 0), bool))
-    return np.asarray(np.logical_or.accumulate(acting))
-
-
-def _false_alarms(rollout: Rollout) -> np.ndarray:
-    alarm = np.asarray(rollout.history["alarms"].any(-1))
-    sound = rollout.alive & ~_had(rollout).any(-1)
-    raised = alarm & ~np.concatenate([np.zeros_like(alarm[:1]), alarm[:-1]])
-    hours = sound.sum(0) * core_of(rollout).vehicle.dt / 3600.0
-    return np.where(hours > 0.0, (raised & sound).sum(0) / np.where(hours > 0.0, hours, 1.0), np.nan)
-
-
 def mean_nees(rollout: Rollout, components: tuple[int, ...] | None = None) -> np.ndarray:
     """Mean NEES per component of each episode ``(N,)``; NaN without a covariance."""
     values, alive = nees_of(rollout, components), rollout.alive
@@ -182,14 +137,6 @@ SCORE, RETURN, STEPS, INPUT, NEES, UNHEALTHY = described(
     unhealthy=lambda rollout: np.sum(rollout.alive & ~rollout.history["healthy"], axis=0).astype(float),
     **{"return": lambda rollout: rollout.returns.astype(float)},
 )
-MONITORED = described(
-    "alarms",
-    detected=_detected,
-    detection_delay=_detection_delay,
-    right_sensor=_right_sensor,
-    false_alarms=_false_alarms,
-)
-"""Metrics of the alarms of a monitor of sensors."""
 
 
 def components(rollout: Rollout, *names: str) -> tuple[int, ...]:

@@ -4,14 +4,19 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
-from agents.metrics import STEERING
+from agents.metrics import STEERING, metrics
 from agents.page import Table, listed, number, words
 from agents.statistics import EQUIVALENT, UNDECIDED, WORSE, Interval
 from agents.studies import shares
 from agents.studies.ranking import beyond
 from agents.studies.records import ORACLE
 from agents.studies.results import Results
+<<<<<<< HEAD
 from agents.studies.wording import amount, every, microseconds, named, note, percent, share_entry
+=======
+from agents.studies.wording import amount, every, microseconds, named, note, paragraphs, percent, share_entry
+from agents.studies.worlds import system_of
+>>>>>>> b86486c1 (Alarms leave the environments: a fault monitor watches their beliefs from outside, in three lines)
 
 BEST = 5
 """Number of estimators in the table at the head of a report."""
@@ -108,7 +113,7 @@ def _each_best(results: Results, environments: list[str], pick: str) -> str:
 
 def _steering(results: Results, environment: str, estimator: str) -> list[str]:
     """Steering on an estimator beyond that on the truth, in the first condition."""
-    place, known = results.places([environment])[0], results.metrics(environment)
+    place, known = results.places([environment])[0], metrics(system_of(environment))
     found = []
     for metric in (m for m in STEERING[:2] if m in known):
         more = beyond(results, place, results.classical, estimator, metric)

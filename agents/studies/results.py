@@ -11,7 +11,7 @@ import numpy as np
 
 from agents.controllers import AUTOPILOT
 from agents.jobs import Outcome, journal
-from agents.metrics import MONITORED, SCORE, Metric, mean, metrics
+from agents.metrics import SCORE, Metric, mean, metrics
 from agents.page import csv_text
 from agents.statistics import Interval, crossed_interval, normalise, share_interval, skewed_interval
 from agents.studies.plan import Plan
@@ -146,12 +146,6 @@ class Results:
         return next(agent for agent in self.plan.study.agents if agent.name == policy.agent)
 
     # --- figures --------------------------------------------------------------------------------------
-
-    def metrics(self, environment: str) -> tuple[Metric, ...]:
-        """Metrics of the environment's episodes; with those of alarms, where there are monitors."""
-        found = (self.values.get(f.job.key, {}) for f in self.plan.flights if f.environment == environment)
-        watched = any(MONITORED[0].key in value.get("figures", {}) for value in found)
-        return (*metrics(system_of(environment)), *(MONITORED if watched else ()))
 
     def runs_of(self, place: Place, policy: Policy, estimator: str) -> dict[int | None, dict[str, Any]]:
         """Values of `agents.studies.flying.fly` by training seed; None stands for an agent that does not learn."""
@@ -292,7 +286,7 @@ class Results:
 
     def episodes_csv(self) -> str:
         """One row an episode: who flew where on what, the seed, and every metric; empty where there is no value."""
-        keys = _unique(m.key for name in self.environments for m in self.metrics(name))
+        keys = _unique(m.key for name in self.environments for m in metrics(system_of(name)))
         who = ["environment", "condition", "agent", "trained_on", "training_seed", "estimator"]
         rows = [[*who, "seed", "end", "is_success", *keys]]
         nothing = [float("nan")] * self.plan.study.episodes

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 import vessel_gym
-from agents.metrics import WITHOUT_COVARIANCE
+from agents.metrics import WITHOUT_COVARIANCE, metrics
 from agents.page import Block, Facts, Section, listed
 from agents.source import source_digest
 from agents.studies.plan import options
@@ -70,7 +70,7 @@ def _agent_settings(agent: Agent) -> str:
 
 def _columns(results: Results) -> list[tuple[str, str]]:
     """Meaning of every metric; by environment, where tasks differ in that."""
-    every = [(m, environment) for environment in results.environments for m in results.metrics(environment)]
+    every = [(m, environment) for environment in results.environments for m in metrics(system_of(environment))]
     rows = []
     for name, found in grouped((f"{m.key} [{m.unit}]" if m.unit else m.key, (m.meaning, e)) for m, e in every).items():
         each = grouped(found)

@@ -22,7 +22,7 @@ from studies.papers.measures import papers_page, readme_line
 from studies.tables.arms import EPISODES, Arm
 from studies.tables.channel import channel
 from studies.tables.compass import compass
-from studies.tables.faults import SEEDS, alarms, faults, faults_found, gap, inputs, latency
+from studies.tables.faults import SEEDS, faults, faults_found, gap, inputs, latency
 from studies.tables.filters import huber_iterations, published_scores, robust_losses, unstable_zeros
 from studies.tables.grades import sensor_grades
 from studies.tables.markdown import ROOT, WITHOUT, number, percent, put, rows_of, shown, table
@@ -338,7 +338,6 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     "agents": (ROOT / "docs/agents.md", packaged_agents),
     "latency": (ROOT / "docs/late-fixes.md", lambda: latency(ROOT / "results/latency")),
     "gap": (ROOT / "docs/late-fixes.md", gap),
-    "alarms": (ROOT / "docs/time-at-sea.md", alarms),
     "headline": (ROOT / "README.md", lambda: by_suite(ABLATION, CORVETTE, "moderate", estimators=HEADLINE)),
     "ablation": (HER_PAGE, lambda: by_suite(ABLATION, CORVETTE, "rough", estimators=HEADLINE)),
     "ablation, PPO": (HER_PAGE, lambda: by_suite(ABLATION, CORVETTE, "moderate", "PPO")),

@@ -1,4 +1,4 @@
-"""Tables about faults: of actuators, as unknown inputs, and of sensors, late, switched off or watched by monitors."""
+"""Tables about faults: of actuators, as unknown inputs, and of sensors, late or switched off."""
 
 import re
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.studies.worlds import system_of
-from studies.tables.arms import EPISODES, Arm
+from studies.tables.arms import Arm
 from studies.tables.markdown import WITHOUT, number, shown, table
 from studies.tables.suites import environments, flown
 from vessel_gym.core import Core
@@ -192,48 +192,3 @@ def _without_a_fix(way: Arm, times: Sequence[float]) -> list[str]:
             cells.append(f"{np.sqrt(np.square(error).sum(1).mean()):.2f}")
     variance = np.diagonal(core.belief.cov, axis1=1, axis2=2)[:, x]
     return [*cells, f"{np.sqrt(variance.sum(1).mean()):.2f}", f"{heading[0]:.3g}"]
-
-
-WATCHED = {"Segorogeni": ("SegorogeniAUV-v0", "acoustic position"), "PUNA": ("PunaUAV-v0", "GNSS")}
-"""Vehicles, and the fix of each, whose first two channels are its place."""
-MONITORS = ("cusum", "chi-square")
-STATED = 1e-4
-"""The rate of false alarms a step that monitors are asked for."""
-WRONG = {
-    "off": "off", "stuck": "stuck", "bias": "bias, 4 σ in plan", "drift": "drift, 0.4 σ/s in plan",
-    "scale": "scale, 1.1", "garbage": "garbage, 10 σ",
-}  # fmt: skip
-"""Faults of a fix by their kind; σ is what it says of itself."""
-
-
-def alarms() -> str:
-    """Findings of monitors find of faults of a fix, and how often they raise an alarm in vain."""
-    ways = [(*vehicle, monitor) for vehicle in WATCHED.values() for monitor in MONITORS]
-    rows = []
-    for estimator in ("ekf", "enkf"):
-        found = (_watched(*way, estimator) for way in ways)
-        rows.append((f"no fault, `{estimator}`", *(f"{number(of['false_alarms'], 1)} an hour" for of in found)))
-    for kind, label in WRONG.items():
-        rows.append((label, *(_finding(_watched(*way, "ekf", kind)) for way in ways)))
-    return table(("", *(f"{name}, `{monitor}`" for name in WATCHED for monitor in MONITORS)), rows)
-
-
-def _finding(of: dict[str, np.ndarray]) -> str:
-    """Share of the faults that were detected, after how long, and in how many of these the right sensor is accused."""
-    detected = np.nanmean(of["detected"])
-    if detected == 0.0:
-        return "0 %"
-    return f"{detected:.0f} %; {np.nanmean(of['detection_delay']):.1f} s; {np.nanmean(of['right_sensor']):.0f} %"
-
-
-def _watched(env_id: str, fix: str, monitor: str, estimator: str, kind: str | None = None) -> dict[str, np.ndarray]:
-    """Figures of `EPISODES` flights under a monitor, with a fault of the fix that begins after 10 to 20 s."""
-    faults = []
-    if kind is not None:
-        (sd,) = (np.array(sensor.sd) for sensor in system_of(env_id).vehicle.sensors if sensor.name == fix)
-        plan = np.where(np.arange(len(sd)) < 2, sd, 0.0)
-        sizes = {"bias": 4.0 * plan, "drift": 0.4 * plan, "scale": np.full(len(sd), 1.1), "garbage": 10.0 * sd}
-        size = tuple(sizes[kind].tolist()) if kind in sizes else None
-        faults = [SensorFault(fix, kind, size, begin=(10.0, 20.0))]
-    watch = {"monitor": {"kind": monitor, "false_alarms": STATED}}
-    return Arm(kind or "no fault", estimator, watch).scores(env_id, EPISODES, sensor_faults=faults)

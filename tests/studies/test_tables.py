@@ -197,20 +197,6 @@ def test_a_robust_filter_without_a_fix_is_moved_by_the_noise_of_its_other_measur
 
 
 @pytest.mark.slow
-def test_the_table_of_alarms_shows_that_a_stuck_fix_is_found_and_a_silent_one_is_not(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(fault_tables, "EPISODES", 4)
-    monkeypatch.setattr(fault_tables, "WATCHED", {"Segorogeni": fault_tables.WATCHED["Segorogeni"]})
-    monkeypatch.setattr(fault_tables, "MONITORS", ("chi-square",))
-    monkeypatch.setattr(fault_tables, "WRONG", {kind: fault_tables.WRONG[kind] for kind in ("off", "stuck", "drift")})
-    rows = dict(line.strip("| ").split(" | ") for line in fault_tables.alarms().splitlines()[2:])
-    assert list(rows) == ["no fault, `ekf`", "no fault, `enkf`", *fault_tables.WRONG.values()]
-    assert rows["no fault, `ekf`"] == "0.0 an hour"
-    assert rows["off"] == "0 %"
-    assert rows["stuck"].startswith("100 %; ")
-    assert rows["stuck"].endswith(" s; 100 %")
-
-
-@pytest.mark.slow
 def test_the_tables_of_robust_filters_show_who_wins_where(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(filter_tables, "RUNS", 200)
     monkeypatch.setattr(filter_tables, "STEPS", 80)

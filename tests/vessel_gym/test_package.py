@@ -130,7 +130,7 @@ def test_the_docstring_of_an_environment_is_its_manual(env_id: str):
     system, bound = cls.system, core.task.BOUND
     sizes = sizes_by_mode(core.task.sizes(core.sensors.size, len(core.composition.names)))
     names = [*system.disturbances, *SUITE_NAMES, *OBSERVE, *estimator_names(), *cls.metadata["render_modes"]]
-    assert list(sizes) == [mode for mode in OBSERVE if "alarms" not in mode]  # there is one for each sensor
+    assert list(sizes) == [*OBSERVE]
     for name in names:
         assert re.search(rf"[`\"]{re.escape(name)}[`\"]", manual), name
     assert f"Box({-bound:g}, {bound:g}, ({sizes['mean']},), float32)" in manual

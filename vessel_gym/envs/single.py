@@ -21,7 +21,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         options: Those of `vessel_gym.configuration.Options`, by name.
 
     Some keys of ``info`` depend on the arguments. With sensor faults, ``sensor_faults`` is
-    the mask of the active ones. With a monitor, ``alarms`` is the mask of the sensors that it accuses.
+    the mask of the active ones.
 
     Raises:
         ValueError: for a name that does not exist, or a filter that the model cannot carry.

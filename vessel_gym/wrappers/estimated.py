@@ -39,7 +39,7 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
 
     ``info`` has, besides the environment's own and in place of its keys of these names, ``truth`` and ``estimate``
     ``(n,)``, ``covariance`` ``(n, n)``, ``measurement`` and ``available`` ``(p,)``, ``healthy``;
-    ``sensor_faults`` where they fail, ``alarms`` where a monitor watches.
+    ``sensor_faults`` where sensors may fail.
 
     Args:
         env: Any environment whose observations are numbers, or dictionaries of such.
@@ -55,14 +55,12 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
             the bounds of its space.
         estimator: Name of a filter, "truth", "dead-reckoning", or a function of the model that returns a filter.
         estimator_options: Its options; ``late``: what is done with measurements that come late, "fused" (where they
-            belong), "as new" or "discarded"; and ``monitor``: what watches it for faults of sensors, see
-            `vessel_gym.estimation.monitor_of`.
+            belong), "as new" or "discarded".
         sensors: "clean", "nominal" or "degraded", or a list of `Sensor` objects that read ``(state, known input)``,
             whose noise then takes the place of the model's R. Their rates and delays are in Hz and s where the
             environment has a time step ``dt``, as MuJoCo's have; elsewhere a step is the unit of time.
-        observe: "mean"; "mean+std": with the deviations of the states behind, or as ``std`` in a dictionary; either
-            with "+alarms": 1 for each sensor that the monitor accuses, likewise; or "measurement": the measurements,
-            the mask of those that arrived, and what passes.
+        observe: "mean"; "mean+std": with the deviations of the states behind, or as ``std`` in a dictionary; or
+            "measurement": the measurements, the mask of those that arrived, and what passes.
         sensor_faults: What goes wrong with the sensors, and when, in the same unit of time: `SensorFault` objects.
 
     Raises:

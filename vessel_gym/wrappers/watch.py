@@ -16,9 +16,9 @@ from estimators.checks import numbers, short_repr
 from estimators.models import inspected
 from estimators.randomness import word
 from vessel_gym import checks
-from vessel_gym.configuration import OBSERVE, alarming
+from vessel_gym.configuration import OBSERVE
 from vessel_gym.delivery import Measurements
-from vessel_gym.estimation import LATE, Estimation, EstimatorChoice, is_own, monitor_of, own_filter
+from vessel_gym.estimation import LATE, Estimation, EstimatorChoice, is_own, own_filter
 from vessel_gym.foreign import Copying, copied, repeated
 from vessel_gym.loop import Loop
 from vessel_gym.reference_filters import DeadReckoning, Oracle
@@ -70,11 +70,9 @@ class Watch:
         model = replace(cast(Any, model), R=self.sensors.noise(partial(_expected, self.sensors), prior.mean, u))
         options = checks.options("estimator_options", estimator_options)
         late = checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
-        monitor = options.pop("monitor", None)
         self.filter = _filter(model, estimator, options)
         self.estimator = estimator if isinstance(estimator, str) else getattr(estimator, "__name__", "own")
-        monitor = monitor_of(monitor, self.sensors, self.filter)
-        self._estimation = Estimation(self.filter, cast(Any, None), 1.0, (), late, monitor, self.sensors.horizon)
+        self._estimation = Estimation(self.filter, cast(Any, None), 1.0, (), late, self.sensors.horizon)
         self.loop = Loop(self, rows, "_estimation")
         self.steps = np.zeros(rows, int)
         self._still = np.zeros((rows, u.shape[-1]))
@@ -165,8 +163,6 @@ class Watch:
         beside: dict[str, np.ndarray] = {}
         if "std" in self.observe_mode:
             beside["std"] = np.sqrt(np.maximum(belief.cov.diagonal(0, -2, -1), 0.0)).astype(np.float32)
-        if "alarms" in self.observe_mode:
-            beside["alarms"] = self.loop.alarms.astype(np.float32)
         if isinstance(self.own, Dict):
             return self._filled(value, seen) | beside
         fitted = self._fitted(value, self.own, seen, self._passes)
@@ -251,8 +247,6 @@ class Watch:
             further["measurement"] = Box(-np.inf, np.inf, (2 * self.sensors.size,), np.float32)
         if "std" in self.observe_mode:
             further["std"] = Box(0.0, np.inf, (self.n,), np.float32)
-        if watched := alarming(self.observe_mode, self.loop.monitor):
-            further["alarms"] = Box(0.0, 1.0, (len(watched),), np.float32)
         if not further:
             return self.own
         if isinstance(self.own, Dict):

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from invented import CLASSICAL, CONDITIONS, CORVETTE, LEARNED, QUALITY, SEGOROGENI, results, study, without
 
-from agents.metrics import SCORE, STEERING
+from agents.metrics import SCORE, STEERING, metrics
 from agents.page import entry, render
 from agents.statistics import UNDECIDED, WORSE, crossed_interval, paired_difference, verdict
 from agents.studies.answer import answer, summary
@@ -23,6 +23,7 @@ from agents.studies.records import Agent
 from agents.studies.report import page, write_report
 from agents.studies.results import Policy
 from agents.studies.shares import gap, verdicts
+from agents.studies.worlds import system_of
 
 OUT = Path("results")
 
@@ -366,7 +367,7 @@ def test_tails_stand_beside_means_in_report_and_file(small, short):
 def test_costs_of_steering_stand_beside_the_score_as_differences_from_the_truth(small, short):
     place, *_ = small.places()
     shown, head = rows(short, "costs-sigmacorvette-v0"), table(short, "costs-sigmacorvette-v0").head
-    chosen = [SCORE, *(m for m in small.metrics(CORVETTE) if m.cost)]
+    chosen = [SCORE, *(m for m in metrics(system_of(CORVETTE)) if m.cost)]
     assert [label for label, _ in head] == [m.label for m in chosen]
     assert len(head) <= 8
     for metric in chosen:
