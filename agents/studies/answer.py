@@ -11,12 +11,8 @@ from agents.studies import shares
 from agents.studies.ranking import beyond
 from agents.studies.records import ORACLE
 from agents.studies.results import Results
-<<<<<<< HEAD
 from agents.studies.wording import amount, every, microseconds, named, note, percent, share_entry
-=======
-from agents.studies.wording import amount, every, microseconds, named, note, paragraphs, percent, share_entry
 from agents.studies.worlds import system_of
->>>>>>> b86486c1 (Alarms leave the environments: a fault monitor watches their beliefs from outside, in three lines)
 
 BEST = 5
 """Number of estimators in the table at the head of a report."""

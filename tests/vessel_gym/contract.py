@@ -20,7 +20,6 @@ from vessel_gym.core import Core
 from vessel_gym.envs import VesselEnv, VesselVectorEnv
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensors import SUITES, Sensors, SensorSuite
-from vessel_gym.system import Estimate
 
 OURS = [key for key, spec in gym.registry.items() if str(spec.entry_point).startswith("vessel_gym.")]
 """Every environment that the package registers: a new one joins all tests of the contract by being registered."""
@@ -35,11 +34,6 @@ def every_environment(test: Any) -> Any:
     return pytest.mark.parametrize("env_id", keys)(test)
 
 
-_FEW = ("SigmaCorvette-v0", "PunaUAV-v0", "vessel_gym/Ship-v0", "Docking-v0")
-some_environments = pytest.mark.parametrize(
-    "env_id", [pytest.param(key, marks=() if key in _FEW else pytest.mark.nightly) for key in ENVIRONMENTS]
-)
-"""Where the code is the same for all: ships, an aircraft and one of one's own; the others in `make nightly`."""
 MANUALS = [key for key in OURS if "/" not in key]
 """Those with a manual of their own: those of any vehicle point to them."""
 
@@ -63,8 +57,6 @@ FEW_MEMBERS = {"pf": {"particles": 20}}
 """Options of estimators where it does not matter how good they are: a small ensemble takes the same path as a large."""
 
 CARRIED = [(key, name) for key in ENVIRONMENTS for name in estimator_names() if name not in REFUSED.get(key, {})]
-BLIND = [(key, name) for key, name in CARRIED if name != "truth"]
-"""Every pair: for what is cheap, and for what a filter may make of a vehicle's own numbers."""
 MODES = ("mean", "mean+std", "measurement")
 NATURE = "truth", "unknown_input", "parameters", "measurement", "available"
 """Keys of info that are the same to the last bit in every batch, under equal actions."""
@@ -206,12 +198,6 @@ def assert_same_tree(one: Any, other: Any, where: str = "", atol: float = 0.0) -
         assert abs(one - other) <= atol, where
     else:
         assert one == other, where
-
-
-def estimate_of(core: Core, mean: np.ndarray) -> Estimate:
-    """What the task would see if the filter believed in means ``(B, n)`` and in the unknown input as it does."""
-    composition = core.composition
-    return Estimate(mean[:, : composition.base], composition.flow(mean), core.belief.input_mean)
 
 
 def observations(core: Core) -> dict[str, np.ndarray]:

@@ -1,17 +1,14 @@
 """Laws of both underwater vehicles: inertia, energy, currents, and what filters are told of them."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from energies import DRAG, LIFT
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from sensing import exogenous, sensors_of, without_a_filter
 from vehicle_cases import AUV, AUVS, WITH_REMUS
 
 from estimators import wrap
-from vessel_gym.core import Core
 from vessel_gym.disturbances import Water
 from vessel_gym.envs.auv import PLANE_WATERS, WATERS
 
@@ -42,29 +39,6 @@ def test_in_still_water_without_thrust_energy_never_grows(auv: AUV, seed: int, s
     states *= size
     gained = auv.power(states, auv.rates(states, 0.0 * flow, auv.case.nominal), auv.case.nominal)
     assert (gained <= 1e-12 * (1.0 + np.abs(states[:, : len(auv.axes)]).max(-1)) ** 3).all()
-
-
-@each_auv
-@settings(max_examples=20)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_kinetic_energy_never_grows_along_a_track(auv: AUV, seed: int):
-    c = auv.changed(net_weight=0.0, righting_moment=0.0)  # with them, the pole of the Euler angles spoils the account
-    states, _, currents = auv.case.draw(np.random.default_rng(seed), 8)
-    for _ in range(100):
-        after = auv.drift(states, currents, c, 0.05, 4)
-        assert (auv.energy(after, c) <= auv.energy(states, c)).all()
-        states = after
-
-
-@each_auv
-def test_energy_never_grows_on_the_way_up(auv: AUV):
-    start, _, _, current = map(np.array, auv.case.hard)
-    state, c, depth = start, auv.case.nominal, auv.vehicle.state_names.index("z")
-    for _ in range(1200):
-        after = auv.drift(state, current, c, 0.05, 4)
-        assert auv.energy(after, c) <= auv.energy(state, c)
-        state = after
-    assert state[depth] < start[depth]
 
 
 @each_auv
@@ -110,22 +84,6 @@ def test_the_current_dies_away_in_200_s_and_keeps_its_size(water: Water):
 
 
 @each_auv
-def test_filters_estimate_the_whole_state_and_the_current(auv: AUV):
-    def begun(options: dict[str, Any]) -> Core:
-        core = Core(auv.system, 4, "dead-reckoning", options)
-        core.start(seed=3)
-        core.step(np.zeros((4, len(auv.vehicle.action_names))))
-        return core
-
-    core, unaware = begun({}), begun({"assume": {"as": "process-noise"}})
-    names = (*auv.vehicle.state_names, *auv.vehicle.ambient_flows)
-    assert core.truth_names == core.composition.names == auv.composed().names == names
-    np.testing.assert_array_equal(core.estimated(core.truth), np.hstack([core.state, core.sea_state]))
-    np.testing.assert_array_equal(unaware.estimated(unaware.truth), unaware.state)
-    assert auv.vehicle.estimated("nonlinear") == auv.composed(how="process-noise").names == auv.vehicle.state_names
-
-
-@each_auv
 def test_in_still_water_exact_measurements_give_back_the_state(auv: AUV):
     states, _, currents = auv.case.draw(np.random.default_rng(15), 20)
     names, sensors = auv.vehicle.state_names, sensors_of(auv.vehicle)
@@ -137,38 +95,3 @@ def test_in_still_water_exact_measurements_give_back_the_state(auv: AUV):
     x[:, angles] = wrap(x[:, angles] - states[:, angles]) + states[:, angles]
     np.testing.assert_allclose(x, np.hstack([states, 0.0 * currents]), rtol=0, atol=1e-14)
     np.testing.assert_array_equal(d, np.zeros((20, len(auv.axes))))
-
-
-@each_auv
-def test_the_filter_s_model_is_the_vehicle_without_increments(auv: AUV):
-    rng, vehicle = np.random.default_rng(16), auv.vehicle
-    model, n = auv.composed().model, len(vehicle.state_names)
-    states, _, currents = auv.case.draw(rng, 3, 10)
-    (_, before, _), (_, after, _) = auv.case.draw(rng, 3), auv.case.draw(rng, 3)
-    whole = np.concatenate([states, currents], -1)
-    predicted = model.transition(whole, np.hstack([before, after])[:, None])
-    for i in range(3):
-        rows = [np.tile(control[i], (10, 1)) for control in (before, after)]
-        stepped = vehicle.step(states[i], *rows, exogenous(vehicle, currents[i]), np.tile(auv.case.nominal, (10, 1)))
-        np.testing.assert_array_equal(predicted[i, :, :n], stepped)
-    np.testing.assert_allclose(predicted[..., n:], np.exp(-0.1 / 200.0) * currents, rtol=1e-15)
-    measured = sensors_of(vehicle).exact(states, exogenous(vehicle, currents))
-    np.testing.assert_array_equal(model.measurement(whole, None), measured)
-
-
-@each_auv
-def test_the_filter_s_noise_is_the_sensors_and_the_increments(auv: AUV):
-    model, vehicle = auv.composed(noise=2.0).model, auv.vehicle
-    np.testing.assert_allclose(model.R, np.diag((2.0 * np.array(auv.sd)) ** 2))
-    increments = np.sqrt(1.0 - np.exp(-2.0 * 0.1 / 200.0)) * np.array(auv.currents)
-    still = np.zeros(len(vehicle.state_names) - len(auv.axes))
-    enters = np.concatenate([auv.increments, still, increments])
-    np.testing.assert_allclose(model.Q, np.diag(enters**2), rtol=1e-12, atol=0)
-    assert model.G is model.H is None
-    measured = [channel.split()[0] for channel in sensors_of(vehicle).channels]
-    assert model.state_angles == tuple(vehicle.state_names.index(name) for name in vehicle.angles)
-    assert model.measurement_angles == tuple(measured.index(name) for name in vehicle.angles)
-    with pytest.raises(
-        ValueError, match=rf"^unknown filter model 'corrected'.*: choose from {', '.join(vehicle.kinds)}$"
-    ):
-        Core(auv.system, estimator_options={"model": "corrected"})

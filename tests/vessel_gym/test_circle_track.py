@@ -89,16 +89,6 @@ def test_who_keeps_to_the_track_is_on_it_and_turns_at_the_commanded_rate():
     assert (np.sin(reference[:, WANTED] - reference[:, TRACK]) * np.sign(scenario[:, 1]) > 0.02).all()
 
 
-def test_a_turn_to_port_mirrors_one_to_starboard():
-    scenario = scenarios(1)
-    scenario[:, 0] = 0.0
-    mirrored = scenario * [1.0, -1.0, -1.0, 1.0]
-    state = np.array([[300.0, 60.0, 0.2, 14.0, 0.3, 0.01]])
-    port = state * [1.0, -1.0, -1.0, 1.0, -1.0, -1.0]
-    one, other = (TASK.reference(c, np.array([70]), s)[0] for c, s in ((scenario, state), (mirrored, port)))
-    assert other == pytest.approx(one * [-1.0, -1.0, -1.0, -1.0, -1.0, -1.0, 1.0, -1.0], rel=1e-9, abs=1e-12)
-
-
 def test_courses_are_found_again_in_references():
     scenario = scenarios(8)
     start = TASK.nominal(scenario, np.zeros(8, int))

@@ -16,7 +16,6 @@ from vessel_gym.core import Core
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.envs.thesis_corvette import THESIS_CORVETTE, UnknownStep
 from vessel_gym.filter_models.build import compose
-from vessel_gym.sensors import Sensors
 from vessel_gym.vehicles.corvette import linear_matrices, secant_models, steady_turns, sway_yaw_jacobian
 from vessel_gym.vehicles.corvette_equations import (
     AROUND,
@@ -26,7 +25,7 @@ from vessel_gym.vehicles.corvette_equations import (
     CorvetteParameters,
     corvette_rates,
 )
-from vessel_gym.vehicles.corvette_thesis import NOISE, SIMULATIONS, ThesisCorvette
+from vessel_gym.vehicles.corvette_thesis import ThesisCorvette
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.ship import Ship
 
@@ -524,11 +523,6 @@ def test_the_printed_model_drops_the_identity_in_its_first_row():
     np.testing.assert_allclose(model.B[:, 0], 0.5 * b, rtol=1e-4)
 
 
-def test_an_unknown_filter_model_is_refused_with_the_choices():
-    with pytest.raises(ValueError, match=r"^unknown filter model 'printed' .*: choose from corrected, as-printed"):
-        Core(THESIS_CORVETTE, estimator_options={"model": "printed"})
-
-
 def test_the_nonlinear_model_is_the_ship_with_its_rudder_held():
     rng = np.random.default_rng(7)
     states, controls = random_motions(rng, 6)
@@ -686,22 +680,3 @@ def test_the_difference_of_two_headings_is_a_yaw_rate_across_the_seam():
         np.testing.assert_allclose(d, [[0.01], [0.02]], rtol=1e-14)
     x, d = without_a_filter(told, ("yaw increment",), measurements)
     np.testing.assert_allclose(x, [[0.0, 0.0, -3.1], [0.0, 0.0, 0.3]], rtol=1e-14, atol=0)  # one tells no rate
-
-
-@pytest.mark.parametrize("kind", VEHICLE.kinds)
-def test_the_filter_s_noise_is_that_of_the_simulation_row_by_row(kind):
-    model = filter_model(kind)
-    u = np.column_stack([np.zeros((5, 2)), np.arange(5.0)])
-    for name, size in (("Q", 3), ("R", 2)):
-        expected = [getattr(each, name) * np.eye(size) for each in SIMULATIONS.values()]
-        np.testing.assert_array_equal(getattr(model, name)(u), expected)
-    assert (model.state_angles, model.measurement_angles) == ((2,), (0,))
-    np.testing.assert_array_equal(model.G, np.eye(3)[:, 2:])
-    np.testing.assert_array_equal(model.H, [[1], [1]])
-
-
-def test_with_other_sensors_the_filter_s_noise_is_theirs():
-    compass = sensors_of(VEHICLE).each[0]
-    sensors = Sensors([compass], VEHICLE.state_names, VEHICLE.ambient_flows, VEHICLE.dt)
-    model = compose(VEHICLE, "corrected", UnknownStep(), sensors, "process-noise").model
-    np.testing.assert_array_equal(model.R, [[NOISE**2]])

@@ -117,40 +117,19 @@ def test_every_goal_that_may_be_drawn_may_be_asked_for(system: System):
         np.testing.assert_allclose(path_point(scenario[:, 1], scenario)[:, :3], [goal, goal], atol=1e-5)
 
 
-def test_a_goal_can_be_asked_for_to_either_side():
-    drawn = np.random.default_rng(1).random((5, 3))
-    for goal in ((15.0, 0.0, 4.0), [10, -15, 0], np.array([0.0, 12.0, 2.0])):
-        scenario = SPATIAL.task.scenario(drawn, {"goal": goal})
-        np.testing.assert_allclose(path_point(scenario[:, 1], scenario)[:, :3], np.tile(goal, (5, 1)), atol=1e-6)
-    scenario = VERTICAL.task.scenario(drawn, {"goal": (70.0, 0.0, 0.0)})
-    np.testing.assert_allclose(scenario, np.tile([0.0, 70.0, 0.0], (5, 1)))
-
-
-@DIVES
-@pytest.mark.parametrize(
-    "goal", ["deep", None, 3.0, (1.0, 2.0), (1, 2, 3, 4), (10.0, np.nan, 3.0), (np.inf, 0.0, 3.0), [[9.0, 0, 3]], [{}]],
-    ids=repr,
-)  # fmt: skip
-def test_a_goal_that_is_no_place_is_refused(system: System, goal: Any):
+@pytest.mark.parametrize("goal", ["deep", (1.0, 2.0), (10.0, np.nan, 3.0), [{}]], ids=repr)
+def test_a_goal_that_is_no_place_is_refused(goal: Any):
     with pytest.raises(ValueError, match=r"^goal must be") as why:
-        system.task.scenario(np.zeros((1, 3)), {"goal": goal})
+        SPATIAL.task.scenario(np.zeros((1, 3)), {"goal": goal})
     assert str(why.value) == f"goal must be three finite numbers, metres north, east and down, got {goal!r}"
 
 
 BAD_GOALS = [
     (SPATIAL, (3.0, 0.0, 0.5), r"the path to the goal must be 3\.9 to 40 m long, got 3\.0 m"),
-    (SPATIAL, (0.0, 0.0, 3.0), r"the path to the goal must be 3\.9 to 40 m long, got 0\.0 m"),
-    (SPATIAL, (41.0, 0.0, 3.0), r"the path to the goal must be 3\.9 to 40 m long, got 41\.0 m"),
     (SPATIAL, (-10.0, 1e-9, 3.0), r"the path to the goal may turn through 270 deg at most, got 360 deg"),
-    (SPATIAL, (-9.0, -3.0, 3.0), r"the path to the goal may turn through 270 deg at most, got 323 deg"),
-    (VERTICAL, (-60.0, 0.0, 20.0), r"the path to the goal may turn through 270 deg at most, got 360 deg"),
     (SPATIAL, (0.0, 7.0, 1.0), r"the path to the goal must turn on 3\.9 m at least, got 3\.5 m"),
-    (SPATIAL, (0.0, -7.0, 1.0), r"the path to the goal must turn on 3\.9 m at least, got 3\.5 m"),
     (SPATIAL, (20.0, 0.0, 9.4), r"the goal must lie 0 to 9\.3 m below the start, got 9\.4 m"),
-    (SPATIAL, (20.0, 0.0, -0.1), r"the goal must lie 0 to 9\.3 m below the start, got -0\.1 m"),
-    (VERTICAL, (7.9, 0.0, 1.0), r"the path to the goal must be 8\.0 to 72 m long, got 7\.9 m"),
     (VERTICAL, (73.0, 0.0, 1.0), r"the path to the goal must be 8\.0 to 72 m long, got 73\.0 m"),
-    (VERTICAL, (60.0, 0.0, 28.1), r"the goal must lie 0 to 28\.0 m below the start, got 28\.1 m"),
     (VERTICAL, (60.0, 1.0, 20.0), r"the goal must lie ahead, \(x, 0, z\) with x > 0: .* does not turn, got \(60.*\)"),
 ]  # fmt: skip
 
@@ -161,18 +140,6 @@ def test_a_goal_that_the_vehicle_cannot_dive_to_is_refused_with_the_limit(
 ):
     with pytest.raises(ValueError, match=f"^{sentence}$"):
         system.task.scenario(np.zeros((1, 3)), {"goal": goal})
-
-
-@pytest.mark.parametrize("goal", [(-20.0, 0.0, 3.0), (0.0, 20.0, 3.0), (20.0, 1e-3, 3.0), (1e-9, 30.0, 3.0)], ids=str)
-def test_the_vehicle_that_does_not_turn_is_never_sent_astern_or_aside(goal: tuple[float, float, float]):
-    with pytest.raises(ValueError, match=r"the path to the goal|the goal must lie ahead"):
-        VERTICAL.task.scenario(np.zeros((1, 3)), {"goal": goal})
-
-
-@DIVES
-def test_an_unknown_option_is_refused_with_the_choices(system: System):
-    with pytest.raises(ValueError, match=r"^unknown reset option 'radius': choose from goal$"):
-        system.task.scenario(np.zeros((1, 3)), {"radius": 1.0})
 
 
 # --- the start --------------------------------------------------------------------------------------
@@ -301,29 +268,6 @@ def test_the_other_errors_and_estimates_are_what_their_names_say(system: System)
     assert len(task.observed) + len(system.vehicle.action_names) == sizes(system)["mean"] == observation.shape[1]
 
 
-@DIVES
-def test_on_the_path_and_along_it_nothing_is_to_be_done(system: System):
-    task, scenario = system.task, scenarios(system.task, 40, 5)
-    s = np.random.default_rng(5).random(40) * scenario[:, 1]
-    x, y, z, heading, slope = path_point(s, scenario).T
-    truth = state(task, np.stack([x, y, z], -1), -np.arctan(slope), heading)
-    seen = task.named(task.observe(belief(truth), believed(task, truth, scenario), trim(task, 40)))
-    for name, values in seen.items():
-        if name not in ("remaining", "curvature", "pitch") and not name.startswith("look"):
-            np.testing.assert_allclose(values, 0.0, atol=1e-6, err_msg=name)
-    assert (seen["look ahead"] > 0.9 * task.ahead).all()
-    np.testing.assert_allclose(seen["remaining"], scenario[:, 1] - s, atol=1e-6)
-
-
-@DIVES
-def test_names_and_scales_turn_an_observation_back_into_si(system: System):
-    task = system.task
-    observation = np.random.default_rng(6).normal(size=(5, sizes(system)["mean+std"]))
-    named = task.named(observation)
-    again = np.stack([named[name] / scale for name, scale in task.observed.items()], -1)
-    np.testing.assert_allclose(again, observation[:, : len(task.observed)], rtol=1e-14)
-
-
 def test_the_heading_error_has_no_seam():
     """Headings may have turned any number of times; a hair off straight astern, the sign alone is free."""
     task, scenario = SPATIAL.task, scenarios(SPATIAL.task, 1)
@@ -347,20 +291,6 @@ def test_near_the_pole_of_the_euler_angles_lengths_are_kept(system: System, pitc
     seen = task.named(observation)
     length = np.sqrt(sum(seen[name] ** 2 for name in seen if name.startswith("look")))
     np.testing.assert_allclose(length, np.linalg.norm(reference[:, 5:8], axis=-1), rtol=1e-9)
-
-
-def test_an_observation_of_the_mirrored_dive_is_mirrored():
-    task, rng, scenario = SPATIAL.task, np.random.default_rng(8), scenarios(SPATIAL.task, 200, 8)
-    x = random_states(task, rng, 200)
-    mirror = np.where(np.isin(SPATIAL.vehicle.state_names, ["v", "p", "r", "y", "phi", "psi"]), -1, 1)
-    actuators, current = rng.normal(size=(200, 3)), rng.normal(size=(200, 2))
-    one = task.observe(belief(x, current), believed(task, x, scenario), actuators)
-    port = scenario * [-1.0, 1.0, 1.0]
-    seen_to_port = belief(x * mirror, current * [1.0, -1.0])
-    other = task.observe(seen_to_port, believed(task, x * mirror, port), actuators * [-1.0, 1.0, 1.0])
-    odd = {"heading error", "curvature", "sway", "roll rate", "yaw rate", "roll"}
-    signs = np.array([-1 if name in odd or "starboard" in name else 1 for name in task.observed] + [-1, 1, 1])
-    np.testing.assert_allclose(other, one * signs, rtol=0, atol=1e-9)
 
 
 @DIVES
@@ -605,22 +535,6 @@ def test_no_detour_ever_raises_the_score(
     assert longer <= direct + 1e-12
 
 
-@pytest.mark.slow
-@DIVES
-@settings(derandomize=True, max_examples=30, deadline=None)
-@given(steps=waypoints, when=st.floats(0.0, 1.0), pause=st.integers(1, 60), throttle=st.floats(0.0, 1.0))
-def test_no_pause_ever_raises_the_score(system: System, steps: list, when: float, pause: int, throttle: float):
-    task, scenario = system.task, np.array([0.0, 24.0, 3.0])
-    offset = np.array([s for s, _, _ in steps])
-    s = np.concatenate([np.cumsum(np.abs(offset)), np.arange(np.abs(offset).sum(), 24.1, 0.14)])
-    below = np.concatenate([[z for _, _, z in steps], np.zeros(len(s) - len(steps))])
-    i, thrust = round(when * (len(s) - 1)), throttle * task.auv.thrust_limit
-    waiting = np.repeat(np.arange(len(s)), np.where(np.arange(len(s)) == i, pause + 1, 1))
-    direct = fly(task, scenario, along(scenario, s, 0.0, below), thrust=thrust)[0].sum()
-    paused = fly(task, scenario, along(scenario, s[waiting], 0.0, below[waiting]), thrust=thrust)[0].sum()
-    assert paused <= direct + 1e-12
-
-
 @DIVES
 def test_ending_early_forgoes_the_rest(system: System):
     """Who believes to have arrived half way is paid for half the way, and next to nothing for arriving."""
@@ -748,15 +662,6 @@ def test_each_failure_ends_the_dive_with_its_reason_and_not_before(system: Syste
             assert ended(task, along(scenario, np.array([middle]), cross * 1.01), scenario) == "off the path"
 
 
-def test_the_vertical_dive_is_lost_above_and_below_its_path():
-    task, scenario = VERTICAL.task, np.array([0.0, 60.0, 20.0])
-    point = path_point(30.0, scenario)
-    distance = task.LOST * np.sqrt(1.0 + point[4] ** 2)
-    for side in (1.0, -1.0):
-        assert ended(task, point[:3] + [0.0, 0.0, side * (distance - 0.01)], scenario) == ""
-        assert ended(task, point[:3] + [0.0, 0.0, side * (distance + 0.01)], scenario) == "off the path"
-
-
 @DIVES
 def test_believing_to_have_arrived_decides_whatever_else_happens(system: System):
     """The mission is over then; where the vehicle truly is says whether it was a success."""
@@ -790,19 +695,6 @@ def test_the_score_reads_position_and_pitch_of_the_truth_and_nothing_else(system
 
 
 @DIVES
-def test_the_score_does_not_read_the_action(system: System):
-    task, rng, scenario = system.task, np.random.default_rng(22), scenarios(system.task, 50, 22)
-    truth = state(task, path_point(scenario[:, 1], scenario)[:, :3])
-    reference = believed(task, truth + 0.01, scenario)
-    score_state, actuators = remembered(task, np.abs(rng.normal(size=(50, 2))) + 1.0), trim(task, 50)
-    a, b = (
-        score(task, truth, reference, actuators, each, score_state) for each in (actuators, rng.normal(size=(50, 1)))
-    )
-    for left, right in zip(a, b, strict=True):
-        np.testing.assert_array_equal(left, right)
-
-
-@DIVES
 def test_fins_that_dither_cost_without_bound_and_resting_fins_nothing(system: System):
     """A third of a rudder's price: all fins that turn by a share of the full rate and back at each step."""
     task, scenario = system.task, scenarios(system.task, 1, 25)[0]
@@ -814,47 +706,6 @@ def test_fins_that_dither_cost_without_bound_and_resting_fins_nothing(system: Sy
         angle = 0.5 * share * task.auv.fin_rate * task.dt * (-1.0) ** np.arange(len(s))
         dithering = fly(task, scenario, along(scenario, s), fin=angle)[0]
         np.testing.assert_allclose(dithering[2:], best[2:] / (1.0 + share * (1.25 + 4.0) / 3.0), rtol=1e-9)
-
-
-@DIVES
-def test_scoring_changes_nothing_that_it_is_given(system: System):
-    task, scenario = system.task, scenarios(system.task, 5, 23)
-    truth = state(task, path_point(0.5 * scenario[:, 1], scenario)[:, :3])
-    given_ = [
-        truth,
-        np.ones((5, 8)),
-        believed(task, truth, scenario),
-        np.zeros(5, bool),
-        trim(task, 5),
-        trim(task, 5),
-        task.initial_score_state(truth, scenario),
-    ]
-    copies = [array.copy() for array in given_]
-    task.score(*given_)
-    for array, copy in zip(given_, copies, strict=True):
-        np.testing.assert_array_equal(array, copy)
-
-
-def test_dives_to_port_are_scored_like_dives_to_starboard():
-    task, rng, rows = SPATIAL.task, np.random.default_rng(24), 300
-    scenario, mirror = scenarios(task, rows, 24), np.array([-1.0, 1.0, 1.0])
-    flip = np.where(np.isin(SPATIAL.vehicle.state_names, ["v", "p", "r", "y", "phi", "psi"]), -1.0, 1.0)
-    truth = random_states(task, rng, rows)
-    guess = truth + rng.normal(0.0, 0.5, truth.shape)
-    actuators, score_state = (
-        trim(task, rows) * rng.uniform(0.0, 1.5, (rows, 1)),
-        remembered(task, np.abs(rng.normal(size=(rows, 2))) * 5.0),
-    )
-    one = score(task, truth, believed(task, guess, scenario), actuators, actuators, score_state)
-    port = believed(task, guess * flip, scenario * mirror)
-    other = score(task, truth * flip, port, actuators * mirror, actuators * mirror, score_state)
-    np.testing.assert_allclose(other[0], one[0], rtol=1e-9, atol=1e-12)
-    np.testing.assert_array_equal(other[1], one[1])
-    mirrored = np.array([1.0, 1.0, -1.0, 1.0, -1.0, 1.0])  # the rudder and its rate
-    np.testing.assert_allclose(other[2], one[2] * mirrored, rtol=1e-9)
-    np.testing.assert_allclose(
-        task.initial_score_state(truth * flip, scenario * mirror), task.initial_score_state(truth, scenario), atol=1e-9
-    )
 
 
 def test_a_dive_can_be_made_to_another_goal_by_data_alone():

@@ -248,18 +248,3 @@ def test_the_centre_of_the_arc_has_a_progress_too():
     assert np.isfinite(seen).all()
     assert -1e-9 <= seen[0] <= 10.0 * np.pi + 1e-9
     assert seen[1] == pytest.approx(10.0)
-
-
-def test_shapes_broadcast_and_rows_do_not_meddle():
-    rng = np.random.default_rng(1)
-    position = rng.normal(0.0, 10.0, (4, 5, 3))
-    seen = follow(position, SOME, 2.0)
-    assert seen.shape == (4, 5, 8)
-    for i in range(4):
-        for j in range(5):
-            np.testing.assert_array_equal(seen[i, j], follow(position[i, j], SOME[j], 2.0))
-    assert follow(position[0, 0], SOME[0], 2.0).shape == (8,)
-    assert path_point(np.zeros(7), SOME[0]).shape == (7, 5)
-    assert path_point(np.zeros((3, 1)), SOME).shape == (3, 5, 5)
-    assert arc_to(position).shape == (4, 5, 3)
-    np.testing.assert_array_equal(arc_to(position)[2, 3], arc_to(position[2, 3]))

@@ -8,7 +8,7 @@ import pytest
 
 from agents import rollout
 from agents.metrics import scores
-from tests.vessel_gym.contract import FEW_MEMBERS, make_core
+from tests.vessel_gym.contract import make_core
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Disturbance, Fault
 from vessel_gym.envs.auv import PLANE_WATERS, WATERS
@@ -155,24 +155,6 @@ def test_who_takes_a_fault_for_a_random_walk_finds_it(env_id: str):
 
 @pytest.mark.slow
 @every_vehicle
-def test_every_filter_of_a_faulty_vehicle_stays_finite(env_id: str):
-    fault = faulty(env_id, *SEEN[env_id], bias=0.2, amplitude=0.3, loss=0.5)
-    for estimator in ("ekf", "enkf", "huber-kf", "ekf-ui-wdf", "ukf-umv"):
-        options = FEW_MEMBERS.get(estimator, {})
-        core = make_core(env_id, 3, seed=6, disturbance=fault, estimator=estimator, estimator_options=options)
-        core.reset()
-        moved(core, 40)
-        assert np.isfinite(core.belief.mean).all()
-        assert np.isfinite(core.observe()).all()
-    states = {"assume": {"as": "states"}}
-    core = make_core(env_id, 3, seed=6, disturbance=fault, estimator="ekf", estimator_options=states)
-    core.reset()
-    moved(core, 40)
-    assert np.isfinite(core.belief.mean).all()
-
-
-@pytest.mark.slow
-@every_vehicle
 @pytest.mark.parametrize("estimator", ["ekf-ui-wdf", "ukf-umv"])
 def test_who_knows_where_a_fault_is_flies_as_without_it_and_is_consistent(env_id: str, estimator: str):
     seeds = range(400, 412)
@@ -198,10 +180,7 @@ def test_who_knows_where_a_fault_is_flies_as_without_it_and_is_consistent(env_id
         ),
         ({"loss": 1.5}, "^loss of a fault must be a number from 0 to 1, got 1.5"),
         ({"period": 0.1}, "^period of a fault must be .*above two steps of 0.1 s.*0.1"),
-        ({"bias": np.nan}, "^bias of a fault must be a finite number, got nan"),
-        ({"amplitude": np.inf}, "^amplitude of a fault must be a finite number, got inf"),
         ({"start": -0.1}, "^start of a fault must be a number of at least 0, got -0.1"),
-        ({"walk": np.nan}, "^walk of a fault must be a number of at least 0, got nan"),
         ({"size": 0.0}, "^size of a fault must be .*above 0"),
         ({"beside": Fault("rudder")}, r"^forces of Fault must be a tuple of different names, got \('rudder fault', "),
     ],
@@ -209,8 +188,3 @@ def test_who_knows_where_a_fault_is_flies_as_without_it_and_is_consistent(env_id
 def test_a_fault_that_cannot_be_is_refused_in_one_sentence(wrong: dict[str, Any], sentence: str):
     with pytest.raises(ValueError, match=sentence):
         make_core(AUV, 1, disturbance=Fault(**({"actuator": "rudder"} | wrong)))
-
-
-def test_a_vehicle_without_faults_says_what_acts_on_it():
-    with pytest.raises(ValueError, match=r"^Fault gives 'rudder fault', but what acts on this vehicle is yaw "):
-        make_core("SigmaCorvette-v0", 1, disturbance=Fault("rudder", dt=0.5))

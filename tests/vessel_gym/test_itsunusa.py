@@ -19,7 +19,7 @@ from vessel_gym.envs.auv import PLANE_WATERS as WATERS
 from vessel_gym.filter_models.build import compose
 from vessel_gym.vehicles.auv import UNCERTAIN, VERTICAL
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.itsunusa import STATE, Itsunusa, itsunusa_rates
+from vessel_gym.vehicles.itsunusa import Itsunusa, itsunusa_rates
 from vessel_gym.vehicles.segorogeni import Segorogeni, segorogeni_rates
 
 BODY = load("itsunusa")
@@ -200,19 +200,6 @@ def test_all_thrust_makes_two_metres_a_second():
 
 
 WATER = UnevenWater(VEHICLE, AUV.increments, AUV.currents)
-
-
-def test_names_and_sizes_agree():
-    assert VEHICLE.state_names == STATE
-    assert SENSORS.channels == ("u over ground", "w over ground", "z", "theta", "q", "x")
-    assert (VEHICLE.incremented, VEHICLE.ambient_flows) == (("u", "w", "q"), ("current",))
-    x = np.random.default_rng(13).normal(size=(4, 6))
-    state, actuators = VEHICLE.start(x)
-    np.testing.assert_array_equal(state, x)
-    assert SENSORS.exact(state, np.zeros((4, 4))).shape == (4, 6)
-    np.testing.assert_array_equal(actuators, np.tile([0.0, BODY.cruise_thrust], (4, 1)))
-    _, (_, thrust) = level_flight(1.5)
-    assert BODY.cruise_thrust == pytest.approx(thrust, rel=0.02)
 
 
 def test_actuators_keep_their_limits_rates_and_lag():

@@ -10,16 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from energies import energy
 from manoeuvres import DEG, Rates, Turn, ahead, figures, helmed, initial_turning, overshoots, rates_of, turning_circle
 from nomoto_models import nomoto_linear
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from stepping import segorogeni_step
 
-from vessel_gym.vehicles.auv import UNCERTAIN
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.segorogeni import COEFFICIENTS, segorogeni_rates
+from vessel_gym.vehicles.segorogeni import segorogeni_rates
 
 # --- the Mariner class ------------------------------------------------------------------------------
 
@@ -290,19 +288,3 @@ def test_remus_cruises_only_as_far_as_its_file_says():
         assert track[-1, 8] > 20.0
         assert track[-1, 10] / DEG == pytest.approx(-26.0, abs=0.5)
         assert track[-1, 0] == pytest.approx(0.67, abs=0.01)
-
-
-def test_remus_without_damping_keeps_its_energy():
-    """Whatever is given, added mass and weight take no energy: forces that are not Kirchhoff's are switched off."""
-    c = REMUS.vector(np.ones(len(UNCERTAIN)))
-    off = [i for i, name in enumerate(COEFFICIENTS) if name[:2] in ("X_", "Y_", "Z_", "K_", "M_", "N_")]
-    c[[*off, COEFFICIENTS.index("propeller_torque")]] = 0.0
-    start = np.array([1.5, 0.2, -0.1, 0.3, 0.1, -0.2, 0.0, 0.0, 5.0, 0.1, -0.2, 0.3])
-    lost = []
-    for substeps in (4, 8):
-        state = start
-        for _ in range(200):
-            state = segorogeni_step(state, np.array([0.2, 0.2, 0.0] * 2), STILL, c, 0.02, substeps)
-        lost.append(abs(energy(state, c) / energy(start, c) - 1.0))
-    assert lost[0] < 1e-6
-    assert lost[1] < 0.1 * lost[0]  # what is lost is RK4's error and dies with the step

@@ -9,9 +9,7 @@ from stepping import puna_step
 
 from estimators import Gaussian, make, wrap
 from studies.papers.puna.model import PlanarPuna, planar_derivative
-from vessel_gym.core import Core
 from vessel_gym.disturbances import Air
-from vessel_gym.envs.fixed_wing import PUNA_UAV
 from vessel_gym.filter_models.build import Composition, compose
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN, PointMass
@@ -448,25 +446,6 @@ AROUND = (
 """What filters estimate besides the aircraft's own state."""
 
 
-def test_names_and_sizes_agree():
-    channels = SENSORS.channels
-    assert VEHICLE.state_names == STATE
-    assert len(STATE) == 7
-    assert len(channels) == 9
-    assert VEHICLE.angles == ("phi",)
-    assert [channels[i] for i in SENSORS.angles] == ["course over ground", "bank"]
-    assert VEHICLE.incremented == ("north", "east", "climb", "phi")
-    state, actuators = VEHICLE.start(np.ones((4, 7)))
-    assert SENSORS.exact(state, np.zeros((4, 7))).shape == (4, 9)
-    assert actuators.shape == (4, len(VEHICLE.action_names))
-    assert C.shape == (len(COEFFICIENTS),)
-    assert VEHICLE.sensors[0].period(VEHICLE.dt) == 10  # GNSS at 1 Hz
-    assert [sensor.rate for sensor in VEHICLE.sensors] == [1.0, None, None, None]
-    assert VEHICLE.estimated("nonlinear") == STATE
-    assert told().names == (*STATE, *AROUND)
-    assert told(how="process-noise").names == (*STATE, *AROUND[6:])  # the bias is the sensor's
-
-
 def test_the_start_is_the_prior_s_trimmed_for_20_m_s():
     x = np.random.default_rng(14).normal(size=(4, 7))
     state, actuators = VEHICLE.start(x)
@@ -476,18 +455,6 @@ def test_the_start_is_the_prior_s_trimmed_for_20_m_s():
     actuators += 1.0
     assert (state != x).all()  # copies
     np.testing.assert_allclose(BODY.cruise, level_flight(20.0)[1])
-
-
-def test_filters_estimate_the_state_the_wind_and_the_gnss_s_bias():
-    core = Core(PUNA_UAV, 4, "dead-reckoning")
-    core.start(seed=3)
-    core.step(np.zeros((4, 3)))
-    assert core.truth_names == core.composition.names == (*STATE, *AROUND)
-    whole = np.hstack([core.state, core.sea_state, core.bias])
-    np.testing.assert_array_equal(core.estimated(core.truth), whole)
-    unaware = Core(PUNA_UAV, 4, "dead-reckoning", {"assume": {"as": "process-noise"}})
-    unaware.start(seed=3)
-    np.testing.assert_array_equal(unaware.estimated(unaware.truth), np.hstack([unaware.state, unaware.bias]))
 
 
 def test_actions_reach_from_limit_to_limit_and_0_is_cruising():
@@ -605,53 +572,6 @@ def test_whatever_is_read_gives_a_state():
     np.testing.assert_array_equal(x[0], 0.0)
 
 
-def test_the_filter_s_model_is_the_vehicle_when_nothing_enters():
-    rng = np.random.default_rng(18)
-    model = told().model
-    axes, before, after = random_states(rng, 30).reshape(3, 10, 10), random_controls(rng, 3), random_controls(rng, 3)
-    own, air, bias = own_state(axes), split(axes[..., 7:], rng), rng.normal(size=(3, 10, 3))
-    ensemble = np.concatenate([own, air, bias], -1)
-    predicted = model.transition(ensemble, np.hstack([before, after])[:, None])
-    c, blown = VEHICLE.parameters(0.0, np.zeros((10, VEHICLE.normals))), exogenous(VEHICLE, AIR.effect(air, own))
-    for i in range(3):
-        rows = [np.tile(control[i], (10, 1)) for control in (before, after)]
-        stepped = VEHICLE.step(own[i], *rows, blown[i], c)
-        np.testing.assert_allclose(predicted[i, :, :7], stepped, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(predicted[..., 7:13], AIR.process.advance(air), rtol=0, atol=1e-14)
-    np.testing.assert_array_equal(predicted[..., 13:], bias)
-    read = model.measurement(ensemble, None)
-    np.testing.assert_allclose(read, SENSORS.exact(own, blown, bias), rtol=0, atol=1e-13)
-
-
-def test_the_filter_s_noise_is_the_sensors_and_the_air():
-    model = told(noise=2.0).model
-    sd = np.array([1.0, 1.0, 1.5, 0.05, 0.03, 0.1, 0.5, 0.5, 0.02])
-    np.testing.assert_allclose(model.R, np.diag((2.0 * sd) ** 2))
-    enters = np.zeros((16, 16))
-    enters[range(3, 7), range(3, 7)] = np.array([0.05, 0.05, 0.05, 0.005]) ** 2
-    enters[7:13, 7:13] = AIR.process.root @ AIR.process.root.T
-    enters[range(13, 16), range(13, 16)] = 0.1 * np.array([0.21, 0.21, 0.40]) ** 2  # of a second's random walk
-    np.testing.assert_allclose(model.Q, enters, rtol=1e-12, atol=1e-20)
-    assert model.G is model.H is None
-    assert model.state_angles == (6,)
-    assert model.measurement_angles == (4, 8)
-    with pytest.raises(ValueError, match=r"^unknown filter model 'corrected': choose from nonlinear$"):
-        Core(PUNA_UAV, estimator_options={"model": "corrected"})
-
-
-def test_the_filter_s_wind_decays_as_that_of_the_air_it_is_told():
-    other = replace(AIR, length=100.0, wind_time=50.0)
-    air = np.random.default_rng(28).normal(size=(5, 6))
-    whole = np.hstack([np.tile(VEHICLE.cruise[0], (5, 1)), air, np.zeros((5, 3))])
-    moved = told(air=other).model.transition(whole, VEHICLE.cruise[1])[:, 7:13]
-    np.testing.assert_allclose(moved[:, :2], np.exp(-0.1 / 50.0) * air[:, :2], rtol=1e-12)
-    np.testing.assert_allclose(moved[:, 2:4], np.exp(-0.1 * 20.0 / 100.0) * air[:, 2:4], rtol=1e-12)
-    with pytest.raises(
-        ValueError, match=r"^Air was made for steps of 0\.2 s, the vehicle's are 0\.1 s: give it dt=0\.1"
-    ):
-        told(air=replace(AIR, dt=0.2))
-
-
 # --- mismatch ---------------------------------------------------------------------------------------
 
 
@@ -677,13 +597,6 @@ def test_thrust_in_the_truth_is_as_strong_as_its_factor():
     np.testing.assert_allclose(
         axes_rates(state, control, weak), axes_rates(state, control * [0.8, 1.0, 1.0], C), rtol=1e-12
     )
-
-
-def test_a_mismatched_aircraft_still_only_loses_energy_to_drag():
-    c = VEHICLE.parameters(0.25, 3.0 * np.random.default_rng(21).normal(size=(200, VEHICLE.normals)))
-    alpha = np.linspace(-0.1, 0.25, 40)[:, None]
-    assert (c[:, 3] * alpha**2 + c[:, 4] * alpha + c[:, 5]).min() > 0.0
-    assert c[:, [0, 6, 11, 12]].min() > 0.0
 
 
 # --- the paper's filter model -----------------------------------------------------------------------

@@ -16,12 +16,6 @@ from contract import (
     random_walk,
     single_class,
 )
-from gymnasium.vector import AutoresetMode
-
-from agents import load_agent
-from estimators import Belief, Filter
-from vessel_gym.core import Core
-from vessel_gym.system import Estimate
 
 GOALS = [key for key in ENVIRONMENTS if "arrived" in single_class(key).system.task.end_reasons]
 
@@ -88,53 +82,6 @@ def test_an_episode_is_the_same_to_the_last_bit_whatever_estimator_is_named(env_
     assert bool(ends & {"arrived", "missed the goal"}) == (env_id in GOALS)  # what estimators used to decide
 
 
-class Vandal(Filter):
-    """An estimator of one's own that writes into whatever it is given, and believes nonsense, once it flies."""
-
-    flies = False  # in an environment, not before one that looks at it first
-
-    def update(self, belief: Belief, y: np.ndarray, *args: Any, **kwargs: Any) -> Belief:
-        self.flies = "u" in kwargs
-        for array in (y, kwargs["available"], kwargs["u"]) if self.flies else ():
-            if array is not None and array.flags.writeable:
-                array[...] = 0
-        return super().update(belief, y, *args, **kwargs)
-
-    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Any) -> Belief:
-        if not self.flies:
-            return belief.replace(u=u)
-        if u is not None and u.flags.writeable:
-            u[...] = 7.0
-        return belief.replace(mean=np.full_like(belief.mean, np.nan))
-
-    def _update(self, belief: Belief, measurement: Any, rng: Any) -> Belief:
-        if not self.flies:
-            return belief
-        measurement.available[...] = False
-        return belief.replace(mean=np.full_like(belief.mean, 1e300), cov=-belief.cov)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("mode", list(AutoresetMode))
-@every_environment
-def test_an_estimator_of_ones_own_cannot_spoil_an_episode_of_raw_measurements(env_id: str, mode: AutoresetMode):
-    def trial(estimator: Any) -> list[Any]:
-        env = make_batch(env_id, 3, observe="measurement", sensors="degraded", estimator=estimator,
-                         autoreset_mode=mode, max_episode_steps=12)  # fmt: skip
-        out, done = [env.reset(seed=5)], np.zeros(3, bool)
-        walk = random_walk(3, 3, env.core.action_size)
-        for step in range(20):
-            asked = done if mode is AutoresetMode.DISABLED else np.array([step == 7, False, step == 7])
-            if asked.any():
-                out.append(env.reset(options={"reset_mask": asked}))
-            out.append(env.step(next(walk)))
-            done = out[-1][2] | out[-1][3]
-        return [without_beliefs(part) for part in out]
-
-    for step, (one, other) in enumerate(zip(trial("truth"), trial(Vandal), strict=True)):
-        assert_same_tree(one, other, f"step {step}")
-
-
 @pytest.mark.slow
 @every_environment
 def test_an_episode_is_judged_as_if_the_truth_were_believed(env_id: str):
@@ -152,28 +99,3 @@ def test_an_episode_is_judged_as_if_the_truth_were_believed(env_id: str):
         np.testing.assert_array_equal(raw.truth, told.truth)
         over += done.sum()
     assert over > 0
-
-
-def seen_with_perfect_knowledge(core: Core) -> np.ndarray:
-    """The observation of mode ``"mean"`` of somebody who knows the truth."""
-    task, state = core.task, core.state
-    known = Estimate(state, core.exogenous[:, len(core.vehicle.increments) :])
-    seen = task.observe(known, task.reference(core.scenario, core.steps, state), core.actuators)
-    return np.clip(seen, -task.BOUND, task.BOUND).astype(np.float32)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("env_id", GOALS)
-def test_who_knows_the_truth_arrives_in_every_episode_on_hidden_held_measurements(env_id: str):
-    """Ended by held measurements, 7 of 48 Segorogeni dives, 8 of 48 ITSUNUSA dives and 23 flights did."""
-    core = make_core(env_id, 48, observe="measurement", estimator="measurement")
-    controller = load_agent("autopilot", gym.make(env_id))
-    core.reset()
-    controller.reset(48)
-    end = np.zeros(48, int)
-    for _ in range(core.task.horizon):
-        core.step(controller.act(seen_with_perfect_knowledge(core)))
-        end = np.where(end == 0, core.end, end)
-        if end.all():
-            break
-    assert [core.task.end_reasons[number] for number in end] == ["arrived"] * 48

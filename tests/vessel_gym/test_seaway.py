@@ -440,19 +440,6 @@ def test_constant_thrust_is_the_limit_of_propellers_without_slope():
 # --- in the loop -------------------------------------------------------------------------------------
 
 
-def test_a_current_shifts_the_ship_and_the_reward():
-    """What it could not do where no position counts."""
-    rewards = []
-    for current in (0.0, 0.6):
-        sea = Seaway(SHIP, height=1.88, period=8.8, wind=0.0, current=current, dt=0.5)
-        core = Core(SIGMA_CORVETTE, 4, disturbance=sea)
-        core.start(0)
-        for _ in range(60):
-            core.step(np.zeros((4, 1)))
-        rewards.append(core.total.copy())
-    assert np.abs(rewards[0] - rewards[1]).min() > 0.1
-
-
 def test_filters_are_told_of_a_sea_of_no_direction_and_hold_its_current():
     core = Core(SIGMA_CORVETTE, 2)
     composition = core.composition
@@ -462,48 +449,3 @@ def test_filters_are_told_of_a_sea_of_no_direction_and_hold_its_current():
     beta = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
     rms = np.sqrt((MODERATE.yaw_rate(beta, 0.8 * SHIP.speed) ** 2).mean())
     assert np.sqrt(composition.forces.increment_cov[0, 0]) == pytest.approx(0.5 * rms, rel=0.05)
-
-
-@pytest.mark.parametrize("sea", SEAS)
-@pytest.mark.parametrize("length", [101.07, 160.93, 320.0])
-def test_a_slow_ship_s_unknown_input_filter_flies_in_every_sea(length, sea):
-    """Long, slow ships hardly yaw in a calm sea: d is told to be no smaller than what shows in a compass."""
-    ship = SHIP if length < 160.0 else replace(MARINER, length=length, beam=length / 7.0, mass=4.089 * length**3)
-    core = Core(ship_system(ship), 2, disturbance=sea)
-    core.start(0)
-    core.step(np.zeros((2, 1)))
-    assert not np.any(core.belief.recovery)
-    assert core.composition.forces.input_cov[0, 0] >= 1e-6 * (1.0 - 1e-9)
-
-
-def test_the_ship_s_own_jacobian_is_that_of_her_model():
-    """Against differences of the composed transition."""
-    for chosen in ({}, {"assume": {"as": "states"}}):
-        model = Core(SIGMA_CORVETTE, 1, "ekf", chosen).filter.model
-        rng = np.random.default_rng(2)
-        x = np.zeros((5, model.n))
-        x[:, :6] = rng.standard_normal((5, 6)) * [300.0, 300.0, 2.0, 1.0, 1.0, 0.03] + [0.0, 0.0, 0.0, 12.0, 0.0, 0.0]
-        x[:, 6:] = 0.3 * rng.standard_normal((5, model.n - 6))
-        u = np.column_stack([0.2 * rng.standard_normal(5), np.full(5, 0.03), x[:, 2], np.ones(5)])
-        mean, jacobian = model.linearise_transition(x, u)
-        assert mean == pytest.approx(model.transition(x, u), rel=1e-12, abs=1e-12)
-        h = 1e-4
-        for j in range(model.n):
-            step = h * np.eye(model.n)[j]
-            column = (model.transition(x + step, u) - model.transition(x - step, u)) / (2.0 * h)
-            assert jacobian[..., j] == pytest.approx(column, rel=1e-4, abs=1e-6)  # cross-flow bends sharply
-
-
-def test_who_is_told_of_the_sea_itself_holds_its_waves():
-    core = Core(SIGMA_CORVETTE, 2, "ekf", {"assume": {"disturbance": "moderate", "as": "states"}})
-    assert core.composition.names[6:-1] == MODERATE.modelled.names
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [{"height": 0.0}, {"period": -1.0}, {"wind": np.nan}, {"current": -0.1}, {"direction": np.inf}, {"dt": 0.0}],
-)
-def test_what_no_sea_has_is_refused_in_a_sentence(wrong):
-    name = next(iter(wrong))
-    with pytest.raises(ValueError, match=f"{name} of a seaway must be"):
-        Seaway(SHIP, **({"height": 1.0, "period": 8.0, "wind": 5.0, "current": 0.1, "dt": 0.5} | wrong))

@@ -13,7 +13,7 @@ from vehicle_cases import AUVS, WITH_REMUS
 
 from vessel_gym.vehicles.auv import UNCERTAIN
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.segorogeni import COEFFICIENTS, STATE, Segorogeni, SegorogeniParameters, segorogeni_rates
+from vessel_gym.vehicles.segorogeni import COEFFICIENTS, Segorogeni, SegorogeniParameters, segorogeni_rates
 
 BODY = load("segorogeni")
 C = BODY.vector()
@@ -138,19 +138,6 @@ def test_port_mirrors_starboard_but_for_the_propeller_s_torque():
     rates = segorogeni_rates(states, controls, currents, c)
     np.testing.assert_allclose(mirrored, rates * MIRROR, rtol=1e-12, atol=1e-13)
     assert segorogeni_rates(np.zeros(12), np.array([0.0, 0.0, 4.0]), STILL, C)[3] < 0.0
-
-
-@pytest.mark.parametrize("body", [BODY, WITH_REMUS])
-def test_without_weight_a_quarter_roll_turns_heave_and_pitch_into_sway_and_yaw(body):
-    c = replace(body, z_g=0.0, buoyancy_excess=0.0).vector()
-    rng = np.random.default_rng(5)
-    states, controls, currents = random_states(rng, 100), random_controls(rng, 100), random_currents(rng, 100)
-    u, v, w, p, q, r = states[:, :6].T
-    rolled = states.copy()
-    rolled[:, :6] = np.stack([u, w, -v, p, r, -q], -1)
-    du, dv, dw, dp, dq, dr = segorogeni_rates(states, controls, currents, c)[:, :6].T
-    rates = segorogeni_rates(rolled, controls[:, [1, 0, 2]] * [1, -1, 1], currents, c)[:, :6]
-    np.testing.assert_allclose(rates, np.stack([du, dw, -dv, dp, dr, -dq], -1), rtol=1e-11, atol=1e-12)
 
 
 # --- kinematics -------------------------------------------------------------------------------------
@@ -290,18 +277,6 @@ def test_positive_rudder_turns_to_starboard_positive_stern_plane_dives_and_thrus
 
 
 # --- the vehicle in an environment ------------------------------------------------------------------
-
-
-def test_names_and_sizes_agree():
-    assert VEHICLE.state_names == STATE
-    assert len(STATE) == 12
-    assert SENSORS.channels == (
-        "u over ground", "v over ground", "w over ground", "z", "phi", "theta", "psi", "p", "q", "r", "x", "y",
-    )  # fmt: skip
-    assert (VEHICLE.incremented, VEHICLE.ambient_flows) == (STATE[:6], ("current north", "current east"))
-    state, actuators = VEHICLE.start(np.ones((4, 12)))
-    assert SENSORS.exact(state, np.zeros((4, 8))).shape == (4, 12)
-    assert actuators.shape == (4, len(VEHICLE.action_names))
 
 
 def test_the_start_is_the_prior_s_with_the_paper_s_rudder():

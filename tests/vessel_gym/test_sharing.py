@@ -1,8 +1,6 @@
 """Environments that are built alike share what no episode changes, and nobody can tell."""
 
 import copy
-import pickle
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
@@ -71,18 +69,6 @@ def test_two_in_two_threads_fly_as_each_alone() -> None:
     with ThreadPoolExecutor(4) as pool:
         together = list(pool.map(flown, cores, range(4)))
     assert all(map(same, together, alone))
-
-
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-@pytest.mark.parametrize("env_id", ["SigmaCorvette-v0", "SegorogeniAUV-v0"])
-def test_copies_go_on_as_the_original(env_id: str, copied: Callable[[gym.Env], gym.Env]) -> None:
-    env = gym.make(env_id)
-    flown(env.unwrapped.core, 5)
-    twin = copied(env)
-    assert twin.unwrapped.core.filter is env.unwrapped.core.filter
-    cores = env.unwrapped.core, twin.unwrapped.core
-    taken = [[stepped(core, step) for core in cores] for step in range(STEPS)]
-    assert all(same(*pair) for pair in taken)
 
 
 DIFFERENT: tuple[dict[str, Any], ...] = (

@@ -28,8 +28,6 @@ from refusals import refusal
 from scipy.stats import chi2
 from test_autoreset import assert_same_in_every_mode
 
-from agents import rollout
-from agents.metrics import scores
 from vessel_gym.core import Core
 from vessel_gym.estimation import LATE
 from vessel_gym.sensor_faults import KINDS, SensorFault
@@ -198,27 +196,6 @@ def test_at_sea_nothing_but_measurements_reaches_a_filter(estimator: str):
     assert_same_tree(one, other)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("estimator", ["ekf", "enkf"])
-def test_a_fix_that_is_a_second_late_costs_a_twentieth_at_most_where_it_is_fused_where_it_belongs(estimator: str):
-    """Paired by seed; NEES of 12 s and more over 60 dives scatters by some hundredths."""
-
-    def fly(late: str | None) -> dict[str, float]:
-        world: dict[str, Any] = {"estimator": estimator}
-        if late is not None:
-            world |= {"sensors": late_fix(latency=1.0), "estimator_options": {"late": late}}
-        return {
-            key: float(values.mean()) for key, values in scores(rollout("autopilot", AUV, range(60), world)).items()
-        }
-
-    in_time, fused, new, lost = (fly(late) for late in (None, *LATE))
-    assert fused["position_rmse"] < 1.05 * in_time["position_rmse"]
-    assert 1.15 * in_time["position_rmse"] < lost["position_rmse"] < new["position_rmse"]
-    assert fused["nees"] == pytest.approx(in_time["nees"], abs=0.03)
-    assert 0.9 < fused["nees"] < 1.1
-    assert new["position_nees"] > 2.0
-
-
 # --- faults -----------------------------------------------------------------------------------------
 
 
@@ -258,15 +235,6 @@ def test_a_sensor_that_is_off_reads_nothing_and_one_that_is_stuck_its_last_measu
     healthy[5:, :, GYROSCOPE] = healthy[4, :, GYROSCOPE]
     np.testing.assert_array_equal(came, arrived)
     np.testing.assert_array_equal(faulty, healthy)
-
-
-def test_a_sensor_that_has_always_been_stuck_shows_its_first_measurement():
-    faulty, came, healthy, _ = faulty_and_healthy(SensorFault("Doppler log", "stuck"), steps=30)
-    log = slice(0, 3)
-    for row in range(ROWS):
-        first = healthy[np.flatnonzero(came[:, row, 0])[0], row, log]
-        np.testing.assert_array_equal(faulty[came[:, row, 0], row, log], np.tile(first, (came[:, row, 0].sum(), 1)))
-    assert not came[:, :, 0].all()  # a stuck sensor still loses measurements
 
 
 def test_garbage_is_noise_of_its_size_whatever_there_is_to_read():
@@ -373,21 +341,12 @@ def test_a_latency_that_is_none_is_refused_in_a_sentence():
     ("options", "sentence"),
     [
         ({"kind": "of"}, "unknown kind of sensor fault 'of' (did you mean 'off'?): choose from off, stuck, "),
-        ({"kind": 3}, "unknown kind of sensor fault 3"),
         ({"kind": "bias"}, "size of the fault 'bias' of gyroscope must be what is added, one for all channels or "),
-        ({"kind": "drift", "size": "1"}, "size of the fault 'drift' of gyroscope must be what a second adds, "),
-        ({"kind": "scale", "size": np.nan}, "size of the fault 'scale' of gyroscope must be the factor, "),
-        ({"kind": "bias", "size": ((1.0,),)}, "size of the fault 'bias' of gyroscope must be what is added"),
         ({"kind": "garbage", "size": -1.0}, "size of the fault 'garbage' of gyroscope must be 0 or more, got -1.0"),
         ({"kind": "off", "size": 1.0}, "the fault 'off' of gyroscope has no size, got 1.0"),
         ({"kind": "off", "begin": -1.0}, "begin of the fault 'off' of gyroscope must be 0 s or more, or two such "),
-        ({"kind": "off", "begin": True}, "begin of the fault 'off' of gyroscope must be 0 s or more"),
-        ({"kind": "bias", "size": True}, "size of the fault 'bias' of gyroscope must be what is added"),
-        ({"kind": "off", "begin": np.inf}, "begin of the fault 'off' of gyroscope must be 0 s or more"),
         ({"kind": "off", "begin": (2.0, 1.0)}, "begin of the fault 'off' of gyroscope must be 0 s or more, or two "),
         ({"kind": "off", "end": np.nan}, "end of the fault 'off' of gyroscope must be 0 s or more"),
-        ({"kind": "off", "end": "late"}, "end of the fault 'off' of gyroscope must be 0 s or more"),
-        ({"kind": "off", "begin": 2.0, "end": 2.0}, "the fault 'off' of gyroscope must begin before it ends, got "),
         ({"kind": "off", "begin": (1.0, 3.0), "end": (2.0, 4.0)}, "the fault 'off' of gyroscope must begin before "),
     ],
 )
@@ -395,23 +354,19 @@ def test_a_fault_that_makes_no_sense_is_refused_in_a_sentence(options: dict[str,
     assert refusal(ValueError, SensorFault, "gyroscope", **options).startswith(sentence)
 
 
-@every_vehicle
-def test_an_environment_refuses_faults_and_ways_that_it_does_not_have(env_id: str):
-    name, size = single_class(env_id).system.sensors_of("nominal").each[0].name, (1.0,) * 9
-
+def test_an_environment_refuses_faults_and_ways_that_it_does_not_have():
     def asked(expected: type[Exception], **options: Any) -> str:
-        return refusal(expected, gym.make, env_id, **options)
+        return refusal(expected, gym.make, AUV, **options)
 
-    for wrong in (3, "off", None, [1], {"off": 1}, SensorFault(name, "off")):
+    for wrong in ("off", None, [1]):
         assert asked(TypeError, sensor_faults=wrong).startswith("sensor_faults must be a list of SensorFault objects")
     message = asked(ValueError, sensor_faults=[SensorFault("sextant", "off")])
     assert message.startswith("unknown sensor of sensor_faults 'sextant'")
-    message = asked(ValueError, sensor_faults=[SensorFault(name, "bias", size)])
-    assert "channels, so size of the fault 'bias' of" in message or "1 channels" in message
-    for wrong in ("newest", 3, None, ["fused"]):
-        message = asked(ValueError, estimator_options={"late": wrong})
-        assert message.startswith(f"unknown value of late {wrong!r}")
-        assert message.endswith("choose from fused, as new, discarded")
+    message = asked(ValueError, sensor_faults=[SensorFault("gyroscope", "bias", (1.0,) * 9)])
+    assert "channels, so size of the fault 'bias' of" in message
+    message = asked(ValueError, estimator_options={"late": "newest"})
+    assert message.startswith("unknown value of late 'newest'")
+    assert message.endswith("choose from fused, as new, discarded")
 
 
 def test_injected_measurements_by_age_of_another_form_are_refused():

@@ -124,36 +124,6 @@ def complaint(source: str, *wanted) -> str:
 # --- the vehicles of the package --------------------------------------------------------------------
 
 
-def test_the_numbers_of_the_registered_vehicles_are_those_of_their_sources_to_the_last_bit():
-    """Written down a second time; the derived ones are compared with print in the tests of each vehicle."""
-    thesis = CorvetteParameters(
-        length=101.07, beam=14.0, draught=3.7, mass=2.423e6, speed=15.4, x_g=5.5, water_density=1024.0,
-        yaw_radius=0.25, drag_coefficient=0.6, rudder_area=2 * 5.5, rudder_aspect=1.5, rudder_limit=np.deg2rad(35.0),
-        rudder_rate=np.deg2rad(5.0), slipstream=1.1, straightening=0.4, resistance=1.0e6,
-    )  # fmt: skip
-    assert load("corvette-thesis") == thesis
-    assert load("corvette") == replace(
-        thesis, rudder_aspect=1.15, straightening=0.1, thrust_coefficient=0.72, thrust_slope=0.39, advance_ratio=1.17,
-        race=0.47, metacentric_height=2.1, roll_period=8.0, gravity_height=6.0, frontal_area=160.0, lateral_area=850.0,
-    )  # fmt: skip
-    assert load("segorogeni") == SegorogeniParameters(
-        length=0.98, diameter=0.188, fin_area=0.06 * 0.98 * 0.188, fin_position=-0.5 * 0.98, axial_drag=0.2, z_g=0.02,
-        buoyancy_excess=1.0, fin_limit=np.deg2rad(20.0), fin_rate=1.0, thrust_limit=8.0, thrust_lag=0.5,
-        cruise_speed=1.0, propeller_torque=0.006, fin_aspect=2.21, fin_taper=0.654, water_density=1025.0, gravity=9.81,
-    )  # fmt: skip
-    assert load("itsunusa") == ItsunusaParameters(
-        length=2.0, diameter=0.30, fin_area=0.045 * 2.0 * 0.30, fin_position=-0.5 * 2.0, axial_drag=0.2, z_g=0.015,
-        buoyancy_excess=6.0, fin_limit=np.deg2rad(20.0), fin_rate=1.0, thrust_limit=40.0, thrust_lag=0.5,
-        cruise_speed=1.5, fin_aspect=2.21, fin_taper=0.654, water_density=1025.0, gravity=9.81,
-    )  # fmt: skip
-    assert load("puna") == PunaParameters(
-        mass=3.364, area=0.75, drag=(1.0555, 0.07909, 0.0197), lift=(4.0203, 0.08674),
-        density=(4.319e-9, -1.1760e-4, 1.225), gravity=9.81, bank_rate=2.0, thrust_limit=16.0, thrust_lag=0.5,
-        alpha_low=np.deg2rad(-4.0), alpha_high=np.deg2rad(12.0), alpha_rate=0.5, bank_limit=np.deg2rad(35.0),
-        cruise_speed=20.0,
-    )  # fmt: skip
-
-
 @pytest.mark.parametrize("name", names())
 def test_every_number_of_a_vehicle_in_the_package_has_a_word_on_its_source(name: str):
     text = (DATA / f"{name}.toml").read_text(encoding="utf-8")
@@ -308,30 +278,17 @@ def test_an_angle_may_be_in_degrees_or_in_radians(write):
 
 WRONG = [  # file, what is replaced by what, the line, the sentence
     (SHIP, "length = 60.0", "lenght = 60.0", 4, r"unknown key in \[particulars\] 'lenght' \(did you mean 'length'\?\)"),
-    (SHIP, "rudder_limit_deg", "rudder_limit_degree", 11, r"did you mean 'rudder_limit_deg'\?"),
     (SHIP, "[rudder]", "[ruder]", 9, r"unknown table 'ruder' \(did you mean 'rudder'\?\)"),
     (SHIP, 'kind = "ship"', 'kind = "ship"\nspeed = 7.0', 2, "unknown key outside of tables 'speed'"),
     (SHIP, 'kind = "ship"', "", 1, "a vehicle file needs a 'kind': ship, auv, fixed-wing"),
     (SHIP, '"ship"', '"shipp"', 1, r"unknown kind 'shipp' \(did you mean 'ship'\?\)"),
-    (SHIP, '"ship"', '["ship"]', 1, "unknown kind"),
     (SHIP, '"ship"', '"ship"\ndegrees_of_freedom = 6', 2, "degrees_of_freedom must be 3, got 6"),
-    (TORPEDO, '"auv"', '"auv"\ndegrees_of_freedom = 4', 2, "degrees_of_freedom must be 6 or 3, got 4"),
-    (TORPEDO, '"auv"', '"auv"\ndegrees_of_freedom = [3]', 2, "degrees_of_freedom must be 6 or 3"),
     (SHIP, "beam = 10.0\n", "", 3, r"\[particulars\] needs a 'beam'"),
     (SHIP, "[propulsion]\nspeed = 7.0\nresistance = 6e4\n", "", 1, r"\[propulsion\] needs a 'speed'"),
     (SHIP, "[rudder]\nrudder_area = 5.0\nrudder_limit_deg = 30\n", "", 1, "the rudder needs 'rudder_area', or"),
-    (SHIP, "rudder_area = 5.0\n", "", 9, "the rudder needs 'rudder_area', or 'Ydelta'"),
     (SHIP, "60.0", '"60.0"', 4, "length must be a number above 0, got '60.0'"),
-    (SHIP, "60.0", "true", 4, "length must be a number above 0, got True"),
-    (SHIP, "60.0", "{ m = 60.0 }", 4, "length must be a number above 0, got {"),
-    (SHIP, "beam = 10.0", "beam = [\n  # wide\n  10.0,\n]", 5, r"beam must be a number above 0, got \[10.0\]"),
-    (SHIP, "mass = 0.9e6", "mass = -0.9e6", 7, "mass must be a number above 0, got -900000.0"),
-    (SHIP, "mass = 0.9e6", "mass = nan", 7, "mass must be a number above 0, got nan"),
-    (SHIP, "mass = 0.9e6", "mass = inf", 7, "mass must be a number above 0, got inf"),
-    (SHIP, "mass = 0.9e6", f"mass = 1{400 * '0'}", 7, "mass must be a number above 0, got 1000"),
     (SHIP, "mass = 0.9e6", "mass = 900.0", 7, "900 kg are no mass of a hull in a box that displaces 1.845e\\+06 kg"),
     (SHIP, "draught = 3.0", "draught = 30.0", 6, "a ship 10 m wide is not 30 m deep in the water"),
-    (SHIP, "beam = 10.0", "beam = 100.0", 5, "a ship of 60 m is not 100 m wide"),
     (SHIP, "mass = 0.9e6", "mass = 0.9e6\nx_g = 40.0", 8, "40 m from amidships is not in a ship of 60 m"),
     (SHIP, "rudder_area = 5.0", "rudder_area = 500.0", 10, "a rudder of 500 m2 is as large as the hull's profile"),
     (SHIP, "_deg = 30", "_deg = 120", 11, "rudder_limit_deg must be an angle above 0 and below 90 degrees, got 120"),
@@ -339,12 +296,7 @@ WRONG = [  # file, what is replaced by what, the line, the sentence
     (SHIP, "[rudder]", "[derivatives]\nYv = 0.01\n[rudder]", 10, "Yv must be a number of at most 0: it resists"),
     (SHIP, "[rudder]", "[derivatives]\nNvdot = 1.0\nYrdot = 1.0\n[rudder]", 9, "an inertia that is not positive"),
     (SHIP, "[rudder]", "[derivatives]\nNv = -0.05\n[rudder]", 9, "the ship is directionally unstable"),
-    (SHIP, "speed = 7.0", "speed = 0", 14, "speed must be a number above 0, got 0"),
-    (SHIP, "speed = 7.0", "speed = 7,0", 14, "not TOML: "),
-    (SHIP, "[rudder]", "[rudder", 9, "not TOML: "),
     (SHIP, "speed = 7.0", "speed = 7.0\nspeed = 8.0", 15, "not TOML: Cannot overwrite a value"),
-    (SHIP, "resistance = 6e4\n", 'resistance = """', 15, "not TOML: "),
-    (SHIP, "mass = 0.9e6", f"mass = {5000 * '9'}", None, "not TOML: "),
     (SHIP, "[rudder]", "[sources]\nmass = 3\n[rudder]", 10, "a source is a text, got 3"),
     (SHIP, "[particulars]\nlength = 60.0",
      '[sources]\na = """\n[particulars]\nlength = 60\n"""\n[particulars]\nlength = -60', 9,
@@ -353,24 +305,18 @@ WRONG = [  # file, what is replaced by what, the line, the sentence
     (TORPEDO, "-0.7", "-7.0", 10, "fins -7 m from the origin are not on a hull of 1.5 m"),
     (TORPEDO, "fin_area = 0.01", "fin_area = 1.0", 9, "a fin of 1 m2 does not belong to a hull"),
     (TORPEDO, "z_g", "mass = 400.0\nz_g", 6, "400 kg do not float: a cylinder round the hull displaces 48.3 kg"),
-    (TORPEDO, "z_g", "buoyancy_excess = 1e4\nz_g", 6, "kg do not float"),
     (TORPEDO, "= 15.0", "= 1.0", 14, "1 N are too little: at cruising speed the drag is"),
     (TORPEDO, "[fins]", "[coefficients]\nY_rdot = 30.0\nN_vdot = 30.0\n[fins]", 8, "is not positive definite"),
     (TORPEDO, "[fins]", "[coefficients]\nY_rdot = 0.1\n[fins]", 8, "added mass is symmetric: Y_rdot is N_vdot"),
     (TORPEDO, "[fins]", "[coefficients]\nX_uu = 2.0\n[fins]", 9, "X_uu must be a number of at most 0"),
     (TORPEDO, "[fins]", "[coefficients]\nwith_added_mass = 1\n[fins]", 9, "with_added_mass must be true or false"),
-    (TORPEDO, "[fins]", "[coefficients]\nY_uudr = inf\n[fins]", 9, "Y_uudr must be a finite number, got inf"),
     (TORPEDO, "[fins]", "fins = 3", 8, r"\[fins\] must be a table, got 3|key"),
     (THRUSTERS, "[[0.1, 0.2, 0.0], [", "[[0.1, 0.2], [", 11, r"each of positions must be a list of 3 finite numbers"),
-    (THRUSTERS, "[[0.1, 0.2, 0.0], [0.1, -0.2, 0.0]]", "[]", 11, "positions must be a list of lists of 3 finite"),
     (THRUSTERS, "[[1, 0, 0], [1, 0, 0]]", "[[1, 0, 0]]", 12, "2 thrusters have no 1 directions"),
     (THRUSTERS, "[[1, 0, 0], ", "[[0, 0, 0], ", 12, r"the direction of a thruster must not be \(0, 0, 0\)"),
-    (THRUSTERS, "X_uu = -50.0", "X_uu = 50.0", 22, "X_uu must be a number of at most 0: it resists the motion"),
     (THRUSTERS, "K_pp = -1.0\n", "", 15, r"\[coefficients\] needs a 'K_pp'"),
     (THRUSTERS, "z_g", "buoyancy_excess = -100.0\nz_g", 8, "100 N are more than the weight: it displaces no water"),
     (WING, "lift = [4.0, 0.1]", "lift = [4.0]", 8, r"lift must be a list of 2 finite numbers, got \[4.0\]"),
-    (WING, "lift = [4.0, 0.1]", "lift = 4.0", 8, "lift must be a list of 2 finite numbers, got 4.0"),
-    (WING, "lift = [4.0, 0.1]", "lift = [4.0, nan]", 8, "lift must be a list of 2 finite numbers, got nan"),
     (WING, "lift = [4.0, 0.1]", "lift = [-4.0, 0.1]", 8, "a wing lifts more at a higher angle of attack"),
     (WING, "drag = [1.0, 0.1, 0.02]", "drag = [1.0, 0.1, -0.02]", 9, "it becomes a thrust"),
     (WING, "18.0", "1.8", 12, "no level flight at 1.8 m/s"),

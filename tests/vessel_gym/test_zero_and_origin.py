@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from contract import CARRIED, FEW_MEMBERS, make_core, random_walk, single_class
-from sensing import sensors_of
 
 from estimators import Belief, Gaussian, models, wrap
 from vessel_gym.core import Core
@@ -264,25 +263,6 @@ def test_an_estimate_far_away_is_that_at_the_origin_but_for_the_digits_of_the_pl
     assert apart(here, axes, track(name, here), track(name, there)) < (DIFFERENCED if differencing else PLACE)
 
 
-def test_the_thesis_corvette_moves_and_reads_alike_wherever_it_is():
-    """Its filters know of no position, so that the truth alone could depend on one."""
-    vehicle = single_class("ThesisCorvette-v0").system.vehicle
-    sensors = sensors_of(vehicle)
-    rng = np.random.default_rng(0)
-    truth = rng.normal(size=(8, 8)) * [100.0, 100.0, 2.0, 1.0, 1.0, 0.02, 0.1, 0.02]
-    truth[:, 3] += 15.0
-    there = truth + [FAR["x"], FAR["y"], *np.zeros(6)]
-    rudder, exogenous, c = (
-        rng.normal(scale=0.2, size=(8, 1)),
-        rng.normal(size=(8, len(vehicle.increments + vehicle.ambient_flows))),
-        vehicle.parameters(0.1, rng.normal(size=(8, vehicle.normals))),
-    )
-    one, other = (vehicle.step(x, rudder, rudder, exogenous, c) for x in (truth, there))
-    np.testing.assert_array_equal(other[:, 2:], one[:, 2:])
-    np.testing.assert_allclose(other[:, :2] - there[:, :2], one[:, :2] - truth[:, :2], rtol=0, atol=1e-8)
-    np.testing.assert_array_equal(sensors.exact(other, exogenous), sensors.exact(one, exogenous))
-
-
 @pytest.mark.parametrize("env_id", ["ThesisCorvette-v0", "SegorogeniAUV-v0", "PunaUAV-v0"])
 def test_what_is_derived_of_two_measurements_does_not_depend_on_the_cut_between_them(env_id: str):
     told = episode(env_id)
@@ -306,29 +286,3 @@ def test_what_is_derived_of_two_measurements_does_not_depend_on_the_cut_between_
     np.testing.assert_allclose(error, 0.0, rtol=0, atol=1e-13)  # 20 m/s in a direction of 4e-16 rad of digits
     np.testing.assert_allclose(d_turned, written(d, axes.d), rtol=0, atol=1e-15)
     assert (len(state), len(unknown)) == (x.shape[-1], d.shape[-1])
-
-
-@pytest.mark.parametrize("name", ["measurement", "ekf", "ukf", "huber-kf", "robust-kf", "enkf"])
-def test_an_aircraft_whose_course_reads_now_one_side_of_south_now_the_other_flies_on(name: str):
-    """Half of the difference of two such courses is east, their mean north: no estimate may make either of it."""
-    told = episode("PunaUAV-v0")
-    core, off = told.core, 0.02
-    state, _, channels = names(core)
-    mean = np.zeros(len(state))
-    mean[state.index("north")] = -20.0
-    still = np.zeros(len(core.sensors.exogenous_names)), np.zeros(core.sensors.bias.size)
-    exact = core.sensors.exact(mean[: len(core.vehicle.state_names)], *still)
-    y = np.tile(exact, (STEPS, ROWS, 1))
-    sides = np.where((np.arange(STEPS)[:, None] // 10 + np.arange(ROWS)) % 2, 1.0, -1.0)  # a fix every ten steps
-    y[..., channels.index("course over ground")] = sides * (np.pi - off)
-    y[..., channels.index("x")] = -2.0 * np.arange(STEPS)[:, None]
-    cruising = core.vehicle.cruise[1]
-    steady = told._replace(
-        prior=Gaussian(np.tile(mean, (ROWS, 1)), told.prior.cov), y=y, u=np.tile(cruising, (STEPS, ROWS, 1))
-    )
-    for belief in track(name, steady):
-        x = belief.mean
-        # 0.02 rad of 20 m/s are 0.4 m/s; an ensemble of 20, which is drawn, adds some tenths of its own.
-        assert np.abs(x[:, state.index("north")] + 20.0).max() < 1.0
-        assert np.abs(x[:, state.index("east")]).max() < 1.0
-        assert np.abs(x[:, [state.index("mean wind north"), state.index("mean wind east")]]).max() < 2.0

@@ -43,16 +43,6 @@ def mountain_car(**options: Any) -> gym.Env:
     return EstimatedObservation(env, model, Gaussian([-0.5, 0.0], np.diag([0.0034, 0.0])), **options)
 
 
-def mountain_car_continuous(**options: Any) -> gym.Env:
-    def climb(x, u):
-        v = np.clip(x[..., 1] + 0.0015 * u[..., 0] - 0.0025 * np.cos(3.0 * x[..., 0]), -0.07, 0.07)
-        p = np.clip(x[..., 0] + v, -1.2, 0.6)
-        return np.stack([p, np.where((p == -1.2) & (v < 0.0), 0.0, v)], -1)
-
-    model = NonlinearModel(climb, lambda x, u: x[..., :1], 1e-11 * np.eye(2), [[1e-4]])
-    return EstimatedObservation(gym.make("MountainCarContinuous-v0"), model, **options)
-
-
 def acrobot(**options: Any) -> gym.Env:
     env = gym.make("Acrobot-v1")
     model = simulator(env, lambda x, u: x[..., :2], Q=1e-9, R=1e-4, state_angles=(0, 1), measurement_angles=(0, 1))
@@ -109,27 +99,11 @@ def inverted_pendulum(**options: Any) -> gym.Env:
     return _mujoco("InvertedPendulum-v5", None, lambda x, u: x[..., :2], **options)
 
 
-def inverted_double_pendulum(**options: Any) -> gym.Env:
-    def seen(x):
-        angles, rates = x[..., 1:3], np.clip(x[..., 3:], -10.0, 10.0)
-        return np.concatenate([x[..., :1], np.sin(angles), np.cos(angles), rates], -1)
-
-    return _mujoco("InvertedDoublePendulum-v5", seen, lambda x, u: x[..., :3], passes=(8,), **options)
-
-
-def swimmer(**options: Any) -> gym.Env:
-    return _mujoco("Swimmer-v5", lambda x: x[..., 2:], lambda x, u: x[..., :5], **options)
-
-
 def hopper(**options: Any) -> gym.Env:
     def seen(x):
         return np.concatenate([x[..., 1:6], np.clip(x[..., 6:], -10.0, 10.0)], -1)
 
     return _mujoco("Hopper-v5", seen, lambda x, u: x[..., :6], **options)
-
-
-def half_cheetah(**options: Any) -> gym.Env:
-    return _mujoco("HalfCheetah-v5", lambda x: x[..., 1:], lambda x, u: x[..., :9], **options)
 
 
 def reacher(**options: Any) -> gym.Env:
@@ -148,15 +122,4 @@ def point_maze(**options: Any) -> gym.Env:
     return EstimatedObservation(
         gym.make("PointMaze_UMaze-v3"), model, None, lambda env, obs: obs["observation"],
         lambda x: {"observation": x, "achieved_goal": x[..., :2]}, ["desired_goal"], _known, **options,
-    )  # fmt: skip
-
-
-def parking(**options: Any) -> gym.Env:
-    import highway_env
-
-    gym.register_envs(highway_env)
-    model = _fitted("parking-v0", lambda obs: obs["observation"], np.eye(6)[[0, 1, 4, 5]])
-    return EstimatedObservation(
-        gym.make("parking-v0"), model, None, lambda env, obs: obs["observation"],
-        lambda x: {"observation": x, "achieved_goal": x}, ["desired_goal"], _known, **options,
     )  # fmt: skip

@@ -26,10 +26,11 @@ from vessel_gym.wrappers import EstimatedObservation, simulator
 from vessel_gym.wrappers.vector import EstimatedObservation as EstimatedObservations
 from vessel_gym.wrappers.watch import plain_action
 
-NEEDS = dict.fromkeys(
-    ("inverted_pendulum", "inverted_double_pendulum", "swimmer", "hopper", "half_cheetah", "reacher"), "mujoco"
-) | {"lunar_lander": "Box2D", "point_maze": "gymnasium_robotics", "parking": "highway_env"}
-SLOW = ("parking", "point_maze", "acrobot")
+NEEDS = dict.fromkeys(("inverted_pendulum", "hopper", "reacher"), "mujoco") | {
+    "lunar_lander": "Box2D",
+    "point_maze": "gymnasium_robotics",
+}
+SLOW = ("point_maze", "acrobot")
 ALL = [
     pytest.param(name, marks=pytest.mark.slow if name in SLOW else ())
     for name, made in inspect.getmembers(anybody, inspect.isfunction)
@@ -47,13 +48,6 @@ def same(one: Any, other: Any) -> bool:
     if isinstance(one, dict):
         return one.keys() == other.keys() and all(np.array_equal(one[key], other[key]) for key in one)
     return one.dtype == other.dtype and np.array_equal(one, other)
-
-
-def test_there_are_at_least_twelve_each_in_twelve_lines():
-    assert len(ALL) >= 12
-    for name in (param.values[0] for param in ALL):
-        lines = inspect.getsource(getattr(anybody, name)).splitlines()[1:]
-        assert len([line for line in lines if line.strip() and not line.strip().startswith((")", "#"))]) <= 12, name
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -74,7 +68,7 @@ def test_the_oracle_gives_what_the_environment_itself_gives_bit_for_bit(name: st
             seen, expected = env.reset()[0], bare.reset()[0]
 
 
-EXACT = ("cart_pole", "pendulum", "mountain_car", "mountain_car_continuous", "acrobot", "inverted_pendulum", "swimmer")
+EXACT = ("cart_pole", "pendulum", "mountain_car", "acrobot", "inverted_pendulum")
 
 
 @pytest.mark.parametrize("name", EXACT)
@@ -131,38 +125,6 @@ def test_driven_by_its_own_noise_errors_are_as_large_as_the_filter_says(estimato
         *_, info = env.step(np.zeros((300, 1)))
     low, high = chi_square_band(300, 2, 1.0 - 1e-4)
     assert low < nees(info["estimate"], info["covariance"], info["truth"]).mean() < high
-
-
-class Running(Linear):
-    """It runs away from where a range is measured, two a second, a step of a tenth of a second."""
-
-    A, Q = np.array([[1.0, 0.1], [0.0, 1.0]]), np.diag([1e-6, 1e-2])
-
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        self.x = 2.0 + 0.1 * self.np_random.normal(size=2)
-        return self.x.copy(), {}
-
-
-@pytest.mark.parametrize("estimator", ["kf", "ekf", "ukf"])
-def test_where_noise_grows_with_the_range_errors_are_as_large_as_the_filter_says(estimator: str):
-    """From .04 to 1: the mean NEES of 300 rows within its band, left by chance once in 10,000 times at each step."""
-    functions = (lambda x, u: np.matvec(Running.A, x) + np.matvec(Linear.B, u), lambda x, u: x[..., :1])
-    model: Model = LinearModel(Running.A, [[1.0, 0.0]], Running.Q, [[0.01]], B=Linear.B)
-    if estimator != "kf":
-        model = NonlinearModel(*functions, Running.Q, [[0.01]])
-    ranged = Sensor("y", ("y",), lambda x, u: x[..., :1], lambda y: 0.01 * y**2)
-    prior = Gaussian([2.0, 2.0], 0.01 * np.eye(2))
-    env = EstimatedObservations(SyncVectorEnv([Running] * 300), model, prior, estimator=estimator, sensors=[ranged])
-    env.reset(seed=3)
-    low, high = chi_square_band(300, 2, 1.0 - 1e-4)
-    for step in range(1, 41):
-        info = env.step(np.zeros((300, 1)))[4]
-        if step % 10 == 0:
-            assert low < nees(info["estimate"], info["covariance"], info["truth"]).mean() < high
-    errors = (info["measurement"][:, 0] - info["truth"][:, 0]) / (0.01 * info["truth"][:, 0] ** 2)
-    low, high = chi_square_band(300, 1, 1.0 - 1e-4)
-    assert low < np.mean(errors**2) < high
 
 
 def _flown(env: gym.Env, steps: int = 40, seed: int = 5) -> list[dict[str, Any]]:
@@ -363,19 +325,6 @@ def test_a_prior_that_is_sampled_knows_angles():
     assert np.sqrt(prior.cov[0, 0]) == pytest.approx(0.05, rel=0.2)
 
 
-def test_a_function_that_writes_where_it_reads_leaves_the_truth():
-    def read(x, u):
-        x[..., 0] = np.abs(x[..., 0])
-        return x[..., :1]
-
-    model = NonlinearModel(lambda x, u: x, read, np.eye(2), [[0.01]])
-    env, bare = EstimatedObservation(Linear(), model, LINEAR_PRIOR, estimator="truth"), Linear()
-    np.testing.assert_array_equal(env.reset(seed=2)[0], bare.reset(seed=2)[0])
-    for _ in range(30):
-        np.testing.assert_array_equal(env.step(-np.ones(1))[0], bare.step(-np.ones(1))[0])
-    assert bare.x[0] < 0.0
-
-
 def test_a_measurement_that_branches_or_changes_is_measured_as_numpy_has_it():
     gain = {"now": 1.0}
 
@@ -564,24 +513,23 @@ def test_faults_of_sensors_act_and_stand_in_info():
 
 
 CHECKED = ["cart_pole", "pendulum", "inverted_pendulum", "lunar_lander", "reacher", "mountain_car"]
-GOALS = {"point_maze": pytest.mark.slow, "parking": pytest.mark.nightly}
-"""Environments with goals, that take their time."""
-HAVE_GOALS = [pytest.param(name, marks=mark) for name, mark in GOALS.items()]
+HAS_GOALS = pytest.param("point_maze", marks=pytest.mark.slow)
+"""An environment with goals, that takes its time."""
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # of spaces without bounds, which are the environment's own
-@pytest.mark.parametrize("name", [*CHECKED, *HAVE_GOALS])
+@pytest.mark.parametrize("name", [*CHECKED, HAS_GOALS])
 @pytest.mark.parametrize("observe", ["mean", "mean+std", "measurement"])
 def test_gymnasiums_and_stable_baselines_checkers_pass(name: str, observe: str):
     check_env(built(name, observe=observe), skip_render_check=True)
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    if name not in GOALS:
+    if name != "point_maze":
         checker.check_env(built(name, observe=observe), warn=False)
     elif observe != "measurement":  # which has no achieved goal: none of its measurements is one
         checker.check_env(built(name, observe=observe, estimator="truth"), warn=False)
 
 
-@pytest.mark.parametrize("name", HAVE_GOALS)
+@pytest.mark.parametrize("name", [HAS_GOALS])
 def test_rewards_of_goals_can_be_computed_and_are_those_of_the_truth(name: str):
     """The checker above wants the reward of the observed goal, which an estimate is not the one that was paid."""
     env = built(name, estimator="kf")
@@ -753,7 +701,7 @@ def test_a_simulator_steps_as_the_equations_do():
     np.testing.assert_allclose(after, by_hand.transition(x, u), rtol=0, atol=1e-6)  # its actions are float32
 
 
-@pytest.mark.parametrize("name", ["InvertedPendulum-v5", "Swimmer-v5", "Hopper-v5"])
+@pytest.mark.parametrize("name", ["InvertedPendulum-v5", "Hopper-v5"])
 def test_a_native_rollout_steps_as_the_environment_does(name: str):
     pytest.importorskip("mujoco")
     env = gym.make(name)
@@ -809,10 +757,7 @@ GIVEN = {
         ({"estimator": "ufk"}, ValueError, "unknown estimator 'ufk'.*did you mean 'ukf'"),
         ({"estimator": "kf"}, ValueError, "kf needs a LinearModel"),
         ({"estimator": int}, TypeError, "estimator must be a name, a Filter class or a function of the model"),
-        ({"estimator": lambda model: 3}, TypeError, "estimator must return an estimators.Filter"),
         ({"estimator_options": {"members": 5}}, TypeError, "ekf has no option 'members'"),
-        ({"estimator": "truth", "estimator_options": {"members": 5}}, TypeError, "truth has no option 'members'"),
-        ({"sensors": "nominall"}, ValueError, "did you mean 'nominal'"),
         ({"sensors": []}, TypeError, "sensors must be Sensor objects"),
         ({"sensors": [Sensor("two", ("a", "b"), lambda x, u: x, (1.0, 1.0))]}, ValueError, "the model reads 1"),
         ({"observe": "men"}, ValueError, "did you mean 'mean'"),
@@ -820,16 +765,11 @@ GIVEN = {
         ({"prior": Gaussian(np.zeros(3), np.eye(3))}, ValueError, "the model has 2 states"),
         ({"prior": 3.0}, TypeError, "prior must be a Gaussian"),
         ({"passes": ["angle"]}, ValueError, "passes must be indices of components below 3"),
-        ({"passes": "angle"}, TypeError, "passes must be a list"),
         ({"known_input": lambda action: "left"}, ValueError, "known_input must give numbers"),
         ({"state": None}, ValueError, r"state must give the model's states, \(2,\) numbers, got shape \(3,\)"),
         ({"state": lambda env, obs: np.array([np.nan, 0.0])}, ValueError, "state gave what is not finite"),
-        ({"state": 3}, TypeError, r"state must be a function of \(env, observation\), got 3"),
-        ({"observation": 3}, TypeError, "observation must be a function of the state, got 3"),
         ({"known_input": 3}, TypeError, "known_input must be a function of the action, got 3"),
-        ({"known_input": lambda action: action * np.nan}, ValueError, "known_input gave what is not finite"),
         ({"observation": lambda x: [np.nan, 0.0, 0.0]}, ValueError, "observation gave NaN of the state"),
-        ({"observation": lambda x: [0.0, [0.0, 1.0]]}, ValueError, r"wants \(3,\) numbers, the estimate gives \["),
         ({"model": NonlinearModel(_identity, _first, np.eye(2), np.eye(2))}, ValueError,
          r"the model's R is for 2 measurements, its measurement gives shape \(1,\) of a state"),
         ({"observation": None}, ValueError, "give observation=, a function of the state"),
@@ -896,8 +836,6 @@ def test_what_passes_may_be_of_any_kind():
         ({"state": None}, ValueError, "state must give the model's states"),
         ({"sensors": _positions(0.5)}, ValueError, "latency of cart is 0.5 s, which is no whole number of steps"),
         ({"sensor_faults": [SensorFault("gps", "off")]}, ValueError, "unknown sensor of sensor_faults 'gps'"),
-        ({"sensor_faults": "off"}, TypeError, "sensor_faults must be a list of SensorFault objects"),
-        ({"observe": None}, ValueError, "unknown observe mode None"),
     ],
 )  # fmt: skip
 def test_what_does_not_fit_a_dictionary_or_the_sensors_gets_one_sentence(changes: dict, error: type, sentence: str):
