@@ -113,11 +113,6 @@ def packed(values: np.ndarray) -> dict[str, Any]:
     return {"shape": values.shape, "float32": base64.b64encode(np.asarray(values, "<f4").tobytes()).decode()}
 
 
-def unpacked(packing: dict[str, Any]) -> np.ndarray:
-    """The array of `packed`."""
-    return np.frombuffer(base64.b64decode(packing["float32"]), "<f4").reshape(packing["shape"])
-
-
 def root(cov: np.ndarray) -> np.ndarray:
     """Lower triangular roots ``(T, k, k)`` of covariances, which may be singular."""
     values, vectors = np.linalg.eigh(cov)

@@ -1,5 +1,6 @@
 """The page of an episode: it holds what was flown, nothing leaves it, and it works in a browser."""
 
+import base64
 import json
 import re
 import shutil
@@ -17,7 +18,6 @@ import agents
 from agents import Episode, episode, load_agent
 from agents.commands import watch
 from agents.commands.console import Refusal
-from agents.episodes.page import unpacked
 from agents.episodes.recording import page_of
 from agents.metrics import metrics, scores
 from agents.rollouts import rollout
@@ -39,6 +39,10 @@ def data(page: str) -> dict[str, Any]:
     found = re.search(r'<script type="application/json" id="episode">(.*?)</script>', page, re.DOTALL)
     assert found is not None
     return json.loads(found[1])
+
+
+def unpacked(packing: dict[str, Any]) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(packing["float32"]), "<f4").reshape(packing["shape"])
 
 
 def test_a_page_holds_what_was_flown(flown: tuple[str, Episode]):

@@ -81,7 +81,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 QUANTITIES = (
     "truth", "unknown_input", "actuators", "measurement", "available", "estimate", "covariance", "input_estimate",
-    "healthy", "alarms", "observation", "reward", "score",
+    "healthy", "observation", "reward", "score",
 )  # fmt: skip
 
 
