@@ -9,7 +9,7 @@ from agents.statistics import share_interval
 from estimators import input_conditions
 from studies.lorenz.benchmarks import BENCHMARKS, analysis_rmse
 from studies.papers.robust.experiment import Condition, StateSpace, simulate, track
-from studies.tables.markdown import shown, table
+from studies.tables.markdown import WITHOUT, shown, table
 
 RUNS, STEPS, SKIPPED = 1000, 200, 20
 """Runs, steps, and steps that are not scored, of the tables of robust filters."""
@@ -104,17 +104,17 @@ def unstable_zeros(systems: int = 400) -> str:
 def published_scores(runs: int = 20) -> str:
     """Analysis RMSE of ensemble and particle filters on the Lorenz systems, beside what is published.
 
-    Filters that are the same transform share a row and are run once, under the first name. Exact draws are beside them
-    where there are members enough; without process noise only `enkf` has other numbers after the start.
+    Filters that are the same transform share a row and are run once, under the first name. Exact draws are beside them,
+    with as many members as these need; without process noise only `enkf` has other numbers after the start.
     """
     rows = []
     for row in BENCHMARKS:
         scores = analysis_rmse(row, row.filters[0], runs)
         published = f"{row.published:g}{' (reported only)' if row.reported_only else ''}"
         name = row.setting.name, ", ".join(row.filters), str(row.members), row.described
-        states, measured = len(row.setting.start), len(row.setting.read)
-        enough = "pf" not in row.filters and row.members >= states + measured + 2
-        exact = np.median(analysis_rmse(replace(row, draws="exact"), row.filters[0], runs)) if enough else None
-        beside = "—" if exact is None else f"{exact:.3f}"
+        members, beside = max(row.members, len(row.setting.start) + len(row.setting.read) + 2), WITHOUT
+        if "pf" not in row.filters:
+            exact = analysis_rmse(replace(row, draws="exact", members=members), row.filters[0], runs)
+            beside = f"{np.median(exact):.3f}, N = {members}"
         rows.append((*name, shown(scores), f"{np.median(scores):.3f}", beside, published))
-    return table(("system", "filter", "N", "options", "ours", "median", "exact draws", "published"), rows)
+    return table(("system", "filter", "N", "options", "ours", "median", "exact draws, median", "published"), rows)
