@@ -234,7 +234,7 @@ def insurance() -> str:
 
 HEADLINE = (
     "truth", "kf-umv-ui, nonlinear", "ekf assuming waves", "huber-kf, nonlinear", "ekf, nonlinear", "kf, linear",
-    "measurement", "dead-reckoning",
+    "fixed gain, nonlinear", "measurement", "dead-reckoning",
 )  # fmt: skip
 """Estimators of the corvette's study in the README and on her page."""
 
