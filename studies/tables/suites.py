@@ -20,6 +20,8 @@ from studies.tables.markdown import WITHOUT, interval, table
 
 SUITES = ("nominal", "budget", "denied")
 HELD, TRAVEL = "measurement", "steering_travel"
+PLAIN, INFORMED, LINEAR = "ekf", "ekf assuming waves", "kf"
+"""The filter that others are compared with on its model; it, with waves in its model; and on the linear model."""
 MARGIN = 0.05
 """Difference of scores above which estimators count as different in sentences and bold cells."""
 
@@ -46,16 +48,18 @@ class Column(NamedTuple):
         assert found is not None
         return found
 
-    def best(self) -> str:
+    def best(self, without: Sequence[str] = ()) -> str:
         """The filter with the highest mean score: neither the truth, dead reckoning nor held measurements."""
-        filters = [name for name in self.scores if name not in (ORACLE, FLOOR, HELD)]
+        filters = [name for name in self.scores if name not in (ORACLE, FLOOR, HELD, *without)]
         return max(filters, key=lambda name: self.scores[name].mean())
 
+    def rival_of_plain(self) -> str:
+        """The best of the other filters that assume what `ekf` does: its model of the vehicle, and nothing of waves."""
+        return self.best((PLAIN, INFORMED, LINEAR))
+
     def rivals(self) -> dict[str, str]:
-        """Estimators that the best filter is compared with, by what they are; of no linear model the plain is `ekf`."""
-        plain = next(name for name in ("kf, linear", "kf", "ekf") if name in self.scores)
-        found = {"held measurements": HELD, "the plain Kalman filter": plain}
-        return found | {"the environment's default": system_of(self.environment).estimator}
+        """Estimators that the best filter is compared with, by what they are."""
+        return {"held measurements": HELD, "the environment's default": system_of(self.environment).estimator}
 
 
 @cache
@@ -118,15 +122,17 @@ def columns(results: Path) -> Iterator[Column]:
 
 
 def differences(results: Path) -> str:
-    """The best filter of each column against its rivals and the truth."""
+    """The best filter of each column against its rivals and the truth, and the best other on the model of `ekf`."""
     rows = []
     for at in columns(results):
         best = at.best()
-        others = (name if name in at.scores and name != best else None for name in at.rivals().values())
-        gaps = [None if name is None else at.gap(best, name) for name in others]
-        cells = [_bold(interval(gap), gap is not None and gap.low > MARGIN) for gap in (*gaps, at.gap(ORACLE, best))]
+        default = at.rivals()["the environment's default"]
+        pairs = [(best, HELD), (at.rival_of_plain(), PLAIN), (best, default), (ORACLE, best)]
+        gaps = [at.gap(*pair) if pair[1] in at.scores and pair[0] != pair[1] else None for pair in pairs]
+        cells = [_bold(interval(gap), gap is not None and gap.low > MARGIN) for gap in gaps]
         rows.append((f"{at.environment}, {at.condition}", f"`{best}`", *cells))
-    return table(("", "best filter", "best − `measurement`", "best − plain", "best − default", "`truth` − best"), rows)
+    heads = "best − `measurement`", "best other on its model − `ekf`", "best − default", "`truth` − best"
+    return table(("", "best filter", *heads), rows)
 
 
 def _bold(text: str, strong: bool) -> str:
@@ -146,7 +152,8 @@ def found(results: Path) -> str:
         for name in (HELD, FLOOR):
             if (gap := at.gap(name, best)).low > 0.0:
                 ahead.append(f"`{name}` in {at.environment}, {at.condition}, by {interval(gap)}")
-    text = f"Gains are counted on `budget` and `denied` sensors, above {MARGIN:g} of the score and beyond chance. "
+    text = f"{filter_and_model(results)} Gains are counted on `budget` and `denied` sensors, above {MARGIN:g} of the "
+    text += "score and beyond chance. "
     for what, where in beaten.items():
         text += f"Against {what} the best filter gains in {len(where)} of {len(every)} environments"
         text += f" ({listed(list(where))}). " if where else ". "
@@ -154,6 +161,22 @@ def found(results: Path) -> str:
         "No filter is beaten by held measurements or dead reckoning beyond chance. "
     )  # fmt: skip
     return fill(text + truth_first(results), 140, break_on_hyphens=False)
+
+
+def filter_and_model(results: Path) -> str:
+    """Sentences on what filters gain over `ekf` on its model, and what a better model gains."""
+    every = list(columns(results))
+    wide = [(at, at.rival_of_plain(), PLAIN) for at in every if at.gap(at.rival_of_plain(), PLAIN).low > MARGIN]
+    text = f"On the same model a filter gains more than {MARGIN:g} over `ekf` beyond chance in {len(wide)} of "
+    text += f"{len(every)} columns" + (f": {listed([_gained(*one) for one in wide])}." if wide else ".")
+    models = [(at, INFORMED, PLAIN) for at in every if INFORMED in at.scores]
+    models += [(at, PLAIN, LINEAR) for at in every if LINEAR in at.scores]
+    most = max(models, key=lambda one: one[0].gap(*one[1:]).mean)
+    return f"{text} The largest gain of a model is that of {_gained(*most)}."
+
+
+def _gained(at: Column, one: str, other: str) -> str:
+    return f"`{one}` over `{other}` in {at.environment}, {at.condition}, by {interval(at.gap(one, other))}"
 
 
 def truth_first(results: Path) -> str:

@@ -90,7 +90,7 @@ def study(folder: Path, better: float = -0.01) -> Path:
     In the first, the second filter is ``better`` than the truth by so much with nominal sensors.
     """
     lines = ["environment,condition,agent,estimator,training_seed,seed,score,steering_travel"]
-    lost = {"truth": 0.0, "dead-reckoning": 0.6, "ekf": 0.1, "kf, linear": 0.2, "measurement": 0.3}
+    lost = {"truth": 0.0, "dead-reckoning": 0.6, "ekf": 0.1, "ukf": 0.15, "kf": 0.2, "measurement": 0.3}
     for world in ("SigmaCorvette-v0", "PunaUAV-v0"):
         for suite in suites.SUITES:
             for name, less in lost.items():
@@ -113,10 +113,10 @@ def study(folder: Path, better: float = -0.01) -> Path:
 def test_a_table_of_suites_has_score_and_steering_of_each_estimator(tmp_path: Path):
     rows = suites.by_suite(study(tmp_path), "SigmaCorvette-v0", "rough").splitlines()
     assert [row.split(" | ")[0].strip("| ") for row in rows[2:]] == [
-        "`truth`", "`ekf`", "`kf, linear`", "`measurement`", "`dead-reckoning`",
+        "`truth`", "`ekf`", "`ukf`", "`kf`", "`measurement`", "`dead-reckoning`",
     ]  # fmt: skip
-    # Student's, two degrees of freedom, of 15 intervals at once: 17.28 x 0.1 / sqrt(3)
-    assert rows[2].split(" | ")[1] == "0.900 ± 0.997; 1"
+    # Student's, two degrees of freedom, of 18 intervals at once: 18.93 x 0.1 / sqrt(3)
+    assert rows[2].split(" | ")[1] == "0.900 ± 1.093; 1"
     assert rows[3].split(" | ")[3].startswith("0.800 ± ")
     assert rows[3].strip("| ").endswith("; 11")
     (only,) = suites.by_suite(tmp_path, "SigmaCorvette-v0", "rough", estimators=["truth"]).splitlines()[2:]
@@ -131,9 +131,13 @@ def test_a_study_of_suites_says_where_filters_differ(tmp_path: Path):
         line for line in suites.differences(of).splitlines() if line.startswith("| SigmaCorvette-v0, rough, denied")
     )
     assert [cell.split(" ± ")[0] for cell in row.strip("| ").split(" | ")[1:]] == [
-        "`ekf`", "**0.200", "**0.100", "–", "**0.100",
+        "`ekf`", "**0.200", "-0.050", "–", "**0.100",
     ]  # fmt: skip
     told = " ".join(suites.found(of).split())
+    assert told.startswith(
+        "On the same model a filter gains more than 0.05 over `ekf` beyond chance in 0 of 6 columns. The largest gain "
+        "of a model is that of `ekf` over `kf` in SigmaCorvette-v0, rough, denied, by 0.100"
+    )
     assert "Against held measurements the best filter gains in 1 of 2 environments (`SigmaCorvette-v0`). " in told
     assert "Against the environment's default the best filter gains in 0 of 2 environments. No filter is beaten" in told
     assert told.endswith("The truth has the highest mean in 6 of 6 columns, and no estimator scores significantly more "
