@@ -1,8 +1,6 @@
 """Routes of waypoints: legs and arcs without a jump, files that hold them, and lists that are refused."""
 
-import re
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -10,7 +8,7 @@ import numpy as np
 import pytest
 
 from vessel_gym.envs.ship import SIGMA_CHANNEL
-from vessel_gym.guidance.routes import LONGEST, WAYPOINTS, read_waypoints, route
+from vessel_gym.guidance.routes import LONGEST, WAYPOINTS, route
 
 TASK: Any = SIGMA_CHANNEL.task
 RADIUS = TASK.turn * TASK.ship.length
@@ -111,84 +109,3 @@ def test_random_routes_are_followed_or_refused() -> None:
         np.testing.assert_allclose(path.pose(path.length)[:2], points[-1], atol=1e-5)
         assert (path.segments[:, 4] > 0.0).all()
     assert kept > 40
-
-
-# --- files of waypoints -----------------------------------------------------------------------------
-
-GOOD = {
-    "route.csv": "north,east\n0,0\n1200,0\n2000,1100\n3400,900\n",
-    "spaced.csv": "name, East , NORTH\r\nstart, 0, 0\r\n\r\nbuoy 1, 0, 1.2e3\r\nbuoy 2,1100,2000\r\nend,900,3400\r\n",
-    "marked.csv": "\ufeffnorth,east\n0,0\n1200,0\n2000,1100\n3400,900",
-    "route.toml": "waypoints = [[0, 0], [1200, 0.0],\n  [2000, 1100], [3400, 900]]\n",
-}
-
-
-@pytest.mark.parametrize("name", GOOD)
-def test_waypoints_are_read_from_files(tmp_path: Path, name: str) -> None:
-    (tmp_path / name).write_text(GOOD[name], encoding="utf-8", newline="")
-    np.testing.assert_array_equal(read_waypoints(tmp_path / name), DOGLEG)
-    np.testing.assert_array_equal(read_waypoints(str(tmp_path / name)), DOGLEG)
-
-
-@pytest.mark.parametrize("latitude", [-7.2, 0.0, 54.0, -70.0])
-@pytest.mark.parametrize("longitude", [112.7, 179.99, -179.99])
-def test_positions_are_projected_to_the_metre(tmp_path: Path, latitude: float, longitude: float) -> None:
-    """Distances of 5 km against chords of the WGS 84 ellipsoid, in every direction and across the date line."""
-
-    def cartesian(positions: np.ndarray) -> np.ndarray:
-        phi, lam = np.deg2rad(positions).T
-        axis, squared = 6378137.0, 6.69437999014e-3
-        normal = axis / np.sqrt(1.0 - squared * np.sin(phi) ** 2)
-        around = normal * np.cos(phi)
-        return np.stack([around * np.cos(lam), around * np.sin(lam), normal * (1.0 - squared) * np.sin(phi)], -1)
-
-    bearing = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
-    away = 5000.0 / 111e3 * np.stack([np.cos(bearing), np.sin(bearing) / np.cos(np.deg2rad(latitude))], -1)
-    for each in away:
-        positions = np.array([[latitude, longitude], np.array([latitude, longitude]) + each])
-        name = tmp_path / "route.toml"
-        name.write_text(f"positions = {positions.tolist()}")
-        found = read_waypoints(name)
-        (tmp_path / "route.csv").write_text(
-            "latitude,longitude\n" + "\n".join(f"{a!r},{b!r}" for a, b in positions.tolist())
-        )
-        np.testing.assert_array_equal(read_waypoints(tmp_path / "route.csv"), found)
-        chord = np.linalg.norm(np.diff(cartesian(positions), axis=0))
-        assert np.hypot(*found[1]) == pytest.approx(chord, abs=1.0)
-        assert (np.sign(np.round(found[1], 6)) == np.sign(np.round(each, 9))).all()
-
-
-SPOILT = {
-    "text": ("route.txt", "north,east\n0,0\n", "must end in .toml or .csv, got"),
-    "empty": ("route.csv", "", "line 1: the header must have the columns north,east or latitude,longitude, got ''"),
-    "header": ("route.csv", "x,y\n0,0\n", "line 1: the header must have the columns north,east or"),
-    "both": ("route.csv", "north,east,latitude,longitude\n", "line 1: the header must have the columns north,east or"),
-    "word": ("route.csv", "north,east\n0,0\n5,far\n", "line 3: east must be a finite number, got 'far'"),
-    "short row": ("route.csv", "north,east\n0,0\n\n5\n", "line 4: east must be a finite number, got ''"),
-    "nan": ("route.csv", "north,east\n0,nan\n", "line 2: east must be a finite number, got 'nan'"),
-    "quote": ("route.csv", 'north,east\n0,"0\n', "line 1: unexpected end of data"),
-    "polar": ("route.csv", "latitude,longitude\n89,0\n89,1\n", "latitudes must lie within 85 degrees"),
-    "swapped": ("route.toml", "positions = [[112.7, -7.2], [112.8, -7.3]]", "latitudes must lie within 85 degrees"),
-    "no TOML": ("route.toml", "waypoints = [[0, 0], [1, ", "line 1: not TOML"),
-    "other key": ("route.toml", "way = 3", "line 1: a file of waypoints must have one key, waypoints or positions"),
-    "two keys": ("route.toml", "waypoints = [[0, 0]]\npositions = [[0, 0]]", "line 1: a file of waypoints must"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(("name", "text", "sentence"), SPOILT.values(), ids=SPOILT)
-def test_a_file_of_waypoints_that_is_wrong_is_refused_with_its_line(
-    tmp_path: Path, name: str, text: str, sentence: str
-) -> None:
-    (tmp_path / name).write_text(text, encoding="utf-8")
-    with pytest.raises(ValueError, match=re.escape(sentence)) as caught:
-        read_waypoints(tmp_path / name)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_file_of_bytes_is_refused_and_one_that_is_not_there_is_missed(tmp_path: Path) -> None:
-    for name in ("route.csv", "route.toml"):
-        (tmp_path / name).write_bytes(b"north,east\n\xff\xfe,0\n")
-        with pytest.raises(ValueError, match=r"line \d: the file is not text in UTF-8"):
-            read_waypoints(tmp_path / name)
-    with pytest.raises(FileNotFoundError):
-        read_waypoints(tmp_path / "none.csv")
