@@ -47,22 +47,36 @@ class Interval:
         return Interval(factor * self.mean, low, high)
 
 
-EQUIVALENT, BETTER, WORSE, UNDECIDED = "equivalent", "better", "worse", "not decided"
-"""Verdicts on a difference."""
+EQUIVALENT, UNDECIDED = "equivalent", "not decided"
+BETTER, HIGHER, LOWER, WORSE = "better", "higher", "lower", "worse"
+"""Verdicts on a difference; exactly one holds."""
 
 
-def verdict(difference: Interval | None, margin: float) -> str:
-    """The verdict that an interval of a difference allows: two one-sided tests of equivalence, then the sign.
+def verdict(differences: np.ndarray, margin: float, span: float, comparisons: int = 1) -> str:
+    """The verdict on paired differences ``(N,)``, more being better: two one-sided tests of equivalence, then the sign.
 
-    `EQUIVALENT` for an interval within the margin on both sides; else `BETTER` or `WORSE` for one that excludes zero,
-    positive where the one is better; else, and without an interval, `UNDECIDED`.
+    `EQUIVALENT` if the 95 % interval of the mean lies within the margin, and would do so after one more episode that
+    differs by the whole span: a disaster that is in none of N episodes may be in 3 / N of all (rule of three), so this
+    takes at least 3 span / margin episodes. Else `BETTER` or `WORSE` if the interval is beyond the margin, `HIGHER` or
+    `LOWER` if it excludes zero, and `UNDECIDED` if it does not.
+
+    Args:
+        differences: Finite.
+        margin: Below this a difference does not matter.
+        span: By how much two episodes can differ, as 1 for scores in [0, 1].
+        comparisons: As `crossed_interval`.
     """
-    if difference is None:
+    found = mean_interval(differences, comparisons)
+    if found is None:
         return UNDECIDED
-    if -margin < difference.low and difference.high < margin:
-        return EQUIVALENT
-    if difference.excludes_zero:
-        return BETTER if difference.low > 0.0 else WORSE
+    if len(differences) * margin >= 3.0 * span:
+        intervals = (found, *(mean_interval(np.append(differences, end)) for end in (-span, span)))
+        if all(each and -margin < each.low and each.high < margin for each in intervals):
+            return EQUIVALENT
+    if found.low > 0.0:
+        return BETTER if found.low > margin else HIGHER
+    if found.high < 0.0:
+        return WORSE if found.high < -margin else LOWER
     return UNDECIDED
 
 

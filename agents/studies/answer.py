@@ -6,12 +6,12 @@ import numpy as np
 
 from agents.metrics import STEERING, metrics
 from agents.page import Table, listed, number, words
-from agents.statistics import EQUIVALENT, UNDECIDED, WORSE, Interval
+from agents.statistics import EQUIVALENT, LOWER, UNDECIDED, WORSE, Interval
 from agents.studies import shares
 from agents.studies.ranking import beyond
 from agents.studies.records import ORACLE
 from agents.studies.results import Results
-from agents.studies.wording import amount, every, microseconds, named, note, percent, share_entry
+from agents.studies.wording import amount, every, grouped, microseconds, named, note, percent, share_entry
 from agents.studies.worlds import system_of
 
 BEST = 5
@@ -61,7 +61,7 @@ def _advice(results: Results, environments: list[str], ranked: dict[str, np.ndar
     lost = amount(shares.loss(results, environments, pick, len(ranked)))
     return [
         note("advice", results, alone=alone, pick=pick, best=best, where=where, kept=kept, lost=lost),
-        *_standing(results, ranked, best),
+        *_standing(results, environments, ranked),
         *([] if alone else [_each_best(results, environments, pick)]),
         *(_steering(results, where, pick) if alone else []),
         *_prices_in_time(results, environments, pick),
@@ -80,25 +80,31 @@ def _scored(results: Results) -> Iterator[str]:
             yield note("scored", results, place=place, each=each)
 
 
-def _standing(results: Results, ranked: dict[str, np.ndarray], best: str) -> list[str]:
+def _standing(results: Results, environments: list[str], ranked: dict[str, np.ndarray]) -> list[str]:
     """The verdicts on all others against the best."""
-    found, margin = shares.verdicts(results, ranked, best), results.plan.study.margin
+    best, margin = next(iter(ranked)), results.plan.study.margin
+    found = grouped((each, name) for name, each in shares.verdicts(results, environments, ranked).items())
     if list(found) == [WORSE]:
         second = found[WORSE][0]
         return [f"Every other is worse; the next, {second}, keeps {amount(shares.gap(ranked, best, second))} less."]
-    words = {EQUIVALENT: f"Equivalent to {best} (within ±{margin:g})", UNDECIDED: "Not decided", WORSE: "Worse"}
+    words = {
+        EQUIVALENT: f"Equivalent to {best} (within ±{margin:g})",
+        UNDECIDED: "Not decided",
+        LOWER: f"Lower, perhaps by less than {margin:g}",
+        WORSE: f"Worse, by more than {margin:g}",
+    }
     return [f"{word}: {listed(found[each])}." for each, word in words.items() if each in found]
 
 
 def _each_best(results: Results, environments: list[str], pick: str) -> str:
-    """The environments in which the pick for all of them is worse than their best, and by how much."""
+    """The environments in which the pick for all of them keeps less than their best, and by how much."""
     better, equal = [], []
     for environment in environments:
         ranked = shares.rankable(results, [environment])
         best = next(iter(ranked))
-        verdicts = shares.verdicts(results, ranked, best)
-        if pick in verdicts.get(WORSE, ()):
-            level = verdicts.get(EQUIVALENT)
+        verdicts = shares.verdicts(results, [environment], ranked)
+        if verdicts.get(pick) in (LOWER, WORSE):
+            level = [name for name, found in verdicts.items() if found == EQUIVALENT]
             tied = f" (equivalent: {listed(level)})" if level else ""
             more = amount(shares.gap(ranked, best, pick))
             better.append(f"in {environment} {best} keeps {more} more than {pick}{tied}")

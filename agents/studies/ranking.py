@@ -7,11 +7,11 @@ import numpy as np
 
 from agents.metrics import SCORE, Metric, metrics
 from agents.page import Block, Entry, Prose, Section, Table, entry, number
-from agents.statistics import BETTER, WORSE, Interval, verdict
+from agents.statistics import WORSE, Interval
 from agents.studies.figures import Row, dots, framed, looks, share_rows
 from agents.studies.records import FLOOR, ORACLE, RAW
 from agents.studies.results import Place, Policy, Results
-from agents.studies.shares import ENDS, columns, common, gap, kept, learners, rankable, ruled
+from agents.studies.shares import ENDS, columns, common, gap, kept, learners, rankable, ruled, verdicts
 from agents.studies.wording import file_name, grouped, note, paragraphs, percent, share_entry, tabled
 from agents.studies.worlds import system_of
 
@@ -41,15 +41,17 @@ def ranking(results: Results) -> Section:
     blocks += [
         framed(figure, "shares-figure", results, together=together),
         Table(heading, text, "Estimator", pairs, [("", share_rows(rows))], "ranking"),
-        _differences(results, names, best),
+        _differences(results, names, by_head, best),
     ]
     return Section(title, blocks + _learned_ranking(results, by_head, names))
 
 
-def _differences(results: Results, names: list[str], best: Mapping[str, dict[str, np.ndarray]]) -> Table:
+def _differences(
+    results: Results, names: list[str], by_head: Mapping[str, Sequence[str]], best: Mapping[str, dict[str, np.ndarray]]
+) -> Table:
     """The estimators against the best of each column."""
-    margin = results.plan.study.margin
-    behind = [(name, [_behind(ranked, name, margin) for ranked in best.values()]) for name in names]
+    found = {head: verdicts(results, by_head[head], ranked) for head, ranked in best.items()}
+    behind = [(name, [_behind(ranked, found[head], name) for head, ranked in best.items()]) for name in names]
     (title, text), pairs = paragraphs("behind-the-best", results), [(head, "") for head in best]
     return Table(title, text, "Estimator", pairs, [("", behind)], "behind-the-best")
 
@@ -76,15 +78,15 @@ def ranked_names(results: Results, environments: list[str]) -> list[str]:
     return list(dict.fromkeys([*everywhere, *others, *(name for name in flown if name not in ENDS)]))
 
 
-def _behind(ranked: dict[str, np.ndarray], name: str, margin: float) -> Entry:
+def _behind(ranked: dict[str, np.ndarray], verdicts: Mapping[str, str], name: str) -> Entry:
     if name not in ranked:
         return Entry("–")
     best = next(iter(ranked))
     if name == best:
         return Entry("best")
     difference = gap(ranked, name, best)
-    found, share = verdict(difference, margin), share_entry(difference, signed=True)
-    return Entry(f"{share}, {found}" if difference is not None else "–", strong=found in (BETTER, WORSE))
+    found, share = verdicts[name], share_entry(difference, signed=True)
+    return Entry(f"{share}, {found}" if difference is not None else "–", strong=found == WORSE)
 
 
 def _rulers(results: Results) -> list[str]:

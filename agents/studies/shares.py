@@ -11,7 +11,6 @@ import numpy as np
 from agents.statistics import EQUIVALENT, Interval, mean_interval, paired_difference, verdict
 from agents.studies.records import DEFAULT, FLOOR, ORACLE
 from agents.studies.results import Policy, Results
-from agents.studies.wording import grouped
 
 ENDS = (ORACLE, FLOOR)
 """Estimators whose share is 1 and 0 by definition."""
@@ -72,10 +71,20 @@ def gap(ranked: dict[str, np.ndarray], one: str, other: str) -> Interval | None:
     return paired_difference(ranked[one], ranked[other], comparisons=comb(len(ranked), 2))
 
 
-def verdicts(results: Results, ranked: dict[str, np.ndarray], best: str) -> dict[str, list[str]]:
-    """The estimators but the best by their verdict against it, in their order."""
-    margin = results.plan.study.margin
-    return grouped((verdict(gap(ranked, name, best), margin), name) for name in ranked if name != best)
+def scales(results: Results, environments: Sequence[str]) -> np.ndarray:
+    """Score on the truth minus that on dead reckoning ``(places, episodes)``, wherever it is above zero."""
+    ends = (results.scale(place) for place in results.scaled(environments))
+    return np.array([high - low for low, high in filter(None, ends)])
+
+
+def verdicts(results: Results, environments: Sequence[str], ranked: dict[str, np.ndarray]) -> dict[str, str]:
+    """Verdict on each estimator but the best against the best, in their order.
+
+    Scores lie in [0, 1], so that shares kept differ by at most the inverse of the mean scale.
+    """
+    best, *others = ranked
+    span, pairs = np.mean(1.0 / scales(results, environments).mean(axis=1)), comb(len(ranked), 2)
+    return {each: verdict(ranked[each] - ranked[best], results.plan.study.margin, span, pairs) for each in others}
 
 
 def cheapest(results: Results, environments: Sequence[str], ranked: dict[str, np.ndarray]) -> str:
@@ -84,7 +93,8 @@ def cheapest(results: Results, environments: Sequence[str], ranked: dict[str, np
     A time counts as a multiple of that on the truth, flown in turns with it: jobs may run on several machines.
     """
     best, times = next(iter(ranked)), {}
-    for name in (best, *verdicts(results, ranked, best).get(EQUIVALENT, ())):
+    equals = [name for name, found in verdicts(results, environments, ranked).items() if found == EQUIVALENT]
+    for name in (best, *equals):
         each = [results.step_times(e, name)[:1] for e in environments]
         if not all(each):
             return best
@@ -101,8 +111,7 @@ def episodes_to_tell(results: Results, environments: Sequence[str], ranked: dict
     """
     from scipy.special import ndtri
 
-    ends = [ends for place in results.scaled(environments) if (ends := results.scale(place)) is not None]
-    worth, kept = np.mean([high - low for low, high in ends], axis=0), next(iter(ranked.values()))
+    worth, kept = scales(results, environments).mean(axis=0), next(iter(ranked.values()))
     if len(kept) < 2:
         return float("nan")
     needed, enough = 0.0, True
