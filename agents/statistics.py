@@ -5,8 +5,8 @@ are the same for everybody. Another study would train again and fly other seeds,
 
 Sources: Hillis (2007), "A comparison of denominator degrees of freedom methods for multiple observer ROC analysis", for
 intervals over two crossed factors; Hall (1992), "On the removal of skewness by transformation", for prices; Schuirmann
-(1987), "A comparison of the two one-sided tests procedure", for equivalence; Clopper and Pearson (1934) for shares of
-yes and no.
+(1987), "A comparison of the two one-sided tests procedure", for equivalence; Hanley, Lippman-Hand (1983), "If nothing
+goes wrong, is everything all right?", for the rule of three; Clopper and Pearson (1934) for shares of yes and no.
 """
 
 from dataclasses import dataclass
