@@ -22,10 +22,11 @@ def test_the_examples_of_a_page_run(
 ):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("agents.seeds.evaluation_seeds", lambda *_: evaluation_seeds(3))  # few flights
+    names = {"__name__": "page"}
     for code in blocks(page, "python"):
         for name, library in LIBRARIES.items():
             if name in code:
                 pytest.importorskip(library)
-        exec(compile(code, f"docs/{page}.md", "exec"), {"__name__": "page"})
+        exec(compile(code, f"docs/{page}.md", "exec"), names)
     if page in ("dives", "flight"):
         assert capsys.readouterr().out.count("position_nees") == 4

@@ -93,7 +93,10 @@ def test_a_resolved_study_is_plain_data_with_every_default(tmp_path):
 
 
 @pytest.mark.parametrize("name", STUDIES)
-def test_the_studies_of_the_package_are_studies_of_which_no_filter_assumes_another_ship_s_sea(name):
+def test_the_studies_of_the_package_are_studies_of_which_no_filter_assumes_another_ship_s_sea(
+    name: str, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.syspath_prepend(STUDIES[name].parent)  # as `ablate` does
     study = read_study(STUDIES[name])
     assert study.title
     assert all("input_cov" not in estimator.options for estimator in study.estimators)
