@@ -3,7 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-from cases import System
+
+from tests.estimators.cases import System
 
 
 class Posterior(NamedTuple):

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.linalg import solve_discrete_lyapunov
 from scipy.stats import binom, chi2, norm
 
 import estimators
@@ -17,7 +16,6 @@ from estimators import Filter, Gaussian, LinearModel, NonlinearModel, chi_square
 from estimators.consistency import (
     LEVELS,
     Consistency,
-    Runs,
     assess,
     chi_square_test,
     consistency_figure,
@@ -54,25 +52,6 @@ def test_a_consistent_filter_is_failed_no_more_often_than_is_stated(reports: lis
         assert sum(not report.passed(rate) for report in reports) <= allowed
         for test in ("nees", "nis", "whiteness", "coverage"):
             assert sum(getattr(report, test).p_value < rate for report in reports) <= allowed, test
-
-
-@pytest.mark.slow
-def test_the_whiteness_test_fails_as_many_as_is_stated_and_not_fewer(reports: list[Consistency]):
-    """Unlike the others it is one test, not many: its p-value is uniform."""
-    p = np.array([report.whiteness.p_value for report in reports])
-    for level in (0.1, 0.5, 0.9):
-        low, high = binom.ppf([0.0005, 0.9995], len(p), level)  # false alarm of 0.1 % at each of three levels
-        assert low <= (p < level).sum() <= high
-
-
-@pytest.mark.slow
-def test_at_each_time_95_percent_of_consistent_filters_lie_in_the_band(reports: list[Consistency]):
-    for test in ("nees", "nis"):
-        bands = [getattr(report, test) for report in reports]
-        inside = np.array([(band.low <= band.mean) & (band.mean <= band.high) for band in bands])
-        low, high = binom.ppf([1e-5, 1.0 - 1e-5], len(reports), 0.95)  # 40 times, twice: false alarm of 0.2 %
-        assert (low <= inside.sum(0)).all()
-        assert (inside.sum(0) <= high).all()
 
 
 # --- what an inconsistent filter fails --------------------------------------------------------------
@@ -323,17 +302,6 @@ def test_the_interval_of_a_share_is_binomial(runs: int):
 # --- simulation -------------------------------------------------------------------------------------
 
 
-def test_simulated_runs_have_the_moments_of_the_model():
-    model = LinearModel([[0.8, 0.3], [-0.2, 0.7]], [[1.0, 0.0]], [[1.0, 0.4], [0.4, 2.0]], [[0.5]])
-    stationary = solve_discrete_lyapunov(model.A, model.Q)
-    runs = simulate(model, Gaussian(np.zeros(2), stationary), _rng(0), runs=20_000, steps=4)
-    assert runs.x.shape == (4, 20_000, 2)
-    for x, y in zip(runs.x, runs.y, strict=True):
-        # The sample variance of 20 000 has relative standard deviation 1 %: five of them.
-        np.testing.assert_allclose(np.cov(x.T), stationary, rtol=0, atol=0.05 * stationary.max())
-        np.testing.assert_allclose(np.var(y - x[:, :1]), 0.5, rtol=0.05)
-
-
 def test_simulated_runs_without_noise_follow_known_and_unknown_input():
     nothing = np.zeros((2, 2))
     model = LinearModel(
@@ -356,12 +324,6 @@ def test_a_measurement_that_depends_on_the_known_input_sees_that_of_the_step_bef
     assert assess(make("kf", model), prior, _rng(0), data).passed(0.01)
     shifted = data._replace(u=np.roll(data.u, 1, axis=0))
     assert not assess(make("kf", model), prior, _rng(0), shifted).passed(1e-3)
-
-
-def test_the_same_seed_gives_the_same_report():
-    one, other = (assess(make("kf", MODEL), PRIOR, _rng(4), runs=20, steps=30) for _ in range(2))
-    np.testing.assert_array_equal(one.nees.mean, other.nees.mean)
-    assert one.p_value == other.p_value
 
 
 @pytest.mark.parametrize("size", [{"runs": 1}, {"steps": 1}])
@@ -405,31 +367,6 @@ def test_the_figure_shows_each_test_in_a_panel_with_named_axes():
     assert len(panels[3].lines) == 1 + MODEL.n
 
 
-def test_the_figure_says_so_when_a_filter_is_inconsistent():
-    pytest.importorskip("matplotlib")
-    data = simulate(MODEL, PRIOR, _rng(1), runs=200, steps=40)
-    report = assess(make("kf", dataclasses.replace(MODEL, Q=0.1 * MODEL.Q)), PRIOR, _rng(0), data)
-    figure = consistency_figure(report)
-    assert "kf: inconsistent (p < 0.001" in figure.get_suptitle()
-
-
-@pytest.mark.slow
-def test_the_figure_of_a_filter_whose_innovations_carry_an_input_says_what_it_does_not_show():
-    pytest.importorskip("matplotlib")
-    system = unknown_input_system(0, feedthrough=False, m=0)
-    for name, silent in (("kf-umv-ui-wdf", [2]), ("ulise", [1, 2])):
-        _, _, panels = _panels(make(name, system.model, input_prior=4.0), system.prior)
-        assert [i for i, axes in enumerate(panels) if axes.texts and "not tested" in axes.texts[0].get_text()] == silent
-        assert all(axes.get_xlabel() and axes.get_ylabel() for axes in panels)
-
-
-@pytest.mark.slow
-def test_the_figure_of_a_conservative_filter_does_not_ask_for_whiteness():
-    pytest.importorskip("matplotlib")
-    _, _, panels = _panels(make("robust-kf", MODEL), PRIOR, conservative=True)
-    assert "not required" in panels[2].get_title()
-
-
 @pytest.mark.slow
 def test_only_the_figure_loads_matplotlib_and_it_opens_no_window():
     pytest.importorskip("matplotlib")
@@ -449,11 +386,3 @@ print("matplotlib" in sys.modules, "matplotlib.pyplot" in sys.modules)
         [sys.executable, "-c", program], capture_output=True, text=True, env=environment, check=True
     )  # fmt: skip
     assert result.stdout.split() == ["False", "False", "True", "False"]
-
-
-def test_runs_of_another_source_can_be_given():
-    """Anything that fills `Runs` will do: here measurements with outliers, which a Kalman filter does not expect."""
-    data = simulate(MODEL, PRIOR, _rng(1), runs=200, steps=40)
-    outliers = 10.0 * _rng(2).normal(size=data.y.shape) * (_rng(3).random(data.y.shape) < 0.1)
-    report = assess(make("kf", MODEL), PRIOR, _rng(0), Runs(data.x, data.y + outliers))
-    assert not report.passed(1e-3)

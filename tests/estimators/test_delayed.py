@@ -4,12 +4,12 @@ import pickle
 
 import numpy as np
 import pytest
-from batch import least_squares
-from cases import CASES, Case, kalman_system, simulate
 
 from estimators import Belief, Delayed, Filter, Gaussian, LinearModel, NonlinearModel, RandomKeys, by_age, make, run
 from estimators.tracing import PREDICTIONS
 from estimators.window import Forecast
+from tests.estimators.batch import least_squares
+from tests.estimators.cases import CASES, Case, kalman_system, one_of_each, simulate, some_cases
 
 STEPS, ROWS, HORIZON = 18, 4, 4
 
@@ -62,7 +62,7 @@ def assert_beliefs_equal(one, other, tolerance: float) -> None:
             )
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)
+@one_of_each()
 def test_shuffled_measurements_end_where_ordered_ones_do_in_rows_that_begin_at_times_of_their_own(case: Case):
     late = Late(case)
     filter = case.make(late.system.model)
@@ -76,7 +76,7 @@ def test_shuffled_measurements_end_where_ordered_ones_do_in_rows_that_begin_at_t
         assert_beliefs_equal(shuffled[k][rows], ordered[k][rows], 1e-12)
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)
+@some_cases("kf", "enkf", "kf-umv-ui", "ekf on a turning vehicle")
 def test_without_a_horizon_it_is_the_filter_itself_to_the_last_bit(case: Case):
     late = Late(case)
     filter = case.make(late.system.model)
@@ -194,7 +194,7 @@ def test_steps_without_measurements_are_repeated_as_predictions_to_the_last_bit(
     """All measurements come late by as much: one that comes finds none in the steps after it."""
     case = next(case for case in CASES if case.id == name)
     system = case.system(0)
-    filter, record = case.make(system.model), simulate(system, 1, ROWS, 12)
+    filter, record = make(name, system.model, **case.options), simulate(system, 1, ROWS, 12)
     delayed, ages = Delayed(filter, 4), by_age(record.y, np.full(record.y.shape, 4))
     late = delayed.init(system.rows(ROWS))
     for k in range(12):
@@ -233,15 +233,6 @@ def test_predictions_that_were_not_kept_are_made_again_when_a_measurement_reache
     assert sparse
     for field in ("mean", "cov"):
         np.testing.assert_allclose(getattr(late, field), getattr(ordered, field), rtol=0, atol=1e-12)
-
-
-def test_a_row_without_an_axis_of_a_batch_may_be_late():
-    model, _ = _walk()
-    filter, y = make("kf", model), np.random.default_rng(0).normal(size=(5, 2))
-    late = run(Delayed(filter, 2), Gaussian(np.zeros(2), np.eye(2)), by_age(y, np.array([2, 1, 0, 1, 0])[:, None]))
-    ordered = run(filter, Gaussian(np.zeros(2), np.eye(2)), y)
-    np.testing.assert_allclose(late.mean[-1], ordered.mean[-1], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(late.cov[-1], ordered.cov[-1], rtol=0, atol=1e-12)
 
 
 def test_rows_can_be_taken_out_and_go_on_alone():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators import EndedUMVFilter, Gaussian, LinearModel, UMVFilter, input_delayed, make, run, smooth, stacked
+from estimators import EndedUMVFilter, Gaussian, LinearModel, UMVFilter, input_delayed, make, stacked
 from estimators.consistency import simulate
 
 N, P, Q = 4, 3, 2
@@ -118,14 +118,3 @@ def test_measurements_of_a_step_that_come_one_after_the_other_are_as_good_as_tog
     first = whole[0]
     assert not first.input_mean.any()
     assert not first.input_cov.any()
-
-
-def test_a_series_of_a_kalman_filter_told_the_variance_is_smoothed_as_that_of_the_model_with_the_input_as_a_state():
-    model, y, D = _model(), _measurements(8, 30), np.array([[0.5, 0.2], [0.2, 0.9]])
-    told = smooth(run(make("kf", model, input_cov=D), Gaussian(np.zeros(N), np.eye(N)), y))
-    whole = stacked(model)
-    noisy = LinearModel(whole.A, whole.C, whole.Q + whole.G @ D @ whole.G.T, whole.R)
-    start = Gaussian(np.zeros(N + Q), np.diag([1.0] * N + [0.0] * Q))
-    expected = smooth(run(make("kf", noisy), start, y))
-    np.testing.assert_allclose(told.mean, expected.mean[:, :N], rtol=0, atol=1e-9)
-    np.testing.assert_allclose(told.input_mean, expected.mean[:, N:], rtol=0, atol=1e-9)

@@ -6,13 +6,10 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.linalg import sqrtm
 
 from estimators import Belief, Gaussian, LinearModel, NonlinearModel, RandomKeys, make, wrap
 from estimators.analysis import exact_noise
-from estimators.ensemble import noise_root
 from tests.estimators.cases import (
     Case,
     System,
@@ -28,7 +25,7 @@ from tests.estimators.cases import (
 )
 
 NAMES = ["enkf", "etkf"]
-SIZES = [(2, 4, 3), (3, 5, 6), (4, 4, 4), (8, 3, 1), (12, 6, 5), (60, 4, 2)]  # members, states, measurements
+SIZES = [(3, 5, 6), (8, 3, 1), (60, 4, 2)]  # members, states, measurements
 
 
 def _numbers(*rows: int) -> RandomKeys:
@@ -53,41 +50,7 @@ def _predicted(name: str, members: int, n: int, p: int, seed: int = 0, **options
 # --- the moments are those of the members -------------------------------------------------------------
 
 
-@every_case("ensemble")
-def test_mean_and_covariance_are_those_of_the_members(case: Case):
-    system = case.system(0)
-    filter, rng = case.make(system.model), np.random.default_rng(0)
-    record = simulate(system, 0, runs=4, steps=5)
-    belief = filter.init(system.rows(4), rng=rng)
-    history = [belief]
-    for k in range(5):
-        history.append(filter.predict(history[-1], record.u[k], rng=rng))
-        history.append(filter.update(history[-1], record.y[k], rng=rng))
-    for belief in history:
-        scale = max(1.0, np.abs(belief.ensemble).max())
-        np.testing.assert_allclose(belief.mean, belief.ensemble.mean(-2), rtol=0, atol=1e-13 * scale)
-        np.testing.assert_allclose(belief.cov, _spread(belief)[1], rtol=0, atol=1e-12 * scale)
-        assert belief.ensemble.shape == (4, filter.members, system.model.n)
-
-
 # --- 2. square-root filters ---------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("members", "n", "p"), SIZES)
-def test_a_square_root_update_is_the_kalman_update_of_the_members_moments(members: int, n: int, p: int):
-    system, filter, before, y = _predicted("etkf", members, n, p)
-    after, C, R = filter.update(before, y, rng=np.random.default_rng(0)), system.model.C, system.model.R
-    P = _spread(before)[1]
-    K = P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
-    scale = max(1.0, np.abs(P).max())
-    anomalies, cov = _spread(after)
-    np.testing.assert_allclose(cov, (np.eye(n) - K @ C) @ P, rtol=0, atol=1e-12 * scale)
-    np.testing.assert_allclose(
-        after.mean, before.mean + np.matvec(K, y - before.mean @ C.T), rtol=0, atol=1e-12 * scale
-    )
-    shift = (after.ensemble - after.mean[..., None, :]).mean(-2)
-    np.testing.assert_allclose(shift, 0.0, atol=1e-13 * scale)
-    assert np.abs(anomalies).max() > 1e-3
 
 
 @pytest.mark.parametrize(("members", "n", "p"), SIZES)
@@ -285,7 +248,7 @@ def test_the_filter_tends_to_the_kalman_filter_as_one_over_the_root_of_members(n
     system, runs, steps = kalman_system(0), 200, 6
     record = simulate(system, 0, runs, steps)
     exact = track(make("kf", system.model), system.rows(runs), record)[-1]
-    sizes, errors = (25, 100, 400, 1600), []
+    sizes, errors = (25, 100, 400), []
     for members in sizes:
         filter = make(name, system.model, members=members, draws="independent")
         belief = track(filter, system.rows(runs), record, np.random.default_rng(0))
@@ -308,37 +271,6 @@ def test_measurement_noise_is_counted_once():
     filter = make("enkf", model, members=20_000)
     after = filter.update(filter.init(Gaussian([0.0], [[1.0]]), rng=rng), [1.0], rng=rng)
     assert after.cov[0, 0] == pytest.approx(0.5, abs=4 * 0.5 * np.sqrt(2.0 / 20_000))  # four standard errors
-
-
-@pytest.mark.parametrize(("members", "n", "p"), SIZES)
-def test_perturbed_measurements_are_the_textbook_gain_on_centred_noise(members: int, n: int, p: int):
-    """Averaged over members the update is the Kalman one exactly; the departures span the noise that R says."""
-    system, filter, before, y = _predicted("enkf", members, n, p)
-    after, C, R = filter.update(before, y, rng=np.random.default_rng(0)), system.model.C, system.model.R
-    P = _spread(before)[1]
-    S = C @ P @ C.T + R
-    K = P @ C.T @ np.linalg.inv(S)
-    scale = max(1.0, np.abs(P).max())
-    np.testing.assert_allclose(
-        after.mean, before.mean + np.matvec(K, y - before.mean @ C.T), rtol=0, atol=1e-12 * scale
-    )
-    np.testing.assert_allclose(after.innovation_cov, S, rtol=0, atol=1e-12 * np.abs(S).max())
-    own = before.ensemble + (y[:, None] - before.ensemble @ C.T) @ np.swapaxes(K, -1, -2)  # without perturbation
-    left = after.ensemble - own
-    noise = left @ np.linalg.pinv(np.swapaxes(K, -1, -2), rcond=1e-9)
-    np.testing.assert_allclose(left.mean(-2), 0.0, atol=1e-12 * scale)
-    np.testing.assert_allclose(noise @ np.swapaxes(K, -1, -2), left, rtol=0, atol=1e-9 * scale)
-
-
-def test_perturbations_have_the_covariance_of_the_measurements():
-    R = random_covariance(np.random.default_rng(3), 3)
-    model = LinearModel(A=np.eye(3), C=np.eye(3), Q=np.eye(3), R=R)
-    N = 40_000
-    filter = make("enkf", model, members=N)
-    belief = filter.init(Gaussian(np.zeros(3), 1e12 * np.eye(3)), rng=np.random.default_rng(0))
-    after = filter.update(belief, np.zeros(3), rng=np.random.default_rng(1))  # K = I: what is left is the noise
-    error = np.abs(_spread(after)[1] - R).max()
-    assert error < 5.0 * np.sqrt(2.0 / N) * np.diag(R).max()
 
 
 @pytest.mark.slow
@@ -390,19 +322,6 @@ def test_process_noise_takes_as_many_numbers_a_member_as_its_rank(name: str, ran
     assert (np.abs(after.cov - Q) <= 5.0 * sd + 1e-15).all()
 
 
-@pytest.mark.slow
-@settings(derandomize=True, max_examples=30, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), k=st.integers(1, 6), rank=st.integers(0, 6))
-def test_a_noise_root_has_as_many_columns_as_the_rank_and_gives_the_covariance_back(seed: int, k: int, rank: int):
-    rank = min(k, rank)
-    half = np.random.default_rng(seed).normal(size=(k, rank))
-    root = noise_root(half @ half.T)
-    assert root.shape == (k, rank)
-    np.testing.assert_allclose(
-        root @ root.T, half @ half.T, rtol=0, atol=1e-13 * max(1.0, np.abs(half).max(initial=0.0) ** 2 * k)
-    )
-
-
 def test_a_square_root_update_draws_nothing():
     filter, rng = make("etkf", kalman_system(0).model, members=6, draws="independent"), _Counting()
     belief = filter.init(Gaussian(np.zeros(4), np.eye(4)), rng=rng)
@@ -412,18 +331,6 @@ def test_a_square_root_update_draws_nothing():
 
 
 # --- options ------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_inflation_multiplies_the_anomalies_of_the_analysis_and_leaves_the_mean(name: str):
-    system, filter, before, y = _predicted(name, 8, 4, 3)
-    inflated = make(name, system.model, members=8, draws="independent", inflation=1.3)
-    one, other = (f.update(before, y, rng=np.random.default_rng(0)) for f in (filter, inflated))
-    np.testing.assert_allclose(other.mean, one.mean, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(_spread(other)[0], 1.3 * _spread(one)[0], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(other.cov, 1.69 * one.cov, rtol=0, atol=1e-12)
-    nothing = inflated.update(before, y, rng=np.random.default_rng(0), available=np.zeros(3, bool))
-    np.testing.assert_allclose(nothing.ensemble, before.ensemble, rtol=0, atol=1e-13)  # no measurement, no inflation
 
 
 # --- missing measurements ---------------------------------------------------------------------------------
@@ -524,19 +431,6 @@ def test_a_lost_row_is_drawn_again_from_its_prior_and_leaves_the_others_alone(ca
     np.testing.assert_allclose(fresh.ensemble[1:2], expected.ensemble, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_perfect_measurements_that_contradict_each_other_raise_nothing_and_lose_only_their_row(name: str):
-    model = LinearModel(A=np.eye(2), C=[[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]], Q=np.eye(2), R=np.zeros((3, 3)))
-    filter, rng = make(name, model, members=10), np.random.default_rng(0)
-    belief = filter.init(Gaussian(np.zeros((2, 2)), np.eye(2)), rng=rng)
-    for _ in range(3):
-        y = [[1.0, 2.0, 3.0], [1.0, np.nan, 3.0]]
-        belief = filter.update(filter.predict(belief, rng=rng), y, rng=rng)
-        for field, array in arrays(belief).items():
-            assert np.isfinite(array).all(), field
-        assert belief.healthy[1]
-
-
 # --- angles -------------------------------------------------------------------------------------------
 
 
@@ -565,39 +459,6 @@ def test_an_angle_of_which_nothing_was_known_is_known_as_well_as_it_was_read(nam
         assert np.sqrt(belief.cov).max() < 1.4 * sd
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_members_on_both_sides_of_the_seam_are_close_together(name: str):
-    """A model that wraps its angles, at any heading, gives what one that does not gives there."""
-
-    def track_from(heading: float, wrapping: bool) -> tuple[np.ndarray, np.ndarray]:
-        def fold(angle: np.ndarray) -> np.ndarray:
-            return np.arctan2(np.sin(angle), np.cos(angle)) if wrapping else angle
-
-        def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-            return np.stack([fold(x[..., 0] + 0.1 * x[..., 1]), x[..., 1]], -1)
-
-        model = NonlinearModel(
-            transition, lambda x, u: fold(x[..., :1]), Q=np.diag([1e-4, 1e-4]), R=[[1e-2]],
-            state_angles=(0,), measurement_angles=(0,),
-        )  # fmt: skip
-        filter, rng = make(name, model, members=30), np.random.default_rng(0)
-        belief = filter.init(Gaussian([heading, 1.0], np.diag([0.1, 0.01])), rng=rng)
-        noise, means, covs = np.random.default_rng(1).normal(scale=0.1, size=80), [], []
-        for k, v in enumerate(noise):
-            belief = filter.update(filter.predict(belief, rng=rng), [fold(heading + 0.1 * (k + 1) + v)], rng=rng)
-            means.append(belief.mean - [heading, 0.0])
-            covs.append(belief.cov)
-        turns = np.array(means)
-        turns[:, 0] = np.arctan2(np.sin(turns[:, 0]), np.cos(turns[:, 0]))
-        return turns, np.array(covs)
-
-    mean, cov = track_from(0.0, wrapping=False)
-    for heading, wrapping in ((0.0, True), (3.1, True), (-3.1, True), (3.1, False)):
-        other_mean, other_cov = track_from(heading, wrapping)
-        np.testing.assert_allclose(other_mean, mean, rtol=0, atol=1e-9)
-        np.testing.assert_allclose(other_cov, cov, rtol=0, atol=1e-9)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_vehicle_is_followed_by_range_and_bearing_as_the_extended_filter_follows_it(name: str):
@@ -615,29 +476,6 @@ def test_a_vehicle_is_followed_by_range_and_bearing_as_the_extended_filter_follo
 
 
 # --- models -------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_matrices_and_functions_give_the_same_members(name: str):
-    system = kalman_system(0)
-    model = system.model
-    record = simulate(system, 0, runs=10, steps=6)
-    functions = NonlinearModel(model.transition, model.measurement, model.Q, model.R)
-
-    def transition(x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        return x @ model.A.T + u @ model.B.T
-
-    functions = dataclasses.replace(functions, transition=transition, measurement=lambda x, u: x @ model.C.T)
-    scheduled = dataclasses.replace(
-        model, A=lambda u: np.broadcast_to(model.A, u.shape[:-1] + (4, 4)), R=model.R, B=lambda u: model.B
-    )
-    tracks = [
-        track(make(name, m, members=12), system.rows(10), record, np.random.default_rng(0))
-        for m in (model, functions, scheduled)
-    ]
-    for one, *others in zip(*tracks, strict=True):
-        for other in others:
-            assert_same(one, other, 1e-12)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -686,25 +524,6 @@ def test_options_that_make_no_sense_are_named_with_their_value(name: str):
     for inflation in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(ValueError, match=r"^inflation must be a positive number, got"):
             make(name, model, inflation=inflation)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_function_that_does_not_broadcast_is_named_with_the_shapes(name: str):
-    good, rng = (lambda x, u: x), np.random.default_rng(0)
-    prior = Gaussian(np.zeros((2, 3)), np.eye(3))
-
-    def step(transition, measurement) -> None:
-        filter = make(
-            name, NonlinearModel(transition, measurement, np.eye(3), np.eye(3)), members=5, draws="independent"
-        )
-        filter.update(filter.predict(filter.init(prior, rng=rng), rng=rng), np.zeros(3), rng=rng)
-
-    for bad in (lambda x, u: np.array([x[0], x[1]]).sum(-1), lambda x, u: np.ones((3, 3)) @ x, lambda x, u: x[7]):
-        for label, functions in (("transition", (bad, good)), ("measurement", (good, bad))):
-            with pytest.raises(ValueError, match=f"^{label} must broadcast over leading axes") as caught:
-                step(*functions)
-            assert "(2, 5, 3)" in str(caught.value)
-            assert "\n" not in str(caught.value)
 
 
 # --- memory -------------------------------------------------------------------------------------------

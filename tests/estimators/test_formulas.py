@@ -11,13 +11,21 @@ from estimators import Belief, Filter, Gaussian, KalmanFilter, LinearModel, Reco
 from estimators.filter import Model, Rng
 from estimators.linalg import symmetrise
 from estimators.measurement import Measurement
-from tests.estimators.cases import Case, arrays, assert_same, every_case, kalman_system, simulate, some_measurements
+from tests.estimators.cases import (
+    Case,
+    arrays,
+    assert_same,
+    kalman_system,
+    one_of_each,
+    simulate,
+    some_measurements,
+)
 
 
-@every_case("deterministic")
+@one_of_each("deterministic")
 def test_a_compiled_filter_is_the_same_source_over_numpy(case: Case):
     """Step by step from the same belief, with gaps: no further apart than their rounding, entry for entry."""
-    compiled, plain = (case.make(case.system(3).model) for _ in range(2))
+    compiled, plain = (make(case.name, case.system(3).model, **case.options) for _ in range(2))
     if not compiled.formulas:
         pytest.skip("it is NumPy, and nothing else")
     assert compiled._programs == {}
@@ -40,7 +48,7 @@ def condition(belief: Belief) -> float:
     return max(10.0, float(np.linalg.cond(belief.innovation_cov).max()))
 
 
-@every_case("deterministic")
+@one_of_each("deterministic")
 def test_a_compiled_row_is_the_row_alone_to_the_last_bit(case: Case):
     filter, system = case.make(case.system(4).model), case.system(4)
     record = simulate(system, 4, runs=67, steps=5)

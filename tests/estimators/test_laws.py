@@ -15,7 +15,6 @@ from estimators import (
     Filter,
     Gaussian,
     LinearModel,
-    NonlinearModel,
     RandomKeys,
     chi_square_band,
     make,
@@ -64,17 +63,6 @@ def test_on_a_linear_gaussian_model_the_filter_is_the_textbook_kalman_filter(cas
     for belief, (mean, cov) in zip(beliefs, textbook_kalman(system, record.y[:, 0], record.u[:, 0]), strict=True):
         np.testing.assert_allclose(belief.mean, mean, rtol=0, atol=1e-11 * max(1, np.abs(mean).max()))
         np.testing.assert_allclose(belief.cov, cov, rtol=0, atol=1e-11)
-
-
-def test_ekf_without_jacobians_is_the_kalman_filter_when_its_functions_are_linear():
-    system = kalman_system(3)
-    model, record = system.model, simulate(system, 3, runs=5, steps=50)
-    functions = NonlinearModel(model.transition, model.measurement, model.Q, model.R)
-    numeric = track(make("ekf", functions), system.rows(5), record)
-    exact = track(make("kf", model), system.rows(5), record)
-    for one, other in zip(numeric, exact, strict=True):
-        # A central difference of a linear function is off by rounding over the step, about 1e-16 / 6e-6.
-        assert_same(one, other, 1e-8)
 
 
 @pytest.mark.slow
@@ -468,13 +456,14 @@ def test_nothing_that_is_passed_in_is_changed(case: Case):
         belief.mean = np.zeros(model.n)
 
 
-def check_that_a_value_has_no_effect(case: Case, value: float, masked: bool) -> None:
-    """Beliefs are the same where measurements that are absent have this value, and the mask says so or is left out."""
+def check_that_values_have_no_effect(case: Case, values: list[float], masked: bool) -> None:
+    """Beliefs are equal where measurements that are absent have these values; the mask says so or is left out."""
     system, rows, steps = case.system(0), 6, 10
     filter = case.make(system.model)
     record = simulate(system, 0, rows, steps)
-    available = np.random.default_rng(1).random(record.y.shape) < 0.6
-    other = record._replace(y=np.where(available, record.y, value))
+    rng = np.random.default_rng(1)
+    available = rng.random(record.y.shape) < 0.6
+    other = record._replace(y=np.where(available, record.y, rng.choice(values, record.y.shape)))
     pairs = zip(
         track(filter, system.rows(rows), record, _numbers(*range(rows)), available),
         track(filter, system.rows(rows), other, _numbers(*range(rows)), *([available] if masked else [])),
@@ -484,16 +473,14 @@ def check_that_a_value_has_no_effect(case: Case, value: float, masked: bool) -> 
         assert_same(one, two)
 
 
-@pytest.mark.parametrize("garbage", [np.nan, np.inf, -1e300, 0.0])
 @every_case()
-def test_the_value_of_a_masked_measurement_has_no_effect(case: Case, garbage: float):
-    check_that_a_value_has_no_effect(case, garbage, masked=True)
+def test_the_value_of_a_masked_measurement_has_no_effect(case: Case):
+    check_that_values_have_no_effect(case, [np.nan, np.inf, -1e300, 0.0], masked=True)
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @every_case()
-def test_a_measurement_that_is_not_finite_counts_as_missing(case: Case, value: float):
-    check_that_a_value_has_no_effect(case, value, masked=False)
+def test_a_measurement_that_is_not_finite_counts_as_missing(case: Case):
+    check_that_values_have_no_effect(case, [np.nan, np.inf, -np.inf], masked=False)
 
 
 @every_case("deterministic")
@@ -637,7 +624,7 @@ def _random_model(rng: np.random.Generator, name: str, n: int, p: int, q: int, s
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", names())
-@settings(derandomize=True, max_examples=40, deadline=None)
+@settings(derandomize=True, max_examples=15, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     n=st.integers(1, 6),

@@ -21,12 +21,8 @@ from estimators.engine import foreign
 from tests.estimators.cases import (
     assert_same,
     in_numpy,
-    kalman_system,
     random_covariance,
     random_transition,
-    simulate,
-    track,
-    turning_vehicle,
 )
 
 I2 = np.eye(2)
@@ -81,9 +77,9 @@ def test_small_variances_beside_large_ones_must_be_symmetric():
 
 @pytest.mark.parametrize("rank", [1, 3, 5])
 def test_a_covariance_of_any_scales_and_rank_is_taken(rank: int):
-    """2,000 of them, computed with rounding; none is refused, and each is taken to be symmetric."""
+    """600 of them, computed with rounding; none is refused, and each is taken to be symmetric."""
     rng = np.random.default_rng(rank)
-    roots = rng.normal(size=(2000, 5, rank)) * 10.0 ** rng.uniform(-8.0, 8.0, size=(2000, 5, 1))
+    roots = rng.normal(size=(600, 5, rank)) * 10.0 ** rng.uniform(-8.0, 8.0, size=(600, 5, 1))
     covs = roots @ roots.mT
     for cov in (covs, covs * (1.0 + 1e-15 * rng.normal(size=covs.shape))):
         for one in cov:
@@ -271,12 +267,12 @@ def test_matrices_may_be_functions_of_the_known_input(name: str):
     if name == "kf-umv-ui":
         functions["A"] = base["A"]
     filter = make(name, LinearModel(**functions))
-    belief = filter.init(Gaussian(np.zeros((4, n)), np.eye(n)))
-    singles = [filter.init(Gaussian(np.zeros(n), np.eye(n))) for _ in range(4)]
-    for _ in range(5):
-        u, y = rng.normal(size=(4, 1)), rng.normal(size=(4, p))
+    belief = filter.init(Gaussian(np.zeros((2, n)), np.eye(n)))
+    singles = [filter.init(Gaussian(np.zeros(n), np.eye(n))) for _ in range(2)]
+    for _ in range(3):
+        u, y = rng.normal(size=(2, 1)), rng.normal(size=(2, p))
         belief = filter.update(filter.predict(belief, u), y)
-        for i in range(4):
+        for i in range(2):
             matrices = {key: value(u[i]) if callable(value) else value for key, value in functions.items()}
             constant = make(name, LinearModel(**matrices))
             singles[i] = constant.update(constant.predict(singles[i], u[i]), y[i])
@@ -328,20 +324,6 @@ def test_jacobians_keep_their_digits_for_large_and_small_states(way: Callable, e
     np.testing.assert_array_equal(jacobian[[0, 1], [1, 0]], 0.0)
 
 
-def test_the_jacobian_of_a_vehicle_predicts_what_a_small_step_does():
-    system = turning_vehicle(0)
-    x, u = system.mean + 0.3, np.array([0.2, -0.4])
-    for linearise, function in (
-        (system.model.linearise_transition, system.model.transition),
-        (system.model.linearise_measurement, system.model.measurement),
-    ):
-        value, jacobian = linearise(x, u)
-        step = 1e-4 * np.array([1.0, -2.0, 0.5, 1.5])
-        half = 0.5 * (function(x + step, u) - function(x - step, u))
-        np.testing.assert_allclose(jacobian @ step, half, rtol=0, atol=1e-10)
-        np.testing.assert_array_equal(value, function(x, u))
-
-
 # --- discretisation ---------------------------------------------------------------------------------
 
 
@@ -363,20 +345,6 @@ def test_zero_order_hold_ends_where_integration_ends(seed: int):
     for _ in range(3):
         x, u = rng.normal(size=3), rng.normal(size=2)
         np.testing.assert_allclose(F @ x + D @ u, _flow(A, x, B @ u, 0.7), rtol=0, atol=1e-9)
-
-
-def test_zero_order_hold_of_a_double_integrator_is_known():
-    F, D = zero_order_hold(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]]), 0.4)
-    np.testing.assert_allclose(F, [[1.0, 0.4], [0.0, 1.0]], rtol=0, atol=1e-15)
-    np.testing.assert_allclose(D, [[0.08], [0.4]], rtol=0, atol=1e-15)
-
-
-def test_two_held_steps_are_one_of_twice_the_length():
-    A, B, _ = _continuous(5)
-    F, D = zero_order_hold(A, B, 0.3)
-    F2, D2 = zero_order_hold(A, B, 0.6)
-    np.testing.assert_allclose(F @ F, F2, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(F @ D + D, D2, rtol=0, atol=1e-13)
 
 
 def test_zero_order_hold_takes_a_batch():
@@ -406,22 +374,6 @@ def test_van_loan_noise_is_the_integral_that_defines_it(seed: int):
     np.testing.assert_array_equal(noise, noise.T)
 
 
-def test_van_loan_noise_of_two_steps_is_that_of_one_of_twice_the_length():
-    A, G, Q = _continuous(7)
-    F, noise = van_loan(A, G, Q, 0.25)
-    F2, noise2 = van_loan(A, G, Q, 0.5)
-    np.testing.assert_allclose(F @ F, F2, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(F @ noise @ F.T + noise, noise2, rtol=0, atol=1e-13)
-
-
-def test_van_loan_of_a_double_integrator_is_the_known_matrix():
-    dt = 0.4
-    F, noise = van_loan(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]]), np.array([[3.0]]), dt)
-    np.testing.assert_allclose(F, [[1.0, dt], [0.0, 1.0]], rtol=0, atol=1e-15)
-    expected = 3.0 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
-    np.testing.assert_allclose(noise, expected, rtol=0, atol=1e-15)
-
-
 def test_forward_euler_is_the_first_order_of_the_exact_step():
     A, B, _ = _continuous(8)
     F, D = forward_euler(A, B, 0.1)
@@ -433,19 +385,6 @@ def test_forward_euler_is_the_first_order_of_the_exact_step():
         errors.append([np.abs(euler - exact).max() for euler, exact in pairs])
     # The error of a step is of second order: half the step, a quarter of the error.
     np.testing.assert_allclose(np.divide(*errors), 4.0, rtol=0.01)
-
-
-def test_what_is_discretised_is_a_model_that_a_filter_takes():
-    A, B, Q = _continuous(9)
-    F, noise = van_loan(A, B, Q, 0.05)
-    model = LinearModel(A=F, B=zero_order_hold(A, B, 0.05)[1], C=np.eye(3), Q=noise, R=np.eye(3))
-    system = kalman_system(0, 3, 3, 2)
-    record = simulate(system, 0, 1, 3)
-    beliefs = track(make("kf", model), system.rows(1), record)
-    np.testing.assert_allclose(
-        make("kf", model).predict(beliefs[-1], record.u[-1]).mean[0],
-        _flow(A, beliefs[-1].mean[0], B @ record.u[-1, 0], 0.05), rtol=0, atol=1e-9,
-    )  # fmt: skip
 
 
 @pytest.mark.parametrize("name", ["ekf", "ukf", "enkf", "etkf", "huber-kf"])
@@ -554,36 +493,6 @@ def test_a_function_of_u_that_needs_none_tells_its_size():
 
 
 # --- functions that are part of a filter's program ----------------------------------------------------
-
-
-@pytest.mark.parametrize("name", ["ekf", "huber-kf", "ukf"])
-def test_functions_that_fill_fresh_arrays_are_part_of_a_program_as_others_are(name: str):
-    def filled(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        y = np.zeros(x.shape)
-        y[..., 0] = x[..., 1]
-        y[..., 1] = np.sin(x[..., 0])
-        return y
-
-    def copied(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        y = np.array(x)
-        y[..., 0] = x[..., 1] * x[..., 0]
-        return y
-
-    def stacked(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        return np.stack([x[..., 1], np.sin(x[..., 0])], -1)
-
-    def product(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        return np.stack([x[..., 1] * x[..., 0], x[..., 1]], -1)
-
-    beliefs = []
-    for model in (NonlinearModel(filled, copied, np.eye(2), np.eye(2)),
-                  NonlinearModel(stacked, product, np.eye(2), np.eye(2))):  # fmt: skip
-        assert model.traceable(np.ones((3, 2)), None, "transition")
-        filter = make(name, model)
-        belief = filter.predict(filter.init(Gaussian(np.arange(6.0).reshape(3, 2), np.eye(2))))
-        beliefs.append(filter.update(belief, np.ones((3, 2))))
-    np.testing.assert_array_equal(beliefs[0].mean, beliefs[1].mean)
-    np.testing.assert_array_equal(beliefs[0].cov, beliefs[1].cov)
 
 
 def test_a_jacobian_of_the_users_is_compiled_once_it_was_compared_and_gives_what_it_gives_in_numpy():

@@ -105,7 +105,7 @@ def test_chi_square_alarms_are_as_frequent_as_stated(window: int):
 
 def test_a_cusum_of_one_channel_has_the_stated_time_between_false_alarms():
     rng = np.random.default_rng(1)
-    after, _ = first_alarms(CusumMonitor(1, 0.01, 1.5), rng, 4000, np.array([[2.0]]), np.zeros(1))
+    after, _ = first_alarms(CusumMonitor(1, 0.01, 1.5), rng, 1500, np.array([[2.0]]), np.zeros(1))
     assert_mean(after, 100.0)
 
 
@@ -115,7 +115,7 @@ def test_cusums_of_several_channels_raise_no_more_false_alarms_than_stated(corre
     S = (1.0 - abs(correlation)) * np.eye(3)
     S[:2, :2] += abs(correlation) * np.outer([1, np.sign(correlation)], [1, np.sign(correlation)])
     S[2, 2] = 1.0
-    after, accused = first_alarms(CusumMonitor(3, 0.01), rng, 2000, S, np.zeros(3))
+    after, accused = first_alarms(CusumMonitor(3, 0.01), rng, 800, S, np.zeros(3))
     assert after.mean() > 100.0 - norm.isf(0.001) * after.std() / np.sqrt(after.size)
     assert after.mean() < 150.0  # and not much less often: the start from 0 and what channels share
     assert (np.bincount(accused, minlength=3) > 0.2 * after.size).all()
@@ -165,15 +165,6 @@ def test_the_chance_to_see_a_bias_is_that_of_noncentral_chi_square(window: int):
     assert_share(state.alarm, expected)
 
 
-def test_more_noise_than_the_filter_knows_of_is_seen_as_often_as_theory_says():
-    rng, rows, S = np.random.default_rng(5), 20_000, np.diag([1.0, 4.0])
-    monitor = ChiSquareMonitor(2, 1e-2, 4)
-    state = monitor.start(rows)
-    for _ in range(4):
-        state = monitor.watch(state, read(1.5 * drawn(rng, S, rows), S))
-    assert_share(state.alarm, chi2.sf(chi2.isf(1e-2, 8) / 1.5**2, 8))
-
-
 @pytest.mark.parametrize("mean", [0.5, -1.0, 2.0])
 def test_the_delay_of_a_cusum_is_its_run_length_under_the_bias(mean: float):
     rng = np.random.default_rng(6)
@@ -212,23 +203,6 @@ def test_a_channel_that_is_correlated_with_the_faulty_one_is_not_accused(kind: t
         accused = np.where(accused < 0, state.accused, accused)
     assert (accused == faulty).mean() > 0.9
     assert np.array_equal(state.accused >= 0, state.alarm)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_filter_with_sensors_to_spare_accuses_the_biased_one(kind: type):
-    """Two receivers and a log: a bias of one receiver, from the twentieth step."""
-    model = LinearModel([[1, 1], [0, 1]], [[1, 0], [1, 0], [0, 1]], np.diag([1e-3, 1e-3]), np.diag([1.0, 1.0, 0.01]))
-    rng, rows = np.random.default_rng(9), 400
-    filter, monitor = make("kf", model), kind({"one": 0, "other": 1, "log": 2}, 1e-4)
-    belief, state = filter.init(Gaussian(np.zeros((rows, 2)), np.eye(2))), monitor.start(rows)
-    x, accused = rng.normal(size=(rows, 2)), np.full(rows, -1)
-    for k in range(60):
-        x = np.matvec(model.A, x) + rng.normal(size=(rows, 2)) * np.sqrt(1e-3)
-        y = np.matvec(model.C, x) + rng.normal(size=(rows, 3)) * [1.0, 1.0, 0.1]
-        belief = filter.update(filter.predict(belief), y + (3.0 * (k >= 20)) * np.eye(3)[1])
-        state = monitor.watch(state, belief)
-        accused = np.where((accused < 0) & (k >= 20), state.accused, accused)
-    assert (accused == 1).mean() > 0.95
 
 
 @pytest.mark.filterwarnings("error")
@@ -281,18 +255,6 @@ def test_a_sensor_that_is_lost_counts_for_nothing(kind: type):
     silent = with_it.run(read(100.0 * e, S, np.zeros(e.shape, bool)))
     assert not silent.alarm.any()
     assert np.isfinite(silent.statistic).all()
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_filter_whose_sensor_is_lost_raises_nothing_by_that(kind: type):
-    model = LinearModel(np.eye(2), np.eye(2), 0.1 * np.eye(2), np.eye(2))
-    filter, monitor = make("kf", model), kind(2)
-    belief, state = filter.init(Gaussian(np.zeros((3, 2)), np.eye(2))), monitor.start(3)
-    for _ in range(50):
-        belief = filter.update(filter.predict(belief), np.array([0.1, np.nan]))
-        state = monitor.watch(state, belief)
-        assert not state.alarm.any()
-    assert np.isfinite(state.statistic).all()
 
 
 @pytest.mark.parametrize("kind", KINDS)

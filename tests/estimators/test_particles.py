@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 
 from estimators import Gaussian, LinearModel, NonlinearModel, ParticleFilter, RandomKeys, Recovery, make
 from estimators.particles import systematic
-from tests.estimators.cases import arrays, assert_same, kalman_system, simulate, track, turning_vehicle
+from tests.estimators.cases import arrays, assert_same, kalman_system, simulate, track
 
 
 def _numbers(*rows: int) -> RandomKeys:
@@ -276,19 +276,6 @@ def test_particles_that_leave_the_domain_of_the_model_are_left_behind():
         assert np.isfinite(array).all(), name
 
 
-def test_missing_random_numbers_are_asked_for():
-    system = kalman_system(0)
-    filter = make("pf", system.model, particles=10)
-    belief = filter.init(system.rows(3), rng=np.random.default_rng(0))
-    for step in (
-        lambda: filter.init(system.rows(3)),
-        lambda: filter.predict(belief, np.zeros((3, system.m))),
-        lambda: filter.update(belief, np.zeros((3, 3))),
-    ):
-        with pytest.raises(ValueError, match=r"^pf draws random numbers: pass rng"):
-            step()
-
-
 # --- angles and batches -----------------------------------------------------------------------------
 
 
@@ -305,21 +292,6 @@ def test_a_heading_that_may_be_on_both_sides_of_the_cut_is_averaged_on_the_circl
     assert len(np.unique(turns)) > 1
     assert abs(np.angle(np.exp(1j * (belief.mean[0] - 3.1)))) < 0.02
     assert belief.cov[0, 0] == pytest.approx(1e-2, rel=0.3)
-
-
-@pytest.mark.slow
-def test_a_vehicle_is_followed_by_range_and_bearing_as_the_extended_filter_follows_it():
-    system = turning_vehicle(0)
-    record = simulate(system, 0, runs=10, steps=100)
-    errors = []
-    for filter, rng in (
-        (make("ekf", system.model), None),
-        (make("pf", system.model, particles=5000), _numbers(*range(10))),
-    ):
-        beliefs = track(filter, system.rows(10), record, rng)[20:]
-        error = np.array([b.mean[:, :2] for b in beliefs]) - record.x[20:, :, :2]
-        errors.append(np.sqrt((error**2).mean()))
-    assert errors[1] < 1.1 * errors[0]
 
 
 def test_a_record_adds_up():

@@ -71,7 +71,7 @@ class OneOfYourOwn(EnsembleKalmanFilter):
 
 
 BUILT = [
-    *(pytest.param(case.system, case.make, id=case.id) for case in LINEAR),
+    *(pytest.param(case.system, case.make, id=case.id) for case in {case.name: case for case in LINEAR}.values()),
     pytest.param(
         _told_the_variance, lambda m: make("kf", m, input_cov=[[2.0, 0.3], [0.3, 1.0]]), id="kf with input_cov"
     ),
@@ -148,20 +148,6 @@ def test_each_measurement_has_its_own_known_input_covariance_and_measurement_fun
         _assert_estimates_equal(belief, expected)
 
 
-def test_sensors_may_be_filters_of_their_own_over_the_same_states():
-    system = _independent(kalman_system(0))
-    m, y = system.model, np.array([1.0, -2.0, 0.5])
-    for name, options in (("kf", {}), ("ekf", {}), ("ukf", {}), ("etkf", {"members": 20})):
-        sensors = [
-            make(name, dataclasses.replace(m, C=m.C[rows], R=m.R[rows, rows]), **options)
-            for rows in (slice(0, 1), slice(1, 3))
-        ]
-        joint, rng = make(name, m, **options), RandomKeys.seeded([0])[0]
-        belief = joint.predict(joint.init(system.prior, rng=rng), np.ones(2), rng=rng)
-        parts = sensors[1].update(sensors[0].update(belief, y[:1], rng=rng), y[1:], rng=rng)
-        _assert_estimates_equal(parts, joint.update(belief, y, rng=rng))
-
-
 @pytest.mark.parametrize("name", ["kf", "kf-umv-ui", "pf"])
 def test_correlated_noises_are_refused_in_two_updates_and_taken_in_one(name: str):
     feedthrough = {"G": [[1.0], [0.0]], "H": [[0.0], [1.0], [0.0]]} if name == "kf-umv-ui" else {}
@@ -224,41 +210,6 @@ def test_the_likelihoods_of_measurements_one_by_one_add_up_to_that_of_all(system
         beliefs.append(filter.update(beliefs[-1], _alone(record.y[1], j), rng=rng))
     whole = filter.log_likelihood(beliefs[0], filter.update(beliefs[0], record.y[1], rng=rng))
     np.testing.assert_allclose(sum(filter.log_likelihood(*pair) for pair in pairwise(beliefs)), whole, rtol=1e-9)
-
-
-@pytest.mark.parametrize("name", ["kf", "kf-umv-ui", "kf-umv-ui-wdf"])
-def test_a_second_measurement_without_noise_or_beyond_all_numbers_loses_no_more_than_itself(name: str):
-    unknown = {"kf": {}, "kf-umv-ui": {"H": [[0.0], [0.0], [1.0]]}}.get(name, {"G": [[1.0], [0.5]]})
-    if name == "kf-umv-ui":
-        unknown["G"] = [[1.0], [0.5]]
-    model = LinearModel(np.eye(2), [[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]], np.eye(2), np.zeros((3, 3)), **unknown)
-    filter = make(name, model)
-    belief = filter.predict(filter.init(Gaussian(np.zeros((2, 2)), np.eye(2))))
-    first = filter.update(belief, [1.0, np.nan, 3.0])
-    for y in ([np.nan, 2.0, np.nan], [np.nan, 1e308, np.nan], [np.nan, np.inf, 3.0]):
-        after = filter.update(first, y)
-        for field, array in arrays(after).items():
-            assert np.isfinite(array).all(), field
-        np.testing.assert_allclose(after.mean, first.mean, rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize("order", list(permutations(range(4)))[::5])
-def test_sensors_that_show_the_input_without_noise_may_come_one_by_one(order: tuple[int, ...]):
-    """Its covariance is then singular before the last of them has come, or in part from the first on."""
-    H = [[0.0, 0.0], [0.0, 0.0], [1.0, 0.3], [1.0, 1.0]]
-    model = LinearModel(
-        0.9 * np.eye(2), [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]], 0.1 * np.eye(2),
-        np.diag([0.1, 0.1, 0.0, 0.0]), G=[[0.0, 1.0], [0.1, 0.0]], H=H,
-    )  # fmt: skip
-    filter, y = make("kf-umv-ui", model), np.array([1.0, 2.0, 3.0, 4.0])
-    parts = joint = filter.predict(filter.init(Gaussian(np.zeros(2), np.eye(2))))
-    for j in order:
-        parts = filter.update(parts, _alone(y, j))
-        assert parts.available[j]
-    joint = filter.update(joint, y)
-    np.testing.assert_allclose(parts.input_mean, np.linalg.solve(H[2:], y[2:]), rtol=0, atol=1e-12)
-    for name in ESTIMATES[:6]:
-        np.testing.assert_allclose(getattr(parts, name), getattr(joint, name), rtol=0, atol=1e-12, err_msg=name)
 
 
 def test_of_a_nonlinear_model_each_measurement_is_linearised_where_those_before_it_left_the_estimate():

