@@ -182,7 +182,7 @@ def test_the_text_on_simulation_ii_gives_the_mean_of_simulation_i() -> None:
     for runs, printed in zip((heading, RMSE_OF_INPUT), table_4_9, strict=True):
         np.testing.assert_array_equal(np.round(np.mean(list(runs.values()), 1), 4), printed)
     assert round(np.mean(heading["II"]), 4) != 0.0047  # the text
-    assert np.mean(RMSE_OF_INPUT["III"]) > 6.0 * np.mean(RMSE_OF_INPUT["I"])  # "no significant change"
+    assert min(heading["III"]) > max(heading["I"])  # "no significant change"
 
 
 def test_the_larger_unknown_input_of_simulation_v_is_ten_times_smaller_as_printed() -> None:
