@@ -76,10 +76,10 @@ def check_options(name: str, cls: type, options: dict[str, Any]) -> None:
             raise TypeError(f"{name} has no option {option!r}: {takes}")
 
 
-def unknown(kind: str, name: object, known: Iterable[str]) -> str:
+def unknown(kind: str, name: object, known: Iterable[str], head: str = "unknown") -> str:
     """The sentence for a name that does not exist: which do, and the nearest."""
     known = list(known)
     near = get_close_matches(name, known, n=1) if isinstance(name, str) else []
     hint = f" (did you mean {near[0]!r}?)" if near else ""
     choices = f": choose from {', '.join(known)}" if known else ""
-    return f"unknown {kind} {short_repr(name)}{hint}{choices}"
+    return f"{head} {kind} {short_repr(name)}{hint}{choices}"

@@ -268,9 +268,9 @@ def progress(title: str, total: int | None = None, counted: bool = False) -> Ite
 
 @contextmanager
 def training_progress(title: str) -> Iterator[Callable[[int, int, float], None]]:
-    """Progress of a training: steps, mean score of late episodes."""
+    """Progress of a training: steps, score of the last evaluation on tuning seeds."""
     with progress(title) as show:
-        yield lambda done, total, score: show(done, max(done, total), f"score {score:.3f}" if score == score else "")
+        yield lambda done, total, score: show(done, total, f"evaluation {score:.3f}" if score == score else "")
 
 
 @contextmanager

@@ -50,21 +50,30 @@ def main(
         resume: Go on with an interrupted training.
     """
     from agents.files import check_file
+    from agents.policies.checkpoint import zip_path
+    from agents.training.algorithms import ALGORITHMS
+    from estimators.factory import unknown
     from vessel_gym.toml_file import TomlFile
 
     named = algorithm.lower()
-    out = out or Path("results") / f"{named}.zip"
-    algorithm, memory = ("ppo", "lstm") if named == "recurrentppo" else (named, memory)
+    out = zip_path(out or Path("results") / named)
     with asked():
+        if named not in (known := (*ALGORITHMS, "recurrentppo")):
+            raise ValueError(unknown("algorithm", algorithm, known))
+        if out.exists() and not resume:
+            raise ValueError(f"{out} is there already: remove it and its folder, or give another --out")
         in_range("--runs", runs, 1)
+        algorithm, memory = ("ppo", "lstm") if named == "recurrentppo" else (named, memory)
         changed = (TomlFile(hyperparameters).data if hyperparameters else {}) | assigned("--set", settings)
-        given: dict[str, Any] = {"steps": steps, "memory": memory}
-        given |= {"settings": changed, "algorithm": algorithm}
+        given = {"steps": steps, "memory": memory, "settings": changed, "algorithm": algorithm}
         env_id, options = _checked(env_id, world.options(estimator), seed, given)
     check_file(out)
-    with training_progress(f"{named} on {env_id}") as progress, asked():
-        path = _train(range(seed, seed + runs), env_id, out, options, resume, given | {"progress": progress})
-    print(f"checkpoint: {path}")
+    with asked():
+        if runs == 1:
+            _once(seed, env_id, out, options, resume, given)
+        else:
+            _best(range(seed, seed + runs), env_id, out, options, resume, given)
+    print(f"checkpoint: {out}")
 
 
 def _checked(env_id: str, options: dict[str, Any], seed: int, given: dict[str, Any]) -> tuple[str, dict[str, Any]]:
@@ -82,36 +91,24 @@ def _checked(env_id: str, options: dict[str, Any], seed: int, given: dict[str, A
     described = describe(env_id, options, seed, **given)
     idle = described["hyperparameters"].get("learning_starts", 0)
     if described["steps"] <= idle:
-        sooner = described["steps"] // 10
-        advice = f"give more --steps, or --set learning_starts={sooner}"
+        advice = f"give more --steps, or --set learning_starts={described['steps'] // 10}"
         print(f"learning starts after {idle} steps: {advice}", file=sys.stderr)
     return env_id, options
 
 
-def _train(runs: range, env_id: str, out: Path, options: dict[str, Any], resume: bool, given: dict[str, Any]) -> Path:
-    """Train once, or several times, and save the checkpoint that scores best on tuning seeds.
-
-    Raises:
-        KeyboardInterrupt: after Ctrl-C; the text says how to go on.
-    """
-    from agents.policies.checkpoint import zip_path
+def _once(run: int, env_id: str, path: Path, options: dict[str, Any], resume: bool, given: dict[str, Any]) -> None:
+    """Train once, with progress."""
     from agents.training.algorithms import train
 
-    path = zip_path(out)
-    try:
-        if len(runs) == 1:
-            return train(env_id, path, options, runs[0], folder=path.with_suffix(""), resume=resume, **given)
-        return _best(runs, env_id, path, options, resume, given)
-    except KeyboardInterrupt as stop:
-        raise KeyboardInterrupt(f"{stop}; the same command with --resume goes on" if str(stop) else "") from None
+    with training_progress(f"{env_id}, run {run}") as progress:
+        train(env_id, path, options, run, folder=path.with_suffix(""), resume=resume, progress=progress, **given)
 
 
-def _best(runs: range, env_id: str, out: Path, options: dict[str, Any], resume: bool, given: dict[str, Any]) -> Path:
+def _best(runs: range, env_id: str, out: Path, options: dict[str, Any], resume: bool, given: dict[str, Any]) -> None:
     """Train several times, no run twice, and save the checkpoint that scores best on tuning seeds."""
     from agents import rollout
     from agents.files import replacing
     from agents.seeds import tuning_seeds
-    from agents.training.algorithms import train
     from agents.training.callbacks import last_checkpoint
 
     scores, seeds = {}, tuning_seeds(CHOOSING)
@@ -120,9 +117,8 @@ def _best(runs: range, env_id: str, out: Path, options: dict[str, Any], resume: 
         path = folder.with_suffix(".zip")
         if not (resume and path.exists()):
             interrupted = resume and last_checkpoint(folder) is not None
-            train(env_id, path, options, run, folder=folder, resume=interrupted, **given)
+            _once(run, env_id, path, options, interrupted, given)
         scores[path] = float(rollout(path, env_id, seeds, options, record=False).score.mean())
         print(f"run {run}: mean score {scores[path]:.3f} over {CHOOSING} tuning seeds", flush=True)
     with replacing(out) as temporary:
         shutil.copyfile(max(scores, key=lambda path: scores[path]), temporary)
-    return out

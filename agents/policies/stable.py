@@ -15,7 +15,7 @@ from gymnasium.spaces import Box
 
 _OF_THE_RUN = {
     "start_time", "tensorboard_log", "ep_info_buffer", "ep_success_buffer", "_last_obs", "_last_original_obs",
-    "_last_episode_starts", "_last_lstm_states", "_num_timesteps_at_start", "weights", "described",
+    "_last_episode_starts", "_last_lstm_states", "_num_timesteps_at_start", "weights", "described", "elapsed",
 }  # fmt: skip
 """Attributes of a single run, ARS's copy of its network, and what the checkpoint's own description says."""
 

@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
@@ -25,6 +26,7 @@ from agents.seeds import training_seed
 from agents.source import source_digest
 from estimators.checks import as_number, integer, short_repr
 from estimators.factory import unknown
+from vessel_gym.checks import is_integer
 from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.extras import require
 
@@ -47,11 +49,15 @@ _OF_NETWORK = ("log_std_init", "net_arch", "lstm_hidden_size")
 """Settings of the network."""
 _OF_TRAINING = ("num_envs", "steps", "frames", "learning_rate_final", "action_noise", "reward_scale")
 """Settings that no algorithm takes as they are."""
-_GIVEN = ("policy", "env", "learning_rate", "policy_kwargs", "stats_window_size", "seed", "device", "verbose")
+_GIVEN = (
+    "policy", "env", "learning_rate", "policy_kwargs", "seed", "device", "verbose", "tensorboard_log",
+    "rollout_buffer_class", "rollout_buffer_kwargs", "replay_buffer_class", "replay_buffer_kwargs",
+)  # fmt: skip
 """Arguments of algorithms that are no settings, or are settings by another way."""
-
-OTHERS = "others"
-"""The settings of environments that have none of their own."""
+_SHARES = ("gamma", "gae_lambda", "tau", "line_search_shrinking_factor")
+_POSITIVE = ("clip_range", "learning_rate", "max_grad_norm", "reward_scale", "rms_prop_eps", "target_kl", "tau")
+_LEAST = {"learning_starts": 0, "top_quantiles_to_drop_per_net": 0, "gradient_steps": -1, "sde_sample_freq": -1}
+"""Settings of at most 1, above 0, and the least value of whole numbers where it is not 1."""
 
 
 def hyperparameters(
@@ -59,13 +65,13 @@ def hyperparameters(
 ) -> dict[str, Any]:
     """The settings of a training: of PPO those of ``ppo.toml``, tuned by environment, and over them the memory's.
 
-    Another environment of a `vessel_gym.system.System` has those of `OTHERS`; another algorithm has its own of
+    Another environment of a `vessel_gym.system.System` has those of ``others``; another algorithm has its own of
     ``algorithms.toml``, which are not tuned.
 
     Args:
         env_id: A registered environment.
         memory: One of `MEMORIES`.
-        changed: Settings by name: of these, each a number where the given one is, or any argument of the algorithm.
+        changed: Settings by name: of these, or any argument of the algorithm that is a number, text or switch.
         algorithm: One of `ALGORITHMS`.
 
     Raises:
@@ -77,7 +83,7 @@ def hyperparameters(
         raise ValueError(unknown("algorithm", algorithm, ALGORITHMS))
     if algorithm == "ppo":
         tuned = _of_ppo(env_id, memory)
-    elif memory == "none" and (env_id in _table("ppo") or _has_system(env_id)):
+    elif memory == "none" and _has_system(env_id):
         tuned = _table("algorithms")[algorithm]
     else:
         raise ValueError(f"{algorithm} trains agents without a memory, in environments of vessel_gym")
@@ -85,8 +91,8 @@ def hyperparameters(
         known = _arguments(algorithm) | {each: tuned[each] for each in tuned if each != "steps"}
         if name not in known:
             raise ValueError(unknown("setting", name, known))
-        if not _such_as(known[name], value):
-            raise ValueError(f"the setting {name} must be such as {known[name]!r}, got {short_repr(value)}")
+        if wanted := _wanted(name, known[name], value):
+            raise ValueError(f"the setting {name} must be {wanted}, got {short_repr(value)}")
     return tuned | dict(changed or {})
 
 
@@ -97,24 +103,34 @@ def _table(name: str) -> dict[str, Any]:
 def _of_ppo(env_id: str, memory: str) -> dict[str, Any]:
     """The tuned settings of PPO."""
     table = _table("ppo")
-    others = table.pop(OTHERS, None)
-    if env_id not in table and not (others and _has_system(env_id)):
+    others = table.pop("others")
+    if not _has_system(env_id):
         raise ValueError(f"no PPO settings for {env_id!r} in agents/training/ppo.toml: choose from {', '.join(table)}")
     own = table.get(env_id, others)
-    if memory != "none" and memory not in own:
-        having = [name for name, settings in table.items() if memory in settings]
-        raise ValueError(
-            f"no settings with memory {memory!r} for {env_id!r} in agents/training/ppo.toml: "
-            f"choose from {', '.join(having)}"
-        )
     return {key: value for key, value in own.items() if not isinstance(value, dict)} | own.get(memory, {})
 
 
 def _arguments(algorithm: str) -> dict[str, Any]:
     """Arguments of an algorithm that may be set, with their defaults."""
     arguments = inspect.signature(_algorithm(algorithm, "none")).parameters.values()
-    plain = (each for each in arguments if not each.name.startswith("_") and each.name not in _GIVEN)
-    return {each.name: each.default for each in plain if isinstance(each.default, int | float)}
+    return {each.name: each.default for each in arguments if each.name[0] != "_" and each.name not in _GIVEN}
+
+
+def _wanted(name: str, known: Any, value: Any) -> str:
+    """What a setting must be, if the value is something else; the known value is the tuned one or the default."""
+    number = as_number(value)
+    if (known is None or name in _POSITIVE) and not 0.0 < number < np.inf:
+        return "a number above 0"
+    if name in _SHARES and not 0.0 <= number <= 1.0:
+        return "between 0 and 1"
+    if name in _LEAST:
+        whole = is_integer(value) and _LEAST[name] <= value < 2**31
+        return "" if whole else f"a whole number of at least {_LEAST[name]}"
+    if known == "auto":
+        automatic = isinstance(value, str) and re.fullmatch(r"auto(_\d*\.?\d+)?", value)
+        least = -np.inf if name == "target_entropy" else 0.0
+        return "" if automatic or (np.isfinite(number) and number >= least) else "'auto' or a number"
+    return "" if known is None or _such_as(known, value) else f"such as {known!r}"
 
 
 def _such_as(tuned: Any, value: Any) -> bool:
@@ -221,13 +237,14 @@ def train(
         env_options: Passed to `gymnasium.make_vec`.
         seed: Number of the training run; the environments' seeds follow by `agents.seeds`.
         steps: Environment steps in all; None: the tuned budget.
-        progress: Called with (steps so far, steps in all, mean score of late episodes).
+        progress: Called with (steps so far, steps of all rollouts, score of the last evaluation), which is NaN
+            without a folder.
         memory: ``"none"``: the agent acts on the newest observation alone; ``"frames"``: on its last ones, side by
             side, zeros before the first; ``"lstm"``: through a recurrent network (``RecurrentPPO``).
         settings: Hyperparameters by name over those of `hyperparameters`.
         algorithm: One of `ALGORITHMS`.
         folder: Where learning curves, the latest and the best policy, and the checkpoints of stable-baselines3 go,
-            see `agents.training.callbacks`; None: nowhere.
+            see `agents.training.callbacks`; None: nowhere. It must hold no earlier training.
         resume: Go on from the last checkpoint of stable-baselines3 in the folder, in new episodes. It holds pickles,
             as all of stable-baselines3's.
 
@@ -236,7 +253,7 @@ def train(
 
     Raises:
         ValueError: for an environment, memory or algorithm without settings, a budget below one rollout, a checkpoint
-            of another training, or one in the folder that is not to be resumed.
+            of another training, or a training in the folder that is not to be resumed.
         TypeError: for options that a checkpoint cannot hold as plain data.
         OSError: if the checkpoint cannot be written, or there is none to resume from.
         ModuleNotFoundError: without torch or stable-baselines3.
@@ -253,15 +270,17 @@ def _kept(folder: Path, described: dict[str, Any], resume: bool) -> Path | None:
     """The checkpoint with which a training goes on; None for a new one."""
     from stable_baselines3.common.save_util import load_from_zip_file
 
-    from agents.training.callbacks import last_checkpoint
+    from agents.training.callbacks import CURVES, last_checkpoint
 
     path = last_checkpoint(folder)
-    if path is not None and not resume:
-        raise ValueError(f"{path} keeps an interrupted training: go on with resume, or remove that file")
-    if path is None and resume:
-        raise FileNotFoundError(f"there is no interrupted training to go on with: no checkpoint in {folder}")
     if path is None:
+        if resume:
+            raise FileNotFoundError(f"there is no interrupted training to go on with: no checkpoint in {folder}")
+        if (folder / CURVES).exists():
+            raise ValueError(f"{folder} keeps an earlier training: remove it, or train into another place")
         return None
+    if not resume:
+        raise ValueError(f"{path} keeps an interrupted training: go on with resume, or remove {folder}")
     try:
         data, *_ = load_from_zip_file(path, device="cpu")
         before = dict((data or {})["described"])
@@ -285,21 +304,22 @@ def _learn(
     from agents.training.callbacks import Checkpoints, Evaluation, Report, curves, last_checkpoint, remove_checkpoints
 
     budget = described["steps"]
-    report = Report(budget, progress)
     with _learner(described, env_options, kept) as model:
         if folder is None:
-            model.learn(budget, callback=report)
+            model.learn(budget, callback=Report(budget, progress))
         else:
             folder.mkdir(parents=True, exist_ok=True)
             checkpoints = Checkpoints(folder, budget // described["hyperparameters"]["num_envs"])
-            callbacks = [report, checkpoints, Evaluation(folder, described, env_options)]
+            evaluation = Evaluation(folder, described, env_options)
+            callbacks = [checkpoints, evaluation, Report(budget, progress, evaluation)]
             with closing(curves(folder, model.num_timesteps)) as logger:
                 model.set_logger(logger)
                 try:
                     model.learn(budget - model.num_timesteps, callback=callbacks, reset_num_timesteps=kept is None)
                 except KeyboardInterrupt:
                     last = last_checkpoint(folder)
-                    raise KeyboardInterrupt(f"the last checkpoint is {last}" if last else "") from None
+                    said = f"the last checkpoint is {last}; the same command with --resume goes on"
+                    raise KeyboardInterrupt(said if last else "") from None
         write(path, model, described | {"trained_steps": model.num_timesteps})
     if folder is not None:
         remove_checkpoints(folder)
@@ -321,9 +341,7 @@ def _learner(described: dict[str, Any], env_options: dict[str, Any] | None, kept
     from agents.training.callbacks import replay_path
 
     settings, seed, memory = (described[key] for key in ("hyperparameters", "seed", "memory"))
-    num_envs, rate = settings["num_envs"], settings["learning_rate"]
-    env = batch(described, num_envs, env_options)
-    env.seed(training_seed(seed))
+    rate, env = settings["learning_rate"], batch(described, settings["num_envs"], env_options)
     network: dict[str, Any] = {name: settings[name] for name in _OF_NETWORK if name in settings}
     own = {name: value for name, value in settings.items() if name not in (*_OF_NETWORK, *_OF_TRAINING, *_GIVEN)}
     policy: Any = "MlpPolicy"
@@ -337,19 +355,14 @@ def _learner(described: dict[str, Any], env_options: dict[str, Any] | None, kept
         size = env.action_space.shape[0]
         own["action_noise"] = NormalActionNoise(np.zeros(size), np.full(size, settings["action_noise"]))
     kind = _algorithm(described["algorithm"], memory)
-    if "stats_window_size" in inspect.signature(kind).parameters:  # DDPG lacks it
-        own["stats_window_size"] = 2 * num_envs
     if kept is None:
-        model = kind(
-            policy,
-            env,
-            **own,
-            learning_rate=LinearSchedule(rate, settings.get("learning_rate_final", rate), 1.0),
-            policy_kwargs=network,
-            seed=seed,
-            device="cpu",
-        )
-        model.described = described  # which its checkpoints keep
+        own |= {"policy_kwargs": network, "seed": seed, "device": "cpu"}
+        own["learning_rate"] = LinearSchedule(rate, settings.get("learning_rate_final", rate), 1.0)
+        try:
+            model = kind(policy, env, **own)
+        except AssertionError as error:  # of settings that do not go together
+            raise ValueError(str(error)) from None
+        model.described, model.elapsed = described, 0  # which its checkpoints keep
     else:
         model = kind.load(kept, env, device="cpu")
         if (replay := replay_path(kept)).exists():

@@ -1,6 +1,7 @@
 """Callbacks of a training: progress, curves, evaluation, and checkpoints from which an interrupted one goes on."""
 
 import shutil
+import time
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
@@ -28,21 +29,27 @@ _CHECKPOINT = "checkpoint"
 
 
 class Report(BaseCallback):
-    """Progress by calls with (steps so far, steps in all, mean score of late episodes)."""
+    """Progress by calls with (steps so far, steps of all rollouts, score of the last evaluation or NaN)."""
 
-    def __init__(self, budget: int, progress: Callable[[int, int, float], None] | None) -> None:
+    model: Any
+
+    def __init__(self, budget: int, progress: Callable[[int, int, float], None] | None, evaluation: Any = None) -> None:
         super().__init__()
-        self._budget, self._progress = budget, progress
+        self._budget, self._progress, self._evaluation = budget, progress, evaluation
+
+    def _on_training_start(self) -> None:
+        model = self.model
+        rollout = model.n_envs * (model.train_freq.frequency if hasattr(model, "train_freq") else model.n_steps)
+        self._total = self.num_timesteps + -(-(self._budget - self.num_timesteps) // rollout) * rollout
 
     def _on_step(self) -> bool:
         return True
 
-    def _on_rollout_end(self) -> None:
+    def _on_rollout_start(self) -> None:
         if self._progress is not None:
-            late = [info["r"] for info in self.model.ep_info_buffer or ()]
-            perfect = self.training_env.get_attr("unwrapped", 0)[0].core.task.perfect
-            mean = float(np.mean(late)) / perfect if late else float("nan")
-            self._progress(self.num_timesteps, self._budget, mean)
+            self._progress(self.num_timesteps, self._total, getattr(self._evaluation, "score", np.nan))
+
+    _on_training_end = _on_rollout_start
 
 
 class Checkpoints(CheckpointCallback):
@@ -53,10 +60,17 @@ class Checkpoints(CheckpointCallback):
         steps: Steps of the batch in the training.
     """
 
+    model: Any
+
     def __init__(self, folder: Path, steps: int) -> None:
         super().__init__(max(steps // CHECKPOINTS, 1), str(folder), _CHECKPOINT, save_replay_buffer=True)
 
+    def _on_training_start(self) -> None:
+        self.model.start_time -= self.model.elapsed
+        self.model._num_timesteps_at_start = 0  # as many steps as took this time
+
     def _on_step(self) -> bool:
+        self.model.elapsed = time.time_ns() - self.model.start_time
         go_on = super()._on_step()
         remove_checkpoints(Path(self.save_path), 2)
         return go_on
@@ -100,13 +114,14 @@ class Evaluation(BaseCallback):
     def __init__(self, folder: Path, described: dict[str, Any], env_options: dict[str, Any] | None) -> None:
         super().__init__()
         self._folder, self._described, self._options = folder, described, env_options
-        self._best, self._done = -np.inf, 0
+        self._best, self._done, self.score = -np.inf, -1, np.nan
 
     def _on_training_start(self) -> None:
         best = self._folder / BEST
         if self.num_timesteps and best.exists():  # of the training that goes on
             self._best = self._score(best)
-        self._done = self.num_timesteps * EVALUATIONS // self._described["steps"]
+        if self.num_timesteps:
+            self._done = self.num_timesteps * EVALUATIONS // self._described["steps"]
 
     def _on_step(self) -> bool:
         return True
@@ -117,18 +132,18 @@ class Evaluation(BaseCallback):
 
     def _on_training_end(self) -> None:
         self._evaluate()
-        self.logger.record("time/total_timesteps", self.num_timesteps, exclude="tensorboard")
-        self.logger.dump(self.num_timesteps)
 
     def _evaluate(self) -> None:
-        """Score the latest policy on tuning seeds, and keep it if it is the best so far."""
+        """Score the latest policy on tuning seeds in a row of its own, and keep it if it is the best so far."""
         latest, described = self._folder / LATEST, self._described
         write(latest, self.model, described | {"trained_steps": self.num_timesteps})
-        score = self._score(latest)
-        self.logger.record("eval/score", score)
+        self.score = self._score(latest)
+        self.logger.record("eval/score", self.score)
+        self.logger.record("time/total_timesteps", self.num_timesteps, exclude="tensorboard")
+        self.logger.dump(self.num_timesteps)
         self._done = self.num_timesteps * EVALUATIONS // described["steps"]
-        if score > self._best:
-            self._best = score
+        if self.score > self._best:
+            self._best = self.score
             shutil.copyfile(latest, self._folder / BEST)
 
     def _score(self, path: Path) -> float:

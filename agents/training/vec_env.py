@@ -42,6 +42,7 @@ class StableBaselinesVecEnv(VecEnv):
         self._actions: np.ndarray
         self._start = time.time()
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self.metadata |= {"render_fps": env.metadata.get("render_fps", 30)}
         self._returns = np.zeros(env.num_envs)
         self._lengths = np.zeros(env.num_envs, int)
 
@@ -93,10 +94,8 @@ class StableBaselinesVecEnv(VecEnv):
                     "t": round(time.time() - self._start, 6),
                 },
             }
-            if "score" in info["final_info"]:
-                infos[i]["score"] = float(info["final_info"]["score"][i])
-            if "is_success" in info["final_info"]:
-                infos[i]["is_success"] = bool(info["final_info"]["is_success"][i])
+            final = info["final_info"]
+            infos[i] |= {key: final[key][i].item() for key in ("score", "is_success") if key in final}
             self._returns[i], self._lengths[i] = 0.0, 0
         return observations, self.reward_scale * rewards.astype(np.float32), dones, infos
 
@@ -105,20 +104,27 @@ class StableBaselinesVecEnv(VecEnv):
         self.env.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """The batch's attribute, once for each environment asked for."""
-        return [getattr(self.env, attr_name)] * len(self._rows(indices))
+        """Each environment's own row of an array that has one for each, its space; else what the batch shares."""
+        value = getattr(self.env, f"single_{attr_name}", None) or getattr(self.env, attr_name)
+        batched = isinstance(value, np.ndarray) and value.shape[:1] == (self.num_envs,)
+        return [value[i] if batched else value for i in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Not supported: the environments are one batch."""
-        raise NotImplementedError("the environments of a batch share their attributes")
+        raise NotImplementedError(
+            f"the environments of a batch share their attributes: set env.env.{attr_name}, for all of them"
+        )
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
         """Not supported: the environments are one batch."""
-        raise NotImplementedError("the environments of a batch have no methods of their own")
+        raise NotImplementedError(
+            f"the environments of a batch have no methods of their own: call env.env.{method_name}, for all of them"
+        )
 
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper], indices: Any = None) -> list[bool]:
         """True for a Monitor, whose work the adapter does itself, False for any other wrapper."""
-        return [issubclass(wrapper_class, Monitor)] * len(self._rows(indices))
+        return [issubclass(wrapper_class, Monitor) for _ in self._get_indices(indices)]
 
-    def _rows(self, indices: Any) -> list[int]:
-        return list(self._get_indices(indices))
+    def get_images(self) -> list[Any]:
+        """An image of each environment, where the render mode is ``"rgb_array"``."""
+        return list(self.env.render() or [None] * self.num_envs)

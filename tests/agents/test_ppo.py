@@ -241,16 +241,31 @@ def test_training_leaves_the_user_s_threads_and_random_numbers_of_flights_alone(
         torch.set_num_threads(threads)
 
 
-def test_a_memory_that_is_unknown_or_without_settings_is_answered_with_those_that_can_be_had(
-    monkeypatch: pytest.MonkeyPatch,
-):
+def test_an_unknown_memory_is_answered_with_those_that_there_are():
     with pytest.raises(ValueError, match="unknown memory 'elephant': choose from none, frames, lstm"):
         hyperparameters(ENV, "elephant")
     assert "frames" not in hyperparameters(ENV)
-    tables = {ENV: {"steps": 1, "lstm": {}}, "Other-v0": {"steps": 1}}
-    monkeypatch.setattr("agents.training.algorithms.tomllib.loads", lambda text: tables)
-    with pytest.raises(ValueError, match=rf"no settings with memory 'lstm' for 'Other-v0' .*: choose from {ENV}"):
-        hyperparameters("Other-v0", "lstm")
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "name", "value", "wanted"),
+    [
+        ("ppo", "target_kl", 0.02, None), ("ppo", "clip_range_vf", 0.2, None), ("ppo", "gamma", 1, None),
+        ("sac", "ent_coef", "auto_0.1", None), ("sac", "ent_coef", 0.1, None), ("sac", "target_entropy", -2.0, None),
+        ("sac", "learning_starts", 0, None), ("sac", "gradient_steps", -1, None), ("sac", "action_noise", 0.1, None),
+        ("ppo", "gamma", 1.5, "between 0 and 1"), ("ppo", "gae_lambda", 7, "between 0 and 1"),
+        ("ppo", "clip_range", 0, "a number above 0"), ("ppo", "clip_range_vf", -0.2, "a number above 0"),
+        ("trpo", "target_kl", "low", "a number above 0"), ("sac", "tau", 2.0, "between 0 and 1"),
+        ("sac", "ent_coef", -0.1, "'auto' or a number"), ("sac", "target_entropy", "much", "'auto' or a number"),
+        ("tqc", "top_quantiles_to_drop_per_net", -1, "a whole number of at least 0"),
+    ],
+)  # fmt: skip
+def test_a_setting_is_what_the_algorithm_takes(algorithm: str, name: str, value: Any, wanted: str | None):
+    if wanted is None:
+        assert hyperparameters(ENV, "none", {name: value}, algorithm)[name] == value
+    else:
+        with pytest.raises(ValueError, match=rf"^the setting {name} must be {wanted}, got {value!r}$"):
+            hyperparameters(ENV, "none", {name: value}, algorithm)
 
 
 def test_a_checkpoint_has_a_suffix_and_its_own_name_and_leaves_nothing_else_behind(tmp_path: Path):
@@ -275,10 +290,10 @@ def test_a_training_that_breaks_off_leaves_the_old_checkpoint_as_it_was(tmp_path
     assert [entry.name for entry in tmp_path.iterdir()] == ["agent.zip"]
 
 
-def test_progress_is_reported_after_each_rollout(tmp_path: Path):
+def test_progress_is_reported_after_each_rollout_up_to_the_end_of_the_last_one(tmp_path: Path):
     reported: list[tuple[int, int, float]] = []
-    train(ENV, tmp_path / "agent.zip", steps=STEPS, progress=lambda *args: reported.append(args))
-    assert [(done, whole) for done, whole, _ in reported] == [(128, STEPS), (256, STEPS), (384, STEPS)]
+    train(ENV, tmp_path / "agent.zip", steps=STEPS - 9, progress=lambda *args: reported.append(args))
+    assert [(done, whole) for done, whole, _ in reported] == [(0, 384), (128, 384), (256, 384), (384, 384)]
 
 
 def test_a_budget_below_one_batch_is_refused(tmp_path: Path):

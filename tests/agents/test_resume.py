@@ -2,6 +2,7 @@
 
 import csv
 import signal
+import time
 import zipfile
 from importlib.util import find_spec
 from pathlib import Path
@@ -47,11 +48,13 @@ def test_an_interrupted_training_goes_on_from_its_last_checkpoint_to_the_asked_n
 ):
     path, folder = tmp_path / "agent.zip", tmp_path / "agent"
     interrupt(monkeypatch, 0.62)
-    with pytest.raises(KeyboardInterrupt, match=r"^the last checkpoint is .*checkpoint_768_steps.zip$"):
+    with pytest.raises(
+        KeyboardInterrupt, match=r"^the last checkpoint is .*checkpoint_768_steps.zip; the same command"
+    ):
         learned(path, algorithm, memory, folder=folder)
     assert not path.exists()
     assert len(list(folder.glob("checkpoint_*_steps.zip"))) == 2
-    with pytest.raises(ValueError, match="keeps an interrupted training: go on with resume, or remove that file"):
+    with pytest.raises(ValueError, match=r"keeps an interrupted training: go on with resume, or remove .*agent$"):
         learned(path, algorithm, memory, folder=folder)
     with pytest.raises(ValueError, match=r"is of another training: it differs in env_options$"):
         learned(path, algorithm, memory, {"sensors": "clean"}, folder=folder, resume=True)
@@ -76,6 +79,34 @@ def test_an_interrupted_training_goes_on_from_its_last_checkpoint_to_the_asked_n
     with zipfile.ZipFile(path) as ours, zipfile.ZipFile(folder / LATEST) as latest:
         name = next(name for name in ours.namelist() if name.startswith("weights/"))
         assert ours.read(name) == latest.read(name)
+
+
+def test_evaluations_are_logged_with_the_steps_of_their_policy_and_time_goes_on_after_a_pause(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """A second passes with each look at the clock; a policy scores as many points as it has steps."""
+    path, folder, clock = tmp_path / "agent.zip", tmp_path / "agent", [0]
+    monkeypatch.setattr(time, "time_ns", lambda: clock.append(clock[-1] + 10**9) or clock[-1])
+    monkeypatch.setattr(callbacks.Evaluation, "_score", lambda self, path: float(description(path)["trained_steps"]))
+    interrupt(monkeypatch, 0.62)
+    with pytest.raises(KeyboardInterrupt):
+        learned(path, folder=folder)
+    clock.append(clock[-1] + 10**15)
+    learned(path, folder=folder, resume=True)
+    with (folder / CURVES).open() as file:
+        rows = list(csv.DictReader(file))
+    scores = {int(row["time/total_timesteps"]): float(row["eval/score"]) for row in rows if row["eval/score"]}
+    assert list(scores) == list(scores.values()) == [128 * tenth for tenth in range(11)]
+    elapsed = [int(row["time/time_elapsed"]) for row in rows if row["time/time_elapsed"]]
+    assert elapsed == sorted(elapsed)
+    assert 100 < elapsed[-1] < 1000
+    with pytest.raises(ValueError, match=r"agent keeps an earlier training: remove it, or train into another place$"):
+        learned(path, folder=folder)
+
+
+def test_settings_that_do_not_go_together_are_refused_in_the_words_of_the_algorithm(tmp_path: Path):
+    with pytest.raises(ValueError, match="`batch_size` must be greater than 1"):
+        train("SigmaCorvette-v0", tmp_path / "agent.zip", settings=TINY["ppo"] | {"batch_size": 1})
 
 
 def test_without_a_checkpoint_or_with_a_damaged_one_nothing_is_resumed(tmp_path: Path):

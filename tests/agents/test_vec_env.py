@@ -12,7 +12,7 @@ from gymnasium.vector.utils import batch_space
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import EvalCallback
 from stable_baselines3.common.evaluation import evaluate_policy
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env import VecEnv, VecVideoRecorder
 
 import vessel_gym  # noqa: F401  (registers the environments)
 from agents.training.vec_env import StableBaselinesVecEnv
@@ -242,15 +242,35 @@ def test_what_a_batch_cannot_do_is_refused_and_what_it_can_is_answered_for_each_
     assert env.get_attr("max_episode_steps") == [LIMIT] * ROWS
     assert env.get_attr("max_episode_steps", [0, 2]) == [LIMIT] * 2
     assert env.get_attr("render_mode", 1) == [None]
+    assert env.get_attr("observation_space", [1]) == [env.observation_space]
+    env.reset()
+    truth = env.env.truth  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(env.get_attr("truth", [2, 0]), truth[[2, 0]])
+    np.testing.assert_array_equal(env.get_attr("truth"), truth)
+    with pytest.warns(UserWarning, match="without a render_mode"):
+        assert env.get_images() == [None] * ROWS
     assert env.env_is_wrapped(gym.wrappers.TimeLimit) == [False] * ROWS
-    with pytest.raises(NotImplementedError, match="share"):
+    with pytest.raises(NotImplementedError, match=r"share their attributes: set env.env.max_ep"):
         env.set_attr("max_episode_steps", 3)
-    with pytest.raises(NotImplementedError, match="no methods"):
+    with pytest.raises(NotImplementedError, match=r"no methods of their own: call env.env.reset, for all"):
         env.env_method("reset")
     with pytest.raises(AttributeError, match="no_such_attribute"):
         env.get_attr("no_such_attribute")
     assert env.has_attr("max_episode_steps")
     assert not env.has_attr("no_such_attribute")
+
+
+def test_stable_baselines3_records_a_video_of_it(tmp_path: Path):
+    env = adapter(2, render_mode="rgb_array")
+    recorder = VecVideoRecorder(env, str(tmp_path), lambda step: step == 0, video_length=3)
+    assert recorder.frames_per_sec == env.env.metadata["render_fps"]
+    recorder.reset()
+    height, width, _ = env.get_images()[0].shape
+    assert recorder.render().shape in ((2 * height, width, 3), (height, 2 * width, 3))
+    for _ in range(4):
+        recorder.step(np.zeros((2, 1)))
+    recorder.close()
+    assert [path.suffix for path in tmp_path.iterdir()] == [".mp4"]
 
 
 def small_ppo(env: VecEnv) -> PPO:

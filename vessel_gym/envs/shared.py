@@ -81,7 +81,8 @@ def check_arguments(env: Any, options: Mapping[str, Any], render_mode: str | Non
             own = [each for base in type(env).__mro__ if "__init__" in vars(base)
                    for each in signature(vars(base)["__init__"]).parameters.values()]  # fmt: skip
             named = dict.fromkeys(each.name for each in own if each.kind is each.POSITIONAL_OR_KEYWORD)
-            raise TypeError(unknown(f"argument of {env.system.name}", option, [*list(named)[1:], *known]))
+            python = f"{type(env).__name__}.__init__() got an unexpected"  # whose words other libraries look for
+            raise TypeError(unknown("keyword argument", option, [*list(named)[1:], *known], python))
     if render_mode is not None:
         one_of("render_mode", render_mode, env.metadata["render_modes"])
 

@@ -171,7 +171,10 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tu
         ("evaluate --agent random --estimator kf nosuch", "unknown estimator 'nosuch'"),
         ("evaluate --agent nobody --episodes 2", "unknown agent 'nobody'"),
         ("train CartPole-v1", "'CartPole-v1' is no environment of vessel_gym"),
-        ("train --out folder.gif", "cannot write folder.gif: it is a folder"),
+        (
+            "train --algorithm recurentppo",
+            "(did you mean 'recurrentppo'?): choose from ppo, a2c, crossq, ddpg, sac, td3, ",
+        ),
         ("train --out /dev/null/ppo.zip", "cannot write /dev/null/ppo.zip"),
         ("train --steps 5", "steps must be at least"),
         ("watch CartPole-v1 --agent random --out turn.html", "'CartPole-v1' has no estimator in the loop"),

@@ -67,7 +67,7 @@ def test_trainings_and_flights_say_it_too(clock, capsys):
     with console.progress_bar("flying", 2) as advance:
         advance()
         advance()
-    assert printed(capsys) == ["training: 50/100, score 0.250", "flying: 1/2", "flying: 2/2"]
+    assert printed(capsys) == ["training: 50/100, evaluation 0.250", "flying: 1/2", "flying: 2/2"]
 
 
 def test_even_work_says_how_long_it_still_takes_and_resumed_work_counts_from_where_it_goes_on(clock, capsys):

@@ -10,6 +10,7 @@ from agents import rollout
 from agents.commands import evaluate, train
 from agents.commands.console import command
 from agents.policies.checkpoint import description, packaged
+from agents.refusal import Refusal
 from agents.seeds import tuning_seeds
 
 
@@ -20,6 +21,8 @@ def test_a_trained_agent_can_be_evaluated_on_several_estimators(
 ):
     checkpoint = tmp_path / "ppo.zip"
     train.main("SigmaCorvette-v0", out=checkpoint, memory=memory, steps=128)
+    with pytest.raises(Refusal, match=r"ppo.zip is there already: remove it and its folder, or give another --out$"):
+        train.main("SigmaCorvette-v0", out=checkpoint.with_suffix(""))
     assert f"checkpoint: {checkpoint}" in capsys.readouterr().out
     assert description(checkpoint)["memory"] == memory
     evaluate.main("SigmaCorvette-v0", agent=str(checkpoint), estimator=("truth", "kf"), episodes=2)
