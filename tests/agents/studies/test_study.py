@@ -157,7 +157,7 @@ half = { kind = "ppo", settings = { n_steps = 0.5 } }
         8: "did you mean 'gamma'",
         9: "the setting net_arch must be such as [64, 64], got 3",
         10: "the setting net_arch must be such as [64, 64], got []",
-        11: "the setting gamma must be such as 1.0, got inf",
+        11: "the setting gamma must be between 0 and 1, got inf",
         12: "the setting n_steps must be such as 64, got 0.5",
     }
     found = mistakes(tmp_path, text)
