@@ -26,6 +26,7 @@ from studies.tables.faults import SEEDS, faults, faults_found, gap, inputs, late
 from studies.tables.filters import huber_iterations, published_scores, robust_losses, unstable_zeros
 from studies.tables.grades import sensor_grades
 from studies.tables.markdown import ROOT, WITHOUT, number, percent, put, rows_of, shown, table
+from studies.tables.overturn import overturn
 from studies.tables.suites import by_suite, differences, environments, flown, found, headline, truth_first
 from vessel_gym.envs.ship import SIGMA_CORVETTE
 from vessel_gym.vehicles.corvette import MOTION_UNIT
@@ -145,10 +146,10 @@ def turns(sea: str) -> str:
     ours, rows = arms[1].scores("SigmaCorvette-v0", disturbance=sea)["score"], []
     for arm in arms:
         of, off = (arm.scores("SigmaCorvette-v0", disturbance=sea, mismatch=mismatch) for mismatch in (0.0, 0.1))
-        seen = ((name, digits) for name, digits in (
+        seen = (
             ("track_error", 1), ("position_rmse", 2), ("heading_rmse", 2), ("yaw_rate_rmse", 2), ("input_rmse", 2),
             ("nees", 2),
-        ))  # fmt: skip
+        )  # fmt: skip
         less = WITHOUT if arm is arms[1] else shown(ours - of["score"])
         rows.append((
             arm.label, shown(of["score"]), shown(off["score"]), less,
@@ -157,13 +158,13 @@ def turns(sea: str) -> str:
     return table(heads, rows)
 
 
-def worth(plain: str, env_id: str) -> str:
+def worth(env_id: str) -> str:
     """Rows of a journey's table for the environment's own page."""
     same = ("`ekf`", "`measurement`", "`dead-reckoning`")
     name, *labels = SHORT[env_id]
     found = (journey(env_id, label) for label in (*labels, *same))
     row = (name, *(f"{shown(of.scores['score'])} ({of.arrived})" for of in found))
-    return table((f"Score (arrived of {EPISODES})", "`truth`", "default", plain, *same), [row])
+    return table((f"Score (arrived of {EPISODES})", "`truth`", "default", "independent draws", *same), [row])
 
 
 def paired_flights() -> str:
@@ -322,9 +323,9 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     "puna, paired": (ROOT / "docs/flight.md", paired_flights),
     "moderate": (ROOT / "docs/seaway.md", lambda: turns("moderate")),
     "rough": (ROOT / "docs/seaway.md", lambda: turns("rough")),
-    "segorogeni, short": (ENVIRONMENTS / "segorogeni-auv.md", lambda: worth("independent draws", "SegorogeniAUV-v0")),
-    "itsunusa, short": (ENVIRONMENTS / "itsunusa-auv.md", lambda: worth("independent draws", "ItsunusaAUV-v0")),
-    "puna, short": (ENVIRONMENTS / "puna-uav.md", lambda: worth("independent draws", "PunaUAV-v0")),
+    "segorogeni, short": (ENVIRONMENTS / "segorogeni-auv.md", lambda: worth("SegorogeniAUV-v0")),
+    "itsunusa, short": (ENVIRONMENTS / "itsunusa-auv.md", lambda: worth("ItsunusaAUV-v0")),
+    "puna, short": (ENVIRONMENTS / "puna-uav.md", lambda: worth("PunaUAV-v0")),
     "channel": (ENVIRONMENTS / "sigma-channel.md", channel),
     "sensors": (ESTIMATORS / "unknown-input.md", sensor_sets),
     "zeros": (ESTIMATORS / "unknown-input.md", unstable_zeros),
@@ -359,6 +360,7 @@ TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
     "grades": (ROOT / "docs/sensor-suites.md", sensor_grades),
     "advice": (ROOT / "docs/findings.md", lambda: advice(ROOT / "results/quick")),
     "exceptions": (ROOT / "docs/findings.md", lambda: exceptions(ROOT / "results/quick")),
+    "overturn": (ROOT / "docs/overturn.md", overturn),
     "headline, found": (ROOT / "README.md", lambda: headline(ABLATION, CORVETTE, "moderate")),
     "suites, found": (ROOT / "docs/findings.md", lambda: found(SUITES)),
     "truth, found": (ROOT / "docs/suites.md", lambda: truth_first(ABLATION)),

@@ -1,4 +1,4 @@
-"""Arms of the comparisons in the documentation's tables: an estimator in a world, flown by the autopilot."""
+"""Arms of the comparisons in the documentation's tables: an estimator in a world, flown by a controller."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,18 +14,18 @@ EPISODES = 100
 
 @dataclass(frozen=True)
 class Arm:
-    """An estimator and the world in which the autopilot flies it; an estimator of None is the environment's own."""
+    """An estimator and the world in which it is flown; an estimator of None is the environment's own."""
 
     label: str
     estimator: str | None
     options: dict[str, Any] = field(default_factory=dict)
     world: dict[str, Any] = field(default_factory=dict)
 
-    def fly(self, env_id: str, episodes: int = EPISODES, **world: Any) -> Any:
+    def fly(self, env_id: str, episodes: int = EPISODES, agent: str = "autopilot", **world: Any) -> Any:
         """Rollout of the evaluation seeds; ``world`` holds further options of the environment."""
         chosen = {} if self.estimator is None else {"estimator": self.estimator}
         settings = chosen | {"estimator_options": self.options} | self.world | world
-        return rollout("autopilot", env_id, evaluation_seeds(episodes), settings)
+        return rollout(agent, env_id, evaluation_seeds(episodes), settings)
 
     def scores(self, env_id: str, episodes: int = EPISODES, **world: Any) -> dict[str, np.ndarray]:
         """Metrics of that rollout by name, one number an episode ``(episodes,)``."""

@@ -1,10 +1,5 @@
 """Table of docs/environments/sigma-channel.md: what estimates are worth in bow and quartering seas."""
 
-from functools import cache
-from typing import Any
-
-import numpy as np
-
 from studies.tables.arms import Arm
 from studies.tables.markdown import shown, table
 
@@ -24,16 +19,12 @@ def arms(sea: str) -> tuple[Arm, ...]:
     )
 
 
-@cache
-def _flown(sea: str) -> dict[str, dict[str, np.ndarray]]:
-    """Metrics by arm."""
-    return {arm.label: arm.scores(ENVIRONMENT, disturbance=sea) for arm in arms(sea)}
-
-
 def channel() -> str:
     """Scores and steering travel in every sea."""
-    rows: list[tuple[Any, ...]] = []
-    for key, words, decimals in (("score", "score", 3), ("steering_travel", "rudder travel [deg/min]", 0)):
-        for sea in SEAS:
-            rows.append((f"{sea}, {words}", *(shown(of[key], decimals) for of in _flown(sea).values())))
+    flown = {sea: [arm.scores(ENVIRONMENT, disturbance=sea) for arm in arms(sea)] for sea in SEAS}
+    rows = [
+        (f"{sea}, {words}", *(shown(of[key], decimals) for of in flown[sea]))
+        for key, words, decimals in (("score", "score", 3), ("steering_travel", "rudder travel [deg/min]", 0))
+        for sea in SEAS
+    ]
     return table(("", *(arm.label for arm in arms(SEAS[0]))), rows)

@@ -5,12 +5,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents import rollout
 from agents.plotting import PALETTE, styled
-from agents.seeds import evaluation_seeds
 from agents.statistics import crossed_interval
 from agents.studies.worlds import system_of
-from studies.tables.arms import EPISODES, Arm
+from studies.tables.arms import Arm
 from studies.tables.markdown import ROOT, shown, table
 from vessel_gym.sensors import Sensor
 
@@ -34,15 +32,9 @@ PICTURE = ROOT / "docs/images/compass-memory.png"
 def sensors(time: float) -> list[Sensor]:
     """Sensors of the suite `budget` with another correlation time [s] of the compass, which filters know."""
     return [
-        each if each.name != COMPASS or each.bias is None else replace(each, bias=replace(each.bias, time=time))
+        each if each.name != COMPASS else replace(each, bias=replace(each.bias, time=time))
         for each in system_of(ENVIRONMENT).sensors_of("budget").each
     ]
-
-
-def score(arm: Arm, time: float, episodes: int = EPISODES) -> np.ndarray:
-    """Scores of the autopilot on the evaluation seeds ``(episodes,)``."""
-    settings = {"estimator": arm.estimator, "estimator_options": arm.options, "sensors": sensors(time)}
-    return rollout("autopilot", ENVIRONMENT, evaluation_seeds(episodes), settings, record=False).score
 
 
 def draw(figure: "Figure", less: dict[str, list[np.ndarray]]) -> None:
@@ -66,7 +58,7 @@ def compass() -> str:
     from matplotlib.figure import Figure
 
     ours, *others = ARMS
-    scores = {time: {arm.label: score(arm, time) for arm in ARMS} for time in TIMES}
+    scores = {time: {arm.label: arm.fly(ENVIRONMENT, sensors=sensors(time)).score for arm in ARMS} for time in TIMES}
     less = {arm.label: [of[arm.label] - of[ours.label] for of in scores.values()] for arm in others}
     with styled():
         figure = Figure(figsize=(7.0, 3.4), layout="constrained")

@@ -37,17 +37,13 @@ def _ratio(errors: np.ndarray, reference: np.ndarray) -> tuple[float, float]:
     return ratio, 1.96 * float(influence.std(ddof=1)) / np.sqrt(len(errors))
 
 
-def _record(model: Any, world: Any, seed: int, **condition: float) -> Any:
-    return simulate(model, world, Condition(**condition), STEPS, RUNS, seed)
-
-
 def huber_iterations() -> str:
     """RMSE of `huber-kf` over that of `kf`, by the number of times that the weights are computed."""
     counts, rows = (1, 2, 3, 5, 10, 100), []
     for intensity in (0.01, 0.1, 1.0):
         model = _constant_velocity(intensity)
         for label, condition in OUTLIERS.items():
-            record = _record(model, model, 0, **condition)
+            record = simulate(model, model, Condition(**condition), STEPS, RUNS, 0)
             reference = _squared_errors("kf", model, record)
             ratios = [_ratio(_squared_errors("huber-kf", model, record, iterations=n), reference) for n in counts]
             widest = max(half for _, half in ratios)
@@ -66,14 +62,10 @@ def robust_losses() -> str:
         "true Q ten times as large": (_constant_velocity(0.01, process=10.0), {}),
         "true R four times as large": (_constant_velocity(0.01, measurement=4.0), {}),
     }
-    filters: tuple[tuple[str, dict[str, float]], ...] = (
-        ("huber-kf", {}),
-        ("robust-kf", {"radius": 0.01}),
-        ("robust-kf", {"radius": 0.1}),
-    )
+    filters: Any = ("huber-kf", {}), ("robust-kf", {"radius": 0.01}), ("robust-kf", {"radius": 0.1})
     rows = []
     for label, (world, condition) in cases.items():
-        record = _record(model, world, 1, **condition)
+        record = simulate(model, world, Condition(**condition), STEPS, RUNS, 1)
         reference = _squared_errors("kf", model, record)
         ratios = (_ratio(_squared_errors(name, model, record, **options), reference) for name, options in filters)
         rows.append((label, f"{np.sqrt(reference.mean()):.2f}", *(f"{r:.3f} ± {half:.3f}" for r, half in ratios)))

@@ -1,14 +1,15 @@
 """Tables of docs/, written anew."""
 
-from functools import partialmethod
+from functools import cache, partialmethod
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from agents import rollout
 from agents.commands.console import Refusal
 from studies.tables import __main__ as tables
-from studies.tables import compass, suites
+from studies.tables import compass, overturn, suites
 from studies.tables import faults as fault_tables
 from studies.tables import filters as filter_tables
 from studies.tables.markdown import around, put
@@ -55,6 +56,42 @@ def test_another_memory_of_the_compass_leaves_all_else_of_the_sensors():
         changed = {"time": 3000.0} if one.name == compass.COMPASS else {}
         assert vars(other.bias) == vars(one.bias) | changed
         assert vars(other) | {"bias": None} == vars(one) | {"bias": None}
+
+
+def test_a_claim_s_flips_and_doubts_are_named(monkeypatch: pytest.MonkeyPatch):
+    means = {"kf-umv-ui": 0.55, "ekf assuming waves": 0.6, "ekf": 0.5, "huber-kf": 0.52, "enkf-sr": 0.5003}
+    others = {"calm sea": {"ekf assuming waves": 0.5}, "controller `pid`": {"huber-kf": 0.5, "kf-umv-ui": 0.51}}
+    noise = np.random.default_rng(0).normal(0.0, 0.001, (6, 1, 100))
+
+    def flown(condition: str, **changes):
+        of = means | {"measurement": 0.3} | others.get(condition, {})
+        return suites.Column("", condition, {name: of[name] + e for name, e in zip(of, noise, strict=True)}, 1)
+
+    monkeypatch.setattr(overturn, "flown", flown)
+    text, _, rows = overturn.overturn().partition("\n\n")
+    text = " ".join(text.split())
+    assert text.startswith("`ekf assuming waves` has the highest mean, but in 1 (calm sea: `kf-umv-ui`). Means of")
+    told = "the sign of {} holds beyond chance in {}, flips in {} and is not decided in {}."
+    assert told.format("best − `measurement`", 23, "none", "none") in text
+    assert told.format("`ekf assuming waves` − `kf-umv-ui`", 22, "1 (calm sea)", "none") in text
+    assert text.endswith(told.format("`huber-kf` − `ekf`", 22, "none", "1 (controller `pid`)"))
+    first, calm = (row.strip("| ").split(" | ") for row in rows.splitlines()[2:4])
+    assert [cell.split(" ± ")[0] for cell in first[1:]] == ["`ekf assuming waves`", "0.300", "0.050", "0.050", "0.020"]
+    assert calm[:2] == ["calm sea", "`kf-umv-ui`"]
+
+
+def test_a_constant_of_the_score_is_changed_alone(monkeypatch: pytest.MonkeyPatch):
+    """The same flights, scored otherwise."""
+    on_truth = cache(lambda env_id: rollout("autopilot", env_id, [0, 1], {"estimator": "truth"}, record=False))
+    monkeypatch.setattr(overturn.Arm, "fly", lambda arm, env_id: on_truth(env_id))
+    usual = on_truth("SigmaCorvette-v0").score
+    np.testing.assert_array_equal(overturn.flown("as it is").scores["ekf"][0], usual)
+    yaw, course, dear = (
+        overturn.flown("", **{name: value}).scores["ekf"][0]
+        for name, value in (("COURSE_SHARE", 0.0), ("COURSE_SHARE", 1.0), ("RUDDER_PRICE", 2.0))
+    )
+    np.testing.assert_allclose(0.4 * yaw + 0.6 * course, usual, rtol=1e-12)
+    assert (dear < usual).all()
 
 
 def test_a_text_goes_between_its_own_marks(tmp_path: Path):

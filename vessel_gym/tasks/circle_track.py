@@ -165,6 +165,7 @@ class CircleTrack(Track, TurningCircle, verified=True):
 
     DISTANCE_TOLERANCE = 10.0  # m from the track, that halves the reward
     COURSE_TOLERANCE = 0.05  # rad between the track and the course over ground, that halves its share
+    COURSE_SHARE = 0.6  # of the factor of course and yaw rate
     FAR = 3.0  # ship lengths from the track, at which the turn is lost
     ENOUGH = 0.85  # of the nominal progress that counts as all
 
@@ -192,7 +193,8 @@ class CircleTrack(Track, TurningCircle, verified=True):
         speed = self.ship.speed + bent / scenario[..., CURVATURE] * (scenario[..., SPEED] - self.ship.speed)
         fresh = np.maximum(along - farthest, 0.0)
         progress = np.minimum(fresh / (self.ENOUGH * (self.dt * speed)), 1.0)
-        value = 0.6 / (1.0 + (aside / self.COURSE_TOLERANCE) ** 2) + 0.4 / (1.0 + (turning / self.RATE_TOLERANCE) ** 2)
+        value = self.COURSE_SHARE / (1.0 + (aside / self.COURSE_TOLERANCE) ** 2)
+        value = value + (1.0 - self.COURSE_SHARE) / (1.0 + (turning / self.RATE_TOLERANCE) ** 2)
         smooth, steered = self.smooth(actuators, score_state[..., 6:])
         reward = value / (1.0 + (off / self.DISTANCE_TOLERANCE) ** 2) * smooth * progress
         place = np.stack([along, np.maximum(farthest, along)], -1)

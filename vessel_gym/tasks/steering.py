@@ -63,8 +63,9 @@ class Steering(Task):
             before: The rudder after the step before and its rate then, as a share of the full one ``(..., 2)``.
         """
         rate = (actuators - before[..., :1]) / (self.ship.rudder_rate * self.dt)
-        return smoothness(rate, before[..., 1:]), np.concatenate([actuators, rate], -1)
+        return smoothness(rate, before[..., 1:], self.RUDDER_PRICE), np.concatenate([actuators, rate], -1)
 
+    RUDDER_PRICE = 1.0  # of effort, in `smooth`
     SWAY_SCALE = 2.0  # m/s
     HEADING_SCALE = 0.1  # rad, errors and uncertainty
     INPUT_SCALE = 0.01  # rad
