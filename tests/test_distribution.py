@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("agents", "estimators", "vessel_gym")
-STUDIES = {f"studies/{path.name}" for path in ROOT.glob("studies/*.toml")}
+STUDIES = {f"studies/{path.name}" for path in ROOT.glob("studies/*.toml")} | {"studies/fixed_gain.py"}
 FILES = ("CHANGELOG.md", "CITATION.cff", "LICENSE", "MANIFEST.in", "README.md", "pyproject.toml")
 BUILD = "from setuptools import build_meta; build_meta.build_sdist('dist'); build_meta.build_wheel('dist')"
 
