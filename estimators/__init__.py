@@ -44,7 +44,7 @@ from estimators.unknown_input import (
     UnknownInputFilter,
 )
 from estimators.unscented import SigmaPoints, UnscentedKalmanFilter, UnscentedUMVFilter
-from estimators.varying import Schedule
+from estimators.varying import Schedule, StateNoise
 
 __all__ = [
     "ULISE",
@@ -89,6 +89,7 @@ __all__ = [
     "Schedule",
     "Series",
     "SigmaPoints",
+    "StateNoise",
     "UMVFilter",
     "UnknownInputFilter",
     "UnscentedKalmanFilter",

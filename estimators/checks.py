@@ -1,6 +1,8 @@
 """Checks of users' arguments: arrays and numbers, or an error that names the argument in one sentence."""
 
 from collections.abc import Callable
+from contextlib import suppress
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -60,13 +62,30 @@ def call(name: str, function: Callable[..., Any], *arrays: np.ndarray | None) ->
 
     Raises:
         ValueError: naming the function, if it writes into one of them.
+        TypeError: naming the function, if it does not compute with arrays.
     """
     try:
         return function(*map(read_only, arrays))
+    except TypeError as error:
+        hint = "it gets arrays, as np.sin takes them, and None for a u that is not given"
+        raise TypeError(f"{name} fails: {error}; {hint}") from error
     except ValueError as error:
         if "read-only" not in str(error):
             raise
         raise Written(f"{name} writes into an array that it is given: work on a copy, as of np.array(x)") from error
+
+
+def check_takes(name: str, function: Callable[..., Any], *arguments: str) -> None:
+    """Check the arguments of a model's function.
+
+    Raises:
+        TypeError: if it takes others.
+    """
+    with suppress(ValueError):  # what is built in does not say
+        try:
+            signature(function).bind(*arguments)
+        except TypeError as error:
+            raise TypeError(f"{name} must be a function of ({', '.join(arguments)}): {error}") from None
 
 
 class Written(ValueError):
@@ -74,14 +93,23 @@ class Written(ValueError):
 
 
 def numbers(value: object) -> np.ndarray | None:
-    """An array of real numbers as floats, or None."""
+    """An array of real numbers as floats, NaN where one is masked, pandas' NA or None; or None."""
     try:
-        if isinstance(value, np.ma.MaskedArray):  # whose masked entries are no numbers
-            value = np.ma.filled(value.astype(float), np.nan)
-        array = np.asarray(value)
+        array = np.asarray(_unmasked(value))
+        if array.dtype == object and array.ndim:  # such as a data frame's
+            array = np.asarray(_unmasked(array.tolist()))
         return array.astype(float, copy=False) if array.dtype.kind in "fiub" else None
     except (TypeError, ValueError):  # rows of unequal length, objects that are no sequences
         return None
+
+
+def _unmasked(value: Any) -> Any:
+    """A value, or those of a list, with NaN for missing numbers."""
+    if isinstance(value, np.ma.MaskedArray):
+        return np.ma.filled(value.astype(float), np.nan)
+    if isinstance(value, list | tuple):
+        return [np.nan if each is None or type(each).__name__ == "NAType" else _unmasked(each) for each in value]
+    return value
 
 
 def finite_array(name: str, value: object, *shape: int | str) -> np.ndarray:
@@ -118,12 +146,15 @@ def shaped_array(name: str, value: object, *shape: int | str) -> np.ndarray:
 
 
 def as_mask(name: str, value: object) -> np.ndarray:
-    """``value`` as an array of truth values; numbers count as true where they are not 0.
+    """``value`` as an array of truth values; numbers count as true where they are not 0, missing ones as false.
 
     Raises:
         ValueError: if it is no array of either.
     """
-    return value if type(value) is np.ndarray and value.dtype == bool else as_array(name, value) != 0.0
+    if type(value) is np.ndarray and value.dtype == bool:
+        return value
+    array = as_array(name, value)
+    return (array != 0.0) & ~np.isnan(array)
 
 
 def number(name: str, value: object, low: float = -np.inf, high: float = np.inf, what: str = "a number") -> float:

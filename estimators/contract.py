@@ -175,6 +175,8 @@ class Estimator(ABC, Generic[Record]):
     def log_likelihood(self, predicted: Record, updated: Record) -> np.ndarray:
         """The log density ``(...)`` of a measurement, given those before it; 0 where none came.
 
+        Channels that follow from those before them without noise add nothing, or minus infinity if they contradict.
+
         Args:
             predicted: The belief that the measurement met.
             updated: What `update` made of it.
@@ -190,7 +192,7 @@ class Estimator(ABC, Generic[Record]):
                 f"{self.name} gives no covariance of its innovations, so that measurements have no likelihood: return "
                 "it from _update (Belief.updated does), or compare predictions with measurements"
             )
-        return log_density(e, S, available)
+        return log_density(e, S, available, np.abs(predicted.mean).max(-1))
 
     # --- the same of arguments that need no check ---------------------------------------------------
 

@@ -24,6 +24,8 @@ def values_at(
         raise ValueError(
             f"{name} must broadcast over leading axes, but x of shape {points.shape} ends in: {error}"
         ) from error
+    if isinstance(returned, list | tuple):
+        raise ValueError(f"{name} must return an array, not a list: np.stack([...], axis=-1) of its components")
     values = as_array(f"what {name} returns", returned)
     if values.shape != expected:
         raise ValueError(

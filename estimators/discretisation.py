@@ -8,12 +8,18 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm
 
+from estimators.checks import AT_LEAST_0, as_array, number
 from estimators.linalg import congruence
 from estimators.models import LinearModel
 
 
 def zero_order_hold(A: np.ndarray, B: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Exact discretisation of ``x' = A x + B u`` with ``u`` held over ``dt`` (batches allowed)."""
+    """Exact discretisation of ``x' = A x + B u`` with ``u`` held over ``dt`` (batches allowed).
+
+    Raises:
+        ValueError: if ``dt`` is negative, or A or B is no array.
+    """
+    (A, B), dt = map(as_array, "AB", (A, B)), number("dt", dt, AT_LEAST_0, what="at least 0")
     n, m = A.shape[-1], B.shape[-1]
     block = np.zeros(np.broadcast_shapes(A.shape[:-2], B.shape[:-2]) + (n + m, n + m))
     block[..., :n, :n] = A
@@ -26,10 +32,14 @@ def van_loan(A: np.ndarray, G: np.ndarray, Q: np.ndarray, dt: float) -> tuple[np
     """Transition and process noise of ``x' = A x + G w``, white ``w`` of intensity ``Q``, over ``dt``.
 
     Source: Van Loan (1978), Computing integrals involving the matrix exponential.
+
+    Raises:
+        ValueError: if ``dt`` is negative, or A, G or Q is no array.
     """
+    (A, G, Q), dt = map(as_array, "AGQ", (A, G, Q)), number("dt", dt, AT_LEAST_0, what="at least 0")
     n = A.shape[-1]
     # exp(-A t) is in it, which a fast decay makes huge: over a part of the step, of which two make one twice as long
-    halves = max(0, math.ceil(np.log2(np.linalg.norm(A, 1) * dt / 4.0))) if dt > 0.0 and np.any(A) else 0
+    halves = max(0, math.ceil(np.log2(np.linalg.norm(A, 1) * dt / 4.0))) if dt and np.any(A) else 0
     block = np.zeros((2 * n, 2 * n))
     block[:n, :n] = -A
     block[:n, n:] = congruence(G, Q)

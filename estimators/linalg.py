@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cache, lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -33,6 +34,7 @@ def masked(R: np.ndarray, kept: np.ndarray) -> np.ndarray:
     return np.where(kept[..., None] & kept[..., None, :], R, identity(R.shape[-1]))
 
 
+@np.errstate(all="ignore")
 def equilibrated(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Standard deviations ``(..., p)``, 1 where S has none, and S ``(..., p, p)`` in units of them."""
     scale = np.sqrt(np.diagonal(s, axis1=-2, axis2=-1))
@@ -108,6 +110,7 @@ def principal_root(cov: np.ndarray) -> np.ndarray:
     return vectors * values[..., None, :]
 
 
+@np.errstate(all="ignore")
 def semidefinite_cholesky(a: np.ndarray) -> np.ndarray:
     """Lower triangular ``L (..., n, n)`` with ``L L' = A`` for symmetric positive semidefinite ``A``.
 
@@ -144,6 +147,8 @@ def _kept_root(cov: bytes, n: int) -> np.ndarray:
 
 
 _EPS = np.finfo(float).eps
+_DIGITS = 8.0 * _EPS
+"""A standard deviation that is less, as a share of the states, is rounding."""
 
 
 def whitened(root: np.ndarray, e: np.ndarray) -> np.ndarray:
@@ -164,6 +169,7 @@ def cholesky(s: np.ndarray) -> np.ndarray:
     return _row_by_row(np.linalg.cholesky, s)
 
 
+@np.errstate(all="ignore")
 def _row_by_row(function: Callable[..., np.ndarray], *matrices: np.ndarray) -> np.ndarray:
     """A function of matrices with a result like the last; where it raises for one row, that row is NaN."""
     try:
@@ -178,26 +184,54 @@ def _row_by_row(function: Callable[..., np.ndarray], *matrices: np.ndarray) -> n
         return result
 
 
-def log_density(e: np.ndarray, s: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """The log density ``(...)`` of vectors ``e (..., p)`` of N(0, S), where S is singular in the directions it has.
+@np.errstate(all="ignore")
+def log_density(e: np.ndarray, s: np.ndarray, seen: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """The log density ``(...)`` of vectors ``e (..., p)`` of N(0, S), or of their first independent components.
 
-    Where a component is not ``seen (..., p)``, e is 0 and s ``(..., p, p)`` unit and uncorrelated.
+    Where a component is not ``seen (..., p)``, e is 0 and s ``(..., p, p)`` unit and uncorrelated. States are of
+    ``size (...)``, with whose rounding e comes.
     """
     scale, unit = equilibrated(s)
-    e, rank = e / scale, seen.sum(-1)
-    with np.errstate(all="ignore"):
-        root = cholesky(unit)
-        spread, white = np.diagonal(root, axis1=-2, axis2=-1), np.linalg.solve(root, e[..., None])[..., 0]
-    flat = ~(spread > 1e-7).all(-1)
+    root = cholesky(unit)
+    spread = np.diagonal(root, axis1=-2, axis2=-1)
+    square = np.square(np.linalg.solve(root, (e / scale)[..., None])[..., 0]).sum(-1)
+    logs, rank = np.log(spread * scale).sum(-1), seen.sum(-1)
+    flat = ~((spread > 1e-4) & (scale > _DIGITS * size[..., None])).all(-1) & np.isfinite(unit).all((-2, -1))
     if flat.any():
-        spread, white, rank = np.array(spread), np.array(white), np.array(rank)
-        values, vectors = np.linalg.eigh(np.where(np.isfinite(unit[flat]), unit[flat], 0.0))
-        kept = values > 1e-13 * values.shape[-1]
-        spread[flat] = np.sqrt(np.where(kept, values, 1.0))
-        white[flat] = np.where(kept, np.vecmat(e[flat], vectors), 0.0) / spread[flat]
-        rank[flat] -= (~kept).sum(-1)
-    logs = np.log(spread).sum(-1) + np.log(scale).sum(-1)
-    return -0.5 * (np.square(white).sum(-1) + rank * np.log(2.0 * np.pi)) - logs
+        square, logs, rank = np.array(square), np.array(logs), np.array(rank)
+        square[flat], logs[flat], independent = semidefinite_form(e[flat], s[flat], size[flat])
+        rank[flat] = (independent & seen[flat]).sum(-1)
+    return -0.5 * (square + rank * np.log(2.0 * np.pi)) - logs
+
+
+@np.errstate(all="ignore")
+def semidefinite_form(e: np.ndarray, s: np.ndarray, size: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """``e' S^+ e (...)`` for a singular S ``(..., p, p)``, and the first independent components ``(..., p)``.
+
+    In units of standard deviations; infinite where e is outside the range of S by more than the rounding of numbers of
+    ``size (...)``. Between them comes half the log-determinant of the independent components.
+    """
+    rounding = _DIGITS * np.asarray(size)[..., None]
+    exact = np.diagonal(s, axis1=-2, axis2=-1) <= np.square(rounding)
+    scale, unit = equilibrated(masked(s, ~exact))
+    scale = np.where(exact, 1e12 * rounding + 1e-100, scale)
+    values, vectors = np.linalg.eigh(unit - exact[..., None] * identity(s.shape[-1]))
+    kept = values > SINGULAR * s.shape[-1]
+    vectors, values = np.where(kept[..., None, :], vectors, 0.0), np.where(kept, values, 1.0)
+    along = np.vecmat(e / scale, vectors)
+    outside = np.abs(e / scale - np.matvec(vectors, along))
+    wrong = (outside > 1e-6 * np.maximum(1.0, np.abs(along).max(-1, keepdims=True)) + 8.0 * rounding / scale).any(-1)
+    pivots = np.diagonal(semidefinite_cholesky(inner(vectors, vectors)), axis1=-2, axis2=-1)
+    independent = pivots > 1e-6
+    logs = 0.5 * np.log(values).sum(-1) + np.log(np.where(independent, pivots * scale, 1.0)).sum(-1)
+    return np.where(wrong, np.inf, (np.square(along) / values).sum(-1)), logs, independent
+
+
+def pseudo_inverse(s: np.ndarray) -> np.ndarray:
+    """``S^+`` of covariances ``(..., p, p)``, in units of standard deviations."""
+    scale, unit = equilibrated(s)
+    inverse = np.linalg.pinv(unit, rcond=SINGULAR * s.shape[-1], hermitian=True)
+    return inverse / scale[..., None] / scale[..., None, :]
 
 
 def lacks_rank(cov: np.ndarray) -> np.ndarray:
@@ -215,6 +249,7 @@ SINGULAR = 1e-13
 """An eigenvalue of a covariance scaled to a unit diagonal is rounding where it is below its size times this."""
 
 
+@np.errstate(all="ignore")
 def semidefinite(cov: np.ndarray) -> np.ndarray:
     """Covariances ``(..., n, n)`` with negative eigenvalues, which are rounding here, set to zero.
 

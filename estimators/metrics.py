@@ -4,7 +4,7 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from estimators.angles import difference
-from estimators.linalg import solve
+from estimators.linalg import lacks_rank, semidefinite_form, solve
 
 
 def rmse(
@@ -35,7 +35,8 @@ def nees(mean: np.ndarray, cov: np.ndarray, truth: np.ndarray, angles: tuple[int
 def nis(innovation: np.ndarray, innovation_cov: np.ndarray) -> np.ndarray:
     """Normalised innovation squared ``e' S^-1 e``, shape ``(...)``.
 
-    Chi-square with as many degrees of freedom as measurements arrived: a missing one adds nothing.
+    Chi-square with as many degrees of freedom as S has rank among the measurements that arrived: what is missing, or
+    follows from others without noise, adds nothing. Infinite where a measurement contradicts an exact one.
     """
     return _mahalanobis(np.asarray(innovation, float), innovation_cov)
 
@@ -51,4 +52,12 @@ def chi_square_band(runs: int, degrees: int, confidence: float = 0.95) -> tuple[
 
 
 def _mahalanobis(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
-    return np.vecdot(error, solve(np.asarray(cov, float), error[..., None])[..., 0])
+    cov = np.asarray(cov, float)
+    square = np.vecdot(error, solve(cov, error[..., None])[..., 0])
+    flat = np.broadcast_to(lacks_rank(cov), square.shape)
+    if not flat.any():
+        return square
+    error, cov = (np.broadcast_to(a, flat.shape + a.shape[a.ndim - axes :]) for a, axes in ((error, 1), (cov, 2)))
+    square = np.array(square)
+    square[flat] = semidefinite_form(error[flat], cov[flat], 1.0)[0]
+    return square[()]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.checks import as_array, frozen, integer, short_repr
+from estimators.checks import as_array, check_takes, frozen, integer, short_repr
 from estimators.engine.matrices import is_traced
 from estimators.linalg import masked
 from estimators.varying import Schedule, StateNoise
@@ -74,6 +74,8 @@ def check_matrices(model: Any, shapes: dict[str, str], of_state: str = "", **opt
     """
     for name in shapes:
         value = getattr(model, name)
+        if callable(value) and not isinstance(value, _Checked):
+            check_takes(name, value, *(("x", "u") if name in of_state else ("u",)))
         if callable(value) or (value is None and name not in "QR"):
             continue
         array = as_covariance(name, value) if name in "QR" else as_array(name, value)
@@ -157,13 +159,12 @@ class _Checked:
     passed: bool = False
 
     def __call__(self, u: np.ndarray | None) -> np.ndarray:
-        value = self.function(u)
+        array = as_array(self.name, self.function(u))
         if self.passed:
-            return value
-        array = as_array(self.name, value)
+            return array
         if wanted := _unlike(array, *self.shape):
             raise ValueError(f"{self.name} gave a matrix of shape {array.shape}, expected {wanted}")
         if self.name in "QR":
             as_covariance(self.name, array if self.name == "Q" else usable(array)[0])
         self.passed = True
-        return value
+        return array

@@ -12,7 +12,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from estimators.checks import as_array, call, frozen, read_only, short_repr
+from estimators.checks import as_array, call, check_takes, frozen, read_only, short_repr
 from estimators.differences import central_differences, check_jacobian, steps, values_at
 from estimators.engine.compiled import Compiled, compiled
 from estimators.engine.derivative import linearise
@@ -165,7 +165,7 @@ class NonlinearModel(Frozen):
         transition: ``f(x, u) -> (..., n)``; must broadcast over leading axes of ``x`` and ``u``.
         measurement: ``h(x, u) -> (..., p)``; likewise.
         Q: ``(..., n, n)`` process noise covariance, or a function of ``u``.
-        R: ``(..., p, p)`` measurement noise covariance, or a function of ``u``.
+        R: ``(..., p, p)`` measurement noise covariance, a function of ``u``, or a `StateNoise` of ``(x, u)``.
         G: ``(..., n, q)`` unknown input to the state, ``df/dd``, or a function of ``(x, u)`` that broadcasts; then
             give H, zero if need be, to tell how many unknown inputs there are.
         H: ``(..., p, q)`` unknown input to the measurement, or a function of ``u``.
@@ -207,6 +207,8 @@ class NonlinearModel(Frozen):
             function = getattr(self, name)
             if not callable(function) and not (function is None and name.endswith("jacobian")):
                 raise ValueError(f"{name} must be a function of (x, u), got {short_repr(function)}")
+            if function is not None:
+                check_takes(name, function, "x", "u")
         shapes = {"Q": "nn", "R": "pp", "G": "nq", "H": "pq"}
         check_matrices(self, shapes, of_state="G", n=("states", self.states), p=("measurements", self.measurements))
 
@@ -313,7 +315,7 @@ def inspected(function: Function, x: np.ndarray, u: np.ndarray | None) -> Compil
         return None
     own, samples = (lambda x, u=None: function(x, u), (x,)) if u is None else (function, (x, u))
     inspection = inspection_of(_key(function, x, u), own, *samples)
-    return inspection if inspection.traceable else None
+    return inspection if inspection.traceable and not inspection.several else None
 
 
 def _key(function: Function, x: np.ndarray, u: np.ndarray | None) -> tuple[Function, int, int | None]:

@@ -22,7 +22,7 @@ from estimators.checks import integer
 from estimators.delayed import Delayed
 from estimators.ensemble import EnsembleFilter
 from estimators.kalman import KalmanFilter, with_input
-from estimators.linalg import congruence, equilibrated, identity, joined, lacks_rank, semidefinite
+from estimators.linalg import congruence, identity, joined, principal_root, semidefinite
 from estimators.series import Series
 
 
@@ -66,12 +66,12 @@ def smooth(series: Series[Record], lag: int | None = None) -> Record:
             "ekf-ui-wdf, ukf-umv or of members"
         )
     z, P = with_input(updated)
-    D, J = _gains(filter, updated[:-1], predicted[1:], updated.recovery[1:], P[:-1])
-    before, cov = np.nan_to_num(predicted.mean[1:]), np.nan_to_num(predicted.cov[1:])
+    D, J, left = _gains(filter, updated[:-1], predicted[1:], updated.recovery[1:], P[:-1])
+    before = np.nan_to_num(predicted.mean[1:])
 
     def back(k: slice, z_later: np.ndarray, P_later: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         change = difference(np.matvec(D[k], z_later), before[k], filter.model.state_angles)
-        return z[:-1][k] + np.matvec(J[k], change), P[:-1][k] + congruence(J[k], congruence(D[k], P_later) - cov[k])
+        return z[:-1][k] + np.matvec(J[k], change), left[k] + congruence(J[k], congruence(D[k], P_later))
 
     smoothed, covs = _swept(back, steps, z, P)
     return _parted(updated, smoothed, semidefinite(covs))
@@ -106,7 +106,7 @@ def _parted(belief: Record, z: np.ndarray, P: np.ndarray) -> Record:
 
 def _gains(
     filter: Any, updated: Belief, following: Belief, recovery: np.ndarray, P: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """D ``(..., n, k)`` and J ``(..., k, n)`` of beliefs and their predictions; J is 0 where one was lost."""
     n, k, u = updated.mean.shape[-1], P.shape[-1], following.u
     A, D, cov = filter._slopes(updated, u), np.eye(n, k), following.cov
@@ -116,26 +116,33 @@ def _gains(
             A = joined([A, G], -1)
         else:
             G = filter._input_matrix(following)
-            D = joined([identity(n), -G], -1)
+            A, D = joined([A, np.zeros(G.shape)], -1), joined([identity(n), -G], -1)
             # A Kalman filter that was told the input's variance has it in its prediction.
             if isinstance(filter, KalmanFilter) and filter.input_cov is not None:
                 cov = cov - congruence(G, filter.input_cov)
-    cross = P[..., : A.shape[-1]] @ A.mT
-    forgot = (recovery == Recovery.PRIOR) | ~np.isfinite(cov).all((-2, -1))
-    J = _regression(cross, np.where(forgot[..., None, None], identity(n), cov))
-    return np.broadcast_to(D, J.shape[:-2] + (n, k)), np.where(forgot[..., None, None], 0.0, J)
+    known = np.isfinite(cov).all((-2, -1)) & np.isfinite(A).all((-2, -1))
+    forgot = ((recovery == Recovery.PRIOR) | ~known)[..., None, None]
+    J, left = _regression(np.where(forgot, 0.0, A), P, np.where(forgot, 0.0, cov))
+    D = np.broadcast_to(D, J.shape[:-2] + (n, k))
+    return D, np.where(forgot, 0.0, J), np.where(forgot, P, left)
 
 
-def _regression(cross: np.ndarray, cov: np.ndarray) -> np.ndarray:
-    """``cross cov^-1`` of ``(..., k, n)`` and ``(..., n, n)``, with the pseudo-inverse of those that are singular."""
-    scale, unit = equilibrated(cov)
-    cross, flat = cross / scale[..., None, :], lacks_rank(cov)
-    unit = np.array(unit)
-    if flat.any():
-        unit[flat] = np.linalg.pinv(unit[flat], rcond=1e-13 * cov.shape[-1], hermitian=True)
-        cross[flat] = cross[flat] @ unit[flat]
-        unit[flat] = identity(cov.shape[-1])
-    return np.linalg.solve(unit, cross.mT).mT / scale[..., None, :]
+def _regression(A: np.ndarray, P: np.ndarray, cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """J ``(..., k, n)`` of z, of covariance P, on ``A z`` and noise, of covariance ``cov``; and what it leaves of P.
+
+    By a QR decomposition of roots: a vague prior would leave nothing of the digits of a difference of covariances.
+    """
+    n, k = A.shape[-2:]
+    root = principal_root(P)
+    noise = principal_root(semidefinite(cov - congruence(A, P)))
+    now = joined([root, np.zeros((k, n))], -1)
+    both = joined([joined([A @ root, noise], -1), now], -2)
+    scale = np.sqrt(np.square(both).sum(-1, keepdims=True))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    lower = np.linalg.qr((both / scale).mT)[1].mT
+    J = lower[..., n:, :n] @ np.linalg.pinv(lower[..., :n, :n], rcond=1e-13)
+    left = scale[..., n:, :] * lower[..., n:, n:]
+    return scale[..., n:, :] * J / scale[..., :n, :].mT, left @ left.mT
 
 
 def _members(filter: EnsembleFilter, updated: Any, predicted: Any, steps: int | None) -> Any:

@@ -32,8 +32,12 @@ _OBJECTIVES = ("likelihood", "prediction-error")
 _QUANTILE = 1.959963984540054
 _FAR = 20.0
 """How far a search may go from its start, in logarithms: a factor of 5e8."""
+_LARGEST = 300.0
+"""How far a search may go at all, in logarithms."""
 _LITTLE = 0.1
 """Less information than this on a logarithm leaves its 95 % interval a factor of 490 either way."""
+_WORSE = 1.0
+"""What is less likely by more than this log-likelihood is not as likely."""
 _LEFT = 0.02
 """As much log-likelihood may be left to gain where a search has converged."""
 _SMOOTH, _ROUGH = 0.1, 0.5
@@ -125,11 +129,12 @@ def fit(
     origin = _checked_start(start, signed)
     positive = np.array([name not in signed for name in start])
     units = np.where(positive | (origin == 0.0), 1.0, np.abs(origin))
+    y = as_array("y", y)
     data = {"y": y, "u": u, "t": t, "available": available, "R": R}
     evaluate = partial(_negative_log_likelihood, objective, data, rng)
     search = _Search(build, tuple(start), positive, units, evaluate)
     first = np.where(positive, np.log(np.where(positive, origin, 1.0)), origin / units)
-    arrived = np.isfinite(as_array("y", y))
+    arrived = np.isfinite(y)
     if not (arrived if available is None else arrived & as_mask("available", available)).any():
         raise ValueError("none of the measurements came: there is nothing to fit")
     initial = search.built(first)
@@ -193,7 +198,7 @@ def _prediction_error(series: Series, y: np.ndarray, available: np.ndarray | Non
     if e is None or arrived is None:  # a filter that says no more than what it expects
         model = series.filter.model
         expected = model.measurement(series.predicted.mean, series.updated.u)
-        e = difference(np.asarray(y, float), expected, model.measurement_angles)
+        e = difference(y, expected, model.measurement_angles)
         arrived = np.isfinite(e) if available is None else np.isfinite(e) & as_mask("available", available)
         e = np.where(arrived, e, 0.0)
     p = e.shape[-1]
@@ -240,9 +245,9 @@ class _Search:
 
     def fit(self, first: np.ndarray, random: bool) -> Fit:
         """The fit of a search from here, for a filter that draws random numbers or not."""
-        low, high = (np.where(self.positive, first + far, np.copysign(np.inf, far)) for far in (-_FAR, _FAR))
         rough, start = random, first
         while True:
+            low, high = (np.where(self.positive, start + far, np.copysign(np.inf, far)) for far in (-_FAR, _FAR))
             best, least = self._minimum(start, low, high, rough)
             slopes, information = self._derivatives(best, least, _ROUGH if rough else _SMOOTH)
             covariance, flat, peaked = _covariance(information, self.positive)
@@ -254,6 +259,8 @@ class _Search:
             costs = [self.cost(point) for point in points]
             if min(costs, default=np.inf) < least - _LEFT:
                 start = points[int(np.argmin(costs))]
+            elif not converged and np.any((best <= low) | (best >= high)) and np.abs(best).max() < _LARGEST:
+                start = best
             elif converged or rough:
                 break
             else:  # no smooth likelihood, such as that of weights that are found by iteration
@@ -265,11 +272,13 @@ class _Search:
         values, *ends = map(self.values, (best, best - _QUANTILE * errors, best + _QUANTILE * errors))
         sd, intervals = np.where(self.positive, values, self.units) * errors, zip(*ends, strict=True)
         named: Any = [dict(zip(self.names, column, strict=True)) for column in (values, sd.tolist(), intervals)]
-        undetermined = tuple(self._statement(direction, best, least) for direction in flat)
+        undetermined = tuple(dict.fromkeys(each for way in flat for each in self._statements(way, best, least, rough)))
         found = *named, covariance / (spread * spread[:, None]), -least, undetermined, converged, *self.built(best)
         return Fit(*found)
 
-    def _minimum(self, start: np.ndarray, low: np.ndarray, high: np.ndarray, rough: bool) -> tuple[np.ndarray, float]:
+    def _minimum(
+        self, start: np.ndarray, low: np.ndarray, high: np.ndarray, rough: bool, digits: float = 1e-13
+    ) -> tuple[np.ndarray, float]:
         """The parameters ``(k,)`` of least cost, and that cost."""
         from scipy.optimize import minimize  # late: it takes longer to import than the whole package
 
@@ -285,7 +294,7 @@ class _Search:
             options: dict[str, Any] = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-3}
             method: dict[str, Any] = {"method": "Nelder-Mead", "options": options}
         else:
-            method = {"method": "L-BFGS-B", "jac": slope, "options": {"ftol": 1e-13, "gtol": 1e-4}}
+            method = {"method": "L-BFGS-B", "jac": slope, "options": {"ftol": digits, "gtol": 1e-4}}
         bounds = list(zip(low, high, strict=True))
         best = minimize(lambda theta: min(self.cost(theta), worst), start, bounds=bounds, **method).x
         return best, self.cost(best)
@@ -317,23 +326,50 @@ class _Search:
             hessian[i, j] = hessian[j, i] = 0.25 * (along(moves[i] + moves[j])[1] - along(moves[i] - moves[j])[1])
         return slopes / sizes, hessian / sizes / sizes[:, None]
 
-    def _statement(self, direction: np.ndarray, best: np.ndarray, least: float) -> str:
-        """A direction without information, in words."""
-        moved = np.flatnonzero(_involved(direction))
-        up, names = direction * np.sign(direction[moved[0]]), [self.names[i] for i in moved]
-        if len(moved) > 1:
-            ways = " and ".join(
-                f"{name} {'up' if up[i] > 0.0 else 'down'}" for i, name in zip(moved, names, strict=True)
-            )
+    def _statements(self, direction: np.ndarray, best: np.ndarray, least: float, rough: bool) -> list[str]:
+        """A direction without information, in words: of parameters together, or of each where it is free by itself."""
+        moved = np.flatnonzero(_involved(direction)).tolist()
+        ends = {i: [self._end(i, sign, direction, best, least, rough) for sign in (-1.0, 1.0)] for i in moved}
+        far = {i: [self.cost(best + way * _AWAY[-1] * np.eye(len(best))[i]) for way in (-1.0, 1.0)] for i in moved}
+        joined = [i for i in moved if None in ends[i] and min(far[i]) > least + _WORSE]
+        if len(joined) < 2:
+            joined = []
+        sentences = [self._sentence(i, *ends[i]) for i in moved if i not in joined]
+        if joined:
+            up, names = direction * np.sign(direction[joined[0]]), [self.names[i] for i in joined]
+            ways = [f"{name} {'up' if up[i] > 0.0 else 'down'}" for i, name in zip(joined, names, strict=True)]
             apart = " and ".join((", ".join(names[:-1]), names[-1]))
-            return f"the measurements cannot tell {apart} apart: with {ways} they are as likely"
-        if self.positive[moved[0]]:
-            worse = ([2.0 < self.cost(best + far * up) - least < np.inf for far in aways] for aways in (-_AWAY, _AWAY))
-            less, more = map(any, worse)
-            if less != more:
-                size = "small" if more else "great"
-                return f"measurements say of {names[0]} only that it is {size}: as likely if it is {size}er still"
-        return f"the measurements tell nothing of {names[0]}: they are as likely with another"
+            same = f"with {' and '.join(ways)} they are as likely"
+            sentences.append(f"the measurements cannot tell {apart} apart: {same}")
+        return sentences
+
+    def _end(
+        self, i: int, sign: float, direction: np.ndarray, best: np.ndarray, least: float, rough: bool
+    ) -> float | None:
+        """The value at which a parameter becomes less likely, whatever the others are; None: it does not."""
+        point, moved = best, np.arange(len(best)) == i
+        for far in sign * np.geomspace(0.5, _AWAY[-1], 8):
+            straight = best + far / direction[i] * direction
+            point = min(np.where(moved, best[i] + far, point), straight, key=self.cost)
+            cost, others = self.cost(point), np.where(moved, 0.0, _FAR)
+            if least + _WORSE < cost < np.inf:
+                point, cost = self._minimum(point, point - others, point + others, rough, 1e-5)
+            if not cost <= least + _WORSE:
+                return self.values(point)[i] if cost < np.inf else None
+        return None
+
+    def _sentence(self, i: int, low: float | None, high: float | None) -> str:
+        """What measurements say of a parameter that is less likely below and above these values."""
+        if low is None and high is None:
+            return f"the measurements tell nothing of {self.names[i]}: they are as likely with another"
+        if low is not None and high is not None:
+            found = f"between {low:.2g} and {high:.2g}"
+        elif self.positive[i]:
+            size = "great" if high is None else "small"
+            found = f"{size}: as likely if it is {size}er still"
+        else:
+            found = f"above {low:.2g}" if high is None else f"below {high:.2g}"
+        return f"measurements say of {self.names[i]} only that it is {found}"
 
 
 def _covariance(information: np.ndarray, positive: np.ndarray) -> tuple[np.ndarray, list[np.ndarray], bool]:
@@ -351,7 +387,8 @@ def _covariance(information: np.ndarray, positive: np.ndarray) -> tuple[np.ndarr
     inverse = np.where(known, 1.0 / np.where(known, values, 1.0), 0.0)
     covariance = (vectors * inverse) @ vectors.T / units / units[:, None]
     peaked = finite.all() and values[0] > -max(1.0, 1e-3 * values[-1])
-    return covariance, list(vectors.T[~known]), bool(peaked)
+    ways = vectors.T[~known] / units
+    return covariance, list(ways / np.linalg.norm(ways, axis=-1, keepdims=True)), bool(peaked)
 
 
 def _involved(direction: np.ndarray) -> np.ndarray:

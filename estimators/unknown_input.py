@@ -8,7 +8,18 @@ from estimators.belief import Belief, DelayedInputBelief, InputBelief
 from estimators.engine.matrices import is_traced
 from estimators.filter import Model, Rng
 from estimators.kalman import GaussianFilter, driven_on, input_covariance, joseph_update, unseen_input, with_input
-from estimators.linalg import congruence, identity, joined, masked, singular, solve, symmetrise
+from estimators.linalg import (
+    congruence,
+    equilibrated,
+    identity,
+    joined,
+    lacks_rank,
+    masked,
+    pseudo_inverse,
+    singular,
+    solve,
+    symmetrise,
+)
 from estimators.measurement import Measurement
 from estimators.models import LinearModel
 
@@ -99,18 +110,25 @@ class UnknownInputFilter(GaussianFilter[WithInput], verified=True):
             root = self._inverse_root.T @ (identity(q) - self._inverse_root @ predicted.input_observed @ self._root)
             observable = joined([measurement.C, measurement.H], -1) @ self._joint(predicted)[..., -q:] @ root
             S = symmetrise(S - observable @ observable.mT)
-        density = super().log_likelihood(predicted, updated.replace(innovation_cov=S))
         observable = np.broadcast_to(observable, (*e.shape, observable.shape[-1]))
-        precision = np.linalg.pinv(S, hermitian=True)
+        # Where S is singular a share of the input's prior is added, which the integral takes out again.
+        size = np.square(observable / equilibrated(S)[0][..., None]).sum((-2, -1))
+        share = np.where(lacks_rank(S) & (size > 0.0), 1.0 / np.where(size > 0.0, size, 1.0), 0.0)[..., None]
+        S = S + share[..., None] * observable @ observable.mT
+        density = super().log_likelihood(predicted, updated.replace(innovation_cov=S))
+        precision = pseudo_inverse(S)
         for F in np.split(observable, observable.shape[-1] // q, -1):  # what acts now, then what acted a step before
             values, directions = np.linalg.eigh(symmetrise(F.mT @ precision @ F))
-            flat = values > OBSERVABLE
-            size, F = np.where(flat, values, 1.0 + np.maximum(values, 0.0)), F @ directions
+            flat = values > OBSERVABLE / (1.0 + OBSERVABLE * share)
+            prior, F = np.where(flat, 1.0, 1.0 - share), F @ directions
+            size = np.where(flat, values, 1.0 + prior * np.maximum(values, 0.0)) / prior
             seen = precision @ F
             score = np.vecmat(e, seen)
             volume = congruence((self._root @ directions).mT, identity(q))
             _, volume = np.linalg.slogdet(masked(volume, flat))
-            density = density + 0.5 * (np.square(score) / size - np.log(size) + flat * np.log(2.0 * np.pi)).sum(-1)
+            density = density + 0.5 * (np.square(score) / size - np.log(size * prior) + flat * np.log(2.0 * np.pi)).sum(
+                -1
+            )
             density, precision = density + 0.5 * volume, precision - (seen / size[..., None, :]) @ seen.mT
         return density
 

@@ -90,7 +90,7 @@ class Schedule(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class StateNoise:
-    """A measurement noise covariance that follows the state: filters take it at the predicted mean.
+    """A measurement noise covariance R that follows the state: filters take it at the predicted mean.
 
     Args:
         function: ``R(x, u) -> (..., p, p)``.

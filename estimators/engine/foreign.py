@@ -84,8 +84,9 @@ def inspect(function: Callable[..., Any], *samples: Any, axes: Sequence[int] | N
     except (Exception, SystemExit) as error:
         if isinstance(error.__cause__, NotTraceable):  # NumPy says that it was no number, and not why
             return Inspection(f"{error.__cause__}{_place(error)}")
-        text = " ".join(str(error).split())
-        return Inspection(f"it raises {type(error).__name__}: {text[:300]}{_place(error)}")
+        found = error.__cause__ if isinstance(error, TypeError) and error.__cause__ else error
+        text = " ".join(str(found).split())
+        return Inspection(f"it raises {type(found).__name__}: {text[:300]}{_place(found)}")
 
 
 inspections: dict[Any, Inspection] = {}

@@ -1,5 +1,6 @@
 """What a model accepts, what it refuses and in which words, and how a continuous one becomes discrete."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -13,6 +14,7 @@ from estimators import (
     Schedule,
     forward_euler,
     make,
+    run,
     van_loan,
     wrap,
     zero_order_hold,
@@ -385,6 +387,37 @@ def test_forward_euler_is_the_first_order_of_the_exact_step():
         errors.append([np.abs(euler - exact).max() for euler, exact in pairs])
     # The error of a step is of second order: half the step, a quarter of the error.
     np.testing.assert_allclose(np.divide(*errors), 4.0, rtol=0.01)
+
+
+def test_continuous_models_are_lists_too_and_no_step_goes_back():
+    A, G, dt = [[0, 1], [0, 0]], [[0], [1]], 0.1
+    np.testing.assert_allclose(zero_order_hold(A, G, dt)[1], [[0.005], [0.1]], rtol=1e-12)
+    np.testing.assert_allclose(van_loan(A, G, [[2]], dt)[1], [[2e-3 / 3.0, 0.01], [0.01, 0.2]], rtol=1e-12)
+    for step in (lambda dt: zero_order_hold(A, G, dt), lambda dt: van_loan(A, G, [[2]], dt)):
+        np.testing.assert_array_equal(step(0.0)[1], 0.0)
+        with pytest.raises(ValueError, match="dt must be at least 0, got"):
+            step(-0.1)
+
+
+@pytest.mark.parametrize("name", ["ekf", "ukf", "enkf"])
+def test_an_error_of_a_function_names_it(name: str):
+    def move(x, u):
+        return x
+
+    def swing(x, u):
+        return np.sin(x[..., :1])
+
+    for f, h, sentence in (
+        (lambda x, u: [x[..., 0], x[..., 1]], swing, "transition must return an array, not a list: np.stack"),
+        (move, lambda x, u: (x[..., 0],), "measurement must return an array, not a list: np.stack"),
+        (lambda x, u: x * math.sin(x[0]), swing, "transition fails: .*it gets arrays"),
+        (move, lambda x, u: math.sin(x[0]), "measurement fails: .*it gets arrays"),
+        (move, lambda x: x[..., :1], "measurement must be a function of .x, u.: too many positional arguments"),
+    ):
+        with pytest.raises((TypeError, ValueError), match=f"^{sentence}"):
+            run(make(name, NonlinearModel(f, h, I2, np.eye(1))), Gaussian(np.zeros(2), I2), np.zeros((2, 1)), rng=0)
+    with pytest.raises(TypeError, match="R must be a function of"):
+        NonlinearModel(move, swing, np.eye(2), lambda x, u: np.eye(1))
 
 
 @pytest.mark.parametrize("name", ["ekf", "ukf", "enkf", "etkf", "huber-kf"])

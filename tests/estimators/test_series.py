@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from estimators import (
     Belief,
@@ -19,6 +20,7 @@ from estimators import (
     make,
     model_checks,
     models,
+    nis,
     run,
     sampled,
     zero_order_hold,
@@ -120,15 +122,44 @@ def test_the_likelihood_with_an_unknown_input_is_that_of_a_prior_without_end(nam
     np.testing.assert_allclose(series.log_likelihood, expected, rtol=1e-9)
 
 
-def test_measurements_that_repeat_each_other_without_noise_have_the_density_of_one():
-    twice = LinearModel([[1.0]], [[1.0], [1.0]], [[0.1]], np.zeros((2, 2)))
-    once = LinearModel([[1.0]], [[np.sqrt(2.0)]], [[0.1]], np.zeros((1, 1)))  # along the one direction that there is
-    y = np.random.default_rng(0).normal(size=(10, 1))
-    both = run(make("kf", twice), Gaussian([0.0], [[1.0]]), np.repeat(y, 2, 1))
-    one = run(make("kf", once), Gaussian([0.0], [[1.0]]), np.sqrt(2.0) * y)
-    # in units of the standard deviation of each measurement, in which directions are told apart
-    spread = np.sqrt(one.updated.innovation_cov[:, 0, 0] / 2.0)
-    np.testing.assert_allclose(both.log_likelihoods, one.log_likelihoods - np.log(spread), rtol=1e-9)
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+@pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "iekf", "enkf", "kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf"])
+def test_channels_that_follow_from_others_change_nothing_and_contradict_with_likelihood_0(name: str, noise: float):
+    """Twice a channel, a sum of two, and one in other units; a copy stands in for what is missing."""
+    M, rng = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0], [1.0, 1.0], [0.0, 3.0]]), np.random.default_rng(0)
+    A, Q, prior = [[1.0, 0.2, 0.0], [0.0, 0.9, 0.1], [0.1, 0.0, 0.8]], np.diag([0.1, 0.2, 0.3]), np.eye(3)
+    C, R, y = rng.normal(size=(2, 3)), noise * np.array([[1.0, 0.2], [0.2, 2.0]]), rng.normal(size=(12, 2))
+    G, H = [[1.0], [0.0], [0.5]], np.array([[1.0], [0.3]]) * (name == "kf-umv-ui")
+    unknown = "u" in name.replace("ukf", "")
+    few, many = (
+        make(name, LinearModel(A, m @ C, Q, m @ R @ m.T, **({"G": G, "H": m @ H} if unknown else {})))
+        for m in (np.eye(2), M)
+    )
+    y_many = y @ M.T
+    y_many[4, 1], y_many[5, [0, 4]], y_many[6], y[6] = np.nan, np.nan, np.nan, np.nan
+    one, both = run(few, Gaussian([0.0] * 3, prior), y, rng=0), run(many, Gaussian([0.0] * 3, prior), y_many, rng=0)
+    sizes = [nis(each.updated.innovation, each.updated.innovation_cov) for each in (one, both)]
+    np.testing.assert_allclose(both.mean, one.mean, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(sizes[1], sizes[0], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(both.log_likelihoods, one.log_likelihoods, rtol=1e-9, atol=1e-9)
+    y_many[9, 3] += 0.1
+    wrong = run(many, Gaussian([0.0] * 3, prior), y_many, rng=0)
+    assert np.flatnonzero(np.isneginf(wrong.log_likelihoods)).tolist() == [9]
+    assert np.isinf(nis(wrong.updated.innovation, wrong.updated.innovation_cov)[9])
+
+
+@pytest.mark.parametrize("unit", [0.7, 1e-6, 1e6])
+def test_a_constant_that_is_seen_exactly_is_seen_again_or_contradicted(unit: float):
+    series = run(make("kf", LinearModel([[1.0]], [[0.7]], [[0.0]], [[0.0]])), Gaussian([0.0], [[unit**2]]),
+                 unit * np.array([[1.0], [1.0], [5.0]]))  # fmt: skip
+    np.testing.assert_array_equal(series.log_likelihoods[1:], [0.0, -np.inf])
+
+
+def test_an_exact_measurement_tells_the_unknown_input_and_leaves_the_others_their_density():
+    model = LinearModel([[1.0]], [[1.0], [1.0]], [[0.0]], np.diag([0.0, 0.4]), G=[[0.0]], H=[[1.0], [0.0]])
+    series = run(make("kf-umv-ui", model), Gaussian([0.3], [[0.0]]), [[2.0, 0.5]])
+    assert series.updated.input_mean.item() == pytest.approx(1.7)
+    assert series.log_likelihood == pytest.approx(norm.logpdf(0.5, 0.3, np.sqrt(0.4)))
 
 
 class Plain(Filter):
@@ -221,11 +252,26 @@ def test_what_follows_the_known_input_follows_that_of_the_first_measurement_too(
         np.testing.assert_allclose(found.log_likelihoods, wanted.log_likelihoods, rtol=0, atol=1e-12)
 
 
-def test_masked_measurements_are_missing_ones():
-    model, y = LinearModel([[1.0]], [[1.0]], [[0.1]], [[1.0]]), np.array([[1.0], [99.0], [2.0]])
-    masked = run(make("kf", model), Gaussian([0.0], [[1.0]]), np.ma.masked_greater(y, 50.0))
-    missing = run(make("kf", model), Gaussian([0.0], [[1.0]]), np.where(y > 50.0, np.nan, y))
-    np.testing.assert_array_equal(masked.mean, missing.mean)
+MASKED = np.ma.masked_greater([[1.0, 99.0], [1.0, 2.0]], 50.0)
+
+
+@pytest.mark.parametrize(
+    "y",
+    [
+        MASKED, list(MASKED), tuple(MASKED), [MASKED[0], [1.0, 2.0]], [[1.0, np.ma.masked], [1, 2]],
+        [[1.0, None], [1, 2]], MASKED.astype(int), np.array([[1.0, None], [1.0, 2.0]], object), "Float64", "Int64",
+    ],
+    ids=str,
+)  # fmt: skip
+def test_masked_measurements_none_and_na_are_missing_ones(y):
+    if isinstance(y, str):
+        y = pytest.importorskip("pandas").DataFrame(MASKED.filled(-1), dtype=y).replace(-1, None).astype(y)
+    kf, prior = make("kf", LinearModel([[1.0]], [[1.0], [1.0]], [[0.1]], np.eye(2))), Gaussian([0.0], [[1.0]])
+    np.testing.assert_allclose(run(kf, prior, y).mean[:, 0], [0.5, 23 / 22], rtol=1e-12)
+    first = y.iloc[0] if hasattr(y, "iloc") else y[0]
+    assert kf.update(kf.init(prior), first).mean == pytest.approx(0.5)
+    with pytest.raises(ValueError, match="y must be an array of real numbers"):
+        run(kf, prior, [["a", None], [1.0, 2.0]])
 
 
 # --- continuing, and the input of a measurement -------------------------------------------------------

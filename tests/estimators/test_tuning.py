@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 from scipy.stats import binom, chi2, multivariate_normal
 
 from estimators import Filter, Fit, Gaussian, KalmanFilter, LinearModel, fit, make, run, sampled
@@ -193,6 +193,60 @@ def test_a_number_that_does_nothing_and_one_that_is_only_bounded_are_named():
 
 
 # --- other filters ------------------------------------------------------------------------------------
+
+
+def profile(found: Fit, name: str, value: float, y: np.ndarray) -> float:
+    """How much less likely another variance is, whatever the other one."""
+    other = {"q": "r", "r": "q"}[name]
+
+    def cost(log: float) -> float:
+        return -run(*level(**{name: value, other: np.exp(log)}, cov=1.0), y).log_likelihood
+
+    logs = np.log(np.var(y)) + np.linspace(-30.0, 3.0, 12)
+    costs = [cost(each) for each in logs]
+    ends = logs[max(np.argmin(costs) - 1, 0)], logs[min(np.argmin(costs) + 1, 11)]
+    best = minimize_scalar(cost, bounds=ends, method="bounded").fun
+    return found.log_likelihood + min(best, *costs)
+
+
+@pytest.mark.parametrize("count", [5, pytest.param(69, marks=pytest.mark.nightly)])
+def test_what_is_said_of_a_variance_is_true_of_its_profile(count: int):
+    rng, said = np.random.default_rng(0), 0
+    for _ in range(count):
+        q, r, steps = rng.choice([0.0, 1e-4, 1e-2, 1.0]), rng.choice([1e-4, 1e-2, 1.0]), rng.choice([20, 50])
+        y = random_walk(rng.integers(1000), steps, q, r)
+        found = fit(lambda q, r: level(q, r, 1.0), {"q": 1.0, "r": 1.0}, y)
+        assert found.converged
+        for sentence in found.undetermined:
+            said += 1
+            name = sentence.removeprefix("measurements say of ")[0]
+            less, more = (profile(found, name, value, y) for value in (1e-6 * found.estimates[name], 100 * np.var(y)))
+            assert ("only that it is small" in sentence) == (less < 1.5 < more), (sentence, less, more)
+            assert ("only that it is between" in sentence) == (min(less, more) > 0.9), (sentence, less, more)
+    assert said
+
+
+@pytest.mark.parametrize("unit", [3e4, 1e-6])
+def test_estimates_do_not_depend_on_units(unit: float):
+    y = random_walk(0, 60, 1.4, 4.0)
+    start = {"q": 1.0, "r": 1.0}
+    one, other = fit(level, start, y), fit(lambda q, r: level(q, r, 1e7 * unit**2), start, unit * y)
+    assert other.converged
+    for name, value in one.estimates.items():
+        assert other.estimates[name] == pytest.approx(unit**2 * value, rel=1e-3)
+
+
+def test_a_channel_given_twice_or_as_a_sum_leaves_the_estimates():
+    x = np.cumsum(np.random.default_rng(0).normal(size=(80, 2)) * [1.0, 2.0], 0)
+    for C in np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]), np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0]]):
+
+        def build(q1: float, q2: float, C: np.ndarray = C) -> tuple[Filter, Gaussian]:
+            model = LinearModel(np.eye(2), C, np.diag([q1, q2]), np.zeros((3, 3)))
+            return make("kf", model), Gaussian([0.0, 0.0], np.eye(2))
+
+        found = fit(build, {"q1": 1.0, "q2": 1.0}, x @ C.T)
+        assert found.estimates["q2"] == pytest.approx(3.905, abs=5e-4)
+        assert found.log_likelihood == pytest.approx(-276.122, abs=5e-4)
 
 
 class Terse(KalmanFilter):
