@@ -36,7 +36,7 @@ def main(
     from agents.jobs import run
     from vessel_gym.extras import require
 
-    require("matplotlib", "jinja2", "joblib")  # before the experiments, not after them
+    require("jinja2", "joblib")  # before the experiments, not after them
     from studies.papers import PAPERS, jobs, report
     from studies.papers.measures import Row, summary_table
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from agents.jobs import Job
 from estimators.factory import unknown
 
-if TYPE_CHECKING:  # experiments run without what draws
+if TYPE_CHECKING:  # experiments run without what makes pages
     from studies.papers.measures import Report
 
 PAPERS = ("corvette", "segorogeni", "itsunusa", "robust", "puna")

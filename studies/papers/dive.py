@@ -121,8 +121,3 @@ def channel_sd(sensors: tuple[Sensor, ...], channels: Sequence[str]) -> np.ndarr
 def rms(errors: np.ndarray) -> np.ndarray:
     """Root mean square over the steps: ``(T, B, k)`` to ``(B, k)``."""
     return np.sqrt(np.mean(errors**2, 0))
-
-
-def thinned(history: np.ndarray, points: int = 400) -> np.ndarray:
-    """At most so many rows of a history ``(T, ...)``, evenly spaced, the first and the last among them."""
-    return history[np.linspace(0, len(history) - 1, min(points, len(history))).round().astype(int)]

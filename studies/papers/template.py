@@ -1,10 +1,9 @@
-"""Pages from text: a Markdown template beside the code, filled with numbers, tables and figures.
+"""Pages from text: a Markdown template beside the code, filled with numbers and tables.
 
 A template is rendered by Jinja2; then blank lines separate its paragraphs. The title, the subtitle and the opening
 paragraph come first, then a section for each ``##``. A paragraph is one block of the page::
 
     @table name: title      the table of that name; the lines below are its note
-    @figure name: title     the figure of that name; the lines below are its caption
     @claims                 a note, then items of text | verdict | evidence
     @facts: title           items of name | value
     - item                  a list
@@ -17,20 +16,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from agents.page import Block, Bullets, Claim, Claims, Facts, Figure, Page, Prose, Section, Table, templates
+from agents.page import Block, Bullets, Claim, Claims, Facts, Page, Prose, Section, Table, templates
 
 
-def fill(folder: Path, tables: Mapping[str, Table], figures: Mapping[str, str], **values: Any) -> tuple[Page, str]:
+def fill(folder: Path, tables: Mapping[str, Table], **values: Any) -> tuple[Page, str]:
     """Page from the template ``page.md`` of a paper's folder, and its opening paragraph.
 
     Args:
         folder: Of the paper.
         tables: By name; title and note stand in the template.
-        figures: Data URIs by name, likewise.
         values: Numbers and words for the placeholders.
 
     Raises:
-        KeyError: if the template shows a table or figure that does not exist.
+        KeyError: if the template shows a table that does not exist.
         jinja2.UndefinedError: if it has a placeholder without a value.
     """
     package = templates()
@@ -42,7 +40,7 @@ def fill(folder: Path, tables: Mapping[str, Table], figures: Mapping[str, str], 
     sections = [Section("In one paragraph", [Prose(_joined(opening))])]
     for part in parts:
         heading, _, text = part.partition("\n")
-        sections.append(Section(heading, [_block(each, tables, figures) for each in _paragraphs(text)]))
+        sections.append(Section(heading, [_block(each, tables) for each in _paragraphs(text)]))
     return Page(title.removeprefix("# "), _joined(subtitle), [], sections), _joined(opening)
 
 
@@ -60,15 +58,13 @@ def _items(text: str) -> tuple[str, list[str]]:
     return _joined(before), [_joined(item) for item in items]
 
 
-def _block(paragraph: str, tables: Mapping[str, Table], figures: Mapping[str, str]) -> Block:
+def _block(paragraph: str, tables: Mapping[str, Table]) -> Block:
     found = re.match(r"@(\w+) ?([\w-]*):? ?(.*)\n?", paragraph)
     kind, name, title = found.groups() if found else ("", "", "")
     text, items = _items(paragraph[found.end() :] if found else paragraph)
     match kind:
         case "table":
             return replace(tables[name], title=title, note=text)
-        case "figure":
-            return Figure(figures[name], title, text)
         case "claims":
             return Claims([Claim(*item.split(" | ", 2)) for item in items], text)
         case "facts":

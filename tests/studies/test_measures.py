@@ -6,7 +6,7 @@ import jinja2
 import numpy as np
 import pytest
 
-from agents.page import Bullets, Claim, Claims, Facts, Figure, Prose, Table
+from agents.page import Bullets, Claim, Claims, Facts, Prose, Table
 from agents.statistics import Interval
 from studies.papers import template
 from studies.papers.measures import Comparison, comparison_table, falls, papers_page, readme_line, row, rows, trend
@@ -96,9 +96,6 @@ Prose.
 @table errors: RMSE | in rad
 Below.
 
-@figure path: The path
-Crosses: ends.
-
 @claims
 A note.
 - It holds | true, of ours | since 0.1 | 0.2
@@ -113,16 +110,15 @@ def test_every_kind_of_block_comes_out_of_a_template_and_nothing_is_left_out_in_
     table = Table("", "", "", [], [], "errors")
 
     def fill(tables=("errors",), **values):
-        return template.fill(tmp_path, dict.fromkeys(tables, table), {"path": "data:,"}, **values)
+        return template.fill(tmp_path, dict.fromkeys(tables, table), **values)
 
     page, opening = fill(share="−1.2")
     assert opening == "The opening has −1.2 %."
     assert (page.title, page.subtitle) == ("A paper", "One line, two lines of subtitle")
     assert page.sections[0].blocks == [Prose(opening)]
-    prose, bullets, shown, figure, claims, facts = page.sections[1].blocks
+    prose, bullets, shown, claims, facts = page.sections[1].blocks
     assert (prose, bullets) == (Prose("Prose."), Bullets(["one", "two | three"]))
     assert (shown.title, shown.note, shown.name) == ("RMSE | in rad", "Below.", "errors")
-    assert figure == Figure("data:,", "The path", "Crosses: ends.")
     assert claims == Claims([Claim("It holds", "true, of ours", "since 0.1 | 0.2")], "A note.")
     assert facts == Facts("Settings", [("step", "0.1 s")])
     with pytest.raises(jinja2.UndefinedError, match="share"):

@@ -42,7 +42,7 @@ def simulate(simulation: str, model: str, runs: int, seed: int) -> dict[str, Any
     """One of the five simulations with one filter model, as it was set up before the search: ``ThesisCorvette-v0``.
 
     Returns:
-        ``rmse (2, runs)`` of updated heading and unknown input; ``example``: errors of the first run ``(2, T)``.
+        ``rmse (2, runs)`` of updated heading and unknown input.
     """
     env = gym.make_vec(
         "ThesisCorvette-v0", runs, vectorization_mode="vector_entry_point", estimator_options={"model": model}
@@ -51,11 +51,10 @@ def simulate(simulation: str, model: str, runs: int, seed: int) -> dict[str, Any
     infos = [env.reset(seed=seed, options={"simulation": simulation})[1]]
     infos += [env.step(action)[-1] for _ in range(SAMPLES - 1)]
     pairs = (("estimate", 2, "truth", 2), ("input_estimate", 0, "unknown_input", 0))
-    errors, truths = np.empty((2, runs, SAMPLES)), np.empty((2, SAMPLES))
+    errors = np.empty((2, runs, SAMPLES))
     for (k, info), (i, (estimated, a, true, b)) in product(enumerate(infos), enumerate(pairs)):
-        errors[i, :, k], truths[i, k] = info[estimated][:, a] - info[true][:, b], info[true][0, b]
-    example = dict(zip(QUANTITIES, truths, strict=True)) | {"errors": errors[:, 0]}
-    return {"rmse": rms(errors), "example": example}
+        errors[i, :, k] = info[estimated][:, a] - info[true][:, b]
+    return {"rmse": rms(errors)}
 
 
 def driven(simulation: str, runs: int, seed: int) -> dict[str, Any]:

@@ -7,13 +7,11 @@ from typing import Any
 import numpy as np
 
 from agents.page import Entry, Table, entry, words
-from agents.plotting import BELIEVED
 from agents.statistics import Interval, mean_interval, paired_difference
 from studies.papers.corvette.experiment import MODELS, PRIOR, QUANTITIES, TRIAL, explain
-from studies.papers.figures import Curve, Panel, panels, ratios
 from studies.papers.measures import EXPLORATORY, Comparison, Report, comparison_table, row, rows
 from studies.papers.template import fill
-from vessel_gym.tasks.turning_trial import SAMPLES, SWITCH
+from vessel_gym.tasks.turning_trial import SWITCH
 from vessel_gym.vehicles.corvette_thesis import NOISE, SIMULATIONS
 
 _TELLING = 0.05
@@ -39,12 +37,11 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
     after = _comparisons(printed, believed)
     columns = {"before the search": before, "believed": after}
     tables = {"published": comparison_table(columns), "choices": _choices(open_), "models": _models(rmse)}
-    figures = {"ratios": ratios(columns), "example": _example(printed, results)}
     least = sum(float(p["means"][1]) < np.sqrt(SIMULATIONS[s].R / 2.0) for s, p in printed.items())
     way = f"{settings['paper']}, believed ({EXPLORATORY}, of {settings['search']['combinations']:,})"
     counted = row(way, "simulations I to V", after)
     page, opening = fill(
-        Path(__file__).parent, tables, figures, settings=settings, noise=f"{NOISE:g}",
+        Path(__file__).parent, tables, settings=settings, noise=f"{NOISE:g}",
         choices=len(open_), prior=PRIOR, switch=SWITCH,
         helm=np.rad2deg(TRIAL.helm), step=TRIAL.dt,
         factor=_factor(printed, believed), factor_before=_factor(printed, {s: rmse[s, MODELS[0]] for s in SIMULATIONS}),
@@ -134,7 +131,7 @@ def _ratio_law(rmse: Mapping[tuple[str, str], np.ndarray]) -> list[str]:
     return [words(mean_interval(rmse[s, MODELS[0]][0]), 5) for s in ("I", "IV")]
 
 
-# --- tables and figures -----------------------------------------------------------------------------
+# --- tables -----------------------------------------------------------------------------
 
 
 def _choices(open_: Mapping[str, Any]) -> Table:
@@ -153,23 +150,3 @@ def _models(rmse: Mapping[tuple[str, str], np.ndarray]) -> Table:
     ]
     head = [(f"{quantity}, {model}", "rad") for model in MODELS for quantity in QUANTITIES]
     return Table("", "", "simulation", head, [("", lines)], "models")
-
-
-def _example(printed: Mapping[str, Any], results: Mapping[str, Any]) -> str:
-    """Heading, its error and the unknown input of the first run of each simulation."""
-    k, grid = np.arange(SAMPLES), []
-    for name in SIMULATIONS:
-        example = results[f"{name}, {MODELS[0]}"]["example"]
-        errors = np.asarray(example["errors"])
-        heading, d = (np.asarray(example[quantity]) for quantity in QUANTITIES)
-        mean = float(printed[name]["means"][0])
-        last = "sample" if name == "V" else ""
-        error = Panel([Curve(k, errors[0], color=BELIEVED)], last, "ψ̂ − ψ [rad]", levels=(-mean, mean))
-        label = f"{name}: ψ [rad]"
-        grid.append([_track(k, heading, errors[0], label, last), error, _track(k, d, errors[1], "d [rad]", last)])
-    return panels(grid, 7.2, 7.6)
-
-
-def _track(k: np.ndarray, truth: np.ndarray, error: np.ndarray, label: str, x: str) -> Panel:
-    curves = [Curve(k, truth, "real"), Curve(k, truth + error, "estimated", BELIEVED, "--")]
-    return Panel(curves, x, label)

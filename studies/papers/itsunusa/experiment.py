@@ -11,7 +11,7 @@ from agents.jobs import Job
 from estimators import EnsembleBelief, EnsembleTransformFilter, Filter, Measurement, Model, Rng, make
 from estimators.analysis import covariance
 from estimators.linalg import cholesky
-from studies.papers.dive import Experiment, channel_sd, own_step, rms, thinned
+from studies.papers.dive import Experiment, channel_sd, own_step, rms
 from vessel_gym.envs.auv import ITSUNUSA_AUV
 from vessel_gym.system import Estimate
 from vessel_gym.vehicles.itsunusa import STATE, Itsunusa
@@ -65,21 +65,14 @@ def estimate(
         measurement: Factor on the measurement noise.
 
     Returns:
-        ``rmse (runs, 4)`` of surge, heave [m/s], pitch rate [rad/s] and depth [m], and of the first run ``time [s]``,
-        ``truth`` and ``estimate (k, 4)``.
+        ``rmse (runs, 4)`` of surge, heave [m/s], pitch rate [rad/s] and depth [m].
     """
     experiment = dive(trial, measured, process, measurement)
     dives = experiment.run(runs, np.random.default_rng([seed, 0]))
     filter_ = _filter(experiment, form, members)
     means = experiment.estimates(filter_, dives.measurements, np.random.default_rng([seed, members]))
-    truth = dives.truth[..., _SCORED]
     found = np.concatenate([means[..., :3], depths(experiment, means)[..., None]], -1)
-    return {
-        "rmse": rms((found - truth)[1:]),
-        "time": thinned(VEHICLE.dt * np.arange(len(truth))),
-        "truth": thinned(truth[:, 0]),
-        "estimate": thinned(found[:, 0]),
-    }
+    return {"rmse": rms((found - dives.truth[..., _SCORED])[1:])}
 
 
 class PublishedSquareRootFilter(EnsembleTransformFilter):

@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 
 from agents.page import Table, entry, number, words
-from agents.plotting import BELIEVED, TRUE
 from agents.statistics import Interval, mean_interval
-from studies.papers.figures import Curve, Panel, panels, ratios
 from studies.papers.itsunusa.experiment import (
     MEASUREMENT_SD,
     PRINTED,
@@ -40,10 +38,6 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
     plain, pitched, _ = errors
     columns = {form: _comparisons(settings, errors[form]) for form in (plain, pitched)}
     tables = {"published": comparison_table(columns), "forms": _forms(errors)}
-    figures = {
-        "ratios": ratios({form: [c for c in found if c.ours is not None] for form, found in columns.items()}),
-        "dive": _dive(printed[str(most)], results[_FORMS[plain].format(most)]),
-    }  # fmt: skip
     stacked = {form: np.stack([each[size] for size in members], -1) for form, each in errors.items()}
     motions = {form: trend(members, np.exp(np.log(values[:, :3]).mean(1))) for form, values in stacked.items()}
     lower = {
@@ -56,7 +50,7 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
     assert position is not None
     share = Interval(*(100.0 * end / trial["depth"] for end in (position.mean, position.low, position.high)))
     page, opening = fill(
-        Path(__file__).parent, tables, figures, settings=settings, fewest=fewest, most=most, lower=lower,
+        Path(__file__).parent, tables, settings=settings, fewest=fewest, most=most, lower=lower,
         believed=[number(v, 4) for v in np.mean(results["believed"]["rmse"], 0)], printed=printed[str(most)][:-1],
         depth={form: words(interval, 3) for form, interval in depth.items()}, plain=plain, pitched=pitched,
         motions={form: percent(change) for form, change in motions.items()}, falls=falls(motions[plain]),
@@ -96,17 +90,3 @@ def _exact_square(settings: Mapping[str, Any]) -> float:
     members = settings["members"][0], settings["members"][-1]
     high, low = (float(settings["printed"][str(size)][0]) ** 2 for size in members)
     return low - (high - low) / (1.0 / members[0] - 1.0 / members[1]) / members[1]
-
-
-def _dive(printed: list[str], found: Mapping[str, Any]) -> str:
-    """Motions and depth over time, and their errors with the printed RMSE."""
-    time, truth, means = (np.asarray(found[key]) for key in ("time", "truth", "estimate"))
-    grid = []
-    for i, (name, unit) in enumerate(QUANTITIES.items()):
-        last, level = "time [s]" if i == 3 else "", float(printed[i])
-        curves = [Curve(time, truth[:, i], "true"), Curve(time, means[:, i], "estimated", BELIEVED, "--")]
-        error = Curve(time, (means - truth)[:, i], color=TRUE)
-        grid.append([
-            Panel(curves, last, f"{name} [{unit}]"), Panel([error], last, f"error [{unit}]", levels=(-level, level)),
-        ])  # fmt: skip
-    return panels(grid, 7.2, 6.6)

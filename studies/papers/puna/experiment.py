@@ -12,7 +12,7 @@ import numpy as np
 from agents.jobs import Job
 from estimators import Filter, Gaussian, make, rmse, wrap
 from studies.papers.puna.model import SEEN, PlanarPuna
-from vessel_gym.guidance.dubins import WORDS, Path, approach, candidates, lengths, plan, shortest, word_path
+from vessel_gym.guidance.dubins import WORDS, Path, approach, candidates, lengths, plan, shortest
 from vessel_gym.guidance.words import chain
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.puna import PunaParameters, trim
@@ -94,7 +94,7 @@ def final_y(start_y: float, heading: float, radius: float) -> float:
 
 
 def open_case(paths: Mapping[str, Any]) -> dict[str, Any]:
-    """The case without an obstacle: each word's length and track by interpretation, and the paper's minimum."""
+    """The case without an obstacle: each word's length by interpretation, and the paper's minimum."""
     from scipy.optimize import minimize_scalar
 
     case, radius = paths["open"], paths["radius"]
@@ -107,10 +107,6 @@ def open_case(paths: Mapping[str, Any]) -> dict[str, Any]:
     least = minimize_scalar(rsl, bounds=(0.0, 500.0), method="bounded", options={"xatol": 1e-6})
     return {
         "lengths": {interpretation: candidates(*ends, radius) for interpretation, ends in by_interpretation.items()},
-        "tracks": {
-            interpretation: {word: _track(word_path(*ends, radius, word)) for word in candidates(*ends, radius)}
-            for interpretation, ends in by_interpretation.items()
-        },
         "final y": final_y(case["start"][1], np.deg2rad(case["headings"][0]), radius),
         "least RSL": {"y": least.x, "length": least.fun},
     }
@@ -140,13 +136,7 @@ def obstacle_case(paths: Mapping[str, Any]) -> dict[str, Any]:
             for interpretation, path in posed.items()
         },
         "bank": bank(paths["speed"], paths["obstacle"][2]),
-        "tracks": {"whole": _track(whole), "detour": _track(detour)}
-        | {word: _track(path) for word, path in strings.items()},
     }
-
-
-def _track(path: Path) -> np.ndarray:
-    return path.sample(path.length / 200.0)[:, :2]
 
 
 # --- estimation -------------------------------------------------------------------------------------
@@ -202,8 +192,7 @@ def estimate(
     """RMS errors of flights with ensembles of several sizes; the flights are the same for all sizes and measurements.
 
     Returns:
-        ``rmse (sizes, runs, 4)`` over the steps of a flight; ``slowest (runs,)`` true airspeed of each flight;
-        ``truth`` and ``estimate (steps, 4)`` of the first flight with the last size.
+        ``rmse (sizes, runs, 4)`` over the steps of a flight; ``slowest (runs,)`` true airspeed of each flight.
     """
     Q, R = np.array(process), np.array(measurement)
     u = controls(control, steps, swing, period)
@@ -213,6 +202,4 @@ def estimate(
         enkf = make("enkf", model, members=size, draws="independent")
         means = estimates(enkf, u, Q, measurements, np.random.default_rng([seed, size]))
         errors.append(rmse(means, truth, angles=(0,), axis=0))
-    return {
-        "rmse": np.array(errors), "slowest": truth[:, :, 1].min(0), "truth": truth[:, 0], "estimate": means[:, 0]
-    }  # fmt: skip
+    return {"rmse": np.array(errors), "slowest": truth[:, :, 1].min(0)}

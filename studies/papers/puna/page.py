@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 
 from agents.page import Entry, Table, listed, number, words
-from agents.plotting import BELIEVED, INK, PALETTE, PUBLISHED, RAW, TRUE
 from agents.statistics import paired_difference
-from studies.papers.figures import Curve, Panel, panels, ratios
 from studies.papers.measures import Comparison, Report, comparison_table, exponential, falls, percent, rows, trend
 from studies.papers.puna.experiment import CONTROLS, MEASURED, PLANE, QUANTITIES, bank, controls
 from studies.papers.template import fill
@@ -33,19 +31,15 @@ def report(settings: Mapping[str, Any], results: Results) -> Report:
     tables = {
         "published": comparison_table(columns), "words": _words(opened), "obstacle": _ways(paths, obstructed),
     }  # fmt: skip
-    figures = {
-        "ratios": ratios(columns), "paths": _paths(paths, opened, obstructed),
-        "flight": _flight(results),
-    }  # fmt: skip
-    ends_ = [paths["obstructed"][end] for end in ("start", "goal")]
+    ends = [paths["obstructed"][end] for end in ("start", "goal")]
     page, opening = fill(
-        Path(__file__).parent, tables, figures, settings=settings, open=opened, obstructed=obstructed,
+        Path(__file__).parent, tables, settings=settings, open=opened, obstructed=obstructed,
         trim=controls("constant", 1, 0.0, 1.0)[0], shortest=shortest, plane=PLANE,
         agree=[interpretation for interpretation, word in shortest.items() if word == paths["open"]["word"]],
         gains={q: f"{g.mean:.2f} [{g.low:.2f}, {g.high:.2f}]" for q, g in gains.items()}, falls=falls(change),
         least=min(g.mean for g in gains.values()), better=all(g.low > 1.0 for g in gains.values()),
         best={c: _best(settings, results, c) for c in CONTROLS}, change=percent(change),
-        away=np.abs(np.asarray(obstructed["tangent points"]) - ends_).max(),
+        away=np.abs(np.asarray(obstructed["tangent points"]) - ends).max(),
         stalled=100.0 * np.mean(np.asarray(results["sizes, constant, all"]["slowest"]) <= 0.0),
         alone=[f"{c.ratio.mean:.2f}" for c in _comparisons(settings, results, "flight", "x")[:4]],
     )  # fmt: skip
@@ -87,7 +81,7 @@ def _best(settings: Mapping[str, Any], results: Results, control: str) -> dict[s
     return {"verdict": verdict, "gaps": ", ".join(f"{size}: {words(gap, 2, True)} %" for size, gap in gaps.items())}
 
 
-# --- tables and figures -----------------------------------------------------------------------------
+# --- tables -----------------------------------------------------------------------------
 
 
 def _words(opened: Mapping[str, Any]) -> Table:
@@ -120,46 +114,3 @@ def _ways(paths: Mapping[str, Any], found: Mapping[str, Any]) -> Table:
     ]
     head = [("length", "m"), ("passes the centre at", "m"), ("kinks", "deg"), ("bank", "deg")]
     return Table("", "", "way", head, [("", lines)], "obstacle")
-
-
-def _paths(paths: Mapping[str, Any], opened: Mapping[str, Any], obstructed: Mapping[str, Any]) -> str:
-    """The case without an obstacle in two interpretations of its headings, and the case with one."""
-    row, word = [], paths["open"]["word"]
-    for interpretation in ("from the x axis", "from the y axis, clockwise"):
-        lengths, curves = opened["lengths"][interpretation], []
-        best = min(lengths, key=lengths.get)
-        for name, track in opened["tracks"][interpretation].items():
-            color = TRUE if name == best else PUBLISHED if name == word else RAW
-            label = f"{name}, shortest" if name == best else name if name == word else ""
-            x, y = np.transpose(track)
-            curves.append(Curve(x, y, label, color, options={"linewidth": 1.8 if name == best else 0.8}))
-        row.append(Panel(curves, "x [m]", "y [m]", f"headings {interpretation}", equal=True))
-    x, y, radius = paths["obstacle"]
-    angle = np.linspace(0.0, 2.0 * np.pi, 100)
-    looks = {"whole": (obstructed["word"], RAW), "detour": ("our plan", TRUE), "SRS": ("string SRS", PUBLISHED),
-             "SLS": ("string SLS", PALETTE[2])}  # fmt: skip
-    tracks = {label: (np.transpose(obstructed["tracks"][key]), color) for key, (label, color) in looks.items()}
-    curves = [Curve(track[0], track[1], label, color) for label, (track, color) in tracks.items()]
-    curves.append(Curve(x + radius * np.cos(angle), y + radius * np.sin(angle), "obstacle", INK))
-    near = {"xlim": (-520.0, 20.0), "ylim": (80.0, 260.0)}
-    row.append(Panel(curves, "x [m]", "y [m]", "with an obstacle", equal=True, options=near))
-    return panels([[panel] for panel in row], 7.2, 9.0, sharex=False)
-
-
-def _flight(results: Results) -> str:
-    """The first flight, true and estimated, of either control with either set of measurements."""
-    grid: list[list[Panel]] = [[] for _ in QUANTITIES]
-    for control in CONTROLS:
-        cases = {measured: results[f"flight, {control}, {measured}"] for measured in MEASURED}
-        truth = np.asarray(cases["all"]["truth"])
-        time = PLANE.dt * np.arange(1, len(truth) + 1)
-        level = np.zeros_like(truth)
-        level[:, 2] = 20.0 * time
-        for i, (quantity, unit) in enumerate(QUANTITIES.items()):
-            curves = [Curve(time, (truth - level)[:, i], "true", options={"linewidth": 1.5})]
-            for (measured, case), color, line in zip(cases.items(), (BELIEVED, PALETTE[2]), ("-", "--"), strict=True):
-                means = (np.asarray(case["estimate"]) - level)[:, i]
-                curves.append(Curve(time, means, f"estimated, {MEASURED[measured]}", color, line))
-            label = f"{'x − 20 t' if quantity == 'x' else quantity} [{unit}]"
-            grid[i].append(Panel(curves, "time [s]" if i == 3 else "", label, f"{control} angle" if i == 0 else ""))
-    return panels(grid, 7.2, 7.0, sharey="row")

@@ -234,34 +234,24 @@ def _rmse(beliefs: Iterable[tuple[Belief, Belief]], x: np.ndarray, skipped: int)
 # --- the paper's own system -------------------------------------------------------------------------
 
 
-def example(
-    first: int, runs: int, noise_seed: int, steps: int, disturbance: Mapping[str, float], filters: Mapping[str, Any]
-) -> dict[str, Any]:
-    """The system of a seed without and with disturbance: its first run, and RMSE over all runs.
+def example(first: int, runs: int, noise_seed: int, steps: int) -> dict[str, Any]:
+    """The Kalman filter on the system of a seed, with nothing wrong.
 
     Returns:
-        ``x (T, n)``, ``outlier (T,)``; for each filter ``clean`` and ``disturbed (T, n)`` estimates, ``rmse (T,)``, and
-        without disturbance ``variance (T, n)`` and ``gain (T, 2)``, the extreme singular values of
-        ``K = P+ C' R^-1``; ``printed``, see `printed_difference`.
+        ``rmse (T,)`` over all runs; of the first run ``variance (T, n)`` and ``gain (T,)``, the largest singular value
+        of ``K = P+ C' R^-1``; ``printed``, see `printed_difference`.
     """
     model = discretised([draw(first)])
-    conditions = (Condition(), Condition(**disturbance))
-    clean, hit = (simulate(model, model, condition, steps, runs, noise_seed) for condition in conditions)
-    outlier = (clean.y != hit.y).any(-1)[:, 0, 0]
-    found: dict[str, Any] = {"x": clean.x[:, 0, 0], "outlier": outlier.astype(float)}
-    for name, options in filters.items():
-        free = [after for _, after in track(options, model, clean.y)]
-        gains = [after.cov[0, 0] @ model.C[0, 0].T @ np.linalg.inv(model.R) for after in free]
-        squares = [((after.mean - x) ** 2).sum(-1).mean() for after, x in zip(free, clean.x, strict=True)]
-        found[name] = {
-            "clean": np.array([after.mean[0, 0] for after in free]),
-            "disturbed": np.array([after.mean[0, 0] for _, after in track(options, model, hit.y)]),
-            "rmse": np.sqrt(squares),
-            "variance": np.array([np.diagonal(after.cov[0, 0]) for after in free]),
-            "gain": np.linalg.svd(gains, compute_uv=False),
-        }
-    kf = np.array([after.mean[0, 0] for _, after in track({"kind": "kf"}, model, clean.y[:, :, :1])])
-    return found | {"printed": printed_difference(model, clean.y[:, 0, 0], kf)}
+    x, y = simulate(model, model, Condition(), steps, runs, noise_seed)
+    found = [after for _, after in track({"kind": "kf"}, model, y)]
+    gains = [after.cov[0, 0] @ model.C[0, 0].T @ np.linalg.inv(model.R) for after in found]
+    squares = [((after.mean - state) ** 2).sum(-1).mean() for after, state in zip(found, x, strict=True)]
+    return {
+        "rmse": np.sqrt(squares),
+        "variance": np.array([np.diagonal(after.cov[0, 0]) for after in found]),
+        "gain": np.linalg.svd(gains, compute_uv=False)[:, 0],
+        "printed": printed_difference(model, y[:, 0, 0], np.array([after.mean[0, 0] for after in found])),
+    }
 
 
 def printed_difference(model: StateSpace, y: np.ndarray, kf: np.ndarray) -> float:
@@ -298,14 +288,16 @@ def job_name(population: str, condition: Condition) -> str:
 
 def jobs(settings: Mapping[str, Any]) -> dict[str, Job]:
     """Everything to compute, by name."""
-    run = {key: settings[key] for key in ("noise_seed", "steps", "filters")}
+    run = {key: settings[key] for key in ("noise_seed", "steps")}
     paper = {key: settings["populations"]["paper"][key] for key in ("first", "runs")}
-    found = {
-        "example": Job(f"{__name__}:example", paper | run | {"disturbance": settings["outliers"]}, "robust, example")
+    found = {"example": Job(f"{__name__}:example", paper | run, "robust, example")}
+    run |= {key: settings[key] for key in ("filters", "skipped")}
+    conditions = {
+        "random": dict.fromkeys(condition for group in sweeps(settings).values() for condition in group),
+        "paper": (Condition(), Condition(**settings["outliers"])),
     }
-    conditions = dict.fromkeys(condition for group in sweeps(settings).values() for condition in group)
     for population, which in settings["populations"].items():
-        for condition in conditions:
-            arguments = which | run | {"skipped": settings["skipped"], "condition": condition._asdict()}
+        for condition in conditions[population]:
+            arguments = which | run | {"condition": condition._asdict()}
             found[job_name(population, condition)] = Job(f"{__name__}:errors", arguments, f"robust, {population}")
     return found

@@ -8,15 +8,12 @@ from typing import Any
 import numpy as np
 
 from agents.page import Entry, Table, entry, number, words
-from agents.plotting import BELIEVED, INK, PALETTE, RAW, TRUE
 from agents.statistics import Interval
-from studies.papers.figures import Curve, Panel, ends, panels
 from studies.papers.measures import Report, Row, exponential
 from studies.papers.robust.experiment import PRIOR_VARIANCE, STATES, STEP, Condition, job_name, sweeps
 from studies.papers.template import fill
 
 Results = Mapping[str, Mapping[str, Any]]
-_COLOURS = (INK, BELIEVED, PALETTE[2], PALETTE[5], TRUE)
 _TITLES = {
     "rate": "how many outliers [%]", "size": "how large the outliers [σ]", "tolerance": "c of the worst noise",
     "parameters": "error of A [%]", "least_favourable, outliers": "outliers [%], worst noise of c = 0.1",
@@ -28,7 +25,7 @@ def report(settings: Mapping[str, Any], results: Results) -> Report:
     """Page and measures, from the values of every job; the paper prints no number."""
     groups, example = sweeps(settings), results["example"]
     huber, *minimax = others = [name for name in settings["filters"] if name != "kf"]
-    hit, example_rmse = Condition(**settings["outliers"]), np.asarray(example["kf"]["rmse"])
+    hit, example_rmse = Condition(**settings["outliers"]), np.asarray(example["rmse"])
 
     def to_kf(condition: Condition, name: str) -> Interval:
         return ratio(results, "random", condition, name)
@@ -40,22 +37,18 @@ def report(settings: Mapping[str, Any], results: Results) -> Report:
         "model-error": _table(results, groups, ["tolerance", "parameters"], others),
         "both": _table(results, groups, list(_TITLES)[4:], others),
     }  # fmt: skip
-    figures = {
-        "sweeps": _sweeps(results, groups, others), "example": _example(example, settings),
-        "gain": _gain(example, settings["steps"], ["kf", minimax[-1]]),
-    }  # fmt: skip
-    kf, settled = example["kf"], float(np.sqrt(np.mean(example_rmse[settings["skipped"] :] ** 2)))
-    gain, variance = np.asarray(kf["gain"]), np.asarray(kf["variance"])
+    settled = float(np.sqrt(np.mean(example_rmse[settings["skipped"] :] ** 2)))
+    variance = np.asarray(example["variance"])
     own = [Condition(**settings[error]) for error in ("least_favourable", "parameters")]
     grounds = [(huber, hit), *((name, condition) for name in minimax for condition in own)]
     shares = [f"{name} {100.0 * np.mean(_units(results, c, name) < 1.0):.0f} %" for name, c in grounds]
     page, opening = fill(
-        Path(__file__).parent, tables, figures, settings=settings, example=example, hit=to_kf(hit, huber),
+        Path(__file__).parent, tables, settings=settings, example=example, hit=to_kf(hit, huber),
         random=settings["populations"]["random"], free={n: to_kf(Condition(), n) for n in others},
         struck={n: to_kf(hit, n) for n in minimax}, minimax=minimax,
         gains={n: _balance(results, model_errors, n) for n in minimax},
         losses={n: _balance(results, outliers, n) for n in minimax}, every=_balance(results, outliers, huber),
-        errors=example_rmse, start=float(np.sqrt(PRIOR_VARIANCE * STATES)), settled=settled, gain=gain[[0, -1], 0],
+        errors=example_rmse, start=float(np.sqrt(PRIOR_VARIANCE * STATES)), settled=settled, gain=example["gain"],
         falls=bool((variance[-1] < variance[0]).all()), shares=shares, step=STEP,
         affected={n: words(ratio(results, "paper", hit, n, Condition()), 2) for n in settings["filters"]},
     )  # fmt: skip
@@ -127,51 +120,3 @@ def _systems(results: Results, settings: Mapping[str, Any], others: Sequence[str
         sections.append((title, lines))
     head = [("systems below the KF", "%"), *((label, "") for label in ("best", "10 %", "median", "90 %", "worst"))]
     return Table("", "", "filter", head, sections, "systems")
-
-
-def _sweeps(results: Results, groups: Mapping[str, Sequence[Condition]], others: Sequence[str]) -> str:
-    """Ratios to the KF with 95 % intervals; hollow: the single system in the paper's place."""
-    made = []
-    for key, title in _TITLES.items():
-        x, curves = np.arange(len(groups[key])), []
-        for name, color in zip(others, _COLOURS[1:], strict=True):
-            logs = np.array([np.log(_units(results, c, name)) for c in groups[key]])
-            means, halves = ends(logs)
-            single = [ratio(results, "paper", c, name).mean for c in groups[key]]
-            curves.append(Curve(x, np.exp(means), name, color, "-", "o", half=np.exp(means) * halves))
-            curves.append(Curve(x, single, "", color, ":", "o", options={"markerfacecolor": "white", "linewidth": 0.8}))
-        ticks = {"yscale": "log", "xticks": x, "xticklabels": [_label(key, c) for c in groups[key]]}
-        made.append(Panel(curves, title, "RMSE / RMSE of the KF", one=True, options=ticks))
-    return panels([made[:2], made[2:4], made[4:]], 7.2, 8.4, sharex=False)
-
-
-def _example(example: Mapping[str, Any], settings: Mapping[str, Any]) -> str:
-    """The paper's figures 1, 2 and 5: estimates and true states, without and with disturbance."""
-    t, x, hit = STEP * np.arange(settings["steps"]), np.asarray(example["x"]), np.asarray(example["outlier"]) > 0.0
-    names = ["kf", "huber-kf", list(settings["filters"])[-1]]
-    grid = []
-    for which, title in (("clean", "no disturbance"), ("disturbed", "with disturbance")):
-        row = []
-        for i in range(STATES):
-            curves = [Curve(t, x[:, i], "true", RAW, options={"linewidth": 2.4})]
-            curves += [Curve(t, np.asarray(example[name][which])[:, i], name, color, options={"linewidth": 0.9})
-                       for name, color in zip(names, (INK, BELIEVED, TRUE), strict=True)]  # fmt: skip
-            if which == "disturbed":
-                curves.append(Curve(t[hit], np.full(hit.sum(), x[:, i].min() - 1.0), "outlier", INK, "", "|"))
-            row.append(Panel(curves, "time [s]" if which == "disturbed" else "", f"$x_{i + 1}$", title))
-        grid.append(row)
-    return panels(grid, 7.2, 4.8)
-
-
-def _gain(example: Mapping[str, Any], steps: int, names: Sequence[str]) -> str:
-    """The paper's figures 3 and 4: extreme singular values of the gain, and the variances."""
-    t, gain, variance = STEP * np.arange(steps), [], []
-    for name, color in zip(names, (INK, TRUE), strict=True):
-        high, low = np.asarray(example[name]["gain"]).T
-        gain.append(Curve(t, high, name, color, fill=low))
-        pairs = zip(np.asarray(example[name]["variance"]).T, ("-", "--"), strict=True)
-        variance += [Curve(t, v, "", color, line) for v, line in pairs]
-    return panels([[
-        Panel(gain, "time [s]", "singular values of K", options={"yscale": "log"}),
-        Panel(variance, "time [s]", "variance of $x_1$, $x_2$", options={"yscale": "log"}),
-    ]], 7.2, 2.8)  # fmt: skip

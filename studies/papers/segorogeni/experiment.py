@@ -10,7 +10,7 @@ from scipy.optimize import root
 
 from agents.jobs import Job
 from estimators import make
-from studies.papers.dive import Advance, Experiment, channel_sd, own_step, rms, thinned
+from studies.papers.dive import Advance, Experiment, channel_sd, own_step, rms
 from vessel_gym.envs.auv import SEGOROGENI_AUV
 from vessel_gym.vehicles.segorogeni import STATE, Segorogeni, segorogeni_rates
 
@@ -79,23 +79,18 @@ def estimate(
 
     Returns:
         ``planned path`` and ``true position``: RMSE ``(runs, 4)`` of x, y, z [m] and yaw [rad] against each; ``final
-        (runs, 3)`` distances from the planned end [m]; of the first run ``time``, ``truth``, ``plan``, ``estimate``.
+        (runs, 3)`` distances from the planned end [m].
     """
     experiment = dive(read(trial), own, process)
     dives = experiment.run(runs, np.random.default_rng([seed, 0]))
     options: dict[str, Any] = {"members": members, "draws": "independent"} if members else {}
     filter_ = make("enkf" if members else "ekf", experiment.model, **options)
     means = experiment.estimates(filter_, dives.measurements, np.random.default_rng([seed, members]))
-    places, truth = positions(experiment, means), dives.truth[..., _PLACE]
-    plan = experiment.planned[:, None, _PLACE]
+    places, plan = positions(experiment, means), experiment.planned[:, None, _PLACE]
     return {
         "planned path": rms((places - plan)[1:]),
-        "true position": rms((places - truth)[1:]),
+        "true position": rms((places - dives.truth[..., _PLACE])[1:]),
         "final": np.abs(places - plan)[-1, :, :3],
-        "time": thinned(np.linspace(0.0, trial["duration"], len(truth))),
-        "truth": thinned(truth[:, 0]),
-        "plan": thinned(plan[:, 0]),
-        "estimate": thinned(places[:, 0]),
     }
 
 

@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 
 from agents.page import Table, entry, number, words
-from agents.plotting import BELIEVED, PALETTE, TRUE
 from agents.statistics import mean_interval, paired_difference
-from studies.papers.figures import Curve, Panel, panels, ratios
 from studies.papers.measures import Comparison, Report, comparison_table, falls, percent, rows, trend
 from studies.papers.segorogeni.experiment import MEASUREMENT_SD, OWN_STEP, PROCESS_SD, QUANTITIES, REFERENCES
 from studies.papers.template import fill
@@ -30,10 +28,6 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
     final = joined(most, "final")
     columns = {f"against the {r}": _comparisons(settings, errors[r], final) for r in REFERENCES}
     tables = {"published": comparison_table(columns), "own": _own_table(own)}
-    figures = {
-        "ratios": ratios({name: [c for c in found if c.ours is not None] for name, found in columns.items()}),
-        "path": _path(results[f"printed step, {most}, {settings['seeds'][0]}"]),
-    }  # fmt: skip
     ours = {reference: errors[reference][most].mean(0) for reference in REFERENCES}
     theirs = np.array([float(text) for text in settings["printed"][str(most)]])
     sizes = {r: np.stack([own[size][r] for size in members], -1) for r in REFERENCES}
@@ -42,7 +36,7 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
             for i, (a, b) in enumerate(((300, 200), (300, 200), (200, 300)))]  # fmt: skip
     decided = {None if i is None or not i.excludes_zero else i.mean < 0.0 for i in best}
     page, opening = fill(
-        Path(__file__).parent, tables, figures, settings=settings, dives=len(final), most=most, fewest=fewest,
+        Path(__file__).parent, tables, settings=settings, dives=len(final), most=most, fewest=fewest,
         ours={r: [number(value, 3) for value in values] for r, values in ours.items()},
         noise=settings["open"]["process_noise"]["believed"],
         believed=[number(value, 2) for value in np.mean(results["believed"][_PLAN], 0)],
@@ -81,17 +75,3 @@ def _own_table(own: Mapping[int, Mapping[str, np.ndarray]]) -> Table:
         ]) for reference in REFERENCES
     ]  # fmt: skip
     return Table("", "", "", list(QUANTITIES.items()), sections, "own")
-
-
-def _path(found: Mapping[str, Any]) -> str:
-    """The path from above and in depth, and the distance of estimate and vehicle from the plan."""
-    time, truth, plan, means = (np.asarray(found[key]) for key in ("time", "truth", "plan", "estimate"))
-    looks = (("planned", plan, PALETTE[7], ":"), ("true", truth, TRUE, "-"), ("estimated", means, BELIEVED, "--"))
-    above = [Curve(p[:, 1], p[:, 0], label, color, line) for label, p, color, line in looks]
-    deep = [Curve(time, p[:, 2], label, color, line) for label, p, color, line in looks]
-    errors = [
-        Panel([Curve(time, (p - plan)[:, i], "", color, line) for _, p, color, line in looks[1:]], "time [s]", label)
-        for i, label in ((1, "y − planned [m]"), (3, "angle − planned [rad]"))
-    ]
-    top = [Panel(above, "y, east [m]", "x, north [m]", equal=True), Panel(deep, "time [s]", "z, down [m]")]
-    return panels([top, errors], 7.2, 5.2, sharex=False)

@@ -126,7 +126,7 @@ def first_picture() -> Any:
             "report",
         ),  # before the study is read, whose filters would be compiled
         (ablate.main, [str(ROOT / "studies" / "quick.toml"), "--scheduler", "tcp://127.0.0.1:9"], "dask", "cluster"),
-        (reproduce.main, ["all"], "matplotlib", "report"),
+        (reproduce.main, ["all"], "jinja2", "report"),
         (watch.main, ["--out", "turn.gif"], "imageio", "render"),
     ],
 )
