@@ -70,7 +70,7 @@ def verdict(differences: np.ndarray, margin: float, span: float, comparisons: in
     if found is None:
         return UNDECIDED
     if len(differences) * margin >= 3.0 * span:
-        intervals = (found, *(mean_interval(np.append(differences, end)) for end in (-span, span)))
+        intervals = (found, *(mean_interval(np.append(differences, end), comparisons) for end in (-span, span)))
         if all(each and -margin < each.low and each.high < margin for each in intervals):
             return EQUIVALENT
     if found.low > 0.0:
