@@ -39,6 +39,7 @@ policies: .venv/.studies  ## Train the policies that come with the package anew,
 	$(BIN)/python -m studies.tables agents
 
 $(POLICIES):  # curves of the training stay in results
+	rm -rf results/policies/$@*
 	$(BIN)/python -m scripts.train $@ --runs $(RUNS) --out results/policies/$@.zip
 	cp results/policies/$@.zip agents/policies/trained/
 

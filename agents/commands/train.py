@@ -109,15 +109,13 @@ def _best(runs: range, env_id: str, out: Path, options: dict[str, Any], resume: 
     from agents import rollout
     from agents.files import replacing
     from agents.seeds import tuning_seeds
-    from agents.training.callbacks import last_checkpoint
 
     scores, seeds = {}, tuning_seeds(CHOOSING)
     for run in runs:
         folder = out.with_suffix("") / f"run-{run}"
         path = folder.with_suffix(".zip")
         if not (resume and path.exists()):
-            interrupted = resume and last_checkpoint(folder) is not None
-            _once(run, env_id, path, options, interrupted, given)
+            _once(run, env_id, path, options, resume and folder.exists(), given)
         scores[path] = float(rollout(path, env_id, seeds, options, record=False).score.mean())
         print(f"run {run}: mean score {scores[path]:.3f} over {CHOOSING} tuning seeds", flush=True)
     with replacing(out) as temporary:

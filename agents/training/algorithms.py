@@ -127,8 +127,8 @@ def _wanted(name: str, known: Any, value: Any) -> str:
         whole = is_integer(value) and _LEAST[name] <= value < 2**31
         return "" if whole else f"a whole number of at least {_LEAST[name]}"
     if known == "auto":
-        automatic = isinstance(value, str) and re.fullmatch(r"auto(_\d*\.?\d+)?", value)
-        least = -np.inf if name == "target_entropy" else 0.0
+        pattern, least = ("auto", -np.inf) if name == "target_entropy" else (r"auto(_\d*\.?\d+)?", 0.0)
+        automatic = isinstance(value, str) and re.fullmatch(pattern, value)
         return "" if automatic or (np.isfinite(number) and number >= least) else "'auto' or a number"
     return "" if known is None or _such_as(known, value) else f"such as {known!r}"
 
@@ -245,28 +245,28 @@ def train(
         algorithm: One of `ALGORITHMS`.
         folder: Where learning curves, the latest and the best policy, and the checkpoints of stable-baselines3 go,
             see `agents.training.callbacks`; None: nowhere. It must hold no earlier training.
-        resume: Go on from the last checkpoint of stable-baselines3 in the folder, in new episodes. It holds pickles,
-            as all of stable-baselines3's.
+        resume: Go on from the last checkpoint of stable-baselines3 in the folder, in new episodes; begin anew where
+            the training broke off before the first. A checkpoint holds pickles, as all of stable-baselines3's.
 
     Returns:
         The path of the checkpoint.
 
     Raises:
         ValueError: for an environment, memory or algorithm without settings, a budget below one rollout, a checkpoint
-            of another training, or a training in the folder that is not to be resumed.
+            of another training or a damaged one, or a training in the folder that is not to be resumed.
         TypeError: for options that a checkpoint cannot hold as plain data.
-        OSError: if the checkpoint cannot be written, or there is none to resume from.
+        OSError: if the checkpoint cannot be written, or there is no training to resume.
         ModuleNotFoundError: without torch or stable-baselines3.
         KeyboardInterrupt: after Ctrl-C; the text names the last checkpoint in the folder.
     """
     described = describe(env_id, env_options, seed, steps, memory, settings, algorithm)
-    kept = None if folder is None else _kept(folder, described, resume)
+    kept = None if folder is None else _kept(folder, described, resume, zip_path(path).exists())
     with replacing(zip_path(path)) as temporary, one_thread():
         _learn(described, env_options, temporary, progress, folder, kept)
     return zip_path(path)
 
 
-def _kept(folder: Path, described: dict[str, Any], resume: bool) -> Path | None:
+def _kept(folder: Path, described: dict[str, Any], resume: bool, finished: bool) -> Path | None:
     """The checkpoint with which a training goes on; None for a new one."""
     from stable_baselines3.common.save_util import load_from_zip_file
 
@@ -274,9 +274,9 @@ def _kept(folder: Path, described: dict[str, Any], resume: bool) -> Path | None:
 
     path = last_checkpoint(folder)
     if path is None:
-        if resume:
+        if resume and (finished or not folder.exists()):
             raise FileNotFoundError(f"there is no interrupted training to go on with: no checkpoint in {folder}")
-        if (folder / CURVES).exists():
+        if not resume and (folder / CURVES).exists():
             raise ValueError(f"{folder} keeps an earlier training: remove it, or train into another place")
         return None
     if not resume:
@@ -285,11 +285,15 @@ def _kept(folder: Path, described: dict[str, Any], resume: bool) -> Path | None:
         data, *_ = load_from_zip_file(path, device="cpu")
         before = dict((data or {})["described"])
     except Exception:  # a damaged pickle may break anything
-        raise ValueError(f"{path} is damaged: remove it, and --resume goes on from the one before it") from None
+        raise _damaged(path) from None
     changed = [key for key, value in described.items() if before.get(key) != value]
     if changed:
         raise ValueError(f"{path} is of another training: it differs in {', '.join(changed)}")
     return path
+
+
+def _damaged(path: Path) -> ValueError:
+    return ValueError(f"{path} is damaged: remove it, and --resume goes on from the one before it")
 
 
 def _learn(
@@ -365,10 +369,15 @@ def _learner(described: dict[str, Any], env_options: dict[str, Any] | None, kept
         model.described, model.elapsed = described, 0  # which its checkpoints keep
     else:
         model = kind.load(kept, env, device="cpu")
-        if (replay := replay_path(kept)).exists():
-            model.load_replay_buffer(replay)
-    # PPO reseeds the environments with its own seed: put the training range back.
-    env.seed(training_seed(seed))
+        if hasattr(model, "load_replay_buffer"):
+            try:
+                with replay_path(kept).open("rb") as file:
+                    model.load_replay_buffer(file)
+            except Exception:  # a damaged pickle may break anything
+                raise _damaged(kept) from None
+        model.set_random_seed(int(np.random.SeedSequence((seed, model.num_timesteps)).generate_state(1)[0]))
+    # PPO reseeds the environments with its own seed: put the training range back, beyond all runs' when it goes on.
+    env.seed(training_seed(seed) + 2**49 * model.num_timesteps)
     try:
         yield model
     finally:

@@ -3,12 +3,14 @@
 import shutil
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from agents.files import replacing
 from agents.policies.checkpoint import write
 from agents.rollouts import rollout
 from agents.seeds import tuning_seeds
@@ -117,11 +119,10 @@ class Evaluation(BaseCallback):
         self._best, self._done, self.score = -np.inf, -1, np.nan
 
     def _on_training_start(self) -> None:
-        best = self._folder / BEST
-        if self.num_timesteps and best.exists():  # of the training that goes on
-            self._best = self._score(best)
-        if self.num_timesteps:
+        if self.num_timesteps:  # of the training that goes on
             self._done = self.num_timesteps * EVALUATIONS // self._described["steps"]
+            with suppress(ValueError):  # damaged, or there is none
+                self._best = self._score(self._folder / BEST)
 
     def _on_step(self) -> bool:
         return True
@@ -144,7 +145,8 @@ class Evaluation(BaseCallback):
         self._done = self.num_timesteps * EVALUATIONS // described["steps"]
         if self.score > self._best:
             self._best = self.score
-            shutil.copyfile(latest, self._folder / BEST)
+            with replacing(self._folder / BEST) as temporary:
+                shutil.copyfile(latest, temporary)
 
     def _score(self, path: Path) -> float:
         env_id, seeds = self._described["env_id"], tuning_seeds(EPISODES)

@@ -105,21 +105,30 @@ class StableBaselinesVecEnv(VecEnv):
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Each environment's own row of an array that has one for each, its space; else what the batch shares."""
-        value = getattr(self.env, f"single_{attr_name}", None) or getattr(self.env, attr_name)
-        batched = isinstance(value, np.ndarray) and value.shape[:1] == (self.num_envs,)
+        batch: Any = self.env.unwrapped
+        if hasattr(batch, "get_attr") and not hasattr(self.env, attr_name):
+            value, batched = batch.get_attr(attr_name), True
+        else:
+            value = getattr(self.env, f"single_{attr_name}", getattr(self.env, attr_name))
+            batched = isinstance(value, np.ndarray) and value.shape[:1] == (self.num_envs,)
         return [value[i] if batched else value for i in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Not supported: the environments are one batch."""
-        raise NotImplementedError(
-            f"the environments of a batch share their attributes: set env.env.{attr_name}, for all of them"
-        )
+        """Set it in all environments of a batch of gymnasium's; not supported for one of this package, or for some."""
+        batch = self._single(indices, f"share their attributes: set env.env.{attr_name}")
+        batch.set_attr(attr_name, [value] * self.num_envs)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Not supported: the environments are one batch."""
-        raise NotImplementedError(
-            f"the environments of a batch have no methods of their own: call env.env.{method_name}, for all of them"
-        )
+        """Call it in all environments of a batch of gymnasium's; not supported as in `set_attr`."""
+        batch = self._single(indices, f"have no methods of their own: call env.env.{method_name}")
+        return list(batch.call(method_name, *args, **kwargs))
+
+    def _single(self, indices: Any, otherwise: str) -> Any:
+        """The batch, if it is made of single environments and all are meant."""
+        batch = self.env.unwrapped
+        if not hasattr(batch, "call") or [*self._get_indices(indices)] != [*range(self.num_envs)]:
+            raise NotImplementedError(f"the environments of a batch {otherwise}, for all of them")
+        return batch
 
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper], indices: Any = None) -> list[bool]:
         """True for a Monitor, whose work the adapter does itself, False for any other wrapper."""

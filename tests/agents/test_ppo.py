@@ -257,6 +257,7 @@ def test_an_unknown_memory_is_answered_with_those_that_there_are():
         ("ppo", "clip_range", 0, "a number above 0"), ("ppo", "clip_range_vf", -0.2, "a number above 0"),
         ("trpo", "target_kl", "low", "a number above 0"), ("sac", "tau", 2.0, "between 0 and 1"),
         ("sac", "ent_coef", -0.1, "'auto' or a number"), ("sac", "target_entropy", "much", "'auto' or a number"),
+        ("sac", "target_entropy", "auto_3", "'auto' or a number"),
         ("tqc", "top_quantiles_to_drop_per_net", -1, "a whole number of at least 0"),
     ],
 )  # fmt: skip

@@ -8,12 +8,16 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import torch
 
+from agents.commands import train as command
 from agents.policies.checkpoint import description
 from agents.training import callbacks
 from agents.training.algorithms import train
-from agents.training.callbacks import BEST, CURVES, LATEST, last_checkpoint
+from agents.training.callbacks import BEST, CURVES, LATEST, last_checkpoint, replay_path
+from agents.training.vec_env import StableBaselinesVecEnv
 
 STEPS = 10 * 8 * 16
 TINY = {
@@ -119,3 +123,52 @@ def test_without_a_checkpoint_or_with_a_damaged_one_nothing_is_resumed(tmp_path:
     assert last_checkpoint(folder) == folder / "checkpoint_128_steps.zip"
     with pytest.raises(ValueError, match=r"checkpoint_128_steps.zip is damaged: remove it"):
         learned(tmp_path / "agent.zip", folder=folder, resume=True)
+
+
+def test_a_resumed_training_flies_and_draws_what_it_has_not_yet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A damaged best policy does not stop it, and is replaced."""
+    first, noise, reset = [], [], StableBaselinesVecEnv.reset
+
+    def recorded(self: Any) -> Any:
+        noise.append(torch.rand(1).item())
+        first.append(reset(self))
+        return first[-1]
+
+    monkeypatch.setattr(StableBaselinesVecEnv, "reset", recorded)
+    path, folder = tmp_path / "agent.zip", tmp_path / "agent"
+    interrupt(monkeypatch, 0.3)
+    with pytest.raises(KeyboardInterrupt):
+        learned(path, folder=folder)
+    (folder / BEST).write_bytes((folder / BEST).read_bytes()[:1000])
+    learned(path, folder=folder, resume=True)
+    assert not np.isclose(first[0], first[1]).all(axis=1).any()
+    assert noise[0] != noise[1]
+    assert description(folder / BEST)["trained_steps"] >= 0
+    with pytest.raises(FileNotFoundError, match="no interrupted training"):
+        learned(path, folder=folder, resume=True)
+
+
+def test_an_off_policy_checkpoint_counts_only_with_its_replay_buffer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    path, folder = tmp_path / "agent.zip", tmp_path / "agent"
+    interrupt(monkeypatch, 0.2)
+    with pytest.raises(KeyboardInterrupt):
+        learned(path, "sac", folder=folder)
+    buffer = replay_path(last_checkpoint(folder))
+    buffer.write_bytes(buffer.read_bytes()[:1000])
+    for _ in range(2):
+        with pytest.raises(ValueError, match=r"_steps.zip is damaged: remove it, and --resume goes on from the one"):
+            learned(path, "sac", folder=folder, resume=True)
+        buffer.unlink(missing_ok=True)
+
+
+@pytest.mark.parametrize("runs", [1, 2])
+def test_a_training_that_broke_off_before_its_first_checkpoint_begins_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, runs: int
+):
+    monkeypatch.setattr(command, "CHOOSING", 1)
+    path, folder = tmp_path / "agent.zip", tmp_path / ("agent" if runs == 1 else "agent/run-0")
+    folder.mkdir(parents=True)
+    (folder / CURVES).write_text("")
+    small = tuple(f"{name}={value}" for name, value in TINY["ppo"].items())
+    command.main("SigmaCorvette-v0", out=path, steps=STEPS, runs=runs, settings=small, resume=True)
+    assert description(path)["trained_steps"] == STEPS

@@ -237,6 +237,21 @@ def test_gymnasiums_own_batches_with_the_same_autoreset_work_too():
     assert ended > 6
 
 
+def test_single_environments_of_gymnasiums_batches_are_asked_and_set():
+    options = {"vectorization_mode": "sync", "vector_kwargs": {"autoreset_mode": AutoresetMode.SAME_STEP}}
+    for wrapper in (lambda batch: batch, gym.wrappers.vector.RecordEpisodeStatistics):
+        env = StableBaselinesVecEnv(wrapper(gym.make_vec("CartPole-v1", num_envs=3, **options)))
+        assert env.get_attr("gravity", [0, 2]) == [9.8] * 2
+        env.set_attr("gravity", [1.0, 2.0])
+        assert env.get_attr("gravity") == env.env_method("get_wrapper_attr", "gravity") == [[1.0, 2.0]] * 3
+        assert env.get_attr("observation_space", 1) == [env.observation_space]
+        assert not env.has_attr("no_such_attribute")
+        with pytest.raises(NotImplementedError, match=r"share their attributes: set env.env.gravity"):
+            env.set_attr("gravity", 1.0, [0])
+        with pytest.raises(NotImplementedError, match=r"no methods of their own: call env.env.reset"):
+            env.env_method("reset", indices=1)
+
+
 def test_what_a_batch_cannot_do_is_refused_and_what_it_can_is_answered_for_each_row():
     env = adapter()
     assert env.get_attr("max_episode_steps") == [LIMIT] * ROWS
