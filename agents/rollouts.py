@@ -176,10 +176,10 @@ class _History:
 
     def _innovation(self) -> np.ndarray:
         """Normalised innovation squared of every environment ``(N,)``; NaN where there is no innovation."""
-        core = self._core
-        if core is None or core.belief.innovation is None or core.belief.innovation_cov is None:
+        belief = None if self._core is None else self._core.belief
+        if belief is None or belief.innovation is None or belief.innovation_cov is None:
             return np.full(self._rows, np.nan)
-        return nis(core.belief.innovation, core.belief.innovation_cov)
+        return nis(belief.innovation, belief.innovation_cov, np.abs(belief.mean).max(-1, keepdims=True))
 
     def _ensemble(self) -> list[np.ndarray]:
         """The members of every environment's ensemble ``(N, m, n)``; none without an ensemble."""

@@ -375,10 +375,11 @@ def assess(
     data = simulate(filter.model, prior, rng, runs, steps) if data is None else data
     series, angles = run(filter, prior, data.y, data.u, available=data.available, rng=rng), filter.model.state_angles
     beliefs: Any = series.updated
-    errors, surprise = nees(series.mean, series.cov, data.x, angles), nis(beliefs.innovation, beliefs.innovation_cov)
+    errors, size = nees(series.mean, series.cov, data.x, angles), np.abs(series.mean).max(-1, keepdims=True)
+    surprise = nis(beliefs.innovation, beliefs.innovation_cov, size)
     degrees = beliefs.available.sum(-1).astype(float)
     if isinstance(beliefs, InputBelief) and beliefs.input_observed is not None:
-        surprise = surprise - nis(beliefs.input_mean, beliefs.input_cov)
+        surprise = surprise - nis(beliefs.input_mean, beliefs.input_cov, size)
         degrees = degrees - np.round(np.trace(beliefs.input_observed, axis1=-2, axis2=-1))
     innovations = whiteness = None
     if not isinstance(beliefs, FeedthroughBelief):

@@ -176,6 +176,7 @@ class Estimator(ABC, Generic[Record]):
         """The log density ``(...)`` of a measurement, given those before it; 0 where none came.
 
         Channels that follow from those before them without noise add nothing, or minus infinity if they contradict.
+        A mixture of states that is known exactly, while they are not, is known to rounding only: make it a state.
 
         Args:
             predicted: The belief that the measurement met.
@@ -192,7 +193,13 @@ class Estimator(ABC, Generic[Record]):
                 f"{self.name} gives no covariance of its innovations, so that measurements have no likelihood: return "
                 "it from _update (Belief.updated does), or compare predictions with measurements"
             )
-        return log_density(e, S, available, np.abs(predicted.mean).max(-1))
+        size = np.abs(predicted.mean).max(-1, keepdims=True)
+        if (S.diagonal(0, -2, -1) <= np.square(1e-8 * size)).any():  # which states' rounding is in which channel?
+            size, at = np.abs(predicted.mean) + np.abs(predicted.prior_mean), (predicted.mean, updated.u, predicted.cov)
+            if (predicted.mean != predicted.prior_mean).any():  # at first no state has moved, perhaps for want of u
+                size = size + np.matvec(np.abs(self.model.linearise_transition(*at)[1]), size)
+            size = np.matvec(np.abs(self.model.linearise_measurement(*at)[1]), size)
+        return log_density(e, S, available, size)
 
     # --- the same of arguments that need no check ---------------------------------------------------
 

@@ -14,7 +14,7 @@ from estimators.checks import frozen
 from estimators.contract import INVALID_INITIAL, Estimator, Model, Rng
 from estimators.engine import Compiled
 from estimators.engine.matrices import is_traced
-from estimators.linalg import congruence, identity, masked
+from estimators.linalg import congruence, identity, lacks_rank, masked
 from estimators.measurement import Measurement
 from estimators.models import Gaussian, LinearModel
 from estimators.randomness import RandomKeys
@@ -25,7 +25,6 @@ from estimators.recovery import (
     evened,
     proper,
     recovered,
-    regular_noise,
     unsound_rows,
 )
 from estimators.tracing import BOTH, PREDICTIONS, SUCCESSIVE, Traced, traced
@@ -73,7 +72,7 @@ class Filter(Estimator[Record], verified=True):
         super().__init__(model)
         self._identity, self._no_columns = identity(model.n), np.zeros((model.p, 0))
         R = model.R.table if isinstance(model.R, Schedule) else model.R
-        self._regular = None if callable(R) else regular_noise(R)
+        self._regular = None if callable(R) else not lacks_rank(R).any()
         self._alike = all(getattr(matrix, "ndim", 2) == 2 for matrix in vars(model).values())  # all rows have one model
         self._programs: dict[Any, Any] | None = {} if self.formulas and self._alike else None
         self._first: tuple[np.ndarray, Layout] | None = None  # a row as it begins, but for mean and covariance
@@ -163,7 +162,7 @@ class Filter(Estimator[Record], verified=True):
         regular = self._regular
         if R is not None or regular is None:
             R = self._own_R(belief) if R is None and isinstance(self.model.R, StateNoise) else R
-            regular = regular_noise(masked(*self._noise(y, available, R, belief.u)))
+            regular = not lacks_rank(masked(*self._noise(y, available, R, belief.u))).any()
         nothing = self.idle and regular and R is None and available is not None and not available.any()
         if nothing and (predicted := self._without_measurement(belief)) is not None:
             return predicted

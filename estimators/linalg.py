@@ -148,7 +148,7 @@ def _kept_root(cov: bytes, n: int) -> np.ndarray:
 
 _EPS = np.finfo(float).eps
 _DIGITS = 8.0 * _EPS
-"""A standard deviation that is less, as a share of the states, is rounding."""
+"""A standard deviation that is less, as a share of the numbers that it is of, is rounding."""
 
 
 def whitened(root: np.ndarray, e: np.ndarray) -> np.ndarray:
@@ -188,15 +188,15 @@ def _row_by_row(function: Callable[..., np.ndarray], *matrices: np.ndarray) -> n
 def log_density(e: np.ndarray, s: np.ndarray, seen: np.ndarray, size: np.ndarray) -> np.ndarray:
     """The log density ``(...)`` of vectors ``e (..., p)`` of N(0, S), or of their first independent components.
 
-    Where a component is not ``seen (..., p)``, e is 0 and s ``(..., p, p)`` unit and uncorrelated. States are of
-    ``size (...)``, with whose rounding e comes.
+    Where a component is not ``seen (..., p)``, e is 0 and s ``(..., p, p)`` unit and uncorrelated. They are differences
+    of numbers of ``size (..., p)``, with whose rounding e comes.
     """
     scale, unit = equilibrated(s)
     root = cholesky(unit)
     spread = np.diagonal(root, axis1=-2, axis2=-1)
     square = np.square(np.linalg.solve(root, (e / scale)[..., None])[..., 0]).sum(-1)
     logs, rank = np.log(spread * scale).sum(-1), seen.sum(-1)
-    flat = ~((spread > 1e-4) & (scale > _DIGITS * size[..., None])).all(-1) & np.isfinite(unit).all((-2, -1))
+    flat = ~((spread > 1e-4) & (scale > _DIGITS * size)).all(-1) & np.isfinite(unit).all((-2, -1))
     if flat.any():
         square, logs, rank = np.array(square), np.array(logs), np.array(rank)
         square[flat], logs[flat], independent = semidefinite_form(e[flat], s[flat], size[flat])
@@ -209,9 +209,9 @@ def semidefinite_form(e: np.ndarray, s: np.ndarray, size: Any) -> tuple[np.ndarr
     """``e' S^+ e (...)`` for a singular S ``(..., p, p)``, and the first independent components ``(..., p)``.
 
     In units of standard deviations; infinite where e is outside the range of S by more than the rounding of numbers of
-    ``size (...)``. Between them comes half the log-determinant of the independent components.
+    ``size (..., p)``. Between them comes half the log-determinant of the independent components.
     """
-    rounding = _DIGITS * np.asarray(size)[..., None]
+    rounding = _DIGITS * np.asarray(size)
     exact = np.diagonal(s, axis1=-2, axis2=-1) <= np.square(rounding)
     scale, unit = equilibrated(masked(s, ~exact))
     scale = np.where(exact, 1e12 * rounding + 1e-100, scale)

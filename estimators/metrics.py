@@ -29,16 +29,31 @@ def nees(mean: np.ndarray, cov: np.ndarray, truth: np.ndarray, angles: tuple[int
     Chi-square with n degrees of freedom for a consistent filter (Bar-Shalom et al. 2001, sec. 5.4).
     """
     error = difference(np.asarray(truth, float), np.asarray(mean, float), angles)
-    return _mahalanobis(error, cov)
+    return nis(error, cov, np.abs(mean).max(-1, keepdims=True))
 
 
-def nis(innovation: np.ndarray, innovation_cov: np.ndarray) -> np.ndarray:
+def nis(innovation: np.ndarray, innovation_cov: np.ndarray, size: np.ndarray | float = 0.0) -> np.ndarray:
     """Normalised innovation squared ``e' S^-1 e``, shape ``(...)``.
 
     Chi-square with as many degrees of freedom as S has rank among the measurements that arrived: what is missing, or
-    follows from others without noise, adds nothing. Infinite where a measurement contradicts an exact one.
+    follows from others without noise, adds nothing. Infinite where a measurement contradicts an exact one by
+    more than rounding.
+
+    Args:
+        innovation: ``(..., p)``.
+        innovation_cov: ``(..., p, p)``.
+        size: ``(..., p)`` or ``(..., 1)`` size of the numbers whose difference, with their rounding, the innovation is:
+            that of the state, ``abs(mean).max(-1, keepdims=True)``; 0: the innovation has no rounding.
     """
-    return _mahalanobis(np.asarray(innovation, float), innovation_cov)
+    error, cov = np.asarray(innovation, float), np.asarray(innovation_cov, float)
+    square = np.vecdot(error, solve(cov, error[..., None])[..., 0])
+    flat = np.broadcast_to(lacks_rank(cov), square.shape)
+    if not flat.any():
+        return square
+    cov, square = np.broadcast_to(cov, flat.shape + cov.shape[-2:]), np.array(square)
+    error, size = (np.broadcast_to(a, cov.shape[:-1])[flat] for a in (error, size))
+    square[flat] = semidefinite_form(error, cov[flat], size)[0]
+    return square[()]
 
 
 def chi_square_band(runs: int, degrees: int, confidence: float = 0.95) -> tuple[float, float]:
@@ -49,15 +64,3 @@ def chi_square_band(runs: int, degrees: int, confidence: float = 0.95) -> tuple[
     tail = (1.0 - confidence) / 2.0
     low, high = 2.0 * gammaincinv(0.5 * runs * degrees, [tail, 1.0 - tail]) / runs
     return float(low), float(high)
-
-
-def _mahalanobis(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
-    cov = np.asarray(cov, float)
-    square = np.vecdot(error, solve(cov, error[..., None])[..., 0])
-    flat = np.broadcast_to(lacks_rank(cov), square.shape)
-    if not flat.any():
-        return square
-    error, cov = (np.broadcast_to(a, flat.shape + a.shape[a.ndim - axes :]) for a, axes in ((error, 1), (cov, 2)))
-    square = np.array(square)
-    square[flat] = semidefinite_form(error[flat], cov[flat], 1.0)[0]
-    return square[()]

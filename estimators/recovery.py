@@ -13,6 +13,7 @@ from estimators.linalg import (
     identity,
     lacks_rank,
     masked,
+    pseudo_inverse,
     semidefinite,
     semidefinite_cholesky,
     symmetrise,
@@ -56,8 +57,20 @@ def recovered(
         result = result.with_rows(cured, fresh[cured])
         result = _mildest(filter, initial, result, fresh, measurement, lost & ~cured, rng)
         result = result.replace(recovery=np.where(lost, Recovery.PRIOR, result.recovery).astype(np.int8))
-    covs = {name: getattr(result, name, None) for name in COVARIANCES}
-    return Belief.replace(result, **{name: semidefinite(cov) for name, cov in covs.items() if cov is not None})
+    own = {name: getattr(result, name, None) for name in COVARIANCES}
+    covs = {name: semidefinite(cov) for name, cov in own.items() if cov is not None}
+    if (S := result.innovation_cov) is not None and measurement.C.size:
+        covs["cov"] = np.where(_known(belief.cov, covs["cov"], measurement, S), 0.0, covs["cov"])
+    return Belief.replace(result, **covs)
+
+
+def _known(before: np.ndarray, after: np.ndarray, measurement: Measurement, S: np.ndarray) -> np.ndarray:
+    """The mask ``(..., n, n)`` of covariances of states of which perfect measurements left nothing but rounding."""
+    K = before @ measurement.C.mT @ pseudo_inverse(np.where(np.isfinite(S), S, 0.0))
+    terms = congruence(np.abs(identity(before.shape[-1]) - K @ measurement.C), np.abs(before))
+    variance, size, noise = (P.diagonal(0, -2, -1) for P in (after, terms, congruence(K, measurement.R)))
+    known = ((variance <= _KNOWN * size) & (variance > 2.0 * noise) & lacks_rank(measurement.R)[..., None])[..., None]
+    return known | known.mT
 
 
 def _mildest(
@@ -184,11 +197,6 @@ def evened(cov: np.ndarray) -> np.ndarray:
     return np.where(rounding, even, cov)
 
 
-def regular_noise(cov: np.ndarray) -> bool:
-    """Is no row of a covariance ``(..., p, p)`` singular? Where R is not, ``S = C P C' + R`` is not."""
-    return not lacks_rank(cov).any()
-
-
 def lost_rows(updated: Belief, start: Belief, R: np.ndarray | None = None) -> np.ndarray:
     """The rows ``(...)`` of an update that are not finite, are no covariance, or divided by a singular S."""
     finite = finite_rows(updated)
@@ -202,6 +210,8 @@ def lost_rows(updated: Belief, start: Belief, R: np.ndarray | None = None) -> np
 
 
 _ROUNDING = 1e-9
+_KNOWN = 16.0 * np.finfo(float).eps
+"""A variance that an update leaves is rounding where it is less, as a share of the terms that it is a sum of."""
 
 
 def _without_offending(measurement: Measurement, S: np.ndarray | None) -> tuple[Measurement, np.ndarray]:

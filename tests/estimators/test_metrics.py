@@ -114,6 +114,16 @@ def test_missing_measurements_add_nothing_to_nis():
     assert nis(np.zeros(p), np.eye(p)) == 0.0
 
 
+def test_nis_of_a_singular_s_has_no_unit():
+    for unit in (1e-16, 1e-6, 1.0, 1e6):
+        assert nis([0.0], [[0.0]]) == 0.0
+        assert nis([4e-10 * unit], [[0.0]]) == np.inf
+        assert nis([unit, -unit], np.full((2, 2), unit**2)) == np.inf
+        assert nis([2.0 * unit, 2.0 * unit], np.full((2, 2), unit**2)) == pytest.approx(4.0)
+        assert nis([1e-15 * unit], [[0.0]], unit) == nees([unit], [[0.0]], [unit * (1.0 + 1e-15)]) == 0.0
+        assert nis([1e-6 * unit], [[0.0]], unit) == nees([unit], [[0.0]], [unit * (1.0 + 1e-6)]) == np.inf
+
+
 @pytest.mark.parametrize("runs", [1, 10, 400])
 @pytest.mark.parametrize("degrees", [1, 4, 12])
 @pytest.mark.parametrize("confidence", [0.5, 0.95, 0.999])

@@ -20,6 +20,7 @@ from estimators import (
     make,
     model_checks,
     models,
+    nees,
     nis,
     run,
     sampled,
@@ -153,6 +154,62 @@ def test_a_constant_that_is_seen_exactly_is_seen_again_or_contradicted(unit: flo
     series = run(make("kf", LinearModel([[1.0]], [[0.7]], [[0.0]], [[0.0]])), Gaussian([0.0], [[unit**2]]),
                  unit * np.array([[1.0], [1.0], [5.0]]))  # fmt: skip
     np.testing.assert_array_equal(series.log_likelihoods[1:], [0.0, -np.inf])
+
+
+@pytest.mark.parametrize("turned", [np.eye(2), [[1.0, 0.3], [0.2, 1.0]], [[1.0, 1.0], [0.0, 1.0]]])
+@pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "iekf"])
+def test_the_likelihood_of_a_state_that_is_known_exactly_follows_the_units(name: str, turned: list[list[float]]):
+    """Of a position without noise and a noisy speed: 42 densities, for two positions tell both states."""
+    T, y = np.array(turned), np.stack([3.0 + 0.07 * np.arange(40), np.random.default_rng(0).normal(0.7, 0.1, 40)], -1)
+    back = np.linalg.inv(T)
+    share = 100.0 / 100.01  # of the first speed in its estimate
+    expected = norm.logpdf(3.0, 0.0, 10.0) + norm.logpdf(y[0, 1], 0.0, np.sqrt(100.01))
+    expected += norm.logpdf(0.07, 0.1 * share * y[0, 1], 0.01 * np.sqrt(share)) + norm.logpdf(y[1:, 1], 0.7, 0.1).sum()
+    for s in (1e-6, 1.0, 1e3, 1e6):
+        model = LinearModel(T @ [[1.0, 0.1], [0.0, 1.0]] @ back, back, np.zeros((2, 2)), np.diag([0.0, 0.01 * s**2]))
+        series = run(make(name, model), Gaussian([0.0, 0.0], 100.0 * s**2 * T @ T.T), s * y, rng=0)
+        assert series.log_likelihood == pytest.approx(expected - 42.0 * np.log(s), abs=1e-6)
+        assert nis(series.updated.innovation, series.updated.innovation_cov, s).max() < 9.0
+
+
+@pytest.mark.parametrize("variance", [1.0, 1e12])
+def test_a_vague_prior_beside_an_exact_measurement_does_not_pass_for_known(variance: float):
+    y = np.stack([np.full(30, 0.7), np.random.default_rng(1).normal(3.0, 0.03, 30)], -1)
+    model = LinearModel(np.eye(2), np.eye(2), np.zeros((2, 2)), np.diag([0.0, 1e-3]))
+    series = run(make("kf", model), Gaussian([0.0, 0.0], variance * np.eye(2)), y)
+    weight = 30.0 / (30.0 + 1e-3 / variance)
+    np.testing.assert_allclose(series.mean[-1], [0.7, weight * y[:, 1].mean()], rtol=1e-9)
+    np.testing.assert_allclose(series.cov[-1], np.diag([0.0, 1.0 / (3e4 + 1.0 / variance)]), rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "enkf"])
+def test_a_large_state_takes_no_other_channel_out_of_the_likelihood(name: str):
+    y = np.random.default_rng(1).normal([0.0, 1e-6], [1.0, 1e-7], (30, 2))
+    model = LinearModel(np.eye(2), np.eye(2), np.zeros((2, 2)), np.diag([1.0, 1e-14]))
+    alone, large = (
+        run(make(name, model), Gaussian([size, 0.0], np.diag([1.0, 1e-12])), y + [size, 0.0], rng=0).log_likelihood
+        for size in (0.0, 1e9)
+    )
+    assert large == pytest.approx(alone, abs=1e-5)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e3, 1e6])
+def test_what_moves_and_is_seen_exactly_has_density_and_distance_0_in_all_units(unit: float):
+    time = 0.1 * np.arange(40.0)
+    x = unit * np.stack([0.7 * time - 1.3, np.full(40, 0.7)], -1)
+    model = LinearModel([[1.0, 0.1], [0.0, 1.0]], [[1.0, 0.0]], np.zeros((2, 2)), [[0.0]])
+    series = run(make("kf", model), Gaussian([0.0, 0.0], unit**2 * np.eye(2)), x[:, :1])
+    size = np.abs(series.mean).max(-1, keepdims=True)
+    np.testing.assert_array_equal(nis(series.updated.innovation, series.updated.innovation_cov, size)[2:], 0.0)
+    np.testing.assert_array_equal(nees(series.mean, series.cov, x)[1:], 0.0)
+    np.testing.assert_array_equal(series.log_likelihoods[2:], 0.0)
+
+
+def test_the_likelihood_of_a_first_exact_measurement_needs_no_input_of_a_step():
+    model = LinearModel(lambda u: u[..., :1, None], [[1.0]], [[0.0]], [[0.0]])
+    filter = make("kf", model)
+    start = filter.init(Gaussian([2.0], [[0.0]]))
+    assert filter.log_likelihood(start, filter.update(start, [2.0])) == 0.0
 
 
 def test_an_exact_measurement_tells_the_unknown_input_and_leaves_the_others_their_density():
