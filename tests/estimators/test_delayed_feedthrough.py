@@ -97,8 +97,10 @@ def test_a_filter_of_what_acts_now_refuses_the_model_and_says_which_takes_it():
     assert isinstance(make("kf-umv-ui", _model()), EndedUMVFilter)
     with pytest.raises(ValueError, match=r"delayed_feedthrough: use EndedUMVFilter"):
         UMVFilter(_model())
+    C, G = np.array(_model().C), np.array(_model().G)
+    C[:, -1], G[:, 1] = 0.0, np.arange(N) == N - 1  # exactly unseen, on every processor
     with pytest.raises(ValueError, match=r"needs rank\(C G \+ H\) = 2"):
-        EndedUMVFilter(replace(_model(), H=np.zeros((P, Q))))
+        EndedUMVFilter(replace(_model(), C=C, G=G, H=np.zeros((P, Q))))
 
 
 @pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "kf"])
