@@ -240,6 +240,10 @@ def lacks_rank(cov: np.ndarray) -> np.ndarray:
     A row that is not finite is none of them: the eigenvalue solver would raise.
     """
     _, scaled = equilibrated(cov)
+    with suppress(np.linalg.LinAlgError):  # no eigenvalue is less than a third of the determinant, as their mean is 1
+        roots = np.diagonal(np.linalg.cholesky(scaled), axis1=-2, axis2=-1)
+        if (np.square(roots).prod(-1) > 1e4 * SINGULAR * scaled.shape[-1]).all():
+            return np.zeros(scaled.shape[:-2], bool)
     finite = np.isfinite(scaled).all((-2, -1))
     values = np.linalg.eigvalsh(np.where(finite[..., None, None], scaled, identity(cov.shape[-1])))
     return (values[..., 0] <= SINGULAR * values.shape[-1]) | (np.diagonal(cov, axis1=-2, axis2=-1) == 0.0).any(-1)

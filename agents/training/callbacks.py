@@ -74,7 +74,8 @@ class Checkpoints(CheckpointCallback):
     def _on_step(self) -> bool:
         self.model.elapsed = time.time_ns() - self.model.start_time
         go_on = super()._on_step()
-        remove_checkpoints(Path(self.save_path), 2)
+        if self.n_calls % self.save_freq == 0:  # it has just saved one: no look at the folder at other steps
+            remove_checkpoints(Path(self.save_path), 2)
         return go_on
 
 

@@ -57,9 +57,10 @@ class Column(NamedTuple):
         """The best of the other filters that assume what `ekf` does: its model of the vehicle, and nothing of waves."""
         return self.best((PLAIN, INFORMED, LINEAR))
 
-    def rivals(self) -> dict[str, str]:
-        """Estimators that the best filter is compared with, by what they are."""
-        return {"held measurements": HELD, "the environment's default": system_of(self.environment).estimator}
+    @property
+    def default(self) -> str:
+        """The environment's default estimator."""
+        return system_of(self.environment).estimator
 
 
 @cache
@@ -126,8 +127,7 @@ def differences(results: Path) -> str:
     rows = []
     for at in columns(results):
         best = at.best()
-        default = at.rivals()["the environment's default"]
-        pairs = [(best, HELD), (at.rival_of_plain(), PLAIN), (best, default), (ORACLE, best)]
+        pairs = [(best, HELD), (at.rival_of_plain(), PLAIN), (best, at.default), (ORACLE, best)]
         gaps = [at.gap(*pair) if pair[1] in at.scores and pair[0] != pair[1] else None for pair in pairs]
         cells = [_bold(interval(gap), gap is not None and gap.low > MARGIN) for gap in gaps]
         rows.append((f"{at.environment}, {at.condition}", f"`{best}`", *cells))
@@ -146,7 +146,7 @@ def found(results: Path) -> str:
     ahead: list[str] = []
     for at in columns(results):
         best = at.best()
-        for what, name in at.rivals().items():
+        for what, name in (("held measurements", HELD), ("the environment's default", at.default)):
             wide = at.suite != SUITES[0] and name in at.scores and at.gap(best, name).low > MARGIN
             beaten.setdefault(what, {}).update({f"`{at.environment}`": None} if wide else {})
         for name in (HELD, FLOOR):
