@@ -1,7 +1,8 @@
 """Check the language of pages: ``python .ci/readability.py [PAGE ...]``, by default all pages in English.
 
-A sentence has at most 30 words and one semicolon. Every abbreviation is in the glossary, and no retired word is used.
-Code, formulas, tables, references and text that commands write are not checked.
+A sentence has at most 30 words and one semicolon. Every abbreviation is in the glossary, and no
+retired word is used. Code, formulas, tables, references and text that commands write are not
+checked.
 """
 
 import re
@@ -18,14 +19,17 @@ LONGEST = 30
 """Words of a sentence; the advice for technical English is 20 to 25 (ASD-STE100)."""
 LEFT_OUT = re.compile(
     r"\A---\n.*?\n---\n"  # front matter
-    r"|<!-- (?:table|text): .*?<!-- end -->|<!-- measured -->.*?<!-- end -->|<!-- (\w+) -->.*?<!-- /\1 -->"
+    r"|<!-- (?:table|text): .*?<!-- end -->|<!-- measured -->.*?<!-- end -->|<!-- (\w+) -->.*?<!--"
+    r" /\1 -->"
     r"|^\$\$$.*?^\$\$$"  # formulas
     r"|^:{3,}.*?$|^:[a-z-]+:.*?$"  # fences and options of MyST's directives
     r"|^## (?:References|Sources)\n.*?(?=^## |\Z)|^Sources?: .*?(?=\n\n|\Z)",
     re.S | re.M,
 )
 FORMULA = re.compile(r"\$[^$`]+\$")
-END = re.compile(r"(?<=[.!?])(?<!\bsec\.)(?<!\bch\.)(?<!\beq\.)(?<!\bal\.)[\"')]*\s+(?=[A-Z0-9\"(±−])")
+END = re.compile(
+    r"(?<=[.!?])(?<!\bsec\.)(?<!\bch\.)(?<!\beq\.)(?<!\bal\.)[\"')]*\s+(?=[A-Z0-9\"(±−])"
+)
 ABBREVIATION = re.compile(r"\b[A-Z]{2,}\b")
 KNOWN = re.compile(
     "AMD|API|AVX|BLAS|CI|CPU|CSV|FMA|GPU|HTML|IEEE|IMO|IR|ISO|JSON|LLVM|MIT|SI|SOLAS|TOML|UTC"
@@ -38,14 +42,22 @@ RETIRED = re.compile(r"\b(?:bent|humps?|kicks?|ladder|rungs?|sheets?|told)\b", r
 
 def pages() -> list[Path]:
     """Pages in English of the documentation and the repository's front."""
-    found = (page for page in (ROOT / "docs").rglob("*.md") if not NOT_READ & set(page.relative_to(ROOT).parts))
+    found = (
+        page
+        for page in (ROOT / "docs").rglob("*.md")
+        if not NOT_READ & set(page.relative_to(ROOT).parts)
+    )
     return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(found)]
 
 
 def sentences(text: str) -> Iterator[str]:
     """Sentences of a page's headings, paragraphs and list items."""
     table = False
-    for token in MarkdownIt("commonmark").enable("table").parse(FORMULA.sub("`formula`", LEFT_OUT.sub("", text))):
+    for token in (
+        MarkdownIt("commonmark")
+        .enable("table")
+        .parse(FORMULA.sub("`formula`", LEFT_OUT.sub("", text)))
+    ):
         table = token.type == "table_open" or (table and token.type != "table_close")
         if token.type == "inline" and not table:
             yield from END.split("".join(map(_words, token.children or ())))
@@ -53,7 +65,9 @@ def sentences(text: str) -> Iterator[str]:
 
 def _words(token: Token) -> str:
     """Text of a part of a sentence; a piece of code is one word, and may begin a sentence."""
-    return {"code_inline": "Code", "text": token.content, "softbreak": " ", "hardbreak": " "}.get(token.type, "")
+    return {"code_inline": "Code", "text": token.content, "softbreak": " ", "hardbreak": " "}.get(
+        token.type, ""
+    )
 
 
 def complaints(text: str, glossary: str) -> Iterator[str]:
@@ -73,7 +87,11 @@ def complaints(text: str, glossary: str) -> Iterator[str]:
 def main(paths: list[Path]) -> int:
     """Print what to mend; the number of complaints."""
     glossary = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
-    found = [f"{path}: {each}" for path in paths for each in complaints(path.read_text(encoding="utf-8"), glossary)]
+    found = [
+        f"{path}: {each}"
+        for path in paths
+        for each in complaints(path.read_text(encoding="utf-8"), glossary)
+    ]
     print(*found, sep="\n", end="\n" if found else "")
     return len(found)
 

@@ -1,6 +1,7 @@
 """Try an installed vessel-gym as a new user would, in an environment with nothing else: words, never a traceback.
 
-Run from anywhere but the repository, with the Python of that environment: ``python -P .ci/try_wheel.py``.
+Run from anywhere but the repository, with the Python of that environment: ``python -P
+.ci/try_wheel.py``.
 """
 
 import os
@@ -52,20 +53,35 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         start = time.perf_counter()
         subprocess.run([sys.executable, "-c", FLIGHT], cwd=folder, check=True)
-        print(f"Python {sys.version.split()[0]}: a vehicle moved after {time.perf_counter() - start:.0f} s")
-        for name in ("agents.py", "scripts.py", "studies.py", "estimators.py"):  # a user's, named like ours
+        print(
+            f"Python {sys.version.split()[0]}: a vehicle moved after"
+            f" {time.perf_counter() - start:.0f} s"
+        )
+        for name in (
+            "agents.py",
+            "scripts.py",
+            "studies.py",
+            "estimators.py",
+        ):  # a user's, named like ours
             Path(folder, name).touch()
         Path(folder, "own_agent.py").write_text(OWN)
         for number, (line, (status, words)) in enumerate(CALLS.items()):
             call = [str(Path(sysconfig.get_path("scripts")) / "vessel-gym"), *line.split()]
             encoding = ENCODINGS[number % len(ENCODINGS)]
             environment = os.environ | {"PYTHONIOENCODING": encoding}
-            done = subprocess.run(call, cwd=folder, capture_output=True, encoding=encoding, env=environment)
+            done = subprocess.run(
+                call, cwd=folder, capture_output=True, encoding=encoding, env=environment
+            )
             said = done.stdout + done.stderr
             if done.returncode != status or not re.search(words, said) or "Traceback" in said:
                 mistakes += 1
-                print(f"vessel-gym {line}: exit status {done.returncode} instead of {status}, said:\n{said}")
-        done = subprocess.run([sys.executable, "-c", FLIGHT], cwd=folder, capture_output=True, text=True)
+                print(
+                    f"vessel-gym {line}: exit status {done.returncode} instead of {status},"
+                    f" said:\n{said}"
+                )
+        done = subprocess.run(
+            [sys.executable, "-c", FLIGHT], cwd=folder, capture_output=True, text=True
+        )
         if not re.search(r"ImportError: .*estimators\.py is found first: rename", done.stderr):
             mistakes += 1
             print(f"import vessel_gym beside an estimators.py: said\n{done.stderr}")

@@ -46,25 +46,28 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
     """An agent by name, or a trained one from its file.
 
     Args:
-        name: A controller that is registered for the environment's task, such as ``"autopilot"`` (see
-            `agents.controllers`); ``"ppo"``, which was trained on the environment's default estimates, comes with the
-            package and needs no torch; ``"random"``; the path of a checkpoint that `agents.save_agent` or
-            ``vessel-gym train`` wrote; or ``"module:object"``, a controller of your own, made by calling the object
-            with the environment's `System`: the module is imported, which runs its code.
+        name: A controller that is registered for the environment's task, such as ``"autopilot"``
+            (see `agents.controllers`); ``"ppo"``, which was trained on the environment's default
+            estimates, comes with the package and needs no torch; ``"random"``; the path of a
+            checkpoint that `agents.save_agent` or ``vessel-gym train`` wrote; or
+            ``"module:object"``, a controller of your own, made by calling the object with the
+            environment's `System`: the module is imported, which runs its code.
         env: The environment (either face, wrapped or not) that it will fly.
-        trust: Load other checkpoints of stable-baselines3, too, of any algorithm. They hold pickles: loading one runs
-            whatever code its maker has put in. They leave out the statistics of a ``VecNormalize``: an agent that was
-            trained under one is saved by `agents.save_agent`.
+        trust: Load other checkpoints of stable-baselines3, too, of any algorithm. They hold
+            pickles: loading one runs whatever code its maker has put in. They leave out the
+            statistics of a ``VecNormalize``: an agent that was trained under one is saved by
+            `agents.save_agent`.
 
     Raises:
-        ValueError: if the name is none of these, or the checkpoint is damaged, not trusted, or for another observation
-            or vehicle.
+        ValueError: if the name is none of these, or the checkpoint is damaged, not trusted, or for
+            another observation or vehicle.
         TypeError: for what is neither a name nor a path, or if ``"module:object"`` makes no agent.
         ModuleNotFoundError: for a checkpoint without torch or stable-baselines3.
     """
     if not isinstance(name, str | os.PathLike):
         raise TypeError(
-            f"load_agent takes a name, autopilot or random, or the path of a checkpoint, got {short_repr(name)}"
+            "load_agent takes a name, autopilot or random, or the path of a checkpoint, got"
+            f" {short_repr(name)}"
         )
     given, env = env, env.unwrapped
     if name == RANDOM:
@@ -90,7 +93,9 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
         raise ValueError(f"there is no checkpoint {str(name)!r}")
     if not ours:
         raise ValueError(
-            f"{name} flies the environments of vessel_gym alone: name random, the path of a checkpoint, or your own "
-            "agent as module:object"
+            f"{name} flies the environments of vessel_gym alone: name random, the path of a"
+            " checkpoint, or your own agent as module:object"
         )
-    raise ValueError(unknown_controller(str(name), env.system, PPO, RANDOM, "the path of a checkpoint"))
+    raise ValueError(
+        unknown_controller(str(name), env.system, PPO, RANDOM, "the path of a checkpoint")
+    )

@@ -10,7 +10,8 @@ from pathlib import Path
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary name beside ``path`` that takes its place at the end; after an error nothing is left of it.
 
-    Folders are made. A place that cannot be written shows before the work, and nothing lies there during it.
+    Folders are made. A place that cannot be written shows before the work, and nothing lies there
+    during it.
 
     Raises:
         OSError: if the file cannot be written there.
@@ -37,7 +38,9 @@ def check_file(path: Path) -> Path:
     temporary = path.with_name(f".{path.stem}-{os.getpid()}{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_bytes(b"")  # a killed process of the same number may have left something there
+        temporary.write_bytes(
+            b""
+        )  # a killed process of the same number may have left something there
         temporary.unlink()
     except OSError as error:
         raise OSError(f"cannot write {path}: {error.strerror}") from None

@@ -27,7 +27,10 @@ def imported_module(module: str, name: str) -> ModuleType:
         ValueError: if there is no such module.
     """
     if not all(part.isidentifier() for part in module.split(".")):
-        raise ValueError(f"{name!r} names no module: your own is module:object, with the module as Python imports it")
+        raise ValueError(
+            f"{name!r} names no module: your own is module:object, with the module as Python"
+            " imports it"
+        )
     try:
         return import_module(module)
     except (ImportError, SyntaxError) as error:
@@ -43,5 +46,7 @@ def vector_class(env_id: str) -> type:
         gymnasium.error.Error: if there is no such environment.
     """
     entry = gym.spec(env_id).vector_entry_point
-    creator: Any = gym.envs.registration.load_env_creator(entry) if isinstance(entry, str) else entry
+    creator: Any = (
+        gym.envs.registration.load_env_creator(entry) if isinstance(entry, str) else entry
+    )
     return creator if isinstance(creator, type) else object

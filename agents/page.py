@@ -60,14 +60,22 @@ class Table:
     @property
     def text(self) -> list[bool]:
         """For each column of the head, whether it holds words: they stand left and may be broken."""
-        columns = list(zip(*(entries for _, rows in self.sections for _, entries in rows), strict=True))
-        words = [[e.value for e in column if e.value != "–"] for column in columns or [()] * len(self.head)]
+        columns = list(
+            zip(*(entries for _, rows in self.sections for _, entries in rows), strict=True)
+        )
+        words = [
+            [e.value for e in column if e.value != "–"]
+            for column in columns or [()] * len(self.head)
+        ]
         return [bool(column) and all(value[:1].isalpha() for value in column) for column in words]
 
     def rows(self) -> list[list[str]]:
         """Heading and rows in plain text, the section's title in a column of its own where there is one."""
         titled = any(title for title, _ in self.sections)
-        heading = [self.first, *(f"{label} [{unit}]" if unit else label for label, unit in self.head)]
+        heading = [
+            self.first,
+            *(f"{label} [{unit}]" if unit else label for label, unit in self.head),
+        ]
         body = [
             [title, name, *map(str, entries)] if titled else [name, *map(str, entries)]
             for title, rows in self.sections
@@ -84,7 +92,9 @@ class Table:
         heading, *body = [[cell.replace("|", "\\|") for cell in row] for row in self.rows()]
         names = len(heading) - len(self.head)
         table = markdown_table(heading, body, names)
-        return "\n".join([f"**{self.title}**", "", table, *(["", self.note] if self.note else []), ""])
+        return "\n".join(
+            [f"**{self.title}**", "", table, *(["", self.note] if self.note else []), ""]
+        )
 
 
 @dataclass(frozen=True)
@@ -173,7 +183,12 @@ class Page:
     @property
     def tables(self) -> list[Table]:
         """The tables in their order."""
-        return [block for section in self.sections for block in section.blocks if isinstance(block, Table)]
+        return [
+            block
+            for section in self.sections
+            for block in section.blocks
+            if isinstance(block, Table)
+        ]
 
 
 def number(value: float, decimals: int, signed: bool = False) -> str:
@@ -247,7 +262,10 @@ def templates() -> Any:
         lstrip_blocks=True, keep_trailing_newline=False, undefined=StrictUndefined,
     )  # fmt: skip
     environment.filters |= {"number": number, "words": words, "listed": listed, "repr": repr}
-    environment.filters |= {"g": "{:g}".format, "capitalised": lambda text: text[0].upper() + text[1:]}
+    environment.filters |= {
+        "g": "{:g}".format,
+        "capitalised": lambda text: text[0].upper() + text[1:],
+    }
     return environment
 
 
@@ -283,7 +301,11 @@ def render(page: Page) -> str:
         for block in section.blocks:
             counts[type(block)] = numbers[id(block)] = counts.get(type(block), 0) + 1
     context: dict[str, Any] = {"page": page, "number": lambda block: numbers.get(id(block))}
-    html = templates().get_template("page.html").render(kind=lambda block: type(block).__name__, **context)
+    html = (
+        templates()
+        .get_template("page.html")
+        .render(kind=lambda block: type(block).__name__, **context)
+    )
     return html.replace(" ± ", "\u00a0±\u00a0")  # no line breaks there
 
 

@@ -10,7 +10,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TRUE, BELIEVED, RAW, INK = "#1f4e79", "#c8590b", "#8a8f96", "#444444"
-PALETTE = ("#1f4e79", "#c8590b", "#3f7f5f", "#7b4f9d", "#b08900", "#2f8fa8", "#8c3b4a", "#5a616b", "#9aa23a", "#d07fa0")
+PALETTE = (
+    "#1f4e79",
+    "#c8590b",
+    "#3f7f5f",
+    "#7b4f9d",
+    "#b08900",
+    "#2f8fa8",
+    "#8c3b4a",
+    "#5a616b",
+    "#9aa23a",
+    "#d07fa0",
+)
 """Colours for many lines, told apart also by those who do not see red from green where markers differ as well."""
 
 _STYLE = Path(__file__).with_name("templates") / "report.mplstyle"

@@ -29,12 +29,14 @@ class Rollout:
         returns: ``(N,)`` sum of rewards.
         length: ``(N,)`` steps flown.
         terminated: ``(N,)`` whether the episode ended before its time.
-        end: ``(N,)`` why, in the environment's words; empty for the time limit and where it has none.
+        end: ``(N,)`` why, in the environment's words; empty for the time limit and where it has
+            none.
         history: what ``info`` held after reset and each step, ``(T + 1, N, ...)`` by key; rows
-            after an episode's end repeat its last values. Beside that ``nis``: the normalised innovation squared,
-            NaN where an estimator has none, and at an episode's end.
+            after an episode's end repeat its last values. Beside that ``nis``: the normalised
+            innovation squared, NaN where an estimator has none, and at an episode's end.
         env: The (closed) vector environment, for its system and spaces.
-        scenario: ``(N, k)`` parameters of the episode that the task has drawn; None where the environment is not ours.
+        scenario: ``(N, k)`` parameters of the episode that the task has drawn; None where the
+            environment is not ours.
     """
 
     env_id: str
@@ -50,12 +52,19 @@ class Rollout:
 
     def __repr__(self) -> str:
         episodes = f"{len(self.seeds)} episode{'s' * (len(self.seeds) != 1)}"
-        return f"<Rollout {self.env_id}: {episodes}, mean score {self.score.mean():.3f}, {self.length.sum()} steps>"
+        return (
+            f"<Rollout {self.env_id}: {episodes}, mean score {self.score.mean():.3f},"
+            f" {self.length.sum()} steps>"
+        )
 
     @property
     def alive(self) -> np.ndarray:
         """Mask ``(T + 1, N)`` of the times that an episode lived through, its start and end included."""
-        times = next(iter(self.history.values())).shape[0] if self.history else int(self.length.max()) + 1
+        times = (
+            next(iter(self.history.values())).shape[0]
+            if self.history
+            else int(self.length.max()) + 1
+        )
         return np.arange(times)[:, None] <= self.length
 
 
@@ -81,10 +90,12 @@ def rollout(
         record: Keep the history of every numeric array in ``info``.
         progress: Called with (step, horizon).
         trust: See `agents.load_agent`.
-        ensembles: Keep in the history the members of an estimator that has an ensemble, too; NaN at an episode's end.
+        ensembles: Keep in the history the members of an estimator that has an ensemble, too; NaN at
+            an episode's end.
 
     Raises:
-        ValueError: if there is no such environment, if there are no seeds, or if the agent cannot fly it; as `acted`.
+        ValueError: if there is no such environment, if there are no seeds, or if the agent cannot
+            fly it; as `acted`.
         TypeError: for an agent that cannot act, or arguments of another kind.
     """
     seeds = _checked(seeds, agent)
@@ -117,7 +128,10 @@ def rollout(
                 progress(int(length.max()), horizon)
     finally:
         env.close()
-    score, kept = np.where(np.isnan(score), returns, score), {} if history is None else history.arrays()
+    score, kept = (
+        np.where(np.isnan(score), returns, score),
+        {} if history is None else history.arrays(),
+    )
     return Rollout(env_id, np.array(seeds), score, returns, length, ended, end, kept, env, scenario)
 
 
@@ -130,7 +144,10 @@ def acted(agent: Agent, observations: np.ndarray, shape: tuple[int, ...] | None)
     actions = agent.act(observations)
     if shape is not None and np.shape(actions) != shape:
         kind = "nothing" if actions is None else f"an array of shape {np.shape(actions)}"
-        raise Refusal(f"act of {type(agent).__name__} returns {kind}, and must return {shape}: a row an environment")
+        raise Refusal(
+            f"act of {type(agent).__name__} returns {kind}, and must return {shape}: a row an"
+            " environment"
+        )
     return actions
 
 
@@ -146,7 +163,9 @@ def _checked(seeds: Any, agent: Any) -> list[int]:
             raise ValueError(f"seeds must be whole numbers >= 0, got {seed!r}")
     acts = all(callable(getattr(agent, method, None)) for method in ("reset", "act"))
     if not isinstance(agent, str | Path) and not acts:
-        raise TypeError(f"an agent is a name, the path of a checkpoint, or has reset and act, got {agent!r}")
+        raise TypeError(
+            f"an agent is a name, the path of a checkpoint, or has reset and act, got {agent!r}"
+        )
     return seeds
 
 
@@ -154,19 +173,27 @@ class _History:
     """Frames of a rollout: the numeric arrays of ``info``, NIS and, if asked for, ensembles."""
 
     def __init__(self, core: Any, info: dict[str, Any], rows: int, ensembles: bool) -> None:
-        numeric = (key for key, v in info.items() if isinstance(v, np.ndarray) and v.dtype != object)
+        numeric = (
+            key for key, v in info.items() if isinstance(v, np.ndarray) and v.dtype != object
+        )
         self._core, self._rows, self._ensembles = core, rows, ensembles
         self._frames = {key: [info[key]] for key in numeric if not key.startswith("_")}
         self._nis, self._clouds = [self._innovation()], list(self._ensemble())
 
-    def add(self, info: dict[str, Any], final: dict[str, Any], alive: np.ndarray, done: np.ndarray) -> None:
+    def add(
+        self, info: dict[str, Any], final: dict[str, Any], alive: np.ndarray, done: np.ndarray
+    ) -> None:
         """Append a step: of episodes that end now the final values, of those that have ended the last ones."""
         for key, frames in self._frames.items():
             frame = np.where(rows_like(alive, info[key]), info[key], frames[-1])
-            frames.append(np.where(rows_like(done, frame), final[key], frame) if key in final else frame)
+            frames.append(
+                np.where(rows_like(done, frame), final[key], frame) if key in final else frame
+            )
         going = alive & ~done
         self._nis.append(np.where(going, self._innovation(), np.nan))
-        self._clouds += [np.where(rows_like(going, cloud), cloud, np.nan) for cloud in self._ensemble()]
+        self._clouds += [
+            np.where(rows_like(going, cloud), cloud, np.nan) for cloud in self._ensemble()
+        ]
 
     def arrays(self) -> dict[str, np.ndarray]:
         """The history ``(T + 1, N, ...)`` by key; empty if ``info`` held no arrays."""
@@ -179,11 +206,15 @@ class _History:
         belief = None if self._core is None else self._core.belief
         if belief is None or belief.innovation is None or belief.innovation_cov is None:
             return np.full(self._rows, np.nan)
-        return nis(belief.innovation, belief.innovation_cov, np.abs(belief.mean).max(-1, keepdims=True))
+        return nis(
+            belief.innovation, belief.innovation_cov, np.abs(belief.mean).max(-1, keepdims=True)
+        )
 
     def _ensemble(self) -> list[np.ndarray]:
         """The members of every environment's ensemble ``(N, m, n)``; none without an ensemble."""
-        wanted = self._ensembles and self._core is not None and self._core.belief.ensemble is not None
+        wanted = (
+            self._ensembles and self._core is not None and self._core.belief.ensemble is not None
+        )
         return [self._core.belief.ensemble] if wanted else []
 
 
@@ -203,9 +234,14 @@ def batch(env_id: str, num_envs: int, options: dict[str, Any]) -> gym.vector.Vec
         env = gym.make_vec(env_id, num_envs=num_envs, **native, **options)
         if cast(VesselVectorEnv, env.unwrapped).max_episode_steps is None:
             env.close()
-            raise ValueError(f"episodes of {env_id} may never end: register it with max_episode_steps, or give that")
+            raise ValueError(
+                f"episodes of {env_id} may never end: register it with max_episode_steps, or give"
+                " that"
+            )
         return env
-    return gym.make_vec(env_id, num_envs=num_envs, vectorization_mode="sync", vector_kwargs=same_step, **options)
+    return gym.make_vec(
+        env_id, num_envs=num_envs, vectorization_mode="sync", vector_kwargs=same_step, **options
+    )
 
 
 def rows_like(rows: np.ndarray, array: np.ndarray) -> np.ndarray:

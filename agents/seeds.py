@@ -2,7 +2,8 @@
 
 Row i of a batch seeded s has the seed s + i, so these ranges must not overlap:
 
-- below 1,000,000,000: free, for seeds that are typed, as in ``reset(seed=7)`` or ``PPO(..., seed=0)``
+- below 1,000,000,000: free, for seeds that are typed, as in ``reset(seed=7)`` or ``PPO(...,
+  seed=0)``
 - evaluation: the first million from 1,000,000,000
 - tuning (weights of controllers, hyperparameters, choice of a policy): the next million
 - training: from 1,002,000,000, 100,000 apart for each training seed
@@ -23,9 +24,17 @@ def evaluation_seeds(count: int, first: int = 0) -> list[int]:
         ValueError: for what is not whole numbers, or if they would leave the evaluation range.
     """
     most = _TUNING - _EVALUATION
-    if not (is_integer(count) and is_integer(first) and count >= 1 and first >= 0 and first + count <= most):
+    if not (
+        is_integer(count)
+        and is_integer(first)
+        and count >= 1
+        and first >= 0
+        and first + count <= most
+    ):
         few = ": ask for at least 1" if not (is_integer(count) and count >= 1) else ""
-        raise ValueError(f"there are {most} evaluation seeds, numbered from 0, got {count!r} from {first!r}{few}")
+        raise ValueError(
+            f"there are {most} evaluation seeds, numbered from 0, got {count!r} from {first!r}{few}"
+        )
     return list(range(_EVALUATION + first, _EVALUATION + first + count))
 
 
@@ -37,7 +46,9 @@ def tuning_seeds(count: int) -> list[int]:
     """
     most = _TRAINING - _TUNING
     if not (is_integer(count) and 1 <= count <= most):
-        raise ValueError(f"there are {most} tuning seeds, got {count!r} of them: ask for at least 1")
+        raise ValueError(
+            f"there are {most} tuning seeds, got {count!r} of them: ask for at least 1"
+        )
     return list(range(_TUNING, _TUNING + count))
 
 
@@ -45,7 +56,8 @@ def training_seed(seed: int) -> int:
     """The seed of the training batch number ``seed``: batches of up to 100,000 share no environment.
 
     Raises:
-        ValueError: for a seed that is not a whole number, negative, or too great for the libraries that learn.
+        ValueError: for a seed that is not a whole number, negative, or too great for the libraries
+            that learn.
     """
     if not (is_integer(seed) and seed >= 0):
         raise ValueError(f"a training seed must be >= 0, got {seed!r}")

@@ -30,10 +30,10 @@ _INSTALLED = tuple(
 def source_digest(module: str) -> str:
     """SHA-256 of the code that a module computes with: what Python makes of it, without comments and docstrings.
 
-    That is the module itself, what it imports of its own package, of ours and of whatever is not installed, what these
-    import in turn, and all of `estimators` and `vessel_gym`, because environments are found there by name, with the
-    files of their vehicles; not pictures, nor what keeps results. What is imported by a name that is put together at
-    run time is not seen.
+    That is the module itself, what it imports of its own package, of ours and of whatever is not
+    installed, what these import in turn, and all of `estimators` and `vessel_gym`, because
+    environments are found there by name, with the files of their vehicles; not pictures, nor what
+    keeps results. What is imported by a name that is put together at run time is not seen.
 
     Args:
         module: Its dotted name.
@@ -62,7 +62,9 @@ def _code(source: bytes) -> bytes:
         tree = ast.parse(source)
     except (SyntaxError, ValueError):
         return source
-    blocks: list[Any] = [tree]  # statements alone, as expressions are most of a tree and have no docstring
+    blocks: list[Any] = [
+        tree
+    ]  # statements alone, as expressions are most of a tree and have no docstring
     for node in blocks:
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             node.body = node.body[ast.get_docstring(node, clean=False) is not None :]
@@ -95,9 +97,16 @@ def _counts(top: str, package: str) -> bool:
     if top in (*_WHOLE, package, __name__.partition(".")[0]):
         return top not in _WHOLE
     spec = _spec(top)
-    places = [] if spec is None else [spec.origin] if spec.has_location else spec.submodule_search_locations or []
+    places = (
+        []
+        if spec is None
+        else [spec.origin]
+        if spec.has_location
+        else spec.submodule_search_locations or []
+    )
     return any(
-        place is not None and not any(Path(place).resolve().is_relative_to(each) for each in _INSTALLED)
+        place is not None
+        and not any(Path(place).resolve().is_relative_to(each) for each in _INSTALLED)
         for place in places
     )
 
@@ -115,7 +124,9 @@ def _imported(source: bytes, parent: str) -> set[str]:
         elif isinstance(node, ast.ImportFrom) and (parent or not node.level):
             module = resolve_name("." * node.level + (node.module or ""), parent)
             names |= {module} | {f"{module}.{alias.name}" for alias in node.names}
-    return names | {package for name in names if not name.startswith("agents.") for package in _packages(name)}
+    return names | {
+        package for name in names if not name.startswith("agents.") for package in _packages(name)
+    }
 
 
 def _packages(module: str) -> list[str]:
@@ -127,7 +138,11 @@ def _packages(module: str) -> list[str]:
 def _source(module: str) -> Path | None:
     """The file of a module; None if there is no such module, or it has no file."""
     spec = _spec(module)
-    return Path(spec.origin).resolve() if spec is not None and spec.has_location and spec.origin else None
+    return (
+        Path(spec.origin).resolve()
+        if spec is not None and spec.has_location and spec.origin
+        else None
+    )
 
 
 def _spec(module: str) -> ModuleSpec | None:

@@ -1,12 +1,14 @@
 """Means, shares kept and comparisons with their 95 % intervals; `docs/statistics.md` gives the reasons.
 
-A figure is an array ``(runs, seeds)``: training runs, one for an agent that does not learn, by evaluation seeds, which
-are the same for everybody. Another study would train again and fly other seeds, so an interval is over both.
+A figure is an array ``(runs, seeds)``: training runs, one for an agent that does not learn, by
+evaluation seeds, which are the same for everybody. Another study would train again and fly other
+seeds, so an interval is over both.
 
-Sources: Hillis (2007), "A comparison of denominator degrees of freedom methods for multiple observer ROC analysis", for
-intervals over two crossed factors; Hall (1992), "On the removal of skewness by transformation", for prices; Schuirmann
-(1987), "A comparison of the two one-sided tests procedure", for equivalence; Hanley, Lippman-Hand (1983), "If nothing
-goes wrong, is everything all right?", for the rule of three; Clopper and Pearson (1934) for shares of yes and no.
+Sources: Hillis (2007), "A comparison of denominator degrees of freedom methods for multiple
+observer ROC analysis", for intervals over two crossed factors; Hall (1992), "On the removal of
+skewness by transformation", for prices; Schuirmann (1987), "A comparison of the two one-sided tests
+procedure", for equivalence; Hanley, Lippman-Hand (1983), "If nothing goes wrong, is everything all
+right?", for the rule of three; Clopper and Pearson (1934) for shares of yes and no.
 """
 
 from dataclasses import dataclass
@@ -34,7 +36,9 @@ class Interval:
     @property
     def even(self) -> bool:
         """True if the mean is the middle of the interval, so that "mean ± half" is complete."""
-        return abs((self.high - self.mean) - (self.mean - self.low)) <= 1e-9 * max(abs(self.low), abs(self.high))
+        return abs((self.high - self.mean) - (self.mean - self.low)) <= 1e-9 * max(
+            abs(self.low), abs(self.high)
+        )
 
     @property
     def excludes_zero(self) -> bool:
@@ -55,10 +59,11 @@ BETTER, HIGHER, LOWER, WORSE = "better", "higher", "lower", "worse"
 def verdict(differences: np.ndarray, margin: float, span: float, comparisons: int = 1) -> str:
     """The verdict on paired differences ``(N,)``, more being better: two one-sided tests of equivalence, then the sign.
 
-    `EQUIVALENT` if the 95 % interval of the mean lies within the margin, and would do so after one more episode that
-    differs by the whole span: a disaster that is in none of N episodes may be in 3 / N of all (rule of three), so this
-    takes at least 3 span / margin episodes. Else `BETTER` or `WORSE` if the interval is beyond the margin, `HIGHER` or
-    `LOWER` if it excludes zero, and `UNDECIDED` if it does not.
+    `EQUIVALENT` if the 95 % interval of the mean lies within the margin, and would do so after one
+    more episode that differs by the whole span: a disaster that is in none of N episodes may be in
+    3 / N of all (rule of three), so this takes at least 3 span / margin episodes. Else `BETTER` or
+    `WORSE` if the interval is beyond the margin, `HIGHER` or `LOWER` if it excludes zero, and
+    `UNDECIDED` if it does not.
 
     Args:
         differences: Finite.
@@ -70,7 +75,10 @@ def verdict(differences: np.ndarray, margin: float, span: float, comparisons: in
     if found is None:
         return UNDECIDED
     if len(differences) * margin >= 3.0 * span:
-        intervals = (found, *(mean_interval(np.append(differences, end), comparisons) for end in (-span, span)))
+        intervals = (
+            found,
+            *(mean_interval(np.append(differences, end), comparisons) for end in (-span, span)),
+        )
         if all(each and -margin < each.low and each.high < margin for each in intervals):
             return EQUIVALENT
     if found.low > 0.0:
@@ -83,10 +91,11 @@ def verdict(differences: np.ndarray, margin: float, span: float, comparisons: in
 def crossed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None:
     """The mean of ``(runs, seeds)`` with its 95 % interval for other runs on other seeds.
 
-    The variance of the mean is that of a two-way layout without replication, of which both factors are drawn anew: what
-    the means of runs show, and what the means of seeds show beyond the rest. A mean square that comes of few runs is
-    known badly, so the quantile is Student's with Satterthwaite's degrees of freedom (Hillis 2007). For one run this is
-    Student's interval over its seeds.
+    The variance of the mean is that of a two-way layout without replication, of which both factors
+    are drawn anew: what the means of runs show, and what the means of seeds show beyond the rest. A
+    mean square that comes of few runs is known badly, so the quantile is Student's with
+    Satterthwaite's degrees of freedom (Hillis 2007). For one run this is Student's interval over
+    its seeds.
 
     Args:
         values: Finite, every run on every seed.
@@ -115,7 +124,10 @@ def crossed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | Non
     total = between_runs + between_seeds
     half = 0.0
     if total > 0.0:
-        freedom = 1.0 / ((between_runs / total) ** 2 / max(runs - 1, 1) + (between_seeds / total) ** 2 / (seeds - 1))
+        freedom = 1.0 / (
+            (between_runs / total) ** 2 / max(runs - 1, 1)
+            + (between_seeds / total) ** 2 / (seeds - 1)
+        )
         quantile = stdtrit(freedom, 1.0 - 0.5 * (1.0 - CONFIDENCE) / comparisons)
         half = float(quantile * np.sqrt(total / values.size))
     return Interval(float(mean), float(mean) - half, float(mean) + half)
@@ -146,9 +158,9 @@ def paired_difference(a: np.ndarray, b: np.ndarray, *, comparisons: int = 1) -> 
 def skewed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None:
     """The mean of finite, independent values ``(N,)`` with a 95 % interval that follows their skewness; None for one.
 
-    Student's t is transformed by Hall's (1992) cubic, which removes its skewness; the interval reaches further towards
-    the long tail. What no value shows, such as a disaster in one episode of a hundred, is in no such interval. See
-    `crossed_interval` for ``comparisons``.
+    Student's t is transformed by Hall's (1992) cubic, which removes its skewness; the interval
+    reaches further towards the long tail. What no value shows, such as a disaster in one episode of
+    a hundred, is in no such interval. See `crossed_interval` for ``comparisons``.
     """
     plain = crossed_interval(np.asarray(values, float)[None], comparisons)
     if plain is None or np.ptp(values) == 0.0:
@@ -159,7 +171,9 @@ def skewed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None
         return plain
     error = deviations.std(ddof=1) / np.sqrt(n)
     quantile = plain.half / error
-    low, high = ((np.cbrt(1.0 + 3.0 * bend * (t - 0.5 * bend)) - 1.0) / bend for t in (quantile, -quantile))
+    low, high = (
+        (np.cbrt(1.0 + 3.0 * bend * (t - 0.5 * bend)) - 1.0) / bend for t in (quantile, -quantile)
+    )
     return Interval(plain.mean, float(plain.mean - error * low), float(plain.mean - error * high))
 
 
@@ -172,16 +186,19 @@ def share_interval(hits: float, trials: int) -> Interval:
         ValueError: if there are no trials, or not between none and all of them hit.
     """
     if not 0 <= hits <= trials or trials < 1:
-        raise ValueError(f"a share is of at least one trial, hits between none and all, got {hits} of {trials}")
+        raise ValueError(
+            f"a share is of at least one trial, hits between none and all, got {hits} of {trials}"
+        )
     return _share(hits / trials, trials)
 
 
 def normalise(scores: np.ndarray, floor: np.ndarray, ceiling: np.ndarray) -> np.ndarray:
     """Share kept ``(runs, seeds)`` on the scale on which ``floor`` is 0 and ``ceiling`` is 1; nothing is clipped.
 
-    A row's mean is the run's ``(mean score - mean floor) / (mean ceiling - mean floor)``. Its values by seed are that
-    ratio's linearisation: they scatter as it does when seeds are drawn anew for score, floor and ceiling together, so
-    that an interval over them contains the error of the scale.
+    A row's mean is the run's ``(mean score - mean floor) / (mean ceiling - mean floor)``. Its
+    values by seed are that ratio's linearisation: they scatter as it does when seeds are drawn anew
+    for score, floor and ceiling together, so that an interval over them contains the error of the
+    scale.
 
     Args:
         scores: ``(runs, seeds)``, in any unit in which more is better.
@@ -189,17 +206,25 @@ def normalise(scores: np.ndarray, floor: np.ndarray, ceiling: np.ndarray) -> np.
         ceiling: ``(seeds,)``, what it scores there on the truth.
 
     Raises:
-        ValueError: if the three are not of the same seeds, or if the ceiling is not above the floor, so that there is
-            no such scale.
+        ValueError: if the three are not of the same seeds, or if the ceiling is not above the
+            floor, so that there is no such scale.
     """
     scores, floor, ceiling = (np.asarray(each, float) for each in (scores, floor, ceiling))
-    if floor.ndim != 1 or floor.size == 0 or floor.shape != ceiling.shape or scores.shape[-1:] != floor.shape:
+    if (
+        floor.ndim != 1
+        or floor.size == 0
+        or floor.shape != ceiling.shape
+        or scores.shape[-1:] != floor.shape
+    ):
         raise ValueError(
-            f"scores, floor and ceiling must be of the same seeds, got {scores.shape}, {floor.shape}, {ceiling.shape}"
+            f"scores, floor and ceiling must be of the same seeds, got {scores.shape},"
+            f" {floor.shape}, {ceiling.shape}"
         )
     low, high = floor.mean(), ceiling.mean()
     if not high > low:
-        raise ValueError(f"the ceiling ({high:g}) must be above the floor ({low:g}) to normalise with them")
+        raise ValueError(
+            f"the ceiling ({high:g}) must be above the floor ({low:g}) to normalise with them"
+        )
     share = (scores.mean() - low) / (high - low)
     return share + (scores - floor - share * (ceiling - floor)) / (high - low)
 
@@ -207,9 +232,10 @@ def normalise(scores: np.ndarray, floor: np.ndarray, ceiling: np.ndarray) -> np.
 def probability_of_improvement(x: np.ndarray, y: np.ndarray) -> Interval:
     """Probability that a run of one agent beats a run of another on the same task, averaged over tasks.
 
-    For each task this is Mann and Whitney's U over the number of pairs, a tie counting half. The interval is that of a
-    share of as many trials as the agent with fewer runs has: U varies most where the runs of one agent are all alike,
-    and then only the other's count (Birnbaum and Klose 1957). A task is something that was trained for separately.
+    For each task this is Mann and Whitney's U over the number of pairs, a tie counting half. The
+    interval is that of a share of as many trials as the agent with fewer runs has: U varies most
+    where the runs of one agent are all alike, and then only the other's count (Birnbaum and Klose
+    1957). A task is something that was trained for separately.
 
     Args:
         x: ``(runs, tasks)`` of the one.
@@ -239,16 +265,21 @@ def _matrix(scores: np.ndarray) -> np.ndarray:
     """Scores with runs for their rows as floats, checked."""
     scores = np.asarray(scores, float)
     if scores.ndim != 2 or scores.size == 0:
-        raise ValueError(f"scores must be a matrix with runs for its rows, got the shape {scores.shape}")
+        raise ValueError(
+            f"scores must be a matrix with runs for its rows, got the shape {scores.shape}"
+        )
     if not np.isfinite(scores).all():
-        raise ValueError("scores must be finite: a run or a seed that is missing is left out before")
+        raise ValueError(
+            "scores must be finite: a run or a seed that is missing is left out before"
+        )
     return scores
 
 
 def _share(share: float, trials: int) -> Interval:
     """A share of independent trials with Clopper and Pearson's (1934) interval; it has a width at 0 and at 1 too.
 
-    It holds for trials of several tasks: their mean share varies less than if all had that share (Hoeffding 1956).
+    It holds for trials of several tasks: their mean share varies less than if all had that share
+    (Hoeffding 1956).
     """
     from scipy.stats import beta
 

@@ -1,7 +1,7 @@
 """Registered environments of others, in the place of a `vessel_gym.system.System` and its core.
 
-Studies, commands and metrics find estimator, sensors and state there. Most such environments have an
-`EstimatedObservation`; one without has no estimates, and its metrics are return and length.
+Studies, commands and metrics find estimator, sensors and state there. Most such environments have
+an `EstimatedObservation`; one without has no estimates, and its metrics are return and length.
 """
 
 from collections.abc import Mapping
@@ -51,7 +51,9 @@ class Wrapped:
         self.vehicle = SimpleNamespace(dt=time_step(env), steering=())
         self.belief = SimpleNamespace(input_mean=None)
         self.estimator = "" if watch is None else watch.estimator
-        self.composition = SimpleNamespace(names=() if watch is None else watch.sensors.state_names, inputs=())
+        self.composition = SimpleNamespace(
+            names=() if watch is None else watch.sensors.state_names, inputs=()
+        )
         self.filter: Any = getattr(watch, "filter", None)
         self.loop: Any = getattr(watch, "loop", None)
         self.sensors: Any = getattr(watch, "sensors", None)
@@ -77,7 +79,11 @@ def watch_of(env: Any) -> Watch | None:
 def takes(env_id: str, option: str) -> bool:
     """Has the function with which an environment is registered a keyword of this name?"""
     spec = gym.spec(env_id)
-    made: Any = load_env_creator(spec.entry_point) if isinstance(spec.entry_point, str) else spec.entry_point
+    made: Any = (
+        load_env_creator(spec.entry_point)
+        if isinstance(spec.entry_point, str)
+        else spec.entry_point
+    )
     parameters = signature(made).parameters
     every = any(each.kind is Parameter.VAR_KEYWORD for each in parameters.values())
     return option in parameters or (every and option not in _OURS)
@@ -94,7 +100,9 @@ def wrapped_system(env_id: str) -> Wrapped:
     except (ValueError, TypeError, ImportError, gym.error.Error) as error:
         raise ValueError(f"{env_id} cannot be made: {error}") from error
     if not env.spec or not env.spec.max_episode_steps:
-        raise ValueError(f"episodes of {env_id} may never end: register it with max_episode_steps, or give that")
+        raise ValueError(
+            f"episodes of {env_id} may never end: register it with max_episode_steps, or give that"
+        )
     return Wrapped(env_id, env)
 
 
@@ -102,13 +110,21 @@ def taken_options(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Options of commands and studies as an environment of others takes them.
 
     Raises:
-        TypeError: for a value other than the implied one of an option that the environment does not take.
+        TypeError: for a value other than the implied one of an option that the environment does not
+            take.
     """
-    implied = _IMPLIED | ({"termination": "belief"} if options.get("termination") == "belief" else {})
-    taken = {key: value for key, value in options.items() if value is not None and value != implied.get(key)}
+    implied = _IMPLIED | (
+        {"termination": "belief"} if options.get("termination") == "belief" else {}
+    )
+    taken = {
+        key: value
+        for key, value in options.items()
+        if value is not None and value != implied.get(key)
+    }
     for key in taken:
         if not takes(env_id, key):
             raise TypeError(
-                f"{env_id} takes no option {key!r}: leave it out, or give the registered function a keyword {key}="
+                f"{env_id} takes no option {key!r}: leave it out, or give the registered function a"
+                f" keyword {key}="
             )
     return taken

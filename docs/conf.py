@@ -31,7 +31,9 @@ names = list(episode(env_id, seed=seeds[0], env_options=sea).scores)
 scores = [rollout("autopilot", env_id, seeds, sea | {"estimator": name}, record=False).score for name in names]
 episode(env_id, names, seed=typical_seed(np.array(scores), seeds), env_options=sea).save(sys.argv[1])
 """
-NUMBER = re.compile(r"(?=.*\d)(?!.*[^\W\d_]{4}).{1,32}")  # a cell with a digit and without a long word
+NUMBER = re.compile(
+    r"(?=.*\d)(?!.*[^\W\d_]{4}).{1,32}"
+)  # a cell with a digit and without a long word
 sys.path.insert(0, str(HERE.parent))
 
 project = "vessel-gym"
@@ -50,10 +52,14 @@ extensions = [
     "sphinx_gallery.gen_gallery",
 ]
 exclude_patterns = ["_build", "notebooks", "gallery/README.rst", "gallery/*.py", "examples/*.ipynb"]
-source_suffix = {".rst": "restructuredtext", ".md": "myst-nb"}  # the first is what the API is written in
+source_suffix = {
+    ".rst": "restructuredtext",
+    ".md": "myst-nb",
+}  # the first is what the API is written in
 templates_path = ["_templates"]
 
-# Pages are Markdown, which code hosts show as it stands; those with a kernel are executed at every build.
+# Pages are Markdown, which code hosts show as it stands; those with a kernel are executed at every
+# build.
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 4
 nb_execution_mode = "cache"
@@ -77,7 +83,9 @@ napoleon_numpy_docstring = False
 napoleon_use_rtype = False
 napoleon_use_ivar = True
 add_module_names = False
-nitpick_ignore_regex = [("py:.*", ".*")]  # types of other packages; pages, anchors and labels are checked
+nitpick_ignore_regex = [
+    ("py:.*", ".*")
+]  # types of other packages; pages, anchors and labels are checked
 
 sphinx_gallery_conf = {
     "examples_dirs": "gallery",
@@ -124,9 +132,14 @@ class Manual(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """Parse it one level below the page's own headings."""
-        lines = [f"#{line}" if line.startswith("## ") else line for line in _docstring(self.arguments[0]).splitlines()]
+        lines = [
+            f"#{line}" if line.startswith("## ") else line
+            for line in _docstring(self.arguments[0]).splitlines()
+        ]
         section = nodes.section()
-        self.state.nested_parse(StringList(lines, source=self.arguments[0]), self.content_offset, section, True)
+        self.state.nested_parse(
+            StringList(lines, source=self.arguments[0]), self.content_offset, section, True
+        )
         return section.children
 
 
@@ -139,7 +152,9 @@ class Episode(SphinxDirective):
             title = "An episode: the truth, what two filters believe, measurements as they come"
             return [
                 nodes.raw(
-                    "", f'<iframe class="episode" src="_static/episode.html" title="{title}"></iframe>', format="html"
+                    "",
+                    f'<iframe class="episode" src="_static/episode.html" title="{title}"></iframe>',
+                    format="html",
                 )
             ]
         text = "A corvette in her turning circle: true and estimated ship, track, heading, rudder, unknown input"
@@ -162,14 +177,19 @@ def setup(app: Sphinx) -> None:
     app.connect("doctree-read", _keep_numbers_on_one_line)
     app.connect("source-read", lambda app, page, text: _linked(text, (HERE / page).parent))
     app.connect("include-read", lambda app, path, page, text: _linked(text, (HERE / path).parent))
-    app.connect("autodoc-process-docstring", _docstrings_as_they_are_written, 400)  # before napoleon's
+    app.connect(
+        "autodoc-process-docstring", _docstrings_as_they_are_written, 400
+    )  # before napoleon's
 
 
 def _fly_the_episode(app: Sphinx) -> None:
     """Write the front page's episode, at the typical one of 40 seeds; without one the page shows a picture."""
     if not EPISODE.exists():
         done = subprocess.run(
-            [sys.executable, "-c", TYPICAL_EPISODE, str(EPISODE)], cwd=HERE.parent, capture_output=True, text=True
+            [sys.executable, "-c", TYPICAL_EPISODE, str(EPISODE)],
+            cwd=HERE.parent,
+            capture_output=True,
+            text=True,
         )
         if done.returncode:
             logging.getLogger(__name__).info("no episode: %s", done.stderr.strip())
@@ -192,10 +212,15 @@ def _keep_numbers_on_one_line(app: Sphinx, doctree: nodes.document) -> None:
             cell["classes"].append("text")
     for text in list(doctree.findall(nodes.Text)):
         parent = text.parent
-        code = isinstance(parent, nodes.literal | nodes.literal_block) and "output" not in parent["classes"]
+        code = (
+            isinstance(parent, nodes.literal | nodes.literal_block)
+            and "output" not in parent["classes"]
+        )
         if " ± " in text and not code:
             parent.replace(text, nodes.Text(text.replace(" ± ", "\u00a0±\u00a0")))
-            parent.rawsource = parent.astext()  # of a literal block that differs nothing is highlighted
+            parent.rawsource = (
+                parent.astext()
+            )  # of a literal block that differs nothing is highlighted
 
 
 def _linked(text: list[str], folder: Path) -> None:

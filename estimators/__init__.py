@@ -13,11 +13,23 @@ The last axis holds the components of a vector, every leading axis is a batch::
 
 from estimators.angles import wrap
 from estimators.augmentation import input_delayed, stacked
-from estimators.belief import Belief, DelayedInputBelief, EnsembleBelief, FeedthroughBelief, InputBelief, Recovery
+from estimators.belief import (
+    Belief,
+    DelayedInputBelief,
+    EnsembleBelief,
+    FeedthroughBelief,
+    InputBelief,
+    Recovery,
+)
 from estimators.check import check_filter
 from estimators.delayed import Delayed, DelayedBelief, by_age
 from estimators.discretisation import forward_euler, sampled, van_loan, zero_order_hold
-from estimators.ensemble import DrawingFilter, EnsembleFilter, EnsembleKalmanFilter, EnsembleTransformFilter
+from estimators.ensemble import (
+    DrawingFilter,
+    EnsembleFilter,
+    EnsembleKalmanFilter,
+    EnsembleTransformFilter,
+)
 from estimators.factory import make, names
 from estimators.faults import ChiSquareMonitor, CusumMonitor, FaultMonitor, Watch
 from estimators.filter import Filter, Model, Rng

@@ -1,9 +1,9 @@
 """Forecast and analysis of ensembles: formulas of members and anomalies, as plain NumPy.
 
-Members are last: an ensemble is ``(..., n, N)``, its anomalies ``A (..., n, N)``, and those of the expected
-measurements ``Y (..., p, N)``. A missing measurement has unit variance, uncorrelated with the others, zero anomalies
-and a zero innovation, so that no formula needs a special case. Keyword arguments are static: a function is compiled
-once for each of their values.
+Members are last: an ensemble is ``(..., n, N)``, its anomalies ``A (..., n, N)``, and those of the
+expected measurements ``Y (..., p, N)``. A missing measurement has unit variance, uncorrelated with
+the others, zero anomalies and a zero innovation, so that no formula needs a special case. Keyword
+arguments are static: a function is compiled once for each of their values.
 """
 
 from collections.abc import Callable
@@ -30,7 +30,7 @@ Moments = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.n
 """Members ``(..., n, N)``, their mean, anomalies of the measurements, innovation, mask of those available, and R."""
 
 
-# --- moments --------------------------------------------------------------------------------------------
+# --- moments --------------------------------------------------------------------------------------
 
 
 def _mean(a: np.ndarray) -> np.ndarray:
@@ -50,11 +50,14 @@ def covariance(members: np.ndarray, mean: np.ndarray) -> np.ndarray:
     return inner(A, A) / (A.shape[-1] - 1)
 
 
-# --- draws ----------------------------------------------------------------------------------------------
+# --- draws ----------------------------------------------------------------------------------------
 
 
 def exact_noise(
-    root: np.ndarray, normals: np.ndarray, A: np.ndarray | None = None, gram: np.ndarray | None = None
+    root: np.ndarray,
+    normals: np.ndarray,
+    A: np.ndarray | None = None,
+    gram: np.ndarray | None = None,
 ) -> np.ndarray:
     """Noise ``L z (..., k, N)`` with sample mean 0, sample covariance ``L L'`` and no sample correlation with A.
 
@@ -64,8 +67,8 @@ def exact_noise(
 
     A row of zeros stays one. N must be at least r + n + 1, where n is the number of anomalies.
 
-    Source: second-order exact sampling of perturbations, Hoteit, Pham, Gharamti & Luo (2015), Mitigating observation
-    perturbation sampling errors in the stochastic EnKF, Mon. Wea. Rev. 143.
+    Source: second-order exact sampling of perturbations, Hoteit, Pham, Gharamti & Luo (2015),
+    Mitigating observation perturbation sampling errors in the stochastic EnKF, Mon. Wea. Rev. 143.
 
     Args:
         root: ``L (..., k, r)``.
@@ -86,7 +89,9 @@ def exact_noise(
 def _regression(A: np.ndarray, gram: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Projection ``z A' (A A')^+ A (..., r, N)`` of rows ``z`` on the rows of ``A (..., n, N)``."""
     L = semidefinite_cholesky(gram)
-    repeats = np.where(L.diagonal(0, -2, -1) == 0.0, _HUGE, 0.0)  # of earlier rows: their share comes out as 0
+    repeats = np.where(
+        L.diagonal(0, -2, -1) == 0.0, _HUGE, 0.0
+    )  # of earlier rows: their share comes out as 0
     L = np.where(identity(gram.shape[-1]) > 0.0, L + repeats[..., None], L)
     return solve_upper(L.mT, solve_lower(L, inner(A, z))).mT @ A
 
@@ -112,7 +117,7 @@ def redraw(members: np.ndarray, kept: np.ndarray, normals: np.ndarray) -> np.nda
     return np.where(kept[..., None, :], members, mean[..., None] + root @ normals)
 
 
-# --- angles ---------------------------------------------------------------------------------------------
+# --- angles ---------------------------------------------------------------------------------------
 
 
 def _near(angle: np.ndarray, centre: np.ndarray) -> np.ndarray:
@@ -128,8 +133,8 @@ def _any(mask: np.ndarray) -> np.ndarray:
 def _unwrap_step(after: np.ndarray, before: np.ndarray) -> np.ndarray:
     """Angles ``(..., k, N)`` after a step, without the whole turns that some members made and the first did not.
 
-    A transition may wrap its angles. Members that cross the seam would then be a turn away from the others; over one
-    step all turn by nearly as much as the first.
+    A transition may wrap its angles. Members that cross the seam would then be a turn away from the
+    others; over one step all turn by nearly as much as the first.
     """
     change = after - before
     first = change[..., :1]
@@ -167,7 +172,7 @@ def _replace_rows(
     return joined(parts, -2)
 
 
-# --- forecast -------------------------------------------------------------------------------------------
+# --- forecast -------------------------------------------------------------------------------------
 
 
 @compiled(axes=(1, 2, 2), matrices=True)
@@ -180,7 +185,8 @@ def sample(
         mean: ``m (..., n)``.
         root: ``L (..., n, n)``, a square root of the covariance.
         normals: ``(..., n, N)``.
-        angles: Components that are gathered where they are spread out: about their circular mean, near ``m``.
+        angles: Components that are gathered where they are spread out: about their circular mean,
+            near ``m``.
         exact: The members have the prior's covariance exactly, see `exact_noise`.
     """
     centre = mean[..., None]
@@ -197,8 +203,9 @@ def forecast(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Mean ``(..., n)``, members ``x_i = f(x_i-) + L n_i`` and their covariance ``(..., n, n)``.
 
-    The noise is centred, so that the mean follows the model. With exact draws the covariance is the sum of that of the
-    moved members and ``L L'``, but for angles that are spread out; with independent draws it is so in expectation.
+    The noise is centred, so that the mean follows the model. With exact draws the covariance is the
+    sum of that of the moved members and ``L L'``, but for angles that are spread out; with
+    independent draws it is so in expectation.
 
     Args:
         before: Members ``(..., n, N)``,
@@ -231,7 +238,7 @@ def expect(measurements: np.ndarray, *, angles: tuple[int, ...]) -> tuple[np.nda
     return mean, measurements - mean[..., None]
 
 
-# --- analysis -------------------------------------------------------------------------------------------
+# --- analysis -------------------------------------------------------------------------------------
 
 
 @compiled(axes=(2, 1, 2, 1, 1, 2, 2, 2, 2), matrices=True)
@@ -250,7 +257,8 @@ def perturbed_analysis(
         available: Mask ``(..., p)``.
         R: ``(..., p, p)`` measurement covariance,
         root: and a square root of it; of the whole R, or of the available measurements.
-        normals: ``(..., p, N)``; finite or not where the root of the available measurements has no use for them.
+        normals: ``(..., p, N)``; finite or not where the root of the available measurements has no
+            use for them.
         cov: Covariance of the members ``(..., n, n)``.
         inflation: Factor on the anomalies where a measurement is available.
         exact: Perturbations have no sample correlation with the members, see `exact_noise`.
@@ -265,7 +273,9 @@ def perturbed_analysis(
     arrived = 1.0 * available
     used = np.vecmat(arrived, 1.0 * (np.abs(root) > 0.0)) > 0.0
     normals = np.where(used[..., None], normals, 0.0)
-    noise = exact_noise(root, normals, A, cov * (N - 1.0)) if exact else _centred_noise(root, normals)
+    noise = (
+        exact_noise(root, normals, A, cov * (N - 1.0)) if exact else _centred_noise(root, normals)
+    )
     A = A + gain.mT @ (noise - Y)
     factor = np.where(arrived.sum(-1) > 0.0, inflation, 1.0)[..., None, None]
     after = (mean + np.vecmat(innovation, gain))[..., None] + factor * A
@@ -287,7 +297,8 @@ def transform_analysis(
         available: Mask ``(..., p)``.
         R: ``(..., p, p)`` measurement covariance.
         inflation: Factor on the anomalies where a measurement is available.
-        regular: R is nonsingular, so that T may be formed, N x N, where measurements outnumber the members.
+        regular: R is nonsingular, so that T may be formed, N x N, where measurements outnumber the
+            members.
 
     Returns:
         The mean and members of the analysis, and ``S``.
@@ -325,8 +336,8 @@ def _transform(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Shift of the mean and anomalies as of `_reduced_gain`, with ``T = (I + Y' R^-1 Y / (N - 1))^-1/2``, N x N.
 
-    Less work than p x p where measurements outnumber the members, and more accurate, as S is ill-conditioned there
-    (Bishop et al. 2001).
+    Less work than p x p where measurements outnumber the members, and more accurate, as S is
+    ill-conditioned there (Bishop et al. 2001).
     """
     L, N = cholesky(R), A.shape[-1]
     white, e = solve_lower(L, Y), solve_lower(L, e[..., None])[..., 0]

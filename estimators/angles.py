@@ -20,7 +20,9 @@ def wrap(angle: np.ndarray | float) -> np.ndarray:
         The same angles in (-pi, pi], same shape.
     """
     below: Any = np.pi - angle
-    rest = below - _TURN * np.floor(below / _TURN) if is_traced(angle) else np.mod(below, _TURN)  # floor is vectorised
+    rest = (
+        below - _TURN * np.floor(below / _TURN) if is_traced(angle) else np.mod(below, _TURN)
+    )  # floor is vectorised
     return np.maximum(np.pi - rest, _LOWEST)  # a hair above pi is rounded to a whole turn
 
 

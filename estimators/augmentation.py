@@ -15,9 +15,9 @@ from estimators.varying import Matrix, Schedule, resolve
 def input_delayed(model: "LinearModel") -> "LinearModel":
     """The linear model whose measurements show d(k-1), as one of direct feedthrough: that input is taken for d(k).
 
-    With ``x' = x - G d(k-1)`` and ``d' = d(k-1)``: ``x'+ = A x' + A G d' + B u``, ``y = C x' + (C G + H) d'``. So a
-    filter that needs rank(H) = q takes a model of rank(C G + H) = q; it estimates x', and calls the input of the step
-    before that of now. Exact where G does not change.
+    With ``x' = x - G d(k-1)`` and ``d' = d(k-1)``: ``x'+ = A x' + A G d' + B u``, ``y = C x' + (C G
+    + H) d'``. So a filter that needs rank(H) = q takes a model of rank(C G + H) = q; it estimates
+    x', and calls the input of the step before that of now. Exact where G does not change.
 
     Args:
         model: With unknown inputs, and H = 0 or ``delayed_feedthrough``.
@@ -29,8 +29,8 @@ def input_delayed(model: "LinearModel") -> "LinearModel":
     H: Any = model.H
     if model.q == 0 or (not model.delayed_feedthrough and (callable(H) or np.any(H))):
         raise ValueError(
-            "input_delayed needs an unknown input without feedthrough: give the model G, and H = 0 or "
-            "delayed_feedthrough=True"
+            "input_delayed needs an unknown input without feedthrough: give the model G, and H = 0"
+            " or delayed_feedthrough=True"
         )
     return LinearModel(
         model.A, model.C, model.Q, model.R, B=model.B,
@@ -43,14 +43,15 @@ def input_delayed(model: "LinearModel") -> "LinearModel":
 def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearModel":
     """The model without feedthrough: its unknown input is n + 1 to n + q of the states, and d(k) drives it from k - 1.
 
-    ``(x, d)+ = [A, G; 0, 0] (x, d) + [0; I] d(k+1)`` and ``y = [C, H] (x, d)``. So filters that need H = 0 take a model
-    with feedthrough: what they call the input of the step before is the d that acts now. Begin with the input's prior
-    beside that of the state. A model of ``delayed_feedthrough`` has d(k-1) for these states, which drives nothing more:
-    ``(x, d)+ = [A, 0; 0, 0] (x, d) + [G; I] d(k)``. Begin with zeros beside the state.
+    ``(x, d)+ = [A, G; 0, 0] (x, d) + [0; I] d(k+1)`` and ``y = [C, H] (x, d)``. So filters that
+    need H = 0 take a model with feedthrough: what they call the input of the step before is the d
+    that acts now. Begin with the input's prior beside that of the state. A model of
+    ``delayed_feedthrough`` has d(k-1) for these states, which drives nothing more: ``(x, d)+ = [A,
+    0; 0, 0] (x, d) + [G; I] d(k)``. Begin with zeros beside the state.
 
     Args:
-        model: With unknown inputs, and H of rank q if an unbiased filter is to tell them. A Jacobian of your own is
-            taken over unless G is a function of the state.
+        model: With unknown inputs, and H of rank q if an unbiased filter is to tell them. A
+            Jacobian of your own is taken over unless G is a function of the state.
 
     Raises:
         ValueError: if the model has no unknown input.
@@ -108,6 +109,11 @@ def _assembled(assemble: Callable[..., np.ndarray], *parts: Matrix) -> Matrix:
     if not functions:
         return assemble(*parts)
     first = functions[0]
-    if isinstance(first, Schedule) and all(isinstance(part, Schedule) and part.follows(first) for part in functions):
-        return replace(first, table=assemble(*(part.table if isinstance(part, Schedule) else part for part in parts)))
+    if isinstance(first, Schedule) and all(
+        isinstance(part, Schedule) and part.follows(first) for part in functions
+    ):
+        return replace(
+            first,
+            table=assemble(*(part.table if isinstance(part, Schedule) else part for part in parts)),
+        )
     return lambda u: assemble(*(resolve(part, u) for part in parts))

@@ -32,16 +32,26 @@ class Recovery(IntEnum):
     USUAL = 0, "the usual gain was used"
     PSEUDO_INVERSE = (
         1,
-        "some measurements repeat others without noise of their own (the innovation covariance is singular), so the "
-        "gain was taken with its pseudo-inverse",
+        (
+            "some measurements repeat others without noise of their own (the innovation covariance"
+            " is singular), so the gain was taken with its pseudo-inverse"
+        ),
     )
     WITHOUT_CHANNEL = (
         2,
-        "a measurement could not be used (what the filter expected of it was not finite, or it repeats others without "
-        "noise), so it was left out: `available` says which",
+        (
+            "a measurement could not be used (what the filter expected of it was not finite, or it"
+            " repeats others without noise), so it was left out: `available` says which"
+        ),
     )
     PREDICTION = 3, "no measurement could be used, so the prediction stands alone"
-    PRIOR = 4, "the prediction was no longer finite, so the filter began again from its prior and this measurement"
+    PRIOR = (
+        4,
+        (
+            "the prediction was no longer finite, so the filter began again from its prior and this"
+            " measurement"
+        ),
+    )
 
 
 APART = ("prior_mean", "prior_cov", "recovery", "u")
@@ -62,7 +72,9 @@ class Layout:
         width: Columns of a row.
     """
 
-    def __init__(self, shapes: Sequence[tuple[str, tuple[int, ...]]], masks: frozenset[str]) -> None:
+    def __init__(
+        self, shapes: Sequence[tuple[str, tuple[int, ...]]], masks: frozenset[str]
+    ) -> None:
         self.fields: dict[str, tuple[Any, tuple[int, ...]]] = {}
         self.width, self.masks = 0, masks
         for name, shape in shapes:
@@ -71,7 +83,9 @@ class Layout:
 
 
 @cache
-def layout_of(shapes: tuple[tuple[str, tuple[int, ...]], ...], masks: frozenset[str] = frozenset()) -> Layout:
+def layout_of(
+    shapes: tuple[tuple[str, tuple[int, ...]], ...], masks: frozenset[str] = frozenset()
+) -> Layout:
     """The one layout of these fields."""
     return Layout(shapes, masks)
 
@@ -106,19 +120,22 @@ class Packed:
 class Belief(Packed):
     """A filter's belief and everything its next step needs; leading axes are a batch.
 
-    Every filter has these; a family that has more adds it in a record of its own. Of any belief one may ask for
-    ``input_mean``, ``input_cov`` and ``ensemble``: they are None where the filter has none.
+    Every filter has these; a family that has more adds it in a record of its own. Of any belief one
+    may ask for ``input_mean``, ``input_cov`` and ``ensemble``: they are None where the filter has
+    none.
 
     Attributes:
         mean: ``(..., n)`` state estimate.
         cov: ``(..., n, n)`` its covariance.
         prior_mean: ``(..., n)`` where a lost row starts again.
         prior_cov: ``(..., n, n)`` likewise.
-        recovery: ``(...)`` what the last update had to do, as the numbers of `Recovery`; 0: the usual.
-        u: ``(..., m)`` the known input of the last prediction, or that of its measurement where the update was given
-            one;
+        recovery: ``(...)`` what the last update had to do, as the numbers of `Recovery`; 0: the
+            usual.
+        u: ``(..., m)`` the known input of the last prediction, or that of its measurement where the
+            update was given one;
             None: it was told none.
-        innovation: ``(..., p)`` measurement minus expectation, 0 where no measurement came; None before an update.
+        innovation: ``(..., p)`` measurement minus expectation, 0 where no measurement came; None
+            before an update.
         innovation_cov: ``(..., p, p)`` its covariance, unit where no measurement came; likewise.
         available: ``(..., p)`` which measurements the last update used; likewise.
     """
@@ -150,7 +167,13 @@ class Belief(Packed):
 
     @classmethod
     def view(
-        cls, packed: np.ndarray, layout: Layout, prior_mean: Any, prior_cov: Any, u: Any, recovery: Any = None
+        cls,
+        packed: np.ndarray,
+        layout: Layout,
+        prior_mean: Any,
+        prior_cov: Any,
+        u: Any,
+        recovery: Any = None,
     ) -> Self:
         """A belief of packed rows ``(..., width)``, read-only from now on; without ``recovery``: the usual."""
         belief, put, batch = object.__new__(cls), object.__setattr__, packed.shape[:-1]
@@ -161,7 +184,10 @@ class Belief(Packed):
         put(belief, "prior_cov", prior_cov)
         put(belief, "u", u)
         put(belief, "recovery", _usual(batch) if recovery is None else recovery)
-        (mean, _), (cov, square) = layout.fields["mean"], layout.fields["cov"]  # every caller reads these
+        (mean, _), (cov, square) = (
+            layout.fields["mean"],
+            layout.fields["cov"],
+        )  # every caller reads these
         put(belief, "mean", packed[mean])
         put(belief, "cov", packed[cov].reshape(batch + square))
         return belief
@@ -172,10 +198,16 @@ class Belief(Packed):
             return self.packed, self.layout
         arrays, batch = self.stored(), self.mean.shape[:-1]
         for name, array in arrays.items():
-            if np.shape(array)[: len(batch)] != batch or not isinstance(array, np.ndarray | np.generic):
-                raise ValueError(f"{name} of a belief must be an array with a row for each of the batch, {batch}")
+            if np.shape(array)[: len(batch)] != batch or not isinstance(
+                array, np.ndarray | np.generic
+            ):
+                raise ValueError(
+                    f"{name} of a belief must be an array with a row for each of the batch, {batch}"
+                )
         masks = frozenset(name for name, array in arrays.items() if array.dtype == bool)
-        layout = layout_of(tuple((name, array.shape[len(batch) :]) for name, array in arrays.items()), masks)
+        layout = layout_of(
+            tuple((name, array.shape[len(batch) :]) for name, array in arrays.items()), masks
+        )
         packed = np.empty(batch + (layout.width,))
         for name, (columns, shape) in layout.fields.items():
             packed[columns] = arrays[name].reshape(*batch, math.prod(shape))
@@ -198,13 +230,21 @@ class Belief(Packed):
         return cls(*(getattr(belief, name) for name in Belief.__dataclass_fields__), **own)
 
     @classmethod
-    def predicted(cls, before: "Belief", mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None, **own: Any) -> Self:
+    def predicted(
+        cls, before: "Belief", mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None, **own: Any
+    ) -> Self:
         """The belief after a prediction from the one ``before``, with the record's ``own`` arrays."""
         return cls(mean, cov, before.prior_mean, before.prior_cov, before.recovery, u, **own)
 
     @classmethod
     def updated(
-        cls, before: "Belief", mean: np.ndarray, cov: np.ndarray, measurement: Measurement, S: np.ndarray, **own: Any
+        cls,
+        before: "Belief",
+        mean: np.ndarray,
+        cov: np.ndarray,
+        measurement: Measurement,
+        S: np.ndarray,
+        **own: Any,
     ) -> Self:
         """The belief after a usual update of the one ``before``, ``S`` the innovation's covariance; likewise."""
         return cls(
@@ -222,7 +262,8 @@ class Belief(Packed):
     def with_rows(self, rows: np.ndarray, other: "Belief") -> Self:
         """This belief with the rows of a mask ``(...)`` replaced, in order, by those of ``other``.
 
-        One of the two may have seen no measurement or no known input yet: its rows then have none (an innovation of 0).
+        One of the two may have seen no measurement or no known input yet: its rows then have none
+        (an innovation of 0).
 
         Raises:
             ValueError: if the two are beliefs of different filters.
@@ -241,7 +282,10 @@ class Belief(Packed):
 
     def replace(self, **changes: Any) -> Self:
         """This belief with some fields changed."""
-        given = {name: as_array(name, a) if isinstance(a, list | tuple) else a for name, a in changes.items()}
+        given = {
+            name: as_array(name, a) if isinstance(a, list | tuple) else a
+            for name, a in changes.items()
+        }
         own = {name: frozen(a) if type(a) is np.ndarray else a for name, a in given.items()}
         return _restored(type(self), self._arrays() | own)
 
@@ -254,13 +298,17 @@ class Belief(Packed):
         if points in changes:
             return {}
         if "cov" in changes:
-            raise ValueError(f"cov of this belief is that of its {points}: replace them, or begin anew with init")
+            raise ValueError(
+                f"cov of this belief is that of its {points}: replace them, or begin anew with init"
+            )
         shift = np.asarray(changes.get("mean", self.mean)) - self.mean
         return {points: getattr(self, points) + shift[..., None, :]} if "mean" in changes else {}
 
     def read_only(self) -> Self:
         """This belief, into whose arrays nobody can write any more."""
-        for array in self._arrays().values() if self.packed is None else (self.u,):  # the others are so when they begin
+        for array in (
+            self._arrays().values() if self.packed is None else (self.u,)
+        ):  # the others are so when they begin
             if type(array) is np.ndarray:
                 array.setflags(write=False)
         return self
@@ -272,18 +320,30 @@ class Belief(Packed):
     def stored(self) -> dict[str, Any]:
         """The arrays that are packed, by name, as they stand there."""
         arrays = self._arrays().items()
-        return {name: a.mT if name in MEMBERS else a for name, a in arrays if a is not None and name not in APART}
+        return {
+            name: a.mT if name in MEMBERS else a
+            for name, a in arrays
+            if a is not None and name not in APART
+        }
 
     def _arrays(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
     def _parts(self) -> dict[str, Any]:
         """Its arrays, packed ones as one."""
-        return self._arrays() if self.packed is None else {n: getattr(self, n) for n in ("packed", *APART)}
+        return (
+            self._arrays()
+            if self.packed is None
+            else {n: getattr(self, n) for n in ("packed", *APART)}
+        )
 
     def _of(self, parts: dict[str, Any]) -> Self:
         """A belief of such arrays."""
-        return self.view(layout=self.layout, **parts) if "packed" in parts else _restored(type(self), parts)
+        return (
+            self.view(layout=self.layout, **parts)
+            if "packed" in parts
+            else _restored(type(self), parts)
+        )
 
 
 def _restored(record: type[Record], arrays: dict[str, Any]) -> Record:
@@ -296,7 +356,8 @@ def _restored_read_only(record: type[Record], arrays: dict[str, Any]) -> Record:
     return _restored(record, arrays).read_only()
 
 
-# Where a record gives what every belief can be asked for, `field` hides the property above, which is no default.
+# Where a record gives what every belief can be asked for, `field` hides the property above, which
+# is no default.
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -307,9 +368,9 @@ class InputBelief(Belief):
         input_mean: ``(..., q)`` estimate of the unknown input.
         input_cov: ``(..., q, q)`` its covariance.
         state_input_cov: ``(..., n, q)`` covariance between the two errors.
-        input_observed: ``(..., q, q)`` projector on the directions of the unknown input that the measurements show
-            well; in the others its prior counts, too. None: the filter was told the input's covariance, which counts in
-            every direction.
+        input_observed: ``(..., q, q)`` projector on the directions of the unknown input that the
+            measurements show well; in the others its prior counts, too. None: the filter was told
+            the input's covariance, which counts in every direction.
     """
 
     input_mean: np.ndarray = field()
@@ -324,7 +385,8 @@ class DelayedInputBelief(InputBelief):
 
     Attributes:
         input_observed: As in `InputBelief`.
-        pending: ``(...)`` True where a prediction waits for the measurement that shows its unknown input.
+        pending: ``(...)`` True where a prediction waits for the measurement that shows its unknown
+            input.
         input_matrix: ``(..., n, q)`` G of the last prediction, for a model whose G is a function.
     """
 
@@ -338,14 +400,14 @@ class FeedthroughBelief(DelayedInputBelief):
     """The belief of a filter that sees a part of the unknown input at once, and the whole one step later.
 
     Attributes:
-        feedthrough_mean: ``(..., q)`` what the measurements of this very step show of the unknown input that acts
-            now, 0 in the other directions.
+        feedthrough_mean: ``(..., q)`` what the measurements of this very step show of the unknown
+            input that acts now, 0 in the other directions.
         feedthrough_cov: ``(..., q, q)`` its covariance, 0 in the other directions.
         state_feedthrough_cov: ``(..., n, q)`` covariance of its error and the state's.
         feedthrough_observed: ``(..., q, q)`` projector on the directions that they show.
-        input_reach: ``(..., n + q, q)`` how the unknown input stands in the errors of the state and of what is known of
-            the input, in the directions of it that no measurement has shown yet: those that act now, and after a
-            prediction those that acted before it.
+        input_reach: ``(..., n + q, q)`` how the unknown input stands in the errors of the state and
+            of what is known of the input, in the directions of it that no measurement has shown
+            yet: those that act now, and after a prediction those that acted before it.
     """
 
     feedthrough_mean: np.ndarray
@@ -386,7 +448,11 @@ def _usual(rows: tuple[int, ...]) -> np.ndarray:
 def prior_belief(mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None) -> Belief:
     """A belief before an episode, for a program that has the covariance ``(n, n)`` of all rows as a constant."""
     belief, covs = object.__new__(Belief), np.full(mean.shape + mean.shape[-1:], cov)
-    values: dict[str, Any] = {"packed": mean, "layout": layout_of((("mean", mean.shape[-1:]),)), "u": u}
+    values: dict[str, Any] = {
+        "packed": mean,
+        "layout": layout_of((("mean", mean.shape[-1:]),)),
+        "u": u,
+    }
     values |= {"prior_mean": mean, "prior_cov": covs, "recovery": _usual(mean.shape[:-1])}
     for name, value in values.items():
         object.__setattr__(belief, name, value)
@@ -401,35 +467,47 @@ def members_last(ensemble: np.ndarray) -> np.ndarray:
 def over_time(beliefs: Sequence[Record]) -> Record:
     """Beliefs of one filter at successive times as one whose leading axis is time.
 
-    Where one has seen no measurement or no known input yet and another has, it has none (an innovation of 0).
+    Where one has seen no measurement or no known input yet and another has, it has none (an
+    innovation of 0).
 
     Raises:
         ValueError: if there is none, or they are of different filters.
     """
     kinds = {type(belief) for belief in beliefs}
     if len(kinds) != 1:
-        raise ValueError(f"beliefs at successive times must be of one filter, got {len(kinds)} kinds of them")
-    stacked = {name: None if a[0] is None else read_only(np.stack(a)) for name, a in _aligned(beliefs).items()}
+        raise ValueError(
+            f"beliefs at successive times must be of one filter, got {len(kinds)} kinds of them"
+        )
+    stacked = {
+        name: None if a[0] is None else read_only(np.stack(a))
+        for name, a in _aligned(beliefs).items()
+    }
     return beliefs[0]._of(stacked).read_only()
 
 
 def _aligned(beliefs: Sequence[Belief]) -> dict[str, list[Any]]:
     """By name the arrays of several beliefs, packed ones as one where all have one layout; None where none has it."""
-    alike = all(belief.packed is not None and belief.layout is beliefs[0].layout for belief in beliefs)
+    alike = all(
+        belief.packed is not None and belief.layout is beliefs[0].layout for belief in beliefs
+    )
     parts = [belief._parts() if alike else belief._arrays() for belief in beliefs]
     aligned = {name: [each[name] for each in parts] for name in parts[0]}
     for name, arrays in aligned.items():
         seen = next((array for array in arrays if array is not None), None)
         if seen is not None and any(array is None for array in arrays):
             pairs = zip(arrays, beliefs, strict=True)
-            aligned[name] = [_unseen(name, seen, belief) if array is None else array for array, belief in pairs]
+            aligned[name] = [
+                _unseen(name, seen, belief) if array is None else array for array, belief in pairs
+            ]
     return aligned
 
 
 def _unseen(name: str, like: np.ndarray, belief: Belief) -> np.ndarray:
     """A field's value in a belief that has seen no measurement, or was told no known input, yet."""
     if name not in ("u", "innovation", "innovation_cov", "available"):
-        raise ValueError(f"cannot merge two beliefs of which only one has {name}: they are of different filters")
+        raise ValueError(
+            f"cannot merge two beliefs of which only one has {name}: they are of different filters"
+        )
     size = like.shape[-1]
     blank = np.eye(size) if name == "innovation_cov" else np.zeros(size, like.dtype)
     return np.broadcast_to(blank, belief.mean.shape[:-1] + blank.shape)
@@ -446,5 +524,7 @@ def finite_rows(belief: Belief) -> np.ndarray:
 
 _CHECKED: dict[str, int | tuple[int, int]] = {
     **dict.fromkeys(("input_mean", "feedthrough_mean", "innovation"), -1),
-    **dict.fromkeys(("cov", "innovation_cov", "input_cov", "feedthrough_cov", "ensemble"), (-2, -1)),
+    **dict.fromkeys(
+        ("cov", "innovation_cov", "input_cov", "feedthrough_cov", "ensemble"), (-2, -1)
+    ),
 }

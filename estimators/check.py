@@ -6,7 +6,8 @@
 
     check_filter(MyFilter, gain=0.5)  # silent, or one sentence that says what is wrong and what to do
 
-Environments ask the quick part of it, `check_steps`, of every filter of a user's own before it flies.
+Environments ask the quick part of it, `check_steps`, of every filter of a user's own before it
+flies.
 """
 
 import copy
@@ -50,34 +51,43 @@ def check_filter(
 ) -> None:
     """Try a filter on known systems, and say what is wrong with it.
 
-    Each of the systems that the filter takes is tried: linear with a known input, with an unknown input in the
-    measurements or in the state only, nonlinear with and without unknown input. On each, in this order: what building
-    it gives; steps of one row and of several, whole, in part and without a measurement, and formulas compiled and in
-    NumPy (`check_steps`); the same twice; what is handed in; gaps; rows that begin again.
+    Each of the systems that the filter takes is tried: linear with a known input, with an unknown
+    input in the measurements or in the state only, nonlinear with and without unknown input. On
+    each, in this order: what building it gives; steps of one row and of several, whole, in part and
+    without a measurement, and formulas compiled and in NumPy (`check_steps`); the same twice; what
+    is handed in; gaps; rows that begin again.
 
-    Errors of the first system are then compared with the covariance (NEES, in 400 simulated runs). A filter that is
-    not as good as it says gets a warning and is not failed: robust and ensemble filters, and those made for nonlinear
-    models, know their errors nearly, and a fixed gain has no use for a covariance.
+    Errors of the first system are then compared with the covariance (NEES, in 400 simulated runs).
+    A filter that is not as good as it says gets a warning and is not failed: robust and ensemble
+    filters, and those made for nonlinear models, know their errors nearly, and a fixed gain has no
+    use for a covariance.
 
     Args:
         build: A subclass of `Filter`, or a function of a model (and options) that returns one.
         model: A model of your own to try it on, for a filter that takes no other.
-        prior: Mean ``(n,)`` and covariance ``(n, n)`` of its start; None: zero, with unit covariance.
+        prior: Mean ``(n,)`` and covariance ``(n, n)`` of its start; None: zero, with unit
+            covariance.
         u: Its known input ``(m,)``, if it has one.
         **options: What ``build`` takes after the model.
 
     Raises:
         ValueError: one sentence, of the first that is wrong.
-        TypeError: if ``build`` cannot be called with a model, or gives no filter; or the prior is none.
+        TypeError: if ``build`` cannot be called with a model, or gives no filter; or the prior is
+            none.
     """
     if isinstance(build, Filter) or not callable(build):
-        raise TypeError(f"check_filter takes a Filter class, or a function of a model that returns one, got {build!r}")
+        raise TypeError(
+            "check_filter takes a Filter class, or a function of a model that returns one, got"
+            f" {build!r}"
+        )
     name, signature = getattr(build, "__name__", type(build).__name__), inspect.signature(build)
     try:
         signature.bind(model, **options)
     except TypeError as error:
         call = f"{name}({', '.join(['model', *options])})"
-        raise TypeError(f"{name} cannot be built as {call}: {error}: take the model first, then options") from None
+        raise TypeError(
+            f"{name} cannot be built as {call}: {error}: take the model first, then options"
+        ) from None
     if model is None:
         systems = _systems()
     else:
@@ -99,7 +109,9 @@ def check_filter(
         checked = True
     if not checked:
         whose = "it was tried on: give it one with model=" if model is None else "given"
-        raise ValueError(f"{name} takes none of the models {whose} ({'; '.join(dict.fromkeys(refusals))})")
+        raise ValueError(
+            f"{name} takes none of the models {whose} ({'; '.join(dict.fromkeys(refusals))})"
+        )
 
 
 def check_steps(filter: Filter, prior: Gaussian, u: np.ndarray | None) -> None:
@@ -118,7 +130,8 @@ def check_steps(filter: Filter, prior: Gaussian, u: np.ndarray | None) -> None:
         raise ValueError(f"{cls}.__init__ must call super().__init__(model) before all else")
     if not (isinstance(filter.name, str) and filter.name):
         raise ValueError(
-            f'{cls}.name must be what the filter is called, such as "my-filter", got {short_repr(filter.name)}'
+            f'{cls}.name must be what the filter is called, such as "my-filter", got'
+            f" {short_repr(filter.name)}"
         )
     alone = [_steps(filter, prior, u, row) for row in range(_ROWS)]
     beliefs = _steps(filter, prior, u)
@@ -126,36 +139,46 @@ def check_steps(filter: Filter, prior: Gaussian, u: np.ndarray | None) -> None:
         method, whole = ("predict", "update")[k % 2], k in _WHOLE
         for name, array in _arrays(belief).items():
             if np.shape(array)[:1] != (_ROWS,):
-                raise ValueError(f"{cls}._{method} gave a {name} that is no array with a row for each of the batch")
+                raise ValueError(
+                    f"{cls}._{method} gave a {name} that is no array with a row for each of the"
+                    " batch"
+                )
             if not np.isfinite(array).all():
-                raise ValueError(f"{cls}._{method} gave a {name} that is not finite, of ordinary numbers")
+                raise ValueError(
+                    f"{cls}._{method} gave a {name} that is not finite, of ordinary numbers"
+                )
         if method == "update" and whole and (belief.recovery >= Recovery.PREDICTION).any():
             raise ValueError(
-                f"{cls}._update could not be used: of an ordinary measurement it must give a finite mean, and a "
-                f"covariance that is symmetric and positive semidefinite"
+                f"{cls}._update could not be used: of an ordinary measurement it must give a finite"
+                " mean, and a covariance that is symmetric and positive semidefinite"
             )
         for name, cov in (("cov", belief.cov), ("input_cov", belief.input_cov)):
             if cov is not None and not _is_covariance(cov):
-                raise ValueError(f"{cls}._{method} gave a {name} that is not symmetric and positive semidefinite")
+                raise ValueError(
+                    f"{cls}._{method} gave a {name} that is not symmetric and positive semidefinite"
+                )
         for row in range(_ROWS):
             if odd := _differ([belief[row]], [alone[row][k]]):
                 raise ValueError(
-                    f"{cls}.{method} gives a row of a batch another {odd} than the same row alone: rows must share "
-                    f"nothing, so reduce over the last axes only"
+                    f"{cls}.{method} gives a row of a batch another {odd} than the same row alone:"
+                    " rows must share nothing, so reduce over the last axes only"
                 )
     if filter._programs is not None:
         _check_compiled(filter, prior, u, beliefs)
 
 
-def _check_compiled(filter: Filter, prior: Gaussian, u: np.ndarray | None, beliefs: list[Belief]) -> None:
+def _check_compiled(
+    filter: Filter, prior: Gaussian, u: np.ndarray | None, beliefs: list[Belief]
+) -> None:
     """Formulas give compiled what NumPy gives, as a prediction and an update and as both at once."""
     plain = copy.copy(filter)
     plain._programs = None
     both = _steps(filter, prior, u, at_once=True)
     if odd := _differ(_steps(plain, prior, u), beliefs) or _differ(both, beliefs[1::2]):
         raise ValueError(
-            f"{type(filter).__name__} gives another {odd} compiled than in NumPy: a formula is traced once, so it must "
-            f"depend on nothing but what it is handed; or leave out formulas = True"
+            f"{type(filter).__name__} gives another {odd} compiled than in NumPy: a formula is"
+            " traced once, so it must depend on nothing but what it is handed; or leave out"
+            " formulas = True"
         )
 
 
@@ -171,15 +194,18 @@ def _steps(
 ) -> list[Belief]:  # fmt: skip
     """Beliefs after every prediction and every update, of one row, or of three with None.
 
-    Missing measurements are NaN or, ``masked``, any number that a mask excludes. ``at_once`` each prediction and its
-    update are one call, as in environments: the belief after every update.
+    Missing measurements are NaN or, ``masked``, any number that a mask excludes. ``at_once`` each
+    prediction and its update are one call, as in environments: the belief after every update.
     """
     model, cls = filter.model, type(filter).__name__
     rows = np.arange(_ROWS) if row is None else np.array(row)
     away = 0.5 * np.sqrt(np.diagonal(prior.cov, axis1=-2, axis2=-1))
     mean = prior.mean + (rows[..., None] - 1.0) * away
     known = _for_rows(u, mean.shape[:-1])
-    expected, batch = model.measurement(mean, known), "one row" if row is not None else f"{_ROWS} rows"
+    expected, batch = (
+        model.measurement(mean, known),
+        "one row" if row is not None else f"{_ROWS} rows",
+    )
     rng, beliefs = RandomKeys.seeded(range(_ROWS))[rows], []
     with _named(f"{cls}.init of {batch}", row is None):
         belief = filter.init(Gaussian(mean, prior.cov), rng=rng)
@@ -198,7 +224,9 @@ def _steps(
         beliefs.append(belief)
         arrays = {"y": y, "available": arrived} if masked else {"y": missing}
         with _named(f"{cls}.update of {batch}", row is None):
-            belief = filter.update(belief, rng=now, **{name: frozen(array) for name, array in arrays.items()})
+            belief = filter.update(
+                belief, rng=now, **{name: frozen(array) for name, array in arrays.items()}
+            )
         beliefs.append(belief)
     return beliefs
 
@@ -218,7 +246,10 @@ def _named(call: str, batch: bool) -> Iterator[None]:
         if "read-only" in str(error):
             why += ": what a filter is given it may only read, so put a new array into the belief"
         elif batch:
-            why += ": of one row it works, so write it for any leading axes, with np.matvec and .mT, axes from behind"
+            why += (
+                ": of one row it works, so write it for any leading axes, with np.matvec and .mT,"
+                " axes from behind"
+            )
         raise ValueError(why) from error
 
 
@@ -229,17 +260,20 @@ def _check_more(filter: Filter, system: System) -> None:
 
     if odd := _differ(_steps(filter, prior, u), beliefs, 0.0):
         raise ValueError(
-            f"{cls} gives another {odd} when the same is done again: what changes belongs in the belief, and random "
-            f"numbers come from rng alone"
+            f"{cls} gives another {odd} when the same is done again: what changes belongs in the"
+            " belief, and random numbers come from rng alone"
         )
     if odd := _differ(_steps(filter, prior, u, masked=True), beliefs, 0.0):
-        raise ValueError(f"{cls} gives another {odd} for a measurement that is masked than for NaN: both are missing")
+        raise ValueError(
+            f"{cls} gives another {odd} for a measurement that is masked than for NaN: both are"
+            " missing"
+        )
     before, after = beliefs[-2], beliefs[-1]
     spread, left = (np.trace(belief.cov, axis1=-2, axis2=-1) for belief in (before, after))
     if (left < spread * (1.0 - _SAME)).any():
         raise ValueError(
-            f"{cls}.update without any measurement makes cov smaller: take C and R from the measurement, where what is "
-            f"missing is neutral, and not from the model"
+            f"{cls}.update without any measurement makes cov smaller: take C and R from the"
+            " measurement, where what is missing is neutral, and not from the model"
         )
     _check_restart(filter, system, beliefs)
     if filter.random:
@@ -252,16 +286,21 @@ def _check_restart(filter: Filter, system: System, beliefs: list[Belief]) -> Non
     """Refuse a filter for which a row that begins again, beside others that go on, is not as a new one."""
     cls, (model, prior, u) = type(filter).__name__, system
     again, rng = np.array([False, True, False]), RandomKeys.seeded(range(_ROWS))
-    known, start = _for_rows(u, (_ROWS,)), Gaussian(np.broadcast_to(prior.mean, (_ROWS, model.n)), prior.cov)
+    known, start = (
+        _for_rows(u, (_ROWS,)),
+        Gaussian(np.broadcast_to(prior.mean, (_ROWS, model.n)), prior.cov),
+    )
     with _named(f"{cls}: a belief with rows that begin again (belief.with_rows)", False):
         fresh = filter.init(start, rng=rng)
         mixed = beliefs[3].with_rows(again, fresh[again])
-        stepped = [filter.predict(belief, known, rng=rng.at(9)) for belief in (mixed, beliefs[3], fresh)]
+        stepped = [
+            filter.predict(belief, known, rng=rng.at(9)) for belief in (mixed, beliefs[3], fresh)
+        ]
     for row in range(_ROWS):
         if odd := _differ([stepped[0][row]], [stepped[2 if again[row] else 1][row]]):
             raise ValueError(
-                f"{cls} gives another {odd} where some rows begin again (belief.with_rows): what a row needs must be "
-                f"in the belief, and a row alone must say what it does"
+                f"{cls} gives another {odd} where some rows begin again (belief.with_rows): what a"
+                " row needs must be in the belief, and a row alone must say what it does"
             )
 
 
@@ -269,22 +308,28 @@ def _warn_of_errors(filter: Filter, system: System) -> None:
     """Warn where errors in simulated runs are larger or smaller than the covariance."""
     model, prior, u = system
     rng = np.random.default_rng(0)
-    unknown = rng.normal(size=(_STEPS, _RUNS, model.q)) if filter.input_delay is not None and model.q else None
+    unknown = (
+        rng.normal(size=(_STEPS, _RUNS, model.q))
+        if filter.input_delay is not None and model.q
+        else None
+    )
     data = simulate(model, prior, rng, _RUNS, _STEPS, u, unknown)
     series = run(filter, prior, data.y, data.u, rng=RandomKeys.seeded(range(_RUNS)))
     found = float(nees(series.mean[-1], series.cov[-1], data.x[-1], model.state_angles).mean())
     low, high = chi_square_band(_RUNS, model.n, _CONFIDENCE)
     if not low <= found <= high:
-        than, hint = ("larger", "it claims too much") if found > high else ("smaller", "it is too careful")
+        than, hint = (
+            ("larger", "it claims too much") if found > high else ("smaller", "it is too careful")
+        )
         warnings.warn(
-            f"{type(filter).__name__}: its errors are {than} than its covariance says ({hint}): the mean NEES of "
-            f"{model.n} states over {_RUNS} runs is {found:.2f}, expected {low:.2f} to {high:.2f}; see "
-            f"estimators.consistency",
+            f"{type(filter).__name__}: its errors are {than} than its covariance says ({hint}): the"
+            f" mean NEES of {model.n} states over {_RUNS} runs is {found:.2f}, expected {low:.2f}"
+            f" to {high:.2f}; see estimators.consistency",
             stacklevel=3,
         )
 
 
-# --- comparing beliefs --------------------------------------------------------------------------------
+# --- comparing beliefs ----------------------------------------------------------------------------
 
 
 def _arrays(belief: Belief) -> dict[str, np.ndarray]:
@@ -298,7 +343,11 @@ def _differ(some: list[Belief], others: list[Belief], tolerance: float = _SAME) 
     for mine, theirs in zip(map(_arrays, some), map(_arrays, others), strict=True):
         for name in mine.keys() & theirs.keys():
             a, b = np.asarray(mine[name], float), np.asarray(theirs[name], float)
-            scale = float(np.abs(b).max(initial=0.0 if name in ("cov", "innovation_cov", "input_cov") else 1.0))
+            scale = float(
+                np.abs(b).max(
+                    initial=0.0 if name in ("cov", "innovation_cov", "input_cov") else 1.0
+                )
+            )
             if a.shape != b.shape or not (np.abs(a - b) <= tolerance * scale).all():
                 return name
     return ""
@@ -307,19 +356,34 @@ def _differ(some: list[Belief], others: list[Belief], tolerance: float = _SAME) 
 def _is_covariance(cov: np.ndarray) -> bool:
     size = np.abs(cov).max((-2, -1), initial=0.0)
     even = np.abs(cov - cov.mT).max((-2, -1), initial=0.0) <= _SAME * size
-    return bool((even & (np.linalg.eigvalsh(0.5 * (cov + cov.mT)).min(-1, initial=0.0) >= -_SAME * size)).all())
+    return bool(
+        (
+            even & (np.linalg.eigvalsh(0.5 * (cov + cov.mT)).min(-1, initial=0.0) >= -_SAME * size)
+        ).all()
+    )
 
 
-# --- known systems ------------------------------------------------------------------------------------
+# --- known systems --------------------------------------------------------------------------------
 
 
 def _systems() -> tuple[System, ...]:
     """Linear ones of a vehicle whose speed sensor drifts, and a driven pendulum; of each with unknown inputs, too."""
-    A, Q = np.array([[1.0, 0.5, 0.0], [0.0, 0.9, 0.0], [0.0, 0.0, 0.95]]), np.diag([0.01, 0.05, 0.02])
-    B, G, H = np.array([[0.0], [0.5], [0.0]]), np.array([[0.1], [0.5], [0.0]]), np.array([[0.0], [0.0], [1.0]])
+    A, Q = (
+        np.array([[1.0, 0.5, 0.0], [0.0, 0.9, 0.0], [0.0, 0.0, 0.95]]),
+        np.diag([0.01, 0.05, 0.02]),
+    )
+    B, G, H = (
+        np.array([[0.0], [0.5], [0.0]]),
+        np.array([[0.1], [0.5], [0.0]]),
+        np.array([[0.0], [0.0], [1.0]]),
+    )
     C, R = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 1.0]]), np.array([[0.3, 0.05], [0.05, 0.2]])
     more, both = np.vstack([C, [0.0, 1.0, 0.0]]), np.diag([0.3, 0.2, 0.1])
-    prior, push, dt = Gaussian(np.array([1.0, 0.5, 0.0]), np.diag([1.0, 0.5, 0.1])), np.array([0.3]), 0.05
+    prior, push, dt = (
+        Gaussian(np.array([1.0, 0.5, 0.0]), np.diag([1.0, 0.5, 0.1])),
+        np.array([0.3]),
+        0.05,
+    )
 
     def swing(x: np.ndarray, u: np.ndarray) -> np.ndarray:
         rate = x[..., 1] + dt * (u[..., 0] - 9.81 * np.sin(x[..., 0]))

@@ -50,7 +50,8 @@ def with_points(points: str) -> Any:
             given = arrays["mean"], arrays.get(points)
             if any(isinstance(a, np.ndarray) and not a.flags.writeable for a in given):
                 raise TypeError(
-                    f"mean and {points} of a belief go together: use belief.replace, not dataclasses.replace"
+                    f"mean and {points} of a belief go together: use belief.replace, not"
+                    " dataclasses.replace"
                 )
         return object.__new__(cls)
 
@@ -72,7 +73,9 @@ def call(name: str, function: Callable[..., Any], *arrays: np.ndarray | None) ->
     except ValueError as error:
         if "read-only" not in str(error):
             raise
-        raise Written(f"{name} writes into an array that it is given: work on a copy, as of np.array(x)") from error
+        raise Written(
+            f"{name} writes into an array that it is given: work on a copy, as of np.array(x)"
+        ) from error
 
 
 def check_takes(name: str, function: Callable[..., Any], *arguments: str) -> None:
@@ -85,7 +88,9 @@ def check_takes(name: str, function: Callable[..., Any], *arguments: str) -> Non
         try:
             signature(function).bind(*arguments)
         except TypeError as error:
-            raise TypeError(f"{name} must be a function of ({', '.join(arguments)}): {error}") from None
+            raise TypeError(
+                f"{name} must be a function of ({', '.join(arguments)}): {error}"
+            ) from None
 
 
 class Written(ValueError):
@@ -108,7 +113,10 @@ def _unmasked(value: Any) -> Any:
     if isinstance(value, np.ma.MaskedArray):
         return np.ma.filled(value.astype(float), np.nan)
     if isinstance(value, list | tuple):
-        return [np.nan if each is None or type(each).__name__ == "NAType" else _unmasked(each) for each in value]
+        return [
+            np.nan if each is None or type(each).__name__ == "NAType" else _unmasked(each)
+            for each in value
+        ]
     return value
 
 
@@ -130,7 +138,8 @@ def shaped_array(name: str, value: object, *shape: int | str) -> np.ndarray:
     Args:
         name: Of the argument.
         value: The argument.
-        *shape: Its shape; a letter stands for any length, a first ``"..."`` for any axes before the others.
+        *shape: Its shape; a letter stands for any length, a first ``"..."`` for any axes before the
+            others.
 
     Raises:
         ValueError: if it is another array, or none.
@@ -139,9 +148,13 @@ def shaped_array(name: str, value: object, *shape: int | str) -> np.ndarray:
     wanted = shape[1:] if shape[:1] == ("...",) else shape
     sizes = array.shape[array.ndim - len(wanted) :]
     fits = array.ndim == len(shape) or (len(wanted) < len(shape) and array.ndim >= len(wanted))
-    if not fits or any(isinstance(size, int) and size != found for size, found in zip(wanted, sizes, strict=True)):
+    if not fits or any(
+        isinstance(size, int) and size != found for size, found in zip(wanted, sizes, strict=True)
+    ):
         comma = "," if len(shape) == 1 else ""
-        raise ValueError(f"{name} must have shape ({', '.join(map(str, shape))}{comma}), got {array.shape}")
+        raise ValueError(
+            f"{name} must have shape ({', '.join(map(str, shape))}{comma}), got {array.shape}"
+        )
     return array
 
 
@@ -157,7 +170,9 @@ def as_mask(name: str, value: object) -> np.ndarray:
     return (array != 0.0) & ~np.isnan(array)
 
 
-def number(name: str, value: object, low: float = -np.inf, high: float = np.inf, what: str = "a number") -> float:
+def number(
+    name: str, value: object, low: float = -np.inf, high: float = np.inf, what: str = "a number"
+) -> float:
     """``value`` as a float strictly between ``low`` and ``high``; NaN is none.
 
     Raises:
@@ -185,10 +200,13 @@ def integer(name: str, value: object, lowest: int) -> int:
     """``value`` as a whole number of at least ``lowest``.
 
     Raises:
-        ValueError: if it is too small, too great to count with, or no whole number (True and 2.0 are none).
+        ValueError: if it is too small, too great to count with, or no whole number (True and 2.0
+            are none).
     """
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < lowest:
-        raise ValueError(f"{name} must be a whole number of at least {lowest}, got {short_repr(value)}")
+        raise ValueError(
+            f"{name} must be a whole number of at least {lowest}, got {short_repr(value)}"
+        )
     if value > 2**31 - 1:
         raise ValueError(f"{name} must be at most {2**31 - 1}, got {short_repr(value)}")
     return int(value)

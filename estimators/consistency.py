@@ -8,10 +8,12 @@
     report.passed()  # False for at most 5 % of consistent filters
     consistency_figure(report).savefig("consistency.png")
 
-Four tests, with p-values that hold whatever the correlation between times: the size of state errors (NEES) and of
-innovations (NIS), whiteness of innovations, coverage of credible intervals. Averages are over runs, at one time.
+Four tests, with p-values that hold whatever the correlation between times: the size of state errors
+(NEES) and of innovations (NIS), whiteness of innovations, coverage of credible intervals. Averages
+are over runs, at one time.
 
-Source: Bar-Shalom, Li & Kirubarajan (2001), Estimation with applications to tracking and navigation, sec. 5.4.
+Source: Bar-Shalom, Li & Kirubarajan (2001), Estimation with applications to tracking and
+navigation, sec. 5.4.
 """
 
 from dataclasses import dataclass
@@ -43,8 +45,12 @@ class Runs(NamedTuple):
 
     x: np.ndarray  # (T, M, n) true state
     y: np.ndarray  # (T, M, p) measurements
-    u: np.ndarray | None = None  # (T, M, m) known input at the measurements, held over the step that follows
-    available: np.ndarray | None = None  # (T, M, p) mask of the measurements that arrived; None: all
+    u: np.ndarray | None = (
+        None  # (T, M, m) known input at the measurements, held over the step that follows
+    )
+    available: np.ndarray | None = (
+        None  # (T, M, p) mask of the measurements that arrived; None: all
+    )
 
 
 def simulate(
@@ -74,7 +80,9 @@ def simulate(
         raise ValueError("d was given, but the model has no unknown input (G and H are missing)")
     if runs < 2 or steps < 2:
         raise ValueError(f"runs and steps must be at least 2, got {runs} and {steps}")
-    u, d = (None if a is None else np.broadcast_to(a, (steps, runs, np.shape(a)[-1])) for a in (u, d))
+    u, d = (
+        None if a is None else np.broadcast_to(a, (steps, runs, np.shape(a)[-1])) for a in (u, d)
+    )
     x = prior.mean + _noise(prior.cov, rng, runs)
     xs, ys = [], []
     for k in range(steps):
@@ -96,7 +104,7 @@ def _noise(cov: np.ndarray, rng: np.random.Generator, runs: int) -> np.ndarray:
     return np.matvec(semidefinite_cholesky(cov), rng.normal(size=(runs, cov.shape[-1])))
 
 
-# --- the four tests ---------------------------------------------------------------------------------
+# --- the four tests -------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,10 +114,12 @@ class Band:
     Attributes:
         mean: ``(T,)`` mean over runs at each time.
         expected: ``(T,)`` degrees of freedom: what the mean should be.
-        low: ``(T,)`` lower end of the interval for one time; 0 for a filter that may be conservative.
+        low: ``(T,)`` lower end of the interval for one time; 0 for a filter that may be
+            conservative.
         high: ``(T,)`` upper end.
         confidence: Probability of that interval.
-        p_value: That a consistent filter would leave the band as far at any time (Bonferroni: at most).
+        p_value: That a consistent filter would leave the band as far at any time (Bonferroni: at
+            most).
     """
 
     mean: np.ndarray
@@ -122,19 +132,30 @@ class Band:
     def curves(self) -> Curves:
         """Times, ends of the interval, 1, and the mean, each divided by the degrees of freedom."""
         degrees = np.where(self.expected > 0, self.expected, np.nan)
-        return np.arange(len(self.mean)), self.low / degrees, self.high / degrees, 1.0, {"found": self.mean / degrees}
+        return (
+            np.arange(len(self.mean)),
+            self.low / degrees,
+            self.high / degrees,
+            1.0,
+            {"found": self.mean / degrees},
+        )
 
 
 def chi_square_test(
-    values: np.ndarray, degrees: np.ndarray | int, confidence: float = 0.95, conservative: bool = False
+    values: np.ndarray,
+    degrees: np.ndarray | int,
+    confidence: float = 0.95,
+    conservative: bool = False,
 ) -> Band:
     """Are NEES or NIS values as large as they should be? Their sum over runs is chi-square at each time.
 
     Args:
         values: ``(T, M)`` one value for each time and run.
-        degrees: Degrees of freedom, broadcast to ``(T, M)``: n for the NEES, the measurements that arrived for the NIS.
+        degrees: Degrees of freedom, broadcast to ``(T, M)``: n for the NEES, the measurements that
+            arrived for the NIS.
         confidence: Of the interval that is returned for each time.
-        conservative: The filter may be too careful: only values that are too large count against it.
+        conservative: The filter may be too careful: only values that are too large count against
+            it.
     """
     T, M = values.shape
     total, freedom = values.sum(1), np.broadcast_to(degrees, values.shape).sum(1)
@@ -143,7 +164,9 @@ def chi_square_test(
     tail = (1.0 - confidence) / (1.0 if conservative else 2.0)
     upper, lower = gammaincc(half, 0.5 * total), gammainc(half, 0.5 * total)
     p = np.where(seen, upper if conservative else 2.0 * np.minimum(lower, upper), 1.0)
-    low, high = (np.where(seen, 2.0 * gammaincinv(half, level) / M, 0.0) for level in (tail, 1.0 - tail))
+    low, high = (
+        np.where(seen, 2.0 * gammaincinv(half, level) / M, 0.0) for level in (tail, 1.0 - tail)
+    )
     return Band(
         total / M, freedom / M, np.zeros(T) if conservative else low, high, confidence, _any_of(p)
     )  # fmt: skip
@@ -155,7 +178,8 @@ class Whiteness:
 
     Attributes:
         lags: ``(L,)``.
-        correlation: ``(L, p)`` of each measurement with itself; NaN at a lag at which it never arrived twice.
+        correlation: ``(L, p)`` of each measurement with itself; NaN at a lag at which it never
+            arrived twice.
         bound: ``(L, p)`` half-width of the interval for one lag and measurement.
         confidence: Probability of that interval.
         statistic: Portmanteau statistic over all lags and all pairs of measurements.
@@ -174,7 +198,13 @@ class Whiteness:
     def curves(self) -> Curves:
         """Lags, ends of the interval, the correlation expected, and those of each measurement."""
         bound = self.bound.max(-1)
-        return self.lags, -bound, bound, 0.0, {f"channel {j}": c for j, c in enumerate(self.correlation.T)}
+        return (
+            self.lags,
+            -bound,
+            bound,
+            0.0,
+            {f"channel {j}": c for j, c in enumerate(self.correlation.T)},
+        )
 
 
 def whiteness_test(
@@ -186,11 +216,12 @@ def whiteness_test(
 ) -> Whiteness:
     """Are innovations white? The test of Ljung & Box for one measurement, of Hosking for several, over runs and gaps.
 
-    Innovations are whitened by the covariance that the filter gives and then by the one that they have, so that a
-    wrong scale, which is what the NIS tests, does not count here. It needs no truth, and one run will do.
+    Innovations are whitened by the covariance that the filter gives and then by the one that they
+    have, so that a wrong scale, which is what the NIS tests, does not count here. It needs no
+    truth, and one run will do.
 
-    Sources: Ljung & Box (1978), On a measure of lack of fit in time series models; Hosking (1980), The multivariate
-    portmanteau statistic.
+    Sources: Ljung & Box (1978), On a measure of lack of fit in time series models; Hosking (1980),
+    The multivariate portmanteau statistic.
 
     Args:
         innovation: ``(T, M, p)``, 0 where no measurement came.
@@ -217,7 +248,9 @@ def whiteness_test(
         correlation, bound = own / number, ndtri((1.0 + confidence) / 2.0) / np.sqrt(number)
     statistic, degrees = float(np.nansum(scores)), int((counts > 0).sum())
     p_value = float(gammaincc(0.5 * degrees, 0.5 * statistic)) if degrees else 1.0
-    return Whiteness(np.arange(1, lags + 1), correlation, bound, confidence, statistic, degrees, p_value)
+    return Whiteness(
+        np.arange(1, lags + 1), correlation, bound, confidence, statistic, degrees, p_value
+    )
 
 
 def _standardised(white: np.ndarray, mask: np.ndarray) -> np.ndarray:
@@ -232,8 +265,12 @@ def _standardised(white: np.ndarray, mask: np.ndarray) -> np.ndarray:
     counts = mask.sum((0, 1))
     spread = np.sqrt(np.diagonal(squares) / np.maximum(counts, 1.0))
     seen = counts > 0
-    if (spread[seen] == 0.0).any() or np.linalg.eigvalsh(correlation[seen][:, seen]).min(initial=1.0) < 1e-12:
-        raise ValueError("the innovations have no spread in some direction: too few measurements for a test")
+    if (spread[seen] == 0.0).any() or np.linalg.eigvalsh(correlation[seen][:, seen]).min(
+        initial=1.0
+    ) < 1e-12:
+        raise ValueError(
+            "the innovations have no spread in some direction: too few measurements for a test"
+        )
     return _solve_root(masked(correlation * spread * spread[:, None], mask > 0.0), white)
 
 
@@ -266,8 +303,16 @@ class Coverage:
         """Levels in percent, ends of the interval less the level, the excess expected, and that of each state."""
         found = 100.0 * (self.share.T - self.levels)
         low, high = 100.0 * (self.low - self.levels), 100.0 * (self.high - self.levels)
-        high = np.minimum(high, max(-low.min(), found.max()))  # the band of a conservative filter has no end
-        return 100.0 * self.levels, low, high, 0.0, {f"state {i}": excess for i, excess in enumerate(found)}
+        high = np.minimum(
+            high, max(-low.min(), found.max())
+        )  # the band of a conservative filter has no end
+        return (
+            100.0 * self.levels,
+            low,
+            high,
+            0.0,
+            {f"state {i}": excess for i, excess in enumerate(found)},
+        )
 
 
 def coverage_test(
@@ -288,7 +333,8 @@ def coverage_test(
         levels: Nominal probabilities.
         angles: Components whose difference is wrapped.
         confidence: Of the binomial interval that is returned.
-        conservative: The filter may be too careful: only intervals that are too narrow count against it.
+        conservative: The filter may be too careful: only intervals that are too narrow count
+            against it.
     """
     M = len(mean)
     nominal = np.asarray(levels, float)
@@ -298,7 +344,14 @@ def coverage_test(
     p = below if conservative else np.minimum(1.0, 2.0 * np.minimum(below, above))
     tail = (1.0 - confidence) / (1.0 if conservative else 2.0)
     low, high = (np.ceil(bdtrik(level, M, nominal)) / M for level in (tail, 1.0 - tail))
-    return Coverage(nominal, inside / M, low, np.ones_like(high) if conservative else high, confidence, _any_of(p))
+    return Coverage(
+        nominal,
+        inside / M,
+        low,
+        np.ones_like(high) if conservative else high,
+        confidence,
+        _any_of(p),
+    )
 
 
 def _any_of(p: np.ndarray) -> float:
@@ -314,8 +367,8 @@ class Consistency:
     Attributes:
         name: The filter's.
         nees: Size of state errors at each time.
-        nis: Size of innovations, less the share of an estimated unknown input; None for ``ulise``, whose innovations
-            carry the inputs of two steps.
+        nis: Size of innovations, less the share of an estimated unknown input; None for ``ulise``,
+            whose innovations carry the inputs of two steps.
         whiteness: Whiteness of innovations; None where they carry an unknown input.
         coverage: Coverage of credible intervals at the last time.
         conservative: The filter may be too careful, and its innovations need not be white.
@@ -362,20 +415,26 @@ def assess(
         filter: The filter.
         prior: What it starts from, mean ``(n,)`` and covariance ``(n, n)``.
         rng: Noise of the simulation, and draws of the filter if it makes any.
-        data: The runs, such as ``simulate(other_model, ...)``; None: simulated with the filter's own model, without
-            known input.
+        data: The runs, such as ``simulate(other_model, ...)``; None: simulated with the filter's
+            own model, without known input.
         runs: How many, if ``data`` is None.
         steps: How many, if ``data`` is None.
         lags: Of the whiteness test.
         levels: Of the credible intervals.
         confidence: Of the intervals for one time, lag or level, which are what the figure shows.
-        conservative: The filter may be too careful (as ``robust-kf`` is by design): only overconfidence counts
-            against it, and innovations need not be white.
+        conservative: The filter may be too careful (as ``robust-kf`` is by design): only
+            overconfidence counts against it, and innovations need not be white.
     """
     data = simulate(filter.model, prior, rng, runs, steps) if data is None else data
-    series, angles = run(filter, prior, data.y, data.u, available=data.available, rng=rng), filter.model.state_angles
+    series, angles = (
+        run(filter, prior, data.y, data.u, available=data.available, rng=rng),
+        filter.model.state_angles,
+    )
     beliefs: Any = series.updated
-    errors, size = nees(series.mean, series.cov, data.x, angles), np.abs(series.mean).max(-1, keepdims=True)
+    errors, size = (
+        nees(series.mean, series.cov, data.x, angles),
+        np.abs(series.mean).max(-1, keepdims=True),
+    )
     surprise = nis(beliefs.innovation, beliefs.innovation_cov, size)
     degrees = beliefs.available.sum(-1).astype(float)
     if isinstance(beliefs, InputBelief) and beliefs.input_observed is not None:
@@ -385,13 +444,17 @@ def assess(
     if not isinstance(beliefs, FeedthroughBelief):
         innovations = chi_square_test(surprise, degrees, confidence, conservative)
     if filter.input_delay is None:
-        whiteness = whiteness_test(beliefs.innovation, beliefs.innovation_cov, beliefs.available, lags, confidence)
-    coverage = coverage_test(series.mean[-1], series.cov[-1], data.x[-1], levels, angles, confidence, conservative)
+        whiteness = whiteness_test(
+            beliefs.innovation, beliefs.innovation_cov, beliefs.available, lags, confidence
+        )
+    coverage = coverage_test(
+        series.mean[-1], series.cov[-1], data.x[-1], levels, angles, confidence, conservative
+    )
     states = chi_square_test(errors, filter.model.n, confidence, conservative)
     return Consistency(filter.name, states, innovations, whiteness, coverage, conservative)
 
 
-# --- the figure -------------------------------------------------------------------------------------
+# --- the figure -----------------------------------------------------------------------------------
 
 
 def consistency_figure(report: Consistency) -> "Figure":
@@ -405,7 +468,9 @@ def consistency_figure(report: Consistency) -> "Figure":
     try:
         from matplotlib.figure import Figure
     except ModuleNotFoundError as error:
-        raise ModuleNotFoundError("a figure needs Matplotlib: pip install matplotlib", name=error.name) from None
+        raise ModuleNotFoundError(
+            "a figure needs Matplotlib: pip install matplotlib", name=error.name
+        ) from None
 
     figure = Figure(figsize=(10.0, 7.0), layout="constrained")
     remark = " (not required)" if report.conservative else ""
@@ -413,11 +478,18 @@ def consistency_figure(report: Consistency) -> "Figure":
         (report.nees, "State errors", "step", "NEES / states, mean over runs"),
         (report.nis, "Innovations", "step", "NIS / measurements, mean over runs"),
         (report.whiteness, f"Whiteness of innovations{remark}", "lag [steps]", "autocorrelation"),
-        (report.coverage, "Credible intervals at the last step", "nominal probability [%]", "found minus nominal [%]"),
+        (
+            report.coverage,
+            "Credible intervals at the last step",
+            "nominal probability [%]",
+            "found minus nominal [%]",
+        ),
     )
     for axes, (test, title, x, y) in zip(figure.subplots(2, 2).flat, panels, strict=True):
         axes.set(xlabel=x, ylabel=y)
-        axes.set_title(title if test is None else f"{title}: {_p_value(test.p_value)}", fontsize="medium")
+        axes.set_title(
+            title if test is None else f"{title}: {_p_value(test.p_value)}", fontsize="medium"
+        )
         if test is None:
             axes.set(xticks=[], yticks=[])
             note = "not tested: innovations carry\nthe unknown input"
@@ -432,16 +504,28 @@ def consistency_figure(report: Consistency) -> "Figure":
 def _draw(axes: "Axes", test: Band | Whiteness | Coverage) -> None:
     """Curves over the band in which they lie if a filter is consistent."""
     x, low, high, expected, curves = test.curves()
-    axes.fill_between(x, low, high, color="#c9d6e3", lw=0, label=f"{100.0 * test.confidence:g} % band")
+    axes.fill_between(
+        x, low, high, color="#c9d6e3", lw=0, label=f"{100.0 * test.confidence:g} % band"
+    )
     axes.plot(x, np.broadcast_to(expected, x.shape), color="black", lw=0.8, ls="--")
     for label, values in curves.items():
-        color, size = "#1f5a94" if len(curves) == 1 else None, 3 if len(x) <= 30 else 0  # markers on few points
+        color, size = (
+            "#1f5a94" if len(curves) == 1 else None,
+            3 if len(x) <= 30 else 0,
+        )  # markers on few points
         axes.plot(x, values, marker="o", ms=size, lw=1.0, color=color, label=label)
     axes.spines[["top", "right"]].set_visible(False)
     axes.margins(x=0.02)
     bottom, top = axes.get_ylim()
     axes.set_ylim(bottom, top + 0.2 * (top - bottom))  # room for the legend
-    axes.legend(fontsize="small", frameon=False, ncols=4, loc="upper left", borderaxespad=0.0, columnspacing=1.2)
+    axes.legend(
+        fontsize="small",
+        frameon=False,
+        ncols=4,
+        loc="upper left",
+        borderaxespad=0.0,
+        columnspacing=1.2,
+    )
 
 
 def _p_value(p: float) -> str:

@@ -23,9 +23,9 @@ Model = LinearModel | NonlinearModel
 class Estimator(ABC, Generic[Record]):
     """A filter is immutable configuration; a `Belief` is its state.
 
-    Randomness is an argument (`Rng`), and filters without randomness ignore it. `start`, `forecast` and
-    `correct` are `init`, `predict` and `update` of arguments that need no check; `begin` is the first with the last,
-    `advance` the second with it.
+    Randomness is an argument (`Rng`), and filters without randomness ignore it. `start`, `forecast`
+    and `correct` are `init`, `predict` and `update` of arguments that need no check; `begin` is the
+    first with the last, `advance` the second with it.
     """
 
     name: str
@@ -49,13 +49,16 @@ class Estimator(ABC, Generic[Record]):
 
     def __init__(self, model: Model) -> None:
         if not isinstance(model, LinearModel | NonlinearModel):
-            raise TypeError(f"model must be a LinearModel or a NonlinearModel, got {type(model).__name__}")
+            raise TypeError(
+                f"model must be a LinearModel or a NonlinearModel, got {type(model).__name__}"
+            )
         self.model = model
 
     def __init_subclass__(cls, verified: bool = False, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
         cls.verified = verified
-        # Results of verified classes follow from their settings; in NumPy of one's own a setting may be changed.
+        # Results of verified classes follow from their settings; in NumPy of one's own a setting
+        # may be changed.
         cls._settings = frozenset(
             name
             for base in cls.__mro__
@@ -71,14 +74,15 @@ class Estimator(ABC, Generic[Record]):
     def __setattr__(self, name: str, value: Any) -> None:
         if name in self.__dict__ and name in self._settings:
             raise AttributeError(
-                f"{name} of a filter is read-only: build another filter, such as make({self.name!r}, model, {name}=...)"
+                f"{name} of a filter is read-only: build another filter, such as"
+                f" make({self.name!r}, model, {name}=...)"
             )
         object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(n={self.model.n}, p={self.model.p}, q={self.model.q})"
 
-    # --- checked ------------------------------------------------------------------------------------
+    # --- checked ----------------------------------------------------------------------------------
 
     def init(self, prior: Gaussian, rng: Rng = None) -> Record:
         """The belief before any measurement: ``x(0|-1)``.
@@ -113,7 +117,8 @@ class Estimator(ABC, Generic[Record]):
 
         Raises:
             TypeError: if ``belief`` is none.
-            ValueError: if ``u`` has the wrong shape, could only be ignored, or is missing though the model has B.
+            ValueError: if ``u`` has the wrong shape, could only be ignored, or is missing though
+                the model has B.
         """
         u = self._known(u, self._batch(belief))
         self._check_known_input(u)
@@ -130,35 +135,38 @@ class Estimator(ABC, Generic[Record]):
     ) -> Record:
         """Take in a measurement: ``x(k|k-1)`` to ``x(k|k)``.
 
-        Sensors that arrive one by one take an update each: those of one step leave what one update with all of its
-        measurements does, see `sequential`; filters of which that does not hold refuse the second.
+        Sensors that arrive one by one take an update each: those of one step leave what one update
+        with all of its measurements does, see `sequential`; filters of which that does not hold
+        refuse the second.
 
-        Never raises for numerical trouble, and forgets no more than it must. Where the usual gain gives no finite
-        belief, a row takes the first of these that does, and its ``recovery`` says which: the gain with the
-        pseudo-inverse, the measurement without the offending channels, the prediction alone, the prior and this
-        measurement.
+        Never raises for numerical trouble, and forgets no more than it must. Where the usual gain
+        gives no finite belief, a row takes the first of these that does, and its ``recovery`` says
+        which: the gain with the pseudo-inverse, the measurement without the offending channels, the
+        prediction alone, the prior and this measurement.
 
         Args:
             belief: The predicted belief.
             y: Measurements ``(..., p)``; a value that is not finite counts as missing.
             rng: Likewise, as for `init`.
             available: Mask ``(..., p)`` of the measurements that arrived; None: all.
-            R: Measurement covariance ``(..., p, p)`` for this measurement only; None: the model's. A measurement whose
-                variance is not finite counts as missing; what R says of missing measurements does not matter.
+            R: Measurement covariance ``(..., p, p)`` for this measurement only; None: the model's.
+                A measurement whose variance is not finite counts as missing; what R says of missing
+                measurements does not matter.
             u: Known input ``(..., m)`` for a model whose measurement depends on it; None: the one
                 of the last prediction.
 
         Raises:
             TypeError: if ``belief`` is none.
-            ValueError: if ``y``, ``available``, ``R`` or ``u`` have the wrong shape, or R is no covariance; or if the
-                step has had an update with which this one does not add up to one of both.
+            ValueError: if ``y``, ``available``, ``R`` or ``u`` have the wrong shape, or R is no
+                covariance; or if the step has had an update with which this one does not add up to
+                one of both.
         """
         batch, p = self._batch(belief), self.model.p
         y = as_array("y", y)
         if y.ndim == len(batch) + 2 and y.shape[-1] == p:
             raise ValueError(
-                f"y has shape {y.shape}, expected {(*batch, p)}: measurements by age, some of them late, are for "
-                "Delayed(filter, horizon)"
+                f"y has shape {y.shape}, expected {(*batch, p)}: measurements by age, some of them"
+                " late, are for Delayed(filter, horizon)"
             )
         y = _broadcast("y", y, batch + (p,))
         if available is not None:
@@ -169,14 +177,18 @@ class Estimator(ABC, Generic[Record]):
         if u is not None:
             belief = belief.with_input(self._known(u, batch))
         if belief.innovation is not None:
-            self._check_sequence(belief, *self._noise(y, available, self._own_R(belief) if R is None else R, belief.u))
+            self._check_sequence(
+                belief,
+                *self._noise(y, available, self._own_R(belief) if R is None else R, belief.u),
+            )
         return self.correct(belief, y, available, R, rng).read_only()
 
     def log_likelihood(self, predicted: Record, updated: Record) -> np.ndarray:
         """The log density ``(...)`` of a measurement, given those before it; 0 where none came.
 
-        Channels that follow from those before them without noise add nothing, or minus infinity if they contradict.
-        A mixture of states that is known exactly, while they are not, is known to rounding only: make it a state.
+        Channels that follow from those before them without noise add nothing, or minus infinity if
+        they contradict. A mixture of states that is known exactly, while they are not, is known to
+        rounding only: make it a state.
 
         Args:
             predicted: The belief that the measurement met.
@@ -190,18 +202,26 @@ class Estimator(ABC, Generic[Record]):
         e, S, available = updated.innovation, updated.innovation_cov, updated.available
         if e is None or S is None or available is None:
             raise ValueError(
-                f"{self.name} gives no covariance of its innovations, so that measurements have no likelihood: return "
-                "it from _update (Belief.updated does), or compare predictions with measurements"
+                f"{self.name} gives no covariance of its innovations, so that measurements have no"
+                " likelihood: return it from _update (Belief.updated does), or compare predictions"
+                " with measurements"
             )
         size = np.abs(predicted.mean).max(-1, keepdims=True)
-        if (S.diagonal(0, -2, -1) <= np.square(1e-8 * size)).any():  # which states' rounding is in which channel?
-            size, at = np.abs(predicted.mean) + np.abs(predicted.prior_mean), (predicted.mean, updated.u, predicted.cov)
-            if (predicted.mean != predicted.prior_mean).any():  # at first no state has moved, perhaps for want of u
+        if (
+            S.diagonal(0, -2, -1) <= np.square(1e-8 * size)
+        ).any():  # which states' rounding is in which channel?
+            size, at = (
+                np.abs(predicted.mean) + np.abs(predicted.prior_mean),
+                (predicted.mean, updated.u, predicted.cov),
+            )
+            if (
+                predicted.mean != predicted.prior_mean
+            ).any():  # at first no state has moved, perhaps for want of u
                 size = size + np.matvec(np.abs(self.model.linearise_transition(*at)[1]), size)
             size = np.matvec(np.abs(self.model.linearise_measurement(*at)[1]), size)
         return log_density(e, S, available, size)
 
-    # --- the same of arguments that need no check ---------------------------------------------------
+    # --- the same of arguments that need no check -------------------------------------------------
 
     @abstractmethod
     def start(self, prior: Gaussian, rng: Rng = None, u: np.ndarray | None = None) -> Record:
@@ -213,18 +233,33 @@ class Estimator(ABC, Generic[Record]):
 
     @abstractmethod
     def correct(
-        self, belief: Record, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None, rng: Rng
+        self,
+        belief: Record,
+        y: np.ndarray,
+        available: np.ndarray | None,
+        R: np.ndarray | None,
+        rng: Rng,
     ) -> Record:
         """The belief after a measurement."""
 
     def begin(
-        self, prior: Gaussian, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng
+        self,
+        prior: Gaussian,
+        u: np.ndarray | None,
+        y: np.ndarray,
+        available: np.ndarray | None,
+        rng: Rng,
     ) -> Record:
         """The belief after the first measurement, of which ``u (..., m)`` is the known input."""
         return self.correct(self.start(prior, rng, u), y, available, None, rng)
 
     def advance(
-        self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng
+        self,
+        belief: Record,
+        u: np.ndarray | None,
+        y: np.ndarray,
+        available: np.ndarray | None,
+        rng: Rng,
     ) -> Record:
         """The belief one step ahead and after its measurement."""
         return self.correct(self.forecast(belief, u, rng), y, available, None, rng)
@@ -237,7 +272,8 @@ class Estimator(ABC, Generic[Record]):
 
         Args:
             belief: The prediction that the first measurement meets.
-            u: Known inputs ``(steps + 1, rows, m)``: that of the first measurement, then those of the predictions.
+            u: Known inputs ``(steps + 1, rows, m)``: that of the first measurement, then those of
+                the predictions.
             y: ``(steps, rows, p)`` measurements.
             available: ``(steps, rows, p)``.
             wait: ``(rows,)`` steps after which a row begins: ``belief`` is its prediction there.
@@ -245,7 +281,7 @@ class Estimator(ABC, Generic[Record]):
         """
         return None
 
-    # --- checks, which a filter may narrow ----------------------------------------------------------
+    # --- checks, which a filter may narrow --------------------------------------------------------
 
     def _check_known_input(self, u: np.ndarray | None) -> None:
         self.model.check_known_input(u)
@@ -274,12 +310,20 @@ class Estimator(ABC, Generic[Record]):
             ValueError: saying why, and what to do.
         """
         before = cast(np.ndarray, belief.available)
-        remedy = "pass all measurements of a step together, NaN for none, or give them to Delayed(filter, 0)"
-        same = before.shape == arrived.shape  # else the measurements before were of another model of the same states
+        remedy = (
+            "pass all measurements of a step together, NaN for none, or give them to"
+            " Delayed(filter, 0)"
+        )
+        same = (
+            before.shape == arrived.shape
+        )  # else the measurements before were of another model of the same states
         if not self.sequential:
-            # A drawing filter would draw the same numbers again, even for measurements that come twice; with a delayed
-            # input even an update without measurements says what the input was.
-            new = arrived & ~before if same and not self.random and self.input_delay != 1 else arrived
+            # A drawing filter would draw the same numbers again, even for measurements that come
+            # twice; with a delayed input even an update without measurements says what the input
+            # was.
+            new = (
+                arrived & ~before if same and not self.random and self.input_delay != 1 else arrived
+            )
             if ((before.any(-1) | (self.input_delay == 1)) & new.any(-1)).any():
                 raise ValueError(f"{self.name} takes one update a step: {remedy}")
         if not same:
@@ -288,13 +332,18 @@ class Estimator(ABC, Generic[Record]):
         if shared.any():
             i, j = np.argwhere(shared)[0, -2:]
             raise ValueError(
-                f"the noises of measurements {i} and {j} are correlated, but they come in two updates: {remedy}"
+                f"the noises of measurements {i} and {j} are correlated, but they come in two"
+                f" updates: {remedy}"
             )
 
-    # --- measurement noise --------------------------------------------------------------------------
+    # --- measurement noise ------------------------------------------------------------------------
 
     def _noise(
-        self, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None, u: np.ndarray | None
+        self,
+        y: np.ndarray,
+        available: np.ndarray | None,
+        R: np.ndarray | None,
+        u: np.ndarray | None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """R ``(..., p, p)`` and the mask ``(..., p)`` of the measurements that tell something."""
         mask = np.isfinite(y) if available is None else np.isfinite(y) & available

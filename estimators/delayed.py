@@ -1,11 +1,13 @@
 """Measurements that come late, or out of order: fused where they belong.
 
-A `Delayed` filter keeps what it believed before each of the last measurements. A measurement of some steps ago is put
-into its step, and what came after is repeated with the same inputs, measurements and random numbers: the belief is
-then, to the last bit, what it had been if all had come in time. Nothing is approximated, so it holds for every filter.
+A `Delayed` filter keeps what it believed before each of the last measurements. A measurement of
+some steps ago is put into its step, and what came after is repeated with the same inputs,
+measurements and random numbers: the belief is then, to the last bit, what it had been if all had
+come in time. Nothing is approximated, so it holds for every filter.
 
-Source: Bar-Shalom, Li & Kirubarajan (2001), Estimation with applications to tracking and navigation, on measurements
-out of sequence, whose formulas for one step of a linear model this makes needless.
+Source: Bar-Shalom, Li & Kirubarajan (2001), Estimation with applications to tracking and
+navigation, on measurements out of sequence, whose formulas for one step of a linear model this
+makes needless.
 """
 
 from collections.abc import Sequence
@@ -31,7 +33,8 @@ class DelayedBelief(Generic[Record]):
     Attributes:
         now: The filter's own belief.
         window: The steps; the last is that of ``now``.
-        reach: ``(...)`` how many steps ago a row may still be read: back to where it began, at most the horizon.
+        reach: ``(...)`` how many steps ago a row may still be read: back to where it began, at most
+            the horizon.
         refused: ``(...)`` measurements since then that came too late, or a second time.
     """
 
@@ -51,9 +54,13 @@ class DelayedBelief(Generic[Record]):
 
     def __getitem__(self, rows: Any) -> "DelayedBelief[Record]":
         """The beliefs of some rows of the batch."""
-        return DelayedBelief(self.now[rows], self.window.rows(rows), self.reach[rows], self.refused[rows])
+        return DelayedBelief(
+            self.now[rows], self.window.rows(rows), self.reach[rows], self.refused[rows]
+        )
 
-    def with_rows(self, rows: np.ndarray, other: "DelayedBelief[Record]") -> "DelayedBelief[Record]":
+    def with_rows(
+        self, rows: np.ndarray, other: "DelayedBelief[Record]"
+    ) -> "DelayedBelief[Record]":
         """This belief with the rows of a mask ``(...)`` replaced, in order, by those of ``other``."""
         k = min(len(self.window.y), len(other.window.y))
         return DelayedBelief(
@@ -65,10 +72,11 @@ class DelayedBelief(Generic[Record]):
 class Delayed(Generic[Record]):
     """A filter to which measurements may come late.
 
-    Its ``update`` takes measurements by age, ``y (..., ages, p)``: ``y[..., 0, :]`` are of now, ``y[..., a, :]`` of a
-    steps ago, each NaN or masked unless it comes with this very call. A channel has one measurement a step.
-    Measurements that are older than the horizon, of before a row began, or that come a second time are refused, and
-    counted in the belief's ``refused``. All else is the filter's.
+    Its ``update`` takes measurements by age, ``y (..., ages, p)``: ``y[..., 0, :]`` are of now,
+    ``y[..., a, :]`` of a steps ago, each NaN or masked unless it comes with this very call. A
+    channel has one measurement a step. Measurements that are older than the horizon, of before a
+    row began, or that come a second time are refused, and counted in the belief's ``refused``. All
+    else is the filter's.
 
     Args:
         filter: Any filter, one of your own too: what has ``init``, ``predict`` and ``update``.
@@ -83,9 +91,13 @@ class Delayed(Generic[Record]):
         if isinstance(filter, type | Delayed) or not all(
             hasattr(filter, name) for name in ("init", "predict", "update")
         ):
-            raise TypeError(f"filter must be a filter, as estimators.make gives one, got {short_repr(filter)}")
+            raise TypeError(
+                f"filter must be a filter, as estimators.make gives one, got {short_repr(filter)}"
+            )
         self.filter, self.horizon = filter, integer("horizon", horizon, 0)
-        self._apart = getattr(filter, "_alike", True)  # rows can be repeated by themselves: they share one model
+        self._apart = getattr(
+            filter, "_alike", True
+        )  # rows can be repeated by themselves: they share one model
 
     def __getattr__(self, name: str) -> Any:
         if name in ("filter", "horizon", "_apart"):  # not yet set: a copy that is being made
@@ -101,18 +113,26 @@ class Delayed(Generic[Record]):
 
     def _initial(self, initial: Record, rng: Rng) -> DelayedBelief[Record]:
         nothing = np.zeros(initial.mean.shape[:-1], int)
-        return DelayedBelief(initial, Window.initial(initial, self.filter.model.p, self._keys(rng)), nothing, nothing)
+        return DelayedBelief(
+            initial, Window.initial(initial, self.filter.model.p, self._keys(rng)), nothing, nothing
+        )
 
-    def predict(self, belief: DelayedBelief[Record], u: Any = None, rng: Rng = None) -> DelayedBelief[Record]:
+    def predict(
+        self, belief: DelayedBelief[Record], u: Any = None, rng: Rng = None
+    ) -> DelayedBelief[Record]:
         """One step ahead, as `Filter.predict`."""
         keys, u = self._keys(rng), self._known(belief, u)
         predicted = self.filter.predict(belief.now, u, rng=keys)
         return self._followed(belief, predicted, u, keys)
 
-    def _followed(self, belief: DelayedBelief[Record], predicted: Any, u: Any, keys: Any) -> DelayedBelief[Record]:
+    def _followed(
+        self, belief: DelayedBelief[Record], predicted: Any, u: Any, keys: Any
+    ) -> DelayedBelief[Record]:
         window = belief.window.followed(predicted, u, keys, self.horizon + 1)
         now = belief.now if predicted is None else predicted
-        return DelayedBelief(now, window, np.minimum(belief.reach + 1, self.horizon), belief.refused)
+        return DelayedBelief(
+            now, window, np.minimum(belief.reach + 1, self.horizon), belief.refused
+        )
 
     def update(
         self,
@@ -129,18 +149,21 @@ class Delayed(Generic[Record]):
             belief: The predicted belief.
             y: ``(..., ages, p)``; a value that is not finite has not come.
             rng: As for `Filter.update`.
-            available: Mask ``(..., ages, p)`` of the measurements that come with this call; None: all that are finite.
+            available: Mask ``(..., ages, p)`` of the measurements that come with this call; None:
+                all that are finite.
             R: ``(..., ages, p, p)`` their own covariances; None: the model's.
             u: As for `Filter.update`.
 
         Raises:
-            ValueError: if ``y``, ``available`` or ``R`` have the wrong shape, or another ``u`` came before.
+            ValueError: if ``y``, ``available`` or ``R`` have the wrong shape, or another ``u`` came
+                before.
         """
         rows, p, window = belief.mean.shape[:-1], self.filter.model.p, belief.window
         y = as_array("y", y)
         if y.ndim < 2 or y.shape[-1] != p or y.shape[:-2] != rows:
             raise ValueError(
-                f"y has shape {y.shape}, expected {(*rows, 'ages', p)}: measurements by age, those of now first"
+                f"y has shape {y.shape}, expected {(*rows, 'ages', p)}: measurements by age, those"
+                " of now first"
             )
         arrived, u = np.isfinite(y), self._known(belief, u)
         if available is not None:
@@ -156,18 +179,35 @@ class Delayed(Generic[Record]):
         return self.correct(replace(belief, window=window), y, arrived, R, rng)
 
     def correct(
-        self, belief: DelayedBelief[Record], y: np.ndarray, available: np.ndarray, R: np.ndarray | None, rng: Rng
+        self,
+        belief: DelayedBelief[Record],
+        y: np.ndarray,
+        available: np.ndarray,
+        R: np.ndarray | None,
+        rng: Rng,
     ) -> DelayedBelief[Record]:
         """`update` without checks."""
         window = belief.window
         own = (array.copy() for array in (window.y, window.available, window.read))
-        return self._corrected(replace(belief, window=Window(*window[:6], *own)), y, available, R, rng)
+        return self._corrected(
+            replace(belief, window=Window(*window[:6], *own)), y, available, R, rng
+        )
 
     def _corrected(
-        self, belief: DelayedBelief[Record], y: np.ndarray, available: np.ndarray, R: np.ndarray | None, rng: Rng
+        self,
+        belief: DelayedBelief[Record],
+        y: np.ndarray,
+        available: np.ndarray,
+        R: np.ndarray | None,
+        rng: Rng,
     ) -> DelayedBelief[Record]:
         """The same, where the window's measurements belong to it alone."""
-        window, reach, refused, oldest = belief.window, belief.reach, belief.refused, np.zeros(belief.reach.shape, int)
+        window, reach, refused, oldest = (
+            belief.window,
+            belief.reach,
+            belief.refused,
+            np.zeros(belief.reach.shape, int),
+        )
         window.read[-1], newest, own_R = True, len(window.y) - 1, list(window.R)
         by_age = np.moveaxis(available, -2, 0).reshape(y.shape[-2], -1)
         for age in np.flatnonzero(by_age.any(1)).tolist():
@@ -177,7 +217,10 @@ class Delayed(Generic[Record]):
                 accepted = new & (age <= reach)[..., None] & ~window.available[i]
                 if R is not None or own_R[i] is not None:
                     own_R[i] = _merged_R(
-                        own_R[i], window.available[i], accepted, None if R is None else R[..., age, :, :]
+                        own_R[i],
+                        window.available[i],
+                        accepted,
+                        None if R is None else R[..., age, :, :],
                     )
                 np.copyto(window.y[i], values, where=accepted)
                 window.available[i] |= accepted
@@ -191,7 +234,9 @@ class Delayed(Generic[Record]):
         now, window = self._repeated(window, oldest, reach, belief.now)
         return DelayedBelief(now, window, reach, refused)
 
-    def begin(self, prior: Gaussian, u: Any, y: np.ndarray, available: np.ndarray, rng: Rng) -> DelayedBelief[Record]:
+    def begin(
+        self, prior: Gaussian, u: Any, y: np.ndarray, available: np.ndarray, rng: Rng
+    ) -> DelayedBelief[Record]:
         """`init`, then `update`, without checks; ``u (..., m)`` is the known input of the first measurement."""
         initial = self.filter.start(prior, self._keys(rng), u)
         return self._corrected(self._initial(initial, rng), y, available, None, rng)
@@ -200,9 +245,13 @@ class Delayed(Generic[Record]):
         self, belief: DelayedBelief[Record], u: Any, y: np.ndarray, available: np.ndarray, rng: Rng
     ) -> DelayedBelief[Record]:
         """`predict`, then `update`, without checks."""
-        return self._corrected(self._followed(belief, None, u, self._keys(rng)), y, available, None, rng)
+        return self._corrected(
+            self._followed(belief, None, u, self._keys(rng)), y, available, None, rng
+        )
 
-    def _repeated(self, window: Window, oldest: np.ndarray, reach: np.ndarray, before: Any) -> tuple[Any, Window]:
+    def _repeated(
+        self, window: Window, oldest: np.ndarray, reach: np.ndarray, before: Any
+    ) -> tuple[Any, Window]:
         """The belief now; each row is predicted anew in the steps since its oldest new measurement.
 
         Args:
@@ -215,7 +264,9 @@ class Delayed(Generic[Record]):
             It, and the window with these predictions.
         """
         late = oldest > 0
-        many = 4 * late.sum() > late.size  # all rows are computed sooner than some of them are taken out
+        many = (
+            4 * late.sum() > late.size
+        )  # all rows are computed sooner than some of them are taken out
         found = self._together(window, int(oldest.max()), reach, before) if many else None
         if found is not None:
             window = found
@@ -240,11 +291,16 @@ class Delayed(Generic[Record]):
                 found = initial.run.like if isinstance(initial, Forecast) else initial
                 if found.pack()[1] is not layout:
                     return None
-                packed[rows] = initial.rows(rows) if isinstance(initial, Forecast) else found.pack()[0][rows]
+                packed[rows] = (
+                    initial.rows(rows) if isinstance(initial, Forecast) else found.pack()[0][rows]
+                )
             belief = belief.view(packed, layout, before.prior_mean, before.prior_cov, belief.u)
-        # The next late measurement is likely to be of as many steps after this one as this is after the one before.
+        # The next late measurement is likely to be of as many steps after this one as this is after
+        # the one before.
         next_step = start.step if isinstance(start, Forecast) else age
-        forecasts = self._forecasts(some, belief, wait, sorted({*range(min(next_step + 1, age)), age - 1}))
+        forecasts = self._forecasts(
+            some, belief, wait, sorted({*range(min(next_step + 1, age)), age - 1})
+        )
         return None if forecasts is None else window.with_predicted(*forecasts)
 
     def _alone(self, window: Window, age: int, rows: np.ndarray) -> Window:
@@ -255,12 +311,16 @@ class Delayed(Generic[Record]):
             some = some.rows(rows)
         belief = some.belief(0)
         found = (
-            self._forecasts(some, belief, np.zeros(len(some.y[0]), int), range(age)) if self._repeats(some) else None
+            self._forecasts(some, belief, np.zeros(len(some.y[0]), int), range(age))
+            if self._repeats(some)
+            else None
         )
         if found is None:
             found = []
             for i in range(age):
-                belief = self._forecast(self._after(some.step(i)._replace(predicted=belief)), some.step(i + 1))
+                belief = self._forecast(
+                    self._after(some.step(i)._replace(predicted=belief)), some.step(i + 1)
+                )
                 found.append(belief)
         if not rows.all():
             made = Window(tuple(found), *some.last(age)[1:])
@@ -273,10 +333,14 @@ class Delayed(Generic[Record]):
     def _repeats(self, window: Window) -> bool:
         """May programs predict these steps? All were read, with the model's R and the input of their prediction."""
         plain = isinstance(self.filter, Estimator) and not self.filter.random and window.y.ndim == 3
-        own = any(each is not None for some in (window.R[:-1], window.measurement_u[:-1]) for each in some)
+        own = any(
+            each is not None for some in (window.R[:-1], window.measurement_u[:-1]) for each in some
+        )
         return plain and not own and bool(window.read[:-1].all())
 
-    def _forecasts(self, window: Window, belief: Any, wait: np.ndarray, kept: Sequence[int]) -> list[Forecast] | None:
+    def _forecasts(
+        self, window: Window, belief: Any, wait: np.ndarray, kept: Sequence[int]
+    ) -> list[Forecast] | None:
         """Predictions of all steps of a window but the first, in programs; None: the filter cannot.
 
         Args:
@@ -292,7 +356,9 @@ class Delayed(Generic[Record]):
         filter: Any = self.filter
         like = filter.record.view(*belief.pack(), belief.prior_mean, belief.prior_cov, belief.u)
         u = np.stack(inputs) if all(known) else None
-        forecasts = partial(filter.forecast_steps, like, u, window.y[:-1], window.available[:-1], wait)
+        forecasts = partial(
+            filter.forecast_steps, like, u, window.y[:-1], window.available[:-1], wait
+        )
         run = Run(forecasts, like, wait, len(window.y) - 1, kept)
         return None if run.found is None else [Forecast(run, step) for step in range(run.steps)]
 
@@ -309,7 +375,9 @@ class Delayed(Generic[Record]):
         before = step.predicted.u if step.measurement_u is None else step.measurement_u
         other = np.ones(u.shape, bool) if before is None or before.shape != u.shape else before != u
         if (step.available.any(-1, keepdims=True) & other).any():
-            raise ValueError("u must be the same for all measurements of a step: Delayed takes them in together")
+            raise ValueError(
+                "u must be the same for all measurements of a step: Delayed takes them in together"
+            )
 
     likelihood, sequential = "refused", True
 
@@ -320,7 +388,8 @@ class Delayed(Generic[Record]):
             ValueError: always.
         """
         raise ValueError(
-            "measurements that come late have a likelihood once they are sorted: run the filter itself on them"
+            "measurements that come late have a likelihood once they are sorted: run the filter"
+            " itself on them"
         )
 
     def _keys(self, rng: Rng) -> RandomKeys | None:
@@ -328,13 +397,19 @@ class Delayed(Generic[Record]):
         if not getattr(self.filter, "random", False):
             return None
         if isinstance(rng, np.random.Generator):
-            raise TypeError("a late measurement repeats random numbers: give rng as keys (estimators.RandomKeys)")
+            raise TypeError(
+                "a late measurement repeats random numbers: give rng as keys"
+                " (estimators.RandomKeys)"
+            )
         return rng
 
     def _known(self, belief: DelayedBelief[Record], u: Any) -> np.ndarray | None:
         """The known input, a row each and of our own, to be repeated apart."""
         if not isinstance(belief, DelayedBelief):
-            raise TypeError(f"belief must be a DelayedBelief, got {type(belief).__name__}: begin with init(prior)")
+            raise TypeError(
+                f"belief must be a DelayedBelief, got {type(belief).__name__}: begin with"
+                " init(prior)"
+            )
         if u is None:
             return None
         u = np.atleast_1d(as_array("u", u))
@@ -349,13 +424,19 @@ class Delayed(Generic[Record]):
     def _after(self, step: Step) -> Any:
         predicted, _, R, keys, u, _, y, available, read = step
         if not read.all():
-            updated = self._after(step._replace(read=np.ones(read.shape, bool))) if read.any() else None
+            updated = (
+                self._after(step._replace(read=np.ones(read.shape, bool))) if read.any() else None
+            )
             return predicted if updated is None else predicted.with_rows(read, updated[read])
         filter: Any = self.filter
         if u is not None and predicted.u is not None:
             u = np.where(np.isnan(u), predicted.u, u)
         if R is not None:
-            usual = filter._own_R(predicted) if hasattr(filter, "_own_R") else resolve(filter.model.R, predicted.u)
+            usual = (
+                filter._own_R(predicted)
+                if hasattr(filter, "_own_R")
+                else resolve(filter.model.R, predicted.u)
+            )
             R = np.where(np.isnan(R), usual, R)
         elif isinstance(filter, Estimator):
             met = predicted if u is None else predicted.with_input(u)
@@ -367,9 +448,16 @@ def _merged_R(
     before: np.ndarray | None, available: np.ndarray, accepted: np.ndarray, R: np.ndarray | None
 ) -> np.ndarray:
     """R of the measurements ``available (..., p)`` before, and those ``accepted``; NaN where none brought its own."""
-    together, one = accepted[..., None] & accepted[..., None, :], accepted[..., None] ^ accepted[..., None, :]
+    together, one = (
+        accepted[..., None] & accepted[..., None, :],
+        accepted[..., None] ^ accepted[..., None, :],
+    )
     # those of different calls have nothing in common
-    return np.where(together, np.nan if R is None else R, np.where(one, 0.0, np.nan if before is None else before))
+    return np.where(
+        together,
+        np.nan if R is None else R,
+        np.where(one, 0.0, np.nan if before is None else before),
+    )
 
 
 def _fitting(name: str, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
@@ -384,7 +472,8 @@ def by_age(y: np.ndarray, delay: np.ndarray) -> np.ndarray:
 
     Args:
         y: Times first; NaN where none was taken.
-        delay: Whole steps by which each comes late, broadcast to y. What comes after the last time is not in it.
+        delay: Whole steps by which each comes late, broadcast to y. What comes after the last time
+            is not in it.
 
     Raises:
         ValueError: if delays are negative or no whole numbers.

@@ -22,10 +22,13 @@ def values_at(
         raise
     except (ValueError, IndexError) as error:
         raise ValueError(
-            f"{name} must broadcast over leading axes, but x of shape {points.shape} ends in: {error}"
+            f"{name} must broadcast over leading axes, but x of shape {points.shape} ends in:"
+            f" {error}"
         ) from error
     if isinstance(returned, list | tuple):
-        raise ValueError(f"{name} must return an array, not a list: np.stack([...], axis=-1) of its components")
+        raise ValueError(
+            f"{name} must return an array, not a list: np.stack([...], axis=-1) of its components"
+        )
     values = as_array(f"what {name} returns", returned)
     if values.shape != expected:
         raise ValueError(
@@ -42,8 +45,9 @@ def central_differences(
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """``f(x)`` and ``df/dx`` by fourth-order differences of ``step (..., n)``, all columns in one call.
 
-    The second-order ones would turn a rounding of ``f`` in its last digit into 1e-10 of the Jacobian. Components in
-    ``angles`` are differenced the short way round, so that it does not matter where ``f`` wraps them.
+    The second-order ones would turn a rounding of ``f`` in its last digit into 1e-10 of the
+    Jacobian. Components in ``angles`` are differenced the short way round, so that it does not
+    matter where ``f`` wraps them.
 
     Raises:
         ValueError: if ``f`` does not broadcast, or returns fewer digits than float64 has.
@@ -54,10 +58,12 @@ def central_differences(
     values, eps = values_at(name, function, points, u, size)
     if eps > _EPS:
         raise ValueError(
-            f"{name} returns numbers of few digits (float32?), whose differences are mostly rounding: compute it in "
-            f"float64, give its Jacobian, or use ukf"
+            f"{name} returns numbers of few digits (float32?), whose differences are mostly"
+            " rounding: compute it in float64, give its Jacobian, or use ukf"
         )
-    pairs = values[..., 1:, :].reshape(values.shape[:-2] + (2, 2, n, size))  # near and far, to either side
+    pairs = values[..., 1:, :].reshape(
+        values.shape[:-2] + (2, 2, n, size)
+    )  # near and far, to either side
     change = pairs[..., 0, :, :] - pairs[..., 1, :, :]
     for i in angles:
         change[..., i] = short_way(change[..., i])
@@ -78,12 +84,13 @@ def _offsets(n: int) -> np.ndarray:
 def steps(x: np.ndarray, cov: np.ndarray | None, angles: tuple[int, ...] = ()) -> np.ndarray:
     """Steps of a difference in each component ``(..., n)``.
 
-    A share r of the belief's standard deviation, the same for all components: the error of a fourth-order difference,
-    ``r^4`` of what bends over a deviation and ``eps F / r`` of rounding, is smallest near ``r = (eps F)^(1/5)``, with F
-    the largest state in units of its deviation, since what is computed from states is rounded like them. The step is a
-    power of two, so that ``x`` plus the step is exact, and has at least half the digits of ``x``. Where the belief has
-    no spread there is no scale to follow; the step is then 2^-10. An angle's is 2^-8 rad at most, however little is
-    known of it: a step of several turns could not be told from one of none.
+    A share r of the belief's standard deviation, the same for all components: the error of a
+    fourth-order difference, ``r^4`` of what bends over a deviation and ``eps F / r`` of rounding,
+    is smallest near ``r = (eps F)^(1/5)``, with F the largest state in units of its deviation,
+    since what is computed from states is rounded like them. The step is a power of two, so that
+    ``x`` plus the step is exact, and has at least half the digits of ``x``. Where the belief has no
+    spread there is no scale to follow; the step is then 2^-10. An angle's is 2^-8 rad at most,
+    however little is known of it: a step of several turns could not be told from one of none.
 
     Args:
         x: ``(..., n)``.
@@ -97,7 +104,9 @@ def steps(x: np.ndarray, cov: np.ndarray | None, angles: tuple[int, ...] = ()) -
         sd = np.sqrt(np.asarray(cov).diagonal(0, -2, -1))
         spread = sd > 0.0
         everywhere = spread.all()
-        deviations = size / sd if everywhere else np.where(spread, size, 0.0) / np.where(spread, sd, 1.0)
+        deviations = (
+            size / sd if everywhere else np.where(spread, size, 0.0) / np.where(spread, sd, 1.0)
+        )
         share = np.power(_EPS * np.maximum.reduce(deviations, -1, keepdims=True), 0.2)
         wanted = sd * np.minimum(np.maximum(share, 2.0**-10), 2.0**-3)
         if not everywhere:
@@ -119,8 +128,8 @@ def check_jacobian(
 ) -> None:  # fmt: skip
     """Compare a user's Jacobian with differences to either side, between which it must lie where f bends or has a kink.
 
-    A belief may reach much further than f is straight. An entry that differs over ``step (..., n)`` is therefore
-    compared over shorter ones, too, and is right if it agrees with one.
+    A belief may reach much further than f is straight. An entry that differs over ``step (..., n)``
+    is therefore compared over shorter ones, too, and is right if it agrees with one.
 
     Raises:
         ValueError: naming the entry that differs most, both values, and what to look for.
@@ -129,14 +138,20 @@ def check_jacobian(
     excess, scale = np.full(jacobian.shape, np.inf), np.zeros(jacobian.shape[:-1] + (1,))
     for shorter in (1.0, 2.0**-10, 2.0**-20):
         change = np.maximum(shorter * step, 2.0**-27 * np.abs(x))[..., None, :]
-        values, eps = values_at(name, function, x[..., None, :] + offsets * change, u, jacobian.shape[-2])
-        slopes = difference(values[..., 1:, :], values[..., :1, :], angles).mT / np.concatenate([change, -change], -1)
+        values, eps = values_at(
+            name, function, x[..., None, :] + offsets * change, u, jacobian.shape[-2]
+        )
+        slopes = difference(values[..., 1:, :], values[..., :1, :], angles).mT / np.concatenate(
+            [change, -change], -1
+        )
         forward, backward = np.split(slopes, 2, axis=-1)  # (..., size, n) each
         low, high = np.minimum(forward, backward), np.maximum(forward, backward)
         scale = np.fmax(scale, np.maximum(np.abs(low), np.abs(high)).max(-1, keepdims=True))
         rounding = max(1e-8, 4.0 * eps) * np.abs(values[..., 0, :, None]) / step[..., None, :]
         beyond = np.maximum(low - jacobian, jacobian - high) - 1e-3 * scale - rounding
-        excess = np.minimum(excess, np.where(np.isfinite(beyond) & np.isfinite(low + high), beyond, 0.0))
+        excess = np.minimum(
+            excess, np.where(np.isfinite(beyond) & np.isfinite(low + high), beyond, 0.0)
+        )
         if (excess <= 0.0).all():
             return
     worst = np.unravel_index(np.argmax(excess / np.where(scale > 0.0, scale, 1.0)), excess.shape)

@@ -28,7 +28,9 @@ def zero_order_hold(A: np.ndarray, B: np.ndarray, dt: float) -> tuple[np.ndarray
     return phi[..., :n, :n], phi[..., :n, n:]
 
 
-def van_loan(A: np.ndarray, G: np.ndarray, Q: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+def van_loan(
+    A: np.ndarray, G: np.ndarray, Q: np.ndarray, dt: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Transition and process noise of ``x' = A x + G w``, white ``w`` of intensity ``Q``, over ``dt``.
 
     Source: Van Loan (1978), Computing integrals involving the matrix exponential.
@@ -38,7 +40,8 @@ def van_loan(A: np.ndarray, G: np.ndarray, Q: np.ndarray, dt: float) -> tuple[np
     """
     (A, G, Q), dt = map(as_array, "AGQ", (A, G, Q)), number("dt", dt, AT_LEAST_0, what="at least 0")
     n = A.shape[-1]
-    # exp(-A t) is in it, which a fast decay makes huge: over a part of the step, of which two make one twice as long
+    # exp(-A t) is in it, which a fast decay makes huge: over a part of the step, of which two make
+    # one twice as long
     halves = max(0, math.ceil(np.log2(np.linalg.norm(A, 1) * dt / 4.0))) if dt and np.any(A) else 0
     block = np.zeros((2 * n, 2 * n))
     block[:n, :n] = -A
@@ -59,8 +62,8 @@ def sampled(
 ) -> LinearModel:  # fmt: skip
     """The model of ``x' = A x + B u + w``, ``y = C x + v``, read at times that need not be regular.
 
-    How long a step takes is the last component of the known input, where `run` puts it when it is told times; the
-    control before it is held over the step.
+    How long a step takes is the last component of the known input, where `run` puts it when it is
+    told times; the control before it is held over the step.
 
     Args:
         A: ``(n, n)``, of continuous time.
@@ -72,15 +75,22 @@ def sampled(
         measurement_angles: Likewise.
 
     Raises:
-        ValueError: naming the argument whose shape or definiteness is wrong, or later if a step has no length.
+        ValueError: naming the argument whose shape or definiteness is wrong, or later if a step has
+            no length.
     """
-    model = LinearModel(A, C, Q, R, B=B, state_angles=state_angles, measurement_angles=measurement_angles)
+    model = LinearModel(
+        A, C, Q, R, B=B, state_angles=state_angles, measurement_angles=measurement_angles
+    )
     rates: Any = model  # which has checked them
     for name in "ACQR" if B is None else "ABCQR":
         if callable(getattr(rates, name)) or getattr(rates, name).ndim > 2:
-            raise ValueError(f"{name} of a sampled model must be one matrix, for all rows and times")
+            raise ValueError(
+                f"{name} of a sampled model must be one matrix, for all rows and times"
+            )
     system = _Sampled(rates.A, np.zeros((model.n, 0)) if B is None else rates.B, rates.Q)
-    matrices: dict[str, Any] = {name: partial(system.matrix, name) for name in ("ABQ" if system.B.size else "AQ")}
+    matrices: dict[str, Any] = {
+        name: partial(system.matrix, name) for name in ("ABQ" if system.B.size else "AQ")
+    }
     return replace(model, **({"B": None} | matrices))
 
 
@@ -96,8 +106,8 @@ class _Sampled:
         """The error of a known input without a length of the step."""
         controls = f"its {m} controls and " if (m := self.B.shape[1]) else ""
         return ValueError(
-            f"the known input of a sampled model is {controls}how long each step takes, not below 0: give run the "
-            "times t of the measurements"
+            f"the known input of a sampled model is {controls}how long each step takes, not below"
+            " 0: give run the times t of the measurements"
         )
 
     def matrix(self, name: str, u: np.ndarray | None) -> np.ndarray:
@@ -109,7 +119,9 @@ class _Sampled:
             matrix = _over_step(self, u.item(-1))[name]
             return matrix.reshape(u.shape[:-1] + matrix.shape)
         lengths, rows = np.unique(u[..., -1], return_inverse=True)
-        return np.stack([_over_step(self, length)[name] for length in lengths.tolist()])[rows.reshape(u.shape[:-1])]
+        return np.stack([_over_step(self, length)[name] for length in lengths.tolist()])[
+            rows.reshape(u.shape[:-1])
+        ]
 
 
 @lru_cache(maxsize=1024)

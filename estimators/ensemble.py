@@ -1,8 +1,9 @@
 """Ensemble filters: a belief is N members, and its moments are theirs.
 
 Rows are members: an ensemble is ``(..., N, n)``; in memory members are last, as in the formulas of
-`estimators.analysis`, which predict and update. With the anomalies ``A`` of the members ``(N, n)`` and the anomalies
-``Y`` of the measurements that they expect ``(N, p)``, every update here has the same three small matrices::
+`estimators.analysis`, which predict and update. With the anomalies ``A`` of the members ``(N, n)``
+and the anomalies ``Y`` of the measurements that they expect ``(N, p)``, every update here has the
+same three small matrices::
 
     C P- = Y' A / (N - 1)        S = Y' Y / (N - 1) + R        K = (C P-)' S^-1
 
@@ -76,20 +77,23 @@ class DrawingFilter(Filter[Record], verified=True):
 class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
     """Base of ensemble filters: members, their prediction, the moments and inflation.
 
-    Random numbers: the members of ``init`` and the process noise of ``predict`` are drawn and centred, so that they
-    move the ensemble's mean by nothing. With exact draws their sample covariance is the one asked for, and process
-    noise has no sample correlation with the members; with independent draws that holds in expectation. Process noise
-    takes rank(Q) numbers a member, none where Q = 0 (n where Q is a function of ``u``).
+    Random numbers: the members of ``init`` and the process noise of ``predict`` are drawn and
+    centred, so that they move the ensemble's mean by nothing. With exact draws their sample
+    covariance is the one asked for, and process noise has no sample correlation with the members;
+    with independent draws that holds in expectation. Process noise takes rank(Q) numbers a member,
+    none where Q = 0 (n where Q is a function of ``u``).
 
-    A member that is not finite after a step, or of which an available measurement has no value, has left the model's
-    domain. It is drawn again from the mean and covariance of the others, as long as these are more than n.
+    A member that is not finite after a step, or of which an available measurement has no value, has
+    left the model's domain. It is drawn again from the mean and covariance of the others, as long
+    as these are more than n.
 
     Args:
         model: Any model; an unknown input in it is ignored.
-        members: N, at least 2; None: 64, or the next multiple of 8 from n + r + 2 on, r = max(rank Q, p).
+        members: N, at least 2; None: 64, or the next multiple of 8 from n + r + 2 on, r = max(rank
+            Q, p).
         inflation: Factor on the anomalies after each measurement; 1: none.
-        draws: "exact": noise has exact sample moments (`exact_noise`), for which N must be at least n + r + 2;
-            "independent": as in most papers.
+        draws: "exact": noise has exact sample moments (`exact_noise`), for which N must be at least
+            n + r + 2; "independent": as in most papers.
 
     Raises:
         ValueError: for another kind of draws, or an option out of its range.
@@ -115,18 +119,24 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
         self._noise_root = None if callable(Q) else noise_root(Q)
         rank = model.n if self._noise_root is None else self._noise_root.shape[-1]
         needed = model.n + max(rank, model.p) + 2
-        self.members = max(64, -8 * (-needed // 8)) if members is None else integer("members", members, 2)
+        self.members = (
+            max(64, -8 * (-needed // 8)) if members is None else integer("members", members, 2)
+        )
         if not isinstance(draws, str) or draws not in DRAWS:
             raise ValueError(f"draws must be 'exact' or 'independent', got {short_repr(draws)}")
         self._exact = draws == "exact" and self.members >= needed
         if draws == "exact" and not self._exact:
             warnings.warn(
-                f"an ensemble of {self.members} members has independent draws: exact ones need {needed}, "
-                f'{model.n} states + {max(rank, model.p)} draws + 2 (give more members, or draws="independent")',
+                f"an ensemble of {self.members} members has independent draws: exact ones need"
+                f" {needed}, "
+                f"{model.n} states + {max(rank, model.p)} draws + 2 (give more members, or"
+                ' draws="independent")',
                 UserWarning,
                 stacklevel=3,
             )
-        curved = isinstance(model, NonlinearModel)  # a linear model's measurements are as unwrapped as its states
+        curved = isinstance(
+            model, NonlinearModel
+        )  # a linear model's measurements are as unwrapped as its states
         self._angles = tuple(sorted(model.state_angles)) if curved else ()
         self._seams = tuple(sorted(model.measurement_angles)) if curved else ()
         self._prior_cov: np.ndarray | None = None
@@ -137,12 +147,21 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
     def _init(self, belief: Belief, rng: Rng) -> EnsembleBelief:
         batch = belief.mean.shape[:-1]
         root = self._prior_root if is_traced(belief.mean) else shared_root(belief.cov)
-        normals = members_last(draw(self._numbers(rng, batch), batch, self.members, self.model.n, START))
-        mean, members, cov = sample(belief.mean, root, normals, angles=self._angles, exact=self._exact)
+        normals = members_last(
+            draw(self._numbers(rng, batch), batch, self.members, self.model.n, START)
+        )
+        mean, members, cov = sample(
+            belief.mean, root, normals, angles=self._angles, exact=self._exact
+        )
         return EnsembleBelief.predicted(belief, mean, cov, belief.u, ensemble=members.mT)
 
     def begin(
-        self, prior: Gaussian, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng
+        self,
+        prior: Gaussian,
+        u: np.ndarray | None,
+        y: np.ndarray,
+        available: np.ndarray | None,
+        rng: Rng,
     ) -> EnsembleBelief:
         """The belief after the first measurement, in one program for priors with the covariance of the first one."""
         if self._compiles(rng) and self._regular and prior.cov.ndim == 2:
@@ -152,7 +171,9 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
                 belief = prior_belief(prior.mean, prior.cov, u)
                 packed, layout = belief.pack()
                 if (program := self._program(_BEGIN, belief, layout, u)) is not None:
-                    initial, doubtful = self._executed(program, belief, packed, u, y, available, rng=rng)
+                    initial, doubtful = self._executed(
+                        program, belief, packed, u, y, available, rng=rng
+                    )
                     if not np.count_nonzero(doubtful):
                         return initial
         return super().begin(prior, u, y, available, rng)
@@ -173,20 +194,35 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
     def _predict(self, belief: EnsembleBelief, u: np.ndarray | None, rng: Rng) -> EnsembleBelief:
         return self._noisy(belief, self._asked("_moved_members", belief, u), u, rng)
 
-    def _noisy(self, belief: EnsembleBelief, after: np.ndarray, u: np.ndarray | None, rng: Rng) -> EnsembleBelief:
+    def _noisy(
+        self, belief: EnsembleBelief, after: np.ndarray, u: np.ndarray | None, rng: Rng
+    ) -> EnsembleBelief:
         """The prediction of a belief whose members have moved to ``after (..., n, N)``."""
         batch = belief.mean.shape[:-1]
-        root = semidefinite_cholesky(resolve(self.model.Q, u)) if self._noise_root is None else self._noise_root
-        normals = members_last(draw(self._numbers(rng, batch), batch, self.members, root.shape[-1], PROCESS))
+        root = (
+            semidefinite_cholesky(resolve(self.model.Q, u))
+            if self._noise_root is None
+            else self._noise_root
+        )
+        normals = members_last(
+            draw(self._numbers(rng, batch), batch, self.members, root.shape[-1], PROCESS)
+        )
         mean, members, cov = forecast(
-            members_last(belief.ensemble), after, root, normals, angles=self._angles, exact=self._exact
+            members_last(belief.ensemble),
+            after,
+            root,
+            normals,
+            angles=self._angles,
+            exact=self._exact,
         )
         return EnsembleBelief.predicted(belief, mean, cov, u, ensemble=members.mT)
 
     def _redrawn(self, members: np.ndarray, kept: np.ndarray, rng: Rng, use: int) -> np.ndarray:
         """Members ``(..., n, N)`` with those not ``kept (..., N)`` drawn again, in rows that keep more than n."""
         batch = kept.shape[:-1]
-        normals = members_last(draw(self._numbers(rng, batch), batch, self.members, self.model.n, use))
+        normals = members_last(
+            draw(self._numbers(rng, batch), batch, self.members, self.model.n, use)
+        )
         return redraw(members, kept | (kept.sum(-1)[..., None] <= self.model.n), normals)
 
     @inlinable("transition")
@@ -196,7 +232,11 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
         if not isinstance(model, LinearModel):
             return at_columns(model, "transition", members, u, model.n)
         after = resolve(model.A, u) @ members
-        return after if model.B is None or u is None else after + np.matvec(resolve(model.B, u), u)[..., None]
+        return (
+            after
+            if model.B is None or u is None
+            else after + np.matvec(resolve(model.B, u), u)[..., None]
+        )
 
     @inlinable("measurement")
     def _expected(self, belief: EnsembleBelief, u: np.ndarray | None) -> np.ndarray:
@@ -207,7 +247,11 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
         return resolve(model.C, u) @ members
 
     def _measurement(
-        self, belief: EnsembleBelief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None
+        self,
+        belief: EnsembleBelief,
+        y: np.ndarray,
+        available: np.ndarray | None,
+        R: np.ndarray | None,
     ) -> Measurement:
         mean, anomalies = expect(self._asked("_expected", belief, belief.u), angles=self._seams)
         whole, mask = self._noise(y, available, R, belief.u)
@@ -221,7 +265,9 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
         self, start: EnsembleBelief, measurement: Measurement, S: np.ndarray, lost: np.ndarray
     ) -> tuple[Measurement, np.ndarray] | None:
         alone = measurement.only(measurement.available)
-        return super()._condensed(start, alone._replace(available=np.ones_like(alone.available)), S, lost)
+        return super()._condensed(
+            start, alone._replace(available=np.ones_like(alone.available)), S, lost
+        )
 
     def _recovered(
         self, belief: EnsembleBelief, updated: EnsembleBelief, measurement: Measurement, y: np.ndarray, rng: Rng,
@@ -240,7 +286,9 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
             updated = updated.with_rows(rows, attempt(self, belief, measurement, rng)[rows])
         return super()._recovered(belief, updated, measurement, y, rng, available, R)
 
-    def _redrawn_until_expected(self, belief: EnsembleBelief, available: np.ndarray, rng: Rng) -> np.ndarray:
+    def _redrawn_until_expected(
+        self, belief: EnsembleBelief, available: np.ndarray, rng: Rng
+    ) -> np.ndarray:
         """Members ``(..., n, N)``, drawn again a few times where an available measurement has no value for them."""
         members = members_last(belief.ensemble)
         finite = np.isfinite(members).all(-2)
@@ -265,7 +313,8 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
 class EnsembleKalmanFilter(EnsembleFilter, verified=True):
     """EnKF: every member is corrected by its own perturbed measurement.
 
-    ``x_i = x_i- + K (y + v_i - h(x_i-))`` with ``v_i ~ N(0, R)`` centred to zero mean, and the gain with R exact::
+    ``x_i = x_i- + K (y + v_i - h(x_i-))`` with ``v_i ~ N(0, R)`` centred to zero mean, and the gain
+    with R exact::
 
         K = A' Y / (N - 1) (Y' Y / (N - 1) + R)^-1
 
@@ -273,10 +322,11 @@ class EnsembleKalmanFilter(EnsembleFilter, verified=True):
 
     Args:
         model: Any model; an unknown input in it is ignored.
-        members: N, at least 2; None: 64, or the next multiple of 8 from n + r + 2 on, r = max(rank Q, p).
+        members: N, at least 2; None: 64, or the next multiple of 8 from n + r + 2 on, r = max(rank
+            Q, p).
         inflation: Factor on the anomalies after each measurement; 1: none.
-        draws: "exact": noise has exact sample moments (`exact_noise`), for which N must be at least n + r + 2;
-            "independent": as in most papers.
+        draws: "exact": noise has exact sample moments (`exact_noise`), for which N must be at least
+            n + r + 2; "independent": as in most papers.
     """
 
     name = "enkf"
@@ -295,47 +345,55 @@ class EnsembleKalmanFilter(EnsembleFilter, verified=True):
     def _update(self, belief: EnsembleBelief, measurement: Measurement, rng: Rng) -> EnsembleBelief:
         batch, arrived = belief.mean.shape[:-1], measurement.available
         numbers = self._numbers(rng, batch)
-        # The gain of a missing measurement is zero, so that the root of the whole R does: it is known beforehand.
+        # The gain of a missing measurement is zero, so that the root of the whole R does: it is
+        # known beforehand.
         root = self._measurement_root
         if root is None or measurement.whole_R is not self.model.R:
             root = semidefinite_cholesky(measurement.R)
         # the numbers of which a measurement that arrived has a share
         wanted = np.vecmat(1.0 * arrived, 1.0 * (np.abs(root) > 0.0)) > 0.0
-        normals = members_last(draw(numbers, batch, self.members, self.model.p, MEASUREMENTS, wanted))
+        normals = members_last(
+            draw(numbers, batch, self.members, self.model.p, MEASUREMENTS, wanted)
+        )
         mean, members, S = perturbed_analysis(
             *self._moments(belief, measurement), root, normals, belief.cov,
             inflation=self.inflation, exact=self._exact,
         )  # fmt: skip
-        return EnsembleBelief.updated(belief, mean, covariance(members, mean), measurement, S, ensemble=members.mT)
+        return EnsembleBelief.updated(
+            belief, mean, covariance(members, mean), measurement, S, ensemble=members.mT
+        )
 
 
 class EnsembleTransformFilter(EnsembleFilter, verified=True):
     """ETKF, or EnKF-SR: the members are transformed so that their covariance is the Kalman filter's.
 
-    The update draws no random numbers. ``A <- T A`` with the symmetric, mean-preserving ``T = (I + Y R^-1 Y' / (N -
-    1))^-1/2``, computed as a reduced gain in p x p algebra: with ``S = L L'``, the singular value decomposition ``L^-1
-    R^1/2 = U s V'`` and ``W = L^-T U``::
+    The update draws no random numbers. ``A <- T A`` with the symmetric, mean-preserving ``T = (I +
+    Y R^-1 Y' / (N - 1))^-1/2``, computed as a reduced gain in p x p algebra: with ``S = L L'``, the
+    singular value decomposition ``L^-1 R^1/2 = U s V'`` and ``W = L^-T U``::
 
         K = (C P-)' W W'        K~ = (C P-)' W diag(1 / (1 + s)) W'        A <- A - Y K~'
 
-    which needs no inverse of R and is exact for any N. Where there are more measurements than members, T is formed, N x
-    N, if the model's R is one matrix that is not singular. However precise they are, measurements cost no digits unless
-    they outnumber the directions of the members; then the covariance, not the mean, is off by up to ``eps P / R`` of
-    itself, P the variance that is predicted and eps the machine's precision, and by some ``eps sqrt(P / R)`` where T is
-    formed.
+    which needs no inverse of R and is exact for any N. Where there are more measurements than
+    members, T is formed, N x N, if the model's R is one matrix that is not singular. However
+    precise they are, measurements cost no digits unless they outnumber the directions of the
+    members; then the covariance, not the mean, is off by up to ``eps P / R`` of itself, P the
+    variance that is predicted and eps the machine's precision, and by some ``eps sqrt(P / R)``
+    where T is formed.
 
-    Evensen's square-root filter is the same transform in its symmetric form, which keeps the members' mean.
+    Evensen's square-root filter is the same transform in its symmetric form, which keeps the
+    members' mean.
 
-    Sources: Bishop, Etherton & Majumdar (2001); Wang, Bishop & Julier (2004); Evensen (2004), made symmetric by Sakov &
-    Oke (2008b) and Livings, Dance & Nichols (2008); the reduced gain of Whitaker & Hamill (2002) for measurements taken
-    together.
+    Sources: Bishop, Etherton & Majumdar (2001); Wang, Bishop & Julier (2004); Evensen (2004), made
+    symmetric by Sakov & Oke (2008b) and Livings, Dance & Nichols (2008); the reduced gain of
+    Whitaker & Hamill (2002) for measurements taken together.
 
     Args:
         model: Any model; an unknown input in it is ignored.
-        members: N, at least 2; None: 64, or the next multiple of 8 from n + r + 2 on, r = max(rank Q, p).
+        members: N, at least 2; None: 64, or the next multiple of 8 from n + r + 2 on, r = max(rank
+            Q, p).
         inflation: Factor on the anomalies after each measurement; 1: none.
-        draws: "exact": noise has exact sample moments (`exact_noise`), for which N must be at least n + r + 2;
-            "independent": as in most papers.
+        draws: "exact": noise has exact sample moments (`exact_noise`), for which N must be at least
+            n + r + 2; "independent": as in most papers.
     """
 
     name = "etkf"
@@ -356,14 +414,21 @@ class EnsembleTransformFilter(EnsembleFilter, verified=True):
         mean, members, S = transform_analysis(
             *self._moments(belief, measurement), inflation=self.inflation, regular=regular
         )
-        return EnsembleBelief.updated(belief, mean, covariance(members, mean), measurement, S, ensemble=members.mT)
+        return EnsembleBelief.updated(
+            belief, mean, covariance(members, mean), measurement, S, ensemble=members.mT
+        )
 
 
-# --- shared -------------------------------------------------------------------------------------------
+# --- shared ---------------------------------------------------------------------------------------
 
 
 def draw(
-    numbers: Drawn, batch: tuple[int, ...], members: int, count: int, use: int, wanted: np.ndarray | None = None
+    numbers: Drawn,
+    batch: tuple[int, ...],
+    members: int,
+    count: int,
+    use: int,
+    wanted: np.ndarray | None = None,
 ) -> np.ndarray:
     """Standard normals ``(*batch, members, count)``; components not ``wanted (*batch, count)`` hold anything."""
     if isinstance(numbers, np.random.Generator):

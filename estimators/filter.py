@@ -51,8 +51,9 @@ def inlinable(*names: str) -> Callable[[_Method], _Method]:
 class Filter(Estimator[Record], verified=True):
     """A filter is immutable configuration; a `Belief` is its state.
 
-    A filter of your own fills in ``_predict`` and ``_update``, and calls ``super().__init__(model)``. One whose beliefs
-    are another record than `Belief` says so (``Filter[InputBelief]``, ``record``) and makes them so in ``_init``.
+    A filter of your own fills in ``_predict`` and ``_update``, and calls
+    ``super().__init__(model)``. One whose beliefs are another record than `Belief` says so
+    (``Filter[InputBelief]``, ``record``) and makes them so in ``_init``.
     """
 
     _questions: ClassVar[dict[str, str]] = {"_moved": "_propagate", "_linearise": "_linearise"}
@@ -60,9 +61,9 @@ class Filter(Estimator[Record], verified=True):
     formulas: ClassVar[bool] = False
     """Whether ``_predict`` and ``_update`` are formulas, which are compiled, see `estimators.engine.matrices`.
 
-    They are then traced once: what they read of the filter itself, or do besides, counts as it was then. It is not
-    inherited: a filter of your own is NumPy until it says otherwise. Arrays that its record has besides are masks or
-    float64 afterwards.
+    They are then traced once: what they read of the filter itself, or do besides, counts as it was
+    then. It is not inherited: a filter of your own is NumPy until it says otherwise. Arrays that
+    its record has besides are masks or float64 afterwards.
     """
 
     idle: bool = False
@@ -73,9 +74,13 @@ class Filter(Estimator[Record], verified=True):
         self._identity, self._no_columns = identity(model.n), np.zeros((model.p, 0))
         R = model.R.table if isinstance(model.R, Schedule) else model.R
         self._regular = None if callable(R) else not lacks_rank(R).any()
-        self._alike = all(getattr(matrix, "ndim", 2) == 2 for matrix in vars(model).values())  # all rows have one model
+        self._alike = all(
+            getattr(matrix, "ndim", 2) == 2 for matrix in vars(model).values()
+        )  # all rows have one model
         self._programs: dict[Any, Any] | None = {} if self.formulas and self._alike else None
-        self._first: tuple[np.ndarray, Layout] | None = None  # a row as it begins, but for mean and covariance
+        self._first: tuple[np.ndarray, Layout] | None = (
+            None  # a row as it begins, but for mean and covariance
+        )
 
     def __init_subclass__(cls, verified: bool = False, **arguments: Any) -> None:
         if not hasattr(cls, "name"):
@@ -93,11 +98,22 @@ class Filter(Estimator[Record], verified=True):
         return self.__dict__ | {"_programs": None if self._programs is None else {}, "_first": None}
 
     def __getattr__(self, name: str) -> Any:
-        if name in ("model", "_identity", "_no_columns", "_regular", "_alike", "_programs", "_first"):
-            raise TypeError(f"{type(self).__name__} has no model: its __init__ must call super().__init__(model)")
+        if name in (
+            "model",
+            "_identity",
+            "_no_columns",
+            "_regular",
+            "_alike",
+            "_programs",
+            "_first",
+        ):
+            raise TypeError(
+                f"{type(self).__name__} has no model: its __init__ must call"
+                " super().__init__(model)"
+            )
         raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
 
-    # --- what a filter fills in ---------------------------------------------------------------------
+    # --- what a filter fills in -------------------------------------------------------------------
 
     def _init(self, belief: Belief, rng: Rng) -> Record:
         return cast(Record, belief)
@@ -108,11 +124,16 @@ class Filter(Estimator[Record], verified=True):
     @abstractmethod
     def _update(self, belief: Record, measurement: Measurement, rng: Rng) -> Record: ...
 
-    # --- the contract, of arguments that need no check ----------------------------------------------
+    # --- the contract, of arguments that need no check --------------------------------------------
 
     def start(self, prior: Gaussian, rng: Rng = None, u: np.ndarray | None = None) -> Record:
         """The belief before any measurement; ``u (..., m)`` is the known input of the first one."""
-        if self.verified and self._programs is not None and not self.random and prior.mean.ndim == prior.cov.ndim == 2:
+        if (
+            self.verified
+            and self._programs is not None
+            and not self.random
+            and prior.mean.ndim == prior.cov.ndim == 2
+        ):
             return self._start_alike(prior, u)
         u = self._protected(u)
         n, batch = self.model.n, np.broadcast(prior.mean[..., 0], prior.cov[..., 0, 0]).shape
@@ -130,10 +151,15 @@ class Filter(Estimator[Record], verified=True):
         """The same of rows that share a covariance: nothing else of a filter of formulas depends on the prior."""
         if self._first is None:
             mean, cov = np.zeros((1, self.model.n)), prior.cov[None]
-            self._first = self._init(Belief(mean, cov, mean, cov, np.zeros(1, np.int8)), None).pack()
+            self._first = self._init(
+                Belief(mean, cov, mean, cov, np.zeros(1, np.int8)), None
+            ).pack()
         row, layout = self._first
         packed = row.repeat(len(prior.mean), 0)
-        packed[layout.fields["mean"][0]], packed[layout.fields["cov"][0]] = prior.mean, prior.cov.ravel()
+        packed[layout.fields["mean"][0]], packed[layout.fields["cov"][0]] = (
+            prior.mean,
+            prior.cov.ravel(),
+        )
         initial: Any = self.record.view(packed, layout, None, None, u)
         object.__setattr__(initial, "prior_mean", initial.mean)
         object.__setattr__(initial, "prior_cov", initial.cov)
@@ -156,14 +182,21 @@ class Filter(Estimator[Record], verified=True):
         return Belief.replace(predicted, innovation=None, innovation_cov=None, available=None)
 
     def correct(
-        self, belief: Record, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None, rng: Rng
+        self,
+        belief: Record,
+        y: np.ndarray,
+        available: np.ndarray | None,
+        R: np.ndarray | None,
+        rng: Rng,
     ) -> Record:
         """The belief after a measurement, recovered where the usual update holds nothing."""
         regular = self._regular
         if R is not None or regular is None:
             R = self._own_R(belief) if R is None and isinstance(self.model.R, StateNoise) else R
             regular = not lacks_rank(masked(*self._noise(y, available, R, belief.u))).any()
-        nothing = self.idle and regular and R is None and available is not None and not available.any()
+        nothing = (
+            self.idle and regular and R is None and available is not None and not available.any()
+        )
         if nothing and (predicted := self._without_measurement(belief)) is not None:
             return predicted
         if self._compiles(rng):
@@ -192,12 +225,19 @@ class Filter(Estimator[Record], verified=True):
             some, y, rng = belief[rows], y[rows], rng[rows] if isinstance(rng, RandomKeys) else rng
             available, R = (None if a is None else a[rows] for a in (available, R))
             measurement = self._measurement(some, y, available, R)
-            return updated.with_rows(rows, self._recovered(some, updated[rows], measurement, y, rng, available, R))
+            return updated.with_rows(
+                rows, self._recovered(some, updated[rows], measurement, y, rng, available, R)
+            )
 
     def _without_measurement(self, belief: Record) -> Record | None:
         """The belief after an update without measurements, which leaves a prediction as it is; None: update it."""
         packed, layout = belief.pack()
-        if not (self._compiles(None) and self.verified and belief.innovation is None and np.isfinite(packed.sum())):
+        if not (
+            self._compiles(None)
+            and self.verified
+            and belief.innovation is None
+            and np.isfinite(packed.sum())
+        ):
             return None
         program = cast(Traced, self._program(("_update",), belief, layout, belief.u))
         out = np.zeros((*packed.shape[:-1], program.layout.width))
@@ -208,14 +248,21 @@ class Filter(Estimator[Record], verified=True):
         return cast(Record, self.record.view(out, program.layout, *prior, belief.u))
 
     def advance(
-        self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray | None, rng: Rng
+        self,
+        belief: Record,
+        u: np.ndarray | None,
+        y: np.ndarray,
+        available: np.ndarray | None,
+        rng: Rng,
     ) -> Record:
         """The belief one step ahead and after its measurement, in one program where that can be."""
         if self._regular and self._compiles(rng):
             packed, layout = belief.pack()
             program = self._program(BOTH, belief, layout, u)
             if program is not None:
-                updated, doubtful = self._executed(program, belief, packed, u, y, available, rng=rng)
+                updated, doubtful = self._executed(
+                    program, belief, packed, u, y, available, rng=rng
+                )
                 if not np.count_nonzero(doubtful) and (self.verified or proper(updated.cov)):
                     return updated
         return super().advance(belief, u, y, available, rng)
@@ -228,16 +275,22 @@ class Filter(Estimator[Record], verified=True):
         if self.random or not (self._compiles(None) and self.verified and self._regular):
             return None
         (packed, layout), (steps, rows) = belief.pack(), y.shape[:2]
-        measured: Any = available.reshape(steps, -1).any(1).tolist() if self.idle else [True] * steps
+        measured: Any = (
+            available.reshape(steps, -1).any(1).tolist() if self.idle else [True] * steps
+        )
         programs = dict[bool, Traced]()
         for each in set(measured):
-            program = self._program(SUCCESSIVE if each else PREDICTIONS, belief, layout, None if u is None else u[0])
+            program = self._program(
+                SUCCESSIVE if each else PREDICTIONS, belief, layout, None if u is None else u[0]
+            )
             if program is None or program.callbacks or program.layout is not layout:
                 return None
             programs[each] = program
         predicted, doubtful = list[np.ndarray](), np.zeros((steps, rows), bool)
         state, running = np.ascontiguousarray(packed), wait <= np.arange(steps)[:, None]
-        cuts = {k + 1 for k in kept} | {k for k in range(1, steps) if measured[k] != measured[k - 1]}
+        cuts = {k + 1 for k in kept} | {
+            k for k in range(1, steps) if measured[k] != measured[k - 1]
+        }
         for first, last in pairwise(sorted({0, *cuts})):
             before, now = (state, state) if u is None else (u[first:], u[first + 1 :])
             following = np.empty((rows, layout.width))
@@ -250,18 +303,26 @@ class Filter(Estimator[Record], verified=True):
                 predicted.append(state)
         return None if doubtful.any() or not np.isfinite(state.sum()) else predicted
 
-    # --- programs: see estimators.tracing -----------------------------------------------------------
+    # --- programs: see estimators.tracing ---------------------------------------------------------
 
     def _compiles(self, rng: Rng) -> bool:
         """Are prediction and update programs? They draw no numbers from a Generator."""
-        return self._programs is not None and not (self.random and isinstance(rng, np.random.Generator))
+        return self._programs is not None and not (
+            self.random and isinstance(rng, np.random.Generator)
+        )
 
     def _program(
-        self, methods: tuple[str, ...], belief: Belief, layout: Layout, u: Any, R: np.ndarray | None = None
+        self,
+        methods: tuple[str, ...],
+        belief: Belief,
+        layout: Layout,
+        u: Any,
+        R: np.ndarray | None = None,
     ) -> Traced | None:
         """The program of methods, traced where there is none yet or something that it reads has changed.
 
-        None where prediction and update cannot be one: host callbacks of an update need the prediction.
+        None where prediction and update cannot be one: host callbacks of an update need the
+        prediction.
         """
         key = methods, layout, None if u is None else u.shape[-1], R is None
         assert self._programs is not None
@@ -286,7 +347,9 @@ class Filter(Estimator[Record], verified=True):
             program.results(belief, u, R, batch) if program.callbacks else packed, keys, step,
         ))  # fmt: skip
         recovery = belief.recovery if y is None else None
-        updated: Any = self.record.view(out, program.layout, belief.prior_mean, belief.prior_cov, u, recovery)
+        updated: Any = self.record.view(
+            out, program.layout, belief.prior_mean, belief.prior_cov, u, recovery
+        )
         return updated, doubtful
 
     def _words(self, rng: Rng, batch: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
@@ -296,7 +359,8 @@ class Filter(Estimator[Record], verified=True):
     def _by_rows(self, formula: Callable[..., Any], *matrices: np.ndarray) -> Any:
         """A formula of matrices ``(..., n, m)``, compiled where the filter's own are.
 
-        For what is computed between host callbacks; it gives vectors or matrices, one or a tuple of them.
+        For what is computed between host callbacks; it gives vectors or matrices, one or a tuple of
+        them.
         """
         if self._programs is None:
             return formula(*matrices)
@@ -304,38 +368,50 @@ class Filter(Estimator[Record], verified=True):
             own = self._programs[formula.__name__] = Compiled(formula, (2,) * len(matrices), True)
         return own(*matrices)
 
-    # --- the model ----------------------------------------------------------------------------------
+    # --- the model --------------------------------------------------------------------------------
 
     def _asked(self, question: str, belief: Record, u: np.ndarray | None) -> Any:
         """A method's answer about a belief; a host callback where the model's function behind it is not traced."""
         if is_traced(belief.mean) and not isinstance(self.model, LinearModel):
             program = cast(Any, belief.mean).program
             if question not in program.inlined:
-                return program.callback(lambda belief, u, R: getattr(self, question)(belief, u), *_ANSWERS[question])
+                return program.callback(
+                    lambda belief, u, R: getattr(self, question)(belief, u), *_ANSWERS[question]
+                )
         return getattr(self, question)(belief, u)
 
     def _inlined(self, belief: Belief, u: np.ndarray | None) -> frozenset[str]:
         """The model's functions that are traced with the methods which linearise them, by these methods' names.
 
-        Others are host callbacks: a method that evaluates the model by itself, a function that cannot be traced.
+        Others are host callbacks: a method that evaluates the model by itself, a function that
+        cannot be traced.
         """
         if isinstance(self.model, LinearModel):
             return frozenset()
-        names = {question: getattr(getattr(type(self), m), "inlinable", ()) for question, m in self._questions.items()}
-        return frozenset(q for q, each in names.items() if each and self.model.traceable(belief.mean, u, *each))
+        names = {
+            question: getattr(getattr(type(self), m), "inlinable", ())
+            for question, m in self._questions.items()
+        }
+        return frozenset(
+            q for q, each in names.items() if each and self.model.traceable(belief.mean, u, *each)
+        )
 
     def _moved(self, belief: Record, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Mean ``(..., n)`` and covariance ``(..., n, n)`` one step on, without process noise."""
         return self._propagate(belief.mean, belief.cov, u)
 
     @inlinable("transition", "transition_jacobian")
-    def _propagate(self, mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    def _propagate(
+        self, mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Mean ``(..., n)`` and covariance ``(..., n, n)`` one step on, without process noise."""
         mean, A = self.model.linearise_transition(mean, u, cov)
         return mean, congruence(A, cov)
 
     @inlinable("measurement", "measurement_jacobian")
-    def _linearise(self, belief: Record, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    def _linearise(
+        self, belief: Record, u: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """Expected measurement ``(..., p)``, C ``(..., p, n)``, and what is to be added to R for what C leaves out."""
         return *self.model.linearise_measurement(belief.mean, u, belief.cov), None
 
@@ -357,7 +433,7 @@ class Filter(Estimator[Record], verified=True):
         )  # fmt: skip
         return measurement if measurement.complete else measurement.only(mask)
 
-    # --- results of methods of one's own, and recovery ----------------------------------------------
+    # --- results of methods of one's own, and recovery --------------------------------------------
 
     def _protected(self, u: np.ndarray | None) -> np.ndarray | None:
         """The known input; a read-only copy for methods of one's own, which may write into it."""
@@ -368,11 +444,15 @@ class Filter(Estimator[Record], verified=True):
         if not isinstance(belief, self.record):
             kinds = f"a belief of type {self.record.__name__}, got {type(belief).__name__}"
             raise TypeError(f"{type(self).__name__}.{method} must return {kinds}")
-        n, mean, cov = self.model.n, getattr(belief.mean, "shape", None), getattr(belief.cov, "shape", None)
+        n, mean, cov = (
+            self.model.n,
+            getattr(belief.mean, "shape", None),
+            getattr(belief.cov, "shape", None),
+        )
         if mean != batch + (n,) or cov != batch + (n, n):
             raise ValueError(
-                f"{type(self).__name__}.{method} must return a mean of shape {batch + (n,)} and a cov of shape "
-                f"{batch + (n, n)}, got {mean} and {cov}"
+                f"{type(self).__name__}.{method} must return a mean of shape {batch + (n,)} and a"
+                f" cov of shape {batch + (n, n)}, got {mean} and {cov}"
             )
         even = np.array_equal(belief.cov, belief.cov.mT)
         return (belief if even else Belief.replace(belief, cov=evened(belief.cov))).read_only()
@@ -395,7 +475,13 @@ class Filter(Estimator[Record], verified=True):
         return None
 
 
-_ANSWERS = {"_moved": (1, 2), "_linearise": (1, 2, 2), "_moving_G": (2,), "_moved_members": (2,), "_expected": (2,)}
+_ANSWERS = {
+    "_moved": (1, 2),
+    "_linearise": (1, 2, 2),
+    "_moving_G": (2,),
+    "_moved_members": (2,),
+    "_expected": (2,),
+}
 """Axes of what these methods say of a row."""
 
 

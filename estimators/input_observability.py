@@ -14,12 +14,13 @@ class InputConditions(NamedTuple):
     """Observability of the unknown inputs of a linear system.
 
     Attributes:
-        rank: How many directions of d measurements tell at once or one step later; all q are needed.
-        sd: ``(q,)`` standard deviations with which they tell each input, in units of its prior's: above some 3 it does
-            not count as shown, infinite where a direction of it is not told.
-        zeros: Invariant zeros that d adds to the system: inputs that no measurement ever shows. Where one is on or
-            outside the unit circle the errors of an unbiased filter grow without bound. NaN alone: every number is a
-            zero.
+        rank: How many directions of d measurements tell at once or one step later; all q are
+            needed.
+        sd: ``(q,)`` standard deviations with which they tell each input, in units of its prior's:
+            above some 3 it does not count as shown, infinite where a direction of it is not told.
+        zeros: Invariant zeros that d adds to the system: inputs that no measurement ever shows.
+            Where one is on or outside the unit circle the errors of an unbiased filter grow without
+            bound. NaN alone: every number is a zero.
     """
 
     rank: int
@@ -28,14 +29,21 @@ class InputConditions(NamedTuple):
 
 
 def input_conditions(
-    A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray, Q: np.ndarray, R: np.ndarray, prior: np.ndarray | float
+    A: np.ndarray,
+    C: np.ndarray,
+    G: np.ndarray,
+    H: np.ndarray,
+    Q: np.ndarray,
+    R: np.ndarray,
+    prior: np.ndarray | float,
 ) -> InputConditions:
     """Observability of the unknown inputs of ``x+ = A x + G d + w``, ``y = C x + H d + v``.
 
-    A direction of d is told at once if H shows it, else one step later through C G, by measurements that are free of
-    what H shows: rank H, rank C G and the condition of `ULISE` in one. Deviations are for a state that is known as by
-    the Kalman filter that is told d, in its steady state; where it has none, for one that is known exactly (R alone).
-    An unbiased filter knows the state less well. Zeros beyond 1000 count as infinite, which are no zeros.
+    A direction of d is told at once if H shows it, else one step later through C G, by measurements
+    that are free of what H shows: rank H, rank C G and the condition of `ULISE` in one. Deviations
+    are for a state that is known as by the Kalman filter that is told d, in its steady state; where
+    it has none, for one that is known exactly (R alone). An unbiased filter knows the state less
+    well. Zeros beyond 1000 count as infinite, which are no zeros.
 
     Args:
         A: ``(n, n)``, all for one system.
@@ -66,10 +74,14 @@ def input_conditions(
     except (np.linalg.LinAlgError, ValueError):  # which SciPy raises where QZ fails
         S = R
     one_step, observable = _one_step(driven_measurements(C, G), H, np.linalg.inv(S))
-    variances, size = (np.diagonal(congruence(root, share)) for share in (one_step, np.eye(model.q) - observable))
+    variances, size = (
+        np.diagonal(congruence(root, share)) for share in (one_step, np.eye(model.q) - observable)
+    )
     sd = np.where(size > 1e-9 * np.diagonal(cov), np.inf, np.sqrt(variances / np.diagonal(cov)))
     return InputConditions(
-        int(now + late), sd, _added_zeros(A, np.linalg.solve(noise, C), G, np.linalg.solve(noise, H))
+        int(now + late),
+        sd,
+        _added_zeros(A, np.linalg.solve(noise, C), G, np.linalg.solve(noise, H)),
     )
 
 
@@ -87,7 +99,9 @@ def observable_ranks(C: np.ndarray, G: np.ndarray, H: np.ndarray) -> tuple[np.nd
     return np.linalg.matrix_rank(H, rtol=1e-9), late
 
 
-def _one_step(CG: np.ndarray, H: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _one_step(
+    CG: np.ndarray, H: np.ndarray, precision: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Covariance ``(q, q)`` of an input, each direction by the first measurement that shows it, and which are shown."""
 
     def best(F: np.ndarray, weight: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
@@ -98,14 +112,17 @@ def _one_step(CG: np.ndarray, H: np.ndarray, precision: np.ndarray) -> tuple[np.
 
     sizes = [float(np.trace(congruence(F.T, precision))) for F in (H, CG)]
     now, seen = best(H, precision, sizes[0])
-    late, rest = best(CG @ (np.eye(len(seen)) - seen), precision - congruence(precision @ H, now), sizes[1])
+    late, rest = best(
+        CG @ (np.eye(len(seen)) - seen), precision - congruence(precision @ H, now), sizes[1]
+    )
     return now + late, seen + rest
 
 
 def _added_zeros(A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray) -> np.ndarray:
     """Numbers z at which ``[A - z I, G; C, H]`` loses more rank of its columns than ``[A - z I; C]`` does.
 
-    Candidates are the zeros of as many sums of the measurements as there are inputs, which share those of the system.
+    Candidates are the zeros of as many sums of the measurements as there are inputs, which share
+    those of the system.
     """
     n, q = G.shape
     system, states = np.block([[A, G], [C, H]]), np.eye(n + len(C), n + q)
@@ -114,7 +131,9 @@ def _added_zeros(A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray) -> 
     def lost(z: complex, columns: int) -> int:
         pencil = (system - z * states)[:, :columns]
         size = np.linalg.norm(pencil, axis=0)
-        return columns - int(np.linalg.matrix_rank(pencil / np.where(size > 0.0, size, 1.0), rtol=1e-9))
+        return columns - int(
+            np.linalg.matrix_rank(pencil / np.where(size > 0.0, size, 1.0), rtol=1e-9)
+        )
 
     rng = np.random.default_rng(0)
     anywhere = complex(*rng.normal(size=2))

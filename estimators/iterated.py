@@ -18,23 +18,26 @@ class IteratedExtendedKalmanFilter(GaussianFilter[Belief], verified=True):
 
         V(x) = (y - h(x))' R^-1 (y - h(x)) / 2 + (x - x-)' P^-1 (x - x-) / 2
 
-    and is found by Gauss and Newton's method: the measurement is linearised at the last estimate, not at the
-    prediction, until that moves it no more. Written as ``x = x- + P a`` nothing is inverted but S::
+    and is found by Gauss and Newton's method: the measurement is linearised at the last estimate,
+    not at the prediction, until that moves it no more. Written as ``x = x- + P a`` nothing is
+    inverted but S::
 
         a <- a + t (C' S^-1 [y - h(x) + C P a] - a)      C = dh/dx at x      S = C P C' + R
 
-    t is 1, and half of it after each step by which V would have risen. The update is then that of the `ekf`, with C
-    and the innovation ``y - h(x) - C (x- - x)`` of the last x. So the belief's innovation and its covariance give the
-    density of the measurement to second order about the estimate (Laplace's method). One iteration is the `ekf`, and so
-    is any number on a linear model.
+    t is 1, and half of it after each step by which V would have risen. The update is then that of
+    the `ekf`, with C and the innovation ``y - h(x) - C (x- - x)`` of the last x. So the belief's
+    innovation and its covariance give the density of the measurement to second order about the
+    estimate (Laplace's method). One iteration is the `ekf`, and so is any number on a linear model.
 
-    Sources: Bell & Cathey (1993), The iterated Kalman filter update as a Gauss-Newton method; Skoglund, Hendeby &
-    Axehill (2015), Extended Kalman filter modifications based on an optimization view point, for the shorter steps.
+    Sources: Bell & Cathey (1993), The iterated Kalman filter update as a Gauss-Newton method;
+    Skoglund, Hendeby & Axehill (2015), Extended Kalman filter modifications based on an
+    optimization view point, for the shorter steps.
 
     Args:
         model: A `LinearModel` or a `NonlinearModel`.
         iterations: Largest number of times that the measurement is linearised.
-        tolerance: A row stops when a whole step is shorter than this many standard deviations of the prediction.
+        tolerance: A row stops when a whole step is shorter than this many standard deviations of
+            the prediction.
 
     Raises:
         ValueError: if ``iterations`` is below 1 or ``tolerance`` is not positive.
@@ -66,12 +69,20 @@ class IteratedExtendedKalmanFilter(GaussianFilter[Belief], verified=True):
                 break
             a_tried = a + length[..., None] * step
             tried = np.matvec(cov, a_tried)
-            measurement = super()._measurement(belief.replace(mean=belief.mean + tried), y, available, R)
+            measurement = super()._measurement(
+                belief.replace(mean=belief.mean + tried), y, available, R
+            )
             cost_tried = _cost(measurement, a_tried, tried)
-            known = np.isfinite(measurement.innovation).all(-1) & np.isfinite(measurement.C).all((-2, -1))
-            taken = running & known & ~(cost_tried > cost)  # a measurement without noise has no cost, and whole steps
+            known = np.isfinite(measurement.innovation).all(-1) & np.isfinite(measurement.C).all(
+                (-2, -1)
+            )
+            taken = (
+                running & known & ~(cost_tried > cost)
+            )  # a measurement without noise has no cost, and whole steps
             length = np.where(taken, 1.0, 0.5 * length)
-            a, shift = (np.where(taken[..., None], new, old) for new, old in ((a_tried, a), (tried, shift)))
+            a, shift = (
+                np.where(taken[..., None], new, old) for new, old in ((a_tried, a), (tried, shift))
+            )
             cost = np.where(taken, cost_tried, cost)
             best = best._replace(
                 innovation=np.where(taken[..., None], measurement.innovation, best.innovation),

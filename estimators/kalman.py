@@ -18,8 +18,8 @@ from estimators.varying import resolve
 class GaussianFilter(Filter[Record], verified=True):
     """Base of filters whose belief is a mean and a covariance: a linearised model and the Kalman update.
 
-    The model says how it is linearised (a matrix, a Jacobian at the mean), or a mix-in does (`SigmaPoints`). An unknown
-    input in the model is ignored.
+    The model says how it is linearised (a matrix, a Jacobian at the mean), or a mix-in does
+    (`SigmaPoints`). An unknown input in the model is ignored.
     """
 
     formulas = True
@@ -51,12 +51,16 @@ class GaussianFilter(Filter[Record], verified=True):
         measurement = super()._measurement(belief, y, available, R)
         if belief.innovation is None or not isinstance(belief, InputBelief):
             return measurement
-        expected = np.matvec(measurement.H, belief.input_mean)  # by earlier measurements of the step
+        expected = np.matvec(
+            measurement.H, belief.input_mean
+        )  # by earlier measurements of the step
         innovation = difference(measurement.innovation, expected, self.model.measurement_angles)
         return measurement._replace(innovation=innovation)
 
     def _update(self, belief: Record, measurement: Measurement, rng: Rng) -> Record:
-        mean, cov, S = joseph_update(belief.mean, belief.cov, measurement.innovation, measurement.C, measurement.R)
+        mean, cov, S = joseph_update(
+            belief.mean, belief.cov, measurement.innovation, measurement.C, measurement.R
+        )
         return cast(Record, Belief.updated(belief, mean, cov, measurement, S))
 
 
@@ -73,7 +77,8 @@ def joseph_update(
         R: ``(..., p, p)``.
 
     Returns:
-        The mean ``(..., n)`` and covariance ``(..., n, n)`` after the measurement, and S ``(..., p, p)``.
+        The mean ``(..., n)`` and covariance ``(..., n, n)`` after the measurement, and S ``(..., p,
+        p)``.
     """
     PC = cov @ C.mT
     S = C @ PC + R
@@ -85,8 +90,8 @@ def joseph_update(
 class ExtendedKalmanFilter(GaussianFilter[Belief], verified=True):
     """Linearises the model at the mean; on a linear model it is the Kalman filter exactly.
 
-    Jacobians that the model does not give are exact for functions that can be traced, and by central differences for
-    others. An unknown input in the model is ignored.
+    Jacobians that the model does not give are exact for functions that can be traced, and by
+    central differences for others. An unknown input in the model is ignored.
 
     Source: Jazwinski (1970), Stochastic Processes and Filtering Theory, ch. 8.
     """
@@ -98,24 +103,26 @@ class ExtendedKalmanFilter(GaussianFilter[Belief], verified=True):
 class KalmanFilter(GaussianFilter[Belief], verified=True):
     """The minimum-variance filter of a linear Gaussian model.
 
-    An unknown input ``d`` in the model is ignored unless its covariance D is told. It is then white noise that acts on
-    the measurement through H and on the next state through G, and is estimated with the state (``input_delay`` 0)::
+    An unknown input ``d`` in the model is ignored unless its covariance D is told. It is then white
+    noise that acts on the measurement through H and on the next state through G, and is estimated
+    with the state (``input_delay`` 0)::
 
         S = C P- C' + H D H' + R      [x; d] = [x-; 0] + [P- C'; D H'] S^-1 e
         x-+ = A x + B u + G d         P-+ = [A G] cov(x, d) [A G]' + Q
 
-    so that what the measurement shows of d is not forgotten in the prediction. `kf-umv-ui` is the limit of a D that
-    grows without bound. With ``delayed_feedthrough`` the measurement contains d(k-1), which has moved the prediction::
+    so that what the measurement shows of d is not forgotten in the prediction. `kf-umv-ui` is the
+    limit of a D that grows without bound. With ``delayed_feedthrough`` the measurement contains
+    d(k-1), which has moved the prediction::
 
         x-+ = A x + B u      P-+ = A P A' + G D G' + Q      cov(x-+, d) = G D      (``input_delay`` 1)
 
-    Source: Kalman (1960); covariance update in Joseph form; Anderson & Moore (1979), Optimal Filtering, sec. 5.4, for
-    noises of process and measurement that are correlated.
+    Source: Kalman (1960); covariance update in Joseph form; Anderson & Moore (1979), Optimal
+    Filtering, sec. 5.4, for noises of process and measurement that are correlated.
 
     Args:
         model: A `LinearModel`.
-        input_cov: ``(q, q)`` covariance D of the unknown input, or None to ignore the input; a number stands for that
-            number times identity.
+        input_cov: ``(q, q)`` covariance D of the unknown input, or None to ignore the input; a
+            number stands for that number times identity.
 
     Raises:
         ValueError: if the model is nonlinear, or ``input_cov`` does not fit its unknown inputs.
@@ -132,8 +139,12 @@ class KalmanFilter(GaussianFilter[Belief], verified=True):
         if not isinstance(model, LinearModel):
             raise ValueError("kf needs a LinearModel: use ekf for a nonlinear one")
         if input_cov is not None and model.q == 0:
-            raise ValueError("input_cov was given, but the model has no unknown input (G and H are missing)")
-        self.input_cov = None if input_cov is None else input_covariance("input_cov", input_cov, model.q)
+            raise ValueError(
+                "input_cov was given, but the model has no unknown input (G and H are missing)"
+            )
+        self.input_cov = (
+            None if input_cov is None else input_covariance("input_cov", input_cov, model.q)
+        )
         if self.input_cov is not None:
             self.input_delay, self.record = int(model.delayed_feedthrough), InputBelief
 
@@ -141,7 +152,9 @@ class KalmanFilter(GaussianFilter[Belief], verified=True):
         if self.input_cov is None:
             return {}
         # Before the first step nothing has acted that a delayed feedthrough could show.
-        return unseen_input(mean, np.zeros(self.input_cov.shape) if self.input_delay else self.input_cov)
+        return unseen_input(
+            mean, np.zeros(self.input_cov.shape) if self.input_delay else self.input_cov
+        )
 
     def _own(self, before: Belief, mean: np.ndarray, u: np.ndarray | None) -> dict[str, Any]:
         if self.input_cov is None or not self.input_delay:
@@ -171,7 +184,9 @@ class KalmanFilter(GaussianFilter[Belief], verified=True):
         else:  # d(k), of which nothing is known but D, or d(k-1), which has moved the state
             assert isinstance(belief, InputBelief)
             driven = belief.state_input_cov if self.input_delay else np.zeros((n, q))
-            joint = symmetric_blocks(belief.cov, driven, belief.input_cov if self.input_delay else self.input_cov)
+            joint = symmetric_blocks(
+                belief.cov, driven, belief.input_cov if self.input_delay else self.input_cov
+            )
             mean = joined([belief.mean[..., None], np.zeros((q, 1))], -2)[..., 0]
         seen = joined([measurement.C, measurement.H], -1)
         mean, cov, S = joseph_update(mean, joint, measurement.innovation, seen, measurement.R)
@@ -189,11 +204,15 @@ def with_input(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([belief.mean, belief.input_mean], -1), cov
 
 
-def driven_on(model: Model, belief: InputBelief, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+def driven_on(
+    model: Model, belief: InputBelief, u: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
     """Mean and covariance one step on, without process noise, where the estimated input drives a model."""
     mean, A = model.linearise_transition(belief.mean, u, belief.cov)
     G = model.input_matrix(belief.mean, u)
-    half = 2.0 * (A @ belief.state_input_cov) + G @ belief.input_cov  # one term of two, doubled: to be symmetrised
+    half = (
+        2.0 * (A @ belief.state_input_cov) + G @ belief.input_cov
+    )  # one term of two, doubled: to be symmetrised
     return mean + np.matvec(G, belief.input_mean), congruence(A, belief.cov) + half @ G.mT
 
 

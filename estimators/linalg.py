@@ -100,8 +100,8 @@ def singular(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def principal_root(cov: np.ndarray) -> np.ndarray:
     """``W (..., n, n)`` with ``W W' = P``, positive semidefinite, and orthogonal columns.
 
-    These are the eigenvectors of P, each as long as the root of its eigenvalue; found by turning the columns of a
-    triangular root (Veselic & Hari 1989), which takes fewer turns than P itself.
+    These are the eigenvectors of P, each as long as the root of its eigenvalue; found by turning
+    the columns of a triangular root (Veselic & Hari 1989), which takes fewer turns than P itself.
     """
     root = semidefinite_cholesky(cov)
     if is_traced(cov):
@@ -114,8 +114,8 @@ def principal_root(cov: np.ndarray) -> np.ndarray:
 def semidefinite_cholesky(a: np.ndarray) -> np.ndarray:
     """Lower triangular ``L (..., n, n)`` with ``L L' = A`` for symmetric positive semidefinite ``A``.
 
-    A pivot that is zero to rounding gives a column of zeros, where `numpy.linalg.cholesky` would raise. Column by
-    column over the whole batch, which for a few states is as fast.
+    A pivot that is zero to rounding gives a column of zeros, where `numpy.linalg.cholesky` would
+    raise. Column by column over the whole batch, which for a few states is as fast.
     """
     if is_traced(a):
         return linear.semidefinite_cholesky(a)
@@ -188,8 +188,8 @@ def _row_by_row(function: Callable[..., np.ndarray], *matrices: np.ndarray) -> n
 def log_density(e: np.ndarray, s: np.ndarray, seen: np.ndarray, size: np.ndarray) -> np.ndarray:
     """The log density ``(...)`` of vectors ``e (..., p)`` of N(0, S), or of their first independent components.
 
-    Where a component is not ``seen (..., p)``, e is 0 and s ``(..., p, p)`` unit and uncorrelated. They are differences
-    of numbers of ``size (..., p)``, with whose rounding e comes.
+    Where a component is not ``seen (..., p)``, e is 0 and s ``(..., p, p)`` unit and uncorrelated.
+    They are differences of numbers of ``size (..., p)``, with whose rounding e comes.
     """
     scale, unit = equilibrated(s)
     root = cholesky(unit)
@@ -205,11 +205,14 @@ def log_density(e: np.ndarray, s: np.ndarray, seen: np.ndarray, size: np.ndarray
 
 
 @np.errstate(all="ignore")
-def semidefinite_form(e: np.ndarray, s: np.ndarray, size: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def semidefinite_form(
+    e: np.ndarray, s: np.ndarray, size: Any
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """``e' S^+ e (...)`` for a singular S ``(..., p, p)``, and the first independent components ``(..., p)``.
 
-    In units of standard deviations; infinite where e is outside the range of S by more than the rounding of numbers of
-    ``size (..., p)``. Between them comes half the log-determinant of the independent components.
+    In units of standard deviations; infinite where e is outside the range of S by more than the
+    rounding of numbers of ``size (..., p)``. Between them comes half the log-determinant of the
+    independent components.
     """
     rounding = _DIGITS * np.asarray(size)
     exact = np.diagonal(s, axis1=-2, axis2=-1) <= np.square(rounding)
@@ -220,7 +223,10 @@ def semidefinite_form(e: np.ndarray, s: np.ndarray, size: Any) -> tuple[np.ndarr
     vectors, values = np.where(kept[..., None, :], vectors, 0.0), np.where(kept, values, 1.0)
     along = np.vecmat(e / scale, vectors)
     outside = np.abs(e / scale - np.matvec(vectors, along))
-    wrong = (outside > 1e-6 * np.maximum(1.0, np.abs(along).max(-1, keepdims=True)) + 8.0 * rounding / scale).any(-1)
+    wrong = (
+        outside
+        > 1e-6 * np.maximum(1.0, np.abs(along).max(-1, keepdims=True)) + 8.0 * rounding / scale
+    ).any(-1)
     pivots = np.diagonal(semidefinite_cholesky(inner(vectors, vectors)), axis1=-2, axis2=-1)
     independent = pivots > 1e-6
     logs = 0.5 * np.log(values).sum(-1) + np.log(np.where(independent, pivots * scale, 1.0)).sum(-1)
@@ -240,13 +246,17 @@ def lacks_rank(cov: np.ndarray) -> np.ndarray:
     A row that is not finite is none of them: the eigenvalue solver would raise.
     """
     _, scaled = equilibrated(cov)
-    with suppress(np.linalg.LinAlgError):  # no eigenvalue is less than a third of the determinant, as their mean is 1
+    with suppress(
+        np.linalg.LinAlgError
+    ):  # no eigenvalue is less than a third of the determinant, as their mean is 1
         roots = np.diagonal(np.linalg.cholesky(scaled), axis1=-2, axis2=-1)
         if (np.square(roots).prod(-1) > 1e4 * SINGULAR * scaled.shape[-1]).all():
             return np.zeros(scaled.shape[:-2], bool)
     finite = np.isfinite(scaled).all((-2, -1))
     values = np.linalg.eigvalsh(np.where(finite[..., None, None], scaled, identity(cov.shape[-1])))
-    return (values[..., 0] <= SINGULAR * values.shape[-1]) | (np.diagonal(cov, axis1=-2, axis2=-1) == 0.0).any(-1)
+    return (values[..., 0] <= SINGULAR * values.shape[-1]) | (
+        np.diagonal(cov, axis1=-2, axis2=-1) == 0.0
+    ).any(-1)
 
 
 SINGULAR = 1e-13

@@ -20,9 +20,15 @@ class Measurement(NamedTuple):
     R: np.ndarray  # (..., p, p)
     available: np.ndarray  # (..., p)
     complete: bool
-    anomalies: np.ndarray | None = None  # (..., N, p) spread of what the members expect (ensemble filters)
-    whole_R: np.ndarray | None = None  # (..., p, p) R with that of missing measurements, too (ensemble filters)
-    spread: np.ndarray | None = None  # (..., 1, 1) share of the unknown input's prior in S, where S alone is singular
+    anomalies: np.ndarray | None = (
+        None  # (..., N, p) spread of what the members expect (ensemble filters)
+    )
+    whole_R: np.ndarray | None = (
+        None  # (..., p, p) R with that of missing measurements, too (ensemble filters)
+    )
+    spread: np.ndarray | None = (
+        None  # (..., 1, 1) share of the unknown input's prior in S, where S alone is singular
+    )
 
     def only(self, kept: np.ndarray) -> "Measurement":
         """The measurement without the channels where the mask ``kept (..., p)`` is False."""
@@ -34,7 +40,11 @@ class Measurement(NamedTuple):
             R=masked(self.R, kept),
             available=kept,
             complete=False,
-            anomalies=None if self.anomalies is None else np.where(kept[..., None, :], self.anomalies, 0.0),
+            anomalies=(
+                None
+                if self.anomalies is None
+                else np.where(kept[..., None, :], self.anomalies, 0.0)
+            ),
         )
 
     def of_rows(self, rows: np.ndarray) -> "Measurement":
@@ -42,7 +52,10 @@ class Measurement(NamedTuple):
         axes = {name: 1 if name in ("innovation", "available") else 2 for name in self._fields}
         arrays = {name: a for name, a in self._asdict().items() if isinstance(a, np.ndarray)}
         return self._replace(
-            **{name: np.broadcast_to(a, rows.shape + a.shape[-axes[name] :])[rows] for name, a in arrays.items()}
+            **{
+                name: np.broadcast_to(a, rows.shape + a.shape[-axes[name] :])[rows]
+                for name, a in arrays.items()
+            }
         )
 
     def mixed(self, T: np.ndarray, spread: np.ndarray | None = None) -> "Measurement":

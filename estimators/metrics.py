@@ -8,7 +8,10 @@ from estimators.linalg import lacks_rank, semidefinite_form, solve
 
 
 def rmse(
-    estimate: np.ndarray, truth: np.ndarray, angles: tuple[int, ...] = (), axis: int | tuple[int, ...] | None = None
+    estimate: np.ndarray,
+    truth: np.ndarray,
+    angles: tuple[int, ...] = (),
+    axis: int | tuple[int, ...] | None = None,
 ) -> np.ndarray:
     """Root mean square error of vectors ``(..., n)``, one value a component.
 
@@ -23,7 +26,9 @@ def rmse(
     return np.sqrt(np.mean(error**2, axis=axis))
 
 
-def nees(mean: np.ndarray, cov: np.ndarray, truth: np.ndarray, angles: tuple[int, ...] = ()) -> np.ndarray:
+def nees(
+    mean: np.ndarray, cov: np.ndarray, truth: np.ndarray, angles: tuple[int, ...] = ()
+) -> np.ndarray:
     """Normalised estimation error squared ``(x - x^)' P^-1 (x - x^)``, shape ``(...)``.
 
     Chi-square with n degrees of freedom for a consistent filter (Bar-Shalom et al. 2001, sec. 5.4).
@@ -32,18 +37,21 @@ def nees(mean: np.ndarray, cov: np.ndarray, truth: np.ndarray, angles: tuple[int
     return nis(error, cov, np.abs(mean).max(-1, keepdims=True))
 
 
-def nis(innovation: np.ndarray, innovation_cov: np.ndarray, size: np.ndarray | float = 0.0) -> np.ndarray:
+def nis(
+    innovation: np.ndarray, innovation_cov: np.ndarray, size: np.ndarray | float = 0.0
+) -> np.ndarray:
     """Normalised innovation squared ``e' S^-1 e``, shape ``(...)``.
 
-    Chi-square with as many degrees of freedom as S has rank among the measurements that arrived: what is missing, or
-    follows from others without noise, adds nothing. Infinite where a measurement contradicts an exact one by
-    more than rounding.
+    Chi-square with as many degrees of freedom as S has rank among the measurements that arrived:
+    what is missing, or follows from others without noise, adds nothing. Infinite where a
+    measurement contradicts an exact one by more than rounding.
 
     Args:
         innovation: ``(..., p)``.
         innovation_cov: ``(..., p, p)``.
-        size: ``(..., p)`` or ``(..., 1)`` size of the numbers whose difference, with their rounding, the innovation is:
-            that of the state, ``abs(mean).max(-1, keepdims=True)``; 0: the innovation has no rounding.
+        size: ``(..., p)`` or ``(..., 1)`` size of the numbers whose difference, with their
+            rounding, the innovation is: that of the state, ``abs(mean).max(-1, keepdims=True)``; 0:
+            the innovation has no rounding.
     """
     error, cov = np.asarray(innovation, float), np.asarray(innovation_cov, float)
     square = np.vecdot(error, solve(cov, error[..., None])[..., 0])

@@ -41,7 +41,11 @@ def as_covariance(name: str, value: object) -> np.ndarray:
         own = np.linalg.eigvalsh(cov)[..., 0].min()
         scaled = "" if own < 0.0 else "in units of its standard deviations "
         found = f"its smallest eigenvalue {scaled}is {own if own < 0.0 else lowest:.3g}"
-        zero = ", and what goes with a variance of 0 must be 0" if impossible and min(own, lowest) >= 0.0 else ""
+        zero = (
+            ", and what goes with a variance of 0 must be 0"
+            if impossible and min(own, lowest) >= 0.0
+            else ""
+        )
         raise ValueError(f"{name} must be positive semidefinite, {found}{zero}")
     return cov if symmetric else 0.5 * cov + 0.5 * cov.mT
 
@@ -57,15 +61,18 @@ def usable(R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return (R, finite) if finite.all() else (masked(R, finite), finite)
 
 
-def check_matrices(model: Any, shapes: dict[str, str], of_state: str = "", **options: tuple[str, int | None]) -> None:
+def check_matrices(
+    model: Any, shapes: dict[str, str], of_state: str = "", **options: tuple[str, int | None]
+) -> None:
     """Check a model's matrices and indices of angles, and set its sizes n, p and q.
 
-    Arrays are kept as read-only copies; functions of u are checked when they are first called. Where one of G and H is
-    given, the other is 0 unless it is, too.
+    Arrays are kept as read-only copies; functions of u are checked when they are first called.
+    Where one of G and H is given, the other is 0 unless it is, too.
 
     Args:
         model: `LinearModel` or `NonlinearModel`.
-        shapes: Letters of rows and columns of each matrix, in the order in which sizes are looked for; m is any size.
+        shapes: Letters of rows and columns of each matrix, in the order in which sizes are looked
+            for; m is any size.
         of_state: Matrices whose functions depend on the state: these are not checked here.
         **options: For the letter of a size, the argument that gives it, and its value.
 
@@ -84,7 +91,9 @@ def check_matrices(model: Any, shapes: dict[str, str], of_state: str = "", **opt
         if not np.isfinite(array).all():
             raise ValueError(f"{name} must be finite")
         object.__setattr__(model, name, frozen(array))
-    sizes = {letter: _size(model, letter, shapes, *options.get(letter, ("", None))) for letter in "np"} | {"q": 0}
+    sizes = {
+        letter: _size(model, letter, shapes, *options.get(letter, ("", None))) for letter in "np"
+    } | {"q": 0}
     if model.G is not None or model.H is not None:
         sizes["q"] = _size(model, "q", shapes)
         for name, rows in ("G", "n"), ("H", "p"):
@@ -112,19 +121,26 @@ def check_matrices(model: Any, shapes: dict[str, str], of_state: str = "", **opt
         object.__setattr__(model, name, angles)
 
 
-def _size(model: Any, letter: str, shapes: dict[str, str], option: str = "", number: int | None = None) -> int:
+def _size(
+    model: Any, letter: str, shapes: dict[str, str], option: str = "", number: int | None = None
+) -> int:
     """A size that the user gives, or the first matrix that has it: an array, a table, or a function without ``u``.
 
     Args:
         model: The model.
         letter: Of the size.
         shapes: As for `check_matrices`.
-        option: The argument that gives the size, if there is one: functions are only called for such a size.
+        option: The argument that gives the size, if there is one: functions are only called for
+            such a size.
         number: What the user gives.
     """
     if number is not None:
         return integer(option, number, 1)
-    axes = {name: shape.rindex(letter) - 2 for name, shape in shapes.items() if letter in shape and name != "B"}
+    axes = {
+        name: shape.rindex(letter) - 2
+        for name, shape in shapes.items()
+        if letter in shape and name != "B"
+    }
     for name, axis in axes.items():
         if isinstance(table := _table(getattr(model, name)), np.ndarray):
             return table.shape[axis]
@@ -133,7 +149,9 @@ def _size(model: Any, letter: str, shapes: dict[str, str], option: str = "", num
         with suppress(Exception):  # a function of u may do anything without one
             return as_array(symbol, function(None)).shape[axes[symbol]]
     remedy = (
-        f"give {option}=, or one of {{}} as an array" if option else "give one of {} as an array, not as a function"
+        f"give {option}=, or one of {{}} as an array"
+        if option
+        else "give one of {} as an array, not as a function"
     )
     raise ValueError(f"cannot tell {option or letter}: {remedy.format(', '.join(axes))}")
 

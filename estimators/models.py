@@ -2,7 +2,8 @@
 
 Notation throughout: ``x+ = A x + B u + G d + w`` and ``y = C x + H d + v`` with ``w ~ N(0, Q)``,
 ``v ~ N(0, R)`` and ``d`` unknown; n states, m known inputs, q unknown inputs, p measurements. With
-``delayed_feedthrough``, ``y(k) = C x(k) + H d(k-1) + v(k)``: measurements contain the input of the step that has ended.
+``delayed_feedthrough``, ``y(k) = C x(k) + H d(k-1) + v(k)``: measurements contain the input of the
+step that has ended.
 """
 
 from collections.abc import Callable
@@ -39,13 +40,18 @@ class Gaussian(Frozen):
         mean = as_array("mean", self.mean)
         cov = as_covariance("cov", self.cov)
         if mean.ndim < 1 or mean.shape[-1] != cov.shape[-1]:
-            raise ValueError(f"mean has shape {mean.shape}, but cov {cov.shape} is for a vector of {cov.shape[-1]}")
+            raise ValueError(
+                f"mean has shape {mean.shape}, but cov {cov.shape} is for a vector of"
+                f" {cov.shape[-1]}"
+            )
         if not np.isfinite(mean).all():
             raise ValueError("mean must be finite")
         try:
             np.broadcast_shapes(mean.shape[:-1], cov.shape[:-2])
         except ValueError:
-            raise ValueError(f"mean has shape {mean.shape} and cov {cov.shape}: their rows do not fit") from None
+            raise ValueError(
+                f"mean has shape {mean.shape} and cov {cov.shape}: their rows do not fit"
+            ) from None
         object.__setattr__(self, "mean", frozen(mean))
         object.__setattr__(self, "cov", frozen(cov))
 
@@ -66,9 +72,10 @@ class Gaussian(Frozen):
 class LinearModel(Frozen):
     """``x+ = A x + B u + G d + w``, ``y = C x + H d + v``.
 
-    Every matrix is an array, possibly with leading batch axes, or a function of ``u``, which then holds
-    the control and whatever else is known (a gain schedule, say). Functions are checked when first called. They must be
-    pure: the same ``u`` gives the same matrix, so time enters as a component of ``u``, not as a clock that is read.
+    Every matrix is an array, possibly with leading batch axes, or a function of ``u``, which then
+    holds the control and whatever else is known (a gain schedule, say). Functions are checked when
+    first called. They must be pure: the same ``u`` gives the same matrix, so time enters as a
+    component of ``u``, not as a clock that is read.
 
     A model is immutable, and its arrays are read-only copies: build another with
     ``dataclasses.replace(model, A=...)``, and a filter of it.
@@ -83,8 +90,9 @@ class LinearModel(Frozen):
         H: ``(..., p, q)`` unknown input to the measurement (direct feedthrough).
         state_angles: indices of states that are angles.
         measurement_angles: indices of measurements that are angles; their innovation is wrapped.
-        delayed_feedthrough: H feeds d(k-1) through, the unknown input of the step that has ended, instead of d(k). A
-            gyro that averages over its sampling interval reads so what has turned it since the last measurement.
+        delayed_feedthrough: H feeds d(k-1) through, the unknown input of the step that has ended,
+            instead of d(k). A gyro that averages over its sampling interval reads so what has
+            turned it since the last measurement.
 
     Raises:
         ValueError: naming the argument whose shape or definiteness is wrong.
@@ -108,7 +116,9 @@ class LinearModel(Frozen):
         for name in "AC":
             if getattr(self, name) is None:
                 raise ValueError(f"{name} must be a matrix or a function of u, got None")
-        check_matrices(self, {"A": "nn", "Q": "nn", "C": "pn", "R": "pp", "G": "nq", "H": "pq", "B": "nm"})
+        check_matrices(
+            self, {"A": "nn", "Q": "nn", "C": "pn", "R": "pp", "G": "nq", "H": "pq", "B": "nm"}
+        )
 
     def check_known_input(self, u: np.ndarray | None) -> None:
         """Refuse a known input that could only be ignored, or that B expects and does not get.
@@ -165,20 +175,23 @@ class NonlinearModel(Frozen):
         transition: ``f(x, u) -> (..., n)``; must broadcast over leading axes of ``x`` and ``u``.
         measurement: ``h(x, u) -> (..., p)``; likewise.
         Q: ``(..., n, n)`` process noise covariance, or a function of ``u``.
-        R: ``(..., p, p)`` measurement noise covariance, a function of ``u``, or a `StateNoise` of ``(x, u)``.
-        G: ``(..., n, q)`` unknown input to the state, ``df/dd``, or a function of ``(x, u)`` that broadcasts; then
-            give H, zero if need be, to tell how many unknown inputs there are.
+        R: ``(..., p, p)`` measurement noise covariance, a function of ``u``, or a `StateNoise` of
+            ``(x, u)``.
+        G: ``(..., n, q)`` unknown input to the state, ``df/dd``, or a function of ``(x, u)`` that
+            broadcasts; then give H, zero if need be, to tell how many unknown inputs there are.
         H: ``(..., p, q)`` unknown input to the measurement, or a function of ``u``.
         state_angles: indices of states that are angles; the transition may wrap them.
         measurement_angles: indices of measurements that are angles; likewise.
-        transition_jacobian: ``df/dx (x, u) -> (..., n, n)``; None: exact where f can be traced, else by differences.
+        transition_jacobian: ``df/dx (x, u) -> (..., n, n)``; None: exact where f can be traced,
+            else by differences.
         measurement_jacobian: ``dh/dx (x, u) -> (..., p, n)``; None: likewise.
         states: n, where Q and G are functions, and Q has no value at ``u = None`` that would tell.
         measurements: p, where R and H are functions, likewise.
         delayed_feedthrough: H feeds d(k-1) through instead of d(k), see `LinearModel`.
 
-    A Jacobian of your own is compared with differences when it is first used. Functions must be pure, as those of a
-    `LinearModel`, and may only read their arguments; the model is immutable likewise.
+    A Jacobian of your own is compared with differences when it is first used. Functions must be
+    pure, as those of a `LinearModel`, and may only read their arguments; the model is immutable
+    likewise.
 
     Raises:
         ValueError: naming the argument whose shape or definiteness is wrong.
@@ -210,7 +223,13 @@ class NonlinearModel(Frozen):
             if function is not None:
                 check_takes(name, function, "x", "u")
         shapes = {"Q": "nn", "R": "pp", "G": "nq", "H": "pq"}
-        check_matrices(self, shapes, of_state="G", n=("states", self.states), p=("measurements", self.measurements))
+        check_matrices(
+            self,
+            shapes,
+            of_state="G",
+            n=("states", self.states),
+            p=("measurements", self.measurements),
+        )
 
     def check_known_input(self, u: np.ndarray | None) -> None:
         """Nothing to refuse: what the functions make of ``u`` is theirs."""
@@ -221,11 +240,15 @@ class NonlinearModel(Frozen):
         Args:
             x: ``(..., n)`` where they are tried,
             u: and ``(..., m)``.
-            names: Transition or measurement and, where the filter needs it, its Jacobian, which has to be compared.
+            names: Transition or measurement and, where the filter needs it, its Jacobian, which has
+                to be compared.
         """
-        functions = [(name, function) for name in names if (function := getattr(self, name)) is not None]
+        functions = [
+            (name, function) for name in names if (function := getattr(self, name)) is not None
+        ]
         return all(
-            (name in ("transition", "measurement") or name in self._compared) and inspected(function, x, u) is not None
+            (name in ("transition", "measurement") or name in self._compared)
+            and inspected(function, x, u) is not None
             for name, function in functions
         )
 
@@ -252,7 +275,9 @@ class NonlinearModel(Frozen):
             return program.callback(lambda belief, u, R: self.input_matrix(belief.mean, u), 2)
         G = np.asarray(call("G", self.G, x, u))
         if G.shape[-2:] != (self.n, self.q):
-            raise ValueError(f"G gave a matrix of shape {G.shape}, expected (..., {self.n}, {self.q})")
+            raise ValueError(
+                f"G gave a matrix of shape {G.shape}, expected (..., {self.n}, {self.q})"
+            )
         return G
 
     def linearise_transition(
@@ -268,7 +293,13 @@ class NonlinearModel(Frozen):
         return self._linearise("measurement", self.p, self.measurement_angles, x, u, cov)
 
     def _linearise(
-        self, name: str, size: int, angles: tuple[int, ...], x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None
+        self,
+        name: str,
+        size: int,
+        angles: tuple[int, ...],
+        x: np.ndarray,
+        u: np.ndarray | None,
+        cov: np.ndarray | None,
     ) -> tuple[np.ndarray, np.ndarray]:
         function, own = getattr(self, name), getattr(self, f"{name}_jacobian")
         if is_traced(x):
@@ -279,7 +310,9 @@ class NonlinearModel(Frozen):
         if own is None:
             if (traced := inspected(function, x, u)) is not None:
                 return _compiled(linearise, traced)(x, u)
-            return central_differences(name, function, x, u, size, angles, steps(x, cov, self.state_angles))
+            return central_differences(
+                name, function, x, u, size, angles, steps(x, cov, self.state_angles)
+            )
         jacobian = self._own_jacobian(f"{name}_jacobian", size, x, u)
         if f"{name}_jacobian" not in self._compared:
             check_jacobian(name, function, jacobian, x, u, angles, steps(x, cov, self.state_angles))
@@ -287,13 +320,18 @@ class NonlinearModel(Frozen):
                 self._compared[f"{name}_jacobian"] = True
         return at_points(name, function, x[..., None, :], u, size)[..., 0, :], jacobian
 
-    def _own_jacobian(self, name: str, size: int, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    def _own_jacobian(
+        self, name: str, size: int, x: np.ndarray, u: np.ndarray | None
+    ) -> np.ndarray:
         """The user's Jacobian ``(..., size, n)`` of this name.
 
         Raises:
             ValueError: if it has another shape.
         """
-        jacobian, expected = as_array(name, call(name, getattr(self, name), x, u)), x.shape[:-1] + (size, self.n)
+        jacobian, expected = (
+            as_array(name, call(name, getattr(self, name), x, u)),
+            x.shape[:-1] + (size, self.n),
+        )
         if jacobian.shape[-2:] != expected[-2:]:
             raise ValueError(f"{name} gave a matrix of shape {jacobian.shape}, expected {expected}")
         return np.broadcast_to(jacobian, expected)
@@ -303,11 +341,14 @@ _KEPT = 500
 """Functions whose derivatives are kept."""
 
 
-def inspected(function: Function, x: np.ndarray, u: np.ndarray | None) -> Compiled | Inspection | None:
+def inspected(
+    function: Function, x: np.ndarray, u: np.ndarray | None
+) -> Compiled | Inspection | None:
     """The compiled form of a model's function; None for one that only NumPy can compute.
 
-    What is `estimators.engine.compiled` declares itself pure. Any other function is inspected when it is first used,
-    and again when something that it reads has changed; why it is not traceable stands in the log.
+    What is `estimators.engine.compiled` declares itself pure. Any other function is inspected when
+    it is first used, and again when something that it reads has changed; why it is not traceable
+    stands in the log.
     """
     if isinstance(function, Compiled):
         return function
@@ -318,7 +359,9 @@ def inspected(function: Function, x: np.ndarray, u: np.ndarray | None) -> Compil
     return inspection if inspection.traceable and not inspection.several else None
 
 
-def _key(function: Function, x: np.ndarray, u: np.ndarray | None) -> tuple[Function, int, int | None]:
+def _key(
+    function: Function, x: np.ndarray, u: np.ndarray | None
+) -> tuple[Function, int, int | None]:
     return function, x.shape[-1], None if u is None else u.shape[-1]
 
 
@@ -329,7 +372,9 @@ def _compiled(form: Callable[..., Any], function: Compiled | Inspection) -> Comp
     return compiled(partial(form, getattr(function, "inline", function)), **options)
 
 
-def at_columns(model: NonlinearModel, name: str, points: np.ndarray, u: np.ndarray | None, size: int) -> np.ndarray:
+def at_columns(
+    model: NonlinearModel, name: str, points: np.ndarray, u: np.ndarray | None, size: int
+) -> np.ndarray:
     """A model's function at points that are columns ``(..., n, N)``: values ``(..., size, N)``, contiguous."""
     if is_traced(points):
         return columnwise(model.source(name, points[..., 0], u), points, u)  # type: ignore[return-value]
@@ -340,7 +385,9 @@ def at_columns(model: NonlinearModel, name: str, points: np.ndarray, u: np.ndarr
     return _compiled(columnwise, traced)(points, u)
 
 
-def at_points(name: str, function: Function, points: np.ndarray, u: np.ndarray | None, size: int) -> np.ndarray:
+def at_points(
+    name: str, function: Function, points: np.ndarray, u: np.ndarray | None, size: int
+) -> np.ndarray:
     """A model's function at several points of every row.
 
     Args:

@@ -1,8 +1,8 @@
 """Random numbers as functions of a key, a step, a use, a component and a member, and of nothing else.
 
-There is no state, so nothing has to be restarted or drawn in order: a number is the same whatever else is drawn, in
-whatever batch, and any step can be drawn again by itself. Each row has a key; those of its episodes, of their parts and
-of its filters are derived from it by numbers and names.
+There is no state, so nothing has to be restarted or drawn in order: a number is the same whatever
+else is drawn, in whatever batch, and any step can be drawn again by itself. Each row has a key;
+those of its episodes, of their parts and of its filters are derived from it by numbers and names.
 
 What computes them is in `estimators.threefry`.
 """
@@ -17,7 +17,7 @@ import numpy as np
 
 from estimators import threefry
 
-# --- keys -------------------------------------------------------------------------------------------
+# --- keys -----------------------------------------------------------------------------------------
 
 
 @cache
@@ -42,7 +42,8 @@ def _unsigned(number: Any) -> np.ndarray:
 class RandomKeys:
     """The random numbers of a batch of rows at one step.
 
-    Numbers of two kinds or purposes under one key need a ``use`` each, from 0 to below 2^16: they are made of one word.
+    Numbers of two kinds or purposes under one key need a ``use`` each, from 0 to below 2^16: they
+    are made of one word.
 
     Attributes:
         keys: ``(..., 2)`` words, a key a row.
@@ -63,12 +64,18 @@ class RandomKeys:
         return cls(keys)
 
     def __getitem__(self, rows: Any) -> "RandomKeys":
-        step = self.step if isinstance(self.step, int) else np.broadcast_to(self.step, self.keys.shape[:-1])[rows]
+        step = (
+            self.step
+            if isinstance(self.step, int)
+            else np.broadcast_to(self.step, self.keys.shape[:-1])[rows]
+        )
         return RandomKeys(self.keys[rows], step)
 
     def of(self, first: Any, second: Any = 0) -> "RandomKeys":
         """Those of keys that are derived by whole numbers ``(...)``, or by a name."""
-        first, second = (_unsigned(word(part) if isinstance(part, str) else part) for part in (first, second))
+        first, second = (
+            _unsigned(word(part) if isinstance(part, str) else part) for part in (first, second)
+        )
         return RandomKeys(threefry.derived(self.keys, first, second), self.step)
 
     def at(self, step: np.ndarray | int) -> "RandomKeys":
@@ -83,10 +90,13 @@ class RandomKeys:
         """Numbers ``(..., count)`` from 0 to below 1."""
         return self._flat(threefry.two_uniforms, 2, count, use)
 
-    def members(self, members: int, count: int, use: int = 0, wanted: np.ndarray | None = None) -> np.ndarray:
+    def members(
+        self, members: int, count: int, use: int = 0, wanted: np.ndarray | None = None
+    ) -> np.ndarray:
         """Standard normal numbers ``(..., members, count)``: a member's are the same however many there are.
 
-        Members lie last in memory. Components that are not ``wanted (..., count)`` hold anything; None: all are.
+        Members lie last in memory. Components that are not ``wanted (..., count)`` hold anything;
+        None: all are.
         """
         if not count or not members:
             return np.zeros((*self.keys.shape[:-1], members, count))
@@ -95,6 +105,9 @@ class RandomKeys:
 
     def _flat(self, function: Any, together: int, count: int, use: int) -> np.ndarray:
         """Numbers ``(..., count)`` of a function that gives so many ``together`` of a counter."""
-        counters, second = np.arange(-(-count // together), dtype=np.uint64), threefry.second_word(self.step, use)
+        counters, second = (
+            np.arange(-(-count // together), dtype=np.uint64),
+            threefry.second_word(self.step, use),
+        )
         numbers = function(self.keys[..., None, :], counters, second[..., None])
         return numbers.reshape(*numbers.shape[:-2], len(counters) * together)[..., :count]

@@ -5,7 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from estimators.belief import Belief, EnsembleBelief, FeedthroughBelief, InputBelief, Record, Recovery, finite_rows
+from estimators.belief import (
+    Belief,
+    EnsembleBelief,
+    FeedthroughBelief,
+    InputBelief,
+    Record,
+    Recovery,
+    finite_rows,
+)
 from estimators.linalg import (
     SINGULAR,
     congruence,
@@ -56,7 +64,9 @@ def recovered(
         cured = lost & ~lost_rows(fresh, initial, measurement.R)
         result = result.with_rows(cured, fresh[cured])
         result = _mildest(filter, initial, result, fresh, measurement, lost & ~cured, rng)
-        result = result.replace(recovery=np.where(lost, Recovery.PRIOR, result.recovery).astype(np.int8))
+        result = result.replace(
+            recovery=np.where(lost, Recovery.PRIOR, result.recovery).astype(np.int8)
+        )
     own = {name: getattr(result, name, None) for name in COVARIANCES}
     covs = {name: semidefinite(cov) for name, cov in own.items() if cov is not None}
     if (S := result.innovation_cov) is not None and measurement.C.size:
@@ -64,24 +74,41 @@ def recovered(
     return Belief.replace(result, **covs)
 
 
-def _known(before: np.ndarray, after: np.ndarray, measurement: Measurement, S: np.ndarray) -> np.ndarray:
+def _known(
+    before: np.ndarray, after: np.ndarray, measurement: Measurement, S: np.ndarray
+) -> np.ndarray:
     """The mask ``(..., n, n)`` of covariances of states of which perfect measurements left nothing but rounding."""
     K = before @ measurement.C.mT @ pseudo_inverse(np.where(np.isfinite(S), S, 0.0))
     terms = congruence(np.abs(identity(before.shape[-1]) - K @ measurement.C), np.abs(before))
-    variance, size, noise = (P.diagonal(0, -2, -1) for P in (after, terms, congruence(K, measurement.R)))
-    known = ((variance <= _KNOWN * size) & (variance > 2.0 * noise) & lacks_rank(measurement.R)[..., None])[..., None]
+    variance, size, noise = (
+        P.diagonal(0, -2, -1) for P in (after, terms, congruence(K, measurement.R))
+    )
+    known = (
+        (variance <= _KNOWN * size)
+        & (variance > 2.0 * noise)
+        & lacks_rank(measurement.R)[..., None]
+    )[..., None]
     return known | known.mT
 
 
 def _mildest(
-    filter: Any, start: Record, result: Record, failed: Record, measurement: Measurement, lost: np.ndarray, rng: Any
+    filter: Any,
+    start: Record,
+    result: Record,
+    failed: Record,
+    measurement: Measurement,
+    lost: np.ndarray,
+    rng: Any,
 ) -> Record:
     """The result with each lost row as the mildest remedy but the prior gives it; ``start`` is finite there."""
     S = failed.innovation_cov
     remedies = [
         (Recovery.PSEUDO_INVERSE, lambda: filter._condensed(start, measurement, S, lost)),
         (Recovery.WITHOUT_CHANNEL, lambda: _without_offending(measurement, S)),
-        (Recovery.PREDICTION, lambda: (measurement.only(np.zeros(measurement.available.shape, bool)), lost)),
+        (
+            Recovery.PREDICTION,
+            lambda: (measurement.only(np.zeros(measurement.available.shape, bool)), lost),
+        ),
     ]
     for remedy, milder in remedies if filter.mixes and S is not None else remedies[1:]:
         if not lost.any():
@@ -95,7 +122,9 @@ def _mildest(
         again = attempt(filter, start, milder_measurement, rng)
         cured = tried & ~lost_rows(again, start)
         if remedy == Recovery.PSEUDO_INVERSE:  # in the channels as they are, not as they were mixed
-            again = again.replace(innovation=measurement.innovation, innovation_cov=S, available=measurement.available)
+            again = again.replace(
+                innovation=measurement.innovation, innovation_cov=S, available=measurement.available
+            )
         again = again.replace(recovery=np.full(lost.shape, remedy, np.int8))
         result, lost = result.with_rows(cured, again[cured]), lost & ~cured
     if lost.any():  # a filter that fails even without a measurement keeps what it had
@@ -113,7 +142,11 @@ def attempt(filter: Any, belief: Record, measurement: Measurement, rng: Any) -> 
         if filter.verified:
             raise
     batch, n = belief.mean.shape[:-1], belief.cov.shape[-1]
-    S = congruence(measurement.C, belief.cov) + measurement.R if measurement.C.shape[-1] == n else None
+    S = (
+        congruence(measurement.C, belief.cov) + measurement.R
+        if measurement.C.shape[-1] == n
+        else None
+    )
     failed = Belief.replace(
         belief, mean=np.full(belief.mean.shape, np.nan), innovation=measurement.innovation, innovation_cov=S,
         available=measurement.available,
@@ -122,7 +155,9 @@ def attempt(filter: Any, belief: Record, measurement: Measurement, rng: Any) -> 
         for row in np.eye(math.prod(batch), dtype=bool):
             row = row.reshape(batch)
             own = rng[row] if isinstance(rng, RandomKeys) else rng
-            failed = failed.with_rows(row, attempt(filter, belief[row], measurement.of_rows(row), own))
+            failed = failed.with_rows(
+                row, attempt(filter, belief[row], measurement.of_rows(row), own)
+            )
     return failed
 
 
@@ -131,15 +166,17 @@ def condensed(
 ) -> tuple[Measurement, np.ndarray] | None:
     """The measurement in the directions in which S is not singular, so that ``S^-1`` of it is S's pseudo-inverse.
 
-    Directions are told apart with each channel in units of its innovation. Rows that are not lost stay as they are.
-    An unknown input that shows where S has nothing is seen there without noise: ``S + a F F'`` takes the place of
-    S, from which the best unbiased estimate is the same (Rao, 1971, Unified theory of linear estimation).
+    Directions are told apart with each channel in units of its innovation. Rows that are not lost
+    stay as they are. An unknown input that shows where S has nothing is seen there without noise:
+    ``S + a F F'`` takes the place of S, from which the best unbiased estimate is the same (Rao,
+    1971, Unified theory of linear estimation).
 
     Args:
         measurement: Of a filter's update.
         S: ``(..., p, p)`` covariance of its innovation.
         lost: ``(...)`` the rows that are lost.
-        F: ``(..., p, k)`` how an unknown input, in units of its prior, shows in it; None: there is none.
+        F: ``(..., p, k)`` how an unknown input, in units of its prior, shows in it; None: there is
+            none.
 
     Returns:
         The measurement and the rows ``(...)`` that it is for, or None.
@@ -163,7 +200,9 @@ def condensed(
 
 def doubtful_rows(updated: Belief, R: np.ndarray) -> np.ndarray:
     """The rows ``(...)`` that are not finite, or of which a measurement left nothing, perhaps, but rounding."""
-    if isinstance(updated, EnsembleBelief):  # whose mean is that of the members, and no variance of theirs negative
+    if isinstance(
+        updated, EnsembleBelief
+    ):  # whose mean is that of the members, and no variance of theirs negative
         return ~np.isfinite(updated.mean.sum(-1))
     total = updated.mean.sum(-1) + updated.cov.sum((-2, -1))
     if isinstance(updated, InputBelief):
@@ -186,7 +225,9 @@ def proper(cov: np.ndarray) -> bool:
         return True
     first = cov[(0,) * (cov.ndim - 2)]
     with np.errstate(over="ignore"):
-        return np.array_equal(first, first.T) and bool(np.linalg.eigvalsh(first)[0] >= -_ROUNDING * np.trace(first))
+        return np.array_equal(first, first.T) and bool(
+            np.linalg.eigvalsh(first)[0] >= -_ROUNDING * np.trace(first)
+        )
 
 
 def evened(cov: np.ndarray) -> np.ndarray:
@@ -203,7 +244,9 @@ def lost_rows(updated: Belief, start: Belief, R: np.ndarray | None = None) -> np
     size = np.maximum(np.abs(updated.cov).max((-2, -1)), np.abs(start.cov).max((-2, -1)))
     cov = np.where(finite[..., None, None], updated.cov, 0.0)
     skew = np.abs(cov - cov.mT).max((-2, -1))
-    lost = ~finite | (np.linalg.eigvalsh(cov)[..., 0] < -_ROUNDING * size) | (skew > _ROUNDING * size)
+    lost = (
+        ~finite | (np.linalg.eigvalsh(cov)[..., 0] < -_ROUNDING * size) | (skew > _ROUNDING * size)
+    )
     if R is None or updated.innovation_cov is None:
         return lost
     return lost | (lacks_rank(R) & lacks_rank(updated.innovation_cov))
@@ -214,13 +257,17 @@ _KNOWN = 16.0 * np.finfo(float).eps
 """A variance that an update leaves is rounding where it is less, as a share of the terms that it is a sum of."""
 
 
-def _without_offending(measurement: Measurement, S: np.ndarray | None) -> tuple[Measurement, np.ndarray]:
+def _without_offending(
+    measurement: Measurement, S: np.ndarray | None
+) -> tuple[Measurement, np.ndarray]:
     """The measurement without the channels of which something is not finite, and those that repeat earlier ones.
 
     Returns:
         The measurement and the rows ``(...)`` in which it is another one.
     """
-    kept = np.isfinite(measurement.innovation) & np.isfinite(np.diagonal(measurement.R, axis1=-2, axis2=-1))
+    kept = np.isfinite(measurement.innovation) & np.isfinite(
+        np.diagonal(measurement.R, axis1=-2, axis2=-1)
+    )
     for rows in (measurement.C, measurement.H):
         kept = kept & np.isfinite(rows).all(-1)
     if measurement.anomalies is not None:

@@ -8,37 +8,47 @@ from estimators.belief import Belief
 from estimators.checks import AT_LEAST_0, integer, number
 from estimators.filter import Model, Rng
 from estimators.kalman import GaussianFilter, joseph_update
-from estimators.linalg import joined, principal_root, semidefinite_cholesky, solve, symmetrise, whitened
+from estimators.linalg import (
+    joined,
+    principal_root,
+    semidefinite_cholesky,
+    solve,
+    symmetrise,
+    whitened,
+)
 from estimators.measurement import Measurement
 
 
 class HuberKalmanFilter(GaussianFilter[Belief], verified=True):
     """A Kalman filter whose update minimises Huber's loss instead of squares: for measurements with outliers.
 
-    The whitened residuals of the measurement and of the prediction, ``zeta = [R^-1/2 (y - h(x)); (P-)^-1/2 (x- - x)]``
-    with Cholesky roots, enter quadratically up to ``gamma`` and linearly beyond. With ``psi = min(1, gamma / |zeta|)``
-    a Kalman update is done with::
+    The whitened residuals of the measurement and of the prediction, ``zeta = [R^-1/2 (y - h(x));
+    (P-)^-1/2 (x- - x)]`` with Cholesky roots, enter quadratically up to ``gamma`` and linearly
+    beyond. With ``psi = min(1, gamma / |zeta|)`` a Kalman update is done with::
 
         R~ = R^1/2 diag(psi_y)^-1 R^T/2      P~ = (P-)^1/2 diag(psi_x)^-1 (P-)^T/2
 
-    and the residuals taken anew, which lowers the loss each time. The first weights are those of the residuals at
-    the prediction, so that an outlier is seen as one before it moves the estimate. The posterior covariance is
-    that of the last update, ``(P~^-1 + C' R~^-1 C)^-1``, so it grows with an outlier. Where every ``|zeta|`` is below
-    ``gamma`` the update is the Kalman filter's. A nonlinear model is linearised at the prediction.
+    and the residuals taken anew, which lowers the loss each time. The first weights are those of
+    the residuals at the prediction, so that an outlier is seen as one before it moves the estimate.
+    The posterior covariance is that of the last update, ``(P~^-1 + C' R~^-1 C)^-1``, so it grows
+    with an outlier. Where every ``|zeta|`` is below ``gamma`` the update is the Kalman filter's. A
+    nonlinear model is linearised at the prediction.
 
-    With ``M = [C (P-)^1/2, R^1/2]`` the residuals of a weighted update are ``zeta = psi^-1 M' S~^-1 e``,
-    ``S~ = M diag(psi)^-1 M'``: P- and R need only be positive semidefinite.
+    With ``M = [C (P-)^1/2, R^1/2]`` the residuals of a weighted update are ``zeta = psi^-1 M' S~^-1
+    e``, ``S~ = M diag(psi)^-1 M'``: P- and R need only be positive semidefinite.
 
-    Few iterations are better than many: the minimum itself blames whichever is the less certain, and when the
-    prediction is not much more certain than the measurement that is the prediction (``docs/estimators/robust.md``).
+    Few iterations are better than many: the minimum itself blames whichever is the less certain,
+    and when the prediction is not much more certain than the measurement that is the prediction
+    (``docs/estimators/robust.md``).
 
-    Sources: Huber (1964), Robust estimation of a location parameter; Karlgaard & Schaub (2007), Huber-based
-    divided difference filtering, who start from least squares instead of the prediction.
+    Sources: Huber (1964), Robust estimation of a location parameter; Karlgaard & Schaub (2007),
+    Huber-based divided difference filtering, who start from least squares instead of the
+    prediction.
 
     Args:
         model: A `LinearModel` or a `NonlinearModel`.
-        gamma: Residual, in standard deviations, beyond which the loss is linear. 1.345 keeps 95 % of the
-            efficiency of least squares on Gaussian noise; infinity gives the Kalman filter.
+        gamma: Residual, in standard deviations, beyond which the loss is linear. 1.345 keeps 95 %
+            of the efficiency of least squares on Gaussian noise; infinity gives the Kalman filter.
         iterations: Largest number of times that the weights are computed.
         tolerance: A row stops when no ``1 / psi`` changes by more than this relative amount.
 
@@ -48,10 +58,16 @@ class HuberKalmanFilter(GaussianFilter[Belief], verified=True):
 
     name = "huber-kf"
 
-    def __init__(self, model: Model, gamma: float = 1.345, iterations: int = 2, tolerance: float = 1e-3) -> None:
+    def __init__(
+        self, model: Model, gamma: float = 1.345, iterations: int = 2, tolerance: float = 1e-3
+    ) -> None:
         super().__init__(model)
         infinite = isinstance(gamma, float | np.floating) and gamma == np.inf
-        self.gamma = np.inf if infinite else number("gamma", gamma, 0.0, what="positive (standard deviations)")
+        self.gamma = (
+            np.inf
+            if infinite
+            else number("gamma", gamma, 0.0, what="positive (standard deviations)")
+        )
         self.iterations = integer("iterations", iterations, 1)
         self.tolerance = number("tolerance", tolerance, 0.0, what="positive")
         self.sequential = self.gamma == np.inf
@@ -76,7 +92,9 @@ class HuberKalmanFilter(GaussianFilter[Belief], verified=True):
         running = seen[..., 0] > 0.0
         for _ in range(self.iterations - 1):
             S_weighted = S + (M * (inflation - 1.0)[..., None, :]) @ M.mT
-            following = self._weighted(inflation * np.matvec(M.mT, solve(S_weighted, e[..., None])[..., 0]))
+            following = self._weighted(
+                inflation * np.matvec(M.mT, solve(S_weighted, e[..., None])[..., 0])
+            )
             moved = 1.0 * (np.abs(following / inflation - 1.0) > self.tolerance)
             inflation = np.where(running[..., None], following, inflation)
             running = running & (moved.sum(-1) > 0.0)
@@ -94,20 +112,22 @@ def _reweighted(cov: np.ndarray, root: np.ndarray, inflation: np.ndarray) -> np.
 class RobustKalmanFilter(GaussianFilter[Belief], verified=True):
     """Minimax filter for a model that is only known within a relative-entropy ball.
 
-    At each step nature may replace the joint density of the next state and the measurement by any other within
-    relative entropy ``radius / 2`` of the model's. Against the worst choice the best estimate is a Kalman filter
-    with a larger prediction covariance: after ``P = A P+ A' + Q``::
+    At each step nature may replace the joint density of the next state and the measurement by any
+    other within relative entropy ``radius / 2`` of the model's. Against the worst choice the best
+    estimate is a Kalman filter with a larger prediction covariance: after ``P = A P+ A' + Q``::
 
         V = (I - theta P)^-1 P,    sum_i [x_i / (1 - x_i) + log(1 - x_i)] = radius,    x_i = theta l_i < 1
 
-    over the eigenvalues ``l_i`` of P. The belief's covariance is this least-favourable one: conservative by design
-    where the model is true. ``radius = 0`` gives the Kalman filter exactly. With a nonlinear model it is the robust
-    EKF, linearised at the mean. The ball is measured in the units of the state: theta compares states as they are
-    scaled, so scale them such that errors of 1 are equally bad.
+    over the eigenvalues ``l_i`` of P. The belief's covariance is this least-favourable one:
+    conservative by design where the model is true. ``radius = 0`` gives the Kalman filter exactly.
+    With a nonlinear model it is the robust EKF, linearised at the mean. The ball is measured in the
+    units of the state: theta compares states as they are scaled, so scale them such that errors of
+    1 are equally bad.
 
-    Sources: Levy & Nikoukhah (2013), Robust state space filtering under incremental model perturbations subject
-    to a relative entropy tolerance; Zorzi (2017), Robust Kalman filtering under model perturbations, tau = 0,
-    whose c is ``radius``. Levy and Nikoukhah's c, the relative entropy itself, is half of it.
+    Sources: Levy & Nikoukhah (2013), Robust state space filtering under incremental model
+    perturbations subject to a relative entropy tolerance; Zorzi (2017), Robust Kalman filtering
+    under model perturbations, tau = 0, whose c is ``radius``. Levy and Nikoukhah's c, the relative
+    entropy itself, is half of it.
 
     Args:
         model: A `LinearModel` or a `NonlinearModel`.
@@ -135,7 +155,8 @@ def least_favourable_covariance(cov: np.ndarray, radius: float) -> np.ndarray:
     """``V = (I - theta P)^-1 P``: the largest covariance within relative entropy ``radius / 2`` of N(0, P).
 
     Args:
-        cov: ``(..., n, n)`` P, positive semidefinite; a row that is not finite is returned as it is.
+        cov: ``(..., n, n)`` P, positive semidefinite; a row that is not finite is returned as it
+            is.
         radius: Twice the relative entropy, positive.
 
     Returns:
@@ -143,16 +164,19 @@ def least_favourable_covariance(cov: np.ndarray, radius: float) -> np.ndarray:
     """
     finite = np.isfinite(cov)
     root = principal_root(np.where(finite, cov, 0.0))
-    V = cov + symmetrise((root * _entropy_odds(np.square(root).sum(-2), radius)[..., None, :]) @ root.mT)
+    V = cov + symmetrise(
+        (root * _entropy_odds(np.square(root).sum(-2), radius)[..., None, :]) @ root.mT
+    )
     return np.where(finite, V, cov)
 
 
 def _entropy_odds(values: np.ndarray, radius: float) -> np.ndarray:
     """``o_i = x_i / (1 - x_i)``, ``x_i = theta l_i``, with ``sum_i [o_i - log(1 + o_i)] = radius``.
 
-    Newton's method in ``t = 1 - theta l_max``. The sum is convex and decreasing in t, so from a t that is too small
-    the iterates rise to the root and never pass it. Such a start is known: ``o - log(1 + o) >= radius`` for the
-    largest alone if ``o = radius + sqrt(2 radius)``. It costs a fifth of bisection to the same accuracy.
+    Newton's method in ``t = 1 - theta l_max``. The sum is convex and decreasing in t, so from a t
+    that is too small the iterates rise to the root and never pass it. Such a start is known: ``o -
+    log(1 + o) >= radius`` for the largest alone if ``o = radius + sqrt(2 radius)``. It costs a
+    fifth of bisection to the same accuracy.
 
     Args:
         values: ``(..., n)`` eigenvalues, not negative.

@@ -1,14 +1,16 @@
 """Smoothers: estimates at every time from the measurements of a whole series.
 
-A smoother goes back through what a filter stored. With z what is estimated at one time, the state or the state and the
-unknown input, and ``zeta = D z+`` the part of the next that the past predicts, ``zeta- , P-``::
+A smoother goes back through what a filter stored. With z what is estimated at one time, the state
+or the state and the unknown input, and ``zeta = D z+`` the part of the next that the past predicts,
+``zeta- , P-``::
 
     J = cov(z, zeta) P-^-1        z^s = z + J (D z^s+ - zeta-)        P^s = P + J (D P^s+ D' - P-) J'
 
-For a Kalman filter z is the state and D the identity (Rauch, Tung & Striebel). For a filter that estimates the unknown
-input of the very step, ``z = (x, d)``, ``D = [I, 0]`` and ``cov(z, zeta) = P_z [A, G]'``. For one to which d shows a
-step late, ``z = (x, d(k-1))`` and ``D = [I, -G]``: what is left of the next state without its input, of which nothing
-is supposed. Both are the least-squares solution for all states and inputs, given all measurements.
+For a Kalman filter z is the state and D the identity (Rauch, Tung & Striebel). For a filter that
+estimates the unknown input of the very step, ``z = (x, d)``, ``D = [I, 0]`` and ``cov(z, zeta) =
+P_z [A, G]'``. For one to which d shows a step late, ``z = (x, d(k-1))`` and ``D = [I, -G]``: what
+is left of the next state without its input, of which nothing is supposed. Both are the
+least-squares solution for all states and inputs, given all measurements.
 """
 
 from collections.abc import Callable
@@ -29,22 +31,24 @@ from estimators.series import Series
 def smooth(series: Series[Record], lag: int | None = None) -> Record:
     """Beliefs at each time from all measurements of a series, or from those up to ``lag`` steps later.
 
-    For a linear model without unknown input, or with one, this is exact. A nonlinear model is linearised where the
-    filter did so; `robust-kf` goes back through its own, larger predictions. Members are moved by the regression of
-    each on those that follow from it, which is the ensemble Kalman smoother.
+    For a linear model without unknown input, or with one, this is exact. A nonlinear model is
+    linearised where the filter did so; `robust-kf` goes back through its own, larger predictions.
+    Members are moved by the regression of each on those that follow from it, which is the ensemble
+    Kalman smoother.
 
-    Sources: Rauch, Tung & Striebel (1965), Maximum likelihood estimates of linear dynamic systems; Särkkä (2008),
-    Unscented Rauch-Tung-Striebel smoother; Raanes (2016), On the ensemble Rauch-Tung-Striebel smoother and its
-    equivalence to the ensemble Kalman smoother.
+    Sources: Rauch, Tung & Striebel (1965), Maximum likelihood estimates of linear dynamic systems;
+    Särkkä (2008), Unscented Rauch-Tung-Striebel smoother; Raanes (2016), On the ensemble
+    Rauch-Tung-Striebel smoother and its equivalence to the ensemble Kalman smoother.
 
     Args:
         series: What `run` gives.
         lag: Steps after each time whose measurements count (fixed-lag smoothing); None: all.
 
     Returns:
-        The beliefs, times first, with what was smoothed in ``mean``, ``cov``, ``input_mean``, ``input_cov``,
-        ``state_input_cov`` and ``ensemble``, as far as the filter has them. An unknown input that shows late stands
-        where the filter has it: ``input_delay`` steps after it acted.
+        The beliefs, times first, with what was smoothed in ``mean``, ``cov``, ``input_mean``,
+        ``input_cov``, ``state_input_cov`` and ``ensemble``, as far as the filter has them. An
+        unknown input that shows late stands where the filter has it: ``input_delay`` steps after it
+        acted.
 
     Raises:
         TypeError: if the filter has no smoother.
@@ -57,13 +61,14 @@ def smooth(series: Series[Record], lag: int | None = None) -> Record:
         return _members(filter, updated, predicted, steps)
     if isinstance(filter, Delayed):
         raise TypeError(
-            f"{filter!r} has no smoother: sort measurements by when they were taken, and run the filter itself"
+            f"{filter!r} has no smoother: sort measurements by when they were taken, and run the"
+            " filter itself"
         )
     if not _reversible(filter):
         name = getattr(filter, "name", type(filter).__name__)
         raise TypeError(
-            f"{name} has no smoother: smooth a series of kf, ekf, ukf, iekf, robust-kf, kf-umv-ui, kf-umv-ui-wdf, "
-            "ekf-ui-wdf, ukf-umv or of members"
+            f"{name} has no smoother: smooth a series of kf, ekf, ukf, iekf, robust-kf, kf-umv-ui,"
+            " kf-umv-ui-wdf, ekf-ui-wdf, ukf-umv or of members"
         )
     z, P = with_input(updated)
     D, J, left = _gains(filter, updated[:-1], predicted[1:], updated.recovery[1:], P[:-1])
@@ -71,16 +76,24 @@ def smooth(series: Series[Record], lag: int | None = None) -> Record:
 
     def back(k: slice, z_later: np.ndarray, P_later: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         change = difference(np.matvec(D[k], z_later), before[k], filter.model.state_angles)
-        return z[:-1][k] + np.matvec(J[k], change), left[k] + congruence(J[k], congruence(D[k], P_later))
+        return z[:-1][k] + np.matvec(J[k], change), left[k] + congruence(
+            J[k], congruence(D[k], P_later)
+        )
 
     smoothed, covs = _swept(back, steps, z, P)
     return _parted(updated, smoothed, semidefinite(covs))
 
 
-def _swept(back: Callable[..., tuple[np.ndarray, ...]], steps: int | None, *filtered: np.ndarray) -> list[np.ndarray]:
+def _swept(
+    back: Callable[..., tuple[np.ndarray, ...]], steps: int | None, *filtered: np.ndarray
+) -> list[np.ndarray]:
     """Arrays of successive times, smoothed from those that follow: from the last one on, or all ``steps`` times."""
     arrays, later = [np.array(each) for each in filtered], len(filtered[0]) - 1
-    at_once = [slice(k, k + 1) for k in reversed(range(later))] if steps is None else [slice(0, later)] * steps
+    at_once = (
+        [slice(k, k + 1) for k in reversed(range(later))]
+        if steps is None
+        else [slice(0, later)] * steps
+    )
     for now in at_once:
         after = slice(now.start + 1, now.stop + 1)
         for array, values in zip(arrays, back(now, *(each[after] for each in arrays)), strict=True):
@@ -100,7 +113,11 @@ def _parted(belief: Record, z: np.ndarray, P: np.ndarray) -> Record:
     n = belief.mean.shape[-1]
     changes = {"mean": z[..., :n], "cov": P[..., :n, :n]}
     if isinstance(belief, InputBelief):
-        changes |= {"input_mean": z[..., n:], "input_cov": P[..., n:, n:], "state_input_cov": P[..., :n, n:]}
+        changes |= {
+            "input_mean": z[..., n:],
+            "input_cov": P[..., n:, n:],
+            "state_input_cov": P[..., :n, n:],
+        }
     return belief.replace(**changes)
 
 
@@ -130,7 +147,8 @@ def _gains(
 def _regression(A: np.ndarray, P: np.ndarray, cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """J ``(..., k, n)`` of z, of covariance P, on ``A z`` and noise, of covariance ``cov``; and what it leaves of P.
 
-    By a QR decomposition of roots: a vague prior would leave nothing of the digits of a difference of covariances.
+    By a QR decomposition of roots: a vague prior would leave nothing of the digits of a difference
+    of covariances.
     """
     n, k = A.shape[-2:]
     root = principal_root(P)
@@ -149,11 +167,15 @@ def _members(filter: EnsembleFilter, updated: Any, predicted: Any, steps: int | 
     """The same, member by member."""
     angles, own = filter.model.state_angles, updated.ensemble
     spread, ahead = (
-        difference(belief.ensemble, belief.mean[..., None, :], angles) for belief in (updated[:-1], predicted[1:])
+        difference(belief.ensemble, belief.mean[..., None, :], angles)
+        for belief in (updated[:-1], predicted[1:])
     )
     forgot = (updated.recovery[1:] == Recovery.PRIOR) | ~np.isfinite(ahead).all((-2, -1))
     ahead = np.where(forgot[..., None, None], 0.0, ahead)
-    gain, expected = np.linalg.pinv(ahead, rcond=1e-10) @ spread, np.nan_to_num(predicted.ensemble[1:])
+    gain, expected = (
+        np.linalg.pinv(ahead, rcond=1e-10) @ spread,
+        np.nan_to_num(predicted.ensemble[1:]),
+    )
 
     def back(k: slice, later: np.ndarray) -> tuple[np.ndarray]:
         return (own[:-1][k] + difference(later, expected[k], angles) @ gain[k],)

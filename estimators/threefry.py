@@ -1,8 +1,9 @@
 """Random words and numbers of counters.
 
-The words are those of Threefry-2x64 with 13 rounds (Salmon, Moraes, Dror & Shaw 2011, Parallel random numbers: as easy
-as 1, 2, 3), a counter-based generator that passes BigCrush. Normal numbers follow by the transform of Box & Muller
-(1958) from sums, products and square roots alone: the same to the last bit on every processor.
+The words are those of Threefry-2x64 with 13 rounds (Salmon, Moraes, Dror & Shaw 2011, Parallel
+random numbers: as easy as 1, 2, 3), a counter-based generator that passes BigCrush. Normal numbers
+follow by the transform of Box & Muller (1958) from sums, products and square roots alone: the same
+to the last bit on every processor.
 """
 
 from typing import Any
@@ -50,7 +51,9 @@ def uniform(word: np.ndarray) -> np.ndarray:
 
 def _log_unit(m: np.ndarray) -> np.ndarray:
     """``ln((m + 0.5) / 2^32)`` of whole numbers below 2^32, as fdlibm has it (Sun, 1993)."""
-    bits = float_bits(as_float(m) + 0.5) + (2**62 - _SQRT_HALF)  # the mantissa then lies within sqrt(2) of 1
+    bits = float_bits(as_float(m) + 0.5) + (
+        2**62 - _SQRT_HALF
+    )  # the mantissa then lies within sqrt(2) of 1
     f = bits_float((bits & _MANTISSA) + _SQRT_HALF) - 1.0
     s = f / (2.0 + f)
     z = s * s
@@ -60,7 +63,9 @@ def _log_unit(m: np.ndarray) -> np.ndarray:
         + z * 1.479819860511658591e-01)))))
     )  # fmt: skip
     half, k = 0.5 * f * f, as_float(bits >> 52) - 1056.0
-    return k * 6.93147180369123816490e-01 - ((half - (s * (half + r) + k * 1.90821492927058770002e-10)) - f)
+    return k * 6.93147180369123816490e-01 - (
+        (half - (s * (half + r) + k * 1.90821492927058770002e-10)) - f
+    )
 
 
 def _sincos_of_turn(m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -90,7 +95,9 @@ def four_normals(key: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.n
 @compiled(axes=(1, 0, 0))
 def two_uniforms(key: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Numbers ``(..., 2)`` from 0 to below 1, likewise."""
-    return np.stack([uniform(word) for word in threefry(first, second, key[..., 0], key[..., 1])], -1)
+    return np.stack(
+        [uniform(word) for word in threefry(first, second, key[..., 0], key[..., 1])], -1
+    )
 
 
 def normals(key: np.ndarray, step: np.ndarray, count: int, use: int = 0) -> list[np.ndarray]:
@@ -112,12 +119,15 @@ def of_members(key: Any, second: Any, wanted: Any = None, *, members: int, count
     Args:
         key: ``(..., 2)``.
         second: ``(...)`` word of the step and the use.
-        wanted: Mask ``(..., count)`` of the components that are drawn; others hold anything. None: all are.
+        wanted: Mask ``(..., count)`` of the components that are drawn; others hold anything. None:
+            all are.
         members: How many.
         count: Components of each.
     """
     fours = (members + 3) // 4
-    counters = np.stack([np.tile(np.arange(fours), count), np.repeat(np.arange(count), fours)]).astype(float)
+    counters = np.stack(
+        [np.tile(np.arange(fours), count), np.repeat(np.arange(count), fours)]
+    ).astype(float)
 
     def four(counter: Any, key: Any, second: Any) -> Any:
         first = as_word(counter[0]) | (as_word(counter[1]) << 32)

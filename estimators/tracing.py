@@ -50,7 +50,9 @@ class Traced(NamedTuple):
         """Is everything that it was traced of as it was?"""
         return self.dependencies is None or self.dependencies.unchanged()
 
-    def results(self, belief: Belief, u: np.ndarray | None, R: np.ndarray | None, batch: tuple[int, ...]) -> np.ndarray:
+    def results(
+        self, belief: Belief, u: np.ndarray | None, R: np.ndarray | None, batch: tuple[int, ...]
+    ) -> np.ndarray:
         """Results of the callbacks for a batch, packed ``(..., columns)``."""
         out, first = np.empty(batch + (self.columns,)), 0
         answers = [(each.results(belief, u, R), each.axes) for each in self.callbacks]
@@ -58,7 +60,9 @@ class Traced(NamedTuple):
             for value, k in zip(values, axes, strict=True):
                 if value is not None:
                     size = math.prod(value.shape[value.ndim - k :])
-                    out[..., first : first + size] = value.reshape(value.shape[: value.ndim - k] + (-1,))
+                    out[..., first : first + size] = value.reshape(
+                        value.shape[: value.ndim - k] + (-1,)
+                    )
                     first += size
         return out
 
@@ -75,22 +79,31 @@ class _Callbacks:
         callback = Callback(question, axes)
         values, again = (callback.results(*self.example) for _ in range(2))
         pairs = zip(values, again, strict=True)
-        if not all(one is None or np.array_equal(one, other, equal_nan=True) for one, other in pairs):
+        if not all(
+            one is None or np.array_equal(one, other, equal_nan=True) for one, other in pairs
+        ):
             raise ValueError(
-                "the model's functions gave two values for the same arguments: they must depend on these alone, "
-                "without random numbers, clocks or counters of their own"
+                "the model's functions gave two values for the same arguments: they must depend on"
+                " these alone, without random numbers, clocks or counters of their own"
             )
         self.each.append(callback)
         results: list[Any] = []
         for value, k in zip(values, axes, strict=True):
             shape = () if value is None else value.shape[value.ndim - k :]
-            results.append(None if value is None else matrix_input(self.program, 4, self.columns, shape))
+            results.append(
+                None if value is None else matrix_input(self.program, 4, self.columns, shape)
+            )
             self.columns += 0 if value is None else math.prod(shape)
         return tuple(results) if len(axes) > 1 else results[0]
 
 
 def traced(
-    filter: Any, methods: tuple[str, ...], belief: Any, layout: Layout, u: np.ndarray | None, R: np.ndarray | None
+    filter: Any,
+    methods: tuple[str, ...],
+    belief: Any,
+    layout: Layout,
+    u: np.ndarray | None,
+    R: np.ndarray | None,
 ) -> Traced:
     """The program of a filter's `_predict`, `_update` or both, for beliefs, a known input and R like these.
 
@@ -99,12 +112,22 @@ def traced(
     """
     program = Program()
     callbacks = _Callbacks(program, belief, u, R)
-    program.callback, program.inlined, program.inspections = callbacks, filter._inlined(belief, u), set()
+    program.callback, program.inlined, program.inspections = (
+        callbacks,
+        filter._inlined(belief, u),
+        set(),
+    )
     words = Argument((2 * filter.random,), "u"), Argument((1 * filter.random,), "i")
-    rng = RandomKeys(given(program, 5, words[0]), given(program, 6, words[1])[..., 0]) if filter.random else None
+    rng = (
+        RandomKeys(given(program, 5, words[0]), given(program, 6, words[1])[..., 0])
+        if filter.random
+        else None
+    )
     known = None if u is None else matrix_input(program, 1, 0, u.shape[-1:])
     p, doubtful, successive = filter.model.p, None, "successive" in methods
-    before = known if u is None or not successive else matrix_input(program, 7, 0, u.shape[-1:])  # of the update
+    before = (
+        known if u is None or not successive else matrix_input(program, 7, 0, u.shape[-1:])
+    )  # of the update
     try:
         now: Any = type(belief)(**(_inputs(program, belief, layout) | {"u": before}))
         first = now
@@ -126,20 +149,32 @@ def traced(
         if successive and found is layout:  # a row that waits stays as it is
             running = matrix_input(program, 8, 0, (1,), "b")
             masks = running[..., 0], running, running[..., None]  # of numbers, vectors and matrices
-            kept = {name: np.where(masks[own.ndim], results[name], own) for name, own in first.stored().items()}
-            parts, doubtful = _packed(program, kept)[1], None if doubtful is None else doubtful & running[..., 0]
+            kept = {
+                name: np.where(masks[own.ndim], results[name], own)
+                for name, own in first.stored().items()
+            }
+            parts, doubtful = (
+                _packed(program, kept)[1],
+                None if doubtful is None else doubtful & running[..., 0],
+            )
         mask = [] if doubtful is None else [doubtful.value]
     except Exception as error:
         if filter.verified:
             raise
         raise TypeError(
-            f"{type(filter).__name__} says that it is formulas, but cannot be traced as such ({error}): write it in "
-            f"the words of estimators.engine.matrices, or without formulas = True"
+            f"{type(filter).__name__} says that it is formulas, but cannot be traced as such"
+            f" ({error}): write it in the words of estimators.engine.matrices, or without formulas"
+            " = True"
         ) from error
-    if callbacks.each and program.inlined != filter._inlined(belief, u):  # they have compared Jacobians of the user's
+    if callbacks.each and program.inlined != filter._inlined(
+        belief, u
+    ):  # they have compared Jacobians of the user's
         return traced(filter, methods, belief, layout, u, R)
     sizes = (layout.width, 0 if u is None else u.shape[-1], p, p, callbacks.columns)
-    arguments = [*(Argument((size,), "b" if i == 3 else "f") for i, size in enumerate(sizes)), *words]
+    arguments = [
+        *(Argument((size,), "b" if i == 3 else "f") for i, size in enumerate(sizes)),
+        *words,
+    ]
     arguments += [Argument(sizes[1:2]), Argument((1,), "b")] * successive
     outputs = [(parts, Argument((found.width,))), (mask, Argument((), "b"))]
     function = Function(program, arguments, outputs, successive and found is layout)
@@ -154,7 +189,9 @@ def _inputs(program: Program, belief: Any, layout: Layout) -> dict[str, Any]:
     for name, ((_, columns), shape) in layout.fields.items():
         value = matrix_input(program, 0, columns.start, shape)
         if name in layout.masks:
-            value = value.as_type(True) if isinstance(value, MatrixTracer) else tracer.cast(value, "b")
+            value = (
+                value.as_type(True) if isinstance(value, MatrixTracer) else tracer.cast(value, "b")
+            )
         fields[name] = value.mT if name in MEMBERS else value
     return fields
 
@@ -170,15 +207,26 @@ def _checked(filter: Any, result: Any, before: Any) -> Any:
     n, p = filter.model.n, filter.model.p
     if not isinstance(result, filter.record):
         raise ValueError(f"it must return a {filter.record.__name__}, not {type(result).__name__}")
-    fixed = {"mean": (n,), "cov": (n, n), "innovation": (p,), "innovation_cov": (p, p), "available": (p,)}
+    fixed = {
+        "mean": (n,),
+        "cov": (n, n),
+        "innovation": (p,),
+        "innovation_cov": (p, p),
+        "available": (p,),
+    }
     for name, value in result._arrays().items():
         had = getattr(before, name)
         if value is None or name in APART:
             continue
         shape = fixed.get(name, getattr(value if had is None else had, "shape", None))
-        if not (is_traced(value) or isinstance(value, np.ndarray | np.generic)) or value.shape != shape:
+        if (
+            not (is_traced(value) or isinstance(value, np.ndarray | np.generic))
+            or value.shape != shape
+        ):
             found = getattr(value, "shape", short_repr(value))
-            raise ValueError(f"the {name} that it returns must have the shape {shape} a row, not {found}")
+            raise ValueError(
+                f"the {name} that it returns must have the shape {shape} a row, not {found}"
+            )
     return result
 
 
@@ -187,4 +235,7 @@ def _packed(program: Program, results: dict[str, Any]) -> tuple[Layout, list[Any
     parts = [matrix(program, value) for value in results.values()]
     masks = frozenset(name for name, value in results.items() if value.dtype == bool)
     found = layout_of(tuple((name, value.shape) for name, value in results.items()), masks)
-    return found, [part.view if isinstance(part, MatrixTracer) else tracer.cast(part, "f").value for part in parts]
+    return found, [
+        part.view if isinstance(part, MatrixTracer) else tracer.cast(part, "f").value
+        for part in parts
+    ]

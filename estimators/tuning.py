@@ -8,8 +8,8 @@
     found = fit(build, {"q": 1.0, "r": 1.0}, y)
     print(found)  # estimates, 95 % intervals, and what the measurements cannot tell
 
-No truth is needed: a filter foretells each measurement, and the numbers that make its measurements likely are the
-estimate.
+No truth is needed: a filter foretells each measurement, and the numbers that make its measurements
+likely are the estimate.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -52,10 +52,11 @@ class Fit:
 
     Attributes:
         estimates: The most likely value of each, by name.
-        standard_errors: Of each; infinite where the measurements do not determine it, or the search found no maximum.
+        standard_errors: Of each; infinite where the measurements do not determine it, or the search
+            found no maximum.
         intervals: 95 % interval of each, likewise; of a positive parameter that of its logarithm.
-        correlation: ``(k, k)`` of the errors of the estimates (of logarithms where they are positive), in their order;
-            NaN where one is not determined.
+        correlation: ``(k, k)`` of the errors of the estimates (of logarithms where they are
+            positive), in their order; NaN where one is not determined.
         log_likelihood: Of all measurements, at the estimates.
         undetermined: What the measurements cannot determine: a sentence for each direction.
         converged: Whether the search found a maximum.
@@ -75,7 +76,10 @@ class Fit:
 
     def __str__(self) -> str:
         width = max(map(len, self.estimates))
-        lines = [f"log-likelihood {self.log_likelihood:.6g}" + ("" if self.converged else ", search did not converge")]
+        lines = [
+            f"log-likelihood {self.log_likelihood:.6g}"
+            + ("" if self.converged else ", search did not converge")
+        ]
         for name, value in self.estimates.items():
             low, high = self.intervals[name]
             lines.append(f"{name:{width}} {value:.4g}  [{low:.4g}, {high:.4g}]")
@@ -96,21 +100,23 @@ def fit(
 ) -> Fit:
     """Find what a filter is built with from measurements alone.
 
-    ``"likelihood"`` maximises the density of all measurements (`Series.log_likelihood`). ``"prediction-error"``
-    minimises the determinant of the covariance of the innovations, which is the likelihood where that covariance is
-    unknown: it needs nothing of a filter but ``init``, ``predict`` and ``update``, and tells nothing of a factor that
-    Q, R and the prior have in common. The search goes by gradients (L-BFGS-B); for filters that draw numbers, with the
-    same numbers throughout, and where gradients lead to no minimum, by a simplex (Nelder & Mead). Standard errors are
-    of the observed information: second derivatives there.
+    ``"likelihood"`` maximises the density of all measurements (`Series.log_likelihood`).
+    ``"prediction-error"`` minimises the determinant of the covariance of the innovations, which is
+    the likelihood where that covariance is unknown: it needs nothing of a filter but ``init``,
+    ``predict`` and ``update``, and tells nothing of a factor that Q, R and the prior have in
+    common. The search goes by gradients (L-BFGS-B); for filters that draw numbers, with the same
+    numbers throughout, and where gradients lead to no minimum, by a simplex (Nelder & Mead).
+    Standard errors are of the observed information: second derivatives there.
 
     Source: Ljung (1999), System Identification, sec. 7.2 to 7.4; Harvey (1989), Forecasting,
     Structural Time Series Models and the Kalman Filter, sec. 3.4.
 
     Args:
         build: Makes a filter and its prior of parameters, given by name.
-        start: Where the search begins, by name: positive numbers, which are searched as their logarithms.
-        y: ``(T, ..., p)`` measurements, as `run` takes them; rows of a batch are independent series of the same
-            parameters.
+        start: Where the search begins, by name: positive numbers, which are searched as their
+            logarithms.
+        y: ``(T, ..., p)`` measurements, as `run` takes them; rows of a batch are independent series
+            of the same parameters.
         u: As for `run`.
         t: Likewise.
         available: Likewise.
@@ -120,7 +126,8 @@ def fit(
         rng: Seed or keys of the numbers that a filter draws.
 
     Raises:
-        ValueError: if a start is missing or not positive, has no likelihood, or an argument does not fit (see `run`).
+        ValueError: if a start is missing or not positive, has no likelihood, or an argument does
+            not fit (see `run`).
         TypeError: if ``build`` does not take these names, or gives no filter and prior.
     """
     if objective not in _OBJECTIVES:
@@ -139,9 +146,14 @@ def fit(
         raise ValueError("none of the measurements came: there is nothing to fit")
     initial = search.built(first)
     if not (isinstance(initial, tuple) and len(initial) == 2 and isinstance(initial[1], Gaussian)):
-        raise TypeError(f"build must return a filter and its prior, a Gaussian, got {short_repr(initial)}")
+        raise TypeError(
+            f"build must return a filter and its prior, a Gaussian, got {short_repr(initial)}"
+        )
     if not np.isfinite(evaluate(*initial)):
-        raise ValueError("the measurements have no likelihood at the start: begin where the filter can follow them")
+        raise ValueError(
+            "the measurements have no likelihood at the start: begin where the filter can follow"
+            " them"
+        )
     return search.fit(first, _random(initial[0]))
 
 
@@ -158,7 +170,8 @@ def _checked_start(start: Mapping[str, float], signed: Collection[str]) -> np.nd
     """Values at which a search begins, checked."""
     if not isinstance(start, Mapping) or not start:
         raise ValueError(
-            f"start must hold a value for each parameter by name, such as {{'q': 1.0}}, got {short_repr(start)}"
+            "start must hold a value for each parameter by name, such as {'q': 1.0}, got"
+            f" {short_repr(start)}"
         )
     for name in signed:
         if name not in start:
@@ -182,7 +195,9 @@ def _negative_log_likelihood(
     """The cost of a filter and its prior on measurements, arguments of `run`."""
     with np.errstate(all="ignore"):
         series = run(filter, prior, **data, rng=rng if _random(filter) else None)
-        if (series.updated.recovery >= Recovery.WITHOUT_CHANNEL).any():  # a measurement that is given up must not pay
+        if (
+            series.updated.recovery >= Recovery.WITHOUT_CHANNEL
+        ).any():  # a measurement that is given up must not pay
             return np.inf
         if objective == "likelihood":
             return -float(np.sum(series.log_likelihood))
@@ -199,14 +214,19 @@ def _prediction_error(series: Series, y: np.ndarray, available: np.ndarray | Non
         model = series.filter.model
         expected = model.measurement(series.predicted.mean, series.updated.u)
         e = difference(y, expected, model.measurement_angles)
-        arrived = np.isfinite(e) if available is None else np.isfinite(e) & as_mask("available", available)
+        arrived = (
+            np.isfinite(e)
+            if available is None
+            else np.isfinite(e) & as_mask("available", available)
+        )
         e = np.where(arrived, e, 0.0)
     p = e.shape[-1]
     flat, mask = e.reshape(-1, p), arrived.reshape(-1, p).astype(float)
     together = mask.T @ mask
     if (np.diagonal(together) == 0.0).any():
         raise ValueError(
-            f"channel {int(np.argmin(np.diagonal(together)))} of y has no measurement at all: leave it out"
+            f"channel {int(np.argmin(np.diagonal(together)))} of y has no measurement at all: leave"
+            " it out"
         )
     sign, size = np.linalg.slogdet(flat.T @ flat / np.maximum(together, 1.0))
     if sign <= 0.0:
@@ -214,7 +234,7 @@ def _prediction_error(series: Series, y: np.ndarray, available: np.ndarray | Non
     return float(-0.5 * np.trace(together) / p * (size + p * (1.0 + np.log(2.0 * np.pi))))
 
 
-# --- the search ---------------------------------------------------------------------------------------
+# --- the search -----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,7 +249,9 @@ class _Search:
 
     def values(self, theta: np.ndarray) -> list[float]:
         """The parameters themselves."""
-        return np.where(self.positive, np.exp(np.where(self.positive, theta, 0.0)), theta * self.units).tolist()
+        return np.where(
+            self.positive, np.exp(np.where(self.positive, theta, 0.0)), theta * self.units
+        ).tolist()
 
     def built(self, theta: np.ndarray) -> tuple[Any, Gaussian]:
         """The filter and its prior."""
@@ -247,19 +269,31 @@ class _Search:
         """The fit of a search from here, for a filter that draws random numbers or not."""
         rough, start = random, first
         while True:
-            low, high = (np.where(self.positive, start + far, np.copysign(np.inf, far)) for far in (-_FAR, _FAR))
+            low, high = (
+                np.where(self.positive, start + far, np.copysign(np.inf, far))
+                for far in (-_FAR, _FAR)
+            )
             best, least = self._minimum(start, low, high, rough)
             slopes, information = self._derivatives(best, least, _ROUGH if rough else _SMOOTH)
             covariance, flat, peaked = _covariance(information, self.positive)
             with np.errstate(invalid="ignore"):
-                gain = 0.5 * slopes @ covariance @ slopes + sum(abs(slopes @ direction) for direction in flat)
+                gain = 0.5 * slopes @ covariance @ slopes + sum(
+                    abs(slopes @ direction) for direction in flat
+                )
             converged = peaked and bool(gain < _LEFT)
-            # A search may end on a plateau, as that of a variance beside a far greater one: it goes on beyond it.
-            points = [np.clip(best + far * way, low, high) for way in flat for far in (*_AWAY, *-_AWAY)]
+            # A search may end on a plateau, as that of a variance beside a far greater one: it goes
+            # on beyond it.
+            points = [
+                np.clip(best + far * way, low, high) for way in flat for far in (*_AWAY, *-_AWAY)
+            ]
             costs = [self.cost(point) for point in points]
             if min(costs, default=np.inf) < least - _LEFT:
                 start = points[int(np.argmin(costs))]
-            elif not converged and np.any((best <= low) | (best >= high)) and np.abs(best).max() < _LARGEST:
+            elif (
+                not converged
+                and np.any((best <= low) | (best >= high))
+                and np.abs(best).max() < _LARGEST
+            ):
                 start = best
             elif converged or rough:
                 break
@@ -269,24 +303,53 @@ class _Search:
         spread = np.sqrt(np.diagonal(covariance))
         errors = np.where(loose, np.inf, spread)
         covariance[loose], covariance[:, loose] = np.nan, np.nan
-        values, *ends = map(self.values, (best, best - _QUANTILE * errors, best + _QUANTILE * errors))
-        sd, intervals = np.where(self.positive, values, self.units) * errors, zip(*ends, strict=True)
-        named: Any = [dict(zip(self.names, column, strict=True)) for column in (values, sd.tolist(), intervals)]
-        undetermined = tuple(dict.fromkeys(each for way in flat for each in self._statements(way, best, least, rough)))
-        found = *named, covariance / (spread * spread[:, None]), -least, undetermined, converged, *self.built(best)
+        values, *ends = map(
+            self.values, (best, best - _QUANTILE * errors, best + _QUANTILE * errors)
+        )
+        sd, intervals = (
+            np.where(self.positive, values, self.units) * errors,
+            zip(*ends, strict=True),
+        )
+        named: Any = [
+            dict(zip(self.names, column, strict=True))
+            for column in (values, sd.tolist(), intervals)
+        ]
+        undetermined = tuple(
+            dict.fromkeys(
+                each for way in flat for each in self._statements(way, best, least, rough)
+            )
+        )
+        found = (
+            *named,
+            covariance / (spread * spread[:, None]),
+            -least,
+            undetermined,
+            converged,
+            *self.built(best),
+        )
         return Fit(*found)
 
     def _minimum(
-        self, start: np.ndarray, low: np.ndarray, high: np.ndarray, rough: bool, digits: float = 1e-13
+        self,
+        start: np.ndarray,
+        low: np.ndarray,
+        high: np.ndarray,
+        rough: bool,
+        digits: float = 1e-13,
     ) -> tuple[np.ndarray, float]:
         """The parameters ``(k,)`` of least cost, and that cost."""
-        from scipy.optimize import minimize  # late: it takes longer to import than the whole package
+        from scipy.optimize import (
+            minimize,
+        )  # late: it takes longer to import than the whole package
 
         least = self.cost(start)
         worst = least + 100.0 * (1.0 + abs(least))  # what a search can step back from
 
         def slope(theta: np.ndarray) -> np.ndarray:
-            pairs = [(self.cost(theta + step), self.cost(theta - step)) for step in 1e-4 * np.eye(len(theta))]
+            pairs = [
+                (self.cost(theta + step), self.cost(theta - step))
+                for step in 1e-4 * np.eye(len(theta))
+            ]
             return np.array([(a - b) / 2e-4 if np.isfinite(a - b) else 0.0 for a, b in pairs])
 
         if rough:
@@ -296,14 +359,18 @@ class _Search:
         else:
             method = {"method": "L-BFGS-B", "jac": slope, "options": {"ftol": digits, "gtol": 1e-4}}
         bounds = list(zip(low, high, strict=True))
-        best = minimize(lambda theta: min(self.cost(theta), worst), start, bounds=bounds, **method).x
+        best = minimize(
+            lambda theta: min(self.cost(theta), worst), start, bounds=bounds, **method
+        ).x
         return best, self.cost(best)
 
-    def _derivatives(self, best: np.ndarray, least: float, step: float) -> tuple[np.ndarray, np.ndarray]:
+    def _derivatives(
+        self, best: np.ndarray, least: float, step: float
+    ) -> tuple[np.ndarray, np.ndarray]:
         """First and second derivatives ``(k,)`` and ``(k, k)`` by central differences over a share of a standard error.
 
-        The second are NaN where they are others over a whole one: what bends in the small alone is rough, and no
-        minimum.
+        The second are NaN where they are others over a whole one: what bends in the small alone is
+        rough, and no minimum.
         """
 
         def along(move: np.ndarray) -> tuple[float, float]:
@@ -312,7 +379,11 @@ class _Search:
 
         def shorter(move: np.ndarray) -> np.ndarray:
             curvature = along(move)[1] / (move @ move)
-            return move / np.linalg.norm(move) * np.clip(step / np.sqrt(max(curvature, 1e-300)), 1e-6, step)
+            return (
+                move
+                / np.linalg.norm(move)
+                * np.clip(step / np.sqrt(max(curvature, 1e-300)), 1e-6, step)
+            )
 
         moves = [shorter(shorter(0.01 * step * move)) for move in np.eye(len(best))]
         sizes = np.linalg.norm(moves, axis=-1)
@@ -320,31 +391,52 @@ class _Search:
         wide = np.array([along(move / step)[1] for move in moves]) * step**2
         known = (curvatures > _LITTLE * sizes**2) & np.isfinite(wide)
         hessian = np.diag(
-            np.where(known & ((wide < 0.25 * curvatures) | (wide > 4.0 * curvatures)), np.nan, curvatures)
+            np.where(
+                known & ((wide < 0.25 * curvatures) | (wide > 4.0 * curvatures)), np.nan, curvatures
+            )
         )
         for i, j in combinations(range(len(best)), 2):
-            hessian[i, j] = hessian[j, i] = 0.25 * (along(moves[i] + moves[j])[1] - along(moves[i] - moves[j])[1])
+            hessian[i, j] = hessian[j, i] = 0.25 * (
+                along(moves[i] + moves[j])[1] - along(moves[i] - moves[j])[1]
+            )
         return slopes / sizes, hessian / sizes / sizes[:, None]
 
-    def _statements(self, direction: np.ndarray, best: np.ndarray, least: float, rough: bool) -> list[str]:
+    def _statements(
+        self, direction: np.ndarray, best: np.ndarray, least: float, rough: bool
+    ) -> list[str]:
         """A direction without information, in words: of parameters together, or of each where it is free by itself."""
         moved = np.flatnonzero(_involved(direction)).tolist()
-        ends = {i: [self._end(i, sign, direction, best, least, rough) for sign in (-1.0, 1.0)] for i in moved}
-        far = {i: [self.cost(best + way * _AWAY[-1] * np.eye(len(best))[i]) for way in (-1.0, 1.0)] for i in moved}
+        ends = {
+            i: [self._end(i, sign, direction, best, least, rough) for sign in (-1.0, 1.0)]
+            for i in moved
+        }
+        far = {
+            i: [self.cost(best + way * _AWAY[-1] * np.eye(len(best))[i]) for way in (-1.0, 1.0)]
+            for i in moved
+        }
         joined = [i for i in moved if None in ends[i] and min(far[i]) > least + _WORSE]
         if len(joined) < 2:
             joined = []
         sentences = [self._sentence(i, *ends[i]) for i in moved if i not in joined]
         if joined:
             up, names = direction * np.sign(direction[joined[0]]), [self.names[i] for i in joined]
-            ways = [f"{name} {'up' if up[i] > 0.0 else 'down'}" for i, name in zip(joined, names, strict=True)]
+            ways = [
+                f"{name} {'up' if up[i] > 0.0 else 'down'}"
+                for i, name in zip(joined, names, strict=True)
+            ]
             apart = " and ".join((", ".join(names[:-1]), names[-1]))
             same = f"with {' and '.join(ways)} they are as likely"
             sentences.append(f"the measurements cannot tell {apart} apart: {same}")
         return sentences
 
     def _end(
-        self, i: int, sign: float, direction: np.ndarray, best: np.ndarray, least: float, rough: bool
+        self,
+        i: int,
+        sign: float,
+        direction: np.ndarray,
+        best: np.ndarray,
+        least: float,
+        rough: bool,
     ) -> float | None:
         """The value at which a parameter becomes less likely, whatever the others are; None: it does not."""
         point, moved = best, np.arange(len(best)) == i
@@ -361,7 +453,9 @@ class _Search:
     def _sentence(self, i: int, low: float | None, high: float | None) -> str:
         """What measurements say of a parameter that is less likely below and above these values."""
         if low is None and high is None:
-            return f"the measurements tell nothing of {self.names[i]}: they are as likely with another"
+            return (
+                f"the measurements tell nothing of {self.names[i]}: they are as likely with another"
+            )
         if low is not None and high is not None:
             found = f"between {low:.2g} and {high:.2g}"
         elif self.positive[i]:
@@ -372,11 +466,13 @@ class _Search:
         return f"measurements say of {self.names[i]} only that it is {found}"
 
 
-def _covariance(information: np.ndarray, positive: np.ndarray) -> tuple[np.ndarray, list[np.ndarray], bool]:
+def _covariance(
+    information: np.ndarray, positive: np.ndarray
+) -> tuple[np.ndarray, list[np.ndarray], bool]:
     """Covariance ``(k, k)`` of estimates, the directions that measurements say nothing of, and whether it is a maximum.
 
-    A logarithm has units of its own. Others are measured by what is known of them if all else were: there a direction
-    is flat that is known 300 times less well for what is not.
+    A logarithm has units of its own. Others are measured by what is known of them if all else were:
+    there a direction is flat that is known 300 times less well for what is not.
     """
     finite = np.isfinite(information)
     information = np.where(finite, information, 0.0)

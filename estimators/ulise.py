@@ -17,9 +17,10 @@ from estimators.varying import resolve
 class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
     """ULISE: state and unknown input together, whatever the rank of H.
 
-    What H shows of d(k) is estimated at once and drives the next prediction, as in `kf-umv-ui`; the rest shows in the
-    measurement after it, as in `kf-umv-ui-wdf`. With N the projector on the directions of d(k-1) that its own
-    measurement did not show (the others are in the prediction ``x-`` already)::
+    What H shows of d(k) is estimated at once and drives the next prediction, as in `kf-umv-ui`; the
+    rest shows in the measurement after it, as in `kf-umv-ui-wdf`. With N the projector on the
+    directions of d(k-1) that its own measurement did not show (the others are in the prediction
+    ``x-`` already)::
 
         D = (H' S^-1 H)^+ H' S^-1             F = (I - H D) C G N
         M = (F' S^-1 F)^+ F' S^-1             d(k-1) = d1(k-1) + M e
@@ -27,25 +28,28 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
         x = x- + L e                          P from x~ = (I - L C) x~- - L v
         d1(k) = D (I - C G M) e               x-+ = A x + B u + G d1
 
-    These are the estimates of the source, which splits H by its singular values and transforms the measurements to
-    match: least squares does not depend on coordinates. Written with projectors they hold for any rank in any row, so
-    that a channel of H that drops leaves its part of d(k) to the next measurement, not to a prior. What H hardly shows
-    of d(k) is noise of covariance ``input_prior`` first, in D as well; how it then stands in the errors of x and d1 is
-    carried on in place of G, so that the next measurement still shows it without bias. Only what neither measurement
-    shows well is estimated from N(0, ``input_prior``). Covariances follow in Joseph form.
+    These are the estimates of the source, which splits H by its singular values and transforms the
+    measurements to match: least squares does not depend on coordinates. Written with projectors
+    they hold for any rank in any row, so that a channel of H that drops leaves its part of d(k) to
+    the next measurement, not to a prior. What H hardly shows of d(k) is noise of covariance
+    ``input_prior`` first, in D as well; how it then stands in the errors of x and d1 is carried on
+    in place of G, so that the next measurement still shows it without bias. Only what neither
+    measurement shows well is estimated from N(0, ``input_prior``). Covariances follow in Joseph
+    form.
 
-    The input is known whole one step late: ``input_mean`` is d(k-1) (``input_delay`` 1), ``feedthrough_mean`` is d1(k).
-    With H = 0 this is `kf-umv-ui-wdf`; with rank H = q the states are those of `kf-umv-ui`. With
-    ``delayed_feedthrough`` nothing shows at once, and ``F = C G + H``.
+    The input is known whole one step late: ``input_mean`` is d(k-1) (``input_delay`` 1),
+    ``feedthrough_mean`` is d1(k). With H = 0 this is `kf-umv-ui-wdf`; with rank H = q the states
+    are those of `kf-umv-ui`. With ``delayed_feedthrough`` nothing shows at once, and ``F = C G +
+    H``.
 
-    Source: Yong, Zhu & Frazzoli (2016), A unified filter for simultaneous input and state estimation of linear
-    discrete-time stochastic systems.
+    Source: Yong, Zhu & Frazzoli (2016), A unified filter for simultaneous input and state
+    estimation of linear discrete-time stochastic systems.
 
     Args:
-        model: A `LinearModel` with rank(C2 G2) = q - rank(H): the measurements that H leaves clean (C2) show the inputs
-            that H does not (G2).
-        input_prior: Covariance ``(q, q)`` of the unknown input where two measurements hardly show it; a number
-            stands for that number times identity. Its scale is the problem's: set it.
+        model: A `LinearModel` with rank(C2 G2) = q - rank(H): the measurements that H leaves clean
+            (C2) show the inputs that H does not (G2).
+        input_prior: Covariance ``(q, q)`` of the unknown input where two measurements hardly show
+            it; a number stands for that number times identity. Its scale is the problem's: set it.
 
     Raises:
         ValueError: if the rank condition fails.
@@ -61,7 +65,9 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
         super().__init__(model, input_prior)
         q = self.model.q
         C, G, H = self.model.C, self.model.G, self.model.H
-        if not (isinstance(C, np.ndarray) and isinstance(G, np.ndarray) and isinstance(H, np.ndarray)):
+        if not (
+            isinstance(C, np.ndarray) and isinstance(G, np.ndarray) and isinstance(H, np.ndarray)
+        ):
             return
         if model.delayed_feedthrough:  # d(k) shows at k + 1 alone, through both
             now, observable = np.zeros((), int), np.linalg.matrix_rank((C @ G + H) @ self._root)
@@ -71,10 +77,13 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
         if (observable < late).any():
             row = np.argmax(late - observable)
             shape = (late - observable).shape
-            late, observable = (np.broadcast_to(rank, shape).flat[row] for rank in (late, observable))
+            late, observable = (
+                np.broadcast_to(rank, shape).flat[row] for rank in (late, observable)
+            )
             raise ValueError(
-                f"ulise needs rank(C2 G2) = q - rank(H) = {q} - {q - late}, got {observable}: measure the input, or a "
-                "state that it drives directly, by a measurement that no other unknown input disturbs"
+                f"ulise needs rank(C2 G2) = q - rank(H) = {q} - {q - late}, got {observable}:"
+                " measure the input, or a state that it drives directly, by a measurement that no"
+                " other unknown input disturbs"
             )
 
     def _unseen(self, mean: np.ndarray) -> dict[str, Any]:
@@ -88,15 +97,19 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
             "feedthrough_observed": np.zeros(rows + (q, q)),
         }
 
-    def _predict(self, belief: FeedthroughBelief, u: np.ndarray | None, rng: Rng) -> FeedthroughBelief:
+    def _predict(
+        self, belief: FeedthroughBelief, u: np.ndarray | None, rng: Rng
+    ) -> FeedthroughBelief:
         model, n, q = self.model, self.model.n, self.model.q
         mean, A = model.linearise_transition(belief.mean, u)
         G = model.input_matrix(belief.mean, u)
         mean = mean + np.matvec(G, belief.feedthrough_mean)
-        # The directions of d that are not in d1 wait for the next measurement, and with them what they are in the
-        # errors.
+        # The directions of d that are not in d1 wait for the next measurement, and with them what
+        # they are in the errors.
         observed, reach = belief.feedthrough_observed, belief.input_reach * (1.0 - waiting(belief))
-        joint = symmetric_blocks(self._covariance(belief), belief.state_feedthrough_cov, belief.feedthrough_cov)
+        joint = symmetric_blocks(
+            self._covariance(belief), belief.state_feedthrough_cov, belief.feedthrough_cov
+        )
         joint = joint - congruence(reach, self._open(observed))
         drive = joined([joined([A, G], -1), np.eye(q, n + q, n)], -2)
         joint = congruence(drive, joint)
@@ -124,7 +137,9 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
         H, none = measurement.H, np.zeros(measurement.H.shape)
         return (none, H) if self.model.delayed_feedthrough else (H, none)
 
-    def _update(self, belief: FeedthroughBelief, measurement: Measurement, rng: Rng) -> FeedthroughBelief:
+    def _update(
+        self, belief: FeedthroughBelief, measurement: Measurement, rng: Rng
+    ) -> FeedthroughBelief:
         C, (H, delayed), R = measurement.C, self._feedthrough(measurement), measurement.R
         n, q = self.model.n, self.model.q
         pending = waiting(belief)
@@ -137,10 +152,12 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
         D, now = self._gain(H, SH, measurement)
         M, late = self._gain(F, SF - SH @ (D @ F), measurement)
         K, D = K - (K @ H) @ D, now @ D
-        Z = joined([K + (G - K @ F) @ M, rest @ M, D - (D @ F) @ M], -2)  # (x, d(k-1), d(k)) = (x-, d1(k-1), 0) + Z e
+        Z = joined(
+            [K + (G - K @ F) @ M, rest @ M, D - (D @ F) @ M], -2
+        )  # (x, d(k-1), d(k)) = (x-, d1(k-1), 0) + Z e
         correction = np.matvec(Z, measurement.innovation)
-        # Errors: those of (x-, d1(k-1)) less Z (C x~- + v), and the inputs' share in Z e, which cancels where they are
-        # seen; elsewhere they have their prior.
+        # Errors: those of (x-, d1(k-1)) less Z (C x~- + v), and the inputs' share in Z e, which
+        # cancels where they are seen; elsewhere they have their prior.
         joint = symmetric_blocks(belief.cov, belief.state_input_cov, belief.input_cov)
         before = belief.input_observed
         kept = joined([np.zeros((n, q)), before, np.zeros((q, q))], -2)

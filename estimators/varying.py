@@ -25,14 +25,20 @@ def resolve(matrix: Matrix, u: np.ndarray | None) -> np.ndarray:
             if isinstance(matrix, Schedule)
             else program.callback(lambda belief, u, R: resolve(matrix, u), 2)
         )
-    return matrix(u) if isinstance(matrix, Schedule) else call(getattr(matrix, "name", "a matrix"), matrix, u)
+    return (
+        matrix(u)
+        if isinstance(matrix, Schedule)
+        else call(getattr(matrix, "name", "a matrix"), matrix, u)
+    )
 
 
 class Frozen:
     """A record whose arrays are read-only; those of its copies and pickles, too."""
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update({name: frozen(v) if isinstance(v, np.ndarray) else v for name, v in state.items()})
+        self.__dict__.update(
+            {name: frozen(v) if isinstance(v, np.ndarray) else v for name, v in state.items()}
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,14 +64,21 @@ class Schedule(Frozen):
         object.__setattr__(self, "table", frozen(table))
         object.__setattr__(self, "component", integer("component", self.component, 0))
         for name in ("scale", "middle"):
-            object.__setattr__(self, name, number(name, getattr(self, name), what="a finite number"))
+            object.__setattr__(
+                self, name, number(name, getattr(self, name), what="a finite number")
+            )
 
     def __call__(self, u: np.ndarray | None) -> np.ndarray:
         """The matrices ``(..., n, m)`` at ``u (..., k)``."""
         if u is None:
-            raise ValueError(f"this model needs a known input u: its matrices follow component {self.component} of it")
+            raise ValueError(
+                f"this model needs a known input u: its matrices follow component {self.component}"
+                " of it"
+            )
         index = self._index(u)
-        within = np.fmin(np.fmax(index, 0.0), len(self.table) - 1.0)  # the first entry where u is not a number
+        within = np.fmin(
+            np.fmax(index, 0.0), len(self.table) - 1.0
+        )  # the first entry where u is not a number
         return self.table.take(within.astype(np.intp), axis=0)
 
     def changed(self, change: Callable[[np.ndarray], np.ndarray]) -> "Schedule":
@@ -84,7 +97,10 @@ class Schedule(Frozen):
     def _index(self, u: Any) -> Any:
         """Places in the table ``(...)`` of known inputs ``(..., k)``."""
         if self.component >= u.shape[-1]:
-            raise ValueError(f"matrices follow component {self.component} of the known input, but u has {u.shape[-1]}")
+            raise ValueError(
+                f"matrices follow component {self.component} of the known input, but u has"
+                f" {u.shape[-1]}"
+            )
         return u[..., self.component] * self.scale + self.middle
 
 

@@ -15,7 +15,9 @@ class Step(NamedTuple):
     moved: RandomKeys | None  # random numbers of the prediction
     R: np.ndarray | None  # (..., p, p) of measurements that brought their own, NaN where none did
     keys: RandomKeys | None  # random numbers of the update
-    measurement_u: np.ndarray | None  # (..., m) known input of the measurements, where it was given with them
+    measurement_u: (
+        np.ndarray | None
+    )  # (..., m) known input of the measurements, where it was given with them
     u: np.ndarray | None  # (..., m) known input of the prediction
     y: np.ndarray  # (..., p) what has come of its measurements so far
     available: np.ndarray  # (..., p)
@@ -38,7 +40,9 @@ class Run:
         kept: Steps whose predictions are computed at once.
     """
 
-    def __init__(self, forecasts: Any, like: Any, wait: np.ndarray, steps: int, kept: Sequence[int]) -> None:
+    def __init__(
+        self, forecasts: Any, like: Any, wait: np.ndarray, steps: int, kept: Sequence[int]
+    ) -> None:
         self.forecasts, self.like, self.wait, self.steps = forecasts, like, wait, steps
         found = forecasts(kept)
         self.found = None if found is None else dict(zip(kept, found, strict=True))
@@ -88,10 +92,15 @@ class Window(NamedTuple):
         each = (belief,), (keys,), (None,), (keys,), (None,), (belief.u,)
         return cls(*each, y, y != 0.0, np.zeros(y.shape[:-1], bool))
 
-    def followed(self, predicted: Any, u: np.ndarray | None, keys: RandomKeys | None, most: int) -> "Window":
+    def followed(
+        self, predicted: Any, u: np.ndarray | None, keys: RandomKeys | None, most: int
+    ) -> "Window":
         """The window one step on, of at most so many steps; nothing has been read of the last one."""
         first = max(len(self.y) + 1 - most, 0)
-        arrays = (np.concatenate([array[first:], np.zeros((1, *array.shape[1:]), array.dtype)]) for array in self[6:])
+        arrays = (
+            np.concatenate([array[first:], np.zeros((1, *array.shape[1:]), array.dtype)])
+            for array in self[6:]
+        )
         pairs = zip(self[:6], (predicted, keys, None, keys, None, u), strict=True)
         each: Any = ((*some[first:], new) for some, new in pairs)
         return Window(*each, *arrays)
@@ -111,7 +120,10 @@ class Window(NamedTuple):
         if not isinstance(found, Forecast):
             return found
         like = found.run.like
-        packed, (_, layout) = found.run.packed(found.step), like.pack()  # the layout is not that of before in a copy
+        packed, (_, layout) = (
+            found.run.packed(found.step),
+            like.pack(),
+        )  # the layout is not that of before in a copy
         return like.view(packed, layout, like.prior_mean, like.prior_cov, self.u[step])
 
     def step(self, step: int) -> Step:
@@ -121,8 +133,12 @@ class Window(NamedTuple):
 
     def rows(self, rows: Any) -> "Window":
         """Some rows of all steps."""
-        predicted = tuple(None if one is None else self.belief(i)[rows] for i, one in enumerate(self.predicted))
-        each: Any = (tuple(None if one is None else one[rows] for one in some) for some in self[1:6])
+        predicted = tuple(
+            None if one is None else self.belief(i)[rows] for i, one in enumerate(self.predicted)
+        )
+        each: Any = (
+            tuple(None if one is None else one[rows] for one in some) for some in self[1:6]
+        )
         at = (slice(None), *(rows if isinstance(rows, tuple) else (rows,)))
         arrays: Any = (np.ascontiguousarray(array[at]) for array in self[6:])
         return Window(predicted, *each, *arrays)
@@ -135,7 +151,10 @@ class Window(NamedTuple):
         for mine, theirs in zip(self[1:6], other[1:6], strict=True):
             pairs = zip(mine[-k:], theirs[-k:], strict=True)
             each.append((*mine[:-k], *(with_rows(one, rows, two) for one, two in pairs)))
-        u = (known if belief.u is None else belief.u for known, belief in zip(each[5][-k:], predicted, strict=True))
+        u = (
+            known if belief.u is None else belief.u
+            for known, belief in zip(each[5][-k:], predicted, strict=True)
+        )
         each[5] = (*each[5][:-k], *u)  # where one was told none, its rows have zeros
         arrays = [array.copy() for array in self[6:]]
         for array, new in zip(arrays, other[6:], strict=True):
@@ -148,9 +167,14 @@ def with_rows(mine: Any, rows: np.ndarray, theirs: Any) -> Any:
     some = theirs if mine is None else mine
     if isinstance(some, RandomKeys):
         keys = (None if one is None else one.keys for one in (mine, theirs))
-        steps = (None if one is None else np.broadcast_to(one.step, one.keys.shape[:-1]) for one in (mine, theirs))
+        steps = (
+            None if one is None else np.broadcast_to(one.step, one.keys.shape[:-1])
+            for one in (mine, theirs)
+        )
         (my_keys, their_keys), (my_step, their_step) = keys, steps
-        return RandomKeys(with_rows(my_keys, rows, their_keys), with_rows(my_step, rows, their_step))
+        return RandomKeys(
+            with_rows(my_keys, rows, their_keys), with_rows(my_step, rows, their_step)
+        )
     if some is None:
         return None
     nothing = np.nan if some.dtype == float else 0

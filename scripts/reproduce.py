@@ -19,12 +19,14 @@ def main(
 ) -> int:
     """Write a page for each paper: its numbers beside ours, what was probably done, its claims; in a checkout.
 
-    Prints a row for each experiment. Finished work is kept in jobs/ of the output folder: after an interruption, run
-    the same command again. Every number follows from fixed seeds, computation times excepted.
+    Prints a row for each experiment. Finished work is kept in jobs/ of the output folder: after an
+    interruption, run the same command again. Every number follows from fixed seeds, computation
+    times excepted.
 
     Args:
         papers: Which papers; all: every one.
-        out: Folder for the pages, the tables as CSV and summary.json, from which `studies.tables papers` writes docs.
+        out: Folder for the pages, the tables as CSV and summary.json, from which `studies.tables
+            papers` writes docs.
         processes: Processes that compute.
 
     Returns:
@@ -48,16 +50,28 @@ def main(
     names = PAPERS if "all" in papers else tuple(dict.fromkeys(papers))
     groups = {name: jobs(name) for name in names}
     with job_progress("reproducing") as progress:
-        outcome = run([job for group in groups.values() for job in group.values()], out, processes, progress=progress)
+        outcome = run(
+            [job for group in groups.values() for job in group.values()],
+            out,
+            processes,
+            progress=progress,
+        )
     console = Console(markup=False, highlight=False, soft_wrap=True)
     for note in outcome.notes:
         console.print(note)
     status, summary, rows = 0, {}, list[Row]()
     for name, group in groups.items():
-        failed = {what: outcome.failures[job.key] for what, job in group.items() if job.key in outcome.failures}
+        failed = {
+            what: outcome.failures[job.key]
+            for what, job in group.items()
+            if job.key in outcome.failures
+        }
         if failed:
             status, (what, text) = 1, next(iter(failed.items()))
-            said = f"{name}: {len(failed)} of {len(group)} jobs failed, so there is no page. First, {what}:\n{text}"
+            said = (
+                f"{name}: {len(failed)} of {len(group)} jobs failed, so there is no page. First,"
+                f" {what}:\n{text}"
+            )
             console.print(said)
             continue
         made = report(name, {what: outcome.values[job.key] for what, job in group.items()})
@@ -65,7 +79,9 @@ def main(
         summary[name] = {"opening": made.opening, "rows": made.rows}
         rows += made.rows
     console.print(f"\n{summary_table(rows)}")
-    (out / "summary.json").write_text(json.dumps(summary, ensure_ascii=False, indent=1) + "\n", encoding="utf-8")
+    (out / "summary.json").write_text(
+        json.dumps(summary, ensure_ascii=False, indent=1) + "\n", encoding="utf-8"
+    )
     return status
 
 

@@ -16,4 +16,6 @@ class FixedGain(Filter):
         return belief.replace(mean=self.model.transition(belief.mean, u), u=u)
 
     def _update(self, belief: Any, measurement: Any, rng: Any) -> Any:
-        return belief.replace(mean=belief.mean + 0.1 * np.matvec(measurement.C.mT, measurement.innovation))
+        return belief.replace(
+            mean=belief.mean + 0.1 * np.matvec(measurement.C.mT, measurement.innovation)
+        )

@@ -1,8 +1,9 @@
 """How many examples and cases are tried, and how code is compiled.
 
-Hypothesis draws the same examples every time; ``--hypothesis-profile thorough`` draws ten thousand. Of a test's cases
-``make test`` runs so many that every value of every parameter occurs, of a slow test's one, elsewhere for every test.
-``make quick`` runs one of each test that is not slow, ``make nightly`` all, and optimises what it compiles.
+Hypothesis draws the same examples every time; ``--hypothesis-profile thorough`` draws ten thousand.
+Of a test's cases ``make test`` runs so many that every value of every parameter occurs, of a slow
+test's one, elsewhere for every test. ``make quick`` runs one of each test that is not slow, ``make
+nightly`` all, and optimises what it compiles.
 """
 
 import gc
@@ -21,7 +22,9 @@ settings.load_profile("default")
 
 gc.set_threshold(20_000)  # tracing makes many objects and little garbage
 CASES = 1
-os.environ.setdefault("VESSEL_GYM_OPTIMISE", "0")  # of other processes, too: compiling took half of the time
+os.environ.setdefault(
+    "VESSEL_GYM_OPTIMISE", "0"
+)  # of other processes, too: compiling took half of the time
 
 
 @pytest.hookimpl(tryfirst=True)  # before -m selects
@@ -32,9 +35,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             cases[item.nodeid.partition("[")[0]].append(item)
     for test, group in cases.items():
         if group[0].get_closest_marker("slow"):
-            kept = {(crc32(test.encode()) + i * len(group) // CASES) % len(group) for i in range(CASES)}
+            kept = {
+                (crc32(test.encode()) + i * len(group) // CASES) % len(group) for i in range(CASES)
+            }
         else:
-            kept = covering([item.callspec.params for item in group], [item.nodeid for item in group])
+            kept = covering(
+                [item.callspec.params for item in group], [item.nodeid for item in group]
+            )
         for i, item in enumerate(group):
             if i != min(kept):
                 item.add_marker("further" if i in kept else "nightly")
@@ -43,7 +50,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def covering(cases: Sequence[Mapping[str, Any]], names: Sequence[str]) -> set[int]:
     """Indices of few cases that hold every value of every parameter.
 
-    The next case has the most new values; of several, the one whose name comes first in a random order.
+    The next case has the most new values; of several, the one whose name comes first in a random
+    order.
     """
     kept, seen = set(), set()
     values = []
@@ -63,5 +71,7 @@ def _forget(request: pytest.FixtureRequest) -> Iterator[None]:
     """Let go of what a module's tests have shared, such as flights of a hundred megabytes each."""
     yield
     for shared in vars(request.module).values():
-        if getattr(shared, "__module__", "") == request.module.__name__ and hasattr(shared, "cache_clear"):
+        if getattr(shared, "__module__", "") == request.module.__name__ and hasattr(
+            shared, "cache_clear"
+        ):
             shared.cache_clear()

@@ -1,7 +1,7 @@
 """A ship of three or four states in a simple random sea, which turns as commanded: a small system for tests.
 
-Linear filters estimate (v, r, psi), nonlinear ones u besides. With d the yaw increment that waves and gusts give in a
-step, ``psi+ = psi + dt r + d``, ``y1 = psi + d`` and ``y2 = d``.
+Linear filters estimate (v, r, psi), nonlinear ones u besides. With d the yaw increment that waves
+and gusts give in a step, ``psi+ = psi + dt r + d``, ``y1 = psi + d`` and ``y2 = d``.
 """
 
 from dataclasses import dataclass
@@ -51,9 +51,13 @@ class HeadingShip(Ship):
         moved = self.step(self._placed(x), rudder, rudder, exogenous, self._nominal)
         return moved[..., [STATE.index(name) for name in self.estimated("nonlinear")]]
 
-    def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
+    def known_input(
+        self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None
+    ) -> np.ndarray:
         rudder = 0.5 * (before + after)
-        return np.concatenate([rudder, self._turning(rudder) if commanded is None else commanded], -1)
+        return np.concatenate(
+            [rudder, self._turning(rudder) if commanded is None else commanded], -1
+        )
 
     def linear(self, kind: str) -> tuple[Any, ...]:
         return linear_matrices(self.ship, self.dt)
@@ -67,7 +71,9 @@ HEADING_SHIP = System(
     disturbances=SEAS,
     estimator="kf-umv-ui",
     filter_model="corrected",
-    filter_models=dict.fromkeys(("ekf", "iekf", "ukf", "enkf", "enkf-sr", "etkf", "pf"), "nonlinear"),
+    filter_models=dict.fromkeys(
+        ("ekf", "iekf", "ukf", "enkf", "enkf-sr", "etkf", "pf"), "nonlinear"
+    ),
     tuning=input_tuning,
 )
 register_environment(HEADING_SHIP)

@@ -1,7 +1,7 @@
 """Nomoto's model of how a ship steers, from the equations of motion.
 
-Maintainers hold the ships that come with the package against published figures with it. Source: Nomoto, Taguchi,
-Honda & Hirano (1957), On the steering qualities of ships.
+Maintainers hold the ships that come with the package against published figures with it. Source:
+Nomoto, Taguchi, Honda & Hirano (1957), On the steering qualities of ships.
 """
 
 from dataclasses import dataclass
@@ -16,8 +16,8 @@ from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 class Nomoto:
     """Nomoto's model ``r / delta = K (1 + T3 s) / ((1 + T1 s) (1 + T2 s))``, made non-dimensional with L and U.
 
-    ``K' = K L / U`` and ``T' = T U / L``; ``T = T1 + T2 - T3`` is the time constant of the first-order model with
-    the same response to slow helm.
+    ``K' = K L / U`` and ``T' = T U / L``; ``T = T1 + T2 - T3`` is the time constant of the
+    first-order model with the same response to slow helm.
     """
 
     K: float
@@ -37,5 +37,9 @@ def nomoto_linear(ship: CorvetteParameters) -> Nomoto:
     T1, T2 = sorted((-1.0 / np.linalg.eigvals(A)).tolist(), key=abs, reverse=True)
     unit = ship.length / ship.speed
     return Nomoto(
-        float(numerator / determinant * unit), float((total - T3) / unit), T1 / unit, T2 / unit, float(T3 / unit)
+        float(numerator / determinant * unit),
+        float((total - T3) / unit),
+        T1 / unit,
+        T2 / unit,
+        float(T3 / unit),
     )

@@ -23,7 +23,9 @@ OWN = ("Usbl-v0", "Shear-v0", "Docking-v0", "HeavyShip-v0")
 
 def blocks(page: str, kind: str) -> list[str]:
     """The blocks of code of one kind in a page."""
-    return re.findall(rf"^```{kind}\n(.*?)^```", (DOCS / f"{page}.md").read_text(encoding="utf-8"), re.M | re.S)
+    return re.findall(
+        rf"^```{kind}\n(.*?)^```", (DOCS / f"{page}.md").read_text(encoding="utf-8"), re.M | re.S
+    )
 
 
 def code(module: str) -> str:
@@ -38,7 +40,9 @@ for _module in PAGES:
     (_FOLDER / f"{_module}.py").write_text(code(_module), encoding="utf-8")
 (_FOLDER / "my_ship.toml").write_text(blocks("vehicles", "toml")[0], encoding="utf-8")
 
-my_sensor, my_disturbance, _, my_vehicle = map(import_module, PAGES)  # the task registers its environment itself
+my_sensor, my_disturbance, _, my_vehicle = map(
+    import_module, PAGES
+)  # the task registers its environment itself
 _SYSTEM = SegorogeniAUVEnv.system
 register_environment(replace(_SYSTEM, name="Usbl-v0", sensors=tuple(my_sensor.SENSORS)))
 _SHEAR = dict.fromkeys(("calm", "moderate", "rough"), my_disturbance.SHEAR)

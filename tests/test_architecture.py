@@ -55,7 +55,9 @@ def imports(module: str, late: bool) -> set[str]:
 
 def test_no_module_imports_itself_through_others() -> None:
     try:
-        late = {module: not module.startswith("agents") for module in MODULES}  # whose registries load entries
+        late = {
+            module: not module.startswith("agents") for module in MODULES
+        }  # whose registries load entries
         TopologicalSorter({module: imports(module, late[module]) for module in MODULES}).prepare()
     except CycleError as error:
         pytest.fail(" <- ".join(error.args[1]))
@@ -63,12 +65,19 @@ def test_no_module_imports_itself_through_others() -> None:
 
 def test_no_folder_imports_one_above_it() -> None:
     floor = {module: FLOORS.index(module.split(".")[0]) for module in MODULES}
-    upward = [(one, other) for one in MODULES for other in imports(one, late=True) if floor[other] > floor[one]]
+    upward = [
+        (one, other)
+        for one in MODULES
+        for other in imports(one, late=True)
+        if floor[other] > floor[one]
+    ]
     assert upward == []
 
 
 @pytest.mark.parametrize("num_envs", [1, 3])
-@pytest.mark.parametrize("env_id", ["SigmaCorvette-v0", "SegorogeniAUV-v0", "PunaUAV-v0", "ThesisCorvette-v0"])
+@pytest.mark.parametrize(
+    "env_id", ["SigmaCorvette-v0", "SegorogeniAUV-v0", "PunaUAV-v0", "ThesisCorvette-v0"]
+)
 def test_a_step_passes_each_module_once(env_id: str, num_envs: int) -> None:
     """No module is called again by one that it called, but for inherited methods of the same object."""
     env: Any = gym.make_vec(env_id, num_envs) if num_envs > 1 else gym.make(env_id).unwrapped
@@ -86,7 +95,11 @@ def test_a_step_passes_each_module_once(env_id: str, num_envs: int) -> None:
                 stack.append(last)
                 return
             inside = [each for each, _ in stack]
-            if module != last[0] and module in inside and not (owner is not None and owner is last[1]):
+            if (
+                module != last[0]
+                and module in inside
+                and not (owner is not None and owner is last[1])
+            ):
                 again.add(" > ".join([*inside[inside.index(module) :], module]))
             stack.append((module, owner))
         elif event == "return" and stack:
@@ -103,7 +116,11 @@ def test_a_step_passes_each_module_once(env_id: str, num_envs: int) -> None:
 def identifiers(path: Path) -> Iterator[str]:
     """Names in a file's code, without comments and strings."""
     source = io.StringIO(path.read_text(encoding="utf-8"))
-    return (token.string for token in tokenize.generate_tokens(source.readline) if token.type == tokenize.NAME)
+    return (
+        token.string
+        for token in tokenize.generate_tokens(source.readline)
+        if token.type == tokenize.NAME
+    )
 
 
 def test_names_are_of_the_field() -> None:

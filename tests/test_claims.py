@@ -27,7 +27,9 @@ LEFT_OUT = re.compile(
     re.S | re.M,
 )
 CODE_OR_ADDRESS = re.compile(r"`[^`]*`|\]\([^)]*\)")
-COUNT = "(?:two|three|four|five|six|seven|eight|nine|ten|eleven|twelve|fifteen|twenty|fifty|hundred)"
+COUNT = (
+    "(?:two|three|four|five|six|seven|eight|nine|ten|eleven|twelve|fifteen|twenty|fifty|hundred)"
+)
 NUMBER = re.compile(
     r"(?<![\w.,-])[-−±]?\.?(?!(?:19|20)\d\d\))\d"  # years in parentheses are references
     rf"|\b{COUNT}(?:-?fold| (?:times|minutes|hours|points|in|of|out|per)\b(?!\]))"
@@ -35,7 +37,10 @@ NUMBER = re.compile(
     r"|\ba (?:third|quarter|fifth|tenth|hundredth)\b",
     re.I,
 )
-TEXT = {page: (ROOT / page).read_text(encoding="utf-8") for page in {*WALKED, *(row["page"] for row in CLAIMS)}}
+TEXT = {
+    page: (ROOT / page).read_text(encoding="utf-8")
+    for page in {*WALKED, *(row["page"] for row in CLAIMS)}
+}
 
 
 def joined(text: str) -> str:
@@ -54,7 +59,9 @@ def untraced(page: str, text: str) -> list[str]:
 
 @pytest.mark.parametrize("page", WALKED)
 def test_every_number_of_a_page_is_written_by_a_command_or_traced(page: str):
-    assert set(re.findall(r"^<!-- (?:table|text): (.*) -->$", TEXT[page], re.M)) <= set(TABLES | TEXTS)
+    assert set(re.findall(r"^<!-- (?:table|text): (.*) -->$", TEXT[page], re.M)) <= set(
+        TABLES | TEXTS
+    )
     assert untraced(page, TEXT[page]) == []
 
 
@@ -72,7 +79,10 @@ def test_a_new_sentence_with_a_number_is_found(sentence: str):
 
 
 def numbers(text: str) -> set[float]:
-    return {float(found.replace(",", "")) for found in re.findall(r"\d[\d,]*(?:\.\d+)?(?:e-?\d+)?", text)}
+    return {
+        float(found.replace(",", ""))
+        for found in re.findall(r"\d[\d,]*(?:\.\d+)?(?:e-?\d+)?", text)
+    }
 
 
 def source(command: str) -> str | None:

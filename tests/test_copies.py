@@ -16,7 +16,13 @@ from estimators import factory
 from estimators.engine import Compiled
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Fault
-from vessel_gym.envs import ItsunusaAUVEnv, PunaUAVEnv, SegorogeniAUVEnv, SigmaCorvetteEnv, ThesisCorvetteEnv
+from vessel_gym.envs import (
+    ItsunusaAUVEnv,
+    PunaUAVEnv,
+    SegorogeniAUVEnv,
+    SigmaCorvetteEnv,
+    ThesisCorvetteEnv,
+)
 from vessel_gym.sensors import Sensor
 from vessel_gym.system import System
 from vessel_gym.tasks import circle_track, turning_circle
@@ -25,7 +31,9 @@ from vessel_gym.verified import is_verified
 
 ENVS = SigmaCorvetteEnv, ThesisCorvetteEnv, SegorogeniAUVEnv, ItsunusaAUVEnv, PunaUAVEnv
 ITSUNUSA = ItsunusaAUVEnv.system
-FAULT = Fault("stern plane", bias=0.1, loss=0.2, amplitude=0.1, beside=ITSUNUSA.disturbances["rough"])
+FAULT = Fault(
+    "stern plane", bias=0.1, loss=0.2, amplitude=0.1, beside=ITSUNUSA.disturbances["rough"]
+)
 SYSTEMS: dict[str, System] = {env.system.name: env.system for env in ENVS} | {
     "a fault": replace(ITSUNUSA, disturbances={"moderate": FAULT}, estimator="ekf-ui-wdf")
 }
@@ -49,16 +57,26 @@ def copied_part(part: Any) -> Any:
 
 
 def copied_sensor(sensor: Sensor) -> Sensor:
-    return replace(sensor, reads=copied(sensor.reads), inverse=sensor.inverse and copied(sensor.inverse))
+    return replace(
+        sensor, reads=copied(sensor.reads), inverse=sensor.inverse and copied(sensor.inverse)
+    )
 
 
 def flights(
-    system: System, rows: int = 3, estimator: Any = None, steps: int = 12, seed: int = 3, **options: Any
+    system: System,
+    rows: int = 3,
+    estimator: Any = None,
+    steps: int = 12,
+    seed: int = 3,
+    **options: Any,
 ) -> Any:
     """A core after some steps, and all that it gave."""
     core = Core(system, rows, estimator, options)
     core.start(seed)
-    seen, actions = [core.observe()], np.random.default_rng(0).uniform(-1.0, 1.0, (steps, core.action_shape[1]))
+    seen, actions = (
+        [core.observe()],
+        np.random.default_rng(0).uniform(-1.0, 1.0, (steps, core.action_shape[1])),
+    )
     for action in actions:
         reward, _ = core.step(np.tile(action, (rows, 1)))
         seen.append(core.observe())
@@ -69,7 +87,9 @@ COPIES: dict[str, Any] = {
     "vehicle": lambda system: {"vehicle": copied_part(system.vehicle)},
     "task": lambda system: {"task": copied_part(system.task)},
     "sensors": lambda system: {"sensors": tuple(map(copied_sensor, system.vehicle.sensors))},
-    "disturbance": lambda system: {"disturbances": {"moderate": copied_part(system.disturbances["moderate"])}},
+    "disturbance": lambda system: {
+        "disturbances": {"moderate": copied_part(system.disturbances["moderate"])}
+    },
     "tuning": lambda system: {"tuning": copied(system.tuning)},
 }
 
@@ -87,7 +107,9 @@ def test_a_verified_copy_takes_the_road_of_ours_to_the_bit(name: str, part: str)
     assert not core.config.mission.users
     assert isinstance(core.config.world.move, Compiled)
     for function in ("transition", "measurement"):
-        assert isinstance(getattr(core.composition.model, function, None), Compiled | types.MethodType)
+        assert isinstance(
+            getattr(core.composition.model, function, None), Compiled | types.MethodType
+        )
     again = Core(own, 1)
     assert again.config.world is core.config.world
     assert again.config.estimation is core.config.estimation
@@ -101,8 +123,14 @@ def test_the_class_alone_says_whether_it_is_verified() -> None:
 
     beside = copied_part(FAULT.beside)
     worlds = [
-        Core(replace(ITSUNUSA, disturbances={"moderate": replace(FAULT, beside=each)}), estimator="truth").config.world
-        for each in (beside, Rougher(**{each.name: getattr(beside, each.name) for each in fields(beside)}))
+        Core(
+            replace(ITSUNUSA, disturbances={"moderate": replace(FAULT, beside=each)}),
+            estimator="truth",
+        ).config.world
+        for each in (
+            beside,
+            Rougher(**{each.name: getattr(beside, each.name) for each in fields(beside)}),
+        )
     ]
     assert [world.users for world in worlds] == [False, True]
 
@@ -123,7 +151,10 @@ def test_an_object_that_passes_attributes_on_is_not_verified() -> None:
 def test_a_class_of_the_same_name_is_another_one() -> None:
     """As in a notebook whose cell is executed again."""
     one, two = (copied_part(SigmaCorvetteEnv.system.vehicle) for _ in range(2))
-    worlds = [Core(replace(SigmaCorvetteEnv.system, vehicle=each)).config.world for each in (one, two, one)]
+    worlds = [
+        Core(replace(SigmaCorvetteEnv.system, vehicle=each)).config.world
+        for each in (one, two, one)
+    ]
     assert worlds[0] is worlds[2]
     assert worlds[0] is not worlds[1]
 
@@ -147,12 +178,15 @@ def test_a_filter_runs_as_ours_in_a_file_of_ones_own(name: str) -> None:
     assert other.filter.verified
 
 
-# --- copies that nobody has verified are inspected ----------------------------------------------------
+# --- copies that nobody has verified are inspected ------------------------------------------------
 
 
 def copied_module(module: Any, *others: tuple[str, str]) -> Any:
     """A user's module with the text of one of ours, which does not say that it is verified."""
-    text, made = inspect.getsource(module), types.ModuleType(f"own_{module.__name__.rpartition('.')[2]}")
+    text, made = (
+        inspect.getsource(module),
+        types.ModuleType(f"own_{module.__name__.rpartition('.')[2]}"),
+    )
     for name, own in others:
         text = text.replace(f"from {name} import", f"from {own} import")
     text = re.sub(r", verified=True|@verified\n", "", text)
@@ -171,11 +205,17 @@ def inspected() -> dict[str, System]:
     tracks = copied_module(circle_track, ("vessel_gym.tasks.turning_circle", "own_turning_circle"))
     system = SigmaCorvetteEnv.system
     vehicle, task = ships.Ship(system.vehicle.ship), tracks.CircleTrack(system.vehicle.ship)
-    return {"ours": system, "vehicle": replace(system, vehicle=vehicle), "task": replace(system, task=task)}
+    return {
+        "ours": system,
+        "vehicle": replace(system, vehicle=vehicle),
+        "task": replace(system, task=task),
+    }
 
 
 @pytest.mark.parametrize("part", ["vehicle", "task"])
-def test_an_inspected_copy_flies_as_ours_alone_and_in_batches(inspected: dict[str, System], part: str) -> None:
+def test_an_inspected_copy_flies_as_ours_alone_and_in_batches(
+    inspected: dict[str, System], part: str
+) -> None:
     (_, ours), (core, many) = (flights(inspected[name], 9, "ekf", 40) for name in ("ours", part))
     assert core.config.world.users
     assert core.config.world.step.whole

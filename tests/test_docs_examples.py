@@ -7,11 +7,20 @@ from pages import DOCS, blocks
 
 from agents.seeds import evaluation_seeds
 
-ELSEWHERE = {"engine", "recipes/error-state", "recipes/several-models", "studies", "training", "vehicles"}
+ELSEWHERE = {
+    "engine",
+    "recipes/error-state",
+    "recipes/several-models",
+    "studies",
+    "training",
+    "vehicles",
+}
 """Pages whose examples other tests run."""
 FILES = *sorted(DOCS.glob("*.md")), *sorted(DOCS.glob("recipes/*.md"))
 PAGES = [
-    page for page in (file.relative_to(DOCS).with_suffix("").as_posix() for file in FILES) if blocks(page, "python")
+    page
+    for page in (file.relative_to(DOCS).with_suffix("").as_posix() for file in FILES)
+    if blocks(page, "python")
 ]
 LIBRARIES = {"InvertedPendulum": "mujoco", "LunarLander": "Box2D", "pandas": "pandas"}
 
@@ -21,7 +30,9 @@ def test_the_examples_of_a_page_run(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("agents.seeds.evaluation_seeds", lambda *_: evaluation_seeds(3))  # few flights
+    monkeypatch.setattr(
+        "agents.seeds.evaluation_seeds", lambda *_: evaluation_seeds(3)
+    )  # few flights
     names = {"__name__": "page"}
     for code in blocks(page, "python"):
         for name, library in LIBRARIES.items():

@@ -29,7 +29,9 @@ def prose(page: str) -> str:
     """A page without front matter, code, tables, comments and the addresses of its links."""
     text = re.sub(r"\A---\n.*?\n---\n", "", page, flags=re.S)
     text = re.sub(r"\]\([^)]*\)", "]", FENCED.sub("", text))
-    return "\n".join(line for line in text.splitlines() if not line.lstrip().startswith(("|", "<!--", ":")))
+    return "\n".join(
+        line for line in text.splitlines() if not line.lstrip().startswith(("|", "<!--", ":"))
+    )
 
 
 def toctrees(name: str) -> list[str]:
@@ -37,7 +39,11 @@ def toctrees(name: str) -> list[str]:
     found = re.findall(r"^```\{toctree\}\n(.*?)^```", PAGES[name], re.M | re.S)
     entries = (line.strip() for block in found for line in block.splitlines())
     folder = posixpath.dirname(name)
-    return [posixpath.normpath(posixpath.join(folder, entry)) for entry in entries if entry and entry[0] != ":"]
+    return [
+        posixpath.normpath(posixpath.join(folder, entry))
+        for entry in entries
+        if entry and entry[0] != ":"
+    ]
 
 
 def test_every_page_has_its_place_in_one_toctree_and_every_entry_its_page():
@@ -55,21 +61,37 @@ def test_a_page_is_short_and_has_one_title(name: str):
     assert text.lstrip().startswith(titles[0])
 
 
-@pytest.mark.parametrize("name", [name for name, page in PAGES.items() if PICTURE.search(page) or "plt.show" in page])
+@pytest.mark.parametrize(
+    "name", [name for name, page in PAGES.items() if PICTURE.search(page) or "plt.show" in page]
+)
 def test_every_picture_is_there_and_says_what_it_shows(name: str):
     for alt, where in PICTURE.findall(PAGES[name]):
         assert len(alt.split()) >= 3
         assert (DOCS / name).parent.joinpath(where).is_file()
-    cells = [code for _, code in FENCED.findall(PAGES[name]) if re.search(r"plt\.show|_figure\(", code)]
-    assert all(re.search(r"^:    alt: (\S+ ){3,}", code, re.M) for code in cells if PAGES[name].startswith("---"))
+    cells = [
+        code for _, code in FENCED.findall(PAGES[name]) if re.search(r"plt\.show|_figure\(", code)
+    ]
+    assert all(
+        re.search(r"^:    alt: (\S+ ){3,}", code, re.M)
+        for code in cells
+        if PAGES[name].startswith("---")
+    )
 
 
 def test_the_switcher_offers_this_version():
-    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
-    assert version in [one["version"] for one in json.loads((DOCS / "_static" / "switcher.json").read_text())]
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "version"
+    ]
+    assert version in [
+        one["version"] for one in json.loads((DOCS / "_static" / "switcher.json").read_text())
+    ]
 
 
 def test_every_environment_that_needs_no_file_has_a_page_made_from_its_manual():
-    specs = [spec for spec in gym.registry.values() if str(spec.entry_point).startswith("vessel_gym.envs:")]
+    specs = [
+        spec
+        for spec in gym.registry.values()
+        if str(spec.entry_point).startswith("vessel_gym.envs:")
+    ]
     named = {str(spec.entry_point).replace(":", ".") for spec in specs if spec.namespace is None}
     assert set(re.findall(r"^```\{manual\} (\S+)", "\n".join(PAGES.values()), re.M)) == named

@@ -1,7 +1,7 @@
 """The misprints of docs/errata.md: what is printed against what the package computes, and the page against the tests.
 
-Numbers and formulas marked as printed are transcribed from the papers as they stand. What other tests check already is
-not here; the page names them.
+Numbers and formulas marked as printed are transcribed from the papers as they stand. What other
+tests check already is not here; the page names them.
 """
 
 import re
@@ -23,7 +23,7 @@ from vessel_gym.vehicles.puna import trim
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "errata.md").read_text(encoding="utf-8")
 
-# --- C: the thesis on the corvette ------------------------------------------------------------------
+# --- C: the thesis on the corvette ----------------------------------------------------------------
 
 SHIP = load("corvette")
 L, B, T = SHIP.length, SHIP.beam, SHIP.draught
@@ -61,19 +61,29 @@ def half_a_digit(printed: float, digits: int) -> float:
     return 0.5 * 10.0 ** (np.floor(np.log10(abs(printed))) + 1 - digits)
 
 
-def test_table_4_2_is_computed_with_both_misprints_the_printed_block_coefficient_and_3_14_for_pi() -> None:
+def test_table_4_2_is_computed_with_both_misprints_the_printed_block_coefficient_and_3_14_for_pi() -> (
+    None
+):
     digits = {"Nvdot": 5, "Nrdot": 5, "Yr": 5, "Yrdot": 3}
     computed = printed_derivatives(3.14)
     for name, printed in PRINTED.items():
-        assert computed[name] == pytest.approx(printed, abs=half_a_digit(printed, digits.get(name, 2)))
-    assert abs(printed_derivatives(np.pi)["Nvdot"] - PRINTED["Nvdot"]) > half_a_digit(PRINTED["Nvdot"], 5)
+        assert computed[name] == pytest.approx(
+            printed, abs=half_a_digit(printed, digits.get(name, 2))
+        )
+    assert abs(printed_derivatives(np.pi)["Nvdot"] - PRINTED["Nvdot"]) > half_a_digit(
+        PRINTED["Nvdot"], 5
+    )
 
 
-def test_i_z_prime_is_that_of_a_gyration_radius_of_a_fifth_of_the_length_without_l_to_the_fifth() -> None:
+def test_i_z_prime_is_that_of_a_gyration_radius_of_a_fifth_of_the_length_without_l_to_the_fifth() -> (
+    None
+):
     fifth = replace(SHIP, yaw_radius=0.2).clarke["Iz"]
     assert fifth * L**5 == pytest.approx(2.0769e6, rel=5e-5)  # printed 2.0769e-6
     assert fifth == pytest.approx(1.969e-4, abs=5e-8)
-    radius = np.sqrt(2.0769e-6 / SHIP.clarke["m"]) * L  # of what is printed, and the centre of gravity is 5.5 m away
+    radius = (
+        np.sqrt(2.0769e-6 / SHIP.clarke["m"]) * L
+    )  # of what is printed, and the centre of gravity is 5.5 m away
     assert radius == pytest.approx(2.15, abs=5e-3)
     assert radius < SHIP.x_g
 
@@ -81,13 +91,20 @@ def test_i_z_prime_is_that_of_a_gyration_radius_of_a_fifth_of_the_length_without
 def test_the_printed_inertia_matrix_has_a_negative_determinant() -> None:
     assert np.linalg.det(M_PRINTED) == pytest.approx(-2.57e-6, abs=5e-9)
     c, x_g = replace(SHIP, yaw_radius=0.2).clarke, SHIP.x_g / L
-    M = np.array([[c["m"] - c["Yvdot"], c["m"] * x_g - c["Yrdot"]], [c["m"] * x_g - c["Nvdot"], c["Iz"] - c["Nrdot"]]])
+    M = np.array(
+        [
+            [c["m"] - c["Yvdot"], c["m"] * x_g - c["Yrdot"]],
+            [c["m"] * x_g - c["Nvdot"], c["Iz"] - c["Nrdot"]],
+        ]
+    )
     assert np.linalg.det(M) == pytest.approx(4.45e-6, abs=5e-9)
 
 
 def test_eq_4_2_does_not_follow_from_eq_4_1_but_does_with_ten_to_the_plus_six() -> None:
     as_printed = np.linalg.solve(M_PRINTED, np.column_stack([N_PRINTED, [0.0, 1.0]]))
-    np.testing.assert_allclose(as_printed, [[10.59, 6.78, 4239.0], [-8.96, -5.89, -3889.0]], rtol=1e-3)
+    np.testing.assert_allclose(
+        as_printed, [[10.59, 6.78, 4239.0], [-8.96, -5.89, -3889.0]], rtol=1e-3
+    )
 
     c, m, x_g = printed_derivatives(3.14), SHIP.clarke["m"], SHIP.x_g / L
     Iz = replace(SHIP, yaw_radius=0.2).clarke["Iz"] * L**5  # 2.0769e6, as in the test above
@@ -96,7 +113,9 @@ def test_eq_4_2_does_not_follow_from_eq_4_1_but_does_with_ten_to_the_plus_six() 
     np.testing.assert_allclose(M[0], M_PRINTED[0], rtol=0, atol=5e-5)
     np.testing.assert_allclose(N, N_PRINTED, rtol=0, atol=5e-5)
     to_the_digit = [[5e-5, 5e-5, 5e-12], [5e-14, 5e-15, 5e-12]]
-    reproduced = np.linalg.solve(M, np.column_stack([N, [0.0, 1.0]]))  # without the minus of A = -M^-1 N
+    reproduced = np.linalg.solve(
+        M, np.column_stack([N, [0.0, 1.0]])
+    )  # without the minus of A = -M^-1 N
     assert (np.abs(reproduced - np.column_stack([A_PRINTED, B_PRINTED])) <= to_the_digit).all()
 
 
@@ -104,14 +123,21 @@ def test_without_the_minus_of_minus_m_inverse_n_the_sway_of_eq_4_2_runs_away() -
     assert np.linalg.eigvals(A_PRINTED).max() == pytest.approx(0.83, abs=5e-3)
     assert 1.0 + 0.5 * A_PRINTED[0, 0] > 1.4  # a step of eq. 4.3 with the identity that it drops
     c, x_g = SHIP.clarke, SHIP.x_g / L
-    M = np.array([[c["m"] - c["Yvdot"], c["m"] * x_g - c["Yrdot"]], [c["m"] * x_g - c["Nvdot"], c["Iz"] - c["Nrdot"]]])
+    M = np.array(
+        [
+            [c["m"] - c["Yvdot"], c["m"] * x_g - c["Yrdot"]],
+            [c["m"] * x_g - c["Nvdot"], c["Iz"] - c["Nrdot"]],
+        ]
+    )
     N = np.array([[-c["Yv"], c["m"] - c["Yr"]], [-c["Nv"], c["m"] * x_g - c["Nr"]]])
     assert np.linalg.eigvals(-np.linalg.solve(M, N)).real.max() < 0.0
 
 
 def test_eq_4_2_counts_time_in_6_56_s_and_eq_4_3_in_seconds() -> None:
     assert L / SHIP.speed == pytest.approx(6.56, abs=5e-3)
-    assert 0.5 / (L / SHIP.speed) == pytest.approx(0.0762, abs=5e-5)  # the step of 0.5 s in the units of eq. 4.2
+    assert 0.5 / (L / SHIP.speed) == pytest.approx(
+        0.0762, abs=5e-5
+    )  # the step of 0.5 s in the units of eq. 4.2
 
 
 def test_a_rudder_of_the_printed_b_prime_turns_the_ship_two_thousand_times_too_hard() -> None:
@@ -122,7 +148,9 @@ def test_a_rudder_of_the_printed_b_prime_turns_the_ship_two_thousand_times_too_h
 
 def test_a12_and_a21_have_a_wrong_letter_each() -> None:
     rng = np.random.default_rng(0)
-    m, mx, Iz, u0, Yvdot, Yrdot, Nvdot, Nrdot, Yv, Yr, Nv, Nr = rng.uniform(0.5, 2.0, 12) * ([1] * 4 + [-1] * 8)
+    m, mx, Iz, u0, Yvdot, Yrdot, Nvdot, Nrdot, Yv, Yr, Nv, Nr = rng.uniform(0.5, 2.0, 12) * (
+        [1] * 4 + [-1] * 8
+    )
     M = np.array([[m - Yvdot, mx - Yrdot], [mx - Nvdot, Iz - Nrdot]])
     A = -np.linalg.inv(M) @ np.array([[-Yv, m * u0 - Yr], [-Nv, mx * u0 - Nr]])
     det = np.linalg.det(M)
@@ -152,7 +180,9 @@ def test_the_printed_covariance_prediction_lacks_a_sign_the_gain_and_s() -> None
     noise = 1e-3 * np.eye(3)  # eq. 4.6
     printed = Core(THESIS_CORVETTE, estimator_options={"model": "as-printed"}).composition.model
     model = replace(printed, Q=noise, R=1e-3 * np.eye(2))
-    A, C, G, H, Q, R = (np.asarray(matrix) for matrix in (model.A, model.C, model.G, model.H, model.Q, model.R))
+    A, C, G, H, Q, R = (
+        np.asarray(matrix) for matrix in (model.A, model.C, model.G, model.H, model.Q, model.R)
+    )
     prior = np.diag([0.02, 3e-4, 2e-3])
     filter = make("kf-umv-ui", model)
     belief = filter.update(filter.init(Gaussian(np.zeros(3), prior)), np.array([0.1, 0.02]))
@@ -162,13 +192,17 @@ def test_the_printed_covariance_prediction_lacks_a_sign_the_gain_and_s() -> None
     S = np.linalg.inv(H.T @ weight @ (np.eye(2) - C @ K) @ H)
     P = (np.eye(3) + K @ H @ S @ H.T @ weight @ C) @ (np.eye(3) - K @ C) @ prior
     assert belief.input_cov is not None
-    np.testing.assert_allclose(belief.input_cov, S, rtol=1e-9)  # the correction of Table 2.5 is right
+    np.testing.assert_allclose(
+        belief.input_cov, S, rtol=1e-9
+    )  # the correction of Table 2.5 is right
     np.testing.assert_allclose(belief.cov, P, rtol=1e-9, atol=1e-15)
 
     def prediction(cross: np.ndarray) -> np.ndarray:
         return A @ P @ A.T + cross + cross.T + G @ S @ G.T + Q
 
-    np.testing.assert_allclose(predicted.cov, prediction(-A @ K @ H @ S @ G.T), rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(
+        predicted.cov, prediction(-A @ K @ H @ S @ G.T), rtol=1e-9, atol=1e-15
+    )
     assert prediction(A @ C.T @ weight @ H @ G.T)[2, 2] > 2000.0  # rad2: as printed
     assert predicted.cov[2, 2] < 0.01
 
@@ -193,13 +227,15 @@ def test_the_larger_unknown_input_of_simulation_v_is_ten_times_smaller_as_printe
 
     first = unit_step(k) - 2.0 * unit_step(k - 1)
     fifth = 0.1 * unit_step(k) - 0.2 * unit_step(k - 0.1)
-    np.testing.assert_allclose(fifth, 0.1 * first, rtol=0, atol=1e-15)  # k - 0.1 and k - 1 are one at whole k
+    np.testing.assert_allclose(
+        fifth, 0.1 * first, rtol=0, atol=1e-15
+    )  # k - 0.1 and k - 1 are one at whole k
     np.testing.assert_array_equal(first, [1.0] + 194 * [-1.0])
     growth = RMSE_OF_INPUT["V"][0] / RMSE_OF_INPUT["I"][0]
     assert growth == pytest.approx(9.5)  # as if the first had been a tenth of the fifth
 
 
-# --- S: the paper on the Segorogeni -----------------------------------------------------------------
+# --- S: the paper on the Segorogeni ---------------------------------------------------------------
 
 INVERSE = np.array([
     [0.162, -0.0024, 0.8989, 0.0011, 0.0980, 0.0001],
@@ -221,15 +257,38 @@ TABLE_III = np.array([
 def test_the_printed_inverse_gives_back_the_ones_and_zeros_of_eq_11() -> None:
     rows = np.linalg.inv(INVERSE)
     np.testing.assert_allclose(np.diag(rows), 1.0, rtol=0, atol=1e-3)
-    zeros = [(0, 1), (0, 2), (0, 3), (1, 0), (1, 2), (1, 4), (2, 0), (2, 1), (2, 5), (3, 0), (3, 4), (3, 5), (4, 1)]
+    zeros = [
+        (0, 1),
+        (0, 2),
+        (0, 3),
+        (1, 0),
+        (1, 2),
+        (1, 4),
+        (2, 0),
+        (2, 1),
+        (2, 5),
+        (3, 0),
+        (3, 4),
+        (3, 5),
+        (4, 1),
+    ]
     zeros += [(4, 3), (4, 5), (5, 2), (5, 3), (5, 4)]
     np.testing.assert_allclose([rows[i] for i in zeros], 0.0, rtol=0, atol=4e-3)
-    np.testing.assert_allclose(rows[[0, 1, 4, 5], [4, 5, 0, 1]], [0.0526, 0.1184, 8.552, 19.23], rtol=1e-3)
+    np.testing.assert_allclose(
+        rows[[0, 1, 4, 5], [4, 5, 0, 1]], [0.0526, 0.1184, 8.552, 19.23], rtol=1e-3
+    )
 
 
 def test_the_signs_of_roll_s_row_of_eq_11_are_turned() -> None:
     rows = np.linalg.inv(INVERSE)
-    coupled = [(0, 4), (0, 5), (2, 4), (1, 5), (1, 3), (2, 3)]  # an inertia is symmetric: equal signs across
+    coupled = [
+        (0, 4),
+        (0, 5),
+        (2, 4),
+        (1, 5),
+        (1, 3),
+        (2, 3),
+    ]  # an inertia is symmetric: equal signs across
     agree = [rows[i, j] * rows[j, i] > 0.0 for i, j in coupled]
     assert agree == [True, True, True, True, False, False]
 
@@ -237,11 +296,18 @@ def test_the_signs_of_roll_s_row_of_eq_11_are_turned() -> None:
 def test_pitch_and_yaw_inertia_are_an_eighth_of_roll_s_by_the_printed_inverse() -> None:
     rows = np.linalg.inv(INVERSE)
     coupling = {"roll": -rows[3, 1], "pitch": rows[4, 0]}  # m z_G / inertia, with added mass
-    assert coupling["pitch"] / coupling["roll"] == pytest.approx(-7.90, abs=5e-3)  # the sign: see the test above
+    assert coupling["pitch"] / coupling["roll"] == pytest.approx(
+        -7.90, abs=5e-3
+    )  # the sign: see the test above
     mass_per_inertia = coupling["pitch"] / rows[0, 4]
-    assert np.sqrt(1.0 / mass_per_inertia) == pytest.approx(0.078, abs=5e-4)  # m, of a body 0.98 m long
+    assert np.sqrt(1.0 / mass_per_inertia) == pytest.approx(
+        0.078, abs=5e-4
+    )  # m, of a body 0.98 m long
     body = load("segorogeni")
-    roll, pitch = body.roll_inertia - body.coefficients.K_pdot, body.pitch_inertia - body.coefficients.M_qdot
+    roll, pitch = (
+        body.roll_inertia - body.coefficients.K_pdot,
+        body.pitch_inertia - body.coefficients.M_qdot,
+    )
     assert roll < 0.05 * pitch
     assert np.sqrt(body.pitch_inertia / body.mass) == pytest.approx(0.223, abs=5e-4)
 
@@ -249,7 +315,9 @@ def test_pitch_and_yaw_inertia_are_an_eighth_of_roll_s_by_the_printed_inverse() 
 def test_with_roll_and_pitch_inertia_exchanged_and_the_signs_mended_eq_11_is_an_inertia() -> None:
     rows, others = np.linalg.inv(INVERSE), ~np.eye(6, dtype=bool)
     ratio = -rows[4, 0] / rows[3, 1]
-    factors = np.array([1.0, 1.0, 1.0, ratio, -1.0 / ratio, -1.0 / ratio])  # ratio is negative: row 4 changes its signs
+    factors = np.array(
+        [1.0, 1.0, 1.0, ratio, -1.0 / ratio, -1.0 / ratio]
+    )  # ratio is negative: row 4 changes its signs
     mended = np.where(others, rows * factors[:, None], rows)
     assert (np.linalg.eigvals(mended).real > 0.1).all()
     assert (np.linalg.eigvals(rows).real < 0.0).sum() == 2
@@ -275,7 +343,9 @@ def test_eq_17_moves_the_bracket_of_eq_10_across_with_the_wrong_sign() -> None:
 
 
 def test_the_mean_errors_of_table_iii_are_47_cm_in_x_as_in_y() -> None:
-    np.testing.assert_array_equal(np.round(TABLE_III.mean(0), 2), [0.47, 0.47, 0.08, 0.10])  # text: 0.4 and 0.46
+    np.testing.assert_array_equal(
+        np.round(TABLE_III.mean(0), 2), [0.47, 0.47, 0.08, 0.10]
+    )  # text: 0.4 and 0.46
 
 
 def test_table_iii_gives_no_accuracy_of_55_percent() -> None:
@@ -285,7 +355,7 @@ def test_table_iii_gives_no_accuracy_of_55_percent() -> None:
     assert of_the_dive.min() > 0.95
 
 
-# --- I: the paper on the ITSUNUSA -------------------------------------------------------------------
+# --- I: the paper on the ITSUNUSA -----------------------------------------------------------------
 
 TABLE_2 = np.array([
     [0.02568, 0.02079, 0.01582],
@@ -301,26 +371,44 @@ def test_three_centimetres_of_twenty_metres_are_a_hundred_times_the_printed_shar
     assert share == pytest.approx(0.0015)  # printed: 0.0015 per cent
 
 
-def test_the_errors_in_the_text_are_means_over_three_ensembles_and_not_those_of_400_members() -> None:
+def test_the_errors_in_the_text_are_means_over_three_ensembles_and_not_those_of_400_members() -> (
+    None
+):
     means = TABLE_2.mean(1)
-    assert [round(means[0], 2), round(means[1], 2), round(means[2], 3), round(means[3], 2)] == [0.02, 0.02, 0.005, 0.03]
-    assert [round(TABLE_2[0, 2], 3), round(TABLE_2[1, 2], 3), round(TABLE_2[3, 2], 2)] == [0.016, 0.013, 0.02]
+    assert [round(means[0], 2), round(means[1], 2), round(means[2], 3), round(means[3], 2)] == [
+        0.02,
+        0.02,
+        0.005,
+        0.03,
+    ]
+    assert [round(TABLE_2[0, 2], 3), round(TABLE_2[1, 2], 3), round(TABLE_2[3, 2], 2)] == [
+        0.016,
+        0.013,
+        0.02,
+    ]
 
 
-def test_between_spheroid_and_cylinder_the_itsunusa_displaces_six_to_nine_times_its_printed_mass() -> None:
+def test_between_spheroid_and_cylinder_the_itsunusa_displaces_six_to_nine_times_its_printed_mass() -> (
+    None
+):
     body = load("itsunusa")
     cylinder = np.pi / 4.0 * 0.30**2 * 2.0 * body.water_density
-    np.testing.assert_allclose([body.buoyancy / body.gravity, cylinder], [96.6, 144.9], rtol=0, atol=0.05)
+    np.testing.assert_allclose(
+        [body.buoyancy / body.gravity, cylinder], [96.6, 144.9], rtol=0, atol=0.05
+    )
     assert 6.0 < body.buoyancy / body.gravity / 16.0 < cylinder / 16.0 < 9.1
 
 
-# --- R: the paper on the robust filter --------------------------------------------------------------
+# --- R: the paper on the robust filter ------------------------------------------------------------
 
 
 def random_system(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """A ``(3, 3)``, C ``(2, 3)``, Q and R."""
     rng = np.random.default_rng(seed)
-    Q, R = (root @ root.T + 0.1 * np.eye(len(root)) for root in (rng.normal(size=(3, 3)), rng.normal(size=(2, 2))))
+    Q, R = (
+        root @ root.T + 0.1 * np.eye(len(root))
+        for root in (rng.normal(size=(3, 3)), rng.normal(size=(2, 2)))
+    )
     return rng.normal(size=(3, 3)), rng.normal(size=(2, 3)), Q, R
 
 
@@ -348,8 +436,12 @@ def test_the_derivative_of_the_trace_is_minus_two_p_c_transposed_and_so_on() -> 
         return float(np.trace(rest @ P @ rest.T + K @ R @ K.T))
 
     h, units = 1e-5, np.eye(6).reshape(6, 3, 2)
-    slopes = np.array([(cost(K + h * E) - cost(K - h * E)) / (2.0 * h) for E in units]).reshape(3, 2)
-    np.testing.assert_allclose(slopes, -2.0 * P @ C.T + 2.0 * K @ (C @ P @ C.T + R), rtol=0, atol=1e-6)
+    slopes = np.array([(cost(K + h * E) - cost(K - h * E)) / (2.0 * h) for E in units]).reshape(
+        3, 2
+    )
+    np.testing.assert_allclose(
+        slopes, -2.0 * P @ C.T + 2.0 * K @ (C @ P @ C.T + R), rtol=0, atol=1e-6
+    )
     assert (C @ P).shape != K.shape  # printed: -2 C P
 
 
@@ -389,7 +481,7 @@ def test_the_a_of_a_step_is_not_the_a_of_the_differential_equation() -> None:
     np.testing.assert_allclose(push, 1e-4 * B, rtol=0, atol=1e-7)
 
 
-# --- P: the paper on the PUNA -----------------------------------------------------------------------
+# --- P: the paper on the PUNA ---------------------------------------------------------------------
 
 START, GOAL = (-500.0, 100.0), (0.0, 200.0)
 TURN, BEARING = 100.0, np.pi / 6
@@ -399,7 +491,9 @@ TURN, BEARING = 100.0, np.pi / 6
 def test_with_g_sin_alpha_a_body_without_lift_drag_and_thrust_does_not_keep_its_energy() -> None:
     stone = replace(load("puna"), lift=(0.0, 0.0), drag=(0.0, 0.0, 0.0))
     g, gamma, v, alpha = stone.gravity, 0.3, 20.0, 0.05
-    rates = planar_derivative(np.array([gamma, v, 0.0, 100.0]), np.array([0.0, alpha]), stone.vector())
+    rates = planar_derivative(
+        np.array([gamma, v, 0.0, 100.0]), np.array([0.0, alpha]), stone.vector()
+    )
     assert v * rates[1] + g * rates[3] == pytest.approx(0.0, abs=1e-12)
     assert v * (-g * np.sin(alpha)) + g * rates[3] == pytest.approx(48.2, abs=0.05)  # W/kg, printed
 
@@ -415,9 +509,14 @@ def test_a_lift_proportional_to_c_l_alpha_would_carry_a_fiftieth_of_the_aircraft
 
 def test_eq_5_gives_the_left_circle_for_either_sign() -> None:
     x, y, theta, r = 3.0, -2.0, 0.7, TURN
-    printed = [(x + s * r * np.cos(theta + s * np.pi / 2), y + s * r * np.sin(theta + s * np.pi / 2)) for s in (1, -1)]
+    printed = [
+        (x + s * r * np.cos(theta + s * np.pi / 2), y + s * r * np.sin(theta + s * np.pi / 2))
+        for s in (1, -1)
+    ]
     np.testing.assert_allclose(printed[0], printed[1], rtol=1e-12)
-    mended = np.array([(x + r * np.cos(theta + a), y + r * np.sin(theta + a)) for a in (np.pi / 2, -np.pi / 2)])
+    mended = np.array(
+        [(x + r * np.cos(theta + a), y + r * np.sin(theta + a)) for a in (np.pi / 2, -np.pi / 2)]
+    )
     np.testing.assert_allclose(mended[0], printed[0], rtol=1e-12)
     np.testing.assert_allclose(mended.mean(0), [x, y], rtol=1e-12)  # on either side of the vehicle
 
@@ -426,7 +525,9 @@ def test_eq_7_excludes_the_equal_circles_of_both_cases() -> None:
     r_s = r_f = TURN
     found = lengths(np.array([*START, np.pi / 3]), np.array([*GOAL, np.pi / 2]), r_s)[:4]
     assert np.isfinite(found).all()  # LSL, LSR, RSL and RSR: every tangent exists
-    centres = np.hypot(GOAL[0] - START[0] - r_f - r_s * np.cos(BEARING), GOAL[1] - START[1] + r_s * np.sin(BEARING))
+    centres = np.hypot(
+        GOAL[0] - START[0] - r_f - r_s * np.cos(BEARING), GOAL[1] - START[1] + r_s * np.sin(BEARING)
+    )
     outside, inside = (centres + r_s > r_f) and (r_f > r_s), (centres > r_s + r_f) and (r_f > r_s)
     assert not outside
     assert not inside
@@ -437,7 +538,9 @@ def test_eq_15_adds_an_angle_to_a_length() -> None:
         theta, beta, gamma = 0.4, 0.3, 0.2
         return line + r * np.pi + 2 * r * theta - 2 * r * beta - gamma
 
-    assert printed(2000.0, 200.0) != pytest.approx(2.0 * printed(1000.0, 100.0), abs=0.1)  # in other units
+    assert printed(2000.0, 200.0) != pytest.approx(
+        2.0 * printed(1000.0, 100.0), abs=0.1
+    )  # in other units
 
 
 def test_eq_16_is_negative_in_its_first_line_and_has_a_sine_for_a_cosine_in_its_second() -> None:
@@ -477,7 +580,7 @@ def test_members_that_all_start_from_the_mean_forget_the_covariance() -> None:
     np.testing.assert_allclose(np.cov(mean.T), Q, rtol=0, atol=0.01)  # eqs. 10 and 25 as printed
 
 
-# --- the page ---------------------------------------------------------------------------------------
+# --- the page -------------------------------------------------------------------------------------
 
 ROWS = [
     [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
@@ -501,7 +604,9 @@ def test_every_misprint_has_a_number_six_cells_and_a_check_that_exists() -> None
         assert checks or row[-1] == "by reading", row[0]
         for file, name in checks:
             source = (ROOT / (file or HERE)).read_text(encoding="utf-8")
-            assert re.search(rf"^def {name}\(", source, re.M), f"{row[0]} names {name}, which is not there"
+            assert re.search(rf"^def {name}\(", source, re.M), (
+                f"{row[0]} names {name}, which is not there"
+            )
 
 
 def test_every_test_of_a_misprint_is_named_by_the_page() -> None:

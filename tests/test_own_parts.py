@@ -41,11 +41,15 @@ from vessel_gym.vehicles import ship
 
 @pytest.mark.parametrize("module", PAGES)
 def test_a_part_of_ones_own_takes_thirty_lines_at_most_and_a_vehicle_forty(module: str) -> None:
-    assert len([line for line in code(module).splitlines() if line.strip()]) <= (40 if module == "my_vehicle" else 30)
+    assert len([line for line in code(module).splitlines() if line.strip()]) <= (
+        40 if module == "my_vehicle" else 30
+    )
 
 
 @pytest.mark.parametrize("env_id", [*OWN, "Catamaran-v0"])
-def test_filters_run_the_equations_of_a_page_compiled_with_their_exact_derivatives(catamaran: str, env_id: str) -> None:
+def test_filters_run_the_equations_of_a_page_compiled_with_their_exact_derivatives(
+    catamaran: str, env_id: str
+) -> None:
     env: Any = gym.make(env_id, estimator="ekf")
     env.reset(seed=0)
     core = env.unwrapped.core
@@ -54,21 +58,31 @@ def test_filters_run_the_equations_of_a_page_compiled_with_their_exact_derivativ
         assert model.traceable(x, u, name, f"{name}_jacobian")
         jacobian = getattr(model, f"linearise_{name}")(x, u)[1]
         step = 1e-5 * np.eye(model.n)
-        slopes = (function(x + step, np.tile(u, (model.n, 1))) - function(x - step, np.tile(u, (model.n, 1)))) / 2e-5
+        slopes = (
+            function(x + step, np.tile(u, (model.n, 1)))
+            - function(x - step, np.tile(u, (model.n, 1)))
+        ) / 2e-5
         np.testing.assert_allclose(jacobian[0], slopes.T, rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("env_id", OWN)
 @pytest.mark.parametrize("estimator", estimator_names())
-def test_every_estimator_that_ours_carry_carries_a_part_of_ones_own(env_id: str, estimator: str) -> None:
+def test_every_estimator_that_ours_carry_carries_a_part_of_ones_own(
+    env_id: str, estimator: str
+) -> None:
     ours = {"Docking-v0": ItsunusaAUVEnv, "HeavyShip-v0": ShipEnv}.get(env_id, SegorogeniAUVEnv)
     try:
         ours(estimator=estimator)
     except ValueError:
         pytest.skip("ours refuses it, too")
     few = {"pf": {"particles": 20}}
-    flown = rollout("random", env_id, range(2), {"estimator": estimator, "estimator_options": few.get(estimator, {})})
+    flown = rollout(
+        "random",
+        env_id,
+        range(2),
+        {"estimator": estimator, "estimator_options": few.get(estimator, {})},
+    )
     for key in ("truth", "estimate", "covariance"):
         assert np.isfinite(flown.history[key]).all()
     assert np.isfinite(flown.returns).all()
@@ -78,7 +92,8 @@ def test_every_estimator_that_ours_carry_carries_a_part_of_ones_own(env_id: str,
 def test_filters_that_assume_ones_own_sensor_or_disturbance_are_consistent() -> None:
     """64 dives: the mean NEES of 14 components over hundreds of steps lies within a quarter of its expectation.
 
-    Of 1,536 dives on other seeds two missed their goal: that three of 64 do happens once in ten thousand times.
+    Of 1,536 dives on other seeds two missed their goal: that three of 64 do happens once in ten
+    thousand times.
     """
     for env_id in ("Usbl-v0", "Shear-v0"):
         figures = scores(rollout("autopilot", env_id, range(64), {"estimator": "ekf"}))
@@ -127,7 +142,9 @@ estimator = "default"
 
 
 @pytest.mark.slow
-def test_a_study_runs_over_parts_of_ones_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_study_runs_over_parts_of_ones_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from agents.jobs import run
 
     monkeypatch.setattr(flying, "step_times", lambda *_: [])  # half of the time
@@ -141,7 +158,9 @@ def test_a_study_runs_over_parts_of_ones_own(tmp_path: Path, monkeypatch: pytest
 
 def test_the_name_of_another_environment_is_not_taken() -> None:
     for name in ("CartPole-v1", "SegorogeniAUV-v0"):
-        with pytest.raises(ValueError, match="is an environment already: give yours a name of its own"):
+        with pytest.raises(
+            ValueError, match="is an environment already: give yours a name of its own"
+        ):
             register_environment(replace(SegorogeniAUVEnv.system, name=name))
 
 
@@ -172,12 +191,16 @@ def test_numbers_of_ones_own_need_be_neither_doubles_nor_a_row_each() -> None:
     core.start(0, None)
     for steps in range(1, 4):
         core.step(np.full((4, 1), 0.3, np.float32))
-        np.testing.assert_array_equal(core.belief.u[:, 1], np.full(4, np.float32(0.005)))  # not only after a reset
+        np.testing.assert_array_equal(
+            core.belief.u[:, 1], np.full(4, np.float32(0.005))
+        )  # not only after a reset
         np.testing.assert_array_equal(core.total, np.full(4, 0.25 * steps))
         assert core.actuators.dtype == core.reference.dtype == float
     assert np.isfinite(core.observe()).all()
     one = system.vehicle.actuate(np.zeros((1, 1)), np.ones((1, 1)))
-    np.testing.assert_array_equal(system.vehicle.actuate(np.zeros((4, 1)), np.ones((1, 1))), one.repeat(4, 0))
+    np.testing.assert_array_equal(
+        system.vehicle.actuate(np.zeros((4, 1)), np.ones((1, 1))), one.repeat(4, 0)
+    )
 
 
 def test_numbers_that_a_filter_of_ones_own_keeps_stay_those_of_their_step() -> None:
@@ -196,14 +219,17 @@ def test_numbers_that_a_filter_of_ones_own_keeps_stay_those_of_their_step() -> N
         np.testing.assert_array_equal(rng.normals(3), drawn)
 
 
-# --- a vehicle of one's own equations ------------------------------------------------------------------
+# --- a vehicle of one's own equations -------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def catamaran() -> str:
     """Its environment, registered as the page does, and what the page's controller says of its flight."""
     with contextlib.redirect_stdout(io.StringIO()) as said:
-        exec(compile(blocks("own-equations", "python")[0], "own-equations", "exec"), {"__name__": "page"})
+        exec(
+            compile(blocks("own-equations", "python")[0], "own-equations", "exec"),
+            {"__name__": "page"},
+        )
     return said.getvalue()
 
 
@@ -214,7 +240,9 @@ def test_the_vehicle_of_the_page_reaches_its_mark(catamaran: str) -> None:
     assert 0.2 < float(found[2]) <= 1.0
 
 
-def test_filters_of_ones_own_equations_are_as_good_as_they_say_and_rows_alike(catamaran: str) -> None:
+def test_filters_of_ones_own_equations_are_as_good_as_they_say_and_rows_alike(
+    catamaran: str,
+) -> None:
     """The mean NEES of 200 rows within its band, left by chance once in 10,000 times; a row is a single environment."""
     made = {"num_envs": 200, "sensors": "nominal", "disturbance": "moderate"}
     many, one = gym.make_vec("Catamaran-v0", **made), gym.make("Catamaran-v0")
@@ -238,11 +266,14 @@ def test_equations_of_another_shape_are_refused_in_a_sentence(
 ) -> None:
     wrong = type("Wrong", (my_vehicle.Catamaran,), {name: lambda self, *given: np.zeros(shape)})
     system = replace(gym.spec("Catamaran-v0").entry_point.system, vehicle=wrong())
-    with pytest.raises(ValueError, match=rf"^{name} of Wrong must give a row of 5 numbers .* {re.escape(str(shape))}$"):
+    with pytest.raises(
+        ValueError,
+        match=rf"^{name} of Wrong must give a row of 5 numbers .* {re.escape(str(shape))}$",
+    ):
         Core(system, 1)
 
 
-# --- what users' functions may do ----------------------------------------------------------------------
+# --- what users' functions may do -----------------------------------------------------------------
 
 SYSTEM = SegorogeniAUVEnv.system
 STATES = SYSTEM.vehicle.state_names
@@ -304,7 +335,14 @@ class WritingTask(Task):
         return np.zeros(len(reference), bool)
 
     def score(
-        self, state: Any, exogenous: Any, reference: Any, over: Any, actuators: Any, action: Any, score_state: Any
+        self,
+        state: Any,
+        exogenous: Any,
+        reference: Any,
+        over: Any,
+        actuators: Any,
+        action: Any,
+        score_state: Any,
     ) -> Any:
         reward = np.exp(-np.abs(state[:, 4]))
         self._spoil(state, exogenous, reference, actuators, action)
@@ -347,15 +385,23 @@ def written(part: str, writes: bool) -> Core:
         made = (WritesAll if writes else WritingVehicle)(ItsunusaAUVEnv.system.vehicle.body)
         return Core(replace(ItsunusaAUVEnv.system, vehicle=made), 3, "ukf")
     if part == "task":
-        return Core(replace(ItsunusaAUVEnv.system, task=WritingTask(writes)), 3, "ekf", observe="mean+std")
-    options = {"disturbance": Writing(writes)} if part == "effect" else {"sensors": writing_sensors(writes)}
+        return Core(
+            replace(ItsunusaAUVEnv.system, task=WritingTask(writes)), 3, "ekf", observe="mean+std"
+        )
+    options = (
+        {"disturbance": Writing(writes)}
+        if part == "effect"
+        else {"sensors": writing_sensors(writes)}
+    )
     if part == "fault":
         options = {"disturbance": Fault("stern plane", bias=0.02, beside=Writing(writes))}
     return Core(SYSTEM, 3, "ekf", **options)
 
 
 @pytest.mark.parametrize("part", ["effect", "fault", "reads", "vehicle", "task"])
-def test_a_function_that_writes_where_it_reads_changes_neither_truth_nor_belief_nor_observation(part: str) -> None:
+def test_a_function_that_writes_where_it_reads_changes_neither_truth_nor_belief_nor_observation(
+    part: str,
+) -> None:
     """To the last bit: the twin whose functions leave alone what they read flies the same."""
     one, other = written(part, writes=True), written(part, writes=False)
     for core in (one, other):
@@ -363,7 +409,10 @@ def test_a_function_that_writes_where_it_reads_changes_neither_truth_nor_belief_
     for _ in range(4):
         for core in (one, other):
             core.step(np.full(core.action_shape, 0.4))
-        ours, theirs = one.info() | {"seen": one.observe()}, other.info() | {"seen": other.observe()}
+        ours, theirs = (
+            one.info() | {"seen": one.observe()},
+            other.info() | {"seen": other.observe()},
+        )
         for name, values in ours.items():
             np.testing.assert_array_equal(values, theirs[name], name)
 
@@ -431,7 +480,9 @@ def test_a_vehicle_that_gives_nan_is_refused_and_one_that_has_run_away_is_not() 
 
     class Flees(WritingVehicle):
         def step(self, state: Any, *others: Any) -> Any:
-            return 1e60 * (1.0 + np.abs(super().step(np.clip(state, -1.0, 1.0), *others)) + np.abs(state))
+            return 1e60 * (
+                1.0 + np.abs(super().step(np.clip(state, -1.0, 1.0), *others)) + np.abs(state)
+            )
 
     body = ItsunusaAUVEnv.system.vehicle.body
     message = refused(Core(replace(ItsunusaAUVEnv.system, vehicle=Breaks(body)), 3, "ekf"), 100)
@@ -457,11 +508,16 @@ def test_an_end_that_there_is_not_is_refused(end: float) -> None:
     assert message.startswith("score of Ends gave the numbers of end_reasons [")
 
 
-# --- arrays of users' functions ------------------------------------------------------------------------
+# --- arrays of users' functions -------------------------------------------------------------------
 
 THESIS = ThesisCorvetteEnv.system
 MALFORMED = [
-    ("vehicle", "start", lambda x: (None, x[1]), "as the state, must give an array of real numbers, got None"),
+    (
+        "vehicle",
+        "start",
+        lambda x: (None, x[1]),
+        "as the state, must give an array of real numbers, got None",
+    ),
     ("vehicle", "step", lambda x: x[:1], "must give a row of 8 numbers for each vehicle: for 3 "),
     ("vehicle", "parameters", lambda x: x[:, :2], "must give a row of 28 numbers"),
     ("vehicle", "known_input", lambda x: x * np.nan, "must give finite numbers"),
@@ -471,11 +527,26 @@ MALFORMED = [
     ("task", "sizes", lambda x: {}, "must give guided, got {}"),
     ("task", "reference", lambda x: x[:1], "must give a row of 5 numbers for each vehicle: for 3 "),
     ("task", "commanded", lambda x: x * np.nan, "must give finite numbers"),
-    ("task", "observe", lambda x: x if len(x) == 1 else x[:, : 6 + (np.abs(x[0, 4]) < 1e-9)], "must give a row of 7 "),
+    (
+        "task",
+        "observe",
+        lambda x: x if len(x) == 1 else x[:, : 6 + (np.abs(x[0, 4]) < 1e-9)],
+        "must give a row of 7 ",
+    ),
     ("task", "over", lambda x: "a", "must give an array of real numbers, got 'a'"),
     ("task", "score", lambda x: None, "must give 3 arrays, reward, end, score_state, got None"),
-    ("task", "score", lambda x: (x[0][:1], *x[1:]), "as the reward, must give one number for each vehicle: for 3 "),
-    ("task", "score", lambda x: (*x[:2], np.zeros((3, 1))), "as the score_state, must give a row of 2 numbers"),
+    (
+        "task",
+        "score",
+        lambda x: (x[0][:1], *x[1:]),
+        "as the reward, must give one number for each vehicle: for 3 ",
+    ),
+    (
+        "task",
+        "score",
+        lambda x: (*x[:2], np.zeros((3, 1))),
+        "as the score_state, must give a row of 2 numbers",
+    ),
 ]
 
 
@@ -523,14 +594,20 @@ def test_nan_in_a_score_state_is_refused_and_infinity_and_rewards_of_any_range_a
             return -2000.0 * reward, end, score_state + later
 
         return own(
-            "task", initial_score_state=lambda self, state, scenario: np.full((len(state), 2), first), score=score
+            "task",
+            initial_score_state=lambda self, state, scenario: np.full((len(state), 2), first),
+            score=score,
         )
 
     core = flown(remembering(np.inf, 0.0))
     assert (core.total < -1.0).all()
     assert np.isinf(core.now.score_state).all()
     with pytest.raises(
-        ValueError, match=r"^score of Mine, as the score_state, gave \[nan, nan\] at step 1 in row 0: it must give"
+        ValueError,
+        match=(
+            r"^score of Mine, as the score_state, gave \[nan, nan\] at step 1 in row 0: it must"
+            r" give"
+        ),
     ):
         flown(remembering(0.0, np.nan))
 
@@ -552,7 +629,9 @@ def test_a_subclass_flies_to_the_bit_as_the_parts_that_it_derives_from() -> None
      ("effect", lambda self, z, state: z * 1j, "effect of Own must give real numbers, got "),
      ("effect", lambda self, z, state: z if len(z) != 3 else z.tolist()[:1], "effect of Own must give a row of 2 ")],
 )  # fmt: skip
-def test_a_disturbance_of_no_use_is_refused_in_a_sentence(member: str, value: Any, sentence: str) -> None:
+def test_a_disturbance_of_no_use_is_refused_in_a_sentence(
+    member: str, value: Any, sentence: str
+) -> None:
     made = {"names": ("a", "b"), "forces": ("current north", "current east"), "assumed_as": "process-noise",
             "process": Process.wandering((0.2, 0.2), 200.0, 0.5)}  # fmt: skip
     disturbance = type("Own", (Disturbance,), made | {member: value})()
@@ -560,7 +639,7 @@ def test_a_disturbance_of_no_use_is_refused_in_a_sentence(member: str, value: An
         flown(SigmaCorvetteEnv.system, disturbance=disturbance)
 
 
-# --- compiled as ours ---------------------------------------------------------------------------------
+# --- compiled as ours -----------------------------------------------------------------------------
 
 
 class Windy(my_vehicle.Catamaran):
@@ -596,7 +675,12 @@ def test_a_vehicle_that_draws_random_numbers_flies_in_numpy(catamaran: str) -> N
         def step(self, state: Any, *others: Any) -> Any:
             return super().step(state, *others) + 0.01 * rng.standard_normal(state.shape)
 
-    core = Core(replace(gym.spec("Catamaran-v0").entry_point.system, vehicle=Tossed()), 3, "truth", disturbance="calm")
+    core = Core(
+        replace(gym.spec("Catamaran-v0").entry_point.system, vehicle=Tossed()),
+        3,
+        "truth",
+        disturbance="calm",
+    )
     core.start(0)
     core.step(np.zeros((3, 2)))
     assert not core.config.world.step.whole
@@ -626,5 +710,8 @@ def test_a_function_that_does_not_repeat_itself_is_refused_when_an_environment_i
         ),
         "drift of Rolling": lambda: Core(replace(ItsunusaAUVEnv.system, vehicle=rolling), 1),
     }.items():
-        with pytest.raises(ValueError, match=f"^{who} gave two values for the same arguments: it must depend on these"):
+        with pytest.raises(
+            ValueError,
+            match=f"^{who} gave two values for the same arguments: it must depend on these",
+        ):
             make()

@@ -22,13 +22,17 @@ NOTEBOOKS = (DOCS / "tutorials" / "own-filter.md", *sorted((DOCS / "id").glob("*
 
 def examples(page: Path) -> list[str]:
     """Python of a page, without the options of cells."""
-    found = re.findall(r"```(?:python|\{code-cell\})\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    found = re.findall(
+        r"```(?:python|\{code-cell\})\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL
+    )
     return [re.sub(r"^:.*\n", "", code, flags=re.M) for code in found]
 
 
 def test_the_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    cells = json.loads((DOCS / "notebooks" / "first-ship.ipynb").read_text(encoding="utf-8"))["cells"]
+    cells = json.loads((DOCS / "notebooks" / "first-ship.ipynb").read_text(encoding="utf-8"))[
+        "cells"
+    ]
     code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
     assert "%pip" in code[0]
     namespace: dict[str, object] = {"__name__": "notebook"}
@@ -37,13 +41,15 @@ def test_the_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 OWN = examples(NOTEBOOKS[0])[0]
-EXAMPLES = {f"{page.relative_to(ROOT)} {i}": code for page in PAGES for i, code in enumerate(examples(page))} | {
-    f"{page.relative_to(ROOT)} all": "".join(examples(page)) for page in NOTEBOOKS
-}
+EXAMPLES = {
+    f"{page.relative_to(ROOT)} {i}": code for page in PAGES for i, code in enumerate(examples(page))
+} | {f"{page.relative_to(ROOT)} all": "".join(examples(page)) for page in NOTEBOOKS}
 
 
 def test_each_page_has_an_example() -> None:
-    assert {name.split(" ")[0] for name in EXAMPLES} == {str(page.relative_to(ROOT)) for page in (*PAGES, *NOTEBOOKS)}
+    assert {name.split(" ")[0] for name in EXAMPLES} == {
+        str(page.relative_to(ROOT)) for page in (*PAGES, *NOTEBOOKS)
+    }
 
 
 @pytest.mark.parametrize("example", EXAMPLES.values(), ids=EXAMPLES)
@@ -73,4 +79,6 @@ def test_the_links_of_the_readme_lead_from_the_page_of_the_package_to_files_that
 
 
 def test_the_install_line_of_the_readme_has_what_its_other_lines_import() -> None:
-    assert "pip install -c constraints.txt -e '.[all]'" in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert "pip install -c constraints.txt -e '.[all]'" in (ROOT / "README.md").read_text(
+        encoding="utf-8"
+    )

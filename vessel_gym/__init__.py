@@ -1,7 +1,8 @@
 """Gymnasium environments with a state estimator in the loop.
 
 Importing this package registers its environments; ``gymnasium.make("vessel_gym:SigmaCorvette-v0")``
-does so by itself. An agent sees what a filter believes; the truth moves underneath and is kept for scoring.
+does so by itself. An agent sees what a filter believes; the truth moves underneath and is kept for
+scoring.
 """
 
 from gymnasium.envs.registration import register
@@ -10,8 +11,8 @@ from vessel_gym.shadowing import shadowing
 
 if _file := shadowing("estimators"):
     raise ImportError(
-        f"vessel_gym needs its own package estimators, but {_file} is found first: rename that file or folder, or "
-        "start your script by python -P or from a subfolder",
+        f"vessel_gym needs its own package estimators, but {_file} is found first: rename that file"
+        " or folder, or start your script by python -P or from a subfolder",
         name=__name__,  # so that python -m vessel_gym prints the sentence alone
     )
 

@@ -9,7 +9,8 @@ from vessel_gym.shadowing import FOLDER, shadowing
 def main() -> int | None:
     """Run the command that the command line names; returns its exit status, if it has one.
 
-    The commands are in ``agents``, a floor above: they are imported by name. The user's own ``agents`` stays behind.
+    The commands are in ``agents``, a floor above: they are imported by name. The user's own
+    ``agents`` stays behind.
     """
     if shadowing("agents"):
         sys.path.insert(0, FOLDER)

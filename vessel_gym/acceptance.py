@@ -1,6 +1,7 @@
 """Refusals of filters before anything is flown, by their models along a nominal flight.
 
-That measurements do not tell of an unknown input; that a filter of a user's own cannot take an ordinary step.
+That measurements do not tell of an unknown input; that a filter of a user's own cannot take an
+ordinary step.
 """
 
 from contextlib import suppress
@@ -33,12 +34,20 @@ def checked_vehicle(vehicle: Vehicle) -> Any:
     """The vehicle if it is verified, and otherwise with `CheckedMethods`, after one step.
 
     Raises:
-        ValueError: naming the function that does not repeat itself, or gives another number of values.
+        ValueError: naming the function that does not repeat itself, or gives another number of
+            values.
     """
     if is_verified(vehicle):
         return vehicle
-    title, (x, u) = type(vehicle).__name__, (np.asarray(each, float)[None] for each in vehicle.cruise)
-    widths = {"state": len(vehicle.state_names), "parameters": len(vehicle.parameter_names), "known input": u.shape[1]}
+    title, (x, u) = (
+        type(vehicle).__name__,
+        (np.asarray(each, float)[None] for each in vehicle.cruise),
+    )
+    widths = {
+        "state": len(vehicle.state_names),
+        "parameters": len(vehicle.parameter_names),
+        "known input": u.shape[1],
+    }
     checked = CheckedMethods(vehicle, **widths)
     _fix_columns(checked, "actuators", _columns_of_base(vehicle, "start", x), "start", x)
     state, actuators = checked.start(x)
@@ -64,10 +73,14 @@ def checked_task(task: Task, vehicle: Vehicle) -> Any:
     if is_verified(task):
         return task
     outside = len(vehicle.increments + vehicle.ambient_flows)
-    checked = CheckedMethods(task, prior=len(vehicle.estimated(vehicle.kinds[0])), exogenous=outside)
+    checked = CheckedMethods(
+        task, prior=len(vehicle.estimated(vehicle.kinds[0])), exogenous=outside
+    )
     drawn = np.full((1, task.uniforms), 0.5)
     base = np.full((1, max(task.uniforms, getattr(_verified_base(task), "uniforms", 0))), 0.5)
-    scenario = _fix_columns(checked, "scenario", _columns_of_base(task, "scenario", base, {}), "scenario", drawn, {})
+    scenario = _fix_columns(
+        checked, "scenario", _columns_of_base(task, "scenario", base, {}), "scenario", drawn, {}
+    )
     x, step = np.array(checked.prior(scenario).mean), np.zeros(1, int)
     if hasattr(task, "exogenous"):
         checked.exogenous(scenario, step)
@@ -81,7 +94,11 @@ def checked_task(task: Task, vehicle: Vehicle) -> Any:
 
 def checked_disturbance(disturbance: Disturbance) -> Any:
     """The disturbance if it is verified, and otherwise with `CheckedMethods`."""
-    return disturbance if is_verified(disturbance) else CheckedMethods(disturbance, effect=len(disturbance.forces))
+    return (
+        disturbance
+        if is_verified(disturbance)
+        else CheckedMethods(disturbance, effect=len(disturbance.forces))
+    )
 
 
 def _verified_base(part: Any) -> Any:
@@ -91,7 +108,9 @@ def _verified_base(part: Any) -> Any:
 
 def _columns_of_base(part: Any, name: str, *arguments: Any) -> int:
     """Columns of what a method gives in the verified class that a part derives from, which reads them."""
-    with suppress(Exception):  # its own class need not have what the base computes with, and then gives its own
+    with suppress(
+        Exception
+    ):  # its own class need not have what the base computes with, and then gives its own
         given = getattr(_verified_base(part), name)(part, *map(copied, arguments))
         return int((given[-1] if isinstance(given, tuple) else given).shape[1])
     return 0
@@ -114,20 +133,22 @@ def check_causal(sensors: Sensors, forces: Forces) -> None:
         ValueError: naming both.
     """
     for name in forces.disturbance.averaged:
-        feedthrough = seen_anywhere(forces.vehicle, sensors)[:, input_channels(forces.vehicle).index(name)]
+        feedthrough = seen_anywhere(forces.vehicle, sensors)[
+            :, input_channels(forces.vehicle).index(name)
+        ]
         if feedthrough.any():
             raise ValueError(
-                f"{sensors.of_channel(np.argmax(feedthrough)).name} reads {name}, a mean over the coming "
-                "step: let it read states, increments, currents or forces"
+                f"{sensors.of_channel(np.argmax(feedthrough)).name} reads {name}, a mean over the"
+                " coming step: let it read states, increments, currents or forces"
             )
 
 
 def check_input(filter: Filter, composition: Composition) -> None:
     """Refuse a filter of an unknown input d that the measurements do not determine.
 
-    Checked along a nominal flight, with those measurements that arrive in every step (between less frequent ones d
-    keeps its prior). They must determine all of d, each component with a standard deviation of at most `VAGUEST` times
-    its assumed size, and the estimate's error must not grow.
+    Checked along a nominal flight, with those measurements that arrive in every step (between less
+    frequent ones d keeps its prior). They must determine all of d, each component with a standard
+    deviation of at most `VAGUEST` times its assumed size, and the estimate's error must not grow.
 
     Raises:
         ValueError: saying what fails, and by how much.
@@ -141,7 +162,9 @@ def check_input(filter: Filter, composition: Composition) -> None:
     base, u = nominal_flight(composition.vehicle, composition.names[: composition.base])
     x = np.zeros((len(base), model.n))
     x[:, : composition.base] = base
-    often = np.flatnonzero(np.array([sensor.period(sensors.dt) for sensor in sensors.each])[sensors.owner] == 1)
+    often = np.flatnonzero(
+        np.array([sensor.period(sensors.dt) for sensor in sensors.each])[sensors.owner] == 1
+    )
     Q, R = (resolve(matrix, u[0]) for matrix in (model.Q, model.R))
     prior, names = composition.forces.input_cov, ", ".join(composition.inputs)
 
@@ -150,25 +173,34 @@ def check_input(filter: Filter, composition: Composition) -> None:
             return "no sensor reads in every step"
         found = input_conditions(A, C[often], G, H[often], Q, R[np.ix_(often, often)], prior)
         if found.rank < model.q:
-            return f"the measurements of every step determine {found.rank} of its {model.q} directions"
+            return (
+                f"the measurements of every step determine {found.rank} of its {model.q} directions"
+            )
         vague = int(np.argmax(found.sd))
         if found.sd[vague] > VAGUEST:
             size = f"{found.sd[vague]:.1f} times its assumed size ({VAGUEST:g} at most)"
-            return f"one step determines {composition.inputs[vague]} to a standard deviation of {size}"
+            return (
+                f"one step determines {composition.inputs[vague]} to a standard deviation of {size}"
+            )
         farthest = np.abs(found.zeros).max(initial=0.0)
         if farthest > 1.0 + 1e-6:
-            return f"it adds a zero of modulus {farthest:.3g}, outside the unit circle, so that errors grow"
+            return (
+                f"it adds a zero of modulus {farthest:.3g}, outside the unit circle, so that errors"
+                " grow"
+            )
         return ""
 
     A, C = model.linearise_transition(x, u)[1], model.linearise_measurement(x, u)[1]
     G, H = model.input_matrix(x, u), resolve(model.H, u)  # type: ignore[arg-type]
     given = (A, C, A @ G, C @ G + H) if model.delayed_feedthrough else (A, C, G, H)
-    for matrices in zip(*(np.broadcast_to(each, (len(x), *each.shape[-2:])) for each in given), strict=True):
+    for matrices in zip(
+        *(np.broadcast_to(each, (len(x), *each.shape[-2:])) for each in given), strict=True
+    ):
         if why := failing(*matrices):
             acting = type(composition.forces.disturbance).__name__
             raise ValueError(
-                f'{filter.name} cannot assume {acting} as "{composition.assumed_as}", with the unknown input {names}: '
-                f'{why}; assume it with {{"as": "states"}}, or add a sensor'
+                f'{filter.name} cannot assume {acting} as "{composition.assumed_as}", with the'
+                f' unknown input {names}: {why}; assume it with {{"as": "states"}}, or add a sensor'
             )
 
 
@@ -179,11 +211,16 @@ def _check_timing(filter: Filter, model: LinearModel | NonlinearModel) -> None:
         ValueError: saying of which step measurements contain it.
     """
     fed = callable(model.H) or np.any(model.H)
-    if fed and filter.input_delay is not None and filter.model.delayed_feedthrough != model.delayed_feedthrough:
+    if (
+        fed
+        and filter.input_delay is not None
+        and filter.model.delayed_feedthrough != model.delayed_feedthrough
+    ):
         raise ValueError(
-            f"{filter.name} takes its unknown input at another time than measurements show it: they contain that of "
-            f"the step that {'has ended' if model.delayed_feedthrough else 'comes'}; build it on a model with "
-            f"delayed_feedthrough={model.delayed_feedthrough}"
+            f"{filter.name} takes its unknown input at another time than measurements show it: they"
+            " contain that of the step that"
+            f" {'has ended' if model.delayed_feedthrough else 'comes'}; build it on a model with"
+            f" delayed_feedthrough={model.delayed_feedthrough}"
         )
 
 
@@ -204,7 +241,9 @@ def check_own(filter: Filter, composition: Composition) -> None:
 def nominal_flight(vehicle: Vehicle, estimated: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Estimated states ``(k, n)`` and known inputs ``(k, m)``: cruising, and a while after small deflections."""
     cruising, actions = vehicle.cruise[0], len(vehicle.action_names)
-    action = _DEFLECTED * np.vstack([np.zeros(actions), np.random.default_rng(0).uniform(-1.0, 1.0, (2, actions))])
+    action = _DEFLECTED * np.vstack(
+        [np.zeros(actions), np.random.default_rng(0).uniform(-1.0, 1.0, (2, actions))]
+    )
     rows = len(action)
 
     def whole(values: np.ndarray) -> np.ndarray:
@@ -218,4 +257,6 @@ def nominal_flight(vehicle: Vehicle, estimated: tuple[str, ...]) -> tuple[np.nda
         before, after = after, whole(vehicle.actuate(after, action))
         state = whole(vehicle.step(state, before, after, calm, parameters))
     places = [vehicle.state_names.index(name) for name in estimated]
-    return state[:, places], whole(vehicle.known_input(after, whole(vehicle.actuate(after, action)), None))
+    return state[:, places], whole(
+        vehicle.known_input(after, whole(vehicle.actuate(after, action)), None)
+    )

@@ -29,7 +29,8 @@ def check_numbers(of: object, values: Mapping[str, object] | None = None, **kind
     Args:
         of: A record with the numbers; or the name of a function, whose arguments are ``values``.
         values: Numbers by name.
-        **kinds: Names of numbers by the kind of `RANGES`, separated by spaces; one with a question mark may be None.
+        **kinds: Names of numbers by the kind of `RANGES`, separated by spaces; one with a question
+            mark may be None.
 
     Raises:
         ValueError: naming the number, and what it must be.
@@ -51,7 +52,9 @@ def check_pair(name: str, value: object, low: float = 0.0) -> None:
     """
     pair = numbers(value)
     if pair is None or pair.shape != (2,) or not low < pair[0] <= pair[1] < LARGEST:
-        raise ValueError(f"{name} must be (least, greatest), both above {low:g}, got {short_repr(value)}")
+        raise ValueError(
+            f"{name} must be (least, greatest), both above {low:g}, got {short_repr(value)}"
+        )
 
 
 def instance(name: str, value: object, kind: type) -> None:
@@ -104,7 +107,9 @@ def options(name: str, value: object) -> dict[str, Any]:
     if value is None:
         return {}
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
-        raise TypeError(f"{name} must be a dictionary of values by name, or None, got {short_repr(value)}")
+        raise TypeError(
+            f"{name} must be a dictionary of values by name, or None, got {short_repr(value)}"
+        )
     return dict(value)
 
 
@@ -116,7 +121,9 @@ def is_integer(value: object) -> bool:
 _FEW = 4  # numbers that take less time in Python than in NumPy
 
 
-def checked_action(action: Any, shape: tuple[int, ...], ended: np.ndarray | None = None) -> np.ndarray:
+def checked_action(
+    action: Any, shape: tuple[int, ...], ended: np.ndarray | None = None
+) -> np.ndarray:
     """An action of this shape as floats ``(B, a)`` clipped to [-1, 1], and 0 where an episode has ended.
 
     Raises:
@@ -130,9 +137,12 @@ def checked_action(action: Any, shape: tuple[int, ...], ended: np.ndarray | None
     checked = np.array(asked, float, order="C", ndmin=2)
     if ended is not None:
         checked[ended] = 0.0
-    if checked.size <= _FEW and all(-1.0 <= each <= 1.0 for row in checked.tolist() for each in row):
+    if checked.size <= _FEW and all(
+        -1.0 <= each <= 1.0 for row in checked.tolist() for each in row
+    ):
         return checked
-    # The sum of squares is finite if all are, unless it overflows; it takes a fifth of the time of looking at each.
+    # The sum of squares is finite if all are, unless it overflows; it takes a fifth of the time of
+    # looking at each.
     if not math.isfinite(np.vdot(checked, checked)) and not np.isfinite(checked).all():
         raise ValueError("action must be finite, got NaN or infinity")
     return checked.clip(-1.0, 1.0)

@@ -34,12 +34,18 @@ TERMINATIONS = ("belief", "task")
 
 @shared
 def _world(
-    system: System, sensors: str | Sequence[Sensor], faults: Sequence[SensorFault], disturbance: str | Disturbance
+    system: System,
+    sensors: str | Sequence[Sensor],
+    faults: Sequence[SensorFault],
+    disturbance: str | Disturbance,
 ) -> World:
     """Vehicle, sensors and disturbance of an environment."""
     vehicle = checked_vehicle(system.vehicle)
     task = checked_task(system.task, vehicle)
-    given, forces = system.sensors_of(sensors, faults), Forces(system.vehicle, chosen_disturbance(system, disturbance))
+    given, forces = (
+        system.sensors_of(sensors, faults),
+        Forces(system.vehicle, chosen_disturbance(system, disturbance)),
+    )
     check_causal(given, forces)
     users = not (forces.verified and given.verified and is_verified(system.task))
     return World(vehicle, forces, checked_disturbance(forces.disturbance), given, task, users)
@@ -50,34 +56,40 @@ class Options:
     """The arguments of an environment.
 
     Args:
-        estimator: Name of the estimator; None is the environment's default. Beside the filters of the `estimators`
-            package there are ``truth`` (oracle), ``measurement`` (last measurement, zero-order hold) and
-            ``dead-reckoning``. An `estimators.Filter` subclass, or a function of the model that returns a filter, also
-            serves.
-        estimator_options: Options of the estimator, over the environment's tuning. ``model`` chooses the filter's model
-            where there are several, ``assume`` its assumptions about the world (see
-            `vessel_gym.estimation.Assumptions`). ``late`` is the use of late measurements: ``"fused"`` at their own
-            time (the default), ``"as new"`` or ``"discarded"``.
-        sensors: ``"clean"``, ``"nominal"``, ``"degraded"`` (10 % more drop-outs, and 5 % outliers of ten times the
-            noise), ``"budget"`` (cheap instruments by their datasheets, with biases that filters estimate) or
-            ``"denied"`` (nominal ones, without the position fix for 120 s), see docs/sensor-suites.md. A list of
-            `vessel_gym.sensors.Sensor` gives your own, among them those of ``system.vehicle.sensors``.
-        disturbance: ``"calm"``, ``"moderate"`` or ``"rough"``, or a `vessel_gym.disturbances.Disturbance` of your own.
+        estimator: Name of the estimator; None is the environment's default. Beside the filters of
+            the `estimators` package there are ``truth`` (oracle), ``measurement`` (last
+            measurement, zero-order hold) and ``dead-reckoning``. An `estimators.Filter` subclass,
+            or a function of the model that returns a filter, also serves.
+        estimator_options: Options of the estimator, over the environment's tuning. ``model``
+            chooses the filter's model where there are several, ``assume`` its assumptions about the
+            world (see `vessel_gym.estimation.Assumptions`). ``late`` is the use of late
+            measurements: ``"fused"`` at their own time (the default), ``"as new"`` or
+            ``"discarded"``.
+        sensors: ``"clean"``, ``"nominal"``, ``"degraded"`` (10 % more drop-outs, and 5 % outliers
+            of ten times the noise), ``"budget"`` (cheap instruments by their datasheets, with
+            biases that filters estimate) or ``"denied"`` (nominal ones, without the position fix
+            for 120 s), see docs/sensor-suites.md. A list of `vessel_gym.sensors.Sensor` gives your
+            own, among them those of ``system.vehicle.sensors``.
+        disturbance: ``"calm"``, ``"moderate"`` or ``"rough"``, or a
+            `vessel_gym.disturbances.Disturbance` of your own.
         mismatch: Relative spread of the truth's parameters around the filter's, 0 to 0.25.
-        observe: Content of an observation. ``"mean"`` is the estimate, ``"mean+std"`` also its standard deviations.
-            ``"measurement"`` is raw measurements and their mask.
-        termination: Source of the decision that the mission is complete. ``"belief"`` is the estimate (the default
-            where estimates are observed). ``"task"`` is the truth: one bit, and the default where measurements are
-            observed. Limits of the task and of time end any episode.
-        guidance: With True, an observation describes the mission relative to the estimated position, or to the last
-            measured one. With False, it has the estimate or the measurements as they are, and the mission. The default
-            is True where estimates are observed.
-        sensor_faults: Faults of sensors, and their times: a list of `vessel_gym.sensor_faults.SensorFault`.
+        observe: Content of an observation. ``"mean"`` is the estimate, ``"mean+std"`` also its
+            standard deviations. ``"measurement"`` is raw measurements and their mask.
+        termination: Source of the decision that the mission is complete. ``"belief"`` is the
+            estimate (the default where estimates are observed). ``"task"`` is the truth: one bit,
+            and the default where measurements are observed. Limits of the task and of time end any
+            episode.
+        guidance: With True, an observation describes the mission relative to the estimated
+            position, or to the last measured one. With False, it has the estimate or the
+            measurements as they are, and the mission. The default is True where estimates are
+            observed.
+        sensor_faults: Faults of sensors, and their times: a list of
+            `vessel_gym.sensor_faults.SensorFault`.
 
     Raises:
         ValueError: for a name that does not exist (saying which do) or a number out of range.
-        TypeError: for an argument that there is not, an option that the estimator does not have, or sensors, faults or
-            a disturbance that are none.
+        TypeError: for an argument that there is not, an option that the estimator does not have, or
+            sensors, faults or a disturbance that are none.
     """
 
     estimator: EstimatorChoice | None = None
@@ -93,12 +105,18 @@ class Options:
     def __post_init__(self) -> None:
         raw = one_of("observe mode", self.observe, OBSERVE) == "measurement"
         if not 0.0 <= as_number(self.mismatch) <= 0.25:
-            raise ValueError(f"mismatch must be between 0 and 0.25, got {short_repr(self.mismatch)}")
+            raise ValueError(
+                f"mismatch must be between 0 and 0.25, got {short_repr(self.mismatch)}"
+            )
         termination = one_of(
-            "termination", ("task" if raw else "belief") if self.termination is None else self.termination, TERMINATIONS
+            "termination",
+            ("task" if raw else "belief") if self.termination is None else self.termination,
+            TERMINATIONS,
         )
         if self.guidance is not None and not isinstance(self.guidance, bool):
-            raise ValueError(f"guidance must be True, False or None, got {short_repr(self.guidance)}")
+            raise ValueError(
+                f"guidance must be True, False or None, got {short_repr(self.guidance)}"
+            )
         guidance = not raw if self.guidance is None else self.guidance
         given = checked_options("estimator_options", self.estimator_options)
         for name, value in (
@@ -135,7 +153,9 @@ class Configuration:
 
     def __init__(self, system: System, options: Options) -> None:
         self.system, self.options, self.observe_mode = system, options, options.observe
-        self.world = world = _world(system, options.sensors, options.sensor_faults, options.disturbance)
+        self.world = world = _world(
+            system, options.sensors, options.sensor_faults, options.disturbance
+        )
         vehicle, task, raw = system.vehicle, system.task, options.observe == "measurement"
         rest = world.sensors, world.forces.disturbance
         choice = system.estimator if options.estimator is None else options.estimator
@@ -149,11 +169,16 @@ class Configuration:
             observed(options.observe, bool(options.guidance)),
         )
         if not isinstance(sizes, dict) or not all(part in sizes for part in seen):
-            raise ValueError(f"sizes of {type(task).__name__} must give {', '.join(seen)}, got {short_repr(sizes)}")
+            raise ValueError(
+                f"sizes of {type(task).__name__} must give {', '.join(seen)}, got"
+                f" {short_repr(sizes)}"
+            )
         self.observation_size: int = sum(sizes[part] for part in seen)
         self.action_size = len(vehicle.action_names)
         self.perfect = float(task.perfect), float(task.perfect == task.horizon)
-        self.based = tuple(vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0]))
+        self.based = tuple(
+            vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])
+        )
         users = not (is_verified(task) and is_verified(self.composition.forces.disturbance))
         guided = bool(options.guidance) and options.observe == "mean"
         self.mission = (Mission if users else _mission)(
@@ -202,7 +227,9 @@ class TrueState(NamedTuple):
     names: tuple[str, ...]
     drifting: bool  # is the disturbance's state among them?
     alone: bool  # are they the vehicle's state and nothing else?
-    estimated: list[int]  # places of those that the filter estimates; -1: it alone thinks that there is one
+    estimated: list[
+        int
+    ]  # places of those that the filter estimates; -1: it alone thinks that there is one
     ended: list[int]  # indices of the increments of the step that has ended which are among them
 
     def values(self, now: EnvState, sea: int) -> np.ndarray:
@@ -235,7 +262,9 @@ class UnknownInput(NamedTuple):
             chosen: np.ndarray = getattr(now, self.array)[:, self.columns]
             return chosen
         unheard = np.full((len(now.noise), 1), np.nan)
-        return np.concatenate([now.ended_noise, now.ended, now.exogenous, unheard], -1)[:, self.columns]
+        return np.concatenate([now.ended_noise, now.ended, now.exogenous, unheard], -1)[
+            :, self.columns
+        ]
 
     @classmethod
     def of(cls, world: World, names: tuple[str, ...]) -> "UnknownInput":

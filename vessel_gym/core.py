@@ -37,8 +37,9 @@ class Core:
                      disturbance --------'  |                                 ^
                                             '-> task.score -> reward      reference
 
-    The reference is where the estimator believes to be. With ``observe="measurement"`` nothing that it believes
-    enters an episode: the reference is where the truth is, and only the score and `info` see it.
+    The reference is where the estimator believes to be. With ``observe="measurement"`` nothing that
+    it believes enters an episode: the reference is where the truth is, and only the score and
+    `info` see it.
 
     Args:
         system: The environment as data.
@@ -59,24 +60,34 @@ class Core:
         TypeError: likewise.
     """
 
-    system, vehicle, task = map(_of, ("config.system", "config.system.vehicle", "config.system.task"))
-    sensors, forces, composition = map(_of, ("config.sensors", "config.world.forces", "config.composition"))
+    system, vehicle, task = map(
+        _of, ("config.system", "config.system.vehicle", "config.system.task")
+    )
+    sensors, forces, composition = map(
+        _of, ("config.sensors", "config.world.forces", "config.composition")
+    )
     truth_names, unknown_inputs = map(_of, ("config.true_state.names", "config.estimation.inputs"))
     observe_mode, action_size, observation_size = (
         _of(f"config.{name}") for name in ("observe_mode", "action_size", "observation_size")
     )
-    filter, estimator, measurements = map(_of, ("loop.filter", "loop.filter.name", "loop.measurements"))
+    filter, estimator, measurements = map(
+        _of, ("loop.filter", "loop.filter.name", "loop.measurements")
+    )
     state, action, actuators, parameters = (
         _of(f"now.{name}") for name in ("state", "action", "actuators", "parameters")
     )
     drifting, noise, exogenous, scenario = (
         _of(f"now.{name}") for name in ("drifting", "noise", "exogenous", "scenario")
     )
-    reference, steps, total, end = (_of(f"now.{name}") for name in ("reference", "steps", "total", "end"))
+    reference, steps, total, end = (
+        _of(f"now.{name}") for name in ("reference", "steps", "total", "end")
+    )
 
     def __init__(self, system: System, num_envs: int = 1, *arguments: Any, **named: Any) -> None:
         if not is_integer(num_envs) or num_envs < 1:
-            raise ValueError(f"num_envs must be a positive whole number, got {short_repr(num_envs)}")
+            raise ValueError(
+                f"num_envs must be a positive whole number, got {short_repr(num_envs)}"
+            )
         self.num_envs = int(num_envs)
         self.config = config = Configuration(system, Options(*arguments, **named))
         self.loop = Loop(config, self.num_envs)
@@ -154,16 +165,20 @@ class Core:
             self.seeds, self.episodes = before
             raise
 
-    def seed(self, seed: int | Sequence[int] | np.ndarray | None, rows: np.ndarray | None = None) -> None:
+    def seed(
+        self, seed: int | Sequence[int] | np.ndarray | None, rows: np.ndarray | None = None
+    ) -> None:
         """Begin the count of episodes again with these seeds.
 
         Args:
             seed: A number s (environment i gets s + i), one number for each environment, or None
                 to keep the seeds and go on with the next episode.
-            rows: Indices of the environments that are seeded, None: all; the seeds of the others stay.
+            rows: Indices of the environments that are seeded, None: all; the seeds of the others
+                stay.
 
         Raises:
-            ValueError: for a negative seed, one that is not a whole number, or a list of another length.
+            ValueError: for a negative seed, one that is not a whole number, or a list of another
+                length.
         """
         rows = self._rows if rows is None else rows
         if seed is None and self.seeds:
@@ -185,18 +200,26 @@ class Core:
         Args:
             rows: Indices of the environments; None: all.
             options: The task's reset options.
-            measurements: Measurements to use instead of the sensors' (for replays), ``(len(rows), p)`` each; where
-                sensors are late, ``loop.delivered`` holds those of a step, by age, ``(len(rows), ages, p)``.
+            measurements: Measurements to use instead of the sensors' (for replays), ``(len(rows),
+                p)`` each; where sensors are late, ``loop.delivered`` holds those of a step, by age,
+                ``(len(rows), ages, p)``.
 
         Raises:
-            ValueError: for an option or a value that the task does not have, or measurements of another shape.
-            TypeError: for options that are no dictionary, or measurements that are no pair of arrays.
+            ValueError: for an option or a value that the task does not have, or measurements of
+                another shape.
+            TypeError: for options that are no dictionary, or measurements that are no pair of
+                arrays.
         """
         rows = self._rows if rows is None else rows
         options = checked_options("options", options)
         if measurements is not None:
             measurements = injected(measurements, len(rows), self.sensors)
-        config, loop, task, draws = self.config, self.loop, self.config.world.task, self.config.draws
+        config, loop, task, draws = (
+            self.config,
+            self.loop,
+            self.config.world.task,
+            self.config.draws,
+        )
         some = None if len(rows) == self.num_envs else rows  # all rows are faster as such
         at = slice(None) if some is None else rows
         seeds = self.seeds if some is None else [self.seeds[row] for row in rows]
@@ -209,11 +232,15 @@ class Core:
         prior = task.prior(scenario)
         loop.restart(at, keys[:, draws.world :], keys[:, DRAWN.index("filter")])
         steps, total = np.zeros(len(rows), int), np.zeros(len(rows))
-        actuators, u, state, drifting, noise, exogenous, drawn, *read, score_state = config.world.begin(
-            scenario, prior.mean, shared_root(prior.cov), numbers, keys[:, len(DRAWN) :], steps
+        actuators, u, state, drifting, noise, exogenous, drawn, *read, score_state = (
+            config.world.begin(
+                scenario, prior.mean, shared_root(prior.cov), numbers, keys[:, len(DRAWN) :], steps
+            )
         )
         if config.options.mismatch:
-            parameters = config.world.vehicle.parameters(config.options.mismatch, numbers[:, draws.parameters])
+            parameters = config.world.vehicle.parameters(
+                config.options.mismatch, numbers[:, draws.parameters]
+            )
         else:
             parameters = config.nominal.repeat(len(rows), 0)
         now = EnvState(
@@ -221,11 +248,17 @@ class Core:
             np.zeros((len(rows), config.action_size)), actuators, drifting, noise, exogenous, np.zeros_like(noise),
             np.zeros_like(exogenous), drawn, scenario, score_state, total, steps.copy(),
         )  # fmt: skip
-        measurements = loop.receive(measurements or (read[0], read[1]), steps, some, measurements is not None)
-        belief = loop.begin(some, known(prior, config.composition), self._passed(measurements, now), u)
+        measurements = loop.receive(
+            measurements or (read[0], read[1]), steps, some, measurements is not None
+        )
+        belief = loop.begin(
+            some, known(prior, config.composition), self._passed(measurements, now), u
+        )
         if self.raw is not None:
             self.raw.begin(some, known(prior, self.raw.composition), measurements, u)
-        now.reference, *seen = config.mission.begin(scenario, steps, belief.mean, self._d(belief), state, actuators)
+        now.reference, *seen = config.mission.begin(
+            scenario, steps, belief.mean, self._d(belief), state, actuators
+        )
         now.observation = seen[0] if seen else None
         self.now = now = now if some is None else self.now.merged(some, now)
         self._refuse_at(now.steps, None)
@@ -243,16 +276,18 @@ class Core:
 
         Args:
             action: ``(B, a)`` finite; clipped to [-1, 1].
-            measurements: Measurements to use instead of the sensors' (for replays); no other random number changes.
-            ended: Mask ``(B,)`` of environments whose episode has ended and that are reset next: their actions are
-                not looked at.
+            measurements: Measurements to use instead of the sensors' (for replays); no other random
+                number changes.
+            ended: Mask ``(B,)`` of environments whose episode has ended and that are reset next:
+                their actions are not looked at.
             shape: That the action must have; None: ``(B, a)``.
 
         Returns:
             Reward ``(B,)`` and `end` ``(B,)``, which is 0 where an episode goes on.
 
         Raises:
-            ValueError: if the action or the measurements have the wrong shape, or the action is not finite.
+            ValueError: if the action or the measurements have the wrong shape, or the action is not
+                finite.
             TypeError: if the measurements are no pair of arrays.
             gymnasium.error.ResetNeeded: before the first reset.
         """
@@ -263,8 +298,12 @@ class Core:
             measurements = injected(measurements, self.num_envs, self.sensors)
         loop, now = self.loop, self.now.after(action)
         self._refuse_at(now.steps, ended)
-        now.actuators, u, now.state, now.drifting, now.noise, now.exogenous, *read = self._moved(now)
-        measurements = loop.receive(measurements or (read[0], read[1]), now.steps, None, measurements is not None)
+        now.actuators, u, now.state, now.drifting, now.noise, now.exogenous, *read = self._moved(
+            now
+        )
+        measurements = loop.receive(
+            measurements or (read[0], read[1]), now.steps, None, measurements is not None
+        )
         loop.estimate(self._passed(measurements, now), u, now.steps)
         if self.raw is not None:
             self.raw.estimate(measurements, u, now.steps)
@@ -293,7 +332,9 @@ class Core:
     def _scoring(self, now: EnvState) -> tuple[np.ndarray, ...]:
         """Arguments of `vessel_gym.mission.Mission.equations`."""
         belief = self.loop.belief
-        estimates = map(np.ascontiguousarray, (belief.mean, self._d(belief)))  # programs run at once on such arrays
+        estimates = map(
+            np.ascontiguousarray, (belief.mean, self._d(belief))
+        )  # programs run at once on such arrays
         exogenous, forces = now.exogenous, self.config.world.forces
         if forces.faulty:
             exogenous = np.ascontiguousarray(exogenous[:, : forces.outside])
@@ -315,24 +356,41 @@ class Core:
                 observation = np.clip(np.concatenate(self._observed(), -1), -bound, bound)
             if self.config.world.task is not self.task:
                 name = f"the observation of {type(self.task).__name__}"
-                refuse_not_finite(name, observation, now.steps, None, self.loop.belief.mean, now.state)
+                refuse_not_finite(
+                    name, observation, now.steps, None, self.loop.belief.mean, now.state
+                )
         return observation.astype(np.float32, "C")
 
     def _observed(self) -> list[np.ndarray]:
         """The parts of the observations, before they are clipped."""
-        task, scenario, steps, actuators = self.config.world.task, self.scenario, self.steps, self.actuators
+        task, scenario, steps, actuators = (
+            self.config.world.task,
+            self.scenario,
+            self.steps,
+            self.actuators,
+        )
         if self.observe_mode == "measurement":
-            parts = [task.observe_measurements(self.sensors, *self.loop.measurements, scenario, steps)]
+            parts = [
+                task.observe_measurements(self.sensors, *self.loop.measurements, scenario, steps)
+            ]
             parts.append(task.observe_mission(scenario, steps, actuators))
             if self.raw is not None:
                 estimate = self._estimate(self.raw)
-                parts.insert(0, task.observe(estimate, task.reference(scenario, steps, estimate.state), actuators))
+                parts.insert(
+                    0,
+                    task.observe(
+                        estimate, task.reference(scenario, steps, estimate.state), actuators
+                    ),
+                )
             return parts
         estimate = self._estimate(self.loop)
         if self.config.options.guidance:
             parts = [task.observe(estimate, self.reference, actuators)]
         else:
-            parts = [task.observe_state(estimate, scenario), task.observe_mission(scenario, steps, actuators)]
+            parts = [
+                task.observe_state(estimate, scenario),
+                task.observe_mission(scenario, steps, actuators),
+            ]
         if "std" in self.observe_mode:
             parts.append(task.observe_std(estimate))
         return parts
@@ -405,13 +463,20 @@ class Core:
         if not self.loop.tells_truth:
             return measurements
         config = self.config
-        truth = self.estimated(config.true_state.values(now, config.world.size)), config.unknown_input.values(now)
+        truth = (
+            self.estimated(config.true_state.values(now, config.world.size)),
+            config.unknown_input.values(now),
+        )
         values = np.concatenate(truth, -1)
         return values, np.ones(values.shape, bool)
 
 
 def _only(rows: np.ndarray, values: np.ndarray) -> np.ndarray:
     """A copy of the values of some rows, with 0 or None in the others."""
-    only = np.full(values.shape, None) if values.dtype == object else np.zeros(values.shape, values.dtype)
+    only = (
+        np.full(values.shape, None)
+        if values.dtype == object
+        else np.zeros(values.shape, values.dtype)
+    )
     only[rows] = values[rows]
     return only

@@ -21,7 +21,10 @@ class Faulty:
         self._own = [columns(np.flatnonzero(sensors.owner == i).tolist()) for i in self._sensor]
         self._keys = np.zeros((rows, len(self.each), 2), np.uint64)
         self._begin, self._end = np.zeros((2, rows, len(self.each)))  # s
-        self._last, self._seen = np.zeros((rows, sensors.size)), np.zeros((rows, sensors.size), bool)
+        self._last, self._seen = (
+            np.zeros((rows, sensors.size)),
+            np.zeros((rows, sensors.size), bool),
+        )
 
     def restart(self, rows: np.ndarray | slice, keys: np.ndarray) -> None:
         """Begin an episode of some rows, with keys ``(rows, sensors, 2)``."""
@@ -29,9 +32,14 @@ class Faulty:
         for i, (fault, sensor) in enumerate(zip(self.each, self._sensor, strict=True)):
             drawn = RandomKeys(keys[:, sensor]).of("fault", i)
             self._keys[rows, i], share = drawn.keys, drawn.uniforms(2)
-            for times, kept, where in ((fault.times("begin"), self._begin, 0), (fault.times("end"), self._end, 1)):
+            for times, kept, where in (
+                (fault.times("begin"), self._begin, 0),
+                (fault.times("end"), self._end, 1),
+            ):
                 earliest, latest = times
-                later = share[:, where] * (latest - earliest) if earliest < latest else 0.0  # infinity less itself
+                later = (
+                    share[:, where] * (latest - earliest) if earliest < latest else 0.0
+                )  # infinity less itself
                 kept[rows, i] = earliest + later
             if fault.duration is not None:
                 self._end[rows, i] = self._begin[rows, i] + fault.duration
@@ -41,7 +49,9 @@ class Faulty:
         now = (steps * self._dt)[:, None] + _ROUNDING
         return (self._begin[rows] <= now) & (now < self._end[rows])
 
-    def faulted(self, measurements: Measurements, steps: np.ndarray, rows: np.ndarray | slice) -> Measurements:
+    def faulted(
+        self, measurements: Measurements, steps: np.ndarray, rows: np.ndarray | slice
+    ) -> Measurements:
         """Measurements with faults of rows that are ``steps (rows,)`` after their start: values and mask."""
         y, available = measurements[0].copy(), measurements[1].copy()
         acting = self.on(steps, rows)
@@ -53,7 +63,10 @@ class Faulty:
                 last, seen = self._last[rows], self._seen[rows]
                 held = np.where(seen[:, own], last[:, own], read)
                 renewed = came & ~(on & seen[:, own])
-                last[:, own], seen[:, own] = np.where(renewed, read, last[:, own]), seen[:, own] | came
+                last[:, own], seen[:, own] = (
+                    np.where(renewed, read, last[:, own]),
+                    seen[:, own] | came,
+                )
                 self._last[rows], self._seen[rows] = last, seen
                 read = np.where(on, held, read)
             else:
@@ -64,7 +77,12 @@ class Faulty:
         return y, available
 
     def _wrong(
-        self, i: int, fault: SensorFault, read: np.ndarray, steps: np.ndarray, rows: np.ndarray | slice
+        self,
+        i: int,
+        fault: SensorFault,
+        read: np.ndarray,
+        steps: np.ndarray,
+        rows: np.ndarray | slice,
     ) -> np.ndarray:
         """Measurements ``(rows, k)`` under the fault of this number."""
         size = np.asarray(fault.size, float)
@@ -111,7 +129,9 @@ class Transit:
 def youngest(measurements: Measurements) -> Measurements:
     """Of measurements by age the youngest of each channel."""
     y, arrived = measurements
-    row, age, channel = (indices[::-1] for indices in np.nonzero(arrived))  # of two the younger is written last
+    row, age, channel = (
+        indices[::-1] for indices in np.nonzero(arrived)
+    )  # of two the younger is written last
     values, available = np.zeros(y[:, 0].shape), np.zeros(y[:, 0].shape, bool)
     values[row, channel], available[row, channel] = y[row, age, channel], True
     return values, available
@@ -119,7 +139,9 @@ def youngest(measurements: Measurements) -> Measurements:
 
 def of_now(measurements: Measurements, horizon: int) -> Measurements:
     """Measurements ``(rows, p)`` by age: none of them is late."""
-    y, available = (np.zeros((len(one), horizon + 1, one.shape[1]), one.dtype) for one in measurements)
+    y, available = (
+        np.zeros((len(one), horizon + 1, one.shape[1]), one.dtype) for one in measurements
+    )
     y[:, 0], available[:, 0] = measurements
     return y, available
 
@@ -130,15 +152,24 @@ _ROUNDING = 1e-6
 
 def injected(measurements: Measurements, rows: int, sensors: Sensors) -> Measurements:
     """Injected measurements as sensors give them: what is not finite did not arrive, and reads 0."""
-    pair = measurements if isinstance(measurements, tuple | list) and len(measurements) == 2 else (None, None)
+    pair = (
+        measurements
+        if isinstance(measurements, tuple | list) and len(measurements) == 2
+        else (None, None)
+    )
     y, mask = (numbers(part) for part in pair)
     if y is None or mask is None:
         raise TypeError(
-            f"measurements must be two arrays, values and the mask of those that came, got {short_repr(measurements)}"
+            "measurements must be two arrays, values and the mask of those that came, got"
+            f" {short_repr(measurements)}"
         )
-    shapes = [(rows, sensors.size), (rows, sensors.horizon + 1, sensors.size)][: 2 if sensors.horizon else 1]
+    shapes = [(rows, sensors.size), (rows, sensors.horizon + 1, sensors.size)][
+        : 2 if sensors.horizon else 1
+    ]
     if y.shape != mask.shape or y.shape not in shapes:
         expected = " each, or by age ".join(map(str, shapes))
-        raise ValueError(f"measurements have the shapes {y.shape} and {mask.shape}, expected {expected} each")
+        raise ValueError(
+            f"measurements have the shapes {y.shape} and {mask.shape}, expected {expected} each"
+        )
     available = (mask != 0.0) & np.isfinite(y)
     return np.where(available, y, 0.0), available

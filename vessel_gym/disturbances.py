@@ -2,8 +2,8 @@
 
 And what a vehicle does to itself: faults of its actuators.
 
-A disturbance has a state of its own, z, and acts on a vehicle through the parts of its exogenous input. Yours is a
-subclass of `Disturbance`: docs/own-disturbance.md.
+A disturbance has a state of its own, z, and acts on a vehicle through the parts of its exogenous
+input. Yours is a subclass of `Disturbance`: docs/own-disturbance.md.
 """
 
 import math
@@ -24,24 +24,25 @@ from vessel_gym.waves import GRAVITY, WaveBands, WaveField
 class Disturbance(Verified, verified=True):
     """Disturbance of a vehicle over a step, which no sensor reads as such.
 
-    Its state moves as ``z+ = transition z + root n``; over a step it gives the vehicle ``effect(z, state)`` and,
-    besides, white increments ``white n'``, with standard normals n and n'.
+    Its state moves as ``z+ = transition z + root n``; over a step it gives the vehicle ``effect(z,
+    state)`` and, besides, white increments ``white n'``, with standard normals n and n'.
 
     Attributes:
         names: The components of z.
-        forces: The parts of a vehicle's exogenous input (its increments and flows, see `vessel_gym.system.Vehicle`)
-            that `effect` gives, in order.
+        forces: The parts of a vehicle's exogenous input (its increments and flows, see
+            `vessel_gym.system.Vehicle`) that `effect` gives, in order.
         process: How z moves; its ``start_cov`` is what is known of z at the start.
         white_increments: The increments that are white noise,
         white: and a root ``(len(white_increments), m)`` of their covariance.
-        assumed_as: How filters assume it unless ``estimator_options={"assume": ...}`` says otherwise, see
-            `vessel_gym.filter_models.build.ASSUMED`.
-        inputs: What the unknown input d is, where filters assume one: names of what it ``forces`` or
-            ``white_increments``, or ``"change of NAME"`` for what a step adds to one of its ``names``; None: its
-            increments.
-        input_sd: Standard deviations that filters take d to have where no measurement shows it; None: what follows from
-            `process` and ``white``.
-        scale: Sizes of z that count as 1 in an observation of standard deviations; None: those at the start.
+        assumed_as: How filters assume it unless ``estimator_options={"assume": ...}`` says
+            otherwise, see `vessel_gym.filter_models.build.ASSUMED`.
+        inputs: What the unknown input d is, where filters assume one: names of what it ``forces``
+            or ``white_increments``, or ``"change of NAME"`` for what a step adds to one of its
+            ``names``; None: its increments.
+        input_sd: Standard deviations that filters take d to have where no measurement shows it;
+            None: what follows from `process` and ``white``.
+        scale: Sizes of z that count as 1 in an observation of standard deviations; None: those at
+            the start.
         averaged: What of its ``forces`` is a mean over the coming step, which no sensor may read.
         dt: The step [s] that it was made for; None: any.
         believed: What filters take it for unless another is named; None: what it is.
@@ -72,7 +73,9 @@ class Disturbance(Verified, verified=True):
         """Constants of an episode ``(..., e)``, of ``uniforms (..., u)`` from 0 to 1."""
         return uniforms
 
-    def effect_at(self, drawn: np.ndarray, time: np.ndarray, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+    def effect_at(
+        self, drawn: np.ndarray, time: np.ndarray, z: np.ndarray, state: np.ndarray
+    ) -> np.ndarray:
         """Effect at a ``time (...)`` [s] of an episode that has drawn ``(..., e)``, without which it is `effect`."""
         return self.effect(z, state)
 
@@ -80,8 +83,8 @@ class Disturbance(Verified, verified=True):
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Effect of z on a vehicle in a state, ``(..., len(forces))``: z itself.
 
-        Yours may be any function of both; faster if it is declared to be `vessel_gym.processes.linear` in z, wherever
-        the vehicle is.
+        Yours may be any function of both; faster if it is declared to be
+        `vessel_gym.processes.linear` in z, wherever the vehicle is.
 
         Args:
             z: ``(..., k)``.
@@ -94,9 +97,9 @@ class Disturbance(Verified, verified=True):
 class Sea(Disturbance, verified=True):
     """Disturbance of a ship's heading and track: wave and gust yaw rate, and a current.
 
-    The wave yaw rate follows the second-order linear wave model ``s / (s^2 + 2 lambda w0 s + w0^2)``
-    with the damping that fits a JONSWAP peak (Fossen 2011, sec. 8.2.6); gust and current are
-    first-order Gauss-Markov processes. Their state is (wave yaw angle, wave yaw rate, gust yaw
+    The wave yaw rate follows the second-order linear wave model ``s / (s^2 + 2 lambda w0 s +
+    w0^2)`` with the damping that fits a JONSWAP peak (Fossen 2011, sec. 8.2.6); gust and current
+    are first-order Gauss-Markov processes. Their state is (wave yaw angle, wave yaw rate, gust yaw
     rate, current north, current east), stationary from the first step.
     """
 
@@ -110,7 +113,11 @@ class Sea(Disturbance, verified=True):
     dt: float = 0.5  # s
 
     def __post_init__(self) -> None:
-        check_numbers(self, not_negative="wave gust current", positive="peak damping gust_time current_time dt")
+        check_numbers(
+            self,
+            not_negative="wave gust current",
+            positive="peak damping gust_time current_time dt",
+        )
 
     names = ("wave yaw", "wave yaw rate", "gust yaw rate", "current north", "current east")
     forces = ("yaw increment", "current north", "current east")
@@ -120,8 +127,12 @@ class Sea(Disturbance, verified=True):
     def process(self) -> Process:  # type: ignore[override]
         """Waves, gust and current."""
         wave = np.array([[0.0, 1.0], [-(self.peak**2), -2.0 * self.damping * self.peak]])
-        A = block_diag(wave, -1.0 / self.gust_time, -1.0 / self.current_time, -1.0 / self.current_time)
-        drift = 2.0 * self.current**2 / (2.0 * self.current_time)  # each component carries half the power
+        A = block_diag(
+            wave, -1.0 / self.gust_time, -1.0 / self.current_time, -1.0 / self.current_time
+        )
+        drift = (
+            2.0 * self.current**2 / (2.0 * self.current_time)
+        )  # each component carries half the power
         W = np.diag([0.0, 4.0 * self.damping * self.peak * self.wave**2, 2.0 * self.gust**2 / self.gust_time, drift,
                      drift])  # fmt: skip
         return Process.stationary(A, W, self.dt)
@@ -137,9 +148,10 @@ class Sea(Disturbance, verified=True):
 class Water(Disturbance, verified=True):
     """Disturbance of a submerged vehicle by water: turbulence, and a current that wanders.
 
-    Turbulence is white noise on every acceleration of the vehicle through the water: each step adds an increment to its
-    velocities, with a variance in proportion to the step's length. The current is a first-order Gauss-Markov process. A
-    filter that assumes all of it knows all that there is to know.
+    Turbulence is white noise on every acceleration of the vehicle through the water: each step adds
+    an increment to its velocities, with a variance in proportion to the step's length. The current
+    is a first-order Gauss-Markov process. A filter that assumes all of it knows all that there is
+    to know.
     """
 
     turbulence: float  # standard deviation of what a second adds to a velocity, m/s per sqrt(s)
@@ -156,7 +168,9 @@ class Water(Disturbance, verified=True):
         for name in ("velocities", "rates", "names"):
             check_names(f"{name} of Water", getattr(self, name))
         increments = tuple(f"{name} increment" for name in (*self.velocities, *self.rates))
-        vars(self).update(forces=self.names, white_increments=increments, scale=(0.1,) * len(self.names))  # 0.1 m/s
+        vars(self).update(
+            forces=self.names, white_increments=increments, scale=(0.1,) * len(self.names)
+        )  # 0.1 m/s
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]
@@ -167,7 +181,9 @@ class Water(Disturbance, verified=True):
     @cached_property
     def white(self) -> np.ndarray:  # type: ignore[override]
         """Increments of a step [m/s, rad/s]."""
-        in_a_second = np.repeat([self.turbulence, self.spin], [len(self.velocities), len(self.rates)])
+        in_a_second = np.repeat(
+            [self.turbulence, self.spin], [len(self.velocities), len(self.rates)]
+        )
         return np.sqrt(self.dt) * np.diag(in_a_second)
 
 
@@ -175,8 +191,9 @@ class Water(Disturbance, verified=True):
 class SurfaceWater(Disturbance, verified=True):
     """Water near the surface: beside what else it does, waves carry a submerged vehicle to and fro.
 
-    The horizontal orbital velocity of a `WaveField` that runs to the north, and that the current carries, dies away
-    with the depth as ``exp(-k z)`` (Airy), and is that of a current; the vertical one is left out.
+    The horizontal orbital velocity of a `WaveField` that runs to the north, and that the current
+    carries, dies away with the depth as ``exp(-k z)`` (Airy), and is that of a current; the
+    vertical one is left out.
     """
 
     height: float  # significant, m
@@ -226,7 +243,9 @@ class SurfaceWater(Disturbance, verified=True):
         """The current [m/s], where there are no waves."""
         return self.beside.effect(z[..., : self.beside.process.size], state)
 
-    def effect_at(self, drawn: np.ndarray, time: np.ndarray, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+    def effect_at(
+        self, drawn: np.ndarray, time: np.ndarray, z: np.ndarray, state: np.ndarray
+    ) -> np.ndarray:
         """The current with what the waves of an episode add to its first component [m/s]."""
         depth = np.maximum(self.depth + state[..., self.down], 0.0)
         place = state[..., self.north] - z[..., self.beside.process.size]
@@ -268,7 +287,9 @@ class BandedSurfaceWater(SurfaceWater, verified=True):
         """Standard deviations of the velocity in each band [m/s] at depths of 0, 1, 2 ... metres, ``(101, 3)``."""
         depths = np.arange(101.0)
         decay = [np.exp(-np.outer(w**2 / GRAVITY, depths)) * w[:, None] for w in self.bands.within]
-        return np.sqrt(np.stack([self.bands.power(band, each) for band, each in enumerate(decay)], -1))
+        return np.sqrt(
+            np.stack([self.bands.power(band, each) for band, each in enumerate(decay)], -1)
+        )
 
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The current with what waves add to its first component [m/s]."""
@@ -285,18 +306,19 @@ class BandedSurfaceWater(SurfaceWater, verified=True):
 class Air(Disturbance, verified=True):
     """Disturbance of an aircraft by air: a wind that wanders, Dryden gusts on top of it, and turbulence that shakes it.
 
-    Low-altitude Dryden spectra (MIL-F-8785C) as met at a constant airspeed: the vertical gust has the second-order
-    form; north and east have the first-order, longitudinal one, so that a turn does not change the spectrum. The state
-    is the mean wind north and east and that of the gusts (north, east, two of the vertical) [m/s]. Turbulence that is
-    shorter than a step is white noise: it adds increments to velocities and bank, with variances in proportion to the
-    step's length. A filter that assumes all of it knows all that there is to know.
+    Low-altitude Dryden spectra (MIL-F-8785C) as met at a constant airspeed: the vertical gust has
+    the second-order form; north and east have the first-order, longitudinal one, so that a turn
+    does not change the spectrum. The state is the mean wind north and east and that of the gusts
+    (north, east, two of the vertical) [m/s]. Turbulence that is shorter than a step is white noise:
+    it adds increments to velocities and bank, with variances in proportion to the step's length. A
+    filter that assumes all of it knows all that there is to know.
     """
 
     wind: float  # RMS speed of the mean wind, which is level, m/s
     gust: float  # standard deviation of a level gust component, m/s
     vertical_gust: float  # of the vertical one, m/s
-    # Standard deviations of what a second of turbulence adds to each velocity, m/s per sqrt(s), and to the bank, rad
-    # per sqrt(s): those in 0.1 s are assumed.
+    # Standard deviations of what a second of turbulence adds to each velocity, m/s per sqrt(s), and
+    # to the bank, rad per sqrt(s): those in 0.1 s are assumed.
     increment: float = 0.05 / math.sqrt(0.1)
     roll: float = 0.005 / math.sqrt(0.1)
     wind_time: float = 200.0  # s, in which the mean wind changes; assumed
@@ -322,18 +344,23 @@ class Air(Disturbance, verified=True):
     def process(self) -> Process:  # type: ignore[override]
         """Mean wind and gusts."""
         time, vertical_time = self.length / self.airspeed, self.vertical_length / self.airspeed
-        # (1 + sqrt(3) T s) / (1 + T s)^2 of white noise, scaled so that both states have a quarter of the variance
+        # (1 + sqrt(3) T s) / (1 + T s)^2 of white noise, scaled so that both states have a quarter
+        # of the variance
         vertical = np.array([[0.0, 1.0], [-1.0, -2.0]]) / vertical_time
         level = 2.0 * self.gust**2 / time
         A = block_diag(-1.0 / time, -1.0 / time, vertical)
-        gusts = Process.stationary(A, np.diag([level, level, 0.0, self.vertical_gust**2 / vertical_time]), self.dt)
+        gusts = Process.stationary(
+            A, np.diag([level, level, 0.0, self.vertical_gust**2 / vertical_time]), self.dt
+        )
         mean = self.wind / np.sqrt(2.0)
         return Process.joined(Process.wandering((mean, mean), self.wind_time, self.dt), gusts)
 
     @cached_property
     def white(self) -> np.ndarray:  # type: ignore[override]
         """Increments of a step on velocities [m/s] and bank [rad]."""
-        return np.sqrt(self.dt) * np.diag([self.increment, self.increment, self.increment, self.roll])
+        return np.sqrt(self.dt) * np.diag(
+            [self.increment, self.increment, self.increment, self.roll]
+        )
 
     @linear
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
@@ -346,9 +373,10 @@ class Air(Disturbance, verified=True):
 class Fault(Disturbance, verified=True):
     """A fault of an actuator beside whatever else acts: the actuator is not where it is measured to be.
 
-    Over a step it is off by ``bias - loss * angle + amplitude sin(2 pi t / period + phase)`` and by a random walk: the
-    angle is that at the step's beginning, the phase is random. Filters know where the fault is, and not how large:
-    it is their unknown input d. What else acts is the same to the last bit as without the fault.
+    Over a step it is off by ``bias - loss * angle + amplitude sin(2 pi t / period + phase)`` and by
+    a random walk: the angle is that at the step's beginning, the phase is random. Filters know
+    where the fault is, and not how large: it is their unknown input d. What else acts is the same
+    to the last bit as without the fault.
 
     Raises:
         ValueError: for a number out of range.
@@ -361,7 +389,9 @@ class Fault(Disturbance, verified=True):
     period: float = 2.0  # s
     start: float = 0.0  # standard deviation of the walk at first, rad or N
     walk: float = 0.0  # of what a second adds to it
-    size: float = float(np.deg2rad(5.0))  # rad or N, that filters take it to have where no measurement shows it
+    size: float = float(
+        np.deg2rad(5.0)
+    )  # rad or N, that filters take it to have where no measurement shows it
     beside: Disturbance = field(default_factory=Disturbance)
     dt: float = 0.1  # s
 
@@ -370,9 +400,16 @@ class Fault(Disturbance, verified=True):
     def __post_init__(self) -> None:
         instance("actuator of a fault", self.actuator, str)
         instance("beside of a fault", self.beside, Disturbance)
-        check_numbers("a fault", vars(self), positive="dt size", share="loss", finite="bias amplitude")
+        check_numbers(
+            "a fault", vars(self), positive="dt size", share="loss", finite="bias amplitude"
+        )
         check_numbers("a fault", vars(self), not_negative="start walk")
-        number("period of a fault", self.period, low=2.0 * self.dt, what=f"above two steps of {self.dt:g} s")
+        number(
+            "period of a fault",
+            self.period,
+            low=2.0 * self.dt,
+            what=f"above two steps of {self.dt:g} s",
+        )
         other, loss = self.beside, (f"{self.actuator} loss",) if self.loss else ()
         vars(self).update(
             names=(*other.names, *(f"{self.actuator} {name}" for _, own, _ in self._own for name in own)),
@@ -389,9 +426,17 @@ class Fault(Disturbance, verified=True):
         rotation = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
         own: list[tuple[Process, tuple[str, ...], tuple[float, ...]]] = []
         if self.start or self.walk:
-            own.append((Process.walk((self.start,), (self.walk,), self.dt), ("offset",), (self.size,)))
+            own.append(
+                (Process.walk((self.start,), (self.walk,), self.dt), ("offset",), (self.size,))
+            )
         if self.amplitude:
-            own.append((Process(rotation, np.zeros((2, 2)), np.eye(2)), ("swing", "swing back"), (1.0, 1.0)))
+            own.append(
+                (
+                    Process(rotation, np.zeros((2, 2)), np.eye(2)),
+                    ("swing", "swing back"),
+                    (1.0, 1.0),
+                )
+            )
         return own
 
     @cached_property
@@ -399,7 +444,9 @@ class Fault(Disturbance, verified=True):
         """Of what else acts, then its own."""
         parts = self.beside.process, *(process for process, _, _ in self._own)
         process = Process.joined(*parts)
-        vars(process)["start_root"] = block_diag(*(part.start_root for part in parts))  # each begins as it does alone
+        vars(process)["start_root"] = block_diag(
+            *(part.start_root for part in parts)
+        )  # each begins as it does alone
         return process
 
     @property
@@ -422,9 +469,13 @@ class Fault(Disturbance, verified=True):
         """Constants of the other disturbance."""
         return self.beside.draw(uniforms)
 
-    def effect_at(self, drawn: np.ndarray, time: np.ndarray, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+    def effect_at(
+        self, drawn: np.ndarray, time: np.ndarray, z: np.ndarray, state: np.ndarray
+    ) -> np.ndarray:
         """As `effect`, at a time of an episode."""
-        return self._with_fault(self.beside.effect_at(drawn, time, z[..., : self.beside.process.size], state), z)
+        return self._with_fault(
+            self.beside.effect_at(drawn, time, z[..., : self.beside.process.size], state), z
+        )
 
     def _with_fault(self, others: np.ndarray, z: np.ndarray) -> np.ndarray:
         k = self.beside.process.size
@@ -432,6 +483,8 @@ class Fault(Disturbance, verified=True):
         if self.start or self.walk:
             offset = offset + z[..., k]
         if self.amplitude:
-            offset = offset + self.amplitude * z[..., -2] / np.maximum(np.hypot(z[..., -2], z[..., -1]), 1e-12)
+            offset = offset + self.amplitude * z[..., -2] / np.maximum(
+                np.hypot(z[..., -2], z[..., -1]), 1e-12
+            )
         lost = [np.full(z.shape[:-1], self.loss)] if self.loss else []
         return np.concatenate([others, np.stack([offset, *lost], -1)], -1)

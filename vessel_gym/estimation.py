@@ -43,8 +43,8 @@ class Assumptions:
 
     Attributes:
         disturbance: What acts, by name or as an object; None: what does.
-        how: One of `vessel_gym.filter_models.build.ASSUMED` (``"as"`` in the options); None: as that disturbance has
-            it.
+        how: One of `vessel_gym.filter_models.build.ASSUMED` (``"as"`` in the options); None: as
+            that disturbance has it.
         Q: Factor on the covariance of what enters in a step, a white input's too,
         R: of the measurements,
         prior: and of what is known at the start.
@@ -62,7 +62,8 @@ class Assumptions:
 
         Raises:
             TypeError: for what is no dictionary, or has keys that there are not.
-            ValueError: for a factor that is not positive, or an unknown way to assume a disturbance.
+            ValueError: for a factor that is not positive, or an unknown way to assume a
+                disturbance.
         """
         given = checks.options("assume", options)
         known = ("disturbance", "as", "Q", "R", "prior")
@@ -71,7 +72,9 @@ class Assumptions:
                 raise TypeError(factory.unknown("key of assume", key, known))
         for key in ("Q", "R", "prior"):
             if key in given:
-                given[key] = number(f"{key} of assume", given[key], low=0.0, what="a factor above 0")
+                given[key] = number(
+                    f"{key} of assume", given[key], low=0.0, what="a factor above 0"
+                )
         if "as" in given:
             given["how"] = checked_assumption(given.pop("as"))
         return cls(**given)
@@ -85,7 +88,8 @@ class Estimation:
         filter: The filter.
         composition: What its model is composed of.
         prior: Factor on the covariance of what is known at the start.
-        inputs: What is kept of the unknown input for scoring: the filter's d; if it has none, see `unknown_inputs`.
+        inputs: What is kept of the unknown input for scoring: the filter's d; if it has none, see
+            `unknown_inputs`.
         late: What is done with measurements that come late: one of `LATE`.
         horizon: Steps by which measurements may be late.
     """
@@ -101,7 +105,9 @@ class Estimation:
     def input_delay(self) -> int:
         """Steps by which an estimate of the unknown input is later than the true one that `Core.unknown_input` has."""
         vehicle = self.composition.vehicle
-        levels = set(input_channels(vehicle)) - set(vehicle.increments)  # of these it has what is now
+        levels = set(input_channels(vehicle)) - set(
+            vehicle.increments
+        )  # of these it has what is now
         as_it_acts = self.composition.late or levels.isdisjoint(self.inputs)
         return 0 if as_it_acts else self.filter.input_delay or 0
 
@@ -124,7 +130,9 @@ class Estimation:
     def direct(self) -> bool:
         """Are checks of arguments needless? A filter that overrides a checked method has it called."""
         names = "init", "predict", "update"
-        return self.fuses or all(getattr(type(self.filter), name) is getattr(Filter, name) for name in names)
+        return self.fuses or all(
+            getattr(type(self.filter), name) is getattr(Filter, name) for name in names
+        )
 
 
 @shared
@@ -139,15 +147,18 @@ def build(
 
     Args:
         system: The environment's system.
-        estimator: One of `estimator_names`, or a function of the model (and options) that returns a filter.
-        options: The filter's own options, over the system's tuning; ``model`` chooses the kind of the filter's model,
-            ``assume`` its assumptions (`Assumptions`), ``late`` one of `LATE`.
+        estimator: One of `estimator_names`, or a function of the model (and options) that returns a
+            filter.
+        options: The filter's own options, over the system's tuning; ``model`` chooses the kind of
+            the filter's model, ``assume`` its assumptions (`Assumptions`), ``late`` one of `LATE`.
         sensors: The sensors, which the filter knows.
         disturbance: What acts.
 
     Raises:
-        ValueError: for an unknown name or way with late measurements, or a filter that cannot work with the model.
-        TypeError: for an unknown option, options that are no dictionary, or a function that returns no filter.
+        ValueError: for an unknown name or way with late measurements, or a filter that cannot work
+            with the model.
+        TypeError: for an unknown option, options that are no dictionary, or a function that returns
+            no filter.
 
     Warns:
         UserWarning: for a radius of ``robust-kf`` that is too large beside the sensors' biases.
@@ -156,24 +167,39 @@ def build(
     own = is_own(estimator)
     if not own and (not isinstance(estimator, str) or estimator not in estimator_names()):
         advice = (
-            ". A filter of your own is passed as its class, in a study as module:class" if ":" in str(estimator) else ""
+            ". A filter of your own is passed as its class, in a study as module:class"
+            if ":" in str(estimator)
+            else ""
         )
-        raise ValueError(factory.unknown("estimator", estimator, accepted(system, sensors, disturbance)) + advice)
+        raise ValueError(
+            factory.unknown("estimator", estimator, accepted(system, sensors, disturbance)) + advice
+        )
     assumptions = Assumptions.of(options.pop("assume", None))
     late = checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
     if estimator == "truth":  # its assumptions are the world's
         assumptions = Assumptions()
     default = system.filter_models.get(str(estimator), system.filter_model)
-    composition = _composed(system, options.pop("model", default), assumptions, sensors, disturbance)
+    composition = _composed(
+        system, options.pop("model", default), assumptions, sensors, disturbance
+    )
     if not own:
         composition = composition.adapted_to(str(estimator))
-    nature = composition.forces if assumptions.disturbance is None else Forces(system.vehicle, disturbance)
+    nature = (
+        composition.forces
+        if assumptions.disturbance is None
+        else Forces(system.vehicle, disturbance)
+    )
     inputs = composition.inputs or unknown_inputs(nature, sensors)
-    if assumptions.how is None and estimator not in ENVIRONMENT_ONLY:  # these do without a model of measurements
+    if (
+        assumptions.how is None and estimator not in ENVIRONMENT_ONLY
+    ):  # these do without a model of measurements
         composition.check_ambient_flows()
     if composition.assumed_as == "white-input" and estimator not in ("kf", *ENVIRONMENT_ONLY):
         name = estimator if isinstance(estimator, str) else "an estimator of one's own"
-        raise ValueError(f'only kf can assume a white input of known variance, not {name}: say "as": "process-noise"')
+        raise ValueError(
+            f'only kf can assume a white input of known variance, not {name}: say "as":'
+            ' "process-noise"'
+        )
     made = _filter(system, estimator, options, composition, inputs, assumptions.Q)
     check_input(made, composition)
     if isinstance(made, RobustKalmanFilter):
@@ -183,10 +209,17 @@ def build(
 
 def is_own(estimator: object) -> bool:
     """Is an estimator a function that returns one? A filter that is built already is refused."""
-    if isinstance(estimator, Filter) or (isinstance(estimator, type) and not issubclass(estimator, Filter)):
-        kind = f"an instance of {type(estimator).__name__}" if isinstance(estimator, Filter) else short_repr(estimator)
+    if isinstance(estimator, Filter) or (
+        isinstance(estimator, type) and not issubclass(estimator, Filter)
+    ):
+        kind = (
+            f"an instance of {type(estimator).__name__}"
+            if isinstance(estimator, Filter)
+            else short_repr(estimator)
+        )
         raise TypeError(
-            f"estimator must be a name, a Filter class or a function of the model that returns a filter, got {kind}"
+            "estimator must be a name, a Filter class or a function of the model that returns a"
+            f" filter, got {kind}"
         )
     return callable(estimator)
 
@@ -222,7 +255,12 @@ def own_filter(estimator: Any, options: dict[str, Any], model: Model) -> Filter:
 
 
 def _made(
-    system: System, name: str, options: dict[str, Any], composition: Composition, inputs: tuple[str, ...], factor: float
+    system: System,
+    name: str,
+    options: dict[str, Any],
+    composition: Composition,
+    inputs: tuple[str, ...],
+    factor: float,
 ) -> Filter:
     """One of the package's filters, tuned for its assumptions; ``inputs`` are those of the oracle and others."""
     makers: dict[str, Callable[[], Filter]] = {
@@ -232,7 +270,9 @@ def _made(
     }
     if name in makers:
         if options:
-            raise TypeError(f"{name} has no option {next(iter(options))!r}: it takes model, assume and late")
+            raise TypeError(
+                f"{name} has no option {next(iter(options))!r}: it takes model, assume and late"
+            )
         return makers[name]()
     tuned = {**system.tuning(name, composition), **options}
     if composition.assumed_as == "white-input":
@@ -244,26 +284,29 @@ def _made(
             raise
         acting = type(composition.forces.disturbance).__name__
         raise ValueError(
-            f'{name} needs an unknown input, but assumes {acting} as "{composition.assumed_as}": assume one with '
-            'increments, with {"as": "unknown-input"}, or choose another estimator'
+            f'{name} needs an unknown input, but assumes {acting} as "{composition.assumed_as}":'
+            ' assume one with increments, with {"as": "unknown-input"}, or choose another'
+            " estimator"
         ) from None
 
 
 def _warn_of_biases(filter: RobustKalmanFilter, sensors: Sensors, horizon: int) -> None:
     """Warn where a ball enlarges variances by far more a step than the slowest bias returns towards zero.
 
-    A ball of radius c multiplies the largest eigenvalue of a covariance by about ``1 + sqrt(2 c)`` at every step. The
-    difference of a state and its sensor's bias, which no measurement shows, is brought back by the bias alone, by
-    dt / tau a step. A bias that lasts for the whole episode counts as one that returns over its ``horizon`` [steps].
+    A ball of radius c multiplies the largest eigenvalue of a covariance by about ``1 + sqrt(2 c)``
+    at every step. The difference of a state and its sensor's bias, which no measurement shows, is
+    brought back by the bias alone, by dt / tau a step. A bias that lasts for the whole episode
+    counts as one that returns over its ``horizon`` [steps].
     """
     if not sensors.bias.size or filter.radius == 0.0:
         return
     returns = max(-np.log(np.diagonal(sensors.bias.transition).max()), 1.0 / horizon)
     if np.sqrt(2.0 * filter.radius) > 10.0 * returns:
         warnings.warn(
-            f"{filter.name} with radius {filter.radius:g} enlarges variances by {np.sqrt(2.0 * filter.radius):.2g} of "
-            f"themselves a step, and the sensors' slowest bias returns by {returns:.2g} of itself: position minus bias "
-            f"runs away; take a radius of at most {50.0 * returns**2:.1g}",
+            f"{filter.name} with radius {filter.radius:g} enlarges variances by"
+            f" {np.sqrt(2.0 * filter.radius):.2g} of themselves a step, and the sensors' slowest"
+            f" bias returns by {returns:.2g} of itself: position minus bias runs away; take a"
+            f" radius of at most {50.0 * returns**2:.1g}",
             UserWarning,
             stacklevel=3,
         )
@@ -273,7 +316,9 @@ def tuning(system: System, name: str, disturbance: str) -> dict[str, Any]:
     """The options that a system gives one of the package's filters in one of its disturbances."""
     sensors = system.sensors_of("nominal")
     kind = system.filter_models.get(name, system.filter_model)
-    return system.tuning(name, _composed(system, kind, Assumptions(), sensors, system.disturbances[disturbance]))
+    return system.tuning(
+        name, _composed(system, kind, Assumptions(), sensors, system.disturbances[disturbance])
+    )
 
 
 def accepted(system: System, sensors: Sensors, disturbance: Disturbance) -> tuple[str, ...]:
@@ -289,12 +334,17 @@ def accepted(system: System, sensors: Sensors, disturbance: Disturbance) -> tupl
 
 
 def _composed(
-    system: System, kind: object, assumptions: Assumptions, sensors: Sensors, disturbance: Disturbance
+    system: System,
+    kind: object,
+    assumptions: Assumptions,
+    sensors: Sensors,
+    disturbance: Disturbance,
 ) -> Composition:
     """Compose a filter's model of a kind under its assumptions."""
     if not isinstance(kind, str):
         raise TypeError(
-            f"model must be the name of a filter model, such as {system.filter_model!r}, got {short_repr(kind)}"
+            f"model must be the name of a filter model, such as {system.filter_model!r}, got"
+            f" {short_repr(kind)}"
         )
     if kind not in system.vehicle.kinds:
         raise ValueError(factory.unknown("filter model", kind, system.vehicle.kinds))
@@ -325,5 +375,7 @@ def chosen_disturbance(system: System, choice: object) -> Disturbance:
         return choice
     if not isinstance(choice, str):
         names = ", ".join(system.disturbances)
-        raise TypeError(f"disturbance must be one of {names}, or a Disturbance object, got {short_repr(choice)}")
+        raise TypeError(
+            f"disturbance must be one of {names}, or a Disturbance object, got {short_repr(choice)}"
+        )
     return system.disturbances[checks.one_of("disturbance", choice, system.disturbances)]

@@ -1,7 +1,7 @@
 """Functions that users write: they get copies, must repeat themselves, and may give nothing that is not finite.
 
-A function that writes where it reads changes neither the truth, nor a belief, nor another row. It is traced into the
-programs of a step if an inspection finds that it gives what NumPy gives.
+A function that writes where it reads changes neither the truth, nor a belief, nor another row. It
+is traced into the programs of a step if an inspection finds that it gives what NumPy gives.
 """
 
 import logging
@@ -68,9 +68,11 @@ class CheckedMethods:
     Attributes:
         title: Its class's name.
         columns: Of arrays, by what they are (see `RETURNED`); others may have any number.
-        calls: Where methods and their arguments are recorded, and nothing is checked; None: nowhere.
+        calls: Where methods and their arguments are recorded, and nothing is checked; None:
+            nowhere.
         steps: ``(B,)`` since the start,
-        ended: and a mask ``(B,)`` of rows whose episode is over, None: none; for the sentences of refusals.
+        ended: and a mask ``(B,)`` of rows whose episode is over, None: none; for the sentences of
+            refusals.
     """
 
     commanding = None
@@ -86,7 +88,9 @@ class CheckedMethods:
         value = getattr(self._own, name)
         if not callable(value):
             return value
-        method = partial(self._checked, name, Copying(value)) if name in RETURNED else Copying(value)
+        method = (
+            partial(self._checked, name, Copying(value)) if name in RETURNED else Copying(value)
+        )
         setattr(self, name, method)
         return method
 
@@ -98,16 +102,24 @@ class CheckedMethods:
         except ValueError as error:
             if "truth value of an array" not in str(error):
                 raise
-            raise ValueError(f"{title} must take several vehicles at once: use np.where for if, & for and") from error
+            raise ValueError(
+                f"{title} must take several vehicles at once: use np.where for if, & for and"
+            ) from error
         if name == "commanded" and returned is None:
             return None
         arrays = [each for each in arguments if isinstance(each, np.ndarray)]
         if self.calls is not None:
-            shapes = (() if part in _SCALAR else (self.columns.get(part),) for part in RETURNED[name])
+            shapes = (
+                () if part in _SCALAR else (self.columns.get(part),) for part in RETURNED[name]
+            )
             self.calls.append((method.function, arguments, list(shapes)))
             return returned
         if any(isinstance(each, TracedArray) for each in arrays):
-            returned = tuple(map(as_float, returned)) if isinstance(returned, tuple | list) else as_float(returned)
+            returned = (
+                tuple(map(as_float, returned))
+                if isinstance(returned, tuple | list)
+                else as_float(returned)
+            )
             return returned != 0.0 if name == "over" else returned
         rows, what = len(arrays[0] if arrays else arguments[0].state), RETURNED[name]
         if name == "prior":
@@ -120,11 +132,19 @@ class CheckedMethods:
             self._refuse(title, what[0], checked, arrays)
             return checked
         if not isinstance(returned, tuple | list) or len(returned) != len(what):
-            raise ValueError(f"{title} must give {len(what)} arrays, {', '.join(what)}, got {short_repr(returned)}")
+            raise ValueError(
+                f"{title} must give {len(what)} arrays, {', '.join(what)}, got"
+                f" {short_repr(returned)}"
+            )
         several = []
         for part, values in zip(what, returned, strict=True):
             several.append(self._array(f"{title}, as the {part},", part, values, rows))
-            self._refuse(f"{title}, as the {part},", part, several[-1], arrays[:-1] if name == "score" else arrays)
+            self._refuse(
+                f"{title}, as the {part},",
+                part,
+                several[-1],
+                arrays[:-1] if name == "score" else arrays,
+            )
         return tuple(several)
 
     def _array(self, title: str, what: str, values: Any, rows: int) -> np.ndarray:
@@ -132,8 +152,9 @@ class CheckedMethods:
             array = rows_of(title, values, rows, scalar=True)
             if what == "end" and not np.isin(array, np.arange(len(self._own.end_reasons))).all():
                 raise ValueError(
-                    f"score of {self.title} gave the numbers of end_reasons {short_repr(array.tolist())}: "
-                    f"they must be whole and below {len(self._own.end_reasons)}"
+                    f"score of {self.title} gave the numbers of end_reasons"
+                    f" {short_repr(array.tolist())}: they must be whole and below"
+                    f" {len(self._own.end_reasons)}"
                 )
             return array != 0.0 if what == "over" else array
         array = rows_of(title, values, rows, self.columns.get(what), constant=what in _CONSTANT)
@@ -141,11 +162,15 @@ class CheckedMethods:
             self.columns.setdefault(what, array.shape[1])
         return array
 
-    def _refuse(self, title: str, what: str, values: np.ndarray, arguments: list[np.ndarray]) -> None:
+    def _refuse(
+        self, title: str, what: str, values: np.ndarray, arguments: list[np.ndarray]
+    ) -> None:
         """Refuse what is not finite; a score state may be infinite, and observations are clipped."""
         if what not in ("end", "over", *_OBSERVED):
             ordinary = [each for each in arguments if each.ndim == 2]
-            kind = {"sound": _not_nan, "wanted": "numbers everywhere"} if what == "score_state" else {}
+            kind = (
+                {"sound": _not_nan, "wanted": "numbers everywhere"} if what == "score_state" else {}
+            )
             refuse_not_finite(title, values, self.steps, self.ended, *ordinary, **kind)  # type: ignore[arg-type]
 
 
@@ -185,7 +210,9 @@ def traced(
         if inspection.function is None:  # the log has its reason
             return None
         if reason := _misfit([row.shape for row in inspection.function.results], shapes):
-            _log.info("%s runs in NumPy: %s", getattr(function, "__qualname__", "a function"), reason)
+            _log.info(
+                "%s runs in NumPy: %s", getattr(function, "__qualname__", "a function"), reason
+            )
             return None
     try:
         with traced_creation():
@@ -208,7 +235,9 @@ class Step:
         whole: Is it one program?
     """
 
-    def __init__(self, owner: Any, parts: Sequence[CheckedMethods], calls: Callable[..., Iterable[Call]]) -> None:
+    def __init__(
+        self, owner: Any, parts: Sequence[CheckedMethods], calls: Callable[..., Iterable[Call]]
+    ) -> None:
         self.owner, self._parts, self._calls = owner, parts, calls
         self.whole = False
         self._traces = 0
@@ -224,7 +253,11 @@ class Step:
         forget(self.owner)
         equations, few = self.owner.equations, self._traces < _MOST
         self._traces += 1
-        found = traced(equations.function, equations, arrays, self._parts, self._calls(*arrays)) if few else None
+        found = (
+            traced(equations.function, equations, arrays, self._parts, self._calls(*arrays))
+            if few
+            else None
+        )
         self._equations, self.whole = equations, found is not None
         self._reads = Dependencies(*found) if found else None
 
@@ -237,14 +270,18 @@ class Step:
             return found
         *results, sound = self._equations(*arrays)
         if np.count_nonzero(sound) < sound.size:
-            self._equations.function(*arrays)  # function by function, which refuses all but what has run away
+            self._equations.function(
+                *arrays
+            )  # function by function, which refuses all but what has run away
         return results
 
 
 def _misfit(found: list[tuple[int, ...]], shapes: list[tuple[int | None, ...]]) -> str:
     """Sentence about shapes of results of a row that are wrong; None in the expected ones is any number."""
     fit = [len(own) for own in found] == [len(own) for own in shapes] and all(
-        n in (None, m) for own, expected in zip(found, shapes, strict=True) for m, n in zip(own, expected, strict=True)
+        n in (None, m)
+        for own, expected in zip(found, shapes, strict=True)
+        for m, n in zip(own, expected, strict=True)
     )
     return "" if fit else f"for a row it gives arrays of shapes {found}, and not {shapes}"
 
@@ -253,20 +290,29 @@ def _inspected(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Insp
     """The inspection of a function of arrays ``(B, ...)``, of records of them, and of None."""
     kinds = tuple(map(type, arguments))
     opened = [
-        [getattr(each, part.name) for part in fields(each)] if is_dataclass(each) else [each] for each in arguments
+        [getattr(each, part.name) for part in fields(each)] if is_dataclass(each) else [each]
+        for each in arguments
     ]
     given = tuple(value is not None for values in opened for value in values)
     arrays = [value for values in opened for value in values if value is not None]
-    key, own = (function, given, *(each.shape[1:] for each in arrays)), partial(_opened, function, kinds, given)
+    key, own = (
+        (function, given, *(each.shape[1:] for each in arrays)),
+        partial(_opened, function, kinds, given),
+    )
     return inspection_of(key, own, *arrays, axes=[each.ndim - 1 for each in arrays])
 
 
-def _opened(function: Callable[..., Any], kinds: tuple[type, ...], given: tuple[bool, ...], *arrays: Any) -> Any:
+def _opened(
+    function: Callable[..., Any], kinds: tuple[type, ...], given: tuple[bool, ...], *arrays: Any
+) -> Any:
     """The value of a function for copies of arrays, some of which are fields of records."""
     rest = map(copied, arrays)
     values = iter([next(rest) if some else None for some in given])
     return function(
-        *(kind(*(next(values) for _ in fields(kind))) if is_dataclass(kind) else next(values) for kind in kinds)
+        *(
+            kind(*(next(values) for _ in fields(kind))) if is_dataclass(kind) else next(values)
+            for kind in kinds
+        )
     )
 
 
@@ -275,7 +321,12 @@ def _not_nan(values: np.ndarray) -> np.ndarray:
 
 
 def rows_of(
-    title: str, values: Any, rows: int, columns: int | None = None, scalar: bool = False, constant: bool = False
+    title: str,
+    values: Any,
+    rows: int,
+    columns: int | None = None,
+    scalar: bool = False,
+    constant: bool = False,
 ) -> np.ndarray:
     """An array of a user's as compiled functions take it: a copy in float64, ``(rows, columns)``.
 
@@ -298,8 +349,16 @@ def rows_of(
     if array.shape == () if scalar else constant and array.shape == (1, columns):
         return np.array(np.broadcast_to(array, shape))  # type: ignore[arg-type]
     if array.shape != shape:
-        each = "one number" if scalar else "a row" if columns is None else f"a row of {columns} numbers"
-        raise ValueError(f"{title} must give {each} for each vehicle: for {rows} it gave shape {array.shape}")
+        each = (
+            "one number"
+            if scalar
+            else "a row"
+            if columns is None
+            else f"a row of {columns} numbers"
+        )
+        raise ValueError(
+            f"{title} must give {each} for each vehicle: for {rows} it gave shape {array.shape}"
+        )
     return np.array(array, order="C")
 
 
@@ -315,7 +374,9 @@ def copied(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: copied(each) for key, each in value.items()}
     if is_dataclass(value) and not isinstance(value, type):
-        return replace(value, **{each.name: copied(getattr(value, each.name)) for each in fields(value)})
+        return replace(
+            value, **{each.name: copied(getattr(value, each.name)) for each in fields(value)}
+        )
     return value
 
 
@@ -331,8 +392,8 @@ def repeated(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
         first, second = (Copying(function)(*arguments) for _ in range(2))
     if not _alike(first, second):
         raise ValueError(
-            f"{name} gave two values for the same arguments: it must depend on these alone, without random numbers, "
-            "clocks or counters of its own"
+            f"{name} gave two values for the same arguments: it must depend on these alone, without"
+            " random numbers, clocks or counters of its own"
         )
     return first
 
@@ -374,4 +435,6 @@ def refuse_not_finite(
     if bad.any():
         row = int(np.argmax(bad))
         where = f"at step {steps[row]} in row {row}"
-        raise ValueError(f"{name} gave {short_repr(values[row].tolist())} {where}: it must give {wanted}")
+        raise ValueError(
+            f"{name} gave {short_repr(values[row].tolist())} {where}: it must give {wanted}"
+        )

@@ -13,8 +13,8 @@ from vessel_gym.estimation import Estimation
 class Loop:
     """Sensors, their randomness, and the filter and belief of B rows.
 
-    `sense` reads what is true; `receive` says what of that arrives when, `begin` and `estimate` take what has,
-    and nothing else.
+    `sense` reads what is true; `receive` says what of that arrives when, `begin` and `estimate`
+    take what has, and nothing else.
 
     Args:
         owner: Has the ``sensors``, and an `Estimation` by
@@ -22,7 +22,8 @@ class Loop:
         rows: B.
 
     Attributes:
-        delivered: Measurements delivered last, ``(B, p)``, or by age ``(B, ages, p)`` where sensors are late,
+        delivered: Measurements delivered last, ``(B, p)``, or by age ``(B, ages, p)`` where sensors
+            are late,
         measurements: and of that the youngest measurement of each channel.
         belief: What the filter believes.
         sensing: Keys ``(B, sensors, 2)`` of the random numbers of the sensors.
@@ -30,7 +31,8 @@ class Loop:
 
     sensors = property(attrgetter("owner.sensors"))
     composition, filter, tells_truth = (
-        cast(Any, property(attrgetter(f"estimation.{name}"))) for name in ("composition", "filter", "tells_truth")
+        cast(Any, property(attrgetter(f"estimation.{name}")))
+        for name in ("composition", "filter", "tells_truth")
     )
 
     def __init__(self, owner: Any, rows: int, name: str = "estimation") -> None:
@@ -41,7 +43,9 @@ class Loop:
         self._faults = Faulty(sensors, rows) if sensors.faults else None
         self._transit = Transit(sensors, rows) if sensors.horizon else None
         ages = (sensors.horizon + 1,) if sensors.horizon else ()
-        self.delivered: Measurements = tuple(np.zeros((rows, *ages, sensors.size), kind) for kind in (float, bool))  # type: ignore
+        self.delivered: Measurements = tuple(
+            np.zeros((rows, *ages, sensors.size), kind) for kind in (float, bool)
+        )  # type: ignore
         self.measurements: Measurements = youngest(self.delivered) if ages else self.delivered
         self.belief: Belief
 
@@ -60,7 +64,11 @@ class Loop:
             self._transit.restart(rows)
 
     def receive(
-        self, measurements: Measurements, steps: np.ndarray, rows: np.ndarray | None, injected: bool = False
+        self,
+        measurements: Measurements,
+        steps: np.ndarray,
+        rows: np.ndarray | None,
+        injected: bool = False,
     ) -> Measurements:
         """Measurements delivered to rows (None: all) that are ``steps`` after their start and have just sampled these.
 
@@ -68,11 +76,14 @@ class Loop:
             measurements: What `sense` gave.
             steps: ``(rows,)``.
             rows: Which.
-            injected: Whether these are what comes, ``(rows, p)`` or by age; nothing has been read then.
+            injected: Whether these are what comes, ``(rows, p)`` or by age; nothing has been read
+                then.
         """
         delivered = measurements
         if self._faults is not None or self._transit is not None:
-            delivered = self._delivered(measurements, steps, slice(None) if rows is None else rows, injected)
+            delivered = self._delivered(
+                measurements, steps, slice(None) if rows is None else rows, injected
+            )
         self.delivered = _merged(self.delivered, rows, delivered)
         if self._transit is None:
             self.measurements = self.delivered
@@ -81,7 +92,9 @@ class Loop:
             self.measurements = _merged(self.measurements, rows, own)
         return delivered
 
-    def begin(self, rows: np.ndarray | None, prior: Gaussian, measurements: Measurements, u: np.ndarray) -> Belief:
+    def begin(
+        self, rows: np.ndarray | None, prior: Gaussian, measurements: Measurements, u: np.ndarray
+    ) -> Belief:
         """The belief of rows (None: all) after their first measurements; those of the others stay.
 
         The prior is what is known at the start, of what the filter estimates.
@@ -90,7 +103,9 @@ class Loop:
         filter = estimation.filter
         if filter.random:
             rng = self._filtering if rows is None else self._filtering[rows]
-        prior = prior if estimation.prior == 1.0 else Gaussian(prior.mean, estimation.prior * prior.cov)
+        prior = (
+            prior if estimation.prior == 1.0 else Gaussian(prior.mean, estimation.prior * prior.cov)
+        )
         y, available = self._for_filter(measurements)
         if estimation.direct:
             belief = estimation.delayed.begin(prior, u, y, available, rng)
@@ -119,7 +134,11 @@ class Loop:
         return {} if self._faults is None else {"sensor_faults": self._faults.on(steps)}
 
     def _delivered(
-        self, measurements: Measurements, steps: np.ndarray, rows: np.ndarray | slice, injected: bool
+        self,
+        measurements: Measurements,
+        steps: np.ndarray,
+        rows: np.ndarray | slice,
+        injected: bool,
     ) -> Measurements:
         """Measurements delivered of those that are sampled or injected."""
         sampled = measurements
@@ -128,10 +147,17 @@ class Loop:
         if self._transit is None:
             return sampled
         if injected:
-            sampled = np.zeros((len(steps), self.sensors.size)), np.zeros((len(steps), self.sensors.size), bool)
+            sampled = (
+                np.zeros((len(steps), self.sensors.size)),
+                np.zeros((len(steps), self.sensors.size), bool),
+            )
         delivered = self._transit.carry(sampled, rows)
         if injected:
-            return measurements if measurements[0].ndim == 3 else of_now(measurements, self.sensors.horizon)
+            return (
+                measurements
+                if measurements[0].ndim == 3
+                else of_now(measurements, self.sensors.horizon)
+            )
         return delivered
 
     def _for_filter(self, measurements: Measurements) -> tuple[np.ndarray, np.ndarray | None]:
@@ -141,10 +167,16 @@ class Loop:
             return measurements[0], None
         if estimation.fuses or measurements[0].ndim == 2:
             return measurements
-        return youngest(measurements) if estimation.late == "as new" else (measurements[0][:, 0], measurements[1][:, 0])
+        return (
+            youngest(measurements)
+            if estimation.late == "as new"
+            else (measurements[0][:, 0], measurements[1][:, 0])
+        )
 
 
-def _updated(filter: Any, belief: Any, y: np.ndarray, available: Any, rng: Any, u: Any = None) -> Any:
+def _updated(
+    filter: Any, belief: Any, y: np.ndarray, available: Any, rng: Any, u: Any = None
+) -> Any:
     """`update` of a filter that overrides it, which may write into what it is given."""
     available = None if available is None else available.copy()
     return filter.update(belief, y.copy(), rng=rng, available=available, u=u)

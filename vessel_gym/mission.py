@@ -40,13 +40,20 @@ class Mission:
         measured: bool,
         users: bool,
     ) -> None:
-        self.task, self.composition, self.termination, self.based = task, composition, termination, list(based)
+        self.task, self.composition, self.termination, self.based = (
+            task,
+            composition,
+            termination,
+            list(based),
+        )
         self.guided, self.measured, self.users = guided, measured, users
         if users:
             self.begin: Any = self.begin.function
         parts = [task] if isinstance(task, CheckedMethods) else []
         self.step: Any = (
-            Step(self, parts, lambda *arrays: composition.forces.users(arrays[4])) if users else self.equations
+            Step(self, parts, lambda *arrays: composition.forces.users(arrays[4]))
+            if users
+            else self.equations
         )
 
     @compiled(axes=(1, 0, 1, 1, 1, 1, 1, 1, 1))
@@ -56,7 +63,8 @@ class Mission:
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
         """Reference ``(..., k)``, reward and end ``(...)``, score state; the observation if it is ``guided``.
 
-        Where functions are a user's, a mask ``(...)`` of rows in which they gave nothing that is to be refused.
+        Where functions are a user's, a mask ``(...)`` of rows in which they gave nothing that is to
+        be refused.
 
         Args:
             scenario: What the task drew ``(..., c)``.
@@ -73,13 +81,21 @@ class Mission:
         reference = task.reference(scenario, steps, truth if self.measured else mean)
         true = self.termination == "task"
         alike = true == self.measured
-        over = task.over(reference if alike else task.reference(scenario, steps, truth if true else mean))
-        reward, end, score_state = task.score(state, exogenous, reference, over, actuators, action, score_state)
+        over = task.over(
+            reference if alike else task.reference(scenario, steps, truth if true else mean)
+        )
+        reward, end, score_state = task.score(
+            state, exogenous, reference, over, actuators, action, score_state
+        )
         scored = reference, reward, end, score_state
         seen = self._seen(steps, mean, input_mean, state, reference, actuators)
         if not self.users:
             return *scored, *seen
-        sound = [np.isfinite(reference).all(-1), np.isfinite(reward), (end >= 0.0) & (end < len(task.end_reasons))]
+        sound = [
+            np.isfinite(reference).all(-1),
+            np.isfinite(reward),
+            (end >= 0.0) & (end < len(task.end_reasons)),
+        ]
         sound += [end == np.floor(end), *(~np.isnan(each).any(-1) for each in (score_state, *seen))]
         return reference, reward, as_integer(end), score_state, *seen, reduce(and_, sound)
 
@@ -89,7 +105,9 @@ class Mission:
         actuators: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
         """Reference ``(..., k)`` at an episode's start; the observation if it is ``guided``."""
-        reference = self.task.reference(scenario, steps, state[..., self.based] if self.measured else mean)
+        reference = self.task.reference(
+            scenario, steps, state[..., self.based] if self.measured else mean
+        )
         return reference, *self._seen(steps, mean, input_mean, state, reference, actuators)
 
     def _seen(
@@ -100,14 +118,20 @@ class Mission:
         if not self.guided:
             return ()
         with np.errstate(over="ignore", invalid="ignore"):  # diverged estimates are clipped
-            seen = self.task.observe(estimate_of(self.composition, mean, input_mean), reference, actuators)
+            seen = self.task.observe(
+                estimate_of(self.composition, mean, input_mean), reference, actuators
+            )
             seen = np.clip(seen, -self.task.BOUND, self.task.BOUND)
         if isinstance(self.task, CheckedMethods) and not isinstance(mean, TracedArray):
-            refuse_not_finite(f"the observation of {self.task.title}", seen, steps, None, mean, state)
+            refuse_not_finite(
+                f"the observation of {self.task.title}", seen, steps, None, mean, state
+            )
         return (seen,)
 
 
-def estimate_of(composition: Composition, mean: np.ndarray, input_mean: np.ndarray | None) -> Estimate:
+def estimate_of(
+    composition: Composition, mean: np.ndarray, input_mean: np.ndarray | None
+) -> Estimate:
     """The task's view of means ``(..., n)`` of the state and ``(..., q)`` of the unknown input; q may be 0."""
     known = input_mean if input_mean is not None and input_mean.shape[-1] else None
     return Estimate(mean[..., : composition.base], composition.flow(mean, known), known)

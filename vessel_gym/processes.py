@@ -45,7 +45,11 @@ class Process:
     start_cov: np.ndarray
 
     def __post_init__(self) -> None:
-        for name in ("transition", "root", "start_cov"):  # laid out alike in every copy: the last bit depends on it
+        for name in (
+            "transition",
+            "root",
+            "start_cov",
+        ):  # laid out alike in every copy: the last bit depends on it
             shape = ("k", "m") if name == "root" else ("...",)
             values = finite_array(f"{name} of a process", getattr(self, name), *shape)
             object.__setattr__(self, name, frozen(np.array(values, order="C")))
@@ -53,11 +57,13 @@ class Process:
         for name, values in (("transition", self.transition), ("start_cov", self.start_cov)):
             if np.shape(values) != (k, k):
                 raise ValueError(
-                    f"{name} must have shape {(k, k)}, as many rows as root of shape {np.shape(self.root)}, got "
-                    f"{np.shape(values)}"
+                    f"{name} must have shape {(k, k)}, as many rows as root of shape"
+                    f" {np.shape(self.root)}, got {np.shape(values)}"
                 )
         if k:
-            object.__setattr__(self, "start_cov", frozen(as_covariance("start_cov of a process", self.start_cov)))
+            object.__setattr__(
+                self, "start_cov", frozen(as_covariance("start_cov of a process", self.start_cov))
+            )
 
     @property
     def size(self) -> int:
@@ -93,9 +99,14 @@ class Process:
         A, W = finite_array("A", A, "k", "k"), finite_array("W", W, "k", "k")
         check_numbers("Process.stationary", {"dt": dt}, positive="dt")
         if len(set(A.shape + W.shape)) != 1:
-            raise ValueError(f"A and W must be square and of one size, got shapes {A.shape} and {W.shape}")
+            raise ValueError(
+                f"A and W must be square and of one size, got shapes {A.shape} and {W.shape}"
+            )
         if not np.linalg.eigvals(A).real.max() < 0.0:
-            raise ValueError("A must be stable (eigenvalues with negative real parts): otherwise the process grows")
+            raise ValueError(
+                "A must be stable (eigenvalues with negative real parts): otherwise the process"
+                " grows"
+            )
         transition, noise = van_loan(A, np.eye(len(A)), W, dt)
         return cls(transition, root_of(noise), solve_continuous_lyapunov(A, -W))
 
@@ -108,7 +119,9 @@ class Process:
         return cls(np.exp(-dt / time) * np.eye(len(sd)), np.diag(sd * fresh), np.diag(sd**2))
 
     @classmethod
-    def walk(cls, start: tuple[float, ...] | np.ndarray, pace: tuple[float, ...] | np.ndarray, dt: float) -> "Process":
+    def walk(
+        cls, start: tuple[float, ...] | np.ndarray, pace: tuple[float, ...] | np.ndarray, dt: float
+    ) -> "Process":
         """Independent random walks: ``start (k,)`` standard deviations at first, ``pace (k,)`` of what a second adds.
 
         With a pace of zero they are constants that nobody knows.
@@ -128,7 +141,10 @@ class Process:
         if not processes:
             return cls(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0)))
         return cls(
-            *(block_diag(*(getattr(p, name) for p in processes)) for name in ("transition", "root", "start_cov"))
+            *(
+                block_diag(*(getattr(p, name) for p in processes))
+                for name in ("transition", "root", "start_cov")
+            )
         )
 
 
@@ -140,7 +156,9 @@ def integrated(process: Process, which: Sequence[int], dt: float) -> Process:
     transition = np.block([[process.transition, np.zeros((k, m))], [added, np.eye(m)]])
     root = np.vstack([process.root, np.zeros((m, process.normals))])
     whole = Process(transition, root, block_diag(process.start_cov, np.zeros((m, m))))
-    vars(whole)["start_root"] = np.vstack([process.start_root, np.zeros((m, k))])  # the process begins as it does alone
+    vars(whole)["start_root"] = np.vstack(
+        [process.start_root, np.zeros((m, k))]
+    )  # the process begins as it does alone
     return whole
 
 
@@ -148,7 +166,9 @@ def _sizes(name: str, value: object) -> np.ndarray:
     """Standard deviations ``(k,)``."""
     sizes = finite_array(name, value, "k")
     if (sizes < 0.0).any():
-        raise ValueError(f"{name} must be standard deviations of at least 0, got {short_repr(value)}")
+        raise ValueError(
+            f"{name} must be standard deviations of at least 0, got {short_repr(value)}"
+        )
     return sizes
 
 
@@ -161,7 +181,8 @@ def root_of(cov: np.ndarray) -> np.ndarray:
 def product(matrix: np.ndarray, x: np.ndarray, onto: np.ndarray) -> np.ndarray:
     """``onto + matrix x`` of vectors ``(..., k)`` and a constant matrix ``(r, k)``.
 
-    Zeros of the matrix are left out. The sum is in the order of its columns: the same to the last bit in any batch.
+    Zeros of the matrix are left out. The sum is in the order of its columns: the same to the last
+    bit in any batch.
     """
     rows = list(np.moveaxis(onto, -1, 0))
     for i, j in np.argwhere(matrix):
@@ -186,7 +207,8 @@ def advance(
         keys: ``(..., parts, 2)`` of the random numbers of each part.
         step: ``(...)``, the number of the coming step.
         z: ``(..., k)`` state of the processes.
-        noise: ``(..., s + k)`` of the step that is over: white increments, then those of the processes.
+        noise: ``(..., s + k)`` of the step that is over: white increments, then those of the
+            processes.
         counts: Normal numbers of each part.
         root: ``(s + k, m)`` of the covariance of the noise.
         transition: ``(k, k)`` of the processes.
@@ -196,8 +218,14 @@ def advance(
         The new ``z (..., k)``, ``noise (..., s + k)`` and exogenous input ``(..., f)``.
     """
     white, word = len(root) - len(transition), as_word(step)
-    drawn = [each for part, count in enumerate(counts) for each in normals(keys[..., part, :], word, count)]
+    drawn = [
+        each
+        for part, count in enumerate(counts)
+        for each in normals(keys[..., part, :], word, count)
+    ]
     z = product(transition, z, noise[..., white:])
-    noise = product(root, np.stack(drawn, -1), np.zeros_like(noise)) if drawn else np.zeros_like(noise)
+    noise = (
+        product(root, np.stack(drawn, -1), np.zeros_like(noise)) if drawn else np.zeros_like(noise)
+    )
     given = np.concatenate([noise[..., :white], z], -1)
     return z, noise, product(gains, given, np.zeros((*z.shape[:-1], len(gains))))

@@ -4,7 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators import Belief, Filter, GaussianFilter, InputBelief, LinearModel, Measurement, Rng, wrap
+from estimators import (
+    Belief,
+    Filter,
+    GaussianFilter,
+    InputBelief,
+    LinearModel,
+    Measurement,
+    Rng,
+    wrap,
+)
 from estimators.kalman import unseen_input
 from estimators.varying import resolve
 from vessel_gym.filter_models.build import Composition
@@ -61,8 +70,9 @@ class HeldBelief(InputBelief):
 class ZeroOrderHold(Filter[HeldBelief], verified=True):
     """The last measurement of every channel, held until the next; no model at all.
 
-    States follow from what the sensors give (`vessel_gym.sensors.Sensor`); rates that none gives are differenced from
-    the last two measurements of what they are the rate of. What no sensor gives is 0.
+    States follow from what the sensors give (`vessel_gym.sensors.Sensor`); rates that none gives
+    are differenced from the last two measurements of what they are the rate of. What no sensor
+    gives is 0.
     """
 
     name = "measurement"
@@ -71,7 +81,12 @@ class ZeroOrderHold(Filter[HeldBelief], verified=True):
     def __init__(self, composition: Composition, inputs: tuple[str, ...]) -> None:
         super().__init__(composition.model)
         vehicle, self._sensors = composition.vehicle, composition.sensors
-        self._names, self._inputs, self._dt, self._cruise = composition.names, inputs, vehicle.dt, vehicle.cruise[1]
+        self._names, self._inputs, self._dt, self._cruise = (
+            composition.names,
+            inputs,
+            vehicle.dt,
+            vehicle.cruise[1],
+        )
         given = self._sensors.gives
         self._differenced = [
             (rate, of, given.index(of), of in vehicle.angles)
@@ -83,7 +98,10 @@ class ZeroOrderHold(Filter[HeldBelief], verified=True):
     def _claimed(self) -> tuple[np.ndarray, np.ndarray]:
         """Variances ``(n,)`` and ``(q,)`` that the sensor noise alone gives what is derived from two measurements."""
         eye, zero = np.eye(self.model.p), np.zeros((self.model.p, self.model.p))
-        interval, noise = np.full_like(zero, self._dt), np.diagonal(resolve(self.model.R, self._cruise))
+        interval, noise = (
+            np.full_like(zero, self._dt),
+            np.diagonal(resolve(self.model.R, self._cruise)),
+        )
         now, before = self._derived(eye, zero, interval), self._derived(zero, eye, interval)
         state, unknown = (noise @ (a**2 + b**2) for a, b in zip(now, before, strict=True))
         return state, unknown
@@ -108,7 +126,9 @@ class ZeroOrderHold(Filter[HeldBelief], verified=True):
         # What no measurement shows (the sway, a current) keeps the variance of the prior.
         prior = np.diagonal(belief.cov, axis1=-2, axis2=-1)
         cov = np.where(self._variance > 0.0, self._variance, prior)[..., None] * self._identity
-        input_cov = np.zeros(shape[:-1] + 2 * self._input_variance.shape) + np.diag(self._input_variance)
+        input_cov = np.zeros(shape[:-1] + 2 * self._input_variance.shape) + np.diag(
+            self._input_variance
+        )
         return HeldBelief.of(
             belief.replace(cov=cov), input_mean=np.zeros(shape[:-1] + self._input_variance.shape), input_cov=input_cov,
             state_input_cov=np.zeros(belief.mean.shape + self._input_variance.shape), held=held, previous=held,

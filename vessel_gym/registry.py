@@ -11,7 +11,8 @@ class Registry(Generic[T]):
 
     Args:
         what: What an entry is, in a word.
-        ours: Imports the modules that register the package's own, when something is first looked for.
+        ours: Imports the modules that register the package's own, when something is first looked
+            for.
     """
 
     def __init__(self, what: str, ours: Callable[[], object]) -> None:
@@ -38,7 +39,8 @@ class Registry(Generic[T]):
         if name in entries and entries[name][0] != module:
             called = f"{self._what} {name!r}" if name else self._what
             raise ValueError(
-                f"{kind.__name__} has its {called} from {entries[name][0]}: subclass the task to give it another"
+                f"{kind.__name__} has its {called} from {entries[name][0]}: subclass the task to"
+                " give it another"
             )
         entries[name] = module, entry
 

@@ -18,21 +18,23 @@ from vessel_gym.waves import BANDS, GRAVITY, WaveBands, WaveField, encounter_fre
 
 _AIR_DENSITY = 1.224  # kg/m3
 _REFLECTED = 0.25  # share of the waves' energy that a ship abeam reflects; assumed
-_LEAST = 1e-3  # rad, least yaw increment that filters assume: half a compass' noise, below which nothing shows it
+# rad, least yaw increment that filters assume: half a compass' noise, below which nothing shows it
+_LEAST = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Seaway(Disturbance, verified=True):
     """Disturbance of a ship that turns in a sea: first-order motion in waves, and slow loads.
 
-    The waves are a `WaveField`: the ship meets them at the frequency ``w - k U cos(beta)``, zero and negative in
-    following seas, and they give her the yaw rate and the sway velocity of `wave_response`. Superposed on manoeuvring
-    (Fossen 2021, ch. 10), the first turns the heading, the second carries the track; the roll moment acts on the ship.
-    Wind (Blendermann 1994, a destroyer) and the drift of the waves that she reflects (Faltinsen 1990) push her to
-    leeward, which nobody can tell from a current by her position.
+    The waves are a `WaveField`: the ship meets them at the frequency ``w - k U cos(beta)``, zero
+    and negative in following seas, and they give her the yaw rate and the sway velocity of
+    `wave_response`. Superposed on manoeuvring (Fossen 2021, ch. 10), the first turns the heading,
+    the second carries the track; the roll moment acts on the ship. Wind (Blendermann 1994, a
+    destroyer) and the drift of the waves that she reflects (Faltinsen 1990) push her to leeward,
+    which nobody can tell from a current by her position.
 
-    There is one frame. The current carries the ship and the waves, whose field rests in the water. The wind blows over
-    ground, and the ship and the water feel what is left of it when they move.
+    There is one frame. The current carries the ship and the waves, whose field rests in the water.
+    The wind blows over ground, and the ship and the water feel what is left of it when they move.
 
     Waves and wind run to the north, unless ``direction`` says otherwise.
 
@@ -59,7 +61,11 @@ class Seaway(Disturbance, verified=True):
 
     def __post_init__(self) -> None:
         instance("ship of Seaway", self.ship, CorvetteParameters)
-        kinds = {"positive": "height period dt current_time", "not_negative": "wind current", "direction": "direction"}
+        kinds = {
+            "positive": "height period dt current_time",
+            "not_negative": "wind current",
+            "direction": "direction",
+        }
         check_numbers("a seaway", vars(self), **kinds)
 
     @cached_property
@@ -141,14 +147,17 @@ class Seaway(Disturbance, verified=True):
         none = np.zeros_like(state[..., 0])
         return self._acting((none, none, none), z[..., :2], state)
 
-    def effect_at(self, drawn: np.ndarray, time: np.ndarray, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+    def effect_at(
+        self, drawn: np.ndarray, time: np.ndarray, z: np.ndarray, state: np.ndarray
+    ) -> np.ndarray:
         """The yaw increment and what is `AROUND` the ship, ``(..., 8)``, in the waves of an episode.
 
         Of the motion that waves give her they are means over the coming step.
 
-        Over steps that are long for the waves these are smaller, and the heading swings as far as in continuous time.
-        The roll moment acts unchanged over a step, which takes ``sinc(w_e dt / 2)`` of a wave away: so it is that of
-        the step's middle, larger by as much, and she rolls as far, too.
+        Over steps that are long for the waves these are smaller, and the heading swings as far as
+        in continuous time. The roll moment acts unchanged over a step, which takes ``sinc(w_e dt /
+        2)`` of a wave away: so it is that of the step's middle, larger by as much, and she rolls as
+        far, too.
         """
         x, y, psi, u = np.moveaxis(state[..., :4], -1, 0)
         sin_mu, cos_mu = sincos(self.direction)
@@ -162,7 +171,10 @@ class Seaway(Disturbance, verified=True):
             half = 0.5 * self.dt * met  # of the phase of a step
             mean = _mean(half)
             sin, cos = sincos(phase + half)
-            side = velocity * (sin_beta * cos - SHORT_CREST * sin), velocity * (sin_beta * sin + SHORT_CREST * cos)
+            side = (
+                velocity * (sin_beta * cos - SHORT_CREST * sin),
+                velocity * (sin_beta * sin + SHORT_CREST * cos),
+            )
             sway, yaw, roll = hull.moved(w, k_cos, met, side)
             return [mean * sway, mean * yaw, _held(mean) * roll]
 
@@ -170,21 +182,27 @@ class Seaway(Disturbance, verified=True):
         total = [each.sum(-1) for each in along(moved, *waves)]
         return self._acting(total, z[..., :2], state)
 
-    def _acting(self, motion: Sequence[np.ndarray], current: np.ndarray, state: np.ndarray) -> np.ndarray:
+    def _acting(
+        self, motion: Sequence[np.ndarray], current: np.ndarray, state: np.ndarray
+    ) -> np.ndarray:
         """The yaw increment, and what is `AROUND` the ship, given sway, yaw rate and roll moment of the waves."""
         psi, u, v = np.moveaxis(state[..., 2:5], -1, 0)
         sin_beta, _ = sincos(self.direction - psi)
         sin_mu, cos_mu = sincos(self.direction)
         north, east = self.wind * cos_mu - current[..., 0], self.wind * sin_mu - current[..., 1]
         sin, cos = sincos(psi)
-        surge_force, side_force, turning = self._wind(north * cos + east * sin - u, east * cos - north * sin - v)
+        surge_force, side_force, turning = self._wind(
+            north * cos + east * sin - u, east * cos - north * sin - v
+        )
         side = side_force + self._drift * sin_beta * np.abs(sin_beta)
         sway, yaw, roll = motion
         return np.stack([
             self.dt * yaw, current[..., 0], current[..., 1], surge_force, side, turning, roll, sway,
         ], -1)  # fmt: skip
 
-    def _wind(self, along: np.ndarray, across: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _wind(
+        self, along: np.ndarray, across: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Surge and sway force [N] and yaw moment [N m] of the air's velocity as the ship feels it [m/s] ``(...)``.
 
         Blendermann (1994).
@@ -205,7 +223,14 @@ class Seaway(Disturbance, verified=True):
     @cached_property
     def _drift(self) -> float:
         """Drift force [N] of the waves that a ship abeam reflects."""
-        return self.ship.water_density * GRAVITY * self.ship.length * self.height**2 / 16.0 * _REFLECTED
+        return (
+            self.ship.water_density
+            * GRAVITY
+            * self.ship.length
+            * self.height**2
+            / 16.0
+            * _REFLECTED
+        )
 
     @cached_property
     def _hull(self) -> WaveMotion:
@@ -216,9 +241,10 @@ class Seaway(Disturbance, verified=True):
 class BandedSeaway(Seaway, verified=True):
     """A filter's model of a `Seaway`: its waves are `WaveBands` as the ship meets them.
 
-    She answers each as strongly as all waves of the band together, in the phase of those at its frequency. The phases
-    are those at the ship, and turn as she moves: how she moves tells how often she meets waves, and no wave tells where
-    she is. In phases at a place the filter would take its position from a sea that it knows for half a minute.
+    She answers each as strongly as all waves of the band together, in the phase of those at its
+    frequency. The phases are those at the ship, and turn as she moves: how she moves tells how
+    often she meets waves, and no wave tells where she is. In phases at a place the filter would
+    take its position from a sea that it knows for half a minute.
     """
 
     names = (*WaveBands.names, "current north", "current east")  # type: ignore[assignment]
@@ -244,8 +270,13 @@ class BandedSeaway(Seaway, verified=True):
         """
         bands, each = self.bands, []
         for band, frequencies in enumerate(bands.within):
-            w = np.append(frequencies, bands.frequencies[band]).reshape((-1,) + np.ndim(beta) * (1,))
-            motion, loads = wave_response(self.ship, w, beta, speed), wave_loads(self.ship, w, beta)[..., 2:]
+            w = np.append(frequencies, bands.frequencies[band]).reshape(
+                (-1,) + np.ndim(beta) * (1,)
+            )
+            motion, loads = (
+                wave_response(self.ship, w, beta, speed),
+                wave_loads(self.ship, w, beta)[..., 2:],
+            )
             given = np.concatenate([motion, loads], -1)
             each.append(np.sqrt(bands.power(band, given[:-1])) * np.exp(1j * np.angle(given[-1])))
         return np.stack(each)
@@ -279,10 +310,14 @@ class BandedSeaway(Seaway, verified=True):
         at = (turn - np.floor(turn)) * _BETAS
         i = np.minimum(np.floor(at), _BETAS - 1.0)
         slowest, fastest = _TABLED[[0, -1]] * self.ship.speed
-        to = np.minimum(np.maximum((speed - slowest) / (fastest - slowest), 0.0), 1.0) * (len(_TABLED) - 1)
+        to = np.minimum(np.maximum((speed - slowest) / (fastest - slowest), 0.0), 1.0) * (
+            len(_TABLED) - 1
+        )
         j = np.minimum(np.floor(to), len(_TABLED) - 2.0)
         f, g, first = (at - i)[..., None], (to - j)[..., None], j * (_BETAS + 1) + i
-        near, beside, far, last = (lookup(self._table, first + k) for k in (0, 1, _BETAS + 1, _BETAS + 2))
+        near, beside, far, last = (
+            lookup(self._table, first + k) for k in (0, 1, _BETAS + 1, _BETAS + 2)
+        )
         response = (1.0 - g) * ((1.0 - f) * near + f * beside)
         return response + g * ((1.0 - f) * far + f * last)
 
@@ -290,7 +325,9 @@ class BandedSeaway(Seaway, verified=True):
     def _table(self) -> np.ndarray:
         """Real and imaginary parts of `mean_response`, by speed and beta ``(speeds * betas, bands * 6)``."""
         beta = np.linspace(0.0, 2.0 * np.pi, _BETAS + 1)
-        response = np.stack([self.mean_response(beta, speed) for speed in _TABLED * self.ship.speed])
+        response = np.stack(
+            [self.mean_response(beta, speed) for speed in _TABLED * self.ship.speed]
+        )
         parts = np.moveaxis(np.concatenate([response.real, response.imag], -1), 1, 2)
         return parts.reshape(len(_TABLED) * (_BETAS + 1), -1)
 
@@ -298,7 +335,8 @@ class BandedSeaway(Seaway, verified=True):
 def _held(mean: np.ndarray) -> np.ndarray:
     """Factor on a roll moment that is held over a step, given `_mean`: ``1 / mean`` up to half a wave a step.
 
-    Of waves that are met faster, steps would make slow ones: up to two thirds of a wave a step they fade away.
+    Of waves that are met faster, steps would make slow ones: up to two thirds of a wave a step they
+    fade away.
     """
     half_a_wave, last = 2.0 / np.pi, np.sin(2.0 * np.pi / 3.0) / (2.0 * np.pi / 3.0)
     share = np.minimum(np.maximum((mean - last) / (half_a_wave - last), 0.0), 1.0)

@@ -1,7 +1,8 @@
 """Faults of sensors, scheduled: what goes wrong between a sensor and whoever reads it.
 
-The kinds are those of PX4's failure injection, its "wrong" in three: a bias, a drift (of several channels of a fix:
-spoofing) and a scale. Faults of actuators are another matter: `vessel_gym.disturbances.Fault`.
+The kinds are those of PX4's failure injection, its "wrong" in three: a bias, a drift (of several
+channels of a fix: spoofing) and a scale. Faults of actuators are another matter:
+`vessel_gym.disturbances.Fault`.
 """
 
 from collections.abc import Iterable
@@ -29,17 +30,20 @@ class SensorFault:
 
     Attributes:
         sensor: Its name.
-        kind: ``"off"``, nothing arrives; ``"stuck"``, always the last measurement from before, or the first where there
-            was none; ``"bias"``, ``"drift"``, ``"scale"`` or ``"garbage"``.
-        size: Of these four, in the units of the channels: what is added, what a second adds, the factor, the standard
-            deviation of the noise that is read instead. One for all channels, or one for each.
-        begin: Seconds after an episode's start; a pair: drawn in each episode, uniformly between the two.
+        kind: ``"off"``, nothing arrives; ``"stuck"``, always the last measurement from before, or
+            the first where there was none; ``"bias"``, ``"drift"``, ``"scale"`` or ``"garbage"``.
+        size: Of these four, in the units of the channels: what is added, what a second adds, the
+            factor, the standard deviation of the noise that is read instead. One for all channels,
+            or one for each.
+        begin: Seconds after an episode's start; a pair: drawn in each episode, uniformly between
+            the two.
         end: From when on it is over, likewise; infinity: never.
-        duration: Seconds from the drawn beginning to the end, in place of ``end``; None: as ``end`` says.
+        duration: Seconds from the drawn beginning to the end, in place of ``end``; None: as ``end``
+            says.
 
     Raises:
-        ValueError: for a kind that there is not, a size that it does not have, times that make no sense, or a duration
-            beside an end.
+        ValueError: for a kind that there is not, a size that it does not have, times that make no
+            sense, or a duration beside an end.
     """
 
     sensor: str
@@ -66,7 +70,8 @@ class SensorFault:
             raise ValueError(f"{self} has a duration, which fixes its end: leave one of them out")
         if not begin < end:
             raise ValueError(
-                f"{self} must begin before it ends, got begin {short_repr(self.begin)} and end {short_repr(self.end)}"
+                f"{self} must begin before it ends, got begin {short_repr(self.begin)} and end"
+                f" {short_repr(self.end)}"
             )
 
     def __str__(self) -> str:
@@ -80,8 +85,14 @@ class SensorFault:
         """
         time = getattr(self, name)
         given = None if isinstance(time, bool) else numbers(time)
-        pair = np.resize(given, 2) if given is not None and given.shape in ((), (2,)) else np.full(2, np.nan)
-        ordered = 0.0 <= pair[0] <= pair[1] and (np.isfinite(pair).all() or (name == "end" and pair[0] == np.inf))
+        pair = (
+            np.resize(given, 2)
+            if given is not None and given.shape in ((), (2,))
+            else np.full(2, np.nan)
+        )
+        ordered = 0.0 <= pair[0] <= pair[1] and (
+            np.isfinite(pair).all() or (name == "end" and pair[0] == np.inf)
+        )
         if not ordered:
             raise ValueError(f"{name} of {self} must be 0 s or more, or two such times in order, "
                              f"got {short_repr(time)}")  # fmt: skip
@@ -95,9 +106,9 @@ LOSS = 120.0
 def lost_fix(sensors: Iterable[str], seconds: float) -> tuple[SensorFault, ...]:
     """Loss of the fix for `LOSS` seconds, within an episode that lasts longer than that.
 
-    The loss begins at a time drawn uniformly: in an episode of up to ``seconds`` > `LOSS`, such that it is over by
-    then; in a shorter one, whose mission takes about half of its time limit, in the first half, and it lasts to the
-    end.
+    The loss begins at a time drawn uniformly: in an episode of up to ``seconds`` > `LOSS`, such
+    that it is over by then; in a shorter one, whose mission takes about half of its time limit, in
+    the first half, and it lasts to the end.
 
     Args:
         sensors: Names of the sensors that are the fix.

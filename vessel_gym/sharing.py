@@ -21,8 +21,8 @@ _IMMUTABLE, _HEAP = 1 << 8, 1 << 9
 def shared(build: _Builder) -> _Builder:
     """Return the same object whenever a function is called with the same constants.
 
-    Functions and parts that are not verified, and arrays that can be written to, may change: with such arguments the
-    function is called anew.
+    Functions and parts that are not verified, and arrays that can be written to, may change: with
+    such arguments the function is called anew.
     """
 
     @lru_cache(maxsize=_KEPT)
@@ -36,7 +36,8 @@ def shared(build: _Builder) -> _Builder:
         try:
             for each in arguments:
                 pickler.dump(each)
-                pickler.clear_memo()  # whether two arguments have an object in common does not matter
+                # whether two arguments have an object in common does not matter
+                pickler.clear_memo()
         except (pickle.PicklingError, TypeError, AttributeError):
             return build(*arguments)
         return built(_Arguments(values.getvalue(), arguments))
@@ -70,7 +71,9 @@ def _constant(value: Any) -> bool:
     """Is a value that does not say whether it is verified a constant, as far as it is more than its parts?"""
     if isinstance(value, type):
         return _built_in(value) or getattr(vars(value).get("__dataclass_params__"), "frozen", False)
-    return not (isinstance(value, FunctionType) or (isinstance(value, np.ndarray) and value.flags.writeable))
+    return not (
+        isinstance(value, FunctionType) or (isinstance(value, np.ndarray) and value.flags.writeable)
+    )
 
 
 def _built_in(kind: type) -> bool:

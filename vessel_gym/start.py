@@ -26,7 +26,8 @@ def seeds_of(seed: Any, num_envs: int, rows: list[int]) -> list[int]:
     """A seed for each environment; a number s gives them s, s + 1, ..., None a number by chance.
 
     Raises:
-        ValueError: for anything but one or as many as there are environments, whole and not negative in ``rows``.
+        ValueError: for anything but one or as many as there are environments, whole and not
+            negative in ``rows``.
     """
     if type(seed) is int and seed >= 0:  # as nearly all are
         return list(range(seed, seed + num_envs))
@@ -48,7 +49,9 @@ class Draws(NamedTuple):
     """Random numbers of an episode's start."""
 
     words: tuple[int, ...]  # of the keys of its parts
-    counts: tuple[tuple[int, int, int], ...]  # uniform and normal numbers of each, and the use of these
+    counts: tuple[
+        tuple[int, int, int], ...
+    ]  # uniform and normal numbers of each, and the use of these
     world: int  # keys before those of the sensors
     parameters: slice  # normals of the vehicle's parameters
 
@@ -61,14 +64,29 @@ class Draws(NamedTuple):
         words = tuple(word(name) for name in (*DRAWN, *parts, *sensed))
         spread, uniforms = world.forces.vehicle.normals if mismatch else 0, world.task.uniforms
         starts = [(0, root.shape[-1], 1) for root in world.start_roots]
-        own = (uniforms, 0, 0), (0, based, 0), (0, spread, 0), (0, 0, 0), (world.disturbance.uniforms, 0, 0)
+        own = (
+            (uniforms, 0, 0),
+            (0, based, 0),
+            (0, spread, 0),
+            (0, 0, 0),
+            (world.disturbance.uniforms, 0, 0),
+        )
         counts = [*own, *starts, *[(0, 0, 0)] * len(world.sensors.each)]
-        return cls(words, tuple(counts), len(DRAWN) + len(parts), slice(end := uniforms + based, end + spread))
+        return cls(
+            words,
+            tuple(counts),
+            len(DRAWN) + len(parts),
+            slice(end := uniforms + based, end + spread),
+        )
 
 
 @compiled(axes=(1, 0))
 def draw(
-    seeds: np.ndarray, episodes: np.ndarray, *, names: tuple[int, ...], drawn: tuple[tuple[int, int, int], ...]
+    seeds: np.ndarray,
+    episodes: np.ndarray,
+    *,
+    names: tuple[int, ...],
+    drawn: tuple[tuple[int, int, int], ...],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Keys of the parts of episodes, and the random numbers of their starts.
 
@@ -78,7 +96,8 @@ def draw(
         seeds: ``(..., 2)`` keys.
         episodes: ``(...)``.
         names: A word for each part.
-        drawn: For each part how many uniform numbers and normal ones it draws, and the use of these.
+        drawn: For each part how many uniform numbers and normal ones it draws, and the use of
+            these.
 
     Returns:
         Keys ``(..., parts, 2)``, and numbers ``(..., k)`` part by part.
@@ -129,8 +148,12 @@ def _start(cov: bytes, composition: Composition) -> Gaussian:
     known = whole[np.ix_(kept, kept)]
     if composition.late:
         known = block_diag(known, composition.forces.input_cov)
-    if composition.ended:  # nothing has acted before the start: a variance that is as good as none, and not singular
-        known = block_diag(known, 1e-6 * composition.forces.cov[np.ix_(composition.ended, composition.ended)])
+    if (
+        composition.ended
+    ):  # nothing has acted before the start: a variance that is as good as none, and not singular
+        known = block_diag(
+            known, 1e-6 * composition.forces.cov[np.ix_(composition.ended, composition.ended)]
+        )
     return Gaussian(np.zeros(len(known)), known)
 
 

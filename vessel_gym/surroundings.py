@@ -1,7 +1,7 @@
 """Surroundings of an episode: the vehicle's place, what is around it, and the names of its state.
 
-Pictures (`vessel_gym.rendering`) and pages (`agents.episode`) show every task alike. A task says what is around its
-vehicle by `register_surroundings`; without that, the vehicle is seen alone.
+Pictures (`vessel_gym.rendering`) and pages (`agents.episode`) show every task alike. A task says
+what is around its vehicle by `register_surroundings`; without that, the vehicle is seen alone.
 """
 
 from collections.abc import Callable, Sequence
@@ -48,7 +48,8 @@ class Surroundings:
         fairway: ``(k, 3)`` outline of the water within which it is to keep.
         goal: Where it is to arrive, and within what distance; None: nowhere.
         obstacles: ``(m, 3)`` north, east and radius of upright cylinders.
-        surface: Whether there is water above, and its surface is at this depth; None: there is none.
+        surface: Whether there is water above, and its surface is at this depth; None: there is
+            none.
 
     Raises:
         ValueError: for another hull.
@@ -75,7 +76,9 @@ class Surroundings:
     @property
     def landmarks(self) -> np.ndarray:
         """Path and goal ``(n, 3)``, which every map shows."""
-        return np.concatenate([self.path, np.zeros((0, 3)) if self.goal is None else [self.goal[:3]]])
+        return np.concatenate(
+            [self.path, np.zeros((0, 3)) if self.goal is None else [self.goal[:3]]]
+        )
 
 
 MakeSurroundings = Callable[[Any, np.ndarray], Surroundings]
@@ -141,7 +144,11 @@ def in_words(name: str, angles: Sequence[str]) -> tuple[str, str, float]:
         angles: The names of those that are angles.
     """
     words, unit = _WORDS.get(name, (name, "°" if name in angles else ""))
-    return words, unit, float(np.rad2deg(1.0)) if unit.startswith("°") else 1e3 if unit == "mrad" else 1.0
+    return (
+        words,
+        unit,
+        float(np.rad2deg(1.0)) if unit.startswith("°") else 1e3 if unit == "mrad" else 1.0,
+    )
 
 
 @register_surroundings(TurningCircle)
@@ -160,7 +167,9 @@ def _dive(task: Dive, scenario: np.ndarray) -> Surroundings:
     path = path_point(np.linspace(0.0, scenario[1], 121), scenario)[:, :3]
     north, east, down = path[-1]
     goal = (north, east, down, task.GOAL_TOLERANCE)
-    return Surroundings("torpedo", task.auv.length, True, path, goal=goal, surface=-task.launch_depth)
+    return Surroundings(
+        "torpedo", task.auv.length, True, path, goal=goal, surface=-task.launch_depth
+    )
 
 
 @register_surroundings(Flight)
@@ -171,7 +180,9 @@ def _flight(task: Flight, scenario: np.ndarray) -> Surroundings:
     north, east, _ = task.goal(scenario[None])[0]
     obstacles = scenario[-3 * OBSTACLES :].reshape(OBSTACLES, 3)
     goal = (north, east, down, task.GOAL_TOLERANCE)
-    return Surroundings("aircraft", _SPAN, True, path, goal=goal, obstacles=obstacles[obstacles[:, 2] > 0.0])
+    return Surroundings(
+        "aircraft", _SPAN, True, path, goal=goal, obstacles=obstacles[obstacles[:, 2] > 0.0]
+    )
 
 
 def _level(plane: np.ndarray, down: float = 0.0) -> np.ndarray:

@@ -36,29 +36,50 @@ def check_task(task: Task) -> None:
         ValueError: naming the figure.
     """
     if isinstance(task, type):
-        raise TypeError(f"task of a system must be an object, not its class: write {task.__name__}()")
-    missing = [name for name in ("horizon", "uniforms", "end_reasons", "success", "score") if not hasattr(task, name)]
+        raise TypeError(
+            f"task of a system must be an object, not its class: write {task.__name__}()"
+        )
+    missing = [
+        name
+        for name in ("horizon", "uniforms", "end_reasons", "success", "score")
+        if not hasattr(task, name)
+    ]
     if missing:
         raise TypeError(
-            f"task of a system must have {missing[0]}, as vessel_gym.system.Task has, got {short_repr(task)}"
+            f"task of a system must have {missing[0]}, as vessel_gym.system.Task has, got"
+            f" {short_repr(task)}"
         )
     title = type(task).__name__
     integer(f"horizon of {title}", task.horizon, 1)
     integer(f"uniforms of {title}", task.uniforms, 0)
     check_names(f"end_reasons of {title}", task.end_reasons)
     if len(set(task.end_reasons)) < len(task.end_reasons):
-        raise ValueError(f"end_reasons of {title} must differ from each other, got {short_repr(task.end_reasons)}")
+        raise ValueError(
+            f"end_reasons of {title} must differ from each other, got"
+            f" {short_repr(task.end_reasons)}"
+        )
     if hasattr(task, "perfect"):
         check_numbers(title, {"perfect": task.perfect}, positive="perfect")
     if not task.end_reasons or task.success not in ("", *task.end_reasons[1:]):
-        raise ValueError(f"success of {title} must be one of its end_reasons, or empty, got {short_repr(task.success)}")
+        raise ValueError(
+            f"success of {title} must be one of its end_reasons, or empty, got"
+            f" {short_repr(task.success)}"
+        )
     for name in ("prior_sd", "state_scale", "std_scale"):
-        if hasattr(task, name) and (finite_array(f"{name} of {title}", getattr(task, name), "n") < 0.0).any():
-            raise ValueError(f"{name} of {title} must be numbers of at least 0, got {short_repr(getattr(task, name))}")
+        if (
+            hasattr(task, name)
+            and (finite_array(f"{name} of {title}", getattr(task, name), "n") < 0.0).any()
+        ):
+            raise ValueError(
+                f"{name} of {title} must be numbers of at least 0, got"
+                f" {short_repr(getattr(task, name))}"
+            )
     needed = ("vehicle", "prior_sd") if getattr(type(task), "prior", None) is Task.prior else ()
     unset = [name for name in needed if not hasattr(task, name)]
     if unset:
-        raise TypeError(f"{title} needs {unset[0]}, from which `Task.prior` follows: see docs/own-task.md")
+        raise TypeError(
+            f"{title} needs {unset[0]}, from which `Task.prior` follows: see docs/own-task.md"
+        )
 
 
 @dataclass(frozen=True)
@@ -96,9 +117,14 @@ class System:
     def __post_init__(self) -> None:
         for name in ("name", "estimator", "filter_model"):
             instance(f"{name} of a system", getattr(self, name), str)
-        missing = [name for name in vars(Vehicle) if name[0] != "_" and not hasattr(self.vehicle, name)]
+        missing = [
+            name for name in vars(Vehicle) if name[0] != "_" and not hasattr(self.vehicle, name)
+        ]
         if missing:
-            text = f"vehicle of a system must have {', '.join(missing[:3])}, as vessel_gym.system.Vehicle says"
+            text = (
+                f"vehicle of a system must have {', '.join(missing[:3])}, as"
+                " vessel_gym.system.Vehicle says"
+            )
             raise TypeError(f"{text}, got {short_repr(self.vehicle)}")
         check_task(self.task)
         disturbances = options("disturbances of a system", self.disturbances)
@@ -109,11 +135,17 @@ class System:
         one_of("filter_model of a system", self.filter_model, self.vehicle.kinds)
         options("filter_models of a system", self.filter_models)
         sensors = () if self.sensors is None else self.sensors
-        if not isinstance(sensors, tuple | list) or not all(isinstance(each, Sensor) for each in sensors):
-            raise TypeError(f"sensors of a system must be Sensor objects, or None, got {short_repr(self.sensors)}")
+        if not isinstance(sensors, tuple | list) or not all(
+            isinstance(each, Sensor) for each in sensors
+        ):
+            raise TypeError(
+                "sensors of a system must be Sensor objects, or None, got"
+                f" {short_repr(self.sensors)}"
+            )
         if not callable(self.tuning):
             raise TypeError(
-                f"tuning of a system must be a function of (name, composition), got {short_repr(self.tuning)}"
+                "tuning of a system must be a function of (name, composition), got"
+                f" {short_repr(self.tuning)}"
             )
 
     @property
@@ -133,17 +165,19 @@ class System:
         fixes = nominal.measuring("x") or nominal.measuring("psi")
         if not fixes:
             raise ValueError(
-                f'{self.name} has no sensors="denied": none of its sensors measures a state x or psi, so there is no '
-                "fix to lose"
+                f'{self.name} has no sensors="denied": none of its sensors measures a state x or'
+                " psi, so there is no fix to lose"
             )
         return lost_fix(fixes, self.task.horizon * self.vehicle.dt)
 
-    def sensors_of(self, choice: "str | Sequence[Sensor]", faults: Sequence[SensorFault] = ()) -> Sensors:
+    def sensors_of(
+        self, choice: "str | Sequence[Sensor]", faults: Sequence[SensorFault] = ()
+    ) -> Sensors:
         """Its sensors in the quality of a suite by name, or somebody's own, with their faults.
 
         Raises:
-            ValueError: for a name that there is not, a suite that the vehicle does not have, or sensors that do not fit
-                the vehicle, see `Sensors`.
+            ValueError: for a name that there is not, a suite that the vehicle does not have, or
+                sensors that do not fit the vehicle, see `Sensors`.
             TypeError: for what is no sensor, or no fault of one.
         """
         vehicle = self.vehicle
@@ -155,7 +189,19 @@ class System:
                 choice = read_grades(self).suite(name)
             else:
                 choice = SUITES.get(name, SUITES["nominal"]).of(self.nominal_sensors)
-        elif not (isinstance(choice, list | tuple) and choice and all(isinstance(part, Sensor) for part in choice)):
+        elif not (
+            isinstance(choice, list | tuple)
+            and choice
+            and all(isinstance(part, Sensor) for part in choice)
+        ):
             named = ", ".join(SUITE_NAMES)
-            raise TypeError(f"sensors must be one of {named}, or Sensor objects, got {short_repr(choice)}")
-        return Sensors(choice, vehicle.state_names, vehicle.increments + vehicle.ambient_flows, vehicle.dt, faults)
+            raise TypeError(
+                f"sensors must be one of {named}, or Sensor objects, got {short_repr(choice)}"
+            )
+        return Sensors(
+            choice,
+            vehicle.state_names,
+            vehicle.increments + vehicle.ambient_flows,
+            vehicle.dt,
+            faults,
+        )

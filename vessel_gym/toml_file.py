@@ -41,7 +41,10 @@ class TomlFile:
             raise type(error)(f"cannot read {path}: {error.strerror}") from None
         try:
             self.data = tomllib.loads(self.text)
-        except (ValueError, RecursionError) as error:  # not TOML; a number of 5,000 digits, a thousand brackets
+        except (
+            ValueError,
+            RecursionError,
+        ) as error:  # not TOML; a number of 5,000 digits, a thousand brackets
             found = re.search(r"line (\d+)", str(error))
             line = int(found[1]) if found else self.text.count("\n") + 1
             sentence = re.sub(r" \(at .*?\)$", "", str(error)).replace("\n", " ")
@@ -49,7 +52,9 @@ class TomlFile:
 
     def line(self, keys: tuple[str, ...]) -> int | None:
         """Line of a key, or of the nearest table around it where it is missing; None: there is none."""
-        return next(filter(None, (line_of(self.text, keys[:n]) for n in range(len(keys), 0, -1))), None)
+        return next(
+            filter(None, (line_of(self.text, keys[:n]) for n in range(len(keys), 0, -1))), None
+        )
 
     def fault(self, keys: tuple[str, ...], sentence: str) -> TomlError:
         """The error of a sentence on a key, or its table where it is missing, or `otherwise` where that is."""

@@ -11,8 +11,9 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 class Verified:
     """Base of parts whose classes can be verified: ``class Ferry(Ship, verified=True)``.
 
-    A verified part is a constant, and its methods are NumPy that can be traced (docs/engine.md): pure, a row in a batch
-    as alone, finite for ordinary numbers. They are called without copies, inspection and checks.
+    A verified part is a constant, and its methods are NumPy that can be traced (docs/engine.md):
+    pure, a row in a batch as alone, finite for ordinary numbers. They are called without copies,
+    inspection and checks.
     """
 
     verified: ClassVar[bool] = False

@@ -38,19 +38,27 @@ def encounter_frequency(frequency: np.ndarray, beta: np.ndarray, speed: np.ndarr
     return frequency - frequency**2 * speed * np.cos(beta) / GRAVITY
 
 
-def jonswap(frequency: np.ndarray, height: float, period: float, peakedness: float = 3.3) -> np.ndarray:
+def jonswap(
+    frequency: np.ndarray, height: float, period: float, peakedness: float = 3.3
+) -> np.ndarray:
     """Spectrum of a sea [m2 s], scaled on the frequencies given [rad/s] to its significant ``height`` [m].
 
-    Hasselmann et al. (1973); a peakedness of 1 is Pierson and Moskowitz's. The ``period`` is the peak's [s].
+    Hasselmann et al. (1973); a peakedness of 1 is Pierson and Moskowitz's. The ``period`` is the
+    peak's [s].
 
     Raises:
-        ValueError: for a height, period or peakedness that no sea has, or frequencies that do not increase above 0.
+        ValueError: for a height, period or peakedness that no sea has, or frequencies that do not
+            increase above 0.
     """
     check_numbers("jonswap", {"height": height}, not_negative="height")
-    check_numbers("jonswap", {"period": period, "peakedness": peakedness}, positive="period peakedness")
+    check_numbers(
+        "jonswap", {"period": period, "peakedness": peakedness}, positive="period peakedness"
+    )
     frequency = finite_array("frequency", frequency, "k")
     if len(frequency) < 2 or not frequency[0] > 0.0 or not (np.diff(frequency) > 0.0).all():
-        raise ValueError("frequency of jonswap must be two or more numbers above 0 [rad/s] that increase")
+        raise ValueError(
+            "frequency of jonswap must be two or more numbers above 0 [rad/s] that increase"
+        )
     peak = 2.0 * np.pi / period
     width = np.where(frequency <= peak, 0.07, 0.09)
     bump = np.exp(-((frequency - peak) ** 2) / (2.0 * (width * peak) ** 2))
@@ -106,7 +114,9 @@ class WaveField:
         (w,) = along(lambda at: [interpolated(self._quantiles, at)], at)
         return np.concatenate([w, 2.0 * np.pi * uniforms[..., n:]], -1)
 
-    def phases(self, drawn: np.ndarray, time: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def phases(
+        self, drawn: np.ndarray, time: np.ndarray, place: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies [rad/s] and phases [rad] of the components ``(..., n)``.
 
         Args:
@@ -127,14 +137,16 @@ class WaveField:
 class WaveBands:
     """A filter's model of a `WaveField`: three bands, each a complex number ``z+ = exp((j w - b) dt) z + n``.
 
-    Its variance is 1 whatever the frequency is. The damping b is constant: one that follows the speed of a ship through
-    the groups of waves serves no better (docs/seaway.md).
+    Its variance is 1 whatever the frequency is. The damping b is constant: one that follows the
+    speed of a ship through the groups of waves serves no better (docs/seaway.md).
     """
 
     height: float  # significant, m
     period: float  # of the spectrum's peak, s
 
-    names = tuple(f"wave {band} {part}" for band in range(1, BANDS + 1) for part in ("real", "imaginary"))
+    names = tuple(
+        f"wave {band} {part}" for band in range(1, BANDS + 1) for part in ("real", "imaginary")
+    )
 
     def __post_init__(self) -> None:
         check_numbers(self, not_negative="height", positive="period")
@@ -152,7 +164,9 @@ class WaveBands:
     @cached_property
     def within(self) -> list[np.ndarray]:
         """Frequencies within each band [rad/s]."""
-        return [np.linspace(low, high, 30) for low, high in pairwise(2.0 * np.pi / self.period * _EDGES)]
+        return [
+            np.linspace(low, high, 30) for low, high in pairwise(2.0 * np.pi / self.period * _EDGES)
+        ]
 
     def power(self, band: int, response: np.ndarray) -> np.ndarray:
         """Variance of what waves `within` a band do that gives ``response (30, ...)`` per metre of amplitude."""
@@ -168,7 +182,13 @@ class WaveBands:
         for frequency in self.frequencies:
             kept = np.exp(-_DAMPING * frequency * dt)
             cos, sin = kept * np.cos(frequency * dt), kept * np.sin(frequency * dt)
-            bands.append(Process(np.array([[cos, -sin], [sin, cos]]), np.sqrt(1.0 - kept**2) * np.eye(2), np.eye(2)))
+            bands.append(
+                Process(
+                    np.array([[cos, -sin], [sin, cos]]),
+                    np.sqrt(1.0 - kept**2) * np.eye(2),
+                    np.eye(2),
+                )
+            )
         return Process.joined(*bands)
 
     def at(self, z: np.ndarray, along: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:

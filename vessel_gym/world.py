@@ -34,11 +34,19 @@ class World:
     """
 
     def __init__(
-        self, vehicle: Any, forces: Forces, disturbance: Any, sensors: Sensors, task: Any, users: bool
+        self,
+        vehicle: Any,
+        forces: Forces,
+        disturbance: Any,
+        sensors: Sensors,
+        task: Any,
+        users: bool,
     ) -> None:
         self.vehicle, self.forces, self.sensors, self.task = vehicle, forces, sensors, task
         self.disturbance, self.users = disturbance, users
-        self.own_parts = [part for part in (vehicle, task, disturbance) if isinstance(part, CheckedMethods)]
+        self.own_parts = [
+            part for part in (vehicle, task, disturbance) if isinstance(part, CheckedMethods)
+        ]
         self.step: Any = Step(self, self.own_parts, self._called) if users else self.equations
         biases = [s.bias.process(sensors.dt) for s in sensors.each if s.bias is not None]
         self.size = disturbance.process.size
@@ -48,8 +56,12 @@ class World:
         self.parts[0] += disturbance.white.shape[-1]
         self.start_roots = [process.start_root for process in (disturbance.process, *biases)]
         self.carried = forces.vehicle.carried
-        if self.carried is not None:  # the prior's state moves with the flow, which is of the disturbance's state
-            self.carried = self.carried @ forces.linear[len(forces.vehicle.increments) : forces.outside]
+        if (
+            self.carried is not None
+        ):  # the prior's state moves with the flow, which is of the disturbance's state
+            self.carried = (
+                self.carried @ forces.linear[len(forces.vehicle.increments) : forces.outside]
+            )
         self.transition = block_diag(disturbance.process.transition, sensors.bias.transition)
         self.root = block_diag(disturbance.white, disturbance.process.root, sensors.bias.root)
         verified = {
@@ -74,18 +86,33 @@ class World:
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
         """Actuators and known input after an action, then what `move` gives, then what `sense` does.
 
-        Where functions are a user's, a mask ``(...)`` of rows in which they gave nothing that is to be refused.
+        Where functions are a user's, a mask ``(...)`` of rows in which they gave nothing that is to
+        be refused.
         """
         after = self.vehicle.actuate(actuators, action)
         commanding = self.task.commanding
-        commanded = self.task.commanded(scenario, steps - 1) if commanding is None else reference[..., commanding]
+        commanded = (
+            self.task.commanded(scenario, steps - 1)
+            if commanding is None
+            else reference[..., commanding]
+        )
         u = self.vehicle.known_input(actuators, after, commanded)
         ended = exogenous[..., : len(self.forces.vehicle.increments)]
-        moved = self.move(state, actuators, after, exogenous, parameters, keys, steps, drifting, noise, drawn)
+        moved = self.move(
+            state, actuators, after, exogenous, parameters, keys, steps, drifting, noise, drawn
+        )
         state, drifting, noise, exogenous = moved
         exogenous = self._with_task(exogenous, scenario, steps)
         measured = self._measured(state, ended, exogenous, drifting)
-        stepped = after, u, state, drifting, noise, exogenous, *self.sense(*measured, steps, sensing)
+        stepped = (
+            after,
+            u,
+            state,
+            drifting,
+            noise,
+            exogenous,
+            *self.sense(*measured, steps, sensing),
+        )
         if not self.users:
             return stepped
         finite = (np.isfinite(each).all(-1) for each in (after, u, state, exogenous))
@@ -115,7 +142,9 @@ class World:
             offsets, _ = self.forces.of_actuators(exogenous)
             before, after = before + offsets, after + offsets
         left = state
-        state = self.vehicle.step(state, before, after, exogenous[..., : self.forces.outside], parameters)
+        state = self.vehicle.step(
+            state, before, after, exogenous[..., : self.forces.outside], parameters
+        )
         drifting, *advanced = self._advanced(keys, steps, drifting, noise)
         if self.forces.meets:
             z = self.disturbance.met(drifting[..., : self.size], left, state)
@@ -138,11 +167,20 @@ class World:
             keys: and ``(..., parts, 2)`` of disturbance, biases and sensors.
             steps: Zeros ``(...)``.
         """
-        start_root, first, count = block_diag(*self.start_roots), self.task.uniforms, len(self.parts)
-        last, normals = numbers.shape[-1] - start_root.shape[-1], numbers[..., first : first + mean.shape[-1]]
+        start_root, first, count = (
+            block_diag(*self.start_roots),
+            self.task.uniforms,
+            len(self.parts),
+        )
+        last, normals = (
+            numbers.shape[-1] - start_root.shape[-1],
+            numbers[..., first : first + mean.shape[-1]],
+        )
         uniforms = numbers[..., last - self.disturbance.uniforms : last]
         drawn = self.draw(uniforms) if self.disturbance.uniforms else uniforms
-        drifting = product(start_root, numbers[..., last:], np.zeros((*mean.shape[:-1], len(start_root))))
+        drifting = product(
+            start_root, numbers[..., last:], np.zeros((*mean.shape[:-1], len(start_root)))
+        )
         x = mean + (root * normals[..., None, :]).sum(-1)
         if self.carried is not None:
             x = product(self.carried, drifting, x)
@@ -153,13 +191,20 @@ class World:
         exogenous = self._with_task(exogenous, scenario, steps)
         u = self.vehicle.known_input(actuators, actuators, self.task.commanded(scenario, steps))
         ended = np.zeros((*steps.shape, len(self.forces.vehicle.increments)))
-        read = self.sense(*self._measured(state, ended, exogenous, drifting), steps, keys[..., count:, :])
+        read = self.sense(
+            *self._measured(state, ended, exogenous, drifting), steps, keys[..., count:, :]
+        )
         score_state = self.task.initial_score_state(state, scenario)
         return actuators, u, state, drifting, noise, exogenous, drawn, *read, score_state
 
     @compiled(axes=(1, 1, 1, 0, 2))
     def sense(
-        self, state: np.ndarray, exogenous: np.ndarray, bias: np.ndarray, steps: np.ndarray, sensing: np.ndarray
+        self,
+        state: np.ndarray,
+        exogenous: np.ndarray,
+        bias: np.ndarray,
+        steps: np.ndarray,
+        sensing: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Measurements ``(..., p)`` and the mask of those available, by keys ``(..., sensors, 2)``."""
         return self.sensors.read(state, exogenous, bias, steps, sensing)
@@ -171,9 +216,10 @@ class World:
 
         Args:
             state: ``(..., n)`` of the vehicle, now.
-            ended: Increments ``(..., increments)`` of the step that has ended, which are in that state.
-            coming: Exogenous input ``(..., f)`` of the coming step, of which flows are those of now; of means over that
-                step sensors get zeros.
+            ended: Increments ``(..., increments)`` of the step that has ended, which are in that
+                state.
+            coming: Exogenous input ``(..., f)`` of the coming step, of which flows are those of
+                now; of means over that step sensors get zeros.
             drifting: States of disturbance and biases ``(..., s)``.
         """
         flows = coming[..., ended.shape[-1] : self.forces.outside]
@@ -183,13 +229,23 @@ class World:
 
     @compiled(axes=(2, 0, 1, 1))
     def _advanced(
-        self, keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray, noise: np.ndarray, *, first: bool = False
+        self,
+        keys: np.ndarray,
+        steps: np.ndarray,
+        drifting: np.ndarray,
+        noise: np.ndarray,
+        *,
+        first: bool = False,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """States of disturbance and biases, noise, and what of the exogenous input is linear in both."""
         transition = np.eye(len(self.transition)) if first else self.transition
-        return advance(keys, steps, drifting, noise, self.parts, self.root, transition, self.forces.gains)
+        return advance(
+            keys, steps, drifting, noise, self.parts, self.root, transition, self.forces.gains
+        )
 
-    def _with_task(self, exogenous: np.ndarray, scenario: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    def _with_task(
+        self, exogenous: np.ndarray, scenario: np.ndarray, steps: np.ndarray
+    ) -> np.ndarray:
         """The exogenous input with what the task prescribes."""
         if not hasattr(self.task, "exogenous"):
             return exogenous
@@ -213,10 +269,14 @@ class World:
         return drawn
 
     @compiled(axes=(1, 0, 1, 1))
-    def effect(self, drawn: np.ndarray, steps: np.ndarray, z: np.ndarray, state: np.ndarray) -> np.ndarray:
+    def effect(
+        self, drawn: np.ndarray, steps: np.ndarray, z: np.ndarray, state: np.ndarray
+    ) -> np.ndarray:
         """The disturbance's effect ``(..., forces)`` after so many ``steps (...)`` of an episode."""
         own = self.disturbance
         given: np.ndarray = (
-            own.effect_at(drawn, self.sensors.dt * steps, z, state) if own.uniforms else own.effect(z, state)
+            own.effect_at(drawn, self.sensors.dt * steps, z, state)
+            if own.uniforms
+            else own.effect(z, state)
         )
         return given

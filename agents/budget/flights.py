@@ -52,13 +52,17 @@ class World:
 
     def options(self, estimator: str | None) -> dict[str, Any]:
         """Options of the environment."""
-        chosen = named_object(estimator) if estimator is not None and ":" in estimator else estimator
+        chosen = (
+            named_object(estimator) if estimator is not None and ":" in estimator else estimator
+        )
         return {"estimator": chosen, "disturbance": self.disturbance}
 
     def made(self, sensors: Any) -> Any:
         """A batch of one, on sensors of one's own if there are some."""
         extra = {} if sensors is None else {"sensors": sensors}
-        return gym.make_vec(environment_id(self.environment), num_envs=1, **self.options(self.estimator), **extra)
+        return gym.make_vec(
+            environment_id(self.environment), num_envs=1, **self.options(self.estimator), **extra
+        )
 
     @property
     def own(self) -> dict[str, str]:
@@ -153,7 +157,8 @@ def fly(
         own: See `World.own`.
 
     Returns:
-        ``score (N,)``; or ``refused``, why the environment cannot fly the estimator on these sensors.
+        ``score (N,)``; or ``refused``, why the environment cannot fly the estimator on these
+        sensors.
     """
     import_own({name: digest for name, digest in own.items() if name != agent})
     world = World(environment, estimator, agent, disturbance)
@@ -164,4 +169,6 @@ def fly(
         return {"refused": str(error)}
     options = world.options(estimator) | ({} if sensors is None else {"sensors": sensors})
     seeds = evaluation_seeds(episodes, first_seed)
-    return {"score": rollout(agent, environment_id(environment), seeds, options, record=False).score}
+    return {
+        "score": rollout(agent, environment_id(environment), seeds, options, record=False).score
+    }

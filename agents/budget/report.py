@@ -65,7 +65,9 @@ def verdict(budget: Budget, suite: int) -> str:
 def summary(budget: Budget) -> Table:
     """The answer, what else was confirmed or may do, and the suites with one sensor worse, in up to `ROWS` rows."""
     centre = budget.centre
-    chosen = dict.fromkeys([centre, *reversed(budget.confirmed), *budget.neighbours(centre), *budget.undecided])
+    chosen = dict.fromkeys(
+        [centre, *reversed(budget.confirmed), *budget.neighbours(centre), *budget.undecided]
+    )
     rows = []
     for suite in list(chosen)[:ROWS]:
         fresh = budget.confirmed.get(suite)
@@ -87,7 +89,9 @@ def _named(budget: Budget, suite: int) -> str:
         return "the answer" if budget.answer is not None else "the nearest"
     there = budget.suites[budget.centre].choices
     changed = [
-        f"{sensor} {choice}" for sensor, choice in budget.suites[suite].choices.items() if choice != there[sensor]
+        f"{sensor} {choice}"
+        for sensor, choice in budget.suites[suite].choices.items()
+        if choice != there[sensor]
     ]
     return ", ".join(changed)
 
@@ -97,14 +101,22 @@ def suites_csv(budget: Budget) -> str:
     numbers = ["episodes", "share", "low", "high", "fresh_share", "fresh_low", "fresh_high"]
     rows: list[list[Any]] = [[*budget.suites[0].choices, "price", *numbers, "verdict"]]
     for i, suite in enumerate(budget.suites):
-        cells: list[Any] = [*map(str, suite.choices.values()), f"{suite.price:g}", len(budget.around.scores.get(i, ()))]
+        cells: list[Any] = [
+            *map(str, suite.choices.values()),
+            f"{suite.price:g}",
+            len(budget.around.scores.get(i, ())),
+        ]
         for share in (budget.around.shares.get(i), budget.confirmed.get(i)):
-            cells += [""] * 3 if share is None else [f"{x:.6f}" for x in (share.mean, share.low, share.high)]
+            cells += (
+                [""] * 3
+                if share is None
+                else [f"{x:.6f}" for x in (share.mean, share.low, share.high)]
+            )
         rows.append([*cells, verdict(budget, i)])
     return csv_text(rows)
 
 
-# --- picture ---------------------------------------------------------------------------------------------
+# --- picture --------------------------------------------------------------------------------------
 
 
 def picture(budget: Budget) -> "Drawing":
@@ -118,7 +130,9 @@ def picture(budget: Budget) -> "Drawing":
         panels = drawing.subplots(len(pairs), 1, squeeze=False)[:, 0]
         for panel, (one, other) in zip(panels, pairs, strict=True):
             image = _panel(budget, panel, one, other)
-        bar = drawing.colorbar(image, ax=list(panels), label="Share kept of the score on the truth", aspect=40)
+        bar = drawing.colorbar(
+            image, ax=list(panels), label="Share kept of the score on the truth", aspect=40
+        )
         bar.ax.axhline(budget.keep, color=INK, linewidth=2.0)
     return drawing
 
@@ -134,8 +148,20 @@ def _panel(budget: Budget, panel: "Axes", one: str, other: str) -> Any:
         [numbers[_key(centre, {one: right} | ({} if one == other else {other: below}))] for right in across]
         for below in down
     ])  # fmt: skip
-    shares = np.array([[getattr(budget.around.shares.get(i), "mean", np.nan) for i in row] for row in cells.tolist()])
-    image = panel.imshow(shares, cmap="cividis", vmin=min(budget.keep - 0.2, 0.75), vmax=1.0, aspect="auto", alpha=0.75)
+    shares = np.array(
+        [
+            [getattr(budget.around.shares.get(i), "mean", np.nan) for i in row]
+            for row in cells.tolist()
+        ]
+    )
+    image = panel.imshow(
+        shares,
+        cmap="cividis",
+        vmin=min(budget.keep - 0.2, 0.75),
+        vmax=1.0,
+        aspect="auto",
+        alpha=0.75,
+    )
     for (y, x), share in np.ndenumerate(shares):
         text = "–" if np.isnan(share) else f"{share:.3f}"
         weight = "bold" if cells[y, x] == budget.answer else "normal"
@@ -147,7 +173,11 @@ def _panel(budget: Budget, panel: "Axes", one: str, other: str) -> Any:
     panel.set_yticks(range(len(down)), [str(choice) for choice in down], fontsize=8)
     panel.set_xlabel(one)
     panel.set_ylabel("" if one == other else other)
-    rest = [f"{sensor} {choice}" for sensor, choice in centre.choices.items() if sensor not in (one, other)]
+    rest = [
+        f"{sensor} {choice}"
+        for sensor, choice in centre.choices.items()
+        if sensor not in (one, other)
+    ]
     panel.set_title(", ".join(rest), loc="left", fontsize=8.5)
     return image
 
@@ -171,7 +201,7 @@ def _key(suite: Suite, changed: dict[str, Choice] | None = None) -> tuple[Choice
     return tuple((dict(suite.choices) | (changed or {})).values())
 
 
-# --- page ------------------------------------------------------------------------------------------------
+# --- page -----------------------------------------------------------------------------------------
 
 
 def page(budget: Budget, priced: bool) -> Page:
@@ -198,7 +228,10 @@ def page(budget: Budget, priced: bool) -> Page:
         Section("Settings", [facts]),
     ]
     title = f"The cheapest sensors that keep {100 * budget.keep:g} %"
-    subtitle = f"vessel-gym {vessel_gym.__version__}: {world.environment}, {many(len(budget.suites), 'suite')}"
+    subtitle = (
+        f"vessel-gym {vessel_gym.__version__}: {world.environment},"
+        f" {many(len(budget.suites), 'suite')}"
+    )
     return Page(title, subtitle, conclusion(budget), sections)
 
 

@@ -51,7 +51,9 @@ class Budget:
         """The answer; else the suite that was nearest to one, or the best."""
         if self.answer is not None:
             return self.answer
-        tried = list(self.confirmed) or sorted(self.search.shares, key=lambda i: -self.search.shares[i].low)
+        tried = list(self.confirmed) or sorted(
+            self.search.shares, key=lambda i: -self.search.shares[i].low
+        )
         return tried[0] if tried else len(self.suites) - 1
 
     @property
@@ -75,7 +77,9 @@ class Budget:
         """Sensors of which there is a choice, those that differ most in price first, up to `SENSORS`."""
         chosen = self.suites[suite].choices
         found = {
-            sensor: [other.price for other in map(self.suites.__getitem__, self.line(suite, sensor))]
+            sensor: [
+                other.price for other in map(self.suites.__getitem__, self.line(suite, sensor))
+            ]
             for sensor in chosen
         }
         found = {sensor: prices for sensor, prices in found.items() if len(prices) > 1}
@@ -99,7 +103,9 @@ class Budget:
         return found
 
 
-def cheapest(flights: Flights, keep: float, episodes: int, progress: Progress | None = None) -> Budget:
+def cheapest(
+    flights: Flights, keep: float, episodes: int, progress: Progress | None = None
+) -> Budget:
     """Search the cheapest suite that keeps a share of the truth's score, and confirm it on fresh seeds.
 
     Args:
@@ -117,7 +123,12 @@ def cheapest(flights: Flights, keep: float, episodes: int, progress: Progress | 
     search = Search(levels(flights.suites), ranks, keep, flights, episodes)
     search.run(progress)
     confirmed = confirm(search.sequence, keep, flights, FRESH, episodes)
-    around = replace(search, scores=dict(search.scores), shares=dict(search.shares), verdicts=dict(search.verdicts))
+    around = replace(
+        search,
+        scores=dict(search.scores),
+        shares=dict(search.shares),
+        verdicts=dict(search.verdicts),
+    )
     found = Budget(flights.world, flights.suites, keep, search, confirmed, around, flights.refusals)
     look_around(found)
     return found
@@ -127,9 +138,17 @@ def look_around(budget: Budget) -> None:
     """Fly the suites that a picture shows, and the neighbours of the answer, as far as they are not flown."""
     centre, around = budget.centre, budget.around
     pairs = combinations(budget.sensors(centre), 2)
-    needed = {centre, *budget.neighbours(centre), *(i for pair in pairs for i in budget.line(centre, *pair))}
+    needed = {
+        centre,
+        *budget.neighbours(centre),
+        *(i for pair in pairs for i in budget.line(centre, *pair)),
+    }
     least = next((look for look in looks(around.episodes) if look >= AROUND), around.episodes)
-    few = {i: least for i in sorted(needed) if len(around.scores.get(i, ())) < least and i not in budget.refusals}
+    few = {
+        i: least
+        for i in sorted(needed)
+        if len(around.scores.get(i, ())) < least and i not in budget.refusals
+    }
     if few:
         around.extend({TRUTH: max(least, len(around.scores.get(TRUTH, ())))} | few)
         for i in few:

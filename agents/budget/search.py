@@ -1,14 +1,15 @@
 """Sequential search for the cheapest suite that keeps a share of the truth's score, and its confirmation.
 
-The two parts fly different seeds. The search may therefore look as often as it likes: no error of the confirmation
-depends on what the search compared.
+The two parts fly different seeds. The search may therefore look as often as it likes: no error of
+the confirmation depends on what the search compared.
 
-- Search: each suite is looked at after 32, 64, 128 ... episodes. Its interval holds for all suites and all looks at
-  once (Bonferroni), so the order in which suites are flown needs no correction.
-- Confirmation: suites in an order that the search has fixed, the safest first, each cheaper than the one before. The
-  first that is not confirmed ends it, and the answer is the last one confirmed. Such a fixed sequence needs no
-  correction: a wrong suite can only be the answer if the first wrong one of the order passes its own test (Maurer,
-  Hothorn & Lehmacher 1995; Goeman & Solari 2010, "The sequential rejection principle of familywise error control").
+- Search: each suite is looked at after 32, 64, 128 ... episodes. Its interval holds for all suites
+  and all looks at once (Bonferroni), so the order in which suites are flown needs no correction.
+- Confirmation: suites in an order that the search has fixed, the safest first, each cheaper than
+  the one before. The first that is not confirmed ends it, and the answer is the last one confirmed.
+  Such a fixed sequence needs no correction: a wrong suite can only be the answer if the first wrong
+  one of the order passes its own test (Maurer, Hothorn & Lehmacher 1995; Goeman & Solari 2010, "The
+  sequential rejection principle of familywise error control").
 """
 
 from collections.abc import Callable, Sequence
@@ -97,8 +98,9 @@ class Search:
     def run(self, progress: Progress | None = None) -> None:
         """Fly until every suite cheaper than the cheapest one that keeps the share is decided, or has all episodes.
 
-        A suite that is no better in any sensor than one that fails is not flown. That it fails, too, is an assumption:
-        no test relies on it, but a cheaper suite may be missed where it does not hold.
+        A suite that is no better in any sensor than one that fails is not flown. That it fails,
+        too, is an assumption: no test relies on it, but a cheaper suite may be missed where it does
+        not hold.
         """
         undecided = self.undecided()
         while len(undecided):
@@ -126,7 +128,9 @@ class Search:
     def skipped(self, suites: Sequence[int]) -> set[int]:
         """Those of some suites that were not flown and are no better in any sensor than one that fails."""
         failed = self.ranks[self.where(FAILS)]
-        return {i for i in suites if i not in self.verdicts and (self.ranks[i] >= failed).all(-1).any()}
+        return {
+            i for i in suites if i not in self.verdicts and (self.ranks[i] >= failed).all(-1).any()
+        }
 
     def where(self, verdict: str) -> list[int]:
         """Suites with a verdict, the cheapest first."""
@@ -135,7 +139,8 @@ class Search:
     def worthwhile(self, undecided: np.ndarray) -> np.ndarray:
         """Undecided suites by what their next look settles an episode, whichever way it ends, the most first.
 
-        A suite that fails settles those that are no better in any sensor; one that keeps the share, the dearer ones.
+        A suite that fails settles those that are no better in any sensor; one that keeps the share,
+        the dearer ones.
         """
         ranks = self.ranks[undecided]
         if_fails = np.array([(ranks >= one).all(-1).sum() for one in ranks])
@@ -160,7 +165,9 @@ class Search:
     def extend(self, ends: dict[int, int]) -> None:
         """Fly suites up to numbers of episodes."""
         start = {i: len(self.scores.get(i, ())) for i in ends}
-        requests = [Request(i, start[i], end - start[i]) for i, end in ends.items() if end > start[i]]
+        requests = [
+            Request(i, start[i], end - start[i]) for i, end in ends.items() if end > start[i]
+        ]
         for request, flown in zip(requests, self.fly(requests), strict=True):
             if flown is None:
                 self.verdicts[request.suite] = REFUSED
@@ -170,15 +177,19 @@ class Search:
     def judge(self, suite: int) -> None:
         """Compute the share that a suite keeps, and decide on it if its interval is on one side of what is asked."""
         scores = self.scores[suite]
-        share = self.shares[suite] = share_kept(scores, self.scores[TRUTH][: len(scores)], self.comparisons)
-        self.verdicts[suite] = DOES if share.low >= self.keep else FAILS if share.high < self.keep else OPEN
+        share = self.shares[suite] = share_kept(
+            scores, self.scores[TRUTH][: len(scores)], self.comparisons
+        )
+        self.verdicts[suite] = (
+            DOES if share.low >= self.keep else FAILS if share.high < self.keep else OPEN
+        )
 
     @property
     def sequence(self) -> list[int]:
         """Suites to confirm, in their order: by the lower end of their interval, each cheaper than those before.
 
-        Suites whose mean does not keep the share are left out. Of those that keep it for certain the two cheapest are
-        enough, one of them for the case that the other is not confirmed.
+        Suites whose mean does not keep the share are left out. Of those that keep it for certain
+        the two cheapest are enough, one of them for the case that the other is not confirmed.
         """
         found: list[int] = []
         good = (i for i, share in self.shares.items() if share.mean >= self.keep)
@@ -189,11 +200,14 @@ class Search:
         return found[max(certain - 2, 0) :]
 
 
-def confirm(sequence: Sequence[int], keep: float, fly: Fly, first: int, episodes: int) -> dict[int, Interval]:
+def confirm(
+    sequence: Sequence[int], keep: float, fly: Fly, first: int, episodes: int
+) -> dict[int, Interval]:
     """Shares with 95 % intervals on fresh seeds of suites in their order, up to the first that is not confirmed.
 
-    Those whose interval is not below ``keep`` are confirmed. The probability that the last one confirmed keeps less is
-    at most 2.5 %, however many are tried, since the order is fixed before these seeds are flown.
+    Those whose interval is not below ``keep`` are confirmed. The probability that the last one
+    confirmed keeps less is at most 2.5 %, however many are tried, since the order is fixed before
+    these seeds are flown.
 
     Args:
         sequence: See `Search.sequence`.

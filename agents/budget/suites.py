@@ -85,15 +85,18 @@ def choices_of(system: System, rates: Sequence[float] = ()) -> dict[str, list[Ch
     Sensors of which there is no choice are left out.
 
     Raises:
-        ValueError: if there is no choice at all, or a rate is not below that of any grade, or does not divide the
-            steps of a second.
+        ValueError: if there is no choice at all, or a rate is not below that of any grade, or does
+            not divide the steps of a second.
     """
     grades, dt = grades_of(system), system.vehicle.dt
-    highest = max(sensor.rate or 1.0 / dt for of_sensor in grades.values() for sensor in of_sensor.values())
+    highest = max(
+        sensor.rate or 1.0 / dt for of_sensor in grades.values() for sensor in of_sensor.values()
+    )
     for rate in rates:
         if not 0.0 < rate < highest:
             raise ValueError(
-                f"--rates must be above 0 and below {highest:g} Hz, the highest of any grade, got {rate:g}"
+                f"--rates must be above 0 and below {highest:g} Hz, the highest of any grade, got"
+                f" {rate:g}"
             )
     found = {}
     for name, of_sensor in grades.items():
@@ -121,7 +124,10 @@ def suites_of(choices: Mapping[str, Sequence[Choice]], prices: Prices | None = N
     """
     count = prod(len(each) for each in choices.values())
     if count > MOST:
-        raise ValueError(f"there are {count} suites to choose from, and at most {MOST} are searched: give fewer rates")
+        raise ValueError(
+            f"there are {count} suites to choose from, and at most {MOST} are searched: give fewer"
+            " rates"
+        )
     costs = step_prices(choices) if prices is None else price_list(choices, prices)
     priced = [
         [replace(choice, price=costs[sensor][str(choice)]) for choice in reversed(each)]
@@ -140,36 +146,49 @@ def levels(suites: Sequence[Suite]) -> np.ndarray:
 def step_prices(choices: Mapping[str, Sequence[Choice]]) -> dict[str, dict[str, float]]:
     """Prices of 1 for each step to a better grade, where the user gives none."""
     return {
-        sensor: {str(choice): float(max(each.ranks[0] for each in listed) - choice.ranks[0]) for choice in listed}
+        sensor: {
+            str(choice): float(max(each.ranks[0] for each in listed) - choice.ranks[0])
+            for choice in listed
+        }
         for sensor, listed in choices.items()
     }
 
 
-def price_list(choices: Mapping[str, Sequence[Choice]], prices: Prices) -> dict[str, dict[str, float]]:
+def price_list(
+    choices: Mapping[str, Sequence[Choice]], prices: Prices
+) -> dict[str, dict[str, float]]:
     """Price of every choice; a grade at a lower rate costs what the grade does, unless it has a price of its own.
 
     Raises:
-        ValueError: for a sensor or grade that there is not, a missing price, or one that is no number of at least 0.
+        ValueError: for a sensor or grade that there is not, a missing price, or one that is no
+            number of at least 0.
     """
     for sensor, grades in prices.items():
         if sensor not in choices:
             raise ValueError(unknown("sensor in the prices", sensor, choices))
         if not isinstance(grades, Mapping):
-            raise ValueError(f"prices of {sensor} must be a table of numbers by grade, got {grades!r}")
+            raise ValueError(
+                f"prices of {sensor} must be a table of numbers by grade, got {grades!r}"
+            )
         for grade, price in grades.items():
             if grade not in map(str, choices[sensor]):
-                raise ValueError(unknown(f"grade of {sensor} in the prices", grade, map(str, choices[sensor])))
+                raise ValueError(
+                    unknown(f"grade of {sensor} in the prices", grade, map(str, choices[sensor]))
+                )
             number = isinstance(price, int | float) and not isinstance(price, bool)
             if not (number and 0.0 <= price <= DEAREST):
                 raise ValueError(
-                    f"the price of {sensor}, {grade}, must be a number from 0 to {DEAREST:g}, got {short_repr(price)}"
+                    f"the price of {sensor}, {grade}, must be a number from 0 to {DEAREST:g}, got"
+                    f" {short_repr(price)}"
                 )
     found: dict[str, dict[str, float]] = {}
     for sensor, choice in _each(choices):
         listed = prices.get(sensor, {})
         if choice.grade not in listed:
             raise ValueError(f"the prices lack the grade {choice.grade!r} of {sensor}")
-        found.setdefault(sensor, {})[str(choice)] = float(listed.get(str(choice), listed[choice.grade]))
+        found.setdefault(sensor, {})[str(choice)] = float(
+            listed.get(str(choice), listed[choice.grade])
+        )
     return found
 
 
@@ -184,7 +203,12 @@ def prices_toml(suites: Sequence[Suite]) -> str:
         for sensor, choice in suite.choices.items():
             found.setdefault(sensor, {})[str(choice)] = choice.price
     tables = [
-        "\n".join([f"[{json.dumps(sensor)}]", *(f"{json.dumps(name)} = {price:g}" for name, price in listed.items())])
+        "\n".join(
+            [
+                f"[{json.dumps(sensor)}]",
+                *(f"{json.dumps(name)} = {price:g}" for name, price in listed.items()),
+            ]
+        )
         for sensor, listed in found.items()
     ]
     return "\n\n".join(tables) + "\n"

@@ -19,7 +19,9 @@ def main() -> int | None:
     """
     name, *arguments = sys.argv[1:] or ["--help"]
     if name in COMMANDS:
-        return command(import_module(f"agents.commands.{name}").main, arguments, f"vessel-gym {name}")
+        return command(
+            import_module(f"agents.commands.{name}").main, arguments, f"vessel-gym {name}"
+        )
     with one_sentence_errors():
         if name in ("-h", "--help", "--version"):
             print(_version() if name == "--version" else _listing())
@@ -40,6 +42,13 @@ def _listing() -> str:
     """List of the commands, each with the first sentence of its help."""
     lines = ["usage: vessel-gym COMMAND ...", ""]
     lines += [
-        f"  {name:10} {import_module(f'agents.commands.{name}').main.__doc__.splitlines()[0]}" for name in COMMANDS
+        f"  {name:10} {import_module(f'agents.commands.{name}').main.__doc__.splitlines()[0]}"
+        for name in COMMANDS
     ]
-    return "\n".join([*lines, "", "vessel-gym COMMAND --help tells what a command takes; --version, which this is."])
+    return "\n".join(
+        [
+            *lines,
+            "",
+            "vessel-gym COMMAND --help tells what a command takes; --version, which this is.",
+        ]
+    )

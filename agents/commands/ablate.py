@@ -18,7 +18,11 @@ def _shipped() -> dict[str, Path]:
     if not found:
         with suppress(metadata.PackageNotFoundError):
             files = metadata.files("vessel-gym") or ()
-            found = [Path(str(file.locate())) for file in files if file.match("vessel-gym/studies/*.toml")]
+            found = [
+                Path(str(file.locate()))
+                for file in files
+                if file.match("vessel-gym/studies/*.toml")
+            ]
     return {path.stem: path for path in sorted(found)}
 
 
@@ -34,16 +38,18 @@ def main(
 ) -> int:
     """Run what a study file asks for, as far as it has not been run, and write its report.
 
-    Results are kept in the output folder, each in a file of its own. After an interruption, run the same command
-    again: it goes on with what is missing. Several machines may share the folder.
+    Results are kept in the output folder, each in a file of its own. After an interruption, run the
+    same command again: it goes on with what is missing. Several machines may share the folder.
 
     Args:
-        study: The study file (TOML; docs/studies.md says what it holds), or the name of one that comes with vessel-gym,
-            e.g. quick.
+        study: The study file (TOML; docs/studies.md says what it holds), or the name of one that
+            comes with vessel-gym, e.g. quick.
         out: Folder for results and report; results/ and the name of the study file if not given.
         processes: Processes on this machine.
-        scheduler: Address of a Dask scheduler whose workers compute instead, e.g. tcp://10.0.0.1:8786.
-        shard: i/n: compute only the i-th of n parts, for job arrays; the report is made when all are done.
+        scheduler: Address of a Dask scheduler whose workers compute instead, e.g.
+            tcp://10.0.0.1:8786.
+        shard: i/n: compute only the i-th of n parts, for job arrays; the report is made when all
+            are done.
 
     Returns:
         The exit status: 1 if something failed or is missing.
@@ -71,7 +77,10 @@ def main(
     console.print(*outcome.notes, sep="\n", end="\n" if outcome.notes else "")
     missing = sum(job.key not in outcome.values for job in jobs)
     if part is not None and missing:
-        console.print(f"Part {shard} is done, {missing} of {len(jobs)} results are still missing: no report yet.")
+        console.print(
+            f"Part {shard} is done, {missing} of {len(jobs)} results are still missing: no report"
+            " yet."
+        )
         return int(bool(outcome.failures))
     _report(Results.of(planned, outcome, out), out, console)
     if missing:
@@ -94,7 +103,9 @@ def _file(study: Path) -> Path:
 
     path = STUDIES.get(str(study), study)
     if not path.suffix and not path.exists():
-        raise ValueError(f"{unknown('study', str(path), STUDIES)} (your own: a file, e.g. mine.toml)")
+        raise ValueError(
+            f"{unknown('study', str(path), STUDIES)} (your own: a file, e.g. mine.toml)"
+        )
     sys.path.append(str(path.resolve().parent))  # an own estimator may lie beside the study
     return path
 
@@ -120,7 +131,8 @@ def _introduce(question: Any, study: Path, out: Path, console: Any) -> None:
     console.print(question.title)
     if question.learned and question.training_seeds < FEW_SEEDS:
         console.print(
-            f"warning: {question.training_seeds} training seeds say little about learning; use {FEW_SEEDS} or more"
+            f"warning: {question.training_seeds} training seeds say little about learning; use"
+            f" {FEW_SEEDS} or more"
         )
     with replacing(out / "study.json") as path:
         path.write_text(json.dumps(question.resolved(), indent=1), encoding="utf-8")

@@ -23,21 +23,23 @@ def main(
 ) -> int:
     """Find the cheapest grades of sensors that keep a share of the score on the truth, and confirm them on fresh seeds.
 
-    Results are kept in the output folder. After an interruption, run the same command again: it goes on with what is
-    missing.
+    Results are kept in the output folder. After an interruption, run the same command again: it
+    goes on with what is missing.
 
     Args:
         env_id: Registered environment.
         keep: Share of the score on the truth that is asked for, above 0 and at most 1.
-        prices: TOML file with a table for each sensor and a number for each of its grades, in any currency; without
-            it, each step to a better grade costs 1. Every run writes such a file, prices.toml, to begin with.
+        prices: TOML file with a table for each sensor and a number for each of its grades, in any
+            currency; without it, each step to a better grade costs 1. Every run writes such a file,
+            prices.toml, to begin with.
         rates: Lower rates [Hz] to try, too, for each grade.
         estimator: The environment's default if not given.
-        agent: A controller of the task (autopilot, lqg, pid), ppo (comes with the package), the path of a checkpoint,
-            or your own as module:object, whose code is run.
+        agent: A controller of the task (autopilot, lqg, pid), ppo (comes with the package), the
+            path of a checkpoint, or your own as module:object, whose code is run.
         disturbance: calm, moderate or rough.
         episodes: The most episodes of a suite in the search, and their number in the confirmation.
-        first_seed: Number of the first evaluation seed, counted from 0; the fresh seeds begin 500,000 above.
+        first_seed: Number of the first evaluation seed, counted from 0; the fresh seeds begin
+            500,000 above.
         out: Folder for results and report; results/budget-ENVIRONMENT if not given.
         processes: Processes on this machine.
 
@@ -64,7 +66,10 @@ def main(
         out = out or Path("results") / f"budget-{env_id.rpartition(':')[2]}"
         check_folder(out)
     if fixed := [sensor.name for sensor in system.nominal_sensors if sensor.name not in choices]:
-        print(f"the vehicle's file of grades has no choice for {listed(fixed)}: flown as in the environment")
+        print(
+            f"the vehicle's file of grades has no choice for {listed(fixed)}: flown as in the"
+            " environment"
+        )
     return _search(world, suites, keep, episodes, first_seed, out, processes, prices is not None)
 
 
@@ -83,7 +88,14 @@ def _check_numbers(keep: float, episodes: int, first_seed: int, processes: int) 
 
 
 def _search(
-    world: Any, suites: Any, keep: float, episodes: int, first_seed: int, out: Path, processes: int, priced: bool
+    world: Any,
+    suites: Any,
+    keep: float,
+    episodes: int,
+    first_seed: int,
+    out: Path,
+    processes: int,
+    priced: bool,
 ) -> int:
     """Search and confirm, write the report, and print the answer; the exit status."""
     from rich.console import Console
@@ -119,5 +131,7 @@ def _show(found: Any) -> None:
 
     beside = summary(found)
     header = [beside.first, *(label for label, _ in beside.head)]
-    sections = ([[name, *map(str, entries)] for name, entries in rows] for _, rows in beside.sections)
+    sections = (
+        [[name, *map(str, entries)] for name, entries in rows] for _, rows in beside.sections
+    )
     print_table(beside.title, header, sections)

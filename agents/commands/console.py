@@ -1,6 +1,7 @@
 """Shared parts of the commands: parsing, one-sentence errors, progress.
 
-Whatever takes time to import is imported where it is used, here and in the commands: ``--help`` answers at once.
+Whatever takes time to import is imported where it is used, here and in the commands: ``--help``
+answers at once.
 """
 
 from __future__ import annotations
@@ -35,9 +36,9 @@ def command(
 ) -> int | None:
     """Run a command line: bad input ends in one sentence and exit status 2, never in a traceback.
 
-    Bad input is what the parser or `asked` refuses, and what the machine has no room or no right for. Any other error
-    is a mistake of ours and keeps its traceback. Arguments and name are those of this process if not given. Returns the
-    exit status of the command, if it has one.
+    Bad input is what the parser or `asked` refuses, and what the machine has no room or no right
+    for. Any other error is a mistake of ours and keeps its traceback. Arguments and name are those
+    of this process if not given. Returns the exit status of the command, if it has one.
     """
     with one_sentence_errors():
         return _parsed(main, arguments, name)()
@@ -63,10 +64,13 @@ def one_sentence_errors() -> Iterator[None]:
         _discard_output()
         sys.exit(1)
     except (Refusal, OSError) as error:
-        _discard_output()  # if the disk is full, what is left in the buffer cannot be written at the end, either
+        # if the disk is full, what is left in the buffer cannot be written at the end, either
+        _discard_output()
         sys.exit(complain(str(error)))
     except MemoryError as error:
-        sys.exit(complain(f"this machine has too little memory for that: {error or 'ask for less'}"))
+        sys.exit(
+            complain(f"this machine has too little memory for that: {error or 'ask for less'}")
+        )
     except KeyboardInterrupt as stop:
         print(f"interrupted{f': {stop}' if str(stop) else ''}", file=sys.stderr)
         sys.exit(130)
@@ -105,7 +109,10 @@ def _spelling(character: str) -> str:
         return name.rpartition(" ")[2].lower()
     if name.startswith("BOX DRAWINGS"):
         return "-" if name.endswith("HORIZONTAL") else "|" if name.endswith("VERTICAL") else "+"
-    plain = _ASCII.get(character) or unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode()
+    plain = (
+        _ASCII.get(character)
+        or unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode()
+    )
     return plain or character.encode("ascii", "backslashreplace").decode()
 
 
@@ -115,23 +122,36 @@ _ASCII = {
 codecs.register_error(_SPELLED, _spelled)
 
 
-def print_table(title: str, header: Sequence[str], sections: Iterable[Iterable[Sequence[str]]]) -> None:
+def print_table(
+    title: str, header: Sequence[str], sections: Iterable[Iterable[Sequence[str]]]
+) -> None:
     """Print a table of text, with numbers in all columns but the first; as wide as it needs to be in a file or pipe."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
     def written(text: str) -> str:  # as wide as it will be
-        return escape(text.encode(sys.stdout.encoding or "utf-8", _SPELLED).decode(sys.stdout.encoding or "utf-8"))
+        return escape(
+            text.encode(sys.stdout.encoding or "utf-8", _SPELLED).decode(
+                sys.stdout.encoding or "utf-8"
+            )
+        )
 
-    console, table = Console(width=None if sys.stdout.isatty() else 1000), Table(title=written(title))
+    console, table = (
+        Console(width=None if sys.stdout.isatty() else 1000),
+        Table(title=written(title)),
+    )
     sections = [[[*map(written, row)] for row in rows] for rows in sections]
     columns = [*zip(header, *(row for rows in sections for row in rows), strict=True)][1:]
-    whole = 15 + sum(3 + max(map(len, column)) for column in columns) < console.width  # the first column makes room
+    whole = (
+        15 + sum(3 + max(map(len, column)) for column in columns) < console.width
+    )  # the first column makes room
     for label in header:
         numbers = bool(table.columns)
         justify: Any = "right" if numbers else "left"
-        table.add_column(written(label), justify=justify, no_wrap=whole and numbers, overflow="fold")
+        table.add_column(
+            written(label), justify=justify, no_wrap=whole and numbers, overflow="fold"
+        )
     for rows in sections:
         for row in rows:
             table.add_row(*row)
@@ -177,10 +197,16 @@ def _parsed(
 
     given = sys.argv[1:] if arguments is None else list(arguments)
     if any(re.match(r"[A-Za-z_][\w.]*:", word) for word in given) and os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())  # where a module:object of the user's own lies; behind our packages
+        sys.path.append(
+            os.getcwd()
+        )  # where a module:object of the user's own lies; behind our packages
     for before, word in pairwise(["", *given]):
         if not word:  # which would be taken for a path: that of the present folder
-            raise Refusal(f"the argument after {before!r} is empty" if before else "the first argument is empty")
+            raise Refusal(
+                f"the argument after {before!r} is empty"
+                if before
+                else "the first argument is empty"
+            )
         if word.startswith("--") and word.endswith("="):
             raise Refusal(f"{word[:-1]} is given an empty word")
     box = io.StringIO()
@@ -198,7 +224,8 @@ def _parsed(
 def _boxed(text: str) -> str:
     """The sentence in a box that tyro draws, and the option that may be meant.
 
-    A title, then a rule where the terminal has no lines to draw with; what follows, up to the next rule, is it.
+    A title, then a rule where the terminal has no lines to draw with; what follows, up to the next
+    rule, is it.
     """
     lines = [line.strip("│╰╯ ") for line in re.sub(r"\x1b\[[0-9;]*m", "", text).splitlines()[1:]]
     ruled = [bool(line) and not line.strip("─-") for line in lines]
@@ -206,7 +233,10 @@ def _boxed(text: str) -> str:
     end = ruled.index(True, start) if True in ruled[start:] else len(lines)
     sentence = " ".join(line for line in lines[start:end] if line)
     meant = re.search(r"Perhaps you meant:\s+(--[\w-]+)", "\n".join(lines))
-    return f"{sentence.rstrip('.')}{f' (did you mean {meant[1]}?)' if meant else ''}; --help tells what there is"
+    return (
+        f"{sentence.rstrip('.')}{f' (did you mean {meant[1]}?)' if meant else ''}; --help tells"
+        " what there is"
+    )
 
 
 def complain(text: str) -> int:
@@ -214,7 +244,9 @@ def complain(text: str) -> int:
     from rich.console import Console
 
     paragraph = "\n".join(line for line in text.splitlines() if line.strip())
-    Console(stderr=True, soft_wrap=True).print(f"error: {paragraph}", style="red", markup=False, highlight=False)
+    Console(stderr=True, soft_wrap=True).print(
+        f"error: {paragraph}", style="red", markup=False, highlight=False
+    )
     return 2
 
 
@@ -239,12 +271,22 @@ class _Lines:
         if tenth > self._tenth or now >= self._said + _PAUSE:
             self._tenth, self._said = tenth, now
             timed = self._even and first < done < total
-            left = f"{timedelta(seconds=round((now - start) * (total - done) / (done - first)))} left" if timed else ""
-            print(", ".join(filter(None, (f"{self._title}: {done}/{total}", text, left))), file=sys.stderr, flush=True)
+            left = (
+                f"{timedelta(seconds=round((now - start) * (total - done) / (done - first)))} left"
+                if timed
+                else ""
+            )
+            print(
+                ", ".join(filter(None, (f"{self._title}: {done}/{total}", text, left))),
+                file=sys.stderr,
+                flush=True,
+            )
 
 
 @contextmanager
-def progress(title: str, total: int | None = None, counted: bool = False) -> Iterator[Callable[..., None]]:
+def progress(
+    title: str, total: int | None = None, counted: bool = False
+) -> Iterator[Callable[..., None]]:
     """Progress by calls with (done, total, text): a bar with the time that is left or, without a terminal, lines."""
     from rich.console import Console
     from rich.progress import (
@@ -256,7 +298,9 @@ def progress(title: str, total: int | None = None, counted: bool = False) -> Ite
         TimeRemainingColumn,
     )  # fmt: skip
 
-    if not Console(stderr=True).is_terminal or "JPY_PARENT_PID" in os.environ:  # a notebook keeps every frame
+    if (
+        not Console(stderr=True).is_terminal or "JPY_PARENT_PID" in os.environ
+    ):  # a notebook keeps every frame
         yield _Lines(title, even=not counted)
         return
     numbers = (MofNCompleteColumn(), TimeElapsedColumn()) if counted else (TimeRemainingColumn(),)
@@ -270,7 +314,9 @@ def progress(title: str, total: int | None = None, counted: bool = False) -> Ite
 def training_progress(title: str) -> Iterator[Callable[[int, int, float], None]]:
     """Progress of a training: steps, score of the last evaluation on tuning seeds."""
     with progress(title) as show:
-        yield lambda done, total, score: show(done, total, f"evaluation {score:.3f}" if score == score else "")
+        yield lambda done, total, score: show(
+            done, total, f"evaluation {score:.3f}" if score == score else ""
+        )
 
 
 @contextmanager
@@ -297,7 +343,11 @@ def job_progress(title: str) -> Iterator[Callable[[Status], None]]:
         with progress(title, counted=True) as show:
             yield report
     except KeyboardInterrupt:
-        kept = f"{done} of {total} results are kept, and the same command goes on from there" if total else ""
+        kept = (
+            f"{done} of {total} results are kept, and the same command goes on from there"
+            if total
+            else ""
+        )
         raise KeyboardInterrupt(kept) from None
 
 

@@ -23,8 +23,8 @@ def main(
 
     Args:
         env_id: Registered environment.
-        agent: A controller of the task (autopilot, lqg, pid), ppo (comes with the package), random, the path of a
-            checkpoint, or your own as module:object, whose code is run.
+        agent: A controller of the task (autopilot, lqg, pid), ppo (comes with the package), random,
+            the path of a checkpoint, or your own as module:object, whose code is run.
         estimator: One or more estimators; the environment's default if not given.
         world: Options of the environment.
         episodes: Episodes for each estimator.
@@ -52,7 +52,9 @@ def main(
     _fly(f"{env_id}, {agent}: {over}{conditions}", agent, env_id, seeds, worlds, trust)
 
 
-def _fly(title: str, agent: str, env_id: str, seeds: list[int], worlds: list[dict[str, Any]], trust: bool) -> None:
+def _fly(
+    title: str, agent: str, env_id: str, seeds: list[int], worlds: list[dict[str, Any]], trust: bool
+) -> None:
     """Fly the seeds with each of the environment's options, and print a table of the metrics."""
     import numpy as np
 
@@ -68,10 +70,16 @@ def _fly(title: str, agent: str, env_id: str, seeds: list[int], worlds: list[dic
             chosen = metrics(core.system)
             header.append(core.estimator or "no estimator")
             advance()
-    given = [metric for metric in chosen if any(np.isfinite(column[metric.key]).any() for column in columns)]
+    given = [
+        metric
+        for metric in chosen
+        if any(np.isfinite(column[metric.key]).any() for column in columns)
+    ]
     beside = [metric for metric in given if metric.cost or metric.key == SCORE.key]
     sections = beside, [metric for metric in given if metric not in beside]
-    print_table(title, header, ([_row(metric, columns) for metric in section] for section in sections))
+    print_table(
+        title, header, ([_row(metric, columns) for metric in section] for section in sections)
+    )
 
 
 def _row(metric: Any, columns: list[dict[str, Any]]) -> list[str]:
@@ -83,7 +91,11 @@ def _row(metric: Any, columns: list[dict[str, Any]]) -> list[str]:
 
     def cell(values: Any) -> str:
         alone = len(values) == 1 and np.isfinite(values[0]) and not metric.yes_or_no
-        return f"{values[0]:.{metric.decimals}f}" if alone else words(mean(metric, values[None]), metric.decimals)
+        return (
+            f"{values[0]:.{metric.decimals}f}"
+            if alone
+            else words(mean(metric, values[None]), metric.decimals)
+        )
 
     name = f"{metric.label} [{metric.unit}]" if metric.unit else metric.label
     return [name, *(cell(column[metric.key]) for column in columns)]

@@ -31,20 +31,24 @@ def main(
 ) -> None:
     """Train PPO, with tuned settings, or another algorithm of stable-baselines3, and save the checkpoint.
 
-    A folder beside the checkpoint, of the same name without .zip, gets progress.csv, TensorBoard's events, the latest
-    and best policy on tuning seeds, and stable-baselines3's checkpoints. After Ctrl-C, or the death of the process, the
-    same command with --resume goes on from the last of them.
+    A folder beside the checkpoint, of the same name without .zip, gets progress.csv, TensorBoard's
+    events, the latest and best policy on tuning seeds, and stable-baselines3's checkpoints. After
+    Ctrl-C, or the death of the process, the same command with --resume goes on from the last of
+    them.
 
     Args:
         env_id: Registered environment.
         out: Checkpoint to write; results/ and the name of the algorithm if not given.
-        algorithm: ppo, recurrentppo (ppo with --memory lstm), a2c, trpo, sac, td3, tqc, crossq or ddpg.
+        algorithm: ppo, recurrentppo (ppo with --memory lstm), a2c, trpo, sac, td3, tqc, crossq or
+            ddpg.
         estimator: What the agent sees the world through; the environment's default if not given.
         world: Options of the environment.
-        memory: What the agent remembers: none, frames (its last observations) or lstm (a recurrent network).
+        memory: What the agent remembers: none, frames (its last observations) or lstm (a recurrent
+            network).
         seed: Number of the training run.
         steps: Environment steps; the tuned budget if not given.
-        runs: Training runs, numbered from --seed on; of several the one that scores best on tuning seeds is saved.
+        runs: Training runs, numbered from --seed on; of several the one that scores best on tuning
+            seeds is saved.
         hyperparameters: TOML file of settings that replace the tuned ones.
         settings: Settings over all these, as name=value, e.g. learning_rate=1e-3 net_arch=[64,64].
         resume: Go on with an interrupted training.
@@ -61,10 +65,14 @@ def main(
         if named not in (known := (*ALGORITHMS, "recurrentppo")):
             raise ValueError(unknown("algorithm", algorithm, known))
         if out.exists() and not resume:
-            raise ValueError(f"{out} is there already: remove it and its folder, or give another --out")
+            raise ValueError(
+                f"{out} is there already: remove it and its folder, or give another --out"
+            )
         in_range("--runs", runs, 1)
         algorithm, memory = ("ppo", "lstm") if named == "recurrentppo" else (named, memory)
-        changed = (TomlFile(hyperparameters).data if hyperparameters else {}) | assigned("--set", settings)
+        changed = (TomlFile(hyperparameters).data if hyperparameters else {}) | assigned(
+            "--set", settings
+        )
         given = {"steps": steps, "memory": memory, "settings": changed, "algorithm": algorithm}
         env_id, options = _checked(env_id, world.options(estimator), seed, given)
     check_file(out)
@@ -76,7 +84,9 @@ def main(
     print(f"checkpoint: {out}")
 
 
-def _checked(env_id: str, options: dict[str, Any], seed: int, given: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+def _checked(
+    env_id: str, options: dict[str, Any], seed: int, given: dict[str, Any]
+) -> tuple[str, dict[str, Any]]:
     """The id and the options of the environment, once everything is known to fit together."""
     import gymnasium as gym
 
@@ -96,15 +106,33 @@ def _checked(env_id: str, options: dict[str, Any], seed: int, given: dict[str, A
     return env_id, options
 
 
-def _once(run: int, env_id: str, path: Path, options: dict[str, Any], resume: bool, given: dict[str, Any]) -> None:
+def _once(
+    run: int, env_id: str, path: Path, options: dict[str, Any], resume: bool, given: dict[str, Any]
+) -> None:
     """Train once, with progress."""
     from agents.training.algorithms import train
 
     with training_progress(f"{env_id}, run {run}") as progress:
-        train(env_id, path, options, run, folder=path.with_suffix(""), resume=resume, progress=progress, **given)
+        train(
+            env_id,
+            path,
+            options,
+            run,
+            folder=path.with_suffix(""),
+            resume=resume,
+            progress=progress,
+            **given,
+        )
 
 
-def _best(runs: range, env_id: str, out: Path, options: dict[str, Any], resume: bool, given: dict[str, Any]) -> None:
+def _best(
+    runs: range,
+    env_id: str,
+    out: Path,
+    options: dict[str, Any],
+    resume: bool,
+    given: dict[str, Any],
+) -> None:
     """Train several times, no run twice, and save the checkpoint that scores best on tuning seeds."""
     from agents import rollout
     from agents.files import replacing

@@ -40,12 +40,14 @@ def main(
 
     Args:
         env_id: Registered environment.
-        estimator: What the agent sees the world through, in an .html at first; the environment's default if not given.
+        estimator: What the agent sees the world through, in an .html at first; the environment's
+            default if not given.
         world: Options of the environment.
         seed: Seed of the episode.
-        agent: A controller of the task (autopilot, lqg, pid), ppo (comes with the package), random, the path of a
-            checkpoint, or your own as module:object, whose code is run.
-        out: An .html, an interactive page on several estimators; a .gif, an .mp4, or a .png of the last frame.
+        agent: A controller of the task (autopilot, lqg, pid), ppo (comes with the package), random,
+            the path of a checkpoint, or your own as module:object, whose code is run.
+        out: An .html, an interactive page on several estimators; a .gif, an .mp4, or a .png of the
+            last frame.
         every: Keep one frame in this many steps (.gif and .mp4).
         trust: Load a checkpoint that vessel-gym did not write, although it can run any code.
     """
@@ -79,7 +81,9 @@ def main(
     print(f"wrote {out}, score {score:.3f}" if out else f"score {score:.3f}")
 
 
-def touch(env_id: str, agent: str, seed: int, options: dict[str, Any], trust: bool, out: Path) -> None:
+def touch(
+    env_id: str, agent: str, seed: int, options: dict[str, Any], trust: bool, out: Path
+) -> None:
     """Write the episode on several estimators as a page."""
     from agents import episode
     from agents.files import check_file
@@ -88,7 +92,10 @@ def touch(env_id: str, agent: str, seed: int, options: dict[str, Any], trust: bo
     with asked():
         flown = episode(env_id, None, agent, seed, options, trust)
     flown.save(out)
-    print(f"wrote {out}, score {', '.join(f'{score:.3f} on {name}' for name, score in flown.scores.items())}")
+    print(
+        f"wrote {out}, score"
+        f" {', '.join(f'{score:.3f} on {name}' for name, score in flown.scores.items())}"
+    )
 
 
 def check_suffix(out: Path) -> None:
@@ -97,7 +104,9 @@ def check_suffix(out: Path) -> None:
 
     with asked():
         if out.suffix.lower() not in SUFFIXES:
-            raise ValueError(f"cannot write {str(out)!r}: the suffix must be one of {', '.join(SUFFIXES)}")
+            raise ValueError(
+                f"cannot write {str(out)!r}: the suffix must be one of {', '.join(SUFFIXES)}"
+            )
     if out.suffix.lower() != ".html":
         require("imageio", "imageio_ffmpeg", "PIL")
 
@@ -144,7 +153,9 @@ def fly(env: Env, agent: Any, observation: np.ndarray) -> Episode:
 
     done, total, shape = False, 0.0, (1, *(env.action_space.shape or ()))
     while not done:
-        observation, reward, terminated, truncated, info = env.step(acted(agent, observation[None], shape)[0])
+        observation, reward, terminated, truncated, info = env.step(
+            acted(agent, observation[None], shape)[0]
+        )
         done, total = terminated or truncated, total + float(reward)
         yield done, info.get("score", total)
 
@@ -201,7 +212,9 @@ def drawn(env: Env, env_id: str) -> None:
     try:
         env.render()
     except Exception as error:  # of whatever library it draws by
-        raise ValueError(f"{env_id} cannot draw itself here ({error}): write an .html with --out") from error
+        raise ValueError(
+            f"{env_id} cannot draw itself here ({error}): write an .html with --out"
+        ) from error
 
 
 def horizon(env: Env) -> int:

@@ -18,7 +18,8 @@ class World:
         observe: mean, mean+std or measurement.
         guidance: Observe the mission relative to the reference; without it the state alone.
         termination: Who ends a mission: task or belief; the environment's default if not given.
-        vessel: Vehicle file, or the name of one that comes with the package, for environments that take one.
+        vessel: Vehicle file, or the name of one that comes with the package, for environments that
+            take one.
     """
 
     estimator_options: tuple[str, ...] = ()
@@ -41,7 +42,11 @@ class World:
         one_of("--observe", self.observe, ("mean", "mean+std", "measurement"))
         options = assigned("--estimator-options", self.estimator_options) or None
         guidance = None if self.guidance else False
-        given = vars(self) | {"estimator": estimator, "estimator_options": options, "guidance": guidance}
+        given = vars(self) | {
+            "estimator": estimator,
+            "estimator_options": options,
+            "guidance": guidance,
+        }
         return {name: value for name, value in given.items() if value is not None}
 
 

@@ -1,11 +1,14 @@
 """Controllers that need no training, registered by the kind of task that they fly.
 
-Each acts on the observation alone, in modes ``"mean"`` and ``"mean+std"``: what it regulates is what the estimator
-believes. Every task of the package has three:
+Each acts on the observation alone, in modes ``"mean"`` and ``"mean+std"``: what it regulates is
+what the estimator believes. Every task of the package has three:
 
-- ``"autopilot"``: the one that studies measure others by, linear-quadratic with what the task needs beside it;
-- ``"pid"``: decoupled loops of proportional, integral and derivative action (`agents.controllers.loops`);
-- ``"lqg"``: the linear-quadratic regulator of the whole deviation, on the estimate, and nothing else.
+- ``"autopilot"``: the one that studies measure others by, linear-quadratic with what the task needs
+  beside it;
+- ``"pid"``: decoupled loops of proportional, integral and derivative action
+  (`agents.controllers.loops`);
+- ``"lqg"``: the linear-quadratic regulator of the whole deviation, on the estimate, and nothing
+  else.
 
 They may import vehicles, tasks and `estimators`; agents and studies import them.
 """
@@ -45,14 +48,19 @@ def register_controller(task_type: type, name: str) -> Callable[[F], F]:
 
     Args:
         task_type: The class of the task.
-        name: What `agents.load_agent`, commands and studies call it; ``"autopilot"`` is their default.
+        name: What `agents.load_agent`, commands and studies call it; ``"autopilot"`` is their
+            default.
 
     Raises:
         TypeError: for a task type that is no class.
-        ValueError: for a name that cannot be one, or that the task's controller from another module has.
+        ValueError: for a name that cannot be one, or that the task's controller from another module
+            has.
     """
     if not isinstance(name, str) or not name or ":" in name or name in _TAKEN:
-        raise ValueError(f"a controller needs a name without a colon, other than {', '.join(_TAKEN)}, got {name!r}")
+        raise ValueError(
+            f"a controller needs a name without a colon, other than {', '.join(_TAKEN)}, got"
+            f" {name!r}"
+        )
 
     def register(factory: F) -> F:
         CONTROLLERS.register(task_type, factory, factory.__module__, name)
@@ -75,7 +83,8 @@ def make_controller(name: str, system: System) -> Any:
     """The controller of a system.
 
     Args:
-        name: As registered; or ``"module:object"``, a user's own, which is imported and called with the system.
+        name: As registered; or ``"module:object"``, a user's own, which is imported and called with
+            the system.
         system: What is flown.
 
     Raises:
@@ -87,7 +96,9 @@ def make_controller(name: str, system: System) -> Any:
         raise ValueError(unknown_controller(name, system))
     factory = controllers[name] if name in controllers else named_object(name)
     if not callable(factory):
-        raise TypeError(f"{name!r} makes no agent: it cannot be called with the environment's system")
+        raise TypeError(
+            f"{name!r} makes no agent: it cannot be called with the environment's system"
+        )
     made = factory(system)
     if not all(callable(getattr(made, method, None)) for method in ("reset", "act")):
         raise TypeError(f"an agent has reset and act, but {name!r} makes {type(made).__name__}")
@@ -104,4 +115,7 @@ def unknown_controller(name: str, system: System, *others: str) -> str:
     """
     known = ", ".join((*controller_names(system), *others, "your own as module:object"))
     task = type(system.task).__name__
-    return f"unknown agent {name!r} for {task}: choose {known}, or name one with agents.register_controller"
+    return (
+        f"unknown agent {name!r} for {task}: choose {known}, or name one with"
+        " agents.register_controller"
+    )

@@ -36,13 +36,14 @@ class Loop(NamedTuple):
     """A regulator about steady motions, which are tabulated over rising commands ``(m,)``.
 
     Attributes:
-        gains: ``(k,)`` of the fin on the plane's states, of which the last is the direction, and on the distance from
-            the path where that is regulated, too.
+        gains: ``(k,)`` of the fin on the plane's states, of which the last is the direction, and on
+            the distance from the path where that is regulated, too.
         command: flight-path angle [rad] or yaw rate [rad/s].
         drift: velocity through the water across the body [m/s].
         fin: rad.
         thrust: N.
-        response: Angular acceleration [rad/s2] by the fin [rad], of the plane reduced to first order.
+        response: Angular acceleration [rad/s2] by the fin [rad], of the plane reduced to first
+            order.
         damping: Of the angular velocity there [1/s].
     """
 
@@ -56,7 +57,9 @@ class Loop(NamedTuple):
 
     def steady(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Drift, fin and thrust of the steady motions with commands ``(B,)``."""
-        drift, fin, thrust = (np.interp(command, self.command, table) for table in (self.drift, self.fin, self.thrust))
+        drift, fin, thrust = (
+            np.interp(command, self.command, table) for table in (self.drift, self.fin, self.thrust)
+        )
         return drift, fin, thrust
 
 
@@ -75,7 +78,9 @@ def vertical_loop(vehicle: AUV, tolerances: DiveTolerances) -> Loop:
         return np.append(changes, z[1] - np.arctan2(z[0], speed) - angle)
 
     command = np.deg2rad(np.linspace(-45.0, 45.0, 91))
-    table = _steady_motions(residual, command, np.array([0.0, 0.0, 0.0, vehicle.body.cruise_thrust]))
+    table = _steady_motions(
+        residual, command, np.array([0.0, 0.0, 0.0, vehicle.body.cruise_thrust])
+    )
     level = motion(table[len(command) // 2])
     A, B = _plane(vehicle, *level, _VERTICAL, -2 if len(level[1]) > 1 else -1)
     gains = _gains(A, B, vehicle.dt, -1.0 / speed, 1, speed, tolerances)
@@ -100,7 +105,9 @@ def lateral_loop(vehicle: AUV, tolerances: DiveTolerances) -> Loop:
 
     tightest = speed / (4.0 * vehicle.body.length)
     command = np.linspace(-tightest, tightest, 81)
-    table = _steady_motions(residual, command, np.array([0.0, 0.0, 0.0, vehicle.body.cruise_thrust]))
+    table = _steady_motions(
+        residual, command, np.array([0.0, 0.0, 0.0, vehicle.body.cruise_thrust])
+    )
     straight = motion(table[len(command) // 2], 0.0)
     A, B = _plane(vehicle, *straight, _LATERAL, 0)
     gains = _gains(A, B, vehicle.dt, 1.0 / speed, 2, speed, tolerances)
@@ -166,12 +173,19 @@ def _plane(
 
 
 def _gains(
-    A: np.ndarray, B: np.ndarray, dt: float, drift: float, rate: int, speed: float, tolerances: DiveTolerances
+    A: np.ndarray,
+    B: np.ndarray,
+    dt: float,
+    drift: float,
+    rate: int,
+    speed: float,
+    tolerances: DiveTolerances,
 ) -> np.ndarray:
     """Gains ``(k,)``, or ``(k + 1,)`` with the distance from the path, of the linear-quadratic regulator of a plane.
 
-    Its states move by ``A (k, k)`` and ``B (k, 1)``: the first moves the direction by ``drift`` [rad per m/s], number
-    ``rate`` is the angular velocity, the last the angle; ``speed`` [m/s] is that along the path.
+    Its states move by ``A (k, k)`` and ``B (k, 1)``: the first moves the direction by ``drift``
+    [rad per m/s], number ``rate`` is the angular velocity, the last the angle; ``speed`` [m/s] is
+    that along the path.
     """
     direction = np.zeros((1, len(A)))
     direction[0, 0], direction[0, -1] = drift, 1.0
@@ -207,9 +221,10 @@ class _Seen(NamedTuple):
 class DiveAutopilot:
     """Line-of-sight guidance onto the path; regulators that hold the course and the flight path that it asks for.
 
-    It acts on the observation alone. The guidance aims at a point on the path's tangent a look-ahead distance on
-    (Fossen 2011, sec. 10.3) and adds the turn that the path makes; the regulators act on deviations from the steady
-    dive and turn that fit, so that the righting moment and the buoyancy need no integral.
+    It acts on the observation alone. The guidance aims at a point on the path's tangent a
+    look-ahead distance on (Fossen 2011, sec. 10.3) and adds the turn that the path makes; the
+    regulators act on deviations from the steady dive and turn that fit, so that the righting moment
+    and the buoyancy need no integral.
 
     Args:
         system: The environment's system.
@@ -225,7 +240,9 @@ class DiveAutopilot:
         tolerances, self._body = self.tolerances, vehicle.body
         self._ahead = tolerances.look_ahead * vehicle.body.length
         self._vertical = vertical_loop(vehicle, tolerances)
-        self._lateral = lateral_loop(vehicle, tolerances) if "rudder" in vehicle.action_names else None
+        self._lateral = (
+            lateral_loop(vehicle, tolerances) if "rudder" in vehicle.action_names else None
+        )
         self._thrust_gain = vehicle.body.mass / tolerances.speed
 
     def reset(self, num_envs: int) -> None:
@@ -255,7 +272,8 @@ class DiveAutopilot:
 class DiveRegulator(DiveAutopilot):
     """The linear-quadratic regulator of both planes with the distance from the path as a state, and no guidance.
 
-    About the same steady motions as the autopilot, whose line-of-sight guidance this one does without.
+    About the same steady motions as the autopilot, whose line-of-sight guidance this one does
+    without.
     """
 
     tolerances = replace(DiveTolerances(), look_ahead=np.inf, offset=Dive.TRACK_TOLERANCE)
@@ -265,9 +283,9 @@ class DiveRegulator(DiveAutopilot):
 class DivePID(DiveAutopilot):
     """Line-of-sight guidance; a PID loop each for course and flight path, a PI loop for the speed.
 
-    The loops know nothing of each other and of the steady motion that the path takes, but for the thrust at cruising
-    speed: their integrals have to find it. Their plants are the planes of the linearised vehicle, reduced to first
-    order.
+    The loops know nothing of each other and of the steady motion that the path takes, but for the
+    thrust at cruising speed: their integrals have to find it. Their plants are the planes of the
+    linearised vehicle, reduced to first order.
     """
 
     def __init__(self, system: System) -> None:
@@ -310,7 +328,9 @@ def _seen(task: Dive, observations: np.ndarray) -> _Seen:
         heave + o["current below"],
     )
     ahead, aside, below = _levelled(*over_ground, roll, o["pitch"])
-    path = _levelled(o["path ahead"], o.get("path to starboard", zero), o["path below"], roll, o["pitch"])
+    path = _levelled(
+        o["path ahead"], o.get("path to starboard", zero), o["path below"], roll, o["pitch"]
+    )
     return _Seen(
         surge=o["surge error"],
         sway=sway,
@@ -343,4 +363,8 @@ def _levelled(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A vector in body axes as seen along the heading: ahead, to starboard, down."""
     aside, below = y * np.cos(roll) - z * np.sin(roll), y * np.sin(roll) + z * np.cos(roll)
-    return x * np.cos(pitch) + below * np.sin(pitch), aside, below * np.cos(pitch) - x * np.sin(pitch)
+    return (
+        x * np.cos(pitch) + below * np.sin(pitch),
+        aside,
+        below * np.cos(pitch) - x * np.sin(pitch),
+    )

@@ -54,8 +54,8 @@ def lateral_gains(vehicle: Puna, tolerances: FlightTolerances) -> np.ndarray:
 def longitudinal_gains(vehicle: Puna, tolerances: FlightTolerances) -> np.ndarray:
     """Gains ``(2, 5)`` of commanded thrust [N] and angle of attack [rad].
 
-    On altitude [m], airspeed [m/s], flight-path angle [rad], thrust and angle of attack, by central differences of the
-    vehicle's step about level flight.
+    On altitude [m], airspeed [m/s], flight-path angle [rad], thrust and angle of attack, by central
+    differences of the vehicle's step about level flight.
     """
     body, h = vehicle.body, 1e-5
     steady, c = trim(body.cruise_speed, body), body.vector()
@@ -63,15 +63,27 @@ def longitudinal_gains(vehicle: Puna, tolerances: FlightTolerances) -> np.ndarra
 
     def after(z: np.ndarray) -> np.ndarray:
         altitude, speed, slope, thrust, alpha, thrust_command, alpha_command = z
-        state = np.array([0.0, 0.0, altitude, speed * np.cos(slope), 0.0, speed * np.sin(slope), 0.0])
+        state = np.array(
+            [0.0, 0.0, altitude, speed * np.cos(slope), 0.0, speed * np.sin(slope), 0.0]
+        )
         thrust_after = thrust_command + (thrust - thrust_command) * decay
         before, then = np.array([thrust, alpha, 0.0]), np.array([thrust_after, alpha_command, 0.0])
         moved = vehicle.moved(state, before, then, np.zeros(3), c)
         ahead, climb = moved[3], moved[5]
-        return np.array([moved[2], np.hypot(ahead, climb), np.arctan2(climb, ahead), thrust_after, alpha_command])
+        return np.array(
+            [
+                moved[2],
+                np.hypot(ahead, climb),
+                np.arctan2(climb, ahead),
+                thrust_after,
+                alpha_command,
+            ]
+        )
 
     level = np.array([0.0, body.cruise_speed, 0.0] + 2 * [steady.thrust, steady.alpha])
-    jacobian = np.stack([(after(level + h * e) - after(level - h * e)) / (2.0 * h) for e in np.eye(7)], -1)
+    jacobian = np.stack(
+        [(after(level + h * e) - after(level - h * e)) / (2.0 * h) for e in np.eye(7)], -1
+    )
     slope = tolerances.climb / body.cruise_speed
     Q = np.diag([tolerances.altitude**-2, tolerances.airspeed**-2, slope**-2, 0.0, 0.0])
     R = np.diag([tolerances.thrust**-2, tolerances.alpha**-2])
@@ -82,10 +94,10 @@ def longitudinal_gains(vehicle: Puna, tolerances: FlightTolerances) -> np.ndarra
 class FlightAutopilot:
     """Vector-field path following in plan; linear-quadratic loops for altitude and airspeed.
 
-    It acts on the observation alone. Far from the path the vector field (Nelson et al. 2007) points to it at a steep
-    course, near it along it, with the slope that is best for small errors; the bank that the path needs is added. In a
-    turn the trim is that of the banked aircraft. Altitude is held by the climb over ground, which a gust does not
-    change at once.
+    It acts on the observation alone. Far from the path the vector field (Nelson et al. 2007) points
+    to it at a steep course, near it along it, with the slope that is best for small errors; the
+    bank that the path needs is added. In a turn the trim is that of the banked aircraft. Altitude
+    is held by the climb over ground, which a gust does not change at once.
 
     Args:
         system: The environment's system.
@@ -122,7 +134,10 @@ class FlightAutopilot:
         bank = np.clip(bank, -body.bank_limit, body.bank_limit)
 
         banked = np.abs(o["bank"])
-        thrust, alpha = np.interp(banked, self._banks, self._thrusts), np.interp(banked, self._banks, self._alphas)
+        thrust, alpha = (
+            np.interp(banked, self._banks, self._thrusts),
+            np.interp(banked, self._banks, self._alphas),
+        )
         first = len(self._task.observed)
         actuators = body.commands(observations[:, first : first + 3].astype(float))
         deviation = np.stack([
@@ -152,8 +167,8 @@ class FlightRegulator(FlightAutopilot):
 class FlightPID:
     """Three PID loops: bank by the cross-track error, angle of attack by the altitude's, thrust by the airspeed's.
 
-    The loops know nothing of each other; the bank that the path takes is added. Plants are a point mass in level
-    flight: weight times bank across, the slope of the lift upwards, thrust ahead.
+    The loops know nothing of each other; the bank that the path takes is added. Plants are a point
+    mass in level flight: weight times bank across, the slope of the lift upwards, thrust ahead.
     """
 
     tolerances = FlightTolerances()
@@ -181,7 +196,9 @@ class FlightPID:
         bank = self._across.act(-o["cross-track"], away, -limit, limit, o["bank of the path"])
         low, high = body.alpha_low, body.alpha_high
         alpha = self._up.act(-o["altitude error"], -o["climb"], low, high, alpha)
-        thrust = self._along.act(body.cruise_speed - o["airspeed"], 0.0, 0.0, body.thrust_limit, thrust)
+        thrust = self._along.act(
+            body.cruise_speed - o["airspeed"], 0.0, 0.0, body.thrust_limit, thrust
+        )
         return _actions(body, np.stack([thrust, alpha], -1), bank)
 
 

@@ -11,10 +11,11 @@ from vessel_gym.system import System
 class Loop:
     """A PID loop for many environments at once about the plant ``x'' + damping x' = response u``.
 
-    No gain is chosen by hand. The proportional one asks for the tolerated actuation at the tolerated error (Bryson's
-    ratio); with it the plant has the natural frequency w, and the derivative one damps it critically; the integral one
-    is w / 10 of the proportional one (Fossen 2011, sec. 12.2, pole placement). A plant of first order, for which
-    ``damping`` is None, ``x' = response u``, needs no derivative.
+    No gain is chosen by hand. The proportional one asks for the tolerated actuation at the
+    tolerated error (Bryson's ratio); with it the plant has the natural frequency w, and the
+    derivative one damps it critically; the integral one is w / 10 of the proportional one (Fossen
+    2011, sec. 12.2, pole placement). A plant of first order, for which ``damping`` is None, ``x' =
+    response u``, needs no derivative.
 
     Args:
         response: Of the second (or first) derivative to the actuation.
@@ -24,7 +25,9 @@ class Loop:
         dt: Time step [s].
     """
 
-    def __init__(self, response: float, damping: float | None, error: float, actuation: float, dt: float) -> None:
+    def __init__(
+        self, response: float, damping: float | None, error: float, actuation: float, dt: float
+    ) -> None:
         self.proportional = actuation / error
         if damping is None:
             self.frequency, self.derivative = response * self.proportional, 0.0
@@ -40,7 +43,12 @@ class Loop:
         self._sum = np.zeros(num_envs)
 
     def act(
-        self, error: np.ndarray, rate: np.ndarray | float, low: float, high: float, ahead: np.ndarray | float = 0.0
+        self,
+        error: np.ndarray,
+        rate: np.ndarray | float,
+        low: float,
+        high: float,
+        ahead: np.ndarray | float = 0.0,
     ) -> np.ndarray:
         """The actuation ``(B,)`` within its limits.
 
@@ -53,7 +61,9 @@ class Loop:
             high: Upper limit.
             ahead: Actuation that is known to be needed, ``(B,)``.
         """
-        wanted = ahead + self.proportional * error + self.integral * self._sum + self.derivative * rate
+        wanted = (
+            ahead + self.proportional * error + self.integral * self._sum + self.derivative * rate
+        )
         self._sum = self._sum + self._dt * error * ((wanted > low) & (wanted < high))
         return np.clip(wanted, low, high)
 
@@ -61,8 +71,8 @@ class Loop:
 def first_order(A: np.ndarray, B: np.ndarray, rate: int, dt: float) -> tuple[float, float]:
     """The plant ``r' + damping r = response u`` that comes nearest to ``x+ = A x + B u``: (response, damping).
 
-    Its step response ends as high and lies as far below its end, in all, as that of the component ``rate`` of x does:
-    Nomoto's reduction to first order.
+    Its step response ends as high and lies as far below its end, in all, as that of the component
+    ``rate`` of x does: Nomoto's reduction to first order.
 
     Args:
         A: ``(n, n)``, stable.
@@ -71,7 +81,9 @@ def first_order(A: np.ndarray, B: np.ndarray, rate: int, dt: float) -> tuple[flo
         dt: Time step [s].
     """
     end = np.linalg.solve(np.eye(len(A)) - A, B)
-    lag = dt * (np.linalg.solve(np.eye(len(A)) - A, end)[rate] / end[rate] - 0.5)  # trapezoidal rule
+    lag = dt * (
+        np.linalg.solve(np.eye(len(A)) - A, end)[rate] / end[rate] - 0.5
+    )  # trapezoidal rule
     return float(end[rate] / lag), float(1.0 / lag)
 
 

@@ -28,16 +28,21 @@ class Tolerances:
     yaw_rate: float = 0.02  # rad/s
     rudder_rate: float = 0.5  # of the full rate
     heading_integral: float = 1.0  # rad s; infinite: no integral
-    rudder: float = 0.05  # rad, for which a PID asks at the tolerance of the heading: one for one, as usual on ships
+    # rad, for which a PID asks at the tolerance of the heading: one for one, as usual on ships
+    rudder: float = 0.05
 
 
 def regulator_table(
-    ship: CorvetteParameters, dt: float, Q: np.ndarray, rudder_rate: float, rows: Callable[[float], np.ndarray]
+    ship: CorvetteParameters,
+    dt: float,
+    Q: np.ndarray,
+    rudder_rate: float,
+    rows: Callable[[float], np.ndarray],
 ) -> np.ndarray:
     """LQ gains ``(k, n)`` for each of `steady_turns`: rudder rate from (v, r, psi, rudder, further states).
 
-    The design model is the filters' secant model of the commanded turn with the rudder and further states; the
-    regulator acts on deviations from the steady turn.
+    The design model is the filters' secant model of the commanded turn with the rudder and further
+    states; the regulator acts on deviations from the steady turn.
 
     Args:
         ship: The ship.
@@ -51,7 +56,10 @@ def regulator_table(
         A, B = np.eye(len(Q)), np.zeros((len(Q), 1))
         A[:3, :3], A[:3, 3] = a, b[:, 0]
         A[4:] += rows(speed)
-        B[:3, 0], B[3, 0] = 0.5 * per_step * b[:, 0], per_step  # the rudder moves linearly within the step
+        B[:3, 0], B[3, 0] = (
+            0.5 * per_step * b[:, 0],
+            per_step,
+        )  # the rudder moves linearly within the step
         K.append(regulator_gains(A, B, Q, R)[0])
     return np.array(K)
 
@@ -59,10 +67,14 @@ def regulator_table(
 @cache
 def gains(ship: CorvetteParameters, dt: float, tolerances: Tolerances) -> np.ndarray:
     """LQI gains ``(k, 5)`` from (v, r, psi, rudder, integral), without the integral ``(k, 4)``: `regulator_table`."""
-    Q = np.diag([0.0, tolerances.yaw_rate**-2, tolerances.heading**-2, 0.0, tolerances.heading_integral**-2])
+    Q = np.diag(
+        [0.0, tolerances.yaw_rate**-2, tolerances.heading**-2, 0.0, tolerances.heading_integral**-2]
+    )
     n = 5 if np.isfinite(tolerances.heading_integral) else 4
     integral = np.array([[0.0, 0.0, dt, 0.0, 0.0]])
-    return regulator_table(ship, dt, Q[:n, :n], tolerances.rudder_rate, lambda _: integral[: n - 4, :n])
+    return regulator_table(
+        ship, dt, Q[:n, :n], tolerances.rudder_rate, lambda _: integral[: n - 4, :n]
+    )
 
 
 @register_controller(TurningCircle, AUTOPILOT)
@@ -83,7 +95,9 @@ class TurningAutopilot:
 
     def __init__(self, system: System) -> None:
         task = task_of(system, TurningCircle, "steers turning circles")
-        self._regulate(task, system.vehicle.dt, gains(task.ship, system.vehicle.dt, self.tolerances))
+        self._regulate(
+            task, system.vehicle.dt, gains(task.ship, system.vehicle.dt, self.tolerances)
+        )
         self._limit = 4.0 * self.tolerances.heading_integral
 
     def _regulate(self, task: Any, dt: float, gains: np.ndarray) -> None:
@@ -104,23 +118,31 @@ class TurningAutopilot:
         place, integrated = self._place(observations, heading_error)
         deviation = np.stack(
             [
-                task.SWAY_SCALE * observations[:, 2] - side * np.interp(rate, turns.yaw_rate, turns.sway),
+                task.SWAY_SCALE * observations[:, 2]
+                - side * np.interp(rate, turns.yaw_rate, turns.sway),
                 -task.rate_scale * observations[:, 1],
                 heading_error,
-                self._ship.rudder_limit * observations[:, 4] - side * np.interp(rate, turns.yaw_rate, turns.rudder),
+                self._ship.rudder_limit * observations[:, 4]
+                - side * np.interp(rate, turns.yaw_rate, turns.rudder),
                 *place,
                 self._integral,
             ],
             -1,
         )
-        gains = self._gains[np.minimum(np.rint(rate / turns.yaw_rate[1]).astype(int), len(self._gains) - 1)]
+        gains = self._gains[
+            np.minimum(np.rint(rate / turns.yaw_rate[1]).astype(int), len(self._gains) - 1)
+        ]
         wanted = -np.vecdot(gains, deviation[:, : gains.shape[1]])
         # The integral waits while the steering gear is saturated, so that it cannot wind up.
         free = np.abs(wanted) < 1.0
-        self._integral = np.clip(self._integral + self._dt * integrated * free, -self._limit, self._limit)
+        self._integral = np.clip(
+            self._integral + self._dt * integrated * free, -self._limit, self._limit
+        )
         return np.clip(wanted, -1.0, 1.0).astype(np.float32)[:, None]
 
-    def _place(self, observations: np.ndarray, heading_error: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+    def _place(
+        self, observations: np.ndarray, heading_error: np.ndarray
+    ) -> tuple[list[np.ndarray], np.ndarray]:
         """Further regulated states, and the error that is integrated."""
         return [], heading_error
 
@@ -136,8 +158,9 @@ class TurningRegulator(TurningAutopilot):
 class TurningPID:
     """A heading PID: the rudder by the errors of heading and yaw rate, and what the commanded turn is known to need.
 
-    Its plant is Nomoto's, the ship's linear model on a straight course reduced to first order; the rudder that the
-    commanded yaw rate needs there is added. The steering gear follows with a tenth of the loop's time.
+    Its plant is Nomoto's, the ship's linear model on a straight course reduced to first order; the
+    rudder that the commanded yaw rate needs there is added. The steering gear follows with a tenth
+    of the loop's time.
     """
 
     tolerances: Any = Tolerances()  # of the design
@@ -162,20 +185,25 @@ class TurningPID:
     def act(self, observations: np.ndarray) -> np.ndarray:
         """Rudder rate ``(B, 1)`` as a share of the full rate."""
         limit = self._ship.rudder_limit
-        rudder = self._loop.act(*self._errors(observations), -limit, limit, self._ahead(observations))
+        rudder = self._loop.act(
+            *self._errors(observations), -limit, limit, self._ahead(observations)
+        )
         wanted = (rudder - limit * observations[:, 4]) / self._gear
         return np.clip(wanted, -1.0, 1.0).astype(np.float32)[:, None]
 
     def _errors(self, observations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Errors of heading and yaw rate."""
-        return self._task.HEADING_SCALE * observations[:, 0], self._task.rate_scale * observations[:, 1]
+        return (
+            self._task.HEADING_SCALE * observations[:, 0],
+            self._task.rate_scale * observations[:, 1],
+        )
 
     def _ahead(self, observations: np.ndarray) -> np.ndarray:
         """Rudder that the commanded turn needs [rad]."""
         return self._needed * self._task.command_scale * observations[:, 5]
 
 
-# --- on a track -------------------------------------------------------------------------------------
+# --- on a track -----------------------------------------------------------------------------------
 
 _ON_TRACK = "holds a ship on a track"
 
@@ -217,8 +245,8 @@ def track_gains(ship: CorvetteParameters, dt: float, tolerances: TrackTolerances
 class TrackAutopilot(TurningAutopilot):
     """Linear-quadratic regulator with integral action about the commanded turn, on the commanded track.
 
-    It acts on the observation alone: what it regulates is what the estimator believes, the current included, in which
-    the observation's heading error already crabs.
+    It acts on the observation alone: what it regulates is what the estimator believes, the current
+    included, in which the observation's heading error already crabs.
 
     Args:
         system: The environment's system.
@@ -234,7 +262,9 @@ class TrackAutopilot(TurningAutopilot):
         self._regulate(task, system.vehicle.dt, track_gains(task.ship, system.vehicle.dt, t))
         self._near, self._limit = 6.0 * t.distance, 2.0 * t.distance_integral
 
-    def _place(self, observations: np.ndarray, heading_error: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+    def _place(
+        self, observations: np.ndarray, heading_error: np.ndarray
+    ) -> tuple[list[np.ndarray], np.ndarray]:
         distance = self._task.TRACK_SCALE * observations[:, 7]
         return [np.clip(distance, -self._near, self._near)], distance
 
@@ -250,9 +280,9 @@ class TrackRegulator(TrackAutopilot):
 class TrackPID(TurningPID):
     """A heading PID behind a line of sight: it heads for a point of the track two ship lengths ahead.
 
-    The rudder by the errors of heading and yaw rate, and what the commanded turn is known to need. Its plant is
-    Nomoto's, the ship's linear model on a straight course reduced to first order. The steering gear follows with a
-    tenth of the loop's time. Line of sight: Fossen (2021), ch. 12.
+    The rudder by the errors of heading and yaw rate, and what the commanded turn is known to need.
+    Its plant is Nomoto's, the ship's linear model on a straight course reduced to first order. The
+    steering gear follows with a tenth of the loop's time. Line of sight: Fossen (2021), ch. 12.
     """
 
     AHEAD = 2.0  # ship lengths
@@ -265,15 +295,19 @@ class TrackPID(TurningPID):
 
     def _errors(self, observations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         heading, rate = super()._errors(observations)
-        sight = np.arctan2(self._task.TRACK_SCALE * observations[:, 7], self.AHEAD * self._ship.length)
+        sight = np.arctan2(
+            self._task.TRACK_SCALE * observations[:, 7], self.AHEAD * self._ship.length
+        )
         return heading - sight, rate
 
     def _ahead(self, observations: np.ndarray) -> np.ndarray:
         commanded = self._task.command_scale * observations[:, 5]
-        return np.sign(commanded) * np.interp(np.abs(commanded), self._turns.yaw_rate, self._turns.rudder)
+        return np.sign(commanded) * np.interp(
+            np.abs(commanded), self._turns.yaw_rate, self._turns.rudder
+        )
 
 
-# --- a turning circle trial -------------------------------------------------------------------------
+# --- a turning circle trial -----------------------------------------------------------------------
 
 
 class _ByAngle:
@@ -314,7 +348,8 @@ class ConstantRudder:
 
     Args:
         system: The environment's system.
-        angle: Rudder angle [rad]; None: that of the trial. The thesis prints 35 degrees (Section 4.3.1).
+        angle: Rudder angle [rad]; None: that of the trial. The thesis prints 35 degrees (Section
+            4.3.1).
     """
 
     def __init__(self, system: System, angle: float | None = None) -> None:

@@ -49,21 +49,32 @@ class Episode:
         def source(name: str) -> str:
             return (web / name).read_text(encoding="utf-8")
 
-        light, dark = ("".join(f"--{name}:{value};" for name, value in each.items()) for each in (LIGHT, DARK))
+        light, dark = (
+            "".join(f"--{name}:{value};" for name, value in each.items()) for each in (LIGHT, DARK)
+        )
         colours = f":root{{{light}}}@media (prefers-color-scheme: dark){{:root{{{dark}}}}}\n"
         space = self.page["scene"] is not None and self.page["scene"]["space"]
         libraries = ["uplot", "three"] if space else ["uplot"]
         own = "".join(source(f"{name}.js") for name in SCRIPTS)
-        scripts = [*(source(f"vendor/{name}.min.js") for name in libraries), f'"use strict";(() => {{\n{own}}})();']
+        scripts = [
+            *(source(f"vendor/{name}.min.js") for name in libraries),
+            f'"use strict";(() => {{\n{own}}})();',
+        ]
         # "<" never stands in the data, so that no label of anybody ends the element that holds it.
         parts = {
             "title": html.escape(self.page["title"]),
             "style": source("vendor/uplot.min.css") + colours + source("episode.css"),
-            "data": json.dumps(self.page, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
+            "data": (
+                json.dumps(self.page, separators=(",", ":"), allow_nan=False).replace(
+                    "<", "\\u003c"
+                )
+            ),
             "scripts": "".join(f"<script>{script}</script>\n" for script in scripts),
         }
         head, *rest = source("episode.html").split("{{")
-        return head + "".join(parts[name] + after for name, _, after in (each.partition("}}") for each in rest))
+        return head + "".join(
+            parts[name] + after for name, _, after in (each.partition("}}") for each in rest)
+        )
 
     def save(self, path: Path | str) -> None:
         """Write the page.
@@ -110,26 +121,37 @@ def curves(charts: Sequence[Chart], every: int) -> dict[str, Any]:
 
 def packed(values: np.ndarray) -> dict[str, Any]:
     """An array as JSON can hold it: float32, little-endian, in base64."""
-    return {"shape": values.shape, "float32": base64.b64encode(np.asarray(values, "<f4").tobytes()).decode()}
+    return {
+        "shape": values.shape,
+        "float32": base64.b64encode(np.asarray(values, "<f4").tobytes()).decode(),
+    }
 
 
 def root(cov: np.ndarray) -> np.ndarray:
     """Lower triangular roots ``(T, k, k)`` of covariances, which may be singular."""
     values, vectors = np.linalg.eigh(cov)
-    upper = np.linalg.qr(np.swapaxes(vectors * np.sqrt(np.maximum(values, 0.0))[:, None], -1, -2), mode="r")
-    return np.swapaxes(upper * np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0.0, -1.0, 1.0)[..., None], -1, -2)
+    upper = np.linalg.qr(
+        np.swapaxes(vectors * np.sqrt(np.maximum(values, 0.0))[:, None], -1, -2), mode="r"
+    )
+    return np.swapaxes(
+        upper * np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0.0, -1.0, 1.0)[..., None], -1, -2
+    )
 
 
 def focus(words: Sequence[tuple[str, str, float]], axes: np.ndarray) -> list[dict[str, Any]]:
     """Components of the position, for the close-up: words as of `vessel_gym.surroundings.in_words`, axes ``(k, 3)``."""
     return [
-        {"name": name, "unit": unit, "axis": axis} for (name, unit, _), axis in zip(words, axes.tolist(), strict=True)
+        {"name": name, "unit": unit, "axis": axis}
+        for (name, unit, _), axis in zip(words, axes.tolist(), strict=True)
     ]
 
 
 def drawn(around: Surroundings, tracks: Sequence[np.ndarray]) -> dict[str, Any]:
     """The map of surroundings and tracks ``(T, 6)``."""
-    values = {key: packed(value) if isinstance(value, np.ndarray) else value for key, value in asdict(around).items()}
+    values = {
+        key: packed(value) if isinstance(value, np.ndarray) else value
+        for key, value in asdict(around).items()
+    }
     (low, high), hull = _extent(around, tracks), HULLS[around.hull]
     return values | {"outline": hull.above.tolist(), "least": hull.least, "low": low, "high": high}
 
@@ -139,4 +161,7 @@ def _extent(around: Surroundings, tracks: Sequence[np.ndarray]) -> tuple[list[fl
     points = np.concatenate([around.path, *(track[:, :3] for track in tracks)])
     place, radius = around.obstacles[:, :2], around.obstacles[:, 2:]
     level = np.concatenate([points[:, :2], place - radius, place + radius])
-    return [*level.min(0).tolist(), float(points[:, 2].min())], [*level.max(0).tolist(), float(points[:, 2].max())]
+    return [*level.min(0).tolist(), float(points[:, 2].min())], [
+        *level.max(0).tolist(),
+        float(points[:, 2].max()),
+    ]

@@ -42,8 +42,8 @@ def episode(
 
     Args:
         env_id: A registered environment of ours, or your own.
-        estimators: The first is shown first; None: the environment's own, then those of `COMPARED` that its models
-            carry.
+        estimators: The first is shown first; None: the environment's own, then those of `COMPARED`
+            that its models carry.
         agent: As `rollout` takes it; it steers on each estimator afresh.
         seed: Of the episode.
         env_options: Passed to the environment.
@@ -54,7 +54,9 @@ def episode(
         TypeError: for arguments of another kind.
     """
     if not isinstance(env_id, str):
-        raise TypeError(f"env_id must be the name of a registered environment, got {short_repr(env_id)}")
+        raise TypeError(
+            f"env_id must be the name of a registered environment, got {short_repr(env_id)}"
+        )
     options = checks.options("env_options", env_options)
     try:
         system = getattr(vector_class(env_id), "system", None)
@@ -66,7 +68,8 @@ def episode(
     system = system or wrapped_system(env_id)
     if not system.estimator:
         raise ValueError(
-            f"{env_id!r} has no estimator in the loop: wrap it in vessel_gym.wrappers.EstimatedObservation"
+            f"{env_id!r} has no estimator in the loop: wrap it in"
+            " vessel_gym.wrappers.EstimatedObservation"
         )
     first = options.pop("estimator", None) or system.estimator
     if estimators is None:
@@ -78,7 +81,14 @@ def episode(
         if names.count(name) > 1:
             raise ValueError(f"each estimator is shown once, and {name!r} is named twice")
     flown = [
-        rollout(agent, env_id, [seed], _with_estimator(system, options, each), trust=trust, ensembles=True)
+        rollout(
+            agent,
+            env_id,
+            [seed],
+            _with_estimator(system, options, each),
+            trust=trust,
+            ensembles=True,
+        )
         for each in estimators
     ]
     return Episode(page_of(flown, names))
@@ -103,7 +113,9 @@ def _name(estimator: Any) -> str:
     return own if isinstance(own, str) else "own"
 
 
-def _with_estimator(system: System | Wrapped, options: dict[str, Any], estimator: Any) -> dict[str, Any]:
+def _with_estimator(
+    system: System | Wrapped, options: dict[str, Any], estimator: Any
+) -> dict[str, Any]:
     """Options with an estimator, unless it is the only one that an environment of others has."""
     fixed = isinstance(system, Wrapped) and estimator == system.estimator
     return options if fixed else {**options, "estimator": estimator}
@@ -113,7 +125,10 @@ def _compared(system: System | Wrapped, options: dict[str, Any], first: Any) -> 
     """An estimator, then the environment's own and those of `COMPARED`, as far as its models and the options do."""
     if isinstance(system, Wrapped):
         others = COMPARED if takes(system.name, "estimator") else ()
-        return [first, *(name for name in others if name != first and _carried(system.name, options, name))]
+        return [
+            first,
+            *(name for name in others if name != first and _carried(system.name, options, name)),
+        ]
     sensors = system.sensors_of(options.get("sensors", "nominal"))
     disturbance = chosen_disturbance(system, options.get("disturbance", "moderate"))
 
@@ -124,7 +139,14 @@ def _compared(system: System | Wrapped, options: dict[str, Any], first: Any) -> 
             return False
         return isinstance(made.filter, Filter)
 
-    return [first, *(name for name in dict.fromkeys((system.estimator, *COMPARED)) if name != first and carried(name))]
+    return [
+        first,
+        *(
+            name
+            for name in dict.fromkeys((system.estimator, *COMPARED))
+            if name != first and carried(name)
+        ),
+    ]
 
 
 def _carried(env_id: str, options: dict[str, Any], estimator: str) -> bool:
@@ -139,7 +161,8 @@ def _carried(env_id: str, options: dict[str, Any], estimator: str) -> bool:
 def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
     """Data of a page, from rollouts of one seed on estimators of these names.
 
-    An environment of others has no map; its page holds charts of what its ``info`` holds of truth and estimate.
+    An environment of others has no map; its page holds charts of what its ``info`` holds of truth
+    and estimate.
 
     Raises:
         ValueError: if there are no estimates in an episode.
@@ -147,7 +170,9 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
     env, every = flown[0].env.unwrapped, 1 + int(max(each.length[0] for each in flown)) // FRAMES
     core, histories = getattr(env, "core", None), [_first_row(each) for each in flown]
     page: dict[str, Any] = {
-        "title": f"{flown[0].env_id}: one episode on {len(flown)} estimator{'s' * (len(flown) > 1)}",
+        "title": (
+            f"{flown[0].env_id}: one episode on {len(flown)} estimator{'s' * (len(flown) > 1)}"
+        ),
         "name": flown[0].env_id,
         "environment": flown[0].env_id,
         "conditions": [f"seed {flown[0].seeds[0]}"],
@@ -160,12 +185,18 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
     }
     if core is None:
         pairs = zip(flown, names, histories, strict=True)
-        flights = [_figures(each, name) | curves(_estimates(history), every) for each, name, history in pairs]
+        flights = [
+            _figures(each, name) | curves(_estimates(history), every)
+            for each, name, history in pairs
+        ]
         return page | {"flights": flights}
     scenario = flown[0].scenario
     assert scenario is not None
     around = surroundings_of(core, scenario[0])
-    scenes = [Scene(core_of(each), around, history) for each, history in zip(flown, histories, strict=True)]
+    scenes = [
+        Scene(core_of(each), around, history)
+        for each, history in zip(flown, histories, strict=True)
+    ]
     first = scenes[0].position
     return page | {
         "title": page["title"].replace(flown[0].env_id, core.system.name, 1),
@@ -187,7 +218,9 @@ def _first_row(flown: Rollout) -> dict[str, np.ndarray]:
 def _estimates(history: dict[str, np.ndarray]) -> list[Chart]:
     """Charts of the first components of truth and estimate in the ``info`` of an environment of others."""
     if "estimate" not in history:
-        raise ValueError("there is no estimate to show: info of the environment holds no array 'estimate'")
+        raise ValueError(
+            "there is no estimate to show: info of the environment holds no array 'estimate'"
+        )
     charts, estimate = [], history["estimate"].reshape(len(history["estimate"]), -1)
     truth, cov = (history.get(key) for key in ("truth", "covariance"))
     for i, line in enumerate(estimate.T[:CHARTS]):
@@ -196,7 +229,10 @@ def _estimates(history: dict[str, np.ndarray]) -> list[Chart]:
             series.insert(0, Series("true", "true_soft", truth[:, i], 3.5))
         if cov is not None and cov.shape == (*estimate.shape, estimate.shape[1]):
             sd = np.sqrt(np.maximum(cov[:, i, i], 0.0))
-            band, series[-1] = (line - 2.0 * sd, line + 2.0 * sd), series[-1]._replace(label="estimate ±2σ")
+            band, series[-1] = (
+                (line - 2.0 * sd, line + 2.0 * sd),
+                series[-1]._replace(label="estimate ±2σ"),
+            )
         charts.append(Chart(f"Component {i}", series, band))
     return charts
 
@@ -217,7 +253,9 @@ def _figures(flown: Rollout, name: str) -> dict[str, Any]:
 def _flight(flown: Rollout, name: str, scene: Scene, every: int) -> dict[str, Any]:
     """Data of a page about a rollout's episode, in every so many moments and the last."""
     keep, position = kept(len(scene.true), every), scene.position
-    members = None if position.members is None else position.members[:-1]  # of the end itself there are none
+    members = (
+        None if position.members is None else position.members[:-1]
+    )  # of the end itself there are none
     apart = 1 + len(scene.true) // CLOUDS
     return {
         **_figures(flown, name),
@@ -230,7 +268,8 @@ def _flight(flown: Rollout, name: str, scene: Scene, every: int) -> dict[str, An
         "period": apart * scene.core.vehicle.dt,
         "fix": packed(scene.fixes[keep]),
         "ambient": [
-            each._asdict() | {"vector": packed(each.vector[keep])} for each in ambients(scene.core, scene.history)
+            each._asdict() | {"vector": packed(each.vector[keep])}
+            for each in ambients(scene.core, scene.history)
         ],
         **curves(scene.charts(CHARTS), every),
     }

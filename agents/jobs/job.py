@@ -21,12 +21,15 @@ class Job:
     """A pure function and everything that its result depends on.
 
     Attributes:
-        function: ``"module:name"``. It is called with the arguments and returns values by name: JSON values or arrays
-            of numbers. A value named ``timing`` depends on the machine: it goes to the journal, not to the result.
-        arguments: Keyword arguments, JSON values. The function gets what JSON makes of them: lists for tuples.
+        function: ``"module:name"``. It is called with the arguments and returns values by name:
+            JSON values or arrays of numbers. A value named ``timing`` depends on the machine: it
+            goes to the journal, not to the result.
+        arguments: Keyword arguments, JSON values. The function gets what JSON makes of them: lists
+            for tuples.
         label: What it is, for people. Jobs with the same label take about the same time.
         needs: Jobs whose artifacts the function reads; it gets their paths as ``needs``.
-        artifact: Suffix of a file that the function writes beside its values; it gets the path as ``artifact``.
+        artifact: Suffix of a file that the function writes beside its values; it gets the path as
+            ``artifact``.
     """
 
     function: str
@@ -74,7 +77,9 @@ class Job:
 
 @cache
 def _versions() -> dict[str, str]:
-    return {"vessel-gym": vessel_gym.__version__} | {name: metadata.version(name) for name in LIBRARIES}
+    return {"vessel-gym": vessel_gym.__version__} | {
+        name: metadata.version(name) for name in LIBRARIES
+    }
 
 
 def canonical(values: Any) -> bytes:

@@ -111,7 +111,9 @@ def _in_processes(folder: Path, workers: Workers, jobs: Sequence[Job]) -> Ends:
         finally:
             if not complete:
                 workers.stop()
-        for job in list(left)[: 2 * workers.processes]:  # jobs begin in their order: the killed one is among the first
+        for job in list(left)[
+            : 2 * workers.processes
+        ]:  # jobs begin in their order: the killed one is among the first
             del left[job]
             yield _alone(job, folder)
 
@@ -129,16 +131,22 @@ def _alone(job: Job, folder: Path) -> End:
 
 
 @contextmanager
-def _pool(processes: int, modules: tuple[str, ...] = ()) -> Iterator[tuple[Executor, type[Exception]]]:
+def _pool(
+    processes: int, modules: tuple[str, ...] = ()
+) -> Iterator[tuple[Executor, type[Exception]]]:
     """Processes of one thread each, stopped at the end, and the error of a job when one of them is killed."""
     require("joblib")
     from joblib.externals.loky.process_executor import ProcessPoolExecutor, TerminatedWorkerError
 
-    executor = ProcessPoolExecutor(processes, initializer=_begin, initargs=(os.getpid(), modules), env=_ONE_THREAD)
+    executor = ProcessPoolExecutor(
+        processes, initializer=_begin, initargs=(os.getpid(), modules), env=_ONE_THREAD
+    )
     try:
         yield executor, TerminatedWorkerError
     finally:
-        with suppress(Empty):  # loky forgets jobs that have not begun, and then fails to find those in this queue
+        with suppress(
+            Empty
+        ):  # loky forgets jobs that have not begun, and then fails to find those in this queue
             while True:
                 executor._work_ids.get_nowait()
         executor.shutdown(kill_workers=True)
@@ -150,13 +158,16 @@ _GROWTH = 2_000_000_000  # bytes
 def _begin(parent: int, modules: tuple[str, ...] = ()) -> None:
     """End this process soon after its parent, which may be killed before it can stop it, and import what jobs need.
 
-    Loky ends a worker, with a warning, that has grown by 300 MB since its first job. Torch is half of that, and the
-    compiled programs of a study's filters, which stay, are more: only a worker that grows by `_GROWTH` is replaced.
+    Loky ends a worker, with a warning, that has grown by 300 MB since its first job. Torch is half
+    of that, and the compiled programs of a study's filters, which stay, are more: only a worker
+    that grows by `_GROWTH` is replaced.
     """
     from joblib.externals.loky import process_executor
 
     process_executor._MAX_MEMORY_LEAK_SIZE = _GROWTH
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the parent, too, which stops its workers
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # Ctrl-C reaches the parent, too, which stops its workers
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -188,11 +199,17 @@ def _on_cluster(folder: Path, client: Any, jobs: Sequence[Job]) -> Ends:
                 left.append(job)
         for job in left:
             ((_, end),) = _tried(executor, KilledWorker, folder, [job])
-            yield end if isinstance(end, End) else _killed(job, folder, "every worker that computed it was killed")
+            yield (
+                end
+                if isinstance(end, End)
+                else _killed(job, folder, "every worker that computed it was killed")
+            )
     except CannotStore:
         raise
     except Exception as error:
-        raise ConnectionError(f"the Dask workers cannot go on: {type(error).__name__}: {error}") from error
+        raise ConnectionError(
+            f"the Dask workers cannot go on: {type(error).__name__}: {error}"
+        ) from error
     finally:
         executor.shutdown(wait=False)
 
@@ -204,16 +221,22 @@ def check_scheduler(address: str) -> None:
         ValueError: if it is no address.
         ConnectionError: if nobody listens there.
     """
-    found = re.fullmatch(r"(?:(?:tcp|tls)://)?(?:\[([^\s\[\]]+)\]|([^\s:/\[\]]+)):(\d{1,5})", address)
+    found = re.fullmatch(
+        r"(?:(?:tcp|tls)://)?(?:\[([^\s\[\]]+)\]|([^\s:/\[\]]+)):(\d{1,5})", address
+    )
     if not found or not 1 <= int(found[3]) <= 65535:
         raise ValueError(f"a scheduler's address is like tcp://10.0.0.1:8786, got {address!r}")
     end = time.monotonic() + _PATIENCE  # it may be starting at this moment
     while True:
         try:
-            socket.create_connection((found[1] or found[2], int(found[3])), timeout=_PATIENCE).close()
+            socket.create_connection(
+                (found[1] or found[2], int(found[3])), timeout=_PATIENCE
+            ).close()
             return
         except (OSError, UnicodeError) as error:
-            hopeless = isinstance(error, socket.gaierror | UnicodeError)  # a host's name that is none
+            hopeless = isinstance(
+                error, socket.gaierror | UnicodeError
+            )  # a host's name that is none
             if hopeless or time.monotonic() >= end:
                 raise ConnectionError(f"no Dask scheduler answers at {address}: {error}") from None
         time.sleep(0.1)
@@ -235,7 +258,9 @@ def _client(scheduler: str) -> Iterator[Any]:
         except TimeoutError:
             raise ConnectionError(f"the Dask scheduler at {scheduler} has no workers") from None
         try:
-            client.run(source_digest, __name__)  # a worker that cannot even import this would fall silent
+            client.run(
+                source_digest, __name__
+            )  # a worker that cannot even import this would fall silent
         except Exception as error:
             raise ConnectionError(f"the Dask workers do not have this package: {error}") from None
         yield client

@@ -17,7 +17,8 @@ from agents.jobs.work import CannotStore
 class Outcome:
     """Outcome of a run: values of jobs by key, failures (traceback, or the reason for not trying) of the others.
 
-    ``computed`` counts the jobs of this run; ``notes`` are for the user: files set aside, results of other versions.
+    ``computed`` counts the jobs of this run; ``notes`` are for the user: files set aside, results
+    of other versions.
     """
 
     values: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -54,13 +55,15 @@ def run(
 ) -> Outcome:
     """Compute the jobs that have no result yet.
 
-    A job that fails does not stop the others; nor does one whose process is killed, which is tried once more, alone.
+    A job that fails does not stop the others; nor does one whose process is killed, which is tried
+    once more, alone.
 
     Args:
         jobs: What is wanted; jobs that others need are added.
         folder: Where the results are kept; made if it is not there.
         processes: Processes on this machine, with one thread each; 1: this process.
-        scheduler: Address of a Dask scheduler whose workers compute instead; they must see the folder.
+        scheduler: Address of a Dask scheduler whose workers compute instead; they must see the
+            folder.
         shard: ``(i, n)``: only the i-th of n parts, counted from 1.
         progress: Called at the start and after every job.
         workers: Processes that serve several runs, in place of those of this run alone.
@@ -80,19 +83,29 @@ def run(
     outcome = _stored(wanted, folder)
     missing = {key: job for key, job in mine.items() if key not in outcome.values}
     others = len(outcome.values) - (len(mine) - len(missing))  # of other parts of a job array
-    clock, left = Clock(journal(folder)), [{job.key: job for job in wave} for wave in waves(missing)]
+    clock, left = (
+        Clock(journal(folder)),
+        [{job.key: job for job in wave} for wave in waves(missing)],
+    )
     forecast, parallel = Forecast(clock, left), processes
 
     def report(label: str = "") -> None:
         if progress is not None:
             done = len(outcome.values) - others
-            progress(Status(done, len(mine), len(outcome.failures), forecast.seconds_left(parallel), label))
+            progress(
+                Status(
+                    done, len(mine), len(outcome.failures), forecast.seconds_left(parallel), label
+                )
+            )
 
     report()
     if not missing:
         return outcome
     try:
-        with pool(folder, workers or processes, scheduler, _modules(missing)) as (compute, parallel):
+        with pool(folder, workers or processes, scheduler, _modules(missing)) as (
+            compute,
+            parallel,
+        ):
             for wave in left:
                 with closing(_compute(wave, compute, clock, outcome)) as labels:
                     for label in labels:
@@ -130,13 +143,17 @@ def _stored(wanted: dict[str, Job], folder: Path) -> Outcome:
     return outcome
 
 
-def _compute(wave: dict[str, Job], compute: Compute, clock: Clock, outcome: Outcome) -> Generator[str, None, None]:
+def _compute(
+    wave: dict[str, Job], compute: Compute, clock: Clock, outcome: Outcome
+) -> Generator[str, None, None]:
     """Compute a wave, from which jobs are removed as they end; yields the label of each."""
     for job in list(wave.values()):
         lost = [need for need in job.needs if need.key not in outcome.values]
         if lost:
             del wave[job.key]
-            outcome.failures[job.key] = f"not tried: it needs {lost[0].label or lost[0].key}, which has no result"
+            outcome.failures[job.key] = (
+                f"not tried: it needs {lost[0].label or lost[0].key}, which has no result"
+            )
             yield job.label
     with closing(compute(clock.longest_first(list(wave.values())))) as ends:
         for key, values, failure, seconds in ends:

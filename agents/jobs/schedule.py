@@ -37,7 +37,9 @@ def waves(jobs: Mapping[str, Job]) -> list[list[Job]]:
     """Topological generations: jobs without open needs, then those that need them, and so on."""
     left, found = dict(jobs), []
     while left:
-        ready = {key: job for key, job in left.items() if not any(need.key in left for need in job.needs)}
+        ready = {
+            key: job for key, job in left.items() if not any(need.key in left for need in job.needs)
+        }
         left = {key: job for key, job in left.items() if key not in ready}
         found.append(list(ready.values()))
     return found
@@ -59,7 +61,9 @@ class Clock:
 
     def expected(self, job: Job) -> float | None:
         """Seconds that a job will take; None if its function was never timed."""
-        count, total = self._times.get(job.label or job.function) or self._times.get(job.function) or (0, 0.0)
+        count, total = (
+            self._times.get(job.label or job.function) or self._times.get(job.function) or (0, 0.0)
+        )
         return total / count if count else None
 
     def longest_first(self, jobs: Sequence[Job]) -> list[Job]:
@@ -75,8 +79,8 @@ class Clock:
 class Forecast:
     """Forecast of the seconds that a run will take.
 
-    To ask every job that is left takes longer the more there are, so that is done only as often as it takes a
-    hundredth of the time; in between the time that passed is taken off.
+    To ask every job that is left takes longer the more there are, so that is done only as often as
+    it takes a hundredth of the time; in between the time that passed is taken off.
     """
 
     def __init__(self, clock: Clock, left: Sequence[Mapping[str, Job]]) -> None:

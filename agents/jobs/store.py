@@ -18,7 +18,9 @@ from agents.files import replacing
 from agents.jobs.job import Job, canonical
 
 _RESULT = re.compile(r"[0-9a-f]{32}\.")
-_TEMPORARY = re.compile(r"\.+([0-9a-f]{32})-\d+")  # more dots: what a function writes has a temporary of its own
+_TEMPORARY = re.compile(
+    r"\.+([0-9a-f]{32})-\d+"
+)  # more dots: what a function writes has a temporary of its own
 
 
 def result_path(job: Job, folder: Path) -> Path:
@@ -78,8 +80,14 @@ def _journal_line(text: bytes) -> dict[str, Any] | None:
         line = json.loads(text)
     except (ValueError, RecursionError):
         return None
-    whole = isinstance(line, dict) and all(isinstance(line.get(name), kind) for name, kind in _JOURNAL.items())
-    return line if whole and all(0.0 <= line[name] < np.inf for name in ("seconds", "cpu_seconds")) else None
+    whole = isinstance(line, dict) and all(
+        isinstance(line.get(name), kind) for name, kind in _JOURNAL.items()
+    )
+    return (
+        line
+        if whole and all(0.0 <= line[name] < np.inf for name in ("seconds", "cpu_seconds"))
+        else None
+    )
 
 
 def save(job: Job, folder: Path, values: dict[str, Any]) -> None:
@@ -90,7 +98,10 @@ def save(job: Job, folder: Path, values: dict[str, Any]) -> None:
         "values_sha256": hashlib.sha256(canonical(values)).hexdigest(),
         "artifact_sha256": _artifact_digest(job, folder),
     }
-    with replacing(result_path(job, folder)) as temporary, temporary.open("w", encoding="utf-8") as file:
+    with (
+        replacing(result_path(job, folder)) as temporary,
+        temporary.open("w", encoding="utf-8") as file,
+    ):
         json.dump(record, file)
         file.flush()
         os.fsync(file.fileno())
@@ -123,7 +134,11 @@ def note(job: Job, folder: Path, seconds: float, cpu_seconds: float, timing: Any
 
 
 def _artifact_digest(job: Job, folder: Path) -> str | None:
-    return hashlib.sha256(artifact_path(job, folder).read_bytes()).hexdigest() if job.artifact else None
+    return (
+        hashlib.sha256(artifact_path(job, folder).read_bytes()).hexdigest()
+        if job.artifact
+        else None
+    )
 
 
 def plain(values: Any) -> Any:
@@ -159,17 +174,28 @@ def set_aside(job: Job, folder: Path) -> list[str]:
         for file in {path, artifact_path(job, folder)}:
             if file.exists():
                 file.replace(aside / file.name)
-        return [f"the result {path.name} was damaged or not ours: it now is in {aside}, and is computed again"]
+        return [
+            f"the result {path.name} was damaged or not ours: it now is in {aside}, and is computed"
+            " again"
+        ]
 
 
 def strangers(wanted: Mapping[str, Job], folder: Path) -> list[str]:
     """Notes on other files among the results."""
-    names = [path.name for path in (folder / "jobs").iterdir() if path.stem not in wanted and path.name[0] != "."]
+    names = [
+        path.name
+        for path in (folder / "jobs").iterdir()
+        if path.stem not in wanted and path.name[0] != "."
+    ]
     unknown = sorted(name for name in names if not _RESULT.match(name))
-    others = len({name.partition(".")[0] for name in names} - {name.partition(".")[0] for name in unknown})
+    others = len(
+        {name.partition(".")[0] for name in names} - {name.partition(".")[0] for name in unknown}
+    )
     notes = []
     if others:
-        notes.append(f"{others} results in {folder / 'jobs'} are of other settings or versions: left alone")
+        notes.append(
+            f"{others} results in {folder / 'jobs'} are of other settings or versions: left alone"
+        )
     if unknown:
         notes.append(f"{folder / 'jobs'} holds what is no result: {', '.join(unknown)}: left alone")
     return notes

@@ -11,7 +11,16 @@ from typing import Any, NamedTuple
 
 from agents.files import replacing
 from agents.jobs.job import LIBRARIES, Job
-from agents.jobs.store import artifact_path, failure_path, load, lock, note, plain, save, save_failure
+from agents.jobs.store import (
+    artifact_path,
+    failure_path,
+    load,
+    lock,
+    note,
+    plain,
+    save,
+    save_failure,
+)
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
@@ -33,13 +42,14 @@ def work(job: Job, folder: Path, key: str) -> End:
     """Compute a job unless its result is there, and store it.
 
     Raises:
-        CannotStore: if the result cannot be written, or if it would not be the one that ``key`` stands for.
+        CannotStore: if the result cannot be written, or if it would not be the one that ``key``
+            stands for.
     """
     host = platform.node()
     if job.key != key:
         raise CannotStore(
-            f"{host} has other code of this package than the run was started with, or another version of "
-            f"{', '.join(LIBRARIES)}: it would compute other results"
+            f"{host} has other code of this package than the run was started with, or another"
+            f" version of {', '.join(LIBRARIES)}: it would compute other results"
         )
     if not (folder / "jobs").is_dir():
         raise CannotStore(f"{host} does not see {folder}: all workers need the same folder")
@@ -55,12 +65,18 @@ def _compute(job: Job, folder: Path) -> End:
     begin, cpu = time.perf_counter(), time.process_time()
     try:
         with ExitStack() as stack:
-            artifact = stack.enter_context(replacing(artifact_path(job, folder))) if job.artifact else None
+            artifact = (
+                stack.enter_context(replacing(artifact_path(job, folder))) if job.artifact else None
+            )
             values = job.compute(artifact, [artifact_path(need, folder) for need in job.needs])
             if not isinstance(values, dict):
-                raise TypeError(f"{job.function} returned {type(values).__name__}, not values by name")
+                raise TypeError(
+                    f"{job.function} returned {type(values).__name__}, not values by name"
+                )
             timing = plain(values.pop("timing", None))
-            values = json.loads(json.dumps(plain(values)))  # what cannot be stored is the job's fault, and shows here
+            values = json.loads(
+                json.dumps(plain(values))
+            )  # what cannot be stored is the job's fault, and shows here
     except (Exception, SystemExit) as error:
         if full := _full_disk(error):
             raise full from None

@@ -1,8 +1,9 @@
 """Metrics of episodes, registered by kind of task.
 
-Every task has a score, a return, steps, the error of an estimated unknown input, NEES and failed updates, and, where
-the vehicle says which of its actuators steer, the costs of steering. A task adds what it is about; without that, it is
-also measured by how well each component of the state was estimated.
+Every task has a score, a return, steps, the error of an estimated unknown input, NEES and failed
+updates, and, where the vehicle says which of its actuators steer, the costs of steering. A task
+adds what it is about; without that, it is also measured by how well each component of the state was
+estimated.
 
 They may import rollouts and statistics; studies, pages of episodes and commands import them.
 """
@@ -68,25 +69,31 @@ def _ours() -> None:
     from agents.metrics import dive, flight, track, turning  # noqa: F401
 
 
-_OWN_SCORE = replace(SCORE, meaning="The environment's own score; the return where it has none.", decimals=1)
+_OWN_SCORE = replace(
+    SCORE, meaning="The environment's own score; the return where it has none.", decimals=1
+)
 
 TASK_METRICS: Registry[TaskMetrics] = Registry("metrics", _ours)
 
 
-def register_metrics(task_type: type, metrics: Sequence[Metric], compute: Computation | None = None) -> None:
+def register_metrics(
+    task_type: type, metrics: Sequence[Metric], compute: Computation | None = None
+) -> None:
     """Register the metrics of a kind of task; subclasses inherit them, unless they register their own.
 
     Args:
         task_type: The class of the task.
-        metrics: Beside score, return, steps, the costs of steering, the input's error, NEES and failed updates, which
-            every task has; one with the key ``"steps"`` or ``"input_rmse"``, or of a cost of steering, replaces these.
-            Those of the parent class and one's own are ``[*metrics(system), mine]``, with a system of the parent.
-        compute: The metrics that have no ``of``: a function of a `Rollout` that returns ``(N,)`` by key; None: that of
-            the parent class.
+        metrics: Beside score, return, steps, the costs of steering, the input's error, NEES and
+            failed updates, which every task has; one with the key ``"steps"`` or ``"input_rmse"``,
+            or of a cost of steering, replaces these. Those of the parent class and one's own are
+            ``[*metrics(system), mine]``, with a system of the parent.
+        compute: The metrics that have no ``of``: a function of a `Rollout` that returns ``(N,)`` by
+            key; None: that of the parent class.
 
     Raises:
         TypeError: for a task type that is no class, or metrics that are none.
-        ValueError: for a metric without a computation, two metrics of one key, or metrics registered elsewhere.
+        ValueError: for a metric without a computation, two metrics of one key, or metrics
+            registered elsewhere.
     """
     metrics = tuple(m for m in metrics if m not in (SCORE, RETURN, NEES, UNHEALTHY))
     if not all(isinstance(m, Metric) for m in metrics):
@@ -99,14 +106,21 @@ def register_metrics(task_type: type, metrics: Sequence[Metric], compute: Comput
         compute = found[""].compute
     for m in metrics:
         if m.of is None and compute is None:
-            raise ValueError(f"nothing computes {m.key!r}: give the metric an `of`, or register_metrics a function")
+            raise ValueError(
+                f"nothing computes {m.key!r}: give the metric an `of`, or register_metrics a"
+                " function"
+            )
     own = [m.key for m in metrics]
-    first, inputs = ([m for m in known if m.key not in own] for known in ((STEPS, *STEERING), (INPUT,)))
+    first, inputs = (
+        [m for m in known if m.key not in own] for known in ((STEPS, *STEERING), (INPUT,))
+    )
     every = (SCORE, RETURN, *first, *metrics, *inputs, NEES, UNHEALTHY)
     keys = [m.key for m in every]
     if len(set(keys)) < len(keys):
         raise ValueError(f"the metrics of a task need keys of their own, got {', '.join(keys)}")
-    TASK_METRICS.register(task_type, TaskMetrics(every, compute), sys._getframe(1).f_globals.get("__name__", ""))
+    TASK_METRICS.register(
+        task_type, TaskMetrics(every, compute), sys._getframe(1).f_globals.get("__name__", "")
+    )
 
 
 def metrics(system: System | Wrapped) -> tuple[Metric, ...]:
@@ -117,8 +131,8 @@ def metrics(system: System | Wrapped) -> tuple[Metric, ...]:
 def scores(rollout: Rollout) -> dict[str, np.ndarray]:
     """Every metric of every episode, ``(N,)`` by key.
 
-    Only times that an episode lived through count. A metric that an episode or an estimator does not have is NaN, such
-    as NEES without a covariance.
+    Only times that an episode lived through count. A metric that an episode or an estimator does
+    not have is NaN, such as NEES without a covariance.
 
     Raises:
         ValueError: if the rollout kept no history, or a metric is not one value an episode.
@@ -131,11 +145,14 @@ def scores(rollout: Rollout) -> dict[str, np.ndarray]:
         raise ValueError("scores need the history of a rollout: fly it with record=True")
     task = _of_task(system)
     computed = {} if task.compute is None else task.compute(rollout)
-    found = {m.key: np.asarray(computed[m.key] if m.of is None else m.of(rollout)) for m in task.metrics}
+    found = {
+        m.key: np.asarray(computed[m.key] if m.of is None else m.of(rollout)) for m in task.metrics
+    }
     for key, values in found.items():
         if values.shape != (len(rollout.seeds),):
             raise ValueError(
-                f"metric {key!r} must be one value an episode, ({len(rollout.seeds)},), got {values.shape}"
+                f"metric {key!r} must be one value an episode, ({len(rollout.seeds)},), got"
+                f" {values.shape}"
             )
     return found
 
@@ -166,7 +183,9 @@ def _of_task(system: System | Wrapped) -> TaskMetrics:
         for name in _estimated(system)
     )  # fmt: skip
     if isinstance(system, Wrapped):
-        return TaskMetrics((_OWN_SCORE, STEPS, *errors, *((NEES, UNHEALTHY) if system.estimator else ())))
+        return TaskMetrics(
+            (_OWN_SCORE, STEPS, *errors, *((NEES, UNHEALTHY) if system.estimator else ()))
+        )
     return TaskMetrics((SCORE, RETURN, STEPS, *steering, *errors, INPUT, NEES, UNHEALTHY))
 
 
@@ -177,6 +196,7 @@ def _estimated(system: System | Wrapped) -> tuple[str, ...]:
     widest, sensors = {"model": system.vehicle.kinds[0]}, system.sensors_of("nominal")
     disturbances = (chosen_disturbance(system, name) for name in system.disturbances)
     first, *others = (
-        build(system, "dead-reckoning", widest, sensors, acting).composition.names for acting in disturbances
+        build(system, "dead-reckoning", widest, sensors, acting).composition.names
+        for acting in disturbances
     )
     return tuple(name for name in first if all(name in names for names in others))

@@ -28,7 +28,9 @@ def _indices(rollout: Rollout) -> list[int]:
     for index in vehicle.steering:
         if not (is_integer(index) and 0 <= index < count):
             title = f"steering of {type(vehicle).__name__}"
-            raise ValueError(f"{title} must be indices below {count}, the number of its actuators, got {index!r}")
+            raise ValueError(
+                f"{title} must be indices below {count}, the number of its actuators, got {index!r}"
+            )
     return list(vehicle.steering)
 
 
@@ -66,7 +68,10 @@ def _saturation(rollout: Rollout) -> np.ndarray:
     vehicle, actuators = core_of(rollout).system.vehicle, rollout.history["actuators"]
     steering, lived = _indices(rollout), rollout.alive[1:]
     before = np.where(lived[..., None], actuators[:-1], actuators[:1])
-    rows, most = before.reshape(-1, before.shape[-1]), np.ones((before[..., 0].size, len(vehicle.action_names)))
+    rows, most = (
+        before.reshape(-1, before.shape[-1]),
+        np.ones((before[..., 0].size, len(vehicle.action_names))),
+    )
     low, high = (
         vehicle.actuate(rows, action).reshape(before.shape)[..., steering] for action in (-most, most)
     )  # fmt: skip
@@ -75,11 +80,15 @@ def _saturation(rollout: Rollout) -> np.ndarray:
     return 100.0 * (limited.any(-1) & lived).sum(0) / rollout.length
 
 
-STEERING = described("steering", steering_travel=_travel, reversals=_reversals, saturation=_saturation)
+STEERING = described(
+    "steering", steering_travel=_travel, reversals=_reversals, saturation=_saturation
+)
 """What steering costs any vehicle whose ``steering`` says which of its actuators steer."""
 
 
-def tails(name: str, error: np.ndarray, alive: np.ndarray, margin: float, scale: float = 1.0) -> dict[str, np.ndarray]:
+def tails(
+    name: str, error: np.ndarray, alive: np.ndarray, margin: float, scale: float = 1.0
+) -> dict[str, np.ndarray]:
     """Tails of errors ``(T, N)`` by key: 95th percentile, maximum, and the share of time [%] beyond the margin.
 
     Args:

@@ -40,7 +40,9 @@ def compute(rollout: Rollout) -> dict[str, np.ndarray]:
         "normal": rms(normal, alive),
         "clearance": np.where(alive, clearance, np.inf).min(0),
         **tails("off_track", np.hypot(cross, normal), alive, task.TRACK_TOLERANCE),
-        "energy": np.where(alive[1:], task.power(h["actuators"][1:]), 0.0).sum(0) * task.dt / seconds,
+        "energy": (
+            np.where(alive[1:], task.power(h["actuators"][1:]), 0.0).sum(0) * task.dt / seconds
+        ),
     }
 
 

@@ -29,12 +29,14 @@ class Metric:
         key: Its name in `scores` and in files.
         label: Its name in tables.
         unit: Empty where it has none.
-        better: ``"higher"``, ``"lower"``, ``"near 1"``, or ``""`` where it is not a matter of better.
+        better: ``"higher"``, ``"lower"``, ``"near 1"``, or ``""`` where it is not a matter of
+            better.
         decimals: Digits to print.
         meaning: One sentence.
         yes_or_no: True if each episode has 0 or 100 % of it.
-        of: Computes it: a function of a `Rollout` that returns one value an episode, ``(N,)``, NaN where there is none.
-            None: the function registered with its task does, along with others.
+        of: Computes it: a function of a `Rollout` that returns one value an episode, ``(N,)``, NaN
+            where there is none. None: the function registered with its task does, along with
+            others.
         cost: True for what the vehicle's owner pays, which stands beside the score.
     """
 
@@ -82,7 +84,9 @@ def rmse(*names: str, scale: float = 1.0) -> PerEpisode:
         if not chosen:
             return np.full(len(rollout.seeds), np.nan)
         core, h = core_of(rollout), rollout.history
-        error = difference(h["estimate"], core.estimated(h["truth"]), core.filter.model.state_angles)[..., chosen]
+        error = difference(
+            h["estimate"], core.estimated(h["truth"]), core.filter.model.state_angles
+        )[..., chosen]
         return rms(np.sqrt((error**2).sum(-1)), rollout.alive) * scale
 
     return of
@@ -113,10 +117,14 @@ def _input_rmse(rollout: Rollout) -> np.ndarray:
     composition = core.composition
     if core.belief.input_mean is None or not composition.inputs:
         return np.full(len(rollout.seeds), np.nan)
-    delay = core.config.estimation.input_delay  # the estimate of step k is of the input of step k - delay
+    delay = (
+        core.config.estimation.input_delay
+    )  # the estimate of step k is of the input of step k - delay
     true = h["unknown_input"][: len(rollout.alive) - delay]
     with np.errstate(divide="ignore", invalid="ignore"):
-        error = (h["input_estimate"][delay:] - true) / np.sqrt(np.diag(composition.forces.input_cov))
+        error = (h["input_estimate"][delay:] - true) / np.sqrt(
+            np.diag(composition.forces.input_cov)
+        )
     return rms(np.sqrt((error**2).mean(-1)), rollout.alive[delay:])
 
 
@@ -134,7 +142,9 @@ SCORE, RETURN, STEPS, INPUT, NEES, UNHEALTHY = described(
     steps=steps,
     input_rmse=_input_rmse,
     nees=mean_nees,
-    unhealthy=lambda rollout: np.sum(rollout.alive & ~rollout.history["healthy"], axis=0).astype(float),
+    unhealthy=lambda rollout: np.sum(rollout.alive & ~rollout.history["healthy"], axis=0).astype(
+        float
+    ),
     **{"return": lambda rollout: rollout.returns.astype(float)},
 )
 
@@ -211,8 +221,8 @@ def consistency(rollout: Rollout, components: tuple[int, ...] | None = None) -> 
 def nis_consistency(rollout: Rollout) -> float | None:
     """Share of times at which the mean NIS over the runs lies in its 95 % chi-square band; None without innovations.
 
-    The degrees of freedom are the delivered measurements. None, too, for delayed sensors: not every measurement has an
-    innovation when it is delivered.
+    The degrees of freedom are the delivered measurements. None, too, for delayed sensors: not every
+    measurement has an innovation when it is delivered.
     """
     values = rollout.history.get("nis")
     if values is None or np.isnan(values).all() or core_of(rollout).sensors.horizon:

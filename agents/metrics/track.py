@@ -11,7 +11,12 @@ from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.tasks.track import Track
 
 METRICS = (
-    *described("track", position_rmse=rmse("x", "y"), current_rmse=rmse("current north", "current east"), **ESTIMATES),
+    *described(
+        "track",
+        position_rmse=rmse("x", "y"),
+        current_rmse=rmse("current north", "current east"),
+        **ESTIMATES,
+    ),
     position_nees("x", "y"),
 )
 
@@ -26,7 +31,11 @@ def compute(rollout: Rollout) -> dict[str, np.ndarray]:
     margin = task.margin if hasattr(task, "margin") else task.DISTANCE_TOLERANCE
     return {
         "track_error": rms(off, alive),
-        "roll": np.rad2deg(rms(h["truth"][..., names.index("phi")], alive)) if "phi" in names else unknown,
+        "roll": (
+            np.rad2deg(rms(h["truth"][..., names.index("phi")], alive))
+            if "phi" in names
+            else unknown
+        ),
         "input_rmse": 1e3 * input_error(rollout),
         **tails("off_track", off, alive, margin),
         **propulsion_costs(rollout, along[rollout.length, np.arange(len(scenario))] - along[0]),

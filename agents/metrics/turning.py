@@ -13,7 +13,11 @@ from vessel_gym.vehicles.corvette_equations import COEFFICIENTS, STATE, propulsi
 
 _X, _Y, _PSI, _U, _V, _R = (STATE.index(name) for name in ("x", "y", "psi", "u", "v", "r"))
 
-ESTIMATES = {"heading_rmse": rmse("psi", scale=1e3), "yaw_rate_rmse": rmse("r", scale=1e3), "sway_rmse": rmse("v")}
+ESTIMATES = {
+    "heading_rmse": rmse("psi", scale=1e3),
+    "yaw_rate_rmse": rmse("r", scale=1e3),
+    "sway_rmse": rmse("v"),
+}
 """Errors of the estimates that every filter of a ship gives."""
 METRICS = described("turning circle", steps=steps, **ESTIMATES)
 
@@ -21,11 +25,18 @@ METRICS = described("turning circle", steps=steps, **ESTIMATES)
 def compute(rollout: Rollout) -> dict[str, np.ndarray]:
     """Metrics that have no function of their own, ``(N,)`` by key.
 
-    The unknown input is NaN where none is estimated, and so is the circle of an episode that flew less than half of it.
+    The unknown input is NaN where none is estimated, and so is the circle of an episode that flew
+    less than half of it.
     """
     alive, truth, reference = rollout.alive, rollout.history["truth"], rollout.history["reference"]
-    task, error, (raw, came) = core_of(rollout).task, wrap(reference[..., 0] - truth[..., _PSI]), _raw_input(rollout)
-    ahead = np.hypot(truth[1:, :, _U], truth[1:, :, _V]) * np.cos(error[1:])  # of the speed through the water
+    task, error, (raw, came) = (
+        core_of(rollout).task,
+        wrap(reference[..., 0] - truth[..., _PSI]),
+        _raw_input(rollout),
+    )
+    ahead = np.hypot(truth[1:, :, _U], truth[1:, :, _V]) * np.cos(
+        error[1:]
+    )  # of the speed through the water
     made_good = np.where(alive[1:], ahead, 0.0).sum(0) * task.dt
     radius_error, out_of_round = circle_errors(rollout)
     return {
@@ -43,7 +54,8 @@ def compute(rollout: Rollout) -> dict[str, np.ndarray]:
 def propulsion_costs(rollout: Rollout, made_good: np.ndarray) -> dict[str, np.ndarray]:
     """Added resistance and fuel of a ship that made good distances ``(N,)`` [m]; NaN for other equations of motion.
 
-    The propellers turn at constant revolutions, and their torque is taken to rise and fall as their thrust.
+    The propellers turn at constant revolutions, and their torque is taken to rise and fall as their
+    thrust.
     """
     vehicle, h, alive = core_of(rollout).vehicle, rollout.history, rollout.alive
     if tuple(vehicle.parameter_names) != COEFFICIENTS:
@@ -52,7 +64,10 @@ def propulsion_costs(rollout: Rollout, made_good: np.ndarray) -> dict[str, np.nd
     speed, straight_load = straight_course(h["parameters"][0])
     energy = np.where(alive[1:], load[1:], 0.0).sum(0) * vehicle.dt
     relative = energy / np.where(made_good > 0.0, made_good, np.nan) * speed / straight_load
-    return {"added_resistance": 100.0 * np.where(alive, added, 0.0).sum(0) / alive.sum(0), "fuel": 100.0 * relative}
+    return {
+        "added_resistance": 100.0 * np.where(alive, added, 0.0).sum(0) / alive.sum(0),
+        "fuel": 100.0 * relative,
+    }
 
 
 def _raw_input(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
@@ -67,7 +82,11 @@ def _raw_input(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
 def _true_input(rollout: Rollout) -> np.ndarray:
     """The true yaw increment d ``(T + 1, N)``; 0 where no increment acts on the ship."""
     names, new = core_of(rollout).unknown_inputs, rollout.history["unknown_input"]
-    return new[..., names.index("yaw increment")] if "yaw increment" in names else np.zeros(new.shape[:-1])
+    return (
+        new[..., names.index("yaw increment")]
+        if "yaw increment" in names
+        else np.zeros(new.shape[:-1])
+    )
 
 
 def circle_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
@@ -102,7 +121,8 @@ def circle_fit(rollout: Rollout, commanded: np.ndarray) -> tuple[np.ndarray, np.
 def _fitted_circle(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     """Radius of the circle through points ``(k,)`` by linear least squares, and RMS distance from it [m].
 
-    Source: Kasa (1976), A circle fitting procedure. With noise, it favours small circles on short arcs.
+    Source: Kasa (1976), A circle fitting procedure. With noise, it favours small circles on short
+    arcs.
     """
     size = max(np.ptp(x), np.ptp(y))
     a, b = (x - x.mean()) / size, (y - y.mean()) / size
@@ -118,7 +138,9 @@ def input_error(rollout: Rollout) -> np.ndarray:
     core, h = core_of(rollout), rollout.history
     if core.belief.input_mean is None:
         return np.full(len(rollout.seeds), np.nan)
-    delay = core.config.estimation.input_delay  # the estimate of step k is of the input of step k - delay
+    delay = (
+        core.config.estimation.input_delay
+    )  # the estimate of step k is of the input of step k - delay
     true = _true_input(rollout)
     return rms(h["input_estimate"][delay:, :, 0] - true[: len(true) - delay], rollout.alive[delay:])
 

@@ -1,8 +1,9 @@
 """Checkpoints that hold numbers and words only: opening one runs nothing that its writer has put in.
 
-stable-baselines3 pickles what describes an agent, and whoever unpickles a file runs what it says. A checkpoint of ours
-is a zip of a JSON file, which says what network to build, and of plain arrays, its weights. Nothing is built that is
-larger than these arrays. Beside them stand the entries that stable-baselines3 itself loads; nothing here reads them.
+stable-baselines3 pickles what describes an agent, and whoever unpickles a file runs what it says. A
+checkpoint of ours is a zip of a JSON file, which says what network to build, and of plain arrays,
+its weights. Nothing is built that is larger than these arrays. Beside them stand the entries that
+stable-baselines3 itself loads; nothing here reads them.
 """
 
 import json
@@ -37,7 +38,8 @@ class Policy:
         network: The network, a ``BasePolicy`` of stable-baselines3 or a `Dense`.
         frames: How many observations it sees side by side.
         observe: The kind of observation; None for a foreign checkpoint.
-        statistics: Of observations, for those that were normalised: ``mean`` and ``var``, of one or of all frames.
+        statistics: Of observations, for those that were normalised: ``mean`` and ``var``, of one or
+            of all frames.
         clip: Bound of normalised observations.
         epsilon: Added to their variance.
         environment: The environment of the training; "" for a foreign checkpoint.
@@ -60,26 +62,30 @@ class Policy:
 
     def normalized(self, observations: np.ndarray) -> np.ndarray:
         """Observations normalised by these statistics, as by `VecNormalize`."""
-        deviation = (observations - self.statistics["mean"]) / np.sqrt(self.statistics["var"] + self.epsilon)
+        deviation = (observations - self.statistics["mean"]) / np.sqrt(
+            self.statistics["var"] + self.epsilon
+        )
         return np.clip(deviation, -self.clip, self.clip).astype(np.float32)
 
 
 def save_agent(model: Any, path: str | Path) -> Path:
     """Save an agent that stable-baselines3 trained, for `agents.load_agent`: without pickle, and with all it needs.
 
-    The statistics of a ``VecNormalize`` and the frames of a ``VecFrameStack`` go with it; it flies on them, frozen.
-    stable-baselines3 loads the file, too, as one of ``model.save``, without these statistics.
+    The statistics of a ``VecNormalize`` and the frames of a ``VecFrameStack`` go with it; it flies
+    on them, frozen. stable-baselines3 loads the file, too, as one of ``model.save``, without these
+    statistics.
 
     Args:
-        model: A PPO, A2C, SAC, TD3, DDPG, RecurrentPPO, TQC, CrossQ, TRPO or ARS with its environment
-            (``model.set_env`` gives it one).
+        model: A PPO, A2C, SAC, TD3, DDPG, RecurrentPPO, TQC, CrossQ, TRPO or ARS with its
+            environment (``model.set_env`` gives it one).
         path: Where the checkpoint goes (``.zip``); folders are made.
 
     Returns:
         The path of the checkpoint.
 
     Raises:
-        ValueError: if the model or its environment holds what cannot be stored in numbers and words.
+        ValueError: if the model or its environment holds what cannot be stored in numbers and
+            words.
         TypeError: for what is no model of stable-baselines3.
         OSError: if the checkpoint cannot be written.
         ModuleNotFoundError: without torch or stable-baselines3.
@@ -112,7 +118,10 @@ def description(path: str | Path) -> dict[str, Any] | None:
 def write(path: Path, model: Any, described: dict[str, Any]) -> None:
     """Write a checkpoint, as `save_agent`, and plain data with it; equal models and descriptions give equal bytes."""
     spoken, statistics = _environment(model)
-    arrays = {f"weights/{name}": tensor.numpy(force=True) for name, tensor in model.policy.state_dict().items()}
+    arrays = {
+        f"weights/{name}": tensor.numpy(force=True)
+        for name, tensor in model.policy.state_dict().items()
+    }
     arrays |= {f"statistics/{name}": value for name, value in statistics.items()}
     policy = {
         "class": _class_name(model.policy_class),
@@ -133,8 +142,8 @@ def write(path: Path, model: Any, described: dict[str, Any]) -> None:
 def _class_name(policy: type) -> str:
     if POLICIES.get(policy.__name__) != policy.__module__:
         raise ValueError(
-            f"cannot store a {policy.__module__}.{policy.__qualname__}, only {', '.join(POLICIES)}: "
-            "use model.save, and load_agent with trust=True"
+            f"cannot store a {policy.__module__}.{policy.__qualname__}, only {', '.join(POLICIES)}:"
+            " use model.save, and load_agent with trust=True"
         )
     return policy.__name__
 
@@ -143,7 +152,9 @@ def _in_words(model: Any) -> dict[str, Any]:
     """The arguments of a policy as JSON values; the activation by its name in `torch.nn`."""
     import torch
 
-    network: dict[str, Any] = {key: v for key, v in model.policy_kwargs.items() if key not in _OF_THE_TRAINING}
+    network: dict[str, Any] = {
+        key: v for key, v in model.policy_kwargs.items() if key not in _OF_THE_TRAINING
+    }
     if model.use_sde:
         network["use_sde"] = True
     for key, value in network.items():
@@ -161,11 +172,19 @@ def _in_words(model: Any) -> dict[str, Any]:
 
 def _environment(model: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Wrappers between an environment's observations and the network, as plain data and arrays."""
-    from stable_baselines3.common.vec_env import VecCheckNan, VecEnvWrapper, VecFrameStack, VecMonitor, VecNormalize
+    from stable_baselines3.common.vec_env import (
+        VecCheckNan,
+        VecEnvWrapper,
+        VecFrameStack,
+        VecMonitor,
+        VecNormalize,
+    )
 
     env = model.get_env()
     if env is None:
-        raise ValueError("the model has no environment to tell what it observes: give it one with model.set_env")
+        raise ValueError(
+            "the model has no environment to tell what it observes: give it one with model.set_env"
+        )
     spoken: dict[str, Any] = {"frames": 1}
     statistics: dict[str, np.ndarray] = {}
     while isinstance(env, VecEnvWrapper):
@@ -175,7 +194,9 @@ def _environment(model: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             spoken |= {"clip": float(env.clip_obs), "epsilon": float(env.epsilon)}
         elif isinstance(env, VecFrameStack) and spoken["frames"] == 1:
             spoken["frames"] = _size(env.observation_space) // _size(env.venv.observation_space)
-        elif not isinstance(env, VecMonitor | VecCheckNan) and not (isinstance(env, VecNormalize) and not env.norm_obs):
+        elif not isinstance(env, VecMonitor | VecCheckNan) and not (
+            isinstance(env, VecNormalize) and not env.norm_obs
+        ):
             raise ValueError(f"cannot store what {type(env).__name__} does to observations")
         env = env.venv
     core = getattr(env.get_attr("unwrapped", 0)[0], "core", None)
@@ -185,12 +206,24 @@ def _environment(model: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         for space in (env.observation_space, env.action_space):
             if not isinstance(space, gym.spaces.Box) or len(space.shape) != 1:
                 raise ValueError(
-                    f"only agents whose observations and actions are vectors of numbers are stored, not {space}"
+                    "only agents whose observations and actions are vectors of numbers are stored,"
+                    f" not {space}"
                 )
         spec = env.get_attr("spec", 0)[0]
-        named: dict[str, Any] = {"environment": spec.id if spec else "", "vehicle": {}, "observe": None}
-        return spoken | named | {"observations": spoken["frames"] * _size(env.observation_space)}, statistics
-    known = {"environment": core.system.name, "vehicle": vehicle_of(core.vehicle), "observe": core.observe_mode}
+        named: dict[str, Any] = {
+            "environment": spec.id if spec else "",
+            "vehicle": {},
+            "observe": None,
+        }
+        return (
+            spoken | named | {"observations": spoken["frames"] * _size(env.observation_space)},
+            statistics,
+        )
+    known = {
+        "environment": core.system.name,
+        "vehicle": vehicle_of(core.vehicle),
+        "observe": core.observe_mode,
+    }
     return spoken | known | {"observations": spoken["frames"] * core.observation_size}, statistics
 
 
@@ -203,8 +236,14 @@ def vehicle_of(vehicle: Any) -> dict[str, Any]:
 
 def same_vehicle(one: dict[str, Any], other: dict[str, Any]) -> bool:
     """Equal names, and numbers that differ by no more than a mismatch may."""
-    names, numbers = ("states", "actions"), [as_array("numbers", each.get("numbers")) for each in (one, other)]
-    if any(one.get(name) != other.get(name) for name in names) or numbers[0].shape != numbers[1].shape:
+    names, numbers = (
+        ("states", "actions"),
+        [as_array("numbers", each.get("numbers")) for each in (one, other)],
+    )
+    if (
+        any(one.get(name) != other.get(name) for name in names)
+        or numbers[0].shape != numbers[1].shape
+    ):
         return False
     return np.allclose(numbers[0], numbers[1], rtol=_SAME_VEHICLE, atol=0.0)
 
@@ -219,9 +258,13 @@ def _refuse_wrappers(env: Any) -> None:
     kinds = (
         gym.ObservationWrapper, gym.ActionWrapper, gym.vector.VectorObservationWrapper, gym.vector.VectorActionWrapper,
     )  # fmt: skip
-    while isinstance(env, gym.Wrapper | gym.vector.VectorWrapper) and not isinstance(env, EstimatedObservation):
+    while isinstance(env, gym.Wrapper | gym.vector.VectorWrapper) and not isinstance(
+        env, EstimatedObservation
+    ):
         if isinstance(env, kinds):
-            raise ValueError(f"cannot store what {type(env).__name__} does to observations or actions")
+            raise ValueError(
+                f"cannot store what {type(env).__name__} does to observations or actions"
+            )
         env = env.env
 
 
@@ -235,8 +278,8 @@ def packaged(env_id: str) -> Path:
     known = sorted(path.stem for path in folder.glob("*.zip"))
     if env_id not in known:
         raise ValueError(
-            f"no trained agent comes with the package for {env_id!r}, only for {', '.join(known)}: train one with "
-            "vessel-gym train, and give the path of its checkpoint"
+            f"no trained agent comes with the package for {env_id!r}, only for {', '.join(known)}:"
+            " train one with vessel-gym train, and give the path of its checkpoint"
         )
     return folder / f"{env_id}.zip"
 
@@ -260,8 +303,9 @@ def load(path: Path, trust: bool, dense: bool = False) -> Policy:
     ours = described is not None and "policy" in described
     if not ours and not trust:
         raise ValueError(
-            f"{path} was not saved by agents.save_agent or vessel-gym train of this version, and to load it is to run "
-            "whatever code it holds: if you trust whoever made it, say trust=True (--trust on a command line)"
+            f"{path} was not saved by agents.save_agent or vessel-gym train of this version, and to"
+            " load it is to run whatever code it holds: if you trust whoever made it, say"
+            " trust=True (--trust on a command line)"
         )
     if not dense:
         require("torch", "stable_baselines3", "sb3_contrib")
@@ -280,7 +324,9 @@ def _one_sentence(path: Path) -> Iterator[None]:
         raise ValueError(f"{path} {error}") from None
     except Exception as error:
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-        raise ValueError(f"{path} is not a checkpoint of an agent, or is damaged ({reason})") from None
+        raise ValueError(
+            f"{path} is not a checkpoint of an agent, or is damaged ({reason})"
+        ) from None
 
 
 class _Unfit(Exception):
@@ -316,12 +362,18 @@ def _ours(path: Path, described: dict[str, Any], build: Callable[..., Any]) -> P
     if not statistics:
         return Policy(built, frames, settings["observe"], environment=environment, vehicle=vehicle)
     mean, var = statistics["mean"], statistics["var"]
-    if mean.shape not in (seen.shape, (seen.shape[0] // frames,)) or var.shape != mean.shape or (var < 0).any():
+    if (
+        mean.shape not in (seen.shape, (seen.shape[0] // frames,))
+        or var.shape != mean.shape
+        or (var < 0).any()
+    ):
         raise ValueError("its statistics are of something else")
     clip, epsilon = as_number(settings["clip"]), as_number(settings["epsilon"])
     if not (clip > 0.0 and 0.0 <= epsilon < np.inf and (var + epsilon > 0.0).all()):
         raise ValueError("its clip and epsilon do not go with its statistics")
-    return Policy(built, frames, settings["observe"], statistics, clip, epsilon, environment, vehicle)
+    return Policy(
+        built, frames, settings["observe"], statistics, clip, epsilon, environment, vehicle
+    )
 
 
 def _array(archive: zipfile.ZipFile, name: str) -> np.ndarray:
@@ -330,7 +382,10 @@ def _array(archive: zipfile.ZipFile, name: str) -> np.ndarray:
         if np.lib.format.read_magic(file) != (1, 0):
             raise ValueError(f"{name} is no array of version 1.0")
         shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
-        if dtype.kind != "f" and (dtype.kind, shape) != ("i", ()):  # a batch normalisation counts its steps
+        if dtype.kind != "f" and (dtype.kind, shape) != (
+            "i",
+            (),
+        ):  # a batch normalisation counts its steps
             raise ValueError(f"{name} holds {dtype}, not real numbers")
         array = np.frombuffer(file.read(), dtype).reshape(shape, order="F" if fortran else "C")
     if not (np.abs(array) <= np.finfo(np.float32).max).all():
@@ -343,7 +398,9 @@ def _check_sizes(settings: dict[str, Any], weights: Collection[np.ndarray]) -> N
     largest = max((*(max(array.shape, default=1) for array in weights), len(weights)))
 
     def check(value: Any) -> None:
-        sizes = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+        sizes = (
+            value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+        )
         if len(sizes) > largest or (isinstance(value, int) and value > largest):
             raise ValueError("it describes a larger network than its weights are of")
         for each in sizes:
@@ -359,11 +416,13 @@ def _foreign(path: Path) -> Policy:
     data, weights, _ = load_from_zip_file(path, device="cpu")
     if not data or "policy_class" not in data or "policy" not in weights:
         raise ValueError("it holds no policy")
-    # Only VecNormalize has original observations to keep, but algorithms with a replay buffer keep them always.
+    # Only VecNormalize has original observations to keep, but algorithms with a replay buffer keep
+    # them always.
     if data.get("_last_original_obs") is not None and "replay_buffer_class" not in data:
         raise _Unfit(
-            "was trained under VecNormalize, whose statistics stable-baselines3 leaves out: load it there with its "
-            "VecNormalize, model.set_env(...), and save it by agents.save_agent(model, path)"
+            "was trained under VecNormalize, whose statistics stable-baselines3 leaves out: load it"
+            " there with its VecNormalize, model.set_env(...), and save it by"
+            " agents.save_agent(model, path)"
         )
     network = {key: value for key, value in data["policy_kwargs"].items() if key != "device"}
     if data.get("use_sde"):

@@ -10,13 +10,17 @@ LstmStates = tuple[torch.Tensor, torch.Tensor]
 class LstmPolicy(RecurrentActorCriticPolicy):
     """sb3-contrib's ``MlpLstmPolicy``, one call of the network a batch of sequences instead of one a time step.
 
-    sb3-contrib looks for episodes that begin inside a sequence, and steps through all of them where it finds a
-    beginning. But its buffer cuts the sequences where episodes begin: only a first step can be one.
+    sb3-contrib looks for episodes that begin inside a sequence, and steps through all of them where
+    it finds a beginning. But its buffer cuts the sequences where episodes begin: only a first step
+    can be one.
     """
 
     @staticmethod
     def _process_sequence(  # type: ignore[override]  # which declares something else than it returns
-        features: torch.Tensor, lstm_states: LstmStates, episode_starts: torch.Tensor, lstm: torch.nn.LSTM
+        features: torch.Tensor,
+        lstm_states: LstmStates,
+        episode_starts: torch.Tensor,
+        lstm: torch.nn.LSTM,
     ) -> tuple[torch.Tensor, LstmStates]:
         """Outputs ``(sequences x steps, hidden)`` and the last states, of sequences one after the other."""
         hidden, cell = lstm_states

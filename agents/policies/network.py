@@ -32,7 +32,10 @@ class Dense:
     """
 
     def __init__(self, settings: dict[str, Any], weights: dict[str, np.ndarray]) -> None:
-        if (settings["class"], settings["network"]["activation_fn"]) != ("ActorCriticPolicy", "Tanh"):
+        if (settings["class"], settings["network"]["activation_fn"]) != (
+            "ActorCriticPolicy",
+            "Tanh",
+        ):
             raise ValueError("it is no network of dense layers of tanh")
         widths = settings["network"]["net_arch"]
         widths = widths["pi"] if isinstance(widths, dict) else widths
@@ -40,7 +43,9 @@ class Dense:
         self._layers = [(weights[f"{name}.weight"], weights[f"{name}.bias"]) for name in names]
         self.observation_space, self.action_space = spaces(settings)
         sizes = [settings["observations"], *widths, settings["actions"]]
-        for name, (weight, bias), before, after in zip(names, self._layers, sizes[:-1], sizes[1:], strict=True):
+        for name, (weight, bias), before, after in zip(
+            names, self._layers, sizes[:-1], sizes[1:], strict=True
+        ):
             if (weight.shape, bias.shape) != ((after, before), (after,)):
                 raise ValueError(f"{name} is no layer of {before} to {after} numbers")
 
@@ -84,7 +89,9 @@ def _bounded(size: int) -> Any:
     class Bounded(TorchFunctionMode):
         left = size
 
-        def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        def __torch_function__(
+            self, func: Any, types: Any, args: Any = (), kwargs: Any = None
+        ) -> Any:
             made = func(*args, **(kwargs or {}))
             numbers = made.numel() if isinstance(made, Tensor) else 0
             self.left -= numbers if func is empty else 0

@@ -26,10 +26,14 @@ def entries(model: Any) -> dict[str, bytes]:
     from stable_baselines3.common.save_util import recursive_getattr
 
     states, variables = model._get_torch_save_params()
-    left_out = _OF_THE_RUN.union(model._excluded_save_params(), (name.split(".")[0] for name in states + variables))
+    left_out = _OF_THE_RUN.union(
+        model._excluded_save_params(), (name.split(".")[0] for name in states + variables)
+    )
     data: dict[str, Any] = {}
     for name, value in vars(model).items():
-        with suppress(pickle.PicklingError):  # an attribute of the user's, beside those of the algorithm
+        with suppress(
+            pickle.PicklingError
+        ):  # an attribute of the user's, beside those of the algorithm
             if name not in left_out:
                 data[name] = _entry(value)
     tensors = model.get_parameters()
@@ -50,7 +54,9 @@ def _entry(value: Any) -> Any:
         pickle.PicklingError: for what is neither.
     """
     if isinstance(value, Box):
-        value = Box(value.low, value.high, dtype=value.dtype)  # without the random state of the training
+        value = Box(
+            value.low, value.high, dtype=value.dtype
+        )  # without the random state of the training
     try:
         json.dumps(value)
         return value

@@ -11,7 +11,16 @@ from agents.studies import shares
 from agents.studies.ranking import beyond
 from agents.studies.records import ORACLE
 from agents.studies.results import Results
-from agents.studies.wording import amount, every, grouped, microseconds, named, note, percent, share_entry
+from agents.studies.wording import (
+    amount,
+    every,
+    grouped,
+    microseconds,
+    named,
+    note,
+    percent,
+    share_entry,
+)
 from agents.studies.worlds import system_of
 
 BEST = 5
@@ -28,14 +37,20 @@ def answer(results: Results) -> list[str]:
     elif everywhere:
         sentences = _advice(results, environments, everywhere)
     else:
-        sentences = [line for e in environments for line in _advice(results, [e], shares.rankable(results, [e]))]
+        sentences = [
+            line
+            for e in environments
+            for line in _advice(results, [e], shares.rankable(results, [e]))
+        ]
     return [*sentences, *_learned(results), _measured(results)]
 
 
 def summary(results: Results) -> Table | None:
     """Table of the best estimators for the classical agent, if one ranking holds for all environments."""
     environments = shares.ruled(results)
-    ranked = shares.rankable(results, environments) if len(environments) == 1 else shares.common(results)
+    ranked = (
+        shares.rankable(results, environments) if len(environments) == 1 else shares.common(results)
+    )
     if not ranked:
         return None
     places, who = results.scaled(environments), results.classical
@@ -46,7 +61,12 @@ def summary(results: Results) -> Table | None:
                 share_entry(results.worst_decile(places, who, name))])
         for name in list(ranked)[:BEST]
     ]  # fmt: skip
-    heads = [("share kept", ""), (f"score lost against {ORACLE}", ""), ("completed", "%"), ("worst decile", "score")]
+    heads = [
+        ("share kept", ""),
+        (f"score lost against {ORACLE}", ""),
+        ("completed", "%"),
+        ("worst decile", "score"),
+    ]
     return Table(f"The best estimators for {results.who}", "", "Estimator", heads, [("", rows)])
 
 
@@ -60,7 +80,9 @@ def _advice(results: Results, environments: list[str], ranked: dict[str, np.ndar
     kept = amount(shares.kept(results, environments, who, pick, len(ranked)))
     lost = amount(shares.loss(results, environments, pick, len(ranked)))
     return [
-        note("advice", results, alone=alone, pick=pick, best=best, where=where, kept=kept, lost=lost),
+        note(
+            "advice", results, alone=alone, pick=pick, best=best, where=where, kept=kept, lost=lost
+        ),
         *_standing(results, environments, ranked),
         *([] if alone else [_each_best(results, environments, pick)]),
         *(_steering(results, where, pick) if alone else []),
@@ -73,20 +95,33 @@ def _scored(results: Results) -> Iterator[str]:
     for environment in results.environments:
         place, who = results.places([environment])[0], results.classical
         names = results.estimators(environment, who)
-        means = {name: mean for name in names if (mean := results.mean(place, who, name)) is not None}
+        means = {
+            name: mean for name in names if (mean := results.mean(place, who, name)) is not None
+        }
         others = sorted(means.keys() - set(shares.ENDS), key=lambda name: -means[name].mean)
-        each = [f"{amount(means[name])} on {name}" for name in (*shares.ENDS, *others[:1]) if name in means]
+        each = [
+            f"{amount(means[name])} on {name}"
+            for name in (*shares.ENDS, *others[:1])
+            if name in means
+        ]
         if each:
             yield note("scored", results, place=place, each=each)
 
 
-def _standing(results: Results, environments: list[str], ranked: dict[str, np.ndarray]) -> list[str]:
+def _standing(
+    results: Results, environments: list[str], ranked: dict[str, np.ndarray]
+) -> list[str]:
     """The verdicts on all others against the best."""
     best, margin = next(iter(ranked)), results.plan.study.margin
-    found = grouped((each, name) for name, each in shares.verdicts(results, environments, ranked).items())
+    found = grouped(
+        (each, name) for name, each in shares.verdicts(results, environments, ranked).items()
+    )
     if list(found) == [WORSE]:
         second = found[WORSE][0]
-        return [f"Every other is worse; the next, {second}, keeps {amount(shares.gap(ranked, best, second))} less."]
+        return [
+            f"Every other is worse; the next, {second}, keeps"
+            f" {amount(shares.gap(ranked, best, second))} less."
+        ]
     words = {
         EQUIVALENT: f"Equivalent to {best} (within ±{margin:g})",
         UNDECIDED: "Not decided",
@@ -120,7 +155,11 @@ def _steering(results: Results, environment: str, estimator: str) -> list[str]:
     for metric in (m for m in STEERING[:2] if m in known):
         more = beyond(results, place, results.classical, estimator, metric)
         truth = results.mean(place, results.classical, ORACLE, metric)
-        found += [(words(more, 1, signed=True), number(truth.mean, 1))] if isinstance(more, Interval) and truth else []
+        found += (
+            [(words(more, 1, signed=True), number(truth.mean, 1))]
+            if isinstance(more, Interval) and truth
+            else []
+        )
     if len(found) < 2:
         return []
     (travel, travel_on_truth), (turns, turns_on_truth) = found
@@ -137,17 +176,23 @@ def _prices_in_time(results: Results, environments: list[str], estimator: str) -
     times = [found[0][1:] for e in environments if (found := results.step_times(e, estimator))]
     ends = [[microseconds(end(each)) for end in (min, max)] for each in zip(*times, strict=True)]
     spans = [low if low == high else f"{low} to {high}" for low, high in ends]
-    return [note("times", results, estimator=estimator, own=spans[0], truth=spans[1])] if spans else []
+    return (
+        [note("times", results, estimator=estimator, own=spans[0], truth=spans[1])] if spans else []
+    )
 
 
 def _learned(results: Results) -> list[str]:
     """Learned agents against the classical one, and filters against memory."""
-    found = {(e, other): gap for e, other, gap in shares.learned_differences(results) if gap is not None}
+    found = {
+        (e, other): gap for e, other, gap in shares.learned_differences(results) if gap is not None
+    }
     gaps = {e: gap for (e, other), gap in found.items() if other == str(results.classical)}
     reference, sentences = named(str(shares.reference_policy(results))), []
     if gaps:
         sure = any(not isinstance(gap, Interval) or gap.excludes_zero for gap in gaps.values())
-        text = [f"{_more(gap) if sure else amount(gap, signed=True)} in {e}" for e, gap in gaps.items()]
+        text = [
+            f"{_more(gap) if sure else amount(gap, signed=True)} in {e}" for e, gap in gaps.items()
+        ]
         sentences.append(note("learned", results, reference=reference, sure=sure, gaps=text))
     raw: dict[str, dict[str, Interval | float]] = {}
     for (environment, other), gap in found.items():
@@ -157,7 +202,14 @@ def _learned(results: Results) -> list[str]:
         more = listed([f"{_more(gap)} than {named(name)}" for name, gap in others.items()])
         verb = _verb(others.values())
         sentences.append(
-            note("filter-or-memory", results, environment=environment, verb=verb, reference=reference, more=more)
+            note(
+                "filter-or-memory",
+                results,
+                environment=environment,
+                verb=verb,
+                reference=reference,
+                more=more,
+            )
         )
     return sentences
 

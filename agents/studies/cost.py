@@ -18,11 +18,25 @@ def cost(results: Results) -> Section:
     figure = cost_figure(results)
     if figure is None:
         return Section("CPU time", [])
-    timed = {e: {name: results.step_times(e, name) for name in results.estimators(e)} for e in results.environments}
-    sections = {e: [(n, _times(t, n == ORACLE)) for n, t in times.items() if t] for e, times in timed.items()}
+    timed = {
+        e: {name: results.step_times(e, name) for name in results.estimators(e)}
+        for e in results.environments
+    }
+    sections = {
+        e: [(n, _times(t, n == ORACLE)) for n, t in times.items() if t]
+        for e, times in timed.items()
+    }
     batch = f"batch of {results.plan.study.episodes}"
-    heads = [(batch, "µs"), ("beyond the truth", "µs"), ("one vehicle", "µs"), ("beyond the truth", "µs")]
-    return Section("CPU time", [framed(figure, "cost-figure", results), *tabled("cost", results, heads, sections)])
+    heads = [
+        (batch, "µs"),
+        ("beyond the truth", "µs"),
+        ("one vehicle", "µs"),
+        ("beyond the truth", "µs"),
+    ]
+    return Section(
+        "CPU time",
+        [framed(figure, "cost-figure", results), *tabled("cost", results, heads, sections)],
+    )
 
 
 def _times(times: list[tuple[int, float, float]], is_truth: bool) -> list[Entry]:
@@ -39,7 +53,10 @@ def cost_figure(results: Results) -> "Figure | None":
     points: dict[str, dict[str, tuple[float, Interval]]] = {}
     for environment in results.environments:
         for name in results.estimators(environment, who):
-            times, mean = results.step_times(environment, name), results.mean(Place(environment, first), who, name)
+            times, mean = (
+                results.step_times(environment, name),
+                results.mean(Place(environment, first), who, name),
+            )
             if times and mean is not None:
                 points.setdefault(environment, {})[name] = (times[0][1], mean)
     if not points:
@@ -53,7 +70,9 @@ def cost_figure(results: Results) -> "Figure | None":
                     elinewidth=0.6, label=name,
                 )  # fmt: skip
             panel.set_xscale("log")
-            panel.set_xlim(min(x for x, _ in found.values()) / 1.5, max(x for x, _ in found.values()) * 1.5)
+            panel.set_xlim(
+                min(x for x, _ in found.values()) / 1.5, max(x for x, _ in found.values()) * 1.5
+            )
             panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             panel.xaxis.set_major_formatter("{x:g}")
             panel.minorticks_off()

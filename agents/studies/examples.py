@@ -9,14 +9,20 @@ from agents.jobs import Job
 from agents.rollouts import Rollout, rollout
 from agents.studies.plan import Plan
 from agents.studies.records import FLOOR, ORACLE
-from agents.studies.worlds import classical_controller, environment_options, import_own, registered_id, system_of
+from agents.studies.worlds import (
+    classical_controller,
+    environment_options,
+    import_own,
+    registered_id,
+    system_of,
+)
 
 
 def examples(plan: Plan) -> dict[str, Job]:
     """The job of each environment's example.
 
-    The classical agent flies the first condition on the environment's default estimator, on the first and the last of
-    the study's others, and on dead reckoning, at the study's `typical_seed`.
+    The classical agent flies the first condition on the environment's default estimator, on the
+    first and the last of the study's others, and on dead reckoning, at the study's `typical_seed`.
     """
     chosen: dict[str, Job] = {}
     classical = next(agent.name for agent in plan.study.agents if not agent.learned)
@@ -30,14 +36,22 @@ def examples(plan: Plan) -> dict[str, Job]:
         default = system_of(environment).estimator
         others = [e.name for e in plan.study.estimators if e.name in flights]
         others = [name for name in others if name not in (default, ORACLE, FLOOR)]
-        names = [name for name in dict.fromkeys([default, *others[:1], *others[-1:], FLOOR]) if name in flights]
+        names = [
+            name
+            for name in dict.fromkeys([default, *others[:1], *others[-1:], FLOOR])
+            if name in flights
+        ]
         if names:
             arguments = {
                 "environment": environment,
                 "estimators": [(name, flights[name]["options"]) for name in names],
                 "agent": flights[names[0]]["agent"],
                 "seeds": list(plan.study.seeds),
-                "own": {module: digest for name in names for module, digest in flights[name]["own"].items()},
+                "own": {
+                    module: digest
+                    for name in names
+                    for module, digest in flights[name]["own"].items()
+                },
             }
             label = f"example episodes in {environment}"
             chosen[environment] = Job("agents.studies.examples:example", arguments, label)
@@ -45,7 +59,11 @@ def examples(plan: Plan) -> dict[str, Job]:
 
 
 def example(
-    environment: str, estimators: list[tuple[str, dict[str, Any]]], agent: str, seeds: list[int], own: dict[str, str]
+    environment: str,
+    estimators: list[tuple[str, dict[str, Any]]],
+    agent: str,
+    seeds: list[int],
+    own: dict[str, str],
 ) -> dict[str, Any]:
     """Fly the typical episode on several estimators, and keep the data of its page.
 
@@ -57,8 +75,8 @@ def example(
         own: Source digests of the user's own modules, see `agents.studies.flying.fly`.
 
     Returns:
-        The data of `agents.episodes.recording.page_of`, and as ``spread`` the standard deviation of each estimator's
-        score over the seeds, None for a single seed.
+        The data of `agents.episodes.recording.page_of`, and as ``spread`` the standard deviation of
+        each estimator's score over the seeds, None for a single seed.
     """
     import_own(own)
 
@@ -73,4 +91,6 @@ def example(
 
     scores = np.array([flight.score for flight in fly(seeds, False)])
     spread = scores.std(1, ddof=1).tolist() if len(seeds) > 1 else None
-    return page_of(fly([typical_seed(scores, seeds)], True), [name for name, _ in estimators]) | {"spread": spread}
+    return page_of(fly([typical_seed(scores, seeds)], True), [name for name, _ in estimators]) | {
+        "spread": spread
+    }

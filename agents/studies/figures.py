@@ -47,7 +47,9 @@ def looks(results: Results) -> dict[str, Look]:
 def policy_looks(results: Results) -> dict[Policy, Look]:
     """The look of everybody of `Results.schools`: a colour each, a line for each agent."""
     agents = [agent.name for agent in results.plan.study.agents]
-    return {policy: _look(i, agents.index(policy.agent)) for i, policy in enumerate(results.schools())}
+    return {
+        policy: _look(i, agents.index(policy.agent)) for i, policy in enumerate(results.schools())
+    }
 
 
 def _look(i: int, line: int) -> Look:
@@ -55,7 +57,9 @@ def _look(i: int, line: int) -> Look:
 
 
 @contextmanager
-def grid(height: float, rows: int, columns: int, **options: Any) -> "Iterator[tuple[Figure, np.ndarray]]":
+def grid(
+    height: float, rows: int, columns: int, **options: Any
+) -> "Iterator[tuple[Figure, np.ndarray]]":
     """A figure of this height [in] with its panels ``(rows, columns)``, and the context in which it is drawn."""
     from matplotlib.figure import Figure
 
@@ -89,11 +93,13 @@ class Row:
     values: Sequence[Interval | float | None]
 
 
-def dots(rows: Sequence[Row], heads: Sequence[str], label: str, marks: Sequence[float] = (0.0, 1.0)) -> "Figure":
+def dots(
+    rows: Sequence[Row], heads: Sequence[str], label: str, marks: Sequence[float] = (0.0, 1.0)
+) -> "Figure":
     """Values with their intervals, a line each, the first on top; a number without an interval is hollow.
 
-    Heads say what the panels show: environments, or `ALL`, which is set in a tint. At each of ``marks`` a line is
-    drawn, in sight in every panel.
+    Heads say what the panels show: environments, or `ALL`, which is set in a tint. At each of
+    ``marks`` a line is drawn, in sight in every panel.
     """
     with grid(0.9 + 0.19 * len(rows), 1, len(heads), sharey=True, sharex=True) as (figure, (axes,)):
         heights = np.arange(len(rows))[::-1]
@@ -126,7 +132,9 @@ def _dot(panel: "Axes", value: Interval | float | None, height: float, look: Loo
 
 def ends(intervals: Sequence[Interval]) -> np.ndarray:
     """Distances of the ends of intervals from their means, ``(2, k)``."""
-    return np.maximum([[i.mean - i.low for i in intervals], [i.high - i.mean for i in intervals]], 0.0)
+    return np.maximum(
+        [[i.mean - i.low for i in intervals], [i.high - i.mean for i in intervals]], 0.0
+    )
 
 
 def legend(figure: "Figure", panels: Iterable["Axes"], columns: int) -> None:
@@ -136,7 +144,9 @@ def legend(figure: "Figure", panels: Iterable["Axes"], columns: int) -> None:
         for handle, name in zip(*panel.get_legend_handles_labels(), strict=True):
             found.setdefault(name, handle)
     if found:
-        figure.legend(found.values(), found.keys(), loc="outside upper center", ncols=columns, fontsize=8.5)
+        figure.legend(
+            found.values(), found.keys(), loc="outside upper center", ncols=columns, fontsize=8.5
+        )
 
 
 def share_rows(rows: Iterable[Row]) -> list[tuple[str, list[Entry]]]:

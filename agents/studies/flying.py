@@ -11,7 +11,12 @@ import numpy as np
 from agents.metrics import consistency, nees_of, nis_consistency, scores
 from agents.rollouts import Rollout, batch, rollout
 from agents.seeds import evaluation_seeds
-from agents.studies.worlds import classical_controller, environment_options, import_own, registered_id
+from agents.studies.worlds import (
+    classical_controller,
+    environment_options,
+    import_own,
+    registered_id,
+)
 
 TURNS, STEPS, STEPS_ALONE = 6, 20, 50
 """Turns of a timing, and steps of each in a batch and of a vehicle alone."""
@@ -34,18 +39,22 @@ def fly(
     Args:
         environment: As in the study.
         options: Of the environment.
-        agent: As `agents.controllers.make_controller` takes it, or ``"checkpoint"``: the one that is needed.
+        agent: As `agents.controllers.make_controller` takes it, or ``"checkpoint"``: the one that
+            is needed.
         first_seed: See `agents.seeds.evaluation_seeds`.
         episodes: Number of seeds.
-        own: Source digests of the user's own modules, by name: part of the job, and imported for what they register.
+        own: Source digests of the user's own modules, by name: part of the job, and imported for
+            what they register.
         timed_beside: Measure the CPU time of a step, too, in turns with this estimator.
         needs: The checkpoint, if there is one.
 
     Returns:
-        ``figures``: every metric ``(N,)`` by key, see `agents.metrics.scores`; ``nees_in_band`` and ``nis_in_band``:
-        share of times at which their mean over the episodes lies in its 95 % chi-square band, None without a
-        covariance; ``diverged (N,)``: mask of episodes with the truth beyond the filter's bounds for half of the time;
-        ``steps``: flown in all; ``timing``, where asked: see `step_times`.
+        ``figures``: every metric ``(N,)`` by key, see `agents.metrics.scores`; ``nees_in_band`` and
+            ``nis_in_band``:
+        share of times at which their mean over the episodes lies in its 95 % chi-square band, None
+        without a covariance; ``diverged (N,)``: mask of episodes with the truth beyond the filter's
+        bounds for half of the time; ``steps``: flown in all; ``timing``, where asked: see
+        `step_times`.
     """
     import_own(own)
     flown = rollout(
@@ -61,7 +70,11 @@ def fly(
         "diverged": _diverged(flown),
         "ends": np.where(flown.terminated & (flown.end == ""), "terminated", flown.end).tolist(),
         "steps": int(flown.length.sum()),
-    } | ({"timing": step_times(environment, options, agent, episodes, timed_beside)} if timed_beside else {})
+    } | (
+        {"timing": step_times(environment, options, agent, episodes, timed_beside)}
+        if timed_beside
+        else {}
+    )
 
 
 def step_times(
@@ -69,11 +82,14 @@ def step_times(
 ) -> list[tuple[int, float, float]]:
     """CPU seconds of a step of one vehicle in flight: ``(rows, on an estimator, on the other)`` in a batch, and alone.
 
-    The two fly in turns in one process, so a busy machine slows both; the first turn, which loads compiled code, does
-    not count, and of the others the median does. Vehicle, sensors and agent are included; history and scores are not.
-    Environment, options, agent and episodes (rows of the batch) are as for `fly`; the other estimator has no options.
+    The two fly in turns in one process, so a busy machine slows both; the first turn, which loads
+    compiled code, does not count, and of the others the median does. Vehicle, sensors and agent are
+    included; history and scores are not. Environment, options, agent and episodes (rows of the
+    batch) are as for `fly`; the other estimator has no options.
     """
-    beside = {key: value for key, value in options.items() if key != "estimator_options"} | {"estimator": other}
+    beside = {key: value for key, value in options.items() if key != "estimator_options"} | {
+        "estimator": other
+    }
     found = []
     for rows in (episodes, 1):
         own, others = _in_turns(environment, [options, beside], agent, rows)

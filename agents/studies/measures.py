@@ -19,13 +19,29 @@ def consistency(results: Results) -> Section:
     """Claimed uncertainty of estimators beside the score."""
     first = results.conditions[0]
     sections = {
-        e: [(name, _honesty(results, Place(e, first), name)) for name in results.estimators(e, results.classical)]
+        e: [
+            (name, _honesty(results, Place(e, first), name))
+            for name in results.estimators(e, results.classical)
+        ]
         for e in results.environments
     }
-    values: dict[str, Any] = {"nees": NEES, "unhealthy": UNHEALTHY, "without": listed(WITHOUT_COVARIANCE)}
-    heads = ("Score", NEES.label, "NEES in band", "NIS in band", "Diverged", "Diverged, all conditions")
+    values: dict[str, Any] = {
+        "nees": NEES,
+        "unhealthy": UNHEALTHY,
+        "without": listed(WITHOUT_COVARIANCE),
+    }
+    heads = (
+        "Score",
+        NEES.label,
+        "NEES in band",
+        "NIS in band",
+        "Diverged",
+        "Diverged, all conditions",
+    )
     units = (*heads, (UNHEALTHY.label, UNHEALTHY.unit))
-    return Section("Consistency beside task score", tabled("consistency", results, units, sections, **values))
+    return Section(
+        "Consistency beside task score", tabled("consistency", results, units, sections, **values)
+    )
 
 
 def _honesty(results: Results, place: Place, name: str) -> list[Entry]:
@@ -36,7 +52,13 @@ def _honesty(results: Results, place: Place, name: str) -> list[Entry]:
         return Entry(number(float(np.mean(np.array(found, float))), 2) if found else "–")
 
     def diverged(places: Iterable[Place]) -> Entry:
-        runs = np.array([values["diverged"] for p in places for values in results.runs_of(p, who, name).values()])
+        runs = np.array(
+            [
+                values["diverged"]
+                for p in places
+                for values in results.runs_of(p, who, name).values()
+            ]
+        )
         counted = runs.size and name not in WITHOUT_COVARIANCE
         return Entry(f"{np.count_nonzero(runs)} of {runs.size}" if counted else "–")
 
@@ -58,11 +80,19 @@ def episodes(results: Results) -> Section:
         if job.key not in results.values:
             continue
         episode = Episode(results.values[job.key])
-        flights, spread = episode.page["flights"], [number(sd, 2) for sd in episode.page["spread"] or ()]
+        flights, spread = (
+            episode.page["flights"],
+            [number(sd, 2) for sd in episode.page["spread"] or ()],
+        )
         ends = (f" ({flight['end']})" if flight["end"] else "" for flight in flights)
-        scores = [f"{f['estimator']} {number(f['score'], 2)}{end}" for f, end in zip(flights, ends, strict=True)]
+        scores = [
+            f"{f['estimator']} {number(f['score'], 2)}{end}"
+            for f, end in zip(flights, ends, strict=True)
+        ]
         seed = episode.page["conditions"][-1]
-        text = note("example", results, seed=seed, scores=", ".join(scores), spread=", ".join(spread))
+        text = note(
+            "example", results, seed=seed, scores=", ".join(scores), spread=", ".join(spread)
+        )
         blocks.append(Live(episode.html(), f"{environment}, {results.conditions[0]}", text.strip()))
     return Section("Example episodes", blocks)
 
@@ -75,7 +105,11 @@ def measures(results: Results) -> Section:
         known = [m for m in metrics(system_of(environment)) if m.key not in elsewhere]
         estimated = [m for m in known if m.key.endswith(("_rmse", "_nees"))]
         for kind, file, chosen in (
-            ("How the vehicle was steered", "steering", [m for m in known if m not in estimated and not m.cost]),
+            (
+                "How the vehicle was steered",
+                "steering",
+                [m for m in known if m not in estimated and not m.cost],
+            ),
             ("Costs on each estimator", "costs-on-each", [m for m in known if m.cost]),
             ("How well the state was estimated", "estimation", estimated),
         ):
@@ -87,10 +121,25 @@ def measures(results: Results) -> Section:
 def _table(results: Results, environment: str, file: str, values: dict[str, Any]) -> list[Block]:
     """Table of metrics of the classical agent in the first condition, an estimator a row."""
     place, who, chosen = results.places([environment])[0], results.classical, values["metrics"]
-    flown = [n for n in results.estimators(environment, who) if results.figure(place, who, n) is not None]
-    rows = [(on, [entry(results.mean(place, who, on, m), m.decimals) for m in chosen]) for on in flown]
-    heads, values = [(m.label, m.unit) for m in chosen], values | {"partly": _partly(results, place, chosen)}
-    return tabled("measures", results, heads, {"": rows}, file=file_name(file, environment), place=place, **values)
+    flown = [
+        n for n in results.estimators(environment, who) if results.figure(place, who, n) is not None
+    ]
+    rows = [
+        (on, [entry(results.mean(place, who, on, m), m.decimals) for m in chosen]) for on in flown
+    ]
+    heads, values = (
+        [(m.label, m.unit) for m in chosen],
+        values | {"partly": _partly(results, place, chosen)},
+    )
+    return tabled(
+        "measures",
+        results,
+        heads,
+        {"": rows},
+        file=file_name(file, environment),
+        place=place,
+        **values,
+    )
 
 
 def _partly(results: Results, place: Place, chosen: Sequence[Metric]) -> list[str]:

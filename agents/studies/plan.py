@@ -67,7 +67,12 @@ def estimators_in(study: Study, environment: str) -> list[Estimator]:
     """The estimators of a study for an environment; what is called default is the environment's own."""
     default = system_of(environment).estimator
     found: dict[str, Estimator] = {}
-    trained = [Estimator(name, name) for agent in study.agents if agent.learned for name in agent.trained_on]
+    trained = [
+        Estimator(name, name)
+        for agent in study.agents
+        if agent.learned
+        for name in agent.trained_on
+    ]
     for estimator in (*study.estimators, *(e for e in trained if e.name == DEFAULT)):
         if estimator.environments and environment not in estimator.environments:
             continue
@@ -78,9 +83,13 @@ def estimators_in(study: Study, environment: str) -> list[Estimator]:
     return list(found.values())
 
 
-def options(study: Study, condition: Condition, estimator: Estimator, environment: str) -> dict[str, Any]:
+def options(
+    study: Study, condition: Condition, estimator: Estimator, environment: str
+) -> dict[str, Any]:
     """The options of an environment, as plain data."""
-    name = system_of(environment).estimator if estimator.estimator == DEFAULT else estimator.estimator
+    name = (
+        system_of(environment).estimator if estimator.estimator == DEFAULT else estimator.estimator
+    )
     chosen = {"estimator_options": estimator.options} if estimator.options else {}
     return {"estimator": name} | chosen | condition.options | {"termination": study.termination}
 
@@ -103,7 +112,9 @@ class _EnvironmentPlan:
         self.skipped: list[Skipped] = []
         self.flyable: list[Estimator] = []
         for estimator in estimators_in(study, environment):
-            error = refusal(environment, options(study, study.conditions[0], estimator, environment))
+            error = refusal(
+                environment, options(study, study.conditions[0], estimator, environment)
+            )
             if error is None:
                 self.flyable.append(estimator)
             else:
@@ -125,9 +136,17 @@ class _EnvironmentPlan:
                 self._skip(agent.name, "no estimator that it is trained on flies here")
             flown_on = [_RAW_MEASUREMENTS] if agent.raw else self.flyable
             conditions = (each for each in self.study.conditions if each.is_in(self.environment))
-            for condition, (school, seed, training), estimator in product(conditions, trainings, flown_on):
+            for condition, (school, seed, training), estimator in product(
+                conditions, trainings, flown_on
+            ):
                 if not agent.flown_on or estimator.name in (school.name, *agent.flown_on):
-                    names = self.environment, condition.name, agent.name, school.name, estimator.name
+                    names = (
+                        self.environment,
+                        condition.name,
+                        agent.name,
+                        school.name,
+                        estimator.name,
+                    )
                     yield Flight(*names, seed, self._fly(agent, condition, estimator, training))
 
     def _trainings(self, agent: Agent) -> list[Training]:
@@ -135,9 +154,14 @@ class _EnvironmentPlan:
         if not agent.learned:
             return [(Estimator(""), None, None)]
         wanted = [self.system.estimator if name == DEFAULT else name for name in agent.trained_on]
-        schools = [_RAW_MEASUREMENTS] if agent.raw else [e for e in self.flyable if e.name in wanted]
+        schools = (
+            [_RAW_MEASUREMENTS] if agent.raw else [e for e in self.flyable if e.name in wanted]
+        )
         seeds = range(self.study.training_seeds)
-        return [(school, seed, self._train(agent, school, seed)) for school, seed in product(schools, seeds)]
+        return [
+            (school, seed, self._train(agent, school, seed))
+            for school, seed in product(schools, seeds)
+        ]
 
     def _options(self, agent: Agent, condition: Condition, estimator: Estimator) -> dict[str, Any]:
         return options(self.study, condition, estimator, self.environment) | _seen(agent)
@@ -159,15 +183,24 @@ class _EnvironmentPlan:
         label = f"train {agent.name} on {school.name} in {env}"
         return Job("agents.studies.training:train_agent", arguments, label, artifact=".zip")
 
-    def _fly(self, agent: Agent, condition: Condition, estimator: Estimator, training: Job | None) -> Job:
-        env, study, controller = self.environment, self.study, "checkpoint" if training else agent.kind
+    def _fly(
+        self, agent: Agent, condition: Condition, estimator: Estimator, training: Job | None
+    ) -> Job:
+        env, study, controller = (
+            self.environment,
+            self.study,
+            "checkpoint" if training else agent.kind,
+        )
         arguments = {
             "environment": env,
             "options": self._options(agent, condition, estimator),
             "agent": controller,
             "first_seed": study.first_seed,
             "episodes": study.episodes,
-            "own": digests(env, estimator.estimator, controller, *condition.own) | registered(env, controller),
+            "own": (
+                digests(env, estimator.estimator, controller, *condition.own)
+                | registered(env, controller)
+            ),
         }
         if not training and condition == study.conditions[0]:
             arguments["timed_beside"] = ORACLE

@@ -11,8 +11,26 @@ from agents.statistics import WORSE, Interval
 from agents.studies.figures import Row, dots, framed, looks, share_rows
 from agents.studies.records import FLOOR, ORACLE, RAW
 from agents.studies.results import Place, Policy, Results
-from agents.studies.shares import ENDS, columns, common, gap, kept, learners, rankable, ruled, verdicts
-from agents.studies.wording import file_name, grouped, note, paragraphs, percent, share_entry, tabled
+from agents.studies.shares import (
+    ENDS,
+    columns,
+    common,
+    gap,
+    kept,
+    learners,
+    rankable,
+    ruled,
+    verdicts,
+)
+from agents.studies.wording import (
+    file_name,
+    grouped,
+    note,
+    paragraphs,
+    percent,
+    share_entry,
+    tabled,
+)
 from agents.studies.worlds import system_of
 
 
@@ -33,11 +51,17 @@ def ranking(results: Results) -> Section:
     best = {head: rankable(results, column) for head, column in by_head.items()}
 
     def shares(name: str) -> list[Interval | float | None]:
-        return [kept(results, by_head[head], results.classical, name, max(len(best[head]), 1)) for head in by_head]
+        return [
+            kept(results, by_head[head], results.classical, name, max(len(best[head]), 1))
+            for head in by_head
+        ]
 
     rows = [Row(name, look[name], shares(name)) for name in (*names, *ENDS)]
     figure = dots(rows, heads, "share of the oracle's performance kept")
-    (heading, text), pairs = paragraphs("ranking", results, together=together), [(head, "") for head in heads]
+    (heading, text), pairs = (
+        paragraphs("ranking", results, together=together),
+        [(head, "") for head in heads],
+    )
     blocks += [
         framed(figure, "shares-figure", results, together=together),
         Table(heading, text, "Estimator", pairs, [("", share_rows(rows))], "ranking"),
@@ -47,20 +71,31 @@ def ranking(results: Results) -> Section:
 
 
 def _differences(
-    results: Results, names: list[str], by_head: Mapping[str, Sequence[str]], best: Mapping[str, dict[str, np.ndarray]]
+    results: Results,
+    names: list[str],
+    by_head: Mapping[str, Sequence[str]],
+    best: Mapping[str, dict[str, np.ndarray]],
 ) -> Table:
     """The estimators against the best of each column."""
     found = {head: verdicts(results, by_head[head], ranked) for head, ranked in best.items()}
-    behind = [(name, [_behind(ranked, found[head], name) for head, ranked in best.items()]) for name in names]
+    behind = [
+        (name, [_behind(ranked, found[head], name) for head, ranked in best.items()])
+        for name in names
+    ]
     (title, text), pairs = paragraphs("behind-the-best", results), [(head, "") for head in best]
     return Table(title, text, "Estimator", pairs, [("", behind)], "behind-the-best")
 
 
-def _learned_ranking(results: Results, by_head: Mapping[str, Sequence[str]], names: list[str]) -> list[Block]:
+def _learned_ranking(
+    results: Results, by_head: Mapping[str, Sequence[str]], names: list[str]
+) -> list[Block]:
     """The same for agents that learned: everybody on every estimator."""
     sections = {
         str(policy): [
-            (name, [share_entry(kept(results, column, policy, name)) for column in by_head.values()])
+            (
+                name,
+                [share_entry(kept(results, column, policy, name)) for column in by_head.values()],
+            )
             for name in (*names, *ENDS)
         ]
         for policy in (p for p in learners(results) if not results.agent(p).raw)
@@ -72,10 +107,16 @@ def ranked_names(results: Results, environments: list[str]) -> list[str]:
     """Every estimator but the ends: those that flew everywhere first, by what they keep; last what has no share."""
     everywhere = list(common(results))
     each = (rankable(results, [environment]) for environment in environments)
-    means = grouped((name, float(values.mean())) for ranked in each for name, values in ranked.items())
-    others = sorted((n for n in means if n not in everywhere), key=lambda n: -float(np.mean(means[n])))
+    means = grouped(
+        (name, float(values.mean())) for ranked in each for name, values in ranked.items()
+    )
+    others = sorted(
+        (n for n in means if n not in everywhere), key=lambda n: -float(np.mean(means[n]))
+    )
     flown = (name for e in environments for name in results.estimators(e, results.classical))
-    return list(dict.fromkeys([*everywhere, *others, *(name for name in flown if name not in ENDS)]))
+    return list(
+        dict.fromkeys([*everywhere, *others, *(name for name in flown if name not in ENDS)])
+    )
 
 
 def _behind(ranked: dict[str, np.ndarray], verdicts: Mapping[str, str], name: str) -> Entry:
@@ -110,7 +151,13 @@ def price(results: Results) -> Section:
         places, flown = results.places([environment]), _flown(results, environment, (RAW, ORACLE))
         each = [Place(environment, condition) for condition in results.conditions]
         sections[environment] = [
-            (label, [share_entry(results.price([at], who, on) if at in places else None, signed=True) for at in each])
+            (
+                label,
+                [
+                    share_entry(results.price([at], who, on) if at in places else None, signed=True)
+                    for at in each
+                ],
+            )
             for label, who, on in flown
             if on != ORACLE
         ]
@@ -124,7 +171,9 @@ def costs(results: Results) -> Section:
     for environment in results.environments:
         place = results.places([environment])[0]
         chosen = [SCORE, *(m for m in metrics(system_of(environment)) if m.cost)]
-        on_truth = [entry(results.mean(place, results.classical, ORACLE, m), m.decimals) for m in chosen]
+        on_truth = [
+            entry(results.mean(place, results.classical, ORACLE, m), m.decimals) for m in chosen
+        ]
         rows = [
             (label, [_difference(beyond(results, place, who, on, m), m.decimals) for m in chosen])
             for label, who, on in _flown(results, environment)
@@ -137,12 +186,18 @@ def costs(results: Results) -> Section:
     return Section("What the owner pays", blocks)
 
 
-def beyond(results: Results, place: Place, who: Policy, on: str, metric: Metric) -> Interval | float | None:
+def beyond(
+    results: Results, place: Place, who: Policy, on: str, metric: Metric
+) -> Interval | float | None:
     """Mean difference of a metric from that of the classical agent on the truth at the same seeds.
 
-    Seeds that lack it in a run are left out; None where either was not flown, a number for one training run.
+    Seeds that lack it in a run are left out; None where either was not flown, a number for one
+    training run.
     """
-    ours, truth = (results.figure(place, *each, metric.key) for each in ((who, on), (results.classical, ORACLE)))
+    ours, truth = (
+        results.figure(place, *each, metric.key)
+        for each in ((who, on), (results.classical, ORACLE))
+    )
     if ours is None or truth is None:
         return None
     more = ours - truth
@@ -151,10 +206,16 @@ def beyond(results: Results, place: Place, who: Policy, on: str, metric: Metric)
 
 
 def _difference(value: Interval | float | None, decimals: int) -> Entry:
-    return Entry(number(value, decimals, True)) if isinstance(value, float) else entry(value, decimals, signed=True)
+    return (
+        Entry(number(value, decimals, True))
+        if isinstance(value, float)
+        else entry(value, decimals, signed=True)
+    )
 
 
-def _flown(results: Results, environment: str, without: tuple[str, ...] = ()) -> list[tuple[str, Policy, str]]:
+def _flown(
+    results: Results, environment: str, without: tuple[str, ...] = ()
+) -> list[tuple[str, Policy, str]]:
     """Label, policy and estimator: the classical agent on every one, learned agents at home, but on those left out."""
     names = results.estimators(environment, results.classical)
     found = [(name, results.classical, name) for name in names]
@@ -169,21 +230,31 @@ def _price_figure(results: Results) -> list[Block]:
     """Score lost on each estimator but the ends, beside which the others could not be told apart."""
     environments, look = ruled(results), looks(results)
     names = ranked_names(results, environments)
-    lost = {name: [results.price(results.scaled([e]), results.classical, name) for e in environments] for name in names}
-    rows = [Row(name, look[name], values) for name, values in lost.items() if any(v is not None for v in values)]
+    lost = {
+        name: [results.price(results.scaled([e]), results.classical, name) for e in environments]
+        for name in names
+    }
+    rows = [
+        Row(name, look[name], values)
+        for name, values in lost.items()
+        if any(v is not None for v in values)
+    ]
     if not rows:
         return []
     figure = dots(rows, environments, "score lost against the truth", (0.0,))
     return [framed(figure, "price-figure", results)]
 
 
-# --- tails -------------------------------------------------------------------------------------------
+# --- tails ----------------------------------------------------------------------------------------
 
 
 def tails(results: Results) -> Section:
     """Tails beside means: completed episodes, and the worst tenth."""
     sections = {
-        e: [(label, _tail(results, results.places([e]), who, on)) for label, who, on in _flown(results, e)]
+        e: [
+            (label, _tail(results, results.places([e]), who, on))
+            for label, who, on in _flown(results, e)
+        ]
         for e in results.environments
     }
     heads = "Score", ("Completed", "%"), ("Worst decile", "score")

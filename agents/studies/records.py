@@ -22,7 +22,8 @@ class Estimator:
     Attributes:
         name: In the study.
         estimator: What an environment calls it; ``"default"``; or ``"module:object"``, your own.
-        options: Its options, over the environment's tuning. ``"none"`` stands for None, which TOML lacks.
+        options: Its options, over the environment's tuning. ``"none"`` stands for None, which TOML
+            lacks.
         environments: Where it is flown; empty: everywhere.
     """
 
@@ -38,16 +39,21 @@ class Agent:
 
     Attributes:
         name: In the study.
-        kind: ``"ppo"``; a controller that is registered for the environment's task, such as ``"autopilot"`` (see
-            `agents.controllers`); or ``"module:object"``: your own, called with the environment's `System`.
-        observe: What a PPO sees: ``"mean"``, ``"mean+std"``, or ``"measurement"``: raw measurements, no estimator.
+        kind: ``"ppo"``; a controller that is registered for the environment's task, such as
+            ``"autopilot"`` (see `agents.controllers`); or ``"module:object"``: your own, called
+            with the environment's `System`.
+        observe: What a PPO sees: ``"mean"``, ``"mean+std"``, or ``"measurement"``: raw
+            measurements, no estimator.
         memory: Of a PPO: ``"none"``, ``"frames"`` or ``"lstm"``.
         trained_on: The estimators that it is trained on, one policy each; not for raw measurements.
-        flown_on: Estimators that it flies besides those of its training; empty: all. Not for raw measurements.
-        steps: Environment steps of a training run, by environment; where there is none: the tuned budget.
+        flown_on: Estimators that it flies besides those of its training; empty: all. Not for raw
+            measurements.
+        steps: Environment steps of a training run, by environment; where there is none: the tuned
+            budget.
         environments: Where it flies; empty: everywhere.
         guidance: Of a PPO: the option of that name of an environment; None: its default.
-        settings: Of a PPO: hyperparameters over the tuned ones, see `agents.training.algorithms.hyperparameters`.
+        settings: Of a PPO: hyperparameters over the tuned ones, see
+            `agents.training.algorithms.hyperparameters`.
     """
 
     name: str
@@ -81,8 +87,10 @@ class Condition:
         sensors: Sensor suite, or ``"module:object"``: a list of sensors of one's own.
         disturbance: Sea, water or air by name, or ``"module:object"``: one's own.
         mismatch: Relative spread of the truth's parameters around the filters'.
-        latency: Seconds by which sensors are late, by name; an environment has those of them that it has.
-        faults: What goes wrong with sensors, likewise: fields of a `vessel_gym.sensor_faults.SensorFault` each.
+        latency: Seconds by which sensors are late, by name; an environment has those of them that
+            it has.
+        faults: What goes wrong with sensors, likewise: fields of a
+            `vessel_gym.sensor_faults.SensorFault` each.
         environments: Where it is flown; empty: everywhere.
     """
 
@@ -106,7 +114,11 @@ class Condition:
     @property
     def options(self) -> dict[str, Any]:
         """As options of an environment, see `agents.studies.worlds.environment_options`."""
-        chosen = {"sensors": self.sensors, "disturbance": self.disturbance, "mismatch": self.mismatch}
+        chosen = {
+            "sensors": self.sensors,
+            "disturbance": self.disturbance,
+            "mismatch": self.mismatch,
+        }
         at_sea = {"latency": self.latency, "faults": list(self.faults)}
         return chosen | {key: value for key, value in at_sea.items() if value}
 
@@ -125,8 +137,8 @@ class Study:
         training_seeds: Training runs of each learned agent: the unit of resampling.
         first_seed: The first evaluation seed, see `agents.seeds.evaluation_seeds`.
         margin: Of equivalence: differences of the share kept that are smaller do not matter.
-        termination: One of `vessel_gym.configuration.TERMINATIONS`: what ends a mission, for all agents and both ends
-            of the scale alike.
+        termination: One of `vessel_gym.configuration.TERMINATIONS`: what ends a mission, for all
+            agents and both ends of the scale alike.
     """
 
     title: str

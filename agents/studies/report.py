@@ -44,7 +44,11 @@ def page(results: Results, out: Path) -> Page:
         f"vessel-gym {vessel_gym.__version__}: {many(len(study.environments), 'environment')}, "
         f"{many(len(study.estimators), 'estimator')}, {many(len(study.agents), 'agent')}, "
         f"{many(len(study.conditions), 'condition')}, {study.episodes} paired evaluation seeds"
-        + (f", {many(study.training_seeds, 'training run')} of each learned agent" if study.learned else ""),
+        + (
+            f", {many(study.training_seeds, 'training run')} of each learned agent"
+            if study.learned
+            else ""
+        ),
         answer(results),
         [section for section in sections if section.blocks],
         summary(results),
@@ -62,18 +66,23 @@ def write_report(results: Results, out: Path) -> Path:
     """
     require("matplotlib", "jinja2")
     report = page(results, out)
-    files = {out / "episodes.csv": results.episodes_csv(), out / "answer.md": "\n".join(report.answer) + "\n"}
+    files = {
+        out / "episodes.csv": results.episodes_csv(),
+        out / "answer.md": "\n".join(report.answer) + "\n",
+    }
     for table in report.tables:
         if table.name:
             forms = {".csv": table.csv(), ".md": table.markdown()}
-            files |= {out / "tables" / f"{table.name}{suffix}": text for suffix, text in forms.items()}
+            files |= {
+                out / "tables" / f"{table.name}{suffix}": text for suffix, text in forms.items()
+            }
     for path, text in files.items():
         with replacing(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
     return write(report, out / "report.html")
 
 
-# --- missing ---------------------------------------------------------------------------------------------
+# --- missing --------------------------------------------------------------------------------------
 
 
 def _missing(results: Results) -> Section:
@@ -83,16 +92,23 @@ def _missing(results: Results) -> Section:
         same = grouped((listed(names), environment) for environment, names in where.items())
         left_out += [f"{names} in {listed(places)}: {reason}." for names, places in same.items()]
     labels = _labels([*results.plan.jobs, *examples(results.plan).values()])
-    whys = {key: (why.strip().splitlines() or ["no reason given"])[-1] for key, why in results.failures.items()}
+    whys = {
+        key: (why.strip().splitlines() or ["no reason given"])[-1]
+        for key, why in results.failures.items()
+    }
     failed = grouped((why, labels.get(key, key)) for key, why in whys.items())
     lost = [f"{_abbreviated(names)}: {why}" for why, names in failed.items()]
-    absent = [f for f in results.plan.flights if f.job.key not in {*results.values, *results.failures}]
+    absent = [
+        f for f in results.plan.flights if f.job.key not in {*results.values, *results.failures}
+    ]
     blocks: list[Block] = []
     for title, items in (
         ("Left out, because the environment refuses it:", left_out),
         (
-            "Failed (last line of the traceback; the rest is in the folder failed/), to be tried again in the next "
-            "run:",
+            (
+                "Failed (last line of the traceback; the rest is in the folder failed/), to be"
+                " tried again in the next run:"
+            ),
             lost,
         ),
         ("Not computed yet:", [_abbreviated([_flown(f) for f in absent])] if absent else []),
@@ -124,11 +140,18 @@ def _abbreviated(names: Sequence[str]) -> str:
     return listed(unique) if len(names) <= 3 else f"{names[0]} and {len(names) - 1} more"
 
 
-# --- limits ------------------------------------------------------------------------------------------
+# --- limits ---------------------------------------------------------------------------------------
 
 
 def _limits(results: Results) -> Section:
     study = results.plan.study
-    model = "limits-mismatch" if any(condition.mismatch for condition in study.conditions) else "limits-exact"
+    model = (
+        "limits-mismatch"
+        if any(condition.mismatch for condition in study.conditions)
+        else "limits-exact"
+    )
     names = ("limits", model, *(["limits-learned"] if study.learned else []))
-    return Section("Assumptions and limits", [Bullets([text for name in names for text in paragraphs(name, results)])])
+    return Section(
+        "Assumptions and limits",
+        [Bullets([text for name in names for text in paragraphs(name, results)])],
+    )

@@ -26,7 +26,11 @@ class Policy(NamedTuple):
     trained_on: str = ""
 
     def __str__(self) -> str:
-        return f"{self.agent} trained on {self.trained_on}" if self.trained_on not in ("", RAW) else self.agent
+        return (
+            f"{self.agent} trained on {self.trained_on}"
+            if self.trained_on not in ("", RAW)
+            else self.agent
+        )
 
 
 class Place(NamedTuple):
@@ -40,8 +44,8 @@ class Place(NamedTuple):
 class Results:
     """Everything that was flown.
 
-    A figure is an array ``(runs, episodes)``: training runs (one, for an agent that does not learn) by evaluation
-    seeds, which are the same for everybody.
+    A figure is an array ``(runs, episodes)``: training runs (one, for an agent that does not learn)
+    by evaluation seeds, which are the same for everybody.
 
     Attributes:
         plan: What was asked.
@@ -64,10 +68,12 @@ class Results:
         """The results of a run in a folder."""
         lines = journal(folder)
         seconds = {line["key"]: line["cpu_seconds"] for line in lines}
-        timings = {line["key"]: line["timing"] for line in lines if isinstance(line.get("timing"), list)}
+        timings = {
+            line["key"]: line["timing"] for line in lines if isinstance(line.get("timing"), list)
+        }
         return cls(plan, outcome.values, outcome.failures, seconds, outcome.notes, timings)
 
-    # --- who, where, on what --------------------------------------------------------------------------
+    # --- who, where, on what ----------------------------------------------------------------------
 
     @cached_property
     def _flown(self) -> dict[tuple[Place, Policy, str], dict[int | None, str]]:
@@ -101,16 +107,24 @@ class Results:
 
     def policies(self, environment: str | None = None) -> list[Policy]:
         """The policies of an environment, or of all; the classical agents first."""
-        flown = _unique(policy for place, policy, _ in self._flown if environment in (None, place.environment))
+        flown = _unique(
+            policy for place, policy, _ in self._flown if environment in (None, place.environment)
+        )
         return sorted(flown, key=lambda policy: bool(policy.trained_on))
 
     def estimators(self, environment: str | None = None, policy: Policy | None = None) -> list[str]:
         """Estimators flown, in the order of the study; without an environment, those flown in every one."""
         if environment is None:
             each = [self.estimators(name, policy) for name in self.environments]
-            return [name for name in _unique(name for names in each for name in names) if all(name in e for e in each)]
+            return [
+                name
+                for name in _unique(name for names in each for name in names)
+                if all(name in e for e in each)
+            ]
         return self._in_order(
-            name for place, who, name in self._flown if place.environment == environment and policy in (None, who)
+            name
+            for place, who, name in self._flown
+            if place.environment == environment and policy in (None, who)
         )
 
     def flown_on(self) -> list[str]:
@@ -119,7 +133,9 @@ class Results:
 
     def _in_order(self, names: Iterable[str]) -> list[str]:
         order = [e.name for e in self.plan.study.estimators]
-        return sorted(_unique(names), key=lambda name: order.index(name) if name in order else len(order))
+        return sorted(
+            _unique(names), key=lambda name: order.index(name) if name in order else len(order)
+        )
 
     def own(self, environment: str, policy: Policy) -> str:
         """Estimator of a policy at home: that of its training, or else the environment's default."""
@@ -127,7 +143,9 @@ class Results:
 
     def here(self, environment: str, policy: Policy) -> Policy:
         """A policy of `schools` in an environment, in which `DEFAULT` has a name."""
-        name = system_of(environment).estimator if policy.trained_on == DEFAULT else policy.trained_on
+        name = (
+            system_of(environment).estimator if policy.trained_on == DEFAULT else policy.trained_on
+        )
         return Policy(policy.agent, name)
 
     def schools(self) -> list[Policy]:
@@ -139,25 +157,33 @@ class Results:
         for agent in sorted(self.plan.study.agents, key=lambda agent: agent.learned):
             names = ("",) if not agent.learned else (RAW,) if agent.raw else agent.trained_on
             found += [Policy(agent.name, name) for name in names]
-        return [p for p in found if any(self.here(e, p) in self.policies(e) for e in self.environments)]
+        return [
+            p for p in found if any(self.here(e, p) in self.policies(e) for e in self.environments)
+        ]
 
     def agent(self, policy: Policy) -> Agent:
         """The study's agent of a policy."""
         return next(agent for agent in self.plan.study.agents if agent.name == policy.agent)
 
-    # --- figures --------------------------------------------------------------------------------------
+    # --- figures ----------------------------------------------------------------------------------
 
-    def runs_of(self, place: Place, policy: Policy, estimator: str) -> dict[int | None, dict[str, Any]]:
+    def runs_of(
+        self, place: Place, policy: Policy, estimator: str
+    ) -> dict[int | None, dict[str, Any]]:
         """Values of `agents.studies.flying.fly` by training seed; None stands for an agent that does not learn."""
         keys = self._flown.get((place, policy, estimator), {})
         return {seed: self.values[key] for seed, key in keys.items()}
 
-    def rows(self, place: Place, policy: Policy, estimator: str, key: str = "score") -> dict[int | None, np.ndarray]:
+    def rows(
+        self, place: Place, policy: Policy, estimator: str, key: str = "score"
+    ) -> dict[int | None, np.ndarray]:
         """A metric of `agents.metrics.scores` in each run ``(episodes,)``, by training seed; empty if not flown."""
         runs = self.runs_of(place, policy, estimator)
         return {seed: np.array(values["figures"][key], float) for seed, values in runs.items()}
 
-    def figure(self, place: Place, policy: Policy, estimator: str, key: str = "score") -> np.ndarray | None:
+    def figure(
+        self, place: Place, policy: Policy, estimator: str, key: str = "score"
+    ) -> np.ndarray | None:
         """The `rows` of all runs, ``(runs, episodes)``; None if that was not flown."""
         rows = self.rows(place, policy, estimator, key)
         return np.array(list(rows.values())) if rows else None
@@ -168,34 +194,46 @@ class Results:
         None if either was not flown, or the oracle is no better than the floor.
         """
         low, high = (self.figure(place, self.classical, name) for name in (FLOOR, ORACLE))
-        return None if low is None or high is None or not high.mean() > low.mean() else (low[0], high[0])
+        return (
+            None
+            if low is None or high is None or not high.mean() > low.mean()
+            else (low[0], high[0])
+        )
 
     def kept(self, place: Place, policy: Policy, estimator: str) -> np.ndarray | None:
         """Share of the oracle's performance that is kept, ``(runs, episodes)``, as `agents.statistics.normalise`."""
         ends, scores = self.scale(place), self.figure(place, policy, estimator)
         return None if ends is None or scores is None else normalise(scores, *ends)
 
-    def shares(self, environments: Iterable[str], policy: Policy, estimator: str | None = None) -> np.ndarray | None:
+    def shares(
+        self, environments: Iterable[str], policy: Policy, estimator: str | None = None
+    ) -> np.ndarray | None:
         """Share kept by each run at each evaluation seed ``(runs, episodes)``: means over environments.
 
-        Of each environment the mean over its `scaled` conditions. A run that lacks a flight is left out; None if no
-        run is left. The policy may be of `schools`; it flies on the estimator, or (None) on what it was trained on or
-        the environment's default.
+        Of each environment the mean over its `scaled` conditions. A run that lacks a flight is left
+        out; None if no run is left. The policy may be of `schools`; it flies on the estimator, or
+        (None) on what it was trained on or the environment's default.
         """
         found = self._by_run(environments, policy, estimator)
         return np.mean(list(found.values()), axis=1) if found else None
 
-    def runs(self, environments: Iterable[str], policy: Policy, estimator: str | None = None) -> np.ndarray | None:
+    def runs(
+        self, environments: Iterable[str], policy: Policy, estimator: str | None = None
+    ) -> np.ndarray | None:
         """`shares` of each run in each environment ``(runs, environments)``: means over evaluation seeds."""
         found = self._by_run(environments, policy, estimator)
         return np.mean(list(found.values()), axis=2) if found else None
 
     def paired_shares(
-        self, environments: Iterable[str], one: tuple[Policy, str | None], other: tuple[Policy, str | None]
+        self,
+        environments: Iterable[str],
+        one: tuple[Policy, str | None],
+        other: tuple[Policy, str | None],
     ) -> np.ndarray | None:
         """`shares` of one minus those of another, each on an estimator ``(runs, episodes)``; None if they share no run.
 
-        Runs of the same training seed are paired, and an agent that does not learn is paired with each.
+        Runs of the same training seed are paired, and an agent that does not learn is paired with
+        each.
         """
         names = list(environments)
         ours, theirs = (self._by_run(names, *each) for each in (one, other))
@@ -212,8 +250,12 @@ class Results:
         for environment in environments:
             who = self.here(environment, policy)
             on = self.own(environment, policy) if estimator is None else estimator
-            shares = ((self.rows(p, who, on), self.kept(p, who, on)) for p in self.scaled([environment]))
-            found = [{} if kept is None else dict(zip(rows, kept, strict=True)) for rows, kept in shares]
+            shares = (
+                (self.rows(p, who, on), self.kept(p, who, on)) for p in self.scaled([environment])
+            )
+            found = [
+                {} if kept is None else dict(zip(rows, kept, strict=True)) for rows, kept in shares
+            ]
             each.append({seed: rows.mean(axis=0) for seed, rows in _in_all(found).items()})
         return _in_all(each)
 
@@ -222,8 +264,8 @@ class Results:
     ) -> Interval | float | None:
         """Score lost against the truth at the same seed, mean over places; None if one was not flown.
 
-        A number where one training run has no interval. Of an agent that does not learn the interval follows the
-        skewness: most episodes cost little, and some much.
+        A number where one training run has no interval. Of an agent that does not learn the
+        interval follows the skewness: most episodes cost little, and some much.
         """
         found = []
         for place in places:
@@ -234,23 +276,34 @@ class Results:
             return skewed_interval(lost[0], comparisons)
         return self.interval(policy, np.array(lost), comparisons) if lost else None
 
-    def interval(self, policy: Policy, values: np.ndarray, comparisons: int = 1) -> Interval | float | None:
+    def interval(
+        self, policy: Policy, values: np.ndarray, comparisons: int = 1
+    ) -> Interval | float | None:
         """The mean of ``(runs, episodes)`` with its interval; a number for one training run, which has none."""
         if self.agent(policy).learned and len(values) == 1:
             return float(values.mean())
         return crossed_interval(values, comparisons)
 
-    def mean(self, place: Place, policy: Policy, estimator: str, metric: Metric = SCORE) -> Interval | None:
+    def mean(
+        self, place: Place, policy: Policy, estimator: str, metric: Metric = SCORE
+    ) -> Interval | None:
         """A metric's mean over runs and evaluation seeds."""
         values = self.figure(place, policy, estimator, metric.key)
         return None if values is None else mean(metric, values)
 
-    def completed(self, places: Sequence[Place], policy: Policy, estimator: str) -> Interval | float | None:
+    def completed(
+        self, places: Sequence[Place], policy: Policy, estimator: str
+    ) -> Interval | float | None:
         """Share [%] of episodes that end as the task asks, by each seed its mean over places; None without flights."""
         found = []
         for place in places:
-            success, runs = system_of(place.environment).task.success, self.runs_of(place, policy, estimator)
-            found.append({seed: np.array(values["ends"]) == success for seed, values in runs.items()})
+            success, runs = (
+                system_of(place.environment).task.success,
+                self.runs_of(place, policy, estimator),
+            )
+            found.append(
+                {seed: np.array(values["ends"]) == success for seed, values in runs.items()}
+            )
         each = 100.0 * np.array([ends.mean(axis=0) for ends in _in_all(found).values()])
         if not each.size:
             return None
@@ -260,7 +313,11 @@ class Results:
 
     def worst_decile(self, places: Iterable[Place], policy: Policy, estimator: str) -> float | None:
         """Mean score of the worst tenth of the episodes of all runs in all places; None without flights."""
-        found = [score.ravel() for p in places if (score := self.figure(p, policy, estimator)) is not None]
+        found = [
+            score.ravel()
+            for p in places
+            if (score := self.figure(p, policy, estimator)) is not None
+        ]
         if not found:
             return None
         scores = np.sort(np.concatenate(found))
@@ -268,7 +325,9 @@ class Results:
 
     def step_times(self, environment: str, estimator: str) -> list[tuple[int, float, float]]:
         """Rows of a batch, and CPU time [µs] of a step of the classical agent on an estimator and on the truth."""
-        keys = self._flown.get((Place(environment, self.conditions[0]), self.classical, estimator), {})
+        keys = self._flown.get(
+            (Place(environment, self.conditions[0]), self.classical, estimator), {}
+        )
         times = self.timings.get(keys.get(None, ""), [])
         return [(rows, 1e6 * own, 1e6 * truth) for rows, own, truth in times]
 
@@ -276,13 +335,15 @@ class Results:
         """Every condition of every environment, or of some."""
         chosen = self.environments if environments is None else environments
         conditions = self.plan.study.conditions
-        return [Place(name, each.name) for name, each in product(chosen, conditions) if each.is_in(name)]
+        return [
+            Place(name, each.name) for name, each in product(chosen, conditions) if each.is_in(name)
+        ]
 
     def scaled(self, environments: Iterable[str] | None = None) -> list[Place]:
         """The `places` that have a `scale`: shares are kept of nothing elsewhere."""
         return [place for place in self.places(environments) if self.scale(place) is not None]
 
-    # --- files ----------------------------------------------------------------------------------------
+    # --- files ------------------------------------------------------------------------------------
 
     def episodes_csv(self) -> str:
         """One row an episode: who flew where on what, the seed, and every metric; empty where there is no value."""
@@ -294,7 +355,9 @@ class Results:
             values, success = self.values[f.job.key], system_of(f.environment).task.success
             flown = [f.environment, f.condition, f.agent, f.trained_on, f.training_seed, f.flown_on]
             figures = [values["figures"].get(key, nothing) for key in keys]
-            for seed, end, *measured in zip(self.plan.study.seeds, values["ends"], *figures, strict=True):
+            for seed, end, *measured in zip(
+                self.plan.study.seeds, values["ends"], *figures, strict=True
+            ):
                 numbers = [f"{value:.6g}" if np.isfinite(value) else "" for value in measured]
                 rows.append([*flown, seed, end, end == success, *numbers])
         return csv_text(rows)

@@ -32,7 +32,9 @@ def robustness(results: Results) -> Section:
     missing = [Prose(f"The study varies no {listed(lacking)} on its own.")] if lacking else []
     if not drawn:
         return Section("Robustness", [*missing])
-    return Section("Robustness", [framed(robustness_figure(results, drawn), "robustness", results), *missing])
+    return Section(
+        "Robustness", [framed(robustness_figure(results, drawn), "robustness", results), *missing]
+    )
 
 
 def varied(results: Results) -> dict[str, list[Condition]]:
@@ -48,7 +50,10 @@ def along(results: Results, axis: str) -> list[Condition]:
         if {name for name in AXES if getattr(other, name) != getattr(first, name)} == {axis}:
             found.setdefault(_value(other, axis), other)
     order = _ORDER.get(axis)
-    return [found[value] for value in sorted(found, key=order.index if order and set(found) <= set(order) else None)]
+    return [
+        found[value]
+        for value in sorted(found, key=order.index if order and set(found) <= set(order) else None)
+    ]
 
 
 def robustness_figure(results: Results, drawn: dict[str, list[Condition]]) -> "Figure":
@@ -60,9 +65,13 @@ def robustness_figure(results: Results, drawn: dict[str, list[Condition]]) -> "F
     rows = results.environments
     height = 0.5 + 0.19 * -(-len(look) // 6) + 1.62 * len(rows)
     with grid(height, len(rows), len(drawn), sharey="row") as (figure, axes):
-        for (i, environment), (j, (axis, conditions)) in product(enumerate(rows), enumerate(drawn.items())):
+        for (i, environment), (j, (axis, conditions)) in product(
+            enumerate(rows), enumerate(drawn.items())
+        ):
             panel = axes[i, j]
-            names = [name for name in results.estimators(environment, results.classical) if name in look]
+            names = [
+                name for name in results.estimators(environment, results.classical) if name in look
+            ]
             for k, name in enumerate(names):
                 shift = 0.16 * (k / max(len(names) - 1, 1) - 0.5)
                 _curve(panel, results, environment, name, conditions, shift, look[name])
@@ -79,7 +88,13 @@ def robustness_figure(results: Results, drawn: dict[str, list[Condition]]) -> "F
 
 
 def _curve(
-    panel: "Axes", results: Results, environment: str, name: str, conditions: list[Condition], shift: float, look: Look
+    panel: "Axes",
+    results: Results,
+    environment: str,
+    name: str,
+    conditions: list[Condition],
+    shift: float,
+    look: Look,
 ) -> None:
     """Share kept over conditions, shifted a little so that intervals do not hide each other."""
     kept = [results.kept(Place(environment, c.name), results.classical, name) for c in conditions]

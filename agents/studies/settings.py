@@ -20,7 +20,16 @@ from agents.studies.worlds import environment_id, system_of
 from agents.wrapped import Wrapped
 from vessel_gym.estimation import tuning
 
-_LIBRARIES = ("numpy", "scipy", "llvmlite", "gymnasium", "torch", "stable-baselines3", "sb3-contrib", "matplotlib")
+_LIBRARIES = (
+    "numpy",
+    "scipy",
+    "llvmlite",
+    "gymnasium",
+    "torch",
+    "stable-baselines3",
+    "sb3-contrib",
+    "matplotlib",
+)
 
 
 def settings(results: Results, out: Path) -> Section:
@@ -31,13 +40,28 @@ def settings(results: Results, out: Path) -> Section:
         ("evaluation seeds", f"{study.seeds[0]} to {study.seeds[-1]}"),
         ("termination", study.termination),
         ("margin of equivalence", f"{study.margin:g} of the share kept"),
-        ("machine", f"{platform.system()} {platform.machine()}, Python {platform.python_version()}; CPU {_cpu()}"),
-        ("CPU time", f"{sum(results.seconds.values()) / 60.0:.1f} min over {len(results.seconds)} jobs"),
-        *((f"SHA-256 of {module} and what it imports", source_digest(module)) for module in _modules(results)),
+        (
+            "machine",
+            (
+                f"{platform.system()} {platform.machine()}, Python {platform.python_version()}; CPU"
+                f" {_cpu()}"
+            ),
+        ),
+        (
+            "CPU time",
+            f"{sum(results.seconds.values()) / 60.0:.1f} min over {len(results.seconds)} jobs",
+        ),
+        *(
+            (f"SHA-256 of {module} and what it imports", source_digest(module))
+            for module in _modules(results)
+        ),
     ]
     if study.learned:
         run.insert(2, ("training seeds", f"0 to {study.training_seeds - 1}"))
-    versions = [("vessel-gym", vessel_gym.__version__), *((n, v) for n in _LIBRARIES if (v := _version(n)))]
+    versions = [
+        ("vessel-gym", vessel_gym.__version__),
+        *((n, v) for n in _LIBRARIES if (v := _version(n))),
+    ]
     blocks: list[Block] = [
         Facts("Run", run),
         Facts("Versions", versions),
@@ -60,19 +84,32 @@ def _modules(results: Results) -> list[str]:
 
 
 def _condition(condition: Condition) -> str:
-    return _plain(condition.options | ({"environments": condition.environments} if condition.environments else {}))
+    return _plain(
+        condition.options
+        | ({"environments": condition.environments} if condition.environments else {})
+    )
 
 
 def _agent_settings(agent: Agent) -> str:
-    given = {k: v for k, v in asdict(agent).items() if k != "name" and v and not (agent.raw and k == "trained_on")}
+    given = {
+        k: v
+        for k, v in asdict(agent).items()
+        if k != "name" and v and not (agent.raw and k == "trained_on")
+    }
     return _plain(given if agent.learned else {"kind": agent.kind})
 
 
 def _columns(results: Results) -> list[tuple[str, str]]:
     """Meaning of every metric; by environment, where tasks differ in that."""
-    every = [(m, environment) for environment in results.environments for m in metrics(system_of(environment))]
+    every = [
+        (m, environment)
+        for environment in results.environments
+        for m in metrics(system_of(environment))
+    ]
     rows = []
-    for name, found in grouped((f"{m.key} [{m.unit}]" if m.unit else m.key, (m.meaning, e)) for m, e in every).items():
+    for name, found in grouped(
+        (f"{m.key} [{m.unit}]" if m.unit else m.key, (m.meaning, e)) for m, e in every
+    ).items():
         each = grouped(found)
         text = " ".join(f"{listed(where)}: {meaning}" for meaning, where in each.items())
         rows.append((name, found[0][0] if len(each) == 1 else text))
@@ -93,9 +130,13 @@ def _world(environment: str) -> str:
 
 def _tunings(results: Results) -> list[tuple[str, str]]:
     """Model and options of every estimator, as they are in each disturbance of the study; alike ones together."""
-    flown = [(e, name) for e in results.environments for name in results.estimators(e) if name != RAW]
+    flown = [
+        (e, name) for e in results.environments for name in results.estimators(e) if name != RAW
+    ]
     rows = grouped(((e, _tuning(results, e, name)), name) for e, name in flown)
-    return [(f"{listed(names)}, {environment}", text) for (environment, text), names in rows.items()]
+    return [
+        (f"{listed(names)}, {environment}", text) for (environment, text), names in rows.items()
+    ]
 
 
 def _tuning(results: Results, environment: str, name: str) -> str:
@@ -112,7 +153,9 @@ def _tuning(results: Results, environment: str, name: str) -> str:
         each.setdefault(_plain(tuned), []).append(condition.disturbance)
     if len(each) == 1:
         return next(iter(each))
-    return "; ".join(f"{listed(list(dict.fromkeys(where)))}: {text}" for text, where in each.items())
+    return "; ".join(
+        f"{listed(list(dict.fromkeys(where)))}: {text}" for text, where in each.items()
+    )
 
 
 def _trainings(results: Results) -> list[tuple[str, str]]:
@@ -125,7 +168,9 @@ def _trainings(results: Results) -> list[tuple[str, str]]:
         for job in flight.job.needs if name not in rows else ():
             values = results.values.get(job.key)
             if values is not None:
-                settings = hyperparameters(environment_id(flight.environment), job.arguments["memory"])
+                settings = hyperparameters(
+                    environment_id(flight.environment), job.arguments["memory"]
+                )
                 rows[name] = f"{values['steps']} environment steps a run; {_plain(settings)}"
     return list(rows.items())
 
@@ -134,12 +179,18 @@ def _fields(record: Any) -> str:
     """A dataclass in one line, its nested ones left out."""
     if not is_dataclass(record) or isinstance(record, type):
         return type(record).__name__
-    return f"{type(record).__name__}: {_plain({k: v for k, v in asdict(record).items() if not isinstance(v, dict)})}"
+    return (
+        f"{type(record).__name__}:"
+        f" {_plain({k: v for k, v in asdict(record).items() if not isinstance(v, dict)})}"
+    )
 
 
 def _plain(values: dict[str, Any]) -> str:
     """Settings in one line."""
-    return ", ".join(f"{key.replace('_', ' ')} {_value(value)}" for key, value in values.items()) or "none"
+    return (
+        ", ".join(f"{key.replace('_', ' ')} {_value(value)}" for key, value in values.items())
+        or "none"
+    )
 
 
 def _value(value: Any) -> str:
@@ -167,4 +218,7 @@ def _cpu() -> str:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         return platform.processor() or "unknown"
-    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())
+    return next(
+        (line.partition(":")[2].strip() for line in lines if line.startswith("model name")),
+        platform.machine(),
+    )

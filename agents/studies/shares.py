@@ -1,6 +1,7 @@
 """Shares of the oracle's performance that estimators and learned agents keep, compared, with intervals.
 
-Everything is a mean over training runs and evaluation seeds, with the one interval of `agents.statistics`.
+Everything is a mean over training runs and evaluation seeds, with the one interval of
+`agents.statistics`.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -47,17 +48,24 @@ def common(results: Results) -> dict[str, np.ndarray]:
 
 
 def kept(
-    results: Results, environments: Sequence[str], policy: Policy, estimator: str | None, among: int = 1
+    results: Results,
+    environments: Sequence[str],
+    policy: Policy,
+    estimator: str | None,
+    among: int = 1,
 ) -> Interval | float | None:
     """Share that somebody of `Results.schools` keeps; a number where one training run has no interval.
 
-    The interval of the best of several holds only if theirs hold all at once: ``among`` is their number.
+    The interval of the best of several holds only if theirs hold all at once: ``among`` is their
+    number.
     """
     shares = results.shares(environments, policy, estimator)
     return None if shares is None else results.interval(policy, shares, among)
 
 
-def loss(results: Results, environments: Iterable[str], estimator: str, among: int = 1) -> Interval | float | None:
+def loss(
+    results: Results, environments: Iterable[str], estimator: str, among: int = 1
+) -> Interval | float | None:
     """Score that the classical agent loses on an estimator against the truth, where there is a scale; as `kept`."""
     return results.price(results.scaled(environments), results.classical, estimator, among)
 
@@ -65,8 +73,8 @@ def loss(results: Results, environments: Iterable[str], estimator: str, among: i
 def gap(ranked: dict[str, np.ndarray], one: str, other: str) -> Interval | None:
     """Difference of the shares kept on two estimators.
 
-    The 95 % hold for all pairs of the ranked at once, because which of them is the best is seen in the same episodes:
-    where all are equal, at most one study in twenty tells any two apart.
+    The 95 % hold for all pairs of the ranked at once, because which of them is the best is seen in
+    the same episodes: where all are equal, at most one study in twenty tells any two apart.
     """
     return paired_difference(ranked[one], ranked[other], comparisons=comb(len(ranked), 2))
 
@@ -77,23 +85,33 @@ def scales(results: Results, environments: Sequence[str]) -> np.ndarray:
     return np.array([high - low for low, high in filter(None, ends)])
 
 
-def verdicts(results: Results, environments: Sequence[str], ranked: dict[str, np.ndarray]) -> dict[str, str]:
+def verdicts(
+    results: Results, environments: Sequence[str], ranked: dict[str, np.ndarray]
+) -> dict[str, str]:
     """Verdict on each estimator but the best against the best, in their order.
 
     Scores lie in [0, 1], so that shares kept differ by at most the inverse of the mean scale.
     """
     best, *others = ranked
     span, pairs = np.mean(1.0 / scales(results, environments).mean(axis=1)), comb(len(ranked), 2)
-    return {each: verdict(ranked[each] - ranked[best], results.plan.study.margin, span, pairs) for each in others}
+    return {
+        each: verdict(ranked[each] - ranked[best], results.plan.study.margin, span, pairs)
+        for each in others
+    }
 
 
 def cheapest(results: Results, environments: Sequence[str], ranked: dict[str, np.ndarray]) -> str:
     """The best estimator, or one equivalent to it whose step takes least CPU time: less by a tenth, beyond the noise.
 
-    A time counts as a multiple of that on the truth, flown in turns with it: jobs may run on several machines.
+    A time counts as a multiple of that on the truth, flown in turns with it: jobs may run on
+    several machines.
     """
     best, times = next(iter(ranked)), {}
-    equals = [name for name, found in verdicts(results, environments, ranked).items() if found == EQUIVALENT]
+    equals = [
+        name
+        for name, found in verdicts(results, environments, ranked).items()
+        if found == EQUIVALENT
+    ]
     for name in (best, *equals):
         each = [results.step_times(e, name)[:1] for e in environments]
         if not all(each):
@@ -103,11 +121,14 @@ def cheapest(results: Results, environments: Sequence[str], ranked: dict[str, np
     return least if times[least] < 0.9 * times[best] else best
 
 
-def episodes_to_tell(results: Results, environments: Sequence[str], ranked: dict[str, np.ndarray]) -> float:
+def episodes_to_tell(
+    results: Results, environments: Sequence[str], ranked: dict[str, np.ndarray]
+) -> float:
     """Number of evaluation seeds that would tell what the best estimator keeps; 0 if those flown do, NaN of one.
 
-    They do if the scale's interval excludes zero and that of the share kept is no wider than the scale (Fieller 1954:
-    a ratio whose denominator may be zero has no bounded interval). So many as make both half as wide, by their spread.
+    They do if the scale's interval excludes zero and that of the share kept is no wider than the
+    scale (Fieller 1954: a ratio whose denominator may be zero has no bounded interval). So many as
+    make both half as wide, by their spread.
     """
     from scipy.special import ndtri
 
@@ -134,14 +155,16 @@ def reference_policy(results: Results) -> Policy | None:
         for policy in results.schools()
         if (agent := results.agent(policy)).learned and not agent.raw and agent.memory == "none"
     ]
-    return next((policy for policy in plain if policy.trained_on == DEFAULT), plain[0] if plain else None)
+    return next(
+        (policy for policy in plain if policy.trained_on == DEFAULT), plain[0] if plain else None
+    )
 
 
 def learned_differences(results: Results) -> Iterator[tuple[str, str, Interval | float | None]]:
     """Shares that the `reference_policy` keeps at home above the classical agent on the same estimator, and above raw.
 
-    The latter are those of the agents that learned on measurements, of the same training seeds; corrected for their
-    number. Each is an environment, the other agent and the difference.
+    The latter are those of the agents that learned on measurements, of the same training seeds;
+    corrected for their number. Each is an environment, the other agent and the difference.
     """
     reference = reference_policy(results)
     raw = [policy for policy in learners(results) if results.agent(policy).raw]

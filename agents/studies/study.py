@@ -78,14 +78,23 @@ class _Reader(TomlReader):
         plain = [key for key in keys_of(Study) if key not in _SECTIONS]
         for key in self.data:
             self.name("key", key, (*plain, *_SECTIONS), (key,))
-        values = self.values(Study, {key: value for key, value in self.data.items() if key in plain}, ())
+        values = self.values(
+            Study, {key: value for key, value in self.data.items() if key in plain}, ()
+        )
         values["title"] = values.get("title") or "What does the estimator cost?"
         ids = tuple(self.section("environments", (), required=True))
-        worlds = [name for name in ids if self.accepts(("environments", name), estimated_world, name)]
+        worlds = [
+            name for name in ids if self.accepts(("environments", name), estimated_world, name)
+        ]
         estimators, agents = self.estimators(ids), self.agents(ids, worlds)
         # Measurements contain no belief: where any agent is shown them, the truth ends a mission.
         values.setdefault("termination", "task" if any(agent.raw for agent in agents) else "belief")
-        sections = {"environments": ids, "estimators": estimators, "agents": agents, "conditions": self.conditions(ids)}
+        sections = {
+            "environments": ids,
+            "estimators": estimators,
+            "agents": agents,
+            "conditions": self.conditions(ids),
+        }
         study = Study(**values | sections)
         self.check_numbers(study)
         self.check(study, worlds)
@@ -96,49 +105,87 @@ class _Reader(TomlReader):
         for key, least in _LEAST.items():
             if (value := getattr(study, key)) < least:
                 self.wrong((key,), f"{key} must be at least {least}, got {value}")
-        self.accepts(("episodes",), evaluation_seeds, max(study.episodes, 1), max(study.first_seed, 0))
+        self.accepts(
+            ("episodes",), evaluation_seeds, max(study.episodes, 1), max(study.first_seed, 0)
+        )
         if not 0.0 < study.margin < 1.0:
             self.wrong(("margin",), f"margin must be a share between 0 and 1, got {study.margin:g}")
         if study.training_seeds > _MOST_TRAINING_SEEDS:
-            text = f"training_seeds must be at most {_MOST_TRAINING_SEEDS}, got {study.training_seeds}"
+            text = (
+                f"training_seeds must be at most {_MOST_TRAINING_SEEDS}, got {study.training_seeds}"
+            )
             self.wrong(("training_seeds",), text)
 
-    # --- what only the environments can tell -------------------------------------------------------
+    # --- what only the environments can tell ------------------------------------------------------
 
     def check(self, study: Study, worlds: Sequence[str]) -> None:
         """Note names and options that no environment knows."""
         for one, other in combinations(worlds, 2):
             if registered_id(one) == registered_id(other):
-                self.wrong(("environments", other), f"{one} and {other} are one environment: leave one of them out")
+                self.wrong(
+                    ("environments", other),
+                    f"{one} and {other} are one environment: leave one of them out",
+                )
         for condition in study.conditions:
             here = [world for world in worlds if condition.is_in(world)]
             for world in here if ":" not in condition.disturbance else ():
                 seas = system_of(world).disturbances
-                self.name("disturbance", condition.disturbance, seas, ("conditions", condition.name, "disturbance"))
+                self.name(
+                    "disturbance",
+                    condition.disturbance,
+                    seas,
+                    ("conditions", condition.name, "disturbance"),
+                )
             self.check_condition(condition, here)
         for estimator in study.estimators:
             place = ("estimators", estimator.name)
             known = estimator.estimator == DEFAULT
-            if known or self.accepts((*place, "estimator"), check_estimator_name, estimator.estimator):
-                self.check_estimator(place, estimator, [w for w in worlds if w in (estimator.environments or worlds)])
+            if known or self.accepts(
+                (*place, "estimator"), check_estimator_name, estimator.estimator
+            ):
+                self.check_estimator(
+                    place, estimator, [w for w in worlds if w in (estimator.environments or worlds)]
+                )
         for agent in study.agents:
             place = ("agents", agent.name)
             here = [w for w in worlds if w in (agent.environments or worlds)]
-            controllers = dict.fromkeys(name for w in here for name in controller_names(system_of(w)))
+            controllers = dict.fromkeys(
+                name for w in here for name in controller_names(system_of(w))
+            )
             self.own_name(place, agent.kind, (PPO, AUTOPILOT, *controllers))
             if ":" in agent.kind:
                 for world in here:
                     self.accepts((*place, "kind"), make_controller, agent.kind, system_of(world))
-            elif not agent.learned and not any(is_controller(agent.kind, system_of(w)) for w in here):
-                self.name("kind of agent", agent.kind, (*(controllers or (AUTOPILOT,)), PPO), (*place, "kind"))
+            elif not agent.learned and not any(
+                is_controller(agent.kind, system_of(w)) for w in here
+            ):
+                self.name(
+                    "kind of agent",
+                    agent.kind,
+                    (*(controllers or (AUTOPILOT,)), PPO),
+                    (*place, "kind"),
+                )
             if not agent.learned:
                 continue
-            here = [world for world in here if self.accepts((*place, "kind"), environment_id, world)]
+            here = [
+                world for world in here if self.accepts((*place, "kind"), environment_id, world)
+            ]
             for world in here if agent.memory in MEMORIES else ():
                 described = (environment_id(world), None, 0, agent.steps.get(world), agent.memory)
-                if self.accepts((*place, "settings"), hyperparameters, described[0], agent.memory, agent.settings):
+                if self.accepts(
+                    (*place, "settings"),
+                    hyperparameters,
+                    described[0],
+                    agent.memory,
+                    agent.settings,
+                ):
                     self.accepts((*place, "steps"), describe, *described, agent.settings)
-            flown = [w for name in agent.trained_on for w in here if w in (study.estimator(name).environments or here)]
+            flown = [
+                w
+                for name in agent.trained_on
+                for w in here
+                if w in (study.estimator(name).environments or here)
+            ]
             if here and agent.trained_on and not flown and not agent.raw:
                 text = f"{agent.name} flies in no environment of an estimator that it is trained on"
                 self.wrong((*place, "trained_on"), text)
@@ -146,7 +193,11 @@ class _Reader(TomlReader):
     def check_condition(self, condition: Condition, worlds: Sequence[str]) -> None:
         """Note own sensors and disturbances, and late or failing sensors, that an environment refuses."""
         place = ("conditions", condition.name)
-        own = {key: name for key in ("sensors", "disturbance") if ":" in (name := getattr(condition, key))}
+        own = {
+            key: name
+            for key in ("sensors", "disturbance")
+            if ":" in (name := getattr(condition, key))
+        }
         found = [self.accepts((*place, key), named_object, name) for key, name in own.items()]
         if not (own or condition.latency or condition.faults) or not all(found):
             return
@@ -154,7 +205,9 @@ class _Reader(TomlReader):
         if own and self.refused(condition, plain, worlds):
             return
         sensors = named_object(own["sensors"]) if "sensors" in own else "nominal"
-        known = dict.fromkeys(s.name for world in worlds for s in system_of(world).sensors_of(sensors).each)
+        known = dict.fromkeys(
+            s.name for world in worlds for s in system_of(world).sensors_of(sensors).each
+        )
         named = [
             *(("latency", name) for name in condition.latency),
             *(("faults", f["sensor"]) for f in condition.faults),
@@ -164,45 +217,70 @@ class _Reader(TomlReader):
         if all(name in known for _, name in named):
             self.refused(condition, condition.options, worlds)
 
-    def refused(self, condition: Condition, options: Mapping[str, Any], worlds: Sequence[str]) -> bool:
+    def refused(
+        self, condition: Condition, options: Mapping[str, Any], worlds: Sequence[str]
+    ) -> bool:
         """Note environments that refuse the options of a condition, and return whether there are any."""
         errors = {world: refusal(world, {"estimator": ORACLE, **options}) for world in worlds}
         for world, error in errors.items():
             if error is not None:
-                self.wrong(("conditions", condition.name), f"{world} refuses the condition {condition.name}: {error}")
+                self.wrong(
+                    ("conditions", condition.name),
+                    f"{world} refuses the condition {condition.name}: {error}",
+                )
         return any(error is not None for error in errors.values())
 
     def check_estimator(self, place: Place, estimator: Estimator, worlds: Sequence[str]) -> None:
         """An estimator may be refused by some environments, but not by all, and not for its options."""
         reasons = []
         for world in worlds:
-            name = system_of(world).estimator if estimator.estimator == DEFAULT else estimator.estimator
+            name = (
+                system_of(world).estimator
+                if estimator.estimator == DEFAULT
+                else estimator.estimator
+            )
             error = refusal(world, {"estimator": name, "estimator_options": estimator.options})
             if error is None:
                 continue
             if estimator.options and refusal(world, {"estimator": name}) is None:
-                self.wrong((*place, "options"), f"{world} refuses the options of {estimator.name}: {error}")
+                self.wrong(
+                    (*place, "options"), f"{world} refuses the options of {estimator.name}: {error}"
+                )
             else:
                 reasons.append(str(error))
         if worlds and len(reasons) == len(worlds):
-            self.wrong(place, f"no environment of the study can carry {estimator.name}: {reasons[0]}")
+            self.wrong(
+                place, f"no environment of the study can carry {estimator.name}: {reasons[0]}"
+            )
 
-    # --- sections -----------------------------------------------------------------------------------
+    # --- sections ---------------------------------------------------------------------------------
 
     def estimators(self, ids: Sequence[str]) -> tuple[Estimator, ...]:
         found = []
         for name, table in self.section("estimators", keys_of(Estimator)).items():
             place = ("estimators", name)
-            estimator = Estimator(**{"name": name, "estimator": name} | self.values(Estimator, table, place))
-            plain = {key: None if value == "none" else value for key, value in estimator.options.items()}
+            estimator = Estimator(
+                **{"name": name, "estimator": name} | self.values(Estimator, table, place)
+            )
+            plain = {
+                key: None if value == "none" else value for key, value in estimator.options.items()
+            }
             estimator = replace(estimator, options=plain)
             self.own_name(place, estimator.estimator, (DEFAULT, RAW, *estimator_names()))
             self.names("environment", estimator.environments, ids, (*place, "environments"))
-            if name == estimator.estimator and name in (ORACLE, FLOOR) and estimator != Estimator(name, name):
-                self.wrong(place, f"{name} is an end of the scale: leave it as it is, {name} = {{}}")
+            if (
+                name == estimator.estimator
+                and name in (ORACLE, FLOOR)
+                and estimator != Estimator(name, name)
+            ):
+                self.wrong(
+                    place, f"{name} is an end of the scale: leave it as it is, {name} = {{}}"
+                )
             found.append(estimator)
         names = [e.name for e in found]
-        return tuple(Estimator(name, name) for name in (ORACLE, FLOOR) if name not in names) + tuple(found)
+        return tuple(
+            Estimator(name, name) for name in (ORACLE, FLOOR) if name not in names
+        ) + tuple(found)
 
     def agents(self, ids: Sequence[str], worlds: Sequence[str]) -> tuple[Agent, ...]:
         named = self.data.get("estimators", {})
@@ -213,25 +291,46 @@ class _Reader(TomlReader):
             agent = Agent(**{"name": name, "kind": name} | self.values(Agent, table, place))
             for key in (key for key in _LEARNED if key in table):
                 if not agent.learned:
-                    self.wrong((*place, key), f"{key} is for agents that learn; {name} is of kind {agent.kind}")
+                    self.wrong(
+                        (*place, key),
+                        f"{key} is for agents that learn; {name} is of kind {agent.kind}",
+                    )
                 if agent.raw and key in ("trained_on", "flown_on"):
-                    self.wrong((*place, key), f"{name} sees raw measurements: it is trained and flown on no estimator")
+                    self.wrong(
+                        (*place, key),
+                        f"{name} sees raw measurements: it is trained and flown on no estimator",
+                    )
             self.names("estimator", agent.trained_on, estimators, (*place, "trained_on"))
-            self.names("estimator", agent.flown_on, [e for e in estimators if e != DEFAULT], (*place, "flown_on"))
+            self.names(
+                "estimator",
+                agent.flown_on,
+                [e for e in estimators if e != DEFAULT],
+                (*place, "flown_on"),
+            )
             self.names("environment", agent.environments, ids, (*place, "environments"))
             self.names("environment", agent.steps, ids, (*place, "steps"))
             for number in agent.steps.values():
-                if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= _MOST_STEPS:
-                    text = f"steps must be whole numbers of at least 1 and at most {_MOST_STEPS}, got {number!r}"
+                if (
+                    isinstance(number, bool)
+                    or not isinstance(number, int)
+                    or not 1 <= number <= _MOST_STEPS
+                ):
+                    text = (
+                        f"steps must be whole numbers of at least 1 and at most {_MOST_STEPS}, got"
+                        f" {number!r}"
+                    )
                     self.wrong((*place, "steps"), text)
                     agent = replace(agent, steps={})
             if agent.environments:
-                self.names(f"environment of {name}", agent.steps, agent.environments, (*place, "steps"))
+                self.names(
+                    f"environment of {name}", agent.steps, agent.environments, (*place, "steps")
+                )
             found.append(agent)
         if worlds and not any(is_controller(AUTOPILOT, system_of(world)) for world in worlds):
             if all(agent.learned for agent in found):
                 text = (
-                    "no environment of the study has an autopilot: name a controller, module:object if it is your own"
+                    "no environment of the study has an autopilot: name a controller, module:object"
+                    " if it is your own"
                 )
                 self.wrong(("agents",), text)
             return tuple(found)
@@ -252,7 +351,10 @@ class _Reader(TomlReader):
                 condition = replace(condition, mismatch=0.0)
             self.names("environment", condition.environments, ids, (*place, "environments"))
             if condition.environments and not found:
-                self.wrong((*place, "environments"), "the first condition is that of trainings: no environments")
+                self.wrong(
+                    (*place, "environments"),
+                    "the first condition is that of trainings: no environments",
+                )
             if ":" not in condition.sensors:
                 self.name("sensor suite", condition.sensors, SUITE_NAMES, (*place, "sensors"))
             found.append(condition)
@@ -264,7 +366,10 @@ class _Reader(TomlReader):
         good = []
         for fault in faults:
             if not isinstance(fault, dict) or not {"sensor", "kind"} <= set(fault) <= set(known):
-                text = f"faults must be tables of sensor, kind and perhaps size, begin, end, duration, got {fault!r}"
+                text = (
+                    "faults must be tables of sensor, kind and perhaps size, begin, end, duration,"
+                    f" got {fault!r}"
+                )
                 self.wrong((*place, "faults"), text)
             elif self.accepts((*place, "faults"), partial(SensorFault, **fault)):
                 good.append(fault)

@@ -68,7 +68,9 @@ class TomlReader:
             return False
         return True
 
-    def section(self, key: str, options: Sequence[str], required: bool = False) -> dict[str, dict[str, Any]]:
+    def section(
+        self, key: str, options: Sequence[str], required: bool = False
+    ) -> dict[str, dict[str, Any]]:
         """A table of tables, those that are not left out."""
         tables = self.data.get(key, {})
         if not isinstance(tables, dict):
@@ -106,7 +108,12 @@ class TomlReader:
                 with suppress(OverflowError):  # too many digits, which the range refuses
                     found[key] = float(table[key])
             if key in self.CHOICES:
-                self.name("observe mode" if key == "observe" else key, table[key], self.CHOICES[key], where)
+                self.name(
+                    "observe mode" if key == "observe" else key,
+                    table[key],
+                    self.CHOICES[key],
+                    where,
+                )
         return found
 
     def is_of(self, kind: Any, key: str, value: Any, place: Place) -> bool:
@@ -118,7 +125,9 @@ class TomlReader:
             self.wrong(place, f"{key} must be {self.WORDS.get(key, words)}, got {value!r}")
             return False
         if kind == tuple[str, ...] and not 0 < len(names) == len(set(names)):
-            self.wrong(place, f"{key} must name one or more, each once, or be left out, got {value!r}")
+            self.wrong(
+                place, f"{key} must name one or more, each once, or be left out, got {value!r}"
+            )
         return True
 
     def own_name(self, place: Place, kind: str, known: Iterable[str]) -> None:

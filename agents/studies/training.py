@@ -27,8 +27,9 @@ def train_agent(
 ) -> dict[str, Any]:
     """Train by `agents.training.algorithms.train`; the checkpoint is the artifact, ``steps`` those of whole rollouts.
 
-    Hyperparameters that are ``changed`` are not the tuned ones. The ``settings`` that `train` looks up by itself and
-    the source digests of what is the user's ``own`` are here to be part of the job.
+    Hyperparameters that are ``changed`` are not the tuned ones. The ``settings`` that `train` looks
+    up by itself and the source digests of what is the user's ``own`` are here to be part of the
+    job.
     """
     chosen = environment_options(environment, options)
     train(environment_id(environment), artifact, chosen, seed, steps, None, memory, changed)

@@ -17,9 +17,22 @@ V = TypeVar("V")
 def paragraphs(name: str, results: Results, **values: Any) -> list[str]:
     """The paragraphs of a note in ``templates/study-notes.md`` about results of a study, with these values."""
     study = results.plan.study
-    values |= {"study": study, "who": results.who, "first": results.conditions[0], "meanings": meanings, "many": many}
-    values |= {"oracle": ORACLE, "floor": FLOOR, "few": FEW_SEEDS, "runs": many(study.training_seeds, "training run")}
-    return page.paragraphs("study-notes.md", name, conditions=many(len(study.conditions), "condition"), **values)
+    values |= {
+        "study": study,
+        "who": results.who,
+        "first": results.conditions[0],
+        "meanings": meanings,
+        "many": many,
+    }
+    values |= {
+        "oracle": ORACLE,
+        "floor": FLOOR,
+        "few": FEW_SEEDS,
+        "runs": many(study.training_seeds, "training run"),
+    }
+    return page.paragraphs(
+        "study-notes.md", name, conditions=many(len(study.conditions), "condition"), **values
+    )
 
 
 def note(name: str, results: Results, **values: Any) -> str:
@@ -67,7 +80,9 @@ def named(name: str) -> str:
 
 def every(environments: Sequence[str]) -> str:
     """All environments, by their number."""
-    return "both environments" if len(environments) == 2 else f"all {len(environments)} environments"
+    return (
+        "both environments" if len(environments) == 2 else f"all {len(environments)} environments"
+    )
 
 
 def meanings(chosen: Sequence[Metric]) -> str:
@@ -95,7 +110,10 @@ def tabled(
 ) -> list[Block]:
     """The table of a note without rows and sections that have no value; no block if that leaves nothing."""
     title, text = paragraphs(name, results, **values)
-    filled = {title: [row for row in rows if any(e.value != "–" for e in row[1])] for title, rows in sections.items()}
+    filled = {
+        title: [row for row in rows if any(e.value != "–" for e in row[1])]
+        for title, rows in sections.items()
+    }
     filled = {title: rows for title, rows in filled.items() if rows}
     pairs = [(head, "") if isinstance(head, str) else head for head in heads]
     return [Table(title, text, first, pairs, list(filled.items()), file or name)] if filled else []

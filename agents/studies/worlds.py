@@ -28,8 +28,9 @@ def environment_id(name: str) -> str:
     env_id = registered_id(name)
     if not issubclass(vector_class(env_id), VesselVectorEnv):
         raise ValueError(
-            f"{name!r} is no environment of vessel_gym, and only those can be used here: evaluate, watch and ablate "
-            "take others, and a script of your own trains on them (docs/any-environment.md)"
+            f"{name!r} is no environment of vessel_gym, and only those can be used here: evaluate,"
+            " watch and ablate take others, and a script of your own trains on them"
+            " (docs/any-environment.md)"
         )
     return env_id
 
@@ -39,8 +40,8 @@ def registered_id(name: str) -> str:
     """The id under which Gymnasium has an environment.
 
     Args:
-        name: An id; ``"module:id"``, registered when the module is imported; or ``"module:class"``, a
-            `VesselVectorEnv` with an attribute ``max_episode_steps``, registered here.
+        name: An id; ``"module:id"``, registered when the module is imported; or ``"module:class"``,
+            a `VesselVectorEnv` with an attribute ``max_episode_steps``, registered here.
 
     Raises:
         ValueError: if there is no such environment.
@@ -55,12 +56,18 @@ def registered_id(name: str) -> str:
             raise ValueError(f"{name!r} is neither a registered id nor a VesselVectorEnv class")
         steps = getattr(cls, "max_episode_steps", None)
         if not isinstance(steps, int):
-            raise ValueError(f"{name!r} needs an attribute max_episode_steps: how long is an episode?")
+            raise ValueError(
+                f"{name!r} needs an attribute max_episode_steps: how long is an episode?"
+            )
         env_id = f"{own}-v0"
         if env_id not in gym.registry:
             gym.register(env_id, vector_entry_point=cls, max_episode_steps=steps)
     if env_id not in gym.registry:
-        ours = [id for id, spec in gym.registry.items() if str(spec.entry_point).startswith("vessel_gym")]
+        ours = [
+            id
+            for id, spec in gym.registry.items()
+            if str(spec.entry_point).startswith("vessel_gym")
+        ]
         raise ValueError(f"{unknown('environment', name, ours)} (your own: module:id)")
     return env_id
 
@@ -85,7 +92,10 @@ def estimated_world(name: str) -> Any:
     """
     system = system_of(name)
     if not system.estimator:
-        raise ValueError(f"{name!r} has no estimator in the loop: wrap it in vessel_gym.wrappers.EstimatedObservation")
+        raise ValueError(
+            f"{name!r} has no estimator in the loop: wrap it in"
+            " vessel_gym.wrappers.EstimatedObservation"
+        )
     return system
 
 
@@ -97,21 +107,29 @@ def options_of_command(env_id: str, options: dict[str, Any]) -> dict[str, Any]:
 def environment_options(environment: str, options: dict[str, Any]) -> dict[str, Any]:
     """A study's options as an environment takes them.
 
-    Estimator, sensors and disturbance of one's own are imported; of late sensors and faults those are taken that the
-    environment has.
+    Estimator, sensors and disturbance of one's own are imported; of late sensors and faults those
+    are taken that the environment has.
     """
     names = {key: options[key] for key in ("estimator", "sensors", "disturbance") if key in options}
-    made = options | {key: named_object(name) if ":" in name else name for key, name in names.items()}
+    made = options | {
+        key: named_object(name) if ":" in name else name for key, name in names.items()
+    }
     latency, faults = made.pop("latency", {}), made.pop("faults", ())
     if isinstance(system_of(environment), Wrapped):
-        return taken_options(registered_id(environment), made | {"latency": latency or None, "faults": faults or None})
+        return taken_options(
+            registered_id(environment),
+            made | {"latency": latency or None, "faults": faults or None},
+        )
     if not latency and not faults:
         return made
     chosen = system_of(environment).sensors_of(made.get("sensors", "nominal"))
     there = {sensor.name for sensor in chosen.each}
     own = [SensorFault(**fault) for fault in faults if fault["sensor"] in there]
     return made | {
-        "sensors": [replace(sensor, latency=latency.get(sensor.name, sensor.latency)) for sensor in chosen.each],
+        "sensors": [
+            replace(sensor, latency=latency.get(sensor.name, sensor.latency))
+            for sensor in chosen.each
+        ],
         "sensor_faults": [*own, *chosen.faults],
     }
 
@@ -152,11 +170,14 @@ def digests(*names: str) -> dict[str, str]:
 def registered(environment: str, controller: str) -> dict[str, str]:
     """The source of the metrics of an environment's task and of its controller of that name, if they are not ours.
 
-    Modules of ours are part of what computes a job; those of others need not be imported by anything that it names.
+    Modules of ours are part of what computes a job; those of others need not be imported by
+    anything that it names.
     """
     task = system_of(environment).task
     modules = {TASK_METRICS.modules(task).get(""), CONTROLLERS.modules(task).get(controller)}
-    return {module: source_digest(module) for module in sorted(m for m in modules if m and not _ours(m))}
+    return {
+        module: source_digest(module) for module in sorted(m for m in modules if m and not _ours(m))
+    }
 
 
 def import_own(own: dict[str, str]) -> None:

@@ -47,7 +47,14 @@ ALGORITHMS = {
 
 _OF_NETWORK = ("log_std_init", "net_arch", "lstm_hidden_size")
 """Settings of the network."""
-_OF_TRAINING = ("num_envs", "steps", "frames", "learning_rate_final", "action_noise", "reward_scale")
+_OF_TRAINING = (
+    "num_envs",
+    "steps",
+    "frames",
+    "learning_rate_final",
+    "action_noise",
+    "reward_scale",
+)
 """Settings that no algorithm takes as they are."""
 _GIVEN = (
     "policy", "env", "learning_rate", "policy_kwargs", "seed", "device", "verbose", "tensorboard_log",
@@ -55,27 +62,45 @@ _GIVEN = (
 )  # fmt: skip
 """Arguments of algorithms that are no settings, or are settings by another way."""
 _SHARES = ("gamma", "gae_lambda", "tau", "line_search_shrinking_factor")
-_POSITIVE = ("clip_range", "learning_rate", "max_grad_norm", "reward_scale", "rms_prop_eps", "target_kl", "tau")
-_LEAST = {"learning_starts": 0, "top_quantiles_to_drop_per_net": 0, "gradient_steps": -1, "sde_sample_freq": -1}
+_POSITIVE = (
+    "clip_range",
+    "learning_rate",
+    "max_grad_norm",
+    "reward_scale",
+    "rms_prop_eps",
+    "target_kl",
+    "tau",
+)
+_LEAST = {
+    "learning_starts": 0,
+    "top_quantiles_to_drop_per_net": 0,
+    "gradient_steps": -1,
+    "sde_sample_freq": -1,
+}
 """Settings of at most 1, above 0, and the least value of whole numbers where it is not 1."""
 
 
 def hyperparameters(
-    env_id: str, memory: str = "none", changed: Mapping[str, Any] | None = None, algorithm: str = "ppo"
+    env_id: str,
+    memory: str = "none",
+    changed: Mapping[str, Any] | None = None,
+    algorithm: str = "ppo",
 ) -> dict[str, Any]:
     """The settings of a training: of PPO those of ``ppo.toml``, tuned by environment, and over them the memory's.
 
-    Another environment of a `vessel_gym.system.System` has those of ``others``; another algorithm has its own of
-    ``algorithms.toml``, which are not tuned.
+    Another environment of a `vessel_gym.system.System` has those of ``others``; another algorithm
+    has its own of ``algorithms.toml``, which are not tuned.
 
     Args:
         env_id: A registered environment.
         memory: One of `MEMORIES`.
-        changed: Settings by name: of these, or any argument of the algorithm that is a number, text or switch.
+        changed: Settings by name: of these, or any argument of the algorithm that is a number, text
+            or switch.
         algorithm: One of `ALGORITHMS`.
 
     Raises:
-        ValueError: if it has none, the memory or algorithm is of no known kind, or a changed setting is none.
+        ValueError: if it has none, the memory or algorithm is of no known kind, or a changed
+            setting is none.
     """
     if memory not in MEMORIES:
         raise ValueError(unknown("memory", memory, MEMORIES))
@@ -86,7 +111,9 @@ def hyperparameters(
     elif memory == "none" and _has_system(env_id):
         tuned = _table("algorithms")[algorithm]
     else:
-        raise ValueError(f"{algorithm} trains agents without a memory, in environments of vessel_gym")
+        raise ValueError(
+            f"{algorithm} trains agents without a memory, in environments of vessel_gym"
+        )
     for name, value in (changed or {}).items():
         known = _arguments(algorithm) | {each: tuned[each] for each in tuned if each != "steps"}
         if name not in known:
@@ -105,15 +132,24 @@ def _of_ppo(env_id: str, memory: str) -> dict[str, Any]:
     table = _table("ppo")
     others = table.pop("others")
     if not _has_system(env_id):
-        raise ValueError(f"no PPO settings for {env_id!r} in agents/training/ppo.toml: choose from {', '.join(table)}")
+        raise ValueError(
+            f"no PPO settings for {env_id!r} in agents/training/ppo.toml: choose from"
+            f" {', '.join(table)}"
+        )
     own = table.get(env_id, others)
-    return {key: value for key, value in own.items() if not isinstance(value, dict)} | own.get(memory, {})
+    return {key: value for key, value in own.items() if not isinstance(value, dict)} | own.get(
+        memory, {}
+    )
 
 
 def _arguments(algorithm: str) -> dict[str, Any]:
     """Arguments of an algorithm that may be set, with their defaults."""
     arguments = inspect.signature(_algorithm(algorithm, "none")).parameters.values()
-    return {each.name: each.default for each in arguments if each.name[0] != "_" and each.name not in _GIVEN}
+    return {
+        each.name: each.default
+        for each in arguments
+        if each.name[0] != "_" and each.name not in _GIVEN
+    }
 
 
 def _wanted(name: str, known: Any, value: Any) -> str:
@@ -127,9 +163,13 @@ def _wanted(name: str, known: Any, value: Any) -> str:
         whole = is_integer(value) and _LEAST[name] <= value < 2**31
         return "" if whole else f"a whole number of at least {_LEAST[name]}"
     if known == "auto":
-        pattern, least = ("auto", -np.inf) if name == "target_entropy" else (r"auto(_\d*\.?\d+)?", 0.0)
+        pattern, least = (
+            ("auto", -np.inf) if name == "target_entropy" else (r"auto(_\d*\.?\d+)?", 0.0)
+        )
         automatic = isinstance(value, str) and re.fullmatch(pattern, value)
-        return "" if automatic or (np.isfinite(number) and number >= least) else "'auto' or a number"
+        return (
+            "" if automatic or (np.isfinite(number) and number >= least) else "'auto' or a number"
+        )
     return "" if known is None or _such_as(known, value) else f"such as {known!r}"
 
 
@@ -138,7 +178,9 @@ def _such_as(tuned: Any, value: Any) -> bool:
     if isinstance(tuned, list) and isinstance(value, dict):  # layers by network, as net_arch may be
         return len(value) > 0 and all(_such_as(tuned, each) for each in value.values())
     if isinstance(tuned, list):
-        return isinstance(value, list) and len(value) > 0 and all(_such_as(1, each) for each in value)
+        return (
+            isinstance(value, list) and len(value) > 0 and all(_such_as(1, each) for each in value)
+        )
     if isinstance(tuned, bool):
         return isinstance(value, bool)
     if isinstance(tuned, int):
@@ -164,8 +206,8 @@ def describe(
     Its arguments are those of `train`.
 
     Returns:
-        The arguments, the tuned settings, the versions of the libraries that compute, and a digest of the
-        environments' and estimators' source code.
+        The arguments, the tuned settings, the versions of the libraries that compute, and a digest
+        of the environments' and estimators' source code.
 
     Raises:
         ValueError: for an environment or memory without settings, or a budget below one rollout.
@@ -176,7 +218,10 @@ def describe(
     settings = hyperparameters(env_id, memory, settings, algorithm)
     steps = settings["steps"] if steps is None else integer("steps", steps, 1)
     if steps < settings["num_envs"]:
-        raise ValueError(f"steps must be at least the {settings['num_envs']} environments of a batch, got {steps}")
+        raise ValueError(
+            f"steps must be at least the {settings['num_envs']} environments of a batch, got"
+            f" {steps}"
+        )
     described = {
         "env_id": env_id,
         "env_options": env_options or {},
@@ -185,8 +230,13 @@ def describe(
         "algorithm": algorithm,
         "memory": memory,
         "hyperparameters": settings,
-        "versions": {"vessel-gym": vessel_gym.__version__}
-        | {name: metadata.version(name) for name in ("numpy", "torch", "stable-baselines3", "sb3-contrib")},
+        "versions": (
+            {"vessel-gym": vessel_gym.__version__}
+            | {
+                name: metadata.version(name)
+                for name in ("numpy", "torch", "stable-baselines3", "sb3-contrib")
+            }
+        ),
         "source": source_digest(__name__),
     }
     return json.loads(json.dumps(described, default=_plain))
@@ -205,7 +255,9 @@ def _plain(own: Any) -> Any:
     if isinstance(own, partial):
         return [own.func, *own.args, own.keywords]
     if is_dataclass(own) and not isinstance(own, type):
-        return {"kind": _plain(type(own))} | {each.name: getattr(own, each.name) for each in fields(own)}
+        return {"kind": _plain(type(own))} | {
+            each.name: getattr(own, each.name) for each in fields(own)
+        }
     if hasattr(own, "__qualname__"):
         return f"{own.__module__}:{own.__qualname__}"
     if " at 0x" in repr(own):
@@ -237,23 +289,27 @@ def train(
         env_options: Passed to `gymnasium.make_vec`.
         seed: Number of the training run; the environments' seeds follow by `agents.seeds`.
         steps: Environment steps in all; None: the tuned budget.
-        progress: Called with (steps so far, steps of all rollouts, score of the last evaluation), which is NaN
-            without a folder.
-        memory: ``"none"``: the agent acts on the newest observation alone; ``"frames"``: on its last ones, side by
-            side, zeros before the first; ``"lstm"``: through a recurrent network (``RecurrentPPO``).
+        progress: Called with (steps so far, steps of all rollouts, score of the last evaluation),
+            which is NaN without a folder.
+        memory: ``"none"``: the agent acts on the newest observation alone; ``"frames"``: on its
+            last ones, side by side, zeros before the first; ``"lstm"``: through a recurrent network
+            (``RecurrentPPO``).
         settings: Hyperparameters by name over those of `hyperparameters`.
         algorithm: One of `ALGORITHMS`.
-        folder: Where learning curves, the latest and the best policy, and the checkpoints of stable-baselines3 go,
-            see `agents.training.callbacks`; None: nowhere. It must hold no earlier training.
-        resume: Go on from the last checkpoint of stable-baselines3 in the folder, in new episodes; begin anew where
-            the training broke off before the first. A checkpoint holds pickles, as all of stable-baselines3's.
+        folder: Where learning curves, the latest and the best policy, and the checkpoints of
+            stable-baselines3 go, see `agents.training.callbacks`; None: nowhere. It must hold no
+            earlier training.
+        resume: Go on from the last checkpoint of stable-baselines3 in the folder, in new episodes;
+            begin anew where the training broke off before the first. A checkpoint holds pickles, as
+            all of stable-baselines3's.
 
     Returns:
         The path of the checkpoint.
 
     Raises:
-        ValueError: for an environment, memory or algorithm without settings, a budget below one rollout, a checkpoint
-            of another training or a damaged one, or a training in the folder that is not to be resumed.
+        ValueError: for an environment, memory or algorithm without settings, a budget below one
+            rollout, a checkpoint of another training or a damaged one, or a training in the folder
+            that is not to be resumed.
         TypeError: for options that a checkpoint cannot hold as plain data.
         OSError: if the checkpoint cannot be written, or there is no training to resume.
         ModuleNotFoundError: without torch or stable-baselines3.
@@ -275,12 +331,18 @@ def _kept(folder: Path, described: dict[str, Any], resume: bool, finished: bool)
     path = last_checkpoint(folder)
     if path is None:
         if resume and (finished or not folder.exists()):
-            raise FileNotFoundError(f"there is no interrupted training to go on with: no checkpoint in {folder}")
+            raise FileNotFoundError(
+                f"there is no interrupted training to go on with: no checkpoint in {folder}"
+            )
         if not resume and (folder / CURVES).exists():
-            raise ValueError(f"{folder} keeps an earlier training: remove it, or train into another place")
+            raise ValueError(
+                f"{folder} keeps an earlier training: remove it, or train into another place"
+            )
         return None
     if not resume:
-        raise ValueError(f"{path} keeps an interrupted training: go on with resume, or remove {folder}")
+        raise ValueError(
+            f"{path} keeps an interrupted training: go on with resume, or remove {folder}"
+        )
     try:
         data, *_ = load_from_zip_file(path, device="cpu")
         before = dict((data or {})["described"])
@@ -305,7 +367,14 @@ def _learn(
     kept: Path | None,
 ) -> None:
     """Train what `describe` described and save the policy, with the steps that it took: whole rollouts."""
-    from agents.training.callbacks import Checkpoints, Evaluation, Report, curves, last_checkpoint, remove_checkpoints
+    from agents.training.callbacks import (
+        Checkpoints,
+        Evaluation,
+        Report,
+        curves,
+        last_checkpoint,
+        remove_checkpoints,
+    )
 
     budget = described["steps"]
     with _learner(described, env_options, kept) as model:
@@ -319,7 +388,11 @@ def _learn(
             with closing(curves(folder, model.num_timesteps)) as logger:
                 model.set_logger(logger)
                 try:
-                    model.learn(budget - model.num_timesteps, callback=callbacks, reset_num_timesteps=kept is None)
+                    model.learn(
+                        budget - model.num_timesteps,
+                        callback=callbacks,
+                        reset_num_timesteps=kept is None,
+                    )
                 except KeyboardInterrupt:
                     last = last_checkpoint(folder)
                     said = f"the last checkpoint is {last}; the same command with --resume goes on"
@@ -330,7 +403,9 @@ def _learn(
 
 
 @contextmanager
-def _learner(described: dict[str, Any], env_options: dict[str, Any] | None, kept: Path | None) -> Iterator[Any]:
+def _learner(
+    described: dict[str, Any], env_options: dict[str, Any] | None, kept: Path | None
+) -> Iterator[Any]:
     """The model of stable-baselines3 that learns what `describe` described, with its environment while it does.
 
     Args:
@@ -347,7 +422,11 @@ def _learner(described: dict[str, Any], env_options: dict[str, Any] | None, kept
     settings, seed, memory = (described[key] for key in ("hyperparameters", "seed", "memory"))
     rate, env = settings["learning_rate"], batch(described, settings["num_envs"], env_options)
     network: dict[str, Any] = {name: settings[name] for name in _OF_NETWORK if name in settings}
-    own = {name: value for name, value in settings.items() if name not in (*_OF_NETWORK, *_OF_TRAINING, *_GIVEN)}
+    own = {
+        name: value
+        for name, value in settings.items()
+        if name not in (*_OF_NETWORK, *_OF_TRAINING, *_GIVEN)
+    }
     policy: Any = "MlpPolicy"
     if described["algorithm"] == "ppo":
         network["activation_fn"] = torch.nn.Tanh
@@ -357,7 +436,9 @@ def _learner(described: dict[str, Any], env_options: dict[str, Any] | None, kept
         policy = LstmPolicy
     if "action_noise" in settings:
         size = env.action_space.shape[0]
-        own["action_noise"] = NormalActionNoise(np.zeros(size), np.full(size, settings["action_noise"]))
+        own["action_noise"] = NormalActionNoise(
+            np.zeros(size), np.full(size, settings["action_noise"])
+        )
     kind = _algorithm(described["algorithm"], memory)
     if kept is None:
         own |= {"policy_kwargs": network, "seed": seed, "device": "cpu"}
@@ -375,8 +456,11 @@ def _learner(described: dict[str, Any], env_options: dict[str, Any] | None, kept
                     model.load_replay_buffer(file)
             except Exception:  # a damaged pickle may break anything
                 raise _damaged(kept) from None
-        model.set_random_seed(int(np.random.SeedSequence((seed, model.num_timesteps)).generate_state(1)[0]))
-    # PPO reseeds the environments with its own seed: put the training range back, beyond all runs' when it goes on.
+        model.set_random_seed(
+            int(np.random.SeedSequence((seed, model.num_timesteps)).generate_state(1)[0])
+        )
+    # PPO reseeds the environments with its own seed: put the training range back, beyond all runs'
+    # when it goes on.
     env.seed(training_seed(seed) + 2**49 * model.num_timesteps)
     try:
         yield model
@@ -384,7 +468,9 @@ def _learner(described: dict[str, Any], env_options: dict[str, Any] | None, kept
         env.close()
 
 
-def batch(described: dict[str, Any], num_envs: int, env_options: dict[str, Any] | None = None) -> Any:
+def batch(
+    described: dict[str, Any], num_envs: int, env_options: dict[str, Any] | None = None
+) -> Any:
     """The environments, as the learner of what `describe` described sees them; ``env_options`` as described."""
     from stable_baselines3.common.vec_env import VecFrameStack
 
@@ -392,13 +478,22 @@ def batch(described: dict[str, Any], num_envs: int, env_options: dict[str, Any] 
 
     options = env_options or described["env_options"]
     if options.get("observe") == "measurement" and options.get("termination") != "belief":
-        options = options | {"estimator": "measurement", "estimator_options": {}}  # nobody sees what a filter believes
+        options = options | {
+            "estimator": "measurement",
+            "estimator_options": {},
+        }  # nobody sees what a filter believes
     vector: Any = gym.make_vec(described["env_id"], num_envs=num_envs, **options)
     env = StableBaselinesVecEnv(vector, described["hyperparameters"].get("reward_scale", 1.0))
-    return VecFrameStack(env, described["hyperparameters"]["frames"]) if described["memory"] == "frames" else env
+    return (
+        VecFrameStack(env, described["hyperparameters"]["frames"])
+        if described["memory"] == "frames"
+        else env
+    )
 
 
 def _algorithm(name: str, memory: str) -> Any:
     """The class that trains agents with this memory."""
-    module, _, kind = ("sb3_contrib:RecurrentPPO" if memory == "lstm" else ALGORITHMS[name]).partition(":")
+    module, _, kind = (
+        "sb3_contrib:RecurrentPPO" if memory == "lstm" else ALGORITHMS[name]
+    ).partition(":")
     return getattr(import_module(module), kind)

@@ -35,21 +35,32 @@ class Report(BaseCallback):
 
     model: Any
 
-    def __init__(self, budget: int, progress: Callable[[int, int, float], None] | None, evaluation: Any = None) -> None:
+    def __init__(
+        self,
+        budget: int,
+        progress: Callable[[int, int, float], None] | None,
+        evaluation: Any = None,
+    ) -> None:
         super().__init__()
         self._budget, self._progress, self._evaluation = budget, progress, evaluation
 
     def _on_training_start(self) -> None:
         model = self.model
-        rollout = model.n_envs * (model.train_freq.frequency if hasattr(model, "train_freq") else model.n_steps)
-        self._total = self.num_timesteps + -(-(self._budget - self.num_timesteps) // rollout) * rollout
+        rollout = model.n_envs * (
+            model.train_freq.frequency if hasattr(model, "train_freq") else model.n_steps
+        )
+        self._total = (
+            self.num_timesteps + -(-(self._budget - self.num_timesteps) // rollout) * rollout
+        )
 
     def _on_step(self) -> bool:
         return True
 
     def _on_rollout_start(self) -> None:
         if self._progress is not None:
-            self._progress(self.num_timesteps, self._total, getattr(self._evaluation, "score", np.nan))
+            self._progress(
+                self.num_timesteps, self._total, getattr(self._evaluation, "score", np.nan)
+            )
 
     _on_training_end = _on_rollout_start
 
@@ -65,7 +76,9 @@ class Checkpoints(CheckpointCallback):
     model: Any
 
     def __init__(self, folder: Path, steps: int) -> None:
-        super().__init__(max(steps // CHECKPOINTS, 1), str(folder), _CHECKPOINT, save_replay_buffer=True)
+        super().__init__(
+            max(steps // CHECKPOINTS, 1), str(folder), _CHECKPOINT, save_replay_buffer=True
+        )
 
     def _on_training_start(self) -> None:
         self.model.start_time -= self.model.elapsed
@@ -74,14 +87,18 @@ class Checkpoints(CheckpointCallback):
     def _on_step(self) -> bool:
         self.model.elapsed = time.time_ns() - self.model.start_time
         go_on = super()._on_step()
-        if self.n_calls % self.save_freq == 0:  # it has just saved one: no look at the folder at other steps
+        if (
+            self.n_calls % self.save_freq == 0
+        ):  # it has just saved one: no look at the folder at other steps
             remove_checkpoints(Path(self.save_path), 2)
         return go_on
 
 
 def _checkpoints(folder: Path) -> list[Path]:
     """Checkpoints of stable-baselines3 in a folder, from the first to the last."""
-    return sorted(folder.glob(f"{_CHECKPOINT}_*_steps.zip"), key=lambda path: int(path.stem.split("_")[1]))
+    return sorted(
+        folder.glob(f"{_CHECKPOINT}_*_steps.zip"), key=lambda path: int(path.stem.split("_")[1])
+    )
 
 
 def last_checkpoint(folder: Path) -> Path | None:
@@ -106,7 +123,8 @@ def remove_checkpoints(folder: Path, kept: int = 0) -> None:
 class Evaluation(BaseCallback):
     """The latest and the best policy of a training, and what they score.
 
-    Evaluation draws no random number of the learner, so a training learns the same with this callback or without.
+    Evaluation draws no random number of the learner, so a training learns the same with this
+    callback or without.
 
     Args:
         folder: Where the files go.
@@ -114,7 +132,9 @@ class Evaluation(BaseCallback):
         env_options: Passed to the environment of evaluations.
     """
 
-    def __init__(self, folder: Path, described: dict[str, Any], env_options: dict[str, Any] | None) -> None:
+    def __init__(
+        self, folder: Path, described: dict[str, Any], env_options: dict[str, Any] | None
+    ) -> None:
         super().__init__()
         self._folder, self._described, self._options = folder, described, env_options
         self._best, self._done, self.score = -np.inf, -1, np.nan
@@ -159,7 +179,8 @@ def curves(folder: Path, steps: int) -> sb3_logger.Logger:
 
     Args:
         folder: Where the files go.
-        steps: Of a training that goes on; rows of later steps are dropped, since they are computed again.
+        steps: Of a training that goes on; rows of later steps are dropped, since they are computed
+            again.
     """
     path = folder / CURVES
     earlier = path.read_text(encoding="utf-8").splitlines() if steps and path.exists() else []

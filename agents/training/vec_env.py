@@ -21,12 +21,14 @@ class StableBaselinesVecEnv(VecEnv):
 
     A finished environment's info holds its own last observation in ``terminal_observation``,
     whether it was cut off by the time limit in ``TimeLimit.truncated``, and the episode's return,
-    length and score in ``episode`` (no Monitor wrapper is needed); also ``is_success``, where the environment tells
-    it, which stable-baselines3 gathers and an ``EvalCallback`` reports.
+    length and score in ``episode`` (no Monitor wrapper is needed); also ``is_success``, where the
+    environment tells it, which stable-baselines3 gathers and an ``EvalCallback`` reports.
 
     Args:
-        env: The vector environment. A `VesselVectorEnv` may have any autoreset mode: the adapter resets what has ended.
-        reward_scale: Factor of the rewards that are learned from; ``episode`` holds the return without it.
+        env: The vector environment. A `VesselVectorEnv` may have any autoreset mode: the adapter
+            resets what has ended.
+        reward_scale: Factor of the rewards that are learned from; ``episode`` holds the return
+            without it.
 
     Raises:
         ValueError: if it is another's, or wrapped, and its autoreset mode is not ``SAME_STEP``.
@@ -36,7 +38,9 @@ class StableBaselinesVecEnv(VecEnv):
         mode = env.metadata.get("autoreset_mode")
         self._resets = mode != gym.vector.AutoresetMode.SAME_STEP
         if self._resets and not isinstance(env, VesselVectorEnv):
-            raise ValueError(f"the adapter needs an environment with SAME_STEP autoreset, this one has {mode}")
+            raise ValueError(
+                f"the adapter needs an environment with SAME_STEP autoreset, this one has {mode}"
+            )
         self.env, self.reward_scale = env, reward_scale
         self._seed: int | None = None
         self._actions: np.ndarray
@@ -67,7 +71,9 @@ class StableBaselinesVecEnv(VecEnv):
             ValueError: if they are not the same for all.
         """
         if isinstance(options, list) and len({repr(each) for each in options}) != 1:
-            raise ValueError("the environments of a batch share their reset options: give one dictionary for all")
+            raise ValueError(
+                "the environments of a batch share their reset options: give one dictionary for all"
+            )
         super().set_options(options[0] if isinstance(options, list) else options)
 
     def step_async(self, actions: np.ndarray) -> None:
@@ -95,7 +101,9 @@ class StableBaselinesVecEnv(VecEnv):
                 },
             }
             final = info["final_info"]
-            infos[i] |= {key: final[key][i].item() for key in ("score", "is_success") if key in final}
+            infos[i] |= {
+                key: final[key][i].item() for key in ("score", "is_success") if key in final
+            }
             self._returns[i], self._lengths[i] = 0.0, 0
         return observations, self.reward_scale * rewards.astype(np.float32), dones, infos
 
@@ -118,7 +126,9 @@ class StableBaselinesVecEnv(VecEnv):
         batch = self._single(indices, f"share their attributes: set env.env.{attr_name}")
         batch.set_attr(attr_name, [value] * self.num_envs)
 
-    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+    def env_method(
+        self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any
+    ) -> list[Any]:
         """Call it in all environments of a batch of gymnasium's; not supported as in `set_attr`."""
         batch = self._single(indices, f"have no methods of their own: call env.env.{method_name}")
         return list(batch.call(method_name, *args, **kwargs))

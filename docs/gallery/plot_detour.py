@@ -16,7 +16,10 @@ obstacles = [(250.0, 20.0, 60.0), (430.0, 60.0, 45.0), (520.0, 150.0, 30.0)]
 figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
 for x, y, size in obstacles:
     axes.add_patch(plt.Circle((x, y), size, color="0.85"))
-for name, path in (("shortest", shortest(start, goal, radius)), ("round them", plan(start, goal, radius, obstacles))):
+for name, path in (
+    ("shortest", shortest(start, goal, radius)),
+    ("round them", plan(start, goal, radius, obstacles)),
+):
     axes.plot(*path.sample(spacing=2.0).T[:2], label=f"{name}: {path.length:.0f} m")
 axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
 axes.legend(loc="upper left")

@@ -2,7 +2,8 @@
 Measurements that are wildly wrong
 ==================================
 
-One measurement in twelve is far off. The Kalman filter follows it, Huber's loss bounds what it may move.
+One measurement in twelve is far off. The Kalman filter follows it, Huber's loss bounds what it may
+move.
 """
 
 import matplotlib.pyplot as plt

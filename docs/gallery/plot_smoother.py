@@ -2,7 +2,8 @@
 What came later
 ===============
 
-A filter knows the measurements up to now. In a gap its band opens; a smoother closes it with what came after.
+A filter knows the measurements up to now. In a gap its band opens; a smoother closes it with what
+came after.
 """
 
 import matplotlib.pyplot as plt
@@ -22,7 +23,9 @@ figure, axes = plt.subplots(figsize=(7, 3.5), layout="constrained")
 for name, belief in (("filter", series), ("smoother", smooth(series))):
     mean, deviation = belief.mean[:, 0, 0], np.sqrt(belief.cov[:, 0, 0, 0])
     (line,) = axes.plot(mean, label=name)
-    axes.fill_between(range(60), mean - 2 * deviation, mean + 2 * deviation, color=line.get_color(), alpha=0.2)
+    axes.fill_between(
+        range(60), mean - 2 * deviation, mean + 2 * deviation, color=line.get_color(), alpha=0.2
+    )
 axes.plot(truth.x[:, 0, 0], color="black", linewidth=1, label="truth")
 axes.set(xlabel="step", ylabel="position [m]")
 axes.legend(loc="upper left")

@@ -2,7 +2,8 @@
 A push that nobody measures
 ===========================
 
-A filter with an unknown input estimates what pushes a boat beside where she is, and is told nothing of the push.
+A filter with an unknown input estimates what pushes a boat beside where she is, and is told nothing
+of the push.
 """
 
 import matplotlib.pyplot as plt
@@ -11,7 +12,8 @@ import numpy as np
 from estimators import Gaussian, LinearModel, make, run
 from estimators.consistency import simulate
 
-# position and speed, read; and an acceleration, of which a sensor of its own gives a noisy measurement
+# position and speed, read; and an acceleration, of which a sensor of its own gives a noisy
+# measurement
 model = LinearModel(
     A=[[1.0, 0.1], [0.0, 0.98]],
     C=[[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]],

@@ -1,8 +1,9 @@
 """Draw the figure of docs/estimators/few-members.md, and print its numbers: ``python docs/images/exact_draws.py``.
 
-A slow state that no measurement shows, beside five states that are measured at every step and independent of it: a
-Kalman filter leaves its variance as it is. The figure has the share of this variance that ensembles keep after 150 s,
-by members and kind of draws, and the share that the page's formula foretells.
+A slow state that no measurement shows, beside five states that are measured at every step and
+independent of it: a Kalman filter leaves its variance as it is. The figure has the share of this
+variance that ensembles keep after 150 s, by members and kind of draws, and the share that the
+page's formula foretells.
 """
 
 from pathlib import Path
@@ -22,7 +23,9 @@ MEMBERS, ROWS = (16, 32, 64, 128, 256, 512, 1024), 8
 def system() -> LinearModel:
     """The slow state, then those beside, all of variance 1; measurements of variance 1."""
     kept = np.array([np.exp(-DT / TAU), *[0.9] * BESIDE])
-    return LinearModel(np.diag(kept), np.eye(BESIDE, 1 + BESIDE, k=1), np.diag(1.0 - kept**2), np.eye(BESIDE))
+    return LinearModel(
+        np.diag(kept), np.eye(BESIDE, 1 + BESIDE, k=1), np.diag(1.0 - kept**2), np.eye(BESIDE)
+    )
 
 
 def variance(name: str, **options: object) -> np.ndarray:
@@ -38,8 +41,9 @@ def variance(name: str, **options: object) -> np.ndarray:
 def lost_share(perturbed: bool) -> float:
     """``g``: N - 1 times the share of an unmeasured variance that independent draws lose at each step.
 
-    Of the steady filter of what is measured: ``g = tr(S^-1 C X C')`` with ``X = F X F' + Q``, ``F = A (I - K C)``; with
-    perturbed measurements X is the predicted covariance, as ``A K R K' A'`` is drawn, too.
+    Of the steady filter of what is measured: ``g = tr(S^-1 C X C')`` with ``X = F X F' + Q``, ``F =
+    A (I - K C)``; with perturbed measurements X is the predicted covariance, as ``A K R K' A'`` is
+    drawn, too.
     """
     model = system()
     A, C, Q, R = model.A[1:, 1:], model.C[:, 1:], model.Q[1:, 1:], model.R
@@ -61,7 +65,9 @@ def shares() -> dict[str, list[float]]:
     """Share of the variance, 1 in a Kalman filter, that is kept, by filter and draws, for each of `MEMBERS`."""
     kinds = [("enkf", "independent"), ("enkf-sr", "independent"), ("enkf", "exact")]
     return {
-        f"{name}, {draws} draws": [float(variance(name, members=N, draws=draws).mean()) for N in MEMBERS]
+        f"{name}, {draws} draws": [
+            float(variance(name, members=N, draws=draws).mean()) for N in MEMBERS
+        ]
         for name, draws in kinds
     }
 
@@ -72,13 +78,21 @@ def draw() -> None:
     fine, found = np.geomspace(MEMBERS[0], 10_000, 100), shares()
     for (label, values), colour in zip(found.items(), ("C3", "C1", "C0"), strict=True):
         axes.semilogx(MEMBERS, values, "o", color=colour, label=label)
-        print(f"{label:28}", *(f"{N}: {value:.3f}" for N, value in zip(MEMBERS, values, strict=True)))
+        print(
+            f"{label:28}", *(f"{N}: {value:.3f}" for N, value in zip(MEMBERS, values, strict=True))
+        )
     for perturbed, colour in ((True, "C3"), (False, "C1")):
         axes.semilogx(fine, foretold(fine, perturbed), color=colour, linewidth=1.0)
-        print(f"g {lost_share(perturbed):.2f}", *(f"{foretold(np.array([N]), perturbed)[0]:.3f}" for N in MEMBERS))
+        print(
+            f"g {lost_share(perturbed):.2f}",
+            *(f"{foretold(np.array([N]), perturbed)[0]:.3f}" for N in MEMBERS),
+        )
     axes.axhline(1.0, color="C0", linewidth=1.0)
     axes.set(xlabel="members", ylabel="share of the variance kept", ylim=(0.0, 1.1))
-    axes.set_title("Variance of a state that no measurement shows, after 150 s; lines: the formula", fontsize=10)
+    axes.set_title(
+        "Variance of a state that no measurement shows, after 150 s; lines: the formula",
+        fontsize=10,
+    )
     axes.legend(loc="center left", fontsize=9)
     figure.savefig(HERE / "exact-draws.png", dpi=120)
 

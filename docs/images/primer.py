@@ -42,7 +42,11 @@ def ensemble() -> None:
     time = STEP * np.arange(steps)
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained")
     filter = make("enkf", model, members=30)
-    belief, members, rng = filter.init(prior, np.random.default_rng(2)), [], np.random.default_rng(3)
+    belief, members, rng = (
+        filter.init(prior, np.random.default_rng(2)),
+        [],
+        np.random.default_rng(3),
+    )
     for k in range(steps):
         belief = filter.predict(belief, rng=rng) if k else belief
         belief = filter.update(belief, data.y[k, 0], rng=rng)
@@ -53,9 +57,14 @@ def ensemble() -> None:
     left.plot(time, data.y[:, 0, 0], ".", color="0.6", markersize=3, label="measurements")
     left.set(xlabel="time [s]", ylabel="position [m]")
     left.legend(loc="best", fontsize=8)
-    for name, of in (("right noise assumed", model), ("a tenth of it assumed", replace(model, Q=model.Q / 10))):
+    for name, of in (
+        ("right noise assumed", model),
+        ("a tenth of it assumed", replace(model, Q=model.Q / 10)),
+    ):
         series = run(make("kf", of), prior, data.y)
-        right.plot(time, nees(series.updated.mean, series.updated.cov, data.x).mean(1) / 2, label=name)
+        right.plot(
+            time, nees(series.updated.mean, series.updated.cov, data.x).mean(1) / 2, label=name
+        )
     low, high = chi_square_band(runs, 2)
     right.axhspan(low / 2, high / 2, color="0.85", label="95 % band of a consistent filter")
     right.set(xlabel="time [s]", ylabel="NEES, divided by the 2 states", ylim=(0, 8))
@@ -70,7 +79,10 @@ def dubins() -> None:
     figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
     for x, y, size in obstacles:
         axes.add_patch(plt.Circle((x, y), size, color="0.85"))
-    paths = {"shortest": shortest(start, goal, radius), "round obstacles": plan(start, goal, radius, obstacles)}
+    paths = {
+        "shortest": shortest(start, goal, radius),
+        "round obstacles": plan(start, goal, radius, obstacles),
+    }
     for name, path in paths.items():
         axes.plot(*path.sample(spacing=2.0).T[:2], label=f"{name}: {path.length:.0f} m")
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")

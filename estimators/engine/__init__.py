@@ -1,7 +1,7 @@
 """Equations as plain NumPy functions: traced once, derived exactly, compiled in a fraction of a second.
 
-See docs/engine.md. `compiled` makes a function of arrays ``(..., n)`` run compiled; what follows are the words that
-such functions have besides NumPy's.
+See docs/engine.md. `compiled` makes a function of arrays ``(..., n)`` run compiled; what follows
+are the words that such functions have besides NumPy's.
 
 It imports `estimators.checks` alone; filters, models and `vessel_gym` import it.
 """

@@ -6,7 +6,16 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators.engine.program import Program, constant_array
-from estimators.engine.tracer import NotTraceable, Tracer, cast, constant, numpy_function, operation, power, where
+from estimators.engine.tracer import (
+    NotTraceable,
+    Tracer,
+    cast,
+    constant,
+    numpy_function,
+    operation,
+    power,
+    where,
+)
 
 
 class TracedArray(np.ndarray):
@@ -23,11 +32,19 @@ class TracedArray(np.ndarray):
         if isinstance(value, Tracer):
             array[()] = value
         else:
-            array = np.array(value, object) if isinstance(value, list | tuple) else np.asarray(value, object)
+            array = (
+                np.array(value, object)
+                if isinstance(value, list | tuple)
+                else np.asarray(value, object)
+            )
         return array.view(TracedArray)
 
     def __array_ufunc__(self, ufunc: Any, method: str, *operands: Any, **others: Any) -> Any:
-        return NotImplemented if self._yields(map(type, operands)) else _apply(ufunc, method, operands, others)
+        return (
+            NotImplemented
+            if self._yields(map(type, operands))
+            else _apply(ufunc, method, operands, others)
+        )
 
     def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
         return NotImplemented if self._yields(types) else _apply_function(function, args, kwargs)
@@ -40,7 +57,9 @@ class TracedArray(np.ndarray):
 
     def __getitem__(self, key: Any) -> Any:
         if isinstance(key, Tracer | TracedArray):
-            raise NotTraceable("x[mask] has other entries in each row: use np.where, and lookup for x[index]")
+            raise NotTraceable(
+                "x[mask] has other entries in each row: use np.where, and lookup for x[index]"
+            )
         return super().__getitem__(key)
 
     def __setitem__(self, key: Any, value: Any) -> None:
@@ -60,7 +79,9 @@ class TracedArray(np.ndarray):
         """As another kind of number."""
         kind = np.dtype(dtype).kind
         if kind == "O" or np.dtype(dtype).itemsize not in (1, 8):
-            raise NotTraceable(f"a traced function computes with float64, int64 and masks, not {np.dtype(dtype)}")
+            raise NotTraceable(
+                f"a traced function computes with float64, int64 and masks, not {np.dtype(dtype)}"
+            )
         return each_entry(lambda x: cast(constant(_program(self), x), kind), self)
 
     def mean(self, axis: Any = None, **others: Any) -> Any:  # type: ignore[override]
@@ -115,7 +136,11 @@ def _plain(value: Any) -> Any:
 
 
 def _operand(value: Any) -> Any:
-    if isinstance(value, np.ndarray) and not isinstance(value, TracedArray) and value.dtype != object:
+    if (
+        isinstance(value, np.ndarray)
+        and not isinstance(value, TracedArray)
+        and value.dtype != object
+    ):
         return constant_array(value).astype(object)
     return _plain(value)
 
@@ -149,7 +174,9 @@ def _recorded(opcode: str) -> Callable[..., Any]:
 
 
 def _sign(x: Any) -> Any:
-    return where(x > 0.0, 1.0, where(x < 0.0, -1.0, x + 0.0)) if isinstance(x, Tracer) else np.sign(x)
+    return (
+        where(x > 0.0, 1.0, where(x < 0.0, -1.0, x + 0.0)) if isinstance(x, Tracer) else np.sign(x)
+    )
 
 
 def _mask(x: Any) -> Any:
@@ -172,14 +199,22 @@ _SCALAR: dict[Any, Callable[..., Any]] = {
     np.heaviside: lambda x, y: where(x > 0.0, 1.0, where(x < 0.0, 0.0, where(x == 0.0, y, x))),
     np.reciprocal: lambda x: 1.0 / x,
     np.sign: _sign,
-    np.power: lambda x, y: power(x, y) if isinstance(x, Tracer) or isinstance(y, Tracer) else np.power(x, y),
+    np.power: lambda x, y: (
+        power(x, y) if isinstance(x, Tracer) or isinstance(y, Tracer) else np.power(x, y)
+    ),
     np.float_power: lambda x, y: power(x, y),
     np.log2: lambda x: operation("log", x) / float(np.log(2.0)),
     np.log10: lambda x: operation("log", x) / float(np.log(10.0)),
     **dict.fromkeys((np.deg2rad, np.radians), lambda x: x * (np.pi / 180.0)),
     **dict.fromkeys((np.rad2deg, np.degrees), lambda x: x * (180.0 / np.pi)),
-    np.isinf: lambda x: operation("equal", operation("absolute", x), np.inf) if isinstance(x, Tracer) else np.isinf(x),
-    np.signbit: lambda x: operation("copysign", 1.0, x) < 0.0 if isinstance(x, Tracer) else np.signbit(x),
+    np.isinf: lambda x: (
+        operation("equal", operation("absolute", x), np.inf)
+        if isinstance(x, Tracer)
+        else np.isinf(x)
+    ),
+    np.signbit: lambda x: (
+        operation("copysign", 1.0, x) < 0.0 if isinstance(x, Tracer) else np.signbit(x)
+    ),
     np.logical_and: lambda x, y: _and(_mask(x), _mask(y)),
     np.logical_or: lambda x, y: _or(_mask(x), _mask(y)),
     np.logical_xor: lambda x, y: _xor(_mask(x), _mask(y)),
@@ -196,8 +231,14 @@ _COUNTED = {np.add}  # a sum of masks counts them
 def _apply(ufunc: Any, method: str, operands: Sequence[Any], others: dict[str, Any]) -> Any:
     """One of NumPy's functions entry by entry, or its reduction."""
     out = others.pop("out", None)
-    if ufunc in (np.matmul, np.vecdot, np.matvec, np.vecmat) and method == "__call__" and not others:
-        found = ufunc(*(np.asarray(each, object) for each in map(_operand, operands)))  # terms in their order
+    if (
+        ufunc in (np.matmul, np.vecdot, np.matvec, np.vecmat)
+        and method == "__call__"
+        and not others
+    ):
+        found = ufunc(
+            *(np.asarray(each, object) for each in map(_operand, operands))
+        )  # terms in their order
     elif (
         ufunc not in _SCALAR
         or others.keys() - {"axis", "keepdims", "dtype"}
@@ -209,17 +250,27 @@ def _apply(ufunc: Any, method: str, operands: Sequence[Any], others: dict[str, A
     elif method in ("reduce", "accumulate") and ufunc.nin == 2:
         array = _operand(operands[0])
         if np.ndim(array) == 0:
-            raise NotTraceable(f"np.{ufunc.__name__} of a number a row is over the batch: give it an axis of the row")
+            raise NotTraceable(
+                f"np.{ufunc.__name__} of a number a row is over the batch: give it an axis of"
+                " the row"
+            )
         if ufunc in _COUNTED:
-            array = np.frompyfunc(lambda x: cast(x, "i") if getattr(x, "kind", "") == "b" else x, 1, 1)(array)
+            array = np.frompyfunc(
+                lambda x: cast(x, "i") if getattr(x, "kind", "") == "b" else x, 1, 1
+            )(array)
         others.pop("dtype", None)
-        each = np.frompyfunc(_SCALAR[ufunc], 2, 1, identity=ufunc.identity)  # so that several axes can be reduced
+        each = np.frompyfunc(
+            _SCALAR[ufunc], 2, 1, identity=ufunc.identity
+        )  # so that several axes can be reduced
         found = getattr(each, method)(array, *operands[1:], **others)
     else:
         raise NotTraceable(f"a traced function cannot have np.{ufunc.__name__}.{method} in it")
     if out is not None:
         if not isinstance(out[0], TracedArray):
-            raise NotTraceable("a traced function cannot write into a fresh array of floats: use np.stack or np.where")
+            raise NotTraceable(
+                "a traced function cannot write into a fresh array of floats: use np.stack or"
+                " np.where"
+            )
         out[0][...] = found
         return out[0]
     return found if isinstance(found, Tracer) else _wrapped(found)
@@ -284,7 +335,9 @@ FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.zeros_like: lambda a, *_, **__: TracedArray.of(np.zeros(a.shape).astype(object)),
     np.ones_like: lambda a, *_, **__: TracedArray.of(np.ones(a.shape).astype(object)),
     np.empty_like: lambda a, *_, **__: TracedArray.of(np.zeros(a.shape).astype(object)),
-    np.full_like: lambda a, value, *_, **__: TracedArray.of(np.full(a.shape, scalar(value), object)),
+    np.full_like: lambda a, value, *_, **__: TracedArray.of(
+        np.full(a.shape, scalar(value), object)
+    ),
     np.cumsum: _accumulated(np.add),
     np.cumprod: _accumulated(np.multiply),
     np.linalg.norm: _norm,
@@ -317,10 +370,14 @@ def _apply_function(function: Any, args: Sequence[Any], kwargs: dict[str, Any]) 
     if (own := FUNCTIONS.get(function)) is not None:
         return own(*args, **kwargs)
     if function not in _REARRANGING and not _depends((*args, *kwargs.values())):
-        return function(*map(_floats, args), **{name: _floats(value) for name, value in kwargs.items()})
+        return function(
+            *map(_floats, args), **{name: _floats(value) for name, value in kwargs.items()}
+        )
     if function not in _REARRANGING:
         raise NotTraceable(f"a traced function cannot have np.{function.__name__} in it")
-    return _wrapped(function(*map(_plain, args), **{name: _plain(value) for name, value in kwargs.items()}))
+    return _wrapped(
+        function(*map(_plain, args), **{name: _plain(value) for name, value in kwargs.items()})
+    )
 
 
 def _depends(value: Any) -> bool:

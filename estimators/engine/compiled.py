@@ -14,13 +14,16 @@ from estimators.engine.program import Program
 from estimators.engine.tracer import Tracer, cast
 
 
-def trace(function: Callable[..., Any], rows: Sequence[Argument], matrices: bool = False) -> tuple[Function, bool]:
+def trace(
+    function: Callable[..., Any], rows: Sequence[Argument], matrices: bool = False
+) -> tuple[Function, bool]:
     """A function of arrays, traced for rows of some shapes; and whether it gives several results.
 
     Args:
         function: Pure; it gets tracers of a row of each argument.
         rows: The arguments.
-        matrices: Do vectors and matrices stand for themselves (`MatrixTracer`), and not for their entries?
+        matrices: Do vectors and matrices stand for themselves (`MatrixTracer`), and not for their
+            entries?
 
     Raises:
         NotTraceable: if it does what a traced function cannot do.
@@ -28,16 +31,25 @@ def trace(function: Callable[..., Any], rows: Sequence[Argument], matrices: bool
     program = Program()
     results = function(*(given(program, i, row, matrices) for i, row in enumerate(rows)))
     several = isinstance(results, tuple | list)
-    return Function(program, rows, [output(program, each) for each in (results if several else [results])]), several
+    return (
+        Function(
+            program, rows, [output(program, each) for each in (results if several else [results])]
+        ),
+        several,
+    )
 
 
-def given(program: Program, argument: int, row: Argument, matrices: bool = False, at: tuple[int, ...] = ()) -> Any:
+def given(
+    program: Program, argument: int, row: Argument, matrices: bool = False, at: tuple[int, ...] = ()
+) -> Any:
     """Stand-in for a row of an argument; ``at`` is its place, of one of several rows."""
     if matrices and row.kind in "fb":
         return matrix_input(program, argument, 0, row.shape, row.kind)
     scalars = np.empty(row.size, object)
     for column in range(row.size):
-        scalars[column] = Tracer(program, program.add("input", (), row.kind, None, (argument, column, *at)))
+        scalars[column] = Tracer(
+            program, program.add("input", (), row.kind, None, (argument, column, *at))
+        )
     return scalars.reshape(row.shape).view(TracedArray)
 
 
@@ -56,12 +68,18 @@ def output(program: Program, result: Any) -> tuple[list[Any], Argument]:
 class Compiled:
     """A function of arrays that is traced for the shapes that it is called with; see `compiled`."""
 
-    def __init__(self, function: Callable[..., Any], axes: Sequence[int] | None, matrices: bool) -> None:
+    def __init__(
+        self, function: Callable[..., Any], axes: Sequence[int] | None, matrices: bool
+    ) -> None:
         update_wrapper(self, function)
         self.function, self._axes, self._matrices = function, axes, matrices
         self._traced: dict[Any, tuple[Function, bool]] = {}
         self._partial: dict[tuple[bool, ...], Compiled] = {}
-        self._last: tuple[dict[str, Any], Function | None, bool] = {}, None, False  # as it was called last
+        self._last: tuple[dict[str, Any], Function | None, bool] = (
+            {},
+            None,
+            False,
+        )  # as it was called last
 
     @property
     def __self__(self) -> Any:
@@ -70,7 +88,9 @@ class Compiled:
 
     def __get__(self, instance: Any, owner: Any = None) -> Any:
         if instance is None:
-            return wraps(self.function)(lambda instance, *arrays, **static: self.__get__(instance)(*arrays, **static))
+            return wraps(self.function)(
+                lambda instance, *arrays, **static: self.__get__(instance)(*arrays, **static)
+            )
         own = instance.__dict__.get(_METHODS)
         if own is None:
             own = instance.__dict__[_METHODS] = _Methods()
@@ -81,7 +101,11 @@ class Compiled:
     def __call__(self, *arrays: Any, **static: Any) -> Any:
         """The function's results for arrays; where they are tracers, traced with its caller."""
         constants, function, several = self._last
-        if function is None or static != constants or (results := function.repeated(arrays)) is None:
+        if (
+            function is None
+            or static != constants
+            or (results := function.repeated(arrays)) is None
+        ):
             return self._call(arrays, static)
         return results if several else results[0]
 
@@ -91,12 +115,19 @@ class Compiled:
             if any(isinstance(each, TracedArray | Tracer | MatrixTracer) for each in arrays):
                 return self.function(*arrays, **static)
             if any(each is None for each in arrays):
-                return self._without(arrays)(*(each for each in arrays if each is not None), **static)
+                return self._without(arrays)(
+                    *(each for each in arrays if each is not None), **static
+                )
         axes = self._axes or (1,) * len(arrays)
         rows = list(map(in_memory, arrays))
-        key = tuple((a.shape[a.ndim - k :], a.dtype.char) for a, k in zip(rows, axes, strict=True)), *static.items()
+        key = (
+            tuple((a.shape[a.ndim - k :], a.dtype.char) for a, k in zip(rows, axes, strict=True)),
+            *static.items(),
+        )
         if key not in self._traced:
-            each = [Argument(a.shape[a.ndim - k :], kind_of(a)) for a, k in zip(rows, axes, strict=True)]
+            each = [
+                Argument(a.shape[a.ndim - k :], kind_of(a)) for a, k in zip(rows, axes, strict=True)
+            ]
             self._traced[key] = trace(partial(self.function, **static), each, self._matrices)
         function, several = self._traced[key]
         self._last = static, function, several
@@ -112,7 +143,9 @@ class Compiled:
                 rest = iter(some)
                 return self.function(*(None if none else next(rest) for none in absent), **static)
 
-            axes = self._axes and [k for k, none in zip(self._axes, absent, strict=True) if not none]
+            axes = self._axes and [
+                k for k, none in zip(self._axes, absent, strict=True) if not none
+            ]
             self._partial[absent] = Compiled(function, axes, self._matrices)
         return self._partial[absent]
 
@@ -120,7 +153,9 @@ class Compiled:
         if (instance := self.__self__) is not None:
             return getattr, (instance, self.function.__name__)
         name = getattr(self.function, "__qualname__", "<locals>")
-        return (Compiled, (self.function, self._axes, self._matrices)) if "<locals>" in name else name
+        return (
+            (Compiled, (self.function, self._axes, self._matrices)) if "<locals>" in name else name
+        )
 
 
 class _Methods(dict[Compiled, Compiled]):
@@ -138,16 +173,19 @@ def forget(instance: Any) -> None:
     vars(instance).pop(_METHODS, None)
 
 
-def compiled(function: Any = None, *, axes: Sequence[int] | None = None, matrices: bool = False) -> Any:
+def compiled(
+    function: Any = None, *, axes: Sequence[int] | None = None, matrices: bool = False
+) -> Any:
     """Make a plain NumPy function of arrays ``(..., n)`` run compiled.
 
     Args:
-        function: Pure, of positional arguments that are arrays, and named ones that are constants and can be hashed. A
-            method counts its object as a constant. It is traced with the batch's axes gone, once for rows of the same
-            shapes; called with tracers it is traced with its caller.
+        function: Pure, of positional arguments that are arrays, and named ones that are constants
+            and can be hashed. A method counts its object as a constant. It is traced with the
+            batch's axes gone, once for rows of the same shapes; called with tracers it is traced
+            with its caller.
         axes: How many last axes of each argument are a row's: 0 for a number; None: 1 for all.
-        matrices: Whether its vectors and matrices are traced as such, in the words of `estimators.engine.matrices`, and
-            not entry by entry: for what is large.
+        matrices: Whether its vectors and matrices are traced as such, in the words of
+            `estimators.engine.matrices`, and not entry by entry: for what is large.
     """
     if function is None:
         return lambda function: Compiled(function, axes, matrices)

@@ -1,8 +1,8 @@
 """`numpy.zeros`, `numpy.asarray` and the like while a function that is not ours is traced.
 
-NumPy lets tracers take part in its functions of arrays, but not in those that make one. Users write results into fresh
-arrays, and begin functions with `numpy.asarray`. So these functions are others in the thread that traces, for code
-that is neither the engine's nor NumPy's, until it is traced.
+NumPy lets tracers take part in its functions of arrays, but not in those that make one. Users write
+results into fresh arrays, and begin functions with `numpy.asarray`. So these functions are others
+in the thread that traces, for code that is neither the engine's nor NumPy's, until it is traced.
 """
 
 import sys
@@ -45,10 +45,15 @@ def _replaced(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
         if getattr(_thread, "open", False):
             caller = sys._getframe(1)
             module = str(caller.f_globals.get("__name__"))
-            # Compiled extensions have no frame: they write into what they get as if it were plain memory.
+            # Compiled extensions have no frame: they write into what they get as if it were plain
+            # memory.
             by_name = name in caller.f_code.co_names
             if by_name and not module.startswith(("estimators.engine", "numpy", "scipy")):
-                found = _filled(name, *args, **kwargs) if name in _FILLED else _converted(name, *args, **kwargs)
+                found = (
+                    _filled(name, *args, **kwargs)
+                    if name in _FILLED
+                    else _converted(name, *args, **kwargs)
+                )
                 if found is not None:
                     return found
         return function(*args, **kwargs)

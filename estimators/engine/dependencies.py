@@ -1,7 +1,7 @@
 """Objects that a Python function reads besides its arguments, and a check whether any has changed since.
 
-A traced function is a constant: it must run anew in NumPy, or be traced anew, once a global, a closure's variable, an
-attribute or the contents of an array that it reads are others.
+A traced function is a constant: it must run anew in NumPy, or be traced anew, once a global, a
+closure's variable, an attribute or the contents of an array that it reads are others.
 """
 
 import builtins
@@ -14,7 +14,14 @@ from copyreg import _HEAPTYPE  # type: ignore[attr-defined]
 from dataclasses import is_dataclass
 from enum import Enum, EnumMeta
 from operator import getitem, length_hint
-from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType, SimpleNamespace
+from types import (
+    BuiltinFunctionType,
+    CodeType,
+    FunctionType,
+    MethodType,
+    ModuleType,
+    SimpleNamespace,
+)
 from typing import Any
 
 import numpy as np
@@ -34,12 +41,16 @@ _FIXED = frozenset(("estimators", "vessel_gym"))
 """Packages whose code stays, and whose objects keep their attributes: a user's among these are compared."""
 _IMPURE = frozenset(("print", "open", "input", "eval", "exec", "compile", "globals", "locals", "id", "breakpoint",
                      "setattr", "delattr", "__import__"))  # fmt: skip
-_ALL = frozenset(("__dict__", "vars", "dir", "getattr", "attrgetter", "__getattribute__", "__getattr__"))
+_ALL = frozenset(
+    ("__dict__", "vars", "dir", "getattr", "attrgetter", "__getattribute__", "__getattr__")
+)
 """Names by which a function may read any attribute."""
 _UNUSED = frozenset(("__repr__", "__str__", "__format__", "__reduce__", "__reduce_ex__", "__getstate__",
                      "__setstate__", "__del__", "__delattr__", "__copy__", "__deepcopy__", "__doc__", "__sizeof__",
                      "__dir__", "__init_subclass__", "__class_getitem__", "__subclasshook__"))  # fmt: skip
-_SIMPLE = frozenset((float, type(None), bool, int, str, bytes, complex, type(Ellipsis), slice, range))
+_SIMPLE = frozenset(
+    (float, type(None), bool, int, str, bytes, complex, type(Ellipsis), slice, range)
+)
 _CONTAINERS = tuple, list, dict, SimpleNamespace
 _PARTS: dict[Any, tuple[str, ...]] = {
     MethodType: ("__func__", "__self__"), functools.partial: ("func", "args", "keywords"), property: ("fget",),
@@ -47,7 +58,11 @@ _PARTS: dict[Any, tuple[str, ...]] = {
     functools._lru_cache_wrapper: ("__wrapped__",), Compiled: ("function", "_axes", "_matrices"),
 }  # fmt: skip
 """Objects that read nothing but these attributes of theirs, which are always the same."""
-_SLOTS = ("member_descriptor", "getset_descriptor", "_tuplegetter")  # what an object has itself, by its class
+_SLOTS = (
+    "member_descriptor",
+    "getset_descriptor",
+    "_tuplegetter",
+)  # what an object has itself, by its class
 _BUILDING = frozenset(("__init__", "__new__", "__post_init__", "__setattr__", "__delattr__"))
 
 
@@ -122,7 +137,9 @@ class _Walk:
         else:
             self._met[key] = len(self._met), value
             if len(self._met) > self._most:
-                raise NotTraceable(f"it reads too many objects to compare them at every call, {what} among them")
+                raise NotTraceable(
+                    f"it reads too many objects to compare them at every call, {what} among them"
+                )
             self.leaves.append(kind)
             self._object(value, kind, what)
 
@@ -146,7 +163,9 @@ class _Walk:
         else:
             self._instance(value, kind, what)
 
-    def _watch(self, read: Callable[[Any, Any], Any], holder: Any, key: Any, value: Any, stays: bool) -> None:
+    def _watch(
+        self, read: Callable[[Any, Any], Any], holder: Any, key: Any, value: Any, stays: bool
+    ) -> None:
         """Compare what is read from an object at every call, unless it stays as it is."""
         if not (self._fixed or stays):
             self.watched[read, id(holder), key] = read, holder, key, value
@@ -168,11 +187,18 @@ class _Walk:
     def _mapping(self, mapping: Any, what: str, every: bool, stays: bool = False) -> None:
         self._watch(length_hint, mapping, 0, len(mapping), stays)
         for name in list(mapping) if every else sorted(self.names & mapping.keys()):
-            self._item(mapping, name, f"{what}.{name}" if isinstance(name, str) else f"{what}[{name!r}]", stays)
+            self._item(
+                mapping,
+                name,
+                f"{what}.{name}" if isinstance(name, str) else f"{what}[{name!r}]",
+                stays,
+            )
 
     def _array(self, array: np.ndarray, what: str) -> None:
         if array.dtype.hasobject or type(array) is not np.ndarray:
-            raise NotTraceable(f"it reads {what}, an array of a kind of its own, whose changes cannot be seen")
+            raise NotTraceable(
+                f"it reads {what}, an array of a kind of its own, whose changes cannot be seen"
+            )
         if not (array.flags.writeable or array.base is not None or array.nbytes <= _SMALL):
             self.leaves.append(("read-only", id(array)))
             return
@@ -186,7 +212,9 @@ class _Walk:
         self.leaves.append((array.shape, array.dtype.str, contents))
 
     def _function(self, function: FunctionType) -> None:
-        if _root(function.__module__) in _PURE or str(function.__module__).startswith("estimators.engine"):
+        if _root(function.__module__) in _PURE or str(function.__module__).startswith(
+            "estimators.engine"
+        ):
             self.leaves.append(function)
             return
         code, namespace = function.__code__, function.__globals__
@@ -205,7 +233,9 @@ class _Walk:
                 if name in namespace:
                     self._item(namespace, name, name)
                 elif name in _IMPURE:
-                    raise NotTraceable(f"it calls {name}(), which has to happen at every call {line}")
+                    raise NotTraceable(
+                        f"it calls {name}(), which has to happen at every call {line}"
+                    )
                 else:
                     self._watch(length_hint, namespace, 0, len(namespace), False)
                     self.leaves.append(getattr(builtins, name, "missing"))
@@ -220,7 +250,9 @@ class _Walk:
 
     def _module(self, module: ModuleType, what: str) -> None:
         root = _root(module.__name__)
-        if root == "numpy" and (module.__name__.startswith("numpy.random") or "random" in self.names):
+        if root == "numpy" and (
+            module.__name__.startswith("numpy.random") or "random" in self.names
+        ):
             raise NotTraceable("it draws random numbers from np.random: let them be an argument")
         if root in _PURE or module.__name__.startswith("estimators.engine"):
             self.leaves.append(module)
@@ -246,12 +278,22 @@ class _Walk:
             if _root(each.__module__) in sys.stdlib_module_names or _root(each.__module__) in _PURE:
                 continue
             own = vars(each)
-            special = (name for name in own if name.startswith("__") and isinstance(own[name], FunctionType))
+            special = (
+                name
+                for name in own
+                if name.startswith("__") and isinstance(own[name], FunctionType)
+            )
             with self._code_of(each.__module__, isinstance(each, EnumMeta)):
                 self._watch(length_hint, own, 0, len(own), False)
                 for name in sorted((self.names & own.keys()).union(special) - unused):
-                    comparison = name in ("__eq__", "__hash__") and is_dataclass(each)  # of all fields, read or not
-                    if type(own[name]).__name__ not in _SLOTS and name != "__dict__" and not comparison:
+                    comparison = name in ("__eq__", "__hash__") and is_dataclass(
+                        each
+                    )  # of all fields, read or not
+                    if (
+                        type(own[name]).__name__ not in _SLOTS
+                        and name != "__dict__"
+                        and not comparison
+                    ):
                         self._item(own, name, f"{each.__name__}.{name}")
 
     def _instance(self, value: Any, kind: type, what: str) -> None:
@@ -266,23 +308,36 @@ class _Walk:
             self._mapping(value, what, every=True)
         elif not _visible(kind):
             raise NotTraceable(
-                f"it reads {what}, a {kind.__module__}.{kind.__qualname__}, whose changes cannot be seen"
+                f"it reads {what}, a {kind.__module__}.{kind.__qualname__}, whose changes cannot be"
+                " seen"
             )
         if kind in (tuple, list, dict):
             return
         self._class(kind, _UNUSED | _BUILDING)
         if (own := getattr(value, "__dict__", None)) is not None:
-            every = _root(kind.__module__) in _PURE or bool(_ALL & self.names) or hasattr(kind, "__getattr__")
-            stays = getattr(vars(kind).get("__dataclass_params__"), "frozen", _root(kind.__module__) in _FIXED)
+            every = (
+                _root(kind.__module__) in _PURE
+                or bool(_ALL & self.names)
+                or hasattr(kind, "__getattr__")
+            )
+            stays = getattr(
+                vars(kind).get("__dataclass_params__"), "frozen", _root(kind.__module__) in _FIXED
+            )
             self._watch(getattr, value, "__dict__", own, stays)
-            self._mapping(own, what, every, stays)  # attributes that code names, or all where that is not known
+            self._mapping(
+                own, what, every, stays
+            )  # attributes that code names, or all where that is not known
         for each in kind.__mro__:
-            for name in sorted(k for k, v in vars(each).items() if type(v).__name__ == "member_descriptor"):
+            for name in sorted(
+                k for k, v in vars(each).items() if type(v).__name__ == "member_descriptor"
+            ):
                 self._attribute(value, name, f"{what}.{name}")
 
 
 @functools.lru_cache(1024)
-def _read(code: CodeType, outside: frozenset[str] | None = None) -> tuple[set[str], list[tuple[str, str]]]:
+def _read(
+    code: CodeType, outside: frozenset[str] | None = None
+) -> tuple[set[str], list[tuple[str, str]]]:
     """Names and strings in a function's code; and its global variables, each with a place for a sentence.
 
     Raises:
@@ -301,11 +356,18 @@ def _read(code: CodeType, outside: frozenset[str] | None = None) -> tuple[set[st
             each.opname in ("STORE_DEREF", "DELETE_DEREF") and name in outside
         ):
             raise NotTraceable(
-                f"it changes the variable {name}, which outlives the call: return it as a result {place}"
+                f"it changes the variable {name}, which outlives the call: return it as a result"
+                f" {place}"
             )
         elif each.opname in ("STORE_ATTR", "DELETE_ATTR") and code.co_name not in _BUILDING:
-            raise NotTraceable(f"it changes the attribute .{name}: return it as a result instead {place}")
-        elif each.opname == "IMPORT_NAME" and _root(name) not in _PURE and not name.startswith("estimators"):
+            raise NotTraceable(
+                f"it changes the attribute .{name}: return it as a result instead {place}"
+            )
+        elif (
+            each.opname == "IMPORT_NAME"
+            and _root(name) not in _PURE
+            and not name.startswith("estimators")
+        ):
             raise NotTraceable(f"it imports {name} while it runs: import it before {place}")
     for inner in code.co_consts:
         if isinstance(inner, CodeType):
@@ -322,6 +384,7 @@ def _root(module: str | None) -> str:
 def _visible(kind: type) -> bool:
     """Is all that an object of a class knows in its attributes?"""
     return kind.__module__ not in ("random", "threading") and all(
-        base in _CONTAINERS or (base.__flags__ & _HEAPTYPE and getattr(base.__new__, "__self__", None) is not base)
+        base in _CONTAINERS
+        or (base.__flags__ & _HEAPTYPE and getattr(base.__new__, "__self__", None) is not base)
         for base in kind.__mro__[:-1]
     )

@@ -1,7 +1,8 @@
 """Exact derivatives of traced functions in forward mode: the tangent of each instruction beside its value.
 
-Tangents are sparse: one that is zero everywhere is not there. At a kink (`numpy.where`, `numpy.abs`, `numpy.maximum`)
-the derivative is that of the side on which the value is; whole numbers, rounding and lookups have none.
+Tangents are sparse: one that is zero everywhere is not there. At a kink (`numpy.where`,
+`numpy.abs`, `numpy.maximum`) the derivative is that of the side on which the value is; whole
+numbers, rounding and lookups have none.
 """
 
 from collections.abc import Callable, Sequence
@@ -57,7 +58,10 @@ _PARTIALS: dict[str, Callable[[Tracer, Tracer, Tracer], tuple[Any, Any]]] = {
     "hypot": lambda x, y, z: (x / z, y / z),
     "maximum": lambda x, y, z: (_one(x > y), _one(~(x > y))),
     "minimum": lambda x, y, z: (_one(x < y), _one(~(x < y))),
-    "copysign": lambda x, y, z: (where((x < 0.0) ^ (operation("copysign", 1.0, y) < 0.0), -1.0, 1.0), 0.0),
+    "copysign": lambda x, y, z: (
+        where((x < 0.0) ^ (operation("copysign", 1.0, y) < 0.0), -1.0, 1.0),
+        0.0,
+    ),
     "fmod": lambda x, y, z: (1.0, -operation("trunc", x / y)),
 }
 """dz/dx and dz/dy of functions ``z`` of two numbers."""
@@ -104,11 +108,17 @@ def _extend(program: Program, instruction: Instruction, known: dict[int, Tangent
         known[instruction.result] = _tangent(program, instruction, known)
 
 
-def _repeated(program: Program, instruction: Instruction, known: dict[int, Tangent]) -> list[Tangent]:
+def _repeated(
+    program: Program, instruction: Instruction, known: dict[int, Tangent]
+) -> list[Tangent]:
     """Tangents of what a loop gives: the loop once more, with the tangents of what it carries."""
     loop: Loop = instruction.attributes[0]
     initial: Any = instruction.operands
-    carried = [(i, seed) for i, seeds in enumerate(_reached(program, instruction, known)) for seed in sorted(seeds)]
+    carried = [
+        (i, seed)
+        for i, seeds in enumerate(_reached(program, instruction, known))
+        for seed in sorted(seeds)
+    ]
 
     def body(*parameters: int) -> list[int]:
         count = len(loop.parameters)
@@ -123,7 +133,9 @@ def _repeated(program: Program, instruction: Instruction, known: dict[int, Tange
         slopes = [inside.get(after[i], {}).get(seed, 0.0) for i, seed in carried]
         return [*after, *(constant(program, slope).value for slope in slopes)]
 
-    tangents = [constant(program, known.get(initial[i], {}).get(seed, 0.0)).value for i, seed in carried]
+    tangents = [
+        constant(program, known.get(initial[i], {}).get(seed, 0.0)).value for i, seed in carried
+    ]
     results = program.repeat(loop.count, body, [*initial, *tangents], loop.masks)
     found: list[Tangent] = [{} for _ in loop.parameters]
     for (i, seed), value in zip(carried, results[len(initial) :], strict=True):
@@ -131,7 +143,9 @@ def _repeated(program: Program, instruction: Instruction, known: dict[int, Tange
     return found
 
 
-def _reached(program: Program, instruction: Instruction, known: dict[int, Tangent]) -> list[set[int]]:
+def _reached(
+    program: Program, instruction: Instruction, known: dict[int, Tangent]
+) -> list[set[int]]:
     """The seeds on which each number that a loop carries depends, after any pass."""
     loop: Loop = instruction.attributes[0]
     operands: Any = instruction.operands
@@ -143,7 +157,10 @@ def _reached(program: Program, instruction: Instruction, known: dict[int, Tangen
             found = set().union(*(reached.get(value, set()) for value in each.values))
             reached.update(dict.fromkeys(each.results, set() if each.opcode in _FLAT else found))
         after = [seeds[i] | reached.get(value, set()) for i, value in enumerate(loop.after)]
-        after = [each if program.kinds[value] == "f" else set() for each, value in zip(after, loop.after, strict=True)]
+        after = [
+            each if program.kinds[value] == "f" else set()
+            for each, value in zip(after, loop.after, strict=True)
+        ]
         if after == seeds:
             return seeds
         seeds = after
@@ -161,7 +178,9 @@ def _tangent(program: Program, instruction: Instruction, known: dict[int, Tangen
     result = Tracer(program, instruction.result)
     if opcode == "where":
         seeds = sorted({*own[1], *own[2]})
-        return {seed: where(operands[0], own[1].get(seed, 0.0), own[2].get(seed, 0.0)) for seed in seeds}
+        return {
+            seed: where(operands[0], own[1].get(seed, 0.0), own[2].get(seed, 0.0)) for seed in seeds
+        }
     if opcode in _SLOPES:
         return _combined([(_SLOPES[opcode](operands[0], result), own[0])])
     pairs = zip(_PARTIALS[opcode](operands[0], operands[1], result), own, strict=True)
@@ -197,7 +216,8 @@ def linearise(
     """A function's value ``(k,)`` at a traced vector x ``(n,)``, and its Jacobian by x ``(k, n)``.
 
     Args:
-        function: Of x and ``others``, vectors, entry by entry (`estimators.engine.arrays.TracedArray`).
+        function: Of x and ``others``, vectors, entry by entry
+            (`estimators.engine.arrays.TracedArray`).
         x: Traced.
         others: Traced, constant or None.
         slopes: Its Jacobian, a function of the same; None: tangents give it.

@@ -1,8 +1,9 @@
 """Elementary functions in additions, products, quotients and roots alone: the same bits on every machine.
 
-They are plain NumPy functions of arrays, without a branch, and within 2 units in the last place of the exact value. The
-polynomials and reductions are those of fdlibm (Sun Microsystems, 1993); sine and cosine take off quarters of a turn in
-three parts (Cody & Waite, 1980) and are accurate for angles up to 1e6 rad.
+They are plain NumPy functions of arrays, without a branch, and within 2 units in the last place of
+the exact value. The polynomials and reductions are those of fdlibm (Sun Microsystems, 1993); sine
+and cosine take off quarters of a turn in three parts (Cody & Waite, 1980) and are accurate for
+angles up to 1e6 rad.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,13 +15,19 @@ from estimators.engine.arrays import TracedArray
 from estimators.engine.tracer import Tracer, cast, constant, operation
 from estimators.engine.tracer import where as _where
 
-_LN2_HIGH, _LN2_LOW, _PER_LN2 = 6.93147180369123816490e-01, 1.90821492927058770002e-10, 1.44269504088896338700
+_LN2_HIGH, _LN2_LOW, _PER_LN2 = (
+    6.93147180369123816490e-01,
+    1.90821492927058770002e-10,
+    1.44269504088896338700,
+)
 _INTEGER = 6755399441055744.0  # 1.5 * 2^52: adding it leaves a whole number in the low bits
 _PI_LOW = 1.2246467991473531772e-16
 _HALF_PI_LOW, _QUARTER_PI = 0.5 * _PI_LOW, 0.25 * np.pi
 
 
-def _conversion(traced: Callable[[Tracer], Any], numpy: Callable[[Any], Any]) -> Callable[[Any], Any]:
+def _conversion(
+    traced: Callable[[Tracer], Any], numpy: Callable[[Any], Any]
+) -> Callable[[Any], Any]:
     """A conversion of tracers and of arrays, entry by entry of arrays of tracers, too."""
 
     def convert(x: Any) -> Any:
@@ -43,7 +50,9 @@ def _bits(opcode: str, own: str, kind: str) -> Callable[[Tracer], Tracer]:
 
 float_bits = _conversion(_bits("bits", "f", "u"), lambda x: np.asarray(x, float).view(np.uint64))
 """The 64 bits of a float as a word."""
-bits_float = _conversion(_bits("from bits", "u", "f"), lambda x: np.asarray(x, np.uint64).view(float))
+bits_float = _conversion(
+    _bits("from bits", "u", "f"), lambda x: np.asarray(x, np.uint64).view(float)
+)
 """The float of 64 bits."""
 as_float = _conversion(lambda x: cast(x, "f"), lambda x: np.asarray(x).astype(float))
 """Whole numbers, words or masks as floats."""
@@ -54,13 +63,17 @@ as_integer = _conversion(lambda x: cast(x, "i"), lambda x: np.asarray(x).astype(
 
 
 def _select(mask: Any, chosen: Any, other: Any) -> Any:
-    return _where(mask, chosen, other) if isinstance(mask, Tracer) else np.where(mask, chosen, other)
+    return (
+        _where(mask, chosen, other) if isinstance(mask, Tracer) else np.where(mask, chosen, other)
+    )
 
 
 def _apply(opcode: str, *operands: Any) -> Any:
     if any(isinstance(each, Tracer) for each in operands):
         return operation(opcode, *operands)
-    return EXPANSIONS[opcode][1](*operands) if opcode in EXPANSIONS else getattr(np, opcode)(*operands)
+    return (
+        EXPANSIONS[opcode][1](*operands) if opcode in EXPANSIONS else getattr(np, opcode)(*operands)
+    )
 
 
 def _polynomial(z: Any, *coefficients: float) -> Any:
@@ -104,8 +117,15 @@ def sincos_near_zero(x: Any) -> tuple[Any, Any]:
 def _sincos(angle: Any) -> tuple[Any, Any]:
     """Sine and cosine."""
     quarters = _apply("floor", angle * 0.6366197723675814 + 0.5)
-    x = angle - quarters * 1.5707963267341256 - quarters * 6.077100506303966e-11 - quarters * 2.0222662487959506e-21
-    x = _select(x > 0.786, 0.786, _select(x < -0.786, -0.786, x))  # angles without an accurate digit stay bounded
+    x = (
+        angle
+        - quarters * 1.5707963267341256
+        - quarters * 6.077100506303966e-11
+        - quarters * 2.0222662487959506e-21
+    )
+    x = _select(
+        x > 0.786, 0.786, _select(x < -0.786, -0.786, x)
+    )  # angles without an accurate digit stay bounded
     sine, cosine = sincos_near_zero(x)
     quarter = quarters - 4.0 * _apply("floor", 0.25 * quarters)
     odd = (quarter == 1.0) | (quarter == 3.0)
@@ -125,7 +145,9 @@ def _tan(angle: Any) -> Any:
     a = _apply("absolute", x)
     reduced = x
     far = a >= 0.67434  # there it is 1 - 2 tan(pi/4 - x) / (1 + tan(pi/4 - x))
-    low = _select(far, 0.0, low) + _select(far, 3.06161699786838301793e-17 - _select(x < 0.0, -low, low), 0.0)
+    low = _select(far, 0.0, low) + _select(
+        far, 3.06161699786838301793e-17 - _select(x < 0.0, -low, low), 0.0
+    )
     near = _select(far, 7.85398163397448278999e-01 - a, x)
     x, low = near + low, low - ((near + low) - near)
     z = x * x
@@ -216,12 +238,24 @@ def _log1p(x: Any) -> Any:
 def _arctan(x: Any) -> Any:
     a = _apply("absolute", x)
     first, second, third, fourth = a < 0.4375, a < 0.6875, a < 1.1875, a < 2.4375
-    over = _select(first, a, _select(second, 2.0 * a - 1.0, _select(third, a - 1.0, _select(fourth, a - 1.5, -1.0))))
-    under = _select(first, 1.0, _select(second, 2.0 + a, _select(third, a + 1.0, _select(fourth, 1.0 + 1.5 * a, a))))
+    over = _select(
+        first,
+        a,
+        _select(second, 2.0 * a - 1.0, _select(third, a - 1.0, _select(fourth, a - 1.5, -1.0))),
+    )
+    under = _select(
+        first,
+        1.0,
+        _select(second, 2.0 + a, _select(third, a + 1.0, _select(fourth, 1.0 + 1.5 * a, a))),
+    )
     high = _select(fourth, 9.82793723247329054082e-01, 1.57079632679489655800)
-    high = _select(second, 4.63647609000806093515e-01, _select(third, 7.85398163397448278999e-01, high))
+    high = _select(
+        second, 4.63647609000806093515e-01, _select(third, 7.85398163397448278999e-01, high)
+    )
     low = _select(fourth, 1.39033110312309984516e-17, 6.12323399573676603587e-17)
-    low = _select(second, 2.26987774529616870924e-17, _select(third, 3.06161699786838301793e-17, low))
+    low = _select(
+        second, 2.26987774529616870924e-17, _select(third, 3.06161699786838301793e-17, low)
+    )
     high, low = _select(first, 0.0, high), _select(first, 0.0, low)
     t = over / under
     z = t * t
@@ -277,14 +311,18 @@ def _arccos(x: Any) -> Any:
     small, root, high, low, series = _half_angle(x)
     ahead = 2.0 * (high + (series * root + low))
     astern = np.pi - 2.0 * (root + (series * root - _HALF_PI_LOW))
-    return _select(small, 0.5 * np.pi - (x - (_HALF_PI_LOW - x * series)), _select(x > 0.0, ahead, astern))
+    return _select(
+        small, 0.5 * np.pi - (x - (_HALF_PI_LOW - x * series)), _select(x > 0.0, ahead, astern)
+    )
 
 
 def _hypot(x: Any, y: Any) -> Any:
     a, b = _apply("absolute", x), _apply("absolute", y)
     large, small = _select(a > b, a, b), _select(a > b, b, a)
     ratio = small / _select(large == 0.0, 1.0, large)
-    return _select((a == np.inf) | (b == np.inf), np.inf, large * _apply("sqrt", 1.0 + ratio * ratio))
+    return _select(
+        (a == np.inf) | (b == np.inf), np.inf, large * _apply("sqrt", 1.0 + ratio * ratio)
+    )
 
 
 def _tanh(x: Any) -> Any:
@@ -314,7 +352,10 @@ def sincos(angle: Any) -> tuple[Any, Any]:
 
 
 def repeat(
-    count: int, body: Callable[..., Sequence[Any]], *carried: Any, active: Callable[..., Any] | None = None
+    count: int,
+    body: Callable[..., Sequence[Any]],
+    *carried: Any,
+    active: Callable[..., Any] | None = None,
 ) -> tuple[Any, ...]:
     """Result of ``count`` passes of ``carried = body(*carried)`` on numbers or arrays.
 
@@ -324,20 +365,26 @@ def repeat(
         count: Passes at most.
         body: Gives as many numbers and arrays as it takes, of the same shapes.
         carried: What it takes at first.
-        active: Mask ``(...)`` of the rows, of what is carried, that need another pass. Others keep what they carry, and
-            the loop ends when there are none.
+        active: Mask ``(...)`` of the rows, of what is carried, that need another pass. Others keep
+            what they carry, and the loop ends when there are none.
     """
     if active is not None:
         return _repeated(count, _masked(body, active), (active(*carried), *carried), 1)[1:]
     return _repeated(count, body, carried, 0)
 
 
-def _masked(body: Callable[..., Sequence[Any]], active: Callable[..., Any]) -> Callable[..., Sequence[Any]]:
+def _masked(
+    body: Callable[..., Sequence[Any]], active: Callable[..., Any]
+) -> Callable[..., Sequence[Any]]:
     """The body of a loop, for the rows of a mask that it carries first."""
 
     def masked(going: Any, *carried: Any) -> tuple[Any, ...]:
         after = tuple(
-            np.where(np.reshape(going, np.shape(going) + (1,) * (np.ndim(old) - np.ndim(going))), new, old)
+            np.where(
+                np.reshape(going, np.shape(going) + (1,) * (np.ndim(old) - np.ndim(going))),
+                new,
+                old,
+            )
             for old, new in zip(carried, body(*carried), strict=True)
         )
         return active(*after), *after
@@ -345,8 +392,12 @@ def _masked(body: Callable[..., Sequence[Any]], active: Callable[..., Any]) -> C
     return masked
 
 
-def _repeated(count: int, body: Callable[..., Sequence[Any]], carried: tuple[Any, ...], masked: int) -> tuple[Any, ...]:
-    if not any(isinstance(np.asarray(each, object).item(0), Tracer) for each in carried if np.size(each)):
+def _repeated(
+    count: int, body: Callable[..., Sequence[Any]], carried: tuple[Any, ...], masked: int
+) -> tuple[Any, ...]:
+    if not any(
+        isinstance(np.asarray(each, object).item(0), Tracer) for each in carried if np.size(each)
+    ):
         for _ in range(count):
             if masked and not np.any(carried[0]):
                 break
@@ -367,7 +418,9 @@ def _repeated(count: int, body: Callable[..., Sequence[Any]], carried: tuple[Any
         after = [np.broadcast_to(np.asarray(each, object), array.shape)
                  for each, array in zip(body(*rebuilt(parameters)), arrays, strict=True)]  # fmt: skip
         flat = (constant(program, entry) for array in after for entry in array.flat)
-        return [cast(x, program.kinds[value]).value for x, value in zip(flat, parameters, strict=True)]
+        return [
+            cast(x, program.kinds[value]).value for x, value in zip(flat, parameters, strict=True)
+        ]
 
     initial = [constant(program, each).value for each in entries]
     return tuple(rebuilt(program.repeat(count, traced, initial, arrays[0].size if masked else 0)))

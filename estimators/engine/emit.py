@@ -1,7 +1,7 @@
 """Programs as LLVM IR: scalars straight-line, rows of the batch as lanes of vectors.
 
-The operations and their order are those of the program at any width, without contraction or fast-math flags: a row has
-the same bits alone, in any batch and on any processor.
+The operations and their order are those of the program at any width, without contraction or
+fast-math flags: a row has the same bits alone, in any batch and on any processor.
 """
 
 import itertools
@@ -57,10 +57,12 @@ def is_literal(value: Any, kind: str) -> bool:
 class Module:
     """Intrinsics, elementary functions and constants that the functions of one program share.
 
-    Constants are no part of the code: programs of models that differ in their numbers alone are compiled once.
+    Constants are no part of the code: programs of models that differ in their numbers alone are
+    compiled once.
 
     Args:
-        places: Where the numbers of constants begin in memory, by value; the others are `is_literal`.
+        places: Where the numbers of constants begin in memory, by value; the others are
+            `is_literal`.
     """
 
     def __init__(self, places: Mapping[int, int]) -> None:
@@ -80,7 +82,15 @@ class Module:
 
     def text(self, functions: Sequence[str]) -> str:
         """The module with these functions."""
-        return "\n".join([*self.declared, *self.functions.values(), *functions, "attributes #0 = { nounwind }", ""])
+        return "\n".join(
+            [
+                *self.declared,
+                *self.functions.values(),
+                *functions,
+                "attributes #0 = { nounwind }",
+                "",
+            ]
+        )
 
 
 @cache
@@ -95,7 +105,10 @@ def _elementary(opcode: str, width: int) -> Module:
         for i, each in enumerate(results):
             last = emitter.line(f"insertvalue {given} {last}, {T} {lanes.name(each)}, {i}")
     body = "\n".join([*emitter.lines, f"  ret {given} {last or lanes.name(results)}"])
-    head = f"define internal {given} @{opcode}.{width}({', '.join(f'{T} %p{i}' for i in range(count))})"
+    head = (
+        f"define internal {given}"
+        f" @{opcode}.{width}({', '.join(f'{T} %p{i}' for i in range(count))})"
+    )
     emitter.module.functions[f"@{opcode}.{width}"] = f"{head} #0 {{\nentry:\n{body}\n}}"
     return emitter.module
 
@@ -107,10 +120,17 @@ class Lanes(Program):
         super().__init__()
         self.emitter, self.width, self._names = emitter, width, dict[int, str]()
 
-    def add(self, opcode: str, operands: Any, kind: str, size: Any = None, attributes: Any = ()) -> int:
+    def add(
+        self, opcode: str, operands: Any, kind: str, size: Any = None, attributes: Any = ()
+    ) -> int:
         """Emit an operation."""
-        kinds, names = "".join(self.kinds[value] for value in operands), [self._names[value] for value in operands]
-        return int(self.value(self.emitter.operation(opcode, kinds, names, self.width, kind), kind).value)
+        kinds, names = (
+            "".join(self.kinds[value] for value in operands),
+            [self._names[value] for value in operands],
+        )
+        return int(
+            self.value(self.emitter.operation(opcode, kinds, names, self.width, kind), kind).value
+        )
 
     def constant(self, value: Any, kind: str) -> int:
         """A constant scalar, the same in all lanes."""
@@ -134,7 +154,9 @@ class Lanes(Program):
 class Emitter:
     """Instructions of a program as lines of a function, with ``width`` rows side by side."""
 
-    def __init__(self, program: Program, module: Module, width: int, within: "Emitter | None" = None) -> None:
+    def __init__(
+        self, program: Program, module: Module, width: int, within: "Emitter | None" = None
+    ) -> None:
         self.program, self.module, self.width = program, module, width
         self.lines: list[str] = within.lines if within else []
         self.labels: list[str] = within.labels if within else ["entry"]
@@ -145,7 +167,7 @@ class Emitter:
         self.special: dict[str, Callable[[Instruction], None]] = {}
         self.one, self.own = self.lanes(1), self.lanes(width)
 
-    # --- lines --------------------------------------------------------------------------------------
+    # --- lines ------------------------------------------------------------------------------------
 
     def line(self, text: str) -> str:
         """A line that gives a result; its name."""
@@ -175,7 +197,9 @@ class Emitter:
         name = f"@llvm.{intrinsic}.{scalar if width == 1 else f'v{width}{scalar}'}"
         extra = ", i1" if suffix else ""
         self.module.declared[f"declare {types[0]} {name}({', '.join(types)}{extra})"] = None
-        pairs = ", ".join(f"{kind} {operand}" for kind, operand in zip(types, operands, strict=True))
+        pairs = ", ".join(
+            f"{kind} {operand}" for kind, operand in zip(types, operands, strict=True)
+        )
         return self.line(f"call {types[0]} {name}({pairs}{suffix})")
 
     def name(self, value: int) -> str:
@@ -196,7 +220,9 @@ class Emitter:
 
     def read(self, address: str, width: int) -> Tracer:
         """Floats from memory."""
-        return self.lanes(width).value(self.line(f"load {type_of('f', width)}, ptr {address}, align 8"))
+        return self.lanes(width).value(
+            self.line(f"load {type_of('f', width)}, ptr {address}, align 8")
+        )
 
     def pointer(self, base: str, byte: Any) -> str:
         """An address that stands so many bytes behind another."""
@@ -230,7 +256,9 @@ class Emitter:
         self.begin(head)
         at = len(self.lines)
         programs: list[Any] = [x.program for x in initial]
-        carried = [p.value(f"%{self.fresh('c')}", x.kind) for p, x in zip(programs, initial, strict=True)]
+        carried = [
+            p.value(f"%{self.fresh('c')}", x.kind) for p, x in zip(programs, initial, strict=True)
+        ]
         test = self.line(f"icmp slt i64 {counter}, {count}")
         if going is not None:
             test = self.line(f"and i1 {test}, {self.one.name(going(*carried))}")
@@ -243,12 +271,14 @@ class Emitter:
         phis = [f"  {counter} = phi i64 [{first}, %{before}], [{advanced}, %{end}]"]
         for p, x, one, two in zip(programs, carried, initial, after, strict=True):
             kind = type_of(x.kind, p.width)
-            phis.append(f"  {p.name(x)} = phi {kind} [{p.name(one)}, %{before}], [{p.name(two)}, %{end}]")
+            phis.append(
+                f"  {p.name(x)} = phi {kind} [{p.name(one)}, %{before}], [{p.name(two)}, %{end}]"
+            )
         self.lines[at:at] = phis
         self.begin(done)
         return carried
 
-    # --- instructions -------------------------------------------------------------------------------
+    # --- instructions -----------------------------------------------------------------------------
 
     def block(self, instructions: Sequence[Instruction]) -> None:
         """Instructions in order."""
@@ -266,7 +296,11 @@ class Emitter:
                 kinds = "".join(self.program.kinds[value] for value in values)
                 operands = [self.name(value) for value in values]
                 self.names[instruction.result] = self.operation(
-                    instruction.opcode, kinds, operands, self.width, self.program.kinds[instruction.result]
+                    instruction.opcode,
+                    kinds,
+                    operands,
+                    self.width,
+                    self.program.kinds[instruction.result],
                 )
 
     def specially(self, instruction: Instruction) -> None:
@@ -277,7 +311,9 @@ class Emitter:
         """A scalar of the program."""
         return self.own.value(self.name(value), self.program.kinds[value])
 
-    def operation(self, opcode: str, kinds: str, operands: Sequence[str], width: int, result: str = "f") -> str:
+    def operation(
+        self, opcode: str, kinds: str, operands: Sequence[str], width: int, result: str = "f"
+    ) -> str:
         """One opcode of scalars of some kinds, ``width`` of them side by side."""
         kind, T, x = kinds[0], type_of(kinds[0], width), operands[0]
         if opcode in EXPANSIONS:
@@ -291,9 +327,15 @@ class Emitter:
             chosen = type_of(kinds[1], width)
             return self.line(f"select {T} {x}, {chosen} {operands[1]}, {chosen} {operands[2]}")
         if opcode == "negative":
-            return self.line(f"fneg {T} {x}" if kind == "f" else f"sub {T} {literal(0, kind, width)}, {x}")
+            return self.line(
+                f"fneg {T} {x}" if kind == "f" else f"sub {T} {literal(0, kind, width)}, {x}"
+            )
         if opcode == "absolute":
-            return self.call("fabs", "f", width, x) if kind == "f" else self.call("abs", "i", width, x, suffix=", i1 0")
+            return (
+                self.call("fabs", "f", width, x)
+                if kind == "f"
+                else self.call("abs", "i", width, x, suffix=", i1 0")
+            )
         if opcode == "isfinite":
             zero = self.line(f"fsub {T} {x}, {x}")
             return self.line(f"fcmp oeq {T} {zero}, {literal(0.0, 'f', width)}")
@@ -317,7 +359,9 @@ class Emitter:
         if result == "f":
             return self.line(f"{'sitofp' if kind == 'i' else 'uitofp'} {T} {x} to {R}")
         if kind == "f":
-            return self.line(f"fptosi {T} {lanes.name(within(lanes.value(x), -9.2e18, 9.2e18))} to {R}")
+            return self.line(
+                f"fptosi {T} {lanes.name(within(lanes.value(x), -9.2e18, 9.2e18))} to {R}"
+            )
         return x
 
     def _sine_or_cosine(self, instruction: Instruction) -> str:
@@ -326,7 +370,9 @@ class Emitter:
         if value not in self._pairs:
             name = self.module.elementary("sincos", self.width)
             self._pairs[value] = self.line(f"call {{{T}, {T}}} {name}({T} {self.name(value)})")
-        return self.line(f"extractvalue {{{T}, {T}}} {self._pairs[value]}, {int(instruction.opcode == 'cos')}")
+        return self.line(
+            f"extractvalue {{{T}, {T}}} {self._pairs[value]}, {int(instruction.opcode == 'cos')}"
+        )
 
     def gather(self, one: Callable[[int], str], scalar: str = "double") -> str:
         """A vector of what a function gives for each lane, of a type of LLVM."""
@@ -334,7 +380,10 @@ class Emitter:
             return one(0)
         vector = "poison"
         for lane in range(self.width):
-            vector = self.line(f"insertelement <{self.width} x {scalar}> {vector}, {scalar} {one(lane)}, i32 {lane}")
+            vector = self.line(
+                f"insertelement <{self.width} x {scalar}> {vector}, {scalar} {one(lane)}, i32"
+                f" {lane}"
+            )
         return vector
 
     def lane(self, vector: str, scalar: str, lane: int) -> str:
@@ -353,7 +402,9 @@ class Emitter:
 
     def places(self, index: Tracer, count: int) -> list[Tracer]:
         """Of each lane a whole number below a count, from a float or an integer that may be beyond."""
-        index = within(index, 0.0, count - 1.0) if index.kind == "f" else within(index, 0, count - 1)
+        index = (
+            within(index, 0.0, count - 1.0) if index.kind == "f" else within(index, 0, count - 1)
+        )
         vector = self.own.name(cast(index, "i"))
         return [self.one.value(self.lane(vector, "i64", lane), "i") for lane in range(self.width)]
 
@@ -362,7 +413,9 @@ class Emitter:
         place, count, across, column = instruction.attributes
         entries = self.places(self.scalar(value), count)
         return self.gather(
-            lambda lane: self.one.name(self.read(self.constant(place, entries[lane] * across + column), 1))
+            lambda lane: self.one.name(
+                self.read(self.constant(place, entries[lane] * across + column), 1)
+            )
         )
 
     def _repeat(self, instruction: Instruction) -> None:

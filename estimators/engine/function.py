@@ -22,11 +22,22 @@ LANES = 8
 """Rows side by side in a batch; a row alone has a program of its own."""
 FEW = 4
 """Rows from which on vectors are worth it."""
-_LONG = 400  # instructions, above which those of matrices are all calls: LLVM's time grows faster than a function
-_LARGEST = 1 << 14  # bytes of scratch a row, above which rows are computed one by one, each a vector of its entries
+# instructions, above which those of matrices are all calls: LLVM's time grows faster than a function
+_LONG = 400
+_LARGEST = (
+    1 << 14
+)  # bytes of scratch a row, above which rows are computed one by one, each a vector of its entries
 _LARGEST_SOLVED = 1 << 17  # where scalars would be computed one after the other otherwise
 _SOLVING = frozenset(
-    ("solve", "eliminate", "cholesky", "semidefinite cholesky", "solve lower", "solve upper", "rotate")
+    (
+        "solve",
+        "eliminate",
+        "cholesky",
+        "semidefinite cholesky",
+        "solve lower",
+        "solve upper",
+        "rotate",
+    )
 )
 
 
@@ -49,11 +60,14 @@ class Function:
     """A program, compiled for one row and for many when it is first needed for as many.
 
     Args:
-        program: What it computes; its instructions ``input`` and ``input matrix`` read the arguments.
+        program: What it computes; its instructions ``input`` and ``input matrix`` read the
+            arguments.
         arguments: Rows of what it takes.
-        outputs: For each result its scalars and views of matrices, one after the other, and an argument like it.
-        successive: Is it repeated, so that its first result is its first argument in the next step? Of this result the
-            last is stored; other arguments and results are ``(steps, rows, ...)``, and ``shared`` is how many steps.
+        outputs: For each result its scalars and views of matrices, one after the other, and an
+            argument like it.
+        successive: Is it repeated, so that its first result is its first argument in the next step?
+            Of this result the last is stored; other arguments and results are ``(steps, rows,
+            ...)``, and ``shared`` is how many steps.
 
     Attributes:
         layout: Where matrices stand.
@@ -66,10 +80,18 @@ class Function:
         self.successive = successive
         self.arguments, self.results = tuple(arguments), tuple(result for _, result in outputs)
         self.program, self.outputs = program, [entries for entries, _ in outputs]
-        values = [part.value if isinstance(part, View) else part for parts in self.outputs for part in parts]
+        values = [
+            part.value if isinstance(part, View) else part
+            for parts in self.outputs
+            for part in parts
+        ]
         self._instructions: tuple[Instruction, ...] | bytes = program.complete(values)
         self.layout = Layout(program, self.instructions, values)
-        largest = _LARGEST if _SOLVING.isdisjoint(each.opcode for each in self.instructions) else _LARGEST_SOLVED
+        largest = (
+            _LARGEST
+            if _SOLVING.isdisjoint(each.opcode for each in self.instructions)
+            else _LARGEST_SOLVED
+        )
         self._wide = LANES if self.layout.size * 8 <= largest else 1
         if successive:
             self.layout.places[STATE] = self.layout.size
@@ -77,7 +99,9 @@ class Function:
         self._places, self._constants = _placed(program)
         self._entries: dict[int, Callable[..., None]] = {}
         self._last: Call | None = None
-        self._shapes: list[tuple[int, ...]] = []  # of the arguments before, as few are worth describing
+        self._shapes: list[
+            tuple[int, ...]
+        ] = []  # of the arguments before, as few are worth describing
 
     def compute(self, arrays: Sequence[Any]) -> Sequence[np.ndarray]:
         """Results of arrays that have one batch, or none where all rows share them."""
@@ -94,7 +118,10 @@ class Function:
 
     def prepared(self, arrays: list[np.ndarray]) -> Sequence[np.ndarray]:
         """The same of arrays `in_memory`, unlike those of the last call; of axes that differ they are repeated."""
-        leading = [a.shape[: a.ndim - len(own.shape)] for a, own in zip(arrays, self.arguments, strict=True)]
+        leading = [
+            a.shape[: a.ndim - len(own.shape)]
+            for a, own in zip(arrays, self.arguments, strict=True)
+        ]
         batch: tuple[int, ...] = ()
         for axes in leading:
             if axes != batch and axes:
@@ -116,7 +143,9 @@ class Function:
                 run, (width, entry) = partial(self, rows, shared), self._entry(rows)
                 if self.stacked(width):
                     run = partial(entry, rows, shared, self._constants, self._constants)
-                self._last = Call(matcher(), described(arrays, results), [a.dtype for a in arrays], run)
+                self._last = Call(
+                    matcher(), described(arrays, results), [a.dtype for a in arrays], run
+                )
             self._shapes = shapes
         return results
 
@@ -126,7 +155,8 @@ class Function:
         Args:
             rows: How many.
             shared: Bits of the arguments that have one row for all.
-            arrays: The arguments and the results, in C order and of the types that they have here. Nothing is checked.
+            arrays: The arguments and the results, in C order and of the types that they have here.
+                Nothing is checked.
         """
         width, entry = self._entry(rows)
         entry(rows, shared, machine.scratch(width * self.layout.size), self._constants, *arrays)
@@ -144,11 +174,18 @@ class Function:
     def instructions(self) -> tuple[Instruction, ...]:
         """Instructions of the program that its outputs need, in order; compressed once there is machine code."""
         kept = self._instructions
-        return tuple(map(Instruction._make, pickle.loads(zlib.decompress(kept)))) if isinstance(kept, bytes) else kept
+        return (
+            tuple(map(Instruction._make, pickle.loads(zlib.decompress(kept))))
+            if isinstance(kept, bytes)
+            else kept
+        )
 
     def compiled(self, width: int) -> Callable[..., None]:
         """The machine code for so many rows side by side, which programs that differ in numbers alone share."""
-        program, instructions = self.program, _serialised([*map(tuple, self.instructions)])  # faster than records
+        program, instructions = (
+            self.program,
+            _serialised([*map(tuple, self.instructions)]),
+        )  # faster than records
         literals = [
             (value, literal(x, program.kinds[value], 1))
             for value, x in program.constants.items() if value not in self._places
@@ -158,7 +195,9 @@ class Function:
             program.kinds,
         ))  # fmt: skip
         entry = machine.load(instructions + code, lambda: self.text(width))
-        self._instructions = zlib.compress(instructions, level=1)  # a twentieth: tuples of a program take megabytes
+        self._instructions = zlib.compress(
+            instructions, level=1
+        )  # a twentieth: tuples of a program take megabytes
         self._entries[width] = entry
         return entry
 
@@ -184,13 +223,20 @@ def _serialised(value: Any) -> bytes:
 def _entry_point(pointers: int) -> str:
     """The module's Python function, in LLVM IR: a call through ctypes would take longer than most programs.
 
-    It takes two whole numbers and so many arrays of NumPy, whose data begin where their object says, right behind the
-    head that all objects have (``PyArrayObject_fields``). It looks at nothing else of them: their owner has checked
-    them. While it computes many rows, other threads of Python run.
+    It takes two whole numbers and so many arrays of NumPy, whose data begin where their object
+    says, right behind the head that all objects have (``PyArrayObject_fields``). It looks at
+    nothing else of them: their owner has checked them. While it computes many rows, other threads
+    of Python run.
     """
     emitter = Emitter(Program(), Module({}), 1)
-    numbers = [emitter.line(f"call i64 @PyLong_AsSsize_t(ptr {emitter.pointer('%args', 8 * i)})") for i in range(2)]
-    arrays = [emitter.pointer(emitter.pointer("%args", 8 * i + 16), object.__basicsize__) for i in range(pointers)]
+    numbers = [
+        emitter.line(f"call i64 @PyLong_AsSsize_t(ptr {emitter.pointer('%args', 8 * i)})")
+        for i in range(2)
+    ]
+    arrays = [
+        emitter.pointer(emitter.pointer("%args", 8 * i + 16), object.__basicsize__)
+        for i in range(pointers)
+    ]
     return "\n".join([
         "declare i64 @PyLong_AsSsize_t(ptr)", "declare ptr @PyEval_SaveThread()", "declare void @Py_IncRef(ptr)",
         "declare void @PyEval_RestoreThread(ptr)", "@_Py_NoneStruct = external global i8",
@@ -207,7 +253,11 @@ def _entry_point(pointers: int) -> str:
 
 def _placed(program: Program) -> tuple[dict[int, int], np.ndarray]:
     """The numbers that a program reads from memory, and where those of each constant begin."""
-    read = {value: (x,) for value, x in program.constants.items() if not is_literal(x, program.kinds[value])}
+    read = {
+        value: (x,)
+        for value, x in program.constants.items()
+        if not is_literal(x, program.kinds[value])
+    }
     numbers = read | program.tables
     starts = np.cumsum([0, *map(len, numbers.values())]).tolist()
     return dict(zip(numbers, starts, strict=False)), np.concatenate([*numbers.values(), ()])
@@ -216,7 +266,9 @@ def _placed(program: Program) -> tuple[dict[int, int], np.ndarray]:
 class Layout:
     """Places of a program's matrices in its scratch; one that is needed no longer gives its place to another."""
 
-    def __init__(self, program: Program, instructions: Sequence[Instruction], outputs: Sequence[int]) -> None:
+    def __init__(
+        self, program: Program, instructions: Sequence[Instruction], outputs: Sequence[int]
+    ) -> None:
         self.places: dict[int, int] = {}
         self.temporary: dict[int, int] = {}  # of instructions that need room besides
         self.size = 0
@@ -277,7 +329,9 @@ class Driver(LinearEmitter):
             self._bases = self._places("a", strides, arguments, at)
             self.block(instructions)
             places = self._places("o", [each.size for each in results], results, at)
-            for parts, result, bases in list(zip(outputs, results, places, strict=True))[self._function.successive :]:
+            for parts, result, bases in list(zip(outputs, results, places, strict=True))[
+                self._function.successive :
+            ]:
                 self._output(parts, result.kind, bases)
 
         def body(row: Tracer) -> None:
@@ -285,7 +339,9 @@ class Driver(LinearEmitter):
             if (state := self._state) is None:
                 step(own)
                 return
-            first, last = (self._places(letter, strides[:1], arguments[:1], own)[0] for letter in "ao")
+            first, last = (
+                self._places(letter, strides[:1], arguments[:1], own)[0] for letter in "ao"
+            )
             self._take(state, first, 0, "f")
 
             def successive(k: Tracer) -> None:
@@ -299,10 +355,22 @@ class Driver(LinearEmitter):
         given = [*(f"i64 %{each}" for each in ("end", "shared")), "ptr noalias %scratch"]
         if self._function.stacked(self.width):
             given[-1] = "ptr %unused"
-            self.lines.insert(0, f"  %scratch = alloca [{self.width * self._function.layout.size} x double], align 64")
+            self.lines.insert(
+                0,
+                f"  %scratch = alloca [{self.width * self._function.layout.size} x double],"
+                " align 64",
+            )
         given.append("ptr noalias readonly %constants")
-        given += [f"ptr %a{i}" for i in range(len(arguments))] + [f"ptr %o{i}" for i in range(len(results))]
-        return "\n".join([f"define internal void @run({', '.join(given)}) #0 {{\nentry:", *self.lines, "  ret void\n}"])
+        given += [f"ptr %a{i}" for i in range(len(arguments))] + [
+            f"ptr %o{i}" for i in range(len(results))
+        ]
+        return "\n".join(
+            [
+                f"define internal void @run({', '.join(given)}) #0 {{\nentry:",
+                *self.lines,
+                "  ret void\n}",
+            ]
+        )
 
     def emitter(self, program: Program, layout: Any) -> LinearEmitter:
         """Emitter of the body of an outlined function, which has no rows of its own."""
@@ -313,12 +381,17 @@ class Driver(LinearEmitter):
     ) -> list[list[str]]:
         """Addresses of some rows of arguments or results."""
         pairs = enumerate(zip(sizes, each, strict=True))
-        return [[self.at(f"%{letter}{i}", row * size, _MEMORY[one.kind]) for row in rows] for i, (size, one) in pairs]
+        return [
+            [self.at(f"%{letter}{i}", row * size, _MEMORY[one.kind]) for row in rows]
+            for i, (size, one) in pairs
+        ]
 
     def _loaded(self, argument: int, column: Any) -> Tracer:
         if self._state and argument == 0:
             return self._state[0, column]
-        return self._gathered(self._bases[argument], column, self._function.arguments[argument].kind)
+        return self._gathered(
+            self._bases[argument], column, self._function.arguments[argument].kind
+        )
 
     def _gathered(self, bases: Sequence[str], column: Any, kind: str) -> Tracer:
         """An entry of the rows that begin at these addresses."""
@@ -331,7 +404,9 @@ class Driver(LinearEmitter):
         value = self.gather(one, memory)
         if kind == "b":
             T = memory if self.width == 1 else f"<{self.width} x {memory}>"
-            value = self.line(f"icmp ne {T} {value}, {'0' if self.width == 1 else 'zeroinitializer'}")
+            value = self.line(
+                f"icmp ne {T} {value}, {'0' if self.width == 1 else 'zeroinitializer'}"
+            )
         return self.own.value(value, kind)
 
     def _input(self, instruction: Instruction) -> None:
@@ -342,7 +417,10 @@ class Driver(LinearEmitter):
         size, kind = self.program.sizes[instruction.result], self._function.arguments[argument].kind
         bases = self._bases[argument]
         if self._state and argument == 0:
-            self.copy(View(STATE, (1, size), column, (size, 1)), self.matrix(instruction.result, (1, size)))
+            self.copy(
+                View(STATE, (1, size), column, (size, 1)),
+                self.matrix(instruction.result, (1, size)),
+            )
         elif self.width == 1 and kind == "f":  # as it stands in its row
             self.pointers[instruction.result] = self.at(bases[0], column)
         else:
@@ -353,7 +431,9 @@ class Driver(LinearEmitter):
 
         def some(j: Index, count: int) -> None:
             if count == self.width and kind == "f":
-                entries = self._transposed([self.read(self.at(base, j + column), count) for base in bases])
+                entries = self._transposed(
+                    [self.read(self.at(base, j + column), count) for base in bases]
+                )
             else:
                 entries = [self._gathered(bases, j + column + m, kind) for m in range(count)]
             for m, entry in enumerate(entries):
@@ -370,7 +450,8 @@ class Driver(LinearEmitter):
                 pair = f"shufflevector {T} {names[i]}, {T} {names[i + size]}, <{n} x i32> "
                 order = [j - size + n if j & size else j for j in range(n)]
                 names[i], names[i + size] = (
-                    self.line(f"{pair}<{', '.join(f'i32 {j + part}' for j in order)}>") for part in (0, size)
+                    self.line(f"{pair}<{', '.join(f'i32 {j + part}' for j in order)}>")
+                    for part in (0, size)
                 )
             size //= 2
         return [self.own.value(name) for name in names]
@@ -385,21 +466,31 @@ class Driver(LinearEmitter):
                 continue
             rows, columns = part.shape
             if part.steps == (columns, 1):  # it lies in one piece
-                rows, columns, part = 1, rows * columns, View(part.value, (1, rows * columns), part.start, (0, 1))
+                rows, columns, part = (
+                    1,
+                    rows * columns,
+                    View(part.value, (1, rows * columns), part.start, (0, 1)),
+                )
 
-            def some(i: Index, j: Index, count: int, part: View = part, first: int = column) -> None:
+            def some(
+                i: Index, j: Index, count: int, part: View = part, first: int = column
+            ) -> None:
                 entries = [self.load(part, i, j + m) for m in range(count)]
                 at = first + i * part.shape[1] + j
                 if count == self.width and kind == "f":
                     for entry, base in zip(self._transposed(entries), bases, strict=True):
                         self.lines.append(
-                            f"  store {type_of('f', count)} {self.own.name(entry)}, ptr {self.at(base, at)}, align 8"
+                            f"  store {type_of('f', count)} {self.own.name(entry)}, ptr"
+                            f" {self.at(base, at)}, align 8"
                         )
                 else:
                     for m, entry in enumerate(entries):
                         self._stored(entry, kind, bases, at + m)
 
-            self.each(0, rows, lambda i, some=some, n=columns: self.chunks(n, LANES, partial(some, i)))  # type: ignore
+            def row(i: Any, some: Any = some, n: int = columns) -> None:
+                self.chunks(n, LANES, partial(some, i))
+
+            self.each(0, rows, row)
             column += rows * columns
 
     def _stored(self, x: Tracer, kind: str, bases: Sequence[str], column: Any) -> None:
@@ -409,7 +500,10 @@ class Driver(LinearEmitter):
             value = self.line(f"zext {type_of('b', self.width)} {value} to {R}")
         for lane, base in enumerate(bases):
             place = self.at(base, column, memory)
-            self.lines.append(f"  store {memory} {self.lane(value, memory, lane)}, ptr {place}, align {_ALIGN[kind]}")
+            self.lines.append(
+                f"  store {memory} {self.lane(value, memory, lane)}, ptr {place}, align"
+                f" {_ALIGN[kind]}"
+            )
 
 
 _MEMORY = {"f": "double", "i": "i64", "u": "i64", "b": "i8"}

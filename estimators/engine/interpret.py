@@ -23,14 +23,20 @@ def interpret(
     Args:
         function: Without matrices.
         arrays: Its arguments, which have one batch or none.
-        noise: How far each rounded result is at most off, as a part of it: for sensitivity to rounding.
+        noise: How far each rounded result is at most off, as a part of it: for sensitivity to
+            rounding.
         rng: Draws the noise.
     """
-    leading = [a.shape[: a.ndim - len(own.shape)] for a, own in zip(arrays, function.arguments, strict=True)]
+    leading = [
+        a.shape[: a.ndim - len(own.shape)]
+        for a, own in zip(arrays, function.arguments, strict=True)
+    ]
     batch = np.broadcast_shapes(*leading)
     columns = [a.reshape((*own, -1)) for a, own in zip(arrays, leading, strict=True)]
     program = function.program
-    values: dict[int, Any] = {value: KINDS[program.kinds[value]].type(x) for value, x in program.constants.items()}
+    values: dict[int, Any] = {
+        value: KINDS[program.kinds[value]].type(x) for value, x in program.constants.items()
+    }
 
     def run(instructions: Sequence[Instruction]) -> None:
         for each in instructions:
@@ -49,7 +55,11 @@ def interpret(
                 values.update(zip(loop.results, operands, strict=True))
             elif each.opcode == "cast":
                 x = np.asarray(operands[0])
-                x = np.fmin(np.fmax(x, -9.2e18), 9.2e18).astype(np.int64) if x.dtype.kind == "f" else x
+                x = (
+                    np.fmin(np.fmax(x, -9.2e18), 9.2e18).astype(np.int64)
+                    if x.dtype.kind == "f"
+                    else x
+                )
                 values[each.result] = x.astype(KINDS[program.kinds[each.result]])
             elif each.opcode == "lookup":
                 place, count, width, column = each.attributes
@@ -58,7 +68,9 @@ def interpret(
             else:
                 values[each.result] = result = _COMPUTED[each.opcode](*operands)
                 if noise and each.opcode in _ROUNDED and program.kinds[each.result] == "f":
-                    values[each.result] = result * (1.0 + noise * rng.uniform(-1.0, 1.0, np.shape(result)))
+                    values[each.result] = result * (
+                        1.0 + noise * rng.uniform(-1.0, 1.0, np.shape(result))
+                    )
 
     with np.errstate(all="ignore"):
         run(function.instructions)
@@ -67,4 +79,6 @@ def interpret(
         found.append(np.empty((*batch, len(parts)), KINDS[row.kind]))
         for column, part in enumerate(parts):
             found[-1][..., column] = values[part]
-    return [each.reshape(batch + row.shape) for each, row in zip(found, function.results, strict=True)]
+    return [
+        each.reshape(batch + row.shape) for each, row in zip(found, function.results, strict=True)
+    ]

@@ -27,7 +27,9 @@ def _check_matrices(word: str, *operands: Any) -> None:
 def _check_square(word: str, a: Any) -> int:
     _check_matrices(word, a)
     if a.shape[0] != a.shape[1]:
-        raise ValueError(f"{word} in a traced formula is of square matrices, not of shape {a.shape} a row")
+        raise ValueError(
+            f"{word} in a traced formula is of square matrices, not of shape {a.shape} a row"
+        )
     return int(a.shape[0])
 
 
@@ -42,7 +44,9 @@ def _matmul(a: Any, b: Any) -> Any:
     if is_mask(a) and is_mask(b):
         refuse_masks("@", a)
     if a.shape[1] != b.shape[0]:
-        raise ValueError(f"{shapes((a, b))} have no product in a traced formula: the inner sizes differ")
+        raise ValueError(
+            f"{shapes((a, b))} have no product in a traced formula: the inner sizes differ"
+        )
     program = program_of(a, b)
     if a.shape[1] == 0:
         return _for_every_row(program, np.zeros((a.shape[0], b.shape[1])))
@@ -54,10 +58,19 @@ def _matmul(a: Any, b: Any) -> Any:
 
 def _picks(a: MatrixTracer, b: MatrixTracer) -> tuple[int, ...] | None:
     """The column of the only entry of each row of a constant matrix, -1 where there is none; None: of any other."""
-    if a.constant is None or b.shape[1] < _MANY or a.shape[0] > _MANY or b.value in b.program.tables:
+    if (
+        a.constant is None
+        or b.shape[1] < _MANY
+        or a.shape[0] > _MANY
+        or b.value in b.program.tables
+    ):
         return None
     entries = a.program.tables[a.value][a.places] != 0.0
-    return tuple(np.where(entries.any(-1), entries.argmax(-1), -1).tolist()) if entries.sum(-1).max() == 1 else None
+    return (
+        tuple(np.where(entries.any(-1), entries.argmax(-1), -1).tolist())
+        if entries.sum(-1).max() == 1
+        else None
+    )
 
 
 _MANY = 64
@@ -67,7 +80,8 @@ _MANY = 64
 def _matvec(a: Any, x: Any) -> Any:
     if (a.ndim, x.ndim) != (2, 1):
         raise NotTraceable(
-            f"np.matvec and np.vecmat in a traced formula are of a matrix and a vector, not {shapes((a, x))}"
+            "np.matvec and np.vecmat in a traced formula are of a matrix and a vector, not"
+            f" {shapes((a, x))}"
         )
     return _matmul(a, x[..., None])[..., 0]
 
@@ -120,7 +134,8 @@ cholesky: Any = partial(_of_square, "cholesky")
 def rotated(a: Any) -> tuple[Any, Any]:
     """``A V`` with orthogonal columns, and the rotation V: the singular value decomposition but for dividing.
 
-    Source: Hestenes (1958), Inversion of matrices by biorthogonalization; de Rijk (1989) for its accuracy.
+    Source: Hestenes (1958), Inversion of matrices by biorthogonalization; de Rijk (1989) for its
+    accuracy.
     """
     return _rotated(a, True)
 

@@ -11,7 +11,8 @@ from estimators.engine.matrix_emit import CHUNK, Index, Matrix, MatrixEmitter
 from estimators.engine.program import Instruction, Program, View
 from estimators.engine.tracer import Tracer, cast, constant, where
 
-_ACROSS = 48  # columns of a product that are summed at a time: as many vectors as processors have registers for
+# columns of a product that are summed at a time: as many vectors as processors have registers for
+_ACROSS = 48
 _EPS = float(np.finfo(float).eps)
 _SWEEPS = 30
 
@@ -35,13 +36,15 @@ class LinearEmitter(MatrixEmitter):
         views: Any = instruction.operands
         return [Matrix(self, view) for view in views]
 
-    # --- products -----------------------------------------------------------------------------------
+    # --- products ---------------------------------------------------------------------------------
 
     def _matmul(self, instruction: Instruction) -> None:
         a, b = self._operands(instruction)
         (rows, inner), columns = a.shape, b.shape[1]
         if (picks := instruction.attributes[0]) is not None:
-            self._scaled_rows(a, b.view, self.matrix(instruction.result, (rows, columns)).view, picks)
+            self._scaled_rows(
+                a, b.view, self.matrix(instruction.result, (rows, columns)).view, picks
+            )
             return
         together = self.width == 1 and columns > 1
         if together and b.view.steps[1] != 1:
@@ -57,7 +60,9 @@ class LinearEmitter(MatrixEmitter):
 
             def products(k: Index) -> list[Tracer]:
                 x = a[i, k]
-                return [self.spread(x, self.width * n) * Matrix(self, b.view, n)[k, j] for j, n in parts]
+                return [
+                    self.spread(x, self.width * n) * Matrix(self, b.view, n)[k, j] for j, n in parts
+                ]
 
             sums = products(0)
             if inner <= 4 and not together:
@@ -69,10 +74,19 @@ class LinearEmitter(MatrixEmitter):
                 Matrix(self, target, n)[i, j] = total
 
         size, unrolled = (_ACROSS, 2) if together else (4, 1)
-        self.each(0, rows, lambda i: self.chunks(columns, size, lambda j, count: some(i, j, count), unrolled))
+        self.each(
+            0,
+            rows,
+            lambda i: self.chunks(columns, size, lambda j, count: some(i, j, count), unrolled),
+        )
 
     def _accumulated(
-        self, low: int, high: int, products: Callable[[Index], list[Tracer]], sums: Sequence[Tracer], step: int = 1
+        self,
+        low: int,
+        high: int,
+        products: Callable[[Index], list[Tracer]],
+        sums: Sequence[Tracer],
+        step: int = 1,
     ) -> list[Tracer]:
         """Sums and the products that each index adds to them."""
         return self.loop(low, high, lambda k, *sums: list(map(add, sums, products(k))), sums, step)
@@ -118,7 +132,9 @@ class LinearEmitter(MatrixEmitter):
                 return [self.load(a, i, k, CHUNK) * self.load(b, j, k, CHUNK)]
             return [self.load(a, i, k + m) * self.load(b, j, k + m) for m in range(CHUNK)]
 
-        sums = [constant(self.lanes(CHUNK if together else self.width), 0.0)] * (1 if together else CHUNK)
+        sums = [constant(self.lanes(CHUNK if together else self.width), 0.0)] * (
+            1 if together else CHUNK
+        )
         if whole:
             sums = self._accumulated(0, whole, products, sums, CHUNK)
         size = CHUNK
@@ -142,7 +158,7 @@ class LinearEmitter(MatrixEmitter):
         part = f"shufflevector {T} {lanes.name(x)}, {T} poison, <{size} x i32> <{order}>"
         return self.lanes(size).value(self.line(part))
 
-    # --- solutions ----------------------------------------------------------------------------------
+    # --- solutions --------------------------------------------------------------------------------
 
     def _symmetrise(self, instruction: Instruction) -> None:
         (a,) = self._operands(instruction)
@@ -156,14 +172,22 @@ class LinearEmitter(MatrixEmitter):
         self.each(0, a.shape[0], lambda i: self.each(0, i + 1, lambda j: one(i, j)))
 
     def _substitute(
-        self, factor: Callable[[Index, Index], Tracer], b: View, z: View, lower: bool, divided: str = ""
+        self,
+        factor: Callable[[Index, Index], Tracer],
+        b: View,
+        z: View,
+        lower: bool,
+        divided: str = "",
     ) -> None:
         """Entries ``z_i`` one after the other: ``b_i`` less the ``factor(i, k) z_k`` of those before it.
 
-        They are divided by ``factor(i, i)`` "before" or "after". Columns of a row alone that are neighbours are eight
-        lanes of vectors.
+        They are divided by ``factor(i, i)`` "before" or "after". Columns of a row alone that are
+        neighbours are eight lanes of vectors.
         """
-        n, neighbours = z.shape[0], self.width == 1 and b.steps[1] == 1 and b.value not in self.program.tables
+        n, neighbours = (
+            z.shape[0],
+            self.width == 1 and b.steps[1] == 1 and b.value not in self.program.tables,
+        )
 
         def column(c: Index, count: int) -> None:
             right, solution = Matrix(self, b, count), Matrix(self, z, count)
@@ -175,7 +199,9 @@ class LinearEmitter(MatrixEmitter):
                 i = m if lower else n - 1 - m
                 low, high = (0, i) if lower else (i + 1, n)
                 first = right[i, c] / wide(i, i) if divided == "before" else right[i, c]
-                rest = self.total(first, low, high, lambda k, rest: rest - wide(i, k) * solution[k, c])
+                rest = self.total(
+                    first, low, high, lambda k, rest: rest - wide(i, k) * solution[k, c]
+                )
                 solution[i, c] = rest / wide(i, i) if divided == "after" else rest
 
             self.each(0, n, entry)
@@ -185,7 +211,11 @@ class LinearEmitter(MatrixEmitter):
     def _solve(self, instruction: Instruction) -> None:
         """``S^-1 B`` by ``S = L D L'``: L D below the diagonal, D on it, L where its transpose would be."""
         s, b = self._operands(instruction)
-        n, f, z = s.shape[0], self.temporary(instruction, s.shape), self.matrix(instruction.result, b.shape)
+        n, f, z = (
+            s.shape[0],
+            self.temporary(instruction, s.shape),
+            self.matrix(instruction.result, b.shape),
+        )
 
         def column(j: Index) -> None:
             def below(i: Index) -> None:
@@ -207,7 +237,9 @@ class LinearEmitter(MatrixEmitter):
     def _solve_triangular(self, instruction: Instruction) -> None:
         t, b = self._operands(instruction)
         z = self.matrix(instruction.result, b.shape)
-        self._substitute(lambda i, k: t[i, k], b.view, z.view, instruction.opcode == "solve lower", "after")
+        self._substitute(
+            lambda i, k: t[i, k], b.view, z.view, instruction.opcode == "solve lower", "after"
+        )
 
     def _cholesky(self, instruction: Instruction) -> None:
         (s,) = self._operands(instruction)
@@ -258,7 +290,11 @@ class LinearEmitter(MatrixEmitter):
     def _eliminate(self, instruction: Instruction) -> None:
         """``S^-1 B`` by Gaussian elimination with partial pivoting; where lanes pivot otherwise, numbers are chosen."""
         s, b = self._operands(instruction)
-        n, f, z = s.shape[0], self.temporary(instruction, s.shape), self.matrix(instruction.result, b.shape)
+        n, f, z = (
+            s.shape[0],
+            self.temporary(instruction, s.shape),
+            self.matrix(instruction.result, b.shape),
+        )
         self.copy(s.view, f)
         self.copy(b.view, z)
 
@@ -309,7 +345,10 @@ class LinearEmitter(MatrixEmitter):
         """``A V`` with orthogonal columns by one-sided Jacobi rotations, and V where it is wanted, behind it."""
         (a,) = self._operands(instruction)
         (m, n), wanted = a.shape, instruction.attributes[0]
-        z, v = self.matrix(instruction.result, (m, n)), self.matrix(instruction.result, (wanted, n), m * n)
+        z, v = (
+            self.matrix(instruction.result, (m, n)),
+            self.matrix(instruction.result, (wanted, n), m * n),
+        )
         self.copy(a.view, z)
         if wanted:
 
@@ -321,7 +360,9 @@ class LinearEmitter(MatrixEmitter):
         still = constant(self.one, np.False_)
 
         def row(p: Index, turning: Tracer) -> list[Tracer]:
-            return self.loop(p + 1, n, lambda q, turned: [turned | self._turned((z, v), p, q)], [turning])
+            return self.loop(
+                p + 1, n, lambda q, turned: [turned | self._turned((z, v), p, q)], [turning]
+            )
 
         self.loop(0, _SWEEPS, lambda _, _turning: self.loop(0, n, row, [still]), [constant(self.one, np.True_)],
                   going=lambda turning: turning)  # fmt: skip

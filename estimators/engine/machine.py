@@ -20,7 +20,8 @@ import numpy as np
 
 _KEPT = 90 * 86400.0  # seconds after their last use that objects are kept
 _VERSION = "4"
-_MOST = 2_000  # modules that others can share; of more, the oldest are loaded anew when they are next needed
+# modules that others can share; of more, the oldest are loaded anew when they are next needed
+_MOST = 2_000
 _LINE = 8  # numbers in a line of the cache
 _compiling = Lock()
 _loaded: dict[bytes, Callable[..., Any]] = {}
@@ -30,8 +31,8 @@ _threads = local()
 def load(code: bytes, emit: Callable[[], str]) -> Callable[..., Any]:
     """The Python function of a module, whose symbol is ``call``.
 
-    Objects are kept by the digest of the code, of this package and of the processor, each written at once under a name
-    of its own and then renamed: processes that compile the same need no lock.
+    Objects are kept by the digest of the code, of this package and of the processor, each written
+    at once under a name of its own and then renamed: processes that compile the same need no lock.
 
     Args:
         code: All that the module depends on, this package's sources aside. A process loads it once.
@@ -61,10 +62,14 @@ def _function(key: bytes, emit: Callable[[], str]) -> Any:
     engine = binding.create_mcjit_compiler(module, _machine())
     engine.add_object_file(binding.ObjectFileRef.from_data(code))
     engine.finalize_object()
-    # Bytes: the collector of garbage empties a structure of ctypes before it deletes the function, which reads it then.
+    # Bytes: the collector of garbage empties a structure of ctypes before it deletes the function,
+    # which reads it then.
     method = bytes(_Method(b"run", engine.get_function_address("call"), _FASTCALL, None))
     create = ctypes.pythonapi.PyCFunction_NewEx
-    create.restype, create.argtypes = ctypes.py_object, (ctypes.c_char_p, ctypes.py_object, ctypes.c_void_p)
+    create.restype, create.argtypes = (
+        ctypes.py_object,
+        (ctypes.c_char_p, ctypes.py_object, ctypes.c_void_p),
+    )
     return create(method, (engine, method), None)  # it keeps its code
 
 
@@ -113,13 +118,20 @@ def _processor() -> tuple[str, ...]:
     from llvmlite import binding
 
     name = binding.get_host_cpu_name()
-    return llvmlite.__version__, binding.get_default_triple(), name, binding.get_host_cpu_features().flatten()
+    return (
+        llvmlite.__version__,
+        binding.get_default_triple(),
+        name,
+        binding.get_host_cpu_features().flatten(),
+    )
 
 
 @cache
 def _emitter() -> str:
     """Digest of this package, whose modules emit LLVM IR, and sizes of the heads of Python's objects."""
-    sources = sha256(b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py"))))
+    sources = sha256(
+        b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
+    )
     return f"{sources.hexdigest()} {object.__basicsize__} {bytes.__basicsize__}"
 
 
@@ -138,7 +150,9 @@ def _machine() -> Any:
     _, triple, name, features = _processor()
     target = binding.Target.from_triple(triple)
     level = 2 if _optimised() else 0
-    return target.create_target_machine(cpu=name, features=features, opt=level, reloc="pic", jit=True)
+    return target.create_target_machine(
+        cpu=name, features=features, opt=level, reloc="pic", jit=True
+    )
 
 
 def _numpy_functions() -> Any:
@@ -157,12 +171,15 @@ def scratch(size: int) -> np.ndarray:
     return room
 
 
-# --- objects on disk --------------------------------------------------------------------------------
+# --- objects on disk ------------------------------------------------------------------------------
 
 
 def _keep(path: Path, code: bytes) -> None:
     """Write an object, after its digest, where others find it whole or not at all."""
-    with suppress(OSError), tempfile.NamedTemporaryFile(dir=path.parent, suffix=".new", delete=False) as file:
+    with (
+        suppress(OSError),
+        tempfile.NamedTemporaryFile(dir=path.parent, suffix=".new", delete=False) as file,
+    ):
         file.write(sha256(code).digest() + code)
         file.close()
         os.replace(file.name, path)
@@ -186,7 +203,11 @@ def _kept(path: Path) -> bytes | None:
 def _announce() -> None:
     """Say once to whoever waits at a terminal that equations are compiled; stdout belongs to the results."""
     if sys.stderr is not None and not any(folder().glob("*.o")):
-        print(f"vessel-gym: compiling equations once, a few seconds; kept in {folder()}", file=sys.stderr, flush=True)
+        print(
+            f"vessel-gym: compiling equations once, a few seconds; kept in {folder()}",
+            file=sys.stderr,
+            flush=True,
+        )
 
 
 @cache
@@ -223,7 +244,9 @@ def _places() -> Iterator[str]:
 
 def _own(place: Path) -> Path | None:
     """A folder that the user can write to and nobody else, as what is kept there is executed; None if there is none."""
-    user = os.getuid() if hasattr(os, "getuid") else None  # None: folders are the user's own, as on Windows
+    user = (
+        os.getuid() if hasattr(os, "getuid") else None
+    )  # None: folders are the user's own, as on Windows
     found = place / f"vessel-gym-{user}"
     try:
         found.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -231,5 +254,7 @@ def _own(place: Path) -> Path | None:
         tempfile.TemporaryFile(dir=found).close()
     except OSError:
         return None
-    safe = user is None or (stat.S_ISDIR(status.st_mode) and status.st_uid == user and not status.st_mode & 0o022)
+    safe = user is None or (
+        stat.S_ISDIR(status.st_mode) and status.st_uid == user and not status.st_mode & 0o022
+    )
     return found if safe else None

@@ -51,7 +51,10 @@ def described(arrays: Sequence[np.ndarray], results: Sequence[np.ndarray] = ()) 
     """Types and shapes of arrays, for `matcher`; their types must live as long as this is used."""
     words: list[int] = []
     for each in (arrays, results):
-        words += [len(each), *(word for array in each for word in (id(array.dtype), array.ndim, *array.shape))]
+        words += [
+            len(each),
+            *(word for array in each for word in (id(array.dtype), array.ndim, *array.shape)),
+        ]
     return np.array(words, np.int64)
 
 
@@ -76,7 +79,9 @@ def _text() -> str:
 
         def fields(_: Tracer, at: Tracer, _alike: Tracer) -> list[Tracer]:
             axes, shape = word(table, at + 8), pointer(array, _SHAPE)
-            alike = (word(array, _DTYPE) == word(table, at)) & ((word(array, _DIMENSIONS) & _HALF) == axes)
+            alike = (word(array, _DTYPE) == word(table, at)) & (
+                (word(array, _DIMENSIONS) & _HALF) == axes
+            )
             alike = alike & ((word(array, _FLAGS) & _READY) == _READY)
 
             def axis(j: Tracer, alike: Tracer) -> list[Tracer]:
@@ -84,7 +89,9 @@ def _text() -> str:
 
             return [at + 16 + 8 * axes, *emitter.loop(0, cast(alike, "i") * axes, axis, [alike])]
 
-        return emitter.loop(0, cast(is_array, "i"), fields, [at, is_array])  # of what is no array no field is read
+        return emitter.loop(
+            0, cast(is_array, "i"), fields, [at, is_array]
+        )  # of what is no array no field is read
 
     table, kind = pointer(pointer("%args", 0), DATA), word(pointer("%args", 0), _TYPE)
     count = emitter.one.value("%count", "i")
@@ -98,10 +105,18 @@ def _text() -> str:
     def result(i: Tracer, at: Tracer, _: Tracer) -> list[Tracer]:
         dtype, axes = pointer(table, at), word(table, at + 8)
         emitter.lines.append(f"  call void @Py_IncRef(ptr {dtype})")  # NumPy takes the reference
-        shape, few = emitter.at(table, at + 16, "i8"), emitter.line(f"trunc i64 {emitter.one.name(axes)} to i32")
+        shape, few = (
+            emitter.at(table, at + 16, "i8"),
+            emitter.line(f"trunc i64 {emitter.one.name(axes)} to i32"),
+        )
         array = emitter.line(f"call ptr @PyArray_Empty(i32 {few}, ptr {shape}, ptr {dtype}, i32 0)")
-        emitter.line(f"call i32 @PyTuple_SetItem(ptr {fresh}, i64 {emitter.one.name(i)}, ptr {array})")
-        return [at + 16 + 8 * axes, emitter.one.value(emitter.line(f"icmp ne ptr {array}, null"), "b")]
+        emitter.line(
+            f"call i32 @PyTuple_SetItem(ptr {fresh}, i64 {emitter.one.name(i)}, ptr {array})"
+        )
+        return [
+            at + 16 + 8 * axes,
+            emitter.one.value(emitter.line(f"icmp ne ptr {array}, null"), "b"),
+        ]
 
     there = emitter.one.value(emitter.line(f"icmp ne ptr {fresh}, null"), "b")
     _, made = emitter.loop(0, results, result, [at + start, there], going=lambda _, made: made)

@@ -1,8 +1,9 @@
 """Tracers of vectors and matrices, whose operations are single instructions however large they are.
 
-Filters' equations are functions of vectors ``(..., n)`` and matrices ``(..., n, m)`` in NumPy's words; traced, a name
-means what it means in NumPy for arrays with any leading axes. Everything else is refused while it is traced: a shape
-that does not fit, a mask where numbers belong, a function without an instruction of its own.
+Filters' equations are functions of vectors ``(..., n)`` and matrices ``(..., n, m)`` in NumPy's
+words; traced, a name means what it means in NumPy for arrays with any leading axes. Everything else
+is refused while it is traced: a shape that does not fit, a mask where numbers belong, a function
+without an instruction of its own.
 """
 
 import math
@@ -25,38 +26,51 @@ _IDENTITIES = {"add": np.float64(-0.0), "multiply": np.float64(1.0)}
 class MatrixTracer(NDArrayOperatorsMixin):
     """A vector or matrix of each row; entries of a mask are 1 and 0.
 
-    ``shape``, ``ndim`` and ``size`` are those of one row: ``shape[-1]`` means what it means in NumPy, ``shape[0]`` not.
+    ``shape``, ``ndim`` and ``size`` are those of one row: ``shape[-1]`` means what it means in
+    NumPy, ``shape[0]`` not.
     """
 
     __array_priority__ = 3000.0
 
-    def __init__(self, program: Program, value: int, places: Any, mask: bool = False, constant: Any = None) -> None:
+    def __init__(
+        self, program: Program, value: int, places: Any, mask: bool = False, constant: Any = None
+    ) -> None:
         """A new tracer.
 
         Args:
             program: Its program.
             value: Its value, or the one that it is a part of.
-            places: Which entry of the value stands where ``(n,)`` or ``(n, m)``; or the shape of all of them.
+            places: Which entry of the value stands where ``(n,)`` or ``(n, m)``; or the shape of
+                all of them.
             mask: Are the entries True and False?
             constant: The type of an array that has no axes of a batch.
         """
-        self.places = np.arange(math.prod(places)).reshape(places) if isinstance(places, tuple) else places
+        self.places = (
+            np.arange(math.prod(places)).reshape(places) if isinstance(places, tuple) else places
+        )
         self.program, self.value, self.mask, self.constant = program, value, mask, constant
         self.shape: tuple[int, ...] = self.places.shape
         self.ndim, self.size = self.places.ndim, self.places.size
         if not 1 <= self.ndim <= 2:
             raise NotTraceable(
-                f"a traced formula's arrays are numbers, vectors and matrices a row, not of shape {self.shape}"
+                "a traced formula's arrays are numbers, vectors and matrices a row, not of shape"
+                f" {self.shape}"
             )
 
     def __bool__(self) -> bool:
-        raise NotTraceable("a formula is traced for all rows and cannot branch for some of them: use np.where")
+        raise NotTraceable(
+            "a formula is traced for all rows and cannot branch for some of them: use np.where"
+        )
 
     def __array__(self, *_: Any, **__: Any) -> NoReturn:
-        raise NotTraceable("a traced formula cannot make a NumPy array of its own: use joined or np.where")
+        raise NotTraceable(
+            "a traced formula cannot make a NumPy array of its own: use joined or np.where"
+        )
 
     def __setitem__(self, key: Any, value: Any) -> NoReturn:
-        raise NotTraceable("a traced formula cannot change an array in place: use joined or np.where")
+        raise NotTraceable(
+            "a traced formula cannot change an array in place: use joined or np.where"
+        )
 
     def __getattr__(self, name: str) -> NoReturn:
         raise AttributeError(f"a traced formula cannot have .{name} in it")
@@ -89,23 +103,33 @@ class MatrixTracer(NDArrayOperatorsMixin):
     def mT(self) -> "MatrixTracer":
         """The transposed matrix."""
         if self.ndim != 2:
-            raise ValueError(f"a traced formula transposes matrices, not what has shape {self.shape} a row")
+            raise ValueError(
+                f"a traced formula transposes matrices, not what has shape {self.shape} a row"
+            )
         return self._part(self.places.T)
 
     def _part(self, places: Any) -> Any:
         if np.ndim(places):
             return MatrixTracer(self.program, self.value, places, self.mask, self.constant)
         place = View(self.value, (1, 1), int(places), (0, 0))
-        return Tracer(self.program, self.program.add("element", (place,), "b" if self.mask else "f"))
+        return Tracer(
+            self.program, self.program.add("element", (place,), "b" if self.mask else "f")
+        )
 
     def as_type(self, mask: bool) -> "MatrixTracer":
         """The same entries as a mask, or as numbers."""
-        return self if mask == self.mask else MatrixTracer(self.program, self.value, self.places, mask, self.constant)
+        return (
+            self
+            if mask == self.mask
+            else MatrixTracer(self.program, self.value, self.places, mask, self.constant)
+        )
 
     def spread(self) -> View:
         """Its entries with steps that stay where there is one row or column only."""
         view = self.view
-        steps: Any = tuple(step if size > 1 else 0 for step, size in zip(view.steps, view.shape, strict=True))
+        steps: Any = tuple(
+            step if size > 1 else 0 for step, size in zip(view.steps, view.shape, strict=True)
+        )
         return view._replace(steps=steps)
 
     def scalars(self) -> TracedArray:
@@ -118,16 +142,25 @@ class MatrixTracer(NDArrayOperatorsMixin):
     def diagonal(self, offset: int = 0, axis1: int = 0, axis2: int = 1) -> "MatrixTracer":
         """The diagonal of a matrix, whose axes are the last two."""
         if (offset, axis1, axis2) != (0, -2, -1) or self.ndim != 2:
-            raise NotTraceable("of a traced formula's matrices diagonal(0, -2, -1) alone can be had")
+            raise NotTraceable(
+                "of a traced formula's matrices diagonal(0, -2, -1) alone can be had"
+            )
         return self._part(self.places.diagonal())
 
     def sum(self, axis: int | tuple[int, int] | None = None, **others: Any) -> Any:
         """The sum over the last axis, the one before, or both."""
-        counted = len(axis) if isinstance(axis, tuple) else -axis if isinstance(axis, int | np.integer) else 3
+        counted = (
+            len(axis)
+            if isinstance(axis, tuple)
+            else -axis
+            if isinstance(axis, int | np.integer)
+            else 3
+        )
         if others or axis not in (-1, -2, (-2, -1)) or counted > self.ndim:
             raise NotTraceable(
-                f"a traced formula sums over its last axes, -1, -2 or (-2, -1), and without options: not over "
-                f"{short_repr(axis)} of shape {self.shape} a row, for the batch's axes are first"
+                "a traced formula sums over its last axes, -1, -2 or (-2, -1), and without"
+                f" options: not over {short_repr(axis)} of shape {self.shape} a row, for the"
+                " batch's axes are first"
             )
         refuse_masks("a sum", self)
         whole: Any = self[..., None, :] if self.ndim == 1 else self
@@ -145,7 +178,10 @@ class MatrixTracer(NDArrayOperatorsMixin):
             raise NotTraceable("a traced formula's arrays are indexed from behind, a[..., i]: the first axes are the "
                                "batch's")  # fmt: skip
         kinds = slice, int, np.integer
-        if any(each is not None and (isinstance(each, bool) or not isinstance(each, kinds)) for each in named):
+        if any(
+            each is not None and (isinstance(each, bool) or not isinstance(each, kinds))
+            for each in named
+        ):
             raise NotTraceable("a traced formula's arrays are indexed by whole numbers, slices and None: use joined or "
                                "np.where")  # fmt: skip
         return self._part(self.places[key])
@@ -163,19 +199,31 @@ def matrix(program: Program, value: Any) -> Any:
             return constant(program, value[()])
         scalars = entries(value, program)
         mask = {each.kind for each in scalars} == {"b"}
-        packed = program.add("pack", tuple((x if mask else cast(x, "f")).value for x in scalars), "f", value.size)
+        packed = program.add(
+            "pack", tuple((x if mask else cast(x, "f")).value for x in scalars), "f", value.size
+        )
         return MatrixTracer(program, packed, value.shape, mask=mask)
     array = constant_array(value)
     if array.ndim == 0:
         if array.dtype.kind == "f" and array.dtype != float:
-            raise NotTraceable(f"a traced formula has float64 numbers, not a constant of {array.dtype}")
+            raise NotTraceable(
+                f"a traced formula has float64 numbers, not a constant of {array.dtype}"
+            )
         return constant(program, array[()])
     if array.ndim > 2:
         raise NotTraceable("what differs from row to row must be an argument of a traced formula")
-    return MatrixTracer(program, program.table(array), array.shape, mask=array.dtype.kind == "b", constant=array.dtype)
+    return MatrixTracer(
+        program,
+        program.table(array),
+        array.shape,
+        mask=array.dtype.kind == "b",
+        constant=array.dtype,
+    )
 
 
-def matrix_input(program: Program, argument: int, column: int, shape: tuple[int, ...], kind: str = "f") -> Any:
+def matrix_input(
+    program: Program, argument: int, column: int, shape: tuple[int, ...], kind: str = "f"
+) -> Any:
     """A vector or matrix in the columns of an argument from one on; a number where it has no axes."""
     if not shape:
         return Tracer(program, program.add("input", (), kind, None, (argument, column)))
@@ -192,25 +240,33 @@ def lookup_matrix(table: np.ndarray, index: Tracer) -> MatrixTracer:
     return MatrixTracer(program, value, table.shape[1:])
 
 
-def columnwise(function: Any, *operands: Any, wanted: Any = None, interleaved: bool = False) -> MatrixTracer:
+def columnwise(
+    function: Any, *operands: Any, wanted: Any = None, interleaved: bool = False
+) -> MatrixTracer:
     """Results ``(k, N)`` of a function of vectors ``(n,)`` for each column of matrices ``(n, N)``.
 
     Args:
         function: Traced entry by entry.
         operands: Matrices, of which it gets the columns; vectors ``(m,)`` and None as they are.
-        wanted: Mask ``(b,)`` of b blocks of columns: results of others may be anything, and take no time; None: all.
+        wanted: Mask ``(b,)`` of b blocks of columns: results of others may be anything, and take no
+            time; None: all.
         interleaved: Give the results column by column, ``(1, k N)``; k is a power of two.
     """
     program = program_of(*operands)
     given: list[Any] = [
-        each if each is None or isinstance(each, TracedArray) else matrix(program, each) for each in operands
+        each if each is None or isinstance(each, TracedArray) else matrix(program, each)
+        for each in operands
     ]
     views: list[View] = [each.view for each in given if each is not None and each.ndim == 2]
-    vectors = [each.scalars() if isinstance(each, MatrixTracer) and each.ndim == 1 else each for each in given]
+    vectors = [
+        each.scalars() if isinstance(each, MatrixTracer) and each.ndim == 1 else each
+        for each in given
+    ]
 
     def body(*parameters: tuple[int, ...]) -> list[int]:
         columns = (
-            np.array([Tracer(program, value) for value in column], object).view(TracedArray) for column in parameters
+            np.array([Tracer(program, value) for value in column], object).view(TracedArray)
+            for column in parameters
         )
         arguments = [
             next(columns) if each is not None and each.ndim == 2 else vector
@@ -227,12 +283,12 @@ def columnwise(function: Any, *operands: Any, wanted: Any = None, interleaved: b
 def along(function: Any, *rows: Any) -> tuple[Any, ...]:
     """What a function of numbers gives for each entry of rows ``(..., k)``: arrays ``(..., k)``.
 
-    A compiled program has its instructions once, where Python's own loop would be unrolled; of one row eight entries
-    are computed side by side. It is no part of a `repeat`, and has no derivative.
+    A compiled program has its instructions once, where Python's own loop would be unrolled; of one
+    row eight entries are computed side by side. It is no part of a `repeat`, and has no derivative.
 
     Args:
-        function: Of as many numbers or arrays ``(...)`` as there are rows; it gives a sequence of such, and may use
-            others, which are the same for all entries.
+        function: Of as many numbers or arrays ``(...)`` as there are rows; it gives a sequence of
+            such, and may use others, which are the same for all entries.
         rows: Of the same length.
     """
     program = program_of(*rows) if any(map(is_traced, rows)) else None
@@ -240,7 +296,9 @@ def along(function: Any, *rows: Any) -> tuple[Any, ...]:
         each = [function(*(row[..., i] for row in rows)) for i in range(np.shape(rows[0])[-1])]
         return tuple(np.stack(found, -1) for found in zip(*each, strict=True))
     columns = matrix(program, TracedArray.of(np.stack(rows)))
-    return tuple(columnwise(lambda column: TracedArray.of(list(function(*column))), columns).scalars())
+    return tuple(
+        columnwise(lambda column: TracedArray.of(list(function(*column))), columns).scalars()
+    )
 
 
 def split(row: MatrixTracer, count: int) -> MatrixTracer:
@@ -261,11 +319,17 @@ def is_mask(operand: Any) -> bool:
 def refuse_masks(word: str, *operands: Any) -> None:
     """Refuse masks where numbers belong."""
     if any(map(is_mask, operands)):
-        raise NotTraceable(f"{word} in a traced formula is of numbers: of a mask they are 1.0 * mask")
+        raise NotTraceable(
+            f"{word} in a traced formula is of numbers: of a mask they are 1.0 * mask"
+        )
 
 
 def _is_constant(operand: Any) -> bool:
-    return operand.constant is not None if isinstance(operand, MatrixTracer) else known(operand) is not None
+    return (
+        operand.constant is not None
+        if isinstance(operand, MatrixTracer)
+        else known(operand) is not None
+    )
 
 
 @cache
@@ -278,7 +342,9 @@ def _result_kind(name: str, kinds: str) -> str:
     except TypeError:  # there is no such function of masks
         dtype = np.dtype(object)  # None is float64 to NumPy
     if dtype != KINDS[kind]:
-        raise NotTraceable(f"np.{name} in a traced formula is of numbers: of a mask they are 1.0 * mask")
+        raise NotTraceable(
+            f"np.{name} in a traced formula is of numbers: of a mask they are 1.0 * mask"
+        )
     return kind
 
 
@@ -295,23 +361,36 @@ def entrywise(program: Program, function: Any, *values: Any) -> Any:
     shape = _common_shape(operands)
     if (identity := _IDENTITIES.get(name)) is not None:
         for one, other in zip(operands, operands[::-1], strict=True):
-            if _is_constant(one) and getattr(other, "shape", None) == shape and _all_equal(program, one, identity):
+            if (
+                _is_constant(one)
+                and getattr(other, "shape", None) == shape
+                and _all_equal(program, one, identity)
+            ):
                 return other.as_type(kind == "b")
-    views = tuple(each.spread() if isinstance(each, MatrixTracer) else each.value for each in operands)
+    views = tuple(
+        each.spread() if isinstance(each, MatrixTracer) else each.value for each in operands
+    )
     rows, columns = (1,) * (2 - len(shape)) + shape
     value = program.add("each", views, "f", rows * columns, (name, kinds, rows, columns))
     return MatrixTracer(program, value, shape, mask=kind == "b")
 
 
 def _all_equal(program: Program, operand: Any, identity: np.float64) -> bool:
-    values = program.tables[operand.value] if isinstance(operand, MatrixTracer) else np.array([known(operand)], float)
+    values = (
+        program.tables[operand.value]
+        if isinstance(operand, MatrixTracer)
+        else np.array([known(operand)], float)
+    )
     return values.tobytes() == identity.tobytes() * values.size
 
 
 def _common_shape(operands: Sequence[Any]) -> tuple[int, ...]:
     axes = {each.ndim for each in operands if not _is_constant(each)}
     if len(axes) > 1 or any(each.ndim > min(axes, default=2) for each in operands):
-        raise ValueError(f"{shapes(operands)} have axes of other number in a traced formula: add some by a[..., None]")
+        raise ValueError(
+            f"{shapes(operands)} have axes of other number in a traced formula: add some by a[...,"
+            " None]"
+        )
     try:
         return np.broadcast_shapes(*(each.shape for each in operands))
     except ValueError:
@@ -327,9 +406,18 @@ def check_precision(operands: Sequence[Any]) -> None:
     """Refuse constants that are not float64 beside masks alone: NumPy computes with whole numbers or few digits."""
     if all(is_mask(each) or _is_constant(each) for each in operands):
         for each in operands:
-            kind = each.constant if isinstance(each, MatrixTracer) else each.dtype if known(each) is not None else None
+            kind = (
+                each.constant
+                if isinstance(each, MatrixTracer)
+                else each.dtype
+                if known(each) is not None
+                else None
+            )
             if kind not in (None, bool, np.float64):
-                raise NotTraceable(f"beside a mask a traced formula has float64 (1.0 for 1), not a constant of {kind}")
+                raise NotTraceable(
+                    "beside a mask a traced formula has float64 (1.0 for 1), not a constant of"
+                    f" {kind}"
+                )
 
 
 def joined(parts: Sequence[Any], axis: Any) -> Any:
@@ -337,20 +425,32 @@ def joined(parts: Sequence[Any], axis: Any) -> Any:
     own = [not is_traced(part) for part in parts]
     program = program_of(*parts)
     parts = [matrix(program, part) for part in parts]
-    if isinstance(axis, bool) or not isinstance(axis, int | np.integer) or not -parts[0].ndim <= axis < 0:
+    if (
+        isinstance(axis, bool)
+        or not isinstance(axis, int | np.integer)
+        or not -parts[0].ndim <= axis < 0
+    ):
         raise NotTraceable(
-            f"a traced formula joins arrays along their last axes, -1 or -2, not {short_repr(axis)}: give axis="
+            "a traced formula joins arrays along their last axes, -1 or -2, not"
+            f" {short_repr(axis)}: give axis="
         )
     if any(part.ndim != 2 for one, part in zip(own, parts, strict=True) if one):
-        raise ValueError(f"{shapes(parts)} cannot be joined in a traced formula: constants among them are matrices")
+        raise ValueError(
+            f"{shapes(parts)} cannot be joined in a traced formula: constants among them are"
+            " matrices"
+        )
     try:
         shape = np.concatenate([part.places for part in parts], axis).shape
     except ValueError:
-        raise ValueError(f"{shapes(parts)} cannot be joined along axis {axis} in a traced formula") from None
+        raise ValueError(
+            f"{shapes(parts)} cannot be joined along axis {axis} in a traced formula"
+        ) from None
     sizes = [part.shape[axis] for part in parts]
     step = shape[-1] if axis == -2 else 1
     places = tuple(sum(sizes[:i]) * step for i in range(len(parts)))
-    value = program.add("join", tuple(part.view for part in parts), "f", math.prod(shape), (places, shape[-1]))
+    value = program.add(
+        "join", tuple(part.view for part in parts), "f", math.prod(shape), (places, shape[-1])
+    )
     return MatrixTracer(program, value, shape, mask=all(part.mask for part in parts))
 
 
@@ -367,8 +467,8 @@ def program_of(*values: Any) -> Program:
 def _concatenate(parts: Any, axis: Any = 0, **others: Any) -> MatrixTracer:
     if others or not all(isinstance(part, MatrixTracer | TracedArray) for part in parts):
         raise NotTraceable(
-            "np.concatenate in a traced formula is of its arrays alone, and without options: for constants beside them "
-            "there is estimators.linalg.joined"
+            "np.concatenate in a traced formula is of its arrays alone, and without options: for"
+            " constants beside them there is estimators.linalg.joined"
         )
     return joined(parts, axis)
 

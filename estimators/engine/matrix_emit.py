@@ -36,7 +36,8 @@ class Matrix:
     Args:
         emitter: Emits what is read and written.
         view: Its place.
-        count: Entries of a row of the matrix that are read and written together, as lanes of vectors.
+        count: Entries of a row of the matrix that are read and written together, as lanes of
+            vectors.
     """
 
     def __init__(self, emitter: "MatrixEmitter", view: View, count: int = 1) -> None:
@@ -48,10 +49,14 @@ class Matrix:
 
     def __setitem__(self, at: tuple[Index, Index], x: Any) -> None:
         emitter = self._emitter
-        lanes: Any = x.program if isinstance(x, Tracer) else emitter.lanes(emitter.width * self._count)
+        lanes: Any = (
+            x.program if isinstance(x, Tracer) else emitter.lanes(emitter.width * self._count)
+        )
         x = cast(constant(lanes, x), "f")
         place = emitter.address(self.view.value, _entry(self.view, *at))
-        emitter.lines.append(f"  store {type_of('f', lanes.width)} {lanes.name(x)}, ptr {place}, align 8")
+        emitter.lines.append(
+            f"  store {type_of('f', lanes.width)} {lanes.name(x)}, ptr {place}, align 8"
+        )
 
 
 def _entry(view: View, i: Index, j: Index) -> Index:
@@ -75,7 +80,7 @@ class MatrixEmitter(Emitter):
             "lookup matrix": self._lookup_matrix, "columns": self._columns,
         }  # fmt: skip
 
-    # --- memory -------------------------------------------------------------------------------------
+    # --- memory -----------------------------------------------------------------------------------
 
     def address(self, value: int, entry: Index) -> str:
         """Address of an entry of a matrix."""
@@ -120,14 +125,18 @@ class MatrixEmitter(Emitter):
             return
         self.each(0, rows, lambda i: self.each(0, columns, lambda j: body(i, j)))
 
-    def each(self, first: Index, count: Index, body: Callable[[Index], None], step: int = 1) -> None:
+    def each(
+        self, first: Index, count: Index, body: Callable[[Index], None], step: int = 1
+    ) -> None:
         """A body for each index."""
         if isinstance(count, int) and isinstance(first, int) and (first, count) == (0, 1):
             body(0)
         else:
             self.loop(first, count, body, step=step)
 
-    def chunks(self, count: int, size: int, body: Callable[[Index, int], None], unrolled: int = 1) -> None:
+    def chunks(
+        self, count: int, size: int, body: Callable[[Index, int], None], unrolled: int = 1
+    ) -> None:
         """A body for so many neighbours at a time, and for those that are left; few chunks are unrolled."""
         whole = count // size * size
         if whole > unrolled * size:
@@ -138,15 +147,19 @@ class MatrixEmitter(Emitter):
         if count > whole:
             body(whole, count - whole)
 
-    def total(self, first: Tracer, low: Index, high: Index, term: Callable[[Index, Tracer], Any]) -> Tracer:
+    def total(
+        self, first: Tracer, low: Index, high: Index, term: Callable[[Index, Tracer], Any]
+    ) -> Tracer:
         """Fold a term over indices, beginning with a number."""
         return self.loop(low, high, lambda k, total: [term(k, total)], [first])[0]
 
-    # --- functions ----------------------------------------------------------------------------------
+    # --- functions --------------------------------------------------------------------------------
 
     def specially(self, instruction: Instruction) -> None:
         """An instruction of matrices, as a call of a function where it is long."""
-        entries = sum(math.prod(each.shape) for each in instruction.operands if isinstance(each, View))
+        entries = sum(
+            math.prod(each.shape) for each in instruction.operands if isinstance(each, View)
+        )
         if instruction.opcode not in _OUTLINED or entries <= self.inlined:
             super().specially(instruction)
             return
@@ -168,20 +181,28 @@ class MatrixEmitter(Emitter):
     def _outlined(self, instruction: Instruction) -> str:
         """The function of an instruction, one for all of its kind whose operands have the same shapes and steps."""
         shapes = [
-            (each.shape, each.steps, each.value in self.program.tables) if isinstance(each, View) else None
+            (
+                (each.shape, each.steps, each.value in self.program.tables)
+                if isinstance(each, View)
+                else None
+            )
             for each in instruction.operands
         ]
         same = [instruction.operands.index(each) for each in instruction.operands]
         key = str((instruction.opcode, instruction.attributes, shapes, same, self.width))
         if key in self.module.outlined:
             return self.module.outlined[key]
-        name = self.module.outlined[key] = f"@{instruction.opcode.replace(' ', '_')}.{len(self.module.outlined)}"
+        name = self.module.outlined[key] = (
+            f"@{instruction.opcode.replace(' ', '_')}.{len(self.module.outlined)}"
+        )
         program, own = Program(), _Own({}, {})
         operands: list[int | View] = []
         parameters: list[str] = []
         emitter = self.emitter(program, own)
         for i, each in enumerate(instruction.operands):
-            parameters.append(f"{'ptr' if isinstance(each, View) else type_of('f', self.width)} %p{i}")
+            parameters.append(
+                f"{'ptr' if isinstance(each, View) else type_of('f', self.width)} %p{i}"
+            )
             if same[i] < i:
                 operands.append(operands[same[i]])
             elif isinstance(each, View):
@@ -199,12 +220,14 @@ class MatrixEmitter(Emitter):
         if instruction.result in self.layout.temporary:
             own.temporary[result] = 0
             parameters.append("ptr noalias %t")
-        emitter.special[instruction.opcode](instruction._replace(operands=tuple(operands), result=result))
+        emitter.special[instruction.opcode](
+            instruction._replace(operands=tuple(operands), result=result)
+        )
         head = f"define internal void {name}({', '.join(parameters)}) noinline nounwind {{\nentry:"
         self.module.functions[name] = "\n".join([head, *emitter.lines, "  ret void\n}"])
         return name
 
-    # --- entry by entry -----------------------------------------------------------------------------
+    # --- entry by entry ---------------------------------------------------------------------------
 
     def _element(self, instruction: Instruction) -> None:
         place: Any = instruction.operands[0]
@@ -228,7 +251,9 @@ class MatrixEmitter(Emitter):
         for part in parts:
             if isinstance(part, View):
                 columns = part.shape[1]
-                self.copy(part, Matrix(self, View(target.view.value, part.shape, column, (columns, 1))))
+                self.copy(
+                    part, Matrix(self, View(target.view.value, part.shape, column, (columns, 1)))
+                )
                 column += math.prod(part.shape)
             else:
                 target[0, column] = self.scalar(part)
@@ -254,11 +279,16 @@ class MatrixEmitter(Emitter):
         value: Any = instruction.operands[0]
         place, count = instruction.attributes
         size = self.program.sizes[instruction.result]
-        target, entries = self.matrix(instruction.result, (1, size)), self.places(self.scalar(value), count)
+        target, entries = (
+            self.matrix(instruction.result, (1, size)),
+            self.places(self.scalar(value), count),
+        )
         starts = [entry * size for entry in entries]
 
         def entry(_: Index, e: Index) -> None:
-            found = self.gather(lambda lane: self.one.name(self.read(self.constant(place, starts[lane] + e), 1)))
+            found = self.gather(
+                lambda lane: self.one.name(self.read(self.constant(place, starts[lane] + e), 1))
+            )
             target[0, e] = self.own.value(found)
 
         self.over(1, size, entry)
@@ -268,18 +298,35 @@ class MatrixEmitter(Emitter):
         function, operands = SCALAR_FUNCTIONS[name], instruction.operands
         target, count = self.matrix(instruction.result, (rows, columns)), 1
         views = [each for each in operands if isinstance(each, View)]
-        if self.width == 1 and rows * columns > 4 and all(view.steps[1] == min(view.shape[1] - 1, 1) for view in views):
-            if rows > 1 and all(view.shape == (rows, columns) and view.steps[0] == columns for view in views):
-                target, rows, columns = self.matrix(instruction.result, (1, rows * columns)), 1, rows * columns
+        if (
+            self.width == 1
+            and rows * columns > 4
+            and all(view.steps[1] == min(view.shape[1] - 1, 1) for view in views)
+        ):
+            if rows > 1 and all(
+                view.shape == (rows, columns) and view.steps[0] == columns for view in views
+            ):
+                target, rows, columns = (
+                    self.matrix(instruction.result, (1, rows * columns)),
+                    1,
+                    rows * columns,
+                )
                 views = [View(each.value, (1, columns), each.start, (0, 1)) for each in views]
             count = CHUNK if columns > 4 else 1
-        scalars, left = {each: self.load(each) for each in operands if isinstance(each, int)}, iter(views)
+        scalars, left = (
+            {each: self.load(each) for each in operands if isinstance(each, int)},
+            iter(views),
+        )
         placed = [next(left) if isinstance(each, View) else each for each in operands]
 
         def some(i: Index, j: Index, count: int) -> None:
             width = self.width * count
             loaded = [
-                self.load(each, i, j, count) if isinstance(each, View) else self.spread(scalars[each], width)
+                (
+                    self.load(each, i, j, count)
+                    if isinstance(each, View)
+                    else self.spread(scalars[each], width)
+                )
                 for each in placed
             ]
             Matrix(self, target.view, count)[i, j] = function(*map(cast, loaded, kinds))
@@ -291,7 +338,11 @@ class MatrixEmitter(Emitter):
         if count == 1:
             self.over(rows, columns, lambda i, j: some(i, j, 1))
         else:
-            self.each(0, rows, lambda i: self.chunks(columns, CHUNK, lambda j, number: chunk(i, j, number)))
+            self.each(
+                0,
+                rows,
+                lambda i: self.chunks(columns, CHUNK, lambda j, number: chunk(i, j, number)),
+            )
 
     def _columns(self, instruction: Instruction) -> None:
         """A function of columns: of a batch one after the other, of one row eight side by side."""
@@ -313,7 +364,9 @@ class MatrixEmitter(Emitter):
                     inside.names[value] = inside.own.name(self.spread(self.scalar(value), width))  # type: ignore[arg-type, index]
             for view, parameters in zip(views, loop.parameters, strict=True):
                 for i, value in enumerate(parameters):
-                    inside.names[value] = inside.own.name(self.load(view, i, j, width // self.width))
+                    inside.names[value] = inside.own.name(
+                        self.load(view, i, j, width // self.width)
+                    )
             inside.block(loop.body)
             found = [inside.name(value) for value in loop.results]
             start, step, lanes = j, loop.size, inside.own
@@ -341,4 +394,6 @@ class MatrixEmitter(Emitter):
         pair = [self._interleaved(vectors[first::2]) for first in range(2)]
         count = CHUNK * len(vectors) // 2
         T, order = type_of("f", count), ", ".join(f"i32 {i}, i32 {i + count}" for i in range(count))
-        return self.line(f"shufflevector {T} {pair[0]}, {T} {pair[1]}, <{2 * count} x i32> <{order}>")
+        return self.line(
+            f"shufflevector {T} {pair[0]}, {T} {pair[1]}, <{2 * count} x i32> <{order}>"
+        )

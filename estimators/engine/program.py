@@ -1,7 +1,8 @@
 """Programs: what a traced function computes of one row, as instructions in static single assignment form.
 
-A value is a number that stands for a scalar, or for a matrix, which is never written again once it is complete. Kinds
-of values are those of NumPy by a letter: ``f`` float64, ``i`` int64, ``u`` uint64 (random words), ``b`` a mask.
+A value is a number that stands for a scalar, or for a matrix, which is never written again once it
+is complete. Kinds of values are those of NumPy by a letter: ``f`` float64, ``i`` int64, ``u``
+uint64 (random words), ``b`` a mask.
 """
 
 import struct
@@ -33,7 +34,9 @@ class Instruction(NamedTuple):
     @property
     def values(self) -> set[int]:
         """The values that it reads."""
-        found = {operand.value if isinstance(operand, View) else operand for operand in self.operands}
+        found = {
+            operand.value if isinstance(operand, View) else operand for operand in self.operands
+        }
         if self.opcode == "repeat":
             loop: Loop = self.attributes[0]
             found.update(*(each.values for each in loop.body), loop.after)
@@ -49,7 +52,8 @@ class Instruction(NamedTuple):
 class Loop(NamedTuple):
     """The body of a ``repeat``: parameters that begin as its operands, and what they are after each pass.
 
-    The first so many parameters are masks: the loop ends as soon as they are false in all rows that are side by side.
+    The first so many parameters are masks: the loop ends as soon as they are false in all rows that
+    are side by side.
     """
 
     count: int  # type: ignore[assignment]
@@ -63,8 +67,8 @@ class Loop(NamedTuple):
 class Columns(NamedTuple):
     """The body of a ``columns``: what it computes of the entries of a column of each operand that is a view.
 
-    Where there are ``blocks`` of columns, a mask follows these operands that says which are computed. Results stand row
-    by row, or ``interleaved`` column by column.
+    Where there are ``blocks`` of columns, a mask follows these operands that says which are
+    computed. Results stand row by row, or ``interleaved`` column by column.
     """
 
     size: int
@@ -146,7 +150,9 @@ class Program:
         parameters = tuple(map(self.new, kinds))
         after, inside = self._block(body, parameters, "the body of a repeat")
         if [self.kinds[value] for value in after] != kinds:
-            raise TypeError("the body of a repeat must give as many numbers as it takes, of the same kinds")
+            raise TypeError(
+                "the body of a repeat must give as many numbers as it takes, of the same kinds"
+            )
         if set(kinds[:masks]) - {"b"}:
             raise TypeError("a repeat ends by a mask, such as x > 0.0")
         results = tuple(map(self.new, kinds))
@@ -189,7 +195,11 @@ class Program:
         return _instruction(next(reversed(self._blocks[-1].items())))
 
     def columns(
-        self, views: Sequence[View], body: Callable[..., Sequence[int]], wanted: View | None, interleaved: bool
+        self,
+        views: Sequence[View],
+        body: Callable[..., Sequence[int]],
+        wanted: View | None,
+        interleaved: bool,
     ) -> int:
         """The matrix of what a body, traced once, makes of each column of matrices."""
         parameters = tuple(tuple(self.new("f") for _ in range(view.shape[0])) for view in views)
@@ -198,7 +208,9 @@ class Program:
         outer = sorted(set(results).union(*(each.values for each in inside)) - own)
         count = views[0].shape[1]
         mask = () if wanted is None else (wanted,)
-        loop = Columns(count, parameters, inside, results, wanted.shape[1] if wanted else 0, interleaved)
+        loop = Columns(
+            count, parameters, inside, results, wanted.shape[1] if wanted else 0, interleaved
+        )
         value = self.new("f", len(results) * count)
         self._blocks[-1]["columns", (*views, *mask, *outer), "", None, (loop,)] = value
         return value
@@ -207,7 +219,9 @@ class Program:
         """The instructions that outputs need, in order."""
         needed, kept = set(outputs), []
         for each in reversed(self._blocks[0].items()):
-            if each[1] in needed or (each[0][0] == "repeat" and not needed.isdisjoint(_instruction(each).results)):
+            if each[1] in needed or (
+                each[0][0] == "repeat" and not needed.isdisjoint(_instruction(each).results)
+            ):
                 kept.append(_instruction(each))
                 needed |= kept[-1].values
         return kept[::-1]
@@ -234,5 +248,7 @@ def constant_array(value: Any) -> np.ndarray:
         TypeError: if it is not of real numbers.
     """
     if (isinstance(value, np.ndarray) and type(value) is not np.ndarray) or numbers(value) is None:
-        raise TypeError(f"a traced function computes with real numbers and masks, got {short_repr(value)}")
+        raise TypeError(
+            f"a traced function computes with real numbers and masks, got {short_repr(value)}"
+        )
     return np.asarray(value)

@@ -22,8 +22,8 @@ class Snapshot:
     """Lengths, items, attributes and contents of arrays as they are now. Of objects the identity counts.
 
     Args:
-        watched: A function of `READ`, and a holder, a key and the value that it gives of these; the key of a length is
-            not looked at.
+        watched: A function of `READ`, and a holder, a key and the value that it gives of these; the
+            key of a length is not looked at.
         arrays: Arrays and the bytes that they hold, in C order.
     """
 
@@ -37,11 +37,20 @@ class Snapshot:
             expected = (value, 0) if read is length_hint else (id(key), id(value))
             rows[READ.index(read)].append((id(holder), *expected))
         plain = [(array, contents) for array, contents in self._kept[1] if array.flags.c_contiguous]
-        rows.append([(id(array), id(contents) + _BYTES, len(contents)) for array, contents in plain])
-        self._table = np.array([*map(len, rows), *(word for each in rows for row in each for word in row)], np.int64)
+        rows.append(
+            [(id(array), id(contents) + _BYTES, len(contents)) for array, contents in plain]
+        )
+        self._table = np.array(
+            [*map(len, rows), *(word for each in rows for row in each for word in row)], np.int64
+        )
         self._arrays = [array for array, _ in plain]
-        self._described, self._dtypes = described(self._arrays), [array.dtype for array in self._arrays]
-        self._others = [(array, contents) for array, contents in self._kept[1] if not array.flags.c_contiguous]
+        self._described, self._dtypes = (
+            described(self._arrays),
+            [array.dtype for array in self._arrays],
+        )
+        self._others = [
+            (array, contents) for array, contents in self._kept[1] if not array.flags.c_contiguous
+        ]
         self._matches, self._holds = matcher(), _holds()
 
     def holds(self) -> bool:
@@ -71,13 +80,19 @@ def _text() -> str:
     table = pointer(pointer("%args", 0), DATA)
 
     def length(at: Tracer) -> Tracer:
-        return value(line(f"call i64 @PyObject_Size(ptr {pointer(table, at)})"), "i") == word(table, at + 8)
+        return value(line(f"call i64 @PyObject_Size(ptr {pointer(table, at)})"), "i") == word(
+            table, at + 8
+        )
 
     def read(function: str) -> Callable[[Tracer], Tracer]:
         def same(at: Tracer) -> Tracer:
-            found = line(f"call ptr @{function}(ptr {pointer(table, at)}, ptr {pointer(table, at + 8)})")
+            found = line(
+                f"call ptr @{function}(ptr {pointer(table, at)}, ptr {pointer(table, at + 8)})"
+            )
             address = value(line(f"ptrtoint ptr {found} to i64"), "i")
-            emitter.lines.append(f"  call void @Py_DecRef(ptr {found})")  # the snapshot keeps the one that it was
+            emitter.lines.append(
+                f"  call void @Py_DecRef(ptr {found})"
+            )  # the snapshot keeps the one that it was
             return address == word(table, at + 16)
 
         return same
@@ -92,10 +107,14 @@ def _text() -> str:
     at, alike = value(str(8 * len(sections)), "i"), value("true", "b")
     for section, same in enumerate(sections):
 
-        def row(_: Tracer, at: Tracer, _alike: Tracer, same: Callable[[Tracer], Tracer] = same) -> list[Any]:
+        def row(
+            _: Tracer, at: Tracer, _alike: Tracer, same: Callable[[Tracer], Tracer] = same
+        ) -> list[Any]:
             return [at + _ROW, same(at)]
 
-        at, alike = emitter.loop(0, word(table, 8 * section), row, [at, alike], going=lambda _, alike: alike)
+        at, alike = emitter.loop(
+            0, word(table, 8 * section), row, [at, alike], going=lambda _, alike: alike
+        )
     answer = line(f"select i1 {emitter.one.name(alike)}, ptr @_Py_TrueStruct, ptr @_Py_FalseStruct")
     return "\n".join([
         "declare void @Py_IncRef(ptr)", "declare void @Py_DecRef(ptr)", "declare void @PyErr_Clear()",

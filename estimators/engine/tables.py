@@ -19,7 +19,9 @@ def _interpolated(x: Any, xp: Any, fp: Any) -> Any:
             return np.interp(x, xp, fp)
         index = lookup_index(x, xp)
         value = lookup(slopes, index) * (x - lookup(xp, index)) + lookup(fp, index)
-        value = where(x >= float(xp[-1]), float(fp[-1]), where(x < float(xp[0]), float(fp[0]), value))
+        value = where(
+            x >= float(xp[-1]), float(fp[-1]), where(x < float(xp[0]), float(fp[0]), value)
+        )
         return where(operation("isnan", x), x, value)
 
     return each_entry(one, x)
@@ -44,14 +46,19 @@ def lookup(table: Any, index: Any) -> Any:
     index = scalar(index) if isinstance(index, TracedArray) and index.size == 1 else index
     if not isinstance(index, Tracer):
         if isinstance(index, TracedArray):
-            return TracedArray.of([lookup(table, each) for each in index.flat]).reshape(index.shape + table.shape[1:])
+            return TracedArray.of([lookup(table, each) for each in index.flat]).reshape(
+                index.shape + table.shape[1:]
+            )
         inside = np.clip(np.nan_to_num(index, nan=0.0), 0, len(table) - 1).astype(int)
         return table[inside]
     program, width = index.program, table[0].size
     place = program.table(table)
     entry = cast(index, "i") if index.kind != "f" else index
     values = [
-        Tracer(program, program.add("lookup", (entry.value,), "f", None, (place, len(table), width, column)))
+        Tracer(
+            program,
+            program.add("lookup", (entry.value,), "f", None, (place, len(table), width, column)),
+        )
         for column in range(width)
     ]
     return values[0] if table.ndim == 1 else TracedArray.of(values).reshape(table.shape[1:])

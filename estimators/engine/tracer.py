@@ -7,7 +7,12 @@ import numpy as np
 
 from estimators.engine.program import Program
 
-KINDS = {"f": np.dtype(float), "i": np.dtype(np.int64), "u": np.dtype(np.uint64), "b": np.dtype(bool)}
+KINDS = {
+    "f": np.dtype(float),
+    "i": np.dtype(np.int64),
+    "u": np.dtype(np.uint64),
+    "b": np.dtype(bool),
+}
 _REMEDY = "give both outcomes to np.where, or leave the function as it is: it then runs in NumPy"
 
 
@@ -43,7 +48,9 @@ class Tracer(_Operators):
         return KINDS[self.kind]
 
     def __bool__(self) -> bool:
-        raise NotTraceable(f"a traced function cannot branch on values, which differ from row to row: {_REMEDY}")
+        raise NotTraceable(
+            f"a traced function cannot branch on values, which differ from row to row: {_REMEDY}"
+        )
 
     def _no_number(self, *_: Any) -> NoReturn:
         raise NotTraceable("a traced function cannot turn values into Python's numbers or fresh arrays of floats: "
@@ -124,7 +131,9 @@ def _arithmetic(x: Tracer, y: Tracer) -> tuple[Tracer, Tracer]:
     """Operands as the kind that NumPy computes with."""
     kinds = {x.kind, y.kind}
     if kinds == {"b"}:
-        raise NotTraceable("a traced function does not compute with two masks: use & and |, or 1.0 * mask")
+        raise NotTraceable(
+            "a traced function does not compute with two masks: use & and |, or 1.0 * mask"
+        )
     if "f" in kinds or (kinds == {"u", "i"} and known(x) is None and known(y) is None):
         kind = "f"
     else:
@@ -173,7 +182,11 @@ def operation(opcode: str, *operands: Any) -> Any:
         a, b = program.constants.get(x.value), program.constants.get(y.value)
         if program.kinds[x.value] == program.kinds[y.value] == "f" and (a is None or b is None):
             simple = None if a is b else _simplified(opcode, operands, (a, b))
-            return Tracer(program, program.add(opcode, (x.value, y.value), "f")) if simple is None else simple
+            return (
+                Tracer(program, program.add(opcode, (x.value, y.value), "f"))
+                if simple is None
+                else simple
+            )
     program = next(each.program for each in operands if isinstance(each, Tracer))
     traced = [constant(program, each) for each in operands]
     if opcode in ("remainder", "floor divide"):
@@ -189,7 +202,9 @@ def operation(opcode: str, *operands: Any) -> Any:
     elif opcode in ("left shift", "right shift"):
         places = known(traced[1])
         if traced[0].kind not in "iu" or places is None or not 0 <= places < 64:
-            raise NotTraceable("<< and >> in a traced function shift whole numbers by a constant from 0 to 63")
+            raise NotTraceable(
+                "<< and >> in a traced function shift whole numbers by a constant from 0 to 63"
+            )
         traced[1] = cast(traced[1], traced[0].kind)
     elif opcode != "not" and not (opcode in ("absolute", "negative") and kinds <= {"i", "u"}):
         traced = [cast(x, "f") for x in traced]
@@ -202,7 +217,10 @@ def operation(opcode: str, *operands: Any) -> Any:
     if opcode in _EXACT and all(value is not None for value in values):
         with np.errstate(all="ignore"):
             return constant(
-                program, _EXACT[opcode](*(KINDS[x.kind].type(v) for x, v in zip(traced, values, strict=True)))
+                program,
+                _EXACT[opcode](
+                    *(KINDS[x.kind].type(v) for x, v in zip(traced, values, strict=True))
+                ),
             )
     if (simple := _simplified(opcode, traced, values)) is not None:
         return simple
@@ -226,7 +244,11 @@ def _simplified(opcode: str, operands: Sequence[Tracer], values: Sequence[Any]) 
         for value, other in zip(values, operands[::-1], strict=True):
             if value is not None and bool(value) is _MASK_IDENTITIES[opcode]:
                 return other
-    if opcode == "subtract" and values[1] == 0 and (operands[0].kind in "iu" or not np.signbit(values[1])):
+    if (
+        opcode == "subtract"
+        and values[1] == 0
+        and (operands[0].kind in "iu" or not np.signbit(values[1]))
+    ):
         return operands[0]
     return None
 
@@ -271,7 +293,9 @@ def power(x: Any, exponent: Any) -> Any:
     value = known(exponent) if isinstance(exponent, Tracer) else exponent
     twice = None if value is None or isinstance(value, np.ndarray) else 2.0 * float(value)
     if not isinstance(x, Tracer) or twice is None or twice != int(twice) or abs(twice) > 64:
-        raise NotTraceable("a traced function has powers of constant exponents alone, whole numbers and halves")
+        raise NotTraceable(
+            "a traced function has powers of constant exponents alone, whole numbers and halves"
+        )
     if x.kind == "b":
         raise NotTraceable("a traced function has powers of numbers: of a mask they are 1.0 * mask")
     whole, result = int(abs(twice)) // 2, None

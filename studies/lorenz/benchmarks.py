@@ -1,16 +1,17 @@
 """Lorenz-63 and Lorenz-96: published scores of filters by members and particles, and the experiments behind them.
 
-Each of `BENCHMARKS`, the rows of ``benchmarks.csv``, is a setting with the analysis RMSE printed for it. The score is
-that of the literature: at each analysis the root of the mean square error over the components, averaged over the
-analyses after a burn-in.
+Each of `BENCHMARKS`, the rows of ``benchmarks.csv``, is a setting with the analysis RMSE printed
+for it. The score is that of the literature: at each analysis the root of the mean square error over
+the components, averaged over the analyses after a burn-in.
 
-Sources: Lorenz (1963), Deterministic nonperiodic flow; Lorenz & Emanuel (1998), Optimal sites for supplementary weather
-observations; Sakov & Oke (2008a), A deterministic formulation of the ensemble Kalman filter; Sakov, Oliver & Bertino
-(2012), An iterative EnKF for strongly nonlinear systems; and those that ``benchmarks.csv`` names. The values are those
-printed in DAPPER (Raanes et al., https://github.com/nansencenter/DAPPER) beside the settings of these papers, in
-``mods/Lorenz63`` and ``mods/Lorenz96``: all but those of methods that are not here (smoothers, local, serial and
-variational ones, members that are rotated, inflation that adapts), of Laplace's noise, of 400 members or 3000 particles
-and more, which take minutes, and doubles.
+Sources: Lorenz (1963), Deterministic nonperiodic flow; Lorenz & Emanuel (1998), Optimal sites for
+supplementary weather observations; Sakov & Oke (2008a), A deterministic formulation of the ensemble
+Kalman filter; Sakov, Oliver & Bertino (2012), An iterative EnKF for strongly nonlinear systems; and
+those that ``benchmarks.csv`` names. The values are those printed in DAPPER (Raanes et al.,
+https://github.com/nansencenter/DAPPER) beside the settings of these papers, in ``mods/Lorenz63``
+and ``mods/Lorenz96``: all but those of methods that are not here (smoothers, local, serial and
+variational ones, members that are rotated, inflation that adapts), of Laplace's noise, of 400
+members or 3000 particles and more, which take minutes, and doubles.
 """
 
 import csv
@@ -25,7 +26,9 @@ from estimators.factory import make
 from estimators.models import Gaussian, NonlinearModel
 
 
-def lorenz63(x: np.ndarray, sigma: float = 10.0, rho: float = 28.0, beta: float = 8.0 / 3.0) -> np.ndarray:
+def lorenz63(
+    x: np.ndarray, sigma: float = 10.0, rho: float = 28.0, beta: float = 8.0 / 3.0
+) -> np.ndarray:
     """Time derivative of convection in three numbers; ``x`` is ``(..., 3)``."""
     a, b, c = x[..., 0], x[..., 1], x[..., 2]
     rate = np.empty(x.shape)
@@ -45,7 +48,9 @@ def lorenz96(x: np.ndarray, exogenous: float = 8.0) -> np.ndarray:
     return rate
 
 
-def rk4(derivative: Callable[[np.ndarray], np.ndarray], x: np.ndarray, dt: float, steps: int = 1) -> np.ndarray:
+def rk4(
+    derivative: Callable[[np.ndarray], np.ndarray], x: np.ndarray, dt: float, steps: int = 1
+) -> np.ndarray:
     """``steps`` classical Runge-Kutta steps of ``x' = derivative(x)``."""
     for _ in range(steps):
         k1 = derivative(x)
@@ -109,12 +114,25 @@ LORENZ63 = Setting(
     measurement_var=2.0,
     burn_in=64,
 )
-FIRST63 = replace(LORENZ63, name="Lorenz-63, R = 8, x alone", steps=12, measurement_var=8.0, burn_in=33, seen=(0,))
+FIRST63 = replace(
+    LORENZ63, name="Lorenz-63, R = 8, x alone", steps=12, measurement_var=8.0, burn_in=33, seen=(0,)
+)
 LORENZ96 = Setting(
-    "Lorenz-96", lorenz96, start=(8.0,) * 40, start_var=0.001, dt=0.05, steps=1, measurement_var=1.0, burn_in=400
+    "Lorenz-96",
+    lorenz96,
+    start=(8.0,) * 40,
+    start_var=0.001,
+    dt=0.05,
+    steps=1,
+    measurement_var=1.0,
+    burn_in=400,
 )
 SMALL96 = replace(
-    LORENZ96, name="Lorenz-96 of 10, R = 1.5, half", start=(8.0,) * 10, measurement_var=1.5, seen=(0, 2, 4, 6, 8)
+    LORENZ96,
+    name="Lorenz-96 of 10, R = 1.5, half",
+    start=(8.0,) * 10,
+    measurement_var=1.5,
+    seen=(0, 2, 4, 6, 8),
 )
 SETTINGS = (LORENZ63, FIRST63, LORENZ96, SMALL96)
 
@@ -129,8 +147,9 @@ class Benchmark:
         members: N, of members or of particles.
         published: Analysis RMSE as printed.
         tuning: Other options of the filter.
-        reported_only: Whether the mean varies too much to be held against: with few members or particles, or with the
-            least inflation that works, about one run in twenty loses the truth for good.
+        reported_only: Whether the mean varies too much to be held against: with few members or
+            particles, or with the least inflation that works, about one run in twenty loses the
+            truth for good.
         draws: Of an ensemble: those of the published scores are independent.
     """
 
@@ -145,7 +164,11 @@ class Benchmark:
     @property
     def options(self) -> dict[str, Any]:
         """Options of the filter."""
-        size = {"particles": self.members} if "pf" in self.filters else {"members": self.members, "draws": self.draws}
+        size = (
+            {"particles": self.members}
+            if "pf" in self.filters
+            else {"members": self.members, "draws": self.draws}
+        )
         return size | self.tuning
 
     @property
@@ -179,8 +202,8 @@ def analysis_rmse(
 ) -> np.ndarray:
     """Scores ``(runs,)`` of independent runs, which are the rows of one batch.
 
-    The truth starts on the attractor, and the prior is as far from it as the setting says. (From far away a small
-    ensemble may never find the truth, which is not what the scores are about.)
+    The truth starts on the attractor, and the prior is as far from it as the setting says. (From
+    far away a small ensemble may never find the truth, which is not what the scores are about.)
 
     Args:
         benchmark: The setting and the filter's options.
@@ -200,7 +223,9 @@ def analysis_rmse(
     total = np.zeros(runs)
     for k in range(setting.burn_in + cycles):
         truth = model.transition(truth, None)
-        y = model.measurement(truth, None) + np.sqrt(setting.measurement_var) * world.standard_normal((runs, model.p))
+        y = model.measurement(truth, None) + np.sqrt(
+            setting.measurement_var
+        ) * world.standard_normal((runs, model.p))
         belief = filter.update(filter.predict(belief, rng=chance), y, rng=chance)
         if k >= setting.burn_in:
             total += np.sqrt(np.mean((belief.mean - truth) ** 2, axis=-1))

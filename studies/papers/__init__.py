@@ -1,7 +1,8 @@
 """The experiments of the source papers, reproduced with this package.
 
-A folder a paper: ``settings.toml`` (what the paper prints, what it leaves open), ``experiment.py`` (what is computed),
-``page.py`` and ``page.md`` (what is shown). ``python -m scripts.reproduce all`` runs them.
+A folder a paper: ``settings.toml`` (what the paper prints, what it leaves open), ``experiment.py``
+(what is computed), ``page.py`` and ``page.md`` (what is shown). ``python -m scripts.reproduce all``
+runs them.
 """
 
 import tomllib
@@ -30,7 +31,9 @@ def settings(name: str) -> dict[str, Any]:
     """
     if name not in PAPERS:
         raise ValueError(unknown("paper", name, ("all", *PAPERS)))
-    return tomllib.loads((Path(__file__).parent / name / "settings.toml").read_text(encoding="utf-8"))
+    return tomllib.loads(
+        (Path(__file__).parent / name / "settings.toml").read_text(encoding="utf-8")
+    )
 
 
 def jobs(name: str) -> dict[str, Job]:

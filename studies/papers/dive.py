@@ -1,7 +1,7 @@
 """Shared parts of the papers on underwater vehicles: a vehicle under recorded controls, and a filter.
 
-A filter estimates some components of the vehicle's state; the position follows by integrating the kinematics over the
-estimates, as in the papers.
+A filter estimates some components of the vehicle's state; the position follows by integrating the
+kinematics over the estimates, as in the papers.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,7 +33,8 @@ class Experiment:
         advance: The vehicle's equations over a step.
         start: State ``(n,)`` at the beginning.
         controls: ``(T, m)``.
-        estimated: Components of the state that a filter estimates, k of them; they suffice for their own equations.
+        estimated: Components of the state that a filter estimates, k of them; they suffice for
+            their own equations.
         measured: Which of those are measured, p of them.
         process_sd: ``(k,)`` process noise of a step.
         measurement_sd: ``(p,)``.
@@ -60,7 +61,9 @@ class Experiment:
         def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
             return x[..., self.measured]
 
-        return NonlinearModel(transition, measurement, np.diag(self.process_sd**2), np.diag(self.measurement_sd**2))
+        return NonlinearModel(
+            transition, measurement, np.diag(self.process_sd**2), np.diag(self.measurement_sd**2)
+        )
 
     def state(self, estimates: np.ndarray) -> np.ndarray:
         """Vehicle states ``(..., n)`` from estimates ``(..., k)``, the other components 0."""
@@ -88,7 +91,9 @@ class Experiment:
             states.append(self.advance(states[-1], control))
         return np.array(states)
 
-    def estimates(self, estimator: Filter, measurements: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    def estimates(
+        self, estimator: Filter, measurements: np.ndarray, rng: np.random.Generator
+    ) -> np.ndarray:
         """Updated estimates ``(T + 1, B, k)``; the first is the initial one."""
         runs = measurements.shape[1]
         belief = estimator.init(
@@ -114,7 +119,11 @@ def own_step(vehicle: Any) -> Advance:
 
 def channel_sd(sensors: tuple[Sensor, ...], channels: Sequence[str]) -> np.ndarray:
     """Nominal standard deviations of some channels of a vehicle's sensors ``(p,)``."""
-    sd = {channel: sd for sensor in sensors for channel, sd in zip(sensor.channels, sensor.sd, strict=True)}
+    sd = {
+        channel: sd
+        for sensor in sensors
+        for channel, sd in zip(sensor.channels, sensor.sd, strict=True)
+    }
     return np.array([sd[channel] for channel in channels])
 
 

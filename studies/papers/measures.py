@@ -58,7 +58,10 @@ class Comparison:
     def ratio(self) -> Interval:
         """Ours over the printed number; its logarithm has the same interval."""
         return Interval(
-            *(float(end) / self.value for end in (self.interval.mean, self.interval.low, self.interval.high))
+            *(
+                float(end) / self.value
+                for end in (self.interval.mean, self.interval.low, self.interval.high)
+            )
         )
 
     @property
@@ -67,14 +70,22 @@ class Comparison:
         if self.ours is None or self.reason:
             return INCOMPARABLE
         difference = self.interval.mean - self.value
-        return AGREES if abs(difference) <= self._rounding + self.interval.half else BETTER if difference < 0 else WORSE
+        return (
+            AGREES
+            if abs(difference) <= self._rounding + self.interval.half
+            else BETTER
+            if difference < 0
+            else WORSE
+        )
 
     @property
     def words(self) -> str:
         """The verdict with its reason, and whether the scatter of as few runs as the paper's explains it."""
         if self.reason or self.ours is None or self.verdict == AGREES:
             return f"{self.verdict}: {self.reason}" if self.reason else self.verdict
-        half = self.interval.half * np.sqrt(1.0 + len(self.ours) / self.averaged)  # of a 95 % prediction interval
+        half = self.interval.half * np.sqrt(
+            1.0 + len(self.ours) / self.averaged
+        )  # of a 95 % prediction interval
         chance = abs(self.interval.mean - self.value) <= self._rounding + half
         return f"{self.verdict}, within the scatter of {self.averaged}" if chance else self.verdict
 
@@ -104,7 +115,17 @@ class Row(NamedTuple):
         return [self.paper, self.experiment, *map(str, counts), f"{factor:.2f}" if factor else "–"]
 
 
-HEAD = ("paper", "experiment", "numbers", "agree", "better", "worse", "not comparable", "within 25 %", "typical factor")
+HEAD = (
+    "paper",
+    "experiment",
+    "numbers",
+    "agree",
+    "better",
+    "worse",
+    "not comparable",
+    "within 25 %",
+    "typical factor",
+)
 
 
 class Report(NamedTuple):
@@ -122,7 +143,9 @@ def row(paper: str, experiment: str, comparisons: Iterable[Comparison]) -> Row:
     logs = np.array([np.log(c.ratio.mean) for c in found if c.verdict != INCOMPARABLE])
     near = int((np.abs(logs) <= np.log(NEAR)).sum())
     factor = float(np.exp(np.abs(logs).mean())) if len(logs) else 0.0
-    agree, better, worse, incomparable = (verdicts.count(v) for v in (AGREES, BETTER, WORSE, INCOMPARABLE))
+    agree, better, worse, incomparable = (
+        verdicts.count(v) for v in (AGREES, BETTER, WORSE, INCOMPARABLE)
+    )
     return Row(paper, experiment, len(found), agree, better, worse, incomparable, near, factor)
 
 
@@ -137,7 +160,9 @@ def comparison_table(columns: Mapping[str, Sequence[Comparison]], name: str = "p
     sections: dict[str, list[tuple[str, list[Entry]]]] = {}
     for group in zip(*columns.values(), strict=True):
         first = group[0]
-        printed = first.printed if first.meant is None else f"{first.printed} ({first.meant:g} meant)"
+        printed = (
+            first.printed if first.meant is None else f"{first.printed} ({first.meant:g} meant)"
+        )
         entries = [Entry(f"{printed} {first.unit}".strip()), Entry(first.where)]
         for c in group:
             entries += _ours(c)
@@ -169,7 +194,10 @@ def summary_table(found: Sequence[Row]) -> str:
 
 def counts(found: Sequence[Row]) -> list[int]:
     """Counts of numbers that agree, lie within 25 %, are better, worse and not comparable."""
-    return [sum(getattr(row, name) for row in found) for name in ("agree", "near", "better", "worse", "incomparable")]
+    return [
+        sum(getattr(row, name) for row in found)
+        for name in ("agree", "near", "better", "worse", "incomparable")
+    ]
 
 
 def papers_page(summary: Mapping[str, Any]) -> str:
@@ -178,26 +206,36 @@ def papers_page(summary: Mapping[str, Any]) -> str:
     for each in summary.values():
         for values in each["rows"]:
             ways.setdefault(values[0], []).append(Row(*values))
-    head, lines = ("Paper", "agree", "within 25 %", "better, worse", "not comparable", "typical factor"), []
+    head, lines = (
+        ("Paper", "agree", "within 25 %", "better, worse", "not comparable", "typical factor"),
+        [],
+    )
     for paper, found in ways.items():
         agree, near, better, worse, incomparable = counts(found)
         scored = np.array([row.numbers - row.incomparable for row in found])
         logs = np.log([row.factor or 1.0 for row in found])
         factor = f"{np.exp(scored @ logs / scored.sum()):.1f}" if scored.sum() else "–"
-        lines.append([paper, str(agree), str(near), f"{better}, {worse}", str(incomparable), factor])
+        lines.append(
+            [paper, str(agree), str(near), f"{better}, {worse}", str(incomparable), factor]
+        )
     openings = [f"**{name.title()}.** {each['opening']}" for name, each in summary.items()]
     return "\n\n".join([markdown_table(head, lines, 1), *openings])
 
 
 def readme_line(summary: Mapping[str, Any]) -> str:
     """The sentence of README.md from the stored results, what was found by a search left out."""
-    found = [Row(*values) for each in summary.values() for values in each["rows"] if EXPLORATORY not in values[0]]
+    found = [
+        Row(*values)
+        for each in summary.values()
+        for values in each["rows"]
+        if EXPLORATORY not in values[0]
+    ]
     agree, near, better, worse, _ = counts(found)
     return (
-        "The experiments of the five source papers are [run again]"
-        f"(https://github.com/vessel-gym/vessel-gym/blob/main/docs/papers.md): of {agree + better + worse} comparable\n"
-        f"printed errors ours equal {agree}, are smaller than {better} and larger than {worse}; "
-        f"{near} lies within 25 %."
+        "The experiments of the five source papers are [run"
+        " again](https://github.com/vessel-gym/vessel-gym/blob/main/docs/papers.md): of"
+        f" {agree + better + worse} comparable\nprinted errors ours equal {agree}, are smaller than"
+        f" {better} and larger than {worse}; {near} lies within 25 %."
     )
 
 
@@ -211,7 +249,9 @@ def trend(members: Sequence[int], errors: np.ndarray) -> Interval:
     interval = mean_interval((y - y.mean(-1, keepdims=True)) @ x / (x @ x))
     assert interval is not None
     ratio = max(members) / min(members)
-    return Interval(*(100.0 * (ratio**a - 1.0) for a in (interval.mean, interval.low, interval.high)))
+    return Interval(
+        *(100.0 * (ratio**a - 1.0) for a in (interval.mean, interval.low, interval.high))
+    )
 
 
 def exponential(logs: np.ndarray) -> Interval:

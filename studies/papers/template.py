@@ -1,7 +1,8 @@
 """Pages from text: a Markdown template beside the code, filled with numbers and tables.
 
-A template is rendered by Jinja2; then blank lines separate its paragraphs. The title, the subtitle and the opening
-paragraph come first, then a section for each ``##``. A paragraph is one block of the page::
+A template is rendered by Jinja2; then blank lines separate its paragraphs. The title, the subtitle
+and the opening paragraph come first, then a section for each ``##``. A paragraph is one block of
+the page::
 
     @table name: title      the table of that name; the lines below are its note
     @claims                 a note, then items of text | verdict | evidence
@@ -35,7 +36,9 @@ def fill(folder: Path, tables: Mapping[str, Table], **values: Any) -> tuple[Page
     from jinja2 import FileSystemLoader
 
     environment = package.overlay(loader=FileSystemLoader(folder))
-    top, *parts = re.split(r"^## ", environment.get_template("page.md").render(values), flags=re.MULTILINE)
+    top, *parts = re.split(
+        r"^## ", environment.get_template("page.md").render(values), flags=re.MULTILINE
+    )
     title, subtitle, opening = _paragraphs(top)
     sections = [Section("In one paragraph", [Prose(_joined(opening))])]
     for part in parts:
@@ -68,5 +71,7 @@ def _block(paragraph: str, tables: Mapping[str, Table]) -> Block:
         case "claims":
             return Claims([Claim(*item.split(" | ", 2)) for item in items], text)
         case "facts":
-            return Facts(title, [(fact, value) for fact, value in (item.split(" | ", 1) for item in items)])
+            return Facts(
+                title, [(fact, value) for fact, value in (item.split(" | ", 1) for item in items)]
+            )
     return Bullets(items) if items else Prose(text)

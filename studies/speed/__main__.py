@@ -29,15 +29,16 @@ def main(
 ) -> None:
     """Time steps and filters on one core: beside a loop by hand, filterpy, bare NumPy and another version, in one run.
 
-    Everything is timed in turns in short blocks; printed are medians and quartiles over rounds, and those of ratios.
+    Everything is timed in turns in short blocks; printed are medians and quartiles over rounds, and
+    those of ratios.
 
     Args:
         env_ids: Registered environments, for flights and where.
-        what: loop: the corvette beside a loop written by hand; filters: beside filterpy, by rows, by members; flights:
-            environments, estimators, batches; where: the parts of a step; third-party: Gymnasium's cart-poles behind a
-            filter.
-        against: A folder with another version, to fly beside this one: pip install --no-deps --target FOLDER
-            vessel-gym==VERSION, or a checkout.
+        what: loop: the corvette beside a loop written by hand; filters: beside filterpy, by rows,
+            by members; flights: environments, estimators, batches; where: the parts of a step;
+            third-party: Gymnasium's cart-poles behind a filter.
+        against: A folder with another version, to fly beside this one: pip install --no-deps
+            --target FOLDER vessel-gym==VERSION, or a checkout.
         rows: Sizes of batches in loop, filters and third-party.
         rounds: Blocks of each.
         page: A Markdown page: what is printed also goes between its marks.
@@ -57,7 +58,10 @@ def main(
             if not words:
                 raise ValueError(f"{name} needs at least one word")
         if against is not None and not (against / "vessel_gym" / "__init__.py").is_file():
-            raise ValueError(f"{against} holds no vessel_gym: pip install --no-deps --target {against} vessel-gym==...")
+            raise ValueError(
+                f"{against} holds no vessel_gym: pip install --no-deps --target {against}"
+                " vessel-gym==..."
+            )
         if page is not None:
             around(page, MARK)
         env_ids = tuple(map(environment_id, env_ids))

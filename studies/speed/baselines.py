@@ -17,9 +17,9 @@ from vessel_gym.vehicles.corvette_equations import COEFFICIENTS
 class HandWrittenLoop:
     """ThesisCorvette-v0 as a user would write it: plain NumPy, filterpy's KalmanFilter, one environment.
 
-    The same ship, integration step, unknown input, sensors, filter model, observation and reward as the
-    package's, in a Python loop, but for roll, on which nothing of these depends. A test holds it against the package
-    step by step.
+    The same ship, integration step, unknown input, sensors, filter model, observation and reward as
+    the package's, in a Python loop, but for roll, on which nothing of these depends. A test holds
+    it against the package step by step.
 
     Args:
         seed: Of its own random numbers.
@@ -55,7 +55,10 @@ class HandWrittenLoop:
         """Cross-flow drag's integrals along the hull."""
         if abs(r) * a <= abs(v):
             sign = math.copysign(1.0, v)
-            return sign * (2.0 * a * v**2 + 2.0 / 3.0 * a**3 * r**2), sign * 4.0 / 3.0 * a**3 * v * r
+            return (
+                sign * (2.0 * a * v**2 + 2.0 / 3.0 * a**3 * r**2),
+                sign * 4.0 / 3.0 * a**3 * v * r,
+            )
         bow, stern = v + a * r, v - a * r
         cubic = (abs(bow) ** 3 - abs(stern) ** 3) / 3.0
         return cubic / r, ((bow * abs(bow) ** 3 - stern * abs(stern) ** 3) / 4.0 - v * cubic) / r**2
@@ -73,7 +76,9 @@ class HandWrittenLoop:
         sway = u * (c["Yv"] * v + c["Yr"] * r) - c["mass"] * u * r - c["cross_flow"] * sway_drag
         yaw = u * (c["Nv"] * v + c["Nr"] * r) - c["mass_x_g"] * u * r - c["cross_flow"] * yaw_drag
         forces = np.array([sway - force * np.cos(rudder), yaw + a * force * np.cos(rudder)])
-        inertia = np.array([[c["sway_inertia"], c["sway_yaw_inertia"]], [c["yaw_sway_inertia"], c["yaw_inertia"]]])
+        inertia = np.array(
+            [[c["sway_inertia"], c["sway_yaw_inertia"]], [c["yaw_sway_inertia"], c["yaw_inertia"]]]
+        )
         dv, dr = np.linalg.solve(inertia, forces)
         north, east = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
         return np.array([north, east, r, surge / c["surge_inertia"], dv, dr])
@@ -83,7 +88,9 @@ class HandWrittenLoop:
         parts = self.vehicle.substeps
         dt = self.dt / parts
         for i in range(parts):
-            start, middle, end = (before + (i + share) / parts * (after - before) for share in (0.0, 0.5, 1.0))
+            start, middle, end = (
+                before + (i + share) / parts * (after - before) for share in (0.0, 0.5, 1.0)
+            )
             k1 = self.derivative(state, start)
             k2 = self.derivative(state + 0.5 * dt * k1, middle)
             k3 = self.derivative(state + 0.5 * dt * k2, middle)
@@ -98,7 +105,9 @@ class HandWrittenLoop:
         self.truth = self.ship_step(self.truth, before, self.rudder)
         self.k += 1
         d = 0.01 if self.k < SWITCH else -0.01
-        measurement = np.array([self.truth[2] + d, d]) + self.measurement_sd * self.rng.standard_normal(2)
+        measurement = np.array(
+            [self.truth[2] + d, d]
+        ) + self.measurement_sd * self.rng.standard_normal(2)
         nearest = round(abs(self.rate) / self.rate_step)
         u = np.array([0.5 * (before + self.rudder)])
         self.filter.predict(u=u, B=self.B_table[nearest], F=self.A_table[nearest])
@@ -161,7 +170,9 @@ def nonlinear_measurement_jacobian(x: np.ndarray, u: Any = None) -> np.ndarray:
 
 def start(rows: int) -> Gaussian:
     """Prior; no two rows are equal, so that each needs a covariance of its own."""
-    return Gaussian(np.zeros((rows, STATES)), np.linspace(1.0, 2.0, rows)[:, None, None] * np.eye(STATES))
+    return Gaussian(
+        np.zeros((rows, STATES)), np.linspace(1.0, 2.0, rows)[:, None, None] * np.eye(STATES)
+    )
 
 
 def measurements(steps: int, rows: int) -> np.ndarray:
@@ -182,7 +193,9 @@ def ours(name: str, rows: int, **options: Any) -> Step:
             filter = make(name, LinearModel(A, C, Q, R, G=G, H=H), **options)
         except ValueError:  # a filter without feedthrough
             filter = make(name, LinearModel(A, C, Q, R, G=G), **options)
-    drawn: Iterator[Any] = map(RandomKeys.seeded(range(rows)).at, count()) if filter.random else repeat(None)
+    drawn: Iterator[Any] = (
+        map(RandomKeys.seeded(range(rows)).at, count()) if filter.random else repeat(None)
+    )
     belief = filter.init(start(rows), rng=next(drawn))
 
     def step(y: np.ndarray) -> np.ndarray:
@@ -214,9 +227,13 @@ def filterpys(name: str) -> Step:
         rival.predict_x, seen = predict_x, (nonlinear_measurement_jacobian, nonlinear_measurement)
     elif name == "ukf":
         points = kalman.MerweScaledSigmaPoints(STATES, 1.0, 2.0, 0.0)
-        rival = kalman.UnscentedKalmanFilter(STATES, MEASUREMENTS, 1.0, nonlinear_measurement, nonlinear, points)
+        rival = kalman.UnscentedKalmanFilter(
+            STATES, MEASUREMENTS, 1.0, nonlinear_measurement, nonlinear, points
+        )
     else:
-        rival = kalman.EnsembleKalmanFilter(x, P, MEASUREMENTS, 1.0, MEMBERS, lambda x: C @ x, lambda x, dt: A @ x)
+        rival = kalman.EnsembleKalmanFilter(
+            x, P, MEASUREMENTS, 1.0, MEMBERS, lambda x: C @ x, lambda x, dt: A @ x
+        )
     rival.x, rival.P, rival.Q, rival.R = x, P, Q, R
 
     def step(y: np.ndarray) -> np.ndarray:
@@ -227,7 +244,9 @@ def filterpys(name: str) -> Step:
     return step
 
 
-def numpy_kalman(rows: int, model: LinearModel | None = None, prior: Gaussian | None = None) -> Step:
+def numpy_kalman(
+    rows: int, model: LinearModel | None = None, prior: Gaussian | None = None
+) -> Step:
     """Arithmetic of a Kalman filter in NumPy, few rows at a time: no checks, gaps, angles or recovery."""
     model, prior = model or LinearModel(A, C, Q, R), prior or start(rows)
     fixed: tuple[Any, ...] = model.A, model.C, model.Q, model.R
@@ -251,7 +270,8 @@ def numpy_kalman(rows: int, model: LinearModel | None = None, prior: Gaussian | 
 def numpy_ensemble(rows: int, members: int) -> Step:
     """A stochastic ensemble filter's arithmetic in NumPy and its normal numbers from one generator, few rows at a time.
 
-    Leaves out what `numpy_kalman` does, numbers of a row's own, centred noise, and the covariance that nobody asks for.
+    Leaves out what `numpy_kalman` does, numbers of a row's own, centred noise, and the covariance
+    that nobody asks for.
     """
     prior, rng = start(rows), np.random.default_rng(0)
     most = max(1, 1000 // members)  # whose members stay in the processor's cache
@@ -290,8 +310,12 @@ class HandWrittenShips(HandWrittenLoop):
         cubic = (bow_cubed - stern_cubed) / 3.0
         quartic = (bow * bow_cubed - stern * stern_cubed) / 4.0
         straight = np.abs(r) * a <= np.abs(v)
-        sway = np.where(straight, sign * (2.0 * a * v * v + 2.0 / 3.0 * a**3 * r * r), cubic / turning)
-        yaw = np.where(straight, sign * 4.0 / 3.0 * a**3 * v * r, (quartic - v * cubic) / (turning * turning))
+        sway = np.where(
+            straight, sign * (2.0 * a * v * v + 2.0 / 3.0 * a**3 * r * r), cubic / turning
+        )
+        yaw = np.where(
+            straight, sign * 4.0 / 3.0 * a**3 * v * r, (quartic - v * cubic) / (turning * turning)
+        )
         return sway, yaw
 
 
@@ -300,7 +324,10 @@ def numpy_flight(rows: int) -> Step:
 
     Leaves out Gymnasium, actuators, measurements, task, observation, reward, info and checks.
     """
-    ships, rng = (HandWrittenShips if rows > 1 else HandWrittenLoop)(seed=0), np.random.default_rng(0)
+    ships, rng = (
+        (HandWrittenShips if rows > 1 else HandWrittenLoop)(seed=0),
+        np.random.default_rng(0),
+    )
     x, P, sensed = ships.filter.x, ships.filter.P, ships.filter
     turn = round(abs(ships.rate) / ships.rate_step)
     model = LinearModel(ships.A_table[turn], sensed.H, sensed.Q, sensed.R)

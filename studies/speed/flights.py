@@ -1,6 +1,7 @@
 """Flights to time, by public names alone; run as a file it is a process that flies them with another vessel_gym.
 
-Imports nothing of this project but the `vessel_gym` that comes first on the path: any version of it will do.
+Imports nothing of this project but the `vessel_gym` that comes first on the path: any version of it
+will do.
 """
 
 import json
@@ -24,8 +25,9 @@ class Flight:
     Args:
         env_id: Registered environment.
         rows: Size of a native batch; 0: one environment through ``gymnasium.make``.
-        kind: ``"steps"`` after a reset, which is not timed; ``"scattered"``: after another one of half of the rows, so
-            that their episodes have different ages; ``"resets"`` of all rows in place of steps.
+        kind: ``"steps"`` after a reset, which is not timed; ``"scattered"``: after another one of
+            half of the rows, so that their episodes have different ages; ``"resets"`` of all rows
+            in place of steps.
         **options: The environment's.
     """
 
@@ -33,12 +35,18 @@ class Flight:
         self.kind = kind
         self.env: Any
         if rows:
-            self.env = gym.make_vec(env_id, num_envs=rows, vectorization_mode="vector_entry_point", **options)
+            self.env = gym.make_vec(
+                env_id, num_envs=rows, vectorization_mode="vector_entry_point", **options
+            )
         else:
             self.env = gym.make(env_id, **options)
         rng, space = np.random.default_rng(0), self.env.action_space
-        mean = 0.8 if env_id == "ThesisCorvette-v0" else 0.0  # her turn is lost with the rudder amidships
-        self.actions = (mean + rng.uniform(-0.2, 0.2, (LEAD + STEPS, *space.shape))).astype(space.dtype)
+        mean = (
+            0.8 if env_id == "ThesisCorvette-v0" else 0.0
+        )  # her turn is lost with the rudder amidships
+        self.actions = (mean + rng.uniform(-0.2, 0.2, (LEAD + STEPS, *space.shape))).astype(
+            space.dtype
+        )
         self.half = np.arange(max(rows, 1)) % 2 == 0
 
     def prepare(self) -> None:

@@ -76,10 +76,14 @@ class Table:
         """The table in Markdown."""
         rule = ("---", *("---:" for _ in self.headings))
         lines = [("", *self.headings), rule]
-        lines += [(label, *(shown(cell, times) for cell in cells)) for label, cells in self.lines.items()]
+        lines += [
+            (label, *(shown(cell, times) for cell in cells)) for label, cells in self.lines.items()
+        ]
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
         drawn = ["| " + " | ".join(map(str.ljust, line, widths)) + " |" for line in lines]
-        return "\n".join([f"**{self.title}**", "", *drawn, "", *([self.note, ""] if self.note else [])])
+        return "\n".join(
+            [f"**{self.title}**", "", *drawn, "", *([self.note, ""] if self.note else [])]
+        )
 
 
 def measure(timed: list[Timed], rounds: int) -> dict[Timed, np.ndarray]:
@@ -140,12 +144,18 @@ class Worker:
         path = os.pathsep.join(filter(None, (str(home), os.environ.get("PYTHONPATH"))))
         call = [sys.executable, "-P", str(Path(__file__).with_name("flights.py"))]
         self.process = subprocess.Popen(
-            call, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": path}
+            call,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=os.environ | {"PYTHONPATH": path},
         )
         try:
             where = self.ask("where")
             if not Path(where).resolve().is_relative_to(home):
-                raise Refusal(f"the vessel_gym in {folder} was asked for, but that in {where} is imported")
+                raise Refusal(
+                    f"the vessel_gym in {folder} was asked for, but that in {where} is imported"
+                )
         except Refusal:
             self.close()
             raise
@@ -159,7 +169,9 @@ class Worker:
             print(json.dumps(question), file=there, flush=True)
             answer = json.loads(back.readline())
         except (BrokenPipeError, json.JSONDecodeError):
-            raise Refusal(f"the process that flies with the vessel_gym in {self.folder} has ended") from None
+            raise Refusal(
+                f"the process that flies with the vessel_gym in {self.folder} has ended"
+            ) from None
         if isinstance(answer, dict):
             raise Lacking(f"the vessel_gym in {self.folder} cannot: {answer['error']}")
         return answer
@@ -185,11 +197,20 @@ def loop_table(sizes: tuple[int, ...]) -> Table:
             env.step(action)
         return time.perf_counter() - start
 
-    hand, plain = Timed(fly, STEPS), {rows: stepped(numpy_flight(rows), rows, STEPS) for rows in (1, *sizes)}
-    lines: dict[str, tuple[Cell, ...]] = {"by hand: NumPy, filterpy": (hand, None, (hand, plain[1]))}
+    hand, plain = (
+        Timed(fly, STEPS),
+        {rows: stepped(numpy_flight(rows), rows, STEPS) for rows in (1, *sizes)},
+    )
+    lines: dict[str, tuple[Cell, ...]] = {
+        "by hand: NumPy, filterpy": (hand, None, (hand, plain[1]))
+    }
     for rows in (0, *sizes):
         one = flown(env_id=CORVETTE, rows=rows, estimator="kf")
-        lines[f"batch of {rows:,}" if rows else "gymnasium.make"] = one, (one, hand), (one, plain[rows or 1])
+        lines[f"batch of {rows:,}" if rows else "gymnasium.make"] = (
+            one,
+            (one, hand),
+            (one, plain[rows or 1]),
+        )
     default = flown(env_id=CORVETTE, rows=0)
     lines["gymnasium.make, its own filter"] = default, (default, hand), None
     return Table(
@@ -201,7 +222,10 @@ def loop_table(sizes: tuple[int, ...]) -> Table:
 
 def filter_tables(sizes: tuple[int, ...]) -> Iterator[Table]:
     """Prediction and update of a row: beside filterpy, by rows, by members."""
-    plain = {"kf": stepped(numpy_kalman(1), 1, 100), "enkf": stepped(numpy_ensemble(1, MEMBERS), 1, 100)}
+    plain = {
+        "kf": stepped(numpy_kalman(1), 1, 100),
+        "enkf": stepped(numpy_ensemble(1, MEMBERS), 1, 100),
+    }
     lines: dict[str, tuple[Cell, ...]] = {}
     for name in ("kf", "ekf", "ukf", "enkf"):
         one, rival = stepped(ours(name, 1), 1, 100), stepped(filterpys(name), 1, 10)
@@ -215,9 +239,16 @@ def filter_tables(sizes: tuple[int, ...]) -> Iterator[Table]:
     )  # fmt: skip
 
     steps = {rows: max(2, 100 // rows) for rows in sizes}
-    lines = {name: tuple(stepped(ours(name, rows), rows, steps[rows]) for rows in sizes) for name in names()}
-    lines["kf in bare NumPy"] = tuple(stepped(numpy_kalman(rows), rows, steps[rows]) for rows in sizes)
-    lines["enkf in bare NumPy"] = tuple(stepped(numpy_ensemble(rows, MEMBERS), rows, steps[rows]) for rows in sizes)
+    lines = {
+        name: tuple(stepped(ours(name, rows), rows, steps[rows]) for rows in sizes)
+        for name in names()
+    }
+    lines["kf in bare NumPy"] = tuple(
+        stepped(numpy_kalman(rows), rows, steps[rows]) for rows in sizes
+    )
+    lines["enkf in bare NumPy"] = tuple(
+        stepped(numpy_ensemble(rows, MEMBERS), rows, steps[rows]) for rows in sizes
+    )
     yield Table(
         f"Filters by rows: µs a row, prediction and update, {size}, {MEMBERS} members",
         tuple(f"{rows:,} row{'s' if rows > 1 else ''}" for rows in sizes), lines, "Every row has its own covariance.",
@@ -243,8 +274,14 @@ def flight_plan(env_ids: tuple[str, ...]) -> dict[str, dict[str, Any]]:
         plan[batch := f"{env_id}, batch of {BATCH}"] = {"rows": BATCH}
         plan[f"{batch}, degraded sensors"] = {"rows": BATCH, "sensors": "degraded"}
         if env_id == CORVETTE:
-            plan |= {f"{env_id}, batch of {rows:,}": {"rows": rows} for rows in (1, 4 * BATCH, 16 * BATCH)}
-            plan |= {f"{batch}, {name}": {"rows": BATCH, "estimator": name} for name in ("kf", "ekf", "ukf")}
+            plan |= {
+                f"{env_id}, batch of {rows:,}": {"rows": rows}
+                for rows in (1, 4 * BATCH, 16 * BATCH)
+            }
+            plan |= {
+                f"{batch}, {name}": {"rows": BATCH, "estimator": name}
+                for name in ("kf", "ekf", "ukf")
+            }
             plan[f"{batch}, scattered resets"] = {"rows": BATCH, "kind": "scattered"}
             plan[f"{batch}: a reset of one"] = {"rows": BATCH, "kind": "resets"}
         elif env_id == "SegorogeniAUV-v0":
@@ -269,8 +306,12 @@ def flight_table(env_ids: tuple[str, ...], this: Worker | None, that: Worker | N
                 lines[label] = one, None, None
                 refused.append(label)
     headings = ("µs",) if that is None else ("this, µs", "that, µs", "this / that")
-    title = "Flights: a step of one environment" + (f", beside the vessel_gym in {that.folder}" if that else "")
-    return Table(title, headings, lines, f"That version has no {'; '.join(refused)}." if refused else "")
+    title = "Flights: a step of one environment" + (
+        f", beside the vessel_gym in {that.folder}" if that else ""
+    )
+    return Table(
+        title, headings, lines, f"That version has no {'; '.join(refused)}." if refused else ""
+    )
 
 
 def balanced(rows: int, estimator: str | None = None, in_numpy: bool = False) -> Timed:
@@ -281,7 +322,9 @@ def balanced(rows: int, estimator: str | None = None, in_numpy: bool = False) ->
     env: Any = gym.make_vec("CartPole-v1", num_envs=rows, vectorization_mode="vector_entry_point")
     if estimator is not None:
         native = env
-        env = EstimatedObservation(env, state=lambda *_: native.unwrapped.state.T, estimator=estimator, **CART_POLE)
+        env = EstimatedObservation(
+            env, state=lambda *_: native.unwrapped.state.T, estimator=estimator, **CART_POLE
+        )
         if in_numpy:
             env.watch.filter._programs = None
     actions = np.random.default_rng(0).integers(0, 2, (STEPS, rows))
@@ -300,7 +343,9 @@ def asked_at_points(rows: int) -> Timed:
     """Evaluations of the cart-pole's model in a step of an unscented filter: its functions at all sigma points."""
     model: Any = CART_POLE["model"]
     points, u = np.zeros((rows, 2 * model.n + 1, model.n)), np.zeros((rows, 1, 1))
-    return stepped(lambda _: (model.transition(points, u), model.measurement(points, u)), rows, STEPS)
+    return stepped(
+        lambda _: (model.transition(points, u), model.measurement(points, u)), rows, STEPS
+    )
 
 
 def third_party_table(sizes: tuple[int, ...]) -> Table:
@@ -338,7 +383,9 @@ class Clock:
         with ExitStack() as stack:
             for part, methods in timed.items():
                 for owner, name in methods:
-                    stack.enter_context(patch.object(owner, name, self.around(part, getattr(owner, name))))
+                    stack.enter_context(
+                        patch.object(owner, name, self.around(part, getattr(owner, name)))
+                    )
             seconds = self.flight.fly()
         self.spent["the rest"] = seconds - sum(self.spent.values())
         for part, spent in self.spent.items():
@@ -383,12 +430,21 @@ def machine() -> str:
     found = np.show_config(mode="dicts")["SIMD Extensions"]["found"]
     wide = ", AVX-512" if any(name.startswith(("AVX512", "X86_V4")) for name in found) else ""
     threads = os.environ.get("OPENBLAS_NUM_THREADS", os.environ.get("OMP_NUM_THREADS", "not set"))
-    versions = ", ".join(f"{name} {version(name)}" for name in ("numpy", "llvmlite", "gymnasium", "filterpy"))
-    return f"{os.cpu_count()} cores{wide}, BLAS threads: {threads}, Python {platform.python_version()}, {versions}"
+    versions = ", ".join(
+        f"{name} {version(name)}" for name in ("numpy", "llvmlite", "gymnasium", "filterpy")
+    )
+    return (
+        f"{os.cpu_count()} cores{wide}, BLAS threads: {threads}, Python"
+        f" {platform.python_version()}, {versions}"
+    )
 
 
 def report(
-    env_ids: tuple[str, ...], what: tuple[str, ...], against: Path | None, rows: tuple[int, ...], rounds: int
+    env_ids: tuple[str, ...],
+    what: tuple[str, ...],
+    against: Path | None,
+    rows: tuple[int, ...],
+    rounds: int,
 ) -> str:
     """Build, measure and write all tables."""
     with ExitStack() as stack:

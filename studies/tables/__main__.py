@@ -27,7 +27,15 @@ from studies.tables.filters import huber_iterations, published_scores, robust_lo
 from studies.tables.grades import sensor_grades
 from studies.tables.markdown import ROOT, WITHOUT, number, percent, put, rows_of, shown, table
 from studies.tables.overturn import overturn
-from studies.tables.suites import by_suite, differences, environments, flown, found, headline, truth_first
+from studies.tables.suites import (
+    by_suite,
+    differences,
+    environments,
+    flown,
+    found,
+    headline,
+    truth_first,
+)
 from vessel_gym.envs.ship import SIGMA_CORVETTE
 from vessel_gym.vehicles.corvette import MOTION_UNIT
 
@@ -49,11 +57,17 @@ DIVES = (
     Arm("`enkf`, independent draws", "enkf", PLAIN),
     Arm("`enkf-sr`", "enkf-sr"),
     Arm("`enkf-sr`, independent draws", "enkf-sr", PLAIN),
-    *(Arm(f"`{name}`", name) for name in ("ekf", "ukf", "huber-kf", "measurement", "dead-reckoning")),
+    *(
+        Arm(f"`{name}`", name)
+        for name in ("ekf", "ukf", "huber-kf", "measurement", "dead-reckoning")
+    ),
 )
 FLIGHTS = (
     *DIVES[:5],
-    *(Arm(f"`{name}`", name) for name in ("ekf", "ukf", "huber-kf", "robust-kf", "measurement", "dead-reckoning")),
+    *(
+        Arm(f"`{name}`", name)
+        for name in ("ekf", "ukf", "huber-kf", "robust-kf", "measurement", "dead-reckoning")
+    ),
 )
 
 
@@ -82,7 +96,12 @@ JOURNEYS = {
 """The ways of each environment's table."""
 SHORT = {
     "SegorogeniAUV-v0": ("Segorogeni (`enkf`)", "`truth`", "`enkf`", "`enkf`, independent draws"),
-    "ItsunusaAUV-v0": ("ITSUNUSA (`enkf-sr`)", "`truth`", "`enkf-sr`", "`enkf-sr`, independent draws"),
+    "ItsunusaAUV-v0": (
+        "ITSUNUSA (`enkf-sr`)",
+        "`truth`",
+        "`enkf-sr`",
+        "`enkf-sr`, independent draws",
+    ),
     "PunaUAV-v0": ("PUNA (`enkf`)", "`truth`", "`enkf`", "`enkf`, independent draws"),
 }
 """Name of an environment on its own page, and the arms that this page adds to those of all environments."""
@@ -102,7 +121,11 @@ def turns_in(sea: str) -> tuple[Arm, ...]:
         Arm("`ekf`, waves as states, as the ship meets them", "ekf", met),
         Arm(f"`ekf`, likewise, assuming a {OTHER[sea]} sea", "ekf", other),
         Arm("`ekf`, waves as states, of no direction", "ekf", {"assume": {"as": "states"}}),
-        Arm("`ekf`, waves as process noise, without a current", "ekf", {"assume": {"as": "process-noise"}}),
+        Arm(
+            "`ekf`, waves as process noise, without a current",
+            "ekf",
+            {"assume": {"as": "process-noise"}},
+        ),
         Arm("`ekf`, nothing of waves", "ekf"),
         Arm("`kf-umv-ui`, linear", "kf-umv-ui", {"model": "linear"}),
         Arm("`kf` with d's variance, linear", "kf", {"assume": {"as": "white-input"}}),
@@ -115,7 +138,9 @@ def turns_in(sea: str) -> tuple[Arm, ...]:
 def journey(env_id: str, label: str) -> Flown:
     """Rollout metrics of one of an environment's arms."""
     flight = next(arm for arm in JOURNEYS[env_id] if arm.label == label).fly(env_id)
-    position, of_all = (consistency(flight, where) for where in (components(flight, "x", "y", "z", "h"), None))
+    position, of_all = (
+        consistency(flight, where) for where in (components(flight, "x", "y", "z", "h"), None)
+    )
     return Flown(scores(flight), int((flight.end == "arrived").sum()), position, of_all)
 
 
@@ -145,7 +170,10 @@ def turns(sea: str) -> str:
     arms = turns_in(sea)
     ours, rows = arms[1].scores("SigmaCorvette-v0", disturbance=sea)["score"], []
     for arm in arms:
-        of, off = (arm.scores("SigmaCorvette-v0", disturbance=sea, mismatch=mismatch) for mismatch in (0.0, 0.1))
+        of, off = (
+            arm.scores("SigmaCorvette-v0", disturbance=sea, mismatch=mismatch)
+            for mismatch in (0.0, 0.1)
+        )
         seen = (
             ("track_error", 1), ("position_rmse", 2), ("heading_rmse", 2), ("yaw_rate_rmse", 2), ("input_rmse", 2),
             ("nees", 2),
@@ -164,7 +192,9 @@ def worth(env_id: str) -> str:
     name, *labels = SHORT[env_id]
     found = (journey(env_id, label) for label in (*labels, *same))
     row = (name, *(f"{shown(of.scores['score'])} ({of.arrived})" for of in found))
-    return table((f"Score (arrived of {EPISODES})", "`truth`", "default", "independent draws", *same), [row])
+    return table(
+        (f"Score (arrived of {EPISODES})", "`truth`", "default", "independent draws", *same), [row]
+    )
 
 
 def paired_flights() -> str:
@@ -190,10 +220,21 @@ def surface_waves() -> str:
         ("ItsunusaAUV-v0", ("truth", "enkf-sr")),
     ):
         for name in estimators:
-            seas = [("moderate", {}), ("surface", {}), *([("surface", untold)] if name != "truth" else [])]
-            cells = [shown(Arm(name, name, told).scores(env_id, SEEDS, disturbance=sea)["score"]) for sea, told in seas]
-            rows.append((f"{env_id.removesuffix('-v0')}, `{name}`", *cells, *[WITHOUT] * (3 - len(cells))))
-    return table(("", "moderate water", "surface waves", "surface waves, assuming moderate water"), rows)
+            seas = [
+                ("moderate", {}),
+                ("surface", {}),
+                *([("surface", untold)] if name != "truth" else []),
+            ]
+            cells = [
+                shown(Arm(name, name, told).scores(env_id, SEEDS, disturbance=sea)["score"])
+                for sea, told in seas
+            ]
+            rows.append(
+                (f"{env_id.removesuffix('-v0')}, `{name}`", *cells, *[WITHOUT] * (3 - len(cells)))
+            )
+    return table(
+        ("", "moderate water", "surface waves", "surface waves, assuming moderate water"), rows
+    )
 
 
 def sensor_sets() -> str:
@@ -221,15 +262,28 @@ def insurance() -> str:
     def error(simulation: str, estimator: str, **options: Any) -> np.ndarray:
         settings = {"estimator": estimator, "estimator_options": options}
         asked = {"simulation": simulation}
-        flight = rollout("autopilot", "ThesisCorvette-v0", evaluation_seeds(EPISODES), settings, reset_options=asked)
+        flight = rollout(
+            "autopilot",
+            "ThesisCorvette-v0",
+            evaluation_seeds(EPISODES),
+            settings,
+            reset_options=asked,
+        )
         return scores(flight)["heading_rmse"]
 
-    simulations = {"I": "I: d of 0.01 rad", "II": "II: larger Q", "III": "III: larger R", "V": "V: d of 0.1 rad"}
+    simulations = {
+        "I": "I: d of 0.01 rad",
+        "II": "II: larger Q",
+        "III": "III: larger R",
+        "V": "V: d of 0.1 rad",
+    }
     ours = {name: error(name, "kf-umv-ui") for name in simulations}
     rows = []
     for label, sd in (("0.01 rad", 0.01), ("0.1 rad", 0.1), ("1 rad", 1.0), ("nothing", None)):
         options = {} if sd is None else {"input_cov": sd**2}
-        rows.append((label, *(shown(error(name, "kf", **options) / ours[name]) for name in simulations)))
+        rows.append(
+            (label, *(shown(error(name, "kf", **options) / ours[name]) for name in simulations))
+        )
     return table(("`kf` assumes for d", *simulations.values()), rows)
 
 
@@ -246,18 +300,26 @@ def pairing(results: Path) -> str:
     for environment in environments(results):
         of = flown(results, environment, "autopilot")
         others = ("truth", "measurement", "dead-reckoning")
-        filters = [values[0] for (at, name), values in of.items() if at == "nominal" and name not in others]
+        filters = [
+            values[0] for (at, name), values in of.items() if at == "nominal" and name not in others
+        ]
         pairs = [(a, b) for a, b in combinations(filters, 2) if (a != b).any()]
         factors = [(a.var() + b.var()) / (a - b).var() for a, b in pairs]
         cells = (f"{factor:.1f}" for factor in np.quantile(factors, (0.0, 0.25, 0.5, 0.75)))
         rows.append((environment, str(len(pairs)), *cells))
-    return table(("Environment", "pairs", "least", "lower quartile", "median", "upper quartile"), rows)
+    return table(
+        ("Environment", "pairs", "least", "lower quartile", "median", "upper quartile"), rows
+    )
 
 
 def advice(results: Path) -> str:
     """The answer of a study in sentences, as its report has it, without the times of its machine."""
     lines = (results / "answer.md").read_text(encoding="utf-8").splitlines()
-    return fill(" ".join(line for line in lines if not line.startswith("A step on")), 140, break_on_hyphens=False)
+    return fill(
+        " ".join(line for line in lines if not line.startswith("A step on")),
+        140,
+        break_on_hyphens=False,
+    )
 
 
 def exceptions(results: Path) -> str:
@@ -270,13 +332,18 @@ def exceptions(results: Path) -> str:
         return shown(of[condition, one] - of[condition, other])
 
     worlds = ("PunaUAV-v0", "ItsunusaAUV-v0", "SegorogeniAUV-v0")
-    gains = ", ".join(f"{less(world, 'bad sensors', 'huber-kf', 'ekf')} in `{world}`" for world in worlds)
-    lost = " and ".join(less("PunaUAV-v0", f"model {share} % off", "truth", best) for share in (10, 20))
+    gains = ", ".join(
+        f"{less(world, 'bad sensors', 'huber-kf', 'ekf')} in `{world}`" for world in worlds
+    )
+    lost = " and ".join(
+        less("PunaUAV-v0", f"model {share} % off", "truth", best) for share in (10, 20)
+    )
     count = flown(file, worlds[0], "autopilot")["bad sensors", best].shape[-1]
     return fill(
-        f"Where one measurement in twenty is wild, `huber-kf` scores more than `ekf` by {gains}. Where lift and "
-        f"mass are 10 or 20 % off, the aircraft loses {lost} of the score on `{best}` against the truth. (Means over "
-        f"{count} seeds; each 95 % interval stands for itself.)",
+        f"Where one measurement in twenty is wild, `huber-kf` scores more than `ekf` by {gains}."
+        f" Where lift and mass are 10 or 20 % off, the aircraft loses {lost} of the score on"
+        f" `{best}` against the truth. (Means over {count} seeds; each 95 % interval stands for"
+        " itself.)",
         140,
         break_on_hyphens=False,
     )
@@ -289,7 +356,8 @@ def packaged_agents() -> str:
     rows = []
     for env_id in ("SigmaCorvette-v0", *JOURNEYS):
         flights = {
-            name: rollout(name, env_id, evaluation_seeds(EPISODES), record=False) for name in ("autopilot", "ppo")
+            name: rollout(name, env_id, evaluation_seeds(EPISODES), record=False)
+            for name in ("autopilot", "ppo")
         }
         system, told = system_of(env_id), description(packaged(env_id)) or {}
         there = (str(int((flight.end == system.task.success).sum())) for flight in flights.values())
@@ -309,7 +377,9 @@ CORVETTE, CHANNEL = "SigmaCorvette-v0", "SigmaChannel-v0"
 
 def papers(counted: bool = False) -> str:
     """The papers' measures, or the sentence that counts them, from what ``python -m scripts.reproduce all`` stored."""
-    stored, last = (ROOT / folder / "summary.json" for folder in ("studies/papers", "results/reproduction"))
+    stored, last = (
+        ROOT / folder / "summary.json" for folder in ("studies/papers", "results/reproduction")
+    )
     if last.exists():
         stored.write_text(last.read_text(encoding="utf-8"), encoding="utf-8")
     return (readme_line if counted else papers_page)(json.loads(stored.read_text(encoding="utf-8")))
@@ -339,7 +409,10 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     "agents": (ROOT / "docs/agents.md", packaged_agents),
     "latency": (ROOT / "docs/late-fixes.md", lambda: latency(ROOT / "results/latency")),
     "gap": (ROOT / "docs/late-fixes.md", gap),
-    "headline": (ROOT / "README.md", lambda: by_suite(ABLATION, CORVETTE, "moderate", estimators=HEADLINE)),
+    "headline": (
+        ROOT / "README.md",
+        lambda: by_suite(ABLATION, CORVETTE, "moderate", estimators=HEADLINE),
+    ),
     "ablation": (HER_PAGE, lambda: by_suite(ABLATION, CORVETTE, "rough", estimators=HEADLINE)),
     "ablation, PPO": (HER_PAGE, lambda: by_suite(ABLATION, CORVETTE, "moderate", "PPO")),
     "suites": (ROOT / "docs/findings.md", lambda: differences(SUITES)),
@@ -349,11 +422,17 @@ TABLES: dict[str, tuple[Path, Callable[[], str]]] = {
     },
     **{
         f"{env_id}, {sea}": (ROOT / "docs/suites.md", partial(by_suite, ABLATION, env_id, sea))
-        for env_id, sea in (*product((CORVETTE, CHANNEL), ("moderate", "rough")), (CHANNEL, "moderate quartering"))
+        for env_id, sea in (
+            *product((CORVETTE, CHANNEL), ("moderate", "rough")),
+            (CHANNEL, "moderate quartering"),
+        )
     },
     "compass": (ROOT / "docs/suites.md", compass),
     "pairing": (ROOT / "docs/statistics.md", lambda: pairing(ROOT / "results/quick")),
-    "shares": (ROOT / "docs/findings.md", lambda: rows_of(ROOT / "results/quick/tables/ranking.md")),
+    "shares": (
+        ROOT / "docs/findings.md",
+        lambda: rows_of(ROOT / "results/quick/tables/ranking.md"),
+    ),
 }
 """Page of each table, and the function that makes it."""
 TEXTS: dict[str, tuple[Path, Callable[[], str]]] = {
@@ -374,8 +453,8 @@ def main(names: tuple[str, ...] = (*TABLES, *TEXTS), /) -> None:
     """Write tables of docs/ anew: dives, flights, faults and others are flown, in an hour.
 
     Tables of studies are taken from results/ablation, results/suites,
-    results/quick and results/latency, where `make ablation` and `vessel-gym ablate suites` (or quick, or latency) leave
-    them.
+    results/quick and results/latency, where `make ablation` and `vessel-gym ablate suites` (or
+    quick, or latency) leave them.
 
     Args:
         names: Which.

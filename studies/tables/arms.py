@@ -21,7 +21,9 @@ class Arm:
     options: dict[str, Any] = field(default_factory=dict)
     world: dict[str, Any] = field(default_factory=dict)
 
-    def fly(self, env_id: str, episodes: int = EPISODES, agent: str = "autopilot", **world: Any) -> Any:
+    def fly(
+        self, env_id: str, episodes: int = EPISODES, agent: str = "autopilot", **world: Any
+    ) -> Any:
         """Rollout of the evaluation seeds; ``world`` holds further options of the environment."""
         chosen = {} if self.estimator is None else {"estimator": self.estimator}
         settings = chosen | {"estimator_options": self.options} | self.world | world

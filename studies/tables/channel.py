@@ -24,7 +24,10 @@ def channel() -> str:
     flown = {sea: [arm.scores(ENVIRONMENT, disturbance=sea) for arm in arms(sea)] for sea in SEAS}
     rows = [
         (f"{sea}, {words}", *(shown(of[key], decimals) for of in flown[sea]))
-        for key, words, decimals in (("score", "score", 3), ("steering_travel", "rudder travel [deg/min]", 0))
+        for key, words, decimals in (
+            ("score", "score", 3),
+            ("steering_travel", "rudder travel [deg/min]", 0),
+        )
         for sea in SEAS
     ]
     return table(("", *(arm.label for arm in arms(SEAS[0]))), rows)

@@ -49,7 +49,11 @@ def draw(figure: "Figure", less: dict[str, list[np.ndarray]]) -> None:
             places, means, halves, label=label.replace("`", ""), color=PALETTE[i], marker="osD^"[i], markersize=4,
             linewidth=1.0, capsize=2,
         )  # fmt: skip
-    axes.set(xscale="log", xlabel="correlation time of the compass [s]", ylabel="score, less that of kf-umv-ui")
+    axes.set(
+        xscale="log",
+        xlabel="correlation time of the compass [s]",
+        ylabel="score, less that of kf-umv-ui",
+    )
     axes.legend(fontsize=8, ncols=2)
 
 
@@ -58,7 +62,10 @@ def compass() -> str:
     from matplotlib.figure import Figure
 
     ours, *others = ARMS
-    scores = {time: {arm.label: arm.fly(ENVIRONMENT, sensors=sensors(time)).score for arm in ARMS} for time in TIMES}
+    scores = {
+        time: {arm.label: arm.fly(ENVIRONMENT, sensors=sensors(time)).score for arm in ARMS}
+        for time in TIMES
+    }
     less = {arm.label: [of[arm.label] - of[ours.label] for of in scores.values()] for arm in others}
     with styled():
         figure = Figure(figsize=(7.0, 3.4), layout="constrained")
@@ -66,7 +73,11 @@ def compass() -> str:
         figure.savefig(PICTURE, dpi=120)
     heads = ("correlation time", ours.label, *(f"{arm.label} − {ours.label}" for arm in others))
     rows = [
-        (f"{time:g} s", shown(scores[time][ours.label]), *(shown(values[i]) for values in less.values()))
+        (
+            f"{time:g} s",
+            shown(scores[time][ours.label]),
+            *(shown(values[i]) for values in less.values()),
+        )
         for i, time in enumerate(TIMES)
     ]
     return table(heads, rows)

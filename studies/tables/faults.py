@@ -28,7 +28,9 @@ class Faulty(NamedTuple):
     def fault(self, weather: str, **fault: float) -> Any:
         """The same fault of each, beside the water or the air of the environment."""
         beside = system_of(self.env_id).disturbances[weather]
-        return reduce(lambda beside, actuator: Fault(actuator, beside=beside, **fault), self.actuators, beside)
+        return reduce(
+            lambda beside, actuator: Fault(actuator, beside=beside, **fault), self.actuators, beside
+        )
 
 
 FAULTY = (
@@ -61,7 +63,9 @@ def faults() -> str:
             for label, fault in FAULTS.items():
                 world = {"disturbance": vehicle.fault(weather, **fault)}
                 scores = (_flown(vehicle.env_id, *flyer, world) for flyer in flyers.values())
-                cells = (WITHOUT if isinstance(of, str) else f"{of['score'].mean():.3f}" for of in scores)
+                cells = (
+                    WITHOUT if isinstance(of, str) else f"{of['score'].mean():.3f}" for of in scores
+                )
                 rows.append((f"{vehicle.name}; {weather}", label, *cells))
     return table(heads, rows)
 
@@ -72,10 +76,22 @@ def faults_found() -> str:
     rows = []
     for vehicle in FAULTY:
         lossy = SensorSuite(noise=1.0, dropout=0.1).of(system_of(vehicle.env_id).vehicle.sensors)
-        for label, sensors in (("nominal", "nominal"), ("10 % lost", list(lossy)), ("degraded", "degraded")):
-            world = {"disturbance": vehicle.fault("moderate", bias=np.deg2rad(5.0)), "sensors": sensors}
-            found = [_flown(vehicle.env_id, name, {}, world) for name in ("ekf-ui-wdf", "ukf-umv", "kf-umv-ui-wdf")]
-            cells = (WITHOUT if isinstance(of, str) else f"{of['input_rmse'].mean():.2f}" for of in found)
+        for label, sensors in (
+            ("nominal", "nominal"),
+            ("10 % lost", list(lossy)),
+            ("degraded", "degraded"),
+        ):
+            world = {
+                "disturbance": vehicle.fault("moderate", bias=np.deg2rad(5.0)),
+                "sensors": sensors,
+            }
+            found = [
+                _flown(vehicle.env_id, name, {}, world)
+                for name in ("ekf-ui-wdf", "ukf-umv", "kf-umv-ui-wdf")
+            ]
+            cells = (
+                WITHOUT if isinstance(of, str) else f"{of['input_rmse'].mean():.2f}" for of in found
+            )
             rows.append((vehicle.name, label, *cells))
     return table(heads, rows)
 
@@ -90,17 +106,33 @@ def inputs() -> str:
     ]
     for vehicle, actuator, size in ((FAULTY[0], "thrust", 1.0), (FAULTY[1], "thrust", 2.0), (FAULTY[2], "thrust", 1.0),
                                     (FAULTY[2], "angle of attack", np.deg2rad(2.0))):  # fmt: skip
-        beside, name = system_of(vehicle.env_id).disturbances["moderate"], vehicle.name.split(",")[0]
-        worlds.append((f"{name}, {actuator}", vehicle.env_id, Fault(actuator, size=float(size), beside=beside)))
+        beside, name = (
+            system_of(vehicle.env_id).disturbances["moderate"],
+            vehicle.name.split(",")[0],
+        )
+        worlds.append(
+            (
+                f"{name}, {actuator}",
+                vehicle.env_id,
+                Fault(actuator, size=float(size), beside=beside),
+            )
+        )
     rows = []
     for label, env_id, disturbance in worlds:
-        plain, *found = (_flown(env_id, name, {}, {"disturbance": disturbance}) for name in ("ekf", *names))
-        cells = (of if isinstance(of, str) else f"{of['score'].mean() / plain['score'].mean():.3f}" for of in found)
+        plain, *found = (
+            _flown(env_id, name, {}, {"disturbance": disturbance}) for name in ("ekf", *names)
+        )
+        cells = (
+            of if isinstance(of, str) else f"{of['score'].mean() / plain['score'].mean():.3f}"
+            for of in found
+        )
         rows.append((label, *cells))
     return table(("", *(f"`{name}`" for name in names)), rows)
 
 
-def _flown(env_id: str, estimator: str | None, options: dict[str, Any], world: dict[str, Any]) -> Any:
+def _flown(
+    env_id: str, estimator: str | None, options: dict[str, Any], world: dict[str, Any]
+) -> Any:
     """Figures of `SEEDS` flights, or in short why the environment refuses the filter."""
     try:
         return Arm("", estimator, options, world).scores(env_id, SEEDS)
@@ -158,24 +190,45 @@ def gap() -> str:
             {"sensors": "clean"}),
     )  # fmt: skip
     times = (0.0, 2.0, 4.0, 6.0)
-    heads = ("after", *(f"{after:g} s [m]" for after in times), "claimed [m]", "a radian of heading moves it by [m]")
+    heads = (
+        "after",
+        *(f"{after:g} s [m]" for after in times),
+        "claimed [m]",
+        "a radian of heading moves it by [m]",
+    )
     return table(heads, [(way.label, *_without_a_fix(way, times)) for way in ways])
 
 
 def _without_a_fix(way: Arm, times: Sequence[float]) -> list[str]:
     """RMS errors of the position so long after the fix was switched off; what is claimed at the end, and the gain."""
     off = [SensorFault("acoustic position", "off", begin=GAP)]
-    core = Core(system_of("SegorogeniAUV-v0"), SEEDS, way.estimator, way.options, sensor_faults=off, **way.world)
+    core = Core(
+        system_of("SegorogeniAUV-v0"),
+        SEEDS,
+        way.estimator,
+        way.options,
+        sensor_faults=off,
+        **way.world,
+    )
     core.start(0)
-    x, heading, dt = [core.composition.names.index(name) for name in ("x", "y")], [0.0], core.vehicle.dt
+    x, heading, dt = (
+        [core.composition.names.index(name) for name in ("x", "y")],
+        [0.0],
+        core.vehicle.dt,
+    )
     cells, estimate, filter = [], core.loop.estimate, core.filter
 
     def looked_at(measurements: Any, u: np.ndarray, steps: np.ndarray) -> None:
         predicted = filter.predict(core.belief, u)
-        C, R = filter.model.linearise_measurement(predicted.mean, u, predicted.cov)[1], filter.model.R
+        C, R = (
+            filter.model.linearise_measurement(predicted.mean, u, predicted.cov)[1],
+            filter.model.R,
+        )
         C = np.where(measurements[1][..., None], C, 0.0)
         gain = predicted.cov @ C.mT @ np.linalg.inv(C @ predicted.cov @ C.mT + R)
-        heading[0] = float(np.median(np.linalg.norm(gain[:, x, core.sensors.gives.index("psi")], axis=1)))
+        heading[0] = float(
+            np.median(np.linalg.norm(gain[:, x, core.sensors.gives.index("psi")], axis=1))
+        )
         estimate(measurements, u, steps)
 
     core.loop.estimate = looked_at  # type: ignore[method-assign]

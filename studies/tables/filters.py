@@ -13,20 +13,28 @@ from studies.tables.markdown import WITHOUT, shown, table
 
 RUNS, STEPS, SKIPPED = 1000, 200, 20
 """Runs, steps, and steps that are not scored, of the tables of robust filters."""
-OUTLIERS = {"Gaussian": {}, "10 % at 10 σ": {"rate": 0.1, "size": 10.0}, "10 % at 100 σ": {"rate": 0.1, "size": 100.0}}
+OUTLIERS = {
+    "Gaussian": {},
+    "10 % at 10 σ": {"rate": 0.1, "size": 10.0},
+    "10 % at 100 σ": {"rate": 0.1, "size": 100.0},
+}
 
 
 def _constant_velocity(intensity: float, process: float = 1.0, measurement: float = 1.0) -> Any:
     """Constant velocity under white acceleration [m2/s3], with factors on Q and R; position measured at 1 Hz."""
     A, B, C = np.array([[1.0, 1.0], [0.0, 1.0]]), np.zeros((2, 1)), np.array([[1.0, 0.0]])
     Q = process * intensity * np.array([[1.0 / 3.0, 0.5], [0.5, 1.0]])
-    return StateSpace(A[None, None], B[None, None], C[None, None], Q[None, None], np.array([[measurement]]))
+    return StateSpace(
+        A[None, None], B[None, None], C[None, None], Q[None, None], np.array([[measurement]])
+    )
 
 
 def _squared_errors(name: str, model: Any, record: Any, **options: Any) -> np.ndarray:
     """Squared error of the state after each update, mean over time, one number a run ``(RUNS,)``."""
     beliefs = track({"kind": name, **options}, model, record.y)
-    squares = [((after.mean - x) ** 2).sum(-1) for (_, after), x in zip(beliefs, record.x, strict=True)]
+    squares = [
+        ((after.mean - x) ** 2).sum(-1) for (_, after), x in zip(beliefs, record.x, strict=True)
+    ]
     return np.mean(squares[SKIPPED:], axis=0)[0]
 
 
@@ -45,9 +53,14 @@ def huber_iterations() -> str:
         for label, condition in OUTLIERS.items():
             record = simulate(model, model, Condition(**condition), STEPS, RUNS, 0)
             reference = _squared_errors("kf", model, record)
-            ratios = [_ratio(_squared_errors("huber-kf", model, record, iterations=n), reference) for n in counts]
+            ratios = [
+                _ratio(_squared_errors("huber-kf", model, record, iterations=n), reference)
+                for n in counts
+            ]
             widest = max(half for _, half in ratios)
-            rows.append((f"{intensity:g}", label, *(f"{ratio:.2f}" for ratio, _ in ratios), f"{widest:.3f}"))
+            rows.append(
+                (f"{intensity:g}", label, *(f"{ratio:.2f}" for ratio, _ in ratios), f"{widest:.3f}")
+            )
     return table(("q", "measurements", *map(str, counts), "widest half interval"), rows)
 
 
@@ -67,18 +80,32 @@ def robust_losses() -> str:
     for label, (world, condition) in cases.items():
         record = simulate(model, world, Condition(**condition), STEPS, RUNS, 1)
         reference = _squared_errors("kf", model, record)
-        ratios = (_ratio(_squared_errors(name, model, record, **options), reference) for name, options in filters)
-        rows.append((label, f"{np.sqrt(reference.mean()):.2f}", *(f"{r:.3f} ± {half:.3f}" for r, half in ratios)))
+        ratios = (
+            _ratio(_squared_errors(name, model, record, **options), reference)
+            for name, options in filters
+        )
+        rows.append(
+            (
+                label,
+                f"{np.sqrt(reference.mean()):.2f}",
+                *(f"{r:.3f} ± {half:.3f}" for r, half in ratios),
+            )
+        )
     return table(("data", "`kf` RMSE", "`huber-kf`", "`robust-kf`, 0.01", "`robust-kf`, 0.1"), rows)
 
 
 def unstable_zeros(systems: int = 400) -> str:
     """Share of random systems in which an unknown input adds a zero on or outside the unit circle.
 
-    Four states and one input; A has normal entries and a spectral radius of 0.98, C, G and H have normal entries.
+    Four states and one input; A has normal entries and a spectral radius of 0.98, C, G and H have
+    normal entries.
     """
     rows = []
-    for label, gain in (("at once, `kf-umv-ui`", 1.0), ("at once, H ten times as large", 10.0), ("one step late", 0.0)):
+    for label, gain in (
+        ("at once, `kf-umv-ui`", 1.0),
+        ("at once, H ten times as large", 10.0),
+        ("one step late", 0.0),
+    ):
         cells = []
         for p in (1, 2, 3):
             rng, hits = np.random.default_rng([p, round(gain)]), 0
@@ -96,17 +123,26 @@ def unstable_zeros(systems: int = 400) -> str:
 def published_scores(runs: int = 20) -> str:
     """Analysis RMSE of ensemble and particle filters on the Lorenz systems, beside what is published.
 
-    Filters that are the same transform share a row and are run once, under the first name. Exact draws are beside them,
-    with as many members as these need; without process noise only `enkf` has other numbers after the start.
+    Filters that are the same transform share a row and are run once, under the first name. Exact
+    draws are beside them, with as many members as these need; without process noise only `enkf` has
+    other numbers after the start.
     """
     rows = []
     for row in BENCHMARKS:
         scores = analysis_rmse(row, row.filters[0], runs)
         published = f"{row.published:g}{' (reported only)' if row.reported_only else ''}"
         name = row.setting.name, ", ".join(row.filters), str(row.members), row.described
-        members, beside = max(row.members, len(row.setting.start) + len(row.setting.read) + 2), WITHOUT
+        members, beside = (
+            max(row.members, len(row.setting.start) + len(row.setting.read) + 2),
+            WITHOUT,
+        )
         if "pf" not in row.filters:
-            exact = analysis_rmse(replace(row, draws="exact", members=members), row.filters[0], runs)
+            exact = analysis_rmse(
+                replace(row, draws="exact", members=members), row.filters[0], runs
+            )
             beside = f"{np.median(exact):.3f}, N = {members}"
         rows.append((*name, shown(scores), f"{np.median(scores):.3f}", beside, published))
-    return table(("system", "filter", "N", "options", "ours", "median", "exact draws, median", "published"), rows)
+    return table(
+        ("system", "filter", "N", "options", "ours", "median", "exact draws, median", "published"),
+        rows,
+    )

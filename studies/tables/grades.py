@@ -22,11 +22,20 @@ def sensor_grades() -> str:
         for name, of in grades.sensors.items():
             for grade, sensor in of.items():
                 suites = [NOMINAL] if grade == NOMINAL else []
-                suites += [suite for suite, chosen in grades.suites.items() if chosen.get(name) == grade]
+                suites += [
+                    suite for suite, chosen in grades.suites.items() if chosen.get(name) == grade
+                ]
                 label = f"{grade} (`{'`, `'.join(suites)}`)" if suites else grade
                 figures = _figures(sensor, grades.assumed[name][grade])
                 rows.append((name, label, *figures, grades.sources[name][grade]))
-        heads = ("sensor", "grade", "white noise", "slow error; its time; constant error", "every", "source")
+        heads = (
+            "sensor",
+            "grade",
+            "white noise",
+            "slow error; its time; constant error",
+            "every",
+            "source",
+        )
         parts.append(f"### {heading}\n\n{table(heads, rows)}")
     return "\n\n".join(parts)
 
@@ -44,7 +53,9 @@ def _figures(sensor: Sensor, assumed: tuple[str, ...]) -> tuple[str, str, str]:
 
     every = "step" if sensor.rate is None else f"{1.0 / sensor.rate:g} s"
     losses = [marked(f"{sensor.dropout:.0%} lost", "dropout")] if sensor.dropout else []
-    slow = WITHOUT if sensor.bias is None else "; ".join(marked(*part) for part in _bias(sensor.bias))
+    slow = (
+        WITHOUT if sensor.bias is None else "; ".join(marked(*part) for part in _bias(sensor.bias))
+    )
     return marked(_listed(sensor.sd), "sd"), slow, ", ".join((marked(every, "rate"), *losses))
 
 

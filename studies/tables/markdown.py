@@ -17,7 +17,9 @@ WITHOUT = "–"
 
 def rows_of(page: Path) -> str:
     """The table alone of a report's page."""
-    return "\n".join(line for line in page.read_text(encoding="utf-8").splitlines() if line.startswith("|"))
+    return "\n".join(
+        line for line in page.read_text(encoding="utf-8").splitlines() if line.startswith("|")
+    )
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -61,7 +63,9 @@ def around(page: Path, mark: str) -> tuple[str, str]:
     Raises:
         Refusal: if the page has no such lines, or several for this mark.
     """
-    before, *inside = re.split(f"(?m)^(<!-- {re.escape(mark)} -->\n)", page.read_text(encoding="utf-8"))
+    before, *inside = re.split(
+        f"(?m)^(<!-- {re.escape(mark)} -->\n)", page.read_text(encoding="utf-8")
+    )
     if len(inside) != 2 or "\n<!-- end -->" not in inside[1]:
         raise Refusal(f"{page} needs one line <!-- {mark} --> and a line <!-- end --> below it")
     return before + inside[0], inside[1][inside[1].index("<!-- end -->") :]

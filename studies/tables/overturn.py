@@ -37,7 +37,9 @@ def variations() -> dict[str, dict[str, Any]]:
         "waves assumed rough": {"sea": "rough"},
         "`budget` sensors": {"sensors": "budget"},
         "`denied` sensors": {"sensors": "denied"},
-        "a tenth of measurements lost": {"sensors": [replace(each, dropout=0.1) for each in CORVETTE.vehicle.sensors]},
+        "a tenth of measurements lost": {
+            "sensors": [replace(each, dropout=0.1) for each in CORVETTE.vehicle.sensors]
+        },
         "`degraded` sensors": {"sensors": "degraded"},
         "model 10 % off": {"mismatch": 0.1},
         "controller `lqg`": {"agent": "lqg"},
@@ -46,7 +48,9 @@ def variations() -> dict[str, dict[str, Any]]:
         "twice the weight of the course": {"COURSE_SHARE": 1.2 / 1.6},
         **{
             f"{word} the {what}": {name: factor * getattr(CircleTrack, name)}
-            for (name, what), (word, factor) in product(CONSTANTS.items(), (("half", 0.5), ("twice", 2.0)))
+            for (name, what), (word, factor) in product(
+                CONSTANTS.items(), (("half", 0.5), ("twice", 2.0))
+            )
         },
     }
 
@@ -61,13 +65,23 @@ def flown(condition: str, sea: str = "moderate", **changes: Any) -> Column:
     """
     score = {name: changes.pop(name) for name in list(changes) if name.isupper()}
     task: Any = type("Scored", (CircleTrack,), score, verified=True)
-    env: Any = type("Env", (VesselVectorEnv,), {"system": replace(CORVETTE, task=task(CORVETTE.vehicle.ship))})
+    env: Any = type(
+        "Env", (VesselVectorEnv,), {"system": replace(CORVETTE, task=task(CORVETTE.vehicle.ship))}
+    )
     env_id = f"Scored{len(gym.registry)}-v0"
     gym.register(env_id, vector_entry_point=env, max_episode_steps=CORVETTE.task.horizon)
     assumed: dict[str, Any] = {INFORMED: {"assume": {"disturbance": sea, "as": "states"}}}
     assumed[ROBUST] = {"model": "nonlinear"}
-    arms = (Arm(of, of.split()[0], assumed.get(of, {})) for of in (OURS, INFORMED, PLAIN, ROBUST, ENSEMBLE, HELD))
-    return Column("", condition, {arm.label: arm.fly(env_id, **changes).score[None] for arm in arms}, comparisons=1)
+    arms = (
+        Arm(of, of.split()[0], assumed.get(of, {}))
+        for of in (OURS, INFORMED, PLAIN, ROBUST, ENSEMBLE, HELD)
+    )
+    return Column(
+        "",
+        condition,
+        {arm.label: arm.fly(env_id, **changes).score[None] for arm in arms},
+        comparisons=1,
+    )
 
 
 def named(names: list[str]) -> str:
@@ -91,7 +105,10 @@ def overturn() -> str:
     best = columns[0].best()
     others = [f"{at.condition}: `{at.best()}`" for at in columns if at.best() != best]
     apart = max(abs(at.gap(ENSEMBLE, PLAIN).mean) for at in columns)
-    text = f"`{best}` has the highest mean, but in {named(others)}. Means of `{ENSEMBLE}` and `{PLAIN}` differ by at "
+    text = (
+        f"`{best}` has the highest mean, but in {named(others)}. Means of `{ENSEMBLE}` and"
+        f" `{PLAIN}` differ by at "
+    )
     text += f"most {apart:.4f}."
     heads, rows = ["", "best filter"], [[at.condition, f"`{at.best()}`"] for at in columns]
     for one, other in (("", HELD), (OURS, PLAIN), (INFORMED, OURS), (ROBUST, PLAIN)):

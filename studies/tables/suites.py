@@ -44,7 +44,9 @@ class Column(NamedTuple):
 
     def gap(self, one: str, other: str) -> Interval:
         """Difference of two estimators' scores on the same seeds; 95 % hold for all pairs of the environment."""
-        found = paired_difference(self.scores[one][0], self.scores[other][0], comparisons=self.comparisons)
+        found = paired_difference(
+            self.scores[one][0], self.scores[other][0], comparisons=self.comparisons
+        )
         assert found is not None
         return found
 
@@ -76,7 +78,9 @@ def environments(results: Path) -> list[str]:
 
 
 @cache
-def flown(results: Path, environment: str, agent: str, key: str = "score") -> dict[tuple[str, str], np.ndarray]:
+def flown(
+    results: Path, environment: str, agent: str, key: str = "score"
+) -> dict[tuple[str, str], np.ndarray]:
     """A metric of a study ``(runs, seeds)`` by condition and estimator, dead reckoning last.
 
     Raises:
@@ -85,7 +89,9 @@ def flown(results: Path, environment: str, agent: str, key: str = "score") -> di
     values: dict[tuple[str, str], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     for one in stored(results):
         if (one["environment"], one["agent"]) == (environment, agent):
-            values[one["condition"], one["estimator"]][one["training_seed"]].append(float(one[key] or "nan"))
+            values[one["condition"], one["estimator"]][one["training_seed"]].append(
+                float(one[key] or "nan")
+            )
     if not values:
         raise Refusal(f"{agent} flew nothing in {environment} of {results}")
     found = {place: np.array(list(runs.values())) for place, runs in values.items()}
@@ -93,7 +99,11 @@ def flown(results: Path, environment: str, agent: str, key: str = "score") -> di
 
 
 def by_suite(
-    results: Path, environment: str, sea: str = "", agent: str = "autopilot", estimators: Sequence[str] = ()
+    results: Path,
+    environment: str,
+    sea: str = "",
+    agent: str = "autopilot",
+    estimators: Sequence[str] = (),
 ) -> str:
     """Score and steering travel of estimators (none: all) in each suite; 95 % hold for all scores of the table."""
     scores, travels = (flown(results, environment, agent, key) for key in ("score", TRAVEL))
@@ -107,7 +117,10 @@ def by_suite(
             if score is None or travel is None:
                 cells.append(WITHOUT)
                 continue
-            cells.append(f"{interval(crossed_interval(score, len(names) * len(places)))}; {np.nanmean(travel):.0f}")
+            cells.append(
+                f"{interval(crossed_interval(score, len(names) * len(places)))};"
+                f" {np.nanmean(travel):.0f}"
+            )
         rows.append((f"`{name}`", *cells))
     return table(("Score; steering travel [°/min]", *SUITES), rows)
 
@@ -117,7 +130,9 @@ def columns(results: Path) -> Iterator[Column]:
     for environment in environments(results):
         of = flown(results, environment, "autopilot")
         conditions = list(dict.fromkeys(condition for condition, _ in of))
-        each = {place: {name: of[place, name] for at, name in of if at == place} for place in conditions}
+        each = {
+            place: {name: of[place, name] for at, name in of if at == place} for place in conditions
+        }
         pairs = sum(comb(len(scores), 2) for scores in each.values())
         yield from (Column(environment, place, scores, pairs) for place, scores in each.items())
 
@@ -128,10 +143,17 @@ def differences(results: Path) -> str:
     for at in columns(results):
         best = at.best()
         pairs = [(best, HELD), (at.rival_of_plain(), PLAIN), (best, at.default), (ORACLE, best)]
-        gaps = [at.gap(*pair) if pair[1] in at.scores and pair[0] != pair[1] else None for pair in pairs]
+        gaps = [
+            at.gap(*pair) if pair[1] in at.scores and pair[0] != pair[1] else None for pair in pairs
+        ]
         cells = [_bold(interval(gap), gap is not None and gap.low > MARGIN) for gap in gaps]
         rows.append((f"{at.environment}, {at.condition}", f"`{best}`", *cells))
-    heads = "best − `measurement`", "best other on its model − `ekf`", "best − default", "`truth` − best"
+    heads = (
+        "best − `measurement`",
+        "best other on its model − `ekf`",
+        "best − default",
+        "`truth` − best",
+    )
     return table(("", "best filter", *heads), rows)
 
 
@@ -152,7 +174,10 @@ def found(results: Path) -> str:
         for name in (HELD, FLOOR):
             if (gap := at.gap(name, best)).low > 0.0:
                 ahead.append(f"`{name}` in {at.environment}, {at.condition}, by {interval(gap)}")
-    text = f"{filter_and_model(results)} Gains are counted on `budget` and `denied` sensors, above {MARGIN:g} of the "
+    text = (
+        f"{filter_and_model(results)} Gains are counted on `budget` and `denied` sensors, above"
+        f" {MARGIN:g} of the "
+    )
     text += "score and beyond chance. "
     for what, where in beaten.items():
         text += f"Against {what} the best filter gains in {len(where)} of {len(every)} environments"
@@ -166,9 +191,18 @@ def found(results: Path) -> str:
 def filter_and_model(results: Path) -> str:
     """Sentences on what filters gain over `ekf` on its model, and what a better model gains."""
     every = list(columns(results))
-    wide = [(at, at.rival_of_plain(), PLAIN) for at in every if at.gap(at.rival_of_plain(), PLAIN).low > MARGIN]
-    text = f"On the same model a filter gains more than {MARGIN:g} over `ekf` beyond chance in {len(wide)} of "
-    text += f"{len(every)} columns" + (f": {listed([_gained(*one) for one in wide])}." if wide else ".")
+    wide = [
+        (at, at.rival_of_plain(), PLAIN)
+        for at in every
+        if at.gap(at.rival_of_plain(), PLAIN).low > MARGIN
+    ]
+    text = (
+        f"On the same model a filter gains more than {MARGIN:g} over `ekf` beyond chance in"
+        f" {len(wide)} of "
+    )
+    text += f"{len(every)} columns" + (
+        f": {listed([_gained(*one) for one in wide])}." if wide else "."
+    )
     models = [(at, INFORMED, PLAIN) for at in every if INFORMED in at.scores]
     models += [(at, PLAIN, LINEAR) for at in every if LINEAR in at.scores]
     most = max(models, key=lambda one: one[0].gap(*one[1:]).mean)
@@ -176,7 +210,10 @@ def filter_and_model(results: Path) -> str:
 
 
 def _gained(at: Column, one: str, other: str) -> str:
-    return f"`{one}` over `{other}` in {at.environment}, {at.condition}, by {interval(at.gap(one, other))}"
+    return (
+        f"`{one}` over `{other}` in {at.environment}, {at.condition}, by"
+        f" {interval(at.gap(one, other))}"
+    )
 
 
 def truth_first(results: Path) -> str:
@@ -186,7 +223,9 @@ def truth_first(results: Path) -> str:
         gaps = {name: at.gap(name, ORACLE) for name in at.scores if name != ORACLE}
         every, first = every + 1, first + all(gap.mean <= 0.0 for gap in gaps.values())
         where = f"in {at.environment}, {at.condition}"
-        beyond += [f"`{name}` {where} by {interval(gap)}" for name, gap in gaps.items() if gap.low > 0.0]
+        beyond += [
+            f"`{name}` {where} by {interval(gap)}" for name, gap in gaps.items() if gap.low > 0.0
+        ]
     text = f"The truth has the highest mean in {first} of {every} columns"
     if beyond:
         return f"{text}. Significantly higher than on the truth are the scores of {listed(beyond)}."
@@ -196,22 +235,36 @@ def truth_first(results: Path) -> str:
 def headline(results: Path, environment: str, sea: str) -> str:
     """Sentences on the worth of a filter in each suite: score lost against the truth, and steering."""
     travels = flown(results, environment, "autopilot", TRAVEL)
-    chosen = [at for at in columns(results) if (at.environment, at.condition) == (environment, f"{sea}, {at.suite}")]
+    chosen = [
+        at
+        for at in columns(results)
+        if (at.environment, at.condition) == (environment, f"{sea}, {at.suite}")
+    ]
     best = [at.best() for at in chosen]
     lost = {
-        who: listed([f"{at.gap(ORACLE, name).mean:.3f}" for at, name in zip(chosen, names, strict=True)])
+        who: listed(
+            [f"{at.gap(ORACLE, name).mean:.3f}" for at, name in zip(chosen, names, strict=True)]
+        )
         for who, names in (("best", best), ("held", [HELD] * len(chosen)))
     }
     ratios = [
         float(np.nanmean(travels[at.condition, HELD]) / np.nanmean(travels[at.condition, name]))
         for at, name in zip(chosen, best, strict=True)
     ]
-    wins = [f"`{at.suite}`" for at, name in zip(chosen, best, strict=True) if at.gap(name, HELD).low <= 0.0]
+    wins = [
+        f"`{at.suite}`"
+        for at, name in zip(chosen, best, strict=True)
+        if at.gap(name, HELD).low <= 0.0
+    ]
     text = (
-        f"With {listed([f'`{at.suite}`' for at in chosen])} sensors the autopilot loses {lost['best']} of the score "
-        f"against the truth on the best filter, and {lost['held']} on held "
-        f"measurements (`measurement`), which steer {min(ratios):.1f} "
-        f"to {max(ratios):.1f} times as much."
+        f"With {listed([f'`{at.suite}`' for at in chosen])} sensors the autopilot loses"
+        f" {lost['best']} of the score against the truth on the best filter, and {lost['held']} on"
+        f" held measurements (`measurement`), which steer {min(ratios):.1f} to {max(ratios):.1f}"
+        " times as much."
     )
-    text += f" No filter beats held measurements beyond chance with {listed(wins)} sensors." if wins else ""
+    text += (
+        f" No filter beats held measurements beyond chance with {listed(wins)} sensors."
+        if wins
+        else ""
+    )
     return fill(text, 140, break_on_hyphens=False)

@@ -15,7 +15,9 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     tuned = {}
     for memory, own in REMEMBERING.items():
         tuned[memory] = algorithms.hyperparameters("SigmaCorvette-v0", memory) | TINY | own
-    monkeypatch.setattr(algorithms, "hyperparameters", lambda env_id, memory="none", *_: tuned[memory])
+    monkeypatch.setattr(
+        algorithms, "hyperparameters", lambda env_id, memory="none", *_: tuned[memory]
+    )
 
 
 @pytest.fixture

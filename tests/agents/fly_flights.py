@@ -18,18 +18,30 @@ SPREAD = 0.35
 
 def main() -> None:
     flown = {
-        name: rollout("autopilot", ENVIRONMENT, evaluation_seeds(2000), {"estimator": name}, record=False).score
+        name: (
+            rollout(
+                "autopilot", ENVIRONMENT, evaluation_seeds(2000), {"estimator": name}, record=False
+            ).score
+        )
         for name in ESTIMATORS
     }
     rng, own, runs = np.random.default_rng(0), Tolerances(), []
     for factors in np.exp(rng.normal(0.0, SPREAD, (CONTROLLERS, 4))):
         heading, rate, rudder, integral = factors
         tolerances = Tolerances(
-            own.heading * heading, own.yaw_rate * rate, own.rudder_rate * rudder, own.heading_integral * integral
+            own.heading * heading,
+            own.yaw_rate * rate,
+            own.rudder_rate * rudder,
+            own.heading_integral * integral,
         )
-        controller = type("Drawn", (TurningAutopilot,), {"tolerances": tolerances})(system_of(ENVIRONMENT))
+        controller = type("Drawn", (TurningAutopilot,), {"tolerances": tolerances})(
+            system_of(ENVIRONMENT)
+        )
         runs.append(rollout(controller, ENVIRONMENT, evaluation_seeds(500), record=False).score)
-    arrays = {name: values.astype(np.float32) for name, values in (flown | {"runs": np.array(runs)}).items()}
+    arrays = {
+        name: values.astype(np.float32)
+        for name, values in (flown | {"runs": np.array(runs)}).items()
+    }
     np.savez_compressed(Path(__file__).parent / "flights.npz", **arrays)
 
 

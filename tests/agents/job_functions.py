@@ -13,7 +13,11 @@ from agents.files import replacing
 
 def draw(seed, seconds=0.0):
     time.sleep(seconds)
-    return {"values": np.random.default_rng(seed).normal(size=50), "seed": seed, "nothing": float("nan")}
+    return {
+        "values": np.random.default_rng(seed).normal(size=50),
+        "seed": seed,
+        "nothing": float("nan"),
+    }
 
 
 def write(seed, artifact, seconds=0.0):
@@ -55,7 +59,10 @@ def fill():
 
 
 def threads():
-    return {name: os.environ.get(name) for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+    return {
+        name: os.environ.get(name)
+        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    }
 
 
 def process(number):

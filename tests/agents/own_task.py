@@ -42,11 +42,21 @@ class KeepDepth:
         return None
 
     def sizes(self, measurements: int, states: int) -> dict[str, int]:
-        return {"guided": 5, "unguided": 7, "std": states, "measurements": 2 * measurements, "mission": 1}
+        return {
+            "guided": 5,
+            "unguided": 7,
+            "std": states,
+            "measurements": 2 * measurements,
+            "mission": 1,
+        }
 
-    def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+    def observe(
+        self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray
+    ) -> np.ndarray:
         x = estimate.state
-        return np.column_stack([reference[:, 0] - x[:, 4], x[:, 1], x[:, 2], x[:, 5], x[:, 0] - CRUISE])
+        return np.column_stack(
+            [reference[:, 0] - x[:, 4], x[:, 1], x[:, 2], x[:, 5], x[:, 0] - CRUISE]
+        )
 
     def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
         return estimate.state
@@ -56,11 +66,18 @@ class KeepDepth:
         return estimate.sd
 
     def observe_measurements(
-        self, sensors: Sensors, measurements: np.ndarray, available: np.ndarray, scenario: np.ndarray, step: np.ndarray
+        self,
+        sensors: Sensors,
+        measurements: np.ndarray,
+        available: np.ndarray,
+        scenario: np.ndarray,
+        step: np.ndarray,
     ) -> np.ndarray:
         return np.concatenate([measurements / sensors.scale, available], -1)
 
-    def observe_mission(self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+    def observe_mission(
+        self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray
+    ) -> np.ndarray:
         return scenario
 
     def over(self, reference: np.ndarray) -> np.ndarray:
@@ -105,7 +122,9 @@ class DepthController:
         pass
 
     def act(self, observations: np.ndarray) -> np.ndarray:
-        deeper = np.clip(0.3 * observations[:, 0] + observations[:, 3] + observations[:, 2], -1.0, 1.0)
+        deeper = np.clip(
+            0.3 * observations[:, 0] + observations[:, 3] + observations[:, 2], -1.0, 1.0
+        )
         return np.stack([deeper, np.zeros(len(deeper))], -1).astype(np.float32)
 
 

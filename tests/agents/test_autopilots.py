@@ -29,7 +29,7 @@ TURNING, DIVING, FLYING = Tolerances(), DiveTolerances(), FlightTolerances()
 BODY, STATES = FLIGHT.vehicle.body, FLIGHT.vehicle.state_names
 
 
-# --- the designs, by differences of each vehicle's own step -----------------------------------------
+# --- the designs, by differences of each vehicle's own step ---------------------------------------
 
 
 class Plane(NamedTuple):
@@ -54,11 +54,15 @@ def ship_planes() -> Plane:
         ship, rudder, integral = state[:3], state[3], state[4]
         after = rudder + travel * rate
         moved = A_ship @ ship + B_ship[..., 0] * 0.5 * (rudder + after)
-        return np.concatenate([moved, np.tile([after, integral + DT * ship[2]], (len(moved), 1))], -1)
+        return np.concatenate(
+            [moved, np.tile([after, integral + DT * ship[2]], (len(moved), 1))], -1
+        )
 
     A = np.stack([step(unit, 0.0) for unit in np.eye(5)], -1)
     B = step(np.zeros(5), 1.0)[..., None]
-    weights = np.array([0.0, 1.0 / TURNING.yaw_rate, 1.0 / TURNING.heading, 0.0, 1.0 / TURNING.heading_integral])
+    weights = np.array(
+        [0.0, 1.0 / TURNING.yaw_rate, 1.0 / TURNING.heading, 0.0, 1.0 / TURNING.heading_integral]
+    )
     Q, R = np.diag(weights**2), np.array([[TURNING.rudder_rate**-2]])
     return Plane(A, B, Q, R, gains(SHIP, DT, TURNING)[:, None], DT, 1.0 - 1e-9, (1e-6, 1e-8))
 
@@ -66,11 +70,20 @@ def ship_planes() -> Plane:
 def dive_plane(system: System, turning: bool) -> Plane:
     """One plane about straight and level cruising, by differences to one side."""
     names, speed, step = system.vehicle.state_names, system.vehicle.body.cruise_speed, 1e-6
-    index = [names.index(name) for name in (("v", "p", "r", "phi", "psi") if turning else ("w", "q", "theta"))]
+    index = [
+        names.index(name)
+        for name in (("v", "p", "r", "phi", "psi") if turning else ("w", "q", "theta"))
+    ]
     loop = dive_loop(system, turning)
     x, actuators = steady_motion(system, loop, len(loop.command) // 2, turning)
     nominal = dived(system, x, actuators)
-    A = np.stack([(dived(system, x + step * e, actuators) - nominal)[index] / step for e in np.eye(len(x))[index]], -1)
+    A = np.stack(
+        [
+            (dived(system, x + step * e, actuators) - nominal)[index] / step
+            for e in np.eye(len(x))[index]
+        ],
+        -1,
+    )
     fin = step * np.eye(len(actuators))[0 if turning else -2]
     B = ((dived(system, x, actuators + fin) - nominal)[index] / step)[:, None]
     direction = np.zeros(len(A))
@@ -79,7 +92,9 @@ def dive_plane(system: System, turning: bool) -> Plane:
     Q[2 if turning else 1, 2 if turning else 1] += DIVING.rate**-2
     precision = 2e-4, 2e-4 * np.abs(loop.gains).max()
     alone = 1.0 - 1e-3 if turning else 0.0  # no vehicle holds a course by itself
-    return Plane(A, B, Q, np.array([[DIVING.fin**-2]]), loop.gains[None], system.vehicle.dt, alone, precision)
+    return Plane(
+        A, B, Q, np.array([[DIVING.fin**-2]]), loop.gains[None], system.vehicle.dt, alone, precision
+    )
 
 
 def flight_plane(longitudinal: bool) -> Plane:
@@ -96,13 +111,20 @@ def flight_plane(longitudinal: bool) -> Plane:
             wanted[:2] += z[5:]
         else:
             truth[STATES.index("y")], truth[STATES.index("phi")] = z[0], z[2]
-            truth[STATES.index("north")], truth[STATES.index("east")] = speed * np.cos(z[1]), speed * np.sin(z[1])
+            truth[STATES.index("north")], truth[STATES.index("east")] = (
+                speed * np.cos(z[1]),
+                speed * np.sin(z[1]),
+            )
             wanted[2] = before[2] = z[3]
         reached = FLIGHT.vehicle.actuate(before, BODY.actions(wanted))
         moved = dict(zip(STATES, flown(truth, before, reached), strict=True))
         level = np.hypot(moved["north"], moved["east"])
         if longitudinal:
-            motion = [moved["h"], np.hypot(level, moved["climb"]) - speed, np.arctan2(moved["climb"], level)]
+            motion = [
+                moved["h"],
+                np.hypot(level, moved["climb"]) - speed,
+                np.arctan2(moved["climb"], level),
+            ]
             return np.array([*motion, *(reached - BODY.cruise)[:2]])
         return np.array([moved["y"], np.arctan2(moved["east"], moved["north"]), moved["phi"]])
 
@@ -110,14 +132,19 @@ def flight_plane(longitudinal: bool) -> Plane:
     jacobian = np.stack([(after(h * e) - after(-h * e)) / (2.0 * h) for e in units], -1)
     t = FLYING
     if longitudinal:
-        K, Q = longitudinal_gains(FLIGHT.vehicle, t), [t.altitude**-2, t.airspeed**-2, (speed / t.climb) ** 2, 0.0, 0.0]
+        K, Q = (
+            longitudinal_gains(FLIGHT.vehicle, t),
+            [t.altitude**-2, t.airspeed**-2, (speed / t.climb) ** 2, 0.0, 0.0],
+        )
         R = np.diag([t.thrust**-2, t.alpha**-2])
     else:
         K, Q = lateral_gains(FLIGHT.vehicle, t)[None], [t.cross_track**-2, t.course**-2, 0.0]
         R = np.array([[t.bank**-2]])
     # No aircraft holds its altitude or its course by itself.
     A, B = jacobian[:, :n], jacobian[:, n:]
-    return Plane(A, B, np.diag(Q), R, K, FLIGHT.vehicle.dt, 1.0 - 1e-3, (1e-3, 1e-3 * np.abs(K).max()))
+    return Plane(
+        A, B, np.diag(Q), R, K, FLIGHT.vehicle.dt, 1.0 - 1e-3, (1e-3, 1e-3 * np.abs(K).max())
+    )
 
 
 PLANES: dict[str, Callable[[], Plane]] = {
@@ -149,20 +176,26 @@ def test_the_closed_loops_are_stable_and_well_damped(name: str):
     assert (-slow.real / np.abs(slow) > 0.25).all()
 
 
-# --- steady motions ---------------------------------------------------------------------------------
+# --- steady motions -------------------------------------------------------------------------------
 
 
 def dive_loop(system: System, turning: bool) -> Loop:
     return (lateral_loop if turning else vertical_loop)(system.vehicle, DIVING)
 
 
-def steady_motion(system: System, loop: Loop, i: int, turning: bool) -> tuple[np.ndarray, np.ndarray]:
+def steady_motion(
+    system: System, loop: Loop, i: int, turning: bool
+) -> tuple[np.ndarray, np.ndarray]:
     """State ``(n,)`` and actuators ``(a,)`` of entry i of a table, roll left at zero."""
     vehicle, names = system.vehicle, system.vehicle.state_names
     x, actuators = np.zeros(len(names)), np.zeros(len(vehicle.action_names))
     x[0], actuators[-1] = vehicle.body.cruise_speed, loop.thrust[i]
     if turning:
-        x[names.index("v")], x[names.index("r")], actuators[0] = loop.drift[i], loop.command[i], loop.fin[i]
+        x[names.index("v")], x[names.index("r")], actuators[0] = (
+            loop.drift[i],
+            loop.command[i],
+            loop.fin[i],
+        )
     else:
         x[names.index("w")], actuators[-2] = loop.drift[i], loop.fin[i]
         x[names.index("theta")] = loop.command[i] + np.arctan2(loop.drift[i], x[0])
@@ -172,7 +205,9 @@ def steady_motion(system: System, loop: Loop, i: int, turning: bool) -> tuple[np
 def dived(system: System, x: np.ndarray, actuators: np.ndarray) -> np.ndarray:
     """States after a step in still water with constant actuators."""
     vehicle = system.vehicle
-    return vehicle.drift(x, np.concatenate([actuators, actuators], -1), np.zeros(len(vehicle.ambient_flows)))
+    return vehicle.drift(
+        x, np.concatenate([actuators, actuators], -1), np.zeros(len(vehicle.ambient_flows))
+    )
 
 
 def flown(state: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
@@ -185,10 +220,15 @@ def cruising() -> np.ndarray:
     return np.where(np.array(STATES) == "north", BODY.cruise_speed, 0.0)
 
 
-@pytest.mark.parametrize(("system", "turning"), [(SPATIAL, False), (SPATIAL, True), (VERTICAL, False)])
+@pytest.mark.parametrize(
+    ("system", "turning"), [(SPATIAL, False), (SPATIAL, True), (VERTICAL, False)]
+)
 def test_steady_dives_climbs_and_turns_stay_as_they_are(system: System, turning: bool):
     names, loop = system.vehicle.state_names, dive_loop(system, turning)
-    kept = [names.index(name) for name in (("u", "v", "p", "r") if turning else ("u", "w", "q", "theta"))]
+    kept = [
+        names.index(name)
+        for name in (("u", "v", "p", "r") if turning else ("u", "w", "q", "theta"))
+    ]
 
     def heeled(x: np.ndarray, heel: float) -> np.ndarray:
         return np.where(np.array(names) == "phi", heel, x)
@@ -238,8 +278,12 @@ def test_the_tables_of_dives_are_smooth_and_within_the_limits(system: System):
     for table in tables:
         assert np.abs(np.diff(table, 2)).max() < 0.01 * np.ptp(table)
     middle = len(loop.command) // 2
-    for found, table in zip(loop.steady(np.array([loop.command[3], 0.0, 9.0, -9.0])), tables, strict=True):
-        np.testing.assert_allclose(found, table[[3, middle, -1, 0]], atol=1e-12)  # beyond the table: its end
+    for found, table in zip(
+        loop.steady(np.array([loop.command[3], 0.0, 9.0, -9.0])), tables, strict=True
+    ):
+        np.testing.assert_allclose(
+            found, table[[3, middle, -1, 0]], atol=1e-12
+        )  # beyond the table: its end
 
 
 @pytest.mark.parametrize("bank", [-0.45, -0.2, 0.2, 0.45])
@@ -260,7 +304,7 @@ def test_steady_turns_of_the_aircraft_s_tables_are_steady(bank: float):
     assert np.arctan2(moved["east"], moved["north"]) == pytest.approx(turned, rel=1e-3)
 
 
-# --- actions by observations ------------------------------------------------------------------------
+# --- actions by observations ----------------------------------------------------------------------
 
 
 def observing(system: System, values: dict[str, float]) -> np.ndarray:
@@ -275,7 +319,8 @@ def observing(system: System, values: dict[str, float]) -> np.ndarray:
 
 
 DIVE_ACTIONS = [
-    ({"path below": 0.3}, -2, 0.05), ({"path below": -0.3}, -2, -0.05),  # positive stern plane dives
+    # positive stern plane dives
+    ({"path below": 0.3}, -2, 0.05), ({"path below": -0.3}, -2, -0.05),
     ({"pitch error": 0.1}, -2, -0.05),  # the path climbs more
     ({"pitch rate": 0.2}, -2, 0.05), ({"surge error": -0.2}, -1, 0.02), ({"surge error": 0.2}, -1, -0.02),
 ]  # fmt: skip
@@ -307,14 +352,18 @@ def test_it_steers_towards_the_path_and_against_its_errors(system: System, actio
 @DIVES
 def test_over_ground_a_dive_sinks_at_a_flatter_angle_with_the_current(system: System):
     agent = make_controller("autopilot", system)
-    sinking, carried = (agent.act(observing(system, {"heave": 0.1, "current ahead": c}))[0, -2] for c in (0.0, 1.0))
+    sinking, carried = (
+        agent.act(observing(system, {"heave": 0.1, "current ahead": c}))[0, -2] for c in (0.0, 1.0)
+    )
     assert carried > sinking + 0.01
 
 
-# --- flights on the truth ---------------------------------------------------------------------------
+# --- flights on the truth -------------------------------------------------------------------------
 
 
-def on_truth(system: System, rows: int, disturbance: str = "calm", mismatch: float = 0.0, **options: Any) -> Any:
+def on_truth(
+    system: System, rows: int, disturbance: str = "calm", mismatch: float = 0.0, **options: Any
+) -> Any:
     world = {"estimator": "truth", "disturbance": disturbance, "mismatch": mismatch}
     return rollout("autopilot", system.name, range(rows), world, **options)
 
@@ -354,7 +403,10 @@ def off_the_path(system: System, flight: Any) -> np.ndarray:
 @DIVES
 @pytest.mark.parametrize(
     ("disturbance", "bounds", "mean"),  # m, where the task's tolerance is 0.25; of the score
-    [("calm", (0.03, 0.05), 0.89), pytest.param("rough", (0.05, 0.05), 0.75, marks=pytest.mark.slow)],
+    [
+        ("calm", (0.03, 0.05), 0.89),
+        pytest.param("rough", (0.05, 0.05), 0.75, marks=pytest.mark.slow),
+    ],
 )
 def test_on_truth_every_dive_arrives_and_keeps_to_the_path(
     system: System, disturbance: str, bounds: tuple[float, float], mean: float
@@ -377,11 +429,16 @@ def test_an_auv_that_differs_from_its_model_is_flown_all_the_same(system: System
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("disturbance", "least", "mean"), [("calm", 0.9, 0.95), ("rough", 0.7, 0.85)])
-def test_on_truth_every_flight_arrives_and_keeps_to_the_path(disturbance: str, least: float, mean: float):
+@pytest.mark.parametrize(
+    ("disturbance", "least", "mean"), [("calm", 0.9, 0.95), ("rough", 0.7, 0.85)]
+)
+def test_on_truth_every_flight_arrives_and_keeps_to_the_path(
+    disturbance: str, least: float, mean: float
+):
     """In rough air the mean says how well the path is kept: single flights fall to 0.74 among sixty, on any path.
 
-    In calm air commands cost a share of the reward, the more the path bends: of 200 flights the lowest scores 0.902.
+    In calm air commands cost a share of the reward, the more the path bends: of 200 flights the
+    lowest scores 0.902.
     """
     flight = on_truth(FLIGHT, 12, disturbance)
     assert flight.terminated.all()

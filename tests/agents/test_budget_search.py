@@ -9,7 +9,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from agents.budget.search import DOES, FAILS, OPEN, TRUTH, Fly, Request, Search, answer, confirm, looks, share_kept
+from agents.budget.search import (
+    DOES,
+    FAILS,
+    OPEN,
+    TRUTH,
+    Fly,
+    Request,
+    Search,
+    answer,
+    confirm,
+    looks,
+    share_kept,
+)
 from agents.budget.suites import Choice, levels, suites_of
 
 KEEP, FRESH = 0.95, 500_000
@@ -29,7 +41,9 @@ def flights(shares: np.ndarray, seed: int, sd: float = 0.04, disaster: float = 0
         for suite, first, episodes in requests:
             truth = np.random.default_rng([seed, first]).beta(30.0, 5.0, episodes)
             own = np.random.default_rng([seed, first, suite + 2])
-            noise = sd * own.normal(size=episodes) + 0.5 * (disaster - (own.random(episodes) < disaster))
+            noise = sd * own.normal(size=episodes) + 0.5 * (
+                disaster - (own.random(episodes) < disaster)
+            )
             found.append(truth if suite == TRUTH else shares[suite] * truth + noise)
         return found
 
@@ -56,7 +70,10 @@ def rare(hits: int, trials: int, probability: float) -> bool:
 def test_a_suite_at_the_border_is_confirmed_by_chance_in_2_5_percent_of_cases(disaster: float):
     """With a symmetric error, and with one that is a disaster in an episode of a hundred."""
     trials = 1000
-    found = [confirm([0], KEEP, flights(np.array([KEEP]), i, disaster=disaster), FRESH, 1024) for i in range(trials)]
+    found = [
+        confirm([0], KEEP, flights(np.array([KEEP]), i, disaster=disaster), FRESH, 1024)
+        for i in range(trials)
+    ]
     hits = sum(answer(each, KEEP) is not None for each in found)
     assert rare(hits, trials, 0.025)
     assert hits >= binom.ppf(RARELY, trials, 0.01)  # nor does it ask for more than it says
@@ -68,13 +85,17 @@ def test_all_intervals_of_a_search_hold_at_once_in_95_percent_of_searches():
     for seed in range(trials):
         shares = 1.0 - 0.03 * LEVELS.sum(1) + 0.01 * LEVELS[:, 0]
         _, search = procedure(shares, seed)
-        misses += any(not share.low <= shares[i] <= share.high for i, share in search.shares.items())
+        misses += any(
+            not share.low <= shares[i] <= share.high for i, share in search.shares.items()
+        )
     assert rare(misses, trials, 0.05)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("disaster", [0.0, 0.01])
-def test_the_whole_procedure_rarely_errs_where_all_but_one_suite_keep_a_trifle_too_little(disaster: float):
+def test_the_whole_procedure_rarely_errs_where_all_but_one_suite_keep_a_trifle_too_little(
+    disaster: float,
+):
     trials, wrong = 150, 0
     shares = np.full(len(LEVELS), KEEP - 1e-9)
     shares[-1] = 1.0
@@ -114,10 +135,18 @@ def test_a_share_is_that_of_the_means_and_has_no_width_where_the_scores_are_in_p
 # --- the search ----------------------------------------------------------------------------------
 
 
-@given(st.lists(st.floats(0.001, 0.1), min_size=6, max_size=6), st.lists(st.integers(0, 100), min_size=6, max_size=6))
-def test_without_noise_the_answer_is_that_of_flying_everything(losses: list[float], prices: list[int]):
+@given(
+    st.lists(st.floats(0.001, 0.1), min_size=6, max_size=6),
+    st.lists(st.integers(0, 100), min_size=6, max_size=6),
+)
+def test_without_noise_the_answer_is_that_of_flying_everything(
+    losses: list[float], prices: list[int]
+):
     """Losses and prices are those of a step of each sensor, so better grades cost more and score more."""
-    loss, price = (np.cumsum(np.pad(np.reshape(each, (3, 2)), ((0, 0), (1, 0))), 1) for each in (losses, prices))
+    loss, price = (
+        np.cumsum(np.pad(np.reshape(each, (3, 2)), ((0, 0), (1, 0))), 1)
+        for each in (losses, prices)
+    )
     shares = 1.0 - loss[np.arange(3), LEVELS].sum(1)
     costs = -price[np.arange(3), LEVELS].sum(1)
     order = np.argsort(costs, kind="stable")
@@ -158,7 +187,10 @@ def test_a_suite_that_the_environment_refuses_is_left_out():
     plain = flights(shares, 0)
 
     def fly(requests: Sequence[Request]) -> list[np.ndarray | None]:
-        return [None if each.suite == 0 else scores for each, scores in zip(requests, plain(requests), strict=True)]
+        return [
+            None if each.suite == 0 else scores
+            for each, scores in zip(requests, plain(requests), strict=True)
+        ]
 
     search = Search(COSTS, LEVELS, KEEP, fly, 128)
     search.run()
@@ -172,7 +204,9 @@ def test_suites_are_confirmed_from_the_safest_to_the_cheapest():
         _, search = procedure(shares, seed)
         order = search.sequence
         assert list(COSTS[order]) == sorted(set(COSTS[order]), reverse=True)
-        assert [search.shares[i].low for i in order] == sorted((search.shares[i].low for i in order), reverse=True)
+        assert [search.shares[i].low for i in order] == sorted(
+            (search.shares[i].low for i in order), reverse=True
+        )
         assert sum(search.verdicts[i] == DOES for i in order) <= 2
 
 
@@ -193,7 +227,11 @@ def test_looks_double_up_to_the_last():
 # --- suites --------------------------------------------------------------------------------------
 
 CHOICES = {
-    "receiver": [Choice("good", None, (0, 0)), Choice("good", 0.5, (0, 1)), Choice("bad", None, (1, 0))],
+    "receiver": [
+        Choice("good", None, (0, 0)),
+        Choice("good", 0.5, (0, 1)),
+        Choice("bad", None, (1, 0)),
+    ],
     "compass": [Choice("gyro", None, (0, 0)), Choice("magnetic", None, (1, 0))],
 }
 PRICES = {"receiver": {"good": 100, "bad": 10.5}, "compass": {"gyro": 1000, "magnetic": 0}}
@@ -204,7 +242,10 @@ def test_suites_stand_in_the_order_of_their_prices_and_of_one_price_in_that_of_t
     assert [suite.price for suite in found] == [10.5, 100.0, 100.0, 1010.5, 1100.0, 1100.0]
     assert str(found[1]) == "receiver good at 0.5 Hz, compass magnetic"
     assert list(levels(found)) == [0, 1, 2, 3, 4, 5]
-    cheap = {"receiver": {"good": 100, "good at 0.5 Hz": 1, "bad": 10.5}, "compass": {"gyro": 1000, "magnetic": 0}}
+    cheap = {
+        "receiver": {"good": 100, "good at 0.5 Hz": 1, "bad": 10.5},
+        "compass": {"gyro": 1000, "magnetic": 0},
+    }
     assert str(suites_of(CHOICES, cheap)[0]) == "receiver good at 0.5 Hz, compass magnetic"
 
 
@@ -219,13 +260,22 @@ def test_without_prices_steps_to_better_grades_count():
     [
         ({"receivr": {}}, "unknown sensor in the prices 'receivr' (did you mean 'receiver'?)"),
         ({"receiver": 3}, "prices of receiver must be a table of numbers by grade, got 3"),
-        ({"receiver": {"godo": 1}}, "unknown grade of receiver in the prices 'godo' (did you mean 'good'?)"),
-        ({"receiver": {"good": -1}}, "the price of receiver, good, must be a number from 0 to 1e+12, got -1"),
+        (
+            {"receiver": {"godo": 1}},
+            "unknown grade of receiver in the prices 'godo' (did you mean 'good'?)",
+        ),
+        (
+            {"receiver": {"good": -1}},
+            "the price of receiver, good, must be a number from 0 to 1e+12, got -1",
+        ),
         ({"receiver": {"good": True}}, "must be a number from 0 to 1e+12, got True"),
         ({"receiver": {"good": float("inf")}}, "must be a number from 0 to 1e+12, got inf"),
         ({"receiver": {"good": 10**400}}, "must be a number from 0 to 1e+12, got 1000"),
         ({"receiver": {"good": "1"}}, "must be a number from 0 to 1e+12, got '1'"),
-        ({"receiver": PRICES["receiver"], "compass": {"gyro": 1}}, "the prices lack the grade 'magnetic' of compass"),
+        (
+            {"receiver": PRICES["receiver"], "compass": {"gyro": 1}},
+            "the prices lack the grade 'magnetic' of compass",
+        ),
         ({"receiver": PRICES["receiver"]}, "the prices lack the grade 'gyro' of compass"),
     ],
 )
@@ -237,5 +287,7 @@ def test_a_price_that_makes_no_sense_is_refused(prices: dict[str, object], sente
 
 def test_too_many_suites_are_refused():
     many = {str(i): [Choice(str(j), None, (j, 0)) for j in range(4)] for i in range(6)}
-    with pytest.raises(ValueError, match="there are 4096 suites to choose from, and at most 2000 are searched"):
+    with pytest.raises(
+        ValueError, match="there are 4096 suites to choose from, and at most 2000 are searched"
+    ):
         suites_of(many)

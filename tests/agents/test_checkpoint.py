@@ -21,7 +21,13 @@ from refusals import refused
 from sb3_contrib import ARS, TQC, TRPO, CrossQ, RecurrentPPO
 from stable_baselines3 import A2C, DDPG, DQN, PPO, SAC, TD3
 from stable_baselines3.common.policies import ActorCriticPolicy
-from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecEnvWrapper, VecFrameStack, VecNormalize
+from stable_baselines3.common.vec_env import (
+    DummyVecEnv,
+    VecEnv,
+    VecEnvWrapper,
+    VecFrameStack,
+    VecNormalize,
+)
 
 from agents import load_agent, rollout, save_agent
 from agents.commands import evaluate
@@ -83,19 +89,28 @@ def test_an_agent_of_any_algorithm_flies_as_it_was_trained(
     ours = save_agent(model, tmp_path / "ours")
     np.testing.assert_array_equal(flown(ours, observed()), expected)
     model.save(tmp_path / "theirs.zip")
-    again, theirs = (algorithm.load(path, env=adapter(), device="cpu") for path in (ours, tmp_path / "theirs.zip"))
+    again, theirs = (
+        algorithm.load(path, env=adapter(), device="cpu")
+        for path in (ours, tmp_path / "theirs.zip")
+    )
     assert entries(again) == entries(theirs)  # settings, networks and optimisers
     np.testing.assert_array_equal(again.predict(observed(), deterministic=True)[0], expected)
     assert again.num_timesteps == model.num_timesteps
     again.learn(16 * ROWS, reset_num_timesteps=False)
     np.testing.assert_array_equal(flown(tmp_path / "theirs.zip", observed(), trust=True), expected)
-    with refused(ValueError, r"theirs\.zip was not saved by .* run whatever code .* say trust=True"):
+    with refused(
+        ValueError, r"theirs\.zip was not saved by .* run whatever code .* say trust=True"
+    ):
         load_agent(tmp_path / "theirs.zip", gym.make(ENV))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("order", ["statistics of a frame", "statistics of all frames", "statistics"])
-def test_the_statistics_of_observations_fly_with_the_agent_and_stay_as_they_were(tmp_path: Path, order: str):
+@pytest.mark.parametrize(
+    "order", ["statistics of a frame", "statistics of all frames", "statistics"]
+)
+def test_the_statistics_of_observations_fly_with_the_agent_and_stay_as_they_were(
+    tmp_path: Path, order: str
+):
     def wrapped() -> VecEnv:
         if order == "statistics of a frame":
             return VecFrameStack(VecNormalize(adapter(), clip_obs=3.0), 3)
@@ -129,14 +144,18 @@ def test_the_statistics_of_observations_fly_with_the_agent_and_stay_as_they_were
 
 
 @pytest.mark.slow
-def test_an_agent_that_stable_baselines3_saved_without_its_statistics_is_not_flown_without_them(tmp_path: Path):
+def test_an_agent_that_stable_baselines3_saved_without_its_statistics_is_not_flown_without_them(
+    tmp_path: Path,
+):
     model = trained(PPO, "MlpPolicy", SHORT, VecNormalize(adapter()))
     model.save(tmp_path / "agent.zip")
     model.get_vec_normalize_env().save(str(tmp_path / "statistics.pkl"))
     with refused(ValueError, r"trained under VecNormalize, whose statistics .*save_agent"):
         load_agent(tmp_path / "agent.zip", gym.make(ENV), trust=True)
 
-    again = PPO.load(tmp_path / "agent.zip", env=VecNormalize.load(str(tmp_path / "statistics.pkl"), adapter()))
+    again = PPO.load(
+        tmp_path / "agent.zip", env=VecNormalize.load(str(tmp_path / "statistics.pkl"), adapter())
+    )
     one, other = (flown(save_agent(who, tmp_path / "ours"), observed()) for who in (model, again))
     np.testing.assert_array_equal(one, other)
 
@@ -145,7 +164,9 @@ def test_an_agent_that_stable_baselines3_saved_without_its_statistics_is_not_flo
 def test_rewards_that_were_normalised_are_no_matter_of_the_flight(tmp_path: Path):
     model = trained(PPO, "MlpPolicy", SHORT, VecNormalize(adapter(), norm_obs=False))
     expected, _ = model.predict(observed(), deterministic=True)
-    np.testing.assert_array_equal(flown(save_agent(model, tmp_path / "agent"), observed()), expected)
+    np.testing.assert_array_equal(
+        flown(save_agent(model, tmp_path / "agent"), observed()), expected
+    )
 
 
 @pytest.mark.slow
@@ -172,19 +193,35 @@ class Mirrored(VecEnvWrapper):
 
 
 @pytest.mark.slow
-def test_what_cannot_be_stored_in_numbers_and_words_is_refused_before_anything_is_written(tmp_path: Path):
+def test_what_cannot_be_stored_in_numbers_and_words_is_refused_before_anything_is_written(
+    tmp_path: Path,
+):
     batch = adapter().env
     batch.metadata = batch.metadata | {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
     wrapped = gym.wrappers.vector.TransformAction(batch, lambda action: -action)
     single = gym.wrappers.TransformObservation(gym.make(ENV), lambda seen: -seen, None)
     cases: list[tuple[Any, str]] = [
-        (trained(PPO, "MlpPolicy", SHORT, Mirrored(adapter())), "what Mirrored does to observations"),
-        (PPO("MlpPolicy", StableBaselinesVecEnv(wrapped), device="cpu"), "what TransformAction does"),
-        (trained(A2C, "MlpPolicy", {}, DummyVecEnv([lambda: single])), "what TransformObservation does"),
+        (
+            trained(PPO, "MlpPolicy", SHORT, Mirrored(adapter())),
+            "what Mirrored does to observations",
+        ),
+        (
+            PPO("MlpPolicy", StableBaselinesVecEnv(wrapped), device="cpu"),
+            "what TransformAction does",
+        ),
+        (
+            trained(A2C, "MlpPolicy", {}, DummyVecEnv([lambda: single])),
+            "what TransformObservation does",
+        ),
         (trained(PPO, OwnPolicy, SHORT, adapter()), "cannot store a .*OwnPolicy.* trust=True"),
-        (PPO("MlpPolicy", "CartPole-v1", device="cpu"), "observations and actions are vectors of numbers are stored"),
+        (
+            PPO("MlpPolicy", "CartPole-v1", device="cpu"),
+            "observations and actions are vectors of numbers are stored",
+        ),
     ]
-    own = PPO("MlpPolicy", adapter(), policy_kwargs={"features_extractor_class": Extractor}, device="cpu")
+    own = PPO(
+        "MlpPolicy", adapter(), policy_kwargs={"features_extractor_class": Extractor}, device="cpu"
+    )
     cases.append((own, "cannot store policy_kwargs.'features_extractor_class'.* trust=True"))
     bare = trained(PPO, "MlpPolicy", SHORT, adapter())
     bare.env = None
@@ -192,7 +229,9 @@ def test_what_cannot_be_stored_in_numbers_and_words_is_refused_before_anything_i
     for model, sentence in cases:
         with refused(ValueError, sentence):
             save_agent(model, tmp_path / "agent.zip")
-    with pytest.raises(TypeError, match="save_agent saves what stable-baselines3 trained, got 'agent'"):
+    with pytest.raises(
+        TypeError, match="save_agent saves what stable-baselines3 trained, got 'agent'"
+    ):
         save_agent("agent", tmp_path / "agent.zip")
     assert list(tmp_path.iterdir()) == []
 
@@ -210,14 +249,22 @@ def test_an_agent_of_another_environment_is_answered_in_a_sentence(tmp_path: Pat
     balancing = DQN("MlpPolicy", "CartPole-v1", device="cpu")
     balancing.save(tmp_path / "cart.zip")
     for name, env, sentence in (
-        (path, "ItsunusaAUV-v0", r"trained in another environment: .* shape \(11,\) .*\(1,\), not \(14,\) and \(2,\)"),
-        (tmp_path / "cart.zip", ENV, r"trained in another environment: .* shape \(4,\) .*\(\), not \(11,\) and \(1,\)"),
+        (
+            path,
+            "ItsunusaAUV-v0",
+            r"trained in another environment: .* shape \(11,\) .*\(1,\), not \(14,\) and \(2,\)",
+        ),
+        (
+            tmp_path / "cart.zip",
+            ENV,
+            r"trained in another environment: .* shape \(4,\) .*\(\), not \(11,\) and \(1,\)",
+        ),
     ):
         with refused(ValueError, sentence):
             load_agent(name, gym.make(env), trust=True)
 
 
-# --- files that mean harm, or are broken --------------------------------------------------------------
+# --- files that mean harm, or are broken ----------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -288,13 +335,17 @@ HARM: dict[str, Callable[[dict[str, bytes], Payload], Any]] = {
 
 @pytest.mark.parametrize("whose", ["ours", "theirs"])
 @pytest.mark.parametrize("place", HARM)
-def test_a_doctored_checkpoint_runs_nothing(tmp_path: Path, checkpoints: tuple[Path, Path], place: str, whose: str):
+def test_a_doctored_checkpoint_runs_nothing(
+    tmp_path: Path, checkpoints: tuple[Path, Path], place: str, whose: str
+):
     canary = tmp_path / "canary"
     pickle.loads(pickle.dumps(Payload(canary)))
     assert canary.exists()  # the payload works
     canary.rmdir()
     source = checkpoints[("ours", "theirs").index(whose)]
-    path = changed(source, tmp_path / "agent.zip", lambda content: HARM[place](content, Payload(canary)))
+    path = changed(
+        source, tmp_path / "agent.zip", lambda content: HARM[place](content, Payload(canary))
+    )
     with suppress(ValueError):
         agent = load_agent(path, gym.make(ENV))
         agent.reset(1)
@@ -364,9 +415,13 @@ DENSE: dict[str, Callable[[dict[str, bytes]], Any]] = {
 
 
 @pytest.mark.parametrize("fault", [*BROKEN, *DENSE])
-def test_a_damaged_checkpoint_is_refused_in_a_sentence(tmp_path: Path, checkpoints: tuple[Path, Path], fault: str):
+def test_a_damaged_checkpoint_is_refused_in_a_sentence(
+    tmp_path: Path, checkpoints: tuple[Path, Path], fault: str
+):
     path, dense = tmp_path / "agent.zip", fault in DENSE
-    changed(packaged(ENV) if dense else checkpoints[0], path, DENSE[fault] if dense else BROKEN[fault])
+    changed(
+        packaged(ENV) if dense else checkpoints[0], path, DENSE[fault] if dense else BROKEN[fault]
+    )
     with refused(ValueError, r"agent\.zip is not a checkpoint of an agent, or is damaged"):
         TrainedAgent(path, gym.make(ENV), dense=True) if dense else load_agent(path, gym.make(ENV))
 
@@ -393,11 +448,15 @@ def test_sizes_are_compared_with_the_weights_before_anything_is_built(
     tmp_path: Path, checkpoints: tuple[Path, Path], what: str
 ):
     path = changed(checkpoints[0], tmp_path / "agent.zip", LARGE[what])
-    with pytest.raises(ValueError, match=r"agent\.zip .*describes a larger network than its weights are of"):
+    with pytest.raises(
+        ValueError, match=r"agent\.zip .*describes a larger network than its weights are of"
+    ):
         load_agent(path, gym.make(ENV))
 
 
-def test_entries_many_times_as_large_as_the_file_are_not_unpacked(tmp_path: Path, checkpoints: tuple[Path, Path]):
+def test_entries_many_times_as_large_as_the_file_are_not_unpacked(
+    tmp_path: Path, checkpoints: tuple[Path, Path]
+):
     path = tmp_path / "agent.zip"
     path.write_bytes(checkpoints[0].read_bytes())
     with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
@@ -411,7 +470,9 @@ def test_an_agent_of_another_vehicle_of_equal_shape_is_refused(checkpoints: tupl
     """Ships of vehicle files have one id."""
     ship = "vessel_gym/Ship-v0"
     load_agent(checkpoints[0], gym.make(ship, vessel="corvette"))
-    with pytest.raises(ValueError, match=rf"ours\.zip was trained on another vehicle, that of {ENV}: fly it there"):
+    with pytest.raises(
+        ValueError, match=rf"ours\.zip was trained on another vehicle, that of {ENV}: fly it there"
+    ):
         load_agent(checkpoints[0], gym.make(ship, vessel="mariner"))
 
 

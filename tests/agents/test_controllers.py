@@ -20,7 +20,9 @@ ENVIRONMENTS = [
     "SigmaCorvette-v0", "SigmaChannel-v0", "ThesisCorvette-v0", "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0",
 ]  # fmt: skip
 PUNA = ENVIRONMENTS[-1]
-CONTROLLERS = [(env_id, name) for env_id in ENVIRONMENTS for name in controller_names(system_of(env_id))]
+CONTROLLERS = [
+    (env_id, name) for env_id in ENVIRONMENTS for name in controller_names(system_of(env_id))
+]
 
 LEAST = {
     ("SigmaCorvette-v0", "pid"): 0.37, ("SigmaCorvette-v0", "lqg"): 0.56,
@@ -32,7 +34,8 @@ LEAST = {
     ("PunaUAV-v0", "pid"): 0.75, ("PunaUAV-v0", "lqg"): 0.76,
 }  # fmt: skip
 """What the first 32 evaluation seeds give on default estimates is 0.01 to 0.05 more: 0.41, 0.60; 0.71, 0.70; 0.75,
-0.56, 0.98; 0.64, 0.69; 0.81, 0.79; 0.79, 0.81. The autopilots give 0.58, 0.75, 0.79, 0.70, 0.84 and 0.81."""
+0.56, 0.98; 0.64, 0.69; 0.81, 0.79; 0.79, 0.81. The autopilots give 0.58, 0.75, 0.79, 0.70, 0.84 and
+0.81."""
 
 every_controller = pytest.mark.parametrize(("env_id", "name"), CONTROLLERS)
 
@@ -56,7 +59,8 @@ def test_every_controller_does_its_task(env_id: str, name: str):
 def test_the_thesis_is_no_control_task_as_the_constant_rudder_of_its_trial_beats_every_feedback():
     env_id, seeds = "ThesisCorvette-v0", evaluation_seeds(8)
     constant, *others = (
-        rollout(name, env_id, seeds, record=False).score for name in ("constant-rudder", "autopilot", "lqg", "pid")
+        rollout(name, env_id, seeds, record=False).score
+        for name in ("constant-rudder", "autopilot", "lqg", "pid")
     )
     for feedback in others:
         assert (constant > feedback + 0.1).all()
@@ -81,12 +85,16 @@ def acted(env_id: str, name: str, seen: np.ndarray) -> np.ndarray:
 
 
 @every_controller
-def test_a_batch_is_what_its_rows_are_alone_and_observations_are_not_changed(env_id: str, name: str):
+def test_a_batch_is_what_its_rows_are_alone_and_observations_are_not_changed(
+    env_id: str, name: str
+):
     seen = observations(env_id)
     copy = seen.copy()
     actions = acted(env_id, name, seen)
     for row in range(seen.shape[1]):
-        np.testing.assert_allclose(acted(env_id, name, seen[:, row : row + 1])[:, 0], actions[:, row], atol=1e-6)
+        np.testing.assert_allclose(
+            acted(env_id, name, seen[:, row : row + 1])[:, 0], actions[:, row], atol=1e-6
+        )
     np.testing.assert_array_equal(seen, copy)
 
 
@@ -108,10 +116,16 @@ def test_any_observation_gives_finite_actions_within_bounds(env_id: str, name: s
 def test_the_standard_deviations_of_the_longer_observation_are_not_used(env_id: str, name: str):
     longer, shorter = observations(env_id, "mean+std"), observations(env_id).shape[-1]
     assert longer.shape[-1] > shorter
-    np.testing.assert_array_equal(acted(env_id, name, longer), acted(env_id, name, longer[..., :shorter].copy()))
+    np.testing.assert_array_equal(
+        acted(env_id, name, longer), acted(env_id, name, longer[..., :shorter].copy())
+    )
 
 
-MEMORYLESS = {("PunaUAV-v0", "autopilot"), ("SegorogeniAUV-v0", "autopilot"), ("ItsunusaAUV-v0", "autopilot")}
+MEMORYLESS = {
+    ("PunaUAV-v0", "autopilot"),
+    ("SegorogeniAUV-v0", "autopilot"),
+    ("ItsunusaAUV-v0", "autopilot"),
+}
 MEMORYLESS |= {("ThesisCorvette-v0", "constant-rudder")}
 MEMORYLESS |= {(env_id, "lqg") for env_id in ENVIRONMENTS}
 
@@ -143,7 +157,11 @@ PLANE = ("cross-track", "course sine", "curvature", "bank", "obstacles to starbo
     ],
 )  # fmt: skip
 def test_mirrored_observations_give_mirrored_actions(
-    env_id: str, odd: tuple[str, ...] | None, actuators: list[int], side: int, tolerances: list[float]
+    env_id: str,
+    odd: tuple[str, ...] | None,
+    actuators: list[int],
+    side: int,
+    tolerances: list[float],
 ):
     task = system_of(env_id).task
     names = [] if odd is None else task.observed
@@ -172,7 +190,8 @@ def test_other_goals_are_reached_to_either_side(env_id: str, goal: tuple[float, 
     calm = {"estimator": "truth", "disturbance": "calm"}
     journey = rollout("autopilot", env_id, range(4), calm, reset_options=given)
     assert (journey.end == "arrived").all()
-    # of 100 journeys to each goal the least means are 0.89, and the lowest score is 0.778: fins cost on a bent path
+    # of 100 journeys to each goal the least means are 0.89, and the lowest score is 0.778: fins
+    # cost on a bent path
     assert journey.score.mean() > (0.9 if env_id == PUNA else 0.85)
     assert journey.score.min() > 0.75
 
@@ -199,20 +218,26 @@ def test_the_regulator_of_dives_steers_towards_the_path_in_proportion_to_the_dis
     regulator, system = DiveRegulator(ItsunusaAUVEnv.system), ItsunusaAUVEnv.system
     names = list(system.task.observed)
     seen = np.zeros((3, len(names) + 2))
-    seen[:, names.index("path below")] = np.array([0.0, 0.05, 0.1]) / system.task.observed["path below"]
+    seen[:, names.index("path below")] = (
+        np.array([0.0, 0.05, 0.1]) / system.task.observed["path below"]
+    )
     fins = regulator.act(seen)[:, 0]
     assert fins[1] != fins[0]
     assert fins[2] - fins[0] == pytest.approx(2.0 * (fins[1] - fins[0]), rel=1e-4)
 
 
-# --- loops ---------------------------------------------------------------------------------------------
+# --- loops ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("response", "damping"), [(2.0, 0.0), (0.1, 0.3), (5.0, 1.0)])
-def test_a_loop_gives_its_plant_one_critically_damped_pair_of_poles(response: float, damping: float):
+def test_a_loop_gives_its_plant_one_critically_damped_pair_of_poles(
+    response: float, damping: float
+):
     loop = Loop(response, damping, 0.1, 0.4, 0.1)
     assert loop.proportional == pytest.approx(4.0)
-    closed = np.array([[0.0, 1.0], [-response * loop.proportional, -damping - response * loop.derivative]])
+    closed = np.array(
+        [[0.0, 1.0], [-response * loop.proportional, -damping - response * loop.derivative]]
+    )
     np.testing.assert_allclose(np.linalg.eigvals(closed), -loop.frequency, rtol=1e-6)
 
 

@@ -17,7 +17,9 @@ SEEDS = evaluation_seeds(40)
 
 @cache
 def flown(estimator: str, sea: str, without: bool = False) -> dict[str, np.ndarray]:
-    options = {"assume": {"disturbance": replace(SEAS[sea].believed, current=0.0)}} if without else {}
+    options = (
+        {"assume": {"disturbance": replace(SEAS[sea].believed, current=0.0)}} if without else {}
+    )
     world = {"estimator": estimator, "estimator_options": options, "disturbance": sea}
     return scores(rollout("autopilot", "SigmaCorvette-v0", SEEDS, world))
 
@@ -48,7 +50,10 @@ def test_of_filters_that_assume_no_waves_kf_umv_ui_estimates_heading_and_yaw_rat
     "estimator", ["kf-umv-ui-wdf", "ulise", "kf", "huber-kf", "robust-kf", "ukf", "enkf", "enkf-sr"]
 )
 def test_every_filter_that_takes_the_model_flies(estimator):
-    assert flown(estimator, "moderate")["score"].mean() > 0.8 * flown("ekf", "moderate")["score"].mean()
+    assert (
+        flown(estimator, "moderate")["score"].mean()
+        > 0.8 * flown("ekf", "moderate")["score"].mean()
+    )
 
 
 @pytest.mark.parametrize("estimator", ["ekf-ui-wdf", "ukf-umv"])
@@ -56,8 +61,13 @@ def test_filters_that_take_d_for_a_late_state_estimate_what_kf_umv_ui_does(estim
     ours, theirs = flown("kf-umv-ui", "moderate"), flown(estimator, "moderate")
     for name in ("heading_rmse", "yaw_rate_rmse", "position_rmse"):
         # Sigma points see the bend of the turn, too, which shows where waves are low.
-        assert (0.98 if estimator == "ukf-umv" else 0.99) < theirs[name].mean() / ours[name].mean() < 1.01
-    # They have no estimate of the very first d, which is one of 600 and four times as large as the errors.
+        assert (
+            (0.98 if estimator == "ukf-umv" else 0.99)
+            < theirs[name].mean() / ours[name].mean()
+            < 1.01
+        )
+    # They have no estimate of the very first d, which is one of 600 and four times as large as the
+    # errors.
     assert theirs["input_rmse"].mean() == pytest.approx(ours["input_rmse"].mean(), rel=0.03)
 
 

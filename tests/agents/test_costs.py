@@ -81,7 +81,7 @@ def test_an_owner_s_costs_are_finite_and_few_enough_for_a_table(env_id: str):
             assert np.isfinite(figures[m.key]).all(), m.key
 
 
-# --- steering ---------------------------------------------------------------------------------------
+# --- steering -------------------------------------------------------------------------------------
 
 
 def test_a_sinusoid_travels_four_amplitudes_and_turns_twice_in_a_period():
@@ -149,23 +149,36 @@ def test_a_vehicle_of_ones_own_has_the_costs_of_the_actuators_that_it_names(vehi
         system = replace(SigmaCorvetteEnv.system, name="Own-v0", vehicle=vehicle)
         max_episode_steps = 60
 
-    gym.register("OwnRudders-v0", entry_point=OwnEnv, vector_entry_point=OwnEnv, max_episode_steps=60)
+    gym.register(
+        "OwnRudders-v0", entry_point=OwnEnv, vector_entry_point=OwnEnv, max_episode_steps=60
+    )
     try:
-        kept = rollout("autopilot", "OwnRudders-v0", [3, 4], {"estimator": "truth", "disturbance": "calm"})
+        kept = rollout(
+            "autopilot", "OwnRudders-v0", [3, 4], {"estimator": "truth", "disturbance": "calm"}
+        )
     finally:
         del gym.registry["OwnRudders-v0"]
     if isinstance(vehicle, TwoRudders):
         with pytest.raises(
-            ValueError, match=r"^steering of TwoRudders must be indices below 1, the number of its actuators, got 1$"
+            ValueError,
+            match=(
+                r"^steering of TwoRudders must be indices below 1, the number of its actuators,"
+                r" got 1$"
+            ),
         ):
             scores(kept)
         return
-    ours = rollout("autopilot", SIGMA, [3, 4], {"estimator": "truth", "disturbance": "calm", "max_episode_steps": 60})
+    ours = rollout(
+        "autopilot",
+        SIGMA,
+        [3, 4],
+        {"estimator": "truth", "disturbance": "calm", "max_episode_steps": 60},
+    )
     for key in COSTS[SIGMA]:
         np.testing.assert_allclose(scores(kept)[key], scores(ours)[key], rtol=1e-9, err_msg=key)
 
 
-# --- propulsion -------------------------------------------------------------------------------------
+# --- propulsion -----------------------------------------------------------------------------------
 
 
 def ship(name: str) -> CorvetteParameters:
@@ -173,17 +186,25 @@ def ship(name: str) -> CorvetteParameters:
 
 
 @pytest.mark.parametrize("name", SHIPS)
-def test_added_resistance_and_load_are_what_the_surge_equation_has_beside_the_hull_s_resistance(name: str):
+def test_added_resistance_and_load_are_what_the_surge_equation_has_beside_the_hull_s_resistance(
+    name: str,
+):
     c, rng = ship(name).vector(), np.random.default_rng(2)
     state = np.zeros((500, len(STATE)))
-    state[:, 3:6] = rng.uniform([0.2, -0.2, -1.0], [1.2, 0.2, 1.0], (500, 3)) * [ship(name).speed] * 3
+    state[:, 3:6] = (
+        rng.uniform([0.2, -0.2, -1.0], [1.2, 0.2, 1.0], (500, 3)) * [ship(name).speed] * 3
+    )
     state[:, 5] /= ship(name).length
     rudder = rng.uniform(-0.6, 0.6, 500)
     load, added = propulsion(state, rudder, c)
-    rates = corvette_rates(state, rudder[:, None], np.zeros((500, len(AROUND))), np.tile(c, (500, 1)))
+    rates = corvette_rates(
+        state, rudder[:, None], np.zeros((500, len(AROUND))), np.tile(c, (500, 1))
+    )
     u = state[:, 3]
     force = c[I.thrust] * (load - added) - c[I.resistance] * u * np.abs(u)
-    np.testing.assert_allclose(force, c[I.surge_inertia] * rates[:, 3], rtol=0, atol=1e-9 * c[I.thrust])
+    np.testing.assert_allclose(
+        force, c[I.surge_inertia] * rates[:, 3], rtol=0, atol=1e-9 * c[I.thrust]
+    )
 
 
 @pytest.mark.parametrize("name", SHIPS)
@@ -212,8 +233,12 @@ def test_a_straight_course_in_calm_water_is_steady_whatever_the_mismatch(name: s
     np.testing.assert_allclose(nominal, [ship(name).speed, 1.0])
 
 
-@pytest.mark.parametrize(("env_id", "share", "fuel"), [(SIGMA, 1.0, 100.0), (THESIS, 1.0, 100.0), (THESIS, 0.5, 200.0)])
-def test_a_straight_course_burns_the_fuel_of_one_and_a_slow_one_more(env_id: str, share: float, fuel: float):
+@pytest.mark.parametrize(
+    ("env_id", "share", "fuel"), [(SIGMA, 1.0, 100.0), (THESIS, 1.0, 100.0), (THESIS, 0.5, 200.0)]
+)
+def test_a_straight_course_burns_the_fuel_of_one_and_a_slow_one_more(
+    env_id: str, share: float, fuel: float
+):
     """Propellers of constant revolutions and thrust burn as much in a second at half of the speed."""
     kept = replace(flown(env_id), length=np.full(3, 6))  # the track is straight for 10 steps
     h, task = kept.history, kept.env.unwrapped.core.task
@@ -236,7 +261,9 @@ def test_energy_of_a_flight_is_thrust_times_airspeed_whatever_the_wind_carries(w
     truth[..., core.truth_names.index("mean wind north")] = wind
     length = core.task.length_of(core.task.scenario_of(h["reference"][0]))
     expected = 2.0 * 18.0 * kept.length * core.vehicle.dt / length
-    np.testing.assert_allclose(scores(changed(kept, truth=truth, actuators=actuators))["energy"], expected)
+    np.testing.assert_allclose(
+        scores(changed(kept, truth=truth, actuators=actuators))["energy"], expected
+    )
 
 
 def test_clearance_of_a_dive_is_its_least_height_above_the_depth_at_which_it_is_lost():
@@ -248,7 +275,7 @@ def test_clearance_of_a_dive_is_its_least_height_above_the_depth_at_which_it_is_
     np.testing.assert_allclose(scores(changed(kept, truth=truth))["clearance"], 0.7)
 
 
-# --- tails ------------------------------------------------------------------------------------------
+# --- tails ----------------------------------------------------------------------------------------
 
 
 def test_tails_are_the_percentiles_of_the_time_that_was_lived():
@@ -272,7 +299,9 @@ def test_outside_is_beyond_the_margin_of_the_task_or_else_its_tolerance(
     scenario = task.scenario_of(kept.history["reference"][0])
     for k in range(len(truth)):
         x, y, direction = task.nominal(scenario, np.full(3, k))[:, :3].T
-        truth[k, :, :3] = np.stack([x - 25.0 * np.sin(direction), y + 25.0 * np.cos(direction), direction], -1)
+        truth[k, :, :3] = np.stack(
+            [x - 25.0 * np.sin(direction), y + 25.0 * np.cos(direction), direction], -1
+        )
     if margin is not None:
         monkeypatch.setattr(type(task), "margin", margin, raising=False)
     figures = scores(changed(kept, truth=truth))
@@ -285,7 +314,12 @@ def test_tails_of_a_turn_are_those_of_its_heading():
     kept = flown(THESIS)
     truth, off = kept.history["truth"].copy(), np.deg2rad(np.linspace(-8.0, 12.0, len(kept.alive)))
     truth[..., 2] = kept.history["reference"][..., 0] + off[:, None]
-    figures, limit = scores(changed(kept, truth=truth)), kept.env.unwrapped.core.task.HEADING_TOLERANCE
-    np.testing.assert_allclose(figures["heading_error_95"], np.rad2deg(np.percentile(np.abs(off), 95.0)))
+    figures, limit = (
+        scores(changed(kept, truth=truth)),
+        kept.env.unwrapped.core.task.HEADING_TOLERANCE,
+    )
+    np.testing.assert_allclose(
+        figures["heading_error_95"], np.rad2deg(np.percentile(np.abs(off), 95.0))
+    )
     np.testing.assert_allclose(figures["heading_error_max"], 12.0)
     np.testing.assert_allclose(figures["outside"], 100.0 * np.mean(np.abs(off) > limit))

@@ -32,11 +32,15 @@ BRIEF = {"max_episode_steps": 60, "disturbance": "rough"}
 
 @pytest.fixture(scope="module", params=ENVS)
 def flown(request: pytest.FixtureRequest) -> tuple[str, Episode]:
-    return request.param, episode(request.param, ["enkf", "dead-reckoning"], seed=3, env_options=BRIEF)
+    return request.param, episode(
+        request.param, ["enkf", "dead-reckoning"], seed=3, env_options=BRIEF
+    )
 
 
 def data(page: str) -> dict[str, Any]:
-    found = re.search(r'<script type="application/json" id="episode">(.*?)</script>', page, re.DOTALL)
+    found = re.search(
+        r'<script type="application/json" id="episode">(.*?)</script>', page, re.DOTALL
+    )
     assert found is not None
     return json.loads(found[1])
 
@@ -65,7 +69,9 @@ def test_a_page_holds_what_was_flown(flown: tuple[str, Episode]):
         cov = again.history["covariance"][:, 0][:, focus][:, :, focus]
         k = len(page["focus"])
         root = unpacked(flight["root"]).reshape(-1, k, k).astype(float)
-        np.testing.assert_allclose((root @ root.swapaxes(1, 2))[:, :2, :2], cov, rtol=1e-5, atol=1e-9)
+        np.testing.assert_allclose(
+            (root @ root.swapaxes(1, 2))[:, :2, :2], cov, rtol=1e-5, atol=1e-9
+        )
         np.testing.assert_array_equal(root, np.tril(root))
     assert page["flights"][1]["members"] is None
     assert page["flights"][0]["members"]["shape"][2] == len(page["focus"])
@@ -83,7 +89,11 @@ def test_a_window_and_a_page_show_the_same_charts_tracks_and_fixes(env_id: str):
     for _ in range(12):
         observation, *_ = env.step(agent.act(observation[None])[0])
     scene, (flight,) = env.unwrapped._renderer._picture.scene, page["flights"]
-    for name, drawn_line in (("true", scene.true), ("believed", scene.believed), ("fix", scene.fixes)):
+    for name, drawn_line in (
+        ("true", scene.true),
+        ("believed", scene.believed),
+        ("fix", scene.fixes),
+    ):
         np.testing.assert_allclose(unpacked(flight[name]), drawn_line, rtol=2e-7)
     drawn = {chart.title: chart for chart in scene.charts(6)}
     both = [chart for chart in flight["charts"] if chart["title"] in drawn]
@@ -136,7 +146,9 @@ def test_a_long_episode_keeps_every_second_moment_and_its_end(monkeypatch: pytes
 
 
 def test_an_environment_of_others_has_charts_of_its_estimates():
-    kept = rollout("autopilot", "SigmaCorvette-v0", [3], {"max_episode_steps": 12, "estimator": "ekf"})
+    kept = rollout(
+        "autopilot", "SigmaCorvette-v0", [3], {"max_episode_steps": 12, "estimator": "ekf"}
+    )
     names = ("estimate", "covariance")
     single = SimpleNamespace(unwrapped=SimpleNamespace(dt=0.05))
     batch = SimpleNamespace(unwrapped=SimpleNamespace(envs=[single]))
@@ -145,7 +157,9 @@ def test_an_environment_of_others_has_charts_of_its_estimates():
     assert (page["scene"], page["dt"], page["unit"]) == (None, 0.05, "s")
     charts = page["flights"][0]["charts"]
     assert [chart["title"] for chart in charts] == [f"Component {i}" for i in range(6)]
-    np.testing.assert_allclose(unpacked(charts[1]["series"][0]["value"]), kept.history["estimate"][:, 0, 1], rtol=1e-6)
+    np.testing.assert_allclose(
+        unpacked(charts[1]["series"][0]["value"]), kept.history["estimate"][:, 0, 1], rtol=1e-6
+    )
     assert "three.js" not in Episode(page).html()
     with pytest.raises(ValueError, match="no array 'estimate'"):
         page_of([replace(others, history={})], ["ekf"])
@@ -165,7 +179,9 @@ def test_a_page_shows_wind_waves_and_current(env_id: str, names: list[str]):
     core, truth = kept.env.unwrapped.core, kept.history["truth"][:, 0]
     if "Current" in names:
         level = [i for i, name in enumerate(core.truth_names) if name.startswith("current")]
-        np.testing.assert_allclose(unpacked(found[0]["vector"])[:, : len(level)], truth[:, level], rtol=1e-6)
+        np.testing.assert_allclose(
+            unpacked(found[0]["vector"])[:, : len(level)], truth[:, level], rtol=1e-6
+        )
     if "Waves" in names:
         np.testing.assert_allclose(np.hypot(*unpacked(found[2]["vector"]).T), 1.88, rtol=1e-6)
 
@@ -182,7 +198,9 @@ def test_what_cannot_be_flown_is_one_sentence(tmp_path: Path):
         episode("SigmaCorvette-v0", ["ekf", ExtendedKalmanFilter])
     with pytest.raises(ValueError, match="Nope"):
         episode("Nope")
-    with pytest.raises(TypeError, match="env_id must be the name of a registered environment, got None"):
+    with pytest.raises(
+        TypeError, match="env_id must be the name of a registered environment, got None"
+    ):
         episode(None)
     with pytest.raises(TypeError, match="env_options must be a dictionary"):
         episode("SigmaCorvette-v0", env_options="x")
@@ -194,9 +212,13 @@ def test_what_cannot_be_flown_is_one_sentence(tmp_path: Path):
         watch.main("PunaUAV-v0", estimator="kfx", out=tmp_path / "e.html")
 
 
-def test_the_command_writes_the_page_and_a_notebook_shows_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
+def test_the_command_writes_the_page_and_a_notebook_shows_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+):
     monkeypatch.setattr(
-        agents, "episode", lambda *a: episode("ThesisCorvette-v0", ["kf"], env_options={"max_episode_steps": 9})
+        agents,
+        "episode",
+        lambda *a: episode("ThesisCorvette-v0", ["kf"], env_options={"max_episode_steps": 9}),
     )
     watch.main("ThesisCorvette-v0", out=tmp_path / "new" / "episode.HTML")
     written = (tmp_path / "new" / "episode.HTML").read_text(encoding="utf-8")
@@ -206,7 +228,10 @@ def test_the_command_writes_the_page_and_a_notebook_shows_it(tmp_path: Path, mon
     assert flight._repr_html_().startswith("<iframe srcdoc=")
 
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+CHROMIUM = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))),
+    None,
+)
 
 
 @pytest.mark.slow
@@ -219,16 +244,24 @@ def test_in_a_browser_it_plays_scrubs_switches_and_overlays_without_a_complaint(
 ):
     from playwright.sync_api import sync_playwright
 
-    flight = episode("SegorogeniAUV-v0", ["enkf", "dead-reckoning"], env_options={"max_episode_steps": 80})
+    flight = episode(
+        "SegorogeniAUV-v0", ["enkf", "dead-reckoning"], env_options={"max_episode_steps": 80}
+    )
     flight.save(tmp_path / "episode.html")
     complaints: list[str] = []
     with sync_playwright() as driver:
         graphics = "--enable-unsafe-swiftshader" if webgl else "--disable-3d-apis"
         browser = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", graphics])
         page = browser.new_page(viewport={"width": width, "height": 800}, has_touch=True)
-        page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+        page.on(
+            "console",
+            lambda message: complaints.append(message.text) if message.type == "error" else None,
+        )
         page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on("request", lambda request: complaints.append(request.url) if "://" in request.url[5:] else None)
+        page.on(
+            "request",
+            lambda request: complaints.append(request.url) if "://" in request.url[5:] else None,
+        )
         page.goto((tmp_path / "episode.html").as_uri() + "#t=2")
 
         def comes_to(reached: Callable[[float], bool]) -> None:
@@ -256,7 +289,8 @@ def test_in_a_browser_it_plays_scrubs_switches_and_overlays_without_a_complaint(
         comes_to(lambda time: time == pytest.approx(8.0))
         page.click("#play")  # from the end it begins anew
         page.wait_for_function(
-            "0 < +document.getElementById('time').value && +document.getElementById('time').value < 7"
+            "0 < +document.getElementById('time').value &&"
+            " +document.getElementById('time').value < 7"
         )
         page.click("#play")
         assert page.get_attribute("#play", "aria-label") == "Play"
@@ -271,11 +305,15 @@ def test_in_a_browser_it_plays_scrubs_switches_and_overlays_without_a_complaint(
         assert "Current" in page.inner_text("#ambient")
         page.locator("#charts .u-over").first.hover()
         assert "dead-reckoning:" in page.inner_text("#tip")
-        assert page.eval_on_selector("#view", "view => getComputedStyle(view).touchAction") == "pan-y"
+        assert (
+            page.eval_on_selector("#view", "view => getComputedStyle(view).touchAction") == "pan-y"
+        )
         assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
         page.locator("#view").hover()
         page.mouse.wheel(0, 99)  # a page higher than the window scrolls, also over the scene
-        page.wait_for_function("scrollY > 0 || document.documentElement.scrollHeight <= innerHeight")
+        page.wait_for_function(
+            "scrollY > 0 || document.documentElement.scrollHeight <= innerHeight"
+        )
         browser.close()
     assert [complaint for complaint in complaints if webgl or "WebGL" not in complaint] == []
 

@@ -42,7 +42,10 @@ def job(name: str, needs: tuple[Job, ...] = (), artifact: str = "", **arguments)
 def study(seconds: float = 0.0, draws: int = 8) -> list[Job]:
     """Twelve jobs, or more, in two waves, three of them with artifacts."""
     written = tuple(job("write", artifact=".bin", seed=seed, seconds=seconds) for seed in range(3))
-    return [*(job("draw", seed=seed, seconds=seconds) for seed in range(draws)), job("read", needs=written)]
+    return [
+        *(job("draw", seed=seed, seconds=seconds) for seed in range(draws)),
+        job("read", needs=written),
+    ]
 
 
 def long_study() -> list[Job]:
@@ -66,14 +69,19 @@ def expected(tmp_path_factory) -> dict[str, bytes]:
     return stored(folder)
 
 
-# --- a job -----------------------------------------------------------------------------------------
+# --- a job ----------------------------------------------------------------------------------------
 
 
 def test_a_key_depends_on_the_function_the_arguments_the_needs_and_the_package_version(monkeypatch):
     first = job("draw", seed=0)
     assert first.key == job("draw", seed=0).key
     assert first.key == Job(first.function, first.arguments, "by another name").key
-    others = [job("draw", seed=1), job("draw", seed=0.0), job("echo", seed=0), job("draw", (first,), seed=0)]
+    others = [
+        job("draw", seed=1),
+        job("draw", seed=0.0),
+        job("echo", seed=0),
+        job("draw", (first,), seed=0),
+    ]
     others.append(job("draw", artifact=".zip", seed=0))
     monkeypatch.setattr(job_module, "_versions", lambda: {"vessel-gym": "0.0.0"})
     others.append(job("draw", seed=0))
@@ -101,7 +109,7 @@ def test_results_are_read_as_they_were_returned(tmp_path):
     np.testing.assert_equal(run([drawn], tmp_path).values[drawn.key], values)
 
 
-# --- a run ------------------------------------------------------------------------------------------
+# --- a run ----------------------------------------------------------------------------------------
 
 
 def test_what_is_stored_is_not_computed_again(tmp_path):
@@ -115,13 +123,19 @@ def test_what_is_stored_is_not_computed_again(tmp_path):
 def test_a_job_reads_the_artifacts_that_it_needs(tmp_path):
     *_, needing = study()
     values = run([needing], tmp_path).values[needing.key]
-    assert values["bytes"] == [artifact_path(need, tmp_path).read_bytes().hex() for need in needing.needs]
+    assert values["bytes"] == [
+        artifact_path(need, tmp_path).read_bytes().hex() for need in needing.needs
+    ]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("processes", [1, 2])
 def test_a_job_that_fails_stops_no_other_and_is_tried_again(tmp_path, processes):
-    failing, lost, leaving = job("fail", text="no luck"), job("fail", artifact=".bin", text=""), job("leave")
+    failing, lost, leaving = (
+        job("fail", text="no luck"),
+        job("fail", artifact=".bin", text=""),
+        job("leave"),
+    )
     needing = job("read", needs=(lost,))
     for _ in range(2):
         outcome = run([failing, leaving, job("nothing"), needing, *study()], tmp_path, processes)
@@ -137,7 +151,9 @@ def test_a_job_that_fails_stops_no_other_and_is_tried_again(tmp_path, processes)
 
 
 @pytest.mark.slow
-def test_processes_give_the_same_files_as_one_and_have_one_thread_and_all_modules_each(tmp_path, expected):
+def test_processes_give_the_same_files_as_one_and_have_one_thread_and_all_modules_each(
+    tmp_path, expected
+):
     """Joblib ends a process, with a warning, that grows by 300 MB after its first job: torch must be there before."""
     threads, modules = job("threads"), job("loaded", modules=["colorsys"])
     failing = Job("colorsys:no_function", {}, needs=(modules,))
@@ -149,7 +165,8 @@ def test_processes_give_the_same_files_as_one_and_have_one_thread_and_all_module
         ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
     )
     assert dict(stored(tmp_path).items() - expected.items()) == {
-        path.name: path.read_bytes() for path in (result_path(each, tmp_path) for each in (threads, modules))
+        path.name: path.read_bytes()
+        for path in (result_path(each, tmp_path) for each in (threads, modules))
     }
     assert expected.items() <= stored(tmp_path).items()
 
@@ -157,7 +174,9 @@ def test_processes_give_the_same_files_as_one_and_have_one_thread_and_all_module
 def test_shards_share_the_work_and_none_waits_for_another(tmp_path):
     outcomes = [run(study(), tmp_path / "apart" / str(i), shard=(i, 3)) for i in (1, 2, 3)]
     assert sum(outcome.computed for outcome in outcomes) == 12
-    assert set().union(*(outcome.values for outcome in outcomes)) == set(run(study(), tmp_path / "whole").values)
+    assert set().union(*(outcome.values for outcome in outcomes)) == set(
+        run(study(), tmp_path / "whole").values
+    )
     for i in (1, 2, 3):
         run(study(), tmp_path / "shared", shard=(i, 3))
     assert len(journal(tmp_path / "shared")) == 12
@@ -175,7 +194,7 @@ def test_jobs_are_counted_from_one(tmp_path):
         run(study(), tmp_path, processes=0)
 
 
-# --- progress ---------------------------------------------------------------------------------------
+# --- progress -------------------------------------------------------------------------------------
 
 
 def test_progress_counts_to_the_end(tmp_path):
@@ -193,7 +212,9 @@ def test_the_time_left_is_known_from_the_start_of_a_second_run(tmp_path):
     seen: list[Status] = []
     run([job("draw", seed=0, seconds=0.1)], tmp_path)
     run([job("draw", seed=seed, seconds=0.1) for seed in range(5)], tmp_path, progress=seen.append)
-    assert 0.4 <= seen[0].seconds_left < 1.0  # four jobs of a tenth of a second and what storing takes
+    assert (
+        0.4 <= seen[0].seconds_left < 1.0
+    )  # four jobs of a tenth of a second and what storing takes
     lefts = [status.seconds_left for status in seen]
     assert lefts == sorted(lefts, reverse=True)
     assert lefts[-1] == 0.0
@@ -214,10 +235,12 @@ def test_the_time_left_is_that_of_workers_who_take_the_longest_job_first(waves, 
     assert seconds_left(waves, workers) == seconds
 
 
-# --- damage -----------------------------------------------------------------------------------------
+# --- damage ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("damage", [b"", b"{", b'{"job": {}}', "another job's", "values changed", "half", b"\xff\xfe"])
+@pytest.mark.parametrize(
+    "damage", [b"", b"{", b'{"job": {}}', "another job's", "values changed", "half", b"\xff\xfe"]
+)
 def test_a_damaged_or_foreign_result_is_set_aside_said_and_computed_again(tmp_path, damage):
     drawn = job("draw", seed=0)
     run([drawn, job("draw", seed=1)], tmp_path)
@@ -225,7 +248,9 @@ def test_a_damaged_or_foreign_result_is_set_aside_said_and_computed_again(tmp_pa
     if damage == "another job's":
         damage = result_path(job("draw", seed=1), tmp_path).read_bytes()
     elif damage == "values changed":
-        damage = whole.replace(b'"seed": 0}', b'"seed": 1}', 1).replace(b'"seed": 0,', b'"seed": 1,')
+        damage = whole.replace(b'"seed": 0}', b'"seed": 1}', 1).replace(
+            b'"seed": 0,', b'"seed": 1,'
+        )
         assert damage != whole
     elif damage == "half":
         damage = whole[: len(whole) // 2]
@@ -245,7 +270,17 @@ WHOLE = b"a line"
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "damage",
-    [b"{", b"null", b"[1, 2]", b"{}", b"\xff\xfe\x00", b"[" * 100_000, WHOLE[:-40] + b"NaN", WHOLE * 2, b'{"key": 3}'],
+    [
+        b"{",
+        b"null",
+        b"[1, 2]",
+        b"{}",
+        b"\xff\xfe\x00",
+        b"[" * 100_000,
+        WHOLE[:-40] + b"NaN",
+        WHOLE * 2,
+        b'{"key": 3}',
+    ],
     ids=["cut", "null", "a list", "empty", "no text", "deep", "half", "two in one", "no words"],
 )
 @pytest.mark.parametrize("place", ["first", "last", "unended"])
@@ -261,7 +296,9 @@ def test_a_bad_line_in_the_journal_stops_no_run_and_spoils_no_other_line(tmp_pat
     outcome = run([job("draw", seed=0), job("draw", seed=1)], tmp_path)
     assert (outcome.computed, outcome.failures) == (1, {})
     assert outcome.notes == []
-    assert [each["key"] for each in journal(tmp_path)] == [job("draw", seed=seed).key for seed in (0, 1)]
+    assert [each["key"] for each in journal(tmp_path)] == [
+        job("draw", seed=seed).key for seed in (0, 1)
+    ]
 
 
 def test_a_job_reads_no_folder_and_asks_not_for_all_that_are_left(tmp_path, monkeypatch):
@@ -314,7 +351,9 @@ def test_unknown_files_and_results_of_other_versions_are_left_alone_and_said(tmp
     ]
 
 
-def test_a_full_disk_stops_the_run_in_one_sentence_and_what_was_finished_is_kept(tmp_path, monkeypatch):
+def test_a_full_disk_stops_the_run_in_one_sentence_and_what_was_finished_is_kept(
+    tmp_path, monkeypatch
+):
     syncs, sync = iter(range(100)), os.fsync
 
     def full(handle: int) -> None:
@@ -324,7 +363,9 @@ def test_a_full_disk_stops_the_run_in_one_sentence_and_what_was_finished_is_kept
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "fsync", full)
-        with pytest.raises(OSError, match="No space left on device; 4 of 12 are stored, and the same run goes on"):
+        with pytest.raises(
+            OSError, match="No space left on device; 4 of 12 are stored, and the same run goes on"
+        ):
             run(study(), tmp_path)
     assert len(list((tmp_path / "jobs").glob("*.json"))) == 4
     assert not leftovers(tmp_path)
@@ -334,7 +375,9 @@ def test_a_full_disk_stops_the_run_in_one_sentence_and_what_was_finished_is_kept
 @pytest.mark.slow
 @pytest.mark.parametrize("processes", [1, 2])
 def test_a_full_disk_inside_a_function_is_no_fault_of_the_job(tmp_path, processes):
-    with pytest.raises(OSError, match=r"^cannot store results in .*: No space left on device; \d+ of 13 are stored"):
+    with pytest.raises(
+        OSError, match=r"^cannot store results in .*: No space left on device; \d+ of 13 are stored"
+    ):
         run([*study(), job("fill")], tmp_path, processes)
     assert not list((tmp_path / "failed").iterdir())
     assert not leftovers(tmp_path)
@@ -351,12 +394,14 @@ def test_a_worker_with_other_code_or_another_folder_computes_nothing(tmp_path):
     (tmp_path / "jobs").mkdir()
     with pytest.raises(OSError, match="has other code of this package"):
         work(job("draw", seed=0), tmp_path, "the key there")
-    with pytest.raises(OSError, match=f"does not see {tmp_path / 'elsewhere'}: all workers need the same folder"):
+    with pytest.raises(
+        OSError, match=f"does not see {tmp_path / 'elsewhere'}: all workers need the same folder"
+    ):
         work(job("draw", seed=0), tmp_path / "elsewhere", job("draw", seed=0).key)
     assert not stored(tmp_path)
 
 
-# --- processes that are killed ----------------------------------------------------------------------
+# --- processes that are killed --------------------------------------------------------------------
 
 _RUN = """
 import signal
@@ -389,9 +434,15 @@ def test_killed_at_random_moments_a_run_ends_as_if_it_had_not_been(tmp_path, exp
             if attempt % 2:
                 os.killpg(process.pid, signal.SIGKILL)
             else:
-                process.kill()  # its workers live on for a moment: the next run finds their jobs locked
-        assert all(name.startswith(".") or expected[name] == data for name, data in stored(tmp_path).items())
-    before = sum(name.endswith(".json") for name in stored(tmp_path) if name[0] != ".")  # others are not complete
+                # its workers live on for a moment: the next run finds their jobs locked
+                process.kill()
+        assert all(
+            name.startswith(".") or expected[name] == data
+            for name, data in stored(tmp_path).items()
+        )
+    before = sum(
+        name.endswith(".json") for name in stored(tmp_path) if name[0] != "."
+    )  # others are not complete
     outcome = run(long_study(), tmp_path)
     assert stored(tmp_path) == expected
     assert not leftovers(tmp_path)
@@ -423,17 +474,23 @@ def test_an_interrupt_leaves_results_and_no_process(tmp_path, expected):
 def test_a_job_that_kills_its_process_stops_no_other_and_gets_a_second_chance(tmp_path):
     killer, once = job("die"), job("die", beside=str(tmp_path / "once"))
     outcome = run([killer, once, job("draw", seed=0)], tmp_path, processes=2)
-    cause = "the process that computed it was killed twice (SIGKILL(-9)), perhaps for want of memory"
+    cause = (
+        "the process that computed it was killed twice (SIGKILL(-9)), perhaps for want of memory"
+    )
     assert outcome.failures == {killer.key: cause}
     assert outcome.values[once.key] == {"alive": True}
     assert outcome.computed == 2
-    assert json.loads((tmp_path / "failed" / f"{killer.key}.json").read_text())["traceback"] == cause
+    assert (
+        json.loads((tmp_path / "failed" / f"{killer.key}.json").read_text())["traceback"] == cause
+    )
 
 
 @pytest.mark.slow
 def test_several_runs_share_processes_even_after_one_was_killed_and_end_them_at_last(tmp_path):
     def numbers(first: int) -> set[int]:
-        outcome = run([job("process", number=first + i) for i in range(4)], tmp_path, workers=workers)
+        outcome = run(
+            [job("process", number=first + i) for i in range(4)], tmp_path, workers=workers
+        )
         return {values["process"] for values in outcome.values.values()}
 
     with Workers(2) as workers:
@@ -449,7 +506,7 @@ def test_several_runs_share_processes_even_after_one_was_killed_and_end_them_at_
             os.kill(number, 0)
 
 
-# --- a cluster --------------------------------------------------------------------------------------
+# --- a cluster ------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -473,7 +530,9 @@ def cluster():
 
 
 @pytest.mark.slow
-def test_two_workers_of_a_cluster_give_the_same_files_though_one_is_killed(tmp_path, expected, cluster):
+def test_two_workers_of_a_cluster_give_the_same_files_though_one_is_killed(
+    tmp_path, expected, cluster
+):
     address, (victim, _) = cluster
 
     def kill(status: Status) -> None:
@@ -483,7 +542,9 @@ def test_two_workers_of_a_cluster_give_the_same_files_though_one_is_killed(tmp_p
     outcome = run(long_study(), tmp_path, scheduler=address, progress=kill)
     assert victim.wait(PATIENCE) == -signal.SIGKILL
     assert len(outcome.values) == 44
-    assert 40 <= outcome.computed <= 44  # the few that the victim had stored, and not reported, are not computed again
+    assert (
+        40 <= outcome.computed <= 44
+    )  # the few that the victim had stored, and not reported, are not computed again
     assert stored(tmp_path) == expected
     keys = [line["key"] for line in journal(tmp_path)]
     assert len(keys) == len(set(keys))
@@ -505,7 +566,11 @@ def test_what_killed_processes_had_begun_to_write_is_gone_after_the_next_run(tmp
     one, other = (Job("job_functions:write", {"seed": seed}, artifact=".bin") for seed in (1, 2))
     (tmp_path / "jobs").mkdir()
     for key in (one.key, other.key, "0" * 32):
-        for name in (f".{key}-1.json", f".{key}-1.bin", f"..{key}-1-1.bin"):  # the last is a temporary's temporary
+        for name in (
+            f".{key}-1.json",
+            f".{key}-1.bin",
+            f"..{key}-1-1.bin",
+        ):  # the last is a temporary's temporary
             (tmp_path / "jobs" / name).write_bytes(b"the beg")
     run([one], tmp_path)
     assert not leftovers(tmp_path)

@@ -1,6 +1,7 @@
 """Dives and flights on several estimators differ, and the default estimators are consistent in the position.
 
-50 evaluation seeds, nominal sensors, moderate disturbance, the autopilot, whose tolerances were tuned on other seeds.
+50 evaluation seeds, nominal sensors, moderate disturbance, the autopilot, whose tolerances were
+tuned on other seeds.
 """
 
 from functools import lru_cache
@@ -30,17 +31,26 @@ def env_id(request: pytest.FixtureRequest) -> str:
 
 
 @lru_cache(maxsize=2)  # one of the aircraft holds 125 MB
-def flown(env_id: str, estimator: str | None = None, plain: bool = False, first: int = 0) -> Rollout:
+def flown(
+    env_id: str, estimator: str | None = None, plain: bool = False, first: int = 0
+) -> Rollout:
     """Flights on an estimator; a plain one is an ensemble of 100 with independent draws."""
     own = {"members": 100, "draws": "independent"} if plain else {}
-    return rollout("autopilot", env_id, evaluation_seeds(50, first), {"estimator": estimator, "estimator_options": own})
+    return rollout(
+        "autopilot",
+        env_id,
+        evaluation_seeds(50, first),
+        {"estimator": estimator, "estimator_options": own},
+    )
 
 
 def pooled_rms(journey: Rollout) -> tuple[float, float]:
     """Root mean squares over all times of all episodes: off the path, and in altitude or depth [m]."""
     cross, normal = (flight if journey.env_id == PUNA else dive).path_errors(journey)
     off, other = (float(np.sqrt(np.mean(error[journey.alive] ** 2))) for error in (cross, normal))
-    return (off, other) if "y" in journey.env.unwrapped.system.vehicle.state_names else (other, other)
+    return (
+        (off, other) if "y" in journey.env.unwrapped.system.vehicle.state_names else (other, other)
+    )
 
 
 def position(journey: Rollout) -> tuple[int, ...]:
@@ -59,7 +69,9 @@ def test_on_its_default_estimates_the_autopilot_keeps_the_path_and_arrives(env_i
     assert pooled_rms(journey)[0] <= OFF_PATH[env_id]
 
 
-def test_on_the_last_measurements_it_arrives_in_half_at_most_and_is_off_the_path_twice_as_far(env_id: str):
+def test_on_the_last_measurements_it_arrives_in_half_at_most_and_is_off_the_path_twice_as_far(
+    env_id: str,
+):
     assert (flown(env_id, "measurement").end == "arrived").sum() <= 25
     off, default = (
         np.hypot(*(pooled_rms(flown(env_id, name, first=first))[0] for first in (0, 50)))
@@ -69,7 +81,9 @@ def test_on_the_last_measurements_it_arrives_in_half_at_most_and_is_off_the_path
 
 
 def test_the_smaller_the_error_of_the_estimate_the_higher_the_score(env_id: str):
-    truth, default, measurement = (flown(env_id, name).score for name in ("truth", None, "measurement"))
+    truth, default, measurement = (
+        flown(env_id, name).score for name in ("truth", None, "measurement")
+    )
     assert gained(truth, default)
     assert gained(default, measurement)
 
@@ -77,19 +91,24 @@ def test_the_smaller_the_error_of_the_estimate_the_higher_the_score(env_id: str)
 def test_an_ensemble_with_independent_draws_is_overconfident(env_id: str):
     """Chance correlations shrink the position's variance between two fixes, and journeys miss their goal."""
     plain, exact = flown(env_id, plain=True), flown(env_id)
-    assert consistency(plain, position(plain)) < consistency(exact, position(plain)) - LESS_CONSISTENT[env_id]
+    assert (
+        consistency(plain, position(plain))
+        < consistency(exact, position(plain)) - LESS_CONSISTENT[env_id]
+    )
     more = exact.score, flown(env_id, first=50).score
     less = plain.score, flown(env_id, plain=True, first=50).score
-    assert gained(np.concatenate(more), np.concatenate(less))  # of 50 alone an aircraft's gain would not be significant
+    assert gained(
+        np.concatenate(more), np.concatenate(less)
+    )  # of 50 alone an aircraft's gain would not be significant
     assert env_id != PUNA or scores(plain)["position_nees"].mean() > 2.0
 
 
 def test_the_default_filter_is_consistent_in_the_position(env_id: str):
     """The mean NEES of a dive, by its size, is 1 on average: 50 runs, 4 standard errors, false-alarm rate 2e-4.
 
-    The share of times in a chi-square band scatters there from 0.6 to 1, for errors last. Of flights it was 0.91 to
-    0.98 on five other sets of 100 seeds, with a standard deviation of 0.03: three of these below 0.95 are a false alarm
-    of some 0.1 %.
+    The share of times in a chi-square band scatters there from 0.6 to 1, for errors last. Of
+    flights it was 0.91 to 0.98 on five other sets of 100 seeds, with a standard deviation of 0.03:
+    three of these below 0.95 are a false alarm of some 0.1 %.
     """
     journey = flown(env_id)
     if env_id == PUNA:

@@ -40,15 +40,23 @@ def picture() -> str:
 
 
 TABLE = Table(
-    "errors", "RMS.", "filter", [("x", "m"), ("y", "")], [("calm", [("kf", [Entry("1.0", "0.1"), Entry("−")])])]
+    "errors",
+    "RMS.",
+    "filter",
+    [("x", "m"), ("y", "")],
+    [("calm", [("kf", [Entry("1.0", "0.1"), Entry("−")])])],
 )
 PAGE = Page(
     "A <title>",
     "in a line",
     ["First & foremost.", "Second."],
     [
-        Section("Results", [Prose("A paragraph."), TABLE, Figure(picture(), "tracks", "Of two ships.")]),
-        Section("Words", [Bullets(["one"]), Facts("Run", [("command", "python -m x"), ("seed", "7")])]),
+        Section(
+            "Results", [Prose("A paragraph."), TABLE, Figure(picture(), "tracks", "Of two ships.")]
+        ),
+        Section(
+            "Words", [Bullets(["one"]), Facts("Run", [("command", "python -m x"), ("seed", "7")])]
+        ),
         Section("Claims", [Claims([Claim("It holds.", "true", "1 ± 0.1")], "A note."), TABLE]),
     ],
 )
@@ -56,14 +64,29 @@ PAGE = Page(
 
 def test_everything_in_the_data_is_on_the_page_and_escaped():
     html = render(PAGE)
-    words = ["A &lt;title&gt;", "First &amp; foremost.", "Second.", "A paragraph.", "Of two ships.", "RMS.", "Calm"]
+    words = [
+        "A &lt;title&gt;",
+        "First &amp; foremost.",
+        "Second.",
+        "A paragraph.",
+        "Of two ships.",
+        "RMS.",
+        "Calm",
+    ]
     for text in (*words, "one", "seed", "It holds.", "verdict true", "A note."):
         assert text in html
 
 
 def test_tables_and_figures_are_numbered_in_their_order():
     again = Table("again", "", "filter", [("x", "")], [("", [("kf", [Entry("2")])])])
-    html = render(Page("t", "s", ["a"], [Section("one", [TABLE, PAGE.sections[0].blocks[2]]), Section("two", [again])]))
+    html = render(
+        Page(
+            "t",
+            "s",
+            ["a"],
+            [Section("one", [TABLE, PAGE.sections[0].blocks[2]]), Section("two", [again])],
+        )
+    )
     assert re.findall(r"<b>(\w+ \d)\.</b>", html) == ["Table 1", "Figure 1", "Table 2"]
 
 

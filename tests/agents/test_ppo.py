@@ -31,7 +31,11 @@ RAW = {"observe": "measurement", "estimator": "measurement"}
 
 def weights(path: Path) -> dict[str, np.ndarray]:
     with zipfile.ZipFile(path) as archive:
-        return {name: np.load(archive.open(name)) for name in archive.namelist() if name.startswith("weights/")}
+        return {
+            name: np.load(archive.open(name))
+            for name in archive.namelist()
+            if name.startswith("weights/")
+        }
 
 
 @pytest.mark.slow
@@ -45,7 +49,9 @@ def test_the_same_seed_trains_the_same_policy_and_another_seed_another(tmp_path:
         np.testing.assert_array_equal(value, other[key], err_msg=key)
     assert len(one) > 5
     assert any((one[key] != third[key]).any() for key in one)
-    assert (tmp_path / "one.zip").read_bytes() == (tmp_path / "other.zip").read_bytes()  # no times, no addresses
+    assert (tmp_path / "one.zip").read_bytes() == (
+        tmp_path / "other.zip"
+    ).read_bytes()  # no times, no addresses
 
 
 @pytest.mark.slow
@@ -70,7 +76,9 @@ def test_training_flies_its_own_seeds_and_no_others(
     assert not used & set(tuning_seeds(1_000_000))
 
 
-@pytest.mark.parametrize(("memory", "options"), [("none", {"observe": "mean+std"}), ("lstm", RAW), ("frames", RAW)])
+@pytest.mark.parametrize(
+    ("memory", "options"), [("none", {"observe": "mean+std"}), ("lstm", RAW), ("frames", RAW)]
+)
 def test_a_checkpoint_flies_as_the_actor_that_was_saved(
     tmp_path: Path, saved: list[Any], memory: str, options: dict[str, Any]
 ):
@@ -85,7 +93,9 @@ def test_a_checkpoint_flies_as_the_actor_that_was_saved(
     for _ in range(4):
         new = rng.uniform(-3.0, 3.0, past[0].shape).astype(np.float32)
         past = np.concatenate([past[1:], new[None]])
-        expected, state = model.predict(np.concatenate(list(past), -1), state, starts, deterministic=True)
+        expected, state = model.predict(
+            np.concatenate(list(past), -1), state, starts, deterministic=True
+        )
         actions = agent.act(new)
         np.testing.assert_array_equal(actions, expected)
         assert env.action_space.contains(actions[0])
@@ -121,13 +131,17 @@ def test_a_filter_that_ends_missions_is_kept():
         assert batch(described, 1).env.unwrapped.core.estimator == "kf-umv-ui"
 
 
-def test_frames_at_flight_are_those_of_the_training_at_starts_and_ends_of_episodes(tmp_path: Path, saved: list[PPO]):
+def test_frames_at_flight_are_those_of_the_training_at_starts_and_ends_of_episodes(
+    tmp_path: Path, saved: list[PPO]
+):
     """Rows end at different times; each of their episodes is flown again from its raw observations alone."""
     path = train(ENV, tmp_path / "agent.zip", RAW, steps=STEPS, memory="frames")
     trained = saved[0]
     agent = load_agent(path, gym.make(ENV, **RAW))
     rows, limit = 4, 100
-    hard_over = np.where(np.arange(rows) % 2, 1.0, 0.0)[:, None]  # which loses the turn before its time
+    hard_over = np.where(np.arange(rows) % 2, 1.0, 0.0)[
+        :, None
+    ]  # which loses the turn before its time
 
     def batch() -> StableBaselinesVecEnv:
         return StableBaselinesVecEnv(
@@ -155,7 +169,9 @@ def test_frames_at_flight_are_those_of_the_training_at_starts_and_ends_of_episod
             flown = [agent.act(observation[None])[0] for observation in lived[i]]
             expected, _ = trained.predict(np.stack(seen[i]), deterministic=True)
             np.testing.assert_allclose(flown, expected, rtol=0, atol=1e-6)
-            newest = trained.predict(np.roll(seen[i], news.shape[-1], axis=-1), deterministic=True)[0]
+            newest = trained.predict(np.roll(seen[i], news.shape[-1], axis=-1), deterministic=True)[
+                0
+            ]
             assert (np.abs(newest - expected) > 1e-3).any()  # the order of the frames matters to it
             lived[i], seen[i] = [], []
     assert len(ends) >= 2 * rows
@@ -178,7 +194,9 @@ def test_each_row_remembers_its_own_past_until_the_reset(tmp_path: Path, memory:
     assert together.shape == (6, 3, 1)
     assert np.ptp(together[-1]) > 1e-5
     for i in range(3):
-        np.testing.assert_allclose(flown(past[:, i : i + 1])[:, 0], together[:, i], rtol=0, atol=1e-7)
+        np.testing.assert_allclose(
+            flown(past[:, i : i + 1])[:, 0], together[:, i], rtol=0, atol=1e-7
+        )
     np.testing.assert_array_equal(flown(past), together)
 
 
@@ -220,7 +238,9 @@ def test_options_may_be_objects_and_the_checkpoint_holds_them_as_plain_data(tmp_
     }  # fmt: skip
     stored = description(train(ENV, tmp_path / "agent.zip", options, steps=STEPS))["env_options"]
     assert stored["estimator"] == "estimators.kalman:ExtendedKalmanFilter"
-    assert [sensor["latency"] for sensor in stored["sensors"]] == [sensor.latency for sensor in late]
+    assert [sensor["latency"] for sensor in stored["sensors"]] == [
+        sensor.latency for sensor in late
+    ]
     assert stored["sensor_faults"][0]["begin"] == [1.0, 2.0]
     with pytest.raises(TypeError, match=r"a checkpoint cannot say what .* in env_options is"):
         train(ENV, tmp_path / "agent.zip", {"estimator": object()}, steps=STEPS)
@@ -242,7 +262,9 @@ def test_training_leaves_the_user_s_threads_and_random_numbers_of_flights_alone(
 
 
 def test_an_unknown_memory_is_answered_with_those_that_there_are():
-    with pytest.raises(ValueError, match="unknown memory 'elephant': choose from none, frames, lstm"):
+    with pytest.raises(
+        ValueError, match="unknown memory 'elephant': choose from none, frames, lstm"
+    ):
         hyperparameters(ENV, "elephant")
     assert "frames" not in hyperparameters(ENV)
 
@@ -261,11 +283,15 @@ def test_an_unknown_memory_is_answered_with_those_that_there_are():
         ("tqc", "top_quantiles_to_drop_per_net", -1, "a whole number of at least 0"),
     ],
 )  # fmt: skip
-def test_a_setting_is_what_the_algorithm_takes(algorithm: str, name: str, value: Any, wanted: str | None):
+def test_a_setting_is_what_the_algorithm_takes(
+    algorithm: str, name: str, value: Any, wanted: str | None
+):
     if wanted is None:
         assert hyperparameters(ENV, "none", {name: value}, algorithm)[name] == value
     else:
-        with pytest.raises(ValueError, match=rf"^the setting {name} must be {wanted}, got {value!r}$"):
+        with pytest.raises(
+            ValueError, match=rf"^the setting {name} must be {wanted}, got {value!r}$"
+        ):
             hyperparameters(ENV, "none", {name: value}, algorithm)
 
 
@@ -293,16 +319,27 @@ def test_a_training_that_breaks_off_leaves_the_old_checkpoint_as_it_was(tmp_path
 
 def test_progress_is_reported_after_each_rollout_up_to_the_end_of_the_last_one(tmp_path: Path):
     reported: list[tuple[int, int, float]] = []
-    train(ENV, tmp_path / "agent.zip", steps=STEPS - 9, progress=lambda *args: reported.append(args))
-    assert [(done, whole) for done, whole, _ in reported] == [(0, 384), (128, 384), (256, 384), (384, 384)]
+    train(
+        ENV, tmp_path / "agent.zip", steps=STEPS - 9, progress=lambda *args: reported.append(args)
+    )
+    assert [(done, whole) for done, whole, _ in reported] == [
+        (0, 384),
+        (128, 384),
+        (256, 384),
+        (384, 384),
+    ]
 
 
 def test_a_budget_below_one_batch_is_refused(tmp_path: Path):
-    with pytest.raises(ValueError, match="steps must be at least the 8 environments of a batch, got 7"):
+    with pytest.raises(
+        ValueError, match="steps must be at least the 8 environments of a batch, got 7"
+    ):
         train(ENV, tmp_path / "agent.zip", steps=7)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_an_environment_without_settings_is_answered_with_those_that_have(tmp_path: Path):
-    with pytest.raises(ValueError, match=r"no PPO settings for 'CartPole-v1' .*: choose from SigmaCorvette-v0"):
+    with pytest.raises(
+        ValueError, match=r"no PPO settings for 'CartPole-v1' .*: choose from SigmaCorvette-v0"
+    ):
         hyperparameters("CartPole-v1")

@@ -1,6 +1,7 @@
 """What a user brings is as good as what the package has.
 
-A task flies, is scored, drawn and trained with nothing registered; what is registered for it is found wherever ours is.
+A task flies, is scored, drawn and trained with nothing registered; what is registered for it is
+found wherever ours is.
 """
 
 from collections.abc import Iterator
@@ -28,10 +29,22 @@ from agents.studies.plan import plan
 from agents.studies.records import Study
 from agents.studies.study import StudyError, read_study
 from vessel_gym.core import Core
-from vessel_gym.envs import ItsunusaAUVEnv, PunaUAVEnv, SegorogeniAUVEnv, SigmaCorvetteEnv, ThesisCorvetteEnv, VesselEnv
+from vessel_gym.envs import (
+    ItsunusaAUVEnv,
+    PunaUAVEnv,
+    SegorogeniAUVEnv,
+    SigmaCorvetteEnv,
+    ThesisCorvetteEnv,
+    VesselEnv,
+)
 from vessel_gym.registry import Registry
 from vessel_gym.rendering import make_renderer
-from vessel_gym.surroundings import SURROUNDINGS, Surroundings, register_surroundings, surroundings_of
+from vessel_gym.surroundings import (
+    SURROUNDINGS,
+    Surroundings,
+    register_surroundings,
+    surroundings_of,
+)
 from vessel_gym.system import System
 from vessel_gym.tasks.dive import Dive, SpatialDive
 
@@ -53,7 +66,7 @@ def nothing_stays() -> Iterator[None]:
         registry._entries = entries
 
 
-# --- nothing registered --------------------------------------------------------------------------------
+# --- nothing registered ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("agent", [OWN, "random"])
@@ -70,12 +83,19 @@ def test_a_task_of_ones_own_flies_and_is_scored_without_metrics(agent: str):
     np.testing.assert_allclose(figures["z_rmse"], depth)
 
 
-@pytest.mark.parametrize("env", [SigmaCorvetteEnv, ThesisCorvetteEnv, SegorogeniAUVEnv, ItsunusaAUVEnv, PunaUAVEnv])
+@pytest.mark.parametrize(
+    "env", [SigmaCorvetteEnv, ThesisCorvetteEnv, SegorogeniAUVEnv, ItsunusaAUVEnv, PunaUAVEnv]
+)
 def test_without_metrics_a_task_is_measured_by_all_that_filters_estimate(env: type[VesselEnv]):
     widest = {"model": env.system.vehicle.kinds[0]}
-    cores = (Core(env.system, 1, "dead-reckoning", widest, disturbance=name) for name in env.system.disturbances)
+    cores = (
+        Core(env.system, 1, "dead-reckoning", widest, disturbance=name)
+        for name in env.system.disturbances
+    )
     each = [core.composition.names for core in cores]
-    errors = [m.label for m in metrics(replace(env.system, task=KeepDepth())) if m.key.endswith("_rmse")][:-1]
+    errors = [
+        m.label for m in metrics(replace(env.system, task=KeepDepth())) if m.key.endswith("_rmse")
+    ][:-1]
     assert errors == list(each[0])
     assert set(errors) == set.intersection(*map(set, each))
 
@@ -105,7 +125,8 @@ def test_a_task_of_ones_own_is_trained(tmp_path: Path):
 @pytest.mark.parametrize("task", [KeepDepth(), KeepShallowDepth()])
 def test_an_autopilot_that_is_not_there_is_asked_for_in_vain(task: KeepDepth):
     sentence = (
-        r"^unknown agent 'autopilot' for Keep\w+: choose your own as module:object, or .* agents\.register_controller$"
+        r"^unknown agent 'autopilot' for Keep\w+: choose your own as module:object, or .*"
+        r" agents\.register_controller$"
     )
     with refused(ValueError, sentence):
         make_controller("autopilot", system_with(task))
@@ -114,7 +135,11 @@ def test_an_autopilot_that_is_not_there_is_asked_for_in_vain(task: KeepDepth):
 @pytest.mark.parametrize(
     ("agent", "error", "sentence"),
     [
-        ("autopilot", ValueError, "choose ppo, random, the path of a checkpoint, your own as module:object"),
+        (
+            "autopilot",
+            ValueError,
+            "choose ppo, random, the path of a checkpoint, your own as module:object",
+        ),
         ("own_task:no_agent", TypeError, "'own_task:no_agent' makes str"),
         ("own_task:CRUISE", TypeError, "cannot be called"),
         ("own_task:Nobody", ValueError, "has no 'Nobody'"),
@@ -126,7 +151,7 @@ def test_what_makes_no_agent_is_refused_in_one_sentence(agent: str, error: type,
         load_agent(agent, env)
 
 
-# --- registered ----------------------------------------------------------------------------------------
+# --- registered -----------------------------------------------------------------------------------
 
 
 def _offset(flown: agents.Rollout) -> np.ndarray:
@@ -141,7 +166,9 @@ def _dock(task: KeepDepth, scenario: np.ndarray) -> Surroundings:
     return Surroundings("torpedo", 1.5, True, goal=(8.0, 0.0, scenario[0], 0.5))
 
 
-OFFSET = Metric("offset", "Offset", "m", "lower", 2, "Distance from the depth at the end.", of=_offset)
+OFFSET = Metric(
+    "offset", "Offset", "m", "lower", 2, "Distance from the depth at the end.", of=_offset
+)
 PITCH = Metric("pitch", "Pitch", "°", "lower", 1, "Pitch at the end.")
 
 
@@ -161,7 +188,9 @@ def test_registered_figures_are_those_of_the_flight():
     flight = rollout("autopilot", ENV, [3, 4])
     figures = scores(flight)
     last = flight.history["truth"][-1]
-    np.testing.assert_allclose(figures["offset"], np.abs(last[:, 4] - flight.history["reference"][-1, :, 0]))
+    np.testing.assert_allclose(
+        figures["offset"], np.abs(last[:, 4] - flight.history["reference"][-1, :, 0])
+    )
     np.testing.assert_allclose(figures["pitch"], np.rad2deg(np.abs(last[:, 5])))
     np.testing.assert_array_equal(figures["score"], rollout(OWN, ENV, [3, 4]).score)
 
@@ -181,7 +210,9 @@ def test_a_metric_is_added_to_those_of_the_parent():
     assert sorted(keys) == sorted([*(m.key for m in metrics(SYSTEM)), "offset"])
     flight = rollout("autopilot", ENV, [3, 4])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("agents.metrics._of_task", lambda _: TASK_METRICS.of_class(KeepShallowDepth)[""])
+        patch.setattr(
+            "agents.metrics._of_task", lambda _: TASK_METRICS.of_class(KeepShallowDepth)[""]
+        )
         both = scores(flight)
     np.testing.assert_array_equal(both["pitch"], scores(flight)["pitch"])
     np.testing.assert_array_equal(both["offset"], _offset(flight))
@@ -204,7 +235,8 @@ def test_the_packages_entries_are_registered_before_a_users():
 
 def test_steps_may_be_said_in_a_tasks_own_words():
     register_metrics(
-        KeepDepth, (Metric("steps", "Steps", "", "higher", 0, "Till lost.", of=lambda flown: flown.length),)
+        KeepDepth,
+        (Metric("steps", "Steps", "", "higher", 0, "Till lost.", of=lambda flown: flown.length),),
     )
     assert [m.meaning for m in metrics(SYSTEM) if m.key == "steps"] == ["Till lost."]
 
@@ -213,19 +245,39 @@ def test_steps_may_be_said_in_a_tasks_own_words():
     ("attempt", "error", "sentence"),
     [
         (lambda: register_metrics("KeepDepth", ()), TypeError, "for a class of tasks"),  # type: ignore[arg-type]
-        (lambda: register_metrics(KeepDepth, ("offset",)), TypeError, "objects of the class Metric"),  # type: ignore[arg-type]
+        (
+            lambda: register_metrics(KeepDepth, ("offset",)),
+            TypeError,
+            "objects of the class Metric",
+        ),  # type: ignore[arg-type]
         (lambda: register_metrics(KeepDepth, (PITCH,)), ValueError, "nothing computes 'pitch'"),
         (lambda: register_metrics(KeepDepth, (OFFSET, OFFSET)), ValueError, "keys of their own"),
-        (lambda: register_metrics(Dive, (OFFSET,)), ValueError, "its metrics from agents.metrics.dive: subclass"),
-        (lambda: register_controller(KeepDepth(), "me")(DepthController), TypeError, "class of tasks"),  # type: ignore[arg-type]
+        (
+            lambda: register_metrics(Dive, (OFFSET,)),
+            ValueError,
+            "its metrics from agents.metrics.dive: subclass",
+        ),
+        (
+            lambda: register_controller(KeepDepth(), "me")(DepthController),
+            TypeError,
+            "class of tasks",
+        ),  # type: ignore[arg-type]
         (lambda: register_controller(KeepDepth, "a:b"), ValueError, "without a colon"),
-        (lambda: register_controller(KeepDepth, "random"), ValueError, "other than random, ppo, checkpoint"),
+        (
+            lambda: register_controller(KeepDepth, "random"),
+            ValueError,
+            "other than random, ppo, checkpoint",
+        ),
         (
             lambda: register_controller(Dive, "autopilot")(DepthController),
             ValueError,
             "its controller 'autopilot' from agents.controllers",
         ),
-        (lambda: register_surroundings(Dive)(_dock), ValueError, "its surroundings from vessel_gym.surroundings"),
+        (
+            lambda: register_surroundings(Dive)(_dock),
+            ValueError,
+            "its surroundings from vessel_gym.surroundings",
+        ),
         (lambda: register_surroundings(KeepDepth())(_dock), TypeError, "class of tasks"),  # type: ignore[arg-type]
         (lambda: Surroundings("boat"), ValueError, "unknown hull 'boat'"),
     ],
@@ -241,7 +293,7 @@ def test_the_same_module_may_register_again():
     assert "pitch" in [m.key for m in metrics(SYSTEM)]
 
 
-# --- pictures ------------------------------------------------------------------------------------------
+# --- pictures -------------------------------------------------------------------------------------
 
 
 def picture(system: System, steps: int = 5, **options: Any) -> np.ndarray:
@@ -263,7 +315,8 @@ def picture(system: System, steps: int = 5, **options: Any) -> np.ndarray:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "options", [{}, {"estimator": "truth"}, {"estimator": "dead-reckoning"}, {"observe": "measurement"}]
+    "options",
+    [{}, {"estimator": "truth"}, {"estimator": "dead-reckoning"}, {"observe": "measurement"}],
 )
 def test_a_task_without_surroundings_is_drawn_alone(options: dict[str, str]):
     drawn = picture(SYSTEM, **options)
@@ -284,7 +337,9 @@ class Foreign:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("env_id", ["SigmaCorvette-v0", "ThesisCorvette-v0", "SegorogeniAUV-v0", "PunaUAV-v0"])
+@pytest.mark.parametrize(
+    "env_id", ["SigmaCorvette-v0", "ThesisCorvette-v0", "SegorogeniAUV-v0", "PunaUAV-v0"]
+)
 def test_every_vehicle_can_be_drawn_plainly(env_id: str):
     system = gym.make(env_id).unwrapped.system  # type: ignore[attr-defined]
     picture(replace(system, task=Foreign(system.task)), steps=1)
@@ -312,7 +367,7 @@ def test_a_subclass_of_a_task_of_ours_has_all_that_ours_has():
     assert SURROUNDINGS.of(mine) == SURROUNDINGS.of(given)
 
 
-# --- studies, and what results depend on ---------------------------------------------------------------
+# --- studies, and what results depend on ----------------------------------------------------------
 
 STUDY = f"""
 episodes = 2
@@ -336,7 +391,9 @@ def test_studies_fly_registered_controllers_and_leave_out_those_that_a_task_has_
     planned = plan(read(tmp_path, STUDY))
     flown = {(f.environment.partition(":")[2] or f.environment, f.agent) for f in planned.flights}
     assert flown == {(ENV, "mine"), ("SigmaCorvette-v0", "lqg"), ("SigmaCorvette-v0", "autopilot")}
-    assert [(s.what, "unknown agent 'autopilot'" in s.reason) for s in planned.skipped] == [("autopilot", True)]
+    assert [(s.what, "unknown agent 'autopilot'" in s.reason) for s in planned.skipped] == [
+        ("autopilot", True)
+    ]
 
 
 def test_a_study_says_which_controllers_there_are(tmp_path: Path):
@@ -345,16 +402,26 @@ def test_a_study_says_which_controllers_there_are(tmp_path: Path):
 
 
 def test_where_nothing_has_an_autopilot_a_controller_of_ones_own_takes_its_place(tmp_path: Path):
-    alone = STUDY.replace("SigmaCorvette-v0 = {}\n", "").replace('lqg = { environments = ["SigmaCorvette-v0"] }\n', "")
+    alone = STUDY.replace("SigmaCorvette-v0 = {}\n", "").replace(
+        'lqg = { environments = ["SigmaCorvette-v0"] }\n', ""
+    )
     assert [agent.name for agent in read(tmp_path, alone).agents] == ["mine"]
-    without = "".join(line for line in alone.splitlines(keepends=True) if not line.startswith("mine"))
-    with pytest.raises(StudyError, match="no environment of the study has an autopilot: name a controller"):
+    without = "".join(
+        line for line in alone.splitlines(keepends=True) if not line.startswith("mine")
+    )
+    with pytest.raises(
+        StudyError, match="no environment of the study has an autopilot: name a controller"
+    ):
         read(tmp_path, without)
 
 
 def test_a_job_depends_on_the_metrics_and_controllers_that_are_looked_up_by_the_task():
     imported = _closure("agents.studies.flying", "agents", {})
-    ours = {f"agents.{room}.{task}" for room in ("controllers", "metrics") for task in ("dive", "flight", "turning")}
+    ours = {
+        f"agents.{room}.{task}"
+        for room in ("controllers", "metrics")
+        for task in ("dive", "flight", "turning")
+    }
     assert ours | {"agents.controllers", "agents.metrics"} <= set(imported)
 
 
@@ -362,9 +429,10 @@ def test_a_job_depends_on_metrics_and_a_controller_that_are_registered_elsewhere
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     text = (
-        "import own_task\nfrom agents import register_controller, register_metrics\n"
-        "register_metrics(own_task.KeepDepth, ())\n"
-        "@register_controller(own_task.KeepDepth, 'mine')\nclass Mine(own_task.DepthController):\n    gain = 1\n"
+        "import own_task\nfrom agents import register_controller,"
+        " register_metrics\nregister_metrics(own_task.KeepDepth,"
+        " ())\n@register_controller(own_task.KeepDepth, 'mine')\nclass"
+        " Mine(own_task.DepthController):\n    gain = 1\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
     path = tmp_path / "registered_elsewhere.py"

@@ -22,12 +22,31 @@ from agents.training.vec_env import StableBaselinesVecEnv
 STEPS = 10 * 8 * 16
 TINY = {
     "ppo": {"num_envs": 8, "net_arch": [8], "n_steps": 16, "batch_size": 64, "n_epochs": 2},
-    "sac": {"num_envs": 8, "net_arch": [8], "learning_starts": 100, "batch_size": 32, "gradient_steps": 2},
+    "sac": {
+        "num_envs": 8,
+        "net_arch": [8],
+        "learning_starts": 100,
+        "batch_size": 32,
+        "gradient_steps": 2,
+    },
 }
 
 
-def learned(path: Path, algorithm: str = "ppo", memory: str = "none", options: Any = None, **more: Any) -> Path:
-    return train("SigmaCorvette-v0", path, options, 1, STEPS, None, memory, TINY[algorithm], algorithm, **more)
+def learned(
+    path: Path, algorithm: str = "ppo", memory: str = "none", options: Any = None, **more: Any
+) -> Path:
+    return train(
+        "SigmaCorvette-v0",
+        path,
+        options,
+        1,
+        STEPS,
+        None,
+        memory,
+        TINY[algorithm],
+        algorithm,
+        **more,
+    )
 
 
 def interrupt(monkeypatch: pytest.MonkeyPatch, share: float) -> None:
@@ -45,7 +64,13 @@ def interrupt(monkeypatch: pytest.MonkeyPatch, share: float) -> None:
 
 @pytest.mark.parametrize(
     ("algorithm", "memory"),
-    [("ppo", "none"), *(pytest.param(*each, marks=pytest.mark.slow) for each in (("sac", "none"), ("ppo", "lstm")))],
+    [
+        ("ppo", "none"),
+        *(
+            pytest.param(*each, marks=pytest.mark.slow)
+            for each in (("sac", "none"), ("ppo", "lstm"))
+        ),
+    ],
 )
 def test_an_interrupted_training_goes_on_from_its_last_checkpoint_to_the_asked_number_of_steps(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, algorithm: str, memory: str
@@ -53,19 +78,24 @@ def test_an_interrupted_training_goes_on_from_its_last_checkpoint_to_the_asked_n
     path, folder = tmp_path / "agent.zip", tmp_path / "agent"
     interrupt(monkeypatch, 0.62)
     with pytest.raises(
-        KeyboardInterrupt, match=r"^the last checkpoint is .*checkpoint_768_steps.zip; the same command"
+        KeyboardInterrupt,
+        match=r"^the last checkpoint is .*checkpoint_768_steps.zip; the same command",
     ):
         learned(path, algorithm, memory, folder=folder)
     assert not path.exists()
     assert len(list(folder.glob("checkpoint_*_steps.zip"))) == 2
-    with pytest.raises(ValueError, match=r"keeps an interrupted training: go on with resume, or remove .*agent$"):
+    with pytest.raises(
+        ValueError, match=r"keeps an interrupted training: go on with resume, or remove .*agent$"
+    ):
         learned(path, algorithm, memory, folder=folder)
     with pytest.raises(ValueError, match=r"is of another training: it differs in env_options$"):
         learned(path, algorithm, memory, {"sensors": "clean"}, folder=folder, resume=True)
     begun: list[int] = []
     start = callbacks.Evaluation._on_training_start
     monkeypatch.setattr(
-        callbacks.Evaluation, "_on_training_start", lambda self: begun.append(self.num_timesteps) or start(self)
+        callbacks.Evaluation,
+        "_on_training_start",
+        lambda self: begun.append(self.num_timesteps) or start(self),
     )
     learned(path, algorithm, memory, folder=folder, resume=True)
     assert begun == [768]
@@ -91,7 +121,9 @@ def test_evaluations_are_logged_with_the_steps_of_their_policy_and_time_goes_on_
     """A second passes with each look at the clock; a policy scores as many points as it has steps."""
     path, folder, clock = tmp_path / "agent.zip", tmp_path / "agent", [0]
     monkeypatch.setattr(time, "time_ns", lambda: clock.append(clock[-1] + 10**9) or clock[-1])
-    monkeypatch.setattr(callbacks.Evaluation, "_score", lambda self, path: float(description(path)["trained_steps"]))
+    monkeypatch.setattr(
+        callbacks.Evaluation, "_score", lambda self, path: float(description(path)["trained_steps"])
+    )
     interrupt(monkeypatch, 0.62)
     with pytest.raises(KeyboardInterrupt):
         learned(path, folder=folder)
@@ -99,12 +131,19 @@ def test_evaluations_are_logged_with_the_steps_of_their_policy_and_time_goes_on_
     learned(path, folder=folder, resume=True)
     with (folder / CURVES).open() as file:
         rows = list(csv.DictReader(file))
-    scores = {int(row["time/total_timesteps"]): float(row["eval/score"]) for row in rows if row["eval/score"]}
+    scores = {
+        int(row["time/total_timesteps"]): float(row["eval/score"])
+        for row in rows
+        if row["eval/score"]
+    }
     assert list(scores) == list(scores.values()) == [128 * tenth for tenth in range(11)]
     elapsed = [int(row["time/time_elapsed"]) for row in rows if row["time/time_elapsed"]]
     assert elapsed == sorted(elapsed)
     assert 100 < elapsed[-1] < 1000
-    with pytest.raises(ValueError, match=r"agent keeps an earlier training: remove it, or train into another place$"):
+    with pytest.raises(
+        ValueError,
+        match=r"agent keeps an earlier training: remove it, or train into another place$",
+    ):
         learned(path, folder=folder)
 
 
@@ -115,7 +154,9 @@ def test_settings_that_do_not_go_together_are_refused_in_the_words_of_the_algori
 
 def test_without_a_checkpoint_or_with_a_damaged_one_nothing_is_resumed(tmp_path: Path):
     folder = tmp_path / "agent"
-    with pytest.raises(FileNotFoundError, match="there is no interrupted training to go on with: no checkpoint in"):
+    with pytest.raises(
+        FileNotFoundError, match="there is no interrupted training to go on with: no checkpoint in"
+    ):
         learned(tmp_path / "agent.zip", folder=folder, resume=True)
     folder.mkdir()
     (folder / "checkpoint_64_steps.zip").write_bytes(b"junk")
@@ -125,7 +166,9 @@ def test_without_a_checkpoint_or_with_a_damaged_one_nothing_is_resumed(tmp_path:
         learned(tmp_path / "agent.zip", folder=folder, resume=True)
 
 
-def test_a_resumed_training_flies_and_draws_what_it_has_not_yet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_resumed_training_flies_and_draws_what_it_has_not_yet(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     """A damaged best policy does not stop it, and is replaced."""
     first, noise, reset = [], [], StableBaselinesVecEnv.reset
 
@@ -148,7 +191,9 @@ def test_a_resumed_training_flies_and_draws_what_it_has_not_yet(tmp_path: Path, 
         learned(path, folder=folder, resume=True)
 
 
-def test_an_off_policy_checkpoint_counts_only_with_its_replay_buffer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_an_off_policy_checkpoint_counts_only_with_its_replay_buffer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     path, folder = tmp_path / "agent.zip", tmp_path / "agent"
     interrupt(monkeypatch, 0.2)
     with pytest.raises(KeyboardInterrupt):
@@ -156,7 +201,9 @@ def test_an_off_policy_checkpoint_counts_only_with_its_replay_buffer(tmp_path: P
     buffer = replay_path(last_checkpoint(folder))
     buffer.write_bytes(buffer.read_bytes()[:1000])
     for _ in range(2):
-        with pytest.raises(ValueError, match=r"_steps.zip is damaged: remove it, and --resume goes on from the one"):
+        with pytest.raises(
+            ValueError, match=r"_steps.zip is damaged: remove it, and --resume goes on from the one"
+        ):
             learned(path, "sac", folder=folder, resume=True)
         buffer.unlink(missing_ok=True)
 

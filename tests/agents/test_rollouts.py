@@ -65,11 +65,15 @@ def test_a_rollout_equals_a_loop_over_single_environments(agent: Any):
         for key, value in flight.history.items():
             if key in info:  # and NIS, which is no part of it
                 alone = [each[key] for each in infos]
-                np.testing.assert_allclose(value[: len(infos), i], alone, rtol=0, atol=1e-8, err_msg=key)
+                np.testing.assert_allclose(
+                    value[: len(infos), i], alone, rtol=0, atol=1e-8, err_msg=key
+                )
             # After its end an episode repeats its last values, and is marked as over.
             if key != "nis":
                 after, last = value[len(infos) :, i], value[len(infos) - 1, i]
-                np.testing.assert_array_equal(after, np.broadcast_to(last, after.shape), err_msg=key)
+                np.testing.assert_array_equal(
+                    after, np.broadcast_to(last, after.shape), err_msg=key
+                )
         np.testing.assert_array_equal(flight.alive[:, i], np.arange(len(flight.alive)) < len(infos))
 
 
@@ -128,11 +132,15 @@ def test_a_random_agent_is_random_but_repeats_itself_after_a_reset():
     assert (other.act(np.zeros((4, 7))) != first).any()
 
 
-def test_an_unknown_agent_is_answered_with_those_that_exist_and_a_missing_checkpoint_is_called_missing(tmp_path: Path):
+def test_an_unknown_agent_is_answered_with_those_that_exist_and_a_missing_checkpoint_is_called_missing(
+    tmp_path: Path,
+):
     known = r"unknown agent .*: choose autopilot, lqg, pid, ppo, random, the path of a checkpoint"
     missing = "there is no checkpoint '.*'"
     sentences = dict.fromkeys(("controller", "p" * 5000, "pi\0lot"), known)
-    sentences |= dict.fromkeys((str(tmp_path), str(tmp_path / "missing.zip"), "missing.zip"), missing)
+    sentences |= dict.fromkeys(
+        (str(tmp_path), str(tmp_path / "missing.zip"), "missing.zip"), missing
+    )
     for name, sentence in sentences.items():
         with pytest.raises(ValueError, match=sentence):
             rollout(name, ENV, [0])
@@ -144,7 +152,9 @@ def test_an_unknown_agent_is_answered_with_those_that_exist_and_a_missing_checkp
 
 @pytest.mark.parametrize("name", [None, 7, b"autopilot", ["autopilot"]], ids=repr)
 def test_what_is_no_agents_name_is_answered_with_what_load_agent_takes(name: object):
-    sentence = f"load_agent takes a name, autopilot or random, or the path of a checkpoint, got {name!r}"
+    sentence = (
+        f"load_agent takes a name, autopilot or random, or the path of a checkpoint, got {name!r}"
+    )
     with pytest.raises(TypeError, match=f"^{re.escape(sentence)}$"):
         load_agent(name, gym.make(ENV))  # type: ignore[arg-type]
 
@@ -152,7 +162,9 @@ def test_what_is_no_agents_name_is_answered_with_what_load_agent_takes(name: obj
 def test_episodes_that_may_never_end_are_refused_in_a_sentence():
     spec = gym.spec("SigmaCorvette-v0")
     gym.register("Endless-v0", spec.entry_point, vector_entry_point=spec.vector_entry_point)
-    with pytest.raises(ValueError, match="episodes of Endless-v0 may never end: register it with max_episode_steps"):
+    with pytest.raises(
+        ValueError, match="episodes of Endless-v0 may never end: register it with max_episode_steps"
+    ):
         rollout("autopilot", "Endless-v0", [0])
     assert rollout("autopilot", "Endless-v0", [0], {"max_episode_steps": 5}).length == [5]
 
@@ -174,5 +186,8 @@ def test_actions_of_another_shape_are_one_sentence_also_where_an_environment_of_
         def act(self, observations: np.ndarray) -> Any:
             return None if shape is None else np.zeros(shape, np.float32)
 
-    with pytest.raises(Refusal, match=r"^act of Own returns (nothing|an array of .*), and must return \(2, 1\): .*$"):
+    with pytest.raises(
+        Refusal,
+        match=r"^act of Own returns (nothing|an array of .*), and must return \(2, 1\): .*$",
+    ):
         rollout(Own(), env_id, [0, 1])

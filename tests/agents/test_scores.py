@@ -14,7 +14,10 @@ from vessel_gym.vehicles.corvette import steady_turns
 
 SEEDS = [3, 4, 5]
 THESIS, SIGMA = HEADING_SHIP.name, "SigmaCorvette-v0"
-ESTIMATED = {THESIS: ("v", "r", "psi"), SIGMA: ("x", "y", "psi", "u", "v", "r", "current north", "current east")}
+ESTIMATED = {
+    THESIS: ("v", "r", "psi"),
+    SIGMA: ("x", "y", "psi", "u", "v", "r", "current north", "current east"),
+}
 ERRORS = {
     THESIS: ("heading_rmse", "yaw_rate_rmse", "sway_rmse"),
     SIGMA: ("heading_rmse", "yaw_rate_rmse", "sway_rmse", "position_rmse", "current_rmse"),
@@ -40,7 +43,9 @@ def _perfect(flown: Rollout) -> Rollout:
     """The same flight, had the filter known everything."""
     h, core = flown.history, flown.env.unwrapped.core
     assert core.composition.names == ESTIMATED[flown.env_id]
-    return _with(flown, estimate=core.estimated(h["truth"]), input_estimate=h["unknown_input"].copy())
+    return _with(
+        flown, estimate=core.estimated(h["truth"]), input_estimate=h["unknown_input"].copy()
+    )
 
 
 every_turn = pytest.mark.parametrize("env_id", ESTIMATED)
@@ -58,7 +63,12 @@ def test_every_metric_has_a_value_for_every_episode(env_id: str):
 @every_turn
 def test_a_perfect_estimate_has_no_error_and_no_nees(env_id: str):
     figures = scores(_perfect(calm(env_id)))
-    for key in (*ERRORS[env_id], "input_rmse", "nees", *(["position_nees"] if env_id == SIGMA else [])):
+    for key in (
+        *ERRORS[env_id],
+        "input_rmse",
+        "nees",
+        *(["position_nees"] if env_id == SIGMA else []),
+    ):
         np.testing.assert_array_equal(figures[key], 0.0)
 
 
@@ -90,7 +100,9 @@ def test_input_errors_are_those_of_the_estimate_and_of_the_second_channel(env_id
     if env_id == THESIS:
         measurement = h["measurement"].copy()
         measurement[..., 1] = h["unknown_input"][..., 0] - 4e-3
-        np.testing.assert_allclose(scores(_with(calm(env_id), measurement=measurement))["raw_input_rmse"], 4.0)
+        np.testing.assert_allclose(
+            scores(_with(calm(env_id), measurement=measurement))["raw_input_rmse"], 4.0
+        )
 
 
 def test_roll_is_that_of_the_ship():
@@ -190,11 +202,16 @@ def test_a_ship_beside_its_track_is_as_far_off_and_turns_on_another_radius(aside
     scenario = task.scenario_of(flown.history["reference"][0])
     for k in range(len(truth)):
         x, y, direction = task.nominal(scenario, np.full(len(scenario), k))[:, :3].T
-        truth[k, :, 0], truth[k, :, 1] = x - aside * np.sin(direction), y + aside * np.cos(direction)
+        truth[k, :, 0], truth[k, :, 1] = (
+            x - aside * np.sin(direction),
+            y + aside * np.cos(direction),
+        )
         truth[k, :, 2] = direction
     figures = scores(_with(flown, truth=truth))
     np.testing.assert_allclose(figures["track_error"], abs(aside), rtol=0, atol=0.02)
-    other = 100.0 * np.abs(aside * scenario[:, 2])  # the circle's radius is as much smaller or larger
+    other = 100.0 * np.abs(
+        aside * scenario[:, 2]
+    )  # the circle's radius is as much smaller or larger
     np.testing.assert_allclose(figures["radius_error"], other, rtol=0, atol=0.05)
     np.testing.assert_allclose(figures["out_of_round"], 0.0, atol=0.05)
 

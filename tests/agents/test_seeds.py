@@ -11,7 +11,9 @@ from agents.training.algorithms import hyperparameters
 from agents.training.vec_env import StableBaselinesVecEnv
 
 MILLION = 1_000_000
-EVALUATION, TUNING = (range(seeds(1)[0], seeds(1)[0] + MILLION) for seeds in (evaluation_seeds, tuning_seeds))
+EVALUATION, TUNING = (
+    range(seeds(1)[0], seeds(1)[0] + MILLION) for seeds in (evaluation_seeds, tuning_seeds)
+)
 
 
 def test_the_ranges_share_no_seed():
@@ -57,7 +59,9 @@ def test_evaluation_seeds_are_consecutive_from_the_first():
 )  # fmt: skip
 def test_evaluation_seeds_do_not_leave_their_range(count: int, first: int, advice: str):
     """Who asks for a seed below the first gets no advice on their number."""
-    ours = rf"^there are 1000000 evaluation seeds, numbered from 0, got {count} from {first}{advice}"
+    ours = (
+        rf"^there are 1000000 evaluation seeds, numbered from 0, got {count} from {first}{advice}"
+    )
     with pytest.raises(ValueError, match=ours):
         evaluation_seeds(count, first)
 

@@ -61,11 +61,15 @@ def test_a_circle_of_imports_ends(package):
         ("vessel_gym", "vehicles/data/ship.toml", True),
     ],
 )
-def test_all_of_the_lower_layers_counts_but_the_pictures(tmp_path, monkeypatch, layer, file, counts):
+def test_all_of_the_lower_layers_counts_but_the_pictures(
+    tmp_path, monkeypatch, layer, file, counts
+):
     path = tmp_path / file
     path.parent.mkdir(parents=True, exist_ok=True)
     file_of = source._source
-    monkeypatch.setattr(source, "_source", lambda name: tmp_path / "__init__.py" if name == layer else file_of(name))
+    monkeypatch.setattr(
+        source, "_source", lambda name: tmp_path / "__init__.py" if name == layer else file_of(name)
+    )
     digests = []
     for text in ("a = 1\n", "a = 2\n"):
         path.write_text(text)
@@ -78,7 +82,9 @@ def test_all_of_the_lower_layers_counts_but_the_pictures(tmp_path, monkeypatch, 
 def test_the_scene_counts_for_what_keeps_the_data_of_a_page_alone(monkeypatch):
     changed, digests = False, {}
     code = source._code
-    monkeypatch.setattr(source, "_code", lambda text: code(text + b"\na = 1" * (changed and b"class Scene" in text)))
+    monkeypatch.setattr(
+        source, "_code", lambda text: code(text + b"\na = 1" * (changed and b"class Scene" in text))
+    )
     for changed in (False, True):
         source_digest.cache_clear()
         for module in ("agents.studies.examples", "agents.studies.flying"):
@@ -103,7 +109,10 @@ def test_comments_docstrings_and_layout_do_not_count_and_numbers_do(package, cha
 
 
 def test_docstrings_inside_do_not_count_and_other_strings_do(package):
-    text = 'class A:\n    """Words."""\n\n    def f(self):\n        """More."""\n        return "value"\n'
+    text = (
+        'class A:\n    """Words."""\n\n    def f(self):\n        """More."""\n        return'
+        ' "value"\n'
+    )
     before = package(constants=text)
     assert package(constants=text.replace("Words", "Other words").replace("More", "Less")) == before
     assert package(constants=text.replace("value", "other value")) != before
@@ -113,11 +122,16 @@ def test_docstrings_inside_do_not_count_and_other_strings_do(package):
 def own(tmp_path, monkeypatch):
     """A function that gives the digest of a user's module, which imports others beside it, some module changed."""
     number = next(names)
-    filters, gains, deep, pack = (f"{number}_{name}" for name in ("filters", "gains", "deep", "pack"))
+    filters, gains, deep, pack = (
+        f"{number}_{name}" for name in ("filters", "gains", "deep", "pack")
+    )
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / pack).mkdir()
     written = {
-        "filters": (f"{filters}.py", f"import numpy\nimport json\nimport {gains}\nimport {pack}.inner\n"),
+        "filters": (
+            f"{filters}.py",
+            f"import numpy\nimport json\nimport {gains}\nimport {pack}.inner\n",
+        ),
         "gains": (f"{gains}.py", f"def late():\n    from {deep} import K\n"),
         "deep": (f"{deep}.py", "K = 1\n"),
         "pack": (f"{pack}/__init__.py", "scale = 2\n"),
@@ -148,9 +162,10 @@ def test_what_lies_beside_an_own_module_and_is_not_imported_does_not_count(own):
 @pytest.mark.slow
 def test_what_is_installed_does_not_count_and_is_not_imported_to_see_that():
     code = (
-        "import sys; from agents import source; found = source._closure('agents.training.algorithms', 'agents', {}); "
-        "assert 'agents.policies.lstm' in found and all(name.split('.')[0] == 'agents' for name in found), found; "
-        "assert 'torch' not in sys.modules"
+        "import sys; from agents import source; found ="
+        " source._closure('agents.training.algorithms', 'agents', {}); assert"
+        " 'agents.policies.lstm' in found and all(name.split('.')[0] == 'agents' for name in"
+        " found), found; assert 'torch' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
 

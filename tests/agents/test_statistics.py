@@ -26,7 +26,9 @@ def test_a_paired_difference_is_scipys_paired_t_test():
     ours = paired_difference(a, b)
     test = stats.ttest_rel(a, b)
     expected = test.confidence_interval(0.95)
-    np.testing.assert_allclose([ours.mean, ours.low, ours.high], [np.mean(a - b), expected.low, expected.high])
+    np.testing.assert_allclose(
+        [ours.mean, ours.low, ours.high], [np.mean(a - b), expected.low, expected.high]
+    )
     assert ours.excludes_zero == (test.pvalue < 0.05)
 
 
@@ -77,13 +79,19 @@ def ruler():
     rng = np.random.default_rng(20)
     floor = rng.uniform(0.2, 0.6, 40)
     ceiling = rng.normal(0.9, 0.02, 40)
-    return ceiling - np.array([[0.01], [0.1], [0.3]]) * rng.uniform(0.5, 1.5, (3, 40)), floor, ceiling
+    return (
+        ceiling - np.array([[0.01], [0.1], [0.3]]) * rng.uniform(0.5, 1.5, (3, 40)),
+        floor,
+        ceiling,
+    )
 
 
 def test_the_floor_keeps_nothing_the_ceiling_everything_and_both_without_doubt(ruler):
     _, floor, ceiling = ruler
     for score, share in ((floor, 0.0), (ceiling, 1.0)):
-        np.testing.assert_allclose(ends(crossed_interval(normalise(score[None], floor, ceiling))), share, atol=1e-12)
+        np.testing.assert_allclose(
+            ends(crossed_interval(normalise(score[None], floor, ceiling))), share, atol=1e-12
+        )
 
 
 def test_a_row_of_shares_has_the_ratio_of_means_for_its_mean_and_nothing_is_clipped(ruler):
@@ -97,7 +105,9 @@ def test_a_row_of_shares_has_the_ratio_of_means_for_its_mean_and_nothing_is_clip
 
 def test_a_scale_of_another_unit_gives_the_same_shares(ruler):
     shares = normalise(*ruler)
-    np.testing.assert_allclose(normalise(*(7.0 - 3.0 * (1.0 - each) for each in ruler)), shares, atol=1e-12)
+    np.testing.assert_allclose(
+        normalise(*(7.0 - 3.0 * (1.0 - each) for each in ruler)), shares, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("run", range(3))
@@ -116,7 +126,9 @@ def test_a_ceiling_that_is_not_above_its_floor_is_refused(floor, ceiling):
         normalise(np.zeros((1, 2)), np.full(2, floor), np.full(2, ceiling))
 
 
-@pytest.mark.parametrize(("floor", "ceiling"), [([], []), ([0.0] * 3, [1.0] * 3), ([0.0] * 2, [1.0] * 3), (0.0, 1.0)])
+@pytest.mark.parametrize(
+    ("floor", "ceiling"), [([], []), ([0.0] * 3, [1.0] * 3), ([0.0] * 2, [1.0] * 3), (0.0, 1.0)]
+)
 def test_a_scale_of_other_seeds_is_refused(floor, ceiling):
     with pytest.raises(ValueError, match="must be of the same seeds"):
         normalise([[0.5, 0.5]], floor, ceiling)
@@ -135,16 +147,22 @@ def test_an_interval_over_one_run_is_students_over_its_seeds():
 
 def test_an_interval_over_runs_that_seeds_do_not_move_is_students_over_runs():
     runs = np.random.default_rng(23).normal(size=(5, 1)) + np.zeros(40)
-    np.testing.assert_allclose(ends(crossed_interval(runs)), ends(mean_interval(runs[:, 0])), rtol=1e-12)
+    np.testing.assert_allclose(
+        ends(crossed_interval(runs)), ends(mean_interval(runs[:, 0])), rtol=1e-12
+    )
     seeds = runs[:, :1].T + np.zeros((7, 1))  # and the other way round
-    np.testing.assert_allclose(ends(crossed_interval(seeds)), ends(mean_interval(runs[:, 0])), rtol=1e-12)
+    np.testing.assert_allclose(
+        ends(crossed_interval(seeds)), ends(mean_interval(runs[:, 0])), rtol=1e-12
+    )
 
 
 def test_a_constant_offset_of_the_seeds_widens_no_difference_and_all_widths_follow_the_scale():
     rng = np.random.default_rng(24)
     values, weather = rng.normal(size=(5, 30)), 100.0 * rng.normal(size=30)
     ours = crossed_interval(values)
-    np.testing.assert_allclose(ends(crossed_interval(3.0 * values - 7.0)), 3.0 * ends(ours) - 7.0, rtol=1e-9)
+    np.testing.assert_allclose(
+        ends(crossed_interval(3.0 * values - 7.0)), 3.0 * ends(ours) - 7.0, rtol=1e-9
+    )
     np.testing.assert_allclose(ends(crossed_interval(-values)), -ends(ours)[[0, 2, 1]], rtol=1e-9)
     assert crossed_interval(values + weather).half > 10.0 * ours.half  # of a mean, though
 
@@ -163,7 +181,9 @@ def test_one_seed_has_no_interval():
 @pytest.mark.parametrize(("hits", "trials"), [(0, 20), (7, 20), (20, 20), (1, 1)])
 def test_a_share_of_yes_and_no_has_scipys_exact_interval(hits, trials):
     exact = stats.binomtest(hits, trials).proportion_ci(0.95, method="exact")
-    np.testing.assert_allclose(ends(share_interval(hits, trials)), [hits / trials, exact.low, exact.high], atol=1e-9)
+    np.testing.assert_allclose(
+        ends(share_interval(hits, trials)), [hits / trials, exact.low, exact.high], atol=1e-9
+    )
 
 
 @pytest.mark.parametrize(("hits", "trials"), [(0, 0), (3, 2), (-1, 2)])
@@ -181,22 +201,34 @@ def test_a_run_beats_another_by_the_pairs_it_wins_and_half_of_the_ties():
 def test_the_probability_of_improvement_is_rliables(other_runs):
     rng = np.random.default_rng(7)
     x, y = rng.integers(0, 6, (10, 3)), rng.integers(1, 6, (other_runs, 3))  # integers tie
-    won = [stats.mannwhitneyu(x[:, k], y[:, k], alternative="greater").statistic / (10 * other_runs) for k in range(3)]
+    won = [
+        stats.mannwhitneyu(x[:, k], y[:, k], alternative="greater").statistic / (10 * other_runs)
+        for k in range(3)
+    ]
     assert probability_of_improvement(x, y).mean == pytest.approx(np.mean(won), abs=1e-12)
 
 
-def test_two_agents_probabilities_of_improvement_sum_to_one_and_an_agents_over_itself_is_a_half(scores):
+def test_two_agents_probabilities_of_improvement_sum_to_one_and_an_agents_over_itself_is_a_half(
+    scores,
+):
     other = np.random.default_rng(8).normal(0.5, 0.3, (6, 3))
-    forth, back = probability_of_improvement(scores, other), probability_of_improvement(other, scores)
+    forth, back = (
+        probability_of_improvement(scores, other),
+        probability_of_improvement(other, scores),
+    )
     assert forth.mean + back.mean == pytest.approx(1.0, abs=1e-12)
-    np.testing.assert_allclose([forth.low, forth.high], [1.0 - back.high, 1.0 - back.low], atol=1e-12)
+    np.testing.assert_allclose(
+        [forth.low, forth.high], [1.0 - back.high, 1.0 - back.low], atol=1e-12
+    )
     assert 0.0 < forth.low < forth.mean < forth.high < 1.0
     assert probability_of_improvement(scores, scores).mean == pytest.approx(0.5, abs=1e-12)
 
 
 def test_only_the_order_of_scores_matters_to_the_probability_of_improvement(scores):
     other = np.random.default_rng(9).normal(0.5, 0.3, (6, 3))
-    assert probability_of_improvement(np.exp(scores), np.exp(other)) == probability_of_improvement(scores, other)
+    assert probability_of_improvement(np.exp(scores), np.exp(other)) == probability_of_improvement(
+        scores, other
+    )
 
 
 def test_a_profile_is_the_share_of_scores_strictly_above_each_threshold():
@@ -207,7 +239,9 @@ def test_a_profile_is_the_share_of_scores_strictly_above_each_threshold():
 def test_a_profile_and_its_band_fall_from_one_to_zero(scores):
     thresholds = np.linspace(-1.0, 2.0, 31)
     profile = np.array([ends(point) for point in performance_profile(scores, thresholds)])
-    np.testing.assert_allclose(profile[:, 0], [np.mean(scores > tau) for tau in thresholds], atol=1e-12)  # rliable
+    np.testing.assert_allclose(
+        profile[:, 0], [np.mean(scores > tau) for tau in thresholds], atol=1e-12
+    )  # rliable
     assert np.all(np.diff(profile, axis=0) <= 0.0)
     assert np.all((profile[:, 1] <= profile[:, 0]) & (profile[:, 0] <= profile[:, 2]))
     assert profile[0, 0] == profile[0, 2] == 1.0
@@ -220,7 +254,9 @@ def test_five_runs_that_all_win_may_still_lose_every_second_time():
     np.testing.assert_allclose(ends(won), [1.0, 0.025 ** (1 / 5), 1.0])
 
 
-@pytest.mark.parametrize("wrong", [np.zeros(5), np.zeros((0, 2)), np.array([[0.0], [np.nan]]), np.zeros((3, 2, 100))])
+@pytest.mark.parametrize(
+    "wrong", [np.zeros(5), np.zeros((0, 2)), np.array([[0.0], [np.nan]]), np.zeros((3, 2, 100))]
+)
 def test_scores_that_are_not_a_matrix_of_numbers_are_refused(wrong):
     with pytest.raises(ValueError, match="scores must"):
         crossed_interval(wrong)
@@ -232,12 +268,18 @@ def bounded(rng, size):
 
 def collapsing(rng, size):
     """One training in five fails."""
-    return np.where(rng.random(size) < 0.2, rng.normal(0.2, 0.05, size), rng.normal(0.9, 0.03, size))
+    return np.where(
+        rng.random(size) < 0.2, rng.normal(0.2, 0.05, size), rng.normal(0.9, 0.03, size)
+    )
 
 
 @pytest.mark.parametrize("runs", [5, 10])
-@pytest.mark.parametrize("rival", [bounded, lambda rng, size: rng.normal(0.6, 0.02, size)], ids=["bounded", "between"])
-def test_the_interval_of_a_probability_of_improvement_holds_the_truth_nine_times_in_ten(runs, rival):
+@pytest.mark.parametrize(
+    "rival", [bounded, lambda rng, size: rng.normal(0.6, 0.02, size)], ids=["bounded", "between"]
+)
+def test_the_interval_of_a_probability_of_improvement_holds_the_truth_nine_times_in_ten(
+    runs, rival
+):
     """400 studies each, as above; a rival whose runs are all alike and lie between success and failure is the worst."""
     rng = np.random.default_rng(14)
     truth = stats.mannwhitneyu(collapsing(rng, 100_000), rival(rng, 100_000)).statistic / 1e10
@@ -248,7 +290,8 @@ def test_the_interval_of_a_probability_of_improvement_holds_the_truth_nine_times
 
 FLIGHTS = np.load(Path(__file__).parent / "flights.npz")
 """Scores of the corvette's autopilot at evaluation seeds 0 to 1999, moderate sea, by estimator; and ``runs``: of 32
-autopilots whose tolerances were drawn at random, at seeds 0 to 499. `tests/agents/fly_flights.py` flew them."""
+autopilots whose tolerances were drawn at random, at seeds 0 to 499. `tests/agents/fly_flights.py`
+flew them."""
 STUDIES = 1000
 
 
@@ -274,7 +317,9 @@ def test_the_interval_of_a_share_over_20_seeds_holds_that_of_2000_in_95_studies_
 
 def test_near_the_oracle_a_share_is_known_as_well_as_the_difference_from_it():
     """kf-umv-ui keeps 0.994. Taken over scores at each seed its interval would be eight times as wide."""
-    score, floor, ceiling = (FLIGHTS[name][:20] for name in ("kf-umv-ui", "dead-reckoning", "truth"))
+    score, floor, ceiling = (
+        FLIGHTS[name][:20] for name in ("kf-umv-ui", "dead-reckoning", "truth")
+    )
     ours = mean_interval(normalise(score[None], floor, ceiling)[0])
     lost = mean_interval((ceiling - score) / (ceiling.mean() - floor.mean()))
     unpaired = mean_interval((score - floor.mean()) / (ceiling.mean() - floor.mean()))
@@ -283,7 +328,9 @@ def test_near_the_oracle_a_share_is_known_as_well_as_the_difference_from_it():
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.3, 1.0])
-def test_the_interval_over_5_runs_and_50_seeds_holds_that_of_all_flights_in_95_studies_of_100(spread):
+def test_the_interval_over_5_runs_and_50_seeds_holds_that_of_all_flights_in_95_studies_of_100(
+    spread,
+):
     """Studies of real flights, with their differences between runs and a part of them; the bounds as above."""
     flown = FLIGHTS["runs"]
     middle = flown.mean(axis=1, keepdims=True)
@@ -296,7 +343,9 @@ def test_the_interval_over_5_runs_and_50_seeds_holds_that_of_all_flights_in_95_s
 @pytest.mark.parametrize(
     ("runs", "seeds", "rest"), [(1.0, 0.0, 0.0), (1.0, 0.0, 3.0), (1.0, 5.0, 5.0), (0.3, 3.0, 1.0)]
 )
-def test_the_interval_over_5_runs_and_50_seeds_holds_the_truth_whatever_varies_most(runs, seeds, rest):
+def test_the_interval_over_5_runs_and_50_seeds_holds_the_truth_whatever_varies_most(
+    runs, seeds, rest
+):
     """A plain bootstrap over both holds it in 83 to 94 of 100; the bounds as above."""
     rng = np.random.default_rng(32)
     shapes = ((runs, (5, 1)), (seeds, (1, 50)), (rest, (5, 50)))
@@ -308,7 +357,9 @@ def test_seeds_are_no_less_drawn_than_runs():
     """Runs differ by 0.1, seeds by 0.5: intervals over means of runs alone take the seeds as known, and miss mostly."""
     rng = np.random.default_rng(33)
     flown = (
-        0.1 * rng.normal(size=(200, 5, 1)) + 0.5 * rng.normal(size=(200, 1, 50)) + 0.2 * rng.normal(size=(200, 5, 50))
+        0.1 * rng.normal(size=(200, 5, 1))
+        + 0.5 * rng.normal(size=(200, 1, 50))
+        + 0.2 * rng.normal(size=(200, 5, 50))
     )
     over_runs = [mean_interval(each.mean(axis=1)) for each in flown]
     assert np.mean([each.low <= 0.0 <= each.high for each in over_runs]) < 0.9
@@ -323,28 +374,40 @@ def test_seeds_are_no_less_drawn_than_runs():
         (0.011, 0.02, "better"), (0.0, 0.02, "not decided"),
     ],
 )  # fmt: skip
-def test_a_verdict_is_equivalent_within_the_margin_else_by_the_end_beyond_it_or_zero_else_open(low, high, expected):
+def test_a_verdict_is_equivalent_within_the_margin_else_by_the_end_beyond_it_or_zero_else_open(
+    low, high, expected
+):
     even = np.tile([-1.0, 1.0], 50)
     values = 0.5 * (low + high) + 0.5 * (high - low) * even / mean_interval(even).half
     assert verdict(values, 0.01, 0.01) == expected
-    turned = {"worse": "better", "better": "worse", "lower": "higher", "higher": "lower"}.get(expected, expected)
+    turned = {"worse": "better", "better": "worse", "lower": "higher", "higher": "lower"}.get(
+        expected, expected
+    )
     assert verdict(-values, 0.01, 0.01) == turned
     assert verdict(100.0 * values, 1.0, 1.0) == expected
     assert verdict(values[:1], 0.01, 0.01) == "not decided"
 
 
-@pytest.mark.parametrize(("true", "wrong"), [(0.01, "equivalent"), (-0.01, "worse"), (0.0, "lower"), (0.0, "higher")])
+@pytest.mark.parametrize(
+    ("true", "wrong"), [(0.01, "equivalent"), (-0.01, "worse"), (0.0, "lower"), (0.0, "higher")]
+)
 def test_a_verdict_is_wrong_in_one_study_of_forty(true, wrong):
     """2,000 studies of 40 seeds: two one-sided tests at 2.5 %, of which 3.8 % or more err once in 5,000 times."""
     studies = np.random.default_rng(50).normal(true, 0.02, (2000, 40))
     verdicts = [verdict(each, 0.01, 0.01) for each in studies]
     assert verdicts.count(wrong) <= 0.038 * 2000
     if not true:
-        assert verdicts.count("equivalent") >= 1400  # of an expected 1,490: fewer come once in 100,000 times
+        assert (
+            verdicts.count("equivalent") >= 1400
+        )  # of an expected 1,490: fewer come once in 100,000 times
 
 
-@pytest.mark.parametrize(("margin", "span", "needed"), [(0.01, 1.0, 300), (0.05, 1.0, 60), (0.02, 2.5, 375)])
-def test_what_shows_no_difference_is_equivalent_from_three_spans_over_the_margin_on(margin, span, needed):
+@pytest.mark.parametrize(
+    ("margin", "span", "needed"), [(0.01, 1.0, 300), (0.05, 1.0, 60), (0.02, 2.5, 375)]
+)
+def test_what_shows_no_difference_is_equivalent_from_three_spans_over_the_margin_on(
+    margin, span, needed
+):
     flown = np.tile([-1e-6, 1e-6], needed)
     assert verdict(flown[:needed], margin, span) == "equivalent"
     assert verdict(flown[: needed - 1], margin, span) == "not decided"
@@ -356,7 +419,9 @@ def test_what_shows_no_difference_is_equivalent_from_three_spans_over_the_margin
 def test_with_rare_disasters_equivalent_is_wrong_in_at_most_one_study_of_twenty(margin, drop):
     """300 studies a cell, scores' differences as in `studies/quick.toml`: at 3.6 %, 7 % and more come once in 300."""
     rng = np.random.default_rng(54)
-    for rate, gap, seeds in product((0.0, 0.01, 0.02, 0.05), (0.0, 0.5, 1.0, 2.0), (20, 60, 150, 300)):
+    for rate, gap, seeds in product(
+        (0.0, 0.01, 0.02, 0.05), (0.0, 0.5, 1.0, 2.0), (20, 60, 150, 300)
+    ):
         if (1.0 - rate) * gap * margin + rate * drop >= margin:
             flown = rng.normal(-gap * margin, 0.02, (300, seeds))
             flown[rng.random(flown.shape) < rate] = -drop
@@ -364,7 +429,9 @@ def test_with_rare_disasters_equivalent_is_wrong_in_at_most_one_study_of_twenty(
 
 
 @pytest.mark.parametrize(("margin", "span"), [(0.01, 1.0), (0.05, 1.5)])
-def test_half_more_episodes_than_needed_find_equals_equivalent_in_four_studies_of_five(margin, span):
+def test_half_more_episodes_than_needed_find_equals_equivalent_in_four_studies_of_five(
+    margin, span
+):
     """200 studies: of 95 %, less than 80 % come less than once in a billion times."""
     flown = np.random.default_rng(55).normal(0.0, 0.02, (200, round(4.5 * span / margin)))
     assert sum(verdict(each, margin, span) == "equivalent" for each in flown) >= 0.8 * 200
@@ -378,7 +445,9 @@ def test_the_interval_of_a_skewed_mean_is_students_for_even_values_and_turns_wit
     skewed = rng.exponential(size=20)
     ours = ends(skewed_interval(skewed))
     np.testing.assert_allclose(ends(skewed_interval(-skewed)), -ours[[0, 2, 1]], rtol=1e-12)
-    np.testing.assert_allclose(ends(skewed_interval(3.0 * skewed + 5.0)), 3.0 * ours + 5.0, rtol=1e-12)
+    np.testing.assert_allclose(
+        ends(skewed_interval(3.0 * skewed + 5.0)), 3.0 * ours + 5.0, rtol=1e-12
+    )
     assert ours[2] - ours[0] > ours[0] - ours[1]  # further towards the long tail
     assert skewed_interval(np.full(4, 0.25)) == Interval(0.25, 0.25, 0.25)
     assert skewed_interval(np.ones(1)) is None
@@ -390,7 +459,9 @@ def test_the_interval_of_a_skewed_price_holds_it_more_often_than_students(seeds,
     studies = np.random.default_rng(52).lognormal(0.0, 1.0, (2000, seeds))
     holds = np.zeros(2)
     for each in studies:
-        holds += [i.low <= np.exp(0.5) <= i.high for i in (skewed_interval(each), mean_interval(each))]
+        holds += [
+            i.low <= np.exp(0.5) <= i.high for i in (skewed_interval(each), mean_interval(each))
+        ]
     assert holds[0] >= 0.89 * 2000
     assert holds[1] <= students * 2000  # 86 and 90 %
 

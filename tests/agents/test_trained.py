@@ -50,38 +50,59 @@ def test_it_says_how_it_was_trained(env_id: str):
 
 def test_make_policies_trains_those_that_come_with_the_package():
     trained = {path.stem for path in (ROOT / "agents/policies/trained").glob("*.zip")}
-    policies = re.search(r"^POLICIES := (.+)$", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    policies = re.search(
+        r"^POLICIES := (.+)$", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE
+    )
     assert policies is not None
     assert set(policies[1].split()) == trained == set(ENVIRONMENTS)
 
 
 def test_together_they_are_small():
-    assert sum(path.stat().st_size for path in (ROOT / "agents/policies/trained").iterdir()) <= 2 * 1024**2
+    assert (
+        sum(path.stat().st_size for path in (ROOT / "agents/policies/trained").iterdir())
+        <= 2 * 1024**2
+    )
 
 
 @pytest.mark.slow
 @every_environment
 def test_it_flies_far_better_than_chance(env_id: str):
-    trained, random = (rollout(name, env_id, evaluation_seeds(8), record=False) for name in ("ppo", "random"))
+    trained, random = (
+        rollout(name, env_id, evaluation_seeds(8), record=False) for name in ("ppo", "random")
+    )
     assert (trained.score > random.score + 0.2).all()
 
 
 def test_it_flies_without_loading_torch():
     program = (
-        "import sys; from agents import rollout; rollout('ppo', 'ItsunusaAUV-v0', [0], record=False); "
-        "print({'torch', 'stable_baselines3', 'sb3_contrib'} & set(sys.modules))"
+        "import sys; from agents import rollout; rollout('ppo', 'ItsunusaAUV-v0', [0],"
+        " record=False); print({'torch', 'stable_baselines3', 'sb3_contrib'} & set(sys.modules))"
     )
-    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=120
+    )
     assert done.stdout == "set()\n", done.stderr
 
 
 @pytest.mark.parametrize(
     ("env_id", "options", "sentence"),
     [
-        ("SigmaCorvette-v0", {"observe": "measurement"}, "trained on observe='mean', .* gives 'measurement'"),
-        ("SigmaCorvette-v0", {"observe": "mean+std"}, "trained on observe='mean', .* gives 'mean.std'"),
+        (
+            "SigmaCorvette-v0",
+            {"observe": "measurement"},
+            "trained on observe='mean', .* gives 'measurement'",
+        ),
+        (
+            "SigmaCorvette-v0",
+            {"observe": "mean+std"},
+            "trained on observe='mean', .* gives 'mean.std'",
+        ),
         ("SigmaCorvette-v0", {"guidance": False}, "was trained in another environment"),
-        ("ThesisCorvette-v0", {}, "no trained agent comes with the package for 'ThesisCorvette-v0', only for Itsunusa"),
+        (
+            "ThesisCorvette-v0",
+            {},
+            "no trained agent comes with the package for 'ThesisCorvette-v0', only for Itsunusa",
+        ),
         (
             "vessel_gym/Ship-v0",
             {"vessel": "corvette"},
@@ -89,7 +110,9 @@ def test_it_flies_without_loading_torch():
         ),
     ],
 )
-def test_where_it_cannot_fly_a_sentence_says_so(env_id: str, options: dict[str, object], sentence: str):
+def test_where_it_cannot_fly_a_sentence_says_so(
+    env_id: str, options: dict[str, object], sentence: str
+):
     with refused(ValueError, sentence):
         load_agent("ppo", gym.make(env_id, **options))
 

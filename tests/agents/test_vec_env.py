@@ -23,7 +23,9 @@ ROWS = 4
 
 
 def adapter(rows: int = ROWS, **options: Any) -> StableBaselinesVecEnv:
-    return StableBaselinesVecEnv(gym.make_vec(ENV, num_envs=rows, max_episode_steps=LIMIT, **options))
+    return StableBaselinesVecEnv(
+        gym.make_vec(ENV, num_envs=rows, max_episode_steps=LIMIT, **options)
+    )
 
 
 def leaning_actions(seed: int, rows: int = ROWS) -> np.ndarray:
@@ -92,13 +94,18 @@ class ScriptedEnv(VectorEnv):
     def __init__(self, terminated: list[bool], truncated: list[bool]) -> None:
         self.num_envs = 2
         self.single_observation_space, self.single_action_space = Box(-9, 9, (1,)), Box(-1, 1, (1,))
-        self.observation_space, self.action_space = batch_space(Box(-9, 9, (1,)), 2), batch_space(Box(-1, 1, (1,)), 2)
+        self.observation_space, self.action_space = (
+            batch_space(Box(-9, 9, (1,)), 2),
+            batch_space(Box(-1, 1, (1,)), 2),
+        )
         self._ends = np.array(terminated), np.array(truncated)
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[np.ndarray, dict]:
         return np.zeros((2, 1), np.float32), {}
 
-    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict]:
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict]:
         terminated, truncated = self._ends
         done = terminated | truncated
         final = np.full(2, None, object)
@@ -110,7 +117,11 @@ class ScriptedEnv(VectorEnv):
 
 @pytest.mark.parametrize(
     ("terminated", "truncated", "expected"),
-    [([True, False], [True, False], False), ([True, False], [False, False], False), ([False] * 2, [True, False], True)],
+    [
+        ([True, False], [True, False], False),
+        ([True, False], [False, False], False),
+        ([False] * 2, [True, False], True),
+    ],
     ids=["both at once", "terminated", "truncated"],
 )
 def test_only_an_episode_that_did_not_terminate_was_cut_off_by_the_time_limit(
@@ -144,14 +155,18 @@ def test_a_reset_in_the_middle_begins_the_count_of_an_episode_again():
 
 def test_rewards_are_scaled_and_returns_of_episodes_are_not():
     envs = [
-        StableBaselinesVecEnv(gym.make_vec("PunaUAV-v0", num_envs=2, max_episode_steps=5), reward_scale=scale)
+        StableBaselinesVecEnv(
+            gym.make_vec("PunaUAV-v0", num_envs=2, max_episode_steps=5), reward_scale=scale
+        )
         for scale in (1.0, 100.0)
     ]
     for env in envs:
         env.seed(3)
         env.reset()
     for _ in range(5):
-        (_, plain, _, infos), (_, scaled, dones, others) = (env.step(np.zeros((2, 3), np.float32)) for env in envs)
+        (_, plain, _, infos), (_, scaled, dones, others) = (
+            env.step(np.zeros((2, 3), np.float32)) for env in envs
+        )
         assert (plain > 0.0).any()
         np.testing.assert_array_equal(scaled, 100.0 * plain)
     assert dones.all()
@@ -167,8 +182,13 @@ def test_a_seed_holds_for_one_reset_only():
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED])
 def test_another_autoreset_mode_is_refused_in_a_sentence(mode: AutoresetMode):
-    env = gym.make_vec("CartPole-v1", num_envs=2, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode})
-    with pytest.raises(ValueError, match=f"needs an environment with SAME_STEP autoreset, this one has .*{mode.name}"):
+    env = gym.make_vec(
+        "CartPole-v1", num_envs=2, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}
+    )
+    with pytest.raises(
+        ValueError,
+        match=f"needs an environment with SAME_STEP autoreset, this one has .*{mode.name}",
+    ):
         StableBaselinesVecEnv(env)
 
 
@@ -187,17 +207,23 @@ def test_a_batch_of_ours_may_have_any_autoreset_mode_and_gives_the_same():
             for one, two in zip(first[3], other[3], strict=True):
                 assert set(one) == set(two)
                 if one:
-                    np.testing.assert_array_equal(one["terminal_observation"], two["terminal_observation"])
+                    np.testing.assert_array_equal(
+                        one["terminal_observation"], two["terminal_observation"]
+                    )
                     assert one["episode"]["r"] == two["episode"]["r"]
                     assert [one[key] for key in ("score", "is_success", "TimeLimit.truncated")] == [
                         two[key] for key in ("score", "is_success", "TimeLimit.truncated")
                     ]
-                    assert one["is_success"] is one["TimeLimit.truncated"]  # the turn was held until time was up
+                    assert (
+                        one["is_success"] is one["TimeLimit.truncated"]
+                    )  # the turn was held until time was up
         ended += first[2].sum()
     assert ended > 4
 
 
-@pytest.mark.parametrize("options", [{"radius": 400.0}, [{"radius": 400.0} for _ in range(ROWS)]], ids=["one", "list"])
+@pytest.mark.parametrize(
+    "options", [{"radius": 400.0}, [{"radius": 400.0} for _ in range(ROWS)]], ids=["one", "list"]
+)
 def test_options_hold_for_the_next_reset_alone(options: Any):
     env, plain = adapter(), adapter()
     env.set_options(options)
@@ -215,7 +241,9 @@ def test_options_hold_for_the_next_reset_alone(options: Any):
 
 def test_options_that_differ_within_a_batch_are_refused():
     env = adapter()
-    with pytest.raises(ValueError, match=r"^the environments of a batch share their reset options: give one"):
+    with pytest.raises(
+        ValueError, match=r"^the environments of a batch share their reset options: give one"
+    ):
         env.set_options([{"radius": 300.0 + row} for row in range(ROWS)])
     env.set_options({"speed": 3.0})
     with pytest.raises(ValueError, match="unknown reset option 'speed'"):
@@ -223,14 +251,19 @@ def test_options_that_differ_within_a_batch_are_refused():
 
 
 def test_gymnasiums_own_batches_with_the_same_autoreset_work_too():
-    options = {"vectorization_mode": "sync", "vector_kwargs": {"autoreset_mode": AutoresetMode.SAME_STEP}}
+    options = {
+        "vectorization_mode": "sync",
+        "vector_kwargs": {"autoreset_mode": AutoresetMode.SAME_STEP},
+    }
     env = StableBaselinesVecEnv(gym.make_vec("CartPole-v1", num_envs=3, **options))
     env.seed(0)
     env.reset()
     ended = 0
     for _ in range(60):
         observations, _, dones, infos = env.step(np.ones(3, int))
-        assert (np.abs(observations[:, 2]) < 0.21).all()  # never the fallen pole of the ended episode
+        assert (
+            np.abs(observations[:, 2]) < 0.21
+        ).all()  # never the fallen pole of the ended episode
         for i in np.flatnonzero(dones):
             assert abs(infos[i]["terminal_observation"][2]) > 0.2
             ended += 1
@@ -238,17 +271,28 @@ def test_gymnasiums_own_batches_with_the_same_autoreset_work_too():
 
 
 def test_single_environments_of_gymnasiums_batches_are_asked_and_set():
-    options = {"vectorization_mode": "sync", "vector_kwargs": {"autoreset_mode": AutoresetMode.SAME_STEP}}
+    options = {
+        "vectorization_mode": "sync",
+        "vector_kwargs": {"autoreset_mode": AutoresetMode.SAME_STEP},
+    }
     for wrapper in (lambda batch: batch, gym.wrappers.vector.RecordEpisodeStatistics):
         env = StableBaselinesVecEnv(wrapper(gym.make_vec("CartPole-v1", num_envs=3, **options)))
         assert env.get_attr("gravity", [0, 2]) == [9.8] * 2
         env.set_attr("gravity", [1.0, 2.0])
-        assert env.get_attr("gravity") == env.env_method("get_wrapper_attr", "gravity") == [[1.0, 2.0]] * 3
+        assert (
+            env.get_attr("gravity")
+            == env.env_method("get_wrapper_attr", "gravity")
+            == [[1.0, 2.0]] * 3
+        )
         assert env.get_attr("observation_space", 1) == [env.observation_space]
         assert not env.has_attr("no_such_attribute")
-        with pytest.raises(NotImplementedError, match=r"share their attributes: set env.env.gravity"):
+        with pytest.raises(
+            NotImplementedError, match=r"share their attributes: set env.env.gravity"
+        ):
             env.set_attr("gravity", 1.0, [0])
-        with pytest.raises(NotImplementedError, match=r"no methods of their own: call env.env.reset"):
+        with pytest.raises(
+            NotImplementedError, match=r"no methods of their own: call env.env.reset"
+        ):
             env.env_method("reset", indices=1)
 
 
@@ -267,7 +311,9 @@ def test_what_a_batch_cannot_do_is_refused_and_what_it_can_is_answered_for_each_
     assert env.env_is_wrapped(gym.wrappers.TimeLimit) == [False] * ROWS
     with pytest.raises(NotImplementedError, match=r"share their attributes: set env.env.max_ep"):
         env.set_attr("max_episode_steps", 3)
-    with pytest.raises(NotImplementedError, match=r"no methods of their own: call env.env.reset, for all"):
+    with pytest.raises(
+        NotImplementedError, match=r"no methods of their own: call env.env.reset, for all"
+    ):
         env.env_method("reset")
     with pytest.raises(AttributeError, match="no_such_attribute"):
         env.get_attr("no_such_attribute")
@@ -303,7 +349,9 @@ def test_stable_baselines3_evaluates_a_policy_on_it_and_warns_of_nothing():
     observation, _ = single.reset(seed=6)
     total, steps, done = 0.0, 0, False
     while not done:
-        observation, reward, terminated, truncated, _ = single.step(model.predict(observation, deterministic=True)[0])
+        observation, reward, terminated, truncated, _ = single.step(
+            model.predict(observation, deterministic=True)[0]
+        )
         total, steps, done = total + reward, steps + 1, terminated or truncated
     assert (total, steps) == (pytest.approx(returns[0], abs=1e-3), lengths[0])
 
@@ -333,7 +381,9 @@ class Judged(ScriptedEnv):
 def test_stable_baselines3_gathers_successes_while_it_learns_and_evaluates(tmp_path: Path):
     model = small_ppo(StableBaselinesVecEnv(Judged()))
     test = StableBaselinesVecEnv(Judged())
-    callback = EvalCallback(test, n_eval_episodes=4, eval_freq=16, log_path=str(tmp_path), verbose=0, warn=False)
+    callback = EvalCallback(
+        test, n_eval_episodes=4, eval_freq=16, log_path=str(tmp_path), verbose=0, warn=False
+    )
     model.learn(32, callback=callback)
     assert list(model.ep_success_buffer) == [True, False] * 16
     with np.load(tmp_path / "evaluations.npz") as evaluations:

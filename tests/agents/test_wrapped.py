@@ -47,7 +47,9 @@ def test_metrics_are_those_of_info():
     np.testing.assert_array_equal(figures["score"], flown.returns)
     np.testing.assert_array_equal(figures["steps"], [40, 40])
     assert 0.0 <= consistency(flown) <= 1.0
-    assert np.isnan(scores(rollout("swinging:Brake", "Swinging-v0", [0], {"estimator": "truth"}))["nees"]).all()
+    assert np.isnan(
+        scores(rollout("swinging:Brake", "Swinging-v0", [0], {"estimator": "truth"}))["nees"]
+    ).all()
 
 
 def test_without_an_estimator_there_are_return_and_length():
@@ -56,7 +58,9 @@ def test_without_an_estimator_there_are_return_and_length():
     assert figures["steps"] == [200]
 
 
-def test_evaluate_compares_estimators(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_evaluate_compares_estimators(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
     line = f"evaluate {NAME} --agent swinging:Brake --estimator truth ekf ukf --episodes 2"
     assert not _command(monkeypatch, line)
     printed = capsys.readouterr().out
@@ -68,14 +72,18 @@ def test_evaluate_compares_estimators(monkeypatch: pytest.MonkeyPatch, capsys: p
 def test_the_page_has_a_flight_on_each_estimator(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     flown = episode(registered_id(NAME), None, "swinging:Brake")
     assert list(flown.scores) == ["ukf", "ekf", "enkf", "dead-reckoning", "truth"]
-    assert not _command(monkeypatch, f"watch {NAME} --agent swinging:Brake --out {tmp_path / 'page.html'}")
+    assert not _command(
+        monkeypatch, f"watch {NAME} --agent swinging:Brake --out {tmp_path / 'page.html'}"
+    )
     assert "Swinging-v0" in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
 def test_its_own_pictures_are_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     pytest.importorskip("pygame")
-    assert not _command(monkeypatch, f"watch {NAME} --agent swinging:Brake --out {tmp_path / 'x.gif'}")
+    assert not _command(
+        monkeypatch, f"watch {NAME} --agent swinging:Brake --out {tmp_path / 'x.gif'}"
+    )
     assert len(pytest.importorskip("imageio").mimread(tmp_path / "x.gif")) >= 7
 
 
@@ -91,7 +99,11 @@ def test_its_own_pictures_are_written(monkeypatch: pytest.MonkeyPatch, tmp_path:
     ],
 )
 def test_what_it_does_not_take_is_refused(
-    line: str, sentence: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    line: str,
+    sentence: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
 ):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit, match=r"^2$"):
@@ -120,7 +132,9 @@ def test_a_study_ranks_the_estimators(tmp_path: Path):
         (("episodes = 3", "episodes = 3\n[conditions.rough]\ndisturbance = 'rough'"), "rough"),
     ],
 )
-def test_a_study_names_what_such_an_environment_has_not(change: tuple[str, str], sentence: str, tmp_path: Path):
+def test_a_study_names_what_such_an_environment_has_not(
+    change: tuple[str, str], sentence: str, tmp_path: Path
+):
     path = tmp_path / "study.toml"
     path.write_text(STUDY.replace(*change))
     with pytest.raises(StudyError, match=sentence):
@@ -132,13 +146,20 @@ def test_an_agent_of_stable_baselines3_is_saved_and_flown(tmp_path: Path):
     """Ours without pickle; theirs where it is trusted; with the actions of the model itself."""
     sac = pytest.importorskip("stable_baselines3").SAC
     env = gym.make(registered_id(NAME))
-    model = sac("MlpPolicy", env, learning_starts=10, seed=0, device="cpu", policy_kwargs={"net_arch": [8]}).learn(30)
+    model = sac(
+        "MlpPolicy", env, learning_starts=10, seed=0, device="cpu", policy_kwargs={"net_arch": [8]}
+    ).learn(30)
     model.save(tmp_path / "theirs.zip")
     seen = np.stack([env.reset(seed=seed)[0] for seed in range(4)])
-    for path, trust in ((save_agent(model, tmp_path / "ours.zip"), False), (tmp_path / "theirs.zip", True)):
+    for path, trust in (
+        (save_agent(model, tmp_path / "ours.zip"), False),
+        (tmp_path / "theirs.zip", True),
+    ):
         agent = load_agent(path, env, trust=trust)
         agent.reset(4)
-        np.testing.assert_allclose(agent.act(seen), model.predict(seen, deterministic=True)[0], rtol=0, atol=1e-6)
+        np.testing.assert_allclose(
+            agent.act(seen), model.predict(seen, deterministic=True)[0], rtol=0, atol=1e-6
+        )
         assert rollout(str(path), "Swinging-v0", [0], trust=trust).length == [40]
     with pytest.raises(ValueError, match="trust=True"):
         load_agent(tmp_path / "theirs.zip", env)

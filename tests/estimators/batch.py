@@ -23,15 +23,18 @@ class Posterior(NamedTuple):
     log_likelihood: float
 
 
-def least_squares(system: System, y: np.ndarray, u: np.ndarray, told: dict[int, np.ndarray] | None = None) -> Posterior:
+def least_squares(
+    system: System, y: np.ndarray, u: np.ndarray, told: dict[int, np.ndarray] | None = None
+) -> Posterior:
     """The states and inputs of one run, given measurements ``y (T, p)`` of which those that are NaN did not come.
 
     Args:
         system: A linear one, with or without an unknown input.
         y: ``(T, p)``.
         u: ``(T, m)``.
-        told: By time, directions ``(k, q)`` of which the input is known to be 0 but for a variance of 1 each. Nothing
-            is supposed of it in others. What acts on no measurement must be told.
+        told: By time, directions ``(k, q)`` of which the input is known to be 0 but for a variance
+            of 1 each. Nothing is supposed of it in others. What acts on no measurement must be
+            told.
     """
     model, T = system.model, len(y)
     n, q = model.n, model.q
@@ -68,7 +71,10 @@ def least_squares(system: System, y: np.ndarray, u: np.ndarray, told: dict[int, 
         np.square(b - M @ solution).sum() + sum(noise) - free * np.log(2.0 * np.pi)
     ) - np.log(np.abs(np.diag(triangle))).sum()  # fmt: skip
     return Posterior(
-        solution[: T * n].reshape(T, n), solution[T * n :].reshape(T, q), inverse @ inverse.T, log_likelihood
+        solution[: T * n].reshape(T, n),
+        solution[T * n :].reshape(T, q),
+        inverse @ inverse.T,
+        log_likelihood,
     )
 
 

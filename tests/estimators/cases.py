@@ -1,7 +1,7 @@
 """The filters under test, random models for them, and a simulator that knows the truth.
 
-A new filter joins the suite by one more `Case` in `CASES`: its name and options, the kind of system it is for,
-and the laws that it obeys. Every test that states a law takes its cases from here.
+A new filter joins the suite by one more `Case` in `CASES`: its name and options, the kind of system
+it is for, and the laws that it obeys. Every test that states a law takes its cases from here.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,7 +18,7 @@ INPUT_PRIOR = 50.0
 """Variance of the unknown input where no measurement shows it, in every system of this suite: that of `wild_input`."""
 
 
-# --- random models ----------------------------------------------------------------------------------
+# --- random models --------------------------------------------------------------------------------
 
 
 def random_covariance(rng: np.random.Generator, n: int, batch: tuple[int, ...] = ()) -> np.ndarray:
@@ -64,15 +64,22 @@ def kalman_system(seed: int, n: int = 4, p: int = 3, m: int = 2, radius: float =
 
 @cache
 def unknown_input_system(
-    seed: int, feedthrough: bool, n: int = 4, p: int = 3, q: int = 1, m: int = 2, rank: int | None = None
+    seed: int,
+    feedthrough: bool,
+    n: int = 4,
+    p: int = 3,
+    q: int = 1,
+    m: int = 2,
+    rank: int | None = None,
 ) -> System:
     """A random stable and strongly detectable system with unknown input; ``rank`` of H, if it is not q.
 
-    With A stable, strong detectability means that the transfer function from the unknown input to the measurement,
-    ``T(z) = H + C (z I - A)^-1 G`` (times z in the directions without feedthrough), has full column rank for
-    every |z| >= 1.
-    Draws whose smallest singular value falls below a margin there are rejected, so that the filters are well
-    conditioned; the same margin for every choice of p - 1 channels lets one channel be taken away.
+    With A stable, strong detectability means that the transfer function from the unknown input to
+    the measurement, ``T(z) = H + C (z I - A)^-1 G`` (times z in the directions without
+    feedthrough), has full column rank for every |z| >= 1.
+    Draws whose smallest singular value falls below a margin there are rejected, so that the filters
+    are well conditioned; the same margin for every choice of p - 1 channels lets one channel be
+    taken away.
     """
     rng = np.random.default_rng(seed)
     z = np.array([1.0, 1.3, 2.0, 5.0, 1e6])[:, None] * np.exp(1j * np.linspace(0.0, np.pi, 25))
@@ -82,7 +89,9 @@ def unknown_input_system(
         if rank is not None:
             H = H[:, :rank] @ rng.normal(size=(rank, q))
         transfer = H + C @ np.linalg.solve(z[..., None, None] * np.eye(n) - A, G.astype(complex))
-        transfer = transfer @ (np.eye(q) + (z[..., None, None] - 1.0) * (np.eye(q) - observable_directions(H)))
+        transfer = transfer @ (
+            np.eye(q) + (z[..., None, None] - 1.0) * (np.eye(q) - observable_directions(H))
+        )
         kept = [np.arange(p) != j for j in range(p)]
         if min(np.linalg.svd(transfer[..., rows, :])[1].min() for rows in kept) > 0.2:
             break
@@ -125,7 +134,14 @@ def turning_vehicle(seed: int) -> System:
 
     def measurement(x: np.ndarray, u: np.ndarray) -> np.ndarray:
         away = x[..., :2] - beacon
-        return np.stack([np.hypot(away[..., 0], away[..., 1]), np.arctan2(away[..., 1], away[..., 0]), x[..., 2]], -1)
+        return np.stack(
+            [
+                np.hypot(away[..., 0], away[..., 1]),
+                np.arctan2(away[..., 1], away[..., 0]),
+                x[..., 2],
+            ],
+            -1,
+        )
 
     model = NonlinearModel(
         transition, measurement, Q=np.diag([1e-3, 1e-3, 1e-4, 1e-3]), R=np.diag([0.1, 1e-3, 1e-2]),
@@ -143,7 +159,10 @@ def pushed_vehicle(seed: int) -> System:
     def push(x: np.ndarray, u: np.ndarray) -> np.ndarray:
         heading = x[..., 2]
         one = np.ones(heading.shape)
-        return 0.1 * np.stack([np.cos(heading), np.sin(heading), 0.5 * one, 0.2 * one], axis=-1)[..., None]
+        return (
+            0.1
+            * np.stack([np.cos(heading), np.sin(heading), 0.5 * one, 0.2 * one], axis=-1)[..., None]
+        )
 
     return replace(system, model=replace(system.model, G=push, H=np.zeros((3, 1))))
 
@@ -175,7 +194,7 @@ def in_numpy(function: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
     return lambda x, u: function(x, u) if unseen else x
 
 
-# --- simulation -------------------------------------------------------------------------------------
+# --- simulation -----------------------------------------------------------------------------------
 
 
 class Record(NamedTuple):
@@ -184,7 +203,9 @@ class Record(NamedTuple):
     x: np.ndarray  # (T, runs, n) true state
     y: np.ndarray  # (T, runs, p) measurement
     u: np.ndarray  # (T, runs, m) known input over the step that follows
-    d: np.ndarray | None  # (T, runs, q) unknown input, acting on this measurement and on the step that follows
+    d: (
+        np.ndarray | None
+    )  # (T, runs, q) unknown input, acting on this measurement and on the step that follows
 
 
 def wild_input(rng: np.random.Generator, steps: int, runs: int, q: int) -> np.ndarray:
@@ -196,7 +217,12 @@ def wild_input(rng: np.random.Generator, steps: int, runs: int, q: int) -> np.nd
 
 
 def simulate(
-    system: System, seed: int, runs: int, steps: int, d: np.ndarray | None = None, noise: float = 1.0
+    system: System,
+    seed: int,
+    runs: int,
+    steps: int,
+    d: np.ndarray | None = None,
+    noise: float = 1.0,
 ) -> Record:
     """Draw a start from the prior and let the system run; ``d`` defaults to a wild one."""
     rng = np.random.default_rng(seed)
@@ -236,10 +262,12 @@ def track(
     return beliefs
 
 
-# --- what the formulas should give, by another road -------------------------------------------------
+# --- what the formulas should give, by another road -----------------------------------------------
 
 
-def textbook_kalman(system: System, y: np.ndarray, u: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+def textbook_kalman(
+    system: System, y: np.ndarray, u: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray]]:
     """Mean and covariance after every measurement of one run, by the formulas as first taught, with inverses."""
     model, mean, cov, out = system.model, system.mean, system.cov, []
     for k in range(len(y)):
@@ -257,8 +285,9 @@ def flat_prior_posterior(
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Generalised least squares for ``(x, d)``: ``x - drive d ~ N(mean, cov)``, ``y = C x + H d + N(0, R)``.
 
-    ``d`` has the information ``input_precision`` (0: nothing is known of it). This is what an unbiased
-    minimum-variance update must give, in information form: the filters compute it in covariance form.
+    ``d`` has the information ``input_precision`` (0: nothing is known of it). This is what an
+    unbiased minimum-variance update must give, in information form: the filters compute it in
+    covariance form.
     """
     n = len(mean)
     P, V = np.linalg.inv(cov), np.linalg.inv(R)
@@ -269,17 +298,18 @@ def flat_prior_posterior(
     return posterior @ (from_prior.T @ P @ mean + from_measurement.T @ V @ y), posterior
 
 
-# --- the registry -----------------------------------------------------------------------------------
+# --- the registry ---------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
     """A filter with its options, a family of random systems for it, and the laws that it obeys.
 
-    Laws: ``kalman`` is exactly the Kalman filter on a linear Gaussian model; ``unknown-input`` estimates state and
-    unknown input without bias; ``consistent`` has errors as large as it says; ``linear`` has linear systems;
-    ``deterministic`` uses no randomness; ``ensemble`` carries members, and with ``square-root`` updates them without;
-    ``long`` is tried over a very long run, one case for each way in which filters carry a covariance on.
+    Laws: ``kalman`` is exactly the Kalman filter on a linear Gaussian model; ``unknown-input``
+    estimates state and unknown input without bias; ``consistent`` has errors as large as it says;
+    ``linear`` has linear systems; ``deterministic`` uses no randomness; ``ensemble`` carries
+    members, and with ``square-root`` updates them without; ``long`` is tried over a very long run,
+    one case for each way in which filters carry a covariance on.
     """
 
     id: str
@@ -294,7 +324,9 @@ class Case:
         return make(self.name, model, **self.options)
 
 
-def _case(id: str, name: str, system: Callable[[int], System], laws: str, **options: object) -> Case:
+def _case(
+    id: str, name: str, system: Callable[[int], System], laws: str, **options: object
+) -> Case:
     return Case(id, name, system, frozenset(laws.split()), options)
 
 
@@ -386,10 +418,12 @@ def one_of_each(*laws: str) -> Callable[[Callable], Callable]:
 
 def some_cases(*names: str) -> Callable[[Callable], Callable]:
     """Parametrise a test of what filters have in common over a few cases by name."""
-    return pytest.mark.parametrize("case", [case for case in CASES if case.id in names], ids=lambda case: case.id)
+    return pytest.mark.parametrize(
+        "case", [case for case in CASES if case.id in names], ids=lambda case: case.id
+    )
 
 
-# --- comparing beliefs ------------------------------------------------------------------------------
+# --- comparing beliefs ----------------------------------------------------------------------------
 
 
 def arrays(belief: Belief) -> dict[str, np.ndarray]:
@@ -399,24 +433,32 @@ def arrays(belief: Belief) -> dict[str, np.ndarray]:
 
 
 def assert_same(
-    one: Belief, other: Belief, tolerance: float | dict[str, float] = 0.0, ignore: Sequence[str] = ()
+    one: Belief,
+    other: Belief,
+    tolerance: float | dict[str, float] = 0.0,
+    ignore: Sequence[str] = (),
 ) -> None:
     """Every array of the two beliefs agrees to ``tolerance``, relative to the largest entry where that exceeds 1.
 
-    0 is to the last bit, for two runs of the same operations on one machine; other operations round otherwise.
-    A dictionary, as `rounding` gives it, holds an absolute tolerance for each array; what it does not hold is equal.
+    0 is to the last bit, for two runs of the same operations on one machine; other operations round
+    otherwise. A dictionary, as `rounding` gives it, holds an absolute tolerance for each array;
+    what it does not hold is equal.
     """
     one, other = arrays(one), arrays(other)
     assert one.keys() == other.keys()
     for name in one.keys() - set(ignore):
         assert one[name].shape == other[name].shape, name
         if isinstance(tolerance, dict) and name in tolerance:
-            np.testing.assert_allclose(one[name], other[name], rtol=0.0, atol=tolerance[name], err_msg=name)
+            np.testing.assert_allclose(
+                one[name], other[name], rtol=0.0, atol=tolerance[name], err_msg=name
+            )
         elif tolerance == 0.0 or isinstance(tolerance, dict):
             np.testing.assert_array_equal(one[name], other[name], err_msg=name)
         else:
             scale = max(1.0, float(np.abs(other[name]).max(initial=0.0)))
-            np.testing.assert_allclose(one[name], other[name], rtol=0.0, atol=tolerance * scale, err_msg=name)
+            np.testing.assert_allclose(
+                one[name], other[name], rtol=0.0, atol=tolerance * scale, err_msg=name
+            )
 
 
 PLACES, SHAKES, SAFETY = 16, 4, 20.0
@@ -427,12 +469,14 @@ def rounding(
 ) -> list[dict[str, float]]:
     """How far rounding may carry two algorithms apart that compute the same: for each time, a tolerance for each array.
 
-    A backward stable step is the exact step of numbers that are off by a few units in their last place, `PLACES` of
-    them for these sizes. So measurements, inputs and, before and after every update, the belief are shaken by as much
-    at random. How far that moves the result holds the conditioning of the whole problem (of S, of the unknown input, of
-    what earlier steps hand on), on the processor that runs the test and for the system at hand. A few shakes do not
-    find the worst direction, and each of the two algorithms has errors of its own: hence `SAFETY`. Of 22 cases on two
-    sets of kernels, whose differences run from 1e-15 to 2e-11, none used more than a fifth of what this allows.
+    A backward stable step is the exact step of numbers that are off by a few units in their last
+    place, `PLACES` of them for these sizes. So measurements, inputs and, before and after every
+    update, the belief are shaken by as much at random. How far that moves the result holds the
+    conditioning of the whole problem (of S, of the unknown input, of what earlier steps hand on),
+    on the processor that runs the test and for the system at hand. A few shakes do not find the
+    worst direction, and each of the two algorithms has errors of its own: hence `SAFETY`. Of 22
+    cases on two sets of kernels, whose differences run from 1e-15 to 2e-11, none used more than a
+    fifth of what this allows.
     """
     rng = np.random.default_rng(0)
     unit = np.finfo(float).eps * PLACES
@@ -447,7 +491,9 @@ def rounding(
 
     def shaken(belief: Belief) -> Belief:
         numbers = {name: a for name, a in arrays(belief).items() if a.dtype.kind == "f"}
-        return belief.replace(**{name: shake(a) for name, a in numbers.items() if not name.endswith("_observed")})
+        return belief.replace(
+            **{name: shake(a) for name, a in numbers.items() if not name.endswith("_observed")}
+        )
 
     def copies(a: np.ndarray) -> np.ndarray:
         return np.broadcast_to(a, (SHAKES, *a.shape))
@@ -456,7 +502,9 @@ def rounding(
     for k, y in enumerate(record.y):
         if k:
             belief = filter.predict(belief, shake(copies(record.u[k - 1])))
-        belief = filter.update(shaken(belief), shake(copies(y)), available=None if available is None else available[k])
+        belief = filter.update(
+            shaken(belief), shake(copies(y)), available=None if available is None else available[k]
+        )
         numbers = {name: a for name, a in arrays(belief).items() if a.dtype.kind == "f"}
         tolerances.append({
             name: SAFETY * max(float(np.abs(a - a[0]).max()), unit * float(np.abs(a[0]).max()))
@@ -469,9 +517,9 @@ def rounding(
 def some_measurements(rng: np.random.Generator, p: int, *shape: int) -> np.ndarray:
     """A mask ``(..., p)``: mostly every measurement arrives, else a single one or none.
 
-    With only some of them the unknown input can stay partly unseen. (Dropping each one at random would leave
-    systems whose unknown input is detectable from all measurements, but not from those that are left: there an
-    unbiased filter diverges, as it must.)
+    With only some of them the unknown input can stay partly unseen. (Dropping each one at random
+    would leave systems whose unknown input is detectable from all measurements, but not from those
+    that are left: there an unbiased filter diverges, as it must.)
     """
     single_or_none = np.eye(p + 1, p, dtype=bool)[rng.integers(p + 1, size=shape)]
     return single_or_none | (rng.random((*shape, 1)) < 0.7)
@@ -481,4 +529,6 @@ def assert_covariance(cov: np.ndarray, scale: float | np.ndarray = 0.0) -> None:
     """Symmetric exactly, positive semidefinite to rounding of its own size (or of ``scale``, if that is larger)."""
     np.testing.assert_array_equal(cov, np.swapaxes(cov, -1, -2))
     eigenvalues = np.linalg.eigvalsh(cov)
-    assert (eigenvalues[..., 0] >= -1e-12 * np.maximum(eigenvalues[..., -1], scale)).all(), eigenvalues.min()
+    assert (eigenvalues[..., 0] >= -1e-12 * np.maximum(eigenvalues[..., -1], scale)).all(), (
+        eigenvalues.min()
+    )

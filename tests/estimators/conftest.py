@@ -8,13 +8,17 @@ import pytest
 PAGE = Path(__file__).parents[2] / "docs" / "estimators" / "laws.md"
 WHY_NOT = {
     "kalman": "by design it differs from a Kalman filter, whatever its options",
-    "unknown-input": "the law is about filters that estimate an unknown input, and this one does not",
+    "unknown-input": (
+        "the law is about filters that estimate an unknown input, and this one does not"
+    ),
     "consistent": "it is tested for consistency separately, because it makes a different claim",
     "linear": "it is tested here on a nonlinear system",
     "deterministic": "it draws members at random; the law is stated for them and tested separately",
     "ensemble": "it has no members",
     "square-root": "it does not update its members by a square root",
-    "long": "it is tested over fewer steps; ten thousand are run for one filter of each family only",
+    "long": (
+        "it is tested over fewer steps; ten thousand are run for one filter of each family only"
+    ),
 }
 """Why a law says nothing about a filter, by the property that the law is about."""
 
@@ -49,7 +53,9 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         for name, function in inspect.getmembers(test_laws, inspect.isfunction)
         if hasattr(function, "laws")
     }
-    expected = {(law, case.id) for law, tags in laws.items() for case in CASES if case.laws.issuperset(tags)}
+    expected = {
+        (law, case.id) for law, tags in laws.items() for case in CASES if case.laws.issuperset(tags)
+    }
     if not expected <= _passed.keys():
         return
     PAGE.parent.mkdir(parents=True, exist_ok=True)
@@ -71,17 +77,37 @@ def _page(laws: dict[str, tuple[str, ...]], cases: tuple) -> str:
             missing = next(tag for tag in WHY_NOT if tag in laws[law] and tag not in mine[0].laws)
             used.add(missing)
             cells.append(letters[missing])
-        rows.append(f"| {law.removeprefix('test_').replace('_', ' ')} | " + " | ".join(cells) + " |")
+        rows.append(
+            f"| {law.removeprefix('test_').replace('_', ' ')} | " + " | ".join(cells) + " |"
+        )
     lines = [
         "# Laws and filters",
         "",
-        "This page lists which filter obeys which law, for readers who want to know how the filters are tested. The",
-        "test run (`tests/estimators`) writes it: it tries every law of the common suite on every filter, with",
-        "several sets of options and random systems. A *yes* means that the law held in all of them, a **no** that",
-        "it failed in one. With a letter the law does not apply to this filter, for the reason below the table.",
+        (
+            "This page lists which filter obeys which law, for readers who want to know how the"
+            " filters are tested. The"
+        ),
+        (
+            "test run (`tests/estimators`) writes it: it tries every law of the common suite on"
+            " every filter, with"
+        ),
+        (
+            "several sets of options and random systems. A *yes* means that the law held in all of"
+            " them, a **no** that"
+        ),
+        (
+            "it failed in one. With a letter the law does not apply to this filter, for the reason"
+            " below the table."
+        ),
         "",
-        "Every filter that `make` knows by name is in the table. `enkf-sr` is another name of `etkf`. Laws of a",
-        "single filter are tested separately, as is consistency where a filter makes a different claim.",
+        (
+            "Every filter that `make` knows by name is in the table. `enkf-sr` is another name of"
+            " `etkf`. Laws of a"
+        ),
+        (
+            "single filter are tested separately, as is consistency where a filter makes a"
+            " different claim."
+        ),
         "",
         "| law | " + " | ".join(filters) + " |",
         "|---|" + "---|" * len(filters),

@@ -12,7 +12,9 @@ SIZES = [(0, 1, 1, 1), (1, 2, 1, 1), (2, 3, 2, 1), (3, 5, 4, 3), (4, 2, 5, 2)]
 
 @pytest.mark.parametrize(("seed", "n", "p", "m"), SIZES)
 @pytest.mark.parametrize("name", ["kf", "ekf"])
-def test_kalman_filters_agree_with_filterpy_on_random_models(name: str, seed: int, n: int, p: int, m: int):
+def test_kalman_filters_agree_with_filterpy_on_random_models(
+    name: str, seed: int, n: int, p: int, m: int
+):
     system = kalman_system(seed, n, p, m)
     model, record = system.model, simulate(system, seed, runs=1, steps=60)
     other = KalmanFilter(dim_x=n, dim_z=p, dim_u=m)

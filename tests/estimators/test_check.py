@@ -39,17 +39,21 @@ def test_a_filter_of_another_model_is_tried_on_that():
 
     check_filter(build, model=system.model, prior=system.prior, u=np.zeros(2))
     assert tried == [system.model]
-    small = LinearModel(np.eye(1), np.eye(1), np.eye(1), np.eye(1))  # neither a prior nor a known input
+    small = LinearModel(
+        np.eye(1), np.eye(1), np.eye(1), np.eye(1)
+    )  # neither a prior nor a known input
     check_filter(KalmanFilter, model=small)
 
 
 def test_options_reach_the_filter():
     check_filter(KalmanFilter, input_cov=1.0)  # which only systems with an unknown input can have
-    with pytest.raises(ValueError, match=r"takes none.*; ValueError: input_cov must be positive semidefinite"):
+    with pytest.raises(
+        ValueError, match=r"takes none.*; ValueError: input_cov must be positive semidefinite"
+    ):
         check_filter(KalmanFilter, input_cov=-1.0)
 
 
-# --- what is broken, and the sentence about it --------------------------------------------------------
+# --- what is broken, and the sentence about it ----------------------------------------------------
 
 
 class Plain(KalmanFilter):
@@ -104,7 +108,11 @@ class NotFinite(Plain):
 
 class NotFiniteAfter(Plain):
     def _update(self, belief: Any, measurement: Any, rng: Any) -> Any:
-        return super()._update(belief, measurement, rng).replace(mean=np.full_like(belief.mean, np.nan))
+        return (
+            super()
+            ._update(belief, measurement, rng)
+            .replace(mean=np.full_like(belief.mean, np.nan))
+        )
 
 
 class Negative(Plain):
@@ -130,7 +138,9 @@ class Average(Plain):
     def _predict(self, belief: Any, u: Any, rng: Any) -> Any:
         moved = super()._predict(belief, u, rng)
         rows = tuple(range(moved.mean.ndim - 1))
-        return moved.replace(mean=moved.mean - 0.01 * moved.mean.mean(rows, keepdims=True) if rows else moved.mean)
+        return moved.replace(
+            mean=moved.mean - 0.01 * moved.mean.mean(rows, keepdims=True) if rows else moved.mean
+        )
 
 
 class Remembers(Plain):
@@ -154,7 +164,11 @@ class MasksOtherwise(Plain):
 
     def update(self, belief: Any, y: Any, **others: Any) -> Any:
         known = np.isfinite(y)
-        return super().update(belief, np.where(known, y, 0.0), **({"available": known} | others | {"available": known}))
+        return super().update(
+            belief,
+            np.where(known, y, 0.0),
+            **({"available": known} | others | {"available": known}),
+        )
 
 
 class OwnMatrices(Plain):
@@ -272,33 +286,96 @@ class WrongWay(KalmanFilter):
 
 BROKEN = [
     (Nameless, r'Nameless\.name must be what the filter is called, such as "my-filter"'),
-    (NoModelFirst, r"NoModelFirst cannot be built as NoModelFirst\(model\): .*take the model first, then options"),
+    (
+        NoModelFirst,
+        (
+            r"NoModelFirst cannot be built as NoModelFirst\(model\): .*take the model first, then"
+            r" options"
+        ),
+    ),
     (ForgetsSuper, r"ForgetsSuper\.__init__ must call super\(\)\.__init__\(model\)"),
-    (NeedsAnother, r"NeedsAnother takes none of the models .* give it one with model= \(ValueError: it takes five"),
-    (ReturnsNothing, r"ReturnsNothing\.predict of one row raised TypeError \(.*_predict must return a belief"),
-    (FlatCovariance, r"FlatCovariance\.update of one row raised ValueError \(.*must return a mean of shape \(3,\)"),
+    (
+        NeedsAnother,
+        (
+            r"NeedsAnother takes none of the models .* give it one with model= \(ValueError: it"
+            r" takes five"
+        ),
+    ),
+    (
+        ReturnsNothing,
+        r"ReturnsNothing\.predict of one row raised TypeError \(.*_predict must return a belief",
+    ),
+    (
+        FlatCovariance,
+        (
+            r"FlatCovariance\.update of one row raised ValueError \(.*must return a mean of shape"
+            r" \(3,\)"
+        ),
+    ),
     (Raises, r"Raises\.predict of one row raised RuntimeError \(out of sorts\)$"),
-    (OneRowOnly, r"OneRowOnly\.predict of 3 rows raised ValueError .* write it for any leading axes"),
+    (
+        OneRowOnly,
+        r"OneRowOnly\.predict of 3 rows raised ValueError .* write it for any leading axes",
+    ),
     (NotFinite, r"NotFinite\._predict gave a mean that is not finite"),
     (NotFiniteAfter, r"NotFiniteAfter\._update could not be used: .* must give a finite mean"),
     (Negative, r"Negative\._update could not be used: .* symmetric and positive semidefinite"),
     (Skew, r"Skew\._predict gave a cov that is not symmetric and positive semidefinite"),
-    (SureOfItsInput, r"SureOfItsInput\._predict gave a input_cov that is not symmetric and positive semidefinite"),
+    (
+        SureOfItsInput,
+        (
+            r"SureOfItsInput\._predict gave a input_cov that is not symmetric and positive"
+            r" semidefinite"
+        ),
+    ),
     (Average, r"Average\.predict gives a row of a batch another mean than the same row alone"),
-    (Remembers, r"Remembers gives another cov when the same is done again: what changes belongs in the belief"),
-    (DrawsItsOwn, r"DrawsItsOwn gives another mean when the same is done again: .* random numbers come from rng"),
-    (MasksOtherwise, r"MasksOtherwise gives another \w+ for a measurement that is masked than for NaN"),
-    (OwnMatrices, r"OwnMatrices\.update without any measurement makes cov smaller: take C and R from the measurement"),
+    (
+        Remembers,
+        (
+            r"Remembers gives another cov when the same is done again: what changes belongs in the"
+            r" belief"
+        ),
+    ),
+    (
+        DrawsItsOwn,
+        (
+            r"DrawsItsOwn gives another mean when the same is done again: .* random numbers come"
+            r" from rng"
+        ),
+    ),
+    (
+        MasksOtherwise,
+        r"MasksOtherwise gives another \w+ for a measurement that is masked than for NaN",
+    ),
+    (
+        OwnMatrices,
+        (
+            r"OwnMatrices\.update without any measurement makes cov smaller: take C and R from the"
+            r" measurement"
+        ),
+    ),
     (WritesIntoU, r"WritesIntoU\.predict of one row raised .* is given it may only read"),
-    (WritesIntoItsBelief, r"WritesIntoItsBelief\.update of one row raised .* is given it may only read"),
-    (WritesIntoMeasurements, r"WritesIntoMeasurements\.update of one row raised .* is given it may only read"),
+    (
+        WritesIntoItsBelief,
+        r"WritesIntoItsBelief\.update of one row raised .* is given it may only read",
+    ),
+    (
+        WritesIntoMeasurements,
+        r"WritesIntoMeasurements\.update of one row raised .* is given it may only read",
+    ),
     (CountsForAll, r"CountsForAll\._predict gave a age that is no array with a row for each"),
     (OldestCounts, r"OldestCounts gives another cov where some rows begin again"),
     (NeedsNumbers, r"NeedsNumbers with a NumPy Generator as rng raised AttributeError"),
     (TracedOnce, r"TracedOnce gives another cov compiled than in NumPy: a formula is traced once"),
     (OneForBoth, r"OneForBoth gives another cov compiled than in NumPy"),
-    (WrongWay, r"WrongWay\.update of one row raised TypeError \(.* have no product in a traced formula"),
-    (NoFormula, r"NoFormula\.predict of one row raised TypeError \(NoFormula says that it is formulas"),
+    (
+        WrongWay,
+        r"WrongWay\.update of one row raised TypeError \(.* have no product in a traced formula",
+    ),
+    (
+        NoFormula,
+        r"NoFormula\.predict of one row raised TypeError \(NoFormula says that it is formulas",
+    ),
 ]
 
 
@@ -317,7 +394,9 @@ def test_the_same_filter_unbroken_passes():
 
 @pytest.mark.parametrize("given", [KalmanFilter(LinearModel(*4 * [np.eye(1)])), "kf", None])
 def test_what_builds_no_filter_is_refused(given: Any):
-    with pytest.raises(TypeError, match="check_filter takes a Filter class, or a function of a model"):
+    with pytest.raises(
+        TypeError, match="check_filter takes a Filter class, or a function of a model"
+    ):
         check_filter(given)
 
 
@@ -326,25 +405,34 @@ def test_a_function_that_returns_no_filter_is_refused():
         check_filter(lambda model: 3)
 
 
-# --- errors -------------------------------------------------------------------------------------------
+# --- errors ---------------------------------------------------------------------------------------
 
 
 def _scaled(factor: float) -> Callable[[Any], Filter]:
     class Scaled(Plain):
         def _update(self, belief: Any, measurement: Any, rng: Any) -> Any:
             updated = super()._update(belief, measurement, rng)
-            return updated.replace(cov=factor * updated.cov) if measurement.available.any() else updated
+            return (
+                updated.replace(cov=factor * updated.cov)
+                if measurement.available.any()
+                else updated
+            )
 
     return Scaled
 
 
-@pytest.mark.parametrize(("factor", "words"), [(0.8, "larger .*claims too much"), (1.25, "smaller .*too careful")])
+@pytest.mark.parametrize(
+    ("factor", "words"), [(0.8, "larger .*claims too much"), (1.25, "smaller .*too careful")]
+)
 def test_errors_that_are_not_as_large_as_the_covariance_get_a_warning(factor: float, words: str):
-    with pytest.warns(UserWarning, match=f"Scaled: its errors are {words}.*the mean NEES of 3 states over 400 runs"):
+    with pytest.warns(
+        UserWarning,
+        match=f"Scaled: its errors are {words}.*the mean NEES of 3 states over 400 runs",
+    ):
         check_filter(_scaled(factor))
 
 
-# --- in an environment --------------------------------------------------------------------------------
+# --- in an environment ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("broken", [Nameless, FlatCovariance])

@@ -34,7 +34,7 @@ def _rng(seed: int) -> np.random.Generator:
     return np.random.default_rng(seed)
 
 
-# --- how often a consistent filter is failed --------------------------------------------------------
+# --- how often a consistent filter is failed ------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,8 @@ def reports() -> list[Consistency]:
 
 @pytest.mark.slow
 def test_a_consistent_filter_is_failed_no_more_often_than_is_stated(reports: list[Consistency]):
-    # The allowance is for the luck of 200 assessments: false alarm of 0.1 % for each of the ten claims.
+    # The allowance is for the luck of 200 assessments: false alarm of 0.1 % for each of the ten
+    # claims.
     for rate in (0.05, 0.2):
         allowed = binom.ppf(0.999, len(reports), rate)
         assert sum(not report.passed(rate) for report in reports) <= allowed
@@ -54,25 +55,30 @@ def test_a_consistent_filter_is_failed_no_more_often_than_is_stated(reports: lis
             assert sum(getattr(report, test).p_value < rate for report in reports) <= allowed, test
 
 
-# --- what an inconsistent filter fails --------------------------------------------------------------
+# --- what an inconsistent filter fails ------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["Q", "R"])
 @pytest.mark.parametrize("factor", [0.1, 10.0])
 def test_a_filter_with_a_wrong_noise_covariance_fails_every_test(name: str, factor: float):
     wrong = dataclasses.replace(MODEL, **{name: factor * getattr(MODEL, name)})
-    report = assess(make("kf", wrong), PRIOR, _rng(0), simulate(MODEL, PRIOR, _rng(1), runs=400, steps=60))
+    report = assess(
+        make("kf", wrong), PRIOR, _rng(0), simulate(MODEL, PRIOR, _rng(1), runs=400, steps=60)
+    )
     assert not report.passed(1e-3)
     for test in ("nees", "nis", "whiteness", "coverage"):
         assert getattr(report, test).p_value < 1e-3, test
     # The same data under the true model: nothing to complain of.
-    assert assess(make("kf", MODEL), PRIOR, _rng(0), simulate(MODEL, PRIOR, _rng(1), runs=400, steps=60)).passed()
+    assert assess(
+        make("kf", MODEL), PRIOR, _rng(0), simulate(MODEL, PRIOR, _rng(1), runs=400, steps=60)
+    ).passed()
 
 
 def test_a_conservative_filter_fails_unless_that_is_allowed():
     robust = make("robust-kf", MODEL, radius=0.1)
     strict, allowed = (
-        assess(robust, PRIOR, _rng(2), runs=400, steps=60, conservative=conservative) for conservative in (False, True)
+        assess(robust, PRIOR, _rng(2), runs=400, steps=60, conservative=conservative)
+        for conservative in (False, True)
     )
     assert not strict.passed(1e-3)
     assert allowed.passed()
@@ -83,12 +89,16 @@ def test_a_conservative_filter_fails_unless_that_is_allowed():
 
 def test_overconfidence_is_failed_even_where_a_filter_may_be_conservative():
     sure = make("kf", dataclasses.replace(MODEL, Q=0.2 * MODEL.Q))
-    report = assess(sure, PRIOR, _rng(0), simulate(MODEL, PRIOR, _rng(1), runs=400, steps=60), conservative=True)
+    report = assess(
+        sure, PRIOR, _rng(0), simulate(MODEL, PRIOR, _rng(1), runs=400, steps=60), conservative=True
+    )
     for test in (report.nees, report.nis, report.coverage):
         assert test.p_value < 1e-3
 
 
-@pytest.mark.parametrize("share", [0.0, 0.4], ids=["every measurement arrives", "measurements drop out"])
+@pytest.mark.parametrize(
+    "share", [0.0, 0.4], ids=["every measurement arrives", "measurements drop out"]
+)
 @pytest.mark.parametrize("seed", [0, 1])
 def test_gaps_in_the_measurements_are_no_sign_of_inconsistency(seed: int, share: float):
     system = kalman_system(seed)
@@ -106,7 +116,9 @@ def test_a_filter_that_estimates_an_unknown_input_is_judged_by_what_the_input_le
     system = unknown_input_system(0, feedthrough=name == "kf-umv-ui")
     filter = make(name, system.model, input_prior=4.0)
     swing = 50.0 * np.sin(np.arange(40.0))[:, None, None]
-    data = simulate(system.model, system.prior, _rng(3), runs=300, steps=40, u=np.zeros(system.m), d=swing)
+    data = simulate(
+        system.model, system.prior, _rng(3), runs=300, steps=40, u=np.zeros(system.m), d=swing
+    )
     report = assess(filter, system.prior, _rng(0), data)
     assert report.whiteness is None
     assert report.passed(0.01)
@@ -117,23 +129,31 @@ def test_a_filter_that_estimates_an_unknown_input_is_judged_by_what_the_input_le
 
 def test_a_filter_whose_innovations_carry_the_inputs_of_two_steps_is_judged_without_them():
     system = unknown_input_system(0, feedthrough=True)
-    data = simulate(system.model, system.prior, _rng(3), runs=300, steps=40, u=np.zeros(system.m), d=[[[7.0]]])
+    data = simulate(
+        system.model, system.prior, _rng(3), runs=300, steps=40, u=np.zeros(system.m), d=[[[7.0]]]
+    )
     report = assess(make("ulise", system.model, input_prior=4.0), system.prior, _rng(0), data)
     assert report.nis is None
     assert report.whiteness is None
     assert report.passed(0.01)
     wrong = dataclasses.replace(system.model, R=3.0 * system.model.R)
-    assert not assess(make("ulise", wrong, input_prior=4.0), system.prior, _rng(0), data).passed(1e-3)
+    assert not assess(make("ulise", wrong, input_prior=4.0), system.prior, _rng(0), data).passed(
+        1e-3
+    )
 
 
 def test_a_filter_that_is_told_the_variance_of_its_input_is_judged_by_whole_innovations():
     system = unknown_input_system(0, feedthrough=True)
     d = 3.0 * _rng(1).normal(size=(40, 300, 1))
-    data = simulate(system.model, system.prior, _rng(3), runs=300, steps=40, u=np.zeros(system.m), d=d)
+    data = simulate(
+        system.model, system.prior, _rng(3), runs=300, steps=40, u=np.zeros(system.m), d=d
+    )
     report = assess(make("kf", system.model, input_cov=9.0), system.prior, _rng(0), data)
     assert report.passed(0.01)
     np.testing.assert_array_equal(report.nis.expected, 3.0)
-    assert not assess(make("kf", system.model, input_cov=3.0), system.prior, _rng(0), data).passed(1e-3)
+    assert not assess(make("kf", system.model, input_cov=3.0), system.prior, _rng(0), data).passed(
+        1e-3
+    )
 
 
 def test_an_unknown_input_that_the_model_does_not_have_is_refused():
@@ -169,7 +189,7 @@ def test_a_filter_with_random_members_can_be_assessed():
     assert report.passed(0.01)
 
 
-# --- the single tests -------------------------------------------------------------------------------
+# --- the single tests -----------------------------------------------------------------------------
 
 
 def test_the_chi_square_test_is_exact_at_one_time():
@@ -178,7 +198,9 @@ def test_the_chi_square_test_is_exact_at_one_time():
     np.testing.assert_allclose((band.low[0], band.high[0]), chi_square_band(50, 3), rtol=1e-12)
     tail = chi2.cdf(values.sum(), 150)
     assert band.p_value == pytest.approx(2.0 * min(tail, 1.0 - tail), rel=1e-10)
-    assert chi_square_test(values, 3, conservative=True).p_value == pytest.approx(1.0 - tail, rel=1e-10)
+    assert chi_square_test(values, 3, conservative=True).p_value == pytest.approx(
+        1.0 - tail, rel=1e-10
+    )
     assert chi_square_test(values, 3, conservative=True).high[0] < band.high[0]
 
 
@@ -243,7 +265,9 @@ def test_whiteness_over_gaps_has_its_level_too(known: bool):
         e = np.matvec(root, rng.normal(size=(40, 15, 2))) * available
         p.append(whiteness_test(e, masked(claimed, available), available, lags=8).p_value)
     for level in (0.05, 0.5, 0.95):
-        low, high = binom.ppf([0.0005, 0.9995], len(p), level)  # false alarm of 0.1 % at each of three levels
+        low, high = binom.ppf(
+            [0.0005, 0.9995], len(p), level
+        )  # false alarm of 0.1 % at each of three levels
         assert low <= (np.array(p) < level).sum() <= high
 
 
@@ -295,17 +319,25 @@ def test_the_interval_of_a_share_is_binomial(runs: int):
     assert (found.share == 1.0).all()
     expected = min(1.0, len(LEVELS) * min(1.0, 2.0 * 0.1**runs))
     assert found.p_value == pytest.approx(expected, rel=1e-9)
-    sided = coverage_test(np.zeros((runs, 1)), np.ones((runs, 1, 1)), np.zeros((runs, 1)), conservative=True)
+    sided = coverage_test(
+        np.zeros((runs, 1)), np.ones((runs, 1, 1)), np.zeros((runs, 1)), conservative=True
+    )
     assert sided.p_value == 1.0
 
 
-# --- simulation -------------------------------------------------------------------------------------
+# --- simulation -----------------------------------------------------------------------------------
 
 
 def test_simulated_runs_without_noise_follow_known_and_unknown_input():
     nothing = np.zeros((2, 2))
     model = LinearModel(
-        [[1.0, 1.0], [0.0, 0.5]], np.eye(2), nothing, nothing, B=[[0.0], [1.0]], G=[[1.0], [0.0]], H=[[0.0], [2.0]]
+        [[1.0, 1.0], [0.0, 0.5]],
+        np.eye(2),
+        nothing,
+        nothing,
+        B=[[0.0], [1.0]],
+        G=[[1.0], [0.0]],
+        H=[[0.0], [2.0]],
     )
     u, d = np.arange(5.0)[:, None, None], 10.0 * np.arange(5.0)[:, None, None]
     runs = simulate(model, Gaussian([1.0, 2.0], nothing), _rng(0), runs=3, steps=5, u=u, d=d)
@@ -332,7 +364,7 @@ def test_too_little_to_simulate_is_refused(size: dict[str, int]):
         simulate(MODEL, PRIOR, _rng(0), **size)
 
 
-# --- the figure -------------------------------------------------------------------------------------
+# --- the figure -----------------------------------------------------------------------------------
 
 
 def _panels(filter: Filter, prior: Gaussian, **options: object):
@@ -362,7 +394,8 @@ def test_the_figure_shows_each_test_in_a_panel_with_named_axes():
     shown = [line.get_ydata() for line in panels[0].lines]
     assert any(np.array_equal(y, report.nees.mean / MODEL.n) for y in shown)
     assert any(
-        np.array_equal(y, report.whiteness.correlation[:, 0]) for y in (line.get_ydata() for line in panels[2].lines)
+        np.array_equal(y, report.whiteness.correlation[:, 0])
+        for y in (line.get_ydata() for line in panels[2].lines)
     )
     assert len(panels[3].lines) == 1 + MODEL.n
 

@@ -5,7 +5,18 @@ import pickle
 import numpy as np
 import pytest
 
-from estimators import Belief, Delayed, Filter, Gaussian, LinearModel, NonlinearModel, RandomKeys, by_age, make, run
+from estimators import (
+    Belief,
+    Delayed,
+    Filter,
+    Gaussian,
+    LinearModel,
+    NonlinearModel,
+    RandomKeys,
+    by_age,
+    make,
+    run,
+)
 from estimators.tracing import PREDICTIONS
 from estimators.window import Forecast
 from tests.estimators.batch import least_squares
@@ -47,13 +58,24 @@ class Late:
                 if again.any():
                     begun = filter.init(system.rows(ROWS), rng=fresh.at(k))
                     belief = belief.with_rows(again, begun[again])
-            belief = filter.update(belief, y[k], rng=self.keys.at(k), u=self.record.u[max(k - 1, 0)])
+            belief = filter.update(
+                belief, y[k], rng=self.keys.at(k), u=self.record.u[max(k - 1, 0)]
+            )
             beliefs.append(belief)
         return beliefs
 
 
 def assert_beliefs_equal(one, other, tolerance: float) -> None:
-    for name in ("mean", "cov", "input_mean", "input_cov", "ensemble", "innovation", "recovery", "available"):
+    for name in (
+        "mean",
+        "cov",
+        "input_mean",
+        "input_cov",
+        "ensemble",
+        "innovation",
+        "recovery",
+        "available",
+    ):
         mine, theirs = getattr(one, name), getattr(other, name)
         assert (mine is None) == (theirs is None), name
         if mine is not None:
@@ -63,7 +85,9 @@ def assert_beliefs_equal(one, other, tolerance: float) -> None:
 
 
 @one_of_each()
-def test_shuffled_measurements_end_where_ordered_ones_do_in_rows_that_begin_at_times_of_their_own(case: Case):
+def test_shuffled_measurements_end_where_ordered_ones_do_in_rows_that_begin_at_times_of_their_own(
+    case: Case,
+):
     late = Late(case)
     filter = case.make(late.system.model)
     ordered = late.flown(filter, late.y)
@@ -81,7 +105,9 @@ def test_without_a_horizon_it_is_the_filter_itself_to_the_last_bit(case: Case):
     late = Late(case)
     filter = case.make(late.system.model)
     for one, other in zip(
-        late.flown(Delayed(filter, 0), late.y[..., None, :]), late.flown(filter, late.y), strict=True
+        late.flown(Delayed(filter, 0), late.y[..., None, :]),
+        late.flown(filter, late.y),
+        strict=True,
     ):
         assert_beliefs_equal(one, other, 0.0)
 
@@ -91,7 +117,9 @@ def test_at_every_step_it_knows_just_what_has_come():
     system = kalman_system(0)
     record = simulate(system, 3, 1, 16)
     delay = np.random.default_rng(0).integers(0, 7, record.y.shape)
-    series = run(Delayed(make("kf", system.model), 6), system.prior, by_age(record.y, delay), u=record.u)
+    series = run(
+        Delayed(make("kf", system.model), 6), system.prior, by_age(record.y, delay), u=record.u
+    )
     for k in range(1, 16):
         taken = np.arange(k + 1)[:, None]
         known = np.where(taken + delay[: k + 1, 0] <= k, record.y[: k + 1, 0], np.nan)
@@ -103,7 +131,9 @@ def test_at_every_step_it_knows_just_what_has_come():
 
 
 def _walk() -> tuple[LinearModel, Gaussian]:
-    return LinearModel(np.eye(2), np.eye(2), 0.1 * np.eye(2), np.eye(2)), Gaussian(np.zeros((3, 2)), np.eye(2))
+    return LinearModel(np.eye(2), np.eye(2), 0.1 * np.eye(2), np.eye(2)), Gaussian(
+        np.zeros((3, 2)), np.eye(2)
+    )
 
 
 def _measurements(ages: int, *come: tuple[int, int, int, float]) -> np.ndarray:
@@ -124,19 +154,29 @@ def test_what_comes_too_late_or_twice_is_refused_and_counted_until_a_row_begins_
     for _ in range(2):
         belief = delayed.update(delayed.predict(belief), _measurements(1))
     before = belief
-    belief = delayed.update(delayed.predict(belief), _measurements(5, (1, 3, 1, 9.0), (1, 4, 0, 9.0), (2, 2, 0, 1.0)))
+    belief = delayed.update(
+        delayed.predict(belief), _measurements(5, (1, 3, 1, 9.0), (1, 4, 0, 9.0), (2, 2, 0, 1.0))
+    )
     np.testing.assert_array_equal(belief.refused, [1, 2, 0])
-    again = delayed.update(delayed.predict(belief), _measurements(4, (2, 3, 0, 9.0), (2, 1, 0, 2.0)))
-    twice = delayed.update(again, _measurements(2, (2, 1, 0, 5.0)))  # the channel has told of that step
+    again = delayed.update(
+        delayed.predict(belief), _measurements(4, (2, 3, 0, 9.0), (2, 1, 0, 2.0))
+    )
+    twice = delayed.update(
+        again, _measurements(2, (2, 1, 0, 5.0))
+    )  # the channel has told of that step
     np.testing.assert_array_equal(twice.refused, [1, 2, 2])
     np.testing.assert_array_equal(twice.mean, again.mean)
     plain = make("kf", model)
     untouched = plain.update(plain.predict(before.now), np.full((3, 2), np.nan))
-    np.testing.assert_array_equal(belief.mean[:2], untouched.mean[:2])  # refused measurements leave nothing
+    np.testing.assert_array_equal(
+        belief.mean[:2], untouched.mean[:2]
+    )  # refused measurements leave nothing
     rows = np.array([False, True, False])
     begun = twice.with_rows(rows, delayed.init(prior)[rows])
     np.testing.assert_array_equal(begun.refused, [1, 0, 2])
-    following = delayed.update(delayed.predict(begun), _measurements(3, (1, 2, 0, 9.0), (1, 1, 0, 1.0)))
+    following = delayed.update(
+        delayed.predict(begun), _measurements(3, (1, 2, 0, 9.0), (1, 1, 0, 1.0))
+    )
     np.testing.assert_array_equal(following.refused, [1, 1, 2])
 
 
@@ -154,7 +194,10 @@ def test_measurements_of_one_step_may_come_in_several_calls():
 def test_late_measurements_may_bring_covariances_of_their_own():
     model, prior = _walk()
     rng = np.random.default_rng(0)
-    y, R = rng.normal(size=(10, 3, 2)), rng.uniform(0.1, 3.0, size=(10, 3, 2))[..., None] * np.eye(2)
+    y, R = (
+        rng.normal(size=(10, 3, 2)),
+        rng.uniform(0.1, 3.0, size=(10, 3, 2))[..., None] * np.eye(2),
+    )
     delay = np.minimum(rng.integers(0, 4, (10, 3, 2)), 9 - np.arange(10)[:, None, None])
     ordered = run(make("kf", model), prior, y, R=R)
     ages = by_age(y, delay)
@@ -169,9 +212,15 @@ def test_late_measurements_may_bring_covariances_of_their_own():
 
 def test_a_known_input_of_the_measurements_alone_is_theirs_when_their_step_is_repeated():
     """``u`` of `update` is not that of the prediction; a measurement of an earlier step must not mix them up."""
-    model = NonlinearModel(lambda x, u: x + u[..., :1], lambda x, u: x * u[..., :1], 0.1 * np.eye(1), np.eye(1))
+    model = NonlinearModel(
+        lambda x, u: x + u[..., :1], lambda x, u: x * u[..., :1], 0.1 * np.eye(1), np.eye(1)
+    )
     rng = np.random.default_rng(0)
-    y, moved, seen = rng.normal(size=(6, 3, 1)), rng.normal(size=(6, 3, 1)), rng.uniform(0.5, 2.0, size=(6, 3, 1))
+    y, moved, seen = (
+        rng.normal(size=(6, 3, 1)),
+        rng.normal(size=(6, 3, 1)),
+        rng.uniform(0.5, 2.0, size=(6, 3, 1)),
+    )
     for name in ("ekf", "iekf"):
         filter = make(name, model)
         delayed = Delayed(filter, 2)
@@ -205,7 +254,15 @@ def test_steps_without_measurements_are_repeated_as_predictions_to_the_last_bit(
         for i in range(k + 1):
             belief = filter.predict(belief, record.u[i - 1]) if i else belief
             belief = filter.update(belief, np.where(i + 4 <= k, record.y[i], np.nan))
-        for field in ("mean", "cov", "input_mean", "input_cov", "innovation", "innovation_cov", "available"):
+        for field in (
+            "mean",
+            "cov",
+            "input_mean",
+            "input_cov",
+            "innovation",
+            "innovation_cov",
+            "available",
+        ):
             np.testing.assert_array_equal(getattr(late, field), getattr(belief, field))
     assert any(methods == PREDICTIONS for methods, *_ in filter._programs)
 
@@ -223,7 +280,9 @@ def test_predictions_that_were_not_kept_are_made_again_when_a_measurement_reache
     sparse = 0
     for k in range(16):
         if k:
-            ordered, late = (one.predict(b, record.u[k - 1]) for one, b in ((filter, ordered), (delayed, late)))
+            ordered, late = (
+                one.predict(b, record.u[k - 1]) for one, b in ((filter, ordered), (delayed, late))
+            )
         ordered = filter.update(ordered, record.y[k])
         copied = pickle.loads(pickle.dumps(late)) if k < 12 else late
         late, copied = delayed.update(late, ages[k]), delayed.update(copied, ages[k])
@@ -232,7 +291,9 @@ def test_predictions_that_were_not_kept_are_made_again_when_a_measurement_reache
         sparse += any(len(run.found) < run.steps for run in runs)
     assert sparse
     for field in ("mean", "cov"):
-        np.testing.assert_allclose(getattr(late, field), getattr(ordered, field), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            getattr(late, field), getattr(ordered, field), rtol=0, atol=1e-12
+        )
 
 
 def test_rows_can_be_taken_out_and_go_on_alone():
@@ -253,7 +314,9 @@ def test_a_late_measurement_that_is_absurd_loses_no_more_than_itself():
     delayed = Delayed(make("kf", model), 3)
     belief = delayed.init(prior)
     for k in range(6):
-        belief = delayed.update(delayed.predict(belief), _measurements(4, (0, 2, 0, np.inf), (1, 2, 0, 1e308)))
+        belief = delayed.update(
+            delayed.predict(belief), _measurements(4, (0, 2, 0, np.inf), (1, 2, 0, 1e308))
+        )
         assert np.isfinite(belief.mean).all(), k
         assert np.isfinite(belief.cov).all(), k
     np.testing.assert_array_equal(belief.mean[[0, 2]], 0.0)
@@ -269,7 +332,13 @@ class Mean:
 
     def init(self, prior, rng=None):
         mean = np.array(prior.mean)
-        return Belief(mean, np.broadcast_to(prior.cov, (*mean.shape, 1)), mean, prior.cov, np.zeros(mean.shape[:-1]))
+        return Belief(
+            mean,
+            np.broadcast_to(prior.cov, (*mean.shape, 1)),
+            mean,
+            prior.cov,
+            np.zeros(mean.shape[:-1]),
+        )
 
     def predict(self, belief, u=None, rng=None):
         return belief
@@ -304,10 +373,14 @@ def test_what_does_not_fit_gets_one_sentence():
         with pytest.raises(ValueError, match="horizon must be a whole number of at least 0"):
             Delayed(kf, horizon)
     for filter in ("kf", type(kf), None):
-        with pytest.raises(TypeError, match=r"filter must be a filter, as estimators\.make gives one"):
+        with pytest.raises(
+            TypeError, match=r"filter must be a filter, as estimators\.make gives one"
+        ):
             Delayed(filter, 1)
     delayed = Delayed(kf, 1)
-    with pytest.raises(ValueError, match=r"y has shape \(3, 3\), expected \(3, 'ages', 2\): measurements by age"):
+    with pytest.raises(
+        ValueError, match=r"y has shape \(3, 3\), expected \(3, 'ages', 2\): measurements by age"
+    ):
         delayed.update(delayed.init(prior), np.zeros((3, 3)))
     with pytest.raises(ValueError, match=r"some of them late, are for Delayed\(filter, horizon\)"):
         kf.update(kf.init(prior), np.zeros((3, 4, 2)))

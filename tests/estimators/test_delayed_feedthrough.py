@@ -5,7 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators import EndedUMVFilter, Gaussian, LinearModel, UMVFilter, input_delayed, make, stacked
+from estimators import (
+    EndedUMVFilter,
+    Gaussian,
+    LinearModel,
+    UMVFilter,
+    input_delayed,
+    make,
+    stacked,
+)
 from estimators.consistency import simulate
 
 N, P, Q = 4, 3, 2
@@ -54,7 +62,9 @@ def test_it_is_the_direct_feedthrough_of_what_the_input_did_to_state_and_measure
     for one, other in zip(found[1:], expected, strict=True):
         assert one.input_mean == pytest.approx(other.input_mean, abs=1e-7)
         assert one.mean == pytest.approx(other.mean + model.G @ other.input_mean, abs=1e-7)
-        joined = np.block([[other.cov, other.state_input_cov], [other.state_input_cov.T, other.input_cov]])
+        joined = np.block(
+            [[other.cov, other.state_input_cov], [other.state_input_cov.T, other.input_cov]]
+        )
         drive = np.hstack([np.eye(N), model.G])
         assert one.cov == pytest.approx(drive @ joined @ drive.T, abs=1e-7)
 
@@ -116,7 +126,9 @@ def test_measurements_of_a_step_that_come_one_after_the_other_are_as_good_as_tog
         for channels in ([0], [1, 2]):
             belief = filter.update(belief, np.where(np.isin(np.arange(P), channels), each, np.nan))
         for array in ("mean", "cov", "input_mean", "input_cov"):
-            np.testing.assert_allclose(getattr(belief, array), getattr(whole[k], array), rtol=0, atol=1e-7)
+            np.testing.assert_allclose(
+                getattr(belief, array), getattr(whole[k], array), rtol=0, atol=1e-7
+            )
     first = whole[0]
     assert not first.input_mean.any()
     assert not first.input_cov.any()

@@ -11,7 +11,9 @@ PAGES = sorted((DOCS / "estimators").glob("*.md"))
 EXAMPLES = [
     pytest.param(code, id=f"{page.stem} {i}")
     for page in PAGES
-    for i, code in enumerate(re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S))
+    for i, code in enumerate(
+        re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S)
+    )
 ]
 
 
@@ -21,7 +23,9 @@ def test_there_are_examples():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("code", EXAMPLES)
-def test_an_example_runs_as_it_stands(code: str, capsys: pytest.CaptureFixture, tmp_path, monkeypatch):
+def test_an_example_runs_as_it_stands(
+    code: str, capsys: pytest.CaptureFixture, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)  # what an example saves is not kept
     if "consistency_figure" in code:
         pytest.importorskip("matplotlib")
@@ -35,7 +39,10 @@ def test_an_example_runs_as_it_stands(code: str, capsys: pytest.CaptureFixture, 
 @pytest.mark.slow
 @pytest.mark.parametrize("recipe", ["several-models", "error-state"])
 def test_a_recipe_runs_from_its_first_block_to_its_last(recipe: str, capsys: pytest.CaptureFixture):
-    text, found = (DOCS / "recipes" / f"{recipe}.md").read_text(encoding="utf-8"), {"__name__": "__main__"}
+    text, found = (
+        (DOCS / "recipes" / f"{recipe}.md").read_text(encoding="utf-8"),
+        {"__name__": "__main__"},
+    )
     for code in re.findall(r"^```python\n(.*?)^```", text, re.M | re.S):
         exec(compile(code, f"docs/recipes/{recipe}.md", "exec"), found)
     first = re.search(r"^class (InteractingModels|AttitudeFilter)\(.*?^```", text, re.M | re.S)

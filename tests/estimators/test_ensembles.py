@@ -44,13 +44,18 @@ def _predicted(name: str, members: int, n: int, p: int, seed: int = 0, **options
     filter = make(name, system.model, members=members, draws="independent", **options)
     record = simulate(system, seed, runs=3, steps=3)
     belief = track(filter, system.rows(3), record, np.random.default_rng(seed))[-1]
-    return system, filter, filter.predict(belief, record.u[-1], rng=np.random.default_rng(1)), record.y[-1]
+    return (
+        system,
+        filter,
+        filter.predict(belief, record.u[-1], rng=np.random.default_rng(1)),
+        record.y[-1],
+    )
 
 
-# --- the moments are those of the members -------------------------------------------------------------
+# --- the moments are those of the members ---------------------------------------------------------
 
 
-# --- 2. square-root filters ---------------------------------------------------------------------------
+# --- 2. square-root filters -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("members", "n", "p"), SIZES)
@@ -61,7 +66,9 @@ def test_the_transform_is_the_symmetric_root_of_the_textbook(members: int, n: in
     for row in range(3):
         A = _spread(before[row])[0]
         Y = A @ system.model.C.T
-        T = np.linalg.inv(sqrtm(np.eye(members) + Y @ np.linalg.inv(system.model.R) @ Y.T / (members - 1)).real)
+        T = np.linalg.inv(
+            sqrtm(np.eye(members) + Y @ np.linalg.inv(system.model.R) @ Y.T / (members - 1)).real
+        )
         np.testing.assert_allclose(_spread(after[row])[0], T @ A, rtol=0, atol=1e-11)
 
 
@@ -104,13 +111,20 @@ def _solved(A: list, B: list) -> list:
         (6, 1e-6, 1e-12, 5e-12), (6, 1e-12, 1e-9, 5e-9), (6, 1e-15, 4e-8, 2e-7), (6, 1e-18, 1e-6, 5e-6),
     ],
 )  # fmt: skip
-def test_precise_measurements_cost_the_digits_that_are_printed(p: int, R: float, median: float, worst: float):
+def test_precise_measurements_cost_the_digits_that_are_printed(
+    p: int, R: float, median: float, worst: float
+):
     """Against rational arithmetic, three states and five members: within ten times what docs say, and the mean is."""
     exact, errors = np.vectorize(lambda value: Fraction(float(value)), otypes=[object]), []
     for seed in range(20):
         rng = np.random.default_rng(seed)
         C = rng.normal(size=(p, 3))
-        filter = make("etkf", LinearModel(np.eye(3), C, np.eye(3), R * np.eye(p)), members=5, draws="independent")
+        filter = make(
+            "etkf",
+            LinearModel(np.eye(3), C, np.eye(3), R * np.eye(p)),
+            members=5,
+            draws="independent",
+        )
         before = filter.init(Gaussian(np.zeros(3), np.eye(3)), rng=rng)
         y = C @ rng.normal(size=3) + np.sqrt(R) * rng.normal(size=p)
         after = filter.update(before, y, rng=rng)
@@ -126,7 +140,7 @@ def test_precise_measurements_cost_the_digits_that_are_printed(p: int, R: float,
     assert max(errors) < 10.0 * worst
 
 
-# --- 1. linear and Gaussian ---------------------------------------------------------------------------
+# --- 1. linear and Gaussian -----------------------------------------------------------------------
 
 
 def _nearly_constant_state() -> tuple[LinearModel, np.ndarray]:
@@ -168,7 +182,9 @@ def test_exact_draws_have_exact_moments(n: int, r: int, members: int):
     z = exact_noise(np.eye(r), rng.normal(size=(20, r, members)), A, A @ A.mT)
     unit = A / np.sqrt(np.square(A).mean(-1, keepdims=True))
     np.testing.assert_allclose(z.mean(-1), 0.0, atol=1e-12)
-    np.testing.assert_allclose(z @ z.mT / (members - 1), np.broadcast_to(np.eye(r), (20, r, r)), atol=1e-12)
+    np.testing.assert_allclose(
+        z @ z.mT / (members - 1), np.broadcast_to(np.eye(r), (20, r, r)), atol=1e-12
+    )
     np.testing.assert_allclose(z @ unit.mT / members, 0.0, atol=1e-12)
 
 
@@ -179,22 +195,29 @@ def test_the_default_has_enough_members_for_exact_draws_and_fewer_are_warned_of(
         model = LinearModel(np.eye(n), np.ones((p, n)), np.eye(n), np.eye(p))
         assert make(name, model).members == members
     model = LinearModel(np.eye(4), np.eye(3, 4), np.eye(4), np.eye(3))
-    with pytest.warns(UserWarning, match="^an ensemble of 9 members has independent draws: exact ones need 10") as seen:
+    with pytest.warns(
+        UserWarning, match="^an ensemble of 9 members has independent draws: exact ones need 10"
+    ) as seen:
         few = make(name, model, members=9)
     assert len(seen) == 1
-    plain, prior = make(name, model, members=9, draws="independent"), Gaussian(np.zeros((1, 4)), np.eye(4))
+    plain, prior = (
+        make(name, model, members=9, draws="independent"),
+        Gaussian(np.zeros((1, 4)), np.eye(4)),
+    )
     assert_same(few.init(prior, rng=_numbers(0)), plain.init(prior, rng=_numbers(0)))
     with pytest.raises(ValueError, match="draws must be 'exact' or 'independent'"):
         make(name, model, draws="some")
 
 
-# --- members outside the model's domain ---------------------------------------------------------------
+# --- members outside the model's domain -----------------------------------------------------------
 
 
 @pytest.mark.parametrize("members", [64, 1000])
 @pytest.mark.parametrize("root", [False, True])
 @pytest.mark.parametrize("name", NAMES)
-def test_a_member_outside_the_models_domain_is_drawn_again_and_the_others_stay(name: str, root: bool, members: int):
+def test_a_member_outside_the_models_domain_is_drawn_again_and_the_others_stay(
+    name: str, root: bool, members: int
+):
     """A tank that drains by the root of its level, near empty: no row begins again, and the error is that of `ekf`.
 
     Measured is the level or its root, so that members have no transition, or no measurement either.
@@ -203,16 +226,25 @@ def test_a_member_outside_the_models_domain_is_drawn_again_and_the_others_stay(n
     def measured(x: np.ndarray, u: None) -> np.ndarray:
         return np.sqrt(x) if root else x
 
-    model = NonlinearModel(lambda x, u: x - 0.05 * np.sqrt(x) + 0.01, measured, [[0.01**2]], [[0.05**2]])
+    model = NonlinearModel(
+        lambda x, u: x - 0.05 * np.sqrt(x) + 0.01, measured, [[0.01**2]], [[0.05**2]]
+    )
     rng, rows = np.random.default_rng(0), 20
     x, prior = np.full((rows, 1), 0.04), Gaussian(np.full((rows, 1), 0.04), [[1e-4]])
-    ekf, filter, keys = make("ekf", model), make(name, model, members=members), _numbers(*range(rows))
+    ekf, filter, keys = (
+        make("ekf", model),
+        make(name, model, members=members),
+        _numbers(*range(rows)),
+    )
     beliefs = [ekf.init(prior), filter.init(prior, rng=keys.at(0))]
     squares = np.zeros(2)
     for k in range(1, 101):
         x = np.maximum(model.transition(x, None) + 0.01 * rng.normal(size=(rows, 1)), 1e-4)
         y = measured(x, None) + 0.05 * rng.normal(size=(rows, 1))
-        beliefs = [f.advance(b, None, y, None, keys.at(k)) for f, b in zip((ekf, filter), beliefs, strict=True)]
+        beliefs = [
+            f.advance(b, None, y, None, keys.at(k))
+            for f, b in zip((ekf, filter), beliefs, strict=True)
+        ]
         assert beliefs[1].healthy.all()
         squares += [np.square(b.mean - x).mean() for b in beliefs]
     assert squares[1] < 1.02 * squares[0]
@@ -220,7 +252,9 @@ def test_a_member_outside_the_models_domain_is_drawn_again_and_the_others_stay(n
 
 def test_a_member_that_is_drawn_again_leaves_other_rows_and_members_alone():
     """To the last bit, alone and in a batch; where no more than n are left, the row begins again from its prior."""
-    model = NonlinearModel(lambda x, u: 0.9 * np.sqrt(x), lambda x, u: x, 1e-4 * np.eye(2), np.eye(2))
+    model = NonlinearModel(
+        lambda x, u: 0.9 * np.sqrt(x), lambda x, u: x, 1e-4 * np.eye(2), np.eye(2)
+    )
     filter, keys = make("enkf", model), _numbers(*range(4))
     belief = filter.init(Gaussian(np.full((4, 2), 9.0), np.eye(2)), rng=keys.at(0))
     ensemble = np.array(belief.ensemble)
@@ -234,12 +268,14 @@ def test_a_member_that_is_drawn_again_leaves_other_rows_and_members_alone():
     assert_same(changed[1:2], alone)
     assert np.isfinite(changed.ensemble[:3]).all()
     np.testing.assert_allclose(changed.ensemble[1, 5:], plain.ensemble[1, 5:], rtol=0, atol=0.05)
-    assert np.abs(changed.ensemble[1, :5] - changed.mean[1]).max() < 4.0 * np.sqrt(changed.cov[1].max())
+    assert np.abs(changed.ensemble[1, :5] - changed.mean[1]).max() < 4.0 * np.sqrt(
+        changed.cov[1].max()
+    )
     after = filter.update(changed, np.full(2, 3.0), rng=keys.at(1))
     assert after.healthy.tolist() == [True, True, True, False]
 
 
-# --- as 1 / sqrt(N) -----------------------------------------------------------------------------------
+# --- as 1 / sqrt(N) -------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -256,7 +292,8 @@ def test_the_filter_tends_to_the_kalman_filter_as_one_over_the_root_of_members(n
             np.sqrt(((belief[-1].mean - exact.mean) ** 2).mean()), np.sqrt(((belief[-1].cov - exact.cov) ** 2).mean()),
         ])  # fmt: skip
     slopes = np.polyfit(np.log(sizes), np.log(errors), 1)[0]
-    # Over 200 runs each error is known to about 3 %, a slope to about 0.01; small ensembles bend it a little more.
+    # Over 200 runs each error is known to about 3 %, a slope to about 0.01; small ensembles bend it
+    # a little more.
     assert (np.abs(slopes + 0.5) < 0.06).all(), slopes
 
 
@@ -270,7 +307,9 @@ def test_measurement_noise_is_counted_once():
     assert filter.update(before, [1.0], rng=rng).cov[0, 0] == pytest.approx(0.5, abs=1e-14)
     filter = make("enkf", model, members=20_000)
     after = filter.update(filter.init(Gaussian([0.0], [[1.0]]), rng=rng), [1.0], rng=rng)
-    assert after.cov[0, 0] == pytest.approx(0.5, abs=4 * 0.5 * np.sqrt(2.0 / 20_000))  # four standard errors
+    assert after.cov[0, 0] == pytest.approx(
+        0.5, abs=4 * 0.5 * np.sqrt(2.0 / 20_000)
+    )  # four standard errors
 
 
 @pytest.mark.slow
@@ -283,13 +322,17 @@ def test_errors_are_as_large_as_a_large_ensemble_says_but_for_its_sample_size(na
     filter = make(name, system.model, members=members, draws="independent")
     final = track(filter, system.rows(runs), record, np.random.default_rng(0))[-1]
     error = record.x[-1] - final.mean
-    mean = np.einsum("ri,rij,rj->r", error, np.linalg.inv(final.cov), error).mean() * (members - n - 2) / (members - 1)
-    # Mean of 400 values of about chi-square law: standard deviation sqrt(2 n / 400); four of them, and 3 % for the
-    # gain's own error, which the factor leaves out.
+    mean = (
+        np.einsum("ri,rij,rj->r", error, np.linalg.inv(final.cov), error).mean()
+        * (members - n - 2)
+        / (members - 1)
+    )
+    # Mean of 400 values of about chi-square law: standard deviation sqrt(2 n / 400); four of them,
+    # and 3 % for the gain's own error, which the factor leaves out.
     assert abs(mean / n - 1.0) < 4.0 * np.sqrt(2.0 / (n * runs)) + 0.03
 
 
-# --- process noise ------------------------------------------------------------------------------------
+# --- process noise --------------------------------------------------------------------------------
 
 
 class _Counting(np.random.Generator):
@@ -330,10 +373,10 @@ def test_a_square_root_update_draws_nothing():
     assert rng.drawn == 0
 
 
-# --- options ------------------------------------------------------------------------------------------
+# --- options --------------------------------------------------------------------------------------
 
 
-# --- missing measurements ---------------------------------------------------------------------------------
+# --- missing measurements -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("j", range(3))
@@ -343,7 +386,11 @@ def test_masking_a_channel_of_a_square_root_filter_equals_a_model_without_it(cas
     record = simulate(system, 0, runs=3, steps=15)
     kept = np.arange(3) != j
     masked = track(
-        case.make(system.model), system.rows(3), record, _numbers(0, 1, 2), np.broadcast_to(kept, record.y.shape)
+        case.make(system.model),
+        system.rows(3),
+        record,
+        _numbers(0, 1, 2),
+        np.broadcast_to(kept, record.y.shape),
     )
     reduced = track(
         case.make(without_channel(system.model, j)), system.rows(3), record._replace(y=record.y[..., kept]),
@@ -365,7 +412,7 @@ def test_an_update_without_measurements_leaves_the_members_alone(case: Case):
     np.testing.assert_allclose(after.ensemble, before.ensemble, rtol=0, atol=1e-13 * scale)
 
 
-# --- random numbers -----------------------------------------------------------------------------------
+# --- random numbers -------------------------------------------------------------------------------
 
 
 @every_case("ensemble")
@@ -392,12 +439,14 @@ def test_one_generator_serves_a_whole_batch_and_every_row_is_different(case: Cas
     filter = case.make(system.model)
     record = simulate(system, 0, runs=1, steps=4)
     same = record._replace(y=np.repeat(record.y, 3, 1), u=np.repeat(record.u, 3, 1))
-    one, again = (track(filter, system.rows(3), same, np.random.default_rng(5))[-1] for _ in range(2))
+    one, again = (
+        track(filter, system.rows(3), same, np.random.default_rng(5))[-1] for _ in range(2)
+    )
     assert_same(one, again)
     assert np.abs(one.ensemble[0] - one.ensemble[1]).max() > 1e-3
 
 
-# --- recovery -----------------------------------------------------------------------------------------
+# --- recovery -------------------------------------------------------------------------------------
 
 
 @every_case("ensemble")
@@ -431,12 +480,14 @@ def test_a_lost_row_is_drawn_again_from_its_prior_and_leaves_the_others_alone(ca
     np.testing.assert_allclose(fresh.ensemble[1:2], expected.ensemble, rtol=0, atol=1e-12)
 
 
-# --- angles -------------------------------------------------------------------------------------------
+# --- angles ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("folded", [False, True])
-def test_an_angle_of_which_nothing_was_known_is_known_as_well_as_it_was_read(name: str, folded: bool):
+def test_an_angle_of_which_nothing_was_known_is_known_as_well_as_it_was_read(
+    name: str, folded: bool
+):
     """A prior wider than a turn; and a model whose noise has spread the members over more than that."""
 
     def angle(x: np.ndarray) -> np.ndarray:
@@ -454,7 +505,8 @@ def test_an_angle_of_which_nothing_was_known_is_known_as_well_as_it_was_read(nam
         for k in (1, 3, 5):
             ahead = filter_.predict(belief, rng=numbers.at(k))
             belief = filter_.update(ahead, angle(truth), rng=numbers.at(k + 1))
-        # Of 100 members the mean of perturbed measurements is a tenth of the noise off, and the deviation 7 % in 1 sd.
+        # Of 100 members the mean of perturbed measurements is a tenth of the noise off, and the
+        # deviation 7 % in 1 sd.
         assert np.abs(wrap(belief.mean - truth)).max() < 0.6 * sd
         assert np.sqrt(belief.cov).max() < 1.4 * sd
 
@@ -475,14 +527,16 @@ def test_a_vehicle_is_followed_by_range_and_bearing_as_the_extended_filter_follo
     assert errors[1] < 1.1 * errors[0]
 
 
-# --- models -------------------------------------------------------------------------------------------
+# --- models ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_noise_that_is_a_function_of_the_known_input_is_the_noise_at_that_input(name: str):
     model = kalman_system(0).model
     changing = dataclasses.replace(
-        model, Q=lambda u: model.Q * u[..., :1, None] ** 2, R=lambda u: model.R * u[..., 1:, None] ** 2
+        model,
+        Q=lambda u: model.Q * u[..., :1, None] ** 2,
+        R=lambda u: model.R * u[..., 1:, None] ** 2,
     )
     fixed = dataclasses.replace(model, R=9.0 * model.R)
     u, y = np.tile([2.0, 3.0], (3, 1)), np.zeros((3, 3))
@@ -506,27 +560,34 @@ def test_an_unknown_input_in_the_model_is_ignored(name: str):
     driven = dataclasses.replace(system.model, G=np.ones((4, 1)), H=np.ones((3, 1)))
     record = simulate(system, 0, runs=2, steps=4)
     one, other = (
-        track(make(name, model, members=9, draws="independent"), system.rows(2), record, _numbers(0, 1))[-1]
+        track(
+            make(name, model, members=9, draws="independent"),
+            system.rows(2),
+            record,
+            _numbers(0, 1),
+        )[-1]
         for model in (system.model, driven)
     )
     assert_same(one, other)
 
 
-# --- refusals -----------------------------------------------------------------------------------------
+# --- refusals -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_options_that_make_no_sense_are_named_with_their_value(name: str):
     model = kalman_system(0).model
     for members in (1, 0, -3, 2.5, True):
-        with pytest.raises(ValueError, match=f"^members must be a whole number of at least 2, got {members}"):
+        with pytest.raises(
+            ValueError, match=f"^members must be a whole number of at least 2, got {members}"
+        ):
             make(name, model, members=members)
     for inflation in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(ValueError, match=r"^inflation must be a positive number, got"):
             make(name, model, inflation=inflation)
 
 
-# --- memory -------------------------------------------------------------------------------------------
+# --- memory ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -8,7 +8,17 @@ import re
 import numpy as np
 import pytest
 
-from estimators import Belief, EnsembleFilter, Filter, Gaussian, LinearModel, NonlinearModel, RandomKeys, make, names
+from estimators import (
+    Belief,
+    EnsembleFilter,
+    Filter,
+    Gaussian,
+    LinearModel,
+    NonlinearModel,
+    RandomKeys,
+    make,
+    names,
+)
 from tests.estimators.cases import (
     INPUT_PRIOR,
     Case,
@@ -31,7 +41,9 @@ def _linear(**changes) -> LinearModel:
 
 
 def _nonlinear(**changes) -> NonlinearModel:
-    return NonlinearModel(**{"transition": lambda x, u: x, "measurement": lambda x, u: x, "Q": I2, "R": I2, **changes})
+    return NonlinearModel(
+        **{"transition": lambda x, u: x, "measurement": lambda x, u: x, "Q": I2, "R": I2, **changes}
+    )
 
 
 def _message(caught: pytest.ExceptionInfo) -> str:
@@ -40,7 +52,7 @@ def _message(caught: pytest.ExceptionInfo) -> str:
     return message
 
 
-# --- building a filter ------------------------------------------------------------------------------
+# --- building a filter ----------------------------------------------------------------------------
 
 
 def test_an_unknown_name_is_answered_with_those_that_exist_and_the_nearest():
@@ -59,7 +71,9 @@ def test_an_unknown_option_is_named_with_those_that_exist(case: Case):
 
 
 def test_a_model_that_is_none_is_refused():
-    with pytest.raises(TypeError, match="model must be a LinearModel or a NonlinearModel, got dict"):
+    with pytest.raises(
+        TypeError, match="model must be a LinearModel or a NonlinearModel, got dict"
+    ):
         make("kf", {"A": I2})
 
 
@@ -76,7 +90,9 @@ def test_a_filter_says_what_it_is(case: Case):
 def test_umv_ui_without_feedthrough_says_which_rank_it_needs_and_what_to_do():
     with pytest.raises(ValueError, match="rank") as caught:
         make("kf-umv-ui", _linear(G=[[0.0], [1.0]]))
-    expected = "kf-umv-ui needs rank(H) = 1 unknown input, got 0: measure the input or use kf-umv-ui-wdf"
+    expected = (
+        "kf-umv-ui needs rank(H) = 1 unknown input, got 0: measure the input or use kf-umv-ui-wdf"
+    )
     assert _message(caught) == expected
 
 
@@ -91,7 +107,9 @@ def test_umv_ui_refuses_inputs_that_it_cannot_tell_apart():
 def test_wdf_refuses_feedthrough_and_an_input_that_no_measurement_shows():
     with pytest.raises(ValueError, match=r"kf-umv-ui-wdf needs H = 0 .*use kf-umv-ui"):
         make("kf-umv-ui-wdf", _linear(G=[[1.0], [0.0]], H=[[0.0], [1.0]]))
-    with pytest.raises(ValueError, match=r"kf-umv-ui-wdf needs rank\(C G\) = 1 unknown input, got 0: measure"):
+    with pytest.raises(
+        ValueError, match=r"kf-umv-ui-wdf needs rank\(C G\) = 1 unknown input, got 0: measure"
+    ):
         make("kf-umv-ui-wdf", _linear(C=[[1.0, 0.0]], R=[[1.0]], G=[[0.0], [1.0]]))
     with pytest.raises(ValueError, match=r"rank\(C G\) = 2 unknown inputs, got 1"):
         make("kf-umv-ui-wdf", _linear(C=[[1.0, 0.0]], R=[[1.0]], G=I2))
@@ -141,13 +159,15 @@ def test_kf_refuses_an_input_covariance_that_does_not_fit():
         make("kf", _linear(G=[[1.0], [0.0]]), input_cov=-1.0)
 
 
-# --- input that is refused where it enters ----------------------------------------------------------
+# --- input that is refused where it enters --------------------------------------------------------
 
 
 @some_cases("kf")
 def test_a_prior_for_another_number_of_states_is_refused(case: Case):
     model = case.system(0).model
-    with pytest.raises(ValueError, match=f"the prior is for {model.n + 1} states, the model has {model.n}"):
+    with pytest.raises(
+        ValueError, match=f"the prior is for {model.n + 1} states, the model has {model.n}"
+    ):
         case.make(model).init(Gaussian(np.zeros(model.n + 1), np.eye(model.n + 1)))
 
 
@@ -183,7 +203,13 @@ def test_one_measurement_mask_or_covariance_may_serve_every_row(case: Case):
     belief = filter.predict(filter.init(system.rows(3), rng=rng), np.zeros((3, system.m)), rng=rng)
     y, mask, R = np.arange(1.0, p + 1.0), np.arange(p) != 1, 2.0 * model.R
     one = filter.update(belief, y, available=mask, R=R, rng=rng)
-    each = filter.update(belief, np.tile(y, (3, 1)), available=np.tile(mask, (3, 1)), R=np.tile(R, (3, 1, 1)), rng=rng)
+    each = filter.update(
+        belief,
+        np.tile(y, (3, 1)),
+        available=np.tile(mask, (3, 1)),
+        R=np.tile(R, (3, 1, 1)),
+        rng=rng,
+    )
     assert_same(one, each, 1e-13)
 
 
@@ -206,10 +232,12 @@ def test_one_known_input_may_serve_every_row(case: Case):
     assert_same(run(u, True), run(np.tile(u, (3, 1)), True), 1e-13, ignore=["u"])
 
 
-# --- beliefs and their rows -------------------------------------------------------------------------
+# --- beliefs and their rows -----------------------------------------------------------------------
 
 
-def _run(case: Case, rows: int, steps: int = 4, seed: int = 0) -> tuple[Filter, Belief, np.ndarray, np.ndarray]:
+def _run(
+    case: Case, rows: int, steps: int = 4, seed: int = 0
+) -> tuple[Filter, Belief, np.ndarray, np.ndarray]:
     """A filter, a prediction for a batch of rows, the measurement that comes next, and the last known input."""
     system = case.system(seed)
     filter = case.make(system.model)
@@ -260,14 +288,21 @@ def test_a_fresh_row_joins_others_as_one_that_has_seen_no_measurement():
 
 def test_beliefs_of_different_filters_do_not_merge():
     prior = Gaussian(np.zeros((2, 2)), I2)
-    one, other = make("kf", _linear()), make("kf-umv-ui", _linear(G=[[1.0], [0.0]], H=[[1.0], [0.0]]))
-    with pytest.raises(ValueError, match="cannot merge Belief and InputBelief: they are of different filters"):
+    one, other = (
+        make("kf", _linear()),
+        make("kf-umv-ui", _linear(G=[[1.0], [0.0]], H=[[1.0], [0.0]])),
+    )
+    with pytest.raises(
+        ValueError, match="cannot merge Belief and InputBelief: they are of different filters"
+    ):
         one.init(prior).with_rows(np.array([True, False]), other.init(prior)[:1])
 
 
 def test_a_belief_of_another_family_is_refused_in_one_sentence():
     prior, model = Gaussian(np.zeros((2, 2)), I2), _linear(G=[[1.0], [0.0]], H=[[1.0], [0.0]])
-    with pytest.raises(TypeError, match=r"belief must be of type InputBelief, got Belief: begin with init\(prior\)"):
+    with pytest.raises(
+        TypeError, match=r"belief must be of type InputBelief, got Belief: begin with init\(prior\)"
+    ):
         make("kf-umv-ui", model).predict(make("kf", model).init(prior))
 
 
@@ -298,7 +333,7 @@ def test_a_reset_of_some_rows_leaves_the_others_as_if_nothing_had_happened(case:
     assert_same(following[mask], filter.update(filter.predict(fresh, u[mask]), y[mask]), 1e-13)
 
 
-# --- recovery ---------------------------------------------------------------------------------------
+# --- recovery -------------------------------------------------------------------------------------
 
 
 def _lose(belief: Belief, row: int, how: str) -> Belief:
@@ -311,25 +346,34 @@ def _lose(belief: Belief, row: int, how: str) -> Belief:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("how", ["mean not a number", "mean infinite", "cov not a number", "cov infinite"])
+@pytest.mark.parametrize(
+    "how", ["mean not a number", "mean infinite", "cov not a number", "cov infinite"]
+)
 @one_of_each("deterministic")
 def test_a_lost_row_begins_again_from_its_prior_and_the_newest_measurement(case: Case, how: str):
     system = case.system(0)
     filter, predicted, y, u = _run(case, 4)
-    told = {"available": np.arange(y.shape[-1]) != np.array([[5], [5], [0], [5]]), "R": 3.0 * system.model.R}
+    told = {
+        "available": np.arange(y.shape[-1]) != np.array([[5], [5], [0], [5]]),
+        "R": 3.0 * system.model.R,
+    }
     recovered = filter.update(_lose(predicted, 2, how), y, **told)
     for name, array in arrays(recovered).items():
         assert np.isfinite(array).all(), name
     np.testing.assert_array_equal(recovered.healthy, [True, True, False, True])
     others = np.array([True, True, False, True])
-    given = predicted.replace(mean=predicted.mean.copy(), cov=predicted.cov.copy())  # begins a window anew, as above
+    given = predicted.replace(
+        mean=predicted.mean.copy(), cov=predicted.cov.copy()
+    )  # begins a window anew, as above
     assert_same(recovered[others], filter.update(given, y, **told)[others], 1e-13)
     alone = told | {"available": told["available"][2:3]}
     fresh = filter.update(filter.init(system.rows(1)).replace(u=u[2:3]), y[2:3], **alone)
     assert_same(recovered[2:3], fresh, 1e-13, ignore=["recovery", "u"])
     following = filter.update(filter.predict(recovered, u), y)
     assert following.healthy.all()
-    assert_same(following[2:3], filter.update(filter.predict(fresh, u[2:3]), y[2:3]), 1e-12, ignore=["u"])
+    assert_same(
+        following[2:3], filter.update(filter.predict(fresh, u[2:3]), y[2:3]), 1e-12, ignore=["u"]
+    )
 
 
 @one_of_each("deterministic")
@@ -341,7 +385,12 @@ def test_a_single_lost_belief_without_batch_axes_recovers_too(case: Case):
     recovered = filter.update(predicted.replace(mean=np.full(system.model.n, np.nan)), y)
     assert recovered.mean.shape == (system.model.n,)
     assert not recovered.healthy
-    assert_same(recovered, filter.update(filter.init(system.prior).replace(u=u), y), 1e-13, ignore=["recovery"])
+    assert_same(
+        recovered,
+        filter.update(filter.init(system.prior).replace(u=u), y),
+        1e-13,
+        ignore=["recovery"],
+    )
 
 
 @one_of_each("deterministic")
@@ -356,13 +405,19 @@ def test_a_known_input_that_is_not_finite_loses_no_more_than_its_row_and_step(ca
     assert np.isfinite(belief.cov).all()
 
 
-@pytest.mark.parametrize("name", ["kf", "ekf", "iekf", "ukf", "huber-kf", "robust-kf", *UNKNOWN_INPUT])
-def test_measurements_that_contradict_each_other_without_noise_raise_nothing_and_leave_no_nan(name: str):
+@pytest.mark.parametrize(
+    "name", ["kf", "ekf", "iekf", "ukf", "huber-kf", "robust-kf", *UNKNOWN_INPUT]
+)
+def test_measurements_that_contradict_each_other_without_noise_raise_nothing_and_leave_no_nan(
+    name: str,
+):
     """Two perfect sensors of the same state: their innovation covariance is singular, at the prior as later."""
     unknown = {"G": [[1.0], [0.5]]} if name in UNKNOWN_INPUT else {}
     if name == "kf-umv-ui":
         unknown["H"] = [[0.0], [0.0], [1.0]]
-    model = LinearModel(A=I2, C=[[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]], Q=I2, R=np.zeros((3, 3)), **unknown)
+    model = LinearModel(
+        A=I2, C=[[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]], Q=I2, R=np.zeros((3, 3)), **unknown
+    )
     filter = make(name, model)
     belief = filter.init(Gaussian(np.zeros((2, 2)), I2))
     for _ in range(3):
@@ -372,7 +427,7 @@ def test_measurements_that_contradict_each_other_without_noise_raise_nothing_and
         np.testing.assert_array_equal(belief.healthy, [False, True])
 
 
-# --- angles -----------------------------------------------------------------------------------------
+# --- angles ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "robust-kf", *UNKNOWN_INPUT])
@@ -380,13 +435,19 @@ def test_the_innovation_of_an_angle_takes_the_short_way_round(name: str):
     unknown = {"G": [[0.0], [1.0]]} if name in UNKNOWN_INPUT else {}
     if name == "kf-umv-ui":
         unknown["H"] = [[0.0], [1.0]]
-    model = _linear(A=[[1.0, 0.1], [0.0, 1.0]], state_angles=(0,), measurement_angles=(0,), **unknown)
+    model = _linear(
+        A=[[1.0, 0.1], [0.0, 1.0]], state_angles=(0,), measurement_angles=(0,), **unknown
+    )
     filter = make(name, model)
-    belief = filter.update(filter.init(Gaussian([[3.1, 0.0], [-3.1, 0.0]], I2)), [[-3.1, 0.0], [3.1, 0.0]])
+    belief = filter.update(
+        filter.init(Gaussian([[3.1, 0.0], [-3.1, 0.0]], I2)), [[-3.1, 0.0], [3.1, 0.0]]
+    )
     short = 2.0 * np.pi - 6.2
     np.testing.assert_allclose(belief.innovation[:, 0], [short, -short], rtol=0, atol=1e-14)
     # The state is corrected across the seam and stays unwrapped: half of the way, as P = R.
-    np.testing.assert_allclose(belief.mean[:, 0], [3.1 + short / 2, -3.1 - short / 2], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(
+        belief.mean[:, 0], [3.1 + short / 2, -3.1 - short / 2], rtol=0, atol=1e-14
+    )
 
 
 def test_a_measurement_that_is_no_angle_is_not_wrapped():
@@ -395,19 +456,23 @@ def test_a_measurement_that_is_no_angle_is_not_wrapped():
     np.testing.assert_allclose(innovation, [-10.0, 4.0 * np.pi - 10.0], rtol=0, atol=1e-14)
 
 
-# --- an unknown input that the measurements leave unseen ------------------------------------------------
+# --- an unknown input that the measurements leave unseen ------------------------------------------
 
 
 @pytest.mark.parametrize("noise", [1.0, 1e6, 1e12])
 @pytest.mark.parametrize("name", UNKNOWN_INPUT)
-def test_the_direction_that_is_seen_stays_unbiased_however_large_noise_and_prior_are(name: str, noise: float):
+def test_the_direction_that_is_seen_stays_unbiased_however_large_noise_and_prior_are(
+    name: str, noise: float
+):
     shown = np.array([[1.0, 1.0], [1.0, -1.0], [0.0, 0.5]])
     unknown = {"G": np.eye(3, 2), "H": shown} if name == "kf-umv-ui" else {"G": shown}
     model = LinearModel(A=0.8 * np.eye(3), C=np.eye(3), Q=np.eye(3), R=noise * np.eye(3), **unknown)
     filter = make(name, model, input_prior=noise)
     predicted = filter.predict(filter.init(Gaussian(np.zeros(3), noise * np.eye(3))))
     mask, change = [True, False, False], np.array([3.0, -7.0])
-    before, after = (filter.update(predicted, y, available=mask) for y in (np.zeros(3), shown @ change))
+    before, after = (
+        filter.update(predicted, y, available=mask) for y in (np.zeros(3), shown @ change)
+    )
     np.testing.assert_allclose(after.input_mean - before.input_mean, [-2.0, -2.0], rtol=1e-10)
     np.testing.assert_allclose(after.input_observed, 0.5, rtol=1e-12)
 
@@ -417,7 +482,9 @@ def test_an_input_that_shows_by_rounding_alone_counts_as_unseen(q: int):
     """A sensor turned by exactly 90 degrees: its row of C G is cos(pi / 2) = 6e-17, and means 0."""
     C = np.vstack([np.eye(3), [np.cos(np.pi / 2), 1.0, np.cos(np.pi / 2)]])
     G = np.eye(3)[:, [0, 2]][:, :q]
-    filter = make("kf-umv-ui-wdf", LinearModel(A=0.5 * np.eye(3), C=C, G=G, Q=np.eye(3), R=np.eye(4)))
+    filter = make(
+        "kf-umv-ui-wdf", LinearModel(A=0.5 * np.eye(3), C=C, G=G, Q=np.eye(3), R=np.eye(4))
+    )
     predicted = filter.predict(filter.init(Gaussian(np.zeros(3), np.eye(3))))
     after = filter.update(predicted, np.ones(4), available=[False, False, False, True])
     np.testing.assert_allclose(after.input_observed, 0.0, atol=1e-14)
@@ -440,14 +507,16 @@ def test_without_feedthrough_the_first_measurement_after_the_prior_shows_no_inpu
     # A row that has just begun beside one that runs: each is treated as what it is.
     running = filter.predict(first, np.zeros(system.m))
     fresh = filter.init(system.prior).replace(u=np.zeros(system.m))
-    both = running.replace(**{name: np.stack([array, arrays(fresh)[name]]) for name, array in arrays(running).items()})
+    both = running.replace(
+        **{name: np.stack([array, arrays(fresh)[name]]) for name, array in arrays(running).items()}
+    )
     after = filter.update(both, y)
     np.testing.assert_array_equal(after.input_observed[:, 0, 0], [1.0, 0.0])
     assert_same(after[0], filter.update(running, y), 1e-12)
     assert_same(after[1], filter.update(fresh, y), 1e-12)
 
 
-# --- kf with the variance of its unknown input ------------------------------------------------------
+# --- kf with the variance of its unknown input ----------------------------------------------------
 
 
 def _with_the_input_as_a_state(system: System, D: np.ndarray) -> System:
@@ -478,7 +547,9 @@ def test_kf_told_the_variance_of_its_input_is_a_kf_with_the_input_as_a_state():
             (one.innovation, other.innovation), (one.innovation_cov, other.innovation_cov),
         )  # fmt: skip
         for mine, theirs in pairs:
-            np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-12 * max(1.0, np.abs(theirs).max()))
+            np.testing.assert_allclose(
+                mine, theirs, rtol=0, atol=1e-12 * max(1.0, np.abs(theirs).max())
+            )
 
 
 def test_kf_takes_a_number_for_the_same_variance_of_every_input_and_none_for_ignoring_them():

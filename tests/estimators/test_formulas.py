@@ -62,7 +62,9 @@ def test_a_compiled_row_is_the_row_alone_to_the_last_bit(case: Case):
 def test_a_packed_belief_is_like_any_other():
     model = LinearModel(np.eye(2), np.eye(2), np.eye(2), np.eye(2))
     filter = make("kf", model)
-    belief = filter.update(filter.predict(filter.init(Gaussian(np.zeros((4, 2)), np.eye(2)))), np.ones((4, 2)))
+    belief = filter.update(
+        filter.predict(filter.init(Gaussian(np.zeros((4, 2)), np.eye(2)))), np.ones((4, 2))
+    )
     again = pickle.loads(pickle.dumps(belief))
     assert_same(belief, again)
     assert_same(belief[1:3], again[1:3])
@@ -74,7 +76,9 @@ def test_a_packed_belief_is_like_any_other():
     for one, other in ((begun, filter.predict(begun)), (belief, filter.update(begun, np.ones((4, 2)))),
                        (predicted, begun)):  # fmt: skip
         unpacked = (pickle.loads(pickle.dumps(each)) for each in (one, other))
-        assert_same(one.with_rows(rows, other[:2]), next(unpacked).with_rows(rows, next(unpacked)[:2]))
+        assert_same(
+            one.with_rows(rows, other[:2]), next(unpacked).with_rows(rows, next(unpacked)[:2])
+        )
     with pytest.raises(AttributeError, match="has no attribute 'members'"):
         _ = belief.members  # type: ignore[attr-defined]
 
@@ -85,9 +89,17 @@ def test_a_schedule_is_looked_up_as_it_is_called():
     model = LinearModel(schedule, np.eye(2), np.eye(2), np.eye(2))
     called = LinearModel(lambda u: schedule(u), np.eye(2), np.eye(2), np.eye(2))
     u = np.stack([np.zeros(90), np.linspace(-4.0, 4.0, 90)], -1)
-    u[:6, 1] = 1e10, -1e10, 1e300, np.inf, -np.inf, np.nan  # beyond the table, and beyond all whole numbers
+    u[:6, 1] = (
+        1e10,
+        -1e10,
+        1e300,
+        np.inf,
+        -np.inf,
+        np.nan,
+    )  # beyond the table, and beyond all whole numbers
     one, other = (
-        f.predict(f.init(Gaussian(np.ones((90, 2)), np.eye(2))), u) for f in (make("kf", model), make("kf", called))
+        f.predict(f.init(Gaussian(np.ones((90, 2)), np.eye(2))), u)
+        for f in (make("kf", model), make("kf", called))
     )
     np.testing.assert_array_equal(one.mean, other.mean)
     np.testing.assert_array_equal(schedule(u[:6]), table[[6, 0, 6, 6, 0, 0]])
@@ -114,7 +126,9 @@ def test_a_filter_of_ones_own_may_be_formulas():
     own, plain = Alpha(model), Alpha(model)
     plain._programs = None
     y = np.random.default_rng(0).normal(size=(9, 2))
-    one, other = (f.update(f.predict(f.init(Gaussian(np.zeros((9, 2)), np.eye(2)))), y) for f in (own, plain))
+    one, other = (
+        f.update(f.predict(f.init(Gaussian(np.zeros((9, 2)), np.eye(2)))), y) for f in (own, plain)
+    )
     assert own._programs
     assert_same(one, other, 1e-15)
     assert arrays(one).keys() == arrays(other).keys()
@@ -141,7 +155,9 @@ def test_a_filter_below_one_of_ours_is_numpy_until_it_says_otherwise():
     model: Model = LinearModel(0.9 * np.eye(2), np.eye(2), np.eye(2), np.eye(2))
     own, ours = Fading(model), make("kf", model)
     y = np.random.default_rng(0).normal(size=(9, 2))
-    one, other = (f.update(f.predict(f.init(Gaussian(np.zeros((9, 2)), np.eye(2)))), y) for f in (own, ours))
+    one, other = (
+        f.update(f.predict(f.init(Gaussian(np.zeros((9, 2)), np.eye(2)))), y) for f in (own, ours)
+    )
     assert_same(one, other, 1e-14)
     own.forget = 2.0  # which counts from now on
     assert (own.predict(one).cov > 1.5 * ours.predict(other).cov)[:, 0, 0].all()
@@ -157,7 +173,9 @@ def test_what_a_formula_of_ones_own_gives_is_looked_at():
 
     model: Model = LinearModel(np.eye(2), np.eye(2), np.eye(2), np.eye(2))
     filter = Negative(model)
-    assert filter.update(filter.init(Gaussian(np.zeros((3, 2)), np.eye(2))), np.zeros((3, 2))).recovery.all()
+    assert filter.update(
+        filter.init(Gaussian(np.zeros((3, 2)), np.eye(2))), np.zeros((3, 2))
+    ).recovery.all()
 
     for returned in (
         lambda belief: (belief.mean, belief.cov),
@@ -176,7 +194,9 @@ def test_what_a_formula_of_ones_own_gives_is_looked_at():
                 return self.given(belief)
 
         filter = Wrong(model)
-        with pytest.raises(TypeError, match="Wrong says that it is formulas, but cannot be traced as such"):
+        with pytest.raises(
+            TypeError, match="Wrong says that it is formulas, but cannot be traced as such"
+        ):
             filter.update(filter.init(Gaussian(np.zeros((3, 2)), np.eye(2))), np.zeros((3, 2)))
 
 
@@ -191,7 +211,11 @@ class Information(KalmanFilter):
         gain = np.linalg.solve(measurement.R, measurement.C @ cov).mT
         S = measurement.C @ belief.cov @ measurement.C.mT + measurement.R
         return Belief.updated(
-            belief, belief.mean + np.matvec(gain, measurement.innovation), symmetrise(cov), measurement, S
+            belief,
+            belief.mean + np.matvec(gain, measurement.innovation),
+            symmetrise(cov),
+            measurement,
+            S,
         )
 
 
@@ -225,7 +249,9 @@ class Marking(KalmanFilter):
         return Marked.of(super()._predict(belief, u, rng), seen=belief.seen)
 
     def _update(self, belief: Any, measurement: Measurement, rng: Rng) -> Belief:
-        return Marked.of(super()._update(belief, measurement, rng), seen=~(~belief.seen & ~measurement.available))
+        return Marked.of(
+            super()._update(belief, measurement, rng), seen=~(~belief.seen & ~measurement.available)
+        )
 
 
 def test_a_mask_of_ones_own_is_a_mask_in_a_row_that_is_recovered():
@@ -243,6 +269,8 @@ def test_a_mask_of_ones_own_is_a_mask_in_a_row_that_is_recovered():
 
 def test_a_prediction_leaves_what_the_last_update_had_to_do():
     filter = make("kf", LinearModel(np.eye(1), np.eye(1), np.eye(1), np.eye(1)))
-    belief = filter.update(filter.init(Gaussian(np.zeros((2, 1)), np.eye(1))), np.array([[0.0], [np.nan]]))
+    belief = filter.update(
+        filter.init(Gaussian(np.zeros((2, 1)), np.eye(1))), np.array([[0.0], [np.nan]])
+    )
     belief = belief.replace(recovery=np.array([0, 4], np.int8))
     np.testing.assert_array_equal(filter.predict(belief).recovery, [0, 4])

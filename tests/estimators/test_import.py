@@ -29,7 +29,9 @@ STEPPING = "f.update(f.predict(f.init(e.Gaussian([0.0], [[1.0]]))), [1.0])"
 
 def _run(code: str) -> str:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True
+    )
     return result.stdout
 
 
@@ -58,12 +60,25 @@ def test_modules_import_each_other_in_one_direction_types_and_late_imports_inclu
     """The engine counts as one module; it needs checks of arguments alone."""
     graph: dict[str, set[str]] = {}
     for path in (ROOT / "estimators").rglob("*.py"):
-        imports = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom)]
-        names = [f"{node.module}.{alias.name}".split(".") for node in imports for alias in node.names]
+        imports = [
+            node
+            for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.ImportFrom)
+        ]
+        names = [
+            f"{node.module}.{alias.name}".split(".") for node in imports for alias in node.names
+        ]
         own = path.relative_to(ROOT / "estimators").with_suffix("").parts[0]
-        graph.setdefault(own, set()).update({name[1] for name in names if name[0] == "estimators"} - {own})
+        graph.setdefault(own, set()).update(
+            {name[1] for name in names if name[0] == "estimators"} - {own}
+        )
     order = list(graphlib.TopologicalSorter(graph).static_order())  # raises where there is a circle
-    assert order.index("linalg") < order.index("models") < order.index("filter") < order.index("kalman")
+    assert (
+        order.index("linalg")
+        < order.index("models")
+        < order.index("filter")
+        < order.index("kalman")
+    )
     assert graph["engine"] <= {"checks"}
 
 
@@ -75,7 +90,9 @@ def test_everything_that_is_exported_exists():
 def test_every_filter_and_every_belief_is_exported():
     classes = [estimators.Filter, estimators.Belief]
     for cls in classes:
-        classes += [below for below in cls.__subclasses__() if below.__module__.startswith("estimators.")]
+        classes += [
+            below for below in cls.__subclasses__() if below.__module__.startswith("estimators.")
+        ]
     assert {cls.__name__ for cls in classes} <= set(estimators.__all__)
 
 

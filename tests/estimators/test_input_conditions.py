@@ -10,7 +10,9 @@ from tests.estimators.cases import random_covariance, random_transition, unknown
 POLES = (0.9, 0.5, -0.3)
 
 
-def _with_zeros(*numerators: tuple[float, ...], poles: tuple[float, ...] = POLES) -> tuple[np.ndarray, ...]:
+def _with_zeros(
+    *numerators: tuple[float, ...], poles: tuple[float, ...] = POLES
+) -> tuple[np.ndarray, ...]:
     """``A, C, G, H`` of one input and as many measurements: each has these zeros (of all, all have the poles)."""
     denominator, n = np.poly(poles), len(poles)
     A = np.eye(n, k=1)
@@ -24,14 +26,18 @@ def _with_zeros(*numerators: tuple[float, ...], poles: tuple[float, ...] = POLES
     return A, C, np.eye(n, 1, 1 - n), H
 
 
-def _conditions(system: tuple[np.ndarray, ...], seed: int = 0, prior: float = 1.0) -> InputConditions:
+def _conditions(
+    system: tuple[np.ndarray, ...], seed: int = 0, prior: float = 1.0
+) -> InputConditions:
     """Of the same system in other coordinates of its states, and with other sums of its measurements and inputs."""
     A, C, G, H = system
     rng = np.random.default_rng(seed)
     x, y, d = (random_covariance(rng, k) for k in (len(A), *H.shape))
     back = np.linalg.inv(x)
     system = x @ A @ back, y @ C @ back, x @ G @ d, y @ H @ d
-    return input_conditions(*system, random_covariance(rng, len(A)), random_covariance(rng, len(C)), prior)
+    return input_conditions(
+        *system, random_covariance(rng, len(A)), random_covariance(rng, len(C)), prior
+    )
 
 
 def _assert_zeros(found: np.ndarray, expected: tuple[complex, ...]) -> None:
@@ -45,14 +51,24 @@ def _assert_zeros(found: np.ndarray, expected: tuple[complex, ...]) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(
-    "zeros", [(), (1.5,), (-0.4, 1.1), (0.2 + 0.5j, 0.2 - 0.5j), (2.0, 0.6, -0.1), (1.2, 0.5 + 1.0j, 0.5 - 1.0j)]
+    "zeros",
+    [
+        (),
+        (1.5,),
+        (-0.4, 1.1),
+        (0.2 + 0.5j, 0.2 - 0.5j),
+        (2.0, 0.6, -0.1),
+        (1.2, 0.5 + 1.0j, 0.5 - 1.0j),
+    ],
 )
 def test_the_zeros_of_one_input_and_measurement_are_those_of_its_transfer_function(
     zeros: tuple[complex, ...], seed: int
 ):
     found = _conditions(_with_zeros(zeros), seed)
     _assert_zeros(found.zeros, zeros)
-    assert found.rank == (len(zeros) >= 2)  # at once with as many zeros as poles, one step later with one less
+    assert found.rank == (
+        len(zeros) >= 2
+    )  # at once with as many zeros as poles, one step later with one less
     assert np.isfinite(found.sd).all() == (found.rank == 1)
 
 
@@ -91,14 +107,18 @@ def test_an_unbiased_filter_diverges_where_a_zero_is_outside_the_unit_circle(nam
     for _ in range(20):
         A, C, G = random_transition(rng, 3, 0.9), rng.normal(size=(1, 3)), rng.normal(size=(3, 1))
         H = rng.normal(size=(1, 1)) * (name == "kf-umv-ui")
-        largest = np.abs(input_conditions(A, C, G, H, np.eye(3), np.eye(1), 1.0).zeros).max(initial=0.0)
+        largest = np.abs(input_conditions(A, C, G, H, np.eye(3), np.eye(1), 1.0).zeros).max(
+            initial=0.0
+        )
         filter = make(name, LinearModel(A, C, np.eye(3), np.eye(1), G=G, H=H), input_prior=1e80)
         belief = filter.init(Gaussian(np.zeros(3), np.eye(3)))
         sizes = []
         for _ in range(60):
             belief = filter.predict(filter.update(belief, np.zeros(1)))
             sizes.append(np.trace(belief.cov))
-        if not 0.95 < largest < 1.05 and largest < 3.0:  # the others take longer, or leave what numbers can hold
+        if (
+            not 0.95 < largest < 1.05 and largest < 3.0
+        ):  # the others take longer, or leave what numbers can hold
             grown.append(largest > 1.0)
             assert (sizes[-1] > 1.02 * sizes[-11]) == grown[-1], largest
     assert 2 < sum(grown) < len(grown) - 2
@@ -113,21 +133,30 @@ FAMILIES = {
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("name", FAMILIES)
-def test_deviations_are_those_of_one_step_of_the_filter_from_what_a_kalman_filter_knows(name: str, seed: int):
+def test_deviations_are_those_of_one_step_of_the_filter_from_what_a_kalman_filter_knows(
+    name: str, seed: int
+):
     model = FAMILIES[name](seed).model
     prior = np.array([[9.0, 2.0], [2.0, 4.0]])
     found = input_conditions(model.A, model.C, model.G, model.H, model.Q, model.R, prior)
     assert found.rank == 2
     assert np.abs(found.zeros).max(initial=0.0) < 1.0
     P = solve_discrete_are(model.A.T, model.C.T, model.Q, model.R)
-    filter = make(name, LinearModel(model.A, model.C, model.Q, model.R, G=model.G, H=model.H), input_prior=1e6 * prior)
+    filter = make(
+        name,
+        LinearModel(model.A, model.C, model.Q, model.R, G=model.G, H=model.H),
+        input_prior=1e6 * prior,
+    )
     belief = filter.init(Gaussian(np.zeros(4), P))
     if name == "kf-umv-ui":
         cov = filter.update(belief, np.zeros(4)).input_cov
-    else:  # as if d acted on a state that was known so well that the prediction is as uncertain as P
+    # as if d acted on a state that was known so well that the prediction is as uncertain as P
+    else:
         predicted = filter.predict(belief).replace(cov=P)
         cov = filter.update(predicted, np.zeros(4)).input_cov
-        if name == "ulise":  # what it sees at once is in one estimate, what it sees late in the other
+        if (
+            name == "ulise"
+        ):  # what it sees at once is in one estimate, what it sees late in the other
             now = filter.update(belief, np.zeros(4))
             fresh = filter.predict(belief).replace(
                 cov=P, input_observed=now.feedthrough_observed,

@@ -1,7 +1,7 @@
 """Where an angle's zero and the origin of coordinates lie is a convention: no estimate may depend on it.
 
-Both are moved for every filter, with functions that wrap their angles at the cut that results, and the estimates are
-moved back. What is left is rounding: a state at 5e6 m has digits of 1e-9 m.
+Both are moved for every filter, with functions that wrap their angles at the cut that results, and
+the estimates are moved back. What is left is rounding: a state at 5e6 m has digits of 1e-9 m.
 """
 
 import dataclasses
@@ -11,7 +11,15 @@ import numpy as np
 import pytest
 
 from estimators import Belief, LinearModel, NonlinearModel, make, names, nees, wrap
-from tests.estimators.cases import INPUT_PRIOR, Record, System, pushed_vehicle, simulate, track, turning_vehicle
+from tests.estimators.cases import (
+    INPUT_PRIOR,
+    Record,
+    System,
+    pushed_vehicle,
+    simulate,
+    track,
+    turning_vehicle,
+)
 
 FAR = np.array([6e5, -5e6])
 """A place in UTM coordinates [m]."""
@@ -35,7 +43,9 @@ def _moved(system: System, origin: np.ndarray, zero: float) -> System:
     moved = dataclasses.replace(
         model,
         transition=lambda x, u: folded(model.transition(x - shift, u) + shift, (2,)),
-        measurement=lambda x, u: folded(model.measurement(x - shift, u) + [0.0, zero, zero], (1, 2)),
+        measurement=lambda x, u: folded(
+            model.measurement(x - shift, u) + [0.0, zero, zero], (1, 2)
+        ),
         G=None if model.G is None else lambda x, u: model.G(x - shift, u),
     )
     return dataclasses.replace(system, model=moved, mean=system.mean + shift)
@@ -52,7 +62,12 @@ def _at_home(name: str) -> tuple[System, Record, list[Belief]]:
 def _flown(system: System, name: str, record: Record, zero: float) -> list[Belief]:
     options = {"input_prior": INPUT_PRIOR} if name in PUSHED else {}
     moved = record._replace(y=record.y + [0.0, zero, zero])
-    return track(make(name, system.model, **options), system.rows(record.y.shape[1]), moved, np.random.default_rng(5))
+    return track(
+        make(name, system.model, **options),
+        system.rows(record.y.shape[1]),
+        moved,
+        np.random.default_rng(5),
+    )
 
 
 def _apart(one: list[Belief], other: list[Belief], shift: np.ndarray) -> float:
@@ -70,8 +85,9 @@ def _apart(one: list[Belief], other: list[Belief], shift: np.ndarray) -> float:
     return worst
 
 
-# Values of size v have an error of eps v, in standard deviations s, which 12 steps of a filter with gains and
-# covariances of condition some 100 may enlarge: 2e-16 * 50 / 0.05 * 100 = 2e-11 where only angles move ...
+# Values of size v have an error of eps v, in standard deviations s, which 12 steps of a filter with
+# gains and covariances of condition some 100 may enlarge: 2e-16 * 50 / 0.05 * 100 = 2e-11 where
+# only angles move ...
 SEAM = 2e-11
 # ... and at 5e6 m 1e-9 / 0.05 * 100 = 2e-6.
 PLACE = 2e-6
@@ -118,7 +134,9 @@ def test_a_linear_filter_does_not_depend_on_zero_and_origin(name: str, zero: flo
     filter = make(name, model, **options)
     one = track(filter, system.rows(8), record)
     other = track(filter, moved.rows(8), record._replace(y=measurements))
-    assert _apart(one, other, shift) < 1e-7  # digits of 1e-9 at 5e6 m, in standard deviations of 0.03 at least
+    assert (
+        _apart(one, other, shift) < 1e-7
+    )  # digits of 1e-9 at 5e6 m, in standard deviations of 0.03 at least
 
 
 def test_every_filter_is_held_to_the_invariance():
@@ -138,20 +156,30 @@ def test_flying_south_on_speed_and_course_is_flying_north(name: str):
         return np.stack([np.hypot(x[..., 2], x[..., 3]), np.arctan2(x[..., 3], x[..., 2])], -1)
 
     model = NonlinearModel(
-        transition, measurement, Q=np.diag([1e-4, 1e-4, 1e-2, 1e-2]), R=np.diag([0.04, 4e-4]), measurement_angles=(1,)
+        transition,
+        measurement,
+        Q=np.diag([1e-4, 1e-4, 1e-2, 1e-2]),
+        R=np.diag([0.04, 4e-4]),
+        measurement_angles=(1,),
     )
     worst = []
     for north in (10.0, -10.0):
         system = System(model, np.array([0.0, 0.0, north, 0.0]), np.diag([1.0, 1.0, 0.5, 0.5]), 0)
         rng = np.random.default_rng(0)
-        beliefs, x = [], system.mean + np.matvec(np.linalg.cholesky(system.cov), rng.normal(size=(300, 4)))
+        beliefs, x = (
+            [],
+            system.mean + np.matvec(np.linalg.cholesky(system.cov), rng.normal(size=(300, 4))),
+        )
         filter = make(name, model)
         belief = filter.init(system.rows(300))
         for k in range(40):
             noise = np.sqrt(np.diagonal(model.R)) * rng.normal(size=(300, 2))
-            belief = filter.update(belief if k == 0 else filter.predict(belief), measurement(x, None) + noise)
+            belief = filter.update(
+                belief if k == 0 else filter.predict(belief), measurement(x, None) + noise
+            )
             beliefs.append(nees(belief.mean, belief.cov, x))
             x = transition(x, None) + np.sqrt(np.diagonal(model.Q)) * rng.normal(size=(300, 4))
         worst.append(np.max(beliefs, axis=0))
-    # Of 12,000 values of a chi-square of 4 degrees 0.06 exceed 30: more than 3 do in one run of 50,000.
+    # Of 12,000 values of a chi-square of 4 degrees 0.06 exceed 30: more than 3 do in one run of
+    # 50,000.
     assert ((np.array(worst) > 30.0).sum(-1) <= 3).all()

@@ -16,10 +16,14 @@ BEACON = np.array([1.0, -2.0])
 
 def _range_and_bearing(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
     away = x[..., :2] - BEACON
-    return np.stack([np.hypot(away[..., 0], away[..., 1]), np.arctan2(away[..., 1], away[..., 0])], -1)
+    return np.stack(
+        [np.hypot(away[..., 0], away[..., 1]), np.arctan2(away[..., 1], away[..., 0])], -1
+    )
 
 
-MODEL = NonlinearModel(lambda x, u: x, _range_and_bearing, 1e-4 * np.eye(2), R, measurement_angles=(1,))
+MODEL = NonlinearModel(
+    lambda x, u: x, _range_and_bearing, 1e-4 * np.eye(2), R, measurement_angles=(1,)
+)
 """Measurements far more precise than the predicted place: the measurement function is nonlinear over its spread."""
 PRIOR = Gaussian(np.zeros(2), np.array([[1.0, 0.3], [0.3, 0.5]]))
 
@@ -32,35 +36,51 @@ def _drawn(rows: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     return x, np.stack([y[:, 0], wrap(y[:, 1])], -1)
 
 
-def _updated(y: np.ndarray, available: np.ndarray | None = None, model: NonlinearModel = MODEL, **options):
+def _updated(
+    y: np.ndarray, available: np.ndarray | None = None, model: NonlinearModel = MODEL, **options
+):
     filter = make("iekf", model, **options)
-    return filter.update(filter.init(Gaussian(np.zeros((len(y), 2)), PRIOR.cov)), y, available=available)
+    return filter.update(
+        filter.init(Gaussian(np.zeros((len(y), 2)), PRIOR.cov)), y, available=available
+    )
 
 
 def _jacobian(x: np.ndarray) -> np.ndarray:
     north, east = np.moveaxis(x - BEACON, -1, 0)
     r2 = north**2 + east**2
     r = np.sqrt(r2)
-    return np.stack([np.stack([north / r, east / r], -1), np.stack([-east / r2, north / r2], -1)], -2)
+    return np.stack(
+        [np.stack([north / r, east / r], -1), np.stack([-east / r2, north / r2], -1)], -2
+    )
 
 
 def _gradient(x: np.ndarray, y: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """Of the negative log of the posterior, by derivatives written by hand."""
     e = y - _range_and_bearing(x, None)
     e = np.where(seen, np.stack([e[:, 0], wrap(e[:, 1])], -1), 0.0)
-    return np.linalg.solve(PRIOR.cov, (x - PRIOR.mean)[..., None])[..., 0] - np.vecmat(e / np.diag(R), _jacobian(x))
+    return np.linalg.solve(PRIOR.cov, (x - PRIOR.mean)[..., None])[..., 0] - np.vecmat(
+        e / np.diag(R), _jacobian(x)
+    )
 
 
-@pytest.mark.parametrize("missing", [False, True], ids=["every measurement arrives", "measurements are missing"])
+@pytest.mark.parametrize(
+    "missing", [False, True], ids=["every measurement arrives", "measurements are missing"]
+)
 def test_the_estimate_is_where_the_gradient_of_the_posterior_is_zero(missing: bool):
     _, y = _drawn(400)
     seen = np.random.default_rng(1).random(y.shape) < 0.6 if missing else np.ones(y.shape, bool)
     belief = _updated(y, seen, iterations=1000, tolerance=1e-12)  # a range alone: slowly
-    # In units of the estimate's own deviations: by how many of them it is off the point where the gradient is zero.
+    # In units of the estimate's own deviations: by how many of them it is off the point where the
+    # gradient is zero.
     off = np.abs(np.vecmat(_gradient(belief.mean, y, seen), np.linalg.cholesky(belief.cov)))
     assert off.max() < 1e-6
     once = _updated(y, seen, iterations=1)
-    assert np.median(np.abs(np.vecmat(_gradient(once.mean, y, seen), np.linalg.cholesky(once.cov))).max(-1)) > 0.1
+    assert (
+        np.median(
+            np.abs(np.vecmat(_gradient(once.mean, y, seen), np.linalg.cholesky(once.cov))).max(-1)
+        )
+        > 0.1
+    )
 
 
 def test_it_is_the_minimum_that_an_optimiser_finds_from_the_prediction():
@@ -74,12 +94,19 @@ def test_it_is_the_minimum_that_an_optimiser_finds_from_the_prediction():
         return np.concatenate([e, solve_triangular(root, x - PRIOR.mean, lower=True)])
 
     for row, measurement in enumerate(y):
-        found = least_squares(residuals, PRIOR.mean, args=(measurement,), xtol=1e-14, ftol=1e-14, gtol=1e-14)
+        found = least_squares(
+            residuals, PRIOR.mean, args=(measurement,), xtol=1e-14, ftol=1e-14, gtol=1e-14
+        )
         np.testing.assert_allclose(belief.mean[row], found.x, rtol=0, atol=1e-6)
         curvature = np.linalg.inv(found.jac.T @ found.jac)
-        np.testing.assert_allclose(belief.cov[row], curvature, rtol=0, atol=1e-5 * np.abs(curvature).max())
-        # The innovation's density is that of the posterior's cost at its minimum: nothing is lost in between.
-        nis = belief.innovation[row] @ np.linalg.solve(belief.innovation_cov[row], belief.innovation[row])
+        np.testing.assert_allclose(
+            belief.cov[row], curvature, rtol=0, atol=1e-5 * np.abs(curvature).max()
+        )
+        # The innovation's density is that of the posterior's cost at its minimum: nothing is lost
+        # in between.
+        nis = belief.innovation[row] @ np.linalg.solve(
+            belief.innovation_cov[row], belief.innovation[row]
+        )
         assert nis == pytest.approx(2.0 * found.cost, rel=1e-6)
 
 
@@ -126,7 +153,9 @@ def test_an_angle_is_compared_the_short_way_at_every_estimate():
 
 
 def test_a_state_that_is_known_exactly_stays_and_a_perfect_measurement_is_met():
-    model = NonlinearModel(lambda x, u: x, lambda x, u: np.exp(x[..., :1]) + x[..., 1:], np.zeros((2, 2)), [[0.0]])
+    model = NonlinearModel(
+        lambda x, u: x, lambda x, u: np.exp(x[..., :1]) + x[..., 1:], np.zeros((2, 2)), [[0.0]]
+    )
     filter = make("iekf", model, iterations=50, tolerance=1e-12)
     belief = filter.update(filter.init(Gaussian([0.5, 1.0], np.diag([1.0, 0.0]))), [4.0])
     np.testing.assert_allclose(belief.mean, [np.log(3.0), 1.0], rtol=0, atol=1e-9)

@@ -51,7 +51,7 @@ def test_every_filter_has_a_case():
     assert {case.name for case in CASES} == set(names()) - {"enkf-sr"}  # another name of etkf
 
 
-# --- 1. linear and Gaussian -------------------------------------------------------------------------
+# --- 1. linear and Gaussian -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -59,9 +59,15 @@ def test_every_filter_has_a_case():
 def test_on_a_linear_gaussian_model_the_filter_is_the_textbook_kalman_filter(case: Case, seed: int):
     system = case.system(seed)
     record = simulate(system, seed, runs=1, steps=50)
-    beliefs = track(case.make(system.model), system.prior, record._replace(y=record.y[:, 0], u=record.u[:, 0]))
-    for belief, (mean, cov) in zip(beliefs, textbook_kalman(system, record.y[:, 0], record.u[:, 0]), strict=True):
-        np.testing.assert_allclose(belief.mean, mean, rtol=0, atol=1e-11 * max(1, np.abs(mean).max()))
+    beliefs = track(
+        case.make(system.model), system.prior, record._replace(y=record.y[:, 0], u=record.u[:, 0])
+    )
+    for belief, (mean, cov) in zip(
+        beliefs, textbook_kalman(system, record.y[:, 0], record.u[:, 0]), strict=True
+    ):
+        np.testing.assert_allclose(
+            belief.mean, mean, rtol=0, atol=1e-11 * max(1, np.abs(mean).max())
+        )
         np.testing.assert_allclose(belief.cov, cov, rtol=0, atol=1e-11)
 
 
@@ -84,14 +90,20 @@ def test_the_covariance_settles_at_the_solution_of_the_riccati_equation(case: Ca
 def test_the_covariance_forgets_where_it_started(case: Case):
     system = case.system(0)
     filter = case.make(system.model)
-    belief = filter.init(Gaussian(np.zeros((2, system.model.n)), np.stack([system.cov, 1e4 * np.eye(system.model.n)])))
+    belief = filter.init(
+        Gaussian(
+            np.zeros((2, system.model.n)), np.stack([system.cov, 1e4 * np.eye(system.model.n)])
+        )
+    )
     for _ in range(400):
-        belief = filter.update(filter.predict(belief, np.zeros((2, system.m))), np.zeros(system.model.p))
+        belief = filter.update(
+            filter.predict(belief, np.zeros((2, system.m))), np.zeros(system.model.p)
+        )
     for cov in (belief.cov, belief.input_cov):
         np.testing.assert_allclose(cov[0], cov[1], rtol=0, atol=1e-10 * np.abs(cov[0]).max())
 
 
-# --- 4. unknown input -------------------------------------------------------------------------------
+# --- 4. unknown input -----------------------------------------------------------------------------
 
 
 def _pending(filter: Filter, predicted: Belief) -> np.ndarray:
@@ -130,12 +142,15 @@ def test_the_update_is_least_squares_with_nothing_known_of_the_input(case: Case,
     for mask in _masks(model.p):
         belief = filter.update(predicted, y, available=mask)
         C, H, R = model.C[mask], model.H[mask], model.R[mask][:, mask]
-        # The unknowns beside x: what is pending of d(k-1), and d(k). A direction that these measurements hardly show
-        # has the prior N(0, INPUT_PRIOR), the others none. What d(k) may explain says nothing of d(k-1).
+        # The unknowns beside x: what is pending of d(k-1), and d(k). A direction that these
+        # measurements hardly show has the prior N(0, INPUT_PRIOR), the others none. What d(k) may
+        # explain says nothing of d(k-1).
         precision = np.linalg.inv(C @ predicted.cov @ C.T + R) if mask.any() else np.zeros((0, 0))
         now = counted_directions(H, precision, INPUT_PRIOR)
         rest = (np.eye(q) - now) / INPUT_PRIOR
-        weight = precision - precision @ H @ np.linalg.solve(H.T @ precision @ H + rest, H.T @ precision)
+        weight = precision - precision @ H @ np.linalg.solve(
+            H.T @ precision @ H + rest, H.T @ precision
+        )
         late = counted_directions(C @ model.G @ pending, weight, INPUT_PRIOR)
         precision = block_diag(np.eye(q) - pending + (pending - late) / INPUT_PRIOR, rest)
         expected, cov = flat_prior_posterior(
@@ -145,14 +160,20 @@ def test_the_update_is_least_squares_with_nothing_known_of_the_input(case: Case,
         close = {"rtol": 0, "atol": 1e-9 * max(1, np.abs(cov).max())}
         np.testing.assert_allclose(belief.mean, expected[:n], **close)
         np.testing.assert_allclose(belief.cov, cov[:n, :n], **close)
-        # Each estimate of an input, the unknowns that it is of, and the directions in which the two are the same.
+        # Each estimate of an input, the unknowns that it is of, and the directions in which the two
+        # are the same.
         past, present, known = slice(n, n + q), slice(n + q, None), np.eye(q) - pending
         estimate = belief.input_mean, belief.input_cov, belief.state_input_cov
-        estimates = [(*estimate, past, pending) if filter.input_delay else (*estimate, present, np.eye(q))]
+        estimates = [
+            (*estimate, past, pending) if filter.input_delay else (*estimate, present, np.eye(q))
+        ]
         observed = known + late if filter.input_delay else now
         np.testing.assert_allclose(belief.input_observed, observed, rtol=0, atol=1e-9)
         np.testing.assert_allclose(
-            known @ belief.input_mean * filter.input_delay, known @ predicted.input_mean, rtol=0, atol=1e-12
+            known @ belief.input_mean * filter.input_delay,
+            known @ predicted.input_mean,
+            rtol=0,
+            atol=1e-12,
         )
         if isinstance(belief, FeedthroughBelief):
             estimate = belief.feedthrough_mean, belief.feedthrough_cov, belief.state_feedthrough_cov
@@ -192,8 +213,12 @@ def test_the_prediction_carries_on_all_that_is_known_of_state_and_input(case: Ca
             mean = mean + model.G @ acting[0]
             cross = model.A @ acting[2] @ model.G.T
             cov = cov + cross + cross.T + model.G @ acting[1] @ model.G.T
-        np.testing.assert_allclose(following.mean, mean, rtol=0, atol=1e-12 * max(1, np.abs(mean).max()))
-        np.testing.assert_allclose(following.cov + waiting, cov, rtol=0, atol=1e-11 * np.abs(cov).max())
+        np.testing.assert_allclose(
+            following.mean, mean, rtol=0, atol=1e-12 * max(1, np.abs(mean).max())
+        )
+        np.testing.assert_allclose(
+            following.cov + waiting, cov, rtol=0, atol=1e-11 * np.abs(cov).max()
+        )
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -228,9 +253,14 @@ def test_the_estimation_error_does_not_depend_on_the_size_of_the_input(case: Cas
     assert np.abs(large.x - small.x).max() > 1000.0
     tracks = [track(filter, system.rows(20), record) for record in (small, large)]
     for k, (one, other) in enumerate(zip(*tracks, strict=True)):
-        np.testing.assert_allclose(other.mean - large.x[k], one.mean - small.x[k], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(
+            other.mean - large.x[k], one.mean - small.x[k], rtol=0, atol=1e-9
+        )
         if k >= filter.input_delay:
-            errors = [b.input_mean - _input_at(case, model, r.d, k) for b, r in ((one, small), (other, large))]
+            errors = [
+                b.input_mean - _input_at(case, model, r.d, k)
+                for b, r in ((one, small), (other, large))
+            ]
             np.testing.assert_allclose(errors[1], errors[0], rtol=0, atol=1e-9)
 
 
@@ -241,13 +271,18 @@ def test_state_and_input_estimates_are_unbiased(case: Case):
     record = simulate(system, 11, runs=runs, steps=steps)
     final = track(case.make(system.model), system.rows(runs), record)[-1]
     errors = np.concatenate(
-        [final.mean - record.x[-1], final.input_mean - _input_at(case, system.model, record.d, steps - 1)], -1
+        [
+            final.mean - record.x[-1],
+            final.input_mean - _input_at(case, system.model, record.d, steps - 1),
+        ],
+        -1,
     )
-    # Three standard errors: false alarm of 0.27 % a component, 1.6 % for the six of the largest case.
+    # Three standard errors: false alarm of 0.27 % a component, 1.6 % for the six of the largest
+    # case.
     assert (np.abs(errors.mean(0)) < 3.0 * errors.std(0, ddof=1) / np.sqrt(runs)).all()
 
 
-# --- 5. consistency ---------------------------------------------------------------------------------
+# --- 5. consistency -------------------------------------------------------------------------------
 
 RUNS, TIMES = 400, 200
 
@@ -259,13 +294,16 @@ def _share_inside(values: np.ndarray, degrees: int) -> float:
     return float(((low <= means) & (means <= high)).mean())
 
 
-# Each mean lies in its band with probability 0.95. If the 200 times were independent, fewer than 90 % of them would
-# lie inside with probability 0.1 %. They are correlated, which spreads the share: over 300 other seeds (kf, kf-umv-ui,
-# kf-umv-ui-wdf) it never fell below 90.5 %, so that the false alarm of one test is below 1 % (95 % confidence).
+# Each mean lies in its band with probability 0.95. If the 200 times were independent, fewer than 90
+# % of them would lie inside with probability 0.1 %. They are correlated, which spreads the share:
+# over 300 other seeds (kf, kf-umv-ui, kf-umv-ui-wdf) it never fell below 90.5 %, so that the false
+# alarm of one test is below 1 % (95 % confidence).
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dropouts", [False, True], ids=["every measurement arrives", "measurements drop out"])
+@pytest.mark.parametrize(
+    "dropouts", [False, True], ids=["every measurement arrives", "measurements drop out"]
+)
 @every_case("consistent")
 def test_state_errors_are_as_large_as_the_filter_says(case: Case, dropouts: bool):
     system = case.system(1)
@@ -281,9 +319,13 @@ def test_state_errors_are_as_large_as_the_filter_says(case: Case, dropouts: bool
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dropouts", [False, True], ids=["every measurement arrives", "measurements drop out"])
+@pytest.mark.parametrize(
+    "dropouts", [False, True], ids=["every measurement arrives", "measurements drop out"]
+)
 @every_case("consistent", "unknown-input")
-def test_errors_of_state_and_input_are_together_as_large_as_the_filter_says(case: Case, dropouts: bool):
+def test_errors_of_state_and_input_are_together_as_large_as_the_filter_says(
+    case: Case, dropouts: bool
+):
     system = case.system(1)
     model, rng = system.model, np.random.default_rng(23)
     available, d = None, None
@@ -294,7 +336,10 @@ def test_errors_of_state_and_input_are_together_as_large_as_the_filter_says(case
     beliefs = track(case.make(model), system.rows(RUNS), record, available=available)
     values = []
     for k in range(1, TIMES):
-        b, truth = beliefs[k], np.concatenate([record.x[k], _input_at(case, model, record.d, k)], -1)
+        b, truth = (
+            beliefs[k],
+            np.concatenate([record.x[k], _input_at(case, model, record.d, k)], -1),
+        )
         cross = b.state_input_cov
         cov = np.block([[b.cov, cross], [np.swapaxes(cross, -1, -2), b.input_cov]])
         values.append(nees(np.concatenate([b.mean, b.input_mean], -1), cov, truth))
@@ -316,7 +361,8 @@ def test_innovations_are_as_large_as_the_filter_says(case: Case):
 def test_what_the_input_leaves_of_the_innovation_is_as_large_as_the_filter_says(case: Case):
     """``(e - F d)' S^-1 (e - F d)`` is chi-square with p - q degrees of freedom, whatever the input.
 
-    ``F d`` is what the inputs explain of the innovation: d(k) through H, what H does not show of d(k-1) through C G.
+    ``F d`` is what the inputs explain of the innovation: d(k) through H, what H does not show of
+    d(k-1) through C G.
     """
     system = case.system(1)
     model = system.model
@@ -347,7 +393,7 @@ def test_normalised_errors_follow_the_whole_chi_square_law(case: Case):
         assert abs(share - level) < 3.0 * np.sqrt(level * (1.0 - level) / runs)
 
 
-# --- 6. batches, arguments, missing measurements --------------------------------------------------------
+# --- 6. batches, arguments, missing measurements --------------------------------------------------
 
 
 def _numbers(*rows: int) -> RandomKeys:
@@ -363,7 +409,8 @@ def test_a_batch_equals_a_loop_over_its_rows(case: Case, seed: int):
     rng = np.random.default_rng(seed)
     record = simulate(system, seed, rows, steps)
     prior = Gaussian(
-        system.mean + 0.1 * rng.normal(size=(rows, model.n)), system.cov * rng.uniform(0.5, 2.0, (rows, 1, 1))
+        system.mean + 0.1 * rng.normal(size=(rows, model.n)),
+        system.cov * rng.uniform(0.5, 2.0, (rows, 1, 1)),
     )
     available = rng.random((steps, rows, model.p)) < 0.7
     available[:, 0] = True  # a row that never misses a measurement, in a batch that does
@@ -419,7 +466,9 @@ def test_a_model_for_each_row_equals_a_filter_for_each_model(case: Case):
     batch = track(case.make(LinearModel(**matrices)), prior, record, _numbers(0, 1, 2), available)
     for i, system in enumerate(systems):
         one_row = record._replace(y=record.y[:, i], u=record.u[:, i])
-        single = track(case.make(system.model), system.prior, one_row, _numbers(i)[0], available[:, i])
+        single = track(
+            case.make(system.model), system.prior, one_row, _numbers(i)[0], available[:, i]
+        )
         for one, other in zip(batch, single, strict=True):
             assert_same(one[i], other, 1e-12)
 
@@ -438,13 +487,17 @@ def test_nothing_that_is_passed_in_is_changed(case: Case):
         "prior mean": prior.mean, "prior cov": prior.cov, "Q": model.Q, "model R": model.R,
     }  # fmt: skip
     if isinstance(model, LinearModel):
-        given_arrays |= {name: getattr(model, name) for name in "ABCGH" if getattr(model, name) is not None}
+        given_arrays |= {
+            name: getattr(model, name) for name in "ABCGH" if getattr(model, name) is not None
+        }
     kept = {name: array.copy() for name, array in given_arrays.items()}
     belief = filter.init(prior, rng=rng)
     history = []
     for _ in range(2):
         history.append((belief, {name: array.copy() for name, array in arrays(belief).items()}))
-        belief = filter.update(belief, y, rng=rng, available=given_arrays["available"], R=given_arrays["R"])
+        belief = filter.update(
+            belief, y, rng=rng, available=given_arrays["available"], R=given_arrays["R"]
+        )
         history.append((belief, {name: array.copy() for name, array in arrays(belief).items()}))
         belief = filter.predict(belief, u, rng=rng)
     for name, array in given_arrays.items():
@@ -466,7 +519,13 @@ def check_that_values_have_no_effect(case: Case, values: list[float], masked: bo
     other = record._replace(y=np.where(available, record.y, rng.choice(values, record.y.shape)))
     pairs = zip(
         track(filter, system.rows(rows), record, _numbers(*range(rows)), available),
-        track(filter, system.rows(rows), other, _numbers(*range(rows)), *([available] if masked else [])),
+        track(
+            filter,
+            system.rows(rows),
+            other,
+            _numbers(*range(rows)),
+            *([available] if masked else []),
+        ),
         strict=True,
     )
     for one, two in pairs:
@@ -492,9 +551,14 @@ def test_masking_every_measurement_equals_never_updating(case: Case):
     start = track(filter, system.rows(rows), record._replace(y=record.y[:5], u=record.u[:5]))[-1]
     masked = never = start
     for k in range(4, 8):
-        masked = filter.update(filter.predict(masked, record.u[k]), record.y[k + 1], available=nothing)
+        masked = filter.update(
+            filter.predict(masked, record.u[k]), record.y[k + 1], available=nothing
+        )
         never = filter.predict(never, record.u[k])
-    ends = [filter.update(filter.predict(belief, record.u[8]), record.y[8]) for belief in (masked, never)]
+    ends = [
+        filter.update(filter.predict(belief, record.u[8]), record.y[8])
+        for belief in (masked, never)
+    ]
     assert_same(*ends, 1e-12)
     assert np.abs(ends[0].mean - start.mean).max() > 0.01
 
@@ -504,7 +568,9 @@ def test_an_update_without_measurements_leaves_the_estimate_alone(case: Case):
     system, filter, predicted = _after_some_steps(case, 0)
     belief = filter.update(predicted, np.full(system.model.p, np.nan))
     np.testing.assert_array_equal(belief.mean, predicted.mean)
-    np.testing.assert_allclose(belief.cov, predicted.cov, rtol=0, atol=1e-13 * np.abs(predicted.cov).max())
+    np.testing.assert_allclose(
+        belief.cov, predicted.cov, rtol=0, atol=1e-13 * np.abs(predicted.cov).max()
+    )
     np.testing.assert_array_equal(belief.innovation, 0.0)
     np.testing.assert_array_equal(belief.innovation_cov, np.eye(system.model.p))
 
@@ -520,7 +586,11 @@ def test_masking_a_channel_equals_a_model_without_it(case: Case, seed: int):
         kept = np.arange(model.p) != j
         available = np.broadcast_to(kept, (steps, rows, model.p))
         masked = track(case.make(model), system.rows(rows), record, available=available)
-        reduced = track(case.make(without_channel(model, j)), system.rows(rows), record._replace(y=record.y[..., kept]))
+        reduced = track(
+            case.make(without_channel(model, j)),
+            system.rows(rows),
+            record._replace(y=record.y[..., kept]),
+        )
         tolerances = rounding(case.make(model), system.rows(rows), record, available)
         for one, other, tolerance in zip(masked, reduced, tolerances, strict=True):
             assert (one.innovation[..., j] == 0.0).all()
@@ -545,8 +615,16 @@ def test_a_measurement_covariance_that_is_passed_replaces_that_of_the_model(case
     model = system.model
     record = simulate(system, 0, rows, 8)
     R = random_covariance(np.random.default_rng(5), model.p)
-    passed = track(case.make(model), system.rows(rows), record, _numbers(0, 1, 2), R=np.broadcast_to(R, (8, *R.shape)))
-    built_in = track(case.make(dataclasses.replace(model, R=R)), system.rows(rows), record, _numbers(0, 1, 2))
+    passed = track(
+        case.make(model),
+        system.rows(rows),
+        record,
+        _numbers(0, 1, 2),
+        R=np.broadcast_to(R, (8, *R.shape)),
+    )
+    built_in = track(
+        case.make(dataclasses.replace(model, R=R)), system.rows(rows), record, _numbers(0, 1, 2)
+    )
     for one, other in zip(passed, built_in, strict=True):
         assert_same(one, other, 1e-13)
 
@@ -574,8 +652,12 @@ def test_a_change_of_units_changes_nothing_but_the_units(case: Case):
         np.testing.assert_array_equal(other.available, one.available)
         if one.input_mean is not None:
             scale = max(1.0, np.abs(one.input_cov).max())
-            np.testing.assert_allclose(other.input_mean / unit, one.input_mean, rtol=0, atol=1e-10 * scale)
-            np.testing.assert_allclose(other.input_cov / unit**2, one.input_cov, rtol=0, atol=1e-10 * scale)
+            np.testing.assert_allclose(
+                other.input_mean / unit, one.input_mean, rtol=0, atol=1e-10 * scale
+            )
+            np.testing.assert_allclose(
+                other.input_cov / unit**2, one.input_cov, rtol=0, atol=1e-10 * scale
+            )
 
 
 @pytest.mark.slow
@@ -589,13 +671,16 @@ def test_whole_turns_of_a_measured_angle_change_nothing(case: Case, turns: int):
     turned = y.copy()
     turned[..., 1] += 2.0 * np.pi * turns
     filter = case.make(model)
-    one, other = (track(filter, system.rows(4), record._replace(y=r), _numbers(*range(4))) for r in (y, turned))
+    one, other = (
+        track(filter, system.rows(4), record._replace(y=r), _numbers(*range(4)))
+        for r in (y, turned)
+    )
     for left, right in zip(one, other, strict=True):
         assert (np.abs(right.innovation[..., 1]) <= np.pi).all()
         assert_same(left, right, 1e-11)
 
 
-# --- 7. covariances ---------------------------------------------------------------------------------
+# --- 7. covariances -------------------------------------------------------------------------------
 
 
 LARGEST = 1e6
@@ -603,7 +688,9 @@ LARGEST = 1e6
 by 16 digits cannot be definite in double precision."""
 
 
-def _random_model(rng: np.random.Generator, name: str, n: int, p: int, q: int, spread: float) -> LinearModel:
+def _random_model(
+    rng: np.random.Generator, name: str, n: int, p: int, q: int, spread: float
+) -> LinearModel:
     """Any model that the filter accepts, badly scaled and not always detectable."""
 
     def scaled(k: int) -> np.ndarray:
@@ -643,7 +730,8 @@ def test_covariances_stay_symmetric_and_positive_semidefinite(
     for _ in range(20):
         belief = filter.predict(belief, rng=rng)
         assert_covariance(belief.cov)
-        # Rounding of an update is as large as what it starts from, which may be far larger than its result.
+        # Rounding of an update is as large as what it starts from, which may be far larger than its
+        # result.
         before = np.linalg.eigvalsh(belief.cov)[..., -1]
         available = rng.random((8, p)) < arriving
         belief = filter.update(belief, rng.normal(size=(8, p)), rng=rng, available=available)
@@ -671,7 +759,9 @@ def test_an_estimate_that_diverges_raises_nothing_and_stays_finite(case: Case):
         with np.errstate(all="ignore"):
             for _ in range(300):
                 belief = filter.predict(belief, np.zeros((20, system.m)))
-                available = rng.permuted(np.arange(model.p) < model.q, axis=-1) & np.ones((20, 1), bool)
+                available = rng.permuted(np.arange(model.p) < model.q, axis=-1) & np.ones(
+                    (20, 1), bool
+                )
                 belief = filter.update(belief, rng.normal(size=(20, model.p)), available=available)
                 for name, array in arrays(belief).items():
                     assert np.isfinite(array).all(), name
@@ -684,7 +774,9 @@ def test_ten_thousand_steps_with_missing_data_leave_the_filter_as_it_should_be(c
     unknown = {"G": [[0.0], [1.0]]} if "unknown-input" in case.laws else {}
     if case.name == "kf-umv-ui":
         unknown["H"] = [[0.0], [1.0]]
-    model = LinearModel(A=[[1.0, 0.1], [0.0, 1.0]], C=np.eye(2), Q=np.diag([1e-4, 1e-2]), R=np.eye(2), **unknown)
+    model = LinearModel(
+        A=[[1.0, 0.1], [0.0, 1.0]], C=np.eye(2), Q=np.diag([1e-4, 1e-2]), R=np.eye(2), **unknown
+    )
     filter = case.make(model)
     rng = np.random.default_rng(0)
     measurements = rng.normal(size=(steps, 2))
@@ -705,5 +797,6 @@ def test_ten_thousand_steps_with_missing_data_leave_the_filter_as_it_should_be(c
         settled = filter.update(filter.predict(settled, rng=rng), np.zeros(2), rng=rng)
     assert largest > 1.01 * settled.cov.max()  # the gaps were felt
     if "deterministic" in case.laws:  # members go on fluctuating
-        # Rounding is forgotten as the gaps are: what is left is that of the last steps, a few units of 1e-16 each.
+        # Rounding is forgotten as the gaps are: what is left is that of the last steps, a few units
+        # of 1e-16 each.
         np.testing.assert_allclose(belief.cov, settled.cov, rtol=0, atol=1e-13)

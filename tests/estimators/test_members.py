@@ -25,9 +25,12 @@ from tests.estimators.cases import assert_same, random_covariance
 ROWS = 9
 FILTERS = [("enkf", {}), ("enkf", {"inflation": 1.1}), ("etkf", {}), ("etkf", {"inflation": 1.1})]
 SIZES = pytest.mark.parametrize(
-    ("members", "draws"), [(2, "independent"), (7, "independent"), (100, "independent"), (16, "exact"), (100, "exact")]
+    ("members", "draws"),
+    [(2, "independent"), (7, "independent"), (100, "independent"), (16, "exact"), (100, "exact")],
 )
-SPREADS = pytest.mark.parametrize("spread", [0.05, 2.0], ids=["members close together", "angles all round"])
+SPREADS = pytest.mark.parametrize(
+    "spread", [0.05, 2.0], ids=["members close together", "angles all round"]
+)
 
 
 def _wrapping(seed: int = 0) -> NonlinearModel:
@@ -68,14 +71,17 @@ def _near(angle: np.ndarray, centre: np.ndarray) -> np.ndarray:
 def _together(angle: np.ndarray) -> np.ndarray:
     """Angles ``(..., N)`` of members, whole turns taken off so that their mean is one of angles.
 
-    Where they are close to the first they come to lie beside it; where they are spread out, beside their circular mean.
+    Where they are close to the first they come to lie beside it; where they are spread out, beside
+    their circular mean.
     """
     first = angle[..., :1]
     close = _near(angle, first)
     spread = (np.abs(close - first) > 0.25 * np.pi).any(-1)
     if spread.any():
         wide = angle[spread]
-        close[spread] = _near(wide, np.arctan2(np.sin(wide).mean(-1), np.cos(wide).mean(-1))[..., None])
+        close[spread] = _near(
+            wide, np.arctan2(np.sin(wide).mean(-1), np.cos(wide).mean(-1))[..., None]
+        )
     return close
 
 
@@ -91,7 +97,13 @@ def _exact(normals: np.ndarray, A: np.ndarray) -> np.ndarray:
 
 
 def _analysis(
-    filter: Filter, belief: Belief, y: np.ndarray, arrived: np.ndarray, R: np.ndarray, numbers: RandomKeys, draws: str
+    filter: Filter,
+    belief: Belief,
+    y: np.ndarray,
+    arrived: np.ndarray,
+    R: np.ndarray,
+    numbers: RandomKeys,
+    draws: str,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The members after a measurement of one row, their mean, the innovation and its covariance, by the formulas."""
     model, N, p = filter.model, filter.members, filter.model.p
@@ -131,30 +143,41 @@ def test_updates_are_those_of_the_textbook_formulas(
     filter = make(name, _wrapping(), members=members, draws=draws, **options)
     begun, numbers, y, available = _begun(filter, spread)
     before = filter.predict(begun, rng=numbers)
-    own = np.linspace(1.0, 2.0, ROWS)[:, None, None] * random_covariance(np.random.default_rng(2), 4)
+    own = np.linspace(1.0, 2.0, ROWS)[:, None, None] * random_covariance(
+        np.random.default_rng(2), 4
+    )
     for R in (None, own):
         after = filter.update(before, y, rng=numbers, available=available, R=R)
         assert after.healthy.all()
         for row in range(ROWS):
             noise = filter.model.R if R is None else R[row]
-            ensemble, mean, e, S = _analysis(filter, before[row], y[row], available[row], noise, numbers[row], draws)
+            ensemble, mean, e, S = _analysis(
+                filter, before[row], y[row], available[row], noise, numbers[row], draws
+            )
             size = max(1.0, np.abs(ensemble).max())
             np.testing.assert_allclose(after.ensemble[row], ensemble, rtol=0, atol=1e-12 * size)
             np.testing.assert_allclose(after.mean[row], mean, rtol=0, atol=1e-12 * size)
             np.testing.assert_allclose(after.innovation[row], e, rtol=0, atol=1e-12)
-            np.testing.assert_allclose(after.innovation_cov[row], S, rtol=0, atol=1e-12 * np.abs(S).max())
+            np.testing.assert_allclose(
+                after.innovation_cov[row], S, rtol=0, atol=1e-12 * np.abs(S).max()
+            )
 
 
 @pytest.mark.parametrize("perfect", [False, True], ids=["each with noise", "one without"])
 @pytest.mark.parametrize("arriving", [12, 6, 4, 0])
-def test_measurements_that_outnumber_the_members_are_taken_in_as_pair_after_pair(arriving: int, perfect: bool):
+def test_measurements_that_outnumber_the_members_are_taken_in_as_pair_after_pair(
+    arriving: int, perfect: bool
+):
     """Among members, or among measurements where R is singular. Independent pairs may come one after the other."""
     rng = np.random.default_rng(0)
     R = block_diag(*(random_covariance(rng, 2) for _ in range(6)))
     if perfect:
         R[3], R[:, 3] = 0.0, 0.0
     model = LinearModel(np.eye(7), rng.normal(size=(12, 7)), np.eye(7), R)
-    filter, numbers = make("etkf", model, members=5, draws="independent"), RandomKeys.seeded(range(3))
+    filter, numbers = (
+        make("etkf", model, members=5, draws="independent"),
+        RandomKeys.seeded(range(3)),
+    )
     before = filter.init(Gaussian(np.zeros((3, 7)), random_covariance(rng, 7)), rng=numbers)
     y, available = rng.normal(size=(3, 12)), rng.permuted(np.arange(12) < arriving)
     together = filter.update(before, y, rng=numbers, available=available)
@@ -171,10 +194,20 @@ def test_measurements_that_outnumber_the_members_are_taken_in_as_pair_after_pair
 
 @pytest.mark.parametrize("members", [3, 30, 230])
 @pytest.mark.parametrize(("n", "p"), [(1, 6), (5, 1), (7, 9)])
-def test_compiled_steps_are_those_of_numpy_and_the_same_bits_alone_and_together(n: int, p: int, members: int):
+def test_compiled_steps_are_those_of_numpy_and_the_same_bits_alone_and_together(
+    n: int, p: int, members: int
+):
     rng, rows = np.random.default_rng(6), 5
-    before, C, e = rng.normal(size=(rows, n, members)), rng.normal(size=(p, n)), rng.normal(size=(rows, p))
-    after, root, normals = 0.9 * before, rng.normal(size=(n, n)), rng.normal(size=(rows, n, members))
+    before, C, e = (
+        rng.normal(size=(rows, n, members)),
+        rng.normal(size=(p, n)),
+        rng.normal(size=(rows, p)),
+    )
+    after, root, normals = (
+        0.9 * before,
+        rng.normal(size=(n, n)),
+        rng.normal(size=(rows, n, members)),
+    )
     mean, Y = before.mean(-1), C @ (before - before.mean(-1, keepdims=True))
     available, R = rng.random((rows, p)) < 0.7, random_covariance(rng, p)
     R, noise = masked(R, available), rng.normal(size=(rows, p, members))
@@ -190,11 +223,17 @@ def test_compiled_steps_are_those_of_numpy_and_the_same_bits_alone_and_together(
     ]
     for function, arrays, static in steps:
         found, wanted = function(*arrays, **static), function.function(*arrays, **static)
-        alone = [function(*(array[row : row + 1] for array in arrays), **static) for row in range(rows)]
+        alone = [
+            function(*(array[row : row + 1] for array in arrays), **static) for row in range(rows)
+        ]
         for k, result in enumerate(found if isinstance(found, tuple) else [found]):
             expected = wanted[k] if isinstance(found, tuple) else wanted
-            np.testing.assert_allclose(result, expected, rtol=0, atol=1e-10 * max(1.0, np.abs(expected).max()))
-            separate = np.concatenate([each[k] if isinstance(found, tuple) else each for each in alone])
+            np.testing.assert_allclose(
+                result, expected, rtol=0, atol=1e-10 * max(1.0, np.abs(expected).max())
+            )
+            separate = np.concatenate(
+                [each[k] if isinstance(found, tuple) else each for each in alone]
+            )
             np.testing.assert_array_equal(separate, result)
 
 
@@ -211,7 +250,9 @@ def test_predictions_are_those_of_the_textbook_formulas(members: int, draws: str
     normals = _centred(numbers, members, filter._noise_root.shape[-1], PROCESS)
     if draws == "exact":
         moved = after - after.mean(-2, keepdims=True)
-        normals = np.stack([_exact(own, anomalies) for own, anomalies in zip(normals, moved, strict=True)])
+        normals = np.stack(
+            [_exact(own, anomalies) for own, anomalies in zip(normals, moved, strict=True)]
+        )
     noise = normals @ filter._noise_root.T
     predicted, mean, ensemble = filter.predict(begun, rng=numbers), after.mean(-2), after + noise
     ensemble[..., 2] = _together(ensemble[..., 2])
@@ -229,8 +270,12 @@ def test_rows_are_the_same_to_the_last_bit_alone_together_and_in_batches_of_any_
     def flown(rows: slice = slice(None)) -> list[Belief]:
         belief, numbers, y, available = _begun(filter, 0.5, rows)
         lost = np.where(np.arange(ROWS)[rows] == 3, np.nan, 1.0)[:, None, None]
-        apart = filter.update(filter.predict(belief, rng=numbers), y, rng=numbers, available=available)
-        recovered = filter.advance(belief.replace(ensemble=lost * belief.ensemble), None, y, available, numbers)
+        apart = filter.update(
+            filter.predict(belief, rng=numbers), y, rng=numbers, available=available
+        )
+        recovered = filter.advance(
+            belief.replace(ensemble=lost * belief.ensemble), None, y, available, numbers
+        )
         assert_same(apart, filter.advance(belief, None, y, available, numbers))
         return [apart, recovered]
 
@@ -250,18 +295,28 @@ def test_an_episode_begins_with_the_bits_of_init_and_update_whatever_prior_came_
     rng = np.random.default_rng(1)
     filter = make(name, _wrapping(), members=12, **options)
     priors = [Gaussian(rng.normal(size=(ROWS, 5)), random_covariance(rng, 5)) for _ in range(2)]
-    y, available, numbers = rng.normal(size=(ROWS, 4)), rng.random((ROWS, 4)) < 0.7, RandomKeys.seeded(range(ROWS))
-    expected = [filter.update(filter.init(prior, numbers), y, numbers, available) for prior in priors]
+    y, available, numbers = (
+        rng.normal(size=(ROWS, 4)),
+        rng.random((ROWS, 4)) < 0.7,
+        RandomKeys.seeded(range(ROWS)),
+    )
+    expected = [
+        filter.update(filter.init(prior, numbers), y, numbers, available) for prior in priors
+    ]
     programs: list[tuple[str, ...]] = []
     looked_up = filter._program
     monkeypatch.setattr(
-        type(filter), "_program", lambda self, methods, *rest: programs.append(methods) or looked_up(methods, *rest)
+        type(filter),
+        "_program",
+        lambda self, methods, *rest: programs.append(methods) or looked_up(methods, *rest),
     )
     for prior, belief in zip(priors, expected, strict=True):
         assert_same(filter.begin(prior, None, y, available, numbers), belief)
         alone = Gaussian(prior.mean[2:3], prior.cov)
         assert_same(filter.begin(alone, None, y[2:3], available[2:3], numbers[2:3]), belief[2:3])
-    assert programs == [("_init", "_update")] * 2 + [("_update",)] * 2  # the second covariance is no constant
+    assert (
+        programs == [("_init", "_update")] * 2 + [("_update",)] * 2
+    )  # the second covariance is no constant
 
 
 def test_a_covariance_is_that_of_the_members_at_the_time():
@@ -271,7 +326,11 @@ def test_a_covariance_is_that_of_the_members_at_the_time():
     anomalies = updated.ensemble - updated.mean[:, None]
     expected = anomalies.mT @ anomalies / 19
     moved = updated.replace(ensemble=2.0 * updated.ensemble)
-    for cov, wanted in ((updated[2:4].cov, expected[2:4]), (updated.cov, expected), (moved.cov, 4.0 * expected)):
+    for cov, wanted in (
+        (updated[2:4].cov, expected[2:4]),
+        (updated.cov, expected),
+        (moved.cov, 4.0 * expected),
+    ):
         np.testing.assert_allclose(cov, wanted, rtol=0, atol=1e-13)
         np.testing.assert_array_equal(cov, cov.mT)
     rows = np.arange(ROWS) == 3
@@ -291,7 +350,13 @@ def test_a_function_of_columns_is_that_of_each_column(members: int):
     table = rng.normal(size=(1, members))
 
     def moved(x: np.ndarray, number: np.ndarray, u: np.ndarray) -> np.ndarray:
-        return np.stack([x[..., 0] * number[..., 0] + u[..., 0], np.where(x[..., 1] > 0.0, x[..., 0], u[..., 1])], -1)
+        return np.stack(
+            [
+                x[..., 0] * number[..., 0] + u[..., 0],
+                np.where(x[..., 1] > 0.0, x[..., 0], u[..., 1]),
+            ],
+            -1,
+        )
 
     function = compiled(lambda x, u: columnwise(moved, x, table, u), axes=(2, 1), matrices=True)
     x, u = rng.normal(size=(9, 2, members)), rng.normal(size=(9, 2))

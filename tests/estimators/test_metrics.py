@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from estimators import chi_square_band, nees, nis, rmse, wrap
 from tests.estimators.cases import random_covariance
 
-# --- angles -----------------------------------------------------------------------------------------
+# --- angles ---------------------------------------------------------------------------------------
 
 
 @settings(derandomize=True, max_examples=300, deadline=None)
@@ -18,7 +18,9 @@ def test_wrap_gives_the_same_direction_between_minus_pi_and_pi(angle: float):
     wrapped = float(wrap(angle))
     assert -np.pi < wrapped <= np.pi
     # Rounding of an angle of this size, and of the turns taken off it.
-    np.testing.assert_allclose([np.sin(wrapped), np.cos(wrapped)], [np.sin(angle), np.cos(angle)], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(
+        [np.sin(wrapped), np.cos(wrapped)], [np.sin(angle), np.cos(angle)], rtol=0, atol=1e-11
+    )
 
 
 @pytest.mark.parametrize("turns", range(-4, 5))
@@ -38,16 +40,22 @@ def test_wrap_takes_both_ends_to_plus_pi_and_leaves_small_angles_alone():
     np.testing.assert_allclose(wrap(angles + 6 * np.pi), angles, rtol=0, atol=1e-14)
 
 
-# --- errors -----------------------------------------------------------------------------------------
+# --- errors ---------------------------------------------------------------------------------------
 
 
 def test_rmse_is_one_value_a_component_over_the_axes_asked_for():
     rng = np.random.default_rng(0)
     estimate, truth = rng.normal(size=(2, 6, 5, 3))
     error = estimate - truth
-    np.testing.assert_allclose(rmse(estimate, truth), np.sqrt((error.reshape(-1, 3) ** 2).sum(0) / 30), rtol=1e-14)
-    np.testing.assert_allclose(rmse(estimate, truth, axis=0), np.linalg.norm(error, axis=0) / np.sqrt(6), rtol=1e-14)
-    np.testing.assert_allclose(rmse(estimate, truth, axis=(0, 1)), rmse(estimate, truth), rtol=1e-14)
+    np.testing.assert_allclose(
+        rmse(estimate, truth), np.sqrt((error.reshape(-1, 3) ** 2).sum(0) / 30), rtol=1e-14
+    )
+    np.testing.assert_allclose(
+        rmse(estimate, truth, axis=0), np.linalg.norm(error, axis=0) / np.sqrt(6), rtol=1e-14
+    )
+    np.testing.assert_allclose(
+        rmse(estimate, truth, axis=(0, 1)), rmse(estimate, truth), rtol=1e-14
+    )
     np.testing.assert_allclose(rmse(estimate[0, 0], truth[0, 0]), np.abs(error[0, 0]), rtol=1e-14)
 
 
@@ -65,8 +73,12 @@ def test_rmse_and_nees_do_not_notice_whole_turns_of_an_angle():
     turned = estimate + 2 * np.pi * rng.integers(-3, 4, size=(50, 1)) * np.array([0.0, 1.0, 0.0])
     cov = random_covariance(rng, 3)
     close = {"rtol": 0, "atol": 1e-12}
-    np.testing.assert_allclose(rmse(turned, truth, angles=(1,)), rmse(estimate, truth, angles=(1,)), **close)
-    np.testing.assert_allclose(nees(turned, cov, truth, (1,)), nees(estimate, cov, truth, (1,)), rtol=1e-11)
+    np.testing.assert_allclose(
+        rmse(turned, truth, angles=(1,)), rmse(estimate, truth, angles=(1,)), **close
+    )
+    np.testing.assert_allclose(
+        nees(turned, cov, truth, (1,)), nees(estimate, cov, truth, (1,)), rtol=1e-11
+    )
 
 
 def test_scores_leave_what_they_are_given_alone():
@@ -79,18 +91,24 @@ def test_scores_leave_what_they_are_given_alone():
     np.testing.assert_array_equal(cov, np.eye(2))
 
 
-# --- consistency ------------------------------------------------------------------------------------
+# --- consistency ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("n", [1, 3, 6])
 def test_nees_and_nis_are_squared_distances_in_standard_deviations(n: int):
     rng = np.random.default_rng(n)
-    mean, truth, cov = rng.normal(size=(4, 5, n)), rng.normal(size=(4, 5, n)), random_covariance(rng, n, (4, 5))
+    mean, truth, cov = (
+        rng.normal(size=(4, 5, n)),
+        rng.normal(size=(4, 5, n)),
+        random_covariance(rng, n, (4, 5)),
+    )
     error = truth - mean
     whitened = np.linalg.solve(np.linalg.cholesky(cov), error[..., None])[..., 0]
     np.testing.assert_allclose(nees(mean, cov, truth), (whitened**2).sum(-1), rtol=1e-11)
     np.testing.assert_allclose(nis(error, cov), (whitened**2).sum(-1), rtol=1e-11)
-    np.testing.assert_allclose(nees(mean, cov[0, 0], truth)[0, 0], (whitened**2).sum(-1)[0, 0], rtol=1e-11)
+    np.testing.assert_allclose(
+        nees(mean, cov[0, 0], truth)[0, 0], (whitened**2).sum(-1)[0, 0], rtol=1e-11
+    )
 
 
 @pytest.mark.parametrize("n", [1, 4])
@@ -110,7 +128,9 @@ def test_missing_measurements_add_nothing_to_nis():
     p, kept = 4, np.array([True, False, True, False])
     S, e = random_covariance(rng, p), rng.normal(size=p)
     missing_S = np.where(np.outer(kept, kept), S, np.eye(p))  # as an update reports it
-    assert nis(np.where(kept, e, 0.0), missing_S) == pytest.approx(nis(e[kept], S[kept][:, kept]), rel=1e-13)
+    assert nis(np.where(kept, e, 0.0), missing_S) == pytest.approx(
+        nis(e[kept], S[kept][:, kept]), rel=1e-13
+    )
     assert nis(np.zeros(p), np.eye(p)) == 0.0
 
 
@@ -120,8 +140,16 @@ def test_nis_of_a_singular_s_has_no_unit():
         assert nis([4e-10 * unit], [[0.0]]) == np.inf
         assert nis([unit, -unit], np.full((2, 2), unit**2)) == np.inf
         assert nis([2.0 * unit, 2.0 * unit], np.full((2, 2), unit**2)) == pytest.approx(4.0)
-        assert nis([1e-15 * unit], [[0.0]], unit) == nees([unit], [[0.0]], [unit * (1.0 + 1e-15)]) == 0.0
-        assert nis([1e-6 * unit], [[0.0]], unit) == nees([unit], [[0.0]], [unit * (1.0 + 1e-6)]) == np.inf
+        assert (
+            nis([1e-15 * unit], [[0.0]], unit)
+            == nees([unit], [[0.0]], [unit * (1.0 + 1e-15)])
+            == 0.0
+        )
+        assert (
+            nis([1e-6 * unit], [[0.0]], unit)
+            == nees([unit], [[0.0]], [unit * (1.0 + 1e-6)])
+            == np.inf
+        )
 
 
 @pytest.mark.parametrize("runs", [1, 10, 400])

@@ -42,7 +42,7 @@ def _refusal(build, *args, **kwargs) -> str:
     return message
 
 
-# --- covariances whose variances differ ---------------------------------------------------------------
+# --- covariances whose variances differ -----------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -70,7 +70,11 @@ def test_a_covariance_is_judged_by_the_variances_of_its_own_rows(cov: list):
 
 def test_small_variances_beside_large_ones_must_be_symmetric():
     assert "Q must be symmetric" in _refusal(
-        LinearModel, np.eye(3), np.eye(3), [[1e12, 0.0, 0.0], [0.0, 1.0, 0.5], [0.0, 0.4, 1.0]], np.eye(3)
+        LinearModel,
+        np.eye(3),
+        np.eye(3),
+        [[1e12, 0.0, 0.0], [0.0, 1.0, 0.5], [0.0, 0.4, 1.0]],
+        np.eye(3),
     )
     assert "Q must be symmetric" in _refusal(
         LinearModel, np.eye(2), np.eye(2), [[0.0, 0.0], [1e160, 5e-324]], np.eye(2)
@@ -90,7 +94,7 @@ def test_a_covariance_of_any_scales_and_rank_is_taken(rank: int):
             np.testing.assert_array_equal(taken, taken.T)
 
 
-# --- what is refused --------------------------------------------------------------------------------
+# --- what is refused ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -119,7 +123,9 @@ def test_a_covariance_of_any_scales_and_rank_is_taken(rank: int):
         ("measurement_angles", (1,), "below 1"),
     ],
 )
-def test_a_linear_model_names_the_argument_that_is_wrong_and_why(name: str, value: object, problem: str):
+def test_a_linear_model_names_the_argument_that_is_wrong_and_why(
+    name: str, value: object, problem: str
+):
     message = _refusal(LinearModel, **{**FINE, name: value})
     assert message.startswith(f"{name} ")
     assert problem in message
@@ -142,8 +148,15 @@ def test_g_and_h_must_be_for_the_same_number_of_unknown_inputs():
         ("measurement_angles", (1,), "below 1"),
     ],
 )
-def test_a_nonlinear_model_names_the_argument_that_is_wrong_and_why(name: str, value: object, problem: str):
-    fine = {"transition": lambda x, u: x, "measurement": lambda x, u: x[..., :1], "Q": I2, "R": [[1.0]]}
+def test_a_nonlinear_model_names_the_argument_that_is_wrong_and_why(
+    name: str, value: object, problem: str
+):
+    fine = {
+        "transition": lambda x, u: x,
+        "measurement": lambda x, u: x[..., :1],
+        "Q": I2,
+        "R": [[1.0]],
+    }
     message = _refusal(NonlinearModel, **{**fine, name: value})
     assert message.startswith(f"{name} ")
     assert problem in message
@@ -185,10 +198,14 @@ def test_a_schedule_names_the_argument_that_is_wrong_and_why(change: dict, sente
 
 def test_a_schedule_of_a_component_that_u_has_not_is_refused():
     schedule = Schedule(I2[None], 5, 1.0, 0.5)
-    with pytest.raises(ValueError, match=r"^matrices follow component 5 of the known input, but u has 2"):
+    with pytest.raises(
+        ValueError, match=r"^matrices follow component 5 of the known input, but u has 2"
+    ):
         schedule(np.zeros(2))
     filter = make("kf", LinearModel(schedule, I2, I2, I2))
-    with pytest.raises(ValueError, match=r"^matrices follow component 5 of the known input, but u has 2"):
+    with pytest.raises(
+        ValueError, match=r"^matrices follow component 5 of the known input, but u has 2"
+    ):
         filter.predict(filter.init(Gaussian(np.zeros(2), I2)), np.zeros(2))
 
 
@@ -198,7 +215,9 @@ def test_a_jacobian_that_is_not_finite_at_first_is_compared_where_it_is():
         transition_jacobian=lambda x, u: np.where(x == 0.0, np.nan, 7.0)[..., None] * I2,
     )  # fmt: skip
     assert np.isnan(model.linearise_transition(np.zeros(2), None)[1]).any()
-    with pytest.raises(ValueError, match=r"^transition_jacobian differs from transition: entry \(0, 0\) is 7"):
+    with pytest.raises(
+        ValueError, match=r"^transition_jacobian differs from transition: entry \(0, 0\) is 7"
+    ):
         model.linearise_transition(np.ones(2), None)
 
 
@@ -227,7 +246,7 @@ def test_a_missing_half_of_the_unknown_input_counts_as_zero():
     assert LinearModel(**FINE).G is None
 
 
-# --- linear models ----------------------------------------------------------------------------------
+# --- linear models --------------------------------------------------------------------------------
 
 
 def test_linear_functions_are_matrix_products_row_by_row():
@@ -242,7 +261,9 @@ def test_linear_functions_are_matrix_products_row_by_row():
     # Members of an ensemble are one more axis before the components of the state.
     shared = LinearModel(A=A[0], B=B[0], C=C[0], Q=np.eye(3), R=np.eye(4))
     members = rng.normal(size=(5, 7, 3))
-    np.testing.assert_allclose(shared.measurement(members, None)[2, 4], C[0] @ members[2, 4], rtol=1e-12)
+    np.testing.assert_allclose(
+        shared.measurement(members, None)[2, 4], C[0] @ members[2, 4], rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize("name", ["kf", "ekf", "kf-umv-ui", "kf-umv-ui-wdf"])
@@ -275,24 +296,30 @@ def test_matrices_may_be_functions_of_the_known_input(name: str):
         u, y = rng.normal(size=(2, 1)), rng.normal(size=(2, p))
         belief = filter.update(filter.predict(belief, u), y)
         for i in range(2):
-            matrices = {key: value(u[i]) if callable(value) else value for key, value in functions.items()}
+            matrices = {
+                key: value(u[i]) if callable(value) else value for key, value in functions.items()
+            }
             constant = make(name, LinearModel(**matrices))
             singles[i] = constant.update(constant.predict(singles[i], u[i]), y[i])
             assert_same(belief[i], singles[i], 1e-11)
 
 
 def test_a_measurement_may_depend_on_an_input_of_its_own_time():
-    model = LinearModel(A=I2, C=lambda u: np.stack([u, np.zeros_like(u)], -1), Q=I2, R=[[1.0]], B=np.zeros((2, 1)))
+    model = LinearModel(
+        A=I2, C=lambda u: np.stack([u, np.zeros_like(u)], -1), Q=I2, R=[[1.0]], B=np.zeros((2, 1))
+    )
     filter = make("kf", model)
     predicted = filter.predict(filter.init(Gaussian([1.0, 1.0], I2)), [3.0])
     assert filter.update(predicted, [0.0]).innovation[0] == -3.0
     assert filter.update(predicted, [0.0], u=[5.0]).innovation[0] == -5.0
 
 
-# --- nonlinear models -------------------------------------------------------------------------------
+# --- nonlinear models -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("way", "error"), [(lambda f: f, 1e-13), (in_numpy, 1e-10)], ids=["traced", "differences"])
+@pytest.mark.parametrize(
+    ("way", "error"), [(lambda f: f, 1e-13), (in_numpy, 1e-10)], ids=["traced", "differences"]
+)
 def test_jacobians_are_the_analytic_ones(way: Callable, error: float):
     """To rounding; differences of fourth order over steps h of 1e-3 err by 1e-16 / h and by h^4, tens of times."""
     rng = np.random.default_rng(2)
@@ -307,7 +334,9 @@ def test_jacobians_are_the_analytic_ones(way: Callable, error: float):
     model = NonlinearModel(way(f), way(h), np.eye(3), np.eye(2))
     x, u = rng.normal(size=(6, 4, 3)), rng.normal(size=(6, 4, 2))
     value, jacobian = model.linearise_transition(x, u)
-    np.testing.assert_allclose(value, f(x, u), rtol=1e-12)  # elementary functions differ by 2 units in the last place
+    np.testing.assert_allclose(
+        value, f(x, u), rtol=1e-12
+    )  # elementary functions differ by 2 units in the last place
     expected = (np.cos(np.matvec(A, x)) * np.exp(0.1 * np.matvec(B, u)))[..., None] * A
     np.testing.assert_allclose(jacobian, expected, rtol=0, atol=error)
     value, jacobian = model.linearise_measurement(x, u)
@@ -317,7 +346,9 @@ def test_jacobians_are_the_analytic_ones(way: Callable, error: float):
     np.testing.assert_allclose(jacobian, expected, rtol=0, atol=error)
 
 
-@pytest.mark.parametrize(("way", "error"), [(lambda f: f, 0.0), (in_numpy, 1e-7)], ids=["traced", "differences"])
+@pytest.mark.parametrize(
+    ("way", "error"), [(lambda f: f, 0.0), (in_numpy, 1e-7)], ids=["traced", "differences"]
+)
 def test_jacobians_keep_their_digits_for_large_and_small_states(way: Callable, error: float):
     model = NonlinearModel(way(lambda x, u: x**2), lambda x, u: x[..., :1], np.eye(2), np.eye(1))
     x = np.array([1e6, 1e-3])
@@ -326,7 +357,7 @@ def test_jacobians_keep_their_digits_for_large_and_small_states(way: Callable, e
     np.testing.assert_array_equal(jacobian[[0, 1], [1, 0]], 0.0)
 
 
-# --- discretisation ---------------------------------------------------------------------------------
+# --- discretisation -------------------------------------------------------------------------------
 
 
 def _continuous(seed: int, n: int = 3, m: int = 2) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -336,7 +367,9 @@ def _continuous(seed: int, n: int = 3, m: int = 2) -> tuple[np.ndarray, np.ndarr
 
 def _flow(A: np.ndarray, x: np.ndarray, drive: np.ndarray, dt: float) -> np.ndarray:
     """The end of ``x' = A x + drive`` after ``dt``, by integration in small steps."""
-    return solve_ivp(lambda t, z: A @ z + drive, (0.0, dt), x, rtol=1e-12, atol=1e-13, method="DOP853").y[:, -1]
+    return solve_ivp(
+        lambda t, z: A @ z + drive, (0.0, dt), x, rtol=1e-12, atol=1e-13, method="DOP853"
+    ).y[:, -1]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -366,7 +399,9 @@ def test_van_loan_noise_is_the_integral_that_defines_it(seed: int):
     A, G, Q = _continuous(seed)
     dt = 0.7
     F, noise = van_loan(A, G, Q, dt)
-    np.testing.assert_allclose(F, np.stack([_flow(A, e, np.zeros(3), dt) for e in np.eye(3)], 1), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        F, np.stack([_flow(A, e, np.zeros(3), dt) for e in np.eye(3)], 1), rtol=0, atol=1e-9
+    )
     nodes, weights = np.polynomial.legendre.leggauss(12)
     expected = np.zeros((3, 3))
     for s, weight in zip(0.5 * dt * (nodes + 1.0), 0.5 * dt * weights, strict=True):
@@ -392,7 +427,9 @@ def test_forward_euler_is_the_first_order_of_the_exact_step():
 def test_continuous_models_are_lists_too_and_no_step_goes_back():
     A, G, dt = [[0, 1], [0, 0]], [[0], [1]], 0.1
     np.testing.assert_allclose(zero_order_hold(A, G, dt)[1], [[0.005], [0.1]], rtol=1e-12)
-    np.testing.assert_allclose(van_loan(A, G, [[2]], dt)[1], [[2e-3 / 3.0, 0.01], [0.01, 0.2]], rtol=1e-12)
+    np.testing.assert_allclose(
+        van_loan(A, G, [[2]], dt)[1], [[2e-3 / 3.0, 0.01], [0.01, 0.2]], rtol=1e-12
+    )
     for step in (lambda dt: zero_order_hold(A, G, dt), lambda dt: van_loan(A, G, [[2]], dt)):
         np.testing.assert_array_equal(step(0.0)[1], 0.0)
         with pytest.raises(ValueError, match="dt must be at least 0, got"):
@@ -408,14 +445,27 @@ def test_an_error_of_a_function_names_it(name: str):
         return np.sin(x[..., :1])
 
     for f, h, sentence in (
-        (lambda x, u: [x[..., 0], x[..., 1]], swing, "transition must return an array, not a list: np.stack"),
+        (
+            lambda x, u: [x[..., 0], x[..., 1]],
+            swing,
+            "transition must return an array, not a list: np.stack",
+        ),
         (move, lambda x, u: (x[..., 0],), "measurement must return an array, not a list: np.stack"),
         (lambda x, u: x * math.sin(x[0]), swing, "transition fails: .*it gets arrays"),
         (move, lambda x, u: math.sin(x[0]), "measurement fails: .*it gets arrays"),
-        (move, lambda x: x[..., :1], "measurement must be a function of .x, u.: too many positional arguments"),
+        (
+            move,
+            lambda x: x[..., :1],
+            "measurement must be a function of .x, u.: too many positional arguments",
+        ),
     ):
         with pytest.raises((TypeError, ValueError), match=f"^{sentence}"):
-            run(make(name, NonlinearModel(f, h, I2, np.eye(1))), Gaussian(np.zeros(2), I2), np.zeros((2, 1)), rng=0)
+            run(
+                make(name, NonlinearModel(f, h, I2, np.eye(1))),
+                Gaussian(np.zeros(2), I2),
+                np.zeros((2, 1)),
+                rng=0,
+            )
     with pytest.raises(TypeError, match="R must be a function of"):
         NonlinearModel(move, swing, np.eye(2), lambda x, u: np.eye(1))
 
@@ -436,7 +486,9 @@ def _bearing(**own: object) -> NonlinearModel:
     def bearing(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         return np.arctan2(x[..., 1:2], x[..., :1])
 
-    return NonlinearModel(lambda x, u: x, bearing, np.eye(2), [[0.01]], measurement_angles=(0,), **own)
+    return NonlinearModel(
+        lambda x, u: x, bearing, np.eye(2), [[0.01]], measurement_angles=(0,), **own
+    )
 
 
 def _bearing_jacobian(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
@@ -481,12 +533,19 @@ def test_differences_of_few_digits_are_refused_and_a_jacobian_taken():
 
     prior = Gaussian([100.3, 3.7], 1e-8 * np.eye(2))
     filter = make("ekf", NonlinearModel(single, lambda x, u: x[..., :1], **few))
-    with pytest.raises(ValueError, match=r"transition returns numbers of few digits .* compute it in float64, give"):
+    with pytest.raises(
+        ValueError, match=r"transition returns numbers of few digits .* compute it in float64, give"
+    ):
         filter.predict(filter.init(prior))
-    filter = make("ekf", NonlinearModel(single, lambda x, u: x[..., :1], transition_jacobian=slope, **few))
+    filter = make(
+        "ekf", NonlinearModel(single, lambda x, u: x[..., :1], transition_jacobian=slope, **few)
+    )
     exact = slope(prior.mean, None)
     np.testing.assert_allclose(
-        filter.predict(filter.init(prior)).cov, exact @ prior.cov @ exact.mT + few["Q"], rtol=1e-12, atol=0.0
+        filter.predict(filter.init(prior)).cov,
+        exact @ prior.cov @ exact.mT + few["Q"],
+        rtol=1e-12,
+        atol=0.0,
     )
     filter = make("ekf", NonlinearModel(single, lambda x, u: x[..., :1], transition_jacobian=lambda x, u: -slope(x, u),
                                         **few))  # fmt: skip
@@ -504,35 +563,51 @@ def test_a_jacobian_that_is_no_matrix_of_numbers_is_named(wrong: object):
 @pytest.mark.parametrize("wrong", [None, "a", 1j])
 def test_a_function_whose_value_is_no_array_of_numbers_is_named(wrong: object):
     filter = make("ekf", NonlinearModel(lambda x, u: wrong, lambda x, u: x, np.eye(2), np.eye(2)))
-    with pytest.raises(ValueError, match="what transition returns must be an array of real numbers"):
+    with pytest.raises(
+        ValueError, match="what transition returns must be an array of real numbers"
+    ):
         filter.predict(filter.init(Gaussian([-1.0, 0.3], np.eye(2))))
 
 
 @pytest.mark.parametrize("way", [lambda f: f, in_numpy], ids=["traced", "differences"])
 @pytest.mark.parametrize("spread", [1.0, 100.0, 1e5])
-def test_the_jacobian_of_an_angle_is_right_however_little_is_known_of_it(spread: float, way: Callable):
+def test_the_jacobian_of_an_angle_is_right_however_little_is_known_of_it(
+    spread: float, way: Callable
+):
     model = NonlinearModel(
-        *2 * [way(lambda x, u: wrap(x))], [[1.0]], [[1.0]], state_angles=(0,), measurement_angles=(0,)
+        *2 * [way(lambda x, u: wrap(x))],
+        [[1.0]],
+        [[1.0]],
+        state_angles=(0,),
+        measurement_angles=(0,),
     )
     for linearise in (model.linearise_transition, model.linearise_measurement):
-        np.testing.assert_allclose(linearise(np.array([3.1]), None, [[spread**2]])[1], [[1.0]], rtol=0, atol=1e-10)
+        np.testing.assert_allclose(
+            linearise(np.array([3.1]), None, [[spread**2]])[1], [[1.0]], rtol=0, atol=1e-10
+        )
 
 
 def test_a_function_of_u_that_needs_none_tells_its_size():
-    model = NonlinearModel(lambda x, u: x, lambda x, u: x[..., :1], lambda u: np.eye(3), lambda u: np.eye(1))
+    model = NonlinearModel(
+        lambda x, u: x, lambda x, u: x[..., :1], lambda u: np.eye(3), lambda u: np.eye(1)
+    )
     assert (model.n, model.p) == (3, 1)
-    with pytest.raises(ValueError, match="cannot tell states: give states=, or one of Q, G as an array"):
+    with pytest.raises(
+        ValueError, match="cannot tell states: give states=, or one of Q, G as an array"
+    ):
         NonlinearModel(lambda x, u: x, lambda x, u: x, lambda u: np.eye(3) * u[0], np.eye(3))
 
 
-# --- functions that are part of a filter's program ----------------------------------------------------
+# --- functions that are part of a filter's program ------------------------------------------------
 
 
 def test_a_jacobian_of_the_users_is_compiled_once_it_was_compared_and_gives_what_it_gives_in_numpy():
     def branching(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         return jacobian(x, u) if (x < 1e3).all() else np.nan * x
 
-    def jacobian(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:  # but for .01 %: it counts, not the derivative
+    def jacobian(
+        x: np.ndarray, u: np.ndarray | None
+    ) -> np.ndarray:  # but for .01 %: it counts, not the derivative
         return 1.0001 * np.cos(x)[..., None] * I2
 
     beliefs, functions = [], (lambda x, u: np.sin(x), lambda x, u: 2.0 * np.sin(x))
@@ -550,7 +625,9 @@ def test_a_jacobian_of_the_users_is_compiled_once_it_was_compared_and_gives_what
     np.testing.assert_allclose(beliefs[0].cov, beliefs[1].cov, rtol=1e-13)
 
 
-def test_models_that_are_gone_leave_no_more_behind_than_a_few_hundred(monkeypatch: pytest.MonkeyPatch):
+def test_models_that_are_gone_leave_no_more_behind_than_a_few_hundred(
+    monkeypatch: pytest.MonkeyPatch,
+):
     monkeypatch.setattr(foreign, "_KEPT", 4)
     foreign.inspections.clear()
     for i in range(6):

@@ -7,9 +7,25 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2, ncx2, norm
 
-from estimators import Belief, ChiSquareMonitor, CusumMonitor, Delayed, Gaussian, LinearModel, Watch, make, nis
+from estimators import (
+    Belief,
+    ChiSquareMonitor,
+    CusumMonitor,
+    Delayed,
+    Gaussian,
+    LinearModel,
+    Watch,
+    make,
+    nis,
+)
 from estimators.faults import cusum_run_length
-from tests.estimators.cases import kalman_system, random_covariance, simulate, some_measurements, unknown_input_system
+from tests.estimators.cases import (
+    kalman_system,
+    random_covariance,
+    simulate,
+    some_measurements,
+    unknown_input_system,
+)
 
 KINDS = (ChiSquareMonitor, CusumMonitor)
 
@@ -35,7 +51,9 @@ def assert_share(hits: np.ndarray, probability: float) -> None:
     assert low <= hits.sum() <= high, (hits.sum(), low, high)
 
 
-def first_alarms(monitor: CusumMonitor, rng: np.random.Generator, rows: int, S: np.ndarray, mean: np.ndarray):
+def first_alarms(
+    monitor: CusumMonitor, rng: np.random.Generator, rows: int, S: np.ndarray, mean: np.ndarray
+):
     """Steps until the first alarm, and whom it accused, of rows of white innovations."""
     state, after, accused = monitor.start(rows), np.zeros(rows, int), np.full(rows, -1)
     for k in range(1, 20_000):
@@ -51,11 +69,12 @@ def assert_mean(values: np.ndarray, expected: float) -> None:
     assert abs(values.mean() - expected) < norm.isf(0.0005) * values.std() / np.sqrt(values.size)
 
 
-# --- run lengths --------------------------------------------------------------------------------------
+# --- run lengths ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("h", "mean", "two_sided"), [(4, 0, 168), (4, 0.5, 26.6), (4, 1, 8.38), (4, 2, 3.34), (5, 0, 465), (5, 1, 10.4)]
+    ("h", "mean", "two_sided"),
+    [(4, 0, 168), (4, 0.5, 26.6), (4, 1, 8.38), (4, 2, 3.34), (5, 0, 465), (5, 1, 10.4)],
 )
 def test_run_lengths_are_those_printed(h: float, mean: float, two_sided: float):
     """Lucas & Crosier (1982), Technometrics 24: k = 1/2, no head start."""
@@ -63,7 +82,9 @@ def test_run_lengths_are_those_printed(h: float, mean: float, two_sided: float):
     assert f"{1.0 / sum(rates):.3g}" == f"{two_sided:.3g}"
 
 
-@pytest.mark.parametrize(("h", "drift", "mean"), [(0.7, 1.0, 0.0), (3.0, 0.25, 0.0), (6.0, 0.5, 0.3), (12.0, 0.2, 0.0)])
+@pytest.mark.parametrize(
+    ("h", "drift", "mean"), [(0.7, 1.0, 0.0), (3.0, 0.25, 0.0), (6.0, 0.5, 0.3), (12.0, 0.2, 0.0)]
+)
 def test_run_lengths_are_those_of_a_markov_chain(h: float, drift: float, mean: float):
     """Brook & Evans (1972): the sum in cells of equal width, whose error falls as the square of the width."""
     lengths = []
@@ -81,7 +102,7 @@ def test_without_a_threshold_a_sum_waits_for_one_number():
     assert cusum_run_length(1e-12, 1.3) == pytest.approx(1.0 / norm.sf(1.3))
 
 
-# --- false alarms -------------------------------------------------------------------------------------
+# --- false alarms ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("window", [1, 7])
@@ -109,7 +130,9 @@ def test_a_cusum_of_one_channel_has_the_stated_time_between_false_alarms():
     assert_mean(after, 100.0)
 
 
-@pytest.mark.parametrize("correlation", [0.6, *(pytest.param(c, marks=pytest.mark.nightly) for c in (0.0, -0.9))])
+@pytest.mark.parametrize(
+    "correlation", [0.6, *(pytest.param(c, marks=pytest.mark.nightly) for c in (0.0, -0.9))]
+)
 def test_cusums_of_several_channels_raise_no_more_false_alarms_than_stated(correlation: float):
     rng = np.random.default_rng(2)
     S = (1.0 - abs(correlation)) * np.eye(3)
@@ -139,14 +162,18 @@ def test_a_filter_of_a_true_model_raises_as_many_false_alarms_as_stated(kind: ty
         assert 0.3 * rate * rows * steps < alarms < binom.isf(0.001, rows * steps, rate)
 
 
-# --- detection ----------------------------------------------------------------------------------------
+# --- detection ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("window", [3, 10])
 def test_the_chance_to_see_a_bias_is_that_of_noncentral_chi_square(window: int):
     """A bias' effect on the innovations of a filter follows from the filter alone, as exact measurements show."""
     system, rows, steps = kalman_system(4), 4000, 15
-    model, filter, monitor = system.model, make("kf", system.model), ChiSquareMonitor(3, 1e-3, window)
+    model, filter, monitor = (
+        system.model,
+        make("kf", system.model),
+        ChiSquareMonitor(3, 1e-3, window),
+    )
     bias = 4.0 * np.sqrt(model.R[1, 1]) * np.eye(3)[1]
     record = simulate(system, 4, rows, steps)
     still = filter.init(Gaussian(np.zeros(4), system.cov))
@@ -154,7 +181,10 @@ def test_the_chance_to_see_a_bias_is_that_of_noncentral_chi_square(window: int):
     shown = []
     for k, y in enumerate(record.y):
         if k:
-            belief, still = filter.predict(belief, record.u[k - 1]), filter.predict(still, np.zeros(2))
+            belief, still = (
+                filter.predict(belief, record.u[k - 1]),
+                filter.predict(still, np.zeros(2)),
+            )
         wrong = bias if k >= 5 else 0.0 * bias
         belief, still = filter.update(belief, y + wrong), filter.update(still, wrong)
         state = monitor.watch(state, belief)
@@ -174,7 +204,7 @@ def test_the_delay_of_a_cusum_is_its_run_length_under_the_bias(mean: float):
     assert_mean(after, 1.0 / sum(rates))
 
 
-# --- whom is accused ----------------------------------------------------------------------------------
+# --- whom is accused ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.5, -0.95])
@@ -185,7 +215,9 @@ def test_the_accused_of_two_channels_is_the_faulty_one_as_often_as_theory_says(c
     monitor = ChiSquareMonitor(2, window=1)
     state = monitor.watch(monitor.start(rows), read(drawn(rng, S, rows) + [bias, 0.0], S))
     mean = bias / np.sqrt(1.0 - correlation**2)
-    less, more = (mean * (1 + s * correlation) / np.sqrt(2 * (1 + s * correlation)) for s in (1, -1))
+    less, more = (
+        mean * (1 + s * correlation) / np.sqrt(2 * (1 + s * correlation)) for s in (1, -1)
+    )
     right = norm.cdf(less) * norm.cdf(more) + norm.sf(less) * norm.sf(more)
     assert_share(state.suspicion.argmax(-1) == 0, right)
 
@@ -199,7 +231,9 @@ def test_a_channel_that_is_correlated_with_the_faulty_one_is_not_accused(kind: t
     monitor = kind(3, 1e-3)
     accused, state = np.full(rows, -1), monitor.start(rows)
     for _ in range(15):
-        state = monitor.watch(state, read(drawn(rng, S, rows) + 4.0 * np.eye(3)[faulty] * np.sqrt(1.0 + faulty), S))
+        state = monitor.watch(
+            state, read(drawn(rng, S, rows) + 4.0 * np.eye(3)[faulty] * np.sqrt(1.0 + faulty), S)
+        )
         accused = np.where(accused < 0, state.accused, accused)
     assert (accused == faulty).mean() > 0.9
     assert np.array_equal(state.accused >= 0, state.alarm)
@@ -208,7 +242,9 @@ def test_a_channel_that_is_correlated_with_the_faulty_one_is_not_accused(kind: t
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("size", [1e90, 1e160, -1e200, 1e306])
-def test_a_measurement_that_is_absurd_is_accused_and_forgotten_like_any_other(kind: type, size: float):
+def test_a_measurement_that_is_absurd_is_accused_and_forgotten_like_any_other(
+    kind: type, size: float
+):
     rng, monitor = np.random.default_rng(14), kind(3)
     S = 1e-3 * random_covariance(rng, 3)
     e = 1e-3 * rng.normal(size=(12, 3, 3))
@@ -231,12 +267,16 @@ def test_what_speaks_against_a_sensor_is_what_the_innovation_has_less_without_it
         rest = [j for j in range(4) if j not in channels]
         share = nis(e, S) - nis(e[:, rest], S[np.ix_(rest, rest)])
         deviate = norm.isf(chi2.sf(share, len(channels)))
-        usual = (deviate > -1.0) & (deviate < 3.0)  # where they are good, how good Wilson & Hilferty are
+        usual = (deviate > -1.0) & (
+            deviate < 3.0
+        )  # where they are good, how good Wilson & Hilferty are
         assert usual.sum() > 25
-        np.testing.assert_allclose(state.suspicion[usual, sensor], deviate[usual], rtol=0, atol=0.15)
+        np.testing.assert_allclose(
+            state.suspicion[usual, sensor], deviate[usual], rtol=0, atol=0.15
+        )
 
 
-# --- missing measurements, rows, series -------------------------------------------------------------------
+# --- missing measurements, rows, series -----------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -284,7 +324,9 @@ def test_a_series_a_row_and_a_loop_are_one_and_the_same(kind: type):
         alone = monitor.run(beliefs[: k + 1, 1, 1])[-1]
         for name in Watch.__dataclass_fields__:
             np.testing.assert_array_equal(getattr(whole, name)[k], getattr(state, name))
-            np.testing.assert_allclose(getattr(alone, name), getattr(state, name)[1, 1], rtol=1e-12, atol=1e-12)
+            np.testing.assert_allclose(
+                getattr(alone, name), getattr(state, name)[1, 1], rtol=1e-12, atol=1e-12
+            )
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -298,7 +340,9 @@ def test_rows_begin_again_by_mask_and_nothing_handed_in_is_changed(kind: type):
     fresh, on = monitor.watch(monitor.start(3), read(e[1], S)), monitor.watch(before, read(e[1], S))
     for name in kept:
         expected = np.where(
-            done.reshape(3, *[1] * (getattr(on, name).ndim - 1)), getattr(fresh, name), getattr(on, name)
+            done.reshape(3, *[1] * (getattr(on, name).ndim - 1)),
+            getattr(fresh, name),
+            getattr(on, name),
         )
         np.testing.assert_array_equal(getattr(state, name), expected)
         np.testing.assert_array_equal(getattr(before, name), kept[name])
@@ -322,7 +366,7 @@ def test_the_filter_that_is_told_of_an_input_as_noise_can_be_watched():
     assert ChiSquareMonitor(3).watch(ChiSquareMonitor(3).start(), belief).alarm in (True, False)
 
 
-# --- what is refused ----------------------------------------------------------------------------------
+# --- what is refused ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -341,7 +385,9 @@ def test_the_filter_that_is_told_of_an_input_as_noise_can_be_watched():
     ],
 )
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_makes_no_monitor_is_refused(kind: type, sensors: object, options: dict, sentence: str):
+def test_what_makes_no_monitor_is_refused(
+    kind: type, sensors: object, options: dict, sentence: str
+):
     with pytest.raises(ValueError, match=sentence):
         kind(sensors, **options)
 
@@ -355,10 +401,16 @@ def test_a_batch_that_is_none_is_refused(kind: type, batch: object):
 
 def test_the_state_of_another_monitor_is_refused():
     S, e = np.eye(2), np.ones((3, 2))
-    long, short, cusum = ChiSquareMonitor(2, window=10), ChiSquareMonitor(2, window=5), CusumMonitor(2)
+    long, short, cusum = (
+        ChiSquareMonitor(2, window=10),
+        ChiSquareMonitor(2, window=5),
+        CusumMonitor(2),
+    )
     one = ChiSquareMonitor({"both": (0, 1)}, window=5)
     for mine, other in ((short, long), (long, short), (short, cusum), (cusum, long), (one, short)):
-        with pytest.raises(ValueError, match=r"the state is of another monitor: it remembers .* of \d sensors"):
+        with pytest.raises(
+            ValueError, match=r"the state is of another monitor: it remembers .* of \d sensors"
+        ):
             mine.watch(other.start(3), read(e, S))
         with pytest.raises(ValueError, match="the state is of another monitor: it remembers"):
             mine.start(3).with_rows(np.ones(3, bool), other.start(3))
@@ -369,7 +421,9 @@ def test_a_window_and_a_shift_that_are_none_are_refused():
         ChiSquareMonitor(2, window=0)
     with pytest.raises(ValueError, match="shift must be a number of standard deviations above"):
         CusumMonitor(2, shift=0.0)
-    with pytest.raises(ValueError, match=r"shift must be below 4.65.* a ChiSquareMonitor with a window of 1"):
+    with pytest.raises(
+        ValueError, match=r"shift must be below 4.65.* a ChiSquareMonitor with a window of 1"
+    ):
         CusumMonitor(1, 0.02, shift=6.0)
 
 
@@ -377,7 +431,9 @@ def test_beliefs_that_cannot_be_watched_are_refused():
     system = kalman_system(0)
     filter, monitor = make("kf", system.model), CusumMonitor(3)
     begun = filter.init(system.rows(2))
-    with pytest.raises(ValueError, match="no innovation with its covariance: watch it after an update"):
+    with pytest.raises(
+        ValueError, match="no innovation with its covariance: watch it after an update"
+    ):
         monitor.watch(monitor.start(2), begun)
     belief = filter.update(begun, np.zeros((2, 3)))
     with pytest.raises(ValueError, match=r"watches rows \(3,\), the belief has rows \(2,\)"):
@@ -395,13 +451,22 @@ def test_beliefs_that_cannot_be_watched_are_refused():
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_filter_to_which_measurements_come_late_is_watched_as_any_other(kind: type):
     system = kalman_system(0)
-    delayed, plain, monitor = Delayed(make("kf", system.model), 2), make("kf", system.model), kind(3)
+    delayed, plain, monitor = (
+        Delayed(make("kf", system.model), 2),
+        make("kf", system.model),
+        kind(3),
+    )
     beliefs = [f.init(system.rows(2)) for f in (delayed, plain)]
     states = [monitor.start(2), monitor.start(2)]
     for y in simulate(system, 0, 2, 5).y:
         beliefs = [delayed.update(beliefs[0], y[:, None]), plain.update(beliefs[1], y)]
-        states = [monitor.watch(state, belief) for state, belief in zip(states, beliefs, strict=True)]
-        beliefs = [f.predict(belief, np.zeros(2)) for f, belief in zip((delayed, plain), beliefs, strict=True)]
+        states = [
+            monitor.watch(state, belief) for state, belief in zip(states, beliefs, strict=True)
+        ]
+        beliefs = [
+            f.predict(belief, np.zeros(2))
+            for f, belief in zip((delayed, plain), beliefs, strict=True)
+        ]
     np.testing.assert_array_equal(states[0].statistic, states[1].statistic)
 
 

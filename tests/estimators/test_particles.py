@@ -9,7 +9,15 @@ from hypothesis import strategies as st
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from estimators import Gaussian, LinearModel, NonlinearModel, ParticleFilter, RandomKeys, Recovery, make
+from estimators import (
+    Gaussian,
+    LinearModel,
+    NonlinearModel,
+    ParticleFilter,
+    RandomKeys,
+    Recovery,
+    make,
+)
 from estimators.particles import systematic
 from tests.estimators.cases import arrays, assert_same, kalman_system, simulate, track
 
@@ -18,7 +26,7 @@ def _numbers(*rows: int) -> RandomKeys:
     return RandomKeys.seeded(rows).of(7)
 
 
-# --- the exact posterior ----------------------------------------------------------------------------
+# --- the exact posterior --------------------------------------------------------------------------
 
 
 def _log_density(belief) -> np.ndarray:
@@ -36,9 +44,9 @@ def _log_density(belief) -> np.ndarray:
 def test_moments_and_likelihood_are_the_kalman_filters_as_far_as_the_particles_allow(seed: int):
     """Over 60 filters with numbers of their own the mean error is 0, and shrinks as the root of N says.
 
-    What the filters average to has a standard error that their scatter tells. Five of these, for 6 steps of 2 means, 3
-    covariances and a likelihood: a false alarm once in 5e4 tests, if a bias of order 1/N is left room: 3 / N of the
-    spread.
+    What the filters average to has a standard error that their scatter tells. Five of these, for 6
+    steps of 2 means, 3 covariances and a likelihood: a false alarm once in 5e4 tests, if a bias of
+    order 1/N is left room: 3 / N of the spread.
     """
     system = kalman_system(seed, n=2, p=1)
     runs, steps, N = 60, 6, 2000
@@ -60,7 +68,9 @@ def test_moments_and_likelihood_are_the_kalman_filters_as_far_as_the_particles_a
             error = mine - expected
             half = 5.0 * error.std(0, ddof=1) / np.sqrt(runs)
             assert (np.abs(error.mean(0)) <= half + 3.0 / N).all()
-            assert (error.std(0) < 12.0 / np.sqrt(N)).all()  # a filter that knows nothing would scatter by 1
+            assert (
+                error.std(0) < 12.0 / np.sqrt(N)
+            ).all()  # a filter that knows nothing would scatter by 1
     assert (beliefs[3].log_likelihood == 0.0).all()
 
 
@@ -82,7 +92,12 @@ def _on_a_grid(y: np.ndarray, prior: Gaussian) -> list[tuple[float, float, float
     for k, measurement in enumerate(y):
         if k:
             moved = model.transition(x[:, None], np.array([float(k - 1)]))
-            density = np.exp(-0.5 * (x[:, None] - moved.T) ** 2 / 10.0) @ density * step / np.sqrt(20.0 * np.pi)
+            density = (
+                np.exp(-0.5 * (x[:, None] - moved.T) ** 2 / 10.0)
+                @ density
+                * step
+                / np.sqrt(20.0 * np.pi)
+            )
         seen = density * np.exp(-0.5 * (measurement - x * x / 20.0) ** 2) / np.sqrt(2.0 * np.pi)
         total = seen.sum() * step
         density = seen / total
@@ -129,7 +144,9 @@ def test_the_growth_model_is_followed_as_by_the_exact_filter_and_better_than_by_
             assert abs(error.mean()) <= 5.0 * error.std(ddof=1) / np.sqrt(runs) + 10.0 / N
     far = [np.sqrt(np.mean([(b.mean[0, 0] - x[0]) ** 2 for b, x in zip(bs, truth, strict=True)]))
            for bs in (beliefs, _followed("ekf", y, 1))]  # fmt: skip
-    best = np.sqrt(np.mean([(mean - x[0]) ** 2 for (mean, *_), x in zip(exact, truth, strict=True)]))
+    best = np.sqrt(
+        np.mean([(mean - x[0]) ** 2 for (mean, *_), x in zip(exact, truth, strict=True)])
+    )
     assert far[0] < 1.05 * best
     assert far[1] > 1.5 * best
 
@@ -143,17 +160,25 @@ def test_the_likelihood_is_unbiased():
     exact = sum(_log_density(b)[0] for b in track(make("kf", system.model), system.rows(1), record))
     for options in ({"threshold": 0.5}, {"threshold": 1.0}, {"threshold": 0.0}):
         filter = make("pf", system.model, particles=20, **options)
-        total = sum(b.log_likelihood for b in track(filter, system.rows(runs), same, _numbers(*range(runs))))
+        total = sum(
+            b.log_likelihood for b in track(filter, system.rows(runs), same, _numbers(*range(runs)))
+        )
         ratio = np.exp(total - exact)
         assert abs(ratio.mean() - 1.0) < 4.0 * ratio.std() / np.sqrt(runs)  # false alarm 6e-5 each
-        assert abs(total.mean() - exact) > 4.0 * total.std() / np.sqrt(runs)  # its logarithm is not unbiased
+        assert abs(total.mean() - exact) > 4.0 * total.std() / np.sqrt(
+            runs
+        )  # its logarithm is not unbiased
 
 
-# --- resampling -------------------------------------------------------------------------------------
+# --- resampling -----------------------------------------------------------------------------------
 
 
 @settings(derandomize=True, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), N=st.integers(2, 40), offset=st.floats(0.0, 1.0, exclude_max=True))
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    N=st.integers(2, 40),
+    offset=st.floats(0.0, 1.0, exclude_max=True),
+)
 def test_systematic_resampling_copies_each_particle_as_often_as_its_weight_says_within_one(
     seed: int, N: int, offset: float
 ):
@@ -171,7 +196,9 @@ def test_systematic_resampling_is_unbiased():
     offsets = (np.arange(10_000) + 0.5) / 10_000
     chosen = systematic(np.tile(weights, (10_000, 1)), offsets)
     counts = np.stack([(chosen == i).sum(-1).mean() for i in range(5)])
-    np.testing.assert_allclose(counts, 5.0 * weights, rtol=0, atol=2e-4)  # a grid of offsets integrates to 1 / 10,000
+    np.testing.assert_allclose(
+        counts, 5.0 * weights, rtol=0, atol=2e-4
+    )  # a grid of offsets integrates to 1 / 10,000
 
 
 def test_particles_are_resampled_where_few_count_and_have_equal_weights_then():
@@ -189,7 +216,9 @@ def test_particles_are_resampled_where_few_count_and_have_equal_weights_then():
         belief = filter.predict(updated, record.u[k], rng=numbers.at(k))
         np.testing.assert_allclose(belief.effective_size[few], 100.0, rtol=1e-12)
         np.testing.assert_allclose(belief.log_weights[few], -np.log(100.0), rtol=1e-14)
-        np.testing.assert_allclose(belief.log_weights[~few], updated.log_weights[~few], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            belief.log_weights[~few], updated.log_weights[~few], rtol=0, atol=1e-12
+        )
         np.testing.assert_allclose(np.exp(belief.log_weights).sum(-1), 1.0, rtol=1e-12)
     assert seen == {True, False}
 
@@ -212,14 +241,16 @@ def test_jitter_moves_copies_apart_and_nothing_else():
     assert len(np.unique(one.particles[:, 0])) < N == len(np.unique(other.particles[:, 0]))
 
 
-# --- measurements that cannot be used -------------------------------------------------------------------
+# --- measurements that cannot be used -------------------------------------------------------------
 
 
 def test_a_measurement_that_no_particle_explains_is_left_out_alone():
     system = kalman_system(0)
     record = simulate(system, 0, 3, 3)
     filter, numbers = make("pf", system.model, particles=200), _numbers(0, 1, 2)
-    belief = filter.predict(filter.init(system.rows(3), rng=numbers), record.u[0], rng=numbers.at(1))
+    belief = filter.predict(
+        filter.init(system.rows(3), rng=numbers), record.u[0], rng=numbers.at(1)
+    )
     for absurd in (1e4, -1e300, np.finfo(float).max):
         y, mask = record.y[1].copy(), np.ones((3, 3), bool)
         y[1, 2], mask[1, 2] = absurd, False
@@ -249,7 +280,9 @@ def test_a_precise_measurement_among_too_few_particles_is_no_absurd_one():
 
 def test_a_noiseless_measurement_is_left_out_and_a_model_of_one_refused():
     model = LinearModel(np.eye(2), np.eye(2), np.eye(2), np.eye(2))
-    with pytest.raises(ValueError, match=r"^pf needs noise in every measurement, but R is singular"):
+    with pytest.raises(
+        ValueError, match=r"^pf needs noise in every measurement, but R is singular"
+    ):
         make("pf", dataclasses.replace(model, R=np.diag([1.0, 0.0])))
     filter, rng = make("pf", model, particles=50), np.random.default_rng(0)
     updated = filter.update(
@@ -269,14 +302,16 @@ def test_particles_that_leave_the_domain_of_the_model_are_left_behind():
         predicted = filter.predict(belief, rng=numbers.at(1))
         updated = filter.update(predicted, [[0.0], [0.0]], rng=numbers.at(1))
     assert (np.exp(predicted.log_weights[0]) == 0.0).mean() == share
-    assert np.isnan(predicted.mean[1]).all()  # nothing is left of this row, which begins again from its prior
+    assert np.isnan(
+        predicted.mean[1]
+    ).all()  # nothing is left of this row, which begins again from its prior
     assert updated.healthy[0]
     assert updated.recovery[1] >= Recovery.WITHOUT_CHANNEL
     for name, array in arrays(updated).items():
         assert np.isfinite(array).all(), name
 
 
-# --- angles and batches -----------------------------------------------------------------------------
+# --- angles and batches ---------------------------------------------------------------------------
 
 
 def test_a_heading_that_may_be_on_both_sides_of_the_cut_is_averaged_on_the_circle():
@@ -303,11 +338,20 @@ def test_a_record_adds_up():
     after = filter.update(before, record.y[0], rng=numbers)
     for row in range(2):
         off = record.y[0][row] - before.particles[row] @ model.C.T
-        densities = multivariate_normal.logpdf(off, np.zeros(model.p), model.R) + before.log_weights[row]
+        densities = (
+            multivariate_normal.logpdf(off, np.zeros(model.p), model.R) + before.log_weights[row]
+        )
         assert after.log_likelihood[row] == pytest.approx(logsumexp(densities), rel=1e-12)
-        np.testing.assert_allclose(after.log_weights[row], densities - logsumexp(densities), rtol=0, atol=1e-11)
-        weights = np.exp(after.log_weights[row])
-        np.testing.assert_allclose(after.mean[row], weights @ after.particles[row], rtol=0, atol=1e-12)
         np.testing.assert_allclose(
-            after.cov[row], np.cov(after.particles[row].T, aweights=weights, ddof=0), rtol=0, atol=1e-12
+            after.log_weights[row], densities - logsumexp(densities), rtol=0, atol=1e-11
+        )
+        weights = np.exp(after.log_weights[row])
+        np.testing.assert_allclose(
+            after.mean[row], weights @ after.particles[row], rtol=0, atol=1e-12
+        )
+        np.testing.assert_allclose(
+            after.cov[row],
+            np.cov(after.particles[row].T, aweights=weights, ddof=0),
+            rtol=0,
+            atol=1e-12,
         )

@@ -29,13 +29,15 @@ SIGMA = norm.isf(0.5e-6)  # standard errors that pass by chance once in a millio
         (PI[:2], PI[2:], (0xC3AAC71561042993, 0x3FE7AE8801AFF316)),
     ],
 )
-def test_words_are_the_published_ones(counter: tuple[int, int], own: tuple[int, int], words: tuple[int, int]):
+def test_words_are_the_published_ones(
+    counter: tuple[int, int], own: tuple[int, int], words: tuple[int, int]
+):
     """The known answers that come with Random123 (Salmon et al.) for Threefry-2x64 with 13 rounds."""
     found = derived(np.array(own, np.uint64), *(np.uint64(c) for c in counter))
     assert tuple(found.tolist()) == words
 
 
-# --- what a number depends on -----------------------------------------------------------------------
+# --- what a number depends on ---------------------------------------------------------------------
 
 
 def test_a_number_is_the_same_however_many_are_drawn_and_in_whatever_batch():
@@ -45,7 +47,9 @@ def test_a_number_is_the_same_however_many_are_drawn_and_in_whatever_batch():
     for count in (0, 1, 2, 3, 4, 5, 22):
         np.testing.assert_array_equal(rows.normals(count), whole[:, :count])
         np.testing.assert_array_equal(rows.members(count, 7), members[:, :count])
-        np.testing.assert_array_equal(rows.members(101, min(count, 7)), members[..., : min(count, 7)])
+        np.testing.assert_array_equal(
+            rows.members(101, min(count, 7)), members[..., : min(count, 7)]
+        )
     np.testing.assert_array_equal(rows.uniforms(4), uniforms[:, :4])
     for i in range(5):
         alone = RandomKeys.seeded([i]).of("sensor").at(int(rows.step[i]))
@@ -78,7 +82,7 @@ def test_a_name_has_the_same_word_in_every_process():
     assert word("sensor GNSS") == 12917006548878277632
 
 
-# --- how they are distributed -----------------------------------------------------------------------
+# --- how they are distributed ---------------------------------------------------------------------
 
 
 @functools.cache
@@ -110,7 +114,9 @@ def test_neighbours_are_independent(kind: str):
     for values, sd in ((z, 1.0), (z**2 - 1.0, 2.0)):
         for axis in range(3):
             for lag in range(1, 9):
-                ahead, behind = (np.moveaxis(values, axis, 0)[part] for part in (slice(lag, None), slice(-lag)))
+                ahead, behind = (
+                    np.moveaxis(values, axis, 0)[part] for part in (slice(lag, None), slice(-lag))
+                )
                 assert abs(np.mean(ahead * behind)) < SIGMA * sd / np.sqrt(ahead.size)
 
 
@@ -119,4 +125,6 @@ def test_uniform_numbers_are_uniform():
     assert u.min() >= 0.0
     assert u.max() < 1.0
     assert kstest(u.ravel(), "uniform").pvalue > 1e-6
-    assert abs(np.mean((u[:, 1:] - 0.5) * (u[:, :-1] - 0.5))) < SIGMA / 12.0 / np.sqrt(u[:, 1:].size)
+    assert abs(np.mean((u[:, 1:] - 0.5) * (u[:, :-1] - 0.5))) < SIGMA / 12.0 / np.sqrt(
+        u[:, 1:].size
+    )

@@ -26,12 +26,21 @@ I2 = np.eye(2)
 MATRICES = {"A": I2, "C": I2, "Q": I2, "R": I2, "B": I2, "G": I2, "H": I2}
 
 
-@pytest.mark.parametrize("copied", [lambda x: x, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
+@pytest.mark.parametrize(
+    "copied", [lambda x: x, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))]
+)
 def test_a_model_and_a_prior_have_copies_of_their_arrays_that_nobody_can_write_to(copied: Callable):
     given = {name: np.array(matrix) for name, matrix in MATRICES.items()}
     mean = np.zeros(2)
     nonlinear = NonlinearModel(_same, _same, given["Q"], given["R"], G=given["G"], H=given["H"])
-    records = copied((LinearModel(**given), nonlinear, Gaussian(mean, given["Q"]), Schedule(given["A"][None], 0, 1, 0)))
+    records = copied(
+        (
+            LinearModel(**given),
+            nonlinear,
+            Gaussian(mean, given["Q"]),
+            Schedule(given["A"][None], 0, 1, 0),
+        )
+    )
     for array in (mean, *given.values()):
         array[...] = 7.0
     seen = 0
@@ -54,7 +63,13 @@ def test_nobody_can_write_to_a_belief(case: Case):
     begun = filter.init(system.rows(2), rng=rng)
     updated = filter.update(begun, record.y[0], rng=rng)
     series = run(filter, system.prior, record.y, u=record.u, rng=rng)
-    for belief in (begun, updated, filter.predict(updated, record.u[0], rng=rng), series.predicted, series.updated):
+    for belief in (
+        begun,
+        updated,
+        filter.predict(updated, record.u[0], rng=rng),
+        series.predicted,
+        series.updated,
+    ):
         for name, array in arrays(belief).items():
             with pytest.raises(ValueError, match="read-only"):
                 array[...] = 0
@@ -65,7 +80,9 @@ def test_nobody_can_write_to_a_belief(case: Case):
 def test_a_known_input_that_changes_later_does_not_change_the_belief(name: str):
     system = kalman_system(0)
     filter, rng, u = make(name, system.model), RandomKeys.seeded(range(1)), np.ones((1, 2))
-    predicted = filter.predict(filter.update(filter.init(system.rows(1), rng=rng), np.zeros(3), rng=rng), u, rng=rng)
+    predicted = filter.predict(
+        filter.update(filter.init(system.rows(1), rng=rng), np.zeros(3), rng=rng), u, rng=rng
+    )
     u[...] = 7.0
     np.testing.assert_array_equal(predicted.u, np.ones((1, 2)))
 
@@ -78,7 +95,10 @@ def test_a_known_input_that_changes_later_does_not_change_the_belief(name: str):
 def test_a_setting_of_a_filter_is_read_only(name: str, setting: str):
     filter = make(name, LinearModel(I2, I2, I2, I2))
     kept = getattr(filter, setting)
-    with pytest.raises(AttributeError, match=f"{setting} of a filter is read-only: build another filter, such as make"):
+    with pytest.raises(
+        AttributeError,
+        match=f"{setting} of a filter is read-only: build another filter, such as make",
+    ):
         setattr(filter, setting, 2)
     assert getattr(filter, setting) is kept
 
@@ -96,7 +116,11 @@ class _Counting(Filter):
 
     def _update(self, belief: Belief, measurement: Measurement, rng: object) -> Belief:
         return Belief.updated(
-            belief, belief.mean + self.gain * measurement.innovation, belief.cov, measurement, measurement.R
+            belief,
+            belief.mean + self.gain * measurement.innovation,
+            belief.cov,
+            measurement,
+            measurement.R,
         )
 
 
@@ -111,7 +135,7 @@ def test_a_filter_of_ones_own_in_numpy_follows_its_settings_and_a_traced_one_ref
         traced.gain = 1.0
 
 
-# --- functions that work in place ---------------------------------------------------------------------
+# --- functions that work in place -----------------------------------------------------------------
 
 
 def _same(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
@@ -125,12 +149,18 @@ def _in_place(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
 
 @pytest.mark.parametrize("part", ["transition", "measurement"])
 @pytest.mark.parametrize("name", ["ekf", "enkf", "pf"])
-def test_a_function_of_a_model_that_works_in_place_is_refused_and_the_belief_stays(name: str, part: str):
-    model = NonlinearModel(**{"transition": _same, "measurement": _same, "Q": I2, "R": I2} | {part: _in_place})
+def test_a_function_of_a_model_that_works_in_place_is_refused_and_the_belief_stays(
+    name: str, part: str
+):
+    model = NonlinearModel(
+        **{"transition": _same, "measurement": _same, "Q": I2, "R": I2} | {part: _in_place}
+    )
     filter, rng = make(name, model), RandomKeys.seeded(range(2))
     begun = filter.init(Gaussian(np.ones((2, 2)), I2), rng=rng)
     kept = {field: np.array(array) for field, array in arrays(begun).items()}
-    with pytest.raises(ValueError, match=f"^{part} writes into an array that it is given: work on a copy"):
+    with pytest.raises(
+        ValueError, match=f"^{part} writes into an array that it is given: work on a copy"
+    ):
         filter.update(filter.predict(begun, rng=rng), np.zeros(2), rng=rng)
     for field, array in arrays(begun).items():
         np.testing.assert_array_equal(array, kept[field], field)
@@ -144,11 +174,13 @@ def test_a_matrix_that_writes_into_the_known_input_is_refused(matrix: str):
 
     model = LinearModel(**{"A": I2, "C": I2, "Q": I2, "R": I2} | {matrix: written})
     filter = make("kf", model)
-    with pytest.raises(ValueError, match=f"^{matrix} writes into an array that it is given: work on a copy"):
+    with pytest.raises(
+        ValueError, match=f"^{matrix} writes into an array that it is given: work on a copy"
+    ):
         filter.update(filter.predict(filter.init(Gaussian(np.zeros(2), I2)), [1.0]), np.zeros(2))
 
 
-# --- another mean in a belief ---------------------------------------------------------------------------
+# --- another mean in a belief ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["enkf", "etkf", "pf"])
@@ -161,11 +193,18 @@ def test_another_mean_moves_members_and_particles(name: str):
     for belief in (begun, moved):
         rows = None if name == "pf" else belief.ensemble.shape[:-1]
         weights = np.exp(belief.log_weights) if rows is None else np.full(rows, 1.0 / rows[-1])
-        np.testing.assert_allclose(np.vecmat(weights, getattr(belief, points)), belief.mean, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            np.vecmat(weights, getattr(belief, points)), belief.mean, rtol=0, atol=1e-12
+        )
     np.testing.assert_allclose(moved.cov, begun.cov, rtol=0, atol=1e-13)
     ahead, before = (filter.predict(belief, np.zeros(2), rng=rng).mean for belief in (moved, begun))
-    np.testing.assert_allclose(ahead - before, np.matvec(system.model.A, target - begun.mean), rtol=0, atol=1e-12)
-    with pytest.raises(ValueError, match=f"^cov of this belief is that of its {points}: replace them, or begin anew"):
+    np.testing.assert_allclose(
+        ahead - before, np.matvec(system.model.A, target - begun.mean), rtol=0, atol=1e-12
+    )
+    with pytest.raises(
+        ValueError,
+        match=f"^cov of this belief is that of its {points}: replace them, or begin anew",
+    ):
         begun.replace(cov=begun.cov)
 
 
@@ -175,13 +214,18 @@ def test_another_mean_without_its_points_is_refused(name: str):
     filter = make(name, system.model)
     begun = filter.init(system.rows(2), rng=rng)
     for belief in (begun, filter.predict(begun, np.zeros(2), rng=rng)):
-        with pytest.raises(TypeError, match=r"of a belief go together: use belief\.replace, not dataclasses\.replace"):
+        with pytest.raises(
+            TypeError,
+            match=r"of a belief go together: use belief\.replace, not dataclasses\.replace",
+        ):
             replace(belief, mean=np.ones((2, 4)))
         np.testing.assert_array_equal(belief.replace(mean=np.ones((2, 4)).tolist()).mean, 1.0)
 
 
 @pytest.mark.parametrize("name", ["kf", "enkf"])
-@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
+@pytest.mark.parametrize(
+    "copied", [copy.copy, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))]
+)
 def test_nobody_can_write_to_a_copy_of_a_belief(name: str, copied: Callable):
     system, rng = kalman_system(0), RandomKeys.seeded(range(2))
     filter = make(name, system.model)

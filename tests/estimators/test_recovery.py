@@ -33,7 +33,9 @@ KNOWN = np.array([5.0, 6.0, 7.0])
 UNKNOWN_INPUT = ("kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise")
 
 
-def _model(name: str, C: np.ndarray, R: np.ndarray, nonlinear: bool = False, Q: float = 0.0) -> LinearModel:
+def _model(
+    name: str, C: np.ndarray, R: np.ndarray, nonlinear: bool = False, Q: float = 0.0
+) -> LinearModel:
     """Three constants, and for filters that want one an input that no perfect measurement shows."""
     C, R = np.asarray(C, float), np.asarray(R, float)
     unknown = {}
@@ -80,7 +82,10 @@ def test_a_redundant_perfect_sensor_takes_nothing_away(name: str):
 
 @pytest.mark.parametrize("name", [name for name in PERFECT if name not in UNKNOWN_INPUT])
 def test_two_equal_perfect_sensors_are_one_and_said_to_be(name: str):
-    twice = _make(name, _model(name, [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], np.zeros((3, 3)), Q=0.1))
+    twice = _make(
+        name,
+        _model(name, [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], np.zeros((3, 3)), Q=0.1),
+    )
     rng = np.random.default_rng(1)
     belief = twice.init(Gaussian(np.zeros(3), 4.0 * I3), rng=rng)
     for k in range(4):
@@ -97,12 +102,18 @@ def test_the_pseudo_inverse_is_the_filter_without_the_redundant_sensor():
     rng = np.random.default_rng(2)
     C = rng.normal(size=(2, 3))
     A, Q = 0.9 * np.linalg.qr(rng.normal(size=(3, 3)))[0], 0.1 * I3
-    filters = [make("kf", LinearModel(A, rows, Q, np.zeros((len(rows),) * 2))) for rows in (C, [*C, C[0] + C[1]])]
+    filters = [
+        make("kf", LinearModel(A, rows, Q, np.zeros((len(rows),) * 2)))
+        for rows in (C, [*C, C[0] + C[1]])
+    ]
     beliefs = [filter.init(Gaussian(np.zeros((4, 3)), I3)) for filter in filters]
     for _ in range(5):
         y = rng.normal(size=(4, 2))
         measurements = [y, np.concatenate([y, y.sum(-1, keepdims=True)], -1)]
-        beliefs = [f.update(f.predict(b), r) for f, b, r in zip(filters, beliefs, measurements, strict=True)]
+        beliefs = [
+            f.update(f.predict(b), r)
+            for f, b, r in zip(filters, beliefs, measurements, strict=True)
+        ]
         assert (beliefs[1].recovery == Recovery.PSEUDO_INVERSE).all()
         np.testing.assert_allclose(beliefs[1].mean, beliefs[0].mean, rtol=0, atol=1e-10)
         np.testing.assert_allclose(beliefs[1].cov, beliefs[0].cov, rtol=0, atol=1e-10)
@@ -116,7 +127,9 @@ def test_perfect_sensors_that_contradict_each_other_are_met_half_way():
 
 
 def test_where_channels_cannot_be_mixed_the_one_that_repeats_another_is_left_out():
-    model = _model("kf", [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], np.zeros((3, 3)), Q=0.1)
+    model = _model(
+        "kf", [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], np.zeros((3, 3)), Q=0.1
+    )
     filter = make("kf", model)
     filter.mixes = False
     belief = filter.update(filter.init(Gaussian(np.zeros(3), I3)), [5.0, 5.0, 6.0])
@@ -140,7 +153,9 @@ def test_where_channels_cannot_be_mixed_the_one_that_repeats_another_is_left_out
 )
 def test_a_channel_whose_expectation_is_not_finite_is_left_out_alone(name: str):
     def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        return np.concatenate([x[..., :2], np.sqrt(x[..., 2:])], -1)  # of a negative number at the prior
+        return np.concatenate(
+            [x[..., :2], np.sqrt(x[..., 2:])], -1
+        )  # of a negative number at the prior
 
     model = NonlinearModel(lambda x, u: x, measurement, 0.1 * I3, I3)
     prior = Gaussian([[1.0, 2.0, -50.0], [1.0, 2.0, 50.0]], I3)
@@ -148,7 +163,9 @@ def test_a_channel_whose_expectation_is_not_finite_is_left_out_alone(name: str):
     beliefs = []
     for mask in (None, [[True, True, False], [True, True, True]]):
         rng = RandomKeys.seeded(range(2))
-        beliefs.append(filter.update(filter.init(prior, rng=rng), [2.0, 3.0, 7.0], rng=rng, available=mask))
+        beliefs.append(
+            filter.update(filter.init(prior, rng=rng), [2.0, 3.0, 7.0], rng=rng, available=mask)
+        )
     failed, masked = beliefs
     np.testing.assert_array_equal(failed.recovery, [Recovery.WITHOUT_CHANNEL, Recovery.USUAL])
     np.testing.assert_array_equal(failed.available, masked.available)
@@ -164,11 +181,15 @@ def test_a_measurement_beyond_all_numbers_costs_that_measurement(case: Case):
     filter, rng = case.make(system.model), np.random.default_rng(0)
     record = simulate(system, 0, 3, 3)
     belief = filter.predict(
-        filter.update(filter.init(system.rows(3), rng=rng), record.y[0], rng=rng), record.u[0], rng=rng
+        filter.update(filter.init(system.rows(3), rng=rng), record.y[0], rng=rng),
+        record.u[0],
+        rng=rng,
     )
     belief = belief.replace(mean=np.where(np.arange(3)[:, None] == 1, -1e300, belief.mean))
     if belief.ensemble is not None:
-        belief = belief.replace(ensemble=np.where(np.arange(3)[:, None, None] == 1, -1e300, belief.ensemble))
+        belief = belief.replace(
+            ensemble=np.where(np.arange(3)[:, None, None] == 1, -1e300, belief.ensemble)
+        )
     y = np.where(np.arange(3)[:, None] == 1, np.finfo(float).max, record.y[1])
     updated = filter.update(belief, y, rng=rng)
     for name, array in arrays(updated).items():
@@ -202,7 +223,11 @@ class _Solving(Filter):
         S = cross @ measurement.C.mT + measurement.R
         K = np.linalg.solve(S, cross).mT
         return Belief.updated(
-            belief, belief.mean + np.matvec(K, measurement.innovation), belief.cov - K @ S @ K.mT, measurement, S
+            belief,
+            belief.mean + np.matvec(K, measurement.innovation),
+            belief.cov - K @ S @ K.mT,
+            measurement,
+            S,
         )
 
 
@@ -212,15 +237,23 @@ def test_a_filter_of_ones_own_that_meets_a_singular_matrix_recovers_in_that_row_
     filter = _Solving(model)
     belief = filter.init(Gaussian(np.zeros((3, 2)), np.eye(2)))
     updated = filter.update(filter.predict(belief), [[1.0, 1.0], [2.0, np.nan], [3.0, 3.0]])
-    np.testing.assert_allclose(updated.mean, [[1.0, 0.0], [2.0, 0.0], [3.0, 0.0]], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(updated.cov, np.tile(np.diag([0.0, 1.0]), (3, 1, 1)), rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(updated.recovery, [Recovery.PSEUDO_INVERSE, Recovery.USUAL, Recovery.PSEUDO_INVERSE])
+    np.testing.assert_allclose(
+        updated.mean, [[1.0, 0.0], [2.0, 0.0], [3.0, 0.0]], rtol=0, atol=1e-12
+    )
+    np.testing.assert_allclose(
+        updated.cov, np.tile(np.diag([0.0, 1.0]), (3, 1, 1)), rtol=0, atol=1e-12
+    )
+    np.testing.assert_array_equal(
+        updated.recovery, [Recovery.PSEUDO_INVERSE, Recovery.USUAL, Recovery.PSEUDO_INVERSE]
+    )
     alone = filter.update(filter.init(Gaussian(np.zeros(2), np.eye(2))), [1.0, 1.0])
     np.testing.assert_array_equal(alone.mean, updated.mean[0])
 
 
 @pytest.mark.parametrize("broken", [_Broken, _Negative])
-def test_a_filter_of_ones_own_that_always_fails_keeps_its_prediction_and_says_so(broken: type[Filter]):
+def test_a_filter_of_ones_own_that_always_fails_keeps_its_prediction_and_says_so(
+    broken: type[Filter],
+):
     filter = broken(LinearModel(I3, I3, I3, I3))
     belief = filter.init(Gaussian(np.tile(KNOWN, (2, 1)), I3))
     for _ in range(3):
@@ -256,7 +289,9 @@ def test_what_a_driver_says_of_a_missing_measurement_does_not_matter(case: Case)
 def test_an_input_that_shows_where_the_rest_is_perfect_is_seen_there():
     """The innovation covariance is singular, and the unknown input lies outside its range."""
     C = np.concatenate([I3, [[1.0, 1.0, 1.0]]])
-    model = LinearModel(I3, C, 0.0 * I3, np.zeros((4, 4)), G=[[0.0], [0.0], [1.0]], H=[[0.0], [0.0], [1.0], [0.0]])
+    model = LinearModel(
+        I3, C, 0.0 * I3, np.zeros((4, 4)), G=[[0.0], [0.0], [1.0]], H=[[0.0], [0.0], [1.0], [0.0]]
+    )
     for name in ("kf-umv-ui", "ulise"):
         filter, x = make(name, model), np.array(KNOWN)
         belief = filter.init(Gaussian(np.zeros(3), 4.0 * I3))
@@ -274,8 +309,14 @@ def test_a_precise_measurement_of_what_was_unknown_leaves_a_covariance(name: str
     rng = np.random.default_rng(4)
     for _ in range(4):
         root = rng.normal(size=(3, 3))
-        unknown = {"G": rng.normal(size=(3, 1)), "H": rng.normal(size=(2, 1))} if name == "kf-umv-ui" else {}
-        model = LinearModel(I3, rng.normal(size=(2, 3)), 1e12 * root @ root.T, I3[:2, :2], **unknown)
+        unknown = (
+            {"G": rng.normal(size=(3, 1)), "H": rng.normal(size=(2, 1))}
+            if name == "kf-umv-ui"
+            else {}
+        )
+        model = LinearModel(
+            I3, rng.normal(size=(2, 3)), 1e12 * root @ root.T, I3[:2, :2], **unknown
+        )
         filter = make(name, model)
         belief = filter.init(Gaussian(np.zeros(3), 1e26 * root @ root.T))
         for _ in range(2):
@@ -303,7 +344,7 @@ def test_a_row_that_recovers_draws_as_it_would_alone():
         assert_same(together[row : row + 1], updated(slice(row, row + 1)), 1e-12)
 
 
-# --- what needs no recovery ----------------------------------------------------------------------------
+# --- what needs no recovery -----------------------------------------------------------------------
 
 
 class _Unsymmetrised(Filter):
@@ -311,13 +352,21 @@ class _Unsymmetrised(Filter):
 
     def _predict(self, belief: Belief, u: np.ndarray | None, rng: object) -> Belief:
         A = self.model.A
-        return Belief.predicted(belief, np.matvec(A, belief.mean), A @ belief.cov @ A.mT + self.model.Q, u)
+        return Belief.predicted(
+            belief, np.matvec(A, belief.mean), A @ belief.cov @ A.mT + self.model.Q, u
+        )
 
     def _update(self, belief: Belief, measurement: Measurement, rng: object) -> Belief:
         C, P = measurement.C, belief.cov
         S = C @ P @ C.mT + measurement.R
         K = P @ C.mT @ np.linalg.inv(S)
-        return Belief.updated(belief, belief.mean + np.matvec(K, measurement.innovation), P - K @ C @ P, measurement, S)
+        return Belief.updated(
+            belief,
+            belief.mean + np.matvec(K, measurement.innovation),
+            P - K @ C @ P,
+            measurement,
+            S,
+        )
 
 
 @pytest.fixture
@@ -349,7 +398,9 @@ def test_a_covariance_that_is_symmetric_but_for_rounding_needs_no_recovery(recov
     assert recoveries == []
 
 
-@pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "huber-kf", "robust-kf", "kf-umv-ui", "ulise"])
+@pytest.mark.parametrize(
+    "name", ["kf", "ekf", "ukf", "huber-kf", "robust-kf", "kf-umv-ui", "ulise"]
+)
 @pytest.mark.parametrize("precision", [1e5, 1e9, 1e13])
 def test_a_precise_measurement_that_leaves_a_covariance_needs_no_recovery(
     name: str, precision: float, recoveries: list[int]

@@ -26,7 +26,11 @@ def test_without_feedthrough_the_filter_settles_at_the_covariance_of_darouach_19
     belief = filter.init(Gaussian(np.zeros(3), 100.0 * np.eye(3)))
     for _ in range(500):
         belief = filter.update(filter.predict(belief), np.zeros(2))
-    expected = [[4.83795, -3.12018, 2.26130], [-3.12018, 6.94718, -2.86068], [2.26130, -2.86068, 9.16037]]
+    expected = [
+        [4.83795, -3.12018, 2.26130],
+        [-3.12018, 6.94718, -2.86068],
+        [2.26130, -2.86068, 9.16037],
+    ]
     # Half a unit in the last printed digit, and a little for printing.
     np.testing.assert_allclose(belief.cov, expected, rtol=0, atol=6e-6)
     assert np.trace(belief.cov) == pytest.approx(20.94550, abs=6e-6)
@@ -41,7 +45,10 @@ def test_wdf_steady_gain_gives_the_same_covariance_through_the_error_equation():
     for _ in range(500):
         belief = filter.update(filter.predict(belief), np.zeros(2))
     predicted = filter.predict(belief)
-    corrections = [filter.update(predicted, model.C @ predicted.mean + e).mean - predicted.mean for e in np.eye(2)]
+    corrections = [
+        filter.update(predicted, model.C @ predicted.mean + e).mean - predicted.mean
+        for e in np.eye(2)
+    ]
     gain = np.array(corrections).T
     left = np.eye(3) - gain @ model.C
     np.testing.assert_allclose(left @ model.G, 0.0, atol=1e-12)  # the input leaves no error behind

@@ -3,7 +3,18 @@
 import numpy as np
 import pytest
 
-from estimators import Gaussian, KalmanFilter, LinearModel, NonlinearModel, Recovery, make, nees, run, smooth, stacked
+from estimators import (
+    Gaussian,
+    KalmanFilter,
+    LinearModel,
+    NonlinearModel,
+    Recovery,
+    make,
+    nees,
+    run,
+    smooth,
+    stacked,
+)
 from estimators.metrics import chi_square_band
 from tests.estimators.batch import least_squares, marginals
 from tests.estimators.cases import (
@@ -49,13 +60,17 @@ def test_smoothed_states_are_the_least_squares_solution_for_all_of_them(name: st
 
 @pytest.mark.parametrize("name", UNKNOWN)
 @pytest.mark.parametrize("q", [1, 2])
-def test_smoothed_states_and_inputs_are_the_least_squares_solution_for_all_of_them(name: str, q: int):
+def test_smoothed_states_and_inputs_are_the_least_squares_solution_for_all_of_them(
+    name: str, q: int
+):
     now = name == "kf-umv-ui"
     system = unknown_input_system(q, now, p=4, q=q)
     record = simulate(system, 1, runs=2, steps=20)
     y, n, T = record.y, system.model.n, 20
     y[5, :, 0] = np.nan  # the others show the input, too
-    smoothed = smooth(run(make(name, system.model, input_prior=INPUT_PRIOR), system.prior, y, u=record.u))
+    smoothed = smooth(
+        run(make(name, system.model, input_prior=INPUT_PRIOR), system.prior, y, u=record.u)
+    )
     told = {} if now else {T - 1: np.eye(q)}  # the last one acts on nothing
     for i in range(2):
         solution = least_squares(system, y[:, i], record.u[:, i], told)
@@ -67,11 +82,17 @@ def test_smoothed_states_and_inputs_are_the_least_squares_solution_for_all_of_th
         steps = slice(None) if now else slice(0, T - 1)
         d, cov = solution.d[steps], marginals(solution.cov[T * n :, T * n :], q)[steps]
         np.testing.assert_allclose(smoothed.input_mean[late:, i], d, rtol=0, atol=1e-9 * scale)
-        np.testing.assert_allclose(smoothed.input_cov[late:, i], cov, rtol=0, atol=1e-9 * np.abs(cov).max())
+        np.testing.assert_allclose(
+            smoothed.input_cov[late:, i], cov, rtol=0, atol=1e-9 * np.abs(cov).max()
+        )
         for k in range(T - late):
-            own = solution.cov[n * (k + late) : n * (k + late + 1), T * n + q * k : T * n + q * (k + 1)]
+            own = solution.cov[
+                n * (k + late) : n * (k + late + 1), T * n + q * k : T * n + q * (k + 1)
+            ]
             bound = 1e-9 * max(1.0, np.abs(own).max())
-            np.testing.assert_allclose(smoothed.state_input_cov[k + late, i], own, rtol=0, atol=bound)
+            np.testing.assert_allclose(
+                smoothed.state_input_cov[k + late, i], own, rtol=0, atol=bound
+            )
 
 
 @pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf"])
@@ -80,15 +101,21 @@ def test_an_input_that_no_measurement_shows_is_smoothed_with_its_prior(name: str
     system = unknown_input_system(3, now)
     record = simulate(system, 1, runs=1, steps=15)
     y, T = record.y, 15
-    y[6] = np.nan  # of that input (or the one before) nothing shows at once, but later measurements tell of it
+    y[6] = (
+        np.nan
+    )  # of that input (or the one before) nothing shows at once, but later measurements tell of it
     filter = make(name, system.model, input_prior=INPUT_PRIOR)
     series = run(filter, system.prior, y, u=record.u)
     smoothed = smooth(series)
     told = {6 if now else 5: np.eye(1) / np.sqrt(INPUT_PRIOR)}
-    solution = least_squares(system, y[:, 0], record.u[:, 0], told | ({} if now else {T - 1: np.eye(1)}))
+    solution = least_squares(
+        system, y[:, 0], record.u[:, 0], told | ({} if now else {T - 1: np.eye(1)})
+    )
     np.testing.assert_allclose(smoothed.mean[:, 0], solution.x, rtol=0, atol=1e-8)
     late = 0 if now else 1
-    np.testing.assert_allclose(smoothed.input_mean[late:, 0], solution.d[: T - late], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(
+        smoothed.input_mean[late:, 0], solution.d[: T - late], rtol=0, atol=1e-8
+    )
     assert smoothed.input_cov[6, 0, 0, 0] < 0.5 * series.updated.input_cov[6, 0, 0, 0]
 
 
@@ -96,7 +123,9 @@ def test_an_input_that_no_measurement_shows_is_smoothed_with_its_prior(name: str
 def test_an_input_whose_variance_is_told_is_smoothed_as_the_state_that_it_could_be(assumed: float):
     system = unknown_input_system(0, True)
     record = simulate(system, 1, runs=2, steps=15)
-    smoothed = smooth(run(make("kf", system.model, input_cov=assumed), system.prior, record.y, u=record.u))
+    smoothed = smooth(
+        run(make("kf", system.model, input_cov=assumed), system.prior, record.y, u=record.u)
+    )
     whole, n = stacked(system.model), system.model.n
     Q = whole.Q.copy()
     Q[n:, n:] = assumed
@@ -121,7 +150,9 @@ def test_an_input_whose_variance_is_told_is_smoothed_as_the_state_that_it_could_
         ("ukf-umv", pushed_vehicle, {"input_prior": INPUT_PRIOR}),
     ],
 )
-def test_a_smoothed_covariance_is_never_larger_than_the_filters(name: str, make_system, options: dict):
+def test_a_smoothed_covariance_is_never_larger_than_the_filters(
+    name: str, make_system, options: dict
+):
     system = make_system(0)
     record = simulate(system, 1, runs=5, steps=30)
     series = run(make(name, system.model, **options), system.prior, gaps(record.y), u=record.u)
@@ -166,7 +197,9 @@ def test_a_fixed_lag_is_a_whole_smoother_whose_series_ends_so_much_later():
             np.testing.assert_allclose(lagged.mean[k], smooth(part).mean[k], rtol=0, atol=1e-11)
             np.testing.assert_allclose(lagged.cov[k], smooth(part).cov[k], rtol=0, atol=1e-11)
         np.testing.assert_array_equal(smooth(series, lag=0).mean, series.mean)
-        np.testing.assert_allclose(smooth(series, lag=100).mean, smooth(series).mean, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(
+            smooth(series, lag=100).mean, smooth(series).mean, rtol=0, atol=1e-11
+        )
 
 
 def test_a_state_that_is_known_beforehand_stays_so():
@@ -213,19 +246,25 @@ def test_angles_are_smoothed_across_their_seam():
     np.testing.assert_allclose(wrapped.cov, apart.cov, rtol=0, atol=1e-9)
 
 
-# --- members ------------------------------------------------------------------------------------------
+# --- members --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("members", [3, 12])
-def test_smoothed_members_have_the_moments_of_the_exact_smoother_where_nothing_is_drawn(members: int):
+def test_smoothed_members_have_the_moments_of_the_exact_smoother_where_nothing_is_drawn(
+    members: int,
+):
     """Without process noise a transform is exact from the moments that it began with, be they of full rank or not."""
     system = kalman_system(0)
-    model = LinearModel(system.model.A, system.model.C, np.zeros((4, 4)), system.model.R, B=system.model.B)
+    model = LinearModel(
+        system.model.A, system.model.C, np.zeros((4, 4)), system.model.R, B=system.model.B
+    )
     record = simulate(system, 1, runs=1, steps=10)
     etkf = make("etkf", model, members=members, draws="independent")
     series = run(etkf, system.prior, record.y[:, 0], u=record.u[:, 0], rng=0)
     begun = series.predicted[0]
-    exact = smooth(run(make("kf", model), Gaussian(begun.mean, begun.cov), record.y[:, 0], u=record.u[:, 0]))
+    exact = smooth(
+        run(make("kf", model), Gaussian(begun.mean, begun.cov), record.y[:, 0], u=record.u[:, 0])
+    )
     smoothed = smooth(series)
     np.testing.assert_allclose(smoothed.mean, exact.mean, rtol=0, atol=1e-9)
     np.testing.assert_allclose(smoothed.cov, exact.cov, rtol=0, atol=1e-9)
@@ -247,7 +286,7 @@ def test_many_members_are_smoothed_as_a_kalman_filter_is(name: str):
     np.testing.assert_allclose(spread, 1.0, rtol=0, atol=5.0 * 3.0 * np.sqrt(2.0 / 4000))
 
 
-# --- what has no smoother -----------------------------------------------------------------------------
+# --- what has no smoother -------------------------------------------------------------------------
 
 
 def test_what_cannot_be_smoothed_says_why():
@@ -277,7 +316,8 @@ def test_a_filter_of_ones_own_that_overrides_a_step_has_a_smoother_if_it_says_so
     system = kalman_system(0)
     record = simulate(system, 1, runs=2, steps=6)
     smoothed = [
-        smooth(run(cls(system.model), system.prior, record.y, u=record.u)) for cls in (KalmanFilter, Renamed, Declared)
+        smooth(run(cls(system.model), system.prior, record.y, u=record.u))
+        for cls in (KalmanFilter, Renamed, Declared)
     ]
     for belief in smoothed[1:]:
         np.testing.assert_allclose(belief.mean, smoothed[0].mean, rtol=0, atol=1e-12)
@@ -299,7 +339,9 @@ def test_a_prior_of_which_next_to_nothing_is_known_is_smoothed_as_one_of_less(na
     filter = make(name, LinearModel(A, C, np.diag([0.1, 0.01, 0.02, 0, 0, 0, 0, 0]), [[0.5]]))
     y = np.cumsum(np.random.default_rng(1).normal(size=(60, 1)), 0)
     y[[2, 3, 9, 10, 11, 30]] = np.nan
-    known, vague = (smooth(run(filter, Gaussian(np.zeros(8), P * np.eye(8)), y)) for P in (1e7, 1e12))
+    known, vague = (
+        smooth(run(filter, Gaussian(np.zeros(8), P * np.eye(8)), y)) for P in (1e7, 1e12)
+    )
     sd = np.sqrt(known.cov.diagonal(0, -2, -1))
     np.testing.assert_allclose(np.sqrt(vague.cov.diagonal(0, -2, -1)), sd, rtol=0.01)
     assert (np.abs(vague.mean - known.mean) < 0.01 * sd).all()

@@ -30,10 +30,12 @@ def noise(r: float) -> tuple[Filter, Gaussian]:
 
 def random_walk(seed: int, steps: int, q: float, r: float) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    return np.cumsum(np.sqrt(q) * rng.normal(size=(steps, 1)), 0) + np.sqrt(r) * rng.normal(size=(steps, 1))
+    return np.cumsum(np.sqrt(q) * rng.normal(size=(steps, 1)), 0) + np.sqrt(r) * rng.normal(
+        size=(steps, 1)
+    )
 
 
-# --- closed forms -------------------------------------------------------------------------------------
+# --- closed forms ---------------------------------------------------------------------------------
 
 
 def test_the_nile_has_the_variances_that_everybody_finds():
@@ -61,7 +63,9 @@ def test_a_variance_is_the_mean_square_and_its_error_follows(shape: tuple[int, .
 
 def test_a_mean_of_any_sign_and_a_variance_know_nothing_of_each_other():
     y = 2.0 * np.random.default_rng(1).normal(size=(100, 1)) - 300.0
-    found = fit(lambda m, r: (noise(r)[0], Gaussian([m], [[0.0]])), {"m": -200.0, "r": 9.0}, y, signed=["m"])
+    found = fit(
+        lambda m, r: (noise(r)[0], Gaussian([m], [[0.0]])), {"m": -200.0, "r": 9.0}, y, signed=["m"]
+    )
     assert found.estimates == pytest.approx({"m": y.mean(), "r": y.var()}, rel=1e-6)
     errors = {"m": np.sqrt(y.var() / 100.0), "r": np.sqrt(2.0 / 100.0) * y.var()}
     assert found.standard_errors == pytest.approx(errors, rel=1e-4)
@@ -83,13 +87,20 @@ def test_an_autoregression_is_least_squares(objective: str):
     slope = before @ after / (before @ before)
     rest = np.mean((after - slope * before) ** 2)
     assert found.estimates["a"] == pytest.approx(slope, rel=1e-5)
-    counted = 1.0 if objective == "likelihood" else 59.0 / 60.0  # what is known is no error, and counts as one
-    assert found.standard_errors["a"] == pytest.approx(np.sqrt(counted * rest / (before @ before)), rel=1e-3)
+    counted = (
+        1.0 if objective == "likelihood" else 59.0 / 60.0
+    )  # what is known is no error, and counts as one
+    assert found.standard_errors["a"] == pytest.approx(
+        np.sqrt(counted * rest / (before @ before)), rel=1e-3
+    )
     if objective == "likelihood":
         assert found.estimates["q"] == pytest.approx(rest, rel=1e-5)
     else:  # which knows no scale
         (sentence,) = found.undetermined  # unless it is as small as R
-        assert sentence == "measurements say of q only that it is great: as likely if it is greater still"
+        assert (
+            sentence
+            == "measurements say of q only that it is great: as likely if it is greater still"
+        )
         assert np.isfinite(found.standard_errors["a"])
 
 
@@ -122,7 +133,9 @@ def test_estimates_and_errors_are_those_of_the_joint_density_of_all_measurements
         for j in range(3):
             a, b = h * np.eye(3)[i], h * np.eye(3)[j]
             signs = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
-            information[i, j] = sum(s * r * minus_log_density(best.x + s * a + r * b) for s, r in signs) / (4 * h**2)
+            information[i, j] = sum(
+                s * r * minus_log_density(best.x + s * a + r * b) for s, r in signs
+            ) / (4 * h**2)
     cov = np.linalg.inv(information)
     errors = np.sqrt(np.diagonal(cov))
     relative = [found.standard_errors[name] / found.estimates[name] for name in found.estimates]
@@ -130,7 +143,7 @@ def test_estimates_and_errors_are_those_of_the_joint_density_of_all_measurements
     np.testing.assert_allclose(found.correlation, cov / errors / errors[:, None], rtol=0, atol=1e-3)
 
 
-# --- the promise --------------------------------------------------------------------------------------
+# --- the promise ----------------------------------------------------------------------------------
 
 
 def covered(trials: int, steps: int, **truth: float) -> dict[str, int]:
@@ -160,7 +173,7 @@ def test_intervals_of_two_variances_hold_the_truth_in_90_to_99_percent():
         assert 180 <= inside <= 198
 
 
-# --- what measurements cannot tell ------------------------------------------------------------------------
+# --- what measurements cannot tell ----------------------------------------------------------------
 
 
 def test_two_numbers_of_which_only_the_sum_is_seen_are_named():
@@ -173,7 +186,9 @@ def test_two_numbers_of_which_only_the_sum_is_seen_are_named():
     for name in "ab":
         assert found.standard_errors[name] == np.inf
         assert found.intervals[name] == (0.0, np.inf)
-    assert found.estimates["a"] + found.estimates["b"] == pytest.approx(np.mean((y - y.mean()) ** 2), rel=1e-5)
+    assert found.estimates["a"] + found.estimates["b"] == pytest.approx(
+        np.mean((y - y.mean()) ** 2), rel=1e-5
+    )
     assert found.standard_errors["p"] == pytest.approx(np.sqrt(np.var(y) / 60), rel=1e-3)
     assert np.isnan(found.correlation[:2]).all()
     assert found.correlation[2, 2] == pytest.approx(1.0)
@@ -183,16 +198,22 @@ def test_two_numbers_of_which_only_the_sum_is_seen_are_named():
 def test_a_number_that_does_nothing_and_one_that_is_only_bounded_are_named():
     y = random_walk(0, 60, 0.0, 4.0)
     nothing = fit(lambda r, idle: noise(r), {"r": 1.0, "idle": 3.0}, y)
-    assert nothing.undetermined == ("the measurements tell nothing of idle: they are as likely with another",)
-    assert nothing.standard_errors["r"] == pytest.approx(np.sqrt(2.0 / 60) * nothing.estimates["r"], rel=1e-3)
+    assert nothing.undetermined == (
+        "the measurements tell nothing of idle: they are as likely with another",
+    )
+    assert nothing.standard_errors["r"] == pytest.approx(
+        np.sqrt(2.0 / 60) * nothing.estimates["r"], rel=1e-3
+    )
     alternating = 2.0 * (-1.0) ** np.arange(60)[:, None]  # nothing walks there
     small = fit(lambda q, r: level(q, r, 0.0), {"q": 1.0, "r": 1.0}, alternating)
     (sentence,) = small.undetermined
-    assert sentence == "measurements say of q only that it is small: as likely if it is smaller still"
+    assert (
+        sentence == "measurements say of q only that it is small: as likely if it is smaller still"
+    )
     assert small.estimates["r"] == pytest.approx(4.0, rel=1e-3)
 
 
-# --- other filters ------------------------------------------------------------------------------------
+# --- other filters --------------------------------------------------------------------------------
 
 
 def profile(found: Fit, name: str, value: float, y: np.ndarray) -> float:
@@ -213,16 +234,31 @@ def profile(found: Fit, name: str, value: float, y: np.ndarray) -> float:
 def test_what_is_said_of_a_variance_is_true_of_its_profile(count: int):
     rng, said = np.random.default_rng(0), 0
     for _ in range(count):
-        q, r, steps = rng.choice([0.0, 1e-4, 1e-2, 1.0]), rng.choice([1e-4, 1e-2, 1.0]), rng.choice([20, 50])
+        q, r, steps = (
+            rng.choice([0.0, 1e-4, 1e-2, 1.0]),
+            rng.choice([1e-4, 1e-2, 1.0]),
+            rng.choice([20, 50]),
+        )
         y = random_walk(rng.integers(1000), steps, q, r)
         found = fit(lambda q, r: level(q, r, 1.0), {"q": 1.0, "r": 1.0}, y)
         assert found.converged
         for sentence in found.undetermined:
             said += 1
             name = sentence.removeprefix("measurements say of ")[0]
-            less, more = (profile(found, name, value, y) for value in (1e-6 * found.estimates[name], 100 * np.var(y)))
-            assert ("only that it is small" in sentence) == (less < 1.5 < more), (sentence, less, more)
-            assert ("only that it is between" in sentence) == (min(less, more) > 0.9), (sentence, less, more)
+            less, more = (
+                profile(found, name, value, y)
+                for value in (1e-6 * found.estimates[name], 100 * np.var(y))
+            )
+            assert ("only that it is small" in sentence) == (less < 1.5 < more), (
+                sentence,
+                less,
+                more,
+            )
+            assert ("only that it is between" in sentence) == (min(less, more) > 0.9), (
+                sentence,
+                less,
+                more,
+            )
     assert said
 
 
@@ -238,7 +274,10 @@ def test_estimates_do_not_depend_on_units(unit: float):
 
 def test_a_channel_given_twice_or_as_a_sum_leaves_the_estimates():
     x = np.cumsum(np.random.default_rng(0).normal(size=(80, 2)) * [1.0, 2.0], 0)
-    for C in np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]), np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0]]):
+    for C in (
+        np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]),
+        np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0]]),
+    ):
 
         def build(q1: float, q2: float, C: np.ndarray = C) -> tuple[Filter, Gaussian]:
             model = LinearModel(np.eye(2), C, np.diag([q1, q2]), np.zeros((3, 3)))
@@ -266,7 +305,8 @@ def test_prediction_errors_need_nothing_but_predictions():
         return Terse(filter.model), prior
 
     said, measured = (
-        fit(b, {"q": 1.0}, y, objective="prediction-error") for b in (lambda q: level(q, 1.0, 1.0), terse)
+        fit(b, {"q": 1.0}, y, objective="prediction-error")
+        for b in (lambda q: level(q, 1.0, 1.0), terse)
     )
     assert measured.estimates == pytest.approx(said.estimates, rel=1e-6)
     assert measured.log_likelihood == pytest.approx(said.log_likelihood)
@@ -285,7 +325,9 @@ def test_the_determinant_counts_channels_that_came_together():
     y[rng.random(y.shape) < 0.1] = np.nan
 
     def build(q: float) -> tuple[Filter, Gaussian]:
-        return make("kf", LinearModel([[1.0]], [[1.0], [1.0]], [[q]], np.diag([1.0, 4.0]))), Gaussian([0.0], [[1.0]])
+        return make(
+            "kf", LinearModel([[1.0]], [[1.0], [1.0]], [[q]], np.diag([1.0, 4.0]))
+        ), Gaussian([0.0], [[1.0]])
 
     found = fit(build, {"q": 0.1}, y, objective="prediction-error")
     low, high = fit(build, {"q": 0.1}, y).intervals["q"]
@@ -373,7 +415,7 @@ def test_a_maximum_at_the_edge_of_what_can_be_built_is_none():
     assert "did not converge" in str(found)
 
 
-# --- what is refused ----------------------------------------------------------------------------------
+# --- what is refused ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -381,14 +423,23 @@ def test_a_maximum_at_the_edge_of_what_can_be_built_is_none():
     [
         ({"start": {}}, "start must hold a value for each parameter by name"),
         ({"start": 3.0}, "start must hold a value for each parameter by name"),
-        ({"start": {"q": 0.0, "r": 1.0}}, "start of q must be a positive number, got 0.0: name it in signed"),
+        (
+            {"start": {"q": 0.0, "r": 1.0}},
+            "start of q must be a positive number, got 0.0: name it in signed",
+        ),
         ({"start": {"q": -1.0, "r": 1.0}}, "start of q must be a positive number"),
         ({"start": {"q": "1", "r": 1.0}}, "start of q must be a positive number, got '1'$"),
-        ({"start": {"q": np.inf, "r": 1.0}, "signed": "q"}, "start of q must be a finite number, got inf$"),
+        (
+            {"start": {"q": np.inf, "r": 1.0}, "signed": "q"},
+            "start of q must be a finite number, got inf$",
+        ),
         ({"signed": ["s"]}, "unknown signed parameter 's'.*choose from q, r"),
         ({"objective": "likelyhood"}, "unknown objective 'likelyhood' .did you mean 'likelihood'"),
         ({"y": NILE[:, 0]}, "y has shape"),
-        ({"y": np.full((10, 1), np.nan), "objective": "prediction-error"}, "none of the measurements came"),
+        (
+            {"y": np.full((10, 1), np.nan), "objective": "prediction-error"},
+            "none of the measurements came",
+        ),
         ({"y": np.full((10, 1), 1e300)}, "the measurements have no likelihood at the start"),
     ],
 )
@@ -400,15 +451,24 @@ def test_bad_input_gets_a_sentence(arguments: dict, sentence: str):
 def test_a_build_that_is_none_is_refused():
     with pytest.raises(TypeError, match="unexpected keyword argument 's'"):
         fit(level, {"s": 1.0}, NILE)
-    with pytest.raises(TypeError, match="build must return a filter and its prior, a Gaussian, got KalmanFilter"):
+    with pytest.raises(
+        TypeError, match="build must return a filter and its prior, a Gaussian, got KalmanFilter"
+    ):
         fit(lambda q: level(q, 1.0)[0], {"q": 1.0}, NILE)
 
 
 def test_a_name_that_is_part_of_another_signs_that_one_alone():
     y = np.random.default_rng(0).normal(size=(60, 1))
-    found = fit(lambda bias, b: (noise(b)[0], Gaussian([bias], [[0.0]])), {"bias": 1.0, "b": 1.0}, y, signed="bias")
+    found = fit(
+        lambda bias, b: (noise(b)[0], Gaussian([bias], [[0.0]])),
+        {"bias": 1.0, "b": 1.0},
+        y,
+        signed="bias",
+    )
     low, high = found.intervals["b"]
-    np.testing.assert_allclose(low * high, found.estimates["b"] ** 2, rtol=1e-6)  # even about it, of the logarithm
+    np.testing.assert_allclose(
+        low * high, found.estimates["b"] ** 2, rtol=1e-6
+    )  # even about it, of the logarithm
     with pytest.raises(TypeError, match="signed must be names of parameters"):
         fit(lambda b: (noise(b)[0], Gaussian([0.0], [[0.0]])), {"b": 1.0}, y, signed=5)
 
@@ -416,4 +476,9 @@ def test_a_name_that_is_part_of_another_signs_that_one_alone():
 @pytest.mark.parametrize("objective", ["likelihood", "prediction-error"])
 def test_where_no_measurement_came_there_is_nothing_to_fit(objective: str):
     with pytest.raises(ValueError, match="none of the measurements came"):
-        fit(lambda b: (noise(b)[0], Gaussian([0.0], [[0.0]])), {"b": 1.0}, np.full((5, 1), np.nan), objective=objective)
+        fit(
+            lambda b: (noise(b)[0], Gaussian([0.0], [[0.0]])),
+            {"b": 1.0},
+            np.full((5, 1), np.nan),
+            objective=objective,
+        )

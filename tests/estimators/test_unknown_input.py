@@ -53,13 +53,17 @@ def _one_run(record: Record) -> Record:
 
 def _as_functions(model: LinearModel) -> NonlinearModel:
     """The linear model as functions that tell nothing of their being linear."""
-    return NonlinearModel(model.transition, model.measurement, model.Q, model.R, G=model.G, H=model.H)
+    return NonlinearModel(
+        model.transition, model.measurement, model.Q, model.R, G=model.G, H=model.H
+    )
 
 
-# --- the papers, and least squares over a whole run -------------------------------------------------
+# --- the papers, and least squares over a whole run -----------------------------------------------
 
 
-def _yong_zhu_frazzoli(system: System, y: np.ndarray, u: np.ndarray) -> list[tuple[np.ndarray, ...]]:
+def _yong_zhu_frazzoli(
+    system: System, y: np.ndarray, u: np.ndarray
+) -> list[tuple[np.ndarray, ...]]:
     """ULISE as printed: the measurements transformed by the singular vectors of H, with inverses and a pseudo-inverse.
 
     At each time after the first: x, P, d(k-1) whole and its covariance, d1(k) and its covariance.
@@ -73,7 +77,9 @@ def _yong_zhu_frazzoli(system: System, y: np.ndarray, u: np.ndarray) -> list[tup
     C1, C2, R1, R2 = T1 @ C, T2 @ C, T1 @ R @ T1.T, T2 @ R @ T2.T
     G1, G2, M1, V = G @ V1, G @ V2, np.diag(1.0 / s[:r]), np.hstack([V1, V2])
     eye = np.eye(model.n)
-    K = system.cov @ C2.T @ inv(C2 @ system.cov @ C2.T + R2)  # the first measurement: no input came before it
+    K = (
+        system.cov @ C2.T @ inv(C2 @ system.cov @ C2.T + R2)
+    )  # the first measurement: no input came before it
     x, P, out = system.mean + K @ (T2 @ y[0] - C2 @ system.mean), (eye - K @ C2) @ system.cov, []
     for k in range(1, len(y)):
         d1, Pd1 = M1 @ (T1 @ y[k - 1] - C1 @ x), M1 @ (C1 @ P @ C1.T + R1) @ M1.T
@@ -99,14 +105,18 @@ def _yong_zhu_frazzoli(system: System, y: np.ndarray, u: np.ndarray) -> list[tup
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(("n", "p", "q", "rank"), [(4, 3, 1, 0), *MIXED, (4, 3, 2, 2)])
-def test_ulise_gives_what_the_formulas_of_its_paper_give(seed: int, n: int, p: int, q: int, rank: int):
+def test_ulise_gives_what_the_formulas_of_its_paper_give(
+    seed: int, n: int, p: int, q: int, rank: int
+):
     system = _mixed(seed, n, p, q, rank)
     record = _one_run(simulate(system, seed, runs=1, steps=30))
     beliefs = track(make("ulise", system.model, input_prior=1e3), system.prior, record)[1:]
     for b, expected in zip(beliefs, _yong_zhu_frazzoli(system, record.y, record.u), strict=True):
         given = b.mean, b.cov, b.input_mean, b.input_cov, b.feedthrough_mean, b.feedthrough_cov
         for one, other in zip(given, expected, strict=True):
-            np.testing.assert_allclose(one, other, rtol=0, atol=1e-9 * max(1.0, np.abs(other).max()))
+            np.testing.assert_allclose(
+                one, other, rtol=0, atol=1e-9 * max(1.0, np.abs(other).max())
+            )
 
 
 def _least_squares_over_the_run(
@@ -114,9 +124,9 @@ def _least_squares_over_the_run(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The last two states and inputs of a run and their covariance, by one weighted least-squares problem.
 
-    Unknowns are all states and all inputs, ``x_0, d_0, x_1, d_1, ...``; nothing is known of any input beforehand. In
-    the directions in which the last measurement does not show d, it gets unit information, to be left out by the
-    caller.
+    Unknowns are all states and all inputs, ``x_0, d_0, x_1, d_1, ...``; nothing is known of any
+    input beforehand. In the directions in which the last measurement does not show d, it gets unit
+    information, to be left out by the caller.
     """
     model, steps = system.model, len(y)
     n, width = model.n, model.n + model.q
@@ -141,7 +151,9 @@ def _least_squares_over_the_run(
     return (cov @ right)[last], cov[last, last]
 
 
-def _assert_least_squares(filter_name: str, system: System, belief: Belief, record: Record, available: np.ndarray):
+def _assert_least_squares(
+    filter_name: str, system: System, belief: Belief, record: Record, available: np.ndarray
+):
     """The belief after the last measurement is what least squares over all measurements so far give."""
     model, n, q = system.model, system.model.n, system.model.q
     expected, cov = _least_squares_over_the_run(system, record.y, record.u, available)
@@ -149,18 +161,24 @@ def _assert_least_squares(filter_name: str, system: System, belief: Belief, reco
     close = {"rtol": 0, "atol": 1e-9 * max(1.0, np.abs(cov).max())}
     np.testing.assert_allclose(belief.mean, expected[state], **close)
     np.testing.assert_allclose(belief.cov, cov[state, state], **close)
-    now, given = observable_directions(model.H[available[-1]]), (belief.input_mean, belief.input_cov)
+    now, given = (
+        observable_directions(model.H[available[-1]]),
+        (belief.input_mean, belief.input_cov),
+    )
     if filter_name == "kf-umv-ui":
         np.testing.assert_allclose(given[0], expected[present], **close)
         np.testing.assert_allclose(given[1], cov[present, present], **close)
         return
-    # What its own measurement showed of d(k-1) is not smoothed by the next one, so only the rest is compared.
+    # What its own measurement showed of d(k-1) is not smoothed by the next one, so only the rest is
+    # compared.
     rest = np.eye(q) - observable_directions(model.H[available[-2]])
     np.testing.assert_allclose(rest @ given[0], rest @ expected[past], **close)
     np.testing.assert_allclose(rest @ given[1] @ rest, rest @ cov[past, past] @ rest, **close)
     if filter_name == "ulise":
         np.testing.assert_allclose(belief.feedthrough_mean, now @ expected[present], **close)
-        np.testing.assert_allclose(belief.feedthrough_cov, now @ cov[present, present] @ now, **close)
+        np.testing.assert_allclose(
+            belief.feedthrough_cov, now @ cov[present, present] @ now, **close
+        )
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -192,18 +210,23 @@ def test_ulise_leaves_to_the_next_measurement_what_a_dropped_channel_of_feedthro
     assert np.abs(fallen[7].mean - beliefs[7].mean).max() > 0.01
 
 
-# --- reductions -------------------------------------------------------------------------------------
+# --- reductions -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("name", "exact"), [("ekf-ui-wdf", "kf-umv-ui-wdf"), ("ukf-umv", "kf-umv-ui-wdf"), ("kf-umv-ui", "kf-umv-ui")]
+    ("name", "exact"),
+    [("ekf-ui-wdf", "kf-umv-ui-wdf"), ("ukf-umv", "kf-umv-ui-wdf"), ("kf-umv-ui", "kf-umv-ui")],
 )
-def test_on_functions_that_are_linear_the_nonlinear_filters_are_the_linear_one(name: str, exact: str):
+def test_on_functions_that_are_linear_the_nonlinear_filters_are_the_linear_one(
+    name: str, exact: str
+):
     system = unknown_input_system(1, exact == "kf-umv-ui", p=4, q=2)
     record = simulate(system, 1, runs=6, steps=40)
     available = some_measurements(np.random.default_rng(1), 4, 40, 6)
     linear = track(make(exact, system.model), system.rows(6), record, available=available)
-    functions = track(make(name, _as_functions(system.model)), system.rows(6), record, available=available)
+    functions = track(
+        make(name, _as_functions(system.model)), system.rows(6), record, available=available
+    )
     for one, other in zip(functions, linear, strict=True):
         assert_same(one, other, 1e-11)
 
@@ -225,7 +248,9 @@ def _with_a_white_input(model: NonlinearModel, cov: np.ndarray) -> NonlinearMode
 def _shaken() -> System:
     """`shaken_vehicle` with a push that is fixed in space."""
     system = shaken_vehicle(0)
-    return dataclasses.replace(system, model=dataclasses.replace(system.model, G=[[0.05], [0.1], [0.05], [0.02]]))
+    return dataclasses.replace(
+        system, model=dataclasses.replace(system.model, G=[[0.05], [0.1], [0.05], [0.02]])
+    )
 
 
 def test_on_a_nonlinear_system_it_is_the_limit_of_an_extended_kalman_filter_told_the_variance_of_the_input():
@@ -238,7 +263,10 @@ def test_on_a_nonlinear_system_it_is_the_limit_of_an_extended_kalman_filter_told
         prior = Gaussian(np.append(system.mean, 0.0), block_diag(system.cov, cov))
         prior = Gaussian(np.broadcast_to(prior.mean, (20, 5)), prior.cov)
         told = track(make("ekf", _with_a_white_input(model, cov)), prior, record)
-        pairs = [(np.concatenate([b.mean, b.input_mean], -1), a.mean) for a, b in zip(told, unbiased, strict=True)]
+        pairs = [
+            (np.concatenate([b.mean, b.input_mean], -1), a.mean)
+            for a, b in zip(told, unbiased, strict=True)
+        ]
         pairs += [
             (np.concatenate([np.concatenate([b.cov, b.state_input_cov], -1),
                              np.concatenate([b.state_input_cov.mT, b.input_cov], -1)], -2), a.cov)
@@ -249,13 +277,15 @@ def test_on_a_nonlinear_system_it_is_the_limit_of_an_extended_kalman_filter_told
     np.testing.assert_allclose(np.divide(apart[:2], apart[1:]), 100.0, rtol=0.1)
 
 
-# --- what hardly shows ------------------------------------------------------------------------------
+# --- what hardly shows ----------------------------------------------------------------------------
 
 WEAK = {
     "kf-umv-ui": lambda seed: unknown_input_system(seed, True, p=4, q=2),
     **{name: lambda seed: unknown_input_system(seed, False, p=4, q=2) for name in NO_FEEDTHROUGH},
     "ulise with full feedthrough": lambda seed: unknown_input_system(seed, True, p=4, q=2),
-    "ulise with one input of two fed through": lambda seed: unknown_input_system(seed, True, p=4, q=2, rank=1),
+    "ulise with one input of two fed through": lambda seed: unknown_input_system(
+        seed, True, p=4, q=2, rank=1
+    ),
 }
 CORRELATED = np.array([[1.0, 0.3], [0.3, 0.2]])
 """A covariance of two inputs: the measurements of these systems show some directions well and others hardly."""
@@ -276,12 +306,18 @@ def test_what_hardly_shows_is_estimated_as_by_a_kalman_filter_told_its_prior(nam
         C, H, R = model.C[mask], model.H[mask], model.R[mask][:, mask]
         F = (C @ late + H) @ root
         values, directions = np.linalg.eigh(F.T @ np.linalg.inv(C @ cov @ C.T + R) @ F)
-        kinds |= {"well" if value > 0.1 else "hardly" if value > 1e-6 else "not" for value in values}
+        kinds |= {
+            "well" if value > 0.1 else "hardly" if value > 1e-6 else "not" for value in values
+        }
         hidden = directions[:, values <= 0.1]
         precision = np.linalg.inv(root).T @ hidden @ hidden.T @ np.linalg.inv(root)
-        posterior, joint = flat_prior_posterior(mean, cov, late, C, H, R, record.y[k][mask], precision)
+        posterior, joint = flat_prior_posterior(
+            mean, cov, late, C, H, R, record.y[k][mask], precision
+        )
         close = {"rtol": 0, "atol": 1e-9 * max(1.0, np.abs(joint).max())}
-        np.testing.assert_allclose(np.concatenate([belief.mean, belief.input_mean]), posterior, **close)
+        np.testing.assert_allclose(
+            np.concatenate([belief.mean, belief.input_mean]), posterior, **close
+        )
         np.testing.assert_allclose(belief.cov, joint[:n, :n], **close)
         np.testing.assert_allclose(belief.input_cov, joint[n:, n:], **close)
         np.testing.assert_allclose(belief.state_input_cov, joint[:n, n:], **close)
@@ -295,7 +331,9 @@ def test_what_hardly_shows_is_estimated_as_by_a_kalman_filter_told_its_prior(nam
     assert kinds == {"well", "hardly", "not"}
 
 
-@pytest.mark.parametrize("family", ["kf-umv-ui", "ekf-ui-wdf", "ulise with one input of two fed through"])
+@pytest.mark.parametrize(
+    "family", ["kf-umv-ui", "ekf-ui-wdf", "ulise with one input of two fed through"]
+)
 def test_in_which_coordinates_an_input_is_told_does_not_matter(family: str):
     """Other units of each input, and sums of them: measurements missing, too."""
     system, name = WEAK[family](1), family.split(" ")[0]
@@ -313,7 +351,9 @@ def test_in_which_coordinates_an_input_is_told_does_not_matter(family: str):
             (other.mean, one.mean), (other.cov, one.cov), (np.matvec(back, other.input_mean), one.input_mean),
             (back @ other.input_cov @ back.T, one.input_cov), (back @ other.input_observed @ T, one.input_observed),
         ):  # fmt: skip
-            np.testing.assert_allclose(given, expected, rtol=0, atol=1e-7 * max(1.0, np.abs(expected).max()))
+            np.testing.assert_allclose(
+                given, expected, rtol=0, atol=1e-7 * max(1.0, np.abs(expected).max())
+            )
 
 
 def test_what_ulise_hardly_sees_at_once_it_sees_without_bias_in_the_next_measurement():
@@ -330,24 +370,36 @@ def test_what_ulise_hardly_sees_at_once_it_sees_without_bias_in_the_next_measure
     np.testing.assert_allclose(beliefs[5].input_mean, d[4], rtol=0, atol=1e-9)
 
 
-# --- an input that is a state -----------------------------------------------------------------------
+# --- an input that is a state ---------------------------------------------------------------------
 
 
-def _begun_alike(system: System, record: Record, available: np.ndarray, filter_name: str, model: object) -> tuple:
+def _begun_alike(
+    system: System, record: Record, available: np.ndarray, filter_name: str, model: object
+) -> tuple:
     """Beliefs of `kf-umv-ui`, and of a filter of the stacked model that begins with what that knows of (x, d)."""
-    direct = track(make("kf-umv-ui", system.model, input_prior=INPUT_PRIOR), system.rows(6), record, None, available)
+    direct = track(
+        make("kf-umv-ui", system.model, input_prior=INPUT_PRIOR),
+        system.rows(6),
+        record,
+        None,
+        available,
+    )
     late = make(filter_name, model, input_prior=INPUT_PRIOR)
     belief = late.init(Gaussian(*_joint(direct[0])))
     beliefs = []
     for k in range(1, len(record.y)):
-        belief = late.update(late.predict(belief, record.u[k - 1]), record.y[k], available=available[k])
+        belief = late.update(
+            late.predict(belief, record.u[k - 1]), record.y[k], available=available[k]
+        )
         beliefs.append(belief)
     return direct[1:], beliefs
 
 
 def _joint(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
     """Mean and covariance of state and input together."""
-    cov = np.block([[belief.cov, belief.state_input_cov], [belief.state_input_cov.mT, belief.input_cov]])
+    cov = np.block(
+        [[belief.cov, belief.state_input_cov], [belief.state_input_cov.mT, belief.input_cov]]
+    )
     return np.concatenate([belief.mean, belief.input_mean], -1), 0.5 * (cov + cov.mT)
 
 
@@ -365,11 +417,15 @@ def _assert_stacked_is_direct(direct: list[Belief], late: list[Belief], toleranc
 
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("name", ["kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise"])
-def test_with_the_input_as_a_state_filters_without_feedthrough_are_the_one_with_it(name: str, seed: int):
+def test_with_the_input_as_a_state_filters_without_feedthrough_are_the_one_with_it(
+    name: str, seed: int
+):
     system = unknown_input_system(seed, True, p=4, q=2)
     record = simulate(system, seed, runs=6, steps=30)
     available = some_measurements(np.random.default_rng(seed), 4, 30, 6)
-    _assert_stacked_is_direct(*_begun_alike(system, record, available, name, stacked(system.model)), 1e-9)
+    _assert_stacked_is_direct(
+        *_begun_alike(system, record, available, name, stacked(system.model)), 1e-9
+    )
     if name in ("ekf-ui-wdf", "ukf-umv"):
         functions = stacked(_as_functions(system.model))
         _assert_stacked_is_direct(*_begun_alike(system, record, available, name, functions), 1e-9)
@@ -405,7 +461,11 @@ def test_matrices_of_many_rows_or_of_the_known_input_stay_so_with_the_input_as_a
         table = tables[name]
         if way == "rows" or name in "CHQR":
             return table if way == "rows" else table[0]
-        return Schedule(table, 0, 1.0, 0.5) if way == "schedule" else lambda u: table[u[..., 0].astype(int)]
+        return (
+            Schedule(table, 0, 1.0, 0.5)
+            if way == "schedule"
+            else lambda u: table[u[..., 0].astype(int)]
+        )
 
     model = LinearModel(**{name: told(name) for name in "ABCGHQR"})
     given = stacked(model)
@@ -414,18 +474,26 @@ def test_matrices_of_many_rows_or_of_the_known_input_stay_so_with_the_input_as_a
     whole = track(filter, Gaussian(np.zeros((6, 6)), np.eye(6)), record)[-1]
     for i, system in enumerate(systems):
         shared = {name: tables[name][i if way == "rows" else 0] for name in "CHQR"}
-        alone = make("kf-umv-ui-wdf", stacked(dataclasses.replace(system.model, **shared)), input_prior=INPUT_PRIOR)
+        alone = make(
+            "kf-umv-ui-wdf",
+            stacked(dataclasses.replace(system.model, **shared)),
+            input_prior=INPUT_PRIOR,
+        )
         row = record._replace(y=record.y[:, i], u=record.u[:, i])
         expected = track(alone, Gaussian(np.zeros(6), np.eye(6)), row)[-1]
-        np.testing.assert_allclose(whole.mean[i], expected.mean, rtol=0, atol=1e-9 * np.abs(expected.mean).max())
+        np.testing.assert_allclose(
+            whole.mean[i], expected.mean, rtol=0, atol=1e-9 * np.abs(expected.mean).max()
+        )
 
 
 def test_a_model_without_unknown_input_has_none_to_be_a_state():
     for model in (_matrices(), _functions()):
-        assert _refusal(lambda model=model: stacked(model)).startswith("stacked needs an unknown input")
+        assert _refusal(lambda model=model: stacked(model)).startswith(
+            "stacked needs an unknown input"
+        )
 
 
-# --- matrices that change ---------------------------------------------------------------------------
+# --- matrices that change -------------------------------------------------------------------------
 
 
 def test_feedthrough_may_be_a_function_of_the_known_input_and_of_another_rank_in_every_row():
@@ -451,7 +519,9 @@ def test_feedthrough_may_be_a_function_of_the_known_input_and_of_another_rank_in
 
 
 @pytest.mark.parametrize("name", ["ekf-ui-wdf", "ukf-umv"])
-def test_a_driven_direction_that_depends_on_the_state_is_taken_at_the_estimate_before_the_step(name: str):
+def test_a_driven_direction_that_depends_on_the_state_is_taken_at_the_estimate_before_the_step(
+    name: str,
+):
     system = pushed_vehicle(0)
     model, filter = system.model, make(name, system.model)
     record = _one_run(simulate(system, 0, runs=1, steps=6))
@@ -464,11 +534,13 @@ def test_a_driven_direction_that_depends_on_the_state_is_taken_at_the_estimate_b
     expected = fixed.update(predicted.replace(input_matrix=None), y)
     assert_same(filter.update(predicted, y).replace(input_matrix=None), expected, 1e-13)
     elsewhere = model.G(belief.mean + np.array([0.0, 0.0, 0.5, 0.0]), None)
-    moved = make(name, dataclasses.replace(model, G=elsewhere)).update(predicted.replace(input_matrix=None), y)
+    moved = make(name, dataclasses.replace(model, G=elsewhere)).update(
+        predicted.replace(input_matrix=None), y
+    )
     assert np.abs(moved.mean - expected.mean).max() > 1e-4
 
 
-# --- bias and consistency ---------------------------------------------------------------------------
+# --- bias and consistency -------------------------------------------------------------------------
 
 RUNS = 1000
 
@@ -490,7 +562,9 @@ def _assert_unbiased_and_consistent(errors: np.ndarray, cov: np.ndarray) -> None
 
 
 @pytest.mark.parametrize("name", ["ekf-ui-wdf", "ukf-umv"])
-def test_on_the_system_of_darouach_1995_as_functions_state_and_input_are_unbiased_and_consistent(name: str):
+def test_on_the_system_of_darouach_1995_as_functions_state_and_input_are_unbiased_and_consistent(
+    name: str,
+):
     model = dataclasses.replace(darouach(), B=np.zeros((3, 1)))
     system = System(model, np.array([1.0, -1.0, 2.0]), 5.0 * np.eye(3), 1)
     for errors, cov in _errors(name, system, _as_functions(model), 5):
@@ -505,7 +579,9 @@ def test_on_a_mildly_nonlinear_system_state_and_input_are_as_uncertain_as_the_fi
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "ignorant"), [("ekf-ui-wdf", "ekf"), ("ukf-umv", "ukf")])
-def test_a_vehicle_that_is_pushed_is_followed_by_a_filter_that_knows_of_the_push(name: str, ignorant: str):
+def test_a_vehicle_that_is_pushed_is_followed_by_a_filter_that_knows_of_the_push(
+    name: str, ignorant: str
+):
     system, runs, steps = pushed_vehicle(0), 50, 100
     record = simulate(system, 1, runs, steps)
     errors = {}
@@ -513,11 +589,13 @@ def test_a_vehicle_that_is_pushed_is_followed_by_a_filter_that_knows_of_the_push
         beliefs = track(make(filter_name, system.model), system.rows(runs), record)
         errors[filter_name] = rmse(np.array([b.mean for b in beliefs[20:]]), record.x[20:], (2,))
     assert (errors[name] < 0.5 * errors[ignorant])[:3].all()  # position and heading
-    estimates = np.array([b.input_mean for b in track(make(name, system.model), system.rows(runs), record)[20:]])
+    estimates = np.array(
+        [b.input_mean for b in track(make(name, system.model), system.rows(runs), record)[20:]]
+    )
     assert rmse(estimates, record.d[19:-1])[0] < 0.5 * np.std(record.d[19:-1])
 
 
-# --- what a filter refuses --------------------------------------------------------------------------
+# --- what a filter refuses ------------------------------------------------------------------------
 
 I2 = np.eye(2)
 
@@ -562,22 +640,28 @@ def test_a_driven_direction_of_the_wrong_shape_is_named():
     model = _functions(G=lambda x, u: np.ones((2, 2)), H=np.zeros((2, 1)))
     filter = make("ekf-ui-wdf", model)
     belief = filter.init(Gaussian(np.zeros(2), I2))
-    assert _refusal(lambda: filter.predict(belief)) == "G gave a matrix of shape (2, 2), expected (..., 2, 1)"
+    assert (
+        _refusal(lambda: filter.predict(belief))
+        == "G gave a matrix of shape (2, 2), expected (..., 2, 1)"
+    )
     assert "cannot tell q" in _refusal(lambda: _functions(G=lambda x, u: np.ones((2, 1))))
 
 
 def test_ulise_says_which_rank_it_needs_and_what_to_do():
     hidden = {"C": [[1.0, 0.0]], "R": [[1.0]], "G": [[0.0], [1.0]]}
     advice = (
-        ": measure the input, or a state that it drives directly, by a measurement that no other unknown input disturbs"
+        ": measure the input, or a state that it drives directly, by a measurement that no other"
+        " unknown input disturbs"
     )
-    assert _refusal(lambda: make("ulise", _matrices(**hidden))) == (
-        f"ulise needs rank(C2 G2) = q - rank(H) = 1 - 0, got 0{advice}"
+    assert (
+        _refusal(lambda: make("ulise", _matrices(**hidden)))
+        == f"ulise needs rank(C2 G2) = q - rank(H) = 1 - 0, got 0{advice}"
     )
     # The measurement that would show the second input is taken up by the first.
     blocked = {"G": [[0.0, 1.0], [0.0, 0.0]], "H": [[1.0, 0.0], [0.0, 0.0]]}
-    assert _refusal(lambda: make("ulise", _matrices(**blocked))) == (
-        f"ulise needs rank(C2 G2) = q - rank(H) = 2 - 1, got 0{advice}"
+    assert (
+        _refusal(lambda: make("ulise", _matrices(**blocked)))
+        == f"ulise needs rank(C2 G2) = q - rank(H) = 2 - 1, got 0{advice}"
     )
     free = {"G": [[0.0, 0.0], [0.0, 1.0]], "H": [[1.0, 0.0], [0.0, 0.0]]}
     assert make("ulise", _matrices(**free)).input_delay == 1
@@ -585,7 +669,7 @@ def test_ulise_says_which_rank_it_needs_and_what_to_do():
     assert "= 2 - 1, got 0" in _refusal(lambda: make("ulise", _matrices(**rows)))
 
 
-# --- numbers that do not behave ---------------------------------------------------------------------
+# --- numbers that do not behave -------------------------------------------------------------------
 
 
 def test_retimed_a_filter_with_feedthrough_is_the_one_without():
@@ -598,7 +682,10 @@ def test_retimed_a_filter_with_feedthrough_is_the_one_without():
     model = LinearModel(A, C, 0.1 * np.eye(n), 0.2 * np.eye(p), G=G, H=np.zeros((p, q)))
     again = input_delayed(model)
     assert pytest.approx(C @ G) == again.H
-    late, now = make("kf-umv-ui-wdf", model, input_prior=25.0), make("kf-umv-ui", again, input_prior=25.0)
+    late, now = (
+        make("kf-umv-ui-wdf", model, input_prior=25.0),
+        make("kf-umv-ui", again, input_prior=25.0),
+    )
     prior = Gaussian(np.zeros(n), np.eye(n))
     y = rng.standard_normal((steps, p))
     y[rng.random((steps, p)) < 0.1] = np.nan
@@ -614,5 +701,7 @@ def test_retimed_a_filter_with_feedthrough_is_the_one_without():
 
 @pytest.mark.parametrize("given", [{}, {"G": np.ones((2, 1)), "H": np.ones((1, 1))}])
 def test_retimed_needs_an_input_without_feedthrough(given):
-    with pytest.raises(ValueError, match="input_delayed needs an unknown input without feedthrough"):
+    with pytest.raises(
+        ValueError, match="input_delayed needs an unknown input without feedthrough"
+    ):
         input_delayed(LinearModel(np.eye(2), np.ones((1, 2)), np.eye(2), np.eye(1), **given))

@@ -22,7 +22,12 @@ from tests.estimators.cases import (
     turning_vehicle,
 )
 
-POINTS = [{}, {"alpha": 0.3, "kappa": 1.0}, {"alpha": 1.0, "beta": 0.0, "kappa": 0.0}, {"alpha": 0.5, "kappa": -1.5}]
+POINTS = [
+    {},
+    {"alpha": 0.3, "kappa": 1.0},
+    {"alpha": 1.0, "beta": 0.0, "kappa": 0.0},
+    {"alpha": 0.5, "kappa": -1.5},
+]
 """The defaults; close points; cubature points; a negative weight in the middle."""
 
 
@@ -31,7 +36,7 @@ def _as_functions(system: System) -> NonlinearModel:
     return NonlinearModel(model.transition, model.measurement, model.Q, model.R, G=model.G)
 
 
-# --- against FilterPy -------------------------------------------------------------------------------
+# --- against FilterPy -----------------------------------------------------------------------------
 
 
 def _nonlinear(seed: int) -> NonlinearModel:
@@ -80,15 +85,19 @@ def test_ukf_agrees_with_filterpy(model_of, seed: int, points: dict[str, float])
         np.testing.assert_allclose(belief.innovation_cov, other.S, rtol=1e-10)
 
 
-# --- moments ----------------------------------------------------------------------------------------
+# --- moments --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("points", POINTS[2:], ids=str)
-def test_on_functions_that_are_linear_the_filter_is_the_kalman_filter_whatever_its_points(points: dict[str, float]):
+def test_on_functions_that_are_linear_the_filter_is_the_kalman_filter_whatever_its_points(
+    points: dict[str, float],
+):
     system = kalman_system(3)
     record = simulate(system, 3, runs=5, steps=50)
     available = np.random.default_rng(3).random((50, 5, 3)) < 0.7
-    numeric = track(make("ukf", _as_functions(system), **points), system.rows(5), record, available=available)
+    numeric = track(
+        make("ukf", _as_functions(system), **points), system.rows(5), record, available=available
+    )
     exact = track(make("kf", system.model), system.rows(5), record, available=available)
     for one, other in zip(numeric, exact, strict=True):
         assert_same(one, other, 1e-10)
@@ -112,7 +121,9 @@ def test_mean_and_variance_of_a_square_are_exact(mean: float, variance: float):
     assert updated.innovation[0] == pytest.approx(-(mean**2) - variance, rel=1e-13)
     assert updated.innovation_cov[0, 0] == pytest.approx(squared + 1.0, rel=1e-13)
     gain = 2.0 * mean * variance / (squared + 1.0)
-    assert updated.mean[0] == pytest.approx(mean - gain * (mean**2 + variance), rel=1e-12, abs=1e-13)
+    assert updated.mean[0] == pytest.approx(
+        mean - gain * (mean**2 + variance), rel=1e-12, abs=1e-13
+    )
     assert updated.cov[0, 0] == pytest.approx(variance - gain * 2.0 * mean * variance, rel=1e-11)
 
 
@@ -131,12 +142,21 @@ def test_every_transform_that_is_accepted_gives_covariances(
     rng = np.random.default_rng(seed)
     M = rng.normal(size=(n, n))
     model = NonlinearModel(
-        lambda x, u: np.cos(np.matvec(M, x)), lambda x, u: np.matvec(M, x) ** 2, np.zeros((n, n)), np.zeros((n, n))
+        lambda x, u: np.cos(np.matvec(M, x)),
+        lambda x, u: np.matvec(M, x) ** 2,
+        np.zeros((n, n)),
+        np.zeros((n, n)),
     )
-    filter = make("ukf", model, alpha=alpha, kappa=kappa * n, beta=max(-(alpha**2) * kappa, -50.0) + above)
-    belief = filter.predict(filter.init(Gaussian(rng.normal(size=(4, n)), random_covariance(rng, n))))
+    filter = make(
+        "ukf", model, alpha=alpha, kappa=kappa * n, beta=max(-(alpha**2) * kappa, -50.0) + above
+    )
+    belief = filter.predict(
+        filter.init(Gaussian(rng.normal(size=(4, n)), random_covariance(rng, n)))
+    )
     assert_covariance(belief.cov, 1.0)
-    S = filter.update(filter.init(Gaussian(rng.normal(size=(4, n)), random_covariance(rng, n))), np.zeros(n))
+    S = filter.update(
+        filter.init(Gaussian(rng.normal(size=(4, n)), random_covariance(rng, n))), np.zeros(n)
+    )
     assert_covariance(S.cov, 1.0)
 
 
@@ -150,7 +170,11 @@ def test_close_points_lose_no_digits_to_their_large_weights():
     y = model.measurement(model.transition(prior.mean, u), u) + 1e-3
     close, near, jacobian = (
         filter.update(filter.predict(filter.init(prior), u), y)
-        for filter in (make("ukf", model, alpha=1e-3), make("ukf", model, alpha=0.1), make("ekf", model))
+        for filter in (
+            make("ukf", model, alpha=1e-3),
+            make("ukf", model, alpha=0.1),
+            make("ekf", model),
+        )
     )
     np.testing.assert_allclose(close.mean, near.mean, rtol=0, atol=1e-9)
     np.testing.assert_allclose(close.cov, near.cov, rtol=0, atol=1e-11)
@@ -158,10 +182,12 @@ def test_close_points_lose_no_digits_to_their_large_weights():
     np.testing.assert_allclose(close.cov, jacobian.cov, rtol=0, atol=1e-10)
 
 
-# --- angles -----------------------------------------------------------------------------------------
+# --- angles ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "system_of"), [("ukf", turning_vehicle), ("ukf-umv", pushed_vehicle)])
+@pytest.mark.parametrize(
+    ("name", "system_of"), [("ukf", turning_vehicle), ("ukf-umv", pushed_vehicle)]
+)
 def test_points_on_both_sides_of_the_seam_of_an_angle_are_averaged_across_it(name: str, system_of):
     """Functions that wrap their angles give what functions that do not wrap them give."""
     system = system_of(0)
@@ -182,7 +208,10 @@ def test_points_on_both_sides_of_the_seam_of_an_angle_are_averaged_across_it(nam
 
     wraps = dataclasses.replace(model, measurement=measurement, transition=transition)
     record = simulate(dataclasses.replace(system, mean=mean), 0, runs=8, steps=20)
-    beliefs = [track(make(name, m), Gaussian(np.tile(mean, (8, 1)), system.cov), record) for m in (model, wraps)]
+    beliefs = [
+        track(make(name, m), Gaussian(np.tile(mean, (8, 1)), system.cov), record)
+        for m in (model, wraps)
+    ]
     crossed = 0
     for one, other in zip(*beliefs, strict=True):
         turned = np.rint((other.mean[:, 2] - one.mean[:, 2]) / (2.0 * np.pi))
@@ -193,11 +222,13 @@ def test_points_on_both_sides_of_the_seam_of_an_angle_are_averaged_across_it(nam
     assert crossed > 0
 
 
-# --- beliefs without variance -----------------------------------------------------------------------
+# --- beliefs without variance ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("rank", [0, 1, 2, 3])
-def test_a_belief_without_variance_in_some_directions_is_carried_on_as_by_the_kalman_filter(rank: int):
+def test_a_belief_without_variance_in_some_directions_is_carried_on_as_by_the_kalman_filter(
+    rank: int,
+):
     system, rng = kalman_system(0), np.random.default_rng(rank)
     root = rng.normal(size=(4, rank))
     model = dataclasses.replace(system.model, Q=np.zeros((4, 4)))
@@ -225,13 +256,21 @@ def test_a_row_without_variance_leaves_the_others_their_bits_and_is_as_by_numpy(
     together, reference = (f.update(f.init(prior), y, u=np.zeros((3, 2))) for f in (filter, plain))
     assert_same(together, reference, 1e-12)
     for row in range(3):
-        alone = filter.update(filter.init(Gaussian(prior.mean[[row]], cov[[row]])), y[[row]], u=np.zeros((1, 2)))
+        alone = filter.update(
+            filter.init(Gaussian(prior.mean[[row]], cov[[row]])), y[[row]], u=np.zeros((1, 2))
+        )
         assert_same(together[[row]], alone)
 
 
 def test_an_unknown_input_shows_in_a_state_that_was_known_exactly():
     """Without variance along G the points do not spread, but C must be the derivative there all the same."""
-    model = LinearModel(A=[[1.0, 0.1], [0.0, 1.0]], C=np.eye(2), Q=np.diag([1.0, 0.0]), R=np.eye(2), G=[[0.0], [1.0]])
+    model = LinearModel(
+        A=[[1.0, 0.1], [0.0, 1.0]],
+        C=np.eye(2),
+        Q=np.diag([1.0, 0.0]),
+        R=np.eye(2),
+        G=[[0.0], [1.0]],
+    )
     functions = NonlinearModel(model.transition, model.measurement, model.Q, model.R, G=model.G)
     beliefs = []
     for filter in (make("ukf-umv", functions), make("kf-umv-ui-wdf", model)):
@@ -241,7 +280,7 @@ def test_an_unknown_input_shows_in_a_state_that_was_known_exactly():
     assert_same(*beliefs, 1e-8)
 
 
-# --- options ----------------------------------------------------------------------------------------
+# --- options --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["ukf", "ukf-umv"])

@@ -7,19 +7,21 @@
     python -m tests.golden.record --record           # write it, or of the cases of --only their part
     python -m tests.golden.record --record --fly     # and let the autopilots give new actions
 
-A case is an environment, a sensor suite, an estimator and one of: ``alone``, an episode of `gymnasium.make` of at most
-`STEPS` steps; ``batch``, `ROWS` rows of `gymnasium.make_vec` for `STEPS` steps, over ends of episodes; ``whole``, an
-episode to its end. Its actions were flown once by the autopilot on the truth and are stored, so that no loop amplifies
-a rounding difference. Only the public surface is used: ``make``, ``make_vec``, spaces, observations, rewards, ``info``.
+A case is an environment, a sensor suite, an estimator and one of: ``alone``, an episode of
+`gymnasium.make` of at most `STEPS` steps; ``batch``, `ROWS` rows of `gymnasium.make_vec` for
+`STEPS` steps, over ends of episodes; ``whole``, an episode to its end. Its actions were flown once
+by the autopilot on the truth and are stored, so that no loop amplifies a rounding difference. Only
+the public surface is used: ``make``, ``make_vec``, spaces, observations, rewards, ``info``.
 
-Of each component of each quantity the file has two sums over times and rows with fixed weights between 1/2 and 1 in
-size, and its range; and every eighth step of whole episodes. The rows of a covariance are summed with weights, too,
-after division by the largest standard deviations. A deviation is that of a sum (or a step) as a share of the range; a
-component that hardly moves has a thousandth of its largest value in place of its range. No hashes: they admit no
-tolerance.
+Of each component of each quantity the file has two sums over times and rows with fixed weights
+between 1/2 and 1 in size, and its range; and every eighth step of whole episodes. The rows of a
+covariance are summed with weights, too, after division by the largest standard deviations. A
+deviation is that of a sum (or a step) as a share of the range; a component that hardly moves has a
+thousandth of its largest value in place of its range. No hashes: they admit no tolerance.
 
-The file keeps the processor and the libraries that it was recorded on, and is compared there: sums of matrix products
-are rounded differently on others. `main` compares on any and says so, the nightly test skips.
+The file keeps the processor and the libraries that it was recorded on, and is compared there: sums
+of matrix products are rounded differently on others. `main` compares on any and says so, the
+nightly test skips.
 """
 
 import argparse
@@ -54,7 +56,18 @@ GENERAL = ("vessel_gym/Ship-v0", "vessel_gym/AUV-v0", "vessel_gym/FixedWing-v0",
 ESTIMATORS = (
     "default", "ekf", "ukf", "enkf", "kf-umv-ui", "huber-kf", "truth", "measurement", "dead-reckoning",
 )  # fmt: skip
-OTHERS = ("kf", "iekf", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise", "enkf-sr", "etkf", "pf", "robust-kf")
+OTHERS = (
+    "kf",
+    "iekf",
+    "kf-umv-ui-wdf",
+    "ekf-ui-wdf",
+    "ukf-umv",
+    "ulise",
+    "enkf-sr",
+    "etkf",
+    "pf",
+    "robust-kf",
+)
 SUITES = ("nominal", "clean", "degraded", "budget", "denied")
 VARIANTS: dict[str, dict[str, Any]] = {
     "calm": {"disturbance": "calm"},
@@ -91,7 +104,10 @@ def cases() -> Iterator[tuple[str, dict[str, Any]]]:
         for suite in SUITES:
             for estimator in ESTIMATORS:
                 for form in ("alone", "batch"):
-                    yield f"{env} {suite} {estimator} {form}", {"sensors": suite, "estimator": estimator}
+                    yield (
+                        f"{env} {suite} {estimator} {form}",
+                        {"sensors": suite, "estimator": estimator},
+                    )
         yield f"{env} nominal default whole", {"sensors": "nominal", "estimator": "default"}
         for estimator in OTHERS:
             yield f"{env} nominal {estimator} alone", {"sensors": "nominal", "estimator": estimator}
@@ -102,7 +118,10 @@ def cases() -> Iterator[tuple[str, dict[str, Any]]]:
         for suite in ("nominal", "budget"):
             for estimator in ("default", "ekf", "truth"):
                 for form in ("alone", "batch"):
-                    yield f"{env} {suite} {estimator} {form}", {"sensors": suite, "estimator": estimator}
+                    yield (
+                        f"{env} {suite} {estimator} {form}",
+                        {"sensors": suite, "estimator": estimator},
+                    )
 
 
 # --- episodes -------------------------------------------------------------------------------------
@@ -121,7 +140,9 @@ def make(name: str, options: dict[str, Any]) -> gym.Env | gym.vector.VectorEnv:
     if options.get("sensors") == "late":
         probe = gym.make(env)
         dt, sensors = probe.unwrapped.system.task.dt, probe.unwrapped.system.vehicle.sensors  # type: ignore[attr-defined]
-        options["sensors"] = [replace(sensor, latency=(1 + i % 3) * dt) for i, sensor in enumerate(sensors)]
+        options["sensors"] = [
+            replace(sensor, latency=(1 + i % 3) * dt) for i, sensor in enumerate(sensors)
+        ]
     if form == "batch":
         return gym.make_vec(env, num_envs=ROWS, vectorization_mode="vector_entry_point", **options)
     return gym.make(env, **options)
@@ -131,7 +152,10 @@ def _register_rov() -> None:
     """Register the docking environment of the recipe."""
     if "ROVDocking-v0" not in gym.registry:
         page = (Path(__file__).parents[2] / "docs/recipes/rov.md").read_text(encoding="utf-8")
-        exec(re.findall(r"^```python docking\n(.*?)^```", page, re.M | re.S)[0], {"__name__": "docking"})
+        exec(
+            re.findall(r"^```python docking\n(.*?)^```", page, re.M | re.S)[0],
+            {"__name__": "docking"},
+        )
 
 
 def flown(env_id: str) -> np.ndarray:
@@ -151,7 +175,9 @@ def flown(env_id: str) -> np.ndarray:
     return np.array(actions)
 
 
-def episode(name: str, options: dict[str, Any], tape: np.ndarray) -> tuple[dict[str, np.ndarray], str]:
+def episode(
+    name: str, options: dict[str, Any], tape: np.ndarray
+) -> tuple[dict[str, np.ndarray], str]:
     """Quantities of an episode, each ``(T + 1, rows, ...)``, and how it ended."""
     env: Any = make(name, options)
     form, end = name.split()[-1], ""
@@ -189,7 +215,9 @@ def episode(name: str, options: dict[str, Any], tape: np.ndarray) -> tuple[dict[
 def weights(kind: int, *shape: int) -> np.ndarray:
     """Fixed numbers of size 1/2 to 1 and either sign, by splitmix64: the same wherever integers are."""
     with np.errstate(over="ignore"):
-        z = np.arange(1, 1 + int(np.prod(shape)), dtype=np.uint64) + np.uint64(kind) * np.uint64(1 << 32)
+        z = np.arange(1, 1 + int(np.prod(shape)), dtype=np.uint64) + np.uint64(kind) * np.uint64(
+            1 << 32
+        )
         z *= np.uint64(0x9E3779B97F4A7C15)
         z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
         z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -205,7 +233,12 @@ def rows_of(cov: np.ndarray, sd: np.ndarray) -> np.ndarray:
 
 def deviations_of(cov: np.ndarray) -> np.ndarray:
     """The largest standard deviations of a covariance's components; 1 where there is none."""
-    sd = np.sqrt(np.abs(np.diagonal(cov, axis1=-2, axis2=-1))).max((0, 1)).astype(np.float32).astype(float)
+    sd = (
+        np.sqrt(np.abs(np.diagonal(cov, axis1=-2, axis2=-1)))
+        .max((0, 1))
+        .astype(np.float32)
+        .astype(float)
+    )
     return np.where((sd > 0) & np.isfinite(sd), sd, 1.0)
 
 
@@ -219,7 +252,9 @@ def scale_of(values: np.ndarray) -> np.ndarray:
 
 def sums_of(values: np.ndarray) -> np.ndarray:
     """Two weighted sums ``(2, n)`` over times and rows of ``(T, rows, n)``."""
-    return np.array([(weights(k, *values.shape[:2])[..., None] * values).sum(1).sum(0) for k in (1, 2)])
+    return np.array(
+        [(weights(k, *values.shape[:2])[..., None] * values).sum(1).sum(0) for k in (1, 2)]
+    )
 
 
 # --- the file -------------------------------------------------------------------------------------
@@ -248,7 +283,10 @@ class Golden:
         self.tapes: dict[str, np.ndarray] = {}
         if path.exists():
             with np.load(path) as file:
-                self.machine, cases = json.loads(str(file["machine"])), json.loads(str(file["cases"]))
+                self.machine, cases = (
+                    json.loads(str(file["machine"])),
+                    json.loads(str(file["cases"])),
+                )
                 self.tapes = {key[5:]: file[key] for key in file.files if key.startswith("tape ")}
                 arrays = {np.dtype(key): file[key] for key in ("float64", "float32")}
             for name, (end, kept) in cases.items():
@@ -324,7 +362,10 @@ def compared(case: dict[str, Any], quantities: dict[str, np.ndarray], end: str) 
                 both = min(len(steps), len(before))
                 off = (_share(steps[:both], before[:both], scale) > TOLERANCE).any(1)
                 where = f", first seen at step {THIN * int(off.argmax())}" if off.any() else ""
-            found.append(f"{quantity}[{i}]: {share[i]:.1e} of its range, {count} of {len(share)} components{where}")
+            found.append(
+                f"{quantity}[{i}]: {share[i]:.1e} of its range, {count} of {len(share)}"
+                f" components{where}"
+            )
     return found
 
 
@@ -332,7 +373,11 @@ def _share(now: np.ndarray, before: np.ndarray, scale: np.ndarray) -> np.ndarray
     """Differences as shares of the ranges; infinite where one is not finite and the other is."""
     with np.errstate(invalid="ignore", over="ignore"):
         share = np.abs(now - before) / scale
-    return np.where((now == before) | (np.isnan(now) & np.isnan(before)), 0.0, np.where(np.isnan(share), np.inf, share))
+    return np.where(
+        (now == before) | (np.isnan(now) & np.isnan(before)),
+        0.0,
+        np.where(np.isnan(share), np.inf, share),
+    )
 
 
 # --- commands -------------------------------------------------------------------------------------
@@ -363,7 +408,9 @@ def record(only: list[str], fly: bool) -> int:
     golden.write()
     for name, sentence in refused.items():
         print(f"{name} is refused: {sentence[:160]}")
-    print(f"{len(golden.cases)} cases in {FILE.stat().st_size / 1e3:.0f} kB; {len(refused)} refused")
+    print(
+        f"{len(golden.cases)} cases in {FILE.stat().st_size / 1e3:.0f} kB; {len(refused)} refused"
+    )
     return 0
 
 
@@ -381,7 +428,11 @@ def compare(only: list[str]) -> int:
                 found = compared(case, *episode(name, planned[name], golden.tapes[name.split()[0]]))
             except Exception as error:
                 found = [f"gone: {type(error).__name__}: {str(error)[:300]}"]
-        if found and found[0].startswith("gone") and any(fnmatch(name, pattern) for pattern in GONE):
+        if (
+            found
+            and found[0].startswith("gone")
+            and any(fnmatch(name, pattern) for pattern in GONE)
+        ):
             gone += 1
             continue
         bad += bool(found)
@@ -394,20 +445,34 @@ def compare(only: list[str]) -> int:
 def elsewhere(golden: Golden) -> str:
     """A sentence on how this machine differs from that of the file; empty if it does not."""
     here = machine()
-    other = [f"{key} {here.get(key)}, not {value}" for key, value in golden.machine.items() if here.get(key) != value]
+    other = [
+        f"{key} {here.get(key)}, not {value}"
+        for key, value in golden.machine.items()
+        if here.get(key) != value
+    ]
     return f"recorded on another machine: here is {'; '.join(other)}" if other else ""
 
 
 def chosen(pairs: Any, only: list[str]) -> list[tuple[str, Any]]:
     """The cases whose names have one of some texts in them."""
-    return [(name, value) for name, value in pairs if not only or any(text in name for text in only)]
+    return [
+        (name, value) for name, value in pairs if not only or any(text in name for text in only)
+    ]
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--record", action="store_true", help="write the file")
     parser.add_argument("--fly", action="store_true", help="let the autopilots give new actions")
-    parser.add_argument("--only", nargs="+", default=[], metavar="TEXT", help="cases with one of these in their names")
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        default=[],
+        metavar="TEXT",
+        help="cases with one of these in their names",
+    )
     arguments = parser.parse_args()
     return record(arguments.only, arguments.fly) if arguments.record else compare(arguments.only)
 

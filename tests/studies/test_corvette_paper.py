@@ -19,8 +19,12 @@ S = settings("corvette")
 @pytest.mark.parametrize("simulation", SIMULATIONS)
 def test_a_printed_mean_is_that_of_its_three_runs(simulation: str):
     printed = S["printed"][simulation]
-    for runs, mean in zip((printed["heading"], printed["unknown_input"]), printed["means"], strict=True):
-        assert np.mean([float(run) for run in runs]) == pytest.approx(float(mean), abs=0.00005 + 1e-9)
+    for runs, mean in zip(
+        (printed["heading"], printed["unknown_input"]), printed["means"], strict=True
+    ):
+        assert np.mean([float(run) for run in runs]) == pytest.approx(
+            float(mean), abs=0.00005 + 1e-9
+        )
 
 
 def test_the_record_is_a_full_turn_within_the_thesis_plots():
@@ -32,7 +36,9 @@ def test_the_record_is_a_full_turn_within_the_thesis_plots():
     assert task.horizon == SAMPLES - 1
 
 
-def flown(simulation: str, noise: np.ndarray, d: np.ndarray, rudder: float = 0.8, **options: Any) -> Any:
+def flown(
+    simulation: str, noise: np.ndarray, d: np.ndarray, rudder: float = 0.8, **options: Any
+) -> Any:
     """Errors ``(2, rows, T)`` of heading and d of ``ThesisCorvette-v0``, given the noise ``(rows, T, 2)`` and d."""
     core = Core(THESIS_CORVETTE, len(noise), estimator_options=options)
     core.seed(0)
@@ -53,7 +59,9 @@ def flown(simulation: str, noise: np.ndarray, d: np.ndarray, rudder: float = 0.8
 
 @pytest.mark.parametrize("model", experiment.MODELS)
 @pytest.mark.parametrize("simulation", SIMULATIONS)
-def test_after_the_update_the_errors_of_heading_and_d_add_up_to_the_noise(simulation: str, model: str):
+def test_after_the_update_the_errors_of_heading_and_d_add_up_to_the_noise(
+    simulation: str, model: str
+):
     """The law by which the updated headings cannot be the printed ones."""
     noise = 0.01 * np.random.default_rng(1).standard_normal((3, SAMPLES, 2))
     errors = flown(simulation, noise, step_of(0.05, 98), model=model)
@@ -99,7 +107,12 @@ def test_a_run_of_the_page_is_an_episode_of_gym_make(simulation: str):
     env, errors = gym.make("ThesisCorvette-v0"), []
     _, info = env.reset(seed=3, options={"simulation": simulation})
     for k in range(SAMPLES):
-        errors.append([info["estimate"][2] - info["truth"][2], info["input_estimate"][0] - info["unknown_input"][0]])
+        errors.append(
+            [
+                info["estimate"][2] - info["truth"][2],
+                info["input_estimate"][0] - info["unknown_input"][0],
+            ]
+        )
         if k < SAMPLES - 1:
             _, _, terminated, truncated, info = env.step(np.array([0.8]))
     assert truncated
@@ -108,7 +121,7 @@ def test_a_run_of_the_page_is_an_episode_of_gym_make(simulation: str):
     np.testing.assert_allclose(experiment.rms(np.transpose(errors)), expected, rtol=1e-9)
 
 
-# --- combinations of choices ------------------------------------------------------------------------
+# --- combinations of choices ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("simulation", SIMULATIONS)
@@ -117,10 +130,14 @@ def test_the_gains_of_a_combination_are_those_of_kf_umv_ui(simulation: str, prio
     """An independent implementation: the package's filter, run on the same record, d and noise."""
     s, rng = SIMULATIONS[simulation], np.random.default_rng(3)
     d, noise = step_of(s.size, 50), 0.01 * rng.standard_normal((2, SAMPLES, 2))
-    noise += np.cumsum(rng.normal(0.0, 0.01, (SAMPLES, 2)), 0)  # below half a turn, what is measured may be anything
+    noise += np.cumsum(
+        rng.normal(0.0, 0.01, (SAMPLES, 2)), 0
+    )  # below half a turn, what is measured may be anything
     filter = experiment.recursion(s, "cited", "update", prior)
     still = np.zeros((2, SAMPLES))
-    found = experiment.respond(filter, "update", still, experiment.measurements(still, d, noise), np.zeros(3))
+    found = experiment.respond(
+        filter, "update", still, experiment.measurements(still, d, noise), np.zeros(3)
+    )
     factor = {"assume": {"prior": prior / experiment.PRIOR}}
     expected = flown(simulation, noise, d, rudder=0.0, model="as-printed", **factor)
     np.testing.assert_allclose(found[0], expected[0], atol=1e-9)
@@ -138,10 +155,14 @@ def test_a_combination_of_choices_is_what_the_filter_does():
 
 @pytest.mark.parametrize("prior", [1e-3, 1.0])
 @pytest.mark.parametrize("simulation", ["I", "III"])
-def test_of_a_wrong_first_heading_d_takes_the_share_that_the_page_states(simulation: str, prior: float):
+def test_of_a_wrong_first_heading_d_takes_the_share_that_the_page_states(
+    simulation: str, prior: float
+):
     from studies.papers.corvette.page import _left
 
     filter = experiment.recursion(SIMULATIONS[simulation], "cited", "update", prior)
     wrong = np.array([0.0, 0.0, 0.1])
-    found = experiment.respond(filter, "update", np.zeros((1, SAMPLES)), np.zeros((1, SAMPLES, 2)), wrong)
+    found = experiment.respond(
+        filter, "update", np.zeros((1, SAMPLES)), np.zeros((1, SAMPLES, 2)), wrong
+    )
     assert found[1, 0, 0] == pytest.approx(-0.01 * _left(SIMULATIONS[simulation].R, prior) * 0.1)

@@ -37,13 +37,17 @@ def test_measurements_and_process_have_the_noise_that_the_filter_assumes():
     assert noise.std() == pytest.approx(0.3, rel=0.02)
     assert process.std() == pytest.approx(0.02, rel=0.02)
     assert watched.model.Q[0, 0] == pytest.approx(0.02**2)
-    quiet = replace(watched, process_sd=np.zeros(1), measurement_sd=np.zeros(1)).run(2, np.random.default_rng(0))
+    quiet = replace(watched, process_sd=np.zeros(1), measurement_sd=np.zeros(1)).run(
+        2, np.random.default_rng(0)
+    )
     np.testing.assert_allclose(quiet.truth[:, 0], watched.planned)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("own", "tolerance"), [(True, 1e-6), (False, 0.01)])
-def test_the_planned_path_of_segorogeni_goes_from_rest_to_the_papers_goal(own: bool, tolerance: float):
+def test_the_planned_path_of_segorogeni_goes_from_rest_to_the_papers_goal(
+    own: bool, tolerance: float
+):
     dive = segorogeni.dive(TRIAL, own)
     np.testing.assert_allclose(dive.planned[-1, PLACE[:3]], TRIAL.goal, atol=tolerance)
     assert dive.controls[0, 0] == pytest.approx(np.deg2rad(5.0))
@@ -61,16 +65,24 @@ def test_without_ballast_the_printed_kinematics_sink_too_slowly():
 
 def test_both_steps_have_the_same_white_noise_and_a_factor_scales_it():
     own, printed = (segorogeni.dive(TRIAL, each) for each in (True, False))
-    np.testing.assert_allclose(own.process_sd**2 / segorogeni.OWN_STEP, printed.process_sd**2 / TRIAL.step)
-    np.testing.assert_allclose(own.measurement_sd**2 * segorogeni.OWN_STEP, printed.measurement_sd**2 * TRIAL.step)
-    np.testing.assert_allclose(segorogeni.dive(TRIAL, True, process=3.0).process_sd, 3.0 * own.process_sd)
+    np.testing.assert_allclose(
+        own.process_sd**2 / segorogeni.OWN_STEP, printed.process_sd**2 / TRIAL.step
+    )
+    np.testing.assert_allclose(
+        own.measurement_sd**2 * segorogeni.OWN_STEP, printed.measurement_sd**2 * TRIAL.step
+    )
+    np.testing.assert_allclose(
+        segorogeni.dive(TRIAL, True, process=3.0).process_sd, 3.0 * own.process_sd
+    )
     assert [STATE[own.estimated[i]] for i in own.measured] == ["u", "v", "w", "r"]
 
 
 def test_true_velocities_integrate_to_the_true_position():
     dive = segorogeni.dive(TRIAL, True)
     truth = dive.run(3, np.random.default_rng(0)).truth
-    np.testing.assert_allclose(segorogeni.positions(dive, truth[..., dive.estimated]), truth[..., PLACE], atol=1e-9)
+    np.testing.assert_allclose(
+        segorogeni.positions(dive, truth[..., dive.estimated]), truth[..., PLACE], atol=1e-9
+    )
     diver = itsunusa.dive(DIVE)
     truth = diver.run(3, np.random.default_rng(0)).truth
     depths = itsunusa.depths(diver, truth[..., diver.estimated])
@@ -91,7 +103,9 @@ def test_against_the_planned_path_the_error_is_the_vehicles_and_hardly_the_filte
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_errors_and_another_one_others():
-    first, second, other = (segorogeni.estimate(True, 10, 3, seed, TRIAL._asdict()) for seed in (0, 0, 1))
+    first, second, other = (
+        segorogeni.estimate(True, 10, 3, seed, TRIAL._asdict()) for seed in (0, 0, 1)
+    )
     for name, values in first.items():
         np.testing.assert_array_equal(values, second[name])
     assert not np.allclose(first["planned path"], other["planned path"])
@@ -100,7 +114,9 @@ def test_the_same_seed_gives_the_same_errors_and_another_one_others():
 @pytest.mark.slow
 def test_the_undisturbed_dive_of_itsunusa_goes_from_rest_to_20_m():
     dive = itsunusa.dive(DIVE)
-    np.testing.assert_allclose(dive.planned[-1, [DIVER.index("x"), DIVER.index("z")]], [60.0, 20.0], atol=0.2)
+    np.testing.assert_allclose(
+        dive.planned[-1, [DIVER.index("x"), DIVER.index("z")]], [60.0, 20.0], atol=0.2
+    )
     assert round(itsunusa.VEHICLE.body.mass) == 96
 
 
@@ -121,7 +137,9 @@ def test_the_published_square_root_keeps_the_second_moments_about_the_analysis_a
     published, rng = itsunusa.PublishedSquareRootFilter(model, members), np.random.default_rng(0)
     symmetric = make("enkf-sr", model, members=members, draws="independent")
     before = published.init(Gaussian(np.zeros((runs, 3)), np.eye(3)), rng=rng)
-    after, expected = (filter.update(before, np.zeros(2), rng=rng) for filter in (published, symmetric))
+    after, expected = (
+        filter.update(before, np.zeros(2), rng=rng) for filter in (published, symmetric)
+    )
     about = after.ensemble - expected.mean[:, None]
     np.testing.assert_allclose(about.mT @ about / (members - 1), expected.cov, rtol=0, atol=1e-12)
     shift = (after.mean - expected.mean) / np.sqrt(np.diagonal(expected.cov, axis1=-2, axis2=-1))

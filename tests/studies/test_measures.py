@@ -9,7 +9,16 @@ import pytest
 from agents.page import Bullets, Claim, Claims, Facts, Prose, Table
 from agents.statistics import Interval
 from studies.papers import template
-from studies.papers.measures import Comparison, comparison_table, falls, papers_page, readme_line, row, rows, trend
+from studies.papers.measures import (
+    Comparison,
+    comparison_table,
+    falls,
+    papers_page,
+    readme_line,
+    row,
+    rows,
+    trend,
+)
 
 RNG = np.random.default_rng(0)
 
@@ -42,7 +51,11 @@ def test_a_misprint_is_compared_as_meant_and_what_is_circular_not_at_all():
 
 
 def test_an_experiment_is_a_row_and_its_typical_factor_the_mean_log_ratio_of_what_compares():
-    found = [comparison("1.0", 2.0, 1e-9), comparison("1.0", 0.5, 1e-9), comparison("1.0", 9.0, 1e-9, reason="no")]
+    found = [
+        comparison("1.0", 2.0, 1e-9),
+        comparison("1.0", 0.5, 1e-9),
+        comparison("1.0", 9.0, 1e-9, reason="no"),
+    ]
     assert row("p", "I", found) == ("p", "I", 3, 0, 1, 1, 1, 0, pytest.approx(2.0))
     assert rows("p", found) == [row("p", "I", found)]
     assert row("p", "I", found[2:]).texts[-1] == "–"
@@ -62,8 +75,8 @@ def test_docs_count_each_way_and_leave_what_a_search_found_out_of_the_sentence()
     assert "| A | 2 | 0 | 1, 1 | 1 | 2.0 |" in page
     assert "**A.** Opened." in page
     assert (
-        "of 4 comparable\nprinted errors ours equal 2, are smaller than 1 and larger than 1; 0 lies within 25 %."
-        in readme_line(summary)
+        "of 4 comparable\nprinted errors ours equal 2, are smaller than 1 and larger than 1; 0 lies"
+        " within 25 %." in readme_line(summary)
     )
 
 
@@ -77,7 +90,7 @@ def test_a_trend_follows_a_power_of_the_members_and_says_when_errors_fall():
     assert falls(Interval(0.1, -0.5, 0.7)).startswith("undecided")
 
 
-# --- templates --------------------------------------------------------------------------------------
+# --- templates ------------------------------------------------------------------------------------
 
 TEXT = """# A paper
 
@@ -105,7 +118,9 @@ A note.
 """
 
 
-def test_every_kind_of_block_comes_out_of_a_template_and_nothing_is_left_out_in_silence(tmp_path: Path):
+def test_every_kind_of_block_comes_out_of_a_template_and_nothing_is_left_out_in_silence(
+    tmp_path: Path,
+):
     (tmp_path / "page.md").write_text(TEXT, encoding="utf-8")
     table = Table("", "", "", [], [], "errors")
 

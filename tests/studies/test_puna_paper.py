@@ -17,10 +17,14 @@ def test_a_taut_string_touches_the_obstacle_ends_at_the_goal_and_has_the_length_
     way, radius = 100.0, 30.0
     for turn in "LR":
         path = puna.string((-way, 0.0), (way, 0.0), (0.0, 0.0, radius), turn)
-        assert path.length == pytest.approx(2.0 * np.sqrt(way**2 - radius**2) + 2.0 * radius * np.arcsin(radius / way))
+        assert path.length == pytest.approx(
+            2.0 * np.sqrt(way**2 - radius**2) + 2.0 * radius * np.arcsin(radius / way)
+        )
         assert approach(path, np.zeros((1, 2)))[0] == pytest.approx(radius)
         np.testing.assert_allclose(path.pose(path.length)[:2], [way, 0.0], atol=1e-9)
-        assert np.sign(path.pose(0.5 * path.length)[1]) == {"L": -1.0, "R": 1.0}[turn]  # L passes with it on the left
+        assert (
+            np.sign(path.pose(0.5 * path.length)[1]) == {"L": -1.0, "R": 1.0}[turn]
+        )  # L passes with it on the left
 
 
 @pytest.mark.slow
@@ -36,13 +40,18 @@ def test_the_printed_points_of_the_obstacle_case_are_tangent_points_to_their_las
 
 def test_the_figure_s_word_is_the_shortest_only_where_headings_count_from_the_x_axis():
     found = puna.open_case(PATHS)
-    best = {interpretation: min(words, key=words.get) for interpretation, words in found["lengths"].items()}
-    assert [interpretation for interpretation, word in best.items() if word == PATHS["open"]["word"]] == [
-        "from the x axis"
-    ]
+    best = {
+        interpretation: min(words, key=words.get)
+        for interpretation, words in found["lengths"].items()
+    }
+    assert [
+        interpretation for interpretation, word in best.items() if word == PATHS["open"]["word"]
+    ] == ["from the x axis"]
     assert found["final y"] == pytest.approx(PATHS["open"]["goal"][1])
     assert found["least RSL"]["length"] < found["lengths"]["from the y axis, clockwise"]["RSL"]
-    assert puna.PLANE.body.gravity * np.tan(np.deg2rad(puna.bank(20.0, 30.0))) == pytest.approx(20.0**2 / 30.0)
+    assert puna.PLANE.body.gravity * np.tan(np.deg2rad(puna.bank(20.0, 30.0))) == pytest.approx(
+        20.0**2 / 30.0
+    )
 
 
 def test_without_noise_flights_follow_the_model_and_measurements_are_the_truth():
@@ -59,7 +68,8 @@ def test_without_noise_flights_follow_the_model_and_measurements_are_the_truth()
 def test_sizes_and_measurements_see_the_same_flights_and_seeds_repeat():
     case = FLIGHT | {"control": "varying", "members": [20, 50], "runs": 2}
     every, again, other, alone = (
-        puna.estimate(measured=m, seed=seed, **case) for m, seed in (("all", 1), ("all", 1), ("all", 2), ("x", 1))
+        puna.estimate(measured=m, seed=seed, **case)
+        for m, seed in (("all", 1), ("all", 1), ("all", 2), ("x", 1))
     )
     assert every["rmse"].shape == (2, 2, 4)
     np.testing.assert_array_equal(every["rmse"], again["rmse"])
@@ -68,7 +78,13 @@ def test_sizes_and_measurements_see_the_same_flights_and_seeds_repeat():
 
 
 def test_scaling_q_and_r_together_scales_errors_by_the_root():
-    case = FLIGHT | {"control": "constant", "measured": "all", "members": [50], "runs": 2, "seed": 0}
+    case = FLIGHT | {
+        "control": "constant",
+        "measured": "all",
+        "members": [50],
+        "runs": 2,
+        "seed": 0,
+    }
     quiet = {key: [1e-4 * value for value in FLIGHT[key]] for key in ("process", "measurement")}
     whole, small = (puna.estimate(**case | noise)["rmse"] for noise in ({}, quiet))
     np.testing.assert_allclose(small, 0.01 * whole, rtol=0.05)  # but for what is not linear

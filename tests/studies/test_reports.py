@@ -26,7 +26,8 @@ SMALLER = {
 }  # fmt: skip
 _PLACE = re.compile(
     r"\b(?:eqs?|secs?)\. [\dIV]|\b(?:Table|[Ff]igure)s? [\dI]|"
-    r"\b(?:abstract|conclusion|case \([ab]\)|Hasil|Metode|Pendahuluan|Pembahasan|Tinjauan Pustaka)\b"
+    r"\b(?:abstract|conclusion|case \([ab]\)|Hasil|Metode|Pendahuluan|Pembahasan|Tinjauan"
+    r" Pustaka)\b"
 )
 """A section, equation, table or figure of a paper."""
 
@@ -34,7 +35,11 @@ _PLACE = re.compile(
 @cache
 def made(name: str) -> Report:
     """The report of a paper from few runs, jobs computed here."""
-    few = copy.deepcopy(settings(name)) | {k: v for k, v in FEW.items() if k in settings(name)} | SMALLER.get(name, {})
+    few = (
+        copy.deepcopy(settings(name))
+        | {k: v for k, v in FEW.items() if k in settings(name)}
+        | SMALLER.get(name, {})
+    )
     if name == "segorogeni":
         few["trial"] |= {"step": 0.05}
         few["printed"] |= {"10": few["printed"]["50"]}
@@ -44,7 +49,10 @@ def made(name: str) -> Report:
         which |= {"systems": min(which["systems"], 4), "runs": 4}
     jobs = import_module(f"studies.papers.{name}.experiment").jobs(few)
     page = import_module(f"studies.papers.{name}.page")
-    results = {what: json.loads(json.dumps(job.compute(), default=np.ndarray.tolist)) for what, job in jobs.items()}
+    results = {
+        what: json.loads(json.dumps(job.compute(), default=np.ndarray.tolist))
+        for what, job in jobs.items()
+    }
     return page.report(few, results)
 
 
@@ -56,17 +64,27 @@ def test_every_page_opens_with_a_paragraph_and_every_verdict_names_its_place(nam
     assert 80 < len(report.opening.split()) < 260
     assert len(_PLACE.findall(report.opening)) >= 3
     assert all(table.title.replace("'", "&#39;") in text for table in report.page.tables)
-    claims = [c for s in report.page.sections for block in s.blocks if isinstance(block, Claims) for c in block.rows]
+    claims = [
+        c
+        for s in report.page.sections
+        for block in s.blocks
+        if isinstance(block, Claims)
+        for c in block.rows
+    ]
     assert claims
     for claim in claims:
         assert claim.kind in ("true", "false", "undecided", "undefined")
         assert claim.evidence
-        assert _PLACE.search(claim.text + claim.evidence) or "More members" in claim.text, claim.text
+        assert _PLACE.search(claim.text + claim.evidence) or "More members" in claim.text, (
+            claim.text
+        )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in PAPERS if name != "robust"])
-def test_every_printed_number_stands_in_the_table_with_its_place_and_a_verdict_for_each_column(name: str):
+def test_every_printed_number_stands_in_the_table_with_its_place_and_a_verdict_for_each_column(
+    name: str,
+):
     report = made(name)
     (table,) = (table for table in report.page.tables if table.name == "published")
     lines = [entries for _, found in table.sections for _, entries in found]
@@ -76,7 +94,12 @@ def test_every_printed_number_stands_in_the_table_with_its_place_and_a_verdict_f
         assert _PLACE.search(place.value)
         assert len(columns) == 6
         for verdict in columns[2::3]:
-            assert re.split("[:,]", verdict.value)[0] in ("agrees", "better", "worse", "not comparable")
+            assert re.split("[:,]", verdict.value)[0] in (
+                "agrees",
+                "better",
+                "worse",
+                "not comparable",
+            )
     first = next(iter(report.rows)).paper
     counted = [row for row in report.rows if row.paper == first]
     assert sum(row.numbers for row in counted) == len(lines)
@@ -96,9 +119,13 @@ def test_every_choice_is_a_line_of_the_settings_with_its_place(name: str):
 @pytest.mark.parametrize("name", PAPERS)
 def test_a_stored_opening_is_that_of_its_page_with_numbers_filled_in(name: str):
     page = (ROOT / "studies" / "papers" / name / "page.md").read_text(encoding="utf-8")
-    opening = " ".join(re.sub(r"{%.*?%}", "", page).split("\n## ")[0].strip().split("\n\n")[-1].split())
+    opening = " ".join(
+        re.sub(r"{%.*?%}", "", page).split("\n## ")[0].strip().split("\n\n")[-1].split()
+    )
     fixed = map(re.escape, re.split(r"{{.*?}}", opening))
-    assert re.fullmatch(".+".join(fixed), json.loads(STORED.read_text(encoding="utf-8"))[name]["opening"])
+    assert re.fullmatch(
+        ".+".join(fixed), json.loads(STORED.read_text(encoding="utf-8"))[name]["opening"]
+    )
 
 
 def test_readme_and_the_papers_page_show_the_stored_results():
@@ -115,9 +142,15 @@ def test_readme_and_the_papers_page_show_the_stored_results():
 @pytest.mark.nightly
 def test_the_stored_results_are_what_the_command_finds(tmp_path: Path):
     assert reproduce.main(("all",), out=tmp_path, processes=2) == 0
-    found, stored = (json.loads(path.read_text(encoding="utf-8")) for path in (tmp_path / "summary.json", STORED))
+    found, stored = (
+        json.loads(path.read_text(encoding="utf-8")) for path in (tmp_path / "summary.json", STORED)
+    )
     assert tuple(found) == tuple(stored) == papers.PAPERS
     for name in found:
-        assert [Row(*each)[:-1] for each in found[name]["rows"]] == [Row(*each)[:-1] for each in stored[name]["rows"]]
-        factors = [[Row(*each).factor for each in summary[name]["rows"]] for summary in (found, stored)]
+        assert [Row(*each)[:-1] for each in found[name]["rows"]] == [
+            Row(*each)[:-1] for each in stored[name]["rows"]
+        ]
+        factors = [
+            [Row(*each).factor for each in summary[name]["rows"]] for summary in (found, stored)
+        ]
         np.testing.assert_allclose(*factors, rtol=1e-6)

@@ -25,7 +25,9 @@ def small(monkeypatch, function: str, **arguments: object) -> None:
     monkeypatch.setattr(papers, "report", made)
 
 
-def test_a_paper_gives_a_page_its_tables_and_its_measures_and_is_computed_once(tmp_path, monkeypatch, capsys):
+def test_a_paper_gives_a_page_its_tables_and_its_measures_and_is_computed_once(
+    tmp_path, monkeypatch, capsys
+):
     small(monkeypatch, "studies.papers:echo", values=[3])
     monkeypatch.setattr(papers, "echo", lambda values: {"values": values}, raising=False)
     assert reproduce.main(("robust",), out=tmp_path, processes=1) == 0
@@ -35,7 +37,9 @@ def test_a_paper_gives_a_page_its_tables_and_its_measures_and_is_computed_once(t
     first = (tmp_path / "robust.html").read_text()
     assert (tmp_path / "tables" / "robust-sums.csv").read_text() == "name,value\nsum,[3]\n"
     stored = json.loads((tmp_path / "summary.json").read_text())
-    assert stored == {"robust": {"opening": "It holds.", "rows": [["A paper", "I", 3, 1, 1, 0, 1, 2, 1.25]]}}
+    assert stored == {
+        "robust": {"opening": "It holds.", "rows": [["A paper", "I", 3, 1, 1, 0, 1, 2, 1.25]]}
+    }
     assert reproduce.main(("robust", "robust"), out=tmp_path, processes=1) == 0
     assert (tmp_path / "robust.html").read_text() == first
     assert len(journal(tmp_path)) == 1
@@ -53,7 +57,11 @@ def test_a_paper_whose_job_fails_has_no_page_and_says_why(tmp_path, monkeypatch,
 def test_no_paper_or_an_unknown_one_is_refused_in_a_sentence():
     with pytest.raises(ValueError, match="name the papers"):
         reproduce.main(())
-    for call in (lambda: jobs("titanic"), lambda: report("titanic", {}), lambda: papers.settings("titanic")):
+    for call in (
+        lambda: jobs("titanic"),
+        lambda: report("titanic", {}),
+        lambda: papers.settings("titanic"),
+    ):
         with pytest.raises(ValueError, match="choose from all, corvette"):
             call()
 

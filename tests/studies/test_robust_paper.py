@@ -12,8 +12,12 @@ SEEDS = range(1, 13)
 OUTLIERS, PARAMETERS = (Condition(**S[key]) for key in ("outliers", "parameters"))
 
 
-def _errors(condition: Condition, systems: int = 12, runs: int = 6, steps: int = 80, skipped: int = 20):
-    return robust.errors(1, systems, runs, S["noise_seed"], steps, skipped, condition._asdict(), S["filters"])
+def _errors(
+    condition: Condition, systems: int = 12, runs: int = 6, steps: int = 80, skipped: int = 20
+):
+    return robust.errors(
+        1, systems, runs, S["noise_seed"], steps, skipped, condition._asdict(), S["filters"]
+    )
 
 
 def test_every_random_system_is_stable_with_the_margin_of_the_recipe():
@@ -31,28 +35,40 @@ def test_a_mistaken_system_is_off_by_just_the_error_and_still_stable(error: floa
     for seed in SEEDS:
         system = robust.draw(seed)
         wrong = robust.mistaken(system, error, rng)
-        assert np.linalg.norm(wrong.A - system.A) == pytest.approx(error * np.linalg.norm(system.A), rel=1e-12)
+        assert np.linalg.norm(wrong.A - system.A) == pytest.approx(
+            error * np.linalg.norm(system.A), rel=1e-12
+        )
         assert robust.growth(wrong.A) < 0.0
 
 
 def test_with_tolerance_0_nature_plays_the_model():
-    worst = robust.least_favourable(robust.discretised([robust.draw(seed) for seed in SEEDS]), 0.0, 30)
+    worst = robust.least_favourable(
+        robust.discretised([robust.draw(seed) for seed in SEEDS]), 0.0, 30
+    )
     np.testing.assert_allclose(np.array(worst.shift), 0.0, atol=1e-10)
     root = np.array(worst.root)
     np.testing.assert_allclose(root, np.broadcast_to(np.eye(4), root.shape), atol=1e-10)
 
 
 @pytest.mark.parametrize("tolerance", [0.01, 0.1, 0.3])
-def test_from_natures_own_start_the_error_of_the_robust_filter_ends_as_large_as_it_claims(tolerance: float):
+def test_from_natures_own_start_the_error_of_the_robust_filter_ends_as_large_as_it_claims(
+    tolerance: float,
+):
     """The defining property of the saddle point. Fifty inverses, some ill-conditioned, cost digits in a few systems."""
-    worst = robust.least_favourable(robust.discretised([robust.draw(seed) for seed in range(1, 61)]), tolerance, 50)
+    worst = robust.least_favourable(
+        robust.discretised([robust.draw(seed) for seed in range(1, 61)]), tolerance, 50
+    )
     information = np.eye(2) / robust.PRIOR_VARIANCE - worst.start_weight
     assert np.linalg.eigvalsh(information).min() > 0.0
     cov = np.linalg.inv(information)
-    for shift, root, F, N in zip(worst.shift, worst.root, worst.error_map, worst.error_noise, strict=True):
+    for shift, root, F, N in zip(
+        worst.shift, worst.root, worst.error_map, worst.error_noise, strict=True
+    ):
         closed, noise = F + N @ shift, N @ root
         cov = closed @ cov @ closed.mT + noise @ noise.mT
-    off = np.linalg.norm(cov - worst.claimed, axis=(-2, -1)) / np.linalg.norm(worst.claimed, axis=(-2, -1))
+    off = np.linalg.norm(cov - worst.claimed, axis=(-2, -1)) / np.linalg.norm(
+        worst.claimed, axis=(-2, -1)
+    )
     assert np.median(off) < 1e-12
     assert off.max() < 1e-6
 
@@ -62,7 +78,8 @@ def test_the_same_seeds_give_the_same_errors_and_conditions_share_their_noise():
     first, second = _errors(OUTLIERS), _errors(OUTLIERS)
     for name in S["filters"]:
         np.testing.assert_array_equal(first[name], second[name])
-    # Outliers no larger than the rest are none, so what is left is the undisturbed run to the last bit.
+    # Outliers no larger than the rest are none, so what is left is the undisturbed run to the last
+    # bit.
     plain, harmless = _errors(Condition()), _errors(OUTLIERS._replace(size=1.0))
     np.testing.assert_array_equal(plain["huber-kf"], harmless["huber-kf"])
 

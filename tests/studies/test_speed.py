@@ -35,10 +35,12 @@ HERE = Path(vessel_gym.__file__).parents[1]
 ENV = "ThesisCorvette-v0"
 
 
-# --- what is compared is the same ---------------------------------------------------------------------
+# --- what is compared is the same -----------------------------------------------------------------
 
 
-def test_the_hand_written_loop_is_the_same_environment_on_the_same_random_numbers(monkeypatch: pytest.MonkeyPatch):
+def test_the_hand_written_loop_is_the_same_environment_on_the_same_random_numbers(
+    monkeypatch: pytest.MonkeyPatch,
+):
     core, loop = Core(THESIS_CORVETTE, 1, estimator="kf"), HandWrittenLoop(seed=0)
     core.start(seed=5)
     actions = np.random.default_rng(1).uniform(-1.0, 1.0, 150)
@@ -93,13 +95,19 @@ def test_ships_in_bare_numpy_move_as_one_written_by_hand():
 def test_ensembles_compute_the_same_but_for_chance():
     exact, errors = ours("kf", 3), {"ours": [], "NumPy": [], "filterpy": []}
     np.random.seed(0)  # noqa: NPY002  (filterpy's)
-    steps = {"ours": ours("enkf", 3, members=400), "NumPy": numpy_ensemble(3, 400), "filterpy": filterpys("enkf")}
+    steps = {
+        "ours": ours("enkf", 3, members=400),
+        "NumPy": numpy_ensemble(3, 400),
+        "filterpy": filterpys("enkf"),
+    }
     for y in measurements(100, 3):
         mean = exact(y)
         for name, step in steps.items():
             errors[name].append(step(y)[0] - mean[0])
     for name, error in errors.items():
-        assert np.sqrt(np.mean(np.square(error))) < (0.1 if name == "filterpy" else 0.05), name  # 100 members, 400
+        assert np.sqrt(np.mean(np.square(error))) < (0.1 if name == "filterpy" else 0.05), (
+            name
+        )  # 100 members, 400
 
 
 @pytest.mark.slow
@@ -112,7 +120,9 @@ def test_a_flight_in_bare_numpy_moves_the_belief(rows: int):
     assert (first != second).any()
 
 
-def test_cart_poles_behind_a_filter_fly_alike_by_numpy_and_compiled(monkeypatch: pytest.MonkeyPatch):
+def test_cart_poles_behind_a_filter_fly_alike_by_numpy_and_compiled(
+    monkeypatch: pytest.MonkeyPatch,
+):
     infos: list[list[np.ndarray]] = []
     for in_numpy in (False, True):
         estimates: list[np.ndarray] = []
@@ -130,13 +140,15 @@ def test_cart_poles_behind_a_filter_fly_alike_by_numpy_and_compiled(monkeypatch:
         assert timed.units == 5 * STEPS
         infos.append(estimates)
     assert len(infos[0]) == STEPS
-    assert any((one != other).any() for one, other in zip(*infos, strict=True))  # two ways of rounding
+    assert any(
+        (one != other).any() for one, other in zip(*infos, strict=True)
+    )  # two ways of rounding
     for one, other in zip(*infos, strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
     assert timing.third_party_table((2,)).timed()
 
 
-# --- how it is timed ----------------------------------------------------------------------------------
+# --- how it is timed ------------------------------------------------------------------------------
 
 
 def test_blocks_take_turns_and_every_other_round_goes_backwards():
@@ -166,9 +178,16 @@ def test_what_is_compared_is_timed_once_and_side_by_side():
 
 @pytest.mark.parametrize(
     ("rows", "kind", "before", "after"),
-    [(0, "steps", {0}, {64}), (3, "steps", {0}, {64}), (3, "scattered", {0, 16}, {64, 80}), (3, "resets", {64}, {0})],
+    [
+        (0, "steps", {0}, {64}),
+        (3, "steps", {0}, {64}),
+        (3, "scattered", {0, 16}, {64, 80}),
+        (3, "resets", {64}, {0}),
+    ],
 )
-def test_a_block_has_the_steps_that_are_counted(rows: int, kind: str, before: set[int], after: set[int]):
+def test_a_block_has_the_steps_that_are_counted(
+    rows: int, kind: str, before: set[int], after: set[int]
+):
     flight = Flight(ENV, rows, "steps", estimator="truth")
     flight.block()
     flight.kind = kind
@@ -199,7 +218,7 @@ def test_the_parts_of_a_step_are_all_of_it_and_the_clock_leaves_nothing_behind()
     assert re.fullmatch(r"\d+ %", clock.share("filter")())
 
 
-# --- another version ----------------------------------------------------------------------------------
+# --- another version ------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -244,7 +263,9 @@ def test_a_worker_that_has_ended_is_one_sentence(worker: Worker, folder: Path):
 def test_a_folder_whose_package_cannot_be_imported_is_one_sentence(tmp_path: Path):
     (tmp_path / "vessel_gym").mkdir()
     (tmp_path / "vessel_gym" / "__init__.py").write_text("import nothing_like_it")
-    with pytest.raises(Refusal, match="cannot: ModuleNotFoundError: No module named 'nothing_like_it'"):
+    with pytest.raises(
+        Refusal, match="cannot: ModuleNotFoundError: No module named 'nothing_like_it'"
+    ):
         Worker(tmp_path)
 
 
@@ -261,14 +282,22 @@ def test_the_report_has_ratios_to_the_other_version(
     monkeypatch.setattr(timing, "BATCH", 2)
     main((ENV,), what=("flights",), against=folder, rounds=1)
     printed = capsys.readouterr().out
-    for label in ("batch of 2, degraded sensors", "scattered resets", "a reset of one", "this / that", "batch of 8"):
+    for label in (
+        "batch of 2, degraded sensors",
+        "scattered resets",
+        "a reset of one",
+        "this / that",
+        "batch of 8",
+    ):
         assert label in printed
     assert f"That version has no {ENV}, batch of 2, ukf." in printed
-    cells = next(line for line in printed.splitlines() if line.startswith(f"| {ENV}  ")).split("|")[2:5]
+    cells = next(line for line in printed.splitlines() if line.startswith(f"| {ENV}  ")).split("|")[
+        2:5
+    ]
     assert all(re.fullmatch(r" *\S+ \[\S+, \S+\] *", cell) for cell in cells)
 
 
-# --- the report ---------------------------------------------------------------------------------------
+# --- the report -----------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -282,8 +311,11 @@ def test_the_report_names_all_that_is_timed_and_goes_onto_a_page(
     page.write_text("before\n<!-- measured -->\nold\n<!-- end -->\nafter\n")
     main(("ItsunusaAUV-v0",), rows=(1, 2), rounds=1, page=page)
     printed = capsys.readouterr().out
-    assert page.read_text() == f"before\n<!-- measured -->\n\n{printed}\n<!-- end -->\nafter\n".replace(
-        "\n\n\n", "\n\n"
+    assert (
+        page.read_text()
+        == f"before\n<!-- measured -->\n\n{printed}\n<!-- end -->\nafter\n".replace(
+            "\n\n\n", "\n\n"
+        )
     )
     for label in (
         "by hand",

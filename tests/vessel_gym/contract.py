@@ -21,7 +21,9 @@ from vessel_gym.envs import VesselEnv, VesselVectorEnv
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensors import SUITES, Sensors, SensorSuite
 
-OURS = [key for key, spec in gym.registry.items() if str(spec.entry_point).startswith("vessel_gym.")]
+OURS = [
+    key for key, spec in gym.registry.items() if str(spec.entry_point).startswith("vessel_gym.")
+]
 """Every environment that the package registers: a new one joins all tests of the contract by being registered."""
 ENVIRONMENTS = [*OURS, *OWN]
 """And those of the pages on parts of one's own."""
@@ -30,17 +32,22 @@ ENVIRONMENTS = [*OURS, *OWN]
 def every_environment(test: Any) -> Any:
     """For a test of each environment: own ones, traced anew for each test, take turns; all fly at night."""
     turn = list(OWN)[crc32(test.__name__.encode()) % len(OWN)]
-    keys = [pytest.param(key, marks=() if key in (*OURS, turn) else pytest.mark.nightly) for key in ENVIRONMENTS]
+    keys = [
+        pytest.param(key, marks=() if key in (*OURS, turn) else pytest.mark.nightly)
+        for key in ENVIRONMENTS
+    ]
     return pytest.mark.parametrize("env_id", keys)(test)
 
 
 MANUALS = [key for key in OURS if "/" not in key]
 """Those with a manual of their own: those of any vehicle point to them."""
 
-_NO_INPUT = dict.fromkeys(("kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ulise", "ukf-umv"), "an unknown input")
-_NONLINEAR_AND_NO_INPUT = dict.fromkeys(("kf", "kf-umv-ui-wdf", "ulise"), "a LinearModel") | dict.fromkeys(
-    ("kf-umv-ui", "ekf-ui-wdf", "ukf-umv"), "an unknown input"
+_NO_INPUT = dict.fromkeys(
+    ("kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ulise", "ukf-umv"), "an unknown input"
 )
+_NONLINEAR_AND_NO_INPUT = dict.fromkeys(
+    ("kf", "kf-umv-ui-wdf", "ulise"), "a LinearModel"
+) | dict.fromkeys(("kf-umv-ui", "ekf-ui-wdf", "ukf-umv"), "an unknown input")
 REFUSED = {
     "SegorogeniAUV-v0": _NONLINEAR_AND_NO_INPUT,
     "ItsunusaAUV-v0": _NO_INPUT,
@@ -56,7 +63,12 @@ REFUSED = {
 FEW_MEMBERS = {"pf": {"particles": 20}}
 """Options of estimators where it does not matter how good they are: a small ensemble takes the same path as a large."""
 
-CARRIED = [(key, name) for key in ENVIRONMENTS for name in estimator_names() if name not in REFUSED.get(key, {})]
+CARRIED = [
+    (key, name)
+    for key in ENVIRONMENTS
+    for name in estimator_names()
+    if name not in REFUSED.get(key, {})
+]
 MODES = ("mean", "mean+std", "measurement")
 NATURE = "truth", "unknown_input", "parameters", "measurement", "available"
 """Keys of info that are the same to the last bit in every batch, under equal actions."""
@@ -66,7 +78,9 @@ BROKEN = SensorSuite(noise=1.0, dropout=0.7, outliers=0.2, outlier_scale=1e4)
 
 def sizes_by_mode(sizes: dict[str, int]) -> dict[str, int]:
     """Lengths of observations with the guidance that is usual in each mode, from those of their parts."""
-    return {mode: sum(sizes[part] for part in observed(mode, mode != "measurement")) for mode in MODES}
+    return {
+        mode: sum(sizes[part] for part in observed(mode, mode != "measurement")) for mode in MODES
+    }
 
 
 def single_class(env_id: str) -> type[VesselEnv]:
@@ -89,7 +103,9 @@ def _spread() -> Iterator[tuple[str, str]]:
     for i, key in enumerate(ENVIRONMENTS):
         always = {"truth", "measurement", single_class(key).system.estimator}
         for j, name in enumerate(estimator_names()):
-            if (key, name) in CARRIED and (name not in seen or name in always or j % (len(OURS) - 1) == i - 1):
+            if (key, name) in CARRIED and (
+                name not in seen or name in always or j % (len(OURS) - 1) == i - 1
+            ):
                 yield key, name
                 seen.add(name)
 
@@ -101,7 +117,9 @@ SPREAD = list(_spread())
 def make_batch(env_id: str, num_envs: int, **options: Any) -> VesselVectorEnv:
     """A native batch; ended episodes are followed by the next in the same step, unless ``options`` say otherwise."""
     options = {"autoreset_mode": AutoresetMode.SAME_STEP} | options
-    return gym.make_vec(env_id, num_envs=num_envs, vectorization_mode="vector_entry_point", **options)
+    return gym.make_vec(
+        env_id, num_envs=num_envs, vectorization_mode="vector_entry_point", **options
+    )
 
 
 def make_core(env_id: str, num_envs: int, seed: int = 0, **options: Any) -> Core:
@@ -146,7 +164,13 @@ class AlteredCore(Core):
         begin = world.begin
 
         def altered(scenario: Any, mean: Any, root: Any, numbers: np.ndarray, *others: Any) -> Any:
-            return begin(scenario, mean, root, numbers + np.random.default_rng(2).normal(size=numbers.shape), *others)
+            return begin(
+                scenario,
+                mean,
+                root,
+                numbers + np.random.default_rng(2).normal(size=numbers.shape),
+                *others,
+            )
 
         world.begin, self.config.world = altered, world
 
@@ -156,7 +180,11 @@ def silent(sensors: Sensors) -> Sensors:
     each = []
     for sensor in sensors.each:
         zeros = np.zeros(len(sensor.channels))
-        each.append(replace(sensor, reads=lambda state, exogenous, zeros=zeros: state[..., :1] * 0.0 + zeros))
+        each.append(
+            replace(
+                sensor, reads=lambda state, exogenous, zeros=zeros: state[..., :1] * 0.0 + zeros
+            )
+        )
     return Sensors(each, sensors.state_names, sensors.exogenous_names, sensors.dt)
 
 
@@ -218,12 +246,15 @@ def observations_when_truth_is_altered(
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Fly once, then replay the same measurements and actions to another truth: both observations, largest differences.
 
-    The other truth begins elsewhere, with another vehicle, and before every step is put somewhere else.
-    Observations are those of every mode, ``(steps, rows, k)``; differences those of every part of what is true.
+    The other truth begins elsewhere, with another vehicle, and before every step is put somewhere
+    else. Observations are those of every mode, ``(steps, rows, k)``; differences those of every
+    part of what is true.
     """
     rows, steps = 4, 50
     true = make_core(env_id, rows, seed=5, **options)
-    other = AlteredCore(with_vehicle(env_id, AlteredVehicle), rows, **(options | {"mismatch": 0.25}))
+    other = AlteredCore(
+        with_vehicle(env_id, AlteredVehicle), rows, **(options | {"mismatch": 0.25})
+    )
     other.seed(5)
     rng = np.random.default_rng(9)
     true.reset()
@@ -248,18 +279,24 @@ def observations_when_truth_is_altered(
         seen[1].append(observations(other))
         distance.append(apart(true, other))
     one, two, parts = (
-        {key: np.stack([frame[key] for frame in frames]) for key in frames[0]} for frames in (*seen, distance)
+        {key: np.stack([frame[key] for frame in frames]) for key in frames[0]}
+        for frames in (*seen, distance)
     )
     return one, two, parts
 
 
 def apart(one: Core, other: Core) -> dict[str, np.ndarray]:
     """How far every part of what is true differs, ``(rows,)`` each."""
-    drawn = ("sea_state", "exogenous") if one.sea_state.size else ()  # what a task prescribes is the same at reset
+    drawn = (
+        ("sea_state", "exogenous") if one.sea_state.size else ()
+    )  # what a task prescribes is the same at reset
     parts = {
-        name: np.abs(getattr(one, name) - getattr(other, name)).max(-1) for name in ("state", *drawn, "parameters")
+        name: np.abs(getattr(one, name) - getattr(other, name)).max(-1)
+        for name in ("state", *drawn, "parameters")
     }
-    return parts | ({"bias": np.abs(one.bias - other.bias).max(-1)} if one.sensors.bias.size else {})
+    return parts | (
+        {"bias": np.abs(one.bias - other.bias).max(-1)} if one.sensors.bias.size else {}
+    )
 
 
 def scramble(core: Core, rng: np.random.Generator) -> None:
@@ -281,7 +318,10 @@ def assert_apart(distance: dict[str, np.ndarray]) -> None:
 def assert_copies_go_on(env: VesselVectorEnv, steps: int) -> None:
     """A pickled and a deep copy of a batch take these steps bit for bit as the original does."""
     for twin in (pickle.loads(pickle.dumps(env)), deepcopy(env)):
-        original, walk = deepcopy(env), random_walk(4, env.num_envs, env.single_action_space.shape[0])
+        original, walk = (
+            deepcopy(env),
+            random_walk(4, env.num_envs, env.single_action_space.shape[0]),
+        )
         for _ in range(steps):
             actions = next(walk)
             assert_same_tree(original.step(actions), twin.step(actions))
@@ -305,7 +345,9 @@ def row_of(tree: dict[str, Any], row: int) -> dict[str, Any]:
     return {key: value[row] for key, value in tree.items() if not key.startswith(("_", "final_"))}
 
 
-def assert_sound(core: Core, observation: np.ndarray, reward: np.ndarray | None, info: dict[str, np.ndarray]) -> None:
+def assert_sound(
+    core: Core, observation: np.ndarray, reward: np.ndarray | None, info: dict[str, np.ndarray]
+) -> None:
     """What must hold after every reset and step, whatever the estimator and however bad the measurements."""
     assert observation.dtype == np.float32
     assert np.abs(observation).max() <= core.task.BOUND  # False for NaN too
@@ -331,8 +373,8 @@ class Soaked:
 def soak(env_id: str, steps: int, num_envs: int = 4, seed: int = 0, turns: int = 1) -> Soaked:
     """Random actions over every estimator x suite, about ``steps`` in all.
 
-    Disturbances and observe modes take turns, so that each meets every estimator, suite and the other. So may the
-    suites that an estimator meets.
+    Disturbances and observe modes take turns, so that each meets every estimator, suite and the
+    other. So may the suites that an estimator meets.
     """
     system = single_class(env_id).system
     names = [name for key, name in CARRIED if key == env_id]
@@ -358,7 +400,12 @@ def soak(env_id: str, steps: int, num_envs: int = 4, seed: int = 0, turns: int =
             observation, reward, terminated, truncated, info = env.step(next(actions))
             assert_sound(core, observation, reward, info)
             if "final_info" in info:
-                assert_sound(core, np.stack(list(info["final_obs"][info["_final_obs"]])), None, info["final_info"])
+                assert_sound(
+                    core,
+                    np.stack(list(info["final_obs"][info["_final_obs"]])),
+                    None,
+                    info["final_info"],
+                )
             seen.ended += int((terminated | truncated).sum())
             seen.missing += int((~info["available"]).sum())
             seen.steps += num_envs

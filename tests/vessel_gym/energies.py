@@ -35,7 +35,9 @@ def inertia_in_the_plane(c: np.ndarray) -> np.ndarray:
     """Inertia ``(..., 3, 3)`` of body and added mass for coefficients ``(..., k)``."""
     M = np.zeros(c.shape[:-1] + (3, 3))
     M[..., [0, 1, 2], [0, 1, 2]] = c[..., :3]
-    M[..., [0, 1, 2, 2], [2, 2, 0, 1]] = c[..., [Plane.mass_z_g, Plane.heave_pitch, Plane.mass_z_g, Plane.heave_pitch]]
+    M[..., [0, 1, 2, 2], [2, 2, 0, 1]] = c[
+        ..., [Plane.mass_z_g, Plane.heave_pitch, Plane.mass_z_g, Plane.heave_pitch]
+    ]
     return M
 
 
@@ -46,4 +48,6 @@ def energy_in_the_plane(state: np.ndarray, c: np.ndarray) -> np.ndarray:
     """
     nu, depth, theta = state[..., :3], state[..., 4], state[..., 5]
     kinetic = 0.5 * np.vecdot(nu, np.matvec(inertia_in_the_plane(c), nu))
-    return kinetic - c[..., Plane.net_weight] * depth - c[..., Plane.righting_moment] * np.cos(theta)
+    return (
+        kinetic - c[..., Plane.net_weight] * depth - c[..., Plane.righting_moment] * np.cos(theta)
+    )

@@ -1,7 +1,7 @@
 """Manoeuvres of ships in calm water, and their figures (IMO resolution MSC.137(76)).
 
-Rates are functions of a state (x, y, psi, u, v, r) and the rudder, positive to starboard. Figures are over ground, from
-a straight course to the north.
+Rates are functions of a state (x, y, psi, u, v, r) and the rudder, positive to starboard. Figures
+are over ground, from a straight course to the north.
 """
 
 from collections.abc import Callable
@@ -26,10 +26,14 @@ Rates = Callable[[np.ndarray, float], np.ndarray]
 def rates_of(ship: CorvetteParameters) -> Rates:
     """The rates of one of our ships, upright: roll does nothing to the other motions."""
     c = ship.vector()
-    return lambda state, rudder: corvette_rates(np.append(state, [0.0, 0.0]), np.array([rudder]), STILL, c)[:6]
+    return lambda state, rudder: corvette_rates(
+        np.append(state, [0.0, 0.0]), np.array([rudder]), STILL, c
+    )[:6]
 
 
-def sailed(ship: CorvetteParameters, rudder: np.ndarray, dt: float = 0.5, start: np.ndarray | None = None):
+def sailed(
+    ship: CorvetteParameters, rudder: np.ndarray, dt: float = 0.5, start: np.ndarray | None = None
+):
     """States ``(k + 1, 8)`` under rudder angles ``(k + 1,)``, between which the rudder moves evenly."""
     states = [np.array([0.0, 0.0, 0.0, ship.speed, 0.0, 0.0, 0.0, 0.0]) if start is None else start]
     for each in pairwise(rudder):
@@ -37,7 +41,9 @@ def sailed(ship: CorvetteParameters, rudder: np.ndarray, dt: float = 0.5, start:
     return np.array(states)
 
 
-def helmed(rates: Rates, state: np.ndarray, rudder: float, order: float, duration: float, event: Any = None):
+def helmed(
+    rates: Rates, state: np.ndarray, rudder: float, order: float, duration: float, event: Any = None
+):
     """A ship under an order of the helm until the duration is over or an event: its solution, and the last rudder."""
 
     def angle(t: float) -> float:
@@ -67,7 +73,11 @@ def figures(x: np.ndarray, y: np.ndarray, psi: np.ndarray) -> Turn:
     """Figures of a turn, by linear interpolation."""
     turned, aside = np.abs(psi), np.sign(psi[-1]) * y
     quarter, half = 0.5 * np.pi, np.pi
-    return Turn(np.interp(quarter, turned, x), np.interp(quarter, turned, aside), np.interp(half, turned, aside))
+    return Turn(
+        np.interp(quarter, turned, x),
+        np.interp(quarter, turned, aside),
+        np.interp(half, turned, aside),
+    )
 
 
 @cache
@@ -97,6 +107,8 @@ def overshoots(rates: Rates, speed: float, degrees: float) -> tuple[float, float
 
 def initial_turning(rates: Rates, speed: float) -> float:
     """Distance [m] until ten degrees of rudder have changed the heading by ten degrees."""
-    x, y, psi = helmed(rates, ahead(speed), 0.0, 10.0 * DEG, 100.0)[0].sol(np.arange(0.0, 100.0, 0.1))[:3]
+    x, y, psi = helmed(rates, ahead(speed), 0.0, 10.0 * DEG, 100.0)[0].sol(
+        np.arange(0.0, 100.0, 0.1)
+    )[:3]
     turned = np.argmax(psi >= 10.0 * DEG) + 1
     return float(np.hypot(np.diff(x[:turned]), np.diff(y[:turned])).sum())

@@ -14,7 +14,9 @@ from vessel_gym.system import Vehicle
 def sensors_of(vehicle: Vehicle, noise: float = 1.0) -> Sensors:
     """A vehicle's sensors with so many times their nominal noise."""
     each = SensorSuite(noise=noise).of(vehicle.sensors)
-    return Sensors(each, vehicle.state_names, vehicle.increments + vehicle.ambient_flows, vehicle.dt)
+    return Sensors(
+        each, vehicle.state_names, vehicle.increments + vehicle.ambient_flows, vehicle.dt
+    )
 
 
 def exogenous(vehicle: Vehicle, flow: np.ndarray) -> np.ndarray:
@@ -31,7 +33,9 @@ class UnevenWater(Disturbance):
         currents: Of the components of the current [m/s], which change in 200 s.
     """
 
-    def __init__(self, vehicle: Vehicle, increments: tuple[float, ...], currents: tuple[float, ...]) -> None:
+    def __init__(
+        self, vehicle: Vehicle, increments: tuple[float, ...], currents: tuple[float, ...]
+    ) -> None:
         self.names = self.forces = vehicle.ambient_flows
         self.white_increments, self.white = vehicle.increments, np.diag(increments)
         self.process = Process.wandering(currents, 200.0, vehicle.dt)

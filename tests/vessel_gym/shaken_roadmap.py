@@ -1,15 +1,19 @@
 """Another planner round circular obstacles, to hold `plan` against: random poses, joined and then shaken.
 
-It shares no code and no idea with `vessel_gym.guidance`: poses are thrown at random about the obstacles and the square,
-each pair is joined by the shortest clear path of arcs and straights that complex numbers find (the middle arc
-of three may be short here), Dijkstra goes through them, and the poses on the way are then moved at random, all three
-numbers of them, as long as that shortens it. The turn radius is 1.
+It shares no code and no idea with `vessel_gym.guidance`: poses are thrown at random about the
+obstacles and the square, each pair is joined by the shortest clear path of arcs and straights that
+complex numbers find (the middle arc of three may be short here), Dijkstra goes through them, and
+the poses on the way are then moved at random, all three numbers of them, as long as that shortens
+it. The turn radius is 1.
 """
 
 import numpy as np
 
 FULL = 2.0 * np.pi
-SIDES = np.array([[f, 0, g] for f in (1, -1) for g in (1, -1)] + [[f, -f, f] for f in (1, -1) for _ in range(2)], float)
+SIDES = np.array(
+    [[f, 0, g] for f in (1, -1) for g in (1, -1)] + [[f, -f, f] for f in (1, -1) for _ in range(2)],
+    float,
+)
 """Of the pieces of paths: arcs to the left 1, to the right -1, straights 0."""
 
 
@@ -23,7 +27,11 @@ def pieces(a: np.ndarray, b: np.ndarray) -> np.ndarray:
         if middle == 0.0:
             straight = far if first == last else np.sqrt(np.maximum(far * far - 4.0, 0.0))
             heading = bearing if first == last else bearing + first * np.arctan2(2.0, straight)
-            lengths = (first * (heading - a[:, 2])) % FULL, straight, (last * (b[:, 2] - heading)) % FULL
+            lengths = (
+                (first * (heading - a[:, 2])) % FULL,
+                straight,
+                (last * (b[:, 2] - heading)) % FULL,
+            )
             found.append(np.where((first == last) | (far >= 2.0), lengths, np.inf))
             continue
         for sign in (1.0, -1.0):
@@ -35,7 +43,9 @@ def pieces(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.moveaxis(np.array(found), 2, 0)
 
 
-def clear(a: np.ndarray, sides: np.ndarray, lengths: np.ndarray, centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
+def clear(
+    a: np.ndarray, sides: np.ndarray, lengths: np.ndarray, centres: np.ndarray, radii: np.ndarray
+) -> np.ndarray:
     """Mask of the paths ``(n,)`` of pieces ``(n, 3)`` from poses ``(n, 3)`` that keep clear."""
     z, heading, free = (a[:, 0] + 1j * a[:, 1])[:, None], a[:, 2:], np.ones(len(a), bool)
     for side, length in zip(sides.T[..., None], lengths.T[..., None], strict=True):
@@ -52,7 +62,9 @@ def clear(a: np.ndarray, sides: np.ndarray, lengths: np.ndarray, centres: np.nda
     return free
 
 
-def join(a: np.ndarray, b: np.ndarray, centres: np.ndarray, radii: np.ndarray, limit: np.ndarray) -> np.ndarray:
+def join(
+    a: np.ndarray, b: np.ndarray, centres: np.ndarray, radii: np.ndarray, limit: np.ndarray
+) -> np.ndarray:
     """Lengths ``(n,)`` of the shortest clear paths between poses; infinite where none is below the limit."""
     lengths = pieces(a, b)
     totals = np.where(lengths.sum(-1) < limit[:, None], lengths.sum(-1), np.inf)
@@ -68,14 +80,23 @@ def join(a: np.ndarray, b: np.ndarray, centres: np.ndarray, radii: np.ndarray, l
 
 
 def thrown(
-    start: np.ndarray, goal: np.ndarray, centres: np.ndarray, radii: np.ndarray, count: int, rng: np.random.Generator
+    start: np.ndarray,
+    goal: np.ndarray,
+    centres: np.ndarray,
+    radii: np.ndarray,
+    count: int,
+    rng: np.random.Generator,
 ) -> np.ndarray:
     """Random poses ``(count, 3)``, the first and the last given: most of them along edges, some anywhere."""
     low, high = np.minimum(start[:2], goal[:2]) - 3.0, np.maximum(start[:2], goal[:2]) + 3.0
     poses = [start]
     while len(poses) < count - 1:
         if rng.random() < 0.8:
-            k, bearing, side = rng.integers(len(radii)), rng.uniform(-np.pi, np.pi), rng.choice([1.0, -1.0])
+            k, bearing, side = (
+                rng.integers(len(radii)),
+                rng.uniform(-np.pi, np.pi),
+                rng.choice([1.0, -1.0]),
+            )
             z = centres[k] + (radii[k] + 1e-6 + rng.exponential(0.05)) * np.exp(1j * bearing)
             heading = bearing + side * 0.5 * np.pi + 0.1 * rng.standard_normal()
         else:
@@ -97,7 +118,9 @@ def dijkstra(poses: np.ndarray, centres: np.ndarray, radii: np.ndarray) -> np.nd
         done[u] = True
         limit = np.minimum(way, way[-1] - left) - way[u]
         v = np.nonzero(~done & (np.hypot(*(poses[:, :2] - poses[u, :2]).T) < limit))[0]
-        reached = way[u] + join(np.broadcast_to(poses[u], (len(v), 3)), poses[v], centres, radii, limit[v])
+        reached = way[u] + join(
+            np.broadcast_to(poses[u], (len(v), 3)), poses[v], centres, radii, limit[v]
+        )
         v, reached = v[reached < way[v]], reached[reached < way[v]]
         way[v], before[v] = reached, u
     nodes = [n - 1]
@@ -106,7 +129,9 @@ def dijkstra(poses: np.ndarray, centres: np.ndarray, radii: np.ndarray) -> np.nd
     return poses[nodes[::-1]]
 
 
-def shaken(way: np.ndarray, centres: np.ndarray, radii: np.ndarray, shakes: int, rng: np.random.Generator) -> float:
+def shaken(
+    way: np.ndarray, centres: np.ndarray, radii: np.ndarray, shakes: int, rng: np.random.Generator
+) -> float:
     """The length of a way, shaken so often."""
     n = len(way)
     legs = join(way[:-1], way[1:], centres, radii, np.full(n - 1, np.inf))
@@ -114,7 +139,9 @@ def shaken(way: np.ndarray, centres: np.ndarray, radii: np.ndarray, shakes: int,
         i = rng.integers(1, n - 1)
         pose = way[i] + 10.0 ** rng.uniform(-4.0, 0.0) * rng.standard_normal(3)
         limit = np.full(2, legs[i - 1] + legs[i])
-        new = join(np.stack([way[i - 1], pose]), np.stack([pose, way[i + 1]]), centres, radii, limit)
+        new = join(
+            np.stack([way[i - 1], pose]), np.stack([pose, way[i + 1]]), centres, radii, limit
+        )
         if new.sum() < limit[0]:
             way[i], legs[i - 1 : i + 1] = pose, new
     return float(legs.sum())
@@ -136,5 +163,10 @@ def shortest_found(
         shakes: How often a way is shaken.
     """
     centres, radii = obstacles[:, 0] + 1j * obstacles[:, 1], obstacles[:, 2]
-    ways = [dijkstra(thrown(start, goal, centres, radii, count, rng), centres, radii) for _ in range(throws)]
-    return min([shaken(way, centres, radii, shakes, rng) for way in ways if len(way)], default=np.inf)
+    ways = [
+        dijkstra(thrown(start, goal, centres, radii, count, rng), centres, radii)
+        for _ in range(throws)
+    ]
+    return min(
+        [shaken(way, centres, radii, shakes, rng) for way in ways if len(way)], default=np.inf
+    )

@@ -15,7 +15,13 @@ Step = Callable[..., np.ndarray]
 
 
 def step(
-    rates: Rates, state: np.ndarray, control: np.ndarray, flow: np.ndarray, c: np.ndarray, dt: float, substeps: int
+    rates: Rates,
+    state: np.ndarray,
+    control: np.ndarray,
+    flow: np.ndarray,
+    c: np.ndarray,
+    dt: float,
+    substeps: int,
 ) -> np.ndarray:
     """The state ``(..., n)`` after ``dt``; control ``(..., 2 a)`` holds the actuators before and after."""
     return runge_kutta(rates, state, *np.split(control, 2, -1), flow, c, dt, substeps)

@@ -63,7 +63,8 @@ def test_a_filter_that_measurements_do_not_tell_of_its_input_is_refused_with_the
 ):
     kind, names = type(world["disturbance"]).__name__, ", ".join(world["disturbance"].inputs)
     sentence = (
-        f'{estimator} cannot assume {kind} as "unknown-input", with the unknown input {names}: {why}; assume it with '
+        f'{estimator} cannot assume {kind} as "unknown-input", with the unknown input {names}:'
+        f" {why}; assume it with "
     )
     with pytest.raises(ValueError, match=f'^{sentence}{{"as": "states"}}, or add a sensor$'):
         make_core(env_id, 1, estimator=estimator, **world)
@@ -81,7 +82,11 @@ def test_a_step_tells_what_is_unknown_relative_to_its_size(size: float):
         make_core(AUV, 1, estimator="ekf-ui-wdf", **world)
         return
     with pytest.raises(
-        ValueError, match=r"determines thrust fault to a standard deviation of (5.9|6.0|6.1) times its assumed size"
+        ValueError,
+        match=(
+            r"determines thrust fault to a standard deviation of (5.9|6.0|6.1) times its assumed"
+            r" size"
+        ),
     ):
         make_core(AUV, 1, estimator="ekf-ui-wdf", **world)
 
@@ -116,7 +121,9 @@ def test_the_nominal_flight_is_the_vehicles_own_and_goes_its_usual_way():
     cruising = vehicle.cruise
     assert x.shape == (3, 12)
     assert u.shape == (3, 6)
-    np.testing.assert_allclose(u[0, :3], cruising[1][:3] * [1.0, 1.0, u[0, 2] / cruising[1][2]], atol=0.09)
+    np.testing.assert_allclose(
+        u[0, :3], cruising[1][:3] * [1.0, 1.0, u[0, 2] / cruising[1][2]], atol=0.09
+    )
     assert np.abs(x[1:, 3:6] - x[:1, 3:6]).max() > 0.05  # the others turn
     assert (x[:, 0] > 0.5 * cruising[0][0]).all()
     part, _ = nominal_flight(vehicle, ("q", "u"))

@@ -25,7 +25,9 @@ MODES = list(AutoresetMode)
 ROUGH = {"sensors": "degraded", "disturbance": "rough", "mismatch": 0.2}
 
 every_mode = pytest.mark.parametrize("mode", MODES)
-with_and_without_randomness_of_its_own = pytest.mark.parametrize("estimator", ["measurement", "enkf"])
+with_and_without_randomness_of_its_own = pytest.mark.parametrize(
+    "estimator", ["measurement", "enkf"]
+)
 
 
 def wild_actions(row: int, episode: int, size: int) -> Iterator[np.ndarray]:
@@ -34,7 +36,9 @@ def wild_actions(row: int, episode: int, size: int) -> Iterator[np.ndarray]:
     return (actions[0] for actions in walk)
 
 
-def fly(mode: AutoresetMode, env_id: str, steps: int, **options: Any) -> dict[tuple[int, int], list[Any]]:
+def fly(
+    mode: AutoresetMode, env_id: str, steps: int, **options: Any
+) -> dict[tuple[int, int], list[Any]]:
     """Every episode (row, number) of a batch: what each reset and step of it gave."""
     env = make_batch(env_id, ROWS, autoreset_mode=mode, **options)
     size = env.single_action_space.shape[0]
@@ -50,7 +54,9 @@ def fly(mode: AutoresetMode, env_id: str, steps: int, **options: Any) -> dict[tu
 
     done = np.zeros(ROWS, bool)
     for _ in range(steps):
-        ignored = np.full(size, np.nan, np.float32)  # the action of an environment that is only reset
+        ignored = np.full(
+            size, np.nan, np.float32
+        )  # the action of an environment that is only reset
         chosen = np.stack([ignored if done[row] else next(actions[row]) for row in range(ROWS)])
         observations, rewards, terminated, truncated, info = env.step(chosen)
         for row in range(ROWS):
@@ -80,13 +86,19 @@ def fly(mode: AutoresetMode, env_id: str, steps: int, **options: Any) -> dict[tu
 @pytest.mark.slow
 @with_and_without_randomness_of_its_own
 @every_environment
-def test_the_episodes_of_a_row_are_the_same_in_every_mode_and_in_a_single_environment(env_id: str, estimator: str):
+def test_the_episodes_of_a_row_are_the_same_in_every_mode_and_in_a_single_environment(
+    env_id: str, estimator: str
+):
     assert_same_in_every_mode(env_id, estimator, **ROUGH)
 
 
 def assert_same_in_every_mode(env_id: str, estimator: str, **options: Any) -> None:
     """That episodes of a batch, in each mode, are those of single environments."""
-    options |= {"estimator": estimator, "estimator_options": FEW_MEMBERS.get(estimator), "max_episode_steps": 25}
+    options |= {
+        "estimator": estimator,
+        "estimator_options": FEW_MEMBERS.get(estimator),
+        "max_episode_steps": 25,
+    }
     modes = {mode: fly(mode, env_id, 56, **options) for mode in MODES}
     complete = 0
     for row in range(ROWS):
@@ -98,7 +110,9 @@ def assert_same_in_every_mode(env_id: str, estimator: str, **options: Any) -> No
             for step in range(max(map(len, episodes), default=0)):
                 for episode in episodes:
                     if step < len(episode):
-                        assert_same_episode(episode[step], out, f"row {row}, episode {number}, step {step}")
+                        assert_same_episode(
+                            episode[step], out, f"row {row}, episode {number}, step {step}"
+                        )
                 if not (ended := len(out) > 2 and (out[2] or out[3])):
                     out = single.step(next(actions))
             complete += len(episodes) == len(MODES) and ended
@@ -119,7 +133,9 @@ def assert_same_episode(one: tuple[Any, ...], other: tuple[Any, ...], where: str
 @pytest.mark.slow
 @every_mode
 @every_environment
-def test_a_batch_does_what_gymnasiums_own_loop_over_single_environments_does(env_id: str, mode: AutoresetMode):
+def test_a_batch_does_what_gymnasiums_own_loop_over_single_environments_does(
+    env_id: str, mode: AutoresetMode
+):
     native = make_batch(env_id, ROWS, autoreset_mode=mode, max_episode_steps=15, **ROUGH)
     loop = gym.make_vec(
         env_id, ROWS, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode.value}, max_episode_steps=15,
@@ -137,7 +153,9 @@ def test_a_batch_does_what_gymnasiums_own_loop_over_single_environments_does(env
         ends += int(done.any())
         if mode is AutoresetMode.DISABLED and done.any():
             one, other = ({"reset_mask": done} for _ in range(2))
-            assert_same_tree(native.reset(options=one), loop.reset(options=other), f"reset after {step}", EXACT)
+            assert_same_tree(
+                native.reset(options=one), loop.reset(options=other), f"reset after {step}", EXACT
+            )
     assert ends >= 2
 
 
@@ -145,8 +163,8 @@ def test_a_batch_does_what_gymnasiums_own_loop_over_single_environments_does(env
 @every_mode
 @every_environment
 def test_a_reset_of_some_environments_leaves_the_others_untouched(env_id: str, mode: AutoresetMode):
-    # To the last bit, and with `ekf`: a linear filter keeps one covariance for rows that agree, so its last bits follow
-    # all rows.
+    # To the last bit, and with `ekf`: a linear filter keeps one covariance for rows that agree, so
+    # its last bits follow all rows.
     options = {"estimator": "ekf", "observe": "mean+std", **ROUGH}
     env, twin = (make_batch(env_id, ROWS, autoreset_mode=mode, **options) for _ in range(2))
     last, _ = env.reset(seed=1)
@@ -165,7 +183,9 @@ def test_a_reset_of_some_environments_leaves_the_others_untouched(env_id: str, m
             for key in before:
                 assert info[f"_{key}"].tolist() == mask.tolist()
                 assert not np.any(info[key][others]), key  # no news of them
-                np.testing.assert_array_equal(env.unwrapped.core.info()[key][others], before[key][others], key)
+                np.testing.assert_array_equal(
+                    env.unwrapped.core.info()[key][others], before[key][others], key
+                )
         actions = next(walk)
         out, unmasked = env.step(actions), twin.step(actions)
         last = out[0]
@@ -204,7 +224,8 @@ def test_where_nothing_restarts_an_episode_that_has_ended_a_step_is_refused_in_a
     assert truncated.tolist() == [False, True, True]
     state = env.unwrapped.core.truth.copy()
     with pytest.raises(
-        ResetNeeded, match=r"^2 of 3 episodes have ended: call reset\(options=\{'reset_mask'.*before the"
+        ResetNeeded,
+        match=r"^2 of 3 episodes have ended: call reset\(options=\{'reset_mask'.*before the",
     ):
         env.step(idle)
     np.testing.assert_array_equal(env.unwrapped.core.truth, state)
@@ -245,12 +266,16 @@ def test_a_score_is_a_share_however_long_an_episode_is(env_id: str):
         task, rows, scores = core.task, core.num_envs, []
         for steps in (0, 1, task.horizon // 2, task.horizon, 1200, 10 * task.horizon):
             core.steps[:] = steps
-            core.total[:] = min(steps, 1.0) * (steps if task.perfect == task.horizon else task.perfect)
+            core.total[:] = min(steps, 1.0) * (
+                steps if task.perfect == task.horizon else task.perfect
+            )
             scores.append(core.score)
             assert [core.score_of(row) for row in range(rows)] == core.score.tolist()
         usual = [steps / task.horizon for steps in (0, 1, task.horizon // 2)]
         expected = usual if task.perfect == task.horizon else [0.0, 1.0, 1.0]
-        np.testing.assert_allclose(scores, np.repeat([[*expected, 1.0, 1.0, 1.0]], rows, 0).T, rtol=1e-15)
+        np.testing.assert_allclose(
+            scores, np.repeat([[*expected, 1.0, 1.0, 1.0]], rows, 0).T, rtol=1e-15
+        )
     core.total[:] = np.nextafter(core.total, np.inf)
     assert core.score.max() == 1.0
 
@@ -265,7 +290,8 @@ def test_a_mode_is_told_as_gymnasiums_own_batches_are_told_it(mode: Any):
 @pytest.mark.parametrize("wrong", ["next step", None, 1, ["SameStep"]], ids=repr)
 def test_an_unknown_mode_is_answered_with_those_that_exist(wrong: Any):
     with pytest.raises(
-        ValueError, match=r"^unknown autoreset_mode .*: choose from 'NextStep', 'SameStep', 'Disabled'$"
+        ValueError,
+        match=r"^unknown autoreset_mode .*: choose from 'NextStep', 'SameStep', 'Disabled'$",
     ):
         gym.make_vec("SigmaCorvette-v0", num_envs=2, autoreset_mode=wrong)
 
@@ -299,7 +325,9 @@ def test_a_reset_of_some_environments_may_seed_them_and_pass_the_tasks_options()
     env = make_batch("SigmaCorvette-v0", 3)
     env.reset(seed=0)
     mask = np.array([False, True, True])
-    observations, _ = env.reset(seed=[-7, 40, 50], options={"reset_mask": mask})  # the first counts for nothing
+    observations, _ = env.reset(
+        seed=[-7, 40, 50], options={"reset_mask": mask}
+    )  # the first counts for nothing
     for row, seed in ((1, 40), (2, 50)):
         expected, _ = gym.make("SigmaCorvette-v0").reset(seed=seed)
         assert_same_tree(observations[row], expected, "", EXACT)

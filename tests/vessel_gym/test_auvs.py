@@ -17,7 +17,8 @@ each_auv = pytest.mark.parametrize("auv", AUVS.values(), ids=AUVS)
 
 @pytest.mark.parametrize(
     ("auv", "c"),
-    [(auv, auv.case.nominal) for auv in AUVS.values()] + [(AUVS["segorogeni"], WITH_REMUS.vector())],
+    [(auv, auv.case.nominal) for auv in AUVS.values()]
+    + [(AUVS["segorogeni"], WITH_REMUS.vector())],
     ids=[*AUVS, "REMUS"],
 )
 def test_the_inertia_is_symmetric_positive_definite_and_inverted_once(auv: AUV, c: np.ndarray):
@@ -25,11 +26,14 @@ def test_the_inertia_is_symmetric_positive_definite_and_inverted_once(auv: AUV, 
     np.testing.assert_array_equal(M, M.T)
     assert np.linalg.eigvalsh(M).min() > 0.0
     values = dict(zip(auv.vehicle.parameter_names, c, strict=True))
-    inverse = [[values.get(f"inverse_{a}{b}", values.get(f"inverse_{b}{a}", 0.0)) for b in axes] for a in axes]
+    inverse = [
+        [values.get(f"inverse_{a}{b}", values.get(f"inverse_{b}{a}", 0.0)) for b in axes]
+        for a in axes
+    ]
     np.testing.assert_allclose(M @ inverse, np.eye(len(axes)), rtol=0, atol=1e-12)
 
 
-# --- energy -----------------------------------------------------------------------------------------
+# --- energy ---------------------------------------------------------------------------------------
 
 
 @each_auv
@@ -45,29 +49,43 @@ def test_in_still_water_without_thrust_energy_never_grows(auv: AUV, seed: int, s
 def test_without_drag_and_lift_energy_is_conserved(auv: AUV):
     c, names = auv.changed(**dict.fromkeys(DRAG + LIFT, 0.0)), auv.vehicle.state_names
     states, _, currents = auv.case.draw(np.random.default_rng(3), 20)
-    states[:, [names.index(name) for name in ("phi", "theta") if name in names]] *= 0.3  # clear of the pole
+    states[:, [names.index(name) for name in ("phi", "theta") if name in names]] *= (
+        0.3  # clear of the pole
+    )
     states[:, : len(auv.axes)] *= 0.2
-    np.testing.assert_allclose(auv.power(states, auv.rates(states, currents, c), c), 0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        auv.power(states, auv.rates(states, currents, c), c), 0.0, atol=1e-12
+    )
     after = auv.drift(states, currents, c, 10.0, 10_000)
     np.testing.assert_allclose(auv.energy(after, c), auv.energy(states, c), rtol=0, atol=1e-8)
     assert np.abs(after - states).max() > 1.0
 
 
-# --- currents ---------------------------------------------------------------------------------------
+# --- currents -------------------------------------------------------------------------------------
 
 
 @each_auv
 def test_a_current_shifts_the_track_and_nothing_else(auv: AUV):
     states, controls, currents = auv.case.draw(np.random.default_rng(11), 20)
     moving, c, names = np.tile(controls, 2), auv.case.nominal, auv.vehicle.state_names
-    drifted, straight = (auv.case.step(states, moving, flow, c, 2.0, 40) for flow in (currents, 0.0 * currents))
+    drifted, straight = (
+        auv.case.step(states, moving, flow, c, 2.0, 40) for flow in (currents, 0.0 * currents)
+    )
     level = [names.index(name) for name in ("x", "y") if name in names]
-    np.testing.assert_allclose(drifted[:, level] - straight[:, level], 2.0 * currents, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        drifted[:, level] - straight[:, level], 2.0 * currents, rtol=0, atol=1e-12
+    )
     np.testing.assert_array_equal(np.delete(drifted, level, -1), np.delete(straight, level, -1))
 
 
 @pytest.mark.parametrize(
-    "water", [water for waters in (WATERS, PLANE_WATERS) for water in waters.values() if isinstance(water, Water)]
+    "water",
+    [
+        water
+        for waters in (WATERS, PLANE_WATERS)
+        for water in waters.values()
+        if isinstance(water, Water)
+    ],
 )
 def test_the_current_dies_away_in_200_s_and_keeps_its_size(water: Water):
     decay, k = np.exp(-0.1 / 200.0), len(water.names)
@@ -80,7 +98,7 @@ def test_the_current_dies_away_in_200_s_and_keeps_its_size(water: Water):
     np.testing.assert_allclose(decay**2 * variance + fresh, variance, rtol=0, atol=1e-17)
 
 
-# --- what filters are told --------------------------------------------------------------------------
+# --- what filters are told ------------------------------------------------------------------------
 
 
 @each_auv

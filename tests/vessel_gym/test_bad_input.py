@@ -1,6 +1,7 @@
 """Bad input: one clear sentence where it enters, and nothing half done.
 
-Each validator is tested once: options on one environment, in one of its two faces; `test_fuzz.py` tries all of them.
+Each validator is tested once: options on one environment, in one of its two faces; `test_fuzz.py`
+tries all of them.
 """
 
 import re
@@ -21,7 +22,7 @@ from vessel_gym.sensors import SUITE_NAMES
 SHIP, AUV = "SigmaCorvette-v0", "SegorogeniAUV-v0"
 
 
-# --- options of an environment ----------------------------------------------------------------------
+# --- options of an environment --------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -32,7 +33,9 @@ SHIP, AUV = "SigmaCorvette-v0", "SegorogeniAUV-v0"
         ("observe", "truth", ValueError),
     ],
 )  # fmt: skip
-def test_an_unknown_name_is_answered_with_those_that_exist(option: str, wrong: Any, kind: type[Exception]):
+def test_an_unknown_name_is_answered_with_those_that_exist(
+    option: str, wrong: Any, kind: type[Exception]
+):
     known = {
         "estimator": [name for name in estimator_names() if name not in REFUSED.get(SHIP, {})],
         "sensors": SUITE_NAMES, "disturbance": single_class(SHIP).system.disturbances, "observe": OBSERVE,
@@ -47,13 +50,17 @@ def test_an_unknown_name_is_answered_with_those_that_exist(option: str, wrong: A
 @pytest.mark.parametrize("env_id", [SHIP, AUV, "ThesisCorvette-v0", "PunaUAV-v0"])
 def test_an_unknown_argument_is_answered_in_the_words_of_python_first(make: Any, env_id: str):
     """Libraries that try an argument go on without it where they read these words."""
-    with pytest.raises(TypeError, match=r"^\w+Env.__init__\(\) got an unexpected keyword argument 'frameskip': ch"):
+    with pytest.raises(
+        TypeError, match=r"^\w+Env.__init__\(\) got an unexpected keyword argument 'frameskip': ch"
+    ):
         make(env_id, frameskip=1)
 
 
 def test_no_estimator_is_offered_that_refuses_the_vehicle():
     message = refusal(ValueError, gym.make, AUV, estimator="kf-umv-u")
-    offered = re.findall(r"did you mean '(.*?)'", message) + message.split("choose from ")[1].split(", ")
+    offered = re.findall(r"did you mean '(.*?)'", message) + message.split("choose from ")[1].split(
+        ", "
+    )
     assert not set(offered) & set(REFUSED[AUV])
     assert set(offered) <= set(estimator_names())
     assert "did you mean 'kf-umv-ui'?" in refusal(ValueError, gym.make, SHIP, estimator="kf-umv-u")
@@ -111,10 +118,12 @@ def test_a_count_that_is_no_positive_whole_number_is_refused(name: str, wrong: A
     assert repr(wrong) in message
 
 
-# --- resets -----------------------------------------------------------------------------------------
+# --- resets ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("wrong", [-1, 1.5, "7", True, [1, 2], [1, -2, 3], [1, None, 3], np.ones(3)], ids=repr)
+@pytest.mark.parametrize(
+    "wrong", [-1, 1.5, "7", True, [1, 2], [1, -2, 3], [1, None, 3], np.ones(3)], ids=repr
+)
 def test_a_wrong_seed_is_refused_and_the_old_one_stands(wrong: Any):
     env, twin = make_batch(SHIP, 3), make_batch(SHIP, 3)
     env.reset(seed=1)
@@ -147,14 +156,31 @@ def test_any_whole_number_is_a_seed_of_either_face():
     [
         (SHIP, {"speed": 3.0}, ValueError, "unknown reset option 'speed': choose from "),
         (SHIP, [1], TypeError, "options must be a dictionary of values by name, or None, got [1]"),
-        (SHIP, {"radius": 10.0}, ValueError, "radius must be at least 253 m to either side, got 10.0"),
+        (
+            SHIP,
+            {"radius": 10.0},
+            ValueError,
+            "radius must be at least 253 m to either side, got 10.0",
+        ),
         (SHIP, {"radius": "wide"}, ValueError, "radius must be"),
-        (SHIP, {"radius": 1e7}, ValueError, "radius must be at most 100000 m to either side, got 10000000.0"),
+        (
+            SHIP,
+            {"radius": 1e7},
+            ValueError,
+            "radius must be at most 100000 m to either side, got 10000000.0",
+        ),
         (AUV, {"goal": (1e7, 0.0, 1.0)}, ValueError, "goal must lie within 100000 m of the "),
-        ("PunaUAV-v0", {"obstacles": [(1e7, 0.0, 50.0)]}, ValueError, "obstacles must lie within 100000 m of the "),
+        (
+            "PunaUAV-v0",
+            {"obstacles": [(1e7, 0.0, 50.0)]},
+            ValueError,
+            "obstacles must lie within 100000 m of the ",
+        ),
     ],
 )
-def test_a_refused_reset_says_why_and_changes_nothing(env_id: str, options: Any, kind: type[Exception], sentence: str):
+def test_a_refused_reset_says_why_and_changes_nothing(
+    env_id: str, options: Any, kind: type[Exception], sentence: str
+):
     env, twin = make_batch(env_id, 2), make_batch(env_id, 2)
     for one in (env, twin):
         one.reset(seed=1)
@@ -164,7 +190,7 @@ def test_a_refused_reset_says_why_and_changes_nothing(env_id: str, options: Any,
     assert_same_tree(env.reset(), twin.reset())
 
 
-# --- steps ------------------------------------------------------------------------------------------
+# --- steps ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("rows", [None, 3], ids=["single", "batch"])
@@ -181,7 +207,10 @@ def test_an_action_that_makes_no_sense_is_refused_and_changes_nothing(rows: int 
         message = refusal(ValueError, env.step, np.zeros(other))
         assert message == f"action has shape {other}, expected {shape}"
     for wrong in ("hard to port", None, {"rudder": 1.0}, [[1.0], [1.0, 2.0]], np.array([1j])):
-        assert refusal(ValueError, env.step, wrong) == f"action must be an array of numbers, got {wrong!r}"
+        assert (
+            refusal(ValueError, env.step, wrong)
+            == f"action must be an array of numbers, got {wrong!r}"
+        )
     action = np.zeros(shape, np.float32)
     assert_same_tree(env.step(action), twin.step(action))
 
@@ -202,9 +231,14 @@ def test_injected_measurements_of_the_wrong_form_are_refused_and_change_nothing(
     p, action = core.sensors.size, np.zeros((2, core.action_size))
     y, mask = np.zeros((2, p)), np.ones((2, p), bool)
     for wrong in (3, y, (y,), (y, mask, mask), ("y", mask), (y, None)):
-        assert refusal(TypeError, core.step, action, measurements=wrong).startswith("measurements must be two arrays")
+        assert refusal(TypeError, core.step, action, measurements=wrong).startswith(
+            "measurements must be two arrays"
+        )
     for wrong in ((y[:1], mask), (y, mask[:, 1:]), (y.T, mask.T)):
-        expected = f"measurements have the shapes {wrong[0].shape} and {wrong[1].shape}, expected {(2, p)} each"
+        expected = (
+            f"measurements have the shapes {wrong[0].shape} and {wrong[1].shape}, expected {(2, p)}"
+            " each"
+        )
         assert refusal(ValueError, core.reset, measurements=wrong) == expected
     for one in (core, twin):
         one.step(action)
@@ -213,6 +247,10 @@ def test_injected_measurements_of_the_wrong_form_are_refused_and_change_nothing(
 
 def test_what_comes_before_the_first_reset_says_what_to_do():
     expected = (gym.error.ResetNeeded, RuntimeError, ValueError)
-    for env, shape in ((gym.make(AUV), (3,)), (single_class(AUV)(), (3,)), (make_batch(AUV, 2), (2, 3))):
+    for env, shape in (
+        (gym.make(AUV), (3,)),
+        (single_class(AUV)(), (3,)),
+        (make_batch(AUV, 2), (2, 3)),
+    ):
         assert "reset" in refusal(expected, env.step, np.zeros(shape, np.float32))
         assert "reset" in refusal(expected, lambda env=env: env.unwrapped.truth)

@@ -25,7 +25,9 @@ def _sensor_of_increments(system) -> Sensor:
     """A user's sensor without noise that reads every increment."""
     count = len(system.vehicle.increments)
     channels = tuple(f"increment {i}" for i in range(count))
-    return Sensor("increments", channels, lambda state, exogenous: exogenous[..., :count], (0.0,) * count)
+    return Sensor(
+        "increments", channels, lambda state, exogenous: exogenous[..., :count], (0.0,) * count
+    )
 
 
 def _flown(env_id: str, **options):
@@ -48,12 +50,21 @@ def test_a_sensor_of_an_increment_reads_what_it_did_to_the_state(env_id: str):
     rng = np.random.default_rng(0)
     np.testing.assert_array_equal(core.measurements[0][:, -count:], 0.0)
     for _ in range(40):
-        state, exogenous, actuators = core.state.copy(), core.exogenous.copy(), core.actuators.copy()
+        state, exogenous, actuators = (
+            core.state.copy(),
+            core.exogenous.copy(),
+            core.actuators.copy(),
+        )
         exogenous[:, :count] = 0.0
         core.step(rng.uniform(-0.3, 0.3, core.action_shape))
         still = vehicle.step(state, actuators, core.actuators, exogenous, core.parameters)
         scale = np.maximum(1.0, np.abs(core.state[:, places]))
-        assert np.abs((core.measurements[0][:, -count:] - (core.state - still)[:, places]) / scale).max() < 1e-12
+        assert (
+            np.abs(
+                (core.measurements[0][:, -count:] - (core.state - still)[:, places]) / scale
+            ).max()
+            < 1e-12
+        )
 
 
 @pytest.mark.parametrize("env_id", SHIPS)
@@ -87,7 +98,12 @@ def test_who_reads_a_mean_over_the_coming_step_is_refused():
     system = registered("SigmaCorvette-v0")
     for name in ("wave sway", "roll moment"):
         i = (*system.vehicle.increments, *system.vehicle.ambient_flows).index(name)
-        peeping = Sensor("peeping", (name,), linear(lambda state, exogenous, i=i: exogenous[..., i : i + 1]), (1.0,))
+        peeping = Sensor(
+            "peeping",
+            (name,),
+            linear(lambda state, exogenous, i=i: exogenous[..., i : i + 1]),
+            (1.0,),
+        )
         with pytest.raises(ValueError, match=f"peeping reads {name}, a mean over the coming step"):
             gym.make("SigmaCorvette-v0", sensors=[*system.vehicle.sensors, peeping])
 
@@ -95,7 +111,12 @@ def test_who_reads_a_mean_over_the_coming_step_is_refused():
 def test_a_mean_over_the_coming_step_is_kept_from_sensors_whatever_they_do_with_it():
     system = registered("SigmaCorvette-v0")
     i = (*system.vehicle.increments, *system.vehicle.ambient_flows).index("roll moment")
-    large = Sensor("large", ("roll moment",), lambda s, x: np.where(abs(x[..., [i]]) > 10.0, x[..., [i]], 0.0), (1e-9,))
+    large = Sensor(
+        "large",
+        ("roll moment",),
+        lambda s, x: np.where(abs(x[..., [i]]) > 10.0, x[..., [i]], 0.0),
+        (1e-9,),
+    )
     core = Core(system, ROWS, disturbance="rough", sensors=[*system.vehicle.sensors, large])
     core.start(0)
     core.step(np.zeros(core.action_shape))
@@ -112,18 +133,25 @@ def test_a_sea_of_ones_own_acts_as_a_field_or_is_refused():
 
         more: float = 1.0
 
-    figures = {each.name: getattr(system.disturbances["rough"], each.name) for each in fields(Seaway)}
+    figures = {
+        each.name: getattr(system.disturbances["rough"], each.name) for each in fields(Seaway)
+    }
     assumed = {"assume": {"disturbance": Mine(**figures), "as": "states"}}
     Core(system, 1, "ekf", assumed, disturbance=Mine(**figures)).start(0)
     Mine.effect = lambda self, z, state: Seaway.effect(self, z, state) + 1.0  # type: ignore[method-assign]
-    with pytest.raises(ValueError, match="Mine gives another effect, but as a field it acts by effect_at"):
+    with pytest.raises(
+        ValueError, match="Mine gives another effect, but as a field it acts by effect_at"
+    ):
         Core(system, 1, "ekf", disturbance=Mine(**figures))
 
 
 def _old_timing(model) -> UMVFilter:
     """KF-UMV-UI that takes what the gyro shows for the input of the coming step."""
     u = registered("SigmaCorvette-v0").vehicle.cruise[1]
-    A, C = (getattr(model, name)(u) if callable(getattr(model, name)) else getattr(model, name) for name in "AC")
+    A, C = (
+        getattr(model, name)(u) if callable(getattr(model, name)) else getattr(model, name)
+        for name in "AC"
+    )
     return UMVFilter(LinearModel(A, C, model.Q, model.R, B=model.B, G=model.G, H=model.H))
 
 
@@ -136,7 +164,9 @@ def test_a_filter_whose_model_has_the_old_timing_is_refused():
     with pytest.raises(ValueError, match="another time than measurements show it"):
         gym.make("SigmaCorvette-v0", estimator=_old_timing, estimator_options={"model": "linear"})
     with pytest.raises(ValueError, match="another time than measurements show it"):
-        gym.make("SigmaCorvette-v0", estimator=_old_kalman_filter, estimator_options={"model": "linear"})
+        gym.make(
+            "SigmaCorvette-v0", estimator=_old_kalman_filter, estimator_options={"model": "linear"}
+        )
     with pytest.raises(ValueError, match="use EndedUMVFilter"):
         gym.make("SigmaCorvette-v0", estimator=UMVFilter)
 

@@ -38,10 +38,13 @@ def scenarios(count: int, options: dict[str, Any] | None = None, seed: int = 0) 
 def turned(places: np.ndarray, angle: float) -> np.ndarray:
     """Places ``(..., 2)`` turned clockwise about the origin."""
     sin, cos = np.sin(angle), np.cos(angle)
-    return np.stack([places[..., 0] * cos - places[..., 1] * sin, places[..., 0] * sin + places[..., 1] * cos], -1)
+    return np.stack(
+        [places[..., 0] * cos - places[..., 1] * sin, places[..., 0] * sin + places[..., 1] * cos],
+        -1,
+    )
 
 
-# --- geometry ---------------------------------------------------------------------------------------
+# --- geometry -------------------------------------------------------------------------------------
 
 
 def test_on_a_straight_leg_distances_are_those_of_a_line() -> None:
@@ -69,7 +72,9 @@ def test_scenarios_lie_within_their_ranges_and_reach_them() -> None:
     for column, most in ((OFFSET, 0.5 * TASK.margin), (ERROR, 0.05)):
         assert 0.99 * most < np.abs(scenario[:, column]).max() <= most
     start = TASK.prior(scenario).mean
-    np.testing.assert_allclose(TASK.on_track(scenario, start[None, :, :2])[1][0], scenario[:, OFFSET], atol=1e-9)
+    np.testing.assert_allclose(
+        TASK.on_track(scenario, start[None, :, :2])[1][0], scenario[:, OFFSET], atol=1e-9
+    )
     np.testing.assert_allclose(start[:, 2] - scenario[:, HEADING], scenario[:, ERROR], atol=1e-12)
     assert TASK.margin == 2.0 * SHIP.beam
 
@@ -100,8 +105,14 @@ def test_a_turn_is_commanded_before_it_begins_and_ends() -> None:
     along = np.arange(0.0, path.length, 5.0)
     state = np.zeros((len(along), 6))
     state[:, :2] = path.pose(along)[:, :2]
-    reference = TASK.reference(scenarios(len(along), {"waypoints": DOGLEG}), np.zeros(len(along), int), state)
-    steady, rate, later = TASK.yaw_rate(np.array(RADIUS)), reference[:, RATE_NOW], reference[:, RATE_AHEAD]
+    reference = TASK.reference(
+        scenarios(len(along), {"waypoints": DOGLEG}), np.zeros(len(along), int), state
+    )
+    steady, rate, later = (
+        TASK.yaw_rate(np.array(RADIUS)),
+        reference[:, RATE_NOW],
+        reference[:, RATE_AHEAD],
+    )
     begin = path.ends[0]
     assert rate.max() == pytest.approx(steady, rel=1e-9)
     assert (rate[along < begin - 77.0] == 0.0).all()
@@ -129,7 +140,7 @@ def test_a_turned_route_gives_the_same_flight(angle: float) -> None:
     np.testing.assert_allclose(first, second, rtol=1e-4)
 
 
-# --- flights ----------------------------------------------------------------------------------------
+# --- flights --------------------------------------------------------------------------------------
 
 
 def flown(policy: Any, rows: int, disturbance: str) -> tuple[np.ndarray, np.ndarray]:
@@ -148,7 +159,10 @@ def flown(policy: Any, rows: int, disturbance: str) -> tuple[np.ndarray, np.ndar
 def test_in_a_calm_the_autopilot_stays_within_a_metre_of_the_axis() -> None:
     """On the truth, a minute after a start on the axis: its integral has found the current and the wind by then."""
     system = replace(SIGMA_CHANNEL, task=Exact(SHIP, offset=0.0, error=0.0))
-    core, controller = Core(system, 32, estimator="truth", disturbance="calm"), make_controller("autopilot", system)
+    core, controller = (
+        Core(system, 32, estimator="truth", disturbance="calm"),
+        make_controller("autopilot", system),
+    )
     core.start(0)
     controller.reset(32)
     for step in range(500):
@@ -173,7 +187,8 @@ def test_nothing_but_keeping_to_the_channel_pays(policy: str, disturbance: str) 
 
 
 @pytest.mark.parametrize(
-    ("disturbance", "least"), [("calm", 0.85), ("moderate", 0.75), ("rough", 0.55), ("moderate quartering", 0.45)]
+    ("disturbance", "least"),
+    [("calm", 0.85), ("moderate", 0.75), ("rough", 0.55), ("moderate quartering", 0.45)],
 )
 def test_the_autopilot_arrives(disturbance: str, least: float) -> None:
     controller = make_controller("autopilot", SIGMA_CHANNEL)
@@ -185,7 +200,10 @@ def test_the_autopilot_arrives(disturbance: str, least: float) -> None:
 
 @pytest.mark.parametrize(
     ("system", "most"),
-    [(SIGMA_CHANNEL, 3.0 * TASK.dt * SHIP.speed / (TASK.leg * SHIP.length)), (SIGMA_CORVETTE, 200 * 0.06)],
+    [
+        (SIGMA_CHANNEL, 3.0 * TASK.dt * SHIP.speed / (TASK.leg * SHIP.length)),
+        (SIGMA_CORVETTE, 200 * 0.06),
+    ],
     ids=lambda value: getattr(value, "name", None),
 )
 def test_loitering_does_not_pay(system, most: float) -> None:
@@ -201,7 +219,9 @@ def test_loitering_does_not_pay(system, most: float) -> None:
     assert total.max() < most
 
 
-def scored(along: float, off: float, course: float = 0.0, turned_by: float = 0.0, farthest: float = 0.0) -> Any:
+def scored(
+    along: float, off: float, course: float = 0.0, turned_by: float = 0.0, farthest: float = 0.0
+) -> Any:
     """Reward and end of a ship at service speed in still water."""
     scenario, state = scenarios(1), np.zeros((1, 8))
     state[0, :2] = turned(np.array([along, off]), scenario[0, HEADING])
@@ -220,9 +240,14 @@ def test_a_perfect_step_is_worth_its_share_and_every_error_costs() -> None:
     assert scored(10.0, 0.0) == (pytest.approx(whole, rel=1e-9), "")
     assert scored(10.0, 7.0)[0] == pytest.approx(0.5 * whole, rel=1e-9)
     assert scored(10.0, 0.0, course=0.05)[0] == pytest.approx(0.85 * whole, rel=1e-9)
-    assert scored(10.0, 0.0, turned_by=0.5)[0] == pytest.approx(whole / (1.0 + 0.5 * (1.25 + 2.0)), rel=1e-9)
+    assert scored(10.0, 0.0, turned_by=0.5)[0] == pytest.approx(
+        whole / (1.0 + 0.5 * (1.25 + 2.0)), rel=1e-9
+    )
     assert scored(10.0, 0.0, farthest=10.0)[0] == 0.0
-    assert scored(length + 5.0, 0.0, farthest=length - 5.0) == (pytest.approx(5.0 / length, rel=1e-9), "arrived")
+    assert scored(length + 5.0, 0.0, farthest=length - 5.0) == (
+        pytest.approx(5.0 / length, rel=1e-9),
+        "arrived",
+    )
     for side in (-1.0, 1.0):
         assert scored(10.0, 27.9 * side)[1] == ""
         assert scored(10.0, 28.1 * side) == (0.0, "aground")
@@ -246,9 +271,14 @@ def test_bow_seas_raise_the_frequency_of_encounter_and_quartering_seas_lower_it(
         beta, w = seaway.direction - core.scenario[:, HEADING], 2.0 * np.pi / seaway.period
         met = np.abs(encounter_frequency(np.array(w), beta, np.array(SHIP.speed))).mean()
         assert (met > 1.5 * w) if name == sea else (met < 0.4 * w)
-        # The frequency below which half of the power is: to 0.03 rad/s in 200 s, and to a tenth with 16 seas drawn.
+        # The frequency below which half of the power is: to 0.03 rad/s in 200 s, and to a tenth
+        # with 16 seas drawn.
         power = (np.abs(np.fft.rfft(np.array(d) * np.hanning(400)[:, None], axis=0)) ** 2).mean(1)
-        middle = 2.0 * np.pi * np.fft.rfftfreq(400, TASK.dt)[np.searchsorted(power.cumsum(), 0.5 * power.sum())]
+        middle = (
+            2.0
+            * np.pi
+            * np.fft.rfftfreq(400, TASK.dt)[np.searchsorted(power.cumsum(), 0.5 * power.sum())]
+        )
         assert middle == pytest.approx(_middle(seaway, beta), rel=0.1, abs=0.05)
 
 
@@ -256,7 +286,9 @@ def _middle(seaway: Any, beta: np.ndarray) -> float:
     """Frequency of encounter [rad/s] below which half of the yaw increments' power is, by the spectral integral."""
     w, spectrum = (each[:, None] for each in seaway.waves.spectrum)
     met = np.abs(encounter_frequency(w, beta, np.array(SHIP.speed)))
-    yaw = np.sinc(0.5 * TASK.dt * met / np.pi) * np.abs(wave_response(SHIP, w, beta, SHIP.speed)[..., 1])
+    yaw = np.sinc(0.5 * TASK.dt * met / np.pi) * np.abs(
+        wave_response(SHIP, w, beta, SHIP.speed)[..., 1]
+    )
     order = met.ravel().argsort()
     power = (yaw**2 * spectrum).ravel()[order].cumsum()
     return float(met.ravel()[order][np.searchsorted(power, 0.5 * power[-1])])
@@ -267,7 +299,9 @@ def test_a_route_in_a_batch_flies_as_alone() -> None:
     seen, _ = batch.reset(seed=6, options={"waypoints": DOGLEG})
     alone = [gym.make("SigmaChannel-v0") for _ in range(3)]
     for row, env in enumerate(alone):
-        np.testing.assert_array_equal(env.reset(seed=6 + row, options={"waypoints": DOGLEG})[0], seen[row])
+        np.testing.assert_array_equal(
+            env.reset(seed=6 + row, options={"waypoints": DOGLEG})[0], seen[row]
+        )
     for action in np.random.default_rng(0).uniform(-0.2, 0.2, (60, 3, 1)).astype(np.float32):
         seen, rewards, *_ = batch.step(action)
         for row, env in enumerate(alone):
@@ -281,6 +315,8 @@ def test_the_mission_is_the_waypoints_in_the_frame_of_the_first_leg() -> None:
     mission = TASK.observe_mission(scenario, np.zeros(2, int), np.full((2, 1), SHIP.rudder_limit))
     assert mission.shape == (2, TASK.MISSION)
     expected = np.concatenate([DOGLEG[1:], DOGLEG[-1:].repeat(WAYPOINTS - len(DOGLEG), 0)])
-    np.testing.assert_allclose(mission[0, 1:].reshape(-1, 2), expected / (10.0 * SHIP.length), atol=1e-9)
+    np.testing.assert_allclose(
+        mission[0, 1:].reshape(-1, 2), expected / (10.0 * SHIP.length), atol=1e-9
+    )
     assert mission[0, 0] == 1.0
     assert scenario[0, LENGTH] == pytest.approx(route(DOGLEG, RADIUS)[1].length)

@@ -64,7 +64,9 @@ def test_the_nearest_point_is_nearest():
         sailed = over * SHIP.speed + scenario[SPEED] * (step * TASK.dt - over)
         guesses = np.linspace(max(sailed - 600.0, 0.0), sailed + 600.0, 241)
         near = guesses[np.argmin([distance(s) for s in guesses])]
-        along = minimize_scalar(distance, bounds=(max(near - 10.0, 0.0), near + 10.0), method="bounded").x
+        along = minimize_scalar(
+            distance, bounds=(max(near - 10.0, 0.0), near + 10.0), method="bounded"
+        ).x
         if along < 1.0:
             continue  # before the track begins, its straight goes on backwards
         assert abs(reference[OFF]) == pytest.approx(distance(along), abs=0.1)
@@ -86,7 +88,9 @@ def test_who_keeps_to_the_track_is_on_it_and_turns_at_the_commanded_rate():
         assert (reference[:, BELIEVED] == state[:, 2]).all()
     assert reference[:, RATE_NOW] == pytest.approx(scenario[:, 1], rel=1e-9)
     # In a turn to starboard the ship's head points inside of her track.
-    assert (np.sin(reference[:, WANTED] - reference[:, TRACK]) * np.sign(scenario[:, 1]) > 0.02).all()
+    assert (
+        np.sin(reference[:, WANTED] - reference[:, TRACK]) * np.sign(scenario[:, 1]) > 0.02
+    ).all()
 
 
 def test_courses_are_found_again_in_references():
@@ -96,7 +100,7 @@ def test_courses_are_found_again_in_references():
     assert TASK.scenario_of(reference) == pytest.approx(scenario, rel=1e-6)
 
 
-# --- what it is worth --------------------------------------------------------------------------------
+# --- what it is worth -----------------------------------------------------------------------------
 
 
 def flown(policy, rows: int, disturbance: str) -> np.ndarray:
@@ -127,7 +131,10 @@ def test_nothing_but_holding_the_track_pays(policy, disturbance):
 @pytest.mark.parametrize("estimator", ["truth", "kf-umv-ui"])
 def test_the_autopilot_holds_the_track(estimator):
     rows = 16
-    core, controller = Core(SIGMA_CORVETTE, rows, estimator=estimator), make_controller("autopilot", SIGMA_CORVETTE)
+    core, controller = (
+        Core(SIGMA_CORVETTE, rows, estimator=estimator),
+        make_controller("autopilot", SIGMA_CORVETTE),
+    )
     core.start(list(range(10_000, 10_000 + rows)))
     controller.reset(rows)
     for _ in range(TASK.horizon):
@@ -170,4 +177,6 @@ def test_a_perfect_step_is_worth_one_and_every_error_costs():
     turned[0, 2] = 0.05
     assert reward(turned) == pytest.approx(0.7, abs=0.02)
     full = SHIP.rudder_rate * TASK.dt
-    assert reward(rudder=full) == pytest.approx(1.0 / (1.0 + 1.25 + 2.0), abs=1e-3)  # travel, and half a reversal
+    assert reward(rudder=full) == pytest.approx(
+        1.0 / (1.0 + 1.25 + 2.0), abs=1e-3
+    )  # travel, and half a reversal

@@ -39,7 +39,7 @@ every_environment = pytest.mark.parametrize("env_id", OURS)
 AUV, SHIP = "SegorogeniAUV-v0", HEADING_SHIP.name
 
 
-# --- sensors and disturbances of one's own ----------------------------------------------------------
+# --- sensors and disturbances of one's own --------------------------------------------------------
 
 
 def slant(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
@@ -52,14 +52,22 @@ def slant(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
 def place(measurements: np.ndarray, known: Any) -> dict[str, np.ndarray]:
     distance, bearing, elevation = measurements[..., 0], measurements[..., 1], measurements[..., 2]
     level = distance * np.cos(elevation)
-    return {"x": level * np.cos(bearing), "y": level * np.sin(bearing), "z": distance * np.sin(elevation)}
+    return {
+        "x": level * np.cos(bearing),
+        "y": level * np.sin(bearing),
+        "z": distance * np.sin(elevation),
+    }
 
 
 USBL = Sensor(
     "USBL", ("slant range [m]", "bearing [rad]", "elevation [rad]"), slant, (0.1, 0.02, 0.02), rate=1.0, dropout=0.1,
     range=((1.0, 100.0), (-4.0, 4.0), (-2.0, 2.0)), angles=(1, 2), scale=(10.0, 1.0, 1.0), inverse=place,
 )  # fmt: skip
-WITHOUT_FIXES = [sensor for sensor in single_class(AUV).system.vehicle.sensors if sensor.name != "acoustic position"]
+WITHOUT_FIXES = [
+    sensor
+    for sensor in single_class(AUV).system.vehicle.sensors
+    if sensor.name != "acoustic position"
+]
 WITH_USBL = [*WITHOUT_FIXES, USBL]
 
 
@@ -101,7 +109,11 @@ def gyroscope(**bias: Any) -> list[Sensor]:
     """The nominal sensors, but for a bias of the gyroscope."""
     names = tuple(f"bias {name}" for name in "pqr")
     return [
-        replace(sensor, bias=Bias(names, scale=0.01, **bias)) if sensor.name == "gyroscope" else sensor
+        (
+            replace(sensor, bias=Bias(names, scale=0.01, **bias))
+            if sensor.name == "gyroscope"
+            else sensor
+        )
         for sensor in single_class(AUV).system.vehicle.sensors
     ]
 
@@ -117,11 +129,14 @@ BIASED = {
 _FAULT: dict[str, Any] = {"bias": 0.03, "loss": 0.2, "amplitude": 0.05, "start": 0.03, "walk": 0.02}
 FAULTS = [
     (AUV, Fault("stern plane", beside=single_class(AUV).system.disturbances["rough"], **_FAULT)),
-    ("PunaUAV-v0", Fault("bank", beside=single_class("PunaUAV-v0").system.disturbances["rough"], **_FAULT)),
+    (
+        "PunaUAV-v0",
+        Fault("bank", beside=single_class("PunaUAV-v0").system.disturbances["rough"], **_FAULT),
+    ),
 ]
 
 
-# --- the model is the world's -----------------------------------------------------------------------
+# --- the model is the world's ---------------------------------------------------------------------
 
 MET: dict[str, dict[str, Any]] = {
     env_id: {"disturbance": single_class(env_id).system.disturbances["rough"].modelled}
@@ -135,18 +150,33 @@ WORLDS: list[tuple[str, dict[str, Any]]] = [
         (
             env_id,
             MET.get(env_id, {})
-            | {"estimator_options": {"assume": {"as": "states"} | MET.get(env_id, {}), "model": "nonlinear"}},
+            | {
+                "estimator_options": {
+                    "assume": {"as": "states"} | MET.get(env_id, {}),
+                    "model": "nonlinear",
+                }
+            },
         )
         for env_id in DISTURBED
     ),
     *((AUV, {"sensors": sensors}) for sensors in (WITH_USBL, *BIASED.values())),
     *((AUV, {"disturbance": disturbance}) for disturbance in OWN.values()),
-    *((env_id, {"disturbance": fault, "estimator_options": {"assume": {"as": "states"}}}) for env_id, fault in FAULTS),
+    *(
+        (env_id, {"disturbance": fault, "estimator_options": {"assume": {"as": "states"}}})
+        for env_id, fault in FAULTS
+    ),
 ]
 every_world = pytest.mark.parametrize(
     ("env_id", "chosen"),
     WORLDS,
-    ids=[*DISTURBED, "USBL", *(f"{name} bias" for name in BIASED), *OWN, "faulty stern plane", "faulty bank"],
+    ids=[
+        *DISTURBED,
+        "USBL",
+        *(f"{name} bias" for name in BIASED),
+        *OWN,
+        "faulty stern plane",
+        "faulty bank",
+    ],
 )
 
 
@@ -159,8 +189,12 @@ def undisturbed(core: Core) -> None:
 
 @pytest.mark.slow
 @every_world
-def test_where_nothing_is_new_the_world_moves_and_is_read_as_the_filter_has_it(env_id: str, chosen: dict[str, Any]):
-    core = make_core(env_id, 5, seed=1, estimator="dead-reckoning", **({"disturbance": "rough"} | chosen))
+def test_where_nothing_is_new_the_world_moves_and_is_read_as_the_filter_has_it(
+    env_id: str, chosen: dict[str, Any]
+):
+    core = make_core(
+        env_id, 5, seed=1, estimator="dead-reckoning", **({"disturbance": "rough"} | chosen)
+    )
     core.reset()
     model = core.composition.model
     assert isinstance(model, NonlinearModel)
@@ -176,24 +210,36 @@ def test_where_nothing_is_new_the_world_moves_and_is_read_as_the_filter_has_it(e
         exact = core.sensors.exact(core.state, read, core.bias)
         np.testing.assert_allclose(model.measurement(before, None), exact, atol=1e-12)
         u = core.vehicle.known_input(
-            where, core.vehicle.actuate(where, action), core.task.commanded(core.scenario, core.steps)
+            where,
+            core.vehicle.actuate(where, action),
+            core.task.commanded(core.scenario, core.steps),
         )
         core.step(action)
-        np.testing.assert_allclose(core.estimated(core.truth), model.transition(before, u), rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(
+            core.estimated(core.truth), model.transition(before, u), rtol=1e-12, atol=1e-12
+        )
         assert np.abs(core.estimated(core.truth) - before).max() > 1e-3
 
 
 @pytest.mark.slow
 @every_world
-def test_what_is_new_in_the_world_has_the_covariance_that_the_filter_is_told(env_id: str, chosen: dict[str, Any]):
+def test_what_is_new_in_the_world_has_the_covariance_that_the_filter_is_told(
+    env_id: str, chosen: dict[str, Any]
+):
     rows, steps = 1000, 10
-    core = make_core(env_id, rows, seed=2, estimator="dead-reckoning", **({"disturbance": "rough"} | chosen))
-    core.reset(options={"obstacles": []} if env_id in ("PunaUAV-v0", "vessel_gym/FixedWing-v0") else None)
+    core = make_core(
+        env_id, rows, seed=2, estimator="dead-reckoning", **({"disturbance": "rough"} | chosen)
+    )
+    core.reset(
+        options={"obstacles": []} if env_id in ("PunaUAV-v0", "vessel_gym/FixedWing-v0") else None
+    )
     model, vehicle, fresh = core.composition.model, core.vehicle, []
     for _ in range(steps):
         before, where = core.estimated(core.truth), core.actuators
         idle = np.zeros((rows, core.action_size))
-        u = vehicle.known_input(where, vehicle.actuate(where, idle), core.task.commanded(core.scenario, core.steps))
+        u = vehicle.known_input(
+            where, vehicle.actuate(where, idle), core.task.commanded(core.scenario, core.steps)
+        )
         core.step(idle)
         fresh.append(core.estimated(core.truth) - model.transition(before, u))
     sample = np.concatenate(fresh)
@@ -203,8 +249,14 @@ def test_what_is_new_in_the_world_has_the_covariance_that_the_filter_is_told(env
     moving = np.diag(Q) > 1e-18
     scale = np.sqrt(np.where(moving, np.diag(Q), 0.0))
     np.testing.assert_allclose(sample[:, ~moving], 0.0, atol=1e-12)
-    found = sample[:, moving].T @ sample[:, moving] / len(sample) / np.outer(scale[moving], scale[moving])
-    # a covariance of 10,000 unit normals has a standard deviation of at most 1.5 / sqrt(10,000): 7 of them
+    found = (
+        sample[:, moving].T
+        @ sample[:, moving]
+        / len(sample)
+        / np.outer(scale[moving], scale[moving])
+    )
+    # a covariance of 10,000 unit normals has a standard deviation of at most 1.5 / sqrt(10,000): 7
+    # of them
     expected = Q[np.ix_(moving, moving)] / np.outer(scale[moving], scale[moving])
     np.testing.assert_allclose(found, expected, rtol=0, atol=7.0 * 1.5 / np.sqrt(len(sample)))
 
@@ -214,8 +266,12 @@ def test_what_is_new_in_the_world_has_the_covariance_that_the_filter_is_told(env
 def test_what_is_known_at_the_start_is_how_episodes_start(env_id: str, chosen: dict[str, Any]):
     """By chi-square of 2000 starts, false alarm 1e-6; dead reckoning believes what it is told and nothing else."""
     rows = 2000
-    core = make_core(env_id, rows, seed=3, estimator="dead-reckoning", **({"disturbance": "rough"} | chosen))
-    core.reset(options={"obstacles": []} if env_id in ("PunaUAV-v0", "vessel_gym/FixedWing-v0") else None)
+    core = make_core(
+        env_id, rows, seed=3, estimator="dead-reckoning", **({"disturbance": "rough"} | chosen)
+    )
+    core.reset(
+        options={"obstacles": []} if env_id in ("PunaUAV-v0", "vessel_gym/FixedWing-v0") else None
+    )
     n = len(core.composition.names)
     known = np.diagonal(core.belief.cov, axis1=-2, axis2=-1)[0] > 0.0
     error = core.estimated(core.truth) - core.belief.mean
@@ -227,12 +283,14 @@ def test_what_is_known_at_the_start_is_how_episodes_start(env_id: str, chosen: d
     assert known.sum() >= n - 3
 
 
-# --- biases -----------------------------------------------------------------------------------------
+# --- biases ---------------------------------------------------------------------------------------
 
 
 def fly(core: Core, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Steer gently: errors of all that the filter estimates ``(steps, rows, n)``, and their NEES ``(steps, rows)``."""
-    angles = tuple(i for i, name in enumerate(core.composition.names) if name in core.vehicle.angles)
+    angles = tuple(
+        i for i, name in enumerate(core.composition.names) if name in core.vehicle.angles
+    )
     errors, values = [], []
     for k in range(steps):
         core.step(np.tile([0.2 * np.sin(0.05 * k), 0.1, 0.0], (core.num_envs, 1)))
@@ -265,7 +323,7 @@ def test_a_filter_that_is_told_of_a_bias_finds_it_and_is_consistent(sensors: lis
     assert_consistent(core, values[20:])
 
 
-# --- a sensor of one's own --------------------------------------------------------------------------
+# --- a sensor of one's own ------------------------------------------------------------------------
 
 CARRIED_BY_AUV = [name for env_id, name in CARRIED if env_id == AUV]
 
@@ -277,14 +335,16 @@ def assert_smaller(one: np.ndarray, other: np.ndarray) -> None:
     assert difference.mean() - half > 0.0
 
 
-# --- a disturbance of one's own ---------------------------------------------------------------------
+# --- a disturbance of one's own -------------------------------------------------------------------
 
 
 @pytest.mark.slow
 @own_disturbances
 @pytest.mark.parametrize("how", ["states", "unknown-input", "process-noise"])
 @pytest.mark.parametrize("share", range(3))
-def test_a_disturbance_of_ones_own_works_with_every_estimator(disturbance: Disturbance, how: str, share: int):
+def test_a_disturbance_of_ones_own_works_with_every_estimator(
+    disturbance: Disturbance, how: str, share: int
+):
     """A third of the estimators in each case; they are refused where their condition is not met."""
     refused = dict.fromkeys(("kf", "kf-umv-ui-wdf", "ulise"), "LinearModel")
     unknown = "kf-umv-ui", "ekf-ui-wdf", "ukf-umv"
@@ -292,7 +352,12 @@ def test_a_disturbance_of_ones_own_works_with_every_estimator(disturbance: Distu
         refused |= dict.fromkeys(unknown, "an unknown input")
     for estimator in sorted({*CARRIED_BY_AUV, *refused, *unknown})[share::3]:
         told = {"assume": {"as": how}} | FEW_MEMBERS.get(estimator, {})
-        chosen = {"estimator": estimator, "estimator_options": told, "disturbance": disturbance, "observe": "mean+std"}
+        chosen = {
+            "estimator": estimator,
+            "estimator_options": told,
+            "disturbance": disturbance,
+            "observe": "mean+std",
+        }
         if estimator in refused:
             with pytest.raises(ValueError, match=f"{estimator} needs .*{refused[estimator]}"):
                 make_core(AUV, 3, **chosen)
@@ -303,12 +368,16 @@ def test_a_disturbance_of_ones_own_works_with_every_estimator(disturbance: Distu
         for _ in range(40):
             reward, _ = core.step(np.full((3, 3), 0.1))
             assert_sound(core, core.observe(), reward, core.info())
-        ambient_flows = not any(name.endswith("increment") for name in disturbance.forces)  # which are not d, but held
+        ambient_flows = not any(
+            name.endswith("increment") for name in disturbance.forces
+        )  # which are not d, but held
         held = len(disturbance.names) * (
             how == "states" or estimator == "truth" or (how == "unknown-input" and ambient_flows)
         )
         assert len(core.composition.names) == 12 + held
-        assert (core.belief.input_mean is not None) == (estimator in (*unknown, "truth", "measurement"))
+        assert (core.belief.input_mean is not None) == (
+            estimator in (*unknown, "truth", "measurement")
+        )
 
 
 @pytest.mark.slow
@@ -319,7 +388,7 @@ def test_an_ekf_that_is_told_of_a_disturbance_of_ones_own_is_consistent(disturba
     assert_consistent(core, fly(core, 120)[1][20:])
 
 
-# --- truth stays where it is ------------------------------------------------------------------------
+# --- truth stays where it is ----------------------------------------------------------------------
 
 LEAKS: list[tuple[str, dict[str, Any]]] = [
     (AUV, {"sensors": WITH_USBL, "estimator": "enkf"}),
@@ -329,14 +398,26 @@ LEAKS: list[tuple[str, dict[str, Any]]] = [
     (AUV, {"disturbance": OWN["sheared"], "estimator": "ukf"}),
     (
         AUV,
-        {"disturbance": OWN["swell"], "estimator": "ukf-umv", "estimator_options": {"assume": {"as": "unknown-input"}}},
+        {
+            "disturbance": OWN["swell"],
+            "estimator": "ukf-umv",
+            "estimator_options": {"assume": {"as": "unknown-input"}},
+        },
     ),
-    (SHIP, {"estimator": "kf", "estimator_options": {"assume": {"as": "states", "disturbance": "calm"}}}),
+    (
+        SHIP,
+        {
+            "estimator": "kf",
+            "estimator_options": {"assume": {"as": "states", "disturbance": "calm"}},
+        },
+    ),
     (
         "SigmaCorvette-v0",
         {
             "estimator": "ekf",
-            "estimator_options": {"assume": {"as": "process-noise", "Q": 2.0, "R": 0.5, "prior": 3.0}},
+            "estimator_options": {
+                "assume": {"as": "process-noise", "Q": 2.0, "R": 0.5, "prior": 3.0}
+            },
         },
     ),
 ]
@@ -344,7 +425,9 @@ LEAKS: list[tuple[str, dict[str, Any]]] = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "chosen"), LEAKS, ids=range(len(LEAKS)))
-def test_no_observation_changes_when_truth_does_with_parts_of_ones_own(env_id: str, chosen: dict[str, Any]):
+def test_no_observation_changes_when_truth_does_with_parts_of_ones_own(
+    env_id: str, chosen: dict[str, Any]
+):
     one, other, distance = observations_when_truth_is_altered(env_id, **chosen)
     assert_apart(distance)
     for mode in one:
@@ -352,17 +435,22 @@ def test_no_observation_changes_when_truth_does_with_parts_of_ones_own(env_id: s
         assert (np.ptp(one[mode], axis=0) > 0.01).any(), mode
 
 
-# --- assumptions of a filter ------------------------------------------------------------------------
+# --- assumptions of a filter ----------------------------------------------------------------------
 
 
 def told(env_id: str, rows: int = 2, estimator: str = "ekf", **chosen: Any) -> Core:
-    return make_core(env_id, rows, estimator=estimator, disturbance="rough", estimator_options={"assume": chosen})
+    return make_core(
+        env_id, rows, estimator=estimator, disturbance="rough", estimator_options={"assume": chosen}
+    )
 
 
 @every_environment
 @pytest.mark.parametrize("how", ["states", "unknown-input", "process-noise"])
 def test_factors_scale_what_they_say_and_nothing_else(env_id: str, how: str):
-    as_it_is, factored = told(env_id, **{"as": how}), told(env_id, **{"as": how}, Q=2.0, R=3.0, prior=5.0)
+    as_it_is, factored = (
+        told(env_id, **{"as": how}),
+        told(env_id, **{"as": how}, Q=2.0, R=3.0, prior=5.0),
+    )
     one, other = as_it_is.composition.model, factored.composition.model
     x, u = np.full((1, one.n), 0.5), as_it_is.vehicle.cruise[1]
     np.testing.assert_array_equal(resolve(other.Q, u), 2.0 * resolve(one.Q, u))
@@ -448,12 +536,16 @@ def test_told_as_white_is_the_variance_given_by_hand():
         np.testing.assert_allclose(one[key], other[key], rtol=0, atol=1e-12, err_msg=key)
     ignorant = flown(make_core(SHIP, 5, estimator="kf", disturbance="rough"))
     assert np.abs(one["estimate"] - ignorant["estimate"]).max() > 1e-3
-    with pytest.raises(ValueError, match=r"^only kf can assume a white input of known variance, not ekf: "):
+    with pytest.raises(
+        ValueError, match=r"^only kf can assume a white input of known variance, not ekf: "
+    ):
         told(SHIP, estimator="ekf", **{"as": "white-input"})
 
 
 def test_the_factor_on_what_enters_is_on_the_variance_of_a_white_input_too():
-    one, other = (told(SHIP, estimator="kf", Q=factor, **{"as": "white-input"}) for factor in (1.0, 3.0))
+    one, other = (
+        told(SHIP, estimator="kf", Q=factor, **{"as": "white-input"}) for factor in (1.0, 3.0)
+    )
     np.testing.assert_allclose(other.filter.input_cov, 3.0 * one.filter.input_cov, rtol=1e-15)
 
 
@@ -461,10 +553,12 @@ def test_the_factor_on_what_enters_is_on_the_variance_of_a_white_input_too():
 def test_a_filter_of_unknown_inputs_that_is_told_of_none_says_what_to_tell_it(estimator: str):
     for how in ("states", "process-noise"):
         sentence = (
-            f'^{estimator} needs an unknown input, but assumes Sea as "{how}": assume one with increments, with '
-            '{"as": "unknown-input"}, or choose another estimator$'
+            f'^{estimator} needs an unknown input, but assumes Sea as "{how}": assume one with'
+            ' increments, with {"as": "unknown-input"}, or choose another estimator$'
         )
-        assert_refused(lambda how=how: told(SHIP, estimator=estimator, **{"as": how}), ValueError, sentence)
+        assert_refused(
+            lambda how=how: told(SHIP, estimator=estimator, **{"as": how}), ValueError, sentence
+        )
 
 
 class SeaOfStates(Sea):
@@ -489,7 +583,8 @@ def test_the_unknown_input_is_the_same_whatever_filters_are_told_of_it():
 
 def test_told_as_noise_an_increment_is_white_and_a_state_when_its_step_has_ended():
     as_input, as_noise = (
-        told(SHIP, estimator="ekf", **{"as": how}).composition for how in ("unknown-input", "process-noise")
+        told(SHIP, estimator="ekf", **{"as": how}).composition
+        for how in ("unknown-input", "process-noise")
     )
     d = as_input.forces.increment_cov
     G, H = as_input.model.G, as_input.model.H
@@ -554,11 +649,15 @@ def test_the_composed_linear_model_is_that_of_the_ship_and_of_the_sea_beside_eac
     expected[:3, :3], expected[3:6, 3:6] = plain_model.A(u), sea.process.transition[:3, :3]
     expected[[2, 6], 3:6] = d
     np.testing.assert_allclose(model.A(u), expected, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(model.B(u), np.vstack([plain_model.B(u), np.zeros((4, 2))]), rtol=0, atol=1e-15)
-    np.testing.assert_allclose(model.C, [[0, 0, 1, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0, 1]], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        model.B(u), np.vstack([plain_model.B(u), np.zeros((4, 2))]), rtol=0, atol=1e-15
+    )
+    np.testing.assert_allclose(
+        model.C, [[0, 0, 1, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0, 1]], rtol=0, atol=1e-12
+    )
 
 
-# --- what is misdeclared ----------------------------------------------------------------------------
+# --- what is misdeclared --------------------------------------------------------------------------
 
 
 def disturbance(**attributes: Any) -> Disturbance:
@@ -591,7 +690,9 @@ MISDECLARED = [
 
 
 @pytest.mark.parametrize(("env_id", "mine", "sentence"), MISDECLARED, ids=range(len(MISDECLARED)))
-def test_a_disturbance_that_is_misdeclared_is_refused_in_one_sentence(env_id: str, mine: Disturbance, sentence: str):
+def test_a_disturbance_that_is_misdeclared_is_refused_in_one_sentence(
+    env_id: str, mine: Disturbance, sentence: str
+):
     for refused in (
         lambda: make_core(env_id, 1, disturbance=mine),
         lambda: make_core(env_id, 1, estimator_options={"assume": {"disturbance": mine}}),
@@ -621,8 +722,12 @@ WRONG_SENSORS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("env_id", "mine", "sentence"), WRONG_SENSORS, ids=range(len(WRONG_SENSORS)))
-def test_a_sensor_that_is_misdeclared_is_refused_in_one_sentence(env_id: str, mine: Sensor, sentence: str):
+@pytest.mark.parametrize(
+    ("env_id", "mine", "sentence"), WRONG_SENSORS, ids=range(len(WRONG_SENSORS))
+)
+def test_a_sensor_that_is_misdeclared_is_refused_in_one_sentence(
+    env_id: str, mine: Sensor, sentence: str
+):
     sensors = [*single_class(env_id).system.vehicle.sensors, mine]
     assert_refused(lambda: make_core(env_id, 1, sensors=sensors), ValueError, f"^{sentence}$")
 
@@ -631,26 +736,37 @@ def test_a_ball_that_outgrows_the_sensors_slowest_bias_is_warned_of_and_the_defa
     """A warning is an error in tests, so that the default, and any radius without biases, must give none."""
     assert make_core(AUV, 1, estimator="robust-kf", sensors="budget").filter.radius == 1e-6
     message = (
-        "^robust-kf with radius 0.01 enlarges variances by 0.14 of themselves a step, and the sensors' slowest bias"
+        "^robust-kf with radius 0.01 enlarges variances by 0.14 of themselves a step, and the"
+        " sensors' slowest bias"
     )
     with pytest.warns(UserWarning, match=message):
-        make_core(AUV, 1, estimator="robust-kf", sensors="budget", estimator_options={"radius": 0.01})
+        make_core(
+            AUV, 1, estimator="robust-kf", sensors="budget", estimator_options={"radius": 0.01}
+        )
     make_core(AUV, 1, estimator="robust-kf", sensors="budget", estimator_options={"radius": 0.0})
 
 
-CURRENT_METER = Sensor("current meter", ("north", "east"), lambda state, exogenous: exogenous[..., 1:3], (0.05, 0.05))
+CURRENT_METER = Sensor(
+    "current meter", ("north", "east"), lambda state, exogenous: exogenous[..., 1:3], (0.05, 0.05)
+)
 
 
 @pytest.mark.parametrize("how", ["states", "unknown-input"])
 @pytest.mark.parametrize("estimator", ["kf", "ekf"])
-def test_a_current_that_a_sensor_alone_shows_is_a_state_of_who_is_told_of_it(estimator: str, how: str):
+def test_a_current_that_a_sensor_alone_shows_is_a_state_of_who_is_told_of_it(
+    estimator: str, how: str
+):
     sensors = [*single_class(SHIP).system.vehicle.sensors, CURRENT_METER]
     options = {"assume": {"as": how}}
-    core = make_core(SHIP, 50, seed=14, estimator=estimator, estimator_options=options, sensors=sensors)
+    core = make_core(
+        SHIP, 50, seed=14, estimator=estimator, estimator_options=options, sensors=sensors
+    )
     core.reset()
     for _ in range(60):
         core.step(np.zeros((50, 1)))
-    current = [core.composition.names.index(f"current {direction}") for direction in ("north", "east")]
+    current = [
+        core.composition.names.index(f"current {direction}") for direction in ("north", "east")
+    ]
     error = core.belief.mean[:, current] - core.sea_state[:, -2:]
     cov = core.belief.cov[:, current][..., current]
     low, high = chi_square_band(50, 2, 1.0 - 1e-5)
@@ -659,29 +775,46 @@ def test_a_current_that_a_sensor_alone_shows_is_a_state_of_who_is_told_of_it(est
 
 @pytest.mark.filterwarnings("error")
 def test_a_sensor_may_read_what_has_no_value_at_rest():
-    drift = Sensor("vane", ("drift angle",), lambda state, exogenous: state[..., 4:5] / state[..., 3:4], (0.01,))
+    drift = Sensor(
+        "vane",
+        ("drift angle",),
+        lambda state, exogenous: state[..., 4:5] / state[..., 3:4],
+        (0.01,),
+    )
     sensors = [*single_class(SHIP).system.vehicle.sensors, drift]
     for chosen in ({}, {"assume": {"as": "process-noise"}}, {"assume": {"as": "states"}}):
         make_core(SHIP, 1, estimator="ekf", estimator_options=chosen, sensors=sensors).reset()
 
 
 def test_what_is_told_as_white_by_itself_concerns_none_that_has_no_model():
-    mine = type("Mine", (Sea,), {"assumed_as": "white-input"})(wave=0.01, peak=0.8, gust=0.002, current=0.3)
+    mine = type("Mine", (Sea,), {"assumed_as": "white-input"})(
+        wave=0.01, peak=0.8, gust=0.002, current=0.3
+    )
     for estimator in ("kf", "truth", "measurement", "dead-reckoning"):
         make_core(SHIP, 1, estimator=estimator, disturbance=mine).reset()
-    assert_refused(lambda: make_core(SHIP, 1, estimator="ekf", disturbance=mine), ValueError, "^only kf can assume")
+    assert_refused(
+        lambda: make_core(SHIP, 1, estimator="ekf", disturbance=mine),
+        ValueError,
+        "^only kf can assume",
+    )
 
 
 def test_a_current_that_nobody_is_told_of_may_be_read_by_who_does_without_a_model_of_measurements():
     sensors = [*single_class(SHIP).system.vehicle.sensors, CURRENT_METER]
-    noise = type("Noise", (Sea,), {"assumed_as": "process-noise"})(wave=0.01, peak=0.8, gust=0.002, current=0.3)
+    noise = type("Noise", (Sea,), {"assumed_as": "process-noise"})(
+        wave=0.01, peak=0.8, gust=0.002, current=0.3
+    )
     chosen: dict[str, Any] = {"sensors": sensors, "disturbance": noise}
     for estimator in ("truth", "measurement", "dead-reckoning"):
-        make_core(SHIP, 1, estimator=estimator, observe="measurement", guidance=True, **chosen).reset()
-    make_core(SHIP, 1, estimator="kf", estimator_options={"assume": {"as": "process-noise"}}, **chosen)  # who insists
+        make_core(
+            SHIP, 1, estimator=estimator, observe="measurement", guidance=True, **chosen
+        ).reset()
+    make_core(
+        SHIP, 1, estimator="kf", estimator_options={"assume": {"as": "process-noise"}}, **chosen
+    )  # who insists
     sentence = (
-        '^current meter reads current north, of which a filter knows nothing that assumes Noise as "process-noise": '
-        'assume it with {"as": "states"}, or leave it out$'
+        "^current meter reads current north, of which a filter knows nothing that assumes Noise as"
+        ' "process-noise": assume it with {"as": "states"}, or leave it out$'
     )
     assert_refused(lambda: make_core(SHIP, 1, estimator="kf", **chosen), ValueError, sentence)
 
@@ -689,21 +822,38 @@ def test_a_current_that_nobody_is_told_of_may_be_read_by_who_does_without_a_mode
 def test_a_sensor_that_is_not_linear_is_refused_by_linear_filters_alone():
     squared = sensor(lambda state, exogenous: state[..., [2, 2]] ** 2)
     sensors = [*single_class(SHIP).system.vehicle.sensors, squared]
-    sentence = "^mine is not linear in what the filter estimates: choose a filter for nonlinear models$"
+    sentence = (
+        "^mine is not linear in what the filter estimates: choose a filter for nonlinear models$"
+    )
     assert_refused(lambda: make_core(SHIP, 1, sensors=sensors), ValueError, sentence)
     make_core(SHIP, 1, sensors=sensors, estimator="ekf").reset()
 
 
 SEAS = "calm, moderate, rough"
 WRONGLY_TOLD = [
-    ({"sea": "calm"}, TypeError, "unknown key of assume 'sea': choose from disturbance, as, Q, R, prior"),
+    (
+        {"sea": "calm"},
+        TypeError,
+        "unknown key of assume 'sea': choose from disturbance, as, Q, R, prior",
+    ),
     ("calm", TypeError, "assume must be a dictionary of values by name, or None, got 'calm'"),
-    ({"disturbance": "hurricane"}, ValueError, f"unknown disturbance 'hurricane': choose from {SEAS}"),
-    ({"disturbance": 3}, TypeError, f"disturbance must be one of {SEAS}, or a Disturbance object, got 3"),
+    (
+        {"disturbance": "hurricane"},
+        ValueError,
+        f"unknown disturbance 'hurricane': choose from {SEAS}",
+    ),
+    (
+        {"disturbance": 3},
+        TypeError,
+        f"disturbance must be one of {SEAS}, or a Disturbance object, got 3",
+    ),
     (
         {"as": "state"},
         ValueError,
-        "unknown way to assume a disturbance .state. .* choose from states, unknown-input, white-input, process-noise",
+        (
+            "unknown way to assume a disturbance .state. .* choose from states, unknown-input,"
+            " white-input, process-noise"
+        ),
     ),
     ({"Q": 0.0}, ValueError, "Q of assume must be a factor above 0, got 0.0"),
     ({"R": np.eye(2)}, ValueError, "R of assume must be a factor above 0, got .*"),
@@ -711,9 +861,15 @@ WRONGLY_TOLD = [
 
 
 @pytest.mark.parametrize(("wrong", "kind", "sentence"), WRONGLY_TOLD, ids=range(len(WRONGLY_TOLD)))
-def test_what_cannot_be_told_is_refused_in_one_sentence(wrong: Any, kind: type[Exception], sentence: str):
+def test_what_cannot_be_told_is_refused_in_one_sentence(
+    wrong: Any, kind: type[Exception], sentence: str
+):
     options = {"assume": wrong}
-    assert_refused(lambda: make_core(SHIP, 1, estimator="ekf", estimator_options=options), kind, f"^{sentence}$")
+    assert_refused(
+        lambda: make_core(SHIP, 1, estimator="ekf", estimator_options=options),
+        kind,
+        f"^{sentence}$",
+    )
     assert options == {"assume": wrong}
 
 
@@ -722,11 +878,18 @@ def test_a_kalman_filter_that_is_told_of_a_white_increment_is_exact_in_each_way_
     shaken = {"names": (), "forces": (), "process": Process.joined(), "dt": 0.5, "white_increments": ("yaw increment",),
               "white": np.array([[0.009]])}  # fmt: skip
     mine = disturbance(**shaken, assumed_as="unknown-input")
-    np.testing.assert_allclose(Forces(single_class(SHIP).system.vehicle, mine).increment_cov, [[0.009**2]])
-    errors, ways = [], [("kf", how) for how in ("white-input", "states", "process-noise", "unknown-input")]
+    np.testing.assert_allclose(
+        Forces(single_class(SHIP).system.vehicle, mine).increment_cov, [[0.009**2]]
+    )
+    errors, ways = (
+        [],
+        [("kf", how) for how in ("white-input", "states", "process-noise", "unknown-input")],
+    )
     for estimator, how in (*ways, ("kf-umv-ui", "unknown-input")):
         options = {"assume": {"as": how}}
-        core = make_core(SHIP, 32, seed=13, estimator=estimator, estimator_options=options, disturbance=mine)
+        core = make_core(
+            SHIP, 32, seed=13, estimator=estimator, estimator_options=options, disturbance=mine
+        )
         seen = flown(core, 100)
         errors.append(np.sqrt(np.mean((seen["estimate"][..., 2] - seen["truth"][..., 2]) ** 2, 0)))
     np.testing.assert_allclose(errors[1:3], errors[:1] * 2, rtol=1e-9)
@@ -748,7 +911,9 @@ def test_an_effect_that_begins_somewhere_else_than_where_one_cruises_is_not_forg
     """Below 1 m, or only in some direction of its state: the filter that is told of it holds it all."""
     for effect in (
         lambda self, z, state: z * (state[..., 8:9] > 1.0),
-        lambda self, z, state: np.stack([z[..., 0] * np.cos(z[..., 1]), z[..., 0] * np.sin(z[..., 1])], -1),
+        lambda self, z, state: np.stack(
+            [z[..., 0] * np.cos(z[..., 1]), z[..., 0] * np.sin(z[..., 1])], -1
+        ),
     ):
         core = make_core(AUV, 1, estimator="ekf", disturbance=disturbance(effect=effect))
         assert core.composition.estimated.tolist() == [0, 1]
@@ -761,7 +926,9 @@ def test_a_measurement_that_is_no_number_has_not_come():
         return np.where(state[..., :1] > 0.1, np.nan, state[..., 8:9])  # when under way
 
     broken = Sensor("echo", ("z",), echo, (0.1,))
-    core = make_core(AUV, 2, observe="measurement", sensors=[*single_class(AUV).system.vehicle.sensors, broken])
+    core = make_core(
+        AUV, 2, observe="measurement", sensors=[*single_class(AUV).system.vehicle.sensors, broken]
+    )
     core.reset()
     core.step(np.zeros((2, core.action_size)))
     assert not core.measurements[1][:, -1].any()

@@ -68,15 +68,21 @@ every_estimator = pytest.mark.parametrize(("env_id", "estimator"), SPREAD)
 every_estimator_and_mode = pytest.mark.parametrize(
     ("env_id", "estimator", "observe"),
     [(*pair, "mean+std") for pair in SPREAD]
-    + [(key, single_class(key).system.estimator, mode) for key in ENVIRONMENTS for mode in ("mean", "measurement")],
+    + [
+        (key, single_class(key).system.estimator, mode)
+        for key in ENVIRONMENTS
+        for mode in ("mean", "measurement")
+    ],
 )
 
 
-# --- the checkers of others -------------------------------------------------------------------------
+# --- the checkers of others -----------------------------------------------------------------------
 
 
 @every_estimator_and_mode
-def test_gymnasium_and_stable_baselines3_find_nothing_to_warn_of(env_id: str, estimator: str, observe: str):
+def test_gymnasium_and_stable_baselines3_find_nothing_to_warn_of(
+    env_id: str, estimator: str, observe: str
+):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     env = gym.make(env_id, estimator=estimator, observe=observe)
     checker.check_env(env.unwrapped, warn=True)
@@ -87,16 +93,24 @@ def test_gymnasium_and_stable_baselines3_find_nothing_to_warn_of(env_id: str, es
 
 @pytest.mark.slow
 @every_environment
-def test_gymnasium_finds_nothing_to_warn_of_in_the_pictures(env_id: str, monkeypatch: pytest.MonkeyPatch):
+def test_gymnasium_finds_nothing_to_warn_of_in_the_pictures(
+    env_id: str, monkeypatch: pytest.MonkeyPatch
+):
     pytest.importorskip("pygame")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     check_env(gym.make(env_id, render_mode="rgb_array").unwrapped)
 
 
-@pytest.mark.parametrize(("env_id", "estimator"), [(key, name) for key, names in REFUSED.items() for name in names])
-def test_a_filter_that_the_model_cannot_carry_is_refused_with_its_condition(env_id: str, estimator: str):
+@pytest.mark.parametrize(
+    ("env_id", "estimator"), [(key, name) for key, names in REFUSED.items() for name in names]
+)
+def test_a_filter_that_the_model_cannot_carry_is_refused_with_its_condition(
+    env_id: str, estimator: str
+):
     for make in (gym.make, gym.make_vec):
-        with pytest.raises(ValueError, match=f"{estimator} needs .*{REFUSED.get(env_id, {})[estimator]}"):
+        with pytest.raises(
+            ValueError, match=f"{estimator} needs .*{REFUSED.get(env_id, {})[estimator]}"
+        ):
             make(env_id, estimator=estimator)
 
 
@@ -122,18 +136,21 @@ for heavy in ("torch", "stable_baselines3", "pygame", "matplotlib", "agents"):
     assert done.stdout == ""
 
 
-# --- one batch, many single environments ------------------------------------------------------------
+# --- one batch, many single environments ----------------------------------------------------------
 
 
 ARRIVED = ("arrived", "missed the goal", "docked")
 """Ends of a mission that was flown to its end."""
 
 
-def fly_both(env_id: str, seeds: int | list[int], listed: list[int], steps: int, **options: Any) -> dict[str, int]:
+def fly_both(
+    env_id: str, seeds: int | list[int], listed: list[int], steps: int, **options: Any
+) -> dict[str, int]:
     """Fly a batch and its single environments with the same actions, and compare everything at every step.
 
-    Even rows follow the autopilot with noise on its actions and live to the time limit, or until they arrive; odd rows
-    take random actions that lean to one side and end early, at times of their own.
+    Even rows follow the autopilot with noise on its actions and live to the time limit, or until
+    they arrive; odd rows take random actions that lean to one side and end early, at times of their
+    own.
     """
     batch = make_batch(env_id, len(listed), **options)
     singles = [gym.make(env_id, disable_env_checker=True, **options) for _ in listed]
@@ -149,7 +166,9 @@ def fly_both(env_id: str, seeds: int | list[int], listed: list[int], steps: int,
     counts = {"terminated": 0, "truncated": 0, "arrived": 0, "staggered": 0}
     for _ in range(steps):
         random = next(walk)
-        actions = np.where(guided[:, None], np.clip(controller.act(observations) + 0.3 * random, -1.0, 1.0), random)
+        actions = np.where(
+            guided[:, None], np.clip(controller.act(observations) + 0.3 * random, -1.0, 1.0), random
+        )
         actions = actions.astype(np.float32)
         observations, rewards, terminated, truncated, info = batch.step(actions)
         done = terminated | truncated
@@ -164,7 +183,9 @@ def fly_both(env_id: str, seeds: int | list[int], listed: list[int], steps: int,
             assert abs(rewards[i] - reward) <= EXACT
             assert (terminated[i], truncated[i]) == (ended, cut)
             if ended or cut:
-                assert_same_tree(info["final_obs"][i], observation, f"last observation of row {i}", EXACT)
+                assert_same_tree(
+                    info["final_obs"][i], observation, f"last observation of row {i}", EXACT
+                )
                 assert_same_row(info["final_info"], single_info, i)
                 observation, single_info = env.reset()
             assert_same_tree(observations[i], observation, f"observation of row {i}", EXACT)
@@ -180,12 +201,16 @@ def assert_same_row(info: dict[str, Any], single: dict[str, Any], row: int) -> N
         if isinstance(value, str):
             assert listed[key] == value, key
         elif not np.array_equal(listed[key], value):
-            np.testing.assert_allclose(listed[key], value, rtol=0, atol=0.0 if key in NATURE else EXACT, err_msg=key)
+            np.testing.assert_allclose(
+                listed[key], value, rtol=0, atol=0.0 if key in NATURE else EXACT, err_msg=key
+            )
 
 
 @pytest.mark.slow
 @every_estimator
-def test_environment_i_of_a_batch_is_the_single_environment_seeded_s_plus_i(env_id: str, estimator: str):
+def test_environment_i_of_a_batch_is_the_single_environment_seeded_s_plus_i(
+    env_id: str, estimator: str
+):
     rows, steps, limit = 4, *((520, 220) if at_sea(env_id) else (220, 100))
     counts = fly_both(
         env_id, 18, [18 + i for i in range(rows)], steps, max_episode_steps=limit, estimator=estimator,
@@ -224,18 +249,24 @@ def test_environments_that_nobody_seeded_differ(env_id: str):
     assert len(np.unique(np.concatenate([first, again]), axis=0)) == 6
 
 
-# --- swapping the estimator -------------------------------------------------------------------------
+# --- swapping the estimator -----------------------------------------------------------------------
 
 
-def fly_reacting(env_id: str, quiet: bool, steps: int, **options: Any) -> dict[tuple, dict[str, np.ndarray]]:
+def fly_reacting(
+    env_id: str, quiet: bool, steps: int, **options: Any
+) -> dict[tuple, dict[str, np.ndarray]]:
     """Every episode ``(row, number)`` of a batch whose agent reacts to what it sees: what nature did in it."""
     cls = vector_class(env_id)
     rows = 6
     env = cls(num_envs=rows, max_episode_steps=75, autoreset_mode="SameStep", **options)
     if quiet:
-        was = env.core.config.world  # which others share; the filter takes its sensors for what they were
+        was = (
+            env.core.config.world
+        )  # which others share; the filter takes its sensors for what they were
         sensors = silent(env.core.sensors)
-        env.core.config.world = World(was.vehicle, was.forces, was.disturbance, sensors, was.task, was.users)
+        env.core.config.world = World(
+            was.vehicle, was.forces, was.disturbance, sensors, was.task, was.users
+        )
     rng = np.random.default_rng(2)
     weights = rng.normal(0.0, 1.0, (rows, env.core.observation_size, env.core.action_size))
     series: dict[tuple, dict[str, list[np.ndarray]]] = {}
@@ -259,7 +290,10 @@ def fly_reacting(env_id: str, quiet: bool, steps: int, **options: Any) -> dict[t
         for row in np.flatnonzero(terminated | truncated):
             keep(row, info["final_info"])
             number[row] += 1
-    return {key: {name: np.stack(values) for name, values in episode.items()} for key, episode in series.items()}
+    return {
+        key: {name: np.stack(values) for name, values in episode.items()}
+        for key, episode in series.items()
+    }
 
 
 @pytest.mark.slow
@@ -275,9 +309,13 @@ def test_swapping_the_estimator_leaves_nature_as_it_was_in_every_episode(env_id:
     reference = fly_reacting(env_id, quiet, estimator=names[0], **options)
     elsewhere = 0
     for name in names[1:]:
-        other = fly_reacting(env_id, quiet, estimator=name, estimator_options=FEW_MEMBERS.get(name), **options)
+        other = fly_reacting(
+            env_id, quiet, estimator=name, estimator_options=FEW_MEMBERS.get(name), **options
+        )
         common = set(reference) & set(other)
-        lengths = np.array([(len(reference[key]["truth"]), len(other[key]["truth"])) for key in sorted(common)])
+        lengths = np.array(
+            [(len(reference[key]["truth"]), len(other[key]["truth"])) for key in sorted(common)]
+        )
         # six rows, four episodes and more; the last of a row may have only begun
         assert (lengths.min(-1) > 1).sum() >= 6 * 4
         different = 0
@@ -285,16 +323,19 @@ def test_swapping_the_estimator_leaves_nature_as_it_was_in_every_episode(env_id:
             one, two = reference[key], other[key]
             for what in same:
                 k = min(len(one[what]), len(two[what]))
-                np.testing.assert_array_equal(one[what][:k], two[what][:k], err_msg=f"{what} with {name} in {key}")
+                np.testing.assert_array_equal(
+                    one[what][:k], two[what][:k], err_msg=f"{what} with {name} in {key}"
+                )
             k = min(len(one["truth"]), len(two["truth"]))
             different += not np.array_equal(one["truth"][:k], two["truth"][:k])
         assert different > len(common) / 2  # the agents did react to another estimator
         elsewhere += int((lengths[:, 0] != lengths[:, 1]).sum())
-    # and episodes ended at other times, but for ships, most of which random agents keep until time is up
+    # and episodes ended at other times, but for ships, most of which random agents keep until time
+    # is up
     assert at_sea(env_id) or elsewhere > 3 * (len(names) - 1)
 
 
-# --- truth never reaches an observation -------------------------------------------------------------
+# --- truth never reaches an observation -----------------------------------------------------------
 
 
 @pytest.mark.parametrize(("env_id", "estimator"), [pair for pair in SPREAD if pair[1] != "truth"])
@@ -306,7 +347,9 @@ def test_the_observation_does_not_change_when_truth_does(env_id: str, estimator:
     assert_apart(distance)
     for mode in MODES:
         np.testing.assert_array_equal(one[mode], other[mode], err_msg=mode)
-        assert (np.ptp(one[mode], axis=0)[:, :2].max(0) > 0.1).all(), mode  # and there was something to see
+        assert (np.ptp(one[mode], axis=0)[:, :2].max(0) > 0.1).all(), (
+            mode
+        )  # and there was something to see
 
 
 @every_environment
@@ -325,7 +368,9 @@ def test_raw_measurements_do_not_change_when_truth_does_not_even_beside_the_orac
     [{"observe": "measurement", "estimator": "truth", "guidance": True}, {"guidance": False}],
     ids=["guided by measurements", "unguided"],
 )
-def test_what_guides_and_what_ends_do_not_change_what_is_seen_when_truth_does(env_id: str, options: dict[str, Any]):
+def test_what_guides_and_what_ends_do_not_change_what_is_seen_when_truth_does(
+    env_id: str, options: dict[str, Any]
+):
     one, other, distance = observations_when_truth_is_altered(env_id, sensors="degraded", **options)
     assert_apart(distance)
     for mode, seen in one.items():
@@ -335,7 +380,9 @@ def test_what_guides_and_what_ends_do_not_change_what_is_seen_when_truth_does(en
 
 def told_the_position(monkeypatch: pytest.MonkeyPatch) -> None:
     class Leaking(Mission):
-        def begin(self, scenario: np.ndarray, steps: np.ndarray, mean: np.ndarray, *others: np.ndarray) -> Any:
+        def begin(
+            self, scenario: np.ndarray, steps: np.ndarray, mean: np.ndarray, *others: np.ndarray
+        ) -> Any:
             _, state, _ = others
             mean = np.concatenate([state[:, self.based], mean[:, len(self.based) :]], -1)
             return Mission.begin(self, scenario, steps, mean, *others)
@@ -386,7 +433,10 @@ def guided_from_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 def test_a_leak_of_position_bias_or_guidance_would_be_seen(
-    env_id: str, leak: Callable[[pytest.MonkeyPatch], None], options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+    env_id: str,
+    leak: Callable[[pytest.MonkeyPatch], None],
+    options: dict[str, Any],
+    monkeypatch: pytest.MonkeyPatch,
 ):
     """The tests above can fail."""
     leak(monkeypatch)
@@ -397,7 +447,9 @@ def test_a_leak_of_position_bias_or_guidance_would_be_seen(
 
 @every_environment
 def test_the_oracle_alone_follows_the_altered_truth(env_id: str):
-    one, other, _ = observations_when_truth_is_altered(env_id, estimator="truth", sensors="degraded")
+    one, other, _ = observations_when_truth_is_altered(
+        env_id, estimator="truth", sensors="degraded"
+    )
     for mode in ("mean", "mean+std"):
         assert (one[mode] != other[mode]).any(-1).all(), mode
 
@@ -426,10 +478,17 @@ def test_nothing_that_estimates_takes_the_truth():
     }
     for name, parameters in allowed.items():
         assert list(inspect.signature(getattr(Loop, name)).parameters) == parameters, name
-    assert {field.name for field in fields(Estimate)} == {"state", "flow", "input_mean", "sd", "input_sd", "scale"}
+    assert {field.name for field in fields(Estimate)} == {
+        "state",
+        "flow",
+        "input_mean",
+        "sd",
+        "input_sd",
+        "scale",
+    }
 
 
-# --- what comes out ---------------------------------------------------------------------------------
+# --- what comes out -------------------------------------------------------------------------------
 
 
 def scribble(tree: Any) -> None:
@@ -471,7 +530,11 @@ def test_writing_to_what_was_handed_out_does_not_change_the_future(env_id: str, 
     options |= {"sensors": "degraded", "observe": "mean+std"}
     for batch_rows in (1, 3):
         envs = [
-            gym.make(env_id, **options) if batch_rows == 1 else make_batch(env_id, batch_rows, **options)
+            (
+                gym.make(env_id, **options)
+                if batch_rows == 1
+                else make_batch(env_id, batch_rows, **options)
+            )
             for _ in range(2)
         ]
         one, other = fly(envs[0], False), fly(envs[1], True)
@@ -483,7 +546,9 @@ def test_writing_to_what_was_handed_out_does_not_change_the_future(env_id: str, 
 @every_estimator
 def test_what_was_handed_out_does_not_change_later(env_id: str, estimator: str):
     options = {"estimator": estimator, "estimator_options": FEW_MEMBERS.get(estimator)}
-    env = make_batch(env_id, 3, max_episode_steps=40, sensors="degraded", disturbance="rough", **options)
+    env = make_batch(
+        env_id, 3, max_episode_steps=40, sensors="degraded", disturbance="rough", **options
+    )
     kept = [env.reset(seed=3)]
     copies = [copy_tree(kept[0])]
     walk = random_walk(3, 3, env.single_action_space.shape[0])
@@ -514,7 +579,9 @@ def test_info_holds_the_truth_that_the_environment_holds(env_id: str):
         for name, value in zip(names, values[0], strict=True):
             assert column.get(name, value) == value, name
     assert set(core.vehicle.state_names) | set(core.sensors.bias_names) <= set(column)
-    assert core.forces.disturbance.assumed_as != "states" or set(core.forces.disturbance.names) <= set(column)
+    assert core.forces.disturbance.assumed_as != "states" or set(
+        core.forces.disturbance.names
+    ) <= set(column)
 
 
 @every_environment
@@ -523,7 +590,10 @@ def test_info_holds_the_parameters_that_an_episode_s_truth_has(env_id: str):
     nominal = vehicle.parameters(0.0, np.zeros((1, vehicle.normals)))[0]
     assert nominal.shape == (len(vehicle.parameter_names),)
     for mismatch in (0.0, 0.2):
-        batch, single = make_batch(env_id, 3, mismatch=mismatch), gym.make(env_id, mismatch=mismatch)
+        batch, single = (
+            make_batch(env_id, 3, mismatch=mismatch),
+            gym.make(env_id, mismatch=mismatch),
+        )
         action = np.zeros(single.action_space.shape)
         episodes = []
         for seed in (5, None):
@@ -554,7 +624,9 @@ def test_the_docstring_says_what_every_key_of_info_is(env_id: str):
 def test_the_score_is_the_sum_of_rewards_over_that_of_a_perfect_episode(env_id: str):
     env = make_batch(env_id, 5, disturbance="rough")
     task = env.unwrapped.core.task
-    assert task.horizon <= gym.spec(env_id).max_episode_steps  # of any vehicle: room for the longest
+    assert (
+        task.horizon <= gym.spec(env_id).max_episode_steps
+    )  # of any vehicle: room for the longest
     total = np.zeros(5)
     env.reset(seed=2)
     walk = random_walk(2, 5, env.single_action_space.shape[0])
@@ -572,17 +644,21 @@ def test_the_score_is_the_sum_of_rewards_over_that_of_a_perfect_episode(env_id: 
     assert ended >= 3
 
 
-# --- robustness -------------------------------------------------------------------------------------
+# --- robustness -----------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
 @every_environment
 @pytest.mark.parametrize("steps", [2_000, pytest.param(SOAK_STEPS, marks=pytest.mark.nightly)])
-def test_random_actions_leave_everything_finite_and_in_bounds(env_id: str, steps: int, monkeypatch: pytest.MonkeyPatch):
+def test_random_actions_leave_everything_finite_and_in_bounds(
+    env_id: str, steps: int, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setitem(SUITES, "broken", BROKEN)
     seen = soak(env_id, steps, turns=1 if steps == SOAK_STEPS else 2)
     assert seen.steps >= steps
-    if steps == SOAK_STEPS:  # in the two dozen steps a filter of the selection, rounding decides how many end
+    if (
+        steps == SOAK_STEPS
+    ):  # in the two dozen steps a filter of the selection, rounding decides how many end
         assert seen.ended >= (1 if at_sea(env_id) else 51)
     assert seen.missing > 0.1 * seen.steps
 
@@ -596,7 +672,9 @@ def test_even_the_most_mismatched_vehicle_stays_in_one_piece(env_id: str):
     core = make_core(env_id, rows, estimator_options=few, mismatch=0.25, disturbance="calm")
     core.reset()
     rng = np.random.default_rng(0)
-    core.now.parameters = core.vehicle.parameters(0.25, rng.choice([-9.0, 9.0], (rows, core.vehicle.normals)))
+    core.now.parameters = core.vehicle.parameters(
+        0.25, rng.choice([-9.0, 9.0], (rows, core.vehicle.normals))
+    )
     start = np.abs(core.truth).max(0)
     for step in range(240):
         reward, _ = core.step(np.full((rows, core.action_size), 1.0 if step % 160 < 80 else -1.0))
@@ -613,7 +691,9 @@ ABSURD = np.array([0.0, np.nan, np.inf, -np.inf, 1e300, -1e300, 5e-324])
 @every_pair
 def test_absurd_measurements_raise_nothing_and_leave_no_trace_of_nan(env_id: str, estimator: str):
     rows = len(ABSURD)
-    core = make_core(env_id, rows, seed=1, estimator=estimator, estimator_options=FEW_MEMBERS.get(estimator))
+    core = make_core(
+        env_id, rows, seed=1, estimator=estimator, estimator_options=FEW_MEMBERS.get(estimator)
+    )
 
     def check(reward: np.ndarray | None) -> None:
         info = core.info()
@@ -621,7 +701,10 @@ def test_absurd_measurements_raise_nothing_and_leave_no_trace_of_nan(env_id: str
             assert_sound(core, observation, reward, info)
 
     p = core.sensors.size
-    absurd = np.repeat(ABSURD[:, None], p, axis=1), np.repeat(np.arange(rows)[:, None] > 0, p, axis=1)
+    absurd = (
+        np.repeat(ABSURD[:, None], p, axis=1),
+        np.repeat(np.arange(rows)[:, None] > 0, p, axis=1),
+    )
     rng = np.random.default_rng(1)
     core.reset(measurements=absurd)
     check(None)
@@ -639,10 +722,17 @@ def test_absurd_measurements_raise_nothing_and_leave_no_trace_of_nan(env_id: str
 
 @pytest.mark.slow
 @every_pair
-def test_an_estimate_that_has_run_away_raises_nothing_and_leaves_no_trace_of_nan(env_id: str, estimator: str):
+def test_an_estimate_that_has_run_away_raises_nothing_and_leaves_no_trace_of_nan(
+    env_id: str, estimator: str
+):
     scales = np.array([1e3, 1e30, 1e150, 1e300])[:, None]  # one for each row
     few = FEW_MEMBERS.get(estimator)
-    options = {"estimator": estimator, "estimator_options": few, "observe": "mean+std", "sensors": "degraded"}
+    options = {
+        "estimator": estimator,
+        "estimator_options": few,
+        "observe": "mean+std",
+        "sensors": "degraded",
+    }
     core = make_core(env_id, 4, seed=3, **options)
     core.reset()
     walk = random_walk(3, 4, core.action_size)

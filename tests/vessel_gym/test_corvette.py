@@ -16,7 +16,12 @@ from vessel_gym.core import Core
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.envs.thesis_corvette import THESIS_CORVETTE, UnknownStep
 from vessel_gym.filter_models.build import compose
-from vessel_gym.vehicles.corvette import linear_matrices, secant_models, steady_turns, sway_yaw_jacobian
+from vessel_gym.vehicles.corvette import (
+    linear_matrices,
+    secant_models,
+    steady_turns,
+    sway_yaw_jacobian,
+)
 from vessel_gym.vehicles.corvette_equations import (
     AROUND,
     COEFFICIENTS,
@@ -60,7 +65,9 @@ def upright(motion: np.ndarray) -> np.ndarray:
 
 def derivative(u, v, r, rudder, c=None):
     c = SHIP.vector() if c is None else c
-    return ship_rates(upright(np.array([0.0, 0.0, 0.0, u, v, r])), np.array([rudder, *np.zeros(len(AROUND))]), c)
+    return ship_rates(
+        upright(np.array([0.0, 0.0, 0.0, u, v, r])), np.array([rudder, *np.zeros(len(AROUND))]), c
+    )
 
 
 def random_motions(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -72,7 +79,7 @@ def random_motions(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.nda
     return state, rng.uniform(-most, most, (n, 8))
 
 
-# --- parameters -------------------------------------------------------------------------------------
+# --- parameters -----------------------------------------------------------------------------------
 
 
 def test_the_block_coefficient_displaces_the_printed_mass():
@@ -152,9 +159,12 @@ def test_the_compiled_equations_linearise_to_clarke_s_with_inflow():
     A, B = sway_yaw_jacobian(np.array([U, 0.0, 0.0]), np.array(0.0), SHIP)
     prime = np.diag([U, U / L])  # (v, r) = prime @ (v', r')
     A_prime = np.linalg.solve(prime, A @ prime) * L / U
-    # A central difference of |v| v over +-1e-4 m/s adds as much drag as that sway makes: 2e-5 of the damping.
+    # A central difference of |v| v over +-1e-4 m/s adds as much drag as that sway makes: 2e-5 of
+    # the damping.
     np.testing.assert_allclose(A_prime, np.linalg.solve(M, N + by_motion), rtol=3e-5)
-    np.testing.assert_allclose(np.linalg.solve(prime, B) * L / U, np.linalg.solve(M, b)[:, None], rtol=1e-6)
+    np.testing.assert_allclose(
+        np.linalg.solve(prime, B) * L / U, np.linalg.solve(M, b)[:, None], rtol=1e-6
+    )
 
 
 def filter_model(kind: str, noise: float = 1.0) -> LinearModel:
@@ -162,7 +172,7 @@ def filter_model(kind: str, noise: float = 1.0) -> LinearModel:
     return compose(VEHICLE, kind, UnknownStep(), sensors_of(VEHICLE, noise)).model
 
 
-# --- the compiled equations -------------------------------------------------------------------------
+# --- the compiled equations -----------------------------------------------------------------------
 
 
 def plain_cross_flow(v: float, r: float, a: float) -> np.ndarray:
@@ -182,15 +192,20 @@ def plain_propulsion(u: float, ship: CorvetteParameters) -> tuple[float, float]:
     """Thrust [N] and the speed [m/s] of what flows to the rudder."""
     if ship.thrust_coefficient is None:
         return ship.resistance, ship.slipstream * u
-    # Propellers of constant revolutions (diameter D, n turns a second), and the race behind a disc of their thrust.
+    # Propellers of constant revolutions (diameter D, n turns a second), and the race behind a disc
+    # of their thrust.
     nD = ship.speed / ship.advance_ratio
-    at_speed, K_T = (ship.thrust_coefficient - ship.thrust_slope * speed / nD for speed in (ship.speed, u))
+    at_speed, K_T = (
+        ship.thrust_coefficient - ship.thrust_slope * speed / nD for speed in (ship.speed, u)
+    )
     K_T = max(K_T, 0.0)
     race = np.sqrt(u**2 + 8.0 * K_T * nD**2 / np.pi)
     return ship.resistance * K_T / at_speed, (1.0 - ship.race) * u + ship.race * race
 
 
-def plain_roll(forces: tuple[float, float, float], ship: CorvetteParameters, u: float, phi: float, p: float) -> float:
+def plain_roll(
+    forces: tuple[float, float, float], ship: CorvetteParameters, u: float, phi: float, p: float
+) -> float:
     """Roll acceleration [rad/s2] by sway forces at hull and rudder [N] and a moment [N m]."""
     hull, rudder, moment = forces
     if ship.roll_period is None:  # IMO's weather criterion
@@ -206,7 +221,9 @@ def plain_roll(forces: tuple[float, float, float], ship: CorvetteParameters, u: 
     return (arms + moment) / inertia - frequency**2 * np.sin(phi) - damping * p
 
 
-def plain_derivative(state: np.ndarray, control: np.ndarray, ship: CorvetteParameters) -> np.ndarray:
+def plain_derivative(
+    state: np.ndarray, control: np.ndarray, ship: CorvetteParameters
+) -> np.ndarray:
     """The equations of motion written out with the ship's particulars, and quadrature for the cross-flow."""
     _, _, psi, u, v, r, phi, p = state
     rudder, north, east, *outside, rolling, wave_sway = control
@@ -224,7 +241,15 @@ def plain_derivative(state: np.ndarray, control: np.ndarray, ship: CorvetteParam
     side = ship.straightening * (v - L / 2 * r)
     speed2 = inflow**2 + side**2
     angle = rudder + np.arctan2(side, inflow)
-    normal = q * ship.rudder_area * 6.13 * ship.rudder_aspect / (ship.rudder_aspect + 2.25) * speed2 * np.sin(angle)
+    normal = (
+        q
+        * ship.rudder_area
+        * 6.13
+        * ship.rudder_aspect
+        / (ship.rudder_aspect + 2.25)
+        * speed2
+        * np.sin(angle)
+    )
     rudder_force = normal * np.array([-np.sin(rudder), -np.cos(rudder), L / 2 * np.cos(rudder)])
 
     sway_drag, yaw_drag = plain_cross_flow(v, r, L / 2)
@@ -234,11 +259,15 @@ def plain_derivative(state: np.ndarray, control: np.ndarray, ship: CorvetteParam
     )  # fmt: skip
     propulsion = np.array([thrust - ship.resistance * u * abs(u) / ship.speed**2, 0.0, 0.0])
     centripetal = np.array([(m * v + m * x_g * r) * r, -m * u * r, -m * x_g * u * r])
-    added_centripetal = np.array([(M_A[1, 1] * v + M_A[1, 2] * r) * r, 0.0, 0.0])  # Clarke's Yr, Nr hold the others
+    added_centripetal = np.array(
+        [(M_A[1, 1] * v + M_A[1, 2] * r) * r, 0.0, 0.0]
+    )  # Clarke's Yr, Nr hold the others
     nu_dot = np.linalg.solve(
         M_RB + M_A, propulsion + hull + drag + rudder_force + centripetal + added_centripetal + outside
     )  # fmt: skip
-    sideways = m * (nu_dot[1] + x_g * nu_dot[2] + u * r)  # Newton: all sway forces move the centre of gravity
+    sideways = m * (
+        nu_dot[1] + x_g * nu_dot[2] + u * r
+    )  # Newton: all sway forces move the centre of gravity
     by_hull = sideways - rudder_force[1] - outside[1]
     roll = plain_roll((by_hull, rudder_force[1], rolling), ship, u, phi, p)
     turn = np.array([[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]])
@@ -250,7 +279,13 @@ def test_the_compiled_equations_are_the_plain_ones(ship: CorvetteParameters):
     states, controls = random_motions(np.random.default_rng(1), 150)
     states[:20, 4:6] *= 1e-3
     states[20:25, 3] += 40.0  # faster than propellers of constant revolutions push
-    own = {"yaw_radius": 0.22, "x_g": -3.0, "slipstream": 1.3, "straightening": 0.6, "drag_coefficient": 0.9}
+    own = {
+        "yaw_radius": 0.22,
+        "x_g": -3.0,
+        "slipstream": 1.3,
+        "straightening": 0.6,
+        "drag_coefficient": 0.9,
+    }
     for s in (ship, replace(ship, **own)):
         plain = np.array([plain_derivative(x, u, s) for x, u in zip(states, controls, strict=True)])
         compiled = ship_rates(states, controls, s.vector())
@@ -260,7 +295,14 @@ def test_the_compiled_equations_are_the_plain_ones(ship: CorvetteParameters):
 def cross_flow(v, r, half_length: float) -> np.ndarray:
     """The two integrals out of the compiled equations: unit inertia, no other force."""
     c = np.zeros(len(COEFFICIENTS))
-    for name in ("surge_inertia", "sway_inertia", "yaw_inertia", "roll_inertia", "service_speed", "cross_flow"):
+    for name in (
+        "surge_inertia",
+        "sway_inertia",
+        "yaw_inertia",
+        "roll_inertia",
+        "service_speed",
+        "cross_flow",
+    ):
         c[COEFFICIENTS.index(name)] = 1.0
     c[COEFFICIENTS.index("half_length")] = half_length
     state = np.zeros(np.shape(v) + (len(STATE),))
@@ -275,19 +317,26 @@ def test_the_closed_form_of_the_cross_flow_is_the_integral_over_the_hull():
     r = rng.normal(size=300) * 0.06
     r[:60] = np.sign(r[:60]) * 10.0 ** -rng.uniform(3, 16, 60)  # towards pure sway
     v[60:120] = np.sign(v[60:120]) * 10.0 ** -rng.uniform(3, 16, 60)  # towards pure yaw
-    v[120:150] = a * np.abs(r[120:150]) * (1.0 + 1e-9 * rng.normal(size=30))  # the flow turns round at the end
+    v[120:150] = (
+        a * np.abs(r[120:150]) * (1.0 + 1e-9 * rng.normal(size=30))
+    )  # the flow turns round at the end
     v[150:155] = 0.0
     r[155:160] = 0.0
     v[160], r[160] = 0.0, 0.0
     plain = np.array([plain_cross_flow(*motion, a) for motion in zip(v, r, strict=True)])
     size = np.maximum((np.abs(v) + a * np.abs(r)) ** 2 * a, 1e-300)[:, None] * [1.0, a]
     np.testing.assert_allclose(cross_flow(v, r, a) / size, plain / size, rtol=0, atol=1e-11)
-    assert len(set(zip(v > 0.0, r > 0.0, np.abs(v) > a * np.abs(r), strict=True))) == 8  # every case came up
+    assert (
+        len(set(zip(v > 0.0, r > 0.0, np.abs(v) > a * np.abs(r), strict=True))) == 8
+    )  # every case came up
 
 
 def test_the_two_branches_of_the_cross_flow_meet():
     v, a = 1.5, 50.0
-    inside, outside = cross_flow(v, v / a * (1.0 - 1e-12), a), cross_flow(v, v / a * (1.0 + 1e-12), a)
+    inside, outside = (
+        cross_flow(v, v / a * (1.0 - 1e-12), a),
+        cross_flow(v, v / a * (1.0 + 1e-12), a),
+    )
     np.testing.assert_allclose(inside, outside, rtol=1e-10)
 
 
@@ -297,17 +346,25 @@ def test_without_thrust_a_ship_loses_energy_ahead_and_astern(name: str, way: flo
     """Of body and added mass, which is symmetric here, as that of any body in potential flow is."""
     ship = load(name, CorvetteParameters)
     coupling = dict(ship.given).get("Yrdot", ship.clarke["Yrdot"])
-    ship = replace(ship, given=(*ship.given, ("Nvdot", coupling)), resistance=1e-9, drag_coefficient=1e-9)
+    ship = replace(
+        ship, given=(*ship.given, ("Nvdot", coupling)), resistance=1e-9, drag_coefficient=1e-9
+    )
     inertia = np.zeros((3, 3))
     c = dict(zip(COEFFICIENTS, ship.vector(), strict=True))
-    inertia[0, 0], inertia[1, 1], inertia[2, 2] = c["surge_inertia"], c["sway_inertia"], c["yaw_inertia"]
+    inertia[0, 0], inertia[1, 1], inertia[2, 2] = (
+        c["surge_inertia"],
+        c["sway_inertia"],
+        c["yaw_inertia"],
+    )
     inertia[1, 2] = inertia[2, 1] = c["sway_yaw_inertia"]
     rng = np.random.default_rng(11)
     states = np.zeros((500, 8))
     states[:, 3] = way * rng.uniform(0.1, 1.2, 500) * ship.speed
     states[:, 4] = rng.normal(size=500) * 0.2 * ship.speed
     states[:, 5] = rng.normal(size=500) * 0.3 * ship.speed / ship.length
-    power = np.vecdot(states[:, 3:6] @ inertia, ship_rates(states, np.zeros((500, 8)), ship.vector())[:, 3:6])
+    power = np.vecdot(
+        states[:, 3:6] @ inertia, ship_rates(states, np.zeros((500, 8)), ship.vector())[:, 3:6]
+    )
     assert (power < 0.0).all()
 
 
@@ -316,10 +373,12 @@ def test_port_mirrors_starboard(ship: CorvetteParameters):
     states, controls = random_motions(np.random.default_rng(3), 200)
     c = ship.vector()
     mirrored = ship_rates(states * MIRROR, controls * [-1, *MIRROR_AROUND], c)
-    np.testing.assert_allclose(mirrored, ship_rates(states, controls, c) * MIRROR, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(
+        mirrored, ship_rates(states, controls, c) * MIRROR, rtol=1e-12, atol=1e-13
+    )
 
 
-# --- what the ship does -----------------------------------------------------------------------------
+# --- what the ship does ---------------------------------------------------------------------------
 
 
 @each_ship
@@ -332,7 +391,9 @@ def test_a_straight_run_keeps_its_speed_and_its_course(ship: CorvetteParameters)
 
 @pytest.mark.parametrize("excess", [-5.0, 3.0])
 @each_ship
-def test_another_speed_returns_to_the_service_speed_without_passing_it(ship: CorvetteParameters, excess: float):
+def test_another_speed_returns_to_the_service_speed_without_passing_it(
+    ship: CorvetteParameters, excess: float
+):
     start = upright(np.array([0.0, 0.0, 0.0, U + excess]))
     difference = sailed(ship, np.zeros(401), start=start)[:, 3] - U
     assert (np.sign(excess) * difference > 0.0).all()
@@ -365,7 +426,9 @@ def rudder_load(u: float, v: float, r: float, rudder: float) -> np.ndarray:
 
 
 def test_drift_and_yaw_rate_of_a_turn_reduce_the_angle_of_attack():
-    drift, yaw = rudder_angle_of_attack(U, np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 0.02]), 0.3, SHIP)[1:]
+    drift, yaw = rudder_angle_of_attack(
+        U, np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 0.02]), 0.3, SHIP
+    )[1:]
     assert rudder_angle_of_attack(U, 0.0, 0.0, 0.3, SHIP) == 0.3
     assert 0.0 < drift < 0.3
     assert 0.0 < yaw < 0.3
@@ -385,7 +448,10 @@ def test_in_a_steady_turn_the_rudder_works_less_than_on_the_straight_course_at_t
     turns = steady_turns(SHIP)
     for k in (10, 60, 160):
         turn = turns.speed[k], turns.sway[k], turns.yaw_rate[k]
-        straight, turning = rudder_load(turn[0], 0.0, 0.0, turns.rudder[k]), rudder_load(*turn, turns.rudder[k])
+        straight, turning = (
+            rudder_load(turn[0], 0.0, 0.0, turns.rudder[k]),
+            rudder_load(*turn, turns.rudder[k]),
+        )
         assert turns.sway[k] < 0.0
         assert 0.0 < turning[2] < 0.9 * straight[2]
         attack = rudder_angle_of_attack(*turn, turns.rudder[k], SHIP)
@@ -396,7 +462,7 @@ def test_in_a_steady_turn_the_rudder_works_less_than_on_the_straight_course_at_t
         assert turning[2] == pytest.approx(L / 2 * force * np.cos(turns.rudder[k]), rel=1e-9)
 
 
-# --- equilibria and linear models -------------------------------------------------------------------
+# --- equilibria and linear models -----------------------------------------------------------------
 
 
 @each_ship
@@ -404,7 +470,9 @@ def test_a_steady_turn_is_an_equilibrium(ship: CorvetteParameters):
     turns = steady_turns(ship)
     zeros = np.zeros_like(turns.speed)
     state = upright(np.stack([zeros, zeros, zeros, turns.speed, turns.sway, turns.yaw_rate], -1))
-    rates = corvette_rates(state, turns.rudder[:, None], np.zeros(len(AROUND)), ship.vector())[:, 3:6]
+    rates = corvette_rates(state, turns.rudder[:, None], np.zeros(len(AROUND)), ship.vector())[
+        :, 3:6
+    ]
     assert np.abs(rates[:, :2]).max() < 1e-8  # m/s2
     assert np.abs(rates[:, 2]).max() < 1e-10  # rad/s2
 
@@ -414,7 +482,9 @@ def test_faster_turns_are_tighter_slower_and_need_more_rudder(ship: CorvettePara
     turns = steady_turns(ship)
     assert turns.yaw_rate[0] == 0.0
     assert turns.radius[0] == np.inf
-    np.testing.assert_allclose([turns.speed[0], turns.sway[0], turns.rudder[0]], [U, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(
+        [turns.speed[0], turns.sway[0], turns.rudder[0]], [U, 0.0, 0.0], atol=1e-12
+    )
     assert (np.diff(turns.radius) < 0.0).all()
     assert (np.diff(turns.rudder) > 0.0).all()
     assert (np.diff(turns.speed) < 0.0).all()
@@ -423,7 +493,9 @@ def test_faster_turns_are_tighter_slower_and_need_more_rudder(ship: CorvettePara
 
 
 @pytest.mark.parametrize(
-    "change", [{}, {"drag_coefficient": 0.9}, {"rudder_area": 5.5}, {"speed": 10.0, "resistance": 4.2e5}], ids=str
+    "change",
+    [{}, {"drag_coefficient": 0.9}, {"rudder_area": 5.5}, {"speed": 10.0, "resistance": 4.2e5}],
+    ids=str,
 )
 def test_the_tightest_steady_turn_of_any_ship_leaves_a_fifth_of_the_rudder(change):
     turns = steady_turns(replace(SHIP, **change))
@@ -447,7 +519,9 @@ def test_the_jacobian_is_that_of_the_equations(ship: CorvetteParameters):
             )  # fmt: skip
             np.testing.assert_allclose(a[:, j], (4 * d1 - d2) / 3, rtol=1e-4, atol=1e-6)
         offset = 1e-5 * np.eye(8)[0]
-        d = plain_derivative(state, control + offset, ship) - plain_derivative(state, control - offset, ship)
+        d = plain_derivative(state, control + offset, ship) - plain_derivative(
+            state, control - offset, ship
+        )
         np.testing.assert_allclose(b[:, 0], d[4:6] / 2e-5, rtol=1e-6, atol=1e-7)
 
 
@@ -489,12 +563,16 @@ def test_the_filter_model_follows_the_commanded_turn_to_either_side():
             u = np.array([[0.1, rate, 0.0]])
             np.testing.assert_array_equal(model.A(u)[0], A[k])
             np.testing.assert_array_equal(model.B(u)[0], np.hstack([B[k], np.zeros((3, 2))]))
-    np.testing.assert_array_equal(model.A(np.array([0.1, 9.9, 0.0])), A[-1])  # beyond the table: its end
+    np.testing.assert_array_equal(
+        model.A(np.array([0.1, 9.9, 0.0])), A[-1]
+    )  # beyond the table: its end
 
 
 def test_without_the_commanded_turn_the_corrected_model_is_none():
     for matrix in linear_matrices(SHIP, 0.5):
-        with pytest.raises(ValueError, match=r"needs a known input u: its matrices follow component 1"):
+        with pytest.raises(
+            ValueError, match=r"needs a known input u: its matrices follow component 1"
+        ):
             matrix(None)
 
 
@@ -539,8 +617,11 @@ def test_the_nonlinear_model_is_the_ship_with_its_rudder_held():
 
 @pytest.mark.parametrize("radius", [2.5, 4.0, 6.0])
 @pytest.mark.parametrize("side", [1, -1], ids=["starboard", "port"])
-def test_in_a_commanded_turn_the_secant_model_predicts_heading_better_than_the_linear_one(radius, side):
-    # Open loop: the rudder that holds the turn, laid over in 25 s; each model told the rudder, no measurement.
+def test_in_a_commanded_turn_the_secant_model_predicts_heading_better_than_the_linear_one(
+    radius, side
+):
+    # Open loop: the rudder that holds the turn, laid over in 25 s; each model told the rudder, no
+    # measurement.
     dt, turns = 0.5, steady_turns(SHIP)
     rate = np.interp(1.0 / (radius * L), 1.0 / turns.radius, turns.yaw_rate)
     commanded = side * rate * np.clip(np.arange(600) * dt / 25.0, 0.0, 1.0)
@@ -562,7 +643,7 @@ def test_in_a_commanded_turn_the_secant_model_predicts_heading_better_than_the_l
     assert errors[0] < 0.25 * errors[1]
 
 
-# --- manoeuvres, by the standards of MSC.137(76) ----------------------------------------------------
+# --- manoeuvres, by the standards of MSC.137(76) --------------------------------------------------
 
 
 def test_the_turning_circle_is_a_frigate_s_and_meets_the_standard():
@@ -593,21 +674,25 @@ def test_zigzags_and_the_begin_of_a_turn_meet_the_standard(ship: CorvetteParamet
     assert L < initial_turning(rates_of(ship), U) < 2.5 * L
 
 
-# --- the vehicle as an environment uses it ----------------------------------------------------------
+# --- the vehicle as an environment uses it --------------------------------------------------------
 
 
 def test_the_rudder_keeps_its_rate_and_its_limit():
     full = 5 * DEG * 0.5
     start = np.array([[0.0], [0.1], [35 * DEG - 0.01], [-35 * DEG]])
     after = AT_SEA.actuate(start, np.array([[1.0], [-0.5], [1.0], [-1.0]]))
-    np.testing.assert_allclose(after, [[full], [0.1 - 0.5 * full], [35 * DEG], [-35 * DEG]], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(
+        after, [[full], [0.1 - 0.5 * full], [35 * DEG], [-35 * DEG]], rtol=0, atol=1e-15
+    )
 
 
 def test_the_thesis_rudder_goes_to_the_angle_that_it_is_given_at_its_rate():
     full = 5 * DEG * 0.5
     start = np.array([[0.0], [0.1], [0.1], [-35 * DEG]])
     after = VEHICLE.actuate(start, np.array([[1.0], [0.1 / (35 * DEG)], [0.0], [-1.0]]))
-    np.testing.assert_allclose(after, [[full], [0.1], [0.1 - full], [-35 * DEG]], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(
+        after, [[full], [0.1], [0.1 - full], [-35 * DEG]], rtol=0, atol=1e-15
+    )
 
 
 def test_mismatch_spreads_hydrodynamics_within_two_deviations_and_leaves_geometry_alone():
@@ -645,7 +730,9 @@ def test_the_truth_starts_where_the_filter_s_state_says():
 
 def test_the_trial_starts_straight_on_whatever_the_filter_s_prior():
     state, actuators = VEHICLE.start(np.random.default_rng(9).normal(size=(4, 3)))
-    np.testing.assert_array_equal(state, np.tile([0.0, 0.0, 0.0, SHIP.speed, 0.0, 0.0, 0.0, 0.0], (4, 1)))
+    np.testing.assert_array_equal(
+        state, np.tile([0.0, 0.0, 0.0, SHIP.speed, 0.0, 0.0, 0.0, 0.0], (4, 1))
+    )
     np.testing.assert_array_equal(actuators, np.zeros((4, 1)))
 
 
@@ -662,7 +749,9 @@ def test_the_thesis_filter_takes_d_for_a_yaw_increment_and_the_ship_does_not():
     state, rudder = VEHICLE.start(np.zeros((1, 3)))
     c, d = VEHICLE.parameters(0.0, np.zeros((1, VEHICLE.normals))), np.array([[0.01]])
     x = seen_by_filters(state)[0]
-    np.testing.assert_allclose(sensors.exact(state, d)[0], model.C @ x + model.H[:, 0] * 0.01, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(
+        sensors.exact(state, d)[0], model.C @ x + model.H[:, 0] * 0.01, rtol=0, atol=1e-15
+    )
     np.testing.assert_array_equal(
         VEHICLE.step(state, rudder, rudder, d, c), VEHICLE.step(state, rudder, rudder, 0.0 * d, c)
     )
@@ -671,12 +760,19 @@ def test_the_thesis_filter_takes_d_for_a_yaw_increment_and_the_ship_does_not():
 
 def test_the_difference_of_two_headings_is_a_yaw_rate_across_the_seam():
     told = compose(VEHICLE, "corrected", UnknownStep(), sensors_of(VEHICLE))
-    measurements, previous = np.array([[-3.1, 0.01], [0.3, 0.02]]), np.array([[3.1, 0.0], [0.2, 0.0]])
+    measurements, previous = (
+        np.array([[-3.1, 0.01], [0.3, 0.02]]),
+        np.array([[3.1, 0.0], [0.2, 0.0]]),
+    )
     for steps in (1, 2):
         x, d = without_a_filter(told, ("yaw increment",), measurements, previous, steps)
         x = np.column_stack([x[:, :2], wrap(x[:, 2])])
         rates = np.array([2 * np.pi - 6.2, 0.1]) / (0.5 * steps)
-        np.testing.assert_allclose(x, [[0.0, rates[0], -3.1], [0.0, rates[1], 0.3]], rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(
+            x, [[0.0, rates[0], -3.1], [0.0, rates[1], 0.3]], rtol=1e-12, atol=1e-15
+        )
         np.testing.assert_allclose(d, [[0.01], [0.02]], rtol=1e-14)
     x, d = without_a_filter(told, ("yaw increment",), measurements)
-    np.testing.assert_allclose(x, [[0.0, 0.0, -3.1], [0.0, 0.0, 0.3]], rtol=1e-14, atol=0)  # one tells no rate
+    np.testing.assert_allclose(
+        x, [[0.0, 0.0, -3.1], [0.0, 0.0, 0.3]], rtol=1e-14, atol=0
+    )  # one tells no rate

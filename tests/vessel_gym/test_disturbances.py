@@ -1,6 +1,7 @@
 """Waves, gusts and current: stationary from the first step, with the spectrum and the sizes that they claim.
 
-Statistical tests have fixed seeds; a band with false-alarm rate 1e-6 would fail one correct seed in a million.
+Statistical tests have fixed seeds; a band with false-alarm rate 1e-6 would fail one correct seed in
+a million.
 """
 
 from dataclasses import replace
@@ -36,7 +37,10 @@ def run(sea: Sea, seed: int, rows: int, steps: int) -> np.ndarray:
     states = np.empty((steps, rows, 5))
     states[0] = rng.standard_normal((rows, 5)) @ root_of(process.start_cov).T
     for k in range(1, steps):
-        states[k] = process.advance(states[k - 1]) + rng.standard_normal((rows, process.normals)) @ process.root.T
+        states[k] = (
+            process.advance(states[k - 1])
+            + rng.standard_normal((rows, process.normals)) @ process.root.T
+        )
     return states
 
 
@@ -51,7 +55,7 @@ def assert_variance(samples: np.ndarray, variance: float):
     assert low * variance < np.mean(samples**2) < high * variance
 
 
-# --- exact ------------------------------------------------------------------------------------------
+# --- exact ----------------------------------------------------------------------------------------
 
 
 @every_sea
@@ -69,18 +73,23 @@ def test_the_stationary_covariance_is_what_the_sizes_say(sea):
     np.testing.assert_allclose(np.diag(P)[[1, 2]], [sea.wave**2, sea.gust**2], rtol=1e-12)
     assert P[3, 3] + P[4, 4] == pytest.approx(sea.current**2)  # RMS of the current's speed
     assert P[3, 3] == P[4, 4]
-    assert P[0, 0] == pytest.approx((sea.wave / sea.peak) ** 2)  # yaw angle of a narrow band about the peak
+    assert P[0, 0] == pytest.approx(
+        (sea.wave / sea.peak) ** 2
+    )  # yaw angle of a narrow band about the peak
     np.testing.assert_allclose(P[~np.eye(5, dtype=bool)], 0.0, atol=1e-18)
 
 
 @pytest.mark.parametrize(
-    ("name", "sd", "digit"), [("calm", 5e-4, 1e-4), ("moderate", 3.6e-3, 1e-4), ("rough", 9e-3, 1e-3)]
+    ("name", "sd", "digit"),
+    [("calm", 5e-4, 1e-4), ("moderate", 3.6e-3, 1e-4), ("rough", 9e-3, 1e-3)],
 )
 def test_the_yaw_increment_of_a_step_has_the_size_that_was_chosen(name, sd, digit):
     sea = SEAS[name]
     assert np.sqrt(yaw_increment_var(sea)) == pytest.approx(sd, abs=0.5 * digit)
     P = sea.process.start_cov
-    assert yaw_increment_var(sea) == pytest.approx(0.25 * (P[1, 1] + 2 * P[1, 2] + P[2, 2]), rel=1e-12)
+    assert yaw_increment_var(sea) == pytest.approx(
+        0.25 * (P[1, 1] + 2 * P[1, 2] + P[2, 2]), rel=1e-12
+    )
 
 
 def test_the_unknown_input_is_the_yaw_rate_of_waves_and_gusts_over_a_step():
@@ -92,12 +101,16 @@ def test_the_unknown_input_is_the_yaw_rate_of_waves_and_gusts_over_a_step():
 
 
 def test_a_gust_decays_with_its_time_constant_and_a_current_with_its_own():
-    sea = Sea(wave=0.01, peak=0.8, gust=0.01, current=0.5, gust_time=12.0, current_time=800.0, dt=0.4)
+    sea = Sea(
+        wave=0.01, peak=0.8, gust=0.01, current=0.5, gust_time=12.0, current_time=800.0, dt=0.4
+    )
     state = np.array([0.0, 0.0, 1.0, 1.0, -2.0])
     for _ in range(30):  # 12 s
         state = sea.process.advance(state)
     decay = np.exp(-12.0 / 800.0)
-    np.testing.assert_allclose(state, [0.0, 0.0, np.exp(-1.0), decay, -2.0 * decay], rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(
+        state, [0.0, 0.0, np.exp(-1.0), decay, -2.0 * decay], rtol=1e-12, atol=1e-15
+    )
 
 
 def test_the_wave_yaw_rate_is_the_rate_of_the_wave_yaw_angle():
@@ -110,7 +123,7 @@ def test_the_wave_yaw_rate_is_the_rate_of_the_wave_yaw_angle():
     assert (after[1] - state[1]) / 1e-4 == pytest.approx(rate, rel=1e-3)
 
 
-# --- statistical ------------------------------------------------------------------------------------
+# --- statistical ----------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -122,8 +135,9 @@ def test_the_spectrum_of_the_wave_yaw_rate_peaks_at_the_peak_frequency(sea):
     power = (np.abs(np.fft.rfft(window * rate, axis=0)) ** 2).mean(1)
     power = np.convolve(power, np.ones(3) / 3, mode="same")
     omega = 2 * np.pi * np.fft.rfftfreq(steps, sea.dt)
-    # 5 % off the peak the spectrum is 0.8 of it; the average of 1000 rows is good to 3 %, so that the highest of
-    # some 500 bins lies outside by chance in less than 1e-6 of all seeds (6.5 standard deviations).
+    # 5 % off the peak the spectrum is 0.8 of it; the average of 1000 rows is good to 3 %, so that
+    # the highest of some 500 bins lies outside by chance in less than 1e-6 of all seeds (6.5
+    # standard deviations).
     assert omega[np.argmax(power)] == pytest.approx(sea.peak, rel=0.05)
 
 
@@ -137,15 +151,23 @@ def test_the_spectrum_of_the_wave_yaw_rate_has_the_width_of_its_damping():
     # Half power at w0 (sqrt(1 + lambda^2) +- lambda), against the power at w0.
     at_peak = np.interp(sea.peak, omega, power)
     low, high = (np.interp(sea.peak * (np.sqrt(1.01) + s * 0.1), omega, power) for s in (-1, 1))
-    # A ratio of two averages of 2000 has a standard deviation of 3.2 % of itself; five of them, both sides,
-    # twice: 1.2e-6.
+    # A ratio of two averages of 2000 has a standard deviation of 3.2 % of itself; five of them,
+    # both sides, twice: 1.2e-6.
     for power_at_half in (low, high):
         assert power_at_half / at_peak == pytest.approx(0.5, rel=5 * np.sqrt(2 / rows))
 
 
-# --- under water ------------------------------------------------------------------------------------
+# --- under water ----------------------------------------------------------------------------------
 
-WATER = Water(turbulence=0.01, spin=0.002, current=0.2, velocities=("u", "w"), rates=("q",), current_time=50.0, dt=0.1)
+WATER = Water(
+    turbulence=0.01,
+    spin=0.002,
+    current=0.2,
+    velocities=("u", "w"),
+    rates=("q",),
+    current_time=50.0,
+    dt=0.1,
+)
 
 
 def test_the_water_adds_to_every_velocity_as_it_says():
@@ -155,7 +177,7 @@ def test_the_water_adds_to_every_velocity_as_it_says():
     np.testing.assert_array_equal(WATER.effect(state, np.zeros((4, 6))), state)
 
 
-# --- in the air -------------------------------------------------------------------------------------
+# --- in the air -----------------------------------------------------------------------------------
 
 AIR = Air(wind=3.0, gust=1.06, vertical_gust=0.7)
 
@@ -170,7 +192,11 @@ def dryden(length: float, sd: float, vertical: bool, airspeed: float, lag: float
             return sd**2 * time / np.pi * (1.0 + 3.0 * square) / (1.0 + square) ** 2
         return 2.0 * sd**2 * time / np.pi / (1.0 + square)
 
-    return quad(spectrum, 0.0, np.inf, weight="cos", wvar=lag)[0] if lag else quad(spectrum, 0.0, np.inf)[0]
+    return (
+        quad(spectrum, 0.0, np.inf, weight="cos", wvar=lag)[0]
+        if lag
+        else quad(spectrum, 0.0, np.inf)[0]
+    )
 
 
 def gusts_by_state(air: Air) -> np.ndarray:
@@ -188,7 +214,9 @@ def gusts_of(air: Air) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return tuple(matrix[2:, 2:] for matrix in whole)
 
 
-@pytest.mark.parametrize("air", [AIR, replace(AIR, airspeed=14.0, length=120.0, vertical_length=80.0, dt=0.25)])
+@pytest.mark.parametrize(
+    "air", [AIR, replace(AIR, airspeed=14.0, length=120.0, vertical_length=80.0, dt=0.25)]
+)
 def test_gusts_have_the_dryden_spectra(air):
     """Their covariance at every lag is the transform of the spectrum, and they do not know of each other."""
     C, (A, _, P) = gusts_by_state(air), gusts_of(air)
@@ -203,7 +231,9 @@ def test_gusts_have_the_dryden_spectra(air):
 def test_the_wind_decays_as_slowly_as_the_aircraft_crosses_it():
     A, _ = transition_and_noise(AIR)
     np.testing.assert_allclose(A[:2, :2], np.exp(-0.1 / 200.0) * np.eye(2))
-    np.testing.assert_allclose(A[2:4, 2:4], np.exp(-0.1 / 10.0) * np.eye(2), atol=1e-15)  # 200 m at 20 m/s
+    np.testing.assert_allclose(
+        A[2:4, 2:4], np.exp(-0.1 / 10.0) * np.eye(2), atol=1e-15
+    )  # 200 m at 20 m/s
     assert not A[2:4, 4:].any()
     assert not A[4:, 2:4].any()
     vertical = np.array([[0.0, 1.0], [-1.0, -2.0]]) / 2.5  # 50 m at 20 m/s
@@ -215,7 +245,7 @@ def test_the_wind_down_is_positive_down_and_the_mean_wind_level():
     np.testing.assert_allclose(wind, [1.1, 2.2, 0.5 + np.sqrt(3.0)])
 
 
-# --- steps of any length ----------------------------------------------------------------------------
+# --- steps of any length --------------------------------------------------------------------------
 
 
 SURFACE = SurfaceWater(0.88, 7.5, WATER, north=6, down=8)
@@ -223,7 +253,10 @@ FAULT = Fault("rudder", start=0.02, walk=0.01, amplitude=0.1, beside=WATER)
 BY_STEP = {
     **{f"{name} sea": (sea, replace(sea, dt=0.25)) for name, sea in SEAS.items()},
     "water": (WATER, replace(WATER, dt=0.05)),
-    "water below waves": (SURFACE.modelled, replace(SURFACE, beside=replace(WATER, dt=0.05)).modelled),
+    "water below waves": (
+        SURFACE.modelled,
+        replace(SURFACE, beside=replace(WATER, dt=0.05)).modelled,
+    ),
     "air": (AIR, replace(AIR, dt=0.05)),
     "fault": (FAULT, replace(FAULT, beside=replace(WATER, dt=0.05), dt=0.05)),
 }
@@ -232,21 +265,30 @@ so that the place of a field of waves is not among them."""
 
 
 @pytest.mark.parametrize("pair", BY_STEP.values(), ids=BY_STEP)
-def test_what_two_half_steps_add_has_the_distribution_of_what_one_step_adds(pair: tuple[Disturbance, Disturbance]):
+def test_what_two_half_steps_add_has_the_distribution_of_what_one_step_adds(
+    pair: tuple[Disturbance, Disturbance],
+):
     (A, Q), (half_A, half_Q) = map(transition_and_noise, pair)
     np.testing.assert_allclose(half_A @ half_A, A, rtol=0, atol=1e-13)
     np.testing.assert_allclose(half_A @ half_Q @ half_A.T + half_Q, Q, rtol=1e-9, atol=1e-16)
     whole, half = pair
-    np.testing.assert_allclose(half.process.start_cov, whole.process.start_cov, rtol=1e-12, atol=1e-16)
-    np.testing.assert_allclose(2.0 * half.white @ half.white.T, whole.white @ whole.white.T, rtol=1e-14)
+    np.testing.assert_allclose(
+        half.process.start_cov, whole.process.start_cov, rtol=1e-12, atol=1e-16
+    )
+    np.testing.assert_allclose(
+        2.0 * half.white @ half.white.T, whole.white @ whole.white.T, rtol=1e-14
+    )
 
 
 @pytest.mark.parametrize(
-    "bias", [Bias(("offset",), start=(0.1,), pace=(0.02,)), Bias(("offset",), start=(0.1,), time=30.0)]
+    "bias",
+    [Bias(("offset",), start=(0.1,), pace=(0.02,)), Bias(("offset",), start=(0.1,), time=30.0)],
 )
 def test_what_two_half_steps_add_to_a_bias_has_the_distribution_of_what_one_step_adds(bias: Bias):
     whole, half = bias.process(0.1), bias.process(0.05)
-    (A, Q), (half_A, half_Q) = ((each.transition, each.root @ each.root.T) for each in (whole, half))
+    (A, Q), (half_A, half_Q) = (
+        (each.transition, each.root @ each.root.T) for each in (whole, half)
+    )
     np.testing.assert_allclose(half_A @ half_A, A, rtol=1e-14)
     np.testing.assert_allclose(half_A @ half_Q @ half_A.T + half_Q, Q, rtol=1e-12)
 
@@ -257,7 +299,7 @@ def test_what_the_models_of_a_ship_leave_out_in_two_half_steps_is_that_in_one(na
     np.testing.assert_allclose(2.0 * half**2, whole**2, rtol=1e-12)
 
 
-# --- in an environment ------------------------------------------------------------------------------
+# --- in an environment ----------------------------------------------------------------------------
 
 
 SOON_PLANNED = {"PunaUAV-v0": {"obstacles": []}}
@@ -277,14 +319,21 @@ def test_what_is_new_in_a_step_has_its_covariance_and_remembers_nothing(env_id: 
     for _ in range(steps - 1):
         core.step(np.zeros((rows, core.action_size)))
         noise.append(core.noise.copy())
-    white, process, bias = core.forces.disturbance.white, core.forces.disturbance.process, core.sensors.bias
+    white, process, bias = (
+        core.forces.disturbance.white,
+        core.forces.disturbance.process,
+        core.sensors.bias,
+    )
     cov = block_diagonal(white @ white.T, process.root @ process.root.T, bias.root @ bias.root.T)
     scale = np.sqrt(np.diag(cov))
     sample = np.stack(noise) / scale
     n = rows * steps
-    # a correlation of 20,000 pairs has a standard deviation of at most 1.5 / sqrt(20,000): 7 of them
+    # a correlation of 20,000 pairs has a standard deviation of at most 1.5 / sqrt(20,000): 7 of
+    # them
     band = 7.0 * 1.5 / np.sqrt(n)
-    np.testing.assert_allclose(np.einsum("tri,trj->ij", sample, sample) / n, cov / np.outer(scale, scale), atol=band)
+    np.testing.assert_allclose(
+        np.einsum("tri,trj->ij", sample, sample) / n, cov / np.outer(scale, scale), atol=band
+    )
     assert np.abs(np.einsum("tri,trj->ij", sample[1:], sample[:-1])).max() / n < band
     neighbours = sample[:, 1:], sample[:, :-1]
     assert np.abs(np.einsum("tri,trj->ij", *neighbours)).max() / n < band
@@ -302,7 +351,9 @@ def test_a_disturbance_has_its_stationary_sizes_from_the_first_step_on(env_id: s
     )  # fmt: skip
     for step in range(31):
         if step in (0, 1, 30):
-            for component, variance in zip(core.sea_state.T, np.diag(process.start_cov), strict=True):
+            for component, variance in zip(
+                core.sea_state.T, np.diag(process.start_cov), strict=True
+            ):
                 assert_variance(component, variance)
         core.step(np.zeros((2000, core.action_size)))
 
@@ -311,15 +362,26 @@ def test_a_disturbance_has_its_stationary_sizes_from_the_first_step_on(env_id: s
 def test_what_acts_is_the_effect_of_the_disturbance_and_what_shakes(env_id: str):
     core = make_core(env_id, 3, seed=13, estimator="truth", disturbance="rough")
     core.reset()
-    disturbance, names = core.forces.disturbance, core.vehicle.increments + core.vehicle.ambient_flows
+    disturbance, names = (
+        core.forces.disturbance,
+        core.vehicle.increments + core.vehicle.ambient_flows,
+    )
     dt = core.vehicle.dt
     for _ in range(3):
-        prescribed = core.task.exogenous(core.scenario, core.steps) if hasattr(core.task, "exogenous") else 0.0
+        prescribed = (
+            core.task.exogenous(core.scenario, core.steps)
+            if hasattr(core.task, "exogenous")
+            else 0.0
+        )
         acting = dict(zip(names, (core.exogenous - prescribed).T, strict=True))
         effect = disturbance.effect_at(core.now.drawn, dt * core.steps, core.sea_state, core.state)
         for name, values in zip(disturbance.forces, effect.T, strict=True):
-            np.testing.assert_allclose(acting.pop(name), values, rtol=0, atol=1e-13 * np.abs(values).max())
+            np.testing.assert_allclose(
+                acting.pop(name), values, rtol=0, atol=1e-13 * np.abs(values).max()
+            )
         for i, name in enumerate(disturbance.white_increments):
             np.testing.assert_array_equal(acting.pop(name), core.noise[:, i])
-        assert not any(values.any() for values in acting.values())  # these give everything that acts
+        assert not any(
+            values.any() for values in acting.values()
+        )  # these give everything that acts
         core.step(np.zeros((3, core.action_size)))

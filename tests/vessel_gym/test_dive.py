@@ -52,7 +52,9 @@ def belief(mean: np.ndarray, flow: np.ndarray | None = None) -> Estimate:
     return Estimate(mean, np.zeros((len(mean), 2)) if flow is None else flow)
 
 
-def score(task: Dive, truth: np.ndarray, *given: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def score(
+    task: Dive, truth: np.ndarray, *given: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What `Dive.score` says where nothing acts."""
     reference, *others = given
     return task.score(truth, np.zeros((len(truth), 8)), reference, task.over(reference), *others)
@@ -61,13 +63,18 @@ def score(task: Dive, truth: np.ndarray, *given: np.ndarray) -> tuple[np.ndarray
 def sensors_of(system: System) -> Sensors:
     vehicle = system.vehicle
     return Sensors(
-        SUITES["nominal"].of(vehicle.sensors), vehicle.state_names, vehicle.increments + vehicle.ambient_flows, 0.1
+        SUITES["nominal"].of(vehicle.sensors),
+        vehicle.state_names,
+        vehicle.increments + vehicle.ambient_flows,
+        0.1,
     )
 
 
 def sizes(system: System) -> dict[str, int]:
     """The lengths of observations beside the nominal sensors and a filter that is told of the current."""
-    return sizes_by_mode(system.task.sizes(sensors_of(system).size, states(system.task) + ambient_flows(system.task)))
+    return sizes_by_mode(
+        system.task.sizes(sensors_of(system).size, states(system.task) + ambient_flows(system.task))
+    )
 
 
 def scenarios(task: Dive, n: int, seed: int = 0) -> np.ndarray:
@@ -80,7 +87,9 @@ def believed(task: Dive, mean: np.ndarray, scenario: np.ndarray) -> np.ndarray:
 
 def trim(task: Dive, rows: int = 1) -> np.ndarray:
     """Actuators ``(rows, a)`` of cruising straight on."""
-    actuators = np.zeros((rows, task.scaled(np.zeros((1, 2 + isinstance(task, SpatialDive)))).shape[1]))
+    actuators = np.zeros(
+        (rows, task.scaled(np.zeros((1, 2 + isinstance(task, SpatialDive)))).shape[1])
+    )
     actuators[:, -1] = task.auv.cruise_thrust
     return actuators
 
@@ -91,7 +100,7 @@ def remembered(task: Dive, progress_and_energy: Any) -> np.ndarray:
     return np.concatenate([first, np.zeros((len(first), 2 * (task.actuators - 1)))], -1)
 
 
-# --- courses ----------------------------------------------------------------------------------------
+# --- courses --------------------------------------------------------------------------------------
 
 
 @DIVES
@@ -114,14 +123,19 @@ def test_every_goal_that_may_be_drawn_may_be_asked_for(system: System):
     for corner in np.ndindex(3, 3, 3):
         goal = np.array(task.goal) + np.array(task.goal_spread) * (np.array(corner) - 1.0)
         scenario = task.scenario(np.zeros((2, 3)), {"goal": goal})
-        np.testing.assert_allclose(path_point(scenario[:, 1], scenario)[:, :3], [goal, goal], atol=1e-5)
+        np.testing.assert_allclose(
+            path_point(scenario[:, 1], scenario)[:, :3], [goal, goal], atol=1e-5
+        )
 
 
 @pytest.mark.parametrize("goal", ["deep", (1.0, 2.0), (10.0, np.nan, 3.0), [{}]], ids=repr)
 def test_a_goal_that_is_no_place_is_refused(goal: Any):
     with pytest.raises(ValueError, match=r"^goal must be") as why:
         SPATIAL.task.scenario(np.zeros((1, 3)), {"goal": goal})
-    assert str(why.value) == f"goal must be three finite numbers, metres north, east and down, got {goal!r}"
+    assert (
+        str(why.value)
+        == f"goal must be three finite numbers, metres north, east and down, got {goal!r}"
+    )
 
 
 BAD_GOALS = [
@@ -134,7 +148,9 @@ BAD_GOALS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("system", "goal", "sentence"), BAD_GOALS, ids=lambda value: str(value)[:30])
+@pytest.mark.parametrize(
+    ("system", "goal", "sentence"), BAD_GOALS, ids=lambda value: str(value)[:30]
+)
 def test_a_goal_that_the_vehicle_cannot_dive_to_is_refused_with_the_limit(
     system: System, goal: tuple[float, float, float], sentence: str
 ):
@@ -142,7 +158,7 @@ def test_a_goal_that_the_vehicle_cannot_dive_to_is_refused_with_the_limit(
         system.task.scenario(np.zeros((1, 3)), {"goal": goal})
 
 
-# --- the start --------------------------------------------------------------------------------------
+# --- the start ------------------------------------------------------------------------------------
 
 
 @DIVES
@@ -153,7 +169,10 @@ def test_the_prior_lies_level_at_the_beginning_of_the_path_at_cruising_speed(sys
     assert prior.cov.shape == (n, n)
     for water in system.disturbances.values():
         cov = joint_prior(prior.cov, Forces(system.vehicle, water), sensors_of(system))
-        assert np.linalg.eigvalsh(cov[: n + ambient_flows(task), : n + ambient_flows(task)]).min() > 0.0
+        assert (
+            np.linalg.eigvalsh(cov[: n + ambient_flows(task), : n + ambient_flows(task)]).min()
+            > 0.0
+        )
         assert not cov[:n, n:].any()  # velocities are through the water: no current carries them
         np.testing.assert_array_equal(cov[:n, :n], prior.cov)
         m, beside = n + ambient_flows(task), getattr(water, "beside", water)
@@ -165,14 +184,18 @@ def test_the_prior_lies_level_at_the_beginning_of_the_path_at_cruising_speed(sys
 @DIVES
 def test_filters_are_told_the_actuators_before_and_after_a_step(system: System):
     before, after = np.arange(4.0).reshape(2, 2), 10.0 + np.arange(4.0).reshape(2, 2)
-    told = system.vehicle.known_input(before, after, system.task.commanded(scenarios(system.task, 2), np.zeros(2)))
+    told = system.vehicle.known_input(
+        before, after, system.task.commanded(scenarios(system.task, 2), np.zeros(2))
+    )
     np.testing.assert_array_equal(told[:, :4], [[0, 1, 10, 11], [2, 3, 12, 13]])
 
 
 def test_filters_in_the_plane_are_told_the_angle_of_the_path_where_one_cruises():
     system = VERTICAL
     scenario, step = scenarios(system.task, 2), np.array([0, 200])
-    told = system.vehicle.known_input(np.zeros((2, 2)), np.zeros((2, 2)), system.task.commanded(scenario, step))
+    told = system.vehicle.known_input(
+        np.zeros((2, 2)), np.zeros((2, 2)), system.task.commanded(scenario, step)
+    )
     there = path_point(np.array([0.0, 30.0]), scenario)  # 20 s at 1.5 m/s
     np.testing.assert_allclose(np.tan(told[:, 4]), -there[:, 4], rtol=1e-12)
     np.testing.assert_array_equal(told[:, 5], 1.0)
@@ -188,11 +211,13 @@ def test_the_reference_is_where_the_believed_position_is_on_the_path(system: Sys
     mean = rng.normal(0.0, 1.0, (6, states(task))) * 5.0
     reference = believed(task, mean, scenario)
     assert reference.shape == (6, 11)
-    np.testing.assert_array_equal(reference[:, :8], follow(task.position(mean), scenario, task.ahead))
+    np.testing.assert_array_equal(
+        reference[:, :8], follow(task.position(mean), scenario, task.ahead)
+    )
     np.testing.assert_array_equal(reference[:, 8:], scenario)
 
 
-# --- what the agent sees ----------------------------------------------------------------------------
+# --- what the agent sees --------------------------------------------------------------------------
 
 
 def body_axes(task: Dive, x: np.ndarray) -> Rotation:
@@ -223,7 +248,9 @@ def test_vectors_in_the_observation_are_those_of_a_rotation_of_their_own(system:
     reference = believed(task, x, scenario)
     current = np.zeros((300, 3))
     current[:, : ambient_flows(task)] = rng.normal(size=(300, ambient_flows(task)))
-    seen = task.named(task.observe(belief(x, current[:, : ambient_flows(task)]), reference, trim(task, 300)))
+    seen = task.named(
+        task.observe(belief(x, current[:, : ambient_flows(task)]), reference, trim(task, 300))
+    )
     position, inverse = task.position(x), body_axes(task, x).inv()
     closest = path_point(reference[:, 0], scenario)
     vectors = {
@@ -238,7 +265,9 @@ def test_vectors_in_the_observation_are_those_of_a_rotation_of_their_own(system:
         # beyond the ends of the path, "path" is still abreast of the vehicle: perpendicular in plan
         for axis, words in enumerate(("ahead", "to starboard", "below")):
             if f"{name} {words}" in task.observed:
-                np.testing.assert_allclose(seen[f"{name} {words}"], expected[:, axis], rtol=0, atol=1e-8, err_msg=name)
+                np.testing.assert_allclose(
+                    seen[f"{name} {words}"], expected[:, axis], rtol=0, atol=1e-8, err_msg=name
+                )
 
 
 @DIVES
@@ -265,7 +294,11 @@ def test_the_other_errors_and_estimates_are_what_their_names_say(system: System)
         np.testing.assert_allclose(seen[name], values, rtol=0, atol=1e-9, err_msg=name)
     vectors = {name for name in task.observed if name.split()[0] in ("path", "look", "current")}
     assert set(expected) | vectors == set(task.observed)
-    assert len(task.observed) + len(system.vehicle.action_names) == sizes(system)["mean"] == observation.shape[1]
+    assert (
+        len(task.observed) + len(system.vehicle.action_names)
+        == sizes(system)["mean"]
+        == observation.shape[1]
+    )
 
 
 def test_the_heading_error_has_no_seam():
@@ -301,7 +334,9 @@ def test_standard_deviations_are_those_of_the_state_and_of_order_one_at_the_star
     seen = []
     for factor in (1.0, 4.0, -1.0):
         core.reset()
-        known = Gaussian(core.belief.mean, joint_prior(task.prior(core.scenario).cov, core.forces, core.sensors))
+        known = Gaussian(
+            core.belief.mean, joint_prior(task.prior(core.scenario).cov, core.forces, core.sensors)
+        )
         core.loop.belief = core.filter.init(known)
         core.loop.belief = core.belief.replace(cov=factor * core.belief.cov)
         seen.append(core.observe()[:, -states(task) - ambient_flows(task) :])
@@ -344,7 +379,7 @@ def test_raw_measurements_come_with_their_mask_and_the_course_and_no_estimate(sy
         assert (shown[row, -2:] != 0.0).all()
 
 
-# --- score ------------------------------------------------------------------------------------------
+# --- score ----------------------------------------------------------------------------------------
 
 
 def fly(
@@ -369,7 +404,9 @@ def fly(
     for position, angle in zip(positions[1:], np.broadcast_to(fin, len(positions)), strict=False):
         truth, actuators[:, :-1] = state(task, position, pitch), angle
         reference = believed(task, state(task, np.asarray(position) + error), scenario)
-        reward, number, score_state = score(task, truth, reference, actuators, np.zeros_like(actuators), score_state)
+        reward, number, score_state = score(
+            task, truth, reference, actuators, np.zeros_like(actuators), score_state
+        )
         rewards.append(float(reward[0]))
         end = int(number[0])
         if end:
@@ -403,7 +440,9 @@ def test_a_perfect_flight_earns_nearly_one_and_no_flight_earns_more(system: Syst
         assert rewards[:-1].sum() == pytest.approx(task.TRACKING, rel=2e-2)
         assert score_state[0] == pytest.approx(scenario[1])
         for faster in (0.2, 0.4):  # five times as fast: not every metre counts then
-            assert fly(task, scenario, along(scenario, cruise(task, scenario, faster)))[0].sum() <= 1.0
+            assert (
+                fly(task, scenario, along(scenario, cruise(task, scenario, faster)))[0].sum() <= 1.0
+            )
 
 
 @DIVES
@@ -418,11 +457,18 @@ def test_every_reward_and_every_sum_of_them_lies_between_zero_and_one(system: Sy
         x, y, z, heading, _ = path_point(s, scenario).T
         aside = rng.normal(0.0, 0.3, rows) * isinstance(task, SpatialDive)
         position = np.stack(
-            [x - aside * np.sin(heading), y + aside * np.cos(heading), z + rng.normal(0, 0.3, rows)], -1
+            [
+                x - aside * np.sin(heading),
+                y + aside * np.cos(heading),
+                z + rng.normal(0, 0.3, rows),
+            ],
+            -1,
         )
         actuators = trim(task, rows)
         actuators[:, -1] = rng.uniform(0.0, task.auv.thrust_limit, rows)
-        reference = believed(task, state(task, position + rng.normal(0.0, 0.3, (rows, 3))), scenario)
+        reference = believed(
+            task, state(task, position + rng.normal(0.0, 0.3, (rows, 3))), scenario
+        )
         reward, end, score_state = score(
             task, state(task, position), reference, actuators, 0.0 * actuators, score_state
         )
@@ -476,7 +522,9 @@ def test_every_metre_pays_once_and_the_same(system: System):
 def test_a_leap_pays_for_no_more_than_a_vehicle_may_cover_in_a_step(system: System):
     task, scenario = system.task, scenarios(system.task, 1, 14)[0]
     most = task.FASTEST * task.auv.cruise_speed * task.dt
-    rewards, _, score_state = fly(task, scenario, along(scenario, np.array([0.0, 0.8 * scenario[1]])))
+    rewards, _, score_state = fly(
+        task, scenario, along(scenario, np.array([0.0, 0.8 * scenario[1]]))
+    )
     assert rewards[0] == pytest.approx(task.TRACKING * most / scenario[1])
     assert score_state[0] == pytest.approx(most)
 
@@ -488,11 +536,15 @@ def test_what_lies_behind_the_start_is_not_paid_for_twice(system: System):
     for first in (-2.0, -0.5, 0.0, 0.7):
         s = np.arange(first, 0.5 * scenario[1], 0.1)
         rewards, _, _ = fly(task, scenario, along(scenario, s))
-        assert rewards.sum() == pytest.approx(task.TRACKING * (s[-1] - max(first, 0.0)) / scenario[1])
+        assert rewards.sum() == pytest.approx(
+            task.TRACKING * (s[-1] - max(first, 0.0)) / scenario[1]
+        )
 
 
 waypoints = st.lists(
-    st.tuples(st.floats(-0.28, 0.28), st.floats(-1.5, 1.5), st.floats(-1.0, 1.0)), min_size=3, max_size=40
+    st.tuples(st.floats(-0.28, 0.28), st.floats(-1.5, 1.5), st.floats(-1.0, 1.0)),
+    min_size=3,
+    max_size=40,
 )
 """Steps along the path, all of which count, and where beside it."""
 
@@ -508,7 +560,8 @@ def test_no_detour_ever_raises_the_score(
 ):
     """Loitering, circling, waiting and going back, put into a flight: out from a place that it meets, and back to it.
 
-    The detour stays behind the farthest place so far: one that goes on covers new metres, and may cover them better.
+    The detour stays behind the farthest place so far: one that goes on covers new metres, and may
+    cover them better.
     """
     task, scenario = system.task, np.array([0.4, 24.0, 3.0])
     if isinstance(task, VerticalDive):
@@ -541,14 +594,18 @@ def test_ending_early_forgoes_the_rest(system: System):
     task, scenario = system.task, scenarios(system.task, 1, 16)[0]
     positions = along(scenario, cruise(task, scenario))
     rewards, _, _ = fly(task, scenario, positions)
-    beyond = believed(task, state(task, path_point(scenario[1] + 1e-6, scenario)[:3]), scenario[None])
+    beyond = believed(
+        task, state(task, path_point(scenario[1] + 1e-6, scenario)[:3]), scenario[None]
+    )
     for share in (0.2, 0.5, 0.8, 0.95):
         flown = int(share * len(rewards))
         early, end, score_state = fly(task, scenario, positions[: flown + 1])
         assert end == ""
         np.testing.assert_array_equal(early, rewards[:flown])
         truth = state(task, positions[flown + 1])
-        last, number, _ = score(task, truth, beyond, trim(task), 0.0 * trim(task), score_state[None])
+        last, number, _ = score(
+            task, truth, beyond, trim(task), 0.0 * trim(task), score_state[None]
+        )
         miss = np.linalg.norm(positions[flown + 1] - positions[-1])
         assert task.end_reasons[number[0]] == "missed the goal"
         arriving = (1.0 - task.TRACKING) / (1.0 + (miss / task.GOAL_TOLERANCE) ** 2)
@@ -562,7 +619,9 @@ def test_arriving_is_by_belief_and_paid_by_truth(system: System):
     task, scenario = system.task, scenarios(system.task, 1, 17)[0]
     goal = path_point(scenario[1], scenario)
     onward = np.array([np.cos(goal[3]), np.sin(goal[3]), 0.0])
-    energy = 0.5 * scenario[1] / task.auv.cruise_speed  # less than cruising takes: economy is at most 1
+    energy = (
+        0.5 * scenario[1] / task.auv.cruise_speed
+    )  # less than cruising takes: economy is at most 1
     for miss, end in (
         (0.0, "arrived"),
         (0.3, "arrived"),
@@ -575,9 +634,13 @@ def test_arriving_is_by_belief_and_paid_by_truth(system: System):
             arrived = believed(task, state(task, goal[:3] + 1e-6 * onward), scenario[None])
             near = believed(task, state(task, goal[:3] - 1e-3 * onward), scenario[None])
             score_state = remembered(task, [[scenario[1], energy]])
-            reward, number, _ = score(task, truth, arrived, trim(task), 0.0 * trim(task), score_state)
+            reward, number, _ = score(
+                task, truth, arrived, trim(task), 0.0 * trim(task), score_state
+            )
             assert task.end_reasons[number[0]] == end
-            assert reward[0] == pytest.approx((1 - task.TRACKING) / (1 + (miss / task.GOAL_TOLERANCE) ** 2))
+            assert reward[0] == pytest.approx(
+                (1 - task.TRACKING) / (1 + (miss / task.GOAL_TOLERANCE) ** 2)
+            )
             reward, number, _ = score(task, truth, near, trim(task), 0.0 * trim(task), score_state)
             assert (reward[0], number[0]) == (0.0, 0)
 
@@ -588,8 +651,12 @@ def final_reward(task: Dive, scenario: np.ndarray, thrust: float, seconds: float
     steps, actuators = round(seconds / task.dt), trim(task)
     actuators[:, -1] = thrust
     score_state = remembered(task, [[scenario[1], 0.0]])
-    beyond = believed(task, state(task, path_point(scenario[1] + 1e-6, scenario)[:3]), scenario[None])
-    before = believed(task, state(task, path_point(scenario[1] - 0.1, scenario)[:3]), scenario[None])
+    beyond = believed(
+        task, state(task, path_point(scenario[1] + 1e-6, scenario)[:3]), scenario[None]
+    )
+    before = believed(
+        task, state(task, path_point(scenario[1] - 0.1, scenario)[:3]), scenario[None]
+    )
     for _ in range(steps - 1):
         reward, _, score_state = score(task, goal, before, actuators, 0.0 * actuators, score_state)
         assert reward[0] == 0.0
@@ -602,10 +669,16 @@ def test_arriving_pays_by_the_energy_of_a_cruise_over_that_used(system: System):
     cruising, most = task.auv.cruise_thrust, 1.0 - task.TRACKING
     straight = np.hypot(scenario[1], scenario[2]) / task.auv.cruise_speed
     assert final_reward(task, scenario, cruising, straight) == pytest.approx(most, rel=1e-2)
-    assert final_reward(task, scenario, cruising, 2.0 * straight) == pytest.approx(0.5 * most, rel=1e-2)
-    assert final_reward(task, scenario, 0.0, 1.5 * straight) == pytest.approx(most, rel=1e-2)  # hotel load: two thirds
+    assert final_reward(task, scenario, cruising, 2.0 * straight) == pytest.approx(
+        0.5 * most, rel=1e-2
+    )
+    assert final_reward(task, scenario, 0.0, 1.5 * straight) == pytest.approx(
+        most, rel=1e-2
+    )  # hotel load: two thirds
     assert final_reward(task, scenario, 0.0, 3.0 * straight) == pytest.approx(0.5 * most, rel=1e-2)
-    assert final_reward(task, scenario, 4.0 ** (2 / 3) * cruising, straight) == pytest.approx(0.5 * most, rel=1e-2)
+    assert final_reward(task, scenario, 4.0 ** (2 / 3) * cruising, straight) == pytest.approx(
+        0.5 * most, rel=1e-2
+    )
     assert final_reward(task, scenario, 0.1 * cruising, 0.5 * straight) == pytest.approx(
         most
     )  # never more than all of it
@@ -624,14 +697,19 @@ def test_steady_cruising_is_the_cheapest_speed_but_for_a_few_per_cent(system: Sy
     assert speed[cost.argmin()] == pytest.approx(1.0, abs=0.03)
 
 
-# --- ends -------------------------------------------------------------------------------------------
+# --- ends -----------------------------------------------------------------------------------------
 
 
 def ended(task: Dive, position: Any, scenario: np.ndarray, pitch: float = 0.0) -> str:
     """The end of a vehicle that believes to be at the path's beginning."""
-    truth, reference = state(task, position, pitch), believed(task, state(task, [0.0, 0.0, 0.0]), scenario[None])
+    truth, reference = (
+        state(task, position, pitch),
+        believed(task, state(task, [0.0, 0.0, 0.0]), scenario[None]),
+    )
     score_state = task.initial_score_state(state(task, [0.0, 0.0, 0.0]), scenario[None])
-    return task.end_reasons[score(task, truth, reference, trim(task), 0.0 * trim(task), score_state)[1][0]]
+    return task.end_reasons[
+        score(task, truth, reference, trim(task), 0.0 * trim(task), score_state)[1][0]
+    ]
 
 
 @DIVES
@@ -641,7 +719,10 @@ def test_each_failure_ends_the_dive_with_its_reason_and_not_before(system: Syste
     slope = path_point(middle, scenario)[4]
     steep = np.sqrt(1.0 + slope**2)
     assert ended(task, along(scenario, np.array([middle])), scenario) == ""
-    assert ended(task, along(scenario, np.array([middle]), below=-4.99 * steep), scenario) in ("", "surfaced")
+    assert ended(task, along(scenario, np.array([middle]), below=-4.99 * steep), scenario) in (
+        "",
+        "surfaced",
+    )
     surface = -task.launch_depth
     assert ended(task, [0.0, 0.0, surface + 0.01], scenario) == ""
     assert ended(task, [0.0, 0.0, surface - 0.01], scenario) == "surfaced"
@@ -650,7 +731,10 @@ def test_each_failure_ends_the_dive_with_its_reason_and_not_before(system: Syste
     assert ended(task, [*path_point(length, scenario)[:2], bottom + 0.01], scenario) == "too deep"
     for side in (1.0, -1.0):
         assert ended(task, [0.0, 0.0, 0.0], scenario, side * (task.PITCH_LIMIT - 0.01)) == ""
-        assert ended(task, [0.0, 0.0, 0.0], scenario, side * (task.PITCH_LIMIT + 0.01)) == "pitched over"
+        assert (
+            ended(task, [0.0, 0.0, 0.0], scenario, side * (task.PITCH_LIMIT + 0.01))
+            == "pitched over"
+        )
     below = along(scenario, np.array([0.9 * middle]), below=0.0)[0]
     distance = task.LOST * np.sqrt(1.0 + path_point(0.9 * middle, scenario)[4] ** 2)
     if below[2] + distance < bottom:
@@ -659,18 +743,25 @@ def test_each_failure_ends_the_dive_with_its_reason_and_not_before(system: Syste
     if isinstance(task, SpatialDive):
         for cross in (4.99, -4.99):
             assert ended(task, along(scenario, np.array([middle]), cross), scenario) == ""
-            assert ended(task, along(scenario, np.array([middle]), cross * 1.01), scenario) == "off the path"
+            assert (
+                ended(task, along(scenario, np.array([middle]), cross * 1.01), scenario)
+                == "off the path"
+            )
 
 
 @DIVES
 def test_believing_to_have_arrived_decides_whatever_else_happens(system: System):
     """The mission is over then; where the vehicle truly is says whether it was a success."""
     task, scenario = system.task, scenarios(system.task, 1, 20)[0]
-    there = believed(task, state(task, path_point(scenario[1] + 1e-6, scenario)[:3]), scenario[None])
+    there = believed(
+        task, state(task, path_point(scenario[1] + 1e-6, scenario)[:3]), scenario[None]
+    )
     score_state = remembered(task, [[scenario[1], 20.0]])
     surfaced = state(task, [0.0, 0.0, -5.0], 1.5)
     assert (
-        task.end_reasons[score(task, surfaced, there, trim(task), 0.0 * trim(task), score_state)[1][0]]
+        task.end_reasons[
+            score(task, surfaced, there, trim(task), 0.0 * trim(task), score_state)[1][0]
+        ]
         == "missed the goal"
     )
 
@@ -682,16 +773,29 @@ def test_the_score_reads_position_and_pitch_of_the_truth_and_nothing_else(system
     read = np.isin(names, ("x", "y", "z", "theta"))
     other = np.where(read, truth, rng.normal(size=truth.shape))
     scenario = scenarios(task, 200, 21)
-    reference, score_state = believed(task, truth + 0.1, scenario), remembered(task, np.abs(rng.normal(size=(200, 2))))
+    reference, score_state = (
+        believed(task, truth + 0.1, scenario),
+        remembered(task, np.abs(rng.normal(size=(200, 2)))),
+    )
     actuators = trim(task, 200)
     acting = np.zeros((200, 8)), rng.normal(size=(200, 8))
     one, two = (
-        task.score(values, exogenous, reference, task.over(reference), actuators, 0.0 * actuators, score_state)
+        task.score(
+            values,
+            exogenous,
+            reference,
+            task.over(reference),
+            actuators,
+            0.0 * actuators,
+            score_state,
+        )
         for values, exogenous in zip((truth, other), acting, strict=True)
     )
     for a, b in zip(one, two, strict=True):
         np.testing.assert_array_equal(a, b)
-    np.testing.assert_array_equal(task.initial_score_state(truth, scenario), task.initial_score_state(other, scenario))
+    np.testing.assert_array_equal(
+        task.initial_score_state(truth, scenario), task.initial_score_state(other, scenario)
+    )
 
 
 @DIVES
@@ -705,9 +809,13 @@ def test_fins_that_dither_cost_without_bound_and_resting_fins_nothing(system: Sy
     for share in (0.02, 0.3, 1.0):
         angle = 0.5 * share * task.auv.fin_rate * task.dt * (-1.0) ** np.arange(len(s))
         dithering = fly(task, scenario, along(scenario, s), fin=angle)[0]
-        np.testing.assert_allclose(dithering[2:], best[2:] / (1.0 + share * (1.25 + 4.0) / 3.0), rtol=1e-9)
+        np.testing.assert_allclose(
+            dithering[2:], best[2:] / (1.0 + share * (1.25 + 4.0) / 3.0), rtol=1e-9
+        )
 
 
 def test_a_dive_can_be_made_to_another_goal_by_data_alone():
     task = replace(SPATIAL.task, goal=(20.0, -5.0, 2.0), goal_spread=(0.0, 0.0, 0.0))
-    np.testing.assert_allclose(scenarios(task, 2), np.tile(arc_to(np.array([20.0, -5.0, 2.0])), (2, 1)))
+    np.testing.assert_allclose(
+        scenarios(task, 2), np.tile(arc_to(np.array([20.0, -5.0, 2.0])), (2, 1))
+    )

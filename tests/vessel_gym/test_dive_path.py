@@ -14,7 +14,9 @@ ANGLES = st.floats(-5.5, 5.5)  # rad: up to seven eighths of a circle
 LENGTHS = st.floats(5.0, 200.0)  # m
 DEPTHS = st.floats(0.0, 30.0)  # m
 ARCS = st.tuples(ANGLES, LENGTHS, DEPTHS).map(np.array)
-SOME = np.array([[1.2, 22.0, 6.0], [-2.0, 30.0, 4.0], [0.0, 60.0, 20.0], [4.5, 80.0, 10.0], [-1e-7, 25.0, 5.0]])
+SOME = np.array(
+    [[1.2, 22.0, 6.0], [-2.0, 30.0, 4.0], [0.0, 60.0, 20.0], [4.5, 80.0, 10.0], [-1e-7, 25.0, 5.0]]
+)
 DIVES = pytest.mark.parametrize("arc", SOME, ids=lambda arc: f"{arc[0]:g} rad")
 LAW = settings(derandomize=True, deadline=None)
 PORT = np.array([-1.0, 1.0, 1.0])  # a course, mirrored
@@ -24,10 +26,12 @@ MIRROR = np.array([1.0, -1.0, 1.0])  # a position, mirrored
 def beside(s: np.ndarray, cross: np.ndarray, below: np.ndarray, arc: np.ndarray) -> np.ndarray:
     """Positions ``(..., 3)`` off the path at s, by ``cross`` metres to starboard and ``below``."""
     x, y, z, heading, _ = np.moveaxis(path_point(s, arc), -1, 0)
-    return np.stack(np.broadcast_arrays(x - cross * np.sin(heading), y + cross * np.cos(heading), z + below), -1)
+    return np.stack(
+        np.broadcast_arrays(x - cross * np.sin(heading), y + cross * np.cos(heading), z + below), -1
+    )
 
 
-# --- the path itself --------------------------------------------------------------------------------
+# --- the path itself ------------------------------------------------------------------------------
 
 
 @LAW
@@ -36,7 +40,9 @@ def test_the_path_leaves_the_origin_ahead_and_level_and_arrives_level(arc: np.nd
     angle, length, depth = arc
     np.testing.assert_allclose(path_point(0.0, arc), np.zeros(5), atol=1e-12)
     end = path_point(length, arc)
-    np.testing.assert_allclose(end[2:], [depth, angle, 0.0], rtol=1e-12, atol=1e-6)  # 1e-9 per metre of curvature
+    np.testing.assert_allclose(
+        end[2:], [depth, angle, 0.0], rtol=1e-12, atol=1e-6
+    )  # 1e-9 per metre of curvature
 
 
 @LAW
@@ -45,7 +51,9 @@ def test_the_course_to_a_goal_reaches_it(distance: float, bearing: float, depth:
     goal = np.array([distance * np.cos(bearing), distance * np.sin(bearing), depth])
     arc = arc_to(goal)
     np.testing.assert_allclose(path_point(arc[1], arc)[:3], goal, rtol=0, atol=1e-6 * distance)
-    assert arc[0] == pytest.approx(2.0 * bearing, abs=1e-12)  # a tangent and its chord: half the angle
+    assert arc[0] == pytest.approx(
+        2.0 * bearing, abs=1e-12
+    )  # a tangent and its chord: half the angle
 
 
 def test_the_arc_to_a_goal_is_that_of_a_known_circle():
@@ -76,7 +84,9 @@ def test_positions_are_the_integral_of_heading_and_slope(arc: np.ndarray):
     s = np.linspace(0.0, arc[1], 20_001)
     x, y, z, heading, slope = path_point(s, arc).T
     for position, rate in ((x, np.cos(heading)), (y, np.sin(heading)), (z, slope)):
-        np.testing.assert_allclose(cumulative_simpson(rate, x=s, initial=0.0), position, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(
+            cumulative_simpson(rate, x=s, initial=0.0), position, rtol=0, atol=1e-9
+        )
 
 
 @DIVES
@@ -113,20 +123,24 @@ def test_the_depth_only_ever_rises_and_is_steepest_half_way(arc: np.ndarray):
 def test_a_path_that_hardly_turns_is_the_straight_one(length: float, depth: float, s: float):
     straight = path_point(s, np.array([0.0, length, depth]))
     on = np.clip(s / length, 0.0, 1.0)
-    np.testing.assert_allclose(straight[:3], [s, 0.0, depth * on**2 * (3 - 2 * on)], rtol=1e-12, atol=1e-4)
+    np.testing.assert_allclose(
+        straight[:3], [s, 0.0, depth * on**2 * (3 - 2 * on)], rtol=1e-12, atol=1e-4
+    )
     for angle in (1e-14, -1e-10, 1e-8, 1e-6):  # no digits are lost on the way to zero
         bent = path_point(s, np.array([angle, length, depth]))
         curve = 0.5 * angle / length * min(max(s, 0.0), length) ** 2 + angle * max(s - length, 0.0)
         np.testing.assert_allclose(bent[:3], straight[:3] + [0.0, curve, 0.0], rtol=0, atol=5e-5)
 
 
-# --- where a position is relative to it -------------------------------------------------------------
+# --- where a position is relative to it -----------------------------------------------------------
 
 
 @pytest.mark.slow
 @LAW
 @given(ARCS, st.floats(-1.0, 2.0), st.floats(-0.9, 0.9), st.floats(-10.0, 10.0))
-def test_a_position_off_the_path_is_found_again(arc: np.ndarray, share: float, off: float, below: float):
+def test_a_position_off_the_path_is_found_again(
+    arc: np.ndarray, share: float, off: float, below: float
+):
     angle, length, _ = arc
     radius = length / max(abs(angle), 1e-9)
     s, cross = share * length, off * min(radius, 20.0)
@@ -140,7 +154,9 @@ def test_a_position_off_the_path_is_found_again(arc: np.ndarray, share: float, o
 
 @LAW
 @given(ARCS, st.floats(-60.0, 60.0), st.floats(-60.0, 60.0), st.floats(-5.0, 30.0))
-def test_the_closest_point_in_plan_is_that_of_a_search(arc: np.ndarray, north: float, east: float, down: float):
+def test_the_closest_point_in_plan_is_that_of_a_search(
+    arc: np.ndarray, north: float, east: float, down: float
+):
     """Of the piece, arc or straight, on which it lies."""
     length = arc[1]
     position = np.array([north, east, down])
@@ -154,7 +170,9 @@ def test_the_closest_point_in_plan_is_that_of_a_search(arc: np.ndarray, north: f
         grid = np.linspace(0.0, length, 400)
         best = grid[distance(grid).argmin()]
         low, high = max(best - length / 399, 0.0), min(best + length / 399, length)
-        search = minimize_scalar(distance, bounds=(low, high), method="bounded", options={"xatol": 1e-10})
+        search = minimize_scalar(
+            distance, bounds=(low, high), method="bounded", options={"xatol": 1e-10}
+        )
         nearest = min(search.fun, float(distance(low)), float(distance(high)))
         assert found <= nearest + 1e-6 * (1.0 + length)
         assert abs(seen[1]) == pytest.approx(found, abs=1e-6 * (1.0 + length))
@@ -166,7 +184,9 @@ def test_the_closest_point_in_plan_is_that_of_a_search(arc: np.ndarray, north: f
 
 @pytest.mark.slow
 @DIVES
-def test_a_position_is_before_the_start_or_beyond_the_end_only_where_it_is_behind_or_ahead_of_it(arc: np.ndarray):
+def test_a_position_is_before_the_start_or_beyond_the_end_only_where_it_is_behind_or_ahead_of_it(
+    arc: np.ndarray,
+):
     """Even across the circle from the arc, where progress jumps from one end to the other."""
     length = arc[1]
     north, east = np.meshgrid(np.linspace(-90.0, 90.0, 91), np.linspace(-90.0, 90.0, 91))
@@ -181,7 +201,9 @@ def test_a_position_is_before_the_start_or_beyond_the_end_only_where_it_is_behin
     there = path_point(progress, arc)[:, :2]
     on = (progress >= 0.0) & (progress <= length)
     assert 100 < on.sum() < len(on)
-    np.testing.assert_allclose(np.hypot(*(position[:, :2] - there).T)[on], nearest[on], rtol=0, atol=2e-2)
+    np.testing.assert_allclose(
+        np.hypot(*(position[:, :2] - there).T)[on], nearest[on], rtol=0, atol=2e-2
+    )
     inside = (progress > 0.0) & (progress < length)
     np.testing.assert_allclose(np.abs(cross[inside]), nearest[inside], rtol=0, atol=2e-2)
 
@@ -192,7 +214,9 @@ def test_near_the_path_no_point_of_all_of_it_is_closer(arc: np.ndarray, share: f
     """Where a vehicle may be that is not lost, unless the path bends back on itself."""
     angle, length, _ = arc
     arc = arc * [min(1.0, 2.5 / max(abs(angle), 1e-9)), 1.0, 1.0]
-    position = beside(share * length, cross * min(5.0, 0.3 * length / max(abs(arc[0]), 1e-9)), 0.0, arc)
+    position = beside(
+        share * length, cross * min(5.0, 0.3 * length / max(abs(arc[0]), 1e-9)), 0.0, arc
+    )
     seen = follow(position, arc, 0.0)
     everywhere = path_point(np.linspace(-50.0, length + 50.0, 4000), arc)
     distance = np.hypot(*(everywhere[:, :2] - position[:2]).T)
@@ -201,23 +225,32 @@ def test_near_the_path_no_point_of_all_of_it_is_closer(arc: np.ndarray, share: f
 
 @LAW
 @given(ARCS, st.floats(-0.5, 1.5), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(0.0, 30.0))
-def test_the_vector_ahead_leads_to_the_path(arc: np.ndarray, share: float, cross: float, below: float, ahead: float):
+def test_the_vector_ahead_leads_to_the_path(
+    arc: np.ndarray, share: float, cross: float, below: float, ahead: float
+):
     position = beside(share * arc[1], cross, below, arc)
     seen = follow(position, arc, ahead)
     target = path_point(seen[0] + ahead, arc)[:3]
     np.testing.assert_allclose(position + seen[5:], target, rtol=0, atol=1e-9 * (1.0 + arc[1]))
-    np.testing.assert_array_equal(seen[:5], follow(position, arc, 0.0)[:5])  # the rest does not depend on it
+    np.testing.assert_array_equal(
+        seen[:5], follow(position, arc, 0.0)[:5]
+    )  # the rest does not depend on it
 
 
 @LAW
 @given(ARCS, st.floats(-50.0, 50.0), st.floats(-50.0, 50.0), st.floats(-5.0, 30.0))
 def test_port_mirrors_starboard(arc: np.ndarray, north: float, east: float, down: float):
     position = np.array([north, east, down])
-    assume(abs(arc[0]) > 1e-8 * arc[1])  # a straight path bends by the least curvature, which has a side
+    assume(
+        abs(arc[0]) > 1e-8 * arc[1]
+    )  # a straight path bends by the least curvature, which has a side
     one, other = follow(position, arc, 3.0), follow(position * MIRROR, arc * PORT, 3.0)
     np.testing.assert_allclose(other, one * [1, -1, 1, -1, 1, 1, -1, 1], rtol=1e-12, atol=1e-9)
     np.testing.assert_allclose(
-        path_point(north, arc * PORT), path_point(north, arc) * [1, -1, 1, -1, 1], rtol=1e-12, atol=1e-12
+        path_point(north, arc * PORT),
+        path_point(north, arc) * [1, -1, 1, -1, 1],
+        rtol=1e-12,
+        atol=1e-12,
     )
     np.testing.assert_allclose(arc_to(position * MIRROR), arc_to(position) * PORT, rtol=1e-12)
 

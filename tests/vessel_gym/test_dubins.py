@@ -17,7 +17,9 @@ def random_pairs(n: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
     start = rng.uniform(-1.0, 1.0, (n, 3)) * [10.0, 10.0, np.pi]
     distance, bearing = 20.0 * rng.uniform(size=n) ** 2, rng.uniform(-np.pi, np.pi, n)
-    goal = start + np.stack([distance * np.cos(bearing), distance * np.sin(bearing), rng.uniform(-np.pi, np.pi, n)], -1)
+    goal = start + np.stack(
+        [distance * np.cos(bearing), distance * np.sin(bearing), rng.uniform(-np.pi, np.pi, n)], -1
+    )
     return start, goal
 
 
@@ -43,10 +45,12 @@ def travel(pose: np.ndarray, sides: str | np.ndarray, pieces: np.ndarray) -> np.
 def misses(end: np.ndarray, goal: np.ndarray) -> np.ndarray:
     """How far the poses ``(..., 3)`` differ: the largest of x, y and the heading modulo 2 pi."""
     turn = np.angle(np.exp(1j * (end[..., 2] - goal[..., 2])))
-    return np.max(np.abs(np.stack([end[..., 0] - goal[..., 0], end[..., 1] - goal[..., 1], turn])), 0)
+    return np.max(
+        np.abs(np.stack([end[..., 0] - goal[..., 0], end[..., 1] - goal[..., 1], turn])), 0
+    )
 
 
-# --- the six words ----------------------------------------------------------------------------------
+# --- the six words --------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -65,7 +69,9 @@ def test_every_candidate_ends_at_the_goal_and_is_as_long_as_it_says(radius):
     assert seen == set(WORDS)
 
 
-def solutions(start: np.ndarray, goal: np.ndarray, word: str, guess: np.ndarray, steps: int = 12) -> np.ndarray:
+def solutions(
+    start: np.ndarray, goal: np.ndarray, word: str, guess: np.ndarray, steps: int = 12
+) -> np.ndarray:
     """Lengths of the paths of a word that Newton's method finds, infinite where it finds none.
 
     Args:
@@ -81,7 +87,11 @@ def solutions(start: np.ndarray, goal: np.ndarray, word: str, guess: np.ndarray,
         error = travel(start, word, pieces) - goal
         error[..., 2] = np.angle(np.exp(1j * error[..., 2]))
         slope = np.stack(
-            [(travel(start, word, pieces + d) - travel(start, word, pieces - d)) / 2e-6 for d in 1e-6 * np.eye(3)], -1
+            [
+                (travel(start, word, pieces + d) - travel(start, word, pieces - d)) / 2e-6
+                for d in 1e-6 * np.eye(3)
+            ],
+            -1,
         )
         slope += 1e-9 * np.eye(3)  # no guess stops at a singular point
         change = np.linalg.solve(slope, error[..., None])[..., 0]
@@ -102,22 +112,34 @@ def test_no_search_over_words_and_lengths_of_pieces_finds_a_shorter_path():
     guess = np.array(list(product((0.5, 2.5, 4.5), (1.0, 4.0, 10.0), (0.5, 2.5, 4.5))))
     searched = np.min([solutions(start, goal, word, guess) for word in words], 0)
     assert (searched > found - 1e-6).all()
-    assert np.mean(searched < found + 1e-6) > 0.95  # the search is one that would find a shorter path
+    assert (
+        np.mean(searched < found + 1e-6) > 0.95
+    )  # the search is one that would find a shorter path
 
 
 def test_lengths_are_the_same_backwards_and_in_the_mirror():
     start, goal = random_pairs(100 * PAIRS, 2)
-    found, turn, mirror = lengths(start, goal, 1.0), np.array([0.0, 0.0, np.pi]), np.array([1.0, -1.0, -1.0])
+    found, turn, mirror = (
+        lengths(start, goal, 1.0),
+        np.array([0.0, 0.0, np.pi]),
+        np.array([1.0, -1.0, -1.0]),
+    )
     swapped = [WORDS.index(word.translate(str.maketrans("LR", "RL"))) for word in WORDS]
     reversed_ = [WORDS.index(word.translate(str.maketrans("LR", "RL"))[::-1]) for word in WORDS]
-    np.testing.assert_allclose(lengths(start * mirror, goal * mirror, 1.0)[:, swapped], found, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(lengths(goal + turn, start + turn, 1.0)[:, reversed_], found, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        lengths(start * mirror, goal * mirror, 1.0)[:, swapped], found, rtol=0, atol=1e-9
+    )
+    np.testing.assert_allclose(
+        lengths(goal + turn, start + turn, 1.0)[:, reversed_], found, rtol=0, atol=1e-9
+    )
 
 
 def test_lengths_move_turn_and_scale_with_the_poses():
     start, goal = random_pairs(100 * PAIRS, 3)
     found, angle = lengths(start, goal, 1.0), 2.3
-    turn = np.array([[np.cos(angle), np.sin(angle), 0.0], [-np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    turn = np.array(
+        [[np.cos(angle), np.sin(angle), 0.0], [-np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]]
+    )
     moved = [pose @ turn * [50.0, 50.0, 1.0] + [-300.0, 700.0, angle] for pose in (start, goal)]
     np.testing.assert_allclose(lengths(*moved, 50.0), 50.0 * found, rtol=0, atol=50.0 * 1e-9)
 
@@ -129,9 +151,15 @@ def test_no_path_is_shorter_than_the_straight_line_and_none_needs_more_than_a_bo
     assert excess.max() < 7.0 * np.pi / 3.0 + 1e-9  # the detour of a turn on the spot
 
 
-# --- where formulas jump by a full circle -----------------------------------------------------------
+# --- where formulas jump by a full circle ---------------------------------------------------------
 
-FRAMES = [(0.0, 0.0, 0.0), (3.0, -7.0, 0.7), (-500.0, 100.0, -2.4), (0.1, 0.2, 3.1), (1e4, -3e4, 40.0)]
+FRAMES = [
+    (0.0, 0.0, 0.0),
+    (3.0, -7.0, 0.7),
+    (-500.0, 100.0, -2.4),
+    (0.1, 0.2, 3.1),
+    (1e4, -3e4, 40.0),
+]
 """Starts [turn radii, rad] from which the same move is made: each rounds it in its own way."""
 
 frames = pytest.mark.parametrize("start", FRAMES)
@@ -161,7 +189,9 @@ def test_a_pose_is_no_way_from_itself_and_seven_thirds_of_pi_from_its_opposite(s
     assert (same.length, same.word) == (0.0, "S")
     assert shortest(start, start + [0.0, 0.0, 2.0 * np.pi], 1.0).length == 0.0
     for turn in (np.pi, -np.pi, 3.0 * np.pi):
-        assert shortest(start, start + [0.0, 0.0, turn], 1.0).length == pytest.approx(7.0 * np.pi / 3.0, abs=1e-9)
+        assert shortest(start, start + [0.0, 0.0, turn], 1.0).length == pytest.approx(
+            7.0 * np.pi / 3.0, abs=1e-9
+        )
 
 
 @pytest.mark.parametrize(
@@ -194,7 +224,7 @@ def test_a_word_that_loses_pieces_is_never_a_circle_too_long(start, word):
             assert misses(path.pose(path.length), goal) < 1e-9
 
 
-# --- paths ------------------------------------------------------------------------------------------
+# --- paths ----------------------------------------------------------------------------------------
 
 
 def test_a_path_s_segments_follow_each_other_and_its_samples_lie_on_it():
@@ -212,7 +242,9 @@ def test_a_path_s_segments_follow_each_other_and_its_samples_lie_on_it():
         assert misses(samples[-1], goal) < 1e-9
         assert chords.max() <= 0.01
         assert chords.sum() == pytest.approx(path.length, rel=1e-5)
-        assert np.abs(np.diff(samples[:, 2])).max() <= 0.01 + 1e-12  # heading continuous, no tighter than the radius
+        assert (
+            np.abs(np.diff(samples[:, 2])).max() <= 0.01 + 1e-12
+        )  # heading continuous, no tighter than the radius
         halfway = np.arctan2(*np.diff(samples[:, 1::-1], axis=0).T)
         turned = np.angle(np.exp(1j * (halfway - samples[:-1, 2])))
         assert np.abs(turned).max() <= 0.005 + 1e-9  # and the heading is that of the motion
@@ -237,7 +269,7 @@ def test_a_path_of_no_length_has_its_pose_everywhere():
     assert path.curvature(0.0) == 0.0
 
 
-# --- the published case without obstacles -----------------------------------------------------------
+# --- the published case without obstacles ---------------------------------------------------------
 
 
 def test_the_published_case_is_rsr_if_its_headings_are_from_x_and_rsl_if_they_are_from_y():
@@ -254,10 +286,12 @@ def test_the_published_points_of_the_case_with_an_obstacle_are_the_tangent_point
     assert path.word == "RSL"
     assert path.length == pytest.approx(518.774, abs=5e-4)
     points = path.segments[1:, :2]
-    np.testing.assert_allclose(points, [[-407.7151, 149.8384], [-5.6824, 126.9565]], rtol=0, atol=5e-4)
+    np.testing.assert_allclose(
+        points, [[-407.7151, 149.8384], [-5.6824, 126.9565]], rtol=0, atol=5e-4
+    )
 
 
-# --- many at once, and bad input --------------------------------------------------------------------
+# --- many at once, and bad input ------------------------------------------------------------------
 
 
 def test_many_pairs_at_once_are_the_pairs_one_by_one():
@@ -267,7 +301,9 @@ def test_many_pairs_at_once_are_the_pairs_one_by_one():
     assert batch.shape == (6, 4, 6)
     for row, a, b, r in zip(batch.reshape(24, 6), start, goal, np.tile(radius, 6), strict=True):
         one = candidates(a, b, r)
-        assert one == {word: value for word, value in zip(WORDS, row, strict=True) if np.isfinite(value)}
+        assert one == {
+            word: value for word, value in zip(WORDS, row, strict=True) if np.isfinite(value)
+        }
         assert shortest(a, b, r).length == pytest.approx(row.min(), rel=1e-14)
     np.testing.assert_array_equal(lengths(start, goal[0], 1.0)[5], lengths(start[5], goal[0], 1.0))
 

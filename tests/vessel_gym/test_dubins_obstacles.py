@@ -18,15 +18,19 @@ SIZE = 20.0
 def random_scene(rng: np.random.Generator, count: int, largest: float, apart: float = 0.0):
     """Start, goal and obstacles ``(count, 3)`` in units of the turn radius.
 
-    Poses and centres are uniform in the square, headings uniform, obstacle radii uniform from 0.3 to ``largest``.
-    An obstacle that comes closer than 2 radii to a pose is drawn again, and so are poses closer than ``apart``;
-    obstacles may overlap.
+    Poses and centres are uniform in the square, headings uniform, obstacle radii uniform from 0.3
+    to ``largest``. An obstacle that comes closer than 2 radii to a pose is drawn again, and so are
+    poses closer than ``apart``; obstacles may overlap.
     """
     while True:
         start, goal = rng.uniform(0.0, 1.0, (2, 3)) * [SIZE, SIZE, 2.0 * np.pi]
         if np.hypot(*(goal - start)[:2]) < apart:
             continue
-        drawn = rng.uniform(0.0, 1.0, (40 * count, 3)) * [SIZE, SIZE, largest - 0.3] + [0.0, 0.0, 0.3]
+        drawn = rng.uniform(0.0, 1.0, (40 * count, 3)) * [SIZE, SIZE, largest - 0.3] + [
+            0.0,
+            0.0,
+            0.3,
+        ]
         room = [np.hypot(*(drawn[:, :2] - pose[:2]).T) - drawn[:, 2] for pose in (start, goal)]
         drawn = drawn[np.min(room, 0) >= 2.0]
         if len(drawn) >= count:
@@ -53,7 +57,9 @@ def trace(path, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     return np.array(z), np.array(heading)
 
 
-def assert_sound(path, start, goal, radius: float, obstacles: np.ndarray, margin: float = 0.0) -> None:
+def assert_sound(
+    path, start, goal, radius: float, obstacles: np.ndarray, margin: float = 0.0
+) -> None:
     """A path that starts and ends where it should, keeps clear to 1e-6 m and turns no tighter than the radius."""
     z, heading = trace(path, 0.02 * radius)
     assert abs(z[0] - complex(*start[:2])) == 0.0
@@ -63,12 +69,16 @@ def assert_sound(path, start, goal, radius: float, obstacles: np.ndarray, margin
     distance = np.abs(z[:, None] - (obstacles[:, 0] + 1j * obstacles[:, 1]))
     assert (distance.min(0) >= obstacles[:, 2] + margin - 1e-6).all()
     assert radius * np.abs(path.segments[:, 3]).max() <= 1.0 + 1e-9
-    ends, headings = trace(path, np.inf)  # every joint is where the next segment says, and its heading goes on
-    np.testing.assert_allclose(path.segments[1:, 0] + 1j * path.segments[1:, 1], ends[1:-1], atol=1e-9 * radius)
+    ends, headings = trace(
+        path, np.inf
+    )  # every joint is where the next segment says, and its heading goes on
+    np.testing.assert_allclose(
+        path.segments[1:, 0] + 1j * path.segments[1:, 1], ends[1:-1], atol=1e-9 * radius
+    )
     np.testing.assert_allclose(path.segments[1:, 2], headings[1:-1], atol=1e-9)
 
 
-# --- random scenes ----------------------------------------------------------------------------------
+# --- random scenes --------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -94,7 +104,7 @@ def test_eight_obstacles_cost_less_than_two_percent_of_the_way():
         assert 1.0 < np.mean(ratios) <= 1.02
 
 
-# --- against a bound and another planner ------------------------------------------------------------
+# --- against a bound and another planner ----------------------------------------------------------
 
 
 def crowded_scenes(count: int, seed: int):
@@ -102,12 +112,21 @@ def crowded_scenes(count: int, seed: int):
     rng = np.random.default_rng(seed)
     while count:
         if count % 2:
-            start, goal = np.array([0.0, 0.0, rng.uniform(-1.6, 1.6)]), np.array([5.8, 0.0, rng.uniform(-1.6, 1.6)])
+            start, goal = (
+                np.array([0.0, 0.0, rng.uniform(-1.6, 1.6)]),
+                np.array([5.8, 0.0, rng.uniform(-1.6, 1.6)]),
+            )
             obstacles = rng.uniform([1.5, -0.7, 0.35], [4.5, 0.7, 0.65], (3, 3))
         else:
             start, goal = rng.uniform(0.0, 1.0, (2, 3)) * [8.0, 8.0, 2.0 * np.pi]
-            obstacles = rng.uniform(0.0, 1.0, (rng.integers(1, 9), 3)) * [8.0, 8.0, 1.7] + [0.0, 0.0, 0.3]
-        room = [np.hypot(*(obstacles[:, :2] - pose[:2]).T) - obstacles[:, 2] for pose in (start, goal)]
+            obstacles = rng.uniform(0.0, 1.0, (rng.integers(1, 9), 3)) * [8.0, 8.0, 1.7] + [
+                0.0,
+                0.0,
+                0.3,
+            ]
+        room = [
+            np.hypot(*(obstacles[:, :2] - pose[:2]).T) - obstacles[:, 2] for pose in (start, goal)
+        ]
         direct = shortest(start, goal, 1.0)
         if np.min(room) > 0.3 and (approach(direct, obstacles[:, :2]) < obstacles[:, 2]).any():
             count -= 1
@@ -133,7 +152,9 @@ def test_another_planner_finds_nothing_that_is_more_than_one_percent_shorter():
         theirs.append(shortest_found(start, goal, obstacles, rng, 2, 100, 1500))
     ours, theirs = np.array(ours), np.array(theirs)
     assert (ours[np.isfinite(theirs)] <= 1.01 * theirs[np.isfinite(theirs)]).all()
-    assert np.mean((theirs <= 1.01 * ours) & np.isfinite(theirs)) > 0.8  # the other is one that would find such a path
+    assert (
+        np.mean((theirs <= 1.01 * ours) & np.isfinite(theirs)) > 0.8
+    )  # the other is one that would find such a path
 
 
 ONE_SEARCH_FAILED = (
@@ -176,7 +197,11 @@ def test_no_path_is_shorter_than_its_lower_bound_and_one_that_is_a_taut_string_i
         path = plan(*poses, radius, [[0.0, 0.0, 3.0 * radius]])
         assert path.lower_bound == pytest.approx(path.length, rel=1e-7)
     path = shortest([0.0, 0.0, 0.0], [3.0, 4.0, 1.0], 1.0)
-    assert path.lower_bound == path.length == plan([0.0, 0.0, 0.0], [3.0, 4.0, 1.0], 1.0, []).lower_bound
+    assert (
+        path.lower_bound
+        == path.length
+        == plan([0.0, 0.0, 0.0], [3.0, 4.0, 1.0], 1.0, []).lower_bound
+    )
 
 
 def test_a_turn_between_two_wide_obstacles_touches_both_and_needs_no_full_loop():
@@ -184,7 +209,9 @@ def test_a_turn_between_two_wide_obstacles_touches_both_and_needs_no_full_loop()
     start, goal = np.array([-0.5, -5.0, 1.2]), np.array([0.5, -5.0, -1.2])
     path = plan(start, goal, 1.0, obstacles)
     assert_sound(path, start, goal, 1.0, obstacles)
-    assert path.length <= 1.01 * shortest_found(start, goal, obstacles, np.random.default_rng(7), 4, 100, 3000)
+    assert path.length <= 1.01 * shortest_found(
+        start, goal, obstacles, np.random.default_rng(7), 4, 100, 3000
+    )
 
 
 @pytest.fixture(scope="module")
@@ -202,16 +229,26 @@ def test_a_plan_is_as_long_in_the_mirror_backwards_and_in_other_units(blocked):
     mirror, turn = np.array([1.0, -1.0, -1.0]), np.array([0.0, 0.0, np.pi])
     for start, goal, obstacles in blocked:
         expected = pytest.approx(plan(start, goal, 1.0, obstacles).length, rel=1e-6)
-        assert plan(start * mirror, goal * mirror, 1.0, obstacles * [1.0, -1.0, 1.0]).length == expected
+        assert (
+            plan(start * mirror, goal * mirror, 1.0, obstacles * [1.0, -1.0, 1.0]).length
+            == expected
+        )
         assert plan(goal + turn, start + turn, 1.0, obstacles).length == expected
         larger = np.array([100.0, 100.0, 1.0])
-        assert plan(start * larger, goal * larger, 100.0, obstacles * 100.0).length / 100.0 == expected
+        assert (
+            plan(start * larger, goal * larger, 100.0, obstacles * 100.0).length / 100.0 == expected
+        )
 
 
 def test_plans_of_many_scenes_are_those_of_each_alone(blocked):
     most = max(len(obstacles) for _, _, obstacles in blocked)
-    scenes = [*blocked, (np.zeros(3), np.array([9.0, 0.0, 0.0]), np.array([[4.0, 9.0, 1.0]]))]  # nothing in the way
-    scenes.append((np.zeros(3), np.array([9.0, 0.0, 0.0]), np.array([[9.0, 0.5, 1.0]])))  # the goal lies inside
+    scenes = [
+        *blocked,
+        (np.zeros(3), np.array([9.0, 0.0, 0.0]), np.array([[4.0, 9.0, 1.0]])),
+    ]  # nothing in the way
+    scenes.append(
+        (np.zeros(3), np.array([9.0, 0.0, 0.0]), np.array([[9.0, 0.5, 1.0]]))
+    )  # the goal lies inside
     discs = np.full((len(scenes), most, 3), np.nan)
     for row, (_, _, obstacles) in zip(discs, scenes, strict=True):
         row[: len(obstacles)] = obstacles
@@ -239,7 +276,9 @@ def test_an_obstacle_that_a_path_clears_makes_it_no_longer(blocked):
         path = plan(start, goal, 1.0, obstacles)
         more = random_scene(rng, 5, 1.5)[2]
         more = more[approach(path, more[:, :2]) > more[:, 2] + 1e-6]
-        assert plan(start, goal, 1.0, np.concatenate([obstacles, more])).length <= path.length * (1.0 + 1e-9)
+        assert plan(start, goal, 1.0, np.concatenate([obstacles, more])).length <= path.length * (
+            1.0 + 1e-9
+        )
 
 
 def test_the_closed_form_of_the_nearest_approach_is_what_samples_approach(blocked):
@@ -249,7 +288,9 @@ def test_the_closed_form_of_the_nearest_approach_is_what_samples_approach(blocke
         sampled = np.abs(z[:, None] - (obstacles[:, 0] + 1j * obstacles[:, 1])).min(0)
         exact = approach(path, obstacles[:, :2])
         assert (exact <= sampled + 1e-12).all()
-        assert (sampled - exact <= 5e-4).all()  # half a spacing, and only where a path meets a centre
+        assert (
+            sampled - exact <= 5e-4
+        ).all()  # half a spacing, and only where a path meets a centre
 
 
 def test_a_circle_s_centre_is_as_near_everywhere_on_the_circle():
@@ -258,13 +299,19 @@ def test_a_circle_s_centre_is_as_near_everywhere_on_the_circle():
                                [1.0, 0.5, np.hypot(3.0, 1.0), 1.0], atol=1e-12)  # fmt: skip
 
 
-# --- paths whose length is known --------------------------------------------------------------------
+# --- paths whose length is known ------------------------------------------------------------------
 
 
 def letters(path, radius: float = 1.0) -> str:
     """The word without the pieces that only lead to a circle that is wider by a hair."""
-    long = [letter for letter, length in zip(path.word, path.segments[:, 4], strict=True) if length > 1e-6 * radius]
-    return "".join(letter for letter, before in zip(long, ["", *long], strict=False) if letter != before)
+    long = [
+        letter
+        for letter, length in zip(path.word, path.segments[:, 4], strict=True)
+        if length > 1e-6 * radius
+    ]
+    return "".join(
+        letter for letter, before in zip(long, ["", *long], strict=False) if letter != before
+    )
 
 
 def string(distance: float, radius: float) -> tuple[float, float]:
@@ -283,7 +330,9 @@ def test_round_a_large_obstacle_the_path_is_a_taut_string(side):
 
 
 @pytest.mark.parametrize("clearance", [0.2, 0.5, 0.95])
-def test_round_a_small_obstacle_the_string_goes_over_a_turning_circle_that_touches_it_from_inside(clearance):
+def test_round_a_small_obstacle_the_string_goes_over_a_turning_circle_that_touches_it_from_inside(
+    clearance,
+):
     below = 1.0 - clearance  # the centre of the turning circle
     length, angle = string(np.hypot(10.0, below), 1.0)
     angle -= np.arctan2(below, 10.0)
@@ -316,14 +365,16 @@ def test_a_corridor_without_any_room_is_left_straight_ahead():
     assert plan(goal + [0.0, 0.0, np.pi], start + [0.0, 0.0, np.pi], 1.0, walls).word[-1] == "S"
 
 
-# --- the published case with an obstacle ------------------------------------------------------------
+# --- the published case with an obstacle ----------------------------------------------------------
 
 FROM, TO = np.array([-407.7151, 149.8384]), np.array([-5.6824, 126.9565])
 OBSTACLE = np.array([[-250.0, 150.0, 30.0]])
 
 
 @pytest.mark.parametrize(("word", "length"), [("SRS", 410.667), ("SLS", 404.963)])
-def test_between_the_published_points_strings_round_the_obstacle_have_the_recomputed_lengths(word, length):
+def test_between_the_published_points_strings_round_the_obstacle_have_the_recomputed_lengths(
+    word, length
+):
     side = 1.0 if word == "SRS" else -1.0  # which way the path passes the obstacle: 1 above it
     headings = []
     for point, ahead in ((FROM, 1.0), (TO, -1.0)):
@@ -350,16 +401,21 @@ def test_the_path_through_the_published_points_meets_the_obstacle_and_is_led_rou
     path = plan(*poses, 100.0, OBSTACLE, 10.0)
     assert_sound(path, *poses, 100.0, OBSTACLE, 10.0)
     assert direct.length < path.length < 1.02 * direct.length
-    assert 1.0 / np.abs(path.segments[:, 3]).max() == pytest.approx(100.0, rel=1e-12)  # not the obstacle's 40 m
+    assert 1.0 / np.abs(path.segments[:, 3]).max() == pytest.approx(
+        100.0, rel=1e-12
+    )  # not the obstacle's 40 m
 
 
-# --- where there is no path, and bad input ----------------------------------------------------------
+# --- where there is no path, and bad input --------------------------------------------------------
 
 
 def ring(radius: float, count: int, leave_out: int = 0) -> np.ndarray:
     """Discs that overlap in a ring about the origin, some left out about the bearing 0."""
     bearing = 2.0 * np.pi * np.arange(count) / count
-    discs = np.stack([radius * np.cos(bearing), radius * np.sin(bearing), np.full(count, 4.0 * radius / count)], -1)
+    discs = np.stack(
+        [radius * np.cos(bearing), radius * np.sin(bearing), np.full(count, 4.0 * radius / count)],
+        -1,
+    )
     return np.roll(discs, leave_out // 2, 0)[leave_out:]
 
 
@@ -386,8 +442,14 @@ def test_a_way_too_winding_for_the_turn_radius_is_said_to_be_unfound_and_not_to_
 def test_a_path_that_fails_its_check_is_never_returned(monkeypatch, blocked):
     start, goal, obstacles = blocked[0]
     direct, sound = shortest(start, goal, 1.0), plan(start, goal, 1.0, obstacles)
-    for wrong in (direct.segments[:, 3:], sound.segments[:, 3:] * [1.1, 1.0], np.array([[1.0, 0.5]])):
-        monkeypatch.setattr(detours, "ways", lambda start, *scene, pieces=wrong: [pieces] * len(start))
+    for wrong in (
+        direct.segments[:, 3:],
+        sound.segments[:, 3:] * [1.1, 1.0],
+        np.array([[1.0, 0.5]]),
+    ):
+        monkeypatch.setattr(
+            detours, "ways", lambda start, *scene, pieces=wrong: [pieces] * len(start)
+        )
         with pytest.raises(NoPath):
             plan(start, goal, 1.0, obstacles)
 
@@ -401,7 +463,9 @@ def test_a_point_is_an_obstacle_that_a_path_may_touch_and_keeps_its_margin_from(
 def test_without_obstacles_the_plan_is_the_shortest_path():
     poses = [1.0, 2.0, 3.0], [4.0, -5.0, 6.0]
     for none in ([], np.zeros((0, 3))):
-        np.testing.assert_array_equal(plan(*poses, 2.0, none).segments, shortest(*poses, 2.0).segments)
+        np.testing.assert_array_equal(
+            plan(*poses, 2.0, none).segments, shortest(*poses, 2.0).segments
+        )
 
 
 START, GOAL, DISC = [0.0, 0.0, 0.0], [20.0, 0.0, 0.0], [10.0, 0.0, 2.0]
@@ -410,13 +474,41 @@ START, GOAL, DISC = [0.0, 0.0, 0.0], [20.0, 0.0, 0.0], [10.0, 0.0, 2.0]
 @pytest.mark.parametrize(
     ("start", "goal", "radius", "obstacles", "margin", "message"),
     [
-        ([10.0, 1.0, 0.0], GOAL, 1.0, [[5.0, 9.0, 1.0], DISC], 0.0, "the start is 1 m inside obstacle 1"),
-        (START, [12.5, 0.0, 0.0], 1.0, [DISC], 1.0, "the goal is 0.5 m inside obstacle 0 or its margin: move"),
+        (
+            [10.0, 1.0, 0.0],
+            GOAL,
+            1.0,
+            [[5.0, 9.0, 1.0], DISC],
+            0.0,
+            "the start is 1 m inside obstacle 1",
+        ),
+        (
+            START,
+            [12.5, 0.0, 0.0],
+            1.0,
+            [DISC],
+            1.0,
+            "the goal is 0.5 m inside obstacle 0 or its margin: move",
+        ),
         (START, GOAL, 0.0, [DISC], 0.0, "turn radius must be positive"),
         ([np.nan, 0.0, 0.0], GOAL, 1.0, [DISC], 0.0, "start must be finite"),
         (START, GOAL, 1.0, [[np.inf, 0.0, 1.0]], 0.0, "obstacle 0 must have finite numbers"),
-        (START, GOAL, 1.0, [DISC, [10.0, 0.0, -2.0]], 0.0, "obstacle 1 must have .* a radius of 0 or more"),
-        (START, GOAL, 1.0, [["x", 0.0, 1.0]], 0.0, "obstacles must be an array of real numbers, got"),
+        (
+            START,
+            GOAL,
+            1.0,
+            [DISC, [10.0, 0.0, -2.0]],
+            0.0,
+            "obstacle 1 must have .* a radius of 0 or more",
+        ),
+        (
+            START,
+            GOAL,
+            1.0,
+            [["x", 0.0, 1.0]],
+            0.0,
+            "obstacles must be an array of real numbers, got",
+        ),
         (START, GOAL, 1e-9, [DISC], 0.0, r"within 1e\+06 turn radii .*, got 2e\+10: turn wider"),
         (START, GOAL, 1.0, DISC, 0.0, r"rows \(x, y, radius\)"),
         (START, GOAL, 1.0, [DISC], -0.1, "margin must be finite and 0 or more"),

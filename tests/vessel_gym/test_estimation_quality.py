@@ -22,11 +22,13 @@ TRUE_PSI, TRUE_YAW_RATE = 2, 5
 
 def paired_interval(difference: np.ndarray) -> tuple[float, float]:
     """The two-sided 95 % interval of the mean of paired differences: false alarm 2.5 % on either side."""
-    half = student.ppf(0.975, len(difference) - 1) * difference.std(ddof=1) / np.sqrt(len(difference))
+    half = (
+        student.ppf(0.975, len(difference) - 1) * difference.std(ddof=1) / np.sqrt(len(difference))
+    )
     return float(difference.mean() - half), float(difference.mean() + half)
 
 
-# --- the same ship under the same rudder, estimated by one filter and another -------------------------
+# --- the same ship under the same rudder, estimated by one filter and another ---------------------
 
 
 @cache
@@ -51,10 +53,18 @@ class _Face:
 
 
 @cache
-def estimated(estimator: str, disturbance: str = "rough", assumed_as: str = "") -> dict[str, np.ndarray]:
+def estimated(
+    estimator: str, disturbance: str = "rough", assumed_as: str = ""
+) -> dict[str, np.ndarray]:
     """Those of `KEPT` at every step ``(T, N, ...)``; ``assumed_as`` says how the filter assumes the sea."""
     options = {"assume": {"as": assumed_as}} if assumed_as else {}
-    core = make_core(HEADING_SHIP.name, SEEDS, estimator=estimator, estimator_options=options, disturbance=disturbance)
+    core = make_core(
+        HEADING_SHIP.name,
+        SEEDS,
+        estimator=estimator,
+        estimator_options=options,
+        disturbance=disturbance,
+    )
     core.reset()
     frames = []
     for actions in rudder_programs(disturbance):
@@ -66,7 +76,9 @@ def estimated(estimator: str, disturbance: str = "rough", assumed_as: str = "") 
 
 def heading_rmse(history: dict[str, np.ndarray]) -> np.ndarray:
     """One value a seed ``(N,)``."""
-    return np.sqrt(np.mean(wrap(history["estimate"][..., PSI] - history["truth"][..., TRUE_PSI]) ** 2, axis=0))
+    return np.sqrt(
+        np.mean(wrap(history["estimate"][..., PSI] - history["truth"][..., TRUE_PSI]) ** 2, axis=0)
+    )
 
 
 @pytest.mark.slow
@@ -78,7 +90,11 @@ def test_every_estimator_watched_the_same_ships():
         SEEDS,
         14,
     )  # and the sea, and its last increment
-    for other in (estimated("kf"), estimated("kf", assumed_as="white-input"), estimated("dead-reckoning")):
+    for other in (
+        estimated("kf"),
+        estimated("kf", assumed_as="white-input"),
+        estimated("dead-reckoning"),
+    ):
         for key in ("truth", "unknown_input", "measurement"):
             np.testing.assert_array_equal(one[key], other[key])
 
@@ -92,7 +108,10 @@ def test_kf_umv_ui_estimates_heading_better_than_kf_that_ignores_the_unknown_inp
 @pytest.mark.slow
 def test_telling_kf_the_true_variance_of_the_unknown_input_makes_it_as_good_as_kf_umv_ui():
     """In a rough sea the input is so large that knowing its variance adds next to nothing to not knowing it."""
-    white, unbiased = heading_rmse(estimated("kf", assumed_as="white-input")), heading_rmse(estimated("kf-umv-ui"))
+    white, unbiased = (
+        heading_rmse(estimated("kf", assumed_as="white-input")),
+        heading_rmse(estimated("kf-umv-ui")),
+    )
     assert paired_interval(heading_rmse(estimated("kf")) - white)[0] > 0.0
     low, high = paired_interval(white - unbiased)
     assert -0.01 * unbiased.mean() < low
@@ -101,7 +120,10 @@ def test_telling_kf_the_true_variance_of_the_unknown_input_makes_it_as_good_as_k
 
 def test_a_kalman_filter_that_holds_the_waves_as_states_sees_the_heading_no_worse_than_kf_umv_ui():
     """It knows their spectrum, too: measured, 0.0141 +- 0.0018 mrad better of 1.431."""
-    states, unbiased = heading_rmse(estimated("kf", assumed_as="states")), heading_rmse(estimated("kf-umv-ui"))
+    states, unbiased = (
+        heading_rmse(estimated("kf", assumed_as="states")),
+        heading_rmse(estimated("kf-umv-ui")),
+    )
     _, high = paired_interval(states - unbiased)
     assert high < 0.0
 
@@ -109,19 +131,26 @@ def test_a_kalman_filter_that_holds_the_waves_as_states_sees_the_heading_no_wors
 def test_who_holds_the_waves_as_states_is_not_too_sure_of_them():
     """By a chi-square of one time, false alarm 1e-6; of the ship itself it is cautious, as its process noise is."""
     history = estimated("kf", assumed_as="states")
-    core = make_core(HEADING_SHIP.name, 1, estimator="kf", estimator_options={"assume": {"as": "states"}})
+    core = make_core(
+        HEADING_SHIP.name, 1, estimator="kf", estimator_options={"assume": {"as": "states"}}
+    )
     truth = core.estimated(history["truth"])
     high = chi_square_band(SEEDS, 6, 1.0 - 2e-6)[1]
     for k in (30, 150, 300, 450, 599):
-        assert nees(history["estimate"][k], history["covariance"][k], truth[k], angles=(PSI,)).mean() < high
+        assert (
+            nees(history["estimate"][k], history["covariance"][k], truth[k], angles=(PSI,)).mean()
+            < high
+        )
 
 
-# --- a linear truth: the filter's own model, with the rough sea ---------------------------------------
+# --- a linear truth: the filter's own model, with the rough sea -----------------------------------
 
 RUNS, TIMES, TRANSIENT = 200, 400, 100
 
 
-def linear_truth(model: LinearModel, u: np.ndarray, disturbance: str | None, seed: int, prior: Gaussian):
+def linear_truth(
+    model: LinearModel, u: np.ndarray, disturbance: str | None, seed: int, prior: Gaussian
+):
     """States, unknown inputs and measurements ``(T, M, ...)`` of the filter's model itself."""
     rng = np.random.default_rng(seed)
     A, B = model.A(u), model.B(u)
@@ -146,7 +175,9 @@ def linear_truth(model: LinearModel, u: np.ndarray, disturbance: str | None, see
 def consistency(estimator: str, disturbance: str | None, seed: int = 3) -> np.ndarray:
     """NEES ``(T, M)``: one value a time and run; for kf-umv-ui of the state, and of state and input together."""
     sensors = make_core(HEADING_SHIP.name, 1).sensors
-    model = compose(HEADING_SHIP.vehicle, "corrected", HEADING_SHIP.disturbances["calm"], sensors).model
+    model = compose(
+        HEADING_SHIP.vehicle, "corrected", HEADING_SHIP.disturbances["calm"], sensors
+    ).model
     u = np.array([0.15, 0.02])  # rudder and commanded yaw rate of a turn
     prior = Gaussian(np.array([0.0, 0.0, 0.5]), np.diag([0.2, 0.002, 0.03]) ** 2)
     states, _, measurements = linear_truth(model, u, disturbance, seed, prior)
@@ -170,7 +201,9 @@ def share_inside(values: np.ndarray) -> float:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("estimator", "disturbance"), [("kf-umv-ui", "rough"), ("kf", None)])
-def test_errors_are_as_large_as_the_filter_says_at_nine_times_in_ten(estimator: str, disturbance: str | None):
+def test_errors_are_as_large_as_the_filter_says_at_nine_times_in_ten(
+    estimator: str, disturbance: str | None
+):
     values = consistency(estimator, disturbance)
     assert share_inside(values) >= 0.9
     assert share_inside(values[TRANSIENT:]) >= 0.9

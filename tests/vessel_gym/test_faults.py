@@ -32,14 +32,20 @@ every_vehicle = pytest.mark.parametrize("env_id", ACTUATORS)
 
 def faulty(env_id: str, *actuators: str, **fault: Any) -> Disturbance:
     """The same fault of several actuators in rough water or air."""
-    return reduce(lambda beside, actuator: Fault(actuator, beside=beside, **fault), actuators, BESIDE[env_id])
+    return reduce(
+        lambda beside, actuator: Fault(actuator, beside=beside, **fault), actuators, BESIDE[env_id]
+    )
 
 
 def moved(core: Core, steps: int, seed: int = 1) -> list[dict[str, np.ndarray]]:
     """What there was before each of some random steps, and the actuators and the state after it."""
     rng, seen = np.random.default_rng(seed), []
     for _ in range(steps):
-        before = {"state": core.state.copy(), "before": core.actuators.copy(), "exogenous": core.exogenous.copy()}
+        before = {
+            "state": core.state.copy(),
+            "before": core.actuators.copy(),
+            "exogenous": core.exogenous.copy(),
+        }
         before |= {"d": core.unknown_input.copy(), "z": core.sea_state.copy()}
         core.step(rng.uniform(-1.0, 1.0, (core.num_envs, core.action_size)))
         seen.append(before | {"after": core.actuators.copy(), "moved": core.state.copy()})
@@ -49,7 +55,13 @@ def moved(core: Core, steps: int, seed: int = 1) -> list[dict[str, np.ndarray]]:
 @every_vehicle
 def test_a_faulty_vehicle_moves_as_a_sound_one_whose_actuators_are_elsewhere(env_id: str):
     actuators = ACTUATORS[env_id]
-    core = make_core(env_id, 4, seed=1, disturbance=faulty(env_id, *actuators, bias=0.04, loss=0.3), estimator="truth")
+    core = make_core(
+        env_id,
+        4,
+        seed=1,
+        disturbance=faulty(env_id, *actuators, bias=0.04, loss=0.3),
+        estimator="truth",
+    )
     core.reset()
     assert core.unknown_inputs == tuple(f"{name} fault" for name in actuators)
     sound = core.vehicle.increments + core.vehicle.ambient_flows
@@ -57,7 +69,9 @@ def test_a_faulty_vehicle_moves_as_a_sound_one_whose_actuators_are_elsewhere(env
         offset = 0.04 - 0.3 * step["before"]
         np.testing.assert_allclose(step["d"], offset, rtol=0, atol=1e-14)
         before, after = step["before"] + step["d"], step["after"] + step["d"]
-        expected = core.vehicle.step(step["state"], before, after, step["exogenous"][:, : len(sound)], core.parameters)
+        expected = core.vehicle.step(
+            step["state"], before, after, step["exogenous"][:, : len(sound)], core.parameters
+        )
         np.testing.assert_array_equal(step["moved"], expected)
 
 
@@ -99,7 +113,9 @@ def test_an_oscillation_has_its_amplitude_and_period_and_begins_anywhere():
     np.testing.assert_allclose(np.hypot(d[:-1], quarter), 0.1, rtol=1e-9)
     np.testing.assert_allclose(d[2:] + d[:-2], 2.0 * np.cos(turn) * d[1:-1], atol=1e-12)
     phase = np.arctan2(d[0], quarter[0])
-    assert np.abs(np.exp(1j * phase).mean()) < 3.0 / np.sqrt(400)  # of random phases above with probability exp(-9)
+    assert np.abs(np.exp(1j * phase).mean()) < 3.0 / np.sqrt(
+        400
+    )  # of random phases above with probability exp(-9)
 
 
 @every_vehicle
@@ -142,8 +158,16 @@ def test_who_is_told_of_a_fault_as_d_knows_all_else_as_without_it(env_id: str):
 @every_vehicle
 def test_who_takes_a_fault_for_a_random_walk_finds_it(env_id: str):
     actuator = SEEN[env_id][0]
-    walk = {"assume": {"disturbance": faulty(env_id, actuator, start=5.0 * DEG, walk=0.5 * DEG), "as": "states"}}
-    options: dict[str, Any] = {"disturbance": faulty(env_id, actuator, bias=5.0 * DEG), "estimator": "ekf"}
+    walk = {
+        "assume": {
+            "disturbance": faulty(env_id, actuator, start=5.0 * DEG, walk=0.5 * DEG),
+            "as": "states",
+        }
+    }
+    options: dict[str, Any] = {
+        "disturbance": faulty(env_id, actuator, bias=5.0 * DEG),
+        "estimator": "ekf",
+    }
     core = make_core(env_id, 20, seed=5, estimator_options=walk, **options)
     core.reset()
     at = core.composition.names.index(f"{actuator} offset")
@@ -156,19 +180,27 @@ def test_who_takes_a_fault_for_a_random_walk_finds_it(env_id: str):
 @pytest.mark.slow
 @every_vehicle
 @pytest.mark.parametrize("estimator", ["ekf-ui-wdf", "ukf-umv"])
-def test_who_knows_where_a_fault_is_flies_as_without_it_and_is_consistent(env_id: str, estimator: str):
+def test_who_knows_where_a_fault_is_flies_as_without_it_and_is_consistent(
+    env_id: str, estimator: str
+):
     seeds = range(400, 412)
 
     def flown(who: str, **fault: float) -> dict[str, np.ndarray]:
         options = {"disturbance": faulty(env_id, *SEEN[env_id], **fault), "estimator": who}
         return scores(rollout("autopilot", env_id, seeds, options))
 
-    sound, fault, ignorant = flown(estimator), flown(estimator, bias=5.0 * DEG), flown("ekf", bias=5.0 * DEG)
+    sound, fault, ignorant = (
+        flown(estimator),
+        flown(estimator, bias=5.0 * DEG),
+        flown("ekf", bias=5.0 * DEG),
+    )
     assert fault["score"].mean() > 0.9 * sound["score"].mean()
     assert ignorant["score"].mean() < 0.75 * sound["score"].mean()
     assert ignorant["nees"].mean() > 3.0
     assert 0.75 < fault["nees"].mean() < 1.25
-    assert fault["input_rmse"].mean() == pytest.approx(sound["input_rmse"].mean(), rel=0.02)  # unbiased
+    assert fault["input_rmse"].mean() == pytest.approx(
+        sound["input_rmse"].mean(), rel=0.02
+    )  # unbiased
 
 
 @pytest.mark.parametrize(
@@ -176,13 +208,19 @@ def test_who_knows_where_a_fault_is_flies_as_without_it_and_is_consistent(env_id
     [
         (
             {"actuator": "fin"},
-            "^Fault gives 'fin fault', but what acts on this vehicle is u increment, .*, thrust loss$",
+            (
+                "^Fault gives 'fin fault', but what acts on this vehicle is u increment, .*, thrust"
+                " loss$"
+            ),
         ),
         ({"loss": 1.5}, "^loss of a fault must be a number from 0 to 1, got 1.5"),
         ({"period": 0.1}, "^period of a fault must be .*above two steps of 0.1 s.*0.1"),
         ({"start": -0.1}, "^start of a fault must be a number of at least 0, got -0.1"),
         ({"size": 0.0}, "^size of a fault must be .*above 0"),
-        ({"beside": Fault("rudder")}, r"^forces of Fault must be a tuple of different names, got \('rudder fault', "),
+        (
+            {"beside": Fault("rudder")},
+            r"^forces of Fault must be a tuple of different names, got \('rudder fault', ",
+        ),
     ],
 )
 def test_a_fault_that_cannot_be_is_refused_in_one_sentence(wrong: dict[str, Any], sentence: str):

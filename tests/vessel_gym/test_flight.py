@@ -59,16 +59,20 @@ def on_path(scenario: np.ndarray, s: float, off: float = 0.0, above: float = 0.0
 AHEAD = np.array([20.0, 60.0])  # m
 
 
-# --- following --------------------------------------------------------------------------------------
+# --- following ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("goal", [(500.0, 300.0, 3.0), (700.0, 0.0, 0.0), (300.0, -400.0, -2.0)], ids=str)
+@pytest.mark.parametrize(
+    "goal", [(500.0, 300.0, 3.0), (700.0, 0.0, 0.0), (300.0, -400.0, -2.0)], ids=str
+)
 def test_beside_the_path_progress_error_and_heading_are_those_of_the_place(goal: Any):
     path = plan([0.0, 0.0, 0.3], goal, 130.0, [(250.0, 50.0, 40.0)], 20.0)
     s = np.linspace(1.0, path.length - 1.0, 300)
     pose = path.pose(s)
     off = np.random.default_rng(0).uniform(-60.0, 60.0, 300)
-    moved = pose + np.stack([-off * np.sin(pose[:, 2]), off * np.cos(pose[:, 2]), np.zeros(300)], -1)
+    moved = pose + np.stack(
+        [-off * np.sin(pose[:, 2]), off * np.cos(pose[:, 2]), np.zeros(300)], -1
+    )
     found = locate(moved, ANYWHERE, padded(path), AHEAD)
     np.testing.assert_allclose(found[:, 0], s, atol=1e-8)
     np.testing.assert_allclose(found[:, 1], off, atol=1e-8)
@@ -76,15 +80,21 @@ def test_beside_the_path_progress_error_and_heading_are_those_of_the_place(goal:
     np.testing.assert_allclose(found[:, 5], path.length - s, atol=1e-8)
     np.testing.assert_allclose(found[:, 6], np.abs(off), atol=1e-8)
     # what the path turns through ahead; beyond its end it goes straight on
-    np.testing.assert_allclose(found[:, 3] * 20.0, path.pose(s + 20.0)[:, 2] - pose[:, 2], atol=1e-8)
-    np.testing.assert_allclose(found[:, 4] * 40.0, path.pose(s + 60.0)[:, 2] - path.pose(s + 20.0)[:, 2], atol=1e-8)
+    np.testing.assert_allclose(
+        found[:, 3] * 20.0, path.pose(s + 20.0)[:, 2] - pose[:, 2], atol=1e-8
+    )
+    np.testing.assert_allclose(
+        found[:, 4] * 40.0, path.pose(s + 60.0)[:, 2] - path.pose(s + 20.0)[:, 2], atol=1e-8
+    )
 
 
 def test_beyond_its_ends_the_path_goes_straight_on():
     path = shortest([0.0, 0.0, 0.0], [600.0, 200.0, 1.0], 130.0)
     end = path.pose(path.length)
     ahead = end + [30.0 * np.cos(1.0), 30.0 * np.sin(1.0), 0.0]
-    before, after, far = locate(np.stack([[-30.0, 2.0, 0.0], ahead, [-200.0, 0.0, 0.0]]), ANYWHERE, padded(path), AHEAD)
+    before, after, far = locate(
+        np.stack([[-30.0, 2.0, 0.0], ahead, [-200.0, 0.0, 0.0]]), ANYWHERE, padded(path), AHEAD
+    )
     np.testing.assert_allclose(before[:2], [-30.0, 2.0], atol=1e-9)
     np.testing.assert_allclose(after[:2], [path.length + 30.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(far[[0, 6]], [-LEAD, 150.0], atol=1e-9)
@@ -109,7 +119,11 @@ def test_where_the_path_crosses_itself_the_course_decides():
 
 
 def test_who_remembers_the_progress_is_led_by_no_crossing():
-    for low, high, expected in ((50.0, 150.0, 100.0), (700.0, 900.0, 300.0 + 150.0 * np.pi), (0.0, 60.0, 60.0)):
+    for low, high, expected in (
+        (50.0, 150.0, 100.0),
+        (700.0, 900.0, 300.0 + 150.0 * np.pi),
+        (0.0, 60.0, 60.0),
+    ):
         found = locate(np.array([100.0, 0.0, 0.0]), np.array([low, high, 0.0]), crossing(), AHEAD)
         assert found[0] == pytest.approx(expected)
 
@@ -119,7 +133,7 @@ def test_absurd_poses_give_finite_answers():
     assert np.isfinite(locate(pose, ANYWHERE, crossing(), AHEAD)).all()
 
 
-# --- courses ----------------------------------------------------------------------------------------
+# --- courses --------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -149,7 +163,10 @@ def test_a_path_that_comes_back_on_itself_is_told_from_one_that_does_not():
             poses = path.sample(5.0)
             near = np.hypot(*(poses[:, None, :2] - poses[:, :2]).transpose(2, 0, 1)) < 40.0
             same = np.cos(poses[:, None, 2] - poses[:, 2]) > np.cos(0.5)
-            later = np.arange(len(poses)) - np.arange(len(poses))[:, None] > 0.5 * np.pi * TASK.radius / 5.0
+            later = (
+                np.arange(len(poses)) - np.arange(len(poses))[:, None]
+                > 0.5 * np.pi * TASK.radius / 5.0
+            )
             told.append((near & same & later).any())
             assert TASK._comes_back(path) == told[-1]
     assert 0.05 < np.mean(told) < 0.95
@@ -157,12 +174,19 @@ def test_a_path_that_comes_back_on_itself_is_told_from_one_that_does_not():
 
 def test_a_scene_can_be_asked_for():
     obstacles = [(300.0, 10.0, 50.0), (500.0, -90.0, 30.0)]
-    options = {"start": (10.0, 20.0, 0.1), "goal": (700.0, 100.0, 0.5), "obstacles": obstacles, "altitude": 150.0}
+    options = {
+        "start": (10.0, 20.0, 0.1),
+        "goal": (700.0, 100.0, 0.5),
+        "obstacles": obstacles,
+        "altitude": 150.0,
+    }
     scenario = TASK.scenario(np.random.default_rng(0).random((3, TASK.uniforms)), options)
     np.testing.assert_array_equal(scenario[0], scenario[2])
     path = plan(options["start"], options["goal"], TASK.radius, obstacles, TASK.margin)
     np.testing.assert_allclose(segments_of(scenario[0]), path.segments)
-    assert (approach(path, np.array(obstacles)[:, :2]) >= np.array(obstacles)[:, 2] + TASK.margin).all()
+    assert (
+        approach(path, np.array(obstacles)[:, :2]) >= np.array(obstacles)[:, 2] + TASK.margin
+    ).all()
     assert TASK.altitude_of(scenario[0]) == 150.0
     np.testing.assert_allclose(TASK.goal(scenario)[0], options["goal"], atol=1e-6)
     clear = TASK.scenario(np.zeros((1, TASK.uniforms)), {"obstacles": []})
@@ -185,12 +209,14 @@ BAD = [
 
 
 @pytest.mark.parametrize(("options", "sentence"), BAD, ids=lambda value: str(value)[:40])
-def test_a_scene_that_cannot_be_flown_is_refused_in_one_sentence(options: dict[str, Any], sentence: str):
+def test_a_scene_that_cannot_be_flown_is_refused_in_one_sentence(
+    options: dict[str, Any], sentence: str
+):
     with pytest.raises(ValueError, match=f"^{sentence}$"):
         TASK.scenario(np.full((2, TASK.uniforms), 0.5), options)
 
 
-# --- the start --------------------------------------------------------------------------------------
+# --- the start ------------------------------------------------------------------------------------
 
 
 def test_the_prior_flies_along_the_path_through_an_unknown_wind():
@@ -202,7 +228,9 @@ def test_the_prior_flies_along_the_path_through_an_unknown_wind():
     x = np.random.default_rng(0).standard_normal((20_000, 16)) @ np.linalg.cholesky(cov).T
     z = x[:, 7:13]
     fast = airspeed(prior.mean[0] + x[:, :7], AIR.effect(z, x[:, :7]))
-    np.testing.assert_allclose(np.std(z, axis=0), np.sqrt(np.diag(AIR.process.start_cov)), rtol=0.03)
+    np.testing.assert_allclose(
+        np.std(z, axis=0), np.sqrt(np.diag(AIR.process.start_cov)), rtol=0.03
+    )
     np.testing.assert_allclose(np.std(x[:, 13:], axis=0), 0.1, rtol=0.03)  # of the GNSS's bias
     assert fast.mean() == pytest.approx(20.0, abs=0.02)
     assert fast.std() == pytest.approx(0.5, rel=0.05)  # airspeed is known, whatever the wind
@@ -210,7 +238,7 @@ def test_the_prior_flies_along_the_path_through_an_unknown_wind():
     np.testing.assert_allclose(where[:, :3], 0.0, atol=1e-9)
 
 
-# --- what the agent sees ----------------------------------------------------------------------------
+# --- what the agent sees --------------------------------------------------------------------------
 
 
 def seen_at(truth: np.ndarray, scenario: np.ndarray) -> dict[str, np.ndarray]:
@@ -229,7 +257,9 @@ def test_on_the_path_nothing_is_to_be_done():
         assert seen["ground speed"][0] == pytest.approx(20.0)
         assert seen["airspeed"][0] == pytest.approx(20.0)
         assert seen["remaining"][0] == pytest.approx(scenario[5 * SEGMENTS] - s)
-        assert np.tan(seen["bank of the path"][0]) == pytest.approx(20.0**2 * seen["curvature"][0] / 9.81)
+        assert np.tan(seen["bank of the path"][0]) == pytest.approx(
+            20.0**2 * seen["curvature"][0] / 9.81
+        )
 
 
 def test_errors_have_the_signs_that_their_names_say():
@@ -249,15 +279,19 @@ def test_obstacles_are_seen_on_their_side_and_fade_with_distance():
     truth = np.zeros((3, 7))
     truth[:, 0], truth[:, 2], truth[:, 3] = [400.0, 350.0, 100.0], TASK.altitude_of(scenario), 20.0
     seen = seen_at(truth, np.repeat(scenario, 3, axis=0))
-    np.testing.assert_allclose(seen["obstacles to starboard"][[0, 2]], [1.0 - 70.0 / 100.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(
+        seen["obstacles to starboard"][[0, 2]], [1.0 - 70.0 / 100.0, 0.0], atol=1e-9
+    )
     np.testing.assert_allclose(seen["obstacles ahead"][[0, 2]], 0.0, atol=1e-9)
     assert seen["obstacles ahead"][1] > 0.05
 
 
-# --- the score --------------------------------------------------------------------------------------
+# --- the score ------------------------------------------------------------------------------------
 
 
-def flown(scenario: np.ndarray, places: list[tuple[float, float, float]], action: float = 0.0) -> tuple[float, str]:
+def flown(
+    scenario: np.ndarray, places: list[tuple[float, float, float]], action: float = 0.0
+) -> tuple[float, str]:
     """Score and end of a flight through places (progress, off, above) of a course ``(97,)``."""
     scenario, total = scenario[None], 0.0
     score_state = TASK.initial_score_state(on_path(scenario[0], places[0][0]), scenario)
@@ -275,7 +309,9 @@ def flown(scenario: np.ndarray, places: list[tuple[float, float, float]], action
     return total, ""
 
 
-def along(scenario: np.ndarray, step: float = 2.0, off: float = 0.0, above: float = 0.0) -> list[Any]:
+def along(
+    scenario: np.ndarray, step: float = 2.0, off: float = 0.0, above: float = 0.0
+) -> list[Any]:
     return [(s, off, above) for s in np.arange(0.0, scenario[5 * SEGMENTS] + step + 1e-6, step)]
 
 
@@ -291,13 +327,17 @@ def test_errors_cost_and_half_is_lost_at_the_tolerances():
     scenario = scenarios(1, 4)[0]
     best = flown(scenario, along(scenario)[:100])[0]
     assert flown(scenario, along(scenario, off=3.0)[:100])[0] == pytest.approx(0.5 * best, rel=0.03)
-    assert flown(scenario, along(scenario, above=1.5)[:100])[0] == pytest.approx(0.5 * best, rel=0.03)
+    assert flown(scenario, along(scenario, above=1.5)[:100])[0] == pytest.approx(
+        0.5 * best, rel=0.03
+    )
 
 
 def test_commands_that_jump_cost_without_bound():
     """Travel and reversals of a command that jumps by ``2 a`` each step: ``1.25 a + 4 a``, relative to 1."""
     scenario = scenarios(1, 4)[0]
-    best, *jumpy = (flown(scenario, along(scenario)[:100], action=a)[0] for a in (0.0, 0.1, 0.5, 1.0))
+    best, *jumpy = (
+        flown(scenario, along(scenario)[:100], action=a)[0] for a in (0.0, 0.1, 0.5, 1.0)
+    )
     np.testing.assert_allclose(jumpy, best / (1.0 + 5.25 * np.array([0.1, 0.5, 1.0])), rtol=0.02)
 
 
@@ -357,5 +397,13 @@ def ending(scenario: np.ndarray, truth: np.ndarray, believed: np.ndarray) -> str
     reference = TASK.reference(scenario, np.zeros(1), believed)
     score_state = np.eye(1, 7) * 290.0 if truth[0, 0] < 700.0 else np.eye(1, 7) * 740.0
     return END_REASONS[
-        TASK.score(truth, STILL, reference, TASK.over(reference), np.zeros((1, 3)), np.zeros((1, 3)), score_state)[1][0]
+        TASK.score(
+            truth,
+            STILL,
+            reference,
+            TASK.over(reference),
+            np.zeros((1, 3)),
+            np.zeros((1, 3)),
+            score_state,
+        )[1][0]
     ]

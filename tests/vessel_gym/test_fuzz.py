@@ -18,7 +18,9 @@ from vessel_gym.envs import VesselEnv
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensors import SUITES
 
-EXTREME = st.sampled_from([0.0, -0.0, 5e-324, 1e-300, 1e7, -1e7, 1e300, -1e300, np.inf, -np.inf, np.nan])
+EXTREME = st.sampled_from(
+    [0.0, -0.0, 5e-324, 1e-300, 1e7, -1e7, 1e300, -1e300, np.inf, -np.inf, np.nan]
+)
 OBJECTS = st.sampled_from([object(), dict, np.float32(0.1), np.uint8(3), ..., "a\nb"])
 SCALARS = st.one_of(
     st.none(), st.booleans(), st.integers(), st.integers(-(10**400), 10**400), st.floats(), EXTREME, OBJECTS,
@@ -47,9 +49,13 @@ def told(draw: Any) -> Any:
 ARGUMENTS = {  # what is, or nearly is, right
     "estimator": st.sampled_from([*estimator_names(), "kf-umv", "EKF"]),
     # What a filter makes of the values of its own options is tested with the filters.
-    "estimator_options": st.fixed_dictionaries({"model": JUNK})
-    | st.fixed_dictionaries({"assume": told()})
-    | st.fixed_dictionaries({"late": st.sampled_from(["fused", "as new", "discarded", "late"]) | JUNK}),
+    "estimator_options": (
+        st.fixed_dictionaries({"model": JUNK})
+        | st.fixed_dictionaries({"assume": told()})
+        | st.fixed_dictionaries(
+            {"late": st.sampled_from(["fused", "as new", "discarded", "late"]) | JUNK}
+        )
+    ),
     "sensors": st.sampled_from([*SUITES, "clen"]),
     "disturbance": st.sampled_from(["calm", "Rough"]),
     "mismatch": st.floats(0.0, 0.3),
@@ -108,7 +114,9 @@ def assert_flies(core: Core) -> None:
 
 
 @given(st.data(), environments, st.sampled_from(list(ARGUMENTS)), st.booleans())
-def test_any_argument_of_an_environment_works_or_is_refused_by_its_name(data: Any, env_id: str, name: str, batch: bool):
+def test_any_argument_of_an_environment_works_or_is_refused_by_its_name(
+    data: Any, env_id: str, name: str, batch: bool
+):
     value = data.draw(ARGUMENTS[name] | JUNK)
     cls, made = vector_class(env_id) if batch else single_class(env_id), []
     if not refusal((name, *OTHER_WORDS.get(name, ())), lambda: made.append(cls(**{name: value}))):
@@ -118,9 +126,13 @@ def test_any_argument_of_an_environment_works_or_is_refused_by_its_name(data: An
 
 @given(environments, st.text().filter(lambda name: name not in (*ARGUMENTS, "num_envs", "max_episode_steps", "self")),
        JUNK, st.booleans())  # fmt: skip
-def test_an_argument_that_no_environment_has_is_refused(env_id: str, name: str, value: Any, batch: bool):
+def test_an_argument_that_no_environment_has_is_refused(
+    env_id: str, name: str, value: Any, batch: bool
+):
     cls = vector_class(env_id) if batch else single_class(env_id)
-    assert refusal((f"{cls.__name__}.__init__() got an unexpected keyword argument ",), cls, **{name: value})
+    assert refusal(
+        (f"{cls.__name__}.__init__() got an unexpected keyword argument ",), cls, **{name: value}
+    )
 
 
 @given(JUNK | st.integers(0, 2**300))
@@ -166,11 +178,15 @@ def test_any_action_works_or_is_refused_and_changes_nothing(data: Any, env_id: s
 def test_any_injected_measurement_works_or_is_refused_and_changes_nothing(data: Any, env_id: str):
     core = prepared(env_id, "measurement").core
     shape, action = core.measurements[0].shape, np.zeros((1, core.action_size))
-    whole = st.tuples(npst.arrays(float, shape, elements=st.floats() | EXTREME), npst.arrays(bool, shape))
+    whole = st.tuples(
+        npst.arrays(float, shape, elements=st.floats() | EXTREME), npst.arrays(bool, shape)
+    )
     measurements = data.draw(JUNK | whole | st.tuples(JUNK, JUNK))
     core.reset()
     before = held(core)
-    if measurements is not None and refusal(("measurements",), core.step, action, measurements=measurements):
+    if measurements is not None and refusal(
+        ("measurements",), core.step, action, measurements=measurements
+    ):
         assert_same_tree(before, held(core))
     else:
         assert_flies(core)

@@ -34,7 +34,7 @@ every_estimator = pytest.mark.parametrize(("env_id", "estimator"), CARRIED)
 every_mode = pytest.mark.parametrize("mode", list(AutoresetMode))
 
 
-# --- wrappers of batches ----------------------------------------------------------------------------
+# --- wrappers of batches --------------------------------------------------------------------------
 
 
 def same(value: Any) -> Any:
@@ -43,7 +43,10 @@ def same(value: Any) -> Any:
 
 WRAPPED: dict[str, Callable[[Any], Any]] = {
     "VectorizeTransformObservation": lambda env: wrappers.VectorizeTransformObservation(
-        env, single_wrappers.TransformObservation, func=same, observation_space=env.single_observation_space
+        env,
+        single_wrappers.TransformObservation,
+        func=same,
+        observation_space=env.single_observation_space,
     ),
     "VectorizeTransformAction": lambda env: wrappers.VectorizeTransformAction(
         env, single_wrappers.TransformAction, func=same, action_space=env.single_action_space
@@ -54,8 +57,12 @@ WRAPPED: dict[str, Callable[[Any], Any]] = {
     "DictInfoToList": wrappers.DictInfoToList,
     "TransformObservation": lambda env: wrappers.TransformObservation(env, same),
     "FlattenObservation": wrappers.FlattenObservation,
-    "ReshapeObservation": lambda env: wrappers.ReshapeObservation(env, (1, *env.single_observation_space.shape)),
-    "RescaleObservation": lambda env: wrappers.RescaleObservation(env, np.float32(-1.0), np.float32(1.0)),
+    "ReshapeObservation": lambda env: wrappers.ReshapeObservation(
+        env, (1, *env.single_observation_space.shape)
+    ),
+    "RescaleObservation": lambda env: wrappers.RescaleObservation(
+        env, np.float32(-1.0), np.float32(1.0)
+    ),
     "DtypeObservation": lambda env: wrappers.DtypeObservation(env, np.int32),
     "NormalizeObservation": wrappers.NormalizeObservation,
     "TransformAction": lambda env: wrappers.TransformAction(env, same),
@@ -82,7 +89,9 @@ def allowed(name: str) -> set[AutoresetMode]:
     """The modes in which Gymnasium lets a wrapper work: those of observations know no SAME_STEP, one no DISABLED."""
     if name == "NormalizeObservation":
         return {AutoresetMode.NEXT_STEP}
-    return set(AutoresetMode) - ({AutoresetMode.SAME_STEP} if name.endswith("Observation") else set())
+    return set(AutoresetMode) - (
+        {AutoresetMode.SAME_STEP} if name.endswith("Observation") else set()
+    )
 
 
 def fly_wrapped(env: Any, mode: AutoresetMode, steps: int = 14) -> list[Any]:
@@ -105,7 +114,11 @@ def test_gymnasiums_wrappers_of_batches_do_to_ours_what_they_do_to_its_own_where
 ):
     native = make_batch(CORVETTE, 3, autoreset_mode=mode, max_episode_steps=5)
     loop = gym.make_vec(
-        CORVETTE, 3, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}, max_episode_steps=5
+        CORVETTE,
+        3,
+        vectorization_mode="sync",
+        vector_kwargs={"autoreset_mode": mode},
+        max_episode_steps=5,
     )
     if mode not in allowed(name):
         for env in (native, loop):
@@ -116,7 +129,9 @@ def test_gymnasiums_wrappers_of_batches_do_to_ours_what_they_do_to_its_own_where
     env = WRAPPED[name](native)
     assert env.observation_space == expected.observation_space
     assert env.action_space == expected.action_space
-    for step, (one, other) in enumerate(zip(fly_wrapped(env, mode), fly_wrapped(expected, mode), strict=True)):
+    for step, (one, other) in enumerate(
+        zip(fly_wrapped(env, mode), fly_wrapped(expected, mode), strict=True)
+    ):
         assert len(one) == len(other)
         for a, b in zip(one[:-1], other[:-1], strict=True):
             np.testing.assert_allclose(a, b, rtol=0, atol=1e-6, err_msg=f"step {step}")
@@ -126,10 +141,12 @@ def test_gymnasiums_wrappers_of_batches_do_to_ours_what_they_do_to_its_own_where
             assert set(one[-1]) == set(other[-1])
 
 
-# --- pictures ---------------------------------------------------------------------------------------
+# --- pictures -------------------------------------------------------------------------------------
 
 
-def flown(env_id: str, mode: AutoresetMode = AutoresetMode.NEXT_STEP, steps: int = 6, **options: Any) -> Any:
+def flown(
+    env_id: str, mode: AutoresetMode = AutoresetMode.NEXT_STEP, steps: int = 6, **options: Any
+) -> Any:
     env = make_batch(env_id, 2, autoreset_mode=mode, render_mode="rgb_array", **options)
     env.reset(seed=4)
     walk = random_walk(4, 2, env.single_action_space.shape[0])
@@ -192,7 +209,9 @@ def test_gymnasium_shows_a_batch_in_a_window(monkeypatch: pytest.MonkeyPatch):
         resize=lambda image, size: image[:: image.shape[0] // size[1], ::2][: size[1], : size[0]]
     )
     monkeypatch.setitem(sys.modules, "cv2", scaled)
-    env = wrappers.HumanRendering(make_batch(CORVETTE, 4, autoreset_mode="NextStep", render_mode="rgb_array"))
+    env = wrappers.HumanRendering(
+        make_batch(CORVETTE, 4, autoreset_mode="NextStep", render_mode="rgb_array")
+    )
     env.reset(seed=0)
     shown = pygame.surfarray.array3d(env.window)
     assert shown.shape == (1008, 720, 3)
@@ -209,17 +228,25 @@ def test_a_video_of_an_episode_is_written(tmp_path: Path, batch: bool):
     import imageio_ffmpeg
 
     if batch:
-        env: Any = make_batch(CORVETTE, 2, autoreset_mode="NextStep", render_mode="rgb_array", max_episode_steps=4)
-        env = wrappers.RecordVideo(env, str(tmp_path / "videos"), episode_trigger=lambda episode: episode == 0)
+        env: Any = make_batch(
+            CORVETTE, 2, autoreset_mode="NextStep", render_mode="rgb_array", max_episode_steps=4
+        )
+        env = wrappers.RecordVideo(
+            env, str(tmp_path / "videos"), episode_trigger=lambda episode: episode == 0
+        )
     else:
         env = gym.make(CORVETTE, render_mode="rgb_array", max_episode_steps=4)
-        env = single_wrappers.RecordVideo(env, str(tmp_path / "videos"), episode_trigger=lambda episode: episode == 0)
+        env = single_wrappers.RecordVideo(
+            env, str(tmp_path / "videos"), episode_trigger=lambda episode: episode == 0
+        )
     env.reset(seed=0)
     for _ in range(6 if batch else 4):
         env.step(env.action_space.sample())
     env.close()
     (video,) = (tmp_path / "videos").iterdir()
-    assert imageio_ffmpeg.count_frames_and_secs(str(video))[0] == 5  # the first observation's and four steps'
+    assert (
+        imageio_ffmpeg.count_frames_and_secs(str(video))[0] == 5
+    )  # the first observation's and four steps'
 
 
 def test_pictures_outlive_an_environment_that_quits_pygame():
@@ -230,7 +257,7 @@ def test_pictures_outlive_an_environment_that_quits_pygame():
     np.testing.assert_array_equal(env.render(), before)
 
 
-# --- copies -----------------------------------------------------------------------------------------
+# --- copies ---------------------------------------------------------------------------------------
 
 
 def pickled(env: Any) -> Any:
@@ -240,9 +267,21 @@ def pickled(env: Any) -> Any:
 @pytest.mark.slow
 @every_estimator
 def test_a_copy_goes_on_bit_for_bit(env_id: str, estimator: str):
-    options = {"estimator": estimator, "estimator_options": FEW_MEMBERS.get(estimator), "observe": "mean+std"}
-    options |= {"sensors": "degraded", "disturbance": "rough", "mismatch": 0.2, "max_episode_steps": 8}
-    for env in (make_batch(env_id, 3, **options), gym.make(env_id, disable_env_checker=True, **options)):
+    options = {
+        "estimator": estimator,
+        "estimator_options": FEW_MEMBERS.get(estimator),
+        "observe": "mean+std",
+    }
+    options |= {
+        "sensors": "degraded",
+        "disturbance": "rough",
+        "mismatch": 0.2,
+        "max_episode_steps": 8,
+    }
+    for env in (
+        make_batch(env_id, 3, **options),
+        gym.make(env_id, disable_env_checker=True, **options),
+    ):
         size = env.action_space.shape[-1]
         rows = env.num_envs if isinstance(env, gym.vector.VectorEnv) else 1
         shaped = same if rows > 1 else lambda actions: actions[0]
@@ -282,7 +321,7 @@ def test_a_copy_shows_the_episode_from_its_beginning_and_leaves_the_original_alo
         np.testing.assert_array_equal(env.render(), twin.render())
 
 
-# --- seeds ------------------------------------------------------------------------------------------
+# --- seeds ----------------------------------------------------------------------------------------
 
 
 def test_np_random_seed_tells_what_an_environment_was_seeded_with():
@@ -295,7 +334,10 @@ def test_np_random_seed_tells_what_an_environment_was_seeded_with():
 
 
 def test_an_episode_that_nobody_seeded_can_be_repeated_by_np_random_seed():
-    for make in (lambda: gym.make("SigmaCorvette-v0").unwrapped, lambda: make_batch("SigmaCorvette-v0", 3)):
+    for make in (
+        lambda: gym.make("SigmaCorvette-v0").unwrapped,
+        lambda: make_batch("SigmaCorvette-v0", 3),
+    ):
         asked, unasked = make(), make()
         told = asked.np_random_seed
         first, _ = asked.reset()
@@ -317,7 +359,7 @@ def test_seeds_that_no_one_number_tells_are_minus_one():
     assert env.np_random.random() == one.np_random.random() != other.np_random.random()
 
 
-# --- success ----------------------------------------------------------------------------------------
+# --- success --------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -333,7 +375,9 @@ def test_success_is_told_at_the_end_of_every_episode(env_id: str):
     walk = random_walk(7, rows, env.single_action_space.shape[0])
     told = []
     for _ in range(gym.spec(env_id).max_episode_steps):
-        actions = np.where(np.arange(rows)[:, None] == 0, controller.act(observations), next(walk)).astype(np.float32)
+        actions = np.where(
+            np.arange(rows)[:, None] == 0, controller.act(observations), next(walk)
+        ).astype(np.float32)
         observations, _, terminated, truncated, info = env.step(actions)
         for row in np.flatnonzero(terminated | truncated):
             final = info["final_info"]

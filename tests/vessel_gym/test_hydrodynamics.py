@@ -65,20 +65,24 @@ class Myring(Hull):
         behind = np.clip(aft - x, 0.0, self.tail)
         c, slope = self.tail, np.tan(self.tail_angle)
         nose = 0.5 * self.diameter * (1.0 - ahead**self.exponent) ** (1.0 / self.exponent)
-        lost = (1.5 * self.diameter / c**2 - slope / c) * behind**2 - (self.diameter / c**3 - slope / c**2) * behind**3
+        lost = (1.5 * self.diameter / c**2 - slope / c) * behind**2 - (
+            self.diameter / c**3 - slope / c**2
+        ) * behind**3
         return np.where((x >= self.stern) & (x <= self.bow), nose - lost, 0.0)
 
 
 # Prestero (2001): hull, and fins by their area, effective aspect ratio 2.21, taper and place.
-REMUS_HULL = Myring(0.191, 0.654, 0.541, 0.191, 0.436, origin=0.611, nose_cut=0.0165, tail_cut=0.0368)
+REMUS_HULL = Myring(
+    0.191, 0.654, 0.541, 0.191, 0.436, origin=0.611, nose_cut=0.0165, tail_cut=0.0368
+)
 REMUS = Torpedo(
     REMUS_HULL,
     Fins(area=6.65e-3, span=np.sqrt(0.5 * 2.21 * 6.65e-3), position=-0.638, taper=0.654),
     axial_drag=axial_drag_coefficient(1.3327, 0.191, speed=1.54),  # his top speed, 3 knots
     water_density=1030.0,
 )
-# da Silva et al. (2007): 1.08 m by .15 m, fins of 64 cm2 at -.4 m, rho 1000. The rest is assumed: a hull and fins of
-# REMUS' proportions, and 1.5 m/s.
+# da Silva et al. (2007): 1.08 m by .15 m, fins of 64 cm2 at -.4 m, rho 1000. The rest is assumed: a
+# hull and fins of REMUS' proportions, and 1.5 m/s.
 _SCALE = 1.08 / 1.3327
 LAUV = Torpedo(
     Myring(0.191 * _SCALE, 0.654 * _SCALE, 0.541 * _SCALE, 0.15, 0.436 * 0.15 / 0.191 / _SCALE, origin=0.611 * _SCALE,
@@ -88,7 +92,20 @@ LAUV = Torpedo(
     water_density=1000.0,
 )  # fmt: skip
 
-EVEN = ("X_udot", "Y_vdot", "Z_wdot", "K_pdot", "M_qdot", "N_rdot", "Y_vv", "Z_ww", "M_qq", "N_rr", "K_pp", "X_uu")
+EVEN = (
+    "X_udot",
+    "Y_vdot",
+    "Z_wdot",
+    "K_pdot",
+    "M_qdot",
+    "N_rdot",
+    "Y_vv",
+    "Z_ww",
+    "M_qq",
+    "N_rr",
+    "K_pp",
+    "X_uu",
+)
 ODD = ("Y_rdot", "N_vdot", "Z_qdot", "M_wdot", "Y_rr", "Z_qq", "M_ww", "N_vv")
 """Coefficients but for lift, by whether they keep or change their sign when bow and stern change places."""
 
@@ -105,7 +122,9 @@ def torpedoes(draw) -> Torpedo:
 
 
 # Products of speeds below 1e-100 underflow, and have no 12 digits to compare.
-speeds = st.tuples(*[st.floats(-3.0, 3.0).map(lambda speed: speed if abs(speed) > 1e-100 else 0.0)] * 3)
+speeds = st.tuples(
+    *[st.floats(-3.0, 3.0).map(lambda speed: speed if abs(speed) > 1e-100 else 0.0)] * 3
+)
 
 
 def volume(hull: Hull) -> float:
@@ -131,11 +150,15 @@ def bare(torpedo: Torpedo) -> Torpedo:
 
 
 def horizontal_drag(c: Coefficients, v: float, r: float) -> np.ndarray:
-    return np.array([c.Y_vv * v * abs(v) + c.Y_rr * r * abs(r), c.N_vv * v * abs(v) + c.N_rr * r * abs(r)])
+    return np.array(
+        [c.Y_vv * v * abs(v) + c.Y_rr * r * abs(r), c.N_vv * v * abs(v) + c.N_rr * r * abs(r)]
+    )
 
 
 def vertical_drag(c: Coefficients, w: float, q: float) -> np.ndarray:
-    return np.array([c.Z_ww * w * abs(w) + c.Z_qq * q * abs(q), c.M_ww * w * abs(w) + c.M_qq * q * abs(q)])
+    return np.array(
+        [c.Z_ww * w * abs(w) + c.Z_qq * q * abs(q), c.M_ww * w * abs(w) + c.M_qq * q * abs(q)]
+    )
 
 
 def horizontal_lift(c: Coefficients, u: float, v: float, r: float) -> np.ndarray:
@@ -153,7 +176,7 @@ def added_mass(c: Coefficients) -> np.ndarray:
     return -matrix
 
 
-# --- hulls ------------------------------------------------------------------------------------------
+# --- hulls ----------------------------------------------------------------------------------------
 
 
 def test_a_spheroid_has_the_volume_and_centre_of_a_spheroid():
@@ -168,7 +191,9 @@ def test_hulls_end_where_they_should():
         assert hull.bow - hull.stern == pytest.approx(length, rel=1e-12)
         beyond = np.array([hull.stern - 1e-9, hull.bow + 1e-9])
         np.testing.assert_array_equal(hull.radius(beyond), 0.0)
-        assert hull.radius(np.linspace(hull.stern, hull.bow, 999)).max() == pytest.approx(hull.diameter / 2, rel=1e-5)
+        assert hull.radius(np.linspace(hull.stern, hull.bow, 999)).max() == pytest.approx(
+            hull.diameter / 2, rel=1e-5
+        )
 
 
 def test_a_myring_hull_is_smooth_and_closes_at_its_angle():
@@ -188,7 +213,9 @@ def test_a_myring_nose_of_exponent_two_is_an_ellipse():
     x = np.linspace(hull.joints[0], hull.bow, 20)
     ellipse = 0.191 / 2 * np.sqrt(np.maximum(0.0, 1 - ((x - hull.joints[0]) / 0.191) ** 2))
     np.testing.assert_allclose(hull.radius(x), ellipse, rtol=1e-12)
-    assert np.all(replace(hull, exponent=3.0).radius(x)[1:-1] > hull.radius(x)[1:-1])  # a fuller one
+    assert np.all(
+        replace(hull, exponent=3.0).radius(x)[1:-1] > hull.radius(x)[1:-1]
+    )  # a fuller one
 
 
 def test_strips_add_up_to_quadrature():
@@ -196,25 +223,34 @@ def test_strips_add_up_to_quadrature():
     x, dx = REMUS_HULL.strips()
     for f in (lambda x: x, lambda x: x * abs(x), lambda x: abs(x) ** 3):
         pieces = pairwise(sorted([*edges, 0.0]))
-        expected = sum(quad(lambda x: REMUS_HULL.radius(x) * f(x), *ends, epsabs=1e-14)[0] for ends in pieces)  # noqa: B023
+        expected = sum(
+            quad(lambda x, f=f: REMUS_HULL.radius(x) * f(x), *ends, epsabs=1e-14)[0]
+            for ends in pieces
+        )
         assert dx @ (REMUS_HULL.radius(x) * f(x)) == pytest.approx(expected, rel=1e-10)
 
 
 def test_remus_displaces_what_is_printed():
     # Prestero estimates 31.5 l; the buoyancy of 306 N that he measured is 31.2 kg of water.
     assert volume(REMUS_HULL) == pytest.approx(31.5e-3, rel=0.01)
-    assert 306.0 / 9.81 / volume(REMUS_HULL) == pytest.approx(1000.0, rel=0.03)  # of fresh rather than sea water
-    assert centre_of_buoyancy(REMUS_HULL) == pytest.approx(0.0, abs=6e-3)  # the origin is to be at it
+    assert 306.0 / 9.81 / volume(REMUS_HULL) == pytest.approx(
+        1000.0, rel=0.03
+    )  # of fresh rather than sea water
+    assert centre_of_buoyancy(REMUS_HULL) == pytest.approx(
+        0.0, abs=6e-3
+    )  # the origin is to be at it
 
 
-# --- formulas ---------------------------------------------------------------------------------------
+# --- formulas -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("ratio", [1.1, 2.0, 5.2, 20.0])
 def test_the_factors_are_lamb_s_integrals(ratio):
     a, b = ratio, 1.0
     along = quad(lambda s: a * b**2 / ((a**2 + s) ** 1.5 * (b**2 + s)), 0, np.inf, epsabs=1e-12)[0]
-    across = quad(lambda s: a * b**2 / ((a**2 + s) ** 0.5 * (b**2 + s) ** 2), 0, np.inf, epsabs=1e-12)[0]
+    across = quad(
+        lambda s: a * b**2 / ((a**2 + s) ** 0.5 * (b**2 + s) ** 2), 0, np.inf, epsabs=1e-12
+    )[0]
     minus, plus = a**2 - b**2, a**2 + b**2
     turning = minus**2 * (across - along) / (2 * minus - plus * (across - along)) / plus
     expected = along / (2 - along), across / (2 - across), turning
@@ -234,7 +270,9 @@ def test_a_spheroid_must_be_longer_than_thick(length):
 
 def test_a_section_tends_to_a_circle_and_to_a_plate():
     radius = np.array([0.0, 0.05, 0.1])
-    np.testing.assert_allclose(section_added_mass(radius, radius, 1000.0), np.pi * 1000.0 * radius**2)
+    np.testing.assert_allclose(
+        section_added_mass(radius, radius, 1000.0), np.pi * 1000.0 * radius**2
+    )
     np.testing.assert_allclose(section_added_mass(radius, 0.0, 1000.0), np.pi * 1000.0 * radius**2)
     assert section_added_mass(np.zeros(1), 0.2, 1000.0) == pytest.approx(np.pi * 1000.0 * 0.2**2)
     spans = np.linspace(0.1, 0.3, 50)
@@ -245,10 +283,14 @@ def test_the_integrals_of_a_bare_spheroid_are_closed_forms():
     a, b, rho = 0.49, 0.094, 1025.0
     torpedo = bare(Torpedo(Spheroid(2 * a, 2 * b), REMUS.fins, 0.2))
     mass = rho * 4 / 3 * np.pi * a * b**2
-    np.testing.assert_allclose(torpedo.lateral_added_mass(), (mass, 0.0, mass * a**2 / 5), rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(
+        torpedo.lateral_added_mass(), (mass, 0.0, mass * a**2 / 5), rtol=1e-6, atol=1e-6
+    )
     drag = 0.5 * rho * 1.1 * np.pi * a * b
     turning = 0.5 * rho * 1.1 * 4 * b * a**4 * 2 / 15
-    np.testing.assert_allclose(torpedo.cross_flow_integrals(), (drag, 0.0, 0.0, turning), rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(
+        torpedo.cross_flow_integrals(), (drag, 0.0, 0.0, turning), rtol=1e-6, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize(("ratio", "across", "turning"), [(5.0, 1.12, 1.37), (10.0, 1.04, 1.12)])
@@ -257,12 +299,16 @@ def test_strips_are_too_heavy_because_water_goes_round_the_ends(ratio, across, t
     mass = 1025.0 * np.pi / 6 * ratio
     _, lamb_across, lamb_turning = lamb_factors(ratio, 1.0)
     assert -c.Y_vdot / (lamb_across * mass) == pytest.approx(across, abs=0.005)
-    assert -c.N_rdot / (lamb_turning * mass * (ratio**2 + 1) / 20) == pytest.approx(turning, abs=0.005)
+    assert -c.N_rdot / (lamb_turning * mass * (ratio**2 + 1) / 20) == pytest.approx(
+        turning, abs=0.005
+    )
 
 
 def test_axial_drag_is_ittc_friction_on_a_slender_body():
     friction = 0.003  # at a Reynolds number of 1e7
-    assert axial_drag_coefficient(1.0, 0.1, 11.9) == pytest.approx(friction * 40 * (1 + 0.06 + 0.025), rel=1e-12)
+    assert axial_drag_coefficient(1.0, 0.1, 11.9) == pytest.approx(
+        friction * 40 * (1 + 0.06 + 0.025), rel=1e-12
+    )
     assert axial_drag_coefficient(1.0, 0.1, 1.0) > axial_drag_coefficient(1.0, 0.1, 2.0)
 
 
@@ -295,10 +341,22 @@ def test_axial_drag_is_on_the_frontal_area_and_a_cross_of_fins_drags_water_along
     assert REMUS.tip == pytest.approx(0.131, abs=1e-3)  # printed
 
 
-# --- the whole set ----------------------------------------------------------------------------------
+# --- the whole set --------------------------------------------------------------------------------
 
 POWERS = {
-    3: ("X_udot", "Y_vdot", "Z_wdot", "M_ww", "N_vv", "Y_ur", "Z_uq", "M_uw", "N_uv", "N_uudr", "M_uuds"),
+    3: (
+        "X_udot",
+        "Y_vdot",
+        "Z_wdot",
+        "M_ww",
+        "N_vv",
+        "Y_ur",
+        "Z_uq",
+        "M_uw",
+        "N_uv",
+        "N_uudr",
+        "M_uuds",
+    ),
     4: ("Y_rdot", "N_vdot", "Z_qdot", "M_wdot", "Y_rr", "Z_qq", "M_uq", "N_ur"),
     5: ("K_pdot", "M_qdot", "N_rdot", "K_pp", "M_qq", "N_rr"),
     2: ("X_uu", "Y_vv", "Z_ww", "Y_uv", "Z_uw", "Y_uudr", "Z_uuds"),
@@ -330,9 +388,13 @@ def test_coefficients_are_proportional_to_the_density_of_water(torpedo, density)
 @given(torpedo=torpedoes(), motion=speeds)
 def test_rolled_by_a_right_angle_the_vehicle_is_the_same(torpedo, motion):
     c, (u, v, r) = torpedo.coefficients(), motion
-    flip = np.array([1.0, -1.0])  # starboard becomes down, and then nose-up turns against starboard-wards
+    flip = np.array(
+        [1.0, -1.0]
+    )  # starboard becomes down, and then nose-up turns against starboard-wards
     np.testing.assert_allclose(vertical_drag(c, v, -r), flip * horizontal_drag(c, v, r), rtol=1e-12)
-    np.testing.assert_allclose(vertical_lift(c, u, v, -r), flip * horizontal_lift(c, u, v, r), rtol=1e-12)
+    np.testing.assert_allclose(
+        vertical_lift(c, u, v, -r), flip * horizontal_lift(c, u, v, r), rtol=1e-12
+    )
     rotation = np.zeros((6, 6))
     rotation[:3, :3] = rotation[3:, 3:] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
     np.testing.assert_allclose(rotation @ added_mass(c) @ rotation.T, added_mass(c), rtol=1e-12)
@@ -377,7 +439,9 @@ def test_lift_of_the_hull_without_its_rate_terms_would_drive_it():
     fins = 2.0 * REMUS.fin_lift() * np.array([[1.0, -0.638], [-0.638, 0.638**2]])
     printed = -fins - lift * np.array([[1.0, 0.0], [x, 0.0]])
     complete = np.array([[c.Y_uv, c.Y_ur], [c.N_uv, c.N_ur]])
-    np.testing.assert_allclose(complete - printed, -lift * np.array([[0.0, x], [0.0, x**2]]), atol=1e-12)
+    np.testing.assert_allclose(
+        complete - printed, -lift * np.array([[0.0, x], [0.0, x**2]]), atol=1e-12
+    )
 
     def largest_power(matrix: np.ndarray) -> float:
         return np.linalg.eigvalsh(0.5 * (matrix + matrix.T)).max()
@@ -407,10 +471,12 @@ def test_positive_fins_turn_to_port_and_dive_and_steady_the_course(torpedo):
     c = torpedo.coefficients()
     assert c.Y_uudr > 0 > c.N_uudr
     assert c.Z_uuds < 0 > c.M_uuds
-    assert c.munk_moment() < 0 < torpedo.coefficients().N_uv  # the one turns the hull across, the other back
+    assert (
+        c.munk_moment() < 0 < torpedo.coefficients().N_uv
+    )  # the one turns the hull across, the other back
 
 
-# --- against published vehicles ---------------------------------------------------------------------
+# --- against published vehicles -------------------------------------------------------------------
 
 
 def test_remus_has_the_published_coefficients_within_a_quarter():
@@ -421,7 +487,13 @@ def test_remus_has_the_published_coefficients_within_a_quarter():
         ours, published = found[name]
         assert ours == pytest.approx(published, rel=0.25), name
     c = REMUS.coefficients()
-    alike = [("Y_vdot", "Z_wdot"), ("Y_rdot", "N_vdot"), ("Z_qdot", "M_wdot"), ("M_qdot", "N_rdot"), ("Y_vv", "Z_ww")]
+    alike = [
+        ("Y_vdot", "Z_wdot"),
+        ("Y_rdot", "N_vdot"),
+        ("Z_qdot", "M_wdot"),
+        ("M_qdot", "N_rdot"),
+        ("Y_vv", "Z_ww"),
+    ]
     assert all(getattr(c, one) == getattr(c, other) for one, other in [*alike, ("M_qq", "N_rr")])
 
 
@@ -488,7 +560,10 @@ def lauv_rows() -> list[Row]:
 
 def table(rows: list[Row]) -> str:
     lines = ["| coefficient | published | ours | ratio | formula |", "|---|---|---|---|---|"]
-    lines += [f"| {name} | {old:.3g} | {new:.3g} | {new / old:.2f} | {remark} |" for name, old, new, remark in rows]
+    lines += [
+        f"| {name} | {old:.3g} | {new:.3g} | {new / old:.2f} | {remark} |"
+        for name, old, new, remark in rows
+    ]
     return "\n".join(lines)
 
 

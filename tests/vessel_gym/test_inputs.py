@@ -31,17 +31,27 @@ class Asked(Water):
 
 
 def asked(*inputs: str, water: Water = WATERS["rough"]) -> Asked:
-    return Asked(**{each.name: getattr(water, each.name) for each in fields(water)}, inputs=inputs or None)
+    return Asked(
+        **{each.name: getattr(water, each.name) for each in fields(water)}, inputs=inputs or None
+    )
 
 
 def without_log(vehicle: Any) -> Sensors:
     """Its sensors but for the Doppler log, which reads the current."""
     each = [sensor for sensor in vehicle.sensors if sensor.name != "Doppler log"]
-    return Sensors(each, vehicle.state_names, vehicle.increments + vehicle.ambient_flows, vehicle.dt)
+    return Sensors(
+        each, vehicle.state_names, vehicle.increments + vehicle.ambient_flows, vehicle.dt
+    )
 
 
 every_kind_of_input = pytest.mark.parametrize(
-    "inputs", [("q increment", "u increment"), CHANGES, ("r increment", *CHANGES[1:]), ("current east", "v increment")]
+    "inputs",
+    [
+        ("q increment", "u increment"),
+        CHANGES,
+        ("r increment", *CHANGES[1:]),
+        ("current east", "v increment"),
+    ],
 )
 
 
@@ -59,7 +69,9 @@ def test_the_world_moves_by_what_the_model_says_of_d(inputs: tuple[str, ...]):
     for _ in range(10):
         core.now.noise = np.where([name in inputs for name in new], core.noise, 0.0)
         core.now.exogenous = core.exogenous.copy()
-        core.exogenous[:, [i for i, name in enumerate(core.vehicle.increments) if name not in inputs]] = 0.0
+        core.exogenous[
+            :, [i for i, name in enumerate(core.vehicle.increments) if name not in inputs]
+        ] = 0.0
         if "current east" not in inputs:
             assert set(water.names) <= set(core.composition.names)  # what is not d is held
         d, before, where = core.unknown_input, core.estimated(core.truth), core.actuators
@@ -67,17 +79,26 @@ def test_the_world_moves_by_what_the_model_says_of_d(inputs: tuple[str, ...]):
         u = core.vehicle.known_input(where, core.vehicle.actuate(where, action), None)
         core.step(action)
         ended = [name not in core.vehicle.ambient_flows for name in inputs]
-        d = np.where(ended, core.unknown_input, d)  # increments and changes are recorded when they have acted
+        d = np.where(
+            ended, core.unknown_input, d
+        )  # increments and changes are recorded when they have acted
         expected = model.transition(before, u) + np.matvec(model.input_matrix(before, u), d)
         assert np.abs(d).max(0).min() > 1e-4
         np.testing.assert_allclose(core.estimated(core.truth), expected, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("inputs", [("q increment", "u increment"), CHANGES, ("r increment", *CHANGES[1:])])
+@pytest.mark.parametrize(
+    "inputs", [("q increment", "u increment"), CHANGES, ("r increment", *CHANGES[1:])]
+)
 def test_what_is_not_d_stays_as_it_is_told_as_states(inputs: tuple[str, ...]):
     vehicle = Segorogeni()
-    sensors = Sensors(vehicle.sensors, vehicle.state_names, vehicle.increments + vehicle.ambient_flows, vehicle.dt)
-    whole, part = (compose(vehicle, "nonlinear", asked(*inputs), sensors, how) for how in ("states", "unknown-input"))
+    sensors = Sensors(
+        vehicle.sensors, vehicle.state_names, vehicle.increments + vehicle.ambient_flows, vehicle.dt
+    )
+    whole, part = (
+        compose(vehicle, "nonlinear", asked(*inputs), sensors, how)
+        for how in ("states", "unknown-input")
+    )
     assert part.names == whole.names
     assert whole.inputs == ()
     G, d = part.model.G, part.forces.input_cov
@@ -96,11 +117,15 @@ def test_a_flow_that_is_d_is_not_held_and_is_believed_as_d_is():
     told = compose(vehicle, "nonlinear", asked("current east"), without_log(vehicle))
     assert told.names == (*vehicle.state_names, "current north")
     mean = np.arange(26.0).reshape(2, 13)
-    np.testing.assert_array_equal(told.flow(mean, np.array([[7.0], [8.0]])), [[12.0, 7.0], [25.0, 8.0]])
+    np.testing.assert_array_equal(
+        told.flow(mean, np.array([[7.0], [8.0]])), [[12.0, 7.0], [25.0, 8.0]]
+    )
     np.testing.assert_array_equal(told.flow(mean), [[12.0, 0.0], [25.0, 0.0]])
     x = np.zeros((1, 13))
     x[:, 0] = 1.0
-    np.testing.assert_allclose(told.model.input_matrix(x, vehicle.cruise[1][None])[0, :, 0], 0.1 * np.eye(13)[7])
+    np.testing.assert_allclose(
+        told.model.input_matrix(x, vehicle.cruise[1][None])[0, :, 0], 0.1 * np.eye(13)[7]
+    )
 
 
 class Straight(Itsunusa):
@@ -119,19 +144,27 @@ class Straight(Itsunusa):
         return (A, B, F) if self.flow_told else (A, B)
 
 
-@pytest.mark.parametrize("inputs", [(), ("q increment",), ("current",), ("change of current", "w increment")])
-def test_a_composed_linear_model_is_the_composed_nonlinear_one_made_straight(inputs: tuple[str, ...]):
+@pytest.mark.parametrize(
+    "inputs", [(), ("q increment",), ("current",), ("change of current", "w increment")]
+)
+def test_a_composed_linear_model_is_the_composed_nonlinear_one_made_straight(
+    inputs: tuple[str, ...],
+):
     vehicle = Straight()
     water = asked(*inputs, water=PLANE_WATERS["rough"])
     sensors = without_log(vehicle)
-    bent, straight = (compose(vehicle, kind, water, sensors, "unknown-input") for kind in vehicle.kinds)
+    bent, straight = (
+        compose(vehicle, kind, water, sensors, "unknown-input") for kind in vehicle.kinds
+    )
     assert straight.names == bent.names
     assert isinstance(straight.model, LinearModel)
     x, u = np.zeros(len(bent.names)), vehicle.cruise[1]
     x[:6] = vehicle.cruise[0]
     A = straight.model.linearise_transition(x, u)[1]
     np.testing.assert_allclose(A, bent.model.linearise_transition(x, u)[1], rtol=0, atol=1e-9)
-    np.testing.assert_allclose(straight.model.input_matrix(x, u), bent.model.input_matrix(x, u), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        straight.model.input_matrix(x, u), bent.model.input_matrix(x, u), rtol=0, atol=1e-9
+    )
     for name in "QRH":
         np.testing.assert_array_equal(getattr(straight.model, name), getattr(bent.model, name))
     assert ("current" in straight.names) == (inputs != ("current",))
@@ -154,13 +187,18 @@ def test_a_linear_model_that_knows_nothing_of_a_flow_that_moves_it_is_refused():
         (("u increment", "u increment"), r"^inputs of Asked must be a tuple of different names, got .*"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_an_unknown_input_is_refused_in_one_sentence(inputs: tuple[str, ...], sentence: str):
+def test_what_cannot_be_an_unknown_input_is_refused_in_one_sentence(
+    inputs: tuple[str, ...], sentence: str
+):
     with pytest.raises(ValueError, match=sentence):
         make_core(AUV, 1, disturbance=asked(*inputs), estimator="ekf")
 
 
 def test_what_is_recorded_is_what_d_is():
-    assert make_core(AUV, 1, disturbance=asked(*CHANGES), estimator="ekf-ui-wdf").unknown_inputs == CHANGES
+    assert (
+        make_core(AUV, 1, disturbance=asked(*CHANGES), estimator="ekf-ui-wdf").unknown_inputs
+        == CHANGES
+    )
     water = WATERS["rough"]
     everything = *water.white_increments, *CHANGES
     assert make_core(AUV, 1, disturbance=water, estimator="ekf").unknown_inputs == everything
@@ -186,7 +224,9 @@ def test_of_an_input_that_only_a_filter_thinks_there_is_nothing_is_true():
         """Nothing acts."""
 
     options = {"assume": {"disturbance": Unheard()}}
-    core = make_core(AUV, 2, disturbance=Silent(), estimator="ekf-ui-wdf", estimator_options=options)
+    core = make_core(
+        AUV, 2, disturbance=Silent(), estimator="ekf-ui-wdf", estimator_options=options
+    )
     core.reset()
     core.step(np.zeros((2, 3)))
     assert np.isnan(core.unknown_input).all()
@@ -202,6 +242,10 @@ def test_the_scored_error_of_the_input_is_that_of_the_step_that_has_ended_in_uni
     for i, last in enumerate(flight.length):
         error = h["input_estimate"][: last + 1, i] - h["unknown_input"][: last + 1, i]
         assert found[i] == pytest.approx(np.sqrt((error**2).mean()) / size, rel=1e-6)
-    assert np.isnan(scores(rollout("autopilot", AUV, range(2), {"estimator": "ekf"}))["input_rmse"]).all()
-    oracle = rollout("autopilot", AUV, range(2), {"disturbance": asked(*CHANGES), "estimator": "truth"})
+    assert np.isnan(
+        scores(rollout("autopilot", AUV, range(2), {"estimator": "ekf"}))["input_rmse"]
+    ).all()
+    oracle = rollout(
+        "autopilot", AUV, range(2), {"disturbance": asked(*CHANGES), "estimator": "truth"}
+    )
     np.testing.assert_array_equal(scores(oracle)["input_rmse"], 0.0)

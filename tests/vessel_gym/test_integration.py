@@ -11,7 +11,7 @@ from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.integration import resolving_substeps, runge_kutta
 
-# --- modes ------------------------------------------------------------------------------------------
+# --- modes ----------------------------------------------------------------------------------------
 
 
 def of_size(length: float, speed: float, **changes: Any) -> CorvetteParameters:
@@ -38,7 +38,9 @@ SHIPS = {
 def test_a_mode_is_resolved_to_a_tenth_of_a_percent(fastest: float, phase: float):
     """From an oscillation without damping to a decay without oscillation."""
     value = fastest * np.exp(1j * phase)
-    matrix = np.array([[value.real, -value.imag], [value.imag, value.real]])  # it has this eigenvalue
+    matrix = np.array(
+        [[value.real, -value.imag], [value.imag, value.real]]
+    )  # it has this eigenvalue
     state, still = np.array([1.0, 0.0]), np.zeros(1)
     substeps = resolving_substeps(1.0, fastest)
     x, y = runge_kutta(lambda s, *_: matrix @ s, state, still, still, still, still, 1.0, substeps)
@@ -55,10 +57,18 @@ def test_a_ship_rolls_as_with_many_substeps(name: str):
     state, *_ = vehicle.start(vehicle.cruise[0][None])
     fine, rolls = state, []
     for k in range(round(30.0 * period / dt)):
-        moment = 0.01 * vehicle.ship.mass * 9.81 * ship.stiffness * np.sin(2.0 * np.pi * (k + 0.5) * dt / period)
+        moment = (
+            0.01
+            * vehicle.ship.mass
+            * 9.81
+            * ship.stiffness
+            * np.sin(2.0 * np.pi * (k + 0.5) * dt / period)
+        )
         exogenous[:, 1 + vehicle.ambient_flows.index("roll moment")] = moment
         state = vehicle.step(state, amidships, amidships, exogenous, c)
-        fine = runge_kutta(vehicle.equations, fine, amidships, amidships, exogenous[:, 1:], c, dt, 48)
+        fine = runge_kutta(
+            vehicle.equations, fine, amidships, amidships, exogenous[:, 1:], c, dt, 48
+        )
         rolls.append([state[0, 6], fine[0, 6]])
     rms, converged = np.std(rolls[len(rolls) // 2 :], axis=0)
     assert rms == pytest.approx(converged, rel=0.005)

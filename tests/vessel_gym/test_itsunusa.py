@@ -68,10 +68,12 @@ def northward(currents: np.ndarray) -> np.ndarray:
 def rudder_centred(controls: np.ndarray) -> np.ndarray:
     """The same controls, ``(..., 2)`` or ``(..., 4)``, with a rudder."""
     pairs = controls.reshape(*controls.shape[:-1], -1, 2)
-    return np.concatenate([np.zeros_like(pairs[..., :1]), pairs], -1).reshape(*controls.shape[:-1], -1)
+    return np.concatenate([np.zeros_like(pairs[..., :1]), pairs], -1).reshape(
+        *controls.shape[:-1], -1
+    )
 
 
-# --- the equations ----------------------------------------------------------------------------------
+# --- the equations --------------------------------------------------------------------------------
 
 
 def test_the_vehicle_floats_up_by_its_excess_of_buoyancy():
@@ -80,7 +82,7 @@ def test_the_vehicle_floats_up_by_its_excess_of_buoyancy():
     assert BODY.mass > 6.0 * 16.0 - 0.5  # the printed 16 kg are a sixth of what it displaces
 
 
-@pytest.mark.parametrize(("changes"), [{}, {"z_g": 0.05, "fin_area": 0.02, "buoyancy_excess": -3.0}])
+@pytest.mark.parametrize("changes", [{}, {"z_g": 0.05, "fin_area": 0.02, "buoyancy_excess": -3.0}])
 def test_the_equations_are_those_of_six_degrees_of_freedom_in_the_vertical_plane(changes):
     rng = np.random.default_rng(1)
     states, controls = random_states(rng, 200), random_controls(rng, 200)
@@ -92,17 +94,26 @@ def test_the_equations_are_those_of_six_degrees_of_freedom_in_the_vertical_plane
     own = itsunusa_rates(states, controls, currents, c)
     np.testing.assert_allclose(own, level[:, PLANE], rtol=1e-12, atol=1e-13)
     np.testing.assert_array_equal(np.delete(rates, PLANE, axis=1), 0.0)  # it stays in the plane
-    np.testing.assert_allclose(inertia(c), inertia_in_space(full)[np.ix_([0, 2, 4], [0, 2, 4])], rtol=1e-14)
-    np.testing.assert_allclose(energy(states, c), energy_in_space(in_space(states), full), rtol=1e-12)
+    np.testing.assert_allclose(
+        inertia(c), inertia_in_space(full)[np.ix_([0, 2, 4], [0, 2, 4])], rtol=1e-14
+    )
+    np.testing.assert_allclose(
+        energy(states, c), energy_in_space(in_space(states), full), rtol=1e-12
+    )
 
 
 def test_a_step_is_that_of_six_degrees_of_freedom():
     rng = np.random.default_rng(2)
-    states, controls = random_states(rng, 50), np.hstack([random_controls(rng, 50), random_controls(rng, 50)])
+    states, controls = (
+        random_states(rng, 50),
+        np.hstack([random_controls(rng, 50), random_controls(rng, 50)]),
+    )
     states[:, 5] *= 0.2
     currents = random_currents(rng, 50)
     step = itsunusa_step(states, controls, currents, C, 0.1, 2)
-    full = segorogeni_step(in_space(states), rudder_centred(controls), northward(currents), SIX.vector(), 0.1, 2)
+    full = segorogeni_step(
+        in_space(states), rudder_centred(controls), northward(currents), SIX.vector(), 0.1, 2
+    )
     np.testing.assert_allclose(step, full[:, PLANE], rtol=1e-12, atol=1e-12)
 
 
@@ -136,7 +147,7 @@ def test_going_ahead_the_equations_are_the_printed_ones():
     np.testing.assert_allclose(rates[:, :3], printed, rtol=1e-10, atol=1e-11)
 
 
-# --- the step ---------------------------------------------------------------------------------------
+# --- the step -------------------------------------------------------------------------------------
 
 
 DIVE = np.array([1.5, 0.05, -0.1, 3.0, 2.0, -0.3])
@@ -147,11 +158,13 @@ def test_two_substeps_are_converged_over_a_dive():
     coarse = fine = np.array(DIVE)
     for k in range(150):
         control = np.array([0.3, 30.0, 0.35, 30.0]) * (1.0 if k < 40 else -0.4 if k < 80 else 0.1)
-        coarse, fine = (itsunusa_step(x, control, CURRENT, C, 0.1, n) for x, n in ((coarse, 2), (fine, 20)))
+        coarse, fine = (
+            itsunusa_step(x, control, CURRENT, C, 0.1, n) for x, n in ((coarse, 2), (fine, 20))
+        )
         np.testing.assert_allclose(coarse, fine, rtol=0, atol=2e-5)
 
 
-# --- what the vehicle does --------------------------------------------------------------------------
+# --- what the vehicle does ------------------------------------------------------------------------
 
 
 def level_flight(speed: float) -> tuple[np.ndarray, np.ndarray]:
@@ -176,7 +189,9 @@ def test_the_vehicle_trims_level_and_stable_with_fins_and_thrust_to_spare(speed)
     assert 0.0 < control[1] < 0.8 * BODY.thrust_limit
     moving, h = [0, 1, 2, 5], 1e-6
     offsets = h * np.eye(6)[moving]
-    rates = [itsunusa_rates(state + sign * offsets, control, STILL, C)[:, moving] for sign in (1, -1)]
+    rates = [
+        itsunusa_rates(state + sign * offsets, control, STILL, C)[:, moving] for sign in (1, -1)
+    ]
     assert np.linalg.eigvals((rates[0] - rates[1]).T / (2.0 * h)).real.max() < -0.05
 
 
@@ -186,7 +201,9 @@ def test_positive_stern_plane_dives_and_thrust_drives():
     assert dived[5] < state[5] - 2 * DEG
     assert dived[4] > 0.1
     assert itsunusa_rates(state, control + [0.0, 1.0], STILL, C)[0] > 0.0
-    assert itsunusa_step(np.zeros(6), np.zeros(4), STILL, C, 60.0, 1200)[4] < -1.0  # it comes up by itself
+    assert (
+        itsunusa_step(np.zeros(6), np.zeros(4), STILL, C, 60.0, 1200)[4] < -1.0
+    )  # it comes up by itself
 
 
 def test_all_thrust_makes_two_metres_a_second():
@@ -196,7 +213,7 @@ def test_all_thrust_makes_two_metres_a_second():
     assert fast[0] > 2.0
 
 
-# --- the vehicle in an environment ------------------------------------------------------------------
+# --- the vehicle in an environment ----------------------------------------------------------------
 
 
 WATER = UnevenWater(VEHICLE, AUV.increments, AUV.currents)
@@ -207,17 +224,26 @@ def test_actuators_keep_their_limits_rates_and_lag():
     for k in range(1, 8):
         actuators = VEHICLE.actuate(actuators, np.array([[1.0, 1.0]]))
         decay = np.exp(-0.1 * k / BODY.thrust_lag)
-        expected = [min(0.05 + 0.1 * k, 20 * DEG), BODY.thrust_limit - (BODY.thrust_limit - 2.0) * decay]
+        expected = [
+            min(0.05 + 0.1 * k, 20 * DEG),
+            BODY.thrust_limit - (BODY.thrust_limit - 2.0) * decay,
+        ]
         np.testing.assert_allclose(actuators[0], expected, rtol=1e-12)
-    np.testing.assert_allclose(VEHICLE.actuate(actuators, np.array([[-1.0, 0.0]]))[0, 0], 20 * DEG - 0.1, rtol=1e-12)
+    np.testing.assert_allclose(
+        VEHICLE.actuate(actuators, np.array([[-1.0, 0.0]]))[0, 0], 20 * DEG - 0.1, rtol=1e-12
+    )
 
 
 def test_sensors_read_what_those_in_six_degrees_of_freedom_do():
     rng = np.random.default_rng(8)
     states, currents, six = random_states(rng, 50), random_currents(rng, 50), Segorogeni(SIX)
     full = sensors_of(six).exact(in_space(states), exogenous(six, northward(currents)))
-    incremented = np.hstack([rng.normal(size=(50, 3)), currents])  # increments act later and are not seen
-    np.testing.assert_allclose(SENSORS.exact(states, incremented), full[:, [0, 2, 3, 5, 8, 10]], rtol=0, atol=1e-13)
+    incremented = np.hstack(
+        [rng.normal(size=(50, 3)), currents]
+    )  # increments act later and are not seen
+    np.testing.assert_allclose(
+        SENSORS.exact(states, incremented), full[:, [0, 2, 3, 5, 8, 10]], rtol=0, atol=1e-13
+    )
 
 
 def test_mismatch_is_that_of_six_degrees_of_freedom():
@@ -229,11 +255,15 @@ def test_mismatch_is_that_of_six_degrees_of_freedom():
     states[:, 5] *= 0.3
     currents = random_currents(rng, 100)
     rates = itsunusa_rates(states, controls, currents, c)
-    expected = segorogeni_rates(in_space(states), rudder_centred(controls), northward(currents), full)
+    expected = segorogeni_rates(
+        in_space(states), rudder_centred(controls), northward(currents), full
+    )
     np.testing.assert_allclose(rates, expected[:, PLANE], rtol=1e-11, atol=1e-12)
     assert np.linalg.eigvalsh(inertia(c)).min() > 0.0
     assert AUV.power(states, itsunusa_rates(states, np.zeros(2), currents, c), c).max() < 0.0
-    np.testing.assert_array_equal(VEHICLE.parameters(0.0, normals[:3, :VERTICAL]), np.tile(C, (3, 1)))
+    np.testing.assert_array_equal(
+        VEHICLE.parameters(0.0, normals[:3, :VERTICAL]), np.tile(C, (3, 1))
+    )
 
 
 def test_the_linear_model_is_the_nonlinear_one_to_first_order_about_each_steady_dive():
@@ -244,12 +274,21 @@ def test_the_linear_model_is_the_nonlinear_one_to_first_order_about_each_steady_
     angle = x[:, 5] - np.arctan2(x[:, 1], x[:, 0])
     np.testing.assert_allclose(angle, np.deg2rad(np.linspace(-45.0, 45.0, 91)), atol=1e-9)
     after = bent.transition(x, trims.u)
-    np.testing.assert_allclose(after[:, [0, 1, 2, 5]], x[:, [0, 1, 2, 5]], atol=1e-9)  # they are steady
+    np.testing.assert_allclose(
+        after[:, [0, 1, 2, 5]], x[:, [0, 1, 2, 5]], atol=1e-9
+    )  # they are steady
     np.testing.assert_allclose(straight.transition(x, trims.u), after, atol=1e-9)
-    np.testing.assert_allclose(straight.measurement(x, trims.u), bent.measurement(x, trims.u), atol=1e-9)
-    np.testing.assert_allclose(straight.input_matrix(x, trims.u), bent.input_matrix(x, trims.u), atol=1e-12)
+    np.testing.assert_allclose(
+        straight.measurement(x, trims.u), bent.measurement(x, trims.u), atol=1e-9
+    )
+    np.testing.assert_allclose(
+        straight.input_matrix(x, trims.u), bent.input_matrix(x, trims.u), atol=1e-12
+    )
     rng, errors = np.random.default_rng(12), []
-    dx, du = rng.normal(size=x.shape) * ([0.05] * 3 + [1.0] * 2 + [0.05] * 2), rng.normal(size=(91, 4)) * 0.05
+    dx, du = (
+        rng.normal(size=x.shape) * ([0.05] * 3 + [1.0] * 2 + [0.05] * 2),
+        rng.normal(size=(91, 4)) * 0.05,
+    )
     du = np.hstack([du, np.zeros((91, 2))])
     for size in (1.0, 0.5):
         there = x + size * dx, trims.u + size * du
@@ -284,5 +323,7 @@ def test_linear_filters_fly_the_dive_nearly_as_well_as_the_extended_one(water: s
         assert score(robust, model="steady dives") > 0.95 * score(robust)
     fault = {"disturbance": Fault("stern plane", np.deg2rad(5.0), beside=WATERS[water])}
     for estimator in ("kf-umv-ui-wdf", "ulise"):
-        flight = rollout("autopilot", "ItsunusaAUV-v0", range(500, 508), {"estimator": estimator, **fault})
+        flight = rollout(
+            "autopilot", "ItsunusaAUV-v0", range(500, 508), {"estimator": estimator, **fault}
+        )
         assert flight.score.mean() > 0.9 * best

@@ -1,8 +1,9 @@
 """Linear-quadratic steering in closed form: the variances that a linear ship has in flight solve a Lyapunov equation.
 
-A linear ship keeps a straight track under a linear-quadratic regulator, on the truth, on a Kalman filter or on held
-measurements. Truth, estimate and rudder are then one linear system with a periodic transition, as the position is
-measured at every fourth step. All figures are means over 600 independent episodes with fixed seeds.
+A linear ship keeps a straight track under a linear-quadratic regulator, on the truth, on a Kalman
+filter or on held measurements. Truth, estimate and rudder are then one linear system with a
+periodic transition, as the position is measured at every fourth step. All figures are means over
+600 independent episodes with fixed seeds.
 """
 
 from functools import cache
@@ -58,7 +59,11 @@ class LinearShip(WholeState):
     sensors = tuple(
         Sensor(name, (f"{state} [{unit}]",), plain((i,)), (NOISE[i],), rate=rate, gives=(state,))
         for i, (name, state, unit, rate) in enumerate(
-            (("receiver", "y", "m", 1.0 / (PERIOD * DT)), ("compass", "psi", "rad", None), ("gyro", "r", "rad/s", None))
+            (
+                ("receiver", "y", "m", 1.0 / (PERIOD * DT)),
+                ("compass", "psi", "rad", None),
+                ("gyro", "r", "rad/s", None),
+            )
         )
     )
 
@@ -71,11 +76,18 @@ class LinearShip(WholeState):
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return x.copy(), 0.0 * x[..., :1]
 
-    def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
+    def known_input(
+        self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None
+    ) -> np.ndarray:
         return 0.5 * (before + after)
 
     def moved(
-        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, flow: np.ndarray, parameters: np.ndarray
+        self,
+        state: np.ndarray,
+        before: np.ndarray,
+        after: np.ndarray,
+        flow: np.ndarray,
+        parameters: np.ndarray,
     ) -> np.ndarray:
         y, psi, r = state[..., 0], state[..., 1], state[..., 2]
         rudder, current = 0.5 * (before[..., 0] + after[..., 0]), flow[..., 0]
@@ -104,7 +116,13 @@ class StraightTrack(Task):
 
 WATER = Water(0.0, SPIN / np.sqrt(DT), CURRENT, (), ("r",), ("current",), CURRENT_TIME, DT)
 SYSTEM = System(
-    "LinearShip-v0", StraightTrack.vehicle, StraightTrack(), {"moderate": WATER}, "kf", "linear", lambda name, of: {}
+    "LinearShip-v0",
+    StraightTrack.vehicle,
+    StraightTrack(),
+    {"moderate": WATER},
+    "kf",
+    "linear",
+    lambda name, of: {},
 )
 ENVIRONMENT = register_environment(SYSTEM)
 
@@ -134,11 +152,13 @@ class Regulator:
     def act(self, observations: np.ndarray) -> np.ndarray:
         seen = observations.astype(float) * [10.0, 1.0, 1.0, 1.0, 1.0]
         action = -(seen @ regulator())[:, None] / LIMIT
-        self.greatest = max(self.greatest, float(np.abs(action).max()), float(np.abs(observations).max()) / 10.0)
+        self.greatest = max(
+            self.greatest, float(np.abs(action).max()), float(np.abs(observations).max()) / 10.0
+        )
         return np.clip(action, -1.0, 1.0).astype(np.float32)
 
 
-# --- flown -------------------------------------------------------------------------------------------
+# --- flown ----------------------------------------------------------------------------------------
 
 
 @cache
@@ -154,7 +174,7 @@ def flown(estimator: str) -> dict[str, np.ndarray]:
     return with_cost({name: np.concatenate(values) for name, values in squares.items()})
 
 
-# --- in closed form ------------------------------------------------------------------------------------
+# --- in closed form -------------------------------------------------------------------------------
 
 
 @cache
@@ -200,13 +220,17 @@ def variances(phases: list[Phase]) -> dict[str, float]:
     """
     (F, G), L, steps = plant(), regulator()[None], []
     for M, N, K, S in phases:
-        moved = np.hstack([F[:, :4], np.zeros((5, 4)), F[:, 4:]])  # ship, current and rudder after the step
+        moved = np.hstack(
+            [F[:, :4], np.zeros((5, 4)), F[:, 4:]]
+        )  # ship, current and rudder after the step
         moved[:, 4:] -= G @ L
         rudder = 0.5 * (moved[4] + np.eye(9)[8])  # mean over the step
         estimate = M @ np.eye(9)[4:8] + N @ rudder[None] + K @ moved[:4]
         entry = np.vstack([np.eye(4), K, np.zeros((1, 4))])
         noise = np.vstack([np.zeros((4, 4)), K, np.zeros((1, 4))])
-        steps.append((np.vstack([moved[:4], estimate, moved[4:]]), entry @ Q @ entry.T + noise @ S @ noise.T))
+        steps.append(
+            (np.vstack([moved[:4], estimate, moved[4:]]), entry @ Q @ entry.T + noise @ S @ noise.T)
+        )
     over_period, entered = np.eye(9), np.zeros((9, 9))
     for transition, W in steps:
         over_period, entered = transition @ over_period, transition @ entered @ transition.T + W
@@ -229,7 +253,7 @@ def deviation(values: np.ndarray, expected: float) -> float:
     return float((values.mean() - expected) / (values.std(ddof=1) / np.sqrt(len(values))))
 
 
-# --- laws ----------------------------------------------------------------------------------------------
+# --- laws -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)

@@ -45,7 +45,13 @@ def given(task: Task, name: str, value: Any) -> Task:
 
 SEAWAY = {"ship": SHIP, "height": 2.0, "period": 8.0, "wind": 5.0, "current": 0.3, "dt": 0.5}
 WATER = {"turbulence": 0.01, "spin": 0.01, "current": 0.1}
-DIVE = {"auv": AUV, "goal": (10.0, 18.0, 6.0), "goal_spread": (1.0, 1.0, 0.5), "ahead": 2.5, "horizon": 500}
+DIVE = {
+    "auv": AUV,
+    "goal": (10.0, 18.0, 6.0),
+    "goal_spread": (1.0, 1.0, 0.5),
+    "ahead": 2.5,
+    "horizon": 500,
+}
 SYSTEM = {name: getattr(SIGMA_CORVETTE, name) for name in System.__dataclass_fields__}
 CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, list[Any]]]] = [
     (Sea, {"wave": 0.01, "peak": 0.8, "gust": 0.01, "current": 0.1},
@@ -91,7 +97,12 @@ CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, list[Any]]]] = [
       "radius": [None, "x", 0.0, -3.0, np.inf, [], [1.0, 2.0]]}),
 ]  # fmt: skip
 CASES = [
-    pytest.param(function, right | {name: value}, name, id=f"{getattr(function, '__qualname__', function)}-{name}-{k}")
+    pytest.param(
+        function,
+        right | {name: value},
+        name,
+        id=f"{getattr(function, '__qualname__', function)}-{name}-{k}",
+    )
     for function, right, wrong in CALLS
     for name, values in wrong.items()
     for k, value in enumerate(values)
@@ -126,7 +137,10 @@ def test_right_calls_pass():
 
 def test_a_seaway_of_another_ship_than_the_one_that_sails_is_refused():
     other = Seaway(MARINER, 2.0, 8.0, 5.0, 0.3, SIGMA_CORVETTE.vehicle.dt)
-    with pytest.raises(ValueError, match=r"^Seaway was made for another ship than the vehicle's: give it ship=vehicle"):
+    with pytest.raises(
+        ValueError,
+        match=r"^Seaway was made for another ship than the vehicle's: give it ship=vehicle",
+    ):
         Core(SIGMA_CORVETTE, disturbance=other)
 
 
@@ -154,6 +168,9 @@ def test_a_process_keeps_copies_that_nobody_can_write_into():
 def test_a_sensor_that_reads_complex_numbers_is_refused():
     assert "reads of fix must give real numbers, got " in refused(
         lambda: Sensors(
-            (Sensor(**SENSOR | {"reads": lambda state, exogenous: 1j * state[..., :1]}),), ("x",), ("f",), 0.5
+            (Sensor(**SENSOR | {"reads": lambda state, exogenous: 1j * state[..., :1]}),),
+            ("x",),
+            ("f",),
+            0.5,
         )
     )

@@ -21,7 +21,17 @@ from vessel_gym.sensors import SUITE_NAMES
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("estimators", "vessel_gym", "agents", "scripts")
 """In the direction of imports: each may import those before it, and none after."""
-HEAVY = {"torch", "stable_baselines3", "pygame", "matplotlib", "jinja2", "imageio", "tyro", "rich", "joblib"}
+HEAVY = {
+    "torch",
+    "stable_baselines3",
+    "pygame",
+    "matplotlib",
+    "jinja2",
+    "imageio",
+    "tyro",
+    "rich",
+    "joblib",
+}
 """What only a command, a picture or a training needs."""
 
 
@@ -35,7 +45,9 @@ def imported(path: Path, inside_functions: bool = True) -> set[str]:
     nodes = list(ast.walk(tree))
     if not inside_functions:
         functions = [n for n in nodes if isinstance(n, ast.FunctionDef)]
-        checked = [n for n in nodes if isinstance(n, ast.If) and "TYPE_CHECKING" in ast.unparse(n.test)]
+        checked = [
+            n for n in nodes if isinstance(n, ast.If) and "TYPE_CHECKING" in ast.unparse(n.test)
+        ]
         hidden = {id(inner) for outer in functions + checked for inner in ast.walk(outer)}
         nodes = [n for n in nodes if id(n) not in hidden]
     names = {alias.name for n in nodes if isinstance(n, ast.Import) for alias in n.names}
@@ -55,7 +67,9 @@ def test_estimators_know_numpy_and_scipy_only():
     for path in modules("estimators"):
         known = {"estimators", "numpy", "scipy"}
         if path.stem == "consistency":
-            known.add("matplotlib")  # inside its one figure function: importing the package does not load it
+            known.add(
+                "matplotlib"
+            )  # inside its one figure function: importing the package does not load it
         if path.parent.name == "engine":
             known.add("llvmlite")  # inside functions: loaded when an equation is compiled
         foreign = imported(path) - set(sys.stdlib_module_names) - known
@@ -92,7 +106,9 @@ def test_the_version_is_said_once():
     changelog = (ROOT / "CHANGELOG.md").read_text()
     assert project["version"] in changelog
     citation = (ROOT / "CITATION.cff").read_text()
-    assert re.search(rf"^version: [\"']?{re.escape(project['version'])}[\"']?$", citation, re.MULTILINE)
+    assert re.search(
+        rf"^version: [\"']?{re.escape(project['version'])}[\"']?$", citation, re.MULTILINE
+    )
 
 
 def test_every_package_is_typed():
@@ -129,7 +145,13 @@ def test_the_docstring_of_an_environment_is_its_manual(env_id: str):
     core = cls().core
     system, bound = cls.system, core.task.BOUND
     sizes = sizes_by_mode(core.task.sizes(core.sensors.size, len(core.composition.names)))
-    names = [*system.disturbances, *SUITE_NAMES, *OBSERVE, *estimator_names(), *cls.metadata["render_modes"]]
+    names = [
+        *system.disturbances,
+        *SUITE_NAMES,
+        *OBSERVE,
+        *estimator_names(),
+        *cls.metadata["render_modes"],
+    ]
     assert list(sizes) == [*OBSERVE]
     for name in names:
         assert re.search(rf"[`\"]{re.escape(name)}[`\"]", manual), name

@@ -24,7 +24,8 @@ def nature(core: Core) -> dict[str, np.ndarray]:
     count = len(core.vehicle.increments)
     drawn = {
         "state": core.state, "sea": core.sea_state, "bias": core.bias,
-        "exogenous": np.concatenate([core.now.ended[:, :count], core.exogenous[:, count:]], -1),  # as sensors read it
+        # as sensors read it
+        "exogenous": np.concatenate([core.now.ended[:, :count], core.exogenous[:, count:]], -1),
         "parameters": core.parameters, "scenario": core.scenario, "measurements": measurements, "available": available,
     }  # fmt: skip
     return {name: values.copy() for name, values in drawn.items()}
@@ -49,7 +50,9 @@ def test_the_measurements_of_a_step_can_be_had_by_themselves(env_id: str):
     keys = np.stack([episode.of(f"sensor {sensor.name}").keys for sensor in sensors.each], 1)
     for step, now in reversed(list(enumerate(flown(core)))):
         steps = np.full(ROWS, step)
-        measurements, available = sensors.read(now["state"], now["exogenous"], now["bias"], steps, keys)
+        measurements, available = sensors.read(
+            now["state"], now["exogenous"], now["bias"], steps, keys
+        )
         np.testing.assert_array_equal(measurements, now["measurements"])
         np.testing.assert_array_equal(available, now["available"])
 
@@ -60,10 +63,17 @@ def test_one_sensor_more_moves_the_numbers_of_no_other(env_id: str, place: int):
     own = SUITES["degraded"].of(single_class(env_id).system.vehicle.sensors)
     bias = Bias(("more bias",), start=(1.0,), pace=(0.1,), slope=(0.1,))
     quality = {"sd": (1.0, 1.0), "dropout": 0.3, "outliers": 0.2, "bias": bias}
-    more = Sensor("one more", ("one", "other"), lambda state, exogenous: 0.0 * state[..., :2], **quality)
+    more = Sensor(
+        "one more", ("one", "other"), lambda state, exogenous: 0.0 * state[..., :2], **quality
+    )
     others = [*own[:place], more, *own[place:]]
-    one, other = (make_core(env_id, ROWS, sensors=s, disturbance="rough", estimator="truth") for s in (own, others))
-    kept = [i for i, channel in enumerate(other.sensors.channels) if channel in one.sensors.channels]
+    one, other = (
+        make_core(env_id, ROWS, sensors=s, disturbance="rough", estimator="truth")
+        for s in (own, others)
+    )
+    kept = [
+        i for i, channel in enumerate(other.sensors.channels) if channel in one.sensors.channels
+    ]
     biases = [other.sensors.bias_names.index(name) for name in one.sensors.bias_names]
     for told, beside in zip(flown(one), flown(other), strict=True):
         beside["bias"] = beside["bias"][:, biases]
@@ -73,18 +83,22 @@ def test_one_sensor_more_moves_the_numbers_of_no_other(env_id: str, place: int):
 
 
 @pytest.mark.parametrize(("env_id", "estimator"), SPREAD)
-def test_nature_is_paired_between_estimators_even_where_sensors_are_not_asked(env_id: str, estimator: str):
+def test_nature_is_paired_between_estimators_even_where_sensors_are_not_asked(
+    env_id: str, estimator: str
+):
     """With one of them measurements are injected at every third step, so that the sensors draw nothing."""
     options = {"sensors": "degraded", "disturbance": "rough", "mismatch": 0.2}
     few = FEW_MEMBERS.get(estimator)
     one = flown(make_core(env_id, ROWS, estimator="measurement", **options))
-    other = flown(make_core(env_id, ROWS, estimator=estimator, estimator_options=few, **options), injected=3)
+    other = flown(
+        make_core(env_id, ROWS, estimator=estimator, estimator_options=few, **options), injected=3
+    )
     for step, (told, beside) in enumerate(zip(one, other, strict=True)):
         for name in told if step == 0 or step % 3 else set(told) - {"measurements", "available"}:
             np.testing.assert_array_equal(told[name], beside[name], err_msg=name)
 
 
-# --- what is declared to be linear ------------------------------------------------------------------
+# --- what is declared to be linear ----------------------------------------------------------------
 
 
 @every_environment
@@ -96,18 +110,30 @@ def test_measurements_that_are_declared_linear_are_a_matrix_times_state_and_forc
     assert declared
     for sensor in declared:
         matrix = sensor.reads(units[:, :n], units[:, n:])
-        np.testing.assert_allclose(sensor.reads(x[:, :n], x[:, n:]), x @ matrix, rtol=1e-13, atol=1e-12)
+        np.testing.assert_allclose(
+            sensor.reads(x[:, :n], x[:, n:]), x @ matrix, rtol=1e-13, atol=1e-12
+        )
 
 
 @every_environment
-def test_an_effect_that_is_declared_linear_is_a_matrix_times_its_state_wherever_the_vehicle_is(env_id: str):
+def test_an_effect_that_is_declared_linear_is_a_matrix_times_its_state_wherever_the_vehicle_is(
+    env_id: str,
+):
     system, rng = single_class(env_id).system, np.random.default_rng(0)
-    each = [acting for d in system.disturbances.values() for acting in (d, d.believed) if acting is not None]
+    each = [
+        acting
+        for d in system.disturbances.values()
+        for acting in (d, d.believed)
+        if acting is not None
+    ]
     declared = [disturbance for disturbance in each if getattr(disturbance.effect, "linear", False)]
     assert declared
     for disturbance in declared:
         k = disturbance.process.size
-        z, state = rng.normal(0.0, 10.0, (9, k)), rng.normal(0.0, 10.0, (9, len(system.vehicle.state_names)))
+        z, state = (
+            rng.normal(0.0, 10.0, (9, k)),
+            rng.normal(0.0, 10.0, (9, len(system.vehicle.state_names))),
+        )
         matrix = disturbance.effect(np.eye(k), np.zeros((k, state.shape[1])))
         np.testing.assert_allclose(disturbance.effect(z, state), z @ matrix, rtol=1e-13, atol=1e-12)
 
@@ -119,7 +145,9 @@ def test_whoever_changes_an_effect_is_asked_for_it_though_another_was_declared_l
 
     nominal = single_class(AUV).system.disturbances["calm"]
     doubled = Doubled(nominal.turbulence, nominal.spin, nominal.current)
-    one, other = (make_core(AUV, ROWS, disturbance=d, estimator="truth") for d in (nominal, doubled))
+    one, other = (
+        make_core(AUV, ROWS, disturbance=d, estimator="truth") for d in (nominal, doubled)
+    )
     for core in (one, other):
         core.reset()
     np.testing.assert_array_equal(other.exogenous[:, 6:], 2.0 * other.sea_state)

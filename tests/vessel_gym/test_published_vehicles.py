@@ -1,8 +1,8 @@
 """Published vehicles given as files manoeuvre as their published equations do: a cargo ship and an underwater vehicle.
 
-Trial figures measured on either are not in our sources in print. So the reference is the full published model of each,
-written down here from print and integrated on its own: other terms, another solver, nothing of the package but the
-geometry of a recorded track.
+Trial figures measured on either are not in our sources in print. So the reference is the full
+published model of each, written down here from print and integrated on its own: other terms,
+another solver, nothing of the package but the geometry of a recorded track.
 """
 
 import re
@@ -10,7 +10,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from manoeuvres import DEG, Rates, Turn, ahead, figures, helmed, initial_turning, overshoots, rates_of, turning_circle
+from manoeuvres import (
+    DEG,
+    Rates,
+    Turn,
+    ahead,
+    figures,
+    helmed,
+    initial_turning,
+    overshoots,
+    rates_of,
+    turning_circle,
+)
 from nomoto_models import nomoto_linear
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
@@ -19,7 +30,7 @@ from stepping import segorogeni_step
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.segorogeni import segorogeni_rates
 
-# --- the Mariner class ------------------------------------------------------------------------------
+# --- the Mariner class ----------------------------------------------------------------------------
 
 MARINER = load("mariner")
 L, U0 = MARINER.length, MARINER.speed
@@ -42,10 +53,10 @@ State = np.ndarray
 def polynomial(state: State, rudder: float, instantaneous: bool) -> State:
     """The printed model: rates of (x, y, psi, u, v, r) with the rudder to starboard positive.
 
-    The printed perturbations are made non-dimensional with the speed. That all terms in the change of speed are those
-    of u v, u r and u^2 delta about U0 (Yvu = Yv, Yud = 2 Yd, Yuud = Yd, Y0u = 2 Y0 ...) means the constant U0: then
-    forces go with the square of the speed. Fossen's mariner.m takes the instantaneous speed and so counts a loss of
-    speed twice.
+    The printed perturbations are made non-dimensional with the speed. That all terms in the change
+    of speed are those of u v, u r and u^2 delta about U0 (Yvu = Yv, Yud = 2 Yd, Yuud = Yd, Y0u = 2
+    Y0 ...) means the constant U0: then forces go with the square of the speed. Fossen's mariner.m
+    takes the instantaneous speed and so counts a loss of speed twice.
     """
     _, _, psi, surge, sway, yaw = state
     speed = np.hypot(surge, sway) if instantaneous else U0
@@ -55,8 +66,13 @@ def polynomial(state: State, rudder: float, instantaneous: bool) -> State:
         "udd": u * d**2, "vd": v * d, "uvd": u * v * d, "vvv": v**3, "vvr": v**2 * r, "vu": v * u, "ru": r * u, "d": d,
         "ddd": d**3, "ud": u * d, "uud": u**2 * d, "vdd": v * d**2, "vvd": v**2 * d, "0": 1.0, "0u": u, "0uu": u**2,
     }  # fmt: skip
-    X, Y, N = (sum(P.get(axis + name, 0.0) * value for name, value in terms.items()) for axis in "XYN")
-    inertia = [[P["m"] - P["Yvdot"], P["m"] * x_g - P["Yrdot"]], [P["m"] * x_g - P["Nvdot"], P["Iz"] - P["Nrdot"]]]
+    X, Y, N = (
+        sum(P.get(axis + name, 0.0) * value for name, value in terms.items()) for axis in "XYN"
+    )
+    inertia = [
+        [P["m"] - P["Yvdot"], P["m"] * x_g - P["Yrdot"]],
+        [P["m"] * x_g - P["Nvdot"], P["Iz"] - P["Nrdot"]],
+    ]
     sideways, turning = np.linalg.solve(inertia, [Y, N])
     unit = speed**2 / L
     return np.array([
@@ -144,14 +160,20 @@ def test_the_mariner_s_zig_zag_is_that_of_its_published_equations(degrees: int):
 @pytest.mark.parametrize("degrees", [10, 20, 35])
 def test_as_mariner_m_reads_its_equations_the_mariner_begins_to_turn_the_same(degrees: int):
     """Until much speed is lost, in advance and overshoots: its tactical diameter at hard helm is a quarter larger."""
-    assert circle(OURS, degrees).advance == pytest.approx(circle(instantaneous, degrees).advance, rel=0.10)
+    assert circle(OURS, degrees).advance == pytest.approx(
+        circle(instantaneous, degrees).advance, rel=0.10
+    )
     if degrees <= 20:
-        assert swings(OURS, degrees)[0] == pytest.approx(swings(instantaneous, degrees)[0], rel=0.20)
+        assert swings(OURS, degrees)[0] == pytest.approx(
+            swings(instantaneous, degrees)[0], rel=0.20
+        )
 
 
 def test_the_page_on_vehicles_has_the_mariner_s_table_as_it_is_computed():
     text = (Path(__file__).parents[2] / "docs" / "vehicles.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| (turning circle|zig-zag), (\d+).*?\|.*?\| (.*?) \| (.*?) \| (.*?) \|$", text, re.M)
+    rows = re.findall(
+        r"^\| (turning circle|zig-zag), (\d+).*?\|.*?\| (.*?) \| (.*?) \| (.*?) \|$", text, re.M
+    )
     assert len(rows) == 6
     for trial, angle, *printed in rows:
         degrees = int(angle)
@@ -159,7 +181,9 @@ def test_the_page_on_vehicles_has_the_mariner_s_table_as_it_is_computed():
             circles = (circle(of, degrees) for of in (OURS, *INTERPRETATIONS))
             computed = [f"{c.advance / L:.2f}; {c.tactical_diameter / L:.2f}" for c in circles]
         else:
-            computed = ["{:.1f}; {:.1f}".format(*swings(of, degrees)) for of in (OURS, *INTERPRETATIONS)]
+            computed = [
+                "{:.1f}; {:.1f}".format(*swings(of, degrees)) for of in (OURS, *INTERPRETATIONS)
+            ]
         assert printed == computed
 
 
@@ -171,7 +195,7 @@ def test_the_mariner_meets_the_standards_of_its_kind():
     assert swings(OURS, 10)[0] < 5.0 + 0.5 * L / U0
 
 
-# --- REMUS ------------------------------------------------------------------------------------------
+# --- REMUS ----------------------------------------------------------------------------------------
 
 REMUS = load("remus-100")
 STILL = np.zeros(2)  # no current
@@ -217,8 +241,18 @@ def prestero(state: State, rudder: float, stern: float) -> State:
     inertia = np.diag([
         m - R["Xudot"], m - R["Yvdot"], m - R["Zwdot"], Ixx - R["Kpdot"], Iyy - R["Mqdot"], Izz - R["Nrdot"],
     ])  # fmt: skip
-    inertia[0, 4], inertia[4, 0], inertia[1, 3], inertia[3, 1] = m * z_g, m * z_g, -m * z_g, -m * z_g
-    inertia[1, 5], inertia[5, 1], inertia[2, 4], inertia[4, 2] = -R["Yrdot"], -R["Nvdot"], -R["Zqdot"], -R["Mwdot"]
+    inertia[0, 4], inertia[4, 0], inertia[1, 3], inertia[3, 1] = (
+        m * z_g,
+        m * z_g,
+        -m * z_g,
+        -m * z_g,
+    )
+    inertia[1, 5], inertia[5, 1], inertia[2, 4], inertia[4, 2] = (
+        -R["Yrdot"],
+        -R["Nvdot"],
+        -R["Zqdot"],
+        -R["Mwdot"],
+    )
     along = u * cos_theta + (v * sin_phi + w * cos_phi) * sin_theta
     across = v * cos_phi - w * sin_phi
     turn = (q * sin_phi + r * cos_phi) / cos_theta
@@ -237,7 +271,12 @@ def both(rudder: float, stern: float, duration: float) -> tuple[State, State]:
     start, time = np.zeros(12), np.arange(0.0, duration, 0.1)
     start[0] = 1.54
     solution = solve_ivp(
-        lambda _, s: prestero(s, -rudder, stern), (0.0, duration), start, t_eval=time, rtol=1e-9, atol=1e-10
+        lambda _, s: prestero(s, -rudder, stern),
+        (0.0, duration),
+        start,
+        t_eval=time,
+        rtol=1e-9,
+        atol=1e-10,
     )
     c, control = REMUS.vector(), np.array([rudder, stern, 3.86] * 2)
     states = [start]
@@ -271,7 +310,9 @@ def test_remus_cruises_only_as_far_as_its_file_says():
     """Level it takes 8.7 degrees of stern planes, and is unstable; amidships it dives (Prestero's equations agree)."""
     c, speed = REMUS.vector(), REMUS.cruise_speed
 
-    def rates(u: float, w: float, q: float, theta: float, stern: float, thrust: float) -> np.ndarray:
+    def rates(
+        u: float, w: float, q: float, theta: float, stern: float, thrust: float
+    ) -> np.ndarray:
         state = np.array([u, 0.0, w, 0.0, q, 0.0, 0.0, 0.0, 0.0, 0.0, theta, 0.0])
         return segorogeni_rates(state, np.array([0.0, stern, thrust]), STILL, c)[[0, 2, 4, 10]]
 
@@ -282,7 +323,10 @@ def test_remus_cruises_only_as_far_as_its_file_says():
     assert stern / DEG == pytest.approx(-8.7, abs=0.05)
     assert pitch / DEG == pytest.approx(-2.5, abs=0.05)
     trim = np.array([speed * np.cos(pitch), speed * np.sin(pitch), 0.0, pitch])
-    slopes = [(rates(*trim + h, stern, thrust) - rates(*trim - h, stern, thrust)) / 2e-6 for h in 1e-6 * np.eye(4)]
+    slopes = [
+        (rates(*trim + h, stern, thrust) - rates(*trim - h, stern, thrust)) / 2e-6
+        for h in 1e-6 * np.eye(4)
+    ]
     assert np.linalg.eigvals(np.transpose(slopes)).real.max() > 0.1  # 1/s
     for track in both(0.0, 0.0, 200.0):
         assert track[-1, 8] > 20.0

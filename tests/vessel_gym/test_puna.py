@@ -21,14 +21,16 @@ VEHICLE = Puna()
 SENSORS = sensors_of(VEHICLE)
 DEG = np.pi / 180.0
 MIRROR = np.array([1, -1, 1, 1, 1, -1, -1, 1, -1, 1])
-MISSILE = PointMass(1005.0, 0.3376, (-1.9431, -0.1499, 0.2359), (21.9, 0.0), (3.312e-9, -1.142e-4, 1.224))
+MISSILE = PointMass(
+    1005.0, 0.3376, (-1.9431, -0.1499, 0.2359), (21.9, 0.0), (3.312e-9, -1.142e-4, 1.224)
+)
 """The one aircraft whose constants are published in the form of the PUNA's paper: the missile of Subchan & Zbikowski
 (2009), that flies at 272 m/s. At the paper's 20 m/s it would need a lift coefficient of 119."""
 AIR = Air(wind=3.0, gust=1.06, vertical_gust=0.7)
 
 
-# In these tests a state is that of the literature, in wind axes ``(..., 10)``: x, y, altitude, airspeed, flight-path
-# angle, course through the air, bank, wind north, east, down.
+# In these tests a state is that of the literature, in wind axes ``(..., 10)``: x, y, altitude,
+# airspeed, flight-path angle, course through the air, bank, wind north, east, down.
 
 
 def random_states(rng: np.random.Generator, n: int) -> np.ndarray:
@@ -45,7 +47,9 @@ def random_controls(rng: np.random.Generator, n: int) -> np.ndarray:
 def air_velocity(state: np.ndarray) -> np.ndarray:
     """Velocity through the air: north, east, down."""
     V, gamma, chi = state[..., 3], state[..., 4], state[..., 5]
-    return np.stack([V * np.cos(gamma) * np.cos(chi), V * np.cos(gamma) * np.sin(chi), -V * np.sin(gamma)], -1)
+    return np.stack(
+        [V * np.cos(gamma) * np.cos(chi), V * np.cos(gamma) * np.sin(chi), -V * np.sin(gamma)], -1
+    )
 
 
 def ground_velocity(state: np.ndarray) -> np.ndarray:
@@ -55,7 +59,9 @@ def ground_velocity(state: np.ndarray) -> np.ndarray:
 
 def own_state(states: np.ndarray) -> np.ndarray:
     """The aircraft's own state ``(..., 7)``: position, velocity over ground, bank."""
-    return np.concatenate([states[..., :3], ground_velocity(states) * [1, 1, -1], states[..., 6:7]], -1)
+    return np.concatenate(
+        [states[..., :3], ground_velocity(states) * [1, 1, -1], states[..., 6:7]], -1
+    )
 
 
 def in_wind_axes(own: np.ndarray, wind: np.ndarray) -> np.ndarray:
@@ -63,7 +69,9 @@ def in_wind_axes(own: np.ndarray, wind: np.ndarray) -> np.ndarray:
     north, east, up = np.moveaxis(own[..., 3:6] - wind * [1, 1, -1], -1, 0)
     level = np.hypot(north, east)
     axes = np.stack([np.hypot(level, up), np.arctan2(up, level), np.arctan2(east, north)], -1)
-    return np.concatenate([own[..., :3], axes, own[..., 6:], np.broadcast_to(wind, own.shape[:-1] + (3,))], -1)
+    return np.concatenate(
+        [own[..., :3], axes, own[..., 6:], np.broadcast_to(wind, own.shape[:-1] + (3,))], -1
+    )
 
 
 def axes_rates(states: np.ndarray, controls: np.ndarray, c: np.ndarray) -> np.ndarray:
@@ -76,12 +84,19 @@ def axes_rates(states: np.ndarray, controls: np.ndarray, c: np.ndarray) -> np.nd
     level, climb = np.hypot(north, east), -down
     level_rate = (north * along + east * across) / level
     V2 = level**2 + climb**2
-    speed_rate, slope_rate = (level * level_rate + climb * up) / np.sqrt(V2), (up * level - climb * level_rate) / V2
+    speed_rate, slope_rate = (
+        (level * level_rate + climb * up) / np.sqrt(V2),
+        (up * level - climb * level_rate) / V2,
+    )
     axes = np.stack([speed_rate, slope_rate, (north * across - east * along) / level**2], -1)
-    return np.concatenate([rates[..., :3], axes, rates[..., 6:], np.zeros(rates.shape[:-1] + (3,))], -1)
+    return np.concatenate(
+        [rates[..., :3], axes, rates[..., 6:], np.zeros(rates.shape[:-1] + (3,))], -1
+    )
 
 
-def axes_step(states: np.ndarray, control: np.ndarray, c: np.ndarray, dt: float, substeps: int) -> np.ndarray:
+def axes_step(
+    states: np.ndarray, control: np.ndarray, c: np.ndarray, dt: float, substeps: int
+) -> np.ndarray:
     """States ``(..., 10)`` after a step of the vehicle's; courses go on from those before."""
     wind = states[..., 7:]
     moved = in_wind_axes(puna_step(own_state(states), control, wind, c, dt, substeps), wind)
@@ -101,7 +116,9 @@ def split(winds: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return np.insert(z, 4, winds[..., 2] - np.sqrt(3.0) * parts[..., 2], axis=-1)
 
 
-def level_flight(speed: float, bank: float = 0.0, altitude: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def level_flight(
+    speed: float, bank: float = 0.0, altitude: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
     """State ``(10,)`` and control ``(3,)`` of level flight, north and in still air."""
     steady = trim(speed, BODY, altitude, bank)
     state = np.zeros(10)
@@ -109,34 +126,47 @@ def level_flight(speed: float, bank: float = 0.0, altitude: float = 0.0) -> tupl
     return state, np.array([steady.thrust, steady.alpha, bank])
 
 
-# --- the compiled equations -------------------------------------------------------------------------
+# --- the compiled equations -----------------------------------------------------------------------
 
 
 def test_velocity_changes_by_thrust_lift_drag_and_weight():
     """Newton in earth axes, from the vectors."""
-    states, controls = random_states(np.random.default_rng(0), 200), random_controls(np.random.default_rng(1), 200)
+    states, controls = (
+        random_states(np.random.default_rng(0), 200),
+        random_controls(np.random.default_rng(1), 200),
+    )
     thrust, alpha = controls[:, 0], controls[:, 1]
     h, V, phi = states[:, 2], states[:, 3], states[:, 6]
     density = 4.319e-9 * h**2 - 1.176e-4 * h + 1.225
     pressure = 0.5 * density * V**2 * 0.75
-    lift, drag = pressure * (4.0203 * alpha + 0.08674), pressure * (1.0555 * alpha**2 + 0.07909 * alpha + 0.0197)
+    lift, drag = (
+        pressure * (4.0203 * alpha + 0.08674),
+        pressure * (1.0555 * alpha**2 + 0.07909 * alpha + 0.0197),
+    )
     ahead = air_velocity(states) / V[:, None]
     starboard = np.cross([0.0, 0.0, 1.0], ahead)
     starboard /= np.linalg.norm(starboard, axis=-1, keepdims=True)
     above = np.cross(ahead, -starboard)
     normal = np.cos(phi)[:, None] * above + np.sin(phi)[:, None] * starboard
-    force = (thrust * np.cos(alpha) - drag)[:, None] * ahead + (lift + thrust * np.sin(alpha))[:, None] * normal
+    force = (thrust * np.cos(alpha) - drag)[:, None] * ahead + (lift + thrust * np.sin(alpha))[
+        :, None
+    ] * normal
     acceleration = force / 3.364 + [0.0, 0.0, 9.81]
 
     rates = puna_rates(own_state(states), controls, states[:, 7:], C)
     np.testing.assert_allclose(rates[:, 3:6], acceleration * [1, 1, -1], rtol=0, atol=1e-11)
-    np.testing.assert_allclose(rates[:, :3], ground_velocity(states) * [1, 1, -1], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        rates[:, :3], ground_velocity(states) * [1, 1, -1], rtol=0, atol=1e-12
+    )
     np.testing.assert_allclose(rates[:, 6], 2.0 * (controls[:, 2] - phi), rtol=1e-12)
 
 
 def test_the_equations_are_those_of_the_literature_in_wind_axes():
     """Beard & McLain (2012), ch. 9: a point mass that turns coordinated."""
-    states, controls = random_states(np.random.default_rng(24), 200), random_controls(np.random.default_rng(26), 200)
+    states, controls = (
+        random_states(np.random.default_rng(24), 200),
+        random_controls(np.random.default_rng(26), 200),
+    )
     (V, gamma, _, phi), (thrust, alpha, _) = states[:, 3:7].T, controls.T
     pressure = 0.5 * np.polyval(BODY.density, states[:, 2]) * V**2 * BODY.area
     along = thrust * np.cos(alpha) - pressure * np.polyval(BODY.drag, alpha)
@@ -146,7 +176,9 @@ def test_the_equations_are_those_of_the_literature_in_wind_axes():
         (across * np.cos(phi) / BODY.mass - BODY.gravity * np.cos(gamma)) / V,
         across * np.sin(phi) / (BODY.mass * V * np.cos(gamma)),
     ], -1)  # fmt: skip
-    np.testing.assert_allclose(axes_rates(states, controls, C)[:, 3:6], expected, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(
+        axes_rates(states, controls, C)[:, 3:6], expected, rtol=0, atol=1e-11
+    )
 
 
 def test_the_density_is_that_of_the_standard_atmosphere():
@@ -181,7 +213,10 @@ def test_drag_only_takes_energy_and_thrust_only_gives_it():
     glide = power(controls * [0, 1, 1])
     assert glide.max() < 0.0
     np.testing.assert_allclose(
-        power(controls) - glide, controls[:, 0] * np.cos(controls[:, 1]) * states[:, 3], rtol=0, atol=1e-9
+        power(controls) - glide,
+        controls[:, 0] * np.cos(controls[:, 1]) * states[:, 3],
+        rtol=0,
+        atol=1e-9,
     )
 
 
@@ -189,7 +224,9 @@ def test_port_mirrors_starboard():
     rng = np.random.default_rng(5)
     states, controls = random_states(rng, 200), random_controls(rng, 200)
     mirrored = axes_rates(states * MIRROR, controls * [1, 1, -1], C)
-    np.testing.assert_allclose(mirrored, axes_rates(states, controls, C) * MIRROR, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(
+        mirrored, axes_rates(states, controls, C) * MIRROR, rtol=1e-12, atol=1e-13
+    )
 
 
 def test_no_direction_is_special():
@@ -205,20 +242,26 @@ def test_no_direction_is_special():
         return x
 
     after = axes_step(turned(states), control, C, 1.0, 10)
-    np.testing.assert_allclose(after, turned(axes_step(states, control, C, 1.0, 10)), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        after, turned(axes_step(states, control, C, 1.0, 10)), rtol=0, atol=1e-9
+    )
 
 
-# --- where the equations have poles -----------------------------------------------------------------
+# --- where the equations have poles ---------------------------------------------------------------
 
 
-@pytest.mark.parametrize("gamma", [np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, np.pi / 2 + 1e-9, np.pi, 5.0])
+@pytest.mark.parametrize(
+    "gamma", [np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, np.pi / 2 + 1e-9, np.pi, 5.0]
+)
 @pytest.mark.parametrize("speed", [0.0, 1e-12, 0.5, 20.0])
 def test_straight_up_or_down_and_at_rest_nothing_is_infinite(gamma, speed):
     rng = np.random.default_rng(8)
     axes = random_states(rng, 20)
     axes[:, 3], axes[:, 4] = speed, gamma
     states, winds, controls = own_state(axes), axes[:, 7:], np.tile(random_controls(rng, 20), 2)
-    slippery = BODY.drag[2] - 0.25 * BODY.drag[1] ** 2 / BODY.drag[0]  # the least coefficient of drag
+    slippery = (
+        BODY.drag[2] - 0.25 * BODY.drag[1] ** 2 / BODY.drag[0]
+    )  # the least coefficient of drag
     pull = BODY.mass * BODY.gravity + BODY.thrust_limit
     fastest = np.sqrt(2.0 * pull / (np.polyval(BODY.density, 500.0) * BODY.area * slippery))
     for _ in range(100):
@@ -245,7 +288,7 @@ def test_a_tail_slide_turns_into_a_dive_with_the_same_velocity():
     assert after[4] == pytest.approx(-np.pi / 2, abs=1e-3)
 
 
-# --- gusts ------------------------------------------------------------------------------------------
+# --- gusts ----------------------------------------------------------------------------------------
 
 
 def test_head_wind_adds_airspeed_side_wind_turns_and_updraft_raises_the_flow():
@@ -256,10 +299,16 @@ def test_head_wind_adds_airspeed_side_wind_turns_and_updraft_raises_the_flow():
     air[2, AIR.names.index("gust down 1")] = -1.0
     wind = AIR.effect(air, flying)
     head, side, updraft = in_wind_axes(flying, wind)
-    np.testing.assert_allclose(airspeed(flying, wind), [21.0, np.hypot(20, 1), np.hypot(20, 1)], rtol=1e-12)
+    np.testing.assert_allclose(
+        airspeed(flying, wind), [21.0, np.hypot(20, 1), np.hypot(20, 1)], rtol=1e-12
+    )
     np.testing.assert_allclose(head[3:6], [21.0, 0.0, 0.0], rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(side[3:6], [np.hypot(20, 1), 0.0, -np.arctan(1 / 20)], rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(updraft[3:6], [np.hypot(20, 1), -np.arctan(1 / 20), 0.0], rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(
+        side[3:6], [np.hypot(20, 1), 0.0, -np.arctan(1 / 20)], rtol=1e-12, atol=1e-15
+    )
+    np.testing.assert_allclose(
+        updraft[3:6], [np.hypot(20, 1), -np.arctan(1 / 20), 0.0], rtol=1e-12, atol=1e-15
+    )
 
 
 def test_a_steady_wind_shifts_the_track_and_nothing_else():
@@ -269,7 +318,9 @@ def test_a_steady_wind_shifts_the_track_and_nothing_else():
     still = states.copy()
     still[:, 7:] = 0.0
     drifted, straight = (axes_step(x, controls, C, 2.0, 20) for x in (states, still))
-    np.testing.assert_allclose(drifted[:, :2] - straight[:, :2], 2.0 * states[:, 7:9], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(
+        drifted[:, :2] - straight[:, :2], 2.0 * states[:, 7:9], rtol=0, atol=1e-11
+    )
     np.testing.assert_allclose(drifted[:, 2:7], straight[:, 2:7], rtol=0, atol=1e-11)
     c = replace(BODY, density=(0.0, 0.0, 1.2)).vector()
     states[:, 9] = 1.5
@@ -278,7 +329,7 @@ def test_a_steady_wind_shifts_the_track_and_nothing_else():
     np.testing.assert_allclose(rising[:, 3:7], straight[:, 3:7], rtol=0, atol=1e-11)
 
 
-# --- the step ---------------------------------------------------------------------------------------
+# --- the step -------------------------------------------------------------------------------------
 
 
 def test_one_step_is_converged_in_half_a_minute_of_full_reversals():
@@ -296,7 +347,7 @@ def test_one_step_is_converged_in_half_a_minute_of_full_reversals():
     np.testing.assert_allclose(coarse[3:], fine[3:], rtol=0, atol=2e-4)
 
 
-# --- what the aircraft does -------------------------------------------------------------------------
+# --- what the aircraft does -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("speed", "alpha", "thrust"), [(15.0, 3.29, 2.87), (20.0, 1.32, 4.06)])
@@ -349,7 +400,9 @@ def test_a_level_coordinated_turn_has_the_radius_of_its_bank(speed, bank):
         track.append(axes_step(track[-1], np.tile(control, 2), C, period / steps, 1))
     track = np.array(track)
     np.testing.assert_allclose(np.hypot(track[:, 0], track[:, 1] - radius), abs(radius), rtol=1e-6)
-    np.testing.assert_allclose(track[-1, [0, 1, 2, 3, 4]], state[[0, 1, 2, 3, 4]], rtol=0, atol=1e-4)
+    np.testing.assert_allclose(
+        track[-1, [0, 1, 2, 3, 4]], state[[0, 1, 2, 3, 4]], rtol=0, atol=1e-4
+    )
     assert track[-1, 5] == pytest.approx(np.sign(bank) * 2.0 * np.pi, rel=1e-6)
 
 
@@ -382,15 +435,20 @@ def test_thrust_drives_angle_of_attack_climbs_and_bank_turns_to_starboard():
     assert banked[6] == pytest.approx(0.3 * (1.0 - np.exp(-2.0)), rel=1e-4)
 
 
-# --- the paper's own form ---------------------------------------------------------------------------
+# --- the paper's own form -------------------------------------------------------------------------
 
 
 def test_at_no_angle_of_attack_the_paper_s_form_is_the_flight_in_a_vertical_plane():
-    states, controls = random_states(np.random.default_rng(11), 100), random_controls(np.random.default_rng(12), 100)
+    states, controls = (
+        random_states(np.random.default_rng(11), 100),
+        random_controls(np.random.default_rng(12), 100),
+    )
     states[:, [5, 6, 7, 8, 9]] = 0.0
     controls[:, 1:] = 0.0
     planar = planar_derivative(states[:, [4, 3, 0, 2]], controls[:, :2], C)
-    np.testing.assert_allclose(planar, axes_rates(states, controls, C)[:, [4, 3, 0, 2]], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        planar, axes_rates(states, controls, C)[:, [4, 3, 0, 2]], rtol=0, atol=1e-12
+    )
 
 
 def test_the_paper_s_form_is_its_equation_1_with_lift_along_the_body_and_drag_along_the_velocity():
@@ -408,18 +466,26 @@ def test_the_paper_s_form_is_its_equation_1_with_lift_along_the_body_and_drag_al
         v * np.sin(gamma),
     ], -1)  # fmt: skip
     state, control = np.stack([gamma, v, x, h], -1), np.stack([T, alpha], -1)
-    np.testing.assert_allclose(planar_derivative(state, control, C), printed, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(PlanarPuna().step(state, control), state + 0.01 * printed, rtol=1e-12)
+    np.testing.assert_allclose(
+        planar_derivative(state, control, C), printed, rtol=1e-12, atol=1e-12
+    )
+    np.testing.assert_allclose(
+        PlanarPuna().step(state, control), state + 0.01 * printed, rtol=1e-12
+    )
     standard = np.zeros((50, 10))
     standard[:, [4, 3, 0, 2]] = state
     ours = axes_rates(standard, np.stack([T, alpha, 0.0 * T], -1), C)
-    np.testing.assert_allclose(ours[:, 3] - printed[:, 1], L * np.sin(alpha) / m, rtol=0, atol=1e-12)  # brakes twice
+    np.testing.assert_allclose(
+        ours[:, 3] - printed[:, 1], L * np.sin(alpha) / m, rtol=0, atol=1e-12
+    )  # brakes twice
 
 
 def test_the_missile_of_the_published_constants_cannot_fly_at_the_paper_s_speed():
     weight = MISSILE.mass * MISSILE.gravity
     pressure = 0.5 * MISSILE.density[2] * MISSILE.area
-    assert weight / (pressure * 20.0**2) == pytest.approx(119.0, abs=0.5)  # the lift coefficient it would need
+    assert weight / (pressure * 20.0**2) == pytest.approx(
+        119.0, abs=0.5
+    )  # the lift coefficient it would need
     falling = np.array([0.0, 20.0, 0.0, 1000.0])
     for alpha in np.linspace(0.0, np.pi / 2, 19):
         assert planar_derivative(falling, np.array([0.0, alpha]), MISSILE.vector())[0] < 0.0
@@ -431,7 +497,7 @@ def test_the_missile_of_the_published_constants_cannot_fly_at_the_paper_s_speed(
     assert PlanarPuna().body == BODY
 
 
-# --- the vehicle in an environment ------------------------------------------------------------------
+# --- the vehicle in an environment ----------------------------------------------------------------
 
 
 def told(noise: float = 1.0, how: str | None = None, air: Air = AIR) -> Composition:
@@ -463,7 +529,9 @@ def test_actions_reach_from_limit_to_limit_and_0_is_cruising():
     np.testing.assert_allclose(BODY.commands(np.ones(3)), [16.0, 12 * DEG, 35 * DEG])
     actions = np.random.default_rng(22).uniform(-1.0, 1.0, (50, 3))
     np.testing.assert_allclose(BODY.actions(BODY.commands(actions)), actions, atol=1e-14)
-    assert (np.diff(BODY.commands(np.linspace(-1.0, 1.0, 41)[:, None] * np.ones(3)), axis=0) > 0.0).all()
+    assert (
+        np.diff(BODY.commands(np.linspace(-1.0, 1.0, 41)[:, None] * np.ones(3)), axis=0) > 0.0
+    ).all()
 
 
 def test_angle_of_attack_moves_at_its_rate_between_its_limits():
@@ -478,7 +546,9 @@ def test_angle_of_attack_moves_at_its_rate_between_its_limits():
 
 
 def test_bank_is_commanded_at_once_and_lags_itself():
-    actuators = VEHICLE.actuate(np.zeros((3, 3)), np.array([[0.0, 0.0, a] for a in (-1.0, 0.5, 1.0)]))
+    actuators = VEHICLE.actuate(
+        np.zeros((3, 3)), np.array([[0.0, 0.0, a] for a in (-1.0, 0.5, 1.0)])
+    )
     np.testing.assert_allclose(actuators[:, 2], np.array([-35.0, 17.5, 35.0]) * DEG)
     state, control = level_flight(20.0)
     control[2] = BODY.bank_limit
@@ -524,8 +594,11 @@ def test_the_wind_decays_and_the_bias_stays_but_for_what_enters():
     air, bias = rng.normal(size=(6, 6)), rng.normal(size=(6, 3))
     decayed = AIR.process.advance(air)
     np.testing.assert_allclose(decayed[:, :2], np.exp(-0.1 / 200.0) * air[:, :2], rtol=1e-12)
-    np.testing.assert_allclose(decayed[:, 2:4], np.exp(-0.1 * 20.0 / 200.0) * air[:, 2:4], rtol=1e-12)
-    # (1 + sqrt(3) T s) / (1 + T s)^2: critically damped, z1' = z2 and z2' = -z1 - 2 z2 in units of T = 50 m / (20 m/s)
+    np.testing.assert_allclose(
+        decayed[:, 2:4], np.exp(-0.1 * 20.0 / 200.0) * air[:, 2:4], rtol=1e-12
+    )
+    # (1 + sqrt(3) T s) / (1 + T s)^2: critically damped, z1' = z2 and z2' = -z1 - 2 z2 in units of
+    # T = 50 m / (20 m/s)
     t = 0.1 * 20.0 / 50.0
     damped = np.exp(-t) * np.array([[1.0 + t, t], [-t, 1.0 - t]])
     np.testing.assert_allclose(decayed[:, 4:], air[:, 4:] @ damped.T, rtol=0, atol=1e-12)
@@ -541,7 +614,9 @@ def test_sensors_read_velocity_over_ground_the_bias_of_the_gnss_and_the_rest_as_
         *(states[:, :3] + bias).T, np.hypot(north, east), np.angle(north + 1j * east), -down, states[:, 2],
         states[:, 3], states[:, 6],
     ], -1)  # fmt: skip
-    incremented = np.hstack([np.ones((50, 4)), states[:, 7:]])  # increments act later and are not seen
+    incremented = np.hstack(
+        [np.ones((50, 4)), states[:, 7:]]
+    )  # increments act later and are not seen
     np.testing.assert_allclose(SENSORS.exact(own, incremented, bias), plain, rtol=0, atol=1e-12)
 
 
@@ -549,7 +624,11 @@ def test_in_a_wind_along_the_course_exact_measurements_give_back_the_state():
     states = random_states(np.random.default_rng(17), 20)
     states[:, 3] = np.maximum(states[:, 3], 12.0)
     along = np.random.default_rng(25).uniform(-3.0, 3.0, 20)
-    states[:, 7], states[:, 8], states[:, 9] = along * np.cos(states[:, 5]), along * np.sin(states[:, 5]), 0.0
+    states[:, 7], states[:, 8], states[:, 9] = (
+        along * np.cos(states[:, 5]),
+        along * np.sin(states[:, 5]),
+        0.0,
+    )
     own = own_state(states)
     measurements = SENSORS.exact(own, exogenous(VEHICLE, states[:, 7:]))
     whole = np.hstack([own, states[:, 7:9], np.zeros((20, 7))])  # the wind is taken for a mean one
@@ -562,7 +641,9 @@ def test_in_a_wind_along_the_course_exact_measurements_give_back_the_state():
 
 
 def test_whatever_is_read_gives_a_state():
-    measurements = np.array([[0.0] * 9, [1e3, -1e3, 1e3, -5.0, 4.0, 30.0, -10.0, -3.0, 2.0], [1e300] * 9, [-1e300] * 9])
+    measurements = np.array(
+        [[0.0] * 9, [1e3, -1e3, 1e3, -5.0, 4.0, 30.0, -10.0, -3.0, 2.0], [1e300] * 9, [-1e300] * 9]
+    )
     known = SENSORS.states_from(measurements)
     assert all(np.isfinite(values).all() for values in known.values())
     assert all(values[0] == 0.0 for values in known.values())
@@ -572,7 +653,7 @@ def test_whatever_is_read_gives_a_state():
     np.testing.assert_array_equal(x[0], 0.0)
 
 
-# --- mismatch ---------------------------------------------------------------------------------------
+# --- mismatch -------------------------------------------------------------------------------------
 
 
 def test_mismatch_scales_what_is_uncertain_and_nothing_else():
@@ -586,7 +667,9 @@ def test_mismatch_scales_what_is_uncertain_and_nothing_else():
         normals[:, i] = [1.0, 5.0]  # clipped at 2
         ratio = VEHICLE.parameters(0.1, normals) / C
         for j, name in enumerate(COEFFICIENTS):
-            np.testing.assert_allclose(ratio[:, j], [1.1, 1.2] if name in kinds[kind] else 1.0, rtol=1e-12)
+            np.testing.assert_allclose(
+                ratio[:, j], [1.1, 1.2] if name in kinds[kind] else 1.0, rtol=1e-12
+            )
 
 
 def test_thrust_in_the_truth_is_as_strong_as_its_factor():
@@ -595,11 +678,13 @@ def test_thrust_in_the_truth_is_as_strong_as_its_factor():
     state, control = level_flight(20.0)
     weak = VEHICLE.parameters(-0.2, normals)[0]
     np.testing.assert_allclose(
-        axes_rates(state, control, weak), axes_rates(state, control * [0.8, 1.0, 1.0], C), rtol=1e-12
+        axes_rates(state, control, weak),
+        axes_rates(state, control * [0.8, 1.0, 1.0], C),
+        rtol=1e-12,
     )
 
 
-# --- the paper's filter model -----------------------------------------------------------------------
+# --- the paper's filter model ---------------------------------------------------------------------
 
 
 def test_measuring_every_state_is_better_than_measuring_x_alone():
@@ -609,7 +694,10 @@ def test_measuring_every_state_is_better_than_measuring_x_alone():
     Q, R = 3.0 * D * plane.dt, 1.5 * D
     flight = trim(20.0, load("puna"))
     u = np.array([flight.thrust, flight.alpha])
-    filters = {"x": make("enkf", plane.model("x", Q, R[2:3, 2:3])), "all": make("enkf", plane.model("all", Q, R))}
+    filters = {
+        "x": make("enkf", plane.model("x", Q, R[2:3, 2:3])),
+        "all": make("enkf", plane.model("all", Q, R)),
+    }
     truth = np.tile([0.0, 20.0, 0.0, 100.0], (runs, 1))
     beliefs = {name: f.init(Gaussian(truth, D), rng=rng) for name, f in filters.items()}
     errors = {name: [] for name in filters}
@@ -620,7 +708,9 @@ def test_measuring_every_state_is_better_than_measuring_x_alone():
             y = measurement if name == "all" else measurement[:, 2:3]
             beliefs[name] = f.update(f.predict(beliefs[name], u, rng=rng), y, rng=rng)
             errors[name].append(beliefs[name].mean - truth)
-    rmse = {name: np.sqrt(np.mean(np.square(values), axis=(0, 1))) for name, values in errors.items()}
+    rmse = {
+        name: np.sqrt(np.mean(np.square(values), axis=(0, 1))) for name, values in errors.items()
+    }
     assert (rmse["all"] < rmse["x"]).all()
 
 

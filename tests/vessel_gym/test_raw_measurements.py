@@ -46,7 +46,11 @@ def without_beliefs(tree: Any) -> Any:
     if isinstance(tree, tuple):
         return tuple(without_beliefs(part) for part in tree)
     if isinstance(tree, dict):
-        return {key: without_beliefs(value) for key, value in tree.items() if key.lstrip("_") not in BELIEVED}
+        return {
+            key: without_beliefs(value)
+            for key, value in tree.items()
+            if key.lstrip("_") not in BELIEVED
+        }
     return tree
 
 
@@ -65,21 +69,34 @@ def flown(env: Any, env_id: str, rows: int | None) -> list[Any]:
 @pytest.mark.slow
 @every_environment
 def test_an_episode_is_the_same_to_the_last_bit_whatever_estimator_is_named(env_id: str):
-    options = {"observe": "measurement", "sensors": "degraded", "disturbance": "rough", "mismatch": 0.2}
+    options = {
+        "observe": "measurement",
+        "sensors": "degraded",
+        "disturbance": "rough",
+        "mismatch": 0.2,
+    }
     names = [name for key, name in CARRIED if key == env_id]
     batches, singles = {}, {}
     for name in names:
-        chosen = options | {"estimator": name, "estimator_options": FEW_MEMBERS.get(name), "max_episode_steps": 90}
+        chosen = options | {
+            "estimator": name,
+            "estimator_options": FEW_MEMBERS.get(name),
+            "max_episode_steps": 90,
+        }
         batches[name] = flown(make_batch(env_id, 3, **chosen), env_id, 3)
         if name in (names[0], "truth", "measurement"):
-            singles[name] = flown(gym.make(env_id, disable_env_checker=True, **chosen), env_id, None)
+            singles[name] = flown(
+                gym.make(env_id, disable_env_checker=True, **chosen), env_id, None
+            )
     for trials in (batches, singles):
         for name, trial in trials.items():
             for step, (one, other) in enumerate(zip(trials[names[0]], trial, strict=True)):
                 assert_same_tree(one, other, f"{name} instead of {names[0]}, step {step}")
     infos = [out[-1] for out in batches[names[0]]]
     ends = {end for info in infos if "final_info" in info for end in info["final_info"]["end"]}
-    assert bool(ends & {"arrived", "missed the goal"}) == (env_id in GOALS)  # what estimators used to decide
+    assert bool(ends & {"arrived", "missed the goal"}) == (
+        env_id in GOALS
+    )  # what estimators used to decide
 
 
 @pytest.mark.slow

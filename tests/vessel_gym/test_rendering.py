@@ -81,7 +81,9 @@ def somewhere(core, *shares):
 def put(states, names, place):
     """States with their position at a place."""
     states = states.copy()
-    for name, value in () if place is None else zip(("x", "y", "z", "h"), (*place, -place[2]), strict=True):
+    for name, value in (
+        () if place is None else zip(("x", "y", "z", "h"), (*place, -place[2]), strict=True)
+    ):
         if name in names:
             states[0, names.index(name)] = value
     return states
@@ -126,14 +128,18 @@ def dots(monkeypatch):
     return drawn
 
 
-# --- pictures in general -------------------------------------------------------------------------------
+# --- pictures in general --------------------------------------------------------------------------
 
 
 @pytest.mark.slow
 def test_importing_and_stepping_import_no_pygame():
-    code = "import sys, gymnasium, vessel_gym; e = gymnasium.make('SigmaCorvette-v0'); e.reset(seed=0)"
+    code = (
+        "import sys, gymnasium, vessel_gym; e = gymnasium.make('SigmaCorvette-v0'); e.reset(seed=0)"
+    )
     code += "; e.step(e.action_space.sample()); import vessel_gym.surroundings; print(*sys.modules)"
-    modules = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    modules = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.split()
     assert "vessel_gym.surroundings" in modules
     assert "pygame" not in modules
     assert "vessel_gym.rendering" not in modules
@@ -189,13 +195,15 @@ def test_every_kind_of_belief_can_be_drawn(env_id, options):
     assert painted(pixels[MAPS], "believed").any()
 
 
-# --- what they show ------------------------------------------------------------------------------------
+# --- what they show -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("env_id", ON_A_PATH)
 @pytest.mark.parametrize("whose", ["truth", "belief"])
 @pytest.mark.parametrize("detour", [False, True])
-def test_only_the_marks_move_of_who_moves_and_only_the_track_bends_of_who_makes_a_detour(env_id, whose, detour):
+def test_only_the_marks_move_of_who_moves_and_only_the_track_bends_of_who_makes_a_detour(
+    env_id, whose, detour
+):
     core = core_of(env_id)
     true, believed, *by = somewhere(core, 0.3, 0.7, 0.15, 0.0)  # clear of each other
     by = by[0] - by[1]
@@ -243,7 +251,11 @@ def test_a_close_up_shows_by_how_much_the_estimator_is_wrong(env_id, dots):
     for error in (0.5, 1.0):
         dots.clear()
         picture(core, (np.array([error, 0.0, 0.0]), np.zeros(3)))
-        close = [(colour, at) for colour, at in dots if at[0] > 520 and at[1] < 380 and colour in ("true", "believed")]
+        close = [
+            (colour, at)
+            for colour, at in dots
+            if at[0] > 520 and at[1] < 380 and colour in ("true", "believed")
+        ]
         (_, true), (_, believed) = close[:2]
         assert [colour for colour, _ in close[:2]] == ["true", "believed"]
         apart.append(true - believed)
@@ -257,7 +269,10 @@ def test_a_close_up_shows_by_how_much_the_estimator_is_wrong(env_id, dots):
 def test_the_cloud_shows_as_many_members_as_there_are(env_id, members, dots, words):
     pixels = drawn(env_id, estimator="enkf", estimator_options={"members": members})
     legend = 7
-    assert sum(colour == "member" for colour, _ in dots) == 2 * (1 + (env_id in SPACE)) * members + legend
+    assert (
+        sum(colour == "member" for colour, _ in dots)
+        == 2 * (1 + (env_id in SPACE)) * members + legend
+    )
     assert painted(pixels, "member").sum() > 20
     assert f"ensemble of {members}" in words
 
@@ -285,7 +300,9 @@ def test_a_fix_leaves_a_mark_when_it_arrives_and_only_then(env_id, every, monkey
             env.step(np.zeros(3, np.float32))
         core, scene = env.unwrapped.core, env.unwrapped._renderer._picture.scene
     assert counts == [1] * every + [2] * every + [3]
-    np.testing.assert_array_equal(scene.true[-1], surroundings.pose(core.state, core.vehicle.state_names)[0])
+    np.testing.assert_array_equal(
+        scene.true[-1], surroundings.pose(core.state, core.vehicle.state_names)[0]
+    )
     assert np.flatnonzero(np.isfinite(scene.fixes).all(1)).tolist() == [0, every, 2 * every]
     assert 0.0 < np.linalg.norm(scene.fixes[-2]) < 5.0
 
@@ -302,17 +319,32 @@ def test_what_has_no_place_is_drawn_in_charts_alone(monkeypatch, words):
     monkeypatch.setattr("vessel_gym.rendering.picture.views_of", lambda *given: [])
     drawn(VERTICAL)
     assert "Seen from" not in words
-    for name in ("Surge speed", "Heave speed", "Pitch rate", "North position", "Depth", "Pitch", "Score so far"):
+    for name in (
+        "Surge speed",
+        "Heave speed",
+        "Pitch rate",
+        "North position",
+        "Depth",
+        "Pitch",
+        "Score so far",
+    ):
         assert name in words
 
 
-# --- what they say -------------------------------------------------------------------------------------
+# --- what they say --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("env_id", EVERY)
 def test_the_header_says_what_is_flown_under_which_conditions(env_id, words):
     drawn(env_id, estimator="ekf", disturbance="rough", sensors="degraded", mismatch=0.15)
-    for part in (env_id, "estimator ekf", "rough disturbance", "degraded sensors", "mismatch 15 %", "under way"):
+    for part in (
+        env_id,
+        "estimator ekf",
+        "rough disturbance",
+        "degraded sensors",
+        "mismatch 15 %",
+        "under way",
+    ):
         assert part in words
 
 
@@ -342,9 +374,15 @@ def test_the_header_says_how_far_the_goal_is(env_id, words):
     ("env_id", "options"),
     [
         *((env_id, {"steps": 40}) for env_id in EVERY),
-        (CORVETTE, {"estimator": "dead-reckoning", "mismatch": 0.25, "sensors": "degraded", "steps": 60}),
+        (
+            CORVETTE,
+            {"estimator": "dead-reckoning", "mismatch": 0.25, "sensors": "degraded", "steps": 60},
+        ),
         (HEADING_SHIP.name, {"estimator": "kf", "options": {"radius": -5000.0}}),
-        (SPATIAL, {"estimator": "dead-reckoning", "mismatch": 0.25, "sensors": "degraded", "steps": 0}),
+        (
+            SPATIAL,
+            {"estimator": "dead-reckoning", "mismatch": 0.25, "sensors": "degraded", "steps": 0},
+        ),
         (SPATIAL, {"options": {"goal": (10.0, -18.0, 6.0)}, "steps": 60}),
         (SPATIAL, {"options": {"goal": (30.0, 0.0, 10.0)}}),
         (SPATIAL, {"options": {"goal": (4.0, 0.0, 0.0)}}),
@@ -366,7 +404,7 @@ def test_labels_stay_in_the_picture_and_off_each_other(env_id, options, words):
             assert apart, (text, other)
 
 
-# --- windows -------------------------------------------------------------------------------------------
+# --- windows --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("env_id", EVERY)
@@ -392,7 +430,7 @@ def test_a_window_that_the_user_closes_ends_nothing_else(monkeypatch):
         env.reset()
 
 
-# --- pieces --------------------------------------------------------------------------------------------
+# --- pieces ---------------------------------------------------------------------------------------
 
 
 def test_every_hull_that_surroundings_may_name_is_symmetric_and_one_length_long():
@@ -420,16 +458,23 @@ def test_a_frame_has_equal_axes_and_shows_everything():
 @pytest.mark.parametrize("yaw", [0.0, 0.5 * np.pi, np.pi, -2.0])
 @pytest.mark.parametrize("pitch", [-0.4, 0.0, 0.4])
 def test_a_hull_points_where_the_vehicle_does_and_is_never_upside_down(yaw, pitch):
-    above, aside = views_of(("x", "y", "z"), np.array([0.0, 2.0]))  # the side looks at what goes east
+    above, aside = views_of(
+        ("x", "y", "z"), np.array([0.0, 2.0])
+    )  # the side looks at what goes east
     lies = np.array([0.0, 0.0, 0.0, 0.0, pitch, yaw])
     hull = HULLS["aircraft"]
     nose = above.body(lies, hull)[0] / hull.above[0, 0]
     assert nose == pytest.approx(np.cos(pitch) * np.array([np.cos(yaw), np.sin(yaw)]))
-    wing = above.body(lies, hull)[hull.above[:, 1].argmax()] - nose * hull.above[hull.above[:, 1].argmax(), 0]
+    wing = (
+        above.body(lies, hull)[hull.above[:, 1].argmax()]
+        - nose * hull.above[hull.above[:, 1].argmax(), 0]
+    )
     assert wing == pytest.approx(0.5 * np.array([-np.sin(yaw), np.cos(yaw)]))  # to starboard
     seen = aside.body(lies, hull)
     if abs(np.sin(yaw)) > 0.1:
-        assert seen[0] / hull.aside[0, 0] == pytest.approx([np.sin(pitch), np.cos(pitch) * np.sin(yaw)])
+        assert seen[0] / hull.aside[0, 0] == pytest.approx(
+            [np.sin(pitch), np.cos(pitch) * np.sin(yaw)]
+        )
         assert seen[:, 0].max() > 0.05 - 0.25 * abs(np.sin(pitch))  # the fin is on top
 
 

@@ -16,7 +16,9 @@ ROWS = 12
 
 
 def flown(
-    estimator: str = "truth", beside: float = 0.0, helm: Callable[[int, np.ndarray], np.ndarray] = lambda k, a: a
+    estimator: str = "truth",
+    beside: float = 0.0,
+    helm: Callable[[int, np.ndarray], np.ndarray] = lambda k, a: a,
 ) -> tuple[float, float, float]:
     """Score, rudder travel [deg/min] and reversals [1/min] of the autopilot, whose actions ``helm`` may change.
 
@@ -25,7 +27,10 @@ def flown(
         beside: Distance [m] to starboard of the track that the autopilot takes for the track.
         helm: Action by step and the autopilot's action.
     """
-    core, autopilot = Core(SIGMA_CORVETTE, ROWS, estimator), make_controller("autopilot", SIGMA_CORVETTE)
+    core, autopilot = (
+        Core(SIGMA_CORVETTE, ROWS, estimator),
+        make_controller("autopilot", SIGMA_CORVETTE),
+    )
     core.start(list(range(20_000, 20_000 + ROWS)))
     autopilot.reset(ROWS)
     rudder = [core.actuators]
@@ -36,7 +41,11 @@ def flown(
         rudder.append(core.actuators)
     minutes, moved = TASK.horizon * TASK.dt / 60.0, np.diff(np.rad2deg(rudder), axis=0)
     reversals = (moved[1:] * moved[:-1] < 0.0).sum(0).mean()
-    return (core.total / TASK.horizon).mean(), np.abs(moved).sum(0).mean() / minutes, reversals / minutes
+    return (
+        (core.total / TASK.horizon).mean(),
+        np.abs(moved).sum(0).mean() / minutes,
+        reversals / minutes,
+    )
 
 
 steered = cache(flown)

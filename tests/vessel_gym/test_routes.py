@@ -38,7 +38,8 @@ def test_arcs_join_the_legs_without_a_jump_of_place_or_direction(waypoints: np.n
     last = points[-1] - points[-2]
     assert np.cos(end[2] - np.arctan2(last[1], last[0])) > 1.0 - 1e-12
     assert np.abs(path.segments[:, 3]).max() <= 1.0 / RADIUS
-    # An arc begins R tan(turn / 2) before its waypoint and comes as near to it as R / cos(turn / 2) - R.
+    # An arc begins R tan(turn / 2) before its waypoint and comes as near to it as R / cos(turn / 2)
+    # - R.
     legs = np.diff(points, axis=0)
     turns = np.diff(np.unwrap(np.arctan2(legs[:, 1], legs[:, 0])))
     straight = np.hypot(*legs.T).sum() - 2.0 * RADIUS * np.tan(0.5 * np.abs(turns)).sum()
@@ -49,7 +50,7 @@ def test_arcs_join_the_legs_without_a_jump_of_place_or_direction(waypoints: np.n
         assert cut - 1e-6 <= nearest <= np.hypot(cut, 0.5) + 1e-6
 
 
-# --- bad routes -------------------------------------------------------------------------------------
+# --- bad routes -----------------------------------------------------------------------------------
 
 BAD = {
     "a word": ("abc", "waypoints must be rows"),
@@ -76,7 +77,9 @@ BAD = {
 
 
 @pytest.mark.parametrize(("waypoints", "sentence"), BAD.values(), ids=BAD)
-def test_a_route_that_cannot_be_followed_is_refused_in_one_sentence(waypoints: Any, sentence: str) -> None:
+def test_a_route_that_cannot_be_followed_is_refused_in_one_sentence(
+    waypoints: Any, sentence: str
+) -> None:
     env = gym.make("SigmaChannel-v0")
     with pytest.raises(ValueError) as caught:  # noqa: PT011
         env.reset(seed=0, options={"waypoints": waypoints})
@@ -101,7 +104,9 @@ def test_random_routes_are_followed_or_refused() -> None:
     rng, kept = np.random.default_rng(0), 0
     for _ in range(400):
         count = int(rng.integers(1, 11))
-        waypoints = np.cumsum(rng.normal(0.0, 10.0 ** rng.uniform(1.0, 3.7), (count, 2)) + [rng.uniform(0, 2e3), 0], 0)
+        waypoints = np.cumsum(
+            rng.normal(0.0, 10.0 ** rng.uniform(1.0, 3.7), (count, 2)) + [rng.uniform(0, 2e3), 0], 0
+        )
         points, path = followed(waypoints)
         if path is None:
             continue

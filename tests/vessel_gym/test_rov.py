@@ -28,7 +28,9 @@ from vessel_gym.vehicles.rov import (
 
 BODY = load("bluerov2-heavy", ROVParameters)
 C = BODY.vector()
-INERTIA = np.array([13.5 + 6.36, 13.5 + 7.12, 13.5 + 18.68, 0.26 + 0.189, 0.23 + 0.135, 0.37 + 0.222])
+INERTIA = np.array(
+    [13.5 + 6.36, 13.5 + 7.12, 13.5 + 18.68, 0.26 + 0.189, 0.23 + 0.135, 0.37 + 0.222]
+)
 STILL = np.zeros(2)  # no current
 RNG = np.random.default_rng(1)
 STATES = RNG.uniform(-1.0, 1.0, (200, 12)) * [1.5, 1, 1, 1.5, 1.5, 1.5, 50, 50, 20, 2.5, 1.3, 4]
@@ -46,7 +48,9 @@ def attitude(state: np.ndarray) -> Rotation:
     return Rotation.from_euler("ZYX", state[..., [11, 10, 9]])
 
 
-def fossen(nu: np.ndarray, to_earth: Rotation, thrusts: np.ndarray, current: np.ndarray) -> np.ndarray:
+def fossen(
+    nu: np.ndarray, to_earth: Rotation, thrusts: np.ndarray, current: np.ndarray
+) -> np.ndarray:
     """Rates ``(9,)`` of the velocities through the water and of the position.
 
     M dv/dt + C(v) v + D(v) v + g(eta) = tau of Fossen (2011), eqs. 6.44, 8.24 and 4.6.
@@ -68,7 +72,10 @@ def fossen(nu: np.ndarray, to_earth: Rotation, thrusts: np.ndarray, current: np.
 def test_the_equations_are_those_of_fossen_in_matrices():
     states = with_quaternion(STATES)
     rates = rov_rates(states, THRUSTS @ BODY.allocation.T, CURRENTS, C)
-    moving = [fossen(s[:6], attitude(s), *acting) for s, *acting in zip(STATES, THRUSTS, CURRENTS, strict=True)]
+    moving = [
+        fossen(s[:6], attitude(s), *acting)
+        for s, *acting in zip(STATES, THRUSTS, CURRENTS, strict=True)
+    ]
     turning = [  # eqs. 2.57 and 2.58
         0.5 * np.vstack([-e[1:], e[0] * np.eye(3) + skew(e[1:])]) @ omega
         for e, omega in zip(states[:, 9:], STATES[:, 3:6], strict=True)
@@ -85,13 +92,25 @@ def test_the_vehicle_turns_over_as_its_rotation_matrix_does():
     def rates(_: float, y: np.ndarray) -> np.ndarray:
         matrix = y[9:].reshape(3, 3)
         turning = matrix @ skew(y[3:6])
-        return np.concatenate([fossen(y[:6], Rotation.from_matrix(matrix), thrusts, flow), turning.ravel()])
+        return np.concatenate(
+            [fossen(y[:6], Rotation.from_matrix(matrix), thrusts, flow), turning.ravel()]
+        )
 
-    times, begun = ROV.dt * np.arange(31), np.concatenate([start[:9], attitude(start).as_matrix().ravel()])
-    exact = solve_ivp(rates, (0.0, 3.0), begun, method="DOP853", rtol=1e-9, atol=1e-9, t_eval=times).y.T
-    assert np.count_nonzero(np.diff(np.sign(exact[:, -1]))) == 4  # upside down and back again, twice
+    times, begun = (
+        ROV.dt * np.arange(31),
+        np.concatenate([start[:9], attitude(start).as_matrix().ravel()]),
+    )
+    exact = solve_ivp(
+        rates, (0.0, 3.0), begun, method="DOP853", rtol=1e-9, atol=1e-9, t_eval=times
+    ).y.T
+    assert (
+        np.count_nonzero(np.diff(np.sign(exact[:, -1]))) == 4
+    )  # upside down and back again, twice
     turned = Rotation.from_matrix(exact[:, 9:].reshape(-1, 3, 3))
-    for substeps, error in ((ROV.substeps, 2e-3), (16, 1e-6)):  # of fourth order, from rest to 2 rad/s in a step
+    for substeps, error in (
+        (ROV.substeps, 2e-3),
+        (16, 1e-6),
+    ):  # of fourth order, from rest to 2 rad/s in a step
         vehicle, states = ROV(BODY, substeps=substeps), [start]
         for _ in times[1:]:
             states.append(vehicle.moved(states[-1], thrusts, thrusts, flow, C))
@@ -110,7 +129,9 @@ def test_euler_angles_are_those_of_the_attitude_nearest_to_the_old_ones():
     assert np.abs(found[:, 10]).max() <= np.pi / 2.0 + 1e-15
     assert np.abs(found[:, [9, 11]] - near[:, [9, 11]]).max() <= np.pi + 1e-13
     np.testing.assert_array_equal(found[:, :9], states[:, :9])
-    shown = with_euler_angles(with_quaternion(STATES), STATES)  # which turn by no more than a right angle in pitch
+    shown = with_euler_angles(
+        with_quaternion(STATES), STATES
+    )  # which turn by no more than a right angle in pitch
     np.testing.assert_allclose(shown, STATES, rtol=0, atol=1e-13)
 
 
@@ -118,9 +139,13 @@ def test_the_generalised_force_of_a_unit_thrust_is_the_thruster_s_direction_and_
     half = np.sqrt(0.5)
     ahead = [half, -half, 0.0, 0.085 * half, 0.085 * half, -(0.156 + 0.111) * half]
     np.testing.assert_allclose(BODY.allocation[:, 0], ahead, atol=1e-15)
-    np.testing.assert_allclose(BODY.allocation[:, 4], [0.0, 0.0, -1.0, -0.218, 0.12, 0.0], atol=1e-15)
+    np.testing.assert_allclose(
+        BODY.allocation[:, 4], [0.0, 0.0, -1.0, -0.218, 0.12, 0.0], atol=1e-15
+    )
     assert np.linalg.matrix_rank(BODY.allocation) == 6  # the vehicle is fully actuated
-    longer = replace(BODY, directions=tuple((3.0 * x, 3.0 * y, 3.0 * z) for x, y, z in BODY.directions))
+    longer = replace(
+        BODY, directions=tuple((3.0 * x, 3.0 * y, 3.0 * z) for x, y, z in BODY.directions)
+    )
     np.testing.assert_allclose(longer.allocation, BODY.allocation, atol=1e-15)
 
 
@@ -137,7 +162,9 @@ def test_without_thrust_energy_only_decreases_and_without_damping_it_is_constant
     def power(c: np.ndarray) -> np.ndarray:
         states = with_quaternion(STATES)
         rates = rov_rates(states, np.zeros(6), CURRENTS, c)
-        righting = 4.0 * (states[:, 10:12] * rates[:, 10:12]).sum(-1) * C[19]  # 2 (e1^2 + e2^2) is 1 - cos(heel)
+        righting = (
+            4.0 * (states[:, 10:12] * rates[:, 10:12]).sum(-1) * C[19]
+        )  # 2 (e1^2 + e2^2) is 1 - cos(heel)
         return (c[..., :6] * STATES[:, :6] * rates[:, :6]).sum(-1) - C[18] * rates[:, 8] + righting
 
     assert power(C).max() < 0.0
@@ -157,14 +184,18 @@ def test_neutrally_buoyant_and_upright_the_vehicle_rests_without_thrust_and_righ
     state[0, 9:11] = 0.3, -0.2
     for _ in range(3000):
         state = vehicle.moved(state, thrusts, thrusts, STILL[None], c)
-    np.testing.assert_allclose(state[0, 9:11], 0.0, atol=0.02)  # quadratic damping of roll alone dies out slowly
+    np.testing.assert_allclose(
+        state[0, 9:11], 0.0, atol=0.02
+    )  # quadratic damping of roll alone dies out slowly
 
 
 def test_the_shipped_vehicle_sinks_at_the_speed_whose_drag_is_its_excess_of_weight():
     vehicle, state = ROV(), np.zeros((1, 12))
     for _ in range(300):
         state = vehicle.moved(state, *np.zeros((2, 1, 8)), STILL[None], C[None])
-    assert state[0, 2] == pytest.approx(brentq(lambda w: 33.0 * w + 190.0 * w**2 - 0.98, 0.0, 1.0), rel=1e-9)
+    assert state[0, 2] == pytest.approx(
+        brentq(lambda w: 33.0 * w + 190.0 * w**2 - 0.98, 0.0, 1.0), rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("axis", range(6))

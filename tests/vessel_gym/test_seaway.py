@@ -16,7 +16,12 @@ from vessel_gym.core import Core
 from vessel_gym.envs.ship import SEAS, SIGMA_CORVETTE, ship_system
 from vessel_gym.seaway import Seaway
 from vessel_gym.vehicles.corvette import steady_turns
-from vessel_gym.vehicles.corvette_equations import COEFFICIENTS, STATE, CorvetteParameters, corvette_rates
+from vessel_gym.vehicles.corvette_equations import (
+    COEFFICIENTS,
+    STATE,
+    CorvetteParameters,
+    corvette_rates,
+)
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.seakeeping import SHORT_CREST, wave_loads, wave_response
 from vessel_gym.waves import GRAVITY, WaveField, encounter_frequency, jonswap
@@ -35,7 +40,7 @@ def heading_for(beta: float) -> float:
     return -beta
 
 
-# --- waves as a ship meets them ----------------------------------------------------------------------
+# --- waves as a ship meets them -------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("beta", "met"), [(np.pi, 1.805), (0.5 * np.pi, 0.800), (0.0, -0.205)])
@@ -58,9 +63,16 @@ def response(sea: Seaway, w: np.ndarray, beta: float, speed: float) -> np.ndarra
 
 @pytest.mark.parametrize("speed", [7.0, 15.4])
 @pytest.mark.parametrize("beta", DEG * np.array([0.0, 57.0, 90.0, 143.0, 180.0]))
-def test_a_ship_that_sails_through_the_field_answers_each_wave_at_the_frequency_at_which_she_meets_it(beta, speed):
+def test_a_ship_that_sails_through_the_field_answers_each_wave_at_the_frequency_at_which_she_meets_it(
+    beta, speed
+):
     """Against the sum over the waves drawn of `wave_response`, in a current that carries ship and waves."""
-    sea, t, psi, current = replace(ROUGH, direction=0.4), np.linspace(0.0, 60.0, 241), 0.4 - beta, np.array([1.1, -0.7])
+    sea, t, psi, current = (
+        replace(ROUGH, direction=0.4),
+        np.linspace(0.0, 60.0, 241),
+        0.4 - beta,
+        np.array([1.1, -0.7]),
+    )
     drawn = np.repeat(drawn_seas(sea, 1), len(t), 0)
     z, state = np.zeros((len(t), 4)), np.zeros((len(t), len(STATE)))
     z[:, :2], z[:, 2:] = current, t[:, None] * current
@@ -70,12 +82,19 @@ def test_a_ship_that_sails_through_the_field_answers_each_wave_at_the_frequency_
     turned = phase - w**2 / GRAVITY * (30.0 * np.cos(0.4) - 80.0 * np.sin(0.4))
     turned = turned + np.outer(t, encounter_frequency(w, beta, speed))
     amplitude = np.sqrt(2.0 * sea.height**2 / 16.0 / COMPONENTS)
-    expected = amplitude * (np.exp(1j * turned)[..., None] * response(sea, w, beta, speed)).sum(1).real
-    seen = (sea.effect_at(drawn, t, z, state) - sea.effect(z, state))[:, [7, 0, 6]] / [1.0, sea.dt, 1.0]
+    expected = (
+        amplitude * (np.exp(1j * turned)[..., None] * response(sea, w, beta, speed)).sum(1).real
+    )
+    seen = (sea.effect_at(drawn, t, z, state) - sea.effect(z, state))[:, [7, 0, 6]] / [
+        1.0,
+        sea.dt,
+        1.0,
+    ]
     assert (np.abs(seen - expected).max(0) < 1e-4 * np.array([1.0, 0.01, 1e6])).all()
 
 
-# Memory: a wave that is met at w_e comes back after 2 pi / w_e, and those of a narrow band of w_e come back together.
+# Memory: a wave that is met at w_e comes back after 2 pi / w_e, and those of a narrow band of w_e
+# come back together.
 
 SPEEDS, HEADINGS = (15.4, 7.0), (0.0, 30.0, 45.0, 90.0, 135.0, 180.0)
 
@@ -100,14 +119,19 @@ def memories(speed: float, heading: float, channel: int) -> tuple[np.ndarray, np
     power = energy * np.abs(response(ROUGH, drawn, beta, speed)[..., channel]) ** 2
     mean = autocovariances(power, encounter_frequency(drawn, beta, speed), lags)
     w = 2.0 * np.pi / ROUGH.period * np.linspace(0.4, 4.0, 4001)
-    density = jonswap(w, ROUGH.height, ROUGH.period) * np.abs(response(ROUGH, w, beta, speed)[..., channel]) ** 2
+    density = (
+        jonswap(w, ROUGH.height, ROUGH.period)
+        * np.abs(response(ROUGH, w, beta, speed)[..., channel]) ** 2
+    )
     return mean, autocovariances(density * (w[1] - w[0]), encounter_frequency(w, beta, speed), lags)
 
 
 @pytest.mark.parametrize("channel", [0, 1], ids=["sway", "yaw rate"])
 def test_waves_are_remembered_as_long_as_their_spectrum_says(channel):
     """Over 200 episodes of fixed seeds; motions below 2 % of the largest are left out."""
-    motions = {(speed, beta): memories(speed, beta, channel) for speed in SPEEDS for beta in HEADINGS}
+    motions = {
+        (speed, beta): memories(speed, beta, channel) for speed in SPEEDS for beta in HEADINGS
+    }
     largest = max(exact[0] for _, exact in motions.values())
     compared = 0
     for mean, exact in motions.values():
@@ -130,7 +154,10 @@ def test_a_sea_of_components_has_its_significant_height():
 
 def test_the_field_is_one_of_place_and_time_whatever_ship_and_filter_do():
     """Two cores of one seed, with different estimators, sensors and helms, meet the same sea where they are."""
-    chosen = {"estimator": "ekf"}, {"estimator": "truth", "sensors": "budget", "disturbance": "rough", "mismatch": 0.1}
+    chosen = (
+        {"estimator": "ekf"},
+        {"estimator": "truth", "sensors": "budget", "disturbance": "rough", "mismatch": 0.1},
+    )
     cores = [Core(SIGMA_CORVETTE, 3, **{"disturbance": "rough"} | each) for each in chosen]
     for core, helm in zip(cores, (0.0, 0.7), strict=True):
         core.start(11)
@@ -149,7 +176,11 @@ def test_waves_wind_and_current_are_of_one_frame():
     for speed, toward in ((1.3, 0.8), (-2.0, 3.0)):
         still = replace(ROUGH, direction=toward, wind=ROUGH.wind - speed)
         sea, c = replace(ROUGH, direction=toward), SHIP.vector()
-        drift, drawn, motions = speed * np.array([np.cos(toward), np.sin(toward)]), drawn_seas(ROUGH, 8), []
+        drift, drawn, motions = (
+            speed * np.array([np.cos(toward), np.sin(toward)]),
+            drawn_seas(ROUGH, 8),
+            [],
+        )
         for where, current in ((still, 0.0 * drift), (sea, drift)):
             state, vehicle = np.zeros((8, len(STATE))), SIGMA_CORVETTE.vehicle
             state[:, 2], state[:, 3] = np.linspace(0.0, 6.0, 8), 12.0
@@ -157,7 +188,9 @@ def test_waves_wind_and_current_are_of_one_frame():
                 time = np.full(8, sea.dt * step)
                 z = np.tile(np.concatenate([current, sea.dt * step * current]), (8, 1))
                 helm = np.full((8, 1), 0.05)
-                state = vehicle.step(state, helm, helm, where.effect_at(drawn, time, z, state), np.tile(c, (8, 1)))
+                state = vehicle.step(
+                    state, helm, helm, where.effect_at(drawn, time, z, state), np.tile(c, (8, 1))
+                )
             state[:, :2] -= 120 * sea.dt * current
             motions.append(state)
         assert (np.abs(motions[1] - motions[0]) <= 1e-9 * np.abs(motions[0]).max(0)).all()
@@ -179,7 +212,10 @@ def test_the_bands_of_filters_keep_their_variance_wherever_the_ship_is():
     sea = MODERATE.modelled
     process = sea.process
     bands = slice(0, 6)
-    cov = process.transition @ process.start_cov @ process.transition.T + process.root @ process.root.T
+    cov = (
+        process.transition @ process.start_cov @ process.transition.T
+        + process.root @ process.root.T
+    )
     assert np.abs(cov - process.start_cov).max() < 1e-12
     assert (process.start_cov[bands, bands] == np.eye(6)).all()
     # Astern the frequency of encounter passes through zero between these speeds.
@@ -190,7 +226,8 @@ def test_the_bands_of_filters_keep_their_variance_wherever_the_ship_is():
         state[:, 3] = speed
         d = sea.effect(z, state)[:, 0]
         expected = sea.dt * sea.yaw_rate(np.array(0.0), speed)
-        # chi-square band, false alarms 1e-6 each; the kernel interpolates responses between tabled ones, to 4 %
+        # chi-square band, false alarms 1e-6 each; the kernel interpolates responses between tabled
+        # ones, to 4 %
         low, high = chi2.ppf([5e-7, 1.0 - 5e-7], len(z)) / len(z)
         assert 0.92 * low < d.var() / expected**2 < 1.02 * high
 
@@ -199,7 +236,9 @@ def test_bands_carry_the_yaw_of_the_whole_spectrum():
     beta, w = AROUND_BETAS[:, None], np.linspace(0.25, 2.8, 2000)
     for sea in (MODERATE, ROUGH):
         spectrum = jonswap(w, sea.height, sea.period)
-        whole = np.sqrt(np.trapezoid(np.abs(wave_response(SHIP, w, beta, 12.0)[..., 1]) ** 2 * spectrum, w))
+        whole = np.sqrt(
+            np.trapezoid(np.abs(wave_response(SHIP, w, beta, 12.0)[..., 1]) ** 2 * spectrum, w)
+        )
         assert sea.yaw_rate(AROUND_BETAS, 12.0) == pytest.approx(whole, rel=0.02)
         bands = np.abs(sea.modelled.response(AROUND_BETAS, 12.0)[..., 1])
         assert np.sqrt((bands**2).sum(0)) == pytest.approx(whole, rel=0.02)
@@ -221,8 +260,12 @@ def test_wave_loads_are_those_of_the_water_s_motion_averaged_along_the_hull(beta
     nodes, weights = np.polynomial.legendre.leggauss(60)
     velocity = w * side * np.exp(-1j * k * half * nodes * np.cos(beta))
     v, r = weights @ velocity / 2.0, weights @ (nodes * velocity) / (half * weights @ nodes**2)
-    inertia = np.array([[C["sway_inertia"], C["sway_yaw_inertia"]], [C["yaw_sway_inertia"], C["yaw_inertia"]]])
-    bare = replace(SHIP, rudder_area=1e-9)  # whose propellers' race does not load the rudders at rest
+    inertia = np.array(
+        [[C["sway_inertia"], C["sway_yaw_inertia"]], [C["yaw_sway_inertia"], C["yaw_inertia"]]]
+    )
+    bare = replace(
+        SHIP, rudder_area=1e-9
+    )  # whose propellers' race does not load the rudders at rest
     assert wave_loads(bare, w, beta)[:2] == pytest.approx(1j * w * inertia @ [v, r], rel=1e-6)
 
 
@@ -238,7 +281,10 @@ def test_long_waves_carry_a_ship_as_they_carry_the_water(ship, beta):
     still = 1e-3 * w  # of waves 60 million ship lengths long, in which she is slow to nothing
     carried = wave_response(ship, still, beta, ship.speed)[0] / (still * sway / w)
     assert abs(carried - 1.0) < 0.03
-    c, slope = ship.vector(), 1j * k * sway / w  # starboard down where the surface is lower to starboard
+    c, slope = (
+        ship.vector(),
+        1j * k * sway / w,
+    )  # starboard down where the surface is lower to starboard
     for phase in (1.0, -1j):
         state, around = np.zeros(len(STATE)), np.zeros(7)
         state[6] = 1e-3 * (phase * slope).real
@@ -248,10 +294,13 @@ def test_long_waves_carry_a_ship_as_they_carry_the_water(ship, beta):
         assert abs(lying) < 0.03 * abs(corvette_rates(state, np.zeros(1), around, c)[7])
 
 
-# A naval vessel of 51.5 m by 8.6 m by 2.3 m, 357 m3, at rest: forces in waves by strip theory (ShipX VERES), from the
-# Marine Systems Simulator of T. I. Fossen and T. Perez (MIT licence). The directions printed there are 15 degrees less:
-# at rest in long waves sway goes with the sine of the directions below, from 30 to 165 degrees, to 0.2 %.
-_VERES_FREQUENCIES = np.array([0.25, 0.5464, 0.6444, 0.6981, 0.816, 0.9106, 0.9448, 1.14, 1.571, 2.094])
+# A naval vessel of 51.5 m by 8.6 m by 2.3 m, 357 m3, at rest: forces in waves by strip theory
+# (ShipX VERES), from the Marine Systems Simulator of T. I. Fossen and T. Perez (MIT licence). The
+# directions printed there are 15 degrees less: at rest in long waves sway goes with the sine of the
+# directions below, from 30 to 165 degrees, to 0.2 %.
+_VERES_FREQUENCIES = np.array(
+    [0.25, 0.5464, 0.6444, 0.6981, 0.816, 0.9106, 0.9448, 1.14, 1.571, 2.094]
+)
 _VERES = {  # direction [deg]: sway [kN/m], yaw [MN m/m]
     45.0: ([26.2, 120, 160, 182, 224, 247, 251, 221, 76.2, 65.3],
            [0.0636, 0.458, 0.776, 1.01, 1.68, 2.35, 2.61, 3.96, 1.54, 0.587]),
@@ -264,7 +313,8 @@ _MASS = 2.0 * 357.0 / 51.5**3
 VERES_VESSEL = CorvetteParameters(
     length=51.5, beam=8.6, draught=2.3, mass=357.0 * 1025.0, speed=8.75, resistance=1e5, rudder_area=1e-9,
     given=(("Yvdot", -0.633 * _MASS), ("Yrdot", -0.0744 * _MASS), ("Nvdot", -0.0744 * _MASS),
-           ("Nrdot", -0.0223 * _MASS)),  # from its longest waves: 1.633 m, .0744 m L, .0848 m L^2 with the ship's own
+           # from its longest waves: 1.633 m, .0744 m L, .0848 m L^2 with the ship's own
+           ("Nrdot", -0.0223 * _MASS)),
 )  # fmt: skip
 
 
@@ -276,7 +326,9 @@ def test_wave_loads_are_as_large_as_those_of_strip_theory(direction, period):
     ours = np.abs(wave_loads(VERES_VESSEL, w, DEG * direction)[:, :2])
     for i, (theirs, unit) in enumerate(zip(_VERES[direction], (1e3, 1e6), strict=True)):
         theirs = unit * np.interp(w, _VERES_FREQUENCIES, theirs)
-        ratio = np.sqrt(np.trapezoid(ours[:, i] ** 2 * spectrum, w) / np.trapezoid(theirs**2 * spectrum, w))
+        ratio = np.sqrt(
+            np.trapezoid(ours[:, i] ** 2 * spectrum, w) / np.trapezoid(theirs**2 * spectrum, w)
+        )
         assert ratio == pytest.approx(1.0, abs=0.3)
 
 
@@ -293,13 +345,17 @@ def test_abeam_the_waves_roll_the_ship_in_the_phase_in_which_they_push_and_yaw_h
 def test_however_long_a_step_is_the_waves_move_her_as_far_as_in_continuous_time(ship):
     """A calm head sea, which the Mariner meets at 3.8 rad a step; its waves here are regular.
 
-    A roll moment that is held loses sinc(w_e dt / 2) of a wave that is met less than half a time a step.
+    A roll moment that is held loses sinc(w_e dt / 2) of a wave that is met less than half a time a
+    step.
     """
     sea = ship_system(ship).disturbances["calm"]
     t = sea.dt * np.arange(4000.0)
     for w in 2.0 * np.pi / sea.period * np.array([0.8, 1.0, 1.35]):
         drawn, state = np.zeros((len(t), 3 * COMPONENTS)), np.zeros((len(t), len(STATE)))
-        drawn[:, 0], drawn[:, 2 * COMPONENTS] = w, w * np.exp(-0.5 * w**2 / GRAVITY * ship.draught)  # of 1 m
+        drawn[:, 0], drawn[:, 2 * COMPONENTS] = (
+            w,
+            w * np.exp(-0.5 * w**2 / GRAVITY * ship.draught),
+        )  # of 1 m
         state[:, 0], state[:, 2], state[:, 3] = -ship.speed * t, np.pi, ship.speed
         answer = wave_response(ship, w, np.pi, ship.speed)
         met = encounter_frequency(w, np.pi, ship.speed)
@@ -309,7 +365,9 @@ def test_however_long_a_step_is_the_waves_move_her_as_far_as_in_continuous_time(
         assert moved.var() == pytest.approx(0.5 * abs(answer[0] / met) ** 2, rel=0.02)
         if sea.dt * met < np.pi:
             rolled = np.sinc(0.5 * sea.dt * met / np.pi) * acting[:, 6].std()
-            assert rolled == pytest.approx(abs(wave_loads(ship, w, np.pi)[..., 2]) / np.sqrt(2.0), rel=0.02)
+            assert rolled == pytest.approx(
+                abs(wave_loads(ship, w, np.pi)[..., 2]) / np.sqrt(2.0), rel=0.02
+            )
 
 
 def test_yaw_is_largest_off_the_stern_and_small_ahead():
@@ -319,7 +377,7 @@ def test_yaw_is_largest_off_the_stern_and_small_ahead():
     assert 0.05 * rates.max() < rates[0] < 0.5 * rates.max()  # short crests leave something
 
 
-# --- wind and drift ----------------------------------------------------------------------------------
+# --- wind and drift -------------------------------------------------------------------------------
 
 
 def slow_loads(sea: Seaway, beta: float, speed: float) -> dict[str, float]:
@@ -345,17 +403,25 @@ def test_the_wind_of_a_rough_sea_needs_about_a_degree_of_rudder():
 
 def test_wind_and_drift_push_to_leeward_and_not_at_all_from_ahead():
     for beta in (0.5, 1.5, 2.5):
-        assert slow_loads(ROUGH, beta, 12.0)["sway force"] > 0.0 > slow_loads(ROUGH, -beta, 12.0)["sway force"]
+        assert (
+            slow_loads(ROUGH, beta, 12.0)["sway force"]
+            > 0.0
+            > slow_loads(ROUGH, -beta, 12.0)["sway force"]
+        )
     for beta in (0.0, np.pi):
         loads = slow_loads(ROUGH, beta, 12.0)
         assert abs(loads["sway force"]) < 1.0
         assert abs(loads["yaw moment"]) < 1.0
     beam = Seaway(SHIP, height=3.25, period=9.7, wind=0.0, current=0.0, dt=0.5)
     drift = slow_loads(beam, 0.5 * np.pi, 0.0)["sway force"]
-    assert drift == pytest.approx(SHIP.water_density * GRAVITY * SHIP.length * 3.25**2 / 16.0 * 0.25, rel=1e-9)
+    assert drift == pytest.approx(
+        SHIP.water_density * GRAVITY * SHIP.length * 3.25**2 / 16.0 * 0.25, rel=1e-9
+    )
 
 
-@pytest.mark.parametrize(("sea", "leeway"), [(MODERATE, 0.195), (ROUGH, 0.360)], ids=["moderate", "rough"])
+@pytest.mark.parametrize(
+    ("sea", "leeway"), [(MODERATE, 0.195), (ROUGH, 0.360)], ids=["moderate", "rough"]
+)
 def test_filters_are_told_the_leeway_of_a_ship_that_her_rudder_holds_across_the_wind(sea, leeway):
     """She sails for ten minutes under a heading autopilot in wind and drift alone."""
     c, heading, state, integral = SHIP.vector(), 0.5 * np.pi, np.zeros(len(STATE)), 0.0
@@ -372,7 +438,7 @@ def test_filters_are_told_the_leeway_of_a_ship_that_her_rudder_holds_across_the_
     assert sea.believed.current == pytest.approx(np.hypot(sea.current, sea.leeway))
 
 
-# --- the ship ----------------------------------------------------------------------------------------
+# --- the ship -------------------------------------------------------------------------------------
 
 
 def hard_over(side: float) -> np.ndarray:
@@ -437,7 +503,7 @@ def test_constant_thrust_is_the_limit_of_propellers_without_slope():
     assert c[COEFFICIENTS.index("thrust_rise")] == c[COEFFICIENTS.index("race")] == 0.0
 
 
-# --- in the loop -------------------------------------------------------------------------------------
+# --- in the loop ----------------------------------------------------------------------------------
 
 
 def test_filters_are_told_of_a_sea_of_no_direction_and_hold_its_current():

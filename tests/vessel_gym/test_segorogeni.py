@@ -13,7 +13,12 @@ from vehicle_cases import AUVS, WITH_REMUS
 
 from vessel_gym.vehicles.auv import UNCERTAIN
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.segorogeni import COEFFICIENTS, Segorogeni, SegorogeniParameters, segorogeni_rates
+from vessel_gym.vehicles.segorogeni import (
+    COEFFICIENTS,
+    Segorogeni,
+    SegorogeniParameters,
+    segorogeni_rates,
+)
 
 BODY = load("segorogeni")
 C = BODY.vector()
@@ -39,7 +44,7 @@ def random_controls(rng: np.random.Generator, n: int) -> np.ndarray:
     return rng.uniform([-0.35, -0.35, 0.0], [0.35, 0.35, 8.0], (n, 3))
 
 
-# --- parameters -------------------------------------------------------------------------------------
+# --- parameters -----------------------------------------------------------------------------------
 
 
 def test_the_vehicle_floats_up_by_its_excess_of_buoyancy():
@@ -60,13 +65,16 @@ def test_the_printed_inverse_inertia_is_that_of_no_body():
     assert (np.linalg.eigvals(printed).real < 0.0).sum() == 2
 
 
-# --- the compiled equations -------------------------------------------------------------------------
+# --- the compiled equations -----------------------------------------------------------------------
 
 
-def printed_equations(state: np.ndarray, control: np.ndarray, body: SegorogeniParameters) -> np.ndarray:
+def printed_equations(
+    state: np.ndarray, control: np.ndarray, body: SegorogeniParameters
+) -> np.ndarray:
     """Accelerations by equations (5)-(10) as they are printed: ``uv`` for lift, ``u^2`` for fins.
 
-    But for the fins' lift in roll, which they leave out, and the rudder's angle, which is ours: positive to starboard.
+    But for the fins' lift in roll, which they leave out, and the rudder's angle, which is ours:
+    positive to starboard.
     """
     u, v, w, p, q, r, _, _, _, phi, theta, _ = state
     rudder, stern, thrust = control
@@ -77,8 +85,18 @@ def printed_equations(state: np.ndarray, control: np.ndarray, body: SegorogeniPa
     X_wq, X_qq, X_vr, X_rr = c.Z_wdot, c.Z_qdot, -c.Y_vdot, -c.Y_rdot
     Y_ur, Y_wp, Y_pq, Y_uv = c.Y_ur + c.X_udot, -c.Z_wdot, -c.Z_qdot, c.Y_uv
     Z_uq, Z_vp, Z_rp, Z_uw = c.Z_uq - c.X_udot, c.Y_vdot, c.Y_rdot, c.Z_uw
-    M_uq, M_vp, M_rp, M_uw = c.M_uq - c.Z_qdot, -c.Y_rdot, c.K_pdot - c.N_rdot, c.M_uw + c.X_udot - c.Z_wdot
-    N_ur, N_wp, N_pq, N_uv = c.N_ur + c.Y_rdot, c.Z_qdot, c.M_qdot - c.K_pdot, c.N_uv + c.Y_vdot - c.X_udot
+    M_uq, M_vp, M_rp, M_uw = (
+        c.M_uq - c.Z_qdot,
+        -c.Y_rdot,
+        c.K_pdot - c.N_rdot,
+        c.M_uw + c.X_udot - c.Z_wdot,
+    )
+    N_ur, N_wp, N_pq, N_uv = (
+        c.N_ur + c.Y_rdot,
+        c.Z_qdot,
+        c.M_qdot - c.K_pdot,
+        c.N_uv + c.Y_vdot - c.X_udot,
+    )
     X_res = -(W - B) * np.sin(theta)
     Y_res = (W - B) * np.cos(theta) * np.sin(phi)
     Z_res = (W - B) * np.cos(theta) * np.cos(phi)
@@ -115,7 +133,9 @@ def test_going_ahead_the_compiled_equations_are_the_printed_ones(body):
     rng = np.random.default_rng(1)
     states, controls = random_states(rng, 200), random_controls(rng, 200)
     states[:, 0] = np.abs(states[:, 0])
-    printed = np.array([printed_equations(x, u, body) for x, u in zip(states, controls, strict=True)])
+    printed = np.array(
+        [printed_equations(x, u, body) for x, u in zip(states, controls, strict=True)]
+    )
     compiled = segorogeni_rates(states, controls, random_currents(rng, 200), body.vector())
     np.testing.assert_allclose(compiled[:, :6], printed, rtol=1e-10, atol=1e-11)
 
@@ -132,7 +152,11 @@ def test_the_printed_lift_gives_energy_to_a_vehicle_going_astern():
 
 def test_port_mirrors_starboard_but_for_the_propeller_s_torque():
     rng = np.random.default_rng(4)
-    states, controls, currents = random_states(rng, 200), random_controls(rng, 200), random_currents(rng, 200)
+    states, controls, currents = (
+        random_states(rng, 200),
+        random_controls(rng, 200),
+        random_currents(rng, 200),
+    )
     c = AUV.changed(propeller_torque=0.0)
     mirrored = segorogeni_rates(states * MIRROR, controls * [-1, 1, 1], currents * [1, -1], c)
     rates = segorogeni_rates(states, controls, currents, c)
@@ -140,7 +164,7 @@ def test_port_mirrors_starboard_but_for_the_propeller_s_torque():
     assert segorogeni_rates(np.zeros(12), np.array([0.0, 0.0, 4.0]), STILL, C)[3] < 0.0
 
 
-# --- kinematics -------------------------------------------------------------------------------------
+# --- kinematics -----------------------------------------------------------------------------------
 
 
 def attitude(state: np.ndarray) -> Rotation:
@@ -175,7 +199,9 @@ def test_the_printed_kinematics_know_yaw_alone():
     u, v, w, psi = states[:, 0], states[:, 1], states[:, 2], states[:, 11]
     north, east = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
     zero = np.zeros(50)
-    printed = np.stack([north + currents[:, 0], east + currents[:, 1], w, zero, zero, states[:, 5]], -1)
+    printed = np.stack(
+        [north + currents[:, 0], east + currents[:, 1], w, zero, zero, states[:, 5]], -1
+    )
     np.testing.assert_allclose(rates[:, 6:], printed, rtol=0, atol=1e-13)
     np.testing.assert_array_equal(rates[:, :6], full[:, :6])
     level = states.copy()
@@ -184,7 +210,9 @@ def test_the_printed_kinematics_know_yaw_alone():
     np.testing.assert_allclose(rates[:, 6:], full[:, 6:], rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("theta", [np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, np.pi / 2 + 1e-9, 3 * np.pi / 2])
+@pytest.mark.parametrize(
+    "theta", [np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, np.pi / 2 + 1e-9, 3 * np.pi / 2]
+)
 def test_nose_up_or_down_nothing_is_infinite(theta):
     rng = np.random.default_rng(10)
     states, currents = random_states(rng, 50), random_currents(rng, 50)
@@ -196,7 +224,7 @@ def test_nose_up_or_down_nothing_is_infinite(theta):
         assert np.isfinite(states).all()
 
 
-# --- what the vehicle does --------------------------------------------------------------------------
+# --- what the vehicle does ------------------------------------------------------------------------
 
 
 def level_flight(speed: float) -> tuple[np.ndarray, np.ndarray]:
@@ -231,7 +259,9 @@ def test_level_flight_is_stable(speed):
     moving = [0, 1, 2, 3, 4, 5, 9, 10]  # position and heading do not act back
     h = 1e-6
     offsets = h * np.eye(12)[moving]
-    rates = [segorogeni_rates(state + sign * offsets, control, STILL, C)[:, moving] for sign in (1, -1)]
+    rates = [
+        segorogeni_rates(state + sign * offsets, control, STILL, C)[:, moving] for sign in (1, -1)
+    ]
     A = ((rates[0] - rates[1]) / (2.0 * h)).T
     assert np.linalg.eigvals(A).real.max() < -0.05
 
@@ -243,7 +273,9 @@ def test_two_substeps_are_converged_in_a_hard_turn_and_dive():
         action = np.array([[1.0, 0.5, 1.0]]) * (1.0 if k < 75 else -1.0)
         after = VEHICLE.actuate(actuators, action)
         moving = np.concatenate([actuators, after], -1)[0]
-        coarse, fine = (segorogeni_step(x, moving, STILL, C, 0.1, n) for x, n in ((coarse, 2), (fine, 20)))
+        coarse, fine = (
+            segorogeni_step(x, moving, STILL, C, 0.1, n) for x, n in ((coarse, 2), (fine, 20))
+        )
         actuators = after
         np.testing.assert_allclose(coarse, fine, rtol=0, atol=5e-5)
 
@@ -276,7 +308,7 @@ def test_positive_rudder_turns_to_starboard_positive_stern_plane_dives_and_thrus
     assert (segorogeni_rates(tilted, np.zeros(3), STILL, C)[3:5] < 0.0).all()
 
 
-# --- the vehicle in an environment ------------------------------------------------------------------
+# --- the vehicle in an environment ----------------------------------------------------------------
 
 
 def test_the_start_is_the_prior_s_with_the_paper_s_rudder():
@@ -296,8 +328,12 @@ def test_fins_turn_at_their_rate_up_to_their_limit():
         actuators = VEHICLE.actuate(actuators, np.array([[1.0, -0.5, 0.0]]))
         track.append(actuators[0, :2])
     steps = np.arange(1, 11)
-    np.testing.assert_allclose(np.array(track)[:, 0], np.minimum(0.05 + 0.1 * steps, 20 * DEG), rtol=1e-12)
-    np.testing.assert_allclose(np.array(track)[:, 1], np.maximum(-0.1 * steps, -10 * DEG), rtol=1e-12)
+    np.testing.assert_allclose(
+        np.array(track)[:, 0], np.minimum(0.05 + 0.1 * steps, 20 * DEG), rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        np.array(track)[:, 1], np.maximum(-0.1 * steps, -10 * DEG), rtol=1e-12
+    )
 
 
 def test_thrust_lags_exponentially():
@@ -313,13 +349,17 @@ def test_thrust_lags_exponentially():
 def test_sensors_read_velocity_over_ground_and_the_rest_as_it_is():
     rng = np.random.default_rng(14)
     states, currents = random_states(rng, 50), random_currents(rng, 50)
-    over_ground = states[:, :3] + attitude(states).inv().apply(np.hstack([currents, np.zeros((50, 1))]))
+    over_ground = states[:, :3] + attitude(states).inv().apply(
+        np.hstack([currents, np.zeros((50, 1))])
+    )
     plain = np.hstack([over_ground, states[:, 8:12], states[:, 3:8]])
-    incremented = np.hstack([rng.normal(size=(50, 6)), currents])  # increments act later and are not seen
+    incremented = np.hstack(
+        [rng.normal(size=(50, 6)), currents]
+    )  # increments act later and are not seen
     np.testing.assert_allclose(SENSORS.exact(states, incremented), plain, rtol=0, atol=1e-12)
 
 
-# --- mismatch ---------------------------------------------------------------------------------------
+# --- mismatch -------------------------------------------------------------------------------------
 
 
 def test_mismatch_scales_what_is_uncertain_and_nothing_else():
@@ -331,7 +371,9 @@ def test_mismatch_scales_what_is_uncertain_and_nothing_else():
         np.divide(VEHICLE.parameters(0.1, normals), C, out=ratio, where=C != 0.0)
         for name in ("mass_z_g", "net_weight", "righting_moment", "propeller_torque"):
             np.testing.assert_array_equal(ratio[:, index[name]], 1.0)
-        scaled = {name for name, j in index.items() if not np.allclose(ratio[:, j], 1.0, rtol=1e-12)}
+        scaled = {
+            name for name, j in index.items() if not np.allclose(ratio[:, j], 1.0, rtol=1e-12)
+        }
         simple = {"axial drag": {"X_uu"}, "roll drag": {"K_pp"}, "rudder": {"Y_rudder", "N_rudder"},
                   "stern planes": {"Z_uuds", "M_uuds"}, "lift": set(LIFT),
                   "cross-flow drag": set(DRAG) - {"X_uu", "K_pp"}}  # fmt: skip
@@ -341,7 +383,14 @@ def test_mismatch_scales_what_is_uncertain_and_nothing_else():
             for name in scaled:
                 np.testing.assert_allclose(ratio[:, index[name]], [1.1, 1.2], rtol=1e-12)
         else:
-            assert scaled & {"surge_mass", "sway_mass", "heave_mass", "roll_inertia", "pitch_inertia", "yaw_inertia"}
+            assert scaled & {
+                "surge_mass",
+                "sway_mass",
+                "heave_mass",
+                "roll_inertia",
+                "pitch_inertia",
+                "yaw_inertia",
+            }
             assert not scaled & set(DRAG + LIFT)
 
 
@@ -356,5 +405,7 @@ def test_a_mismatched_vehicle_is_still_a_body_of_revolution_that_only_loses_ener
     states = random_states(rng, 200)
     rates = segorogeni_rates(states, np.zeros(3), random_currents(rng, 200), c)
     assert AUV.power(states, rates, c).max() < 0.0
-    columns = [COEFFICIENTS.index(f"inverse_{pair}") for pair in ("uu", "vv", "ww", "pp", "qq", "rr")]
+    columns = [
+        COEFFICIENTS.index(f"inverse_{pair}") for pair in ("uu", "vv", "ww", "pp", "qq", "rr")
+    ]
     np.testing.assert_allclose(np.linalg.inv(M)[:, range(6), range(6)], c[:, columns], rtol=1e-10)

@@ -1,6 +1,7 @@
 """Sensor suites: grades with their sources, correlated errors, and the loss of the position fix.
 
-Statistical tests have fixed seeds; the false-alarm rate of each band is 1e-6 if nothing else is said.
+Statistical tests have fixed seeds; the false-alarm rate of each band is 1e-6 if nothing else is
+said.
 """
 
 import re
@@ -11,7 +12,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contract import CARRIED, ENVIRONMENTS, FEW_MEMBERS, assert_sound, every_environment, make_core, single_class
+from contract import (
+    CARRIED,
+    ENVIRONMENTS,
+    FEW_MEMBERS,
+    assert_sound,
+    every_environment,
+    make_core,
+    single_class,
+)
 from scipy.stats import kstest
 
 from estimators import chi_square_band, nees
@@ -20,8 +29,15 @@ from vessel_gym.sensors import SUITE_NAMES, SUITES, Bias, Sensor, plain
 from vessel_gym.sensors.grades import NOMINAL, grades_of, load_grades, read_grades
 
 FALSE_ALARM = 1e-6
-SHIP, AUV, THESIS, AIRCRAFT = "SigmaCorvette-v0", "SegorogeniAUV-v0", "ThesisCorvette-v0", "PunaUAV-v0"
-GRADED = [env_id for env_id in ENVIRONMENTS if hasattr(single_class(env_id).system.vehicle, "grades")]
+SHIP, AUV, THESIS, AIRCRAFT = (
+    "SigmaCorvette-v0",
+    "SegorogeniAUV-v0",
+    "ThesisCorvette-v0",
+    "PunaUAV-v0",
+)
+GRADED = [
+    env_id for env_id in ENVIRONMENTS if hasattr(single_class(env_id).system.vehicle, "grades")
+]
 every_graded = pytest.mark.parametrize("env_id", GRADED)
 FIXES = ("receiver", "GNSS", "acoustic position", "USBL", "gyro compass")
 """Sensors of a position; the last where a vehicle has none of the others."""
@@ -31,12 +47,15 @@ def system_of(env_id: str) -> Any:
     return single_class(env_id).system
 
 
-# --- correlated errors ------------------------------------------------------------------------------
+# --- correlated errors ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("other", [{"pace": (0.1,)}, {"slope": (0.1,)}])
 def test_a_correlated_bias_neither_walks_nor_drifts(other: dict[str, Any]):
-    with pytest.raises(ValueError, match=r"^the bias \('b',\) has a correlation time, so it is stationary: give it no"):
+    with pytest.raises(
+        ValueError,
+        match=r"^the bias \('b',\) has a correlation time, so it is stationary: give it no",
+    ):
         Bias(("b",), (1.0,), time=10.0, **other)
 
 
@@ -47,22 +66,39 @@ def test_a_correlation_time_is_a_positive_number(time: Any):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("estimator", "kind"), [("kf", "linear"), ("ekf", "linear"), ("ekf", "nonlinear")])
-def test_filters_of_the_budget_sensors_are_consistent_where_all_is_linear(estimator: str, kind: str):
+@pytest.mark.parametrize(
+    ("estimator", "kind"), [("kf", "linear"), ("ekf", "linear"), ("ekf", "nonlinear")]
+)
+def test_filters_of_the_budget_sensors_are_consistent_where_all_is_linear(
+    estimator: str, kind: str
+):
     """A ship on straight course in calm water, simulated by the filter's own model, so that nothing else is wrong.
 
-    NEES of 300 runs over the whole state, with the biases: at every tenth step in a band of false-alarm rate 1e-5.
+    NEES of 300 runs over the whole state, with the biases: at every tenth step in a band of
+    false-alarm rate 1e-5.
     """
     options = {"estimator_options": {"model": kind}, "sensors": "budget", "disturbance": "calm"}
     core = make_core(SHIP, 300, estimator=estimator, **options)
     core.reset(options=None)
     model, filter, prior = core.composition.model, core.loop.filter, core.belief
     names = core.composition.names
-    assert {"bias heading", "constant bias heading", "bias yaw rate", "bias north", "bias east"} <= set(names)
-    rng, u = np.random.default_rng(31), np.broadcast_to(core.vehicle.cruise[1], (300, len(core.vehicle.cruise[1])))
+    assert {
+        "bias heading",
+        "constant bias heading",
+        "bias yaw rate",
+        "bias north",
+        "bias east",
+    } <= set(names)
+    rng, u = (
+        np.random.default_rng(31),
+        np.broadcast_to(core.vehicle.cruise[1], (300, len(core.vehicle.cruise[1]))),
+    )
     Q, R = np.asarray(model.Q), np.asarray(model.R)
     root = np.linalg.cholesky(Q + 1e-20 * np.eye(model.n))
-    x = prior.mean + (np.linalg.cholesky(prior.cov) @ rng.standard_normal((300, model.n, 1)))[..., 0]
+    x = (
+        prior.mean
+        + (np.linalg.cholesky(prior.cov) @ rng.standard_normal((300, model.n, 1)))[..., 0]
+    )
     belief, low_high = prior, chi_square_band(300, model.n, 1.0 - 1e-5)
     for k in range(200):
         x = model.transition(x, u) + rng.standard_normal(x.shape) @ root.T
@@ -71,10 +107,12 @@ def test_filters_of_the_budget_sensors_are_consistent_where_all_is_linear(estima
         belief = filter.update(belief, y)
         if k % 10 == 9:
             angles = tuple(i for i, name in enumerate(names) if name in core.vehicle.angles)
-            assert low_high[0] < nees(belief.mean, belief.cov, x, angles=angles).mean() < low_high[1], k
+            assert (
+                low_high[0] < nees(belief.mean, belief.cov, x, angles=angles).mean() < low_high[1]
+            ), k
 
 
-# --- the loss of the fix ----------------------------------------------------------------------------
+# --- the loss of the fix --------------------------------------------------------------------------
 
 
 def losses(env_id: str, rows: int = 2000) -> np.ndarray:
@@ -90,7 +128,8 @@ def test_a_lost_fix_is_lost_for_exactly_120_seconds_within_the_episode():
     np.testing.assert_array_equal(lost.sum(0), 240)
     begins = lost.argmax(0)
     assert (lost[:601].sum(0) == 240).all()
-    # drawn between 0 and 180 s and seen at the next step: uniform within a step (Kolmogorov-Smirnov)
+    # drawn between 0 and 180 s and seen at the next step: uniform within a step
+    # (Kolmogorov-Smirnov)
     assert kstest((begins - 0.5) * 0.5 / 180.0, "uniform").pvalue > FALSE_ALARM
 
 
@@ -107,7 +146,10 @@ def test_in_a_short_episode_a_fix_lost_in_its_first_half_never_returns(env_id: s
 def test_a_lost_fix_takes_its_measurements_and_nothing_else(env_id: str):
     """Until then all is as with nominal sensors, to the last bit; then the fix does not arrive."""
     few = FEW_MEMBERS.get(system_of(env_id).estimator)
-    one, other = (make_core(env_id, 3, seed=5, estimator_options=few, sensors=name) for name in ("nominal", "denied"))
+    one, other = (
+        make_core(env_id, 3, seed=5, estimator_options=few, sensors=name)
+        for name in ("nominal", "denied")
+    )
     (fault,) = other.sensors.faults
     names = [sensor.name for sensor in other.sensors.each]
     assert fault.sensor == next(name for name in FIXES if name in names)
@@ -137,7 +179,9 @@ def test_the_outage_is_told_as_other_faults_are_and_follows_those_of_the_user():
 
 
 def test_a_fault_has_a_duration_or_an_end():
-    with pytest.raises(ValueError, match=r"has a duration, which fixes its end: leave one of them out$"):
+    with pytest.raises(
+        ValueError, match=r"has a duration, which fixes its end: leave one of them out$"
+    ):
         SensorFault("receiver", "off", end=3.0, duration=2.0)
     for wrong in (0.0, -1.0, np.nan, "long"):
         with pytest.raises(ValueError, match=r"^duration of the fault 'off' of receiver must be"):
@@ -146,11 +190,14 @@ def test_a_fault_has_a_duration_or_an_end():
 
 def test_without_a_fix_there_is_none_to_lose():
     log = Sensor("log", ("u",), plain((0,)), (0.1,))
-    with pytest.raises(ValueError, match='has no sensors="denied": none of its sensors measures a state x or psi, so'):
+    with pytest.raises(
+        ValueError,
+        match='has no sensors="denied": none of its sensors measures a state x or psi, so',
+    ):
         replace(system_of(AUV), name="Blind-v0", sensors=(log,)).sensors_of("denied")
 
 
-# --- grades -----------------------------------------------------------------------------------------
+# --- grades ---------------------------------------------------------------------------------------
 
 
 def same(one: Sensor, other: Sensor) -> bool:
@@ -183,7 +230,10 @@ def total_error(sensor: Sensor, seconds: float = 60.0) -> np.ndarray:
     variance = np.square(sensor.sd)
     if sensor.bias is not None:
         process = sensor.bias.process(seconds)
-        after = process.transition @ process.start_cov @ process.transition.T + process.root @ process.root.T
+        after = (
+            process.transition @ process.start_cov @ process.transition.T
+            + process.root @ process.root.T
+        )
         variance[: len(sensor.bias.names)] += np.diag(sensor.bias.gain @ after @ sensor.bias.gain.T)
     return np.sqrt(variance)
 
@@ -223,7 +273,12 @@ def test_what_is_in_no_document_is_called_assumed_by_its_key_and_in_the_text(env
             assert f"{sensor.bias.time:g} s" in source, label
 
 
-DEGREE, MINUTE, CEP, RADIUS_95 = np.pi / 180.0, 60.0, np.sqrt(2.0 * np.log(2.0)), np.sqrt(-2.0 * np.log(0.05))
+DEGREE, MINUTE, CEP, RADIUS_95 = (
+    np.pi / 180.0,
+    60.0,
+    np.sqrt(2.0 * np.log(2.0)),
+    np.sqrt(-2.0 * np.log(0.05)),
+)
 RMS, BANDWIDTH = np.sqrt(0.5), np.sqrt(50.0)  # of an amplitude; of a noise density, sqrt(Hz)
 HARD_TURN, STEP = 111.0 / MINUTE, 0.8  # degrees/s; s, of the thesis' ship
 COMPASSES = {
@@ -246,7 +301,10 @@ DOCUMENTED: dict[str, dict[str, dict[str, dict[str, float]]]] = {
             "IMO rate-of-turn indicator": {"start": (0.5 / MINUTE + 0.05 * HARD_TURN) / 2 * DEGREE},
             "consumer MEMS": BMI055,
         },
-        "receiver": {"RTK": {"sd": (0.01 + 5e-3) / CEP}, "SBAS": {"start": np.sqrt((1.0 / CEP) ** 2 - 0.4**2)}},
+        "receiver": {
+            "RTK": {"sd": (0.01 + 5e-3) / CEP},
+            "SBAS": {"start": np.sqrt((1.0 / CEP) ** 2 - 0.4**2)},
+        },
     },
     THESIS: {
         "gyro compass": COMPASSES,
@@ -268,15 +326,21 @@ DOCUMENTED: dict[str, dict[str, dict[str, dict[str, float]]]] = {
     },
     AIRCRAFT: {
         "GNSS": {"RTK": {"sd": (0.01 + 5e-3) / CEP}, "single-frequency": {"start": 2.5 / CEP}},
-        "barometer": {"barometer of 0.08 hPa": {"start": 0.66 / 2}, "barometer of 1.5 hPa": {"start": 12.7 / 2}},
-        "pitot tube": {"thermal": {"start": 0.3}, "piezoresistive": {"start": 0.01 * 13.8e3 / (1.225 * 20.0) / 2}},
+        "barometer": {
+            "barometer of 0.08 hPa": {"start": 0.66 / 2},
+            "barometer of 1.5 hPa": {"start": 12.7 / 2},
+        },
+        "pitot tube": {
+            "thermal": {"start": 0.3},
+            "piezoresistive": {"start": 0.01 * 13.8e3 / (1.225 * 20.0) / 2},
+        },
         "attitude": AHRS,
     },
 }
 """Figures of documents by environment, sensor, grade and key: what the rules of docs/sensor-suites.md make of them.
 
-A limit is two standard deviations; a typical value, a standard deviation and an r.m.s. are one; an amplitude's r.m.s.
-is the root of a half of it; a noise density counts in a bandwidth of 50 Hz.
+A limit is two standard deviations; a typical value, a standard deviation and an r.m.s. are one; an
+amplitude's r.m.s. is the root of a half of it; a noise density counts in a bandwidth of 50 Hz.
 """
 
 
@@ -287,7 +351,10 @@ def test_figures_follow_from_their_documents_by_the_rules_of_the_page(env_id: st
         if grade == NOMINAL:
             continue
         looked_up = DOCUMENTED[AUV if "AUV" in env_id else env_id].get(name, {}).get(grade, {})
-        assert set(looked_up) == figures_of(sensor) & {"sd", "start", "constant"} - set(assumed), (name, grade)
+        assert set(looked_up) == figures_of(sensor) & {"sd", "start", "constant"} - set(assumed), (
+            name,
+            grade,
+        )
         for key, expected in looked_up.items():
             values = sensor.sd if key == "sd" else getattr(sensor.bias, key)
             assert values[0] == pytest.approx(expected, rel=0.03), (name, grade, key)
@@ -304,10 +371,13 @@ def test_budget_sensors_err_slowly_and_filters_know_it(env_id: str):
 
 def test_rates_and_latencies_of_a_grade_fall_on_the_vehicle_s_steps(tmp_path: Path):
     file = tmp_path / "mine.toml"
-    file.write_text('[receiver.mine]\nsd = [1.0, 2.0]\nrate = 0.3\nlatency = 0.6\nsource = "mine"\n', encoding="utf-8")
+    file.write_text(
+        '[receiver.mine]\nsd = [1.0, 2.0]\nrate = 0.3\nlatency = 0.6\nsource = "mine"\n',
+        encoding="utf-8",
+    )
     for env_id, rate, latency in ((SHIP, 1.0 / 3.5, 0.5), ("vessel_gym/Ship-v0", None, None)):
         system = system_of(env_id)
-        (nominal, mine) = load_grades(file, system)["receiver"].values()
+        nominal, mine = load_grades(file, system)["receiver"].values()
         assert nominal is system.vehicle.sensors[2]
         assert (mine.sd, mine.bias, mine.dropout) == ((1.0, 2.0), None, 0.0)
         system.sensors_of([mine])
@@ -349,17 +419,27 @@ class Bare(type(system_of(AUV).vehicle)):  # type: ignore[misc]
 
 
 def test_a_vehicle_without_grades_says_so():
-    with pytest.raises(ValueError, match="has no grades of sensors: set its attribute grades to the path of a TOML"):
+    with pytest.raises(
+        ValueError, match="has no grades of sensors: set its attribute grades to the path of a TOML"
+    ):
         replace(system_of(AUV), name="Bare-v0", vehicle=Bare()).sensors_of("budget")
 
 
-# --- every environment on every suite ---------------------------------------------------------------
+# --- every environment on every suite -------------------------------------------------------------
 
 
 def fly(env_id: str, estimator: str, suite: str) -> None:
     """Forty steps, in which all must be sound and the filter healthy."""
     few = FEW_MEMBERS.get(estimator)
-    core = make_core(env_id, 2, seed=6, estimator=estimator, estimator_options=few, sensors=suite, observe="mean+std")
+    core = make_core(
+        env_id,
+        2,
+        seed=6,
+        estimator=estimator,
+        estimator_options=few,
+        sensors=suite,
+        observe="mean+std",
+    )
     core.reset()
     rng = np.random.default_rng(6)
     for _ in range(40):
@@ -377,7 +457,9 @@ def test_the_default_estimator_carries_every_suite(env_id: str, suite: str):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("env_id", "estimator"), [pair for pair in CARRIED if pair[0] in (SHIP, THESIS, AIRCRAFT)])
+@pytest.mark.parametrize(
+    ("env_id", "estimator"), [pair for pair in CARRIED if pair[0] in (SHIP, THESIS, AIRCRAFT)]
+)
 def test_every_estimator_carries_the_budget_suite(env_id: str, estimator: str):
     fly(env_id, estimator, "budget")
 

@@ -34,20 +34,26 @@ def numbers(sensors: Sensors, seed: int, rows: int) -> RandomKeys:
     return RandomKeys(episodes.keys[:, None]).of(np.arange(len(sensors.each)))
 
 
-def read(sensors: Sensors, exact: np.ndarray, steps: np.ndarray, drawn: RandomKeys) -> tuple[np.ndarray, np.ndarray]:
+def read(
+    sensors: Sensors, exact: np.ndarray, steps: np.ndarray, drawn: RandomKeys
+) -> tuple[np.ndarray, np.ndarray]:
     """Measurements of sensors that read the first states as they are, ``exact (n, p)``."""
     state, nothing = np.zeros((len(exact), len(STATES))), np.zeros((len(exact), 1))
     state[:, : exact.shape[1]] = exact
     return sensors.read(state, nothing, nothing[:, :0], np.array(steps), drawn.keys)
 
 
-def corrupted(suite: SensorSuite, seed: int, n: int = 20_000, exact: float = 0.0, nominal=APART, steps=0):
+def corrupted(
+    suite: SensorSuite, seed: int, n: int = 20_000, exact: float = 0.0, nominal=APART, steps=0
+):
     """Measurements, their mask and the normals in them: n at one step, or as many as ``steps`` says."""
     sensors = made(suite.of(nominal))
     drawn = numbers(sensors, seed, n)
     normals = [drawn[:, i].normals(len(sensor.channels)) for i, sensor in enumerate(sensors.each)]
     steps = np.broadcast_to(steps, n)
-    return *read(sensors, np.full((n, sensors.size), exact), steps, drawn), np.concatenate(normals, -1)
+    return *read(sensors, np.full((n, sensors.size), exact), steps, drawn), np.concatenate(
+        normals, -1
+    )
 
 
 def assert_variance(samples: np.ndarray, variance: float):
@@ -60,7 +66,7 @@ def assert_rate(events: np.ndarray, rate: float):
     assert low <= events.sum() <= high
 
 
-# --- sensors ----------------------------------------------------------------------------------------
+# --- sensors --------------------------------------------------------------------------------------
 
 
 def test_there_are_three_suites_and_only_the_worst_loses_measurements():
@@ -115,13 +121,18 @@ def test_suites_are_paired_where_they_do_not_differ():
     nominal, _, _ = corrupted(SUITES["nominal"], seed=6)
     degraded, available, _ = corrupted(SUITES["degraded"], seed=6)
     same = degraded == nominal
-    assert_rate(same, 0.9 * 0.95)  # neither dropped nor an outlier: to the bit as in the nominal suite
+    assert_rate(
+        same, 0.9 * 0.95
+    )  # neither dropped nor an outlier: to the bit as in the nominal suite
     assert available[same].all()
 
 
 @pytest.mark.parametrize("suite", SUITES.values(), ids=SUITES)
 def test_sensors_leave_the_truth_alone(suite):
-    sensors, arrays = made(suite.of(APART)), (np.random.default_rng(7).normal(size=(9, 3)), np.arange(9))
+    sensors, arrays = (
+        made(suite.of(APART)),
+        (np.random.default_rng(7).normal(size=(9, 3)), np.arange(9)),
+    )
     copies = [a.copy() for a in arrays]
     read(sensors, *arrays, numbers(sensors, 7, 9))
     for a, b in zip(arrays, copies, strict=True):
@@ -175,13 +186,16 @@ def test_a_suite_changes_the_quality_of_sensors_and_nothing_else():
     assert SensorSuite(noise=1.0, dropout=0.95).of(TOGETHER)[0].dropout == 1.0
 
 
-# --- rates ------------------------------------------------------------------------------------------
+# --- rates ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("rate", "dt", "period"), [(None, 0.1, 1), (10.0, 0.1, 1), (0.5, 0.1, 20), (1.0, 0.5, 2),
                                                     (2.5, 0.1, 4), (1.0 / 3.0, 0.1, 30)])  # fmt: skip
 def test_a_rate_that_divides_the_steps_is_kept(rate: float | None, dt: float, period: int):
-    sensors, steps = made([Sensor("fix", ("x",), plain((0,)), (1.0,), rate=rate)], dt), np.arange(100)
+    sensors, steps = (
+        made([Sensor("fix", ("x",), plain((0,)), (1.0,), rate=rate)], dt),
+        np.arange(100),
+    )
     _, available = read(sensors, np.ones((100, 1)), steps, numbers(sensors, 0, 100))
     np.testing.assert_array_equal(available[:, 0], steps % period == 0)
 
@@ -189,21 +203,32 @@ def test_a_rate_that_divides_the_steps_is_kept(rate: float | None, dt: float, pe
 @pytest.mark.parametrize("rate", [3.0, 20.0, 15.0, 0.3, 4.0, 1e9])
 def test_a_rate_that_does_not_divide_the_steps_is_refused_in_a_sentence(rate: float):
     sentence = (
-        rf"^fix reads at {re.escape(f'{rate:g}')} Hz, which does not divide the 10 steps a second: its measurements "
+        rf"^fix reads at {re.escape(f'{rate:g}')} Hz, which does not divide the 10 steps a second:"
+        r" its measurements "
     )
     with pytest.raises(ValueError, match=sentence + "would fall between steps$"):
         made([Sensor("fix", ("x",), plain((0,)), (1.0,), rate=rate)])
 
 
-# --- ranges -----------------------------------------------------------------------------------------
+# --- ranges ---------------------------------------------------------------------------------------
 
 
 def test_beyond_its_range_a_sensor_reads_nothing_and_up_to_it_everything():
     """What counts is what is true, not the noise: the range is the sensor's reach."""
-    sonar = Sensor("sonar", ("range", "bearing"), plain((0, 1)), (0.1, 0.1), range=((0.5, 50.0), (-1.0, 1.0)))
+    sonar = Sensor(
+        "sonar", ("range", "bearing"), plain((0, 1)), (0.1, 0.1), range=((0.5, 50.0), (-1.0, 1.0))
+    )
     sensors = made([sonar, Sensor("depth", ("z",), plain((2,)), (0.1,))])
     exact = np.array(
-        [[0.5, 0, 9], [50, 1, 9], [0.4999, 0, 9], [50.0001, 0, 9], [9, 1.01, 9], [9, -1.01, 9], [9, -1, 9]]
+        [
+            [0.5, 0, 9],
+            [50, 1, 9],
+            [0.4999, 0, 9],
+            [50.0001, 0, 9],
+            [9, 1.01, 9],
+            [9, -1.01, 9],
+            [9, -1, 9],
+        ]
     )
     n = len(exact)
     for seed in range(50):
@@ -217,7 +242,9 @@ def test_beyond_its_range_a_sensor_reads_nothing_and_up_to_it_everything():
 
 
 def test_a_range_does_not_keep_a_sensor_from_losing_measurements():
-    sonar = Sensor("sonar", ("range",), plain((0,)), (0.1,), range=((0.0, 50.0),), dropout=0.3, rate=5.0)
+    sonar = Sensor(
+        "sonar", ("range",), plain((0,)), (0.1,), range=((0.0, 50.0),), dropout=0.3, rate=5.0
+    )
     rng, n = np.random.default_rng(21), 20_000
     exact, steps = rng.uniform(0.0, 100.0, (n, 1)), np.arange(n)
     sensors = made([sonar])
@@ -227,7 +254,7 @@ def test_a_range_does_not_keep_a_sensor_from_losing_measurements():
     assert_rate(~available[asked, 0], 0.3)
 
 
-# --- biases -----------------------------------------------------------------------------------------
+# --- biases ---------------------------------------------------------------------------------------
 
 BIASES = {
     "constant": Bias(("b", "c"), start=(0.2, 3.0)),
@@ -235,7 +262,9 @@ BIASES = {
     "drifting": Bias(("b", "c"), start=(0.2, 1.0), slope=(0.1, 0.0)),
     "correlated": Bias(("b", "c"), start=(0.2, 3.0), time=2.0),
     "walking and drifting": Bias(("b", "c"), start=(0.2, 1.0), pace=(0.3, 0.1), slope=(0.1, 0.4)),
-    "correlated beside a constant": Bias(("b", "c"), start=(0.2, 3.0), time=2.0, constant=(0.5, 0.0)),
+    "correlated beside a constant": Bias(
+        ("b", "c"), start=(0.2, 3.0), time=2.0, constant=(0.5, 0.0)
+    ),
 }
 every_bias = pytest.mark.parametrize("bias", BIASES.values(), ids=BIASES)
 
@@ -283,16 +312,32 @@ def test_biases_of_episodes_scatter_as_they_say(bias: Bias):
                     assert_variance(core.bias[:, channel], variance)
                 else:
                     np.testing.assert_array_equal(core.bias[:, channel], 0.0)
-        if before is not None and not any(bias.pace) and bias.time is None:  # what does not walk goes straight on
+        if (
+            before is not None and not any(bias.pace) and bias.time is None
+        ):  # what does not walk goes straight on
             drift = core.bias[:, 2:] if any(bias.slope) else np.zeros((2000, 2))
-            np.testing.assert_allclose(core.bias[:, :2] - before[:, :2], 0.1 * drift, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(
+                core.bias[:, :2] - before[:, :2], 0.1 * drift, rtol=0, atol=1e-12
+            )
         before = core.bias.copy()
         core.step(np.zeros((2000, 3)))
 
 
 def test_a_bias_is_in_the_first_channels_and_in_no_other():
-    biased = Sensor("log", ("u", "v"), plain((0, 1)), (0.1, 0.1), bias=Bias(("bias u",), start=(1.0,), slope=(1.0,)))
-    other = Sensor("fix", ("x", "y"), plain((2, 3)), (0.1, 0.1), bias=Bias(("bias x", "bias y"), start=(1.0, 1.0)))
+    biased = Sensor(
+        "log",
+        ("u", "v"),
+        plain((0, 1)),
+        (0.1, 0.1),
+        bias=Bias(("bias u",), start=(1.0,), slope=(1.0,)),
+    )
+    other = Sensor(
+        "fix",
+        ("x", "y"),
+        plain((2, 3)),
+        (0.1, 0.1),
+        bias=Bias(("bias x", "bias y"), start=(1.0, 1.0)),
+    )
     sensors = made([APART[0], biased, other])
     assert sensors.bias_names == ("bias u", "drift of bias u", "bias x", "bias y")
     state = np.arange(6.0)
@@ -309,7 +354,9 @@ def test_a_constant_error_is_added_to_the_moving_one_and_never_changes(slope: tu
     process, n = bias.process(0.5), len(bias.states)
     assert not process.root[n - 2 :].any()
     np.testing.assert_array_equal(process.transition[n - 2 :], np.eye(n)[n - 2 :])
-    np.testing.assert_allclose(moments(process, 40)[n - 2 :, n - 2 :], np.diag([0.25, 9.0]), rtol=1e-15)
+    np.testing.assert_allclose(
+        moments(process, 40)[n - 2 :, n - 2 :], np.diag([0.25, 9.0]), rtol=1e-15
+    )
     sensors = made([Sensor("log", ("u", "v"), plain((0, 1)), (0.1, 0.1), bias=bias)])
     assert sensors.bias_names == bias.states
     parts = np.arange(1.0, n + 1.0)
@@ -317,7 +364,7 @@ def test_a_constant_error_is_added_to_the_moving_one_and_never_changes(slope: tu
     np.testing.assert_allclose(read, parts[:2] + parts[n - 2 :], rtol=1e-15)
 
 
-# --- noise that depends on what is measured -----------------------------------------------------------
+# --- noise that depends on what is measured -------------------------------------------------------
 
 
 def growing(y: np.ndarray) -> np.ndarray:
@@ -325,7 +372,9 @@ def growing(y: np.ndarray) -> np.ndarray:
     return 0.01 + 0.1 * np.abs(y)
 
 
-GROWING = Sensor("range", ("x", "y"), plain((0, 1)), growing, outliers=0.1, bias=Bias(("error",), start=(1.0,)))
+GROWING = Sensor(
+    "range", ("x", "y"), plain((0, 1)), growing, outliers=0.1, bias=Bias(("error",), start=(1.0,))
+)
 
 
 def test_noise_follows_the_true_measurement_and_its_bias():
@@ -346,33 +395,62 @@ def test_noise_follows_the_true_measurement_and_its_bias():
 @pytest.mark.parametrize(("bad", "where"), [(-0.2, 3.0), (np.nan, 3.0)])
 def test_a_deviation_that_is_none_is_refused_at_the_true_measurement(bad: float, where: float):
     sensors = made(
-        [Sensor("range", ("x",), plain((0,)), lambda y: np.where(y == where, bad, 1.0), range=((0.0, 50.0),))]
+        [
+            Sensor(
+                "range",
+                ("x",),
+                plain((0,)),
+                lambda y: np.where(y == where, bad, 1.0),
+                range=((0.0, 50.0),),
+            )
+        ]
     )
     drawn, steps = numbers(sensors, 1, 3), np.full(3, 8)
     available = read(sensors, np.array([[1.0], [60.0], [1e300]]), steps, drawn)[1]
     assert available.ravel().tolist() == [True, False, False]
     with pytest.raises(
-        ValueError, match=rf"^sd of range gave \[{bad}\] at step 8 in row 1: it must give 0 or more for "
+        ValueError,
+        match=rf"^sd of range gave \[{bad}\] at step 8 in row 1: it must give 0 or more for ",
     ):
         read(sensors, np.array([[1.0], [where], [2.0]]), steps, drawn)
 
 
 def ranging(sd: Any) -> list[Sensor]:
     """AUV's sensors with a range to a beacon far ahead instead of a fix."""
-    nominal = [s for s in single_class("ItsunusaAUV-v0").system.vehicle.sensors if s.name != "acoustic position"]
+    nominal = [
+        s
+        for s in single_class("ItsunusaAUV-v0").system.vehicle.sensors
+        if s.name != "acoustic position"
+    ]
 
     def distance(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
         return np.hypot(state[..., 3:4] - 60.0, state[..., 4:5])
 
-    return [*nominal, Sensor("beacon", ("range [m]",), distance, sd, bias=Bias(("clock",), start=(0.5,)))]
+    return [
+        *nominal,
+        Sensor("beacon", ("range [m]",), distance, sd, bias=Bias(("clock",), start=(0.5,))),
+    ]
 
 
 def test_a_filter_s_noise_follows_what_it_expects_one_row_is_as_many_and_nature_is_paired():
     """R at the predicted mean; a batch, single rows and other filters fly the same truth and measurements."""
     flown = {}
-    for estimator, rows in (("ekf", 3), ("ekf", 1), ("ukf", 3), ("enkf", 3), ("pf", 3), ("measurement", 3)):
+    for estimator, rows in (
+        ("ekf", 3),
+        ("ekf", 1),
+        ("ukf", 3),
+        ("enkf", 3),
+        ("pf", 3),
+        ("measurement", 3),
+    ):
         few = {"pf": {"particles": 20}}.get(estimator, {})
-        core = make_core("ItsunusaAUV-v0", rows, sensors=ranging(growing), estimator=estimator, estimator_options=few)
+        core = make_core(
+            "ItsunusaAUV-v0",
+            rows,
+            sensors=ranging(growing),
+            estimator=estimator,
+            estimator_options=few,
+        )
         core.start(5)
         history = []
         for _ in range(4):
@@ -388,9 +466,13 @@ def test_a_filter_s_noise_follows_what_it_expects_one_row_is_as_many_and_nature_
     many = flown["ekf", 3]
     for (estimator, rows), history in flown.items():
         for ours, theirs in zip(history, many, strict=True):
-            names = ("truth", "measurement", "available") + (("estimate", "covariance") if rows == 1 else ())
+            names = ("truth", "measurement", "available") + (
+                ("estimate", "covariance") if rows == 1 else ()
+            )
             for name in names:
-                np.testing.assert_array_equal(ours[name], theirs[name][:rows], f"{estimator} {name}")
+                np.testing.assert_array_equal(
+                    ours[name], theirs[name][:rows], f"{estimator} {name}"
+                )
 
 
 def test_a_late_range_is_fused_with_the_noise_of_its_own_step():
@@ -399,7 +481,10 @@ def test_a_late_range_is_fused_with_the_noise_of_its_own_step():
     for latency in (0.0, 0.3):
         *others, beacon = ranging(growing)
         core = make_core(
-            "ItsunusaAUV-v0", 2, sensors=[*others, replace(beacon, latency=latency, rate=1.0)], estimator="ekf"
+            "ItsunusaAUV-v0",
+            2,
+            sensors=[*others, replace(beacon, latency=latency, rate=1.0)],
+            estimator="ekf",
         )
         core.start(3)
         for _ in range(14):  # measured at 1 s, come at 1.3 s
@@ -411,12 +496,15 @@ def test_a_late_range_is_fused_with_the_noise_of_its_own_step():
 
 def test_a_noise_that_is_negative_is_refused():
     with pytest.raises(
-        ValueError, match=r"^sd of beacon gave \[-1\.0\] for the measurement \[60\.0\]: it must give 0 or"
+        ValueError,
+        match=r"^sd of beacon gave \[-1\.0\] for the measurement \[60\.0\]: it must give 0 or",
     ):
-        make_core("ItsunusaAUV-v0", 1, sensors=ranging(lambda y: -np.ones(y.shape)), estimator="ekf")
+        make_core(
+            "ItsunusaAUV-v0", 1, sensors=ranging(lambda y: -np.ones(y.shape)), estimator="ekf"
+        )
 
 
-# --- what is misdeclared ----------------------------------------------------------------------------
+# --- what is misdeclared --------------------------------------------------------------------------
 
 
 def fix(**changed: Any) -> Callable[[], Sensor]:
@@ -457,7 +545,9 @@ MISDECLARED = [
 
 
 @pytest.mark.parametrize(("make", "kind", "sentence"), MISDECLARED, ids=range(len(MISDECLARED)))
-def test_what_is_misdeclared_is_refused_in_one_sentence(make: Callable, kind: type[Exception], sentence: str):
+def test_what_is_misdeclared_is_refused_in_one_sentence(
+    make: Callable, kind: type[Exception], sentence: str
+):
     with pytest.raises(kind, match=f"^{sentence}$") as why:
         make()
     assert "\n" not in str(why.value)

@@ -34,7 +34,14 @@ def stepped(core: Core, step: int) -> list[np.ndarray]:
     """All that a step gives."""
     action = np.random.default_rng(step).uniform(-1.0, 1.0, core.action_shape)
     reward, end = core.step(action)
-    return [core.observe(), reward, end, core.truth.copy(), core.belief.mean.copy(), core.belief.cov.copy()]
+    return [
+        core.observe(),
+        reward,
+        end,
+        core.truth.copy(),
+        core.belief.mean.copy(),
+        core.belief.cov.copy(),
+    ]
 
 
 def flown(core: Core, seed: int, steps: int = STEPS) -> list[np.ndarray]:
@@ -76,7 +83,11 @@ DIFFERENT: tuple[dict[str, Any], ...] = (
     {"disturbance": "rough"},
     {"disturbance": replace(SigmaCorvetteEnv.system.disturbances["moderate"], current=0.31)},
     {"sensors": [replace(each, dropout=0.2) for each in SigmaCorvetteEnv.system.vehicle.sensors]},
-    {"sensor_faults": [SensorFault(SigmaCorvetteEnv.system.vehicle.sensors[0].name, "off", begin=3.0)]},
+    {
+        "sensor_faults": [
+            SensorFault(SigmaCorvetteEnv.system.vehicle.sensors[0].name, "off", begin=3.0)
+        ]
+    },
     {"estimator": "kf"},
     {"estimator_options": {"assume": {"Q": 1.5}}},
     {"estimator_options": {"assume": {"Q": 1.25}}},
@@ -87,9 +98,14 @@ DIFFERENT: tuple[dict[str, Any], ...] = (
 def test_what_is_built_otherwise_is_another_one() -> None:
     cores = [Core(SigmaCorvetteEnv.system, 1, **options) for options in ({}, *DIFFERENT)]
     again = [Core(SigmaCorvetteEnv.system, 1, **options) for options in ({}, *DIFFERENT)]
-    assert all(one.config.estimation is other.config.estimation for one, other in zip(cores, again, strict=True))
+    assert all(
+        one.config.estimation is other.config.estimation
+        for one, other in zip(cores, again, strict=True)
+    )
     assert len({id(core.config.estimation) for core in cores}) == len(cores)
-    system = replace(SigmaCorvetteEnv.system, task=replace(SigmaCorvetteEnv.system.task, horizon=77))
+    system = replace(
+        SigmaCorvetteEnv.system, task=replace(SigmaCorvetteEnv.system.task, horizon=77)
+    )
     assert Core(system).config.world is not cores[0].config.world
 
 
@@ -113,7 +129,9 @@ class Squall(Sea):
 def test_changes_of_own_parts_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     moderate = SigmaCorvetteEnv.system.disturbances["moderate"].believed
     squall = Squall(**{name: getattr(moderate, name) for name in moderate.__dataclass_fields__})
-    before, again = (flown(Core(SigmaCorvetteEnv.system, 1, disturbance=squall), 0) for _ in range(2))
+    before, again = (
+        flown(Core(SigmaCorvetteEnv.system, 1, disturbance=squall), 0) for _ in range(2)
+    )
     assert same(before, again)
     monkeypatch.setattr(Squall, "push", 3.0)
     assert not same(before, flown(Core(SigmaCorvetteEnv.system, 1, disturbance=squall), 0))
@@ -153,12 +171,16 @@ def module_function() -> None:
     pass
 
 
-@pytest.mark.parametrize("value", [0, 0.5, "a", None, (1, "b"), {"a": [1.0]}, Disturbance(), np.sin, Sea, float("nan")])
+@pytest.mark.parametrize(
+    "value", [0, 0.5, "a", None, (1, "b"), {"a": [1.0]}, Disturbance(), np.sin, Sea, float("nan")]
+)
 def test_values_are_the_same(value: Any) -> None:
     assert built(value) is built(copy.deepcopy(value))
 
 
-@pytest.mark.parametrize("value", [Own, Own(), module_function, lambda: None, np.zeros(2), {"a": Own()}, [np.zeros(1)]])
+@pytest.mark.parametrize(
+    "value", [Own, Own(), module_function, lambda: None, np.zeros(2), {"a": Own()}, [np.zeros(1)]]
+)
 def test_what_may_change_is_built_anew(value: Any) -> None:
     assert built(value) is not built(value)
 

@@ -14,7 +14,9 @@ SYSTEMS = {"segorogeni": SEGOROGENI_AUV, "itsunusa": ITSUNUSA_AUV}
 def above(name: str) -> SurfaceWater:
     system = SYSTEMS[name]
     names = system.vehicle.state_names
-    return SurfaceWater(0.88, 7.5, system.disturbances["moderate"], names.index("x"), names.index("z"))
+    return SurfaceWater(
+        0.88, 7.5, system.disturbances["moderate"], names.index("x"), names.index("z")
+    )
 
 
 @pytest.mark.parametrize("depth", [0.0, 2.0, 8.0, 20.0])
@@ -23,14 +25,22 @@ def test_the_velocity_dies_away_with_the_depth_as_in_airy_s_theory(depth):
     water = above("segorogeni")
     rng = np.random.default_rng(0)
     state = np.zeros((40_000, len(SEGOROGENI_AUV.vehicle.state_names)))
-    state[:, water.down], state[:, water.north] = depth - water.depth, rng.uniform(-100.0, 100.0, len(state))
+    state[:, water.down], state[:, water.north] = (
+        depth - water.depth,
+        rng.uniform(-100.0, 100.0, len(state)),
+    )
     z = np.concatenate([np.zeros((len(state), 2)), rng.standard_normal((len(state), 6))], -1)
-    drawn, time = water.draw(rng.uniform(size=(len(state), water.uniforms))), rng.uniform(0.0, 300.0, len(state))
+    drawn, time = (
+        water.draw(rng.uniform(size=(len(state), water.uniforms))),
+        rng.uniform(0.0, 300.0, len(state)),
+    )
     w = np.linspace(0.2, 6.0, 20_000)
     below = jonswap(w, 0.88, 7.5) * (w * np.exp(-(w**2) / GRAVITY * depth)) ** 2
     for speed in (water.effect_at(drawn, time, z[:, :3], state), water.modelled.effect(z, state)):
         assert speed[:, 0].std() == pytest.approx(np.sqrt(np.trapezoid(below, w)), rel=0.02)
-        assert not speed[:, 1:].any() or np.array_equal(speed[:, 1], z[:, 1])  # they run to the north
+        assert not speed[:, 1:].any() or np.array_equal(
+            speed[:, 1], z[:, 1]
+        )  # they run to the north
 
 
 def test_above_the_surface_there_is_no_more_than_at_it():

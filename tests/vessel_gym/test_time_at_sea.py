@@ -59,7 +59,9 @@ def every_fault(env_id: str) -> list[SensorFault]:
     dt = single_class(env_id).system.vehicle.dt
     sizes = {"bias": 0.1, "drift": 0.02, "scale": 1.1, "garbage": 0.5}
     return [
-        SensorFault(names[i % len(names)], kind, sizes.get(kind), (2 * dt, 6 * dt), (8 * dt, 14 * dt))
+        SensorFault(
+            names[i % len(names)], kind, sizes.get(kind), (2 * dt, 6 * dt), (8 * dt, 14 * dt)
+        )
         for i, kind in enumerate(KINDS)
     ]
 
@@ -68,7 +70,12 @@ def at_sea(env_id: str) -> dict[str, Any]:
     """All at once: sensors are late by 2 and 6 steps in turn."""
     late = zip(*(sensors_of(env_id, "degraded", latency=steps) for steps in (2, 6)), strict=True)
     sensors = [pair[i % 2] for i, pair in enumerate(late)]
-    return {"sensors": sensors, "sensor_faults": every_fault(env_id), "disturbance": "rough", "mismatch": 0.2}
+    return {
+        "sensors": sensors,
+        "sensor_faults": every_fault(env_id),
+        "disturbance": "rough",
+        "mismatch": 0.2,
+    }
 
 
 def flown(core: Core, steps: int, seed: int = 5) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -81,14 +88,16 @@ def flown(core: Core, steps: int, seed: int = 5) -> list[tuple[np.ndarray, np.nd
     return come
 
 
-# --- time -------------------------------------------------------------------------------------------
+# --- time -----------------------------------------------------------------------------------------
 
 
 @every_environment
 def test_with_a_latency_each_measurement_comes_so_much_later_and_says_of_when_it_is(env_id: str):
     late, steps = 3, 12
     now = flown(make_core(env_id, ROWS, estimator="truth", sensors=sensors_of(env_id)), steps)
-    come = flown(make_core(env_id, ROWS, estimator="truth", sensors=sensors_of(env_id, latency=late)), steps)
+    come = flown(
+        make_core(env_id, ROWS, estimator="truth", sensors=sensors_of(env_id, latency=late)), steps
+    )
     for step, (y, available) in enumerate(come):
         assert not np.delete(available, late, 1).any()
         if step < late:
@@ -103,7 +112,11 @@ def test_with_a_latency_each_measurement_comes_so_much_later_and_says_of_when_it
 def test_late_measurements_are_fused_to_the_last_bit_as_if_those_that_are_still_under_way_were_lost(
     env_id: str, estimator: str, monkeypatch: pytest.MonkeyPatch
 ):
-    late, steps, options = 4, 14, {"estimator": estimator, "estimator_options": FEW_MEMBERS.get(estimator)}
+    late, steps, options = (
+        4,
+        14,
+        {"estimator": estimator, "estimator_options": FEW_MEMBERS.get(estimator)},
+    )
     one = make_core(env_id, ROWS, sensors=sensors_of(env_id, "degraded", latency=late), **options)
     other = make_core(env_id, ROWS, sensors=sensors_of(env_id, "degraded"), **options)
     inputs: list[
@@ -121,7 +134,11 @@ def test_late_measurements_are_fused_to_the_last_bit_as_if_those_that_are_still_
     nothing = np.zeros((ROWS, other.sensors.size))
     for step, (u, behind) in enumerate(inputs, 1):
         there = step + late <= steps
-        measurements = tuple(values[:, late] for values in come[step + late]) if there else (nothing, nothing != 0.0)
+        measurements = (
+            tuple(values[:, late] for values in come[step + late])
+            if there
+            else (nothing, nothing != 0.0)
+        )
         other.loop.estimate(measurements, u, behind)
     np.testing.assert_array_equal(one.belief.mean, other.belief.mean)
     np.testing.assert_array_equal(one.belief.cov, other.belief.cov)
@@ -139,7 +156,13 @@ def test_what_is_discarded_is_as_if_it_were_lost():
 
 
 def test_what_is_taken_as_new_is_as_if_it_had_been_read_when_it_came():
-    one = make_core(AUV, ROWS, sensors=late_fix(latency=0.3), estimator="ekf", estimator_options={"late": "as new"})
+    one = make_core(
+        AUV,
+        ROWS,
+        sensors=late_fix(latency=0.3),
+        estimator="ekf",
+        estimator_options={"late": "as new"},
+    )
     other = make_core(AUV, ROWS, sensors=late_fix(), estimator="ekf")
     one.start(5)
     other.start(5)
@@ -155,7 +178,10 @@ def test_what_is_taken_as_new_is_as_if_it_had_been_read_when_it_came():
 def test_how_late_measurements_are_taken_moves_no_measurement_and_no_truth():
     names = "ekf", "enkf", "measurement", "dead-reckoning", "truth"
     chosen = [(name, FEW_MEMBERS.get(name, {}) | {"late": late}) for name in names for late in LATE]
-    each = [make_core(AUV, ROWS, estimator=name, estimator_options=few, **at_sea(AUV)) for name, few in chosen]
+    each = [
+        make_core(AUV, ROWS, estimator=name, estimator_options=few, **at_sea(AUV))
+        for name, few in chosen
+    ]
     first, *others = [flown(core, 25) for core in each]
     for other in others:
         for (y, available), (same, arrived) in zip(first, other, strict=True):
@@ -168,7 +194,9 @@ def test_how_late_measurements_are_taken_moves_no_measurement_and_no_truth():
 @pytest.mark.slow
 @every_environment
 @pytest.mark.parametrize("estimator", ["measurement", "enkf"])
-def test_at_sea_too_the_episodes_of_a_row_are_those_of_a_single_environment_in_every_mode(env_id: str, estimator: str):
+def test_at_sea_too_the_episodes_of_a_row_are_those_of_a_single_environment_in_every_mode(
+    env_id: str, estimator: str
+):
     assert_same_in_every_mode(env_id, estimator, **at_sea(env_id))
 
 
@@ -176,7 +204,11 @@ def test_at_sea_too_the_episodes_of_a_row_are_those_of_a_single_environment_in_e
 @pytest.mark.parametrize("late", LATE)
 @every_vehicle
 def test_at_sea_a_copy_goes_on_bit_for_bit(env_id: str, late: str):
-    options = at_sea(env_id) | {"estimator_options": {"late": late}, "estimator": "ekf", "max_episode_steps": 12}
+    options = at_sea(env_id) | {
+        "estimator_options": {"late": late},
+        "estimator": "ekf",
+        "max_episode_steps": 12,
+    }
     env = make_batch(env_id, ROWS, **options)
     env.reset(seed=3)
     walk = random_walk(2, ROWS, env.single_action_space.shape[0])
@@ -190,18 +222,26 @@ def test_at_sea_a_copy_goes_on_bit_for_bit(env_id: str, late: str):
 @pytest.mark.parametrize("estimator", ["ekf", "enkf", "measurement"])
 def test_at_sea_nothing_but_measurements_reaches_a_filter(estimator: str):
     """Replayed to another truth, which is put elsewhere before each step, they give the same observations."""
-    options = at_sea(AUV) | {"estimator": estimator, "estimator_options": FEW_MEMBERS.get(estimator)}
+    options = at_sea(AUV) | {
+        "estimator": estimator,
+        "estimator_options": FEW_MEMBERS.get(estimator),
+    }
     one, other, distance = observations_when_truth_is_altered(AUV, **options)
     assert_apart(distance)
     assert_same_tree(one, other)
 
 
-# --- faults -----------------------------------------------------------------------------------------
+# --- faults ---------------------------------------------------------------------------------------
 
 
-def faulty_and_healthy(*faults: SensorFault, steps: int = 12) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def faulty_and_healthy(
+    *faults: SensorFault, steps: int = 12
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Measurements and their mask ``(steps + 1, ROWS, p)``, with faults and without."""
-    each = [flown(make_core(AUV, ROWS, estimator="truth", sensor_faults=list(f)), steps) for f in (faults, ())]
+    each = [
+        flown(make_core(AUV, ROWS, estimator="truth", sensor_faults=list(f)), steps)
+        for f in (faults, ())
+    ]
     return tuple(np.stack(values) for come in each for values in zip(*come, strict=True))  # type: ignore[return-value]
 
 
@@ -217,8 +257,12 @@ GYROSCOPE, ATTITUDE = slice(7, 10), slice(4, 7)
         ("scale", 1.5, lambda y, t: 1.5 * y),
     ],
 )
-def test_a_wrong_sensor_is_wrong_by_so_much_in_its_time_and_no_other_is(kind: str, size: Any, wrong: Any):
-    faulty, came, healthy, arrived = faulty_and_healthy(SensorFault("gyroscope", kind, size, begin=0.4, end=0.9))
+def test_a_wrong_sensor_is_wrong_by_so_much_in_its_time_and_no_other_is(
+    kind: str, size: Any, wrong: Any
+):
+    faulty, came, healthy, arrived = faulty_and_healthy(
+        SensorFault("gyroscope", kind, size, begin=0.4, end=0.9)
+    )
     np.testing.assert_array_equal(came, arrived)
     for step, (y, expected) in enumerate(zip(faulty, healthy, strict=True)):
         if 4 <= step < 9:
@@ -239,7 +283,9 @@ def test_a_sensor_that_is_off_reads_nothing_and_one_that_is_stuck_its_last_measu
 
 def test_garbage_is_noise_of_its_size_whatever_there_is_to_read():
     rows, steps = 500, 20
-    core = make_core(AUV, rows, estimator="truth", sensor_faults=[SensorFault("depth gauge", "garbage", 4.0)])
+    core = make_core(
+        AUV, rows, estimator="truth", sensor_faults=[SensorFault("depth gauge", "garbage", 4.0)]
+    )
     z = np.stack([y[:, 3] for y, _ in flown(core, steps)])
     low, high = chi2.ppf([5e-7, 1 - 5e-7], z.size) * 16.0 / z.size
     assert low < (z**2).mean() < high
@@ -276,8 +322,14 @@ def test_the_times_of_a_fault_are_drawn_in_each_episode_and_stand_in_info():
 @every_environment
 def test_a_fault_that_never_begins_changes_no_bit(env_id: str):
     idle = [replace(fault, begin=1e9, end=np.inf) for fault in every_fault(env_id)]
-    options = {"estimator_options": FEW_MEMBERS.get(single_class(env_id).system.estimator), "sensors": "degraded"}
-    one, other = make_core(env_id, ROWS, sensor_faults=idle, **options), make_core(env_id, ROWS, **options)
+    options = {
+        "estimator_options": FEW_MEMBERS.get(single_class(env_id).system.estimator),
+        "sensors": "degraded",
+    }
+    one, other = (
+        make_core(env_id, ROWS, sensor_faults=idle, **options),
+        make_core(env_id, ROWS, **options),
+    )
     flown(one, 12)
     flown(other, 12)
     info = one.info()
@@ -299,8 +351,14 @@ def test_a_fault_acts_when_the_measurement_is_taken_not_when_it_comes():
 def test_faults_without_measure_leave_everything_finite(estimator: str):
     names = [sensor.name for sensor in sensors_of(AUV)]
     for size in (1e30, 1e308):
-        wrong = [SensorFault(name, kind, size) for name in names for kind in ("bias", "drift", "scale", "garbage")]
-        core = make_core(AUV, ROWS, estimator=estimator, sensor_faults=wrong, sensors=sensors_of(AUV, latency=2))
+        wrong = [
+            SensorFault(name, kind, size)
+            for name in names
+            for kind in ("bias", "drift", "scale", "garbage")
+        ]
+        core = make_core(
+            AUV, ROWS, estimator=estimator, sensor_faults=wrong, sensors=sensors_of(AUV, latency=2)
+        )
         core.start(0)
         for _ in range(15):
             reward, _ = core.step(np.zeros((ROWS, 3)))
@@ -321,7 +379,7 @@ def test_raw_measurements_show_what_has_come_and_the_mission_is_guided_by_it():
         assert info["available"].any() == (step >= 5)
 
 
-# --- what is no such thing ---------------------------------------------------------------------------
+# --- what is no such thing ------------------------------------------------------------------------
 
 
 def test_a_latency_that_is_none_is_refused_in_a_sentence():
@@ -331,7 +389,9 @@ def test_a_latency_that_is_none_is_refused_in_a_sentence():
         assert message == f"latency of log must be a number of at least 0, got {wrong!r}"
     for wrong in (0.25, 0.101):
         message = refusal(ValueError, Sensors, [replace(sensor, latency=wrong)], ("u",), (), 0.1)
-        assert message.startswith(f"latency of log is {wrong:g} s, which is no whole number of steps of 0.1 s")
+        assert message.startswith(
+            f"latency of log is {wrong:g} s, which is no whole number of steps of 0.1 s"
+        )
     message = refusal(ValueError, Sensors, [replace(sensor, latency=1e6)], ("u",), (), 0.1)
     assert message == f"latency of log is 1e+07 steps, of {LONGEST} at most"
     Sensors([replace(sensor, latency=0.3)], ("u",), (), 0.1)  # which is 2.9999999999999996 steps
@@ -340,17 +400,37 @@ def test_a_latency_that_is_none_is_refused_in_a_sentence():
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"kind": "of"}, "unknown kind of sensor fault 'of' (did you mean 'off'?): choose from off, stuck, "),
-        ({"kind": "bias"}, "size of the fault 'bias' of gyroscope must be what is added, one for all channels or "),
-        ({"kind": "garbage", "size": -1.0}, "size of the fault 'garbage' of gyroscope must be 0 or more, got -1.0"),
+        (
+            {"kind": "of"},
+            "unknown kind of sensor fault 'of' (did you mean 'off'?): choose from off, stuck, ",
+        ),
+        (
+            {"kind": "bias"},
+            "size of the fault 'bias' of gyroscope must be what is added, one for all channels or ",
+        ),
+        (
+            {"kind": "garbage", "size": -1.0},
+            "size of the fault 'garbage' of gyroscope must be 0 or more, got -1.0",
+        ),
         ({"kind": "off", "size": 1.0}, "the fault 'off' of gyroscope has no size, got 1.0"),
-        ({"kind": "off", "begin": -1.0}, "begin of the fault 'off' of gyroscope must be 0 s or more, or two such "),
-        ({"kind": "off", "begin": (2.0, 1.0)}, "begin of the fault 'off' of gyroscope must be 0 s or more, or two "),
+        (
+            {"kind": "off", "begin": -1.0},
+            "begin of the fault 'off' of gyroscope must be 0 s or more, or two such ",
+        ),
+        (
+            {"kind": "off", "begin": (2.0, 1.0)},
+            "begin of the fault 'off' of gyroscope must be 0 s or more, or two ",
+        ),
         ({"kind": "off", "end": np.nan}, "end of the fault 'off' of gyroscope must be 0 s or more"),
-        ({"kind": "off", "begin": (1.0, 3.0), "end": (2.0, 4.0)}, "the fault 'off' of gyroscope must begin before "),
+        (
+            {"kind": "off", "begin": (1.0, 3.0), "end": (2.0, 4.0)},
+            "the fault 'off' of gyroscope must begin before ",
+        ),
     ],
 )
-def test_a_fault_that_makes_no_sense_is_refused_in_a_sentence(options: dict[str, Any], sentence: str):
+def test_a_fault_that_makes_no_sense_is_refused_in_a_sentence(
+    options: dict[str, Any], sentence: str
+):
     assert refusal(ValueError, SensorFault, "gyroscope", **options).startswith(sentence)
 
 
@@ -359,7 +439,9 @@ def test_an_environment_refuses_faults_and_ways_that_it_does_not_have():
         return refusal(expected, gym.make, AUV, **options)
 
     for wrong in ("off", None, [1]):
-        assert asked(TypeError, sensor_faults=wrong).startswith("sensor_faults must be a list of SensorFault objects")
+        assert asked(TypeError, sensor_faults=wrong).startswith(
+            "sensor_faults must be a list of SensorFault objects"
+        )
     message = asked(ValueError, sensor_faults=[SensorFault("sextant", "off")])
     assert message.startswith("unknown sensor of sensor_faults 'sextant'")
     message = asked(ValueError, sensor_faults=[SensorFault("gyroscope", "bias", (1.0,) * 9)])

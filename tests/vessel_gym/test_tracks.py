@@ -19,7 +19,9 @@ def test_the_commanded_path_closes_a_circle_of_the_commanded_radius():
         centre = turn[:-2].mean(0)
         assert np.hypot(*(turn - centre).T) == pytest.approx(radius, rel=0.03)
         along, across = turn[1] - turn[0], centre - turn[0]
-        assert np.sign(along[0] * across[1] - along[1] * across[0]) == side  # starboard is to the right
+        assert (
+            np.sign(along[0] * across[1] - along[1] * across[0]) == side
+        )  # starboard is to the right
 
 
 def test_the_commanded_path_of_a_trial_is_that_of_the_ship_in_it():
@@ -35,9 +37,13 @@ def test_a_commanded_track_closes_its_circle():
         scenario = task.scenario(np.zeros((1, task.uniforms)), {"radius": side * radius})[0]
         points = task.path(scenario)
         length = np.hypot(*np.diff(points, axis=0).T)
-        turn = points[np.concatenate([[0.0], length.cumsum()]) >= task.ship.speed * (task.lead + task.ramp)]
+        turn = points[
+            np.concatenate([[0.0], length.cumsum()]) >= task.ship.speed * (task.lead + task.ramp)
+        ]
         columns = np.column_stack([2.0 * turn, np.ones(len(turn))])
-        centre = np.linalg.lstsq(columns, (turn**2).sum(1))[0][:2]  # of the circle through the points
+        centre = np.linalg.lstsq(columns, (turn**2).sum(1))[0][
+            :2
+        ]  # of the circle through the points
         np.testing.assert_allclose(np.hypot(*(turn - centre).T), radius, rtol=1e-4)
         assert np.hypot(*(turn[-1] - turn[0])) < 1.5 * length.max()  # once round
         along, across = turn[1] - turn[0], centre - turn[0]

@@ -31,7 +31,9 @@ def references(scenario: np.ndarray, dt: float = 0.5) -> tuple[np.ndarray, np.nd
     return time, TASK.command(np.tile(scenario, (len(time), 1)), time / TASK.dt)
 
 
-SENSORS = Sensors(VEHICLE.sensors, VEHICLE.state_names, VEHICLE.increments + VEHICLE.ambient_flows, 0.5)
+SENSORS = Sensors(
+    VEHICLE.sensors, VEHICLE.state_names, VEHICLE.increments + VEHICLE.ambient_flows, 0.5
+)
 
 
 def started(rows: int, estimator: str = "kf-umv-ui") -> Belief:
@@ -48,7 +50,7 @@ def seen_of(belief: Belief) -> Estimate:
     return Estimate(belief.mean, no_flow, belief.input_mean, sd, input_sd, np.zeros(0))
 
 
-# --- courses ----------------------------------------------------------------------------------------
+# --- courses --------------------------------------------------------------------------------------
 
 
 def test_courses_turn_to_either_side_on_radii_between_three_and_six_lengths():
@@ -65,18 +67,27 @@ def test_courses_turn_to_either_side_on_radii_between_three_and_six_lengths():
 
 @pytest.mark.parametrize("lengths", [2.5, 3.3, 4.7, 6.0, -2.5, -5.1])
 def test_the_commanded_yaw_rate_is_that_of_the_steady_turn_with_the_commanded_radius(lengths):
-    # Solve for the steady turn at the yaw rate that the task commands; its track must have the radius.
+    # Solve for the steady turn at the yaw rate that the task commands; its track must have the
+    # radius.
     rate = TASK.yaw_rate(np.array(lengths * L))
     assert np.sign(rate) == np.sign(lengths)
     turns = steady_turns(SHIP)
 
     def residual(z):
         motion = np.array([0.0, 0.0, 0.0, z[0], z[1], abs(float(rate)), 0.0, 0.0])
-        return corvette_rates(motion, z[2:], np.zeros(len(AROUND)), SHIP.vector())[3:6] * [1.0, 1.0, 100.0]
+        return corvette_rates(motion, z[2:], np.zeros(len(AROUND)), SHIP.vector())[3:6] * [
+            1.0,
+            1.0,
+            100.0,
+        ]
 
-    guess = [np.interp(abs(rate), turns.yaw_rate, column) for column in (turns.speed, turns.sway, turns.rudder)]
+    guess = [
+        np.interp(abs(rate), turns.yaw_rate, column)
+        for column in (turns.speed, turns.sway, turns.rudder)
+    ]
     surge, sway, _ = root(residual, guess, tol=1e-12).x
-    # Between entries of the table; tight turns are sensitive, since the yaw rate hardly rises with more rudder.
+    # Between entries of the table; tight turns are sensitive, since the yaw rate hardly rises with
+    # more rudder.
     assert np.hypot(surge, sway) / abs(rate) == pytest.approx(abs(lengths) * L, rel=1e-3)
 
 
@@ -85,7 +96,9 @@ def test_a_course_can_be_asked_for():
     for radius in (300.0, -450.0, 1e4):
         scenario = TASK.scenario(uniforms, {"radius": radius})
         np.testing.assert_array_equal(scenario[:, 1], TASK.yaw_rate(np.array(radius)))
-        np.testing.assert_array_equal(scenario[:, 0], TASK.scenario(uniforms, {})[:, 0])  # the heading is drawn as ever
+        np.testing.assert_array_equal(
+            scenario[:, 0], TASK.scenario(uniforms, {})[:, 0]
+        )  # the heading is drawn as ever
 
 
 @pytest.mark.parametrize("radius", [0.0, 252.0, -252.0, np.inf, -np.inf, np.nan])
@@ -94,16 +107,22 @@ def test_a_radius_that_the_ship_cannot_hold_is_refused(radius):
         TASK.scenario(np.zeros((1, 3)), {"radius": radius})
 
 
-# --- references -------------------------------------------------------------------------------------
+# --- references -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("i", range(4))
 def test_the_reference_heading_is_the_integral_of_its_yaw_rate(i):
     scenario = scenarios(4)[i]
-    time, reference = references(scenario, dt=0.25)  # the ramp's corners, at 5 and 30 s, are samples
+    time, reference = references(
+        scenario, dt=0.25
+    )  # the ramp's corners, at 5 and 30 s, are samples
     rate = reference[:, 1]
-    integral = scenario[0] + np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
-    np.testing.assert_allclose(reference[:, 0], integral, rtol=0, atol=1e-12)  # exact: the rate is piecewise linear
+    integral = scenario[0] + np.concatenate(
+        [[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))]
+    )
+    np.testing.assert_allclose(
+        reference[:, 0], integral, rtol=0, atol=1e-12
+    )  # exact: the rate is piecewise linear
 
 
 @pytest.mark.parametrize("i", range(4))
@@ -113,7 +132,9 @@ def test_the_reference_is_continuous_from_the_straight_course_to_the_turn(i):
     steps = np.abs(np.diff(reference, axis=0)).max(0)
     bounds = abs(scenario[1]) * 0.01 * np.array([1.0, 1.0 / TASK.ramp, 1.0 / TASK.ramp, 0.0])
     assert (steps <= bounds * (1 + 1e-6) + 1e-14).all()
-    np.testing.assert_array_equal(reference[time <= TASK.lead, :2], [[scenario[0], 0.0]] * (time <= TASK.lead).sum())
+    np.testing.assert_array_equal(
+        reference[time <= TASK.lead, :2], [[scenario[0], 0.0]] * (time <= TASK.lead).sum()
+    )
     np.testing.assert_array_equal(reference[time >= TASK.lead + TASK.ramp + 0.01, 1], scenario[1])
     np.testing.assert_array_equal(reference[:, 3], scenario[1])
 
@@ -129,10 +150,13 @@ def test_a_turn_to_port_mirrors_one_to_starboard():
     rate = scenarios(1)[0, 1]
     step = np.arange(TASK.horizon)
     starboard, port = (
-        TASK.command(np.tile([0.3 * side, side * rate], (TASK.horizon, 1)), step) for side in (1.0, -1.0)
+        TASK.command(np.tile([0.3 * side, side * rate], (TASK.horizon, 1)), step)
+        for side in (1.0, -1.0)
     )
     np.testing.assert_array_equal(port, -starboard)
-    np.testing.assert_array_equal(TASK.yaw_rate(np.array([-300.0])), -TASK.yaw_rate(np.array([300.0])))
+    np.testing.assert_array_equal(
+        TASK.yaw_rate(np.array([-300.0])), -TASK.yaw_rate(np.array([300.0]))
+    )
 
 
 def test_filters_are_told_the_mean_rudder_and_the_commanded_yaw_rate():
@@ -155,17 +179,23 @@ def test_the_prior_lies_on_the_course_at_the_service_speed():
     assert np.linalg.eigvalsh(prior.cov).min() > 0.0
 
 
-# --- what the agent sees ----------------------------------------------------------------------------
+# --- what the agent sees --------------------------------------------------------------------------
 
 
 def test_the_observation_is_scaled_so_that_one_is_a_typical_size():
-    rows = seen_of(started(1).replace(mean=np.array([[2.0, -0.01, 0.3]]), input_mean=np.array([[0.01]])))
+    rows = seen_of(
+        started(1).replace(mean=np.array([[2.0, -0.01, 0.3]]), input_mean=np.array([[0.01]]))
+    )
     reference, rudder = np.array([[0.4, 0.0, 0.02, 0.04]]), np.array([[-SHIP.rudder_limit]])
-    np.testing.assert_allclose(TASK.observe(rows, reference, rudder), [[1, 1, 1, 1, -1, 0, 0.5]], atol=1e-12)
+    np.testing.assert_allclose(
+        TASK.observe(rows, reference, rudder), [[1, 1, 1, 1, -1, 0, 0.5]], atol=1e-12
+    )
 
 
 def test_on_course_the_errors_are_zero_across_the_seam_of_the_compass():
-    rows = seen_of(started(2).replace(mean=np.array([[0.0, 0.03, np.pi - 0.01], [0.0, 0.03, 3 * np.pi]])))
+    rows = seen_of(
+        started(2).replace(mean=np.array([[0.0, 0.03, np.pi - 0.01], [0.0, 0.03, 3 * np.pi]]))
+    )
     reference = np.array([[-np.pi + 0.01, 0.03, 0.03, 0.03], [np.pi, 0.03, 0.03, 0.03]])
     observation = TASK.observe(rows, reference, np.zeros((2, 1)))
     np.testing.assert_allclose(observation[:, 0], [0.2, 0.0], atol=1e-9)
@@ -189,22 +219,30 @@ def test_standard_deviations_are_scaled_like_their_means():
 
 def test_missing_measurements_are_zero_and_the_mask_says_so():
     scenario = np.tile([0.5, 0.03], (3, 1))  # at first the commanded heading is the initial one
-    measurements = np.array([[0.4, 0.02], [0.3, 0.02], [0.4, 0.03]])  # whatever is left in a missing one
+    measurements = np.array(
+        [[0.4, 0.02], [0.3, 0.02], [0.4, 0.03]]
+    )  # whatever is left in a missing one
     available = np.array([[True, True], [False, True], [True, False]])
     observation = TASK.observe_measurements(SENSORS, measurements, available, scenario, np.zeros(3))
-    np.testing.assert_allclose(observation[:, :4], [[1, 2, 1, 1], [0, 2, 0, 1], [1, 0, 1, 0]], atol=1e-12)
+    np.testing.assert_allclose(
+        observation[:, :4], [[1, 2, 1, 1], [0, 2, 0, 1], [1, 0, 1, 0]], atol=1e-12
+    )
 
 
-# --- score ------------------------------------------------------------------------------------------
+# --- score ----------------------------------------------------------------------------------------
 
 
 def rewarded(truth, reference, action):
     """Reward and whether the turn is lost, of a rudder that goes on turning as the action says; no increment counts."""
     step = SHIP.rudder_rate * TASK.dt * action
-    score_state = TASK.initial_score_state(truth, scenarios(len(truth))) + np.concatenate([0.0 * action, action], -1)
+    score_state = TASK.initial_score_state(truth, scenarios(len(truth))) + np.concatenate(
+        [0.0 * action, action], -1
+    )
     rudder, action = step, np.random.default_rng(0).uniform(-1.0, 1.0, action.shape)
     acting = np.random.default_rng(1).normal(size=(len(truth), 1 + len(AROUND)))
-    reward, end, after = TASK.score(truth, acting, reference, TASK.over(reference), rudder, action, score_state)
+    reward, end, after = TASK.score(
+        truth, acting, reference, TASK.over(reference), rudder, action, score_state
+    )
     np.testing.assert_allclose(after, np.concatenate([step, score_state[:, 1:]], -1))
     return reward, np.array(TASK.end_reasons)[end] == "turn lost"
 
@@ -216,7 +254,9 @@ def scored(heading_error, rate_error, action, commanded=0.03):
     )  # fmt: skip
     truth = np.zeros((len(heading_error), len(STATE)))
     truth[:, 2], truth[:, 5] = 1.0 - heading_error, commanded - rate_error
-    reference = np.tile([1.0, commanded, 0.5 * commanded, commanded], (len(truth), 1))  # the preview does not count
+    reference = np.tile(
+        [1.0, commanded, 0.5 * commanded, commanded], (len(truth), 1)
+    )  # the preview does not count
     return rewarded(truth, reference, np.array(action, float)[:, None])
 
 
@@ -258,4 +298,6 @@ def test_the_score_reads_heading_and_yaw_rate_of_the_truth_and_nothing_else():
     truth, reference = rng.normal(size=(50, len(STATE))), np.tile([0.7, 0.03, 0.03, 0.03], (50, 1))
     other = np.where(np.isin(STATE, ("psi", "r")), truth, rng.normal(size=(50, len(STATE))))
     action = rng.uniform(-1, 1, (50, 1))
-    np.testing.assert_array_equal(rewarded(truth, reference, action)[0], rewarded(other, reference, action)[0])
+    np.testing.assert_array_equal(
+        rewarded(truth, reference, action)[0], rewarded(other, reference, action)[0]
+    )

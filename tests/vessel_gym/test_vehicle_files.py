@@ -121,7 +121,7 @@ def complaint(source: str, *wanted) -> str:
     return str(caught.value)
 
 
-# --- the vehicles of the package --------------------------------------------------------------------
+# --- the vehicles of the package ------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", names())
@@ -136,13 +136,18 @@ def test_every_number_of_a_vehicle_in_the_package_has_a_word_on_its_source(name:
 
 
 def test_a_name_that_no_vehicle_has_is_answered_with_the_nearest():
-    assert complaint("corvete").startswith("unknown vehicle 'corvete' (did you mean 'corvette'?): choose from ")
+    assert complaint("corvete").startswith(
+        "unknown vehicle 'corvete' (did you mean 'corvette'?): choose from "
+    )
     assert "name a .toml file" in complaint("corvete")
 
 
 @pytest.mark.parametrize("wrong", [3, None, b"puna", ["puna"]], ids=repr)
 def test_what_is_neither_a_name_nor_a_path_is_refused_in_one_sentence(wrong):
-    with pytest.raises(TypeError, match=r"^a vehicle is the path of a file or one of bluerov2-heavy, .*, got [^\n]*$"):
+    with pytest.raises(
+        TypeError,
+        match=r"^a vehicle is the path of a file or one of bluerov2-heavy, .*, got [^\n]*$",
+    ):
         load(wrong)
 
 
@@ -154,7 +159,9 @@ def test_a_file_that_is_not_there_is_called_that(tmp_path):
 @pytest.mark.slow
 def test_loading_files_needs_no_equations_of_motion():
     program = "import sys, vessel_gym.vehicles.files; print('llvmlite' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60
+    )
     assert done.stdout.split() == ["False"]
 
 
@@ -165,7 +172,7 @@ def test_a_copy_of_a_file_is_the_same_vehicle(tmp_path):
         assert load(copy) == load(str(copy)) == load(name)
 
 
-# --- what may be given ------------------------------------------------------------------------------
+# --- what may be given ----------------------------------------------------------------------------
 
 
 def test_a_small_file_is_a_vehicle(write):
@@ -175,7 +182,9 @@ def test_a_small_file_is_a_vehicle(write):
     assert ship.stability > 0.0
     assert steady_turns(ship).radius[-1] < 2.5 * ship.length
     assert isinstance(load(write(TORPEDO)), SegorogeniParameters)
-    assert isinstance(load(write(TORPEDO.replace('auv"', 'auv"\ndegrees_of_freedom = 3'))), ItsunusaParameters)
+    assert isinstance(
+        load(write(TORPEDO.replace('auv"', 'auv"\ndegrees_of_freedom = 3'))), ItsunusaParameters
+    )
     rov = load(write(THRUSTERS))
     np.testing.assert_array_equal(rov.allocation[:, 0], [1.0, 0.0, 0.0, 0.0, 0.0, -0.2])
     assert (rov.X_u, rov.thrust_lag) == (0.0, 0.1)
@@ -184,18 +193,30 @@ def test_a_small_file_is_a_vehicle(write):
 
 
 def test_what_the_layout_of_a_file_names_is_what_its_class_knows():
-    for cls in (CorvetteParameters, SegorogeniParameters, ItsunusaParameters, PunaParameters, ROVParameters):
+    for cls in (
+        CorvetteParameters,
+        SegorogeniParameters,
+        ItsunusaParameters,
+        PunaParameters,
+        ROVParameters,
+    ):
         named = [name for keys in cls.TABLES.values() for name in keys]
         assert len(named) == len(set(named))
         assert {each.name for each in fields(cls)} - set(named) <= {"given", "printed_kinematics"}
 
 
 @pytest.mark.parametrize(
-    ("name", "coefficient", "power"), [("Yv", "Yv", 2), ("Yr", "Yr", 3), ("Nv", "Nv", 3), ("Nr", "Nr", 4)]
+    ("name", "coefficient", "power"),
+    [("Yv", "Yv", 2), ("Yr", "Yr", 3), ("Nv", "Nv", 3), ("Nr", "Nr", 4)],
 )
-def test_a_given_derivative_of_a_ship_replaces_the_estimated_one_and_no_other(write, name, coefficient, power):
+def test_a_given_derivative_of_a_ship_replaces_the_estimated_one_and_no_other(
+    write, name, coefficient, power
+):
     prime = float(1.1 * load(write(SHIP)).clarke[name])
-    estimated, ship = load(write(SHIP)).vector(), load(write(f"{SHIP}\n[derivatives]\n{name} = {prime!r}\n"))
+    estimated, ship = (
+        load(write(SHIP)).vector(),
+        load(write(f"{SHIP}\n[derivatives]\n{name} = {prime!r}\n")),
+    )
     changed = np.flatnonzero(ship.vector() != estimated)
     assert changed.tolist() == [COEFFICIENTS.index(coefficient)]
     assert ship.vector()[changed[0]] == pytest.approx(0.5 * 1025.0 * 60.0**power * prime, rel=1e-14)
@@ -207,7 +228,10 @@ def test_a_given_derivative_of_a_ship_replaces_the_estimated_one_and_no_other(wr
      ("Nrdot", "yaw_inertia", 5), ("Xudot", "surge_inertia", 3)],
 )  # fmt: skip
 def test_a_given_added_mass_of_a_ship_replaces_the_estimated_one(write, name, coefficient, power):
-    less, more = (load(write(f"{SHIP}\n[derivatives]\n{name} = {prime}\n")).vector() for prime in (-1e-4, -2e-4))
+    less, more = (
+        load(write(f"{SHIP}\n[derivatives]\n{name} = {prime}\n")).vector()
+        for prime in (-1e-4, -2e-4)
+    )
     changed = np.flatnonzero(less != more)
     assert changed.tolist() == [COEFFICIENTS.index(coefficient)]
     assert (more - less)[changed[0]] == pytest.approx(0.5 * 1025.0 * 60.0**power * 1e-4, rel=1e-9)
@@ -233,11 +257,15 @@ def test_the_cross_flow_drag_falls_with_beam_over_draught_where_it_is_not_given(
 
 
 @pytest.mark.parametrize("name", [*(each.name for each in fields(Coefficients)), "K_up"])
-def test_a_given_coefficient_of_an_underwater_vehicle_replaces_the_estimated_one_and_no_other(write, name):
+def test_a_given_coefficient_of_an_underwater_vehicle_replaces_the_estimated_one_and_no_other(
+    write, name
+):
     def all_of(body: AUVParameters) -> dict[str, float]:
         return asdict(body.coefficients) | {"K_up": body.roll_lift}
 
-    partner = {"Y_rdot": "N_vdot", "N_vdot": "Y_rdot", "Z_qdot": "M_wdot", "M_wdot": "Z_qdot"}.get(name, name)
+    partner = {"Y_rdot": "N_vdot", "N_vdot": "Y_rdot", "Z_qdot": "M_wdot", "M_wdot": "Z_qdot"}.get(
+        name, name
+    )
     estimated = all_of(load(write(TORPEDO)))
     value = float(0.9 * estimated[name])
     lines = "".join(f"{each} = {value!r}\n" for each in {name, partner})
@@ -254,12 +282,18 @@ def test_coefficients_may_hold_the_terms_of_added_mass_as_prestero_prints_them(w
     }  # fmt: skip
     lines = "".join(f"{name} = {float(value)!r}\n" for name, value in printed.items())
     found = load(write(f"{TORPEDO}\n[coefficients]\nwith_added_mass = true\n{lines}")).coefficients
-    np.testing.assert_allclose(list(asdict(found).values()), list(asdict(plain).values()), rtol=1e-12)
+    np.testing.assert_allclose(
+        list(asdict(found).values()), list(asdict(plain).values()), rtol=1e-12
+    )
     assert load(write(f"{TORPEDO}\n[coefficients]\nwith_added_mass = true\n")).coefficients == plain
 
 
 def test_a_given_mass_of_an_underwater_vehicle_sets_what_it_displaces(write):
-    body = load(write(TORPEDO.replace("z_g", "mass = 40.0\nbuoyancy_excess = 2.0\npitch_inertia = 5.0\nz_g")))
+    body = load(
+        write(
+            TORPEDO.replace("z_g", "mass = 40.0\nbuoyancy_excess = 2.0\npitch_inertia = 5.0\nz_g")
+        )
+    )
     assert (body.mass, body.pitch_inertia) == (40.0, 5.0)
     assert body.buoyancy == pytest.approx(40.0 * 9.81 + 2.0)
     assert body.roll_inertia == 0.1 * 40.0 * 0.2**2
@@ -274,7 +308,7 @@ def test_an_angle_may_be_in_degrees_or_in_radians(write):
     assert load(write(radians)) == load(write(SHIP))
 
 
-# --- what is wrong ----------------------------------------------------------------------------------
+# --- what is wrong --------------------------------------------------------------------------------
 
 WRONG = [  # file, what is replaced by what, the line, the sentence
     (SHIP, "length = 60.0", "lenght = 60.0", 4, r"unknown key in \[particulars\] 'lenght' \(did you mean 'length'\?\)"),
@@ -338,14 +372,22 @@ def test_what_is_wrong_is_said_in_one_sentence_with_the_line(write, text, old, n
 
 def test_a_file_that_is_no_text_is_called_that(tmp_path):
     (tmp_path / "my.toml").write_bytes(b"\xff\xfe\x00kind")
-    assert complaint(tmp_path / "my.toml").endswith("my.toml, line 1: the file is not text in UTF-8")
+    assert complaint(tmp_path / "my.toml").endswith(
+        "my.toml, line 1: the file is not text in UTF-8"
+    )
 
 
 def test_a_vehicle_of_another_kind_is_refused_where_one_is_expected(write):
     said = complaint(write(TORPEDO), CorvetteParameters)
-    assert said.startswith("my.toml, line 1: kind 'auv' with 6 degrees of freedom, where Corvette is needed: docs/vehi")
-    assert "kind 'rov' with 6 degrees of freedom, where AUV is needed" in complaint("bluerov2-heavy", AUVParameters)
-    assert "with 3 degrees of freedom, where Segorogeni is needed" in complaint("itsunusa", SegorogeniParameters)
+    assert said.startswith(
+        "my.toml, line 1: kind 'auv' with 6 degrees of freedom, where Corvette is needed: docs/vehi"
+    )
+    assert "kind 'rov' with 6 degrees of freedom, where AUV is needed" in complaint(
+        "bluerov2-heavy", AUVParameters
+    )
+    assert "with 3 degrees of freedom, where Segorogeni is needed" in complaint(
+        "itsunusa", SegorogeniParameters
+    )
     assert load("itsunusa", AUVParameters) is load("itsunusa")
 
 
@@ -359,11 +401,15 @@ def test_a_ship_without_steady_turns_may_be_loaded_for_other_trials(write):
 
 @settings(max_examples=60, deadline=None)
 @given(factor=st.floats(0.2, 20.0), straight=st.floats(0.0, 1.0), x_g=st.floats(-3.0, 3.0))
-def test_the_sign_of_the_stability_is_whether_small_motions_of_the_compiled_ship_die_away(factor, straight, x_g):
+def test_the_sign_of_the_stability_is_whether_small_motions_of_the_compiled_ship_die_away(
+    factor, straight, x_g
+):
     from vessel_gym.vehicles.corvette import sway_yaw_jacobian
 
     ship = load("corvette")
-    ship = replace(ship, given=(("Nv", factor * ship.clarke["Nv"]),), straightening=straight, x_g=x_g)
+    ship = replace(
+        ship, given=(("Nv", factor * ship.clarke["Nv"]),), straightening=straight, x_g=x_g
+    )
     A, _ = sway_yaw_jacobian(np.array([ship.speed, 0.0, 0.0]), np.array(0.0), ship)
     growth = np.linalg.eigvals(A).real.max() * ship.length / ship.speed
     if abs(growth) > 1e-3:  # differences of |v| v add a little damping
@@ -372,10 +418,14 @@ def test_the_sign_of_the_stability_is_whether_small_motions_of_the_compiled_ship
 
 @settings(max_examples=150, deadline=None)
 @given(data=st.data())
-def test_whatever_is_written_into_a_file_it_is_a_vehicle_or_one_sentence_with_a_line(data, tmp_path_factory):
+def test_whatever_is_written_into_a_file_it_is_a_vehicle_or_one_sentence_with_a_line(
+    data, tmp_path_factory
+):
     lines = data.draw(st.sampled_from([SHIP, TORPEDO, WING, THRUSTERS])).split("\n")
     where = data.draw(st.integers(0, len(lines) - 1))
-    keys = st.sampled_from(["length", "mass", "speed", "lift", "kind", "rudder", "[rudder]", "z_g", "x", '"a b"', ""])
+    keys = st.sampled_from(
+        ["length", "mass", "speed", "lift", "kind", "rudder", "[rudder]", "z_g", "x", '"a b"', ""]
+    )
     values = st.one_of(
         st.floats().map(repr), st.integers().map(str), st.booleans().map(lambda b: str(b).lower()),
         st.lists(st.floats(-10, 10), max_size=3).map(str), st.text("ab\"'[]{}=#\\\n", max_size=6), st.just("{ a = 1 }"),

@@ -17,12 +17,19 @@ def test_a_batch_is_a_loop_and_inputs_stay(case: Case):
     biases = rng.normal(size=(3, 4, len(sensors.bias.start_cov)))
     given = states, actuators, moving, flows, c, biases
     copies = [a.copy() for a in given]
-    rates, after = vehicle.equations(states, actuators, flows, c), case.step(states, moving, flows, c, vehicle.dt, 2)
+    rates, after = (
+        vehicle.equations(states, actuators, flows, c),
+        case.step(states, moving, flows, c, vehicle.dt, 2),
+    )
     measured = sensors.exact(states, exogenous(vehicle, flows), biases)
     for i, j in np.ndindex(3, 4):
         alone = states[i, j], flows[i, j], c[j]
-        np.testing.assert_array_equal(rates[i, j], vehicle.equations(alone[0], actuators[i, j], *alone[1:]))
-        np.testing.assert_array_equal(after[i, j], case.step(alone[0], moving[i, j], *alone[1:], vehicle.dt, 2))
+        np.testing.assert_array_equal(
+            rates[i, j], vehicle.equations(alone[0], actuators[i, j], *alone[1:])
+        )
+        np.testing.assert_array_equal(
+            after[i, j], case.step(alone[0], moving[i, j], *alone[1:], vehicle.dt, 2)
+        )
         own = sensors.exact(alone[0], exogenous(vehicle, alone[1]), biases[i, j])
         np.testing.assert_array_equal(measured[i, j], own)
     for a, b in zip(given, copies, strict=True):
@@ -34,7 +41,9 @@ def test_a_step_is_the_solution_of_the_equations(case: Case):
     dt, parts = case.vehicle.dt, case.vehicle.substeps
     exact = case.exact(case.nominal, dt)
     for factor, error in zip((1, 32), case.errors, strict=True):
-        np.testing.assert_allclose(case.hard_step(case.nominal, dt, factor * parts), exact, rtol=0, atol=error)
+        np.testing.assert_allclose(
+            case.hard_step(case.nominal, dt, factor * parts), exact, rtol=0, atol=error
+        )
 
 
 @each_case
@@ -61,15 +70,23 @@ def test_a_step_of_the_vehicle_gets_its_increments_at_its_end(case: Case):
     rng, vehicle = np.random.default_rng(13), case.vehicle
     states, before, flows = case.draw(rng, 6)
     after, increments = case.draw(rng, 6)[1], rng.normal(size=(6, len(vehicle.increments))) * 0.01
-    stepped = vehicle.step(states, before, after, np.hstack([increments, flows]), np.tile(case.nominal, (6, 1)))
-    plain = case.step(states, np.hstack([before, after]), flows, case.nominal, vehicle.dt, vehicle.substeps)
+    stepped = vehicle.step(
+        states, before, after, np.hstack([increments, flows]), np.tile(case.nominal, (6, 1))
+    )
+    plain = case.step(
+        states, np.hstack([before, after]), flows, case.nominal, vehicle.dt, vehicle.substeps
+    )
     incremented = [vehicle.state_names.index(name) for name in vehicle.incremented]
     others = np.delete(np.arange(len(vehicle.state_names)), incremented)
-    np.testing.assert_allclose(stepped[:, incremented], plain[:, incremented] + increments, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(
+        stepped[:, incremented], plain[:, incremented] + increments, rtol=0, atol=1e-14
+    )
     np.testing.assert_array_equal(stepped[:, others], plain[:, others])
 
 
 @each_case
 def test_without_mismatch_every_truth_is_the_filter_s(case: Case):
     normals = np.random.default_rng(17).normal(size=(5, case.vehicle.normals))
-    np.testing.assert_array_equal(case.vehicle.parameters(0.0, normals), np.tile(case.nominal, (5, 1)))
+    np.testing.assert_array_equal(
+        case.vehicle.parameters(0.0, normals), np.tile(case.nominal, (5, 1))
+    )

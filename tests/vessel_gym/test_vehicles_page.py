@@ -26,7 +26,11 @@ def test_the_sentences_on_mistakes_are_those_that_are_said(tmp_path, monkeypatch
     monkeypatch.chdir(tmp_path)
     text = re.search(r"```toml\n(.*?)```", PAGE, re.DOTALL)[1]
     said = []
-    for old, new in (("length", "lenght"), ("0.9e6", "900"), ("[rudder]", "[derivatives]\nNv = -0.05\n[rudder]")):
+    for old, new in (
+        ("length", "lenght"),
+        ("0.9e6", "900"),
+        ("[rudder]", "[derivatives]\nNv = -0.05\n[rudder]"),
+    ):
         (tmp_path / "my_ship.toml").write_text(text.replace(old, new, 1))
         with pytest.raises(ValueError, match="my_ship") as caught:
             load("my_ship.toml")

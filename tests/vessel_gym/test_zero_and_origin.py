@@ -1,9 +1,10 @@
 """No estimate of a vehicle depends on where its headings are cut and its positions count from.
 
-The law of tests/estimators/test_invariance.py on the vehicles themselves, with the estimators that only environments
-have: the axes are turned by half a turn, so that a heading about north becomes one about the cut, and the origin is
-moved far away. What the vehicle's own model makes of the measurements is turned and moved back, and what is left is
-rounding. So the vehicles' equations, their Jacobians by differences and what measurements alone give obey it, too.
+The law of tests/estimators/test_invariance.py on the vehicles themselves, with the estimators that
+only environments have: the axes are turned by half a turn, so that a heading about north becomes
+one about the cut, and the origin is moved far away. What the vehicle's own model makes of the
+measurements is turned and moved back, and what is left is rounding. So the vehicles' equations,
+their Jacobians by differences and what measurements alone give obey it, too.
 """
 
 from functools import cache
@@ -94,17 +95,25 @@ def written(values: np.ndarray, axes: tuple[np.ndarray, np.ndarray]) -> np.ndarr
 @cache
 def episode(env_id: str) -> Episode:
     """A rough episode in which the vehicle begins to the north and weaves about it, with measurements that get lost."""
-    widest = {"model": single_class(env_id).system.vehicle.kinds[0]}  # other models have the first components of it
-    core = make_core(env_id, ROWS, seed=2, estimator="truth", estimator_options=widest, disturbance="rough")
+    widest = {
+        "model": single_class(env_id).system.vehicle.kinds[0]
+    }  # other models have the first components of it
+    core = make_core(
+        env_id, ROWS, seed=2, estimator="truth", estimator_options=widest, disturbance="rough"
+    )
     core.reset(options=NORTH.get(env_id))
     vehicle, task = core.vehicle, core.task
     state, _, channels = names(core)
     prior = known(task.prior(core.scenario), core.composition)
     north = -prior.mean[:, state.index("psi")] if env_id == "ThesisCorvette-v0" else np.zeros(ROWS)
-    of_state, of_measurements = (np.multiply.outer(north, np.isin(part, HEADINGS)) for part in (state, channels))
+    of_state, of_measurements = (
+        np.multiply.outer(north, np.isin(part, HEADINGS)) for part in (state, channels)
+    )
     walk = random_walk(5, ROWS, core.action_size)
     found: list[tuple[np.ndarray, ...]] = []
-    u = vehicle.known_input(core.actuators, core.actuators, task.commanded(core.scenario, core.steps))
+    u = vehicle.known_input(
+        core.actuators, core.actuators, task.commanded(core.scenario, core.steps)
+    )
     for k in range(STEPS):
         truth, (y, available) = core.estimated(core.truth) + of_state, core.measurements
         found.append((truth, core.unknown_input, y + of_measurements, available, u))
@@ -114,7 +123,9 @@ def episode(env_id: str) -> Episode:
         core.step(action)
         u = vehicle.known_input(before, core.actuators, task.commanded(core.scenario, at))
     assert np.isfinite(found[-1][0]).all(), "filters estimate what is not there"
-    return Episode(core, Gaussian(prior.mean + of_state, prior.cov), *map(np.array, zip(*found, strict=True)))
+    return Episode(
+        core, Gaussian(prior.mean + of_state, prior.cov), *map(np.array, zip(*found, strict=True))
+    )
 
 
 def seen_from(told: Episode, axes: Axes, turns: int = 0) -> Episode:
@@ -132,12 +143,17 @@ def track(name: str, told: Episode) -> list[Belief]:
     built = estimation(told.core, name, FEW_MEMBERS.get(name))
     filter, n, rng = built.filter, len(built.composition.names), np.random.default_rng(3)
     assert built.composition.names == names(told.core)[0][:n]
-    belief, beliefs = filter.init(Gaussian(told.prior.mean[:, :n], told.prior.cov[:n, :n]), rng=rng), []
+    belief, beliefs = (
+        filter.init(Gaussian(told.prior.mean[:, :n], told.prior.cov[:n, :n]), rng=rng),
+        [],
+    )
     for k in range(STEPS):
         if k:
             belief = filter.predict(belief, told.u[k], rng=rng)
         if isinstance(filter, Oracle):
-            belief = filter.update(belief, np.concatenate([told.x[k][:, :n], told.d[k]], -1), rng=rng, u=told.u[k])
+            belief = filter.update(
+                belief, np.concatenate([told.x[k][:, :n], told.d[k]], -1), rng=rng, u=told.u[k]
+            )
         else:
             known = None if k else told.u[0]
             belief = filter.update(belief, told.y[k], rng=rng, available=told.available[k], u=known)
@@ -168,7 +184,8 @@ def apart(told: Episode, axes: Axes, one: list[Belief], other: list[Belief]) -> 
         if isinstance(a, HeldBelief):
             for key in ("held", "previous"):
                 found.append(
-                    short(getattr(b, key) - written(getattr(a, key), axes.y), angles[2]) / told.core.sensors.sd
+                    short(getattr(b, key) - written(getattr(a, key), axes.y), angles[2])
+                    / told.core.sensors.sd
                 )
             np.testing.assert_array_equal(b.interval, a.interval)
         worst = max(worst, *(float(np.abs(part).max()) for part in found))
@@ -176,28 +193,30 @@ def apart(told: Episode, axes: Axes, one: list[Belief], other: list[Belief]) -> 
     return worst
 
 
-# --- the law ----------------------------------------------------------------------------------------
+# --- the law --------------------------------------------------------------------------------------
 
 DIFFERENCING = ("ekf", "iekf", "huber-kf", "robust-kf", "dead-reckoning")
 """Filters that take the vehicles' Jacobians by differences (on the thesis' corvette only `ekf` does)."""
 
-# A heading of half a turn has digits of 4e-16 rad. Over a step of 1e-5 rad a difference has 4e-11, which the gains of
-# eighty steps may enlarge a hundredfold.
+# A heading of half a turn has digits of 4e-16 rad. Over a step of 1e-5 rad a difference has 4e-11,
+# which the gains of eighty steps may enlarge a hundredfold.
 SEAM = 1e-8
-# At 5e6 m a position has digits of 1e-9 m, 1e-8 of the 0.1 m to which it is known, in each of eighty steps ...
+# At 5e6 m a position has digits of 1e-9 m, 1e-8 of the 0.1 m to which it is known, in each of
+# eighty steps ...
 PLACE = 1e-6
 # ... and a difference is at its best off by (eps F)^(4/5) = 4e-7 there, with F = 5e6 m / 0.1 m.
 DIFFERENCED = 3e-5
-# How far differences step follows the largest state, and with it where they straddle a kink, such as that of v |v| at
-# rest, which the filters then see otherwise. A thousandth of a standard deviation is nothing to whoever flies on them.
+# How far differences step follows the largest state, and with it where they straddle a kink, such
+# as that of v |v| at rest, which the filters then see otherwise. A thousandth of a standard
+# deviation is nothing to whoever flies on them.
 STEPPED = 1e-3
 
 
 def cases(env_ids: tuple[str, ...], reversed_too: bool) -> list[object]:
     """Every estimator of these environments; those that only environments have and one that differences for daily work.
 
-    Where axes are reversed, ensembles, whose members are drawn along the axes, are others and no worse. Which particles
-    a particle filter keeps, rounding decides.
+    Where axes are reversed, ensembles, whose members are drawn along the axes, are others and no
+    worse. Which particles a particle filter keeps, rounding decides.
     """
     chosen = []
     for env_id, name in CARRIED:
@@ -205,7 +224,9 @@ def cases(env_ids: tuple[str, ...], reversed_too: bool) -> list[object]:
             continue  # whose state holds the unknown input besides
         if name == "pf":
             continue
-        if env_id not in env_ids or (reversed_too and name in ENSEMBLES and env_id != "ThesisCorvette-v0"):
+        if env_id not in env_ids or (
+            reversed_too and name in ENSEMBLES and env_id != "ThesisCorvette-v0"
+        ):
             continue
         quick = name in (*ENVIRONMENT_ONLY, "ekf")
         chosen.append(pytest.param(env_id, name, marks=() if quick else pytest.mark.slow))
@@ -224,7 +245,8 @@ def hold_steps(patch: pytest.MonkeyPatch, axes: Axes) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("env_id", "name"), cases(("ThesisCorvette-v0", "SegorogeniAUV-v0", "PunaUAV-v0"), reversed_too=True)
+    ("env_id", "name"),
+    cases(("ThesisCorvette-v0", "SegorogeniAUV-v0", "PunaUAV-v0"), reversed_too=True),
 )
 def test_an_estimate_across_the_cut_of_a_heading_is_that_of_a_heading_north(
     env_id: str, name: str, monkeypatch: pytest.MonkeyPatch
@@ -248,7 +270,9 @@ def test_an_estimate_across_the_cut_of_a_heading_is_that_of_a_heading_north(
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("env_id", "name"),
-    cases(("SigmaCorvette-v0", "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"), reversed_too=False),
+    cases(
+        ("SigmaCorvette-v0", "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"), reversed_too=False
+    ),
 )
 def test_an_estimate_far_away_is_that_at_the_origin_but_for_the_digits_of_the_place(
     env_id: str, name: str, monkeypatch: pytest.MonkeyPatch
@@ -258,9 +282,13 @@ def test_an_estimate_far_away_is_that_at_the_origin_but_for_the_digits_of_the_pl
     there = seen_from(here, axes)
     assert np.abs(there.x).max() > 5e5
     differencing = name in (*DIFFERENCING, "kf-umv-ui")  # which takes nonlinear models as ekf does
-    assert apart(here, axes, track(name, here), track(name, there)) < (STEPPED if differencing else PLACE)
+    assert apart(here, axes, track(name, here), track(name, there)) < (
+        STEPPED if differencing else PLACE
+    )
     hold_steps(monkeypatch, axes)
-    assert apart(here, axes, track(name, here), track(name, there)) < (DIFFERENCED if differencing else PLACE)
+    assert apart(here, axes, track(name, here), track(name, there)) < (
+        DIFFERENCED if differencing else PLACE
+    )
 
 
 @pytest.mark.parametrize("env_id", ["ThesisCorvette-v0", "SegorogeniAUV-v0", "PunaUAV-v0"])
@@ -271,7 +299,9 @@ def test_what_is_derived_of_two_measurements_does_not_depend_on_the_cut_between_
     held = estimation(core, "measurement", {"model": core.vehicle.kinds[0]}).filter
     assert isinstance(held, ZeroOrderHold)
     rng, sd = np.random.default_rng(1), core.sensors.sd
-    middle = np.array([{"ground speed": 20.0, "airspeed": 20.0}.get(channel, 0.0) for channel in channels])
+    middle = np.array(
+        [{"ground speed": 20.0, "airspeed": 20.0}.get(channel, 0.0) for channel in channels]
+    )
     now, before = middle + sd * rng.normal(size=(2, 200, len(sd)))
     interval = rng.uniform(0.1, 2.0, size=now.shape)
     headings = np.isin(channels, HEADINGS)
@@ -279,10 +309,14 @@ def test_what_is_derived_of_two_measurements_does_not_depend_on_the_cut_between_
     for y in turned:
         y[:, headings] = wrap(y[:, headings])
     assert (np.abs(turned[0] - turned[1])[:, headings] > np.pi).mean() > 0.3
-    (x, d), (x_turned, d_turned) = (held._derived(*pair, interval) for pair in ((now, before), turned))
+    (x, d), (x_turned, d_turned) = (
+        held._derived(*pair, interval) for pair in ((now, before), turned)
+    )
     error = x_turned - written(x, axes.x)
     angles = np.isin(state, HEADINGS)
     error[:, angles] = wrap(error[:, angles])
-    np.testing.assert_allclose(error, 0.0, rtol=0, atol=1e-13)  # 20 m/s in a direction of 4e-16 rad of digits
+    np.testing.assert_allclose(
+        error, 0.0, rtol=0, atol=1e-13
+    )  # 20 m/s in a direction of 4e-16 rad of digits
     np.testing.assert_allclose(d_turned, written(d, axes.d), rtol=0, atol=1e-15)
     assert (len(state), len(unknown)) == (x.shape[-1], d.shape[-1])

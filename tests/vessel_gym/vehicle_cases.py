@@ -30,7 +30,8 @@ class Case:
         nominal: Its coefficients.
         low: Smallest states, actuators and flows; None: the negative of the largest.
         high: Largest states, actuators and flows.
-        hard: State, actuators before and after, and flow of a step with all that the vehicle can do.
+        hard: State, actuators before and after, and flow of a step with all that the vehicle can
+            do.
         errors: Of that step by the vehicle's parts, and by 32 times as many.
         order: An interval [s] and numbers of parts that show the order of the step.
         kinks: Coefficients of terms without a second derivative, which are left out of the order.
@@ -142,25 +143,38 @@ class AUV:
         """Rates with fins amidships and no thrust."""
         return self.vehicle.equations(states, np.zeros(len(self.case.high[1])), flow, c)
 
-    def drift(self, states: np.ndarray, flow: Any, c: np.ndarray, dt: float, parts: int) -> np.ndarray:
+    def drift(
+        self, states: np.ndarray, flow: Any, c: np.ndarray, dt: float, parts: int
+    ) -> np.ndarray:
         """States after a step with fins amidships and no thrust."""
         return self.case.step(states, np.zeros(2 * len(self.case.high[1])), flow, c, dt, parts)
 
     def changed(self, **values: float) -> np.ndarray:
         """Coefficients with some of them set."""
         names = self.vehicle.parameter_names
-        return np.array([values.get(name, x) for name, x in zip(names, self.case.nominal, strict=True)])
+        return np.array(
+            [values.get(name, x) for name, x in zip(names, self.case.nominal, strict=True)]
+        )
 
     def power(self, states: np.ndarray, rates: np.ndarray, c: np.ndarray) -> np.ndarray:
         """Rate of change of `energy`, by the chain rule."""
         n, names = len(self.axes), self.vehicle.state_names
         weights = dict(zip(self.vehicle.parameter_names, np.moveaxis(c, -1, 0), strict=True))
-        angles = [(states[..., names.index(a)], rates[..., names.index(a)]) for a in ("phi", "theta") if a in names]
+        angles = [
+            (states[..., names.index(a)], rates[..., names.index(a)])
+            for a in ("phi", "theta")
+            if a in names
+        ]
         tilt = sum(
-            np.sin(x) * rate * np.prod([np.cos(y) for y, _ in angles if y is not x], axis=0) for x, rate in angles
+            np.sin(x) * rate * np.prod([np.cos(y) for y, _ in angles if y is not x], axis=0)
+            for x, rate in angles
         )
         kinetic = np.vecdot(states[..., :n], np.matvec(self.inertia(c), rates[..., :n]))
-        return kinetic - weights["net_weight"] * rates[..., names.index("z")] + weights["righting_moment"] * tilt
+        return (
+            kinetic
+            - weights["net_weight"] * rates[..., names.index("z")]
+            + weights["righting_moment"] * tilt
+        )
 
     def composed(self, noise: float = 1.0, how: str | None = None) -> Composition:
         """The filters' model in that water, with so many times the sensors' nominal noise."""

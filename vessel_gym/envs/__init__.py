@@ -11,7 +11,12 @@ from vessel_gym.envs.auv import (
     SegorogeniAUVEnv,
     SegorogeniAUVVectorEnv,
 )
-from vessel_gym.envs.fixed_wing import FixedWingEnv, FixedWingVectorEnv, PunaUAVEnv, PunaUAVVectorEnv
+from vessel_gym.envs.fixed_wing import (
+    FixedWingEnv,
+    FixedWingVectorEnv,
+    PunaUAVEnv,
+    PunaUAVVectorEnv,
+)
 from vessel_gym.envs.own import register_environment
 from vessel_gym.envs.ship import (
     ShipEnv,

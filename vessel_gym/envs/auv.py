@@ -54,7 +54,8 @@ def auv_system(vessel: str | Path, name: str = "vessel_gym/AUV-v0") -> System:
     Its dive is Segorogeni's, or ITSUNUSA's in the plane, times as long as it is fast.
 
     Args:
-        vessel: A vehicle file of an underwater vehicle, or the name of one that comes with the package.
+        vessel: A vehicle file of an underwater vehicle, or the name of one that comes with the
+            package.
         name: The environment's id.
 
     Raises:
@@ -64,9 +65,13 @@ def auv_system(vessel: str | Path, name: str = "vessel_gym/AUV-v0") -> System:
     body: Any = load(vessel, AUVParameters)
     if isinstance(body, ItsunusaParameters):
         share = body.cruise_speed / 1.5
-        plane = VerticalDive(body, (60.0 * share, 0.0, 20.0 * share), (2.0 * share, 0.0, share), 5.0 * share, 600)
+        plane = VerticalDive(
+            body, (60.0 * share, 0.0, 20.0 * share), (2.0 * share, 0.0, share), 5.0 * share, 600
+        )
         linear = dict.fromkeys(("kf", "kf-umv-ui", "kf-umv-ui-wdf", "ulise"), "steady dives")
-        return System(name, Itsunusa(body), plane, PLANE_WATERS, "enkf-sr", "nonlinear", tuning, linear)
+        return System(
+            name, Itsunusa(body), plane, PLANE_WATERS, "enkf-sr", "nonlinear", tuning, linear
+        )
     share = body.cruise_speed
     goal, spread = (10.0 * share, 18.0 * share, 6.0 * share), (share, share, 0.5 * share)
     space = SpatialDive(body, goal, spread, 2.5 * share, 500)
@@ -76,16 +81,18 @@ def auv_system(vessel: str | Path, name: str = "vessel_gym/AUV-v0") -> System:
 class AUVEnv(VesselEnv):
     """Dive along a curve with an underwater vehicle of one's own, with an estimator in the loop.
 
-    `SegorogeniAUVEnv`, or `ItsunusaAUVEnv` for a vehicle in the vertical plane, documents spaces, rewards and
-    arguments; the path is as many times as long as the vehicle is fast, and their files give their environments.
-    Truncation is after 500 steps; ``gym.make(..., max_episode_steps=600)`` leaves one in the plane ITSUNUSA's time.
+    `SegorogeniAUVEnv`, or `ItsunusaAUVEnv` for a vehicle in the vertical plane, documents spaces,
+    rewards and arguments; the path is as many times as long as the vehicle is fast, and their files
+    give their environments. Truncation is after 500 steps; ``gym.make(..., max_episode_steps=600)``
+    leaves one in the plane ITSUNUSA's time.
 
     Args:
         vessel: A vehicle file (docs/vehicles.md), or the name of one that comes with the package.
         options: As `VesselEnv`.
 
     Raises:
-        ValueError: for anything wrong in the file, in one sentence with its line; otherwise as `VesselEnv`.
+        ValueError: for anything wrong in the file, in one sentence with its line; otherwise as
+            `VesselEnv`.
     """
 
     system = auv_system("remus-100")

@@ -43,22 +43,27 @@ def fixed_wing_system(vessel: str | Path, name: str = "vessel_gym/FixedWing-v0")
         ahead=(20.0 * share, 60.0 * share),
         horizon=round(900 * body.cruise_speed / 20.0),
     )
-    return System(name, Puna(body), task, airs(task.dt, body.cruise_speed), "enkf", "nonlinear", tuning)
+    return System(
+        name, Puna(body), task, airs(task.dt, body.cruise_speed), "enkf", "nonlinear", tuning
+    )
 
 
 class FixedWingEnv(VesselEnv):
     """Fly a path round obstacles with an aircraft of one's own, with an estimator in the loop.
 
-    `PunaUAVEnv` documents spaces, rewards and arguments; paths are wider as the square of the cruising speed, and the
-    PUNA's file gives the PUNA's environment. Truncation is after its 900 steps: give a much faster aircraft, whose
-    paths take longer, more by ``gym.make(..., max_episode_steps=...)``; ``system.task.horizon`` says how many.
+    `PunaUAVEnv` documents spaces, rewards and arguments; paths are wider as the square of the
+    cruising speed, and the PUNA's file gives the PUNA's environment. Truncation is after its 900
+    steps: give a much faster aircraft, whose paths take longer, more by ``gym.make(...,
+    max_episode_steps=...)``; ``system.task.horizon`` says how many.
 
     Args:
-        vessel: A vehicle file of an aircraft (docs/vehicles.md), or the name of one that comes with the package.
+        vessel: A vehicle file of an aircraft (docs/vehicles.md), or the name of one that comes with
+            the package.
         options: As `VesselEnv`.
 
     Raises:
-        ValueError: for anything wrong in the file, in one sentence with its line; otherwise as `VesselEnv`.
+        ValueError: for anything wrong in the file, in one sentence with its line; otherwise as
+            `VesselEnv`.
     """
 
     system = fixed_wing_system("puna")

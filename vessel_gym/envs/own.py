@@ -15,14 +15,16 @@ def register_environment(system: System, max_episode_steps: int | None = None) -
     """Register a system with Gymnasium, both faces of it, under its name.
 
     Args:
-        system: What moves, what acts, what is asked; `dataclasses.replace` changes a part of one of ours.
+        system: What moves, what acts, what is asked; `dataclasses.replace` changes a part of one of
+            ours.
         max_episode_steps: Steps of a full episode; None: the task's horizon.
 
     Returns:
         The id, which is the system's name.
 
     Raises:
-        ValueError: for a name that Gymnasium does not take, or that of an environment that was not registered here.
+        ValueError: for a name that Gymnasium does not take, or that of an environment that was not
+            registered here.
         TypeError: for what is no system.
     """
     instance("system", system, System)
@@ -31,7 +33,9 @@ def register_environment(system: System, max_episode_steps: int | None = None) -
     try:
         gym.envs.registration.parse_env_id(system.name)
     except gym.error.Error:
-        raise ValueError(f"name of a system must be like MyShip-v0, got {short_repr(system.name)}") from None
+        raise ValueError(
+            f"name of a system must be like MyShip-v0, got {short_repr(system.name)}"
+        ) from None
     known = gym.registry.get(system.name)
     if known is not None and not getattr(known.entry_point, "own", False):
         raise ValueError(f"{system.name!r} is an environment already: give yours a name of its own")
@@ -49,7 +53,9 @@ def register_environment(system: System, max_episode_steps: int | None = None) -
 
 def _reduced(self: VesselEnv | VesselVectorEnv) -> tuple[Any, ...]:
     """State for a pickle: the name under which the class is registered where it is loaded, too, and the state."""
-    state = {name: value for name, value in self.__dict__.items() if name != "spec"}  # which holds the class
+    state = {
+        name: value for name, value in self.__dict__.items() if name != "spec"
+    }  # which holds the class
     return _blank, (self.system.name, isinstance(self, VesselVectorEnv)), state
 
 

@@ -24,22 +24,35 @@ _MANUALS = Path(__file__).with_name("manuals")
 _SECTION = re.compile(r"^## ([^\n]+)\n\n(.*?)(?=\n+## |\n*\Z)", re.M | re.S)
 _ITEM = re.compile(r"^- ``(\w+)``: (.*?)(?=\n- |\n\n|\Z)", re.M | re.S)
 _ARGUMENT = re.compile(r"^    (\w+): (.*?)(?=\n    \w|\n\n)", re.M | re.S)
-_WRAPPING: Any = {"width": 118, "subsequent_indent": "  ", "break_on_hyphens": False, "break_long_words": False}
+_WRAPPING: Any = {
+    "width": 118,
+    "subsequent_indent": "  ",
+    "break_on_hyphens": False,
+    "break_long_words": False,
+}
 
 
 def documented(environment: E) -> E:
     """Add its manual to an environment's docstring: manuals/common.md, filled in from the file of its system's name.
 
-    A section of that file fills the placeholder of its heading, an item of ``Information`` that of its key. Arguments
-    are documented by `Options`, and an item of ``Arguments`` adds what is particular to the environment. The files in
-    manuals/shared are passages of several manuals.
+    A section of that file fills the placeholder of its heading, an item of ``Information`` that of
+    its key. Arguments are documented by `Options`, and an item of ``Arguments`` adds what is
+    particular to the environment. The files in manuals/shared are passages of several manuals.
     """
     system: System = environment.system  # type: ignore[attr-defined]
-    passages = {path.stem: path.read_text(encoding="utf-8").rstrip() for path in (_MANUALS / "shared").glob("*.md")}
+    passages = {
+        path.stem: path.read_text(encoding="utf-8").rstrip()
+        for path in (_MANUALS / "shared").glob("*.md")
+    }
     name = re.sub("(?<=[a-z])(?=[A-Z])", "_", system.name.partition("-")[0]).lower()
     own = dict(_SECTION.findall(_filled(f"{name}.md", passages)))
-    here, general = dict(_ITEM.findall(own.pop("Arguments"))), cleandoc(Options.__doc__ or "").partition("Raises:")[0]
-    items = [f"- ``{name}``: {text} {here.get(name, '')}" for name, text in _ARGUMENT.findall(general)]
+    here, general = (
+        dict(_ITEM.findall(own.pop("Arguments"))),
+        cleandoc(Options.__doc__ or "").partition("Raises:")[0],
+    )
+    items = [
+        f"- ``{name}``: {text} {here.get(name, '')}" for name, text in _ARGUMENT.findall(general)
+    ]
     values = {
         "id": system.name,
         "estimator": system.estimator,
@@ -48,7 +61,9 @@ def documented(environment: E) -> E:
     }
     values |= dict(_ITEM.findall(own.pop("Information")))
     values |= {title.lower().replace(" ", "_"): text for title, text in own.items()}
-    manual = _ITEM.sub(lambda item: fill(" ".join(item[0].split()), **_WRAPPING), _filled("common.md", values))
+    manual = _ITEM.sub(
+        lambda item: fill(" ".join(item[0].split()), **_WRAPPING), _filled("common.md", values)
+    )
     environment.__doc__ = f"{cleandoc(environment.__doc__ or '')}\n\n{manual}"
     return environment
 
@@ -80,8 +95,11 @@ def check_arguments(env: Any, options: Mapping[str, Any], render_mode: str | Non
         if option not in known:
             own = [each for base in type(env).__mro__ if "__init__" in vars(base)
                    for each in signature(vars(base)["__init__"]).parameters.values()]  # fmt: skip
-            named = dict.fromkeys(each.name for each in own if each.kind is each.POSITIONAL_OR_KEYWORD)
-            python = f"{type(env).__name__}.__init__() got an unexpected"  # whose words other libraries look for
+            named = dict.fromkeys(
+                each.name for each in own if each.kind is each.POSITIONAL_OR_KEYWORD
+            )
+            # whose words other libraries look for
+            python = f"{type(env).__name__}.__init__() got an unexpected"
             raise TypeError(unknown("keyword argument", option, [*list(named)[1:], *known], python))
     if render_mode is not None:
         one_of("render_mode", render_mode, env.metadata["render_modes"])

@@ -44,14 +44,17 @@ def input_tuning(name: str, composition: Composition) -> dict[str, Any]:
     return {}
 
 
-def ship_system(vessel: str | Path | CorvetteParameters, name: str = "vessel_gym/Ship-v0") -> System:
+def ship_system(
+    vessel: str | Path | CorvetteParameters, name: str = "vessel_gym/Ship-v0"
+) -> System:
     """A ship that turns, as an environment.
 
-    All times are those of the corvette, times as long as the ship takes to sail its own length: a slow ship gets longer
-    steps, not more of them.
+    All times are those of the corvette, times as long as the ship takes to sail its own length: a
+    slow ship gets longer steps, not more of them.
 
     Args:
-        vessel: A vehicle file of a ship, the name of one that comes with the package, or its parameters.
+        vessel: A vehicle file of a ship, the name of one that comes with the package, or its
+            parameters.
         name: The environment's id.
 
     Raises:
@@ -76,15 +79,18 @@ def ship_system(vessel: str | Path | CorvetteParameters, name: str = "vessel_gym
 class ShipEnv(VesselEnv):
     """Hold a turning circle with a ship of one's own, with an estimator in the loop.
 
-    `SigmaCorvetteEnv` documents spaces, rewards and arguments; times, yaw rates and the steps' length are in proportion
-    to the time in which the ship sails its own length, and the corvette's file gives the corvette's environment.
+    `SigmaCorvetteEnv` documents spaces, rewards and arguments; times, yaw rates and the steps'
+    length are in proportion to the time in which the ship sails its own length, and the corvette's
+    file gives the corvette's environment.
 
     Args:
-        vessel: A vehicle file of a ship (docs/vehicles.md), or the name of one that comes with the package.
+        vessel: A vehicle file of a ship (docs/vehicles.md), or the name of one that comes with the
+            package.
         options: As `VesselEnv`.
 
     Raises:
-        ValueError: for anything wrong in the file, in one sentence with its line; otherwise as `VesselEnv`.
+        ValueError: for anything wrong in the file, in one sentence with its line; otherwise as
+            `VesselEnv`.
     """
 
     system = ship_system("mariner")
@@ -110,8 +116,8 @@ SIGMA_CHANNEL = replace(
     SIGMA_CORVETTE,
     name="SigmaChannel-v0",
     task=Channel(load("corvette", CorvetteParameters)),
-    # The channel leads north-east or north-west: waves that run to the south come from 45 degrees off the bow, those
-    # that run to the north from 45 degrees off the stern.
+    # The channel leads north-east or north-west: waves that run to the south come from 45 degrees
+    # off the bow, those that run to the north from 45 degrees off the stern.
     disturbances={name: replace(sea, direction=np.pi) for name, sea in SEAS.items()}
     | {f"{name} quartering": SEAS[name] for name in ("moderate", "rough")},
 )

@@ -25,8 +25,8 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     Raises:
         ValueError: for a name that does not exist, or a filter that the model cannot carry.
-        TypeError: for an argument that there is not, an option that the estimator does not have, or sensors or faults
-            that are none.
+        TypeError: for an argument that there is not, an option that the estimator does not have, or
+            sensors or faults that are none.
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 20}
@@ -102,7 +102,10 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         core, end = self.core, self.core.now.end.item(0)
         info: dict[str, Any] = {name: values[0].copy() for name, values in core.happened().items()}
         info["healthy"], info["score"] = not core.loop.belief.recovery[0], core.score_of(0)
-        info["end"], info["is_success"] = core.config.system.task.end_reasons[end], end == core.config.success
+        info["end"], info["is_success"] = (
+            core.config.system.task.end_reasons[end],
+            end == core.config.success,
+        )
         return info
 
     def _record(self, begin: bool = False) -> None:

@@ -50,8 +50,8 @@ THESIS_CORVETTE = System(
 class ThesisCorvetteEnv(VesselEnv):
     """Follow a turning circle trial while an unknown step enters the measurements of heading and yaw increment.
 
-    The experiment of a thesis and not a control task: the constant action 0.8 is the trial itself. `SigmaCorvetteEnv`
-    is the corvette at sea.
+    The experiment of a thesis and not a control task: the constant action 0.8 is the trial itself.
+    `SigmaCorvetteEnv` is the corvette at sea.
     """
 
     system = THESIS_CORVETTE

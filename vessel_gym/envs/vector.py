@@ -18,30 +18,37 @@ from vessel_gym.system import System
 class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Many environments in one batch; environment i of a batch seeded s is the single one seeded s + i.
 
-    Where episodes end, ``autoreset_mode`` says what follows; the episodes are the same in every mode:
+    Where episodes end, ``autoreset_mode`` says what follows; the episodes are the same in every
+    mode:
 
-    - ``"NextStep"`` (Gymnasium's default): the next `step` ignores the environment's action and gives its next
-      episode's first observation, with reward 0.
-    - ``"SameStep"``: the observation is the next episode's first already, and ``info["final_obs"]`` and
-      ``info["final_info"]`` hold the ended episode's.
-    - ``"Disabled"``: `step` refuses to go on until ``reset(options={"reset_mask": ended})`` has started new episodes.
+    - ``"NextStep"`` (Gymnasium's default): the next `step` ignores the environment's action and
+      gives its next episode's first observation, with reward 0.
+    - ``"SameStep"``: the observation is the next episode's first already, and ``info["final_obs"]``
+      and ``info["final_info"]`` hold the ended episode's.
+    - ``"Disabled"``: `step` refuses to go on until ``reset(options={"reset_mask": ended})`` has
+      started new episodes.
 
-    In every mode ``reset(options={"reset_mask": mask})``, with a boolean array ``(num_envs,)``, starts new episodes in
-    these environments and leaves the others as they are.
+    In every mode ``reset(options={"reset_mask": mask})``, with a boolean array ``(num_envs,)``,
+    starts new episodes in these environments and leaves the others as they are.
 
     Args:
         num_envs: Number of environments.
-        max_episode_steps: Steps after which an episode is truncated; None: never. `gymnasium.make_vec`
-            passes the registered value.
+        max_episode_steps: Steps after which an episode is truncated; None: never.
+            `gymnasium.make_vec` passes the registered value.
         autoreset_mode: A `gymnasium.vector.AutoresetMode` or its value.
         render_mode: ``None`` or ``"rgb_array"``.
         options: Those of `vessel_gym.configuration.Options`, by name.
 
     Raises:
-        ValueError: as `VesselEnv`, and for a ``num_envs`` that is not a positive whole number, or another mode.
+        ValueError: as `VesselEnv`, and for a ``num_envs`` that is not a positive whole number, or
+            another mode.
     """
 
-    metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": ["rgb_array"], "render_fps": 20}
+    metadata = {
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+        "render_modes": ["rgb_array"],
+        "render_fps": 20,
+    }
     system: ClassVar[System]
 
     def __init__(
@@ -79,7 +86,8 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Start an episode in every environment, or in those of ``options["reset_mask"]``.
 
         Args:
-            seed: A number s (environment i gets s + i), one number for each environment, or None to go on.
+            seed: A number s (environment i gets s + i), one number for each environment, or None to
+                go on.
             options: The task's, and ``reset_mask``: a boolean array ``(num_envs,)``.
 
         Returns:
@@ -101,12 +109,16 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._record(mask, np.zeros_like(mask))
         return core.observe(), self._masked(core.info(None if mask.all() else mask), mask)
 
-    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Advance every environment by one step; the class says what follows where an episode has ended.
 
         Raises:
-            ValueError: if the actions have the wrong shape or are not finite; nothing has changed then.
-            gymnasium.error.ResetNeeded: before the first reset, or where an episode has ended and nothing restarts it.
+            ValueError: if the actions have the wrong shape or are not finite; nothing has changed
+                then.
+            gymnasium.error.ResetNeeded: before the first reset, or where an episode has ended and
+                nothing restarts it.
         """
         core, restarted = self.core, self._ended
         if restarted.any():
@@ -114,7 +126,9 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         else:
             reward, end = core.step(actions)
             terminated = end.astype(bool)
-        truncated = core.steps >= (np.inf if self.max_episode_steps is None else self.max_episode_steps)
+        truncated = core.steps >= (
+            np.inf if self.max_episode_steps is None else self.max_episode_steps
+        )
         done, final = terminated | truncated, {}
         if self.autoreset_mode is not AutoresetMode.SAME_STEP:
             self._ended = done
@@ -135,12 +149,14 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Let go of the pictures."""
         self._renderers = []
 
-    def _step_and_restart(self, actions: np.ndarray, ended: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _step_and_restart(
+        self, actions: np.ndarray, ended: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Step the environments that go on, and start new episodes where the last step has ended one."""
         if self.autoreset_mode is AutoresetMode.DISABLED:
             raise ResetNeeded(
-                f"{ended.sum()} of {self.num_envs} episodes have ended: "
-                "call reset(options={'reset_mask': terminated | truncated}) before the next step()"
+                f"{ended.sum()} of {self.num_envs} episodes have ended: call"
+                " reset(options={'reset_mask': terminated | truncated}) before the next step()"
             )
         with np.errstate(all="ignore"):  # states of ended vehicles are not used
             reward, end = self.core.step(actions, ended=ended)
@@ -165,7 +181,9 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if not isinstance(mask, np.ndarray) or mask.dtype != bool:
             raise TypeError(f"reset_mask must be a boolean array, got {mask!r}")
         if mask.shape != (self.num_envs,) or not mask.any():
-            raise ValueError(f"reset_mask must have shape {(self.num_envs,)} and a True in it, got {mask!r}")
+            raise ValueError(
+                f"reset_mask must have shape {(self.num_envs,)} and a True in it, got {mask!r}"
+            )
         return mask
 
     def _keep_seed(self) -> None:
@@ -184,14 +202,18 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             from vessel_gym.rendering import make_renderer
 
             fps = self.metadata["render_fps"]
-            self._renderers = [make_renderer(self.core, self.render_mode, fps, row) for row in range(self.num_envs)]
+            self._renderers = [
+                make_renderer(self.core, self.render_mode, fps, row) for row in range(self.num_envs)
+            ]
         for renderer, new, on in zip(self._renderers, reset_mask, going, strict=True):
             if new:
                 renderer.begin()
             if new or on:
                 renderer.record()
 
-    def _masked(self, info: dict[str, np.ndarray], rows: np.ndarray | None = None) -> dict[str, Any]:
+    def _masked(
+        self, info: dict[str, np.ndarray], rows: np.ndarray | None = None
+    ) -> dict[str, Any]:
         """Gymnasium's form of a batch's info: every array with a ``_key`` mask of the rows that have it."""
         mask = np.ones(self.num_envs, bool) if rows is None else rows
         return info | {f"_{key}": mask.copy() for key in info}

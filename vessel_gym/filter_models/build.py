@@ -1,7 +1,7 @@
 """A filter's model, composed of a vehicle, a disturbance and sensors, as far as the filter assumes them.
 
-The filter's state is the vehicle's, then the disturbance's as far as it is assumed and matters, then the sensors'
-biases.
+The filter's state is the vehicle's, then the disturbance's as far as it is assumed and matters,
+then the sensors' biases.
 """
 
 from dataclasses import dataclass, replace
@@ -22,9 +22,9 @@ from vessel_gym.vehicles.vehicle import Trims, Vehicle
 
 ASSUMED = ("states", "unknown-input", "white-input", "process-noise")
 """Ways to assume a disturbance: its state is part of the filter's (``states``); its `Disturbance.inputs` are
-the unknown input d (``unknown-input``), perhaps with the variance that they have, and white (``white-input``), and what
-of its state does something else is part of the filter's; or its increments are process noise (``process-noise``), and
-the filter knows nothing of a flow."""
+the unknown input d (``unknown-input``), perhaps with the variance that they have, and white
+(``white-input``), and what of its state does something else is part of the filter's; or its
+increments are process noise (``process-noise``), and the filter knows nothing of a flow."""
 
 
 OF_UNKNOWN_INPUTS = ("kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise")
@@ -49,10 +49,12 @@ class Composition(Parts):
 
     Attributes:
         model: The filter's model.
-        names: The components of its state: of the vehicle, of the disturbance, of the sensors' biases.
+        names: The components of its state: of the vehicle, of the disturbance, of the sensors'
+            biases.
         inputs: What its unknown input d is, by name.
         assumed_as: One of `ASSUMED`.
-        late: Is the unknown input, which measurements show as it acts, the last part of the filter's state?
+        late: Is the unknown input, which measurements show as it acts, the last part of the
+            filter's state?
     """
 
     model: LinearModel | NonlinearModel
@@ -63,7 +65,11 @@ class Composition(Parts):
 
     def adapted_to(self, filter_name: str) -> "Composition":
         """With the unknown input as a state if a filter of that name knows no feedthrough of what acts now."""
-        if self.model.delayed_feedthrough or filter_name not in ("kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv"):
+        if self.model.delayed_feedthrough or filter_name not in (
+            "kf-umv-ui-wdf",
+            "ekf-ui-wdf",
+            "ukf-umv",
+        ):
             return self
         names = *self.names, *(f"{name} now" for name in self.inputs)
         return replace(self, model=stacked(self.model), names=names, late=True)
@@ -76,13 +82,17 @@ class Composition(Parts):
         """
         vehicle, disturbance = self.vehicle, self.forces.disturbance
         for i, name in (
-            enumerate(vehicle.ambient_flows, len(vehicle.increments)) if self.assumed_as == "process-noise" else ()
+            enumerate(vehicle.ambient_flows, len(vehicle.increments))
+            if self.assumed_as == "process-noise"
+            else ()
         ):
             feedthrough = seen_anywhere(vehicle, self.sensors)[:, i]
             if name in disturbance.forces and feedthrough.any():
                 raise ValueError(
-                    f"{self.sensors.of_channel(np.argmax(feedthrough)).name} reads {name}, of which a filter knows "
-                    f'nothing that assumes {type(disturbance).__name__} as "{self.assumed_as}": assume it with '
+                    f"{self.sensors.of_channel(np.argmax(feedthrough)).name} reads {name}, of which"
+                    " a filter knows "
+                    f'nothing that assumes {type(disturbance).__name__} as "{self.assumed_as}":'
+                    " assume it with "
                     '{"as": "states"}, or leave it out'
                 )
 
@@ -94,7 +104,9 @@ class Composition(Parts):
         if input_mean is None or not set(self.inputs) & set(names):
             return flow
         known = [self.inputs.index(name) if name in self.inputs else -1 for name in names]
-        return np.stack([flow[..., j] if i < 0 else input_mean[..., i] for j, i in enumerate(known)], -1)
+        return np.stack(
+            [flow[..., j] if i < 0 else input_mean[..., i] for j, i in enumerate(known)], -1
+        )
 
     @cached_property
     def scale(self) -> np.ndarray:
@@ -103,14 +115,16 @@ class Composition(Parts):
         sizes = disturbance.scale or np.sqrt(np.diag(disturbance.process.start_cov))
         ended = np.sqrt(np.diag(self.forces.cov))[self.ended]
         inputs = np.sqrt(np.diag(self.forces.input_cov)) if self.late else np.zeros(0)
-        return np.concatenate([np.asarray(sizes, float)[self.estimated], self.sensors.bias_scale, ended, inputs])
+        return np.concatenate(
+            [np.asarray(sizes, float)[self.estimated], self.sensors.bias_scale, ended, inputs]
+        )
 
 
 def unknown_inputs(forces: Forces, sensors: Sensors) -> tuple[str, ...]:
     """Names of the unknown inputs of a coming step where no filter assumes one.
 
-    Increments, if they follow from the disturbance's state; otherwise all that is new: white increments, changes of
-    that and of biases.
+    Increments, if they follow from the disturbance's state; otherwise all that is new: white
+    increments, changes of that and of biases.
     """
     disturbance = forces.disturbance
     if forces.has_increments:
@@ -119,7 +133,11 @@ def unknown_inputs(forces: Forces, sensors: Sensors) -> tuple[str, ...]:
 
 
 def compose(
-    vehicle: Vehicle, kind: str, disturbance: Disturbance, sensors: Sensors, assumed_as: str | None = None
+    vehicle: Vehicle,
+    kind: str,
+    disturbance: Disturbance,
+    sensors: Sensors,
+    assumed_as: str | None = None,
 ) -> Composition:
     """A filter's model.
 
@@ -131,26 +149,37 @@ def compose(
         assumed_as: One of `ASSUMED`; None: the disturbance's own.
 
     Raises:
-        ValueError: if there is no such model, or it cannot be composed of these: a sensor reads what its filters do not
-            estimate, or is not linear where the model is.
+        ValueError: if there is no such model, or it cannot be composed of these: a sensor reads
+            what its filters do not estimate, or is not linear where the model is.
     """
     assumed_as = checked_assumption(disturbance.assumed_as if assumed_as is None else assumed_as)
     forces, own = Forces(vehicle, disturbance), vehicle.estimated(kind)
     check_estimated(own, vehicle, sensors)
     for name in sensors.bias_names:
         if name in disturbance.names:
-            raise ValueError(f"a bias is called {name!r}, as is a component of {type(disturbance).__name__}")
+            raise ValueError(
+                f"a bias is called {name!r}, as is a component of {type(disturbance).__name__}"
+            )
     asked = assumed_as in ("unknown-input", "white-input")
     unknown = forces.unknown if asked else []
     changing = [i - forces.size for i in forces.inputs if asked and i >= forces.size]
     estimated = (
-        np.zeros(0, int) if assumed_as == "process-noise" else relevant(forces, sensors, len(own), unknown, changing)
+        np.zeros(0, int)
+        if assumed_as == "process-noise"
+        else relevant(forces, sensors, len(own), unknown, changing)
     )
     observable: np.ndarray = np.any(seen_anywhere(vehicle, sensors), 0)
     ended = [i for i in forces.increments if observable[i] and i not in unknown]
     parts = Parts(forces, sensors, own, estimated, unknown, ended)
-    names = (*own, *(disturbance.names[i] for i in estimated), *sensors.bias_names, *parts.ended_names)
-    incremented = np.zeros((len(names), len(vehicle.increments)))  # K: what increments do to the state
+    names = (
+        *own,
+        *(disturbance.names[i] for i in estimated),
+        *sensors.bias_names,
+        *parts.ended_names,
+    )
+    incremented = np.zeros(
+        (len(names), len(vehicle.increments))
+    )  # K: what increments do to the state
     for j, name in enumerate(vehicle.incremented):
         if name in own:
             incremented[own.index(name), j] = 1.0
@@ -177,7 +206,9 @@ def compose(
         model = linearised_model(parts, G, H, options, given)
     else:
         model = linear_model(parts, kind, incremented, G, H, options)
-    return Composition(**vars(parts), model=model, names=names, inputs=inputs, assumed_as=assumed_as)
+    return Composition(
+        **vars(parts), model=model, names=names, inputs=inputs, assumed_as=assumed_as
+    )
 
 
 def _delayed(parts: Parts, inputs: tuple[str, ...], H: np.ndarray) -> bool:
@@ -190,13 +221,16 @@ def _delayed(parts: Parts, inputs: tuple[str, ...], H: np.ndarray) -> bool:
     feedthrough: np.ndarray = np.any(H, 0)
     if feedthrough[increments].any() and feedthrough[~increments].any():
         raise ValueError(
-            f"sensors show increments of the step that has ended and flows as they are now, of {', '.join(inputs)}: no "
-            'filter can take both for its unknown input; assume them with {"as": "states"}'
+            "sensors show increments of the step that has ended and flows as they are now, of"
+            f" {', '.join(inputs)}: no filter can take both for its unknown input; assume them with"
+            ' {"as": "states"}'
         )
     return not feedthrough[~increments].any()
 
 
-def _noise(parts: Parts, as_noise: bool, changing: list[int], incremented: np.ndarray) -> dict[str, Any]:
+def _noise(
+    parts: Parts, as_noise: bool, changing: list[int], incremented: np.ndarray
+) -> dict[str, Any]:
     """Q and R.
 
     Args:
@@ -228,6 +262,8 @@ def _noise(parts: Parts, as_noise: bool, changing: list[int], incremented: np.nd
         Q += K @ forces.increment_cov @ K.T
     noise: dict[str, Any] = {"Q": Q, "R": R}
     for name, table in getattr(parts.vehicle, "noise", {}).items():
-        if np.shape(noise[name]) == table.table.shape[1:]:  # of other sensors or more states it says nothing
+        if (
+            np.shape(noise[name]) == table.table.shape[1:]
+        ):  # of other sensors or more states it says nothing
             noise[name] = table
     return noise

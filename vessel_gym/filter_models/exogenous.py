@@ -52,14 +52,18 @@ class Forces:
         disturbance: What acts.
 
     Raises:
-        ValueError: for a force that the vehicle does not have, a white one that is no increment, or another time step.
+        ValueError: for a force that the vehicle does not have, a white one that is no increment, or
+            another time step.
     """
 
     def __init__(self, vehicle: Vehicle, disturbance: Disturbance) -> None:
         try:
             mistake = next(_mistakes(vehicle, disturbance), None)
         except (TypeError, AttributeError) as error:
-            mistake = f"{type(disturbance).__name__} is not what a Disturbance must be: {short_repr(str(error))}"
+            mistake = (
+                f"{type(disturbance).__name__} is not what a Disturbance must be:"
+                f" {short_repr(str(error))}"
+            )
         if mistake is not None:
             raise ValueError(mistake)
         self.vehicle, self.disturbance = vehicle, disturbance
@@ -83,14 +87,20 @@ class Forces:
         self.has_increments = min(self.to, default=increments) < increments
         """Do some follow from its state, and are not white?"""
         changes = [*known, *map(change_of, disturbance.names)]
-        given = (known[i] for i in self.increments) if disturbance.inputs is None else disturbance.inputs
+        given = (
+            (known[i] for i in self.increments)
+            if disturbance.inputs is None
+            else disturbance.inputs
+        )
         self.input_names = tuple(given)
         """Names of the components of the unknown input d."""
         self.inputs = [changes.index(name) for name in self.input_names]
         """Their indices in the exogenous input, and behind it in the changes of the disturbance's state."""
         self.unknown = [i for i in self.inputs if i < self.size]
         """Indices of the exogenous inputs that are treated as d; an actuator's fault includes its loss."""
-        self.unknown += [i + len(known) - self._losses for i in self.unknown if self.outside <= i < self._losses]
+        self.unknown += [
+            i + len(known) - self._losses for i in self.unknown if self.outside <= i < self._losses
+        ]
         self.meets = type(disturbance).met is not Disturbance.met
         """Does its state follow how the vehicle moves?"""
         self.constant = getattr(disturbance.effect, "linear", False) and not self.faulty
@@ -110,7 +120,9 @@ class Forces:
             columns[i] = effect[..., j]
         if self.faulty:
             for j, lost in enumerate(range(self._losses, self.size)):
-                columns[self.outside + j] = columns[self.outside + j] - columns[lost] * actuators[..., j]
+                columns[self.outside + j] = (
+                    columns[self.outside + j] - columns[lost] * actuators[..., j]
+                )
         return np.stack(columns, -1)
 
     def users(self, state: np.ndarray) -> list[Call]:
@@ -127,7 +139,11 @@ class Forces:
     def on(self, z: np.ndarray, state: np.ndarray, unknown: Sequence[int] = ()) -> np.ndarray:
         """Exogenous input ``(..., f)`` without its white noise; 0 where it is ``unknown``."""
         effect = self._effect(z, state)
-        return spread({i: effect[..., j] for j, i in enumerate(self.to) if i not in unknown}, self.size, effect)
+        return spread(
+            {i: effect[..., j] for j, i in enumerate(self.to) if i not in unknown},
+            self.size,
+            effect,
+        )
 
     def moved(self, x: np.ndarray, u: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
         """Estimated components of the vehicle a step later, under ambient flows and faults, without increments."""
@@ -166,10 +182,13 @@ class Forces:
     @cached_property
     def cov(self) -> np.ndarray:
         """Stationary covariance of the exogenous input."""
-        return self.linear @ self.disturbance.process.start_cov @ self.linear.T + self.white @ self.white.T
+        return (
+            self.linear @ self.disturbance.process.start_cov @ self.linear.T
+            + self.white @ self.white.T
+        )
 
 
-# --- a disturbance that does not fit ----------------------------------------------------------------
+# --- a disturbance that does not fit --------------------------------------------------------------
 
 
 def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
@@ -185,38 +204,70 @@ def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
     for what, least, wanted in (("input_sd", 0.0, "of at least 0"), ("scale", 1e-300, "above 0")):
         sizes = numbers(getattr(disturbance, what) or ())
         if sizes is None or not ((sizes >= least) & np.isfinite(sizes)).all():
-            yield f"{what} of {who} must be numbers {wanted}, got {short_repr(getattr(disturbance, what))}"
+            yield (
+                f"{what} of {who} must be numbers {wanted}, got"
+                f" {short_repr(getattr(disturbance, what))}"
+            )
     for name in (*disturbance.forces, *disturbance.white_increments):
         if name not in known:
-            yield f"{who} gives {short_repr(name)}, but what acts on this vehicle is {', '.join(known)}"
+            yield (
+                f"{who} gives {short_repr(name)}, but what acts on this vehicle is"
+                f" {', '.join(known)}"
+            )
     for name in disturbance.averaged:
         if name not in disturbance.forces:
             yield f"averaged of {who} must name some of its forces, got {short_repr(name)}"
     if not is_integer(disturbance.uniforms) or disturbance.uniforms < 0:
-        yield f"uniforms of {who} must be a whole number of at least 0, got {short_repr(disturbance.uniforms)}"
-    owners = [next(c for c in type(disturbance).__mro__ if name in vars(c)) for name in ("effect", "effect_at")]
+        yield (
+            f"uniforms of {who} must be a whole number of at least 0, got"
+            f" {short_repr(disturbance.uniforms)}"
+        )
+    owners = [
+        next(c for c in type(disturbance).__mro__ if name in vars(c))
+        for name in ("effect", "effect_at")
+    ]
     if disturbance.uniforms and owners[0] is not owners[1] and issubclass(*owners):
-        yield f"{owners[0].__name__} gives another effect, but as a field it acts by effect_at: give that instead"
+        yield (
+            f"{owners[0].__name__} gives another effect, but as a field it acts by effect_at: give"
+            " that instead"
+        )
     for name in disturbance.white_increments:
         if name not in vehicle.increments or name in disturbance.forces:
             increments = ", ".join(vehicle.increments)
             yield (
-                f"{who} gives white increments to {name}, which must be an increment ({increments}) that "
-                "its effect does not give"
+                f"{who} gives white increments to {name}, which must be an increment ({increments})"
+                " that its effect does not give"
             )
-    possible = *disturbance.forces, *disturbance.white_increments, *map(change_of, disturbance.names)
+    possible = (
+        *disturbance.forces,
+        *disturbance.white_increments,
+        *map(change_of, disturbance.names),
+    )
     for name in disturbance.inputs or ():
         if name not in possible:
-            yield f"{who} has the unknown input {short_repr(name)}, which must be one of {', '.join(possible)}"
+            yield (
+                f"{who} has the unknown input {short_repr(name)}, which must be one of"
+                f" {', '.join(possible)}"
+            )
     ship = getattr(disturbance, "ship", None)
     flown = getattr(vehicle, "ship", ship)
-    if any(getattr(ship, name) != getattr(flown, name) for name in ("length", "beam", "draught", "mass") if ship):
+    if any(
+        getattr(ship, name) != getattr(flown, name)
+        for name in ("length", "beam", "draught", "mass")
+        if ship
+    ):
         yield f"{who} was made for another ship than the vehicle's: give it ship=vehicle.ship"
     if disturbance.dt not in (None, vehicle.dt):
         own, dt = disturbance.dt, vehicle.dt
         yield f"{who} was made for steps of {own} s, the vehicle's are {dt:g} s: give it dt={dt:g}"
-    if process.size and (modulus := np.abs(np.linalg.eigvals(process.transition)).max()) > 1.0 + 1e-6:
-        yield f"process of {who} grows by a factor of {modulus:.3g} a step: eigenvalues must be of modulus 1 at most"
+    if (
+        process.size
+        and (modulus := np.abs(np.linalg.eigvals(process.transition)).max()) > 1.0 + 1e-6
+    ):
+        yield (
+            f"process of {who} grows by a factor of {modulus:.3g} a step: eigenvalues must be of"
+            " modulus 1 at most"
+        )
     if len(disturbance.names) != process.size:
         yield f"{who} names {len(disturbance.names)} components of a state that has {process.size}"
     for name in disturbance.names:

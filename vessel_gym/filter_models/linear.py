@@ -11,7 +11,12 @@ from vessel_gym.filter_models.parts import Parts, moving
 
 
 def linear_model(
-    parts: Parts, kind: str, incremented: np.ndarray, G: np.ndarray, H: np.ndarray, options: dict[str, Any]
+    parts: Parts,
+    kind: str,
+    incremented: np.ndarray,
+    G: np.ndarray,
+    H: np.ndarray,
+    options: dict[str, Any],
 ) -> LinearModel:
     """The linear model.
 
@@ -24,12 +29,20 @@ def linear_model(
         options: Of the model.
 
     Raises:
-        ValueError: for a sensor that is not linear, or a flow or fault of which the vehicle's model says nothing.
+        ValueError: for a sensor that is not linear, or a flow or fault of which the vehicle's model
+            says nothing.
     """
     forces, vehicle, drift = parts.forces, parts.vehicle, parts.drift
-    n, k, increments, given = parts.base, len(parts.estimated), len(vehicle.increments), vehicle.linear(kind)
+    n, k, increments, given = (
+        parts.base,
+        len(parts.estimated),
+        len(vehicle.increments),
+        vehicle.linear(kind),
+    )
     size = n + drift.size + len(parts.ended)
-    effect = np.zeros((forces.size, size))  # E: what the filter's state gives of the exogenous input
+    effect = np.zeros(
+        (forces.size, size)
+    )  # E: what the filter's state gives of the exogenous input
     effect[:, n : n + k] = forces.linear[:, parts.estimated]
     effect[parts.unknown] = 0.0
     A, B, flowed = given if len(given) == 3 else (*given, np.zeros((n, len(vehicle.ambient_flows))))
@@ -37,8 +50,14 @@ def linear_model(
     for i in moved:
         if len(given) == 2 or i >= forces.outside:
             what = input_channels(vehicle)[i]
-            raise ValueError(f"the {kind} model does not say what {what} does to it: choose a nonlinear one")
-    flowing = [(j, i - increments) for j, i in enumerate(forces.inputs) if i in parts.unknown and i in moved]
+            raise ValueError(
+                f"the {kind} model does not say what {what} does to it: choose a nonlinear one"
+            )
+    flowing = [
+        (j, i - increments)
+        for j, i in enumerate(forces.inputs)
+        if i in parts.unknown and i in moved
+    ]
     carry, constant = effect[increments : forces.outside], np.zeros((size, size))
     constant[:] = incremented @ effect[:increments]
     constant[n : n + drift.size, n : n + drift.size] += drift.transition
@@ -64,7 +83,11 @@ def linear_model(
     if H.size:
         options |= {"G": push, "H": H}
     C = _measured(parts, effect)
-    return LinearModel(A, C, B=B, **options) if size == n else LinearModel(transition, C, B=known, **options)
+    return (
+        LinearModel(A, C, B=B, **options)
+        if size == n
+        else LinearModel(transition, C, B=known, **options)
+    )
 
 
 def _extended(constant: np.ndarray, own: np.ndarray) -> np.ndarray:
@@ -81,8 +104,12 @@ def _measured(parts: Parts, effect: np.ndarray) -> np.ndarray:
     last = first + sensors.bias.size
     seen = effect[: parts.forces.outside].T.copy()
     seen[:, : len(parts.vehicle.increments)] = 0.0
-    seen[np.arange(last, size), parts.ended] = 1.0  # sensors show increments of the step that has ended
-    nothing = sensors.exact(parts.state(np.zeros(size)), np.zeros(seen.shape[-1]), np.zeros(sensors.bias.size))
+    seen[np.arange(last, size), parts.ended] = (
+        1.0  # sensors show increments of the step that has ended
+    )
+    nothing = sensors.exact(
+        parts.state(np.zeros(size)), np.zeros(seen.shape[-1]), np.zeros(sensors.bias.size)
+    )
 
     def read(x: np.ndarray) -> np.ndarray:
         return sensors.exact(parts.state(x), x @ seen, x[..., first:last]) - nothing
@@ -91,7 +118,7 @@ def _measured(parts: Parts, effect: np.ndarray) -> np.ndarray:
     wrong = np.flatnonzero(np.abs(read(x) - C @ x) > 1e-9 * (1.0 + np.abs(C) @ np.abs(x)))
     if len(wrong):
         raise ValueError(
-            f"{sensors.of_channel(wrong[0]).name} is not linear in what the filter estimates: choose a filter for "
-            "nonlinear models"
+            f"{sensors.of_channel(wrong[0]).name} is not linear in what the filter estimates:"
+            " choose a filter for nonlinear models"
         )
     return C

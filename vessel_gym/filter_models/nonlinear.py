@@ -15,7 +15,9 @@ from vessel_gym.vehicles.vehicle import Trims
 from vessel_gym.verified import is_verified
 
 
-def nonlinear_model(parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[str, Any]) -> NonlinearModel:
+def nonlinear_model(
+    parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[str, Any]
+) -> NonlinearModel:
     """The nonlinear model.
 
     Args:
@@ -42,13 +44,15 @@ def nonlinear_model(parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[st
         ended = [np.stack([acting[..., i] + zero for i in parts.ended], -1)] if parts.ended else []
         return np.concatenate([after, parts.drifted(x, after), *ended], -1)
 
-    flowing = [(j, i) for j, i in enumerate(forces.inputs) if i in parts.unknown and i >= increments]
+    flowing = [
+        (j, i) for j, i in enumerate(forces.inputs) if i in parts.unknown and i >= increments
+    ]
     for _, i in flowing:
         if i < forces.outside and not seen_alike(vehicle, parts.sensors, i):
             raise ValueError(
-                f"how measurements show {vehicle.ambient_flows[i - increments]} depends on where the vehicle is, which "
-                f"a nonlinear model cannot have of an unknown input: let it be {change_of('a component')!r} instead, "
-                "or leave the sensor out"
+                f"how measurements show {vehicle.ambient_flows[i - increments]} depends on where"
+                " the vehicle is, which a nonlinear model cannot have of an unknown input: let it"
+                f" be {change_of('a component')!r} instead, or leave the sensor out"
             )
 
     def pushed(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
@@ -62,7 +66,9 @@ def nonlinear_model(parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[st
             return forces.moved(np.broadcast_to(own, d.shape[:-1] + (n,)), u, with_d)
 
         none = np.zeros(x.shape[:-1] + (len(flowing),))
-        columns = central_differences("drift", after, none, u, n, options["state_angles"], steps(none, None))[1]
+        columns = central_differences(
+            "drift", after, none, u, n, options["state_angles"], steps(none, None)
+        )[1]
         pushes = np.empty(x.shape[:-1] + G.shape)
         pushes[...] = G
         pushes[..., :n, [j for j, _ in flowing]] = columns
@@ -71,14 +77,18 @@ def nonlinear_model(parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[st
     measurement, push = parts.expected, G if not flowing else pushed
     if forces.drift_verified:
         transition = compiled(transition)
-    if is_verified(forces.disturbance) and all(is_verified(sensor.reads) for sensor in parts.sensors.each):
+    if is_verified(forces.disturbance) and all(
+        is_verified(sensor.reads) for sensor in parts.sensors.each
+    ):
         measurement = compiled(measurement)
     if H.size:
         options |= {"G": push, "H": H}
     return NonlinearModel(transition, measurement, **options)
 
 
-def linearised_model(parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[str, Any], trims: Trims) -> LinearModel:
+def linearised_model(
+    parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[str, Any], trims: Trims
+) -> LinearModel:
     """The nonlinear model linearised about each of some steady motions; arguments as `nonlinear_model`.
 
     Raises:
@@ -93,7 +103,8 @@ def linearised_model(parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[s
     if wrong.any():
         name = parts.sensors.of_channel(np.argmax(wrong)).name
         raise ValueError(
-            f"{name} is not linear about the vehicle's steady motions: choose a filter for nonlinear models"
+            f"{name} is not linear about the vehicle's steady motions: choose a filter for"
+            " nonlinear models"
         )
 
     def moved(u: np.ndarray, _: np.ndarray | None) -> np.ndarray:
@@ -106,6 +117,10 @@ def linearised_model(parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[s
     def scheduled(table: np.ndarray) -> Schedule:
         return Schedule(np.ascontiguousarray(table), *trims[2:])
 
-    pushes = None if model.G is None else np.broadcast_to(model.input_matrix(x, u), (*x.shape, model.q))
+    pushes = (
+        None if model.G is None else np.broadcast_to(model.input_matrix(x, u), (*x.shape, model.q))
+    )
     scheduled_G = None if pushes is None else scheduled(pushes)
-    return LinearModel(scheduled(A), scheduled(C), B=scheduled(B), G=scheduled_G, H=model.H, **options)
+    return LinearModel(
+        scheduled(A), scheduled(C), B=scheduled(B), G=scheduled_G, H=model.H, **options
+    )

@@ -17,12 +17,13 @@ class Parts:
     Attributes:
         forces: What acts, as the filter assumes it.
         sensors: The sensors, likewise.
-        own: The components of the vehicle's state that are estimated, the first of the filter's state.
-        estimated: Indices of the estimated components of the disturbance's state, which follow; the sensors' biases are
-            last.
+        own: The components of the vehicle's state that are estimated, the first of the filter's
+            state.
+        estimated: Indices of the estimated components of the disturbance's state, which follow; the
+            sensors' biases are last.
         unknown: Indices of the exogenous inputs that are treated as the unknown input d.
-        ended: Indices of the increments that are further states as they were over the step that has ended: sensors show
-            them. They are the last of the filter's state.
+        ended: Indices of the increments that are further states as they were over the step that has
+            ended: sensors show them. They are the last of the filter's state.
     """
 
     forces: Forces
@@ -51,7 +52,9 @@ class Parts:
     def drift(self) -> Process:
         """Process of the estimated components of the disturbance's state, and of the biases."""
         process, square = self.forces.disturbance.process, np.ix_(self.estimated, self.estimated)
-        estimated = Process(process.transition[square], process.root[self.estimated], process.start_cov[square])
+        estimated = Process(
+            process.transition[square], process.root[self.estimated], process.start_cov[square]
+        )
         return Process.joined(estimated, self.sensors.bias)
 
     def state(self, x: np.ndarray) -> np.ndarray:
@@ -59,7 +62,9 @@ class Parts:
         names, own = self.vehicle.state_names, x[..., : self.base]
         if self.own == names:
             return own
-        return spread({names.index(name): own[..., i] for i, name in enumerate(self.own)}, len(names), own)
+        return spread(
+            {names.index(name): own[..., i] for i, name in enumerate(self.own)}, len(names), own
+        )
 
     def acting(self, x: np.ndarray) -> np.ndarray:
         """The exogenous input that a filter's state implies, without d, ``(..., f)``; ``(f,)`` if it implies none."""
@@ -78,7 +83,9 @@ class Parts:
         components = {int(i): moved[..., j] for j, i in enumerate(self.estimated)}
         z = spread(components, self.forces.disturbance.process.size, x)
         z = self.forces.disturbance.met(z, self.state(x), self.state(after))
-        return np.concatenate([np.stack([z[..., int(i)] for i in self.estimated], -1), moved[..., k:]], -1)
+        return np.concatenate(
+            [np.stack([z[..., int(i)] for i in self.estimated], -1), moved[..., k:]], -1
+        )
 
     def expected(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """Measurements without noise ``(..., p)`` in states ``(..., m)`` of a filter, with their biases."""
@@ -87,15 +94,19 @@ class Parts:
         ended = spread({i: x[..., last + j] for j, i in enumerate(self.ended)}, increments, x)
         flows = self.acting(x)[..., increments : self.forces.outside]
         flows = np.broadcast_to(flows, (*x.shape[:-1], flows.shape[-1]))
-        return self.sensors.exact(self.state(x), np.concatenate([ended, flows], -1), x[..., first:last])
+        return self.sensors.exact(
+            self.state(x), np.concatenate([ended, flows], -1), x[..., first:last]
+        )
 
 
-# --- what is relevant -------------------------------------------------------------------------------
+# --- what is relevant -----------------------------------------------------------------------------
 
 
 def near(vehicle: Vehicle, count: int) -> np.ndarray:
     """States ``(count, n)`` about that of a vehicle that cruises."""
-    return cruising(vehicle) + np.random.default_rng(0).standard_normal((count, len(vehicle.state_names)))
+    return cruising(vehicle) + np.random.default_rng(0).standard_normal(
+        (count, len(vehicle.state_names))
+    )
 
 
 def seen(sensors: Sensors, state: np.ndarray) -> np.ndarray:
@@ -114,7 +125,9 @@ def seen_anywhere(vehicle: Vehicle, sensors: Sensors) -> np.ndarray:
 
 def seen_alike(vehicle: Vehicle, sensors: Sensors, i: int) -> bool:
     """Do measurements show a part of the exogenous input alike wherever the vehicle is?"""
-    here, elsewhere = (seen(sensors, state)[..., i] for state in (cruising(vehicle), near(vehicle, 5)))
+    here, elsewhere = (
+        seen(sensors, state)[..., i] for state in (cruising(vehicle), near(vehicle, 5))
+    )
     return np.allclose(elsewhere, here, rtol=1e-9, atol=1e-9)
 
 
@@ -125,12 +138,14 @@ def moving(forces: Forces, n: int) -> np.ndarray:
     return np.array([(forces.moved(x, u, unit)[:n] != still).any() for unit in np.eye(forces.size)])
 
 
-def relevant(forces: Forces, sensors: Sensors, n: int, unknown: list[int], changing: list[int]) -> np.ndarray:
+def relevant(
+    forces: Forces, sensors: Sensors, n: int, unknown: list[int], changing: list[int]
+) -> np.ndarray:
     """Indices of a disturbance's states that a filter of ``n`` components of the vehicle's estimates.
 
-    They move what it estimates or reads, at once or later, otherwise than as what is ``unknown`` in the exogenous
-    input; or are those ``changing`` in ways that are unknown. An effect may depend on both states in any way: it is
-    evaluated in several places.
+    They move what it estimates or reads, at once or later, otherwise than as what is ``unknown`` in
+    the exogenous input; or are those ``changing`` in ways that are unknown. An effect may depend on
+    both states in any way: it is evaluated in several places.
     """
     vehicle, process = forces.vehicle, forces.disturbance.process
     counts, size = moving(forces, n), len(vehicle.state_names)
@@ -163,6 +178,7 @@ def check_estimated(own: tuple[str, ...], vehicle: Vehicle, sensors: Sensors) ->
     for i, changed in zip(missing, y[1:] != y[0], strict=True):
         if changed.any():
             raise ValueError(
-                f"{sensors.of_channel(np.argmax(changed)).name} reads {names[i]}, which filters of this model do not "
-                f"estimate (they estimate {', '.join(own)}): leave it out, or choose another model"
+                f"{sensors.of_channel(np.argmax(changed)).name} reads {names[i]}, which filters of"
+                f" this model do not estimate (they estimate {', '.join(own)}): leave it out, or"
+                " choose another model"
             )

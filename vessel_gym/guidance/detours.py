@@ -1,12 +1,14 @@
 """Paths of bounded curvature round circular obstacles: the shortest one in a graph of places where a path can touch.
 
-Between two places where it touches obstacles, a shortest path is one of Dubins' six words; along an obstacle that is
-wider than the turn radius it may follow the edge (Boissonnat & Lazard 1996, A polynomial-time algorithm for computing
-a shortest path of bounded curvature amidst moderate obstacles). So the nodes of the graph are *touches*: poses on the
-edge of a clearance circle, along it, either way round. They are the ends of the common tangents of clearance circles
-and of the turning circles of start and goal, and evenly spread ones between. Edges are the shortest words and arcs
-that keep clear. The shortest way through the graph is found; then each touch slides along its edge until no slide
-shortens it. Plans of many scenes are found together: their equations are evaluated as one batch.
+Between two places where it touches obstacles, a shortest path is one of Dubins' six words; along an
+obstacle that is wider than the turn radius it may follow the edge (Boissonnat & Lazard 1996, A
+polynomial-time algorithm for computing a shortest path of bounded curvature amidst moderate
+obstacles). So the nodes of the graph are *touches*: poses on the edge of a clearance circle, along
+it, either way round. They are the ends of the common tangents of clearance circles and of the
+turning circles of start and goal, and evenly spread ones between. Edges are the shortest words and
+arcs that keep clear. The shortest way through the graph is found; then each touch slides along its
+edge until no slide shortens it. Plans of many scenes are found together: their equations are
+evaluated as one batch.
 """
 
 import numpy as np
@@ -37,7 +39,7 @@ class NoPath(ValueError):
     """No path was found; unless the message says that the way is closed, this is no proof that there is none."""
 
 
-# --- the check --------------------------------------------------------------------------------------
+# --- the check ------------------------------------------------------------------------------------
 
 
 @compiled
@@ -45,7 +47,13 @@ def distances(segments: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Distances ``(...)`` at which arcs and straights ``(..., 5)`` pass points ``(..., 2)``."""
     x, y, heading, curvature, length = (segments[..., i] for i in range(5))
     east, north = points[..., 0], points[..., 1]
-    straight, cos, sin, dx, dy = curvature == 0.0, np.cos(heading), np.sin(heading), east - x, north - y
+    straight, cos, sin, dx, dy = (
+        curvature == 0.0,
+        np.cos(heading),
+        np.sin(heading),
+        east - x,
+        north - y,
+    )
     ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
     line = np.hypot(ahead - np.minimum(np.maximum(ahead, 0.0), length), left)
     radius, side = (
@@ -70,7 +78,9 @@ def approach(path: Path, points: np.ndarray) -> np.ndarray:
     return distances(path.segments, finite_array("points", points, "...", 2)[..., None, :]).min(-1)
 
 
-def sound(segments: np.ndarray, goal: np.ndarray, radius: np.ndarray | float, discs: np.ndarray) -> np.ndarray:
+def sound(
+    segments: np.ndarray, goal: np.ndarray, radius: np.ndarray | float, discs: np.ndarray
+) -> np.ndarray:
     """Mask of the paths ``(..., k, 5)`` that end at the goal, turn no tighter than the radius and meet no disc.
 
     Args:
@@ -103,14 +113,16 @@ def _direct(
     return np.stack(pieces, -2), segments[..., 4].sum(-1), sound(segments, goal, radius, discs)
 
 
-# --- planning ---------------------------------------------------------------------------------------
+# --- planning -------------------------------------------------------------------------------------
 
 
-def plan(start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarray, margin: float = 0.0) -> Path:
+def plan(
+    start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarray, margin: float = 0.0
+) -> Path:
     """A short path between two poses that keeps clear of circular obstacles; `shortest` if that does.
 
-    Otherwise the shortest way from touch to touch that passed the check of clearance, curvature and arrival: a short
-    path, not provably the shortest. No path is shorter than its ``lower_bound``.
+    Otherwise the shortest way from touch to touch that passed the check of clearance, curvature and
+    arrival: a short path, not provably the shortest. No path is shorter than its ``lower_bound``.
 
     Args:
         start: ``(3,)`` pose [m, m, rad].
@@ -120,13 +132,16 @@ def plan(start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarr
         margin: Distance [m] to keep from them.
 
     Raises:
-        NoPath: (a ValueError) if none was found; the message tells a closed way, which is certain, from a search
-            that failed.
-        ValueError: for numbers that make no sense, for a start or a goal within the margin of an obstacle, and for a
-            way round obstacles over more than a million turn radii, where rounding decides.
+        NoPath: (a ValueError) if none was found; the message tells a closed way, which is certain,
+            from a search that failed.
+        ValueError: for numbers that make no sense, for a start or a goal within the margin of an
+            obstacle, and for a way round obstacles over more than a million turn radii, where
+            rounding decides.
     """
     start, goal, radius = single(start, goal, radius)
-    segments, bounds, errors = plans(start[None], goal[None], radius, _discs(obstacles, margin)[None])
+    segments, bounds, errors = plans(
+        start[None], goal[None], radius, _discs(obstacles, margin)[None]
+    )
     if errors:
         raise errors[0]
     return shortened(segments[0], float(bounds[0]))
@@ -136,10 +151,13 @@ Plans = tuple[np.ndarray, np.ndarray, dict[int, ValueError]]
 """Segments ``(S, k, 5)``, some of length 0, and lower bounds ``(S,)`` of paths; by scene, why there is none."""
 _BATCH = 256
 """Discs in scenes that are searched together."""
-_CLOSED = "the obstacles with their margin close every way to the goal: ask for less margin or remove an obstacle"
+_CLOSED = (
+    "the obstacles with their margin close every way to the goal: ask for less margin or remove an"
+    " obstacle"
+)
 _UNFOUND = (
-    "no path with turns of {:.6g} m or more was found, which does not prove that there is none: move the "
-    "poses away from the obstacles, turn tighter or ask for less margin"
+    "no path with turns of {:.6g} m or more was found, which does not prove that there is none:"
+    " move the poses away from the obstacles, turn tighter or ask for less margin"
 )
 
 
@@ -158,22 +176,31 @@ def plans(start: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarray)
     errors: dict[int, ValueError] = {}
     if clear.all():
         return segments, length, errors
-    size = np.fmax.reduce(abs(np.concatenate([discs, goal[:, None]], 1) - start[:, None])[..., :2], (1, 2)) / radius
+    size = (
+        np.fmax.reduce(
+            abs(np.concatenate([discs, goal[:, None]], 1) - start[:, None])[..., :2], (1, 2)
+        )
+        / radius
+    )
     far = ~clear & (size > _FAR)
     for s in np.nonzero(far)[0].tolist():
         errors[s] = ValueError(
-            f"poses and obstacles must lie within {_FAR:.0e} turn radii of each other for a way round, got "
-            f"{size[s]:.0e}: turn wider or leave out what is far away"
+            f"poses and obstacles must lie within {_FAR:.0e} turn radii of each other for a way"
+            f" round, got {size[s]:.0e}: turn wider or leave out what is far away"
         )
     for name, poses in (("goal", goal), ("start", start)):
         depth = discs[..., 2] - np.hypot(*np.moveaxis(discs[..., :2] - poses[:, None, :2], -1, 0))
         for s in np.nonzero(~clear & (depth > 0.0).any(-1))[0].tolist():
             errors[s] = ValueError(
-                f"the {name} is {np.nanmax(depth[s]):.6g} m inside obstacle {np.nanargmax(depth[s])} or its margin: "
-                f"move the {name} or the obstacle, or ask for less margin"
+                f"the {name} is {np.nanmax(depth[s]):.6g} m inside obstacle"
+                f" {np.nanargmax(depth[s])} or its margin: move the {name} or the obstacle, or ask"
+                " for less margin"
             )
     rest = np.array([s for s in np.nonzero(~clear)[0].tolist() if s not in errors], int)
-    found, together = [(np.nonzero(clear)[0], segments[clear], length[clear])], max(_BATCH // discs.shape[1], 1)
+    found, together = (
+        [(np.nonzero(clear)[0], segments[clear], length[clear])],
+        max(_BATCH // discs.shape[1], 1),
+    )
     for part in np.split(rest, range(together, len(rest), together)):
         way, bound, failed = _around(start[part], goal[part], radius, discs[part], length[part])
         errors |= {int(part[s]): error for s, error in failed.items()}
@@ -184,12 +211,22 @@ def plans(start: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarray)
     return longer, length, errors
 
 
-def _around(start: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarray, direct: np.ndarray) -> Plans:
+def _around(
+    start: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarray, direct: np.ndarray
+) -> Plans:
     """Plans of scenes in which the shortest path, so long without obstacles, does not keep clear."""
     scale, origin = np.array([radius, radius, 1.0]), start * [1.0, 1.0, 0.0]
-    here, there, rounds = start - origin, (goal - origin) / scale, (discs - origin[:, None]) / radius
+    here, there, rounds = (
+        start - origin,
+        (goal - origin) / scale,
+        (discs - origin[:, None]) / radius,
+    )
     bound = string(here, there, rounds) * radius
-    length, rest, found = np.full(len(start), np.inf), np.nonzero(bound < np.inf)[0], np.zeros((len(start), 1, 5))
+    length, rest, found = (
+        np.full(len(start), np.inf),
+        np.nonzero(bound < np.inf)[0],
+        np.zeros((len(start), 1, 5)),
+    )
     for count in TOUCHES:
         if not len(rest):
             break
@@ -198,7 +235,9 @@ def _around(start: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarra
         most = sizes.max(initial=0)
         if not most:
             break
-        padded = np.array([np.concatenate([rows, np.zeros((most - len(rows), 2))]) for rows in pieces])
+        padded = np.array(
+            [np.concatenate([rows, np.zeros((most - len(rows), 2))]) for rows in pieces]
+        )
         segments = chained(start[rest], padded[..., 0] / radius, padded[..., 1] * radius)
         better = sound(segments, goal[rest], radius, discs[rest]) & (padded[..., 1] > 0.0).any(-1)
         found = np.concatenate([found, np.zeros((len(found), max(most - found.shape[1], 0), 5))], 1)
@@ -207,7 +246,9 @@ def _around(start: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarra
         length[rest[better]] = segments[better, :, 4].cumsum(-1)[:, -1]
         rest = rest[~(length <= _NEAR * np.minimum(np.maximum(bound, direct), length))[rest]]
     sentences = np.where(bound == np.inf, _CLOSED, _UNFOUND.format(radius))
-    errors: dict[int, ValueError] = {s: NoPath(sentences[s]) for s in np.nonzero(length == np.inf)[0].tolist()}
+    errors: dict[int, ValueError] = {
+        s: NoPath(sentences[s]) for s in np.nonzero(length == np.inf)[0].tolist()
+    }
     return found, np.minimum(np.maximum(bound, direct), length), errors
 
 
@@ -225,5 +266,8 @@ def _discs(obstacles: np.ndarray, margin: float) -> np.ndarray:
         raise ValueError(f"obstacles must be rows (x, y, radius), got shape {obstacles.shape}")
     if not np.isfinite(obstacles).all() or (obstacles[:, 2] < 0.0).any():
         bad = ~np.isfinite(obstacles).all(-1) | (obstacles[:, 2] < 0.0)
-        raise ValueError(f"obstacle {bad.argmax()} must have finite numbers and a radius of 0 or more: correct it")
+        raise ValueError(
+            f"obstacle {bad.argmax()} must have finite numbers and a radius of 0 or more:"
+            " correct it"
+        )
     return obstacles + [0.0, 0.0, room]

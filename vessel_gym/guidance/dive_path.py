@@ -1,11 +1,13 @@
 """A smooth path that dives while it turns: an arc of a circle in plan, a smooth step in depth.
 
-From above the path leaves the origin along +x and turns with one curvature until it is over the goal. Its depth is
-``d (3 t^2 - 2 t^3)`` with ``t`` the share of the arc that is covered, so that it begins and ends level. Beyond its ends
-it goes on straight and level. The closest point is that in plan, which has a closed form.
+From above the path leaves the origin along +x and turns with one curvature until it is over the
+goal. Its depth is ``d (3 t^2 - 2 t^3)`` with ``t`` the share of the arc that is covered, so that it
+begins and ends level. Beyond its ends it goes on straight and level. The closest point is that in
+plan, which has a closed form.
 
-An arc is ``(angle, length, depth)``: what the path turns through [rad], the length of its arc in plan and the depth
-of its goal [m]. Frames: x north, y east, z down; a positive angle turns to starboard.
+An arc is ``(angle, length, depth)``: what the path turns through [rad], the length of its arc in
+plan and the depth of its goal [m]. Frames: x north, y east, z down; a positive angle turns to
+starboard.
 """
 
 import numpy as np
@@ -57,7 +59,8 @@ def locate(position: np.ndarray, arc: np.ndarray, ahead: np.ndarray | float) -> 
     """
     x, y, z = (position[..., i] for i in range(3))
     angle, length, curvature = arc[..., 0], arc[..., 1], _curvature(arc)
-    # Polar angle about the arc's centre; it jumps opposite the middle of the arc, far from both ends.
+    # Polar angle about the arc's centre; it jumps opposite the middle of the arc, far from both
+    # ends.
     polar = np.arctan2(curvature * x, 1.0 - curvature * y) - 0.5 * angle
     polar = polar - 2.0 * np.pi * np.floor(polar / (2.0 * np.pi) + 0.5)
     on = (polar + 0.5 * angle) / curvature
@@ -85,9 +88,10 @@ def follow(position: np.ndarray, arc: np.ndarray, ahead: float) -> np.ndarray:
         ahead: Look-ahead distance in plan [m].
 
     Returns:
-        Progress s of the closest point in plan, below 0 before the start and above the length beyond the end;
-        cross-track error (positive to starboard of the path) and depth error (positive below it) [m]; heading [rad] and
-        slope of the path there; the vector from the position to the path's point ``ahead`` of that, north, east, down.
+        Progress s of the closest point in plan, below 0 before the start and above the length
+        beyond the end; cross-track error (positive to starboard of the path) and depth error
+        (positive below it) [m]; heading [rad] and slope of the path there; the vector from the
+        position to the path's point ``ahead`` of that, north, east, down.
     """
     position, arc = shaped_array("position", position, "...", 3), shaped_array("arc", arc, "...", 3)
     return locate(position, arc, as_array("ahead", ahead))

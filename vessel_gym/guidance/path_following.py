@@ -1,11 +1,12 @@
 """Position of a vehicle on a path of arcs and straights, with the path's course and curvature there and ahead.
 
-A path is rows (x, y, heading where it begins, curvature, length), as `vessel_gym.guidance.dubins` plans them,
-flattened; rows of length 0 at the end fill up. Before its start and beyond its end a path goes straight on for `LEAD`
-metres.
+A path is rows (x, y, heading where it begins, curvature, length), as `vessel_gym.guidance.dubins`
+plans them, flattened; rows of length 0 at the end fill up. Before its start and beyond its end a
+path goes straight on for `LEAD` metres.
 
-A path may cross itself. Where two places are near, the one along which the vehicle flies counts: a heading that is off
-counts like `PER_RAD` metres a radian, and twice that at most. So no memory is needed.
+A path may cross itself. Where two places are near, the one along which the vehicle flies counts: a
+heading that is off counts like `PER_RAD` metres a radian, and twice that at most. So no memory is
+needed.
 """
 
 import numpy as np
@@ -26,8 +27,8 @@ def _pieces(segments: np.ndarray) -> tuple[np.ndarray, ...]:
     """The pieces ``(..., k + 2)`` of a path ``(..., 5 k)`` with the straights before its start and beyond its end.
 
     Returns:
-        x, y and heading of the origin of each piece, its curvature, progress at that origin, first and last arc length
-        from there, and a mask of the pieces that exist.
+        x, y and heading of the origin of each piece, its curvature, progress at that origin, first
+        and last arc length from there, and a mask of the pieces that exist.
     """
     x, y, heading, curvature, length = (segments[..., i::COLUMNS] for i in range(COLUMNS))
     count, final = length.shape[-1], segments[..., :COLUMNS]
@@ -35,7 +36,9 @@ def _pieces(segments: np.ndarray) -> tuple[np.ndarray, ...]:
     for k in range(1, count):
         exists.append(exists[-1] & (length[..., k] > 0.0))
         begins.append(begins[-1] + np.where(exists[k - 1], length[..., k - 1], 0.0))
-        final = np.where(exists[k][..., None], segments[..., COLUMNS * k : COLUMNS * (k + 1)], final)
+        final = np.where(
+            exists[k][..., None], segments[..., COLUMNS * k : COLUMNS * (k + 1)], final
+        )
     begins.append(begins[-1] + np.where(exists[-1], length[..., -1], 0.0))
     end_x, end_y, end_heading = follow_on(final[..., 4], *(final[..., i] for i in range(4)))
     zero, mask = np.zeros_like(length[..., :1]), np.stack(exists, -1)
@@ -52,7 +55,9 @@ def _pieces(segments: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 @compiled(axes=(0, 1))
-def pose_along(along: np.ndarray, segments: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def pose_along(
+    along: np.ndarray, segments: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """x, y [m] and heading [rad] ``(...)`` at distances ``along (...)`` [m] of paths ``(..., 5 k)``."""
     x, y, angle, curvature, begin, _, _, exists = _pieces(segments)
     pose = [x[..., 0], y[..., 0], angle[..., 0], curvature[..., 0], begin[..., 0]]
@@ -63,10 +68,15 @@ def pose_along(along: np.ndarray, segments: np.ndarray) -> tuple[np.ndarray, np.
     return follow_on(along - pose[4], *pose[:4])
 
 
-def _closest(x: np.ndarray, y: np.ndarray, curvature: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def _closest(
+    x: np.ndarray, y: np.ndarray, curvature: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
     """Arc length in [low, high] of the point closest to (x ahead, y to the side of positive curvature) of a segment."""
     straight = curvature == 0.0
-    radius, side = 1.0 / np.where(straight, 1.0, abs(curvature)), np.where(curvature > 0.0, 1.0, -1.0)
+    radius, side = (
+        1.0 / np.where(straight, 1.0, abs(curvature)),
+        np.where(curvature > 0.0, 1.0, -1.0),
+    )
     full = 2.0 * np.pi * radius
     beyond = np.arctan2(x, radius - side * y) * radius - low
     s = low + (beyond - full * np.floor(beyond / full))
@@ -75,18 +85,23 @@ def _closest(x: np.ndarray, y: np.ndarray, curvature: np.ndarray, low: np.ndarra
 
 
 @compiled
-def locate(pose: np.ndarray, window: np.ndarray, segments: np.ndarray, ahead: np.ndarray) -> np.ndarray:
+def locate(
+    pose: np.ndarray, window: np.ndarray, segments: np.ndarray, ahead: np.ndarray
+) -> np.ndarray:
     """Positions relative to paths ``(..., 7)``.
 
     Args:
         pose: ``(..., 3)`` x, y [m] and course [rad].
-        window: ``(..., 3)`` least and greatest progress [m], metres that count like a radian between the headings.
+        window: ``(..., 3)`` least and greatest progress [m], metres that count like a radian
+            between the headings.
         segments: ``(..., 5 k)`` the paths.
-        ahead: ``(..., 2)`` distances [m] on: mean curvatures are up to the first, and from there to the second.
+        ahead: ``(..., 2)`` distances [m] on: mean curvatures are up to the first, and from there to
+            the second.
 
     Returns:
-        Progress of the closest point [m], cross-track error (positive to the side of positive curvature) [m], heading
-        of the path there [rad], its two mean curvatures ahead [1/m], remaining path [m], distance [m].
+        Progress of the closest point [m], cross-track error (positive to the side of positive
+        curvature) [m], heading of the path there [rad], its two mean curvatures ahead [1/m],
+        remaining path [m], distance [m].
     """
     x, y = (np.minimum(np.maximum(pose[..., i], -_FAR), _FAR) for i in range(2))
     rx, ry, angle, curvature, begin, first, last, exists = _pieces(segments)
@@ -96,15 +111,24 @@ def locate(pose: np.ndarray, window: np.ndarray, segments: np.ndarray, ahead: np
     s = _closest(dx * cos + dy * sin, dy * cos - dx * sin, curvature, low, high)
     ax, ay, at = follow_on(s, rx, ry, angle, curvature)
     turned = 1.0 - np.cos(pose[..., 2, None] - at)
-    cost = (x[..., None] - ax) ** 2 + (y[..., None] - ay) ** 2 + 2.0 * window[..., 2, None] ** 2 * turned
+    cost = (
+        (x[..., None] - ax) ** 2
+        + (y[..., None] - ay) ** 2
+        + 2.0 * window[..., 2, None] ** 2 * turned
+    )
     cost = np.where(exists & (low <= high), cost, np.inf)
     points = np.stack([begin + s, ax, ay, at], -1)
     least = cost[..., 0]
-    start = np.stack([np.zeros_like(begin[..., 0]), segments[..., 0], segments[..., 1], segments[..., 2]], -1)
+    start = np.stack(
+        [np.zeros_like(begin[..., 0]), segments[..., 0], segments[..., 1], segments[..., 2]], -1
+    )
     point = np.where((least < np.inf)[..., None], points[..., 0, :], start)
     for k in range(1, cost.shape[-1]):
         closer = cost[..., k] < least
-        least, point = np.where(closer, cost[..., k], least), np.where(closer[..., None], points[..., k, :], point)
+        least, point = (
+            np.where(closer, cost[..., k], least),
+            np.where(closer[..., None], points[..., k, :], point),
+        )
     progress, px, py, heading = (point[..., i] for i in range(4))
     near, far = progress + ahead[..., 0], progress + ahead[..., 1]
     soon = later = np.zeros_like(progress)
@@ -115,7 +139,18 @@ def locate(pose: np.ndarray, window: np.ndarray, segments: np.ndarray, ahead: np
         covered = np.maximum(np.minimum(ends, far) - np.maximum(begins, near), 0.0)
         later = later + curved * covered / (ahead[..., 1] - ahead[..., 0])
     across = (y - py) * np.cos(heading) - (x - px) * np.sin(heading)
-    return np.stack([progress, across, heading, soon, later, begin[..., -1] - progress, np.hypot(x - px, y - py)], -1)
+    return np.stack(
+        [
+            progress,
+            across,
+            heading,
+            soon,
+            later,
+            begin[..., -1] - progress,
+            np.hypot(x - px, y - py),
+        ],
+        -1,
+    )
 
 
 ANYWHERE = np.array([-np.inf, np.inf, PER_RAD])

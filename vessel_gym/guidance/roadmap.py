@@ -1,7 +1,8 @@
 """Shortest ways from touch to touch round circular obstacles, for many scenes at once.
 
-Units, scenes and touches as in `vessel_gym.guidance.touches`. An edge joins two touches by a Dubins word or, along a
-disc that is wider than the turning circle, by its edge. Edges of all scenes are joined as one batch.
+Units, scenes and touches as in `vessel_gym.guidance.touches`. An edge joins two touches by a Dubins
+word or, along a disc that is wider than the turning circle, by its edge. Edges of all scenes are
+joined as one batch.
 """
 
 from collections.abc import Sequence
@@ -13,12 +14,15 @@ from estimators.engine import compiled, repeat
 from vessel_gym.guidance.touches import HAIR, all_touches, meets, reaches, touch, turning_on
 from vessel_gym.guidance.words import CURVATURES, whole, word_pieces
 
-_SHARES = 1.03, np.inf  # of the least length that any way may have: touches up to the first are joined first
+_SHARES = (
+    1.03,
+    np.inf,
+)  # of the least length that any way may have: touches up to the first are joined first
 _SLIDE = 1e-4  # rad, the smallest slide of a touch: what it leaves is of its square
 TOUCHES, DISCS = 8, 4  # in one compiled function
 
 
-# --- edges ------------------------------------------------------------------------------------------
+# --- edges ----------------------------------------------------------------------------------------
 
 
 def _words(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -39,12 +43,15 @@ def free_length(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 @compiled(axes=(1, 1, 2))
-def join(a: np.ndarray, b: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def join(
+    a: np.ndarray, b: np.ndarray, discs: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The shortest clear ways from touches ``(..., 7)`` to others among discs ``(..., 4 g, 3)``.
 
     Returns:
-        Their lengths, infinite where no way is clear, the radii ``(..., 3)`` of their pieces, positive to the left and
-        0 of straights, and the angles of arcs and lengths of straights ``(..., 3)``.
+        Their lengths, infinite where no way is clear, the radii ``(..., 3)`` of their pieces,
+        positive to the left and 0 of straights, and the angles of arcs and lengths of straights
+        ``(..., 3)``.
     """
     pieces, words = _words(a, b)
     follows = (a[..., 3] == b[..., 3]) & (a[..., 6] == b[..., 6]) & (a[..., 6] != 0.0)
@@ -57,24 +64,34 @@ def join(a: np.ndarray, b: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, n
         """The lengths, infinite for ways that cross one of the next discs, and the discs with these last."""
         met = [meets(a, [a[..., 6]], extents[..., 0, :1], discs[..., :DISCS, :])]
         met += [
-            meets(a, bends, extents[..., k, :], discs[..., :DISCS, :]) for k, bends in enumerate(CURVATURES.tolist(), 1)
+            meets(a, bends, extents[..., k, :], discs[..., :DISCS, :])
+            for k, bends in enumerate(CURVATURES.tolist(), 1)
         ]
         rest = np.concatenate([discs[..., DISCS:, :], discs[..., :DISCS, :]], -2)
         return np.where(np.stack(met, -1), np.inf, lengths), rest
 
     lengths, _ = repeat(discs.shape[-2] // DISCS, clear, lengths, discs)
-    length, bends, chosen = lengths[..., 0], np.stack([a[..., 6], none, none], -1), extents[..., 0, :]
+    length, bends, chosen = (
+        lengths[..., 0],
+        np.stack([a[..., 6], none, none], -1),
+        extents[..., 0, :],
+    )
     for way, turns in enumerate(CURVATURES, 1):
         better = lengths[..., way] < length
-        length, bends = np.where(better, lengths[..., way], length), np.where(better[..., None], turns, bends)
+        length, bends = (
+            np.where(better, lengths[..., way], length),
+            np.where(better[..., None], turns, bends),
+        )
         chosen = np.where(better[..., None], extents[..., way, :], chosen)
     return length, bends, chosen
 
 
-# --- the shortest way -------------------------------------------------------------------------------
+# --- the shortest way -----------------------------------------------------------------------------
 
 
-def ways(start: np.ndarray, goal: np.ndarray, discs: np.ndarray, count: int, limit: np.ndarray) -> list[np.ndarray]:
+def ways(
+    start: np.ndarray, goal: np.ndarray, discs: np.ndarray, count: int, limit: np.ndarray
+) -> list[np.ndarray]:
     """Curvatures and lengths ``(k, 2)`` of short ways below limits; none where none is found.
 
     Args:
@@ -98,31 +115,49 @@ def ways(start: np.ndarray, goal: np.ndarray, discs: np.ndarray, count: int, lim
 
 
 def _search(
-    start: np.ndarray, goal: np.ndarray, discs: np.ndarray, scene: np.ndarray, nodes: np.ndarray, limit: np.ndarray
+    start: np.ndarray,
+    goal: np.ndarray,
+    discs: np.ndarray,
+    scene: np.ndarray,
+    nodes: np.ndarray,
+    limit: np.ndarray,
 ) -> list[np.ndarray]:
     """The touches ``(k, 7)`` of the shortest ways from start to goal below limits; none where there is none.
 
-    Words that ignore the obstacles say how long a way through a touch is at least. Ways with one touch come first: they
-    bound the length, and most touches then lie too far off for any way.
+    Words that ignore the obstacles say how long a way through a touch is at least. Ways with one
+    touch come first: they bound the length, and most touches then lie too far off for any way.
     """
     nowhere = np.tile([-1.0, 0.0, 0.0, 0.0], (len(discs), 1))
     first, last = np.concatenate([start, nowhere], -1), np.concatenate([goal, nowhere], -1)
     near, ahead = free_length(first[scene], nodes), free_length(nodes, last[scene])
     within, least = near + ahead, np.full(len(discs), np.inf)
     np.fmin.at(least, scene, within)
-    shortest, way, ends = np.minimum(join(first, last, discs)[0], limit), *np.full((2, len(scene)), np.inf)
+    shortest, way, ends = (
+        np.minimum(join(first, last, discs)[0], limit),
+        *np.full((2, len(scene)), np.inf),
+    )
     best = shortest.copy()
     for share in _SHARES:
-        i = np.nonzero((within < best[scene] * (1.0 + HAIR)) & (within <= share * least[scene]) & (way == np.inf))[0]
+        i = np.nonzero(
+            (within < best[scene] * (1.0 + HAIR))
+            & (within <= share * least[scene])
+            & (way == np.inf)
+        )[0]
         way[i] = join(first[scene[i]], nodes[i], discs[scene[i]])[0]
         ends[i] = join(nodes[i], last[scene[i]], discs[scene[i]])[0]
         np.minimum.at(best, scene[i], way[i] + ends[i])
     kept = np.nonzero(within < best[scene] * (1.0 + HAIR))[0]
-    straight = sum(np.hypot(*(nodes[kept, i] - p[scene[kept], i] for i in (0, 1))) for p in (first, last))
+    straight = sum(
+        np.hypot(*(nodes[kept, i] - p[scene[kept], i] for i in (0, 1))) for p in (first, last)
+    )
     kept = kept[np.lexsort((straight, scene[kept]))]
     scene, nodes, way, ends, ahead = scene[kept], nodes[kept], way[kept], ends[kept], ahead[kept]
     best, by = _relaxed(shortest, np.full(len(discs), -1), scene, np.arange(len(way)), way + ends)
-    before, fresh, poses = np.full(len(way), -1), np.ones(len(way), bool), np.ascontiguousarray(nodes[:, :3])
+    before, fresh, poses = (
+        np.full(len(way), -1),
+        np.ones(len(way), bool),
+        np.ascontiguousarray(nodes[:, :3]),
+    )
     while True:  # Bellman and Ford
         fresh &= way + ahead < best[scene]
         u, v = _pairs(scene, np.nonzero(fresh)[0])
@@ -132,11 +167,16 @@ def _search(
         u, v, known = u[close], v[close], way
         if not len(u):
             break
-        way, before = _relaxed(way, before, v, u, way[u] + join(nodes[u], nodes[v], discs[scene[u]])[0])
+        way, before = _relaxed(
+            way, before, v, u, way[u] + join(nodes[u], nodes[v], discs[scene[u]])[0]
+        )
         fresh = way < known
         best, by = _relaxed(best, by, scene, np.arange(len(way)), way + ends)
     none = np.zeros((0, 7))
-    return [_back(before, by[s], first[s], last[s], nodes) if best[s] < limit[s] else none for s in range(len(discs))]
+    return [
+        _back(before, by[s], first[s], last[s], nodes) if best[s] < limit[s] else none
+        for s in range(len(discs))
+    ]
 
 
 def _pairs(scene: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -158,7 +198,9 @@ def _relaxed(
     return least, before
 
 
-def _back(before: np.ndarray, v: int, first: np.ndarray, last: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+def _back(
+    before: np.ndarray, v: int, first: np.ndarray, last: np.ndarray, nodes: np.ndarray
+) -> np.ndarray:
     """The touches from the first by way of v to the last, each after that which is ``before`` it (the first: -1)."""
     found = [last]
     while v >= 0:
@@ -167,7 +209,7 @@ def _back(before: np.ndarray, v: int, first: np.ndarray, last: np.ndarray, nodes
     return np.array([first, *found[::-1]])
 
 
-# --- refinement -------------------------------------------------------------------------------------
+# --- refinement -----------------------------------------------------------------------------------
 
 
 def _refined(
@@ -200,11 +242,16 @@ def _refined(
     return results
 
 
-def _taut(ways: np.ndarray, touches: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _taut(
+    ways: np.ndarray, touches: np.ndarray, discs: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Leave out the touches that ways are no longer without; radii and extents ``(S, n - 1, 3)`` of their pieces."""
     n, left = ways.shape[1] - 1, np.zeros(len(ways), int)
     while True:
-        a, b = np.concatenate([ways[:, :-1], ways[:, :-2]], 1), np.concatenate([ways[:, 1:], ways[:, 2:]], 1)
+        a, b = (
+            np.concatenate([ways[:, :-1], ways[:, :-2]], 1),
+            np.concatenate([ways[:, 1:], ways[:, 2:]], 1),
+        )
         length, bends, extents = join(a, b, discs[:, None])
         number = np.arange(n - 1)
         without = length[:, n:] < length[:, : n - 1] + length[:, 1:n] + HAIR
@@ -236,58 +283,99 @@ def _best_slide(
     Args:
         touches: Four in a row, of which the second slides alone or both in the middle do.
         alone: Mask of the ways in which one slides alone.
-        first: Mask of those in which the second touch goes where the arcs meet when the third has slid.
+        first: Mask of those in which the second touch goes where the arcs meet when the third has
+            slid.
         edges: Of the discs.
         discs: Likewise.
         step: Of the slide [rad].
 
     Returns:
-        1, -1 or 0 (none), the touches in the middle, and the straights between turns both ways of the
-        last three legs (otherwise infinite).
+        1, -1 or 0 (none), the touches in the middle, and the straights between turns both ways of
+        the last three legs (otherwise infinite).
     """
     a, b, c, d = touches
     moving, following = np.where(first[..., None], c, b), np.where(first[..., None], b, c)
-    edge, next_edge, zero = _picked(edges, moving[..., 3]), _picked(edges, following[..., 3]), np.zeros_like(step)
+    edge, next_edge, zero = (
+        _picked(edges, moving[..., 3]),
+        _picked(edges, following[..., 3]),
+        np.zeros_like(step),
+    )
 
-    def candidate(number: np.ndarray, best: np.ndarray, sign: np.ndarray, *kept: np.ndarray) -> tuple[Any, ...]:
+    def candidate(
+        number: np.ndarray, best: np.ndarray, sign: np.ndarray, *kept: np.ndarray
+    ) -> tuple[Any, ...]:
         """The way as it is, then two slides alone, or two with four places each of the touch that follows."""
         as_is, own = number == 0.0, np.where(number <= np.where(alone, 1.0, 4.0), 1.0, -1.0)
         pose = touch(edge, moving[..., 3], moving[..., 4], moving[..., 5] + own * step)
         option = number - np.where(number > 4.0, 5.0, 1.0)
-        turn, sin, cos = np.where(option < 2.0, 1.0, -1.0), np.sin(pose[..., 2]), np.cos(pose[..., 2])
+        turn, sin, cos = (
+            np.where(option < 2.0, 1.0, -1.0),
+            np.sin(pose[..., 2]),
+            np.cos(pose[..., 2]),
+        )
         centre = pose[..., 0] - turn * sin, pose[..., 1] + turn * cos
-        bearings = turning_on(np.stack([*centre, zero + 2.0, following[..., 4] * turn], -1), next_edge)
+        bearings = turning_on(
+            np.stack([*centre, zero + 2.0, following[..., 4] * turn], -1), next_edge
+        )
         bearing = np.where((option == 0.0) | (option == 2.0), bearings[..., 0], bearings[..., 1])
-        met = np.where(alone[..., None], c, touch(next_edge, following[..., 3], following[..., 4], bearing))
+        met = np.where(
+            alone[..., None], c, touch(next_edge, following[..., 3], following[..., 4], bearing)
+        )
         pair = np.where(first[..., None], met, pose), np.where(first[..., None], pose, met)
-        low, high = (np.where(as_is[..., None], old, new) for old, new in zip((b, c), pair, strict=True))
+        low, high = (
+            np.where(as_is[..., None], old, new) for old, new in zip((b, c), pair, strict=True)
+        )
         allowed = (sign == 0.0) | (sign == own)
         legs = np.where(allowed, np.where(alone, 2.0, 3.0), 0.0)
 
         def leg(i: np.ndarray, total: np.ndarray, *straights: np.ndarray) -> tuple[np.ndarray, ...]:
-            here, there = (_picked(np.stack(ends, -2), i) for ends in ((a, low, high), (low, high, d)))
+            here, there = (
+                _picked(np.stack(ends, -2), i) for ends in ((a, low, high), (low, high, d))
+            )
             length, bends, extents = join(here, there, discs)
             straight = np.where(bends[..., 0] * bends[..., 2] < 0.0, extents[..., 1], np.inf)
             return i + 1.0, total + length, *straights[1:], straight
 
-        _, total, s0, s1, s2 = repeat(3, leg, zero, zero, zero, zero, zero, active=lambda i, *_: i < legs)
+        _, total, s0, s1, s2 = repeat(
+            3, leg, zero, zero, zero, zero, zero, active=lambda i, *_: i < legs
+        )
         better = as_is | (allowed & (total < best))
         best = np.where(better, total * np.where(as_is, 1.0 - 1e-12, 1.0), best)
-        middle = (np.where(better[..., None], new, old) for new, old in zip((low, high), kept, strict=False))
-        straights = (np.where(better, new, old) for new, old in zip((s0, s1, s2), kept[2:], strict=True))
+        middle = (
+            np.where(better[..., None], new, old)
+            for new, old in zip((low, high), kept, strict=False)
+        )
+        straights = (
+            np.where(better, new, old) for new, old in zip((s0, s1, s2), kept[2:], strict=True)
+        )
         return number + 1.0, best, np.where(better & ~as_is, own, sign), *middle, *straights
 
     last = np.where(alone, 2.0, 8.0)
-    return repeat(9, candidate, zero, zero, zero, b, c, zero, zero, zero, active=lambda number, *_: number <= last)[2:]
+    return repeat(
+        9,
+        candidate,
+        zero,
+        zero,
+        zero,
+        b,
+        c,
+        zero,
+        zero,
+        zero,
+        active=lambda number, *_: number <= last,
+    )[2:]
 
 
 @compiled(axes=(2, 0, 2, 2, 0))
-def _slid(way: np.ndarray, count: np.ndarray, edges: np.ndarray, discs: np.ndarray, step: np.ndarray) -> np.ndarray:
+def _slid(
+    way: np.ndarray, count: np.ndarray, edges: np.ndarray, discs: np.ndarray, step: np.ndarray
+) -> np.ndarray:
     """Touches ``(..., n, 7)`` of a way, slid along their edges until no slide of `_SLIDE` shortens it.
 
-    Each touch in turn slides forwards or backwards by the step: alone, with the one before and with the one after. The
-    step halves when no slide shortens the way. Where two neighbours' arcs meet without a straight between, neither can
-    slide alone: then one goes where the arcs through both meet.
+    Each touch in turn slides forwards or backwards by the step: alone, with the one before and with
+    the one after. The step halves when no slide shortens the way. Where two neighbours' arcs meet
+    without a straight between, neither can slide alone: then one goes where the arcs through both
+    meet.
 
     Args:
         way: From the start to the goal, which fills up.
@@ -298,7 +386,12 @@ def _slid(way: np.ndarray, count: np.ndarray, edges: np.ndarray, discs: np.ndarr
     """
 
     def attempt(
-        way: np.ndarray, step: np.ndarray, place: np.ndarray, failed: np.ndarray, before: np.ndarray, after: np.ndarray
+        way: np.ndarray,
+        step: np.ndarray,
+        place: np.ndarray,
+        failed: np.ndarray,
+        before: np.ndarray,
+        after: np.ndarray,
     ) -> tuple[np.ndarray, ...]:
         """Slide touch ``place // 3`` alone, with the one before or with the one after: ``place % 3``."""
         i = np.floor(place / 3.0)
@@ -311,15 +404,33 @@ def _slid(way: np.ndarray, count: np.ndarray, edges: np.ndarray, discs: np.ndarr
         for n in range(1, way.shape[-2]):
             row = np.where((changed == n - 1.0)[..., None], b, way[..., n, :])
             rows.append(np.where((changed == n - 2.0)[..., None], c, row))
-        before, after = np.where(alone, straights[1], before), np.where(alone | first, straights[2], after)
+        before, after = (
+            np.where(alone, straights[1], before),
+            np.where(alone | first, straights[2], after),
+        )
         failed, place = np.where(sign == 0.0, failed + 1.0, 0.0), place + 1.0
         i = np.floor(place / 3.0)
         for k, movable, straight in ((1.0, i > 0.0, before), (2.0, i < count - 1.0, after)):
-            skipped = (place == 3.0 * i + k) & ~(movable & (straight * straight < 4.0 * step))  # they cannot together
+            skipped = (place == 3.0 * i + k) & ~(
+                movable & (straight * straight < 4.0 * step)
+            )  # they cannot together
             place, failed = place + skipped, failed + skipped
         done = failed >= 3.0 * count
-        place, failed = np.where(done | (place >= 3.0 * count), 0.0, place), np.where(done, 0.0, failed)
+        place, failed = (
+            np.where(done | (place >= 3.0 * count), 0.0, place),
+            np.where(done, 0.0, failed),
+        )
         return np.stack(rows, -2), np.where(done, 0.5 * step, step), place, failed, before, after
 
     zero = np.zeros_like(step)
-    return repeat(10**6, attempt, way, step, zero, zero, zero, zero, active=lambda way, step, *_: step > _SLIDE)[0]
+    return repeat(
+        10**6,
+        attempt,
+        way,
+        step,
+        zero,
+        zero,
+        zero,
+        zero,
+        active=lambda way, step, *_: step > _SLIDE,
+    )[0]

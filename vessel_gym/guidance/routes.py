@@ -30,12 +30,14 @@ def route(waypoints: object, radius: float, clearance: float = 0.0) -> tuple[np.
         clearance: Least distance [m] between legs that do not follow each other.
 
     Raises:
-        ValueError: for what is no such list, a change of course above `SHARPEST`, a leg too short for its arcs, a route
-            longer than `LONGEST`, or legs within the clearance of each other.
+        ValueError: for what is no such list, a change of course above `SHARPEST`, a leg too short
+            for its arcs, a route longer than `LONGEST`, or legs within the clearance of each other.
     """
     points = numbers(waypoints)
     if points is None or points.ndim != 2 or points.shape[1] != 2:
-        raise ValueError(f"waypoints must be rows (north, east), metres, got {short_repr(waypoints)}")
+        raise ValueError(
+            f"waypoints must be rows (north, east), metres, got {short_repr(waypoints)}"
+        )
     if not 2 <= len(points) <= WAYPOINTS:
         raise ValueError(f"waypoints must be 2 to {WAYPOINTS}, got {len(points)}")
     if not np.isfinite(points).all():
@@ -45,7 +47,10 @@ def route(waypoints: object, radius: float, clearance: float = 0.0) -> tuple[np.
         legs = np.diff(points, axis=0)
         length = np.hypot(*legs.T)
     if not length.sum() <= LONGEST:
-        raise ValueError(f"the legs of a route must be {LONGEST:.0f} m together at most, got {length.sum():.4g} m")
+        raise ValueError(
+            f"the legs of a route must be {LONGEST:.0f} m together at most, got"
+            f" {length.sum():.4g} m"
+        )
     if not length.all():
         first = 1 + int(length.argmin())
         raise ValueError(f"waypoints {first} and {first + 1} are the same place")
@@ -54,23 +59,23 @@ def route(waypoints: object, radius: float, clearance: float = 0.0) -> tuple[np.
     if (np.abs(turn) > SHARPEST).any():
         at = int(np.abs(turn).argmax())
         raise ValueError(
-            f"the course changes by {np.rad2deg(abs(turn[at])):.0f} degrees at waypoint {at + 2}, more than "
-            f"{np.rad2deg(SHARPEST):.0f}"
+            f"the course changes by {np.rad2deg(abs(turn[at])):.0f} degrees at waypoint {at + 2},"
+            f" more than {np.rad2deg(SHARPEST):.0f}"
         )
     tangent = np.pad(radius * np.tan(0.5 * np.abs(turn)), 1)
     straight = length - tangent[:-1] - tangent[1:]
     if (straight < 0.0).any():
         at = int(straight.argmin())
         raise ValueError(
-            f"leg {at + 1} of the route is {length[at]:.0f} m long and needs {length[at] - straight[at]:.0f} m for its "
-            f"arcs of {radius:.0f} m radius"
+            f"leg {at + 1} of the route is {length[at]:.0f} m long and needs"
+            f" {length[at] - straight[at]:.0f} m for its arcs of {radius:.0f} m radius"
         )
     for i, j in combinations(range(len(legs)), 2):
         apart = np.inf if j == i + 1 else _apart(points[i], points[i + 1], points[j], points[j + 1])
         if apart <= clearance:
             raise ValueError(
-                f"legs {i + 1} and {j + 1} of the route come within {apart:.0f} m of each other, nearer than "
-                f"{clearance:.0f} m"
+                f"legs {i + 1} and {j + 1} of the route come within {apart:.0f} m of each other,"
+                f" nearer than {clearance:.0f} m"
             )
     lengths = np.zeros(2 * len(legs) - 1)
     lengths[::2], lengths[1::2] = straight, radius * np.abs(turn)

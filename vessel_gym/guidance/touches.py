@@ -1,9 +1,9 @@
 """Poses at which paths of bounded curvature touch circular obstacles, for many scenes at once.
 
-Lengths count in turn radii. Scenes are the first axis: discs are ``(S, m, 3)`` x, y, radius, NaN where a scene has
-fewer; touches are rows ``(..., 7)``: x, y, heading, disc (none: -1), side (1: the disc is on the left, -1: on the
-right), bearing from the disc's centre, and the radius of the edge, positive to the left, if a path can follow it
-(otherwise 0).
+Lengths count in turn radii. Scenes are the first axis: discs are ``(S, m, 3)`` x, y, radius, NaN
+where a scene has fewer; touches are rows ``(..., 7)``: x, y, heading, disc (none: -1), side (1: the
+disc is on the left, -1: on the right), bearing from the disc's centre, and the radius of the edge,
+positive to the left, if a path can follow it (otherwise 0).
 """
 
 from collections.abc import Sequence
@@ -20,10 +20,12 @@ _FULL = 2.0 * np.pi
 _SIDES = np.array([1.0, -1.0])
 
 
-# --- clearance --------------------------------------------------------------------------------------
+# --- clearance ------------------------------------------------------------------------------------
 
 
-def meets(pose: np.ndarray, bends: Sequence[np.ndarray | float], extents: np.ndarray, discs: np.ndarray) -> np.ndarray:
+def meets(
+    pose: np.ndarray, bends: Sequence[np.ndarray | float], extents: np.ndarray, discs: np.ndarray
+) -> np.ndarray:
     """Mask of the ways from poses ``(..., 3)`` that cross any of the discs ``(..., m, 3)``; arcs begin outside of them.
 
     Args:
@@ -36,7 +38,11 @@ def meets(pose: np.ndarray, bends: Sequence[np.ndarray | float], extents: np.nda
     sin, cos, crosses = np.sin(heading), np.cos(heading), x != x
     for k, bend in enumerate(bends):
         extent, straight = extents[..., k], isinstance(bend, float) and bend == 0.0
-        bx, by, radius = bend * sin, -bend * cos, abs(bend)  # from the centre to where the arc begins
+        bx, by, radius = (
+            bend * sin,
+            -bend * cos,
+            abs(bend),
+        )  # from the centre to where the arc begins
         x, y, side = x - bx, y - by, np.where(bend > 0.0, 1.0, -1.0)
         if straight:
             ex, ey = extent * cos, extent * sin
@@ -51,29 +57,38 @@ def meets(pose: np.ndarray, bends: Sequence[np.ndarray | float], extents: np.nda
                 hit = (dx - along * cos) ** 2 + (dy - along * sin) ** 2 < room**2
             else:
                 apart, inner = dx * dx + dy * dy, radius - room
-                circle = (apart < (radius + room) ** 2) & ~((inner >= 0.0) & (apart <= inner * inner))  # false of NaN
-                beyond_half = side * (bx * dy - by * dx) < 0.0  # the circle's nearest point, from the arc's beginning
+                circle = (apart < (radius + room) ** 2) & ~(
+                    (inner >= 0.0) & (apart <= inner * inner)
+                )  # false of NaN
+                beyond_half = (
+                    side * (bx * dy - by * dx) < 0.0
+                )  # the circle's nearest point, from the arc's beginning
                 before_end = side * (dx * ey - dy * ex) > 0.0
-                passed = np.where(beyond_half, (extent >= np.pi) & before_end, (extent >= np.pi) | before_end)
+                passed = np.where(
+                    beyond_half, (extent >= np.pi) & before_end, (extent >= np.pi) | before_end
+                )
                 hit = circle & (passed | ((dx - ex) ** 2 + (dy - ey) ** 2 < room**2))
             crosses = crosses | (hit & (extent > 0.0))
         x, y = x + ex, y + ey
     return crosses
 
 
-# --- tangents ---------------------------------------------------------------------------------------
+# --- tangents -------------------------------------------------------------------------------------
 
 
 @compiled(axes=(1, 2))
 def reaches(disc: np.ndarray, discs: np.ndarray) -> np.ndarray:
     """Edge ``(..., 4)`` of a disc that touches lie on: x, y, radius, and the radius again or 0 where turns are wider.
 
-    It keeps a hair from the disc ``(..., 3)``, or half of the narrowest gap to another of ``discs (..., m, 3)``.
+    It keeps a hair from the disc ``(..., 3)``, or half of the narrowest gap to another of ``discs
+    (..., m, 3)``.
     """
     far = np.hypot(disc[..., :1] - discs[..., 0], disc[..., 1:2] - discs[..., 1])
     apart = far - disc[..., 2:] - discs[..., 2]
     reach = disc[..., 2] + np.minimum(HAIR, np.where(apart > 0.0, 0.5 * apart, np.inf).min(-1))
-    return np.stack([disc[..., 0], disc[..., 1], reach, np.where(disc[..., 2] >= 1.0, reach, 0.0)], -1)
+    return np.stack(
+        [disc[..., 0], disc[..., 1], reach, np.where(disc[..., 2] >= 1.0, reach, 0.0)], -1
+    )
 
 
 def circles(start: np.ndarray, goal: np.ndarray, turn: float, edges: np.ndarray) -> np.ndarray:
@@ -87,23 +102,31 @@ def circles(start: np.ndarray, goal: np.ndarray, turn: float, edges: np.ndarray)
     """
     rounds, poses = np.empty((len(start), 4 + 2 * edges.shape[1], 4)), np.stack([start, goal], 1)
     aside = turn * np.stack([-np.sin(poses[..., 2]), np.cos(poses[..., 2])], -1)
-    rounds[:, :4, :2] = (poses[:, :, None, :2] + _SIDES[:, None] * aside[:, :, None]).reshape(-1, 4, 2)
+    rounds[:, :4, :2] = (poses[:, :, None, :2] + _SIDES[:, None] * aside[:, :, None]).reshape(
+        -1, 4, 2
+    )
     rounds[:, :4, 2], rounds[:, 4:, :3] = turn, edges[..., :3].repeat(2, 1)
     rounds[:, ::2, 3], rounds[:, 1::2, 3] = _SIDES
     return rounds
 
 
 @compiled(axes=(1, 1, 2))
-def _tangent(a: np.ndarray, b: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _tangent(
+    a: np.ndarray, b: np.ndarray, discs: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mask of the clear straights from directed circles to others, their headings and lengths.
 
-    On a circle that turns to side +-1, the point of heading psi is the centre + side radius (sin psi, -cos psi).
+    On a circle that turns to side +-1, the point of heading psi is the centre + side radius (sin
+    psi, -cos psi).
     """
     bend = a[..., 2] * a[..., 3]
     dx, dy, wider = b[..., 0] - a[..., 0], b[..., 1] - a[..., 1], bend - b[..., 2] * b[..., 3]
     square = dx * dx + dy * dy - wider * wider
     exists = square > 0.0
-    total, length = np.where(exists, square + wider * wider, 1.0), np.sqrt(np.where(exists, square, 0.0))
+    total, length = (
+        np.where(exists, square + wider * wider, 1.0),
+        np.sqrt(np.where(exists, square, 0.0)),
+    )
     cos, sin = (dx * length - dy * wider) / total, (dy * length + dx * wider) / total
     heading = np.arctan2(sin, cos)
     begin = np.stack([a[..., 0] + bend * sin, a[..., 1] - bend * cos, heading], -1)
@@ -118,7 +141,8 @@ def tangents(rounds: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, ...]:
         discs: ``(S, m, 3)``.
 
     Returns:
-        Scenes and numbers of the circles where they begin and end, headings and lengths, ``(e,)`` each.
+        Scenes and numbers of the circles where they begin and end, headings and lengths, ``(e,)``
+        each.
     """
     clear, headings, lengths = _tangent(rounds[:, :, None], rounds[:, None], discs[:, None, None])
     clear[:, 2:4] = clear[:, :, :2] = False
@@ -126,23 +150,33 @@ def tangents(rounds: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 @compiled(axes=(1, 0, 0, 2))
-def _arc_clear(circle: np.ndarray, heading: np.ndarray, angle: np.ndarray, discs: np.ndarray) -> np.ndarray:
+def _arc_clear(
+    circle: np.ndarray, heading: np.ndarray, angle: np.ndarray, discs: np.ndarray
+) -> np.ndarray:
     """Mask of the arcs of directed circles ``(..., 4)`` from headings on that cross no disc."""
     bend = circle[..., 2] * circle[..., 3]
-    begin = np.stack([circle[..., 0] + bend * np.sin(heading), circle[..., 1] - bend * np.cos(heading), heading], -1)
+    begin = np.stack(
+        [circle[..., 0] + bend * np.sin(heading), circle[..., 1] - bend * np.cos(heading), heading],
+        -1,
+    )
     return (bend == 0.0) | ~meets(begin, [bend], angle[..., None], discs)
 
 
 def string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> np.ndarray:
     """Lengths ``(S,)`` of the shortest ways that may bend as sharply as they like; infinite where there is none.
 
-    The discs are smaller by a hair or two here: poses may lie on their edge, and no rounding closes a gap.
+    The discs are smaller by a hair or two here: poses may lie on their edge, and no rounding closes
+    a gap.
     """
     discs = discs - [0.0, 0.0, 2.0 * HAIR]
     discs[..., 2] = np.maximum(discs[..., 2], 0.0)
     rounds = circles(start, goal, 0.0, discs + [0.0, 0.0, HAIR])
     scene, i, j, heading, line = tangents(rounds, discs)
-    scenes, owner, count = np.tile(scene, 2), np.concatenate([i, j]), len(scene)  # they leave circles, then arrive
+    scenes, owner, count = (
+        np.tile(scene, 2),
+        np.concatenate([i, j]),
+        len(scene),
+    )  # they leave circles, then arrive
     circle, headings = rounds[scenes, owner], np.tile(heading, 2)
     turned = circle[:, 3] * headings % _FULL  # grows along the circle
     group = scenes * rounds.shape[1] + owner
@@ -158,24 +192,37 @@ def string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> np.ndarray
     if not len(sources):
         return np.full(len(discs), np.inf)
     number = np.arange(2 * count)
-    heads, ways = np.stack([number, number], -1), np.zeros((2 * count, 2))  # of a line and of an arc; itself: of none
+    heads, ways = (
+        np.stack([number, number], -1),
+        np.zeros((2 * count, 2)),
+    )  # of a line and of an arc; itself: of none
     heads[:count, 0], ways[:count, 0] = number[count:], line
-    heads[order[linked], 1], ways[order[linked], 1] = following[linked], (angle * circle[order, 2])[linked]
-    graph = csr_array((ways.ravel(), heads.ravel(), np.arange(0, 4 * count + 1, 2)), shape=(2 * count, 2 * count))
+    heads[order[linked], 1], ways[order[linked], 1] = (
+        following[linked],
+        (angle * circle[order, 2])[linked],
+    )
+    graph = csr_array(
+        (ways.ravel(), heads.ravel(), np.arange(0, 4 * count + 1, 2)), shape=(2 * count, 2 * count)
+    )
     way, ends = dijkstra(graph, indices=sources, min_only=True)[count:], (j == 2) | (j == 3)
     shortest = np.full(len(discs), np.inf)
     np.minimum.at(shortest, scene[ends], way[ends])
     return shortest
 
 
-# --- touches ----------------------------------------------------------------------------------------
+# --- touches --------------------------------------------------------------------------------------
 
 
 @compiled(axes=(1, 0, 0, 0))
 def touch(edge: np.ndarray, disc: np.ndarray, side: np.ndarray, bearing: np.ndarray) -> np.ndarray:
     """Touches ``(..., 7)`` of discs at bearings from their centres; ``edge`` is one of `reaches` ``(..., 4)``."""
-    x, y = edge[..., 0] + edge[..., 2] * np.cos(bearing), edge[..., 1] + edge[..., 2] * np.sin(bearing)
-    return np.stack([x, y, bearing + side * (0.5 * np.pi), disc, side, bearing, side * edge[..., 3]], -1)
+    x, y = (
+        edge[..., 0] + edge[..., 2] * np.cos(bearing),
+        edge[..., 1] + edge[..., 2] * np.sin(bearing),
+    )
+    return np.stack(
+        [x, y, bearing + side * (0.5 * np.pi), disc, side, bearing, side * edge[..., 3]], -1
+    )
 
 
 @compiled(axes=(1, 0, 0, 0, 2))
@@ -197,17 +244,26 @@ def turning_on(circle: np.ndarray, edge: np.ndarray) -> np.ndarray:
     """Bearings ``(..., 2)`` at which turning circles touch a disc and have their centres on a circle; NaN for none.
 
     Args:
-        circle: ``(..., 4)`` x, y, its radius, and 1: the disc lies outside of the turning circle, or -1: inside.
+        circle: ``(..., 4)`` x, y, its radius, and 1: the disc lies outside of the turning circle,
+            or -1: inside.
         edge: ``(..., 4)`` of the disc, one of `reaches`.
     """
     apart, sign = circle[..., 2], circle[..., 3]
     dx, dy = circle[..., 0] - edge[..., 0], circle[..., 1] - edge[..., 1]
     reach, distance = 1.0 + sign * edge[..., 2], np.sqrt(dx * dx + dy * dy)
-    exists = (np.minimum(apart, reach) > 0.0) & (abs(distance - reach) <= apart) & (distance + reach >= apart)
+    exists = (
+        (np.minimum(apart, reach) > 0.0)
+        & (abs(distance - reach) <= apart)
+        & (distance + reach >= apart)
+    )
     exists = exists & (distance > 0.0)
-    cos = (distance * distance + reach * reach - apart * apart) / np.where(exists, 2.0 * distance * reach, 1.0)
+    cos = (distance * distance + reach * reach - apart * apart) / np.where(
+        exists, 2.0 * distance * reach, 1.0
+    )
     middle = np.arctan2(dy, dx) + np.where(sign > 0.0, 0.0, np.pi)
-    half = np.where(exists, np.arccos(np.minimum(np.maximum(np.where(exists, cos, 0.0), -1.0), 1.0)), np.nan)
+    half = np.where(
+        exists, np.arccos(np.minimum(np.maximum(np.where(exists, cos, 0.0), -1.0), 1.0)), np.nan
+    )
     return np.stack([middle - half, middle + half], -1)
 
 
@@ -221,7 +277,13 @@ def _between(circle: np.ndarray, edge: np.ndarray) -> tuple[np.ndarray, np.ndarr
     for out in _SIDES:
         for sign in _SIDES:
             centres = np.stack(
-                [circle[..., 0], circle[..., 1], 1.0 + out * circle[..., 2], sign + 0.0 * circle[..., 3]], -1
+                [
+                    circle[..., 0],
+                    circle[..., 1],
+                    1.0 + out * circle[..., 2],
+                    sign + 0.0 * circle[..., 3],
+                ],
+                -1,
             )
             bearings.append(turning_on(centres, edge))
             sides += [sign * out * circle[..., 3]] * 2
@@ -253,14 +315,24 @@ def all_touches(
     touches = touch(edges[scene, disc], disc.astype(float), side, bearing)
 
     along = np.arctan2(goal[:, 1], goal[:, 0]) + 0.5 * np.pi
-    spread = (along[:, None] + np.arange(count) * (_FULL / count))[:, None].repeat(discs.shape[1], 1)
+    spread = (along[:, None] + np.arange(count) * (_FULL / count))[:, None].repeat(
+        discs.shape[1], 1
+    )
     dx, dy = (discs[:, None, :, i] - discs[:, :, None, i] for i in (0, 1))
-    gap = np.hypot(dx, dy) - discs[:, :, None, 2] - discs[:, None, :, 2]  # passed at its narrowest place
+    gap = (
+        np.hypot(dx, dy) - discs[:, :, None, 2] - discs[:, None, :, 2]
+    )  # passed at its narrowest place
     narrow = np.where((gap > 0.0) & (gap < 1.0), np.arctan2(dy, dx), np.nan)
-    bearing, side = (each.reshape(narrow.shape[:2] + (-1,)) for each in _between(rounds[:, None], edges[:, :, None]))
+    bearing, side = (
+        each.reshape(narrow.shape[:2] + (-1,))
+        for each in _between(rounds[:, None], edges[:, :, None])
+    )
     left = np.concatenate([spread, narrow], -1)
     ways = np.ones_like(left)
-    bearing, side = np.concatenate([bearing, left, left], -1), np.concatenate([side, ways, -ways], -1)
+    bearing, side = (
+        np.concatenate([bearing, left, left], -1),
+        np.concatenate([side, ways, -ways], -1),
+    )
     number = np.arange(discs.shape[1])[:, None] + 0.0
     others, clear = _placed(edges[:, :, None], number, side, bearing, discs[:, None, None])
     return np.concatenate([scene, np.nonzero(clear)[0]]), np.concatenate([touches, others[clear]])

@@ -1,12 +1,14 @@
 """Shortest paths of bounded curvature between two poses: Dubins' six words in closed form.
 
-A word names the pieces of a path: L and R are arcs of the turn radius, S is a straight. Three pieces are
-always enough, and only LSL, LSR, RSL, RSR, LRL and RLR can be shortest (Dubins 1957, On curves of minimal
-length with a constraint on average curvature; formulas as in Shkel & Lumelsky 2001, Classification of the
-Dubins set). Poses are (x, y, theta): theta from +x towards +y, L turns theta up.
+A word names the pieces of a path: L and R are arcs of the turn radius, S is a straight. Three
+pieces are always enough, and only LSL, LSR, RSL, RSR, LRL and RLR can be shortest (Dubins 1957, On
+curves of minimal length with a constraint on average curvature; formulas as in Shkel & Lumelsky
+2001, Classification of the Dubins set). Poses are (x, y, theta): theta from +x towards +y, L turns
+theta up.
 
-Where a piece has length zero, rounding can turn it into a full circle, and the length is wrong by 2 pi R. So
-every word is first asked whether it reaches the goal without its first or without its last arc.
+Where a piece has length zero, rounding can turn it into a full circle, and the length is wrong by 2
+pi R. So every word is first asked whether it reaches the goal without its first or without its last
+arc.
 """
 
 from dataclasses import dataclass
@@ -28,7 +30,7 @@ CURVATURES = np.array([[TURNS[letter] for letter in word] for word in WORDS])
 _FULL = 2.0 * np.pi
 
 
-# --- the words, for a start at the origin heading along +x and a radius of 1 ------------------------
+# --- the words, for a start at the origin heading along +x and a radius of 1 ----------------------
 
 
 def whole(angle: np.ndarray) -> np.ndarray:
@@ -42,7 +44,9 @@ def _turn(angle: np.ndarray) -> np.ndarray:
     return np.where(angle > _FULL - 1e-11, 0.0, angle)
 
 
-def _choose(cases: list[tuple[np.ndarray, list[np.ndarray]]], otherwise: list[np.ndarray]) -> np.ndarray:
+def _choose(
+    cases: list[tuple[np.ndarray, list[np.ndarray]]], otherwise: list[np.ndarray]
+) -> np.ndarray:
     """The three lengths ``(..., 3)`` of the first case that holds."""
     pieces = np.stack(otherwise, -1)
     for holds, lengths in reversed(cases):
@@ -50,7 +54,9 @@ def _choose(cases: list[tuple[np.ndarray, list[np.ndarray]]], otherwise: list[np
     return pieces
 
 
-def _lsl(x: np.ndarray, y: np.ndarray, a: np.ndarray, sin: np.ndarray, cos: np.ndarray, hair: np.ndarray) -> np.ndarray:
+def _lsl(
+    x: np.ndarray, y: np.ndarray, a: np.ndarray, sin: np.ndarray, cos: np.ndarray, hair: np.ndarray
+) -> np.ndarray:
     """First arc, straight and last arc of LSL to the poses (x, y, a); errors below a hair are rounding."""
     dx, dy = x - sin, y + cos - 1.0  # from the centre of the first arc to that of the last
     along, none = dx * cos + dy * sin, np.zeros_like(dx)
@@ -58,12 +64,17 @@ def _lsl(x: np.ndarray, y: np.ndarray, a: np.ndarray, sin: np.ndarray, cos: np.n
     arrived = (abs(dy * cos - dx * sin) < hair) & (along > -hair)
     heading = np.arctan2(dy, dx)
     return _choose(
-        [(ahead, [none, np.maximum(dx, 0.0), _turn(a)]), (arrived, [_turn(a), np.maximum(along, 0.0), none])],
+        [
+            (ahead, [none, np.maximum(dx, 0.0), _turn(a)]),
+            (arrived, [_turn(a), np.maximum(along, 0.0), none]),
+        ],
         [whole(heading), np.hypot(dx, dy), whole(a - heading)],
     )
 
 
-def _lsr(x: np.ndarray, y: np.ndarray, a: np.ndarray, sin: np.ndarray, cos: np.ndarray, hair: np.ndarray) -> np.ndarray:
+def _lsr(
+    x: np.ndarray, y: np.ndarray, a: np.ndarray, sin: np.ndarray, cos: np.ndarray, hair: np.ndarray
+) -> np.ndarray:
     """First arc, straight and last arc of LSR; infinite where the two circles overlap."""
     dx, dy = x + sin, y - cos - 1.0
     distance, along, none = np.hypot(dx, dy), dx * cos + dy * sin, np.zeros_like(dx)
@@ -81,15 +92,18 @@ def _lsr(x: np.ndarray, y: np.ndarray, a: np.ndarray, sin: np.ndarray, cos: np.n
     )
 
 
-def _lrl(x: np.ndarray, y: np.ndarray, a: np.ndarray, sin: np.ndarray, cos: np.ndarray, hair: np.ndarray) -> np.ndarray:
+def _lrl(
+    x: np.ndarray, y: np.ndarray, a: np.ndarray, sin: np.ndarray, cos: np.ndarray, hair: np.ndarray
+) -> np.ndarray:
     """The three arcs of LRL, the middle one of half a turn or more; infinite where no circle fits between.
 
-    A middle arc of less than half a turn is never part of a shortest path (Dubins 1957), and a full circle
-    in the middle is left out.
+    A middle arc of less than half a turn is never part of a shortest path (Dubins 1957), and a full
+    circle in the middle is left out.
     """
     dx, dy = x - sin, y + cos - 1.0
     distance, none = np.hypot(dx, dy), np.zeros_like(dx)
-    # Without the first arc the middle circle is beside the start, without the last one beside the goal.
+    # Without the first arc the middle circle is beside the start, without the last one beside the
+    # goal.
     nx, ny = -0.5 * dx, 1.0 + 0.5 * dy
     first = whole(-np.arctan2(nx, ny))
     no_first = (abs(np.hypot(nx, ny) - 1.0) < hair) & (first >= np.pi)
@@ -117,7 +131,10 @@ def word_pieces(start: np.ndarray, goal: np.ndarray, radius: np.ndarray) -> np.n
     reach = abs(start[..., 0]) + abs(start[..., 1]) + abs(goal[..., 0]) + abs(goal[..., 1])
     hair = 1e-12 * (10.0 + reach / radius)
     x, y, sine, cosine = dx * cos + dy * sin, dy * cos - dx * sin, np.sin(a), np.cos(a)
-    left, right = (x, y, a, sine, cosine, hair), (x, -y, -a, -sine, cosine, hair)  # R is L's mirror image
+    left, right = (
+        (x, y, a, sine, cosine, hair),
+        (x, -y, -a, -sine, cosine, hair),
+    )  # R is L's mirror image
     words = [_lsl(*left), _lsr(*left), _lsr(*right), _lsl(*right), _lrl(*left), _lrl(*right)]
     return np.stack(words, -2)
 
@@ -130,36 +147,50 @@ def follow_on(
     half = 0.5 * curvature * s
     straight = abs(half) < 1e-9
     chord = np.where(straight, s, s * np.sin(half) / np.where(straight, 1.0, half))
-    return x + chord * np.cos(heading + half), y + chord * np.sin(heading + half), heading + 2.0 * half
+    return (
+        x + chord * np.cos(heading + half),
+        y + chord * np.sin(heading + half),
+        heading + 2.0 * half,
+    )
 
 
 def chained(start: np.ndarray, curvatures: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     """Segments ``(..., k, 5)`` of pieces ``(..., k)`` end to end from poses ``(..., 3)``."""
     begins = np.concatenate([start[..., 2:], curvatures * lengths], -1).cumsum(-1)[..., :-1]
     x, y, _ = follow_on(lengths, 0.0, 0.0, begins, curvatures)
-    places = (np.concatenate([start[..., i : i + 1], by], -1).cumsum(-1)[..., :-1] for i, by in enumerate((x, y)))
+    places = (
+        np.concatenate([start[..., i : i + 1], by], -1).cumsum(-1)[..., :-1]
+        for i, by in enumerate((x, y))
+    )
     return np.stack([*places, begins, curvatures, lengths], -1)
 
 
 _MOST_SAMPLES = 10**7
 
-# --- paths ------------------------------------------------------------------------------------------
+# --- paths ----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class Path:
     """Arcs and straights end to end, the heading continuous at every joint.
 
-    The segments are plain rows, so that the paths of many vehicles stack into one array; rows of length 0 fill up.
+    The segments are plain rows, so that the paths of many vehicles stack into one array; rows of
+    length 0 fill up.
     """
 
-    segments: np.ndarray  # (k, 5): x, y [m] and heading [rad] where it begins, curvature [1/m], length [m]
-    lower_bound: float = 0.0  # m, no path between these poses, round the obstacles that were given, is shorter
+    segments: (
+        np.ndarray
+    )  # (k, 5): x, y [m] and heading [rad] where it begins, curvature [1/m], length [m]
+    lower_bound: float = (
+        0.0  # m, no path between these poses, round the obstacles that were given, is shorter
+    )
 
     def __post_init__(self) -> None:
         segments = finite_array("segments of a path", self.segments, "k", 5)
         if not len(segments) or (segments[:, 4] < 0.0).any():
-            raise ValueError("segments of a path must be one or more, of lengths that are not negative")
+            raise ValueError(
+                "segments of a path must be one or more, of lengths that are not negative"
+            )
         check_numbers(self, not_negative="lower_bound")
         object.__setattr__(self, "segments", segments)
 
@@ -186,11 +217,15 @@ class Path:
         s = np.asarray(np.clip(as_array("s", s), 0.0, self.length))
         k = self._index(s)
         row = self.segments[k]
-        return np.stack(follow_on(s - self.ends[k] + row[..., 4], *(row[..., i] for i in range(4))), -1)
+        return np.stack(
+            follow_on(s - self.ends[k] + row[..., 4], *(row[..., i] for i in range(4))), -1
+        )
 
     def curvature(self, s: np.ndarray | float) -> np.ndarray:
         """Curvature [1/m] at arc lengths ``s`` [m], L positive; at a joint that of the segment that ends there."""
-        return self.segments[self._index(np.asarray(np.clip(as_array("s", s), 0.0, self.length))), 3]
+        return self.segments[
+            self._index(np.asarray(np.clip(as_array("s", s), 0.0, self.length))), 3
+        ]
 
     def sample(self, spacing: float) -> np.ndarray:
         """Poses ``(n, 3)`` from end to end, evenly spaced at no more than ``spacing`` [m].
@@ -201,9 +236,12 @@ class Path:
         number("spacing of samples", spacing, 0.0, what="positive")
         if self.length / spacing > _MOST_SAMPLES:
             raise ValueError(
-                f"spacing of samples must give {_MOST_SAMPLES} at most, got {spacing:g} for {self.length:g} m"
+                f"spacing of samples must give {_MOST_SAMPLES} at most, got {spacing:g} for"
+                f" {self.length:g} m"
             )
-        return self.pose(np.linspace(0.0, self.length, 1 + max(int(np.ceil(self.length / spacing)), 1)))
+        return self.pose(
+            np.linspace(0.0, self.length, 1 + max(int(np.ceil(self.length / spacing)), 1))
+        )
 
     def _index(self, s: np.ndarray) -> np.ndarray:
         return np.minimum(np.searchsorted(self.ends, s), len(self.ends) - 1)
@@ -225,13 +263,14 @@ def chain(start: np.ndarray, curvatures: np.ndarray, lengths: np.ndarray) -> Pat
     return shortened(chained(start, curvatures, lengths), 0.0)
 
 
-# --- shortest paths ---------------------------------------------------------------------------------
+# --- shortest paths -------------------------------------------------------------------------------
 
 
 def lengths(start: np.ndarray, goal: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
     """Lengths ``(..., 6)`` [m] of the words, in the order of `WORDS`, for many pairs of poses at once.
 
-    The smallest along the last axis is the distance; a word that does not join the two poses is infinite.
+    The smallest along the last axis is the distance; a word that does not join the two poses is
+    infinite.
 
     Args:
         start: ``(..., 3)`` poses [m, m, rad].
@@ -254,7 +293,9 @@ def candidates(start: np.ndarray, goal: np.ndarray, radius: float) -> dict[str, 
         ValueError: for poses that are not finite or a radius that is not positive.
     """
     values = lengths(*single(start, goal, radius))
-    return {word: float(value) for word, value in zip(WORDS, values, strict=True) if np.isfinite(value)}
+    return {
+        word: float(value) for word, value in zip(WORDS, values, strict=True) if np.isfinite(value)
+    }
 
 
 def word_path(start: np.ndarray, goal: np.ndarray, radius: float, word: str) -> Path:
@@ -292,8 +333,8 @@ def shortest_pieces(start: np.ndarray, goal: np.ndarray, radius: np.ndarray) -> 
 def shortest(start: np.ndarray, goal: np.ndarray, radius: float) -> Path:
     """The shortest path between two poses ``(3,)`` that never turns tighter than the radius [m].
 
-    Of words of equal length the first in `WORDS` is taken. Pieces of length 0 are left out, so the word of the
-    path may be shorter: a goal straight ahead is reached by S.
+    Of words of equal length the first in `WORDS` is taken. Pieces of length 0 are left out, so the
+    word of the path may be shorter: a goal straight ahead is reached by S.
 
     Raises:
         ValueError: for poses that are not finite or a radius that is not positive.
@@ -317,14 +358,19 @@ def checked(
     Raises:
         ValueError: for poses that are not finite or a radius that is not positive.
     """
-    start, goal = finite_array("pose start", start, "...", 3), finite_array("pose goal", goal, "...", 3)
+    start, goal = (
+        finite_array("pose start", start, "...", 3),
+        finite_array("pose goal", goal, "...", 3),
+    )
     turn = as_array("turn radius", radius)
     if not (np.isfinite(turn) & (turn > 0.0)).all():
         raise ValueError(f"the turn radius must be positive and finite, got {turn.min()}")
     return start, goal, turn
 
 
-def single(start: np.ndarray, goal: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, float]:
+def single(
+    start: np.ndarray, goal: np.ndarray, radius: float
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Two poses ``(3,)`` and a radius.
 
     Raises:
@@ -333,5 +379,8 @@ def single(start: np.ndarray, goal: np.ndarray, radius: float) -> tuple[np.ndarr
     start, goal, turn = checked(start, goal, radius)
     if start.ndim > 1 or goal.ndim > 1 or turn.ndim:
         shapes = f"got shapes {start.shape}, {goal.shape} and {turn.shape}"
-        raise ValueError(f"start and goal must be one pose each, the radius one number, {shapes}: `lengths` takes many")
+        raise ValueError(
+            f"start and goal must be one pose each, the radius one number, {shapes}: `lengths`"
+            " takes many"
+        )
     return start, goal, float(turn)

@@ -1,7 +1,8 @@
 """Pictures of an episode with pygame, which is imported only when a renderer is made.
 
-There is one picture for every task; `vessel_gym.surroundings` describes what lies around the vehicle, and
-`vessel_gym.rendering.scene` computes what pictures show, for the page of `agents.episodes` too.
+There is one picture for every task; `vessel_gym.surroundings` describes what lies around the
+vehicle, and `vessel_gym.rendering.scene` computes what pictures show, for the page of
+`agents.episodes` too.
 
 It may import the core and surroundings; environments import it when one is rendered.
 """

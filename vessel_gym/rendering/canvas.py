@@ -1,6 +1,7 @@
 """Boxes, and a canvas for pictures with lines, areas, marks and text.
 
-Coordinates are pixels of the finished picture, x to the right and y down; points are arrays ``(n, 2)``.
+Coordinates are pixels of the finished picture, x to the right and y down; points are arrays ``(n,
+2)``.
 """
 
 import warnings
@@ -44,17 +45,23 @@ class Box:
 
     def inset(self, left: float, top: float, right: float, bottom: float) -> "Box":
         """The box inside these margins."""
-        return Box(self.left + left, self.top + top, self.width - left - right, self.height - top - bottom)
+        return Box(
+            self.left + left, self.top + top, self.width - left - right, self.height - top - bottom
+        )
 
 
 @lru_cache(maxsize=16)
 def _font(size: int, bold: bool) -> pygame.font.Font:
     pygame.font.init()
-    pygame.register_quit(_font.cache_clear)  # fonts die with pygame, which other environments quit when they close
+    pygame.register_quit(
+        _font.cache_clear
+    )  # fonts die with pygame, which other environments quit when they close
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # no list of system fonts: pygame brings one of its own
         path = pygame.font.match_font(_FONTS, bold=bold)
-    return pygame.font.Font(path, size * _OVERSAMPLING if path else round(1.3 * size * _OVERSAMPLING))
+    return pygame.font.Font(
+        path, size * _OVERSAMPLING if path else round(1.3 * size * _OVERSAMPLING)
+    )
 
 
 @lru_cache(maxsize=1024)
@@ -104,24 +111,39 @@ class Canvas:
     def line(self, points: np.ndarray, colour: str, width: float = 1.5) -> None:
         """A line through points."""
         if len(points) > 1:
-            pygame.draw.lines(self._ink, LIGHT[colour], False, _scaled(points), max(1, round(width * _OVERSAMPLING)))
+            pygame.draw.lines(
+                self._ink,
+                LIGHT[colour],
+                False,
+                _scaled(points),
+                max(1, round(width * _OVERSAMPLING)),
+            )
 
     def segments(self, ends: np.ndarray, colour: str, width: float = 1.5) -> None:
         """Straight lines ``(n, 2, 2)``, those of them that are seen."""
         clip = np.array(self._ink.get_clip()) / _OVERSAMPLING
         seen = (ends.max(1) >= clip[:2] - width) & (ends.min(1) <= clip[:2] + clip[2:] + width)
         for start, end in _scaled(ends[seen.all(-1)]):
-            pygame.draw.line(self._ink, LIGHT[colour], start, end, max(1, round(width * _OVERSAMPLING)))
+            pygame.draw.line(
+                self._ink, LIGHT[colour], start, end, max(1, round(width * _OVERSAMPLING))
+            )
 
-    def dashes(self, points: np.ndarray, colour: str, width: float = 1.5, on: float = 6.0, off: float = 4.0) -> None:
+    def dashes(
+        self, points: np.ndarray, colour: str, width: float = 1.5, on: float = 6.0, off: float = 4.0
+    ) -> None:
         """A dashed line through points, each dash straight."""
         length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
         starts = np.arange(0.0, length[-1], on + off)
         ends = np.minimum(starts + on, length[-1])
-        at = [np.stack([np.interp(along, length, column) for column in points.T], -1) for along in (starts, ends)]
+        at = [
+            np.stack([np.interp(along, length, column) for column in points.T], -1)
+            for along in (starts, ends)
+        ]
         self.segments(np.stack(at, 1), colour, width)
 
-    def polygon(self, points: np.ndarray, colour: str, outline: str | None = None, width: float = 1.0) -> None:
+    def polygon(
+        self, points: np.ndarray, colour: str, outline: str | None = None, width: float = 1.0
+    ) -> None:
         """A filled polygon, with an outline if a colour is given for it."""
         pygame.draw.polygon(self._ink, LIGHT[colour], _scaled(points))
         if outline is not None:
@@ -138,9 +160,13 @@ class Canvas:
     def ring(self, at: Point | np.ndarray, colour: str, radius: float, width: float = 1.5) -> None:
         """A circle, filled for a width of 0."""
         k = _OVERSAMPLING
-        pygame.draw.circle(self._ink, LIGHT[colour], (at[0] * k, at[1] * k), radius * k, round(width * k))
+        pygame.draw.circle(
+            self._ink, LIGHT[colour], (at[0] * k, at[1] * k), radius * k, round(width * k)
+        )
 
-    def crosses(self, points: np.ndarray, colour: str, radius: float = 4.0, width: float = 1.5) -> None:
+    def crosses(
+        self, points: np.ndarray, colour: str, radius: float = 4.0, width: float = 1.5
+    ) -> None:
         """Small x at points."""
         arms = radius * np.array([[[-1.0, -1.0], [1.0, 1.0]], [[-1.0, 1.0], [1.0, -1.0]]])
         self.segments((points[:, None, None] + arms).reshape(-1, 2, 2), colour, width)
@@ -164,7 +190,11 @@ def _scaled(points: np.ndarray) -> Any:
 def nice(value: float) -> float:
     """The smallest of 1, 1.5, 2, 3, 5, 8 times a power of ten that is not below a positive value."""
     power = 10.0 ** np.floor(np.log10(value))
-    return next(float(step * power) for step in (1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 10.0) if step * power >= value * 0.9999)
+    return next(
+        float(step * power)
+        for step in (1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 10.0)
+        if step * power >= value * 0.9999
+    )
 
 
 def signed(value: float) -> str:

@@ -12,7 +12,9 @@ _COLUMNS = 3
 _AXIS = 16.0  # pixels that the labels of the time take below a chart
 
 
-def draw_charts(canvas: Canvas, box: Box, charts: Sequence[Chart], time: np.ndarray, longest: float) -> None:
+def draw_charts(
+    canvas: Canvas, box: Box, charts: Sequence[Chart], time: np.ndarray, longest: float
+) -> None:
     """Charts side by side in rows.
 
     Args:
@@ -30,11 +32,15 @@ def draw_charts(canvas: Canvas, box: Box, charts: Sequence[Chart], time: np.ndar
         wide = (box.width - (len(row) - 1) * _GAP) / len(row)
         last = row is rows[-1]
         for i, chart in enumerate(row):
-            place = Box(box.left + i * (wide + _GAP), box.top + j * (high + _GAP), wide, high + last * _AXIS)
+            place = Box(
+                box.left + i * (wide + _GAP), box.top + j * (high + _GAP), wide, high + last * _AXIS
+            )
             draw_chart(canvas, place, chart, time, end, last)
 
 
-def draw_chart(canvas: Canvas, box: Box, chart: Chart, time: np.ndarray, end: float, timed: bool) -> None:
+def draw_chart(
+    canvas: Canvas, box: Box, chart: Chart, time: np.ndarray, end: float, timed: bool
+) -> None:
     """A chart in a card.
 
     Args:
@@ -78,5 +84,7 @@ def draw_chart(canvas: Canvas, box: Box, chart: Chart, time: np.ndarray, end: fl
     for each in reversed(chart.series):
         if each.label:
             right -= canvas.text(right, box.top + 15, each.label, "muted", 10, "right") + 5
-            canvas.line(np.array([[right - 9.0, box.top + 15], [right, box.top + 15]]), each.colour, 2.0)
+            canvas.line(
+                np.array([[right - 9.0, box.top + 15], [right, box.top + 15]]), each.colour, 2.0
+            )
             right -= 9.0 + 10.0

@@ -4,7 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-CIRCLE = np.stack([np.cos(np.linspace(0.0, 2.0 * np.pi, 48)), np.sin(np.linspace(0.0, 2.0 * np.pi, 48))], -1)
+CIRCLE = np.stack(
+    [np.cos(np.linspace(0.0, 2.0 * np.pi, 48)), np.sin(np.linspace(0.0, 2.0 * np.pi, 48))], -1
+)
 """Points ``(48, 2)`` of a unit circle."""
 
 
@@ -13,7 +15,8 @@ class Hull:
     """Outline of a vehicle.
 
     Attributes:
-        above: Its outline ``(k, 2)`` in its lengths (an aircraft's in its span): forward and to starboard,
+        above: Its outline ``(k, 2)`` in its lengths (an aircraft's in its span): forward and to
+            starboard,
         aside: and forward and down.
         least: Pixels that it is drawn at least.
         scaled: Whether it is drawn to scale where that is more.
@@ -36,10 +39,14 @@ def _mirrored(side: np.ndarray) -> np.ndarray:
     return np.concatenate([side, side[::-1] * [1.0, -1.0]])
 
 
-_SHIP = _mirrored(np.array([[0.5, 0.0], [0.375, 0.04], [0.25, 0.06], [0.05, 0.07], [-0.3, 0.066], [-0.5, 0.055]]))
+_SHIP = _mirrored(
+    np.array([[0.5, 0.0], [0.375, 0.04], [0.25, 0.06], [0.05, 0.07], [-0.3, 0.066], [-0.5, 0.055]])
+)
 _TURN = np.linspace(0.0, 0.5 * np.pi, 12)
 _NOSE = np.stack([0.22 + 0.28 * np.cos(_TURN), 0.08 * np.sin(_TURN)], -1)
-_STERN = np.array([[-0.2, 0.08], [-0.32, 0.062], [-0.38, 0.12], [-0.46, 0.12], [-0.46, 0.032], [-0.5, 0.02]])
+_STERN = np.array(
+    [[-0.2, 0.08], [-0.32, 0.062], [-0.38, 0.12], [-0.46, 0.12], [-0.46, 0.032], [-0.5, 0.02]]
+)
 _TORPEDO = _mirrored(np.concatenate([_NOSE, _STERN]))
 _WING = _mirrored(np.array([
     [0.17, 0.0], [0.15, 0.035], [0.08, 0.07], [-0.12, 0.48], [-0.13, 0.5], [-0.25, 0.5], [-0.22, 0.47], [-0.1, 0.1],

@@ -103,8 +103,16 @@ def draw_grid(canvas: Canvas, frame: Frame, step: float) -> None:
     box, gap, origin = frame.box, frame.scale * step, frame.pixels(np.zeros(2))
     x = np.arange(box.left + (origin[0] - box.left) % gap, box.right, gap)
     y = np.arange(box.top + (origin[1] - box.top) % gap, box.bottom, gap)
-    canvas.segments(np.stack([np.stack([x, 0.0 * x + end], -1) for end in (box.top, box.bottom)], 1), "grid", 0.5)
-    canvas.segments(np.stack([np.stack([0.0 * y + end, y], -1) for end in (box.left, box.right)], 1), "grid", 0.5)
+    canvas.segments(
+        np.stack([np.stack([x, 0.0 * x + end], -1) for end in (box.top, box.bottom)], 1),
+        "grid",
+        0.5,
+    )
+    canvas.segments(
+        np.stack([np.stack([0.0 * y + end, y], -1) for end in (box.left, box.right)], 1),
+        "grid",
+        0.5,
+    )
 
 
 def bar_length(frame: Frame) -> float:
@@ -122,5 +130,7 @@ def draw_scale_bar(canvas: Canvas, frame: Frame, note: str) -> None:
 
 def draw_north(canvas: Canvas, x: float, y: float) -> None:
     """A north arrow, ``(x, y)`` its middle."""
-    canvas.polygon(np.array([[x, y - 12.0], [x + 6.0, y + 12.0], [x, y + 7.0], [x - 6.0, y + 12.0]]), "muted")
+    canvas.polygon(
+        np.array([[x, y - 12.0], [x + 6.0, y + 12.0], [x, y + 7.0], [x - 6.0, y + 12.0]]), "muted"
+    )
     canvas.text(x, y + 21, "N", "muted", 11, "centre", bold=True)

@@ -18,7 +18,11 @@ class Marks:
     def __init__(self, scene: Scene) -> None:
         self.scene, self.hull = scene, HULLS[scene.surroundings.hull]
         position, located = scene.position, scene.located
-        self._spread = np.zeros((3, 3)) if position.cov is None else position.axes.T @ position.cov[-1] @ position.axes
+        self._spread = (
+            np.zeros((3, 3))
+            if position.cov is None
+            else position.axes.T @ position.cov[-1] @ position.axes
+        )
         self._members = None
         if located and position.members is not None:
             self._members = scene.believed[-1, :3] + position.members[-1] @ position.axes
@@ -29,7 +33,15 @@ class Marks:
         """Covariance ``(2, 2)`` of the believed position as it is seen."""
         return view.axes @ self._spread @ view.axes.T
 
-    def draw(self, canvas: Canvas, frame: Frame, view: View, size: float, mark: float, close: bool = False) -> None:
+    def draw(
+        self,
+        canvas: Canvas,
+        frame: Frame,
+        view: View,
+        size: float,
+        mark: float,
+        close: bool = False,
+    ) -> None:
         """Draw all of it in a frame.
 
         Args:
@@ -56,7 +68,9 @@ class Marks:
                     if not close:
                         canvas.text(box.right - 10, y - 9, "surface", "muted", 10, "right")
             for north, east, radius in () if view.aside else around.obstacles:
-                canvas.polygon(frame.pixels([north, east] + radius * CIRCLE), "obstacle_pale", "obstacle", 1.0)
+                canvas.polygon(
+                    frame.pixels([north, east] + radius * CIRCLE), "obstacle_pale", "obstacle", 1.0
+                )
             if len(around.fairway) and not view.aside:
                 canvas.polygon(at(around.fairway), "paper", "muted", 1.0)
             if len(around.path):
@@ -97,7 +111,10 @@ class Marks:
 
     def draw_icon(self, canvas: Canvas, kind: str, at: np.ndarray) -> None:
         """Draw the icon of an entry of the legend."""
-        line, outline = at + [[-14.0, 0.0], [14.0, 0.0]], at + self.hull.pixels(22.0, 0.0) * self.hull.above
+        line, outline = (
+            at + [[-14.0, 0.0], [14.0, 0.0]],
+            at + self.hull.pixels(22.0, 0.0) * self.hull.above,
+        )
         if kind == "true":
             canvas.line(line, "true", 2.0)
             canvas.polygon(outline, "true_pale", "true", 1.2)
@@ -116,7 +133,9 @@ class Marks:
         elif kind == "path":
             canvas.dashes(line, "commanded", 1.5)
         elif kind == "fairway":
-            canvas.polygon(at + [[-14.0, -6.0], [14.0, -6.0], [14.0, 6.0], [-14.0, 6.0]], "paper", "muted", 1.0)
+            canvas.polygon(
+                at + [[-14.0, -6.0], [14.0, -6.0], [14.0, 6.0], [-14.0, 6.0]], "paper", "muted", 1.0
+            )
         elif kind == "goal":
             canvas.ring(at, "goal", 7.0, 1.5)
             canvas.dot(at, "goal", 2.0)

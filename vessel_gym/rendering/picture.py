@@ -20,8 +20,8 @@ _AROUND = np.array([[-1.0, -1.0], [1.0, 1.0]])
 class Picture:
     """History and picture of one vehicle on its way.
 
-    There is a map from above where its state has the components x and y, and one from the side where it has x, and z
-    or h, each with a close-up; then charts of what is estimated.
+    There is a map from above where its state has the components x and y, and one from the side
+    where it has x, and z or h, each with a close-up; then charts of what is estimated.
 
     Args:
         core: The environment's core.
@@ -54,7 +54,10 @@ class Picture:
     @property
     def scene(self) -> Scene:
         """The episode so far."""
-        history, ensemble = {key: np.array(each) for key, each in self._history.items()}, self._core.belief.ensemble
+        history, ensemble = (
+            {key: np.array(each) for key, each in self._history.items()},
+            self._core.belief.ensemble,
+        )
         if ensemble is not None:
             history["ensemble"] = ensemble[self._row : self._row + 1]
         return Scene(self._core, self._surroundings, history)
@@ -68,7 +71,9 @@ class Picture:
         self._header(canvas, Box(box.left, 0, box.width, 60), scene)
         if self._views:
             self._maps(canvas, Box(box.left, box.top, _LEFT, _TOP), marks)
-            close = Box(box.left + _LEFT + _GAP, box.top, box.width - _LEFT - _GAP, _TOP - _LEGEND - _GAP)
+            close = Box(
+                box.left + _LEFT + _GAP, box.top, box.width - _LEFT - _GAP, _TOP - _LEGEND - _GAP
+            )
             self._close_ups(canvas, close, marks)
             self._legend(canvas, Box(close.left, close.bottom + _GAP, close.width, _LEGEND), marks)
             box = box.inset(0, _TOP + _GAP, 0, 0)
@@ -80,7 +85,7 @@ class Picture:
             self._core.task.horizon * self._core.vehicle.dt,
         )
 
-    # --- header -------------------------------------------------------------------------------------
+    # --- header -----------------------------------------------------------------------------------
 
     def _header(self, canvas: Canvas, box: Box, scene: Scene) -> None:
         """Under which conditions the vehicle is on its way, for how long, how far from its goal, and its end."""
@@ -88,7 +93,10 @@ class Picture:
         words = [f"estimator {core.estimator}", *scene.conditions]
         canvas.text(box.left, box.top + 21, self.title, "ink", 17, bold=True)
         canvas.text(box.left, box.top + 44, "   ·   ".join(words), "muted", 13)
-        values = {"score": f"{core.score[row]:.3f}", "time": f"{core.steps[row] * core.vehicle.dt:.1f} s"}
+        values = {
+            "score": f"{core.score[row]:.3f}",
+            "time": f"{core.steps[row] * core.vehicle.dt:.1f} s",
+        }
         if goal is not None:
             away = float(np.linalg.norm(scene.true[-1, :3] - goal[:3]))
             values["to the goal"] = f"{away:.2f} m" if away < 1.0 else f"{away:.1f} m"
@@ -109,7 +117,7 @@ class Picture:
             return "time is up", "obstacle" if task.success else "goal"
         return "under way", "muted"
 
-    # --- maps ---------------------------------------------------------------------------------------
+    # --- maps -------------------------------------------------------------------------------------
 
     def _maps(self, canvas: Canvas, box: Box, marks: Marks) -> None:
         """All of the journey, from above and, below that, from the side."""
@@ -124,19 +132,30 @@ class Picture:
     def _points(self, view: View, marks: Marks) -> np.ndarray:
         """Points ``(n, 2)`` that a map must show."""
         scene, around = marks.scene, self._surroundings
-        points = view.seen(np.concatenate([around.landmarks, scene.true[:, :3], scene.believed[:, :3]]))
+        points = view.seen(
+            np.concatenate([around.landmarks, scene.true[:, :3], scene.believed[:, :3]])
+        )
         middle = 0.5 * (points.min(0) + points.max(0))
         parts = [points, middle + 2.0 * around.size * _AROUND]
         if not view.aside:
-            parts += [around.obstacles[:, :2] + side * around.obstacles[:, 2:] for side in (-1.0, 1.0)]
+            parts += [
+                around.obstacles[:, :2] + side * around.obstacles[:, 2:] for side in (-1.0, 1.0)
+            ]
         elif around.surface is not None:
             parts = [points, np.array([[-around.surface, middle[1]]])]
         return np.concatenate(parts)
 
     def _map(self, canvas: Canvas, box: Box, view: View, points: np.ndarray, marks: Marks) -> None:
-        note = f"to the right is {view.bearing:03.0f}°" if view.aside and len(self._views) > 1 else ""
+        note = (
+            f"to the right is {view.bearing:03.0f}°" if view.aside and len(self._views) > 1 else ""
+        )
         sea = draw_card(canvas, box, f"Seen from {'the side' if view.aside else 'above'}", note)
-        frame = Frame(sea, points, (22.0, 22.0, 22.0, 16.0), view.aside and self._surroundings.surface is not None)
+        frame = Frame(
+            sea,
+            points,
+            (22.0, 22.0, 22.0, 16.0),
+            view.aside and self._surroundings.surface is not None,
+        )
         length = self._surroundings.size * frame.scale
         size = marks.hull.pixels(length, marks.hull.least)
         marks.draw(canvas, frame, view, size, 3.0)
@@ -150,13 +169,25 @@ class Picture:
         count, size = len(self._views), self._surroundings.size
         width = (box.width - _GAP * (count - 1)) / count
         for i, view in enumerate(self._views):
-            title = "Close-up" if count == 1 else f"Close-up from {'the side' if view.aside else 'above'}"
-            sea = draw_card(canvas, Box(box.left + i * (width + _GAP), box.top, width, box.height), title)
-            true, believed = (view.seen(each[-1, :3]) for each in (marks.scene.true, marks.scene.believed))
-            away, spread = (float(np.abs(each).max()) for each in (true - believed, two_sigma(marks.cov(view))))
+            title = (
+                "Close-up"
+                if count == 1
+                else f"Close-up from {'the side' if view.aside else 'above'}"
+            )
+            sea = draw_card(
+                canvas, Box(box.left + i * (width + _GAP), box.top, width, box.height), title
+            )
+            true, believed = (
+                view.seen(each[-1, :3]) for each in (marks.scene.true, marks.scene.believed)
+            )
+            away, spread = (
+                float(np.abs(each).max()) for each in (true - believed, two_sigma(marks.cov(view)))
+            )
             half = nice(max(marks.hull.near * size, away + 0.3 * size, 1.5 * spread))
             frame = Frame(sea, believed + half * _AROUND)
-            marks.draw(canvas, frame, view, marks.hull.pixels(size * frame.scale, 14.0), 4.5, close=True)
+            marks.draw(
+                canvas, frame, view, marks.hull.pixels(size * frame.scale, 14.0), 4.5, close=True
+            )
             draw_scale_bar(canvas, frame, "")
 
     def _legend(self, canvas: Canvas, box: Box, marks: Marks) -> None:

@@ -56,7 +56,9 @@ class Renderer:
             self._picture.draw(_canvas())
             pixels = pygame.image.tobytes(_canvas().finish(), "RGB")
             return np.frombuffer(pixels, np.uint8).reshape(*SIZE[::-1], 3).copy()
-        if self._window is not None and any(event.type == pygame.QUIT for event in pygame.event.get()):
+        if self._window is not None and any(
+            event.type == pygame.QUIT for event in pygame.event.get()
+        ):
             self.close()
         if self._window is not None:
             self._picture.draw(_canvas())

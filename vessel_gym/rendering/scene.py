@@ -1,6 +1,7 @@
 """Scene of an episode: everything that a picture of it shows, computed once for windows and pages, which only draw it.
 
-It is computed from a history: the arrays of ``info`` that a rollout keeps, of one environment, ``(T, ...)`` by key.
+It is computed from a history: the arrays of ``info`` that a rollout keeps, of one environment,
+``(T, ...)`` by key.
 """
 
 from collections.abc import Sequence
@@ -40,14 +41,20 @@ class Chart(NamedTuple):
 
     title: str  # quantity and unit
     series: Sequence[Series]
-    band: tuple[np.ndarray, np.ndarray] | None = None  # lower and upper edge of a pale area below the lines
+    band: tuple[np.ndarray, np.ndarray] | None = (
+        None  # lower and upper edge of a pale area below the lines
+    )
     reach: tuple[float, ...] = ()  # values that the axis reaches at least
-    measured: np.ndarray | None = None  # (T,) what a sensor says of the last line's quantity, NaN where nothing came
+    measured: np.ndarray | None = (
+        None  # (T,) what a sensor says of the last line's quantity, NaN where nothing came
+    )
 
     @property
     def limits(self) -> tuple[float, float]:
         """Ends of the axis."""
-        values = np.concatenate([self.reach, *(each.value for each in self.series), *(self.band or ())])
+        values = np.concatenate(
+            [self.reach, *(each.value for each in self.series), *(self.band or ())]
+        )
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
         room = max(0.06 * (high - low), 1e-3)
         return low - room, high + room
@@ -63,7 +70,9 @@ class Ambient(NamedTuple):
 
     name: str
     unit: str
-    vector: np.ndarray  # (T, 2) north and east, where it goes to; its length is the speed or the wave height
+    vector: (
+        np.ndarray
+    )  # (T, 2) north and east, where it goes to; its length is the speed or the wave height
     note: str = ""
 
 
@@ -74,7 +83,11 @@ def ambients(core: Core, history: dict[str, np.ndarray]) -> list[Ambient]:
         core: The environment's core.
         history: Of one environment, with the ``truth`` ``(T, n)``.
     """
-    truth, names, disturbance = history["truth"], core.truth_names, core.config.world.forces.disturbance
+    truth, names, disturbance = (
+        history["truth"],
+        core.truth_names,
+        core.config.world.forces.disturbance,
+    )
 
     def level(*each: str) -> np.ndarray:
         columns = [[names.index(f"{name} {way}") for name in each] for way in ("north", "east")]
@@ -84,7 +97,9 @@ def ambients(core: Core, history: dict[str, np.ndarray]) -> list[Ambient]:
     if "current north" in names:
         found.append(Ambient("Current", "m/s", level("current")))
     elif "current" in names:  # of a vehicle in a vertical plane, which lies north
-        found.append(Ambient("Current", "m/s", np.pad(truth[:, [names.index("current")]], ((0, 0), (0, 1)))))
+        found.append(
+            Ambient("Current", "m/s", np.pad(truth[:, [names.index("current")]], ((0, 0), (0, 1))))
+        )
     if "mean wind north" in names:
         found.append(Ambient("Wind", "m/s", level("mean wind", "gust"), "gusts included"))
     if isinstance(disturbance, Seaway | SurfaceWater):
@@ -117,13 +132,21 @@ class Components:
 
     def __init__(self, core: Core, history: dict[str, np.ndarray], names: Sequence[str]) -> None:
         state, turns = core.vehicle.state_names, [name in core.vehicle.angles for name in names]
-        at, angles = [core.composition.names.index(name) for name in names], tuple(np.flatnonzero(turns).tolist())
+        at, angles = (
+            [core.composition.names.index(name) for name in names],
+            tuple(np.flatnonzero(turns).tolist()),
+        )
         self.names, self.words = names, [in_words(name, core.vehicle.angles) for name in names]
         scale = np.array([factor for *_, factor in self.words])
         true = history["truth"][:, [state.index(name) for name in names]]
-        self.true, self.error = scale * true, scale * difference(history["estimate"][:, at], true, angles)
+        self.true, self.error = (
+            scale * true,
+            scale * difference(history["estimate"][:, at], true, angles),
+        )
         claimed = core.estimator not in WITHOUT_COVARIANCE
-        self.cov = history["covariance"][:, at][:, :, at] * np.outer(scale, scale) if claimed else None
+        self.cov = (
+            history["covariance"][:, at][:, :, at] * np.outer(scale, scale) if claimed else None
+        )
         measured = np.full(true.shape, np.nan)
         for channel, name in enumerate(core.sensors.gives):
             if name in names:
@@ -143,34 +166,49 @@ class Scene:
     Args:
         core: The environment's core.
         surroundings: What is around the vehicle.
-        history: Of one environment: `RECORDED`, and where they are there ``action`` ``(T, a)`` and ``ensemble``
-            ``(t, m, n)`` of the last t moments.
+        history: Of one environment: `RECORDED`, and where they are there ``action`` ``(T, a)`` and
+            ``ensemble`` ``(t, m, n)`` of the last t moments.
 
     Attributes:
         time: ``(T,)`` [s].
-        true: True places and attitudes of the vehicle ``(T, 6)``, see `vessel_gym.surroundings.pose`.
+        true: True places and attitudes of the vehicle ``(T, 6)``, see
+            `vessel_gym.surroundings.pose`.
         believed: Estimated ones, with the true values of what is not estimated.
-        position: Estimated components of the position; without any, the heading or the first component.
+        position: Estimated components of the position; without any, the heading or the first
+            component.
         located: Is a component of the position estimated?
-        fixes: ``(T, k)`` measurements of the position minus the truth; NaN where the horizontal ones did not all come.
+        fixes: ``(T, k)`` measurements of the position minus the truth; NaN where the horizontal
+            ones did not all come.
     """
 
-    def __init__(self, core: Core, surroundings: Surroundings, history: dict[str, np.ndarray]) -> None:
+    def __init__(
+        self, core: Core, surroundings: Surroundings, history: dict[str, np.ndarray]
+    ) -> None:
         self.core, self.surroundings, self.history = core, surroundings, history
         names = core.composition.names[: core.composition.base]
-        self._estimated = sorted(names, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
+        self._estimated = sorted(
+            names, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST)
+        )
         states = history["truth"].copy()
         self.time = np.arange(len(states)) * core.vehicle.dt
         self.true = pose(states, core.truth_names)
-        states[:, [core.truth_names.index(name) for name in names]] = history["estimate"][:, : len(names)]
+        states[:, [core.truth_names.index(name) for name in names]] = history["estimate"][
+            :, : len(names)
+        ]
         self.believed = pose(states, core.truth_names)
         placed = [name for name in ("y", "x", "z", "h") if name in names]
-        self.position = Components(core, history, placed or (["psi"] if "psi" in names else [names[0]]))
+        self.position = Components(
+            core, history, placed or (["psi"] if "psi" in names else [names[0]])
+        )
         self.located = bool(placed)
         measured, level = self.position.measured, self.position.axes[:, :2].any(1)
-        self._fixed = level | ~level.any()  # a fix is of these: of the horizontal ones, where there are any
+        self._fixed = (
+            level | ~level.any()
+        )  # a fix is of these: of the horizontal ones, where there are any
         fixed = np.isfinite(measured[:, self._fixed]).all(1, keepdims=True)
-        self.fixes = np.where(fixed, np.where(np.isnan(measured), self.position.error, measured), np.nan)
+        self.fixes = np.where(
+            fixed, np.where(np.isnan(measured), self.position.error, measured), np.nan
+        )
 
     def charts(self, most: int) -> list[Chart]:
         """Charts of estimates, of the unknown input if there is one only, of actions and score.
@@ -185,19 +223,30 @@ class Scene:
         if "action" in history:
             lines = zip(core.vehicle.action_names, _LINES, history["action"].T, strict=False)
             rest.append(Chart("Actions", [Series(*each) for each in lines], reach=(-1.0, 1.0)))
-        rest.append(Chart("Score so far", [Series("", "true", history["score"], 2.0)], reach=(0.0, 1.0)))
+        rest.append(
+            Chart("Score so far", [Series("", "true", history["score"], 2.0)], reach=(0.0, 1.0))
+        )
         return [self._component(name) for name in self._estimated[: most - len(rest)]] + rest
 
     def _component(self, name: str) -> Chart:
         """Chart of a component: of its error, where maps show the component itself."""
         component = Components(self.core, self.history, [name])
-        (words, unit, _), error, measured = component.words[0], component.error[:, 0], component.measured[:, 0]
+        (words, unit, _), error, measured = (
+            component.words[0],
+            component.error[:, 0],
+            component.measured[:, 0],
+        )
         if name in _POSE:
             lines, middle = [Series("estimate − truth", "believed", error)], np.zeros(len(error))
         else:
             true, middle = component.true[:, 0], component.true[:, 0] + error
-            lines, measured = [_true(true), Series("estimate", "believed", middle, 1.2)], true + measured
-        chart = Chart(_title(words, unit), lines, measured=measured if np.isfinite(measured).any() else None)
+            lines, measured = (
+                [_true(true), Series("estimate", "believed", middle, 1.2)],
+                true + measured,
+            )
+        chart = Chart(
+            _title(words, unit), lines, measured=measured if np.isfinite(measured).any() else None
+        )
         if component.cov is None:
             return chart
         sd = np.sqrt(np.maximum(component.cov[:, 0, 0], 0.0))
@@ -231,7 +280,9 @@ class Scene:
             labels["ellipse"] = "estimate ±2σ"
         if self.located and position.members is not None:
             labels["cloud"] = f"ensemble of {position.members.shape[1]}"
-        if self.located and set(self.core.sensors.gives).issuperset(np.array(position.names)[self._fixed]):
+        if self.located and set(self.core.sensors.gives).issuperset(
+            np.array(position.names)[self._fixed]
+        ):
             labels["fix"] = "position fix"
         labels["start"] = "start"
         if len(around.path):

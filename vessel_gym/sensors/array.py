@@ -36,16 +36,17 @@ class Sensors:
         delays: Latency of each sensor in steps ``(sensors,)``.
         horizon: Largest of these delays.
         sd: Standard deviations ``(p,)``; NaN where they depend on what is measured.
-        gives: For each channel the state, or the part of the exogenous input, that it reads as such.
+        gives: For each channel the state, or the part of the exogenous input, that it reads as
+            such.
         bias: How all biases move.
         bias_shown: ``(p, k)`` how their states show in the measurements.
 
     Raises:
         TypeError: for what is no sensor, or no fault of one.
-        ValueError: for none, two of a name, a bias that is called as something else, a rate that does not divide the
-            steps', a delay of no whole steps, a function ``reads`` or ``sd`` that does not give a value for each
-            channel, does not broadcast or does not repeat itself, or the fault of a sensor that there is not, or has
-            another number of channels.
+        ValueError: for none, two of a name, a bias that is called as something else, a rate that
+            does not divide the steps', a delay of no whole steps, a function ``reads`` or ``sd``
+            that does not give a value for each channel, does not broadcast or does not repeat
+            itself, or the fault of a sensor that there is not, or has another number of channels.
     """
 
     def __init__(
@@ -58,7 +59,9 @@ class Sensors:
     ) -> None:
         self.each = tuple(sensors) if isinstance(sensors, tuple | list) else ()
         if not self.each or not all(isinstance(sensor, Sensor) for sensor in self.each):
-            raise TypeError(f"sensors must be Sensor objects, one at least, got {short_repr(sensors)}")
+            raise TypeError(
+                f"sensors must be Sensor objects, one at least, got {short_repr(sensors)}"
+            )
         names = [sensor.name for sensor in self.each]
         for name in names:
             if names.count(name) > 1:
@@ -68,38 +71,53 @@ class Sensors:
         check_numbers("Sensors", {"dt": dt}, positive="dt")
         self.state_names, self.exogenous_names, self.dt = states, exogenous, dt
         sizes = [len(sensor.channels) for sensor in self.each]
-        self.owner = np.repeat(np.arange(len(self.each)), sizes)  # which sensor a channel belongs to
+        self.owner = np.repeat(
+            np.arange(len(self.each)), sizes
+        )  # which sensor a channel belongs to
         self.size = len(self.owner)
-        self._own = [slice(end - size, end) for size, end in zip(sizes, np.cumsum(sizes).tolist(), strict=True)]
+        self._own = [
+            slice(end - size, end)
+            for size, end in zip(sizes, np.cumsum(sizes).tolist(), strict=True)
+        ]
         self.sd = np.array([
             sd for sensor, k in zip(self.each, sizes, strict=True)
             for sd in ((np.nan,) * k if callable(sensor.sd) else sensor.sd)
         ], float)  # fmt: skip
-        ranges = [r for sensor in self.each for r in (sensor.range or ((-np.inf, np.inf),) * len(sensor.channels))]
+        ranges = [
+            r
+            for sensor in self.each
+            for r in sensor.range or ((-np.inf, np.inf),) * len(sensor.channels)
+        ]
         self._ranges = np.array(ranges, float).T
         self._periods = [sensor.period(dt) for sensor in self.each]
         self.delays = np.array([sensor.delay(dt) for sensor in self.each])
         self.horizon = int(self.delays.max())
         self.faults = self._checked_faults(faults, names)
         self.angles = tuple(own.start + i for s, own in self._owning for i in s.angles)
-        self.scale = np.array([x for s in self.each for x in (s.scale or (1.0,) * len(s.channels))])
-        self.gives = tuple(name for s in self.each for name in (s.gives or (None,) * len(s.channels)))
+        self.scale = np.array([x for s in self.each for x in s.scale or (1.0,) * len(s.channels)])
+        self.gives = tuple(name for s in self.each for name in s.gives or (None,) * len(s.channels))
         self.channels = tuple(channel for sensor in self.each for channel in sensor.channels)
         biased = [sensor.bias for sensor in self.each if sensor.bias is not None]
         self.bias = Process.joined(*(bias.process(dt) for bias in biased))
         self.bias_names = tuple(name for bias in biased for name in bias.states)
         for name in self.bias_names:
             if name in states or self.bias_names.count(name) > 1:
-                raise ValueError(f"a bias is called {name!r}, as another component is: give it a name of its own")
+                raise ValueError(
+                    f"a bias is called {name!r}, as another component is: give it a name of its own"
+                )
         self.bias_gain = np.zeros((self.size, self.bias.size))
         for sensor, own in self._owning:
             if sensor.bias is not None:
                 gain, first = sensor.bias.gain, self.bias_names.index(sensor.bias.names[0])
-                self.bias_gain[own.start : own.start + len(gain), first : first + gain.shape[1]] = gain
+                self.bias_gain[own.start : own.start + len(gain), first : first + gain.shape[1]] = (
+                    gain
+                )
         self.bias_scale = np.array([bias.scale for bias in biased for _ in bias.states])
         self._check()
         n, units = len(states), np.eye(len(states) + len(exogenous))
-        self._gains = np.zeros((self.size, len(units) + self.bias.size))  # of state, exogenous input and biases
+        self._gains = np.zeros(
+            (self.size, len(units) + self.bias.size)
+        )  # of state, exogenous input and biases
         self._gains[:, len(units) :] = self.bias_gain
         self.called = []  # which channels, and what is asked at every step
         for (sensor, own), reads in zip(self._owning, self._reads, strict=True):
@@ -124,7 +142,11 @@ class Sensors:
     @cached_property
     def _varying(self) -> list[tuple[str, slice, Callable[[np.ndarray], np.ndarray]]]:
         """Sensors whose noise depends on what is measured: name, channels, and the function."""
-        return [(sensor.name, own, copying(sensor.sd)) for sensor, own in self._owning if callable(sensor.sd)]
+        return [
+            (sensor.name, own, copying(sensor.sd))
+            for sensor, own in self._owning
+            if callable(sensor.sd)
+        ]
 
     def of_channel(self, channel: Any) -> Sensor:
         """The sensor to which a channel belongs."""
@@ -135,9 +157,14 @@ class Sensors:
         if name not in self.state_names:
             return ()
         state = np.random.default_rng(0).standard_normal((3, len(self.state_names)))
-        moved, nothing = state + np.equal(self.state_names, name), np.zeros((3, len(self.exogenous_names)))
+        moved, nothing = (
+            state + np.equal(self.state_names, name),
+            np.zeros((3, len(self.exogenous_names))),
+        )
         differ = (self.exact(state, nothing) != self.exact(moved, nothing)).any(0)
-        return tuple(dict.fromkeys(self.of_channel(channel).name for channel in np.flatnonzero(differ)))
+        return tuple(
+            dict.fromkeys(self.of_channel(channel).name for channel in np.flatnonzero(differ))
+        )
 
     @property
     def _owning(self) -> Iterator[tuple[Sensor, slice]]:
@@ -145,20 +172,32 @@ class Sensors:
         return zip(self.each, self._own, strict=True)
 
     def _check(self) -> None:
-        state, exogenous = (np.zeros((2, 3, len(names))) for names in (self.state_names, self.exogenous_names))
+        state, exogenous = (
+            np.zeros((2, 3, len(names))) for names in (self.state_names, self.exogenous_names)
+        )
         for sensor in self.each:
             expected = (2, 3, len(sensor.channels))
-            check_values(f"reads of {sensor.name}", "states", expected, sensor.reads, state, exogenous)
+            check_values(
+                f"reads of {sensor.name}", "states", expected, sensor.reads, state, exogenous
+            )
             if callable(sensor.sd):
-                check_values(f"sd of {sensor.name}", "measurements", expected, sensor.sd, np.ones(expected))
+                check_values(
+                    f"sd of {sensor.name}", "measurements", expected, sensor.sd, np.ones(expected)
+                )
             for name in sensor.gives or ():
                 if name is not None and name not in self.state_names + self.exogenous_names:
-                    raise ValueError(unknown(f"state that {sensor.name} gives", name, self.state_names))
+                    raise ValueError(
+                        unknown(f"state that {sensor.name} gives", name, self.state_names)
+                    )
 
     def _checked_faults(self, faults: Any, names: list[str]) -> tuple[SensorFault, ...]:
-        listed = isinstance(faults, list | tuple) and all(isinstance(fault, SensorFault) for fault in faults)
+        listed = isinstance(faults, list | tuple) and all(
+            isinstance(fault, SensorFault) for fault in faults
+        )
         if not listed:
-            raise TypeError(f"sensor_faults must be a list of SensorFault objects, got {short_repr(faults)}")
+            raise TypeError(
+                f"sensor_faults must be a list of SensorFault objects, got {short_repr(faults)}"
+            )
         for fault in faults:
             if fault.sensor not in names:
                 raise ValueError(unknown("sensor of sensor_faults", fault.sensor, names))
@@ -168,7 +207,9 @@ class Sensors:
                                  f"{channels}, got {short_repr(fault.size)}")  # fmt: skip
         return tuple(faults)
 
-    def exact(self, state: np.ndarray, exogenous: np.ndarray, bias: np.ndarray | None = None) -> np.ndarray:
+    def exact(
+        self, state: np.ndarray, exogenous: np.ndarray, bias: np.ndarray | None = None
+    ) -> np.ndarray:
         """Measurements without noise ``(..., p)``, laid out in memory as the state is.
 
         Args:
@@ -180,7 +221,12 @@ class Sensors:
         return exact if bias is None else product(self.bias_gain, bias, exact)
 
     def read(
-        self, state: np.ndarray, exogenous: np.ndarray, bias: np.ndarray, steps: np.ndarray, keys: np.ndarray
+        self,
+        state: np.ndarray,
+        exogenous: np.ndarray,
+        bias: np.ndarray,
+        steps: np.ndarray,
+        keys: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Noisy measurements and the mask of those that arrived.
 
@@ -215,14 +261,23 @@ class Sensors:
             if not is_verified(reads):
                 yield reads, (state, exogenous), [(own.stop - own.start,)]
         for _, own, spread in self._varying:
-            yield spread, (self.measured(state, exogenous, bias)[..., own],), [(own.stop - own.start,)]
+            yield (
+                spread,
+                (self.measured(state, exogenous, bias)[..., own],),
+                [(own.stop - own.start,)],
+            )
 
     def measured(self, state: np.ndarray, exogenous: np.ndarray, bias: np.ndarray) -> np.ndarray:
         """True measurements without noise ``(..., p)``: as `exact`, what is linear by its matrix."""
         called = {own.start: reads for own, reads in self.called}
         zeros = np.zeros((*state.shape[:-1], self.size))
-        parts = [called[own.start](state, exogenous) if own.start in called else zeros[..., own] for own in self._own]
-        return product(self._gains, np.concatenate([state, exogenous, bias], -1), np.concatenate(parts, -1))
+        parts = [
+            called[own.start](state, exogenous) if own.start in called else zeros[..., own]
+            for own in self._own
+        ]
+        return product(
+            self._gains, np.concatenate([state, exogenous, bias], -1), np.concatenate(parts, -1)
+        )
 
     @compiled(axes=(1, 1, 0, 2))
     def corrupted(
@@ -241,7 +296,9 @@ class Sensors:
             key, channels = keys[..., i, :], range(own.start, own.stop)
             size: np.ndarray | float = 1.0
             bounds = [(*self._ranges[:, j], exact[..., j]) for j in channels]
-            arrives = reduce(and_, [(least <= y) & (y <= greatest) for least, greatest, y in bounds])
+            arrives = reduce(
+                and_, [(least <= y) & (y <= greatest) for least, greatest, y in bounds]
+            )
             if self._periods[i] > 1:
                 periods = steps / self._periods[i]
                 arrives = arrives & (periods == np.floor(periods))
@@ -277,12 +334,16 @@ class Sensors:
         return np.concatenate([varying.get(own.start, known[..., own]) for own in self._own], -1)
 
     def noise(
-        self, expected: Callable[[np.ndarray, np.ndarray | None], np.ndarray], x: np.ndarray, u: np.ndarray | None
+        self,
+        expected: Callable[[np.ndarray, np.ndarray | None], np.ndarray],
+        x: np.ndarray,
+        u: np.ndarray | None,
     ) -> np.ndarray | StateNoise:
         """R of a filter, which follows what it expects if a deviation does.
 
         Args:
-            expected: The expected measurements ``(..., p)``, a function of a filter's states and known inputs.
+            expected: The expected measurements ``(..., p)``, a function of a filter's states and
+                known inputs.
             x: A state ``(n,)`` for where none is at hand,
             u: and a known input.
 
@@ -295,21 +356,32 @@ class Sensors:
         sd = self.sd_at(y)
         for name, own, _ in self._varying:
             if not (sd[own] >= 0.0).all():
-                got = f"{short_repr(sd[own].tolist())} for the measurement {short_repr(y[own].tolist())}"
-                raise ValueError(f"sd of {name} gave {got}: it must give 0 or more for every measurement")
+                got = (
+                    f"{short_repr(sd[own].tolist())} for the measurement"
+                    f" {short_repr(y[own].tolist())}"
+                )
+                raise ValueError(
+                    f"sd of {name} gave {got}: it must give 0 or more for every measurement"
+                )
         return StateNoise(partial(self._noise_at, expected), np.nan_to_num(np.diag(sd**2)))
 
-    def _noise_at(self, expected: Callable[..., np.ndarray], x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    def _noise_at(
+        self, expected: Callable[..., np.ndarray], x: np.ndarray, u: np.ndarray | None
+    ) -> np.ndarray:
         """R ``(..., p, p)`` for the measurements ``expected`` in states ``(..., n)``."""
         return self.sd_at(expected(x, u))[..., None] ** 2 * np.eye(self.size)
 
-    # --- what measurements tell -----------------------------------------------------------------------
+    # --- what measurements tell -------------------------------------------------------------------
 
     def states_from(self, measurements: np.ndarray) -> dict[str, np.ndarray]:
         """States and parts of the exogenous input that measurements ``(..., p)`` alone give, ``(...)`` by name."""
         known: dict[str, np.ndarray] = {}
         for sensor, own in self._owning:
-            known.update((name, measurements[..., i]) for i, name in enumerate(sensor.gives or (), own.start) if name)
+            known.update(
+                (name, measurements[..., i])
+                for i, name in enumerate(sensor.gives or (), own.start)
+                if name
+            )
             if sensor.inverse is not None:
                 known.update(copying(sensor.inverse)(measurements[..., own], known))
         return known

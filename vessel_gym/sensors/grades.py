@@ -8,12 +8,14 @@ A TOML file has a table for each grade of each sensor, in the order from the bes
     source = "..."
     assumed = ["time"]
 
-``sd`` is a number for all channels or one for each; ``rate`` [Hz] and ``latency`` [s] are rounded to whole steps of the
-vehicle; ``dropout`` is a probability; ``bias`` has ``start``, and ``pace``, ``slope``, ``time`` or ``constant``, see
-`vessel_gym.sensors.Bias`, on the first channels. Figures that a grade lacks are 0, and its rate is every step.
-``source`` names the document from which the figures were taken, and ``assumed`` those figures that are in no document,
-by their keys. The grade ``nominal`` is the vehicle's own sensor: it has ``source`` and ``assumed`` alone, and every
-sensor has it. ``[suites.NAME]`` chooses a grade of each sensor; of the sensors that it does not name, ``nominal``.
+``sd`` is a number for all channels or one for each; ``rate`` [Hz] and ``latency`` [s] are rounded
+to whole steps of the vehicle; ``dropout`` is a probability; ``bias`` has ``start``, and ``pace``,
+``slope``, ``time`` or ``constant``, see `vessel_gym.sensors.Bias`, on the first channels. Figures
+that a grade lacks are 0, and its rate is every step. ``source`` names the document from which the
+figures were taken, and ``assumed`` those figures that are in no document, by their keys. The grade
+``nominal`` is the vehicle's own sensor: it has ``source`` and ``assumed`` alone, and every sensor
+has it. ``[suites.NAME]`` chooses a grade of each sensor; of the sensors that it does not name,
+``nominal``.
 """
 
 from collections.abc import Sequence
@@ -53,7 +55,10 @@ class Grades:
 
     def suite(self, name: str) -> tuple[Sensor, ...]:
         """The sensors of a suite."""
-        return tuple(grades[self.suites[name].get(sensor, NOMINAL)] for sensor, grades in self.sensors.items())
+        return tuple(
+            grades[self.suites[name].get(sensor, NOMINAL)]
+            for sensor, grades in self.sensors.items()
+        )
 
 
 def grades_of(system: Any) -> dict[str, dict[str, Sensor]]:
@@ -79,12 +84,14 @@ def read_grades(system: Any, path: str | Path | None = None) -> Grades:
     """Grades, sources and suites of a system's sensors.
 
     Args:
-        system: A `vessel_gym.system.System`. The attribute ``grades`` of its vehicle names a file of the package,
-            or the path of another one.
-        path: A file; None: that of the vehicle, of which sensors that the system lacks are left out.
+        system: A `vessel_gym.system.System`. The attribute ``grades`` of its vehicle names a file
+            of the package, or the path of another one.
+        path: A file; None: that of the vehicle, of which sensors that the system lacks are left
+            out.
 
     Raises:
-        ValueError: for a vehicle without grades, or anything wrong in the file, in one sentence with its line.
+        ValueError: for a vehicle without grades, or anything wrong in the file, in one sentence
+            with its line.
         OSError: if the file cannot be read.
     """
     own_alone = path is None
@@ -92,7 +99,10 @@ def read_grades(system: Any, path: str | Path | None = None) -> Grades:
         path = getattr(system.vehicle, "grades", None)
         if path is None:
             title = type(system.vehicle).__name__
-            raise ValueError(f"{title} has no grades of sensors: set its attribute grades to the path of a TOML file")
+            raise ValueError(
+                f"{title} has no grades of sensors: set its attribute grades to the path of a TOML"
+                " file"
+            )
         if isinstance(path, str) and "." not in path:
             path = DATA / f"{path}.toml"
     return _GradesFile(Path(path), system.nominal_sensors, system.vehicle.dt).grades(own_alone)
@@ -144,7 +154,9 @@ class _GradesFile(TomlFile):
         assumed = figures.get("assumed", [])
         for key in assumed if isinstance(assumed, list) else (assumed,):
             if key not in _MAY_BE_ASSUMED:
-                raise self.fault((*keys, "assumed"), unknown(f"assumed figure of {name}", key, _MAY_BE_ASSUMED))
+                raise self.fault(
+                    (*keys, "assumed"), unknown(f"assumed figure of {name}", key, _MAY_BE_ASSUMED)
+                )
         try:
             return own if grade == NOMINAL else self._with(own, figures)
         except (ValueError, TypeError) as error:
@@ -163,13 +175,24 @@ class _GradesFile(TomlFile):
             period = max(round(1.0 / (figures["rate"] * self.dt)), 1)
         bias = None
         if "bias" in figures:
-            if not isinstance(figures["bias"], dict) or not {"start"} <= set(figures["bias"]) <= set(_BIAS):
-                raise ValueError(f"bias of {own.name} must be a table of start, and pace, slope, time or constant")
-            given = {key: _tuple(value, channels) for key, value in figures["bias"].items() if key != "time"}
+            if not isinstance(figures["bias"], dict) or not {"start"} <= set(
+                figures["bias"]
+            ) <= set(_BIAS):
+                raise ValueError(
+                    f"bias of {own.name} must be a table of start, and pace, slope, time or"
+                    " constant"
+                )
+            given = {
+                key: _tuple(value, channels)
+                for key, value in figures["bias"].items()
+                if key != "time"
+            }
             for key, values in given.items():
                 for each in values:
                     check_numbers(f"the bias of {own.name}", {key: each}, not_negative=key)
-            names = tuple(f"bias {channel.split(' [')[0]}" for channel in own.channels)[: len(given["start"])]
+            names = tuple(f"bias {channel.split(' [')[0]}" for channel in own.channels)[
+                : len(given["start"])
+            ]
             scale = max((1e-9, *given["start"], *given.get("constant", ())))
             bias = Bias(names, **given, scale=scale, time=figures["bias"].get("time"))
         return replace(
@@ -177,7 +200,9 @@ class _GradesFile(TomlFile):
             dropout=figures.get("dropout", 0.0), latency=round(times["latency"] / self.dt) * self.dt, bias=bias,
         )  # fmt: skip
 
-    def _suites(self, sensors: dict[str, dict[str, Sensor]], own_alone: bool) -> dict[str, dict[str, str]]:
+    def _suites(
+        self, sensors: dict[str, dict[str, Sensor]], own_alone: bool
+    ) -> dict[str, dict[str, str]]:
         """The grades that suites choose, checked."""
         suites = self._table(("suites",), self.data.get("suites", {}))
         for suite, table in suites.items():
@@ -186,7 +211,9 @@ class _GradesFile(TomlFile):
                     raise self.fault(("suites", suite, name), unknown("sensor", name, sensors))
                 known = sensors.get(name)
                 if known is not None and (not isinstance(grade, str) or grade not in known):
-                    raise self.fault(("suites", suite, name), unknown(f"grade of {name}", grade, known))
+                    raise self.fault(
+                        ("suites", suite, name), unknown(f"grade of {name}", grade, known)
+                    )
         return suites
 
 

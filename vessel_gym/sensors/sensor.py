@@ -27,13 +27,16 @@ class Bias:
         pace: Of the random walk: what a second adds; 0: constant, as far as anybody knows.
         slope: Of a drift [per s], constant and unknown, which has states of its own; 0: none.
         scale: Size that counts as 1 in an observation of standard deviations.
-        time: Correlation time [s] of a stationary first-order Gauss-Markov process, in place of ``pace`` and
-            ``slope``; its standard deviation is ``start`` at every time. None: no such process.
-        constant: Standard deviations of a constant error that is added to this process and has states of its own, such
-            as the static error of a compass beside its dynamic error; 0: none.
+        time: Correlation time [s] of a stationary first-order Gauss-Markov process, in place of
+            ``pace`` and ``slope``; its standard deviation is ``start`` at every time. None: no such
+            process.
+        constant: Standard deviations of a constant error that is added to this process and has
+            states of its own, such as the static error of a compass beside its dynamic error; 0:
+            none.
 
     Raises:
-        ValueError: for values of another number than the names, negative ones, or a ``time`` beside a pace or slope.
+        ValueError: for values of another number than the names, negative ones, or a ``time`` beside
+            a pace or slope.
     """
 
     names: tuple[str, ...]
@@ -46,7 +49,9 @@ class Bias:
 
     def __post_init__(self) -> None:
         names: Any = self.names
-        if not isinstance(names, tuple | list) or not names:  # a text's letters would pass for names
+        if (
+            not isinstance(names, tuple | list) or not names
+        ):  # a text's letters would pass for names
             raise ValueError(f"names of a bias must be a tuple of names, got {short_repr(names)}")
         check_names("names of a bias", names)
         object.__setattr__(self, "names", tuple(names))
@@ -62,7 +67,8 @@ class Bias:
         check_numbers(self, positive="scale time?")
         if self.time is not None and any(self.pace + self.slope):
             raise ValueError(
-                f"the bias {self.names} has a correlation time, so it is stationary: give it no pace and no slope"
+                f"the bias {self.names} has a correlation time, so it is stationary: give it no"
+                " pace and no slope"
             )
 
     @property
@@ -81,7 +87,9 @@ class Bias:
     def process(self, dt: float) -> Process:
         """Its process over a step of ``dt`` [s]."""
         constants = self.constant if any(self.constant) else ()
-        return Process.joined(self._moving(dt), Process.walk(constants, (0.0,) * len(constants), dt))
+        return Process.joined(
+            self._moving(dt), Process.walk(constants, (0.0,) * len(constants), dt)
+        )
 
     def _moving(self, dt: float) -> Process:
         """The process without the constants."""
@@ -99,24 +107,29 @@ class Sensor:
     Attributes:
         name: What it is.
         channels: What each of its channels reads, with the unit.
-        reads: What it would read without noise ``(..., k)``, a function that broadcasts of the vehicle's state
-            ``(..., n)`` and exogenous input ``(..., f)``, see `vessel_gym.system.Vehicle`; faster if it is declared to
-            be `vessel_gym.processes.linear` in both.
-        sd: Standard deviation of each channel's white noise; or, where it depends on what is measured, a function that
-            gives them ``(..., k)`` of the measurement without noise ``(..., k)``: the truth takes it at the true
-            measurement, a filter's R at the one that it expects.
-        rate: Measurements a second [Hz], which must divide the steps a second; None: one every step.
+        reads: What it would read without noise ``(..., k)``, a function that broadcasts of the
+            vehicle's state ``(..., n)`` and exogenous input ``(..., f)``, see
+            `vessel_gym.system.Vehicle`; faster if it is declared to be
+            `vessel_gym.processes.linear` in both.
+        sd: Standard deviation of each channel's white noise; or, where it depends on what is
+            measured, a function that gives them ``(..., k)`` of the measurement without noise
+            ``(..., k)``: the truth takes it at the true measurement, a filter's R at the one that
+            it expects.
+        rate: Measurements a second [Hz], which must divide the steps a second; None: one every
+            step.
         dropout: Probability that a measurement is lost.
         outliers: Probability that it is an outlier,
         outlier_scale: whose noise is so many times as large.
         bias: What moves slowly on the first channels.
-        range: For each channel the least and the greatest value that it can read; beyond, nothing arrives.
+        range: For each channel the least and the greatest value that it can read; beyond, nothing
+            arrives.
         angles: Which channels are angles [rad].
         scale: For each channel the size that counts as 1 in a raw observation; None: 1.
-        gives: For each channel the state, or the part of the exogenous input, that it reads as such; None where it is
-            none.
-        inverse: What can be had of its measurements ``(..., k)`` besides: a function of them and of the states that
-            sensors before it have given, that returns states by name; None: what it ``gives``.
+        gives: For each channel the state, or the part of the exogenous input, that it reads as
+            such; None where it is none.
+        inverse: What can be had of its measurements ``(..., k)`` besides: a function of them and of
+            the states that sensors before it have given, that returns states by name; None: what it
+            ``gives``.
         latency: Seconds from a measurement to its arrival.
     """
 
@@ -150,11 +163,16 @@ class Sensor:
             values = getattr(self, name)
             if callable(values) if name == "sd" else values is None:
                 continue
-            several = isinstance(values, tuple | list) or (isinstance(values, np.ndarray) and values.ndim > 0)
+            several = isinstance(values, tuple | list) or (
+                isinstance(values, np.ndarray) and values.ndim > 0
+            )
             if not (several and len(values) == k):
-                hint = f": write ({values!r},)" if k == 1 and isinstance(values, int | float) else ""
+                hint = (
+                    f": write ({values!r},)" if k == 1 and isinstance(values, int | float) else ""
+                )
                 raise ValueError(
-                    f"{title} has {k} channels, so {name} must have {k} entries, got {short_repr(values)}{hint}"
+                    f"{title} has {k} channels, so {name} must have {k} entries, got"
+                    f" {short_repr(values)}{hint}"
                 )
         for name, kind in (("sd", "not_negative"), ("scale", "positive")):
             values = getattr(self, name)
@@ -168,10 +186,15 @@ class Sensor:
         check_numbers(title, vars(self), share="dropout outliers", positive="rate?")
         check_numbers(title, vars(self), not_negative="outlier_scale latency")
         if not callable(self.reads):
-            raise ValueError(f"reads of {title} must be a function of (state, exogenous), got {short_repr(self.reads)}")
+            raise ValueError(
+                f"reads of {title} must be a function of (state, exogenous), got"
+                f" {short_repr(self.reads)}"
+            )
         angles = self.angles if isinstance(self.angles, tuple | list) else (None,)
         if any(not isinstance(i, int | np.integer) or not 0 <= i < k for i in angles):
-            raise ValueError(f"angles of {title} must be indices below {k}, got {short_repr(self.angles)}")
+            raise ValueError(
+                f"angles of {title} must be indices below {k}, got {short_repr(self.angles)}"
+            )
         if self.bias is not None and len(self.bias.names) > k:
             raise ValueError(f"{title} has {k} channels, but a bias on {len(self.bias.names)}")
 
@@ -187,8 +210,8 @@ class Sensor:
         steps = 1.0 / max(self.rate * dt, 1e-300)
         if not 0.5 <= steps <= SLOWEST or abs(steps - round(steps)) > 1e-6 * steps:
             raise ValueError(
-                f"{self.name} reads at {self.rate:g} Hz, which does not divide the {1.0 / dt:g} steps a second: its "
-                "measurements would fall between steps"
+                f"{self.name} reads at {self.rate:g} Hz, which does not divide the {1.0 / dt:g}"
+                " steps a second: its measurements would fall between steps"
             )
         return round(steps)
 
@@ -202,8 +225,8 @@ class Sensor:
         steps = self.latency / dt
         if abs(steps - np.rint(steps)) > 1e-6 * max(steps, 1.0):
             raise ValueError(
-                f"latency of {self.name} is {self.latency:g} s, which is no whole number of steps of {dt:g} s: its "
-                "measurements would arrive between steps"
+                f"latency of {self.name} is {self.latency:g} s, which is no whole number of steps"
+                f" of {dt:g} s: its measurements would arrive between steps"
             )
         if steps > LONGEST:
             raise ValueError(f"latency of {self.name} is {steps:g} steps, of {LONGEST} at most")
@@ -232,7 +255,9 @@ class SensorSuite:
 
     def of(self, nominal: Sequence[Sensor]) -> tuple[Sensor, ...]:
         """A vehicle's sensors in this quality."""
-        if not isinstance(nominal, tuple | list) or not all(isinstance(sensor, Sensor) for sensor in nominal):
+        if not isinstance(nominal, tuple | list) or not all(
+            isinstance(sensor, Sensor) for sensor in nominal
+        ):
             raise TypeError(f"nominal must be Sensor objects, got {short_repr(nominal)}")
         return tuple(
             replace(
@@ -268,12 +293,17 @@ sensors without the fix for a time (`vessel_gym.sensor_faults.lost_fix`)."""
 
 
 def check_values(
-    who: str, what: str, expected: tuple[int, ...], function: Callable[..., Any], *arguments: np.ndarray
+    who: str,
+    what: str,
+    expected: tuple[int, ...],
+    function: Callable[..., Any],
+    *arguments: np.ndarray,
 ) -> Any:
     """Value of a user's function, which is called twice.
 
     Raises:
-        ValueError: for one that fails, does not repeat itself, or gives no numbers or another shape than ``expected``.
+        ValueError: for one that fails, does not repeat itself, or gives no numbers or another shape
+            than ``expected``.
     """
     shape = arguments[0].shape
     try:
@@ -282,7 +312,9 @@ def check_values(
     except Exception as error:
         if str(error).startswith(who):
             raise
-        raise ValueError(f"{who} failed on {what} of shape {shape}: {short_repr(str(error))}") from error
+        raise ValueError(
+            f"{who} failed on {what} of shape {shape}: {short_repr(str(error))}"
+        ) from error
     if numbers(values) is None:
         raise ValueError(f"{who} must give real numbers, got {short_repr(values)}")
     if got != expected:

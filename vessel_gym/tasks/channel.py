@@ -29,25 +29,28 @@ _BESIDE = 8  # numbers of a reference before its scenario
 class Channel(Track, verified=True):
     """A channel with lateral margins leads along a straight leg, or legs between waypoints joined by arcs.
 
-    It begins at the origin. A scenario (the episode's parameters, drawn at reset) is ``(direction of the first leg
-    [rad], distance to starboard and heading error at the start [m, rad], length [m])``, then the waypoints after the
-    first one (north, east [m]; the last is repeated) and the segments of the path (x, y, heading, curvature, length;
-    those of length 0 fill up). A reference is ``(heading to steer in still water [rad], mean yaw rates over the next
-    half of PREVIEW and the PREVIEW after it [rad/s], distance along the channel [m], to starboard of its axis [m],
-    direction of the axis [rad], surge of the steady turn [m/s], believed heading [rad])`` at the point of the axis
-    nearest to where the ship is believed to be, then the scenario.
+    It begins at the origin. A scenario (the episode's parameters, drawn at reset) is ``(direction
+    of the first leg [rad], distance to starboard and heading error at the start [m, rad], length
+    [m])``, then the waypoints after the first one (north, east [m]; the last is repeated) and the
+    segments of the path (x, y, heading, curvature, length; those of length 0 fill up). A reference
+    is ``(heading to steer in still water [rad], mean yaw rates over the next half of PREVIEW and
+    the PREVIEW after it [rad/s], distance along the channel [m], to starboard of its axis [m],
+    direction of the axis [rad], surge of the steady turn [m/s], believed heading [rad])`` at the
+    point of the axis nearest to where the ship is believed to be, then the scenario.
 
-    The margin follows the concept design of PIANC Report 121 (2014), for a one-way outer channel: a width of 5 beams,
-    of which the ship's middle may use 4. The width adds up from 1.5 beams of manoeuvring lane (moderate), 0.1 for a
-    fast ship, 0.3 for cross wind up to 33 kn, 0.5 for cross current up to 1.5 kn, 1.0 for waves above 3 m, 0.2 for aids
-    to navigation (good), and 0.7 of bank clearance on either side. The last three have not been compared with the
-    report itself.
+    The margin follows the concept design of PIANC Report 121 (2014), for a one-way outer channel: a
+    width of 5 beams, of which the ship's middle may use 4. The width adds up from 1.5 beams of
+    manoeuvring lane (moderate), 0.1 for a fast ship, 0.3 for cross wind up to 33 kn, 0.5 for cross
+    current up to 1.5 kn, 1.0 for waves above 3 m, 0.2 for aids to navigation (good), and 0.7 of
+    bank clearance on either side. The last three have not been compared with the report itself.
     """
 
     leg: float = 40.0  # ship lengths, of the straight channel
     margin_beams: float = 2.0  # that the ship's middle may be off the axis, either side
     turn: float = 4.0  # ship lengths, radius of the arcs between waypoints
-    angle: float = 0.25 * np.pi  # rad between north, along which waves run, and the straight channel; either side
+    angle: float = (
+        0.25 * np.pi
+    )  # rad between north, along which waves run, and the straight channel; either side
     spread: float = float(np.deg2rad(10.0))  # rad, about that angle
     offset: float = 0.5  # of the margin, greatest at the start
     error: float = 0.05  # rad, greatest error of the heading at the start
@@ -76,15 +79,19 @@ class Channel(Track, verified=True):
 
         Args:
             uniforms: for side and angle of the leg, and offset and heading error at the start.
-            options: ``{"waypoints": [(north, east), ...]}`` sets the channel's axis [m], counted from the first one.
+            options: ``{"waypoints": [(north, east), ...]}`` sets the channel's axis [m], counted
+                from the first one.
 
         Raises:
-            ValueError: for an unknown option, or a route that cannot be followed, see `vessel_gym.guidance.routes`.
+            ValueError: for an unknown option, or a route that cannot be followed, see
+                `vessel_gym.guidance.routes`.
         """
         scenarios = self._drawn(uniforms)
         for option, value in options.items():
             one_of("reset option", option, ("waypoints",))
-            points, path = route(value, self.turn * self.ship.length, 2.0 * self.margin + self.ship.beam)
+            points, path = route(
+                value, self.turn * self.ship.length, 2.0 * self.margin + self.ship.beam
+            )
             scenarios[:, HEADING], scenarios[:, LENGTH] = path.segments[0, 2], path.length
             listed = np.concatenate([points[1:], points[-1:].repeat(WAYPOINTS - len(points), 0)])
             scenarios[:, _POINTS:_PATH], scenarios[:, _PATH:] = listed.ravel(), 0.0
@@ -98,7 +105,12 @@ class Channel(Track, verified=True):
         heading = np.copysign(self.angle + self.spread * centred[..., 1], centred[..., 0])
         zero, length = np.zeros_like(heading), np.zeros_like(heading) + self.leg * self.ship.length
         sin, cos = sincos(heading)
-        start = [heading, self.offset * self.margin * centred[..., 2], self.error * centred[..., 3], length]
+        start = [
+            heading,
+            self.offset * self.margin * centred[..., 2],
+            self.error * centred[..., 3],
+            length,
+        ]
         points = [length * cos, length * sin] * (WAYPOINTS - 1)
         path = [zero, zero, heading, zero, length, *[zero] * (COLUMNS * (SEGMENTS - 1))]
         return np.stack([*start, *points, *path], -1)
@@ -136,7 +148,9 @@ class Channel(Track, verified=True):
     @compiled(axes=(1, 0))
     def nominal(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Place and heading of a ship that keeps to axis and service speed, as a state ``(..., 6)`` of velocity 0."""
-        along = np.minimum(np.maximum(step * (self.dt * self.ship.speed), 0.0), scenario[..., LENGTH])
+        along = np.minimum(
+            np.maximum(step * (self.dt * self.ship.speed), 0.0), scenario[..., LENGTH]
+        )
         x, y, direction = pose_along(along, scenario[..., _PATH:])
         zero = np.zeros_like(x)
         return np.stack([x, y, direction, zero, zero, zero], -1)
@@ -148,7 +162,9 @@ class Channel(Track, verified=True):
     def edges(self, scenario: np.ndarray) -> np.ndarray:
         """Outline of the channel ``(2 k, 2)`` of a scenario ``(n,)``: half a beam outside the margins."""
         x, y, direction = self._axis(scenario).T
-        starboard = (self.margin + 0.5 * self.ship.beam) * np.stack([-np.sin(direction), np.cos(direction)], -1)
+        starboard = (self.margin + 0.5 * self.ship.beam) * np.stack(
+            [-np.sin(direction), np.cos(direction)], -1
+        )
         axis = np.stack([x, y], -1)
         return np.concatenate([axis + starboard, (axis - starboard)[::-1]])
 
@@ -164,18 +180,26 @@ class Channel(Track, verified=True):
 
     def on_track(self, scenario: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances [m] along their channels, and to starboard of the axes, of ships on their way ``(T, B, 2)``."""
-        along, off = np.moveaxis(np.array([self._nearest(scenario, now)[..., :2] for now in place]), -1, 0)
+        along, off = np.moveaxis(
+            np.array([self._nearest(scenario, now)[..., :2] for now in place]), -1, 0
+        )
         return along, off
 
-    def observe_mission(self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+    def observe_mission(
+        self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray
+    ) -> np.ndarray:
         """The rudder, and the waypoints after the first in ten ship lengths ahead and to starboard ``(..., 15)``."""
         points = [in_frame(scenario, scenario[..., i : i + 2]) for i in range(_POINTS, _PATH, 2)]
         scale = 10.0 * self.ship.length
-        return np.concatenate([actuators / self.ship.rudder_limit, *(each / scale for each in points)], -1)
+        return np.concatenate(
+            [actuators / self.ship.rudder_limit, *(each / scale for each in points)], -1
+        )
 
     # --- how it is scored -------------------------------------------------------------------------
 
-    COURSE_TOLERANCE = 0.05  # rad between the axis and the course over ground, that halves its share of the reward
+    COURSE_TOLERANCE = (
+        0.05  # rad between the axis and the course over ground, that halves its share of the reward
+    )
 
     @property
     def distance_tolerance(self) -> float:
@@ -193,9 +217,9 @@ class Channel(Track, verified=True):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Reward ``(...)``, end of the episode ``(...)`` and score state ``(..., 3)``, from the truth.
 
-        A step is worth the share of the channel that it is the first to cover, times how well the ship keeps to the
-        axis and to its direction over ground, and how little steering that takes: the score is at most 1, and neither
-        loitering nor ending early pays.
+        A step is worth the share of the channel that it is the first to cover, times how well the
+        ship keeps to the axis and to its direction over ground, and how little steering that takes:
+        the score is at most 1, and neither loitering nor ending early pays.
         """
         scenario, farthest = self.scenario_of(reference), score_state[..., 0]
         place = self._nearest(scenario, state[..., :2])

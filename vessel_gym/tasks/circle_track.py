@@ -17,7 +17,9 @@ RATE_FINALLY = 3
 _ABSURD = 1e9  # m: the square of a diverged position stays finite
 
 
-def _clothoid(length: np.ndarray, total: np.ndarray, curvature: np.ndarray) -> tuple[np.ndarray, ...]:
+def _clothoid(
+    length: np.ndarray, total: np.ndarray, curvature: np.ndarray
+) -> tuple[np.ndarray, ...]:
     """Place and direction on a clothoid whose curvature rises to ``curvature`` over its ``total`` length.
 
     Series of the Fresnel integrals: to 1e-5 of the length, as it turns by 0.6 rad at most.
@@ -32,11 +34,12 @@ def _clothoid(length: np.ndarray, total: np.ndarray, curvature: np.ndarray) -> t
 class CircleTrack(Track, TurningCircle, verified=True):
     """The commanded track leads into a circle: a straight, a clothoid, rounds; a current does not shift it.
 
-    It begins where the ship is put. A scenario (the episode's parameters, drawn at reset) is ``(initial heading [rad],
-    yaw rate of the turn [rad/s], its curvature [1/m], its speed [m/s])``; a reference is that of the track's point
-    nearest to where the ship is believed to be: ``(heading to steer in still water [rad], yaw rate now, yaw rate
-    PREVIEW seconds ahead, final yaw rate, distance to starboard of the track [m], its direction [rad], surge of the
-    steady turn [m/s], believed heading [rad])``.
+    It begins where the ship is put. A scenario (the episode's parameters, drawn at reset) is
+    ``(initial heading [rad], yaw rate of the turn [rad/s], its curvature [1/m], its speed [m/s])``;
+    a reference is that of the track's point nearest to where the ship is believed to be: ``(heading
+    to steer in still water [rad], yaw rate now, yaw rate PREVIEW seconds ahead, final yaw rate,
+    distance to starboard of the track [m], its direction [rad], surge of the steady turn [m/s],
+    believed heading [rad])``.
     """
 
     def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
@@ -52,39 +55,55 @@ class CircleTrack(Track, TurningCircle, verified=True):
     @compiled(axes=(1, 0, 1))
     def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The reference ``(..., 8)`` at a step ``(...)`` of a ship in a state ``(..., 6)``, as in the prior."""
-        rate, curvature, slower = scenario[..., RATE], scenario[..., CURVATURE], scenario[..., SPEED] - self.ship.speed
+        rate, curvature, slower = (
+            scenario[..., RATE],
+            scenario[..., CURVATURE],
+            scenario[..., SPEED] - self.ship.speed,
+        )
         lead, ramp = self._lengths(scenario)
-        along, off, direction, bent = self._nearest(scenario, state[..., :2], self._nominal_distance(scenario, step))
+        along, off, direction, bent = self._nearest(
+            scenario, state[..., :2], self._nominal_distance(scenario, step)
+        )
         share = bent / curvature
         speed = self.ship.speed + share * slower
         share_ahead = np.clip((along + self.preview * speed - lead) / ramp, 0.0, 1.0)
         rate_now = bent * speed
         rate_ahead = share_ahead * curvature * (self.ship.speed + share_ahead * slower)
         heading, surge = self.steady_course(rate_now, direction)
-        return np.stack([heading, rate_now, rate_ahead, rate, off, direction, surge, state[..., 2]], -1)
+        return np.stack(
+            [heading, rate_now, rate_ahead, rate, off, direction, surge, state[..., 2]], -1
+        )
 
     def _lengths(self, scenario: np.ndarray) -> tuple[float, np.ndarray]:
         """Length [m] of the straight, and of the clothoid behind it."""
-        return self.lead * self.ship.speed, 0.5 * self.ramp * (self.ship.speed + scenario[..., SPEED])
+        return self.lead * self.ship.speed, 0.5 * self.ramp * (
+            self.ship.speed + scenario[..., SPEED]
+        )
 
     def _nominal_distance(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Distance along the track [m] of a ship that keeps to it, and to its speed, which falls over the ramp."""
         elapsed = np.maximum(step * self.dt, 0.0)
         ramping = np.clip(elapsed - self.lead, 0.0, self.ramp)
-        turning = 0.5 * ramping * ramping / self.ramp + np.maximum(elapsed - self.lead - self.ramp, 0.0)
+        turning = 0.5 * ramping * ramping / self.ramp + np.maximum(
+            elapsed - self.lead - self.ramp, 0.0
+        )
         return elapsed * self.ship.speed + (scenario[..., SPEED] - self.ship.speed) * turning
 
     @compiled(axes=(1, 1, 0))
-    def _nearest(self, scenario: np.ndarray, place: np.ndarray, guess: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _nearest(
+        self, scenario: np.ndarray, place: np.ndarray, guess: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
         """The point of the track nearest to a place ``(..., 2)``.
 
         Args:
             scenario: ``(..., 4)``.
             place: North and east of where the track begins [m].
-            guess: Approximate distance along the track [m]: it tells the rounds from each other and from the way in.
+            guess: Approximate distance along the track [m]: it tells the rounds from each other and
+                from the way in.
 
         Returns:
-            Distance along the track [m], of the place to starboard of it [m], its direction [rad] and curvature [1/m].
+            Distance along the track [m], of the place to starboard of it [m], its direction [rad]
+            and curvature [1/m].
         """
         heading, curvature = scenario[..., HEADING], scenario[..., CURVATURE]
         lead, ramp = self._lengths(scenario)
@@ -94,19 +113,25 @@ class CircleTrack(Track, TurningCircle, verified=True):
         # The circle, where the nearest point lies in the direction next to that of the guess.
         forward, sideways, turned = _clothoid(ramp, ramp, curvature)
         sin, cos = sincos(turned)
-        x, y = ahead - (lead + forward - sin / curvature), aside - (sideways + cos / curvature)  # from its centre
+        x, y = (
+            ahead - (lead + forward - sin / curvature),
+            aside - (sideways + cos / curvature),
+        )  # from its centre
         expected = turned + curvature * (guess - (lead + ramp))
         round_to = expected + wrapped(np.arctan2(x * curvature, -y * curvature) - expected)
         along = lead + ramp + (round_to - turned) / curvature
         on_circle, off_circle = along >= lead + ramp, 1.0 / np.abs(curvature) - np.sqrt(x**2 + y**2)
-        # The clothoid by Newton's method; before it begins this stays at 0, where it continues the straight.
+        # The clothoid by Newton's method; before it begins this stays at 0, where it continues the
+        # straight.
         length = np.clip(ahead - lead, 0.0, ramp)
         for _ in range(4):
             forward, sideways, direction = _clothoid(length, ramp, curvature)
             sin, cos = sincos(direction)
             x, y = ahead - lead - forward, aside - sideways
             missing, off = x * cos + y * sin, y * cos - x * sin
-            length = np.clip(length + missing / np.maximum(1.0 - off * curvature * length / ramp, 0.2), 0.0, ramp)
+            length = np.clip(
+                length + missing / np.maximum(1.0 - off * curvature * length / ramp, 0.2), 0.0, ramp
+            )
         return (
             np.where(on_circle, along, np.where(ahead <= lead, ahead, lead + length)),
             np.where(on_circle, np.sign(curvature) * off_circle, off),
@@ -151,20 +176,27 @@ class CircleTrack(Track, TurningCircle, verified=True):
 
     def path(self, scenario: np.ndarray) -> np.ndarray:
         """The track ``(k, 2)`` of a scenario ``(4,)``, one circle long."""
-        lead, circle = self.ship.speed * (self.lead + self.ramp), 2.0 * np.pi / abs(scenario[CURVATURE])
+        lead, circle = (
+            self.ship.speed * (self.lead + self.ramp),
+            2.0 * np.pi / abs(scenario[CURVATURE]),
+        )
         along = np.linspace(0.0, lead + circle, 200)
         return self.track(np.tile(scenario, (len(along), 1)), along)[0]
 
     # --- what the agent sees ----------------------------------------------------------------------
 
-    def observe_mission(self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+    def observe_mission(
+        self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray
+    ) -> np.ndarray:
         """The rudder and the yaw rate of the turn ``(..., 2)``."""
         return np.concatenate([actuators, scenario[..., [RATE]]], -1) / self._known_scales[:2]
 
     # --- how it is scored -------------------------------------------------------------------------
 
     DISTANCE_TOLERANCE = 10.0  # m from the track, that halves the reward
-    COURSE_TOLERANCE = 0.05  # rad between the track and the course over ground, that halves its share
+    COURSE_TOLERANCE = (
+        0.05  # rad between the track and the course over ground, that halves its share
+    )
     COURSE_SHARE = 0.6  # of the factor of course and yaw rate
     FAR = 3.0  # ship lengths from the track, at which the turn is lost
     ENOUGH = 0.85  # of the nominal progress that counts as all
@@ -180,8 +212,9 @@ class CircleTrack(Track, TurningCircle, verified=True):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Reward in [0, 1] ``(...)``, end of the episode ``(...)`` and score state ``(..., 8)``, from the truth.
 
-        Four factors: the distance of the true ship from the track; course over ground and yaw rate, six tenths and four
-        tenths of one factor; the steering; progress along the track. Neither loitering nor ending early pays.
+        Four factors: the distance of the true ship from the track; course over ground and yaw rate,
+        six tenths and four tenths of one factor; the steering; progress along the track. Neither
+        loitering nor ending early pays.
         """
         scenario, before, farthest = score_state[..., :4], score_state[..., 4], score_state[..., 5]
         psi, u, v, r = (state[..., i] for i in range(2, 6))
@@ -190,7 +223,9 @@ class CircleTrack(Track, TurningCircle, verified=True):
         north, east = u * cos - v * sin + exogenous[..., 1], u * sin + v * cos + exogenous[..., 2]
         aside = wrapped(np.arctan2(east, north) - direction)
         turning = (r - bent * np.sqrt(u * u + v * v)) / scenario[..., RATE]
-        speed = self.ship.speed + bent / scenario[..., CURVATURE] * (scenario[..., SPEED] - self.ship.speed)
+        speed = self.ship.speed + bent / scenario[..., CURVATURE] * (
+            scenario[..., SPEED] - self.ship.speed
+        )
         fresh = np.maximum(along - farthest, 0.0)
         progress = np.minimum(fresh / (self.ENOUGH * (self.dt * speed)), 1.0)
         value = self.COURSE_SHARE / (1.0 + (aside / self.COURSE_TOLERANCE) ** 2)

@@ -17,7 +17,15 @@ from vessel_gym.tasks.steering import wrapped
 from vessel_gym.tasks.task import Task, three_numbers
 from vessel_gym.vehicles.auv import AUVParameters
 
-END_REASONS = ("", "arrived", "missed the goal", "off the path", "surfaced", "too deep", "pitched over")
+END_REASONS = (
+    "",
+    "arrived",
+    "missed the goal",
+    "off the path",
+    "surfaced",
+    "too deep",
+    "pitched over",
+)
 Vector = tuple[np.ndarray, np.ndarray, np.ndarray]
 _ARRIVED, _MISSED, _OFF, _SURFACED, _DEEP, _PITCHED = range(1, len(END_REASONS))
 
@@ -25,7 +33,10 @@ _ARRIVED, _MISSED, _OFF, _SURFACED, _DEEP, _PITCHED = range(1, len(END_REASONS))
 def to_body_axes(vector: Vector, roll: np.ndarray, pitch: np.ndarray, yaw: np.ndarray) -> Vector:
     """A vector (north, east, down) in body axes (ahead, to starboard, below)."""
     north, east, down = vector
-    ahead, aside = north * np.cos(yaw) + east * np.sin(yaw), east * np.cos(yaw) - north * np.sin(yaw)
+    ahead, aside = (
+        north * np.cos(yaw) + east * np.sin(yaw),
+        east * np.cos(yaw) - north * np.sin(yaw),
+    )
     below = ahead * np.sin(pitch) + down * np.cos(pitch)
     return (
         ahead * np.cos(pitch) - down * np.sin(pitch),
@@ -38,11 +49,12 @@ def to_body_axes(vector: Vector, roll: np.ndarray, pitch: np.ndarray, yaw: np.nd
 class Dive(Task, verified=True):
     """Common part of all dives: the path, how it is drawn, and how a dive is scored.
 
-    The path is `vessel_gym.guidance.dive_path`'s. A scenario (the episode's parameters, drawn at reset) is ``(angle,
-    length, depth)`` of the path; a reference is where the vehicle believes to be on it, ``(B, 11)``: progress,
-    cross-track and depth error [m], heading and slope of the path there, the vector to the path's point ``ahead``
-    (north, east, down), and the scenario. The dive is over when the vehicle believes to have covered the path, or has
-    covered it where nobody sees what it believes (see `vessel_gym.core.Core`).
+    The path is `vessel_gym.guidance.dive_path`'s. A scenario (the episode's parameters, drawn at
+    reset) is ``(angle, length, depth)`` of the path; a reference is where the vehicle believes to
+    be on it, ``(B, 11)``: progress, cross-track and depth error [m], heading and slope of the path
+    there, the vector to the path's point ``ahead`` (north, east, down), and the scenario. The dive
+    is over when the vehicle believes to have covered the path, or has covered it where nobody sees
+    what it believes (see `vessel_gym.core.Core`).
     """
 
     auv: AUVParameters
@@ -63,7 +75,9 @@ class Dive(Task, verified=True):
         for name in ("goal", "goal_spread"):
             finite_array(f"{name} of {title}", getattr(self, name), 3)
         integer(f"horizon of {title}", self.horizon, 1)
-        check_numbers(self, positive="ahead dt margin tightest widest steepest", not_negative="launch_depth")
+        check_numbers(
+            self, positive="ahead dt margin tightest widest steepest", not_negative="launch_depth"
+        )
         check_numbers(self, direction="widest", deflection="steepest")
 
     uniforms = 3
@@ -93,25 +107,39 @@ class Dive(Task, verified=True):
 
     @compiled
     def _drawn(self, uniforms: np.ndarray) -> np.ndarray:
-        return arc_from_origin(np.array(self.goal) + np.array(self.goal_spread) * (2.0 * uniforms - 1.0))
+        return arc_from_origin(
+            np.array(self.goal) + np.array(self.goal_spread) * (2.0 * uniforms - 1.0)
+        )
 
     def _checked(self, value: object) -> np.ndarray:
         """A goal that can be dived to."""
         goal = three_numbers("goal", value, "metres north, east and down", "of the start each way")
-        angle, length, depth = arc_to(goal) if np.hypot(goal[0], goal[1]) > 0.0 else (0.0, 0.0, goal[2])
+        angle, length, depth = (
+            arc_to(goal) if np.hypot(goal[0], goal[1]) > 0.0 else (0.0, 0.0, goal[2])
+        )
         if abs(angle) > self.widest:
             widest, wanted = np.rad2deg([self.widest, abs(angle)])
-            raise ValueError(f"the path to the goal may turn through {widest:.0f} deg at most, got {wanted:.0f} deg")
+            raise ValueError(
+                f"the path to the goal may turn through {widest:.0f} deg at most, got"
+                f" {wanted:.0f} deg"
+            )
         farthest = 0.8 * self.horizon * self.dt * self.auv.cruise_speed
         least = self.tightest * self.auv.length
         if not least <= length <= farthest:
-            raise ValueError(f"the path to the goal must be {least:.1f} to {farthest:.0f} m long, got {length:.1f} m")
+            raise ValueError(
+                f"the path to the goal must be {least:.1f} to {farthest:.0f} m long, got"
+                f" {length:.1f} m"
+            )
         if abs(angle) * least > length:
             radius = length / abs(angle)
-            raise ValueError(f"the path to the goal must turn on {least:.1f} m at least, got {radius:.1f} m")
+            raise ValueError(
+                f"the path to the goal must turn on {least:.1f} m at least, got {radius:.1f} m"
+            )
         if not 0.0 <= 1.5 * depth <= length * np.tan(self.steepest):
             deepest = length * np.tan(self.steepest) / 1.5
-            raise ValueError(f"the goal must lie 0 to {deepest:.1f} m below the start, got {depth:.1f} m")
+            raise ValueError(
+                f"the goal must lie 0 to {deepest:.1f} m below the start, got {depth:.1f} m"
+            )
         return goal
 
     def prior(self, scenario: np.ndarray) -> Gaussian:
@@ -138,11 +166,15 @@ class Dive(Task, verified=True):
         sizes = [*self.observed.values(), *(fin,) * (self.actuators - 1), thrust]
         return np.array([[*zeros, *(0.0,) * (self.actuators - 1), thrust], 1.0 / np.array(sizes)])
 
-    def errors(self, state: np.ndarray, flow: np.ndarray, reference: np.ndarray) -> list[np.ndarray]:
+    def errors(
+        self, state: np.ndarray, flow: np.ndarray, reference: np.ndarray
+    ) -> list[np.ndarray]:
         """The components of ``observed``, ``(...)`` each, in SI, from an estimated state and current."""
         raise NotImplementedError
 
-    def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+    def observe(
+        self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray
+    ) -> np.ndarray:
         """The observation ``(..., k)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""
         seen = np.stack(self.errors(estimate.state, estimate.flow, reference), -1)
         offset, gain = self._gains
@@ -150,7 +182,10 @@ class Dive(Task, verified=True):
 
     def named(self, observations: np.ndarray) -> dict[str, np.ndarray]:
         """Components of observations ``(B, k)`` of mode ``"mean"`` by name, see ``observed``, ``(B,)`` each in SI."""
-        return {name: scale * observations[:, i] for i, (name, scale) in enumerate(self.observed.items())}
+        return {
+            name: scale * observations[:, i]
+            for i, (name, scale) in enumerate(self.observed.items())
+        }
 
     def sizes(self, measurements: int, states: int) -> dict[str, int]:
         """The lengths of the parts of observations."""
@@ -170,7 +205,9 @@ class Dive(Task, verified=True):
     mission_scale: ClassVar[tuple[float, ...]]
     """Sizes that count as 1 of the last components of a scenario, which an observation of raw measurements holds."""
 
-    def observe_mission(self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+    def observe_mission(
+        self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray
+    ) -> np.ndarray:
         """The scenario and the actuators ``(..., k)``."""
         mission = scenario[..., -len(self.mission_scale) :] / self.mission_scale
         return np.concatenate([mission, self.scaled(actuators)], -1)
@@ -184,7 +221,9 @@ class Dive(Task, verified=True):
 
     def position(self, state: np.ndarray) -> np.ndarray:
         """North, east and down [m] of a state, ``(..., 3)``."""
-        return np.stack([state[..., i] if i >= 0 else np.zeros_like(state[..., 0]) for i in self.where[:3]], -1)
+        return np.stack(
+            [state[..., i] if i >= 0 else np.zeros_like(state[..., 0]) for i in self.where[:3]], -1
+        )
 
     def scaled(self, actuators: np.ndarray) -> np.ndarray:
         """Fins relative to their limit and thrust from -1 (none) to 1 (all)."""
@@ -193,13 +232,21 @@ class Dive(Task, verified=True):
 
     # --- how it is scored -------------------------------------------------------------------------
 
-    TRACKING = 0.7  # share of the score that following the path is worth; arriving is worth the rest
+    TRACKING = (
+        0.7  # share of the score that following the path is worth; arriving is worth the rest
+    )
     TRACK_TOLERANCE = 0.25  # m off the path that halve what a metre of it is worth
-    FIN_PRICE = 1.0 / 3.0  # of effort; full rate takes a fin from limit to limit in 0.7 s, a ship's rudder in 14 s
-    GOAL_TOLERANCE = 0.5  # m off the goal that still count as arrived, and halve what arriving is worth
+    FIN_PRICE = (
+        1.0 / 3.0
+    )  # of effort; full rate takes a fin from limit to limit in 0.7 s, a ship's rudder in 14 s
+    GOAL_TOLERANCE = (
+        0.5  # m off the goal that still count as arrived, and halve what arriving is worth
+    )
     LOST = 5.0  # m off the path at which it is lost
     PITCH_LIMIT = np.deg2rad(75.0)  # rad: Euler angles have their pole at 90 deg
-    HOTEL = 2.0  # power of everything but the propeller, relative to the propeller's at cruising speed
+    HOTEL = (
+        2.0  # power of everything but the propeller, relative to the propeller's at cruising speed
+    )
     FASTEST = 3.0  # progress that counts, relative to cruising speed
 
     def scenario_of(self, reference: np.ndarray) -> np.ndarray:
@@ -229,21 +276,29 @@ class Dive(Task, verified=True):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Reward in [0, 1] ``(...)``, end of the episode ``(...)`` and score state ``(..., k)``, from the truth.
 
-        Every metre of the path pays once, when it is first covered, and the more the closer the vehicle is to the path
-        and the steadier its fins: staying, going back and circling pay nothing. Arriving pays by the distance to the
-        goal and by the energy that a dive at cruising speed would take over that used, so that waiting costs. Ending
-        early forgoes the rest.
+        Every metre of the path pays once, when it is first covered, and the more the closer the
+        vehicle is to the path and the steadier its fins: staying, going back and circling pay
+        nothing. Arriving pays by the distance to the goal and by the energy that a dive at cruising
+        speed would take over that used, so that waiting costs. Ending early forgoes the rest.
         """
-        scenario, position, farthest = self.scenario_of(reference), self.position(state), score_state[..., 0]
+        scenario, position, farthest = (
+            self.scenario_of(reference),
+            self.position(state),
+            score_state[..., 0],
+        )
         length, depth, speed = scenario[..., 1], scenario[..., 2], self.auv.cruise_speed
         place = locate(position, scenario, 0.0)
         off = np.hypot(place[..., 1], place[..., 2] / np.sqrt(1.0 + place[..., 4] ** 2))
-        fresh = np.clip(np.minimum(place[..., 0], length) - farthest, 0.0, self.FASTEST * speed * self.dt)
+        fresh = np.clip(
+            np.minimum(place[..., 0], length) - farthest, 0.0, self.FASTEST * speed * self.dt
+        )
         energy = score_state[..., 1] + self.dt * self.power(actuators)
         fins, before = actuators[..., :-1], score_state[..., 2:]
         rates = (fins - before[..., : fins.shape[-1]]) / (self.auv.fin_rate * self.dt)
         smooth = smoothness(rates, before[..., fins.shape[-1] :], self.FIN_PRICE)
-        tracking = self.TRACKING * fresh / length * (smooth / (1.0 + (off / self.TRACK_TOLERANCE) ** 2))
+        tracking = (
+            self.TRACKING * fresh / length * (smooth / (1.0 + (off / self.TRACK_TOLERANCE) ** 2))
+        )
 
         goal = np.stack(point_at(length, scenario)[:3], -1)
         miss = np.sqrt(((position - goal) ** 2).sum(-1))
@@ -257,10 +312,14 @@ class Dive(Task, verified=True):
         end = np.where(down > depth + self.margin, _DEEP, end)
         end = np.where(np.abs(pitch) > self.PITCH_LIMIT, _PITCHED, end)
         end = np.where(over, np.where(miss <= self.GOAL_TOLERANCE, _ARRIVED, _MISSED), end)
-        return reward, end, np.concatenate([np.stack([farthest + fresh, energy], -1), fins, rates], -1)
+        return (
+            reward,
+            end,
+            np.concatenate([np.stack([farthest + fresh, energy], -1), fins, rates], -1),
+        )
 
 
-# --- six degrees of freedom -------------------------------------------------------------------------
+# --- six degrees of freedom -----------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -283,11 +342,18 @@ class SpatialDive(Dive, verified=True):
         "roll": 0.25, "pitch": 0.5,
     }  # fmt: skip
 
-    def errors(self, state: np.ndarray, flow: np.ndarray, reference: np.ndarray) -> list[np.ndarray]:
+    def errors(
+        self, state: np.ndarray, flow: np.ndarray, reference: np.ndarray
+    ) -> list[np.ndarray]:
         """The components of ``observed``: vectors to the path and ahead and the current in body axes, then the rest."""
-        progress, cross, depth, heading, slope, north, east, down = (reference[..., i] for i in range(8))
+        progress, cross, depth, heading, slope, north, east, down = (
+            reference[..., i] for i in range(8)
+        )
         angle, length = reference[..., 8], reference[..., 9]
-        motion, (roll, pitch, yaw) = [state[..., i] for i in range(6)], (state[..., i] for i in range(9, 12))
+        motion, (roll, pitch, yaw) = (
+            [state[..., i] for i in range(6)],
+            (state[..., i] for i in range(9, 12)),
+        )
         to_path = cross * np.sin(heading), -cross * np.cos(heading), -depth
         current = flow[..., 0], flow[..., 1], np.zeros_like(depth)
         return [
@@ -299,7 +365,7 @@ class SpatialDive(Dive, verified=True):
         ]  # fmt: skip
 
 
-# --- the vertical plane -----------------------------------------------------------------------------
+# --- the vertical plane ---------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -323,7 +389,8 @@ class VerticalDive(Dive, verified=True):
         goal = super()._checked(value)
         if goal[1] != 0.0:
             raise ValueError(
-                f"the goal must lie ahead, (x, 0, z) with x > 0: the vehicle does not turn, got {short_repr(value)}"
+                "the goal must lie ahead, (x, 0, z) with x > 0: the vehicle does not turn, got"
+                f" {short_repr(value)}"
             )
         return goal
 
@@ -334,7 +401,9 @@ class VerticalDive(Dive, verified=True):
         share = np.minimum(step * (self.dt * self.auv.cruise_speed) / length, 1.0)
         return np.stack([-np.arctan(6.0 * depth * share * (1.0 - share) / length)], -1)
 
-    def errors(self, state: np.ndarray, flow: np.ndarray, reference: np.ndarray) -> list[np.ndarray]:
+    def errors(
+        self, state: np.ndarray, flow: np.ndarray, reference: np.ndarray
+    ) -> list[np.ndarray]:
         """The components of ``observed``: vectors to the path and ahead and the current in body axes, then the rest."""
         progress, _, depth, _, slope, ahead, _, down = (reference[..., i] for i in range(8))
         surge, heave, rate, _, _, pitch = (state[..., i] for i in range(6))

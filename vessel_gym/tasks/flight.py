@@ -29,7 +29,9 @@ SEGMENTS = 16
 OBSTACLES = 5
 """Obstacles at most."""
 _PATH = COLUMNS * SEGMENTS
-_CENTRE_X, _CENTRE_Y, _RADIUS = (slice(i, None, 3) for i in range(-3 * OBSTACLES, 3 - 3 * OBSTACLES))
+_CENTRE_X, _CENTRE_Y, _RADIUS = (
+    slice(i, None, 3) for i in range(-3 * OBSTACLES, 3 - 3 * OBSTACLES)
+)
 _WHERE = 6  # numbers of a reference before its scenario
 _NEAR = 40.0  # m
 _ALTITUDES = np.nextafter(50.0, 0.0), np.nextafter(1000.0, 2000.0)  # m, both left out
@@ -40,18 +42,20 @@ _OPTIONS = ("start", "goal", "obstacles", "altitude")
 class Flight(Task, verified=True):
     """A flight along a Dubins path round circular obstacles, of an aircraft whose state is `vehicles.puna.STATE`.
 
-    A scenario (the episode's parameters, drawn at reset) is ``(97,)``: 16 segments of the path (x, y, heading,
-    curvature, length; those of length 0 fill up), its length, the commanded altitude, and 5 obstacles (x, y, radius;
-    radius 0: none). A reference is where the aircraft believes to be on it, ``(103,)``: progress, cross-track and
-    altitude error [m], heading of the path there, its mean curvatures ahead (over the next 20 m, and from 20 to 60 m
-    on), and the scenario.
+    A scenario (the episode's parameters, drawn at reset) is ``(97,)``: 16 segments of the path (x,
+    y, heading, curvature, length; those of length 0 fill up), its length, the commanded altitude,
+    and 5 obstacles (x, y, radius; radius 0: none). A reference is where the aircraft believes to be
+    on it, ``(103,)``: progress, cross-track and altitude error [m], heading of the path there, its
+    mean curvatures ahead (over the next 20 m, and from 20 to 60 m on), and the scenario.
 
-    The flight is over when the aircraft believes to have covered the path, or has covered it where nobody sees what it
-    believes (see `vessel_gym.core.Core`).
+    The flight is over when the aircraft believes to have covered the path, or has covered it where
+    nobody sees what it believes (see `vessel_gym.core.Core`).
     """
 
     body: PunaParameters
-    radius: float = 130.0  # m, turn radius of the path: 26 deg of bank in a tail wind of 5 m/s, out of 35
+    radius: float = (
+        130.0  # m, turn radius of the path: 26 deg of bank in a tail wind of 5 m/s, out of 35
+    )
     margin: float = 20.0  # m, that the path keeps from obstacles
     distance: tuple[float, float] = (600.0, 900.0)  # m from start to goal
     altitudes: tuple[float, float] = (80.0, 120.0)  # m, commanded
@@ -80,15 +84,15 @@ class Flight(Task, verified=True):
     def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
         """Draw scenarios ``(B, 97)`` from uniforms ``(B, 14)``.
 
-        The start is the origin, on any heading. The goal lies within 90 deg of that, and is to be reached on a heading
-        within 90 deg of the direct way. Three obstacles lie along the direct way, up to 80 m beside it; the last
-        ones are left out if no path round them all is found.
+        The start is the origin, on any heading. The goal lies within 90 deg of that, and is to be
+        reached on a heading within 90 deg of the direct way. Three obstacles lie along the direct
+        way, up to 80 m beside it; the last ones are left out if no path round them all is found.
 
         Args:
             uniforms: for the poses, the altitude and the obstacles.
-            options: ``{"start": (x, y, heading), "goal": (x, y, heading), "obstacles": [(x, y, radius), ...],
-                "altitude": h}`` set what would be drawn. With obstacles but no poses, these are (0, 0, 0) and
-                (750, 0, 0).
+            options: ``{"start": (x, y, heading), "goal": (x, y, heading), "obstacles": [(x, y,
+                radius), ...], "altitude": h}`` set what would be drawn. With obstacles but no
+                poses, these are (0, 0, 0) and (750, 0, 0).
 
         Raises:
             ValueError: for an unknown option, a value that is none, or poses that no path joins.
@@ -105,14 +109,18 @@ class Flight(Task, verified=True):
         if "altitude" in options:
             altitude = number("altitude", options["altitude"], *_ALTITUDES, "between 50 and 1000 m")
         if fixed is not None:  # the same for all: planned once
-            scenarios, errors = self._planned(given["start"][None], given["goal"][None], fixed[None])
+            scenarios, errors = self._planned(
+                given["start"][None], given["goal"][None], fixed[None]
+            )
             if errors:
                 raise errors[0]
             scenarios = scenarios.repeat(len(uniforms), 0)
         else:
             scenarios = self._drawn(uniforms, given)
         low, high = self.altitudes
-        scenarios[:, _PATH + 1] = low + (high - low) * uniforms[:, 13] if altitude is None else altitude
+        scenarios[:, _PATH + 1] = (
+            low + (high - low) * uniforms[:, 13] if altitude is None else altitude
+        )
         return scenarios
 
     def _drawn(self, uniforms: np.ndarray, given: dict[str, np.ndarray]) -> np.ndarray:
@@ -123,18 +131,27 @@ class Flight(Task, verified=True):
         bearing = start[:, 2] + np.pi * (uniforms[:, 1] - 0.5)
         distance = self.distance[0] + (self.distance[1] - self.distance[0]) * uniforms[:, 2]
         way = distance[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], -1)
-        goal = np.concatenate([start[:, :2] + way, bearing[:, None] + np.pi * (uniforms[:, 3:4] - 0.5)], -1)
+        goal = np.concatenate(
+            [start[:, :2] + way, bearing[:, None] + np.pi * (uniforms[:, 3:4] - 0.5)], -1
+        )
         goal = np.broadcast_to(given.get("goal", goal), (rows, 3))
         way = (goal - start)[:, None, :2]
         along, across, size = np.moveaxis(uniforms[:, 4:13].reshape(-1, 3, 3, 1), 2, 0)
-        along, across = 0.275 + 0.175 * (np.arange(3)[:, None] + 0.6 * along), 80.0 * (2.0 * across - 1.0)
+        along, across = (
+            0.275 + 0.175 * (np.arange(3)[:, None] + 0.6 * along),
+            80.0 * (2.0 * across - 1.0),
+        )
         low, high = self.obstacle_radius
-        side = np.stack([-way[..., 1], way[..., 0]], -1) / np.maximum(np.hypot(way[..., :1], way[..., 1:]), 1e-9)
+        side = np.stack([-way[..., 1], way[..., 0]], -1) / np.maximum(
+            np.hypot(way[..., :1], way[..., 1:]), 1e-9
+        )
         centres = start[:, None, :2] + along * way + across * side
         obstacles = np.concatenate([centres, low + (high - low) * size], -1)
         scenarios, left = np.empty((rows, _PATH + 2 + 3 * OBSTACLES)), np.arange(rows)
         for count in (3, 2, 1, 0):
-            scenarios[left], errors = self._planned(start[left], goal[left], obstacles[left, :count])
+            scenarios[left], errors = self._planned(
+                start[left], goal[left], obstacles[left, :count]
+            )
             if errors and count == 0:
                 raise next(iter(errors.values()))
             left = left[sorted(errors)]
@@ -153,7 +170,11 @@ class Flight(Task, verified=True):
         listed[:, : obstacles.shape[1]] = obstacles
         scenarios, fit = self._listed(segments, listed)
         for row in np.nonzero(~fit)[0].tolist():
-            reason = self._unfit(Path(planned[row][planned[row, :, 4] > 0.0])) if row not in errors else None
+            reason = (
+                self._unfit(Path(planned[row][planned[row, :, 4] > 0.0]))
+                if row not in errors
+                else None
+            )
             errors |= {} if reason is None else {row: reason}
         return scenarios, errors
 
@@ -161,14 +182,22 @@ class Flight(Task, verified=True):
     def _listed(self, segments: np.ndarray, obstacles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Courses ``(..., 97)`` without their altitude, and the mask of paths ``(..., 17, 5)`` that are surely fit."""
         heading, lengths = segments[..., 2], segments[..., 4]
-        some, after, total = lengths > 0.0, heading + segments[..., 3] * lengths, lengths.cumsum(-1)[..., -1]
+        some, after, total = (
+            lengths > 0.0,
+            heading + segments[..., 3] * lengths,
+            lengths.cumsum(-1)[..., -1],
+        )
         least = np.minimum(np.where(some, heading, np.inf), np.where(some, after, np.inf)).min(-1)
         most = np.maximum(np.where(some, heading, -np.inf), np.where(some, after, -np.inf)).max(-1)
         # So far it gets along the middle heading: it does not come back.
         away = 0.45 * np.pi * self.radius * np.cos(0.5 * np.minimum(most - least, np.pi)) > _NEAR
         fit = (total >= self.radius) & (total <= self._farthest) & ~some[..., SEGMENTS] & away
         flown = [segments[..., i, :] for i in range(SEGMENTS)]
-        rest = [total[..., None], np.zeros_like(total)[..., None], *(obstacles[..., i, :] for i in range(OBSTACLES))]
+        rest = [
+            total[..., None],
+            np.zeros_like(total)[..., None],
+            *(obstacles[..., i, :] for i in range(OBSTACLES)),
+        ]
         return np.concatenate([*flown, *rest], -1), fit
 
     @cached_property
@@ -181,9 +210,15 @@ class Flight(Task, verified=True):
             wanted = f"{self.radius:.0f} to {self._farthest:.0f} m long, got {path.length:.0f} m"
             return ValueError(f"the path to the goal must be {wanted}")
         if len(path.segments) > SEGMENTS:
-            return NoPath(f"the path has {len(path.segments)} pieces, more than {SEGMENTS}: leave out obstacles")
+            return NoPath(
+                f"the path has {len(path.segments)} pieces, more than {SEGMENTS}: leave out"
+                " obstacles"
+            )
         if self._comes_back(path):
-            return ValueError("the path comes back to where it was on the same heading: move the start or the goal")
+            return ValueError(
+                "the path comes back to where it was on the same heading: move the start or the"
+                " goal"
+            )
         return None
 
     def _comes_back(self, path: Path) -> bool:
@@ -202,19 +237,26 @@ class Flight(Task, verified=True):
         if obstacles is not None and obstacles.size == 0:
             return np.zeros((0, 3))
         if obstacles is None or obstacles.ndim != 2 or obstacles.shape[1] != 3:
-            raise ValueError(f"obstacles must be rows (x, y, radius), metres, got {short_repr(value)}")
+            raise ValueError(
+                f"obstacles must be rows (x, y, radius), metres, got {short_repr(value)}"
+            )
         if len(obstacles) > OBSTACLES:
             raise ValueError(f"there may be {OBSTACLES} obstacles at most, got {len(obstacles)}")
         if not np.isfinite(obstacles).all() or not (obstacles[:, 2] > 0.0).all():
-            raise ValueError(f"obstacles must have finite centres and radii above 0, got {short_repr(value)}")
+            raise ValueError(
+                f"obstacles must have finite centres and radii above 0, got {short_repr(value)}"
+            )
         if np.abs(obstacles).max() > FARTHEST:
-            raise ValueError(f"obstacles must lie within {FARTHEST:.0f} m of the origin, got {short_repr(value)}")
+            raise ValueError(
+                f"obstacles must lie within {FARTHEST:.0f} m of the origin, got {short_repr(value)}"
+            )
         return obstacles
 
     def prior(self, scenario: np.ndarray) -> Gaussian:
         """Prior, level at the path's beginning at cruising speed: mean ``(B, 7)``, covariance.
 
-        The aircraft flies along the path through the air; the wind, which nobody knows, carries it along.
+        The aircraft flies along the path through the air; the wind, which nobody knows, carries it
+        along.
         """
         mean = np.zeros((len(scenario), 7))
         mean[:, :2], mean[:, 2] = scenario[:, :2], scenario[:, _PATH + 1]
@@ -225,7 +267,9 @@ class Flight(Task, verified=True):
     @compiled(axes=(1, 0, 1))
     def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Position relative to the path of an aircraft in a state ``(..., n)``, and the scenario, ``(..., 103)``."""
-        pose = np.stack([state[..., 0], state[..., 1], np.arctan2(state[..., 4], state[..., 3])], -1)
+        pose = np.stack(
+            [state[..., 0], state[..., 1], np.arctan2(state[..., 4], state[..., 3])], -1
+        )
         place = locate(pose, ANYWHERE, scenario[..., :_PATH], np.array(self.ahead))
         above = state[..., 2:3] - scenario[..., _PATH + 1 : _PATH + 2]
         return np.concatenate([place[..., :2], above, place[..., 2:5], scenario], -1)
@@ -273,17 +317,23 @@ class Flight(Task, verified=True):
         path = np.tile([100.0, 100.0, 3.0, 0.01, 100.0], SEGMENTS)
         return 1.0 / np.concatenate([path, [100.0], np.tile([100.0, 100.0, 50.0], OBSTACLES)])
 
-    def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+    def observe(
+        self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray
+    ) -> np.ndarray:
         """The observation ``(..., 18)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""
         north, east, climb, bank = (estimate.state[..., i] for i in range(3, 7))
         wind_north, wind_east, wind_down = (estimate.flow[..., i] for i in range(3))
-        progress, cross, above, heading, curvature, later = (reference[..., i] for i in range(_WHERE))
+        progress, cross, above, heading, curvature, later = (
+            reference[..., i] for i in range(_WHERE)
+        )
         ground, scenario = np.hypot(north, east), np.arctan2(east, north)
         through_north, through_east = north - wind_north, east - wind_east
         airspeed = np.hypot(np.hypot(through_north, through_east), climb + wind_down)
         # Lift turns the velocity through the air; over ground its share across the course counts.
         across = np.maximum(np.cos(scenario - np.arctan2(through_east, through_north)), 0.5)
-        path_bank = np.arctan(ground * np.minimum(ground, 1e3) * curvature / self.body.gravity / across)
+        path_bank = np.arctan(
+            ground * np.minimum(ground, 1e3) * curvature / self.body.gravity / across
+        )
         seen = [
             cross, above, np.sin(heading - scenario), np.cos(heading - scenario), curvature, later, path_bank, ground,
             airspeed, climb, wind_down, bank, *_obstacles_near(estimate.state, reference),
@@ -292,9 +342,14 @@ class Flight(Task, verified=True):
         offset, gain = self._gains
         return np.concatenate([(np.stack(seen, -1) - offset) * gain, self.scaled(actuators)], -1)
 
-    def observe_mission(self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+    def observe_mission(
+        self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray
+    ) -> np.ndarray:
         """Path, altitude, obstacles and actuators ``(..., 99)``."""
-        mission = np.concatenate([scenario[..., :_PATH], scenario[..., _PATH + 1 :]], -1) * self._course_gains
+        mission = (
+            np.concatenate([scenario[..., :_PATH], scenario[..., _PATH + 1 :]], -1)
+            * self._course_gains
+        )
         return np.concatenate([mission, self.scaled(actuators)], -1)
 
     def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
@@ -308,11 +363,15 @@ class Flight(Task, verified=True):
 
     # --- how it is scored -------------------------------------------------------------------------
 
-    TRACKING = 0.7  # share of the score that following the path is worth; arriving is worth the rest
+    TRACKING = (
+        0.7  # share of the score that following the path is worth; arriving is worth the rest
+    )
     TRACK_TOLERANCE = 3.0  # m off the path in plan that halve what a metre of it is worth
     ALTITUDE_TOLERANCE = 1.5  # m off the commanded altitude that do so
     BERTH = 10.0  # m from an obstacle, within which a metre is worth less and less
-    GOAL_TOLERANCE = 8.0  # m off the goal in plan that still count as arrived, and halve what arriving is worth
+    GOAL_TOLERANCE = (
+        8.0  # m off the goal in plan that still count as arrived, and halve what arriving is worth
+    )
     LOST = 100.0  # m off the path in plan at which it is lost
     HEIGHT_LOST = 40.0  # m off the commanded altitude at which it is
     STALL = 10.0  # m/s of airspeed: level flight takes 9
@@ -333,18 +392,25 @@ class Flight(Task, verified=True):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Reward in [0, 1] ``(...)``, end of the episode ``(...)`` and score state ``(..., 7)``, from the truth.
 
-        Every metre of the path pays once, when it is first covered, and the more the closer the aircraft is to the path
-        and to its altitude, the smoother its commands and the clearer of obstacles: waiting, circling and short cuts
-        pay nothing. Arriving pays by the distance to the goal and the share of the path that was covered.
+        Every metre of the path pays once, when it is first covered, and the more the closer the
+        aircraft is to the path and to its altitude, the smoother its commands and the clearer of
+        obstacles: waiting, circling and short cuts pay nothing. Arriving pays by the distance to
+        the goal and the share of the path that was covered.
         """
-        scenario, farthest, last = self.scenario_of(reference), score_state[..., 0], score_state[..., 1:4]
+        scenario, farthest, last = (
+            self.scenario_of(reference),
+            score_state[..., 0],
+            score_state[..., 1:4],
+        )
         x, y, altitude, north, east, climb = (state[..., i] for i in range(6))
         length, above = scenario[..., _PATH], altitude - self.altitude_of(scenario)
         place, clearance = self.track(state, scenario, farthest), self.clearance(state, scenario)
         off, most = place[..., 6], self.FASTEST * self.body.cruise_speed * self.dt
         fresh = np.clip(np.minimum(place[..., 0], length) - farthest, 0.0, most)
         change = 0.5 * (action - last)  # shares of the commands' range
-        quality = smoothness(change, score_state[..., 4:]) * np.clip(clearance / self.BERTH, 0.0, 1.0)
+        quality = smoothness(change, score_state[..., 4:]) * np.clip(
+            clearance / self.BERTH, 0.0, 1.0
+        )
         near, level = (off / self.TRACK_TOLERANCE) ** 2, (above / self.ALTITUDE_TOLERANCE) ** 2
         tracking = self.TRACKING * fresh / length * (quality / ((1.0 + near) * (1.0 + level)))
 
@@ -355,7 +421,9 @@ class Flight(Task, verified=True):
         crashed, hit = altitude <= 0.0, clearance < 0.0
         reward = np.where(hit | crashed, 0.0, tracking + np.where(over, arriving, 0.0))
 
-        airspeed = np.hypot(np.hypot(north - exogenous[..., 4], east - exogenous[..., 5]), climb + exogenous[..., 6])
+        airspeed = np.hypot(
+            np.hypot(north - exogenous[..., 4], east - exogenous[..., 5]), climb + exogenous[..., 6]
+        )
         end = np.where(np.abs(above) > self.HEIGHT_LOST, _HEIGHT, 0)
         end = np.where(off > self.LOST, _OFF, end)
         end = np.where(airspeed < self.STALL, _STALLED, end)
@@ -368,7 +436,9 @@ class Flight(Task, verified=True):
         """Positions of states ``(..., n)`` on the path near the farthest progress [m]."""
         x, y, zero = state[..., 0], state[..., 1], np.zeros_like(state[..., 0])
         window = np.stack([farthest - self.WINDOW, farthest + self.WINDOW, zero], -1)
-        return locate(np.stack([x, y, zero], -1), window, scenario[..., :_PATH], np.array(self.ahead))
+        return locate(
+            np.stack([x, y, zero], -1), window, scenario[..., :_PATH], np.array(self.ahead)
+        )
 
     def over(self, reference: np.ndarray) -> np.ndarray:
         """Is the path covered? ``(...)``."""
@@ -391,7 +461,11 @@ class Flight(Task, verified=True):
         """Distance [m] of states ``(..., n)`` from the nearest obstacle's edge, ``(...)``; infinite without."""
         radius = scenario[..., _RADIUS]
         distance = (
-            np.hypot(scenario[..., _CENTRE_X] - state[..., :1], scenario[..., _CENTRE_Y] - state[..., 1:2]) - radius
+            np.hypot(
+                scenario[..., _CENTRE_X] - state[..., :1],
+                scenario[..., _CENTRE_Y] - state[..., 1:2],
+            )
+            - radius
         )
         return np.where(radius > 0.0, distance, np.inf).min(-1)
 
@@ -408,7 +482,11 @@ class Flight(Task, verified=True):
 def _obstacles_near(state: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Sums of vectors to obstacles, ahead and to starboard: the nearer the edge, the longer, and 0 beyond 100 m."""
     x, y, radius = (reference[..., columns] for columns in (_CENTRE_X, _CENTRE_Y, _RADIUS))
-    dx, dy, scenario = x - state[..., :1], y - state[..., 1:2], np.arctan2(state[..., 4:5], state[..., 3:4])
+    dx, dy, scenario = (
+        x - state[..., :1],
+        y - state[..., 1:2],
+        np.arctan2(state[..., 4:5], state[..., 3:4]),
+    )
     distance, sin, cos = np.hypot(dx, dy), np.sin(scenario), np.cos(scenario)
     near = np.clip(1.0 - (distance - radius) / 100.0, 0.0, 2.0) / np.maximum(distance, 1e-9)
     counts, ahead, aside = (radius > 0.0) & (near > 0.0), dx * cos + dy * sin, dy * cos - dx * sin

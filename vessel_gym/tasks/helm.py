@@ -11,8 +11,9 @@ REVERSALS = 4.0
 def smoothness(rate: np.ndarray, before: np.ndarray, price: float = 1.0) -> np.ndarray:
     """Factor of a reward ``(...)``, in (0, 1]: 1 / (1 + price (TRAVEL |rate| + REVERSALS |rate - before| / 2)).
 
-    The terms are means over the actuators. They are linear, so that of an episode they count the travel, and the
-    reversals times their size. The factor has no lower bound but 0: more effort always costs more.
+    The terms are means over the actuators. They are linear, so that of an episode they count the
+    travel, and the reversals times their size. The factor has no lower bound but 0: more effort
+    always costs more.
 
     Args:
         rate: ``(..., k)`` rates of the actuators as shares of the full one.

@@ -60,10 +60,13 @@ class Steering(Task):
 
         Args:
             actuators: The rudder [rad] ``(..., 1)``.
-            before: The rudder after the step before and its rate then, as a share of the full one ``(..., 2)``.
+            before: The rudder after the step before and its rate then, as a share of the full one
+                ``(..., 2)``.
         """
         rate = (actuators - before[..., :1]) / (self.ship.rudder_rate * self.dt)
-        return smoothness(rate, before[..., 1:], self.RUDDER_PRICE), np.concatenate([actuators, rate], -1)
+        return smoothness(rate, before[..., 1:], self.RUDDER_PRICE), np.concatenate(
+            [actuators, rate], -1
+        )
 
     RUDDER_PRICE = 1.0  # of effort, in `smooth`
     SWAY_SCALE = 2.0  # m/s
@@ -86,5 +89,11 @@ class Steering(Task):
 
     @cached_property
     def _mean_gains(self) -> np.ndarray:
-        scales = [self.HEADING_SCALE, self.rate_scale, self.SWAY_SCALE, self.INPUT_SCALE, *self._known_scales]
+        scales = [
+            self.HEADING_SCALE,
+            self.rate_scale,
+            self.SWAY_SCALE,
+            self.INPUT_SCALE,
+            *self._known_scales,
+        ]
         return 1.0 / np.array(scales)

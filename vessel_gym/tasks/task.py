@@ -25,8 +25,8 @@ class Estimate:
         state: ``(B, n)`` the vehicle's state, as in the prior.
         flow: ``(B, f)`` what carries it; 0 where the filter knows of none.
         input_mean: ``(B, q)`` the unknown input; None: the filter estimates none.
-        sd: ``(B, m)`` standard deviations of the state, then of all else that the filter estimates; like the next two
-            only where they are observed.
+        sd: ``(B, m)`` standard deviations of the state, then of all else that the filter estimates;
+            like the next two only where they are observed.
         input_sd: ``(B, q)`` of the unknown input.
         scale: ``(m - n,)`` sizes of all else that count as 1.
     """
@@ -42,12 +42,12 @@ class Estimate:
 class Task(Verified):
     """A mission. This one draws nothing, guides nobody and goes on until time is up.
 
-    `score` is yours, and so is the rest. Where no others are given, observations are the estimate or the measurements,
-    the scenario and the actuators, as they are but for the scales. ``observe`` has no parameter through which truth
-    could come; ``score`` alone reads it.
+    `score` is yours, and so is the rest. Where no others are given, observations are the estimate
+    or the measurements, the scenario and the actuators, as they are but for the scales. ``observe``
+    has no parameter through which truth could come; ``score`` alone reads it.
 
-    A task may have ``exogenous(scenario, step)``, too: what it adds to the increments and flows of the disturbance over
-    the coming step ``(B, f)``.
+    A task may have ``exogenous(scenario, step)``, too: what it adds to the increments and flows of
+    the disturbance over the coming step ``(B, f)``.
     """
 
     vehicle: Vehicle
@@ -121,14 +121,18 @@ class Task(Verified):
         step, estimate = np.zeros(1, int), Estimate(mean, np.zeros((1, len(vehicle.ambient_flows))))
         mission = self.observe_mission(scenario, step, actuators).shape[-1]
         return {
-            "guided": self.observe(estimate, self.reference(scenario, step, mean), actuators).shape[-1],
+            "guided": (
+                self.observe(estimate, self.reference(scenario, step, mean), actuators).shape[-1]
+            ),
             "unguided": self.observe_state(estimate, scenario).shape[-1] + mission,
             "std": states,
             "measurements": 2 * measurements,
             "mission": mission,
         }
 
-    def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+    def observe(
+        self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray
+    ) -> np.ndarray:
         """``"guided"``: how to go on from the estimate, and the actuators.
 
         The estimated state and flow, the reference and the actuators.
@@ -154,12 +158,19 @@ class Task(Verified):
         return estimate.sd / np.concatenate([scale, estimate.scale])
 
     def observe_measurements(
-        self, sensors: Sensors, measurements: np.ndarray, available: np.ndarray, scenario: np.ndarray, step: np.ndarray
+        self,
+        sensors: Sensors,
+        measurements: np.ndarray,
+        available: np.ndarray,
+        scenario: np.ndarray,
+        step: np.ndarray,
     ) -> np.ndarray:
         """``"measurements"``: as they come, with their mask, ``(B, 2 p)``: no filter."""
         return np.concatenate([measurements / sensors.scale, available], -1)
 
-    def observe_mission(self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+    def observe_mission(
+        self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray
+    ) -> np.ndarray:
         """``"mission"``: what is asked, which is the scenario, and the actuators."""
         return np.concatenate([scenario, actuators], -1)
 
@@ -177,25 +188,31 @@ class Task(Verified):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Score of a step, from the truth: yours.
 
-        The score of an episode, in ``info``, is the sum of its rewards over ``perfect``, clipped to [0, 1]: of a cost
-        that is subtracted it would be 0, so make it a factor such as ``1 / (1 + cost)``.
+        The score of an episode, in ``info``, is the sum of its rewards over ``perfect``, clipped to
+        [0, 1]: of a cost that is subtracted it would be 0, so make it a factor such as ``1 / (1 +
+        cost)``.
 
         Returns:
-            Reward ``(B,)``, the number in ``end_reasons`` of why the episode ends (0: it goes on) ``(B,)``,
-            and the next score state.
+            Reward ``(B,)``, the number in ``end_reasons`` of why the episode ends (0: it goes on)
+            ``(B,)``, and the next score state.
         """
-        raise NotImplementedError(f"{type(self).__name__} needs a method score: what is a step worth?")
+        raise NotImplementedError(
+            f"{type(self).__name__} needs a method score: what is a step worth?"
+        )
 
 
 def three_numbers(name: str, value: object, what: str, within: str) -> np.ndarray:
     """A place or a pose ``(3,)`` that somebody asks for.
 
     Raises:
-        ValueError: if it is none, saying ``what`` it must be, or lies beyond `FARTHEST`, saying ``within`` what.
+        ValueError: if it is none, saying ``what`` it must be, or lies beyond `FARTHEST`, saying
+            ``within`` what.
     """
     three = numbers(value)
     if three is None or three.shape != (3,) or not np.isfinite(three).all():
         raise ValueError(f"{name} must be three finite numbers, {what}, got {short_repr(value)}")
     if np.abs(three).max() > FARTHEST:
-        raise ValueError(f"{name} must lie within {FARTHEST:.0f} m {within}, got {short_repr(value)}")
+        raise ValueError(
+            f"{name} must lie within {FARTHEST:.0f} m {within}, got {short_repr(value)}"
+        )
     return three

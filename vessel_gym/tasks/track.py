@@ -17,8 +17,8 @@ HEADING = 0
 """Column of a scenario with the first direction of the track."""
 WANTED, RATE_NOW, RATE_AHEAD, _, OFF, TRACK, SURGE, BELIEVED = range(8)
 """Columns of a reference: heading to steer in still water [rad], yaw rate now and `Steering.preview` seconds ahead
-[rad/s], one of the task's own, distance to starboard of the track [m], its direction [rad], surge of the steady turn
-[m/s], estimated heading [rad]."""
+[rad/s], one of the task's own, distance to starboard of the track [m], its direction [rad], surge
+of the steady turn [m/s], estimated heading [rad]."""
 
 
 def in_frame(scenario: np.ndarray, place: np.ndarray) -> np.ndarray:
@@ -51,7 +51,9 @@ class Track(Steering):
         turns = steady_turns(self.ship)
         return turns.yaw_rate, turns.speed, turns.sway
 
-    def steady_course(self, rate: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def steady_course(
+        self, rate: np.ndarray, direction: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Heading [rad] and surge [m/s] ``(...)`` of a ship in a steady turn whose course is a direction.
 
         The heading adds the drift of the steady turn to the direction of the track.
@@ -88,12 +90,14 @@ class Track(Steering):
         scales = self.TRACK_SCALE, self.SPEED_SCALE, self.FLOW_SCALE, self.FLOW_SCALE
         return np.concatenate([self._mean_gains, 1.0 / np.array(scales)])
 
-    def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+    def observe(
+        self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray
+    ) -> np.ndarray:
         """The observation ``(..., 11)`` of mode ``"mean"``, before clipping.
 
-        Errors to the heading that holds the track in the estimated current, and of the yaw rate; sway, d, rudder, the
-        yaw rate commanded now and ahead, distance to starboard of the track, surge above that of the steady turn, and
-        the current along the track and to starboard.
+        Errors to the heading that holds the track in the estimated current, and of the yaw rate;
+        sway, d, rudder, the yaw rate commanded now and ahead, distance to starboard of the track,
+        surge above that of the steady turn, and the current along the track and to starboard.
         """
         psi, u, v, r = (estimate.state[..., i] for i in range(2, 6))
         north, east = (estimate.flow[..., i] for i in range(2))
@@ -110,12 +114,20 @@ class Track(Steering):
     def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
         """The estimate itself ``(..., 10)``, in the frame of the first heading: no guidance.
 
-        Place, sine and cosine of the heading, surge above service speed, sway, yaw rate, d and current.
+        Place, sine and cosine of the heading, surge above service speed, sway, yaw rate, d and
+        current.
         """
         psi, u, v, r = (estimate.state[..., i] for i in range(2, 6))
         d = np.zeros_like(v) if estimate.input_mean is None else estimate.input_mean[..., 0]
         turned, surge = psi - scenario[..., HEADING], (u - self.ship.speed) / self.SPEED_SCALE
-        own = np.sin(turned), np.cos(turned), surge, v / self.SWAY_SCALE, r / self.command_scale, d / self.INPUT_SCALE
+        own = (
+            np.sin(turned),
+            np.cos(turned),
+            surge,
+            v / self.SWAY_SCALE,
+            r / self.command_scale,
+            d / self.INPUT_SCALE,
+        )
         place = in_frame(scenario, estimate.state[..., :2]) / self._place_scale
         current = in_frame(scenario, estimate.flow[..., :2]) / self.FLOW_SCALE
         return np.concatenate([place, np.stack(own, -1), current], -1)
@@ -129,20 +141,39 @@ class Track(Steering):
         """The standard deviations ``(..., 6)`` of place, heading, sway, yaw rate and unknown input, scaled."""
         assert estimate.sd is not None
         sd = estimate.sd[..., [0, 1, 2, 4, 5]]
-        known = np.zeros_like(sd[..., :1]) if estimate.input_sd is None else estimate.input_sd[..., :1]
+        known = (
+            np.zeros_like(sd[..., :1]) if estimate.input_sd is None else estimate.input_sd[..., :1]
+        )
         place = 0.25 * self.TRACK_SCALE
-        scale = [place, place, self.HEADING_SCALE, self.SWAY_SCALE, self.rate_scale, self.INPUT_SCALE]
+        scale = [
+            place,
+            place,
+            self.HEADING_SCALE,
+            self.SWAY_SCALE,
+            self.rate_scale,
+            self.INPUT_SCALE,
+        ]
         return np.concatenate([sd, known], -1) / scale
 
     def observe_measurements(
-        self, sensors: Sensors, measurements: np.ndarray, available: np.ndarray, scenario: np.ndarray, step: np.ndarray
+        self,
+        sensors: Sensors,
+        measurements: np.ndarray,
+        available: np.ndarray,
+        scenario: np.ndarray,
+        step: np.ndarray,
     ) -> np.ndarray:
         """Measurements and their mask ``(..., 2 p)``, no filter; heading and place relative to the first heading."""
         gives, measured = list(sensors.gives), measurements / sensors.scale
         turned = wrapped(measurements - scenario[..., :1])
         measured = np.where([state == "psi" for state in gives], turned, measured)
         if "x" in gives and "y" in gives:
-            place = in_frame(scenario, measurements[..., [gives.index("x"), gives.index("y")]]) / self._place_scale
+            place = (
+                in_frame(scenario, measurements[..., [gives.index("x"), gives.index("y")]])
+                / self._place_scale
+            )
             ahead_aside = {gives.index("x"): place[..., 0], gives.index("y"): place[..., 1]}
-            measured = np.stack([ahead_aside.get(i, measured[..., i]) for i in range(len(gives))], -1)
+            measured = np.stack(
+                [ahead_aside.get(i, measured[..., i]) for i in range(len(gives))], -1
+            )
         return np.concatenate([np.where(available, measured, 0.0), available], -1)

@@ -16,7 +16,9 @@ from vessel_gym.tasks.steering import Steering, wrapped
 from vessel_gym.vehicles.corvette import steady_turns
 
 
-def dead_reckoned(heading: np.ndarray, surge: np.ndarray, sway: np.ndarray, dt: float) -> np.ndarray:
+def dead_reckoned(
+    heading: np.ndarray, surge: np.ndarray, sway: np.ndarray, dt: float
+) -> np.ndarray:
     """Positions ``(k, 2)`` north and east [m] from the origin, by the trapezoidal rule through the water.
 
     Args:
@@ -27,19 +29,24 @@ def dead_reckoned(heading: np.ndarray, surge: np.ndarray, sway: np.ndarray, dt: 
     """
     sin, cos = np.sin(heading), np.cos(heading)
     velocity = np.stack([surge * cos - sway * sin, surge * sin + sway * cos], -1)
-    return np.concatenate([np.zeros((1, 2)), np.cumsum(0.5 * dt * (velocity[1:] + velocity[:-1]), 0)])
+    return np.concatenate(
+        [np.zeros((1, 2)), np.cumsum(0.5 * dt * (velocity[1:] + velocity[:-1]), 0)]
+    )
 
 
 @dataclass(frozen=True)
 class TurningCircle(Steering, verified=True):
     """The commanded heading leads into a steady turn: straight, a ramp of the yaw rate, a circle.
 
-    A scenario (the episode's parameters, drawn at reset) is ``(initial heading [rad], commanded yaw rate [rad/s])``; a
-    reference is ``(heading [rad], yaw rate now, yaw rate PREVIEW seconds ahead, final yaw rate)``.
+    A scenario (the episode's parameters, drawn at reset) is ``(initial heading [rad], commanded yaw
+    rate [rad/s])``; a reference is ``(heading [rad], yaw rate now, yaw rate PREVIEW seconds ahead,
+    final yaw rate)``.
     """
 
     radius: tuple[float, float] = (3.0, 6.0)  # commanded radius in ship lengths, either side
-    tightest: float = 2.5  # that may be asked for; nearly the whole rudder, without a margin against gusts
+    tightest: float = (
+        2.5  # that may be asked for; nearly the whole rudder, without a margin against gusts
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -79,9 +86,14 @@ class TurningCircle(Steering, verified=True):
             low = self.tightest * self.ship.length
             wanted = as_number(value)
             if not low <= abs(wanted) < np.inf:
-                raise ValueError(f"radius must be at least {low:.0f} m to either side, got {short_repr(value)}")
+                raise ValueError(
+                    f"radius must be at least {low:.0f} m to either side, got {short_repr(value)}"
+                )
             if abs(wanted) > self.WIDEST:
-                raise ValueError(f"radius must be at most {self.WIDEST:.0f} m to either side, got {short_repr(value)}")
+                raise ValueError(
+                    f"radius must be at most {self.WIDEST:.0f} m to either side, got"
+                    f" {short_repr(value)}"
+                )
             scenarios[:, 1] = self.yaw_rate(np.array(wanted))
         return scenarios
 
@@ -127,20 +139,32 @@ class TurningCircle(Steering, verified=True):
         reference = self.command(np.tile(scenario, (len(steps), 1)), steps)
         turned = np.abs(reference[:, 0] - scenario[0]) - 0.5 * self.ramp * abs(scenario[1])
         heading, rate, *_ = reference[: 2 + np.searchsorted(turned, 2.0 * np.pi)].T
-        surge, sway = (np.interp(np.abs(rate), turns.yaw_rate, values) for values in (turns.speed, turns.sway))
+        surge, sway = (
+            np.interp(np.abs(rate), turns.yaw_rate, values) for values in (turns.speed, turns.sway)
+        )
         return dead_reckoned(heading, surge, np.sign(rate) * sway, self.dt)
 
     # --- what the agent sees ----------------------------------------------------------------------
 
     def sizes(self, measurements: int, states: int) -> dict[str, int]:
         """The lengths of the parts of observations."""
-        return {"guided": 7, "unguided": 8, "std": 4, "measurements": 2 * measurements, "mission": 3}
+        return {
+            "guided": 7,
+            "unguided": 8,
+            "std": 4,
+            "measurements": 2 * measurements,
+            "mission": 3,
+        }
 
     @cached_property
     def _std_gains(self) -> np.ndarray:
-        return 1.0 / np.array([self.SWAY_SCALE, self.rate_scale, self.HEADING_SCALE, self.INPUT_SCALE])
+        return 1.0 / np.array(
+            [self.SWAY_SCALE, self.rate_scale, self.HEADING_SCALE, self.INPUT_SCALE]
+        )
 
-    def observe(self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+    def observe(
+        self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray
+    ) -> np.ndarray:
         """The observation ``(..., 7)`` of mode ``"mean"``, before clipping.
 
         Errors of heading and yaw rate, sway, d, rudder, yaw rates commanded now and ahead.
@@ -155,31 +179,52 @@ class TurningCircle(Steering, verified=True):
         """The standard deviations ``(..., 4)`` of sway, yaw rate, heading and unknown input, scaled likewise."""
         assert estimate.sd is not None
         sd = estimate.sd[..., :3]
-        known = np.zeros_like(sd[..., :1]) if estimate.input_sd is None else estimate.input_sd[..., :1]
+        known = (
+            np.zeros_like(sd[..., :1]) if estimate.input_sd is None else estimate.input_sd[..., :1]
+        )
         return np.concatenate([sd, known], -1) * self._std_gains
 
     def observe_measurements(
-        self, sensors: Sensors, measurements: np.ndarray, available: np.ndarray, scenario: np.ndarray, step: np.ndarray
+        self,
+        sensors: Sensors,
+        measurements: np.ndarray,
+        available: np.ndarray,
+        scenario: np.ndarray,
+        step: np.ndarray,
     ) -> np.ndarray:
         """Measurements and their mask ``(..., 2 p)``, no filter.
 
-        A measured heading is shown as the error to the commanded one, on the scale of such an error.
+        A measured heading is shown as the error to the commanded one, on the scale of such an
+        error.
         """
         heading = self.command(scenario, step)[..., :1]
         error = wrapped(heading - measurements) / self.HEADING_SCALE
-        measured = np.where([state == "psi" for state in sensors.gives], error, measurements / sensors.scale)
+        measured = np.where(
+            [state == "psi" for state in sensors.gives], error, measurements / sensors.scale
+        )
         return np.concatenate([np.where(available, measured, 0.0), available], -1)
 
-    def observe_mission(self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray) -> np.ndarray:
+    def observe_mission(
+        self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray
+    ) -> np.ndarray:
         """The rudder, and the commanded yaw rate now and ahead ``(..., 3)``."""
-        return np.concatenate([actuators, self.command(scenario, step)[..., 1:3]], -1) / self._known_scales
+        return (
+            np.concatenate([actuators, self.command(scenario, step)[..., 1:3]], -1)
+            / self._known_scales
+        )
 
     def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
         """Sway, yaw rate, sine and cosine of the heading relative to the first one, d ``(..., 5)``: no guidance."""
         v, r, psi = (estimate.state[..., i] for i in range(3))
         d = np.zeros_like(v) if estimate.input_mean is None else estimate.input_mean[..., 0]
         turned = psi - scenario[..., 0]
-        scaled = v / self.SWAY_SCALE, r / self.command_scale, np.sin(turned), np.cos(turned), d / self.INPUT_SCALE
+        scaled = (
+            v / self.SWAY_SCALE,
+            r / self.command_scale,
+            np.sin(turned),
+            np.cos(turned),
+            d / self.INPUT_SCALE,
+        )
         return np.stack(scaled, -1)
 
     # --- how it is scored -------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """The turning circle trial of the thesis: the helm is put over, and the heading of the trial is followed.
 
-Angle of the helm, time step, switch of d and prior variance are inferred: docs/environments/thesis-corvette.md has what
-the thesis prints instead.
+Angle of the helm, time step, switch of d and prior variance are inferred:
+docs/environments/thesis-corvette.md has what the thesis prints instead.
 """
 
 from dataclasses import dataclass
@@ -26,14 +26,18 @@ SWITCH = 98
 class TurningTrial(TurningCircle, verified=True):
     """Follow the heading of a trial in which the rudder was put over to ``helm`` from a straight course.
 
-    A scenario is ``(initial heading [rad], final yaw rate [rad/s], simulation)``; a reference is that of
-    `TurningCircle` and the simulation.
+    A scenario is ``(initial heading [rad], final yaw rate [rad/s], simulation)``; a reference is
+    that of `TurningCircle` and the simulation.
     """
 
     pace: float = 1.6  # for steps of 0.8 s
     horizon: int = SAMPLES - 1
-    helm: float = float(np.deg2rad(28.0))  # rad, inferred: beyond it the ship hardly turns faster; printed are 35 deg
-    prior_variance: float = 1e-3  # of sway, yaw rate and heading, as the filter assumes it; inferred: that of Q
+    helm: float = float(
+        np.deg2rad(28.0)
+    )  # rad, inferred: beyond it the ship hardly turns faster; printed are 35 deg
+    prior_variance: float = (
+        1e-3  # of sway, yaw rate and heading, as the filter assumes it; inferred: that of Q
+    )
 
     uniforms = 0
     commanding: ClassVar[slice | list[int]] = [3, 4]
@@ -70,7 +74,10 @@ class TurningTrial(TurningCircle, verified=True):
         state, rudder = vessel.start(np.zeros((1, 3)))
         states = [state[0]]
         for _ in range(self.horizon + self._ahead):
-            before, rudder = rudder, vessel.actuate(rudder, still + self.helm / self.ship.rudder_limit)
+            before, rudder = (
+                rudder,
+                vessel.actuate(rudder, still + self.helm / self.ship.rudder_limit),
+            )
             state = vessel.step(state, before, rudder, still, parameters)
             states.append(state[0])
         return np.array(states)
@@ -84,7 +91,16 @@ class TurningTrial(TurningCircle, verified=True):
         """The reference ``(..., 5)`` at a step ``(...)``, that of the trial."""
         heading, rate = self.record.T[[2, 5]]
         rate_ahead = lookup(rate, step + float(self._ahead))
-        return np.stack([lookup(heading, step), lookup(rate, step), rate_ahead, scenario[..., 1], scenario[..., 2]], -1)
+        return np.stack(
+            [
+                lookup(heading, step),
+                lookup(rate, step),
+                rate_ahead,
+                scenario[..., 1],
+                scenario[..., 2],
+            ],
+            -1,
+        )
 
     def path(self, scenario: np.ndarray) -> np.ndarray:
         """Places of the ship in the trial ``(195, 2)``."""

@@ -1,4 +1,5 @@
 """Vehicles: equations of motion, parameters with their sources, actuators, and the models that filters use.
 
-They may import sensors, processes and `estimators`; disturbances of a ship, filter models and tasks import them.
+They may import sensors, processes and `estimators`; disturbances of a ship, filter models and tasks
+import them.
 """

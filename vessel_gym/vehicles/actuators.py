@@ -8,8 +8,8 @@ import numpy as np
 class Actuator(NamedTuple):
     """Response of an actuator to an action in [-1, 1] over a step.
 
-    It asks for ``kept * before + base + gain (offset + action)``. The actuator follows as a lag leaves of what is
-    missing the share ``lag``, turns by ``turn`` at most, and stays within limits.
+    It asks for ``kept * before + base + gain (offset + action)``. The actuator follows as a lag
+    leaves of what is missing the share ``lag``, turns by ``turn`` at most, and stays within limits.
     """
 
     above: float
@@ -26,7 +26,10 @@ class Actuator(NamedTuple):
 
 def actuator_parameters(*actuators: Actuator) -> np.ndarray:
     """Parameters of actuators for `actuated`, ``(a, 8)``."""
-    return np.array([each if each.below is not None else each._replace(below=each.above) for each in actuators], float)
+    return np.array(
+        [each if each.below is not None else each._replace(below=each.above) for each in actuators],
+        float,
+    )
 
 
 def actuated(before: np.ndarray, action: np.ndarray, parameters: np.ndarray) -> np.ndarray:

@@ -1,7 +1,8 @@
 """Common part of the torpedo-shaped underwater vehicles: particulars, uncertain coefficients, actuators, filter model.
 
-Both are bodies of revolution with four equal stern fins, a centre of gravity right below the centre of buoyancy, which
-is the origin, and a propeller. Body axes: x forward, y starboard, z down; earth axes: north, east, down.
+Both are bodies of revolution with four equal stern fins, a centre of gravity right below the centre
+of buoyancy, which is the origin, and a propeller. Body axes: x forward, y starboard, z down; earth
+axes: north, east, down.
 """
 
 from collections.abc import Iterator
@@ -37,9 +38,9 @@ _FACTORS = {
 UNCERTAIN = tuple(_FACTORS)
 """Parameters that `mismatch` spreads; the first `VERTICAL` act in the vertical plane.
 
-One factor scales all coefficients of a kind. Those of the cross-flow share one integral along the hull, and so do those
-of lift: scaled together they still only take energy. Terms in the vertical and horizontal plane stay equal, as they are
-on any body of revolution.
+One factor scales all coefficients of a kind. Those of the cross-flow share one integral along the
+hull, and so do those of lift: scaled together they still only take energy. Terms in the vertical
+and horizontal plane stay equal, as they are on any body of revolution.
 """
 VERTICAL = 7
 
@@ -48,8 +49,9 @@ VERTICAL = 7
 class AUVParameters(Particulars):
     """Particulars of a torpedo-shaped vehicle, SI units: what a vehicle file gives, each number there with its source.
 
-    What has a default may be left out. ``given`` holds measured or computed coefficients by name, which replace those
-    that follow from the dimensions: any of `Coefficients`, with K_up, and the body's mass and inertias.
+    What has a default may be left out. ``given`` holds measured or computed coefficients by name,
+    which replace those that follow from the dimensions: any of `Coefficients`, with K_up, and the
+    body's mass and inertias.
     """
 
     length: float  # m
@@ -59,7 +61,9 @@ class AUVParameters(Particulars):
     z_g: float  # m, centre of gravity below the centre of buoyancy
     thrust_limit: float  # N
     cruise_speed: float  # m/s
-    axial_drag: float | None = None  # coefficient on the frontal area; None: of the bare hull at cruising speed
+    axial_drag: float | None = (
+        None  # coefficient on the frontal area; None: of the bare hull at cruising speed
+    )
     buoyancy_excess: float = 0.0  # N, buoyancy less weight
     fin_limit: float = float(np.deg2rad(20.0))  # rad, assumed: below stall
     fin_rate: float = 1.0  # rad/s, of a small servo, assumed
@@ -69,7 +73,9 @@ class AUVParameters(Particulars):
     water_density: float = 1025.0  # kg/m3, sea water; Fossen (2011)
     gravity: float = 9.81  # m/s2
     given: tuple[tuple[str, float], ...] = ()  # coefficients by name
-    with_added_mass: bool = False  # given Y_ur, Z_uq, M_uw, N_uv, M_uq, N_ur hold Kirchhoff's terms, as Prestero's do
+    with_added_mass: bool = (
+        False  # given Y_ur, Z_uq, M_uw, N_uv, M_uq, N_ur hold Kirchhoff's terms, as Prestero's do
+    )
 
     TABLES: ClassVar = {
         "particulars": (
@@ -134,7 +140,9 @@ class AUVParameters(Particulars):
     @cached_property
     def pitch_inertia(self) -> float:
         """In pitch and in yaw, about the origin [kg m2]; that of a homogeneous spheroid if not given."""
-        return dict(self.given).get("pitch_inertia", 0.05 * self.mass * (self.length**2 + self.diameter**2))
+        return dict(self.given).get(
+            "pitch_inertia", 0.05 * self.mass * (self.length**2 + self.diameter**2)
+        )
 
     @cached_property
     def cruise_thrust(self) -> float:
@@ -148,7 +156,8 @@ class AUVParameters(Particulars):
         for kind, factor in f.items():
             for name in _FACTORS[kind]:
                 c[name] = c[name] * factor
-        # The geometric mean keeps the added mass positive definite, however far its diagonal is scaled.
+        # The geometric mean keeps the added mass positive definite, however far its diagonal is
+        # scaled.
         coupling = np.sqrt(f["lateral added mass"] * f["pitch and yaw added inertia"])
         for name in ("Y_rdot", "N_vdot", "Z_qdot", "M_wdot"):
             c[name] = c[name] * coupling
@@ -179,13 +188,25 @@ class AUVParameters(Particulars):
             yield "diameter", f"a torpedo of {L:g} m is not {D:g} m thick"
             return  # no formula holds
         if abs(self.fin_position) > L:
-            yield "fin_position", f"fins {self.fin_position:g} m from the origin are not on a hull of {L:g} m"
+            yield (
+                "fin_position",
+                f"fins {self.fin_position:g} m from the origin are not on a hull of {L:g} m",
+            )
         if self.fin_area >= 0.25 * L * D:
-            yield "fin_area", f"a fin of {self.fin_area:g} m2 does not belong to a hull of {L:g} by {D:g} m"
+            yield (
+                "fin_area",
+                f"a fin of {self.fin_area:g} m2 does not belong to a hull of {L:g} by {D:g} m",
+            )
         cylinder = 0.25 * np.pi * D**2 * L * self.water_density
         if not self.mass > 0.0 or self.buoyancy > cylinder * self.gravity:
             key = "mass" if "mass" in dict(self.given) else "buoyancy_excess"
-            yield key, f"{self.mass:.4g} kg do not float: a cylinder round the hull displaces {cylinder:.4g} kg"
+            yield (
+                key,
+                (
+                    f"{self.mass:.4g} kg do not float: a cylinder round the hull displaces"
+                    f" {cylinder:.4g} kg"
+                ),
+            )
         if self.cruise_thrust > self.thrust_limit:
             drag = f"at cruising speed the drag is {self.cruise_thrust:.3g} N"
             yield "thrust_limit", f"{self.thrust_limit:g} N are too little: {drag}"
@@ -223,17 +244,21 @@ def _inertia(c: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
 def _inverse(axes: str, inertia: np.ndarray) -> dict[str, np.ndarray]:
     """Inverse of a block ``(..., 3, 3)`` of the inertia by its axes: ``inverse_uw`` is surge from heave force."""
     inverse = np.linalg.inv(inertia)
-    return {f"inverse_{axes[i]}{axes[j]}": inverse[..., i, j] for i, j in zip(_ROW, _COLUMN, strict=True)}
+    return {
+        f"inverse_{axes[i]}{axes[j]}": inverse[..., i, j]
+        for i, j in zip(_ROW, _COLUMN, strict=True)
+    }
 
 
 @dataclass(frozen=True)
 class AUV(FromFile, WholeState, verified=True):
     """A torpedo-shaped vehicle in batches: actuators, state, sensors, and what filters know.
 
-    State: velocities through the water, then position and Euler angles. Increments [m/s, rad/s] change the velocities
-    at the end of a step, a current [m/s] carries the vehicle over it. Actuators: fin angles [rad], then thrust [N].
-    Filters estimate the whole state; their known input is ``u = (actuators before, actuators after)``. Figures of the
-    sensors are from public vehicle configurations.
+    State: velocities through the water, then position and Euler angles. Increments [m/s, rad/s]
+    change the velocities at the end of a step, a current [m/s] carries the vehicle over it.
+    Actuators: fin angles [rad], then thrust [N]. Filters estimate the whole state; their known
+    input is ``u = (actuators before, actuators after)``. Figures of the sensors are from public
+    vehicle configurations.
     """
 
     body: AUVParameters
@@ -257,5 +282,7 @@ class AUV(FromFile, WholeState, verified=True):
         """Fins at their rate, thrust with its lag: action -1 stops the propeller, 1 asks for all its thrust."""
         body = self.body
         fin = Actuator(body.fin_limit, turn=body.fin_rate * self.dt)
-        thrust = Actuator(0.5 * body.thrust_limit, offset=1.0, lag=np.exp(-self.dt / body.thrust_lag))
+        thrust = Actuator(
+            0.5 * body.thrust_limit, offset=1.0, lag=np.exp(-self.dt / body.thrust_lag)
+        )
         return actuator_parameters(*(fin,) * (len(self.action_names) - 1), thrust)

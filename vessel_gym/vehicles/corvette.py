@@ -1,6 +1,7 @@
 """Steady turns of a ship, the linear models that filters have about them, and the thesis' two sensors.
 
-Particulars and equations of motion, with their frames and sources: `vessel_gym.vehicles.corvette_equations`.
+Particulars and equations of motion, with their frames and sources:
+`vessel_gym.vehicles.corvette_equations`.
 """
 
 from collections.abc import Callable
@@ -31,14 +32,17 @@ class SteadyTurn:
 
     def interpolated(self, values: np.ndarray, yaw_rate: np.ndarray) -> np.ndarray:
         """Values ``(k,)`` of each turn, linearly interpolated at yaw rates ``(...)`` to either side."""
-        return interpolated(values, np.minimum(np.abs(yaw_rate) / self.yaw_rate[1], len(values) - 1.0))
+        return interpolated(
+            values, np.minimum(np.abs(yaw_rate) / self.yaw_rate[1], len(values) - 1.0)
+        )
 
 
 @cache
 def steady_turns(ship: CorvetteParameters, points: int = 165) -> SteadyTurn:
     """Steady turns at equal steps of yaw rate, up to the one that 80 % of the rudder holds.
 
-    Beyond, the yaw rate hardly rises with the rudder any more, and a command there could not be steered to.
+    Beyond, the yaw rate hardly rises with the rudder any more, and a command there could not be
+    steered to.
 
     Raises:
         RuntimeError: if the ship has no steady turns (it is directionally unstable).
@@ -77,10 +81,13 @@ def steady_turns(ship: CorvetteParameters, points: int = 165) -> SteadyTurn:
     return SteadyTurn(rates, speed, sway, rudder, radius)
 
 
-def sway_yaw_jacobian(state: np.ndarray, rudder: np.ndarray, ship: CorvetteParameters) -> tuple[np.ndarray, np.ndarray]:
+def sway_yaw_jacobian(
+    state: np.ndarray, rudder: np.ndarray, ship: CorvetteParameters
+) -> tuple[np.ndarray, np.ndarray]:
     """d(v', r')/d(v, r) ``(..., 2, 2)`` and d(v', r')/d(rudder) ``(..., 2, 1)`` at ``(u, v, r)``.
 
-    Central differences of the compiled equations: the linear models cannot drift away from the truth.
+    Central differences of the compiled equations: the linear models cannot drift away from the
+    truth.
     """
     instance("ship of sway_yaw_jacobian", ship, CorvetteParameters)
     state, rudder = finite_array("state", state, "...", 3), finite_array("rudder", rudder, "...")
@@ -101,9 +108,9 @@ def sway_yaw_jacobian(state: np.ndarray, rudder: np.ndarray, ship: CorvetteParam
 def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Discrete ``A (k, 3, 3)`` and ``B (k, 3, 1)`` of (v, r, psi) for each of `steady_turns`.
 
-    The linear model at the service speed is badly wrong in a hard turn, where the ship has lost a third of
-    its speed and most of the hull force is cross-flow drag. The secant model is the mean Jacobian
-    on the ray from zero to the commanded turn's equilibrium, at that turn's speed (8-point
+    The linear model at the service speed is badly wrong in a hard turn, where the ship has lost a
+    third of its speed and most of the hull force is cross-flow drag. The secant model is the mean
+    Jacobian on the ray from zero to the commanded turn's equilibrium, at that turn's speed (8-point
     Gauss-Legendre): it is exact at both ends.
     """
     instance("ship of secant_models", ship, CorvetteParameters)
@@ -129,12 +136,16 @@ def surge_models(ship: CorvetteParameters, dt: float) -> np.ndarray:
     turns, step = steady_turns(ship), 1e-4
 
     def surge(speed: np.ndarray) -> np.ndarray:
-        return ship.accelerations(np.stack([speed, turns.sway, turns.yaw_rate], -1), turns.rudder[:, None])[:, 0]
+        return ship.accelerations(
+            np.stack([speed, turns.sway, turns.yaw_rate], -1), turns.rudder[:, None]
+        )[:, 0]
 
     return np.exp(dt * (surge(turns.speed + step) - surge(turns.speed - step)) / (2.0 * step))
 
 
-def linear_matrices(ship: CorvetteParameters, dt: float, inputs: int = 2) -> tuple[Schedule, Schedule]:
+def linear_matrices(
+    ship: CorvetteParameters, dt: float, inputs: int = 2
+) -> tuple[Schedule, Schedule]:
     """A and B of (v, r, psi) as functions of ``u = (rudder, commanded yaw rate, ...)``: those of the commanded turn.
 
     Args:
@@ -152,11 +163,12 @@ def linear_matrices(ship: CorvetteParameters, dt: float, inputs: int = 2) -> tup
     return Schedule(A_table, 1, scale, middle), Schedule(B_table, 1, scale, middle)
 
 
-# --- sensors of her heading -------------------------------------------------------------------------
+# --- sensors of her heading -----------------------------------------------------------------------
 
 
 COMPASS = Sensor(
-    "gyro compass", ("heading [rad]",), plain((2,)), (2e-3,), angles=(0,), gives=("psi",)  # 0.11 deg
+    # 0.11 deg
+    "gyro compass", ("heading [rad]",), plain((2,)), (2e-3,), angles=(0,), gives=("psi",)
 )  # fmt: skip
 
 

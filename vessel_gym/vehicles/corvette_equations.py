@@ -1,15 +1,16 @@
 """Ships in surge, sway, yaw and roll, particulars and equations of motion; the SIGMA-class corvette is one.
 
 Frames: North-East-Down, body x forward, y starboard, origin amidships. Positive rudder turns the
-ship to starboard (yaw rate r > 0), as in the thesis' figures; Davidson and Schiff count it the other
-way, so Y'delta and N'delta change sign together. Positive roll is starboard down.
+ship to starboard (yaw rate r > 0), as in the thesis' figures; Davidson and Schiff count it the
+other way, so Y'delta and N'delta change sign together. Positive roll is starboard down.
 
 Sources: Hermawan (2020), the thesis that the task comes from, for the ship's particulars; Clarke,
 Gedling & Hine (1983) for the linear derivatives (eqs. 2.19 and 2.23 of the thesis misprint two of
-them); Fossen (2011) for the structure; Fujii & Tuda (1961) for the rudder; Hoerner (1965) for cross-flow drag;
-Yasukawa & Yoshimura (2015) for what the propellers do to the rudder; Blanke & Christensen (1993), in Perez (2005), for
-roll, which follows sway and yaw and does nothing to them; Norrbin (1972), "On the added resistance due to steering on
-a straight course", for what steering costs.
+them); Fossen (2011) for the structure; Fujii & Tuda (1961) for the rudder; Hoerner (1965) for
+cross-flow drag; Yasukawa & Yoshimura (2015) for what the propellers do to the rudder; Blanke &
+Christensen (1993), in Perez (2005), for roll, which follows sway and yaw and does nothing to them;
+Norrbin (1972), "On the added resistance due to steering on a straight course", for what steering
+costs.
 """
 
 from collections.abc import Iterator
@@ -59,9 +60,10 @@ _CROSS_FLOW = np.array([
 class CorvetteParameters(Particulars):
     """Particulars of a ship, SI units: what a vehicle file gives, each number there with its source.
 
-    What has a default may be left out. ``given`` holds measured or computed derivatives by name, which replace the
-    estimated ones (`GIVEN`): non-dimensional (prime I: divided by ``rho / 2``, powers of L and U) as those of Clarke,
-    without the ship's own mass (Yr, not Yr - m), rudder to starboard positive.
+    What has a default may be left out. ``given`` holds measured or computed derivatives by name,
+    which replace the estimated ones (`GIVEN`): non-dimensional (prime I: divided by ``rho / 2``,
+    powers of L and U) as those of Clarke, without the ship's own mass (Yr, not Yr - m), rudder to
+    starboard positive.
     """
 
     length: float  # m, between perpendiculars
@@ -76,16 +78,26 @@ class CorvetteParameters(Particulars):
     yaw_radius: float = 0.25  # gyration radius / L; Fossen (2011), sec. 3.3
     drag_coefficient: float | None = None  # cross-flow drag; None: by Hoerner's curve
     rudder_aspect: float = 1.5  # effective aspect ratio, assumed
-    rudder_limit: float = float(np.deg2rad(35.0))  # rad, usual; the angle of the trials of MSC.137(76)
+    rudder_limit: float = float(
+        np.deg2rad(35.0)
+    )  # rad, usual; the angle of the trials of MSC.137(76)
     rudder_rate: float = float(np.deg2rad(65.0 / 28.0))  # rad/s, the least; SOLAS II-1/29
     slipstream: float = 1.1  # inflow speed at the rudder / u, assumed
-    straightening: float = 0.4  # share of the geometric drift angle that the rudder sees; Yasukawa & Yoshimura (2015)
-    thrust_coefficient: float | None = None  # K_T of propellers at rest; None: constant thrust, constant slipstream
+    straightening: float = (
+        0.4  # share of the geometric drift angle that the rudder sees; Yasukawa & Yoshimura (2015)
+    )
+    thrust_coefficient: float | None = (
+        None  # K_T of propellers at rest; None: constant thrust, constant slipstream
+    )
     thrust_slope: float | None = None  # by which K_T falls with J
     advance_ratio: float | None = None  # J at service speed
-    race: float = 0.47  # share of the propellers' race that the rudder is in; Yasukawa & Yoshimura (2015)
+    race: float = (
+        0.47  # share of the propellers' race that the rudder is in; Yasukawa & Yoshimura (2015)
+    )
     metacentric_height: float | None = None  # GM, m; None: 8 % of the beam, assumed
-    roll_period: float | None = None  # s; None: by GM, weather criterion of IMO's intact stability code, A.749(18)
+    roll_period: float | None = (
+        None  # s; None: by GM, weather criterion of IMO's intact stability code, A.749(18)
+    )
     gravity_height: float | None = None  # KG, m; None: 1.5 draughts, assumed
     frontal_area: float | None = None  # m2 above the water; None: 0.82 B^2, as the corvette's
     lateral_area: float | None = None  # m2; None: 0.083 L^2, likewise
@@ -136,11 +148,22 @@ class CorvetteParameters(Particulars):
     def stability(self) -> float:
         """Of the straight course, Yv' (Nr' - m' x_g') - Nv' (Yr' - m') with the rudder at rest: positive if it is.
 
-        The criterion of Davidson & Schiff (1946). An unstable ship turns at small helm to either side.
+        The criterion of Davidson & Schiff (1946). An unstable ship turns at small helm to either
+        side.
         """
         c, at = self.clarke | dict(self.given), dict(zip(COEFFICIENTS, self.vector(), strict=True))
-        force = at["rudder"] * self.slipstream * self.straightening / (0.5 * self.water_density * self.length**2)
-        Yv, Yr, Nv, Nr = c["Yv"] - force, c["Yr"] + 0.5 * force, c["Nv"] + 0.5 * force, c["Nr"] - 0.25 * force
+        force = (
+            at["rudder"]
+            * self.slipstream
+            * self.straightening
+            / (0.5 * self.water_density * self.length**2)
+        )
+        Yv, Yr, Nv, Nr = (
+            c["Yv"] - force,
+            c["Yr"] + 0.5 * force,
+            c["Nv"] + 0.5 * force,
+            c["Nr"] - 0.25 * force,
+        )
         return float(Yv * (Nr - c["m"] * self.x_g / self.length) - Nv * (Yr - c["m"]))
 
     @cached_property
@@ -169,19 +192,27 @@ class CorvetteParameters(Particulars):
             drag = float(np.interp(0.5 * self.beam / self.draught, *_CROSS_FLOW))
         rudder = q * (self.rudder_area or 0.0) * lift_slope
         rise, race_power = 0.0, 0.0  # constant thrust
-        if self.thrust_coefficient is not None and self.thrust_slope is not None and self.advance_ratio is not None:
+        if (
+            self.thrust_coefficient is not None
+            and self.thrust_slope is not None
+            and self.advance_ratio is not None
+        ):
             at_speed = self.thrust_coefficient - self.thrust_slope * self.advance_ratio
             rise = self.thrust_slope * self.advance_ratio / at_speed
             race_power = 8.0 / np.pi * at_speed * (self.speed / self.advance_ratio) ** 2
         righting = self.mass * GRAVITY * self.stiffness
         natural = 2.0 * np.pi / self.period_of_roll
         inertia = righting / natural**2
-        damping = 2.0 * natural * inertia * np.array([0.071, 0.051 / np.sqrt(GRAVITY * L)])  # Perez (2005)
+        damping = (
+            2.0 * natural * inertia * np.array([0.071, 0.051 / np.sqrt(GRAVITY * L)])
+        )  # Perez (2005)
         height = 1.5 * self.draught if self.gravity_height is None else self.gravity_height
         values = {
             "mass": self.mass,
             "mass_x_g": self.mass * self.x_g,
-            "surge_inertia": self.mass + (-q * L**3 * given["Xudot"] if "Xudot" in given else surge_added),
+            "surge_inertia": (
+                self.mass + (-q * L**3 * given["Xudot"] if "Xudot" in given else surge_added)
+            ),
             "sway_inertia": self.mass - q * L**3 * c["Yvdot"],
             "sway_yaw_inertia": self.mass * self.x_g - q * L**4 * c["Yrdot"],
             "yaw_sway_inertia": self.mass * self.x_g - q * L**4 * c["Nvdot"],
@@ -195,7 +226,9 @@ class CorvetteParameters(Particulars):
             "thrust": self.resistance,
             "thrust_rise": rise,
             "service_speed": self.speed,
-            "rudder": -q * L**2 * given["Ydelta"] / self.slipstream**2 if "Ydelta" in given else rudder,
+            "rudder": (
+                -q * L**2 * given["Ydelta"] / self.slipstream**2 if "Ydelta" in given else rudder
+            ),
             "slipstream": 1.0 if rise else self.slipstream,
             "race": self.race if rise else 0.0,
             "race_power": race_power,
@@ -205,7 +238,9 @@ class CorvetteParameters(Particulars):
             "righting": righting,
             "roll_damping": damping[0],
             "roll_damping_speed": damping[1],
-            "hull_arm": height - 0.5 * self.draught,  # of hull and rudders below the centre of gravity
+            "hull_arm": (
+                height - 0.5 * self.draught
+            ),  # of hull and rudders below the centre of gravity
             "rudder_arm": height - 0.34 * self.draught,
         }
         return np.array([values[name] for name in COEFFICIENTS])
@@ -230,20 +265,37 @@ class CorvetteParameters(Particulars):
             yield "draught", f"a ship {B:g} m wide is not {T:g} m deep in the water"
         if not 0.1 < self.block_coefficient < 1.0:
             box = self.mass / self.block_coefficient
-            yield "mass", f"{self.mass:g} kg are no mass of a hull in a box that displaces {box:.4g} kg"
+            yield (
+                "mass",
+                f"{self.mass:g} kg are no mass of a hull in a box that displaces {box:.4g} kg",
+            )
         if abs(self.x_g) > 0.5 * L:
-            yield "x_g", f"a centre of gravity {self.x_g:g} m from amidships is not in a ship of {L:g} m"
+            yield (
+                "x_g",
+                f"a centre of gravity {self.x_g:g} m from amidships is not in a ship of {L:g} m",
+            )
         if self.rudder_area is None and "Ydelta" not in dict(self.given):
             yield "rudder", "the rudder needs 'rudder_area', or 'Ydelta' as measured"
         if self.rudder_area is not None and self.rudder_area >= L * T:
-            yield "rudder_area", f"a rudder of {self.rudder_area:g} m2 is as large as the hull's profile"
-        given = [x is not None for x in (self.thrust_coefficient, self.thrust_slope, self.advance_ratio)]
+            yield (
+                "rudder_area",
+                f"a rudder of {self.rudder_area:g} m2 is as large as the hull's profile",
+            )
+        given = [
+            x is not None for x in (self.thrust_coefficient, self.thrust_slope, self.advance_ratio)
+        ]
         if any(given) and not all(given):
-            yield "propulsion", "propellers need 'thrust_coefficient', 'thrust_slope', 'advance_ratio', or none"
+            yield (
+                "propulsion",
+                "propellers need 'thrust_coefficient', 'thrust_slope', 'advance_ratio', or none",
+            )
             return
         m = dict(zip(COEFFICIENTS, self.vector(), strict=True))
         if not 0.0 <= m["thrust_rise"] < np.inf:
-            yield "thrust_coefficient", "propellers of this slope give no thrust at that advance ratio"
+            yield (
+                "thrust_coefficient",
+                "propellers of this slope give no thrust at that advance ratio",
+            )
         if min(
             m["surge_inertia"], m["sway_inertia"], m["yaw_inertia"],
             m["sway_inertia"] * m["yaw_inertia"] - m["sway_yaw_inertia"] * m["yaw_sway_inertia"],
@@ -255,11 +307,16 @@ def _cross_flow(v: np.ndarray, r: np.ndarray, a: np.ndarray) -> tuple[np.ndarray
     """Integrals of |v + x r| (v + x r) {1, x} over -a <= x <= a, in closed form."""
     cubed = a * a * a
     sign = np.where(v >= 0.0, 1.0, -1.0)  # if the flow has one sign along the hull
-    sway, yaw = sign * (2.0 * a * v * v + 2.0 / 3.0 * cubed * r * r), sign * 4.0 / 3.0 * cubed * v * r
+    sway, yaw = (
+        sign * (2.0 * a * v * v + 2.0 / 3.0 * cubed * r * r),
+        sign * 4.0 / 3.0 * cubed * v * r,
+    )
     bow, stern = v + a * r, v - a * r
     bow_cubed, stern_cubed = np.abs(bow) * (bow * bow), np.abs(stern) * (stern * stern)
     cubic, quartic = (bow_cubed - stern_cubed) / 3.0, (bow * bow_cubed - stern * stern_cubed) / 4.0
-    turning = np.where(np.abs(r) * a >= 1e-12, r, 1e150)  # slower, nothing moves, and r * r would underflow
+    turning = np.where(
+        np.abs(r) * a >= 1e-12, r, 1e150
+    )  # slower, nothing moves, and r * r would underflow
     both_sway, both_yaw = cubic / turning, (quartic - v * cubic) / (turning * turning)
     one_sign = np.abs(r) * a <= np.abs(v)
     return np.where(one_sign, sway, both_sway), np.where(one_sign, yaw, both_yaw)
@@ -269,22 +326,35 @@ def _propelled_rudder(
     u: np.ndarray, v: np.ndarray, r: np.ndarray, rudder: np.ndarray, c: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Load of the propellers, normal force on the rudder [N], sine and cosine of its angle."""
-    # A propeller of constant revolutions pushes the more, and races the faster, the slower the ship.
+    # A propeller of constant revolutions pushes the more, and races the faster, the slower the
+    # ship.
     load = np.maximum(1.0 + c[I.thrust_rise] * (1.0 - u / c[I.service_speed]), 0.0)
     race = np.sqrt(u * u + c[I.race_power] * load) - np.abs(u)
     # What flows to the rudder: drift and yaw rate in a turn reduce its angle of attack.
-    inflow, side = c[I.slipstream] * u + c[I.race] * race, c[I.straightening] * (v - c[I.half_length] * r)
+    inflow, side = (
+        c[I.slipstream] * u + c[I.race] * race,
+        c[I.straightening] * (v - c[I.half_length] * r),
+    )
     sin_rudder, cos_rudder = sincos(rudder)
-    attacking = inflow * sin_rudder + side * cos_rudder  # all of the inflow times the sine of that angle
-    return load, c[I.rudder] * np.sqrt(inflow * inflow + side * side) * attacking, sin_rudder, cos_rudder
+    attacking = (
+        inflow * sin_rudder + side * cos_rudder
+    )  # all of the inflow times the sine of that angle
+    return (
+        load,
+        c[I.rudder] * np.sqrt(inflow * inflow + side * side) * attacking,
+        sin_rudder,
+        cos_rudder,
+    )
 
 
-def propulsion(state: np.ndarray, rudder: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def propulsion(
+    state: np.ndarray, rudder: np.ndarray, c: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Load of the propellers and added resistance of steering ``(...)``, each as a share of a straight course's thrust.
 
-    The surge equation's terms: the load is the thrust, and the added resistance is the rudder's drag with the
-    centripetal terms of drift and turning (Norrbin 1972). On a straight course at service speed in calm water the load
-    is 1 and the added resistance 0.
+    The surge equation's terms: the load is the thrust, and the added resistance is the rudder's
+    drag with the centripetal terms of drift and turning (Norrbin 1972). On a straight course at
+    service speed in calm water the load is 1 and the added resistance 0.
 
     Args:
         state: ``(..., 8)``, `STATE`.
@@ -300,8 +370,8 @@ def propulsion(state: np.ndarray, rudder: np.ndarray, c: np.ndarray) -> tuple[np
 def straight_course(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Speed [m/s] on a straight course in calm water, and load of the propellers there, ``(...)`` each.
 
-    The service speed and 1, unless ``mismatch`` has changed the ship's resistance: the thrust then balances the
-    resistance at another speed.
+    The service speed and 1, unless ``mismatch`` has changed the ship's resistance: the thrust then
+    balances the resistance at another speed.
 
     Args:
         c: ``(..., k)``, `COEFFICIENTS`.
@@ -309,12 +379,16 @@ def straight_course(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     c = np.moveaxis(c, -1, 0)
     falling = c[I.thrust] * c[I.thrust_rise] / c[I.service_speed]
     most = c[I.thrust] * (1.0 + c[I.thrust_rise])
-    speed = (np.sqrt(falling * falling + 4.0 * c[I.resistance] * most) - falling) / (2.0 * c[I.resistance])
+    speed = (np.sqrt(falling * falling + 4.0 * c[I.resistance] * most) - falling) / (
+        2.0 * c[I.resistance]
+    )
     return speed, 1.0 + c[I.thrust_rise] * (1.0 - speed / c[I.service_speed])
 
 
 @compiled
-def corvette_rates(state: np.ndarray, control: np.ndarray, around: np.ndarray, c: np.ndarray) -> np.ndarray:
+def corvette_rates(
+    state: np.ndarray, control: np.ndarray, around: np.ndarray, c: np.ndarray
+) -> np.ndarray:
     """Rates ``(..., 8)`` of position, heading, velocities through the water (3-DOF) and roll, which follows.
 
     Args:
@@ -328,16 +402,23 @@ def corvette_rates(state: np.ndarray, control: np.ndarray, around: np.ndarray, c
     (rudder,), c = np.moveaxis(control, -1, 0), np.moveaxis(c, -1, 0)
     sin, cos = sincos(psi)
     carried = v + wave_sway
-    m_vv, m_vr, m_rv, m_rr = c[I.sway_inertia], c[I.sway_yaw_inertia], c[I.yaw_sway_inertia], c[I.yaw_inertia]
+    m_vv, m_vr, m_rv, m_rr = (
+        c[I.sway_inertia],
+        c[I.sway_yaw_inertia],
+        c[I.yaw_sway_inertia],
+        c[I.yaw_inertia],
+    )
     a = c[I.half_length]
     sway_drag, yaw_drag = _cross_flow(v, r, a)
     load, force, sin_rudder, cos_rudder = _propelled_rudder(u, v, r, rudder, c)
-    # Surge: the sway added mass takes part in the centripetal term (Kirchhoff), which slows the ship in a turn.
+    # Surge: the sway added mass takes part in the centripetal term (Kirchhoff), which slows the
+    # ship in a turn.
     X = (
         c[I.thrust] * load - c[I.resistance] * u * np.abs(u) + m_vv * v * r + m_vr * r * r - force * sin_rudder
         + forces[0]
     )  # fmt: skip
-    # The derivatives hold Kirchhoff's terms, which turn their sign astern, and lift, which there still takes energy.
+    # The derivatives hold Kirchhoff's terms, which turn their sign astern, and lift, which there
+    # still takes energy.
     astern, surge_added = np.abs(u) - u, c[I.surge_inertia] - c[I.mass]
     munk = surge_added - (m_vv - c[I.mass])
     Y = (
@@ -351,7 +432,8 @@ def corvette_rates(state: np.ndarray, control: np.ndarray, around: np.ndarray, c
     )  # fmt: skip
     determinant = m_vv * m_rr - m_vr * m_rv
     sway, yaw = (m_rr * Y - m_vr * N) / determinant, (m_vv * N - m_rv * Y) / determinant
-    # What pushes the ship's mass sideways: at the rudder, and what is left, but for forces from outside, at the hull.
+    # What pushes the ship's mass sideways: at the rudder, and what is left, but for forces from
+    # outside, at the hull.
     side_force = c[I.mass] * (sway + u * r) + c[I.mass_x_g] * yaw - forces[1] + force * cos_rudder
     sin_roll, _ = sincos(phi)
     K = (

@@ -1,8 +1,9 @@
 """The ship of A. E. Hermawan's thesis (ITS Surabaya, 2020): eqs. 4.3 to 4.6 and the five simulations of Section 4.5.
 
-A linear filter of three states (sway, yaw rate, heading) follows a ship that turns under a constant rudder, while a
-deterministic step d, the unknown input, enters both measurements ``(psi + d, d)``. There is no sea. As printed, d(k) is
-in the measurements of step k and moves the heading of the filter's model from k to k + 1: this compass foresees it.
+A linear filter of three states (sway, yaw rate, heading) follows a ship that turns under a constant
+rudder, while a deterministic step d, the unknown input, enters both measurements ``(psi + d, d)``.
+There is no sea. As printed, d(k) is in the measurements of step k and moves the heading of the
+filter's model from k to k + 1: this compass foresees it.
 """
 
 from dataclasses import dataclass, field, replace
@@ -29,7 +30,8 @@ class Simulation:
     Attributes:
         Q: Process noise variance that the filter assumes, times identity.
         R: Measurement noise variance that it assumes, times identity.
-        size: Height of the step d [rad]: up by ``size``, then down to ``-size``; inferred, see `SIMULATIONS`.
+        size: Height of the step d [rad]: up by ``size``, then down to ``-size``; inferred, see
+            `SIMULATIONS`.
     """
 
     Q: float
@@ -64,13 +66,16 @@ def _foreseeing(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
 class ThesisCorvette(Ship, verified=True):
     """The ship in her turning circle trial, and the thesis' filter.
 
-    The truth is this package's nonlinear ship: the recorded trial is not public. The action is the rudder angle.
-    Filters estimate (v, r, psi); their known input is ``u = (rudder, commanded yaw rate, simulation)``, and the
-    simulation chooses Q and R. They take d for a yaw increment that also moves the heading, ``psi+ = psi + dt r + d``
-    (eq. 4.4). It does not move the ship, as the thesis' record was made without it: a level, not an increment.
+    The truth is this package's nonlinear ship: the recorded trial is not public. The action is the
+    rudder angle. Filters estimate (v, r, psi); their known input is ``u = (rudder, commanded yaw
+    rate, simulation)``, and the simulation chooses Q and R. They take d for a yaw increment that
+    also moves the heading, ``psi+ = psi + dt r + d`` (eq. 4.4). It does not move the ship, as the
+    thesis' record was made without it: a level, not an increment.
     """
 
-    ship: CorvetteParameters = field(default_factory=lambda: load("corvette-thesis", CorvetteParameters))
+    ship: CorvetteParameters = field(
+        default_factory=lambda: load("corvette-thesis", CorvetteParameters)
+    )
     dt: float = 0.8  # s: the printed 0.5 s leaves 195 samples no time for a full turn
 
     action_names = ("rudder",)
@@ -99,21 +104,35 @@ class ThesisCorvette(Ship, verified=True):
         """Q ``(3, 3)`` and R ``(2, 2)`` of the simulation, the known input's last component."""
         sizes = {"Q": 3, "R": 2}
         return {
-            name: Schedule(np.array([getattr(each, name) * np.eye(n) for each in SIMULATIONS.values()]), 2, 1.0, 0.5)
+            name: Schedule(
+                np.array([getattr(each, name) * np.eye(n) for each in SIMULATIONS.values()]),
+                2,
+                1.0,
+                0.5,
+            )
             for name, n in sizes.items()
         }
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Straight on to the north at service speed, whatever the prior, which is the filter's alone."""
-        return super().start(np.broadcast_to([0.0, 0.0, 0.0, self.ship.speed, 0.0, 0.0], (*x.shape[:-1], 6)))
+        return super().start(
+            np.broadcast_to([0.0, 0.0, 0.0, self.ship.speed, 0.0, 0.0], (*x.shape[:-1], 6))
+        )
 
     @cached_property
     def _actuators(self) -> np.ndarray:
         limit = self.ship.rudder_limit
-        return actuator_parameters(Actuator(limit, turn=self.ship.rudder_rate * self.dt, limit=limit))
+        return actuator_parameters(
+            Actuator(limit, turn=self.ship.rudder_rate * self.dt, limit=limit)
+        )
 
     def step(
-        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, exogenous: np.ndarray, parameters: np.ndarray
+        self,
+        state: np.ndarray,
+        before: np.ndarray,
+        after: np.ndarray,
+        exogenous: np.ndarray,
+        parameters: np.ndarray,
     ) -> np.ndarray:
         """The state one step later, in calm water; d does not move the ship."""
         calm = np.zeros((*exogenous.shape[:-1], len(Ship.ambient_flows)))
@@ -124,7 +143,9 @@ class ThesisCorvette(Ship, verified=True):
         A, B, driven = self.linear("corrected")
         return np.matvec(A(u), x) + np.matvec(B(u), u) + np.matvec(driven, flow)
 
-    def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
+    def known_input(
+        self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None
+    ) -> np.ndarray:
         """The mean rudder over a step, the yaw rate of the commanded turn, and the simulation."""
         rudder = 0.5 * (before + after)
         if commanded is None:

@@ -1,6 +1,7 @@
 """Vehicles as data: a TOML file holds what is known of a ship, an underwater vehicle or an aircraft (docs/vehicles.md).
 
-A file only holds numbers: nothing in it is executed. What is wrong with it is said in one sentence, with the line.
+A file only holds numbers: nothing in it is executed. What is wrong with it is said in one sentence,
+with the line.
 """
 
 import re
@@ -36,11 +37,16 @@ _POSITIVE, _ANY, _SHARE = RANGES["positive"], RANGES["finite"], RANGES["share"]
 _NEGATIVE = (-LARGEST, np.nextafter(0.0, 1.0), "a number of at most 0: it resists the motion")
 _ACUTE = (0.0, 0.5 * np.pi, "an angle above 0 and below 90 degrees")
 _RANGES = (
-    dict.fromkeys(("x_g", "fin_position", "buoyancy_excess", "propeller_torque", "drag", "lift", "density"), _ANY)
+    dict.fromkeys(
+        ("x_g", "fin_position", "buoyancy_excess", "propeller_torque", "drag", "lift", "density"),
+        _ANY,
+    )
     | dict.fromkeys(("positions", "directions"), _ANY)
     | dict.fromkeys(("z_g", "drag_coefficient"), RANGES["not_negative"])
     | dict.fromkeys(("rudder_limit", "fin_limit", "bank_limit"), _ACUTE)
-    | dict.fromkeys(("alpha_low", "alpha_high"), (-0.5 * np.pi, 0.5 * np.pi, "an angle within 90 degrees"))
+    | dict.fromkeys(
+        ("alpha_low", "alpha_high"), (-0.5 * np.pi, 0.5 * np.pi, "an angle within 90 degrees")
+    )
     | dict.fromkeys(("straightening", "fin_taper", "race"), _SHARE)
     | {"yaw_radius": (0.0, np.nextafter(0.5, 1.0), "a share of the length above 0 and up to 0.5")}
     | dict.fromkeys(("Yr", "Nv", "Yrdot", "Nvdot"), _ANY)
@@ -68,15 +74,20 @@ def load(source: str | Path, expected: type[Any] = object, *, stable: bool = Tru
     Args:
         source: A TOML file, or one of `names`.
         expected: The class that they must be of.
-        stable: Refuse a ship that is not directionally stable: the turning-circle task needs steady turns.
+        stable: Refuse a ship that is not directionally stable: the turning-circle task needs steady
+            turns.
 
     Raises:
-        ValueError: for an unknown name, or anything wrong in the file, in one sentence with its line.
+        ValueError: for an unknown name, or anything wrong in the file, in one sentence with its
+            line.
         TypeError: for what is neither a name nor a path.
         OSError: if the file cannot be read.
     """
     if not isinstance(source, str | Path):
-        raise TypeError(f"a vehicle is the path of a file or one of {', '.join(names())}, got {short_repr(source)}")
+        raise TypeError(
+            f"a vehicle is the path of a file or one of {', '.join(names())}, got"
+            f" {short_repr(source)}"
+        )
     if isinstance(source, str) and re.fullmatch(r"[\w-]*", source):
         if source not in names():
             raise ValueError(unknown("vehicle", source, names()) + ", or name a .toml file")
@@ -103,13 +114,16 @@ class _File(TomlFile):
         known = {each.name for each in fields(cls)}
         given = tuple((name, x) for name, x in values.items() if name not in known)
         parameters = cls(
-            **{name: x for name, x in values.items() if name in known} | ({"given": given} if given else {})
+            **{name: x for name, x in values.items() if name in known}
+            | ({"given": given} if given else {})
         )
         for name, sentence in parameters.mistakes():
             raise self.fault(self._where(cls, name), sentence)
         if stable and getattr(parameters, "stability", 1.0) <= 0.0:
             sentence = "the ship is directionally unstable: it has no steady turn at small helm"
-            raise self.fault(("derivatives",) if "derivatives" in self.data else ("particulars",), sentence)
+            raise self.fault(
+                ("derivatives",) if "derivatives" in self.data else ("particulars",), sentence
+            )
         return parameters
 
     def _class(self, expected: type[Any]) -> type[Any]:
@@ -123,7 +137,8 @@ class _File(TomlFile):
         if type(freedom) is not int or freedom not in _KINDS[kind]:
             choices = " or ".join(map(str, _KINDS[kind]))
             raise self.fault(
-                ("degrees_of_freedom",), f"degrees_of_freedom must be {choices}, got {short_repr(freedom)}"
+                ("degrees_of_freedom",),
+                f"degrees_of_freedom must be {choices}, got {short_repr(freedom)}",
             )
         module, name = _KINDS[kind][freedom]
         cls = getattr(import_module(f"vessel_gym.vehicles.{module}"), name)
@@ -131,7 +146,8 @@ class _File(TomlFile):
             wanted = expected.__name__.removesuffix("Parameters")
             found = f"kind {kind!r} with {freedom} degrees of freedom"
             raise self.fault(
-                ("kind",), f"{found}, where {wanted} is needed: docs/vehicles.md has an environment for each"
+                ("kind",),
+                f"{found}, where {wanted} is needed: docs/vehicles.md has an environment for each",
             )
         return cls
 
@@ -143,16 +159,23 @@ class _File(TomlFile):
                 continue
             if table not in (*tables, "sources"):
                 what = "table" if isinstance(content, dict) else "key outside of tables"
-                raise self.fault((table,), unknown(what, table, ("kind", "degrees_of_freedom", *tables, "sources")))
+                raise self.fault(
+                    (table,),
+                    unknown(what, table, ("kind", "degrees_of_freedom", *tables, "sources")),
+                )
             if not isinstance(content, dict):
                 raise self.fault((table,), f"[{table}] must be a table, got {short_repr(content)}")
             if table == "sources":
                 for key, text in content.items():
                     if not isinstance(text, str):
-                        raise self.fault((table, key), f"a source is a text, got {short_repr(text)}")
+                        raise self.fault(
+                            (table, key), f"a source is a text, got {short_repr(text)}"
+                        )
                 continue
             spelled = {
-                f"{name}{unit}": name for name in tables[table] for unit in ("", "_deg")[: 1 + (name in _ANGLES)]
+                f"{name}{unit}": name
+                for name in tables[table]
+                for unit in ("", "_deg")[: 1 + (name in _ANGLES)]
             }
             for key, value in content.items():
                 if key not in spelled:
@@ -193,7 +216,9 @@ def _value(cls: type[Any], name: str, key: str, value: object) -> Any:
             if not isinstance(value, list | tuple) or not value:
                 raise ValueError(f"{name} must be a list of lists of {len(get_args(entry))} finite numbers, "
                                  f"got {short_repr(value)}")  # fmt: skip
-            return tuple(_numbers(f"each of {name}", row, len(get_args(entry)), low, high) for row in value)
+            return tuple(
+                _numbers(f"each of {name}", row, len(get_args(entry)), low, high) for row in value
+            )
         return _numbers(name, value, 1 + len(rest), low, high)
     if key != name:
         low, high = np.rad2deg([low, high])
@@ -226,9 +251,15 @@ class Particulars:
             value = getattr(self, each.name)
             if each.name != "given" and not (value is None and each.default is None):
                 _value(cls, each.name, each.name, value)
-        if not isinstance(given, tuple) or not all(isinstance(pair, tuple) and len(pair) == 2 for pair in given):
-            raise ValueError(f"given must be a tuple of pairs (name, number), got {short_repr(given)}")
-        known = {name for names in cls.TABLES.values() for name in names} - {each.name for each in fields(cls)}
+        if not isinstance(given, tuple) or not all(
+            isinstance(pair, tuple) and len(pair) == 2 for pair in given
+        ):
+            raise ValueError(
+                f"given must be a tuple of pairs (name, number), got {short_repr(given)}"
+            )
+        known = {name for names in cls.TABLES.values() for name in names} - {
+            each.name for each in fields(cls)
+        }
         for name, value in given:
             one_of("name in given", name, sorted(known))
             _value(cls, name, name, value)

@@ -3,9 +3,9 @@
 The vehicle is cut into strips across its axis. Each formula stands by itself, with its source;
 ``docs/hydrodynamics.md`` compares them with two vehicles whose coefficients are published.
 
-Sources: Prestero (2001), in whose thesis on REMUS most of these formulas stand together; Lamb (1932) and Fossen (2011)
-for the added mass of a spheroid; Blevins (1979) for that of sections; Hoerner (1965, 1975) for drag and lift;
-Triantafyllou & Amzallag (1984) for axial drag.
+Sources: Prestero (2001), in whose thesis on REMUS most of these formulas stand together; Lamb
+(1932) and Fossen (2011) for the added mass of a spheroid; Blevins (1979) for that of sections;
+Hoerner (1965, 1975) for drag and lift; Triantafyllou & Amzallag (1984) for axial drag.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ import numpy as np
 from estimators.checks import finite_array
 from vessel_gym.checks import check_numbers, instance
 
-# --- shape ------------------------------------------------------------------------------------------
+# --- shape ----------------------------------------------------------------------------------------
 
 
 class Hull:
@@ -36,8 +36,8 @@ class Hull:
     def strips(self, *cuts: float) -> tuple[np.ndarray, np.ndarray]:
         """Middles and widths [m] of strips from end to end, none of which crosses a joint, the origin or a cut.
 
-        Quadrature by Gauss and Legendre after x = sin, which takes the root out of a blunt end. Cuts beyond the ends
-        lengthen the range.
+        Quadrature by Gauss and Legendre after x = sin, which takes the root out of a blunt end.
+        Cuts beyond the ends lengthen the range.
         """
         edges = np.unique([self.stern, *self.joints, 0.0, self.bow, *cuts])
         t, weight = np.polynomial.legendre.leggauss(24)
@@ -60,7 +60,11 @@ class Spheroid(Hull):
 
     def radius(self, x: np.ndarray) -> np.ndarray:
         """Radius [m] at ``x``, zero beyond the ends."""
-        return 0.5 * self.diameter * np.sqrt(np.maximum(0.0, 1.0 - (2.0 * np.asarray(x) / self.length) ** 2))
+        return (
+            0.5
+            * self.diameter
+            * np.sqrt(np.maximum(0.0, 1.0 - (2.0 * np.asarray(x) / self.length) ** 2))
+        )
 
 
 @dataclass(frozen=True)
@@ -95,7 +99,7 @@ class Fins:
         return 0.1 + 0.7 * self.taper
 
 
-# --- formulas ---------------------------------------------------------------------------------------
+# --- formulas -------------------------------------------------------------------------------------
 
 
 def lamb_factors(length: float, diameter: float) -> tuple[float, float, float]:
@@ -106,9 +110,13 @@ def lamb_factors(length: float, diameter: float) -> tuple[float, float, float]:
     Raises:
         ValueError: if it is not longer than it is thick.
     """
-    check_numbers("lamb_factors", {"length": length, "diameter": diameter}, positive="length diameter")
+    check_numbers(
+        "lamb_factors", {"length": length, "diameter": diameter}, positive="length diameter"
+    )
     if length <= diameter:
-        raise ValueError(f"a prolate spheroid is longer than it is thick, not {length} by {diameter}")
+        raise ValueError(
+            f"a prolate spheroid is longer than it is thick, not {length} by {diameter}"
+        )
     e2 = 1.0 - (diameter / length) ** 2
     e = np.sqrt(e2)
     log = 2.0 * np.arctanh(e)
@@ -118,7 +126,9 @@ def lamb_factors(length: float, diameter: float) -> tuple[float, float, float]:
     return float(alpha / (2.0 - alpha)), float(beta / (2.0 - beta)), float(turning)
 
 
-def section_added_mass(radius: np.ndarray, tip: np.ndarray | float, water_density: float) -> np.ndarray:
+def section_added_mass(
+    radius: np.ndarray, tip: np.ndarray | float, water_density: float
+) -> np.ndarray:
     """Added mass of a circle across the flow [kg/m], with a fin on either side up to ``tip``. Blevins (1979)."""
     radius, tip = finite_array("radius", radius, "..."), finite_array("tip", tip, "...")
     check_numbers("section_added_mass", {"water_density": water_density}, positive="water_density")
@@ -129,10 +139,13 @@ def section_added_mass(radius: np.ndarray, tip: np.ndarray | float, water_densit
     return np.pi * water_density * (tip**2 - radius**2 + square)
 
 
-def axial_drag_coefficient(length: float, diameter: float, speed: float, viscosity: float = 1.19e-6) -> float:
+def axial_drag_coefficient(
+    length: float, diameter: float, speed: float, viscosity: float = 1.19e-6
+) -> float:
     """Of a bare hull on its frontal area. Triantafyllou & Amzallag (1984), with the friction line of ITTC (1957).
 
-    Fins, antennas and gaps come on top: LAUV (da Silva et al., 2007) is credited with 1.8 times as much.
+    Fins, antennas and gaps come on top: LAUV (da Silva et al., 2007) is credited with 1.8 times as
+    much.
 
     Args:
         length: of the hull [m].
@@ -151,16 +164,16 @@ def axial_drag_coefficient(length: float, diameter: float, speed: float, viscosi
     return float(friction * np.pi * projected_per_frontal * shape)
 
 
-# --- the vehicle ------------------------------------------------------------------------------------
+# --- the vehicle ----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Coefficients:
     """Coefficients of an axisymmetric hull with four equal stern fins, SI units, about the centre of buoyancy.
 
-    Body axes: x forward, y starboard, z down. Signs and names are Prestero's (2001): a positive rudder angle pushes
-    the stern to starboard, so that the vehicle turns to port, and a positive stern plane angle pushes the stern up, so
-    that it dives.
+    Body axes: x forward, y starboard, z down. Signs and names are Prestero's (2001): a positive
+    rudder angle pushes the stern to starboard, so that the vehicle turns to port, and a positive
+    stern plane angle pushes the stern up, so that it dives.
     """
 
     # Added mass: force or moment per acceleration.
@@ -185,7 +198,8 @@ class Coefficients:
     M_qq: float
     N_vv: float
     N_rr: float
-    # Lift of hull and centred fins: per |u| and velocity, e.g. Y_uv |u| v; without what added mass gives.
+    # Lift of hull and centred fins: per |u| and velocity, e.g. Y_uv |u| v; without what added mass
+    # gives.
     Y_uv: float
     Y_ur: float
     Z_uw: float
@@ -203,7 +217,8 @@ class Coefficients:
     def munk_moment(self) -> float:
         """Moment N per u v [kg] that added mass makes, and -M per u w. Munk (1924).
 
-        Kirchhoff's equations hold it already; published coefficients such as Prestero's N_uv add it to that of lift.
+        Kirchhoff's equations hold it already; published coefficients such as Prestero's N_uv add it
+        to that of lift.
         """
         return self.Y_vdot - self.X_udot
 
@@ -215,7 +230,9 @@ class Torpedo:
     hull: Hull
     fins: Fins
     axial_drag: float  # on the frontal area; see `axial_drag_coefficient`
-    cross_flow_drag: float = 1.1  # of a cylinder across the flow; Hoerner (1965), as in Prestero (2001)
+    cross_flow_drag: float = (
+        1.1  # of a cylinder across the flow; Hoerner (1965), as in Prestero (2001)
+    )
     water_density: float = 1025.0  # kg/m3, sea water; Fossen (2011)
 
     def __post_init__(self) -> None:
@@ -254,15 +271,20 @@ class Torpedo:
     def cross_flow_integrals(self) -> tuple[float, float, float, float]:
         """Integrals of drag per squared cross-flow [N s2/m2], times 1, x, x |x| and |x|^3. Prestero (2001).
 
-        Strips of the hull, and the two fins that lie across the flow. The four belong together: that they come of one
-        distribution is what makes their forces take energy in every motion.
+        Strips of the hull, and the two fins that lie across the flow. The four belong together:
+        that they come of one distribution is what makes their forces take energy in every motion.
         """
         half_density = 0.5 * self.water_density
         x, dx = self.hull.strips()
         hull = half_density * self.cross_flow_drag * 2.0 * self.hull.radius(x) * dx
         fins = half_density * self.fins.plate_drag_coefficient() * 2.0 * self.fins.area
         drag, x = np.append(hull, fins), np.append(x, self.fins.position)
-        return float(drag.sum()), float(drag @ x), float(drag @ (x * abs(x))), float(drag @ abs(x) ** 3)
+        return (
+            float(drag.sum()),
+            float(drag @ x),
+            float(drag @ (x * abs(x))),
+            float(drag @ abs(x) ** 3),
+        )
 
     def roll_drag(self) -> float:
         """Moment of the four fins per squared rate [N m s2]: plate drag on strips from root to tip."""
@@ -272,8 +294,8 @@ class Torpedo:
     def hull_lift(self) -> tuple[float, float]:
         """Lift [N s2/m2] per u and local cross-flow, and the x [m] where it acts.
 
-        Hoerner (1975), as in Prestero (2001): .003 per degree, on length times diameter, at 65 % of the length;
-        measured for length / diameter of 6.7 to 10.
+        Hoerner (1975), as in Prestero (2001): .003 per degree, on length times diameter, at 65 % of
+        the length; measured for length / diameter of 6.7 to 10.
         """
         length = self.hull.bow - self.hull.stern
         lift = 0.5 * self.water_density * length * self.hull.diameter * 0.003 * 180.0 / np.pi
@@ -287,16 +309,20 @@ class Torpedo:
     def coefficients(self) -> Coefficients:
         """All coefficients.
 
-        A surface at x with lift k meets the cross-flow v + x r in the horizontal and w - x q in the vertical plane, so
-        its force -k |u| (v + x r) never drives the motion. Prestero (2001) gives the fins these four terms but the hull
-        only the one in v: without its companions in r, lift feeds a hull that turns about a point between the origin
-        and its centre of pressure.
+        A surface at x with lift k meets the cross-flow v + x r in the horizontal and w - x q in the
+        vertical plane, so its force -k |u| (v + x r) never drives the motion. Prestero (2001) gives
+        the fins these four terms but the hull only the one in v: without its companions in r, lift
+        feeds a hull that turns about a point between the origin and its centre of pressure.
         """
         mass, mass_moment, mass_inertia = self.lateral_added_mass()
         drag, drag_moment, drag_turning, drag_inertia = self.cross_flow_integrals()
         hull, fin, x_f = self.hull_lift(), self.fin_lift(), self.fins.position
         lift, x = np.array([hull[0], 2.0 * fin]), np.array([hull[1], x_f])
-        lift_force, lift_moment, lift_inertia = float(lift.sum()), float(lift @ x), float(lift @ x**2)
+        lift_force, lift_moment, lift_inertia = (
+            float(lift.sum()),
+            float(lift @ x),
+            float(lift @ x**2),
+        )
         frontal_area = 0.25 * np.pi * self.hull.diameter**2
         return Coefficients(
             X_udot=-self.axial_added_mass(),

@@ -18,7 +18,8 @@ def runge_kutta(
 ) -> np.ndarray:  # fmt: skip
     """The state ``(..., n)`` a step later.
 
-    Over the step the flow is constant. Actuators move linearly, so that their rate limits are integrated exactly.
+    Over the step the flow is constant. Actuators move linearly, so that their rate limits are
+    integrated exactly.
 
     Args:
         rates: The equations of motion, `estimators.engine.compiled` or plain NumPy.

@@ -1,12 +1,13 @@
 """Underwater vehicles in the vertical plane: surge, heave and pitch; the ITSUNUSA is one (data/itsunusa.toml).
 
-Frames: x along the course, z down, body x forward and z down, origin at the centre of buoyancy. A positive stern plane
-dives, as Prestero's (2001).
+Frames: x along the course, z down, body x forward and z down, origin at the centre of buoyancy. A
+positive stern plane dives, as Prestero's (2001).
 
-Sources: the EnKF-SR paper on this vehicle (eqs. 1-3) for dimensions and structure, with its misprints mended:
-``u^2 u^2`` is u^2 delta_s, ``z_C(q)``, ``x_C(-q)`` and ``z_C(u + wq)`` have lost the dots of q and u, and
-the pitch moment is a difference, no fraction. It prints no hydrodynamic coefficient. Prestero (2001) for the symbols;
-Fossen (2011) for Kirchhoff's equations and the kinematics.
+Sources: the EnKF-SR paper on this vehicle (eqs. 1-3) for dimensions and structure, with its
+misprints mended: ``u^2 u^2`` is u^2 delta_s, ``z_C(q)``, ``x_C(-q)`` and ``z_C(u + wq)`` have lost
+the dots of q and u, and the pitch moment is a difference, no fraction. It prints no hydrodynamic
+coefficient. Prestero (2001) for the symbols; Fossen (2011) for Kirchhoff's equations and the
+kinematics.
 """
 
 from dataclasses import dataclass, field
@@ -52,7 +53,9 @@ class ItsunusaParameters(AUVParameters):
 
 
 @compiled
-def itsunusa_rates(state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray) -> np.ndarray:
+def itsunusa_rates(
+    state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray
+) -> np.ndarray:
     """Rates ``(..., 6)`` by eqs. (1)-(3), with lift on |u| and fins on u |u|: both also brake a vehicle going astern.
 
     Args:
@@ -64,7 +67,8 @@ def itsunusa_rates(state: np.ndarray, control: np.ndarray, current: np.ndarray, 
     u, w, q, _, _, theta = np.moveaxis(state, -1, 0)
     (stern, thrust), c = np.moveaxis(control, -1, 0), np.moveaxis(c, -1, 0)
     sin_theta, cos_theta = sincos(theta)
-    # Kirchhoff: the momentum of body and water holds the brackets and all added-mass terms of the printed equations.
+    # Kirchhoff: the momentum of body and water holds the brackets and all added-mass terms of the
+    # printed equations.
     Px = c[I.surge_mass] * u + c[I.mass_z_g] * q
     Pz = c[I.heave_mass] * w + c[I.heave_pitch] * q
     U, W, Q = np.abs(u), w * np.abs(w), q * np.abs(q)
@@ -101,8 +105,9 @@ _STEEPEST, _TRIMS = np.deg2rad(45.0), 91
 class Itsunusa(AUV, verified=True):
     """ITSUNUSA, in the vertical plane.
 
-    The known input of its filters is ``u = (actuators before, actuators after, path angle commanded, 1)``. Linear
-    filters follow the steady dive along the commanded path, whose angle counts upwards.
+    The known input of its filters is ``u = (actuators before, actuators after, path angle
+    commanded, 1)``. Linear filters follow the steady dive along the commanded path, whose angle
+    counts upwards.
     """
 
     body: ItsunusaParameters = field(default_factory=lambda: load("itsunusa", ItsunusaParameters))
@@ -138,10 +143,14 @@ class Itsunusa(AUV, verified=True):
         x, u = super().cruise
         return x, np.concatenate([u, [0.0, 1.0]])
 
-    def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
+    def known_input(
+        self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None
+    ) -> np.ndarray:
         """The actuators at the start of a step and at its end, the path angle commanded (level if there is none), 1."""
         level = np.zeros_like(before[..., :1])
-        return np.concatenate([before, after, level if commanded is None else commanded, level + 1.0], -1)
+        return np.concatenate(
+            [before, after, level if commanded is None else commanded, level + 1.0], -1
+        )
 
     def linear(self, kind: str) -> Trims:
         """The steady dives along straight paths, at the cruising speed."""

@@ -1,7 +1,7 @@
 """An aircraft as a point mass with lift, drag and thrust: its constants, its forces, and when it flies level.
 
-Sources: the paper on the PUNA (see `vessel_gym.vehicles.puna`) for the form of drag, lift and density; it prints no
-constant. Gryte (2018), the Skywalker X8, for those.
+Sources: the paper on the PUNA (see `vessel_gym.vehicles.puna`) for the form of drag, lift and
+density; it prints no constant. Gryte (2018), the Skywalker X8, for those.
 """
 
 from dataclasses import dataclass
@@ -33,16 +33,23 @@ UNCERTAIN = tuple(_FACTORS)
 class PointMass:
     """Constants of an aircraft's equations, SI units; angles of attack in rad.
 
-    Drag ``C_D = A1 a^2 + A2 a + A3``, lift ``C_L = B1 a + B2``, density ``C1 h^2 + C2 h + C3``: eq. 2 of the paper.
+    Drag ``C_D = A1 a^2 + A2 a + A3``, lift ``C_L = B1 a + B2``, density ``C1 h^2 + C2 h + C3``: eq.
+    2 of the paper.
     """
 
     mass: float  # kg
     area: float  # m2, of the wing
     drag: tuple[float, float, float]  # A1, A2, A3
     lift: tuple[float, float]  # B1, B2
-    density: tuple[float, float, float] = (4.319e-9, -1.1760e-4, 1.225)  # C1, C2, C3: ISO 2533, to second order in h
+    density: tuple[float, float, float] = (
+        4.319e-9,
+        -1.1760e-4,
+        1.225,
+    )  # C1, C2, C3: ISO 2533, to second order in h
     gravity: float = 9.81  # m/s2
-    bank_rate: float = 2.0  # 1/s, b of phi' = b (phi_c - phi): Beard & McLain (2012), the number assumed
+    bank_rate: float = (
+        2.0  # 1/s, b of phi' = b (phi_c - phi): Beard & McLain (2012), the number assumed
+    )
 
     def vector(self, factors: np.ndarray | None = None) -> np.ndarray:
         """The coefficients of the equations of motion ``(..., 13)``, in the order of `COEFFICIENTS`.
@@ -50,7 +57,18 @@ class PointMass:
         Args:
             factors: ``(..., 6)`` on the `UNCERTAIN` ones, 1 if not given.
         """
-        c = np.array([self.mass, self.area, self.gravity, *self.drag, *self.lift, *self.density, 1.0, self.bank_rate])
+        c = np.array(
+            [
+                self.mass,
+                self.area,
+                self.gravity,
+                *self.drag,
+                *self.lift,
+                *self.density,
+                1.0,
+                self.bank_rate,
+            ]
+        )
         if factors is None:
             return c
         c = np.tile(c, factors.shape[:-1] + (1,))
@@ -59,7 +77,9 @@ class PointMass:
         return c
 
 
-def forces(altitude: np.ndarray, speed: np.ndarray, alpha: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def forces(
+    altitude: np.ndarray, speed: np.ndarray, alpha: np.ndarray, c: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Lift and drag [N], eq. 2, with coefficients ``(k, ...)``; both change sign with that of the speed."""
     density = (c[I.density_2] * altitude + c[I.density_1]) * altitude + c[I.density_0]
     pressure = 0.5 * density * speed * np.abs(speed) * c[I.area]

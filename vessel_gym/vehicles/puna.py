@@ -1,15 +1,16 @@
 """Fixed-wing unmanned aircraft: a point mass that turns coordinated, in a wind; the PUNA is one (data/puna.toml).
 
-Frames: x north, y east, altitude h up; positive bank turns to starboard. Wind components are north, east, down, where
-it blows to.
+Frames: x north, y east, altitude h up; positive bank turns to starboard. Wind components are north,
+east, down, where it blows to.
 
-In the literature the state holds airspeed and the angles of the velocity through the air. Here it holds the velocity
-over ground: a gust then changes nothing but the wind, so that white noise on the wind is all that a filter has to be
-told, and there is no pole at the vertical.
+In the literature the state holds airspeed and the angles of the velocity through the air. Here it
+holds the velocity over ground: a gust then changes nothing but the wind, so that white noise on the
+wind is all that a filter has to be told, and there is no pole at the vertical.
 
-Sources: the paper on Dubins paths and the ensemble Kalman filter for a PUNA ("Pesawat Udara Nir Awak", in Indonesian)
-for the task and the controls (thrust and angle of attack); its own equations are those of
-`studies.papers.puna.model`. Beard & McLain (2012), ch. 9, for the point mass and the bank.
+Sources: the paper on Dubins paths and the ensemble Kalman filter for a PUNA ("Pesawat Udara Nir
+Awak", in Indonesian) for the task and the controls (thrust and angle of attack); its own equations
+are those of `studies.papers.puna.model`. Beard & McLain (2012), ch. 9, for the point mass and the
+bank.
 """
 
 from collections.abc import Iterator
@@ -32,7 +33,8 @@ from vessel_gym.verified import verified
 STATE = ("x", "y", "h", "north", "east", "climb", "phi")
 """State: position and altitude [m], velocity over ground [m/s] and bank [rad]."""
 
-HARDEST = 200.0  # m/s2: no wing bears more lift. At 20 m/s the aircraft reaches 50; it bounds how fast a step may turn
+# m/s2: no wing bears more lift. At 20 m/s the aircraft reaches 50; it bounds how fast a step may turn
+HARDEST = 200.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,9 +60,18 @@ class PunaParameters(Particulars, PointMass):
     def mistakes(self) -> Iterator[tuple[str, str]]:
         """Mistakes that no aircraft has: the name of a number, and a sentence on it."""
         if self.alpha_low >= self.alpha_high:
-            yield "alpha_high", f"{self.alpha_high:g} rad are no upper limit where the lower is {self.alpha_low:g} rad"
+            yield (
+                "alpha_high",
+                (
+                    f"{self.alpha_high:g} rad are no upper limit where the lower is"
+                    f" {self.alpha_low:g} rad"
+                ),
+            )
         if self.lift[0] <= 0.0:
-            yield "lift", f"a wing lifts more at a higher angle of attack, not {self.lift[0]:g} a rad"
+            yield (
+                "lift",
+                f"a wing lifts more at a higher angle of attack, not {self.lift[0]:g} a rad",
+            )
         if np.polyval(self.drag, np.linspace(self.alpha_low, self.alpha_high, 101)).min() <= 0.0:
             yield "drag", "within the limits of the angle of attack it becomes a thrust"
         if self.density[2] <= 0.0:
@@ -91,7 +102,10 @@ class PunaParameters(Particulars, PointMass):
     def _reach(self) -> tuple[np.ndarray, np.ndarray]:
         """From cruising to the lower limits and to the upper ones."""
         low = np.array([0.0, self.alpha_low, -self.bank_limit])
-        return self.cruise - low, np.array([self.thrust_limit, self.alpha_high, self.bank_limit]) - self.cruise
+        return (
+            self.cruise - low,
+            np.array([self.thrust_limit, self.alpha_high, self.bank_limit]) - self.cruise,
+        )
 
 
 @dataclass(frozen=True)
@@ -112,7 +126,8 @@ def trim(speed: float, body: PunaParameters, altitude: float = 0.0, bank: float 
         bank: Angle [rad].
 
     Raises:
-        ValueError: if the aircraft cannot fly level like this within its limits of angle and thrust.
+        ValueError: if the aircraft cannot fly level like this within its limits of angle and
+            thrust.
         TypeError: for an aircraft that is none.
     """
     instance("body of trim", body, PunaParameters)
@@ -129,19 +144,24 @@ def trim(speed: float, body: PunaParameters, altitude: float = 0.0, bank: float 
 
     if excess(body.alpha_low) > 0.0 or excess(body.alpha_high) < 0.0:
         raise ValueError(
-            f"no level flight at {speed:g} m/s: lift and weight balance at no angle of attack within limits"
+            f"no level flight at {speed:g} m/s: lift and weight balance at no angle of attack"
+            " within limits"
         )
     alpha = float(brentq(excess, body.alpha_low, body.alpha_high, xtol=1e-14))
     if thrust(alpha) > body.thrust_limit:
-        raise ValueError(f"no level flight at {speed:g} m/s: it takes {thrust(alpha):.1f} N of thrust")
+        raise ValueError(
+            f"no level flight at {speed:g} m/s: it takes {thrust(alpha):.1f} N of thrust"
+        )
     return Trim(alpha, thrust(alpha))
 
 
-# --- equations of motion ----------------------------------------------------------------------------
+# --- equations of motion --------------------------------------------------------------------------
 
 
 @compiled
-def puna_rates(state: np.ndarray, control: np.ndarray, wind: np.ndarray, c: np.ndarray) -> np.ndarray:
+def puna_rates(
+    state: np.ndarray, control: np.ndarray, wind: np.ndarray, c: np.ndarray
+) -> np.ndarray:
     """Rates ``(..., 7)`` of position and altitude, velocity over ground and bank.
 
     Args:
@@ -152,7 +172,11 @@ def puna_rates(state: np.ndarray, control: np.ndarray, wind: np.ndarray, c: np.n
     """
     _, _, altitude, *velocity, phi = np.moveaxis(state, -1, 0)
     (thrust, alpha, command), c = np.moveaxis(control, -1, 0), np.moveaxis(c, -1, 0)
-    north, east, up = velocity[0] - wind[..., 0], velocity[1] - wind[..., 1], velocity[2] + wind[..., 2]
+    north, east, up = (
+        velocity[0] - wind[..., 0],
+        velocity[1] - wind[..., 1],
+        velocity[2] + wind[..., 2],
+    )
     level = np.sqrt(north * north + east * east)
     V = np.sqrt(level * level + up * up)
     lift, drag = forces(altitude, V, alpha, c)
@@ -172,11 +196,15 @@ def puna_rates(state: np.ndarray, control: np.ndarray, wind: np.ndarray, c: np.n
 
 def airspeed(state: np.ndarray, wind: np.ndarray) -> np.ndarray:
     """Airspeed ``(...)`` [m/s] of states ``(..., 7)`` in a wind ``(..., 3)``."""
-    north, east, up = state[..., 3] - wind[..., 0], state[..., 4] - wind[..., 1], state[..., 5] + wind[..., 2]
+    north, east, up = (
+        state[..., 3] - wind[..., 0],
+        state[..., 4] - wind[..., 1],
+        state[..., 5] + wind[..., 2],
+    )
     return np.hypot(np.hypot(north, east), up)
 
 
-# --- the vehicle as an environment uses it ----------------------------------------------------------
+# --- the vehicle as an environment uses it --------------------------------------------------------
 
 
 @verified
@@ -197,7 +225,12 @@ def _through_the_air(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
 def _velocity(measurements: np.ndarray, known: Known) -> Known:
     """Velocity over ground from speed and course of a GNSS."""
     speed, course = measurements[..., 3], measurements[..., 4]
-    return {"ground speed": speed, "course": course, "north": speed * np.cos(course), "east": speed * np.sin(course)}
+    return {
+        "ground speed": speed,
+        "course": course,
+        "north": speed * np.cos(course),
+        "east": speed * np.sin(course),
+    }
 
 
 @verified
@@ -215,9 +248,10 @@ def _along(measurements: np.ndarray, known: Known) -> Known:
 class Puna(FromFile, WholeState, verified=True):
     """The aircraft in batches, as an environment uses it.
 
-    Over a step the wind is constant; increments change velocities and bank at its end. Figures of the sensors are from
-    public models of small aircraft (Beard & McLain 2012, ch. 7): the GNSS has white noise and a bias that wanders.
-    Filters estimate the whole state; their known input is ``u = (actuators before, actuators after)``.
+    Over a step the wind is constant; increments change velocities and bank at its end. Figures of
+    the sensors are from public models of small aircraft (Beard & McLain 2012, ch. 7): the GNSS has
+    white noise and a bias that wanders. Filters estimate the whole state; their known input is ``u
+    = (actuators before, actuators after)``.
     """
 
     body: PunaParameters = field(default_factory=lambda: load("puna", PunaParameters))
@@ -262,10 +296,13 @@ class Puna(FromFile, WholeState, verified=True):
     def _actuators(self) -> np.ndarray:
         """At 0 the aircraft cruises level, at -1 and 1 every actuator is at a limit.
 
-        Thrust follows with its lag, angle of attack at its rate, commanded bank at once: the bank itself lags.
+        Thrust follows with its lag, angle of attack at its rate, commanded bank at once: the bank
+        itself lags.
         """
         body = self.body
         of_thrust = {"lag": np.exp(-self.dt / body.thrust_lag)}
         others: tuple[dict[str, float], ...] = (of_thrust, {"turn": body.alpha_rate * self.dt}, {})
         each = zip(body.cruise, *body._reach, others, strict=True)
-        return actuator_parameters(*(Actuator(above, below, base=cruise, **own) for cruise, below, above, own in each))
+        return actuator_parameters(
+            *(Actuator(above, below, base=cruise, **own) for cruise, below, above, own in each)
+        )

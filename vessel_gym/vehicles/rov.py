@@ -1,11 +1,11 @@
 """Remotely operated vehicles: a rigid body in six degrees of freedom, moved by thrusters alone (kind = "rov").
 
-Frames: North-East-Down, body x forward, y starboard, z down, origin at the centre of gravity. Body, added mass and
-damping are symmetric about the body's planes, so inertia and damping are diagonal. The vehicle may take any attitude:
-a step moves a quaternion, and states hold Euler angles.
+Frames: North-East-Down, body x forward, y starboard, z down, origin at the centre of gravity. Body,
+added mass and damping are symmetric about the body's planes, so inertia and damping are diagonal.
+The vehicle may take any attitude: a step moves a quaternion, and states hold Euler angles.
 
-Sources: Fossen (2011), chapters 2 and 6 to 8, for the equations and the allocation of thrusters; von Benzon et al.
-(2022) for the diagonal model of a BlueROV2 Heavy (data/bluerov2-heavy.toml).
+Sources: Fossen (2011), chapters 2 and 6 to 8, for the equations and the allocation of thrusters;
+von Benzon et al. (2022) for the diagonal model of a BlueROV2 Heavy (data/bluerov2-heavy.toml).
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,7 +26,13 @@ LINEAR = ("X_u", "Y_v", "Z_w", "K_p", "M_q", "N_r")
 QUADRATIC = ("X_uu", "Y_vv", "Z_ww", "K_pp", "M_qq", "N_rr")
 UNCERTAIN = ADDED_MASS + LINEAR + QUADRATIC
 """Coefficients that `mismatch` spreads, each on its own."""
-COEFFICIENTS = (*(f"inertia of {name}" for name in STATE[:6]), *LINEAR, *QUADRATIC, "net_weight", "righting_moment")
+COEFFICIENTS = (
+    *(f"inertia of {name}" for name in STATE[:6]),
+    *LINEAR,
+    *QUADRATIC,
+    "net_weight",
+    "righting_moment",
+)
 """Components of the coefficients' vector; an inertia is that of body and added mass."""
 
 
@@ -44,8 +50,12 @@ class ROVParameters(Particulars):
     z_g: float  # m, centre of gravity below the centre of buoyancy
     buoyancy_excess: float = 0.0  # N, buoyancy less weight
     gravity: float = 9.81  # m/s2
-    positions: tuple[tuple[float, float, float], ...]  # m, of each thruster from the centre of gravity
-    directions: tuple[tuple[float, float, float], ...]  # of each thruster's force on the body, of any length
+    positions: tuple[
+        tuple[float, float, float], ...
+    ]  # m, of each thruster from the centre of gravity
+    directions: tuple[
+        tuple[float, float, float], ...
+    ]  # of each thruster's force on the body, of any length
     thrust_limit: float  # N, of each thruster, either way
     thrust_lag: float = 0.1  # s, time constant of the thrust, assumed
     X_udot: float
@@ -98,11 +108,17 @@ class ROVParameters(Particulars):
     def mistakes(self) -> Iterator[tuple[str, str]]:
         """Mistakes that no such vehicle has: the name of a number, and a sentence on it."""
         if len(self.positions) != len(self.directions):
-            yield "directions", f"{len(self.positions)} thrusters have no {len(self.directions)} directions"
+            yield (
+                "directions",
+                f"{len(self.positions)} thrusters have no {len(self.directions)} directions",
+            )
         if not all(map(any, self.directions)):
             yield "directions", "the direction of a thruster must not be (0, 0, 0)"
         if self.mass * self.gravity + self.buoyancy_excess <= 0.0:
-            yield "buoyancy_excess", f"{-self.buoyancy_excess:g} N are more than the weight: it displaces no water"
+            yield (
+                "buoyancy_excess",
+                f"{-self.buoyancy_excess:g} N are more than the weight: it displaces no water",
+            )
 
 
 def _rotation(quaternion: Sequence[np.ndarray]) -> tuple[tuple[np.ndarray, ...], ...]:
@@ -140,7 +156,9 @@ def with_euler_angles(state: np.ndarray, near: np.ndarray) -> np.ndarray:
     """
     quaternion = [state[..., i] for i in range(9, 13)]
     norm = np.sqrt(sum(e * e for e in quaternion))
-    (_, north_y, north_z), (_, east_y, east_z), (down_x, down_y, down_z) = _rotation([e / norm for e in quaternion])
+    (_, north_y, north_z), (_, east_y, east_z), (down_x, down_y, down_z) = _rotation(
+        [e / norm for e in quaternion]
+    )
     sin, cos = sincos(near[..., 9])
     sin_change, cos_change = down_y * cos - down_z * sin, down_z * cos + down_y * sin
     at_pole = np.abs(sin_change) + np.abs(cos_change) < 1e-12  # any roll serves there: the old one
@@ -155,7 +173,9 @@ def with_euler_angles(state: np.ndarray, near: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def rov_rates(state: np.ndarray, force: np.ndarray, current: np.ndarray, c: np.ndarray) -> np.ndarray:
+def rov_rates(
+    state: np.ndarray, force: np.ndarray, current: np.ndarray, c: np.ndarray
+) -> np.ndarray:
     """Rates ``(..., 13)`` of the velocities through the water, the position and the attitude.
 
     Kirchhoff's equations of the momentum of body and water, which is theirs in body axes, with
@@ -167,7 +187,10 @@ def rov_rates(state: np.ndarray, force: np.ndarray, current: np.ndarray, c: np.n
         current: North and east ``(..., 2)``.
         c: ``(..., 20)``, `COEFFICIENTS`.
     """
-    velocity, (e0, e1, e2, e3) = [state[..., i] for i in range(6)], (state[..., i] for i in range(9, 13))
+    velocity, (e0, e1, e2, e3) = (
+        [state[..., i] for i in range(6)],
+        (state[..., i] for i in range(9, 13)),
+    )
     u, v, w, p, q, r = velocity
     inertia = [c[..., i] for i in range(6)]
     Px, Py, Pz, Lx, Ly, Lz = (m * x for m, x in zip(inertia, velocity, strict=True))
@@ -197,8 +220,8 @@ def rov_rates(state: np.ndarray, force: np.ndarray, current: np.ndarray, c: np.n
 class ROV(FromFile, WholeState, verified=True):
     """A vehicle with thrusters in batches, with the state, the sensors and the water of `Segorogeni`.
 
-    An action is the thrust of each thruster as a share of its limit. Filters estimate the whole state; their known
-    input is the thrusts before and after a step.
+    An action is the thrust of each thruster as a share of its limit. Filters estimate the whole
+    state; their known input is the thrusts before and after a step.
     """
 
     body: ROVParameters = field(default_factory=lambda: load("bluerov2-heavy", ROVParameters))
@@ -230,11 +253,20 @@ class ROV(FromFile, WholeState, verified=True):
     def _actuators(self) -> np.ndarray:
         """Thrusts with their lag."""
         lag = float(np.exp(-self.dt / self.body.thrust_lag))
-        return actuator_parameters(*(Actuator(self.body.thrust_limit, lag=lag),) * len(self.action_names))
+        return actuator_parameters(
+            *(Actuator(self.body.thrust_limit, lag=lag),) * len(self.action_names)
+        )
 
     def moved(
-        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, flow: np.ndarray, parameters: np.ndarray
+        self,
+        state: np.ndarray,
+        before: np.ndarray,
+        after: np.ndarray,
+        flow: np.ndarray,
+        parameters: np.ndarray,
     ) -> np.ndarray:
         """The state one step later, without increments; the attitude moves as a quaternion."""
         before, after = (np.matvec(self.body.allocation, thrusts) for thrusts in (before, after))
-        return with_euler_angles(super().moved(with_quaternion(state), before, after, flow, parameters), state)
+        return with_euler_angles(
+            super().moved(with_quaternion(state), before, after, flow, parameters), state
+        )

@@ -1,11 +1,12 @@
 """Underwater vehicles in six degrees of freedom; the Segorogeni ITS is one (data/segorogeni.toml).
 
-Frames: North-East-Down, body x forward, y starboard, z down, origin at the centre of buoyancy. Positive rudder turns
-to starboard (yaw rate r > 0), as on the corvette and against Prestero (2001); a positive stern plane dives, as his.
+Frames: North-East-Down, body x forward, y starboard, z down, origin at the centre of buoyancy.
+Positive rudder turns to starboard (yaw rate r > 0), as on the corvette and against Prestero (2001);
+a positive stern plane dives, as his.
 
-Sources: the EnKF paper on this vehicle (eqs. 1-10) for dimensions and structure; it prints no hydrodynamic coefficient,
-and the inverse inertia matrix that it prints has negative eigenvalues. Prestero (2001) for its symbols; Fossen
-(2011) for Kirchhoff's equations and the kinematics.
+Sources: the EnKF paper on this vehicle (eqs. 1-10) for dimensions and structure; it prints no
+hydrodynamic coefficient, and the inverse inertia matrix that it prints has negative eigenvalues.
+Prestero (2001) for its symbols; Fossen (2011) for Kirchhoff's equations and the kinematics.
 """
 
 from dataclasses import dataclass, field
@@ -73,15 +74,20 @@ def _accelerations(
 ) -> tuple[np.ndarray, ...]:
     """Eqs. (5)-(10), with lift on |u| and fins on u |u|, so that hull and fins also brake a vehicle going astern.
 
-    The fins' lift in roll, K_up, is not in print: without it the vehicle would roll for minutes after a push.
-    ``gravity`` is the direction of down in body axes.
+    The fins' lift in roll, K_up, is not in print: without it the vehicle would roll for minutes
+    after a push. ``gravity`` is the direction of down in body axes.
     """
     u, v, w, p, q, r = velocity
     rudder, stern, thrust = control
-    # Kirchhoff: the momentum of body and water, in axes that turn and move. It holds every bracket and
-    # every added-mass term of the printed equations, X_wq to N_uv, and takes no energy to the last digit.
+    # Kirchhoff: the momentum of body and water, in axes that turn and move. It holds every bracket
+    # and every added-mass term of the printed equations, X_wq to N_uv, and takes no energy to the
+    # last digit.
     S, e, d = c[I.mass_z_g], c[I.sway_yaw], c[I.heave_pitch]
-    Px, Py, Pz = c[I.surge_mass] * u + S * q, c[I.sway_mass] * v - S * p + e * r, c[I.heave_mass] * w + d * q
+    Px, Py, Pz = (
+        c[I.surge_mass] * u + S * q,
+        c[I.sway_mass] * v - S * p + e * r,
+        c[I.heave_mass] * w + d * q,
+    )
     Lx = c[I.roll_inertia] * p - S * v
     Ly, Lz = c[I.pitch_inertia] * q + S * u + d * w, c[I.yaw_inertia] * r + e * v
     U, V, W, P, Q, R = np.abs(u), *(x * np.abs(x) for x in (v, w, p, q, r))
@@ -131,8 +137,11 @@ def kinematics(
     (sin_phi, cos_phi), (sin_theta, cos_theta), (sin_psi, cos_psi) = angles
     down = v * sin_phi + w * cos_phi
     ahead, aside = u * cos_theta + down * sin_theta, v * cos_phi - w * sin_phi
-    # Euler angles have a pole at 90 deg of pitch: within 1 deg of it they turn at the rate of 1 deg.
-    bounded = np.where(np.abs(cos_theta) > 0.0175, cos_theta, np.where(cos_theta >= 0.0, 0.0175, -0.0175))
+    # Euler angles have a pole at 90 deg of pitch: within 1 deg of it they turn at the rate of 1
+    # deg.
+    bounded = np.where(
+        np.abs(cos_theta) > 0.0175, cos_theta, np.where(cos_theta >= 0.0, 0.0175, -0.0175)
+    )
     turn = (q * sin_phi + r * cos_phi) / bounded
     return (
         ahead * cos_psi - aside * sin_psi + current[..., 0], ahead * sin_psi + aside * cos_psi + current[..., 1],
@@ -141,7 +150,9 @@ def kinematics(
 
 
 @compiled
-def segorogeni_rates(state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray) -> np.ndarray:
+def segorogeni_rates(
+    state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray
+) -> np.ndarray:
     """Rates ``(..., 12)`` of the velocities through the water, then of position and Euler angles.
 
     Args:
@@ -158,7 +169,10 @@ def segorogeni_rates(state: np.ndarray, control: np.ndarray, current: np.ndarray
     accelerations = _accelerations(velocity, np.moveaxis(control, -1, 0), gravity, c)
     spatial = kinematics(velocity, angles, current)
     printed = u * cos_psi - v * sin_psi + north, u * sin_psi + v * cos_psi + east, w, 0.0, 0.0, r
-    rates = (np.where(c[I.printed_kinematics] != 0.0, *pair) for pair in zip(printed, spatial, strict=True))
+    rates = (
+        np.where(c[I.printed_kinematics] != 0.0, *pair)
+        for pair in zip(printed, spatial, strict=True)
+    )
     return np.stack([*accelerations, *rates], -1)
 
 
@@ -169,7 +183,10 @@ def _over_ground(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     north, east = exogenous[..., 6], exogenous[..., 7]
     (sin_phi, cos_phi), (sin_theta, cos_theta) = sincos(state[..., 9]), sincos(state[..., 10])
     sin_psi, cos_psi = sincos(state[..., 11])
-    ahead, aside = north * cos_psi + east * sin_psi, east * cos_psi - north * sin_psi  # of the current, level
+    ahead, aside = (
+        north * cos_psi + east * sin_psi,
+        east * cos_psi - north * sin_psi,
+    )  # of the current, level
     return np.stack([
         u + ahead * cos_theta,
         v + ahead * sin_theta * sin_phi + aside * cos_phi,
@@ -181,7 +198,9 @@ def _over_ground(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
 class Segorogeni(AUV, verified=True):
     """Segorogeni, in space."""
 
-    body: SegorogeniParameters = field(default_factory=lambda: load("segorogeni", SegorogeniParameters))
+    body: SegorogeniParameters = field(
+        default_factory=lambda: load("segorogeni", SegorogeniParameters)
+    )
 
     state_names: ClassVar = STATE
     equations: ClassVar = staticmethod(segorogeni_rates)

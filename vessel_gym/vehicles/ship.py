@@ -37,12 +37,14 @@ _ESTIMATED = STATE[:6]  # all but roll
 class Ship(FromFile, Simulated, verified=True):
     """A ship whose position is measured and estimated, too, in batches.
 
-    The action is the rudder *rate*: with an angle as action, the estimate's noise would saturate the steering gear.
+    The action is the rudder *rate*: with an angle as action, the estimate's noise would saturate
+    the steering gear.
 
-    All filters estimate (x, y, psi, u, v, r); roll, which does nothing to these, is left to itself. Their known input
-    is ``u = (rudder, commanded yaw rate, believed heading, 1)``: linear ones follow the commanded turn, and the track
-    on the heading. With d the yaw increment that waves give in a step, ``psi+ = psi + dt r + d``; the compass reads
-    psi, and the rate gyro ``r + d / dt`` with the d of the step that has ended.
+    All filters estimate (x, y, psi, u, v, r); roll, which does nothing to these, is left to itself.
+    Their known input is ``u = (rudder, commanded yaw rate, believed heading, 1)``: linear ones
+    follow the commanded turn, and the track on the heading. With d the yaw increment that waves
+    give in a step, ``psi+ = psi + dt r + d``; the compass reads psi, and the rate gyro ``r + d /
+    dt`` with the d of the step that has ended.
     """
 
     ship: CorvetteParameters = field(default_factory=lambda: load("corvette", CorvetteParameters))
@@ -72,7 +74,9 @@ class Ship(FromFile, Simulated, verified=True):
 
     @cached_property
     def _actuators(self) -> np.ndarray:
-        return actuator_parameters(Actuator(self.ship.rudder_rate * self.dt, kept=1.0, limit=self.ship.rudder_limit))
+        return actuator_parameters(
+            Actuator(self.ship.rudder_rate * self.dt, kept=1.0, limit=self.ship.rudder_limit)
+        )
 
     @cached_property
     def sensors(self) -> tuple[Sensor, ...]:
@@ -140,13 +144,18 @@ class Ship(FromFile, Simulated, verified=True):
         Without roll, only sway and yaw need be resolved.
         """
         rudder, substeps = u[..., :1], resolving_substeps(self.dt, self._plane_mode)
-        moved = runge_kutta(corvette_rates, self._placed(x), rudder, rudder, flow, self._nominal, self.dt, substeps)
+        moved = runge_kutta(
+            corvette_rates, self._placed(x), rudder, rudder, flow, self._nominal, self.dt, substeps
+        )
         return moved[..., : len(_ESTIMATED)]
 
-    def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
+    def known_input(
+        self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None
+    ) -> np.ndarray:
         """The mean rudder over a step, the commanded yaw rate and believed heading, and 1.
 
-        Where a task commands nothing: the yaw rate of the steady turn which the rudder holds, and north.
+        Where a task commands nothing: the yaw rate of the steady turn which the rudder holds, and
+        north.
         """
         rudder, north = 0.5 * (before + after), np.zeros_like(before)
         if commanded is None:
@@ -171,10 +180,14 @@ class Ship(FromFile, Simulated, verified=True):
 
         def moving(u: np.ndarray) -> np.ndarray:
             turning, zero = A(u), np.zeros_like(u[..., 0])
-            sin, cos = sincos(u[..., 2] + 0.5 * self.dt * u[..., 1])  # of the heading in the middle of the step
+            sin, cos = sincos(
+                u[..., 2] + 0.5 * self.dt * u[..., 1]
+            )  # of the heading in the middle of the step
             north, east, one = self.dt * cos, self.dt * sin, zero + 1.0
             surge = turns.interpolated(kept, u[..., 1])
-            (v_v, v_r, v_psi), (r_v, r_r, r_psi), (psi_v, psi_r, psi_psi) = np.moveaxis(turning, (-2, -1), (0, 1))
+            (v_v, v_r, v_psi), (r_v, r_r, r_psi), (psi_v, psi_r, psi_psi) = np.moveaxis(
+                turning, (-2, -1), (0, 1)
+            )
             return np.stack([
                 np.stack(row, -1) for row in (
                     (one, zero, zero, north, -east, zero),
@@ -188,9 +201,18 @@ class Ship(FromFile, Simulated, verified=True):
 
         def known(u: np.ndarray) -> np.ndarray:
             (v, r, psi), zero = np.moveaxis(B(u)[..., 0], -1, 0), np.zeros_like(u[..., 0])
-            lost, speed = 1.0 - turns.interpolated(kept, u[..., 1]), turns.interpolated(turns.speed, u[..., 1])
-            rudder, constant = (zero, zero, psi, zero, v, r), (zero, zero, zero, lost * speed, zero, zero)
-            return np.stack([np.stack(column, -1) for column in (rudder, n * (zero,), n * (zero,), constant)], -1)
+            lost, speed = (
+                1.0 - turns.interpolated(kept, u[..., 1]),
+                turns.interpolated(turns.speed, u[..., 1]),
+            )
+            rudder, constant = (
+                (zero, zero, psi, zero, v, r),
+                (zero, zero, zero, lost * speed, zero, zero),
+            )
+            return np.stack(
+                [np.stack(column, -1) for column in (rudder, n * (zero,), n * (zero,), constant)],
+                -1,
+            )
 
         return moving, known, carried
 

@@ -24,16 +24,17 @@ class Trims(NamedTuple):
 class Vehicle(Protocol):
     """A vehicle in batches ``(B, ...)``: its own state and actuators, how they move, and what filters know of that.
 
-    What acts on it is an exogenous input ``(B, f)``: increments, which change its state at the end of a step, then
-    flows, which are held over it. The equations may be compiled or plain NumPy: anything that broadcasts over leading
-    axes.
+    What acts on it is an exogenous input ``(B, f)``: increments, which change its state at the end
+    of a step, then flows, which are held over it. The equations may be compiled or plain NumPy:
+    anything that broadcasts over leading axes.
 
-    A vehicle may have ``faults``, too, as `vessel_gym.vehicles.whole_state.WholeState` has: the names of what may be
-    added to its actuators over a step, and ``faulty``, the known input with that; without them it has none. And
-    ``noise``: schedules of Q and R by name, which its filters assume instead of ``process_sd`` and the sensors' noise.
-    And ``steering``: the indices of its actuators that are angles [rad] of rudders, fins or wings, whose travel,
-    reversals and saturation `agents.metrics` measures.
-    And ``grades``: a file of grades of its sensors, see `vessel_gym.sensors.grades`.
+    A vehicle may have ``faults``, too, as `vessel_gym.vehicles.whole_state.WholeState` has: the
+    names of what may be added to its actuators over a step, and ``faulty``, the known input with
+    that; without them it has none. And ``noise``: schedules of Q and R by name, which its filters
+    assume instead of ``process_sd`` and the sensors' noise. And ``steering``: the indices of its
+    actuators that are angles [rad] of rudders, fins or wings, whose travel, reversals and
+    saturation `agents.metrics` measures. And ``grades``: a file of grades of its sensors, see
+    `vessel_gym.sensors.grades`.
     """
 
     @property
@@ -106,7 +107,8 @@ class Vehicle(Protocol):
     def estimated(self, kind: str) -> tuple[str, ...]:
         """The components of its state that filters with a model estimate, in their order.
 
-        Those of the first of ``kinds`` are what a task's prior describes; those of others are its first ones.
+        Those of the first of ``kinds`` are what a task's prior describes; those of others are its
+        first ones.
         """
 
     @property
@@ -120,14 +122,16 @@ class Vehicle(Protocol):
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
         """Estimated components ``(..., n)`` a step later, under known input and flow, with the filters' parameters."""
 
-    def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
+    def known_input(
+        self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None
+    ) -> np.ndarray:
         """Known input of its filters over a step ``(B, m)``: actuators, and commands of a task."""
 
     def linear(self, kind: str) -> tuple[Any, ...] | Trims:
         """A and B of a linear model, each a matrix or a function of the known input.
 
-        And where flows move what it estimates, what each does over a step ``(n, ambient_flows)``, likewise. Or the
-        `Trims` about which the nonlinear model is linearised.
+        And where flows move what it estimates, what each does over a step ``(n, ambient_flows)``,
+        likewise. Or the `Trims` about which the nonlinear model is linearised.
         """
 
     @property

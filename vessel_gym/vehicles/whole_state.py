@@ -35,27 +35,41 @@ class Simulated(Verified, verified=True):
         return actuated(actuators, action, self._actuators)
 
     def moved(
-        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, flow: np.ndarray, parameters: np.ndarray
+        self,
+        state: np.ndarray,
+        before: np.ndarray,
+        after: np.ndarray,
+        flow: np.ndarray,
+        parameters: np.ndarray,
     ) -> np.ndarray:
         """The state one step later, without increments."""
-        return runge_kutta(self.equations, state, before, after, flow, parameters, self.dt, self.substeps)
+        return runge_kutta(
+            self.equations, state, before, after, flow, parameters, self.dt, self.substeps
+        )
 
     def step(
-        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, exogenous: np.ndarray, parameters: np.ndarray
+        self,
+        state: np.ndarray,
+        before: np.ndarray,
+        after: np.ndarray,
+        exogenous: np.ndarray,
+        parameters: np.ndarray,
     ) -> np.ndarray:
         """The state one step later, with actuators moving from ``before`` to ``after``."""
         increments = len(self.incremented)
         moved = self.moved(state, before, after, exogenous[..., increments:], parameters)
         return incremented(
-            moved, exogenous[..., :increments], [self.state_names.index(name) for name in self.incremented]
+            moved,
+            exogenous[..., :increments],
+            [self.state_names.index(name) for name in self.incremented],
         )
 
 
 class WholeState(Simulated, verified=True):
     """A vehicle of which filters have one model, the nonlinear one, that leaves out nothing.
 
-    It begins with its actuators as they are while it cruises. Increments change some of its state at the end of a step,
-    a flow carries it over the step.
+    It begins with its actuators as they are while it cruises. Increments change some of its state
+    at the end of a step, a flow carries it over the step.
     """
 
     body: Any
@@ -75,7 +89,9 @@ class WholeState(Simulated, verified=True):
         """The models leave out nothing."""
         return np.zeros(len(self.state_names))
 
-    def known_input(self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None) -> np.ndarray:
+    def known_input(
+        self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None
+    ) -> np.ndarray:
         """The actuators at the start of a step and at its end."""
         return np.concatenate([before, after], -1)
 

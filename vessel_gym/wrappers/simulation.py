@@ -28,28 +28,33 @@ def simulator(
 ) -> NonlinearModel:
     """The model of an environment that is its own simulator.
 
-    A copy of the environment is set to each state and stepped. MuJoCo's environments and those of classic control know
-    how; MuJoCo's points are stepped all at once, natively. The known input is the action. Where a simulator keeps its
-    state in few digits (float32), differences of close points are nothing but rounding: use `ukf`.
+    A copy of the environment is set to each state and stepped. MuJoCo's environments and those of
+    classic control know how; MuJoCo's points are stepped all at once, natively. The known input is
+    the action. Where a simulator keeps its state in few digits (float32), differences of close
+    points are nothing but rounding: use `ukf`.
 
     Args:
         env: An environment that can be made again from its spec; it is left as it is.
         measurement: ``h(x, u)``, which broadcasts.
         Q: ``(n, n)``, or a number for that number times identity.
         R: ``(p, p)``, likewise.
-        get: The state ``(n,)`` of an environment; None: MuJoCo's positions and velocities, classic control's ``state``.
+        get: The state ``(n,)`` of an environment; None: MuJoCo's positions and velocities, classic
+            control's ``state``.
         put: Sets it; None: likewise.
         **angles: ``state_angles`` and ``measurement_angles`` of `NonlinearModel`.
 
     Raises:
         TypeError: for an environment that cannot be copied, or whose state nobody knows how to set.
-        ValueError: if a state that is set is not the one that is found, or two steps from one state differ: the
-            simulator draws random numbers, or has a state beyond that.
+        ValueError: if a state that is set is not the one that is found, or two steps from one state
+            differ: the simulator draws random numbers, or has a state beyond that.
     """
     if not isinstance(env, gym.Env):
         raise TypeError(f"a simulator is made of a Gymnasium environment, got {short_repr(env)}")
     if not callable(measurement):
-        raise TypeError(f"measurement must be a function of (states, known inputs), got {short_repr(measurement)}")
+        raise TypeError(
+            "measurement must be a function of (states, known inputs), got"
+            f" {short_repr(measurement)}"
+        )
     copy = made_again(env)
     copy.reset(seed=0)
     base: Any = copy.unwrapped
@@ -61,7 +66,8 @@ def simulator(
             get, put = _classic_state, _set_classic
         else:
             raise TypeError(
-                f"nobody knows how to set the state of {base.spec.id}: give get and put, or a model of your own"
+                f"nobody knows how to set the state of {base.spec.id}: give get and put, or a model"
+                " of your own"
             )
     if get is None or put is None:
         raise TypeError("give both get and put, or neither")
@@ -69,12 +75,19 @@ def simulator(
     x, u = _tried(copy, steps)
     if mujoco and get is _mujoco_state:
         rollout = _Rollout(base.model, base.frame_skip)
-        if np.allclose(rollout(x, u), steps(x, u), rtol=1e-6, atol=1e-8):  # actions are MuJoCo's controls as they are
+        if np.allclose(
+            rollout(x, u), steps(x, u), rtol=1e-6, atol=1e-8
+        ):  # actions are MuJoCo's controls as they are
             steps = rollout
     reads = np.shape(measurement(x, u))
     if len(reads) != 2 or reads[0] != _TRIES:
-        raise ValueError(f"measurement must broadcast: of {_TRIES} states it gives shape {reads}, not ({_TRIES}, p)")
-    return NonlinearModel(steps, measurement, square("Q", Q, x.shape[-1]), square("R", R, reads[1]), **angles)
+        raise ValueError(
+            f"measurement must broadcast: of {_TRIES} states it gives shape {reads}, not"
+            f" ({_TRIES}, p)"
+        )
+    return NonlinearModel(
+        steps, measurement, square("Q", Q, x.shape[-1]), square("R", R, reads[1]), **angles
+    )
 
 
 def square(name: str, value: np.ndarray | float, size: int) -> np.ndarray:
@@ -101,35 +114,48 @@ def _tried(env: gym.Env, steps: "_Simulator") -> tuple[np.ndarray, np.ndarray]:
         if x[-1].ndim != 1:
             shape = x[-1].shape
             raise TypeError(
-                f"get gives a state of shape {shape}, no row of numbers: give get and put, or a model of your own"
+                f"get gives a state of shape {shape}, no row of numbers: give get and put, or a"
+                " model of your own"
             )
         u.append(np.asarray(space.sample(), float).reshape(-1))
         steps.put(env, x[0])
         if not np.allclose(steps.get(env), x[0], rtol=1e-12, atol=1e-12):
-            raise ValueError("a state that put sets is not the one that get finds: they must be of the same numbers")
+            raise ValueError(
+                "a state that put sets is not the one that get finds: they must be of the same"
+                " numbers"
+            )
     states, actions = np.array(x), np.array(u)
     first, second = steps(states, actions), steps(states[::-1], actions[::-1])[::-1]
     if not np.allclose(first, second, rtol=1e-6, atol=1e-9):
         raise ValueError(
-            "two steps from one state end in different ones: the simulator draws random numbers, or get does not give "
-            "all of its state, so it is no model"
+            "two steps from one state end in different ones: the simulator draws random numbers, or"
+            " get does not give all of its state, so it is no model"
         )
     return states, actions
 
 
-def _points(x: np.ndarray, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[int, ...]]:
+def _points(
+    x: np.ndarray, u: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[int, ...]]:
     """States and actions of points as rows, a mask of the finite ones, and the shape of the states."""
     assert u is not None
     shape = np.broadcast_shapes(x.shape[:-1], u.shape[:-1])
     states = np.broadcast_to(x, shape + x.shape[-1:]).reshape(-1, x.shape[-1])
     actions = np.broadcast_to(u, shape + u.shape[-1:]).reshape(len(states), -1)
-    return states, actions, np.isfinite(states).all(1) & np.isfinite(actions).all(1), shape + x.shape[-1:]
+    return (
+        states,
+        actions,
+        np.isfinite(states).all(1) & np.isfinite(actions).all(1),
+        shape + x.shape[-1:],
+    )
 
 
 class _Simulator:
     """``f(x, u)``: a copy is set to each point and stepped."""
 
-    def __init__(self, env: gym.Env, get: Callable[[gym.Env], Any], put: Callable[[gym.Env, Any], None]) -> None:
+    def __init__(
+        self, env: gym.Env, get: Callable[[gym.Env], Any], put: Callable[[gym.Env, Any], None]
+    ) -> None:
         self.env, self.get, self.put = env, get, put
         self._float = isinstance(env.action_space, Box)
 
@@ -169,8 +195,12 @@ class _Rollout:
         n = states.shape[1]
         whole = np.zeros((len(states), self._size))  # time stands first
         whole[:, 1 : 1 + n] = np.nan_to_num(states)
-        controls = np.ascontiguousarray(np.repeat(np.nan_to_num(actions[:, None]), self._substeps, 1))
-        after, _ = self._rollout.rollout(self._model, self._data, whole, controls, nstep=self._substeps)
+        controls = np.ascontiguousarray(
+            np.repeat(np.nan_to_num(actions[:, None]), self._substeps, 1)
+        )
+        after, _ = self._rollout.rollout(
+            self._model, self._data, whole, controls, nstep=self._substeps
+        )
         return np.where(finite[:, None], after[:, -1, 1 : 1 + n], np.nan).reshape(shape)
 
 
@@ -199,7 +229,9 @@ def _set_classic(env: gym.Env, x: np.ndarray) -> None:
 def made_again(env: gym.Env) -> gym.Env:
     """Another environment of the same spec, which nobody looks at."""
     if env.spec is None:
-        raise TypeError(f"a copy is made of an environment's spec, and this one has no spec: {short_repr(env)}")
+        raise TypeError(
+            f"a copy is made of an environment's spec, and this one has no spec: {short_repr(env)}"
+        )
     spec: Any = deepcopy(env.spec)
     spec.kwargs.pop("render_mode", None)
     return gym.make(spec)
@@ -219,7 +251,9 @@ def sampled_prior(
         copy = made_again(env)
     except Exception as error:
         wanted = "give prior=, what is known of the state at the start"
-        raise ValueError(f"{wanted}: this environment cannot be made again ({short_repr(str(error))})") from error
+        raise ValueError(
+            f"{wanted}: this environment cannot be made again ({short_repr(str(error))})"
+        ) from error
     starts = []
     for seed in range(resets):
         seen, _ = copy.reset(seed=seed)

@@ -17,22 +17,27 @@ from vessel_gym.wrappers.watch import Watch, observed_state, time_step
 class EstimatedObservation(VectorWrapper):
     """Environments whose agents see what one batched filter believes: the single wrapper, for many.
 
-    Environment i, seeded with s, has the sensors' and the filter's numbers of the single one seeded with s + i: the
-    same seeds give the same flights. Native batches and Gymnasium's Sync and Async ones are wrapped alike.
+    Environment i, seeded with s, has the sensors' and the filter's numbers of the single one seeded
+    with s + i: the same seeds give the same flights. Native batches and Gymnasium's Sync and Async
+    ones are wrapped alike.
 
     Args:
         env: A vector environment that resets at the next step, or not by itself.
         model: As for the single one.
         prior: What is known of the state at the start, ``(n,)``.
-        state: The true states ``(B, n)``, a function of (env, observations); None: the observations. Environments are
-            rows, which nobody can check where B is n: Gymnasium's native CartPole, for one, keeps them in columns.
-        observation: The observations as a function of the states ``(B, n)``, a row each; None: the states.
-        **options: As for the single one: ``passes``, ``known_input`` (a function of the actions, ``(B, m)``),
-            ``estimator``, ``estimator_options``, ``sensors``, ``observe`` and ``sensor_faults``.
+        state: The true states ``(B, n)``, a function of (env, observations); None: the
+            observations. Environments are rows, which nobody can check where B is n: Gymnasium's
+            native CartPole, for one, keeps them in columns.
+        observation: The observations as a function of the states ``(B, n)``, a row each; None: the
+            states.
+        **options: As for the single one: ``passes``, ``known_input`` (a function of the actions,
+            ``(B, m)``), ``estimator``, ``estimator_options``, ``sensors``, ``observe`` and
+            ``sensor_faults``.
 
     Raises:
         TypeError: as the single one.
-        ValueError: likewise; or for an environment that resets in the same step, which hides how episodes end.
+        ValueError: likewise; or for an environment that resets in the same step, which hides how
+            episodes end.
     """
 
     def __init__(
@@ -48,8 +53,8 @@ class EstimatedObservation(VectorWrapper):
         mode = AutoresetMode(env.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP))
         if mode not in (AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED):
             raise ValueError(
-                "an environment that resets in the same step hides the state in which an episode ended: make it with "
-                "autoreset_mode=AutoresetMode.NEXT_STEP or DISABLED"
+                "an environment that resets in the same step hides the state in which an episode"
+                " ended: make it with autoreset_mode=AutoresetMode.NEXT_STEP or DISABLED"
             )
         self._restarts = mode is AutoresetMode.NEXT_STEP
         checks.function("state", state, "(env, observations)")
@@ -75,7 +80,10 @@ class EstimatedObservation(VectorWrapper):
         else:
             seeds = list(seed)
         if len(seeds) != self.num_envs:
-            raise ValueError(f"seed must be one number, or one for each of {self.num_envs}, got {short_repr(seed)}")
+            raise ValueError(
+                f"seed must be one number, or one for each of {self.num_envs}, got"
+                f" {short_repr(seed)}"
+            )
         seen, info = self.env.reset(seed=seed, options=options)  # type: ignore[arg-type]
         self.watch.seed(mask, seeds)
         self.watch.begin(mask, self._truth(seen))

@@ -11,7 +11,16 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Space
 
-from estimators import Filter, Gaussian, LinearModel, Model, NonlinearModel, RandomKeys, factory, wrap
+from estimators import (
+    Filter,
+    Gaussian,
+    LinearModel,
+    Model,
+    NonlinearModel,
+    RandomKeys,
+    factory,
+    wrap,
+)
 from estimators.checks import numbers, short_repr
 from estimators.models import inspected
 from estimators.randomness import word
@@ -37,7 +46,8 @@ class Watch:
         action_space: Action space of one.
         rows: B.
         dt: Time step [s] of the environment, see `time_step`.
-        model, prior, ...: As of `vessel_gym.wrappers.EstimatedObservation`; functions are of B rows.
+        model, prior, ...: As of `vessel_gym.wrappers.EstimatedObservation`; functions are of B
+            rows.
     """
 
     def __init__(
@@ -48,11 +58,16 @@ class Watch:
         observe: str = "mean", sensor_faults: Sequence[SensorFault] = (),
     ) -> None:  # fmt: skip
         if not isinstance(model, LinearModel | NonlinearModel):
-            raise TypeError(f"model must be a LinearModel or a NonlinearModel, got {short_repr(model)}")
+            raise TypeError(
+                f"model must be a LinearModel or a NonlinearModel, got {short_repr(model)}"
+            )
         if not isinstance(prior, Gaussian):
             raise TypeError(f"prior must be a Gaussian(mean, cov), got {short_repr(prior)}")
         if prior.mean.shape != (model.n,):
-            raise ValueError(f"the prior is for shape {prior.mean.shape}, the model has {model.n} states: ({model.n},)")
+            raise ValueError(
+                f"the prior is for shape {prior.mean.shape}, the model has {model.n} states:"
+                f" ({model.n},)"
+            )
         checks.function("observation", observation, "the state")
         checks.function("known_input", known_input, "the action")
         self.observe_mode = checks.one_of("observe mode", observe, OBSERVE)
@@ -67,18 +82,25 @@ class Watch:
             repeated(f"{name} of the model", getattr(model, name), prior.mean, u)
         self.model, self._suite = model, isinstance(sensors, str)
         self.sensors = _sensors(model, sensors, np.array(prior.mean), u, sensor_faults, dt)
-        model = replace(cast(Any, model), R=self.sensors.noise(partial(_expected, self.sensors), prior.mean, u))
+        model = replace(
+            cast(Any, model), R=self.sensors.noise(partial(_expected, self.sensors), prior.mean, u)
+        )
         options = checks.options("estimator_options", estimator_options)
         late = checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
         self.filter = _filter(model, estimator, options)
-        self.estimator = estimator if isinstance(estimator, str) else getattr(estimator, "__name__", "own")
-        self._estimation = Estimation(self.filter, cast(Any, None), 1.0, (), late, self.sensors.horizon)
+        self.estimator = (
+            estimator if isinstance(estimator, str) else getattr(estimator, "__name__", "own")
+        )
+        self._estimation = Estimation(
+            self.filter, cast(Any, None), 1.0, (), late, self.sensors.horizon
+        )
         self.loop = Loop(self, rows, "_estimation")
         self.steps = np.zeros(rows, int)
         self._still = np.zeros((rows, u.shape[-1]))
         self._keys = np.zeros((rows, 2), np.uint64)
         self._parts = np.array(
-            [word(name) for name in (*(sensor.name for sensor in self.sensors.each), "filter")], np.uint64
+            [word(name) for name in (*(sensor.name for sensor in self.sensors.each), "filter")],
+            np.uint64,
         )
         self._seeded = np.zeros(rows, bool)
         self.episodes = np.zeros(rows, int)
@@ -87,7 +109,7 @@ class Watch:
         if observation is not None and rows > 1:
             self._check_rows(observation)
 
-    # --- one step -----------------------------------------------------------------------------------
+    # --- one step ---------------------------------------------------------------------------------
 
     def seed(self, rows: np.ndarray, seeds: Sequence[int | None]) -> None:
         """Begin again to count episodes in the rows of a mask ``(B,)``, with a seed each of ``(B,)``.
@@ -135,7 +157,12 @@ class Watch:
     def _measured(self, u: np.ndarray, rows: np.ndarray | None) -> Measurements:
         """Measurements delivered to rows (None: all) in their present states, by known inputs ``(B, m)`` of all."""
         chosen: Any = slice(None) if rows is None else rows
-        x, u, steps, keys = self.truth[chosen], u[chosen], self.steps[chosen], self.loop.sensing[chosen]
+        x, u, steps, keys = (
+            self.truth[chosen],
+            u[chosen],
+            self.steps[chosen],
+            self.loop.sensing[chosen],
+        )
         if self._suite:
             measurement = self.model.measurement
             exact = (inspected(measurement, x, u) or Copying(measurement))(x, u)
@@ -149,7 +176,9 @@ class Watch:
         count = len(measurements[0])
         prior = self.prior.about(np.broadcast_to(self.prior.mean, (count, self.n)))
         measurements = self._for_filter(measurements, self.truth[rows])
-        self.loop.begin(None if count == self.rows else rows, prior, measurements, self._still[:count])
+        self.loop.begin(
+            None if count == self.rows else rows, prior, measurements, self._still[:count]
+        )
 
     def observe(self, seen: Any) -> Any:
         """Observations ``(B, ...)`` where the environment itself shows ``seen``."""
@@ -162,13 +191,17 @@ class Watch:
         value = mean if self._observation is None else self._observation(mean)
         beside: dict[str, np.ndarray] = {}
         if "std" in self.observe_mode:
-            beside["std"] = np.sqrt(np.maximum(belief.cov.diagonal(0, -2, -1), 0.0)).astype(np.float32)
+            beside["std"] = np.sqrt(np.maximum(belief.cov.diagonal(0, -2, -1), 0.0)).astype(
+                np.float32
+            )
         if isinstance(self.own, Dict):
             return self._filled(value, seen) | beside
         fitted = self._fitted(value, self.own, seen, self._passes)
         if not beside:
             return fitted
-        return np.concatenate([fitted.reshape(self.rows, -1), *beside.values()], -1).astype(np.float32)
+        return np.concatenate([fitted.reshape(self.rows, -1), *beside.values()], -1).astype(
+            np.float32
+        )
 
     def info(self) -> dict[str, np.ndarray]:
         """Copies of what happened, one row an environment."""
@@ -177,17 +210,23 @@ class Watch:
             "truth": self.truth, "estimate": belief.mean, "covariance": belief.cov, "measurement": y,
             "available": available, "healthy": belief.healthy,
         }  # fmt: skip
-        return {name: values.copy() for name, values in (happened | self.loop.extra_info(self.steps)).items()}
+        return {
+            name: values.copy()
+            for name, values in (happened | self.loop.extra_info(self.steps)).items()
+        }
 
     def known(self, action: Any) -> np.ndarray:
         """Known input of filters for an action."""
         u, (rows, m) = self._numbers(action), self._still.shape
         if u.shape != (rows, m) and not (rows == 1 and np.atleast_1d(u).shape == (m,)):
-            wanted = f"{m} numbers" if rows == 1 else f"an array {rows, m}, a row for each environment"
+            wanted = (
+                f"{m} numbers" if rows == 1 else f"an array {rows, m}, a row for each environment"
+            )
             raise ValueError(f"known_input must give {wanted}, got shape {u.shape}")
         if not np.isfinite(u).all():
             raise ValueError(
-                f"known_input gave what is not finite, {short_repr(u.tolist())}: was the action {short_repr(action)}?"
+                f"known_input gave what is not finite, {short_repr(u.tolist())}: was the action"
+                f" {short_repr(action)}?"
             )
         return u.reshape(rows, m)
 
@@ -195,7 +234,9 @@ class Watch:
         known = self._known(copied(action))
         u = numbers(known)
         if u is None:
-            raise ValueError(f"known_input must give numbers, got {short_repr(known)} for {short_repr(action)}")
+            raise ValueError(
+                f"known_input must give numbers, got {short_repr(known)} for {short_repr(action)}"
+            )
         return u
 
     def _read(self, seen: Any) -> Any:
@@ -206,7 +247,7 @@ class Watch:
         whole = np.asarray(seen, np.float32).reshape(self.rows, -1)
         return np.concatenate([measurements, whole[:, list(self._passes)]], -1)
 
-    # --- inside -------------------------------------------------------------------------------------
+    # --- inside -----------------------------------------------------------------------------------
 
     def _check_rows(self, observation: Callable[[np.ndarray], Any]) -> None:
         """Refuse a function of states that puts rows last: where B is the size of an observation, its shape tells not.
@@ -218,10 +259,12 @@ class Watch:
         others = states.copy()
         others[0] += np.sqrt(np.diagonal(self.prior.cov)) + 1e-3
         for one, other in zip(*(_parts(observation(x)) for x in (states, others)), strict=True):
-            if one.shape[:1] == (self.rows,) and not np.array_equal(one[1:], other[1:], equal_nan=True):
+            if one.shape[:1] == (self.rows,) and not np.array_equal(
+                one[1:], other[1:], equal_nan=True
+            ):
                 raise ValueError(
-                    "observation must give a row for each environment, and mixes them: give x[..., 0] and the like, "
-                    "joined by np.stack(..., -1)"
+                    "observation must give a row for each environment, and mixes them: give x[...,"
+                    " 0] and the like, joined by np.stack(..., -1)"
                 )
 
     def _for_filter(self, measurements: Measurements, state: np.ndarray) -> Measurements:
@@ -231,12 +274,17 @@ class Watch:
     def _checked(self, state: Any) -> np.ndarray:
         array = numbers(state)
         if array is None or array.shape != (self.rows, self.n):
-            got = short_repr(state) if array is None else f"shape {array.shape[1:] if self.rows == 1 else array.shape}"
+            got = (
+                short_repr(state)
+                if array is None
+                else f"shape {array.shape[1:] if self.rows == 1 else array.shape}"
+            )
             wanted = (self.n,) if self.rows == 1 else (self.rows, self.n)
             raise ValueError(f"state must give the model's states, {wanted} numbers, got {got}")
         if not np.isfinite(array).all():
             raise ValueError(
-                f"state gave what is not finite: {short_repr(array[~np.isfinite(array).all(-1)][0].tolist())}"
+                "state gave what is not finite:"
+                f" {short_repr(array[~np.isfinite(array).all(-1)][0].tolist())}"
             )
         return np.array(array, order="C")
 
@@ -250,14 +298,25 @@ class Watch:
         if not further:
             return self.own
         if isinstance(self.own, Dict):
-            kept = {key: own for key, own in self.own.spaces.items() if not measuring or key in self._passes}
+            kept = {
+                key: own
+                for key, own in self.own.spaces.items()
+                if not measuring or key in self._passes
+            }
             for key in further:
                 if key in kept:
-                    raise ValueError(f"the environment's observations have a key {key} of their own: observe='mean'")
+                    raise ValueError(
+                        f"the environment's observations have a key {key} of their own:"
+                        " observe='mean'"
+                    )
             return Dict({**kept, **further})
         bounds = cast(Box, self.own).low.ravel(), cast(Box, self.own).high.ravel()
         others = [(box.low, box.high) for box in further.values()]
-        parts = [*others, [each[list(self._passes)] for each in bounds]] if measuring else [bounds, *others]
+        parts = (
+            [*others, [each[list(self._passes)] for each in bounds]]
+            if measuring
+            else [bounds, *others]
+        )
         low, high = (np.concatenate(each).astype(np.float32) for each in zip(*parts, strict=True))
         return Box(low, high, dtype=np.float32)
 
@@ -268,26 +327,41 @@ class Watch:
         if {*given, *self._passes} != {*own}:
             missing = sorted({*own} - {*given, *self._passes}) or sorted({*given} - {*own})
             raise ValueError(
-                f"observation must give a dictionary of all that does not pass, {', '.join(missing)} too: give it, or "
-                "name it in passes"
+                "observation must give a dictionary of all that does not pass,"
+                f" {', '.join(missing)} too: give it, or name it in passes"
             )
-        return {key: seen[key] if key in self._passes else self._fitted(given[key], own[key]) for key in own}
+        return {
+            key: seen[key] if key in self._passes else self._fitted(given[key], own[key])
+            for key in own
+        }
 
-    def _fitted(self, value: Any, own: Space, seen: Any = None, passes: Sequence[int] = ()) -> np.ndarray:
+    def _fitted(
+        self, value: Any, own: Space, seen: Any = None, passes: Sequence[int] = ()
+    ) -> np.ndarray:
         """An observation as the space has it: of what the function gives, but for the components that pass.
 
-        An estimate is kept within bounds, which the truth may be beyond; it is whole where the space has whole numbers.
+        An estimate is kept within bounds, which the truth may be beyond; it is whole where the
+        space has whole numbers.
         """
         if not isinstance(own, Box):
-            raise ValueError(f"an estimate is of numbers, not of {short_repr(own)}: name it in passes")
+            raise ValueError(
+                f"an estimate is of numbers, not of {short_repr(own)}: name it in passes"
+            )
         size, array = int(np.prod(own.shape)), numbers(value)
         rest: Any = np.setdiff1d(np.arange(size), passes) if passes else slice(None)
         shape = rest.shape if passes else own.shape
-        if array is None or array.shape not in ((self.rows, *shape), (self.rows, int(np.prod(shape)))):
-            got = short_repr(value) if array is None else f"shape {array.shape[1:] if self.rows == 1 else array.shape}"
+        if array is None or array.shape not in (
+            (self.rows, *shape),
+            (self.rows, int(np.prod(shape))),
+        ):
+            got = (
+                short_repr(value)
+                if array is None
+                else f"shape {array.shape[1:] if self.rows == 1 else array.shape}"
+            )
             raise ValueError(
-                f"the observation space wants {shape} numbers, the estimate gives {got}: give observation=, a function "
-                "of the state, or name in passes what it does not give"
+                f"the observation space wants {shape} numbers, the estimate gives {got}: give"
+                " observation=, a function of the state, or name in passes what it does not give"
             )
         array = array.reshape(self.rows, -1)
         if np.isnan(array).any():
@@ -333,7 +407,8 @@ def plain_action(space: Space) -> Callable[[Any], Any]:
     if isinstance(space, MultiDiscrete | MultiBinary):
         return partial(np.asarray, dtype=float)
     raise TypeError(
-        f"give known_input=, a function of the action: no numbers follow by themselves from {short_repr(space)}"
+        "give known_input=, a function of the action: no numbers follow by themselves from"
+        f" {short_repr(space)}"
     )
 
 
@@ -350,17 +425,28 @@ def _checked_passes(space: Space, passes: Sequence[Any], observe: str) -> tuple[
     if isinstance(space, Dict):
         for key in chosen:
             if key not in space.spaces:
-                raise ValueError(factory.unknown("key of the observation in passes", key, list(space.spaces)))
+                raise ValueError(
+                    factory.unknown("key of the observation in passes", key, list(space.spaces))
+                )
         return chosen
-    if not isinstance(space, Box) or len(space.shape) > 2 or (space.dtype == np.uint8 and len(space.shape) > 1):
+    if (
+        not isinstance(space, Box)
+        or len(space.shape) > 2
+        or (space.dtype == np.uint8 and len(space.shape) > 1)
+    ):
         what = "images" if isinstance(space, Box) else short_repr(space)
         raise TypeError(
-            f"the environment shows {what}, and an estimate is of numbers: wrap it in one whose observations are a Box "
-            "of states or a Dict of such"
+            f"the environment shows {what}, and an estimate is of numbers: wrap it in one whose"
+            " observations are a Box of states or a Dict of such"
         )
     size = int(np.prod(space.shape))
-    if any(isinstance(i, bool) or not isinstance(i, int | np.integer) or not 0 <= i < size for i in chosen):
-        raise ValueError(f"passes must be indices of components below {size}, got {short_repr(passes)}")
+    if any(
+        isinstance(i, bool) or not isinstance(i, int | np.integer) or not 0 <= i < size
+        for i in chosen
+    ):
+        raise ValueError(
+            f"passes must be indices of components below {size}, got {short_repr(passes)}"
+        )
     return chosen
 
 
@@ -377,14 +463,21 @@ def _sensors(
         suite = SUITES[checks.one_of("sensor suite", sensors, SUITES)]
         R: Any = model.R
         if callable(R) or R.ndim > 2 or np.any(np.diag(np.diagonal(R)) != R):
-            raise ValueError("sensors read with independent noise: give the model a diagonal R, or sensors of your own")
+            raise ValueError(
+                "sensors read with independent noise: give the model a diagonal R, or sensors of"
+                " your own"
+            )
         sd, reads = np.sqrt(np.diagonal(R)), np.shape(model.measurement(x, u))
         if reads != sd.shape:
             raise ValueError(
-                f"the model's R is for {len(sd)} measurements, its measurement gives shape {reads} of a state"
+                f"the model's R is for {len(sd)} measurements, its measurement gives shape {reads}"
+                " of a state"
             )
         sensors = suite.of(
-            [Sensor(f"y{i}", (f"y{i}",), partial(_channel, model, i), (float(one),)) for i, one in enumerate(sd)]
+            [
+                Sensor(f"y{i}", (f"y{i}",), partial(_channel, model, i), (float(one),))
+                for i, one in enumerate(sd)
+            ]
         )
     made = Sensors(sensors, states, tuple(f"u{i}" for i in range(len(u))), dt, faults)
     if made.bias.size:

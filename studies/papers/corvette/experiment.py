@@ -19,7 +19,11 @@ PRIOR, RECORD = TRIAL.prior_variance, TRIAL.record[:SAMPLES, 2]
 """Variance of each state that the filter starts from; heading of our ship in the trial ``(195,)`` [rad]."""
 RUDDER = np.deg2rad(35.0)
 """Constant rudder angle u [rad] of the thesis, Section 4.3.1."""
-C, G, H = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]), np.array([[0.0], [0.0], [1.0]]), np.ones((2, 1))
+C, G, H = (
+    np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]),
+    np.array([[0.0], [0.0], [1.0]]),
+    np.ones((2, 1)),
+)
 """Matrices of the measurement and of d, eqs. 4.4 and 4.5."""
 
 
@@ -29,13 +33,17 @@ def jobs(settings: Mapping[str, Any]) -> dict[str, Job]:
     trial = {key: settings[key] for key in ("seed", "runs")}
     for simulation, model in product(SIMULATIONS, MODELS):
         arguments = {"simulation": simulation, "model": model, **trial}
-        found[f"{simulation}, {model}"] = Job(f"{here}:simulate", arguments, f"corvette, model {model}")
+        found[f"{simulation}, {model}"] = Job(
+            f"{here}:simulate", arguments, f"corvette, model {model}"
+        )
     for simulation in ("I", "V"):
-        found[f"driven, {simulation}"] = Job(f"{here}:driven", {"simulation": simulation, **trial}, "corvette, driven")
+        found[f"driven, {simulation}"] = Job(
+            f"{here}:driven", {"simulation": simulation, **trial}, "corvette, driven"
+        )
     return found
 
 
-# --- the experiment ---------------------------------------------------------------------------------
+# --- the experiment -------------------------------------------------------------------------------
 
 
 def simulate(simulation: str, model: str, runs: int, seed: int) -> dict[str, Any]:
@@ -45,7 +53,10 @@ def simulate(simulation: str, model: str, runs: int, seed: int) -> dict[str, Any
         ``rmse (2, runs)`` of updated heading and unknown input.
     """
     env = gym.make_vec(
-        "ThesisCorvette-v0", runs, vectorization_mode="vector_entry_point", estimator_options={"model": model}
+        "ThesisCorvette-v0",
+        runs,
+        vectorization_mode="vector_entry_point",
+        estimator_options={"model": model},
     )
     action = np.full((runs, 1), TRIAL.helm / TRIAL.ship.rudder_limit)
     infos = [env.reset(seed=seed, options={"simulation": simulation})[1]]
@@ -64,7 +75,9 @@ def driven(simulation: str, runs: int, seed: int) -> dict[str, Any]:
     heading = np.tile(RECORD + np.concatenate([[0.0], np.cumsum(d)[:-1]]), (runs, 1))
     noise = NOISE * np.random.default_rng(seed).standard_normal((runs, SAMPLES, 2))
     filter = recursion(s, "cited", "update", PRIOR)
-    errors = respond(filter, "update", heading, measurements(heading, d, noise), np.zeros(3), RUDDER)[:2]
+    errors = respond(
+        filter, "update", heading, measurements(heading, d, noise), np.zeros(3), RUDDER
+    )[:2]
     return {"rmse": rms(errors - np.stack([0.0 * d, d])[:, None])}
 
 
@@ -78,7 +91,7 @@ def rms(errors: np.ndarray) -> np.ndarray:
     return np.sqrt(np.mean(errors**2, -1))
 
 
-# --- one combination of choices ----------------------------------------------------------------------
+# --- one combination of choices -------------------------------------------------------------------
 
 
 class Recursion(NamedTuple):
@@ -109,7 +122,12 @@ def recursion(simulation: Simulation, kind: str, first: str, prior: float) -> Re
 
 
 def respond(
-    filter: Recursion, first: str, heading: np.ndarray, y: np.ndarray, start: np.ndarray, u: float = 0.0
+    filter: Recursion,
+    first: str,
+    heading: np.ndarray,
+    y: np.ndarray,
+    start: np.ndarray,
+    u: float = 0.0,
 ) -> np.ndarray:
     """Updated heading less ``heading (b, T)``, d, and predicted heading less heading, ``(3, b, T)``, for y and start.
 
@@ -147,8 +165,15 @@ def level(noise: str, R: float) -> tuple[str, float]:
 def explain(choices: Mapping[str, Any], runs: int, seed: int) -> dict[str, np.ndarray]:
     """RMSE ``(2, runs)`` of heading and d in each simulation under one combination of choices."""
     rng = np.random.default_rng(seed)
-    drawn = {"normal": rng.standard_normal((runs, SAMPLES, 2)), "uniform": rng.random((runs, SAMPLES, 2))}
-    sd = np.sqrt(choices["prior"]) if choices["start_sd"] == "root of the prior" else float(choices["start_sd"])
+    drawn = {
+        "normal": rng.standard_normal((runs, SAMPLES, 2)),
+        "uniform": rng.random((runs, SAMPLES, 2)),
+    }
+    sd = (
+        np.sqrt(choices["prior"])
+        if choices["start_sd"] == "root of the prior"
+        else float(choices["start_sd"])
+    )
     start = sd * rng.standard_normal((runs, 3))
     heading = record(choices["record"], choices["resolution"])
     scored = 0 if choices["scored"] == "updated" else 2
@@ -160,6 +185,8 @@ def explain(choices: Mapping[str, Any], runs: int, seed: int) -> dict[str, np.nd
         kind, scale = level(choices["noise"], s.R)
         noise = scale * (drawn[kind][..., [0, 0]] if choices["same_noise"] else drawn[kind])
         filter = recursion(s, choices["recursion"], choices["first"], choices["prior"])
-        errors = respond(filter, choices["first"], heading, measurements(heading, d, noise), start, RUDDER)
+        errors = respond(
+            filter, choices["first"], heading, measurements(heading, d, noise), start, RUDDER
+        )
         found[name] = np.stack([rms(errors[scored][:, skipped:]), rms(errors[1] - d)])
     return found

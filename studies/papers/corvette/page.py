@@ -18,7 +18,12 @@ _TELLING = 0.05
 """Share of an error by which it must change for a claim to count it."""
 _STEPS = (
     ("A larger Q alone changes nothing significant", "sec. 4.5, II", "I", "II"),
-    ("A larger R alone raises the error, if not significantly", "secs. 4.5, III, and 5.1", "I", "III"),
+    (
+        "A larger R alone raises the error, if not significantly",
+        "secs. 4.5, III, and 5.1",
+        "I",
+        "III",
+    ),
     ("A larger Q and R raise the error", "secs. 4.5, IV, and 5.1", "I", "IV"),
     ("A larger d raises the error", "secs. 4.5, V, and 5.1", "I", "V"),
 )
@@ -36,9 +41,15 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
     before = _comparisons(printed, {s: rmse[s, MODELS[0]] for s in SIMULATIONS}, circular=True)
     after = _comparisons(printed, believed)
     columns = {"before the search": before, "believed": after}
-    tables = {"published": comparison_table(columns), "choices": _choices(open_), "models": _models(rmse)}
+    tables = {
+        "published": comparison_table(columns),
+        "choices": _choices(open_),
+        "models": _models(rmse),
+    }
     least = sum(float(p["means"][1]) < np.sqrt(SIMULATIONS[s].R / 2.0) for s, p in printed.items())
-    way = f"{settings['paper']}, believed ({EXPLORATORY}, of {settings['search']['combinations']:,})"
+    way = (
+        f"{settings['paper']}, believed ({EXPLORATORY}, of {settings['search']['combinations']:,})"
+    )
     counted = row(way, "simulations I to V", after)
     page, opening = fill(
         Path(__file__).parent, tables, settings=settings, noise=f"{NOISE:g}",
@@ -67,7 +78,11 @@ def _comparisons(
 
 def _factor(printed: Mapping[str, Any], ours: Mapping[str, np.ndarray]) -> float:
     """Exp of the mean absolute log ratio over all ten means."""
-    logs = [np.log(ours[s][i].mean() / float(printed[s]["means"][i])) for s in SIMULATIONS for i in range(2)]
+    logs = [
+        np.log(ours[s][i].mean() / float(printed[s]["means"][i]))
+        for s in SIMULATIONS
+        for i in range(2)
+    ]
     return float(np.exp(np.abs(logs).mean()))
 
 
@@ -76,7 +91,7 @@ def _left(R: float, prior: float) -> float:
     return 100.0 * R / (prior + 2.0 * R)
 
 
-# --- claims -----------------------------------------------------------------------------------------
+# --- claims ---------------------------------------------------------------------------------------
 
 
 def _claim(
@@ -85,10 +100,19 @@ def _claim(
     """Verdict on a rise of the errors of heading and d, paired over the runs."""
     pairs = [(rmse[before, MODELS[0]][i], rmse[after, MODELS[0]][i]) for i in range(2)]
     rises = [paired_difference(second, first) for first, second in pairs]
-    shares = [0.0 if i is None else i.mean / first.mean() for i, (first, _) in zip(rises, pairs, strict=True)]
+    shares = [
+        0.0 if i is None else i.mean / first.mean()
+        for i, (first, _) in zip(rises, pairs, strict=True)
+    ]
     signs = {int(np.sign(share)) if abs(share) > _TELLING else 0 for share in shares}
-    verdicts = {frozenset({1}): "raises both", frozenset({-1}): "lowers both", frozenset({0}): "changes neither by 5 %"}
-    changes = ", ".join(f"{q} × {b.mean() / a.mean():#.3g}" for q, (a, b) in zip(QUANTITIES, pairs, strict=True))
+    verdicts = {
+        frozenset({1}): "raises both",
+        frozenset({-1}): "lowers both",
+        frozenset({0}): "changes neither by 5 %",
+    }
+    changes = ", ".join(
+        f"{q} × {b.mean() / a.mean():#.3g}" for q, (a, b) in zip(QUANTITIES, pairs, strict=True)
+    )
     evidence = "; ".join(f"{q} {_mrad(rise)}" for q, rise in zip(QUANTITIES, rises, strict=True))
     true = {1} if "raise" in text else {0}
     outcome = verdicts.get(frozenset(signs), "differs between heading and d")
@@ -100,7 +124,9 @@ def _claim(
 
 def _mrad(interval: Interval | None) -> str:
     """A difference in words, rounding errors being none."""
-    scaled = interval and Interval(*(round(1e3 * x, 6) + 0.0 for x in (interval.mean, interval.low, interval.high)))
+    scaled = interval and Interval(
+        *(round(1e3 * x, 6) + 0.0 for x in (interval.mean, interval.low, interval.high))
+    )
     return f"{words(scaled, 3, signed=True)} mrad"
 
 
@@ -137,7 +163,10 @@ def _ratio_law(rmse: Mapping[tuple[str, str], np.ndarray]) -> list[str]:
 def _choices(open_: Mapping[str, Any]) -> Table:
     head = [("before the search", ""), ("believed", ""), ("where", "")]
     lines = [
-        (name.replace("_", " "), [Entry(str(c["first"])), Entry(str(c["believed"])), Entry(c["where"])])
+        (
+            name.replace("_", " "),
+            [Entry(str(c["first"])), Entry(str(c["believed"])), Entry(c["where"])],
+        )
         for name, c in open_.items()
     ]
     return Table("", "", "choice", head, [("", lines)], "choices")
@@ -146,7 +175,8 @@ def _choices(open_: Mapping[str, Any]) -> Table:
 def _models(rmse: Mapping[tuple[str, str], np.ndarray]) -> Table:
     """Both filter models as they were set up before the search."""
     lines = [
-        (s, [entry(mean_interval(rmse[s, model][i]), 5) for model in MODELS for i in range(2)]) for s in SIMULATIONS
+        (s, [entry(mean_interval(rmse[s, model][i]), 5) for model in MODELS for i in range(2)])
+        for s in SIMULATIONS
     ]
     head = [(f"{quantity}, {model}", "rad") for model in MODELS for quantity in QUANTITIES]
     return Table("", "", "simulation", head, [("", lines)], "models")

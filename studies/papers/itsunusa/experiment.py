@@ -8,7 +8,15 @@ import numpy as np
 
 from agents.controllers.dive import DiveAutopilot
 from agents.jobs import Job
-from estimators import EnsembleBelief, EnsembleTransformFilter, Filter, Measurement, Model, Rng, make
+from estimators import (
+    EnsembleBelief,
+    EnsembleTransformFilter,
+    Filter,
+    Measurement,
+    Model,
+    Rng,
+    make,
+)
 from estimators.analysis import covariance
 from estimators.linalg import cholesky
 from studies.papers.dive import Experiment, channel_sd, own_step, rms
@@ -26,7 +34,9 @@ _STILL = np.zeros(1)  # the current
 VEHICLE = Itsunusa()
 _step = own_step(VEHICLE)
 MEASUREMENT_SD = channel_sd(VEHICLE.sensors, ("u over ground", "w over ground", "q", "theta"))
-PROCESS_SD = np.append(ITSUNUSA_AUV.disturbances["moderate"].white.diagonal(), 0.0)  # on u, w, q and pitch
+PROCESS_SD = np.append(
+    ITSUNUSA_AUV.disturbances["moderate"].white.diagonal(), 0.0
+)  # on u, w, q and pitch
 PRIOR_SD = ITSUNUSA_AUV.task.prior(np.zeros((1, 3))).cov.diagonal()[[0, 1, 2, 5]] ** 0.5
 
 
@@ -70,7 +80,9 @@ def estimate(
     experiment = dive(trial, measured, process, measurement)
     dives = experiment.run(runs, np.random.default_rng([seed, 0]))
     filter_ = _filter(experiment, form, members)
-    means = experiment.estimates(filter_, dives.measurements, np.random.default_rng([seed, members]))
+    means = experiment.estimates(
+        filter_, dives.measurements, np.random.default_rng([seed, members])
+    )
     found = np.concatenate([means[..., :3], depths(experiment, means)[..., None]], -1)
     return {"rmse": rms((found - dives.truth[..., _SCORED])[1:])}
 
@@ -78,8 +90,9 @@ def estimate(
 class PublishedSquareRootFilter(EnsembleTransformFilter):
     """EnKF-SR as published, with anomalies ``A V sqrt(I - s's)`` where `enkf-sr` has ``A V sqrt(I - s's) V'``.
 
-    ``L^-1 Y / sqrt(N - 1) = U s V'`` with ``S = L L'``. The second moments are the same, but the mean of the members
-    moves at random, by about a quarter of the spread at N = 10 (Sakov & Oke 2008b; Livings, Dance & Nichols 2008).
+    ``L^-1 Y / sqrt(N - 1) = U s V'`` with ``S = L L'``. The second moments are the same, but the
+    mean of the members moves at random, by about a quarter of the spread at N = 10 (Sakov & Oke
+    2008b; Livings, Dance & Nichols 2008).
 
     Source: Evensen (2004), Sampling strategies and square root analysis schemes for the EnKF.
     """
@@ -92,7 +105,11 @@ class PublishedSquareRootFilter(EnsembleTransformFilter):
         symmetric = super()._update(belief, measurement, rng)
         before, _, Y, _, available, _ = self._moments(belief, measurement)
         S: Any = symmetric.innovation_cov
-        X = np.linalg.inv(cholesky(S)) @ np.where(available[..., None], Y, 0.0) / np.sqrt(self.members - 1)
+        X = (
+            np.linalg.inv(cholesky(S))
+            @ np.where(available[..., None], Y, 0.0)
+            / np.sqrt(self.members - 1)
+        )
         X[~np.isfinite(X).all((-2, -1))] = 0.0  # rows without a finite mean are lost anyway
         _, s, Vt = np.linalg.svd(X)
         scale = np.ones((*X.shape[:-2], self.members))
@@ -100,7 +117,9 @@ class PublishedSquareRootFilter(EnsembleTransformFilter):
         anomalies = scale[..., None] * (Vt @ (before - belief.mean[..., None]).mT)  # (..., N, n)
         members = np.ascontiguousarray(symmetric.mean[..., None] + anomalies.mT)
         mean = members.mean(-1)
-        return EnsembleBelief.updated(belief, mean, covariance(members, mean), measurement, S, ensemble=members.mT)
+        return EnsembleBelief.updated(
+            belief, mean, covariance(members, mean), measurement, S, ensemble=members.mT
+        )
 
 
 def _filter(experiment: Experiment, form: str, members: int) -> Filter:
@@ -111,7 +130,9 @@ def _filter(experiment: Experiment, form: str, members: int) -> Filter:
     return make("enkf-sr", experiment.model, members=members, draws="independent")
 
 
-def dive(trial: Mapping[str, float], measured: int = 3, process: float = 1.0, measurement: float = 1.0) -> Experiment:
+def dive(
+    trial: Mapping[str, float], measured: int = 3, process: float = 1.0, measurement: float = 1.0
+) -> Experiment:
     """The dive from rest under the recorded controls, and the filter's assumptions; see `estimate`."""
     return Experiment(
         advance=_step,
@@ -127,7 +148,9 @@ def dive(trial: Mapping[str, float], measured: int = 3, process: float = 1.0, me
 
 def depths(experiment: Experiment, estimates: np.ndarray) -> np.ndarray:
     """Depth [m] ``(T + 1, B)`` by the vehicle's kinematics from estimates ``(T + 1, B, 4)``."""
-    sunk = experiment.advance(experiment.state(estimates[:-1]), experiment.controls[:, None])[..., _DEPTH]
+    sunk = experiment.advance(experiment.state(estimates[:-1]), experiment.controls[:, None])[
+        ..., _DEPTH
+    ]
     depth = np.zeros(estimates.shape[:-1])
     np.cumsum(sunk, 0, out=depth[1:])
     return depth

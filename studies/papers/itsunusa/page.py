@@ -17,7 +17,16 @@ from studies.papers.itsunusa.experiment import (
     VEHICLE,
     recorded_controls,
 )
-from studies.papers.measures import EXPLORATORY, Comparison, Report, comparison_table, falls, percent, rows, trend
+from studies.papers.measures import (
+    EXPLORATORY,
+    Comparison,
+    Report,
+    comparison_table,
+    falls,
+    percent,
+    rows,
+    trend,
+)
 from studies.papers.template import fill
 
 _FORMS = {
@@ -38,8 +47,13 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
     plain, pitched, _ = errors
     columns = {form: _comparisons(settings, errors[form]) for form in (plain, pitched)}
     tables = {"published": comparison_table(columns), "forms": _forms(errors)}
-    stacked = {form: np.stack([each[size] for size in members], -1) for form, each in errors.items()}
-    motions = {form: trend(members, np.exp(np.log(values[:, :3]).mean(1))) for form, values in stacked.items()}
+    stacked = {
+        form: np.stack([each[size] for size in members], -1) for form, each in errors.items()
+    }
+    motions = {
+        form: trend(members, np.exp(np.log(values[:, :3]).mean(1)))
+        for form, values in stacked.items()
+    }
     lower = {
         name: 100.0 * (1.0 - float(printed[str(most)][i]) / float(printed[str(fewest)][i]))
         for i, name in enumerate(QUANTITIES)
@@ -48,7 +62,9 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
     depth = {form: mean_interval(errors[form][most][:, 3]) for form in (plain, pitched)}
     position = depth[plain]
     assert position is not None
-    share = Interval(*(100.0 * end / trial["depth"] for end in (position.mean, position.low, position.high)))
+    share = Interval(
+        *(100.0 * end / trial["depth"] for end in (position.mean, position.low, position.high))
+    )
     page, opening = fill(
         Path(__file__).parent, tables, settings=settings, fewest=fewest, most=most, lower=lower,
         believed=[number(v, 4) for v in np.mean(results["believed"]["rmse"], 0)], printed=printed[str(most)][:-1],
@@ -60,7 +76,10 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
         exact=1e4 * _exact_square(settings),
     )  # fmt: skip
     paper = settings["paper"]
-    found = [*rows(paper, columns[plain]), *rows(f"{paper}, {pitched} ({EXPLORATORY})", columns[pitched])]
+    found = [
+        *rows(paper, columns[plain]),
+        *rows(f"{paper}, {pitched} ({EXPLORATORY})", columns[pitched]),
+    ]
     return Report(page, found, opening)
 
 
@@ -71,7 +90,9 @@ def _comparisons(settings: Mapping[str, Any], errors: Mapping[int, np.ndarray]) 
         *texts, time = settings["printed"][str(size)]
         for (name, unit), text, ours in zip(QUANTITIES.items(), texts, errors[size].T, strict=True):
             found.append(Comparison(f"{size} members", name, unit, text, "Table 2", ours))
-        found.append(Comparison(f"{size} members", "time", "s", time, "Table 2", None, reason="its machine"))
+        found.append(
+            Comparison(f"{size} members", "time", "s", time, "Table 2", None, reason="its machine")
+        )
     return found
 
 

@@ -1,6 +1,7 @@
 """The PUNA paper: its two Dubins cases, and the ensemble Kalman filter on its model of the vertical plane.
 
-Poses are (x, y, theta) [m, m, rad], theta from +x towards +y; states are (gamma, v, x, h) [rad, m/s, m, m].
+Poses are (x, y, theta) [m, m, rad], theta from +x towards +y; states are (gamma, v, x, h) [rad,
+m/s, m, m].
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,7 +41,9 @@ def jobs(settings: Mapping[str, Any]) -> dict[str, Job]:
     D = np.array(settings["D"])
 
     sizes = {key: settings[key] for key in ("members", "runs")}
-    for (level, (q, r)), control, measured in product(settings["levels"].items(), CONTROLS, MEASURED):
+    for (level, (q, r)), control, measured in product(
+        settings["levels"].items(), CONTROLS, MEASURED
+    ):
         noise = {"process": list(q * D), "measurement": list(r * D)}
         arguments = {"control": control, "measured": measured} | sizes | noise | flight
         name = f"{level}, {control}, {measured}"
@@ -48,7 +51,7 @@ def jobs(settings: Mapping[str, Any]) -> dict[str, Job]:
     return found
 
 
-# --- paths ------------------------------------------------------------------------------------------
+# --- paths ----------------------------------------------------------------------------------------
 
 
 def poses(case: Mapping[str, Any], interpretation: str) -> tuple[np.ndarray, np.ndarray]:
@@ -61,7 +64,9 @@ def poses(case: Mapping[str, Any], interpretation: str) -> tuple[np.ndarray, np.
     return start, goal
 
 
-def string(start: Sequence[float], goal: Sequence[float], obstacle: Sequence[float], turn: str) -> Path:
+def string(
+    start: Sequence[float], goal: Sequence[float], obstacle: Sequence[float], turn: str
+) -> Path:
     """The taut string from a point to a point round a circular obstacle: straight, arc, straight.
 
     Args:
@@ -80,7 +85,9 @@ def string(start: Sequence[float], goal: Sequence[float], obstacle: Sequence[flo
     arc = radius * (side * (headings[1] - headings[0]) % (2.0 * np.pi))
     straights = [np.sqrt(way @ way - radius**2) for way in (before, after)]
     curvatures = np.array([0.0, side / radius, 0.0])
-    return chain(np.array([*start, headings[0]]), curvatures, np.array([straights[0], arc, straights[1]]))
+    return chain(
+        np.array([*start, headings[0]]), curvatures, np.array([straights[0], arc, straights[1]])
+    )
 
 
 def bank(speed: float, radius: float) -> float:
@@ -98,7 +105,9 @@ def open_case(paths: Mapping[str, Any]) -> dict[str, Any]:
     from scipy.optimize import minimize_scalar
 
     case, radius = paths["open"], paths["radius"]
-    by_interpretation = {interpretation: poses(case, interpretation) for interpretation in INTERPRETATIONS}
+    by_interpretation = {
+        interpretation: poses(case, interpretation) for interpretation in INTERPRETATIONS
+    }
     start, goal = by_interpretation["from the y axis, clockwise"]
 
     def rsl(y: float) -> float:
@@ -106,7 +115,10 @@ def open_case(paths: Mapping[str, Any]) -> dict[str, Any]:
 
     least = minimize_scalar(rsl, bounds=(0.0, 500.0), method="bounded", options={"xatol": 1e-6})
     return {
-        "lengths": {interpretation: candidates(*ends, radius) for interpretation, ends in by_interpretation.items()},
+        "lengths": {
+            interpretation: candidates(*ends, radius)
+            for interpretation, ends in by_interpretation.items()
+        },
         "final y": final_y(case["start"][1], np.deg2rad(case["headings"][0]), radius),
         "least RSL": {"y": least.x, "length": least.fun},
     }
@@ -119,9 +131,16 @@ def obstacle_case(paths: Mapping[str, Any]) -> dict[str, Any]:
     start = np.array([*paths["open"]["start"], heading])
     goal = np.array([paths["open"]["goal"][0], final_y(start[1], heading, radius), 0.0])
     whole, detour = shortest(start, goal, radius), plan(start, goal, radius, obstacle)
-    strings = {f"S{turn}S": string(case["start"], case["goal"], paths["obstacle"], turn) for turn in "RL"}
-    kinks = {word: path.segments[[0, -1], 2] - whole.segments[1, 2] for word, path in strings.items()}
-    posed = {interpretation: shortest(*poses(case, interpretation), radius) for interpretation in INTERPRETATIONS}
+    strings = {
+        f"S{turn}S": string(case["start"], case["goal"], paths["obstacle"], turn) for turn in "RL"
+    }
+    kinks = {
+        word: path.segments[[0, -1], 2] - whole.segments[1, 2] for word, path in strings.items()
+    }
+    posed = {
+        interpretation: shortest(*poses(case, interpretation), radius)
+        for interpretation in INTERPRETATIONS
+    }
     return {
         "goal y": goal[1],
         "word": whole.word,
@@ -132,14 +151,18 @@ def obstacle_case(paths: Mapping[str, Any]) -> dict[str, Any]:
         "kinks": {word: np.rad2deg(np.abs(wrap(each))) for word, each in kinks.items()},
         "detour": detour.length,
         "as poses": {
-            interpretation: {"word": path.word, "length": path.length, "clearance": approach(path, obstacle[:, :2])[0]}
+            interpretation: {
+                "word": path.word,
+                "length": path.length,
+                "clearance": approach(path, obstacle[:, :2])[0],
+            }
             for interpretation, path in posed.items()
         },
         "bank": bank(paths["speed"], paths["obstacle"][2]),
     }
 
 
-# --- estimation -------------------------------------------------------------------------------------
+# --- estimation -----------------------------------------------------------------------------------
 
 
 def controls(kind: str, steps: int, swing: float, period: float) -> np.ndarray:
@@ -155,7 +178,8 @@ def flights(
 ) -> tuple[np.ndarray, np.ndarray]:
     """True states and measurements of all of them, ``(steps, runs, 4)`` each, from the first step on.
 
-    The start is drawn as the members of eq. (24) are: from the initial guess with the noise of a step.
+    The start is drawn as the members of eq. (24) are: from the initial guess with the noise of a
+    step.
 
     Args:
         u: ``(steps, 2)`` controls.
@@ -173,10 +197,16 @@ def flights(
 
 
 def estimates(
-    enkf: Filter, u: np.ndarray, process: np.ndarray, measurements: np.ndarray, rng: np.random.Generator
+    enkf: Filter,
+    u: np.ndarray,
+    process: np.ndarray,
+    measurements: np.ndarray,
+    rng: np.random.Generator,
 ) -> np.ndarray:
     """Estimates ``(steps, runs, 4)`` from measurements of the same shape; the prior is that of eq. (24)."""
-    belief = enkf.init(Gaussian(np.broadcast_to(START, measurements.shape[1:]), np.diag(process)), rng=rng)
+    belief = enkf.init(
+        Gaussian(np.broadcast_to(START, measurements.shape[1:]), np.diag(process)), rng=rng
+    )
     means = np.empty(measurements.shape)
     for k, control in enumerate(u):
         belief = enkf.predict(belief, control, rng=rng)
@@ -192,7 +222,8 @@ def estimate(
     """RMS errors of flights with ensembles of several sizes; the flights are the same for all sizes and measurements.
 
     Returns:
-        ``rmse (sizes, runs, 4)`` over the steps of a flight; ``slowest (runs,)`` true airspeed of each flight.
+        ``rmse (sizes, runs, 4)`` over the steps of a flight; ``slowest (runs,)`` true airspeed of
+        each flight.
     """
     Q, R = np.array(process), np.array(measurement)
     u = controls(control, steps, swing, period)

@@ -35,9 +35,9 @@ def planar_derivative(state: np.ndarray, control: np.ndarray, c: np.ndarray) -> 
 class PlanarPuna:
     """The paper's model in the vertical plane: state (gamma, v, x, h), thrust and angle of attack.
 
-    Drag along the velocity, but lift along the body's normal, as printed: what comes with lift brakes twice. Subchan &
-    Zbikowski (2009), whose constants are those of axial and normal force, have both along the body. No wind, no
-    actuators, and nothing is bounded.
+    Drag along the velocity, but lift along the body's normal, as printed: what comes with lift
+    brakes twice. Subchan & Zbikowski (2009), whose constants are those of axial and normal force,
+    have both along the body. No wind, no actuators, and nothing is bounded.
     """
 
     body: PointMass = field(default_factory=lambda: load("puna", PunaParameters))
@@ -73,4 +73,6 @@ class PlanarPuna:
             return x[..., seen]
 
         angles = (0,) if measured == "all" else ()
-        return NonlinearModel(transition, measurement, Q, R, state_angles=(0,), measurement_angles=angles)
+        return NonlinearModel(
+            transition, measurement, Q, R, state_angles=(0,), measurement_angles=angles
+        )

@@ -8,7 +8,16 @@ import numpy as np
 
 from agents.page import Entry, Table, listed, number, words
 from agents.statistics import paired_difference
-from studies.papers.measures import Comparison, Report, comparison_table, exponential, falls, percent, rows, trend
+from studies.papers.measures import (
+    Comparison,
+    Report,
+    comparison_table,
+    exponential,
+    falls,
+    percent,
+    rows,
+    trend,
+)
 from studies.papers.puna.experiment import CONTROLS, MEASURED, PLANE, QUANTITIES, bank, controls
 from studies.papers.template import fill
 from vessel_gym.guidance.dubins import WORDS
@@ -24,9 +33,15 @@ def report(settings: Mapping[str, Any], results: Results) -> Report:
     names = {"flight": "noise of a flight", "sizes": "noise of the printed sizes"}
     columns = {name: _comparisons(settings, results, level, "all") for level, name in names.items()}
     opened, obstructed = results["open"], results["obstructed"]
-    shortest = {interpretation: min(found, key=found.get) for interpretation, found in opened["lengths"].items()}
+    shortest = {
+        interpretation: min(found, key=found.get)
+        for interpretation, found in opened["lengths"].items()
+    }
     all_, alone = (_rmse(results, "flight", "constant", measured) for measured in MEASURED)
-    gains = {q: exponential(np.log(alone[at_300, :, i]) - np.log(all_[at_300, :, i])) for i, q in enumerate(QUANTITIES)}
+    gains = {
+        q: exponential(np.log(alone[at_300, :, i]) - np.log(all_[at_300, :, i]))
+        for i, q in enumerate(QUANTITIES)
+    }
     change = trend(members, np.exp(np.log(all_).mean(-1)).T)
     tables = {
         "published": comparison_table(columns), "words": _words(opened), "obstacle": _ways(paths, obstructed),
@@ -51,12 +66,16 @@ def _rmse(results: Results, level: str, control: str, measured: str) -> np.ndarr
     return np.asarray(results[f"{level}, {control}, {measured}"]["rmse"])
 
 
-def _comparisons(settings: Mapping[str, Any], results: Results, level: str, measured: str) -> list[Comparison]:
+def _comparisons(
+    settings: Mapping[str, Any], results: Results, level: str, measured: str
+) -> list[Comparison]:
     """The eight printed errors beside ours at a noise level."""
     found = []
     for control in CONTROLS:
         printed = settings["printed"][control]
-        ours = _rmse(results, level, control, measured)[settings["members"].index(printed["members"])]
+        ours = _rmse(results, level, control, measured)[
+            settings["members"].index(printed["members"])
+        ]
         for i, (quantity, unit) in enumerate(QUANTITIES.items()):
             found.append(Comparison(
                 f"{control} angle, {printed['members']} members", quantity, unit, printed["errors"][i],
@@ -71,14 +90,19 @@ def _best(settings: Mapping[str, Any], results: Results, control: str) -> dict[s
     members, best = settings["members"], settings["printed"][control]["best"]
     logs = 100.0 * np.log(_rmse(results, "flight", control, "all")).mean(-1)
     gaps = {
-        size: paired_difference(logs[i], logs[members.index(best)]) for i, size in enumerate(members) if size != best
+        size: paired_difference(logs[i], logs[members.index(best)])
+        for i, size in enumerate(members)
+        if size != best
     }
     better = [str(size) for size, gap in gaps.items() if gap is not None and gap.high < 0.0]
     level = [str(size) for size, gap in gaps.items() if gap is None or not gap.excludes_zero]
     verdict = f"false, {listed(better)} are better" if better else "true"
     if level and not better:
         verdict = f"undecided, no significant difference from {listed(level)}"
-    return {"verdict": verdict, "gaps": ", ".join(f"{size}: {words(gap, 2, True)} %" for size, gap in gaps.items())}
+    return {
+        "verdict": verdict,
+        "gaps": ", ".join(f"{size}: {words(gap, 2, True)} %" for size, gap in gaps.items()),
+    }
 
 
 # --- tables -----------------------------------------------------------------------------
@@ -92,24 +116,40 @@ def _words(opened: Mapping[str, Any]) -> Table:
                 for each in found.values()])
         for word in WORDS
     ]  # fmt: skip
-    return Table("", "", "word", [(interpretation, "m") for interpretation in found], [("", rows_)], "words")
+    return Table(
+        "", "", "word", [(interpretation, "m") for interpretation in found], [("", rows_)], "words"
+    )
 
 
 def _ways(paths: Mapping[str, Any], found: Mapping[str, Any]) -> Table:
     """Ways past the obstacle: length, clearance of its centre, kinks and bank."""
     radius, turn = paths["obstacle"][2], bank(paths["speed"], paths["radius"])
 
-    def way(length: float, clearance: float, kinks: str = "none", angle: float = turn) -> list[Entry]:
-        return [Entry(v) for v in (number(length, 3), number(clearance, 2), kinks, number(angle, 1))]
+    def way(
+        length: float, clearance: float, kinks: str = "none", angle: float = turn
+    ) -> list[Entry]:
+        return [
+            Entry(v) for v in (number(length, 3), number(clearance, 2), kinks, number(angle, 1))
+        ]
 
     lines = []
     for word in ("SRS", "SLS"):
         kinks = listed([number(kink, 1) for kink in found["kinks"][word]])
-        lines.append((f"{word}, string round it", way(found["strings"][word], radius, kinks, found["bank"])))
-    lines.append((f"{found['word']} from (−500, 100), through the obstacle", way(found["length"], found["clearance"])))
+        lines.append(
+            (f"{word}, string round it", way(found["strings"][word], radius, kinks, found["bank"]))
+        )
+    lines.append(
+        (
+            f"{found['word']} from (−500, 100), through the obstacle",
+            way(found["length"], found["clearance"]),
+        )
+    )
     lines.append(("our plan from there, round it", way(found["detour"], radius)))
     lines += [
-        (f"{each['word']}, printed points as poses, headings {interpretation}", way(each["length"], each["clearance"]))
+        (
+            f"{each['word']}, printed points as poses, headings {interpretation}",
+            way(each["length"], each["clearance"]),
+        )
         for interpretation, each in found["as poses"].items()
     ]
     head = [("length", "m"), ("passes the centre at", "m"), ("kinks", "deg"), ("bank", "deg")]

@@ -1,7 +1,8 @@
 """The robust filters of Rudianto et al. (2024): the paper's figures, and its claim put to the test.
 
-The world is a random two-state system in continuous time, discretised exactly; the filters assume it, and the condition
-says where the world differs. Matrices of a population of systems have the leading axes (system, 1), runs (system, run).
+The world is a random two-state system in continuous time, discretised exactly; the filters assume
+it, and the condition says where the world differs. Matrices of a population of systems have the
+leading axes (system, 1), runs (system, run).
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,10 +18,14 @@ STATES = MEASUREMENTS = 2  # x1 and x2 (figure 1); y is a vector (after eq. 4)
 MARGIN = (0.1, 1.0)  # 1/s, decay rate of the slowest mode: stable, memory of 1 to 10 s
 INTENSITY = (0.1, 10.0)  # 1/s, of the process noise, log-uniform
 MEASUREMENT_VARIANCE = 1.0  # the unit of y
-PRIOR_VARIANCE = 10.0  # of each state, mean 0: the filter knows little at first (on figures 3 and 4)
+PRIOR_VARIANCE = (
+    10.0  # of each state, mean 0: the filter knows little at first (on figures 3 and 4)
+)
 STEP = 0.1  # s
 INPUT_PERIOD = 100  # steps of the square wave u, so that an error of A keeps mattering
-_HORIZON = 20  # steps that nature plans beyond the last: near its end it would have nothing to anticipate
+_HORIZON = (
+    20  # steps that nature plans beyond the last: near its end it would have nothing to anticipate
+)
 
 
 class Condition(NamedTuple):
@@ -69,7 +74,9 @@ def draw(seed: int) -> Dynamics:
     M, B, C = rng.normal(size=(n, n)), rng.normal(size=(n, 1)), rng.normal(size=(MEASUREMENTS, n))
     margin = rng.uniform(*MARGIN)
     q = np.exp(rng.uniform(*np.log(INTENSITY)))
-    return Dynamics(M - (growth(M) + margin) * np.eye(n), B, C / np.linalg.norm(C, axis=1, keepdims=True), q)
+    return Dynamics(
+        M - (growth(M) + margin) * np.eye(n), B, C / np.linalg.norm(C, axis=1, keepdims=True), q
+    )
 
 
 def growth(A: np.ndarray) -> float:
@@ -80,7 +87,8 @@ def growth(A: np.ndarray) -> float:
 def mistaken(system: Dynamics, error: float, rng: np.random.Generator) -> Dynamics:
     """The system with another A, off by ``error |A|`` in a random direction.
 
-    Directions that leave the slowest mode less than half the smallest margin are drawn again: both worlds are stable.
+    Directions that leave the slowest mode less than half the smallest margin are drawn again: both
+    worlds are stable.
     """
     while True:
         direction = rng.normal(size=system.A.shape)
@@ -110,16 +118,17 @@ def known_input(step: int) -> np.ndarray:
     return np.array([1.0 if step % INPUT_PERIOD < INPUT_PERIOD / 2 else -1.0])
 
 
-# --- the least-favourable model ---------------------------------------------------------------------
+# --- the least-favourable model -------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class LeastFavourable:
     """The noise that hurts `robust-kf` most within its ball; lists over time, leading axes over systems.
 
-    With its prediction error ``e`` and unit noise ``z = (w, v)``, ``x+ = A x + B u + W z``, ``y = C x + D z``, the
-    error of the filter with gain G obeys ``e+ = F e + N z``, ``F = A - G C``, ``N = W - G D``. The least-favourable
-    density is the nominal one times ``exp(theta |e+|^2 / 2)`` at every step. Later steps integrated out, last first::
+    With its prediction error ``e`` and unit noise ``z = (w, v)``, ``x+ = A x + B u + W z``, ``y = C
+    x + D z``, the error of the filter with gain G obeys ``e+ = F e + N z``, ``F = A - G C``, ``N =
+    W - G D``. The least-favourable density is the nominal one times ``exp(theta |e+|^2 / 2)`` at
+    every step. Later steps integrated out, last first::
 
         X = Omega+ + theta I     Z = (I - N' X N)^-1     Omega = F' (X + X N Z N' X) F
         z | e ~ N(Z N' X F e, Z)
@@ -133,7 +142,9 @@ class LeastFavourable:
     root: list[np.ndarray]  # (..., n + p, n + p) root of z's covariance
     error_map: list[np.ndarray]  # (..., n, n) F
     error_noise: list[np.ndarray]  # (..., n, n + p) N
-    start_weight: np.ndarray  # (..., n, n) Omega_0: nature would start with covariance (V_0^-1 - Omega_0)^-1
+    start_weight: (
+        np.ndarray
+    )  # (..., n, n) Omega_0: nature would start with covariance (V_0^-1 - Omega_0)^-1
     claimed: np.ndarray  # (..., n, n) the filter's prediction covariance after the last step
 
 
@@ -169,7 +180,7 @@ def least_favourable(model: StateSpace, tolerance: float, steps: int) -> LeastFa
     return LeastFavourable(shift[::-1], root[::-1], F, N, omega, belief.cov)
 
 
-# --- runs -------------------------------------------------------------------------------------------
+# --- runs -----------------------------------------------------------------------------------------
 
 
 class Record(NamedTuple):
@@ -179,11 +190,13 @@ class Record(NamedTuple):
     y: np.ndarray
 
 
-def simulate(model: StateSpace, world: StateSpace, condition: Condition, steps: int, runs: int, seed: int) -> Record:
+def simulate(
+    model: StateSpace, world: StateSpace, condition: Condition, steps: int, runs: int, seed: int
+) -> Record:
     """Runs of every system: measurements from the ``world``, its noise as the condition has it.
 
-    The same seed gives the same underlying noise in every condition. Nature's error ``e`` is that of a filter which
-    assumes the model and sees no outlier.
+    The same seed gives the same underlying noise in every condition. Nature's error ``e`` is that
+    of a filter which assumes the model and sees no outlier.
     """
     W, D = noise_roots(world)
     worst = least_favourable(model, condition.tolerance, steps + _HORIZON)
@@ -192,7 +205,9 @@ def simulate(model: StateSpace, world: StateSpace, condition: Condition, steps: 
     x = e = np.sqrt(PRIOR_VARIANCE) * z_rng.normal(size=(*batch, W.shape[-2]))
     xs, ys = [], []
     for k in range(steps):
-        z = np.matvec(worst.shift[k], e) + np.matvec(worst.root[k], z_rng.normal(size=(*batch, W.shape[-1])))
+        z = np.matvec(worst.shift[k], e) + np.matvec(
+            worst.root[k], z_rng.normal(size=(*batch, W.shape[-1]))
+        )
         outlier = outlier_rng.random((*batch, len(D))) < condition.rate
         xs.append(x)
         ys.append(np.matvec(world.C, x) + np.where(outlier, condition.size, 1.0) * np.matvec(D, z))
@@ -201,9 +216,15 @@ def simulate(model: StateSpace, world: StateSpace, condition: Condition, steps: 
     return Record(np.array(xs), np.array(ys))
 
 
-def track(options: Mapping[str, Any], model: StateSpace, y: np.ndarray) -> Iterable[tuple[Belief, Belief]]:
+def track(
+    options: Mapping[str, Any], model: StateSpace, y: np.ndarray
+) -> Iterable[tuple[Belief, Belief]]:
     """The beliefs of a filter before and after each measurement of ``y (T, systems, runs, p)``."""
-    filter = make(options["kind"], model.model, **{key: value for key, value in options.items() if key != "kind"})
+    filter = make(
+        options["kind"],
+        model.model,
+        **{key: value for key, value in options.items() if key != "kind"},
+    )
     predicted = filter.init(prior(*y.shape[1:-1]))
     for k, measurement in enumerate(y):
         updated = filter.update(predicted, measurement)
@@ -221,36 +242,47 @@ def errors(
     model = world = discretised(drawn)
     if what.parameters:
         rng = np.random.default_rng([noise_seed, 2])
-        world = discretised([mistaken(s, what.parameters, rng) for s in drawn for _ in range(runs)], runs)
+        world = discretised(
+            [mistaken(s, what.parameters, rng) for s in drawn for _ in range(runs)], runs
+        )
     record = simulate(model, world, what, steps, runs, noise_seed)
-    return {name: _rmse(track(options, model, record.y), record.x, skipped) for name, options in filters.items()}
+    return {
+        name: _rmse(track(options, model, record.y), record.x, skipped)
+        for name, options in filters.items()
+    }
 
 
 def _rmse(beliefs: Iterable[tuple[Belief, Belief]], x: np.ndarray, skipped: int) -> np.ndarray:
-    squares = [((after.mean - state) ** 2).sum(-1) for (_, after), state in zip(beliefs, x, strict=True)]
+    squares = [
+        ((after.mean - state) ** 2).sum(-1) for (_, after), state in zip(beliefs, x, strict=True)
+    ]
     return np.sqrt(np.mean(squares[skipped:], axis=0))
 
 
-# --- the paper's own system -------------------------------------------------------------------------
+# --- the paper's own system -----------------------------------------------------------------------
 
 
 def example(first: int, runs: int, noise_seed: int, steps: int) -> dict[str, Any]:
     """The Kalman filter on the system of a seed, with nothing wrong.
 
     Returns:
-        ``rmse (T,)`` over all runs; of the first run ``variance (T, n)`` and ``gain (T,)``, the largest singular value
-        of ``K = P+ C' R^-1``; ``printed``, see `printed_difference`.
+        ``rmse (T,)`` over all runs; of the first run ``variance (T, n)`` and ``gain (T,)``, the
+        largest singular value of ``K = P+ C' R^-1``; ``printed``, see `printed_difference`.
     """
     model = discretised([draw(first)])
     x, y = simulate(model, model, Condition(), steps, runs, noise_seed)
     found = [after for _, after in track({"kind": "kf"}, model, y)]
     gains = [after.cov[0, 0] @ model.C[0, 0].T @ np.linalg.inv(model.R) for after in found]
-    squares = [((after.mean - state) ** 2).sum(-1).mean() for after, state in zip(found, x, strict=True)]
+    squares = [
+        ((after.mean - state) ** 2).sum(-1).mean() for after, state in zip(found, x, strict=True)
+    ]
     return {
         "rmse": np.sqrt(squares),
         "variance": np.array([np.diagonal(after.cov[0, 0]) for after in found]),
         "gain": np.linalg.svd(gains, compute_uv=False)[:, 0],
-        "printed": printed_difference(model, y[:, 0, 0], np.array([after.mean[0, 0] for after in found])),
+        "printed": printed_difference(
+            model, y[:, 0, 0], np.array([after.mean[0, 0] for after in found])
+        ),
     }
 
 
@@ -267,13 +299,16 @@ def printed_difference(model: StateSpace, y: np.ndarray, kf: np.ndarray) -> floa
     return largest
 
 
-# --- jobs ------------------------------------------------------------------------------------------
+# --- jobs -----------------------------------------------------------------------------------------
 
 
 def sweeps(settings: Mapping[str, Any]) -> dict[str, list[Condition]]:
     """The conditions of each sweep, by the attribute that varies, and outliers on top of either model error."""
     values, outliers = settings["sweeps"], Condition(**settings["outliers"])
-    found = {key: [Condition(**{key: v}) for v in values[key]] for key in ("rate", "tolerance", "parameters")}
+    found = {
+        key: [Condition(**{key: v}) for v in values[key]]
+        for key in ("rate", "tolerance", "parameters")
+    }
     found["size"] = [outliers._replace(size=size) for size in values["size"]]
     for error in ("least_favourable", "parameters"):
         condition = Condition(**settings[error])
@@ -283,7 +318,9 @@ def sweeps(settings: Mapping[str, Any]) -> dict[str, list[Condition]]:
 
 def job_name(population: str, condition: Condition) -> str:
     """The name of the job of a population under a condition."""
-    return f"{population}: " + ", ".join(f"{key} {value:g}" for key, value in condition._asdict().items())
+    return f"{population}: " + ", ".join(
+        f"{key} {value:g}" for key, value in condition._asdict().items()
+    )
 
 
 def jobs(settings: Mapping[str, Any]) -> dict[str, Job]:
@@ -293,11 +330,15 @@ def jobs(settings: Mapping[str, Any]) -> dict[str, Job]:
     found = {"example": Job(f"{__name__}:example", paper | run, "robust, example")}
     run |= {key: settings[key] for key in ("filters", "skipped")}
     conditions = {
-        "random": dict.fromkeys(condition for group in sweeps(settings).values() for condition in group),
+        "random": dict.fromkeys(
+            condition for group in sweeps(settings).values() for condition in group
+        ),
         "paper": (Condition(), Condition(**settings["outliers"])),
     }
     for population, which in settings["populations"].items():
         for condition in conditions[population]:
             arguments = which | run | {"condition": condition._asdict()}
-            found[job_name(population, condition)] = Job(f"{__name__}:errors", arguments, f"robust, {population}")
+            found[job_name(population, condition)] = Job(
+                f"{__name__}:errors", arguments, f"robust, {population}"
+            )
     return found

@@ -10,7 +10,14 @@ import numpy as np
 from agents.page import Entry, Table, entry, number, words
 from agents.statistics import Interval
 from studies.papers.measures import Report, Row, exponential
-from studies.papers.robust.experiment import PRIOR_VARIANCE, STATES, STEP, Condition, job_name, sweeps
+from studies.papers.robust.experiment import (
+    PRIOR_VARIANCE,
+    STATES,
+    STEP,
+    Condition,
+    job_name,
+    sweeps,
+)
 from studies.papers.template import fill
 
 Results = Mapping[str, Mapping[str, Any]]
@@ -30,7 +37,9 @@ def report(settings: Mapping[str, Any], results: Results) -> Report:
     def to_kf(condition: Condition, name: str) -> Interval:
         return ratio(results, "random", condition, name)
 
-    model_errors = [c for key in ("tolerance", "parameters") for c in groups[key] if getattr(c, key)]
+    model_errors = [
+        c for key in ("tolerance", "parameters") for c in groups[key] if getattr(c, key)
+    ]
     outliers = list(dict.fromkeys(c for key in ("rate", "size") for c in groups[key] if c.rate))
     tables = {
         "outliers": _table(results, groups, ["rate", "size"], others), "systems": _systems(results, settings, others),
@@ -41,7 +50,9 @@ def report(settings: Mapping[str, Any], results: Results) -> Report:
     variance = np.asarray(example["variance"])
     own = [Condition(**settings[error]) for error in ("least_favourable", "parameters")]
     grounds = [(huber, hit), *((name, condition) for name in minimax for condition in own)]
-    shares = [f"{name} {100.0 * np.mean(_units(results, c, name) < 1.0):.0f} %" for name, c in grounds]
+    shares = [
+        f"{name} {100.0 * np.mean(_units(results, c, name) < 1.0):.0f} %" for name, c in grounds
+    ]
     page, opening = fill(
         Path(__file__).parent, tables, settings=settings, example=example, hit=to_kf(hit, huber),
         random=settings["populations"]["random"], free={n: to_kf(Condition(), n) for n in others},
@@ -52,7 +63,9 @@ def report(settings: Mapping[str, Any], results: Results) -> Report:
         falls=bool((variance[-1] < variance[0]).all()), shares=shares, step=STEP,
         affected={n: words(ratio(results, "paper", hit, n, Condition()), 2) for n in settings["filters"]},
     )  # fmt: skip
-    return Report(page, [Row(settings["paper"], "no number is printed", 0, 0, 0, 0, 0, 0, 0.0)], opening)
+    return Report(
+        page, [Row(settings["paper"], "no number is printed", 0, 0, 0, 0, 0, 0, 0.0)], opening
+    )
 
 
 def _rmse(results: Results, population: str, condition: Condition, name: str) -> np.ndarray:
@@ -62,7 +75,11 @@ def _rmse(results: Results, population: str, condition: Condition, name: str) ->
 
 
 def ratio(
-    results: Results, population: str, condition: Condition, name: str, without: Condition | None = None
+    results: Results,
+    population: str,
+    condition: Condition,
+    name: str,
+    without: Condition | None = None,
 ) -> Interval:
     """Geometric mean of a filter's RMSE over that of the KF, or over its own under the condition ``without``."""
     ours = _rmse(results, population, condition, name)
@@ -78,12 +95,17 @@ def _units(results: Results, condition: Condition, name: str) -> np.ndarray:
 def _balance(results: Results, conditions: Sequence[Condition], name: str) -> str:
     """Counts of conditions in which a filter gains on the KF or loses, with shares of the error."""
     ratios, found = [ratio(results, "random", condition, name) for condition in conditions], []
-    gained, lost = [1.0 - r.mean for r in ratios if r.high < 1.0], [r.mean - 1.0 for r in ratios if r.low > 1.0]
+    gained, lost = (
+        [1.0 - r.mean for r in ratios if r.high < 1.0],
+        [r.mean - 1.0 for r in ratios if r.low > 1.0],
+    )
     for verb, changes in (("gains", gained), ("loses", lost)):
         if changes:
             sizes = dict.fromkeys(number(100.0 * pick(changes), 1) for pick in (min, max))
             found.append(f"{verb} {' to '.join(sizes)} % in {len(changes)}")
-    return f"{' and '.join(found) or 'neither gains nor loses significantly in any'} of {len(ratios)}"
+    return (
+        f"{' and '.join(found) or 'neither gains nor loses significantly in any'} of {len(ratios)}"
+    )
 
 
 def _label(key: str, condition: Condition) -> str:
@@ -93,17 +115,25 @@ def _label(key: str, condition: Condition) -> str:
 
 
 def _table(
-    results: Results, groups: Mapping[str, Sequence[Condition]], keys: Sequence[str], others: Sequence[str]
+    results: Results,
+    groups: Mapping[str, Sequence[Condition]],
+    keys: Sequence[str],
+    others: Sequence[str],
 ) -> Table:
     """RMSE of the KF and ratios to it over the random systems, bold where the interval excludes 1."""
 
     def line(condition: Condition) -> list[Entry]:
         kf = float(np.exp(np.log(_rmse(results, "random", condition, "kf")).mean()))
         ratios = [ratio(results, "random", condition, name) for name in others]
-        return [Entry(number(kf, 2)), *(replace(entry(r, 3), strong=r.high < 1.0 or r.low > 1.0) for r in ratios)]
+        return [
+            Entry(number(kf, 2)),
+            *(replace(entry(r, 3), strong=r.high < 1.0 or r.low > 1.0) for r in ratios),
+        ]
 
     sections = [(_TITLES[key], [(_label(key, c), line(c)) for c in groups[key]]) for key in keys]
-    return Table("", "", "condition", [("KF, RMSE", ""), *((f"{n} / KF", "") for n in others)], sections)
+    return Table(
+        "", "", "condition", [("KF, RMSE", ""), *((f"{n} / KF", "") for n in others)], sections
+    )
 
 
 def _systems(results: Results, settings: Mapping[str, Any], others: Sequence[str]) -> Table:
@@ -115,8 +145,21 @@ def _systems(results: Results, settings: Mapping[str, Any], others: Sequence[str
         lines = []
         for name in others:
             ratios = _units(results, Condition(**settings[key]) if key else Condition(), name)
-            quantiles = [number(float(q), 2) for q in np.quantile(ratios, (0.0, 0.1, 0.5, 0.9, 1.0))]
-            lines.append((name, [Entry(v) for v in (number(100.0 * float((ratios < 1.0).mean()), 0), *quantiles)]))
+            quantiles = [
+                number(float(q), 2) for q in np.quantile(ratios, (0.0, 0.1, 0.5, 0.9, 1.0))
+            ]
+            lines.append(
+                (
+                    name,
+                    [
+                        Entry(v)
+                        for v in (number(100.0 * float((ratios < 1.0).mean()), 0), *quantiles)
+                    ],
+                )
+            )
         sections.append((title, lines))
-    head = [("systems below the KF", "%"), *((label, "") for label in ("best", "10 %", "median", "90 %", "worst"))]
+    head = [
+        ("systems below the KF", "%"),
+        *((label, "") for label in ("best", "10 %", "median", "90 %", "worst")),
+    ]
     return Table("", "", "filter", head, sections, "systems")

@@ -21,7 +21,9 @@ _PLACE = [STATE.index(name) for name in ("x", "y", "z", "psi")]
 _YAW = STATE.index("psi")
 _STILL = np.zeros(2)  # the current
 _SHIPPED = Segorogeni()
-MEASUREMENT_SD = channel_sd(_SHIPPED.sensors, ("u over ground", "v over ground", "w over ground", "r"))
+MEASUREMENT_SD = channel_sd(
+    _SHIPPED.sensors, ("u over ground", "v over ground", "w over ground", "r")
+)
 OWN_STEP = _SHIPPED.dt
 PROCESS_SD = SEGOROGENI_AUV.disturbances["moderate"].white.diagonal()
 PRIOR_SD = SEGOROGENI_AUV.task.prior(np.zeros((1, 3))).cov.diagonal()[:6] ** 0.5
@@ -39,7 +41,9 @@ class Trial(NamedTuple):
     @property
     def vehicle(self) -> Segorogeni:
         """The vehicle with the printed kinematics."""
-        return Segorogeni(replace(_SHIPPED.body, printed_kinematics=True, buoyancy_excess=-self.weight_excess))
+        return Segorogeni(
+            replace(_SHIPPED.body, printed_kinematics=True, buoyancy_excess=-self.weight_excess)
+        )
 
 
 def read(values: Mapping[str, Any]) -> Trial:
@@ -51,16 +55,34 @@ def jobs(settings: Mapping[str, Any]) -> dict[str, Job]:
     """Everything to compute, by name."""
     here, found = __name__, {}
 
-    def dives(name: str, own: bool, members: int, runs: int, seed: int = 0, **factors: float) -> None:
-        arguments = {"own": own, "members": members, "runs": runs, "seed": seed, "trial": settings["trial"]} | factors
-        found[name] = Job(f"{here}:estimate", arguments, f"segorogeni, {members} members, own step {own}")
+    def dives(
+        name: str, own: bool, members: int, runs: int, seed: int = 0, **factors: float
+    ) -> None:
+        arguments = {
+            "own": own,
+            "members": members,
+            "runs": runs,
+            "seed": seed,
+            "trial": settings["trial"],
+        } | factors
+        found[name] = Job(
+            f"{here}:estimate", arguments, f"segorogeni, {members} members, own step {own}"
+        )
 
     for members in settings["members"]:
         for seed in settings["seeds"]:
-            dives(f"printed step, {members}, {seed}", False, members, settings["runs_of_a_seed"], seed)
+            dives(
+                f"printed step, {members}, {seed}", False, members, settings["runs_of_a_seed"], seed
+            )
         dives(f"own step, {members}", True, members, settings["own_runs"])
     dives("own step, 0", True, 0, settings["own_runs"])
-    dives("believed", True, 0, settings["own_runs"], process=settings["open"]["process_noise"]["believed"])
+    dives(
+        "believed",
+        True,
+        0,
+        settings["own_runs"],
+        process=settings["open"]["process_noise"]["believed"],
+    )
     return found
 
 
@@ -78,14 +100,17 @@ def estimate(
         process: Factor on the process noise.
 
     Returns:
-        ``planned path`` and ``true position``: RMSE ``(runs, 4)`` of x, y, z [m] and yaw [rad] against each; ``final
+        ``planned path`` and ``true position``: RMSE ``(runs, 4)`` of x, y, z [m] and yaw [rad]
+            against each; ``final
         (runs, 3)`` distances from the planned end [m].
     """
     experiment = dive(read(trial), own, process)
     dives = experiment.run(runs, np.random.default_rng([seed, 0]))
     options: dict[str, Any] = {"members": members, "draws": "independent"} if members else {}
     filter_ = make("enkf" if members else "ekf", experiment.model, **options)
-    means = experiment.estimates(filter_, dives.measurements, np.random.default_rng([seed, members]))
+    means = experiment.estimates(
+        filter_, dives.measurements, np.random.default_rng([seed, members])
+    )
     places, plan = positions(experiment, means), experiment.planned[:, None, _PLACE]
     return {
         "planned path": rms((places - plan)[1:]),
@@ -136,7 +161,9 @@ def constant_controls(trial: Trial) -> np.ndarray:
             state = advance(state, control)
         return state[_PLACE[:3]] - trial.goal
 
-    found = root(miss, [0.4 * np.deg2rad(trial.rudder), 0.0, _SHIPPED.body.cruise_thrust], tol=1e-10)
+    found = root(
+        miss, [0.4 * np.deg2rad(trial.rudder), 0.0, _SHIPPED.body.cruise_thrust], tol=1e-10
+    )
     if not found.success:
         raise RuntimeError("no constant controls lead to the goal")
     return found.x
@@ -152,7 +179,10 @@ def _own_controls(trial: Trial, constant: np.ndarray) -> np.ndarray:
 
 def _euler_controls(trial: Trial) -> np.ndarray:
     """The same actuators at the beginning of each of the paper's steps ``(T, 3)``."""
-    constant, times = constant_controls(trial), trial.step * np.arange(round(trial.duration / trial.step))
+    constant, times = (
+        constant_controls(trial),
+        trial.step * np.arange(round(trial.duration / trial.step)),
+    )
     controls = np.tile(constant, (len(times), 1))
     controls[:, 0] = np.interp(times, [0.0, OWN_STEP], [np.deg2rad(trial.rudder), constant[0]])
     return controls

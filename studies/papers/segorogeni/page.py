@@ -8,8 +8,22 @@ import numpy as np
 
 from agents.page import Table, entry, number, words
 from agents.statistics import mean_interval, paired_difference
-from studies.papers.measures import Comparison, Report, comparison_table, falls, percent, rows, trend
-from studies.papers.segorogeni.experiment import MEASUREMENT_SD, OWN_STEP, PROCESS_SD, QUANTITIES, REFERENCES
+from studies.papers.measures import (
+    Comparison,
+    Report,
+    comparison_table,
+    falls,
+    percent,
+    rows,
+    trend,
+)
+from studies.papers.segorogeni.experiment import (
+    MEASUREMENT_SD,
+    OWN_STEP,
+    PROCESS_SD,
+    QUANTITIES,
+    REFERENCES,
+)
 from studies.papers.template import fill
 
 _PLAN, _TRUE = REFERENCES
@@ -21,10 +35,17 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
     fewest, most = members[0], members[-1]
 
     def joined(size: int, key: str) -> np.ndarray:
-        return np.concatenate([results[f"printed step, {size}, {seed}"][key] for seed in settings["seeds"]])
+        return np.concatenate(
+            [results[f"printed step, {size}, {seed}"][key] for seed in settings["seeds"]]
+        )
 
-    errors = {reference: {size: joined(size, reference) for size in members} for reference in REFERENCES}
-    own = {size: {r: np.asarray(results[f"own step, {size}"][r]) for r in REFERENCES} for size in (*members, 0)}
+    errors = {
+        reference: {size: joined(size, reference) for size in members} for reference in REFERENCES
+    }
+    own = {
+        size: {r: np.asarray(results[f"own step, {size}"][r]) for r in REFERENCES}
+        for size in (*members, 0)
+    }
     final = joined(most, "final")
     columns = {f"against the {r}": _comparisons(settings, errors[r], final) for r in REFERENCES}
     tables = {"published": comparison_table(columns), "own": _own_table(own)}
@@ -52,14 +73,30 @@ def report(settings: Mapping[str, Any], results: Mapping[str, Mapping[str, Any]]
     return Report(page, rows(settings["paper"], columns[f"against the {_PLAN}"]), opening)
 
 
-def _comparisons(settings: Mapping[str, Any], errors: Mapping[int, np.ndarray], final: np.ndarray) -> list[Comparison]:
+def _comparisons(
+    settings: Mapping[str, Any], errors: Mapping[int, np.ndarray], final: np.ndarray
+) -> list[Comparison]:
     """Table III beside ours, with its computing times, and the distances that the text reads off one dive."""
     found, printed = [], settings["printed"]
     for i, size in enumerate(settings["members"]):
-        for (name, unit), text, ours in zip(QUANTITIES.items(), printed[str(size)], errors[size].T, strict=True):
-            found.append(Comparison(f"{size} members", name, unit, text, "Table III", ours, settings["averaged"]))
+        for (name, unit), text, ours in zip(
+            QUANTITIES.items(), printed[str(size)], errors[size].T, strict=True
+        ):
+            found.append(
+                Comparison(
+                    f"{size} members", name, unit, text, "Table III", ours, settings["averaged"]
+                )
+            )
         found.append(
-            Comparison(f"{size} members", "time", "s", printed["time"][i], "Table III", None, reason="its machine")
+            Comparison(
+                f"{size} members",
+                "time",
+                "s",
+                printed["time"][i],
+                "Table III",
+                None,
+                reason="its machine",
+            )
         )
     for name, text, ours in zip("xyz", printed["end"], final.T, strict=True):
         found.append(Comparison("end of the dive", name, "m", text, "sec. III D", ours))

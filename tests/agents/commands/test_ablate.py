@@ -43,13 +43,17 @@ def test_the_main_job_installs_what_studies_need_and_not_what_only_tests_need():
     """In an empty environment; the tests install theirs, too."""
     installed = {}
     for job in ("ablation", "test"):
-        done = subprocess.run(["make", "-n", "-B", job], cwd=ROOT, capture_output=True, text=True, check=True)
+        done = subprocess.run(
+            ["make", "-n", "-B", job], cwd=ROOT, capture_output=True, text=True, check=True
+        )
         installed[job] = re.findall(r"pip install .*'\.(\[[a-z,]*\])'", done.stdout)
     assert installed == {"ablation": ["[train,report]"], "test": ["[train,report]", "[dev]"]}
 
 
 @pytest.mark.slow
-def test_a_study_ends_with_its_answer_and_where_the_report_lies_and_is_not_computed_twice(study, tmp_path, capsys):
+def test_a_study_ends_with_its_answer_and_where_the_report_lies_and_is_not_computed_twice(
+    study, tmp_path, capsys
+):
     out = tmp_path / "out"
     assert ablate.main(study, out, processes=1) == 0
     printed = capsys.readouterr().out
@@ -80,14 +84,18 @@ def test_parts_of_a_study_together_are_the_study(study, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_the_documentation_shows_how_to_bring_an_own_estimator_and_environment(tmp_path, monkeypatch):
+def test_the_documentation_shows_how_to_bring_an_own_estimator_and_environment(
+    tmp_path, monkeypatch
+):
     text = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
     filters, ships = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     _, own = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
     for name, content in (("my_filters.py", filters), ("my_ships.py", ships), ("own.toml", own)):
         (tmp_path / name).write_text(content)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [*sys.path])  # to which the command adds the folder of the study
+    monkeypatch.setattr(
+        sys, "path", [*sys.path]
+    )  # to which the command adds the folder of the study
     assert command(ablate.main, ["own.toml", "--out", "out", "--processes", "1"]) == 0
     rows = (tmp_path / "out" / "episodes.csv").read_text().splitlines()[1:]
     flown = {(row.split(",")[0], row.split(",")[5]) for row in rows}

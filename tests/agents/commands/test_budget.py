@@ -44,7 +44,9 @@ def flown(out: Path) -> list[dict[str, str]]:
 
 
 def small(out: Path, prices: Path | None, processes: int = 1) -> int:
-    return budget.main(ENVIRONMENT, keep=0.8, prices=prices, episodes=128, out=out, processes=processes)
+    return budget.main(
+        ENVIRONMENT, keep=0.8, prices=prices, episodes=128, out=out, processes=processes
+    )
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +61,9 @@ def run_of_one(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, st
 
 
 @pytest.mark.slow
-def test_the_answer_is_printed_and_written_and_an_interrupted_run_goes_on(run_of_one, tmp_path, monkeypatch):
+def test_the_answer_is_printed_and_written_and_an_interrupted_run_goes_on(
+    run_of_one, tmp_path, monkeypatch
+):
     (prices, whole, printed), broken = run_of_one, tmp_path / "broken"
     rows = flown(whole)
     answer = next(line for line in printed.splitlines() if line.startswith("The cheapest suite"))
@@ -111,7 +115,9 @@ def test_the_prices_that_a_run_writes_can_be_given_to_the_next(tmp_path, monkeyp
 
 def test_sensors_have_the_grades_and_rates_that_are_chosen():
     system = system_of(ENVIRONMENT)
-    compass, gyro, receiver = sensors_of(system, {"receiver": ["twelve metres", 0.25], "gyro compass": ["worst", None]})
+    compass, gyro, receiver = sensors_of(
+        system, {"receiver": ["twelve metres", 0.25], "gyro compass": ["worst", None]}
+    )
     assert (receiver.sd, receiver.rate) == ((12.0, 12.0), 0.25)
     assert compass.sd == (2e-2,)
     assert gyro.sd == system.nominal_sensors[1].sd
@@ -122,7 +128,11 @@ def test_lower_rates_are_choices_of_their_own():
     assert [str(each) for each in choices["receiver"]] == [
         "nominal", "nominal at 0.5 Hz", "four metres", "four metres at 1 Hz", "four metres at 0.5 Hz", "twelve metres",
     ]  # fmt: skip
-    assert [str(each) for each in choices["rate gyro"]] == ["nominal", "nominal at 1 Hz", "nominal at 0.5 Hz"]
+    assert [str(each) for each in choices["rate gyro"]] == [
+        "nominal",
+        "nominal at 1 Hz",
+        "nominal at 0.5 Hz",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -133,7 +143,10 @@ def test_lower_rates_are_choices_of_their_own():
         ({"episodes": 31}, "--episodes must be at least 32, got 31"),
         ({"first_seed": 500_000}, "--first-seed must be at most 499999, got 500000"),
         ({"rates": (0.3,)}, "reads at 0.3 Hz, which does not divide the 2 steps a second"),
-        ({"rates": (0.5, 2.0)}, "--rates must be above 0 and below 2 Hz, the highest of any grade, got 2"),
+        (
+            {"rates": (0.5, 2.0)},
+            "--rates must be above 0 and below 2 Hz, the highest of any grade, got 2",
+        ),
         ({"agent": "nosuch"}, "nosuch"),
     ],
 )
@@ -149,7 +162,10 @@ def test_what_cannot_be_meant_is_one_sentence(tmp_path, arguments, sentence):
     [
         ("receiver = [", "not TOML"),
         (PRICES.replace("worst = 300", ""), "the prices lack the grade 'worst' of gyro compass"),
-        (PRICES.replace("900", "-900"), "the price of receiver, nominal, must be a number from 0 to 1e+12, got -900"),
+        (
+            PRICES.replace("900", "-900"),
+            "the price of receiver, nominal, must be a number from 0 to 1e+12, got -900",
+        ),
         (PRICES.replace("worst", "wrost"), "unknown grade of gyro compass in the prices 'wrost'"),
     ],
 )
@@ -175,7 +191,9 @@ def test_a_suite_of_which_the_filter_cannot_be_built_is_refused_with_the_reason(
         raise ValueError("no such filter on these sensors")
 
     monkeypatch.setattr(World, "made", refuse)
-    found = flights.fly(ENVIRONMENT, None, "autopilot", "moderate", {"receiver": ["nominal", None]}, 0, 2, {})
+    found = flights.fly(
+        ENVIRONMENT, None, "autopilot", "moderate", {"receiver": ["nominal", None]}, 0, 2, {}
+    )
     assert found == {"refused": "no such filter on these sensors"}
 
 
@@ -193,7 +211,8 @@ def searched(out: Path, first_seed: int) -> tuple[Budget, Flights]:
 def test_the_answer_holds_on_fresh_seeds_in_19_of_20_repetitions(tmp_path):
     """Each repetition has seeds of its own, and its answer is flown on 1,000 more.
 
-    If an answer is wrong in 2.5 % of cases, which it is only at the very border, two or more of 20 are in 9 %.
+    If an answer is wrong in 2.5 % of cases, which it is only at the very border, two or more of 20
+    are in 9 %.
     """
     held, answers = 0, set()
     for repetition in range(20):

@@ -27,7 +27,11 @@ def test_alone_it_lists_every_command_with_a_sentence(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...]
 ):
     assert called(monkeypatch, *arguments) == 0
-    lines = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines() if line.startswith("  ")]
+    lines = [
+        line.split(maxsplit=1)
+        for line in capsys.readouterr().out.splitlines()
+        if line.startswith("  ")
+    ]
     assert [name for name, _ in lines] == list(COMMANDS)
     assert all(sentence.endswith(".") and len(sentence) > 20 for _, sentence in lines)
 
@@ -48,7 +52,11 @@ def test_the_help_of_a_command_names_it_as_it_was_called(
 
 
 def test_help_loads_nothing_that_takes_long_to_load():
-    names = ["vessel_gym.__main__", "scripts.reproduce", *(f"agents.commands.{each}" for each in COMMANDS)]
+    names = [
+        "vessel_gym.__main__",
+        "scripts.reproduce",
+        *(f"agents.commands.{each}" for each in COMMANDS),
+    ]
     names += ["studies.speed.__main__"]
     program = f"""
 import sys
@@ -69,9 +77,14 @@ for name in {names}:
 
 
 def test_a_closed_pipe_ends_a_command_without_a_message():
-    program = "import sys; from agents.commands.console import command; command(lambda: print('x' * 1_000_000))"
+    program = (
+        "import sys; from agents.commands.console import command; command(lambda: print('x' *"
+        " 1_000_000))"
+    )
     call = [sys.executable, "-c", program]
-    with subprocess.Popen(call, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    with subprocess.Popen(
+        call, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
         assert process.stdout is not None
         assert process.stderr is not None
         process.stdout.close()
@@ -92,7 +105,9 @@ def shell(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Python in a folder that is first on the path, ours second."""
     path = os.pathsep.join([str(folder), str(ROOT)])
     call = [sys.executable, *arguments]
-    return subprocess.run(call, cwd=folder, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True)
+    return subprocess.run(
+        call, cwd=folder, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True
+    )
 
 
 @pytest.mark.slow
@@ -109,7 +124,10 @@ def test_an_estimators_of_the_user_is_named_by_the_import_and_by_the_command(own
         done = shell(own, *arguments)
         assert done.returncode == 1
         last = done.stderr.splitlines()[-1]
-        assert f"vessel_gym needs its own package estimators, but {own / file} is found first: rename" in last
+        assert (
+            f"vessel_gym needs its own package estimators, but {own / file} is found first: rename"
+            in last
+        )
     assert done.stderr.count("\n") == 1
 
 
@@ -118,7 +136,9 @@ def test_a_folder_of_files_that_is_called_like_a_package_is_none(own: Path):
     assert shell(own, "-c", "import vessel_gym").returncode == 0
 
 
-def test_who_wrote_over_our_agents_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_who_wrote_over_our_agents_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
     def broken() -> None:
         raise ImportError("cannot import name 'load_agent' from 'agents'")
 
@@ -126,7 +146,9 @@ def test_who_wrote_over_our_agents_is_named(monkeypatch: pytest.MonkeyPatch, cap
     monkeypatch.setattr("importlib.metadata.packages_distributions", lambda: owners)
     monkeypatch.setattr(commands, "main", broken)
     assert vessel_gym_main() == 2
-    assert capsys.readouterr().err.startswith("error: openai-agents has written over vessel-gym's package agents: ")
+    assert capsys.readouterr().err.startswith(
+        "error: openai-agents has written over vessel-gym's package agents: "
+    )
     del owners["agents"]
     with pytest.raises(ImportError):
         vessel_gym_main()
@@ -145,4 +167,6 @@ for name in {names}:
 """
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
     assert done.stderr == ""
-    assert re.findall("^usage: |^ended .*", done.stdout, re.M) == ["usage: ", "ended 0"] * len(names)
+    assert re.findall("^usage: |^ended .*", done.stdout, re.M) == ["usage: ", "ended 0"] * len(
+        names
+    )

@@ -32,13 +32,19 @@ ENV = "SigmaCorvette-v0"
 
 def distributions(requirements: list[str]) -> set[str]:
     """Normal names of distributions, without versions; dask[distributed] is dask and distributed."""
-    return {name.lower().replace("_", "-") for text in requirements for name in re.split(r"[^\w.-]", text)}
+    return {
+        name.lower().replace("_", "-")
+        for text in requirements
+        for name in re.split(r"[^\w.-]", text)
+    }
 
 
 def extra(name: str) -> set[str]:
     """The distributions that an extra brings, those of the extras in it included."""
     found = distributions(PROJECT["optional-dependencies"][name])
-    for inner in re.findall(r"vessel-gym\[([\w,]+)\]", " ".join(PROJECT["optional-dependencies"][name])):
+    for inner in re.findall(
+        r"vessel-gym\[([\w,]+)\]", " ".join(PROJECT["optional-dependencies"][name])
+    ):
         found = found.union(*map(extra, inner.split(",")))
     return found - {"vessel-gym"}
 
@@ -55,7 +61,13 @@ def test_every_module_that_is_asked_for_comes_with_its_extra_and_all_of_them_wit
 @pytest.mark.slow
 def test_whatever_is_imported_is_a_dependency_or_comes_with_an_extra():
     homes = packages_distributions()
-    known = set(sys.stdlib_module_names) | {"estimators", "vessel_gym", "agents", "scripts", "studies"}
+    known = set(sys.stdlib_module_names) | {
+        "estimators",
+        "vessel_gym",
+        "agents",
+        "scripts",
+        "studies",
+    }
     brought = distributions(PROJECT["dependencies"]) | extra("all")
     for package in ("estimators", "vessel_gym", "agents", "scripts"):
         for path in (ROOT / package).rglob("*.py"):
@@ -69,21 +81,37 @@ def test_whatever_is_imported_is_a_dependency_or_comes_with_an_extra():
 
 CALLS: dict[str, tuple[str, str, Callable[[Path], Any]]] = {
     "training": ("torch", "train", lambda path: train(ENV, path / "agent.zip")),
-    "saving": ("stable_baselines3", "train", lambda path: agents.save_agent(None, path / "agent.zip")),
-    "loading": ("sb3_contrib", "train", lambda path: agents.load_agent(path / "foreign.zip", gym.make(ENV), True)),
+    "saving": (
+        "stable_baselines3",
+        "train",
+        lambda path: agents.save_agent(None, path / "agent.zip"),
+    ),
+    "loading": (
+        "sb3_contrib",
+        "train",
+        lambda path: agents.load_agent(path / "foreign.zip", gym.make(ENV), True),
+    ),
     "a report": ("matplotlib", "report", lambda path: write_report(None, path)),
     "a page": ("jinja2", "report", lambda path: templates.__wrapped__()),
-    "processes": ("joblib", "report", lambda path: run([Job("agents.seeds:training_seed", {})], path, processes=2)),
+    "processes": (
+        "joblib",
+        "report",
+        lambda path: run([Job("agents.seeds:training_seed", {})], path, processes=2),
+    ),
     "a cluster": (
         "dask",
         "cluster",
-        lambda path: run([Job("agents.seeds:training_seed", {})], path, scheduler="tcp://127.0.0.1:9"),
+        lambda path: run(
+            [Job("agents.seeds:training_seed", {})], path, scheduler="tcp://127.0.0.1:9"
+        ),
     ),
 }
 
 
 @pytest.mark.parametrize("call", CALLS)
-def test_a_call_that_needs_an_extra_says_what_to_type(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str):
+def test_a_call_that_needs_an_extra_says_what_to_type(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+):
     module, name, function = CALLS[call]
     monkeypatch.setitem(sys.modules, module, None)
     with zipfile.ZipFile(tmp_path / "foreign.zip", "w") as archive:
@@ -94,16 +122,22 @@ def test_a_call_that_needs_an_extra_says_what_to_type(tmp_path: Path, monkeypatc
 
 
 def sentence(module: str, name: str) -> str:
-    return re.escape(f"this needs {module}, which is not installed: pip install 'vessel-gym[{name}]'")
+    return re.escape(
+        f"this needs {module}, which is not installed: pip install 'vessel-gym[{name}]'"
+    )
 
 
-def test_the_adapter_a_picture_and_a_figure_of_a_filter_say_what_to_type(monkeypatch: pytest.MonkeyPatch):
+def test_the_adapter_a_picture_and_a_figure_of_a_filter_say_what_to_type(
+    monkeypatch: pytest.MonkeyPatch,
+):
     monkeypatch.delitem(sys.modules, "agents.training.vec_env", raising=False)
     for module in ("stable_baselines3", "pygame", "matplotlib", "matplotlib.figure"):
         monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(ModuleNotFoundError, match=sentence("stable_baselines3", "train")):
         import agents.training.vec_env  # noqa: F401
-    with pytest.raises(ModuleNotFoundError, match="a figure needs Matplotlib: pip install matplotlib"):
+    with pytest.raises(
+        ModuleNotFoundError, match="a figure needs Matplotlib: pip install matplotlib"
+    ):
         consistency_figure(None)
     with pytest.raises(gym.error.DependencyNotInstalled, match=sentence("pygame", "render")):
         first_picture()
@@ -125,7 +159,12 @@ def first_picture() -> Any:
             "jinja2",
             "report",
         ),  # before the study is read, whose filters would be compiled
-        (ablate.main, [str(ROOT / "studies" / "quick.toml"), "--scheduler", "tcp://127.0.0.1:9"], "dask", "cluster"),
+        (
+            ablate.main,
+            [str(ROOT / "studies" / "quick.toml"), "--scheduler", "tcp://127.0.0.1:9"],
+            "dask",
+            "cluster",
+        ),
         (reproduce.main, ["all"], "jinja2", "report"),
         (watch.main, ["--out", "turn.gif"], "imageio", "render"),
     ],

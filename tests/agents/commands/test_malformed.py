@@ -72,7 +72,9 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     (folder / "file").touch()
     (folder / "bytes").write_bytes(bytes(range(256)))
     (folder / "study.toml").write_text(STUDY)
-    (folder / "wrong.toml").write_text("estimators = 3\nagents = [1]\nconditions = 'x'\nenvironments = 1979-05-27\n")
+    (folder / "wrong.toml").write_text(
+        "estimators = 3\nagents = [1]\nconditions = 'x'\nenvironments = 1979-05-27\n"
+    )
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.setenv("SDL_VIDEODRIVER", "offscreen")  # no display
@@ -143,10 +145,15 @@ def command_line(draw: st.DrawFn) -> tuple[str, list[str]]:
     main = COMMANDS.get(name, train.main)
     options = [
         "",
-        *(f"--{key.replace('_', '-')}" for key in (*signature(main).parameters, *signature(World).parameters)),
+        *(
+            f"--{key.replace('_', '-')}"
+            for key in (*signature(main).parameters, *signature(World).parameters)
+        ),
     ]
     arguments = list(FIRST.get(name, [])) if draw(st.booleans()) else []
-    for option in draw(st.lists(st.sampled_from(options) | word.map(lambda text: f"--{text}"), max_size=3)):
+    for option in draw(
+        st.lists(st.sampled_from(options) | word.map(lambda text: f"--{text}"), max_size=3)
+    ):
         arguments += ([option] if option else []) + draw(st.lists(word, max_size=2))
     return name, [argument for argument in arguments if argument not in ("-h", "--help")]
 
@@ -154,7 +161,9 @@ def command_line(draw: st.DrawFn) -> tuple[str, list[str]]:
 @pytest.mark.slow
 @settings(max_examples=400)
 @given(command_line())
-def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tuple[str, list[str]]):
+def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(
+    line: tuple[str, list[str]],
+):
     name, arguments = line
     refused(name, *arguments)
 
@@ -164,10 +173,16 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tu
     [
         ("evaluate --estimator", "--estimator needs the name of at least one estimator"),
         ("evaluate --episodes 0", "--episodes must be at least 1, got 0"),
-        ("evaluate --first-seed 999999 --episodes 2", "evaluation seeds, numbered from 0, got 2 from 999999"),
+        (
+            "evaluate --first-seed 999999 --episodes 2",
+            "evaluation seeds, numbered from 0, got 2 from 999999",
+        ),
         ("evaluate --episodes ten", "Error parsing --episodes: invalid literal"),
         ("evaluate --estimatr kf", "did you mean --estimator?"),
-        ("evaluate CartPole-v1", "autopilot flies the environments of vessel_gym alone: name random"),
+        (
+            "evaluate CartPole-v1",
+            "autopilot flies the environments of vessel_gym alone: name random",
+        ),
         ("evaluate --agent random --estimator kf nosuch", "unknown estimator 'nosuch'"),
         ("evaluate --agent nobody --episodes 2", "unknown agent 'nobody'"),
         ("train CartPole-v1", "'CartPole-v1' is no environment of vessel_gym"),
@@ -177,13 +192,22 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tu
         ),
         ("train --out /dev/null/ppo.zip", "cannot write /dev/null/ppo.zip"),
         ("train --steps 5", "steps must be at least"),
-        ("watch CartPole-v1 --agent random --out turn.html", "'CartPole-v1' has no estimator in the loop"),
+        (
+            "watch CartPole-v1 --agent random --out turn.html",
+            "'CartPole-v1' has no estimator in the loop",
+        ),
         ("watch --out turn.avi", "must be one of .html, .gif, .mp4, .png"),
         ("watch", "there is no display"),
         ("speed --rows", "--rows needs at least one word"),
-        ("speed --against folder.gif", "folder.gif holds no vessel_gym: pip install --no-deps --target folder.gif"),
+        (
+            "speed --against folder.gif",
+            "folder.gif holds no vessel_gym: pip install --no-deps --target folder.gif",
+        ),
         ("speed --page nowhere.md", "No such file or directory"),
-        ("speed --page study.toml", "study.toml needs one line <!-- measured --> and a line <!-- end --> below it"),
+        (
+            "speed --page study.toml",
+            "study.toml needs one line <!-- measured --> and a line <!-- end --> below it",
+        ),
         ("speed --rounds 99999999999999999999", "--rounds must be at most"),
         ("budget --keep 1.5", "--keep must be above 0 and at most 1, got 1.5"),
         ("budget --prices study.toml", "unknown sensor in the prices 'title'"),
@@ -192,9 +216,18 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(line: tu
         ("wacth PunaUAV-v0", "unknown command 'wacth' (did you mean 'watch'?)"),
         ("ablate folder.gif", "cannot read folder.gif: Is a directory"),
         ("ablate wrong.toml", "environments must be a table"),
-        *((f"ablate study.toml --shard {part}", "--shard is i/n with 1 <= i <= n") for part in ("3", "0/2", "3/2")),
-        ("ablate study.toml --scheduler foo", "a scheduler's address is like tcp://10.0.0.1:8786, got 'foo'"),
-        ("ablate study.toml --scheduler tcp://h:9", "no Dask scheduler answers at tcp://h:9: nobody listens"),
+        *(
+            (f"ablate study.toml --shard {part}", "--shard is i/n with 1 <= i <= n")
+            for part in ("3", "0/2", "3/2")
+        ),
+        (
+            "ablate study.toml --scheduler foo",
+            "a scheduler's address is like tcp://10.0.0.1:8786, got 'foo'",
+        ),
+        (
+            "ablate study.toml --scheduler tcp://h:9",
+            "no Dask scheduler answers at tcp://h:9: nobody listens",
+        ),
     ],
 )
 def test_a_word_that_cannot_be_meant_is_named_before_anything_is_computed(line: str, sentence: str):
@@ -215,7 +248,9 @@ def test_a_word_that_cannot_be_meant_is_named_before_anything_is_computed(line: 
         ("evaluate", ["--estimator", "kf", ""], "error: the argument after 'kf' is empty"),
     ],
 )
-def test_an_empty_word_is_not_taken_for_the_present_folder(name: str, arguments: list[str], sentence: str):
+def test_an_empty_word_is_not_taken_for_the_present_folder(
+    name: str, arguments: list[str], sentence: str
+):
     assert refused(name, *arguments) == sentence
     assert not Path("study.json").exists()
 
@@ -252,7 +287,7 @@ def test_too_little_memory_is_one_sentence(monkeypatch: pytest.MonkeyPatch):
     assert refusal == "error: this machine has too little memory for that: Unable to allocate 7 TiB"
 
 
-# --- study files --------------------------------------------------------------------------------------
+# --- study files ----------------------------------------------------------------------------------
 
 PIECES = [
     "3", "-1", '"x"', '""', "[]", "{}", "nan", "-inf", "true", "1979-05-27", "07:32:00", '[1, "a"]', "{ a = 1 }",
@@ -277,7 +312,9 @@ def mutated(draw: st.DrawFn) -> str:
 
 
 @given(mutated())
-def test_a_study_file_is_read_or_every_mistake_in_it_is_one_sentence_with_the_name_of_the_file(text: str):
+def test_a_study_file_is_read_or_every_mistake_in_it_is_one_sentence_with_the_name_of_the_file(
+    text: str,
+):
     path = Path("mutated.toml")
     path.write_text(text, encoding="utf-8")
     mistakes = mistakes_in(path)
@@ -290,11 +327,23 @@ def test_a_study_file_is_read_or_every_mistake_in_it_is_one_sentence_with_the_na
 @pytest.mark.parametrize(
     ("old", "new", "mistake"),
     [
-        ("mismatch = 0.1", f"mismatch = {'9' * 400}", "line 16: mismatch must be between 0 and 0.25, got 999"),
+        (
+            "mismatch = 0.1",
+            f"mismatch = {'9' * 400}",
+            "line 16: mismatch must be between 0 and 0.25, got 999",
+        ),
         ("episodes = 2", f"episodes = {'9' * 5000}", "not TOML: "),
         ("episodes = 2", "episodes = " + "[" * 2000, "not TOML: "),
-        ("training_seeds = 1", "training_seeds = 1000000", "line 4: training_seeds must be at most 1000, got 1000000"),
-        ("8192", "9" * 20, "line 13: steps must be whole numbers of at least 1 and at most 2147483647, got 999"),
+        (
+            "training_seeds = 1",
+            "training_seeds = 1000000",
+            "line 4: training_seeds must be at most 1000, got 1000000",
+        ),
+        (
+            "8192",
+            "9" * 20,
+            "line 13: steps must be whole numbers of at least 1 and at most 2147483647, got 999",
+        ),
         ("SigmaCorvette-v0 = {}", '".x:y" = {}', "line 7: '.x:y' names no module"),
         ('estimator = "kf"', 'estimator = "..:x"', "line 10: '..:x' names no module"),
     ],
@@ -321,15 +370,26 @@ def mistakes_in(path: Path) -> list[tuple[int, str]]:
     return refusal.mistakes
 
 
-# --- public functions ---------------------------------------------------------------------------------
+# --- public functions -----------------------------------------------------------------------------
 
-scalar = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20) | st.just(b"x")
+scalar = (
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20) | st.just(b"x")
+)
 junk = (
     scalar
     | st.lists(scalar, max_size=3)
     | st.dictionaries(scalar, scalar, max_size=2)
     | st.sampled_from(
-        [object(), np.nan, np.zeros(0), np.arange(3.0), np.array("x"), int, lambda *_: None, Path("file")]
+        [
+            object(),
+            np.nan,
+            np.zeros(0),
+            np.arange(3.0),
+            np.array("x"),
+            int,
+            lambda *_: None,
+            Path("file"),
+        ]
     )
 )
 
@@ -378,7 +438,11 @@ def test_a_rollout_of_anything_is_refused_in_one_sentence_or_flown(data: st.Data
 @pytest.mark.parametrize(
     ("key", "wrong", "sentence"),
     [
-        ("agent", None, "an agent is a name, the path of a checkpoint, or has reset and act, got None"),
+        (
+            "agent",
+            None,
+            "an agent is a name, the path of a checkpoint, or has reset and act, got None",
+        ),
         ("env_id", 3, "env_id must be the name of a registered environment, got 3"),
         ("seeds", 7, "seeds must be a list of whole numbers, got 7"),
         ("seeds", [0, -1], "seeds must be whole numbers >= 0, got -1"),

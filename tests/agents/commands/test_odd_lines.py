@@ -37,13 +37,20 @@ LINES = [
 @pytest.mark.parametrize(("line", "sentence"), LINES)
 def test_an_odd_line_is_refused_in_one_sentence_in_every_encoding(line: str, sentence: str):
     name, *arguments = line.split()
-    said = {encoding: refused(name, *arguments, encoding=encoding) for encoding in ("utf-8", "cp1252", "ascii")}
+    said = {
+        encoding: refused(name, *arguments, encoding=encoding)
+        for encoding in ("utf-8", "cp1252", "ascii")
+    }
     assert sentence in str(said["utf-8"])
     assert str(said["ascii"]).isascii()
 
 
-@pytest.mark.parametrize("line", [line for line, _ in LINES[::6]] + ["--help", "--version", "watch --help"])
-def test_a_closed_output_changes_nothing_but_what_is_seen(monkeypatch: pytest.MonkeyPatch, line: str):
+@pytest.mark.parametrize(
+    "line", [line for line, _ in LINES[::6]] + ["--help", "--version", "watch --help"]
+)
+def test_a_closed_output_changes_nothing_but_what_is_seen(
+    monkeypatch: pytest.MonkeyPatch, line: str
+):
     monkeypatch.setattr(sys, "stdout", None)
     monkeypatch.setattr(sys, "stderr", None)
     name, *arguments = line.split()
@@ -115,7 +122,10 @@ def test_installed_packages_that_cannot_be_written_suffice_without_a_cache(tmp_p
     files = {each: each.stat().st_mtime_ns for each in [site, *site.rglob("*")]}
     for each in files:
         each.chmod(0o555)
-    caches = {name: str(work / "none") for name in ("HOME", "XDG_CACHE_HOME", "VESSEL_GYM_CACHE", "NUMBA_CACHE_DIR")}
+    caches = {
+        name: str(work / "none")
+        for name in ("HOME", "XDG_CACHE_HOME", "VESSEL_GYM_CACHE", "NUMBA_CACHE_DIR")
+    }
     (work / "none").touch()
     done = subprocess.run(
         [sys.executable, "-m", "vessel_gym", "evaluate", "ThesisCorvette-v0", "--episodes", "1"], cwd=work,

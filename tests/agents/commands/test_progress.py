@@ -25,7 +25,9 @@ def test_many_short_jobs_say_how_far_they_are_at_each_tenth(clock, capsys):
         for done in range(1001):
             progress(Status(done, 1000, 0, 5.0))
     lines = printed(capsys)
-    assert [line.partition(",")[0] for line in lines] == [f"quick: {done}/1000" for done in range(0, 1001, 100)]
+    assert [line.partition(",")[0] for line in lines] == [
+        f"quick: {done}/1000" for done in range(0, 1001, 100)
+    ]
     assert lines[0].startswith("quick: 0/1000, ends about ")
     assert lines[-1] == "quick: 1000/1000, done"
 
@@ -36,7 +38,9 @@ def test_long_jobs_say_it_every_ten_seconds(clock, capsys):
             progress(Status(done, 10_000, 0, None))
             clock[0] += 2.5
     lines = printed(capsys)
-    assert [line.partition(",")[0] for line in lines] == [f"full: {done}/10000" for done in range(0, 60, 4)]
+    assert [line.partition(",")[0] for line in lines] == [
+        f"full: {done}/10000" for done in range(0, 60, 4)
+    ]
     assert lines[0].endswith("measuring how long it takes")
 
 
@@ -58,7 +62,10 @@ def test_a_run_says_that_it_goes_on_and_what_an_interruption_left(clock, capsys)
     assert stop.value.code == 130
     lines = printed(capsys)
     assert lines[0] == "goes on: 120 of 300 results are there"
-    assert lines[-1] == "interrupted: 121 of 300 results are kept, and the same command goes on from there"
+    assert (
+        lines[-1]
+        == "interrupted: 121 of 300 results are kept, and the same command goes on from there"
+    )
 
 
 def test_trainings_and_flights_say_it_too(clock, capsys):
@@ -70,17 +77,24 @@ def test_trainings_and_flights_say_it_too(clock, capsys):
     assert printed(capsys) == ["training: 50/100, evaluation 0.250", "flying: 1/2", "flying: 2/2"]
 
 
-def test_even_work_says_how_long_it_still_takes_and_resumed_work_counts_from_where_it_goes_on(clock, capsys):
+def test_even_work_says_how_long_it_still_takes_and_resumed_work_counts_from_where_it_goes_on(
+    clock, capsys
+):
     with console.training_progress("training") as trained:
         for steps in (4000, 5000, 6000, 10_000):
             trained(steps, 10_000, float("nan"))
             clock[0] += 30.0
     left = ["", ", 0:02:30 left", ", 0:02:00 left", ""]
     assert printed(capsys) == [
-        f"training: {steps}/10000{text}" for steps, text in zip((4000, 5000, 6000, 10_000), left, strict=True)
+        f"training: {steps}/10000{text}"
+        for steps, text in zip((4000, 5000, 6000, 10_000), left, strict=True)
     ]
 
 
 def test_no_command_draws_a_bar_of_its_own():
-    drawing = {path.name for path in Path(console.__file__).parent.glob("*.py") if "rich.progress" in path.read_text()}
+    drawing = {
+        path.name
+        for path in Path(console.__file__).parent.glob("*.py")
+        if "rich.progress" in path.read_text()
+    }
     assert drawing == {"console.py"}

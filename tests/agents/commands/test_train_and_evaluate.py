@@ -21,7 +21,9 @@ def test_a_trained_agent_can_be_evaluated_on_several_estimators(
 ):
     checkpoint = tmp_path / "ppo.zip"
     train.main("SigmaCorvette-v0", out=checkpoint, memory=memory, steps=128)
-    with pytest.raises(Refusal, match=r"ppo.zip is there already: remove it and its folder, or give another --out$"):
+    with pytest.raises(
+        Refusal, match=r"ppo.zip is there already: remove it and its folder, or give another --out$"
+    ):
         train.main("SigmaCorvette-v0", out=checkpoint.with_suffix(""))
     assert f"checkpoint: {checkpoint}" in capsys.readouterr().out
     assert description(checkpoint)["memory"] == memory
@@ -68,7 +70,9 @@ def test_an_interrupted_command_ends_quietly():
     assert stop.value.code == 130
 
 
-def test_learning_that_starts_too_late_is_told_with_a_start_that_fits(capsys: pytest.CaptureFixture[str]) -> None:
+def test_learning_that_starts_too_late_is_told_with_a_start_that_fits(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     pytest.importorskip("stable_baselines3")
     given = {"steps": 50, "memory": "none", "settings": {}, "algorithm": "sac"}
     train._checked("SigmaCorvette-v0", {}, 0, given)

@@ -37,7 +37,9 @@ class Helmsman:
 @pytest.fixture(autouse=True)
 def short_episodes(monkeypatch):
     make = gym.make
-    monkeypatch.setattr(gym, "make", lambda *args, **kwargs: make(*args, max_episode_steps=STEPS, **kwargs))
+    monkeypatch.setattr(
+        gym, "make", lambda *args, **kwargs: make(*args, max_episode_steps=STEPS, **kwargs)
+    )
     monkeypatch.setattr(agents, "load_agent", lambda name, env, trust: Helmsman())
 
 
@@ -63,7 +65,10 @@ def test_a_file_holds_the_frames_asked_for_and_nothing_else_is_left(run, tmp_pat
     assert run("SigmaCorvette-v0", "--out", str(out), "--every", "5", "--estimator", "kf") == 0
     assert [p.name for p in tmp_path.iterdir()] == [out.name]
     if suffix == ".mp4":
-        assert imageio_ffmpeg.count_frames_and_secs(str(out)) == (frames, pytest.approx(frames / watch.FPS, abs=0.01))
+        assert imageio_ffmpeg.count_frames_and_secs(str(out)) == (
+            frames,
+            pytest.approx(frames / watch.FPS, abs=0.01),
+        )
     else:
         images = iio.imread(out, index=...)
         assert images.shape == (frames, 720, 1008, 3)
@@ -100,9 +105,14 @@ def test_a_film_that_fails_half_way_leaves_the_old_one_alone(run, tmp_path, monk
 
 @pytest.mark.parametrize(
     ("method", "error"),
-    [("write_bytes", PermissionError(13, "Permission denied")), ("replace", OSError(28, "No space left on device"))],
+    [
+        ("write_bytes", PermissionError(13, "Permission denied")),
+        ("replace", OSError(28, "No space left on device")),
+    ],
 )
-def test_a_folder_without_permission_or_a_full_disk_is_one_sentence(run, tmp_path, monkeypatch, capsys, method, error):
+def test_a_folder_without_permission_or_a_full_disk_is_one_sentence(
+    run, tmp_path, monkeypatch, capsys, method, error
+):
     def refuse(*arguments):
         raise error
 

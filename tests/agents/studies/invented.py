@@ -13,7 +13,15 @@ from agents.studies.results import Results
 from agents.studies.worlds import system_of
 
 CORVETTE, SEGOROGENI = "SigmaCorvette-v0", "SegorogeniAUV-v0"
-QUALITY = {"truth": 1.0, "kf-umv-ui": 0.95, "enkf": 0.8, "ekf": 0.75, "kf": 0.5, RAW: 0.4, "dead-reckoning": 0.0}
+QUALITY = {
+    "truth": 1.0,
+    "kf-umv-ui": 0.95,
+    "enkf": 0.8,
+    "ekf": 0.75,
+    "kf": 0.5,
+    RAW: 0.4,
+    "dead-reckoning": 0.0,
+}
 """Share that an estimator keeps, but for noise; raw measurements stand for what learned agents make of them."""
 ENDS = (Estimator("truth", "truth"), Estimator("dead-reckoning", "dead-reckoning"))
 CLASSICAL = Agent("autopilot", "autopilot")
@@ -32,10 +40,16 @@ CONDITIONS = (
 
 
 def study(
-    environments=(CORVETTE, SEGOROGENI), agents=(CLASSICAL,), training_seeds=5, conditions=CONDITIONS, episodes=8
+    environments=(CORVETTE, SEGOROGENI),
+    agents=(CLASSICAL,),
+    training_seeds=5,
+    conditions=CONDITIONS,
+    episodes=8,
 ):
     estimators = (*ENDS, *(Estimator(name, name) for name in ("kf-umv-ui", "kf", "ekf", "enkf")))
-    return Study("Which one?", tuple(environments), estimators, agents, conditions, episodes, training_seeds)
+    return Study(
+        "Which one?", tuple(environments), estimators, agents, conditions, episodes, training_seeds
+    )
 
 
 def results(planned: Plan | Study, quality=QUALITY, noise=0.01) -> Results:
@@ -43,12 +57,16 @@ def results(planned: Plan | Study, quality=QUALITY, noise=0.01) -> Results:
     planned = planned if isinstance(planned, Plan) else plan(planned)
     values, seconds, timings = {}, {}, {}
     for f in planned.flights:
-        rng = np.random.default_rng(crc32(repr((f.job.label, f.condition, f.trained_on, f.training_seed)).encode()))
+        rng = np.random.default_rng(
+            crc32(repr((f.job.label, f.condition, f.trained_on, f.training_seed)).encode())
+        )
         n = planned.study.episodes
         weather = np.random.default_rng(7).normal(0.0, 0.02, n)
         run = 0.0 if f.training_seed is None else rng.normal(0.0, 2.0 * noise)
         crossed = 0.02 * (f.trained_on not in ("", f.flown_on))
-        score = 0.1 + 0.8 * quality[f.flown_on] + weather + run - crossed + rng.normal(0.0, noise, n)
+        score = (
+            0.1 + 0.8 * quality[f.flown_on] + weather + run - crossed + rng.normal(0.0, noise, n)
+        )
         claims = f.flown_on not in WITHOUT_COVARIANCE
         figures = {m.key: rng.lognormal(0.0, 0.2, n) for m in metrics(system_of(f.environment))}
         figures |= {"score": score} | ({} if claims else {"nees": np.full(n, np.nan)})

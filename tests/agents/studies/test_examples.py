@@ -21,7 +21,10 @@ CALM = Condition("calm", disturbance="calm")
 
 def test_examples_are_of_the_first_condition_on_the_default_two_others_and_dead_reckoning():
     chosen = examples(plan(study()))
-    shown = {environment: [name for name, _ in job.arguments["estimators"]] for environment, job in chosen.items()}
+    shown = {
+        environment: [name for name, _ in job.arguments["estimators"]]
+        for environment, job in chosen.items()
+    }
     assert shown == {
         CORVETTE: ["kf-umv-ui", "kf", "enkf", "dead-reckoning"],
         SEGOROGENI: ["enkf", "ekf", "dead-reckoning"],
@@ -39,7 +42,9 @@ def test_an_example_is_what_is_flown_on_each_estimator_and_survives_its_store(en
     given = [(name, options(study(), CALM, Estimator(name, name), environment)) for name in names]
     shown = Episode(json.loads(json.dumps(example(environment, given, "autopilot", [3], {}))))
     for name in names:
-        alone = rollout("autopilot", environment, [3], {"estimator": name, "disturbance": "calm"}, record=False)
+        alone = rollout(
+            "autopilot", environment, [3], {"estimator": name, "disturbance": "calm"}, record=False
+        )
         assert shown.scores[name] == alone.score[0]
     for flight in shown.page["flights"]:
         assert (flight["root"] is None) == (flight["estimator"] == "measurement")

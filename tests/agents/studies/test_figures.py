@@ -23,15 +23,22 @@ def test_no_two_estimators_look_alike(found):
     look = looks(found)
     assert list(look) == found.flown_on()
     assert len({(each.colour, each.mark, each.line) for each in look.values()}) == len(look)
-    assert len({(each.colour, each.mark, each.line) for each in policy_looks(found).values()}) == len(found.schools())
+    assert len(
+        {(each.colour, each.mark, each.line) for each in policy_looks(found).values()}
+    ) == len(found.schools())
 
 
 @pytest.mark.slow
 def test_an_axis_is_made_of_the_conditions_that_differ_in_it_alone(found):
     assert [c.name for c in along(found, "disturbance")] == ["calm", "nominal", "rough"]
-    assert [c.name for c in along(found, "sensors")] == ["nominal"]  # "all wrong" differs in the mismatch, too
+    assert [c.name for c in along(found, "sensors")] == [
+        "nominal"
+    ]  # "all wrong" differs in the mismatch, too
     graded = results(
-        study((CORVETTE,), conditions=(CONDITIONS[0], Condition("b", mismatch=0.2), Condition("a", mismatch=0.1)))
+        study(
+            (CORVETTE,),
+            conditions=(CONDITIONS[0], Condition("b", mismatch=0.2), Condition("a", mismatch=0.1)),
+        )
     )
     assert [c.mismatch for c in along(graded, "mismatch")] == [0.0, 0.1, 0.2]
 
@@ -49,7 +56,9 @@ def test_curves_are_drawn_for_the_axes_that_vary_and_for_no_other(found):
 def test_every_point_of_costs_is_named_once_above_the_panels(found):
     figure = cost_figure(found)
     flown = {e: found.estimators(e, found.classical) for e in found.environments}
-    assert {p.get_title(loc="left"): [c.get_label() for c in p.containers] for p in figure.axes} == flown
+    assert {
+        p.get_title(loc="left"): [c.get_label() for c in p.containers] for p in figure.axes
+    } == flown
     names = [text.get_text() for text in figure.legends[0].get_texts()]
     assert sorted(names) == sorted(set().union(*flown.values()))
 
@@ -77,9 +86,15 @@ def test_profiles_fall_from_all_runs_to_none(found):
 
 
 def test_a_dot_is_where_its_value_is_and_what_is_missing_is_not_drawn():
-    rows = [Row("a", Look("k", "o"), [Interval(0.5, 0.4, 0.8), 0.2]), Row("b", Look("k", "s"), [None, None])]
+    rows = [
+        Row("a", Look("k", "o"), [Interval(0.5, 0.4, 0.8), 0.2]),
+        Row("b", Look("k", "s"), [None, None]),
+    ]
     first, second = dots(rows, ["x", "y"], "share").axes
-    assert [c.lines[0].get_xdata()[0] for panel in (first, second) for c in panel.containers] == [0.5, 0.2]
+    assert [c.lines[0].get_xdata()[0] for panel in (first, second) for c in panel.containers] == [
+        0.5,
+        0.2,
+    ]
 
 
 def test_environments_keep_their_order(found):

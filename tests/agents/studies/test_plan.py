@@ -35,7 +35,9 @@ def planned():
 
 
 def flights(planned, **wanted):
-    return [f for f in planned.flights if all(getattr(f, key) == value for key, value in wanted.items())]
+    return [
+        f for f in planned.flights if all(getattr(f, key) == value for key, value in wanted.items())
+    ]
 
 
 def test_an_estimator_that_an_environment_cannot_carry_is_left_out_there_with_the_reason(planned):
@@ -47,15 +49,24 @@ def test_an_estimator_that_an_environment_cannot_carry_is_left_out_there_with_th
 
 def test_the_classical_agent_flies_every_estimator_in_every_condition_once(planned):
     own = [(f.environment, f.condition, f.flown_on) for f in flights(planned, agent="autopilot")]
-    corvette = ["truth", "dead-reckoning", "kf", "kf-umv-ui"]  # the default is there because an agent is trained on it
+    corvette = [
+        "truth",
+        "dead-reckoning",
+        "kf",
+        "kf-umv-ui",
+    ]  # the default is there because an agent is trained on it
     segorogeni = ["truth", "dead-reckoning", "plain", "enkf"]
     expected = {(CORVETTE, c, e) for c in ("nominal", "rough") for e in corvette}
-    assert set(own) == expected | {(SEGOROGENI, c, e) for c in ("nominal", "rough") for e in segorogeni}
+    assert set(own) == expected | {
+        (SEGOROGENI, c, e) for c in ("nominal", "rough") for e in segorogeni
+    }
     assert len(own) == len(set(own))
 
 
 def test_every_policy_flies_every_estimator_and_is_trained_once_in_the_first_condition(planned):
-    crossed = flights(planned, environment=CORVETTE, condition="rough", agent="PPO", trained_on="kf-umv-ui")
+    crossed = flights(
+        planned, environment=CORVETTE, condition="rough", agent="PPO", trained_on="kf-umv-ui"
+    )
     assert {(f.flown_on, f.training_seed) for f in crossed} == {
         (e, seed) for e in ("truth", "dead-reckoning", "kf", "kf-umv-ui") for seed in (0, 1)
     }
@@ -64,7 +75,11 @@ def test_every_policy_flies_every_estimator_and_is_trained_once_in_the_first_con
     for training in trainings.values():
         assert training.arguments["options"]["disturbance"] == "moderate"
         assert training.artifact == ".zip"
-    steps = {(t.arguments["environment"], t.arguments["steps"]) for t in trainings.values() if "PPO" in t.label}
+    steps = {
+        (t.arguments["environment"], t.arguments["steps"])
+        for t in trainings.values()
+        if "PPO" in t.label
+    }
     assert steps == {(CORVETTE, 1000), (SEGOROGENI, None)}
 
 
@@ -86,7 +101,13 @@ def test_everybody_flies_the_same_seeds_of_the_same_worlds(planned):
 
 
 def test_more_of_a_study_keeps_the_jobs_that_were_there(planned):
-    more = plan(replace(STUDY, conditions=(*STUDY.conditions, Condition("calm", disturbance="calm")), title="other"))
+    more = plan(
+        replace(
+            STUDY,
+            conditions=(*STUDY.conditions, Condition("calm", disturbance="calm")),
+            title="other",
+        )
+    )
     before, after = ({job.key for job in p.jobs} for p in (planned, more))
     assert before < after
     other = plan(replace(STUDY, episodes=4))
@@ -103,15 +124,21 @@ def test_a_condition_of_one_environment_is_flown_there_alone():
 def test_a_policy_flies_the_estimator_of_its_training_and_those_that_its_agent_names():
     some = Agent("PPO", "ppo", trained_on=("truth", "default"), flown_on=("dead-reckoning",))
     planned = plan(replace(STUDY, agents=(STUDY.agents[0], some)))
-    flown = {(f.trained_on, f.flown_on) for f in flights(planned, environment=CORVETTE, agent="PPO")}
+    flown = {
+        (f.trained_on, f.flown_on) for f in flights(planned, environment=CORVETTE, agent="PPO")
+    }
     assert flown == {(own, on) for own in ("truth", "kf-umv-ui") for on in (own, "dead-reckoning")}
     assert {f.flown_on for f in flights(planned, environment=CORVETTE, agent="autopilot")} > {"kf"}
 
 
 def test_the_source_of_what_is_the_users_own_is_part_of_a_job(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "own_filters_1.py").write_text("from estimators.kalman import KalmanFilter as Mine\n")
-    (tmp_path / "own_filters_2.py").write_text("from estimators.kalman import KalmanFilter as Mine\nx = 1\n")
+    (tmp_path / "own_filters_1.py").write_text(
+        "from estimators.kalman import KalmanFilter as Mine\n"
+    )
+    (tmp_path / "own_filters_2.py").write_text(
+        "from estimators.kalman import KalmanFilter as Mine\nx = 1\n"
+    )
     one, two = (digests(f"own_filters_{i}:Mine", "kf") for i in (1, 2))
     assert list(one) == ["own_filters_1"]
     assert list(one.values()) != list(two.values())

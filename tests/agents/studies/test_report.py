@@ -11,7 +11,17 @@ from types import SimpleNamespace
 import invented
 import numpy as np
 import pytest
-from invented import CLASSICAL, CONDITIONS, CORVETTE, LEARNED, QUALITY, SEGOROGENI, results, study, without
+from invented import (
+    CLASSICAL,
+    CONDITIONS,
+    CORVETTE,
+    LEARNED,
+    QUALITY,
+    SEGOROGENI,
+    results,
+    study,
+    without,
+)
 
 from agents.metrics import SCORE, STEERING, metrics
 from agents.page import entry, render
@@ -87,7 +97,9 @@ def test_conditions_of_one_environment_leave_dashes_in_the_rows_of_others():
     report = page(results(study(agents=LEARNED[:2], conditions=conditions)), OUT)
     render(report)
     for each in report.tables:
-        assert {len(entries) for _, listed in each.sections for _, entries in listed} == {len(each.head)}
+        assert {len(entries) for _, listed in each.sections for _, entries in listed} == {
+            len(each.head)
+        }
     priced = rows(report, "price")
     assert all((row["calm"] == "–") == (title == CORVETTE) for (title, _), row in priced.items())
 
@@ -109,12 +121,20 @@ def test_a_small_table_at_the_head_begins_with_the_advice_and_agrees_with_the_la
 
 
 def test_where_nothing_can_be_ranked_the_head_has_no_table():
-    assert summary(results(study((CORVETTE,)), QUALITY | {"truth": 0.1, "dead-reckoning": 0.9})) is None
+    assert (
+        summary(results(study((CORVETTE,)), QUALITY | {"truth": 0.1, "dead-reckoning": 0.9}))
+        is None
+    )
 
 
 def test_estimators_that_differ_by_chance_are_said_to():
     told = " ".join(
-        answer(results(study((CORVETTE,)), dict.fromkeys(QUALITY, 0.9) | {"truth": 1.0, "dead-reckoning": 0.0}))
+        answer(
+            results(
+                study((CORVETTE,)),
+                dict.fromkeys(QUALITY, 0.9) | {"truth": 1.0, "dead-reckoning": 0.0},
+            )
+        )
     )
     assert "Worse" not in told
     assert re.search(r"(Equivalent to \S+ \(within ±0.01\)|Not decided): .* and .*", told)
@@ -123,9 +143,14 @@ def test_estimators_that_differ_by_chance_are_said_to():
 def test_of_equivalent_estimators_the_advice_is_the_cheapest_and_says_so():
     planned = plan(study((CORVETTE,), episodes=100))
     planned = replace(planned, study=replace(planned.study, margin=0.05))
-    alike = QUALITY | {"kf-umv-ui": 0.95, "ekf": 0.949}  # invented times grow with the length of a name
+    alike = QUALITY | {
+        "kf-umv-ui": 0.95,
+        "ekf": 0.949,
+    }  # invented times grow with the length of a name
     cheap, standing, *_ = answer(results(planned, alike, noise=1e-3))
-    assert cheap.startswith(f"Fly ekf in {CORVETTE}. It is equivalent to kf-umv-ui, which keeps most, and its step is")
+    assert cheap.startswith(
+        f"Fly ekf in {CORVETTE}. It is equivalent to kf-umv-ui, which keeps most, and its step is"
+    )
     assert standing.startswith("Equivalent to kf-umv-ui (within ±0.05)")
     untimed = replace(results(planned, alike, noise=1e-3), timings={})
     assert answer(untimed)[0].startswith(f"Fly kf-umv-ui in {CORVETTE}: on it")
@@ -138,17 +163,23 @@ def test_below_the_best_but_not_by_the_margin_is_lower_and_not_equivalent_on_few
     lead, standing, *_ = answer(results(small.plan, QUALITY | {"ekf": 0.945}, noise=1e-3))
     assert lead.startswith(f"Fly kf-umv-ui in {CORVETTE}: on it")
     assert standing == "Lower, perhaps by less than 0.01: ekf."
-    assert "Worse, by more than 0.01: enkf and kf." in answer(results(small.plan, QUALITY | {"ekf": 0.945}, noise=1e-3))
+    assert "Worse, by more than 0.01: enkf and kf." in answer(
+        results(small.plan, QUALITY | {"ekf": 0.945}, noise=1e-3)
+    )
 
 
 @pytest.mark.parametrize(("episodes", "noise"), [(4, 0.5), (20, 0.5)])
 def test_few_episodes_end_in_no_advice_but_in_a_number_of_episodes_that_give_one(episodes, noise):
     def said(number):
-        return answer(results(study((CORVETTE,), conditions=CONDITIONS[:1], episodes=number), noise=noise))[0]
+        return answer(
+            results(study((CORVETTE,), conditions=CONDITIONS[:1], episodes=number), noise=noise)
+        )[0]
 
     few = said(episodes)
     assert few.startswith(f"{episodes} episodes cannot tell which estimator to fly in {CORVETTE}")
-    enough = int(re.search(r"; by their scatter it takes at least (\d+) episodes to tell\.", few)[1])
+    enough = int(
+        re.search(r"; by their scatter it takes at least (\d+) episodes to tell\.", few)[1]
+    )
     assert enough > episodes
     assert said(enough).startswith("Fly ")
 
@@ -162,7 +193,9 @@ def test_of_one_episode_not_even_that_number_is_known():
 @pytest.mark.slow
 def test_over_all_environments_only_estimators_count_that_flew_in_each(classical, plain):
     told = answer(classical)
-    assert "in both environments, take enkf" in told[0]  # kf-umv-ui keeps more, but only the corvette carries it
+    assert (
+        "in both environments, take enkf" in told[0]
+    )  # kf-umv-ui keeps more, but only the corvette carries it
     assert re.search(f"in {CORVETTE} kf-umv-ui keeps 0.1.* more than enkf", told[2])
     shown = rows(plain, "ranking")
     assert shown["", "kf-umv-ui"]["All"] == shown["", "kf-umv-ui"][SEGOROGENI] == "–"
@@ -170,7 +203,9 @@ def test_over_all_environments_only_estimators_count_that_flew_in_each(classical
 
 
 @pytest.mark.slow
-def test_where_less_than_two_estimators_flew_everywhere_each_environment_has_its_own_advice(classical):
+def test_where_less_than_two_estimators_flew_everywhere_each_environment_has_its_own_advice(
+    classical,
+):
     common = ("truth", "dead-reckoning", "enkf")
     found = without(classical, lambda f: f.environment == SEGOROGENI and f.flown_on not in common)
     told = answer(found)
@@ -185,11 +220,16 @@ def test_where_less_than_two_estimators_flew_everywhere_each_environment_has_its
 @pytest.mark.slow
 def test_shares_in_the_ranking_are_those_of_the_statistics(classical, plain, learned, taught):
     everywhere = (CORVETTE, SEGOROGENI)
-    interval = crossed_interval(classical.shares(everywhere, classical.classical, "ekf"), comparisons=2)  # and enkf
+    interval = crossed_interval(
+        classical.shares(everywhere, classical.classical, "ekf"), comparisons=2
+    )  # and enkf
     shown = rows(plain, "ranking")
     assert shown["", "ekf"]["All"] == f"{interval.mean:.3f} ± {interval.half:.3f}"
     interval = crossed_interval(learned.shares(everywhere, Policy("PPO", "ekf")))
-    assert rows(taught, "agents")["", "PPO trained on ekf"]["All"] == f"{interval.mean:.3f} ± {interval.half:.3f}"
+    assert (
+        rows(taught, "agents")["", "PPO trained on ekf"]["All"]
+        == f"{interval.mean:.3f} ± {interval.half:.3f}"
+    )
 
 
 @pytest.mark.slow
@@ -199,7 +239,8 @@ def test_a_cell_of_the_heatmap_is_the_number_of_the_table(learned, taught):
         environment = panel.get_title(loc="left")
         default = {CORVETTE: "kf-umv-ui", SEGOROGENI: "enkf"}[environment]
         on, trained = (
-            [label.get_text() for label in labels] for labels in (panel.get_xticklabels(), panel.get_yticklabels())
+            [label.get_text() for label in labels]
+            for labels in (panel.get_xticklabels(), panel.get_yticklabels())
         )
         for text in panel.texts:
             column, row = (round(each) for each in text.get_position())
@@ -222,8 +263,12 @@ def eight_strangers() -> np.ndarray:
     return np.random.default_rng(42).normal(size=(8, 100_000))
 
 
-@pytest.mark.parametrize(("population", "uncorrected"), [(eight_controllers, 0.12), (eight_strangers, 0.38)])
-def test_of_eight_estimators_that_are_equal_one_study_in_twenty_names_a_loser(population, uncorrected):
+@pytest.mark.parametrize(
+    ("population", "uncorrected"), [(eight_controllers, 0.12), (eight_strangers, 0.38)]
+)
+def test_of_eight_estimators_that_are_equal_one_study_in_twenty_names_a_loser(
+    population, uncorrected
+):
     """400 studies of 20 seeds: at 5 % more than 8.5 % of them do once in a thousand times."""
     flown, named = population(), np.zeros(2)
     scaled = SimpleNamespace(plan=SimpleNamespace(study=SimpleNamespace(margin=0.01)), scaled=list)
@@ -259,12 +304,16 @@ def test_whether_a_filter_beats_memory_is_decided_by_the_runs_of_each_environmen
     def verdicts(**quality):
         found = results(learned.plan, QUALITY | quality)
         told = " ".join(answer(found))
-        return dict(re.findall(r"In (\S+) a filter in the loop (.*?) learning on raw measurements", told))
+        return dict(
+            re.findall(r"In (\S+) a filter in the loop (.*?) learning on raw measurements", told)
+        )
 
     raw = "raw measurements"
     assert verdicts() == {CORVETTE: "beats", SEGOROGENI: "beats"}
     assert verdicts(**{raw: 1.2}) == {CORVETTE: "is beaten by", SEGOROGENI: "is beaten by"}
-    between = verdicts(**{raw: 0.875})  # the mean of the two defaults: level on average, and nowhere
+    between = verdicts(
+        **{raw: 0.875}
+    )  # the mean of the two defaults: level on average, and nowhere
     assert between == {CORVETTE: "beats", SEGOROGENI: "is beaten by"}
     level = verdicts(**{raw: 0.8})  # as the default of Segorogeni
     assert level[SEGOROGENI] not in ("beats", "is beaten by")
@@ -277,7 +326,10 @@ def test_few_training_runs_are_warned_of_and_one_has_no_interval(taught):
     assert "Warning: 1 training run of each agent" in html
     assert "one run, no interval" in " ".join(single.answer)
     assert all(
-        "±" not in entry for (_, row), e in rows(single, "agents").items() if "PPO" in row for entry in e.values()
+        "±" not in entry
+        for (_, row), e in rows(single, "agents").items()
+        if "PPO" in row
+        for entry in e.values()
     )
     assert "Warning" not in render(taught)
 
@@ -298,7 +350,10 @@ def test_a_failed_job_is_named_with_the_last_line_of_its_traceback(small):
     )
     report = page(broken, OUT)
     html = render(report)
-    assert f"fly autopilot on ekf in {CORVETTE} (rough, nominal, 0.0): FloatingPointError: it &lt;burst&gt;" in html
+    assert (
+        f"fly autopilot on ekf in {CORVETTE} (rough, nominal, 0.0): FloatingPointError: it"
+        " &lt;burst&gt;" in html
+    )
     assert "File x" not in html
     assert rows(report, "ranking")["", "ekf"][CORVETTE] == "–"
     assert "1 of" in report.answer[-1]
@@ -317,7 +372,9 @@ def test_where_the_truth_is_worth_nothing_there_is_no_share_and_the_page_says_so
     ranked, scores, *_ = answer(flat)
     assert ranked.startswith("No estimator can be ranked")
     assert re.search(
-        r"scores −0\.7\d* ± .* on truth, 0\.1\d* ± .* on dead-reckoning and 0\.8\d* ± .* on kf-umv-ui", scores
+        r"scores −0\.7\d* ± .* on truth, 0\.1\d* ± .* on dead-reckoning and 0\.8\d* ± .* on"
+        r" kf-umv-ui",
+        scores,
     )
     assert "No scale" in render(page(flat, OUT))
 
@@ -343,13 +400,16 @@ def test_an_agent_of_ones_own_may_be_the_classical_one():
     found = results(study((SEGOROGENI,), (mine,), conditions=CONDITIONS[:1]))
     assert "on it mine keeps" in answer(found)[0]
     assert (
-        "The study varies no disturbance, sensor suite, mismatch of the model, latency and faults of sensors"
-        in render(page(found, OUT))
+        "The study varies no disturbance, sensor suite, mismatch of the model, latency and faults"
+        " of sensors" in render(page(found, OUT))
     )
 
 
 def test_the_price_is_what_the_score_on_the_truth_is_higher(classical, plain):
-    truth, ours = (classical.figure(classical.places()[0], classical.classical, name)[0] for name in ("truth", "kf"))
+    truth, ours = (
+        classical.figure(classical.places()[0], classical.classical, name)[0]
+        for name in ("truth", "kf")
+    )
     shown = rows(plain, "price")[CORVETTE, "kf"]["nominal"]
     assert shown.startswith(f"+{np.mean(truth - ours):.3f} [+")
 
@@ -369,7 +429,9 @@ def test_tails_stand_beside_means_in_report_and_file(small, short):
     assert rows(short, "tails")[CORVETTE, "kf"]["Completed"].startswith("100.0 [")
     episodes = list(csv.DictReader(io.StringIO(found.episodes_csv())))
     failed = [e for e in episodes if e["is_success"] == "False"]
-    assert [(e["estimator"], e["condition"], e["end"]) for e in failed] == [("kf", flight.condition, "lost")]
+    assert [(e["estimator"], e["condition"], e["end"]) for e in failed] == [
+        ("kf", flight.condition, "lost")
+    ]
 
 
 def test_costs_of_steering_stand_beside_the_score_as_differences_from_the_truth(small, short):
@@ -379,8 +441,12 @@ def test_costs_of_steering_stand_beside_the_score_as_differences_from_the_truth(
     assert [label for label, _ in head] == [m.label for m in chosen]
     assert len(head) <= 8
     for metric in chosen:
-        ours, truth = (small.figure(place, small.classical, name, metric.key) for name in ("kf", "truth"))
-        assert shown["On the truth", "truth"][metric.label].startswith(f"{truth.mean():.{metric.decimals}f} ±")
+        ours, truth = (
+            small.figure(place, small.classical, name, metric.key) for name in ("kf", "truth")
+        )
+        assert shown["On the truth", "truth"][metric.label].startswith(
+            f"{truth.mean():.{metric.decimals}f} ±"
+        )
         expected = entry(crossed_interval(ours - truth), metric.decimals, signed=True)
         assert shown["More than on the truth", "kf"][metric.label] == str(expected)
 
@@ -388,7 +454,10 @@ def test_costs_of_steering_stand_beside_the_score_as_differences_from_the_truth(
 def test_costs_of_learned_agents_stand_beside_those_of_the_classical_one(learned, taught):
     shown, place = rows(taught, "costs-sigmacorvette-v0"), learned.places([CORVETTE])[0]
     metric, policy = STEERING[0], Policy("PPO", "ekf")
-    ours, truth = (learned.figure(place, *each, metric.key) for each in ((policy, "ekf"), (learned.classical, "truth")))
+    ours, truth = (
+        learned.figure(place, *each, metric.key)
+        for each in ((policy, "ekf"), (learned.classical, "truth"))
+    )
     expected = entry(learned.interval(policy, ours - truth), metric.decimals, signed=True)
     row = shown["More than on the truth", "PPO trained on ekf, on ekf"]
     assert row[metric.label] == str(expected)
@@ -403,7 +472,11 @@ def test_the_answer_names_what_steering_costs_on_the_best_of_one_environment(sma
 
 
 def test_costs_are_beyond_the_truth_that_flew_in_turns_in_a_batch_and_alone(short):
-    shown = {name: [*map(str, entries)] for _, rows_ in table(short, "cost").sections for name, entries in rows_}
+    shown = {
+        name: [*map(str, entries)]
+        for _, rows_ in table(short, "cost").sections
+        for name, entries in rows_
+    }
     assert shown["kf"] == ["30.0", "20.0", "200", "100"]
     assert shown["truth"][1::2] == ["–", "–"]
 
@@ -413,7 +486,9 @@ def test_the_tails_of_learned_agents_are_shown_too(taught):
 
 
 def test_all_columns_have_one_ruler_and_the_report_names_it(short):
-    assert "One ruler for all columns: by termination 'belief'" in render(short).replace("&#39;", "'")
+    assert "One ruler for all columns: by termination 'belief'" in render(short).replace(
+        "&#39;", "'"
+    )
 
 
 @pytest.mark.slow
@@ -441,7 +516,9 @@ def test_everything_is_written_and_every_table_in_two_forms(small, tmp_path):
     names = [t.name for t in report.tables]
     files = {p.name for p in (tmp_path / "tables").iterdir()}
     assert files == {f"{name}{suffix}" for name in names for suffix in (".csv", ".md")}
-    episodes = list(csv.reader(io.StringIO((tmp_path / "episodes.csv").read_text(encoding="utf-8"))))
+    episodes = list(
+        csv.reader(io.StringIO((tmp_path / "episodes.csv").read_text(encoding="utf-8")))
+    )
     assert len(episodes) == 1 + 8 * len(small.plan.flights)
 
 
@@ -458,7 +535,9 @@ def test_the_same_results_give_the_same_page(small, short):
 
 @pytest.mark.slow
 def test_the_classical_agent_may_keep_more_than_the_truth_and_nothing_is_clipped():
-    found = results(replace(study((CORVETTE,)), agents=(CLASSICAL,)), QUALITY | {"ekf": 1.3, "kf": -0.5})
+    found = results(
+        replace(study((CORVETTE,)), agents=(CLASSICAL,)), QUALITY | {"ekf": 1.3, "kf": -0.5}
+    )
     shown = rows(page(found, OUT), "ranking")
     assert float(shown["", "ekf"][CORVETTE].split()[0]) > 1.2
     assert shown["", "kf"][CORVETTE].startswith("−0.")

@@ -83,15 +83,22 @@ def test_who_does_not_learn_is_paired_with_every_training_run(found):
 
 def test_a_share_of_yes_and_no_has_an_exact_interval_and_other_metrics_a_mean_over_seeds(found):
     place = Place(SEGOROGENI, "nominal")
-    flight = next(f for f in found.plan.flights if (f.environment, f.condition, f.flown_on) == (*place, "ekf"))
+    flight = next(
+        f for f in found.plan.flights if (f.environment, f.condition, f.flown_on) == (*place, "ekf")
+    )
     values = found.values[flight.job.key]
-    figures = values["figures"] | {"arrived": [100.0] * 8, "miss": [1.0, *[float("nan")] * 4, 2.0, 4.0, 3.0]}
+    figures = values["figures"] | {
+        "arrived": [100.0] * 8,
+        "miss": [1.0, *[float("nan")] * 4, 2.0, 4.0, 3.0],
+    }
     changed = Results(found.plan, found.values | {flight.job.key: values | {"figures": figures}})
     arrived, miss = (next(m for m in METRICS if m.key == key) for key in ("arrived", "miss"))
     shown = changed.mean(place, found.classical, "ekf", arrived)
     assert (shown.mean, shown.high) == (100.0, 100.0)
     assert shown.low == pytest.approx(100.0 * 0.025 ** (1.0 / 8.0))
-    assert changed.mean(place, found.classical, "ekf", miss) == mean_interval(np.array([1.0, 2.0, 4.0, 3.0]))
+    assert changed.mean(place, found.classical, "ekf", miss) == mean_interval(
+        np.array([1.0, 2.0, 4.0, 3.0])
+    )
 
 
 def test_places_without_a_scale_count_for_nothing(found):
@@ -136,7 +143,9 @@ def test_times_of_steps_come_from_the_journal_and_are_no_part_of_a_result(tmp_pa
 def test_the_estimator_and_the_truth_fly_in_turns_and_only_steps_are_timed(monkeypatch):
     clock, flown = [0.0], []
     monkeypatch.setattr(
-        flying, "classical_controller", lambda *_: SimpleNamespace(reset=lambda rows: None, act=lambda y: y)
+        flying,
+        "classical_controller",
+        lambda *_: SimpleNamespace(reset=lambda rows: None, act=lambda y: y),
     )
     monkeypatch.setattr(flying, "process_time", lambda: clock[0])
 
@@ -151,7 +160,9 @@ def test_the_estimator_and_the_truth_fly_in_turns_and_only_steps_are_timed(monke
         def step(self, action):
             flown.append(self.estimator)
             first = flown.count(self.estimator) <= flying.STEPS
-            clock[0] += {"kf": 3e-3, "truth": 1e-3}[self.estimator] * (100.0 if first and self.rows > 1 else 1.0)
+            clock[0] += {"kf": 3e-3, "truth": 1e-3}[self.estimator] * (
+                100.0 if first and self.rows > 1 else 1.0
+            )
             return action, 0.0
 
         def close(self):
@@ -170,6 +181,9 @@ def test_an_episode_is_completed_as_its_own_task_asks():
     """The corvette's success is to go on until time is up, a dive's is to arrive."""
     found = results(study())
     ends = {f.job.key: system_of(f.environment).task.success for f in found.plan.flights}
-    values = {key: value | {"ends": [ends[key]] * len(value["ends"])} for key, value in found.values.items()}
+    values = {
+        key: value | {"ends": [ends[key]] * len(value["ends"])}
+        for key, value in found.values.items()
+    }
     share = replace(found, values=values).completed(found.places(), found.classical, "truth")
     assert share.mean == pytest.approx(100.0)

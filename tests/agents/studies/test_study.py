@@ -79,7 +79,11 @@ def test_the_ends_of_the_scale_and_the_classical_agent_are_always_there(tmp_path
 
 def test_what_is_left_out_has_its_documented_default(tmp_path):
     study = read(tmp_path, "[environments]\nItsunusaAUV-v0 = {}\n")
-    assert (study.episodes, study.training_seeds, [c.name for c in study.conditions]) == (100, 10, ["nominal"])
+    assert (study.episodes, study.training_seeds, [c.name for c in study.conditions]) == (
+        100,
+        10,
+        ["nominal"],
+    )
     assert [e.name for e in study.estimators] == ["truth", "dead-reckoning"]
     assert not study.learned
 
@@ -128,8 +132,14 @@ def test_seeds_margin_and_settings_of_an_agent_are_read(tmp_path):
 
 
 @pytest.mark.parametrize("chosen", ["belief", "task"])
-def test_all_arms_end_by_one_termination_which_is_the_truth_where_an_agent_sees_measurements(tmp_path, chosen):
-    raw = SMALL if chosen == "task" else SMALL.replace("episodes = 3", f'episodes = 3\ntermination = "{chosen}"')
+def test_all_arms_end_by_one_termination_which_is_the_truth_where_an_agent_sees_measurements(
+    tmp_path, chosen
+):
+    raw = (
+        SMALL
+        if chosen == "task"
+        else SMALL.replace("episodes = 3", f'episodes = 3\ntermination = "{chosen}"')
+    )
     planned = plan(read(tmp_path, raw))
     jobs = [each for job in planned.jobs for each in (job, *job.needs)]
     assert {job.arguments["options"]["termination"] for job in jobs} == {chosen}
@@ -178,12 +188,16 @@ spoofed = { faults = [{ sensor = "receiver", kind = "drift", size = [0.5, -0.2],
     for world, delays in (("SegorogeniAUV-v0", [0, 0, 0, 0, 10]), ("SigmaCorvette-v0", [0, 0, 4])):
         own = environment_options(world, late.options)
         assert [sensor.delay(system_of(world).vehicle.dt) for sensor in own["sensors"]] == delays
-        assert {sensor.dropout > 0.0 for sensor in own["sensors"]} == {True}  # of the suite, all the same
+        assert {sensor.dropout > 0.0 for sensor in own["sensors"]} == {
+            True
+        }  # of the suite, all the same
         assert own["sensor_faults"] == []
     assert environment_options("SegorogeniAUV-v0", spoofed.options)["sensor_faults"] == []
     (fault,) = environment_options("SigmaCorvette-v0", spoofed.options)["sensor_faults"]
     assert (fault.kind, fault.begin) == ("drift", [20.0, 40.0])
-    denied = environment_options("SigmaCorvette-v0", spoofed.options | {"sensors": "denied"})["sensor_faults"]
+    denied = environment_options("SigmaCorvette-v0", spoofed.options | {"sensors": "denied"})[
+        "sensor_faults"
+    ]
     assert [each.kind for each in denied] == ["drift", "off"]  # that of the suite, too
 
 
@@ -203,12 +217,18 @@ h = { faults = { sensor = "gyroscope" } }
     found = mistakes(tmp_path, text)
     expected = {
         4: "unknown sensor 'acoustic positon' (did you mean 'acoustic position'?)",
-        5: "SegorogeniAUV-v0 refuses the condition b: latency of acoustic position is 0.25 s, which is no whole number",
+        5: (
+            "SegorogeniAUV-v0 refuses the condition b: latency of acoustic position is 0.25 s,"
+            " which is no whole number"
+        ),
         6: "latency must be a table of seconds by sensor, got 1.0",
         7: "unknown kind of sensor fault 'stuk' (did you mean 'stuck'?)",
         8: "faults must be tables of sensor, kind and perhaps size, begin, end, duration, got",
         9: "unknown sensor 'gyro'",
-        10: "gyroscope has 3 channels, so size of the fault 'bias' of gyroscope must be one number or 3",
+        10: (
+            "gyroscope has 3 channels, so size of the fault 'bias' of gyroscope must be one number"
+            " or 3"
+        ),
         11: "faults must be a list of tables",
     }
     assert [line for line, _ in found] == list(expected)
@@ -305,10 +325,18 @@ def test_what_would_change_the_study_in_silence_is_refused_with_its_line(tmp_pat
 
 def test_one_environment_under_two_names_is_refused(tmp_path):
     (found,) = mistakes(tmp_path, ONE + '"vessel_gym:SigmaCorvette-v0" = {}\n')
-    assert found == (3, "SigmaCorvette-v0 and vessel_gym:SigmaCorvette-v0 are one environment: leave one of them out")
+    assert found == (
+        3,
+        (
+            "SigmaCorvette-v0 and vessel_gym:SigmaCorvette-v0 are one environment: leave one of"
+            " them out"
+        ),
+    )
 
 
-def test_an_agent_that_could_be_trained_nowhere_is_refused_and_one_that_cannot_be_here_is_left_out(tmp_path):
+def test_an_agent_that_could_be_trained_nowhere_is_refused_and_one_that_cannot_be_here_is_left_out(
+    tmp_path,
+):
     text = """[environments]
 SigmaCorvette-v0 = {}
 SegorogeniAUV-v0 = {}
@@ -326,7 +354,10 @@ trained_on = ["ukf"]
     assert found == (8, "PPO flies in no environment of an estimator that it is trained on")
     (found,) = mistakes(tmp_path, text.replace("ukf = {", "ekf = {") .replace('["ukf"]', '["ekf"]')
                         + 'environments = ["SegorogeniAUV-v0"]\nsteps = { SigmaCorvette-v0 = 9000 }\n')  # fmt: skip
-    assert found == (10, "unknown environment of PPO 'SigmaCorvette-v0': choose from SegorogeniAUV-v0")
+    assert found == (
+        10,
+        "unknown environment of PPO 'SigmaCorvette-v0': choose from SegorogeniAUV-v0",
+    )
 
 
 def test_a_file_that_is_not_text_is_refused_in_a_sentence(tmp_path):

@@ -33,20 +33,33 @@ EXACT: dict[str, tuple[int, Word]] = {
     "quotient": (1, lambda a: a // 0.9),
     "clip": (1, lambda a: np.clip(a, -1.5, 1.2)),
     "where": (3, lambda a, b, c: np.where(a > 0.2, b, c)),
-    "masks": (3, lambda a, b, c: np.where((a <= b + 0.017) & ~(c < 0.0) | (a == 0.5), b * c, a - 1.0)),
+    "masks": (
+        3,
+        lambda a, b, c: np.where((a <= b + 0.017) & ~(c < 0.0) | (a == 0.5), b * c, a - 1.0),
+    ),
     "either": (2, lambda a, b: np.where((a > 0.0) ^ (b >= 0.3), a, b)),
     "finite": (2, lambda a, b: np.where(np.isfinite(a) | np.isnan(b), a, 0.0)),
     "mask times": (2, lambda a, b: (a > b + 0.013) * a + 2.0 * (b != 0.0)),
     "sum": (3, lambda a, b, c: np.stack([a, b, c], -1).sum(-1)),
     "largest": (3, lambda a, b, c: np.max(np.stack([a, b, c], -1), axis=-1)),
     "cumulative": (3, lambda a, b, c: np.cumsum(np.stack([a, b, c], -1), axis=-1)[..., 1]),
-    "concatenate": (2, lambda a, b: np.concatenate([a[..., None], b[..., None]], -1)[..., ::-1][..., 0]),
+    "concatenate": (
+        2,
+        lambda a, b: np.concatenate([a[..., None], b[..., None]], -1)[..., ::-1][..., 0],
+    ),
     "in place": (2, lambda a, b: _in_place(a, b)),
     "lookup": (1, lambda a: lookup(TABLE, a)),
-    "repeat": (2, lambda a, b: repeat(3, lambda p, q: (0.5 * p + q, np.where(p > q + 0.019, p, 0.3 * q)), a, b)[0]),
+    "repeat": (
+        2,
+        lambda a, b: repeat(
+            3, lambda p, q: (0.5 * p + q, np.where(p > q + 0.019, p, 0.3 * q)), a, b
+        )[0],
+    ),
     "repeat while": (
         2,
-        lambda a, b: repeat(9, lambda p, q: (0.5 * p, p + q), a, b, active=lambda p, q: abs(p) > abs(q) + 0.021)[1],
+        lambda a, b: repeat(
+            9, lambda p, q: (0.5 * p, p + q), a, b, active=lambda p, q: abs(p) > abs(q) + 0.021
+        )[1],
     ),
 }
 ROUNDED: dict[str, tuple[int, Word]] = {
@@ -69,7 +82,10 @@ ROUNDED: dict[str, tuple[int, Word]] = {
     "mean": (3, lambda a, b, c: np.stack([a, b, c], -1).mean(-1)),
     "norm": (3, lambda a, b, c: np.linalg.norm(np.stack([a, b, c, 0.0 * a + 1.0], -1), axis=-1)),
     "std": (2, lambda a, b: np.std(np.stack([a, b, a + b + 1.0], -1), axis=-1)),
-    "matmul": (2, lambda a, b: (np.stack([a, b], -1) @ np.array([[0.5, 1.0], [-1.0, 0.2]]))[..., 1]),
+    "matmul": (
+        2,
+        lambda a, b: (np.stack([a, b], -1) @ np.array([[0.5, 1.0], [-1.0, 0.2]]))[..., 1],
+    ),
     "einsum": (2, lambda a, b: np.einsum("...i,i->...", np.stack([a, b], -1), [0.4, -0.9])),
 }
 
@@ -91,7 +107,9 @@ class RandomFunction:
         self.steps: list[tuple[str, tuple[int, ...]]] = []
         for k in range(int(rng.integers(2, 14))):
             name = names[rng.integers(len(names))]
-            self.steps.append((name, tuple(rng.integers(0, self.n + k, self.words[name][0]).tolist())))
+            self.steps.append(
+                (name, tuple(rng.integers(0, self.n + k, self.words[name][0]).tolist()))
+            )
 
     def __call__(self, x: Any) -> Any:
         values = [x[..., i] for i in range(self.n)]

@@ -22,7 +22,9 @@ def test_numpys_own_functions_are_back_after_tracing_and_untouched_elsewhere():
         return y
 
     with creation.traced_creation():
-        thread = threading.Thread(target=lambda: seen.append((type(np.zeros(3)), np.zeros(3).dtype)))
+        thread = threading.Thread(
+            target=lambda: seen.append((type(np.zeros(3)), np.zeros(3).dtype))
+        )
         thread.start()
         thread.join()
         captured = np.zeros

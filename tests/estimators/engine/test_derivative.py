@@ -55,7 +55,9 @@ def differences(function: Callable[[Any], Any], x: np.ndarray, step: float) -> n
     return np.stack(columns, -1)
 
 
-def check(function: RandomFunction, rng: np.random.Generator, exact: bool, seen: Counter[str]) -> None:
+def check(
+    function: RandomFunction, rng: np.random.Generator, exact: bool, seen: Counter[str]
+) -> None:
     """One function: its values for ordinary and special numbers, and its derivatives for ordinary ones."""
     seen.update(name for name, _ in function.steps)
     ordinary = rng.normal(size=(17, function.n)) * 1.5
@@ -64,7 +66,9 @@ def check(function: RandomFunction, rng: np.random.Generator, exact: bool, seen:
     both, _ = trace(slopes(function), [Argument((function.n,))])
     names = {name for name, _ in function.steps}
     unsigned = not names.isdisjoint(UNSIGNED)
-    for x in (ordinary, special) if exact and not (unsigned and "copysign" in names) else (ordinary,):
+    for x in (
+        (ordinary, special) if exact and not (unsigned and "copysign" in names) else (ordinary,)
+    ):
         expected = function(x.copy())
         found = both.compute([x])[0].reshape(expected.shape)
         if exact:
@@ -81,7 +85,9 @@ def check(function: RandomFunction, rng: np.random.Generator, exact: bool, seen:
 
     coarse, fine = differences(plain, ordinary, 1e-3), differences(plain, ordinary, 7e-4)
     scale = 1.0 + np.abs(fine) + np.abs(plain(ordinary))[..., None]
-    smooth = np.abs(coarse - fine) < 1e-9 * scale  # elsewhere there is a kink, or a jump, next to it
+    smooth = (
+        np.abs(coarse - fine) < 1e-9 * scale
+    )  # elsewhere there is a kink, or a jump, next to it
     wrong = smooth & ~(np.abs(found - fine) < 1e-7 * scale)
     assert not wrong.any(), (function, ordinary[wrong.any((1, 2))], found[wrong], fine[wrong])
     seen["slopes"] += smooth.size
@@ -89,7 +95,8 @@ def check(function: RandomFunction, rng: np.random.Generator, exact: bool, seen:
 
 
 @pytest.mark.parametrize(
-    "count", [pytest.param(120, marks=pytest.mark.slow), pytest.param(10_000, marks=pytest.mark.nightly)]
+    "count",
+    [pytest.param(120, marks=pytest.mark.slow), pytest.param(10_000, marks=pytest.mark.nightly)],
 )
 def test_random_functions_and_their_derivatives(count: int):
     seen: Counter[str] = Counter()
@@ -104,8 +111,12 @@ def test_random_functions_and_their_derivatives(count: int):
 def test_a_kink_has_the_slope_of_its_side():
     assert slope(lambda x: np.abs(x[..., 0]), 0.0) == 1.0
     assert slope(lambda x: np.abs(x[..., 0]), -2.0) == -1.0
-    np.testing.assert_array_equal(slope(lambda x: np.maximum(x[..., 0], x[..., 1]), 2.0, 1.0), [[1.0, 0.0]])
-    np.testing.assert_array_equal(slope(lambda x: np.minimum(x[..., 0], x[..., 1]), 2.0, 1.0), [[0.0, 1.0]])
+    np.testing.assert_array_equal(
+        slope(lambda x: np.maximum(x[..., 0], x[..., 1]), 2.0, 1.0), [[1.0, 0.0]]
+    )
+    np.testing.assert_array_equal(
+        slope(lambda x: np.minimum(x[..., 0], x[..., 1]), 2.0, 1.0), [[0.0, 1.0]]
+    )
     np.testing.assert_array_equal(slope(lambda x: np.clip(x[..., 0], -1.0, 1.0), 2.0), [[0.0]])
     np.testing.assert_array_equal(slope(lambda x: np.floor(x[..., 0]) * x[..., 0], 2.5), [[2.0]])
 
@@ -124,7 +135,9 @@ def test_slopes_of_slopes():
         return jacobian(jacobian(np.exp(x[..., 0]) * x[..., 0], x), x)
 
     x = 0.7
-    np.testing.assert_allclose(compiled(second)(np.array([x])), [[np.exp(x) * (2.0 + x)]], rtol=1e-15)
+    np.testing.assert_allclose(
+        compiled(second)(np.array([x])), [[np.exp(x) * (2.0 + x)]], rtol=1e-15
+    )
 
 
 def test_a_slope_through_a_repeat():

@@ -8,7 +8,9 @@ import pytest
 from estimators.engine import compiled, sincos
 from estimators.engine.elementary import EXPANSIONS
 
-pytestmark = pytest.mark.skipif(np.finfo(np.longdouble).nmant < 63, reason="needs a long double of more digits")
+pytestmark = pytest.mark.skipif(
+    np.finfo(np.longdouble).nmant < 63, reason="needs a long double of more digits"
+)
 N = 20_000
 EDGES = np.array([
     0.0, -0.0, np.inf, -np.inf, np.nan, 5e-324, -5e-324, 2.2250738585072014e-308, -2.2250738585072014e-308, 0.5, -0.5,
@@ -61,7 +63,9 @@ def units(found: np.ndarray, *operands: np.ndarray, name: str) -> np.ndarray:
     """How far results are from the exact ones, in units in the last place."""
     exact = getattr(np, name)(*(each.astype(np.longdouble) for each in operands))
     nearest = exact.astype(float)
-    apart = np.abs(found.astype(np.longdouble) - exact) / np.spacing(np.abs(nearest)).astype(np.longdouble)
+    apart = np.abs(found.astype(np.longdouble) - exact) / np.spacing(np.abs(nearest)).astype(
+        np.longdouble
+    )
     same = (found == nearest) | (np.isnan(found) & np.isnan(nearest))
     return np.where(same, 0.0, np.nan_to_num(apart.astype(float), nan=np.inf))
 
@@ -91,7 +95,9 @@ def test_a_function_is_within_two_units_in_the_last_place(name: str):
 def test_sines_of_large_angles_are_within_two_and_a_half(name: str):
     x = np.random.default_rng(2).uniform(-1e6, 1e6, 10 * N)
     assert units(EXPANSIONS[name][1](x), x, name=name).max() <= 2.5
-    assert (np.abs(EXPANSIONS[name][1](LARGEST)) <= 1.0).all()  # without an accurate digit, but bounded
+    assert (
+        np.abs(EXPANSIONS[name][1](LARGEST)) <= 1.0
+    ).all()  # without an accurate digit, but bounded
 
 
 @pytest.mark.parametrize("name", RANGES)
@@ -103,13 +109,20 @@ def test_infinities_subnormals_and_signs_of_zeros_are_numpys(name: str):
     assert (signed | ((x == 0.0) & (name == "sin"))).all()  # the sine of -0.0 is 0.0
     np.testing.assert_array_equal(bits(run(name, x)), bits(found))
     for value in x:  # alone, where no rows lie side by side
-        np.testing.assert_array_equal(bits(run(name, np.array([value]))), bits(EXPANSIONS[name][1](np.array([value]))))
+        np.testing.assert_array_equal(
+            bits(run(name, np.array([value]))), bits(EXPANSIONS[name][1](np.array([value])))
+        )
 
 
 @pytest.mark.parametrize("name", ["arctan2", "hypot"])
 def test_functions_of_two_numbers(name: str):
     rng = np.random.default_rng(3)
-    for draw in (between(-3.0, 3.0), magnitudes(-323.0, 308.0), magnitudes(-160.0, -150.0), magnitudes(-8.0, 8.0)):
+    for draw in (
+        between(-3.0, 3.0),
+        magnitudes(-323.0, 308.0),
+        magnitudes(-160.0, -150.0),
+        magnitudes(-8.0, 8.0),
+    ):
         x, y = draw(rng), draw(rng)
         found = EXPANSIONS[name][1](x, y)
         assert units(found, x, y, name=name).max() <= 2.0
@@ -133,10 +146,16 @@ def test_sine_and_cosine_are_one_call_with_the_bits_of_each():
 def test_remainders_and_quotients_are_numpys_to_the_last_bit():
     rng = np.random.default_rng(5)
     edges = np.concatenate([EDGES, LARGEST, [3.0, 0.1, 1e17, -5.0]])
-    x = np.concatenate([np.repeat(edges, len(edges)), 10.0 ** rng.uniform(-5, 20, N) * rng.choice([-1, 1], N)])
-    y = np.concatenate([np.tile(edges, len(edges)), 10.0 ** rng.uniform(-5, 5, N) * rng.choice([-1, 1], N)])
+    x = np.concatenate(
+        [np.repeat(edges, len(edges)), 10.0 ** rng.uniform(-5, 20, N) * rng.choice([-1, 1], N)]
+    )
+    y = np.concatenate(
+        [np.tile(edges, len(edges)), 10.0 ** rng.uniform(-5, 5, N) * rng.choice([-1, 1], N)]
+    )
     for function in (np.remainder, np.floor_divide, np.fmod):
-        found = compiled(lambda x, function=function: function(x[..., 0], x[..., 1]))(np.stack([x, y], -1))
+        found = compiled(lambda x, function=function: function(x[..., 0], x[..., 1]))(
+            np.stack([x, y], -1)
+        )
         np.testing.assert_array_equal(bits(found), bits(function(x, y)))
     n, m = rng.integers(-99, 99, 500), rng.integers(-9, 9, 500)
     m[m == 0] = 5

@@ -170,7 +170,11 @@ def test_attributes_are_read_as_far_as_they_are_named():
 
 def test_a_class_that_changes_is_noticed(monkeypatch: pytest.MonkeyPatch):
     vehicle = Vehicle()
-    for name, value in (("factor", 4.0), ("force", lambda self, x: x), ("inverse", property(lambda self: 2.0))):
+    for name, value in (
+        ("factor", 4.0),
+        ("force", lambda self, x: x),
+        ("inverse", property(lambda self: 2.0)),
+    ):
         inspection = traced(vehicle.rate)
         monkeypatch.setattr(Vehicle, name, value)
         assert not inspection.unchanged()
@@ -371,9 +375,15 @@ def drawn() -> Callable[..., Any]:
         (drawn(), "Generator, whose changes cannot be seen"),
         (lambda x: sys.stdout.write("") * x, "uses the module sys"),
         ((lambda masked: lambda x: x * masked)(np.ma.array([1.0, 2.0])), "a kind of its own"),
-        ((lambda numbers: lambda x: x * len(numbers))({1, 2}), "a builtins.set, whose changes cannot be seen"),
+        (
+            (lambda numbers: lambda x: x * len(numbers))({1, 2}),
+            "a builtins.set, whose changes cannot be seen",
+        ),
         (functools.lru_cache(lambda x: x), "raises TypeError"),
-        (scipy.interpolate.CubicSpline([0.0, 1.0, 2.0], [0.0, 1.0, 0.0]), "Python's numbers|cannot have"),
+        (
+            scipy.interpolate.CubicSpline([0.0, 1.0, 2.0], [0.0, 1.0, 0.0]),
+            "Python's numbers|cannot have",
+        ),
         (5, "raises TypeError"),
     ],
 )
@@ -398,7 +408,9 @@ def test_a_function_that_writes_into_its_arguments_is_refused_and_they_stay():
 
     given = X.copy()
     reason = inspect(careless, given).reason
-    assert reason.startswith("it writes into an array that it is given: work on a copy, as of np.array(x) (line ")
+    assert reason.startswith(
+        "it writes into an array that it is given: work on a copy, as of np.array(x) (line "
+    )
     assert reason.endswith("x[..., 0] = 0.0)")
     np.testing.assert_array_equal(given, X)
     traced(lambda x: careless(np.array(x)))
@@ -501,7 +513,10 @@ def test_a_program_in_numpy_has_the_bits_of_its_compiled_self():
     def function(x: np.ndarray, n: np.ndarray) -> np.ndarray:
         angle = (x[..., 0] + np.pi) % (2.0 * np.pi) - np.pi
         power = np.where(n > 2, np.exp(x[..., 1]), np.arctan2(x[..., 1], x[..., 0]))
-        return np.stack([angle, power, 1.0 * (n % 3), np.interp(x[..., 0], [-1.0, 0.0, 2.0], [3.0, 1.0, 5.0])], -1)
+        return np.stack(
+            [angle, power, 1.0 * (n % 3), np.interp(x[..., 0], [-1.0, 0.0, 2.0], [3.0, 1.0, 5.0])],
+            -1,
+        )
 
     x, n = np.random.default_rng(1).normal(size=(99, 2)) * 5.0, np.arange(99)
     inspection = inspect(function, x, n, axes=(1, 0))

@@ -19,7 +19,9 @@ import scipy.special
 
 from estimators.engine.foreign import inspect
 
-A = np.array([[1.0, 0.1, 0.0, 0.0], [0.0, 0.9, 0.0, 0.0], [0.0, 0.0, 1.0, 0.2], [0.3, 0.0, 0.0, 1.0]])
+A = np.array(
+    [[1.0, 0.1, 0.0, 0.0], [0.0, 0.9, 0.0, 0.0], [0.0, 0.0, 1.0, 0.2], [0.3, 0.0, 0.0, 1.0]]
+)
 NAMES = {
     "np": np, "math": math, "random": random, "time": time, "os": os, "functools": functools, "operator": operator,
     "scipy": scipy, "A": A, "B": A[:, :2].copy(), "GAIN": 2.0, "COUNT": 0, "LOG": [],
@@ -94,10 +96,14 @@ RIGHT = (
     "return x @ np.diag([1.0, 2, 3, 4]) ",
     "return x[..., None] * np.eye(4)",
     "return np.trace(x[..., :, None] * x[..., None, :], axis1=-2, axis2=-1)",
-    "c, s = np.cos(x[..., 0]), np.sin(x[..., 0])\n"
-    "R = np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], -2)\nreturn (R @ u[..., None])[..., 0]",
-    "c, s = np.cos(x[..., 0]), np.sin(x[..., 0])\n"
-    "R = np.moveaxis(np.array([[c, -s], [s, c]]), (0, 1), (-2, -1))\nreturn np.einsum('...ij,...j->...i', R, u)",
+    (
+        "c, s = np.cos(x[..., 0]), np.sin(x[..., 0])\nR = np.stack([np.stack([c, -s], -1),"
+        " np.stack([s, c], -1)], -2)\nreturn (R @ u[..., None])[..., 0]"
+    ),
+    (
+        "c, s = np.cos(x[..., 0]), np.sin(x[..., 0])\nR = np.moveaxis(np.array([[c, -s], [s, c]]),"
+        " (0, 1), (-2, -1))\nreturn np.einsum('...ij,...j->...i', R, u)"
+    ),
     "return np.concatenate([x, u], axis=-1)",
     "return np.hstack([x, u])",
     "return np.stack([x[..., 0], np.zeros_like(x[..., 0]), np.ones(x.shape[:-1])], -1)",
@@ -138,15 +144,23 @@ RIGHT = (
     "return (x.astype(np.int64) & 3) << 2",
     "return np.real(x) + np.conj(x) + x.real",
     "y = np.zeros_like(x)\nfor i, v in np.ndenumerate(x): y[i] = v * 2\nreturn y",
-    "y = x.copy()\nfor i in range(1, x.shape[-1]): y[..., i] = y[..., i - 1] * 0.5 + y[..., i]\nreturn y",
+    (
+        "y = x.copy()\nfor i in range(1, x.shape[-1]): y[..., i] = y[..., i - 1] * 0.5 + y[...,"
+        " i]\nreturn y"
+    ),
     "y = np.empty(x.shape); y[..., 0] = x[..., 1]; y[..., 1:] = 0.0; return y",
     "x = np.asarray(x, dtype=float); return x * 2",
     "y = np.array(x); y[..., 0][x[..., 1] > 0] = 5.0; return y",
     "y = np.zeros(x.shape); y[..., 0] = x[..., 1]; y[..., 1:] = np.sin(x[..., :3]); return y",
-    "F = np.zeros(x.shape[:-1] + (4, 4))\nF[..., 0, 1] = x[..., 0]\nF[..., range(4), range(4)] = 1.0\n"
-    "return (F @ x[..., None])[..., 0]",
+    (
+        "F = np.zeros(x.shape[:-1] + (4, 4))\nF[..., 0, 1] = x[..., 0]\nF[..., range(4), range(4)]"
+        " = 1.0\nreturn (F @ x[..., None])[..., 0]"
+    ),
     "M = np.zeros((4, 4)); M[0, 1] = 0.1; M += np.eye(4)\nreturn x @ np.linalg.inv(M).T",
-    "c, s = np.cos(x[..., 0]), np.sin(x[..., 0])\nreturn np.einsum('ij...,...j->...i', np.array([[c, -s], [s, c]]), u)",
+    (
+        "c, s = np.cos(x[..., 0]), np.sin(x[..., 0])\nreturn np.einsum('ij...,...j->...i',"
+        " np.array([[c, -s], [s, c]]), u)"
+    ),
     "y = np.empty_like(x); y[..., :2] = u; y[..., 2:] = np.where(x[..., 2:] > 0, 1, -1); return y",
     "return np.ones(x.shape) * x + np.zeros(4) - np.full(4, 2.0)",
     "t = np.zeros(4); t[1] = 3; return t",
@@ -164,12 +178,18 @@ REFUSED = {
     "i = x[..., 0].astype(int) % 4\nreturn TABLE[i]": "valid indices",
     "return x[x > 0]": "x\\[mask\\]",
     "return np.take_along_axis(x, np.argsort(x, -1), -1)": "cannot have np.argsort in it",
-    "return np.linalg.inv(np.eye(4) + x[..., :, None] * x[..., None, :])": "cannot have np.inv in it",
+    "return np.linalg.inv(np.eye(4) + x[..., :, None] * x[..., None, :])": (
+        "cannot have np.inv in it"
+    ),
     "return np.linalg.solve(A, x[..., None])[..., 0]": "cannot have np.solve in it",
-    "return np.linalg.solve(np.eye(4) + x[..., :, None] * x[..., None, :], x[..., None])": "cannot have np.solve in it",
+    "return np.linalg.solve(np.eye(4) + x[..., :, None] * x[..., None, :], x[..., None])": (
+        "cannot have np.solve in it"
+    ),
     "return np.linalg.det(x.reshape(x.shape[:-1] + (2, 2)))": "cannot have np.det in it",
     "return x / np.linalg.norm(x)": "rows in a batch depend on each other",
-    "return np.linalg.eigvalsh(np.eye(4) + x[..., :, None] * x[..., None, :])": "cannot have np.eigvalsh in it",
+    "return np.linalg.eigvalsh(np.eye(4) + x[..., :, None] * x[..., None, :])": (
+        "cannot have np.eigvalsh in it"
+    ),
     "return x.T": "for 3 rows it gives",
     "return x / len(x)": "rows in a batch depend on each other",
     "return x * x.shape[0]": "rows in a batch depend on each other",
@@ -229,8 +249,12 @@ REFUSED = {
     "return np.outer(x, x)": "for 3 rows it gives",
     "return np.kron(A, x)": "for 3 rows it gives",
     "return np.diag(x)": "for 3 rows it gives",
-    "c, s = np.cos(x[..., 0]), np.sin(x[..., 0])\nR = np.array([[c, -s], [s, c]])\nreturn R @ u": "for 3 rows it gives",
-    "return scipy.spatial.transform.Rotation.from_euler('z', x[..., 0]).as_matrix()": "it raises ValueError",
+    "c, s = np.cos(x[..., 0]), np.sin(x[..., 0])\nR = np.array([[c, -s], [s, c]])\nreturn R @ u": (
+        "for 3 rows it gives"
+    ),
+    "return scipy.spatial.transform.Rotation.from_euler('z', x[..., 0]).as_matrix()": (
+        "it raises ValueError"
+    ),
     "return np.concatenate([x, u])": "it raises ValueError",
     "return np.column_stack([x, u])": "it raises ValueError",
     "return np.c_[x, u]": "it raises ValueError",
@@ -252,7 +276,9 @@ REFUSED = {
     "return np.histogram(x)[0]": "cannot have np.histogram in it",
     "return np.count_nonzero(x > 0, axis=-1)": "cannot have np.count_nonzero in it",
     "return (x > 0) + (x < -1)": "two masks",
-    "x[..., 0] = 2 * x[..., 0]; return x": "it writes into an array that it is given: work on a copy",
+    "x[..., 0] = 2 * x[..., 0]; return x": (
+        "it writes into an array that it is given: work on a copy"
+    ),
     "return np.where((x > 0) and (x < 1), x, 0)": "it raises ValueError",
     "return np.where(0 < x < 1, x, 0)": "it raises ValueError",
     "return max(x[..., 0], 0.0)": "it raises ValueError",
@@ -307,8 +333,12 @@ def test_an_idiom_that_is_traced_gives_what_numpy_gives(body: str):
     for batch in ((), (1,), (6,), (33,)):
         given = arguments(*batch)
         found, expected = inspection(*given), in_numpy(f, *given)
-        for one, other in zip(*([found], [expected]) if not inspection.several else (found, expected), strict=True):
-            np.testing.assert_allclose(one, np.broadcast_to(other, one.shape), rtol=1e-12, atol=1e-13)
+        for one, other in zip(
+            *([found], [expected]) if not inspection.several else (found, expected), strict=True
+        ):
+            np.testing.assert_allclose(
+                one, np.broadcast_to(other, one.shape), rtol=1e-12, atol=1e-13
+            )
 
 
 @pytest.mark.parametrize(("body", "phrase"), REFUSED.items())

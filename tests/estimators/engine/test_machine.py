@@ -57,7 +57,7 @@ def forget(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(machine, "_loaded", {})
 
 
-# --- objects on disk --------------------------------------------------------------------------------
+# --- objects on disk ------------------------------------------------------------------------------
 
 
 def start(cache: Path, *arguments: str) -> subprocess.Popen[str]:
@@ -83,7 +83,9 @@ def test_objects_serve_other_processes_and_two_that_compile_at_once_agree(tmp_pa
 
 
 @pytest.mark.parametrize("damage", [b"", b"garbage" * 99, None, "bit"])
-def test_a_damaged_object_is_compiled_anew(damage: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_damaged_object_is_compiled_anew(
+    damage: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     function, x = fresh(), np.ones((1, 3))
     expected = function(x)
     (path,) = tmp_path.glob("*.o")
@@ -113,7 +115,9 @@ def test_an_object_of_another_version_of_the_engine_is_not_used(monkeypatch: pyt
         assert len(texts) == count
 
 
-def test_a_folder_that_cannot_be_written_costs_time_and_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_folder_that_cannot_be_written_costs_time_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setattr(machine, "folder", lambda: tmp_path / "missing")
     np.testing.assert_array_equal(np.isfinite(fresh()(np.ones((1, 3)))), True)
     assert not (tmp_path / "missing").exists()
@@ -190,7 +194,9 @@ def test_the_folder_is_the_one_that_is_asked_for(
     assert folder().parent == tmp_path / "here"
 
 
-def test_objects_that_nobody_has_used_for_long_are_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_objects_that_nobody_has_used_for_long_are_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     old, new = tmp_path / "a.o", tmp_path / "b.o"
     for path in (old, new):
         path.touch()
@@ -206,7 +212,7 @@ def test_objects_that_nobody_has_used_for_long_are_removed(tmp_path: Path, monke
     assert path.stat().st_mtime > 1e9  # using one counts
 
 
-# --- memory -----------------------------------------------------------------------------------------
+# --- memory ---------------------------------------------------------------------------------------
 
 
 MEMORY = """
@@ -232,16 +238,25 @@ assert functions[9](np.zeros((1, 1))) == functions[9](np.zeros((9, 1)))[0]  # on
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="where Linux tells a process' memory")
+@pytest.mark.skipif(
+    not Path("/proc/self/statm").exists(), reason="where Linux tells a process' memory"
+)
 def test_a_process_keeps_little_of_what_compiling_needed(tmp_path: Path):
     environment = dict(os.environ, VESSEL_GYM_CACHE=str(tmp_path), VESSEL_GYM_OPTIMISE="0")
     done = subprocess.run(
-        [sys.executable, "-c", MEMORY], cwd=ROOT, env=environment, check=True, capture_output=True, text=True
+        [sys.executable, "-c", MEMORY],
+        cwd=ROOT,
+        env=environment,
+        check=True,
+        capture_output=True,
+        text=True,
     )
-    assert float(done.stdout) < 300_000.0  # bytes a program; 860 thousand where the machine that emits is kept
+    assert (
+        float(done.stdout) < 300_000.0
+    )  # bytes a program; 860 thousand where the machine that emits is kept
 
 
-# --- the same bits ----------------------------------------------------------------------------------
+# --- the same bits --------------------------------------------------------------------------------
 
 
 def results(function: Callable[[Any], Any], n: int, x: np.ndarray) -> list[bytes]:
@@ -281,8 +296,14 @@ gc.collect()
 @pytest.mark.slow
 def test_a_function_in_a_cycle_of_garbage_is_deleted_before_what_it_reads(tmp_path: Path):
     # glibc fills what is freed with ones, so that a read of it ends the process
-    allocator = {"PYTHONMALLOC": "malloc", "MALLOC_PERTURB_": "255", "VESSEL_GYM_CACHE": str(tmp_path)}
-    subprocess.run([sys.executable, "-c", COLLECTED], cwd=ROOT, env=dict(os.environ, **allocator), check=True)
+    allocator = {
+        "PYTHONMALLOC": "malloc",
+        "MALLOC_PERTURB_": "255",
+        "VESSEL_GYM_CACHE": str(tmp_path),
+    }
+    subprocess.run(
+        [sys.executable, "-c", COLLECTED], cwd=ROOT, env=dict(os.environ, **allocator), check=True
+    )
 
 
 @pytest.mark.skipif("x86_64" not in machine._processor()[1], reason="of processors of this family")
@@ -320,7 +341,7 @@ def test_nothing_is_contracted_or_reordered():
     assert compiled(lambda x: x[..., 0] + x[..., 1] + x[..., 2])(small) == 0.0
 
 
-# --- are arrays alike? ------------------------------------------------------------------------------
+# --- are arrays alike? ----------------------------------------------------------------------------
 
 
 class Own(np.ndarray):
@@ -347,7 +368,10 @@ def test_arrays_are_alike_if_their_types_shapes_and_order_are(count: int):
                 OBJECTS[i] for i in rng.integers(len(OBJECTS), size=rng.integers(3))
             ]
         alike = len(now) == count and all(
-            type(a) is np.ndarray and a.shape == b.shape and a.dtype == b.dtype and a.flags.c_contiguous
+            type(a) is np.ndarray
+            and a.shape == b.shape
+            and a.dtype == b.dtype
+            and a.flags.c_contiguous
             for a, b in zip(now, before, strict=True)
         )
         fresh = matcher()(described(before, ordered), *now)
@@ -363,7 +387,10 @@ def test_arrays_for_results_are_given_back():
     table, before = described([x], [x, x]), sys.getrefcount(dtype)
     for _ in range(1000):
         fresh = matcher()(table, x)
-        assert [sys.getrefcount(each) for each in fresh] == [3, 3]  # the tuple, the comprehension and the question
+        assert [sys.getrefcount(each) for each in fresh] == [
+            3,
+            3,
+        ]  # the tuple, the comprehension and the question
         fresh[0][:] = 1.0
     del fresh
     assert sys.getrefcount(dtype) == before

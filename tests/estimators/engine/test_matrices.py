@@ -68,7 +68,12 @@ def _cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyP
 def arguments(rows: int) -> list[np.ndarray]:
     rng = np.random.default_rng(rows)
     mask = rng.random((rows, 3)) < 0.5
-    return [random_covariance(rng, 3, (rows,)), rng.normal(size=(rows, 3, 2)), rng.normal(size=(rows, 3)), mask]
+    return [
+        random_covariance(rng, 3, (rows,)),
+        rng.normal(size=(rows, 3, 2)),
+        rng.normal(size=(rows, 3)),
+        mask,
+    ]
 
 
 def traced(formula: Formula) -> Function:
@@ -85,14 +90,18 @@ def tracers() -> list[Any]:
 
 
 @pytest.mark.parametrize("formula", FORMULAS.values(), ids=FORMULAS.keys())
-def test_a_formula_is_what_numpy_computes_with_the_same_bits_alone_and_in_any_batch(formula: Formula):
+def test_a_formula_is_what_numpy_computes_with_the_same_bits_alone_and_in_any_batch(
+    formula: Formula,
+):
     function = traced(formula)
     for rows in ROWS:
         parts = arguments(rows)
         found = run(function, parts)
         np.testing.assert_allclose(found, formula(*parts), rtol=0.0, atol=1e-12)
         for some in (slice(rows - 1, rows), slice(0, 5), slice(rows // 2, rows)):
-            np.testing.assert_array_equal(run(function, [part[some] for part in parts]), found[some])
+            np.testing.assert_array_equal(
+                run(function, [part[some] for part in parts]), found[some]
+            )
 
 
 @pytest.mark.parametrize("formula", FORMULAS.values(), ids=FORMULAS.keys())
@@ -145,7 +154,9 @@ def test_solve_is_numpys_for_any_matrix():
     A[4] = -A[4] @ A[4].mT
     function = traced(lambda A, B, x, m: np.linalg.solve(A, B))
     found = run(function, [A, B, x, m])
-    np.testing.assert_allclose(found, np.linalg.solve(A, B), rtol=1e-12 * np.linalg.cond(A).max(), atol=0.0)
+    np.testing.assert_allclose(
+        found, np.linalg.solve(A, B), rtol=1e-12 * np.linalg.cond(A).max(), atol=0.0
+    )
     A[5] = np.ones((3, 3))
     again = run(function, [A, B, x, m])
     assert np.isnan(again[5]).all()
@@ -156,7 +167,11 @@ def test_a_remainder_is_numpys_to_the_last_bit():
     S, B, x, m = arguments(70)
     x[:5, 0] = 1e17, -1e17, np.inf, -0.0, 5.0
     S[4, 0, 0] = np.inf
-    for formula in (lambda S, B, x, m: x % 0.7, lambda S, B, x, m: 5.0 % x, lambda S, B, x, m: x % S[..., 0, :]):
+    for formula in (
+        lambda S, B, x, m: x % 0.7,
+        lambda S, B, x, m: 5.0 % x,
+        lambda S, B, x, m: x % S[..., 0, :],
+    ):
         with np.errstate(all="ignore"):
             np.testing.assert_array_equal(run(traced(formula), [S, B, x, m]), formula(S, B, x, m))
 
@@ -194,7 +209,7 @@ def test_no_equations_have_a_solution_of_no_rows():
         assert function.compute([np.zeros((5, 0, 0)), np.zeros((5, 0, 2))])[0].shape == (5, 0, 2)
 
 
-# --- refused ----------------------------------------------------------------------------------------
+# --- refused --------------------------------------------------------------------------------------
 
 MISTAKES: dict[str, Formula] = {
     "inner sizes of @": lambda S, B, x, m: B @ S,

@@ -41,14 +41,21 @@ def _cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyP
 
 def opcodes(function: Any, *rows: Argument) -> list[str]:
     """Those of a function's instructions, inputs left out."""
-    return [each.opcode for each in trace(function, rows or [Argument((3,))])[0].instructions if each.opcode != "input"]
+    return [
+        each.opcode
+        for each in trace(function, rows or [Argument((3,))])[0].instructions
+        if each.opcode != "input"
+    ]
 
 
-# --- instructions -----------------------------------------------------------------------------------
+# --- instructions ---------------------------------------------------------------------------------
 
 
 def test_the_same_operation_is_one_instruction():
-    assert opcodes(lambda x: (x[..., 0] + x[..., 1]) * (x[..., 0] + x[..., 1])) == ["add", "multiply"]
+    assert opcodes(lambda x: (x[..., 0] + x[..., 1]) * (x[..., 0] + x[..., 1])) == [
+        "add",
+        "multiply",
+    ]
     both = opcodes(lambda x: np.sin(x[..., 0]) + np.sin(x[..., 0]) * np.cos(x[..., 0]))
     assert sorted(both) == ["add", "cos", "multiply", "sin"]
 
@@ -71,7 +78,9 @@ def test_constants_are_computed_at_once_and_identities_cost_nothing():
 
 
 def test_zeros_of_either_sign_are_two_constants():
-    found = compiled(lambda x: np.stack([np.copysign(x[..., 0], 0.0), np.copysign(x[..., 0], -0.0)], -1))(np.ones(1))
+    found = compiled(
+        lambda x: np.stack([np.copysign(x[..., 0], 0.0), np.copysign(x[..., 0], -0.0)], -1)
+    )(np.ones(1))
     np.testing.assert_array_equal(found, [1.0, -1.0])
 
 
@@ -83,11 +92,16 @@ def test_powers_are_products():
     np.testing.assert_array_equal(compiled(lambda x: x**0)(np.array([np.nan, 0.0])), [1.0, 1.0])
 
 
-# --- kinds ------------------------------------------------------------------------------------------
+# --- kinds ----------------------------------------------------------------------------------------
 
 
 def test_results_have_the_types_that_numpy_gives():
-    x, n, w, m = np.array([1.5, -2.5]), np.array([3, -4]), np.array([3, 2**63 + 1], np.uint64), np.array([True, False])
+    x, n, w, m = (
+        np.array([1.5, -2.5]),
+        np.array([3, -4]),
+        np.array([3, 2**63 + 1], np.uint64),
+        np.array([True, False]),
+    )
     for function in (
         lambda x, n, w, m: x > 0.0,
         lambda x, n, w, m: (x > 0.0).sum(-1),
@@ -131,7 +145,13 @@ def test_results_have_the_types_that_numpy_gives():
 
 def test_other_types_are_taken_as_those_of_their_kind():
     double = compiled(lambda x: 2 * x)
-    for dtype, result in ((np.float32, float), (np.int8, np.int64), (np.uint8, np.uint64), (">f8", float), (int, int)):
+    for dtype, result in (
+        (np.float32, float),
+        (np.int8, np.int64),
+        (np.uint8, np.uint64),
+        (">f8", float),
+        (int, int),
+    ):
         found = double(np.arange(3).astype(dtype))
         assert found.dtype == result
         np.testing.assert_array_equal(found, [0, 2, 4])
@@ -166,14 +186,16 @@ def test_words_and_floats_share_their_bits():
     x = np.array([1.0, -0.0, np.inf, 5e-324, np.nan, -2.5])
     assert compiled(float_bits)(x).dtype == np.uint64
     np.testing.assert_array_equal(compiled(float_bits)(x), x.view(np.uint64))
-    np.testing.assert_array_equal(compiled(lambda x: bits_float(float_bits(x)))(x).view(np.uint64), x.view(np.uint64))
+    np.testing.assert_array_equal(
+        compiled(lambda x: bits_float(float_bits(x)))(x).view(np.uint64), x.view(np.uint64)
+    )
     w = np.array([0, 1, 2**63, 2**64 - 1], np.uint64)
     np.testing.assert_array_equal(compiled(as_integer)(w), w.astype(np.int64))
     np.testing.assert_array_equal(compiled(as_word)(w.astype(np.int64)), w)
     np.testing.assert_array_equal(compiled(as_float)(w), w.astype(float))
 
 
-# --- tables and loops -------------------------------------------------------------------------------
+# --- tables and loops -----------------------------------------------------------------------------
 
 
 def test_a_table_is_looked_up_as_in_numpy():
@@ -185,8 +207,12 @@ def test_a_table_is_looked_up_as_in_numpy():
         for value in x:
             np.testing.assert_array_equal(function(value), lookup(entries, value))
     n = np.array([LOWEST, -1, 0, 3, 4, HIGHEST])
-    np.testing.assert_array_equal(compiled(lambda n: lookup(table, n), axes=(0,))(n), table[[0, 0, 0, 3, 3, 3]])
-    np.testing.assert_array_equal(compiled(lambda x: lookup(table, x))(np.array([1.0, 3.0])), [1.0, -5.0])
+    np.testing.assert_array_equal(
+        compiled(lambda n: lookup(table, n), axes=(0,))(n), table[[0, 0, 0, 3, 3, 3]]
+    )
+    np.testing.assert_array_equal(
+        compiled(lambda x: lookup(table, x))(np.array([1.0, 3.0])), [1.0, -5.0]
+    )
 
 
 def test_interpolation_is_numpys():
@@ -248,12 +274,16 @@ def test_rows_that_need_no_pass_keep_their_vectors():
 
 def test_a_loop_ends_by_a_mask():
     with pytest.raises(TypeError, match="ends by a mask"):
-        compiled(lambda x: repeat(3, lambda x: (0.5 * x,), x[..., 0], active=lambda x: x - 1.0)[0])(np.ones(2))
+        compiled(lambda x: repeat(3, lambda x: (0.5 * x,), x[..., 0], active=lambda x: x - 1.0)[0])(
+            np.ones(2)
+        )
 
 
 def test_a_loop_of_no_passes_gives_what_it_got():
     x = np.array([2.0, 3.0])
-    np.testing.assert_array_equal(compiled(lambda x: repeat(0, lambda a: (a + 1.0,), x[..., 0])[0])(x), 2.0)
+    np.testing.assert_array_equal(
+        compiled(lambda x: repeat(0, lambda a: (a + 1.0,), x[..., 0])[0])(x), 2.0
+    )
 
 
 def waves(x: Any) -> tuple[Any, ...]:
@@ -279,14 +309,16 @@ def test_a_function_along_rows_is_that_of_each_entry(entries: int):
 
 def test_a_function_along_rows_has_its_instructions_once():
     few, many = (trace(waves, [Argument((2 * k,))])[0].instructions for k in (3, 24))
-    (short, long) = ([each for each in found if each.opcode == "columns"] for found in (few, many))
+    short, long = ([each for each in found if each.opcode == "columns"] for found in (few, many))
     assert len(short) == len(long) == 1
     assert len(short[0].attributes[0].body) == len(long[0].attributes[0].body) > 3
 
 
 def test_a_function_along_rows_is_refused_where_it_would_be_wrong():
     def shared(x: Any) -> Any:
-        return along(lambda a: [a * x[..., 0]], np.linspace(0.0, 1.0, 5) + 0.0 * as_float(x[..., :1] > 0.0))[0]
+        return along(
+            lambda a: [a * x[..., 0]], np.linspace(0.0, 1.0, 5) + 0.0 * as_float(x[..., :1] > 0.0)
+        )[0]
 
     for function in (lambda x: along(lambda a: [a * a], x)[0], shared):
         with pytest.raises(NotTraceable, match="no derivative"):
@@ -295,7 +327,7 @@ def test_a_function_along_rows_is_refused_where_it_would_be_wrong():
         compiled(lambda x: repeat(2, lambda y: along(lambda a: [2.0 * a], y), x)[0])(np.ones(5))
 
 
-# --- batches ----------------------------------------------------------------------------------------
+# --- batches --------------------------------------------------------------------------------------
 
 
 @compiled(axes=(1, 0, 2))
@@ -314,7 +346,9 @@ def test_arguments_have_the_batch_or_are_shared(batch: tuple[int, ...]):
     ):
         found = moved(*arguments)
         assert found.shape == x.shape
-        np.testing.assert_allclose(found, moved.function(*map(np.asarray, arguments)), rtol=1e-15, atol=1e-15)
+        np.testing.assert_allclose(
+            found, moved.function(*map(np.asarray, arguments)), rtol=1e-15, atol=1e-15
+        )
 
 
 def test_batches_are_broadcast():
@@ -340,7 +374,9 @@ def test_views_of_any_kind_are_read():
         x.tolist(),
     ):
         axes = (min(1, np.ndim(view)),)
-        np.testing.assert_array_equal(compiled(double.function, axes=axes)(view), 2.0 * np.asarray(view))
+        np.testing.assert_array_equal(
+            compiled(double.function, axes=axes)(view), 2.0 * np.asarray(view)
+        )
 
 
 def test_results_are_new_arrays():
@@ -366,7 +402,7 @@ def test_threads_compute_side_by_side():
             np.testing.assert_array_equal(result, function(part))
 
 
-# --- functions and methods --------------------------------------------------------------------------
+# --- functions and methods ------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

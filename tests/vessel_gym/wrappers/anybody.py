@@ -18,9 +18,13 @@ def cart_pole(**options: Any) -> gym.Env:
         slide = t - 0.05 * turn * np.cos(a) / 1.1
         return np.stack([p + 0.02 * v, v + 0.02 * slide, a + 0.02 * w, w + 0.02 * turn], -1)
 
-    model = NonlinearModel(swing, lambda x, u: x[..., [0, 2]], 1e-9 * np.eye(4), np.diag([4e-4, 1e-4]))
+    model = NonlinearModel(
+        swing, lambda x, u: x[..., [0, 2]], 1e-9 * np.eye(4), np.diag([4e-4, 1e-4])
+    )
     prior = Gaussian(np.zeros(4), np.eye(4) * 0.05**2 / 3)
-    return EstimatedObservation(gym.make("CartPole-v1"), model, prior, lambda env, obs: env.unwrapped.state, **options)
+    return EstimatedObservation(
+        gym.make("CartPole-v1"), model, prior, lambda env, obs: env.unwrapped.state, **options
+    )
 
 
 def pendulum(**options: Any) -> gym.Env:
@@ -40,12 +44,16 @@ def pendulum(**options: Any) -> gym.Env:
 def mountain_car(**options: Any) -> gym.Env:
     env = gym.make("MountainCar-v0")
     model = simulator(env, lambda x, u: x[..., :1], Q=1e-11, R=1e-4)
-    return EstimatedObservation(env, model, Gaussian([-0.5, 0.0], np.diag([0.0034, 0.0])), **options)
+    return EstimatedObservation(
+        env, model, Gaussian([-0.5, 0.0], np.diag([0.0034, 0.0])), **options
+    )
 
 
 def acrobot(**options: Any) -> gym.Env:
     env = gym.make("Acrobot-v1")
-    model = simulator(env, lambda x, u: x[..., :2], Q=1e-9, R=1e-4, state_angles=(0, 1), measurement_angles=(0, 1))
+    model = simulator(
+        env, lambda x, u: x[..., :2], Q=1e-9, R=1e-4, state_angles=(0, 1), measurement_angles=(0, 1)
+    )
     return EstimatedObservation(
         env, model, None, lambda env, obs: env.unwrapped.state,
         lambda x: [np.cos(x[..., 0]), np.sin(x[..., 0]), np.cos(x[..., 1]), np.sin(x[..., 1]), x[..., 2], x[..., 3]],
@@ -86,7 +94,9 @@ def lunar_lander(**options: Any) -> gym.Env:
     )  # the legs' contacts pass
 
 
-def _mujoco(name: str, observation: Callable, measurement: Callable, passes=(), **options: Any) -> gym.Env:
+def _mujoco(
+    name: str, observation: Callable, measurement: Callable, passes=(), **options: Any
+) -> gym.Env:
     env = gym.make(name)
     model = simulator(env, measurement, Q=1e-8, R=1e-4)
     return EstimatedObservation(

@@ -46,7 +46,9 @@ def built(name: str, **options: Any) -> gym.Env:
 
 def same(one: Any, other: Any) -> bool:
     if isinstance(one, dict):
-        return one.keys() == other.keys() and all(np.array_equal(one[key], other[key]) for key in one)
+        return one.keys() == other.keys() and all(
+            np.array_equal(one[key], other[key]) for key in one
+        )
     return one.dtype == other.dtype and np.array_equal(one, other)
 
 
@@ -73,7 +75,9 @@ EXACT = ("cart_pole", "pendulum", "mountain_car", "acrobot", "inverted_pendulum"
 
 @pytest.mark.parametrize("name", EXACT)
 @pytest.mark.parametrize("estimator", ["ekf", "ukf", "etkf"])
-def test_without_noise_the_estimate_is_the_state_within_twenty_steps(name: str, estimator: str, monkeypatch):
+def test_without_noise_the_estimate_is_the_state_within_twenty_steps(
+    name: str, estimator: str, monkeypatch
+):
     monkeypatch.setitem(SUITES, "perfect", SensorSuite(noise=1e-6, lossless=True))
     env = built(name, estimator=estimator, sensors="perfect")
     env.action_space.seed(0)
@@ -112,7 +116,9 @@ LINEAR_PRIOR = Gaussian([0.0, 0.0], 0.09 * np.eye(2))
 
 def _linear(rows: int, estimator: str, **options: Any) -> EstimatedObservations:
     """As many linear environments: rows are as single ones, see `test_rows_of_a_vector_fly_as_single_ones`."""
-    return EstimatedObservations(SyncVectorEnv([Linear] * rows), LINEAR, LINEAR_PRIOR, estimator=estimator, **options)
+    return EstimatedObservations(
+        SyncVectorEnv([Linear] * rows), LINEAR, LINEAR_PRIOR, estimator=estimator, **options
+    )
 
 
 @pytest.mark.parametrize("estimator", ["kf", "ekf", "ukf", "etkf"])
@@ -147,7 +153,8 @@ def _flown(env: gym.Env, steps: int = 40, seed: int = 5) -> list[dict[str, Any]]
 
 def test_measurements_are_the_same_under_every_estimator_in_all_episodes():
     flights = [
-        _flown(cart_pole(estimator=name, sensors="degraded")) for name in ("truth", "ekf", "enkf", "dead-reckoning")
+        _flown(cart_pole(estimator=name, sensors="degraded"))
+        for name in ("truth", "ekf", "enkf", "dead-reckoning")
     ]
     for flight in flights[1:]:
         assert len(flight) == len(flights[0])
@@ -170,7 +177,9 @@ class Elsewhere(Linear):
 @pytest.mark.parametrize("observe", ["mean", "mean+std", "measurement"])
 @pytest.mark.parametrize("estimator", ["ekf", "enkf", "dead-reckoning"])
 @pytest.mark.parametrize("leaks", [False, True])
-def test_another_truth_under_the_same_measurements_changes_no_observation(observe: str, estimator: str, leaks: bool):
+def test_another_truth_under_the_same_measurements_changes_no_observation(
+    observe: str, estimator: str, leaks: bool
+):
     """The environment and its state are elsewhere; measurements stay. A leak would change the observation."""
 
     class Leaky(EstimatedObservation):
@@ -180,9 +189,16 @@ def test_another_truth_under_the_same_measurements_changes_no_observation(observ
     flights = []
     for world in (Linear(), Elsewhere()):
         measurements = np.random.default_rng(1).normal(size=41)
-        replayed = Sensor("replayed", ("y",), lambda x, u, r=measurements: np.full((*x.shape[:-1], 1), r[0]), (0.1,))
+        replayed = Sensor(
+            "replayed",
+            ("y",),
+            lambda x, u, r=measurements: np.full((*x.shape[:-1], 1), r[0]),
+            (0.1,),
+        )
         kind = Leaky if leaks else EstimatedObservation
-        env = kind(world, LINEAR, LINEAR_PRIOR, estimator=estimator, sensors=[replayed], observe=observe)
+        env = kind(
+            world, LINEAR, LINEAR_PRIOR, estimator=estimator, sensors=[replayed], observe=observe
+        )
         flights.append(_flown(env))
     for one, other in zip(*flights, strict=True):
         assert np.abs(one["truth"] - other["truth"]).min() > 0.5
@@ -190,7 +206,7 @@ def test_another_truth_under_the_same_measurements_changes_no_observation(observ
         assert np.array_equal(one["observation"], other["observation"]) is not leaks
 
 
-# --- many at once -------------------------------------------------------------------------------------
+# --- many at once ---------------------------------------------------------------------------------
 
 
 def _known(action: Any) -> np.ndarray:
@@ -202,12 +218,16 @@ def _balanced(estimator: str) -> Model:
     """CartPole as a filter takes it: its equations, or these near the upright, with what it needs to be unknown."""
     own: Any = cart_pole().watch.filter.model
     if estimator in ANY:
-        return NonlinearModel(lambda x, u: own.transition(x, u + 0.5), own.measurement, own.Q, own.R)
+        return NonlinearModel(
+            lambda x, u: own.transition(x, u + 0.5), own.measurement, own.Q, own.R
+        )
     R, offset = np.diag([4e-4, 1e-4, 1e-4, 1e-4]), np.eye(4)[:, :1]
     A = own.linearise_transition(np.zeros(4), np.array([0.5]))[1]
     push = np.diff(own.transition(np.zeros((2, 4)), np.array([[0.0], [1.0]])), axis=0).T
     if estimator in ("ekf-ui-wdf", "ukf-umv"):
-        return NonlinearModel(lambda x, u: own.transition(x, u + 0.5), lambda x, u: x, own.Q, R, G=push)
+        return NonlinearModel(
+            lambda x, u: own.transition(x, u + 0.5), lambda x, u: x, own.Q, R, G=push
+        )
     unknown = {
         "kf": {}, "kf-umv-ui": {"G": 0.0 * push, "H": offset}, "kf-umv-ui-wdf": {"G": push},
         "ulise": {"G": push, "H": offset},
@@ -216,7 +236,9 @@ def _balanced(estimator: str) -> Model:
 
 
 def _many(rows: int, estimator: str, mode: AutoresetMode = AutoresetMode.NEXT_STEP, **options: Any):
-    envs = SyncVectorEnv([partial(gym.make, "CartPole-v1", max_episode_steps=30)] * rows, autoreset_mode=mode)
+    envs = SyncVectorEnv(
+        [partial(gym.make, "CartPole-v1", max_episode_steps=30)] * rows, autoreset_mode=mode
+    )
     return EstimatedObservations(
         envs, _balanced(estimator), cart_pole().watch.prior,
         lambda env, obs: np.array([e.unwrapped.state for e in env.envs]), known_input=_known, estimator=estimator,
@@ -232,7 +254,11 @@ ANY = [name for name in names() if name not in LINEAR_OR_UNKNOWN]
 @pytest.mark.parametrize("estimator", names())
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED])
 def test_rows_of_a_vector_fly_as_single_ones_over_their_ends(estimator: str, mode: AutoresetMode):
-    options = {"members": 20} if make(estimator, _balanced(estimator)).random and estimator != "pf" else {}
+    options = (
+        {"members": 20}
+        if make(estimator, _balanced(estimator)).random and estimator != "pf"
+        else {}
+    )
     many = _many(3, estimator, mode, sensors="degraded", estimator_options=options)
     ones = [
         EstimatedObservation(
@@ -266,7 +292,11 @@ def test_a_native_batch_is_wrapped_as_others_are():
     env = gym.make_vec("CartPole-v1", num_envs=64, vectorization_mode="vector_entry_point")
     single = cart_pole().watch
     wrapped = EstimatedObservations(
-        env, single.filter.model, single.prior, lambda env, obs: env.unwrapped.state.T, estimator="ukf"
+        env,
+        single.filter.model,
+        single.prior,
+        lambda env, obs: env.unwrapped.state.T,
+        estimator="ukf",
     )
     wrapped.reset(seed=0)
     for _ in range(50):
@@ -284,20 +314,32 @@ def test_functions_of_a_batch_must_keep_its_rows():
     with refused(ValueError, r"wants \(3,\) numbers, the estimate gives shape \(3, 4\)"):
         EstimatedObservations(envs, **given, observation=flat).reset(seed=0)
     mixed = EstimatedObservations(
-        envs, **given, observation=lambda x: np.stack(flat(x), -1), known_input=lambda a: np.moveaxis(a, -1, 0)
+        envs,
+        **given,
+        observation=lambda x: np.stack(flat(x), -1),
+        known_input=lambda a: np.moveaxis(a, -1, 0),
     )
     mixed.reset(seed=0)
     with pytest.raises(ValueError, match=r"known_input must give an array \(4, 1\)"):
         mixed.step(np.zeros((4, 1), np.float32))
-    three = SyncVectorEnv([partial(gym.make, "Pendulum-v1")] * 3)  # as many as an observation has components
-    with pytest.raises(ValueError, match="observation must give a row for each environment, and mixes them"):
+    three = SyncVectorEnv(
+        [partial(gym.make, "Pendulum-v1")] * 3
+    )  # as many as an observation has components
+    with pytest.raises(
+        ValueError, match="observation must give a row for each environment, and mixes them"
+    ):
         EstimatedObservations(three, **given, observation=flat)
 
 
 def test_a_seed_concerns_the_rows_that_are_reset_and_without_one_a_row_goes_on():
     many = _many(2, "ekf", AutoresetMode.DISABLED)
     ones = [_many(1, "ekf", AutoresetMode.DISABLED) for _ in range(2)]
-    for seeds, mask in (([7, 9], [True, True]), ([50, 51], [True, False]), ([None, 61], [True, True]), (None, None)):
+    for seeds, mask in (
+        ([7, 9], [True, True]),
+        ([50, 51], [True, False]),
+        ([None, 61], [True, True]),
+        (None, None),
+    ):
         reset = np.ones(2, bool) if mask is None else np.array(mask)
         _, info = many.reset(seed=seeds, options={"reset_mask": reset})
         for i in np.flatnonzero(reset):
@@ -319,7 +361,9 @@ gym.register("Hanging-v0", Hanging)
 
 
 def test_a_prior_that_is_sampled_knows_angles():
-    model = NonlinearModel(lambda x, u: x, lambda x, u: x[..., :1], np.eye(2), [[0.01]], state_angles=(0,))
+    model = NonlinearModel(
+        lambda x, u: x, lambda x, u: x[..., :1], np.eye(2), [[0.01]], state_angles=(0,)
+    )
     prior = EstimatedObservation(gym.make("Hanging-v0"), model).watch.prior
     assert np.cos(prior.mean[0]) < -0.99
     assert np.sqrt(prior.cov[0, 0]) == pytest.approx(0.05, rel=0.2)
@@ -341,7 +385,9 @@ def test_a_measurement_that_branches_or_changes_is_measured_as_numpy_has_it():
             gain["now"] = factor
             for _, info in (env.reset(seed=2), env.step(np.ones(1))[::4]):
                 expected = factor if read is changing else 1.0
-                np.testing.assert_allclose(info["measurement"], expected * info["truth"][:1], atol=1e-8)
+                np.testing.assert_allclose(
+                    info["measurement"], expected * info["truth"][:1], atol=1e-8
+                )
 
 
 @pytest.mark.parametrize("rows", [None, 2])
@@ -359,12 +405,18 @@ def test_functions_of_a_wrapper_that_write_where_they_read_change_nothing(rows: 
             "observation": lambda x: spoilt(np.array(x[..., 1:]), [x]),
             "known_input": lambda action: spoilt(np.array(action), [action]),
             "passes": [0],
-            "sensors": [Sensor("y", ("y",), lambda x, u: spoilt(np.array(x[..., :1]), [x, u]), (0.1,))],
+            "sensors": [
+                Sensor("y", ("y",), lambda x, u: spoilt(np.array(x[..., :1]), [x, u]), (0.1,))
+            ],
         }
-        model = NonlinearModel(lambda x, u: x + 0.1 * u, lambda x, u: x[..., :1], 0.01 * np.eye(2), [[0.01]])
+        model = NonlinearModel(
+            lambda x, u: x + 0.1 * u, lambda x, u: x[..., :1], 0.01 * np.eye(2), [[0.01]]
+        )
         if rows is None:
             return EstimatedObservation(Linear(), model, LINEAR_PRIOR, **functions)
-        return EstimatedObservations(SyncVectorEnv([Linear] * rows), model, LINEAR_PRIOR, **functions)
+        return EstimatedObservations(
+            SyncVectorEnv([Linear] * rows), model, LINEAR_PRIOR, **functions
+        )
 
     one, other = made(writes=True), made(writes=False)
     np.testing.assert_array_equal(one.reset(seed=2)[0], other.reset(seed=2)[0])
@@ -384,10 +436,20 @@ class Loose(Linear):
 
 
 @pytest.mark.parametrize("passes", [(), (1,)])
-def test_bounds_hold_for_estimates_and_not_for_the_truth_nor_for_what_passes(passes: tuple[int, ...]):
-    given = {"model": LINEAR, "prior": LINEAR_PRIOR, "state": lambda env, obs: env.unwrapped.x, "passes": passes}
+def test_bounds_hold_for_estimates_and_not_for_the_truth_nor_for_what_passes(
+    passes: tuple[int, ...],
+):
+    given = {
+        "model": LINEAR,
+        "prior": LINEAR_PRIOR,
+        "state": lambda env, obs: env.unwrapped.x,
+        "passes": passes,
+    }
     given["observation"] = (lambda x: x[..., :1]) if passes else None
-    bare, oracle, ekf = Loose(), *(EstimatedObservation(Loose(), **given, estimator=name) for name in ("truth", "ekf"))
+    bare, oracle, ekf = (
+        Loose(),
+        *(EstimatedObservation(Loose(), **given, estimator=name) for name in ("truth", "ekf")),
+    )
     seen = [env.reset(seed=0)[0] for env in (bare, oracle, ekf)]
     for _ in range(20):
         np.testing.assert_array_equal(seen[1], seen[0])
@@ -418,7 +480,9 @@ def test_observed_angles_are_wrapped():
         [[1.0, 0.1], [0.0, 1.0]], [[1.0, 0.0]], 1e-9 * np.eye(2), [[1e-6]], B=np.zeros((2, 1)), state_angles=(0,),
         measurement_angles=(0,),
     )  # fmt: skip
-    env = EstimatedObservation(Turning(), model, Gaussian([3.0, 1.0], 1e-4 * np.eye(2)), estimator="kf")
+    env = EstimatedObservation(
+        Turning(), model, Gaussian([3.0, 1.0], 1e-4 * np.eye(2)), estimator="kf"
+    )
     env.reset(seed=0)
     for _ in range(40):
         seen, *_, info = env.step(np.zeros(1))
@@ -426,16 +490,21 @@ def test_observed_angles_are_wrapped():
 
 
 def test_batches_that_hide_how_episodes_end_are_refused():
-    with pytest.raises(ValueError, match="resets in the same step hides the state in which an episode ended"):
+    with pytest.raises(
+        ValueError, match="resets in the same step hides the state in which an episode ended"
+    ):
         _many(2, "ekf", AutoresetMode.SAME_STEP)
 
 
-# --- time, and faults ---------------------------------------------------------------------------------
+# --- time, and faults -----------------------------------------------------------------------------
 
 
 def _positions(latency: float) -> list[Sensor]:
     read = [("cart", 0, 0.02), ("pole", 2, 0.01)]
-    return [Sensor(name, (name,), lambda x, u, i=i: x[..., i : i + 1], (sd,), latency=latency) for name, i, sd in read]
+    return [
+        Sensor(name, (name,), lambda x, u, i=i: x[..., i : i + 1], (sd,), latency=latency)
+        for name, i, sd in read
+    ]
 
 
 @pytest.mark.parametrize("estimator", ["ekf", "enkf", "huber-kf"])
@@ -452,7 +521,9 @@ def test_measurements_that_come_late_are_fused_where_they_belong(estimator: str)
         infos = [env.step(action)[-1] for env in (late, timely)]
         np.testing.assert_array_equal(infos[0]["truth"], infos[1]["truth"])
     assert np.abs(infos[0]["estimate"] - infos[1]["estimate"]).max() > 0.0
-    step = late.watch.loop.belief.window.step(-1 - 5)  # all that was taken then has come: the same before it
+    step = late.watch.loop.belief.window.step(
+        -1 - 5
+    )  # all that was taken then has come: the same before it
     assert step.available.all()
 
 
@@ -474,7 +545,17 @@ def test_what_is_done_with_late_measurements_is_said():
 @pytest.mark.parametrize("many", ["", "sync", "async"])
 def test_rates_are_in_hz_where_the_environment_has_a_time_step(many: str):
     """Pendulum's steps take 0.05 s: at 4 Hz every fifth has a measurement, as late as 0.1 s is in steps."""
-    own = [Sensor("angle", ("angle",), lambda x, u: x[..., :1], (0.05,), rate=4.0, latency=0.1, angles=(0,))]
+    own = [
+        Sensor(
+            "angle",
+            ("angle",),
+            lambda x, u: x[..., :1],
+            (0.05,),
+            rate=4.0,
+            latency=0.1,
+            angles=(0,),
+        )
+    ]
     env: Any = pendulum(sensors=own)
     if many:
         model, prior = env.watch.model, env.watch.prior
@@ -491,8 +572,13 @@ def test_rates_are_in_hz_where_the_environment_has_a_time_step(many: str):
 def test_what_the_state_is_must_be_given_where_the_observation_is_not():
     env = gym.make("InvertedPendulum-v5")
     model = simulator(env, lambda x, u: x[..., :2], Q=1e-7, R=1e-4)
-    short = gym.wrappers.TransformObservation(env, lambda seen: seen[:3], gym.spaces.Box(-9, 9, (3,), np.float64))
-    with pytest.raises(ValueError, match=r"the model has 4 states, and the observation.* has 3 numbers: give state="):
+    short = gym.wrappers.TransformObservation(
+        env, lambda seen: seen[:3], gym.spaces.Box(-9, 9, (3,), np.float64)
+    )
+    with pytest.raises(
+        ValueError,
+        match=r"the model has 4 states, and the observation.* has 3 numbers: give state=",
+    ):
         EstimatedObservation(short, model)
 
 
@@ -501,7 +587,9 @@ def test_faults_of_sensors_act_and_stand_in_info():
     flights = [_flown(cart_pole(sensor_faults=faults), steps=12) for faults in ((), [fault])]
     for k, (one, other) in enumerate(zip(*flights, strict=True)):
         on = 5 <= k < 9
-        np.testing.assert_allclose(other["measurement"] - one["measurement"], [0.0, 0.5 * on], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            other["measurement"] - one["measurement"], [0.0, 0.5 * on], rtol=0, atol=1e-12
+        )
         assert bool(other["sensor_faults"][0]) is on
     with pytest.raises(ValueError, match="unknown sensor of sensor_faults 'y3'"):
         cart_pole(sensor_faults=[SensorFault("y3", "off")])
@@ -509,7 +597,7 @@ def test_faults_of_sensors_act_and_stand_in_info():
         cart_pole(estimator_options={"late": "fresh"})
 
 
-# --- checkers, copies, modes --------------------------------------------------------------------------
+# --- checkers, copies, modes ----------------------------------------------------------------------
 
 
 CHECKED = ["cart_pole", "pendulum", "inverted_pendulum", "lunar_lander", "reacher", "mountain_car"]
@@ -517,7 +605,9 @@ HAS_GOALS = pytest.param("point_maze", marks=pytest.mark.slow)
 """An environment with goals, that takes its time."""
 
 
-@pytest.mark.filterwarnings("ignore::UserWarning")  # of spaces without bounds, which are the environment's own
+@pytest.mark.filterwarnings(
+    "ignore::UserWarning"
+)  # of spaces without bounds, which are the environment's own
 @pytest.mark.parametrize("name", [*CHECKED, HAS_GOALS])
 @pytest.mark.parametrize("observe", ["mean", "mean+std", "measurement"])
 def test_gymnasiums_and_stable_baselines_checkers_pass(name: str, observe: str):
@@ -563,8 +653,13 @@ def _pendulum_seen(x):
 
 def _named_pendulum(rows: int | None = None) -> Any:
     """A wrapper of functions that have names, which alone can be pickled."""
-    model = NonlinearModel(_swing, _angle, 1e-9 * np.eye(2), [[0.0025]], state_angles=(0,), measurement_angles=(0,))
-    prior, asked = Gaussian([0.0, 0.0], np.diag([3.3, 0.33])), {"observation": _pendulum_seen, "estimator": "ukf"}
+    model = NonlinearModel(
+        _swing, _angle, 1e-9 * np.eye(2), [[0.0025]], state_angles=(0,), measurement_angles=(0,)
+    )
+    prior, asked = (
+        Gaussian([0.0, 0.0], np.diag([3.3, 0.33])),
+        {"observation": _pendulum_seen, "estimator": "ukf"},
+    )
     if rows is None:
         return EstimatedObservation(gym.make("Pendulum-v1"), model, prior, _pendulum_state, **asked)
     many = SyncVectorEnv([lambda: gym.make("Pendulum-v1")] * rows)
@@ -580,8 +675,14 @@ def _cloudpickled(env: Any) -> Any:
     return cloudpickle.loads(cloudpickle.dumps(env))
 
 
-COPIES = [(partial(cart_pole, estimator="enkf"), copied) for copied in (copy.deepcopy, _cloudpickled)]
-COPIES += [(partial(_named_pendulum, rows), copied) for rows in (None, 2) for copied in (copy.deepcopy, _pickled)]
+COPIES = [
+    (partial(cart_pole, estimator="enkf"), copied) for copied in (copy.deepcopy, _cloudpickled)
+]
+COPIES += [
+    (partial(_named_pendulum, rows), copied)
+    for rows in (None, 2)
+    for copied in (copy.deepcopy, _pickled)
+]
 
 
 @pytest.mark.parametrize(("make", "copied"), COPIES)
@@ -594,7 +695,9 @@ def test_a_copy_goes_on_as_the_original_does(make: Callable[[], Any], copied: Ca
     for _ in range(4):
         action = env.action_space.sample()
         ours, theirs = env.step(action), again.step(action)
-        for one, other in zip((*ours[:4], *ours[4].values()), (*theirs[:4], *theirs[4].values()), strict=True):
+        for one, other in zip(
+            (*ours[:4], *ours[4].values()), (*theirs[:4], *theirs[4].values()), strict=True
+        ):
             np.testing.assert_array_equal(one, other)
     np.testing.assert_array_equal(env.reset()[0], again.reset()[0])
 
@@ -603,7 +706,9 @@ def test_a_copy_goes_on_as_the_original_does(make: Callable[[], Any], copied: Ca
     gym.spaces.Box(-1.0, 2.0, (2, 3)), gym.spaces.Box(-1.0, 2.0, ()), gym.spaces.Discrete(4),
     gym.spaces.MultiDiscrete([3, 4]), gym.spaces.MultiBinary(3),
 ], ids=str)  # fmt: skip
-def test_actions_are_numbers_within_bounds_one_by_one_as_in_a_batch_and_after_a_pickle(space: gym.Space):
+def test_actions_are_numbers_within_bounds_one_by_one_as_in_a_batch_and_after_a_pickle(
+    space: gym.Space,
+):
     plain = plain_action(space)
     actions = [space.sample() for _ in range(3)]
     batch = plain(np.array(actions))
@@ -615,12 +720,17 @@ def test_actions_are_numbers_within_bounds_one_by_one_as_in_a_batch_and_after_a_
         assert plain(np.full(space.shape, 9.0)).max() == 2.0
 
 
-ANEW = [(partial(anybody.inverted_pendulum, estimator="ukf"), copied) for copied in (copy.deepcopy, _cloudpickled)]
+ANEW = [
+    (partial(anybody.inverted_pendulum, estimator="ukf"), copied)
+    for copied in (copy.deepcopy, _cloudpickled)
+]
 ANEW += [(partial(pendulum, estimator="ukf"), lambda env: gym.make(env.spec))]
 
 
 @pytest.mark.parametrize(("make", "copied"), ANEW)
-def test_a_copy_of_a_simulator_or_of_a_spec_flies_the_same_episodes(make: Callable, copied: Callable):
+def test_a_copy_of_a_simulator_or_of_a_spec_flies_the_same_episodes(
+    make: Callable, copied: Callable
+):
     """MuJoCo's environments are copied as new ones, which have not begun."""
     env = make()
     again = copied(env)
@@ -637,10 +747,12 @@ def test_resets_without_a_seed_differ_and_a_seed_begins_the_same_series_again():
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first[0], first[1])
     chance = [cart_pole().reset()[1]["truth"] for _ in range(2)]
-    assert not np.array_equal(*chance)  # a prior that is sampled on copies leaves the environment's own numbers alone
+    assert not np.array_equal(
+        *chance
+    )  # a prior that is sampled on copies leaves the environment's own numbers alone
 
 
-# --- LQG ----------------------------------------------------------------------------------------------
+# --- LQG ------------------------------------------------------------------------------------------
 
 
 WEIGHT, EFFORT = np.eye(2), 0.1 * np.eye(1)
@@ -667,8 +779,12 @@ def test_gains_of_filter_and_regulator_are_those_of_python_control():
     A, B, Q, C, R = Linear.A, Linear.B, Linear.Q, LINEAR.C, LINEAR.R
     L, P, _ = control.dlqe(A, np.eye(2), C, Q, R)
     np.testing.assert_allclose(before.cov, P, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(A @ gain, np.ravel(L), rtol=0, atol=1e-9)  # theirs is what moves the next prediction
-    np.testing.assert_allclose(_regulator()[1], control.dlqr(A, B, WEIGHT, EFFORT)[0], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        A @ gain, np.ravel(L), rtol=0, atol=1e-9
+    )  # theirs is what moves the next prediction
+    np.testing.assert_allclose(
+        _regulator()[1], control.dlqr(A, B, WEIGHT, EFFORT)[0], rtol=0, atol=1e-9
+    )
 
 
 def test_a_linear_regulator_on_estimates_costs_what_riccati_says():
@@ -689,7 +805,7 @@ def test_a_linear_regulator_on_estimates_costs_what_riccati_says():
     assert abs(np.mean(costs) - expected) < 3.0 * error
 
 
-# --- models from simulators ---------------------------------------------------------------------------
+# --- models from simulators -----------------------------------------------------------------------
 
 
 def test_a_simulator_steps_as_the_equations_do():
@@ -698,7 +814,9 @@ def test_a_simulator_steps_as_the_equations_do():
     rng = np.random.default_rng(0)
     x, u = rng.normal(size=(4, 3, 2)), rng.uniform(-2, 2, (4, 1, 1))
     after = sim.transition(x, u)
-    np.testing.assert_allclose(after, by_hand.transition(x, u), rtol=0, atol=1e-6)  # its actions are float32
+    np.testing.assert_allclose(
+        after, by_hand.transition(x, u), rtol=0, atol=1e-6
+    )  # its actions are float32
 
 
 @pytest.mark.parametrize("name", ["InvertedPendulum-v5", "Hopper-v5"])
@@ -714,7 +832,9 @@ def test_a_native_rollout_steps_as_the_environment_does(name: str):
         x, action = np.concatenate([base.data.qpos, base.data.qvel]), env.action_space.sample()
         env.step(action)
         expected = np.concatenate([base.data.qpos, base.data.qvel])
-        np.testing.assert_allclose(model.transition(x, action.astype(float)), expected, rtol=0, atol=1e-4)
+        np.testing.assert_allclose(
+            model.transition(x, action.astype(float)), expected, rtol=0, atol=1e-4
+        )
 
 
 class Dice(Linear):
@@ -733,7 +853,7 @@ gym.register("Dice-v0", Dice)
 gym.register("Linear-v0", Linear)
 
 
-# --- what does not fit --------------------------------------------------------------------------------
+# --- what does not fit ----------------------------------------------------------------------------
 
 
 def _identity(x, u):
@@ -806,7 +926,8 @@ class Mixed(Lettered):
     """What passes may be of any kind."""
 
     observation_space = gym.spaces.Dict(
-        place=Linear.observation_space, goal=gym.spaces.Tuple([gym.spaces.Discrete(3), Linear.observation_space])
+        place=Linear.observation_space,
+        goal=gym.spaces.Tuple([gym.spaces.Discrete(3), Linear.observation_space]),
     )
 
     def reset(self, *, seed=None, options=None):
@@ -819,7 +940,11 @@ class Mixed(Lettered):
 
 
 def test_what_passes_may_be_of_any_kind():
-    given = {"state": lambda env, obs: env.unwrapped.x, "observation": lambda x: {"place": x}, "passes": ["goal"]}
+    given = {
+        "state": lambda env, obs: env.unwrapped.x,
+        "observation": lambda x: {"place": x},
+        "passes": ["goal"],
+    }
     env = EstimatedObservation(Mixed(), LINEAR, LINEAR_PRIOR, **given)
     for seen in (env.reset(seed=0)[0], env.step(np.zeros(1))[0]):
         assert env.observation_space.contains(seen)
@@ -838,7 +963,9 @@ def test_what_passes_may_be_of_any_kind():
         ({"sensor_faults": [SensorFault("gps", "off")]}, ValueError, "unknown sensor of sensor_faults 'gps'"),
     ],
 )  # fmt: skip
-def test_what_does_not_fit_a_dictionary_or_the_sensors_gets_one_sentence(changes: dict, error: type, sentence: str):
+def test_what_does_not_fit_a_dictionary_or_the_sensors_gets_one_sentence(
+    changes: dict, error: type, sentence: str
+):
     given = {"model": LINEAR, "prior": LINEAR_PRIOR, "state": lambda env, obs: env.unwrapped.x}
     with refused(error, sentence):
         EstimatedObservation(Lettered(), **(given | changes)).reset(seed=0)
@@ -859,7 +986,9 @@ class Picture(Linear):
 
 
 def test_images_are_refused():
-    with pytest.raises(TypeError, match="the environment shows images, and an estimate is of numbers"):
+    with pytest.raises(
+        TypeError, match="the environment shows images, and an estimate is of numbers"
+    ):
         EstimatedObservation(Picture(), LINEAR, LINEAR_PRIOR)
 
 
@@ -867,7 +996,9 @@ def test_simulators_that_are_none_are_refused():
     read = lambda x, u: x[..., :1]  # noqa: E731
     with pytest.raises(ValueError, match="the simulator draws random numbers"):
         simulator(gym.make("Dice-v0"), read, 1e-6, 1e-4)
-    with pytest.raises(TypeError, match="nobody knows how to set the state of Linear-v0: give get and put"):
+    with pytest.raises(
+        TypeError, match="nobody knows how to set the state of Linear-v0: give get and put"
+    ):
         simulator(gym.make("Linear-v0"), read, 1e-6, 1e-4)
     with pytest.raises(TypeError, match="this one has no spec"):
         simulator(Linear(), read, 1e-6, 1e-4)
@@ -882,7 +1013,14 @@ def test_simulators_that_are_none_are_refused():
     with pytest.raises(TypeError, match="give both get and put"):
         simulator(gym.make("Linear-v0"), read, 1e-6, 1e-4, get=lambda env: env.unwrapped.x)
     with pytest.raises(ValueError, match="a state that put sets is not the one that get finds"):
-        simulator(gym.make("Linear-v0"), read, 1e-6, 1e-4, get=lambda env: env.unwrapped.x, put=lambda env, x: None)
+        simulator(
+            gym.make("Linear-v0"),
+            read,
+            1e-6,
+            1e-4,
+            get=lambda env: env.unwrapped.x,
+            put=lambda env, x: None,
+        )
     with pytest.raises(ValueError, match=r"give prior=, .* cannot be made again"):
         EstimatedObservation(Linear(), LINEAR)
 
@@ -898,4 +1036,7 @@ def test_a_filter_of_ones_own_is_in_the_loop_too():
     env = EstimatedObservation(Linear(), LINEAR, LINEAR_PRIOR, estimator=Still)
     env.reset(seed=0)
     np.testing.assert_array_equal(env.step(np.ones(1))[0], 0.0)
-    assert importlib.import_module("vessel_gym.wrappers").__all__ == ["EstimatedObservation", "simulator"]
+    assert importlib.import_module("vessel_gym.wrappers").__all__ == [
+        "EstimatedObservation",
+        "simulator",
+    ]
