@@ -147,9 +147,8 @@ def test_every_transform_that_is_accepted_gives_covariances(
         np.zeros((n, n)),
         np.zeros((n, n)),
     )
-    filter = make(
-        "ukf", model, alpha=alpha, kappa=kappa * n, beta=max(-(alpha**2) * kappa, -50.0) + above
-    )
+    lowest = 0.0 - alpha**2 * (kappa * n) / n
+    filter = make("ukf", model, alpha=alpha, kappa=kappa * n, beta=max(lowest, -50.0) + above)
     belief = filter.predict(
         filter.init(Gaussian(rng.normal(size=(4, n)), random_covariance(rng, n)))
     )
