@@ -19,13 +19,12 @@ from estimators.belief import (
     EnsembleBelief,
     FeedthroughBelief,
     InputBelief,
-    Recovery,
 )
 from estimators.check import check_filter
 from estimators.delayed import Delayed, DelayedBelief, by_age
 from estimators.discretisation import forward_euler, sampled, van_loan, zero_order_hold
+from estimators.engine import compiled
 from estimators.ensemble import (
-    DrawingFilter,
     EnsembleFilter,
     EnsembleKalmanFilter,
     EnsembleTransformFilter,
@@ -35,8 +34,7 @@ from estimators.faults import ChiSquareMonitor, CusumMonitor, FaultMonitor, Watc
 from estimators.filter import Filter, Model, Rng
 from estimators.input_observability import InputConditions, input_conditions
 from estimators.iterated import IteratedExtendedKalmanFilter
-from estimators.kalman import ExtendedKalmanFilter, GaussianFilter, KalmanFilter
-from estimators.measurement import Measurement
+from estimators.kalman import ExtendedKalmanFilter, KalmanFilter
 from estimators.metrics import chi_square_band, nees, nis, rmse
 from estimators.models import Gaussian, LinearModel, NonlinearModel
 from estimators.particles import ParticleBelief, ParticleFilter
@@ -68,7 +66,6 @@ __all__ = [
     "DelayedInputBelief",
     "DelayedInputFilter",
     "DelayedUMVFilter",
-    "DrawingFilter",
     "EndedUMVFilter",
     "EnsembleBelief",
     "EnsembleFilter",
@@ -81,21 +78,18 @@ __all__ = [
     "Filter",
     "Fit",
     "Gaussian",
-    "GaussianFilter",
     "HuberKalmanFilter",
     "InputBelief",
     "InputConditions",
     "IteratedExtendedKalmanFilter",
     "KalmanFilter",
     "LinearModel",
-    "Measurement",
     "Model",
     "NoFeedthroughFilter",
     "NonlinearModel",
     "ParticleBelief",
     "ParticleFilter",
     "RandomKeys",
-    "Recovery",
     "Rng",
     "RobustKalmanFilter",
     "Schedule",
@@ -110,6 +104,7 @@ __all__ = [
     "by_age",
     "check_filter",
     "chi_square_band",
+    "compiled",
     "fit",
     "forward_euler",
     "input_conditions",

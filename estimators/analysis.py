@@ -16,6 +16,7 @@ from estimators.linalg import (
     identity,
     inner,
     joined,
+    rescuing,
     semidefinite_cholesky,
     singular,
     solve,
@@ -26,8 +27,6 @@ from estimators.linalg import (
 _TURN = 2.0 * np.pi
 _HUGE = 1e150
 """Pivot of an anomaly that is a combination of others."""
-Moments = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Members ``(..., n, N)``, their mean, anomalies of the measurements, innovation, mask of those available, and R."""
 
 
 # --- moments --------------------------------------------------------------------------------------
@@ -43,7 +42,6 @@ def average(a: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(_mean(a * a)), _mean(a), np.nan)[..., 0]
 
 
-@compiled(axes=(2, 1), matrices=True)
 def covariance(members: np.ndarray, mean: np.ndarray) -> np.ndarray:
     """Sample covariance ``(..., n, n)`` of members ``(..., n, N)``."""
     A = members - mean[..., None]
@@ -196,7 +194,6 @@ def sample(
     return mean, members, covariance(members, mean)
 
 
-@compiled(axes=(2, 2, 2, 2), matrices=True)
 def forecast(
     before: np.ndarray, after: np.ndarray, root: np.ndarray, normals: np.ndarray, *, angles: tuple[int, ...],
     exact: bool,
@@ -230,7 +227,6 @@ def forecast(
     return mean, members, covariance(members, mean)
 
 
-@compiled(axes=(2,), matrices=True)
 def expect(measurements: np.ndarray, *, angles: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Mean ``(..., p)`` and anomalies ``(..., p, N)`` of the measurements that the members expect."""
     measurements = _replace_rows(_gather, angles, measurements)
@@ -241,7 +237,6 @@ def expect(measurements: np.ndarray, *, angles: tuple[int, ...]) -> tuple[np.nda
 # --- analysis -------------------------------------------------------------------------------------
 
 
-@compiled(axes=(2, 1, 2, 1, 1, 2, 2, 2, 2), matrices=True)
 def perturbed_analysis(
     members: np.ndarray, mean: np.ndarray, Y: np.ndarray, innovation: np.ndarray, available: np.ndarray,
     R: np.ndarray, root: np.ndarray, normals: np.ndarray, cov: np.ndarray, *,
@@ -282,10 +277,9 @@ def perturbed_analysis(
     return average(after), after, S
 
 
-@compiled(axes=(2, 1, 2, 1, 1, 2), matrices=True)
 def transform_analysis(
     members: np.ndarray, mean: np.ndarray, Y: np.ndarray, innovation: np.ndarray, available: np.ndarray,
-    R: np.ndarray, *, inflation: float, regular: bool,
+    R: np.ndarray, *, inflation: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Deterministic analysis by the symmetric transform ``A T``, ``T = (I + Y' R^-1 Y / (N - 1))^-1/2``.
 
@@ -297,8 +291,6 @@ def transform_analysis(
         available: Mask ``(..., p)``.
         R: ``(..., p, p)`` measurement covariance.
         inflation: Factor on the anomalies where a measurement is available.
-        regular: R is nonsingular, so that T may be formed, N x N, where measurements outnumber the
-            members.
 
     Returns:
         The mean and members of the analysis, and ``S``.
@@ -306,7 +298,8 @@ def transform_analysis(
     N, p = members.shape[-1], Y.shape[-2]
     A, Y = members - mean[..., None], np.where(available[..., None], Y, 0.0)
     S = inner(Y, Y) / (N - 1) + R
-    analysis = _transform if regular and p > N else _reduced_gain
+    # T, N x N, needs an inverse of R, which lost rows may not have.
+    analysis = _transform if p > N and not rescuing() else _reduced_gain
     shift, A = analysis(A, Y, innovation, S, R)
     arrived = (1.0 * available).sum(-1) > 0.0
     factor = np.where(arrived, inflation, 1.0)[..., None, None]

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimators.belief import Belief, Recovery
+from estimators.belief import Belief
 from estimators.checks import frozen, short_repr
 from estimators.consistency import simulate
 from estimators.filter import Filter, Model
@@ -147,7 +147,7 @@ def check_steps(filter: Filter, prior: Gaussian, u: np.ndarray | None) -> None:
                 raise ValueError(
                     f"{cls}._{method} gave a {name} that is not finite, of ordinary numbers"
                 )
-        if method == "update" and whole and (belief.recovery >= Recovery.PREDICTION).any():
+        if method == "update" and whole and not belief.healthy.all():
             raise ValueError(
                 f"{cls}._update could not be used: of an ordinary measurement it must give a finite"
                 " mean, and a covariance that is symmetric and positive semidefinite"
@@ -163,7 +163,7 @@ def check_steps(filter: Filter, prior: Gaussian, u: np.ndarray | None) -> None:
                     f"{cls}.{method} gives a row of a batch another {odd} than the same row alone:"
                     " rows must share nothing, so reduce over the last axes only"
                 )
-    if filter._programs is not None:
+    if filter.compiled:
         _check_compiled(filter, prior, u, beliefs)
 
 
@@ -172,13 +172,13 @@ def _check_compiled(
 ) -> None:
     """Formulas give compiled what NumPy gives, as a prediction and an update and as both at once."""
     plain = copy.copy(filter)
-    plain._programs = None
+    plain.compiled = False  # type: ignore[misc]
     both = _steps(filter, prior, u, at_once=True)
     if odd := _differ(_steps(plain, prior, u), beliefs) or _differ(both, beliefs[1::2]):
         raise ValueError(
             f"{type(filter).__name__} gives another {odd} compiled than in NumPy: a formula is"
             " traced once, so it must depend on nothing but what it is handed; or leave out"
-            " formulas = True"
+            " @compiled"
         )
 
 
@@ -216,7 +216,7 @@ def _steps(
         now, y = rng.at(k + 1), expected + 0.1 * (k + 1.0)
         missing = np.where(arrived, y, np.nan)
         if at_once:
-            belief = filter.advance(belief, known, missing, None, now)
+            belief = filter.step(belief, missing, known, rng=now)
             beliefs.append(belief)
             continue
         with _named(f"{cls}.predict of {batch}", row is None):

@@ -19,7 +19,8 @@ import numpy as np
 
 from estimators.belief import Record
 from estimators.checks import as_array, as_mask, integer, short_repr
-from estimators.contract import Estimator, Rng
+from estimators.filter import Filter as Estimator
+from estimators.filter import Rng
 from estimators.models import Gaussian
 from estimators.randomness import RandomKeys
 from estimators.varying import resolve

@@ -1,9 +1,8 @@
 """Ensemble filters: a belief is N members, and its moments are theirs.
 
-Rows are members: an ensemble is ``(..., N, n)``; in memory members are last, as in the formulas of
-`estimators.analysis`, which predict and update. With the anomalies ``A`` of the members ``(N, n)``
-and the anomalies ``Y`` of the measurements that they expect ``(N, p)``, every update here has the
-same three small matrices::
+Members are last, as in the formulas of `estimators.analysis`: an ensemble is ``(..., n, N)``. With
+the anomalies ``A`` of the members ``(N, n)`` and the anomalies ``Y`` of the measurements that they
+expect ``(N, p)``, every update here has the same three small matrices::
 
     C P- = Y' A / (N - 1)        S = Y' Y / (N - 1) + R        K = (C P-)' S^-1
 
@@ -16,7 +15,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators.analysis import (
-    Moments,
     covariance,
     expect,
     forecast,
@@ -25,56 +23,24 @@ from estimators.analysis import (
     sample,
     transform_analysis,
 )
-from estimators.angles import difference
-from estimators.belief import Belief, EnsembleBelief, Record, members_last, prior_belief
+from estimators.belief import EnsembleBelief
 from estimators.checks import integer, number, short_repr
-from estimators.engine.matrices import is_traced
-from estimators.filter import Filter, Model, Rng, inlinable
-from estimators.linalg import masked, semidefinite_cholesky, shared_root
-from estimators.measurement import Measurement
-from estimators.models import Gaussian, LinearModel, NonlinearModel, at_columns
+from estimators.engine import compiled
+from estimators.filter import Changes, Filter, Model
+from estimators.linalg import rescuing, semidefinite_cholesky, shared_root
+from estimators.models import LinearModel, NonlinearModel, at_columns
 from estimators.randomness import RandomKeys
-from estimators.recovery import attempt
 from estimators.varying import resolve
 
-Drawn = RandomKeys | np.random.Generator
-"""`Rng` of a filter that draws from it: there is one."""
 START, PROCESS, MEASUREMENTS, MOVED, EXPECTED = 0, 1, 2, 4, 5
 """Uses of random numbers."""
 _REDRAWS = 16
-"""Times that members outside the domain of a measurement are drawn again: of uses from EXPECTED on."""
+"""Times that members without a measurement are drawn again: of uses from EXPECTED on."""
 DRAWS = "exact", "independent"
 """Kinds of draws: with exact sample moments, or one independent of the other."""
-_BEGIN = "_init", "_update"
 
 
-class DrawingFilter(Filter[Record], verified=True):
-    """Base of filters that draw random numbers."""
-
-    random = True
-
-    def _numbers(self, rng: Rng, batch: tuple[int, ...]) -> Drawn:
-        """``rng``, checked: a key for every row, or a Generator for all."""
-        if isinstance(rng, np.random.Generator):
-            return rng
-        if not isinstance(rng, RandomKeys):
-            how = "pass rng, keys (estimators.RandomKeys) or a numpy Generator"
-            raise (ValueError if rng is None else TypeError)(
-                f"{self.name} draws random numbers: {how}, got {short_repr(rng)}"
-            )
-        if rng.keys.shape[:-1] != batch:
-            raise ValueError(f"rng has keys for rows {rng.keys.shape[:-1]}, expected {batch}")
-        return rng
-
-    def _words(self, rng: Rng, batch: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-        numbers: Any = self._numbers(rng, batch)
-        step = numbers.step
-        if not isinstance(step, np.ndarray) or step.shape != batch or step.dtype != np.int64:
-            step = np.full(batch, step, np.int64)
-        return numbers.keys, step[..., None]
-
-
-class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
+class EnsembleFilter(Filter[EnsembleBelief]):
     """Base of ensemble filters: members, their prediction, the moments and inflation.
 
     Random numbers: the members of ``init`` and the process noise of ``predict`` are drawn and
@@ -103,8 +69,8 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
     """
 
     record = EnsembleBelief
-    formulas = True
-    _questions: ClassVar = {"_moved_members": "_moved_members", "_expected": "_expected"}
+    random = True
+    _axes: ClassVar = {"predict": (2, 2), "update": (1, 2, 2)}
 
     def __init__(
         self,
@@ -115,202 +81,89 @@ class EnsembleFilter(DrawingFilter[EnsembleBelief], verified=True):
     ) -> None:
         super().__init__(model)
         self.inflation = number("inflation", inflation, 0.0, np.inf, "a positive number")
-        Q = model.Q
-        self._noise_root = None if callable(Q) else noise_root(Q)
+        self._noise_root = None if callable(model.Q) else noise_root(model.Q)
         rank = model.n if self._noise_root is None else self._noise_root.shape[-1]
         needed = model.n + max(rank, model.p) + 2
-        self.members = (
-            max(64, -8 * (-needed // 8)) if members is None else integer("members", members, 2)
-        )
+        own = max(64, -8 * (-needed // 8))
+        self.members = own if members is None else integer("members", members, 2)
         if not isinstance(draws, str) or draws not in DRAWS:
             raise ValueError(f"draws must be 'exact' or 'independent', got {short_repr(draws)}")
         self._exact = draws == "exact" and self.members >= needed
         if draws == "exact" and not self._exact:
             warnings.warn(
                 f"an ensemble of {self.members} members has independent draws: exact ones need"
-                f" {needed}, "
-                f"{model.n} states + {max(rank, model.p)} draws + 2 (give more members, or"
-                ' draws="independent")',
+                f" {needed}, {model.n} states + {max(rank, model.p)} draws + 2 (give more members,"
+                ' or draws="independent")',
                 UserWarning,
                 stacklevel=3,
             )
-        curved = isinstance(
-            model, NonlinearModel
-        )  # a linear model's measurements are as unwrapped as its states
+        # A linear model's measurements are as unwrapped as its states.
+        curved = isinstance(model, NonlinearModel)
         self._angles = tuple(sorted(model.state_angles)) if curved else ()
         self._seams = tuple(sorted(model.measurement_angles)) if curved else ()
-        self._prior_cov: np.ndarray | None = None
-        self._prior_root = np.zeros((model.n, 0))
 
-    # --- the contract -----------------------------------------------------------------------------
-
-    def _init(self, belief: Belief, rng: Rng) -> EnsembleBelief:
-        batch = belief.mean.shape[:-1]
-        root = self._prior_root if is_traced(belief.mean) else shared_root(belief.cov)
-        normals = members_last(
-            draw(self._numbers(rng, batch), batch, self.members, self.model.n, START)
-        )
+    def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
+        normals = draw(rng, mean.shape[:-1], self.members, self.model.n, START)
         mean, members, cov = sample(
-            belief.mean, root, normals, angles=self._angles, exact=self._exact
+            mean, shared_root(cov), normals, angles=self._angles, exact=self._exact
         )
-        return EnsembleBelief.predicted(belief, mean, cov, belief.u, ensemble=members.mT)
+        return {"mean": mean, "cov": cov, "members": members}
 
-    def begin(
-        self,
-        prior: Gaussian,
-        u: np.ndarray | None,
-        y: np.ndarray,
-        available: np.ndarray | None,
-        rng: Rng,
-    ) -> EnsembleBelief:
-        """The belief after the first measurement, in one program for priors with the covariance of the first one."""
-        if self._compiles(rng) and self._regular and prior.cov.ndim == 2:
-            if self._prior_cov is None:  # a constant of the program: other priors take two programs
-                self._prior_cov, self._prior_root = prior.cov, shared_root(prior.cov)
-            if prior.cov is self._prior_cov or np.array_equal(prior.cov, self._prior_cov):
-                belief = prior_belief(prior.mean, prior.cov, u)
-                packed, layout = belief.pack()
-                if (program := self._program(_BEGIN, belief, layout, u)) is not None:
-                    initial, doubtful = self._executed(
-                        program, belief, packed, u, y, available, rng=rng
-                    )
-                    if not np.count_nonzero(doubtful):
-                        return initial
-        return super().begin(prior, u, y, available, rng)
+    def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
+        """Members ``(..., n, N)`` one step on, and a root ``(..., n, r)`` of the process noise."""
+        model, root = self.model, self._noise_root
+        if root is None:
+            root = semidefinite_cholesky(resolve(model.Q, u))
+        if not isinstance(model, LinearModel):
+            return at_columns(model, "transition", belief.members, u, model.n), root
+        after = resolve(model.A, u) @ belief.members
+        if model.B is not None and u is not None:
+            after = after + np.matvec(resolve(model.B, u), u)[..., None]
+        return after, root
 
-    def forecast(self, belief: EnsembleBelief, u: np.ndarray | None, rng: Rng) -> EnsembleBelief:
-        """The belief one step ahead; members that leave the model's domain are drawn again."""
-        predicted = super().forecast(belief, u, rng)
-        if np.isfinite(predicted.mean.sum()):
-            return predicted
-        rows = ~np.isfinite(predicted.mean.sum(-1))
-        some, u = belief[rows], None if u is None else u[rows]
-        rng = rng[rows] if isinstance(rng, RandomKeys) else rng
-        with np.errstate(all="ignore"):
-            after = members_last(self._moved_members(some, u).mT)
-            after = self._redrawn(after, np.isfinite(after).all(-2), rng, MOVED)
-            return predicted.with_rows(rows, self._noisy(some, after, u, rng))
+    def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
+        """Mean ``(..., p)`` and anomalies ``(..., p, N)`` of what the members expect, and R."""
+        model, members = self.model, belief.members
+        if isinstance(model, LinearModel):
+            expected = resolve(model.C, u) @ members
+        else:
+            expected = at_columns(model, "measurement", members, u, model.p)
+        return *expect(expected, angles=self._seams), self._noise(belief, u, R)
 
-    def _predict(self, belief: EnsembleBelief, u: np.ndarray | None, rng: Rng) -> EnsembleBelief:
-        return self._noisy(belief, self._asked("_moved_members", belief, u), u, rng)
-
-    def _noisy(
-        self, belief: EnsembleBelief, after: np.ndarray, u: np.ndarray | None, rng: Rng
-    ) -> EnsembleBelief:
-        """The prediction of a belief whose members have moved to ``after (..., n, N)``."""
+    def _predict(self, belief: Any, u: Any, *moved: Any) -> Changes:
+        after, root, rng = moved
         batch = belief.mean.shape[:-1]
-        root = (
-            semidefinite_cholesky(resolve(self.model.Q, u))
-            if self._noise_root is None
-            else self._noise_root
-        )
-        normals = members_last(
-            draw(self._numbers(rng, batch), batch, self.members, root.shape[-1], PROCESS)
-        )
+        if rescuing():  # members that have left the model's domain are drawn again
+            after = self._redrawn(after, np.isfinite(after).all(-2), rng, MOVED)
+        normals = draw(rng, batch, self.members, root.shape[-1], PROCESS)
         mean, members, cov = forecast(
-            members_last(belief.ensemble),
-            after,
-            root,
-            normals,
-            angles=self._angles,
-            exact=self._exact,
+            belief.members, after, root, normals, angles=self._angles, exact=self._exact
         )
-        return EnsembleBelief.predicted(belief, mean, cov, u, ensemble=members.mT)
+        return {"mean": mean, "cov": cov, "members": members}
 
-    def _redrawn(self, members: np.ndarray, kept: np.ndarray, rng: Rng, use: int) -> np.ndarray:
-        """Members ``(..., n, N)`` with those not ``kept (..., N)`` drawn again, in rows that keep more than n."""
-        batch = kept.shape[:-1]
-        normals = members_last(
-            draw(self._numbers(rng, batch), batch, self.members, self.model.n, use)
-        )
+    def _redrawn(self, members: Any, kept: Any, rng: Any, use: int) -> np.ndarray:
+        """Members ``(..., n, N)``, those not ``kept (..., N)`` drawn again if more than n are."""
+        normals = draw(rng, kept.shape[:-1], self.members, self.model.n, use)
         return redraw(members, kept | (kept.sum(-1)[..., None] <= self.model.n), normals)
 
-    @inlinable("transition")
-    def _moved_members(self, belief: EnsembleBelief, u: np.ndarray | None) -> np.ndarray:
-        """Members ``(..., n, N)`` one step on, without process noise."""
-        model, members = self.model, members_last(belief.ensemble)
-        if not isinstance(model, LinearModel):
-            return at_columns(model, "transition", members, u, model.n)
-        after = resolve(model.A, u) @ members
-        return (
-            after
-            if model.B is None or u is None
-            else after + np.matvec(resolve(model.B, u), u)[..., None]
-        )
-
-    @inlinable("measurement")
-    def _expected(self, belief: EnsembleBelief, u: np.ndarray | None) -> np.ndarray:
-        """Measurements ``(..., p, N)`` that the members expect."""
-        model, members = self.model, members_last(belief.ensemble)
-        if not isinstance(model, LinearModel):
-            return at_columns(model, "measurement", members, u, model.p)
-        return resolve(model.C, u) @ members
-
-    def _measurement(
-        self,
-        belief: EnsembleBelief,
-        y: np.ndarray,
-        available: np.ndarray | None,
-        R: np.ndarray | None,
-    ) -> Measurement:
-        mean, anomalies = expect(self._asked("_expected", belief, belief.u), angles=self._seams)
-        whole, mask = self._noise(y, available, R, belief.u)
-        complete, none = not is_traced(mask) and bool(mask.all()), self._no_columns
-        innovation, R = difference(y, mean, self.model.measurement_angles), whole
-        if not complete:
-            innovation, R = np.where(mask, innovation, 0.0), masked(whole, mask)
-        return Measurement(innovation, none, none, R, mask, complete, anomalies.mT, whole)
-
-    def _condensed(
-        self, start: EnsembleBelief, measurement: Measurement, S: np.ndarray, lost: np.ndarray
-    ) -> tuple[Measurement, np.ndarray] | None:
-        alone = measurement.only(measurement.available)
-        return super()._condensed(
-            start, alone._replace(available=np.ones_like(alone.available)), S, lost
-        )
-
-    def _recovered(
-        self, belief: EnsembleBelief, updated: EnsembleBelief, measurement: Measurement, y: np.ndarray, rng: Rng,
-        available: np.ndarray | None, R: np.ndarray | None,
-    ) -> EnsembleBelief:  # fmt: skip
-        """The recovered update, after members that an available measurement has no value for are drawn again."""
-        assert measurement.anomalies is not None
-        if (np.isfinite(measurement.anomalies) | ~measurement.available[..., None, :]).all():
-            return super()._recovered(belief, updated, measurement, y, rng, available, R)
-        members = members_last(belief.ensemble)
-        redrawn = self._redrawn_until_expected(belief, measurement.available, rng)
-        rows = (redrawn != members).any((-2, -1)) & np.isfinite(redrawn).all((-2, -1))
-        if rows.any():
-            belief = belief.with_rows(rows, belief[rows].replace(ensemble=redrawn[rows].mT))
-            measurement = self._measurement(belief, y, available, R)
-            updated = updated.with_rows(rows, attempt(self, belief, measurement, rng)[rows])
-        return super()._recovered(belief, updated, measurement, y, rng, available, R)
-
-    def _redrawn_until_expected(
-        self, belief: EnsembleBelief, available: np.ndarray, rng: Rng
-    ) -> np.ndarray:
-        """Members ``(..., n, N)``, drawn again a few times where an available measurement has no value for them."""
-        members = members_last(belief.ensemble)
+    def _repaired(self, belief: Any, u: Any, y: Any, rng: Any) -> Any:
+        """The belief, with members drawn again for which an available measurement has no value."""
+        if y is None:
+            return belief
+        members = belief.members
         finite = np.isfinite(members).all(-2)
-        for attempt_number in range(_REDRAWS):
-            expected = self._expected(belief, belief.u)
-            kept = (np.isfinite(expected) | ~available[..., None]).all(-2) | ~finite
+        for attempt in range(_REDRAWS):
+            anomalies = self.expect(belief, u)[1]
+            kept = (np.isfinite(anomalies) | ~np.isfinite(y)[..., None]).all(-2) | ~finite
             if kept.all():
                 break
-            members = self._redrawn(members, kept, rng, EXPECTED + attempt_number)
+            members = self._redrawn(members, kept, rng, EXPECTED + attempt)
             belief = belief.replace(ensemble=members.mT)
-        return members
-
-    # --- pieces -----------------------------------------------------------------------------------
-
-    def _moments(self, belief: EnsembleBelief, measurement: Measurement) -> Moments:
-        """Arguments that every analysis has."""
-        assert measurement.anomalies is not None
-        members, Y = members_last(belief.ensemble), members_last(measurement.anomalies)
-        return members, belief.mean, Y, measurement.innovation, measurement.available, measurement.R
+        return belief
 
 
-class EnsembleKalmanFilter(EnsembleFilter, verified=True):
+@compiled
+class EnsembleKalmanFilter(EnsembleFilter):
     """EnKF: every member is corrected by its own perturbed measurement.
 
     ``x_i = x_i- + K (y + v_i - h(x_i-))`` with ``v_i ~ N(0, R)`` centred to zero mean, and the gain
@@ -330,41 +183,33 @@ class EnsembleKalmanFilter(EnsembleFilter, verified=True):
     """
 
     name = "enkf"
-    sequential = False
 
-    def __init__(
-        self,
-        model: Model,
-        members: int | None = None,
-        inflation: float = 1.0,
-        draws: str = "exact",
-    ) -> None:
-        super().__init__(model, members, inflation, draws)
-        self._measurement_root = None if callable(model.R) else semidefinite_cholesky(model.R)
-
-    def _update(self, belief: EnsembleBelief, measurement: Measurement, rng: Rng) -> EnsembleBelief:
-        batch, arrived = belief.mean.shape[:-1], measurement.available
-        numbers = self._numbers(rng, batch)
-        # The gain of a missing measurement is zero, so that the root of the whole R does: it is
-        # known beforehand.
-        root = self._measurement_root
-        if root is None or measurement.whole_R is not self.model.R:
-            root = semidefinite_cholesky(measurement.R)
-        # the numbers of which a measurement that arrived has a share
-        wanted = np.vecmat(1.0 * arrived, 1.0 * (np.abs(root) > 0.0)) > 0.0
-        normals = members_last(
-            draw(numbers, batch, self.members, self.model.p, MEASUREMENTS, wanted)
-        )
+    def _update(
+        self, belief: Any, u: Any, e: Any, Y: Any, R: Any, available: Any, *more: Any
+    ) -> Changes:
+        root = semidefinite_cholesky(R)
+        # The numbers of which a measurement that arrived has a share.
+        wanted = np.vecmat(1.0 * available, 1.0 * (np.abs(root) > 0.0)) > 0.0
+        batch = belief.mean.shape[:-1]
+        normals = draw(*more, batch, self.members, self.model.p, MEASUREMENTS, wanted)
         mean, members, S = perturbed_analysis(
-            *self._moments(belief, measurement), root, normals, belief.cov,
-            inflation=self.inflation, exact=self._exact,
-        )  # fmt: skip
-        return EnsembleBelief.updated(
-            belief, mean, covariance(members, mean), measurement, S, ensemble=members.mT
+            belief.members,
+            belief.mean,
+            Y,
+            e,
+            available,
+            R,
+            root,
+            normals,
+            belief.cov,
+            inflation=self.inflation,
+            exact=self._exact,
         )
+        return analysed(mean, members, S)
 
 
-class EnsembleTransformFilter(EnsembleFilter, verified=True):
+@compiled
+class EnsembleTransformFilter(EnsembleFilter):
     """ETKF, or EnKF-SR: the members are transformed so that their covariance is the Kalman filter's.
 
     The update draws no random numbers. ``A <- T A`` with the symmetric, mean-preserving ``T = (I +
@@ -398,46 +243,37 @@ class EnsembleTransformFilter(EnsembleFilter, verified=True):
 
     name = "etkf"
 
-    def __init__(
-        self,
-        model: Model,
-        members: int | None = None,
-        inflation: float = 1.0,
-        draws: str = "exact",
-    ) -> None:
-        super().__init__(model, members, inflation, draws)
-        self.sequential = self.inflation == 1.0
-
-    def _update(self, belief: EnsembleBelief, measurement: Measurement, rng: Rng) -> EnsembleBelief:
-        self._numbers(rng, belief.mean.shape[:-1])
-        regular = bool(self._regular) and measurement.whole_R is self.model.R
+    def _update(
+        self, belief: Any, u: Any, e: Any, Y: Any, R: Any, available: Any, *_: Any
+    ) -> Changes:
         mean, members, S = transform_analysis(
-            *self._moments(belief, measurement), inflation=self.inflation, regular=regular
+            belief.members, belief.mean, Y, e, available, R, inflation=self.inflation
         )
-        return EnsembleBelief.updated(
-            belief, mean, covariance(members, mean), measurement, S, ensemble=members.mT
-        )
+        return analysed(mean, members, S)
 
 
-# --- shared ---------------------------------------------------------------------------------------
+def analysed(mean: np.ndarray, members: np.ndarray, S: np.ndarray) -> Changes:
+    """Arrays of an analysis."""
+    cov = covariance(members, mean)
+    return {"mean": mean, "cov": cov, "members": members, "innovation_cov": S}
 
 
 def draw(
-    numbers: Drawn,
+    rng: Any,
     batch: tuple[int, ...],
     members: int,
     count: int,
     use: int,
     wanted: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Standard normals ``(*batch, members, count)``; components not ``wanted (*batch, count)`` hold anything."""
-    if isinstance(numbers, np.random.Generator):
-        return numbers.standard_normal(batch + (members, count))
-    return numbers.members(members, count, use, wanted)
+    """Standard normals ``(*batch, count, members)``; those not ``wanted (*batch, count)`` are any."""
+    if isinstance(rng, RandomKeys):
+        return rng.members(members, count, use, wanted).mT
+    return np.ascontiguousarray(rng.standard_normal(batch + (members, count)).mT)
 
 
 def noise_root(cov: np.ndarray) -> np.ndarray:
-    """``L (..., k, r)`` with ``L L' = cov`` and r the rank of ``cov (..., k, k)``: the largest one of a batch."""
+    """``L (..., k, r)`` with ``L L' = cov`` and r the rank of ``cov``: the largest one of a batch."""
     values, vectors = np.linalg.eigh(cov)
     values = np.where(values > 1e-14 * values.shape[-1] * values[..., -1:], values, 0.0)
     needed = values.any(tuple(range(values.ndim - 1)))

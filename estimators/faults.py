@@ -27,7 +27,7 @@ from typing import Any, Self
 import numpy as np
 from scipy.special import gammainccinv, ndtr, ndtri
 
-from estimators.belief import Belief, Recovery
+from estimators.belief import Belief
 from estimators.checks import integer, number, short_repr
 from estimators.delayed import DelayedBelief
 from estimators.linalg import identity, masked, solve
@@ -192,7 +192,7 @@ class FaultMonitor(ABC):
                 f"the monitor's sensors have {len(self._belongs)} channels, the measurements"
                 f" {e.shape[-1]}"
             )
-        return e, S, arrived & (belief.recovery != Recovery.PSEUDO_INVERSE)[..., None]
+        return e, S, arrived & belief.healthy[..., None]
 
     def _watched(self, state: Watch, e: np.ndarray, S: np.ndarray, arrived: np.ndarray) -> Watch:
         with np.errstate(all="ignore"):

@@ -1,491 +1,543 @@
-"""Filters that run on the engine: `_predict` and `_update`, compiled where they are formulas, and their recovery."""
+"""Filters: `init`, `predict` and `update` of beliefs, and what a filter of one's own fills in.
 
-from abc import abstractmethod
-from collections.abc import Callable, Sequence
+A filter is two functions of arrays, ``_predict`` and ``_update``. Before each the model is asked
+one question, `Filter.propagate` or `Filter.expect`. Filters decorated `@compiled` run as programs,
+with the model's functions in them where these are compiled; all else is NumPy.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from functools import cache
-from itertools import pairwise
-from typing import Any, ClassVar, TypeVar, cast
+from typing import Any, ClassVar, Generic
 
 import numpy as np
 
 from estimators.angles import difference
-from estimators.belief import Belief, Layout, Record, finite_rows
-from estimators.checks import frozen
-from estimators.contract import INVALID_INITIAL, Estimator, Model, Rng
-from estimators.engine import Compiled
-from estimators.engine.matrices import is_traced
-from estimators.linalg import congruence, identity, lacks_rank, masked
-from estimators.measurement import Measurement
-from estimators.models import Gaussian, LinearModel
+from estimators.belief import Belief, Record
+from estimators.checks import as_array, as_mask, frozen, short_repr
+from estimators.engine.compiled import Compiled
+from estimators.linalg import congruence, log_density, masked, rescuing, semidefinite
+from estimators.model_checks import as_covariance
+from estimators.models import Gaussian, LinearModel, NonlinearModel
 from estimators.randomness import RandomKeys
-from estimators.recovery import (
-    attempt,
-    condensed,
-    doubtful_rows,
-    evened,
-    proper,
-    recovered,
-    unsound_rows,
-)
-from estimators.tracing import BOTH, PREDICTIONS, SUCCESSIVE, Traced, traced
-from estimators.varying import Schedule, StateNoise, resolve
+from estimators.recovery import exhausted, finite_sum, recovered
+from estimators.varying import noise_at, resolve
 
-__all__ = ["Filter", "Model", "Rng", "inlinable"]
+Rng = RandomKeys | np.random.Generator | None
+"""Random numbers: keys a row and a step, or a Generator for the whole batch."""
+Model = LinearModel | NonlinearModel
+Changes = dict[str, np.ndarray]
+"""Arrays of a belief that a step changes, by name."""
 
-_Method = TypeVar("_Method", bound=Callable[..., Any])
-
-
-def inlinable(*names: str) -> Callable[[_Method], _Method]:
-    """Declare that a method which evaluates the model can be traced together with the model's functions of these names.
-
-    Of a Jacobian that the model does not have, the function's own derivative takes the place.
-    """
-
-    def declared(method: _Method) -> _Method:
-        vars(method)["inlinable"] = names
-        return method
-
-    return declared
+_TRANSITION = {
+    LinearModel: ("A", "B", "Q", "G"),
+    NonlinearModel: ("transition", "transition_jacobian", "Q", "G"),
+}
+_MEASUREMENT = {
+    LinearModel: ("C", "R", "H"),
+    NonlinearModel: ("measurement", "measurement_jacobian", "R", "H"),
+}
+"""Parts of a model that the two questions are about."""
 
 
-class Filter(Estimator[Record], verified=True):
+class Filter(ABC, Generic[Record]):
     """A filter is immutable configuration; a `Belief` is its state.
 
-    A filter of your own fills in ``_predict`` and ``_update``, and calls
-    ``super().__init__(model)``. One whose beliefs are another record than `Belief` says so
-    (``Filter[InputBelief]``, ``record``) and makes them so in ``_init``.
+    A filter of your own fills in ``_predict`` and ``_update``: each returns the arrays of the
+    belief that change, by name, for any leading axes. It runs in NumPy, or compiled if its class is
+    decorated `@compiled`. One whose beliefs are another record than `Belief` says so (``record``)
+    and begins the record's own arrays in ``_begin``.
+
+    Args:
+        model: A `LinearModel` or a `NonlinearModel`.
+
+    Raises:
+        TypeError: if ``model`` is neither.
     """
 
-    _questions: ClassVar[dict[str, str]] = {"_moved": "_propagate", "_linearise": "_linearise"}
-    """Methods that ask something of the model, and the methods that evaluate it."""
-    formulas: ClassVar[bool] = False
-    """Whether ``_predict`` and ``_update`` are formulas, which are compiled, see `estimators.engine.matrices`.
-
-    They are then traced once: what they read of the filter itself, or do besides, counts as it was
-    then. It is not inherited: a filter of your own is NumPy until it says otherwise. Arrays that
-    its record has besides are masks or float64 afterwards.
-    """
-
-    idle: bool = False
-    """An update without measurements leaves the prediction as it is, to the last bit."""
+    name: str
+    """The name by which `make` made it; by default the class' own."""
+    record: type[Belief] = Belief
+    """Class of its beliefs."""
+    input_delay: int | None = None
+    """Steps by which the unknown input is known late (0 or 1); None: the filter estimates none."""
+    random: ClassVar[bool] = False
+    """It draws random numbers: ``rng`` must be given, and its functions take it as last argument."""
+    reversible: ClassVar[bool] = False
+    """`smooth` can go back through its steps. A class that overrides one says so again."""
+    likelihood: ClassVar[str] = "approximate"
+    """Kind of `log_likelihood`: "exact", "diffuse" or "approximate"."""
+    compiled: ClassVar[bool] = False
+    """Its functions are traced once; what they read of the filter counts as it was then."""
+    _axes: ClassVar[dict[str, tuple[int, ...]]] = {"predict": (1, 2, 2, 2), "update": (1, 2, 2, 2)}
+    """Axes of a row of each answer of the model; the last is that of an unknown input."""
 
     def __init__(self, model: Model) -> None:
-        super().__init__(model)
-        self._identity, self._no_columns = identity(model.n), np.zeros((model.p, 0))
-        R = model.R.table if isinstance(model.R, Schedule) else model.R
-        self._regular = None if callable(R) else not lacks_rank(R).any()
-        self._alike = all(
-            getattr(matrix, "ndim", 2) == 2 for matrix in vars(model).values()
-        )  # all rows have one model
-        self._programs: dict[Any, Any] | None = {} if self.formulas and self._alike else None
-        self._first: tuple[np.ndarray, Layout] | None = (
-            None  # a row as it begins, but for mean and covariance
-        )
+        if not isinstance(model, LinearModel | NonlinearModel):
+            raise TypeError(
+                f"model must be a LinearModel or a NonlinearModel, got {type(model).__name__}"
+            )
+        self.model = model
+        self._programs: dict[Any, Any] = {}
+        if any(getattr(matrix, "ndim", 2) > 2 for matrix in vars(model).values()):
+            self.compiled = False  # type: ignore[misc]  # a program is of one model for all rows
 
-    def __init_subclass__(cls, verified: bool = False, **arguments: Any) -> None:
-        if not hasattr(cls, "name"):
-            cls.name = cls.__name__
-        if not verified and "formulas" not in cls.__dict__:
-            cls.formulas = False
-        super().__init_subclass__(verified, **arguments)
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        super().__init_subclass__(**arguments)
+        own = vars(cls)
+        cls.name, cls.compiled = getattr(cls, "name", cls.__name__), False
+        steps = {"_predict", "_update", "propagate"}
+        cls.reversible = own.get("reversible", cls.reversible and not steps & own.keys())
 
-    @classmethod
-    def _frozen(cls) -> bool:
-        return cls.formulas  # a program holds what it was traced of
-
-    def __getstate__(self) -> dict[str, Any]:
-        """All but its programs, which are traced again."""
-        return self.__dict__ | {"_programs": None if self._programs is None else {}, "_first": None}
+    def __setattr__(self, name: str, value: Any) -> None:
+        if type(self).compiled and name in self.__dict__ and name != "name":
+            raise AttributeError(
+                f"{name} of a filter is read-only: build another filter, such as"
+                f" make({self.name!r}, model, {name}=...)"
+            )
+        object.__setattr__(self, name, value)
 
     def __getattr__(self, name: str) -> Any:
-        if name in (
-            "model",
-            "_identity",
-            "_no_columns",
-            "_regular",
-            "_alike",
-            "_programs",
-            "_first",
-        ):
+        if name in ("model", "_programs"):
             raise TypeError(
                 f"{type(self).__name__} has no model: its __init__ must call"
                 " super().__init__(model)"
             )
         raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
 
+    def __getstate__(self) -> dict[str, Any]:
+        """All but its programs, which are traced again."""
+        return self.__dict__ | {"_programs": {}}
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}(n={self.model.n}, p={self.model.p}, q={self.model.q})"
+
     # --- what a filter fills in -------------------------------------------------------------------
 
-    def _init(self, belief: Belief, rng: Rng) -> Record:
-        return cast(Record, belief)
+    @abstractmethod
+    def _predict(self, belief: Record, u: np.ndarray | None, *moved: Any) -> Changes:
+        """Arrays that a prediction changes.
+
+        Args:
+            belief: Before the step.
+            u: ``(..., m)`` known input, or None.
+            *moved: What `propagate` answers: mean ``(..., n)``, A ``(..., n, n)``, Q; of filters
+                that draw, ``rng`` last.
+        """
 
     @abstractmethod
-    def _predict(self, belief: Record, u: np.ndarray | None, rng: Rng) -> Record: ...
-
-    @abstractmethod
-    def _update(self, belief: Record, measurement: Measurement, rng: Rng) -> Record: ...
-
-    # --- the contract, of arguments that need no check --------------------------------------------
-
-    def start(self, prior: Gaussian, rng: Rng = None, u: np.ndarray | None = None) -> Record:
-        """The belief before any measurement; ``u (..., m)`` is the known input of the first one."""
-        if (
-            self.verified
-            and self._programs is not None
-            and not self.random
-            and prior.mean.ndim == prior.cov.ndim == 2
-        ):
-            return self._start_alike(prior, u)
-        u = self._protected(u)
-        n, batch = self.model.n, np.broadcast(prior.mean[..., 0], prior.cov[..., 0, 0]).shape
-        mean, cov = np.empty(batch + prior.mean.shape[-1:]), np.empty(batch + (n, n))
-        mean[...], cov[...] = prior.mean, prior.cov
-        initial = self._init(Belief(mean, cov, mean, cov, np.zeros(batch, np.int8), u), rng)
-        if self.verified:
-            return initial
-        initial = self._returned("_init", initial, batch)
-        if not (finite_rows(initial).all() and proper(initial.cov)):
-            raise ValueError(INVALID_INITIAL.format(type(self).__name__))
-        return initial
-
-    def _start_alike(self, prior: Gaussian, u: np.ndarray | None) -> Record:
-        """The same of rows that share a covariance: nothing else of a filter of formulas depends on the prior."""
-        if self._first is None:
-            mean, cov = np.zeros((1, self.model.n)), prior.cov[None]
-            self._first = self._init(
-                Belief(mean, cov, mean, cov, np.zeros(1, np.int8)), None
-            ).pack()
-        row, layout = self._first
-        packed = row.repeat(len(prior.mean), 0)
-        packed[layout.fields["mean"][0]], packed[layout.fields["cov"][0]] = (
-            prior.mean,
-            prior.cov.ravel(),
-        )
-        initial: Any = self.record.view(packed, layout, None, None, u)
-        object.__setattr__(initial, "prior_mean", initial.mean)
-        object.__setattr__(initial, "prior_cov", initial.cov)
-        return cast(Record, initial)
-
-    def forecast(self, belief: Record, u: np.ndarray | None, rng: Rng) -> Record:
-        """The belief one step ahead."""
-        u = self._protected(u)
-        if self._compiles(rng):
-            packed, layout = belief.pack()
-            program = cast(Traced, self._program(("_predict",), belief, layout, u))
-            return self._executed(program, belief, packed, u, rng=rng)[0]
-        with np.errstate(all="ignore"):
-            predicted = self._predict(belief, u, rng)
-        if self.verified:
-            return predicted
-        predicted = self._returned("_predict", predicted, belief.mean.shape[:-1])
-        if predicted.innovation is None:
-            return predicted
-        return Belief.replace(predicted, innovation=None, innovation_cov=None, available=None)
-
-    def correct(
-        self,
-        belief: Record,
-        y: np.ndarray,
-        available: np.ndarray | None,
-        R: np.ndarray | None,
-        rng: Rng,
-    ) -> Record:
-        """The belief after a measurement, recovered where the usual update holds nothing."""
-        regular = self._regular
-        if R is not None or regular is None:
-            R = self._own_R(belief) if R is None and isinstance(self.model.R, StateNoise) else R
-            regular = not lacks_rank(masked(*self._noise(y, available, R, belief.u))).any()
-        nothing = (
-            self.idle and regular and R is None and available is not None and not available.any()
-        )
-        if nothing and (predicted := self._without_measurement(belief)) is not None:
-            return predicted
-        if self._compiles(rng):
-            packed, layout = belief.pack()
-            program = cast(Traced, self._program(("_update",), belief, layout, belief.u, R))
-            updated, rows = self._executed(program, belief, packed, belief.u, y, available, R, rng)
-        else:
-            own = y, available
-            if not self.verified:  # it may write into what it is given
-                own = y.copy(), None if available is None else available.copy()
-            with np.errstate(all="ignore"):
-                measurement = self._measurement(belief, *own, R)
-                updated = attempt(self, belief, measurement, rng)
-                if not self.verified:
-                    updated = self._returned("_update", updated, belief.mean.shape[:-1])
-                rows = doubtful_rows(updated, measurement.R)
-        doubtful = np.count_nonzero(rows) > 0
-        if regular and doubtful:
-            rows = unsound_rows(self, belief, updated, rows)
-        if regular and not (doubtful and rows.any()) and (self.verified or proper(updated.cov)):
-            return updated
-        with np.errstate(all="ignore"):
-            if not (regular and self.verified and self._alike):
-                measurement = self._measurement(belief, y, available, R)
-                return self._recovered(belief, updated, measurement, y, rng, available, R)
-            some, y, rng = belief[rows], y[rows], rng[rows] if isinstance(rng, RandomKeys) else rng
-            available, R = (None if a is None else a[rows] for a in (available, R))
-            measurement = self._measurement(some, y, available, R)
-            return updated.with_rows(
-                rows, self._recovered(some, updated[rows], measurement, y, rng, available, R)
-            )
-
-    def _without_measurement(self, belief: Record) -> Record | None:
-        """The belief after an update without measurements, which leaves a prediction as it is; None: update it."""
-        packed, layout = belief.pack()
-        if not (
-            self._compiles(None)
-            and self.verified
-            and belief.innovation is None
-            and np.isfinite(packed.sum())
-        ):
-            return None
-        program = cast(Traced, self._program(("_update",), belief, layout, belief.u))
-        out = np.zeros((*packed.shape[:-1], program.layout.width))
-        for name, (columns, _) in layout.fields.items():
-            out[program.layout.fields[name][0]] = packed[columns]
-        out[program.layout.fields["innovation_cov"][0]] = identity(self.model.p).ravel()
-        prior = belief.prior_mean, belief.prior_cov
-        return cast(Record, self.record.view(out, program.layout, *prior, belief.u))
-
-    def advance(
+    def _update(
         self,
         belief: Record,
         u: np.ndarray | None,
-        y: np.ndarray,
-        available: np.ndarray | None,
-        rng: Rng,
-    ) -> Record:
-        """The belief one step ahead and after its measurement, in one program where that can be."""
-        if self._regular and self._compiles(rng):
-            packed, layout = belief.pack()
-            program = self._program(BOTH, belief, layout, u)
-            if program is not None:
-                updated, doubtful = self._executed(
-                    program, belief, packed, u, y, available, rng=rng
-                )
-                if not np.count_nonzero(doubtful) and (self.verified or proper(updated.cov)):
-                    return updated
-        return super().advance(belief, u, y, available, rng)
+        e: np.ndarray,
+        C: np.ndarray,
+        R: np.ndarray,
+        available: np.ndarray,
+        *more: Any,
+    ) -> Changes:
+        """Arrays that a measurement changes; ``innovation`` and ``available`` follow by themselves.
 
-    def forecast_steps(
-        self, belief: Record, u: np.ndarray | None, y: np.ndarray, available: np.ndarray, wait: np.ndarray,
-        kept: Sequence[int],
-    ) -> list[np.ndarray] | None:  # fmt: skip
-        """`Estimator.forecast_steps`, a program for all successive steps with measurements, or without."""
-        if self.random or not (self._compiles(None) and self.verified and self._regular):
-            return None
-        (packed, layout), (steps, rows) = belief.pack(), y.shape[:2]
-        measured: Any = (
-            available.reshape(steps, -1).any(1).tolist() if self.idle else [True] * steps
-        )
-        programs = dict[bool, Traced]()
-        for each in set(measured):
-            program = self._program(
-                SUCCESSIVE if each else PREDICTIONS, belief, layout, None if u is None else u[0]
-            )
-            if program is None or program.callbacks or program.layout is not layout:
-                return None
-            programs[each] = program
-        predicted, doubtful = list[np.ndarray](), np.zeros((steps, rows), bool)
-        state, running = np.ascontiguousarray(packed), wait <= np.arange(steps)[:, None]
-        cuts = {k + 1 for k in kept} | {
-            k for k in range(1, steps) if measured[k] != measured[k - 1]
-        }
-        for first, last in pairwise(sorted({0, *cuts})):
-            before, now = (state, state) if u is None else (u[first:], u[first + 1 :])
-            following = np.empty((rows, layout.width))
-            programs[measured[first]].function(
-                rows, last - first, state, now, y[first:], available[first:], state, state, state, before,
-                running[first:], following, doubtful[first:],
-            )  # fmt: skip
-            state = following
-            if last - 1 in kept:
-                predicted.append(state)
-        return None if doubtful.any() or not np.isfinite(state.sum()) else predicted
+        Missing measurements have e = 0, zero rows of C and a unit, uncorrelated variance in R, so
+        that formulas need no special case.
 
-    # --- programs: see estimators.tracing ---------------------------------------------------------
-
-    def _compiles(self, rng: Rng) -> bool:
-        """Are prediction and update programs? They draw no numbers from a Generator."""
-        return self._programs is not None and not (
-            self.random and isinstance(rng, np.random.Generator)
-        )
-
-    def _program(
-        self,
-        methods: tuple[str, ...],
-        belief: Belief,
-        layout: Layout,
-        u: Any,
-        R: np.ndarray | None = None,
-    ) -> Traced | None:
-        """The program of methods, traced where there is none yet or something that it reads has changed.
-
-        None where prediction and update cannot be one: host callbacks of an update need the
-        prediction.
+        Args:
+            belief: The prediction.
+            u: ``(..., m)`` known input, or None.
+            e: ``(..., p)`` innovation.
+            C: ``(..., p, n)`` how measurements follow the state.
+            R: ``(..., p, p)`` measurement covariance.
+            available: ``(..., p)`` mask.
+            *more: What `expect` answers besides; of filters that draw, ``rng`` last.
         """
-        key = methods, layout, None if u is None else u.shape[-1], R is None
-        assert self._programs is not None
-        program = self._programs.get(key)
-        if program is None or not program.current():
-            several = len(methods) > 1 and not isinstance(self.model, LinearModel)
-            if several and len(self._inlined(belief, u)) < len(self._questions):
-                return None
-            program = self._programs[key] = traced(self, methods, belief, layout, u, R)
+
+    def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Rng) -> Changes:
+        """Arrays of the record besides those of every belief, before any measurement."""
+        return {}
+
+    def propagate(self, belief: Record, u: np.ndarray | None) -> tuple[Any, ...]:
+        """Next mean ``(..., n)``, Jacobian A, and Q; G besides where an input is estimated."""
+        model = self.model
+        mean, A = model.linearise_transition(belief.mean, u, belief.cov)
+        answer = mean, A, resolve(model.Q, u)
+        return answer if self.input_delay is None else (*answer, model.input_matrix(belief.mean, u))
+
+    def expect(self, belief: Record, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
+        """Expected measurement, C, and R unless given; H besides where an input is estimated."""
+        model = self.model
+        answer = *model.linearise_measurement(belief.mean, u, belief.cov), self._noise(belief, u, R)
+        return answer if self.input_delay is None else (*answer, resolve(model.H, u))
+
+    def _noise(self, belief: Record, u: np.ndarray | None, R: Any) -> Any:
+        """R ``(..., p, p)``: the one that is given, or the model's."""
+        return noise_at(self.model.R, belief.mean, u) if R is None else R
+
+    # --- the contract -----------------------------------------------------------------------------
+
+    def init(self, prior: Gaussian, rng: Rng = None) -> Record:
+        """The belief before any measurement: ``x(0|-1)``.
+
+        Args:
+            prior: Mean ``(..., n)`` and covariance ``(..., n, n)``; leading axes are the batch.
+            rng: For filters that draw members: `RandomKeys` of this step, or a Generator.
+
+        Raises:
+            TypeError: if the prior is no `Gaussian`.
+            ValueError: if the prior is not for n states.
+        """
+        if not isinstance(prior, Gaussian):
+            raise TypeError(f"prior must be a Gaussian(mean, cov), got {type(prior).__name__}")
+        for size in (prior.mean.shape[-1], prior.cov.shape[-1]):
+            if size != self.model.n:
+                raise ValueError(f"the prior is for {size} states, the model has {self.model.n}")
+        batch = np.broadcast_shapes(prior.mean.shape[:-1], prior.cov.shape[:-2])
+        mean = np.array(np.broadcast_to(prior.mean, batch + prior.mean.shape[-1:]))
+        cov = np.array(np.broadcast_to(prior.cov, batch + prior.cov.shape[-2:]))
+        own = self._begin(mean, cov, self._numbers(rng, batch))
+        healthy = np.ones(batch, bool)
+        every = {"mean": mean, "cov": cov} | _unmeasured(batch, self.model.p, healthy)
+        belief: Any = self.record.of(every | own)
+        return belief.read_only()
+
+    def predict(self, belief: Record, u: np.ndarray | None = None, rng: Rng = None) -> Record:
+        """One step ahead: ``x(k-1|k-1)`` to ``x(k|k-1)``.
+
+        A row that is not finite keeps what it had.
+
+        Args:
+            belief: The belief after the last update.
+            u: Known input ``(..., m)`` over the step.
+            rng: For filters that draw: `RandomKeys` of this step, or a Generator.
+
+        Raises:
+            TypeError: if ``belief`` is none of this filter.
+            ValueError: if ``u`` has the wrong shape, could only be ignored, or is missing though
+                the model has B.
+        """
+        batch = self._batch(belief)
+        u = self._known(u, batch)
+        self.model.check_known_input(u)
+        rng = self._numbers(rng, batch)
+        return self._run("predict", belief, u, rng).read_only()
+
+    def update(
+        self,
+        belief: Record,
+        y: np.ndarray,
+        rng: Rng = None,
+        available: np.ndarray | None = None,
+        R: np.ndarray | None = None,
+        u: np.ndarray | None = None,
+    ) -> Record:
+        """Take in a measurement: ``x(k|k-1)`` to ``x(k|k)``.
+
+        Never raises for numerical trouble. A row that is not finite, or no covariance, is computed
+        again with pseudo-inverses and without the channels that are not finite; if it still is
+        not, it keeps what it had. ``healthy`` is False there.
+
+        Args:
+            belief: The predicted belief.
+            y: Measurements ``(..., p)``; a value that is not finite counts as missing.
+            rng: For filters that draw: `RandomKeys` of this step, or a Generator.
+            available: Mask ``(..., p)`` of the measurements that arrived; None: all.
+            R: Measurement covariance ``(..., p, p)`` for this measurement only; None: the model's.
+                A measurement whose variance is not finite counts as missing; the entries of R of
+                missing measurements do not matter.
+            u: Known input ``(..., m)`` for a model whose measurement depends on it; None: the one
+                of the last prediction.
+
+        Raises:
+            TypeError: if ``belief`` is none of this filter.
+            ValueError: if ``y``, ``available``, ``R`` or ``u`` have the wrong shape, R is no
+                covariance, or a filter that estimates an unknown input has had a measurement of
+                this step.
+        """
+        batch, p = self._batch(belief), self.model.p
+        if type(y) is not np.ndarray or y.dtype != float or y.shape != (*batch, p):
+            y = _broadcast("y", as_array("y", y), (*batch, p))
+        if available is not None:
+            available = _broadcast("available", as_mask("available", available), (*batch, p))
+        if R is not None:
+            R = _broadcast("R", as_array("R", R), (*batch, p, p), core=2)
+            arrived = np.isfinite(y) & np.isfinite(R.diagonal(0, -2, -1))
+            arrived = arrived if available is None else arrived & available
+            as_covariance("R", masked(R, arrived))
+        if u is not None:
+            belief = belief.replace(u=self._known(u, batch))
+        if self.input_delay is not None and belief.available.any():
+            raise ValueError(
+                f"{self.name} takes one update a step: join the measurements, NaN or masked where"
+                " none came"
+            )
+        rng = self._numbers(rng, batch)
+        return self._run("update", belief, belief.u, rng, y, available, R).read_only()
+
+    def step(
+        self,
+        belief: Record,
+        y: np.ndarray,
+        u: np.ndarray | None = None,
+        rng: Rng = None,
+        available: np.ndarray | None = None,
+    ) -> Record:
+        """`predict`, then `update`, in one program where the model is compiled; for loops.
+
+        Arguments are those of the two, with a row for each of the belief; they are not checked.
+        """
+        if not (self._asks_inside("predict") and self._asks_inside("update")):
+            belief = self._run("predict", belief, u, rng)
+            return self._run("update", belief, u, rng, y, available)
+        return self._run("step", belief, u, rng, y, available)
+
+    def log_likelihood(self, predicted: Record, updated: Record) -> np.ndarray:
+        """The log density ``(...)`` of a measurement, given those before it; 0 where none came.
+
+        Channels that follow from those before them without noise add nothing, or minus infinity if
+        they contradict. A mixture of states that is known exactly, while they are not, is known to
+        rounding only: make it a state.
+
+        Args:
+            predicted: The belief that the measurement met.
+            updated: What `update` made of it.
+        """
+        S, mean, u = updated.innovation_cov, predicted.mean, updated.u
+        size = np.abs(mean).max(-1, keepdims=True)
+        if (S.diagonal(0, -2, -1) <= np.square(1e-8 * size)).any():
+            # Which states' rounding is in which channel?
+            C = self.model.linearise_measurement(mean, u, predicted.cov)[1]
+            A = self.model.linearise_transition(mean, u, predicted.cov)[1]
+            size = np.abs(mean) + np.matvec(np.abs(A), np.abs(mean))
+            size = np.matvec(np.abs(C), size)
+        return log_density(updated.innovation, S, updated.available, size)
+
+    # --- one step ---------------------------------------------------------------------------------
+
+    def _run(
+        self,
+        step: str,
+        belief: Record,
+        u: np.ndarray | None,
+        rng: Rng,
+        y: np.ndarray | None = None,
+        available: np.ndarray | None = None,
+        R: np.ndarray | None = None,
+    ) -> Record:
+        """The belief after a prediction, an update, or both; lost rows are recovered."""
+        batch, p = belief.mean.shape[:-1], self.model.p
+        if y is not None and available is None:
+            available = _all(batch, p)
+        if not self.compiled or isinstance(rng, np.random.Generator):
+            changed = self._in_numpy(step, belief, u, rng, y, available, R)
+        else:
+            program = self._programs.get((step, u is None, R is None))
+            if program is None:
+                program = self._traced(step, belief, u is None, R is None)
+            function, names, inside = program
+            arrays = [getattr(belief, name) for name in self.record.names()]
+            arrays += [each for each in (u, y, available, R) if each is not None]
+            if not inside:
+                arrays += self._answers(step, belief, u, R)
+            if self.random:
+                arrays += rng.words
+            changed = dict(zip(names, function(*arrays), strict=True))
+        if y is None:
+            changed |= _unmeasured(batch, p, changed["healthy"])
+        changed["u"] = u
+        after = belief.replaced(changed)
+        if np.logical_and.reduce(after.healthy, axis=None):
+            return after
+        return recovered(self, step, belief, after, u, rng, y, available, R)
+
+    def _answers(self, step: str, belief: Record, u: Any, R: Any) -> list[np.ndarray]:
+        """The model's answer before a prediction or an update, in NumPy."""
+        with np.errstate(all="ignore"):
+            return list(
+                self.propagate(belief, u) if step == "predict" else self.expect(belief, u, R)
+            )
+
+    def _asks_inside(self, step: str) -> bool:
+        """Is the model's part in a prediction or an update compiled, and traced with the filter?"""
+        parts = {"predict": _TRANSITION, "update": _MEASUREMENT}[step][type(self.model)]
+        return self.compiled and self.model.is_compiled(*parts)
+
+    def _traced(
+        self, step: str, like: Record, no_u: bool, no_R: bool
+    ) -> tuple[Compiled, list[str], bool]:
+        """The program of a step, the names of its results, and whether the model is in it."""
+        names: list[str] = []
+        record = self.record.names()
+        inside = step == "step" or self._asks_inside(step)
+        given = [not no_u, step != "predict", step != "predict", not no_R]
+        axes_of_answers = () if inside else self._axes[step]
+        if self.input_delay is None:
+            axes_of_answers = axes_of_answers[:3]
+
+        def function(*arrays: Any) -> list[Any]:
+            rest = iter(arrays[len(record) :])
+            u, y, available, R = (next(rest) if each else None for each in given)
+            belief = self.record.of(dict(zip(record, arrays, strict=False)) | {"u": u})
+            answers = () if inside else [next(rest) for _ in axes_of_answers]
+            rng = RandomKeys(next(rest), next(rest)[..., 0]) if self.random else None
+            changed = self._changed(step, belief, u, rng, y, available, R, answers)
+            names[:] = changed
+            return list(changed.values())
+
+        axes = [getattr(like, name).ndim + 1 - like.mean.ndim for name in record]
+        axes += [k for k, each in zip((1, 1, 1, 2), given, strict=True) if each]
+        axes += axes_of_answers
+        program = Compiled(function, axes + [1, 1] * self.random, True), names, inside
+        self._programs[step, no_u, no_R] = program
         return program
 
-    def _executed(
-        self, program: Traced, belief: Belief, packed: np.ndarray, u: np.ndarray | None, y: np.ndarray | None = None,
-        available: np.ndarray | None = None, R: np.ndarray | None = None, rng: Rng = None,
-    ) -> tuple[Record, np.ndarray]:  # fmt: skip
-        """The result of a program of `_predict`, `_update` or both; and the mask ``(...)`` of its `doubtful_rows`."""
-        batch = packed.shape[:-1]
-        keys, step = self._words(rng, batch) if self.random else (packed, packed)
-        out, doubtful = program.function.compute((
-            packed, packed if u is None else u, packed if y is None else y,
-            _all(batch, self.model.p) if available is None else available,
-            program.results(belief, u, R, batch) if program.callbacks else packed, keys, step,
-        ))  # fmt: skip
-        recovery = belief.recovery if y is None else None
-        updated: Any = self.record.view(
-            out, program.layout, belief.prior_mean, belief.prior_cov, u, recovery
-        )
-        return updated, doubtful
+    def _changed(
+        self,
+        step: str,
+        belief: Record,
+        u: Any,
+        rng: Any,
+        y: Any,
+        available: Any,
+        R: Any,
+        answers: Sequence[Any] = (),
+    ) -> Changes:
+        """Arrays that a step changes: of arrays, or of tracers when it is traced."""
+        drawn = (rng,) if self.random else ()
+        changed: Changes = {}
+        if step != "update":
+            answer = answers or self.propagate(belief, u)
+            changed = self._predict(belief, u, *answer, *drawn)
+            if step == "predict":
+                return changed | {"healthy": np.isfinite(finite_sum(changed))}
+            belief = belief.replaced(changed)
+        expected, C, R, *more = answers or self.expect(belief, u, R)
+        available = available & np.isfinite(y) & np.isfinite(R.diagonal(0, -2, -1))
+        if rescuing():
+            available = available & np.isfinite(expected) & np.isfinite(C).all(-1)
+        e = np.where(available, difference(y, expected, self.model.measurement_angles), 0.0)
+        C, *more = (np.where(available[..., None], each, 0.0) for each in (C, *more))
+        R = masked(R, available)
+        updated = {"innovation_cov": None, "innovation": e, "available": available}
+        updated |= self._update(belief, u, e, C, R, available, *more, *drawn)
+        if updated["innovation_cov"] is None:
+            updated["innovation_cov"] = congruence(C, belief.cov) + R
+        total = finite_sum(updated)
+        if not self.random:  # no variance of members is negative
+            total = total + exhausted(updated["innovation_cov"], R)
+        return changed | updated | {"healthy": np.isfinite(total)}
 
-    def _words(self, rng: Rng, batch: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """Keys ``(rows, 2)`` and steps ``(rows, 1)`` of a filter that draws random numbers."""
-        raise NotImplementedError
-
-    def _by_rows(self, formula: Callable[..., Any], *matrices: np.ndarray) -> Any:
-        """A formula of matrices ``(..., n, m)``, compiled where the filter's own are.
-
-        For what is computed between host callbacks; it gives vectors or matrices, one or a tuple of
-        them.
-        """
-        if self._programs is None:
-            return formula(*matrices)
-        if (own := self._programs.get(formula.__name__)) is None:
-            own = self._programs[formula.__name__] = Compiled(formula, (2,) * len(matrices), True)
-        return own(*matrices)
-
-    # --- the model --------------------------------------------------------------------------------
-
-    def _asked(self, question: str, belief: Record, u: np.ndarray | None) -> Any:
-        """A method's answer about a belief; a host callback where the model's function behind it is not traced."""
-        if is_traced(belief.mean) and not isinstance(self.model, LinearModel):
-            program = cast(Any, belief.mean).program
-            if question not in program.inlined:
-                return program.callback(
-                    lambda belief, u, R: getattr(self, question)(belief, u), *_ANSWERS[question]
-                )
-        return getattr(self, question)(belief, u)
-
-    def _inlined(self, belief: Belief, u: np.ndarray | None) -> frozenset[str]:
-        """The model's functions that are traced with the methods which linearise them, by these methods' names.
-
-        Others are host callbacks: a method that evaluates the model by itself, a function that
-        cannot be traced.
-        """
-        if isinstance(self.model, LinearModel):
-            return frozenset()
-        names = {
-            question: getattr(getattr(type(self), m), "inlinable", ())
-            for question, m in self._questions.items()
+    def _in_numpy(
+        self,
+        step: str,
+        belief: Record,
+        u: Any,
+        rng: Any,
+        y: Any = None,
+        available: Any = None,
+        R: Any = None,
+    ) -> Changes:
+        """Arrays that a step changes, in NumPy; the mean is NaN in rows with a singular matrix."""
+        try:
+            with np.errstate(all="ignore"):
+                return self._changed(step, belief, u, rng, y, available, R)
+        except np.linalg.LinAlgError:
+            batch = belief.mean.shape[:-1]
+            if np.prod(batch) == 1:
+                lost = {
+                    "mean": np.full(belief.mean.shape, np.nan),
+                    "healthy": np.zeros(batch, bool),
+                }
+                return belief.arrays() | lost
+        each = [
+            self._in_numpy(
+                step,
+                belief[row],
+                *(
+                    a if a is None or isinstance(a, np.random.Generator) else a[row]
+                    for a in (u, rng, y, available, R)
+                ),
+            )
+            for row in ((*index, None) for index in np.ndindex(batch))
+        ]
+        return {
+            name: np.concatenate([one[name] for one in each]).reshape(
+                batch + each[0][name].shape[1:]
+            )
+            for name in each[0]
+            if each[0][name] is not None
         }
-        return frozenset(
-            q for q, each in names.items() if each and self.model.traceable(belief.mean, u, *each)
-        )
 
-    def _moved(self, belief: Record, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """Mean ``(..., n)`` and covariance ``(..., n, n)`` one step on, without process noise."""
-        return self._propagate(belief.mean, belief.cov, u)
-
-    @inlinable("transition", "transition_jacobian")
-    def _propagate(
-        self, mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Mean ``(..., n)`` and covariance ``(..., n, n)`` one step on, without process noise."""
-        mean, A = self.model.linearise_transition(mean, u, cov)
-        return mean, congruence(A, cov)
-
-    @inlinable("measurement", "measurement_jacobian")
-    def _linearise(
-        self, belief: Record, u: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Expected measurement ``(..., p)``, C ``(..., p, n)``, and what is to be added to R for what C leaves out."""
-        return *self.model.linearise_measurement(belief.mean, u, belief.cov), None
+    def _repaired(self, belief: Record, u: Any, y: Any, rng: Rng) -> Record:
+        """The belief of lost rows from which a prediction, y None, or an update starts again."""
+        return belief.replaced({"cov": semidefinite(belief.cov)})
 
     def _slopes(self, belief: Record, u: np.ndarray | None) -> np.ndarray:
         """A ``(..., n, n)``: how the next state follows the state, of which the belief is."""
         return self.model.linearise_transition(belief.mean, u, belief.cov)[1]
 
-    def _measurement(
-        self, belief: Record, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None
-    ) -> Measurement:
-        """Innovation and measurement matrices, with missing channels masked."""
-        model, u = self.model, belief.u
-        expected, C, excess = self._asked("_linearise", belief, u)
-        H = self._no_columns if model.H is None else resolve(model.H, u)
-        R, mask = self._noise(y, available, R, u)
-        measurement = Measurement(
-            difference(y, expected, model.measurement_angles), C, H, R if excess is None else R + excess, mask,
-            not is_traced(mask) and bool(mask.all()),
-        )  # fmt: skip
-        return measurement if measurement.complete else measurement.only(mask)
+    # --- arguments --------------------------------------------------------------------------------
 
-    # --- results of methods of one's own, and recovery --------------------------------------------
-
-    def _protected(self, u: np.ndarray | None) -> np.ndarray | None:
-        """The known input; a read-only copy for methods of one's own, which may write into it."""
-        return u if u is None or self.verified else frozen(u)
-
-    def _returned(self, method: str, belief: Record, batch: tuple[int, ...]) -> Record:
-        """The result of a filter's own method, checked to be a belief of the right shape."""
+    def _batch(self, belief: Record) -> tuple[int, ...]:
+        """The leading axes of a belief, checked to be one for this model."""
         if not isinstance(belief, self.record):
-            kinds = f"a belief of type {self.record.__name__}, got {type(belief).__name__}"
-            raise TypeError(f"{type(self).__name__}.{method} must return {kinds}")
-        n, mean, cov = (
-            self.model.n,
-            getattr(belief.mean, "shape", None),
-            getattr(belief.cov, "shape", None),
-        )
-        if mean != batch + (n,) or cov != batch + (n, n):
-            raise ValueError(
-                f"{type(self).__name__}.{method} must return a mean of shape {batch + (n,)} and a"
-                f" cov of shape {batch + (n, n)}, got {mean} and {cov}"
+            kinds = f"of type {self.record.__name__}, got {type(belief).__name__}"
+            raise TypeError(f"belief must be {kinds}: begin with init(prior)")
+        *batch, n = belief.mean.shape
+        if n != self.model.n:
+            raise ValueError(f"the belief is for {n} states, the model has {self.model.n}")
+        return tuple(batch)
+
+    def _known(self, u: Any, batch: tuple[int, ...]) -> np.ndarray | None:
+        """The known input with a row for each belief, so that rows can be taken out and replaced."""
+        if u is None:
+            return None
+        u = frozen(as_array("u", u))  # the belief keeps it
+        return _broadcast("u", u, batch + (u.shape[-1:] or (1,)))
+
+    def _numbers(self, rng: Rng, batch: tuple[int, ...]) -> Rng:
+        """Random numbers of a step: a key for every row, or a Generator; None of other filters."""
+        if not self.random:
+            return None
+        if rng is None or not isinstance(rng, RandomKeys | np.random.Generator):
+            how = "pass rng, keys (estimators.RandomKeys) or a numpy Generator"
+            raise (ValueError if rng is None else TypeError)(
+                f"{self.name} draws random numbers: {how}, got {short_repr(rng)}"
             )
-        even = np.array_equal(belief.cov, belief.cov.mT)
-        return (belief if even else Belief.replace(belief, cov=evened(belief.cov))).read_only()
-
-    def _recovered(
-        self, belief: Record, updated: Record, measurement: Measurement, y: np.ndarray, rng: Rng,
-        available: np.ndarray | None, R: np.ndarray | None,
-    ) -> Record:  # fmt: skip
-        """The update with every lost row replaced by the mildest remedy that holds."""
-        return recovered(self, belief, updated, measurement, y, rng, available, R)
-
-    def _condensed(
-        self, start: Record, measurement: Measurement, S: np.ndarray, lost: np.ndarray
-    ) -> tuple[Measurement, np.ndarray] | None:
-        """The measurement in the directions in which S is not singular, and the rows it is for; None: none will do."""
-        return condensed(measurement, S, lost, self._observable_input(start, measurement))
-
-    def _observable_input(self, belief: Record, measurement: Measurement) -> np.ndarray | None:
-        """Effect of an unknown input, in units of its prior, on the measurement ``(..., p, k)``; None: no input."""
-        return None
+        if isinstance(rng, RandomKeys) and rng.keys.shape[:-1] != batch:
+            raise ValueError(f"rng has keys for rows {rng.keys.shape[:-1]}, expected {batch}")
+        return rng
 
 
-_ANSWERS = {
-    "_moved": (1, 2),
-    "_linearise": (1, 2, 2),
-    "_moving_G": (2,),
-    "_moved_members": (2,),
-    "_expected": (2,),
-}
-"""Axes of what these methods say of a row."""
+def _broadcast(name: str, value: np.ndarray, shape: tuple[int, ...], core: int = 1) -> np.ndarray:
+    """``value`` with the leading axes of ``shape``; its last ``core`` axes must fit exactly."""
+    if value.shape == shape:
+        return value
+    try:
+        if value.shape[-core:] == shape[-core:]:
+            return np.broadcast_to(value, shape)
+    except ValueError:
+        pass
+    raise ValueError(f"{name} has shape {value.shape}, expected {shape}")
 
 
 @cache
-def _all(batch: tuple[int, ...], measurements: int) -> np.ndarray:
+def _all(batch: tuple[int, ...], p: int) -> np.ndarray:
     """The mask of measurements that have all arrived, made once."""
-    return np.ones((*batch, measurements), bool)
+    return np.broadcast_to(np.True_, (*batch, p)).copy()
+
+
+@cache
+def _none(batch: tuple[int, ...], p: int) -> Changes:
+    """What a belief says of a measurement before there is one, read-only: made once."""
+    blank = {
+        "innovation": np.zeros((*batch, p)),
+        "innovation_cov": np.zeros((*batch, p, p)) + np.eye(p),
+        "available": np.zeros((*batch, p), bool),
+    }
+    for array in blank.values():
+        array.setflags(write=False)
+    return blank
+
+
+def _unmeasured(batch: tuple[int, ...], p: int, healthy: np.ndarray) -> Changes:
+    """Arrays of a belief that no measurement has met."""
+    return {**_none(batch, p), "healthy": healthy}

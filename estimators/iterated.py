@@ -1,17 +1,18 @@
 """The iterated extended Kalman filter: a measurement linearised where the estimate will be."""
 
+from typing import Any
+
 import numpy as np
 
-from estimators.belief import Belief
+from estimators.angles import difference
 from estimators.checks import integer, number
-from estimators.filter import Model
-from estimators.kalman import GaussianFilter
+from estimators.filter import Changes, Model
+from estimators.kalman import ExtendedKalmanFilter
 from estimators.linalg import solve
-from estimators.measurement import Measurement
 from estimators.models import LinearModel
 
 
-class IteratedExtendedKalmanFilter(GaussianFilter[Belief], verified=True):
+class IteratedExtendedKalmanFilter(ExtendedKalmanFilter):
     """An `ekf` whose update is the most probable state, given the prediction as a Gaussian and the measurement.
 
     That state minimises, with ``P = P-``::
@@ -44,54 +45,51 @@ class IteratedExtendedKalmanFilter(GaussianFilter[Belief], verified=True):
     """
 
     name = "iekf"
-    formulas = False  # how often a function is asked follows from its answers
+    reversible = True
 
     def __init__(self, model: Model, iterations: int = 20, tolerance: float = 1e-6) -> None:
         super().__init__(model)
         self.iterations = integer("iterations", iterations, 1)
         self.tolerance = number("tolerance", tolerance, 0.0, what="positive")
 
-    def _measurement(
-        self, belief: Belief, y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None
-    ) -> Measurement:
-        best = super()._measurement(belief, y, available, R)
-        if isinstance(self.model, LinearModel):
-            return best
+    def _update(
+        self, belief: Any, u: Any, e: Any, C: Any, R: Any, available: Any, *_: Any
+    ) -> Changes:
+        if not isinstance(self.model, LinearModel):
+            e, C = self._most_probable(belief, u, e, C, R, available)
+        return super()._update(belief, u, e, C, R, available) | {"innovation": e}
+
+    def _most_probable(
+        self, belief: Any, u: Any, e: Any, C: Any, R: Any, available: Any
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Innovation and C of the measurement linearised at the most probable state."""
         cov, a, length = belief.cov, np.zeros(belief.mean.shape), np.ones(belief.mean.shape[:-1])
-        shift, cost = np.zeros(belief.mean.shape), _cost(best, a, a)
+        y, shift, cost = self.expect(belief, u, R)[0] + e, a, _cost(e, R, a, a)
         running = np.ones(length.shape, bool)
         for _ in range(self.iterations - 1):
-            straight = best.innovation + np.matvec(best.C, shift)
-            S = best.C @ cov @ best.C.mT + best.R
-            step = np.vecmat(solve(S, straight[..., None])[..., 0], best.C) - a
+            straight = e + np.matvec(C, shift)
+            S = C @ cov @ C.mT + R
+            step = np.vecmat(solve(S, straight[..., None])[..., 0], C) - a
             running = running & (np.vecdot(step, np.matvec(cov, step)) > self.tolerance**2)
             if not running.any():
                 break
             a_tried = a + length[..., None] * step
             tried = np.matvec(cov, a_tried)
-            measurement = super()._measurement(
-                belief.replace(mean=belief.mean + tried), y, available, R
-            )
-            cost_tried = _cost(measurement, a_tried, tried)
-            known = np.isfinite(measurement.innovation).all(-1) & np.isfinite(measurement.C).all(
-                (-2, -1)
-            )
-            taken = (
-                running & known & ~(cost_tried > cost)
-            )  # a measurement without noise has no cost, and whole steps
-            length = np.where(taken, 1.0, 0.5 * length)
-            a, shift = (
-                np.where(taken[..., None], new, old) for new, old in ((a_tried, a), (tried, shift))
-            )
-            cost = np.where(taken, cost_tried, cost)
-            best = best._replace(
-                innovation=np.where(taken[..., None], measurement.innovation, best.innovation),
-                C=np.where(taken[..., None, None], measurement.C, best.C),
-            )
-        return best._replace(innovation=best.innovation + np.matvec(best.C, shift))
+            h, C_tried, *_ = self.expect(belief.replaced({"mean": belief.mean + tried}), u, R)
+            e_tried = difference(y, h, self.model.measurement_angles)
+            e_tried = np.where(available, e_tried, 0.0)
+            C_tried = np.where(available[..., None], C_tried, 0.0)
+            cost_tried = _cost(e_tried, R, a_tried, tried)
+            finite = np.isfinite(e_tried).all(-1) & np.isfinite(C_tried).all((-2, -1))
+            # A measurement without noise has no cost, and whole steps.
+            taken = running & finite & ~(cost_tried > cost)
+            length, cost = np.where(taken, 1.0, 0.5 * length), np.where(taken, cost_tried, cost)
+            row = taken[..., None]
+            a, shift = np.where(row, a_tried, a), np.where(row, tried, shift)
+            e, C = np.where(row, e_tried, e), np.where(row[..., None], C_tried, C)
+        return e + np.matvec(C, shift), C
 
 
-def _cost(measurement: Measurement, a: np.ndarray, shift: np.ndarray) -> np.ndarray:
+def _cost(e: np.ndarray, R: np.ndarray, a: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """``2 V (...)`` at ``x- + shift``, ``shift = P a``; not a number where R is singular."""
-    e = measurement.innovation
-    return np.vecdot(e, solve(measurement.R, e[..., None])[..., 0]) + np.vecdot(a, shift)
+    return np.vecdot(e, solve(R, e[..., None])[..., 0]) + np.vecdot(a, shift)

@@ -1,7 +1,8 @@
 """Small dense linear algebra over batches: covariances ``(..., n, n)`` and vectors ``(..., n)``."""
 
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from functools import cache, lru_cache
 from typing import Any
 
@@ -63,17 +64,38 @@ def solve(s: np.ndarray, b: np.ndarray) -> np.ndarray:
     """
     if is_traced(s) or is_traced(b):
         return linear.solve_definite(s, b)
+    if rescuing():
+        return pseudo_inverse(np.where(np.isfinite(s), s, 0.0)) @ b
     return _row_by_row(np.linalg.solve, s, b)
+
+
+@contextmanager
+def rescue() -> Iterator[None]:
+    """Let `solve` and `cholesky` take singular matrices: pseudo-inverses, and no repeated rows."""
+    token = _RESCUE.set(True)
+    try:
+        yield
+    finally:
+        _RESCUE.reset(token)
+
+
+def rescuing() -> bool:
+    """Are lost rows computed again, see `rescue`?"""
+    return _RESCUE.get()
 
 
 def solve_upper(t: np.ndarray, b: np.ndarray) -> np.ndarray:
     """``T^-1 B`` for an upper triangular ``T (..., n, n)`` and ``B (..., n, k)``; a singular row comes out as NaN."""
-    return linear.solve_upper(t, b) if is_traced(t) or is_traced(b) else solve(t, b)
+    if is_traced(t) or is_traced(b):
+        return linear.solve_upper(t, b)
+    return _row_by_row(np.linalg.solve, t, b)
 
 
 def solve_lower(t: np.ndarray, b: np.ndarray) -> np.ndarray:
     """``T^-1 B`` for a lower triangular ``T (..., n, n)`` and ``B (..., n, k)``; a singular row comes out as NaN."""
-    return linear.solve_lower(t, b) if is_traced(t) or is_traced(b) else solve(t, b)
+    if is_traced(t) or is_traced(b):
+        return linear.solve_lower(t, b)
+    return _row_by_row(np.linalg.solve, t, b)
 
 
 def inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -146,6 +168,9 @@ def _kept_root(cov: bytes, n: int) -> np.ndarray:
     return semidefinite_cholesky(np.frombuffer(cov).reshape(n, n))
 
 
+_RESCUE = ContextVar("rescue", default=False)
+_HUGE = 1e150
+"""Pivot of a row that repeats others: its share comes out as 0."""
 _EPS = np.finfo(float).eps
 _DIGITS = 8.0 * _EPS
 """A standard deviation that is less, as a share of the numbers that it is of, is rounding."""
@@ -166,6 +191,10 @@ def cholesky(s: np.ndarray) -> np.ndarray:
     """The lower factor of ``S (..., p, p)``; a row that is not positive definite comes out as NaN."""
     if is_traced(s):
         return linear.cholesky(s)
+    if rescuing():
+        root = semidefinite_cholesky(np.where(np.isfinite(s), s, 0.0))
+        repeats = np.where(root.diagonal(0, -2, -1) == 0.0, _HUGE, 0.0)
+        return root + repeats[..., None] * identity(s.shape[-1])
     return _row_by_row(np.linalg.cholesky, s)
 
 

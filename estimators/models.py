@@ -20,7 +20,7 @@ from estimators.engine.derivative import linearise
 from estimators.engine.foreign import Inspection, inspection_of, inspections
 from estimators.engine.matrices import columnwise, is_traced, matrix
 from estimators.model_checks import as_covariance, check_matrices
-from estimators.varying import Frozen, Function, Matrix, StateMatrix, resolve
+from estimators.varying import Frozen, Function, Matrix, Schedule, StateMatrix, resolve
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +118,13 @@ class LinearModel(Frozen):
                 raise ValueError(f"{name} must be a matrix or a function of u, got None")
         check_matrices(
             self, {"A": "nn", "Q": "nn", "C": "pn", "R": "pp", "G": "nq", "H": "pq", "B": "nm"}
+        )
+
+    def is_compiled(self, *names: str) -> bool:
+        """Are the parts of these names arrays, or compiled functions?"""
+        return all(
+            not callable(part := getattr(self, name)) or isinstance(part, Compiled | Schedule)
+            for name in names
         )
 
     def check_known_input(self, u: np.ndarray | None) -> None:
@@ -229,6 +236,13 @@ class NonlinearModel(Frozen):
             of_state="G",
             n=("states", self.states),
             p=("measurements", self.measurements),
+        )
+
+    def is_compiled(self, *names: str) -> bool:
+        """Are the parts of these names arrays, or compiled functions?"""
+        return all(
+            not callable(part := getattr(self, name)) or isinstance(part, Compiled | Schedule)
+            for name in names
         )
 
     def check_known_input(self, u: np.ndarray | None) -> None:

@@ -6,17 +6,16 @@ peaks, or be bent.
 """
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
 from estimators.angles import difference, short_way
 from estimators.belief import Belief
-from estimators.checks import AT_LEAST_0, UP_TO_1, integer, number, with_points
-from estimators.ensemble import DrawingFilter, draw, noise_root
-from estimators.filter import Model, Rng
-from estimators.linalg import cholesky, semidefinite_cholesky, shared_root, symmetrise
-from estimators.measurement import Measurement
+from estimators.checks import AT_LEAST_0, UP_TO_1, integer, number
+from estimators.ensemble import draw, noise_root
+from estimators.filter import Changes, Filter, Model
+from estimators.linalg import cholesky, lacks_rank, semidefinite_cholesky, shared_root, symmetrise
 from estimators.models import LinearModel, at_points
 from estimators.randomness import RandomKeys
 from estimators.varying import resolve
@@ -31,7 +30,7 @@ _ABSURD = 38.6**2
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ParticleBelief(Belief):
-    """The belief of a filter that carries weighted particles; mean and covariance are theirs, weighted.
+    """The belief of a filter that carries weighted particles, whose moments it has.
 
     Attributes:
         particles: ``(..., N, n)`` as rows.
@@ -44,19 +43,17 @@ class ParticleBelief(Belief):
     particles: np.ndarray
     log_weights: np.ndarray
     log_likelihood: np.ndarray
-    __new__ = with_points("particles")
-
-    def replace(self, **changes: Any) -> Self:
-        """This belief with some fields changed; another mean moves the particles."""
-        return Belief.replace(self, **(self._moved("particles", changes) | changes))
 
     @property
     def effective_size(self) -> np.ndarray:
-        """``(...)`` from 1 to N: how many particles of equal weight would be worth as much (Kong, Liu & Wong 1994)."""
+        """``(...)`` from 1 to N: how many particles of equal weight are worth as much.
+
+        Source: Kong, Liu & Wong (1994).
+        """
         return 1.0 / np.square(np.exp(self.log_weights)).sum(-1)
 
 
-class ParticleFilter(DrawingFilter[ParticleBelief], verified=True):
+class ParticleFilter(Filter[ParticleBelief]):
     """The bootstrap filter: predicted by sampling, weighed by the density of the measurement, resampled when few count.
 
     ``x_i ~ p(x | x_i-)``, ``w_i ~ w_i- N(y; h(x_i), R)``, and where ``1 / sum w_i^2`` falls below a
@@ -88,8 +85,7 @@ class ParticleFilter(DrawingFilter[ParticleBelief], verified=True):
 
     name = "pf"
     record = ParticleBelief
-    # particles are weighed by the channels as they are: where R is singular the measurement is left out
-    mixes = False
+    random = True
 
     def __init__(
         self, model: Model, particles: int = 1000, threshold: float = 0.5, jitter: float = 0.0
@@ -98,140 +94,114 @@ class ParticleFilter(DrawingFilter[ParticleBelief], verified=True):
         self.particles = integer("particles", particles, 2)
         self.threshold = number("threshold", threshold, AT_LEAST_0, UP_TO_1, "a share from 0 to 1")
         self.jitter = number("jitter", jitter, AT_LEAST_0, np.inf, "a number of at least 0")
-        if self._regular is False:
+        if not callable(model.R) and lacks_rank(model.R).any():
             raise ValueError(
                 "pf needs noise in every measurement, but R is singular: give it a little, or use"
                 " etkf"
             )
         self._noise_root = None if callable(model.Q) else noise_root(model.Q)
 
-    def _init(self, belief: Belief, rng: Rng) -> ParticleBelief:
-        batch = belief.mean.shape[:-1]
-        normals = draw(self._numbers(rng, batch), batch, self.particles, self.model.n, PARTICLES)
-        particles = belief.mean[..., None, :] + normals @ shared_root(belief.cov).mT
-        return self._believed(belief, particles, self._even(batch), belief.u)
+    def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
+        normals = draw(rng, mean.shape[:-1], self.particles, self.model.n, PARTICLES)
+        particles = mean[..., None, :] + (shared_root(cov) @ normals).mT
+        return self._believed(particles, self._even(mean.shape[:-1]))
 
-    def _predict(self, belief: ParticleBelief, u: np.ndarray | None, rng: Rng) -> ParticleBelief:
-        model, batch = self.model, belief.mean.shape[:-1]
-        numbers = self._numbers(rng, batch)
-        before, log_weights = self._resampled(belief, numbers)
+    def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
+        """A root ``(..., n, r)`` of the process noise; particles are moved after their resampling."""
+        if self._noise_root is not None:
+            return (self._noise_root,)
+        return (semidefinite_cholesky(resolve(self.model.Q, u)),)
+
+    def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
+        """Weighted mean ``(..., p)`` of what particles expect, the rest ``(..., p, N)``, and R."""
+        model, weights = self.model, np.exp(belief.log_weights)
+        if isinstance(model, LinearModel):
+            expected = belief.particles @ resolve(model.C, u).mT
+        else:
+            expected = at_points("measurement", model.measurement, belief.particles, u, model.p)
+        shares = weights[..., None] * np.isfinite(expected)
+        shares = shares / shares.sum(-2, keepdims=True)
+        mean, anomalies = _about(shares, expected, model.measurement_angles)
+        return mean, anomalies.mT, self._noise(belief, u, R)
+
+    def _predict(self, belief: Any, u: Any, *moved: Any) -> Changes:
+        (root, rng), model, batch = moved, self.model, belief.mean.shape[:-1]
+        before, log_weights = self._resampled(belief, rng)
         if isinstance(model, LinearModel):
             after = before @ resolve(model.A, u).mT
             if model.B is not None and u is not None:
                 after += np.matvec(resolve(model.B, u), u)[..., None, :]
         else:
             after = np.array(at_points("transition", model.transition, before, u, model.n))
-            for i in (
-                model.state_angles
-            ):  # which it may wrap: over one step all turn by nearly as much as the first
+            # Angles may be wrapped: over one step all turn by nearly as much as the first.
+            for i in model.state_angles:
                 turn = after[..., i] - before[..., i]
                 after[..., i] = before[..., i] + turn[..., :1] + short_way(turn - turn[..., :1])
-        root = (
-            semidefinite_cholesky(resolve(model.Q, u))
-            if self._noise_root is None
-            else self._noise_root
-        )
-        after += draw(numbers, batch, self.particles, root.shape[-1], DIFFUSION) @ root.mT
+        after += (root @ draw(rng, batch, self.particles, root.shape[-1], DIFFUSION)).mT
         gone = ~np.isfinite(after).all(-1)
         gone &= ~gone.all(-1, keepdims=True)  # a prediction of which nothing is left is lost
         after = np.where(gone[..., None], before, after)
-        log_weights = _normalised(np.where(gone, _NOWHERE, log_weights))[0]
-        return self._believed(belief, after, log_weights, u)
+        return self._believed(after, _normalised(np.where(gone, _NOWHERE, log_weights))[0])
 
-    def _update(self, belief: ParticleBelief, measurement: Measurement, rng: Rng) -> ParticleBelief:
-        self._numbers(rng, belief.mean.shape[:-1])
-        assert measurement.anomalies is not None
-        off = difference(
-            measurement.innovation[..., None, :],
-            measurement.anomalies,
-            self.model.measurement_angles,
+    def _update(
+        self, belief: Any, u: Any, e: Any, Y: Any, R: Any, available: Any, *_: Any
+    ) -> Changes:
+        angles, weights = self.model.measurement_angles, np.exp(belief.log_weights)
+        off = difference(e[..., None, :], Y.mT, angles)
+        spread, variance = np.where(np.isfinite(Y), Y, 0.0), R.diagonal(0, -2, -1)
+        S = symmetrise((spread * weights[..., None, :]) @ spread.mT) + R
+        nearest = np.fmin.reduce(np.square(off), -2) / variance
+        outside = np.square(e) / S.diagonal(0, -2, -1)
+        available = available & ((nearest < _ABSURD) | (outside < _ABSURD))
+        root = cholesky(
+            np.where(available[..., None] & available[..., None, :], R, np.eye(R.shape[-1]))
         )
-        root = cholesky(measurement.R)
+        off = np.where(available[..., None, :], off, 0.0)
         distance = np.square(off @ np.linalg.inv(root).mT).sum(-1)
-        log_weights, log_density = _normalised(belief.log_weights - 0.5 * distance)
-        size = np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(-1)
-        arrived = measurement.available.sum(-1)
-        log_likelihood = np.where(
-            arrived, log_density - size - 0.5 * np.log(2.0 * np.pi) * arrived, 0.0
-        )
+        log_weights, density = _normalised(belief.log_weights - 0.5 * distance)
+        size = np.log(root.diagonal(0, -2, -1)).sum(-1)
+        arrived = available.sum(-1)
+        density = density - size - 0.5 * np.log(2.0 * np.pi) * arrived
         mean, cov = _moments(np.exp(log_weights), belief.particles, self.model.state_angles)
-        spread = np.where(np.isfinite(measurement.anomalies), measurement.anomalies, 0.0)
-        S = symmetrise((spread * np.exp(belief.log_weights)[..., None]).mT @ spread) + measurement.R
-        return ParticleBelief.updated(
-            belief, mean, cov, measurement, S,
-            particles=belief.particles, log_weights=log_weights, log_likelihood=log_likelihood,
-        )  # fmt: skip
+        return {
+            "mean": mean,
+            "cov": cov,
+            "innovation_cov": S,
+            "available": available,
+            "log_weights": log_weights,
+            "log_likelihood": np.where(arrived, density, 0.0),
+        }
 
-    def _measurement(
-        self,
-        belief: ParticleBelief,
-        y: np.ndarray,
-        available: np.ndarray | None,
-        R: np.ndarray | None,
-    ) -> Measurement:
-        """A channel that cannot be used has no finite innovation: the ladder of recoveries leaves it out."""
-        model, u, weights = self.model, belief.u, np.exp(belief.log_weights)
-        if isinstance(model, LinearModel):
-            expected = belief.particles @ resolve(model.C, u).mT
-        else:
-            expected = at_points("measurement", model.measurement, belief.particles, u, model.p)
-        finite = np.isfinite(expected)
-        shares = weights[..., None] * finite
-        mean, anomalies = _about(
-            shares / shares.sum(-2, keepdims=True), expected, model.measurement_angles
-        )
-        R, mask = self._noise(y, available, R, u)
-        innovation, variance = (
-            difference(y, mean, model.measurement_angles),
-            np.diagonal(R, axis1=-2, axis2=-1),
-        )
-        off = np.square(difference(innovation[..., None, :], anomalies, model.measurement_angles))
-        nearest = np.where(finite, off, np.inf).min(-2) / variance
-        outside = np.square(innovation) / (
-            (shares * np.square(np.where(finite, anomalies, 0.0))).sum(-2) + variance
-        )
-        usable = (variance > 0.0) & ((nearest < _ABSURD) | (outside < _ABSURD))
-        innovation = np.where(usable, innovation, np.nan)
-        none, anomalies = self._no_columns, np.where(finite, anomalies, np.nan)
-        measurement = Measurement(innovation, none, none, R, mask, bool(mask.all()), anomalies)
-        return measurement if measurement.complete else measurement.only(mask)
+    def log_likelihood(self, predicted: Any, updated: Any) -> np.ndarray:
+        """The log density ``(...)`` of a measurement, as the belief has it."""
+        return np.asarray(updated.log_likelihood)
 
     # --- pieces -----------------------------------------------------------------------------------
 
     def _even(self, batch: tuple[int, ...]) -> np.ndarray:
         return np.full(batch + (self.particles,), -np.log(self.particles))
 
-    def _believed(
-        self, before: Belief, particles: np.ndarray, log_weights: np.ndarray, u: np.ndarray | None
-    ) -> ParticleBelief:
-        """Particles before a measurement."""
+    def _believed(self, particles: np.ndarray, log_weights: np.ndarray) -> Changes:
+        """Arrays of a belief before a measurement."""
         mean, cov = _moments(np.exp(log_weights), particles, self.model.state_angles)
-        return ParticleBelief.predicted(
-            before, mean, cov, u,
-            particles=particles, log_weights=log_weights, log_likelihood=np.zeros(mean.shape[:-1]),
-        )  # fmt: skip
+        own = {"particles": particles, "log_weights": log_weights}
+        return {"mean": mean, "cov": cov, "log_likelihood": np.zeros(mean.shape[:-1]), **own}
 
-    def _resampled(
-        self, belief: ParticleBelief, numbers: RandomKeys | np.random.Generator
-    ) -> tuple[np.ndarray, ...]:
+    def _resampled(self, belief: Any, rng: Any) -> tuple[np.ndarray, np.ndarray]:
         """Particles, and log weights, of which enough count."""
         batch, N, n = belief.mean.shape[:-1], self.particles, self.model.n
         few = belief.effective_size < self.threshold * N
-        offset = (
-            numbers.uniforms(1, RESAMPLING)[..., 0]
-            if isinstance(numbers, RandomKeys)
-            else numbers.random(batch)
-        )
+        keyed = isinstance(rng, RandomKeys)
+        offset = rng.uniforms(1, RESAMPLING)[..., 0] if keyed else rng.random(batch)
         if not few.any():
             return belief.particles, belief.log_weights
-        chosen = np.where(
-            few[..., None], systematic(np.exp(belief.log_weights), offset), np.arange(N)
-        )
+        kept = systematic(np.exp(belief.log_weights), offset)
+        chosen = np.where(few[..., None], kept, np.arange(N))
         particles = np.take_along_axis(belief.particles, chosen[..., None], -2)
         if self.jitter:
             copies = np.diff(chosen, axis=-1, prepend=-1) == 0
             root = self.jitter * N ** (-1.0 / (n + 4)) * semidefinite_cholesky(belief.cov)
-            particles += copies[..., None] * (draw(numbers, batch, N, n, JITTER) @ root.mT)
+            particles += copies[..., None] * (root @ draw(rng, batch, N, n, JITTER)).mT
         return particles, np.where(few[..., None], self._even(batch), belief.log_weights)
 
 

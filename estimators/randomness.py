@@ -63,6 +63,14 @@ class RandomKeys:
             keys[:] = [key(seed) for seed in seeds]
         return cls(keys)
 
+    @property
+    def words(self) -> list[np.ndarray]:
+        """Keys ``(..., 2)`` and steps ``(..., 1)``, as programs take them."""
+        batch = self.keys.shape[:-1]
+        if isinstance(self.step, np.ndarray) and self.step.shape == batch:
+            return [self.keys, self.step[..., None]]
+        return [self.keys, np.full((*batch, 1), self.step, np.int64)]
+
     def __getitem__(self, rows: Any) -> "RandomKeys":
         step = (
             self.step

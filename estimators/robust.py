@@ -1,13 +1,14 @@
 """Robust filters: one for measurements with outliers, one for a model that is not quite right."""
 
 from functools import reduce
+from typing import Any
 
 import numpy as np
 
-from estimators.belief import Belief
 from estimators.checks import AT_LEAST_0, integer, number
-from estimators.filter import Model, Rng
-from estimators.kalman import GaussianFilter, joseph_update
+from estimators.engine import compiled
+from estimators.filter import Changes, Model
+from estimators.kalman import ExtendedKalmanFilter, joseph_update
 from estimators.linalg import (
     joined,
     principal_root,
@@ -16,10 +17,10 @@ from estimators.linalg import (
     symmetrise,
     whitened,
 )
-from estimators.measurement import Measurement
 
 
-class HuberKalmanFilter(GaussianFilter[Belief], verified=True):
+@compiled
+class HuberKalmanFilter(ExtendedKalmanFilter):
     """A Kalman filter whose update minimises Huber's loss instead of squares: for measurements with outliers.
 
     The whitened residuals of the measurement and of the prediction, ``zeta = [R^-1/2 (y - h(x));
@@ -70,19 +71,19 @@ class HuberKalmanFilter(GaussianFilter[Belief], verified=True):
         )
         self.iterations = integer("iterations", iterations, 1)
         self.tolerance = number("tolerance", tolerance, 0.0, what="positive")
-        self.sequential = self.gamma == np.inf
 
-    def _update(self, belief: Belief, measurement: Measurement, rng: Rng) -> Belief:
-        C, R, e, n = measurement.C, measurement.R, measurement.innovation, self.model.n
+    def _update(
+        self, belief: Any, u: Any, e: Any, C: Any, R: Any, available: Any, *_: Any
+    ) -> Changes:
+        n = self.model.n
         root_P, root_R = semidefinite_cholesky(belief.cov), semidefinite_cholesky(R)
         M = joined([C @ root_P, root_R], -1)
         S = M @ M.mT
         inflation = self._inflation(M, S, e)
-        mean, cov, _ = joseph_update(
-            belief.mean, _reweighted(belief.cov, root_P, inflation[..., :n]), e,
-            C, _reweighted(R, root_R, inflation[..., n:]),
-        )  # fmt: skip
-        return Belief.updated(belief, mean, cov, measurement, S)
+        P = _reweighted(belief.cov, root_P, inflation[..., :n])
+        R = _reweighted(R, root_R, inflation[..., n:])
+        mean, cov, _ = joseph_update(belief.mean, P, e, C, R)
+        return {"mean": mean, "cov": cov, "innovation_cov": S}
 
     def _inflation(self, M: np.ndarray, S: np.ndarray, e: np.ndarray) -> np.ndarray:
         """``1 / psi`` for the last update, ``(..., n + p)``; a row that has converged is left alone."""
@@ -109,7 +110,8 @@ def _reweighted(cov: np.ndarray, root: np.ndarray, inflation: np.ndarray) -> np.
     return cov + (root * (inflation - 1.0)[..., None, :]) @ root.mT
 
 
-class RobustKalmanFilter(GaussianFilter[Belief], verified=True):
+@compiled
+class RobustKalmanFilter(ExtendedKalmanFilter):
     """Minimax filter for a model that is only known within a relative-entropy ball.
 
     At each step nature may replace the joint density of the next state and the measurement by any
@@ -144,11 +146,11 @@ class RobustKalmanFilter(GaussianFilter[Belief], verified=True):
         super().__init__(model)
         self.radius = number("radius", radius, AT_LEAST_0, np.inf, "finite and not negative")
 
-    def _predict(self, belief: Belief, u: np.ndarray | None, rng: Rng) -> Belief:
-        predicted = super()._predict(belief, u, rng)
-        if self.radius == 0.0:
-            return predicted
-        return predicted.replace(cov=least_favourable_covariance(predicted.cov, self.radius))
+    def _predict(self, belief: Any, u: Any, mean: Any, A: Any, Q: Any, *_: Any) -> Changes:
+        predicted = super()._predict(belief, u, mean, A, Q)
+        if self.radius > 0.0:
+            predicted["cov"] = least_favourable_covariance(predicted["cov"], self.radius)
+        return predicted
 
 
 def least_favourable_covariance(cov: np.ndarray, radius: float) -> np.ndarray:

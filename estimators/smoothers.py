@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from estimators.angles import difference
-from estimators.belief import Belief, InputBelief, Record, Recovery
+from estimators.belief import Belief, InputBelief, Record
 from estimators.checks import integer
 from estimators.delayed import Delayed
 from estimators.ensemble import EnsembleFilter
@@ -64,14 +64,14 @@ def smooth(series: Series[Record], lag: int | None = None) -> Record:
             f"{filter!r} has no smoother: sort measurements by when they were taken, and run the"
             " filter itself"
         )
-    if not _reversible(filter):
+    if not getattr(filter, "reversible", False):
         name = getattr(filter, "name", type(filter).__name__)
         raise TypeError(
             f"{name} has no smoother: smooth a series of kf, ekf, ukf, iekf, robust-kf, kf-umv-ui,"
             " kf-umv-ui-wdf, ekf-ui-wdf, ukf-umv or of members"
         )
     z, P = with_input(updated)
-    D, J, left = _gains(filter, updated[:-1], predicted[1:], updated.recovery[1:], P[:-1])
+    D, J, left = _gains(filter, updated[:-1], predicted[1:], predicted.healthy[1:], P[:-1])
     before = np.nan_to_num(predicted.mean[1:])
 
     def back(k: slice, z_later: np.ndarray, P_later: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -101,13 +101,6 @@ def _swept(
     return arrays
 
 
-def _reversible(filter: Any) -> bool:
-    """Are the filter's steps those of a class that declares them `reversible`?"""
-    steps = {"_predict", "_update", "_moved", "_propagate", "_slopes", "reversible"}
-    last = next((cls for cls in type(filter).__mro__ if steps & vars(cls).keys()), object)
-    return bool(vars(last).get("reversible", False))
-
-
 def _parted(belief: Record, z: np.ndarray, P: np.ndarray) -> Record:
     """The belief with what `with_input` takes together."""
     n = belief.mean.shape[-1]
@@ -122,7 +115,7 @@ def _parted(belief: Record, z: np.ndarray, P: np.ndarray) -> Record:
 
 
 def _gains(
-    filter: Any, updated: Belief, following: Belief, recovery: np.ndarray, P: np.ndarray
+    filter: Any, updated: Belief, following: Belief, healthy: np.ndarray, P: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """D ``(..., n, k)`` and J ``(..., k, n)`` of beliefs and their predictions; J is 0 where one was lost."""
     n, k, u = updated.mean.shape[-1], P.shape[-1], following.u
@@ -132,13 +125,14 @@ def _gains(
             G = filter.model.input_matrix(updated.mean, u)
             A = joined([A, G], -1)
         else:
-            G = filter._input_matrix(following)
+            G = getattr(following, "input_matrix", None)
+            G = filter.model.input_matrix(updated.mean, u) if G is None else G
             A, D = joined([A, np.zeros(G.shape)], -1), joined([identity(n), -G], -1)
             # A Kalman filter that was told the input's variance has it in its prediction.
             if isinstance(filter, KalmanFilter) and filter.input_cov is not None:
                 cov = cov - congruence(G, filter.input_cov)
     known = np.isfinite(cov).all((-2, -1)) & np.isfinite(A).all((-2, -1))
-    forgot = ((recovery == Recovery.PRIOR) | ~known)[..., None, None]
+    forgot = (~healthy | ~known)[..., None, None]
     J, left = _regression(np.where(forgot, 0.0, A), P, np.where(forgot, 0.0, cov))
     D = np.broadcast_to(D, J.shape[:-2] + (n, k))
     return D, np.where(forgot, 0.0, J), np.where(forgot, P, left)
@@ -170,7 +164,7 @@ def _members(filter: EnsembleFilter, updated: Any, predicted: Any, steps: int | 
         difference(belief.ensemble, belief.mean[..., None, :], angles)
         for belief in (updated[:-1], predicted[1:])
     )
-    forgot = (updated.recovery[1:] == Recovery.PRIOR) | ~np.isfinite(ahead).all((-2, -1))
+    forgot = ~predicted.healthy[1:] | ~np.isfinite(ahead).all((-2, -1))
     ahead = np.where(forgot[..., None, None], 0.0, ahead)
     gain, expected = (
         np.linalg.pinv(ahead, rcond=1e-10) @ spread,

@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 
 from estimators.angles import difference
-from estimators.belief import Recovery
 from estimators.checks import as_array, as_mask, as_number, short_repr
 from estimators.factory import unknown
 from estimators.models import Gaussian
@@ -195,9 +194,7 @@ def _negative_log_likelihood(
     """The cost of a filter and its prior on measurements, arguments of `run`."""
     with np.errstate(all="ignore"):
         series = run(filter, prior, **data, rng=rng if _random(filter) else None)
-        if (
-            series.updated.recovery >= Recovery.WITHOUT_CHANNEL
-        ).any():  # a measurement that is given up must not pay
+        if (~series.updated.healthy).any():  # a measurement that is given up must not pay
             return np.inf
         if objective == "likelihood":
             return -float(np.sum(series.log_likelihood))

@@ -5,16 +5,16 @@ from typing import Any
 import numpy as np
 
 from estimators.belief import FeedthroughBelief
-from estimators.filter import Model, Rng
+from estimators.engine import compiled
+from estimators.filter import Changes, Model
 from estimators.input_observability import observable_ranks
 from estimators.linalg import congruence, identity, joined, symmetric_blocks, symmetrise
-from estimators.measurement import Measurement
 from estimators.models import LinearModel
 from estimators.unknown_input import DelayedInputFilter, waiting
-from estimators.varying import resolve
 
 
-class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
+@compiled
+class ULISE(DelayedInputFilter):
     """ULISE: state and unknown input together, whatever the rank of H.
 
     What H shows of d(k) is estimated at once and drives the next prediction, as in `kf-umv-ui`; the
@@ -58,7 +58,7 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
     name = "ulise"
     record = FeedthroughBelief
     linear = True
-    sequential = False
+    reversible = False
     model: LinearModel
 
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
@@ -86,76 +86,71 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
                 " other unknown input disturbs"
             )
 
-    def _unseen(self, mean: np.ndarray) -> dict[str, Any]:
+    def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
+        return super()._begin(mean, cov, rng) | self._nothing_shown(mean)
+
+    def _nothing_shown(self, mean: np.ndarray) -> Changes:
+        """Arrays about the input that acts now, before its first measurement."""
         n, q, rows = self.model.n, self.model.q, mean.shape[:-1]
-        return super()._unseen(mean) | {
-            "input_matrix": None,
-            "input_reach": np.zeros(rows + (n + q, q)),
+        return {
             "feedthrough_mean": np.zeros(rows + (q,)),
             "feedthrough_cov": np.zeros(rows + (q, q)),
             "state_feedthrough_cov": np.zeros(rows + (n, q)),
             "feedthrough_observed": np.zeros(rows + (q, q)),
+            "input_reach": np.zeros(rows + (n + q, q)),
         }
 
-    def _predict(
-        self, belief: FeedthroughBelief, u: np.ndarray | None, rng: Rng
-    ) -> FeedthroughBelief:
-        model, n, q = self.model, self.model.n, self.model.q
-        mean, A = model.linearise_transition(belief.mean, u)
-        G = model.input_matrix(belief.mean, u)
-        mean = mean + np.matvec(G, belief.feedthrough_mean)
-        # The directions of d that are not in d1 wait for the next measurement, and with them what
-        # they are in the errors.
-        observed, reach = belief.feedthrough_observed, belief.input_reach * (1.0 - waiting(belief))
+    def _predict(self, belief: Any, u: Any, mean: Any, A: Any, Q: Any, *more: Any) -> Changes:
+        (G,), n, q = more, self.model.n, self.model.q
+        # The directions of d that are not in d1 wait for the next measurement, and with them their
+        # share in the errors.
+        observed = belief.feedthrough_observed
+        reach = belief.input_reach * (1.0 - waiting(belief))
         joint = symmetric_blocks(
             self._covariance(belief), belief.state_feedthrough_cov, belief.feedthrough_cov
         )
         joint = joint - congruence(reach, self._open(observed))
         drive = joined([joined([A, G], -1), np.eye(q, n + q, n)], -2)
         joint = congruence(drive, joint)
-        own = {
+        reach = drive @ reach + joined([G, identity(q)], -2) @ (identity(q) - observed)
+        return self._nothing_shown(mean) | {
+            "mean": mean + np.matvec(G, belief.feedthrough_mean),
+            "cov": symmetrise(joint[..., :n, :n] + Q),
             "input_mean": belief.feedthrough_mean,
             "input_cov": symmetrise(joint[..., n:, n:] + self._open(observed)),
             "state_input_cov": joint[..., :n, n:],
             "input_observed": observed,
             "pending": np.ones(mean.shape[:-1], bool),
-            "input_reach": drive @ reach + joined([G, identity(q)], -2) @ (identity(q) - observed),
+            "input_reach": reach,
         }
-        cov = symmetrise(joint[..., :n, :n] + resolve(model.Q, u))
-        return FeedthroughBelief.predicted(belief, mean, cov, u, **(self._unseen(mean) | own))
 
-    def _input_matrix(self, belief: FeedthroughBelief) -> np.ndarray:
-        return belief.input_reach[..., : self.model.n, :]
-
-    def _observable_input(self, belief: FeedthroughBelief, measurement: Measurement) -> np.ndarray:
-        late = self._observable(belief, measurement) @ self._root
-        now = np.broadcast_to(self._feedthrough(measurement)[0] @ self._root, late.shape)
+    def _observable_input(self, belief: Any, C: Any, H: Any) -> np.ndarray:
+        late = super()._observable_input(belief, C, H)
+        now = np.broadcast_to(self._feedthrough(H)[0] @ self._root, late.shape)
         return np.concatenate([now, late], -1)
 
-    def _feedthrough(self, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
-        """What measurements contain of d(k) and of d(k-1) ``(..., p, q)``, but for what that did to the state."""
-        H, none = measurement.H, np.zeros(measurement.H.shape)
+    def _feedthrough(self, H: Any) -> tuple[Any, Any]:
+        """Direct share of d(k) and of d(k-1) in measurements ``(..., p, q)``."""
+        none = np.zeros(H.shape)
         return (none, H) if self.model.delayed_feedthrough else (H, none)
 
     def _update(
-        self, belief: FeedthroughBelief, measurement: Measurement, rng: Rng
-    ) -> FeedthroughBelief:
-        C, (H, delayed), R = measurement.C, self._feedthrough(measurement), measurement.R
-        n, q = self.model.n, self.model.q
+        self, belief: Any, u: Any, e: Any, C: Any, R: Any, available: Any, *more: Any
+    ) -> Changes:
+        (H, delayed), n, q = self._feedthrough(*more), self.model.n, self.model.q
         pending = waiting(belief)
         reach = belief.input_reach * pending + np.eye(n + q, q, -n) * (1.0 - pending)
         G, rest = reach[..., :n, :], reach[..., n:, :]
         CP, F = C @ belief.cov, C @ G + delayed * pending
         S = CP @ C.mT + R
-        solved = self._solved(belief, measurement, S, joined([CP, H, F], -1))
+        solved, share = self._solved(S, joined([CP, H, F], -1), joined([H, F], -1))
         K, SH, SF = solved[..., :n].mT, solved[..., n : n + q], solved[..., n + q :]
-        D, now = self._gain(H, SH, measurement)
-        M, late = self._gain(F, SF - SH @ (D @ F), measurement)
+        D, now = self._gain(H, SH, share)
+        M, late = self._gain(F, SF - SH @ (D @ F), share)
         K, D = K - (K @ H) @ D, now @ D
-        Z = joined(
-            [K + (G - K @ F) @ M, rest @ M, D - (D @ F) @ M], -2
-        )  # (x, d(k-1), d(k)) = (x-, d1(k-1), 0) + Z e
-        correction = np.matvec(Z, measurement.innovation)
+        # (x, d(k-1), d(k)) = (x-, d1(k-1), 0) + Z e
+        Z = joined([K + (G - K @ F) @ M, rest @ M, D - (D @ F) @ M], -2)
+        correction = np.matvec(Z, e)
         # Errors: those of (x-, d1(k-1)) less Z (C x~- + v), and the inputs' share in Z e, which
         # cancels where they are seen; elsewhere they have their prior.
         joint = symmetric_blocks(belief.cov, belief.state_input_cov, belief.input_cov)
@@ -163,16 +158,24 @@ class ULISE(DelayedInputFilter[FeedthroughBelief], verified=True):
         kept = joined([np.zeros((n, q)), before, np.zeros((q, q))], -2)
         errors = joined([np.eye(n + 2 * q, n) - Z @ C, kept], -1)
         observed = before + late
-        past, present = joined([reach, np.zeros((q, q))], -2) - Z @ F, -1.0 * (Z @ H)
+        past = joined([G, rest, np.zeros((q, q))], -2) - Z @ F
+        present = -1.0 * (Z @ H)
         cov = congruence(errors, joint) + congruence(Z, R)
         cov = cov + congruence(past, self._open(observed)) + congruence(present, self._open(now))
         cov = symmetrise(cov)
-        return FeedthroughBelief.updated(
-            belief, belief.mean + correction[..., :n], cov[..., :n, :n], measurement, S,
-            input_mean=belief.input_mean + correction[..., n : n + q], input_cov=cov[..., n : n + q, n : n + q],
-            state_input_cov=cov[..., :n, n : n + q], input_observed=observed,
-            pending=np.zeros(belief.pending.shape, bool),
-            feedthrough_mean=correction[..., n + q :], feedthrough_cov=cov[..., n + q :, n + q :],
-            state_feedthrough_cov=cov[..., :n, n + q :], feedthrough_observed=now,
-            input_reach=joined([present[..., :n, :], present[..., n + q :, :]], -2) @ (identity(q) - now),
-        )  # fmt: skip
+        shown = joined([present[..., :n, :], present[..., n + q :, :]], -2)
+        return {
+            "mean": belief.mean + correction[..., :n],
+            "cov": cov[..., :n, :n],
+            "innovation_cov": S,
+            "input_mean": belief.input_mean + correction[..., n : n + q],
+            "input_cov": cov[..., n : n + q, n : n + q],
+            "state_input_cov": cov[..., :n, n : n + q],
+            "input_observed": observed,
+            "pending": np.zeros(belief.pending.shape, bool),
+            "input_reach": shown @ (identity(q) - now),
+            "feedthrough_mean": correction[..., n + q :],
+            "feedthrough_cov": cov[..., n + q :, n + q :],
+            "state_feedthrough_cov": cov[..., :n, n + q :],
+            "feedthrough_observed": now,
+        }

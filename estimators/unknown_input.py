@@ -1,20 +1,13 @@
 """Unbiased minimum-variance filters that estimate an unknown input together with the state."""
 
-from typing import Any, ClassVar, TypeVar, cast
+from typing import Any, ClassVar
 
 import numpy as np
 
 from estimators.belief import Belief, DelayedInputBelief, InputBelief
-from estimators.engine.matrices import is_traced
-from estimators.filter import Model, Rng
-from estimators.kalman import (
-    GaussianFilter,
-    driven_on,
-    input_covariance,
-    joseph_update,
-    unseen_input,
-    with_input,
-)
+from estimators.engine import compiled
+from estimators.filter import Changes, Filter, Model
+from estimators.kalman import driven, input_covariance, unseen_input
 from estimators.linalg import (
     congruence,
     equilibrated,
@@ -23,19 +16,19 @@ from estimators.linalg import (
     lacks_rank,
     masked,
     pseudo_inverse,
+    rescuing,
     singular,
     solve,
     symmetrise,
 )
-from estimators.measurement import Measurement
 from estimators.models import LinearModel
 
-WithInput = TypeVar("WithInput", bound=InputBelief)
-Delayed = TypeVar("Delayed", bound=DelayedInputBelief)
+OBSERVABLE = 0.1
+"""A direction of the input is observable if its prior exceeds this share of the variance left."""
 
 
-class UnknownInputFilter(GaussianFilter[WithInput], verified=True):
-    """Base of filters with and without feedthrough: the input's prior and its directions observable in a measurement.
+class UnknownInputFilter(Filter[Any]):
+    """Base of filters that estimate an unknown input: its prior, and the directions observable.
 
     With ``input_prior = W W'`` and ``e = F d`` and noise of covariance S, the eigenvalues of ``W'
     F' S^-1 F W`` are the prior variances of as many directions of ``d``, over those that the
@@ -67,53 +60,82 @@ class UnknownInputFilter(GaussianFilter[WithInput], verified=True):
             ) from None
         self._inverse_root = np.linalg.inv(self._root)
 
-    def _unseen(self, mean: np.ndarray) -> dict[str, Any]:
-        unseen = unseen_input(mean, self.input_prior)
-        return unseen | {"input_observed": np.zeros(unseen["input_cov"].shape)}
+    def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
+        return unseen_input(mean, self.input_prior)
 
-    def _open(self, observed: np.ndarray) -> np.ndarray:
-        """The prior's share ``(..., q, q)`` in directions of the input that were not ``observed (..., q, q)``."""
-        return congruence(identity(self.model.q) - observed, self.input_prior)
+    def _predict(self, belief: Any, u: Any, mean: Any, A: Any, Q: Any, *more: Any) -> Changes:
+        return driven(belief, mean, A, Q, *more) | unseen_input(mean, self.input_prior)
 
-    def _observable_input(self, belief: WithInput, measurement: Measurement) -> np.ndarray | None:
-        """F of the first measurement of a step, in units of the input's prior; to later ones the prior is noise."""
-        return (
-            self._observable(belief, measurement) @ self._root
-            if belief.innovation is None
-            else None
-        )
+    def _shown(self, belief: Any, C: Any, H: Any) -> tuple[Any, Any]:
+        """F ``(..., p, q)`` of the input in a measurement, and how it moved the state ``(..., n, q)``."""
+        return H, np.zeros((self.model.n, self.model.q))
 
-    def _moved(self, belief: WithInput, u: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        return driven_on(self.model, belief, u)
-
-    def _observable(self, belief: WithInput, measurement: Measurement) -> np.ndarray:
-        """F ``(..., p, q)`` of the first measurement of a step."""
-        return measurement.H
-
-    def _drive(self, belief: WithInput) -> np.ndarray:
-        """G ``(..., n, q)`` by which the input in that measurement has moved the predicted state."""
-        return np.zeros((self.model.n, self.model.q))
-
-    def _update(self, belief: WithInput, measurement: Measurement, rng: Rng) -> WithInput:
-        n = self.model.n
-        correction, cov, observed, S = self._estimated(belief, measurement)
-        own = {
+    def _update(
+        self, belief: Any, u: Any, e: Any, C: Any, R: Any, available: Any, *more: Any
+    ) -> Changes:
+        """State and input together, of ``x = x- + G d`` and ``e = C x~- + F d + v``."""
+        n, q = self.model.n, self.model.q
+        F, G = self._shown(belief, C, *more)
+        CP = C @ belief.cov
+        S = CP @ C.mT + R
+        solved, share = self._solved(S, joined([CP, F], -1), F)
+        K, (M, observed) = solved[..., :n].mT, self._gain(F, solved[..., n:], share)
+        Z = joined([K + (G - K @ F) @ M, M], -2)  # (x, d) = (x-, 0) + Z e
+        # Errors: x~ = x~- + G d - Z e and d~ = d - Z e. Where d is seen its share cancels,
+        # elsewhere it has its prior.
+        reach = joined([G, identity(q)], -2) - Z @ F
+        cov = congruence(np.eye(n + q, n) - Z @ C, belief.cov) + congruence(Z, R)
+        cov = symmetrise(cov + congruence(reach, self._open(observed)))
+        correction = np.matvec(Z, e)
+        return {
+            "mean": belief.mean + correction[..., :n],
+            "cov": cov[..., :n, :n],
+            "innovation_cov": S,
             "input_mean": correction[..., n:],
             "input_cov": cov[..., n:, n:],
             "state_input_cov": cov[..., :n, n:],
+            "input_observed": observed,
         }
-        mean, own["input_observed"] = belief.mean + correction[..., :n], observed
-        updated = self.record.updated(
-            belief, mean, cov[..., :n, :n], measurement, S, **own, **self._met(belief)
-        )
-        return cast(WithInput, updated)
 
-    def _met(self, belief: WithInput) -> dict[str, Any]:
-        """The record's arrays after an update, besides those of the input."""
-        return {}
+    def _open(self, observed: np.ndarray) -> np.ndarray:
+        """The prior's share ``(..., q, q)`` in directions of the input that were not observed."""
+        return congruence(identity(self.model.q) - observed, self.input_prior)
 
-    def log_likelihood(self, predicted: WithInput, updated: WithInput) -> np.ndarray:
-        """The diffuse log likelihood ``(...)`` of a measurement: that of `Filter`, integrated over the unknown input.
+    def _solved(self, S: Any, b: Any, F: Any) -> tuple[Any, Any]:
+        """``S^-1 B``, and the share of the input's prior that is added to a singular S.
+
+        An unknown input that shows where S has nothing is seen there without noise: ``S + a F F'``
+        takes the place of S, from which the best unbiased estimate is the same (Rao, 1971, Unified
+        theory of linear estimation).
+        """
+        if not rescuing():
+            return solve(S, b), 0.0
+        F = F @ self._root
+        share = _share(S, F)[..., None, None]
+        return solve(S + share * (F @ F.mT), b), share[..., 0]
+
+    def _gain(self, F: np.ndarray, SF: np.ndarray, share: Any) -> tuple[np.ndarray, np.ndarray]:
+        """M ``(..., q, p)`` of the estimate ``M e`` of d from ``e = F d`` and noise, and a projector.
+
+        F is ``(..., p, q)`` with the rows of missing measurements zero, SF is ``S^-1 F``, and
+        ``share`` of the prior is in S. The projector ``(..., q, q)`` is on the directions shown.
+        """
+        root = self._root
+        information = symmetrise(root.T @ (F.mT @ SF) @ root)
+        # A row that is lost, and not finite, must not raise: it shows nothing.
+        strength, directions = singular(np.where(np.isfinite(information), information, 0.0))
+        hidden = (1.0 - (strength > OBSERVABLE / (1.0 + OBSERVABLE * share)))[..., None, :]
+        gain = (directions / (strength[..., None, :] + hidden)) @ directions.mT
+        unseen = (directions * hidden) @ directions.mT
+        observed = identity(self.model.q) - root @ unseen @ self._inverse_root
+        return root @ gain @ root.T @ SF.mT, observed
+
+    def _observable_input(self, belief: Any, C: Any, H: Any) -> np.ndarray:
+        """F of a measurement in units of the input's prior ``(..., p, k)``, k a multiple of q."""
+        return self._shown(belief, C, H)[0] @ self._root
+
+    def log_likelihood(self, predicted: Any, updated: Any) -> np.ndarray:
+        """The diffuse log likelihood ``(...)`` of a measurement: integrated over the unknown input.
 
         Over all values alike in the directions that the measurement shows, in units of d, and over
         the input's prior in the others. So it does not depend on ``input_prior`` where a
@@ -121,38 +143,18 @@ class UnknownInputFilter(GaussianFilter[WithInput], verified=True):
 
         Source: de Jong (1991), The diffuse Kalman filter.
         """
-        e, S, available, q = (
-            updated.innovation,
-            updated.innovation_cov,
-            updated.available,
-            self.model.q,
-        )
-        assert e is not None
-        assert S is not None
-        measurement = self._measurement(predicted, np.zeros(e.shape), available, None)
-        observable = self._observable_input(predicted, measurement)
-        if observable is None:  # a later measurement of the step, in whose S the prior is
-            assert predicted.input_observed is not None
-            root = self._inverse_root.T @ (
-                identity(q) - self._inverse_root @ predicted.input_observed @ self._root
-            )
-            observable = (
-                joined([measurement.C, measurement.H], -1) @ self._joint(predicted)[..., -q:] @ root
-            )
-            S = symmetrise(S - observable @ observable.mT)
+        e, S, q = updated.innovation, updated.innovation_cov, self.model.q
+        _, C, _, H = self.expect(predicted, updated.u)
+        C, H = (np.where(updated.available[..., None], each, 0.0) for each in (C, H))
+        observable = self._observable_input(predicted, C, H)
         observable = np.broadcast_to(observable, (*e.shape, observable.shape[-1]))
         # Where S is singular a share of the input's prior is added, which the integral takes out
         # again.
-        size = np.square(observable / equilibrated(S)[0][..., None]).sum((-2, -1))
-        share = np.where(lacks_rank(S) & (size > 0.0), 1.0 / np.where(size > 0.0, size, 1.0), 0.0)[
-            ..., None
-        ]
+        share = np.where(lacks_rank(S), _share(S, observable), 0.0)[..., None]
         S = S + share[..., None] * observable @ observable.mT
         density = super().log_likelihood(predicted, updated.replace(innovation_cov=S))
         precision = pseudo_inverse(S)
-        for F in np.split(
-            observable, observable.shape[-1] // q, -1
-        ):  # what acts now, then what acted a step before
+        for F in np.split(observable, observable.shape[-1] // q, -1):  # acting now, and a step ago
             values, directions = np.linalg.eigh(symmetrise(F.mT @ precision @ F))
             flat = values > OBSERVABLE / (1.0 + OBSERVABLE * share)
             prior, F = np.where(flat, 1.0, 1.0 - share), F @ directions
@@ -161,119 +163,20 @@ class UnknownInputFilter(GaussianFilter[WithInput], verified=True):
             score = np.vecmat(e, seen)
             volume = congruence((self._root @ directions).mT, identity(q))
             _, volume = np.linalg.slogdet(masked(volume, flat))
-            density = density + 0.5 * (
-                np.square(score) / size - np.log(size * prior) + flat * np.log(2.0 * np.pi)
-            ).sum(-1)
-            density, precision = (
-                density + 0.5 * volume,
-                precision - (seen / size[..., None, :]) @ seen.mT,
-            )
+            terms = np.square(score) / size - np.log(size * prior) + flat * np.log(2.0 * np.pi)
+            density = density + 0.5 * terms.sum(-1) + 0.5 * volume
+            precision = precision - (seen / size[..., None, :]) @ seen.mT
         return density
 
-    def _solved(
-        self, belief: WithInput, measurement: Measurement, S: np.ndarray, b: np.ndarray
-    ) -> np.ndarray:
-        """``S^-1 B``; where S is singular with a share of the prior in it, see `estimators.recovery.condensed`."""
-        if measurement.spread is None:
-            return solve(S, b)
-        F = self._observable_input(belief, measurement)
-        assert F is not None
-        return solve(S + measurement.spread * (F @ F.mT), b)
 
-    def _gain(
-        self, F: np.ndarray, SF: np.ndarray, measurement: Measurement
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """M ``(..., q, p)`` of the estimate ``M e`` of d from ``e = F d`` and noise of covariance S, and a projector.
-
-        F is ``(..., p, q)`` with the rows of missing measurements zero, SF is ``S^-1 F``; the
-        measurement tells the share of the prior that is in S. The projector ``(..., q, q)`` is on
-        the directions shown.
-        """
-        root, share = self._root, 0.0 if measurement.spread is None else measurement.spread[..., 0]
-        information = symmetrise(root.T @ (F.mT @ SF) @ root)
-        # A row that is lost, and not finite, must not raise: it shows nothing.
-        strength, directions = singular(np.where(np.isfinite(information), information, 0.0))
-        hidden = (1.0 - (strength > OBSERVABLE / (1.0 + OBSERVABLE * share)))[..., None, :]
-        gain = (directions / (strength[..., None, :] + hidden)) @ directions.mT
-        unseen = (directions * hidden) @ directions.mT
-        return (
-            root @ gain @ root.T @ SF.mT,
-            identity(self.model.q) - root @ unseen @ self._inverse_root,
-        )
-
-    def _joint(self, belief: WithInput) -> np.ndarray:
-        """The covariance ``(..., n + q, n + q)`` of state and input, with the input's prior where none was shown."""
-        return with_input(belief)[1]
-
-    def _estimated(
-        self, belief: WithInput, measurement: Measurement
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """State and input together, of ``x = x- + G d`` and ``e = C x~- + F d + v``.
-
-        Returns:
-            The correction ``(..., n + q)`` of (x-, 0), the covariance of (x, d), the directions
-            observed, and S.
-        """
-        if belief.innovation is not None:
-            return self._revised(belief, measurement)
-        C, R, n, q = measurement.C, measurement.R, self.model.n, self.model.q
-        F, G = self._observable(belief, measurement), self._drive(belief)
-        CP = C @ belief.cov
-        S = CP @ C.mT + R
-        solved = self._solved(belief, measurement, S, joined([CP, F], -1))
-        K, (M, observed) = solved[..., :n].mT, self._gain(F, solved[..., n:], measurement)
-        Z = joined([K + (G - K @ F) @ M, M], -2)  # (x, d) = (x-, 0) + Z e
-        # Errors: x~ = x~- + G d - Z e and d~ = d - Z e. Where d is seen its share cancels,
-        # elsewhere it has its prior.
-        reach = joined([G, identity(q)], -2) - Z @ F
-        cov = congruence(np.eye(n + q, n) - Z @ C, belief.cov) + congruence(Z, R)
-        cov = symmetrise(cov + congruence(reach, self._open(observed)))
-        return np.matvec(Z, measurement.innovation), cov, observed, S
-
-    def _revised(
-        self, belief: WithInput, measurement: Measurement
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """The same after earlier measurements of the step: their information on d and that of this one add up.
-
-        It is a Kalman update of state and input together, of covariance J, in which the prior
-        counts where measurements had not shown d. N has ``1 / (1 + strength)`` of each direction.
-        Where all measurements together show other directions, the prior's information changes by T,
-        and with it what was estimated::
-
-            D = (J_dd^-1 + T)^-1      L = J_d (I - T D)      z <- z - L T d      J <- J - L T J_d'
-        """
-        n, q, root, inverse_root = self.model.n, self.model.q, self._root, self._inverse_root
-        before = belief.input_observed
-        assert before is not None
-        z = joined([np.zeros((n, 1)), belief.input_mean[..., None]], -2)[..., 0]
-        seen = joined([measurement.C, measurement.H], -1)
-        z, joint, S = joseph_update(
-            z, self._joint(belief), measurement.innovation, seen, measurement.R
-        )
-        M, observable = congruence(inverse_root, joint[..., n:, n:]), inverse_root @ before @ root
-        MP = M @ observable
-        N = symmetrise(M - MP @ solve(identity(q) + observable @ MP, MP.mT))
-        values, directions = singular(np.where(np.isfinite(N), N, 0.0))
-        hidden = (1.0 - (values * (1.0 + OBSERVABLE) < 1.0))[..., None, :]
-        values = values[..., None, :]
-        D = (
-            root
-            @ (directions * (values / (1.0 - (1.0 - hidden) * values)))
-            @ directions.mT
-            @ root.T
-        )
-        observed = identity(q) - root @ (directions * hidden) @ directions.mT @ inverse_root
-        T = inverse_root.T @ inverse_root @ (before - observed)
-        L = joint[..., n:] - joint[..., n:] @ T @ D
-        z = z - np.matvec(L @ T, z[..., n:])
-        return z, symmetrise(joint - L @ T @ joint[..., n:, :]), observed, S
+def _share(S: np.ndarray, F: np.ndarray) -> np.ndarray:
+    """Factor ``(...)`` of ``F F'`` that makes it as large as S, in units of standard deviations."""
+    size = np.square(F / equilibrated(S)[0][..., None]).sum((-2, -1))
+    return np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
 
 
-OBSERVABLE = 0.1
-"""A direction of the input is observable where its prior has more than this share of the variance that is left."""
-
-
-class UMVFilter(UnknownInputFilter[InputBelief], verified=True):
+@compiled
+class UMVFilter(UnknownInputFilter):
     """KF-UMV-UI: state and unknown input together, with direct feedthrough (rank H = q).
 
     The input of a step is estimated from the same step's measurement (``input_delay`` 0)::
@@ -308,9 +211,6 @@ class UMVFilter(UnknownInputFilter[InputBelief], verified=True):
 
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
         super().__init__(model, input_prior)
-        self.idle = np.array_equal(
-            self._root @ self._inverse_root, np.eye(model.q)
-        )  # else the prior is rounded
         if model.delayed_feedthrough:
             raise ValueError(
                 "UMVFilter takes H d(k) for the input that acts now, but this model has"
@@ -328,82 +228,54 @@ class UMVFilter(UnknownInputFilter[InputBelief], verified=True):
                 )
 
 
-class DelayedInputFilter(UnknownInputFilter[Delayed], verified=True):
+class DelayedInputFilter(UnknownInputFilter):
     """Base of filters that estimate the unknown input one step late: d(k-1) at k."""
 
     record: type[Belief] = DelayedInputBelief
     input_delay = 1
+    reversible = True
 
-    def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
-        super().__init__(model, input_prior)
-        self._G = model.G if isinstance(model.G, np.ndarray) else np.zeros((model.n, model.q))
+    def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
+        begun = unseen_input(mean, self.input_prior)
+        if self.model.delayed_feedthrough:  # no input has acted yet: d(-1) is known to be 0
+            begun["input_cov"] = np.zeros(begun["input_cov"].shape)
+            begun["input_observed"] = begun["input_observed"] + identity(self.model.q)
+        begun["pending"] = np.zeros(mean.shape[:-1], bool)
+        return begun | {"input_matrix": np.zeros(begun["state_input_cov"].shape)}
 
-    def _unseen(self, mean: np.ndarray) -> dict[str, Any]:
-        unseen = super()._unseen(mean)
-        G = np.zeros(unseen["state_input_cov"].shape) if callable(self.model.G) else None
-        if (
-            self.model.delayed_feedthrough
-        ):  # nothing has acted that a measurement could contain: d(-1) is known to be 0
-            unseen["input_cov"] = np.zeros(unseen["input_cov"].shape)
-            unseen["input_observed"] = unseen["input_observed"] + identity(self.model.q)
-        return unseen | {"pending": np.zeros(mean.shape[:-1], bool), "input_matrix": G}
-
-    def _own(self, before: Delayed, mean: np.ndarray, u: np.ndarray | None) -> dict[str, Any]:
-        G = self._asked("_moving_G", before, u) if callable(self.model.G) else None
-        return super()._unseen(mean) | {
+    def _predict(self, belief: Any, u: Any, mean: Any, A: Any, Q: Any, *more: Any) -> Changes:
+        (G,) = more
+        return unseen_input(mean, self.input_prior) | {
+            "mean": mean,
+            "cov": symmetrise(congruence(A, self._covariance(belief)) + Q),
             "pending": np.ones(mean.shape[:-1], bool),
-            "input_matrix": G,
+            "input_matrix": G + np.zeros(mean.shape[:-1] + G.shape[-2:]),
         }
 
-    def _met(self, belief: Delayed) -> dict[str, Any]:
-        return {
-            "pending": np.zeros(belief.pending.shape, bool),
-            "input_matrix": belief.input_matrix,
-        }
+    def _update(
+        self, belief: Any, u: Any, e: Any, C: Any, R: Any, available: Any, *more: Any
+    ) -> Changes:
+        updated = super()._update(belief, u, e, C, R, available, *more)
+        if self.model.delayed_feedthrough:  # before the first prediction d(-1) stays 0
+            acted, q = waiting(belief), self.model.q
+            updated["input_cov"] = updated["input_cov"] * acted
+            updated["state_input_cov"] = updated["state_input_cov"] * acted
+            observed = updated["input_observed"] * acted
+            updated["input_observed"] = observed + (1.0 - acted) * identity(q)
+        return updated | {"pending": np.zeros(belief.pending.shape, bool)}
 
-    def _estimated(
-        self, belief: Delayed, measurement: Measurement
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        correction, cov, observed, S = super()._estimated(belief, measurement)
-        if belief.innovation is not None or not self.model.delayed_feedthrough:
-            return correction, cov, observed, S
-        n, q, acted = (
-            self.model.n,
-            self.model.q,
-            waiting(belief),
-        )  # before the first prediction d(-1) stays 0
-        of_state = np.concatenate([np.ones(n), np.zeros(q)])
-        kept = acted + (1.0 - acted) * np.outer(of_state, of_state)
-        return correction, cov * kept, observed * acted + (1.0 - acted) * identity(q), S
+    def _shown(self, belief: Any, C: Any, H: Any) -> tuple[Any, Any]:
+        drive = belief.input_matrix * waiting(belief)
+        F = C @ belief.input_matrix
+        return (F + H if self.model.delayed_feedthrough else F) * waiting(belief), drive
 
-    def _input_matrix(self, belief: Delayed) -> np.ndarray:
-        """G of the last prediction ``(..., n, q)``."""
-        return self._G if belief.input_matrix is None else belief.input_matrix
+    def _covariance(self, belief: Any) -> np.ndarray:
+        """The state's covariance, with the input that an earlier prediction left open.
 
-    def _drive(self, belief: Delayed) -> np.ndarray:
-        return self._input_matrix(belief) * waiting(belief)
-
-    def _observable(self, belief: Delayed, measurement: Measurement) -> np.ndarray:
-        driven = measurement.C @ self._input_matrix(belief)
-        return (driven + measurement.H if self.model.delayed_feedthrough else driven) * waiting(
-            belief
-        )
-
-    def _joint(self, belief: Delayed) -> np.ndarray:
-        n, q = self.model.n, self.model.q
-        drive = joined([joined([identity(n), self._drive(belief)], -1), np.eye(q, n + q, n)], -2)
-        return congruence(drive, super()._joint(belief))
-
-    def _moving_G(self, belief: Belief, u: np.ndarray | None) -> np.ndarray | None:
-        """G of a prediction, where it changes."""
-        G = self.model.input_matrix(belief.mean, u)
-        return G if is_traced(G) else np.broadcast_to(G, belief.mean.shape[:-1] + G.shape[-2:])
-
-    def _covariance(self, belief: Delayed) -> np.ndarray:
-        """The state's covariance, with the input that an earlier prediction left open if no measurement followed."""
-        return belief.cov + congruence(
-            self._input_matrix(belief), self._open(belief.input_observed)
-        ) * waiting(belief)
+        That is so if no measurement followed the prediction.
+        """
+        open_input = congruence(belief.input_matrix, self._open(belief.input_observed))
+        return belief.cov + open_input * waiting(belief)
 
 
 def waiting(belief: DelayedInputBelief) -> np.ndarray:
@@ -411,11 +283,8 @@ def waiting(belief: DelayedInputBelief) -> np.ndarray:
     return belief.pending[..., None, None]
 
 
-class NoFeedthroughFilter(DelayedInputFilter[DelayedInputBelief], verified=True):
-    """Base of filters that know nothing of d(k) at k: H is 0, or feeds d(k-1) through (``delayed_feedthrough``).
-
-    Each says how it linearises a nonlinear model.
-    """
+class NoFeedthroughFilter(DelayedInputFilter):
+    """Base of filters that know nothing of d(k) at k: H is 0, or feeds d(k-1) through."""
 
     reversible = True
 
@@ -425,11 +294,11 @@ class NoFeedthroughFilter(DelayedInputFilter[DelayedInputBelief], verified=True)
             raise ValueError(f"{self.name} needs H = 0 (no feedthrough): use kf-umv-ui or ulise")
         C, H, changes = getattr(model, "C", None), model.H, callable(model.G)
         if constant := isinstance(C, np.ndarray) and isinstance(H, np.ndarray) and not changes:
-            rank = int(np.linalg.matrix_rank(C @ self._G + H).min())
+            rank = int(np.linalg.matrix_rank(C @ model.G + H).min())
         elif changes or callable(H) or np.any(H):
             rank = min(model.p, model.q)
         else:  # C G changes, but is never of higher rank than this
-            rank = min(model.p, int(np.linalg.matrix_rank(self._G).min()))
+            rank = min(model.p, int(np.linalg.matrix_rank(model.G).min()))
         if rank < model.q:
             condition = "C G + H" if model.delayed_feedthrough else "C G"
             raise ValueError(
@@ -438,13 +307,9 @@ class NoFeedthroughFilter(DelayedInputFilter[DelayedInputBelief], verified=True)
                 " measure a state that each input drives directly"
             )
 
-    def _moved(
-        self, belief: DelayedInputBelief, u: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        return self._propagate(belief.mean, self._covariance(belief), u)
 
-
-class ExtendedUMVFilter(NoFeedthroughFilter, verified=True):
+@compiled
+class ExtendedUMVFilter(NoFeedthroughFilter):
     """EKF-UI-WDF: the unknown input acts on the state only, and shows in the next measurement.
 
     With C the measurement's Jacobian at the prediction and ``G = df/dd`` at the estimate before it,
@@ -476,7 +341,8 @@ class ExtendedUMVFilter(NoFeedthroughFilter, verified=True):
     name = "ekf-ui-wdf"
 
 
-class EndedUMVFilter(ExtendedUMVFilter, verified=True):
+@compiled
+class EndedUMVFilter(ExtendedUMVFilter):
     """KF-UMV-UI of a model whose H feeds through the input of the step that has ended (``delayed_feedthrough``).
 
     The input d(k-1) has moved the state x(k) through G before the measurement of step k shows it,
@@ -503,7 +369,8 @@ class EndedUMVFilter(ExtendedUMVFilter, verified=True):
     name = "kf-umv-ui"
 
 
-class DelayedUMVFilter(NoFeedthroughFilter, verified=True):
+@compiled
+class DelayedUMVFilter(NoFeedthroughFilter):
     """KF-UMV-UI-WDF: unbiased and of minimum variance for a linear model without feedthrough (rank C G = q).
 
     The formulas of `ExtendedUMVFilter`, exact here, with ``x-+ = A x + B u``.

@@ -1,21 +1,22 @@
 """Unscented filters: sigma points in place of Jacobians."""
 
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
 from estimators.angles import difference
-from estimators.belief import Belief, DelayedInputBelief, Record
 from estimators.checks import number
+from estimators.engine import compiled
 from estimators.engine.matrices import is_traced
-from estimators.filter import Filter, Model, inlinable
-from estimators.kalman import GaussianFilter
-from estimators.linalg import semidefinite_cholesky, solve_upper
+from estimators.filter import Changes, Filter, Model
+from estimators.kalman import ExtendedKalmanFilter
+from estimators.linalg import identity, semidefinite_cholesky, solve_upper, symmetrise
 from estimators.models import LinearModel, NonlinearModel, at_columns, at_points
 from estimators.unknown_input import NoFeedthroughFilter
+from estimators.varying import resolve
 
 
-class SigmaPoints(Filter[Record], verified=True):
+class SigmaPoints(Filter[Any]):
     """Sigma points in place of the linearisation of `Filter`: a mix-in of the unscented filters.
 
     A function f of x ~ N(x^, P), ``P = L L'``, is evaluated at the 2 n + 1 points ``x^`` and ``x^
@@ -35,7 +36,6 @@ class SigmaPoints(Filter[Record], verified=True):
     unscented update.
     """
 
-    reversible = True
     alpha: float
     beta: float
     kappa: float
@@ -55,109 +55,82 @@ class SigmaPoints(Filter[Record], verified=True):
             )
         self.alpha, self.beta, self.kappa = alpha, beta, kappa
 
-    @inlinable("transition")
-    def _propagate(
-        self, mean: np.ndarray, cov: np.ndarray, u: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        if isinstance(self.model, LinearModel):
-            return super()._propagate(mean, cov, u)
-        points, _ = self._by_rows(self._spread, mean[..., None, :], cov)
-        return self._by_rows(self._moments, self._values("transition", self.model.n, points, u))
+    def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
+        """Next mean ``(..., n)`` and covariance without process noise, and Q; of an input G, too."""
+        model = self.model
+        if isinstance(model, LinearModel):
+            mean, A, *more = super().propagate(belief, u)
+            return mean, A @ belief.cov @ A.mT, *more
+        points, _ = self._spread(belief)
+        mean, slopes, excess = self._transform("transition", model.n, points, u)
+        answer = mean, slopes.mT @ slopes + excess, resolve(model.Q, u)
+        return answer if self.input_delay is None else (*answer, model.input_matrix(belief.mean, u))
 
-    @inlinable("measurement")
-    def _linearise(
-        self, belief: Record, u: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        if isinstance(self.model, LinearModel):
-            return super()._linearise(belief, u)
-        points, root = self._full_spread(belief)
-        return self._by_rows(
-            self._measurement_slopes, self._values("measurement", self.model.p, points, u), root
-        )
+    def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
+        """Expected measurement, its statistical linearisation C, and R with what C leaves out."""
+        model = self.model
+        if isinstance(model, LinearModel):
+            return super().expect(belief, u, R)
+        points, root = self._spread(belief, invertible=True)
+        mean, slopes, excess = self._transform("measurement", model.p, points, u)
+        C = solve_upper(root.mT, slopes).mT
+        answer = mean, C, self._noise(belief, u, R) + excess
+        return answer if self.input_delay is None else (*answer, resolve(model.H, u))
 
-    def _slopes(self, belief: Record, u: np.ndarray | None) -> np.ndarray:
+    def _slopes(self, belief: Any, u: np.ndarray | None) -> np.ndarray:
         if isinstance(self.model, LinearModel):
             return super()._slopes(belief, u)
-        points, root = self._full_spread(belief)
-        return self._by_rows(
-            self._state_slopes, self._values("transition", self.model.n, points, u), root
-        )
+        points, root = self._spread(belief, invertible=True)
+        slopes = self._transform("transition", self.model.n, points, u)[1]
+        return solve_upper(root.mT, slopes).mT
 
-    def _full_spread(self, belief: Record) -> tuple[np.ndarray, np.ndarray]:
-        """Points and a root with an inverse ``(..., n, n)``: where a belief has no spread slopes are derivatives."""
-        centre = belief.mean[..., None, :]
-        points, root = self._by_rows(self._spread, centre, belief.cov)
-        flat = ~(np.abs(root.diagonal(0, -2, -1)) > 0.0)
-        if is_traced(flat) or flat.any():
+    def _spread(self, belief: Any, invertible: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """The points ``(..., 2 n + 1, n)``, and the root of the covariance along which they lie.
+
+        An invertible root has a small step where the belief has no spread: slopes are derivatives.
+        """
+        root = semidefinite_cholesky(belief.cov)
+        if invertible:
+            flat = ~(np.abs(root.diagonal(0, -2, -1)) > 0.0)
             step = np.maximum(2.0**-26 * np.abs(belief.mean), 2.0**-10)
-            root = root + np.where(flat, step, 0.0)[..., None] * self._identity
-            points = self._by_rows(self._points, centre, root)
-        return points, root
-
-    def _values(self, name: str, size: int, points: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """A function of the model at the points ``(..., 2 n + 1, size)``: of all rows at once, or traced."""
-        if is_traced(points):
-            return at_columns(cast(NonlinearModel, self.model), name, points.mT, u, size).mT
-        return at_points(name, getattr(self.model, name), points, u, size)
-
-    # --- formulas: of arrays or, compiled, of what stands for them --------------------------------
+            root = root + np.where(flat, step, 0.0)[..., None] * identity(self.model.n)
+        centre, offsets = belief.mean[..., None, :], np.sqrt(self._c2) * root.mT
+        points = [centre + 0.0 * offsets[..., :1, :], centre + offsets, centre - offsets]
+        return np.concatenate(points, axis=-2), root
 
     @property
     def _c2(self) -> float:
         return self.alpha**2 * (self.model.n + self.kappa)
 
-    def _spread(self, centre: np.ndarray, cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The points ``(..., 2 n + 1, n)`` about a mean ``(..., 1, n)``, and the root of its covariance."""
-        root = semidefinite_cholesky(cov)
-        return self._points(centre, root), root
-
-    def _points(self, centre: np.ndarray, root: np.ndarray) -> np.ndarray:
-        offsets = np.sqrt(self._c2) * root.mT  # rows: along the columns of the root
-        return np.concatenate(
-            [centre + 0.0 * offsets[..., :1, :], centre + offsets, centre - offsets], axis=-2
-        )
-
     def _transform(
-        self, values: np.ndarray, angles: tuple[int, ...]
+        self, name: str, size: int, points: np.ndarray, u: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The unscented transform of a function's values ``(..., 2 n + 1, k)`` at the points.
+        """The unscented transform of a function of the model.
 
         Returns:
             The mean ``(..., k)``, the slopes ``a (..., n, k)`` along the columns of the root, and
-            what the covariance ``(..., k, k)`` has beyond ``a' a``.
+            the part of the covariance ``(..., k, k)`` beyond ``a' a``.
         """
-        n, c2 = self.model.n, self._c2
+        model, n, c2 = cast(NonlinearModel, self.model), self.model.n, self._c2
+        if is_traced(points):
+            values = at_columns(model, name, points.mT, u, size).mT
+        else:
+            values = at_points(name, getattr(model, name), points, u, size)
+        angles = model.state_angles if name == "transition" else model.measurement_angles
         centre = values[..., 0, :]
         apart = difference(values[..., 1:, :], centre[..., None, :], angles)
         above, below = apart[..., :n, :], apart[..., n:, :]
         slopes = (above - below) / (2.0 * np.sqrt(c2))
         bends = (above + below) / (2.0 * c2)
         shift = bends.sum(-2)
-        excess = (
-            c2 * (bends.mT @ bends)
-            + (self.beta - self.alpha**2) * shift[..., :, None] * shift[..., None, :]
-        )
+        weight = self.beta - self.alpha**2
+        excess = c2 * (bends.mT @ bends) + weight * shift[..., :, None] * shift[..., None, :]
         return centre + shift, slopes, excess
 
-    def _moments(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and covariance of the next state."""
-        mean, slopes, excess = self._transform(values, self.model.state_angles)
-        return mean, slopes.mT @ slopes + excess
 
-    def _state_slopes(self, values: np.ndarray, root: np.ndarray) -> np.ndarray:
-        """The statistical linearisation of the transition."""
-        return solve_upper(root.mT, self._transform(values, self.model.state_angles)[1]).mT
-
-    def _measurement_slopes(
-        self, values: np.ndarray, root: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The mean of the measurement, its statistical linearisation, and the covariance that this leaves out."""
-        mean, slopes, excess = self._transform(values, self.model.measurement_angles)
-        return mean, solve_upper(root.mT, slopes).mT, excess
-
-
-class UnscentedKalmanFilter(SigmaPoints[Belief], GaussianFilter[Belief], verified=True):
-    """UKF: a Kalman filter whose moments come from sigma points; on a linear model it is the Kalman filter exactly.
+@compiled
+class UnscentedKalmanFilter(SigmaPoints, ExtendedKalmanFilter):
+    """UKF: a Kalman filter of moments from sigma points; on a linear model the Kalman filter exactly.
 
     Needs no Jacobian and keeps second-order terms: with the defaults the mean is right to third
     order for a Gaussian. An unknown input in the model is ignored.
@@ -178,7 +151,7 @@ class UnscentedKalmanFilter(SigmaPoints[Belief], GaussianFilter[Belief], verifie
     """
 
     name = "ukf"
-    idle = True
+    reversible = True
 
     def __init__(
         self, model: Model, alpha: float = 1.0, beta: float = 2.0, kappa: float = 0.0
@@ -186,8 +159,12 @@ class UnscentedKalmanFilter(SigmaPoints[Belief], GaussianFilter[Belief], verifie
         super().__init__(model)
         self._set_points(alpha, beta, kappa)
 
+    def _predict(self, belief: Any, u: Any, mean: Any, cov: Any, Q: Any, *_: Any) -> Changes:
+        return {"mean": mean, "cov": symmetrise(cov + Q)}
 
-class UnscentedUMVFilter(SigmaPoints[DelayedInputBelief], NoFeedthroughFilter, verified=True):
+
+@compiled
+class UnscentedUMVFilter(SigmaPoints, NoFeedthroughFilter):
     """UKF-UMV: `ekf-ui-wdf` with sigma points in place of Jacobians; the input shows one step late.
 
     With ``C = Pxy' (P-)^-1``, ``K = Pxy Pyy^-1`` and R replaced by ``Pyy - C P- C'``, where Pyy
@@ -207,8 +184,8 @@ class UnscentedUMVFilter(SigmaPoints[DelayedInputBelief], NoFeedthroughFilter, v
         input_prior: Covariance ``(q, q)`` of the unknown input where a measurement hardly shows it;
             a number stands for that number times identity.
         alpha: Spread of the sigma points, as in `UnscentedKalmanFilter`.
-        beta: Weight of the central point, likewise.
-        kappa: Likewise.
+        beta: Weight of the central point in the covariance.
+        kappa: Spread of the sigma points, above -n.
 
     Raises:
         ValueError: if H is not zero, the rank condition cannot hold, or variances could become
@@ -227,3 +204,11 @@ class UnscentedUMVFilter(SigmaPoints[DelayedInputBelief], NoFeedthroughFilter, v
     ) -> None:
         super().__init__(model, input_prior)
         self._set_points(alpha, beta, kappa)
+
+    def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
+        """Next mean and covariance of a belief with the input that was left open, Q and G."""
+        return super().propagate(belief.replaced({"cov": self._covariance(belief)}), u)
+
+    def _predict(self, belief: Any, u: Any, mean: Any, cov: Any, Q: Any, *more: Any) -> Changes:
+        predicted = super()._predict(belief, u, mean, identity(self.model.n), Q, *more)
+        return predicted | {"cov": symmetrise(cov + Q)}

@@ -12,10 +12,8 @@ class FixedGain(Filter):
 
     name = "fixed-gain"
 
-    def _predict(self, belief: Any, u: Any, rng: Any) -> Any:
-        return belief.replace(mean=self.model.transition(belief.mean, u), u=u)
+    def _predict(self, belief: Any, u: Any, mean: Any, A: Any, Q: Any) -> Any:
+        return {"mean": mean}
 
-    def _update(self, belief: Any, measurement: Any, rng: Any) -> Any:
-        return belief.replace(
-            mean=belief.mean + 0.1 * np.matvec(measurement.C.mT, measurement.innovation)
-        )
+    def _update(self, belief: Any, u: Any, e: Any, C: Any, R: Any, available: Any) -> Any:
+        return {"mean": belief.mean + 0.1 * np.matvec(C.mT, e)}

@@ -230,7 +230,7 @@ def check_own(filter: Filter, composition: Composition) -> None:
     Raises:
         ValueError: saying what is wrong, see `estimators.check.check_steps`.
     """
-    if filter.verified:
+    if type(filter).__module__.startswith(("estimators.", "vessel_gym.")):
         return
     base, u = nominal_flight(composition.vehicle, composition.names[: composition.base])
     mean = np.zeros(composition.model.n)

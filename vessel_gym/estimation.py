@@ -126,14 +126,6 @@ class Estimation:
         """The filter, or one that fuses late measurements."""
         return Delayed(self.filter, self.horizon) if self.fuses else self.filter
 
-    @cached_property
-    def direct(self) -> bool:
-        """Are checks of arguments needless? A filter that overrides a checked method has it called."""
-        names = "init", "predict", "update"
-        return self.fuses or all(
-            getattr(type(self.filter), name) is getattr(Filter, name) for name in names
-        )
-
 
 @shared
 def build(

@@ -107,10 +107,9 @@ class Loop:
             prior if estimation.prior == 1.0 else Gaussian(prior.mean, estimation.prior * prior.cov)
         )
         y, available = self._for_filter(measurements)
-        if estimation.direct:
-            belief = estimation.delayed.begin(prior, u, y, available, rng)
-        else:
-            belief = _updated(filter, filter.init(prior, rng=rng), y, available, rng, u)
+        filter = estimation.delayed
+        initial = filter.init(prior, rng=rng)
+        belief = filter.update(initial, y, rng=rng, available=available, u=u)
         if rows is None:
             self.belief = belief
         else:
@@ -123,11 +122,7 @@ class Loop:
         filter = estimation.filter
         rng = self._filtering.at(steps.copy()) if filter.random else None  # some count on in place
         y, available = self._for_filter(measurements)
-        if estimation.direct:
-            self.belief = estimation.delayed.advance(self.belief, u, y, available, rng)
-        else:
-            predicted = filter.predict(self.belief, u, rng=rng)
-            self.belief = _updated(filter, predicted, y, available, rng)
+        self.belief = estimation.delayed.step(self.belief, y, u, rng=rng, available=available)
 
     def extra_info(self, steps: np.ndarray) -> dict[str, np.ndarray]:
         """Entry of ``info`` where sensors may fail: the mask of active faults."""
@@ -172,14 +167,6 @@ class Loop:
             if estimation.late == "as new"
             else (measurements[0][:, 0], measurements[1][:, 0])
         )
-
-
-def _updated(
-    filter: Any, belief: Any, y: np.ndarray, available: Any, rng: Any, u: Any = None
-) -> Any:
-    """`update` of a filter that overrides it, which may write into what it is given."""
-    available = None if available is None else available.copy()
-    return filter.update(belief, y.copy(), rng=rng, available=available, u=u)
 
 
 def _merged(whole: Measurements, rows: np.ndarray | None, some: Measurements) -> Measurements:

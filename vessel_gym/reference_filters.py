@@ -1,25 +1,19 @@
 """The estimators that only an environment can have: truth, dead reckoning, and the last measurements held."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from estimators import (
-    Belief,
-    Filter,
-    GaussianFilter,
-    InputBelief,
-    LinearModel,
-    Measurement,
-    Rng,
-    wrap,
-)
+from estimators import ExtendedKalmanFilter, Filter, InputBelief, LinearModel, compiled, wrap
+from estimators.filter import Changes
 from estimators.kalman import unseen_input
 from estimators.varying import resolve
 from vessel_gym.filter_models.build import Composition
 
 
-class Oracle(Filter[InputBelief], verified=True):
+@compiled
+class Oracle(Filter[InputBelief]):
     """The declared exception: it is handed the true state and unknown input as its measurement."""
 
     name = "truth"
@@ -30,30 +24,29 @@ class Oracle(Filter[InputBelief], verified=True):
         super().__init__(LinearModel(np.eye(n), eye[:, :n], np.zeros((n, n)), eye))
         self.q = q
 
-    def _check_known_input(self, u: np.ndarray | None) -> None:
-        """Known input of the interface, which it does not need."""
+    def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
+        return unseen_input(mean, np.zeros((self.q, self.q)))
 
-    def _init(self, belief: Belief, rng: Rng) -> InputBelief:
-        return InputBelief.of(belief, **unseen_input(belief.mean, np.zeros((self.q, self.q))))
+    def _predict(self, belief: Any, u: Any, *_: Any) -> Changes:
+        return {"mean": belief.mean}
 
-    def _predict(self, belief: InputBelief, u: np.ndarray | None, rng: Rng) -> InputBelief:
-        return belief
-
-    def _update(self, belief: InputBelief, measurement: Measurement, rng: Rng) -> InputBelief:
+    def _update(self, belief: Any, u: Any, e: Any, *_: Any) -> Changes:
         n = self.model.n
-        return belief.replace(
-            mean=belief.mean + measurement.innovation[..., :n], cov=np.zeros(belief.cov.shape), u=None,
-            recovery=np.zeros(belief.recovery.shape, np.int8), input_mean=measurement.innovation[..., n:],
-        )  # fmt: skip
+        cov = np.zeros(belief.cov.shape)
+        return {"mean": belief.mean + e[..., :n], "cov": cov, "input_mean": e[..., n:]}
 
 
-class DeadReckoning(GaussianFilter, verified=True):
+@compiled
+class DeadReckoning(ExtendedKalmanFilter):
     """The model alone: measurements are not used."""
 
     name = "dead-reckoning"
 
-    def _update(self, belief: Belief, measurement: Measurement, rng: Rng) -> Belief:
-        return belief
+    def _update(
+        self, belief: Any, u: Any, e: Any, C: Any, R: Any, available: Any, *_: Any
+    ) -> Changes:
+        unused = np.zeros(available.shape, bool)
+        return {"mean": belief.mean, "innovation_cov": R, "available": unused}
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -67,7 +60,7 @@ class HeldBelief(InputBelief):
     age: np.ndarray  # steps since the last measurement
 
 
-class ZeroOrderHold(Filter[HeldBelief], verified=True):
+class ZeroOrderHold(Filter[HeldBelief]):
     """The last measurement of every channel, held until the next; no model at all.
 
     States follow from what the sensors give (`vessel_gym.sensors.Sensor`); rates that none gives
@@ -120,34 +113,48 @@ class ZeroOrderHold(Filter[HeldBelief], verified=True):
             return state, np.zeros(measurements.shape[:-1] + (0,))
         return state, np.stack([known.get(name, nothing) for name in self._inputs], -1)
 
-    def _init(self, belief: Belief, rng: Rng) -> HeldBelief:
-        shape = belief.mean.shape[:-1] + (self.model.p,)
-        held = self._expected(belief)
+    def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
+        shape, sizes = mean.shape[:-1] + (self.model.p,), self._input_variance.shape
+        held = self.model.measurement(mean, None)
         # What no measurement shows (the sway, a current) keeps the variance of the prior.
-        prior = np.diagonal(belief.cov, axis1=-2, axis2=-1)
-        cov = np.where(self._variance > 0.0, self._variance, prior)[..., None] * self._identity
-        input_cov = np.zeros(shape[:-1] + 2 * self._input_variance.shape) + np.diag(
-            self._input_variance
-        )
-        return HeldBelief.of(
-            belief.replace(cov=cov), input_mean=np.zeros(shape[:-1] + self._input_variance.shape), input_cov=input_cov,
-            state_input_cov=np.zeros(belief.mean.shape + self._input_variance.shape), held=held, previous=held,
-            interval=np.full(shape, self._dt), seen=np.zeros(shape, bool), age=np.zeros(shape),
-        )  # fmt: skip
+        variance = np.where(self._variance > 0.0, self._variance, np.diagonal(cov, 0, -2, -1))
+        input_cov = np.zeros(shape[:-1] + 2 * sizes) + np.diag(self._input_variance)
+        return unseen_input(mean, input_cov) | {
+            "cov": variance[..., None] * np.eye(mean.shape[-1]),
+            "held": held,
+            "previous": held,
+            "interval": np.full(shape, self._dt),
+            "seen": np.zeros(shape, bool),
+            "age": np.zeros(shape),
+        }
 
-    def _expected(self, belief: Belief) -> np.ndarray:
-        return self.model.linearise_measurement(belief.mean, belief.u)[0]
+    def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
+        """Nothing: a prediction asks the model nothing."""
+        return ()
 
-    def _predict(self, belief: HeldBelief, u: np.ndarray | None, rng: Rng) -> HeldBelief:
-        return belief.replace(age=belief.age + 1.0)
+    def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
+        """Expected measurement, no C, and R."""
+        C = np.zeros((self.model.p, self.model.n))
+        return self.model.measurement(belief.mean, u), C, self._noise(belief, u, R)
 
-    def _update(self, belief: HeldBelief, measurement: Measurement, rng: Rng) -> HeldBelief:
-        arrived = measurement.available
-        held = np.where(arrived, self._expected(belief) + measurement.innovation, belief.held)
-        previous = np.where(arrived, np.where(belief.seen, belief.held, held), belief.previous)
-        interval = np.where(arrived, np.maximum(belief.age, 1.0) * self._dt, belief.interval)
+    def _predict(self, belief: Any, u: Any, *_: Any) -> Changes:
+        return {"mean": belief.mean, "age": belief.age + 1.0}
+
+    def _update(
+        self, belief: Any, u: Any, e: Any, C: Any, R: Any, available: Any, *_: Any
+    ) -> Changes:
+        measured = self.model.measurement(belief.mean, u) + e
+        held = np.where(available, measured, belief.held)
+        previous = np.where(available, np.where(belief.seen, belief.held, held), belief.previous)
+        interval = np.where(available, np.maximum(belief.age, 1.0) * self._dt, belief.interval)
         mean, unknown_input = self._derived(held, previous, interval)
-        return belief.replace(
-            mean=mean, input_mean=unknown_input, held=held, previous=previous, interval=interval,
-            seen=belief.seen | arrived, age=np.where(arrived, 0.0, belief.age),
-        )  # fmt: skip
+        return {
+            "mean": mean,
+            "input_mean": unknown_input,
+            "innovation_cov": R,
+            "held": held,
+            "previous": previous,
+            "interval": interval,
+            "seen": belief.seen | available,
+            "age": np.where(available, 0.0, belief.age),
+        }

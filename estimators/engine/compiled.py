@@ -176,17 +176,21 @@ def forget(instance: Any) -> None:
 def compiled(
     function: Any = None, *, axes: Sequence[int] | None = None, matrices: bool = False
 ) -> Any:
-    """Make a plain NumPy function of arrays ``(..., n)`` run compiled.
+    """Make a plain NumPy function of arrays ``(..., n)``, or a class of filters, run compiled.
 
     Args:
-        function: Pure, of positional arguments that are arrays, and named ones that are constants
-            and can be hashed. A method counts its object as a constant. It is traced with the
-            batch's axes gone, once for rows of the same shapes; called with tracers it is traced
-            with its caller.
+        function: A class of filters, whose attribute ``compiled`` becomes True; or a function,
+            pure, of positional arguments that are arrays, and named ones that are constants and can
+            be hashed. A method counts its object as a constant. It is traced with the batch's axes
+            gone, once for rows of the same shapes; called with tracers it is traced with its
+            caller.
         axes: How many last axes of each argument are a row's: 0 for a number; None: 1 for all.
         matrices: Whether its vectors and matrices are traced as such, in the words of
             `estimators.engine.matrices`, and not entry by entry: for what is large.
     """
+    if isinstance(function, type):
+        function.compiled = True  # type: ignore[attr-defined]
+        return function
     if function is None:
         return lambda function: Compiled(function, axes, matrices)
     return Compiled(function, axes, matrices)

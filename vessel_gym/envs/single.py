@@ -101,7 +101,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
     def _info(self) -> dict[str, Any]:
         core, end = self.core, self.core.now.end.item(0)
         info: dict[str, Any] = {name: values[0].copy() for name, values in core.happened().items()}
-        info["healthy"], info["score"] = not core.loop.belief.recovery[0], core.score_of(0)
+        info["healthy"], info["score"] = bool(core.loop.belief.healthy[0]), core.score_of(0)
         info["end"], info["is_success"] = (
             core.config.system.task.end_reasons[end],
             end == core.config.success,
