@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from estimators.engine.compiled import Compiled, compiled
+from estimators.engine.compiled import compiled
 from estimators.linalg import joined
 from estimators.models import LinearModel, NonlinearModel
-from estimators.varying import Matrix, Schedule, resolve
+from estimators.varying import Matrix, Schedule, is_compiled, resolve
 
 
 def input_delayed(model: "LinearModel") -> "LinearModel":
@@ -86,15 +86,14 @@ def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearMo
     def measurement(z: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         return model.measurement(z[..., :n], u) + np.matvec(resolve(H, u), z[..., n:])
 
-    if isinstance(model.transition, Compiled) and not callable(G):  # they call nothing else
-        transition = compiled(transition)
-    if isinstance(model.measurement, Compiled) and not callable(H):
-        measurement = compiled(measurement)
     moves, shows = None if callable(G) else model.transition_jacobian, model.measurement_jacobian
     return NonlinearModel(
-        transition, measurement, states=n + q, measurements=p, **options,
-        transition_jacobian=moves and (lambda z, u: _above(joined([moves(z[..., :n], u), G], -1), q)),
-        measurement_jacobian=shows and (lambda z, u: joined([shows(z[..., :n], u), resolve(H, u)], -1)),
+        _function(transition, model.transition, model.G), _function(measurement, model.measurement, H),
+        states=n + q, measurements=p, **options,
+        transition_jacobian=moves and _function(
+            lambda z, u: _above(joined([moves(z[..., :n], u), G], -1), q), moves),
+        measurement_jacobian=shows and _function(
+            lambda z, u: joined([shows(z[..., :n], u), resolve(H, u)], -1), shows, H),
     )  # fmt: skip
 
 
@@ -116,4 +115,9 @@ def _assembled(assemble: Callable[..., np.ndarray], *parts: Matrix) -> Matrix:
             first,
             table=assemble(*(part.table if isinstance(part, Schedule) else part for part in parts)),
         )
-    return lambda u: assemble(*(resolve(part, u) for part in parts))
+    return _function(lambda u: assemble(*(resolve(part, u) for part in parts)), *parts)
+
+
+def _function(function: Any, *parts: Any) -> Any:
+    """A function made of others, compiled where they are."""
+    return compiled(function) if all(map(is_compiled, parts)) else function

@@ -5,7 +5,6 @@ from functools import cache
 import numpy as np
 
 from estimators.angles import difference, short_way
-from estimators.checks import Written, as_array, call
 from estimators.varying import Function
 
 _EPS = float(np.finfo(float).eps)
@@ -15,28 +14,16 @@ def values_at(
     name: str, function: Function, points: np.ndarray, u: np.ndarray | None, size: int
 ) -> tuple[np.ndarray, float]:
     """Values as of `estimators.models.at_points`, and the relative rounding of the type that the function returned."""
+    returned = np.asarray(function(points, None if u is None else u[..., None, :]))
     expected = points.shape[:-1] + (size,)
-    try:
-        returned = call(name, function, points, None if u is None else u[..., None, :])
-    except Written:
-        raise
-    except (ValueError, IndexError) as error:
-        raise ValueError(
-            f"{name} must broadcast over leading axes, but x of shape {points.shape} ends in:"
-            f" {error}"
-        ) from error
-    if isinstance(returned, list | tuple):
-        raise ValueError(
-            f"{name} must return an array, not a list: np.stack([...], axis=-1) of its components"
-        )
-    values = as_array(f"what {name} returns", returned)
-    if values.shape != expected:
+    if returned.shape != expected:
         raise ValueError(
             f"{name} must broadcast over leading axes: "
-            f"x of shape {points.shape} gave {values.shape}, expected {expected}"
+            f"x of shape {points.shape} gave {returned.shape}, expected {expected}"
         )
-    kind = values.dtype if values is returned else np.asarray(returned).dtype
-    return values, float(np.finfo(kind).eps) if kind in (np.float16, np.float32) else _EPS
+    few = returned.dtype in (np.float16, np.float32)
+    eps = float(np.finfo(returned.dtype).eps) if few else _EPS
+    return returned.astype(float, copy=False), eps
 
 
 def central_differences(

@@ -29,15 +29,17 @@ Model = LinearModel | NonlinearModel
 Changes = dict[str, np.ndarray]
 """Arrays of a belief that a step changes, by name."""
 
-_TRANSITION = {
-    LinearModel: ("A", "B", "Q", "G"),
-    NonlinearModel: ("transition", "transition_jacobian", "Q", "G"),
+_PARTS = {
+    "predict": {
+        LinearModel: ("A", "B", "Q", "G"),
+        NonlinearModel: ("transition", "transition_jacobian", "Q", "G"),
+    },
+    "update": {
+        LinearModel: ("C", "R", "H"),
+        NonlinearModel: ("measurement", "measurement_jacobian", "R", "H"),
+    },
 }
-_MEASUREMENT = {
-    LinearModel: ("C", "R", "H"),
-    NonlinearModel: ("measurement", "measurement_jacobian", "R", "H"),
-}
-"""Parts of a model that the two questions are about."""
+"""Parts of a model that the question before a step is about."""
 
 
 class Filter(ABC, Generic[Record]):
@@ -331,7 +333,7 @@ class Filter(ABC, Generic[Record]):
         else:
             program = self._programs.get((step, u is None, R is None))
             if program is None:
-                program = self._traced(step, belief, u is None, R is None)
+                program = self._traced(step, belief, u, R is None)
             function, names, inside = program
             arrays = [getattr(belief, name) for name in self.record.names()]
             arrays += [each for each in (u, y, available, R) if each is not None]
@@ -357,17 +359,19 @@ class Filter(ABC, Generic[Record]):
 
     def _asks_inside(self, step: str) -> bool:
         """Is the model's part in a prediction or an update compiled, and traced with the filter?"""
-        parts = {"predict": _TRANSITION, "update": _MEASUREMENT}[step][type(self.model)]
-        return self.compiled and self.model.is_compiled(*parts)
+        return self.compiled and self.model.is_compiled(*_PARTS[step][type(self.model)])
 
     def _traced(
-        self, step: str, like: Record, no_u: bool, no_R: bool
+        self, step: str, like: Record, u: np.ndarray | None, no_R: bool
     ) -> tuple[Compiled, list[str], bool]:
         """The program of a step, the names of its results, and whether the model is in it."""
         names: list[str] = []
         record = self.record.names()
         inside = step == "step" or self._asks_inside(step)
-        given = [not no_u, step != "predict", step != "predict", not no_R]
+        if inside:
+            for each in ("predict", "update") if step == "step" else (step,):
+                self.model.compare(like.mean, u, like.cov, *_PARTS[each][type(self.model)])
+        given = [u is not None, step != "predict", step != "predict", not no_R]
         axes_of_answers = () if inside else self._axes[step]
         if self.input_delay is None:
             axes_of_answers = axes_of_answers[:3]
@@ -386,7 +390,7 @@ class Filter(ABC, Generic[Record]):
         axes += [k for k, each in zip((1, 1, 1, 2), given, strict=True) if each]
         axes += axes_of_answers
         program = Compiled(function, axes + [1, 1] * self.random, True), names, inside
-        self._programs[step, no_u, no_R] = program
+        self._programs[step, u is None, no_R] = program
         return program
 
     def _changed(

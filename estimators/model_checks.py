@@ -1,15 +1,15 @@
 """Checks of a model's matrices: shapes, definiteness, and functions at their first call."""
 
 import operator
-from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from estimators.checks import as_array, check_takes, frozen, integer, short_repr
 from estimators.engine.matrices import is_traced
+from estimators.first_use import FirstUse, is_own
 from estimators.linalg import masked
 from estimators.varying import Schedule, StateNoise
 
@@ -66,14 +66,14 @@ def check_matrices(
 ) -> None:
     """Check a model's matrices and indices of angles, and set its sizes n, p and q.
 
-    Arrays are kept as read-only copies; functions of u are checked when they are first called.
+    Arrays are kept as read-only copies; functions are checked when they are first called.
     Where one of G and H is given, the other is 0 unless it is, too.
 
     Args:
         model: `LinearModel` or `NonlinearModel`.
         shapes: Letters of rows and columns of each matrix, in the order in which sizes are looked
             for; m is any size.
-        of_state: Matrices whose functions depend on the state: these are not checked here.
+        of_state: Matrices whose functions are of ``(x, u)``; others are of u.
         **options: For the letter of a size, the argument that gives it, and its value.
 
     Raises:
@@ -81,7 +81,10 @@ def check_matrices(
     """
     for name in shapes:
         value = getattr(model, name)
-        if callable(value) and not isinstance(value, _Checked):
+        if isinstance(value, FirstUse):  # of the model of which this one is a copy
+            value = value.function
+            object.__setattr__(model, name, value)
+        if callable(value):
             check_takes(name, value, *(("x", "u") if name in of_state else ("u",)))
         if callable(value) or (value is None and name not in "QR"):
             continue
@@ -102,12 +105,10 @@ def check_matrices(
     for name, letters in shapes.items():
         value, shape = getattr(model, name), (sizes[letters[0]], sizes.get(letters[1]))
         array = value.nominal if isinstance(value, StateNoise) else _table(value)
-        if isinstance(array, np.ndarray):
-            if wanted := _unlike(array, *shape):
-                raise ValueError(f"{name} has shape {array.shape}, expected {wanted}")
-        elif callable(value) and name not in of_state:
-            function = value.function if isinstance(value, _Checked) else value
-            object.__setattr__(model, name, _Checked(name, function, shape))
+        if isinstance(array, np.ndarray) and (wanted := _unlike(array, *shape)):
+            raise ValueError(f"{name} has shape {array.shape}, expected {wanted}")
+        if callable(value) and not isinstance(value, Schedule):
+            set_function(model, name, value, shape, name in of_state)
     for letter, size in sizes.items():
         object.__setattr__(model, letter, size)
     for name, size in ("state_angles", sizes["n"]), ("measurement_angles", sizes["p"]):
@@ -119,6 +120,24 @@ def check_matrices(
         if any(not 0 <= i < size for i in angles):
             raise ValueError(f"{name} must be indices below {size}, got {short_repr(indices)}")
         object.__setattr__(model, name, angles)
+
+
+def set_function(
+    model: Any, name: str, value: Any, shape: tuple[int | None, ...], of_state: bool = True
+) -> None:
+    """Let a function of a model be compared when it is first used, unless it is this package's."""
+    own = value.function if isinstance(value, StateNoise | FirstUse) else value
+    own = own.function if isinstance(own, FirstUse) else own
+    if is_own(own):
+        return
+    checks: dict[str, Any] = {"Q": partial(as_covariance, "Q"), "R": _check_noise}
+    noise = isinstance(value, StateNoise)
+    used = FirstUse(name, own, shape, of_state or noise, checks.get(name))
+    object.__setattr__(model, name, StateNoise(used, value.nominal) if noise else used)
+
+
+def _check_noise(R: np.ndarray) -> None:
+    as_covariance("R", usable(R)[0])
 
 
 def _size(
@@ -165,24 +184,3 @@ def _unlike(array: np.ndarray, rows: int, columns: int | None) -> str:
     """The expected shape, where an array has another one."""
     fits = array.ndim > 1 and array.shape[-2] == rows and columns in (None, array.shape[-1])
     return "" if fits else f"(..., {rows}, {'m' if columns is None else columns})"
-
-
-@dataclass(eq=False)
-class _Checked:
-    """A model's function of ``u``, whose first value must have the right shape, and be a covariance if need be."""
-
-    name: str
-    function: Callable[[np.ndarray | None], np.ndarray]
-    shape: tuple[int, int | None]
-    passed: bool = False
-
-    def __call__(self, u: np.ndarray | None) -> np.ndarray:
-        array = as_array(self.name, self.function(u))
-        if self.passed:
-            return array
-        if wanted := _unlike(array, *self.shape):
-            raise ValueError(f"{self.name} gave a matrix of shape {array.shape}, expected {wanted}")
-        if self.name in "QR":
-            as_covariance(self.name, array if self.name == "Q" else usable(array)[0])
-        self.passed = True
-        return array

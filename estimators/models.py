@@ -13,14 +13,23 @@ from typing import Any, cast
 
 import numpy as np
 
-from estimators.checks import as_array, call, check_takes, frozen, read_only, short_repr
+from estimators.checks import as_array, check_takes, frozen, short_repr
 from estimators.differences import central_differences, check_jacobian, steps, values_at
 from estimators.engine.compiled import Compiled, compiled
 from estimators.engine.derivative import linearise
-from estimators.engine.foreign import Inspection, inspection_of, inspections
 from estimators.engine.matrices import columnwise, is_traced, matrix
-from estimators.model_checks import as_covariance, check_matrices
-from estimators.varying import Frozen, Function, Matrix, Schedule, StateMatrix, resolve
+from estimators.first_use import FirstUse
+from estimators.model_checks import as_covariance, check_matrices, set_function
+from estimators.varying import (
+    Frozen,
+    Function,
+    Matrix,
+    StateMatrix,
+    StateNoise,
+    evaluate,
+    is_compiled,
+    resolve,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +77,36 @@ class Gaussian(Frozen):
         return np.array_equal(self.mean, other.mean) and np.array_equal(self.cov, other.cov)
 
 
+class _Model(Frozen):
+    """What filters ask of a model's functions before they trace them."""
+
+    def is_compiled(self, *names: str) -> bool:
+        """Are the functions of these names compiled? Arrays and schedules are no functions."""
+        return all(is_compiled(getattr(self, name)) for name in names)
+
+    def compare(
+        self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None, *names: str
+    ) -> None:
+        """Compare functions that have not been used yet, before a program has them in it.
+
+        Args:
+            x: States ``(..., n)`` at which they are compared.
+            u: Known inputs ``(..., m)``.
+            cov: Covariance of x, which the steps of differences follow.
+            names: Names of functions and matrices.
+
+        Raises:
+            ValueError: naming the function, see `estimators.first_use`.
+        """
+        for name in names:
+            value = getattr(self, name, None)
+            function = value.function if isinstance(value, StateNoise) else value
+            if isinstance(function, FirstUse):
+                function.compare(*((x, u) if function.of_state else (u,)))
+
+
 @dataclass(frozen=True, eq=False)
-class LinearModel(Frozen):
+class LinearModel(_Model):
     """``x+ = A x + B u + G d + w``, ``y = C x + H d + v``.
 
     Every matrix is an array, possibly with leading batch axes, or a function of ``u``, which then
@@ -120,13 +157,6 @@ class LinearModel(Frozen):
             self, {"A": "nn", "Q": "nn", "C": "pn", "R": "pp", "G": "nq", "H": "pq", "B": "nm"}
         )
 
-    def is_compiled(self, *names: str) -> bool:
-        """Are the parts of these names arrays, or compiled functions?"""
-        return all(
-            not callable(part := getattr(self, name)) or isinstance(part, Compiled | Schedule)
-            for name in names
-        )
-
     def check_known_input(self, u: np.ndarray | None) -> None:
         """Refuse a known input that could only be ignored, or that B expects and does not get.
 
@@ -175,7 +205,7 @@ class LinearModel(Frozen):
 
 
 @dataclass(frozen=True, eq=False)
-class NonlinearModel(Frozen):
+class NonlinearModel(_Model):
     """``x+ = f(x, u) + G d + w``, ``y = h(x, u) + H d + v``.
 
     Args:
@@ -220,11 +250,13 @@ class NonlinearModel(Frozen):
     n: int = field(init=False)
     p: int = field(init=False)
     q: int = field(init=False)
-    _compared: dict[str, bool] = field(init=False, repr=False, default_factory=dict)
+    _compared: set[str] = field(init=False, repr=False, default_factory=set)
 
     def __post_init__(self) -> None:
-        for name in ("transition", "measurement", "transition_jacobian", "measurement_jacobian"):
+        functions = "transition", "measurement", "transition_jacobian", "measurement_jacobian"
+        for name in functions:
             function = getattr(self, name)
+            function = function.function if isinstance(function, FirstUse) else function
             if not callable(function) and not (function is None and name.endswith("jacobian")):
                 raise ValueError(f"{name} must be a function of (x, u), got {short_repr(function)}")
             if function is not None:
@@ -237,62 +269,30 @@ class NonlinearModel(Frozen):
             n=("states", self.states),
             p=("measurements", self.measurements),
         )
-
-    def is_compiled(self, *names: str) -> bool:
-        """Are the parts of these names arrays, or compiled functions?"""
-        return all(
-            not callable(part := getattr(self, name)) or isinstance(part, Compiled | Schedule)
-            for name in names
-        )
+        for name in functions:
+            if (function := getattr(self, name)) is not None:
+                rows = self.n if name.startswith("transition") else self.p
+                shape = (rows, self.n) if name.endswith("jacobian") else (rows,)
+                set_function(self, name, function, shape)
 
     def check_known_input(self, u: np.ndarray | None) -> None:
         """Nothing to refuse: what the functions make of ``u`` is theirs."""
 
-    def traceable(self, x: np.ndarray, u: np.ndarray | None, *names: str) -> bool:
-        """Can all functions of these names, as far as there are any, be traced into a filter's program?
-
-        Args:
-            x: ``(..., n)`` where they are tried,
-            u: and ``(..., m)``.
-            names: Transition or measurement and, where the filter needs it, its Jacobian, which has
-                to be compared.
-        """
-        functions = [
-            (name, function) for name in names if (function := getattr(self, name)) is not None
-        ]
-        return all(
-            (name in ("transition", "measurement") or name in self._compared)
-            and inspected(function, x, u) is not None
-            for name, function in functions
-        )
-
-    def source(self, name: str, x: np.ndarray, u: np.ndarray | None) -> "Function":
-        """A function as it is traced; `traceable` has been asked."""
-        function = getattr(self, name)
-        if isinstance(function, Compiled):
-            return function
-        inspection = inspections[_key(function, x, u)]
-        cast(Any, x).program.inspections.add(inspection)
-        return inspection.inline
+    def compare(
+        self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None, *names: str
+    ) -> None:
+        """Compare functions and Jacobians of these names at their first use, see `LinearModel.compare`."""
+        super().compare(x, u, cov, *names)
+        for name in ("transition", "measurement"):
+            if f"{name}_jacobian" in names and getattr(self, f"{name}_jacobian") is not None:
+                getattr(self, f"linearise_{name}")(x, u, cov)
 
     def input_matrix(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """G ``(..., n, q)``: how the unknown input moves the next state from ``x (..., n)``.
-
-        Raises:
-            ValueError: if G is a function whose value has another shape.
-        """
+        """G ``(..., n, q)``: how the unknown input moves the next state from ``x (..., n)``."""
         assert self.G is not None, "the model has no unknown input"
         if not callable(self.G):
             return self.G
-        if is_traced(x):  # the mean of the belief that a program is executed on
-            program: Any = x.program  # type: ignore[attr-defined]
-            return program.callback(lambda belief, u, R: self.input_matrix(belief.mean, u), 2)
-        G = np.asarray(call("G", self.G, x, u))
-        if G.shape[-2:] != (self.n, self.q):
-            raise ValueError(
-                f"G gave a matrix of shape {G.shape}, expected (..., {self.n}, {self.q})"
-            )
-        return G
+        return evaluate(self.G, x, u)
 
     def linearise_transition(
         self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
@@ -317,86 +317,32 @@ class NonlinearModel(Frozen):
     ) -> tuple[np.ndarray, np.ndarray]:
         function, own = getattr(self, name), getattr(self, f"{name}_jacobian")
         if is_traced(x):
-            program, source = cast(Any, x).program, self.source(name, x, u)
-            own = own and self.source(f"{name}_jacobian", x, u)
-            return tuple(matrix(program, each) for each in linearise(source, x, u, slopes=own))
-        x = read_only(x)
+            program = cast(Any, x).program
+            return tuple(matrix(program, each) for each in linearise(function, x, u, slopes=own))
         if own is None:
-            if (traced := inspected(function, x, u)) is not None:
-                return _compiled(linearise, traced)(x, u)
-            return central_differences(
-                name, function, x, u, size, angles, steps(x, cov, self.state_angles)
-            )
-        jacobian = self._own_jacobian(f"{name}_jacobian", size, x, u)
-        if f"{name}_jacobian" not in self._compared:
-            check_jacobian(name, function, jacobian, x, u, angles, steps(x, cov, self.state_angles))
+            if is_compiled(function):
+                return _compiled(linearise, function, x, u)(x, u)
+            step = steps(x, cov, self.state_angles)
+            return central_differences(name, function, x, u, size, angles, step)
+        jacobian = np.broadcast_to(np.asarray(own(x, u), float), x.shape[:-1] + (size, self.n))
+        if name not in self._compared:
+            step = steps(x, cov, self.state_angles)
+            check_jacobian(name, function, jacobian, x, u, angles, step)
             if np.isfinite(jacobian).all():  # else it is compared again where it is
-                self._compared[f"{name}_jacobian"] = True
+                self._compared.add(name)
         return at_points(name, function, x[..., None, :], u, size)[..., 0, :], jacobian
-
-    def _own_jacobian(
-        self, name: str, size: int, x: np.ndarray, u: np.ndarray | None
-    ) -> np.ndarray:
-        """The user's Jacobian ``(..., size, n)`` of this name.
-
-        Raises:
-            ValueError: if it has another shape.
-        """
-        jacobian, expected = (
-            as_array(name, call(name, getattr(self, name), x, u)),
-            x.shape[:-1] + (size, self.n),
-        )
-        if jacobian.shape[-2:] != expected[-2:]:
-            raise ValueError(f"{name} gave a matrix of shape {jacobian.shape}, expected {expected}")
-        return np.broadcast_to(jacobian, expected)
-
-
-_KEPT = 500
-"""Functions whose derivatives are kept."""
-
-
-def inspected(
-    function: Function, x: np.ndarray, u: np.ndarray | None
-) -> Compiled | Inspection | None:
-    """The compiled form of a model's function; None for one that only NumPy can compute.
-
-    What is `estimators.engine.compiled` declares itself pure. Any other function is inspected when
-    it is first used, and again when something that it reads has changed; why it is not traceable
-    stands in the log.
-    """
-    if isinstance(function, Compiled):
-        return function
-    if x.dtype == object:  # it is traced as a part of another
-        return None
-    own, samples = (lambda x, u=None: function(x, u), (x,)) if u is None else (function, (x, u))
-    inspection = inspection_of(_key(function, x, u), own, *samples)
-    return inspection if inspection.traceable and not inspection.several else None
-
-
-def _key(
-    function: Function, x: np.ndarray, u: np.ndarray | None
-) -> tuple[Function, int, int | None]:
-    return function, x.shape[-1], None if u is None else u.shape[-1]
-
-
-@lru_cache(2 * _KEPT)
-def _compiled(form: Callable[..., Any], function: Compiled | Inspection) -> Compiled:
-    """A function of points in another form: `linearise` of ``(..., n)``, or `columnwise` of columns ``(..., n, N)``."""
-    options: dict[str, Any] = {"axes": (2, 1), "matrices": True} if form is columnwise else {}
-    return compiled(partial(form, getattr(function, "inline", function)), **options)
 
 
 def at_columns(
     model: NonlinearModel, name: str, points: np.ndarray, u: np.ndarray | None, size: int
 ) -> np.ndarray:
     """A model's function at points that are columns ``(..., n, N)``: values ``(..., size, N)``, contiguous."""
-    if is_traced(points):
-        return columnwise(model.source(name, points[..., 0], u), points, u)  # type: ignore[return-value]
     function = getattr(model, name)
-    traced = inspected(function, points[..., 0], u)
-    if traced is None:
-        return np.ascontiguousarray(at_points(name, function, points.mT, u, size).mT)
-    return _compiled(columnwise, traced)(points, u)
+    if is_traced(points):
+        return columnwise(function, points, u)  # type: ignore[return-value]
+    if is_compiled(function):
+        return _compiled(columnwise, function, points[..., 0], u)(points, u)
+    return np.ascontiguousarray(at_points(name, function, points.mT, u, size).mT)
 
 
 def at_points(
@@ -413,9 +359,22 @@ def at_points(
 
     Returns:
         The values ``(..., k, size)``.
-
-    Raises:
-        ValueError: if the function does not broadcast over leading axes.
     """
-    traced = inspected(function, points, None if u is None else u[..., None, :])
-    return values_at(name, traced or function, points, u, size)[0]
+    return values_at(name, function, points, u, size)[0]
+
+
+def _compiled(
+    form: Callable[..., Any], function: Any, x: np.ndarray, u: np.ndarray | None
+) -> Compiled:
+    """A compiled function in another form, compared with NumPy if this is its first use."""
+    if isinstance(function, FirstUse):
+        function.compare(x, u)
+        function = function.function
+    return _in_form(form, function)
+
+
+@lru_cache(1000)
+def _in_form(form: Callable[..., Any], function: Compiled) -> Compiled:
+    """A function of points in another form: `linearise` of ``(..., n)``, or `columnwise` of columns ``(..., n, N)``."""
+    options: dict[str, Any] = {"axes": (2, 1), "matrices": True} if form is columnwise else {}
+    return compiled(partial(form, function), **options)

@@ -6,30 +6,39 @@ from typing import Any
 
 import numpy as np
 
-from estimators.checks import call, finite_array, frozen, integer, number
-from estimators.engine.matrices import is_traced, lookup_matrix
+from estimators.checks import finite_array, frozen, integer, number
+from estimators.engine.arrays import scalar
+from estimators.engine.compiled import Compiled
+from estimators.engine.matrices import MatrixTracer, is_traced, lookup_matrix, matrix
+from estimators.first_use import FirstUse
 
 Matrix = np.ndarray | Callable[[np.ndarray | None], np.ndarray]
 Function = Callable[[np.ndarray, np.ndarray | None], np.ndarray]
 StateMatrix = np.ndarray | Callable[[np.ndarray, np.ndarray | None], np.ndarray]
 
 
-def resolve(matrix: Matrix, u: np.ndarray | None) -> np.ndarray:
-    """The matrix itself, or its value at the known input ``u`` when it is a function of it."""
-    if not callable(matrix):
-        return matrix
-    if is_traced(u):
-        program: Any = u.program  # type: ignore[union-attr]
-        return (
-            matrix.traced(u)
-            if isinstance(matrix, Schedule)
-            else program.callback(lambda belief, u, R: resolve(matrix, u), 2)
-        )
-    return (
-        matrix(u)
-        if isinstance(matrix, Schedule)
-        else call(getattr(matrix, "name", "a matrix"), matrix, u)
-    )
+def resolve(value: Matrix, u: np.ndarray | None) -> np.ndarray:
+    """The matrix itself, or its value at the known input ``u`` where it is a function of it."""
+    if not callable(value):
+        return value
+    return evaluate(value, u)
+
+
+def evaluate(function: Callable[..., Any], *arguments: Any) -> Any:
+    """A function of vectors in NumPy, or traced entry by entry into the program of its arguments."""
+    program = next((each.program for each in arguments if isinstance(each, MatrixTracer)), None)
+    if program is None:
+        return function(*arguments)
+    assert is_compiled(function), "a function in NumPy cannot be traced"
+    entries = (each.scalars() if isinstance(each, MatrixTracer) else each for each in arguments)
+    return matrix(program, function(*entries))
+
+
+def is_compiled(value: Any) -> bool:
+    """Can a program have it in it? Arrays, None, schedules and compiled functions."""
+    while isinstance(value, FirstUse | StateNoise):
+        value = value.function
+    return not callable(value) or isinstance(value, Schedule | Compiled)
 
 
 class Frozen:
@@ -69,39 +78,34 @@ class Schedule(Frozen):
             )
 
     def __call__(self, u: np.ndarray | None) -> np.ndarray:
-        """The matrices ``(..., n, m)`` at ``u (..., k)``."""
+        """The matrices ``(..., n, m)`` at ``u (..., k)``, or their tracers."""
         if u is None:
             raise ValueError(
                 f"this model needs a known input u: its matrices follow component {self.component}"
                 " of it"
             )
-        index = self._index(u)
+        if self.component >= u.shape[-1]:
+            raise ValueError(
+                f"matrices follow component {self.component} of the known input, but u has"
+                f" {u.shape[-1]}"
+            )
+        index = u[..., self.component] * self.scale + self.middle
+        if is_traced(u):
+            found = lookup_matrix(self.table, scalar(index))
+            return found if isinstance(u, MatrixTracer) else found.scalars()  # type: ignore
         within = np.fmin(
             np.fmax(index, 0.0), len(self.table) - 1.0
         )  # the first entry where u is not a number
         return self.table.take(within.astype(np.intp), axis=0)
 
     def changed(self, change: Callable[[np.ndarray], np.ndarray]) -> "Schedule":
-        """A function of this one, such as its double."""
+        """A function of this schedule, such as its double."""
         return replace(self, table=change(self.table))
 
     def follows(self, other: "Schedule") -> bool:
         """Have both tables the same entry at every known input?"""
         mine, theirs = ((len(s.table), s.component, s.scale, s.middle) for s in (self, other))
         return mine == theirs
-
-    def traced(self, u: Any) -> Any:
-        """The same where a formula is traced."""
-        return lookup_matrix(self.table, self._index(u))
-
-    def _index(self, u: Any) -> Any:
-        """Places in the table ``(...)`` of known inputs ``(..., k)``."""
-        if self.component >= u.shape[-1]:
-            raise ValueError(
-                f"matrices follow component {self.component} of the known input, but u has"
-                f" {u.shape[-1]}"
-            )
-        return u[..., self.component] * self.scale + self.middle
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +125,7 @@ class StateNoise:
         return self.nominal
 
     def changed(self, change: Callable[[np.ndarray], np.ndarray]) -> "StateNoise":
-        """A function of this one, such as its double."""
+        """A function of this noise, such as its double."""
         return StateNoise(lambda x, u: change(self.function(x, u)), change(self.nominal))
 
 
@@ -130,4 +134,4 @@ def noise_at(R: Matrix, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
     if not isinstance(R, StateNoise):
         return resolve(R, u)
     with np.errstate(all="ignore"):
-        return R.function(x, u)
+        return evaluate(R.function, x, u)

@@ -1,11 +1,15 @@
 """Options that are no numbers, and functions that do not repeat themselves."""
 
+import math
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 
-from estimators import Gaussian, LinearModel, NonlinearModel, make
+from estimators import Gaussian, LinearModel, NonlinearModel, StateNoise, compiled, make
+
+I2 = np.eye(2)
 
 
 @pytest.mark.parametrize("value", [10**400, np.array([1.0, 2.0])], ids=["too large", "an array"])
@@ -25,30 +29,126 @@ def test_an_option_that_is_too_large_or_no_number_is_refused_by_its_name(
         make(name, model, **{option: value})
 
 
-@pytest.mark.parametrize("function", ["transition", "measurement"])
-def test_a_function_of_a_model_that_does_not_repeat_itself_is_refused_at_its_first_step(
-    function: str,
+# --- functions at their first use: several rows, each alone, twice --------------------------------
+
+
+def _mixed(x: Any, *_: Any) -> Any:
+    x = x.copy()
+    x[0] += x[1]
+    return x
+
+
+def _dice(x: Any, *_: Any) -> Any:
+    return x * np.random.default_rng().normal()
+
+
+ROWS = "must broadcast over leading axes, and give each row what it gives it alone: index"
+VECTORS: list[tuple[Any, str]] = [
+    (_mixed, ROWS),
+    (lambda x, u: x * x[0], ROWS),
+    (lambda x, u: x - x.mean(), ROWS),
+    (lambda x, u: x * x.sum(0), ROWS),
+    (lambda x, u: x * u[0], ROWS),
+    (lambda x, u: x[:2], ROWS),
+    (lambda x, u: x[:, :2], ROWS),
+    (lambda x, u: x.sum(-1), ROWS),
+    (lambda x, u: x[..., :1], ROWS),
+    (_dice, "gave two values for the same arguments: it must depend on these alone"),
+    (lambda x, u: [x[..., 0], x[..., 1]], "must return an array, not a list"),
+    (lambda x, u: x * math.sin(x[0]), "fails: .*it gets arrays"),
+    (lambda x, u: "a", "returns must be an array of real numbers"),
+    (lambda x, u: 1j * x, "returns must be an array of real numbers"),
+]
+MATRICES: list[tuple[Any, str]] = [
+    (lambda u: I2 * u[0] ** 2, ROWS),
+    (lambda u: I2 * np.square(u).sum(), ROWS),
+    (lambda u: np.eye(3) * u[..., :1, None], r"gave a matrix of shape \(3, 3\), expected \(..., 2, 2\)"),
+    (lambda u: I2 * np.random.default_rng().random(), "gave two values for the same arguments"),
+    (lambda u: [[1.0, 0.0], [0.0, 1.0]], "must return an array, not a list"),
+    (lambda u: I2 * math.exp(u[0]), "fails: .*it gets arrays"),
+]  # fmt: skip
+
+
+def _one_step(name: str, model: Any, rows: tuple[int, ...]) -> None:
+    filter, rng = make(name, model), np.random.default_rng(0)
+    belief = filter.init(Gaussian(np.full((*rows, 2), 0.5), I2), rng=rng)
+    u, y = np.full((*rows, 2), 0.7), np.zeros((*rows, 2))
+    for _ in range(2):
+        belief = filter.update(filter.predict(belief, u, rng=rng), y, rng=rng)
+
+
+@pytest.mark.parametrize("rows", [(), (4,)], ids=["alone", "batch"])
+@pytest.mark.parametrize("case", range(len(VECTORS)))
+@pytest.mark.parametrize("name", ["transition", "measurement"])
+def test_a_function_of_vectors_that_is_none_of_each_row_is_refused_in_a_sentence(
+    name: str, case: int, rows: tuple[int, ...]
 ):
-    """A filter calls it more than once in its first step, and a recovery or a copy would call it again."""
-    rng = np.random.default_rng(0)
-    functions: dict[str, Any] = {
-        "transition": lambda x, u: 0.9 * x,
-        "measurement": lambda x, u: x[..., :1],
+    function, sentence = VECTORS[case]
+    functions = {"transition": lambda x, u: 0.9 * x, "measurement": lambda x, u: x}
+    for filter in ("ekf", "ukf", "enkf", "pf"):
+        model = NonlinearModel(**(functions | {name: function}), Q=I2, R=I2)
+        with pytest.raises((ValueError, TypeError), match=f"{name} {sentence}") as caught:
+            _one_step(filter, model, rows)
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("rows", [(), (4,)], ids=["alone", "batch"])
+@pytest.mark.parametrize("case", range(len(MATRICES)))
+@pytest.mark.parametrize("name", ["A", "C", "B", "G", "Q", "R", "H"])
+def test_a_matrix_of_u_that_is_none_of_each_row_is_refused_in_a_sentence(
+    name: str, case: int, rows: tuple[int, ...]
+):
+    function, sentence = MATRICES[case]
+    matrices = dict.fromkeys("ACQR", I2) | ({"G": I2, "H": I2} if name in "GH" else {"B": I2})
+    model = LinearModel(**(matrices | {name: function}))
+    with pytest.raises((ValueError, TypeError), match=f"{name} {sentence}"):
+        _one_step("kf-umv-ui" if name in "GH" else "kf", model, rows)
+
+
+@pytest.mark.parametrize("way", [compiled, lambda f: f], ids=["compiled", "numpy"])
+def test_jacobians_noise_and_g_of_the_state_are_compared_too(way: Any):
+    f = way(lambda x, u: 1.0 * x)
+    wrong = way(lambda x, u: I2 * x[0])
+    parts: dict[str, Any] = {
+        "transition_jacobian": {"transition_jacobian": wrong},
+        "measurement_jacobian": {"measurement_jacobian": wrong},
+        "R": {"R": StateNoise(way(lambda x, u: I2 * x[0] ** 2), I2)},
+        "G": {"G": wrong, "H": np.zeros((2, 2))},
     }
-    sound = functions[function]
+    for name, part in parts.items():
+        model = NonlinearModel(f, f, **({"Q": I2, "R": I2} | part))
+        with pytest.raises(ValueError, match=f"^{name} {ROWS}"):
+            _one_step("ekf-ui-wdf" if name == "G" else "ekf", model, (4,))
 
-    def dice(x: Any, u: Any) -> Any:
-        return sound(x, u) + rng.standard_normal()
 
-    model = NonlinearModel(**(functions | {function: dice}), Q=np.eye(2), R=np.eye(1))
-    filter = make("ekf", model)
-    belief = filter.init(Gaussian(np.zeros((3, 2)), np.eye(2)))
+def test_a_compiled_function_that_reads_what_changes_is_refused():
+    gain = [0.5]
+    frozen = compiled(lambda x, u: gain[0] * x)
+    make_model = partial(NonlinearModel, frozen, lambda x, u: x, I2, I2)
+    _one_step("ekf", make_model(), (4,))
+    gain[0] = 0.6
+    with pytest.raises(ValueError, match=r"^transition gives other values compiled"):
+        _one_step("ekf", make_model(), (4,))
 
-    def fly() -> None:
-        filter.update(filter.predict(belief), np.zeros((3, 1)))
 
-    with pytest.raises(
-        ValueError,
-        match=r"^the model's functions gave two values for the same arguments: they must",
-    ):
-        fly()
+def test_a_function_is_compared_once_and_where_it_is_finite():
+    calls: list[tuple[int, ...]] = []
+
+    def move(x: Any, u: Any) -> Any:
+        calls.append(x.shape)
+        return 0.9 * x
+
+    model = NonlinearModel(move, lambda x, u: x, I2, I2)
+    for x in (np.full((4, 2), np.nan), np.ones((4, 2))):
+        model.transition(x, None)
+        assert (len(calls) > 1) == np.isfinite(x).all()
+    calls.clear()
+    model.transition(np.ones((4, 2)), None)
+    assert calls == [(4, 2)]
+
+
+def test_constant_matrices_and_few_digits_are_taken():
+    model = LinearModel(lambda u: I2, I2, lambda u: I2, I2)
+    _one_step("kf", model, (4,))
+    single = NonlinearModel(lambda x, u: np.sin(x.astype(np.float32)), lambda x, u: x, I2, I2)
+    _one_step("ukf", single, (4,))

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from estimators import (
     NonlinearModel,
     Schedule,
     chi_square_band,
+    compiled,
     input_delayed,
     make,
     nees,
@@ -54,7 +56,12 @@ def _one_run(record: Record) -> Record:
 def _as_functions(model: LinearModel) -> NonlinearModel:
     """The linear model as functions that tell nothing of their being linear."""
     return NonlinearModel(
-        model.transition, model.measurement, model.Q, model.R, G=model.G, H=model.H
+        compiled(model.transition),
+        compiled(model.measurement),
+        model.Q,
+        model.R,
+        G=model.G,
+        H=model.H,
     )
 
 
@@ -248,9 +255,10 @@ def _with_a_white_input(model: NonlinearModel, cov: np.ndarray) -> NonlinearMode
 def _shaken() -> System:
     """`shaken_vehicle` with a push that is fixed in space."""
     system = shaken_vehicle(0)
-    return dataclasses.replace(
-        system, model=dataclasses.replace(system.model, G=[[0.05], [0.1], [0.05], [0.02]])
-    )
+    model: Any = system.model
+    exact = {name: compiled(getattr(model, name)) for name in ("transition", "measurement")}
+    model = dataclasses.replace(model, G=[[0.05], [0.1], [0.05], [0.02]], **exact)
+    return dataclasses.replace(system, model=model)
 
 
 def test_on_a_nonlinear_system_it_is_the_limit_of_an_extended_kalman_filter_told_the_variance_of_the_input():
@@ -446,7 +454,7 @@ def test_with_the_input_as_a_state_a_nonlinear_system_is_followed_as_with_feedth
     told = stacked(system.model)
     assert (told.transition_jacobian is not None) == (told.measurement_jacobian is not None) == own
     for name in ("transition", "measurement"):
-        assert own or told.traceable(np.ones((6, told.n)), record.u[0], name, f"{name}_jacobian")
+        assert own or told.is_compiled(name)
     _assert_stacked_is_direct(*_begun_alike(system, record, available, "ekf-ui-wdf", told), 1e-7)
 
 

@@ -269,6 +269,5 @@ def test_the_filter_of_the_recipe_runs_compiled(recipe: str):
     env = gym.make(recipe)
     env.reset(seed=0)
     core = env.unwrapped.core
-    x, u = core.belief.mean, core.vehicle.cruise[1][None]
     for name in ("transition", "measurement"):
-        assert core.composition.model.traceable(x, u, name, f"{name}_jacobian")
+        assert core.composition.model.is_compiled(name)

@@ -1,11 +1,12 @@
 """Linear models: the vehicle's, with what acts on it and the sensors' biases as further states."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from estimators import LinearModel
-from estimators.varying import Matrix, resolve
+from estimators import LinearModel, compiled
+from estimators.varying import Matrix, is_compiled, resolve
 from vessel_gym.filter_models.exogenous import input_channels
 from vessel_gym.filter_models.parts import Parts, moving
 
@@ -53,49 +54,45 @@ def linear_model(
             raise ValueError(
                 f"the {kind} model does not say what {what} does to it: choose a nonlinear one"
             )
-    flowing = [
-        (j, i - increments)
-        for j, i in enumerate(forces.inputs)
-        if i in parts.unknown and i in moved
-    ]
+    chosen = np.zeros((len(vehicle.ambient_flows), len(forces.inputs)))  # flows that are d
+    for j, channel in enumerate(forces.inputs):
+        if channel in parts.unknown and channel in moved:
+            chosen[channel - increments, j] = 1.0
     carry, constant = effect[increments : forces.outside], np.zeros((size, size))
     constant[:] = incremented @ effect[:increments]
     constant[n : n + drift.size, n : n + drift.size] += drift.transition
 
     def transition(u: np.ndarray | None) -> np.ndarray:
-        matrix = _extended(constant, resolve(A, u))
+        own = resolve(A, u)
+        rest = np.zeros((*own.shape[:-1], size - n))
+        moved = np.concatenate([own, rest], -1)
         if carry.any():
-            matrix[..., :n, :] += resolve(flowed, u) @ carry
-        return matrix
+            moved = moved + resolve(flowed, u) @ carry
+        return _above(moved, size - n) + constant
 
     def known(u: np.ndarray | None) -> np.ndarray:
-        own = resolve(B, u)
-        return _extended(np.zeros((size, own.shape[-1])), own)
+        return _above(resolve(B, u), size - n)
 
     def pushed(u: np.ndarray | None) -> np.ndarray:
-        own = resolve(flowed, u)
-        matrix = _extended(G, own[..., :0])
-        for j, i in flowing:
-            matrix[..., :n, j] = own[..., i]
-        return matrix
+        return _above(resolve(flowed, u) @ chosen, size - n) + G
 
-    push: Matrix = G if not flowing else pushed if callable(flowed) else pushed(None)
+    def function(form: Callable[..., np.ndarray], *used: Matrix) -> Matrix:
+        if not any(map(callable, used)):
+            return form(None)
+        return compiled(form) if all(map(is_compiled, used)) else form
+
     if H.size:
-        options |= {"G": push, "H": H}
+        options |= {"G": function(pushed, flowed) if chosen.any() else G, "H": H}
     C = _measured(parts, effect)
-    return (
-        LinearModel(A, C, B=B, **options)
-        if size == n
-        else LinearModel(transition, C, B=known, **options)
-    )
+    if size == n:
+        return LinearModel(A, C, B=B, **options)
+    return LinearModel(function(transition, A, flowed), C, B=function(known, B), **options)
 
 
-def _extended(constant: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """A ``constant`` matrix ``(r, s)`` with that of the vehicle ``(..., n, k)`` added to its first block."""
-    matrix = np.zeros(own.shape[:-2] + constant.shape)
-    matrix[...] = constant
-    matrix[..., : own.shape[-2], : own.shape[-1]] += own
-    return matrix
+def _above(matrix: np.ndarray, rows: int) -> np.ndarray:
+    """A matrix ``(..., n, m)`` with rows of zeros below."""
+    zeros = np.zeros((*matrix.shape[:-2], rows, matrix.shape[-1]))
+    return np.concatenate([matrix, zeros], -2)
 
 
 def _measured(parts: Parts, effect: np.ndarray) -> np.ndarray:

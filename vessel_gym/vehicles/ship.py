@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators.engine import sincos
+from estimators.engine import compiled, sincos
 from vessel_gym.processes import linear
 from vessel_gym.sensors import Sensor, plain
 from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
@@ -178,6 +178,7 @@ class Ship(FromFile, Simulated, verified=True):
         carried = np.zeros((n, len(self.ambient_flows)))
         carried[0, 0] = carried[1, 1] = self.dt
 
+        @compiled
         def moving(u: np.ndarray) -> np.ndarray:
             turning, zero = A(u), np.zeros_like(u[..., 0])
             sin, cos = sincos(
@@ -199,6 +200,7 @@ class Ship(FromFile, Simulated, verified=True):
                 )
             ], -2)  # fmt: skip
 
+        @compiled
         def known(u: np.ndarray) -> np.ndarray:
             (v, r, psi), zero = np.moveaxis(B(u)[..., 0], -1, 0), np.zeros_like(u[..., 0])
             lost, speed = (

@@ -1,0 +1,143 @@
+"""A user's functions at their first use: several rows are compared with each row alone, and with a second call."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from estimators.checks import Written, as_array, call
+from estimators.engine.compiled import Compiled
+from estimators.engine.matrices import is_traced
+
+_NEAR = 2.0**-10
+_OWN = "estimators", "vessel_gym"
+
+
+@dataclass(eq=False)
+class FirstUse:
+    """A function of a model, compared at the first arguments that are finite.
+
+    Attributes:
+        name: Name of the function in its model.
+        function: The user's function of vectors ``(..., n)``, compiled or not.
+        shape: Shape of a row's value; None is any length.
+        of_state: Is it a function of ``(x, u)``? Otherwise of ``u``.
+        check: Check of the first value.
+    """
+
+    name: str
+    function: Callable[..., Any]
+    shape: tuple[int | None, ...]
+    of_state: bool = True
+    check: Callable[[np.ndarray], object] | None = None
+    compared: bool = False
+
+    def __call__(self, *arguments: Any) -> Any:
+        """The function's value at arrays, which it can only read, or at tracers."""
+        if not (self.compared or any(map(is_traced, arguments))):
+            self.compare(*arguments)
+        return call(self.name, self.function, *arguments)
+
+    def compare(self, *arguments: np.ndarray | None) -> None:
+        """Compare the values of rows near the first finite one, unless it has been done.
+
+        Raises:
+            ValueError: naming the function, if rows depend on each other, values have another
+                shape, differ from call to call, or differ compiled.
+        """
+        if self.compared or (rows := self._rows(arguments)) is None:
+            return
+        numpy = self.function.function if isinstance(self.function, Compiled) else self.function
+        given = [each for each in rows if each is not None]
+        size = max((np.abs(each).max(initial=0.0) for each in given), default=0.0)
+        with np.errstate(all="ignore"):
+            together, again = (self._value(numpy, rows) for _ in range(2))
+            alone = [
+                self._value(numpy, [each if each is None else each[i, 0] for each in rows])
+                for i in range(len(given[0]) if given else 1)
+            ]
+            for each in alone:
+                self._check_shape(each)
+            if not np.array_equal(together, again, equal_nan=True):
+                raise ValueError(
+                    f"{self.name} gave two values for the same arguments: it must depend on these"
+                    " alone, without random numbers, clocks or counters of its own"
+                )
+            if together.ndim == len(self.shape) == 2:  # a matrix for all rows
+                together = np.repeat(together[None, None], len(alone), 0)
+            if not _close(together, np.array(alone)[:, None], size):
+                raise ValueError(self._of_leading_axes())
+            if numpy is not self.function and not _close(self.function(*rows), together, size):
+                raise ValueError(
+                    f"{self.name} gives other values compiled than in NumPy: what is compiled must"
+                    " be pure, and keeps what it read when it was traced"
+                )
+        if self.check is not None:
+            self.check(alone[0])
+        self.compared = True
+
+    def _rows(self, arguments: tuple[np.ndarray | None, ...]) -> list[Any] | None:
+        """Rows ``(k, 1, n)`` near the first finite ones; k is no other size. None: none is finite."""
+        given = [each for each in arguments if each is not None]
+        leading = np.broadcast_shapes(*(each.shape[:-1] for each in given))
+        flat = [np.broadcast_to(a, leading + a.shape[-1:]).reshape(-1, a.shape[-1]) for a in given]
+        finite = np.flatnonzero(np.all([np.isfinite(each).all(-1) for each in flat], 0))
+        if given and not len(finite):
+            return None
+        widths = [each.shape[-1] for each in flat]
+        count = next(k for k in range(3, 99) if k not in {*self.shape, *widths})
+        apart = np.random.default_rng(0).uniform(-_NEAR, _NEAR, (count, 1, max(widths, default=0)))
+        apart[0] = 0.0
+        row = (each[finite[0]] for each in flat)
+        near = (a + (1.0 + np.abs(a)) * apart[..., : len(a)] for a in row)
+        return [None if each is None else next(near) for each in arguments]
+
+    def _value(self, function: Callable[..., Any], arguments: list[Any]) -> np.ndarray:
+        try:
+            value = call(self.name, function, *arguments)
+        except Written:
+            raise
+        except (ValueError, IndexError) as error:
+            reason = " ".join(str(error).split())[:100]
+            raise ValueError(f"{self._of_leading_axes()} ({reason})") from error
+        if isinstance(value, list | tuple):
+            raise ValueError(
+                f"{self.name} must return an array, not a list: np.stack([...], axis=-1) of its"
+                " components"
+            )
+        as_array(f"what {self.name} returns", value)
+        return np.asarray(value)
+
+    def _check_shape(self, value: np.ndarray) -> None:
+        fits = [size in (None, n) for size, n in zip(self.shape, value.shape, strict=False)]
+        if value.ndim != len(self.shape) or not all(fits):
+            wanted = ", ".join("m" if size is None else str(size) for size in self.shape)
+            if len(self.shape) == 2:
+                raise ValueError(
+                    f"{self.name} gave a matrix of shape {value.shape}, expected (..., {wanted})"
+                )
+            found = f"one row gave shape {value.shape}, expected ({wanted},)"
+            raise ValueError(f"{self._of_leading_axes()} ({found})")
+
+    def _of_leading_axes(self) -> str:
+        return (
+            f"{self.name} must broadcast over leading axes, and give each row what it gives it"
+            " alone: index and sum from behind, as x[..., 0]"
+        )
+
+
+def is_own(function: Any) -> bool:
+    """Is it a compiled function of this package, which tests compare?"""
+    module = getattr(function.function, "__module__", "") if isinstance(function, Compiled) else ""
+    return module.split(".")[0] in _OWN
+
+
+def _close(found: np.ndarray, expected: np.ndarray, size: float) -> bool:
+    """Are arrays equal but for the rounding of them, and of arguments of a size?"""
+    if found.shape != expected.shape:
+        return False
+    largest = np.abs(expected[np.isfinite(expected)]).max(initial=0.0)
+    eps = float(np.finfo(np.result_type(expected.dtype, np.float16)).eps)
+    tolerance = max(1e-9, 64.0 * eps) * largest + 1e-13 * size
+    return np.allclose(found, expected, rtol=0.0, atol=tolerance, equal_nan=True)
