@@ -65,19 +65,17 @@ class Function:
         arguments: Rows of what it takes.
         outputs: For each result its scalars and views of matrices, one after the other, and an
             argument like it.
-        successive: Is it repeated, so that its first result is its first argument in the next step?
-            Of this result the last is stored; other arguments and results are ``(steps, rows,
-            ...)``, and ``shared`` is how many steps.
 
     Attributes:
         layout: Where matrices stand.
     """
 
     def __init__(
-        self, program: Program, arguments: Sequence[Argument], outputs: Sequence[tuple[Any, Argument]],
-        successive: bool = False,
-    ) -> None:  # fmt: skip
-        self.successive = successive
+        self,
+        program: Program,
+        arguments: Sequence[Argument],
+        outputs: Sequence[tuple[Any, Argument]],
+    ) -> None:
         self.arguments, self.results = tuple(arguments), tuple(result for _, result in outputs)
         self.program, self.outputs = program, [entries for entries, _ in outputs]
         values = [
@@ -93,9 +91,6 @@ class Function:
             else _LARGEST_SOLVED
         )
         self._wide = LANES if self.layout.size * 8 <= largest else 1
-        if successive:
-            self.layout.places[STATE] = self.layout.size
-            self.layout.size += self.arguments[0].size
         self._places, self._constants = _placed(program)
         self._entries: dict[int, Callable[..., None]] = {}
         self._last: Call | None = None
@@ -191,7 +186,7 @@ class Function:
             for value, x in program.constants.items() if value not in self._places
         ]  # fmt: skip
         code = _serialised((
-            self.outputs, self.arguments, self.results, self.successive, width, literals, self._places, program.sizes,
+            self.outputs, self.arguments, self.results, width, literals, self._places, program.sizes,
             program.kinds,
         ))  # fmt: skip
         entry = machine.load(instructions + code, lambda: self.text(width))
@@ -300,10 +295,6 @@ ROOM = frozenset(("matmul", "solve", "eliminate"))
 """Opcodes whose last attribute is how many numbers they need besides their results."""
 
 
-STATE = -(1 << 40)
-"""Value of the matrix that a step leaves to the next one."""
-
-
 class Driver(LinearEmitter):
     """The loop over the rows: loads what a program reads, and stores what it gives."""
 
@@ -311,9 +302,6 @@ class Driver(LinearEmitter):
         super().__init__(function.program, module, width, function.layout)
         self._function = function
         self._bases: list[list[str]] = []
-        self._state: Matrix | None = None  # what a step leaves to the next one
-        if function.successive:
-            self._state = self.matrix(STATE, (1, function.arguments[0].size))
         self.special["input"] = self._input
         self.special["input matrix"] = self._input_matrix
 
@@ -321,35 +309,17 @@ class Driver(LinearEmitter):
         """The function in LLVM IR."""
         arguments, results = self._function.arguments, self._function.results
         end, shared = (self.one.value(f"%{name}", "i") for name in ("end", "shared"))
-        strides: list[Any] = [each.size for each in arguments]
-        if self._state is None:
-            strides = [where((shared & (1 << i)) != 0, 0, size) for i, size in enumerate(strides)]
-
-        def step(at: Sequence[Any]) -> None:
-            self._bases = self._places("a", strides, arguments, at)
-            self.block(instructions)
-            places = self._places("o", [each.size for each in results], results, at)
-            for parts, result, bases in list(zip(outputs, results, places, strict=True))[
-                self._function.successive :
-            ]:
-                self._output(parts, result.kind, bases)
+        strides = [
+            where((shared & (1 << i)) != 0, 0, each.size) for i, each in enumerate(arguments)
+        ]
 
         def body(row: Tracer) -> None:
             own = [operation("minimum", row + lane, end - 1) for lane in range(self.width)]
-            if (state := self._state) is None:
-                step(own)
-                return
-            first, last = (
-                self._places(letter, strides[:1], arguments[:1], own)[0] for letter in "ao"
-            )
-            self._take(state, first, 0, "f")
-
-            def successive(k: Tracer) -> None:
-                step([k * end + each for each in own])
-                self.concatenate(outputs[0], state)
-
-            self.loop(0, shared, successive)
-            self._output([state.view], "f", last)
+            self._bases = self._places("a", strides, arguments, own)
+            self.block(instructions)
+            places = self._places("o", [each.size for each in results], results, own)
+            for parts, result, bases in zip(outputs, results, places, strict=True):
+                self._output(parts, result.kind, bases)
 
         self.loop(0, end, body, step=self.width)
         given = [*(f"i64 %{each}" for each in ("end", "shared")), "ptr noalias %scratch"]
@@ -387,8 +357,6 @@ class Driver(LinearEmitter):
         ]
 
     def _loaded(self, argument: int, column: Any) -> Tracer:
-        if self._state and argument == 0:
-            return self._state[0, column]
         return self._gathered(
             self._bases[argument], column, self._function.arguments[argument].kind
         )
@@ -416,12 +384,7 @@ class Driver(LinearEmitter):
         argument, column = instruction.attributes
         size, kind = self.program.sizes[instruction.result], self._function.arguments[argument].kind
         bases = self._bases[argument]
-        if self._state and argument == 0:
-            self.copy(
-                View(STATE, (1, size), column, (size, 1)),
-                self.matrix(instruction.result, (1, size)),
-            )
-        elif self.width == 1 and kind == "f":  # as it stands in its row
+        if self.width == 1 and kind == "f":  # as it stands in its row
             self.pointers[instruction.result] = self.at(bases[0], column)
         else:
             self._take(self.matrix(instruction.result, (1, size)), bases, column, kind)

@@ -521,10 +521,8 @@ def test_measurements_that_come_late_are_fused_where_they_belong(estimator: str)
         infos = [env.step(action)[-1] for env in (late, timely)]
         np.testing.assert_array_equal(infos[0]["truth"], infos[1]["truth"])
     assert np.abs(infos[0]["estimate"] - infos[1]["estimate"]).max() > 0.0
-    step = late.watch.loop.belief.window.step(
-        -1 - 5
-    )  # all that was taken then has come: the same before it
-    assert step.available.all()
+    # all that was taken then has come: the same before it
+    assert late.watch.loop.belief.steps[-1 - 5].available.all()
 
 
 def test_what_is_done_with_late_measurements_is_said():
