@@ -97,15 +97,14 @@ COPIES: dict[str, Any] = {
 @pytest.mark.parametrize("part", COPIES)
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_a_verified_copy_takes_the_road_of_ours_to_the_bit(name: str, part: str) -> None:
-    """One program a step without inspection, a filter's model compiled, and all of it shared by environments."""
+    """One program a step, a filter's model compiled, and all of it shared by environments."""
     system = SYSTEMS[name]
     own = replace(system, **COPIES[part](system))
     (_, ours), (core, theirs) = flights(system), flights(own)
     for key, values in ours.items():
         np.testing.assert_array_equal(theirs[key], values, key)
-    assert not core.config.world.users
-    assert not core.config.mission.users
-    assert isinstance(core.config.world.move, Compiled)
+    assert isinstance(core.config.world.step, Compiled)
+    assert isinstance(core.config.mission.step, Compiled)
     for function in ("transition", "measurement"):
         assert isinstance(
             getattr(core.composition.model, function, None), Compiled | types.MethodType
@@ -132,7 +131,7 @@ def test_the_class_alone_says_whether_it_is_verified() -> None:
             Rougher(**{each.name: getattr(beside, each.name) for each in fields(beside)}),
         )
     ]
-    assert [world.users for world in worlds] == [False, True]
+    assert [isinstance(world.step, Compiled) for world in worlds] == [True, False]
 
 
 def test_an_object_that_passes_attributes_on_is_not_verified() -> None:
@@ -178,7 +177,7 @@ def test_a_filter_runs_as_ours_in_a_file_of_ones_own(name: str) -> None:
     assert other.filter.verified
 
 
-# --- copies that nobody has verified are inspected ------------------------------------------------
+# --- copies that nobody has verified run in NumPy -------------------------------------------------
 
 
 def copied_module(module: Any, *others: tuple[str, str]) -> Any:
@@ -197,7 +196,7 @@ def copied_module(module: Any, *others: tuple[str, str]) -> Any:
 
 
 @pytest.fixture(scope="module")
-def inspected() -> dict[str, System]:
+def unverified() -> dict[str, System]:
     """Systems of ours, of which vehicle or task are of classes with the same text in a user's file."""
     copied_module(corvette)
     ships = copied_module(ship, ("vessel_gym.vehicles.corvette", "own_corvette"))
@@ -213,15 +212,13 @@ def inspected() -> dict[str, System]:
 
 
 @pytest.mark.parametrize("part", ["vehicle", "task"])
-def test_an_inspected_copy_flies_as_ours_alone_and_in_batches(
-    inspected: dict[str, System], part: str
+def test_an_unverified_copy_gives_what_ours_gives_alone_and_in_batches(
+    unverified: dict[str, System], part: str
 ) -> None:
-    (_, ours), (core, many) = (flights(inspected[name], 9, "ekf", 40) for name in ("ours", part))
-    assert core.config.world.users
-    assert core.config.world.step.whole
-    assert getattr(core.config.mission.step, "whole", True)
+    (_, ours), (core, many) = (flights(unverified[name], 9, "ukf", 40) for name in ("ours", part))
+    assert not isinstance(core.config.world.step, Compiled)
     for name in ("truth", "measurement", "estimate", "reference", "reward"):
         np.testing.assert_allclose(many[name], ours[name], rtol=1e-12, atol=1e-12, err_msg=name)
     for row in (0, 4, 8):
-        for name, values in flights(inspected[part], 1, "ekf", 40, 3 + row)[1].items():
+        for name, values in flights(unverified[part], 1, "ukf", 40, 3 + row)[1].items():
             np.testing.assert_array_equal(values[0], many[name][row], name)

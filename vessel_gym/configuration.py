@@ -23,7 +23,6 @@ from vessel_gym.sharing import shared
 from vessel_gym.start import Draws
 from vessel_gym.state import EnvState
 from vessel_gym.system import System
-from vessel_gym.verified import is_verified
 from vessel_gym.world import World
 
 OBSERVE = ("mean", "mean+std", "measurement")
@@ -47,8 +46,7 @@ def _world(
         Forces(system.vehicle, chosen_disturbance(system, disturbance)),
     )
     check_causal(given, forces)
-    users = not (forces.verified and given.verified and is_verified(system.task))
-    return World(vehicle, forces, checked_disturbance(forces.disturbance), given, task, users)
+    return World(vehicle, forces, checked_disturbance(forces.disturbance), given, task)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,10 +177,9 @@ class Configuration:
         self.based = tuple(
             vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])
         )
-        users = not (is_verified(task) and is_verified(self.composition.forces.disturbance))
         guided = bool(options.guidance) and options.observe == "mean"
-        self.mission = (Mission if users else _mission)(
-            world.task, self.composition, str(options.termination), self.based, guided, raw, users
+        self.mission = _mission(
+            world.task, self.composition, str(options.termination), self.based, guided, raw
         )
         self.true_state = TrueState.of(world, self.composition)
         self.unknown_input = UnknownInput.of(world, self.estimation.inputs)

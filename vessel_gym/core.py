@@ -262,9 +262,6 @@ class Core:
         now.observation = seen[0] if seen else None
         self.now = now = now if some is None else self.now.merged(some, now)
         self._refuse_at(now.steps, None)
-        for part, arrays in ((config.world, self._moving), (config.mission, self._scoring)):
-            if part.users:
-                part.step.prepare(*arrays(now))
 
     # --- step -------------------------------------------------------------------------------------
 
@@ -313,24 +310,24 @@ class Core:
         return reward, now.end
 
     def _moved(self, now: EnvState) -> Sequence[np.ndarray]:
-        """The world after a step, as `vessel_gym.world.World.equations` gives it."""
+        """The world after a step, as `vessel_gym.world.World.step` gives it."""
         moved: Sequence[np.ndarray] = self.config.world.step(*self._moving(now))
         return moved
 
     def _scored(self, now: EnvState) -> Sequence[np.ndarray]:
-        """Reference, reward and more, as `vessel_gym.mission.Mission.equations` gives them."""
+        """Reference, reward and more, as `vessel_gym.mission.Mission.step` gives them."""
         scored: Sequence[np.ndarray] = self.config.mission.step(*self._scoring(now))
         return scored
 
     def _moving(self, now: EnvState) -> tuple[np.ndarray, ...]:
-        """Arguments of `vessel_gym.world.World.equations`."""
+        """Arguments of `vessel_gym.world.World.step`."""
         return (
             now.action, now.scenario, now.reference, now.state, now.actuators, now.exogenous, now.parameters, now.keys,
             now.steps, now.drifting, now.noise, now.drawn, self.loop.sensing,
         )  # fmt: skip
 
     def _scoring(self, now: EnvState) -> tuple[np.ndarray, ...]:
-        """Arguments of `vessel_gym.mission.Mission.equations`."""
+        """Arguments of `vessel_gym.mission.Mission.step`."""
         belief = self.loop.belief
         estimates = map(
             np.ascontiguousarray, (belief.mean, self._d(belief))

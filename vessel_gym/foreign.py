@@ -1,11 +1,9 @@
 """Functions that users write: they get copies, must repeat themselves, and may give nothing that is not finite.
 
-A function that writes where it reads changes neither the truth, nor a belief, nor another row. It
-is traced into the programs of a step if an inspection finds that it gives what NumPy gives.
+A function that writes where it reads changes neither the truth, nor a belief, nor another row.
 """
 
-import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass, replace
 from functools import partial
 from typing import Any
@@ -14,17 +12,7 @@ import numpy as np
 
 from estimators import Gaussian
 from estimators.checks import numbers, short_repr
-from estimators.engine import Compiled, as_float, forget
-from estimators.engine.arrays import TracedArray
-from estimators.engine.creation import traced_creation
-from estimators.engine.dependencies import Dependencies
-from estimators.engine.foreign import Inspection, inspection_of
-from estimators.engine.tracer import NotTraceable
 from vessel_gym.verified import is_verified
-
-_log = logging.getLogger(__name__)
-_MOST = 10
-"""How often users' functions are traced anew where something that they read has changed, before NumPy computes them."""
 
 _ORDINARY = 1e9
 """Beyond this, in SI units, a vehicle or a belief has run away, and what is computed of it may overflow."""
@@ -68,8 +56,6 @@ class CheckedMethods:
     Attributes:
         title: Its class's name.
         columns: Of arrays, by what they are (see `RETURNED`); others may have any number.
-        calls: Where methods and their arguments are recorded, and nothing is checked; None:
-            nowhere.
         steps: ``(B,)`` since the start,
         ended: and a mask ``(B,)`` of rows whose episode is over, None: none; for the sentences of
             refusals.
@@ -80,7 +66,6 @@ class CheckedMethods:
 
     def __init__(self, own: Any, **columns: int) -> None:
         self._own, self.title, self.columns = own, type(own).__name__, columns
-        self.calls: list[Call] | None = None
         self.steps: np.ndarray = np.zeros(1, int)
         self.ended: np.ndarray | None = None
 
@@ -95,7 +80,7 @@ class CheckedMethods:
         return method
 
     def _checked(self, name: str, method: Copying, *arguments: Any) -> Any:
-        """Result of a method, or a refusal that names it; of tracers it is traced, see `Programs`."""
+        """Result of a method, or a refusal that names it."""
         title = f"{name} of {self.title}"
         try:
             returned = method(*arguments)
@@ -108,19 +93,6 @@ class CheckedMethods:
         if name == "commanded" and returned is None:
             return None
         arrays = [each for each in arguments if isinstance(each, np.ndarray)]
-        if self.calls is not None:
-            shapes = (
-                () if part in _SCALAR else (self.columns.get(part),) for part in RETURNED[name]
-            )
-            self.calls.append((method.function, arguments, list(shapes)))
-            return returned
-        if any(isinstance(each, TracedArray) for each in arrays):
-            returned = (
-                tuple(map(as_float, returned))
-                if isinstance(returned, tuple | list)
-                else as_float(returned)
-            )
-            return returned != 0.0 if name == "over" else returned
         rows, what = len(arrays[0] if arrays else arguments[0].state), RETURNED[name]
         if name == "prior":
             if not isinstance(returned, Gaussian):
@@ -150,12 +122,14 @@ class CheckedMethods:
     def _array(self, title: str, what: str, values: Any, rows: int) -> np.ndarray:
         if what in _SCALAR:
             array = rows_of(title, values, rows, scalar=True)
-            if what == "end" and not np.isin(array, np.arange(len(self._own.end_reasons))).all():
-                raise ValueError(
-                    f"score of {self.title} gave the numbers of end_reasons"
-                    f" {short_repr(array.tolist())}: they must be whole and below"
-                    f" {len(self._own.end_reasons)}"
-                )
+            if what == "end":
+                end, ends = array.astype(int), len(self._own.end_reasons)
+                if (end != array).any() or end.min() < 0 or end.max() >= ends:
+                    raise ValueError(
+                        f"score of {self.title} gave the numbers of end_reasons"
+                        f" {short_repr(array.tolist())}: they must be whole and below {ends}"
+                    )
+                return end
             return array != 0.0 if what == "over" else array
         array = rows_of(title, values, rows, self.columns.get(what), constant=what in _CONSTANT)
         if what in _OBSERVED:
@@ -172,148 +146,6 @@ class CheckedMethods:
                 {"sound": _not_nan, "wanted": "numbers everywhere"} if what == "score_state" else {}
             )
             refuse_not_finite(title, values, self.steps, self.ended, *ordinary, **kind)  # type: ignore[arg-type]
-
-
-Call = tuple[Callable[..., Any], tuple[Any, ...], list[tuple[int | None, ...]]]
-"""A user's function, arguments of some rows, and shapes of a row of its results, as far as they are known."""
-
-
-def traced(
-    step: Callable[..., Any], program: Compiled, arrays: Sequence[Any], parts: Iterable[CheckedMethods],
-    more: Iterable[Call],
-) -> list[Callable[..., Any]] | None:  # fmt: skip
-    """Users' functions in a step, if its program may have them inlined; None: NumPy computes them.
-
-    The log says why.
-
-    Args:
-        step: A step in NumPy,
-        program: and the same to be traced,
-        arrays: for such arguments.
-        parts: Whose methods it calls,
-        more: and other functions that it calls.
-    """
-    calls = list(more)
-    for part in parts:
-        part.calls = calls
-    try:
-        with np.errstate(all="ignore"):
-            step(*arrays)
-    except Exception as error:  # a refusal says it better, in flight
-        _log.info("users' functions run in NumPy: %s", error)
-        return None
-    finally:
-        for part in parts:
-            part.calls = None
-    for function, arguments, shapes in calls:
-        inspection = _inspected(function, arguments)
-        if inspection.function is None:  # the log has its reason
-            return None
-        if reason := _misfit([row.shape for row in inspection.function.results], shapes):
-            _log.info(
-                "%s runs in NumPy: %s", getattr(function, "__qualname__", "a function"), reason
-            )
-            return None
-    try:
-        with traced_creation():
-            program(*arrays)
-    except NotTraceable as error:
-        _log.info("users' functions run in NumPy: %s", error)
-        return None
-    return [function for function, *_ in calls]
-
-
-class Step:
-    """The equations of a step that call users' functions: a program once these are traced, and NumPy until then.
-
-    Args:
-        owner: Has the compiled method ``equations``, whose last result is a mask of sound rows.
-        parts: Whose methods it calls,
-        calls: and other functions that it calls of its arguments.
-
-    Attributes:
-        whole: Is it one program?
-    """
-
-    def __init__(
-        self, owner: Any, parts: Sequence[CheckedMethods], calls: Callable[..., Iterable[Call]]
-    ) -> None:
-        self.owner, self._parts, self._calls = owner, parts, calls
-        self.whole = False
-        self._traces = 0
-        self._equations: Compiled = owner.equations
-        self._reads: Dependencies | None = None
-
-    def prepare(self, *arrays: np.ndarray) -> None:
-        """Trace the equations for such arguments, unless they have been."""
-        if not self._traces:
-            self._trace(*arrays)
-
-    def _trace(self, *arrays: np.ndarray) -> None:
-        forget(self.owner)
-        equations, few = self.owner.equations, self._traces < _MOST
-        self._traces += 1
-        found = (
-            traced(equations.function, equations, arrays, self._parts, self._calls(*arrays))
-            if few
-            else None
-        )
-        self._equations, self.whole = equations, found is not None
-        self._reads = Dependencies(*found) if found else None
-
-    def __call__(self, *arrays: np.ndarray) -> Sequence[np.ndarray]:
-        """The equations' results but for the mask; users' functions are checked."""
-        if not self._traces or not (self._reads is None or self._reads.unchanged()):
-            self._trace(*arrays)
-        if not self.whole:
-            found: Sequence[np.ndarray] = self._equations.function(*arrays)[:-1]
-            return found
-        *results, sound = self._equations(*arrays)
-        if np.count_nonzero(sound) < sound.size:
-            self._equations.function(
-                *arrays
-            )  # function by function, which refuses all but what has run away
-        return results
-
-
-def _misfit(found: list[tuple[int, ...]], shapes: list[tuple[int | None, ...]]) -> str:
-    """Sentence about shapes of results of a row that are wrong; None in the expected ones is any number."""
-    fit = [len(own) for own in found] == [len(own) for own in shapes] and all(
-        n in (None, m)
-        for own, expected in zip(found, shapes, strict=True)
-        for m, n in zip(own, expected, strict=True)
-    )
-    return "" if fit else f"for a row it gives arrays of shapes {found}, and not {shapes}"
-
-
-def _inspected(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Inspection:
-    """The inspection of a function of arrays ``(B, ...)``, of records of them, and of None."""
-    kinds = tuple(map(type, arguments))
-    opened = [
-        [getattr(each, part.name) for part in fields(each)] if is_dataclass(each) else [each]
-        for each in arguments
-    ]
-    given = tuple(value is not None for values in opened for value in values)
-    arrays = [value for values in opened for value in values if value is not None]
-    key, own = (
-        (function, given, *(each.shape[1:] for each in arrays)),
-        partial(_opened, function, kinds, given),
-    )
-    return inspection_of(key, own, *arrays, axes=[each.ndim - 1 for each in arrays])
-
-
-def _opened(
-    function: Callable[..., Any], kinds: tuple[type, ...], given: tuple[bool, ...], *arrays: Any
-) -> Any:
-    """The value of a function for copies of arrays, some of which are fields of records."""
-    rest = map(copied, arrays)
-    values = iter([next(rest) if some else None for some in given])
-    return function(
-        *(
-            kind(*(next(values) for _ in fields(kind))) if is_dataclass(kind) else next(values)
-            for kind in kinds
-        )
-    )
 
 
 def _not_nan(values: np.ndarray) -> np.ndarray:

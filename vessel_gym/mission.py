@@ -1,21 +1,21 @@
 """The task of an environment over a step, as one function of a row: reference, score and observation."""
 
 from collections.abc import Sequence
-from functools import reduce
-from operator import and_
 from typing import Any
 
 import numpy as np
 
-from estimators.engine import as_integer, compiled
-from estimators.engine.arrays import TracedArray
+from estimators.engine import compiled
 from vessel_gym.filter_models.build import Composition
-from vessel_gym.foreign import CheckedMethods, Step, refuse_not_finite
+from vessel_gym.foreign import CheckedMethods, refuse_not_finite
 from vessel_gym.tasks.task import Estimate
+from vessel_gym.verified import is_verified
 
 
 class Mission:
     """A task's reference, score and observation, from an estimate and the truth.
+
+    Its methods are compiled if they call no user's function; NumPy computes them otherwise.
 
     Args:
         task: With its methods checked where it is a user's.
@@ -24,10 +24,6 @@ class Mission:
         based: Which components of the true state stand where the filter has them.
         guided: Are estimates alone observed, with guidance? Then the step observes, too.
         measured: Are raw measurements observed? Then the reference is where the truth is.
-        users: Are functions a user's?
-
-    Attributes:
-        step: `equations`, with users' functions checked.
     """
 
     def __init__(
@@ -38,7 +34,6 @@ class Mission:
         based: Sequence[int],
         guided: bool,
         measured: bool,
-        users: bool,
     ) -> None:
         self.task, self.composition, self.termination, self.based = (
             task,
@@ -46,25 +41,16 @@ class Mission:
             termination,
             list(based),
         )
-        self.guided, self.measured, self.users = guided, measured, users
-        if users:
-            self.begin: Any = self.begin.function
-        parts = [task] if isinstance(task, CheckedMethods) else []
-        self.step: Any = (
-            Step(self, parts, lambda *arrays: composition.forces.users(arrays[4]))
-            if users
-            else self.equations
-        )
+        self.guided, self.measured = guided, measured
+        if isinstance(task, CheckedMethods) or not is_verified(composition.forces.disturbance):
+            self.begin, self.step = self.begin.function, self.step.function
 
     @compiled(axes=(1, 0, 1, 1, 1, 1, 1, 1, 1))
-    def equations(
+    def step(
         self, scenario: np.ndarray, steps: np.ndarray, mean: np.ndarray, input_mean: np.ndarray, state: np.ndarray,
         exogenous: np.ndarray, actuators: np.ndarray, action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
         """Reference ``(..., k)``, reward and end ``(...)``, score state; the observation if it is ``guided``.
-
-        Where functions are a user's, a mask ``(...)`` of rows in which they gave nothing that is to
-        be refused.
 
         Args:
             scenario: What the task drew ``(..., c)``.
@@ -87,17 +73,8 @@ class Mission:
         reward, end, score_state = task.score(
             state, exogenous, reference, over, actuators, action, score_state
         )
-        scored = reference, reward, end, score_state
         seen = self._seen(steps, mean, input_mean, state, reference, actuators)
-        if not self.users:
-            return *scored, *seen
-        sound = [
-            np.isfinite(reference).all(-1),
-            np.isfinite(reward),
-            (end >= 0.0) & (end < len(task.end_reasons)),
-        ]
-        sound += [end == np.floor(end), *(~np.isnan(each).any(-1) for each in (score_state, *seen))]
-        return reference, reward, as_integer(end), score_state, *seen, reduce(and_, sound)
+        return reference, reward, end, score_state, *seen
 
     @compiled(axes=(1, 0, 1, 1, 1, 1))
     def begin(
@@ -122,7 +99,7 @@ class Mission:
                 estimate_of(self.composition, mean, input_mean), reference, actuators
             )
             seen = np.clip(seen, -self.task.BOUND, self.task.BOUND)
-        if isinstance(self.task, CheckedMethods) and not isinstance(mean, TracedArray):
+        if isinstance(self.task, CheckedMethods):
             refuse_not_finite(
                 f"the observation of {self.task.title}", seen, steps, None, mean, state
             )

@@ -8,7 +8,7 @@ from math import factorial
 import numpy as np
 from scipy.optimize import root
 
-from estimators.engine import along, lookup, sincos
+from estimators.engine import along, compiled, lookup, sincos
 from vessel_gym.checks import check_numbers, instance
 from vessel_gym.disturbances import Disturbance, Sea
 from vessel_gym.processes import Process, integrated
@@ -147,6 +147,7 @@ class Seaway(Disturbance, verified=True):
         none = np.zeros_like(state[..., 0])
         return self._acting((none, none, none), z[..., :2], state)
 
+    @compiled(axes=(1, 0, 1, 1))
     def effect_at(
         self, drawn: np.ndarray, time: np.ndarray, z: np.ndarray, state: np.ndarray
     ) -> np.ndarray:

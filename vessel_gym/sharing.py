@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from estimators.engine import Compiled
 from vessel_gym.verified import declared
 
 _Builder = TypeVar("_Builder", bound=Callable[..., Any])
@@ -62,7 +63,9 @@ class _Values(pickle.Pickler):
             raise pickle.PicklingError("it may change")
         if is_dataclass(value) and not isinstance(value, type):
             return type(value), tuple(getattr(value, each.name) for each in fields(value))
-        if isinstance(value, FunctionType) or (isinstance(value, type) and not _built_in(value)):
+        if isinstance(value, FunctionType | Compiled) or (
+            isinstance(value, type) and not _built_in(value)
+        ):
             return int, (id(value),)  # the arguments keep it
         return NotImplemented
 

@@ -5,6 +5,8 @@ from functools import partial
 from types import MethodType
 from typing import Any, ClassVar, TypeVar
 
+from estimators.engine import Compiled
+
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
@@ -12,8 +14,8 @@ class Verified:
     """Base of parts whose classes can be verified: ``class Ferry(Ship, verified=True)``.
 
     A verified part is a constant, and its methods are NumPy that can be traced (docs/engine.md):
-    pure, a row in a batch as alone, finite for ordinary numbers. They are called without copies,
-    inspection and checks.
+    pure, a row in a batch as alone, finite for ordinary numbers. They are compiled, and called
+    without copies and checks.
     """
 
     verified: ClassVar[bool] = False
@@ -31,7 +33,10 @@ def verified(function: _Function) -> _Function:
 
 
 def is_verified(part: Any) -> bool:
-    """Is a part verified, with all that it stands beside? A partial function is if the function is."""
+    """Is a part verified, with all that it stands beside? A partial function is if the function is.
+
+    A function that is `estimators.engine.compiled` declares itself pure, and counts as verified.
+    """
     part = part.func if isinstance(part, partial) else part
     beside = getattr(part, "beside", None)
     return declared(part.__func__ if isinstance(part, MethodType) else part) is True and (
@@ -44,5 +49,7 @@ def declared(part: Any) -> Any:
 
     An attribute that an object passes on from another one does not count.
     """
+    if isinstance(part, Compiled):
+        return True
     own = getattr(part, "__dict__", {}).get("verified", vars(type(part)).get("verified"))
     return part.verified if isinstance(own, property) and not isinstance(part, type) else own

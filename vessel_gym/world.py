@@ -1,8 +1,5 @@
 """The true world of an environment over a step: vehicle, disturbance and sensors as one function of a row."""
 
-from collections.abc import Iterator
-from functools import reduce
-from operator import and_
 from typing import Any
 
 import numpy as np
@@ -10,7 +7,7 @@ from scipy.linalg import block_diag
 
 from estimators.engine import compiled
 from vessel_gym.filter_models.exogenous import Forces
-from vessel_gym.foreign import Call, CheckedMethods, Step
+from vessel_gym.foreign import CheckedMethods
 from vessel_gym.processes import advance, product
 from vessel_gym.sensors import Sensors
 
@@ -18,16 +15,17 @@ from vessel_gym.sensors import Sensors
 class World:
     """A step of the truth, whatever the filter and the task are.
 
+    Methods that call no user's function are compiled; NumPy computes the others.
+
     Args:
         vehicle: That of the forces, with its methods checked where it is a user's.
         forces: What acts on it.
         disturbance: That of the forces, likewise checked.
         sensors: What measures it.
         task: What is asked of it, likewise.
-        users: Are some of their functions a user's?
 
     Attributes:
-        step: `equations`, with users' functions checked.
+        own_parts: Vehicle, task and disturbance, as far as they are a user's.
         parts: Normal numbers a step of the disturbance, then of each bias.
         start_roots: Roots of their covariances at the start.
         size: Components of the disturbance's state.
@@ -40,14 +38,12 @@ class World:
         disturbance: Any,
         sensors: Sensors,
         task: Any,
-        users: bool,
     ) -> None:
         self.vehicle, self.forces, self.sensors, self.task = vehicle, forces, sensors, task
-        self.disturbance, self.users = disturbance, users
+        self.disturbance = disturbance
         self.own_parts = [
             part for part in (vehicle, task, disturbance) if isinstance(part, CheckedMethods)
         ]
-        self.step: Any = Step(self, self.own_parts, self._called) if users else self.equations
         biases = [s.bias.process(sensors.dt) for s in sensors.each if s.bias is not None]
         self.size = disturbance.process.size
         flows = forces.vehicle.ambient_flows
@@ -64,31 +60,23 @@ class World:
             )
         self.transition = block_diag(disturbance.process.transition, sensors.bias.transition)
         self.root = block_diag(disturbance.white, disturbance.process.root, sensors.bias.root)
+        whole = sensors.verified and not self.own_parts
+        acting = not isinstance(disturbance, CheckedMethods)
         verified = {
-            "move": forces.verified, "begin": not users, "sense": sensors.verified, "draw": forces.verified,
-            "effect": forces.verified,
+            "step": whole, "begin": whole, "move": forces.verified, "sense": sensors.verified, "draw": acting,
+            "effect": acting,
         }  # fmt: skip
         for name, compilable in verified.items():
             if not compilable:
                 setattr(self, name, getattr(self, name).function)
 
-    def _called(self, *arrays: np.ndarray) -> Iterator[Call]:
-        """Users' functions that `equations` call of arrays, besides methods of parts."""
-        _, _, _, state, _, exogenous, _, _, _, drifting, *_ = arrays
-        ended = exogenous[..., : len(self.forces.vehicle.increments)]
-        return self.sensors.users(*self._measured(state, ended, exogenous, drifting))
-
     @compiled(axes=(1, 1, 1, 1, 1, 1, 1, 2, 0, 1, 1, 1, 2))
-    def equations(
+    def step(
         self, action: np.ndarray, scenario: np.ndarray, reference: np.ndarray, state: np.ndarray, actuators: np.ndarray,
         exogenous: np.ndarray, parameters: np.ndarray, keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray,
         noise: np.ndarray, drawn: np.ndarray, sensing: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
-        """Actuators and known input after an action, then what `move` gives, then what `sense` does.
-
-        Where functions are a user's, a mask ``(...)`` of rows in which they gave nothing that is to
-        be refused.
-        """
+        """Actuators and known input after an action, then what `move` gives, then what `sense` does."""
         after = self.vehicle.actuate(actuators, action)
         commanding = self.task.commanding
         commanded = (
@@ -104,19 +92,8 @@ class World:
         state, drifting, noise, exogenous = moved
         exogenous = self._with_task(exogenous, scenario, steps)
         measured = self._measured(state, ended, exogenous, drifting)
-        stepped = (
-            after,
-            u,
-            state,
-            drifting,
-            noise,
-            exogenous,
-            *self.sense(*measured, steps, sensing),
-        )
-        if not self.users:
-            return stepped
-        finite = (np.isfinite(each).all(-1) for each in (after, u, state, exogenous))
-        return *stepped, reduce(and_, finite, self.sensors.sound(*measured))
+        read = self.sense(*measured, steps, sensing)
+        return after, u, state, drifting, noise, exogenous, *read
 
     @compiled(axes=(1, 1, 1, 1, 1, 2, 0, 1, 1, 1))
     def move(

@@ -6,7 +6,7 @@ are the words that such functions have besides NumPy's.
 It imports `estimators.checks` alone; filters, models and `vessel_gym` import it.
 """
 
-from estimators.engine.compiled import Compiled, compiled, forget, trace
+from estimators.engine.compiled import Compiled, compiled, trace
 from estimators.engine.derivative import jacobian
 from estimators.engine.elementary import (
     as_float,
@@ -32,7 +32,6 @@ __all__ = [
     "bits_float",
     "compiled",
     "float_bits",
-    "forget",
     "jacobian",
     "lookup",
     "repeat",

@@ -168,11 +168,6 @@ class _Methods(dict[Compiled, Compiled]):
 _METHODS = "_compiled_methods"
 
 
-def forget(instance: Any) -> None:
-    """Let compiled methods of an object be traced anew: something that they read has changed."""
-    vars(instance).pop(_METHODS, None)
-
-
 def compiled(
     function: Any = None, *, axes: Sequence[int] | None = None, matrices: bool = False
 ) -> Any:

@@ -92,9 +92,7 @@ class Program:
     callback: Callable[..., Any]
     """Gives tracers of results that Python computes before the program is run, where its owner has such;"""
     inlined: frozenset[str]
-    """what is traced instead,"""
-    inspections: set[Any]
-    """and the users' functions that are part of it."""
+    """and what is traced instead."""
     loops = True
     """May it have loops?"""
 

@@ -264,9 +264,7 @@ def fly_reacting(
             env.core.config.world
         )  # which others share; the filter takes its sensors for what they were
         sensors = silent(env.core.sensors)
-        env.core.config.world = World(
-            was.vehicle, was.forces, was.disturbance, sensors, was.task, was.users
-        )
+        env.core.config.world = World(was.vehicle, was.forces, was.disturbance, sensors, was.task)
     rng = np.random.default_rng(2)
     weights = rng.normal(0.0, 1.0, (rows, env.core.observation_size, env.core.action_size))
     series: dict[tuple, dict[str, list[np.ndarray]]] = {}
@@ -387,10 +385,10 @@ def told_the_position(monkeypatch: pytest.MonkeyPatch) -> None:
             mean = np.concatenate([state[:, self.based], mean[:, len(self.based) :]], -1)
             return Mission.begin(self, scenario, steps, mean, *others)
 
-        def equations(self, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
+        def step(self, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
             scenario, steps, mean, known, state, *others = arrays
             mean = np.concatenate([state[:, self.based], mean[:, len(self.based) :]], -1)
-            return Mission.equations(self, scenario, steps, mean, known, state, *others)
+            return Mission.step(self, scenario, steps, mean, known, state, *others)
 
     monkeypatch.setattr(configuration, "_mission", Leaking)
 

@@ -11,7 +11,7 @@ from estimators.checks import numbers, short_repr
 from estimators.engine.arrays import TracedArray
 from vessel_gym.checks import is_integer
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.foreign import Call, copying
+from vessel_gym.foreign import Copying
 from vessel_gym.sensors import check_values
 from vessel_gym.vehicles.vehicle import Vehicle
 from vessel_gym.verified import is_verified
@@ -67,11 +67,18 @@ class Forces:
         if mistake is not None:
             raise ValueError(mistake)
         self.vehicle, self.disturbance = vehicle, disturbance
-        self._effect = copying(disturbance.effect, disturbance)
-        owner = getattr(vehicle.drift, "__self__", vehicle)  # may be another one that it stands for
-        self._drift: Callable[..., Any] = copying(vehicle.drift, owner)
         self.verified = is_verified(vehicle) and is_verified(disturbance)
-        self.drift_verified = is_verified(owner) and is_verified(disturbance)
+        self.meets = type(disturbance).met is not Disturbance.met
+        """Does its state follow how the vehicle moves?"""
+        effect, drift = disturbance.effect, vehicle.drift
+        self.effect_verified = is_verified(disturbance) or (is_verified(effect) and not self.meets)
+        """Can a filter's model be compiled with the effect?"""
+        owner = getattr(drift, "__self__", vehicle)  # may be another one that it stands for
+        drift_verified = is_verified(owner) or is_verified(drift)
+        self.drift_verified = drift_verified and self.effect_verified
+        """And with the drift?"""
+        self._effect = effect if self.effect_verified else Copying(effect)
+        self._drift: Callable[..., Any] = drift if drift_verified else Copying(drift)
         known, increments = input_channels(vehicle), len(vehicle.increments)
         self.to = [known.index(name) for name in disturbance.forces]
         self.outside = increments + len(vehicle.ambient_flows)
@@ -101,8 +108,6 @@ class Forces:
         self.unknown += [
             i + len(known) - self._losses for i in self.unknown if self.outside <= i < self._losses
         ]
-        self.meets = type(disturbance).met is not Disturbance.met
-        """Does its state follow how the vehicle moves?"""
         self.constant = getattr(disturbance.effect, "linear", False) and not self.faulty
         """Is its effect declared to be `gains` times its state, wherever the vehicle is?"""
 
@@ -124,13 +129,6 @@ class Forces:
                     columns[self.outside + j] - columns[lost] * actuators[..., j]
                 )
         return np.stack(columns, -1)
-
-    def users(self, state: np.ndarray) -> list[Call]:
-        """The effect if it is a user's, to be called in states ``(B, n)``."""
-        if is_verified(self.disturbance):
-            return []
-        z = np.zeros((len(state), self.disturbance.process.size))
-        return [(self.disturbance.effect, (z, state), [(len(self.to),)])]
 
     def of_actuators(self, exogenous: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Additions to the actuators, and the lost share of each, ``(..., a)`` each, of ``(..., f)``."""

@@ -77,9 +77,7 @@ def nonlinear_model(
     measurement, push = parts.expected, G if not flowing else pushed
     if forces.drift_verified:
         transition = compiled(transition)
-    if is_verified(forces.disturbance) and all(
-        is_verified(sensor.reads) for sensor in parts.sensors.each
-    ):
+    if forces.effect_verified and all(is_verified(sensor.reads) for sensor in parts.sensors.each):
         measurement = compiled(measurement)
     if H.size:
         options |= {"G": push, "H": H}

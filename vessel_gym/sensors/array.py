@@ -9,12 +9,11 @@ import numpy as np
 
 from estimators.checks import short_repr
 from estimators.engine import Compiled, as_word, compiled
-from estimators.engine.arrays import TracedArray
 from estimators.factory import unknown
 from estimators.threefry import normals, threefry, uniform
 from estimators.varying import StateNoise
 from vessel_gym.checks import check_names, check_numbers
-from vessel_gym.foreign import Call, copying, refuse_not_finite
+from vessel_gym.foreign import copying, refuse_not_finite
 from vessel_gym.processes import Process, product
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors.sensor import Sensor, check_values
@@ -242,30 +241,9 @@ class Sensors:
         """
         exact = self.measured(state, exogenous, bias)
         sd = self.sd_at(exact)
-        if self._varying and not isinstance(state, TracedArray):
+        if self._varying:
             self._refuse_sd(sd, exact, steps)
         return self.corrupted(exact, sd, steps, keys)
-
-    def sound(self, state: np.ndarray, exogenous: np.ndarray, bias: np.ndarray) -> Any:
-        """Are all standard deviations 0 or more, of true measurements within their ranges? ``(...)``."""
-        if not self._varying:
-            return np.ones(state.shape[:-1], bool)
-        exact = self.measured(state, exogenous, bias)
-        beyond = (exact < self._ranges[0]) | (self._ranges[1] < exact)
-        return ((self.sd_at(exact) >= 0.0) | beyond).all(-1)
-
-    def users(self, state: np.ndarray, exogenous: np.ndarray, bias: np.ndarray) -> Iterator[Call]:
-        """Users' functions that `read` calls."""
-        for own, _ in self.called:
-            reads = self.each[self.owner[own.start]].reads
-            if not is_verified(reads):
-                yield reads, (state, exogenous), [(own.stop - own.start,)]
-        for _, own, spread in self._varying:
-            yield (
-                spread,
-                (self.measured(state, exogenous, bias)[..., own],),
-                [(own.stop - own.start,)],
-            )
 
     def measured(self, state: np.ndarray, exogenous: np.ndarray, bias: np.ndarray) -> np.ndarray:
         """True measurements without noise ``(..., p)``: as `exact`, what is linear by its matrix."""

@@ -12,21 +12,17 @@ PLACES = np.array([-2.0, -0.5, 0.1, 1.0, 2.5])
 Word = Callable[..., Any]
 EXACT: dict[str, tuple[int, Word]] = {
     "add": (2, lambda a, b: a + b),
-    "subtract": (2, lambda a, b: a - b),
+    "subtract": (2, lambda a, b: 0.7 - 1.3 * a - -b),
     "multiply": (2, lambda a, b: a * b),
     "divide": (2, lambda a, b: a / (1.0 + b * b)),
-    "negative": (1, lambda a: -a),
-    "constant": (1, lambda a: 0.7 - 1.3 * a),
     "reciprocal": (1, lambda a: 1 / (2 + np.square(a))),
     "absolute": (1, np.abs),
     "root": (1, lambda a: np.sqrt(np.abs(a) + 0.1)),
     "half power": (1, lambda a: (a**2 + 0.5) ** 0.5),
     "floor": (1, np.floor),
-    "ceil": (1, lambda a: np.ceil(a) - np.trunc(a)),
-    "rint": (1, np.rint),
+    "rint": (1, lambda a: np.rint(a) + np.ceil(a) - np.trunc(a)),
     "sign": (1, lambda a: np.sign(a) * a),
-    "maximum": (2, np.maximum),
-    "minimum": (2, np.minimum),
+    "minimum": (2, lambda a, b: np.minimum(a, b) + 0.5 * np.maximum(a, b)),
     "copysign": (2, np.copysign),
     "fmod": (1, lambda a: np.fmod(a, 1.7)),
     "remainder": (1, lambda a: (a + np.pi) % (2.0 * np.pi) - np.pi),
@@ -65,11 +61,8 @@ EXACT: dict[str, tuple[int, Word]] = {
 ROUNDED: dict[str, tuple[int, Word]] = {
     "exp": (1, lambda a: np.exp(-np.abs(a))),
     "expm1": (1, lambda a: np.expm1(np.clip(a, -3.0, 2.0))),
-    "log": (1, lambda a: np.log(np.abs(a) + 0.2)),
-    "log1p": (1, lambda a: np.log1p(a * a)),
-    "sin": (1, np.sin),
-    "cos": (1, np.cos),
-    "sincos": (1, lambda a: sincos(a)[0] * sincos(a)[1]),
+    "log": (1, lambda a: np.log(np.abs(a) + 0.2) - np.log1p(a * a)),
+    "sines": (1, lambda a: sincos(a)[0] * sincos(a)[1] + np.sin(a) * np.cos(a)),
     "tan": (1, lambda a: np.tan(np.tanh(a))),
     "tanh": (1, np.tanh),
     "arctan": (1, np.arctan),
@@ -77,7 +70,6 @@ ROUNDED: dict[str, tuple[int, Word]] = {
     "arccos": (1, lambda a: np.arccos(0.8 * np.sin(a))),
     "arctan2": (2, lambda a, b: np.arctan2(a, 0.3 + b * b)),
     "hypot": (2, lambda a, b: np.hypot(a, b + 0.01)),
-    "cube": (1, lambda a: np.clip(a, -3.0, 3.0) ** 3 + (1.0 + a * a) ** -2),
     "interp": (1, lambda a: np.interp(a, PLACES, TABLE)),
     "mean": (3, lambda a, b, c: np.stack([a, b, c], -1).mean(-1)),
     "norm": (3, lambda a, b, c: np.linalg.norm(np.stack([a, b, c, 0.0 * a + 1.0], -1), axis=-1)),
@@ -111,10 +103,11 @@ class RandomFunction:
                 (name, tuple(rng.integers(0, self.n + k, self.words[name][0]).tolist()))
             )
 
-    def __call__(self, x: Any) -> Any:
-        values = [x[..., i] for i in range(self.n)]
+    def __call__(self, x: Any, rounded: Word = lambda value: value) -> Any:
+        """Values of rows; ``rounded`` changes each number on the way, to see what rounding does."""
+        values = [rounded(x[..., i]) for i in range(self.n)]
         for name, places in self.steps:
-            values.append(self.words[name][1](*(values[place] for place in places)))
+            values.append(rounded(self.words[name][1](*(values[place] for place in places))))
         return np.stack(values[-self.m :], -1) if self.m > 1 else values[-1]
 
     def __repr__(self) -> str:
