@@ -98,15 +98,9 @@ def steps(x: np.ndarray, cov: np.ndarray | None, angles: tuple[int, ...] = ()) -
         wanted = sd * np.minimum(np.maximum(share, 2.0**-10), 2.0**-3)
         if not everywhere:
             wanted = np.where(spread, wanted, 2.0**-10)
-    if angles:
-        wanted = np.minimum(wanted, _longest(x.shape[-1], angles))
+    for i in angles:
+        wanted[..., i] = np.minimum(wanted[..., i], 2.0**-8)
     return np.ldexp(1.0, np.frexp(np.maximum(wanted, 2.0**-26 * size))[1] - 1)
-
-
-@cache
-def _longest(n: int, angles: tuple[int, ...]) -> np.ndarray:
-    """The longest step in each component ``(n,)``."""
-    return np.where(np.isin(np.arange(n), angles), 2.0**-8, np.inf)
 
 
 def check_jacobian(

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -87,10 +88,10 @@ class FirstUse:
             return None
         widths = [each.shape[-1] for each in flat]
         count = next(k for k in range(3, 99) if k not in {*self.shape, *widths})
-        apart = np.random.default_rng(0).uniform(-_NEAR, _NEAR, (count, 1, max(widths, default=0)))
+        apart = np.random.default_rng(0).uniform(0.0, _NEAR, (count, 1, max(widths, default=0)))
         apart[0] = 0.0
         row = (each[finite[0]] for each in flat)
-        near = (a + (1.0 + np.abs(a)) * apart[..., : len(a)] for a in row)
+        near = (a + np.where(a, a, 1.0) * apart[..., : len(a)] for a in row)  # of the same signs
         return [None if each is None else next(near) for each in arguments]
 
     def _value(self, function: Callable[..., Any], arguments: list[Any]) -> np.ndarray:
@@ -128,9 +129,10 @@ class FirstUse:
 
 
 def is_own(function: Any) -> bool:
-    """Is it a compiled function of this package, which tests compare?"""
-    module = getattr(function.function, "__module__", "") if isinstance(function, Compiled) else ""
-    return module.split(".")[0] in _OWN
+    """Is it a function of this package, which tests compare?"""
+    plain = function.function if isinstance(function, Compiled) else function
+    plain = plain.func if isinstance(plain, partial) else plain
+    return str(getattr(plain, "__module__", "")).split(".")[0] in _OWN
 
 
 def _close(found: np.ndarray, expected: np.ndarray, size: float) -> bool:

@@ -38,15 +38,11 @@ def as_covariance(name: str, value: object) -> np.ndarray:
     lowest = np.linalg.eigvalsh(unit)[..., 0].min()
     impossible = (variances < 0.0).any() or ((variances == 0.0)[..., None] & (cov != 0.0)).any()
     if impossible or lowest < -1e-9:
-        own = np.linalg.eigvalsh(cov)[..., 0].min()
-        scaled = "" if own < 0.0 else "in units of its standard deviations "
-        found = f"its smallest eigenvalue {scaled}is {own if own < 0.0 else lowest:.3g}"
-        zero = (
-            ", and what goes with a variance of 0 must be 0"
-            if impossible and min(own, lowest) >= 0.0
-            else ""
+        lowest = min(lowest, np.linalg.eigvalsh(cov)[..., 0].min())
+        zero = ", and what goes with a variance of 0 must be 0" if impossible else ""
+        raise ValueError(
+            f"{name} must be positive semidefinite, its smallest eigenvalue is {lowest:.3g}{zero}"
         )
-        raise ValueError(f"{name} must be positive semidefinite, {found}{zero}")
     return cov if symmetric else 0.5 * cov + 0.5 * cov.mT
 
 
@@ -105,8 +101,11 @@ def check_matrices(
     for name, letters in shapes.items():
         value, shape = getattr(model, name), (sizes[letters[0]], sizes.get(letters[1]))
         array = value.nominal if isinstance(value, StateNoise) else _table(value)
-        if isinstance(array, np.ndarray) and (wanted := _unlike(array, *shape)):
-            raise ValueError(f"{name} has shape {array.shape}, expected {wanted}")
+        if isinstance(array, np.ndarray) and not all(
+            wanted in (None, found) for wanted, found in zip(shape, array.shape[-2:], strict=True)
+        ):
+            expected = ", ".join("m" if each is None else str(each) for each in shape)
+            raise ValueError(f"{name} has shape {array.shape}, expected (..., {expected})")
         if callable(value) and not isinstance(value, Schedule):
             set_function(model, name, value, shape, name in of_state)
     for letter, size in sizes.items():
@@ -178,9 +177,3 @@ def _size(
 def _table(matrix: Any) -> Any:
     """The table of a matrix that has one."""
     return matrix.table if isinstance(matrix, Schedule) else matrix
-
-
-def _unlike(array: np.ndarray, rows: int, columns: int | None) -> str:
-    """The expected shape, where an array has another one."""
-    fits = array.ndim > 1 and array.shape[-2] == rows and columns in (None, array.shape[-1])
-    return "" if fits else f"(..., {rows}, {'m' if columns is None else columns})"

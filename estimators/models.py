@@ -103,6 +103,8 @@ class _Model(Frozen):
             function = value.function if isinstance(value, StateNoise) else value
             if isinstance(function, FirstUse):
                 function.compare(*((x, u) if function.of_state else (u,)))
+            if name.endswith("_jacobian") and value is not None:  # with differences, too
+                getattr(self, f"linearise_{name.removesuffix('_jacobian')}")(x, u, cov)
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,15 +279,6 @@ class NonlinearModel(_Model):
 
     def check_known_input(self, u: np.ndarray | None) -> None:
         """Nothing to refuse: what the functions make of ``u`` is theirs."""
-
-    def compare(
-        self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None, *names: str
-    ) -> None:
-        """Compare functions and Jacobians of these names at their first use, see `LinearModel.compare`."""
-        super().compare(x, u, cov, *names)
-        for name in ("transition", "measurement"):
-            if f"{name}_jacobian" in names and getattr(self, f"{name}_jacobian") is not None:
-                getattr(self, f"linearise_{name}")(x, u, cov)
 
     def input_matrix(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """G ``(..., n, q)``: how the unknown input moves the next state from ``x (..., n)``."""

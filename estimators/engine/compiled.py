@@ -171,11 +171,14 @@ _METHODS = "_compiled_methods"
 def compiled(
     function: Any = None, *, axes: Sequence[int] | None = None, matrices: bool = False
 ) -> Any:
-    """Make a plain NumPy function of arrays ``(..., n)``, or a class of filters, run compiled.
+    """Compile a plain NumPy function of arrays ``(..., n)``, or a class of filters, at first use.
+
+    It must be pure, and is frozen when it is traced: what it reads of its surroundings counts as it
+    was then.
 
     Args:
         function: A class of filters, whose attribute ``compiled`` becomes True; or a function,
-            pure, of positional arguments that are arrays, and named ones that are constants and can
+            of positional arguments that are arrays, and named ones that are constants and can
             be hashed. A method counts its object as a constant. It is traced with the batch's axes
             gone, once for rows of the same shapes; called with tracers it is traced with its
             caller.

@@ -12,7 +12,17 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, RandomKeys, Rng, make
+from estimators import (
+    Belief,
+    Filter,
+    Gaussian,
+    LinearModel,
+    NonlinearModel,
+    RandomKeys,
+    Rng,
+    compiled,
+    make,
+)
 
 INPUT_PRIOR = 50.0
 """Variance of the unknown input where no measurement shows it, in every system of this suite: that of `wild_input`."""
@@ -144,7 +154,7 @@ def turning_vehicle(seed: int) -> System:
         )
 
     model = NonlinearModel(
-        transition, measurement, Q=np.diag([1e-3, 1e-3, 1e-4, 1e-3]), R=np.diag([0.1, 1e-3, 1e-2]),
+        compiled(transition), compiled(measurement), Q=np.diag([1e-3, 1e-3, 1e-4, 1e-3]), R=np.diag([0.1, 1e-3, 1e-2]),
         state_angles=(2,), measurement_angles=(1, 2),
     )  # fmt: skip
     heading = np.random.default_rng(seed).uniform(-3.0, 3.0)
@@ -164,7 +174,7 @@ def pushed_vehicle(seed: int) -> System:
             * np.stack([np.cos(heading), np.sin(heading), 0.5 * one, 0.2 * one], axis=-1)[..., None]
         )
 
-    return replace(system, model=replace(system.model, G=push, H=np.zeros((3, 1))))
+    return replace(system, model=replace(system.model, G=compiled(push), H=np.zeros((3, 1))))
 
 
 @cache
@@ -186,12 +196,6 @@ def without_channel(model: LinearModel | NonlinearModel, j: int) -> LinearModel 
     if isinstance(model, LinearModel):
         return replace(model, C=model.C[kept], **changes)
     return replace(model, measurement=lambda x, u: model.measurement(x, u)[..., kept], **changes)
-
-
-def in_numpy(function: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
-    """A model's function that cannot be traced, so that its Jacobian is by differences."""
-    unseen = {1}  # a set, whose changes cannot be seen
-    return lambda x, u: function(x, u) if unseen else x
 
 
 # --- simulation -----------------------------------------------------------------------------------

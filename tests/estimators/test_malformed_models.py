@@ -62,7 +62,7 @@ VECTORS: list[tuple[Any, str]] = [
 MATRICES: list[tuple[Any, str]] = [
     (lambda u: I2 * u[0] ** 2, ROWS),
     (lambda u: I2 * np.square(u).sum(), ROWS),
-    (lambda u: np.eye(3) * u[..., :1, None], r"gave a matrix of shape \(3, 3\), expected \(..., 2, 2\)"),
+    (lambda u: np.eye(3) * u[..., :1, None], r"gave a matrix of shape \(3, 3\), expected"),
     (lambda u: I2 * np.random.default_rng().random(), "gave two values for the same arguments"),
     (lambda u: [[1.0, 0.0], [0.0, 1.0]], "must return an array, not a list"),
     (lambda u: I2 * math.exp(u[0]), "fails: .*it gets arrays"),

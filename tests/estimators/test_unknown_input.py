@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -255,10 +254,9 @@ def _with_a_white_input(model: NonlinearModel, cov: np.ndarray) -> NonlinearMode
 def _shaken() -> System:
     """`shaken_vehicle` with a push that is fixed in space."""
     system = shaken_vehicle(0)
-    model: Any = system.model
-    exact = {name: compiled(getattr(model, name)) for name in ("transition", "measurement")}
-    model = dataclasses.replace(model, G=[[0.05], [0.1], [0.05], [0.02]], **exact)
-    return dataclasses.replace(system, model=model)
+    return dataclasses.replace(
+        system, model=dataclasses.replace(system.model, G=[[0.05], [0.1], [0.05], [0.02]])
+    )
 
 
 def test_on_a_nonlinear_system_it_is_the_limit_of_an_extended_kalman_filter_told_the_variance_of_the_input():

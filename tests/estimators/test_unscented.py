@@ -1,4 +1,4 @@
-"""Laws of the sigma points: FilterPy's weighted sums, exact moments, angles, and beliefs without variance."""
+"""Laws of the sigma points: FilterPy's sums, exact moments, beliefs without variance."""
 
 import dataclasses
 
@@ -11,14 +11,11 @@ from hypothesis import strategies as st
 
 from estimators import Gaussian, LinearModel, NonlinearModel, make
 from tests.estimators.cases import (
-    System,
     assert_covariance,
     assert_same,
     kalman_system,
     pushed_vehicle,
     random_covariance,
-    simulate,
-    track,
     turning_vehicle,
 )
 
@@ -29,11 +26,6 @@ POINTS = [
     {"alpha": 0.5, "kappa": -1.5},
 ]
 """The defaults; close points; cubature points; a negative weight in the middle."""
-
-
-def _as_functions(system: System) -> NonlinearModel:
-    model = system.model
-    return NonlinearModel(model.transition, model.measurement, model.Q, model.R, G=model.G)
 
 
 # --- against FilterPy -----------------------------------------------------------------------------
@@ -49,16 +41,11 @@ def _nonlinear(seed: int) -> NonlinearModel:
     )  # fmt: skip
 
 
-def _linear(seed: int) -> NonlinearModel:
-    return _as_functions(kalman_system(seed, 3, 2, 1))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("points", POINTS, ids=str)
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("model_of", [_linear, _nonlinear])
-def test_ukf_agrees_with_filterpy(model_of, seed: int, points: dict[str, float]):
-    model, rng = model_of(seed), np.random.default_rng(seed)
+def test_ukf_agrees_with_filterpy(seed: int, points: dict[str, float]):
+    model, rng = _nonlinear(seed), np.random.default_rng(seed)
     weights = {"alpha": 1.0, "beta": 2.0, "kappa": 0.0, **points}
     other = FilterPyUnscented(
         3, 2, dt=1.0, fx=lambda x, dt, u: model.transition(x, u), hx=lambda x: model.measurement(x, None),
@@ -88,30 +75,20 @@ def test_ukf_agrees_with_filterpy(model_of, seed: int, points: dict[str, float])
 # --- moments --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("points", POINTS[2:], ids=str)
-def test_on_functions_that_are_linear_the_filter_is_the_kalman_filter_whatever_its_points(
-    points: dict[str, float],
-):
-    system = kalman_system(3)
-    record = simulate(system, 3, runs=5, steps=50)
-    available = np.random.default_rng(3).random((50, 5, 3)) < 0.7
-    numeric = track(
-        make("ukf", _as_functions(system), **points), system.rows(5), record, available=available
-    )
-    exact = track(make("kf", system.model), system.rows(5), record, available=available)
-    for one, other in zip(numeric, exact, strict=True):
-        assert_same(one, other, 1e-10)
-
-
-SQUARE = NonlinearModel(lambda x, u: x**2, lambda x, u: x**2, [[0.0]], [[1.0]])
-EXACT = make("ukf", SQUARE, alpha=1.0, beta=0.0, kappa=2.0)
+SQUARE = make(
+    "ukf",
+    NonlinearModel(lambda x, u: x**2, lambda x, u: x**2, [[0.0]], [[1.0]]),
+    alpha=1.0,
+    beta=0.0,
+    kappa=2.0,
+)
 
 
 @settings(derandomize=True, max_examples=40, deadline=None)
 @given(mean=st.floats(-3.0, 3.0), variance=st.floats(1e-3, 4.0))
 def test_mean_and_variance_of_a_square_are_exact(mean: float, variance: float):
     """x^2 of a Gaussian has mean m^2 + P and variance 4 m^2 P + 2 P^2: with kappa = 3 - n and beta = 0, exactly."""
-    filter = EXACT
+    filter = SQUARE
     belief = filter.init(Gaussian([mean], [[variance]]))
     squared = 4.0 * mean**2 * variance + 2.0 * variance**2
     predicted = filter.predict(belief)
@@ -181,46 +158,6 @@ def test_close_points_lose_no_digits_to_their_large_weights():
     np.testing.assert_allclose(close.cov, jacobian.cov, rtol=0, atol=1e-10)
 
 
-# --- angles ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("name", "system_of"), [("ukf", turning_vehicle), ("ukf-umv", pushed_vehicle)]
-)
-def test_points_on_both_sides_of_the_seam_of_an_angle_are_averaged_across_it(name: str, system_of):
-    """Functions that wrap their angles give what functions that do not wrap them give."""
-    system = system_of(0)
-    model = system.model
-    mean = np.array([0.0, 0.0, np.pi - 0.02, 1.0])
-
-    def wrapped(values: np.ndarray, angles: tuple[int, ...]) -> np.ndarray:
-        values = values.copy()
-        for i in angles:
-            values[..., i] = np.arctan2(np.sin(values[..., i]), np.cos(values[..., i]))
-        return values
-
-    def measurement(x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        return wrapped(model.measurement(x, u), (1, 2))
-
-    def transition(x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        return wrapped(model.transition(x, u), (2,))
-
-    wraps = dataclasses.replace(model, measurement=measurement, transition=transition)
-    record = simulate(dataclasses.replace(system, mean=mean), 0, runs=8, steps=20)
-    beliefs = [
-        track(make(name, m), Gaussian(np.tile(mean, (8, 1)), system.cov), record)
-        for m in (model, wraps)
-    ]
-    crossed = 0
-    for one, other in zip(*beliefs, strict=True):
-        turned = np.rint((other.mean[:, 2] - one.mean[:, 2]) / (2.0 * np.pi))
-        crossed += np.abs(turned).sum()
-        unwrapped = other.mean - 2.0 * np.pi * turned[:, None] * np.array([0.0, 0.0, 1.0, 0.0])
-        np.testing.assert_allclose(unwrapped, one.mean, rtol=0, atol=1e-9)
-        np.testing.assert_allclose(other.cov, one.cov, rtol=0, atol=1e-9)
-    assert crossed > 0
-
-
 # --- beliefs without variance ---------------------------------------------------------------------
 
 
@@ -242,23 +179,6 @@ def test_a_belief_without_variance_in_some_directions_is_carried_on_as_by_the_ka
         beliefs.append(belief)
     assert_same(*beliefs, 1e-8)
     assert np.linalg.matrix_rank(beliefs[0].cov, tol=1e-9) == rank
-
-
-@pytest.mark.parametrize("name", ["ukf", "ukf-umv"])
-def test_a_row_without_variance_leaves_the_others_their_bits_and_is_as_by_numpy(name: str):
-    system = turning_vehicle(0) if name == "ukf" else pushed_vehicle(0)
-    filter, plain = (make(name, system.model) for _ in range(2))
-    plain._programs = None
-    cov = np.tile(system.cov, (3, 1, 1))
-    cov[1, 2], cov[1, :, 2] = 0.0, 0.0
-    prior, y = Gaussian(np.tile(system.mean, (3, 1)), cov), np.tile([36.0, 2.5, 0.1], (3, 1))
-    together, reference = (f.update(f.init(prior), y, u=np.zeros((3, 2))) for f in (filter, plain))
-    assert_same(together, reference, 1e-12)
-    for row in range(3):
-        alone = filter.update(
-            filter.init(Gaussian(prior.mean[[row]], cov[[row]])), y[[row]], u=np.zeros((1, 2))
-        )
-        assert_same(together[[row]], alone)
 
 
 def test_an_unknown_input_shows_in_a_state_that_was_known_exactly():
@@ -283,17 +203,20 @@ def test_an_unknown_input_shows_in_a_state_that_was_known_exactly():
 
 
 @pytest.mark.parametrize("name", ["ukf", "ukf-umv"])
-def test_options_that_would_give_negative_variances_are_refused_with_the_bound(name: str):
-    model = (turning_vehicle if name == "ukf" else pushed_vehicle)(0).model
-    for options, problem in (
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
         ({"alpha": 0.0}, "alpha must be positive"),
         ({"alpha": np.nan}, "alpha must be positive"),
         ({"kappa": -4.0}, "kappa must be above -n = -4"),
         ({"beta": -0.1}, "beta must be at least .* = 0 for variances to be, got -0.1"),
         ({"kappa": -2.0, "beta": 0.4}, "beta must be at least .* = 0.5 for"),
         ({"kappa": 2.0, "beta": -0.6}, "beta must be at least .* = -0.5 for"),
-    ):
-        with pytest.raises(ValueError, match=problem) as caught:
-            make(name, model, **options)
-        assert "\n" not in str(caught.value)
-    assert make(name, model, kappa=2.0, beta=-0.5).beta == -0.5
+    ],
+)
+def test_options_that_would_give_negative_variances_are_refused_with_the_bound(
+    name: str, options: dict[str, float], problem: str
+):
+    model = (turning_vehicle if name == "ukf" else pushed_vehicle)(0).model
+    with pytest.raises(ValueError, match=problem):
+        make(name, model, **options)
