@@ -19,6 +19,7 @@ from estimators.belief import (
     EnsembleBelief,
     FeedthroughBelief,
     InputBelief,
+    ObservedInputBelief,
 )
 from estimators.check import check_filter
 from estimators.delayed import Delayed, DelayedBelief, by_age
@@ -87,6 +88,7 @@ __all__ = [
     "Model",
     "NoFeedthroughFilter",
     "NonlinearModel",
+    "ObservedInputBelief",
     "ParticleBelief",
     "ParticleFilter",
     "RandomKeys",

@@ -132,18 +132,27 @@ class InputBelief(Belief):
         input_mean: ``(..., q)`` estimate of the unknown input.
         input_cov: ``(..., q, q)`` its covariance.
         state_input_cov: ``(..., n, q)`` covariance between the errors of state and input.
-        input_observed: ``(..., q, q)`` projector on the directions of the unknown input that the
-            measurements show well; in the others its prior counts, too.
     """
 
     input_mean: np.ndarray = field()
     input_cov: np.ndarray = field()
     state_input_cov: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ObservedInputBelief(InputBelief):
+    """The belief of a filter that estimates the unknown input without bias where it is observed.
+
+    Attributes:
+        input_observed: ``(..., q, q)`` projector on the directions of the unknown input that the
+            measurements show well; in the others its prior counts, too.
+    """
+
     input_observed: np.ndarray
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class DelayedInputBelief(InputBelief):
+class DelayedInputBelief(ObservedInputBelief):
     """The belief of a filter to which a measurement shows the unknown input of the step before.
 
     Attributes:
@@ -157,7 +166,7 @@ class DelayedInputBelief(InputBelief):
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FeedthroughBelief(InputBelief):
+class FeedthroughBelief(ObservedInputBelief):
     """The belief of a filter that sees part of the unknown input at once, the whole a step later.
 
     Attributes:

@@ -65,7 +65,9 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DelayedBelief(Generic[Record]):
-    """A belief and the steps that late measurements may still reach; it has the attributes of the belief, too.
+    """A belief and the steps that late measurements may still reach.
+
+    It has the attributes of the belief, too.
 
     Attributes:
         now: The filter's own belief.
@@ -86,7 +88,7 @@ class DelayedBelief(Generic[Record]):
         return getattr(self.now, name)
 
     def read_only(self) -> Self:
-        """This belief: those of filters are read-only."""
+        """Return this belief: the beliefs of filters are read-only."""
         return self
 
     def __getitem__(self, rows: Any) -> Self:
@@ -96,7 +98,7 @@ class DelayedBelief(Generic[Record]):
         return type(self)(self.now[rows], steps, self.reach[rows], self.refused[rows])
 
     def with_rows(self, rows: np.ndarray, other: Self) -> Self:
-        """This belief with the rows of a mask ``(...)`` replaced, in order, by those of ``other``."""
+        """This belief with the rows of a mask replaced by those of ``other``, in order."""
         k = min(len(self.steps), len(other.steps))
         pairs = zip(self.steps[-k:], other.steps[-k:], strict=True)
         steps = (*self.steps[:-k], *(mine.with_rows(rows, theirs) for mine, theirs in pairs))
@@ -143,18 +145,18 @@ class Delayed(Generic[Record]):
 
     def init(self, prior: Gaussian, rng: Rng = None) -> DelayedBelief[Record]:
         """The belief before any measurement, as `Filter.init`."""
-        keys = self._keys(rng)
+        keys = self._repeatable_keys(rng)
         initial = self.filter.init(prior, rng=keys)
         none = np.zeros(initial.mean.shape[:-1], int)
-        return DelayedBelief(initial, (self._step(initial, None, keys),), none, none)
+        return DelayedBelief(initial, (self._new_step(initial, None, keys),), none, none)
 
     def predict(
         self, belief: DelayedBelief[Record], u: Any = None, rng: Rng = None
     ) -> DelayedBelief[Record]:
         """One step ahead, as `Filter.predict`."""
-        keys, u = self._keys(rng), self._known(belief, u)
+        keys, u = self._repeatable_keys(rng), self._known_input(belief, u)
         predicted = self.filter.predict(belief.now, u, rng=keys)
-        steps = (*belief.steps, self._step(predicted, u, keys))[-self.horizon - 1 :]
+        steps = (*belief.steps, self._new_step(predicted, u, keys))[-self.horizon - 1 :]
         reach = np.minimum(belief.reach + 1, self.horizon)
         return DelayedBelief(predicted, steps, reach, belief.refused)
 
@@ -183,7 +185,7 @@ class Delayed(Generic[Record]):
             ValueError: if ``y``, ``available`` or ``R`` have the wrong shape, or another ``u`` came
                 before.
         """
-        keys, u, p = self._keys(rng), self._known(belief, u), self.filter.model.p
+        keys, u, p = self._repeatable_keys(rng), self._known_input(belief, u), self.filter.model.p
         y, rows = as_array("y", y), belief.reach.shape
         if y.ndim < 2 or y.shape != (*rows, y.shape[-2], p):
             raise ValueError(
@@ -205,9 +207,9 @@ class Delayed(Generic[Record]):
                     " together"
                 )
             now = now._replace(predicted=now.predicted.replace(u=u))
-        return self._fused(belief, [*before, now], y, arrived, R)
+        return self._fuse(belief, [*before, now], y, arrived, R)
 
-    def _fused(
+    def _fuse(
         self,
         belief: DelayedBelief[Record],
         steps: list[Step],
@@ -215,11 +217,10 @@ class Delayed(Generic[Record]):
         arrived: np.ndarray,
         R: np.ndarray | None,
     ) -> DelayedBelief[Record]:
-        """The belief after the measurements ``y (..., ages, p)`` that have arrived, with these steps."""
+        """The belief after measurements ``y (..., ages, p)`` that have arrived."""
         reach, refused, oldest = belief.reach, belief.refused + arrived.sum((-2, -1)), 0
-        for age in sorted({*np.nonzero(arrived)[-2].tolist()}):
-            if age >= len(steps):
-                break
+        come = np.logical_or.reduce(arrived, (*range(y.ndim - 2), -1))
+        for age in np.flatnonzero(come[: len(steps)]).tolist():
             step = steps[-1 - age]
             accepted = arrived[..., age, :] & (age <= reach)[..., None] & ~step.available
             if accepted.any():
@@ -228,7 +229,7 @@ class Delayed(Generic[Record]):
                 refused, oldest = refused - accepted.sum(-1), age
         for ago in range(oldest)[::-1]:
             step = steps[-1 - ago]
-            before = self._updated(steps[-2 - ago])
+            before = self._update_step(steps[-2 - ago])
             predicted = self.filter.predict(before, step.u, rng=step.predict_keys)
             if predicted.u is not step.predicted.u:  # update was given that of the measurements
                 predicted = predicted.replace(u=step.predicted.u)
@@ -236,9 +237,9 @@ class Delayed(Generic[Record]):
             if began.any():
                 predicted = predicted.with_rows(began, step.predicted[began])
             steps[-1 - ago] = step._replace(predicted=predicted)
-        return DelayedBelief(self._updated(steps[-1]), tuple(steps), reach, refused)
+        return DelayedBelief(self._update_step(steps[-1]), tuple(steps), reach, refused)
 
-    def _updated(self, step: Step) -> Any:
+    def _update_step(self, step: Step) -> Any:
         """The belief after the measurements of a step."""
         predicted, R = step.predicted, step.R
         if R is not None:
@@ -270,12 +271,12 @@ class Delayed(Generic[Record]):
             " itself on them"
         )
 
-    def _step(self, predicted: Any, u: Any, keys: Any) -> Step:
+    def _new_step(self, predicted: Any, u: Any, keys: Any) -> Step:
         """A step of which nothing has come."""
         y = np.zeros((*predicted.mean.shape[:-1], self.filter.model.p))
         return Step(predicted, u, keys, keys, y, y != 0.0)
 
-    def _keys(self, rng: Rng) -> RandomKeys | None:
+    def _repeatable_keys(self, rng: Rng) -> RandomKeys | None:
         """The random numbers, where there are any, which can be drawn again."""
         if not getattr(self.filter, "random", False):
             return None
@@ -286,7 +287,7 @@ class Delayed(Generic[Record]):
             )
         return rng
 
-    def _known(self, belief: DelayedBelief[Record], u: Any) -> np.ndarray | None:
+    def _known_input(self, belief: DelayedBelief[Record], u: Any) -> np.ndarray | None:
         """The known input with a row for each belief, in an array of its own."""
         if not isinstance(belief, DelayedBelief):
             raise TypeError(
@@ -322,10 +323,10 @@ def _fitting(name: str, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarra
 
 
 def by_age(y: np.ndarray, delay: np.ndarray) -> np.ndarray:
-    """Measurements ``(T, ..., ages, p)`` as they come, for `Delayed`, of those ``y (T, ..., p)`` as they were taken.
+    """Measurements ``(T, ..., ages, p)`` in the order in which they come, for `Delayed`.
 
     Args:
-        y: Times first; NaN where none was taken.
+        y: Measurements ``(T, ..., p)`` by when they were taken; NaN where none was.
         delay: Whole steps by which each comes late, broadcast to y. What comes after the last time
             is not in it.
 

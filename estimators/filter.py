@@ -7,6 +7,7 @@ with the model's functions in them where these are compiled; all else is NumPy.
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import cache
 from typing import Any, ClassVar, Generic
 
@@ -307,8 +308,10 @@ class Filter(ABC, Generic[Record]):
         if (S.diagonal(0, -2, -1) <= np.square(1e-8 * size)).any():
             # Which states' rounding is in which channel?
             C = self.model.linearise_measurement(mean, u, predicted.cov)[1]
-            A = self.model.linearise_transition(mean, u, predicted.cov)[1]
-            size = np.abs(mean) + np.matvec(np.abs(A), np.abs(mean))
+            size = np.abs(mean)
+            with suppress(TypeError):  # before the first step there may be no known input
+                A = self.model.linearise_transition(mean, u, predicted.cov)[1]
+                size = size + np.matvec(np.abs(A), size)
             size = np.matvec(np.abs(C), size)
         return log_density(updated.innovation, S, updated.available, size)
 

@@ -165,7 +165,6 @@ def unseen_input(mean: np.ndarray, input_cov: np.ndarray) -> Changes:
         "input_mean": np.zeros(rows + (q,)),
         "input_cov": np.zeros(rows + (q, q)) + input_cov,
         "state_input_cov": np.zeros(rows + (n, q)),
-        "input_observed": np.zeros(rows + (q, q)),
     }
 
 

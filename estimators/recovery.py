@@ -74,8 +74,6 @@ def recovered(
     with np.errstate(all="ignore"):
         before, found = belief[rows], after[rows]
         lost = ~_sound(found, step)
-        if step == "update" and not filter.random:
-            found = _without_rounding(filter, before, found, *some)
         if lost.any():
             u, y, available, R = _rows(lost, some)
             rng = rng[lost] if isinstance(rng, RandomKeys) else rng
@@ -85,6 +83,8 @@ def recovered(
             if step != "predict":
                 again = _attempt(filter, "update", again, rng, y, available, R)
             found = found.with_rows(lost, again)
+        if step == "update" and not filter.random:
+            found = _without_rounding(filter, before, found, *some)
     return after.with_rows(rows, found.replace(healthy=~lost))
 
 

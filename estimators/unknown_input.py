@@ -4,7 +4,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators.belief import Belief, DelayedInputBelief, InputBelief
+from estimators.belief import Belief, DelayedInputBelief, ObservedInputBelief
 from estimators.engine import compiled
 from estimators.filter import Changes, Filter, Model
 from estimators.kalman import driven, input_covariance, unseen_input
@@ -61,10 +61,15 @@ class UnknownInputFilter(Filter[Any]):
         self._inverse_root = np.linalg.inv(self._root)
 
     def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
-        return unseen_input(mean, self.input_prior)
+        return self._unseen(mean)
+
+    def _unseen(self, mean: np.ndarray) -> Changes:
+        """Arrays about an input that no measurement has shown."""
+        unseen = unseen_input(mean, self.input_prior)
+        return unseen | {"input_observed": np.zeros(unseen["input_cov"].shape)}
 
     def _predict(self, belief: Any, u: Any, mean: Any, A: Any, Q: Any, *more: Any) -> Changes:
-        return driven(belief, mean, A, Q, *more) | unseen_input(mean, self.input_prior)
+        return driven(belief, mean, A, Q, *more) | self._unseen(mean)
 
     def _shown(self, belief: Any, C: Any, H: Any) -> tuple[Any, Any]:
         """F ``(..., p, q)`` of the input in a measurement, and how it moved the state ``(..., n, q)``."""
@@ -206,7 +211,7 @@ class UMVFilter(UnknownInputFilter):
     """
 
     name = "kf-umv-ui"
-    record = InputBelief
+    record = ObservedInputBelief
     input_delay = 0
 
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
@@ -236,7 +241,7 @@ class DelayedInputFilter(UnknownInputFilter):
     reversible = True
 
     def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
-        begun = unseen_input(mean, self.input_prior)
+        begun = self._unseen(mean)
         if self.model.delayed_feedthrough:  # no input has acted yet: d(-1) is known to be 0
             begun["input_cov"] = np.zeros(begun["input_cov"].shape)
             begun["input_observed"] = begun["input_observed"] + identity(self.model.q)
@@ -245,7 +250,7 @@ class DelayedInputFilter(UnknownInputFilter):
 
     def _predict(self, belief: Any, u: Any, mean: Any, A: Any, Q: Any, *more: Any) -> Changes:
         (G,) = more
-        return unseen_input(mean, self.input_prior) | {
+        return self._unseen(mean) | {
             "mean": mean,
             "cov": symmetrise(congruence(A, self._covariance(belief)) + Q),
             "pending": np.ones(mean.shape[:-1], bool),

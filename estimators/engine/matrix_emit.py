@@ -245,20 +245,6 @@ class MatrixEmitter(Emitter):
         for view, place in zip(views, places, strict=True):
             self.copy(view, Matrix(self, View(instruction.result, view.shape, place, (width, 1))))
 
-    def concatenate(self, parts: Sequence[Any], target: Matrix) -> None:
-        """Scalars and matrices one after the other."""
-        column = 0
-        for part in parts:
-            if isinstance(part, View):
-                columns = part.shape[1]
-                self.copy(
-                    part, Matrix(self, View(target.view.value, part.shape, column, (columns, 1)))
-                )
-                column += math.prod(part.shape)
-            else:
-                target[0, column] = self.scalar(part)
-                column += 1
-
     def copy(self, view: View, target: Matrix) -> None:
         """Copy a matrix to where another one stands."""
 

@@ -26,25 +26,19 @@ STEPS, ROWS, HORIZON = 18, 4, 4
 class Late:
     """A run in which rows begin again, and measurements with their times of arrival."""
 
-    def __init__(self, case: Case, seed: int = 0) -> None:
-        self.case, self.system = case, case.system(0)
-        rng = np.random.default_rng(seed)
+    def __init__(self, case: Case) -> None:
+        self.system, self.keys = case.system(0), RandomKeys.seeded(range(ROWS))
+        rng = np.random.default_rng(0)
         self.record = simulate(self.system, 1, ROWS, STEPS)
-        self.y = self.record.y.copy()
-        self.y[rng.random(self.y.shape) < 0.1] = np.nan
+        self.y = np.where(rng.random(self.record.y.shape) < 0.1, np.nan, self.record.y)
         self.begins = np.zeros((STEPS, ROWS), bool)
-        self.begins[0] = True
-        self.begins[7, 1] = self.begins[8, 2] = self.begins[9, 1] = self.begins[STEPS - 3, 3] = True
-        delay = rng.integers(0, HORIZON + 1, self.y.shape)
+        self.begins[[7, 8, 9, STEPS - 3], [1, 2, 1, 3]] = True
+        self.delay = rng.integers(0, HORIZON + 1, self.y.shape)
         for row in range(ROWS):  # nothing outlives its episode, and all has come in the end
-            ends = [*np.flatnonzero(self.begins[1:, row]) + 1, STEPS]
-            first = 0
-            for end in ends:
-                left = end - 1 - np.arange(first, end)
-                delay[first:end, row] = np.minimum(delay[first:end, row], left[:, None])
-                first = end
-        self.delay = delay
-        self.keys = RandomKeys.seeded(list(range(ROWS)))
+            ends = np.append(np.flatnonzero(self.begins[:, row]), STEPS)
+            for k in range(STEPS):
+                left = ends[ends > k][0] - 1 - k
+                self.delay[k, row] = np.minimum(self.delay[k, row], left)
 
     def run(self, filter: Filter | Delayed, y: np.ndarray):
         system, moves, begins = self.system, self.keys.of("moves"), self.keys.of("begins")
@@ -52,7 +46,7 @@ class Late:
         for k in range(STEPS):
             if k:
                 belief = filter.predict(belief, self.record.u[k - 1], rng=moves.at(k))
-            if k and (again := self.begins[k]).any():
+            if (again := self.begins[k]).any():
                 begun = filter.init(system.rows(ROWS), rng=begins.at(k))
                 belief = belief.with_rows(again, begun[again])
             u = self.record.u[max(k - 1, 0)]
@@ -62,8 +56,9 @@ class Late:
 
 
 FIELDS = (
-    "mean", "cov", "input_mean", "input_cov", "ensemble", "innovation", "innovation_cov", "recovery", "available",
-)  # fmt: skip
+    *("mean", "cov", "input_mean", "input_cov", "ensemble"),
+    *("innovation", "innovation_cov", "recovery", "available"),
+)
 
 
 def assert_equal(one, other, fields=FIELDS) -> None:
@@ -83,9 +78,9 @@ def test_shuffled_measurements_end_where_ordered_ones_do_in_rows_that_begin_at_t
     assert (late.delay[np.isfinite(late.y)] > 0).mean() > 0.5
     assert_equal(shuffled[-1], ordered[-1])
     np.testing.assert_array_equal(shuffled[-1].refused, 0)
-    for k in np.flatnonzero(late.begins[1:].any(1)):  # and at the end of every episode
-        rows = late.begins[k + 1]
-        assert_equal(shuffled[k][rows], ordered[k][rows])
+    for k in np.flatnonzero(late.begins.any(1)):  # and at the end of every episode
+        rows = late.begins[k]
+        assert_equal(shuffled[k - 1][rows], ordered[k - 1][rows])
 
 
 @some_cases("kf", "enkf", "kf-umv-ui", "ekf on a turning vehicle")
@@ -110,68 +105,48 @@ def test_at_every_step_it_knows_just_what_has_come(case: Case):
         assert_equal(late.updated[k], found.updated[k])
 
 
-def _walk() -> tuple[LinearModel, Gaussian]:
-    return LinearModel(np.eye(2), np.eye(2), 0.1 * np.eye(2), np.eye(2)), Gaussian(
-        np.zeros((3, 2)), np.eye(2)
-    )
-
-
-def _measurements(ages: int, *come: tuple[int, int, int, float]) -> np.ndarray:
-    y = np.full((3, ages, 2), np.nan)
-    for row, age, channel, value in come:
-        y[row, age, channel] = value
-    return y
+KF = make("kf", LinearModel(np.eye(2), np.eye(2), 0.1 * np.eye(2), np.eye(2)))
+PRIOR = Gaussian(np.zeros((3, 2)), np.eye(2))
 
 
 def test_what_comes_too_late_or_twice_is_refused_and_counted_until_a_row_begins_again():
-    model, prior = _walk()
-    delayed = Delayed(make("kf", model), 2)
-    belief = delayed.update(delayed.init(prior), _measurements(1))
-    belief = delayed.update(
-        delayed.predict(belief), _measurements(3, (0, 2, 0, 9.0), (1, 1, 0, 1.0))
-    )  # 0: before it began
-    np.testing.assert_array_equal(belief.refused, [1, 0, 0])
-    for _ in range(2):
-        belief = delayed.update(delayed.predict(belief), _measurements(1))
-    before = belief
-    belief = delayed.update(
-        delayed.predict(belief), _measurements(5, (1, 3, 1, 9.0), (1, 4, 0, 9.0), (2, 2, 0, 1.0))
-    )
-    np.testing.assert_array_equal(belief.refused, [1, 2, 0])
-    again = delayed.update(
-        delayed.predict(belief), _measurements(4, (2, 3, 0, 9.0), (2, 1, 0, 2.0))
-    )
-    twice = delayed.update(
-        again, _measurements(2, (2, 1, 0, 5.0))
-    )  # the channel has told of that step
-    np.testing.assert_array_equal(twice.refused, [1, 2, 2])
-    np.testing.assert_array_equal(twice.mean, again.mean)
-    plain = make("kf", model)
-    untouched = plain.update(plain.predict(before.now), np.full((3, 2), np.nan))
-    np.testing.assert_array_equal(
-        belief.mean[:2], untouched.mean[:2]
-    )  # refused measurements leave nothing
+    delayed = Delayed(KF, 2)
+
+    def updated(belief, *come: tuple[int, int, int]):
+        y = np.full((3, 5, 2), np.nan)
+        for place in come:
+            y[place] = 9.0
+        return delayed.update(belief, y)
+
+    def following(belief, *come: tuple[int, int, int]):
+        return updated(delayed.predict(belief), *come)
+
+    belief = following(updated(delayed.init(PRIOR)), (0, 2, 0), (1, 1, 0))
+    np.testing.assert_array_equal(belief.refused, [1, 0, 0])  # row 0: of before it began
+    before = following(following(belief))
+    belief = following(before, (1, 3, 1), (1, 4, 0), (2, 2, 0))
+    np.testing.assert_array_equal(belief.refused, [1, 2, 0])  # row 1: older than the horizon
+    untouched = following(before)
+    np.testing.assert_array_equal(belief.mean[:2], untouched.mean[:2])
+    twice = updated(updated(belief, (2, 1, 0)), (2, 1, 0))
+    np.testing.assert_array_equal(twice.refused, [1, 2, 1])
+    np.testing.assert_array_equal(twice.mean, updated(belief, (2, 1, 0)).mean)
     rows = np.array([False, True, False])
-    begun = twice.with_rows(rows, delayed.init(prior)[rows])
-    np.testing.assert_array_equal(begun.refused, [1, 0, 2])
-    following = delayed.update(
-        delayed.predict(begun), _measurements(3, (1, 2, 0, 9.0), (1, 1, 0, 1.0))
-    )
-    np.testing.assert_array_equal(following.refused, [1, 1, 2])
+    begun = following(twice.with_rows(rows, delayed.init(PRIOR)[rows]), (1, 2, 0), (1, 1, 0))
+    np.testing.assert_array_equal(begun.refused, [1, 1, 1])
 
 
 def test_late_measurements_may_bring_covariances_of_their_own():
-    """Those of different calls are not correlated; one without has the model's."""
+    """Measurements of different calls are not correlated; one without R has the model's."""
     nan, R = np.nan, np.array([[2.0, 0.7], [0.7, 3.0]])
-    prior = Gaussian(np.zeros((3, 2)), np.eye(2))
     filter = make("kf", LinearModel(np.eye(2), np.eye(2), 0.1 * np.eye(2), 0.5 * R))
     delayed, y = Delayed(filter, 3), np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
     # Row 0 brings both together, row 1 in two calls, row 2 late, with the model's.
-    brought = delayed.update(delayed.init(prior), [[[1.0, 2.0]], [[3.0, nan]], [[nan, nan]]], R=R)
-    others = delayed.update(delayed.init(prior), np.full((3, 1, 2), nan))
+    brought = delayed.update(delayed.init(PRIOR), [[[1.0, 2.0]], [[3.0, nan]], [[nan, nan]]], R=R)
+    others = delayed.update(delayed.init(PRIOR), np.full((3, 1, 2), nan))
     first = np.array([True, True, False])
     own = np.array([R, np.diag([2.0, 4.0]), filter.model.R])
-    before = filter.predict(filter.update(filter.init(prior), y, R=own))
+    before = filter.predict(filter.update(filter.init(PRIOR), y, R=own))
     ordered = filter.update(before, np.full((3, 2), nan))
     for belief in (brought.with_rows(~first, others[2:]), others.with_rows(first, brought[:2])):
         late = np.full((3, 2, 2), nan)
@@ -183,7 +158,7 @@ def test_late_measurements_may_bring_covariances_of_their_own():
 
 
 def test_a_known_input_of_the_measurements_alone_is_theirs_when_their_step_is_repeated():
-    """``u`` of `update` is not that of the prediction; a measurement of an earlier step must not mix them up."""
+    """A measurement of an earlier step does not mix up ``u`` of `update` and of `predict`."""
     model = NonlinearModel(
         lambda x, u: x + u[..., :1], lambda x, u: x * u[..., :1], 0.1 * np.eye(1), np.eye(1)
     )
@@ -221,22 +196,13 @@ def test_rows_can_be_taken_out_and_copies_go_on():
 
 
 class Mean:
-    """What is no `Filter` at all: a running mean, which has what is needed."""
+    """A running mean, which is no `Filter` and has what is needed."""
 
-    random = False
-
-    def __init__(self) -> None:
-        self.model = LinearModel([[1.0]], [[1.0]], [[0.0]], [[1.0]])
+    model = LinearModel([[1.0]], [[1.0]], [[0.0]], [[1.0]])
 
     def init(self, prior, rng=None):
-        mean = np.array(prior.mean)
-        return Belief(
-            mean,
-            np.broadcast_to(prior.cov, (*mean.shape, 1)),
-            mean,
-            prior.cov,
-            np.zeros(mean.shape[:-1]),
-        )
+        mean, cov = prior.mean, prior.cov[None]
+        return Belief(mean, cov, mean, cov, np.zeros(mean.shape[:-1]))
 
     def predict(self, belief, u=None, rng=None):
         return belief
@@ -265,35 +231,32 @@ def test_measurements_by_age_are_those_that_were_taken():
 
 
 def test_what_does_not_fit_gets_one_sentence():
-    model, prior = _walk()
-    kf = make("kf", model)
     for horizon in (-1, 2.0, True, None, "2"):
         with pytest.raises(ValueError, match="horizon must be a whole number of at least 0"):
-            Delayed(kf, horizon)
-    for filter in ("kf", type(kf), None):
-        with pytest.raises(
-            TypeError, match=r"filter must be a filter, as estimators\.make gives one"
-        ):
+            Delayed(KF, horizon)
+    for filter in ("kf", type(KF), None):
+        with pytest.raises(TypeError, match=r"filter must be a filter, as estimators\.make"):
             Delayed(filter, 1)
-    delayed = Delayed(kf, 1)
-    with pytest.raises(
-        ValueError, match=r"y has shape \(3, 3\), expected \(3, 'ages', 2\): measurements by age"
-    ):
-        delayed.update(delayed.init(prior), np.zeros((3, 3)))
+    delayed = Delayed(KF, 1)
+    by_age_only = r"y has shape \(3, 3\), expected \(3, 'ages', 2\): measurements by age"
+    with pytest.raises(ValueError, match=by_age_only):
+        delayed.update(delayed.init(PRIOR), np.zeros((3, 3)))
+    with pytest.raises(ValueError, match=r"R has shape \(3,\), expected \(3, 1, 2, 2\)"):
+        delayed.update(delayed.init(PRIOR), np.zeros((3, 1, 2)), R=np.ones(3))
+    with pytest.raises(TypeError, match="belief must be a DelayedBelief, got Belief"):
+        delayed.predict(KF.init(PRIOR))
     with pytest.raises(ValueError, match=r"some of them late, are for Delayed\(filter, horizon\)"):
-        kf.update(kf.init(prior), np.zeros((3, 4, 2)))
-    drawn = Delayed(make("enkf", model), 1)
+        KF.update(KF.init(PRIOR), np.zeros((3, 4, 2)))
     with pytest.raises(TypeError, match="give rng as keys"):
-        drawn.init(prior, rng=np.random.default_rng(0))
+        Delayed(make("enkf", KF.model), 1).init(PRIOR, rng=np.random.default_rng(0))
     with pytest.raises(ValueError, match="delay must be whole numbers"):
         by_age(np.zeros((3, 1)), 0.5)
-    series = run(delayed, prior, np.zeros((4, 3, 1, 2)))
+    series = run(delayed, PRIOR, np.zeros((4, 3, 1, 2)))
     with pytest.raises(ValueError, match="have a likelihood once they are sorted"):
         series.log_likelihood  # noqa: B018
 
 
 def test_it_says_what_the_filter_says_of_itself():
-    kf = make("kf", _walk()[0])
-    delayed = Delayed(kf, 2)
-    assert (delayed.name, delayed.random, delayed.model) == ("kf", False, kf.model)
+    delayed = Delayed(KF, 2)
+    assert (delayed.name, delayed.random, delayed.model) == ("kf", False, KF.model)
     assert repr(delayed) == "Delayed(KalmanFilter(n=2, p=2, q=0), horizon=2)"

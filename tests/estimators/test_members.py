@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from estimators import Belief, Filter, Gaussian, LinearModel, NonlinearModel, RandomKeys, make
+from estimators import (
+    Belief,
+    Filter,
+    Gaussian,
+    LinearModel,
+    NonlinearModel,
+    RandomKeys,
+    compiled,
+    make,
+)
 from estimators.angles import difference
 from estimators.ensemble import MEASUREMENTS, PROCESS
 from estimators.linalg import masked, semidefinite_cholesky

@@ -265,17 +265,6 @@ def test_jacobians_are_the_analytic_ones(way: Callable, error: float):
     np.testing.assert_allclose(jacobian, expected, rtol=0, atol=error)
 
 
-@pytest.mark.parametrize(
-    ("way", "error"), [(compiled, 0.0), (lambda f: f, 1e-7)], ids=["compiled", "differences"]
-)
-def test_jacobians_keep_their_digits_for_large_and_small_states(way: Callable, error: float):
-    model = NonlinearModel(way(lambda x, u: x**2), lambda x, u: x[..., :1], np.eye(2), np.eye(1))
-    x = np.array([1e6, 1e-3])
-    jacobian = model.linearise_transition(x, None)[1]
-    np.testing.assert_allclose(np.diag(jacobian), 2.0 * x, rtol=error)
-    np.testing.assert_array_equal(jacobian[[0, 1], [1, 0]], 0.0)
-
-
 # --- discretisation -------------------------------------------------------------------------------
 
 
@@ -299,18 +288,6 @@ def test_zero_order_hold_ends_where_integration_ends(seed: int):
     for _ in range(3):
         x, u = rng.normal(size=3), rng.normal(size=2)
         np.testing.assert_allclose(F @ x + D @ u, _flow(A, x, B @ u, 0.7), rtol=0, atol=1e-9)
-
-
-def test_zero_order_hold_takes_a_batch():
-    models = [_continuous(seed) for seed in range(4)]
-    A, B = np.stack([m[0] for m in models]), np.stack([m[1] for m in models])
-    F, D = zero_order_hold(A, B, 0.2)
-    for i in range(4):
-        one = zero_order_hold(A[i], B[i], 0.2)
-        np.testing.assert_allclose(F[i], one[0], rtol=0, atol=1e-14)
-        np.testing.assert_allclose(D[i], one[1], rtol=0, atol=1e-14)
-    shared = zero_order_hold(A, B[0], 0.2)[1]
-    np.testing.assert_allclose(shared[3], zero_order_hold(A[3], B[0], 0.2)[1], rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -222,21 +222,6 @@ def test_another_mean_without_its_points_is_refused(name: str):
         np.testing.assert_array_equal(belief.replace(mean=np.ones((2, 4)).tolist()).mean, 1.0)
 
 
-@pytest.mark.parametrize("name", ["kf", "enkf"])
-@pytest.mark.parametrize(
-    "copied", [copy.copy, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))]
-)
-def test_nobody_can_write_to_a_copy_of_a_belief(name: str, copied: Callable):
-    system, rng = kalman_system(0), RandomKeys.seeded(range(2))
-    filter = make(name, system.model)
-    belief = filter.predict(filter.init(system.rows(2), rng=rng), np.zeros(2), rng=rng)
-    copies = arrays(copied(belief))
-    for key, array in arrays(belief).items():
-        np.testing.assert_array_equal(copies[key], array)
-        with pytest.raises(ValueError, match="read-only"):
-            copies[key][...] = 0
-
-
 def test_a_mean_that_is_no_array_is_made_one_or_refused():
     system = kalman_system(0)
     filter = make("kf", system.model)

@@ -23,7 +23,7 @@ CHANGES = "change of current north", "change of current east"
 
 
 @dataclass(frozen=True)
-class Asked(Water):
+class Asked(Water, verified=True):
     """Water of which some is the unknown input."""
 
     assumed_as = "unknown-input"
@@ -128,7 +128,7 @@ def test_a_flow_that_is_d_is_not_held_and_is_believed_as_d_is():
     )
 
 
-class Straight(Itsunusa):
+class Straight(Itsunusa, verified=True):
     """ITSUNUSA with a linear model about cruising, and what the current does to it."""
 
     kinds = ("nonlinear", "linear")
