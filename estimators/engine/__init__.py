@@ -19,8 +19,8 @@ from estimators.engine.elementary import (
     sincos_near_zero,
 )
 from estimators.engine.matrices import along
+from estimators.engine.program import NotTraceable
 from estimators.engine.tables import lookup
-from estimators.engine.tracer import NotTraceable
 
 __all__ = [
     "Compiled",

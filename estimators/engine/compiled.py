@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from estimators.engine.arrays import TracedArray, entries
-from estimators.engine.function import Argument, Function
-from estimators.engine.matching import in_memory, kind_of
+from estimators.engine.function import Argument, Function, unlike
+from estimators.engine.matching import in_memory
 from estimators.engine.matrices import MatrixTracer, is_mask, matrix_input
 from estimators.engine.program import Program
 from estimators.engine.tracer import Tracer, cast
@@ -75,11 +75,7 @@ class Compiled:
         self.function, self._axes, self._matrices = function, axes, matrices
         self._traced: dict[Any, tuple[Function, bool]] = {}
         self._partial: dict[tuple[bool, ...], Compiled] = {}
-        self._last: tuple[dict[str, Any], Function | None, bool] = (
-            {},
-            None,
-            False,
-        )  # as it was called last
+        self._last: tuple[dict[str, Any], Callable[..., Any], bool] = {}, unlike, False
 
     @property
     def __self__(self) -> Any:
@@ -100,12 +96,8 @@ class Compiled:
 
     def __call__(self, *arrays: Any, **static: Any) -> Any:
         """The function's results for arrays; where they are tracers, traced with its caller."""
-        constants, function, several = self._last
-        if (
-            function is None
-            or static != constants
-            or (results := function.repeated(arrays)) is None
-        ):
+        constants, call, several = self._last  # as it was called last
+        if static != constants or (results := call(*arrays)) is None:
             return self._call(arrays, static)
         return results if several else results[0]
 
@@ -126,12 +118,13 @@ class Compiled:
         )
         if key not in self._traced:
             each = [
-                Argument(a.shape[a.ndim - k :], kind_of(a)) for a, k in zip(rows, axes, strict=True)
+                Argument(a.shape[a.ndim - k :], a.dtype.kind)
+                for a, k in zip(rows, axes, strict=True)
             ]
             self._traced[key] = trace(partial(self.function, **static), each, self._matrices)
         function, several = self._traced[key]
-        self._last = static, function, several
         results = function.compute(rows)
+        self._last = static, function.call, several
         return tuple(results) if several else results[0]
 
     def _without(self, arrays: Sequence[Any]) -> "Compiled":

@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from estimators.engine.arrays import TracedArray
-from estimators.engine.tracer import Tracer, cast, constant, operation
-from estimators.engine.tracer import where as _where
+from estimators.engine.arrays import TracedArray, each_entry
+from estimators.engine.tracer import Tracer, cast, constant, operation, where
 
 _LN2_HIGH, _LN2_LOW, _PER_LN2 = (
     6.93147180369123816490e-01,
@@ -25,55 +24,37 @@ _PI_LOW = 1.2246467991473531772e-16
 _HALF_PI_LOW, _QUARTER_PI = 0.5 * _PI_LOW, 0.25 * np.pi
 
 
-def _conversion(
-    traced: Callable[[Tracer], Any], numpy: Callable[[Any], Any]
-) -> Callable[[Any], Any]:
-    """A conversion of tracers and of arrays, entry by entry of arrays of tracers, too."""
+def _of_arrays(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """A conversion of tracers and of NumPy's numbers, entry by entry of arrays of tracers."""
 
     def convert(x: Any) -> Any:
-        if isinstance(x, Tracer):
-            return traced(x)
-        if isinstance(x, np.ndarray) and x.dtype == object:
-            found = np.frompyfunc(convert, 1, 1)(x.view(np.ndarray))
-            return found if isinstance(found, Tracer) else found.view(type(x))
-        return numpy(x)[()]
+        return each_entry(function, x) if isinstance(x, TracedArray) else function(x)
 
     return convert
 
 
-def _bits(opcode: str, own: str, kind: str) -> Callable[[Tracer], Tracer]:
-    def traced(x: Tracer) -> Tracer:
-        return Tracer(x.program, x.program.add(opcode, (cast(x, own).value,), kind))
+def _float_bits(x: Any) -> Any:
+    if isinstance(x, Tracer):
+        return Tracer(x.program, x.program.add("bits", (cast(x, "f").value,), "u"))
+    return np.asarray(x, float).view(np.uint64)[()]
 
-    return traced
+
+def _bits_float(x: Any) -> Any:
+    if isinstance(x, Tracer):
+        return Tracer(x.program, x.program.add("from bits", (cast(x, "u").value,), "f"))
+    return np.asarray(x, np.uint64).view(float)[()]
 
 
-float_bits = _conversion(_bits("bits", "f", "u"), lambda x: np.asarray(x, float).view(np.uint64))
+float_bits = _of_arrays(_float_bits)
 """The 64 bits of a float as a word."""
-bits_float = _conversion(
-    _bits("from bits", "u", "f"), lambda x: np.asarray(x, np.uint64).view(float)
-)
+bits_float = _of_arrays(_bits_float)
 """The float of 64 bits."""
-as_float = _conversion(lambda x: cast(x, "f"), lambda x: np.asarray(x).astype(float))
+as_float = _of_arrays(lambda x: cast(x, "f"))
 """Whole numbers, words or masks as floats."""
-as_word = _conversion(lambda x: cast(x, "u"), lambda x: np.asarray(x).astype(np.uint64))
+as_word = _of_arrays(lambda x: cast(x, "u"))
 """Whole numbers as words of 64 bits, modulo 2^64; floats are truncated."""
-as_integer = _conversion(lambda x: cast(x, "i"), lambda x: np.asarray(x).astype(np.int64))
+as_integer = _of_arrays(lambda x: cast(x, "i"))
 """Words as whole numbers of 64 bits with a sign; floats are truncated."""
-
-
-def _select(mask: Any, chosen: Any, other: Any) -> Any:
-    return (
-        _where(mask, chosen, other) if isinstance(mask, Tracer) else np.where(mask, chosen, other)
-    )
-
-
-def _apply(opcode: str, *operands: Any) -> Any:
-    if any(isinstance(each, Tracer) for each in operands):
-        return operation(opcode, *operands)
-    return (
-        EXPANSIONS[opcode][1](*operands) if opcode in EXPANSIONS else getattr(np, opcode)(*operands)
-    )
 
 
 def _polynomial(z: Any, *coefficients: float) -> Any:
@@ -91,7 +72,7 @@ def _power_of_two(k: Any) -> Any:
 
 def _scaled(y: Any, k: Any) -> Any:
     """``y 2^k``, in two steps so that neither overflows before its time."""
-    half = _apply("floor", 0.5 * k)
+    half = operation("floor", 0.5 * k)
     return y * _power_of_two(half) * _power_of_two(k - half)
 
 
@@ -116,39 +97,39 @@ def sincos_near_zero(x: Any) -> tuple[Any, Any]:
 
 def _sincos(angle: Any) -> tuple[Any, Any]:
     """Sine and cosine."""
-    quarters = _apply("floor", angle * 0.6366197723675814 + 0.5)
+    quarters = operation("floor", angle * 0.6366197723675814 + 0.5)
     x = (
         angle
         - quarters * 1.5707963267341256
         - quarters * 6.077100506303966e-11
         - quarters * 2.0222662487959506e-21
     )
-    x = _select(
-        x > 0.786, 0.786, _select(x < -0.786, -0.786, x)
+    x = where(
+        x > 0.786, 0.786, where(x < -0.786, -0.786, x)
     )  # angles without an accurate digit stay bounded
     sine, cosine = sincos_near_zero(x)
-    quarter = quarters - 4.0 * _apply("floor", 0.25 * quarters)
+    quarter = quarters - 4.0 * operation("floor", 0.25 * quarters)
     odd = (quarter == 1.0) | (quarter == 3.0)
-    s, c = _select(odd, cosine, sine), _select(odd, sine, cosine)
-    return _select(quarter >= 2.0, -s, s), _select((quarter == 1.0) | (quarter == 2.0), -c, c)
+    s, c = where(odd, cosine, sine), where(odd, sine, cosine)
+    return where(quarter >= 2.0, -s, s), where((quarter == 1.0) | (quarter == 2.0), -c, c)
 
 
 def _tan(angle: Any) -> Any:
-    quarters = _apply("floor", angle * 0.6366197723675814 + 0.5)
+    quarters = operation("floor", angle * 0.6366197723675814 + 0.5)
     first = angle - quarters * 1.5707963267341256
     part = quarters * 6.077100506303966e-11
     high = first - part
     part = quarters * 2.0222662487959506e-21 - ((first - high) - part)
     x = high - part
     low = (high - x) - part
-    x = _select(x > 0.786, 0.786, _select(x < -0.786, -0.786, x))
-    a = _apply("absolute", x)
+    x = where(x > 0.786, 0.786, where(x < -0.786, -0.786, x))
+    a = operation("absolute", x)
     reduced = x
     far = a >= 0.67434  # there it is 1 - 2 tan(pi/4 - x) / (1 + tan(pi/4 - x))
-    low = _select(far, 0.0, low) + _select(
-        far, 3.06161699786838301793e-17 - _select(x < 0.0, -low, low), 0.0
+    low = where(far, 0.0, low) + where(
+        far, 3.06161699786838301793e-17 - where(x < 0.0, -low, low), 0.0
     )
-    near = _select(far, 7.85398163397448278999e-01 - a, x)
+    near = where(far, 7.85398163397448278999e-01 - a, x)
     x, low = near + low, low - ((near + low) - near)
     z = x * x
     w = z * z
@@ -163,19 +144,19 @@ def _tan(angle: Any) -> Any:
     cube = z * x
     rest = low + z * (cube * (odd + even) + low) + 3.33333333333334091986e-01 * cube
     total = x + rest
-    turned = quarters - 2.0 * _apply("floor", 0.5 * quarters) == 1.0
-    sign = _select(turned, -1.0, 1.0)
+    turned = quarters - 2.0 * operation("floor", 0.5 * quarters) == 1.0
+    sign = where(turned, -1.0, 1.0)
     over = sign - 2.0 * (x - (total * total / (total + sign) - rest))
-    head, inverse = _high(total), -1.0 / _select(total == 0.0, 1.0, total)
+    head, inverse = _high(total), -1.0 / where(total == 0.0, 1.0, total)
     tail, first = rest - (head - x), _high(inverse)
     inverse = first + inverse * ((1.0 + first * head) + first * tail)
-    far_value = _apply("copysign", 1.0, reduced) * over
-    return _select(angle == 0.0, angle, _select(far, far_value, _select(turned, inverse, total)))
+    far_value = operation("copysign", 1.0, reduced) * over
+    return where(angle == 0.0, angle, where(far, far_value, where(turned, inverse, total)))
 
 
 def _exp(x: Any) -> Any:
-    x = _select(x > 800.0, 800.0, _select(x < -800.0, -800.0, x))
-    k = _apply("rint", x * _PER_LN2)
+    x = where(x > 800.0, 800.0, where(x < -800.0, -800.0, x))
+    k = operation("rint", x * _PER_LN2)
     high, low = x - k * _LN2_HIGH, k * _LN2_LOW
     r = high - low
     z = r * r
@@ -187,8 +168,8 @@ def _exp(x: Any) -> Any:
 
 
 def _expm1(x: Any) -> Any:
-    x = _select(x > 800.0, 800.0, _select(x < -800.0, -800.0, x))
-    k = _apply("rint", x * _PER_LN2)
+    x = where(x > 800.0, 800.0, where(x < -800.0, -800.0, x))
+    k = operation("rint", x * _PER_LN2)
     high, low = x - k * _LN2_HIGH, k * _LN2_LOW
     r = high - low
     c = (high - r) - low
@@ -202,19 +183,19 @@ def _expm1(x: Any) -> Any:
     e = z * ((q - t) / (6.0 - r * t))
     near = r - (r * e - z)
     e = (r * (e - c) - c) - z
-    inverse = _power_of_two(-_select(k > 1000.0, 1000.0, _select(k < -1000.0, -1000.0, k)))
-    positive = _select(k < 20.0, (1.0 - inverse) - (e - r), (r - (e + inverse)) + 1.0)
-    positive = _scaled(_select((k == 1.0) & (r < -0.25), (r + 0.5) - e, positive), k)
-    negative = _select(k == -1.0, 0.5 * (r - e) - 0.5, _scaled(1.0 - (e - r), k) - 1.0)
-    return _select(x == 0.0, x, _select(k == 0.0, near, _select(k > 0.0, positive, negative)))
+    inverse = _power_of_two(-where(k > 1000.0, 1000.0, where(k < -1000.0, -1000.0, k)))
+    positive = where(k < 20.0, (1.0 - inverse) - (e - r), (r - (e + inverse)) + 1.0)
+    positive = _scaled(where((k == 1.0) & (r < -0.25), (r + 0.5) - e, positive), k)
+    negative = where(k == -1.0, 0.5 * (r - e) - 0.5, _scaled(1.0 - (e - r), k) - 1.0)
+    return where(x == 0.0, x, where(k == 0.0, near, where(k > 0.0, positive, negative)))
 
 
 def _log(x: Any) -> Any:
     small = x < 2.2250738585072014e-308
-    bits = as_integer(float_bits(_select(small, x * 18014398509481984.0, x)))  # 2^54
+    bits = as_integer(float_bits(where(small, x * 18014398509481984.0, x)))  # 2^54
     exponent = (bits - 0x3FE6A09E667F3BCD) >> 52  # so that the rest lies within sqrt(2) of 1
     f = bits_float(as_word(bits - (exponent << 52))) - 1.0
-    k = as_float(exponent) - _select(small, 54.0, 0.0)
+    k = as_float(exponent) - where(small, 54.0, 0.0)
     s = f / (2.0 + f)
     z = s * s
     r = z * _polynomial(
@@ -223,40 +204,36 @@ def _log(x: Any) -> Any:
     )  # fmt: skip
     half = 0.5 * f * f
     value = k * _LN2_HIGH - ((half - (s * (half + r) + k * _LN2_LOW)) - f)
-    special = _select(x == 0.0, -np.inf, _select(x == np.inf, np.inf, np.nan))
-    return _select((x > 0.0) & (x < np.inf), value, special)
+    special = where(x == 0.0, -np.inf, where(x == np.inf, np.inf, np.nan))
+    return where((x > 0.0) & (x < np.inf), value, special)
 
 
 def _log1p(x: Any) -> Any:
     u = 1.0 + x
-    missing = _select(u > 2.0, 1.0 - (u - x), x - (u - 1.0))
-    log = _apply("log", u)
-    log = _select((x > -1.0) & (x < np.inf), log + missing / _select(u == 0.0, 1.0, u), log)
-    return _select(x == 0.0, x, log)
+    missing = where(u > 2.0, 1.0 - (u - x), x - (u - 1.0))
+    log = _log(u)
+    log = where((x > -1.0) & (x < np.inf), log + missing / where(u == 0.0, 1.0, u), log)
+    return where(x == 0.0, x, log)
 
 
 def _arctan(x: Any) -> Any:
-    a = _apply("absolute", x)
+    a = operation("absolute", x)
     first, second, third, fourth = a < 0.4375, a < 0.6875, a < 1.1875, a < 2.4375
-    over = _select(
+    over = where(
         first,
         a,
-        _select(second, 2.0 * a - 1.0, _select(third, a - 1.0, _select(fourth, a - 1.5, -1.0))),
+        where(second, 2.0 * a - 1.0, where(third, a - 1.0, where(fourth, a - 1.5, -1.0))),
     )
-    under = _select(
+    under = where(
         first,
         1.0,
-        _select(second, 2.0 + a, _select(third, a + 1.0, _select(fourth, 1.0 + 1.5 * a, a))),
+        where(second, 2.0 + a, where(third, a + 1.0, where(fourth, 1.0 + 1.5 * a, a))),
     )
-    high = _select(fourth, 9.82793723247329054082e-01, 1.57079632679489655800)
-    high = _select(
-        second, 4.63647609000806093515e-01, _select(third, 7.85398163397448278999e-01, high)
-    )
-    low = _select(fourth, 1.39033110312309984516e-17, 6.12323399573676603587e-17)
-    low = _select(
-        second, 2.26987774529616870924e-17, _select(third, 3.06161699786838301793e-17, low)
-    )
-    high, low = _select(first, 0.0, high), _select(first, 0.0, low)
+    high = where(fourth, 9.82793723247329054082e-01, 1.57079632679489655800)
+    high = where(second, 4.63647609000806093515e-01, where(third, 7.85398163397448278999e-01, high))
+    low = where(fourth, 1.39033110312309984516e-17, 6.12323399573676603587e-17)
+    low = where(second, 2.26987774529616870924e-17, where(third, 3.06161699786838301793e-17, low))
+    high, low = where(first, 0.0, high), where(first, 0.0, low)
     t = over / under
     z = t * t
     series = z * _polynomial(
@@ -265,16 +242,16 @@ def _arctan(x: Any) -> Any:
         6.66107313738753120669e-02, -5.83357013379057348645e-02, 4.97687799461593236017e-02,
         -3.65315727442169155270e-02, 1.62858201153657823623e-02,
     )  # fmt: skip
-    return _apply("copysign", high - ((t * series - low) - t), x)
+    return operation("copysign", high - ((t * series - low) - t), x)
 
 
 def _arctan2(y: Any, x: Any) -> Any:
-    over, under = _apply("absolute", y), _apply("absolute", x)
+    over, under = operation("absolute", y), operation("absolute", x)
     alike = (over == under) & ((over == 0.0) | (over == np.inf))
-    ratio = _select(alike, _select(over == 0.0, 0.0, 1.0), over / _select(alike, 1.0, under))
-    angle = _apply("arctan", ratio)
-    astern = _apply("copysign", 1.0, x) < 0.0
-    return _apply("copysign", _select(astern, np.pi - (angle - _PI_LOW), angle), y)
+    ratio = where(alike, where(over == 0.0, 0.0, 1.0), over / where(alike, 1.0, under))
+    angle = _arctan(ratio)
+    astern = operation("copysign", 1.0, x) < 0.0
+    return operation("copysign", where(astern, np.pi - (angle - _PI_LOW), angle), y)
 
 
 def _arcsine_series(z: Any) -> Any:
@@ -291,12 +268,12 @@ def _arcsine_series(z: Any) -> Any:
 
 def _half_angle(x: Any) -> tuple[Any, Any, Any, Any, Any]:
     """``|x| < 1/2``; ``z = x^2``, beyond ``(1 - |x|) / 2``; its root in two parts; and the series of z."""
-    a = _apply("absolute", x)
+    a = operation("absolute", x)
     small = a < 0.5
-    z = _select(small, x * x, 0.5 * (1.0 - a))
-    root = _apply("sqrt", z)
+    z = where(small, x * x, 0.5 * (1.0 - a))
+    root = operation("sqrt", z)
     high = _high(root)
-    low = (z - high * high) / _select(root == 0.0, 1.0, root + high)
+    low = (z - high * high) / where(root == 0.0, 1.0, root + high)
     return small, root, high, low, _arcsine_series(z)
 
 
@@ -304,34 +281,34 @@ def _arcsin(x: Any) -> Any:
     small, root, high, low, series = _half_angle(x)
     beyond = 2.0 * root * series - (_HALF_PI_LOW - 2.0 * low)
     beyond = _QUARTER_PI - (beyond - (_QUARTER_PI - 2.0 * high))
-    return _select(small, x + x * series, _apply("copysign", beyond, x))
+    return where(small, x + x * series, operation("copysign", beyond, x))
 
 
 def _arccos(x: Any) -> Any:
     small, root, high, low, series = _half_angle(x)
     ahead = 2.0 * (high + (series * root + low))
     astern = np.pi - 2.0 * (root + (series * root - _HALF_PI_LOW))
-    return _select(
-        small, 0.5 * np.pi - (x - (_HALF_PI_LOW - x * series)), _select(x > 0.0, ahead, astern)
+    return where(
+        small, 0.5 * np.pi - (x - (_HALF_PI_LOW - x * series)), where(x > 0.0, ahead, astern)
     )
 
 
 def _hypot(x: Any, y: Any) -> Any:
-    a, b = _apply("absolute", x), _apply("absolute", y)
-    large, small = _select(a > b, a, b), _select(a > b, b, a)
-    ratio = small / _select(large == 0.0, 1.0, large)
-    return _select(
-        (a == np.inf) | (b == np.inf), np.inf, large * _apply("sqrt", 1.0 + ratio * ratio)
+    a, b = operation("absolute", x), operation("absolute", y)
+    large, small = where(a > b, a, b), where(a > b, b, a)
+    ratio = small / where(large == 0.0, 1.0, large)
+    return where(
+        (a == np.inf) | (b == np.inf), np.inf, large * operation("sqrt", 1.0 + ratio * ratio)
     )
 
 
 def _tanh(x: Any) -> Any:
-    a = _apply("absolute", x)
-    t = _apply("expm1", 2.0 * _select(a > 22.0, 22.0, a))
+    a = operation("absolute", x)
+    t = _expm1(2.0 * where(a > 22.0, 22.0, a))
     divisor = t + 2.0
     quotient = t / divisor
     quotient = quotient - quotient * ((t - (divisor - 2.0)) / divisor)
-    return _apply("copysign", _select(a > 22.0, 1.0, quotient), x)
+    return operation("copysign", where(a > 22.0, 1.0, quotient), x)
 
 
 EXPANSIONS: dict[str, tuple[int, Callable[..., Any]]] = {

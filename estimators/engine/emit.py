@@ -19,11 +19,11 @@ from estimators.engine.tracer import Tracer, cast, constant, operation, where
 
 _OPERATIONS = {
     "add": ("fadd", "add", "add"), "subtract": ("fsub", "sub", "sub"), "multiply": ("fmul", "mul", "mul"),
-    "divide": ("fdiv",), "fmod": ("frem", "srem", "urem"), "and": ("", "and", "and", "and"),
-    "or": ("", "or", "or", "or"), "xor": ("", "xor", "xor", "xor"),
-    "left shift": ("", "shl", "shl"), "right shift": ("", "ashr", "lshr"),
+    "divide": ("fdiv",), "fmod": ("frem", "srem", "urem"), "bitwise_and": ("", "and", "and", "and"),
+    "bitwise_or": ("", "or", "or", "or"), "bitwise_xor": ("", "xor", "xor", "xor"),
+    "left_shift": ("", "shl", "shl"), "right_shift": ("", "ashr", "lshr"),
     "greater": ("fcmp ogt", "icmp sgt", "icmp ugt", "icmp ugt"), "equal": ("fcmp oeq", *["icmp eq"] * 3),
-    "greater equal": ("fcmp oge", "icmp sge", "icmp uge", "icmp uge"), "not equal": ("fcmp une", *["icmp ne"] * 3),
+    "greater_equal": ("fcmp oge", "icmp sge", "icmp uge", "icmp uge"), "not_equal": ("fcmp une", *["icmp ne"] * 3),
 }  # fmt: skip
 """LLVM's operations on floats, integers, words and masks."""
 _INTRINSICS = ("sqrt", "floor", "ceil", "trunc", "rint", "copysign")
@@ -224,14 +224,6 @@ class Emitter:
             self.line(f"load {type_of('f', width)}, ptr {address}, align 8")
         )
 
-    def pointer(self, base: str, byte: Any) -> str:
-        """An address that stands so many bytes behind another."""
-        return self.line(f"load ptr, ptr {self.at(base, byte, 'i8')}, align 8")
-
-    def word(self, base: str, byte: Any) -> Any:
-        """A whole number of 8 bytes that stands there."""
-        return self.one.value(self.line(f"load i64, ptr {self.at(base, byte, 'i8')}, align 8"), "i")
-
     def spread(self, x: Tracer, width: int) -> Tracer:
         """A number in so many lanes."""
         lanes: Any = x.program
@@ -341,7 +333,7 @@ class Emitter:
             return self.line(f"fcmp oeq {T} {zero}, {literal(0.0, 'f', width)}")
         if opcode == "isnan":
             return self.line(f"fcmp uno {T} {x}, {x}")
-        if opcode == "not":
+        if opcode == "invert":
             return self.line(f"xor {T} {x}, {literal(1 if kind == 'b' else -1, kind, width)}")
         if opcode in ("bits", "from bits"):
             return self.line(f"bitcast {T} {x} to {type_of(result, width)}")
@@ -442,7 +434,7 @@ def within(x: Tracer, low: float, high: float) -> Any:
     return where(x < high, x, high)
 
 
-def _whole_remainder(x: Tracer, y: Tracer) -> Any:
+def _remainder(x: Tracer, y: Tracer) -> Any:
     """NumPy's, which is 0 of a divisor 0; the lowest number overflows for -1."""
     y = where((y == 0) | (y == -1) if y.kind == "i" else y == 0, 1, y)
     rest = Tracer(x.program, x.program.add("fmod", (x.value, y.value), x.kind))
@@ -456,6 +448,6 @@ def _beyond(x: Tracer, order: Tracer) -> Any:
 _COMPOSED: dict[str, Callable[[Tracer, Tracer], Any]] = {
     "maximum": lambda x, y: where(_beyond(x, x > y), x, y),
     "minimum": lambda x, y: where(_beyond(x, x < y), x, y),
-    "whole remainder": _whole_remainder,
+    "remainder": _remainder,
 }
 """NumPy's: the first operand where it is NaN, the second where that is."""

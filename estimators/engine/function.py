@@ -2,18 +2,17 @@
 
 import math
 import pickle
-import zlib
 from collections.abc import Callable, Sequence
-from functools import lru_cache, partial
+from functools import partial
 from io import BytesIO
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from estimators.engine import machine
-from estimators.engine.emit import Emitter, Module, is_literal, literal, type_of
+from estimators.engine.emit import Module, is_literal, literal, type_of
 from estimators.engine.linear_emit import LinearEmitter
-from estimators.engine.matching import Call, described, in_memory, matcher
+from estimators.engine.matching import described, in_memory, invoker
 from estimators.engine.matrix_emit import Index, Matrix
 from estimators.engine.program import Instruction, Program, View
 from estimators.engine.tracer import KINDS, Tracer, cast, operation, where
@@ -28,17 +27,9 @@ _LARGEST = (
     1 << 14
 )  # bytes of scratch a row, above which rows are computed one by one, each a vector of its entries
 _LARGEST_SOLVED = 1 << 17  # where scalars would be computed one after the other otherwise
-_SOLVING = frozenset(
-    (
-        "solve",
-        "eliminate",
-        "cholesky",
-        "semidefinite cholesky",
-        "solve lower",
-        "solve upper",
-        "rotate",
-    )
-)
+_SOLVING = {
+    "solve", "cholesky", "semidefinite cholesky", "solve lower", "solve upper", "rotate",
+}  # fmt: skip
 
 
 class Argument(NamedTuple):
@@ -51,9 +42,6 @@ class Argument(NamedTuple):
     def size(self) -> int:
         """Entries of a row."""
         return int(np.prod(self.shape, dtype=int))
-
-
-_broadcast = lru_cache(np.broadcast_shapes)
 
 
 class Function:
@@ -83,7 +71,7 @@ class Function:
             for parts in self.outputs
             for part in parts
         ]
-        self._instructions: tuple[Instruction, ...] | bytes = program.complete(values)
+        self.instructions = program.complete(values)
         self.layout = Layout(program, self.instructions, values)
         largest = (
             _LARGEST
@@ -92,118 +80,67 @@ class Function:
         )
         self._wide = LANES if self.layout.size * 8 <= largest else 1
         self._places, self._constants = _placed(program)
-        self._entries: dict[int, Callable[..., None]] = {}
-        self._last: Call | None = None
-        self._shapes: list[
-            tuple[int, ...]
-        ] = []  # of the arguments before, as few are worth describing
+        self._codes: dict[int, tuple[int, Any]] = {}
+        self.call: Callable[..., Any] = unlike
 
-    def compute(self, arrays: Sequence[Any]) -> Sequence[np.ndarray]:
-        """Results of arrays that have one batch, or none where all rows share them."""
-        results = self.repeated(arrays)
-        return self.prepared(list(map(in_memory, arrays))) if results is None else results
+    def compute(self, arrays: Sequence[Any]) -> Any:
+        """Results of arrays that have one batch, or none where all rows share them.
 
-    def repeated(self, arrays: Sequence[Any]) -> Sequence[np.ndarray] | None:
-        """The same of arguments like those of the last call, which need no preparation; None: they are others."""
-        last = self._last
-        if last is None or (results := last.fresh(last.described, *arrays)) is None:
-            return None
-        last.run(*arrays, *results)
-        return results
-
-    def prepared(self, arrays: list[np.ndarray]) -> Sequence[np.ndarray]:
-        """The same of arrays `in_memory`, unlike those of the last call; of axes that differ they are repeated."""
-        leading = [
-            a.shape[: a.ndim - len(own.shape)]
-            for a, own in zip(arrays, self.arguments, strict=True)
-        ]
-        batch: tuple[int, ...] = ()
-        for axes in leading:
-            if axes != batch and axes:
-                batch = _broadcast(batch, axes)
-        rows, shared = math.prod(batch), 0
-        for i, axes in enumerate(leading):
-            if axes != batch:
-                if any(n != 1 for n in axes):
-                    whole = np.empty(batch + arrays[i].shape[len(axes) :], arrays[i].dtype)
-                    whole[...] = arrays[i]
-                    arrays[i] = whole
-                else:
-                    shared |= 1 << i
-        results = [np.empty(batch + row.shape, KINDS[row.kind]) for row in self.results]
-        if rows:
-            self(rows, shared, *arrays, *results)
-            shapes = [array.shape for array in arrays]
-            if shapes == self._shapes:
-                run, (width, entry) = partial(self, rows, shared), self._entry(rows)
-                if self.stacked(width):
-                    run = partial(entry, rows, shared, self._constants, self._constants)
-                self._last = Call(
-                    matcher(), described(arrays, results), [a.dtype for a in arrays], run
-                )
-            self._shapes = shapes
-        return results
-
-    def __call__(self, rows: int, shared: int, *arrays: np.ndarray) -> None:
-        """Compute rows of arrays.
-
-        Args:
-            rows: How many.
-            shared: Bits of the arguments that have one row for all.
-            arrays: The arguments and the results, in C order and of the types that they have here.
-                Nothing is checked.
+        From then on `call` gives them for arrays of such types and shapes, and None for others.
         """
-        width, entry = self._entry(rows)
-        entry(rows, shared, machine.scratch(width * self.layout.size), self._constants, *arrays)
+        results = self.call(*arrays)
+        if results is None:
+            given = list(map(in_memory, arrays))
+            leading = [
+                a.shape[: a.ndim - len(own.shape)]
+                for a, own in zip(given, self.arguments, strict=True)
+            ]
+            distinct, shared = {*leading, ()}, 0
+            batch = max(distinct, key=len) if len(distinct) < 3 else np.broadcast_shapes(*distinct)
+            for i, axes in enumerate(leading):
+                if math.prod(axes) == 1:
+                    shared |= (axes != batch) << i
+                elif axes != batch:
+                    given[i] = np.broadcast_to(given[i], batch + self.arguments[i].shape).copy()
+            rows = math.prod(batch)
+            width = self._wide if rows >= FEW else 1
+            room = 0 if self.stacked(width) else machine.scratch(width * self.layout.size)
+            head = self._code(width)[0], rows, shared, room, self._constants.ctypes.data
+            like = [(KINDS[each.kind], batch + each.shape) for each in self.results]
+            self.call = call = partial(invoker(), described(head, given, like))
+            results = call(*given)
+        return results
 
     def stacked(self, width: int) -> bool:
         """Do the matrices of so many rows side by side stand on the stack, where they need no scratch?"""
         return 8 * width * self.layout.size <= _LARGEST
 
-    def _entry(self, rows: int) -> tuple[int, Callable[..., None]]:
-        """Number of rows side by side where there are so many, and the machine code."""
-        width = self._wide if rows >= FEW else 1
-        return width, self._entries.get(width) or self.compiled(width)
-
-    @property
-    def instructions(self) -> tuple[Instruction, ...]:
-        """Instructions of the program that its outputs need, in order; compressed once there is machine code."""
-        kept = self._instructions
-        return (
-            tuple(map(Instruction._make, pickle.loads(zlib.decompress(kept))))
-            if isinstance(kept, bytes)
-            else kept
-        )
-
-    def compiled(self, width: int) -> Callable[..., None]:
+    def _code(self, width: int) -> tuple[int, Any]:
         """The machine code for so many rows side by side, which programs that differ in numbers alone share."""
-        program, instructions = (
-            self.program,
-            _serialised([*map(tuple, self.instructions)]),
-        )  # faster than records
-        literals = [
-            (value, literal(x, program.kinds[value], 1))
-            for value, x in program.constants.items() if value not in self._places
-        ]  # fmt: skip
-        code = _serialised((
-            self.outputs, self.arguments, self.results, width, literals, self._places, program.sizes,
-            program.kinds,
-        ))  # fmt: skip
-        entry = machine.load(instructions + code, lambda: self.text(width))
-        self._instructions = zlib.compress(
-            instructions, level=1
-        )  # a twentieth: tuples of a program take megabytes
-        self._entries[width] = entry
-        return entry
+        if width not in self._codes:
+            program = self.program
+            literals = [
+                (value, literal(x, program.kinds[value], 1))
+                for value, x in program.constants.items() if value not in self._places
+            ]  # fmt: skip
+            code = _serialised((
+                [*map(tuple, self.instructions)], self.outputs, self.arguments, self.results,
+                width, literals, self._places, program.sizes, program.kinds,
+            ))  # fmt: skip
+            self._codes[width] = machine.load(code, lambda: self.text(width))
+        return self._codes[width]
 
     def text(self, width: int) -> str:
         """The program in LLVM IR."""
-        module, instructions = Module(self._places), self.instructions
+        module = Module(self._places)
         emitter = Driver(self, module, width)
-        if len(instructions) > _LONG:
+        if len(self.instructions) > _LONG:
             emitter.inlined = 0
-        entry = _entry_point(2 + len(self.arguments) + len(self.results))
-        return module.text([emitter.function(instructions, self.outputs), entry])
+        return module.text([emitter.function(self.instructions, self.outputs)])
+
+
+def unlike(*_: Any) -> None:
+    """A call before there was one."""
 
 
 def _serialised(value: Any) -> bytes:
@@ -213,37 +150,6 @@ def _serialised(value: Any) -> bytes:
     pickler.fast = True
     pickler.dump(value)
     return file.getvalue()
-
-
-def _entry_point(pointers: int) -> str:
-    """The module's Python function, in LLVM IR: a call through ctypes would take longer than most programs.
-
-    It takes two whole numbers and so many arrays of NumPy, whose data begin where their object
-    says, right behind the head that all objects have (``PyArrayObject_fields``). It looks at
-    nothing else of them: their owner has checked them. While it computes many rows, other threads
-    of Python run.
-    """
-    emitter = Emitter(Program(), Module({}), 1)
-    numbers = [
-        emitter.line(f"call i64 @PyLong_AsSsize_t(ptr {emitter.pointer('%args', 8 * i)})")
-        for i in range(2)
-    ]
-    arrays = [
-        emitter.pointer(emitter.pointer("%args", 8 * i + 16), object.__basicsize__)
-        for i in range(pointers)
-    ]
-    return "\n".join([
-        "declare i64 @PyLong_AsSsize_t(ptr)", "declare ptr @PyEval_SaveThread()", "declare void @Py_IncRef(ptr)",
-        "declare void @PyEval_RestoreThread(ptr)", "@_Py_NoneStruct = external global i8",
-        "define ptr @call(ptr %self, ptr %args, i64 %count) {", "entry:", *emitter.lines,
-        f"  %many = icmp sge i64 {numbers[0]}, {FEW}", "  br i1 %many, label %release, label %compute",
-        "release:", "  %released = call ptr @PyEval_SaveThread()", "  br label %compute",
-        "compute:", "  %thread = phi ptr [null, %entry], [%released, %release]",
-        f"  call void @run({', '.join([f'i64 {each}' for each in numbers] + [f'ptr {each}' for each in arrays])})",
-        "  br i1 %many, label %restore, label %done",
-        "restore:", "  call void @PyEval_RestoreThread(ptr %thread)", "  br label %done",
-        "done:", "  call void @Py_IncRef(ptr @_Py_NoneStruct)", "  ret ptr @_Py_NoneStruct", "}",
-    ])  # fmt: skip
 
 
 def _placed(program: Program) -> tuple[dict[int, int], np.ndarray]:
@@ -291,7 +197,7 @@ class Layout:
         return self.size - size
 
 
-ROOM = frozenset(("matmul", "solve", "eliminate"))
+ROOM = "matmul", "solve"
 """Opcodes whose last attribute is how many numbers they need besides their results."""
 
 
@@ -322,7 +228,7 @@ class Driver(LinearEmitter):
                 self._output(parts, result.kind, bases)
 
         self.loop(0, end, body, step=self.width)
-        given = [*(f"i64 %{each}" for each in ("end", "shared")), "ptr noalias %scratch"]
+        given = ["i64 %end", "i64 %shared", "ptr noalias %scratch"]
         if self._function.stacked(self.width):
             given[-1] = "ptr %unused"
             self.lines.insert(
@@ -331,12 +237,16 @@ class Driver(LinearEmitter):
                 " align 64",
             )
         given.append("ptr noalias readonly %constants")
-        given += [f"ptr %a{i}" for i in range(len(arguments))] + [
-            f"ptr %o{i}" for i in range(len(results))
+        arrays = [f"%a{i}" for i in range(len(arguments))]
+        arrays += [f"%o{i}" for i in range(len(results))]
+        loads = [
+            f"  {name}.at = getelementptr ptr, ptr %arrays, i64 {i}\n  {name} = load ptr, ptr {name}.at"
+            for i, name in enumerate(arrays)
         ]
         return "\n".join(
             [
-                f"define internal void @run({', '.join(given)}) #0 {{\nentry:",
+                f"define void @call({', '.join(given)}, ptr noalias readonly %arrays) #0 {{\nentry:",
+                *loads,
                 *self.lines,
                 "  ret void\n}",
             ]

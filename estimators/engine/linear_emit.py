@@ -27,7 +27,7 @@ class LinearEmitter(MatrixEmitter):
         super().__init__(program, module, width, layout)
         self.special |= {
             "matmul": self._matmul, "inner": self._inner, "symmetrise": self._symmetrise, "solve": self._solve,
-            "eliminate": self._eliminate, "solve lower": self._solve_triangular, "cholesky": self._cholesky,
+            "solve lower": self._solve_triangular, "cholesky": self._cholesky,
             "solve upper": self._solve_triangular, "semidefinite cholesky": self._semidefinite_cholesky,
             "rotate": self._rotate,
         }  # fmt: skip
@@ -286,60 +286,6 @@ class LinearEmitter(MatrixEmitter):
             self.each(j + 1, n, reduce)
 
         self.loop(0, n, column)
-
-    def _eliminate(self, instruction: Instruction) -> None:
-        """``S^-1 B`` by Gaussian elimination with partial pivoting; where lanes pivot otherwise, numbers are chosen."""
-        s, b = self._operands(instruction)
-        n, f, z = (
-            s.shape[0],
-            self.temporary(instruction, s.shape),
-            self.matrix(instruction.result, b.shape),
-        )
-        self.copy(s.view, f)
-        self.copy(b.view, z)
-
-        def column(j: Index) -> None:
-            def better(i: Index, best: Tracer, size: Tracer) -> list[Tracer]:
-                own = abs(f[i, j])
-                return [where(own > size, self._number(i), best), where(own > size, own, size)]
-
-            def below(i: Index) -> None:
-                factor = f[i, j] / pivot
-                for matrix, low in ((f, j + 1), (z, 0)):
-
-                    def entry(k: Index, matrix: Matrix = matrix) -> None:
-                        matrix[i, k] = matrix[i, k] - factor * matrix[j, k]
-
-                    self.each(low, matrix.shape[1], entry)
-
-            best, _ = self.loop(j + 1, n, better, [self._number(j), abs(f[j, j])])
-            self._exchange(f, j, j, best)
-            self._exchange(z, 0, j, best)
-            pivot = f[j, j]
-            pivot = where(pivot == 0.0, np.nan, pivot)
-            f[j, j] = pivot
-            self.each(j + 1, n, below)
-
-        self.loop(0, n, column)
-        self._substitute(lambda i, k: f[i, k], z.view, z.view, False, "after")
-
-    def _number(self, i: Tracer) -> Tracer:
-        """An index as a number of each lane."""
-        return self.spread(cast(i, "f"), self.width)
-
-    def _exchange(self, matrix: Matrix, low: Index, j: Index, best: Tracer) -> None:
-        """Exchange row j, from a column on, with the best one of each lane."""
-
-        def entry(k: Index) -> None:
-            def other(i: Index, found: Tracer) -> list[Tracer]:
-                chosen, own = self._number(i) == best, matrix[i, k]
-                matrix[i, k] = where(chosen, top, own)
-                return [where(chosen, own, found)]
-
-            top = matrix[j, k]
-            (matrix[j, k],) = self.loop(j + 1, matrix.shape[0], other, [top])
-
-        self.each(low, matrix.shape[1], entry)
 
     def _rotate(self, instruction: Instruction) -> None:
         """``A V`` with orthogonal columns by one-sided Jacobi rotations, and V where it is wanted, behind it."""

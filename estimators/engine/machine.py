@@ -12,7 +12,6 @@ from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
-from threading import Lock, local
 from time import time
 from typing import Any
 
@@ -23,13 +22,12 @@ _VERSION = "4"
 # modules that others can share; of more, the oldest are loaded anew when they are next needed
 _MOST = 2_000
 _LINE = 8  # numbers in a line of the cache
-_compiling = Lock()
-_loaded: dict[bytes, Callable[..., Any]] = {}
-_threads = local()
+_loaded: dict[bytes, tuple[int, Any]] = {}
+_rooms: list[np.ndarray] = []
 
 
-def load(code: bytes, emit: Callable[[], str]) -> Callable[..., Any]:
-    """The Python function of a module, whose symbol is ``call``.
+def load(code: bytes, emit: Callable[[], str]) -> tuple[int, Any]:
+    """Address of the function ``call`` of a module, and the engine that keeps its code.
 
     Objects are kept by the digest of the code, of this package and of the processor, each written
     at once under a name of its own and then renamed: processes that compile the same need no lock.
@@ -39,53 +37,25 @@ def load(code: bytes, emit: Callable[[], str]) -> Callable[..., Any]:
         emit: Gives its LLVM IR, where no object is kept.
     """
     key = sha256(code).digest()
-    with _compiling:
-        if (found := _loaded.get(key)) is None:
-            found = _function(key, emit)
-            if len(_loaded) >= _MOST:
-                del _loaded[next(iter(_loaded))]
-            _loaded[key] = found
-        return found
+    if key not in _loaded:
+        from llvmlite import binding
+
+        compiler = f"{_VERSION} {_optimised():d} {' '.join(_processor())} {_emitter()}"
+        path = folder() / f"{sha256(compiler.encode() + key).hexdigest()[:40]}.o"
+        found = _kept(path)
+        if found is None:
+            found = _object(emit())
+            _keep(path, found)
+        engine = binding.create_mcjit_compiler(binding.parse_assembly(""), _machine())
+        engine.add_object_file(binding.ObjectFileRef.from_data(found))
+        engine.finalize_object()
+        if len(_loaded) >= _MOST:
+            del _loaded[next(iter(_loaded))]
+        _loaded[key] = engine.get_function_address("call"), engine
+    return _loaded[key]
 
 
-def _function(key: bytes, emit: Callable[[], str]) -> Any:
-    """The function of a module of this digest in an execution engine of its own."""
-    from llvmlite import binding
-
-    compiler = f"{_VERSION} {_optimised():d} {' '.join(_processor())} {_emitter()}"
-    path = folder() / f"{sha256(compiler.encode() + key).hexdigest()[:40]}.o"
-    code = _kept(path)
-    if code is None:
-        code = _object(emit())
-        _keep(path, code)
-    module = binding.parse_assembly("")
-    engine = binding.create_mcjit_compiler(module, _machine())
-    engine.add_object_file(binding.ObjectFileRef.from_data(code))
-    engine.finalize_object()
-    # Bytes: the collector of garbage empties a structure of ctypes before it deletes the function,
-    # which reads it then.
-    method = bytes(_Method(b"run", engine.get_function_address("call"), _FASTCALL, None))
-    create = ctypes.pythonapi.PyCFunction_NewEx
-    create.restype, create.argtypes = (
-        ctypes.py_object,
-        (ctypes.c_char_p, ctypes.py_object, ctypes.c_void_p),
-    )
-    return create(method, (engine, method), None)  # it keeps its code
-
-
-class _Method(ctypes.Structure):
-    """``PyMethodDef``."""
-
-    _fields_ = (("name", ctypes.c_char_p), ("function", ctypes.c_void_p), ("flags", ctypes.c_int),
-                ("doc", ctypes.c_char_p))  # fmt: skip
-
-
-_FASTCALL = 0x80
-_PYTHON = (
-    "PyLong_AsSsize_t", "PyEval_SaveThread", "PyEval_RestoreThread", "Py_IncRef", "Py_DecRef", "PyErr_Clear",
-    "PyObject_Size", "PyObject_GetItem", "PyObject_GetAttr", "PyTuple_New", "PyTuple_SetItem", "_Py_NoneStruct",
-    "_Py_TrueStruct", "_Py_FalseStruct",
-)  # fmt: skip
+_PYTHON = "PyTuple_New", "PyTuple_SetItem", "Py_IncRef", "Py_DecRef", "_Py_NoneStruct"
 _EMPTY = 184
 """Place of ``PyArray_Empty`` in NumPy's table of C functions; it stays, as compiled extensions rely on it."""
 
@@ -132,7 +102,7 @@ def _emitter() -> str:
     sources = sha256(
         b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
     )
-    return f"{sources.hexdigest()} {object.__basicsize__} {bytes.__basicsize__}"
+    return f"{sources.hexdigest()} {object.__basicsize__}"
 
 
 _emitter()  # at import: the files may change before the first program is compiled
@@ -162,13 +132,13 @@ def _numpy_functions() -> Any:
     return table(np._core._multiarray_umath._ARRAY_API, None)  # type: ignore[attr-defined]
 
 
-def scratch(size: int) -> np.ndarray:
-    """So many numbers that belong to this thread; they begin where a line of the cache does, as vectors of eight do."""
-    room = getattr(_threads, "room", None)
-    if room is None or len(room) < size:
-        room = np.empty(max(size, 64) + _LINE)
-        room = _threads.room = room[-room.ctypes.data // room.itemsize % _LINE :]
-    return room
+def scratch(size: int) -> int:
+    """Address of so many numbers, where a line of the cache begins, as vectors of eight do."""
+    if not _rooms or len(_rooms[-1]) < size + _LINE:
+        _rooms.append(
+            np.empty(2 * size + _LINE)
+        )  # the former ones stay, as calls have their addresses
+    return -(-_rooms[-1].ctypes.data // 64) * 64
 
 
 # --- objects on disk ------------------------------------------------------------------------------

@@ -1,134 +1,211 @@
-"""Are arrays like those of the last call? In machine code: in Python this takes longer than most programs.
+"""The Python function that calls compiled functions, in machine code.
 
-So does making fresh arrays for results, which are made at once.
+Python's own comparison of arguments, and its fresh arrays for results, take longer than programs.
 """
 
+import ctypes
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from estimators.engine import machine
-from estimators.engine.emit import Emitter, Module
-from estimators.engine.program import Program
-from estimators.engine.tracer import KINDS, NotTraceable, Tracer, cast
+from estimators.engine.program import NotTraceable
+from estimators.engine.tracer import KINDS
 
-_TYPE = object.__basicsize__ - 8
-"""Bytes from an object's beginning to its type, the last field of the head that all objects have."""
-DATA, _DIMENSIONS, _SHAPE, _DTYPE, _FLAGS = (object.__basicsize__ + at for at in (0, 8, 16, 40, 48))
-"""And to the fields of an array (``PyArrayObject_fields``)."""
-_READY = 0x101  # in C order, and aligned
-_HALF = 0xFFFFFFFF  # of 8 bytes: what a field of 4 bytes is
+_HEAD = object.__basicsize__
+"""Bytes of the head of all objects, which ends with the type; fields of its kind follow."""
 
 
 def in_memory(value: Any) -> np.ndarray:
     """An argument as an array in C order, of a type that the engine has."""
     array = np.asarray(value)
-    if array.dtype not in KINDS.values():
-        if array.dtype.kind not in "fiub":
-            raise NotTraceable(f"a compiled function takes numbers, got {array.dtype}")
-        array = array.astype(float if array.dtype.kind == "f" else KINDS[array.dtype.kind])
-    flags = array.flags
-    return array if flags.c_contiguous and flags.aligned else np.array(array, order="C")
+    kind = array.dtype.kind
+    if kind not in KINDS:
+        raise NotTraceable(f"a compiled function takes numbers, got {array.dtype}")
+    array = np.asarray(array, KINDS[kind], order="C")
+    if not array.flags.aligned:
+        array = array.copy()
+    return array if array.dtype is KINDS[kind] else array.view(KINDS[kind])
 
 
-def kind_of(array: np.ndarray) -> str:
-    """The letter of an array's type."""
-    return next(kind for kind, dtype in KINDS.items() if dtype == array.dtype)
+def described(
+    head: Sequence[int], arrays: Sequence[np.ndarray], results: Sequence[tuple[np.dtype, Any]]
+) -> np.ndarray:
+    """Table of a call for `invoker`: of arrays like these, with results of such types and shapes.
 
-
-class Call(NamedTuple):
-    """A call whose arguments needed no preparation: the next one of arrays like these needs none either."""
-
-    fresh: Callable[..., Sequence[np.ndarray] | None]
-    described: np.ndarray
-    types: list[np.dtype]  # which are kept for those that are described
-    run: Callable[..., None]
-
-
-def described(arrays: Sequence[np.ndarray], results: Sequence[np.ndarray] = ()) -> np.ndarray:
-    """Types and shapes of arrays, for `matcher`; their types must live as long as this is used."""
-    words: list[int] = []
-    for each in (arrays, results):
-        words += [
-            len(each),
-            *(word for array in each for word in (id(array.dtype), array.ndim, *array.shape)),
-        ]
-    return np.array(words, np.int64)
+    Args:
+        head: Address of the code, its whole numbers, and the addresses of its scratch and
+            constants.
+        arrays: Arguments.
+        results: Their types and shapes. Types must live as long as the table.
+    """
+    table = [*head, len(arrays), len(results)]
+    for dtype, shape in [*((a.dtype, a.shape) for a in arrays), *results]:
+        table += (id(dtype), len(shape), *shape)
+    return np.array(table, np.int64)
 
 
 @cache
-def matcher() -> Callable[..., tuple[np.ndarray, ...] | None]:
-    """The function ``(described, *objects)``: fresh arrays like the results, or None.
+def invoker() -> Callable[..., tuple[np.ndarray, ...] | None]:
+    """The function ``(table, *arrays)`` that gives fresh arrays of results.
 
-    They are None unless the objects are arrays in C order of such types and shapes, and as many.
+    It gives None unless there are as many arrays as in the table, in C order and of such types and
+    shapes.
     """
-    return machine.load(b"matching", _text)
+    address, engine = machine.load(b"invoker", lambda: _TEXT)
+    # bytes: the collector of garbage may empty a structure of ctypes before the function reads it
+    method = bytes(_Method(b"invoke", address, _FASTCALL, None))
+    create = ctypes.pythonapi.PyCFunction_NewEx
+    create.restype = ctypes.py_object
+    create.argtypes = ctypes.c_char_p, ctypes.py_object, ctypes.c_void_p
+    return create(method, (engine, method), None)
 
 
-def _text() -> str:
-    """The function in LLVM IR."""
-    emitter = Emitter(Program(), Module({}), 1)
+class _Method(ctypes.Structure):
+    """``PyMethodDef``."""
 
-    pointer, word = emitter.pointer, emitter.word
+    _fields_ = (("name", ctypes.c_char_p), ("function", ctypes.c_void_p), ("flags", ctypes.c_int),
+                ("doc", ctypes.c_char_p))  # fmt: skip
 
-    def matches(i: Tracer, at: Tracer, _: Tracer) -> list[Tracer]:
-        array = pointer("%args", 8 * i)
-        is_array = word(array, _TYPE) == kind
 
-        def fields(_: Tracer, at: Tracer, _alike: Tracer) -> list[Tracer]:
-            axes, shape = word(table, at + 8), pointer(array, _SHAPE)
-            alike = (word(array, _DTYPE) == word(table, at)) & (
-                (word(array, _DIMENSIONS) & _HALF) == axes
-            )
-            alike = alike & ((word(array, _FLAGS) & _READY) == _READY)
+_FASTCALL = 0x80
+_TEXT = f"""
+declare ptr @PyTuple_New(i64)
+declare i32 @PyTuple_SetItem(ptr, i64, ptr)
+declare ptr @PyArray_Empty(i32, ptr, ptr, i32)
+declare void @Py_IncRef(ptr)
+declare void @Py_DecRef(ptr)
+@_Py_NoneStruct = external global i8
 
-            def axis(j: Tracer, alike: Tracer) -> list[Tracer]:
-                return [alike & (word(shape, 8 * j) == word(table, at + 16 + 8 * j))]
+define internal ptr @field(ptr %object, i64 %byte) {{
+  %place = getelementptr i8, ptr %object, i64 %byte
+  %value = load ptr, ptr %place
+  ret ptr %value
+}}
 
-            return [at + 16 + 8 * axes, *emitter.loop(0, cast(alike, "i") * axes, axis, [alike])]
+; An entry of the table is the address of a type, the number of axes, and a shape. The next one, or
+; null where the array has another type or shape, or is not in C order and aligned.
+define internal ptr @matched(ptr %array, ptr %entry, ptr %type) {{
+  %own = call ptr @field(ptr %array, i64 {_HEAD - 8})
+  %is_array = icmp eq ptr %own, %type
+  br i1 %is_array, label %fields, label %other
+fields:
+  %dtype = call ptr @field(ptr %array, i64 {_HEAD + 40})
+  %dtype_expected = load ptr, ptr %entry
+  %same_dtype = icmp eq ptr %dtype, %dtype_expected
+  %flags_at = getelementptr i8, ptr %array, i64 {_HEAD + 48}
+  %flags = load i32, ptr %flags_at
+  %ready = and i32 %flags, {0x101}
+  %is_ready = icmp eq i32 %ready, {0x101}
+  %axes_at = getelementptr i8, ptr %array, i64 {_HEAD + 8}
+  %axes32 = load i32, ptr %axes_at
+  %axes = zext i32 %axes32 to i64
+  %axes_entry = getelementptr i64, ptr %entry, i64 1
+  %axes_expected = load i64, ptr %axes_entry
+  %same_axes = icmp eq i64 %axes, %axes_expected
+  %shape = call ptr @field(ptr %array, i64 {_HEAD + 16})
+  %shape_expected = getelementptr i64, ptr %entry, i64 2
+  %next = getelementptr i64, ptr %shape_expected, i64 %axes
+  %two = and i1 %same_dtype, %is_ready
+  %three = and i1 %two, %same_axes
+  br i1 %three, label %axis, label %other
+axis:
+  %i = phi i64 [0, %fields], [%following, %same]
+  %done = icmp eq i64 %i, %axes
+  br i1 %done, label %alike, label %size
+size:
+  %size_at = getelementptr i64, ptr %shape, i64 %i
+  %size_own = load i64, ptr %size_at
+  %expected_at = getelementptr i64, ptr %shape_expected, i64 %i
+  %size_expected = load i64, ptr %expected_at
+  %same_size = icmp eq i64 %size_own, %size_expected
+  br i1 %same_size, label %same, label %other
+same:
+  %following = add i64 %i, 1
+  br label %axis
+alike:
+  ret ptr %next
+other:
+  ret ptr null
+}}
 
-        return emitter.loop(
-            0, cast(is_array, "i"), fields, [at, is_array]
-        )  # of what is no array no field is read
-
-    table, kind = pointer(pointer("%args", 0), DATA), word(pointer("%args", 0), _TYPE)
-    count = emitter.one.value("%count", "i")
-    as_many, start = word(table, 0) == count - 1, emitter.one.value("8", "i")
-    at, alike = emitter.loop(1, count, matches, [start, as_many], going=lambda _, alike: alike)
-    emitter.lines.append(f"  br i1 {emitter.one.name(alike)}, label %alike, label %unlike")
-    emitter.begin("alike")
-    results = word(table, at)
-    fresh = emitter.line(f"call ptr @PyTuple_New(i64 {emitter.one.name(results)})")
-
-    def result(i: Tracer, at: Tracer, _: Tracer) -> list[Tracer]:
-        dtype, axes = pointer(table, at), word(table, at + 8)
-        emitter.lines.append(f"  call void @Py_IncRef(ptr {dtype})")  # NumPy takes the reference
-        shape, few = (
-            emitter.at(table, at + 16, "i8"),
-            emitter.line(f"trunc i64 {emitter.one.name(axes)} to i32"),
-        )
-        array = emitter.line(f"call ptr @PyArray_Empty(i32 {few}, ptr {shape}, ptr {dtype}, i32 0)")
-        emitter.line(
-            f"call i32 @PyTuple_SetItem(ptr {fresh}, i64 {emitter.one.name(i)}, ptr {array})"
-        )
-        return [
-            at + 16 + 8 * axes,
-            emitter.one.value(emitter.line(f"icmp ne ptr {array}, null"), "b"),
-        ]
-
-    there = emitter.one.value(emitter.line(f"icmp ne ptr {fresh}, null"), "b")
-    _, made = emitter.loop(0, results, result, [at + start, there], going=lambda _, made: made)
-    answer, lost = (
-        emitter.line(f"select i1 {emitter.one.name(made)}, ptr {one}, ptr {other}")
-        for one, other in ((fresh, "null"), ("null", fresh))  # without memory it raises
-    )
-    return "\n".join([
-        *(f"declare void @{name}(ptr)" for name in ("Py_IncRef", "Py_DecRef")), "@_Py_NoneStruct = external global i8",
-        "declare ptr @PyTuple_New(i64)", "declare i32 @PyTuple_SetItem(ptr, i64, ptr)",
-        "declare ptr @PyArray_Empty(i32, ptr, ptr, i32)",
-        "define ptr @call(ptr %self, ptr %args, i64 %count) {", "entry:", *emitter.lines,
-        f"  call void @Py_DecRef(ptr {lost})", f"  ret ptr {answer}", "unlike:",
-        "  call void @Py_IncRef(ptr @_Py_NoneStruct)", "  ret ptr @_Py_NoneStruct", "}",
-    ])  # fmt: skip
+define ptr @call(ptr %self, ptr %args, i64 %count) {{
+entry:
+  %first = load ptr, ptr %args
+  %type = call ptr @field(ptr %first, i64 {_HEAD - 8})
+  %table = call ptr @field(ptr %first, i64 {_HEAD})
+  %head = load {{ptr, i64, i64, ptr, ptr, i64, i64}}, ptr %table
+  %inputs = extractvalue {{ptr, i64, i64, ptr, ptr, i64, i64}} %head, 5
+  %outputs = extractvalue {{ptr, i64, i64, ptr, ptr, i64, i64}} %head, 6
+  %begin = getelementptr i64, ptr %table, i64 7
+  %expected = add i64 %inputs, 1
+  %all = add i64 %inputs, %outputs
+  %data = alloca ptr, i64 %all
+  %as_many = icmp eq i64 %count, %expected
+  br i1 %as_many, label %argument, label %unlike
+argument:
+  %i = phi i64 [0, %entry], [%i_next, %alike]
+  %at = phi ptr [%begin, %entry], [%at_next, %alike]
+  %ended = icmp eq i64 %i, %inputs
+  br i1 %ended, label %create, label %match
+match:
+  %i_next = add i64 %i, 1
+  %array_at = getelementptr ptr, ptr %args, i64 %i_next
+  %array = load ptr, ptr %array_at
+  %at_next = call ptr @matched(ptr %array, ptr %at, ptr %type)
+  %is_other = icmp eq ptr %at_next, null
+  br i1 %is_other, label %unlike, label %alike
+alike:
+  %contents = call ptr @field(ptr %array, i64 {_HEAD})
+  %contents_at = getelementptr ptr, ptr %data, i64 %i
+  store ptr %contents, ptr %contents_at
+  br label %argument
+create:
+  %results = call ptr @PyTuple_New(i64 %outputs)
+  %no_tuple = icmp eq ptr %results, null
+  br i1 %no_tuple, label %failed, label %result
+result:
+  %j = phi i64 [0, %create], [%j_next, %made]
+  %of = phi ptr [%at, %create], [%of_next, %made]
+  %complete = icmp eq i64 %j, %outputs
+  br i1 %complete, label %run, label %make
+make:
+  %j_next = add i64 %j, 1
+  %dtype = load ptr, ptr %of
+  %axes_at = getelementptr i64, ptr %of, i64 1
+  %axes = load i64, ptr %axes_at
+  %axes32 = trunc i64 %axes to i32
+  %shape = getelementptr i64, ptr %of, i64 2
+  %of_next = getelementptr i64, ptr %shape, i64 %axes
+  call void @Py_IncRef(ptr %dtype) ; NumPy takes the reference
+  %fresh = call ptr @PyArray_Empty(i32 %axes32, ptr %shape, ptr %dtype, i32 0)
+  %no_array = icmp eq ptr %fresh, null
+  br i1 %no_array, label %lost, label %made
+made:
+  %set = call i32 @PyTuple_SetItem(ptr %results, i64 %j, ptr %fresh)
+  %fresh_contents = call ptr @field(ptr %fresh, i64 {_HEAD})
+  %place = add i64 %inputs, %j
+  %fresh_at = getelementptr ptr, ptr %data, i64 %place
+  store ptr %fresh_contents, ptr %fresh_at
+  br label %result
+run:
+  %code = extractvalue {{ptr, i64, i64, ptr, ptr, i64, i64}} %head, 0
+  %rows = extractvalue {{ptr, i64, i64, ptr, ptr, i64, i64}} %head, 1
+  %shared = extractvalue {{ptr, i64, i64, ptr, ptr, i64, i64}} %head, 2
+  %scratch = extractvalue {{ptr, i64, i64, ptr, ptr, i64, i64}} %head, 3
+  %constants = extractvalue {{ptr, i64, i64, ptr, ptr, i64, i64}} %head, 4
+  call void %code(i64 %rows, i64 %shared, ptr %scratch, ptr %constants, ptr %data)
+  ret ptr %results
+lost:
+  call void @Py_DecRef(ptr %results)
+  ret ptr null ; and MemoryError is set
+failed:
+  ret ptr null
+unlike:
+  call void @Py_IncRef(ptr @_Py_NoneStruct)
+  ret ptr @_Py_NoneStruct
+}}
+"""
+"""``invoke`` in LLVM IR; fields of arrays stand where NumPy's ``PyArrayObject_fields`` has them."""

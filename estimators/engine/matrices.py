@@ -14,13 +14,9 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
-from estimators.checks import short_repr
 from estimators.engine.arrays import SCALAR_FUNCTIONS, TracedArray, entries
-from estimators.engine.program import Program, View, constant_array
-from estimators.engine.tracer import KINDS, NotTraceable, Tracer, cast, constant, known
-
-_IDENTITIES = {"add": np.float64(-0.0), "multiply": np.float64(1.0)}
-"""Identity elements of the operations: 0.0 is none, for -0.0 + 0.0 is 0.0."""
+from estimators.engine.program import NotTraceable, Program, View
+from estimators.engine.tracer import Tracer, cast, constant, known
 
 
 class MatrixTracer(NDArrayOperatorsMixin):
@@ -33,7 +29,7 @@ class MatrixTracer(NDArrayOperatorsMixin):
     __array_priority__ = 3000.0
 
     def __init__(
-        self, program: Program, value: int, places: Any, mask: bool = False, constant: Any = None
+        self, program: Program, value: int, places: Any, mask: bool = False, constant: bool = False
     ) -> None:
         """A new tracer.
 
@@ -43,7 +39,7 @@ class MatrixTracer(NDArrayOperatorsMixin):
             places: Which entry of the value stands where ``(n,)`` or ``(n, m)``; or the shape of
                 all of them.
             mask: Are the entries True and False?
-            constant: The type of an array that has no axes of a batch.
+            constant: Is it an array that has no axes of a batch?
         """
         self.places = (
             np.arange(math.prod(places)).reshape(places) if isinstance(places, tuple) else places
@@ -66,14 +62,6 @@ class MatrixTracer(NDArrayOperatorsMixin):
         raise NotTraceable(
             "a traced formula cannot make a NumPy array of its own: use joined or np.where"
         )
-
-    def __setitem__(self, key: Any, value: Any) -> NoReturn:
-        raise NotTraceable(
-            "a traced formula cannot change an array in place: use joined or np.where"
-        )
-
-    def __getattr__(self, name: str) -> NoReturn:
-        raise AttributeError(f"a traced formula cannot have .{name} in it")
 
     def __array_ufunc__(self, ufunc: Any, method: str, *operands: Any, **others: Any) -> Any:
         if method != "__call__" or others:
@@ -102,11 +90,7 @@ class MatrixTracer(NDArrayOperatorsMixin):
     @property
     def mT(self) -> "MatrixTracer":
         """The transposed matrix."""
-        if self.ndim != 2:
-            raise ValueError(
-                f"a traced formula transposes matrices, not what has shape {self.shape} a row"
-            )
-        return self._part(self.places.T)
+        return self._part(self.places.mT)
 
     def _part(self, places: Any) -> Any:
         if np.ndim(places):
@@ -141,28 +125,14 @@ class MatrixTracer(NDArrayOperatorsMixin):
 
     def diagonal(self, offset: int = 0, axis1: int = 0, axis2: int = 1) -> "MatrixTracer":
         """The diagonal of a matrix, whose axes are the last two."""
-        if (offset, axis1, axis2) != (0, -2, -1) or self.ndim != 2:
-            raise NotTraceable(
-                "of a traced formula's matrices diagonal(0, -2, -1) alone can be had"
-            )
+        if (offset, axis1, axis2) != (0, -2, -1):
+            raise NotTraceable("a traced formula's matrices have diagonal(0, -2, -1) alone")
         return self._part(self.places.diagonal())
 
-    def sum(self, axis: int | tuple[int, int] | None = None, **others: Any) -> Any:
+    def sum(self, axis: int | tuple[int, int] | None = None) -> Any:
         """The sum over the last axis, the one before, or both."""
-        counted = (
-            len(axis)
-            if isinstance(axis, tuple)
-            else -axis
-            if isinstance(axis, int | np.integer)
-            else 3
-        )
-        if others or axis not in (-1, -2, (-2, -1)) or counted > self.ndim:
-            raise NotTraceable(
-                "a traced formula sums over its last axes, -1, -2 or (-2, -1), and without"
-                f" options: not over {short_repr(axis)} of shape {self.shape} a row, for the"
-                " batch's axes are first"
-            )
-        refuse_masks("a sum", self)
+        if axis not in (-1, -2, (-2, -1)) or (self.ndim == 1 and axis != -1):
+            raise NotTraceable("a traced formula sums over its last axes, -1, -2 or (-2, -1)")
         whole: Any = self[..., None, :] if self.ndim == 1 else self
         if axis != -1:
             whole = np.ones((1, whole.shape[0])) @ whole
@@ -174,16 +144,14 @@ class MatrixTracer(NDArrayOperatorsMixin):
 
     def __getitem__(self, key: Any) -> Any:
         first, *named = key if isinstance(key, tuple) else (key,)
-        if first is not Ellipsis:
-            raise NotTraceable("a traced formula's arrays are indexed from behind, a[..., i]: the first axes are the "
-                               "batch's")  # fmt: skip
-        kinds = slice, int, np.integer
-        if any(
-            each is not None and (isinstance(each, bool) or not isinstance(each, kinds))
+        if first is not Ellipsis or any(
+            isinstance(each, bool) or not isinstance(each, slice | int | np.integer | None)
             for each in named
         ):
-            raise NotTraceable("a traced formula's arrays are indexed by whole numbers, slices and None: use joined or "
-                               "np.where")  # fmt: skip
+            raise NotTraceable(
+                "a traced formula's arrays are indexed from behind, by a[..., i] with whole numbers,"
+                " slices and None"
+            )
         return self._part(self.places[key])
 
 
@@ -203,21 +171,15 @@ def matrix(program: Program, value: Any) -> Any:
             "pack", tuple((x if mask else cast(x, "f")).value for x in scalars), "f", value.size
         )
         return MatrixTracer(program, packed, value.shape, mask=mask)
-    array = constant_array(value)
+    array = np.asarray(value)
     if array.ndim == 0:
-        if array.dtype.kind == "f" and array.dtype != float:
-            raise NotTraceable(
-                f"a traced formula has float64 numbers, not a constant of {array.dtype}"
-            )
-        return constant(program, array[()])
-    if array.ndim > 2:
-        raise NotTraceable("what differs from row to row must be an argument of a traced formula")
+        return constant(program, array)
     return MatrixTracer(
         program,
         program.table(array),
         array.shape,
         mask=array.dtype.kind == "b",
-        constant=array.dtype,
+        constant=True,
     )
 
 
@@ -292,7 +254,7 @@ def along(function: Any, *rows: Any) -> tuple[Any, ...]:
         rows: Of the same length.
     """
     program = program_of(*rows) if any(map(is_traced, rows)) else None
-    if program is None or not program.loops:
+    if program is None:
         each = [function(*(row[..., i] for row in rows)) for i in range(np.shape(rows[0])[-1])]
         return tuple(np.stack(found, -1) for found in zip(*each, strict=True))
     columns = matrix(program, TracedArray.of(np.stack(rows)))
@@ -316,36 +278,15 @@ def is_mask(operand: Any) -> bool:
     return operand.mask if isinstance(operand, MatrixTracer) else operand.kind == "b"
 
 
-def refuse_masks(word: str, *operands: Any) -> None:
-    """Refuse masks where numbers belong."""
-    if any(map(is_mask, operands)):
-        raise NotTraceable(
-            f"{word} in a traced formula is of numbers: of a mask they are 1.0 * mask"
-        )
-
-
 def _is_constant(operand: Any) -> bool:
-    return (
-        operand.constant is not None
-        if isinstance(operand, MatrixTracer)
-        else known(operand) is not None
-    )
+    return operand.constant if isinstance(operand, MatrixTracer) else known(operand) is not None
 
 
 @cache
-def _result_kind(name: str, kinds: str) -> str:
+def _result_kind(name: str, kinds: str) -> Any:
     """The kind of what NumPy's function of that name gives for scalars of some kinds."""
     program = Program()
-    kind = str(SCALAR_FUNCTIONS[name](*(Tracer(program, program.new(kind)) for kind in kinds)).kind)
-    try:
-        dtype = getattr(np, name)(*(np.ones(1, KINDS[kind]) for kind in kinds)).dtype
-    except TypeError:  # there is no such function of masks
-        dtype = np.dtype(object)  # None is float64 to NumPy
-    if dtype != KINDS[kind]:
-        raise NotTraceable(
-            f"np.{name} in a traced formula is of numbers: of a mask they are 1.0 * mask"
-        )
-    return kind
+    return SCALAR_FUNCTIONS[name](*(Tracer(program, program.new(kind)) for kind in kinds)).kind
 
 
 def entrywise(program: Program, function: Any, *values: Any) -> Any:
@@ -357,31 +298,13 @@ def entrywise(program: Program, function: Any, *values: Any) -> Any:
     if name == "where":
         kinds = "b" + kinds[1:]
     kind = _result_kind(name, kinds)
-    check_precision(operands[1:] if name == "where" else operands)
     shape = _common_shape(operands)
-    if (identity := _IDENTITIES.get(name)) is not None:
-        for one, other in zip(operands, operands[::-1], strict=True):
-            if (
-                _is_constant(one)
-                and getattr(other, "shape", None) == shape
-                and _all_equal(program, one, identity)
-            ):
-                return other.as_type(kind == "b")
     views = tuple(
         each.spread() if isinstance(each, MatrixTracer) else each.value for each in operands
     )
     rows, columns = (1,) * (2 - len(shape)) + shape
     value = program.add("each", views, "f", rows * columns, (name, kinds, rows, columns))
     return MatrixTracer(program, value, shape, mask=kind == "b")
-
-
-def _all_equal(program: Program, operand: Any, identity: np.float64) -> bool:
-    values = (
-        program.tables[operand.value]
-        if isinstance(operand, MatrixTracer)
-        else np.array([known(operand)], float)
-    )
-    return values.tobytes() == identity.tobytes() * values.size
 
 
 def _common_shape(operands: Sequence[Any]) -> tuple[int, ...]:
@@ -391,10 +314,7 @@ def _common_shape(operands: Sequence[Any]) -> tuple[int, ...]:
             f"{shapes(operands)} have axes of other number in a traced formula: add some by a[...,"
             " None]"
         )
-    try:
-        return np.broadcast_shapes(*(each.shape for each in operands))
-    except ValueError:
-        raise ValueError(f"{shapes(operands)} do not fit together in a traced formula") from None
+    return np.broadcast_shapes(*(each.shape for each in operands))
 
 
 def shapes(operands: Sequence[Any]) -> str:
@@ -402,52 +322,22 @@ def shapes(operands: Sequence[Any]) -> str:
     return f"arrays of shapes {' and '.join(str(operand.shape) for operand in operands)} a row"
 
 
-def check_precision(operands: Sequence[Any]) -> None:
-    """Refuse constants that are not float64 beside masks alone: NumPy computes with whole numbers or few digits."""
-    if all(is_mask(each) or _is_constant(each) for each in operands):
-        for each in operands:
-            kind = (
-                each.constant
-                if isinstance(each, MatrixTracer)
-                else each.dtype
-                if known(each) is not None
-                else None
-            )
-            if kind not in (None, bool, np.float64):
-                raise NotTraceable(
-                    "beside a mask a traced formula has float64 (1.0 for 1), not a constant of"
-                    f" {kind}"
-                )
-
-
-def joined(parts: Sequence[Any], axis: Any) -> Any:
+def joined(parts: Sequence[Any], axis: int) -> Any:
     """Arrays below (axis -2) or beside (axis -1) each other; constants among them are matrices."""
     own = [not is_traced(part) for part in parts]
     program = program_of(*parts)
     parts = [matrix(program, part) for part in parts]
-    if (
-        isinstance(axis, bool)
-        or not isinstance(axis, int | np.integer)
-        or not -parts[0].ndim <= axis < 0
+    if not -parts[0].ndim <= axis < 0 or any(
+        one and part.ndim != 2 for one, part in zip(own, parts, strict=True)
     ):
-        raise NotTraceable(
-            "a traced formula joins arrays along their last axes, -1 or -2, not"
-            f" {short_repr(axis)}: give axis="
-        )
-    if any(part.ndim != 2 for one, part in zip(own, parts, strict=True) if one):
         raise ValueError(
-            f"{shapes(parts)} cannot be joined in a traced formula: constants among them are"
-            " matrices"
+            f"{shapes(parts)} cannot be joined along axis {axis} in a traced formula: axes are -1"
+            " and -2, constants matrices"
         )
-    try:
-        shape = np.concatenate([part.places for part in parts], axis).shape
-    except ValueError:
-        raise ValueError(
-            f"{shapes(parts)} cannot be joined along axis {axis} in a traced formula"
-        ) from None
-    sizes = [part.shape[axis] for part in parts]
+    shape = np.concatenate([part.places for part in parts], axis).shape
     step = shape[-1] if axis == -2 else 1
-    places = tuple(sum(sizes[:i]) * step for i in range(len(parts)))
+    sizes = np.cumsum([0, *(part.shape[axis] for part in parts[:-1])])
+    places = tuple((sizes * step).tolist())
     value = program.add(
         "join", tuple(part.view for part in parts), "f", math.prod(shape), (places, shape[-1])
     )
@@ -464,20 +354,17 @@ def program_of(*values: Any) -> Program:
     raise NotTraceable("nothing here depends on the row")
 
 
-def _concatenate(parts: Any, axis: Any = 0, **others: Any) -> MatrixTracer:
-    if others or not all(isinstance(part, MatrixTracer | TracedArray) for part in parts):
+def _concatenate(parts: Any, axis: int = 0) -> MatrixTracer:
+    if not all(isinstance(part, MatrixTracer | TracedArray) for part in parts):
         raise NotTraceable(
-            "np.concatenate in a traced formula is of its arrays alone, and without options: for"
-            " constants beside them there is estimators.linalg.joined"
+            "np.concatenate in a traced formula is of its arrays alone: for constants beside them"
+            " there is estimators.linalg.joined"
         )
     return joined(parts, axis)
 
 
-def _where(mask: Any, *choices: Any) -> Any:
-    if len(choices) != 2 or any(choice is None for choice in choices):
-        raise NotTraceable("np.where in a traced formula needs a mask and two values")
-    return entrywise(program_of(mask, *choices), np.where, mask, *choices)
-
-
-FUNCTIONS: dict[Any, Any] = {np.where: _where, np.concatenate: _concatenate}
+FUNCTIONS: dict[Any, Any] = {
+    np.where: lambda *operands: entrywise(program_of(*operands), np.where, *operands),
+    np.concatenate: _concatenate,
+}
 """NumPy's functions of matrices that are not entry by entry; `estimators.engine.linear` adds linear algebra."""

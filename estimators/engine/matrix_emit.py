@@ -15,7 +15,7 @@ CHUNK = 8
 """Numbers in a vector, and partial sums of an inner product: part of its definition."""
 _UNROLLED = 16  # entries up to which there is no loop
 _OUTLINED = frozenset((
-    "each", "join", "matmul", "inner", "symmetrise", "solve", "eliminate", "solve lower", "solve upper", "cholesky",
+    "each", "join", "matmul", "inner", "symmetrise", "solve", "solve lower", "solve upper", "cholesky",
     "semidefinite cholesky", "rotate",
 ))  # fmt: skip
 _NONE = np.zeros(0)

@@ -11,7 +11,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimators.checks import numbers, short_repr
+_LONGEST = 20_000  # values of a program; LLVM needs a second for as many
+
+
+class NotTraceable(TypeError):
+    """A function does what cannot be traced; it can run in NumPy."""
 
 
 class View(NamedTuple):
@@ -93,8 +97,6 @@ class Program:
     """Gives tracers of results that Python computes before the program is run, where its owner has such;"""
     inlined: frozenset[str]
     """and what is traced instead."""
-    loops = True
-    """May it have loops?"""
 
     def __init__(self) -> None:
         self.kinds: Any = []
@@ -137,6 +139,11 @@ class Program:
         for block in self._blocks:
             if key in block:
                 return block[key]
+        if len(self.kinds) > _LONGEST:
+            raise NotTraceable(
+                "its loops are too long to be unrolled: use NumPy's functions of arrays, or"
+                " estimators.engine.repeat"
+            )
         result = self._blocks[-1][key] = self.new(kind, size)
         return result
 
@@ -170,27 +177,6 @@ class Program:
         if any(each.result in self.sizes for each in inside):
             raise TypeError(f"{word} computes scalars, no matrices")
         return results, inside
-
-    def copy(self, instruction: Instruction, renamed: dict[int, int]) -> Instruction:
-        """The instruction once more, of operands under other names; its results are added to these."""
-        operands: Any = instruction.operands
-        operands = tuple(renamed.get(value, value) for value in operands)
-        if instruction.opcode != "repeat":
-            kind = self.kinds[instruction.result]
-            result = self.add(instruction.opcode, operands, kind, None, instruction.attributes)
-            renamed[instruction.result] = result
-            return instruction._replace(operands=operands, result=result)
-        loop: Loop = instruction.attributes[0]
-
-        def body(*parameters: int) -> list[int]:
-            inside = renamed | dict(zip(loop.parameters, parameters, strict=True))
-            for each in loop.body:
-                self.copy(each, inside)
-            return [inside.get(value, value) for value in loop.after]
-
-        results = self.repeat(loop.count, body, operands, loop.masks)
-        renamed.update(zip(loop.results, results, strict=True))
-        return _instruction(next(reversed(self._blocks[-1].items())))
 
     def columns(
         self,
@@ -237,16 +223,3 @@ _Key = tuple[str, tuple[int | View, ...], str, int | None, tuple[Any, ...]]
 def _instruction(item: tuple[_Key, int]) -> Instruction:
     (opcode, operands, _, _, attributes), result = item
     return Instruction(opcode, operands, result, attributes)
-
-
-def constant_array(value: Any) -> np.ndarray:
-    """A constant of a traced function: float64, int64, uint64 or a mask, as it is.
-
-    Raises:
-        TypeError: if it is not of real numbers.
-    """
-    if (isinstance(value, np.ndarray) and type(value) is not np.ndarray) or numbers(value) is None:
-        raise TypeError(
-            f"a traced function computes with real numbers and masks, got {short_repr(value)}"
-        )
-    return np.asarray(value)

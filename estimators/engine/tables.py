@@ -5,18 +5,15 @@ from typing import Any
 import numpy as np
 
 from estimators.engine.arrays import FUNCTIONS, TracedArray, each_entry, scalar
-from estimators.engine.program import constant_array
 from estimators.engine.tracer import Tracer, cast, operation, where
 
 
 def _interpolated(x: Any, xp: Any, fp: Any) -> Any:
     """`numpy.interp` of constant tables, as NumPy computes it."""
-    xp, fp = constant_array(xp).astype(float), constant_array(fp).astype(float)
+    xp, fp = np.asarray(xp, float), np.asarray(fp, float)
     slopes = np.append(np.diff(fp) / np.diff(xp), 0.0)
 
     def one(x: Any) -> Any:
-        if not isinstance(x, Tracer):
-            return np.interp(x, xp, fp)
         index = lookup_index(x, xp)
         value = lookup(slopes, index) * (x - lookup(xp, index)) + lookup(fp, index)
         value = where(

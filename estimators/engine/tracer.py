@@ -5,7 +5,7 @@ from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 
-from estimators.engine.program import Program
+from estimators.engine.program import NotTraceable, Program
 
 KINDS = {
     "f": np.dtype(float),
@@ -13,11 +13,6 @@ KINDS = {
     "u": np.dtype(np.uint64),
     "b": np.dtype(bool),
 }
-_REMEDY = "give both outcomes to np.where, or leave the function as it is: it then runs in NumPy"
-
-
-class NotTraceable(TypeError):
-    """A function does what cannot be traced; it can run in NumPy."""
 
 
 _Operators: Any = object  # which are set below, and unknown to a checker of types
@@ -49,7 +44,7 @@ class Tracer(_Operators):
 
     def __bool__(self) -> bool:
         raise NotTraceable(
-            f"a traced function cannot branch on values, which differ from row to row: {_REMEDY}"
+            "a traced function cannot branch on values, which differ from row to row: use np.where"
         )
 
     def _no_number(self, *_: Any) -> NoReturn:
@@ -84,7 +79,7 @@ class Tracer(_Operators):
         return self.as_array()[key]
 
     def __getattr__(self, name: str) -> Any:
-        if name in _METHODS:  # NumPy calls them of the entries of plain object arrays
+        if name in OPCODES:  # NumPy calls them of the entries of plain object arrays
             return lambda: operation(name, self)
         if name.startswith("__") or not hasattr(np.ndarray, name):
             raise AttributeError(f"a traced number has no .{name}")
@@ -97,18 +92,19 @@ class Tracer(_Operators):
 
 def constant(program: Program, value: Any) -> Tracer:
     """The tracer of a constant scalar."""
+    if isinstance(value, np.ndarray):
+        value = value[()]
     if type(value) is Tracer:
         return value
-    if isinstance(value, float):  # np.float64, too
-        return Tracer(program, program.constant(value, "f"))
-    if isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 0:
-        value = value[()]
-    kind = np.asarray(value).dtype.kind
-    if kind == "f" and np.asarray(value).dtype != float:
-        value = float(value)
-    if kind not in KINDS:
-        raise NotTraceable(f"a traced function computes with real numbers and masks, not {value!r}")
-    return Tracer(program, program.constant(value, kind))
+    if not isinstance(value, float):  # np.float64 is one, too
+        value = np.asarray(value)[()]
+        kind = value.dtype.kind if isinstance(value, np.generic) else "O"
+        if kind not in KINDS:
+            raise NotTraceable(
+                f"a traced function computes with real numbers and masks, not {value!r}"
+            )
+        return Tracer(program, program.constant(KINDS[kind].type(value), kind))
+    return Tracer(program, program.constant(value, "f"))
 
 
 def known(tracer: Tracer) -> Any:
@@ -116,14 +112,16 @@ def known(tracer: Tracer) -> Any:
     return tracer.program.constants.get(tracer.value)
 
 
-def cast(x: Tracer, kind: str) -> Any:
+def cast(x: Any, kind: str) -> Any:
     """A number as another kind: masks are 1 and 0, floats are truncated."""
+    if not isinstance(x, Tracer):
+        return np.asarray(x).astype(KINDS[kind])[()]
     if x.kind == kind:
         return x
     if (value := known(x)) is not None:
         return constant(x.program, KINDS[kind].type(value))
     if kind == "b":
-        return operation("not equal", x, constant(x.program, KINDS[x.kind].type(0)))
+        return operation("not_equal", x, KINDS[x.kind].type(0))
     return Tracer(x.program, x.program.add("cast", (x.value,), kind))
 
 
@@ -131,9 +129,7 @@ def _arithmetic(x: Tracer, y: Tracer) -> tuple[Tracer, Tracer]:
     """Operands as the kind that NumPy computes with."""
     kinds = {x.kind, y.kind}
     if kinds == {"b"}:
-        raise NotTraceable(
-            "a traced function does not compute with two masks: use & and |, or 1.0 * mask"
-        )
+        raise NotTraceable("of two masks there are & and |, or 1.0 * mask for numbers")
     if "f" in kinds or (kinds == {"u", "i"} and known(x) is None and known(y) is None):
         kind = "f"
     else:
@@ -141,121 +137,90 @@ def _arithmetic(x: Tracer, y: Tracer) -> tuple[Tracer, Tracer]:
     return cast(x, kind), cast(y, kind)
 
 
-_METHODS = frozenset(("sqrt", "sin", "cos", "tan", "exp", "expm1", "log", "log1p", "arctan", "arcsin", "arccos", "tanh",
-                      "floor", "ceil", "trunc", "rint"))  # fmt: skip
-_COMPARISONS = {"less": "greater", "less equal": "greater equal"}
-
-
-def numpy_function(opcode: str) -> Any:
-    """NumPy's function of an opcode."""
-    return getattr(np, _NUMPY.get(opcode) or opcode.replace(" ", "_"))
-
-
-_NUMPY = {"and": "bitwise_and", "or": "bitwise_or", "xor": "bitwise_xor", "not": "invert",
-          "whole remainder": "remainder"}  # fmt: skip
-_EXACT: dict[str, Callable[..., Any]] = {
-    opcode: numpy_function(opcode)
-    for opcode in (
-        "add", "subtract", "multiply", "divide", "negative", "sqrt", "absolute", "floor", "ceil", "trunc", "rint",
-        "maximum", "minimum", "copysign", "fmod", "greater", "greater equal", "equal", "not equal", "isfinite",
-        "isnan", "and", "or", "xor", "not", "left shift", "right shift", "whole remainder",
-    )
-}  # fmt: skip
-"""Opcodes that the processor carries out exactly as NumPy does."""
-
-
+ELEMENTARY = frozenset((
+    "sin", "cos", "tan", "exp", "expm1", "log", "log1p", "arctan", "arcsin", "arccos", "tanh", "arctan2", "hypot",
+))  # fmt: skip
+"""Opcodes that `estimators.engine.elementary` computes; the others are exactly NumPy's."""
 _FLOATS = frozenset(("add", "subtract", "multiply", "divide"))
-_BITWISE = frozenset(("and", "or", "xor", "not"))
-_GIVE_MASKS = frozenset(("greater", "greater equal", "equal", "not equal", "isfinite", "isnan"))
+_BITWISE = frozenset(("bitwise_and", "bitwise_or", "bitwise_xor"))
+_GIVE_MASKS = frozenset(("greater", "greater_equal", "equal", "not_equal", "isfinite", "isnan"))
+_SHIFTS = frozenset(("left_shift", "right_shift"))
 _PROMOTING = frozenset((
-    "add", "subtract", "multiply", "maximum", "minimum", "greater", "greater equal", "equal", "not equal",
-    "whole remainder", "and", "or", "xor",
+    "add", "subtract", "multiply", "maximum", "minimum", "greater", "greater_equal", "equal", "not_equal",
+    "remainder", *_BITWISE,
 ))  # fmt: skip
 """Opcodes whose operands become of one kind."""
+_SWAPPED = {"less": "greater", "less_equal": "greater_equal"}
+OPCODES = frozenset((
+    "divide", "negative", "sqrt", "absolute", "floor", "ceil", "trunc", "rint", "copysign", "fmod", "invert",
+    "floor_divide", *_PROMOTING, *_GIVE_MASKS, *_SHIFTS, *_SWAPPED, *ELEMENTARY,
+))  # fmt: skip
+"""Operations of scalars, by the names of NumPy's functions."""
 
 
 def operation(opcode: str, *operands: Any) -> Any:
-    """The result of an opcode of scalars, computed at once where all are constants."""
-    if opcode in _FLOATS:  # most instructions by far
-        program = operands[type(operands[0]) is not Tracer].program
-        x, y = operands = constant(program, operands[0]), constant(program, operands[1])
-        a, b = program.constants.get(x.value), program.constants.get(y.value)
-        if program.kinds[x.value] == program.kinds[y.value] == "f" and (a is None or b is None):
-            simple = None if a is b else _simplified(opcode, operands, (a, b))
-            return (
-                Tracer(program, program.add(opcode, (x.value, y.value), "f"))
-                if simple is None
-                else simple
-            )
-    program = next(each.program for each in operands if isinstance(each, Tracer))
-    traced = [constant(program, each) for each in operands]
-    if opcode in ("remainder", "floor divide"):
-        return _remainder(*traced) if opcode == "remainder" else _floor_divide(*traced)
-    if opcode in _COMPARISONS:
-        opcode, traced = _COMPARISONS[opcode], traced[::-1]
-    kinds = {x.kind for x in traced}
-    if opcode in _BITWISE and "f" in kinds:
-        raise NotTraceable("&, | and ~ are of masks or whole numbers")
-    if opcode in _PROMOTING:
-        if kinds != {"b"} or opcode not in ("equal", "not equal", "multiply", *_BITWISE):
-            traced = list(_arithmetic(*traced))
-    elif opcode in ("left shift", "right shift"):
-        places = known(traced[1])
-        if traced[0].kind not in "iu" or places is None or not 0 <= places < 64:
-            raise NotTraceable(
-                "<< and >> in a traced function shift whole numbers by a constant from 0 to 63"
-            )
-        traced[1] = cast(traced[1], traced[0].kind)
-    elif opcode != "not" and not (opcode in ("absolute", "negative") and kinds <= {"i", "u"}):
-        traced = [cast(x, "f") for x in traced]
-    kind = traced[0].kind
-    if opcode == "multiply" and kind == "b":
-        opcode = "and"
-    if opcode in _GIVE_MASKS:
-        kind = "b"
-    values = [known(x) for x in traced]
-    if opcode in _EXACT and all(value is not None for value in values):
+    """The result of an opcode of scalars, computed at once by NumPy where none is traced."""
+    program = next((each.program for each in operands if type(each) is Tracer), None)
+    if program is None:
         with np.errstate(all="ignore"):
-            return constant(
-                program,
-                _EXACT[opcode](
-                    *(KINDS[x.kind].type(v) for x, v in zip(traced, values, strict=True))
-                ),
-            )
+            return getattr(np, opcode)(*operands)
+    traced = [constant(program, each) for each in operands]
+    kinds = {x.kind for x in traced}
+    if kinds == {"f"} and opcode in _FLOATS:  # most instructions by far
+        kind = "f"
+    elif opcode in _SWAPPED:
+        return operation(_SWAPPED[opcode], *traced[::-1])
+    elif opcode == "floor_divide":
+        return _floor_divide(*traced)
+    elif opcode == "remainder" and "f" in kinds:
+        return _remainder(*traced)
+    elif opcode in _BITWISE and "f" in kinds:
+        raise NotTraceable("&, | and ^ are of masks or whole numbers")
+    elif opcode in _PROMOTING:
+        if kinds != {"b"} or opcode not in ("equal", "not_equal", "multiply", *_BITWISE):
+            traced = list(_arithmetic(*traced))
+    elif opcode in _SHIFTS:
+        if traced[0].kind not in "iu" or known(traced[1]) not in range(64):
+            raise NotTraceable("<< and >> shift whole numbers by a constant from 0 to 63")
+        traced[1] = cast(traced[1], traced[0].kind)
+    elif opcode != "invert" and not (opcode in ("absolute", "negative") and kinds <= {"i", "u"}):
+        traced = [cast(x, "f") for x in traced]
+    kind = "b" if opcode in _GIVE_MASKS else traced[0].kind
+    if opcode == "multiply" and kind == "b":
+        opcode = "bitwise_and"
+    values = [known(x) for x in traced]
+    if opcode not in ELEMENTARY and None not in values:
+        exact = [KINDS[x.kind].type(value) for x, value in zip(traced, values, strict=True)]
+        return constant(program, operation(opcode, *exact))
     if (simple := _simplified(opcode, traced, values)) is not None:
         return simple
     return Tracer(program, program.add(opcode, tuple(x.value for x in traced), kind))
 
 
-_MASK_IDENTITIES = {"and": True, "or": False, "xor": False}
+_IDENTITIES = {
+    "multiply": 1, "add": -0.0, "subtract": 0, "divide": 1, "bitwise_and": True, "bitwise_or": False,
+    "bitwise_xor": False,
+}  # fmt: skip
 
 
 def _simplified(opcode: str, operands: Sequence[Tracer], values: Sequence[Any]) -> Tracer | None:
     """Simplify an operation with an identity element, to the bit: 0.0 is none of addition."""
-    if opcode == "multiply" and 1 in values:
-        return operands[values.index(1) - 1]
-    if opcode == "divide" and values[1] == 1:
-        return operands[0]
-    if opcode == "add":
-        for value, other in zip(values, operands[::-1], strict=True):
-            if value == 0 and (other.kind in "iu" or np.signbit(value)):
-                return other
-    if opcode in _MASK_IDENTITIES and operands[0].kind == "b":
-        for value, other in zip(values, operands[::-1], strict=True):
-            if value is not None and bool(value) is _MASK_IDENTITIES[opcode]:
-                return other
-    if (
-        opcode == "subtract"
-        and values[1] == 0
-        and (operands[0].kind in "iu" or not np.signbit(values[1]))
-    ):
-        return operands[0]
+    if opcode not in _IDENTITIES or (opcode in _BITWISE and operands[0].kind != "b"):
+        return None
+    identity = KINDS[operands[0].kind].type(_IDENTITIES[opcode])
+    sides = (1,) if opcode in ("subtract", "divide") else (0, 1)
+    for side in sides:
+        value = values[side]
+        if value is not None and value == identity and np.signbit(value) == np.signbit(identity):
+            return operands[1 - side]
     return None
 
 
 def where(mask: Any, chosen: Any, other: Any) -> Any:
     """One of two scalars."""
-    program = next(each.program for each in (mask, chosen, other) if isinstance(each, Tracer))
+    program = next((x.program for x in (mask, chosen, other) if isinstance(x, Tracer)), None)
+    if program is None:
+        return np.where(mask, chosen, other)[()]
     mask = cast(constant(program, mask), "b")
     if known(mask) is not None:
         return chosen if known(mask) else other
@@ -269,8 +234,6 @@ def where(mask: Any, chosen: Any, other: Any) -> Any:
 
 def _remainder(x: Any, y: Any) -> Any:
     """``x - y floor(x / y)`` with the sign of y, exactly, as `numpy.remainder`."""
-    if x.kind != "f" and y.kind != "f":
-        return operation("whole remainder", x, y)
     rest = operation("fmod", x, y)
     moved = where((rest < 0.0) ^ (y < 0.0), rest + y, rest)
     return where(rest == 0.0, operation("copysign", 0.0, y), moved)
@@ -290,14 +253,11 @@ def _floor_divide(x: Any, y: Any) -> Any:
 
 def power(x: Any, exponent: Any) -> Any:
     """A power of a constant exponent: a whole number, or a half of one."""
-    value = known(exponent) if isinstance(exponent, Tracer) else exponent
-    twice = None if value is None or isinstance(value, np.ndarray) else 2.0 * float(value)
-    if not isinstance(x, Tracer) or twice is None or twice != int(twice) or abs(twice) > 64:
-        raise NotTraceable(
-            "a traced function has powers of constant exponents alone, whole numbers and halves"
-        )
-    if x.kind == "b":
-        raise NotTraceable("a traced function has powers of numbers: of a mask they are 1.0 * mask")
+    if not isinstance(x, Tracer) and not isinstance(exponent, Tracer):
+        return np.power(x, exponent)
+    twice = np.nan if isinstance(exponent, Tracer) else 2.0 * float(exponent)
+    if not isinstance(x, Tracer) or twice != np.rint(twice) or abs(twice) > 64:
+        raise NotTraceable("powers have constant exponents, whole numbers and halves")
     whole, result = int(abs(twice)) // 2, None
     if int(twice) % 2:
         result = operation("sqrt", x)
@@ -322,13 +282,14 @@ def _operator(opcode: str, swapped: bool = False) -> Callable[[Tracer, Any], Any
 
 
 for _name, _opcode in {
-    "add": "add", "sub": "subtract", "mul": "multiply", "truediv": "divide", "and": "and", "or": "or", "xor": "xor",
-    "lshift": "left shift", "rshift": "right shift", "mod": "remainder", "floordiv": "floor divide", "gt": "greater",
-    "ge": "greater equal", "lt": "less", "le": "less equal", "eq": "equal", "ne": "not equal",
+    "add": "add", "sub": "subtract", "mul": "multiply", "truediv": "divide", "and": "bitwise_and",
+    "or": "bitwise_or", "xor": "bitwise_xor", "lshift": "left_shift", "rshift": "right_shift", "mod": "remainder",
+    "floordiv": "floor_divide", "gt": "greater", "ge": "greater_equal", "lt": "less", "le": "less_equal",
+    "eq": "equal", "ne": "not_equal",
 }.items():  # fmt: skip
     setattr(Tracer, f"__{_name}__", _operator(_opcode))
     setattr(Tracer, f"__r{_name}__", _operator(_opcode, True))
-for _name, _opcode in (("neg", "negative"), ("abs", "absolute"), ("invert", "not")):
+for _name, _opcode in (("neg", "negative"), ("abs", "absolute"), ("invert", "invert")):
     setattr(Tracer, f"__{_name}__", lambda self, opcode=_opcode: operation(opcode, self))
 for _name, _method in (("pos", lambda self: self), ("pow", power)):
     setattr(Tracer, f"__{_name}__", _method)

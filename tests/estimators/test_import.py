@@ -1,4 +1,4 @@
-"""The package is NumPy and SciPy, and quick to import; llvmlite is loaded when an equation is compiled."""
+"""The package needs NumPy and SciPy; llvmlite is loaded when an equation is compiled."""
 
 import ast
 import graphlib

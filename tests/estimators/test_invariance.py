@@ -1,4 +1,4 @@
-"""Where an angle's zero and the origin of coordinates lie is a convention: no estimate may depend on it.
+"""No estimate depends on the convention of an angle's zero and the origin of coordinates.
 
 Both are moved for every filter, with functions that wrap their angles at the cut that results, and
 the estimates are moved back. What is left is rounding: a state at 5e6 m has digits of 1e-9 m.
@@ -31,7 +31,7 @@ LINEAR = ("kf", "kf-umv-ui", "kf-umv-ui-wdf", "ulise")
 
 
 def _moved(system: System, origin: np.ndarray, zero: float) -> System:
-    """A vehicle's system with its coordinates' origin at ``-origin`` and its headings counted from ``-zero``."""
+    """A vehicle's system with its origin at ``-origin`` and headings counted from ``-zero``."""
     model = system.model
     shift = np.array([*origin, zero, 0.0])
 
@@ -69,7 +69,7 @@ def _flown(system: System, name: str, record: Record, zero: float) -> list[Belie
 
 
 def _apart(one: list[Belief], other: list[Belief], shift: np.ndarray) -> float:
-    """The largest difference of two series of beliefs, in standard deviations of the first; ``shift`` taken off."""
+    """Largest difference of two series of beliefs less ``shift``, in deviations of the first."""
     worst = 0.0
     for a, b in zip(one, other, strict=True):
         sd = np.sqrt(np.diagonal(a.cov, axis1=-2, axis2=-1))

@@ -31,7 +31,7 @@ SPREADS = pytest.mark.parametrize(
 
 
 def _wrapping(seed: int = 0) -> NonlinearModel:
-    """Five states and four measurements, all of them correlated; an angle among each, which the functions wrap."""
+    """Five states and four measurements, all correlated; the functions wrap an angle of each."""
     rng = np.random.default_rng(seed)
     A, C = 0.5 * rng.normal(size=(5, 5)), rng.normal(size=(4, 5))
 
@@ -46,7 +46,7 @@ def _wrapping(seed: int = 0) -> NonlinearModel:
 
 
 def _begun(filter: Filter, spread: float) -> tuple[Belief, RandomKeys, np.ndarray, np.ndarray]:
-    """Beliefs of rows about the cut of the angles, their random numbers, measurements, and which of these arrive."""
+    """Beliefs of rows about the cut of the angles, random numbers, measurements and their mask."""
     rng = np.random.default_rng(1)
     mean, y = rng.normal(size=(ROWS, 5)) + [0, 0, np.pi, 0, 0], rng.normal(size=(ROWS, 4))
     available = rng.random((ROWS, 4)) < 0.7
@@ -84,7 +84,7 @@ def _centred(numbers: RandomKeys, members: int, count: int, use: int) -> np.ndar
 
 
 def _exact(normals: np.ndarray, A: np.ndarray) -> np.ndarray:
-    """Centred normals ``(N, r)`` of one row, without what they share with anomalies ``(N, n)``, made white."""
+    """Centred normals ``(N, r)`` of one row, uncorrelated with anomalies ``(N, n)``, made white."""
     rest = normals - A @ np.linalg.lstsq(A, normals)[0]
     return rest @ np.linalg.inv(np.linalg.cholesky(rest.T @ rest / (len(A) - 1))).T
 
@@ -98,7 +98,7 @@ def _analysis(
     numbers: RandomKeys,
     draws: str,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The members after a measurement of one row, their mean, the innovation and its covariance, by the formulas."""
+    """Members after a measurement of one row, mean, innovation and its covariance, by formulas."""
     model, N, p = filter.model, filter.members, filter.model.p
     Y = model.measurement(belief.ensemble, None)
     Y[:, 1] = _together(Y[:, 1])
@@ -161,7 +161,7 @@ def test_updates_are_those_of_the_textbook_formulas(
 def test_measurements_that_outnumber_the_members_are_taken_in_as_pair_after_pair(
     arriving: int, perfect: bool
 ):
-    """Among members, or among measurements where R is singular. Independent pairs may come one after the other."""
+    """Independent pairs may come one after the other, with a singular R, too."""
     rng = np.random.default_rng(0)
     R = block_diag(*(random_covariance(rng, 2) for _ in range(6)))
     if perfect:

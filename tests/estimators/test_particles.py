@@ -73,7 +73,7 @@ def _on_a_grid(
 
 
 def _growth() -> System:
-    """The univariate nonstationary growth model of Netto et al. (1978), used by Gordon et al. (1993).
+    """The univariate nonstationary growth model of Netto et al. (1978).
 
     Its posterior has two peaks, as the measurement does not show the sign.
     """
@@ -98,7 +98,7 @@ def _growth() -> System:
 def test_moments_and_likelihood_are_the_exact_ones_as_far_as_the_particles_allow(
     system: System, exact, runs: int, N: int
 ):
-    """Over filters with numbers of their own the mean error is 0, and shrinks as the root of N says.
+    """The mean error over filters with numbers of their own is 0.
 
     The average of the filters has a standard error that their scatter tells. Five of these are a
     false alarm once in 5e4 tests, if a bias of order 1 / N is left room: 10 / N of the spread.
@@ -180,7 +180,7 @@ def test_particles_are_resampled_where_few_count_and_have_equal_weights_then():
 
 
 def test_jitter_moves_copies_apart_and_nothing_else():
-    """Constants without process noise: without it particles run out, with it copies spread as its bandwidth says."""
+    """Without process noise particles run out; with jitter copies spread as its bandwidth says."""
     model, N = LinearModel(np.eye(2), np.eye(2), np.zeros((2, 2)), np.eye(2)), 4000
     plain, jittered = (make("pf", model, particles=N, threshold=1.0, jitter=j) for j in (0.0, 0.5))
     numbers = _numbers(0)[0]
@@ -222,7 +222,7 @@ def test_a_measurement_that_no_particle_explains_is_left_out_alone():
 
 
 def test_a_precise_measurement_among_too_few_particles_is_no_absurd_one():
-    """Every density is 0 in double precision, but the measurement lies where it may: the nearest particle is taken."""
+    """Every density is 0 in double precision: the nearest particle is taken."""
     model = LinearModel([[1.0]], [[1.0]], [[1.0]], [[1e-12]])
     filter, numbers = make("pf", model, particles=50), _numbers(0)[0]
     before = filter.init(Gaussian([0.0], [[4.0]]), rng=numbers)
@@ -271,7 +271,7 @@ def test_particles_that_leave_the_domain_of_the_model_are_left_behind():
 
 
 def test_a_heading_that_may_be_on_both_sides_of_the_cut_is_averaged_on_the_circle():
-    """Particles a turn apart are one heading: measurements that do not show turns leave a narrow belief."""
+    """Particles a turn apart are one heading: the belief is narrow though turns do not show."""
     model = NonlinearModel(
         lambda x, u: x, lambda x, u: np.stack([np.cos(x[..., 0]), np.sin(x[..., 0])], -1), [[1e-4]], 1e-2 * np.eye(2),
         state_angles=(0,),

@@ -1,4 +1,4 @@
-"""Random numbers as functions: published words, the laws of their distribution, and that nothing else matters.
+"""Random numbers as functions of keys: published words and the laws of their distribution.
 
 Statistical tests have fixed seeds and a false-alarm rate of 1e-6 each.
 """
@@ -32,7 +32,7 @@ SIGMA = norm.isf(0.5e-6)  # standard errors that pass by chance once in a millio
 def test_words_are_the_published_ones(
     counter: tuple[int, int], own: tuple[int, int], words: tuple[int, int]
 ):
-    """The known answers that come with Random123 (Salmon et al.) for Threefry-2x64 with 13 rounds."""
+    """Known answers of Random123 (Salmon et al.) for Threefry-2x64 with 13 rounds."""
     found = derived(np.array(own, np.uint64), *(np.uint64(c) for c in counter))
     assert tuple(found.tolist()) == words
 
@@ -104,7 +104,7 @@ def test_normal_numbers_have_the_moments_and_the_distribution_of_the_normal(kind
 
 @pytest.mark.parametrize("kind", ["normals", "members"])
 def test_neighbours_are_independent(kind: str):
-    """Rows, steps or members, components, and these a little apart; in the numbers and in their squares."""
+    """Rows, steps or members, components, a little apart: in the numbers and their squares."""
     z = drawn(kind)
     for values, sd in ((z, 1.0), (z**2 - 1.0, 2.0)):
         for axis in range(3):

@@ -37,7 +37,7 @@ def _whitened_residuals(
 def _by_the_formulas(
     model: LinearModel, prior: Gaussian, y: np.ndarray, gamma: float, iterations: int
 ):
-    """Karlgaard's reweighted updates in information form, with inverses; the weights start at the prediction."""
+    """Karlgaard's reweighted updates in information form; weights start at the prediction."""
     root_R, root_P = np.linalg.cholesky(model.R), np.linalg.cholesky(prior.cov)
     x = prior.mean
     for _ in range(iterations):
@@ -73,7 +73,7 @@ def test_the_huber_update_is_karlgaards_in_information_form(iterations: int, siz
 
 
 def test_the_influence_of_one_measurement_is_bounded_and_its_limit_is_known():
-    """With the weights of the prediction, e / (C P C' + R |e| / (gamma sigma)) tends to gamma / sigma."""
+    """With the prediction's weights e / (C P C' + R |e| / (gamma sigma)) tends to gamma / sigma."""
     model = LinearModel(np.eye(2), [[1.0, 0.5]], np.eye(2), [[4.0]])
     prior = Gaussian(np.zeros(2), [[2.0, 0.3], [0.3, 1.0]])
     filter = make("huber-kf", model, iterations=1)
@@ -158,7 +158,7 @@ def test_nothing_is_made_of_a_variance_of_zero_and_other_rows_do_not_matter():
 
 
 def _constant_velocity(intensity: float = 0.01) -> System:
-    """Position and velocity, pushed by white acceleration; the position is measured once a second."""
+    """Position and velocity under white acceleration; the position is measured every second."""
     A = np.array([[1.0, 1.0], [0.0, 1.0]])
     Q = intensity * np.array([[1.0 / 3.0, 0.5], [0.5, 1.0]])
     return System(
@@ -201,13 +201,13 @@ def _squared_errors(filter: Filter, system: System, record: Record) -> np.ndarra
 
 
 def _margin(errors: np.ndarray, reference: np.ndarray, ratio: float) -> float:
-    """By how many standard errors, over paired runs, the RMSE is below ``ratio`` times the reference's."""
+    """Standard errors, over paired runs, by which the RMSE is below a share of the reference's."""
     excess = ratio**2 * reference - errors
     return float(excess.mean() / (excess.std(ddof=1) / np.sqrt(len(excess))))
 
 
 SURE = 4.0
-"""Standard errors by which each claim holds: one that is just untrue passes with probability 3e-5."""
+"""Standard errors by which each claim holds: a false one passes with probability 3e-5 at most."""
 OUTLIERS, MANOEUVRES = "measurements have outliers", "the vehicle manoeuvres"
 
 

@@ -73,7 +73,6 @@ ROUNDED: dict[str, tuple[int, Word]] = {
     "interp": (1, lambda a: np.interp(a, PLACES, TABLE)),
     "mean": (3, lambda a, b, c: np.stack([a, b, c], -1).mean(-1)),
     "norm": (3, lambda a, b, c: np.linalg.norm(np.stack([a, b, c, 0.0 * a + 1.0], -1), axis=-1)),
-    "std": (2, lambda a, b: np.std(np.stack([a, b, a + b + 1.0], -1), axis=-1)),
     "matmul": (
         2,
         lambda a, b: (np.stack([a, b], -1) @ np.array([[0.5, 1.0], [-1.0, 0.2]]))[..., 1],

@@ -1,4 +1,4 @@
-"""Elementary functions: within 2 units in the last place, and the same bits in NumPy and compiled at every width."""
+"""Elementary functions: within 2 units in the last place; NumPy's bits at every width."""
 
 from collections.abc import Callable, Iterator
 

@@ -34,15 +34,15 @@ def formulas(S: Any, B: Any, x: Any, m: Any) -> dict[str, Any]:
         "sums of entries": B.sum(-2).sum(-1) * x.sum(-1) - S.diagonal(0, -2, -1).sum(-1),
         "masked": np.where(m[..., None] & m[..., None, :], S, np.eye(3)),
         "numbers beside matrices": x * S[..., 0, 0][..., None] + np.exp(x[..., 1])[..., None],
+        "inner of many": linalg.inner(*[linalg.joined([S, B, S @ S, B, S], -1)] * 2),
         "inner": linalg.inner(B, B) + linalg.inner(S, B.mT @ S) @ B.mT,
         "equal numbers": (np.floor(S) == np.floor(S.mT)) * S - (S.mT != S) * np.expm1(-np.abs(S)),
         "slices": linalg.joined([B[..., 1:, :], np.eye(3)[:1, :2]], -2)[..., ::-1]
         + B[..., 2, None, :],
-        "solve any matrix": np.linalg.solve(S + 5.0 * np.eye(3)[[1, 2, 0]], B) % B[..., :1, :],
         "solve": linalg.solve(S, B),
         "solve by a lower triangle": linalg.solve_lower(linalg.cholesky(S), B),
         "solve by an upper triangle": linalg.solve_upper(L.mT, B),
-        "cholesky": linalg.cholesky(S) - 2.0 * linalg.symmetrise(S @ S),
+        "cholesky": linalg.cholesky(S) - 2.0 * linalg.symmetrise(S @ L),
         "cholesky of less than full rank": linalg.inner(
             *[linalg.semidefinite_cholesky(B @ B.mT)] * 2
         ),
@@ -115,24 +115,11 @@ def test_zeros_infinities_and_what_is_no_number_are_numpys(function: Any):
 def test_a_matrix_that_is_no_covariance_is_lost_and_no_other(name: str):
     S, B, x, m = arguments(70)
     expected = compute(formula(name), S, B, x, m)
-    S[5], S[66] = -np.eye(3), np.nan
+    S[4], S[5], S[66] = np.diag([1.0, 1.0, 0.0]), -np.eye(3), np.nan
     found = compute(formula(name), S, B, x, m)
-    lost = np.isin(np.arange(70), (5, 66))
+    lost = np.isin(np.arange(70), (4, 5, 66))
     assert np.isnan(found[lost]).any((-2, -1)).all()
     np.testing.assert_array_equal(found[~lost], expected[~lost])
-
-
-def test_solve_is_numpys_for_any_matrix():
-    A = np.random.default_rng(1).normal(size=(70, 3, 3))
-    B = arguments(70)[1]
-    A[3] = np.eye(3)[[2, 0, 1]]  # no pivot on the diagonal
-    A[4] = -A[4] @ A[4].mT
-    found, condition = compute(np.linalg.solve, A, B), np.linalg.cond(A).max()
-    np.testing.assert_allclose(found, np.linalg.solve(A, B), rtol=1e-12 * condition, atol=0.0)
-    A[5] = np.ones((3, 3))
-    again = compute(np.linalg.solve, A, B)
-    assert np.isnan(again[5]).all()
-    np.testing.assert_array_equal(np.delete(again, 5, 0), np.delete(found, 5, 0))
 
 
 def test_large_matrices_are_loops_and_not_unrolled_and_empty_ones_are_sums_of_nothing():
@@ -144,13 +131,13 @@ def test_large_matrices_are_loops_and_not_unrolled_and_empty_ones_are_sums_of_no
     S, H = random_covariance(np.random.default_rng(0), 30, (6,)), np.zeros((5, 3, 0))
     np.testing.assert_allclose(function.compute([S])[0], formula(S), rtol=1e-11, atol=1e-11)
     np.testing.assert_array_equal(compute(lambda H: H @ H.mT + 1.0, H), np.ones((5, 3, 3)))
-    for word in (linalg.solve, linalg.solve_lower, np.linalg.solve):
+    for word in (linalg.solve, linalg.solve_lower):
         assert compute(word, H[:, :0], np.zeros((5, 0, 2))).shape == (5, 0, 2)
 
 
 MISTAKES: list[Formula] = [
     lambda S, B, x, m: B @ S,
-    lambda S, B, x, m: np.linalg.solve(S, B[..., :2, :]),
+    lambda S, B, x, m: linalg.solve(S, B[..., :2, :]),
     lambda S, B, x, m: np.concatenate([B[..., :1, :], S], -1),
     lambda S, B, x, m: S + x,
     lambda S, B, x, m: np.where(m[..., :2], x, 0.0),
