@@ -196,7 +196,7 @@ class Filter(ABC, Generic[Record]):
         batch = np.broadcast_shapes(prior.mean.shape[:-1], prior.cov.shape[:-2])
         mean = np.array(np.broadcast_to(prior.mean, batch + prior.mean.shape[-1:]))
         cov = np.array(np.broadcast_to(prior.cov, batch + prior.cov.shape[-2:]))
-        own = self._begin(mean, cov, self._numbers(rng, batch))
+        own = self._begin(mean, cov, self._numbers(rng, batch) if self.random else None)
         healthy = np.ones(batch, bool)
         every = {"mean": mean, "cov": cov} | _unmeasured(batch, self.model.p, healthy)
         belief: Any = self.record.of(every | own)
@@ -220,7 +220,7 @@ class Filter(ABC, Generic[Record]):
         batch = self._batch(belief)
         u = self._known(u, batch)
         self.model.check_known_input(u)
-        rng = self._numbers(rng, batch)
+        rng = self._numbers(rng, batch) if self.random else None
         return self._run("predict", belief, u, rng).read_only()
 
     def update(
@@ -272,7 +272,7 @@ class Filter(ABC, Generic[Record]):
                 f"{self.name} takes one update a step: join the measurements, NaN or masked where"
                 " none came"
             )
-        rng = self._numbers(rng, batch)
+        rng = self._numbers(rng, batch) if self.random else None
         return self._run("update", belief, belief.u, rng, y, available, R).read_only()
 
     def step(
@@ -287,10 +287,13 @@ class Filter(ABC, Generic[Record]):
 
         Arguments are those of the two, with a row for each of the belief; they are not checked.
         """
-        if not (self._asks_inside("predict") and self._asks_inside("update")):
-            belief = self._run("predict", belief, u, rng)
-            return self._run("update", belief, u, rng, y, available)
-        return self._run("step", belief, u, rng, y, available)
+        if (one := self._programs.get("one")) is None:
+            one = self._asks_inside("predict") and self._asks_inside("update")
+            self._programs["one"] = one
+        if one:
+            return self._run("step", belief, u, rng, y, available)
+        belief = self._run("predict", belief, u, rng)
+        return self._run("update", belief, u, rng, y, available)
 
     def log_likelihood(self, predicted: Record, updated: Record) -> np.ndarray:
         """The log density ``(...)`` of a measurement, given those before it; 0 where none came.
@@ -337,13 +340,15 @@ class Filter(ABC, Generic[Record]):
             program = self._programs.get((step, u is None, R is None))
             if program is None:
                 program = self._traced(step, belief, u, R is None)
-            function, names, inside = program
-            arrays = [getattr(belief, name) for name in self.record.names()]
-            arrays += [each for each in (u, y, available, R) if each is not None]
+            function, read, names, inside = program
+            arrays = [*map(belief.__getattribute__, read)]
+            for each in (u, y, available, R):
+                if each is not None:
+                    arrays.append(each)
             if not inside:
                 arrays += self._answers(step, belief, u, R)
             if self.random:
-                arrays += rng.words
+                arrays += rng.words  # type: ignore[union-attr]
             changed = dict(zip(names, function(*arrays), strict=True))
         if y is None:
             changed |= _unmeasured(batch, p, changed["healthy"])
@@ -366,8 +371,8 @@ class Filter(ABC, Generic[Record]):
 
     def _traced(
         self, step: str, like: Record, u: np.ndarray | None, no_R: bool
-    ) -> tuple[Compiled, list[str], bool]:
-        """The program of a step, the names of its results, and whether the model is in it."""
+    ) -> tuple[Compiled, tuple[str, ...], list[str], bool]:
+        """The program of a step, names of arrays it reads and gives, and if the model is in it."""
         names: list[str] = []
         record = self.record.names()
         inside = step == "step" or self._asks_inside(step)
@@ -392,7 +397,7 @@ class Filter(ABC, Generic[Record]):
         axes = [getattr(like, name).ndim + 1 - like.mean.ndim for name in record]
         axes += [k for k, each in zip((1, 1, 1, 2), given, strict=True) if each]
         axes += axes_of_answers
-        program = Compiled(function, axes + [1, 1] * self.random, True), names, inside
+        program = Compiled(function, axes + [1, 1] * self.random, True), record, names, inside
         self._programs[step, u is None, no_R] = program
         return program
 
@@ -501,9 +506,7 @@ class Filter(ABC, Generic[Record]):
         return _broadcast("u", u, batch + (u.shape[-1:] or (1,)))
 
     def _numbers(self, rng: Rng, batch: tuple[int, ...]) -> Rng:
-        """Random numbers of a step: a key for every row, or a Generator; None of other filters."""
-        if not self.random:
-            return None
+        """Random numbers of a step: a key for every row, or a Generator."""
         if rng is None or not isinstance(rng, RandomKeys | np.random.Generator):
             how = "pass rng, keys (estimators.RandomKeys) or a numpy Generator"
             raise (ValueError if rng is None else TypeError)(
