@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -105,7 +105,7 @@ class Belief:
         if type(other) is not type(self):
             kinds = f"{type(self).__name__} and {type(other).__name__}"
             raise ValueError(f"cannot merge {kinds}: they are of different filters")
-        merged = {}
+        merged: dict[str, Any] = {}
         for name, (mine, theirs) in _with_inputs([self, other]).items():
             merged[name] = None if mine is None else np.array(mine)
             if mine is not None:
@@ -232,6 +232,24 @@ class EnsembleBelief(Belief):
             shift = np.asarray(changes["mean"]) - self.mean
             changes["members"] = self.members + shift[..., None]
         return Belief.replace(self, **changes)
+
+
+@lru_cache(64)
+def _blank(batch: tuple[int, ...], p: int) -> dict[str, np.ndarray]:
+    """Arrays about a measurement before there is one, read-only: made once."""
+    blank = {
+        "innovation": np.zeros((*batch, p)),
+        "innovation_cov": np.zeros((*batch, p, p)) + np.eye(p),
+        "available": np.zeros((*batch, p), bool),
+    }
+    for array in blank.values():
+        array.setflags(write=False)
+    return blank
+
+
+def unmeasured(batch: tuple[int, ...], p: int, healthy: np.ndarray) -> dict[str, np.ndarray]:
+    """Arrays of a belief that no measurement of ``p`` channels has met."""
+    return {**_blank(batch, p), "healthy": healthy}
 
 
 def over_time(beliefs: Sequence[Record]) -> Record:

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.special import bdtr, bdtrc, bdtrik, gammainc, gammaincc, gammaincinv, ndtri
 
 from estimators.angles import difference
-from estimators.belief import FeedthroughBelief, InputBelief
+from estimators.belief import FeedthroughBelief, ObservedInputBelief
 from estimators.filter import Filter, Model
 from estimators.linalg import masked, semidefinite_cholesky
 from estimators.metrics import nees, nis
@@ -437,7 +437,7 @@ def assess(
     )
     surprise = nis(beliefs.innovation, beliefs.innovation_cov, size)
     degrees = beliefs.available.sum(-1).astype(float)
-    if isinstance(beliefs, InputBelief) and beliefs.input_observed is not None:
+    if isinstance(beliefs, ObservedInputBelief):
         surprise = surprise - nis(beliefs.input_mean, beliefs.input_cov, size)
         degrees = degrees - np.round(np.trace(beliefs.input_observed, axis1=-2, axis2=-1))
     innovations = whiteness = None

@@ -190,8 +190,8 @@ class EnsembleKalmanFilter(EnsembleFilter):
         root = semidefinite_cholesky(R)
         # The numbers of which a measurement that arrived has a share.
         wanted = np.vecmat(1.0 * available, 1.0 * (np.abs(root) > 0.0)) > 0.0
-        batch = belief.mean.shape[:-1]
-        normals = draw(*more, batch, self.members, self.model.p, MEASUREMENTS, wanted)
+        (rng,), batch = more, belief.mean.shape[:-1]
+        normals = draw(rng, batch, self.members, self.model.p, MEASUREMENTS, wanted)
         mean, members, S = perturbed_analysis(
             belief.members,
             belief.mean,

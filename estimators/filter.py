@@ -8,13 +8,13 @@ with the model's functions in them where these are compiled; all else is NumPy.
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import suppress
-from functools import cache
+from functools import lru_cache
 from typing import Any, ClassVar, Generic
 
 import numpy as np
 
 from estimators.angles import difference
-from estimators.belief import Belief, Record
+from estimators.belief import Belief, Record, unmeasured
 from estimators.checks import as_array, as_mask, frozen, short_repr
 from estimators.engine.compiled import Compiled
 from estimators.linalg import congruence, log_density, masked, rescuing, semidefinite
@@ -30,7 +30,7 @@ Model = LinearModel | NonlinearModel
 Changes = dict[str, np.ndarray]
 """Arrays of a belief that a step changes, by name."""
 
-_PARTS = {
+_PARTS: dict[str, dict[Any, tuple[str, ...]]] = {
     "predict": {
         LinearModel: ("A", "B", "Q", "G"),
         NonlinearModel: ("transition", "transition_jacobian", "Q", "G"),
@@ -158,16 +158,16 @@ class Filter(ABC, Generic[Record]):
         """Arrays of the record besides those of every belief, before any measurement."""
         return {}
 
-    def propagate(self, belief: Record, u: np.ndarray | None) -> tuple[Any, ...]:
+    def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
         """Next mean ``(..., n)``, Jacobian A, and Q; G besides where an input is estimated."""
-        model = self.model
+        model: Any = self.model
         mean, A = model.linearise_transition(belief.mean, u, belief.cov)
         answer = mean, A, resolve(model.Q, u)
         return answer if self.input_delay is None else (*answer, model.input_matrix(belief.mean, u))
 
-    def expect(self, belief: Record, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
+    def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
         """Expected measurement, C, and R unless given; H besides where an input is estimated."""
-        model = self.model
+        model: Any = self.model
         answer = *model.linearise_measurement(belief.mean, u, belief.cov), self._noise(belief, u, R)
         return answer if self.input_delay is None else (*answer, resolve(model.H, u))
 
@@ -198,7 +198,7 @@ class Filter(ABC, Generic[Record]):
         cov = np.array(np.broadcast_to(prior.cov, batch + prior.cov.shape[-2:]))
         own = self._begin(mean, cov, self._numbers(rng, batch) if self.random else None)
         healthy = np.ones(batch, bool)
-        every = {"mean": mean, "cov": cov} | _unmeasured(batch, self.model.p, healthy)
+        every = {"mean": mean, "cov": cov} | unmeasured(batch, self.model.p, healthy)
         belief: Any = self.record.of(every | own)
         return belief.read_only()
 
@@ -351,9 +351,8 @@ class Filter(ABC, Generic[Record]):
                 arrays += rng.words  # type: ignore[union-attr]
             changed = dict(zip(names, function(*arrays), strict=True))
         if y is None:
-            changed |= _unmeasured(batch, p, changed["healthy"])
-        changed["u"] = u
-        after = belief.replaced(changed)
+            changed |= unmeasured(batch, p, changed["healthy"])
+        after = belief.replaced(changed | {"u": u})
         if np.logical_and.reduce(after.healthy, axis=None):
             return after
         return recovered(self, step, belief, after, u, rng, y, available, R)
@@ -374,7 +373,7 @@ class Filter(ABC, Generic[Record]):
     ) -> tuple[Compiled, tuple[str, ...], list[str], bool]:
         """The program of a step, names of arrays it reads and gives, and if the model is in it."""
         names: list[str] = []
-        record = self.record.names()
+        record: tuple[str, ...] = self.record.names()
         inside = step == "step" or self._asks_inside(step)
         if inside:
             for each in ("predict", "update") if step == "step" else (step,):
@@ -387,7 +386,7 @@ class Filter(ABC, Generic[Record]):
         def function(*arrays: Any) -> list[Any]:
             rest = iter(arrays[len(record) :])
             u, y, available, R = (next(rest) if each else None for each in given)
-            belief = self.record.of(dict(zip(record, arrays, strict=False)) | {"u": u})
+            belief: Any = self.record.of(dict(zip(record, arrays, strict=False)) | {"u": u})
             answers = () if inside else [next(rest) for _ in axes_of_answers]
             rng = RandomKeys(next(rest), next(rest)[..., 0]) if self.random else None
             changed = self._changed(step, belief, u, rng, y, available, R, answers)
@@ -529,25 +528,7 @@ def _broadcast(name: str, value: np.ndarray, shape: tuple[int, ...], core: int =
     raise ValueError(f"{name} has shape {value.shape}, expected {shape}")
 
 
-@cache
+@lru_cache(64)
 def _all(batch: tuple[int, ...], p: int) -> np.ndarray:
     """The mask of measurements that have all arrived, made once."""
     return np.broadcast_to(np.True_, (*batch, p)).copy()
-
-
-@cache
-def _none(batch: tuple[int, ...], p: int) -> Changes:
-    """What a belief says of a measurement before there is one, read-only: made once."""
-    blank = {
-        "innovation": np.zeros((*batch, p)),
-        "innovation_cov": np.zeros((*batch, p, p)) + np.eye(p),
-        "available": np.zeros((*batch, p), bool),
-    }
-    for array in blank.values():
-        array.setflags(write=False)
-    return blank
-
-
-def _unmeasured(batch: tuple[int, ...], p: int, healthy: np.ndarray) -> Changes:
-    """Arrays of a belief that no measurement has met."""
-    return {**_none(batch, p), "healthy": healthy}

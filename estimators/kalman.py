@@ -101,9 +101,10 @@ class KalmanFilter(ExtendedKalmanFilter):
             raise ValueError(
                 "input_cov was given, but the model has no unknown input (G and H are missing)"
             )
-        told = input_cov is not None
-        self.input_cov = input_covariance("input_cov", input_cov, model.q) if told else None
-        if told:
+        self.input_cov = (
+            None if input_cov is None else input_covariance("input_cov", input_cov, model.q)
+        )
+        if self.input_cov is not None:
             self.input_delay, self.record = int(model.delayed_feedthrough), InputBelief
 
     def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:

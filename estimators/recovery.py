@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.belief import Record
+from estimators.belief import Record, unmeasured
 from estimators.linalg import (
     congruence,
     identity,
@@ -77,8 +77,11 @@ def recovered(
         if lost.any():
             u, y, available, R = _rows(lost, some)
             rng = rng[lost] if isinstance(rng, RandomKeys) else rng
-            again = before[lost].replace(u=u)
+            again = before[lost].replaced({"u": u})
             if step != "update":
+                again = again.replaced(
+                    unmeasured(again.healthy.shape, filter.model.p, again.healthy)
+                )
                 again = _attempt(filter, "predict", again, rng, None, None, None)
             if step != "predict":
                 again = _attempt(filter, "update", again, rng, y, available, R)

@@ -81,8 +81,8 @@ class HuberKalmanFilter(ExtendedKalmanFilter):
         S = M @ M.mT
         inflation = self._inflation(M, S, e)
         P = _reweighted(belief.cov, root_P, inflation[..., :n])
-        R = _reweighted(R, root_R, inflation[..., n:])
-        mean, cov, _ = joseph_update(belief.mean, P, e, C, R)
+        noise = _reweighted(R, root_R, inflation[..., n:])
+        mean, cov, _weighted = joseph_update(belief.mean, P, e, C, noise)
         return {"mean": mean, "cov": cov, "innovation_cov": S}
 
     def _inflation(self, M: np.ndarray, S: np.ndarray, e: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Unbiased minimum-variance filters that estimate an unknown input together with the state."""
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
@@ -297,13 +297,14 @@ class NoFeedthroughFilter(DelayedInputFilter):
         super().__init__(model, input_prior)
         if not model.delayed_feedthrough and (callable(model.H) or np.any(model.H)):
             raise ValueError(f"{self.name} needs H = 0 (no feedthrough): use kf-umv-ui or ulise")
-        C, H, changes = getattr(model, "C", None), model.H, callable(model.G)
+        C, H, G = getattr(model, "C", None), model.H, cast(Any, model.G)
+        changes = callable(G)
         if constant := isinstance(C, np.ndarray) and isinstance(H, np.ndarray) and not changes:
-            rank = int(np.linalg.matrix_rank(C @ model.G + H).min())
+            rank = int(np.linalg.matrix_rank(C @ G + H).min())
         elif changes or callable(H) or np.any(H):
             rank = min(model.p, model.q)
         else:  # C G changes, but is never of higher rank than this
-            rank = min(model.p, int(np.linalg.matrix_rank(model.G).min()))
+            rank = min(model.p, int(np.linalg.matrix_rank(G).min()))
         if rank < model.q:
             condition = "C G + H" if model.delayed_feedthrough else "C G"
             raise ValueError(

@@ -57,7 +57,7 @@ class SigmaPoints(Filter[Any]):
 
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
         """Next mean ``(..., n)`` and covariance without process noise, and Q; of an input G, too."""
-        model = self.model
+        model: Any = self.model
         if isinstance(model, LinearModel):
             mean, A, *more = super().propagate(belief, u)
             return mean, A @ belief.cov @ A.mT, *more
@@ -68,7 +68,7 @@ class SigmaPoints(Filter[Any]):
 
     def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
         """Expected measurement, its statistical linearisation C, and R with what C leaves out."""
-        model = self.model
+        model: Any = self.model
         if isinstance(model, LinearModel):
             return super().expect(belief, u, R)
         points, root = self._spread(belief, invertible=True)

@@ -48,7 +48,7 @@ _SCALAR, _CONSTANT = ("reward", "end", "over"), ("parameters", "scenario", "comm
 
 
 class CheckedMethods:
-    """An object whose methods are `Copying`, and return arrays of float64, a row for each vehicle.
+    """An object whose methods are `copying`, and return arrays of float64, a row for each vehicle.
 
     Args:
         own: The user's vehicle, task or disturbance.
@@ -73,13 +73,13 @@ class CheckedMethods:
         value = getattr(self._own, name)
         if not callable(value):
             return value
-        method = (
-            partial(self._checked, name, Copying(value)) if name in RETURNED else Copying(value)
-        )
+        method = copying(value)
+        if name in RETURNED:
+            method = partial(self._checked, name, method)
         setattr(self, name, method)
         return method
 
-    def _checked(self, name: str, method: Copying, *arguments: Any) -> Any:
+    def _checked(self, name: str, method: Callable[..., Any], *arguments: Any) -> Any:
         """Result of a method, or a refusal that names it."""
         title = f"{name} of {self.title}"
         try:
@@ -194,15 +194,15 @@ def rows_of(
     return np.array(array, order="C")
 
 
-def copying(function: Callable[..., Any], owner: Any = None) -> Callable[..., Any]:
-    """The function itself if it, or its owner, is verified, and otherwise on copies."""
-    return function if is_verified(function if owner is None else owner) else Copying(function)
+def copying(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function itself if it is verified, and otherwise on copies."""
+    return function if is_verified(function) else Copying(function)
 
 
 def copied(value: Any) -> Any:
     """A copy of an array, laid out alike in memory, or of a mapping or a record of arrays; anything else as it is."""
     if isinstance(value, np.ndarray):
-        return np.array(value, subok=True)
+        return value.copy("K")
     if isinstance(value, Mapping):
         return {key: copied(each) for key, each in value.items()}
     if is_dataclass(value) and not isinstance(value, type):
