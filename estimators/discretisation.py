@@ -6,7 +6,7 @@ from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
-from scipy.linalg import expm
+from scipy.linalg import block_diag, expm
 
 from estimators.checks import AT_LEAST_0, as_array, number
 from estimators.linalg import congruence
@@ -19,7 +19,7 @@ def zero_order_hold(A: np.ndarray, B: np.ndarray, dt: float) -> tuple[np.ndarray
     Raises:
         ValueError: if ``dt`` is negative, or A or B is no array.
     """
-    (A, B), dt = map(as_array, "AB", (A, B)), number("dt", dt, AT_LEAST_0, what="at least 0")
+    A, B, dt = as_array("A", A), as_array("B", B), number("dt", dt, AT_LEAST_0, what="at least 0")
     n, m = A.shape[-1], B.shape[-1]
     block = np.zeros(np.broadcast_shapes(A.shape[:-2], B.shape[:-2]) + (n + m, n + m))
     block[..., :n, :n] = A
@@ -31,7 +31,7 @@ def zero_order_hold(A: np.ndarray, B: np.ndarray, dt: float) -> tuple[np.ndarray
 def van_loan(
     A: np.ndarray, G: np.ndarray, Q: np.ndarray, dt: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Transition and process noise of ``x' = A x + G w``, white ``w`` of intensity ``Q``, over ``dt``.
+    """Transition and noise of ``x' = A x + G w`` over ``dt``, white ``w`` of intensity ``Q``.
 
     Source: Van Loan (1978), Computing integrals involving the matrix exponential.
 
@@ -87,55 +87,49 @@ def sampled(
             raise ValueError(
                 f"{name} of a sampled model must be one matrix, for all rows and times"
             )
-    system = _Sampled(rates.A, np.zeros((model.n, 0)) if B is None else rates.B, rates.Q)
-    matrices: dict[str, Any] = {
-        name: partial(system.matrix, name) for name in ("ABQ" if system.B.size else "AQ")
-    }
-    return replace(model, **({"B": None} | matrices))
+    # The control is held: a state that stays.
+    held = np.zeros((model.n, 0)) if B is None else rates.B
+    zeros = np.zeros((held.shape[1], model.n + held.shape[1]))
+    noise = block_diag(rates.Q, zeros[:, model.n :])
+    system = _Sampled(model.n, np.vstack([np.hstack([rates.A, held]), zeros]), noise)
+    names = "AQ" if B is None else "ABQ"
+    matrices: dict[str, Any] = {name: partial(system.matrix, name) for name in names}
+    return replace(model, **matrices)
 
 
 @dataclass(frozen=True, eq=False)
 class _Sampled:
-    """``x' = A x + B u + w``, discretised once for each length of a step."""
+    """``x' = A x + B u + w`` with u as m more states, discretised once for each length of a step."""
 
-    A: np.ndarray
-    B: np.ndarray
+    n: int
+    A: np.ndarray  # (n + m, n + m)
     Q: np.ndarray
 
-    def untimed(self) -> ValueError:
-        """The error of a known input without a length of the step."""
-        controls = f"its {m} controls and " if (m := self.B.shape[1]) else ""
-        return ValueError(
-            f"the known input of a sampled model is {controls}how long each step takes, not below"
-            " 0: give run the times t of the measurements"
-        )
-
     def matrix(self, name: str, u: np.ndarray | None) -> np.ndarray:
-        """A, B or Q ``(..., n, k)`` over steps whose lengths are the last component of ``u (..., m + 1)``."""
-        m = self.B.shape[1]
+        """A, B or Q ``(..., n, k)`` over steps as long as the last component of u ``(..., m + 1)``."""
+        m = len(self.A) - self.n
         if u is None or u.shape[-1] != m + 1:
-            raise self.untimed()
+            controls = f"its {m} controls and " if m else ""
+            raise ValueError(
+                f"the known input of a sampled model is {controls}how long each step takes: give run"
+                " the times t of the measurements"
+            )
         if u.size == m + 1:  # np.unique takes long
             matrix = _over_step(self, u.item(-1))[name]
             return matrix.reshape(u.shape[:-1] + matrix.shape)
         lengths, rows = np.unique(u[..., -1], return_inverse=True)
-        return np.stack([_over_step(self, length)[name] for length in lengths.tolist()])[
-            rows.reshape(u.shape[:-1])
-        ]
+        matrices = np.stack([_over_step(self, length)[name] for length in lengths.tolist()])
+        return matrices[rows.reshape(u.shape[:-1])]
 
 
 @lru_cache(maxsize=1024)
 def _over_step(system: _Sampled, length: float) -> dict[str, np.ndarray]:
     """A, B and Q by name over one step; NaN where its length is not finite."""
-    n, m = system.B.shape
-    if length < 0.0:
-        raise system.untimed()
-    if math.isfinite(length):
-        A, Q = van_loan(system.A, np.eye(n), system.Q, length)
-        B = zero_order_hold(system.A, system.B, length)[1] if m else np.zeros((n, 0))
-    else:
-        A, B, Q = (np.full((n, columns), np.nan) for columns in (n, m, n))
-    return {"A": A, "B": np.concatenate([B, np.zeros((n, 1))], 1), "Q": Q}
+    n, unit = system.n, np.eye(len(system.A))
+    finite = math.isfinite(length)
+    A, Q = van_loan(system.A, unit, system.Q, length) if finite else (np.nan * unit,) * 2
+    B = np.concatenate([A[:n, n:], np.zeros((n, 1))], 1)  # of the length itself nothing moves
+    return {"A": A[:n, :n], "B": B, "Q": Q[:n, :n]}
 
 
 def forward_euler(A: np.ndarray, B: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:

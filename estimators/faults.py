@@ -5,7 +5,7 @@
     monitor = CusumMonitor({"gnss": (0, 1), "log": 2}, false_alarms=1e-4)
     state = monitor.start(batch)
     state = monitor.watch(state, belief)  # after every update
-    state.alarm, state.accused  # (...) True or False; the number of the sensor in monitor.names, -1: none
+    state.alarm, state.accused  # (...) a mask; the number of the sensor in monitor.names or -1
 
 As long as model and filter are right, innovations are independent of each other and as large as S
 says. A fault in the direction ``f`` shows best in ``f' S^-1 e``, its matched filter. So a sensor is
@@ -20,12 +20,10 @@ alone.
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any, Self
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import gammainccinv, ndtr, ndtri
+from scipy.special import gammaincc, gammainccinv, ndtr, ndtri
 
 from estimators.belief import Belief
 from estimators.checks import integer, number, short_repr
@@ -33,19 +31,17 @@ from estimators.delayed import DelayedBelief
 from estimators.linalg import identity, masked, solve
 
 Sensors = int | Mapping[str, int | Sequence[int]]
-"""How many channels there are, each a sensor by itself; or by name those of each sensor."""
-
+"""Number of channels, each a sensor by itself; or by name the channels of each sensor."""
 
 _ABSURD = 1e100
-"""Standard deviations of an innovation beyond which it counts as so many: their squares can be summed up."""
+"""Standard deviations at which an innovation is cut, so that squares can be summed up."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Watch:
+class Watch(NamedTuple):
     """The state of a monitor and its verdict; leading axes are a batch.
 
     Attributes:
-        alarm: ``(...)`` whether the last measurement raised an alarm.
+        alarm: ``(...)`` True where the last measurement raised an alarm.
         accused: ``(...)`` number of the sensor that is accused, -1 where there is no alarm.
         statistic: ``(...)`` what is tested, in units of its threshold: an alarm is above 1.
         suspicion: ``(..., sensors)`` what speaks against each sensor; the accused has the most.
@@ -58,32 +54,12 @@ class Watch:
     suspicion: np.ndarray
     memory: np.ndarray
 
-    def __getitem__(self, rows: Any) -> Self:
-        """That of some rows of the batch: a mask, an index or a slice over leading axes."""
-        return type(self)(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
-
-    def with_rows(self, rows: np.ndarray, other: "Watch") -> Self:
-        """This one with the rows of a mask ``(...)`` replaced, in order, by those of ``other``.
-
-        Raises:
-            ValueError: if the two are of different monitors.
-        """
-        self.check_same_monitor(other)
-        merged = {name: np.array(getattr(self, name)) for name in self.__dataclass_fields__}
-        for name, array in merged.items():
-            array[rows] = getattr(other, name)
-        return type(self)(**merged)
-
-    def check_same_monitor(self, other: "Watch") -> None:
-        """Refuse a state of another monitor, which remembers something else or of other sensors."""
-        mine, theirs = (
-            (state.memory.shape[-2:], state.suspicion.shape[-1]) for state in (self, other)
-        )
-        if mine != theirs:
-            raise ValueError(
-                f"the state is of another monitor: it remembers {theirs[0]} of {theirs[1]} sensors,"
-                f" this one {mine[0]} of {mine[1]}"
-            )
+    def with_rows(self, rows: np.ndarray, other: "Watch") -> "Watch":
+        """The state with the rows of a mask ``(...)`` replaced, in order, by those of ``other``."""
+        merged = Watch(*map(np.array, self))
+        for mine, theirs in zip(merged, other, strict=True):
+            mine[rows] = theirs
+        return merged
 
 
 class FaultMonitor(ABC):
@@ -98,115 +74,72 @@ class FaultMonitor(ABC):
         ValueError: if a channel is in no sensor or in several, or the rate is none.
     """
 
+    _remembered: tuple[int, int]
+    """Shape of the memory of one row."""
+
     def __init__(self, sensors: Sensors, false_alarms: float) -> None:
-        self.names, groups = _grouped(sensors)
-        self.false_alarms = number(
-            "false_alarms",
-            false_alarms,
-            1e-9,
-            0.5,
-            "a rate of false alarms a step, between 1e-9 and 0.5",
-        )
-        owner = np.empty(sum(map(len, groups)), int)
-        for sensor, channels in enumerate(groups):
-            owner[channels] = sensor
-        self._belongs = 1.0 * (owner[:, None] == np.arange(len(groups)))  # (p, sensors)
-        self._together = owner[:, None] == owner  # (p, p)
+        if not isinstance(sensors, Mapping):
+            sensors = {str(j): j for j in range(integer("sensors", sensors, 1))}
+        groups = [np.atleast_1d(channels).tolist() for channels in sensors.values()]
+        channels = sorted((j for group in groups for j in group), key=repr)
+        if not channels or channels != sorted(range(len(channels)), key=repr) or [] in groups:
+            raise ValueError(
+                "sensors must have every channel, from 0, in exactly one of them, such as {'gnss':"
+                f" (0, 1), 'log': 2}}, got {short_repr(sensors)}"
+            )
+        what = "a rate of false alarms a step, between 1e-9 and 0.5"
+        self.false_alarms = number("false_alarms", false_alarms, 1e-9, 0.5, what)
+        self.names = tuple(sensors)
+        belongs = [[j in group for group in groups] for j in range(len(channels))]
+        self._belongs = np.array(belongs, float)  # (p, sensors)
 
     def start(self, batch: int | tuple[int, ...] = ()) -> Watch:
-        """Nothing seen yet, for each row of a batch.
-
-        Raises:
-            ValueError: if the batch is no whole number from 0, or several.
-        """
-        batch = tuple(
-            integer("batch", rows, 0) for rows in (batch if isinstance(batch, tuple) else (batch,))
-        )
-        nothing = np.zeros(batch)
-        suspicion, memory = (
-            np.zeros(nothing.shape + own) for own in ((len(self.names),), self._remembered)
-        )
-        return Watch(nothing > 0.0, np.full(batch, -1), nothing, suspicion, memory)
+        """The state before any measurement, for each row of a batch."""
+        nothing, none = np.zeros(batch), np.full(batch, -1)
+        suspicion = np.zeros((*nothing.shape, len(self.names)))
+        memory = np.zeros(nothing.shape + self._remembered)
+        return Watch(nothing > 0.0, none, nothing, suspicion, memory)
 
     def watch(self, state: Watch, belief: Belief | DelayedBelief[Any]) -> Watch:
         """The state after the innovation of an update.
+
+        A measurement that was used by a pseudo-inverse only counts for nothing.
 
         Args:
             state: The state before.
             belief: The belief after the update.
 
         Raises:
-            ValueError: if the belief has seen no measurement, or its filter gives no covariance of
-                innovations; if it is of another batch or other channels than the monitor; or if the
-                state is of another monitor.
             TypeError: if its innovations carry an unknown input, whose law nobody knows.
         """
-        e, S, arrived = self._innovation(belief)
-        self.start().check_same_monitor(state)
-        if e.shape[:-1] != state.alarm.shape:
-            raise ValueError(
-                f"the monitor watches rows {state.alarm.shape}, the belief has rows {e.shape[:-1]}"
-            )
-        return self._watched(state, e, S, arrived)
-
-    def run(self, beliefs: Belief) -> Watch:
-        """A whole series: beliefs after every update, stacked, times first ``(T, ...)``; likewise the result.
-
-        Raises:
-            ValueError: as `watch`; or if there are no times.
-            TypeError: as `watch`.
-        """
-        e, S, arrived = self._innovation(beliefs)
-        if e.ndim < 2 or not len(e):
-            raise ValueError(
-                f"beliefs must be stacked, times first, got innovations of shape {e.shape}"
-            )
-        states, state = [], self.start(e.shape[1:-1])
-        for now in zip(e, S, arrived, strict=True):
-            state = self._watched(state, *now)
-            states.append(state)
-        return Watch(
-            **{
-                name: np.stack([getattr(s, name) for s in states])
-                for name in Watch.__dataclass_fields__
-            }
-        )
-
-    def _innovation(
-        self, belief: Belief | DelayedBelief[Any]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Innovation, its covariance, and the mask of what counts."""
-        e, S, arrived = belief.innovation, belief.innovation_cov, belief.available
-        if e is None or S is None or arrived is None:
-            raise ValueError(
-                "the belief has no innovation with its covariance: watch it after an update, of a"
-                " filter that gives both (Belief.updated does)"
-            )
         if getattr(belief, "input_observed", None) is not None:
             raise TypeError(
                 "the innovations of this filter carry its unknown input, so that they say nothing"
                 " of faults: watch a filter that is told of the input as noise"
             )
-        if e.shape[-1] != len(self._belongs):
-            raise ValueError(
-                f"the monitor's sensors have {len(self._belongs)} channels, the measurements"
-                f" {e.shape[-1]}"
-            )
-        return e, S, arrived & belief.healthy[..., None]
-
-    def _watched(self, state: Watch, e: np.ndarray, S: np.ndarray, arrived: np.ndarray) -> Watch:
+        e, S = np.asarray(belief.innovation), np.asarray(belief.innovation_cov)
+        arrived = belief.available & belief.healthy[..., None]
         with np.errstate(all="ignore"):
             precision = solve(masked(S, arrived), identity(e.shape[-1]))
             most = _ABSURD * np.sqrt(np.diagonal(S, axis1=-2, axis2=-1))
             e = np.clip(e, -most, most)
             w = np.where(arrived, np.matvec(precision, e), 0.0)
-            memory, statistic, suspicion = self._judged(
-                state, w, precision, arrived, np.vecdot(e, w)
-            )
+            squared = np.vecdot(e, w)
+            memory, statistic, suspicion = self._judged(state, w, precision, arrived, squared)
         alarm = statistic > 1.0
         return Watch(alarm, np.where(alarm, suspicion.argmax(-1), -1), statistic, suspicion, memory)
 
-    _remembered: tuple[int, int]
+    def run(self, beliefs: Belief) -> Watch:
+        """The states after every update of beliefs that are stacked, times first ``(T, ...)``.
+
+        Raises:
+            TypeError: as `watch`.
+        """
+        state, states = self.start(beliefs.mean.shape[1:-1]), list[Watch]()
+        for k in range(len(beliefs.mean)):
+            state = self.watch(state, beliefs[k])
+            states.append(state)
+        return Watch(*map(np.stack, zip(*states, strict=True)))
 
     @abstractmethod
     def _judged(
@@ -217,15 +150,19 @@ class FaultMonitor(ABC):
         arrived: np.ndarray,
         squared: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The next memory, the statistic ``(...)`` and the suspicion of each sensor ``(..., sensors)``.
+        """The next memory, the statistic ``(...)`` and the suspicion of sensors ``(..., sensors)``.
 
-        From w, the innovation times S^-1 ``(..., p)``, S^-1 itself, which channels count, and the
-        innovation squared in units of S.
+        Args:
+            state: The state before.
+            w: ``(..., p)`` innovation times S^-1.
+            precision: ``(..., p, p)`` S^-1.
+            arrived: ``(..., p)`` mask of the channels that count.
+            squared: ``(...)`` innovation squared in units of S.
         """
 
 
 class ChiSquareMonitor(FaultMonitor):
-    """Chi-square test of the innovations of the last steps: for faults of any kind, as bias, drift or more noise.
+    """Chi-square test of the innovations of the last steps: for bias, drift or more noise.
 
     The normalised innovation squared, summed over a window, is chi-square with as many degrees of
     freedom as measurements arrived in it, and the threshold its quantile. What speaks against a
@@ -260,42 +197,32 @@ class ChiSquareMonitor(FaultMonitor):
         arrived: np.ndarray,
         squared: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        own = solve(np.where(self._together, precision, 0.0), w[..., None])[..., 0] * w
-        now = [
-            squared[..., None],
-            own @ self._belongs,
-            arrived.sum(-1, keepdims=True),
-            arrived @ self._belongs,
-        ]
-        memory = np.concatenate(
-            [state.memory[..., 1:, :], np.concatenate(now, -1)[..., None, :]], -2
-        )
-        values, degrees = np.split(memory.sum(-2), 2, -1)
-        deviate = np.where(degrees > 0.0, normal_deviate(values, np.maximum(degrees, 1.0)), -np.inf)
-        return (
-            memory,
-            values[..., 0] / self._thresholds[degrees[..., 0].astype(int)],
-            deviate[..., 1:],
-        )
+        together = self._belongs @ self._belongs.T > 0.0  # channels of one sensor
+        own = solve(np.where(together, precision, 0.0), w[..., None])[..., 0] * w
+        total = squared[..., None], arrived.sum(-1, keepdims=True)
+        now = np.concatenate([*total, own @ self._belongs, arrived @ self._belongs], -1)
+        memory = np.concatenate([state.memory[..., 1:, :], now[..., None, :]], -2)
+        window = memory.sum(-2)
+        values, degrees = np.split(window[..., 2:], 2, -1)
+        statistic = window[..., 0] / self._thresholds[window[..., 1].astype(int)]
+        return memory, statistic, normal_deviate(values, degrees)
 
 
 def normal_deviate(values: np.ndarray, degrees: np.ndarray) -> np.ndarray:
-    """The standard normal number that is as rare as a chi-square one ``(...)``, to some hundredths; far out its root.
+    """The standard normal number that is as rare as a chi-square one ``(...)``.
 
-    The signed root of the deviance with Barndorff-Nielsen's (1986) correction; near the mean, where
-    that is 0 by 0, Wilson & Hilferty's (1931).
+    Far out, where probabilities are below the least number, the root of the deviance; minus
+    infinity without degrees of freedom.
     """
-    excess = values - degrees
-    root = np.sqrt(np.maximum(excess - degrees * np.log(np.maximum(values, 1e-300) / degrees), 0.0))
-    near, spread = root < 0.1, 2.0 / (9.0 * degrees)
-    root = np.where(near, 1.0, np.copysign(root, excess))
-    usual = (np.cbrt(values / degrees) + spread - 1.0) / np.sqrt(spread)
-    score = np.where(near, 1.0, excess / np.sqrt(2.0 * degrees))
-    return np.where(near, usual, root + np.log(score / root) / root)
+    degrees = np.maximum(degrees, 1e-300)
+    tail = gammaincc(0.5 * degrees, 0.5 * np.maximum(values, 0.0))
+    large = np.maximum(values, degrees)
+    far = np.sqrt(large - degrees - degrees * np.log(large / degrees))
+    return np.where(tail > 1e-300, -ndtri(tail), far)
 
 
 class CusumMonitor(FaultMonitor):
-    """CUSUM test of the mean of each channel: finds a lasting bias sooner than any test over a window.
+    """CUSUM test of the mean of each channel: finds a lasting bias sooner than a window does.
 
     For each channel, ``z = w / sqrt(diag S^-1)`` is standard normal, and two sums are kept,
     ``g+ = max(0, g+ + z - k)`` and ``g- = max(0, g- - z - k)``, k half the shift. One that passes
@@ -319,16 +246,10 @@ class CusumMonitor(FaultMonitor):
 
     def __init__(self, sensors: Sensors, false_alarms: float = 1e-3, shift: float = 1.0) -> None:
         super().__init__(sensors, false_alarms)
-        self.shift = number(
-            "shift", shift, low=0.05, what="a number of standard deviations above 0.05"
-        )
         one = self.false_alarms / (2 * len(self._belongs))
-        largest = -2.0 * float(ndtri(one))
-        if self.shift >= largest:
-            raise ValueError(
-                f"shift must be below {largest:.3g}, got {shift}: one measurement tells so much,"
-                " and a ChiSquareMonitor with a window of 1 will do"
-            )
+        largest = -2.0 * float(ndtri(one))  # which one measurement tells: a sum would only delay
+        what = f"a number of standard deviations between 0.05 and {largest:.3g}"
+        self.shift = number("shift", shift, 0.05, largest, what)
         self.threshold = _threshold(0.5 * self.shift, 1.0 / one)
         self._remembered = 2, len(self._belongs)
 
@@ -350,7 +271,7 @@ class CusumMonitor(FaultMonitor):
 
 
 def cusum_run_length(threshold: float, drift: float, mean: float = 0.0) -> float:
-    """Mean number of steps until a one-sided CUSUM of unit normal numbers passes its threshold, from 0.
+    """Mean number of steps until a one-sided CUSUM of unit normal numbers passes its threshold.
 
     ``L(s) = 1 + L(0) F(k - s) + integral over x in (0, h) of L(x) f(x + k - s)``, s the sum, F and
     f the normal distribution and density, solved on the nodes of Gauss and Legendre: a sharper form
@@ -375,35 +296,16 @@ def cusum_run_length(threshold: float, drift: float, mean: float = 0.0) -> float
     return float(np.linalg.solve(np.eye(len(from_s)) - moves, np.ones(len(from_s)))[0])
 
 
-@lru_cache
 def _threshold(drift: float, run_length: float) -> float:
     """The threshold whose run length is this."""
     from scipy.optimize import brentq  # late: it takes longer to import than the whole package
 
-    high = step = (
-        0.5 / drift
-    )  # which makes a long run e times as long, and a matrix is not yet singular
+    # A step makes a long run e times as long, and the matrix is not yet singular.
+    high = step = 0.5 / drift
     while cusum_run_length(high, drift) < run_length:
         high += step
-    return float(
-        brentq(lambda h: np.log(cusum_run_length(h, drift) / run_length), 0.0, high, xtol=1e-10)
-    )
 
+    def excess(h: float) -> float:
+        return float(np.log(cusum_run_length(h, drift) / run_length))
 
-def _grouped(sensors: Sensors) -> tuple[tuple[str, ...], list[list[int]]]:
-    """Names of sensors, and the channels of each."""
-    if not isinstance(sensors, Mapping):
-        p = integer("sensors", sensors, 1)
-        return tuple(str(j) for j in range(p)), [[j] for j in range(p)]
-    groups = [np.atleast_1d(np.asarray(channels)).tolist() for channels in sensors.values()]
-    channels = [j for group in groups for j in group]
-    if (
-        not channels
-        or sorted(map(repr, channels)) != sorted(map(repr, range(len(channels))))
-        or not all(groups)
-    ):
-        raise ValueError(
-            "sensors must have every channel, from 0, in exactly one of them, such as {'gnss':"
-            f" (0, 1), 'log': 2}}, got {short_repr(sensors)}"
-        )
-    return tuple(sensors), groups
+    return float(brentq(excess, 0.0, high, xtol=1e-10))

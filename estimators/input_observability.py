@@ -58,10 +58,9 @@ def input_conditions(
         ValueError: naming the argument whose shape or definiteness is wrong.
     """
     model = LinearModel(A, C, Q, R, G=G, H=H)
-    arrays = [getattr(model, name) for name in "ACGHQR"]
-    if any(not isinstance(array, np.ndarray) or array.ndim > 2 for array in arrays):
+    A, C, G, H, Q, R = (np.asarray(getattr(model, name)) for name in "ACGHQR")
+    if any(array.ndim != 2 for array in (A, C, G, H, Q, R)):
         raise ValueError("input_conditions is of one system: give A, C, G, H, Q and R as matrices")
-    A, C, G, H, Q, R = arrays
     cov = input_covariance("prior", prior, model.q)
     try:
         root, noise = np.linalg.cholesky(cov), np.linalg.cholesky(R)
@@ -78,11 +77,8 @@ def input_conditions(
         np.diagonal(congruence(root, share)) for share in (one_step, np.eye(model.q) - observable)
     )
     sd = np.where(size > 1e-9 * np.diagonal(cov), np.inf, np.sqrt(variances / np.diagonal(cov)))
-    return InputConditions(
-        int(now + late),
-        sd,
-        _added_zeros(A, np.linalg.solve(noise, C), G, np.linalg.solve(noise, H)),
-    )
+    zeros = _added_zeros(A, np.linalg.solve(noise, C), G, np.linalg.solve(noise, H))
+    return InputConditions(int(now + late), sd, zeros)
 
 
 def driven_measurements(C: np.ndarray, G: np.ndarray) -> np.ndarray:
@@ -92,7 +88,7 @@ def driven_measurements(C: np.ndarray, G: np.ndarray) -> np.ndarray:
 
 
 def observable_ranks(C: np.ndarray, G: np.ndarray, H: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of inputs observable at once by ``H (..., p, q)``, and of others one step later, by ``C G``."""
+    """Numbers of inputs that ``H (..., p, q)`` shows at once, and ``C G`` one step later."""
     seen, CG = np.linalg.pinv(H, rcond=1e-9), driven_measurements(C, G)
     clean = (identity(H.shape[-2]) - H @ seen) @ CG @ (identity(H.shape[-1]) - seen @ H)
     late = np.linalg.matrix_rank(clean, tol=1e-9 * np.linalg.norm(CG, 2, (-2, -1)))
@@ -102,7 +98,7 @@ def observable_ranks(C: np.ndarray, G: np.ndarray, H: np.ndarray) -> tuple[np.nd
 def _one_step(
     CG: np.ndarray, H: np.ndarray, precision: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance ``(q, q)`` of an input, each direction by the first measurement that shows it, and which are shown."""
+    """Covariance ``(q, q)`` of d, each direction by what first shows it, and their projector."""
 
     def best(F: np.ndarray, weight: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
         values, directions = np.linalg.eigh(congruence(F.T, weight))
@@ -110,16 +106,14 @@ def _one_step(
         observable = directions[:, chosen]
         return (observable / values[chosen]) @ observable.T, observable @ observable.T
 
-    sizes = [float(np.trace(congruence(F.T, precision))) for F in (H, CG)]
-    now, seen = best(H, precision, sizes[0])
-    late, rest = best(
-        CG @ (np.eye(len(seen)) - seen), precision - congruence(precision @ H, now), sizes[1]
-    )
-    return now + late, seen + rest
+    now, seen = best(H, precision, np.trace(congruence(H.T, precision)))
+    rest, left = CG @ (np.eye(len(seen)) - seen), precision - congruence(precision @ H, now)
+    late, others = best(rest, left, np.trace(congruence(CG.T, precision)))
+    return now + late, seen + others
 
 
 def _added_zeros(A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray) -> np.ndarray:
-    """Numbers z at which ``[A - z I, G; C, H]`` loses more rank of its columns than ``[A - z I; C]`` does.
+    """Numbers z at which ``[A - z I, G; C, H]`` loses more column rank than ``[A - z I; C]`` does.
 
     Candidates are the zeros of as many sums of the measurements as there are inputs, which share
     those of the system.
@@ -128,21 +122,19 @@ def _added_zeros(A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray) -> 
     system, states = np.block([[A, G], [C, H]]), np.eye(n + len(C), n + q)
     states[n:] = 0.0
 
-    def lost(z: complex, columns: int) -> int:
-        pencil = (system - z * states)[:, :columns]
+    def adds(z: complex) -> bool:
+        pencil = system - z * states
         size = np.linalg.norm(pencil, axis=0)
-        return columns - int(
-            np.linalg.matrix_rank(pencil / np.where(size > 0.0, size, 1.0), rtol=1e-9)
-        )
+        pencil = pencil / np.where(size > 0.0, size, 1.0)
+        rank, own = (np.linalg.matrix_rank(part, rtol=1e-9) for part in (pencil, pencil[:, :n]))
+        return bool(rank - own < q)
 
     rng = np.random.default_rng(0)
-    anywhere = complex(*rng.normal(size=2))
-    if lost(anywhere, n + q) > lost(anywhere, n):
+    if adds(complex(*rng.normal(size=2))):
         return np.array([complex(np.nan)])
     sums = block_diag(np.eye(n), rng.normal(size=(q, len(C))))
     found = eigvals(sums @ system, sums @ states)
-    found = found[np.abs(found) < _INFINITE]
-    return found[[lost(z, n + q) > lost(z, n) for z in found]] if found.size else found
+    return np.array([z for z in found if np.abs(z) < _INFINITE and adds(z)], complex)
 
 
 _INFINITE = 1e3

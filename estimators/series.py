@@ -11,16 +11,18 @@ Times come first, then rows, then components. `run` needs nothing of a filter bu
 ``predict`` and ``update``.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Generic, cast
 
 import numpy as np
 
-from estimators.belief import Belief, Record, over_time
-from estimators.checks import as_array, as_mask, integer, short_repr
+from estimators.belief import Record, over_time
+from estimators.checks import as_array, as_mask, integer
 from estimators.delayed import Delayed, DelayedBelief
 from estimators.filter import Filter, Rng
+from estimators.linalg import joined
 from estimators.models import Gaussian, LinearModel
 from estimators.randomness import RandomKeys, key
 
@@ -57,7 +59,7 @@ class Series(Generic[Record]):
 
     @property
     def input_mean(self) -> np.ndarray | None:
-        """``(T, ..., q)`` estimates of the unknown input, ``input_delay`` steps late; None: the filter has none."""
+        """``(T, ..., q)`` estimates of the unknown input, ``input_delay`` steps late, or None."""
         return self.updated.input_mean
 
     @cached_property
@@ -71,17 +73,12 @@ class Series(Generic[Record]):
         Raises:
             ValueError: if the filter gives no innovation covariance.
         """
-        own = getattr(self.filter, "log_likelihood", None)
-        if own is None:
-            raise ValueError(
-                f"{type(self.filter).__name__} has no log_likelihood: make it a Filter, or compare"
-                " errors"
-            )
-        return own(self.predicted, self.updated)
+        filter: Any = self.filter
+        return np.asarray(filter.log_likelihood(self.predicted, self.updated))
 
     @property
     def log_likelihood(self) -> np.ndarray:
-        """``(...)`` log density of all measurements of a row: the sum of `log_likelihoods` over time."""
+        """``(...)`` log density of all measurements: the sum of `log_likelihoods` over time."""
         return self.log_likelihoods.sum(0)
 
 
@@ -123,155 +120,100 @@ def run(
             this step.
 
     Raises:
-        TypeError: if ``filter`` is none.
         ValueError: if a shape does not fit, times go back, or the model does not follow them.
     """
-    if isinstance(filter, type) or not all(
-        hasattr(filter, name) for name in ("init", "predict", "update")
-    ):
-        raise TypeError(
-            f"filter must be a filter, as estimators.make gives one, got {short_repr(filter)}"
-        )
-    y, available, R = _measured(y, available, R)
+    y = as_array("y", y)
+    if y.ndim < 2 or len(y) == 0:
+        raise ValueError(f"y has shape {y.shape}, expected (T, ..., p): one channel has y[:, None]")
     T, batch = len(y), y.shape[1:-2] if isinstance(filter, Delayed) else y.shape[1:-1]
-    _check_timed(filter, t)
-    prior, continued = _prior(prior, batch)
-    after, at = _known_inputs(u, t, T + continued, batch, continued)
-    rng = _numbers(rng, batch)
-    _check_first(first, filter, rng, continued)
+    continued = _continues(filter, prior, batch, rng, integer("first", first, 0))
+    if isinstance(prior, Gaussian):
+        prior = Gaussian(np.broadcast_to(prior.mean, (*batch, prior.mean.shape[-1])), prior.cov)
+    available = _over_time("available", available, T, as_mask)
+    R = _over_time("R", R, T)
+    after, at = _known_inputs(filter, u, t, T + continued, batch)
+    if isinstance(rng, int | np.integer):
+        rows = np.arange(int(np.prod(batch))).reshape(batch)
+        rng = RandomKeys(np.broadcast_to(key(integer("rng", rng, 0)), (*batch, 2))).of(rows)
     loop, belief, predicted, updated = cast(Any, filter), prior, [], []
     for k in range(T):
         now = rng.at(first + k) if isinstance(rng, RandomKeys) else rng
-        before = None if after is None else after[k + continued - 1]
+        i = k + continued
         belief = (
-            loop.predict(belief, before, rng=now) if k or continued else loop.init(prior, rng=now)
+            loop.predict(belief, _at(after, i - 1), rng=now) if i else loop.init(prior, rng=now)
         )
         predicted.append(belief)
-        known, mask, cov = (
-            None if a is None else a[i] for a, i in ((at, k + continued), (available, k), (R, k))
-        )
+        known, mask, cov = _at(at, i), _at(available, k), _at(R, k)
         belief = loop.update(belief, y[k], rng=now, available=mask, R=cov, u=known)
         updated.append(belief)
     if isinstance(filter, Delayed):
-        predicted, updated = (
-            [belief.now for belief in beliefs] for beliefs in (predicted, updated)
-        )
+        predicted, updated = ([each.now for each in found] for found in (predicted, updated))
     if at is not None and not continued:  # of which the prior is told, too
         predicted[0] = predicted[0].replace(u=updated[0].u)
     return Series(filter, over_time(predicted), over_time(updated), belief)
 
 
-def _measured(
-    y: np.ndarray, available: np.ndarray | None, R: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
-    """The measurements of a series, checked to have times first."""
-    y = as_array("y", y)
-    if y.ndim < 2 or len(y) == 0:
-        hint = ": one channel has y[:, None]" if y.ndim == 1 else ""
-        raise ValueError(f"y has shape {y.shape}, expected (T, ..., p), times first{hint}")
-    available = None if available is None else as_mask("available", available)
-    R = None if R is None else as_array("R", R)
-    for name, array in (("available", available), ("R", R)):
-        if array is not None and array.shape[:1] != y.shape[:1]:
-            raise ValueError(
-                f"{name} has shape {array.shape}, expected one for each of the {len(y)}"
-                " measurements of y"
-            )
-    return y, available, R
-
-
-def _check_timed(filter: Any, t: np.ndarray | None) -> None:
-    """Refuse times for models that do not follow the length of a step."""
-    models = [getattr(mode, "model", None) for mode in getattr(filter, "filters", (filter,))]
-    constant = [
-        isinstance(model, LinearModel) and not any(map(callable, vars(model).values()))
-        for model in models
-    ]
-    if t is not None and all(constant):
+def _continues(filter: Any, prior: Any, batch: tuple[int, ...], rng: Rng | int, first: int) -> bool:
+    """Test whether a prior is a belief; refuse other rows, and random numbers used before."""
+    rows, continued = prior.mean.shape[:-1], not isinstance(prior, Gaussian)
+    if rows != batch and (continued or rows):
         raise ValueError(
-            "this model is the same however long a step takes: make it with sampled, or leave out t"
+            f"the prior has rows {rows}, y has {batch}: give one, or one for each row of y"
         )
-
-
-def _check_first(first: int, filter: Any, rng: Rng, continued: bool) -> None:
-    """Refuse to use random numbers a second time."""
-    keyed = isinstance(rng, RandomKeys) and getattr(filter, "random", False)
-    if integer("first", first, 0) == 0 and continued and keyed:
+    keyed = getattr(filter, "random", False) and not isinstance(rng, np.random.Generator)
+    if first == 0 and continued and keyed:
         raise ValueError(
             "first must be how many measurements came before the belief: their random numbers are"
             " used up"
         )
+    return continued
 
 
-def _numbers(rng: Rng | int, batch: tuple[int, ...]) -> Rng:
-    """Random numbers of a seed, one key a row; others as they are."""
-    if not isinstance(rng, int | np.integer):
-        return rng
-    rows = np.arange(int(np.prod(batch))).reshape(batch)
-    return RandomKeys(np.broadcast_to(key(integer("rng", rng, 0)), (*batch, 2))).of(rows)
+def _at(array: np.ndarray | None, k: int) -> np.ndarray | None:
+    return None if array is None else array[k]
 
 
-def _prior(prior: Any, batch: tuple[int, ...]) -> tuple[Any, bool]:
-    """The prior of a batch, and whether it is a belief after an earlier measurement.
-
-    Raises:
-        ValueError: if its rows are not those of y.
-    """
-    continued = isinstance(prior, Belief | DelayedBelief)
-    rows = {"mean": prior.mean.shape[:-1]} if continued or isinstance(prior, Gaussian) else {}
-    if isinstance(prior, Gaussian):
-        rows["cov"] = prior.cov.shape[:-2]
-    for name, own in rows.items():
-        if own != batch and (continued or own != ()):
-            raise ValueError(
-                f"the prior's {name} has rows {own}, y has {batch}: give one, or one for each row"
-                " of y"
-            )
-    if isinstance(prior, Gaussian):
-        prior = type(prior)(np.broadcast_to(prior.mean, batch + prior.mean.shape[-1:]), prior.cov)
-    return prior, continued
+def _over_time(
+    name: str,
+    value: np.ndarray | None,
+    T: int,
+    checked: Callable[[str, Any], np.ndarray] = as_array,
+) -> np.ndarray | None:
+    """An argument of `run` as an array of T entries, or None."""
+    array = None if value is None else checked(name, value)
+    if array is not None and array.shape[:1] != (T,):
+        raise ValueError(
+            f"{name} has shape {array.shape}, expected ({T}, ...): one for each measurement of y,"
+            " and before them one for a belief that is continued"
+        )
+    return array
 
 
 def _known_inputs(
-    u: np.ndarray | None, t: np.ndarray | None, T: int, batch: tuple[int, ...], continued: bool
+    filter: Any, u: np.ndarray | None, t: np.ndarray | None, T: int, batch: tuple[int, ...]
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """The known inputs ``(T, ..., m)`` over the steps that follow measurements, and at the measurements themselves.
+    """Known inputs ``(T, ..., m)`` over the steps that follow measurements, and at measurements.
 
     Where times are given the last component is the length of the step: that follows, and that led
     to the measurement.
     """
-    more = ", and before them one for that of the belief" if continued else ""
-    if u is not None:
-        u = as_array("u", u)
-        if u.ndim < 2 or len(u) != T:
-            raise ValueError(
-                f"u has shape {u.shape}, expected ({T}, ..., m): one for each measurement of"
-                f" y{more}"
-            )
-        if u.ndim == 2:
-            u = u.reshape(T, *(1,) * len(batch), -1)
+    u, t = _over_time("u", u, T), _over_time("t", t, T)
+    if u is not None and u.ndim == 2:
+        u = u.reshape(T, *(1,) * len(batch), -1)
     if t is None:
         return u, u
-    t = as_array("t", t)
-    if t.shape not in ((T,), (T, *batch)):
+    model = getattr(filter, "model", None)
+    if isinstance(model, LinearModel) and not any(map(callable, vars(model).values())):
         raise ValueError(
-            f"t has shape {t.shape}, expected ({T},) or {(T, *batch)}: one time for each"
-            f" measurement of y{more}"
+            "this model is the same however long a step takes: make it with sampled, or leave out t"
         )
-    if not np.isfinite(t).all() or (np.diff(t, axis=0) < 0.0).any():
-        wrong = "hold a time that is not finite" if not np.isfinite(t).all() else "go back"
+    if not (np.isfinite(t).all() and (np.diff(t, axis=0) >= 0.0).all()):
         raise ValueError(
-            f"times t {wrong}: sort the measurements by time, or use Delayed for those that come"
-            " late"
+            "times t must be finite and not go back: sort the measurements by time, or use Delayed"
+            " for those that come late"
         )
-    following, leading = np.diff(t, axis=0, append=t[-1:]), np.diff(t, axis=0, prepend=t[:1])
-    return _with_lengths(u, following, batch), _with_lengths(u, leading, batch)
-
-
-def _with_lengths(u: np.ndarray | None, lengths: np.ndarray, batch: tuple[int, ...]) -> np.ndarray:
-    """Known inputs ``(T, ..., m)`` and the lengths of steps ``(T, ...)`` beside them."""
-    lengths = lengths.reshape(lengths.shape + (1,) * (len(batch) + 2 - lengths.ndim))
-    if u is None:
-        return lengths
-    rows = np.broadcast_shapes(u.shape[:-1], lengths.shape[:-1])
-    return np.concatenate([np.broadcast_to(a, rows + a.shape[-1:]) for a in (u, lengths)], -1)
+    t = t.reshape(t.shape + (1,) * (len(batch) + 1 - t.ndim))
+    u = np.zeros((T, *(1,) * len(batch), 0)) if u is None else u
+    lengths = np.diff(t, axis=0, append=t[-1:]), np.diff(t, axis=0, prepend=t[:1])
+    after, at = (joined([u[..., None, :], dt[..., None, None]], -1)[..., 0, :] for dt in lengths)
+    return after, at

@@ -1,10 +1,10 @@
 """Smoothers: estimates at every time from the measurements of a whole series.
 
-A smoother goes back through what a filter stored. With z what is estimated at one time, the state
-or the state and the unknown input, and ``zeta = D z+`` the part of the next that the past predicts,
-``zeta- , P-``::
+A smoother goes back through what a filter stored. With z the estimated quantities of one time, the
+state or the state and the unknown input, and ``zeta = D z+`` the part of the next that the past
+predicts, ``zeta- , P-``::
 
-    J = cov(z, zeta) P-^-1        z^s = z + J (D z^s+ - zeta-)        P^s = P + J (D P^s+ D' - P-) J'
+    J = cov(z, zeta) P-^-1     z^s = z + J (D z^s+ - zeta-)     P^s = P + J (D P^s+ D' - P-) J'
 
 For a Kalman filter z is the state and D the identity (Rauch, Tung & Striebel). For a filter that
 estimates the unknown input of the very step, ``z = (x, d)``, ``D = [I, 0]`` and ``cov(z, zeta) =
@@ -21,7 +21,6 @@ import numpy as np
 from estimators.angles import difference
 from estimators.belief import Belief, InputBelief, Record
 from estimators.checks import integer
-from estimators.delayed import Delayed
 from estimators.ensemble import EnsembleFilter
 from estimators.kalman import KalmanFilter, with_input
 from estimators.linalg import congruence, identity, joined, principal_root, semidefinite
@@ -29,7 +28,7 @@ from estimators.series import Series
 
 
 def smooth(series: Series[Record], lag: int | None = None) -> Record:
-    """Beliefs at each time from all measurements of a series, or from those up to ``lag`` steps later.
+    """Beliefs at each time from all measurements of a series, or from those ``lag`` steps later.
 
     For a linear model without unknown input, or with one, this is exact. A nonlinear model is
     linearised where the filter did so; `robust-kf` goes back through its own, larger predictions.
@@ -54,16 +53,10 @@ def smooth(series: Series[Record], lag: int | None = None) -> Record:
         TypeError: if the filter has no smoother.
         ValueError: if ``lag`` is negative.
     """
-    later = len(series) - 1
-    steps = None if lag is None else min(integer("lag", lag, 0), later)
+    steps = None if lag is None else integer("lag", lag, 0)
     filter, updated, predicted = series.filter, series.updated, series.predicted
     if isinstance(filter, EnsembleFilter):
         return _members(filter, updated, predicted, steps)
-    if isinstance(filter, Delayed):
-        raise TypeError(
-            f"{filter!r} has no smoother: sort measurements by when they were taken, and run the"
-            " filter itself"
-        )
     if not getattr(filter, "reversible", False):
         name = getattr(filter, "name", type(filter).__name__)
         raise TypeError(
@@ -87,14 +80,10 @@ def smooth(series: Series[Record], lag: int | None = None) -> Record:
 def _swept(
     back: Callable[..., tuple[np.ndarray, ...]], steps: int | None, *filtered: np.ndarray
 ) -> list[np.ndarray]:
-    """Arrays of successive times, smoothed from those that follow: from the last one on, or all ``steps`` times."""
+    """Arrays of successive times, each smoothed from the next: from the last on, or by sweeps."""
     arrays, later = [np.array(each) for each in filtered], len(filtered[0]) - 1
-    at_once = (
-        [slice(k, k + 1) for k in reversed(range(later))]
-        if steps is None
-        else [slice(0, later)] * steps
-    )
-    for now in at_once:
+    one_by_one = [slice(k, k + 1) for k in reversed(range(later))]
+    for now in one_by_one if steps is None else [slice(0, later)] * steps:
         after = slice(now.start + 1, now.stop + 1)
         for array, values in zip(arrays, back(now, *(each[after] for each in arrays)), strict=True):
             array[now] = values
@@ -117,7 +106,7 @@ def _parted(belief: Record, z: np.ndarray, P: np.ndarray) -> Record:
 def _gains(
     filter: Any, updated: Belief, following: Belief, healthy: np.ndarray, P: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """D ``(..., n, k)`` and J ``(..., k, n)`` of beliefs and their predictions; J is 0 where one was lost."""
+    """D ``(..., n, k)``, J ``(..., k, n)`` and what J leaves of P; J is 0 where a row was lost."""
     n, k, u = updated.mean.shape[-1], P.shape[-1], following.u
     A, D, cov = filter._slopes(updated, u), np.eye(n, k), following.cov
     if isinstance(updated, InputBelief):
@@ -139,10 +128,10 @@ def _gains(
 
 
 def _regression(A: np.ndarray, P: np.ndarray, cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """J ``(..., k, n)`` of z, of covariance P, on ``A z`` and noise, of covariance ``cov``; and what it leaves of P.
+    """J ``(..., k, n)`` of z on ``A z`` plus noise, and what it leaves of P, the covariance of z.
 
-    By a QR decomposition of roots: a vague prior would leave nothing of the digits of a difference
-    of covariances.
+    The covariance of the sum is ``cov``. By a QR decomposition of roots: a vague prior would leave
+    nothing of the digits of a difference of covariances.
     """
     n, k = A.shape[-2:]
     root = principal_root(P)
@@ -158,18 +147,15 @@ def _regression(A: np.ndarray, P: np.ndarray, cov: np.ndarray) -> tuple[np.ndarr
 
 
 def _members(filter: EnsembleFilter, updated: Any, predicted: Any, steps: int | None) -> Any:
-    """The same, member by member."""
-    angles, own = filter.model.state_angles, updated.ensemble
-    spread, ahead = (
-        difference(belief.ensemble, belief.mean[..., None, :], angles)
-        for belief in (updated[:-1], predicted[1:])
+    """Beliefs of an ensemble, smoothed member by member."""
+    angles, own, ahead = filter.model.state_angles, updated.ensemble, predicted.ensemble[1:]
+    spread, moved = (
+        difference(members, belief.mean[..., None, :], angles)
+        for members, belief in ((own[:-1], updated[:-1]), (ahead, predicted[1:]))
     )
-    forgot = ~predicted.healthy[1:] | ~np.isfinite(ahead).all((-2, -1))
-    ahead = np.where(forgot[..., None, None], 0.0, ahead)
-    gain, expected = (
-        np.linalg.pinv(ahead, rcond=1e-10) @ spread,
-        np.nan_to_num(predicted.ensemble[1:]),
-    )
+    forgot = ~predicted.healthy[1:] | ~np.isfinite(moved).all((-2, -1))
+    moved = np.where(forgot[..., None, None], 0.0, moved)
+    gain, expected = np.linalg.pinv(moved, rcond=1e-10) @ spread, np.nan_to_num(ahead)
 
     def back(k: slice, later: np.ndarray) -> tuple[np.ndarray]:
         return (own[:-1][k] + difference(later, expected[k], angles) @ gain[k],)

@@ -1,4 +1,4 @@
-"""Maximum likelihood estimates, from measurements, of numbers that a filter is built with: Q, R, the prior, others.
+"""Maximum likelihood estimates of numbers that a filter is built with: Q, R, the prior, others.
 
 ::
 
@@ -13,7 +13,7 @@ likely are the estimate.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import combinations
 from typing import Any
@@ -131,56 +131,36 @@ def fit(
     """
     if objective not in _OBJECTIVES:
         raise ValueError(unknown("objective", objective, _OBJECTIVES))
-    signed = _names(signed)
+    signed = (signed,) if isinstance(signed, str) else tuple(signed)
     origin = _checked_start(start, signed)
     positive = np.array([name not in signed for name in start])
     units = np.where(positive | (origin == 0.0), 1.0, np.abs(origin))
-    y = as_array("y", y)
-    data = {"y": y, "u": u, "t": t, "available": available, "R": R}
+    data = {"y": as_array("y", y), "u": u, "t": t, "available": available, "R": R}
     evaluate = partial(_negative_log_likelihood, objective, data, rng)
     search = _Search(build, tuple(start), positive, units, evaluate)
     first = np.where(positive, np.log(np.where(positive, origin, 1.0)), origin / units)
-    arrived = np.isfinite(y)
-    if not (arrived if available is None else arrived & as_mask("available", available)).any():
-        raise ValueError("none of the measurements came: there is nothing to fit")
-    initial = search.built(first)
-    if not (isinstance(initial, tuple) and len(initial) == 2 and isinstance(initial[1], Gaussian)):
-        raise TypeError(
-            f"build must return a filter and its prior, a Gaussian, got {short_repr(initial)}"
-        )
-    if not np.isfinite(evaluate(*initial)):
+    filter, prior = search.built(first)
+    if not np.isfinite(evaluate(filter, prior)):
         raise ValueError(
             "the measurements have no likelihood at the start: begin where the filter can follow"
             " them"
         )
-    return search.fit(first, _random(initial[0]))
-
-
-def _names(signed: object) -> tuple[str, ...]:
-    """Names, be it one or several."""
-    if isinstance(signed, str):
-        return (signed,)
-    if not isinstance(signed, Iterable):
-        raise TypeError(f"signed must be names of parameters, got {short_repr(signed)}")
-    return tuple(signed)
+    return search.fit(first, _random(filter))
 
 
 def _checked_start(start: Mapping[str, float], signed: Collection[str]) -> np.ndarray:
     """Values at which a search begins, checked."""
-    if not isinstance(start, Mapping) or not start:
-        raise ValueError(
-            "start must hold a value for each parameter by name, such as {'q': 1.0}, got"
-            f" {short_repr(start)}"
-        )
     for name in signed:
         if name not in start:
             raise ValueError(unknown("signed parameter", name, start))
     for name, value in start.items():
-        number = as_number(value)
-        if not np.isfinite(number) or (number <= 0.0 and name not in signed):
-            hint = "" if not np.isfinite(number) else ": name it in signed if it may have any sign"
-            what = "a finite number" if name in signed else "a positive number"
-            raise ValueError(f"start of {name} must be {what}, got {short_repr(value)}{hint}")
+        number, positive = as_number(value), name not in signed
+        if not np.isfinite(number) or (positive and number <= 0.0):
+            hint = ", or be named in signed if it may have any sign" if positive else ""
+            raise ValueError(
+                f"start of {name} must be a {'positive' if positive else 'finite'} number{hint},"
+                f" got {short_repr(value)}"
+            )
     return np.array([float(value) for value in start.values()])
 
 
@@ -194,55 +174,49 @@ def _negative_log_likelihood(
     """The cost of a filter and its prior on measurements, arguments of `run`."""
     with np.errstate(all="ignore"):
         series = run(filter, prior, **data, rng=rng if _random(filter) else None)
-        if (~series.updated.healthy).any():  # a measurement that is given up must not pay
+        # A measurement that is given up must not pay.
+        arrived = _arrived(data["y"], data["available"])
+        if data["R"] is None and (arrived & ~series.updated.available).any():
             return np.inf
         if objective == "likelihood":
             return -float(np.sum(series.log_likelihood))
-        return -_prediction_error(series, data["y"], data["available"])
+        return _prediction_error(series, data["y"], data["available"])
+
+
+def _arrived(y: np.ndarray, available: np.ndarray | None) -> np.ndarray:
+    return np.isfinite(y) if available is None else np.isfinite(y) & as_mask("", available)
 
 
 def _prediction_error(series: Series, y: np.ndarray, available: np.ndarray | None) -> float:
-    """The log-likelihood of Gaussian innovations whose covariance is what it is found to be.
+    """The cost of Gaussian prediction errors whose covariance is what it is found to be.
 
     Where measurements are missing, each entry of the covariance is of those that came together.
     """
-    e, arrived = series.updated.innovation, series.updated.available
-    if e is None or arrived is None:  # a filter that says no more than what it expects
-        model = series.filter.model
-        expected = model.measurement(series.predicted.mean, series.updated.u)
-        e = difference(y, expected, model.measurement_angles)
-        arrived = (
-            np.isfinite(e)
-            if available is None
-            else np.isfinite(e) & as_mask("available", available)
-        )
-        e = np.where(arrived, e, 0.0)
-    p = e.shape[-1]
-    flat, mask = e.reshape(-1, p), arrived.reshape(-1, p).astype(float)
+    model, p = series.filter.model, y.shape[-1]
+    expected = model.measurement(series.predicted.mean, series.updated.u)
+    e = difference(y, expected, model.measurement_angles)
+    arrived = _arrived(e, available)
+    flat, mask = np.where(arrived, e, 0.0).reshape(-1, p), 1.0 * arrived.reshape(-1, p)
     together = mask.T @ mask
-    if (np.diagonal(together) == 0.0).any():
-        raise ValueError(
-            f"channel {int(np.argmin(np.diagonal(together)))} of y has no measurement at all: leave"
-            " it out"
-        )
-    sign, size = np.linalg.slogdet(flat.T @ flat / np.maximum(together, 1.0))
-    if sign <= 0.0:
-        return -np.inf
-    return float(-0.5 * np.trace(together) / p * (size + p * (1.0 + np.log(2.0 * np.pi))))
+    _, size = np.linalg.slogdet(flat.T @ flat / np.maximum(together, 1.0))
+    return float(0.5 * np.trace(together) / p * (size + p * (1.0 + np.log(2.0 * np.pi))))
 
 
 # --- the search -----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _Search:
-    """The cost of parameters ``theta (k,)``: logarithms of positive ones, others in units of their start."""
+    """Cost of ``theta (k,)``: logarithms of positive parameters, others in units of their start."""
 
     build: Callable[..., tuple[Any, Gaussian]]
     names: tuple[str, ...]
     positive: np.ndarray
     units: np.ndarray
     evaluate: Callable[[Any, Gaussian], float]
+    rough: bool = field(init=False)  # the cost is not smooth
+    best: np.ndarray = field(init=False)  # (k,) where the last search ended
+    least: float = field(init=False)  # the cost there
 
     def values(self, theta: np.ndarray) -> list[float]:
         """The parameters themselves."""
@@ -262,82 +236,64 @@ class _Search:
             return np.inf
         return np.inf if np.isnan(value) else value
 
-    def fit(self, first: np.ndarray, random: bool) -> Fit:
-        """The fit of a search from here, for a filter that draws random numbers or not."""
-        rough, start = random, first
+    def fit(self, first: np.ndarray, rough: bool) -> Fit:
+        """The fit of a search from here, by gradients or, if the cost is rough, by a simplex."""
+        start, self.rough = first, rough
         while True:
-            low, high = (
-                np.where(self.positive, start + far, np.copysign(np.inf, far))
-                for far in (-_FAR, _FAR)
-            )
-            best, least = self._minimum(start, low, high, rough)
-            slopes, information = self._derivatives(best, least, _ROUGH if rough else _SMOOTH)
+            edge = np.where(self.positive, _FAR, np.inf)
+            low, high = start - edge, start + edge
+            self.best, self.least = self._minimum(start, low, high)
+            slopes, information = self._derivatives(_ROUGH if self.rough else _SMOOTH)
             covariance, flat, peaked = _covariance(information, self.positive)
             with np.errstate(invalid="ignore"):
-                gain = 0.5 * slopes @ covariance @ slopes + sum(
-                    abs(slopes @ direction) for direction in flat
-                )
+                gain = 0.5 * slopes @ covariance @ slopes + sum(abs(slopes @ way) for way in flat)
             converged = peaked and bool(gain < _LEFT)
-            # A search may end on a plateau, as that of a variance beside a far greater one: it goes
-            # on beyond it.
-            points = [
-                np.clip(best + far * way, low, high) for way in flat for far in (*_AWAY, *-_AWAY)
-            ]
-            costs = [self.cost(point) for point in points]
-            if min(costs, default=np.inf) < least - _LEFT:
-                start = points[int(np.argmin(costs))]
-            elif (
-                not converged
-                and np.any((best <= low) | (best >= high))
-                and np.abs(best).max() < _LARGEST
-            ):
-                start = best
-            elif converged or rough:
-                break
-            else:  # no smooth likelihood, such as that of weights that are found by iteration
-                rough, start = True, first
+            # A search may end on a plateau, as that of a variance beside a far greater one.
+            ways = [sign * far * way for way in flat for far in _AWAY for sign in (1.0, -1.0)]
+            points = [np.clip(self.best + way, low, high) for way in ways]
+            farther = min(points, key=self.cost, default=self.best)
+            at_edge = ((self.best <= low) | (self.best >= high)).any()
+            if self.cost(farther) < self.least - _LEFT:
+                start = farther
+            elif not converged and at_edge and np.abs(self.best).max() < _LARGEST:
+                start = self.best
+            elif converged or self.rough:
+                return self._report(covariance, flat, converged)
+            else:  # such as the likelihood of weights that are found by iteration
+                start, self.rough = first, True
+
+    def _report(self, covariance: np.ndarray, flat: list[np.ndarray], converged: bool) -> Fit:
+        """The record of what the search found."""
+        best, positive, spread = self.best, self.positive, np.sqrt(np.diagonal(covariance))
         loose = np.any([np.zeros(best.shape, bool), *map(_involved, flat)], 0) | (not converged)
-        spread = np.sqrt(np.diagonal(covariance))
         errors = np.where(loose, np.inf, spread)
         covariance[loose], covariance[:, loose] = np.nan, np.nan
-        values, *ends = map(
-            self.values, (best, best - _QUANTILE * errors, best + _QUANTILE * errors)
+        values, low, high = (
+            self.values(best + z * errors) if z else self.values(best)
+            for z in (0.0, -_QUANTILE, _QUANTILE)
         )
-        sd, intervals = (
-            np.where(self.positive, values, self.units) * errors,
-            zip(*ends, strict=True),
+        sd = np.where(positive, values, self.units) * errors
+
+        def by_name(column: Iterable[Any]) -> dict[str, Any]:
+            return dict(zip(self.names, column, strict=True))
+
+        return Fit(
+            estimates=by_name(values),
+            standard_errors=by_name(sd.tolist()),
+            intervals=by_name(zip(low, high, strict=True)),
+            correlation=covariance / (spread * spread[:, None]),
+            log_likelihood=-self.least,
+            undetermined=tuple(dict.fromkeys(s for way in flat for s in self._statements(way))),
+            converged=converged,
+            filter=self.built(best)[0],
+            prior=self.built(best)[1],
         )
-        named: Any = [
-            dict(zip(self.names, column, strict=True))
-            for column in (values, sd.tolist(), intervals)
-        ]
-        undetermined = tuple(
-            dict.fromkeys(
-                each for way in flat for each in self._statements(way, best, least, rough)
-            )
-        )
-        found = (
-            *named,
-            covariance / (spread * spread[:, None]),
-            -least,
-            undetermined,
-            converged,
-            *self.built(best),
-        )
-        return Fit(*found)
 
     def _minimum(
-        self,
-        start: np.ndarray,
-        low: np.ndarray,
-        high: np.ndarray,
-        rough: bool,
-        digits: float = 1e-13,
+        self, start: np.ndarray, low: np.ndarray, high: np.ndarray, digits: float = 1e-13
     ) -> tuple[np.ndarray, float]:
         """The parameters ``(k,)`` of least cost, and that cost."""
-        from scipy.optimize import (
-            minimize,
-        )  # late: it takes longer to import than the whole package
+        from scipy.optimize import minimize  # late: it takes longer to import than the package
 
         least = self.cost(start)
         worst = least + 100.0 * (1.0 + abs(least))  # what a search can step back from
@@ -349,7 +305,7 @@ class _Search:
             ]
             return np.array([(a - b) / 2e-4 if np.isfinite(a - b) else 0.0 for a, b in pairs])
 
-        if rough:
+        if self.rough:
             simplex = start + 0.5 * np.eye(len(start) + 1, len(start), -1)
             options: dict[str, Any] = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-3}
             method: dict[str, Any] = {"method": "Nelder-Mead", "options": options}
@@ -361,14 +317,13 @@ class _Search:
         ).x
         return best, self.cost(best)
 
-    def _derivatives(
-        self, best: np.ndarray, least: float, step: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """First and second derivatives ``(k,)`` and ``(k, k)`` by central differences over a share of a standard error.
+    def _derivatives(self, step: float) -> tuple[np.ndarray, np.ndarray]:
+        """First and second derivatives ``(k,)`` and ``(k, k)`` by central differences.
 
-        The second are NaN where they are others over a whole one: what bends in the small alone is
-        rough, and no minimum.
+        They are taken over a share of a standard error. The second are NaN where they are others
+        over a whole one: what bends in the small alone is rough, and no minimum.
         """
+        best, least = self.best, self.least
 
         def along(move: np.ndarray) -> tuple[float, float]:
             ahead, behind = self.cost(best + move), self.cost(best - move)
@@ -387,72 +342,58 @@ class _Search:
         slopes, curvatures = np.array([along(move) for move in moves]).T
         wide = np.array([along(move / step)[1] for move in moves]) * step**2
         known = (curvatures > _LITTLE * sizes**2) & np.isfinite(wide)
-        hessian = np.diag(
-            np.where(
-                known & ((wide < 0.25 * curvatures) | (wide > 4.0 * curvatures)), np.nan, curvatures
-            )
-        )
+        differ = known & ((wide < 0.25 * curvatures) | (wide > 4.0 * curvatures))
+        hessian = np.diag(np.where(differ, np.nan, curvatures))
         for i, j in combinations(range(len(best)), 2):
-            hessian[i, j] = hessian[j, i] = 0.25 * (
-                along(moves[i] + moves[j])[1] - along(moves[i] - moves[j])[1]
-            )
+            ends = along(moves[i] + moves[j])[1] - along(moves[i] - moves[j])[1]
+            hessian[i, j] = hessian[j, i] = 0.25 * ends
         return slopes / sizes, hessian / sizes / sizes[:, None]
 
-    def _statements(
-        self, direction: np.ndarray, best: np.ndarray, least: float, rough: bool
-    ) -> list[str]:
-        """A direction without information, in words: of parameters together, or of each where it is free by itself."""
-        moved = np.flatnonzero(_involved(direction)).tolist()
-        ends = {
-            i: [self._end(i, sign, direction, best, least, rough) for sign in (-1.0, 1.0)]
+    def _statements(self, way: np.ndarray) -> list[str]:
+        """A direction without information in words: of parameters together, or of each by itself."""
+        moved = np.flatnonzero(_involved(way)).tolist()
+        ends = {i: [self._end(i, sign, way) for sign in (-1.0, 1.0)] for i in moved}
+        alone = _AWAY[-1] * np.eye(len(way))
+        joined = [
+            i
             for i in moved
-        }
-        far = {
-            i: [self.cost(best + way * _AWAY[-1] * np.eye(len(best))[i]) for way in (-1.0, 1.0)]
-            for i in moved
-        }
-        joined = [i for i in moved if None in ends[i] and min(far[i]) > least + _WORSE]
+            if None in ends[i]
+            and min(self.cost(self.best + side) for side in (alone[i], -alone[i])) > self._unlikely
+        ]
         if len(joined) < 2:
-            joined = []
-        sentences = [self._sentence(i, *ends[i]) for i in moved if i not in joined]
-        if joined:
-            up, names = direction * np.sign(direction[joined[0]]), [self.names[i] for i in joined]
-            ways = [
-                f"{name} {'up' if up[i] > 0.0 else 'down'}"
-                for i, name in zip(joined, names, strict=True)
-            ]
-            apart = " and ".join((", ".join(names[:-1]), names[-1]))
-            same = f"with {' and '.join(ways)} they are as likely"
-            sentences.append(f"the measurements cannot tell {apart} apart: {same}")
-        return sentences
+            return [self._sentence(i, *ends[i]) for i in moved]
+        names = [self.names[i] for i in joined]
+        apart = " and ".join((", ".join(names[:-1]), names[-1]))
+        up = way * way[joined[0]] > 0.0
+        ways = " and ".join(f"{self.names[i]} {'up' if up[i] else 'down'}" for i in joined)
+        return [
+            *(self._sentence(i, *ends[i]) for i in moved if i not in joined),
+            f"the measurements cannot tell {apart} apart: with {ways} they are as likely",
+        ]
 
-    def _end(
-        self,
-        i: int,
-        sign: float,
-        direction: np.ndarray,
-        best: np.ndarray,
-        least: float,
-        rough: bool,
-    ) -> float | None:
-        """The value at which a parameter becomes less likely, whatever the others are; None: it does not."""
-        point, moved = best, np.arange(len(best)) == i
+    @property
+    def _unlikely(self) -> float:
+        """The least cost of parameters that are less likely than the best."""
+        return self.least + _WORSE
+
+    def _end(self, i: int, sign: float, way: np.ndarray) -> float | None:
+        """The value at which a parameter becomes less likely whatever the others are, or None."""
+        best, point, moved = self.best, self.best, np.arange(len(way)) == i
         for far in sign * np.geomspace(0.5, _AWAY[-1], 8):
-            straight = best + far / direction[i] * direction
-            point = min(np.where(moved, best[i] + far, point), straight, key=self.cost)
+            sideways = np.where(moved, best[i] + far, point)
+            point = min(sideways, best + far / way[i] * way, key=self.cost)
             cost, others = self.cost(point), np.where(moved, 0.0, _FAR)
-            if least + _WORSE < cost < np.inf:
-                point, cost = self._minimum(point, point - others, point + others, rough, 1e-5)
-            if not cost <= least + _WORSE:
+            if self._unlikely < cost < np.inf:
+                point, cost = self._minimum(point, point - others, point + others, 1e-5)
+            if not cost <= self._unlikely:
                 return self.values(point)[i] if cost < np.inf else None
         return None
 
     def _sentence(self, i: int, low: float | None, high: float | None) -> str:
         """What measurements say of a parameter that is less likely below and above these values."""
+        name = self.names[i]
         if low is None and high is None:
-            return (
-                f"the measurements tell nothing of {self.names[i]}: they are as likely with another"
-            )
+            return f"the measurements tell nothing of {name}: they are as likely with another"
         if low is not None and high is not None:
             found = f"between {low:.2g} and {high:.2g}"
         elif self.positive[i]:
@@ -460,13 +401,13 @@ class _Search:
             found = f"{size}: as likely if it is {size}er still"
         else:
             found = f"above {low:.2g}" if high is None else f"below {high:.2g}"
-        return f"measurements say of {self.names[i]} only that it is {found}"
+        return f"measurements say of {name} only that it is {found}"
 
 
 def _covariance(
     information: np.ndarray, positive: np.ndarray
 ) -> tuple[np.ndarray, list[np.ndarray], bool]:
-    """Covariance ``(k, k)`` of estimates, the directions that measurements say nothing of, and whether it is a maximum.
+    """Covariance ``(k, k)`` of estimates, directions without information, and if it is a maximum.
 
     A logarithm has units of its own. Others are measured by what is known of them if all else were:
     there a direction is flat that is known 300 times less well for what is not.

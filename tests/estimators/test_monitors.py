@@ -12,9 +12,9 @@ from estimators import (
     ChiSquareMonitor,
     CusumMonitor,
     Delayed,
+    FaultMonitor,
     Gaussian,
     LinearModel,
-    Watch,
     make,
     nis,
 )
@@ -28,6 +28,7 @@ from tests.estimators.cases import (
 )
 
 KINDS = (ChiSquareMonitor, CusumMonitor)
+_KF = make("kf", LinearModel([[1.0]], [[1.0]], [[1.0]], [[1.0]]))
 
 
 def read(e: np.ndarray, S: np.ndarray, available: np.ndarray | None = None) -> Belief:
@@ -35,11 +36,11 @@ def read(e: np.ndarray, S: np.ndarray, available: np.ndarray | None = None) -> B
     available = np.ones(e.shape, bool) if available is None else available
     S = np.broadcast_to(S, e.shape + e.shape[-1:])
     pairs = available[..., None] & available[..., None, :]
-    nothing = np.zeros((*e.shape[:-1], 1))
-    return Belief(
-        nothing, nothing[..., None], nothing, nothing[..., None], np.zeros(e.shape[:-1], np.int8), None,
-        np.where(available, e, 0.0), np.where(pairs, S, np.eye(e.shape[-1])), available,
-    )  # fmt: skip
+    return _KF.init(Gaussian(np.zeros((*e.shape[:-1], 1)), np.eye(1))).replace(
+        innovation=np.where(available, e, 0.0),
+        innovation_cov=np.where(pairs, S, np.eye(e.shape[-1])),
+        available=available,
+    )
 
 
 def drawn(rng: np.random.Generator, S: np.ndarray, *shape: int) -> np.ndarray:
@@ -52,8 +53,8 @@ def assert_share(hits: np.ndarray, probability: float) -> None:
 
 
 def first_alarms(
-    monitor: CusumMonitor, rng: np.random.Generator, rows: int, S: np.ndarray, mean: np.ndarray
-):
+    monitor: FaultMonitor, rng: np.random.Generator, rows: int, S: np.ndarray, mean: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Steps until the first alarm, and whom it accused, of rows of white innovations."""
     state, after, accused = monitor.start(rows), np.zeros(rows, int), np.full(rows, -1)
     for k in range(1, 20_000):
@@ -65,11 +66,7 @@ def first_alarms(
     raise AssertionError("a row raised no alarm")
 
 
-def assert_mean(values: np.ndarray, expected: float) -> None:
-    assert abs(values.mean() - expected) < norm.isf(0.0005) * values.std() / np.sqrt(values.size)
-
-
-# --- run lengths ----------------------------------------------------------------------------------
+# --- false alarms and detection -------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -82,62 +79,32 @@ def test_run_lengths_are_those_printed(h: float, mean: float, two_sided: float):
     assert f"{1.0 / sum(rates):.3g}" == f"{two_sided:.3g}"
 
 
-@pytest.mark.parametrize(
-    ("h", "drift", "mean"), [(0.7, 1.0, 0.0), (3.0, 0.25, 0.0), (6.0, 0.5, 0.3), (12.0, 0.2, 0.0)]
-)
-def test_run_lengths_are_those_of_a_markov_chain(h: float, drift: float, mean: float):
-    """Brook & Evans (1972): the sum in cells of equal width, whose error falls as the square of the width."""
-    lengths = []
-    for cells in (200, 400):
-        width = h / (cells - 0.5)
-        at = width * np.arange(cells)
-        edges = np.append(-np.inf, at + 0.5 * width)
-        moves = np.diff(norm.cdf(edges - at[:, None] + drift - mean), axis=1)
-        lengths.append(np.linalg.solve(np.eye(cells) - moves, np.ones(cells))[0])
-    extrapolated = lengths[1] + (lengths[1] - lengths[0]) / 3.0
-    assert cusum_run_length(h, drift, mean) == pytest.approx(extrapolated, rel=1e-4)
-
-
-def test_without_a_threshold_a_sum_waits_for_one_number():
-    assert cusum_run_length(1e-12, 1.3) == pytest.approx(1.0 / norm.sf(1.3))
-
-
-# --- false alarms ---------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("window", [1, 7])
 def test_chi_square_alarms_are_as_frequent_as_stated(window: int):
     """With measurements missing, and before the window is full, too."""
     rng, rows, rate = np.random.default_rng(window), 20_000, 0.01
     S, monitor = random_covariance(rng, 3), ChiSquareMonitor(3, rate, window)
-    state = monitor.start(rows)
-    for k in range(2 * window):
+    state, some = monitor.start(rows), np.zeros(rows, bool)
+    for _ in range(2 * window):
         available = rng.random((rows, 3)) < 0.7
-        if k == 0:
-            available[:, 0] = True  # a window without a measurement has no alarm
+        some = available.any(-1) | (some & (window > 1))  # nearly always so in a window of 7
         state = monitor.watch(state, read(drawn(rng, S, rows), S, available))
-        if k in (0, 2, 2 * window - 1) and window == 7:
-            assert_share(state.alarm, rate)
-    if window == 1:
-        some = available.any(-1)
         assert_share(state.alarm[some], rate)
         assert not state.alarm[~some].any()
 
 
-def test_a_cusum_of_one_channel_has_the_stated_time_between_false_alarms():
-    rng = np.random.default_rng(1)
-    after, _ = first_alarms(CusumMonitor(1, 0.01, 1.5), rng, 1500, np.array([[2.0]]), np.zeros(1))
-    assert_mean(after, 100.0)
+@pytest.mark.parametrize("mean", [0.0, -1.0])
+def test_the_delay_of_a_cusum_is_its_run_length(mean: float):
+    """Without a bias it is the time between false alarms, as stated."""
+    monitor, rng = CusumMonitor(1, 0.01, 1.5), np.random.default_rng(1)
+    after, _ = first_alarms(monitor, rng, 3000, np.array([[9.0]]), np.array([3.0 * mean]))
+    rates = [1.0 / cusum_run_length(monitor.threshold, 0.75, side * mean) for side in (1, -1)]
+    assert mean or sum(rates) == pytest.approx(0.01)
+    assert abs(after.mean() - 1.0 / sum(rates)) < norm.isf(0.0005) * after.std() / np.sqrt(3000)
 
 
-@pytest.mark.parametrize(
-    "correlation", [0.6, *(pytest.param(c, marks=pytest.mark.nightly) for c in (0.0, -0.9))]
-)
-def test_cusums_of_several_channels_raise_no_more_false_alarms_than_stated(correlation: float):
-    rng = np.random.default_rng(2)
-    S = (1.0 - abs(correlation)) * np.eye(3)
-    S[:2, :2] += abs(correlation) * np.outer([1, np.sign(correlation)], [1, np.sign(correlation)])
-    S[2, 2] = 1.0
+def test_cusums_of_several_channels_raise_no_more_false_alarms_than_stated():
+    rng, S = np.random.default_rng(2), np.array([[1.0, 0.6, 0.0], [0.6, 1.0, 0.0], [0.0, 0.0, 1.0]])
     after, accused = first_alarms(CusumMonitor(3, 0.01), rng, 800, S, np.zeros(3))
     assert after.mean() > 100.0 - norm.isf(0.001) * after.std() / np.sqrt(after.size)
     assert after.mean() < 150.0  # and not much less often: the start from 0 and what channels share
@@ -162,52 +129,32 @@ def test_a_filter_of_a_true_model_raises_as_many_false_alarms_as_stated(kind: ty
         assert 0.3 * rate * rows * steps < alarms < binom.isf(0.001, rows * steps, rate)
 
 
-# --- detection ------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("window", [3, 10])
-def test_the_chance_to_see_a_bias_is_that_of_noncentral_chi_square(window: int):
-    """A bias' effect on the innovations of a filter follows from the filter alone, as exact measurements show."""
-    system, rows, steps = kalman_system(4), 4000, 15
-    model, filter, monitor = (
-        system.model,
-        make("kf", system.model),
-        ChiSquareMonitor(3, 1e-3, window),
-    )
+def test_the_chance_to_see_a_bias_is_that_of_noncentral_chi_square():
+    """The effect of a bias on innovations follows from the filter alone, as that of exact data."""
+    system, rows, window = kalman_system(4), 4000, 10
+    model, filter = system.model, make("kf", system.model)
+    monitor = ChiSquareMonitor(3, 1e-3, window)
     bias = 4.0 * np.sqrt(model.R[1, 1]) * np.eye(3)[1]
-    record = simulate(system, 4, rows, steps)
+    record = simulate(system, 4, rows, 15)
     still = filter.init(Gaussian(np.zeros(4), system.cov))
-    belief, state = filter.init(system.rows(rows)), monitor.start(rows)
-    shown = []
+    belief, state, shown = filter.init(system.rows(rows)), monitor.start(rows), []
     for k, y in enumerate(record.y):
         if k:
-            belief, still = (
-                filter.predict(belief, record.u[k - 1]),
-                filter.predict(still, np.zeros(2)),
-            )
-        wrong = bias if k >= 5 else 0.0 * bias
+            belief = filter.predict(belief, record.u[k - 1])
+            still = filter.predict(still, np.zeros(2))
+        wrong = bias * (k >= 5)
         belief, still = filter.update(belief, y + wrong), filter.update(still, wrong)
         state = monitor.watch(state, belief)
         shown.append(nis(still.innovation, still.innovation_cov))
-    threshold = chi2.isf(1e-3, 3 * window)
-    expected = ncx2.sf(threshold, 3 * window, sum(shown[-window:]))
+    expected = ncx2.sf(chi2.isf(1e-3, 3 * window), 3 * window, sum(shown[-window:]))
     assert 0.05 < expected < 0.999
     assert_share(state.alarm, expected)
-
-
-@pytest.mark.parametrize("mean", [0.5, -1.0, 2.0])
-def test_the_delay_of_a_cusum_is_its_run_length_under_the_bias(mean: float):
-    rng = np.random.default_rng(6)
-    monitor = CusumMonitor(1, 1e-3, 1.0)
-    after, _ = first_alarms(monitor, rng, 4000, np.array([[9.0]]), np.array([3.0 * mean]))
-    rates = [1.0 / cusum_run_length(monitor.threshold, 0.5, side * mean) for side in (1, -1)]
-    assert_mean(after, 1.0 / sum(rates))
 
 
 # --- whom is accused ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("correlation", [0.0, 0.5, -0.95])
+@pytest.mark.parametrize("correlation", [0.5, -0.95])
 def test_the_accused_of_two_channels_is_the_faulty_one_as_often_as_theory_says(correlation: float):
     """``z1^2 > z2^2`` where ``(z1 - z2) (z1 + z2) > 0``, and these two are independent."""
     rng, rows, bias = np.random.default_rng(7), 20_000, 1.2
@@ -215,51 +162,38 @@ def test_the_accused_of_two_channels_is_the_faulty_one_as_often_as_theory_says(c
     monitor = ChiSquareMonitor(2, window=1)
     state = monitor.watch(monitor.start(rows), read(drawn(rng, S, rows) + [bias, 0.0], S))
     mean = bias / np.sqrt(1.0 - correlation**2)
-    less, more = (
-        mean * (1 + s * correlation) / np.sqrt(2 * (1 + s * correlation)) for s in (1, -1)
-    )
+    less, more = (mean * np.sqrt(0.5 + 0.5 * s * correlation) for s in (1, -1))
     right = norm.cdf(less) * norm.cdf(more) + norm.sf(less) * norm.sf(more)
     assert_share(state.suspicion.argmax(-1) == 0, right)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("faulty", range(3))
-def test_a_channel_that_is_correlated_with_the_faulty_one_is_not_accused(kind: type, faulty: int):
+def test_a_channel_that_is_correlated_with_the_faulty_one_is_not_accused(kind: type):
     """Innovations alone would accuse all three alike: what is common to them is large."""
-    rng, rows = np.random.default_rng(8), 500
-    S = 20.0 + np.diag([1.0, 2.0, 3.0])
-    monitor = kind(3, 1e-3)
-    accused, state = np.full(rows, -1), monitor.start(rows)
-    for _ in range(15):
-        state = monitor.watch(
-            state, read(drawn(rng, S, rows) + 4.0 * np.eye(3)[faulty] * np.sqrt(1.0 + faulty), S)
-        )
-        accused = np.where(accused < 0, state.accused, accused)
+    rng, S, faulty = np.random.default_rng(8), 20.0 + np.diag([1.0, 2.0, 3.0]), 2
+    _, accused = first_alarms(kind(3, 1e-3), rng, 500, S, 4.0 * np.sqrt(3.0) * np.eye(3)[faulty])
     assert (accused == faulty).mean() > 0.9
-    assert np.array_equal(state.accused >= 0, state.alarm)
 
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("size", [1e90, 1e160, -1e200, 1e306])
+@pytest.mark.parametrize("size", [1e90, -1e306])
 def test_a_measurement_that_is_absurd_is_accused_and_forgotten_like_any_other(
     kind: type, size: float
 ):
     rng, monitor = np.random.default_rng(14), kind(3)
-    S = 1e-3 * random_covariance(rng, 3)
     e = 1e-3 * rng.normal(size=(12, 3, 3))
     e[0] += size * np.eye(3)
-    states = monitor.run(read(e, S))
+    states = monitor.run(read(e, 1e-3 * random_covariance(rng, 3)))
     np.testing.assert_array_equal(states.accused[0], [0, 1, 2])
-    for name in Watch.__dataclass_fields__:
-        assert np.isfinite(getattr(states, name)).all(), name
+    assert all(np.isfinite(array).all() for array in states)
     assert not states.alarm[10:].any()
 
 
 def test_what_speaks_against_a_sensor_is_what_the_innovation_has_less_without_it():
-    """The normalised innovation squared, less that of the other channels alone: as its standard normal deviate."""
+    """The normalised innovation squared, less that of the other channels, as a normal deviate."""
     rng = np.random.default_rng(10)
-    S, e = random_covariance(rng, 4), 1.2 * rng.normal(size=(50, 4))
+    S, e = random_covariance(rng, 4), 3.0 * rng.normal(size=(50, 4))
     monitor = ChiSquareMonitor({"a": (0, 2), "b": 1, "c": [3]}, window=1)
     state = monitor.watch(monitor.start(50), read(e, S))
     np.testing.assert_allclose(state.statistic, nis(e, S) / chi2.isf(1e-3, 4), rtol=1e-12)
@@ -267,13 +201,20 @@ def test_what_speaks_against_a_sensor_is_what_the_innovation_has_less_without_it
         rest = [j for j in range(4) if j not in channels]
         share = nis(e, S) - nis(e[:, rest], S[np.ix_(rest, rest)])
         deviate = norm.isf(chi2.sf(share, len(channels)))
-        usual = (deviate > -1.0) & (
-            deviate < 3.0
-        )  # where they are good, how good Wilson & Hilferty are
-        assert usual.sum() > 25
-        np.testing.assert_allclose(
-            state.suspicion[usual, sensor], deviate[usual], rtol=0, atol=0.15
-        )
+        np.testing.assert_allclose(state.suspicion[:, sensor], deviate, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("size", [4.0, 10.0, 100.0, 1e6])
+def test_of_correlated_channels_a_chi_square_accuses_the_sensor_that_moved_however_far(size: float):
+    """The two other channels, together a sensor, have more degrees of freedom, and no fault."""
+    monitor = ChiSquareMonitor({"pair": (1, 2), "one": 0}, window=1)
+    belief = read(np.array([size, 0.0, 0.0]), 0.9 + 0.1 * np.eye(3))
+    state = monitor.watch(monitor.start(), belief)
+    assert state.accused == 1
+    deviation = np.sqrt(
+        1.0 / np.linalg.inv(0.9 + 0.1 * np.eye(3))[0, 0]
+    )  # given the others; two sides count
+    assert state.suspicion[1] == pytest.approx(size / deviation, rel=0.01)
 
 
 # --- missing measurements, rows, series -----------------------------------------------------------
@@ -281,7 +222,7 @@ def test_what_speaks_against_a_sensor_is_what_the_innovation_has_less_without_it
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_sensor_that_is_lost_counts_for_nothing(kind: type):
-    """As if it were not there, whatever is said of it; and with nothing left no alarm is raised."""
+    """As if it were not there; and with nothing left no alarm is raised."""
     rng = np.random.default_rng(11)
     S, e = random_covariance(rng, 3), 1.5 * rng.normal(size=(40, 5, 3))
     lost = np.broadcast_to([True, False, True], e.shape)
@@ -289,63 +230,40 @@ def test_a_sensor_that_is_lost_counts_for_nothing(kind: type):
     one = with_it.run(read(e, S, lost))
     other = without.run(read(e[..., [0, 2]], S[np.ix_([0, 2], [0, 2])]))
     assert other.alarm.any()
-    np.testing.assert_array_equal(one.alarm, other.alarm)
     np.testing.assert_allclose(one.statistic, other.statistic, rtol=1e-12)
     np.testing.assert_array_equal(one.accused, np.array([-1, 0, 2])[other.accused + 1])
-    silent = with_it.run(read(100.0 * e, S, np.zeros(e.shape, bool)))
-    assert not silent.alarm.any()
-    assert np.isfinite(silent.statistic).all()
+    assert not with_it.run(read(100.0 * e, S, np.zeros(e.shape, bool))).alarm.any()
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_cusum_begins_again_after_an_alarm_and_a_window_forgets(kind: type):
-    monitor, S = kind(1, 1e-3), np.eye(1)
-    state = monitor.watch(monitor.start(), read(np.array([50.0]), S))
-    assert state.alarm
-    assert state.accused == 0
-    ordinary = [monitor.watch(state, read(np.array([0.1]), S))]
-    for _ in range(10):
-        ordinary.append(monitor.watch(ordinary[-1], read(np.array([0.1]), S)))
-    assert [bool(s.alarm) for s in ordinary] == [kind is ChiSquareMonitor] * 9 + [False] * 2
+    states = kind(1, 1e-3).run(read(np.array([50.0, *[0.1] * 11])[:, None], np.eye(1)))
+    still = 9 if kind is ChiSquareMonitor else 0
+    assert states.alarm.tolist() == [True] * (1 + still) + [False] * (11 - still)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_series_a_row_and_a_loop_are_one_and_the_same(kind: type):
+def test_a_series_a_row_and_a_loop_are_one_and_rows_begin_again_by_mask(kind: type):
     rng = np.random.default_rng(12)
-    S, e = random_covariance(rng, 3), 1.7 * rng.normal(size=(30, 4, 2, 3))
-    available = rng.random(e.shape) < 0.8
+    S, e = random_covariance(rng, 3), 1.7 * rng.normal(size=(30, 4, 3))
     monitor = kind({"a": (0, 1), "b": 2}, 0.01)
-    beliefs = read(e, S, available)
-    whole, state = monitor.run(beliefs), monitor.start((4, 2))
+    beliefs = read(e, S, rng.random(e.shape) < 0.8)
+    whole, state, done = monitor.run(beliefs), monitor.start(4), np.arange(4) % 2 == 0
     assert whole.alarm.any()
-    assert whole.suspicion.shape == (30, 4, 2, 2)
     for k in range(30):
         state = monitor.watch(state, beliefs[k])
-        alone = monitor.run(beliefs[: k + 1, 1, 1])[-1]
-        for name in Watch.__dataclass_fields__:
-            np.testing.assert_array_equal(getattr(whole, name)[k], getattr(state, name))
-            np.testing.assert_allclose(
-                getattr(alone, name), getattr(state, name)[1, 1], rtol=1e-12, atol=1e-12
-            )
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_rows_begin_again_by_mask_and_nothing_handed_in_is_changed(kind: type):
-    rng = np.random.default_rng(13)
-    monitor, S, done = kind(2), np.eye(2), np.array([True, False, True])
-    e = 3.0 * rng.normal(size=(2, 3, 2))
-    before = monitor.watch(monitor.start(3), read(e[0], S))
-    kept = {name: np.array(getattr(before, name)) for name in Watch.__dataclass_fields__}
-    state = monitor.watch(before.with_rows(done, monitor.start(2)), read(e[1], S))
-    fresh, on = monitor.watch(monitor.start(3), read(e[1], S)), monitor.watch(before, read(e[1], S))
-    for name in kept:
-        expected = np.where(
-            done.reshape(3, *[1] * (getattr(on, name).ndim - 1)),
-            getattr(fresh, name),
-            getattr(on, name),
-        )
-        np.testing.assert_array_equal(getattr(state, name), expected)
-        np.testing.assert_array_equal(getattr(before, name), kept[name])
+        if k == 27:
+            kept = [np.array(array) for array in state]
+            again = state.with_rows(done, monitor.start(2))
+            np.testing.assert_equal(list(state), kept)
+        elif k > 27:
+            again = monitor.watch(again, beliefs[k])
+    alone, fresh = monitor.run(beliefs[:, 1]), monitor.run(beliefs[28:])
+    for i, array in enumerate(state):
+        np.testing.assert_array_equal(whole[i][-1], array)
+        np.testing.assert_allclose(alone[i][-1], array[1], rtol=1e-12, atol=1e-12)
+        np.testing.assert_array_equal(again[i][~done], array[~done])
+        np.testing.assert_array_equal(again[i][done], fresh[i][-1][done])
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -359,11 +277,12 @@ def test_a_measurement_that_only_a_pseudo_inverse_could_take_in_counts_for_nothi
     assert not state.memory.any()
 
 
-def test_the_filter_that_is_told_of_an_input_as_noise_can_be_watched():
-    system = unknown_input_system(0, True)
-    told = make("kf", system.model, input_cov=1.0)
-    belief = told.update(told.init(system.prior), np.zeros(3))
-    assert ChiSquareMonitor(3).watch(ChiSquareMonitor(3).start(), belief).alarm in (True, False)
+def test_a_filter_to_which_measurements_come_late_is_watched_as_any_other():
+    filter, monitor = make("kf", kalman_system(0).model), CusumMonitor(3)
+    late, prior, y = Delayed(filter, 2), kalman_system(0).rows(2), np.ones((2, 3))
+    beliefs = filter.update(filter.init(prior), y), late.update(late.init(prior), y[:, None])
+    one, other = (monitor.watch(monitor.start(2), belief) for belief in beliefs)
+    np.testing.assert_array_equal(one.statistic, other.statistic)
 
 
 # --- what is refused ------------------------------------------------------------------------------
@@ -377,106 +296,21 @@ def test_the_filter_that_is_told_of_an_input_as_noise_can_be_watched():
         ({"a": 0, "b": (0, 1)}, {}, "every channel, from 0, in exactly one"),
         ({"a": 0, "b": ()}, {}, "every channel, from 0, in exactly one"),
         ({"a": "0"}, {}, "every channel, from 0, in exactly one"),
-        ({"a": True, "b": False}, {}, "every channel, from 0, in exactly one"),
-        ({"a": 0.5}, {}, "every channel, from 0, in exactly one"),
         ({}, {}, "every channel, from 0, in exactly one"),
         (2, {"false_alarms": 0.0}, "a rate of false alarms a step"),
-        (2, {"false_alarms": "few"}, "a rate of false alarms a step"),
+        (2, {"shift": 9.0}, "shift must be a number of standard deviations between 0.05 and 6.96"),
     ],
 )
-@pytest.mark.parametrize("kind", KINDS)
-def test_what_makes_no_monitor_is_refused(
-    kind: type, sensors: object, options: dict, sentence: str
-):
+def test_what_makes_no_monitor_is_refused(sensors: object, options: dict, sentence: str):
     with pytest.raises(ValueError, match=sentence):
-        kind(sensors, **options)
+        CusumMonitor(sensors, **options)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("batch", [-1, 3.0, (2, -1), "3"])
-def test_a_batch_that_is_none_is_refused(kind: type, batch: object):
-    with pytest.raises(ValueError, match="batch must be a whole number of at least 0"):
-        kind(2).start(batch)
-
-
-def test_the_state_of_another_monitor_is_refused():
-    S, e = np.eye(2), np.ones((3, 2))
-    long, short, cusum = (
-        ChiSquareMonitor(2, window=10),
-        ChiSquareMonitor(2, window=5),
-        CusumMonitor(2),
-    )
-    one = ChiSquareMonitor({"both": (0, 1)}, window=5)
-    for mine, other in ((short, long), (long, short), (short, cusum), (cusum, long), (one, short)):
-        with pytest.raises(
-            ValueError, match=r"the state is of another monitor: it remembers .* of \d sensors"
-        ):
-            mine.watch(other.start(3), read(e, S))
-        with pytest.raises(ValueError, match="the state is of another monitor: it remembers"):
-            mine.start(3).with_rows(np.ones(3, bool), other.start(3))
-
-
-def test_a_window_and_a_shift_that_are_none_are_refused():
-    with pytest.raises(ValueError, match="window must be a whole number"):
-        ChiSquareMonitor(2, window=0)
-    with pytest.raises(ValueError, match="shift must be a number of standard deviations above"):
-        CusumMonitor(2, shift=0.0)
-    with pytest.raises(
-        ValueError, match=r"shift must be below 4.65.* a ChiSquareMonitor with a window of 1"
-    ):
-        CusumMonitor(1, 0.02, shift=6.0)
-
-
-def test_beliefs_that_cannot_be_watched_are_refused():
-    system = kalman_system(0)
-    filter, monitor = make("kf", system.model), CusumMonitor(3)
-    begun = filter.init(system.rows(2))
-    with pytest.raises(
-        ValueError, match="no innovation with its covariance: watch it after an update"
-    ):
-        monitor.watch(monitor.start(2), begun)
-    belief = filter.update(begun, np.zeros((2, 3)))
-    with pytest.raises(ValueError, match=r"watches rows \(3,\), the belief has rows \(2,\)"):
-        monitor.watch(monitor.start(3), belief)
-    with pytest.raises(ValueError, match="have 2 channels, the measurements 3"):
-        CusumMonitor(2).watch(CusumMonitor(2).start(2), belief)
-    with pytest.raises(ValueError, match="stacked, times first"):
-        monitor.run(belief[0])
-    unknown = unknown_input_system(0, True)
-    umv = make("kf-umv-ui", unknown.model)
+def test_innovations_that_carry_an_unknown_input_are_refused_unless_it_is_told_as_noise():
+    system, monitor = unknown_input_system(0, True), ChiSquareMonitor(3)
+    told = make("kf", system.model, input_cov=1.0)
+    belief = told.update(told.init(system.prior), np.full(3, 1e3))
+    assert monitor.watch(monitor.start(), belief).alarm
+    umv = make("kf-umv-ui", system.model)
     with pytest.raises(TypeError, match="carry its unknown input"):
-        monitor.watch(monitor.start(), umv.update(umv.init(unknown.prior), np.zeros(3)))
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_filter_to_which_measurements_come_late_is_watched_as_any_other(kind: type):
-    system = kalman_system(0)
-    delayed, plain, monitor = (
-        Delayed(make("kf", system.model), 2),
-        make("kf", system.model),
-        kind(3),
-    )
-    beliefs = [f.init(system.rows(2)) for f in (delayed, plain)]
-    states = [monitor.start(2), monitor.start(2)]
-    for y in simulate(system, 0, 2, 5).y:
-        beliefs = [delayed.update(beliefs[0], y[:, None]), plain.update(beliefs[1], y)]
-        states = [
-            monitor.watch(state, belief) for state, belief in zip(states, beliefs, strict=True)
-        ]
-        beliefs = [
-            f.predict(belief, np.zeros(2))
-            for f, belief in zip((delayed, plain), beliefs, strict=True)
-        ]
-    np.testing.assert_array_equal(states[0].statistic, states[1].statistic)
-
-
-@pytest.mark.parametrize("size", [4.0, 10.0, 100.0, 1e6])
-def test_of_correlated_channels_a_chi_square_accuses_the_sensor_that_moved_however_far(size: float):
-    """One channel of three that are correlated: the two others, together a sensor, have more channels, and no fault."""
-    S = np.full((3, 3), 0.9) + 0.1 * np.eye(3)
-    model = LinearModel(1e-6 * np.eye(3), np.eye(3), 1e-9 * np.eye(3), S)
-    filter, monitor = make("kf", model), ChiSquareMonitor({"pair": (1, 2), "one": 0}, window=1)
-    belief = filter.predict(filter.init(Gaussian(np.zeros((1, 3)), 1e-9 * np.eye(3))))
-    state = monitor.watch(monitor.start(1), filter.update(belief, [[size, 0.0, 0.0]]))
-    assert state.alarm.all()
-    assert monitor.names[int(state.accused[0])] == "one"
+        monitor.watch(monitor.start(), umv.update(umv.init(system.prior), np.zeros(3)))

@@ -1,16 +1,14 @@
 """Whole series: the beliefs of a loop by hand, and likelihoods by other roads."""
 
 import pickle
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.stats import norm
 
 from estimators import (
-    Belief,
     Delayed,
-    Filter,
     Gaussian,
     LinearModel,
     NonlinearModel,
@@ -18,9 +16,6 @@ from estimators import (
     by_age,
     discretisation,
     make,
-    model_checks,
-    models,
-    nees,
     nis,
     run,
     sampled,
@@ -38,9 +33,9 @@ from tests.estimators.cases import (
 )
 
 
-def gaps(y: np.ndarray, seed: int = 0, share: float = 0.2) -> np.ndarray:
+def gaps(y: np.ndarray) -> np.ndarray:
     y = y.copy()
-    y[np.random.default_rng(seed).random(y.shape) < share] = np.nan
+    y[np.random.default_rng(0).random(y.shape) < 0.2] = np.nan
     return y
 
 
@@ -72,6 +67,16 @@ def test_a_run_is_the_loop_by_hand(case: Case):
     )
 
 
+def test_masks_and_noises_of_a_series_are_those_of_its_measurements():
+    system = kalman_system(0)
+    record, R = simulate(system, 1, runs=3, steps=8), 2.0 * system.model.R
+    y, noisy, prior = gaps(record.y), replace(system.model, R=R), system.prior
+    wanted = run(make("kf", noisy), prior, y, u=record.u)
+    own = {"available": np.isfinite(y), "R": np.broadcast_to(R, (8, 3, 3, 3))}
+    found = run(make("kf", system.model), prior, record.y, u=record.u, **own)
+    np.testing.assert_allclose(found.mean, wanted.mean, rtol=0, atol=1e-12)
+
+
 def test_a_seed_gives_every_row_numbers_of_its_own_and_the_same_ones_again():
     system = kalman_system(0)
     filter, y = make("enkf", system.model, draws="independent"), np.zeros((4, 2, 3))
@@ -85,11 +90,10 @@ def test_a_seed_gives_every_row_numbers_of_its_own_and_the_same_ones_again():
 # --- the likelihood -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_the_likelihood_is_the_density_of_all_measurements_together_whatever_is_missing(seed: int):
-    system = kalman_system(seed)
-    record = simulate(system, seed, runs=3, steps=25)
-    y = gaps(record.y, seed)
+def test_the_likelihood_is_the_density_of_all_measurements_together_whatever_is_missing():
+    system = kalman_system(0)
+    record = simulate(system, 0, runs=3, steps=25)
+    y = gaps(record.y)
     y[7] = np.nan
     series = run(make("kf", system.model), system.prior, y, u=record.u)
     expected = [least_squares(system, y[:, i], record.u[:, i]).log_likelihood for i in range(3)]
@@ -131,61 +135,33 @@ def test_the_likelihood_with_an_unknown_input_is_that_of_a_prior_without_end(nam
     np.testing.assert_allclose(series.log_likelihood, expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.3])
-@pytest.mark.parametrize(
-    "name", ["kf", "ekf", "ukf", "iekf", "enkf", "kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf"]
-)
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+@pytest.mark.parametrize("name", ["kf", "ukf", "enkf", "kf-umv-ui"])
 def test_channels_that_follow_from_others_change_nothing_and_contradict_with_likelihood_0(
     name: str, noise: float
 ):
     """Twice a channel, a sum of two, and one in other units; a copy stands in for what is missing."""
-    M, rng = (
-        np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0], [1.0, 1.0], [0.0, 3.0]]),
-        np.random.default_rng(0),
-    )
-    A, Q, prior = (
-        [[1.0, 0.2, 0.0], [0.0, 0.9, 0.1], [0.1, 0.0, 0.8]],
-        np.diag([0.1, 0.2, 0.3]),
-        np.eye(3),
-    )
-    C, R, y = (
-        rng.normal(size=(2, 3)),
-        noise * np.array([[1.0, 0.2], [0.2, 2.0]]),
-        rng.normal(size=(12, 2)),
-    )
-    G, H = [[1.0], [0.0], [0.5]], np.array([[1.0], [0.3]]) * (name == "kf-umv-ui")
-    unknown = "u" in name.replace("ukf", "")
-    few, many = (
-        make(
-            name, LinearModel(A, m @ C, Q, m @ R @ m.T, **({"G": G, "H": m @ H} if unknown else {}))
-        )
-        for m in (np.eye(2), M)
-    )
+    M = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0], [1.0, 1.0], [0.0, 3.0]])
+    system = unknown_input_system(0, True, p=2) if name == "kf-umv-ui" else kalman_system(0, p=2)
+    m, u, y = system.model, np.zeros((12, 2)), np.random.default_rng(0).normal(size=(12, 2))
+    H, R = None if m.H is None else M @ m.H, noise * m.R
+    few = make(name, replace(m, R=R))
+    many = make(name, replace(m, C=M @ m.C, R=M @ R @ M.T, H=H))
     y_many = y @ M.T
     y_many[4, 1], y_many[5, [0, 4]], y_many[6], y[6] = np.nan, np.nan, np.nan, np.nan
-    one, both = (
-        run(few, Gaussian([0.0] * 3, prior), y, rng=0),
-        run(many, Gaussian([0.0] * 3, prior), y_many, rng=0),
-    )
+    one, both = run(few, system.prior, y, u=u, rng=0), run(many, system.prior, y_many, u=u, rng=0)
     sizes = [nis(each.updated.innovation, each.updated.innovation_cov) for each in (one, both)]
-    np.testing.assert_allclose(both.mean, one.mean, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(both.mean, one.mean, rtol=0, atol=1e-9)
     np.testing.assert_allclose(sizes[1], sizes[0], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(both.log_likelihoods, one.log_likelihoods, rtol=1e-9, atol=1e-9)
     y_many[9, 3] += 0.1
-    wrong = run(many, Gaussian([0.0] * 3, prior), y_many, rng=0)
+    wrong = run(many, system.prior, y_many, u=u, rng=0)
     assert np.flatnonzero(np.isneginf(wrong.log_likelihoods)).tolist() == [9]
     assert np.isinf(nis(wrong.updated.innovation, wrong.updated.innovation_cov)[9])
 
 
-@pytest.mark.parametrize("unit", [0.7, 1e-6, 1e6])
-def test_a_constant_that_is_seen_exactly_is_seen_again_or_contradicted(unit: float):
-    series = run(make("kf", LinearModel([[1.0]], [[0.7]], [[0.0]], [[0.0]])), Gaussian([0.0], [[unit**2]]),
-                 unit * np.array([[1.0], [1.0], [5.0]]))  # fmt: skip
-    np.testing.assert_array_equal(series.log_likelihoods[1:], [0.0, -np.inf])
-
-
-@pytest.mark.parametrize("turned", [np.eye(2), [[1.0, 0.3], [0.2, 1.0]], [[1.0, 1.0], [0.0, 1.0]]])
-@pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "iekf"])
+@pytest.mark.parametrize("turned", [[[1.0, 0.3], [0.2, 1.0]], [[1.0, 1.0], [0.0, 1.0]]])
+@pytest.mark.parametrize("name", ["kf", "ukf"])
 def test_the_likelihood_of_a_state_that_is_known_exactly_follows_the_units(
     name: str, turned: list[list[float]]
 ):
@@ -210,19 +186,7 @@ def test_the_likelihood_of_a_state_that_is_known_exactly_follows_the_units(
         assert nis(series.updated.innovation, series.updated.innovation_cov, s).max() < 9.0
 
 
-@pytest.mark.parametrize("variance", [1.0, 1e12])
-def test_a_vague_prior_beside_an_exact_measurement_does_not_pass_for_known(variance: float):
-    y = np.stack([np.full(30, 0.7), np.random.default_rng(1).normal(3.0, 0.03, 30)], -1)
-    model = LinearModel(np.eye(2), np.eye(2), np.zeros((2, 2)), np.diag([0.0, 1e-3]))
-    series = run(make("kf", model), Gaussian([0.0, 0.0], variance * np.eye(2)), y)
-    weight = 30.0 / (30.0 + 1e-3 / variance)
-    np.testing.assert_allclose(series.mean[-1], [0.7, weight * y[:, 1].mean()], rtol=1e-9)
-    np.testing.assert_allclose(
-        series.cov[-1], np.diag([0.0, 1.0 / (3e4 + 1.0 / variance)]), rtol=1e-9
-    )
-
-
-@pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "enkf"])
+@pytest.mark.parametrize("name", ["kf", "ukf"])
 def test_a_large_state_takes_no_other_channel_out_of_the_likelihood(name: str):
     y = np.random.default_rng(1).normal([0.0, 1e-6], [1.0, 1e-7], (30, 2))
     model = LinearModel(np.eye(2), np.eye(2), np.zeros((2, 2)), np.diag([1.0, 1e-14]))
@@ -235,27 +199,6 @@ def test_a_large_state_takes_no_other_channel_out_of_the_likelihood(name: str):
     assert large == pytest.approx(alone, abs=1e-5)
 
 
-@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e3, 1e6])
-def test_what_moves_and_is_seen_exactly_has_density_and_distance_0_in_all_units(unit: float):
-    time = 0.1 * np.arange(40.0)
-    x = unit * np.stack([0.7 * time - 1.3, np.full(40, 0.7)], -1)
-    model = LinearModel([[1.0, 0.1], [0.0, 1.0]], [[1.0, 0.0]], np.zeros((2, 2)), [[0.0]])
-    series = run(make("kf", model), Gaussian([0.0, 0.0], unit**2 * np.eye(2)), x[:, :1])
-    size = np.abs(series.mean).max(-1, keepdims=True)
-    np.testing.assert_array_equal(
-        nis(series.updated.innovation, series.updated.innovation_cov, size)[2:], 0.0
-    )
-    np.testing.assert_array_equal(nees(series.mean, series.cov, x)[1:], 0.0)
-    np.testing.assert_array_equal(series.log_likelihoods[2:], 0.0)
-
-
-def test_the_likelihood_of_a_first_exact_measurement_needs_no_input_of_a_step():
-    model = LinearModel(lambda u: u[..., :1, None], [[1.0]], [[0.0]], [[0.0]])
-    filter = make("kf", model)
-    start = filter.init(Gaussian([2.0], [[0.0]]))
-    assert filter.log_likelihood(start, filter.update(start, [2.0])) == 0.0
-
-
 def test_an_exact_measurement_tells_the_unknown_input_and_leaves_the_others_their_density():
     model = LinearModel(
         [[1.0]], [[1.0], [1.0]], [[0.0]], np.diag([0.0, 0.4]), G=[[0.0]], H=[[1.0], [0.0]]
@@ -265,42 +208,19 @@ def test_an_exact_measurement_tells_the_unknown_input_and_leaves_the_others_thei
     assert series.log_likelihood == pytest.approx(norm.logpdf(0.5, 0.3, np.sqrt(0.4)))
 
 
-class Plain(Filter):
-    """A filter of one's own that says nothing of its innovations."""
+def test_a_filter_of_ones_own_needs_nothing_but_three_functions():
+    class FixedGain:
+        def init(self, prior, rng):
+            return make("kf", LinearModel([[1.0]], [[1.0]], [[1.0]], [[1.0]])).init(prior)
 
-    def _predict(self, belief, u, rng):
-        return Belief.predicted(belief, belief.mean, belief.cov + self.model.Q, u)
+        def predict(self, belief, u, rng):
+            return belief
 
-    def _update(self, belief, measurement, rng):
-        return belief.replace(
-            mean=belief.mean + 0.5 * np.vecmat(measurement.innovation, measurement.C),
-            recovery=belief.recovery,
-        )
+        def update(self, belief, y, rng, available, R, u):
+            return belief.replace(mean=belief.mean + 0.5 * (y - belief.mean))
 
-
-def test_a_filter_of_ones_own_runs_and_its_likelihood_is_refused_where_it_cannot_be_told():
-    model = LinearModel(np.eye(2), np.eye(2), 0.1 * np.eye(2), np.eye(2))
-    series = run(Plain(model), Gaussian(np.zeros(2), np.eye(2)), np.ones((4, 2)))
+    series = run(FixedGain(), Gaussian([0.0], [[1.0]]), np.ones((4, 1)))
     np.testing.assert_allclose(series.mean[:, 0], 1.0 - 0.5 ** np.arange(1, 5))
-    with pytest.raises(ValueError, match="Plain gives no covariance of its innovations"):
-        series.log_likelihood  # noqa: B018
-
-
-def test_what_a_likelihood_is_can_be_asked():
-    kinds = {
-        "kf": "exact",
-        "ekf": "approximate",
-        "enkf": "approximate",
-        "kf-umv-ui": "diffuse",
-        "ulise": "diffuse",
-    }
-    for name, kind in kinds.items():
-        system = (
-            unknown_input_system(0, name != "kf-umv-ui-wdf")
-            if kind == "diffuse"
-            else kalman_system(0)
-        )
-        assert make(name, system.model).likelihood == kind
 
 
 # --- times ----------------------------------------------------------------------------------------
@@ -334,18 +254,13 @@ def test_measurements_at_irregular_times_are_regular_ones_with_gaps():
 
 def test_a_sampled_model_is_the_discrete_one_at_a_regular_step():
     model, u = _drifting(), np.array([0.0, 0.7])
-    A, B = zero_order_hold(np.array([[-0.3, 1.0], [0.0, -0.1]]), np.array([[0.0], [1.0]]), 0.7)
+    A, B = zero_order_hold([[-0.3, 1.0], [0.0, -0.1]], [[0.0], [1.0]], 0.7)
     np.testing.assert_allclose(model.A(u), A, rtol=1e-13)
-    np.testing.assert_allclose(
-        model.B(u), np.concatenate([B, np.zeros((2, 1))], 1), rtol=0, atol=1e-14
-    )
-    half = model.Q(np.array([0.0, 0.35]))
-    step = model.A(np.array([0.0, 0.35]))
-    np.testing.assert_allclose(model.Q(u), step @ half @ step.T + half, rtol=1e-12)
+    np.testing.assert_allclose(model.B(u), np.pad(B, ((0, 0), (0, 1))), rtol=0, atol=1e-14)
     np.testing.assert_allclose(model.Q(np.zeros(2)), 0.0, atol=1e-15)
 
 
-@pytest.mark.parametrize("length", [0.01, 1.0, 30.0, 1e3, 1e5])
+@pytest.mark.parametrize("length", [0.01, 30.0, 1e5])
 def test_noise_over_a_long_step_is_that_of_two_halves(length: float):
     """However long against the fastest decay, which the exponential of -A would overflow at."""
     model = sampled([[-10.0, 0.0], [1.0, -0.01]], [[0.0, 1.0]], np.diag([20.0, 0.1]), [[0.1]])
@@ -358,58 +273,28 @@ def test_noise_over_a_long_step_is_that_of_two_halves(length: float):
 
 @pytest.mark.parametrize("T", [1, 6])
 def test_what_follows_the_known_input_follows_that_of_the_first_measurement_too(T: int):
-    """Measurements through an H, or a C, that is a function of u, held, are those of a constant one."""
-    rng = np.random.default_rng(0)
-    y, u = rng.normal(size=(T, 3)), np.full((T, 1), 2.0)
-    shown = np.array([[1.0], [0.5], [0.0]])
-    parts = {
-        "A": 0.9 * np.eye(2),
-        "Q": 0.1 * np.eye(2),
-        "R": np.eye(3),
-        "B": np.zeros((2, 1)),
-        "G": [[1.0], [0.0]],
-    }
-    C = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
-    prior = Gaussian(np.zeros(2), np.eye(2))
-    constant = LinearModel(**parts, C=2.0 * C, H=2.0 * shown)
-    following = LinearModel(
-        **parts, C=lambda u: u[..., :1, None] * C, H=lambda u: u[..., :1, None] * shown
+    """Measurements through an H that is a function of u, held, are those of a constant one."""
+    m = unknown_input_system(0, True).model
+    y, u = np.random.default_rng(0).normal(size=(T, 3)), np.full((T, 2), 2.0)
+    prior = Gaussian(np.zeros(4), np.eye(4))
+    wanted, found = (
+        run(make("kf-umv-ui", replace(m, H=H)), prior, y, u=u).log_likelihoods
+        for H in (2.0 * m.H, lambda u: u[..., :1, None] * m.H)
     )
-    for name in ("kf", "kf-umv-ui", "ulise"):
-        wanted, found = (run(make(name, model), prior, y, u=u) for model in (constant, following))
-        np.testing.assert_allclose(
-            found.log_likelihoods, wanted.log_likelihoods, rtol=0, atol=1e-12
-        )
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12)
 
 
 MASKED = np.ma.masked_greater([[1.0, 99.0], [1.0, 2.0]], 50.0)
 
 
-@pytest.mark.parametrize(
-    "y",
-    [
-        MASKED, list(MASKED), tuple(MASKED), [MASKED[0], [1.0, 2.0]], [[1.0, np.ma.masked], [1, 2]],
-        [[1.0, None], [1, 2]], MASKED.astype(int), np.array([[1.0, None], [1.0, 2.0]], object), "Float64", "Int64",
-    ],
-    ids=str,
-)  # fmt: skip
+@pytest.mark.parametrize("y", [MASKED, list(MASKED), [[1.0, None], [1, 2]], "Int64"], ids=str)
 def test_masked_measurements_none_and_na_are_missing_ones(y):
     if isinstance(y, str):
-        y = (
-            pytest.importorskip("pandas")
-            .DataFrame(MASKED.filled(-1), dtype=y)
-            .replace(-1, None)
-            .astype(y)
-        )
-    kf, prior = (
-        make("kf", LinearModel([[1.0]], [[1.0], [1.0]], [[0.1]], np.eye(2))),
-        Gaussian([0.0], [[1.0]]),
-    )
-    np.testing.assert_allclose(run(kf, prior, y).mean[:, 0], [0.5, 23 / 22], rtol=1e-12)
-    first = y.iloc[0] if hasattr(y, "iloc") else y[0]
-    assert kf.update(kf.init(prior), first).mean == pytest.approx(0.5)
-    with pytest.raises(ValueError, match="y must be an array of real numbers"):
-        run(kf, prior, [["a", None], [1.0, 2.0]])
+        frame = pytest.importorskip("pandas").DataFrame(MASKED.filled(-1), dtype=y)
+        y = frame.replace(-1, None).astype(y)
+    model = LinearModel([[1.0]], [[1.0], [1.0]], [[0.1]], np.eye(2))
+    series = run(make("kf", model), Gaussian([0.0], [[1.0]]), y)
+    np.testing.assert_allclose(series.mean[:, 0], [0.5, 23 / 22], rtol=1e-12)
 
 
 # --- continuing, and the input of a measurement ---------------------------------------------------
@@ -458,7 +343,7 @@ def test_a_series_continues_over_steps_of_any_length_and_with_measurements_that_
         lambda x, u: np.tanh(x[..., :1]) + u[..., :1] * (1.0 + u[..., 1:]), model.Q,
         lambda u: 0.1 * (1.0 + u[..., 1:, None]), states=2, measurements=1,
     )  # fmt: skip
-    for filter in (make("kf", model), make("ekf", curved), make("ukf", curved)):
+    for filter in (make("kf", model), make("ekf", curved)):
         whole = run(filter, prior, y, u=u, t=t)
         before = run(filter, prior, y[:K], u=u[:K], t=t[:K])
         after = run(filter, before.last, y[K:], u=u[K - 1 :], t=t[K - 1 :])
@@ -466,129 +351,52 @@ def test_a_series_continues_over_steps_of_any_length_and_with_measurements_that_
         np.testing.assert_array_equal(np.concatenate([before.cov, after.cov]), whole.cov)
 
 
-@pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "etkf", "pf", "kf-umv-ui", "ulise"])
+@pytest.mark.parametrize("name", ["ekf", "etkf", "pf", "kf-umv-ui"])
 @pytest.mark.parametrize("delayed", [False, True], ids=["", "delayed"])
 def test_a_measurement_gets_the_known_input_of_its_own_time(name: str, delayed: bool):
     """Measurements of ``C x + D u`` are those of ``C x`` once ``D u`` of the same time is taken off."""
-    system = unknown_input_system(0, True) if name in ("kf-umv-ui", "ulise") else kalman_system(0)
+    system = unknown_input_system(0, True) if name == "kf-umv-ui" else kalman_system(0)
     m, options = system.model, {"members": 10} if name == "etkf" else {}
     shown = np.array([[3.0, 0.0], [0.0, -2.0], [1.0, 1.0]])
     lifted = NonlinearModel(
         m.transition, lambda x, u: m.measurement(x, u) + np.matvec(shown, u), m.Q, m.R, G=m.G, H=m.H,
         transition_jacobian=lambda x, u: m.A, measurement_jacobian=lambda x, u: m.C,
     )  # fmt: skip
-    if name in (
-        "kf",
-        "ulise",
-    ):  # for linear models alone: C follows the input, along a state that stays 1
-        lifted = _with_a_constant(m, shown)
     record = simulate(system, 1, runs=2, steps=6)
-    y = record.y + np.matvec(shown, record.u)
-    constant = Gaussian(np.append(system.mean, 1.0), np.pad(system.cov, (0, 1)))
-    prior = constant if lifted.n > m.n else system.prior
-    filters = [make(name, model, **options) for model in (lifted, m)]
-    if delayed:
-        filters = [Delayed(filter, 1) for filter in filters]
-    ages = (lambda a: a[..., None, :]) if delayed else (lambda a: a)
-    found = run(filters[0], prior, ages(y), u=record.u, rng=0)
-    wanted = run(filters[1], system.prior, ages(record.y), u=record.u, rng=0)
-    np.testing.assert_allclose(
-        found.mean[..., : m.n], wanted.mean, rtol=0, atol=1e-9 * np.abs(wanted.mean).max()
-    )
-
-
-def _with_a_constant(m: LinearModel, shown: np.ndarray) -> LinearModel:
-    """The model with one more state, which is 1, so that C may show the known input."""
-    grown = {name: np.pad(getattr(m, name), (0, 1)) for name in "AQ"}
-    grown["A"][-1, -1] = 1.0
-    below = {
-        name: np.pad(getattr(m, name), ((0, 1), (0, 0)))
-        for name in "BG"
-        if getattr(m, name) is not None
-    }
-
-    def C(u: np.ndarray) -> np.ndarray:
-        told = np.matvec(shown, u)[..., None]
-        return np.concatenate([np.broadcast_to(m.C, told.shape[:-2] + m.C.shape), told], -1)
-
-    return LinearModel(C=C, R=m.R, H=m.H, **grown, **below)
+    means = []
+    for model, y in ((lifted, record.y + np.matvec(shown, record.u)), (m, record.y)):
+        filter = make(name, model, **options)
+        if delayed:
+            filter, y = Delayed(filter, 1), y[..., None, :]
+        means.append(run(filter, system.prior, y, u=record.u, rng=0).mean)
+    np.testing.assert_allclose(means[0], means[1], rtol=0, atol=1e-9 * np.abs(means[1]).max())
 
 
 # --- what does not fit ----------------------------------------------------------------------------
 
-
+_MODEL = LinearModel(np.eye(2), [[1.0, 0.0]], np.eye(2), [[1.0]])
+_PRIOR = Gaussian(np.zeros(2), np.eye(2))
 _KF = make("kf", sampled(-np.eye(2), [[1.0, 0.0]], np.eye(2), [[1.0]]))
-
-
-_ETKF = make("etkf", LinearModel(np.eye(2), [[1.0, 0.0]], np.eye(2), [[1.0]]))
-_AFTER = [
-    run(filter, Gaussian(np.zeros(2), np.eye(2)), np.zeros((1, 1)), rng=0).last
-    for filter in (_ETKF, make("kf", _ETKF.model))
-]
+_ETKF = make("etkf", _MODEL)
+_AFTER = run(_ETKF, _PRIOR, np.zeros((1, 1)), rng=0).last
 
 
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        (
-            {"y": np.zeros(5)},
-            (
-                r"y has shape \(5,\), expected \(T, ..., p\), times first: one channel has y\[:,"
-                r" None\]"
-            ),
-        ),
+        ({"y": np.zeros(5)}, r"y has shape \(5,\).* one channel has y\[:, None\]"),
         ({"y": np.zeros((0, 1))}, "y has shape"),
-        ({"y": np.zeros((5, 2))}, r"y has shape \(2,\), expected \(1,\)"),
-        ({"u": np.zeros((4, 1))}, "u has shape .* one for each measurement"),
-        ({"t": np.arange(4.0), "filter": _KF}, "t has shape .* one time for each measurement"),
-        (
-            {"t": np.array([0.0, 1.0, 0.5, 2.0, 3.0]), "filter": _KF},
-            "times t go back: sort the measurements",
-        ),
-        (
-            {"t": np.array([0.0, 1.0, np.nan, 2.0, 3.0]), "filter": _KF},
-            "times t hold a time that is not finite",
-        ),
-        ({"available": np.ones((4, 1), bool)}, "available has shape"),
-        ({"R": np.eye(1)}, "R has shape"),
-        (
-            {"t": np.arange(5.0)},
-            "this model is the same however long a step takes: make it with sampled",
-        ),
-        (
-            {"prior": Gaussian(np.zeros((3, 2)), np.eye(2))},
-            r"the prior's mean has rows \(3,\), y has \(\)",
-        ),
-        (
-            {"prior": Gaussian(np.zeros(2), np.eye(2)[None].repeat(3, 0))},
-            r"the prior's cov has rows",
-        ),
-        ({"rng": -1}, "rng must be a whole number of at least 0"),
-        ({"prior": Gaussian(np.zeros(3), np.eye(3))}, "the prior is for 3 states, the model has 2"),
+        ({"u": np.zeros((4, 1))}, r"u has shape .*expected \(5, ...\): one for each measurement"),
+        ({"t": [0.0, 1.0, 0.5, 2.0, 3.0], "filter": _KF}, "t must be finite and not go back: sort"),
+        ({"t": [0.0, 1.0, np.nan, 2.0, 3.0], "filter": _KF}, "times t must be finite"),
+        ({"t": np.arange(5.0)}, "this model is the same however long a step takes"),
         ({"filter": _KF}, "give run the times t"),
-        (
-            {"prior": _AFTER[1], "u": np.zeros((5, 1))},
-            r"u has shape .*expected \(6, ..., m\).* before them one for that",
-        ),
-        (
-            {"prior": _AFTER[1], "t": np.arange(5.0), "filter": _KF},
-            r"t has shape .* before them one for that of the",
-        ),
-        ({"prior": _AFTER[1][None]}, r"the prior's mean has rows \(1,\), y has \(\)"),
-        (
-            {"prior": _AFTER[0], "filter": _ETKF, "rng": 0},
-            "first must be how many measurements came before the belief",
-        ),
-        ({"first": -1}, "first must be a whole number of at least 0"),
+        ({"prior": Gaussian(np.zeros((3, 2)), np.eye(2))}, r"has rows \(3,\), y has \(\)"),
+        ({"prior": _AFTER, "filter": _ETKF, "rng": 0}, "first must be how many measurements came"),
     ],
-)
+)  # fmt: skip
 def test_what_does_not_fit_gets_one_sentence(changes: dict, sentence: str):
-    model = LinearModel(np.eye(2), [[1.0, 0.0]], np.eye(2), [[1.0]])
-    given = {
-        "filter": make("kf", model),
-        "prior": Gaussian(np.zeros(2), np.eye(2)),
-        "y": np.zeros((5, 1)),
-    } | changes
+    given = {"filter": make("kf", _MODEL), "prior": _PRIOR, "y": np.zeros((5, 1))} | changes
     with pytest.raises(ValueError, match=sentence) as error:
         run(**given)
     assert "\n" not in str(error.value)
@@ -597,33 +405,12 @@ def test_what_does_not_fit_gets_one_sentence(changes: dict, sentence: str):
 # --- what is computed once ------------------------------------------------------------------------
 
 
-def test_a_step_length_is_discretised_once_and_a_function_checked_at_its_first_value(
-    monkeypatch: pytest.MonkeyPatch,
-):
-    counts = {"van_loan": 0, "zero_order_hold": 0, "as_covariance": 0}
-    for module, name in (
-        (discretisation, "van_loan"), (discretisation, "zero_order_hold"), (models, "as_covariance"),
-        (model_checks, "as_covariance"),
-    ):  # fmt: skip
-        usual = getattr(module, name)
-
-        def counted(*given: Any, name: str = name, usual: Any = usual) -> Any:
-            counts[name] += 1
-            return usual(*given)
-
-        monkeypatch.setattr(module, name, counted)
-    rng, lengths = np.random.default_rng(0), np.array([0.5, 1.0, 0.25, 0.75])
-    t = np.cumsum(lengths[rng.integers(0, 4, size=(60, 3))], 0)
-    model = sampled(
-        [[0.0, 1.0], [0.0, -0.1]], [[1.0, 0.0]], 0.1 * np.eye(2), [[0.1]], B=[[0.0], [1.0]]
-    )
-    filter, prior = make("kf", model), Gaussian(np.zeros(2), np.eye(2))
-    begun = counts["as_covariance"]
+def test_a_step_length_is_discretised_once():
+    rng, before = np.random.default_rng(0), discretisation._over_step.cache_info().misses
+    t = np.cumsum(rng.integers(1, 5, size=(60, 3)), 0) / 4.0
+    filter, prior = make("kf", _drifting()), Gaussian(np.zeros(2), np.eye(2))
     u, y = rng.normal(size=(60, 3, 1)), rng.normal(size=(60, 3, 1))
     together = run(filter, prior, y, u=u, t=t)
-    assert counts["van_loan"] == counts["zero_order_hold"] == 4
-    assert counts["as_covariance"] <= begun + 3  # of Q, and of the prior
-    for row in range(3):
-        alone = run(filter, prior, y[:, row], u=u[:, row], t=t[:, row])
-        np.testing.assert_allclose(together.mean[:, row], alone.mean, rtol=0, atol=1e-12)
-    assert counts["van_loan"] == counts["zero_order_hold"] == 4
+    alone = run(filter, prior, y[:, 1], u=u[:, 1], t=t[:, 1])
+    np.testing.assert_allclose(together.mean[:, 1], alone.mean, rtol=0, atol=1e-12)
+    assert discretisation._over_step.cache_info().misses == before + 4

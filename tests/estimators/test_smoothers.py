@@ -22,13 +22,11 @@ from tests.estimators.cases import (
     System,
     kalman_system,
     pushed_vehicle,
-    shaken_vehicle,
     simulate,
     turning_vehicle,
     unknown_input_system,
 )
 
-KALMAN = ("kf", "ekf", "ukf")
 UNKNOWN = ("kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv")
 
 
@@ -44,11 +42,10 @@ def at_all_times(system: System, solution) -> tuple[np.ndarray, np.ndarray]:
     return solution.x, marginals(solution.cov[: T * n, : T * n], n)
 
 
-@pytest.mark.parametrize("name", KALMAN)
-@pytest.mark.parametrize("seed", range(3))
-def test_smoothed_states_are_the_least_squares_solution_for_all_of_them(name: str, seed: int):
-    system = kalman_system(seed)
-    record = simulate(system, seed, runs=2, steps=20)
+@pytest.mark.parametrize("name", ["kf", "ekf", "ukf"])
+def test_smoothed_states_are_the_least_squares_solution_for_all_of_them(name: str):
+    system = kalman_system(0)
+    record = simulate(system, 0, runs=2, steps=20)
     y = gaps(record.y)
     y[4] = np.nan
     smoothed = smooth(run(make(name, system.model), system.prior, y, u=record.u))
@@ -139,45 +136,25 @@ def test_an_input_whose_variance_is_told_is_smoothed_as_the_state_that_it_could_
 
 
 @pytest.mark.parametrize(
-    ("name", "make_system", "options"),
-    [
-        ("kf", kalman_system, {}),
-        ("robust-kf", kalman_system, {"radius": 0.1}),
-        ("ekf", turning_vehicle, {}),
-        ("ukf", turning_vehicle, {}),
-        ("kf-umv-ui", shaken_vehicle, {"input_prior": INPUT_PRIOR}),
-        ("ekf-ui-wdf", pushed_vehicle, {"input_prior": INPUT_PRIOR}),
-        ("ukf-umv", pushed_vehicle, {"input_prior": INPUT_PRIOR}),
-    ],
+    ("name", "make_system"),
+    [("robust-kf", kalman_system), ("ukf", turning_vehicle), ("ekf-ui-wdf", pushed_vehicle)],
 )
-def test_a_smoothed_covariance_is_never_larger_than_the_filters(
-    name: str, make_system, options: dict
-):
+def test_a_smoothed_covariance_is_never_larger_than_the_filters(name: str, make_system):
     system = make_system(0)
     record = simulate(system, 1, runs=5, steps=30)
-    series = run(make(name, system.model, **options), system.prior, gaps(record.y), u=record.u)
+    series = run(make(name, system.model), system.prior, gaps(record.y), u=record.u)
     smoothed = smooth(series)
     for own, covs in (("cov", series.cov), ("input_cov", series.updated.input_cov)):
         if covs is not None:
             less = np.linalg.eigvalsh(covs - getattr(smoothed, own))
             assert less.min() > -1e-9 * np.abs(covs).max()
             assert np.linalg.eigvalsh(getattr(smoothed, own)).min() > -1e-12 * np.abs(covs).max()
-    np.testing.assert_array_equal(smoothed.mean[-1], series.mean[-1])
 
 
-@pytest.mark.parametrize(
-    ("name", "make_system"),
-    [
-        ("kf", kalman_system),
-        ("ekf", turning_vehicle),
-        ("ukf", turning_vehicle),
-        ("kf-umv-ui", lambda seed: unknown_input_system(seed, True)),
-        ("kf-umv-ui-wdf", lambda seed: unknown_input_system(seed, False)),
-    ],
-)
-def test_smoothed_errors_are_as_large_as_the_smoother_says(name: str, make_system):
+@pytest.mark.parametrize("name", ["ekf", "ukf"])
+def test_smoothed_errors_are_as_large_as_the_smoother_says(name: str):
     """One time of each of 400 runs, which are independent: a consistent smoother fails with probability 1e-4."""
-    system = make_system(0)
+    system = turning_vehicle(0)
     record = simulate(system, 5, runs=400, steps=25)
     smoothed = smooth(run(make(name, system.model), system.prior, record.y, u=record.u))
     values = nees(smoothed.mean[12], smoothed.cov[12], record.x[12], system.model.state_angles)
@@ -185,32 +162,18 @@ def test_smoothed_errors_are_as_large_as_the_smoother_says(name: str, make_syste
     assert low < values.mean() < high
 
 
-def test_a_fixed_lag_is_a_whole_smoother_whose_series_ends_so_much_later():
-    for name, feedthrough in (("kf", None), ("kf-umv-ui", True), ("kf-umv-ui-wdf", False)):
-        system = kalman_system(0) if feedthrough is None else unknown_input_system(0, feedthrough)
-        record = simulate(system, 1, runs=2, steps=12)
-        filter = make(name, system.model)
-        series = run(filter, system.prior, record.y, u=record.u)
-        lagged = smooth(series, lag=3)
-        for k in (0, 4, 8, 10, 11):
-            part = run(filter, system.prior, record.y[: k + 4], u=record.u[: k + 4])
-            np.testing.assert_allclose(lagged.mean[k], smooth(part).mean[k], rtol=0, atol=1e-11)
-            np.testing.assert_allclose(lagged.cov[k], smooth(part).cov[k], rtol=0, atol=1e-11)
-        np.testing.assert_array_equal(smooth(series, lag=0).mean, series.mean)
-        np.testing.assert_allclose(
-            smooth(series, lag=100).mean, smooth(series).mean, rtol=0, atol=1e-11
-        )
-
-
-def test_a_state_that_is_known_beforehand_stays_so():
-    """Predictions without spread in a direction have no inverse: nothing is learnt of it, and nothing breaks."""
-    model = LinearModel([[1.0, 1.0], [0.0, 1.0]], [[1.0, 0.0]], np.zeros((2, 2)), [[1.0]])
-    y = np.random.default_rng(0).normal(size=(10, 1))
-    smoothed = smooth(run(make("kf", model), Gaussian([0.0, 0.3], np.diag([1.0, 0.0])), y))
-    np.testing.assert_allclose(smoothed.mean[:, 1], 0.3, rtol=0, atol=1e-14)
-    x0 = (y[:, 0] - 0.3 * np.arange(10)).sum() / 11.0  # one number, of ten measurements and a prior
-    np.testing.assert_allclose(smoothed.mean[:, 0], x0 + 0.3 * np.arange(10), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(smoothed.cov[:, 0, 0], 1.0 / 11.0, rtol=1e-12)
+@pytest.mark.parametrize("name", ["kf", "kf-umv-ui-wdf", "etkf"])
+def test_a_fixed_lag_is_a_whole_smoother_whose_series_ends_so_much_later(name: str):
+    system = unknown_input_system(0, False) if name == "kf-umv-ui-wdf" else kalman_system(0)
+    record, filter = simulate(system, 1, runs=2, steps=8), make(name, system.model)
+    series = run(filter, system.prior, record.y, u=record.u, rng=0)
+    lagged, close = smooth(series, lag=3), {"rtol": 0, "atol": 1e-11}
+    for k in (0, 4, 6, 7):
+        part = smooth(run(filter, system.prior, record.y[: k + 4], u=record.u[: k + 4], rng=0))
+        np.testing.assert_allclose(lagged.mean[k], part.mean[k], **close)
+        np.testing.assert_allclose(lagged.cov[k], part.cov[k], **close)
+    np.testing.assert_allclose(smooth(series, lag=0).mean, series.mean, **close)
+    np.testing.assert_allclose(smooth(series, lag=9).mean, smooth(series).mean, **close)
 
 
 def test_a_row_that_was_lost_does_not_pass_on_what_came_later():
@@ -224,6 +187,7 @@ def test_a_row_that_was_lost_does_not_pass_on_what_came_later():
     np.testing.assert_array_equal(series.updated.recovery[4], [Recovery.PRIOR, Recovery.USUAL])
     smoothed = smooth(series)
     np.testing.assert_array_equal(smoothed.mean[3, 0], series.mean[3, 0])
+    np.testing.assert_allclose(smoothed.cov[3, 0], series.cov[3, 0], rtol=1e-12)
     assert np.isfinite(smoothed.mean).all()
     assert np.isfinite(smoothed.cov).all()
     late = smooth(run(make("ekf", f), Gaussian([0.0], [[1.0]]), y[4:, :1], u=u[4:, :1]))
@@ -249,17 +213,14 @@ def test_angles_are_smoothed_across_their_seam():
 # --- members --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("members", [3, 12])
-def test_smoothed_members_have_the_moments_of_the_exact_smoother_where_nothing_is_drawn(
-    members: int,
-):
+def test_smoothed_members_have_the_moments_of_the_exact_smoother_where_nothing_is_drawn():
     """Without process noise a transform is exact from the moments that it began with, be they of full rank or not."""
     system = kalman_system(0)
     model = LinearModel(
         system.model.A, system.model.C, np.zeros((4, 4)), system.model.R, B=system.model.B
     )
     record = simulate(system, 1, runs=1, steps=10)
-    etkf = make("etkf", model, members=members, draws="independent")
+    etkf = make("etkf", model, members=3, draws="independent")
     series = run(etkf, system.prior, record.y[:, 0], u=record.u[:, 0], rng=0)
     begun = series.predicted[0]
     exact = smooth(
@@ -268,17 +229,14 @@ def test_smoothed_members_have_the_moments_of_the_exact_smoother_where_nothing_i
     smoothed = smooth(series)
     np.testing.assert_allclose(smoothed.mean, exact.mean, rtol=0, atol=1e-9)
     np.testing.assert_allclose(smoothed.cov, exact.cov, rtol=0, atol=1e-9)
-    assert np.linalg.eigvalsh(series.cov - smoothed.cov).min() > -1e-12
-    np.testing.assert_allclose(smooth(series, lag=20).mean, smoothed.mean, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["enkf", "etkf"])
-def test_many_members_are_smoothed_as_a_kalman_filter_is(name: str):
+def test_many_members_are_smoothed_as_a_kalman_filter_is():
     """The mean of the members is that of the exact smoother, but for some 5 deviations of sampling."""
     system = kalman_system(0)
     record = simulate(system, 1, runs=1, steps=12)
     exact = smooth(run(make("kf", system.model), system.prior, record.y, u=record.u))
-    filter = make(name, system.model, members=4000)
+    filter = make("enkf", system.model, members=4000)
     smoothed = smooth(run(filter, system.prior, record.y, u=record.u, rng=0))
     sd = np.sqrt(np.diagonal(exact.cov, axis1=-2, axis2=-1))
     np.testing.assert_array_less(np.abs(smoothed.mean - exact.mean) / sd, 5.0 * 3.0 / np.sqrt(4000))
@@ -289,23 +247,17 @@ def test_many_members_are_smoothed_as_a_kalman_filter_is(name: str):
 # --- what has no smoother -------------------------------------------------------------------------
 
 
-def test_what_cannot_be_smoothed_says_why():
-    for name in ("ulise", "huber-kf"):  # the latter may doubt its own prediction after it was made
-        system = unknown_input_system(0, True)
-        record = simulate(system, 1, runs=1, steps=4)
-        series = run(make(name, system.model), system.prior, record.y, u=record.u)
-        with pytest.raises(TypeError, match=f"{name} has no smoother: smooth a series of kf"):
-            smooth(series)
-    plain = kalman_system(0)
-    record = simulate(plain, 1, runs=1, steps=4)
-    with pytest.raises(ValueError, match="lag must be a whole number of at least 0"):
-        smooth(run(make("kf", plain.model), plain.prior, record.y, u=record.u), lag=-1)
+@pytest.mark.parametrize("name", ["ulise", "huber-kf"])
+def test_what_cannot_be_smoothed_says_so(name: str):
+    """The latter may doubt its own prediction after it was made."""
+    system = unknown_input_system(0, True)
+    record = simulate(system, 1, runs=1, steps=4)
+    series = run(make(name, system.model), system.prior, record.y, u=record.u)
+    with pytest.raises(TypeError, match=f"{name} has no smoother: smooth a series of kf"):
+        smooth(series)
 
 
 def test_a_filter_of_ones_own_that_overrides_a_step_has_a_smoother_if_it_says_so():
-    class Renamed(KalmanFilter):
-        name = "renamed"
-
     class Forgetting(KalmanFilter):
         def _predict(self, belief, u, rng):
             return super()._predict(belief, u, rng)
@@ -315,20 +267,13 @@ def test_a_filter_of_ones_own_that_overrides_a_step_has_a_smoother_if_it_says_so
 
     system = kalman_system(0)
     record = simulate(system, 1, runs=2, steps=6)
-    smoothed = [
-        smooth(run(cls(system.model), system.prior, record.y, u=record.u))
-        for cls in (KalmanFilter, Renamed, Declared)
-    ]
-    for belief in smoothed[1:]:
-        np.testing.assert_allclose(belief.mean, smoothed[0].mean, rtol=0, atol=1e-12)
+    series, declared, forgetting = (
+        run(cls(system.model), system.prior, record.y, u=record.u)
+        for cls in (KalmanFilter, Declared, Forgetting)
+    )
+    np.testing.assert_allclose(smooth(declared).mean, smooth(series).mean, rtol=0, atol=1e-12)
     with pytest.raises(TypeError, match="has no smoother"):
-        smooth(run(Forgetting(system.model), system.prior, record.y, u=record.u))
-
-
-def test_one_measurement_is_smoothed_already():
-    system = kalman_system(0)
-    series = run(make("kf", system.model), system.prior, np.zeros((1, 3)), u=np.zeros((1, 2)))
-    np.testing.assert_array_equal(smooth(series).mean, series.mean)
+        smooth(forgetting)
 
 
 @pytest.mark.parametrize("name", ["kf", "ukf"])
