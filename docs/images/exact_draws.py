@@ -34,7 +34,7 @@ def variance(name: str, **options: object) -> np.ndarray:
     filter, keys = make(name, model, **options), RandomKeys.seeded(range(ROWS))
     belief = filter.init(Gaussian(np.zeros((ROWS, model.n)), np.eye(model.n)), rng=keys.at(0))
     for k in range(1, STEPS + 1):
-        belief = filter.advance(belief, None, np.zeros((ROWS, model.p)), None, keys.at(k))
+        belief = filter.step(belief, np.zeros((ROWS, model.p)), rng=keys.at(k))
     return belief.cov[:, 0, 0]
 
 
