@@ -279,7 +279,7 @@ def perturbed_analysis(
 
 def transform_analysis(
     members: np.ndarray, mean: np.ndarray, Y: np.ndarray, innovation: np.ndarray, available: np.ndarray,
-    R: np.ndarray, *, inflation: float,
+    R: np.ndarray, *, inflation: float, regular: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Deterministic analysis by the symmetric transform ``A T``, ``T = (I + Y' R^-1 Y / (N - 1))^-1/2``.
 
@@ -291,6 +291,7 @@ def transform_analysis(
         available: Mask ``(..., p)``.
         R: ``(..., p, p)`` measurement covariance.
         inflation: Factor on the anomalies where a measurement is available.
+        regular: R has an inverse.
 
     Returns:
         The mean and members of the analysis, and ``S``.
@@ -299,7 +300,7 @@ def transform_analysis(
     A, Y = members - mean[..., None], np.where(available[..., None], Y, 0.0)
     S = inner(Y, Y) / (N - 1) + R
     # T, N x N, needs an inverse of R, which lost rows may not have.
-    analysis = _transform if p > N and not rescuing() else _reduced_gain
+    analysis = _transform if p > N and regular and not rescuing() else _reduced_gain
     shift, A = analysis(A, Y, innovation, S, R)
     arrived = (1.0 * available).sum(-1) > 0.0
     factor = np.where(arrived, inflation, 1.0)[..., None, None]

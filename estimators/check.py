@@ -147,9 +147,9 @@ def check_steps(filter: Filter, prior: Gaussian, u: np.ndarray | None) -> None:
                 raise ValueError(
                     f"{cls}._{method} gave a {name} that is not finite, of ordinary numbers"
                 )
-        if method == "update" and whole and not belief.healthy.all():
+        if (method == "predict" or whole) and not belief.healthy.all():
             raise ValueError(
-                f"{cls}._update could not be used: of an ordinary measurement it must give a finite"
+                f"{cls}._{method} could not be used: of ordinary numbers it must give a finite"
                 " mean, and a covariance that is symmetric and positive semidefinite"
             )
         for name, cov in (("cov", belief.cov), ("input_cov", belief.input_cov)):
@@ -272,8 +272,8 @@ def _check_more(filter: Filter, system: System) -> None:
     spread, left = (np.trace(belief.cov, axis1=-2, axis2=-1) for belief in (before, after))
     if (left < spread * (1.0 - _SAME)).any():
         raise ValueError(
-            f"{cls}.update without any measurement makes cov smaller: take C and R from the"
-            " measurement, where what is missing is neutral, and not from the model"
+            f"{cls}.update without any measurement makes cov smaller: use the C and R that it is"
+            " given, where what is missing is neutral, and not the model's"
         )
     _check_restart(filter, system, beliefs)
     if filter.random:

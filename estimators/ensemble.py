@@ -27,7 +27,7 @@ from estimators.belief import EnsembleBelief
 from estimators.checks import integer, number, short_repr
 from estimators.engine import compiled
 from estimators.filter import Changes, Filter, Model
-from estimators.linalg import rescuing, semidefinite_cholesky, shared_root
+from estimators.linalg import lacks_rank, rescuing, semidefinite_cholesky, shared_root
 from estimators.models import LinearModel, NonlinearModel, at_columns
 from estimators.randomness import RandomKeys
 from estimators.varying import resolve
@@ -123,12 +123,15 @@ class EnsembleFilter(Filter[EnsembleBelief]):
 
     def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
         """Mean ``(..., p)`` and anomalies ``(..., p, N)`` of what the members expect, and R."""
+        mean, anomalies = expect(self._expected(belief, u), angles=self._seams)
+        return mean, anomalies, self._noise(belief, u, R)
+
+    def _expected(self, belief: Any, u: np.ndarray | None) -> np.ndarray:
+        """Measurements ``(..., p, N)`` that the members expect."""
         model, members = self.model, belief.members
         if isinstance(model, LinearModel):
-            expected = resolve(model.C, u) @ members
-        else:
-            expected = at_columns(model, "measurement", members, u, model.p)
-        return *expect(expected, angles=self._seams), self._noise(belief, u, R)
+            return resolve(model.C, u) @ members
+        return at_columns(model, "measurement", members, u, model.p)
 
     def _predict(self, belief: Any, u: Any, *moved: Any) -> Changes:
         after, root, rng = moved
@@ -150,15 +153,16 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         """The belief, with members drawn again for which an available measurement has no value."""
         if y is None:
             return belief
-        members = belief.members
-        finite = np.isfinite(members).all(-2)
+        missing = ~np.isfinite(y)[..., None]
         for attempt in range(_REDRAWS):
-            anomalies = self.expect(belief, u)[1]
-            kept = (np.isfinite(anomalies) | ~np.isfinite(y)[..., None]).all(-2) | ~finite
-            if kept.all():
+            kept = (np.isfinite(self._expected(belief, u)) | missing).all(-2)
+            kept &= np.isfinite(belief.members).all(-2)
+            rows = ~kept.all(-1)
+            if not rows.any():
                 break
-            members = self._redrawn(members, kept, rng, EXPECTED + attempt)
-            belief = belief.replace(ensemble=members.mT)
+            some, own = belief[rows], rng[rows] if isinstance(rng, RandomKeys) else rng
+            members = self._redrawn(some.members, kept[rows], own, EXPECTED + attempt)
+            belief = belief.with_rows(rows, some.replace(ensemble=members.mT))
         return belief
 
 
@@ -243,12 +247,18 @@ class EnsembleTransformFilter(EnsembleFilter):
 
     name = "etkf"
 
+    @property
+    def _regular(self) -> bool:
+        """Has the model one R, which has an inverse?"""
+        return not callable(self.model.R) and not lacks_rank(self.model.R).any()
+
     def _update(
         self, belief: Any, u: Any, e: Any, Y: Any, R: Any, available: Any, *_: Any
     ) -> Changes:
         mean, members, S = transform_analysis(
-            belief.members, belief.mean, Y, e, available, R, inflation=self.inflation
-        )
+            belief.members, belief.mean, Y, e, available, R,
+            inflation=self.inflation, regular=self._regular,
+        )  # fmt: skip
         return analysed(mean, members, S)
 
 

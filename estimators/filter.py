@@ -21,7 +21,7 @@ from estimators.linalg import congruence, log_density, masked, rescuing, semidef
 from estimators.model_checks import as_covariance
 from estimators.models import Gaussian, LinearModel, NonlinearModel
 from estimators.randomness import RandomKeys
-from estimators.recovery import exhausted, finite_sum, recovered
+from estimators.recovery import exhausted, finite_sum, perfect, recovered
 from estimators.varying import noise_at, resolve
 
 Rng = RandomKeys | np.random.Generator | None
@@ -82,7 +82,8 @@ class Filter(ABC, Generic[Record]):
             )
         self.model = model
         self._programs: dict[Any, Any] = {}
-        if any(getattr(matrix, "ndim", 2) > 2 for matrix in vars(model).values()):
+        self.model_per_row = any(getattr(part, "ndim", 2) > 2 for part in vars(model).values())
+        if self.model_per_row:
             self.compiled = False  # type: ignore[misc]  # a program is of one model for all rows
 
     def __init_subclass__(cls, **arguments: Any) -> None:
@@ -418,7 +419,10 @@ class Filter(ABC, Generic[Record]):
             answer = answers or self.propagate(belief, u)
             changed = self._predict(belief, u, *answer, *drawn)
             if step == "predict":
-                return changed | {"healthy": np.isfinite(finite_sum(changed))}
+                total = finite_sum(changed)
+                if self.input_delay is not None:
+                    total = total + exhausted(belief, changed)
+                return changed | {"healthy": np.isfinite(total)}
             belief = belief.replaced(changed)
         expected, C, R, *more = answers or self.expect(belief, u, R)
         available = available & np.isfinite(y) & np.isfinite(R.diagonal(0, -2, -1))
@@ -432,8 +436,7 @@ class Filter(ABC, Generic[Record]):
         if updated["innovation_cov"] is None:
             updated["innovation_cov"] = congruence(C, belief.cov) + R
         total = finite_sum(updated)
-        if not self.random:  # no variance of members is negative
-            total = total + exhausted(updated["innovation_cov"], R)
+        total = total + (perfect(updated, R) if self.random else exhausted(belief, updated, R))
         return changed | updated | {"healthy": np.isfinite(total)}
 
     def _in_numpy(
@@ -452,7 +455,7 @@ class Filter(ABC, Generic[Record]):
                 return self._changed(step, belief, u, rng, y, available, R)
         except np.linalg.LinAlgError:
             batch = belief.mean.shape[:-1]
-            if np.prod(batch) == 1:
+            if np.prod(batch) == 1 or self.model_per_row:
                 lost = {
                     "mean": np.full(belief.mean.shape, np.nan),
                     "healthy": np.zeros(batch, bool),

@@ -15,7 +15,14 @@ from estimators.belief import Belief
 from estimators.checks import AT_LEAST_0, UP_TO_1, integer, number
 from estimators.ensemble import draw, noise_root
 from estimators.filter import Changes, Filter, Model
-from estimators.linalg import cholesky, lacks_rank, semidefinite_cholesky, shared_root, symmetrise
+from estimators.linalg import (
+    cholesky,
+    lacks_rank,
+    masked,
+    semidefinite_cholesky,
+    shared_root,
+    symmetrise,
+)
 from estimators.models import LinearModel, at_points
 from estimators.randomness import RandomKeys
 from estimators.varying import resolve
@@ -153,9 +160,7 @@ class ParticleFilter(Filter[ParticleBelief]):
         nearest = np.fmin.reduce(np.square(off), -2) / variance
         outside = np.square(e) / S.diagonal(0, -2, -1)
         available = available & ((nearest < _ABSURD) | (outside < _ABSURD))
-        root = cholesky(
-            np.where(available[..., None] & available[..., None, :], R, np.eye(R.shape[-1]))
-        )
+        root = cholesky(masked(R, available))
         off = np.where(available[..., None, :], off, 0.0)
         distance = np.square(off @ np.linalg.inv(root).mT).sum(-1)
         log_weights, density = _normalised(belief.log_weights - 0.5 * distance)
@@ -166,7 +171,8 @@ class ParticleFilter(Filter[ParticleBelief]):
         return {
             "mean": mean,
             "cov": cov,
-            "innovation_cov": S,
+            "innovation": np.where(available, e, 0.0),
+            "innovation_cov": masked(S, available),
             "available": available,
             "log_weights": log_weights,
             "log_likelihood": np.where(arrived, density, 0.0),

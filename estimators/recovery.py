@@ -17,12 +17,16 @@ from estimators.linalg import (
     pseudo_inverse,
     rescue,
     semidefinite,
+    symmetric_blocks,
 )
 from estimators.randomness import RandomKeys
 
-COVARIANCES = "cov", "input_cov", "feedthrough_cov"
+_CROSS = {"cov": "", "input_cov": "state_input_cov", "feedthrough_cov": "state_feedthrough_cov"}
+"""Covariances of a belief, and that of each with the state."""
 _DIGITS = 1e4
 """An update that shrinks a variance by more than this may leave only rounding, of either sign."""
+_SHRUNK = 1e-6
+"""A step that shrinks all variances by more than this may leave only rounding, of either sign."""
 _KNOWN = 16.0 * np.finfo(float).eps
 """A variance after an update is rounding below this share of the terms that it is a sum of."""
 _NEGATIVE = 1e-12
@@ -38,10 +42,17 @@ def finite_sum(changed: dict[str, Any]) -> Any:
     return total
 
 
-def exhausted(S: Any, R: Any) -> Any:
-    """NaN ``(...)`` where a measurement has left perhaps nothing but rounding of a variance."""
-    precise = S.diagonal(0, -2, -1) > _DIGITS * R.diagonal(0, -2, -1)
-    return np.where(precise, np.nan, 0.0).sum(-1)
+def exhausted(belief: Any, changed: dict[str, Any], R: Any = None) -> Any:
+    """NaN ``(...)`` where a measurement or an input has left perhaps nothing but rounding of a variance."""
+    left, size = (cov.diagonal(0, -2, -1).sum(-1) for cov in (changed["cov"], belief.cov))
+    doubtful = np.where(left < _SHRUNK * size, np.nan, 0.0)
+    return doubtful if R is None else doubtful + perfect(changed, R, _DIGITS)
+
+
+def perfect(changed: dict[str, Any], R: Any, digits: float = 1e20) -> Any:
+    """NaN ``(...)`` where a measurement is more precise than expected by so many digits."""
+    variance = changed["innovation_cov"].diagonal(0, -2, -1)
+    return np.where(variance > digits * R.diagonal(0, -2, -1), np.nan, 0.0).sum(-1)
 
 
 def recovered(
@@ -68,16 +79,18 @@ def recovered(
         available: Mask of the measurements.
         R: Covariance of this measurement, or None.
     """
-    rows = ~after.healthy
+    # Where each row has a model of its own, rows cannot be computed apart.
+    rows = after.healthy | True if filter.model_per_row else ~after.healthy
     some = _rows(rows, (u, y, available, R))
     rng = rng[rows] if isinstance(rng, RandomKeys) else rng
     with np.errstate(all="ignore"):
         before, found = belief[rows], after[rows]
         lost = ~_sound(found, step)
         if lost.any():
-            u, y, available, R = _rows(lost, some)
-            rng = rng[lost] if isinstance(rng, RandomKeys) else rng
-            again = before[lost].replaced({"u": u})
+            apart = lost | filter.model_per_row
+            u, y, available, R = _rows(apart, some)
+            rng = rng[apart] if isinstance(rng, RandomKeys) else rng
+            again = before[apart].replaced({"u": u})
             if step != "update":
                 again = again.replaced(
                     unmeasured(again.healthy.shape, filter.model.p, again.healthy)
@@ -85,7 +98,7 @@ def recovered(
                 again = _attempt(filter, "predict", again, rng, None, None, None)
             if step != "predict":
                 again = _attempt(filter, "update", again, rng, y, available, R)
-            found = found.with_rows(lost, again)
+            found = found.with_rows(lost, again[lost[apart]])
         if step == "update" and not filter.random:
             found = _without_rounding(filter, before, found, *some)
     return after.with_rows(rows, found.replace(healthy=~lost))
@@ -98,11 +111,33 @@ def _rows(rows: np.ndarray, arrays: Any) -> Any:
 def _sound(belief: Any, step: str) -> np.ndarray:
     """The rows ``(...)`` that are finite and covariances, and divided by no singular S."""
     sound = _finite(belief)
-    for name in COVARIANCES:
-        if (cov := getattr(belief, name, None)) is not None:
-            values = np.linalg.eigvalsh(np.where(sound[..., None, None], cov, 0.0))
+    for name in _CROSS:
+        if getattr(belief, name, None) is not None:
+            cov = np.where(sound[..., None, None], _with_state(belief, name), 0.0)
+            values = np.linalg.eigvalsh(cov)
             sound &= values[..., 0] >= -_NEGATIVE * np.abs(values).sum(-1)
     return sound if step == "predict" else sound & ~lacks_rank(belief.innovation_cov)
+
+
+def _with_state(belief: Any, name: str) -> np.ndarray:
+    """A covariance of a belief together with that of the state."""
+    if name == "cov":
+        return belief.cov
+    return symmetric_blocks(belief.cov, getattr(belief, _CROSS[name]), getattr(belief, name))
+
+
+def _clipped(belief: Any) -> Any:
+    """The belief without negative eigenvalues of its covariances; to cut them off adds to each."""
+    n = belief.cov.shape[-1]
+    for name, cross in _CROSS.items():
+        if getattr(belief, name, None) is not None:
+            cov = semidefinite(_with_state(belief, name))
+            variance = cov.diagonal(0, -2, -1)
+            none = (variance <= 0.0) & np.isfinite(variance)
+            cov = np.where(none[..., None] | none[..., None, :], 0.0, cov)
+            parts = {cross: cov[..., :n, n:], name: cov[..., n:, n:]} if cross else {}
+            belief = belief.replaced(parts | {"cov": cov[..., :n, :n]})
+    return belief
 
 
 def _finite(belief: Any) -> np.ndarray:
@@ -123,8 +158,7 @@ def _attempt(filter: Any, step: str, belief: Any, rng: Any, y: Any, available: A
         changed = filter._in_numpy(step, belief, belief.u, rng, y, available, R)
     after = belief.replaced(changed)
     if not filter.random:
-        covs = {name: getattr(after, name, None) for name in COVARIANCES}
-        after = after.replaced({k: semidefinite(v) for k, v in covs.items() if v is not None})
+        after = _clipped(after)
     finite = _finite(after)
     return after.with_rows(~finite, belief[~finite])
 
@@ -143,5 +177,9 @@ def _without_rounding(
     terms = congruence(np.abs(identity(before.cov.shape[-1]) - K @ C), np.abs(before.cov))
     variance, size, noise = (P.diagonal(0, -2, -1) for P in (after.cov, terms, congruence(K, R)))
     known = (variance <= _KNOWN * size) & (variance > 2.0 * noise) & singular[..., None]
-    known = known[..., None] | known[..., None, :]
-    return after.replaced({"cov": np.where(known, 0.0, after.cov)})
+    row = known[..., None]
+    changed = {"cov": np.where(row | known[..., None, :], 0.0, after.cov)}
+    for cross in filter.record.names():
+        if cross in _CROSS.values():
+            changed[cross] = np.where(row, 0.0, getattr(after, cross))
+    return after.replaced(changed)

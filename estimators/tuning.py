@@ -175,8 +175,8 @@ def _negative_log_likelihood(
     with np.errstate(all="ignore"):
         series = run(filter, prior, **data, rng=rng if _random(filter) else None)
         # A measurement that is given up must not pay.
-        arrived = _arrived(data["y"], data["available"])
-        if data["R"] is None and (arrived & ~series.updated.available).any():
+        arrived, updated = _arrived(data["y"], data["available"]), series.updated
+        if (arrived & ~updated.available & ~updated.healthy[..., None]).any():
             return np.inf
         if objective == "likelihood":
             return -float(np.sum(series.log_likelihood))

@@ -143,7 +143,7 @@ class ULISE(DelayedInputFilter):
         G, rest = reach[..., :n, :], reach[..., n:, :]
         CP, F = C @ belief.cov, C @ G + delayed * pending
         S = CP @ C.mT + R
-        solved, share = self._solved(S, joined([CP, H, F], -1), joined([H, F], -1))
+        solved, share = self._solved(S, joined([CP, H, F], -1), H, F)
         K, SH, SF = solved[..., :n].mT, solved[..., n : n + q], solved[..., n + q :]
         D, now = self._gain(H, SH, share)
         M, late = self._gain(F, SF - SH @ (D @ F), share)

@@ -106,7 +106,7 @@ class UnknownInputFilter(Filter[Any]):
         """The prior's share ``(..., q, q)`` in directions of the input that were not observed."""
         return congruence(identity(self.model.q) - observed, self.input_prior)
 
-    def _solved(self, S: Any, b: Any, F: Any) -> tuple[Any, Any]:
+    def _solved(self, S: Any, b: Any, *inputs: Any) -> tuple[Any, Any]:
         """``S^-1 B``, and the share of the input's prior that is added to a singular S.
 
         An unknown input that shows where S has nothing is seen there without noise: ``S + a F F'``
@@ -115,7 +115,7 @@ class UnknownInputFilter(Filter[Any]):
         """
         if not rescuing():
             return solve(S, b), 0.0
-        F = F @ self._root
+        F = joined([each @ self._root for each in inputs], -1)
         share = _share(S, F)[..., None, None]
         return solve(S + share * (F @ F.mT), b), share[..., 0]
 

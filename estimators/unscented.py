@@ -193,6 +193,7 @@ class UnscentedUMVFilter(SigmaPoints, NoFeedthroughFilter):
     """
 
     name = "ukf-umv"
+    reversible = True
 
     def __init__(
         self,

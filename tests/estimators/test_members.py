@@ -104,8 +104,8 @@ def _analysis(
     Y[:, 1] = _together(Y[:, 1])
     e = np.where(arrived, difference(y, Y.mean(0), model.measurement_angles), 0.0)
     A, Y = belief.ensemble - belief.mean, np.where(arrived, Y - Y.mean(0), 0.0)
-    whole, R = R, masked(R, arrived)
-    root = semidefinite_cholesky(whole if whole is model.R else R)
+    R = masked(R, arrived)
+    root = semidefinite_cholesky(R)
     S, mean = Y.T @ Y / (N - 1) + R, np.array(belief.mean)
     if filter.name == "enkf":
         gain = A.T @ Y / (N - 1) @ np.linalg.inv(S)

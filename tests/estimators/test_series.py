@@ -316,7 +316,7 @@ def test_a_series_continued_from_its_last_belief_is_the_whole_series_to_the_last
     starts = [before.last] if wrapped else [before.last, before.updated[-1]]
     for start in starts:
         after = run(filter, start, y[K:], u=record.u[K - 1 :], rng=3, first=K)
-        for name in ("mean", "cov", "input_mean", "innovation", "ensemble", "recovery", "u"):
+        for name in ("mean", "cov", "input_mean", "innovation", "ensemble", "healthy", "u"):
             if (wanted := getattr(whole.updated, name)) is not None:
                 np.testing.assert_array_equal(
                     getattr(after.updated, name), wanted[K:], err_msg=name
