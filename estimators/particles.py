@@ -6,7 +6,7 @@ peaks, or be bent.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -58,6 +58,23 @@ class ParticleBelief(Belief):
         Source: Kong, Liu & Wong (1994).
         """
         return 1.0 / np.square(np.exp(self.log_weights)).sum(-1)
+
+    def replace(self, **changes: Any) -> Self:
+        """The belief with some fields changed; another mean moves the particles.
+
+        Raises:
+            TypeError: for a field that the belief does not have.
+            ValueError: if the covariance is given without particles.
+        """
+        if "particles" not in changes and {"mean", "cov"} & changes.keys():
+            if "cov" in changes:
+                raise ValueError(
+                    "cov of this belief is that of its particles: replace them, or begin anew with"
+                    " init"
+                )
+            shift = np.asarray(changes["mean"]) - self.mean
+            changes["particles"] = self.particles + shift[..., None, :]
+        return Belief.replace(self, **changes)
 
 
 class ParticleFilter(Filter[ParticleBelief]):
@@ -159,7 +176,8 @@ class ParticleFilter(Filter[ParticleBelief]):
         S = symmetrise((spread * weights[..., None, :]) @ spread.mT) + R
         nearest = np.fmin.reduce(np.square(off), -2) / variance
         outside = np.square(e) / S.diagonal(0, -2, -1)
-        available = available & ((nearest < _ABSURD) | (outside < _ABSURD))
+        explained = (nearest < _ABSURD) | (outside < _ABSURD)
+        available = available & explained & (variance > 0.0)
         root = cholesky(masked(R, available))
         off = np.where(available[..., None, :], off, 0.0)
         distance = np.square(off @ np.linalg.inv(root).mT).sum(-1)

@@ -207,9 +207,9 @@ def test_numbers_that_a_filter_of_ones_own_keeps_stay_those_of_their_step() -> N
     kept = []
 
     class Keeps(EnsembleKalmanFilter):
-        def _predict(self, belief: Any, u: Any, rng: Any) -> Any:
-            kept.append((rng, rng.normals(3)))
-            return super()._predict(belief, u, rng)
+        def _predict(self, belief: Any, u: Any, *moved: Any) -> Any:
+            kept.append((moved[-1], moved[-1].normals(3)))
+            return super()._predict(belief, u, *moved)
 
     env = gym.make("SigmaCorvette-v0", estimator=Keeps)
     env.reset(seed=0)

@@ -326,7 +326,7 @@ def balanced(rows: int, estimator: str | None = None, in_numpy: bool = False) ->
             env, state=lambda *_: native.unwrapped.state.T, estimator=estimator, **CART_POLE
         )
         if in_numpy:
-            env.watch.filter._programs = None
+            env.watch.filter.compiled = False
     actions = np.random.default_rng(0).integers(0, 2, (STEPS, rows))
 
     def block() -> float:
@@ -376,7 +376,7 @@ class Clock:
         """Fly a block, and keep its parts' shares."""
         core, self.spent = self.core, dict.fromkeys(self.PARTS, 0.0)
         timed: dict[str, list[tuple[Any, str]]] = {
-            "world": [(Core, "_moved")], "filter": [(type(core.filter), "advance")], "task": [(Core, "_scored")],
+            "world": [(Core, "_moved")], "filter": [(type(core.filter), "step")], "task": [(Core, "_scored")],
             "observation": [(Core, "observe")], "info": [(Core, "happened"), (Core, "info")],
         }  # fmt: skip
         self.flight.prepare()

@@ -1,4 +1,4 @@
-"""All states and inputs of a linear system at once, by least squares: what recursions must come to."""
+"""All states and inputs of a linear system at once, by least squares."""
 
 from typing import NamedTuple
 
@@ -26,7 +26,7 @@ class Posterior(NamedTuple):
 def least_squares(
     system: System, y: np.ndarray, u: np.ndarray, told: dict[int, np.ndarray] | None = None
 ) -> Posterior:
-    """The states and inputs of one run, given measurements ``y (T, p)`` of which those that are NaN did not come.
+    """States and inputs of one run, given measurements ``y (T, p)``; NaN is missing.
 
     Args:
         system: A linear one, with or without an unknown input.

@@ -5,7 +5,7 @@ it is for, and the laws that it obeys. Every test that states a law takes its ca
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from typing import NamedTuple
 
@@ -25,7 +25,7 @@ from estimators import (
 )
 
 INPUT_PRIOR = 50.0
-"""Variance of the unknown input where no measurement shows it, in every system of this suite: that of `wild_input`."""
+"""Variance of the unknown input where no measurement shows it: that of `wild_input`."""
 
 
 # --- random models --------------------------------------------------------------------------------
@@ -82,7 +82,7 @@ def unknown_input_system(
     m: int = 2,
     rank: int | None = None,
 ) -> System:
-    """A random stable and strongly detectable system with unknown input; ``rank`` of H, if it is not q.
+    """A random stable, strongly detectable system with unknown input; ``rank`` of H, if not q.
 
     With A stable, strong detectability means that the transfer function from the unknown input to
     the measurement, ``T(z) = H + C (z I - A)^-1 G`` (times z in the directions without
@@ -113,14 +113,14 @@ def unknown_input_system(
 
 
 def observable_directions(F: np.ndarray) -> np.ndarray:
-    """The orthogonal projector ``(q, q)`` on the directions of ``d`` that ``F d`` shows, ``F (p, q)``."""
+    """The orthogonal projector ``(q, q)`` on the directions of ``d`` that ``F d`` shows."""
     _, strength, directions = np.linalg.svd(F, full_matrices=False)
     shown = directions[strength > 1e-9]
     return shown.T @ shown
 
 
 def counted_directions(F: np.ndarray, precision: np.ndarray, prior: float) -> np.ndarray:
-    """The projector ``(q, q)`` on the directions of ``d`` that ``F d`` and noise of this ``precision`` show well.
+    """The projector ``(q, q)`` on the directions that ``F d`` and noise of a precision show well.
 
     That is so where the prior has more than a tenth of the variance that is left.
     """
@@ -131,30 +131,22 @@ def counted_directions(F: np.ndarray, precision: np.ndarray, prior: float) -> np
 
 @cache
 def turning_vehicle(seed: int) -> System:
-    """A nonlinear system with angles: position, heading and speed, seen as range, bearing and heading."""
+    """Position, heading and speed, seen as range, bearing and heading: nonlinear, with angles."""
     dt, beacon = 0.1, np.array([-30.0, 20.0])
 
     def transition(x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        north, east, heading, speed = np.moveaxis(x, -1, 0)
-        turn, push = np.moveaxis(u, -1, 0)
-        return np.stack([
-            north + dt * speed * np.cos(heading), east + dt * speed * np.sin(heading),
-            heading + dt * turn, speed + dt * (push - 0.2 * speed * np.abs(speed)),
-        ], axis=-1)  # fmt: skip
+        heading, speed = x[..., 2], x[..., 3]
+        moved = speed * np.cos(heading), speed * np.sin(heading), u[..., 0], u[..., 1]
+        drag = 0.2 * speed * np.abs(speed)
+        return x + dt * (np.stack(moved, -1) - drag[..., None] * [0.0, 0.0, 0.0, 1.0])
 
     def measurement(x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        away = x[..., :2] - beacon
-        return np.stack(
-            [
-                np.hypot(away[..., 0], away[..., 1]),
-                np.arctan2(away[..., 1], away[..., 0]),
-                x[..., 2],
-            ],
-            -1,
-        )
+        away, across = x[..., 0] - beacon[0], x[..., 1] - beacon[1]
+        return np.stack([np.hypot(away, across), np.arctan2(across, away), x[..., 2]], -1)
 
     model = NonlinearModel(
-        compiled(transition), compiled(measurement), Q=np.diag([1e-3, 1e-3, 1e-4, 1e-3]), R=np.diag([0.1, 1e-3, 1e-2]),
+        compiled(transition), compiled(measurement),
+        Q=np.diag([1e-3, 1e-3, 1e-4, 1e-3]), R=np.diag([0.1, 1e-3, 1e-2]),
         state_angles=(2,), measurement_angles=(1, 2),
     )  # fmt: skip
     heading = np.random.default_rng(seed).uniform(-3.0, 3.0)
@@ -163,16 +155,14 @@ def turning_vehicle(seed: int) -> System:
 
 @cache
 def pushed_vehicle(seed: int) -> System:
-    """`turning_vehicle` with an unknown push along its heading, which moves and turns it within the step."""
+    """`turning_vehicle` with an unknown push along its heading, which turns it as well."""
     system = turning_vehicle(seed)
 
     def push(x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        heading = x[..., 2]
+        heading = x[..., 2:3]
         one = np.ones(heading.shape)
-        return (
-            0.1
-            * np.stack([np.cos(heading), np.sin(heading), 0.5 * one, 0.2 * one], axis=-1)[..., None]
-        )
+        parts = [np.cos(heading), np.sin(heading), 0.5 * one, 0.2 * one]
+        return 0.1 * np.stack(parts, -2)
 
     return replace(system, model=replace(system.model, G=compiled(push), H=np.zeros((3, 1))))
 
@@ -207,9 +197,7 @@ class Record(NamedTuple):
     x: np.ndarray  # (T, runs, n) true state
     y: np.ndarray  # (T, runs, p) measurement
     u: np.ndarray  # (T, runs, m) known input over the step that follows
-    d: (
-        np.ndarray | None
-    )  # (T, runs, q) unknown input, acting on this measurement and on the step that follows
+    d: np.ndarray | None  # (T, runs, q) unknown input: in this measurement and the step after it
 
 
 def wild_input(rng: np.random.Generator, steps: int, runs: int, q: int) -> np.ndarray:
@@ -254,7 +242,7 @@ def track(
     available: np.ndarray | None = None,
     R: np.ndarray | None = None,
 ) -> list[Belief]:
-    """The belief after every measurement of a record; ``available (T, ...)`` and ``R (T, ...)`` one for each time."""
+    """The belief after every measurement of a record; ``available`` and ``R`` have one a time."""
     belief, beliefs = filter.init(prior, rng=rng), []
     for k, y in enumerate(record.y):
         now = rng.at(k) if isinstance(rng, RandomKeys) else rng
@@ -272,7 +260,7 @@ def track(
 def textbook_kalman(
     system: System, y: np.ndarray, u: np.ndarray
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Mean and covariance after every measurement of one run, by the formulas as first taught, with inverses."""
+    """Mean and covariance after every measurement of one run, by the formulas with inverses."""
     model, mean, cov, out = system.model, system.mean, system.cov, []
     for k in range(len(y)):
         if k:
@@ -284,10 +272,10 @@ def textbook_kalman(
 
 
 def flat_prior_posterior(
-    mean: np.ndarray, cov: np.ndarray, drive: np.ndarray, C: np.ndarray, H: np.ndarray, R: np.ndarray, y: np.ndarray,
-    input_precision: np.ndarray,
+    mean: np.ndarray, cov: np.ndarray, drive: np.ndarray, C: np.ndarray, H: np.ndarray,
+    R: np.ndarray, y: np.ndarray, input_precision: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Generalised least squares for ``(x, d)``: ``x - drive d ~ N(mean, cov)``, ``y = C x + H d + N(0, R)``.
+    """Least squares for ``(x, d)``: ``x - drive d ~ N(mean, cov)``, ``y = C x + H d + N(0, R)``.
 
     ``d`` has the information ``input_precision`` (0: nothing is known of it). This is what an
     unbiased minimum-variance update must give, in information form: the filters compute it in
@@ -334,76 +322,66 @@ def _case(
     return Case(id, name, system, frozenset(laws.split()), options)
 
 
-_UI = "unknown-input consistent linear deterministic"
+def _kalman_case(id: str, laws: str, **options: object) -> Case:
+    """On a random system without unknown input; the filter is the first word of ``id``."""
+    return _case(id, id.split(" ")[0], kalman_system, f"{laws} linear", **options)
+
+
+def _input_case(
+    id: str, laws: str = "linear consistent", system: Callable[[int], System] | None = None,
+    feedthrough: bool = False, **sizes: int,
+) -> Case:  # fmt: skip
+    """On a system with unknown input."""
+
+    def random_system(seed: int) -> System:
+        return unknown_input_system(seed, feedthrough, **sizes)
+
+    return _case(
+        id, id.split(" ")[0], system or random_system, f"unknown-input deterministic {laws}",
+        input_prior=INPUT_PRIOR,
+    )  # fmt: skip
+
+
+_EXACT = "kalman consistent deterministic"
+_LONG = "linear consistent long"
 CASES = (
-    _case("kf", "kf", kalman_system, "kalman consistent linear deterministic long"),
-    _case("ekf", "ekf", kalman_system, "kalman consistent linear deterministic"),
-    _case("enkf", "enkf", kalman_system, "linear ensemble", members=20),
+    _kalman_case("kf", f"{_EXACT} long"),
+    _kalman_case("ekf", _EXACT),
+    _kalman_case("enkf", "ensemble", members=20),
     _case("enkf on a turning vehicle", "enkf", turning_vehicle, "ensemble", members=20),
-    _case("etkf", "etkf", kalman_system, "linear ensemble square-root long", members=20),
-    _case("etkf with fewer members than states", "etkf", kalman_system, "linear ensemble square-root", members=3,
-          draws="independent"),
-    _case("pf", "pf", kalman_system, "linear", particles=40),
+    _kalman_case("etkf", "ensemble square-root long", members=20),
+    _kalman_case(
+        "etkf with fewer members than states",
+        "ensemble square-root",
+        members=3,
+        draws="independent",
+    ),
+    _kalman_case("pf", "", particles=40),
     _case("pf on a turning vehicle", "pf", turning_vehicle, "", particles=40),
     _case("ekf on a turning vehicle", "ekf", turning_vehicle, "deterministic"),
-    _case("iekf", "iekf", kalman_system, "kalman consistent linear deterministic"),
-    _case(
-        "kf-umv-ui", "kf-umv-ui", lambda seed: unknown_input_system(seed, True),
-        f"{_UI} long", input_prior=INPUT_PRIOR,
-    ),
-    _case(
-        "kf-umv-ui with two inputs", "kf-umv-ui", lambda seed: unknown_input_system(seed, True, p=4, q=2),
-        _UI, input_prior=INPUT_PRIOR,
-    ),
-    _case(
-        "kf-umv-ui on a shaken vehicle", "kf-umv-ui", shaken_vehicle, "unknown-input deterministic",
-        input_prior=INPUT_PRIOR,
-    ),
-    _case(
-        "kf-umv-ui-wdf", "kf-umv-ui-wdf", lambda seed: unknown_input_system(seed, False),
-        f"{_UI} long", input_prior=INPUT_PRIOR,
-    ),
-    _case(
-        "kf-umv-ui-wdf with two inputs", "kf-umv-ui-wdf", lambda seed: unknown_input_system(seed, False, p=4, q=2),
-        _UI, input_prior=INPUT_PRIOR,
-    ),
-    _case(
-        "ekf-ui-wdf", "ekf-ui-wdf", lambda seed: unknown_input_system(seed, False), _UI, input_prior=INPUT_PRIOR,
-    ),
-    _case(
-        "ekf-ui-wdf on a pushed vehicle", "ekf-ui-wdf", pushed_vehicle, "unknown-input deterministic",
-        input_prior=INPUT_PRIOR,
-    ),
-    _case(
-        "ulise without feedthrough", "ulise", lambda seed: unknown_input_system(seed, False),
-        _UI, input_prior=INPUT_PRIOR,
-    ),
-    _case(
-        "ulise with one input of two fed through", "ulise",
-        lambda seed: unknown_input_system(seed, True, p=4, q=2, rank=1), _UI, input_prior=INPUT_PRIOR,
-    ),
-    _case("ukf", "ukf", kalman_system, "kalman consistent linear deterministic"),
+    _kalman_case("iekf", _EXACT),
+    _input_case("kf-umv-ui", _LONG, feedthrough=True),
+    _input_case("kf-umv-ui with two inputs", feedthrough=True, p=4, q=2),
+    _input_case("kf-umv-ui on a shaken vehicle", "", shaken_vehicle),
+    _input_case("kf-umv-ui-wdf", _LONG),
+    _input_case("kf-umv-ui-wdf with two inputs", p=4, q=2),
+    _input_case("ekf-ui-wdf"),
+    _input_case("ekf-ui-wdf on a pushed vehicle", "", pushed_vehicle),
+    _input_case("ulise without feedthrough"),
+    _input_case("ulise with one input of two fed through", feedthrough=True, p=4, q=2, rank=1),
+    _kalman_case("ukf", _EXACT),
     _case("ukf on a turning vehicle", "ukf", turning_vehicle, "deterministic"),
-    _case("ukf-umv", "ukf-umv", lambda seed: unknown_input_system(seed, False), _UI, input_prior=INPUT_PRIOR),
-    _case(
-        "ukf-umv on a pushed vehicle", "ukf-umv", pushed_vehicle, "unknown-input deterministic",
-        input_prior=INPUT_PRIOR,
-    ),
-    _case("huber-kf", "huber-kf", kalman_system, "linear deterministic"),
-    _case(
-        "huber-kf with gamma infinite", "huber-kf", kalman_system, "kalman consistent linear deterministic",
-        gamma=np.inf,
-    ),
-    _case("robust-kf", "robust-kf", kalman_system, "linear deterministic"),
-    _case(
-        "robust-kf with a ball of radius 0", "robust-kf", kalman_system, "kalman consistent linear deterministic",
-        radius=0.0,
-    ),
-)  # fmt: skip
+    _input_case("ukf-umv"),
+    _input_case("ukf-umv on a pushed vehicle", "", pushed_vehicle),
+    _kalman_case("huber-kf", "deterministic"),
+    _kalman_case("huber-kf with gamma infinite", _EXACT, gamma=np.inf),
+    _kalman_case("robust-kf", "deterministic"),
+    _kalman_case("robust-kf with a ball of radius 0", _EXACT, radius=0.0),
+)
 
 
 def every_case(*laws: str) -> Callable[[Callable], Callable]:
-    """Parametrise a test over the cases that obey all of ``laws``; the table of laws asks it for them."""
+    """Parametrise a test over the cases that obey all of ``laws``; the table reads these."""
     chosen = [case for case in CASES if case.laws.issuperset(laws)]
     parametrize = pytest.mark.parametrize("case", chosen, ids=[case.id for case in chosen])
 
@@ -432,8 +410,13 @@ def some_cases(*names: str) -> Callable[[Callable], Callable]:
 
 def arrays(belief: Belief) -> dict[str, np.ndarray]:
     """The arrays of a belief by name, without those that it does not have."""
-    found = {f.name: getattr(belief, f.name) for f in fields(belief)}
-    return {name: value for name, value in found.items() if value is not None}
+    return {name: value for name, value in belief.arrays().items() if value is not None}
+
+
+def assert_close(given: np.ndarray, expected: np.ndarray, tolerance: float, name: str = "") -> None:
+    """Equal to ``tolerance``, relative to the largest entry where that exceeds 1."""
+    scale = max(1.0, float(np.abs(expected).max(initial=0.0)))
+    np.testing.assert_allclose(given, expected, rtol=0.0, atol=tolerance * scale, err_msg=name)
 
 
 def assert_same(
@@ -442,7 +425,7 @@ def assert_same(
     tolerance: float | dict[str, float] = 0.0,
     ignore: Sequence[str] = (),
 ) -> None:
-    """Every array of the two beliefs agrees to ``tolerance``, relative to the largest entry where that exceeds 1.
+    """Every array of two beliefs agrees to ``tolerance``, as of `assert_close`.
 
     0 is to the last bit, for two runs of the same operations on one machine; other operations round
     otherwise. A dictionary, as `rounding` gives it, holds an absolute tolerance for each array;
@@ -452,17 +435,11 @@ def assert_same(
     assert one.keys() == other.keys()
     for name in one.keys() - set(ignore):
         assert one[name].shape == other[name].shape, name
-        if isinstance(tolerance, dict) and name in tolerance:
-            np.testing.assert_allclose(
-                one[name], other[name], rtol=0.0, atol=tolerance[name], err_msg=name
-            )
-        elif tolerance == 0.0 or isinstance(tolerance, dict):
-            np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+        if isinstance(tolerance, dict):
+            atol = tolerance.get(name, 0.0)
+            np.testing.assert_allclose(one[name], other[name], rtol=0.0, atol=atol, err_msg=name)
         else:
-            scale = max(1.0, float(np.abs(other[name]).max(initial=0.0)))
-            np.testing.assert_allclose(
-                one[name], other[name], rtol=0.0, atol=tolerance * scale, err_msg=name
-            )
+            assert_close(one[name], other[name], tolerance, name)
 
 
 PLACES, SHAKES, SAFETY = 16, 4, 20.0
@@ -471,7 +448,7 @@ PLACES, SHAKES, SAFETY = 16, 4, 20.0
 def rounding(
     filter: Filter, prior: Gaussian, record: Record, available: np.ndarray | None = None
 ) -> list[dict[str, float]]:
-    """How far rounding may carry two algorithms apart that compute the same: for each time, a tolerance for each array.
+    """How far rounding may carry two algorithms apart: for each time, a tolerance for each array.
 
     A backward stable step is the exact step of numbers that are off by a few units in their last
     place, `PLACES` of them for these sizes. So measurements, inputs and, before and after every
@@ -486,7 +463,7 @@ def rounding(
     unit = np.finfo(float).eps * PLACES
 
     def shake(a: np.ndarray) -> np.ndarray:
-        """Copies of rows along a new or the first axis, all but the first of them off by rounding."""
+        """Copies of rows along the first axis, all but the first of them off by rounding."""
         noise = rng.uniform(-1.0, 1.0, a.shape)
         if a.ndim > 1 and a.shape[-1] == a.shape[-2]:
             noise = 0.5 * (noise + noise.mT)  # a covariance stays symmetric
@@ -530,7 +507,7 @@ def some_measurements(rng: np.random.Generator, p: int, *shape: int) -> np.ndarr
 
 
 def assert_covariance(cov: np.ndarray, scale: float | np.ndarray = 0.0) -> None:
-    """Symmetric exactly, positive semidefinite to rounding of its own size (or of ``scale``, if that is larger)."""
+    """Symmetric exactly, positive semidefinite to rounding of its own size, or of ``scale``."""
     np.testing.assert_array_equal(cov, np.swapaxes(cov, -1, -2))
     eigenvalues = np.linalg.eigvalsh(cov)
     assert (eigenvalues[..., 0] >= -1e-12 * np.maximum(eigenvalues[..., -1], scale)).all(), (

@@ -1,4 +1,4 @@
-"""Writes docs/estimators/laws.md: which filter was seen to obey which law in this run of the tests."""
+"""Writes docs/estimators/laws.md, the table of filters and the laws that they obey."""
 
 import inspect
 from pathlib import Path

@@ -57,7 +57,7 @@ class Late:
 
 FIELDS = (
     *("mean", "cov", "input_mean", "input_cov", "ensemble"),
-    *("innovation", "innovation_cov", "recovery", "available"),
+    *("innovation", "innovation_cov", "healthy", "available"),
 )
 
 
@@ -202,7 +202,7 @@ class Mean:
 
     def init(self, prior, rng=None):
         mean, cov = prior.mean, prior.cov[None]
-        return Belief(mean, cov, mean, cov, np.zeros(mean.shape[:-1]))
+        return Belief(mean, cov, mean, cov, mean > 0.0, np.ones(mean.shape[:-1], bool))
 
     def predict(self, belief, u=None, rng=None):
         return belief
@@ -245,7 +245,7 @@ def test_what_does_not_fit_gets_one_sentence():
         delayed.update(delayed.init(PRIOR), np.zeros((3, 1, 2)), R=np.ones(3))
     with pytest.raises(TypeError, match="belief must be a DelayedBelief, got Belief"):
         delayed.predict(KF.init(PRIOR))
-    with pytest.raises(ValueError, match=r"some of them late, are for Delayed\(filter, horizon\)"):
+    with pytest.raises(ValueError, match=r"y has shape \(3, 4, 2\), expected \(3, 2\)"):
         KF.update(KF.init(PRIOR), np.zeros((3, 4, 2)))
     with pytest.raises(TypeError, match="give rng as keys"):
         Delayed(make("enkf", KF.model), 1).init(PRIOR, rng=np.random.default_rng(0))

@@ -113,22 +113,9 @@ def test_a_filter_of_what_acts_now_refuses_the_model_and_says_which_takes_it():
         EndedUMVFilter(replace(_model(), C=C, G=G, H=np.zeros((P, Q))))
 
 
-@pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "kf"])
-def test_measurements_of_a_step_that_come_one_after_the_other_are_as_good_as_together(name: str):
-    """At the first step, too, at which no input has acted."""
-    model, y = _model(), _measurements(7, 12)
-    options = {"input_cov": 0.7} if name == "kf" else {"input_prior": PRIOR}
-    filter = make(name, model, **options)
-    whole = _beliefs(filter, Gaussian(np.zeros(N), np.eye(N)), y)
-    belief = filter.init(Gaussian(np.zeros(N), np.eye(N)))
-    for k, each in enumerate(y):
-        belief = filter.predict(belief) if k else belief
-        for channels in ([0], [1, 2]):
-            belief = filter.update(belief, np.where(np.isin(np.arange(P), channels), each, np.nan))
-        for array in ("mean", "cov", "input_mean", "input_cov"):
-            np.testing.assert_allclose(
-                getattr(belief, array), getattr(whole[k], array), rtol=0, atol=1e-7
-            )
-    first = whole[0]
+@pytest.mark.parametrize("name", FILTERS)
+def test_no_input_has_acted_at_the_first_step(name: str):
+    filter = make(name, _model(), input_prior=PRIOR)
+    first = filter.update(filter.init(Gaussian(np.zeros(N), np.eye(N))), np.ones(P))
     assert not first.input_mean.any()
     assert not first.input_cov.any()

@@ -3,7 +3,6 @@
 import copy
 import dataclasses
 import pickle
-import re
 
 import numpy as np
 import pytest
@@ -87,76 +86,44 @@ def test_a_filter_says_what_it_is(case: Case):
     assert (filter.input_delay is not None) == (model.q > 0)
 
 
-def test_umv_ui_without_feedthrough_says_which_rank_it_needs_and_what_to_do():
-    with pytest.raises(ValueError, match="rank") as caught:
-        make("kf-umv-ui", _linear(G=[[0.0], [1.0]]))
-    expected = (
-        "kf-umv-ui needs rank(H) = 1 unknown input, got 0: measure the input or use kf-umv-ui-wdf"
-    )
-    assert _message(caught) == expected
+FIRST, SECOND = [[1.0], [0.0]], [[0.0], [1.0]]
+ONE_BAD_ROW = np.stack([I2, np.ones((2, 2)), I2])
+SINGLE = {"C": [[1.0, 0.0]], "R": [[1.0]]}
+NONLINEAR_ONES = "for a nonlinear one use kf-umv-ui, without feedthrough ekf-ui-wdf or ukf-umv"
+PRIORS = {
+    "kf-umv-ui": {"G": FIRST, "H": FIRST}, "kf-umv-ui-wdf": {"G": FIRST}, "ekf-ui-wdf": {"G": FIRST},
+    "ukf-umv": {"G": FIRST}, "ulise": {"G": FIRST},
+}  # fmt: skip
+REFUSED = [
+    ("kf", _nonlinear(), {}, "^kf needs a LinearModel: use ekf"),
+    (
+        "kf-umv-ui", _linear(G=SECOND), {},
+        r"^kf-umv-ui needs rank\(H\) = 1 unknown input, got 0: measure the input or use kf-umv-ui-wdf$",
+    ),
+    ("kf-umv-ui", _linear(G=I2, H=np.ones((2, 2))), {}, r"rank\(H\) = 2 unknown inputs, got 1"),
+    ("kf-umv-ui", _linear(G=I2, H=ONE_BAD_ROW), {}, r"rank\(H\) = 2 unknown inputs, got 1"),
+    ("kf-umv-ui-wdf", _linear(G=FIRST, H=SECOND), {}, r"^kf-umv-ui-wdf needs H = 0 .*use kf-umv-ui"),
+    ("kf-umv-ui-wdf", _linear(**SINGLE, G=SECOND), {}, r"needs rank\(C G\) = 1 unknown input, got 0: measure"),
+    ("kf-umv-ui-wdf", _linear(**SINGLE, G=I2), {}, r"rank\(C G\) = 2 unknown inputs, got 1"),
+    *((name, _linear(), {}, "needs an unknown input") for name in PRIORS),
+    *((name, _nonlinear(G=FIRST, H=FIRST), {}, f"^{name} needs a LinearModel: {NONLINEAR_ONES}")
+      for name in ("kf-umv-ui-wdf", "ulise")),
+    *((name, _linear(**PRIORS[name]), {"input_prior": value}, f"^input_prior .*{problem}")
+      for name in PRIORS for value, problem in ((-1.0, "positive semidefinite"), (0.0, "positive definite"),
+                                                (I2, "shape"), ([1.0], "square"), (np.nan, "finite"))),
+    ("kf", _linear(), {"input_cov": 1.0}, "input_cov was given, but the model has no unknown input"),
+    ("kf", _linear(G=FIRST), {"input_cov": I2}, "input_cov has shape"),
+    ("kf", _linear(G=FIRST), {"input_cov": -1.0}, "input_cov must be positive semidefinite"),
+]  # fmt: skip
 
 
-def test_umv_ui_refuses_inputs_that_it_cannot_tell_apart():
-    with pytest.raises(ValueError, match=r"rank\(H\) = 2 unknown inputs, got 1"):
-        make("kf-umv-ui", _linear(G=I2, H=np.ones((2, 2))))
-    one_bad_row = np.stack([I2, np.ones((2, 2)), I2])
-    with pytest.raises(ValueError, match=r"rank\(H\) = 2 unknown inputs, got 1"):
-        make("kf-umv-ui", _linear(G=I2, H=one_bad_row))
-
-
-def test_wdf_refuses_feedthrough_and_an_input_that_no_measurement_shows():
-    with pytest.raises(ValueError, match=r"kf-umv-ui-wdf needs H = 0 .*use kf-umv-ui"):
-        make("kf-umv-ui-wdf", _linear(G=[[1.0], [0.0]], H=[[0.0], [1.0]]))
-    with pytest.raises(
-        ValueError, match=r"kf-umv-ui-wdf needs rank\(C G\) = 1 unknown input, got 0: measure"
-    ):
-        make("kf-umv-ui-wdf", _linear(C=[[1.0, 0.0]], R=[[1.0]], G=[[0.0], [1.0]]))
-    with pytest.raises(ValueError, match=r"rank\(C G\) = 2 unknown inputs, got 1"):
-        make("kf-umv-ui-wdf", _linear(C=[[1.0, 0.0]], R=[[1.0]], G=I2))
-
-
-@pytest.mark.parametrize("name", UNKNOWN_INPUT)
-def test_unknown_input_filters_need_an_unknown_input(name: str):
-    for model in (_linear(), _nonlinear()):
-        with pytest.raises(ValueError, match=r"needs (an unknown input|a LinearModel)"):
-            make(name, model)
-
-
-@pytest.mark.parametrize("name", ["kf-umv-ui-wdf", "ulise"])
-def test_linear_unknown_input_filters_say_which_take_a_nonlinear_model(name: str):
-    instead = "for a nonlinear one use kf-umv-ui, without feedthrough ekf-ui-wdf or ukf-umv"
-    with pytest.raises(ValueError, match=re.escape(f"{name} needs a LinearModel: {instead}")):
-        make(name, _nonlinear(G=[[1.0], [0.0]], H=[[1.0], [0.0]]))
-
-
-def test_kf_sends_a_nonlinear_model_to_ekf():
-    with pytest.raises(ValueError, match="kf needs a LinearModel: use ekf"):
-        make("kf", _nonlinear())
-    assert make("ekf", _nonlinear()).name == "ekf"
-
-
-@pytest.mark.parametrize("name", UNKNOWN_INPUT)
-def test_an_input_prior_that_is_no_covariance_of_the_inputs_is_refused(name: str):
-    unknown = {"G": [[1.0], [0.0]], "H": [[1.0], [0.0]] if name == "kf-umv-ui" else None}
-    for value, problem in (
-        (-1.0, "positive semidefinite"),
-        (0.0, "positive definite"),
-        (I2, "shape"),
-        ([1.0], "square"),
-        (np.nan, "finite"),
-    ):
-        with pytest.raises(ValueError, match="input_prior") as caught:
-            make(name, _linear(**unknown), input_prior=value)
-        assert problem in _message(caught)
-
-
-def test_kf_refuses_an_input_covariance_that_does_not_fit():
-    with pytest.raises(ValueError, match="input_cov was given, but the model has no unknown input"):
-        make("kf", _linear(), input_cov=1.0)
-    with pytest.raises(ValueError, match="input_cov has shape"):
-        make("kf", _linear(G=[[1.0], [0.0]]), input_cov=I2)
-    with pytest.raises(ValueError, match="input_cov must be positive semidefinite"):
-        make("kf", _linear(G=[[1.0], [0.0]]), input_cov=-1.0)
+@pytest.mark.parametrize(("name", "model", "options", "sentence"), REFUSED)
+def test_what_a_filter_cannot_be_built_of_is_refused_in_one_sentence(
+    name: str, model, options: dict, sentence: str
+):
+    with pytest.raises(ValueError, match=sentence) as caught:
+        make(name, model, **options)
+    _message(caught)
 
 
 # --- input that is refused where it enters --------------------------------------------------------
@@ -217,19 +184,14 @@ def test_one_measurement_mask_or_covariance_may_serve_every_row(case: Case):
 def test_one_known_input_may_serve_every_row(case: Case):
     system = case.system(0)
     filter = case.make(system.model)
-    u, y = np.full(system.m, 0.3), np.full(system.model.p, 0.1)
-
-    def run(u: np.ndarray, restart: bool) -> Belief:
+    y, beliefs = np.full(system.model.p, 0.1), []
+    for u in (np.full(system.m, 0.3), np.full((3, system.m), 0.3)):
         rng = RandomKeys.seeded(range(3))
         belief = filter.predict(filter.init(system.rows(3), rng=rng), u, rng=rng)
-        if restart:
-            belief = belief.replace(mean=np.where(np.arange(3)[:, None] == 1, np.nan, belief.mean))
-        return filter.update(belief, y, rng=rng)
-
-    assert_same(run(u, False), run(np.tile(u, (3, 1)), False), 1e-13, ignore=["u"])
-    # Rows stay rows: the shared input neither breaks a selection nor the recovery of a lost row.
-    assert_same(run(u, False)[1:], run(np.tile(u, (3, 1)), False)[1:], 1e-13, ignore=["u"])
-    assert_same(run(u, True), run(np.tile(u, (3, 1)), True), 1e-13, ignore=["u"])
+        beliefs.append(filter.update(belief, y, rng=rng))
+    one, each = beliefs
+    assert_same(one, each, 1e-13, ignore=["u"])
+    assert_same(one[1:], each[1:], 1e-13, ignore=["u"])  # rows stay rows
 
 
 # --- beliefs and their rows -----------------------------------------------------------------------
@@ -293,7 +255,8 @@ def test_beliefs_of_different_filters_do_not_merge():
         make("kf-umv-ui", _linear(G=[[1.0], [0.0]], H=[[1.0], [0.0]])),
     )
     with pytest.raises(
-        ValueError, match="cannot merge Belief and InputBelief: they are of different filters"
+        ValueError,
+        match="cannot merge Belief and ObservedInputBelief: they are of different filters",
     ):
         one.init(prior).with_rows(np.array([True, False]), other.init(prior)[:1])
 
@@ -301,7 +264,8 @@ def test_beliefs_of_different_filters_do_not_merge():
 def test_a_belief_of_another_family_is_refused_in_one_sentence():
     prior, model = Gaussian(np.zeros((2, 2)), I2), _linear(G=[[1.0], [0.0]], H=[[1.0], [0.0]])
     with pytest.raises(
-        TypeError, match=r"belief must be of type InputBelief, got Belief: begin with init\(prior\)"
+        TypeError,
+        match=r"belief must be of type ObservedInputBelief, got Belief: begin with init\(prior\)",
     ):
         make("kf-umv-ui", model).predict(make("kf", model).init(prior))
 
@@ -333,100 +297,6 @@ def test_a_reset_of_some_rows_leaves_the_others_as_if_nothing_had_happened(case:
     assert_same(following[mask], filter.update(filter.predict(fresh, u[mask]), y[mask]), 1e-13)
 
 
-# --- recovery -------------------------------------------------------------------------------------
-
-
-def _lose(belief: Belief, row: int, how: str) -> Belief:
-    mean, cov = belief.mean.copy(), belief.cov.copy()
-    if how.startswith("mean"):
-        mean[row, 0] = np.inf if how.endswith("infinite") else np.nan
-    else:
-        cov[row] = np.inf if how.endswith("infinite") else np.nan
-    return belief.replace(mean=mean, cov=cov)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "how", ["mean not a number", "mean infinite", "cov not a number", "cov infinite"]
-)
-@one_of_each("deterministic")
-def test_a_lost_row_begins_again_from_its_prior_and_the_newest_measurement(case: Case, how: str):
-    system = case.system(0)
-    filter, predicted, y, u = _run(case, 4)
-    told = {
-        "available": np.arange(y.shape[-1]) != np.array([[5], [5], [0], [5]]),
-        "R": 3.0 * system.model.R,
-    }
-    recovered = filter.update(_lose(predicted, 2, how), y, **told)
-    for name, array in arrays(recovered).items():
-        assert np.isfinite(array).all(), name
-    np.testing.assert_array_equal(recovered.healthy, [True, True, False, True])
-    others = np.array([True, True, False, True])
-    given = predicted.replace(
-        mean=predicted.mean.copy(), cov=predicted.cov.copy()
-    )  # begins a window anew, as above
-    assert_same(recovered[others], filter.update(given, y, **told)[others], 1e-13)
-    alone = told | {"available": told["available"][2:3]}
-    fresh = filter.update(filter.init(system.rows(1)).replace(u=u[2:3]), y[2:3], **alone)
-    assert_same(recovered[2:3], fresh, 1e-13, ignore=["recovery", "u"])
-    following = filter.update(filter.predict(recovered, u), y)
-    assert following.healthy.all()
-    assert_same(
-        following[2:3], filter.update(filter.predict(fresh, u[2:3]), y[2:3]), 1e-12, ignore=["u"]
-    )
-
-
-@one_of_each("deterministic")
-def test_a_single_lost_belief_without_batch_axes_recovers_too(case: Case):
-    system = case.system(0)
-    filter = case.make(system.model)
-    u, y = np.zeros(system.m), np.zeros(system.model.p)
-    predicted = filter.predict(filter.init(system.prior), u)
-    recovered = filter.update(predicted.replace(mean=np.full(system.model.n, np.nan)), y)
-    assert recovered.mean.shape == (system.model.n,)
-    assert not recovered.healthy
-    assert_same(
-        recovered,
-        filter.update(filter.init(system.prior).replace(u=u), y),
-        1e-13,
-        ignore=["recovery"],
-    )
-
-
-@one_of_each("deterministic")
-def test_a_known_input_that_is_not_finite_loses_no_more_than_its_row_and_step(case: Case):
-    filter, predicted, y, u = _run(case, 4)
-    u = u.copy()
-    u[1] = np.nan
-    with np.errstate(all="ignore"):
-        belief = filter.update(filter.predict(filter.update(predicted, y), u), y)
-    np.testing.assert_array_equal(belief.healthy, [True, False, True, True])
-    assert np.isfinite(belief.mean).all()
-    assert np.isfinite(belief.cov).all()
-
-
-@pytest.mark.parametrize(
-    "name", ["kf", "ekf", "iekf", "ukf", "huber-kf", "robust-kf", *UNKNOWN_INPUT]
-)
-def test_measurements_that_contradict_each_other_without_noise_raise_nothing_and_leave_no_nan(
-    name: str,
-):
-    """Two perfect sensors of the same state: their innovation covariance is singular, at the prior as later."""
-    unknown = {"G": [[1.0], [0.5]]} if name in UNKNOWN_INPUT else {}
-    if name == "kf-umv-ui":
-        unknown["H"] = [[0.0], [0.0], [1.0]]
-    model = LinearModel(
-        A=I2, C=[[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]], Q=I2, R=np.zeros((3, 3)), **unknown
-    )
-    filter = make(name, model)
-    belief = filter.init(Gaussian(np.zeros((2, 2)), I2))
-    for _ in range(3):
-        belief = filter.update(filter.predict(belief), [[1.0, 2.0, 3.0], [1.0, np.nan, 3.0]])
-        for field, array in arrays(belief).items():
-            assert np.isfinite(array).all(), field
-        np.testing.assert_array_equal(belief.healthy, [False, True])
-
-
 # --- angles ---------------------------------------------------------------------------------------
 
 
@@ -451,8 +321,8 @@ def test_the_innovation_of_an_angle_takes_the_short_way_round(name: str):
 
 
 def test_a_measurement_that_is_no_angle_is_not_wrapped():
-    belief = make("kf", _linear(measurement_angles=(1,))).init(Gaussian([10.0, 10.0], I2))
-    innovation = make("kf", _linear(measurement_angles=(1,))).update(belief, [0.0, 0.0]).innovation
+    filter = make("kf", _linear(measurement_angles=(1,)))
+    innovation = filter.update(filter.init(Gaussian([10.0, 10.0], I2)), [0.0, 0.0]).innovation
     np.testing.assert_allclose(innovation, [-10.0, 4.0 * np.pi - 10.0], rtol=0, atol=1e-14)
 
 
@@ -504,16 +374,6 @@ def test_without_feedthrough_the_first_measurement_after_the_prior_shows_no_inpu
     np.testing.assert_array_equal(first.input_observed, 0.0)
     np.testing.assert_array_equal(first.input_mean, 0.0)
     np.testing.assert_allclose(first.input_cov, [[INPUT_PRIOR]], rtol=1e-14)
-    # A row that has just begun beside one that runs: each is treated as what it is.
-    running = filter.predict(first, np.zeros(system.m))
-    fresh = filter.init(system.prior).replace(u=np.zeros(system.m))
-    both = running.replace(
-        **{name: np.stack([array, arrays(fresh)[name]]) for name, array in arrays(running).items()}
-    )
-    after = filter.update(both, y)
-    np.testing.assert_array_equal(after.input_observed[:, 0, 0], [1.0, 0.0])
-    assert_same(after[0], filter.update(running, y), 1e-12)
-    assert_same(after[1], filter.update(fresh, y), 1e-12)
 
 
 # --- kf with the variance of its unknown input ----------------------------------------------------

@@ -1,9 +1,11 @@
-"""Filters whose equations are compiled: they are what NumPy computes, for every row by itself."""
+"""One source of every filter's equations: compiled, in NumPy, and with a user's model that is NumPy."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from estimators import Gaussian, LinearModel, RandomKeys, Schedule, make
+from estimators import Gaussian, LinearModel, NonlinearModel, RandomKeys, Schedule, make
 from tests.estimators.cases import (
     Case,
     assert_same,
@@ -14,21 +16,50 @@ from tests.estimators.cases import (
 )
 
 
-@one_of_each("deterministic")
-def test_a_compiled_filter_is_the_same_source_over_numpy(case: Case):
-    """Step by step from the same belief, with gaps: no further apart than their rounding."""
+def _row_by_row(f):
+    """A function that nothing can trace: it makes a Python list of rows, of which each is an array."""
+
+    def rows(x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        u = np.broadcast_to(u, x.shape[:-1] + u.shape[-1:])
+        found = [f(x[row], u[row]) for row in np.ndindex(x.shape[:-1])]
+        return np.array([each.tolist() for each in found]).reshape(*x.shape[:-1], *found[0].shape)
+
+    return rows
+
+
+def _in_numpy(case: Case, model: LinearModel) -> LinearModel | NonlinearModel:
+    """The model as a user writes it: functions of NumPy, matrices for filters of linear models."""
+    A, B, C = model.A, model.B, model.C
+    if case.name in ("kf", "kf-umv-ui-wdf", "ulise"):
+        looked_up = _row_by_row(lambda u, _: A)
+        return replace(model, A=lambda u: looked_up(u, u))
+    return NonlinearModel(
+        _row_by_row(lambda x, u: A @ x + B @ u), _row_by_row(lambda x, u: C @ x),
+        model.Q, model.R, G=model.G, H=model.H,
+        transition_jacobian=lambda x, u: A, measurement_jacobian=lambda x, u: C,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("of_a_user", [False, True])
+@one_of_each("linear")
+def test_every_filter_is_what_numpy_computes_whether_it_or_the_model_is_compiled(
+    case: Case, of_a_user: bool
+):
+    """Step by step from one belief, with gaps: no further apart than their rounding."""
     system = case.system(3)
-    compiled, plain = (case.make(system.model) for _ in range(2))
-    if not compiled.formulas:
-        pytest.skip("it is NumPy, and nothing else")
-    plain._programs = None
-    record = simulate(system, 3, runs=70, steps=12)
-    available = some_measurements(np.random.default_rng(3), compiled.model.p, 12, 70)
-    belief = compiled.init(system.rows(70))
-    for u, y, mask in zip(record.u, record.y, available, strict=True):
-        after = [f.predict(belief, u) for f in (compiled, plain)]
-        assert_same(*after, 1e-12)
-        belief, other = (f.update(after[0], y, available=mask) for f in (compiled, plain))
+    plain = make(case.name, system.model, **case.options)
+    plain.compiled = False
+    model = _in_numpy(case, system.model) if of_a_user else system.model
+    filter, rows = make(case.name, model, **case.options), 12
+    record, keys = simulate(system, 3, rows, 12), RandomKeys.seeded(range(rows))
+    available = some_measurements(np.random.default_rng(3), model.p, 12, rows)
+    belief = filter.init(system.rows(rows), rng=keys)
+    for k, (u, y, mask) in enumerate(zip(record.u, record.y, available, strict=True)):
+        after = [f.predict(belief, u, rng=keys.at(k)) for f in (filter, plain)]
+        assert_same(*after, 1e-11)
+        belief, other = (
+            f.update(after[0], y, rng=keys.at(k), available=mask) for f in (filter, plain)
+        )
         # how much rounding a measurement's covariance magnifies
         condition = max(10.0, float(np.linalg.cond(belief.innovation_cov).max()))
         assert_same(belief, other, 1e-12 * condition)

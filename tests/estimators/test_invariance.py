@@ -1,4 +1,4 @@
-"""No estimate depends on the convention of an angle's zero and the origin of coordinates.
+"""No estimate depends on the zero of an angle or the origin of coordinates, which are conventions.
 
 Both are moved for every filter, with functions that wrap their angles at the cut that results, and
 the estimates are moved back. What is left is rounding: a state at 5e6 m has digits of 1e-9 m.
@@ -31,7 +31,7 @@ LINEAR = ("kf", "kf-umv-ui", "kf-umv-ui-wdf", "ulise")
 
 
 def _moved(system: System, origin: np.ndarray, zero: float) -> System:
-    """A vehicle's system with its origin at ``-origin`` and headings counted from ``-zero``."""
+    """A vehicle's system with its origin at ``-origin`` and its headings counted from ``-zero``."""
     model = system.model
     shift = np.array([*origin, zero, 0.0])
 
@@ -69,7 +69,7 @@ def _flown(system: System, name: str, record: Record, zero: float) -> list[Belie
 
 
 def _apart(one: list[Belief], other: list[Belief], shift: np.ndarray) -> float:
-    """Largest difference of two series of beliefs less ``shift``, in deviations of the first."""
+    """The largest difference of two series of beliefs, less ``shift``, in standard deviations."""
     worst = 0.0
     for a, b in zip(one, other, strict=True):
         sd = np.sqrt(np.diagonal(a.cov, axis1=-2, axis2=-1))
@@ -79,7 +79,7 @@ def _apart(one: list[Belief], other: list[Belief], shift: np.ndarray) -> float:
         worst = max(worst, float(np.abs(error / sd).max()), float(spread.max()))
         if a.input_mean is not None:
             worst = max(worst, float(np.abs(b.input_mean - a.input_mean).max()))
-        np.testing.assert_array_equal(b.recovery, a.recovery)
+        np.testing.assert_array_equal(b.healthy, a.healthy)
     return worst
 
 
@@ -116,9 +116,11 @@ def test_the_estimate_does_not_depend_on_the_origin_of_coordinates(name: str):
 def test_a_linear_filter_does_not_depend_on_zero_and_origin(name: str, zero: float):
     # Headings do not move the place here: the model must be the same wherever zero is.
     model = LinearModel(
-        A=np.eye(4) + 0.1 * np.eye(4, k=3), C=np.eye(4)[:3], Q=1e-2 * np.eye(4), R=np.diag([0.1, 1e-3, 1e-2]),
+        A=np.eye(4) + 0.1 * np.eye(4, k=3), C=np.eye(4)[:3], Q=1e-2 * np.eye(4),
+        R=np.diag([0.1, 1e-3, 1e-2]),
         B=np.zeros((4, 1)), G=[[0.0], [0.0], [0.1], [0.0]],
-        H=[[0.0], [0.0], [1.0]] if name == "kf-umv-ui" else None, state_angles=(2,), measurement_angles=(2,),
+        H=[[0.0], [0.0], [1.0]] if name == "kf-umv-ui" else None,
+        state_angles=(2,), measurement_angles=(2,),
     )  # fmt: skip
     system = System(model, np.array([0.0, 0.0, 3.0, 1.0]), np.diag([0.5, 0.5, 0.2, 0.1]), 1)
     record, shift = simulate(system, 1, 8, 12), np.array([*FAR, zero, 0.0])

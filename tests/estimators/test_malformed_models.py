@@ -15,8 +15,10 @@ I2 = np.eye(2)
 @pytest.mark.parametrize("value", [10**400, np.array([1.0, 2.0])], ids=["too large", "an array"])
 @pytest.mark.parametrize(
     ("name", "option"),
-    [("ukf", "alpha"), ("ukf", "beta"), ("ukf", "kappa"), ("enkf", "members"), ("enkf", "inflation"),
-     ("etkf", "draws"), ("huber-kf", "gamma"), ("huber-kf", "iterations"), ("huber-kf", "tolerance"),
+    [("ukf", "alpha"), ("ukf", "beta"), ("ukf", "kappa"), ("enkf", "members"),
+     ("enkf", "inflation"),
+     ("etkf", "draws"), ("huber-kf", "gamma"), ("huber-kf", "iterations"),
+     ("huber-kf", "tolerance"),
      ("robust-kf", "radius"),
      ("iekf", "iterations"), ("iekf", "tolerance"),
      ("pf", "particles"), ("pf", "threshold"), ("pf", "jitter")],

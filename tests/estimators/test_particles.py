@@ -16,7 +16,6 @@ from estimators import (
     NonlinearModel,
     ParticleFilter,
     RandomKeys,
-    Recovery,
     make,
 )
 from estimators.particles import systematic
@@ -211,10 +210,9 @@ def test_a_measurement_that_no_particle_explains_is_left_out_alone():
         y, mask = record.y[1].copy(), np.ones((3, 3), bool)
         y[1, 2], mask[1, 2] = absurd, False
         updated = filter.update(belief, y, rng=numbers)
-        np.testing.assert_array_equal(updated.recovery, [0, Recovery.WITHOUT_CHANNEL, 0])
         np.testing.assert_array_equal(updated.available, mask)
         expected = filter.update(belief, y, rng=numbers, available=mask)
-        assert_same(updated, expected, 1e-12, ignore=["recovery"])
+        assert_same(updated, expected, 1e-12)
         y[1] = absurd
         nothing = filter.update(belief, y, rng=numbers)
         assert nothing.log_likelihood[1] == 0.0
@@ -244,8 +242,8 @@ def test_a_measurement_without_noise_is_left_out_and_a_model_of_one_refused():
     filter, numbers = make("pf", model, particles=50), _numbers(0)[0]
     belief = filter.init(Gaussian(np.zeros(2), np.eye(2)), rng=numbers)
     updated = filter.update(belief, [1.0, 1.0], numbers, R=R)
-    np.testing.assert_array_equal(updated.available, [True, False])
-    assert updated.recovery == Recovery.WITHOUT_CHANNEL
+    masked = filter.update(belief, [1.0, 1.0], numbers, available=[True, False])
+    assert_same(updated, masked)
 
 
 def test_particles_that_leave_the_domain_of_the_model_are_left_behind():
@@ -258,11 +256,11 @@ def test_particles_that_leave_the_domain_of_the_model_are_left_behind():
         predicted = filter.predict(belief, rng=numbers.at(1))
         updated = filter.update(predicted, [[0.0], [0.0]], rng=numbers.at(1))
     assert (np.exp(predicted.log_weights[0]) == 0.0).mean() == share
-    assert np.isnan(
-        predicted.mean[1]
-    ).all()  # nothing is left of this row, which begins again from its prior
+    # Nothing is left of the second row, which keeps what it had.
+    np.testing.assert_array_equal(predicted.healthy, [True, False])
+    np.testing.assert_array_equal(predicted.mean[1], belief.mean[1])
     assert updated.healthy[0]
-    assert updated.recovery[1] >= Recovery.WITHOUT_CHANNEL
+    np.testing.assert_array_equal(updated.available, [[True], [False]])
     for name, array in arrays(updated).items():
         assert np.isfinite(array).all(), name
 

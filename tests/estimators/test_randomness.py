@@ -1,4 +1,4 @@
-"""Random numbers as functions of keys: published words and the laws of their distribution.
+"""Random numbers as functions of their keys: published words and the laws of their distribution.
 
 Statistical tests have fixed seeds and a false-alarm rate of 1e-6 each.
 """
@@ -104,7 +104,7 @@ def test_normal_numbers_have_the_moments_and_the_distribution_of_the_normal(kind
 
 @pytest.mark.parametrize("kind", ["normals", "members"])
 def test_neighbours_are_independent(kind: str):
-    """Rows, steps or members, components, a little apart: in the numbers and their squares."""
+    """Of rows, steps or members, and components, a little apart; numbers and their squares."""
     z = drawn(kind)
     for values, sd in ((z, 1.0), (z**2 - 1.0, 2.0)):
         for axis in range(3):

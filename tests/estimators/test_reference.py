@@ -58,7 +58,7 @@ def test_wdf_steady_gain_gives_the_same_covariance_through_the_error_equation():
 
 @pytest.mark.parametrize("name", KALMAN)
 def test_a_random_walk_settles_at_the_golden_ratio(name: str):
-    """With Q = R = 1 the predicted variance solves P^2 = P + 1, and the gain is P / (P + 1) = 1 / P."""
+    """With Q = R = 1 the predicted variance solves P^2 = P + 1; the gain is P / (P + 1) = 1 / P."""
     filter = make(name, LinearModel(A=[[1.0]], C=[[1.0]], Q=[[1.0]], R=[[1.0]]))
     belief = filter.init(Gaussian([0.0], [[5.0]]))
     for _ in range(60):

@@ -48,7 +48,8 @@ def test_ukf_agrees_with_filterpy(seed: int, points: dict[str, float]):
     model, rng = _nonlinear(seed), np.random.default_rng(seed)
     weights = {"alpha": 1.0, "beta": 2.0, "kappa": 0.0, **points}
     other = FilterPyUnscented(
-        3, 2, dt=1.0, fx=lambda x, dt, u: model.transition(x, u), hx=lambda x: model.measurement(x, None),
+        3, 2, dt=1.0, fx=lambda x, dt, u: model.transition(x, u),
+        hx=lambda x: model.measurement(x, None),
         points=MerweScaledSigmaPoints(3, **weights),
     )  # fmt: skip
     filter = make("ukf", model, **points)
@@ -87,7 +88,7 @@ SQUARE = make(
 @settings(derandomize=True, max_examples=40, deadline=None)
 @given(mean=st.floats(-3.0, 3.0), variance=st.floats(1e-3, 4.0))
 def test_mean_and_variance_of_a_square_are_exact(mean: float, variance: float):
-    """Mean m^2 + P and variance 4 m^2 P + 2 P^2: exact with kappa = 3 - n and beta = 0."""
+    """Mean m^2 + P and variance 4 m^2 P + 2 P^2: with kappa = 3 - n and beta = 0, exactly."""
     filter = SQUARE
     belief = filter.init(Gaussian([mean], [[variance]]))
     squared = 4.0 * mean**2 * variance + 2.0 * variance**2
@@ -137,7 +138,7 @@ def test_every_transform_that_is_accepted_gives_covariances(
 
 
 def test_close_points_lose_no_digits_to_their_large_weights():
-    """Points at 1e-3 have weights of 1e6; the result is a Jacobian's but for second order in P."""
+    """Weights are 1e6, of both signs; the result is a Jacobian's but for the second order in P."""
     model = _nonlinear(0)
     model = dataclasses.replace(model, Q=1e-6 * model.Q, R=1e-6 * model.R)
     rng = np.random.default_rng(0)
@@ -182,7 +183,7 @@ def test_a_belief_without_variance_in_some_directions_is_carried_on_as_by_the_ka
 
 
 def test_an_unknown_input_shows_in_a_state_that_was_known_exactly():
-    """Without variance along G the points do not spread, but C must be the derivative there."""
+    """Without variance along G the points do not spread, but C is the derivative there."""
     model = LinearModel(
         A=[[1.0, 0.1], [0.0, 1.0]],
         C=np.eye(2),

@@ -458,7 +458,7 @@ def test_a_filter_s_noise_follows_what_it_expects_one_row_is_as_many_and_nature_
             history.append(core.info())
         flown[estimator, rows] = history
         assert core.belief.healthy.all()
-        R = core.filter._own_R(core.belief) if estimator == "ekf" else None
+        R = core.filter.expect(core.belief, core.belief.u)[2] if estimator == "ekf" else None
         if R is not None:
             expected = core.filter.model.measurement(core.belief.mean, core.belief.u)
             np.testing.assert_allclose(R[:, -1, -1], growing(expected[:, -1]) ** 2, rtol=1e-12)

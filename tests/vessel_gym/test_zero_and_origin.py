@@ -189,7 +189,7 @@ def apart(told: Episode, axes: Axes, one: list[Belief], other: list[Belief]) -> 
                 )
             np.testing.assert_array_equal(b.interval, a.interval)
         worst = max(worst, *(float(np.abs(part).max()) for part in found))
-        np.testing.assert_array_equal(b.recovery, a.recovery)
+        np.testing.assert_array_equal(b.healthy, a.healthy)
     return worst
 
 

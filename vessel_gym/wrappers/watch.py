@@ -80,7 +80,7 @@ class Watch:
         for name in ("transition", "measurement"):
             repeated(f"{name} of the model", getattr(model, name), prior.mean, u)
         self.model, self._suite = model, isinstance(sensors, str)
-        self.sensors = _sensors(model, sensors, np.array(prior.mean), u, sensor_faults, dt)
+        self.sensors = _sensors(model, sensors, len(u), sensor_faults, dt)
         model = replace(
             cast(Any, model), R=self.sensors.noise(partial(_expected, self.sensors), prior.mean, u)
         )
@@ -450,12 +450,15 @@ def _checked_passes(space: Space, passes: Sequence[Any], observe: str) -> tuple[
 
 
 def _sensors(
-    model: Model, sensors: str | Sequence[Sensor], x: np.ndarray, u: np.ndarray, faults: Sequence[SensorFault],
+    model: Model,
+    sensors: str | Sequence[Sensor],
+    inputs: int,
+    faults: Sequence[SensorFault],
     dt: float,
-) -> Sensors:  # fmt: skip
+) -> Sensors:
     """Sensors that read what the model says that there is to read, in a quality; or somebody's own.
 
-    The model is asked what it reads of the state ``x (n,)`` under the known input ``u (m,)``.
+    The model has so many known ``inputs``.
     """
     states = tuple(f"x{i}" for i in range(model.n))
     if isinstance(sensors, str):
@@ -466,19 +469,14 @@ def _sensors(
                 "sensors read with independent noise: give the model a diagonal R, or sensors of"
                 " your own"
             )
-        sd, reads = np.sqrt(np.diagonal(R)), np.shape(model.measurement(x, u))
-        if reads != sd.shape:
-            raise ValueError(
-                f"the model's R is for {len(sd)} measurements, its measurement gives shape {reads}"
-                " of a state"
-            )
+        sd = np.sqrt(np.diagonal(R))
         sensors = suite.of(
             [
                 Sensor(f"y{i}", (f"y{i}",), partial(_channel, model, i), (float(one),))
                 for i, one in enumerate(sd)
             ]
         )
-    made = Sensors(sensors, states, tuple(f"u{i}" for i in range(len(u))), dt, faults)
+    made = Sensors(sensors, states, tuple(f"u{i}" for i in range(inputs)), dt, faults)
     if made.bias.size:
         raise ValueError("sensors here have no bias: make it a state of the model")
     if made.size != model.p:

@@ -8,16 +8,8 @@ import numpy as np
 
 from agents.controllers.dive import DiveAutopilot
 from agents.jobs import Job
-from estimators import (
-    EnsembleBelief,
-    EnsembleTransformFilter,
-    Filter,
-    Measurement,
-    Model,
-    Rng,
-    make,
-)
-from estimators.analysis import covariance
+from estimators import EnsembleTransformFilter, Filter, Model, make
+from estimators.ensemble import analysed
 from estimators.linalg import cholesky
 from studies.papers.dive import Experiment, channel_sd, own_step, rms
 from vessel_gym.envs.auv import ITSUNUSA_AUV
@@ -99,27 +91,21 @@ class PublishedSquareRootFilter(EnsembleTransformFilter):
 
     def __init__(self, model: Model, members: int) -> None:
         super().__init__(model, members, draws="independent")
-        self.sequential = False
 
-    def _update(self, belief: EnsembleBelief, measurement: Measurement, rng: Rng) -> EnsembleBelief:
-        symmetric = super()._update(belief, measurement, rng)
-        before, _, Y, _, available, _ = self._moments(belief, measurement)
-        S: Any = symmetric.innovation_cov
-        X = (
-            np.linalg.inv(cholesky(S))
-            @ np.where(available[..., None], Y, 0.0)
-            / np.sqrt(self.members - 1)
-        )
+    def _update(
+        self, belief: Any, u: Any, e: Any, Y: Any, R: Any, available: Any, *more: Any
+    ) -> Any:
+        symmetric = super()._update(belief, u, e, Y, R, available, *more)
+        S = symmetric["innovation_cov"]
+        X = np.linalg.inv(cholesky(S)) @ Y / np.sqrt(self.members - 1)
         X[~np.isfinite(X).all((-2, -1))] = 0.0  # rows without a finite mean are lost anyway
         _, s, Vt = np.linalg.svd(X)
         scale = np.ones((*X.shape[:-2], self.members))
         scale[..., : s.shape[-1]] = np.sqrt(np.maximum(1.0 - s**2, 0.0))
-        anomalies = scale[..., None] * (Vt @ (before - belief.mean[..., None]).mT)  # (..., N, n)
-        members = np.ascontiguousarray(symmetric.mean[..., None] + anomalies.mT)
-        mean = members.mean(-1)
-        return EnsembleBelief.updated(
-            belief, mean, covariance(members, mean), measurement, S, ensemble=members.mT
-        )
+        # (..., N, n)
+        anomalies = scale[..., None] * (Vt @ (belief.members - belief.mean[..., None]).mT)
+        members = np.ascontiguousarray(symmetric["mean"][..., None] + anomalies.mT)
+        return analysed(members.mean(-1), members, S)
 
 
 def _filter(experiment: Experiment, form: str, members: int) -> Filter:
