@@ -268,7 +268,7 @@ class Filter(ABC, Generic[Record]):
             as_covariance("R", masked(R, arrived))
         if u is not None:
             belief = belief.replace(u=self._known(u, batch))
-        if self.input_delay is not None and belief.available.any():
+        if self.input_delay is not None and self._was_updated(belief):
             raise ValueError(
                 f"{self.name} takes one update a step: join the measurements, NaN or masked where"
                 " none came"
@@ -479,6 +479,10 @@ class Filter(ABC, Generic[Record]):
             for name in each[0]
             if each[0][name] is not None
         }
+
+    def _was_updated(self, belief: Any) -> bool:
+        """Has an update of this step told something of the unknown input?"""
+        return bool(belief.available.any())
 
     def _repaired(self, belief: Record, u: Any, y: Any, rng: Rng) -> Record:
         """The belief of lost rows from which a prediction, y None, or an update starts again."""

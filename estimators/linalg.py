@@ -22,7 +22,7 @@ def identity(n: int) -> np.ndarray:
 
 def symmetrise(a: np.ndarray) -> np.ndarray:
     """The symmetric part of ``(..., n, n)``, so that rounding never accumulates."""
-    return linear.symmetrise(a) if is_traced(a) else 0.5 * (a + a.mT)
+    return 0.5 * (a + a.mT)
 
 
 def congruence(a: np.ndarray, p: np.ndarray) -> np.ndarray:

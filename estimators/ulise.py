@@ -87,9 +87,9 @@ class ULISE(DelayedInputFilter):
             )
 
     def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
-        return super()._begin(mean, cov, rng) | self._nothing_shown(mean)
+        return super()._begin(mean, cov, rng) | self._unseen_feedthrough(mean)
 
-    def _nothing_shown(self, mean: np.ndarray) -> Changes:
+    def _unseen_feedthrough(self, mean: np.ndarray) -> Changes:
         """Arrays about the input that acts now, before its first measurement."""
         n, q, rows = self.model.n, self.model.q, mean.shape[:-1]
         return {
@@ -113,7 +113,7 @@ class ULISE(DelayedInputFilter):
         drive = joined([joined([A, G], -1), np.eye(q, n + q, n)], -2)
         joint = congruence(drive, joint)
         reach = drive @ reach + joined([G, identity(q)], -2) @ (identity(q) - observed)
-        return self._nothing_shown(mean) | {
+        return self._unseen_feedthrough(mean) | {
             "mean": mean + np.matvec(G, belief.feedthrough_mean),
             "cov": symmetrise(joint[..., :n, :n] + Q),
             "input_mean": belief.feedthrough_mean,
@@ -163,7 +163,7 @@ class ULISE(DelayedInputFilter):
         cov = congruence(errors, joint) + congruence(Z, R)
         cov = cov + congruence(past, self._open(observed)) + congruence(present, self._open(now))
         cov = symmetrise(cov)
-        shown = joined([present[..., :n, :], present[..., n + q :, :]], -2)
+        carried = joined([present[..., :n, :], present[..., n + q :, :]], -2)
         return {
             "mean": belief.mean + correction[..., :n],
             "cov": cov[..., :n, :n],
@@ -173,7 +173,7 @@ class ULISE(DelayedInputFilter):
             "state_input_cov": cov[..., :n, n : n + q],
             "input_observed": observed,
             "pending": np.zeros(belief.pending.shape, bool),
-            "input_reach": shown @ (identity(q) - now),
+            "input_reach": carried @ (identity(q) - now),
             "feedthrough_mean": correction[..., n + q :],
             "feedthrough_cov": cov[..., n + q :, n + q :],
             "state_feedthrough_cov": cov[..., :n, n + q :],

@@ -71,7 +71,7 @@ class UnknownInputFilter(Filter[Any]):
     def _predict(self, belief: Any, u: Any, mean: Any, A: Any, Q: Any, *more: Any) -> Changes:
         return driven(belief, mean, A, Q, *more) | self._unseen(mean)
 
-    def _shown(self, belief: Any, C: Any, H: Any) -> tuple[Any, Any]:
+    def _effect(self, belief: Any, C: Any, H: Any) -> tuple[Any, Any]:
         """F ``(..., p, q)`` of the input in a measurement, and how it moved the state ``(..., n, q)``."""
         return H, np.zeros((self.model.n, self.model.q))
 
@@ -80,7 +80,7 @@ class UnknownInputFilter(Filter[Any]):
     ) -> Changes:
         """State and input together, of ``x = x- + G d`` and ``e = C x~- + F d + v``."""
         n, q = self.model.n, self.model.q
-        F, G = self._shown(belief, C, *more)
+        F, G = self._effect(belief, C, *more)
         CP = C @ belief.cov
         S = CP @ C.mT + R
         solved, share = self._solved(S, joined([CP, F], -1), F)
@@ -137,7 +137,7 @@ class UnknownInputFilter(Filter[Any]):
 
     def _observable_input(self, belief: Any, C: Any, H: Any) -> np.ndarray:
         """F of a measurement in units of the input's prior ``(..., p, k)``, k a multiple of q."""
-        return self._shown(belief, C, H)[0] @ self._root
+        return self._effect(belief, C, H)[0] @ self._root
 
     def log_likelihood(self, predicted: Any, updated: Any) -> np.ndarray:
         """The diffuse log likelihood ``(...)`` of a measurement: integrated over the unknown input.
@@ -241,12 +241,12 @@ class DelayedInputFilter(UnknownInputFilter):
     reversible = True
 
     def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
-        begun = self._unseen(mean)
+        unseen = self._unseen(mean)
         if self.model.delayed_feedthrough:  # no input has acted yet: d(-1) is known to be 0
-            begun["input_cov"] = np.zeros(begun["input_cov"].shape)
-            begun["input_observed"] = begun["input_observed"] + identity(self.model.q)
-        begun["pending"] = np.zeros(mean.shape[:-1], bool)
-        return begun | {"input_matrix": np.zeros(begun["state_input_cov"].shape)}
+            unseen["input_cov"] = np.zeros(unseen["input_cov"].shape)
+            unseen["input_observed"] = unseen["input_observed"] + identity(self.model.q)
+        unseen["pending"] = np.zeros(mean.shape[:-1], bool)
+        return unseen | {"input_matrix": np.zeros(unseen["state_input_cov"].shape)}
 
     def _predict(self, belief: Any, u: Any, mean: Any, A: Any, Q: Any, *more: Any) -> Changes:
         (G,) = more
@@ -269,7 +269,12 @@ class DelayedInputFilter(UnknownInputFilter):
             updated["input_observed"] = observed + (1.0 - acted) * identity(q)
         return updated | {"pending": np.zeros(belief.pending.shape, bool)}
 
-    def _shown(self, belief: Any, C: Any, H: Any) -> tuple[Any, Any]:
+    def _was_updated(self, belief: Any) -> bool:
+        # An update without measurements leaves the input to its prior, which has moved the state.
+        open_input = ~belief.pending & belief.state_input_cov.any((-2, -1))
+        return super()._was_updated(belief) or bool(open_input.any())
+
+    def _effect(self, belief: Any, C: Any, H: Any) -> tuple[Any, Any]:
         drive = belief.input_matrix * waiting(belief)
         F = C @ belief.input_matrix
         return (F + H if self.model.delayed_feedthrough else F) * waiting(belief), drive

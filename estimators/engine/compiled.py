@@ -9,60 +9,53 @@ import numpy as np
 from estimators.engine.arrays import TracedArray, entries
 from estimators.engine.function import Argument, Function, unlike
 from estimators.engine.matching import in_memory
-from estimators.engine.matrices import MatrixTracer, is_mask, matrix_input
+from estimators.engine.matrices import MatrixTracer, is_traced, matrix_input
 from estimators.engine.program import Program
 from estimators.engine.tracer import Tracer, cast
 
 
 def trace(
-    function: Callable[..., Any], rows: Sequence[Argument], matrices: bool = False
+    function: Callable[..., Any], rows: Sequence[Argument | None], matrices: bool = False
 ) -> tuple[Function, bool]:
     """A function of arrays, traced for rows of some shapes; and whether it gives several results.
 
     Args:
         function: Pure; it gets tracers of a row of each argument.
-        rows: The arguments.
+        rows: The arguments; None stands for itself.
         matrices: Do vectors and matrices stand for themselves (`MatrixTracer`), and not for their
             entries?
 
     Raises:
         NotTraceable: if it does what a traced function cannot do.
     """
-    program = Program()
-    results = function(*(given(program, i, row, matrices) for i, row in enumerate(rows)))
+    program, arguments = Program(), [row for row in rows if row is not None]
+    tracers = (given(program, i, row, matrices) for i, row in enumerate(arguments))
+    results = function(*(None if row is None else next(tracers) for row in rows))
     several = isinstance(results, tuple | list)
-    return (
-        Function(
-            program, rows, [output(program, each) for each in (results if several else [results])]
-        ),
-        several,
-    )
+    outputs = [_output(program, each) for each in (results if several else [results])]
+    return Function(program, arguments, outputs), several
 
 
-def given(
-    program: Program, argument: int, row: Argument, matrices: bool = False, at: tuple[int, ...] = ()
-) -> Any:
-    """Stand-in for a row of an argument; ``at`` is its place, of one of several rows."""
+def given(program: Program, argument: int, row: Argument, matrices: bool = False) -> Any:
+    """Stand-in for a row of an argument."""
     if matrices and row.kind in "fb":
         return matrix_input(program, argument, 0, row.shape, row.kind)
     scalars = np.empty(row.size, object)
     for column in range(row.size):
-        scalars[column] = Tracer(
-            program, program.add("input", (), row.kind, None, (argument, column, *at))
-        )
+        value = program.add("input", (), row.kind, None, (argument, column))
+        scalars[column] = Tracer(program, value)
     return scalars.reshape(row.shape).view(TracedArray)
 
 
-def output(program: Program, result: Any) -> tuple[list[Any], Argument]:
+def _output(program: Program, result: Any) -> tuple[list[Any], Argument]:
     """The scalars or the matrix of a result, and its row."""
     if isinstance(result, MatrixTracer):
-        return [result.view], Argument(result.shape, "b" if is_mask(result) else "f")
+        return [result.view], Argument(result.shape, "b" if result.mask else "f")
     scalars = entries(result, program)
     kinds = {each.kind for each in scalars}
-    if len(kinds) != 1:
-        scalars, kinds = [cast(each, "f") for each in scalars], {"f"}
-    shape = np.shape(np.asarray(result, object))
-    return [each.value for each in scalars], Argument(shape, kinds.pop())
+    kind = kinds.pop() if len(kinds) == 1 else "f"
+    shape = np.asarray(result, object).shape
+    return [cast(each, kind).value for each in scalars], Argument(shape, kind)
 
 
 class Compiled:
@@ -74,7 +67,6 @@ class Compiled:
         update_wrapper(self, function)
         self.function, self._axes, self._matrices = function, axes, matrices
         self._traced: dict[Any, tuple[Function, bool]] = {}
-        self._partial: dict[tuple[bool, ...], Compiled] = {}
         self._last: tuple[dict[str, Any], Callable[..., Any], bool] = {}, unlike, False
 
     @property
@@ -95,52 +87,29 @@ class Compiled:
         return own[self]
 
     def __call__(self, *arrays: Any, **static: Any) -> Any:
-        """The function's results for arrays; where they are tracers, traced with its caller."""
+        """Results for arrays; of tracers, what is traced with its caller."""
         constants, call, several = self._last  # as it was called last
         if static != constants or (results := call(*arrays)) is None:
             return self._call(arrays, static)
         return results if several else results[0]
 
     def _call(self, arrays: tuple[Any, ...], static: dict[str, Any]) -> Any:
-        """The same of arguments unlike the last ones."""
-        if {*map(type, arrays)} != {np.ndarray}:
-            if any(isinstance(each, TracedArray | Tracer | MatrixTracer) for each in arrays):
-                return self.function(*arrays, **static)
-            if any(each is None for each in arrays):
-                return self._without(arrays)(
-                    *(each for each in arrays if each is not None), **static
-                )
+        """Results for arguments unlike the last ones."""
+        if any(map(is_traced, arrays)):
+            return self.function(*arrays, **static)
         axes = self._axes or (1,) * len(arrays)
-        rows = list(map(in_memory, arrays))
-        key = (
-            tuple((a.shape[a.ndim - k :], a.dtype.char) for a, k in zip(rows, axes, strict=True)),
-            *static.items(),
+        held = [None if each is None else in_memory(each) for each in arrays]
+        rows = tuple(
+            None if a is None else Argument(a.shape[a.ndim - k :], a.dtype.kind)
+            for a, k in zip(held, axes, strict=True)
         )
+        key = rows, *static.items()
         if key not in self._traced:
-            each = [
-                Argument(a.shape[a.ndim - k :], a.dtype.kind)
-                for a, k in zip(rows, axes, strict=True)
-            ]
-            self._traced[key] = trace(partial(self.function, **static), each, self._matrices)
+            self._traced[key] = trace(partial(self.function, **static), rows, self._matrices)
         function, several = self._traced[key]
-        results = function.compute(rows)
+        results = function.compute([each for each in held if each is not None])
         self._last = static, function.call, several
-        return tuple(results) if several else results[0]
-
-    def _without(self, arrays: Sequence[Any]) -> "Compiled":
-        """The function of the arguments that are given, where others are None."""
-        absent = tuple(each is None for each in arrays)
-        if absent not in self._partial:
-
-            def function(*some: Any, **static: Any) -> Any:
-                rest = iter(some)
-                return self.function(*(None if none else next(rest) for none in absent), **static)
-
-            axes = self._axes and [
-                k for k, none in zip(self._axes, absent, strict=True) if not none
-            ]
-            self._partial[absent] = Compiled(function, axes, self._matrices)
-        return self._partial[absent]
+        return results if several else results[0]
 
     def __reduce__(self) -> Any:
         if (instance := self.__self__) is not None:

@@ -9,15 +9,13 @@ numbers, rounding and lookups have none.
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
-
 from estimators.engine.arrays import TracedArray, entries
 from estimators.engine.program import Instruction, NotTraceable, Program
 from estimators.engine.tracer import Tracer, operation, where
 
 _FLAT = frozenset((
     "floor", "ceil", "trunc", "rint", "greater", "greater_equal", "equal", "not_equal", "isfinite", "isnan", "cast",
-    "lookup", "lookup matrix", "bitwise_and", "bitwise_or", "bitwise_xor", "invert", "left_shift", "right_shift",
+    "lookup", "bitwise_and", "bitwise_or", "bitwise_xor", "invert", "left_shift", "right_shift",
     "remainder",
 ))  # fmt: skip
 """Opcodes whose results do not change with their operands, but for jumps."""
@@ -80,10 +78,10 @@ def tangents(outputs: Sequence[Tracer], seeds: Sequence[Tracer]) -> list[Tangent
 
 def jacobian(outputs: Any, inputs: Any) -> TracedArray:
     """Derivatives ``(*m, *n)`` of a traced array ``(*m)`` to another ``(*n)``, of which it was computed."""
-    program = TracedArray.of(inputs).flat[0].program
-    found = tangents(entries(outputs, program), list(TracedArray.of(inputs).flat))
-    rows = [[tangent.get(seed, 0.0) for seed in range(np.size(inputs))] for tangent in found]
-    return TracedArray.of(rows).reshape(np.shape(outputs) + np.shape(inputs))
+    seeds, values = TracedArray.of(inputs), TracedArray.of(outputs)
+    found = tangents(entries(values, seeds.flat[0].program), list(seeds.flat))
+    rows = [[tangent.get(seed, 0.0) for seed in range(seeds.size)] for tangent in found]
+    return TracedArray.of(rows).reshape(values.shape + seeds.shape)  # type: ignore[return-value]
 
 
 def _tangent(program: Program, instruction: Instruction, known: dict[int, Tangent]) -> Tangent:

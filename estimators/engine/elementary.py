@@ -345,41 +345,34 @@ def repeat(
         active: Mask ``(...)`` of the rows, of what is carried, that need another pass. Others keep
             what they carry, and the loop ends when there are none.
     """
-    if active is not None:
-        return _repeated(count, _masked(body, active), (active(*carried), *carried), 1)[1:]
-    return _repeated(count, body, carried, 0)
+    masked = active is not None
 
-
-def _masked(
-    body: Callable[..., Sequence[Any]], active: Callable[..., Any]
-) -> Callable[..., Sequence[Any]]:
-    """The body of a loop, for the rows of a mask that it carries first."""
-
-    def masked(going: Any, *carried: Any) -> tuple[Any, ...]:
-        after = tuple(
+    def one_pass(*before: Any) -> tuple[Any, ...]:
+        if active is None:
+            return tuple(body(*before))
+        going, *old = before
+        new = [
             np.where(
-                np.reshape(going, np.shape(going) + (1,) * (np.ndim(old) - np.ndim(going))),
-                new,
-                old,
+                np.reshape(going, np.shape(going) + (1,) * (np.ndim(a) - np.ndim(going))), b, a
             )
-            for old, new in zip(carried, body(*carried), strict=True)
-        )
-        return active(*after), *after
+            for a, b in zip(old, body(*old), strict=True)
+        ]
+        return active(*new), *new
 
-    return masked
+    if active is not None:
+        carried = active(*carried), *carried
+    if any(isinstance(each, Tracer | TracedArray) for each in carried):
+        return _traced_loop(count, one_pass, carried, masked)[masked:]
+    for _ in range(count):
+        if masked and not np.any(carried[0]):
+            break
+        carried = one_pass(*carried)
+    return carried[masked:]
 
 
-def _repeated(
-    count: int, body: Callable[..., Sequence[Any]], carried: tuple[Any, ...], masked: int
+def _traced_loop(
+    count: int, body: Callable[..., Sequence[Any]], carried: tuple[Any, ...], masked: bool
 ) -> tuple[Any, ...]:
-    if not any(
-        isinstance(np.asarray(each, object).item(0), Tracer) for each in carried if np.size(each)
-    ):
-        for _ in range(count):
-            if masked and not np.any(carried[0]):
-                break
-            carried = tuple(body(*carried))
-        return tuple(carried)
     arrays = [TracedArray.of(each) for each in carried]
     entries = [entry for array in arrays for entry in array.flat]
     program = next(each.program for each in entries if isinstance(each, Tracer))

@@ -88,6 +88,7 @@ class Module:
                 *self.functions.values(),
                 *functions,
                 "attributes #0 = { nounwind }",
+                "attributes #1 = { nounwind willreturn memory(none) }",
                 "",
             ]
         )
@@ -109,7 +110,7 @@ def _elementary(opcode: str, width: int) -> Module:
         f"define internal {given}"
         f" @{opcode}.{width}({', '.join(f'{T} %p{i}' for i in range(count))})"
     )
-    emitter.module.functions[f"@{opcode}.{width}"] = f"{head} #0 {{\nentry:\n{body}\n}}"
+    emitter.module.functions[f"@{opcode}.{width}"] = f"{head} #1 {{\nentry:\n{body}\n}}"
     return emitter.module
 
 
@@ -163,8 +164,9 @@ class Emitter:
         self._numbers: Iterator[int] = within._numbers if within else itertools.count(1)
         self._lanes: dict[int, Lanes] = within._lanes if within else {}
         self.names: dict[int, str] = {}
-        self._pairs: dict[int, str] = {}  # sine and cosine of a value
-        self.special: dict[str, Callable[[Instruction], None]] = {}
+        self.special: dict[str, Callable[[Instruction], None]] = {
+            "repeat": self._repeat, "lookup": self._lookup, "sin": self._sine_or_cosine, "cos": self._sine_or_cosine,
+        }  # fmt: skip
         self.one, self.own = self.lanes(1), self.lanes(width)
 
     # --- lines ------------------------------------------------------------------------------------
@@ -274,26 +276,15 @@ class Emitter:
 
     def block(self, instructions: Sequence[Instruction]) -> None:
         """Instructions in order."""
-        for instruction in instructions:
-            if instruction.opcode in self.special:
-                self.specially(instruction)
-            elif instruction.opcode == "repeat":
-                self._repeat(instruction)
-            elif instruction.opcode == "lookup":
-                self.names[instruction.result] = self._lookup(instruction)
-            elif instruction.opcode in ("sin", "cos"):
-                self.names[instruction.result] = self._sine_or_cosine(instruction)
-            else:
-                values: Any = instruction.operands
-                kinds = "".join(self.program.kinds[value] for value in values)
-                operands = [self.name(value) for value in values]
-                self.names[instruction.result] = self.operation(
-                    instruction.opcode,
-                    kinds,
-                    operands,
-                    self.width,
-                    self.program.kinds[instruction.result],
-                )
+        for each in instructions:
+            if each.opcode in self.special:
+                self.specially(each)
+                continue
+            values: Any = each.operands
+            kinds = "".join(self.program.kinds[value] for value in values)
+            operands = [self.name(value) for value in values]
+            kind = self.program.kinds[each.result]
+            self.names[each.result] = self.operation(each.opcode, kinds, operands, self.width, kind)
 
     def specially(self, instruction: Instruction) -> None:
         """An instruction that is more than one operation of scalars."""
@@ -356,15 +347,13 @@ class Emitter:
             )
         return x
 
-    def _sine_or_cosine(self, instruction: Instruction) -> str:
+    def _sine_or_cosine(self, instruction: Instruction) -> None:
+        """Sine and cosine are computed together; LLVM finds calls that are equal."""
         value: Any = instruction.operands[0]
-        T = type_of("f", self.width)
-        if value not in self._pairs:
-            name = self.module.elementary("sincos", self.width)
-            self._pairs[value] = self.line(f"call {{{T}, {T}}} {name}({T} {self.name(value)})")
-        return self.line(
-            f"extractvalue {{{T}, {T}}} {self._pairs[value]}, {int(instruction.opcode == 'cos')}"
-        )
+        T, name = type_of("f", self.width), self.module.elementary("sincos", self.width)
+        pair = self.line(f"call {{{T}, {T}}} {name}({T} {self.name(value)})")
+        which = int(instruction.opcode == "cos")
+        self.names[instruction.result] = self.line(f"extractvalue {{{T}, {T}}} {pair}, {which}")
 
     def gather(self, one: Callable[[int], str], scalar: str = "double") -> str:
         """A vector of what a function gives for each lane, of a type of LLVM."""
@@ -400,11 +389,11 @@ class Emitter:
         vector = self.own.name(cast(index, "i"))
         return [self.one.value(self.lane(vector, "i64", lane), "i") for lane in range(self.width)]
 
-    def _lookup(self, instruction: Instruction) -> str:
+    def _lookup(self, instruction: Instruction) -> None:
         value: Any = instruction.operands[0]
         place, count, across, column = instruction.attributes
         entries = self.places(self.scalar(value), count)
-        return self.gather(
+        self.names[instruction.result] = self.gather(
             lambda lane: self.one.name(
                 self.read(self.constant(place, entries[lane] * across + column), 1)
             )
@@ -414,10 +403,8 @@ class Emitter:
         loop: Loop = instruction.attributes[0]
 
         def body(_: Tracer, *carried: Tracer) -> list[Tracer]:
-            outside = dict(self._pairs)
             self.names.update(zip(loop.parameters, map(self.own.name, carried), strict=True))
             self.block(loop.body)
-            self._pairs = outside
             return list(map(self.scalar, loop.after))
 
         def going(*carried: Tracer) -> Tracer:

@@ -1,5 +1,6 @@
 """Compiled functions: a program for each row of a batch, over arrays whose rows lie one after the other."""
 
+import itertools
 import math
 import pickle
 from collections.abc import Callable, Sequence
@@ -13,7 +14,7 @@ from estimators.engine import machine
 from estimators.engine.emit import Module, is_literal, literal, type_of
 from estimators.engine.linear_emit import LinearEmitter
 from estimators.engine.matching import described, in_memory, invoker
-from estimators.engine.matrix_emit import Index, Matrix
+from estimators.engine.matrix_emit import Index
 from estimators.engine.program import Instruction, Program, View
 from estimators.engine.tracer import KINDS, Tracer, cast, operation, where
 
@@ -23,13 +24,8 @@ FEW = 4
 """Rows from which on vectors are worth it."""
 # instructions, above which those of matrices are all calls: LLVM's time grows faster than a function
 _LONG = 400
-_LARGEST = (
-    1 << 14
-)  # bytes of scratch a row, above which rows are computed one by one, each a vector of its entries
-_LARGEST_SOLVED = 1 << 17  # where scalars would be computed one after the other otherwise
-_SOLVING = {
-    "solve", "cholesky", "semidefinite cholesky", "solve lower", "solve upper", "rotate",
-}  # fmt: skip
+_STACKED = 1 << 14  # bytes of scratch, up to which it is on the stack
+_LARGEST = 1 << 17  # bytes of scratch a row, above which rows are computed one by one
 
 
 class Argument(NamedTuple):
@@ -41,7 +37,7 @@ class Argument(NamedTuple):
     @property
     def size(self) -> int:
         """Entries of a row."""
-        return int(np.prod(self.shape, dtype=int))
+        return math.prod(self.shape)
 
 
 class Function:
@@ -73,12 +69,7 @@ class Function:
         ]
         self.instructions = program.complete(values)
         self.layout = Layout(program, self.instructions, values)
-        largest = (
-            _LARGEST
-            if _SOLVING.isdisjoint(each.opcode for each in self.instructions)
-            else _LARGEST_SOLVED
-        )
-        self._wide = LANES if self.layout.size * 8 <= largest else 1
+        self._wide = LANES if self.layout.size * 8 <= _LARGEST else 1
         self._places, self._constants = _placed(program)
         self._codes: dict[int, tuple[int, Any]] = {}
         self.call: Callable[..., Any] = unlike
@@ -113,7 +104,7 @@ class Function:
 
     def stacked(self, width: int) -> bool:
         """Do the matrices of so many rows side by side stand on the stack, where they need no scratch?"""
-        return 8 * width * self.layout.size <= _LARGEST
+        return 8 * width * self.layout.size <= _STACKED
 
     def _code(self, width: int) -> tuple[int, Any]:
         """The machine code for so many rows side by side, which programs that differ in numbers alone share."""
@@ -160,8 +151,9 @@ def _placed(program: Program) -> tuple[dict[int, int], np.ndarray]:
         if not is_literal(x, program.kinds[value])
     }
     numbers = read | program.tables
-    starts = np.cumsum([0, *map(len, numbers.values())]).tolist()
-    return dict(zip(numbers, starts, strict=False)), np.concatenate([*numbers.values(), ()])
+    starts = itertools.accumulate(map(len, numbers.values()), initial=0)
+    constants = np.array([x for each in numbers.values() for x in each], float)
+    return dict(zip(numbers, starts, strict=False)), constants
 
 
 class Layout:
@@ -171,7 +163,6 @@ class Layout:
         self, program: Program, instructions: Sequence[Instruction], outputs: Sequence[int]
     ) -> None:
         self.places: dict[int, int] = {}
-        self.temporary: dict[int, int] = {}  # of instructions that need room besides
         self.size = 0
         if program.sizes.keys() == program.tables.keys():  # scalars alone
             return
@@ -182,10 +173,6 @@ class Layout:
             size = program.sizes.get(each.result)
             if size is not None:
                 self.places[each.result] = self._placed(size, free)
-            if each.opcode in ROOM:
-                extra = each.attributes[-1]
-                self.temporary[each.result] = self._placed(extra, free)
-                free.setdefault(extra, []).append(self.temporary[each.result])
             for value in {*each.values, *each.results}:
                 if last.get(value, at) == at and value in self.places:
                     free.setdefault(program.sizes[value], []).append(self.places[value])
@@ -197,15 +184,11 @@ class Layout:
         return self.size - size
 
 
-ROOM = "matmul", "solve"
-"""Opcodes whose last attribute is how many numbers they need besides their results."""
-
-
 class Driver(LinearEmitter):
     """The loop over the rows: loads what a program reads, and stores what it gives."""
 
     def __init__(self, function: Function, module: Module, width: int) -> None:
-        super().__init__(function.program, module, width, function.layout)
+        super().__init__(function.program, module, width, function.layout.places)
         self._function = function
         self._bases: list[list[str]] = []
         self.special["input"] = self._input
@@ -252,9 +235,9 @@ class Driver(LinearEmitter):
             ]
         )
 
-    def emitter(self, program: Program, layout: Any) -> LinearEmitter:
+    def emitter(self, program: Program, places: dict[int, int]) -> LinearEmitter:
         """Emitter of the body of an outlined function, which has no rows of its own."""
-        return LinearEmitter(program, self.module, self.width, layout)
+        return LinearEmitter(program, self.module, self.width, places)
 
     def _places(
         self, letter: str, sizes: Sequence[Any], each: Sequence[Argument], rows: Sequence[Any]
@@ -267,17 +250,13 @@ class Driver(LinearEmitter):
         ]
 
     def _loaded(self, argument: int, column: Any) -> Tracer:
-        return self._gathered(
-            self._bases[argument], column, self._function.arguments[argument].kind
-        )
-
-    def _gathered(self, bases: Sequence[str], column: Any, kind: str) -> Tracer:
-        """An entry of the rows that begin at these addresses."""
+        """An entry of the rows of an argument."""
+        kind = self._function.arguments[argument].kind
         memory = _MEMORY[kind]
 
         def one(lane: int) -> str:
-            place = self.at(bases[lane], column, memory)
-            return self.line(f"load {memory}, ptr {place}, align {_ALIGN[kind]}")
+            place = self.at(self._bases[argument][lane], column, memory)
+            return self.line(f"load {memory}, ptr {place}")
 
         value = self.gather(one, memory)
         if kind == "b":
@@ -293,26 +272,21 @@ class Driver(LinearEmitter):
     def _input_matrix(self, instruction: Instruction) -> None:
         argument, column = instruction.attributes
         size, kind = self.program.sizes[instruction.result], self._function.arguments[argument].kind
-        bases = self._bases[argument]
+        bases, target = self._bases[argument], self.matrix(instruction.result, (1, size))
         if self.width == 1 and kind == "f":  # as it stands in its row
             self.pointers[instruction.result] = self.at(bases[0], column)
-        else:
-            self._take(self.matrix(instruction.result, (1, size)), bases, column, kind)
-
-    def _take(self, target: Matrix, bases: Sequence[str], column: int, kind: str) -> None:
-        """Neighbouring columns of rows as a matrix, of floats eight columns at a time."""
+            return
 
         def some(j: Index, count: int) -> None:
             if count == self.width and kind == "f":
-                entries = self._transposed(
-                    [self.read(self.at(base, j + column), count) for base in bases]
-                )
+                rows = [self.read(self.at(base, j + column), count) for base in bases]
+                entries = self._transposed(rows)
             else:
-                entries = [self._gathered(bases, j + column + m, kind) for m in range(count)]
+                entries = [self._loaded(argument, j + column + m) for m in range(count)]
             for m, entry in enumerate(entries):
                 target[0, j + m] = entry
 
-        self.chunks(target.shape[1], LANES if kind == "f" else 1, some)
+        self.chunks(size, LANES if kind == "f" else 1, some)
 
     def _transposed(self, rows: Sequence[Tracer]) -> list[Tracer]:
         """The columns of a square matrix: its blocks change places, smaller ones from turn to turn."""
@@ -338,30 +312,22 @@ class Driver(LinearEmitter):
                 column += 1
                 continue
             rows, columns = part.shape
-            if part.steps == (columns, 1):  # it lies in one piece
-                rows, columns, part = (
-                    1,
-                    rows * columns,
-                    View(part.value, (1, rows * columns), part.start, (0, 1)),
-                )
 
-            def some(
-                i: Index, j: Index, count: int, part: View = part, first: int = column
-            ) -> None:
-                entries = [self.load(part, i, j + m) for m in range(count)]
-                at = first + i * part.shape[1] + j
+            def some(i: Index, first: int, view: View, j: Index, count: int) -> None:
+                at = first + i * view.shape[1] + j
+                entries = [self.load(view, i, j + m) for m in range(count)]
                 if count == self.width and kind == "f":
                     for entry, base in zip(self._transposed(entries), bases, strict=True):
+                        T, place = type_of("f", count), self.at(base, at)
                         self.lines.append(
-                            f"  store {type_of('f', count)} {self.own.name(entry)}, ptr"
-                            f" {self.at(base, at)}, align 8"
+                            f"  store {T} {self.own.name(entry)}, ptr {place}, align 8"
                         )
                 else:
                     for m, entry in enumerate(entries):
                         self._stored(entry, kind, bases, at + m)
 
-            def row(i: Any, some: Any = some, n: int = columns) -> None:
-                self.chunks(n, LANES, partial(some, i))
+            def row(i: Index, first: int = column, view: View = part) -> None:
+                self.chunks(view.shape[1], LANES, partial(some, i, first, view))
 
             self.each(0, rows, row)
             column += rows * columns
@@ -373,11 +339,7 @@ class Driver(LinearEmitter):
             value = self.line(f"zext {type_of('b', self.width)} {value} to {R}")
         for lane, base in enumerate(bases):
             place = self.at(base, column, memory)
-            self.lines.append(
-                f"  store {memory} {self.lane(value, memory, lane)}, ptr {place}, align"
-                f" {_ALIGN[kind]}"
-            )
+            self.lines.append(f"  store {memory} {self.lane(value, memory, lane)}, ptr {place}")
 
 
 _MEMORY = {"f": "double", "i": "i64", "u": "i64", "b": "i8"}
-_ALIGN = {"f": 8, "i": 8, "u": 8, "b": 1}

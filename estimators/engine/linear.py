@@ -38,25 +38,9 @@ def _matmul(a: Any, b: Any) -> Any:
     if a.shape[1] == 0:
         return _for_every_row(program, np.zeros((a.shape[0], b.shape[1])))
     rows, columns = a.shape[0], b.shape[1]
-    room = b.size if b.view.steps[1] != 1 and columns > 1 else 0
-    value = program.add("matmul", (a.view, b.view), "f", rows * columns, (_picks(a, b), room))
+    room = b.size if b.view.steps[1] != 1 and columns > 1 else 0  # for a copy, behind the product
+    value = program.add("matmul", (a.view, b.view), "f", rows * columns + room)
     return MatrixTracer(program, value, (rows, columns))
-
-
-def _picks(a: MatrixTracer, b: MatrixTracer) -> tuple[int, ...] | None:
-    """The column of the only entry of each row of a constant matrix, -1 where there is none; None: of any other."""
-    if not a.constant or b.shape[1] < _MANY or a.shape[0] > _MANY or b.value in b.program.tables:
-        return None
-    entries = a.program.tables[a.value][a.places] != 0.0
-    return (
-        tuple(np.where(entries.any(-1), entries.argmax(-1), -1).tolist())
-        if entries.sum(-1).max() == 1
-        else None
-    )
-
-
-_MANY = 64
-"""Columns of a product from which on it is worth looking at zeros of a constant factor, and rows up to which."""
 
 
 def _matvec(a: Any, x: Any) -> Any:
@@ -77,7 +61,7 @@ def _solved(opcode: str, s: Any, b: Any) -> Any:
     program = program_of(s, b)
     s, b = matrix(program, s), matrix(program, b)
     _check("solution (of a vector b: b[..., None])", s.shape[0] == s.shape[-1] == b.shape[0], s, b)
-    value = program.add(opcode, (s.view, b.view), "f", b.size, (s.size,))
+    value = program.add(opcode, (s.view, b.view), "f", b.size + s.size)  # factors stand behind it
     return MatrixTracer(program, value, b.shape)
 
 
@@ -94,8 +78,6 @@ def _of_square(opcode: str, a: Any) -> MatrixTracer:
     return MatrixTracer(a.program, a.program.add(opcode, (a.view,), "f", a.size), a.shape)
 
 
-symmetrise: Any = partial(_of_square, "symmetrise")
-"""``(A + A') / 2``."""
 semidefinite_cholesky: Any = partial(_of_square, "semidefinite cholesky")
 """Lower triangular L with ``L L' = S``, positive semidefinite; see `estimators.linalg.semidefinite_cholesky`."""
 cholesky: Any = partial(_of_square, "cholesky")

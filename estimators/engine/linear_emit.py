@@ -1,5 +1,6 @@
 """Products, factorisations and solutions of matrices as loops in LLVM IR."""
 
+import math
 from collections.abc import Callable, Sequence
 from operator import add
 from typing import Any
@@ -23,10 +24,12 @@ class LinearEmitter(MatrixEmitter):
     Terms of a sum are added in their order; those of an inner product in eight partial sums.
     """
 
-    def __init__(self, program: Program, module: Module, width: int, layout: Any) -> None:
-        super().__init__(program, module, width, layout)
+    def __init__(
+        self, program: Program, module: Module, width: int, places: dict[int, int]
+    ) -> None:
+        super().__init__(program, module, width, places)
         self.special |= {
-            "matmul": self._matmul, "inner": self._inner, "symmetrise": self._symmetrise, "solve": self._solve,
+            "matmul": self._matmul, "inner": self._inner, "solve": self._solve,
             "solve lower": self._solve_triangular, "cholesky": self._cholesky,
             "solve upper": self._solve_triangular, "semidefinite cholesky": self._semidefinite_cholesky,
             "rotate": self._rotate,
@@ -41,14 +44,9 @@ class LinearEmitter(MatrixEmitter):
     def _matmul(self, instruction: Instruction) -> None:
         a, b = self._operands(instruction)
         (rows, inner), columns = a.shape, b.shape[1]
-        if (picks := instruction.attributes[0]) is not None:
-            self._scaled_rows(
-                a, b.view, self.matrix(instruction.result, (rows, columns)).view, picks
-            )
-            return
         together = self.width == 1 and columns > 1
         if together and b.view.steps[1] != 1:
-            copied = self.temporary(instruction, b.shape)
+            copied = self.matrix(instruction.result, b.shape, rows * columns)
             self.copy(b.view, copied)
             b = copied
         target = self.matrix(instruction.result, (rows, columns)).view
@@ -91,21 +89,6 @@ class LinearEmitter(MatrixEmitter):
         """Sums and the products that each index adds to them."""
         return self.loop(low, high, lambda k, *sums: list(map(add, sums, products(k))), sums, step)
 
-    def _scaled_rows(self, a: Matrix, b: View, target: View, picks: Sequence[int]) -> None:
-        """A product whose rows are multiples of rows of ``b``, or zeros."""
-
-        def some(i: int, k: int, j: Index, count: int) -> None:
-            x: Any = 0.0
-            if k >= 0:
-                x = self.spread(a[i, k], self.width * count) * Matrix(self, b, count)[k, j]
-            Matrix(self, target, count)[i, j] = x
-
-        for i, k in enumerate(picks):
-            self.chunks(
-                b.shape[1], CHUNK if self.width == b.steps[1] == 1 else 1,
-                lambda j, count, i=i, k=k: some(i, k, j, count),  # type: ignore[misc]
-            )  # fmt: skip
-
     def _inner(self, instruction: Instruction) -> None:
         a, b = self._operands(instruction)
         (rows, count), columns = a.shape, b.shape[0]
@@ -126,21 +109,19 @@ class LinearEmitter(MatrixEmitter):
         """``a_i . b_j``: eight partial sums, added by halves, and what is left over in its order."""
         whole = count // CHUNK * CHUNK
         together = self.width == 1 and a.steps[1] == b.steps[1] == 1
+        lanes = self.lanes(CHUNK if together else self.width)
 
         def products(k: Index) -> list[Tracer]:
             if together:
                 return [self.load(a, i, k, CHUNK) * self.load(b, j, k, CHUNK)]
             return [self.load(a, i, k + m) * self.load(b, j, k + m) for m in range(CHUNK)]
 
-        sums = [constant(self.lanes(CHUNK if together else self.width), 0.0)] * (
-            1 if together else CHUNK
-        )
+        sums = [constant(lanes, 0.0)] * (1 if together else CHUNK)
         if whole:
             sums = self._accumulated(0, whole, products, sums, CHUNK)
-        size = CHUNK
-        while together and size > 1:
-            size //= 2
-            sums = [self._part(sums[0], 0, size) + self._part(sums[0], size, size)]
+        if together:
+            vector = f"extractelement <{CHUNK} x double> {lanes.name(sums[0])}, i32"
+            sums = [self.one.value(self.line(f"{vector} {m}")) for m in range(CHUNK)]
         while len(sums) > 1:
             half = len(sums) // 2
             sums = list(map(add, sums[:half], sums[half:]))
@@ -149,27 +130,7 @@ class LinearEmitter(MatrixEmitter):
             total = total + self.load(a, i, k) * self.load(b, j, k)
         return total
 
-    def _part(self, x: Tracer, first: int, size: int) -> Tracer:
-        """Some of the lanes of a vector."""
-        lanes: Any = x.program
-        T, order = f"<{lanes.width} x double>", ", ".join(f"i32 {first + m}" for m in range(size))
-        if size == 1:
-            return self.one.value(self.line(f"extractelement {T} {lanes.name(x)}, {order}"))
-        part = f"shufflevector {T} {lanes.name(x)}, {T} poison, <{size} x i32> <{order}>"
-        return self.lanes(size).value(self.line(part))
-
     # --- solutions --------------------------------------------------------------------------------
-
-    def _symmetrise(self, instruction: Instruction) -> None:
-        (a,) = self._operands(instruction)
-        target = self.matrix(instruction.result, a.shape)
-
-        def one(i: Index, j: Index) -> None:
-            mean = 0.5 * (a[i, j] + a[j, i])
-            target[i, j] = mean
-            target[j, i] = mean
-
-        self.each(0, a.shape[0], lambda i: self.each(0, i + 1, lambda j: one(i, j)))
 
     def _substitute(
         self,
@@ -211,11 +172,8 @@ class LinearEmitter(MatrixEmitter):
     def _solve(self, instruction: Instruction) -> None:
         """``S^-1 B`` by ``S = L D L'``: L D below the diagonal, D on it, L where its transpose would be."""
         s, b = self._operands(instruction)
-        n, f, z = (
-            s.shape[0],
-            self.temporary(instruction, s.shape),
-            self.matrix(instruction.result, b.shape),
-        )
+        n, z = s.shape[0], self.matrix(instruction.result, b.shape)
+        f = self.matrix(instruction.result, s.shape, math.prod(b.shape))
 
         def column(j: Index) -> None:
             def below(i: Index) -> None:

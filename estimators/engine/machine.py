@@ -41,7 +41,7 @@ def load(code: bytes, emit: Callable[[], str]) -> tuple[int, Any]:
         from llvmlite import binding
 
         compiler = f"{_VERSION} {_optimised():d} {' '.join(_processor())} {_emitter()}"
-        path = folder() / f"{sha256(compiler.encode() + key).hexdigest()[:40]}.o"
+        path = os.path.join(folder(), f"{sha256(compiler.encode() + key).hexdigest()[:40]}.o")
         found = _kept(path)
         if found is None:
             found = _object(emit())
@@ -144,29 +144,26 @@ def scratch(size: int) -> int:
 # --- objects on disk ------------------------------------------------------------------------------
 
 
-def _keep(path: Path, code: bytes) -> None:
+def _keep(path: str, code: bytes) -> None:
     """Write an object, after its digest, where others find it whole or not at all."""
     with (
         suppress(OSError),
-        tempfile.NamedTemporaryFile(dir=path.parent, suffix=".new", delete=False) as file,
+        tempfile.NamedTemporaryFile(dir=os.path.dirname(path), suffix=".new", delete=False) as file,
     ):
         file.write(sha256(code).digest() + code)
         file.close()
         os.replace(file.name, path)
 
 
-def _kept(path: Path) -> bytes | None:
+def _kept(path: str) -> bytes | None:
     """An object; None where there is none, or a damaged one, by which LLVM would end the process."""
     try:
-        found = path.read_bytes()
+        with open(path, "rb") as file:
+            digest, code = file.read(32), file.read()
+        os.utime(path)
     except OSError:
         return None
-    digest, code = found[:32], found[32:]
-    if sha256(code).digest() != digest:
-        return None
-    with suppress(OSError):
-        os.utime(path)
-    return code
+    return code if sha256(code).digest() == digest else None
 
 
 @cache
@@ -204,9 +201,9 @@ def _forget(place: Path) -> None:
 
 
 def _places() -> Iterator[str]:
-    if chosen := os.environ.get("VESSEL_GYM_CACHE"):
-        yield os.path.abspath(chosen)
-    yield os.path.abspath(os.path.join(os.path.dirname(os.path.dirname(__file__)), "__pycache__"))
+    yield os.path.abspath(
+        os.environ.get("VESSEL_GYM_CACHE") or Path(__file__).parents[1] / "__pycache__"
+    )
     yield os.environ.get("XDG_CACHE_HOME", "")
     yield os.path.expanduser("~/.cache")
     yield tempfile.gettempdir()  # which is an error where nothing can be written, so it comes last

@@ -6,6 +6,7 @@ is refused while it is traced: a shape that does not fit, a mask where numbers b
 without an instruction of its own.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from functools import cache
@@ -16,6 +17,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from estimators.engine.arrays import SCALAR_FUNCTIONS, TracedArray, entries
 from estimators.engine.program import NotTraceable, Program, View
+from estimators.engine.tables import lookup
 from estimators.engine.tracer import Tracer, cast, constant, known
 
 
@@ -82,9 +84,12 @@ class MatrixTracer(NDArrayOperatorsMixin):
 
     @property
     def view(self) -> View:
-        """Places of its entries, as those of a matrix."""
+        """Places of its entries, as those of a matrix; steps are 0 over one row or column."""
         places = self.places[(None,) * (2 - self.ndim)]
-        steps: Any = tuple(step // places.itemsize for step in places.strides)
+        steps: Any = tuple(
+            step // places.itemsize if size > 1 else 0
+            for step, size in zip(places.strides, places.shape, strict=True)
+        )
         return View(self.value, places.shape, int(places[0, 0]) if self.size else 0, steps)
 
     @property
@@ -93,7 +98,7 @@ class MatrixTracer(NDArrayOperatorsMixin):
         return self._part(self.places.mT)
 
     def _part(self, places: Any) -> Any:
-        if np.ndim(places):
+        if places.ndim:
             return MatrixTracer(self.program, self.value, places, self.mask, self.constant)
         place = View(self.value, (1, 1), int(places), (0, 0))
         return Tracer(
@@ -108,18 +113,10 @@ class MatrixTracer(NDArrayOperatorsMixin):
             else MatrixTracer(self.program, self.value, self.places, mask, self.constant)
         )
 
-    def spread(self) -> View:
-        """Its entries with steps that stay where there is one row or column only."""
-        view = self.view
-        steps: Any = tuple(
-            step if size > 1 else 0 for step, size in zip(view.steps, view.shape, strict=True)
-        )
-        return view._replace(steps=steps)
-
     def scalars(self) -> TracedArray:
         """Its entries, one by one."""
         found = np.empty(self.shape, object)
-        for place in np.ndindex(self.shape):
+        for place in itertools.product(*map(range, self.shape)):
             found[place] = self[(..., *place)]
         return found.view(TracedArray)
 
@@ -196,10 +193,7 @@ def matrix_input(
 
 def lookup_matrix(table: np.ndarray, index: Tracer) -> MatrixTracer:
     """The matrix of a constant table ``(k, n, m)`` at an index, a float that is truncated; beyond, the nearest."""
-    program = index.program
-    place, size = program.table(table), math.prod(table.shape[1:])
-    value = program.add("lookup matrix", (cast(index, "f").value,), "f", size, (place, len(table)))
-    return MatrixTracer(program, value, table.shape[1:])
+    return matrix(index.program, lookup(table, index))
 
 
 def columnwise(
@@ -299,9 +293,7 @@ def entrywise(program: Program, function: Any, *values: Any) -> Any:
         kinds = "b" + kinds[1:]
     kind = _result_kind(name, kinds)
     shape = _common_shape(operands)
-    views = tuple(
-        each.spread() if isinstance(each, MatrixTracer) else each.value for each in operands
-    )
+    views = tuple(each.view if isinstance(each, MatrixTracer) else each.value for each in operands)
     rows, columns = (1,) * (2 - len(shape)) + shape
     value = program.add("each", views, "f", rows * columns, (name, kinds, rows, columns))
     return MatrixTracer(program, value, shape, mask=kind == "b")
@@ -314,7 +306,7 @@ def _common_shape(operands: Sequence[Any]) -> tuple[int, ...]:
             f"{shapes(operands)} have axes of other number in a traced formula: add some by a[...,"
             " None]"
         )
-    return np.broadcast_shapes(*(each.shape for each in operands))
+    return np.broadcast(*(getattr(each, "places", 0) for each in operands)).shape
 
 
 def shapes(operands: Sequence[Any]) -> str:

@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -15,19 +16,12 @@ CHUNK = 8
 """Numbers in a vector, and partial sums of an inner product: part of its definition."""
 _UNROLLED = 16  # entries up to which there is no loop
 _OUTLINED = frozenset((
-    "each", "join", "matmul", "inner", "symmetrise", "solve", "solve lower", "solve upper", "cholesky",
+    "each", "join", "matmul", "inner", "solve", "solve lower", "solve upper", "cholesky",
     "semidefinite cholesky", "rotate",
 ))  # fmt: skip
 _NONE = np.zeros(0)
 Index = Any
 """A whole number, or the tracer of one."""
-
-
-class _Own(NamedTuple):
-    """The layout of an outlined function, whose matrices are its arguments."""
-
-    places: dict[int, int]
-    temporary: dict[int, int]
 
 
 class Matrix:
@@ -70,14 +64,16 @@ def _entry(view: View, i: Index, j: Index) -> Index:
 class MatrixEmitter(Emitter):
     """Entry e of a matrix is the vector at ``scratch + (place + e) * width``; tables have one number for all rows."""
 
-    def __init__(self, program: Program, module: Module, width: int, layout: Any) -> None:
+    def __init__(
+        self, program: Program, module: Module, width: int, places: dict[int, int]
+    ) -> None:
         super().__init__(program, module, width)
-        self.layout = layout
+        self.places_of = places
         self.pointers: dict[int, str] = {}
         self.inlined = _UNROLLED  # entries of the operands up to which there is no call
         self.special |= {
             "each": self._each, "element": self._element, "pack": self._pack, "join": self._join,
-            "lookup matrix": self._lookup_matrix, "columns": self._columns,
+            "columns": self._columns,
         }  # fmt: skip
 
     # --- memory -----------------------------------------------------------------------------------
@@ -89,7 +85,7 @@ class MatrixEmitter(Emitter):
             return self.at(self.pointers[value], entry * (1 if table else self.width))
         if table:
             return self.constant(value, entry)
-        return self.at("%scratch", (entry + self.layout.places[value]) * self.width)
+        return self.at("%scratch", (entry + self.places_of[value]) * self.width)
 
     def load(self, view: View | int, i: Index = 0, j: Index = 0, count: int = 1) -> Tracer:
         """Neighbouring entries of a view from one on, or a scalar in as many lanes, as numbers."""
@@ -109,12 +105,6 @@ class MatrixEmitter(Emitter):
     def matrix(self, value: int, shape: tuple[int, int], start: int = 0) -> Matrix:
         """A value as a matrix, row by row."""
         return Matrix(self, View(value, shape, start, (shape[1], 1)))
-
-    def temporary(self, instruction: Instruction, shape: tuple[int, int]) -> Matrix:
-        """A matrix for the time of an instruction."""
-        value = -1 - instruction.result
-        self.layout.places[value] = self.layout.temporary[instruction.result]
-        return self.matrix(value, shape)
 
     def over(self, rows: int, columns: int, body: Callable[[Index, Index], None]) -> None:
         """A body for each entry, unrolled where they are few."""
@@ -170,13 +160,11 @@ class MatrixEmitter(Emitter):
             for each in instruction.operands
         ]  # fmt: skip
         given.append(f"ptr {self.address(instruction.result, 0)}")
-        if instruction.result in self.layout.temporary:
-            given.append(f"ptr {self.address(self.temporary(instruction, (1, 1)).view.value, 0)}")
         self.lines.append(f"  call void {name}({', '.join(given)})")
 
-    def emitter(self, program: Program, layout: Any) -> "MatrixEmitter":
+    def emitter(self, program: Program, places: dict[int, int]) -> "MatrixEmitter":
         """Emitter of the body of an outlined function."""
-        return type(self)(program, self.module, self.width, layout)
+        return type(self)(program, self.module, self.width, places)
 
     def _outlined(self, instruction: Instruction) -> str:
         """The function of an instruction, one for all of its kind whose operands have the same shapes and steps."""
@@ -195,10 +183,10 @@ class MatrixEmitter(Emitter):
         name = self.module.outlined[key] = (
             f"@{instruction.opcode.replace(' ', '_')}.{len(self.module.outlined)}"
         )
-        program, own = Program(), _Own({}, {})
+        program = Program()
         operands: list[int | View] = []
         parameters: list[str] = []
-        emitter = self.emitter(program, own)
+        emitter = self.emitter(program, {})
         for i, each in enumerate(instruction.operands):
             parameters.append(
                 f"{'ptr' if isinstance(each, View) else type_of('f', self.width)} %p{i}"
@@ -215,11 +203,8 @@ class MatrixEmitter(Emitter):
                 operands.append(program.new("f"))
                 emitter.names[len(program.kinds) - 1] = f"%p{i}"
         result = program.new("f", self.program.sizes[instruction.result])
-        emitter.pointers |= {result: "%r", -1 - result: "%t"}
+        emitter.pointers[result] = "%r"
         parameters.append("ptr noalias %r")
-        if instruction.result in self.layout.temporary:
-            own.temporary[result] = 0
-            parameters.append("ptr noalias %t")
         emitter.special[instruction.opcode](
             instruction._replace(operands=tuple(operands), result=result)
         )
@@ -261,74 +246,48 @@ class MatrixEmitter(Emitter):
 
         self.over(*target.shape, one)
 
-    def _lookup_matrix(self, instruction: Instruction) -> None:
-        value: Any = instruction.operands[0]
-        place, count = instruction.attributes
-        size = self.program.sizes[instruction.result]
-        target, entries = (
-            self.matrix(instruction.result, (1, size)),
-            self.places(self.scalar(value), count),
-        )
-        starts = [entry * size for entry in entries]
-
-        def entry(_: Index, e: Index) -> None:
-            found = self.gather(
-                lambda lane: self.one.name(self.read(self.constant(place, starts[lane] + e), 1))
-            )
-            target[0, e] = self.own.value(found)
-
-        self.over(1, size, entry)
-
     def _each(self, instruction: Instruction) -> None:
         name, kinds, rows, columns = instruction.attributes
         function, operands = SCALAR_FUNCTIONS[name], instruction.operands
-        target, count = self.matrix(instruction.result, (rows, columns)), 1
-        views = [each for each in operands if isinstance(each, View)]
-        if (
-            self.width == 1
-            and rows * columns > 4
-            and all(view.steps[1] == min(view.shape[1] - 1, 1) for view in views)
-        ):
-            if rows > 1 and all(
-                view.shape == (rows, columns) and view.steps[0] == columns for view in views
-            ):
-                target, rows, columns = (
-                    self.matrix(instruction.result, (1, rows * columns)),
-                    1,
-                    rows * columns,
-                )
-                views = [View(each.value, (1, columns), each.start, (0, 1)) for each in views]
-            count = CHUNK if columns > 4 else 1
-        scalars, left = (
-            {each: self.load(each) for each in operands if isinstance(each, int)},
-            iter(views),
+        target, views = (
+            self.matrix(instruction.result, (rows, columns)).view,
+            [each for each in operands if isinstance(each, View)],
         )
-        placed = [next(left) if isinstance(each, View) else each for each in operands]
+        if rows > 1 and all(
+            each.shape == (rows, columns) and each.steps == (columns, 1) for each in views
+        ):  # they lie in one piece
+            rows, columns = 1, rows * columns
+            target = View(target.value, (1, columns), 0, (0, 1))
+            operands = tuple(
+                View(each.value, (1, columns), each.start, (0, 1))
+                if isinstance(each, View)
+                else each
+                for each in operands
+            )
+        together = self.width == 1 and all(
+            each.steps[1] == min(each.shape[1] - 1, 1) for each in views
+        )
+        scalars = {each: self.load(each) for each in operands if isinstance(each, int)}
 
         def some(i: Index, j: Index, count: int) -> None:
-            width = self.width * count
             loaded = [
-                (
-                    self.load(each, i, j, count)
-                    if isinstance(each, View)
-                    else self.spread(scalars[each], width)
-                )
-                for each in placed
-            ]
-            Matrix(self, target.view, count)[i, j] = function(*map(cast, loaded, kinds))
+                self.load(each, i, j, count) if isinstance(each, View)
+                else self.spread(scalars[each], self.width * count)
+                for each in operands
+            ]  # fmt: skip
+            Matrix(self, target, count)[i, j] = function(*map(cast, loaded, kinds))
 
-        def chunk(i: Index, j: Index, number: int) -> None:
-            for m in range(1 if number == count else number):
-                some(i, j + m, number if number == count else 1)
+        def chunk(i: Index, j: Index, count: int) -> None:
+            if count == CHUNK:
+                some(i, j, count)
+            else:
+                for m in range(count):
+                    some(i, j + m, 1)
 
-        if count == 1:
-            self.over(rows, columns, lambda i, j: some(i, j, 1))
+        if together and columns > 4:
+            self.each(0, rows, lambda i: self.chunks(columns, CHUNK, partial(chunk, i)))
         else:
-            self.each(
-                0,
-                rows,
-                lambda i: self.chunks(columns, CHUNK, lambda j, number: chunk(i, j, number)),
-            )
+            self.over(rows, columns, lambda i, j: some(i, j, 1))
 
     def _columns(self, instruction: Instruction) -> None:
         """A function of columns: of a batch one after the other, of one row eight side by side."""

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-_LONGEST = 20_000  # values of a program; LLVM needs a second for as many
+_LONGEST = 100_000  # values of a program; LLVM needs a second for 20,000
 
 
 class NotTraceable(TypeError):

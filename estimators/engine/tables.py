@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.engine.arrays import FUNCTIONS, TracedArray, each_entry, scalar
+from estimators.engine.arrays import FUNCTIONS, TracedArray, each_entry
 from estimators.engine.tracer import Tracer, cast, operation, where
 
 
@@ -40,24 +40,17 @@ def lookup(table: Any, index: Any) -> Any:
         index: Whole numbers, or floats, which are truncated; NaN is 0.
     """
     table = np.asarray(table, float)
-    index = scalar(index) if isinstance(index, TracedArray) and index.size == 1 else index
+    if isinstance(index, TracedArray):
+        found = TracedArray.of([lookup(table, each) for each in index.flat])
+        return found.reshape(index.shape + table.shape[1:])
     if not isinstance(index, Tracer):
-        if isinstance(index, TracedArray):
-            return TracedArray.of([lookup(table, each) for each in index.flat]).reshape(
-                index.shape + table.shape[1:]
-            )
-        inside = np.clip(np.nan_to_num(index, nan=0.0), 0, len(table) - 1).astype(int)
-        return table[inside]
+        return table[np.clip(np.nan_to_num(index, nan=0.0), 0, len(table) - 1).astype(int)]
     program, width = index.program, table[0].size
-    place = program.table(table)
-    entry = cast(index, "i") if index.kind != "f" else index
+    place, entry = program.table(table), index if index.kind == "f" else cast(index, "i")
     values = [
-        Tracer(
-            program,
-            program.add("lookup", (entry.value,), "f", None, (place, len(table), width, column)),
-        )
+        Tracer(program, program.add("lookup", (entry.value,), "f", None, (place, len(table), width, column)))
         for column in range(width)
-    ]
+    ]  # fmt: skip
     return values[0] if table.ndim == 1 else TracedArray.of(values).reshape(table.shape[1:])
 
 

@@ -63,12 +63,6 @@ class Tracer(_Operators):
     def __repr__(self) -> str:
         return f"Tracer({self.value}, {self.kind!r})"
 
-    def __copy__(self) -> "Tracer":
-        return self
-
-    def __deepcopy__(self, memo: Any) -> "Tracer":
-        return self
-
     def __array_ufunc__(self, ufunc: Any, method: str, *operands: Any, **others: Any) -> Any:
         return self.as_array().__array_ufunc__(ufunc, method, *operands, **others)
 

@@ -83,15 +83,6 @@ def test_shuffled_measurements_end_where_ordered_ones_do_in_rows_that_begin_at_t
         assert_equal(shuffled[k - 1][rows], ordered[k - 1][rows])
 
 
-@some_cases("kf", "enkf", "kf-umv-ui", "ekf on a turning vehicle")
-def test_without_a_horizon_it_is_the_filter_itself(case: Case):
-    late = Late(case)
-    filter = case.make(late.system.model)
-    delayed = late.run(Delayed(filter, 0), late.y[..., None, :])
-    for one, other in zip(delayed, late.run(filter, late.y), strict=True):
-        assert_equal(one, other)
-
-
 @some_cases("kf", "ukf", "kf-umv-ui")
 def test_at_every_step_it_knows_just_what_has_come(case: Case):
     system = case.system(0)

@@ -69,16 +69,6 @@ def test_it_is_the_direct_feedthrough_of_what_the_input_did_to_state_and_measure
         assert one.cov == pytest.approx(drive @ joined @ drive.T, abs=1e-7)
 
 
-@pytest.mark.parametrize("name", FILTERS)
-def test_it_is_a_filter_without_feedthrough_that_has_the_ended_input_as_a_state(name: str):
-    model, y, prior = _model(), _measurements(2), np.diag([1.0] * N + [0.0] * Q)
-    found = _beliefs(make(name, model, input_prior=PRIOR), Gaussian(np.zeros(N), np.eye(N)), y)
-    late = make("kf-umv-ui-wdf", stacked(model), input_prior=PRIOR)
-    for one, other in zip(found, _beliefs(late, Gaussian(np.zeros(N + Q), prior), y), strict=True):
-        assert one.mean == pytest.approx(other.mean[:N], abs=1e-7)
-        assert one.cov == pytest.approx(other.cov[:N, :N], abs=1e-7)
-
-
 def test_a_kalman_filter_told_the_variance_has_it_as_white_noise_of_state_and_measurement():
     model, y, D = _model(), _measurements(3), np.array([[0.5, 0.2], [0.2, 0.9]])
     found = _beliefs(make("kf", model, input_cov=D), Gaussian(np.zeros(N), np.eye(N)), y)

@@ -1,4 +1,4 @@
-"""What every filter promises its user: names, refusals, missing measurements, rows, recovery, angles."""
+"""What every filter promises its user: names, refusals, missing measurements, rows, angles."""
 
 import copy
 import dataclasses
@@ -111,6 +111,8 @@ REFUSED = [
     *((name, _linear(**PRIORS[name]), {"input_prior": value}, f"^input_prior .*{problem}")
       for name in PRIORS for value, problem in ((-1.0, "positive semidefinite"), (0.0, "positive definite"),
                                                 (I2, "shape"), ([1.0], "square"), (np.nan, "finite"))),
+    ("huber-kf", _linear(), {"gamma": 0.0}, "gamma must be positive"),
+    ("robust-kf", _linear(), {"radius": -0.1}, "radius must be finite and not negative"),
     ("kf", _linear(), {"input_cov": 1.0}, "input_cov was given, but the model has no unknown input"),
     ("kf", _linear(G=FIRST), {"input_cov": I2}, "input_cov has shape"),
     ("kf", _linear(G=FIRST), {"input_cov": -1.0}, "input_cov must be positive semidefinite"),
@@ -281,20 +283,6 @@ def test_a_belief_can_be_asked_for_its_input_and_its_members_pickled_and_copied(
     for same in (pickle.loads(pickle.dumps(belief)), copy.deepcopy(belief), belief.replace()):
         assert type(same) is type(belief)
         assert_same(same, belief)
-
-
-@one_of_each("deterministic")
-def test_a_reset_of_some_rows_leaves_the_others_as_if_nothing_had_happened(case: Case):
-    """How an episode that ends in one row of a batch begins again there."""
-    filter, predicted, y, u = _run(case, 4)
-    system = case.system(0)
-    mask = np.array([False, True, False, False])
-    fresh = filter.update(filter.predict(filter.init(system.rows(1)), u[mask]), y[mask])
-    belief = filter.update(predicted, y)
-    following = filter.update(filter.predict(belief.with_rows(mask, fresh), u), y)
-    untouched = filter.update(filter.predict(belief, u), y)
-    assert_same(following[~mask], untouched[~mask], 1e-13)
-    assert_same(following[mask], filter.update(filter.predict(fresh, u[mask]), y[mask]), 1e-13)
 
 
 # --- angles ---------------------------------------------------------------------------------------

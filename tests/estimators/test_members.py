@@ -207,18 +207,3 @@ def test_predictions_are_those_of_the_textbook_formulas(members: int, draws: str
     mean[:, 2] = ensemble[..., 2].mean(-1)
     np.testing.assert_allclose(predicted.mean, mean, rtol=0, atol=1e-13)
     np.testing.assert_allclose(predicted.ensemble, ensemble, rtol=0, atol=1e-12)
-
-
-def test_a_covariance_is_that_of_the_members_at_the_time():
-    filter = make("enkf", _wrapping(), members=20)
-    belief, numbers, y, _ = _begun(filter, 0.5)
-    updated = filter.update(filter.predict(belief, rng=numbers), y, rng=numbers)
-    anomalies = updated.ensemble - updated.mean[:, None]
-    expected = anomalies.mT @ anomalies / 19
-    moved = updated.replace(ensemble=2.0 * updated.ensemble)
-    for cov, wanted in ((updated[2:4].cov, expected[2:4]), (moved.cov, 4.0 * expected)):
-        np.testing.assert_allclose(cov, wanted, rtol=0, atol=1e-13)
-        np.testing.assert_array_equal(cov, cov.mT)
-    rows = np.arange(ROWS) == 3
-    for one, other in ((updated, belief[3:4]), (belief, updated[3:4])):
-        np.testing.assert_array_equal(one.with_rows(rows, other).cov[3], other.cov[0])

@@ -182,7 +182,7 @@ def test_matrices_may_be_functions_of_the_known_input_and_compiled_are_part_of_t
             calls.clear()
             belief = filter.step(belief, y[k], u[k])
             assert k == 0 or bool(calls) == (way is None)
-            assert (set(filter._programs) == {("step", False, True)}) == (way is not None)
+            assert (("step", False, True) in filter._programs) == (way is not None)
             for i in range(2):
                 matrices = {key: function(u[k, i]) for key, function in functions.items()}
                 anew = make(name, LinearModel(**matrices, **constant))

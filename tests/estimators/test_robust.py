@@ -97,22 +97,6 @@ def test_a_measurement_without_noise_is_believed_and_a_state_that_is_known_stays
     assert belief.cov[0, 0] == 0.0
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "message"),
-    [
-        ("huber-kf", {"gamma": 0.0}, "gamma must be positive"),
-        ("huber-kf", {"gamma": np.nan}, "gamma must be positive"),
-        ("huber-kf", {"iterations": 0}, "iterations must be a whole number of at least 1, got 0"),
-        ("huber-kf", {"tolerance": 0.0}, "tolerance must be positive"),
-        ("robust-kf", {"radius": -0.1}, "radius must be finite and not negative"),
-        ("robust-kf", {"radius": np.nan}, "radius must be finite and not negative"),
-    ],
-)
-def test_options_that_mean_nothing_are_refused(name: str, options: dict[str, float], message: str):
-    with pytest.raises(ValueError, match=message):
-        make(name, kalman_system(0).model, **options)
-
-
 # --- robust-kf ------------------------------------------------------------------------------------
 
 
