@@ -16,6 +16,7 @@ from estimators.linalg import (
     identity,
     inner,
     joined,
+    regular_root,
     rescuing,
     semidefinite_cholesky,
     singular,
@@ -25,15 +26,13 @@ from estimators.linalg import (
 )
 
 _TURN = 2.0 * np.pi
-_HUGE = 1e150
-"""Pivot of an anomaly that is a combination of others."""
 
 
 # --- moments --------------------------------------------------------------------------------------
 
 
 def _mean(a: np.ndarray) -> np.ndarray:
-    """Means ``(..., k, 1)`` over the members of ``(..., k, N)``, weighted first: sums of large members overflow."""
+    """Means ``(..., k, 1)`` over members ``(..., k, N)``, weighted first as sums may overflow."""
     return inner(a, np.full((1, a.shape[-1]), 1.0 / a.shape[-1]))
 
 
@@ -57,7 +56,7 @@ def exact_noise(
     A: np.ndarray | None = None,
     gram: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Noise ``L z (..., k, N)`` with sample mean 0, sample covariance ``L L'`` and no sample correlation with A.
+    """Noise ``L z (..., k, N)``: sample mean 0, covariance ``L L'``, no correlation with A.
 
     The normals are centred, lose their regression on the anomalies and are whitened::
 
@@ -86,11 +85,7 @@ def exact_noise(
 
 def _regression(A: np.ndarray, gram: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Projection ``z A' (A A')^+ A (..., r, N)`` of rows ``z`` on the rows of ``A (..., n, N)``."""
-    L = semidefinite_cholesky(gram)
-    repeats = np.where(
-        L.diagonal(0, -2, -1) == 0.0, _HUGE, 0.0
-    )  # of earlier rows: their share comes out as 0
-    L = np.where(identity(gram.shape[-1]) > 0.0, L + repeats[..., None], L)
+    L = regular_root(gram)  # a row that repeats earlier ones has no share
     return solve_upper(L.mT, solve_lower(L, inner(A, z))).mT @ A
 
 
@@ -100,7 +95,7 @@ def _centred_noise(root: np.ndarray, normals: np.ndarray) -> np.ndarray:
 
 
 def redraw(members: np.ndarray, kept: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Members ``(..., n, N)`` of which those not ``kept`` are drawn from the mean and covariance of the others.
+    """Members ``(..., n, N)``, those not ``kept`` drawn from mean and covariance of the others.
 
     Args:
         members: ``(..., n, N)``, finite where kept.
@@ -124,12 +119,12 @@ def _near(angle: np.ndarray, centre: np.ndarray) -> np.ndarray:
 
 
 def _any(mask: np.ndarray) -> np.ndarray:
-    """Mask ``(..., k, 1)`` of the components for which a mask ``(..., k, N)`` holds for some member."""
+    """Components ``(..., k, 1)`` for which a mask ``(..., k, N)`` holds for some member."""
     return inner(1.0 * mask, np.ones((1, mask.shape[-1]))) > 0.0
 
 
 def _unwrap_step(after: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Angles ``(..., k, N)`` after a step, without the whole turns that some members made and the first did not.
+    """Angles ``(..., k, N)`` after a step, without whole turns that the first did not make.
 
     A transition may wrap its angles. Members that cross the seam would then be a turn away from the
     others; over one step all turn by nearly as much as the first.
@@ -139,34 +134,30 @@ def _unwrap_step(after: np.ndarray, before: np.ndarray) -> np.ndarray:
     return np.where(_any(np.abs(change - first) > np.pi), before + _near(change, first), after)
 
 
-def _gather(angle: np.ndarray) -> np.ndarray:
-    """Angles ``(..., k, N)`` within half a turn of the first, or of the circular mean if they are spread out."""
-    first, ones = angle[..., :1], np.ones((1, angle.shape[-1]))
+def _gather(angle: np.ndarray, about: np.ndarray | None = None) -> np.ndarray:
+    """Angles ``(..., k, N)`` within half a turn of their circular mean, if they are spread out.
+
+    Otherwise within half a turn of ``about (..., k, 1)``, near which that mean then lies, or of the
+    first member.
+    """
+    ones, first = np.ones((1, angle.shape[-1])), angle[..., :1] if about is None else about
     centre = np.arctan2(inner(np.sin(angle), ones), inner(np.cos(angle), ones))
+    centre = centre if about is None else _near(centre, about)
     centre = np.where(_any(np.abs(_near(angle, first) - first) > 0.25 * np.pi), centre, first)
     return np.where(np.isfinite(inner(angle * angle, ones)), _near(angle, centre), angle)
-
-
-def _gather_near(angle: np.ndarray, mean: np.ndarray) -> np.ndarray:
-    """Angles ``(..., k, N)`` within half a turn of their circular mean, that near ``mean``, if they are spread out."""
-    ones = np.ones((1, angle.shape[-1]))
-    centre = _near(np.arctan2(inner(np.sin(angle), ones), inner(np.cos(angle), ones)), mean)
-    return np.where(_any(np.abs(angle - mean) > 0.25 * np.pi), _near(angle, centre), angle)
 
 
 def _replace_rows(
     function: Callable[..., np.ndarray], rows: tuple[int, ...], a: np.ndarray, *others: np.ndarray
 ) -> np.ndarray:
-    """``A (..., k, N)`` with some rows, in rising order, replaced by a function of these rows of A and of others."""
+    """``A (..., k, N)`` with some rows replaced by a function of these rows of A and of others."""
     if not rows:
         return a
     picked = ([each[..., i : i + 1, :] for i in rows] for each in (a, *others))
-    changed, parts, end = function(*(joined(each, -2) for each in picked)), [], 0
+    changed = function(*(joined(each, -2) for each in picked))
+    parts = [a[..., i : i + 1, :] for i in range(a.shape[-2])]
     for j, i in enumerate(rows):
-        parts += [a[..., end:i, :]] if i > end else []
-        parts.append(changed[..., j : j + 1, :])
-        end = i + 1
-    parts += [a[..., end:, :]] if end < a.shape[-2] else []
+        parts[i] = changed[..., j : j + 1, :]
     return joined(parts, -2)
 
 
@@ -177,7 +168,7 @@ def _replace_rows(
 def sample(
     mean: np.ndarray, root: np.ndarray, normals: np.ndarray, *, angles: tuple[int, ...], exact: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean ``(..., n)``, members ``x_i = m + L n_i`` of a prior, the noise centred, and their covariance.
+    """Mean ``(..., n)``, members ``x_i = m + L n_i`` of a prior, and their covariance.
 
     Args:
         mean: ``m (..., n)``.
@@ -189,14 +180,14 @@ def sample(
     """
     centre = mean[..., None]
     noise = exact_noise(root, normals) if exact else _centred_noise(root, normals)
-    members = _replace_rows(_gather_near, angles, centre + noise, centre)
+    members = _replace_rows(_gather, angles, centre + noise, centre)
     mean = _mean(members)[..., 0]
     return mean, members, covariance(members, mean)
 
 
 def forecast(
-    before: np.ndarray, after: np.ndarray, root: np.ndarray, normals: np.ndarray, *, angles: tuple[int, ...],
-    exact: bool,
+    before: np.ndarray, after: np.ndarray, root: np.ndarray, normals: np.ndarray, *,
+    angles: tuple[int, ...], exact: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Mean ``(..., n)``, members ``x_i = f(x_i-) + L n_i`` and their covariance ``(..., n, n)``.
 
@@ -212,15 +203,15 @@ def forecast(
         angles: Components that the transition may wrap.
         exact: Draws have no sample correlation with the moved members, see `exact_noise`.
     """
-    members = _replace_rows(_unwrap_step, angles, after, before)
-    if exact and root.shape[-1] > 0:
+    members, noisy = _replace_rows(_unwrap_step, angles, after, before), root.shape[-1] > 0
+    if noisy and exact:
         mean = average(members)
         A = members - mean[..., None]
         gram = inner(A, A)
         members = members + exact_noise(root, normals, A, gram)
         if not angles:
             return mean, members, gram / (members.shape[-1] - 1) + inner(root, root)
-    elif root.shape[-1] > 0:
+    elif noisy:
         members = members + _centred_noise(root, normals)
     members = _replace_rows(_gather, angles, members)
     mean = average(members)
@@ -228,7 +219,7 @@ def forecast(
 
 
 def expect(measurements: np.ndarray, *, angles: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Mean ``(..., p)`` and anomalies ``(..., p, N)`` of the measurements that the members expect."""
+    """Mean ``(..., p)`` and anomalies ``(..., p, N)`` of members' expected measurements."""
     measurements = _replace_rows(_gather, angles, measurements)
     mean = average(measurements)
     return mean, measurements - mean[..., None]
@@ -238,8 +229,8 @@ def expect(measurements: np.ndarray, *, angles: tuple[int, ...]) -> tuple[np.nda
 
 
 def perturbed_analysis(
-    members: np.ndarray, mean: np.ndarray, Y: np.ndarray, innovation: np.ndarray, available: np.ndarray,
-    R: np.ndarray, root: np.ndarray, normals: np.ndarray, cov: np.ndarray, *,
+    members: np.ndarray, mean: np.ndarray, Y: np.ndarray, innovation: np.ndarray,
+    available: np.ndarray, R: np.ndarray, root: np.ndarray, normals: np.ndarray, cov: np.ndarray, *,
     inflation: float, exact: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Stochastic analysis ``x_i = x_i- + K (y + v_i - h(x_i-))`` with ``K = (C P)' S^-1``.
@@ -261,27 +252,23 @@ def perturbed_analysis(
     Returns:
         The mean and members of the analysis, and ``S``.
     """
-    N = members.shape[-1]
-    A, Y = members - mean[..., None], np.where(available[..., None], Y, 0.0)
-    S = inner(Y, Y) / (N - 1) + R
+    N, A = members.shape[-1], members - mean[..., None]
+    Y, S = _seen(Y, available, R)
     gain = solve(S, inner(Y, A) / (N - 1))
-    arrived = 1.0 * available
-    used = np.vecmat(arrived, 1.0 * (np.abs(root) > 0.0)) > 0.0
+    used = np.vecmat(1.0 * available, 1.0 * (np.abs(root) > 0.0)) > 0.0
     normals = np.where(used[..., None], normals, 0.0)
     noise = (
         exact_noise(root, normals, A, cov * (N - 1.0)) if exact else _centred_noise(root, normals)
     )
     A = A + gain.mT @ (noise - Y)
-    factor = np.where(arrived.sum(-1) > 0.0, inflation, 1.0)[..., None, None]
-    after = (mean + np.vecmat(innovation, gain))[..., None] + factor * A
-    return average(after), after, S
+    return *_inflated(mean + np.vecmat(innovation, gain), A, available, inflation), S
 
 
 def transform_analysis(
-    members: np.ndarray, mean: np.ndarray, Y: np.ndarray, innovation: np.ndarray, available: np.ndarray,
-    R: np.ndarray, *, inflation: float, regular: bool,
+    members: np.ndarray, mean: np.ndarray, Y: np.ndarray, innovation: np.ndarray,
+    available: np.ndarray, R: np.ndarray, *, inflation: float, regular: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """Deterministic analysis by the symmetric transform ``A T``, ``T = (I + Y' R^-1 Y / (N - 1))^-1/2``.
+    """Deterministic analysis by the symmetric ``A T``, ``T = (I + Y' R^-1 Y / (N - 1))^-1/2``.
 
     Args:
         members: ``(..., n, N)``,
@@ -296,16 +283,27 @@ def transform_analysis(
     Returns:
         The mean and members of the analysis, and ``S``.
     """
-    N, p = members.shape[-1], Y.shape[-2]
-    A, Y = members - mean[..., None], np.where(available[..., None], Y, 0.0)
-    S = inner(Y, Y) / (N - 1) + R
+    Y, S = _seen(Y, available, R)
     # T, N x N, needs an inverse of R, which lost rows may not have.
-    analysis = _transform if p > N and regular and not rescuing() else _reduced_gain
-    shift, A = analysis(A, Y, innovation, S, R)
+    regular = regular and not rescuing()
+    analysis = _transform if regular and Y.shape[-2] > Y.shape[-1] else _reduced_gain
+    shift, A = analysis(members - mean[..., None], Y, innovation, S, R)
+    return *_inflated(mean + shift, A, available, inflation), S
+
+
+def _seen(Y: np.ndarray, available: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Anomalies of the measurements that arrived, and S ``(..., p, p)``."""
+    Y = np.where(available[..., None], Y, 0.0)
+    return Y, inner(Y, Y) / (Y.shape[-1] - 1) + R
+
+
+def _inflated(
+    mean: np.ndarray, A: np.ndarray, available: np.ndarray, inflation: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and members about a mean, their anomalies inflated where a measurement arrived."""
     arrived = (1.0 * available).sum(-1) > 0.0
-    factor = np.where(arrived, inflation, 1.0)[..., None, None]
-    after = (mean + shift)[..., None] + factor * A
-    return average(after), after, S
+    members = mean[..., None] + np.where(arrived, inflation, 1.0)[..., None, None] * A
+    return average(members), members
 
 
 def _reduced_gain(
@@ -328,7 +326,7 @@ def _reduced_gain(
 def _transform(
     A: np.ndarray, Y: np.ndarray, e: np.ndarray, S: np.ndarray, R: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Shift of the mean and anomalies as of `_reduced_gain`, with ``T = (I + Y' R^-1 Y / (N - 1))^-1/2``, N x N.
+    """Shift of the mean and anomalies as of `_reduced_gain`, with the N x N transform T itself.
 
     Less work than p x p where measurements outnumber the members, and more accurate, as S is
     ill-conditioned there (Bishop et al. 2001).

@@ -13,7 +13,7 @@ from estimators.varying import Matrix, Schedule, is_compiled, resolve
 
 
 def input_delayed(model: "LinearModel") -> "LinearModel":
-    """The linear model whose measurements show d(k-1), as one of direct feedthrough: that input is taken for d(k).
+    """A linear model whose measurements show d(k-1), as one of direct feedthrough of d(k).
 
     With ``x' = x - G d(k-1)`` and ``d' = d(k-1)``: ``x'+ = A x' + A G d' + B u``, ``y = C x' + (C G
     + H) d'``. So a filter that needs rank(H) = q takes a model of rank(C G + H) = q; it estimates
@@ -41,7 +41,7 @@ def input_delayed(model: "LinearModel") -> "LinearModel":
 
 
 def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearModel":
-    """The model without feedthrough: its unknown input is n + 1 to n + q of the states, and d(k) drives it from k - 1.
+    """A model without feedthrough, of which states n + 1 to n + q are the unknown input.
 
     ``(x, d)+ = [A, G; 0, 0] (x, d) + [0; I] d(k+1)`` and ``y = [C, H] (x, d)``. So filters that
     need H = 0 take a model with feedthrough: what they call the input of the step before is the d
@@ -65,8 +65,8 @@ def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearMo
     if ended and callable(G):
         raise ValueError("stacked needs a constant G where the feedthrough is delayed")
     options: dict[str, Any] = {
-        "Q": _assembled(lambda Q: _above(joined([Q, np.zeros((n, q))], -1), q), model.Q), "R": model.R,
-        "G": drive + _above(G, q) if ended else drive, "H": np.zeros((p, q)),
+        "Q": _assembled(lambda Q: _above(joined([Q, np.zeros((n, q))], -1), q), model.Q),
+        "R": model.R, "G": drive + _above(G, q) if ended else drive, "H": np.zeros((p, q)),
         "state_angles": model.state_angles, "measurement_angles": model.measurement_angles,
     }  # fmt: skip
     if ended:  # d(k-1) is in the state already
@@ -88,7 +88,8 @@ def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearMo
 
     moves, shows = None if callable(G) else model.transition_jacobian, model.measurement_jacobian
     return NonlinearModel(
-        _function(transition, model.transition, model.G), _function(measurement, model.measurement, H),
+        _function(transition, model.transition, model.G),
+        _function(measurement, model.measurement, H),
         states=n + q, measurements=p, **options,
         transition_jacobian=moves and _function(
             lambda z, u: _above(joined([moves(z[..., :n], u), G], -1), q), moves),
@@ -103,18 +104,19 @@ def _above(matrix: np.ndarray, q: int) -> np.ndarray:
 
 
 def _assembled(assemble: Callable[..., np.ndarray], *parts: Matrix) -> Matrix:
-    """A matrix made of others; a function of u where one of them is, a `Schedule` where they follow the same."""
-    functions = [part for part in parts if callable(part)]
+    """A matrix of others: a function of u where one is, a `Schedule` where all have one grid."""
+    functions: list[Any] = [part for part in parts if callable(part)]
     if not functions:
         return assemble(*parts)
-    first = functions[0]
-    if isinstance(first, Schedule) and all(
-        isinstance(part, Schedule) and part.follows(first) for part in functions
-    ):
-        return replace(
-            first,
-            table=assemble(*(part.table if isinstance(part, Schedule) else part for part in parts)),
-        )
+    grids = {
+        (each.component, each.scale, each.middle, len(each.table))
+        if isinstance(each, Schedule)
+        else each
+        for each in functions
+    }
+    if len(grids) == 1 and isinstance(functions[0], Schedule):
+        tables = (part.table if isinstance(part, Schedule) else part for part in parts)
+        return replace(functions[0], table=assemble(*tables))
     return _function(lambda u: assemble(*(resolve(part, u) for part in parts)), *parts)
 
 

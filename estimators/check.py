@@ -4,7 +4,7 @@
 
     from estimators import check_filter
 
-    check_filter(MyFilter, gain=0.5)  # silent, or one sentence that says what is wrong and what to do
+    check_filter(MyFilter, gain=0.5)  # silent, or one sentence: what is wrong, and what to do
 
 Environments ask the quick part of it, `check_steps`, of every filter of a user's own before it
 flies.
@@ -13,16 +13,18 @@ flies.
 import copy
 import inspect
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimators.belief import Belief
+from estimators.belief import Belief, over_time
 from estimators.checks import frozen, short_repr
 from estimators.consistency import simulate
 from estimators.filter import Filter, Model
+from estimators.linalg import semidefinite
 from estimators.metrics import chi_square_band, nees
 from estimators.models import Gaussian, LinearModel, NonlinearModel
 from estimators.randomness import RandomKeys
@@ -30,12 +32,12 @@ from estimators.series import run
 
 _RUNS, _STEPS, _CONFIDENCE = 400, 20, 0.9999
 _SAME = 1e-7
-"""How far two ways to compute the same may be apart, relative to the largest entry: systems here are well conditioned,
-and Jacobians by differences no worse than this."""
+"""Difference of two ways to compute a number, relative to the largest entry: systems here are well
+conditioned, and Jacobians by differences no worse than this."""
 
 
 class System(NamedTuple):
-    """A system on which filters are tried: a model, a prior of ``(n,)`` and a known input ``(m,)``."""
+    """A system to try filters on: a model, a prior of ``(n,)`` and a known input ``(m,)``."""
 
     model: Model
     prior: Gaussian
@@ -80,19 +82,18 @@ def check_filter(
             "check_filter takes a Filter class, or a function of a model that returns one, got"
             f" {build!r}"
         )
-    name, signature = getattr(build, "__name__", type(build).__name__), inspect.signature(build)
+    name = getattr(build, "__name__", type(build).__name__)
     try:
-        signature.bind(model, **options)
+        inspect.signature(build).bind(model, **options)
     except TypeError as error:
-        call = f"{name}({', '.join(['model', *options])})"
         raise TypeError(
-            f"{name} cannot be built as {call}: {error}: take the model first, then options"
+            f"{name} cannot be built as {name}({', '.join(['model', *options])}): {error}: take the"
+            " model first, then options"
         ) from None
-    if model is None:
-        systems = _systems()
-    else:
-        own = Gaussian(np.zeros(model.n), np.eye(model.n)) if prior is None else prior
-        systems = (System(model, own, None if u is None else np.asarray(u, float)),)
+    systems, tried = _systems(), "it was tried on: give it one with model="
+    if model is not None:
+        own = prior or Gaussian(np.zeros(model.n), np.eye(model.n))
+        systems, tried = (System(model, own, None if u is None else np.asarray(u, float)),), "given"
     refusals, checked = [], False
     for system in systems:
         try:
@@ -103,14 +104,13 @@ def check_filter(
         if not isinstance(filter, Filter):
             raise TypeError(f"{name} must return a Filter, got {short_repr(filter)}")
         check_steps(filter, *system[1:])
-        _check_more(filter, system)
+        _check_more(filter, *system[1:])
         if not checked:
             _warn_of_errors(filter, system)
         checked = True
     if not checked:
-        whose = "it was tried on: give it one with model=" if model is None else "given"
         raise ValueError(
-            f"{name} takes none of the models {whose} ({'; '.join(dict.fromkeys(refusals))})"
+            f"{name} takes none of the models {tried} ({'; '.join(dict.fromkeys(refusals))})"
         )
 
 
@@ -133,119 +133,80 @@ def check_steps(filter: Filter, prior: Gaussian, u: np.ndarray | None) -> None:
             f'{cls}.name must be what the filter is called, such as "my-filter", got'
             f" {short_repr(filter.name)}"
         )
-    alone = [_steps(filter, prior, u, row) for row in range(_ROWS)]
-    beliefs = _steps(filter, prior, u)
-    for k, belief in enumerate(beliefs):
-        method, whole = ("predict", "update")[k % 2], k in _WHOLE
-        for name, array in _arrays(belief).items():
-            if np.shape(array)[:1] != (_ROWS,):
-                raise ValueError(
-                    f"{cls}._{method} gave a {name} that is no array with a row for each of the"
-                    " batch"
-                )
-            if not np.isfinite(array).all():
-                raise ValueError(
-                    f"{cls}._{method} gave a {name} that is not finite, of ordinary numbers"
-                )
-        if (method == "predict" or whole) and not belief.healthy.all():
-            raise ValueError(
-                f"{cls}._{method} could not be used: of ordinary numbers it must give a finite"
-                " mean, and a covariance that is symmetric and positive semidefinite"
-            )
-        for name, cov in (("cov", belief.cov), ("input_cov", belief.input_cov)):
-            if cov is not None and not _is_covariance(cov):
-                raise ValueError(
-                    f"{cls}._{method} gave a {name} that is not symmetric and positive semidefinite"
-                )
-        for row in range(_ROWS):
-            if odd := _differ([belief[row]], [alone[row][k]]):
-                raise ValueError(
-                    f"{cls}.{method} gives a row of a batch another {odd} than the same row alone:"
-                    " rows must share nothing, so reduce over the last axes only"
-                )
+    steps = partial(_steps, filter, prior, u)
+    alone = list(zip(*(steps(row) for row in range(_ROWS)), strict=True))
+    beliefs = steps()
+    for k, (belief, rows) in enumerate(zip(beliefs, alone, strict=True)):
+        method = ("predict", "update")[k % 2]
+        _check_belief(f"{cls}._{method}", belief, method == "predict" or k in _WHOLE)
+        _compare(
+            f"{cls}.{method} gives a row of a batch another {{}} than the same row alone: rows must"
+            " share nothing, so reduce over the last axes only",
+            [belief],
+            [over_time(rows)],
+        )
     if filter.compiled:
-        _check_compiled(filter, prior, u, beliefs)
-
-
-def _check_compiled(
-    filter: Filter, prior: Gaussian, u: np.ndarray | None, beliefs: list[Belief]
-) -> None:
-    """Formulas give compiled what NumPy gives, as a prediction and an update and as both at once."""
-    plain = copy.copy(filter)
-    plain.compiled = False  # type: ignore[misc]
-    both = _steps(filter, prior, u, at_once=True)
-    if odd := _differ(_steps(plain, prior, u), beliefs) or _differ(both, beliefs[1::2]):
-        raise ValueError(
-            f"{type(filter).__name__} gives another {odd} compiled than in NumPy: a formula is"
-            " traced once, so it must depend on nothing but what it is handed; or leave out"
-            " @compiled"
+        plain = copy.copy(filter)
+        plain.compiled = False  # type: ignore[misc]
+        _compare(
+            f"{cls} gives another {{}} compiled than in NumPy: a formula is traced once, so it must"
+            " depend on nothing but what it is handed; or leave out @compiled",
+            _steps(plain, prior, u) + steps(at_once=True),
+            beliefs + beliefs[1::2],
         )
 
 
 _ROWS = 3
-_MASKS = (True, True, False, None)
+_MASKS = (slice(0, None), slice(0, None), slice(1, None), slice(0, 0))
 """Measurements that arrive after each prediction: all, all, all but the first, none."""
 _WHOLE = (1, 3)
 
 
 def _steps(
-    filter: Filter, prior: Gaussian, u: np.ndarray | None, row: int | None = None, masked: bool = False,
-    at_once: bool = False,
+    filter: Filter, prior: Gaussian, u: np.ndarray | None, row: int | None = None,
+    masked: bool = False, at_once: bool = False,
 ) -> list[Belief]:  # fmt: skip
     """Beliefs after every prediction and every update, of one row, or of three with None.
 
     Missing measurements are NaN or, ``masked``, any number that a mask excludes. ``at_once`` each
     prediction and its update are one call, as in environments: the belief after every update.
     """
-    model, cls = filter.model, type(filter).__name__
     rows = np.arange(_ROWS) if row is None else np.array(row)
-    away = 0.5 * np.sqrt(np.diagonal(prior.cov, axis1=-2, axis2=-1))
-    mean = prior.mean + (rows[..., None] - 1.0) * away
-    known = _for_rows(u, mean.shape[:-1])
-    expected, batch = (
-        model.measurement(mean, known),
-        "one row" if row is not None else f"{_ROWS} rows",
-    )
-    rng, beliefs = RandomKeys.seeded(range(_ROWS))[rows], []
-    with _named(f"{cls}.init of {batch}", row is None):
-        belief = filter.init(Gaussian(mean, prior.cov), rng=rng)
+    mean = prior.mean + (rows[..., None] - 1.0) * 0.5 * np.sqrt(prior.cov.diagonal(0, -2, -1))
+    known = None if u is None else frozen(np.broadcast_to(u, mean.shape[:-1] + u.shape))
+    expected = filter.model.measurement(mean, known)
+    rng, beliefs, several = RandomKeys.seeded(range(_ROWS))[rows], [], row is None
+    belief = _call(filter.init, several, Gaussian(mean, prior.cov), rng=rng)
     for k, mask in enumerate(_MASKS):
-        arrived = np.full(expected.shape, bool(mask))
-        if mask is False:
-            arrived[..., 1:] = True
-        now, y = rng.at(k + 1), expected + 0.1 * (k + 1.0)
-        missing = np.where(arrived, y, np.nan)
+        arrived, now, y = np.zeros(expected.shape, bool), rng.at(k + 1), expected + 0.1 * (k + 1.0)
+        arrived[..., mask] = True
+        y = frozen(y if masked else np.where(arrived, y, np.nan))
         if at_once:
-            belief = filter.step(belief, missing, known, rng=now)
+            belief = filter.step(belief, y, known, rng=now)
+        else:
+            belief = _call(filter.predict, several, belief, known, rng=now)
             beliefs.append(belief)
-            continue
-        with _named(f"{cls}.predict of {batch}", row is None):
-            belief = filter.predict(belief, known, rng=now)
-        beliefs.append(belief)
-        arrays = {"y": y, "available": arrived} if masked else {"y": missing}
-        with _named(f"{cls}.update of {batch}", row is None):
-            belief = filter.update(
-                belief, rng=now, **{name: frozen(array) for name, array in arrays.items()}
-            )
+            more = {"available": frozen(arrived)} if masked else {}
+            belief = _call(filter.update, several, belief, y, rng=now, **more)
         beliefs.append(belief)
     return beliefs
 
 
-def _for_rows(u: np.ndarray | None, batch: tuple[int, ...]) -> np.ndarray | None:
-    """A known input ``(m,)`` for each row, read-only."""
-    return None if u is None else frozen(np.broadcast_to(u, batch + u.shape))
-
-
-@contextmanager
-def _named(call: str, batch: bool) -> Iterator[None]:
-    """Raise any error as a sentence that names the call."""
+def _call(method: Any, several: bool, *arguments: Any, **named: Any) -> Belief:
+    """The result of a filter's method; any error is raised as a sentence that names the call."""
     try:
-        yield
+        return method(*arguments, **named)
     except Exception as error:
-        why = f"{call} raised {type(error).__name__} ({' '.join(str(error).split())})"
+        call = f"{type(method.__self__).__name__}.{method.__name__}"
+        why = (
+            f"{call} of {f'{_ROWS} rows' if several else 'one row'} raised {type(error).__name__}"
+            f" ({' '.join(str(error).split())})"
+        )
         if "read-only" in str(error):
             why += ": what a filter is given it may only read, so put a new array into the belief"
-        elif batch:
+        elif isinstance(named["rng"], np.random.Generator):
+            why += ": rng may be a NumPy Generator, too"
+        elif several:
             why += (
                 ": of one row it works, so write it for any leading axes, with np.matvec and .mT,"
                 " axes from behind"
@@ -253,151 +214,124 @@ def _named(call: str, batch: bool) -> Iterator[None]:
         raise ValueError(why) from error
 
 
-def _check_more(filter: Filter, system: System) -> None:
+def _check_more(filter: Filter, prior: Gaussian, u: np.ndarray | None) -> None:
     """The slower checks of a filter that has passed `check_steps`."""
-    cls, (_, prior, u) = type(filter).__name__, system
-    beliefs = _steps(filter, prior, u)
-
-    if odd := _differ(_steps(filter, prior, u), beliefs, 0.0):
-        raise ValueError(
-            f"{cls} gives another {odd} when the same is done again: what changes belongs in the"
-            " belief, and random numbers come from rng alone"
-        )
-    if odd := _differ(_steps(filter, prior, u, masked=True), beliefs, 0.0):
-        raise ValueError(
-            f"{cls} gives another {odd} for a measurement that is masked than for NaN: both are"
-            " missing"
-        )
-    before, after = beliefs[-2], beliefs[-1]
-    spread, left = (np.trace(belief.cov, axis1=-2, axis2=-1) for belief in (before, after))
+    cls, steps = type(filter).__name__, partial(_steps, filter, prior, u)
+    beliefs = steps()
+    for others, sentence in (
+        (
+            steps(),
+            "when the same is done again: what changes belongs in the belief, and random numbers"
+            " come from rng alone",
+        ),
+        (steps(masked=True), "for a measurement that is masked than for NaN: both are missing"),
+    ):
+        _compare(f"{cls} gives another {{}} {sentence}", others, beliefs, 0.0)
+    spread, left = (np.trace(belief.cov, axis1=-2, axis2=-1) for belief in beliefs[-2:])
     if (left < spread * (1.0 - _SAME)).any():
         raise ValueError(
             f"{cls}.update without any measurement makes cov smaller: use the C and R that it is"
             " given, where what is missing is neutral, and not the model's"
         )
-    _check_restart(filter, system, beliefs)
-    if filter.random:
-        with _named(f"{cls} with a NumPy Generator as rng", False):
-            rng = np.random.default_rng(0)
-            filter.predict(filter.init(prior, rng=rng), u, rng=rng)
-
-
-def _check_restart(filter: Filter, system: System, beliefs: list[Belief]) -> None:
-    """Refuse a filter for which a row that begins again, beside others that go on, is not as a new one."""
-    cls, (model, prior, u) = type(filter).__name__, system
-    again, rng = np.array([False, True, False]), RandomKeys.seeded(range(_ROWS))
-    known, start = (
-        _for_rows(u, (_ROWS,)),
-        Gaussian(np.broadcast_to(prior.mean, (_ROWS, model.n)), prior.cov),
+    again, rng, old = np.array([False, True, False]), RandomKeys.seeded(range(_ROWS)), beliefs[3]
+    fresh = filter.init(Gaussian(np.tile(prior.mean, (_ROWS, 1)), prior.cov), rng=rng)
+    mixed, went_on, began = (
+        filter.predict(belief, old.u, rng=rng.at(9))
+        for belief in (old.with_rows(again, fresh[again]), old, fresh)
     )
-    with _named(f"{cls}: a belief with rows that begin again (belief.with_rows)", False):
-        fresh = filter.init(start, rng=rng)
-        mixed = beliefs[3].with_rows(again, fresh[again])
-        stepped = [
-            filter.predict(belief, known, rng=rng.at(9)) for belief in (mixed, beliefs[3], fresh)
-        ]
-    for row in range(_ROWS):
-        if odd := _differ([stepped[0][row]], [stepped[2 if again[row] else 1][row]]):
-            raise ValueError(
-                f"{cls} gives another {odd} where some rows begin again (belief.with_rows): what a"
-                " row needs must be in the belief, and a row alone must say what it does"
-            )
+    _compare(
+        f"{cls} gives another {{}} where some rows begin again (belief.with_rows): what a row needs"
+        " must be in the belief, and a row alone must say what it does",
+        [mixed],
+        [went_on.with_rows(again, began[again])],
+    )
+    if filter.random:
+        generator = np.random.default_rng(0)
+        belief = _call(filter.init, False, prior, rng=generator)
+        _call(filter.predict, False, belief, u, rng=generator)
 
 
 def _warn_of_errors(filter: Filter, system: System) -> None:
     """Warn where errors in simulated runs are larger or smaller than the covariance."""
     model, prior, u = system
-    rng = np.random.default_rng(0)
-    unknown = (
-        rng.normal(size=(_STEPS, _RUNS, model.q))
-        if filter.input_delay is not None and model.q
-        else None
-    )
+    rng, unknown = np.random.default_rng(0), None
+    if filter.input_delay is not None and model.q:
+        unknown = rng.normal(size=(_STEPS, _RUNS, model.q))
     data = simulate(model, prior, rng, _RUNS, _STEPS, u, unknown)
     series = run(filter, prior, data.y, data.u, rng=RandomKeys.seeded(range(_RUNS)))
     found = float(nees(series.mean[-1], series.cov[-1], data.x[-1], model.state_angles).mean())
     low, high = chi_square_band(_RUNS, model.n, _CONFIDENCE)
     if not low <= found <= high:
-        than, hint = (
-            ("larger", "it claims too much") if found > high else ("smaller", "it is too careful")
-        )
+        than, hint = ("smaller", "is too careful") if found < low else ("larger", "claims too much")
         warnings.warn(
-            f"{type(filter).__name__}: its errors are {than} than its covariance says ({hint}): the"
-            f" mean NEES of {model.n} states over {_RUNS} runs is {found:.2f}, expected {low:.2f}"
-            f" to {high:.2f}; see estimators.consistency",
+            f"{type(filter).__name__}: its errors are {than} than its covariance says (it {hint}):"
+            f" the mean NEES of {model.n} states over {_RUNS} runs is {found:.2f}, expected"
+            f" {low:.2f} to {high:.2f}; see estimators.consistency",
             stacklevel=3,
         )
 
 
-# --- comparing beliefs ----------------------------------------------------------------------------
+# --- beliefs --------------------------------------------------------------------------------------
 
 
-def _arrays(belief: Belief) -> dict[str, np.ndarray]:
-    """The arrays of a belief by name, without those that it does not have."""
-    found = {name: getattr(belief, name) for name in belief.__dataclass_fields__}
-    return {name: array for name, array in found.items() if array is not None}
-
-
-def _differ(some: list[Belief], others: list[Belief], tolerance: float = _SAME) -> str:
-    """The first array in which beliefs are not the same, or nothing; variances may be small beside 1."""
-    for mine, theirs in zip(map(_arrays, some), map(_arrays, others), strict=True):
-        for name in mine.keys() & theirs.keys():
-            a, b = np.asarray(mine[name], float), np.asarray(theirs[name], float)
-            scale = float(
-                np.abs(b).max(
-                    initial=0.0 if name in ("cov", "innovation_cov", "input_cov") else 1.0
-                )
+def _check_belief(method: str, belief: Belief, ordinary: bool) -> None:
+    """Refuse a belief that lacks a row, could not be used, or has what is no covariance."""
+    for name, array in belief.arrays().items():
+        if array is not None and np.shape(array)[:1] != (_ROWS,):
+            raise ValueError(
+                f"{method} gave a {name} that is no array with a row for each of the batch"
             )
-            if a.shape != b.shape or not (np.abs(a - b) <= tolerance * scale).all():
-                return name
-    return ""
+    if ordinary and not belief.healthy.all():
+        raise ValueError(
+            f"{method} could not be used: of ordinary numbers it must give a finite mean, and a"
+            " covariance that is symmetric and positive semidefinite"
+        )
+    for name in ("cov", "input_cov"):
+        cov = getattr(belief, name)
+        if cov is not None and not np.abs(cov - semidefinite(cov)).max() <= _SAME * cov.max():
+            raise ValueError(
+                f"{method} gave a {name} that is not symmetric and positive semidefinite"
+            )
 
 
-def _is_covariance(cov: np.ndarray) -> bool:
-    size = np.abs(cov).max((-2, -1), initial=0.0)
-    even = np.abs(cov - cov.mT).max((-2, -1), initial=0.0) <= _SAME * size
-    return bool(
-        (
-            even & (np.linalg.eigvalsh(0.5 * (cov + cov.mT)).min(-1, initial=0.0) >= -_SAME * size)
-        ).all()
-    )
+def _compare(
+    sentence: str, some: list[Belief], others: list[Belief], tolerance: float = _SAME
+) -> None:
+    """Raise a sentence about the first array that differs; variances may be small beside 1."""
+    for mine, theirs in zip(some, others, strict=True):
+        for name, a in mine.arrays().items():
+            if a is not None:
+                b = getattr(theirs, name)
+                least = 0.0 if name in ("cov", "innovation_cov", "input_cov") else 1.0
+                scale = np.abs(b).max(initial=least)
+                if not (np.abs(1.0 * a - b) <= tolerance * scale).all():
+                    raise ValueError(sentence.format(name))
 
 
 # --- known systems --------------------------------------------------------------------------------
 
 
 def _systems() -> tuple[System, ...]:
-    """Linear ones of a vehicle whose speed sensor drifts, and a driven pendulum; of each with unknown inputs, too."""
-    A, Q = (
-        np.array([[1.0, 0.5, 0.0], [0.0, 0.9, 0.0], [0.0, 0.0, 0.95]]),
-        np.diag([0.01, 0.05, 0.02]),
-    )
-    B, G, H = (
-        np.array([[0.0], [0.5], [0.0]]),
-        np.array([[0.1], [0.5], [0.0]]),
-        np.array([[0.0], [0.0], [1.0]]),
-    )
-    C, R = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 1.0]]), np.array([[0.3, 0.05], [0.05, 0.2]])
-    more, both = np.vstack([C, [0.0, 1.0, 0.0]]), np.diag([0.3, 0.2, 0.1])
-    prior, push, dt = (
-        Gaussian(np.array([1.0, 0.5, 0.0]), np.diag([1.0, 0.5, 0.1])),
-        np.array([0.3]),
-        0.05,
-    )
+    """A vehicle whose speed sensor drifts, and a driven pendulum; with unknown inputs, too."""
+    A, C = np.diag([1.0, 0.9, 0.95]), np.eye(3)
+    A[0, 1] = C[1, 2] = 0.5
+    B, G, H = np.array([[[0.0, 0.5, 0.0]], [[0.1, 0.5, 0.0]], [[0.0, 0.0, 1.0]]]).mT
+    Q, R = np.diag([0.01, 0.05, 0.02]), np.diag([0.25, 0.15, 0.1]) + 0.05
+    vehicle, u, dt = LinearModel(A, C, Q, R, B), np.array([0.3]), 0.05
+    start = Gaussian(np.array([1.0, 0.5, 0.0]), np.diag([1.0, 0.5, 0.1]))
 
-    def swing(x: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def swing(x: np.ndarray, u: Any) -> np.ndarray:
         rate = x[..., 1] + dt * (u[..., 0] - 9.81 * np.sin(x[..., 0]))
         return np.stack([x[..., 0] + dt * rate, rate], -1)
 
-    pendulum: dict[str, Any] = {
-        "transition": swing, "measurement": lambda x, u: x, "Q": np.diag([1e-4, 1e-3]), "R": np.diag([1e-3, 1e-2]),
-        "state_angles": (0,), "measurement_angles": (0,),
-    }  # fmt: skip
-    hanging = Gaussian(np.array([0.3, 0.0]), np.diag([0.01, 0.01]))
+    angles: dict[str, Any] = {"state_angles": (0,), "measurement_angles": (0,)}
+    Q, R = np.diag([1e-4, 1e-3]), np.diag([1e-3, 1e-2])
+    pendulum = NonlinearModel(swing, lambda x, u: x, Q, R, **angles)
+    hanging = Gaussian(np.array([0.3, 0.0]), 0.01 * np.eye(2))
     return (
-        System(LinearModel(A, C, Q, R, B), prior, push),
-        System(LinearModel(A, more, Q, both, B, G, H), prior, push),
-        System(LinearModel(A, more, Q, both, B, G), prior, push),
-        System(NonlinearModel(**pendulum), hanging, push),
-        System(NonlinearModel(**pendulum, G=np.array([[0.0], [dt]])), hanging, push),
+        System(vehicle, start, u),
+        System(replace(vehicle, G=G, H=H), start, u),
+        System(replace(vehicle, G=G), start, u),
+        System(pendulum, hanging, u),
+        System(replace(pendulum, G=np.array([[0.0], [dt]])), hanging, u),
     )

@@ -1,8 +1,5 @@
-"""Checks of users' arguments: arrays and numbers, or an error that names the argument in one sentence."""
+"""Checks of users' arguments: arrays and numbers, or a sentence that names the argument."""
 
-from collections.abc import Callable
-from contextlib import suppress
-from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -40,61 +37,6 @@ def read_only(array: np.ndarray | None) -> Any:
     view = array.view()
     view.setflags(write=False)
     return view
-
-
-def with_points(points: str) -> Any:
-    """The ``__new__`` of a belief's record whose mean is that of its points: `dataclasses.replace` would change one."""
-
-    def new(cls: type, *_: Any, **arrays: Any) -> Any:
-        if "mean" in arrays:  # this package gives it by its place
-            given = arrays["mean"], arrays.get(points)
-            if any(isinstance(a, np.ndarray) and not a.flags.writeable for a in given):
-                raise TypeError(
-                    f"mean and {points} of a belief go together: use belief.replace, not"
-                    " dataclasses.replace"
-                )
-        return object.__new__(cls)
-
-    return new
-
-
-def call(name: str, function: Callable[..., Any], *arrays: np.ndarray | None) -> Any:
-    """A function of a model at arrays that it can only read.
-
-    Raises:
-        ValueError: naming the function, if it writes into one of them.
-        TypeError: naming the function, if it does not compute with arrays.
-    """
-    try:
-        return function(*map(read_only, arrays))
-    except TypeError as error:
-        hint = "it gets arrays, as np.sin takes them, and None for a u that is not given"
-        raise TypeError(f"{name} fails: {error}; {hint}") from error
-    except ValueError as error:
-        if "read-only" not in str(error):
-            raise
-        raise Written(
-            f"{name} writes into an array that it is given: work on a copy, as of np.array(x)"
-        ) from error
-
-
-def check_takes(name: str, function: Callable[..., Any], *arguments: str) -> None:
-    """Check the arguments of a model's function.
-
-    Raises:
-        TypeError: if it takes others.
-    """
-    with suppress(ValueError):  # what is built in does not say
-        try:
-            signature(function).bind(*arguments)
-        except TypeError as error:
-            raise TypeError(
-                f"{name} must be a function of ({', '.join(arguments)}): {error}"
-            ) from None
-
-
-class Written(ValueError):
-    """A function of a user's writes into its arguments."""
 
 
 def numbers(value: object) -> np.ndarray | None:
@@ -146,10 +88,9 @@ def shaped_array(name: str, value: object, *shape: int | str) -> np.ndarray:
     """
     array = as_array(name, value)
     wanted = shape[1:] if shape[:1] == ("...",) else shape
-    sizes = array.shape[array.ndim - len(wanted) :]
-    fits = array.ndim == len(shape) or (len(wanted) < len(shape) and array.ndim >= len(wanted))
-    if not fits or any(
-        isinstance(size, int) and size != found for size, found in zip(wanted, sizes, strict=True)
+    found = array.shape[array.ndim - len(wanted) :] if wanted is not shape else array.shape
+    if len(found) != len(wanted) or any(
+        isinstance(size, int) and size != k for size, k in zip(wanted, found, strict=True)
     ):
         comma = "," if len(shape) == 1 else ""
         raise ValueError(
@@ -159,7 +100,7 @@ def shaped_array(name: str, value: object, *shape: int | str) -> np.ndarray:
 
 
 def as_mask(name: str, value: object) -> np.ndarray:
-    """``value`` as an array of truth values; numbers count as true where they are not 0, missing ones as false.
+    """``value`` as an array of truth values: numbers other than 0 are true, missing ones false.
 
     Raises:
         ValueError: if it is no array of either.

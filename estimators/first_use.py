@@ -1,4 +1,4 @@
-"""A user's functions at their first use: several rows are compared with each row alone, and with a second call."""
+"""Users' functions at their first use: several rows are compared with each row alone, twice."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.checks import Written, as_array, call
+from estimators.checks import as_array, read_only
 from estimators.engine.compiled import Compiled
 from estimators.engine.matrices import is_traced
 
@@ -35,41 +35,42 @@ class FirstUse:
     compared: bool = False
 
     def __call__(self, *arguments: Any) -> Any:
-        """The function's value at arrays, which it can only read, or at tracers."""
+        """The function's value at arrays or at tracers."""
         if not (self.compared or any(map(is_traced, arguments))):
             self.compare(*arguments)
-        return call(self.name, self.function, *arguments)
+        return self.function(*arguments)
 
     def compare(self, *arguments: np.ndarray | None) -> None:
         """Compare the values of rows near the first finite one, unless it has been done.
 
         Raises:
             ValueError: naming the function, if rows depend on each other, values have another
-                shape, differ from call to call, or differ compiled.
+                shape, differ from call to call, or differ compiled; or if it writes into its
+                arguments.
+            TypeError: naming the function, if it does not compute with such arrays.
         """
         if self.compared or (rows := self._rows(arguments)) is None:
             return
-        numpy = self.function.function if isinstance(self.function, Compiled) else self.function
         given = [each for each in rows if each is not None]
         size = max((np.abs(each).max(initial=0.0) for each in given), default=0.0)
+        plain = self.function.function if isinstance(self.function, Compiled) else self.function
         with np.errstate(all="ignore"):
-            together, again = (self._value(numpy, rows) for _ in range(2))
-            alone = [
-                self._value(numpy, [each if each is None else each[i, 0] for each in rows])
-                for i in range(len(given[0]) if given else 1)
-            ]
-            for each in alone:
-                self._check_shape(each)
+            together, again = (self._value(plain, rows) for _ in range(2))
+            alone = []
+            for i in range(len(given[0]) if given else 1):
+                alone.append(self._value(plain, [a if a is None else a[i, 0] for a in rows]))
+                self._check_shape(alone[-1].shape)
             if not np.array_equal(together, again, equal_nan=True):
                 raise ValueError(
                     f"{self.name} gave two values for the same arguments: it must depend on these"
                     " alone, without random numbers, clocks or counters of its own"
                 )
+            expected = np.stack(alone)[:, None]
             if together.ndim == len(self.shape) == 2:  # a matrix for all rows
-                together = np.repeat(together[None, None], len(alone), 0)
-            if not _close(together, np.array(alone)[:, None], size):
+                together = np.broadcast_to(together, expected.shape)
+            if not _close(together, expected, size):
                 raise ValueError(self._of_leading_axes())
-            if numpy is not self.function and not _close(self.function(*rows), together, size):
+            if plain is not self.function and not _close(self.function(*rows), together, size):
                 raise ValueError(
                     f"{self.name} gives other values compiled than in NumPy: what is compiled must"
                     " be pure, and keeps what it read when it was traced"
@@ -79,29 +80,38 @@ class FirstUse:
         self.compared = True
 
     def _rows(self, arguments: tuple[np.ndarray | None, ...]) -> list[Any] | None:
-        """Rows ``(k, 1, n)`` near the first finite ones; k is no other size. None: none is finite."""
+        """Rows ``(k, 1, n)`` near the first finite ones, k no other size; None if none is."""
         given = [each for each in arguments if each is not None]
         leading = np.broadcast_shapes(*(each.shape[:-1] for each in given))
+        widths = [each.shape[-1] for each in given]
         flat = [np.broadcast_to(a, leading + a.shape[-1:]).reshape(-1, a.shape[-1]) for a in given]
-        finite = np.flatnonzero(np.all([np.isfinite(each).all(-1) for each in flat], 0))
-        if given and not len(finite):
+        finite = np.isfinite(np.concatenate(flat, -1)).all(-1) if given else np.ones(1, bool)
+        if not finite.any():
             return None
-        widths = [each.shape[-1] for each in flat]
         count = next(k for k in range(3, 99) if k not in {*self.shape, *widths})
         apart = np.random.default_rng(0).uniform(0.0, _NEAR, (count, 1, max(widths, default=0)))
         apart[0] = 0.0
-        row = (each[finite[0]] for each in flat)
+        row = (each[np.argmax(finite)] for each in flat)
         near = (a + np.where(a, a, 1.0) * apart[..., : len(a)] for a in row)  # of the same signs
-        return [None if each is None else next(near) for each in arguments]
+        return [None if each is None else read_only(next(near)) for each in arguments]
 
     def _value(self, function: Callable[..., Any], arguments: list[Any]) -> np.ndarray:
         try:
-            value = call(self.name, function, *arguments)
-        except Written:
-            raise
+            value = function(*arguments)
+        except TypeError as error:
+            given = "x, u" if self.of_state else "u"
+            raise TypeError(
+                f"{self.name} fails: {error}; as a function of ({given}) it gets arrays, as np.sin"
+                " takes them, and None for a u that is not given"
+            ) from error
         except (ValueError, IndexError) as error:
-            reason = " ".join(str(error).split())[:100]
-            raise ValueError(f"{self._of_leading_axes()} ({reason})") from error
+            wrong = f"{self._of_leading_axes()} ({' '.join(str(error).split())[:100]})"
+            if "read-only" in str(error):
+                wrong = (
+                    f"{self.name} writes into an array that it is given: work on a copy, as of"
+                    " np.array(x)"
+                )
+            raise ValueError(wrong) from error
         if isinstance(value, list | tuple):
             raise ValueError(
                 f"{self.name} must return an array, not a list: np.stack([...], axis=-1) of its"
@@ -110,16 +120,15 @@ class FirstUse:
         as_array(f"what {self.name} returns", value)
         return np.asarray(value)
 
-    def _check_shape(self, value: np.ndarray) -> None:
-        fits = [size in (None, n) for size, n in zip(self.shape, value.shape, strict=False)]
-        if value.ndim != len(self.shape) or not all(fits):
+    def _check_shape(self, shape: tuple[int, ...]) -> None:
+        fits = (size in (None, n) for size, n in zip(self.shape, shape, strict=False))
+        if len(shape) != len(self.shape) or not all(fits):
             wanted = ", ".join("m" if size is None else str(size) for size in self.shape)
-            if len(self.shape) == 2:
-                raise ValueError(
-                    f"{self.name} gave a matrix of shape {value.shape}, expected (..., {wanted})"
-                )
-            found = f"one row gave shape {value.shape}, expected ({wanted},)"
-            raise ValueError(f"{self._of_leading_axes()} ({found})")
+            raise ValueError(
+                f"{self.name} gave a matrix of shape {shape}, expected (..., {wanted})"
+                if len(self.shape) == 2
+                else f"{self._of_leading_axes()} (one row gave shape {shape}, expected ({wanted},))"
+            )
 
     def _of_leading_axes(self) -> str:
         return (
@@ -135,11 +144,15 @@ def is_own(function: Any) -> bool:
     return str(getattr(plain, "__module__", "")).split(".")[0] in _OWN
 
 
+def rounding(array: np.ndarray) -> float:
+    """Relative rounding of the numbers of an array; whole numbers count as float64."""
+    return float(np.finfo(np.result_type(array.dtype, np.float16)).eps)
+
+
 def _close(found: np.ndarray, expected: np.ndarray, size: float) -> bool:
     """Are arrays equal but for the rounding of them, and of arguments of a size?"""
     if found.shape != expected.shape:
         return False
     largest = np.abs(expected[np.isfinite(expected)]).max(initial=0.0)
-    eps = float(np.finfo(np.result_type(expected.dtype, np.float16)).eps)
-    tolerance = max(1e-9, 64.0 * eps) * largest + 1e-13 * size
+    tolerance = max(1e-9, 64.0 * rounding(expected)) * largest + 1e-13 * size
     return np.allclose(found, expected, rtol=0.0, atol=tolerance, equal_nan=True)

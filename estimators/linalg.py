@@ -1,7 +1,7 @@
 """Small dense linear algebra over batches: covariances ``(..., n, n)`` and vectors ``(..., n)``."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache, lru_cache
 from typing import Any
@@ -31,20 +31,20 @@ def congruence(a: np.ndarray, p: np.ndarray) -> np.ndarray:
 
 
 def masked(R: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """R ``(..., p, p)`` with a unit, uncorrelated variance where the mask ``kept (..., p)`` is False."""
+    """R ``(..., p, p)`` with a unit, uncorrelated variance where ``kept (..., p)`` is False."""
     return np.where(kept[..., None] & kept[..., None, :], R, identity(R.shape[-1]))
 
 
 @np.errstate(all="ignore")
 def equilibrated(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Standard deviations ``(..., p)``, 1 where S has none, and S ``(..., p, p)`` in units of them."""
+    """Standard deviations ``(..., p)``, 1 where there is none, and S in these units."""
     scale = np.sqrt(np.diagonal(s, axis1=-2, axis2=-1))
     scale = np.where(scale > 0.0, scale, 1.0)
     return scale, s / scale[..., None] / scale[..., None, :]
 
 
 def joined(parts: Sequence[np.ndarray], axis: int) -> np.ndarray:
-    """Matrices ``(..., i, j)`` below (axis -2) or beside (axis -1) each other, one batch for all."""
+    """Matrices ``(..., i, j)`` below (axis -2) or beside (axis -1) each other, in one batch."""
     if any(is_traced(part) for part in parts):
         return matrices.joined(parts, axis)
     batch = np.broadcast_shapes(*(part.shape[:-2] for part in parts))
@@ -66,7 +66,17 @@ def solve(s: np.ndarray, b: np.ndarray) -> np.ndarray:
         return linear.solve_definite(s, b)
     if rescuing():
         return pseudo_inverse(np.where(np.isfinite(s), s, 0.0)) @ b
-    return _row_by_row(np.linalg.solve, s, b)
+    return _solved(s, b)
+
+
+@np.errstate(all="ignore")
+def _solved(s: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """``S^-1 B`` in NumPy; a singular row is NaN."""
+    try:
+        return np.linalg.solve(s, b)
+    except np.linalg.LinAlgError:
+        lost = (np.linalg.slogdet(s)[0] == 0.0)[..., None, None]  # as there, by a pivot of 0
+        return np.where(lost, np.nan, np.linalg.solve(np.where(lost, identity(s.shape[-1]), s), b))
 
 
 @contextmanager
@@ -85,38 +95,37 @@ def rescuing() -> bool:
 
 
 def solve_upper(t: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """``T^-1 B`` for an upper triangular ``T (..., n, n)`` and ``B (..., n, k)``; a singular row comes out as NaN."""
+    """``T^-1 B`` for an upper triangular ``T (..., n, n)``; a singular row is NaN."""
     if is_traced(t) or is_traced(b):
         return linear.solve_upper(t, b)
-    return _row_by_row(np.linalg.solve, t, b)
+    return _solved(t, b)
 
 
 def solve_lower(t: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """``T^-1 B`` for a lower triangular ``T (..., n, n)`` and ``B (..., n, k)``; a singular row comes out as NaN."""
+    """``T^-1 B`` for a lower triangular ``T (..., n, n)``; a singular row is NaN."""
     if is_traced(t) or is_traced(b):
         return linear.solve_lower(t, b)
-    return _row_by_row(np.linalg.solve, t, b)
+    return _solved(t, b)
 
 
 def inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """``A B' (..., i, j)`` of ``(..., i, N)`` and ``(..., j, N)``: sums over the members of an ensemble."""
+    """``A B' (..., i, j)`` of ``(..., i, N)`` and ``(..., j, N)``: sums over members."""
     return linear.inner(a, b) if is_traced(a) or is_traced(b) else a @ b.mT
 
 
 def singular(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Singular values ``(..., n)`` of ``A (..., m, n)``, zeros among them, and V ``(..., n, n)``, column by column.
+    """Singular values ``(..., n)`` of ``A (..., m, n)``, zeros among them, and V ``(..., n, n)``.
 
-    The values of a row that is not finite come out as NaN.
+    Raises:
+        numpy.linalg.LinAlgError: in NumPy, if A is not finite.
     """
-    n = a.shape[-1]
     if is_traced(a):
         turned, V = linear.rotated(a)
         return np.sqrt(np.square(turned).sum(-2)), V
-    finite = np.isfinite(a).all((-2, -1))[..., None]
-    _, found, directions = np.linalg.svd(np.where(finite[..., None], a, 0.0))
-    values = np.zeros(a.shape[:-2] + (n,))
+    _, found, directions = np.linalg.svd(a)
+    values = np.zeros(a.shape[:-2] + a.shape[-1:])
     values[..., : found.shape[-1]] = found
-    return np.where(finite, values, np.nan), directions.mT
+    return values, directions.mT
 
 
 def principal_root(cov: np.ndarray) -> np.ndarray:
@@ -134,7 +143,7 @@ def principal_root(cov: np.ndarray) -> np.ndarray:
 
 @np.errstate(all="ignore")
 def semidefinite_cholesky(a: np.ndarray) -> np.ndarray:
-    """Lower triangular ``L (..., n, n)`` with ``L L' = A`` for symmetric positive semidefinite ``A``.
+    """Lower triangular ``L (..., n, n)`` with ``L L' = A`` for a positive semidefinite ``A``.
 
     A pivot that is zero to rounding gives a column of zeros, where `numpy.linalg.cholesky` would
     raise. Column by column over the whole batch, which for a few states is as fast.
@@ -152,8 +161,15 @@ def semidefinite_cholesky(a: np.ndarray) -> np.ndarray:
     return root
 
 
+def regular_root(a: np.ndarray) -> np.ndarray:
+    """`semidefinite_cholesky` with a huge pivot where a row repeats others: its share is then 0."""
+    root = semidefinite_cholesky(a)
+    repeats = np.where(root.diagonal(0, -2, -1) == 0.0, _HUGE, 0.0)
+    return root + repeats[..., None] * identity(a.shape[-1])
+
+
 def shared_root(cov: np.ndarray) -> np.ndarray:
-    """`semidefinite_cholesky` of covariances ``(..., n, n)``; one ``(n, n)`` for all rows where they are the same.
+    """`semidefinite_cholesky` of covariances ``(..., n, n)``; one ``(n, n)`` for equal rows.
 
     Those of the last ones are kept: episodes begin with the same covariance again and again.
     """
@@ -177,7 +193,7 @@ _DIGITS = 8.0 * _EPS
 
 
 def whitened(root: np.ndarray, e: np.ndarray) -> np.ndarray:
-    """``L^-1 e`` for a triangular root ``L (..., p, p)``; a column of zeros counts as a unit one: it weighs nothing."""
+    """``L^-1 e`` for a triangular ``L (..., p, p)``; a column of zeros counts as a unit one."""
     entries: list[np.ndarray] = []
     for i in range(e.shape[-1]):
         rest, pivot = e[..., i], root[..., i, i]
@@ -188,42 +204,30 @@ def whitened(root: np.ndarray, e: np.ndarray) -> np.ndarray:
 
 
 def cholesky(s: np.ndarray) -> np.ndarray:
-    """The lower factor of ``S (..., p, p)``; a row that is not positive definite comes out as NaN."""
+    """The lower factor of ``S (..., p, p)``; a row that is not positive definite is NaN."""
     if is_traced(s):
         return linear.cholesky(s)
     if rescuing():
-        root = semidefinite_cholesky(np.where(np.isfinite(s), s, 0.0))
-        repeats = np.where(root.diagonal(0, -2, -1) == 0.0, _HUGE, 0.0)
-        return root + repeats[..., None] * identity(s.shape[-1])
-    return _row_by_row(np.linalg.cholesky, s)
-
-
-@np.errstate(all="ignore")
-def _row_by_row(function: Callable[..., np.ndarray], *matrices: np.ndarray) -> np.ndarray:
-    """A function of matrices with a result like the last; where it raises for one row, that row is NaN."""
+        return regular_root(np.where(np.isfinite(s), s, 0.0))
     try:
-        return function(*matrices)
+        return np.linalg.cholesky(s)
     except np.linalg.LinAlgError:
-        batch = np.broadcast_shapes(*(matrix.shape[:-2] for matrix in matrices))
-        whole = [np.broadcast_to(matrix, batch + matrix.shape[-2:]) for matrix in matrices]
-        result = np.full(whole[-1].shape, np.nan)
-        for row in np.ndindex(batch):
-            with suppress(np.linalg.LinAlgError):
-                result[row] = function(*(matrix[row] for matrix in whole))
-        return result
+        root = semidefinite_cholesky(s)
+        lowest = root.diagonal(0, -2, -1).min(-1)[..., None, None]
+        return np.where(lowest > 0.0, root, np.nan)
 
 
 @np.errstate(all="ignore")
 def log_density(e: np.ndarray, s: np.ndarray, seen: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """The log density ``(...)`` of vectors ``e (..., p)`` of N(0, S), or of their first independent components.
+    """Log density ``(...)`` of the first independent components of ``e (..., p)`` under N(0, S).
 
     Where a component is not ``seen (..., p)``, e is 0 and s ``(..., p, p)`` unit and uncorrelated.
     They are differences of numbers of ``size (..., p)``, with whose rounding e comes.
     """
     scale, unit = equilibrated(s)
-    root = cholesky(unit)
-    spread = np.diagonal(root, axis1=-2, axis2=-1)
-    square = np.square(np.linalg.solve(root, (e / scale)[..., None])[..., 0]).sum(-1)
+    root = semidefinite_cholesky(unit)
+    spread = root.diagonal(0, -2, -1)
+    square = np.square(whitened(root, e / scale)).sum(-1)
     logs, rank = np.log(spread * scale).sum(-1), seen.sum(-1)
     flat = ~((spread > 1e-4) & (scale > _DIGITS * size)).all(-1) & np.isfinite(unit).all((-2, -1))
     if flat.any():
@@ -237,7 +241,7 @@ def log_density(e: np.ndarray, s: np.ndarray, seen: np.ndarray, size: np.ndarray
 def semidefinite_form(
     e: np.ndarray, s: np.ndarray, size: Any
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """``e' S^+ e (...)`` for a singular S ``(..., p, p)``, and the first independent components ``(..., p)``.
+    """``e' S^+ e (...)`` for a singular S, and its first independent components ``(..., p)``.
 
     In units of standard deviations; infinite where e is outside the range of S by more than the
     rounding of numbers of ``size (..., p)``. Between them comes half the log-determinant of the
@@ -270,41 +274,29 @@ def pseudo_inverse(s: np.ndarray) -> np.ndarray:
 
 
 def lacks_rank(cov: np.ndarray) -> np.ndarray:
-    """The mask ``(...)`` of covariances ``(..., p, p)`` with a direction without variance, but for rounding.
+    """Mask ``(...)`` of covariances with a direction without variance, but for rounding.
 
     A row that is not finite is none of them: the eigenvalue solver would raise.
     """
-    _, scaled = equilibrated(cov)
-    with suppress(
-        np.linalg.LinAlgError
-    ):  # no eigenvalue is less than a third of the determinant, as their mean is 1
-        roots = np.diagonal(np.linalg.cholesky(scaled), axis1=-2, axis2=-1)
-        if (np.square(roots).prod(-1) > 1e4 * SINGULAR * scaled.shape[-1]).all():
-            return np.zeros(scaled.shape[:-2], bool)
-    finite = np.isfinite(scaled).all((-2, -1))
-    values = np.linalg.eigvalsh(np.where(finite[..., None, None], scaled, identity(cov.shape[-1])))
-    return (values[..., 0] <= SINGULAR * values.shape[-1]) | (
-        np.diagonal(cov, axis1=-2, axis2=-1) == 0.0
-    ).any(-1)
+    unit = equilibrated(cov)[1]
+    finite = np.isfinite(unit).all((-2, -1), keepdims=True)
+    lowest = np.linalg.eigvalsh(np.where(finite, unit, identity(cov.shape[-1])))[..., 0]
+    return (lowest <= SINGULAR * cov.shape[-1]) | (cov.diagonal(0, -2, -1) == 0.0).any(-1)
 
 
 SINGULAR = 1e-13
-"""An eigenvalue of a covariance scaled to a unit diagonal is rounding where it is below its size times this."""
+"""An eigenvalue of a covariance of unit diagonal is rounding below its size p times this."""
 
 
 @np.errstate(all="ignore")
 def semidefinite(cov: np.ndarray) -> np.ndarray:
-    """Covariances ``(..., n, n)`` with negative eigenvalues, which are rounding here, set to zero.
+    """Covariances ``(..., n, n)`` with negative eigenvalues, which are rounding here, set to 0.
 
     Perfect measurements leave variances that are nothing but rounding, of either sign.
     """
-    cov = 0.5 * cov + 0.5 * cov.mT
-    size = np.abs(cov).max((-2, -1), keepdims=True)
-    usable_size = (size > 0.0) & np.isfinite(size)
-    unit = np.where(usable_size, cov / np.where(usable_size, size, 1.0), 0.0)
-    values, vectors = np.linalg.eigh(unit)
-    wrong = values[..., 0] < -1e-12 * np.abs(values).sum(-1)
-    if not wrong.any():
-        return cov
-    repaired = (vectors * np.maximum(values, 0.0)[..., None, :]) @ vectors.mT * size
-    return np.where(wrong[..., None, None], 0.5 * (repaired + repaired.mT), cov)
+    cov = symmetrise(cov)
+    finite = np.isfinite(cov).all((-2, -1), keepdims=True)
+    values, vectors = np.linalg.eigh(np.where(finite, cov, 0.0))
+    wrong = (values[..., 0] < -1e-12 * np.abs(values).sum(-1))[..., None, None]
+    repaired = (vectors * np.maximum(values, 0.0)[..., None, :]) @ vectors.mT
+    return np.where(wrong, symmetrise(repaired), cov)

@@ -1,14 +1,12 @@
 """Checks of a model's matrices: shapes, definiteness, and functions at their first call."""
 
 import operator
-from contextlib import suppress
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from estimators.checks import as_array, check_takes, frozen, integer, short_repr
-from estimators.engine.matrices import is_traced
+from estimators.checks import as_array, frozen, integer, short_repr
 from estimators.first_use import FirstUse, is_own
 from estimators.linalg import masked
 from estimators.varying import Schedule, StateNoise
@@ -25,36 +23,18 @@ def as_covariance(name: str, value: object) -> np.ndarray:
         raise ValueError(f"{name} must be a square matrix (..., k, k), got shape {cov.shape}")
     if not np.isfinite(cov).all():
         raise ValueError(f"{name} must be finite")
-    if symmetric := np.array_equal(cov, cov.mT):
-        with suppress(np.linalg.LinAlgError):  # positive definite
-            np.linalg.cholesky(cov)
-            return cov
-    variances = cov.diagonal(0, -2, -1)
-    scale = np.sqrt(np.where(variances > 0.0, variances, 1.0))
-    with np.errstate(over="ignore"):  # correlations: rounding is a share of standard deviations
+    # Correlations: rounding is a share of standard deviations. What has none correlates with none.
+    scale = np.sqrt(np.maximum(cov.diagonal(0, -2, -1), 1e-300))
+    with np.errstate(over="ignore"):
         unit = np.clip(cov / scale[..., None] / scale[..., None, :], -1e100, 1e100)
     if (np.abs(unit - unit.mT) > 1e-9).any():
         raise ValueError(f"{name} must be symmetric")
-    lowest = np.linalg.eigvalsh(unit)[..., 0].min()
-    impossible = (variances < 0.0).any() or ((variances == 0.0)[..., None] & (cov != 0.0)).any()
-    if impossible or lowest < -1e-9:
-        lowest = min(lowest, np.linalg.eigvalsh(cov)[..., 0].min())
-        zero = ", and what goes with a variance of 0 must be 0" if impossible else ""
+    if np.linalg.eigvalsh(unit).min() < -1e-9:
+        lowest = np.linalg.eigvalsh(cov).min()
         raise ValueError(
-            f"{name} must be positive semidefinite, its smallest eigenvalue is {lowest:.3g}{zero}"
+            f"{name} must be positive semidefinite, its smallest eigenvalue is {lowest:.3g}"
         )
-    return cov if symmetric else 0.5 * cov + 0.5 * cov.mT
-
-
-def usable(R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """R ``(..., p, p)`` without measurements whose variance is not finite, and the mask ``(..., p)`` of the others.
-
-    Receivers report an unknown variance as NaN or infinity: such a measurement tells nothing.
-    """
-    finite = np.isfinite(R.diagonal(0, -2, -1))
-    if is_traced(R):
-        return masked(R, finite), finite
-    return (R, finite) if finite.all() else (masked(R, finite), finite)
+    return 0.5 * cov + 0.5 * cov.mT
 
 
 def check_matrices(
@@ -78,36 +58,28 @@ def check_matrices(
     for name in shapes:
         value = getattr(model, name)
         if isinstance(value, FirstUse):  # of the model of which this one is a copy
-            value = value.function
-            object.__setattr__(model, name, value)
-        if callable(value):
-            check_takes(name, value, *(("x", "u") if name in of_state else ("u",)))
-        if callable(value) or (value is None and name not in "QR"):
-            continue
-        array = as_covariance(name, value) if name in "QR" else as_array(name, value)
-        if array.ndim < 2:
-            raise ValueError(f"{name} must be a matrix, got shape {array.shape}")
-        if not np.isfinite(array).all():
-            raise ValueError(f"{name} must be finite")
-        object.__setattr__(model, name, frozen(array))
-    sizes = {
-        letter: _size(model, letter, shapes, *options.get(letter, ("", None))) for letter in "np"
-    } | {"q": 0}
+            object.__setattr__(model, name, value.function)
+        elif not callable(value) and (value is not None or name in "ACQR"):
+            array = as_covariance(name, value) if name in "QR" else as_array(name, value)
+            if array.ndim < 2:
+                raise ValueError(f"{name} must be a matrix, got shape {array.shape}")
+            if not np.isfinite(array).all():
+                raise ValueError(f"{name} must be finite")
+            object.__setattr__(model, name, frozen(array))
+    sizes = {letter: _size(model, letter, shapes, *options.get(letter, ())) for letter in "np"}
+    sizes["q"] = 0
     if model.G is not None or model.H is not None:
         sizes["q"] = _size(model, "q", shapes)
         for name, rows in ("G", "n"), ("H", "p"):
             if getattr(model, name) is None:
                 object.__setattr__(model, name, frozen(np.zeros((sizes[rows], sizes["q"]))))
     for name, letters in shapes.items():
-        value, shape = getattr(model, name), (sizes[letters[0]], sizes.get(letters[1]))
-        array = value.nominal if isinstance(value, StateNoise) else _table(value)
-        if isinstance(array, np.ndarray) and not all(
-            wanted in (None, found) for wanted, found in zip(shape, array.shape[-2:], strict=True)
-        ):
+        shape = sizes[letters[0]], sizes.get(letters[1])
+        table = _nominal(model, name)
+        if table is not None and table.shape[-2:] != (shape[0], shape[1] or table.shape[-1]):
             expected = ", ".join("m" if each is None else str(each) for each in shape)
-            raise ValueError(f"{name} has shape {array.shape}, expected (..., {expected})")
-        if callable(value) and not isinstance(value, Schedule):
-            set_function(model, name, value, shape, name in of_state)
+            raise ValueError(f"{name} has shape {table.shape}, expected (..., {expected})")
+        set_function(model, name, shape, name in of_state)
     for letter, size in sizes.items():
         object.__setattr__(model, letter, size)
     for name, size in ("state_angles", sizes["n"]), ("measurement_angles", sizes["p"]):
@@ -122,58 +94,45 @@ def check_matrices(
 
 
 def set_function(
-    model: Any, name: str, value: Any, shape: tuple[int | None, ...], of_state: bool = True
+    model: Any, name: str, shape: tuple[int | None, ...], of_state: bool = True
 ) -> None:
     """Let a function of a model be compared when it is first used, unless it is this package's."""
-    own = value.function if isinstance(value, StateNoise | FirstUse) else value
-    own = own.function if isinstance(own, FirstUse) else own
-    if is_own(own):
+    value = getattr(model, name)
+    noise = isinstance(value, StateNoise)
+    function = value.function if isinstance(value, StateNoise | FirstUse) else value
+    function = function.function if isinstance(function, FirstUse) else function
+    if not callable(function) or is_own(function):
         return
     checks: dict[str, Any] = {"Q": partial(as_covariance, "Q"), "R": _check_noise}
-    noise = isinstance(value, StateNoise)
-    used = FirstUse(name, own, shape, of_state or noise, checks.get(name))
+    used = FirstUse(name, function, shape, of_state or noise, checks.get(name))
     object.__setattr__(model, name, StateNoise(used, value.nominal) if noise else used)
 
 
 def _check_noise(R: np.ndarray) -> None:
-    as_covariance("R", usable(R)[0])
+    """Check R, without measurements of a variance that is not finite, as receivers report it."""
+    as_covariance("R", masked(R, np.isfinite(R.diagonal())))
 
 
 def _size(
-    model: Any, letter: str, shapes: dict[str, str], option: str = "", number: int | None = None
+    model: Any, letter: str, shapes: dict[str, str], option: str = "", given: int | None = None
 ) -> int:
-    """A size that the user gives, or the first matrix that has it: an array, a table, or a function without ``u``.
-
-    Args:
-        model: The model.
-        letter: Of the size.
-        shapes: As for `check_matrices`.
-        option: The argument that gives the size, if there is one: functions are only called for
-            such a size.
-        number: What the user gives.
-    """
-    if number is not None:
-        return integer(option, number, 1)
-    axes = {
-        name: shape.rindex(letter) - 2
-        for name, shape in shapes.items()
-        if letter in shape and name != "B"
-    }
-    for name, axis in axes.items():
-        if isinstance(table := _table(getattr(model, name)), np.ndarray):
-            return table.shape[axis]
-    symbol = next(iter(axes))
-    if option and callable(function := getattr(model, symbol)):
-        with suppress(Exception):  # a function of u may do anything without one
-            return as_array(symbol, function(None)).shape[axes[symbol]]
-    remedy = (
-        f"give {option}=, or one of {{}} as an array"
-        if option
-        else "give one of {} as an array, not as a function"
+    """A size that is ``given`` as an option, or that of the first array or table that has it."""
+    if given is not None:
+        return integer(option, given, 1)
+    names = [name for name, shape in shapes.items() if letter in shape and name != "B"]
+    for name in names:
+        if (array := _nominal(model, name)) is not None:
+            return array.shape[shapes[name].rindex(letter) - 2]
+    remedy = f"{option}=, or " if option else ""
+    raise ValueError(
+        f"cannot tell {option or letter}: give {remedy}one of {', '.join(names)} as an array, not"
+        " as a function"
     )
-    raise ValueError(f"cannot tell {option or letter}: {remedy.format(', '.join(axes))}")
 
 
-def _table(matrix: Any) -> Any:
-    """The table of a matrix that has one."""
-    return matrix.table if isinstance(matrix, Schedule) else matrix
+def _nominal(model: Any, name: str) -> np.ndarray | None:
+    """The array of a matrix: itself, its table, or the nominal one; None for functions."""
+    matrix = getattr(model, name)
+    if isinstance(matrix, Schedule | StateNoise):
+        return matrix.table if isinstance(matrix, Schedule) else matrix.nominal
+    return matrix if isinstance(matrix, np.ndarray) else None

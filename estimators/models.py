@@ -13,7 +13,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from estimators.checks import as_array, check_takes, frozen, short_repr
+from estimators.checks import as_array, frozen, short_repr
 from estimators.differences import central_differences, check_jacobian, steps, values_at
 from estimators.engine.compiled import Compiled, compiled
 from estimators.engine.derivative import linearise
@@ -26,7 +26,6 @@ from estimators.varying import (
     Matrix,
     StateMatrix,
     StateNoise,
-    evaluate,
     is_compiled,
     resolve,
 )
@@ -48,7 +47,7 @@ class Gaussian(Frozen):
     def __post_init__(self) -> None:
         mean = as_array("mean", self.mean)
         cov = as_covariance("cov", self.cov)
-        if mean.ndim < 1 or mean.shape[-1] != cov.shape[-1]:
+        if mean.shape[-1:] != cov.shape[-1:]:
             raise ValueError(
                 f"mean has shape {mean.shape}, but cov {cov.shape} is for a vector of"
                 f" {cov.shape[-1]}"
@@ -65,7 +64,7 @@ class Gaussian(Frozen):
         object.__setattr__(self, "cov", frozen(cov))
 
     def about(self, mean: np.ndarray) -> "Gaussian":
-        """The same covariance about other means ``(..., n)``, which are not looked at."""
+        """A Gaussian of this covariance about other means ``(..., n)``, which are not checked."""
         moved = object.__new__(type(self))
         object.__setattr__(moved, "mean", mean)
         object.__setattr__(moved, "cov", self.cov)
@@ -78,7 +77,7 @@ class Gaussian(Frozen):
 
 
 class _Model(Frozen):
-    """What filters ask of a model's functions before they trace them."""
+    """Questions of filters about a model's functions before they trace them."""
 
     def is_compiled(self, *names: str) -> bool:
         """Are the functions of these names compiled? Arrays and schedules are no functions."""
@@ -99,7 +98,7 @@ class _Model(Frozen):
             ValueError: naming the function, see `estimators.first_use`.
         """
         for name in names:
-            value = getattr(self, name, None)
+            value = getattr(self, name)
             function = value.function if isinstance(value, StateNoise) else value
             if isinstance(function, FirstUse):
                 function.compare(*((x, u) if function.of_state else (u,)))
@@ -152,9 +151,6 @@ class LinearModel(_Model):
     q: int = field(init=False)
 
     def __post_init__(self) -> None:
-        for name in "AC":
-            if getattr(self, name) is None:
-                raise ValueError(f"{name} must be a matrix or a function of u, got None")
         check_matrices(
             self, {"A": "nn", "Q": "nn", "C": "pn", "R": "pp", "G": "nq", "H": "pq", "B": "nm"}
         )
@@ -176,7 +172,7 @@ class LinearModel(_Model):
             raise ValueError("u was given, but the model has no B and no matrix that depends on u")
 
     def transition(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """``A x + B u``: the next state without the unknown input and noise; ``x`` is ``(..., n)``."""
+        """``A x + B u (..., n)``: the next state without the unknown input and noise."""
         return self.linearise_transition(x, u)[0]
 
     def measurement(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
@@ -191,7 +187,7 @@ class LinearModel(_Model):
     def linearise_transition(
         self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The next state ``(..., n)`` and the Jacobian ``A (..., n, n)``, whatever the belief's covariance."""
+        """Next state ``(..., n)`` and Jacobian A ``(..., n, n)``; the covariance is not used."""
         A = resolve(self.A, u)
         mean = np.matvec(A, x)
         if self.B is not None and u is not None:
@@ -201,7 +197,7 @@ class LinearModel(_Model):
     def linearise_measurement(
         self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Expected measurement ``(..., p)`` and Jacobian ``C (..., p, n)``, whatever the belief's covariance."""
+        """Expected measurement ``(..., p)`` and Jacobian C; the covariance is not used."""
         C = resolve(self.C, u)
         return np.matvec(C, x), C
 
@@ -224,8 +220,8 @@ class NonlinearModel(_Model):
         transition_jacobian: ``df/dx (x, u) -> (..., n, n)``; None: exact where f can be traced,
             else by differences.
         measurement_jacobian: ``dh/dx (x, u) -> (..., p, n)``; None: likewise.
-        states: n, where Q and G are functions, and Q has no value at ``u = None`` that would tell.
-        measurements: p, where R and H are functions, likewise.
+        states: n, where Q and G are functions.
+        measurements: p, where R and H are functions.
         delayed_feedthrough: H feeds d(k-1) through instead of d(k), see `LinearModel`.
 
     A Jacobian of your own is compared with differences when it is first used. Functions must be
@@ -255,27 +251,14 @@ class NonlinearModel(_Model):
     _compared: set[str] = field(init=False, repr=False, default_factory=set)
 
     def __post_init__(self) -> None:
-        functions = "transition", "measurement", "transition_jacobian", "measurement_jacobian"
-        for name in functions:
-            function = getattr(self, name)
-            function = function.function if isinstance(function, FirstUse) else function
-            if not callable(function) and not (function is None and name.endswith("jacobian")):
-                raise ValueError(f"{name} must be a function of (x, u), got {short_repr(function)}")
-            if function is not None:
-                check_takes(name, function, "x", "u")
         shapes = {"Q": "nn", "R": "pp", "G": "nq", "H": "pq"}
-        check_matrices(
-            self,
-            shapes,
-            of_state="G",
-            n=("states", self.states),
-            p=("measurements", self.measurements),
-        )
-        for name in functions:
-            if (function := getattr(self, name)) is not None:
-                rows = self.n if name.startswith("transition") else self.p
-                shape = (rows, self.n) if name.endswith("jacobian") else (rows,)
-                set_function(self, name, function, shape)
+        sizes = {"n": ("states", self.states), "p": ("measurements", self.measurements)}
+        check_matrices(self, shapes, of_state="G", **sizes)
+        for name, rows in ("transition", self.n), ("measurement", self.p):
+            if not callable(function := getattr(self, name)):
+                raise ValueError(f"{name} must be a function of (x, u), got {short_repr(function)}")
+            set_function(self, name, (rows,))
+            set_function(self, f"{name}_jacobian", (rows, self.n))
 
     def check_known_input(self, u: np.ndarray | None) -> None:
         """Nothing to refuse: what the functions make of ``u`` is theirs."""
@@ -283,20 +266,18 @@ class NonlinearModel(_Model):
     def input_matrix(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """G ``(..., n, q)``: how the unknown input moves the next state from ``x (..., n)``."""
         assert self.G is not None, "the model has no unknown input"
-        if not callable(self.G):
-            return self.G
-        return evaluate(self.G, x, u)
+        return resolve(self.G, x, u)
 
     def linearise_transition(
         self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """``f(x, u)`` and its Jacobian ``(..., n, n)``; the steps of differences follow x's covariance."""
+        """``f(x, u)`` and its Jacobian ``(..., n, n)``; differences step as x's covariance says."""
         return self._linearise("transition", self.n, self.state_angles, x, u, cov)
 
     def linearise_measurement(
         self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """``h(x, u)`` and its Jacobian ``(..., p, n)``; otherwise as `linearise_transition`."""
+        """``h(x, u)`` and its Jacobian ``(..., p, n)``; differences step as x's covariance says."""
         return self._linearise("measurement", self.p, self.measurement_angles, x, u, cov)
 
     def _linearise(
@@ -312,24 +293,23 @@ class NonlinearModel(_Model):
         if is_traced(x):
             program = cast(Any, x).program
             return tuple(matrix(program, each) for each in linearise(function, x, u, slopes=own))
+        if own is None and is_compiled(function):
+            return _compiled(linearise, function, x, u)(x, u)
+        step = steps(x, cov, self.state_angles)
         if own is None:
-            if is_compiled(function):
-                return _compiled(linearise, function, x, u)(x, u)
-            step = steps(x, cov, self.state_angles)
             return central_differences(name, function, x, u, size, angles, step)
         jacobian = np.broadcast_to(np.asarray(own(x, u), float), x.shape[:-1] + (size, self.n))
         if name not in self._compared:
-            step = steps(x, cov, self.state_angles)
             check_jacobian(name, function, jacobian, x, u, angles, step)
             if np.isfinite(jacobian).all():  # else it is compared again where it is
                 self._compared.add(name)
-        return at_points(name, function, x[..., None, :], u, size)[..., 0, :], jacobian
+        return np.asarray(function(x, u), float), jacobian
 
 
 def at_columns(
     model: NonlinearModel, name: str, points: np.ndarray, u: np.ndarray | None, size: int
 ) -> np.ndarray:
-    """A model's function at points that are columns ``(..., n, N)``: values ``(..., size, N)``, contiguous."""
+    """A model's function at columns ``(..., n, N)``: values ``(..., size, N)``, contiguous."""
     function = getattr(model, name)
     if is_traced(points):
         return columnwise(function, points, u)  # type: ignore[return-value]
@@ -353,7 +333,7 @@ def at_points(
     Returns:
         The values ``(..., k, size)``.
     """
-    return values_at(name, function, points, u, size)[0]
+    return values_at(name, function, points, u, size).astype(float, copy=False)
 
 
 def _compiled(
@@ -368,6 +348,6 @@ def _compiled(
 
 @lru_cache(1000)
 def _in_form(form: Callable[..., Any], function: Compiled) -> Compiled:
-    """A function of points in another form: `linearise` of ``(..., n)``, or `columnwise` of columns ``(..., n, N)``."""
+    """A function as `linearise` of ``(..., n)``, or `columnwise` of columns ``(..., n, N)``."""
     options: dict[str, Any] = {"axes": (2, 1), "matrices": True} if form is columnwise else {}
     return compiled(partial(form, function), **options)

@@ -44,7 +44,9 @@ def finite_sum(changed: dict[str, Any]) -> Any:
 
 def exhausted(belief: Any, changed: dict[str, Any], R: Any = None) -> Any:
     """NaN ``(...)`` where a measurement or an input has left perhaps nothing but rounding of a variance."""
-    left, size = (cov.diagonal(0, -2, -1).sum(-1) for cov in (changed["cov"], belief.cov))
+    left, size = (
+        cov.diagonal(0, -2, -1).sum(-1) for cov in (changed.get("cov", belief.cov), belief.cov)
+    )
     doubtful = np.where(left < _SHRUNK * size, np.nan, 0.0)
     return doubtful if R is None else doubtful + perfect(changed, R, _DIGITS)
 

@@ -17,21 +17,16 @@ Function = Callable[[np.ndarray, np.ndarray | None], np.ndarray]
 StateMatrix = np.ndarray | Callable[[np.ndarray, np.ndarray | None], np.ndarray]
 
 
-def resolve(value: Matrix, u: np.ndarray | None) -> np.ndarray:
-    """The matrix itself, or its value at the known input ``u`` where it is a function of it."""
+def resolve(value: Any, *arguments: Any) -> Any:
+    """A matrix, or a function's value, in NumPy or traced entry by entry with its arguments."""
     if not callable(value):
         return value
-    return evaluate(value, u)
-
-
-def evaluate(function: Callable[..., Any], *arguments: Any) -> Any:
-    """A function of vectors in NumPy, or traced entry by entry into the program of its arguments."""
     program = next((each.program for each in arguments if isinstance(each, MatrixTracer)), None)
     if program is None:
-        return function(*arguments)
-    assert is_compiled(function), "a function in NumPy cannot be traced"
+        return value(*arguments)
+    assert is_compiled(value), "a function in NumPy cannot be traced"
     entries = (each.scalars() if isinstance(each, MatrixTracer) else each for each in arguments)
-    return matrix(program, function(*entries))
+    return matrix(program, value(*entries))
 
 
 def is_compiled(value: Any) -> bool:
@@ -79,38 +74,27 @@ class Schedule(Frozen):
 
     def __call__(self, u: np.ndarray | None) -> np.ndarray:
         """The matrices ``(..., n, m)`` at ``u (..., k)``, or their tracers."""
+        follows = f"matrices follow component {self.component} of"
         if u is None:
-            raise ValueError(
-                f"this model needs a known input u: its matrices follow component {self.component}"
-                " of it"
-            )
+            raise ValueError(f"this model needs a known input u: its {follows} it")
         if self.component >= u.shape[-1]:
-            raise ValueError(
-                f"matrices follow component {self.component} of the known input, but u has"
-                f" {u.shape[-1]}"
-            )
+            raise ValueError(f"{follows} the known input, but u has {u.shape[-1]}")
         index = u[..., self.component] * self.scale + self.middle
         if is_traced(u):
             found = lookup_matrix(self.table, scalar(index))
             return found if isinstance(u, MatrixTracer) else found.scalars()  # type: ignore
-        within = np.fmin(
-            np.fmax(index, 0.0), len(self.table) - 1.0
-        )  # the first entry where u is not a number
+        # The first entry where u is not a number.
+        within = np.fmin(np.fmax(index, 0.0), len(self.table) - 1.0)
         return self.table.take(within.astype(np.intp), axis=0)
 
     def changed(self, change: Callable[[np.ndarray], np.ndarray]) -> "Schedule":
         """A function of this schedule, such as its double."""
         return replace(self, table=change(self.table))
 
-    def follows(self, other: "Schedule") -> bool:
-        """Have both tables the same entry at every known input?"""
-        mine, theirs = ((len(s.table), s.component, s.scale, s.middle) for s in (self, other))
-        return mine == theirs
-
 
 @dataclass(frozen=True, eq=False)
 class StateNoise:
-    """A measurement noise covariance R that follows the state: filters take it at the predicted mean.
+    """Measurement noise covariance R that follows the state: filters take it at the predicted mean.
 
     Args:
         function: ``R(x, u) -> (..., p, p)``.
@@ -131,7 +115,4 @@ class StateNoise:
 
 def noise_at(R: Matrix, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
     """The measurement noise covariance ``(..., p, p)`` of a model at states ``(..., n)``."""
-    if not isinstance(R, StateNoise):
-        return resolve(R, u)
-    with np.errstate(all="ignore"):
-        return evaluate(R.function, x, u)
+    return resolve(R.function, x, u) if isinstance(R, StateNoise) else resolve(R, u)

@@ -58,6 +58,7 @@ VECTORS: list[tuple[Any, str]] = [
     (_dice, "gave two values for the same arguments: it must depend on these alone"),
     (lambda x, u: [x[..., 0], x[..., 1]], "must return an array, not a list"),
     (lambda x, u: x * math.sin(x[0]), "fails: .*it gets arrays"),
+    (lambda x: x, r"fails: .*as a function of \(x, u\) it gets arrays"),
     (lambda x, u: "a", "returns must be an array of real numbers"),
     (lambda x, u: 1j * x, "returns must be an array of real numbers"),
 ]
@@ -67,6 +68,7 @@ MATRICES: list[tuple[Any, str]] = [
     (lambda u: np.eye(3) * u[..., :1, None], r"gave a matrix of shape \(3, 3\), expected"),
     (lambda u: I2 * np.random.default_rng().random(), "gave two values for the same arguments"),
     (lambda u: [[1.0, 0.0], [0.0, 1.0]], "must return an array, not a list"),
+    (lambda x, u: I2, r"fails: .*as a function of \(u\) it gets arrays"),
     (lambda u: I2 * math.exp(u[0]), "fails: .*it gets arrays"),
 ]  # fmt: skip
 
