@@ -1,4 +1,4 @@
-"""State estimators behind one batched contract, on NumPy and SciPy; `estimators.engine` compiles them at first use.
+"""State estimators behind one batched contract, on NumPy and SciPy, compiled at first use.
 
 The last axis holds the components of a vector, every leading axis is a batch::
 

@@ -7,7 +7,7 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from estimators.checks import as_array, read_only
+from estimators.checks import as_array, frozen, read_only
 
 Record = TypeVar("Record", bound="Belief")
 """The record of a filter's beliefs."""
@@ -82,8 +82,9 @@ class Belief:
         """
         if unknown := changes.keys() - self.__dataclass_fields__.keys():
             raise TypeError(f"{type(self).__name__} has no field {unknown.pop()!r}")
-        lists = {k: as_array(k, v) for k, v in changes.items() if isinstance(v, list | tuple)}
-        return self.of(self.arrays() | changes | lists)
+        own = {k: as_array(k, v) if isinstance(v, list | tuple) else v for k, v in changes.items()}
+        own = {k: frozen(v) if isinstance(v, np.ndarray) else v for k, v in own.items()}
+        return self.of(self.arrays() | own)
 
     def replaced(self, changed: dict[str, Any]) -> Self:
         """The belief after a step of a filter that changed some fields."""
@@ -212,7 +213,7 @@ class EnsembleBelief(Belief):
         return self.members.mT
 
     def replace(self, **changes: Any) -> Self:
-        """The belief with some fields, or its ``ensemble``, changed; another mean moves the members.
+        """The belief with some fields, or its ``ensemble``, changed; a mean moves the members.
 
         Raises:
             TypeError: for a field that the belief does not have.
@@ -234,7 +235,7 @@ class EnsembleBelief(Belief):
         return Belief.replace(self, **changes)
 
 
-@lru_cache(64)
+@lru_cache(4)  # they are as large as the batch
 def _blank(batch: tuple[int, ...], p: int) -> dict[str, np.ndarray]:
     """Arrays about a measurement before there is one, read-only: made once."""
     blank = {

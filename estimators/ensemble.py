@@ -214,7 +214,7 @@ class EnsembleKalmanFilter(EnsembleFilter):
 
 @compiled
 class EnsembleTransformFilter(EnsembleFilter):
-    """ETKF, or EnKF-SR: the members are transformed so that their covariance is the Kalman filter's.
+    """ETKF, or EnKF-SR: members are transformed to the covariance of the Kalman filter.
 
     The update draws no random numbers. ``A <- T A`` with the symmetric, mean-preserving ``T = (I +
     Y R^-1 Y' / (N - 1))^-1/2``, computed as a reduced gain in p x p algebra: with ``S = L L'``, the
@@ -276,14 +276,14 @@ def draw(
     use: int,
     wanted: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Standard normals ``(*batch, count, members)``; those not ``wanted (*batch, count)`` are any."""
+    """Standard normals ``(*batch, count, members)``; not ``wanted (*batch, count)``: anything."""
     if isinstance(rng, RandomKeys):
         return rng.members(members, count, use, wanted).mT
     return np.ascontiguousarray(rng.standard_normal(batch + (members, count)).mT)
 
 
 def noise_root(cov: np.ndarray) -> np.ndarray:
-    """``L (..., k, r)`` with ``L L' = cov`` and r the rank of ``cov``: the largest one of a batch."""
+    """``L (..., k, r)`` with ``L L' = cov``, r the rank of ``cov``: the largest of a batch."""
     values, vectors = np.linalg.eigh(cov)
     values = np.where(values > 1e-14 * values.shape[-1] * values[..., -1:], values, 0.0)
     needed = values.any(tuple(range(values.ndim - 1)))

@@ -68,7 +68,7 @@ def make(name: str, model: Model, **options: Any) -> Filter:
 
 
 def check_options(name: str, cls: type, options: dict[str, Any]) -> None:
-    """Raise a TypeError naming the first option that ``cls`` does not take after its first argument."""
+    """Raise a TypeError naming the first option that ``cls`` does not take."""
     known = list(inspect.signature(cls).parameters)[1:]
     for option in options:
         if option not in known:

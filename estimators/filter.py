@@ -17,7 +17,14 @@ from estimators.angles import difference
 from estimators.belief import Belief, Record, unmeasured
 from estimators.checks import as_array, as_mask, frozen, short_repr
 from estimators.engine.compiled import Compiled
-from estimators.linalg import congruence, log_density, masked, rescuing, semidefinite
+from estimators.linalg import (
+    congruence,
+    lacks_rank,
+    log_density,
+    masked,
+    rescuing,
+    semidefinite,
+)
 from estimators.model_checks import as_covariance
 from estimators.models import Gaussian, LinearModel, NonlinearModel
 from estimators.randomness import RandomKeys
@@ -65,7 +72,7 @@ class Filter(ABC, Generic[Record]):
     input_delay: int | None = None
     """Steps by which the unknown input is known late (0 or 1); None: the filter estimates none."""
     random: ClassVar[bool] = False
-    """It draws random numbers: ``rng`` must be given, and its functions take it as last argument."""
+    """It draws random numbers: ``rng`` must be given, and is the last argument of its functions."""
     reversible: ClassVar[bool] = False
     """`smooth` can go back through its steps. A class that overrides one says so again."""
     likelihood: ClassVar[str] = "approximate"
@@ -201,6 +208,10 @@ class Filter(ABC, Generic[Record]):
         healthy = np.ones(batch, bool)
         every = {"mean": mean, "cov": cov} | unmeasured(batch, self.model.p, healthy)
         belief: Any = self.record.of(every | own)
+        if missing := [name for name in self.record.names() if getattr(belief, name) is None]:
+            raise TypeError(
+                f"{type(self).__name__}._begin must give {missing[0]}, as its record has it"
+            )
         return belief.read_only()
 
     def predict(self, belief: Record, u: np.ndarray | None = None, rng: Rng = None) -> Record:
@@ -290,6 +301,8 @@ class Filter(ABC, Generic[Record]):
         """
         if (one := self._programs.get("one")) is None:
             one = self._asks_inside("predict") and self._asks_inside("update")
+            # After perfect measurements an update is examined beside its prediction.
+            one = one and (callable(self.model.R) or not lacks_rank(self.model.R).any())
             self._programs["one"] = one
         if one:
             return self._run("step", belief, u, rng, y, available)
@@ -354,9 +367,11 @@ class Filter(ABC, Generic[Record]):
         if y is None:
             changed |= unmeasured(batch, p, changed["healthy"])
         after = belief.replaced(changed | {"u": u})
-        if np.logical_and.reduce(after.healthy, axis=None):
-            return after
-        return recovered(self, step, belief, after, u, rng, y, available, R)
+        if not np.logical_and.reduce(after.healthy, axis=None):
+            after = recovered(self, step, belief, after, u, rng, y, available, R)
+        if step == "update" and not np.logical_and.reduce(belief.healthy, axis=None):
+            after = after.replaced({"healthy": after.healthy & belief.healthy})
+        return after
 
     def _answers(self, step: str, belief: Record, u: Any, R: Any) -> list[np.ndarray]:
         """The model's answer before a prediction or an update, in NumPy."""
@@ -417,9 +432,9 @@ class Filter(ABC, Generic[Record]):
         changed: Changes = {}
         if step != "update":
             answer = answers or self.propagate(belief, u)
-            changed = self._predict(belief, u, *answer, *drawn)
+            changed = self._known_fields("_predict", self._predict(belief, u, *answer, *drawn))
             if step == "predict":
-                total = finite_sum(changed)
+                total = finite_sum(belief.replaced(changed))
                 if self.input_delay is not None:
                     total = total + exhausted(belief, changed)
                 return changed | {"healthy": np.isfinite(total)}
@@ -432,12 +447,22 @@ class Filter(ABC, Generic[Record]):
         C, *more = (np.where(available[..., None], each, 0.0) for each in (C, *more))
         R = masked(R, available)
         updated = {"innovation_cov": None, "innovation": e, "available": available}
-        updated |= self._update(belief, u, e, C, R, available, *more, *drawn)
+        own = self._update(belief, u, e, C, R, available, *more, *drawn)
+        updated |= self._known_fields("_update", own)
         if updated["innovation_cov"] is None:
             updated["innovation_cov"] = congruence(C, belief.cov) + R
-        total = finite_sum(updated)
+        total = finite_sum(belief.replaced(updated))
         total = total + (perfect(updated, R) if self.random else exhausted(belief, updated, R))
         return changed | updated | {"healthy": np.isfinite(total)}
+
+    def _known_fields(self, method: str, changed: Changes) -> Changes:
+        """Arrays that a method gave, checked to be fields of the belief."""
+        if unknown := changed.keys() - self.record.__dataclass_fields__.keys():
+            raise TypeError(
+                f"{type(self).__name__}.{method} gave {unknown.pop()!r}, which a"
+                f" {self.record.__name__} does not have"
+            )
+        return changed
 
     def _in_numpy(
         self,
@@ -462,7 +487,8 @@ class Filter(ABC, Generic[Record]):
                 }
                 return belief.arrays() | lost
         each = [
-            self._in_numpy(
+            belief[row].arrays()
+            | self._in_numpy(
                 step,
                 belief[row],
                 *(
@@ -505,7 +531,7 @@ class Filter(ABC, Generic[Record]):
         return tuple(batch)
 
     def _known(self, u: Any, batch: tuple[int, ...]) -> np.ndarray | None:
-        """The known input with a row for each belief, so that rows can be taken out and replaced."""
+        """The known input with a row for each of the belief, so that rows can be taken out."""
         if u is None:
             return None
         u = frozen(as_array("u", u))  # the belief keeps it

@@ -49,26 +49,20 @@ class FirstUse:
                 arguments.
             TypeError: naming the function, if it does not compute with such arrays.
         """
-        if self.compared or (rows := self._rows(arguments)) is None:
+        if self.compared or (candidates := self._rows(arguments)) is None:
             return
-        given = [each for each in rows if each is not None]
-        size = max((np.abs(each).max(initial=0.0) for each in given), default=0.0)
         plain = self.function.function if isinstance(self.function, Compiled) else self.function
         with np.errstate(all="ignore"):
-            together, again = (self._value(plain, rows) for _ in range(2))
-            alone = []
-            for i in range(len(given[0]) if given else 1):
-                alone.append(self._value(plain, [a if a is None else a[i, 0] for a in rows]))
-                self._check_shape(alone[-1].shape)
+            rows, together, again, alone = self._evaluate(plain, candidates)
             if not np.array_equal(together, again, equal_nan=True):
                 raise ValueError(
                     f"{self.name} gave two values for the same arguments: it must depend on these"
                     " alone, without random numbers, clocks or counters of its own"
                 )
-            expected = np.stack(alone)[:, None]
-            if together.ndim == len(self.shape) == 2:  # a matrix for all rows
-                together = np.broadcast_to(together, expected.shape)
-            if not _close(together, expected, size):
+            size = max((np.abs(a).max(initial=0.0) for a in rows if a is not None), default=0.0)
+            if together.shape == alone.shape[2:] and len(self.shape) == 2:  # one for all rows
+                together = np.broadcast_to(together, alone.shape)
+            if not _close(together, alone, size):
                 raise ValueError(self._of_leading_axes())
             if plain is not self.function and not _close(self.function(*rows), together, size):
                 raise ValueError(
@@ -76,11 +70,14 @@ class FirstUse:
                     " be pure, and keeps what it read when it was traced"
                 )
         if self.check is not None:
-            self.check(alone[0])
+            self.check(alone[0, 0])
         self.compared = True
 
-    def _rows(self, arguments: tuple[np.ndarray | None, ...]) -> list[Any] | None:
-        """Rows ``(k, 1, n)`` near the first finite ones, k no other size; None if none is."""
+    def _rows(self, arguments: tuple[np.ndarray | None, ...]) -> list[list[Any]] | None:
+        """Rows ``(k, 2, n)``, k no other size: near and far from the first finite ones, or these.
+
+        None if none is finite.
+        """
         given = [each for each in arguments if each is not None]
         leading = np.broadcast_shapes(*(each.shape[:-1] for each in given))
         widths = [each.shape[-1] for each in given]
@@ -89,11 +86,38 @@ class FirstUse:
         if not finite.any():
             return None
         count = next(k for k in range(3, 99) if k not in {*self.shape, *widths})
-        apart = np.random.default_rng(0).uniform(0.0, _NEAR, (count, 1, max(widths, default=0)))
+        apart = np.random.default_rng(0).uniform(0.0, _NEAR, (count, max(widths, default=0)))
         apart[0] = 0.0
-        row = (each[np.argmax(finite)] for each in flat)
-        near = (a + np.where(a, a, 1.0) * apart[..., : len(a)] for a in row)  # of the same signs
-        return [None if each is None else read_only(next(near)) for each in arguments]
+        around, same = [], []
+        for each in flat:
+            row = each[np.argmax(finite)]
+            near = row + np.where(row, row, 1.0) * apart[:, : len(row)]  # of the same signs
+            around.append(np.stack([near, 0.5 - 1.5 * near], 1))
+            same.append(np.broadcast_to(row, (count, 2, len(row))).copy())
+        return [
+            [None if a is None else read_only(next(rows)) for a in arguments]
+            for rows in (iter(around), iter(same))
+        ]
+
+    def _evaluate(self, function: Callable[..., Any], candidates: list[list[Any]]) -> Any:
+        """Rows, their values together, twice, and alone; of the first rows that have values."""
+        around, same = candidates
+        try:
+            return around, *self._values(function, around)
+        except Exception:  # beyond the given point the function may have no values
+            return same, *self._values(function, same)
+
+    def _values(self, function: Callable[..., Any], rows: list[Any]) -> tuple[np.ndarray, ...]:
+        together, again = (self._value(function, rows) for _ in range(2))
+        given = [each for each in rows if each is not None]
+        alone = [
+            self._value(function, [a if a is None else a[index] for a in rows])
+            for index in np.ndindex(given[0].shape[:2] if given else (1, 1))
+        ]
+        for each in alone:
+            self._check_shape(each.shape)
+        leading = given[0].shape[:2] if given else (1, 1)
+        return together, again, np.stack(alone).reshape(leading + alone[0].shape)
 
     def _value(self, function: Callable[..., Any], arguments: list[Any]) -> np.ndarray:
         try:

@@ -13,7 +13,7 @@ from estimators.models import LinearModel
 
 
 class IteratedExtendedKalmanFilter(ExtendedKalmanFilter):
-    """An `ekf` whose update is the most probable state, given the prediction as a Gaussian and the measurement.
+    """An `ekf` whose update is the most probable state, given prediction and measurement.
 
     That state minimises, with ``P = P-``::
 

@@ -74,7 +74,7 @@ class KalmanFilter(ExtendedKalmanFilter):
     limit of a D that grows without bound. With ``delayed_feedthrough`` the measurement contains
     d(k-1), which has moved the prediction::
 
-        x-+ = A x + B u      P-+ = A P A' + G D G' + Q      cov(x-+, d) = G D      (``input_delay`` 1)
+        x-+ = A x + B u     P-+ = A P A' + G D G' + Q     cov(x-+, d) = G D     (``input_delay`` 1)
 
     Source: Kalman (1960); covariance update in Joseph form; Anderson & Moore (1979), Optimal
     Filtering, sec. 5.4, for noises of process and measurement that are correlated.
@@ -144,7 +144,7 @@ class KalmanFilter(ExtendedKalmanFilter):
 
 
 def with_input(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
-    """Mean ``(..., k)`` and covariance ``(..., k, k)`` of the state and, if estimated, the input."""
+    """Mean ``(..., k)`` and covariance ``(..., k, k)`` of state and, if estimated, input."""
     if not isinstance(belief, InputBelief):
         return belief.mean, belief.cov
     cov = symmetric_blocks(belief.cov, belief.state_input_cov, belief.input_cov)

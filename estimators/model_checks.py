@@ -23,6 +23,8 @@ def as_covariance(name: str, value: object) -> np.ndarray:
         raise ValueError(f"{name} must be a square matrix (..., k, k), got shape {cov.shape}")
     if not np.isfinite(cov).all():
         raise ValueError(f"{name} must be finite")
+    if not cov.size:  # no rows
+        return cov
     # Correlations: rounding is a share of standard deviations. What has none correlates with none.
     scale = np.sqrt(np.maximum(cov.diagonal(0, -2, -1), 1e-300))
     with np.errstate(over="ignore"):

@@ -208,7 +208,7 @@ class NonlinearModel(_Model):
 
     Args:
         transition: ``f(x, u) -> (..., n)``; must broadcast over leading axes of ``x`` and ``u``.
-        measurement: ``h(x, u) -> (..., p)``; likewise.
+        measurement: ``h(x, u) -> (..., p)``; must broadcast, too.
         Q: ``(..., n, n)`` process noise covariance, or a function of ``u``.
         R: ``(..., p, p)`` measurement noise covariance, a function of ``u``, or a `StateNoise` of
             ``(x, u)``.
@@ -216,17 +216,17 @@ class NonlinearModel(_Model):
             broadcasts; then give H, zero if need be, to tell how many unknown inputs there are.
         H: ``(..., p, q)`` unknown input to the measurement, or a function of ``u``.
         state_angles: indices of states that are angles; the transition may wrap them.
-        measurement_angles: indices of measurements that are angles; likewise.
-        transition_jacobian: ``df/dx (x, u) -> (..., n, n)``; None: exact where f can be traced,
-            else by differences.
-        measurement_jacobian: ``dh/dx (x, u) -> (..., p, n)``; None: likewise.
+        measurement_angles: indices of measurements that are angles; h may wrap them.
+        transition_jacobian: ``df/dx (x, u) -> (..., n, n)``; None: exact of a compiled f, of any
+            other by central differences.
+        measurement_jacobian: ``dh/dx (x, u) -> (..., p, n)``; None: as of the transition.
         states: n, where Q and G are functions.
         measurements: p, where R and H are functions.
         delayed_feedthrough: H feeds d(k-1) through instead of d(k), see `LinearModel`.
 
-    A Jacobian of your own is compared with differences when it is first used. Functions must be
-    pure, as those of a `LinearModel`, and may only read their arguments; the model is immutable
-    likewise.
+    Functions run in NumPy unless they are decorated `@compiled`. They must be pure, as those of a
+    `LinearModel`; each is compared once, when it is first used: several rows with each alone, and a
+    Jacobian of your own with differences. The model is immutable.
 
     Raises:
         ValueError: naming the argument whose shape or definiteness is wrong.

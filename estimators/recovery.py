@@ -33,21 +33,20 @@ _NEGATIVE = 1e-12
 """An eigenvalue of a covariance that is less negative, as a share of its trace, is rounding."""
 
 
-def finite_sum(changed: dict[str, Any]) -> Any:
-    """A sum ``(...)`` that is not finite where a mean or covariance of a step is not."""
-    total = changed["mean"].sum(-1)
+def finite_sum(belief: Any) -> Any:
+    """A sum ``(...)`` that is not finite where a mean or covariance of a belief is not."""
+    total = belief.mean.sum(-1)
     for name, axes in ("cov", (-2, -1)), ("input_mean", -1), ("feedthrough_cov", (-2, -1)):
-        if name in changed:
-            total = total + changed[name].sum(axes)
+        if (array := getattr(belief, name, None)) is not None:
+            total = total + array.sum(axes)
     return total
 
 
 def exhausted(belief: Any, changed: dict[str, Any], R: Any = None) -> Any:
-    """NaN ``(...)`` where a measurement or an input has left perhaps nothing but rounding of a variance."""
-    left, size = (
-        cov.diagonal(0, -2, -1).sum(-1) for cov in (changed.get("cov", belief.cov), belief.cov)
-    )
-    doubtful = np.where(left < _SHRUNK * size, np.nan, 0.0)
+    """NaN ``(...)`` where a step has left perhaps nothing but rounding of a variance."""
+    left, before = (cov.diagonal(0, -2, -1) for cov in (changed.get("cov", belief.cov), belief.cov))
+    doubtful = np.where(left.sum(-1) < _SHRUNK * before.sum(-1), np.nan, 0.0)
+    doubtful = doubtful + np.where(left < 0.0, np.nan, 0.0).sum(-1)
     return doubtful if R is None else doubtful + perfect(changed, R, _DIGITS)
 
 
@@ -118,6 +117,7 @@ def _sound(belief: Any, step: str) -> np.ndarray:
             cov = np.where(sound[..., None, None], _with_state(belief, name), 0.0)
             values = np.linalg.eigvalsh(cov)
             sound &= values[..., 0] >= -_NEGATIVE * np.abs(values).sum(-1)
+            sound &= (cov.diagonal(0, -2, -1) >= 0.0).all(-1)
     return sound if step == "predict" else sound & ~lacks_rank(belief.innovation_cov)
 
 
@@ -153,7 +153,7 @@ def _finite(belief: Any) -> np.ndarray:
 
 
 def _attempt(filter: Any, step: str, belief: Any, rng: Any, y: Any, available: Any, R: Any) -> Any:
-    """A prediction or an update in NumPy, in rescue; rows that are not finite keep what they had."""
+    """A prediction or an update in rescue; rows that are not finite keep what they had."""
     with rescue():
         arrived = None if y is None else np.where(available, y, np.nan)
         belief = filter._repaired(belief, belief.u, arrived, rng)

@@ -21,7 +21,7 @@ from estimators.linalg import (
 
 @compiled
 class HuberKalmanFilter(ExtendedKalmanFilter):
-    """A Kalman filter whose update minimises Huber's loss instead of squares: for measurements with outliers.
+    """A Kalman filter whose update minimises Huber's loss: for measurements with outliers.
 
     The whitened residuals of the measurement and of the prediction, ``zeta = [R^-1/2 (y - h(x));
     (P-)^-1/2 (x- - x)]`` with Cholesky roots, enter quadratically up to ``gamma`` and linearly
@@ -86,7 +86,7 @@ class HuberKalmanFilter(ExtendedKalmanFilter):
         return {"mean": mean, "cov": cov, "innovation_cov": S}
 
     def _inflation(self, M: np.ndarray, S: np.ndarray, e: np.ndarray) -> np.ndarray:
-        """``1 / psi`` for the last update, ``(..., n + p)``; a row that has converged is left alone."""
+        """``1 / psi (..., n + p)`` for the last update; a row that has converged is left alone."""
         n = self.model.n
         seen = self._weighted(whitened(M[..., n:], e))
         inflation = joined([np.ones((n, 1)), seen[..., None]], -2)[..., 0]
@@ -118,7 +118,8 @@ class RobustKalmanFilter(ExtendedKalmanFilter):
     other within relative entropy ``radius / 2`` of the model's. Against the worst choice the best
     estimate is a Kalman filter with a larger prediction covariance: after ``P = A P+ A' + Q``::
 
-        V = (I - theta P)^-1 P,    sum_i [x_i / (1 - x_i) + log(1 - x_i)] = radius,    x_i = theta l_i < 1
+        V = (I - theta P)^-1 P
+        sum_i [x_i / (1 - x_i) + log(1 - x_i)] = radius    x_i = theta l_i < 1
 
     over the eigenvalues ``l_i`` of P. The belief's covariance is this least-favourable one:
     conservative by design where the model is true. ``radius = 0`` gives the Kalman filter exactly.
@@ -154,7 +155,7 @@ class RobustKalmanFilter(ExtendedKalmanFilter):
 
 
 def least_favourable_covariance(cov: np.ndarray, radius: float) -> np.ndarray:
-    """``V = (I - theta P)^-1 P``: the largest covariance within relative entropy ``radius / 2`` of N(0, P).
+    """``V = (I - theta P)^-1 P``, the largest covariance within relative entropy ``radius / 2``.
 
     Args:
         cov: ``(..., n, n)`` P, positive semidefinite; a row that is not finite is returned as it

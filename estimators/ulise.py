@@ -151,16 +151,9 @@ class ULISE(DelayedInputFilter):
         # (x, d(k-1), d(k)) = (x-, d1(k-1), 0) + Z e
         Z = joined([K + (G - K @ F) @ M, rest @ M, D - (D @ F) @ M], -2)
         correction = np.matvec(Z, e)
-        # Errors: those of (x-, d1(k-1)) less Z (C x~- + v), and the inputs' share in Z e, which
-        # cancels where they are seen; elsewhere they have their prior.
-        joint = symmetric_blocks(belief.cov, belief.state_input_cov, belief.input_cov)
-        before = belief.input_observed
-        kept = joined([np.zeros((n, q)), before, np.zeros((q, q))], -2)
-        errors = joined([np.eye(n + 2 * q, n) - Z @ C, kept], -1)
-        observed = before + late
-        past = joined([G, rest, np.zeros((q, q))], -2) - Z @ F
-        present = -1.0 * (Z @ H)
-        cov = congruence(errors, joint) + congruence(Z, R)
+        observed, present = belief.input_observed + late, -1.0 * (Z @ H)
+        past = joined([reach, np.zeros((q, q))], -2) - Z @ F
+        cov = self._errors(belief, Z, C) + congruence(Z, R)
         cov = cov + congruence(past, self._open(observed)) + congruence(present, self._open(now))
         cov = symmetrise(cov)
         carried = joined([present[..., :n, :], present[..., n + q :, :]], -2)
@@ -179,3 +172,13 @@ class ULISE(DelayedInputFilter):
             "state_feedthrough_cov": cov[..., :n, n + q :],
             "feedthrough_observed": now,
         }
+
+    def _errors(self, belief: Any, Z: Any, C: Any) -> Any:
+        """Covariance of the errors of (x-, d1(k-1), 0) less ``Z C x~-``.
+
+        The inputs' share in Z e cancels where they are seen; elsewhere they have their prior.
+        """
+        n, q, before = self.model.n, self.model.q, belief.input_observed
+        joint = symmetric_blocks(belief.cov, belief.state_input_cov, belief.input_cov)
+        kept = joined([np.zeros((n, q)), before, np.zeros((q, q))], -2)
+        return congruence(joined([np.eye(n + 2 * q, n) - Z @ C, kept], -1), joint)

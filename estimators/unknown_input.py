@@ -72,7 +72,7 @@ class UnknownInputFilter(Filter[Any]):
         return driven(belief, mean, A, Q, *more) | self._unseen(mean)
 
     def _effect(self, belief: Any, C: Any, H: Any) -> tuple[Any, Any]:
-        """F ``(..., p, q)`` of the input in a measurement, and how it moved the state ``(..., n, q)``."""
+        """F ``(..., p, q)`` of the input in a measurement, and its drive of the state ``(..., n, q)``."""
         return H, np.zeros((self.model.n, self.model.q))
 
     def _update(
@@ -120,7 +120,7 @@ class UnknownInputFilter(Filter[Any]):
         return solve(S + share * (F @ F.mT), b), share[..., 0]
 
     def _gain(self, F: np.ndarray, SF: np.ndarray, share: Any) -> tuple[np.ndarray, np.ndarray]:
-        """M ``(..., q, p)`` of the estimate ``M e`` of d from ``e = F d`` and noise, and a projector.
+        """M ``(..., q, p)`` of the estimate ``M e`` of d from ``e = F d + noise``, and a projector.
 
         F is ``(..., p, q)`` with the rows of missing measurements zero, SF is ``S^-1 F``, and
         ``share`` of the prior is in S. The projector ``(..., q, q)`` is on the directions shown.
@@ -175,9 +175,9 @@ class UnknownInputFilter(Filter[Any]):
 
 
 def _share(S: np.ndarray, F: np.ndarray) -> np.ndarray:
-    """Factor ``(...)`` of ``F F'`` that makes it as large as S, in units of standard deviations."""
+    """Factor ``(...)`` of ``F F'``, at most 1/2, that makes it about as large as S."""
     size = np.square(F / equilibrated(S)[0][..., None]).sum((-2, -1))
-    return np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
+    return np.where(size > 0.0, np.minimum(1.0 / np.where(size > 0.0, size, 1.0), 0.5), 0.0)
 
 
 @compiled
@@ -271,7 +271,8 @@ class DelayedInputFilter(UnknownInputFilter):
 
     def _was_updated(self, belief: Any) -> bool:
         # An update without measurements leaves the input to its prior, which has moved the state.
-        open_input = ~belief.pending & belief.state_input_cov.any((-2, -1))
+        known = ~belief.pending & belief.healthy  # a lost prediction leaves what was before it
+        open_input = known & belief.state_input_cov.any((-2, -1))
         return super()._was_updated(belief) or bool(open_input.any())
 
     def _effect(self, belief: Any, C: Any, H: Any) -> tuple[Any, Any]:
@@ -326,8 +327,9 @@ class ExtendedUMVFilter(NoFeedthroughFilter):
     With C the measurement's Jacobian at the prediction and ``G = df/dd`` at the estimate before it,
     step k estimates d(k-1) (``input_delay`` 1)::
 
-        F = C G     Pd = (F' S^-1 F)^-1     M = Pd F' S^-1     d(k-1) = M e     L = K + (I - K C) G M
-        x = x- + L e      P = (I - L C) P- (I - L C)' + L R L'      x-+ = f(x, u)      P-+ = A P A' + Q
+        F = C G      Pd = (F' S^-1 F)^-1      M = Pd F' S^-1      d(k-1) = M e
+        L = K + (I - K C) G M      x = x- + L e      P = (I - L C) P- (I - L C)' + L R L'
+        x-+ = f(x, u)      P-+ = A P A' + Q
 
     The first update after ``init`` has no d(k-1): it is a Kalman update. Where a measurement hardly
     shows a direction of ``d``, because a channel dropped or C G lost rank at this state, that
@@ -354,12 +356,13 @@ class ExtendedUMVFilter(NoFeedthroughFilter):
 
 @compiled
 class EndedUMVFilter(ExtendedUMVFilter):
-    """KF-UMV-UI of a model whose H feeds through the input of the step that has ended (``delayed_feedthrough``).
+    """KF-UMV-UI of a model with ``delayed_feedthrough``: H feeds through the last step's input.
 
     The input d(k-1) has moved the state x(k) through G before the measurement of step k shows it,
     through C and H::
 
-        x(k) = A x(k-1) + B u(k-1) + G d(k-1) + w      y(k) = C x(k) + H d(k-1) + v(k)      F = C G + H
+        x(k) = A x(k-1) + B u(k-1) + G d(k-1) + w
+        y(k) = C x(k) + H d(k-1) + v(k)      F = C G + H
 
     With F the formulas are those of `ExtendedUMVFilter`, so that the belief is about x(k) with the
     input in it. It is `UMVFilter` on the equivalent model of ``x' = x - G d(k-1)``, with ``G' = A
@@ -382,7 +385,7 @@ class EndedUMVFilter(ExtendedUMVFilter):
 
 @compiled
 class DelayedUMVFilter(NoFeedthroughFilter):
-    """KF-UMV-UI-WDF: unbiased and of minimum variance for a linear model without feedthrough (rank C G = q).
+    """KF-UMV-UI-WDF: unbiased, of minimum variance, for linear models without feedthrough.
 
     The formulas of `ExtendedUMVFilter`, exact here, with ``x-+ = A x + B u``.
 

@@ -56,7 +56,7 @@ class SigmaPoints(Filter[Any]):
         self.alpha, self.beta, self.kappa = alpha, beta, kappa
 
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
-        """Next mean ``(..., n)`` and covariance without process noise, and Q; of an input G, too."""
+        """Next mean ``(..., n)`` and covariance without process noise, Q and, of an input, G."""
         model: Any = self.model
         if isinstance(model, LinearModel):
             mean, A, *more = super().propagate(belief, u)
@@ -130,7 +130,7 @@ class SigmaPoints(Filter[Any]):
 
 @compiled
 class UnscentedKalmanFilter(SigmaPoints, ExtendedKalmanFilter):
-    """UKF: a Kalman filter of moments from sigma points; on a linear model the Kalman filter exactly.
+    """UKF: a Kalman filter of moments from sigma points; exact on a linear model.
 
     Needs no Jacobian and keeps second-order terms: with the defaults the mean is right to third
     order for a Gaussian. An unknown input in the model is ignored.
@@ -170,7 +170,8 @@ class UnscentedUMVFilter(SigmaPoints, NoFeedthroughFilter):
     With ``C = Pxy' (P-)^-1``, ``K = Pxy Pyy^-1`` and R replaced by ``Pyy - C P- C'``, where Pyy
     holds R::
 
-        F = C G     M = (F' Pyy^-1 F)^-1 F' Pyy^-1     d(k-1) = M e     x = x- + (K + (I - K C) G M) e
+        F = C G      M = (F' Pyy^-1 F)^-1 F' Pyy^-1      d(k-1) = M e
+        x = x- + (K + (I - K C) G M) e
 
     The points lie about a prediction that knows nothing of d(k-1), so that an input which moves the
     state beyond the range of ``P-`` within one step is seen through the wrong C.

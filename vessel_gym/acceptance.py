@@ -191,7 +191,7 @@ def check_input(filter: Filter, composition: Composition) -> None:
         return ""
 
     A, C = model.linearise_transition(x, u)[1], model.linearise_measurement(x, u)[1]
-    G, H = model.input_matrix(x, u), resolve(model.H, u)  # type: ignore[arg-type]
+    G, H = model.input_matrix(x, u), resolve(model.H, u)
     given = (A, C, A @ G, C @ G + H) if model.delayed_feedthrough else (A, C, G, H)
     for matrices in zip(
         *(np.broadcast_to(each, (len(x), *each.shape[-2:])) for each in given), strict=True
