@@ -23,7 +23,7 @@ from estimators.belief import (
 )
 from estimators.check import check_filter
 from estimators.delayed import Delayed, DelayedBelief, by_age
-from estimators.discretisation import forward_euler, sampled, van_loan, zero_order_hold
+from estimators.discretisation import sampled, van_loan, zero_order_hold
 from estimators.engine import compiled
 from estimators.ensemble import (
     EnsembleFilter,
@@ -108,7 +108,6 @@ __all__ = [
     "chi_square_band",
     "compiled",
     "fit",
-    "forward_euler",
     "input_conditions",
     "input_delayed",
     "make",

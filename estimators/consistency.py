@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
 LEVELS = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99])
 """Nominal probabilities of the credible intervals whose coverage is tested."""
-_CONFIDENCE = 0.95
-_LAGS = 20
+_ENDS = (0.025, 0.975), (0.0, 0.95)
+"""Probabilities below the lower and the upper end of a band; of a conservative filter's, second."""
 
 
 class Runs(NamedTuple):
@@ -70,10 +70,8 @@ def simulate(
         d: Unknown input, broadcast to ``(T, M, q)``; None: zero.
 
     Raises:
-        ValueError: if there is a ``d`` though the model has no unknown input.
+        AssertionError: if there is a ``d`` though the model has no unknown input.
     """
-    if d is not None and model.H is None:
-        raise ValueError("d was given, but the model has no unknown input (G and H are missing)")
     u, d = (
         None if a is None else np.broadcast_to(a, (steps, runs, np.shape(a)[-1])) for a in (u, d)
     )
@@ -83,11 +81,11 @@ def simulate(
         now = None if u is None else u[k]
         y = model.measurement(x, now) + _noise(resolve(model.R, now), rng, runs)
         following = model.transition(x, now) + _noise(resolve(model.Q, now), rng, runs)
-        if d is not None and model.H is not None:
-            observed = k - 1 if model.delayed_feedthrough else k
-            if observed >= 0:  # nothing has acted before the first measurement
-                y = y + np.matvec(resolve(model.H, now), d[observed])
+        if d is not None:
             following = following + np.matvec(model.input_matrix(x, now), d[k])
+            observed = k - model.delayed_feedthrough
+            if observed >= 0 and model.H is not None:  # nothing has acted before the first
+                y = y + np.matvec(resolve(model.H, now), d[observed])
         xs.append(x)
         ys.append(y)
         x = following
@@ -137,26 +135,22 @@ def chi_square_test(
             it.
     """
     total, freedom = values.sum(1), np.broadcast_to(degrees, values.shape).sum(1)
-    seen = freedom > 0
-    freedom, half = np.where(seen, freedom, np.nan), 0.5 * np.where(seen, freedom, 1.0)
+    freedom = np.where(freedom > 0, freedom, np.nan)
+    half = 0.5 * freedom
     upper, lower = gammaincc(half, 0.5 * total), gammainc(half, 0.5 * total)
-    p = np.where(seen, upper if conservative else 2.0 * np.minimum(lower, upper), 1.0)
-    low, high = (2.0 * gammaincinv(half, level) / freedom for level in _ends(conservative))
+    p = upper if conservative else 2.0 * np.minimum(lower, upper)
+    low, high = (2.0 * gammaincinv(half, level) / freedom for level in _ENDS[conservative])
+    p_value = _any_of(np.where(np.isnan(freedom), 1.0, p))
     found = (total / freedom)[:, None]
-    return Band(np.arange(len(p)), found, np.ones(len(p)), low, high, _any_of(p))
+    return Band(np.arange(len(found)), found, np.ones(len(found)), low, high, p_value)
 
 
-def _ends(conservative: bool) -> tuple[float, float]:
-    """Probabilities below the lower and the upper end of a band."""
-    tail = 1.0 - _CONFIDENCE
-    return (0.0, 1.0 - tail) if conservative else (0.5 * tail, 1.0 - 0.5 * tail)
-
-
+@np.errstate(invalid="ignore", divide="ignore")
 def whiteness_test(
     innovation: np.ndarray,
     innovation_cov: np.ndarray,
     available: np.ndarray | None = None,
-    lags: int = _LAGS,
+    lags: int = 20,
 ) -> Band:
     """Test of Ljung & Box for white innovations, of Hosking for vectors, over runs and gaps.
 
@@ -185,15 +179,14 @@ def whiteness_test(
         for a in (white, mask)
     )
     times = mask.sum((0, 1)).max()
-    with np.errstate(invalid="ignore", divide="ignore"):
-        statistic = np.nansum(products**2 / counts) * (times + 2.0) / times
-        own, number = (np.einsum("lii->li", a) for a in (products, counts))
-        correlation = own / number
-        bound = ndtri(_ends(False)[1]) / np.sqrt(number.min(-1))
+    statistic = np.nansum(products**2 / counts) * (times + 2.0) / times
+    own, number = (a.diagonal(0, -2, -1) for a in (products, counts))
+    bound = ndtri(_ENDS[0][1]) / np.sqrt(number.min(-1))
     p = gammaincc(0.5 * (counts > 0).sum(), 0.5 * statistic)
-    return Band(np.arange(1, lags + 1), correlation, np.zeros(lags), -bound, bound, float(p))
+    return Band(np.arange(1, lags + 1), own / number, np.zeros(lags), -bound, bound, float(p))
 
 
+@np.errstate(invalid="ignore")
 def _standardised(white: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Vectors ``(T, M, p)`` whitened by their own covariance, over those components that arrived.
 
@@ -201,8 +194,8 @@ def _standardised(white: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """
     product = np.einsum("tmi,tmj->ij", white, white)
     squares = np.einsum("tmi,tmj->ij", white**2, mask)  # of i, where j arrived
-    together, counts = np.sqrt(squares * squares.T), mask.sum((0, 1))
-    correlation = np.where(together > 0.0, product / np.where(together > 0.0, together, 1.0), 0.0)
+    correlation = np.nan_to_num(product / np.sqrt(squares * squares.T))
+    counts = mask.sum((0, 1))
     seen = counts > 0
     if np.linalg.eigvalsh(correlation[seen][:, seen])[0] < 1e-12:
         raise ValueError(
@@ -237,13 +230,13 @@ def coverage_test(
             against it.
     """
     M = len(mean)
-    score = np.abs(difference(truth, mean, angles)) / np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
+    score = np.abs(difference(truth, mean, angles)) / np.sqrt(cov.diagonal(0, -2, -1))
     inside = (score <= ndtri((1.0 + LEVELS) / 2.0)[:, None, None]).sum(1)  # (K, n)
     below, above = bdtr(inside, M, LEVELS[:, None]), bdtrc(inside - 1.0, M, LEVELS[:, None])
     p = below if conservative else 2.0 * np.minimum(below, above)
-    upper = _ends(conservative)[1]
-    low, high = (np.ceil(bdtrik(level, M, LEVELS)) / M for level in (1.0 - upper, upper))
-    high = np.ones(len(LEVELS)) if conservative else high
+    level = _ENDS[conservative][1]
+    low, high = (np.ceil(bdtrik(end, M, LEVELS)) / M for end in (1.0 - level, level))
+    high[:] = 1.0 if conservative else high
     return Band(LEVELS, inside / M, LEVELS, low, high, _any_of(p))
 
 
@@ -278,8 +271,8 @@ class Consistency:
     def p_value(self) -> float:
         """That a consistent filter would fail any of the tests as clearly (Bonferroni: at most)."""
         white = None if self.conservative else self.whiteness
-        tests = (self.nees, self.nis, white, self.coverage)
-        return _any_of(np.array([test.p_value for test in tests if test is not None]))
+        tests = filter(None, (self.nees, self.nis, white, self.coverage))
+        return _any_of(np.array([test.p_value for test in tests]))
 
     def passed(self, false_alarm: float = 0.05) -> bool:
         """Test whether there is no sign in these runs that the filter is inconsistent.
@@ -295,8 +288,6 @@ def assess(
     prior: Gaussian,
     rng: np.random.Generator,
     data: Runs | None = None,
-    runs: int = 200,
-    steps: int = 100,
     conservative: bool = False,
 ) -> Consistency:
     """Run a filter many times and test whether it is consistent.
@@ -305,14 +296,12 @@ def assess(
         filter: The filter.
         prior: What it starts from, mean ``(n,)`` and covariance ``(n, n)``.
         rng: Noise of the simulation, and draws of the filter if it makes any.
-        data: The runs, such as ``simulate(other_model, ...)``; None: simulated with the filter's
-            own model, without known input.
-        runs: How many, if ``data`` is None.
-        steps: How many, if ``data`` is None.
+        data: The runs, such as ``simulate(other_model, ...)``; None: 200 runs of 100 steps,
+            simulated with the filter's own model, without known input.
         conservative: The filter may be too careful (as ``robust-kf`` is by design): only
             overconfidence counts against it, and innovations need not be white.
     """
-    data = simulate(filter.model, prior, rng, runs, steps) if data is None else data
+    data = simulate(filter.model, prior, rng) if data is None else data
     series = run(filter, prior, data.y, data.u, available=data.available, rng=rng)
     beliefs, angles = series.updated, filter.model.state_angles
     errors = nees(series.mean, series.cov, data.x, angles)
@@ -322,8 +311,8 @@ def assess(
     if not isinstance(beliefs, FeedthroughBelief):
         innovations = chi_square_test(*_surprise(beliefs), conservative)
     if filter.input_delay is None:
-        lags, e = min(_LAGS, len(series) - 1), beliefs.innovation
-        whiteness = whiteness_test(e, beliefs.innovation_cov, beliefs.available, lags)
+        e, S = beliefs.innovation, beliefs.innovation_cov
+        whiteness = whiteness_test(e, S, beliefs.available, min(20, len(series) - 1))
     return Consistency(filter.name, states, innovations, whiteness, coverage, conservative)
 
 
@@ -334,7 +323,7 @@ def _surprise(beliefs: Any) -> tuple[np.ndarray, np.ndarray]:
     degrees = beliefs.available.sum(-1)
     if isinstance(beliefs, ObservedInputBelief):
         values = values - nis(beliefs.input_mean, beliefs.input_cov, size)
-        degrees = degrees - np.round(np.trace(beliefs.input_observed, axis1=-2, axis2=-1))
+        degrees = degrees - np.round(beliefs.input_observed.diagonal(0, -2, -1).sum(-1))
     return values, degrees
 
 
@@ -362,7 +351,6 @@ def consistency_figure(report: Consistency) -> "Figure":
         raise ModuleNotFoundError(
             "a figure needs Matplotlib: pip install matplotlib", name=error.name
         ) from None
-
     figure = Figure(figsize=(10.0, 7.0), layout="constrained")
     for axes, (name, (title, x, y)) in zip(
         figure.subplots(2, 2).flat, _PANELS.items(), strict=True

@@ -12,13 +12,13 @@ makes needless.
 """
 
 from dataclasses import dataclass
-from typing import Any, Generic, NamedTuple, Self
+from functools import partial
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from estimators.belief import Record
 from estimators.checks import as_array, as_mask, frozen, integer, short_repr
-from estimators.filter import Filter, Rng
+from estimators.filter import Filter, Rng, _broadcast
 from estimators.models import Gaussian
 from estimators.randomness import RandomKeys
 from estimators.varying import noise_at
@@ -58,13 +58,12 @@ class Step(NamedTuple):
 
     def with_rows(self, rows: np.ndarray, other: Self) -> Self:
         """The step with some rows of another; nothing is read of a row before its first step."""
-        pairs = zip(self[:-1], other[:-1], strict=True)
-        merged: Any = [_with_rows(mine, rows, theirs) for mine, theirs in pairs]
-        return type(self)(*merged)._replace(R=_with_rows(self.R, rows, other.R, np.nan))
+        merged = map(partial(_with_rows, rows), self, other, (0.0,) * 6 + (np.nan,))
+        return type(self)(*merged)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DelayedBelief(Generic[Record]):
+class DelayedBelief:
     """A belief and the steps that late measurements may still reach.
 
     It has the attributes of the belief, too.
@@ -77,7 +76,7 @@ class DelayedBelief(Generic[Record]):
         refused: ``(...)`` measurements since then that came too late, or a second time.
     """
 
-    now: Record
+    now: Any
     steps: tuple[Step, ...]
     reach: np.ndarray
     refused: np.ndarray
@@ -99,15 +98,15 @@ class DelayedBelief(Generic[Record]):
 
     def with_rows(self, rows: np.ndarray, other: Self) -> Self:
         """This belief with the rows of a mask replaced by those of ``other``, in order."""
-        k = min(len(self.steps), len(other.steps))
-        pairs = zip(self.steps[-k:], other.steps[-k:], strict=True)
-        steps = (*self.steps[:-k], *(mine.with_rows(rows, theirs) for mine, theirs in pairs))
-        reach = _with_rows(self.reach, rows, np.minimum(other.reach, k - 1))
-        refused = _with_rows(self.refused, rows, other.refused)
-        return type(self)(self.now.with_rows(rows, other.now), steps, reach, refused)
+        steps = list(self.steps)
+        for i in range(-min(len(steps), len(other.steps)), 0):
+            steps[i] = steps[i].with_rows(rows, other.steps[i])
+        reach = _with_rows(rows, self.reach, np.minimum(other.reach, len(steps) - 1))
+        refused = _with_rows(rows, self.refused, other.refused)
+        return type(self)(self.now.with_rows(rows, other.now), tuple(steps), reach, refused)
 
 
-class Delayed(Generic[Record]):
+class Delayed:
     """A filter to which measurements may come late.
 
     Its ``update`` takes measurements by age, ``y (..., ages, p)``: ``y[..., 0, :]`` are of now,
@@ -127,32 +126,29 @@ class Delayed(Generic[Record]):
 
     likelihood = "refused"
 
-    def __init__(self, filter: Filter[Record], horizon: int) -> None:
-        methods = [hasattr(filter, name) for name in ("init", "predict", "update")]
-        if isinstance(filter, type | Delayed) or not all(methods):
+    def __init__(self, filter: Filter[Any], horizon: int) -> None:
+        if isinstance(filter, type) or not hasattr(filter, "update"):
             raise TypeError(
                 f"filter must be a filter, as estimators.make gives one, got {short_repr(filter)}"
             )
         self.filter, self.horizon = filter, integer("horizon", horizon, 0)
 
     def __getattr__(self, name: str) -> Any:
-        if name in ("filter", "horizon"):  # not yet set: a copy that is being made
+        if name == "filter":  # not yet set: a copy that is being made
             raise AttributeError(name)
         return getattr(self.filter, name)
 
     def __repr__(self) -> str:
         return f"Delayed({self.filter!r}, horizon={self.horizon})"
 
-    def init(self, prior: Gaussian, rng: Rng = None) -> DelayedBelief[Record]:
+    def init(self, prior: Gaussian, rng: Rng = None) -> DelayedBelief:
         """The belief before any measurement, as `Filter.init`."""
         keys = self._repeatable_keys(rng)
         initial = self.filter.init(prior, rng=keys)
         none = np.zeros(initial.mean.shape[:-1], int)
         return DelayedBelief(initial, (self._new_step(initial, None, keys),), none, none)
 
-    def predict(
-        self, belief: DelayedBelief[Record], u: Any = None, rng: Rng = None
-    ) -> DelayedBelief[Record]:
+    def predict(self, belief: DelayedBelief, u: Any = None, rng: Rng = None) -> DelayedBelief:
         """One step ahead, as `Filter.predict`."""
         keys, u = self._repeatable_keys(rng), self._known_input(belief, u)
         predicted = self.filter.predict(belief.now, u, rng=keys)
@@ -162,13 +158,13 @@ class Delayed(Generic[Record]):
 
     def update(
         self,
-        belief: DelayedBelief[Record],
+        belief: DelayedBelief,
         y: np.ndarray,
         rng: Rng = None,
         available: np.ndarray | None = None,
         R: np.ndarray | None = None,
         u: np.ndarray | None = None,
-    ) -> DelayedBelief[Record]:
+    ) -> DelayedBelief:
         """Take in what has come: measurements of now, and late ones.
 
         Args:
@@ -185,8 +181,8 @@ class Delayed(Generic[Record]):
             ValueError: if ``y``, ``available`` or ``R`` have the wrong shape, or another ``u`` came
                 before.
         """
-        keys, u, p = self._repeatable_keys(rng), self._known_input(belief, u), self.filter.model.p
-        y, rows = as_array("y", y), belief.reach.shape
+        keys, u = self._repeatable_keys(rng), self._known_input(belief, u)
+        y, rows, p = as_array("y", y), belief.reach.shape, self.filter.model.p
         if y.ndim < 2 or y.shape != (*rows, y.shape[-2], p):
             raise ValueError(
                 f"y has shape {y.shape}, expected {(*rows, 'ages', p)}: measurements by age, those"
@@ -194,12 +190,11 @@ class Delayed(Generic[Record]):
             )
         arrived = np.isfinite(y)
         if available is not None:
-            arrived &= _fitting("available", as_mask("available", available), y.shape)
+            arrived &= _broadcast("available", as_mask("available", available), y.shape)
         if R is not None:
-            R = _fitting("R", as_array("R", R), (*y.shape, p))
-            arrived &= np.isfinite(np.diagonal(R, axis1=-2, axis2=-1))
+            R = _broadcast("R", as_array("R", R), (*y.shape, p), core=2)
+            arrived &= np.isfinite(R.diagonal(0, -2, -1))
         *before, now = belief.steps
-        now = now._replace(update_keys=keys)
         if u is not None:
             if (now.available.any(-1, keepdims=True) & (u != now.predicted.u)).any():
                 raise ValueError(
@@ -207,29 +202,22 @@ class Delayed(Generic[Record]):
                     " together"
                 )
             now = now._replace(predicted=now.predicted.replace(u=u))
-        return self._fuse(belief, [*before, now], y, arrived, R)
-
-    def _fuse(
-        self,
-        belief: DelayedBelief[Record],
-        steps: list[Step],
-        y: np.ndarray,
-        arrived: np.ndarray,
-        R: np.ndarray | None,
-    ) -> DelayedBelief[Record]:
-        """The belief after measurements ``y (..., ages, p)`` that have arrived."""
-        reach, refused, oldest = belief.reach, belief.refused + arrived.sum((-2, -1)), 0
-        come = np.logical_or.reduce(arrived, (*range(y.ndim - 2), -1))
-        for age in np.flatnonzero(come[: len(steps)]).tolist():
+        steps, oldest = [*before, now._replace(update_keys=keys)], 0
+        refused = belief.refused + arrived.sum((-2, -1))
+        for age in np.flatnonzero(arrived.any((*range(y.ndim - 2), -1))[: len(steps)]).tolist():
             step = steps[-1 - age]
-            accepted = arrived[..., age, :] & (age <= reach)[..., None] & ~step.available
+            accepted = arrived[..., age, :] & (age <= belief.reach)[..., None] & ~step.available
             if accepted.any():
                 own_R = None if R is None else R[..., age, :, :]
                 steps[-1 - age] = step.with_measurements(y[..., age, :], accepted, own_R)
                 refused, oldest = refused - accepted.sum(-1), age
+        self._repeat(steps, oldest, belief.reach)
+        return DelayedBelief(self._update_step(steps[-1]), tuple(steps), belief.reach, refused)
+
+    def _repeat(self, steps: list[Step], oldest: int, reach: np.ndarray) -> None:
+        """Predict again what the measurements of all steps after an old one meet."""
         for ago in range(oldest)[::-1]:
-            step = steps[-1 - ago]
-            before = self._update_step(steps[-2 - ago])
+            step, before = steps[-1 - ago], self._update_step(steps[-2 - ago])
             predicted = self.filter.predict(before, step.u, rng=step.predict_keys)
             if predicted.u is not step.predicted.u:  # update was given that of the measurements
                 predicted = predicted.replace(u=step.predicted.u)
@@ -237,7 +225,6 @@ class Delayed(Generic[Record]):
             if began.any():
                 predicted = predicted.with_rows(began, step.predicted[began])
             steps[-1 - ago] = step._replace(predicted=predicted)
-        return DelayedBelief(self._update_step(steps[-1]), tuple(steps), reach, refused)
 
     def _update_step(self, step: Step) -> Any:
         """The belief after the measurements of a step."""
@@ -251,12 +238,12 @@ class Delayed(Generic[Record]):
 
     def step(
         self,
-        belief: DelayedBelief[Record],
+        belief: DelayedBelief,
         y: np.ndarray,
         u: Any = None,
         rng: Rng = None,
         available: np.ndarray | None = None,
-    ) -> DelayedBelief[Record]:
+    ) -> DelayedBelief:
         """`predict`, then `update`, as `Filter.step`."""
         return self.update(self.predict(belief, u, rng), y, rng, available)
 
@@ -274,7 +261,7 @@ class Delayed(Generic[Record]):
     def _new_step(self, predicted: Any, u: Any, keys: Any) -> Step:
         """A step of which nothing has come."""
         y = np.zeros((*predicted.mean.shape[:-1], self.filter.model.p))
-        return Step(predicted, u, keys, keys, y, y != 0.0)
+        return Step(predicted, u, keys, keys, y, y > 0.0)
 
     def _repeatable_keys(self, rng: Rng) -> RandomKeys | None:
         """The random numbers, where there are any, which can be drawn again."""
@@ -287,7 +274,7 @@ class Delayed(Generic[Record]):
             )
         return rng
 
-    def _known_input(self, belief: DelayedBelief[Record], u: Any) -> np.ndarray | None:
+    def _known_input(self, belief: DelayedBelief, u: Any) -> np.ndarray | None:
         """The known input with a row for each belief, in an array of its own."""
         if not isinstance(belief, DelayedBelief):
             raise TypeError(
@@ -297,29 +284,22 @@ class Delayed(Generic[Record]):
         if u is None:
             return None
         u = np.atleast_1d(as_array("u", u))
-        return frozen(_fitting("u", u, belief.reach.shape + u.shape[-1:]))
+        return frozen(_broadcast("u", u, belief.reach.shape + u.shape[-1:]))
 
 
-def _with_rows(mine: Any, rows: np.ndarray, theirs: Any, nothing: float = 0.0) -> Any:
+def _with_rows(rows: np.ndarray, mine: Any, theirs: Any, nothing: float = 0.0) -> Any:
     """A belief, keys or an array with some rows of another; None counts as rows of ``nothing``."""
     if mine is None and theirs is None:
         return None
     if isinstance(mine, RandomKeys):
         step = np.broadcast_to(mine.step, mine.keys.shape[:-1])
-        pairs = (mine.keys, theirs.keys), (step, theirs.step)
-        return RandomKeys(*(_with_rows(one, rows, other) for one, other in pairs))
+        step = _with_rows(rows, step, theirs.step)
+        return RandomKeys(_with_rows(rows, mine.keys, theirs.keys), step)
     if hasattr(mine, "with_rows"):
         return mine.with_rows(rows, theirs)
     merged = np.full(rows.shape + theirs.shape[1:], nothing) if mine is None else np.array(mine)
     merged[rows] = nothing if theirs is None else theirs
     return merged
-
-
-def _fitting(name: str, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    try:
-        return np.broadcast_to(values, shape)
-    except ValueError:
-        raise ValueError(f"{name} has shape {values.shape}, expected {shape}") from None
 
 
 def by_age(y: np.ndarray, delay: np.ndarray) -> np.ndarray:
@@ -334,9 +314,7 @@ def by_age(y: np.ndarray, delay: np.ndarray) -> np.ndarray:
         ValueError: if delays are negative or no whole numbers.
     """
     y = as_array("y", y)
-    if y.ndim < 2 or len(y) == 0:
-        raise ValueError(f"y has shape {y.shape}, expected (T, ..., p), times first")
-    late = _fitting("delay", as_array("delay", delay), y.shape)
+    late = np.broadcast_to(as_array("delay", delay), y.shape)
     if not ((late >= 0.0) & (late == np.rint(late))).all():
         raise ValueError("delay must be whole numbers of steps of at least 0")
     ages = int(late[late < len(y)].max(initial=0.0)) + 1  # what comes later does not come at all

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import block_diag, expm
 
 from estimators.checks import AT_LEAST_0, as_array, number
-from estimators.linalg import congruence
+from estimators.linalg import congruence, symmetrise
 from estimators.models import LinearModel
 
 
@@ -42,7 +42,7 @@ def van_loan(
     n = A.shape[-1]
     # exp(-A t) is in it, which a fast decay makes huge: over a part of the step, of which two make
     # one twice as long
-    halves = max(0, math.ceil(np.log2(np.linalg.norm(A, 1) * dt / 4.0))) if dt and np.any(A) else 0
+    halves = math.ceil(np.log2(np.maximum(1.0, np.linalg.norm(A, 1) * dt / 4.0)))
     block = np.zeros((2 * n, 2 * n))
     block[:n, :n] = -A
     block[:n, n:] = congruence(G, Q)
@@ -53,13 +53,12 @@ def van_loan(
     for _ in range(halves):
         noise = congruence(transition, noise) + noise
         transition = transition @ transition
-    return transition, 0.5 * (noise + noise.T)
+    return transition, symmetrise(noise)
 
 
 def sampled(
-    A: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, B: np.ndarray | None = None,
-    state_angles: tuple[int, ...] = (), measurement_angles: tuple[int, ...] = (),
-) -> LinearModel:  # fmt: skip
+    A: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, B: np.ndarray | None = None
+) -> LinearModel:
     """The model of ``x' = A x + B u + w``, ``y = C x + v``, read at times that need not be regular.
 
     How long a step takes is the last component of the known input, where `run` puts it when it is
@@ -71,42 +70,38 @@ def sampled(
         Q: ``(n, n)`` intensity of the white noise w: variance a unit of time.
         R: ``(p, p)`` covariance of a measurement.
         B: ``(n, m)``, or None.
-        state_angles: As of `LinearModel`.
-        measurement_angles: Likewise.
 
     Raises:
         ValueError: naming the argument whose shape or definiteness is wrong, or later if a step has
             no length.
     """
-    model = LinearModel(
-        A, C, Q, R, B=B, state_angles=state_angles, measurement_angles=measurement_angles
-    )
-    rates: Any = model  # which has checked them
-    for name in "ACQR" if B is None else "ABCQR":
-        if callable(getattr(rates, name)) or getattr(rates, name).ndim > 2:
+    model = LinearModel(A, C, Q, R, B=B)
+    names = "AQ" if B is None else "ABQ"
+    rates = {name: getattr(model, name) for name in "CR" + names}  # which the model has checked
+    for name, rate in rates.items():
+        if callable(rate) or rate.ndim > 2:
             raise ValueError(
                 f"{name} of a sampled model must be one matrix, for all rows and times"
             )
     # The control is held: a state that stays.
-    held = np.zeros((model.n, 0)) if B is None else rates.B
-    zeros = np.zeros((held.shape[1], model.n + held.shape[1]))
-    noise = block_diag(rates.Q, zeros[:, model.n :])
-    system = _Sampled(model.n, np.vstack([np.hstack([rates.A, held]), zeros]), noise)
-    names = "AQ" if B is None else "ABQ"
-    matrices: dict[str, Any] = {name: partial(system.matrix, name) for name in names}
+    n, held = model.n, rates.get("B", np.zeros((model.n, 0)))
+    m = held.shape[1]
+    system = np.vstack([np.hstack([rates["A"], held]), np.zeros((m, n + m))])
+    steps = _Sampled(n, system, block_diag(rates["Q"], np.zeros((m, m))))
+    matrices: Any = {name: partial(steps.matrix, name) for name in names}
     return replace(model, **matrices)
 
 
 @dataclass(frozen=True, eq=False)
 class _Sampled:
-    """``x' = A x + B u + w`` with u as m more states, discretised once for each length of a step."""
+    """``x' = A x + B u + w`` with u as m more states, discretised once for each step length."""
 
     n: int
     A: np.ndarray  # (n + m, n + m)
     Q: np.ndarray
 
     def matrix(self, name: str, u: np.ndarray | None) -> np.ndarray:
-        """A, B or Q ``(..., n, k)`` over steps as long as the last component of u ``(..., m + 1)``."""
+        """A, B or Q ``(..., n, k)`` over steps as long as the last component of u."""
         m = len(self.A) - self.n
         if u is None or u.shape[-1] != m + 1:
             controls = f"its {m} controls and " if m else ""
@@ -126,12 +121,8 @@ class _Sampled:
 def _over_step(system: _Sampled, length: float) -> dict[str, np.ndarray]:
     """A, B and Q by name over one step; NaN where its length is not finite."""
     n, unit = system.n, np.eye(len(system.A))
-    finite = math.isfinite(length)
-    A, Q = van_loan(system.A, unit, system.Q, length) if finite else (np.nan * unit,) * 2
+    A, Q = (np.nan * unit,) * 2
+    if math.isfinite(length):
+        A, Q = van_loan(system.A, unit, system.Q, length)
     B = np.concatenate([A[:n, n:], np.zeros((n, 1))], 1)  # of the length itself nothing moves
     return {"A": A[:n, :n], "B": B, "Q": Q[:n, :n]}
-
-
-def forward_euler(A: np.ndarray, B: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """``I + A dt`` and ``B dt``: the discretisation that the source papers use."""
-    return np.eye(A.shape[-1]) + A * dt, B * dt

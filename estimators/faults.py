@@ -81,17 +81,16 @@ class FaultMonitor(ABC):
         if not isinstance(sensors, Mapping):
             sensors = {str(j): j for j in range(integer("sensors", sensors, 1))}
         groups = [np.atleast_1d(channels).tolist() for channels in sensors.values()]
-        channels = sorted((j for group in groups for j in group), key=repr)
-        if not channels or channels != sorted(range(len(channels)), key=repr) or [] in groups:
+        p = sum(map(len, groups))
+        belongs = np.array([[j in group for group in groups] for j in range(p)])
+        if not p or (belongs.sum(1) != 1).any() or not belongs.any(0).all():
             raise ValueError(
                 "sensors must have every channel, from 0, in exactly one of them, such as {'gnss':"
                 f" (0, 1), 'log': 2}}, got {short_repr(sensors)}"
             )
         what = "a rate of false alarms a step, between 1e-9 and 0.5"
         self.false_alarms = number("false_alarms", false_alarms, 1e-9, 0.5, what)
-        self.names = tuple(sensors)
-        belongs = [[j in group for group in groups] for j in range(len(channels))]
-        self._belongs = np.array(belongs, float)  # (p, sensors)
+        self.names, self._belongs = tuple(sensors), 1.0 * belongs  # (p, sensors)
 
     def start(self, batch: int | tuple[int, ...] = ()) -> Watch:
         """The state before any measurement, for each row of a batch."""
@@ -100,7 +99,7 @@ class FaultMonitor(ABC):
         memory = np.zeros(nothing.shape + self._remembered)
         return Watch(nothing > 0.0, none, nothing, suspicion, memory)
 
-    def watch(self, state: Watch, belief: Belief | DelayedBelief[Any]) -> Watch:
+    def watch(self, state: Watch, belief: Belief | DelayedBelief) -> Watch:
         """The state after the innovation of an update.
 
         A measurement that was used by a pseudo-inverse only counts for nothing.
@@ -117,15 +116,15 @@ class FaultMonitor(ABC):
                 "the innovations of this filter carry its unknown input, so that they say nothing"
                 " of faults: watch a filter that is told of the input as noise"
             )
-        e, S = np.asarray(belief.innovation), np.asarray(belief.innovation_cov)
+        e, S = belief.innovation, belief.innovation_cov
         arrived = belief.available & belief.healthy[..., None]
         with np.errstate(all="ignore"):
             precision = solve(masked(S, arrived), identity(e.shape[-1]))
-            most = _ABSURD * np.sqrt(np.diagonal(S, axis1=-2, axis2=-1))
+            most = _ABSURD * np.sqrt(S.diagonal(0, -2, -1))
             e = np.clip(e, -most, most)
             w = np.where(arrived, np.matvec(precision, e), 0.0)
-            squared = np.vecdot(e, w)
-            memory, statistic, suspicion = self._judged(state, w, precision, arrived, squared)
+            judged = self._judged(state, w, precision, arrived, np.vecdot(e, w))
+        memory, statistic, suspicion = judged
         alarm = statistic > 1.0
         return Watch(alarm, np.where(alarm, suspicion.argmax(-1), -1), statistic, suspicion, memory)
 
@@ -143,13 +142,8 @@ class FaultMonitor(ABC):
 
     @abstractmethod
     def _judged(
-        self,
-        state: Watch,
-        w: np.ndarray,
-        precision: np.ndarray,
-        arrived: np.ndarray,
-        squared: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        self, state: Watch, w: Any, precision: Any, arrived: Any, squared: Any
+    ) -> tuple[Any, Any, Any]:
         """The next memory, the statistic ``(...)`` and the suspicion of sensors ``(..., sensors)``.
 
         Args:
@@ -190,18 +184,14 @@ class ChiSquareMonitor(FaultMonitor):
         self._remembered = window, 2 * (len(self.names) + 1)
 
     def _judged(
-        self,
-        state: Watch,
-        w: np.ndarray,
-        precision: np.ndarray,
-        arrived: np.ndarray,
-        squared: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        self, state: Watch, w: Any, precision: Any, arrived: Any, squared: Any
+    ) -> tuple[Any, Any, Any]:
         together = self._belongs @ self._belongs.T > 0.0  # channels of one sensor
         own = solve(np.where(together, precision, 0.0), w[..., None])[..., 0] * w
-        total = squared[..., None], arrived.sum(-1, keepdims=True)
-        now = np.concatenate([*total, own @ self._belongs, arrived @ self._belongs], -1)
-        memory = np.concatenate([state.memory[..., 1:, :], now[..., None, :]], -2)
+        by_sensor = own @ self._belongs, arrived @ self._belongs
+        now: Any = [squared[..., None], arrived.sum(-1, keepdims=True), *by_sensor]
+        now = np.concatenate(now, -1)[..., None, :]
+        memory = np.concatenate([state.memory[..., 1:, :], now], -2)
         window = memory.sum(-2)
         values, degrees = np.split(window[..., 2:], 2, -1)
         statistic = window[..., 0] / self._thresholds[window[..., 1].astype(int)]
@@ -254,14 +244,9 @@ class CusumMonitor(FaultMonitor):
         self._remembered = 2, len(self._belongs)
 
     def _judged(
-        self,
-        state: Watch,
-        w: np.ndarray,
-        precision: np.ndarray,
-        arrived: np.ndarray,
-        squared: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        z = w / np.sqrt(np.diagonal(precision, axis1=-2, axis2=-1))
+        self, state: Watch, w: Any, precision: Any, arrived: Any, squared: Any
+    ) -> tuple[Any, Any, Any]:
+        z = w / np.sqrt(precision.diagonal(0, -2, -1))
         before = np.where(state.alarm[..., None, None], 0.0, state.memory)
         change = np.stack([z, -z], -2) - 0.5 * self.shift
         sums = np.where(arrived[..., None, :], np.maximum(before + change, 0.0), before)
@@ -292,8 +277,8 @@ def cusum_run_length(threshold: float, drift: float, mean: float = 0.0) -> float
     from_s = np.append(0.0, x)  # where the sum is; it goes to 0 at once, or to a node
     k = drift - mean
     moves = np.exp(-0.5 * (x + k - from_s[:, None]) ** 2) * weights / np.sqrt(2.0 * np.pi)
-    moves = np.column_stack([ndtr(k - from_s), moves])
-    return float(np.linalg.solve(np.eye(len(from_s)) - moves, np.ones(len(from_s)))[0])
+    stays = np.eye(len(from_s)) - np.column_stack([ndtr(k - from_s), moves])
+    return float(np.linalg.solve(stays, np.ones(len(from_s)))[0])
 
 
 def _threshold(drift: float, run_length: float) -> float:
@@ -304,8 +289,5 @@ def _threshold(drift: float, run_length: float) -> float:
     high = step = 0.5 / drift
     while cusum_run_length(high, drift) < run_length:
         high += step
-
-    def excess(h: float) -> float:
-        return float(np.log(cusum_run_length(h, drift) / run_length))
-
+    excess = lambda h: np.log(cusum_run_length(h, drift) / run_length)  # noqa: E731
     return float(brentq(excess, 0.0, high, xtol=1e-10))

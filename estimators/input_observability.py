@@ -55,17 +55,15 @@ def input_conditions(
         prior: ``(q, q)`` covariance of d, or a number for that number times identity.
 
     Raises:
-        ValueError: naming the argument whose shape or definiteness is wrong.
+        ValueError: naming the argument whose shape is wrong or that is no covariance.
+        LinAlgError: if ``R`` or ``prior`` is singular.
     """
     model = LinearModel(A, C, Q, R, G=G, H=H)
     A, C, G, H, Q, R = (np.asarray(getattr(model, name)) for name in "ACGHQR")
     if any(array.ndim != 2 for array in (A, C, G, H, Q, R)):
         raise ValueError("input_conditions is of one system: give A, C, G, H, Q and R as matrices")
     cov = input_covariance("prior", prior, model.q)
-    try:
-        root, noise = np.linalg.cholesky(cov), np.linalg.cholesky(R)
-    except np.linalg.LinAlgError:
-        raise ValueError("prior and R must be positive definite") from None
+    root, noise = np.linalg.cholesky(cov), np.linalg.cholesky(R)
     G, H = G @ root, H @ root
     now, late = observable_ranks(C, G, H)
     try:
@@ -73,10 +71,11 @@ def input_conditions(
     except (np.linalg.LinAlgError, ValueError):  # which SciPy raises where QZ fails
         S = R
     one_step, observable = _one_step(driven_measurements(C, G), H, np.linalg.inv(S))
-    variances, size = (
-        np.diagonal(congruence(root, share)) for share in (one_step, np.eye(model.q) - observable)
+    unseen = congruence(root, np.eye(model.q) - observable)
+    share, hidden = (
+        np.diagonal(each) / np.diagonal(cov) for each in (congruence(root, one_step), unseen)
     )
-    sd = np.where(size > 1e-9 * np.diagonal(cov), np.inf, np.sqrt(variances / np.diagonal(cov)))
+    sd = np.where(hidden > 1e-9, np.inf, np.sqrt(share))
     zeros = _added_zeros(A, np.linalg.solve(noise, C), G, np.linalg.solve(noise, H))
     return InputConditions(int(now + late), sd, zeros)
 
@@ -125,7 +124,7 @@ def _added_zeros(A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray) -> 
     def adds(z: complex) -> bool:
         pencil = system - z * states
         size = np.linalg.norm(pencil, axis=0)
-        pencil = pencil / np.where(size > 0.0, size, 1.0)
+        pencil /= np.where(size > 0.0, size, 1.0)
         rank, own = (np.linalg.matrix_rank(part, rtol=1e-9) for part in (pencil, pencil[:, :n]))
         return bool(rank - own < q)
 

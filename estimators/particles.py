@@ -1,4 +1,4 @@
-"""The bootstrap particle filter: weighted particles for beliefs that no mean and covariance describe.
+"""The bootstrap particle filter: weighted particles for beliefs that are not Gaussian.
 
 Particles are rows, ``(..., N, n)``, and have log weights ``(..., N)``. A prediction moves them by
 the model and its noise, a measurement weighs them by its density: so posteriors may have several
@@ -23,7 +23,7 @@ from estimators.linalg import (
     shared_root,
     symmetrise,
 )
-from estimators.models import LinearModel, at_points
+from estimators.models import at_points
 from estimators.randomness import RandomKeys
 from estimators.varying import resolve
 
@@ -78,7 +78,7 @@ class ParticleBelief(Belief):
 
 
 class ParticleFilter(Filter[ParticleBelief]):
-    """The bootstrap filter: predicted by sampling, weighed by the density of the measurement, resampled when few count.
+    """The bootstrap filter: sampled, weighed by densities, resampled when few particles count.
 
     ``x_i ~ p(x | x_i-)``, ``w_i ~ w_i- N(y; h(x_i), R)``, and where ``1 / sum w_i^2`` falls below a
     share of N, the next prediction begins with a systematic resampling: particle i is copied ``N
@@ -128,21 +128,18 @@ class ParticleFilter(Filter[ParticleBelief]):
     def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
         normals = draw(rng, mean.shape[:-1], self.particles, self.model.n, PARTICLES)
         particles = mean[..., None, :] + (shared_root(cov) @ normals).mT
-        return self._believed(particles, self._even(mean.shape[:-1]))
+        even = np.full(particles.shape[:-1], -np.log(self.particles))
+        return self._believed(particles, even)
 
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
-        """A root ``(..., n, r)`` of the process noise; particles are moved after their resampling."""
-        if self._noise_root is not None:
-            return (self._noise_root,)
-        return (semidefinite_cholesky(resolve(self.model.Q, u)),)
+        """A root ``(..., n, r)`` of the process noise; particles move after their resampling."""
+        root = self._noise_root
+        return (semidefinite_cholesky(resolve(self.model.Q, u)) if root is None else root,)
 
     def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
         """Weighted mean ``(..., p)`` of what particles expect, the rest ``(..., p, N)``, and R."""
         model, weights = self.model, np.exp(belief.log_weights)
-        if isinstance(model, LinearModel):
-            expected = belief.particles @ resolve(model.C, u).mT
-        else:
-            expected = at_points("measurement", model.measurement, belief.particles, u, model.p)
+        expected = at_points("measurement", model.measurement, belief.particles, u, model.p)
         shares = weights[..., None] * np.isfinite(expected)
         shares = shares / shares.sum(-2, keepdims=True)
         mean, anomalies = _about(shares, expected, model.measurement_angles)
@@ -151,19 +148,9 @@ class ParticleFilter(Filter[ParticleBelief]):
     def _predict(self, belief: Any, u: Any, *moved: Any) -> Changes:
         (root, rng), model, batch = moved, self.model, belief.mean.shape[:-1]
         before, log_weights = self._resampled(belief, rng)
-        if isinstance(model, LinearModel):
-            after = before @ resolve(model.A, u).mT
-            if model.B is not None and u is not None:
-                after += np.matvec(resolve(model.B, u), u)[..., None, :]
-        else:
-            after = np.array(at_points("transition", model.transition, before, u, model.n))
-            # Angles may be wrapped: over one step all turn by nearly as much as the first.
-            for i in model.state_angles:
-                turn = after[..., i] - before[..., i]
-                after[..., i] = before[..., i] + turn[..., :1] + short_way(turn - turn[..., :1])
+        after = np.array(at_points("transition", model.transition, before, u, model.n))
         after += (root @ draw(rng, batch, self.particles, root.shape[-1], DIFFUSION)).mT
         gone = ~np.isfinite(after).all(-1)
-        gone &= ~gone.all(-1, keepdims=True)  # a prediction of which nothing is left is lost
         after = np.where(gone[..., None], before, after)
         return self._believed(after, _normalised(np.where(gone, _NOWHERE, log_weights))[0])
 
@@ -182,17 +169,13 @@ class ParticleFilter(Filter[ParticleBelief]):
         off = np.where(available[..., None, :], off, 0.0)
         distance = np.square(off @ np.linalg.inv(root).mT).sum(-1)
         log_weights, density = _normalised(belief.log_weights - 0.5 * distance)
-        size = np.log(root.diagonal(0, -2, -1)).sum(-1)
+        density = density - np.log(root.diagonal(0, -2, -1)).sum(-1)
         arrived = available.sum(-1)
-        density = density - size - 0.5 * np.log(2.0 * np.pi) * arrived
-        mean, cov = _moments(np.exp(log_weights), belief.particles, self.model.state_angles)
-        return {
-            "mean": mean,
-            "cov": cov,
+        density -= 0.5 * np.log(2.0 * np.pi) * arrived
+        return self._believed(belief.particles, log_weights) | {
             "innovation": np.where(available, e, 0.0),
             "innovation_cov": masked(S, available),
             "available": available,
-            "log_weights": log_weights,
             "log_likelihood": np.where(arrived, density, 0.0),
         }
 
@@ -202,14 +185,13 @@ class ParticleFilter(Filter[ParticleBelief]):
 
     # --- pieces -----------------------------------------------------------------------------------
 
-    def _even(self, batch: tuple[int, ...]) -> np.ndarray:
-        return np.full(batch + (self.particles,), -np.log(self.particles))
-
     def _believed(self, particles: np.ndarray, log_weights: np.ndarray) -> Changes:
-        """Arrays of a belief before a measurement."""
-        mean, cov = _moments(np.exp(log_weights), particles, self.model.state_angles)
+        """Arrays of a belief that particles and their weights make, before a measurement."""
+        weights = np.exp(log_weights)[..., None]
+        mean, away = _about(weights, particles, self.model.state_angles)
+        moments = {"mean": mean, "cov": symmetrise((weights * away).mT @ away)}
         own = {"particles": particles, "log_weights": log_weights}
-        return {"mean": mean, "cov": cov, "log_likelihood": np.zeros(mean.shape[:-1]), **own}
+        return moments | own | {"log_likelihood": np.zeros(mean.shape[:-1])}
 
     def _resampled(self, belief: Any, rng: Any) -> tuple[np.ndarray, np.ndarray]:
         """Particles, and log weights, of which enough count."""
@@ -226,11 +208,11 @@ class ParticleFilter(Filter[ParticleBelief]):
             copies = np.diff(chosen, axis=-1, prepend=-1) == 0
             root = self.jitter * N ** (-1.0 / (n + 4)) * semidefinite_cholesky(belief.cov)
             particles += copies[..., None] * (root @ draw(rng, batch, N, n, JITTER)).mT
-        return particles, np.where(few[..., None], self._even(batch), belief.log_weights)
+        return particles, np.where(few[..., None], -np.log(N), belief.log_weights)
 
 
 def systematic(weights: np.ndarray, offset: np.ndarray) -> np.ndarray:
-    """Indices ``(..., N)`` of the particles that a systematic resampling keeps: one for each ``(j + offset) / N``.
+    """Indices ``(..., N)`` of the particles that a systematic resampling keeps.
 
     Particle i is chosen ``N w_i`` times, rounded to either side, and so in expectation over the
     offset.
@@ -243,18 +225,16 @@ def systematic(weights: np.ndarray, offset: np.ndarray) -> np.ndarray:
     """
     N = weights.shape[-1]
     reached = np.cumsum(weights, -1)
-    ends = np.ceil(
-        N * (reached / reached[..., -1:]) - offset[..., None]
-    )  # how many lie below each one's end
+    # How many lie below each one's end?
+    ends = np.ceil(N * (reached / reached[..., -1:]) - offset[..., None])
     ends[..., -1] = N  # all, however near to 1 the offset is
     counts = np.diff(ends.astype(np.intp), axis=-1, prepend=0)
-    return np.repeat(np.broadcast_to(np.arange(N), counts.shape).ravel(), counts.ravel()).reshape(
-        counts.shape
-    )
+    chosen = np.repeat(np.broadcast_to(np.arange(N), counts.shape), counts.ravel())
+    return chosen.reshape(counts.shape)
 
 
 def _normalised(log_weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Log weights ``(..., N)`` whose exponentials sum to 1, and the log ``(...)`` of what these summed to.
+    """Log weights whose exponentials sum to 1, and the log ``(...)`` of their sum before.
 
     One that is not a number cannot be; where none can, nothing is one.
     """
@@ -268,7 +248,7 @@ def _normalised(log_weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _about(
     weights: np.ndarray, points: np.ndarray, angles: tuple[int, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The weighted mean ``(..., k)`` of points ``(..., N, k)``, on the circle for ``angles``, and the points about it.
+    """The weighted mean of points ``(..., N, k)``, on the circle for angles, and deviations.
 
     Weights are ``(..., N, k)``, or ``(..., N, 1)`` for all components; points of weight 0 may be
     anything.
@@ -284,11 +264,3 @@ def _about(
     for i in angles:
         away[..., i] = short_way(away[..., i])
     return mean, away
-
-
-def _moments(
-    weights: np.ndarray, particles: np.ndarray, angles: tuple[int, ...]
-) -> tuple[np.ndarray, np.ndarray]:
-    """The weighted mean ``(..., n)`` and covariance ``(..., n, n)`` of particles ``(..., N, n)``."""
-    mean, away = _about(weights[..., None], particles, angles)
-    return mean, symmetrise((weights[..., None] * away).mT @ away)

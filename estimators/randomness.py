@@ -1,4 +1,4 @@
-"""Random numbers as functions of a key, a step, a use, a component and a member, and of nothing else.
+"""Random numbers as functions of a key, a step, a use, a component and a member alone.
 
 There is no state, so nothing has to be restarted or drawn in order: a number is the same whatever
 else is drawn, in whatever batch, and any step can be drawn again by itself. Each row has a key;
@@ -32,10 +32,6 @@ def key(seed: int) -> np.ndarray:
         return np.array([seed, 0], np.uint64)
     digest = blake2b(seed.to_bytes((seed.bit_length() + 7) // 8, "little"), digest_size=16).digest()
     return np.frombuffer(digest, np.uint64).copy()
-
-
-def _unsigned(number: Any) -> np.ndarray:
-    return np.asarray(number).astype(np.uint64, copy=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,18 +68,13 @@ class RandomKeys:
         return [self.keys, np.full((*batch, 1), self.step, np.int64)]
 
     def __getitem__(self, rows: Any) -> "RandomKeys":
-        step = (
-            self.step
-            if isinstance(self.step, int)
-            else np.broadcast_to(self.step, self.keys.shape[:-1])[rows]
-        )
-        return RandomKeys(self.keys[rows], step)
+        steps = np.broadcast_to(self.step, self.keys.shape[:-1])
+        return RandomKeys(self.keys[rows], steps[rows])
 
     def of(self, first: Any, second: Any = 0) -> "RandomKeys":
         """Those of keys that are derived by whole numbers ``(...)``, or by a name."""
-        first, second = (
-            _unsigned(word(part) if isinstance(part, str) else part) for part in (first, second)
-        )
+        words = (word(part) if isinstance(part, str) else part for part in (first, second))
+        first, second = (np.asarray(each).astype(np.uint64, copy=False) for each in words)
         return RandomKeys(threefry.derived(self.keys, first, second), self.step)
 
     def at(self, step: np.ndarray | int) -> "RandomKeys":
@@ -101,7 +92,7 @@ class RandomKeys:
     def members(
         self, members: int, count: int, use: int = 0, wanted: np.ndarray | None = None
     ) -> np.ndarray:
-        """Standard normal numbers ``(..., members, count)``: a member's are the same however many there are.
+        """Standard normal numbers ``(..., members, count)``, the same for any number of members.
 
         Members lie last in memory. Components that are not ``wanted (..., count)`` hold anything;
         None: all are.
@@ -113,9 +104,7 @@ class RandomKeys:
 
     def _flat(self, function: Any, together: int, count: int, use: int) -> np.ndarray:
         """Numbers ``(..., count)`` of a function that gives so many ``together`` of a counter."""
-        counters, second = (
-            np.arange(-(-count // together), dtype=np.uint64),
-            threefry.second_word(self.step, use),
-        )
+        counters = np.arange(-(-count // together), dtype=np.uint64)
+        second = threefry.second_word(self.step, use)
         numbers = function(self.keys[..., None, :], counters, second[..., None])
         return numbers.reshape(*numbers.shape[:-2], len(counters) * together)[..., :count]

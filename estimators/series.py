@@ -11,7 +11,6 @@ Times come first, then rows, then components. `run` needs nothing of a filter bu
 ``predict`` and ``update``.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Generic, cast
@@ -19,7 +18,7 @@ from typing import Any, Generic, cast
 import numpy as np
 
 from estimators.belief import Record, over_time
-from estimators.checks import as_array, as_mask, integer
+from estimators.checks import as_array
 from estimators.delayed import Delayed, DelayedBelief
 from estimators.filter import Filter, Rng
 from estimators.linalg import joined
@@ -39,10 +38,10 @@ class Series(Generic[Record]):
         last: The belief after the last measurement, as the filter gave it: `run` continues from it.
     """
 
-    filter: Filter[Record] | Delayed[Record]
+    filter: Filter[Record] | Delayed
     predicted: Record
     updated: Record
-    last: Record | DelayedBelief[Record]
+    last: Record | DelayedBelief
 
     def __len__(self) -> int:
         return len(self.updated.mean)
@@ -83,8 +82,8 @@ class Series(Generic[Record]):
 
 
 def run(
-    filter: Filter[Record] | Delayed[Record],
-    prior: Gaussian | Record | DelayedBelief[Record],
+    filter: Filter[Record] | Delayed,
+    prior: Gaussian | Record | DelayedBelief,
     y: np.ndarray,
     u: np.ndarray | None = None,
     t: np.ndarray | None = None,
@@ -126,30 +125,24 @@ def run(
     if y.ndim < 2 or len(y) == 0:
         raise ValueError(f"y has shape {y.shape}, expected (T, ..., p): one channel has y[:, None]")
     T, batch = len(y), y.shape[1:-2] if isinstance(filter, Delayed) else y.shape[1:-1]
-    continued = _continues(filter, prior, batch, rng, integer("first", first, 0))
+    continued = _continues(filter, prior, batch, rng, first)
     if isinstance(prior, Gaussian):
         prior = Gaussian(np.broadcast_to(prior.mean, (*batch, prior.mean.shape[-1])), prior.cov)
-    available = _over_time("available", available, T, as_mask)
-    R = _over_time("R", R, T)
+    available, R = _over_time("available", available, T), _over_time("R", R, T)
     after, at = _known_inputs(filter, u, t, T + continued, batch)
     if isinstance(rng, int | np.integer):
         rows = np.arange(int(np.prod(batch))).reshape(batch)
-        rng = RandomKeys(np.broadcast_to(key(integer("rng", rng, 0)), (*batch, 2))).of(rows)
+        rng = RandomKeys(np.broadcast_to(key(int(rng)), (*batch, 2))).of(rows)
     loop, belief, predicted, updated = cast(Any, filter), prior, [], []
     for k in range(T):
         now = rng.at(first + k) if isinstance(rng, RandomKeys) else rng
         i = k + continued
-        belief = (
-            loop.predict(belief, _at(after, i - 1), rng=now) if i else loop.init(prior, rng=now)
-        )
+        belief = loop.predict(belief, after[i - 1], rng=now) if i else loop.init(prior, rng=now)
         predicted.append(belief)
-        known, mask, cov = _at(at, i), _at(available, k), _at(R, k)
-        belief = loop.update(belief, y[k], rng=now, available=mask, R=cov, u=known)
+        belief = loop.update(belief, y[k], rng=now, available=available[k], R=R[k], u=at[i])
         updated.append(belief)
     if isinstance(filter, Delayed):
         predicted, updated = ([each.now for each in found] for found in (predicted, updated))
-    if at is not None and not continued:  # of which the prior is told, too
-        predicted[0] = predicted[0].replace(u=updated[0].u)
     return Series(filter, over_time(predicted), over_time(updated), belief)
 
 
@@ -169,19 +162,12 @@ def _continues(filter: Any, prior: Any, batch: tuple[int, ...], rng: Rng | int, 
     return continued
 
 
-def _at(array: np.ndarray | None, k: int) -> np.ndarray | None:
-    return None if array is None else array[k]
-
-
-def _over_time(
-    name: str,
-    value: np.ndarray | None,
-    T: int,
-    checked: Callable[[str, Any], np.ndarray] = as_array,
-) -> np.ndarray | None:
-    """An argument of `run` as an array of T entries, or None."""
-    array = None if value is None else checked(name, value)
-    if array is not None and array.shape[:1] != (T,):
+def _over_time(name: str, value: np.ndarray | None, T: int) -> Any:
+    """An argument of `run` as T entries, each None if it is."""
+    if value is None:
+        return [None] * T
+    array = as_array(name, value)
+    if array.shape[:1] != (T,):
         raise ValueError(
             f"{name} has shape {array.shape}, expected ({T}, ...): one for each measurement of y,"
             " and before them one for a belief that is continued"
@@ -191,18 +177,18 @@ def _over_time(
 
 def _known_inputs(
     filter: Any, u: np.ndarray | None, t: np.ndarray | None, T: int, batch: tuple[int, ...]
-) -> tuple[np.ndarray | None, np.ndarray | None]:
+) -> tuple[Any, Any]:
     """Known inputs ``(T, ..., m)`` over the steps that follow measurements, and at measurements.
 
     Where times are given the last component is the length of the step: that follows, and that led
     to the measurement.
     """
-    u, t = _over_time("u", u, T), _over_time("t", t, T)
-    if u is not None and u.ndim == 2:
-        u = u.reshape(T, *(1,) * len(batch), -1)
+    known = _over_time("u", u, T)
+    if u is not None and known.ndim == 2:
+        known = known.reshape(T, *(1,) * len(batch), -1)
     if t is None:
-        return u, u
-    model = getattr(filter, "model", None)
+        return known, known
+    model, t = getattr(filter, "model", None), _over_time("t", t, T)
     if isinstance(model, LinearModel) and not any(map(callable, vars(model).values())):
         raise ValueError(
             "this model is the same however long a step takes: make it with sampled, or leave out t"
@@ -213,7 +199,9 @@ def _known_inputs(
             " for those that come late"
         )
     t = t.reshape(t.shape + (1,) * (len(batch) + 1 - t.ndim))
-    u = np.zeros((T, *(1,) * len(batch), 0)) if u is None else u
+    known = np.zeros((T, *(1,) * len(batch), 0)) if u is None else known
     lengths = np.diff(t, axis=0, append=t[-1:]), np.diff(t, axis=0, prepend=t[:1])
-    after, at = (joined([u[..., None, :], dt[..., None, None]], -1)[..., 0, :] for dt in lengths)
+    after, at = (
+        joined([known[..., None, :], dt[..., None, None]], -1)[..., 0, :] for dt in lengths
+    )
     return after, at

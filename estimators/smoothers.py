@@ -58,13 +58,12 @@ def smooth(series: Series[Record], lag: int | None = None) -> Record:
     if isinstance(filter, EnsembleFilter):
         return _members(filter, updated, predicted, steps)
     if not getattr(filter, "reversible", False):
-        name = getattr(filter, "name", type(filter).__name__)
         raise TypeError(
-            f"{name} has no smoother: smooth a series of kf, ekf, ukf, iekf, robust-kf, kf-umv-ui,"
-            " kf-umv-ui-wdf, ekf-ui-wdf, ukf-umv or of members"
+            f"{getattr(filter, 'name', filter)} has no smoother: smooth a series of kf, ekf, ukf,"
+            " iekf, robust-kf, kf-umv-ui, kf-umv-ui-wdf, ekf-ui-wdf, ukf-umv or of members"
         )
     z, P = with_input(updated)
-    D, J, left = _gains(filter, updated[:-1], predicted[1:], predicted.healthy[1:], P[:-1])
+    D, J, left = _gains(filter, updated[:-1], predicted[1:], P[:-1])
     before = np.nan_to_num(predicted.mean[1:])
 
     def back(k: slice, z_later: np.ndarray, P_later: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -74,7 +73,12 @@ def smooth(series: Series[Record], lag: int | None = None) -> Record:
         )
 
     smoothed, covs = _swept(back, steps, z, P)
-    return _parted(updated, smoothed, semidefinite(covs))
+    n, covs = updated.mean.shape[-1], semidefinite(covs)
+    changes = {"mean": smoothed[..., :n], "cov": covs[..., :n, :n]}
+    if isinstance(updated, InputBelief):
+        changes |= {"input_mean": smoothed[..., n:], "input_cov": covs[..., n:, n:]}
+        changes["state_input_cov"] = covs[..., :n, n:]
+    return updated.replace(**changes)
 
 
 def _swept(
@@ -90,38 +94,24 @@ def _swept(
     return arrays
 
 
-def _parted(belief: Record, z: np.ndarray, P: np.ndarray) -> Record:
-    """The belief with what `with_input` takes together."""
-    n = belief.mean.shape[-1]
-    changes = {"mean": z[..., :n], "cov": P[..., :n, :n]}
-    if isinstance(belief, InputBelief):
-        changes |= {
-            "input_mean": z[..., n:],
-            "input_cov": P[..., n:, n:],
-            "state_input_cov": P[..., :n, n:],
-        }
-    return belief.replace(**changes)
-
-
 def _gains(
-    filter: Any, updated: Belief, following: Belief, healthy: np.ndarray, P: np.ndarray
+    filter: Any, updated: Belief, following: Belief, P: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """D ``(..., n, k)``, J ``(..., k, n)`` and what J leaves of P; J is 0 where a row was lost."""
     n, k, u = updated.mean.shape[-1], P.shape[-1], following.u
     A, D, cov = filter._slopes(updated, u), np.eye(n, k), following.cov
     if isinstance(updated, InputBelief):
+        G = getattr(following, "input_matrix", None)
+        G = filter.model.input_matrix(updated.mean, u) if G is None else G
         if filter.input_delay == 0:
-            G = filter.model.input_matrix(updated.mean, u)
             A = joined([A, G], -1)
         else:
-            G = getattr(following, "input_matrix", None)
-            G = filter.model.input_matrix(updated.mean, u) if G is None else G
             A, D = joined([A, np.zeros(G.shape)], -1), joined([identity(n), -G], -1)
             # A Kalman filter that was told the input's variance has it in its prediction.
             if isinstance(filter, KalmanFilter) and filter.input_cov is not None:
                 cov = cov - congruence(G, filter.input_cov)
     known = np.isfinite(cov).all((-2, -1)) & np.isfinite(A).all((-2, -1))
-    forgot = (~healthy | ~known)[..., None, None]
+    forgot = ~(following.healthy & known)[..., None, None]
     J, left = _regression(np.where(forgot, 0.0, A), P, np.where(forgot, 0.0, cov))
     D = np.broadcast_to(D, J.shape[:-2] + (n, k))
     return D, np.where(forgot, 0.0, J), np.where(forgot, P, left)
@@ -138,8 +128,8 @@ def _regression(A: np.ndarray, P: np.ndarray, cov: np.ndarray) -> tuple[np.ndarr
     noise = principal_root(semidefinite(cov - congruence(A, P)))
     now = joined([root, np.zeros((k, n))], -1)
     both = joined([joined([A @ root, noise], -1), now], -2)
-    scale = np.sqrt(np.square(both).sum(-1, keepdims=True))
-    scale = np.where(scale > 0.0, scale, 1.0)
+    scale = np.linalg.norm(both, axis=-1, keepdims=True)
+    scale[scale == 0.0] = 1.0
     lower = np.linalg.qr((both / scale).mT)[1].mT
     J = lower[..., n:, :n] @ np.linalg.pinv(lower[..., :n, :n], rcond=1e-13)
     left = scale[..., n:, :] * lower[..., n:, n:]

@@ -28,7 +28,7 @@ def _mix(x: np.ndarray, y: np.ndarray, bits: int) -> tuple[np.ndarray, np.ndarra
 def threefry(
     c0: np.ndarray | np.uint64, c1: np.ndarray, k0: np.ndarray, k1: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Two random words ``(...)`` of a counter ``(c0, c1)`` under a key ``(k0, k1)``, all of 64 bits."""
+    """Two random words ``(...)`` of a counter ``(c0, c1)`` under a key ``(k0, k1)``."""
     keys = k0, k1, _PARITY ^ k0 ^ k1
     x, y = c0 + k0, c1 + k1
     for i in range(3):
@@ -40,7 +40,7 @@ def threefry(
 
 @compiled(axes=(1, 0, 0))
 def derived(key: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """The words ``(..., 2)`` of a counter of two words ``(...)`` under a key ``(..., 2)``: another key."""
+    """Another key ``(..., 2)``: the words of a counter ``(first, second)`` under a key."""
     return np.stack(threefry(first, second, key[..., 0], key[..., 1]), -1)
 
 
@@ -87,24 +87,23 @@ def normal_pair(word: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @compiled(axes=(1, 0, 0))
 def four_normals(key: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Standard normal numbers ``(..., 4)`` of a counter of two words ``(...)`` under a key ``(..., 2)``."""
+    """Standard normal numbers ``(..., 4)`` of a counter of two words under a key ``(..., 2)``."""
     words = threefry(first, second, key[..., 0], key[..., 1])
     return np.stack([number for word in words for number in normal_pair(word)], -1)
 
 
 @compiled(axes=(1, 0, 0))
 def two_uniforms(key: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Numbers ``(..., 2)`` from 0 to below 1, likewise."""
-    return np.stack(
-        [uniform(word) for word in threefry(first, second, key[..., 0], key[..., 1])], -1
-    )
+    """Uniform numbers ``(..., 2)`` from 0 to below 1 of a counter under a key."""
+    words = threefry(first, second, key[..., 0], key[..., 1])
+    return np.stack([uniform(word) for word in words], -1)
 
 
 def normals(key: np.ndarray, step: np.ndarray, count: int, use: int = 0) -> list[np.ndarray]:
-    """So many standard normal numbers ``(...)`` of keys ``(..., 2)`` at a step ``(...)``, a word."""
-    counters = [np.uint64(i) for i in range((count + 3) // 4)]
-    numbers = (four_normals(key, counter, (step << 16) | use) for counter in counters)
-    return [four[..., i] for four in numbers for i in range(4)][:count]
+    """Standard normal numbers ``(...)``, ``count`` of them, of keys ``(..., 2)`` at a step."""
+    second, counters = (step << 16) | use, range((count + 3) // 4)
+    fours = (four_normals(key, np.uint64(counter), second) for counter in counters)
+    return [four[..., i] for four in fours for i in range(4)][:count]
 
 
 def second_word(step: Any, use: int) -> Any:
@@ -114,7 +113,7 @@ def second_word(step: Any, use: int) -> Any:
 
 @compiled(axes=(1, 0, 1), matrices=True)
 def of_members(key: Any, second: Any, wanted: Any = None, *, members: int, count: int) -> Any:
-    """Standard normal numbers ``(..., count, members)``: `four_normals` of a counter for each four members.
+    """Standard normal numbers ``(..., count, members)``, four members of a counter.
 
     Args:
         key: ``(..., 2)``.
@@ -131,8 +130,7 @@ def of_members(key: Any, second: Any, wanted: Any = None, *, members: int, count
 
     def four(counter: Any, key: Any, second: Any) -> Any:
         first = as_word(counter[0]) | (as_word(counter[1]) << 32)
-        words = threefry(first, second[0], key[0], key[1])
-        return np.stack([number for word in words for number in normal_pair(word)], -1)
+        return four_normals(key, first, second[0])
 
     drawn = columnwise(four, counters, key, second[None], wanted=wanted, interleaved=True)
     return split(drawn, count)[..., :members]

@@ -12,22 +12,22 @@ No truth is needed: a filter foretells each measurement, and the numbers that ma
 likely are the estimate.
 """
 
-from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass, field
-from functools import partial
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from estimators.angles import difference
-from estimators.checks import as_array, as_mask, as_number, short_repr
+from estimators.checks import as_array, as_mask, number
 from estimators.factory import unknown
 from estimators.models import Gaussian
 from estimators.randomness import RandomKeys
 from estimators.series import Series, run
 
 _OBJECTIVES = ("likelihood", "prediction-error")
+_POSITIVE = "a positive number, or be named in signed if it may have any sign"
 _QUANTILE = 1.959963984540054
 _FAR = 20.0
 """How far a search may go from its start, in logarithms: a factor of 5e8."""
@@ -93,7 +93,7 @@ def fit(
     t: np.ndarray | None = None,
     available: np.ndarray | None = None,
     R: np.ndarray | None = None,
-    signed: Collection[str] = (),
+    signed: Iterable[str] = (),
     objective: str = "likelihood",
     rng: RandomKeys | int = 0,
 ) -> Fit:
@@ -131,63 +131,41 @@ def fit(
     """
     if objective not in _OBJECTIVES:
         raise ValueError(unknown("objective", objective, _OBJECTIVES))
-    signed = (signed,) if isinstance(signed, str) else tuple(signed)
-    origin = _checked_start(start, signed)
-    positive = np.array([name not in signed for name in start])
+    if others := set(signed) - start.keys():
+        raise ValueError(unknown("signed parameter", others.pop(), start))
+    positive = np.array([name not in set(signed) for name in start])
+    origin = np.array([
+        number(f"start of {name}", value, 0.0, what=_POSITIVE) if own
+        else number(f"start of {name}", value, what="a finite number")
+        for (name, value), own in zip(start.items(), positive, strict=True)
+    ])  # fmt: skip
     units = np.where(positive | (origin == 0.0), 1.0, np.abs(origin))
-    data = {"y": as_array("y", y), "u": u, "t": t, "available": available, "R": R}
-    evaluate = partial(_negative_log_likelihood, objective, data, rng)
+    y = as_array("y", y)
+    arrived = np.isfinite(y) if available is None else np.isfinite(y) & as_mask("", available)
+
+    def evaluate(filter: Any, prior: Gaussian) -> float:
+        with np.errstate(all="ignore"):
+            series = run(filter, prior, y, u, t, arrived, R, rng)
+            lost = arrived & ~series.updated.available & ~series.updated.healthy[..., None]
+            if lost.any():  # a measurement that is given up must not pay
+                return np.inf
+            if objective == "likelihood":
+                return -float(series.log_likelihood.sum())
+            return _prediction_error(series, y, arrived)
+
     search = _Search(build, tuple(start), positive, units, evaluate)
-    first = np.where(positive, np.log(np.where(positive, origin, 1.0)), origin / units)
+    first = origin / units
+    first[positive] = np.log(first[positive])
     filter, prior = search.built(first)
     if not np.isfinite(evaluate(filter, prior)):
         raise ValueError(
             "the measurements have no likelihood at the start: begin where the filter can follow"
             " them"
         )
-    return search.fit(first, _random(filter))
+    return search.fit(first, getattr(filter, "random", False))
 
 
-def _checked_start(start: Mapping[str, float], signed: Collection[str]) -> np.ndarray:
-    """Values at which a search begins, checked."""
-    for name in signed:
-        if name not in start:
-            raise ValueError(unknown("signed parameter", name, start))
-    for name, value in start.items():
-        number, positive = as_number(value), name not in signed
-        if not np.isfinite(number) or (positive and number <= 0.0):
-            hint = ", or be named in signed if it may have any sign" if positive else ""
-            raise ValueError(
-                f"start of {name} must be a {'positive' if positive else 'finite'} number{hint},"
-                f" got {short_repr(value)}"
-            )
-    return np.array([float(value) for value in start.values()])
-
-
-def _random(filter: Any) -> bool:
-    return bool(getattr(filter, "random", False))
-
-
-def _negative_log_likelihood(
-    objective: str, data: dict[str, Any], rng: RandomKeys | int, filter: Any, prior: Gaussian
-) -> float:
-    """The cost of a filter and its prior on measurements, arguments of `run`."""
-    with np.errstate(all="ignore"):
-        series = run(filter, prior, **data, rng=rng if _random(filter) else None)
-        # A measurement that is given up must not pay.
-        arrived, updated = _arrived(data["y"], data["available"]), series.updated
-        if (arrived & ~updated.available & ~updated.healthy[..., None]).any():
-            return np.inf
-        if objective == "likelihood":
-            return -float(np.sum(series.log_likelihood))
-        return _prediction_error(series, data["y"], data["available"])
-
-
-def _arrived(y: np.ndarray, available: np.ndarray | None) -> np.ndarray:
-    return np.isfinite(y) if available is None else np.isfinite(y) & as_mask("", available)
-
-
-def _prediction_error(series: Series, y: np.ndarray, available: np.ndarray | None) -> float:
+def _prediction_error(series: Series, y: np.ndarray, arrived: np.ndarray) -> float:
     """The cost of Gaussian prediction errors whose covariance is what it is found to be.
 
     Where measurements are missing, each entry of the covariance is of those that came together.
@@ -195,9 +173,8 @@ def _prediction_error(series: Series, y: np.ndarray, available: np.ndarray | Non
     model, p = series.filter.model, y.shape[-1]
     expected = model.measurement(series.predicted.mean, series.updated.u)
     e = difference(y, expected, model.measurement_angles)
-    arrived = _arrived(e, available)
-    flat, mask = np.where(arrived, e, 0.0).reshape(-1, p), 1.0 * arrived.reshape(-1, p)
-    together = mask.T @ mask
+    mask = (arrived & np.isfinite(e)).reshape(-1, p)
+    flat, together = np.where(mask, e.reshape(-1, p), 0.0), mask.T @ (1.0 * mask)
     _, size = np.linalg.slogdet(flat.T @ flat / np.maximum(together, 1.0))
     return float(0.5 * np.trace(together) / p * (size + p * (1.0 + np.log(2.0 * np.pi))))
 
@@ -214,15 +191,15 @@ class _Search:
     positive: np.ndarray
     units: np.ndarray
     evaluate: Callable[[Any, Gaussian], float]
-    rough: bool = field(init=False)  # the cost is not smooth
-    best: np.ndarray = field(init=False)  # (k,) where the last search ended
-    least: float = field(init=False)  # the cost there
+    rough = False  # the cost is not smooth
+    best = np.empty(0)  # (k,) where the last search ended
+    least = np.inf  # the cost there
 
     def values(self, theta: np.ndarray) -> list[float]:
         """The parameters themselves."""
-        return np.where(
-            self.positive, np.exp(np.where(self.positive, theta, 0.0)), theta * self.units
-        ).tolist()
+        values = theta * self.units
+        values[self.positive] = np.exp(theta[self.positive])
+        return values.tolist()
 
     def built(self, theta: np.ndarray) -> tuple[Any, Gaussian]:
         """The filter and its prior."""
@@ -268,11 +245,10 @@ class _Search:
         loose = np.any([np.zeros(best.shape, bool), *map(_involved, flat)], 0) | (not converged)
         errors = np.where(loose, np.inf, spread)
         covariance[loose], covariance[:, loose] = np.nan, np.nan
-        values, low, high = (
-            self.values(best + z * errors) if z else self.values(best)
-            for z in (0.0, -_QUANTILE, _QUANTILE)
-        )
+        values = self.values(best)
+        ends = (self.values(best + z * errors) for z in (-_QUANTILE, _QUANTILE))
         sd = np.where(positive, values, self.units) * errors
+        filter, prior = self.built(best)
 
         def by_name(column: Iterable[Any]) -> dict[str, Any]:
             return dict(zip(self.names, column, strict=True))
@@ -280,41 +256,36 @@ class _Search:
         return Fit(
             estimates=by_name(values),
             standard_errors=by_name(sd.tolist()),
-            intervals=by_name(zip(low, high, strict=True)),
+            intervals=by_name(zip(*ends, strict=True)),
             correlation=covariance / (spread * spread[:, None]),
             log_likelihood=-self.least,
             undetermined=tuple(dict.fromkeys(s for way in flat for s in self._statements(way))),
             converged=converged,
-            filter=self.built(best)[0],
-            prior=self.built(best)[1],
+            filter=filter,
+            prior=prior,
         )
 
     def _minimum(
         self, start: np.ndarray, low: np.ndarray, high: np.ndarray, digits: float = 1e-13
     ) -> tuple[np.ndarray, float]:
         """The parameters ``(k,)`` of least cost, and that cost."""
-        from scipy.optimize import minimize  # late: it takes longer to import than the package
+        from scipy.optimize import (
+            Bounds,
+            minimize,
+        )  # late: it takes longer to import than the package
 
         least = self.cost(start)
         worst = least + 100.0 * (1.0 + abs(least))  # what a search can step back from
 
-        def slope(theta: np.ndarray) -> np.ndarray:
-            pairs = [
-                (self.cost(theta + step), self.cost(theta - step))
-                for step in 1e-4 * np.eye(len(theta))
-            ]
-            return np.array([(a - b) / 2e-4 if np.isfinite(a - b) else 0.0 for a, b in pairs])
-
         if self.rough:
-            simplex = start + 0.5 * np.eye(len(start) + 1, len(start), -1)
-            options: dict[str, Any] = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-3}
-            method: dict[str, Any] = {"method": "Nelder-Mead", "options": options}
+            method, jac, simplex = "Nelder-Mead", None, np.eye(len(start) + 1, len(start), -1)
+            options = {"initial_simplex": start + 0.5 * simplex, "xatol": 1e-3, "fatol": 1e-3}
         else:
-            method = {"method": "L-BFGS-B", "jac": slope, "options": {"ftol": digits, "gtol": 1e-4}}
-        bounds = list(zip(low, high, strict=True))
+            method, jac, options = "L-BFGS-B", "3-point", {"ftol": digits, "gtol": 1e-4}
         best = minimize(
-            lambda theta: min(self.cost(theta), worst), start, bounds=bounds, **method
-        ).x
+            lambda theta: min(self.cost(theta), worst),
+            start, method=method, jac=jac, bounds=Bounds(low, high), options=options,
+        ).x  # fmt: skip
         return best, self.cost(best)
 
     def _derivatives(self, step: float) -> tuple[np.ndarray, np.ndarray]:
@@ -329,16 +300,12 @@ class _Search:
             ahead, behind = self.cost(best + move), self.cost(best - move)
             return 0.5 * (ahead - behind), ahead - 2.0 * least + behind
 
-        def shorter(move: np.ndarray) -> np.ndarray:
-            curvature = along(move)[1] / (move @ move)
-            return (
-                move
-                / np.linalg.norm(move)
-                * np.clip(step / np.sqrt(max(curvature, 1e-300)), 1e-6, step)
-            )
-
-        moves = [shorter(shorter(0.01 * step * move)) for move in np.eye(len(best))]
-        sizes = np.linalg.norm(moves, axis=-1)
+        sizes = np.full(len(best), 0.01 * step)
+        for _ in range(2):
+            moves = np.diag(sizes)
+            curvatures = np.array([along(move)[1] for move in moves]) / sizes**2
+            sizes = np.clip(step / np.sqrt(np.maximum(curvatures, 1e-300)), 1e-6, step)
+        moves = np.diag(sizes)
         slopes, curvatures = np.array([along(move) for move in moves]).T
         wide = np.array([along(move / step)[1] for move in moves]) * step**2
         known = (curvatures > _LITTLE * sizes**2) & np.isfinite(wide)
@@ -350,26 +317,26 @@ class _Search:
         return slopes / sizes, hessian / sizes / sizes[:, None]
 
     def _statements(self, way: np.ndarray) -> list[str]:
-        """A direction without information in words: of parameters together, or of each by itself."""
+        """A direction without information in words: of parameters together, or of each alone."""
         moved = np.flatnonzero(_involved(way)).tolist()
         ends = {i: [self._end(i, sign, way) for sign in (-1.0, 1.0)] for i in moved}
         alone = _AWAY[-1] * np.eye(len(way))
         joined = [
-            i
-            for i in moved
+            i for i in moved
             if None in ends[i]
-            and min(self.cost(self.best + side) for side in (alone[i], -alone[i])) > self._unlikely
-        ]
-        if len(joined) < 2:
-            return [self._sentence(i, *ends[i]) for i in moved]
-        names = [self.names[i] for i in joined]
-        apart = " and ".join((", ".join(names[:-1]), names[-1]))
-        up = way * way[joined[0]] > 0.0
-        ways = " and ".join(f"{self.names[i]} {'up' if up[i] else 'down'}" for i in joined)
-        return [
-            *(self._sentence(i, *ends[i]) for i in moved if i not in joined),
-            f"the measurements cannot tell {apart} apart: with {ways} they are as likely",
-        ]
+            and min(map(self.cost, (self.best + alone[i], self.best - alone[i]))) > self._unlikely
+        ]  # fmt: skip
+        joined = joined if len(joined) > 1 else []
+        found = [self._sentence(i, *ends[i]) for i in moved if i not in joined]
+        if joined:
+            *names, last = (self.names[i] for i in joined)
+            up = way * way[joined[0]] > 0.0
+            ways = " and ".join(f"{self.names[i]} {'up' if up[i] else 'down'}" for i in joined)
+            found.append(
+                f"the measurements cannot tell {', '.join(names)} and {last} apart: with {ways} they"
+                " are as likely"
+            )
+        return found
 
     @property
     def _unlikely(self) -> float:

@@ -21,6 +21,17 @@ WHY_NOT = {
     ),
 }
 """Why a law says nothing about a filter, by the property that the law is about."""
+INTRODUCTION = """# Laws and filters
+
+This page lists which filter obeys which law, for readers who want to know how the filters are
+tested. The test run (`tests/estimators`) writes it: it tries every law of the common suite on every
+filter, with several sets of options and random systems. A *yes* means that the law held in all of
+them, a **no** that it failed in one. With a letter the law does not apply to this filter, for the
+reason below the table.
+
+Every filter that `make` knows by name is in the table. `enkf-sr` is another name of `etkf`. Laws of
+a single filter are tested separately, as is consistency where a filter makes a different claim.
+"""
 
 _passed: dict[tuple[str, str], bool] = {}
 
@@ -81,34 +92,7 @@ def _page(laws: dict[str, tuple[str, ...]], cases: tuple) -> str:
             f"| {law.removeprefix('test_').replace('_', ' ')} | " + " | ".join(cells) + " |"
         )
     lines = [
-        "# Laws and filters",
-        "",
-        (
-            "This page lists which filter obeys which law, for readers who want to know how the"
-            " filters are tested. The"
-        ),
-        (
-            "test run (`tests/estimators`) writes it: it tries every law of the common suite on"
-            " every filter, with"
-        ),
-        (
-            "several sets of options and random systems. A *yes* means that the law held in all of"
-            " them, a **no** that"
-        ),
-        (
-            "it failed in one. With a letter the law does not apply to this filter, for the reason"
-            " below the table."
-        ),
-        "",
-        (
-            "Every filter that `make` knows by name is in the table. `enkf-sr` is another name of"
-            " `etkf`. Laws of a"
-        ),
-        (
-            "single filter are tested separately, as is consistency where a filter makes a"
-            " different claim."
-        ),
-        "",
+        INTRODUCTION,
         "| law | " + " | ".join(filters) + " |",
         "|---|" + "---|" * len(filters),
         *rows,

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from estimators import (
-    Belief,
     Delayed,
     Filter,
     Gaussian,
@@ -46,11 +45,12 @@ class Late:
         for k in range(STEPS):
             if k:
                 belief = filter.predict(belief, self.record.u[k - 1], rng=moves.at(k))
-            if (again := self.begins[k]).any():
-                begun = filter.init(system.rows(ROWS), rng=begins.at(k))
-                belief = belief.with_rows(again, begun[again])
             u = self.record.u[max(k - 1, 0)]
             belief = filter.update(belief, y[k], rng=self.keys.at(k), u=u)
+            if (again := self.begins[k]).any():
+                begun = filter.init(system.rows(ROWS), rng=begins.at(k))
+                begun = filter.update(begun, y[k], rng=self.keys.at(STEPS), u=u)
+                belief = belief.with_rows(again, begun[again])
             beliefs.append(belief)
         return beliefs
 
@@ -98,6 +98,8 @@ def test_at_every_step_it_knows_just_what_has_come(case: Case):
 
 KF = make("kf", LinearModel(np.eye(2), np.eye(2), 0.1 * np.eye(2), np.eye(2)))
 PRIOR = Gaussian(np.zeros((3, 2)), np.eye(2))
+LATE, YS = Delayed(KF, 1), np.zeros((3, 1, 2))
+BEGUN = LATE.init(PRIOR)
 
 
 def test_what_comes_too_late_or_twice_is_refused_and_counted_until_a_row_begins_again():
@@ -172,9 +174,8 @@ def test_rows_can_be_taken_out_and_copies_go_on():
     late = Late(CASES[0])
     delayed = Delayed(CASES[0].make(late.system.model), HORIZON)
     belief = late.run(delayed, by_age(late.y, late.delay))[-1]
-    u, ages = np.ones((ROWS, 2)), np.full((ROWS, 4, 3), np.nan)
+    rows, u, ages = np.arange(ROWS) % 2 == 0, np.ones((ROWS, 2)), np.full((ROWS, 4, 3), np.nan)
     ages[:, 2] = 1.0
-    rows = np.array([True, False, True, False])
     together = delayed.update(delayed.predict(belief, u), ages)
     apart = delayed.update(delayed.predict(belief[rows], u[rows]), ages[rows])
     assert_equal(apart, together[rows], (*FIELDS, "refused", "reach"))
@@ -186,28 +187,17 @@ def test_rows_can_be_taken_out_and_copies_go_on():
         assert_equal(filter.update(filter.predict(copied(belief), u), ages), together)
 
 
-class Mean:
-    """A running mean, which is no `Filter` and has what is needed."""
+class Own:
+    """A filter that is no `Filter`, and has what is needed."""
 
-    model = LinearModel([[1.0]], [[1.0]], [[0.0]], [[1.0]])
-
-    def init(self, prior, rng=None):
-        mean, cov = prior.mean, prior.cov[None]
-        return Belief(mean, cov, mean, cov, mean > 0.0, np.ones(mean.shape[:-1], bool))
-
-    def predict(self, belief, u=None, rng=None):
-        return belief
-
-    def update(self, belief, y, rng=None, available=None, R=None, u=None):
-        return belief.replace(mean=np.where(available, 0.5 * (belief.mean + y), belief.mean))
+    model, init, predict, update = KF.model, KF.init, KF.predict, KF.update
 
 
 def test_whatever_has_init_predict_and_update_may_be_delayed():
-    y = np.arange(1.0, 6.0)[:, None, None]
-    ordered = run(Mean(), Gaussian([[0.0]], [[1.0]]), y, available=np.ones(y.shape))
-    delay = np.array([2, 0, 1, 1, 0])[:, None, None]
-    shuffled = run(Delayed(Mean(), 2), Gaussian([[0.0]], [[1.0]]), by_age(y, delay))
-    np.testing.assert_array_equal(shuffled.mean[-1], ordered.mean[-1])
+    y, delay = np.random.default_rng(0).normal(size=(5, 3, 2)), np.array([2, 0, 1, 1, 0])
+    ordered = run(Own(), PRIOR, y)
+    shuffled = run(Delayed(Own(), 2), PRIOR, by_age(y, delay[:, None, None]))
+    assert_equal(shuffled.last, ordered.last)
 
 
 def test_measurements_by_age_are_those_that_were_taken():
@@ -221,33 +211,24 @@ def test_measurements_by_age_are_those_that_were_taken():
     assert all(y[place] == value for place, value in taken.items())
 
 
-def test_what_does_not_fit_gets_one_sentence():
-    for horizon in (-1, 2.0, True, None, "2"):
-        with pytest.raises(ValueError, match="horizon must be a whole number of at least 0"):
-            Delayed(KF, horizon)
-    for filter in ("kf", type(KF), None):
-        with pytest.raises(TypeError, match=r"filter must be a filter, as estimators\.make"):
-            Delayed(filter, 1)
-    delayed = Delayed(KF, 1)
-    by_age_only = r"y has shape \(3, 3\), expected \(3, 'ages', 2\): measurements by age"
-    with pytest.raises(ValueError, match=by_age_only):
-        delayed.update(delayed.init(PRIOR), np.zeros((3, 3)))
-    with pytest.raises(ValueError, match=r"R has shape \(3,\), expected \(3, 1, 2, 2\)"):
-        delayed.update(delayed.init(PRIOR), np.zeros((3, 1, 2)), R=np.ones(3))
-    with pytest.raises(TypeError, match="belief must be a DelayedBelief, got Belief"):
-        delayed.predict(KF.init(PRIOR))
-    with pytest.raises(ValueError, match=r"y has shape \(3, 4, 2\), expected \(3, 2\)"):
-        KF.update(KF.init(PRIOR), np.zeros((3, 4, 2)))
-    with pytest.raises(TypeError, match="give rng as keys"):
-        Delayed(make("enkf", KF.model), 1).init(PRIOR, rng=np.random.default_rng(0))
-    with pytest.raises(ValueError, match="delay must be whole numbers"):
-        by_age(np.zeros((3, 1)), 0.5)
-    series = run(delayed, PRIOR, np.zeros((4, 3, 1, 2)))
-    with pytest.raises(ValueError, match="have a likelihood once they are sorted"):
-        series.log_likelihood  # noqa: B018
-
-
-def test_it_says_what_the_filter_says_of_itself():
-    delayed = Delayed(KF, 2)
-    assert (delayed.name, delayed.random, delayed.model) == ("kf", False, KF.model)
-    assert repr(delayed) == "Delayed(KalmanFilter(n=2, p=2, q=0), horizon=2)"
+@pytest.mark.parametrize(
+    ("call", "error", "sentence"),
+    [
+        (lambda: Delayed(KF, -1), ValueError, "horizon must be a whole number of at least 0"),
+        (lambda: Delayed(type(KF), 1), TypeError, "filter must be a filter, as estimators"),
+        (lambda: LATE.update(BEGUN, np.zeros((3, 3))), ValueError, r"expected \(3, 'ages', 2\)"),
+        (lambda: LATE.update(BEGUN, YS, R=np.ones(3)), ValueError, r"R .* expected \(3, 1, 2, 2\)"),
+        (lambda: LATE.update(BEGUN, YS, available=[True]), ValueError, r"available has shape"),
+        (lambda: LATE.predict(KF.init(PRIOR)), TypeError, "must be a DelayedBelief, got Belief"),
+        (
+            lambda: Delayed(make("enkf", KF.model), 1).init(PRIOR, np.random.default_rng(0)),
+            TypeError,
+            "give rng as keys",
+        ),
+        (lambda: by_age(np.zeros((3, 1)), 0.5), ValueError, "delay must be whole numbers"),
+        (lambda: LATE.log_likelihood(BEGUN, BEGUN), ValueError, "once they are sorted"),
+    ],
+)
+def test_what_does_not_fit_gets_one_sentence(call, error: type, sentence: str):
+    with pytest.raises(error, match=sentence):
+        call()

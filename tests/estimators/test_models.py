@@ -1,11 +1,11 @@
 """Models: what they accept and refuse, their Jacobians, and their discretisation."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
 
 from estimators import (
@@ -14,15 +14,13 @@ from estimators import (
     LinearModel,
     NonlinearModel,
     Schedule,
-    StateNoise,
     compiled,
-    forward_euler,
     make,
     van_loan,
     wrap,
     zero_order_hold,
 )
-from tests.estimators.cases import assert_same, random_covariance, random_transition
+from tests.estimators.cases import assert_close, assert_same, random_covariance
 
 I2 = np.eye(2)
 FINE = {"A": I2, "C": [[1.0, 0.0]], "Q": I2, "R": [[1.0]]}
@@ -31,22 +29,14 @@ FINE = {"A": I2, "C": [[1.0, 0.0]], "Q": I2, "R": [[1.0]]}
 # --- covariances whose variances differ -----------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "cov",
-    [
-        np.diag([1e12, -1e-3]),
-        np.diag([1.0, -1e-17]),
-        [[[1e12]], [[-1.0]]],
-        [[0.0, 1e-30], [1e-30, 1.0]],
-        [[1.0, 1e160], [1e160, 5e-324]],
-        [[1e12, 0.0, 0.0], [0.0, 1e-3, 2e-3], [0.0, 2e-3, 1e-3]],
-        np.outer([1e6, 1.0, 1e-6], [1e6, 1.0, 1e-6]) * (1.9 * np.eye(3) - 0.9),
-    ],
-)
-def test_a_covariance_is_judged_by_the_variances_of_its_own_rows(cov: list):
-    cov = np.asarray(cov)
-    with pytest.raises(ValueError, match=r"^cov must be positive semidefinite.*eigenvalue"):
-        Gaussian(np.zeros(cov.shape[-1]), cov)
+@pytest.mark.parametrize("far", [1.0, 1e6, 1e12])
+def test_a_covariance_is_judged_by_the_variances_of_its_own_rows(far: float):
+    scale = np.array([far, 1.0, 1.0 / far])
+    for off, variance in ((1.1, 1.0), (0.0, -1e-17), (1e-30, 0.0)):
+        cov = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, off], [0.0, off, variance]])
+        for each in (cov * np.outer(scale, scale), [np.eye(3), cov]):
+            with pytest.raises(ValueError, match=r"^cov must be positive semidefinite.*eigenvalue"):
+                Gaussian(np.zeros(3), each)
 
 
 @pytest.mark.parametrize("rank", [1, 3, 5])
@@ -55,11 +45,10 @@ def test_a_covariance_of_any_scales_and_rank_is_taken(rank: int):
     rng = np.random.default_rng(rank)
     roots = rng.normal(size=(600, 5, rank)) * 10.0 ** rng.uniform(-8.0, 8.0, size=(600, 5, 1))
     covs = roots @ roots.mT
-    for cov in (covs, covs * (1.0 + 1e-15 * rng.normal(size=covs.shape))):
-        for one in cov:
-            taken = Gaussian(np.zeros(5), one).cov
-            np.testing.assert_allclose(taken, one, rtol=1e-14, atol=0)
-            np.testing.assert_array_equal(taken, taken.T)
+    for one in (*covs, *covs * (1.0 + 1e-15 * rng.normal(size=covs.shape))):
+        taken = Gaussian(np.zeros(5), one).cov
+        assert_allclose(taken, one, rtol=1e-14, atol=0)
+        assert_array_equal(taken, taken.T)
 
 
 # --- what is refused ------------------------------------------------------------------------------
@@ -72,22 +61,19 @@ TABLE = {"table": I2[None], "component": 0, "scale": 1.0, "middle": 0.5}
 REFUSED: list[tuple[type, dict, str, object, str]] = [
     *((LinearModel, FINE, name, value, problem) for name, value, problem in [
         ("A", np.ones((2, 3)), "shape"), ("A", [[np.nan, 0.0], [0.0, 1.0]], "finite"),
-        ("C", 1.0, "shape"),
-        ("B", np.ones((3, 1)), "shape"), ("H", np.ones((2, 1)), "shape"), ("Q", np.eye(3), "shape"),
+        ("C", 1.0, "shape"), ("H", np.ones((2, 1)), "shape"), ("state_angles", (2,), "below 2"),
         ("Q", np.ones((2, 3)), "square"), ("Q", [[1.0, 0.5], [0.4, 1.0]], "symmetric"),
-        ("Q", np.stack([I2, I2, BAD]), "positive semidefinite"), ("R", [[np.inf]], "finite"),
-        ("state_angles", (2,), "below 2"), ("measurement_angles", (-1,), "below 1"),
+        ("Q", np.stack([I2, BAD]), "positive semidefinite"),
+        ("measurement_angles", (-1,), "below 1"),
     ]),
     *((NonlinearModel, NONLINEAR, name, value, problem) for name, value, problem in [
-        ("transition", I2, "function"), ("measurement", None, "function"), ("Q", BAD, "positive semidefinite"),
+        ("transition", I2, "function"), ("measurement", None, "function"),
         ("G", np.ones((3, 1)), "shape"),
     ]),
-    (Gaussian, PRIOR, "mean", 0.0, "shape"), (Gaussian, PRIOR, "mean", [0.0, np.nan], "finite"),
-    (Gaussian, PRIOR, "cov", [1.0, 1.0], "square"),
+    (Gaussian, PRIOR, "mean", 0.0, "shape"), (Gaussian, PRIOR, "cov", [1.0, 1.0], "square"),
     *((Schedule, TABLE, name, value, problem) for name, value, problem in [
-        ("table", np.zeros((0, 2, 2)), "at least one entry"),
-        ("scale", np.nan, "a finite number, got nan"),
         ("table", I2, r"have shape \(k, n, m\), got \(2, 2\)"),
+        ("scale", np.nan, "a finite number, got nan"),
         ("component", 0.5, "a whole number of at least 0, got 0.5"),
     ]),
 ]  # fmt: skip
@@ -111,6 +97,8 @@ def test_sizes_are_told_by_arrays_or_asked_for():
     assert (model.n, model.p) == (3, 1)
     with pytest.raises(ValueError, match="cannot tell states: give states=, or one of Q, G as an"):
         NonlinearModel(lambda x, u: x, lambda x, u: x, lambda u: np.eye(3) * u[0], np.eye(3))
+    with pytest.raises(ValueError, match="cannot tell q"):
+        NonlinearModel(**NONLINEAR, G=lambda x, u: np.ones((2, 1)))
     with pytest.raises(ValueError, match=r"cannot tell n: give one of A, .* as an array"):
         LinearModel(A=lambda u: I2, C=lambda u: I2, Q=lambda u: I2, R=I2)
     with pytest.raises(ValueError, match=r"^H has shape"):
@@ -125,22 +113,10 @@ def test_a_schedule_of_a_component_that_u_has_not_is_refused():
         filter.predict(filter.init(Gaussian(np.zeros(2), I2)), np.zeros(2))
 
 
-def test_a_jacobian_that_is_not_finite_at_first_is_compared_where_it_is():
-    model = NonlinearModel(
-        lambda x, u: np.square(x), lambda x, u: x, I2, I2,
-        transition_jacobian=lambda x, u: np.where(x == 0.0, np.nan, 7.0)[..., None] * I2,
-    )  # fmt: skip
-    assert np.isnan(model.linearise_transition(np.zeros(2), None)[1]).any()
-    with pytest.raises(
-        ValueError, match=r"^transition_jacobian differs from transition: entry \(0, 0\) is 7"
-    ):
-        model.linearise_transition(np.ones(2), None)
-
-
 def test_singular_covariances_lists_of_integers_and_half_an_input_are_accepted():
     model = LinearModel(A=[[1, 1], [0, 1]], C=[[1, 0]], Q=np.zeros((2, 2)), R=[[0]])
     assert (model.n, model.p, model.q) == (2, 1, 0)
-    assert all(matrix.dtype == float for matrix in (model.A, model.C, model.Q, model.R))
+    assert model.A.dtype == model.R.dtype == float
     assert Gaussian([0, 0], np.ones((2, 2))).cov.dtype == float
     # A missing half of the unknown input counts as zero.
     assert (np.zeros((1, 3)) == LinearModel(**FINE, G=np.ones((2, 3))).H).all()
@@ -157,12 +133,9 @@ def test_matrices_may_be_functions_of_the_known_input_and_compiled_are_part_of_t
 ):
     """They give what a filter built anew at every step gives; a warm step calls no compiled one."""
     rng, calls = np.random.default_rng(1), []
-    H = rng.normal(size=(3, 1)) * (name == "kf-umv-ui")
-    base = {
-        "A": random_transition(rng, 3, 0.9), "B": rng.normal(size=(3, 2)),
-        "C": rng.normal(size=(3, 3)),
-        "R": random_covariance(rng, 3), "G": rng.normal(size=(3, 1)),
-    }  # fmt: skip
+    sizes = {"A": 3, "B": 2, "C": 3, "G": 1}
+    base = {key: rng.normal(size=(3, size)) for key, size in sizes.items()} | {"R": 2.0 * np.eye(3)}
+    constant = {"Q": np.eye(3), "H": rng.normal(size=(3, 1)) * (name == "kf-umv-ui")}
 
     def changing(key: str) -> Callable:
         def function(u: np.ndarray) -> np.ndarray:
@@ -172,32 +145,26 @@ def test_matrices_may_be_functions_of_the_known_input_and_compiled_are_part_of_t
         return function
 
     u, y = rng.normal(size=(6, 2, 2)), rng.normal(size=(6, 2, 3))
-    constant = {"Q": random_covariance(rng, 3), "H": H}
-    for way in (compiled, partial(compiled, matrices=True), None):
-        functions = {key: way(changing(key)) if way else changing(key) for key in base}
+    for way in (compiled, partial(compiled, matrices=True), lambda f: f):
+        functions = {key: way(changing(key)) for key in base}
         filter = make(name, LinearModel(**functions, **constant))
-        belief = filter.init(Gaussian(np.zeros((2, 3)), np.eye(3)))
-        rows = [filter.init(Gaussian(np.zeros(3), np.eye(3))) for _ in range(2)]
+        belief = expected = filter.init(Gaussian(np.zeros((2, 3)), np.eye(3)))
         for k in range(6):
             calls.clear()
             belief = filter.step(belief, y[k], u[k])
-            assert k == 0 or bool(calls) == (way is None)
-            assert (("step", False, True) in filter._programs) == (way is not None)
-            for i in range(2):
-                matrices = {key: function(u[k, i]) for key, function in functions.items()}
-                anew = make(name, LinearModel(**matrices, **constant))
-                rows[i] = anew.update(anew.predict(rows[i], u[k, i]), y[k, i])
-                assert_same(belief[i], rows[i], 1e-11)
+            assert k == 0 or bool(calls) != filter.model.is_compiled("A")
+            matrices = {key: function(u[k]) for key, function in functions.items()}
+            anew = make(name, LinearModel(**matrices, **constant))
+            expected = anew.update(anew.predict(expected, u[k]), y[k])
+            assert_same(belief, expected, 1e-11)
 
 
 def test_a_measurement_may_depend_on_an_input_of_its_own_time():
-    model = LinearModel(
-        A=I2, C=lambda u: np.stack([u, np.zeros_like(u)], -1), Q=I2, R=[[1.0]], B=np.zeros((2, 1))
-    )
+    model = LinearModel(I2, lambda u: u[..., None, :], I2, [[1.0]], B=np.zeros((2, 2)))
     filter = make("kf", model)
-    predicted = filter.predict(filter.init(Gaussian([1.0, 1.0], I2)), [3.0])
+    predicted = filter.predict(filter.init(Gaussian([1.0, 0.0], I2)), [3.0, 0.0])
     assert filter.update(predicted, [0.0]).innovation[0] == -3.0
-    assert filter.update(predicted, [0.0], u=[5.0]).innovation[0] == -5.0
+    assert filter.update(predicted, [0.0], u=[5.0, 0.0]).innovation[0] == -5.0
 
 
 # --- nonlinear models -----------------------------------------------------------------------------
@@ -220,19 +187,12 @@ def test_jacobians_are_the_analytic_ones(way: Callable, error: float):
     for linearise in (model.linearise_transition, model.linearise_measurement):
         value, jacobian = linearise(x, u)
         # Elementary functions differ by 2 units in the last place.
-        np.testing.assert_allclose(value, f(x, u), rtol=1e-12)
-        np.testing.assert_allclose(jacobian, expected, rtol=0, atol=error)
-
-
-@pytest.mark.parametrize(
-    ("way", "error"), [(compiled, 0.0), (lambda f: f, 1e-7)], ids=["compiled", "differences"]
-)
-def test_jacobians_keep_their_digits_for_large_and_small_states(way: Callable, error: float):
-    model = NonlinearModel(way(lambda x, u: x**2), lambda x, u: x[..., :1], np.eye(2), np.eye(1))
-    x = np.array([1e6, 1e-3])
-    jacobian = model.linearise_transition(x, None)[1]
-    np.testing.assert_allclose(np.diag(jacobian), 2.0 * x, rtol=error)
-    np.testing.assert_array_equal(jacobian[[0, 1], [1, 0]], 0.0)
+        assert_allclose(value, f(x, u), rtol=1e-12)
+        assert_allclose(jacobian, expected, rtol=0, atol=error)
+    x = np.array([1e6, 1e-3])  # large and small states
+    squares = NonlinearModel(way(lambda x, u: x**2), lambda x, u: x[..., :1], I2, np.eye(1))
+    jacobian = squares.linearise_transition(x, None)[1]
+    assert_allclose(jacobian, np.diag(2.0 * x), rtol=1e3 * error, atol=0)
 
 
 # --- discretisation -------------------------------------------------------------------------------
@@ -250,45 +210,31 @@ def _flow(A: np.ndarray, x: np.ndarray, drive: np.ndarray, dt: float) -> np.ndar
     ).y[:, -1]
 
 
-def test_zero_order_hold_ends_where_integration_ends():
+@pytest.mark.parametrize("dt", [0.7, 3.0])
+def test_zero_order_hold_and_van_loan_are_what_integration_gathers(dt: float):
     """In a batch, too, which may share B."""
     models, rng = [_continuous(seed) for seed in range(3)], np.random.default_rng(100)
-    A, B = np.stack([m[0] for m in models]), models[0][1]
-    F, D = zero_order_hold(A, B, 0.7)
-    for i in range(3):
+    B, Q = models[0][1:]
+    F, D = zero_order_hold(np.stack([m[0] for m in models]), B, dt)
+    for i, (A, *_) in enumerate(models):
         x, u = rng.normal(size=3), rng.normal(size=2)
-        expected = _flow(A[i], x, B @ u, 0.7)
-        np.testing.assert_allclose(F[i] @ x + D[i] @ u, expected, rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_van_loan_noise_is_what_integration_gathers(seed: int):
-    A, G, Q = _continuous(seed)
-    dt = 0.7
-    F, noise = van_loan(A, G, Q, dt)
-    np.testing.assert_allclose(F, zero_order_hold(A, G, dt)[0], rtol=0, atol=1e-12)
-    # P' = A P + P A' + G Q G' from P = 0, as one vector.
-    rate = np.kron(A, np.eye(3)) + np.kron(np.eye(3), A)
-    expected = _flow(rate, np.zeros(9), (G @ Q @ G.T).ravel(), dt).reshape(3, 3)
-    np.testing.assert_allclose(noise, expected, rtol=0, atol=1e-9)
-    np.testing.assert_array_equal(noise, noise.T)
-
-
-def test_forward_euler_is_the_first_order_of_the_exact_step():
-    A, B, _ = _continuous(8)
-    F, D = forward_euler(A, B, 0.1)
-    np.testing.assert_array_equal(F, np.eye(3) + 0.1 * A)
-    np.testing.assert_array_equal(D, 0.1 * B)
+        expected = _flow(A, x, B @ u, dt)
+        assert_close(F[i] @ x + D[i] @ u, expected, 1e-9)
+        # P' = A P + P A' + B Q B' from P = 0, as one vector.
+        rate = np.kron(A, np.eye(3)) + np.kron(np.eye(3), A)
+        gathered = _flow(rate, np.zeros(9), (B @ Q @ B.T).ravel(), dt).reshape(3, 3)
+        transition, noise = van_loan(A, B, Q, dt)
+        assert_close(transition, F[i], 1e-12)
+        assert_close(noise, gathered, 1e-9)
+        assert_array_equal(noise, noise.T)
 
 
 def test_continuous_models_are_lists_too_and_no_step_goes_back():
-    A, G, dt = [[0, 1], [0, 0]], [[0], [1]], 0.1
-    np.testing.assert_allclose(zero_order_hold(A, G, dt)[1], [[0.005], [0.1]], rtol=1e-12)
-    np.testing.assert_allclose(
-        van_loan(A, G, [[2]], dt)[1], [[2e-3 / 3.0, 0.01], [0.01, 0.2]], rtol=1e-12
-    )
+    A, G = [[0, 1], [0, 0]], [[0], [1]]
+    F, D = forward_euler(np.array(A), np.array(G), 0.1)
+    assert_array_equal(np.hstack([F, D]), [[1.0, 0.1, 0.0], [0.0, 1.0, 0.1]])
     for step in (lambda dt: zero_order_hold(A, G, dt), lambda dt: van_loan(A, G, [[2]], dt)):
-        np.testing.assert_array_equal(step(0.0)[1], 0.0)
+        assert_array_equal(step(0.0)[1], 0.0)
         with pytest.raises(ValueError, match="dt must be at least 0, got"):
             step(-0.1)
 
@@ -297,9 +243,7 @@ def _bearing(**own: object) -> NonlinearModel:
     def bearing(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         return np.arctan2(x[..., 1:2], x[..., :1])
 
-    return NonlinearModel(
-        lambda x, u: x, bearing, np.eye(2), [[0.01]], measurement_angles=(0,), **own
-    )
+    return NonlinearModel(lambda x, u: x, bearing, I2, [[0.01]], measurement_angles=(0,), **own)
 
 
 def _bearing_jacobian(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
@@ -308,27 +252,27 @@ def _bearing_jacobian(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
 
 @pytest.mark.parametrize("spread", [0.0, 1e-5, 1.0, 100.0, 1e5])
 def test_a_right_jacobian_is_taken_however_far_the_belief_reaches(spread: float):
+    """Also where it vanishes."""
     filter = make("ekf", _bearing(measurement_jacobian=_bearing_jacobian))
-    prior = Gaussian([[-1.0, 0.0], [0.3, 1.0]], spread**2 * np.eye(2))
+    prior = Gaussian([[-1.0, 0.0], [0.3, 1.0]], spread**2 * I2)
     assert filter.update(filter.init(prior), [3.0]).healthy.all()
-
-
-@pytest.mark.parametrize("power", [2, 3])
-def test_a_right_jacobian_is_taken_where_it_vanishes(power: int):
-    model = NonlinearModel(
-        lambda x, u: x, lambda x, u: x**power, [[1.0]], [[1.0]],
-        measurement_jacobian=lambda x, u: power * x[..., None] ** (power - 1),
+    cubic = NonlinearModel(
+        lambda x, u: x, lambda x, u: x**3, I2, I2,
+        measurement_jacobian=lambda x, u: 3.0 * x[..., None] ** 2 * I2,
     )  # fmt: skip
-    filter = make("ekf", model)
-    assert filter.update(filter.init(Gaussian([0.0], [[1.0]])), [3.0]).healthy
+    filter = make("ekf", cubic)
+    assert filter.update(filter.init(Gaussian([0.0, 1e-3], spread**2 * I2)), [3.0, 3.0]).healthy
 
 
-def test_a_wrong_jacobian_is_refused_at_every_use():
-    filter = make("ekf", _bearing(measurement_jacobian=lambda x, u: -_bearing_jacobian(x, u)))
-    belief = filter.init(Gaussian([-1.0, 0.3], np.eye(2)))
+def test_a_wrong_jacobian_is_refused_at_every_use_where_it_is_finite():
+    def wrong(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        return np.where(x[..., :1, None] == 0.0, np.nan, -_bearing_jacobian(x, u))
+
+    model = _bearing(measurement_jacobian=wrong)
+    assert np.isnan(model.linearise_measurement(np.array([0.0, 1.0]), None)[1]).any()
     for _ in range(2):
         with pytest.raises(ValueError, match=r"entry \(0, 1\) is 0.917431, by differences -0.9174"):
-            filter.update(belief, [3.0])
+            model.linearise_measurement(np.array([-1.0, 0.3]), None)
 
 
 def test_differences_of_few_digits_are_refused_and_a_jacobian_taken():
@@ -352,9 +296,7 @@ def test_differences_of_few_digits_are_refused_and_a_jacobian_taken():
         predicted(1e-8 * I2)
     A = slope(np.array([100.3, 3.7]), None)
     found = predicted(1e-8 * I2, transition_jacobian=slope).cov
-    np.testing.assert_allclose(found, 1e-8 * A @ A.T + 1e-6 * I2, rtol=1e-12, atol=0.0)
-    with pytest.raises(ValueError, match="transition_jacobian differs from transition"):
-        predicted(I2, transition_jacobian=lambda x, u: -slope(x, u))
+    assert_allclose(found, 1e-8 * A @ A.T + 1e-6 * I2, rtol=1e-12, atol=0.0)
 
 
 @pytest.mark.parametrize("way", [compiled, lambda f: f], ids=["compiled", "differences"])
@@ -370,62 +312,21 @@ def test_the_jacobian_of_an_angle_is_right_however_little_is_known_of_it(
         measurement_angles=(0,),
     )
     for linearise in (model.linearise_transition, model.linearise_measurement):
-        np.testing.assert_allclose(
-            linearise(np.array([3.1]), None, [[spread**2]])[1], [[1.0]], rtol=0, atol=1e-10
+        assert_allclose(
+            linearise(np.array([np.pi]), None, [[spread**2]])[1], [[1.0]], rtol=0, atol=1e-10
         )
 
 
 # --- compiled functions ---------------------------------------------------------------------------
 
 
-def test_what_is_compiled_is_known_by_name():
-    model = NonlinearModel(
-        compiled(lambda x, u: 0.9 * x),
-        lambda x, u: x[..., :1],
-        I2,
-        StateNoise(compiled(lambda x, u: np.square(x[..., :1, None])), np.eye(1)),
-        G=compiled(lambda x, u: x[..., None]),
-        H=np.zeros((1, 1)),
-    )
-    assert model.is_compiled("transition", "transition_jacobian", "Q", "R", "G", "H")
-    assert not model.is_compiled("transition", "measurement")
-    linear = LinearModel(Schedule(I2[None], 0, 1, 0), I2, lambda u: I2, I2)
-    assert linear.is_compiled("A", "B", "C")
-    assert not linear.is_compiled("A", "Q")
-    again = replace(model, Q=2.0 * I2)
-    assert again.is_compiled("transition", "R")
-    np.testing.assert_array_equal(again.transition(np.ones(2), None), 0.9)
-
-
-def _in_both_ways(name: str, build: Callable) -> None:
-    """A filter of the model that is built of compiled functions gives what it gives in NumPy."""
-    beliefs = []
-    for way in (compiled, lambda f: f):
-        filter = make(name, build(way))
-        belief = filter.init(Gaussian(np.arange(6.0).reshape(3, 2), I2))
-        for y in np.random.default_rng(0).normal(size=(5, 3, 2)):
-            belief = filter.update(filter.predict(belief), y)
-        beliefs.append(belief)
-    assert_same(*beliefs, 1e-12)
-
-
 def test_a_compiled_jacobian_counts_and_not_the_derivative_once_it_was_compared():
-    _in_both_ways(
-        "ekf",
-        lambda way: NonlinearModel(
-            way(lambda x, u: np.sin(x)), way(lambda x, u: 2.0 * np.sin(x)), I2, I2,
-            transition_jacobian=way(lambda x, u: 1.0001 * np.cos(x)[..., None] * I2),
-            measurement_jacobian=way(lambda x, u: 2.0002 * np.cos(x)[..., None] * I2),
-        ),
-    )  # fmt: skip
-
-
-@pytest.mark.parametrize("name", ["ekf-ui-wdf", "ukf-umv"])
-def test_a_compiled_g_of_the_state_gives_what_it_gives_in_numpy(name: str):
-    _in_both_ways(
-        name,
-        lambda way: NonlinearModel(
-            compiled(lambda x, u: x + 0.1 * np.sin(x)), compiled(lambda x, u: x), I2, I2,
-            G=way(lambda x, u: np.cos(0.1 * x)[..., None]), H=np.zeros((2, 1)),
-        ),
-    )  # fmt: skip
+    """It is off by less than the comparison allows, and by as much as it is off."""
+    sine, x = compiled(lambda x, u: np.sin(x)), np.array([0.3, 1.0])
+    own = compiled(lambda x, u: 1.0001 * np.cos(x)[..., None] * I2)
+    filter = make(
+        "ekf", NonlinearModel(sine, sine, I2, I2, transition_jacobian=own, measurement_jacobian=own)
+    )
+    belief, expected = filter.init(Gaussian(x, I2)), np.diag(np.square(1.0001 * np.cos(x))) + I2
+    assert_allclose(filter.predict(belief).cov, expected, rtol=1e-13)
+    assert_allclose(filter.update(belief, x).innovation_cov, expected, rtol=1e-13)

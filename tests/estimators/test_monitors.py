@@ -5,7 +5,7 @@ Bands are for one number and hold with probability 0.999 if the theory is right;
 
 import numpy as np
 import pytest
-from scipy.stats import binom, chi2, ncx2, norm
+from scipy.stats import binom, chi2, norm
 
 from estimators import (
     Belief,
@@ -20,10 +20,7 @@ from estimators import (
 )
 from estimators.faults import cusum_run_length
 from tests.estimators.cases import (
-    kalman_system,
     random_covariance,
-    simulate,
-    some_measurements,
     unknown_input_system,
 )
 
@@ -111,60 +108,7 @@ def test_cusums_of_several_channels_raise_no_more_false_alarms_than_stated():
     assert (np.bincount(accused, minlength=3) > 0.2 * after.size).all()
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_filter_of_a_true_model_raises_as_many_false_alarms_as_stated(kind: type):
-    system, rows, steps, rate = kalman_system(3), 3000, 30, 0.01
-    record = simulate(system, 3, rows, steps)
-    available = some_measurements(np.random.default_rng(3), 3, steps, rows)
-    filter, monitor = make("kf", system.model), kind(3, rate)
-    belief, state, alarms = filter.init(system.rows(rows)), monitor.start(rows), 0
-    for k, y in enumerate(record.y):
-        belief = filter.predict(belief, record.u[k - 1]) if k else belief
-        belief = filter.update(belief, y, available=available[k])
-        state = monitor.watch(state, belief)
-        alarms += state.alarm.sum()
-    if kind is ChiSquareMonitor:
-        assert_share(state.alarm, rate)
-    else:
-        assert 0.3 * rate * rows * steps < alarms < binom.isf(0.001, rows * steps, rate)
-
-
-def test_the_chance_to_see_a_bias_is_that_of_noncentral_chi_square():
-    """The effect of a bias on innovations follows from the filter alone, as that of exact data."""
-    system, rows, window = kalman_system(4), 4000, 10
-    model, filter = system.model, make("kf", system.model)
-    monitor = ChiSquareMonitor(3, 1e-3, window)
-    bias = 4.0 * np.sqrt(model.R[1, 1]) * np.eye(3)[1]
-    record = simulate(system, 4, rows, 15)
-    still = filter.init(Gaussian(np.zeros(4), system.cov))
-    belief, state, shown = filter.init(system.rows(rows)), monitor.start(rows), []
-    for k, y in enumerate(record.y):
-        if k:
-            belief = filter.predict(belief, record.u[k - 1])
-            still = filter.predict(still, np.zeros(2))
-        wrong = bias * (k >= 5)
-        belief, still = filter.update(belief, y + wrong), filter.update(still, wrong)
-        state = monitor.watch(state, belief)
-        shown.append(nis(still.innovation, still.innovation_cov))
-    expected = ncx2.sf(chi2.isf(1e-3, 3 * window), 3 * window, sum(shown[-window:]))
-    assert 0.05 < expected < 0.999
-    assert_share(state.alarm, expected)
-
-
 # --- whom is accused ------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("correlation", [0.5, -0.95])
-def test_the_accused_of_two_channels_is_the_faulty_one_as_often_as_theory_says(correlation: float):
-    """``z1^2 > z2^2`` where ``(z1 - z2) (z1 + z2) > 0``, and these two are independent."""
-    rng, rows, bias = np.random.default_rng(7), 20_000, 1.2
-    S = np.array([[1.0, correlation], [correlation, 1.0]])
-    monitor = ChiSquareMonitor(2, window=1)
-    state = monitor.watch(monitor.start(rows), read(drawn(rng, S, rows) + [bias, 0.0], S))
-    mean = bias / np.sqrt(1.0 - correlation**2)
-    less, more = (mean * np.sqrt(0.5 + 0.5 * s * correlation) for s in (1, -1))
-    right = norm.cdf(less) * norm.cdf(more) + norm.sf(less) * norm.sf(more)
-    assert_share(state.suspicion.argmax(-1) == 0, right)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -177,14 +121,11 @@ def test_a_channel_that_is_correlated_with_the_faulty_one_is_not_accused(kind: t
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("size", [1e90, -1e306])
-def test_a_measurement_that_is_absurd_is_accused_and_forgotten_like_any_other(
-    kind: type, size: float
-):
-    rng, monitor = np.random.default_rng(14), kind(3)
+def test_a_measurement_that_is_absurd_is_accused_and_forgotten_like_any_other(kind: type):
+    rng = np.random.default_rng(14)
     e = 1e-3 * rng.normal(size=(12, 3, 3))
-    e[0] += size * np.eye(3)
-    states = monitor.run(read(e, 1e-3 * random_covariance(rng, 3)))
+    e[0] += np.diag([1e90, -1e306, 1e306])
+    states = kind(3).run(read(e, 1e-3 * random_covariance(rng, 3)))
     np.testing.assert_array_equal(states.accused[0], [0, 1, 2])
     assert all(np.isfinite(array).all() for array in states)
     assert not states.alarm[10:].any()
@@ -244,21 +185,18 @@ def test_a_cusum_begins_again_after_an_alarm_and_a_window_forgets(kind: type):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_series_a_row_and_a_loop_are_one_and_rows_begin_again_by_mask(kind: type):
-    rng = np.random.default_rng(12)
+    rng, done = np.random.default_rng(12), np.arange(4) % 2 == 0
     S, e = random_covariance(rng, 3), 1.7 * rng.normal(size=(30, 4, 3))
     monitor = kind({"a": (0, 1), "b": 2}, 0.01)
     beliefs = read(e, S, rng.random(e.shape) < 0.8)
-    whole, state, done = monitor.run(beliefs), monitor.start(4), np.arange(4) % 2 == 0
+    whole, alone, fresh = (monitor.run(b) for b in (beliefs, beliefs[:, 1], beliefs[28:]))
     assert whole.alarm.any()
-    for k in range(30):
+    state = monitor.start(4)
+    for k in range(28):
         state = monitor.watch(state, beliefs[k])
-        if k == 27:
-            kept = [np.array(array) for array in state]
-            again = state.with_rows(done, monitor.start(2))
-            np.testing.assert_equal(list(state), kept)
-        elif k > 27:
-            again = monitor.watch(again, beliefs[k])
-    alone, fresh = monitor.run(beliefs[:, 1]), monitor.run(beliefs[28:])
+    again = state.with_rows(done, monitor.start(2))
+    for k in (28, 29):
+        state, again = (monitor.watch(each, beliefs[k]) for each in (state, again))
     for i, array in enumerate(state):
         np.testing.assert_array_equal(whole[i][-1], array)
         np.testing.assert_allclose(alone[i][-1], array[1], rtol=1e-12, atol=1e-12)
@@ -278,32 +216,25 @@ def test_a_measurement_that_only_a_pseudo_inverse_could_take_in_counts_for_nothi
 
 
 def test_a_filter_to_which_measurements_come_late_is_watched_as_any_other():
-    filter, monitor = make("kf", kalman_system(0).model), CusumMonitor(3)
-    late, prior, y = Delayed(filter, 2), kalman_system(0).rows(2), np.ones((2, 3))
-    beliefs = filter.update(filter.init(prior), y), late.update(late.init(prior), y[:, None])
-    one, other = (monitor.watch(monitor.start(2), belief) for belief in beliefs)
+    late, prior, monitor = Delayed(_KF, 2), Gaussian([[0.0]], [[1.0]]), CusumMonitor(1)
+    beliefs = _KF.update(_KF.init(prior), [[3.0]]), late.update(late.init(prior), [[[3.0]]])
+    one, other = (monitor.watch(monitor.start(1), belief) for belief in beliefs)
     np.testing.assert_array_equal(one.statistic, other.statistic)
 
 
 # --- what is refused ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("sensors", "options", "sentence"),
-    [
-        (0, {}, "sensors must be a whole number of at least 1"),
-        ({"a": (0, 2)}, {}, "every channel, from 0, in exactly one"),
-        ({"a": 0, "b": (0, 1)}, {}, "every channel, from 0, in exactly one"),
-        ({"a": 0, "b": ()}, {}, "every channel, from 0, in exactly one"),
-        ({"a": "0"}, {}, "every channel, from 0, in exactly one"),
-        ({}, {}, "every channel, from 0, in exactly one"),
-        (2, {"false_alarms": 0.0}, "a rate of false alarms a step"),
-        (2, {"shift": 9.0}, "shift must be a number of standard deviations between 0.05 and 6.96"),
-    ],
-)
-def test_what_makes_no_monitor_is_refused(sensors: object, options: dict, sentence: str):
-    with pytest.raises(ValueError, match=sentence):
-        CusumMonitor(sensors, **options)
+@pytest.mark.parametrize("sensors", [{"a": (0, 2)}, {"a": 0, "b": (0, 1)}, {"a": 0, "b": ()}, {}])
+def test_every_channel_is_in_one_sensor(sensors: dict):
+    with pytest.raises(ValueError, match="every channel, from 0, in exactly one"):
+        CusumMonitor(sensors)
+
+
+@pytest.mark.parametrize("options", [{"false_alarms": 0.0}, {"shift": 9.0}])
+def test_rates_and_shifts_have_bounds(options: dict):
+    with pytest.raises(ValueError, match=r"must be a .* between"):
+        CusumMonitor(2, **options)
 
 
 def test_innovations_that_carry_an_unknown_input_are_refused_unless_it_is_told_as_noise():

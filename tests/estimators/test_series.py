@@ -14,7 +14,6 @@ from estimators import (
     NonlinearModel,
     RandomKeys,
     by_age,
-    discretisation,
     make,
     nis,
     run,
@@ -24,6 +23,9 @@ from estimators import (
 from tests.estimators.batch import least_squares
 from tests.estimators.cases import (
     Case,
+    assert_close,
+    assert_same,
+    every_case,
     kalman_system,
     observable_directions,
     one_of_each,
@@ -34,9 +36,7 @@ from tests.estimators.cases import (
 
 
 def gaps(y: np.ndarray) -> np.ndarray:
-    y = y.copy()
-    y[np.random.default_rng(0).random(y.shape) < 0.2] = np.nan
-    return y
+    return np.where(np.random.default_rng(0).random(y.shape) < 0.2, np.nan, y)
 
 
 # --- a run is the loop ----------------------------------------------------------------------------
@@ -44,47 +44,37 @@ def gaps(y: np.ndarray) -> np.ndarray:
 
 @one_of_each()
 def test_a_run_is_the_loop_by_hand(case: Case):
-    system = case.system(0)
-    record = simulate(system, 1, runs=3, steps=8)
+    system, keys = case.system(0), RandomKeys.seeded([1, 2, 3])
+    record, filter = simulate(system, 1, runs=3, steps=8), case.make(system.model)
     record = record._replace(y=gaps(record.y))
-    filter, keys = case.make(system.model), RandomKeys.seeded([1, 2, 3])
     series = run(filter, system.prior, record.y, u=record.u, rng=keys)
-    by_hand = track(filter, system.rows(3), record, rng=keys)
-    for name in ("mean", "cov", "input_mean", "innovation", "ensemble"):
-        wanted = [getattr(belief, name) for belief in by_hand]
-        if wanted[0] is not None:
-            np.testing.assert_array_equal(getattr(series.updated, name), np.array(wanted))
-    assert len(series) == 8
-    one = run(filter, system.prior, record.y[:, 1], u=record.u[:, 1], rng=RandomKeys(keys.keys[1]))
-    np.testing.assert_allclose(
-        one.mean, series.mean[:, 1], rtol=0, atol=1e-12 * np.abs(series.mean).max()
-    )
-    np.testing.assert_allclose(
-        one.log_likelihood,
-        series.log_likelihood[1],
-        rtol=0,
-        atol=1e-9 * np.abs(series.log_likelihoods).sum(),
-    )
+    for k, belief in enumerate(track(filter, system.rows(3), record, rng=keys)):
+        assert_same(series.updated[k].replace(u=None), belief.replace(u=None))
+    one = run(filter, system.prior, record.y[:, 1], u=record.u[:, 1], rng=keys[1])
+    assert_close(one.mean, series.mean[:, 1], 1e-12)
+    size = np.abs(series.log_likelihoods).sum()
+    assert one.log_likelihood == pytest.approx(series.log_likelihood[1], abs=1e-9 * size)
 
 
 def test_masks_and_noises_of_a_series_are_those_of_its_measurements():
     system = kalman_system(0)
-    record, R = simulate(system, 1, runs=3, steps=8), 2.0 * system.model.R
-    y, noisy, prior = gaps(record.y), replace(system.model, R=R), system.prior
-    wanted = run(make("kf", noisy), prior, y, u=record.u)
-    own = {"available": np.isfinite(y), "R": np.broadcast_to(R, (8, 3, 3, 3))}
-    found = run(make("kf", system.model), prior, record.y, u=record.u, **own)
-    np.testing.assert_allclose(found.mean, wanted.mean, rtol=0, atol=1e-12)
+    record = simulate(system, 1, runs=3, steps=8)
+    y, R = gaps(record.y), np.linspace(1.0, 2.0, 8)[:, None, None, None] * system.model.R
+    filter = make("kf", system.model)
+    series = run(filter, system.prior, record.y, record.u, available=np.isfinite(y), R=R)
+    by_hand = track(filter, system.rows(3), record._replace(y=y), R=R)
+    np.testing.assert_array_equal(series.mean, [belief.mean for belief in by_hand])
 
 
 def test_a_seed_gives_every_row_numbers_of_its_own_and_the_same_ones_again():
-    system = kalman_system(0)
-    filter, y = make("enkf", system.model, draws="independent"), np.zeros((4, 2, 3))
-    u = np.zeros((4, 2, 2))
-    first, again, other = (run(filter, system.prior, y, u=u, rng=seed) for seed in (3, 3, 4))
-    np.testing.assert_array_equal(first.mean, again.mean)
-    assert np.abs(first.mean[:, 0] - first.mean[:, 1]).min() > 0.0
-    assert np.abs(first.mean - other.mean).min() > 0.0
+    filter = make("enkf", LinearModel([[1.0]], [[1.0]], [[1.0]], [[1.0]]), draws="independent")
+    first, again, other = (
+        run(filter, Gaussian([0.0], [[1.0]]), np.ones((4, 2, 1)), rng=seed).mean
+        for seed in (3, 3, 4)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert (np.abs(first[:, 0] - first[:, 1]) > 1e-9).all()
+    assert (np.abs(first - other) > 1e-9).all()
 
 
 # --- the likelihood -------------------------------------------------------------------------------
@@ -101,16 +91,15 @@ def test_the_likelihood_is_the_density_of_all_measurements_together_whatever_is_
     np.testing.assert_array_equal(series.log_likelihoods[7], 0.0)
 
 
-@pytest.mark.parametrize("name", ["ekf", "ukf", "huber-kf", "robust-kf"])
-def test_filters_that_are_the_kalman_filter_have_its_likelihood(name: str):
+@every_case("kalman")
+def test_filters_that_are_the_kalman_filter_have_its_likelihood(case: Case):
     system = kalman_system(0)
     record = simulate(system, 0, runs=2, steps=20)
-    options = {"huber-kf": {"gamma": np.inf}, "robust-kf": {"radius": 0.0}}.get(name, {})
-    series = [
-        run(make(n, system.model, **o), system.prior, record.y, u=record.u)
-        for n, o in (("kf", {}), (name, options))
-    ]
-    np.testing.assert_allclose(series[1].log_likelihood, series[0].log_likelihood, rtol=1e-9)
+    one, other = (
+        run(filter, system.prior, record.y, u=record.u).log_likelihood
+        for filter in (make("kf", system.model), case.make(system.model))
+    )
+    np.testing.assert_allclose(other, one, rtol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf", "ulise"])
@@ -140,7 +129,7 @@ def test_the_likelihood_with_an_unknown_input_is_that_of_a_prior_without_end(nam
 def test_channels_that_follow_from_others_change_nothing_and_contradict_with_likelihood_0(
     name: str, noise: float
 ):
-    """Twice a channel, a sum of two, and one in other units; a copy stands in for what is missing."""
+    """Twice a channel, a sum of two, and one in other units."""
     M = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0], [1.0, 1.0], [0.0, 3.0]])
     system = unknown_input_system(0, True, p=2) if name == "kf-umv-ui" else kalman_system(0, p=2)
     m, u, y = system.model, np.zeros((12, 2)), np.random.default_rng(0).normal(size=(12, 2))
@@ -165,7 +154,7 @@ def test_channels_that_follow_from_others_change_nothing_and_contradict_with_lik
 def test_the_likelihood_of_a_state_that_is_known_exactly_follows_the_units(
     name: str, turned: list[list[float]]
 ):
-    """Of a position without noise and a noisy speed: 42 densities, for two positions tell both states."""
+    """A position without noise and a noisy speed: 42 densities, as two positions tell both."""
     T, y = (
         np.array(turned),
         np.stack([3.0 + 0.07 * np.arange(40), np.random.default_rng(0).normal(0.7, 0.1, 40)], -1),
@@ -186,41 +175,14 @@ def test_the_likelihood_of_a_state_that_is_known_exactly_follows_the_units(
         assert nis(series.updated.innovation, series.updated.innovation_cov, s).max() < 9.0
 
 
-@pytest.mark.parametrize("name", ["kf", "ukf"])
-def test_a_large_state_takes_no_other_channel_out_of_the_likelihood(name: str):
+def test_a_large_state_takes_no_other_channel_out_of_the_likelihood():
     y = np.random.default_rng(1).normal([0.0, 1e-6], [1.0, 1e-7], (30, 2))
-    model = LinearModel(np.eye(2), np.eye(2), np.zeros((2, 2)), np.diag([1.0, 1e-14]))
+    kf = make("kf", LinearModel(np.eye(2), np.eye(2), np.zeros((2, 2)), np.diag([1.0, 1e-14])))
     alone, large = (
-        run(
-            make(name, model), Gaussian([size, 0.0], np.diag([1.0, 1e-12])), y + [size, 0.0], rng=0
-        ).log_likelihood
+        run(kf, Gaussian([size, 0.0], np.diag([1.0, 1e-12])), y + [size, 0.0]).log_likelihood
         for size in (0.0, 1e9)
     )
     assert large == pytest.approx(alone, abs=1e-5)
-
-
-def test_an_exact_measurement_tells_the_unknown_input_and_leaves_the_others_their_density():
-    model = LinearModel(
-        [[1.0]], [[1.0], [1.0]], [[0.0]], np.diag([0.0, 0.4]), G=[[0.0]], H=[[1.0], [0.0]]
-    )
-    series = run(make("kf-umv-ui", model), Gaussian([0.3], [[0.0]]), [[2.0, 0.5]])
-    assert series.updated.input_mean.item() == pytest.approx(1.7)
-    assert series.log_likelihood == pytest.approx(norm.logpdf(0.5, 0.3, np.sqrt(0.4)))
-
-
-def test_a_filter_of_ones_own_needs_nothing_but_three_functions():
-    class FixedGain:
-        def init(self, prior, rng):
-            return make("kf", LinearModel([[1.0]], [[1.0]], [[1.0]], [[1.0]])).init(prior)
-
-        def predict(self, belief, u, rng):
-            return belief
-
-        def update(self, belief, y, rng, available, R, u):
-            return belief.replace(mean=belief.mean + 0.5 * (y - belief.mean))
-
-    series = run(FixedGain(), Gaussian([0.0], [[1.0]]), np.ones((4, 1)))
-    np.testing.assert_allclose(series.mean[:, 0], 1.0 - 0.5 ** np.arange(1, 5))
 
 
 # --- times ----------------------------------------------------------------------------------------
@@ -233,31 +195,30 @@ def _drifting() -> LinearModel:
 
 
 def test_measurements_at_irregular_times_are_regular_ones_with_gaps():
-    """Times on a grid with nothing read between: the control held, the noise accumulated as on the grid."""
-    rng = np.random.default_rng(0)
-    whole = np.unique(np.concatenate([[0], rng.choice(60, 25, replace=False)]))
-    y, control = rng.normal(size=(61, 4, 1)), rng.normal(size=(61, 1))
-    times = np.arange(61.0) / 4.0
-    control = control[
-        whole[np.searchsorted(whole, np.arange(61), side="right") - 1]
-    ]  # held from measurement to measurement
-    y[np.setdiff1d(np.arange(61), whole)] = np.nan
+    """Times on a grid with nothing read between: control held, noise gathered."""
+    rng, times = np.random.default_rng(0), np.arange(61.0) / 4.0
+    some = np.append(0, np.sort(rng.choice(np.arange(1, 60), 25, replace=False)))
+    y, u = np.full((61, 4, 1), np.nan), np.zeros((61, 1))
+    y[some] = rng.normal(size=(26, 4, 1))
+    for k in some:
+        u[k:] = rng.normal()  # held from measurement to measurement
     kf, prior = make("kf", _drifting()), Gaussian([1.0, 0.0], np.eye(2))
-    grid = run(kf, prior, y, u=control, t=times)
-    sparse = run(kf, prior, y[whole], u=control[whole], t=times[whole])
-    np.testing.assert_allclose(sparse.mean, grid.mean[whole], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(
-        sparse.cov, np.broadcast_to(grid.cov, (61, 4, 2, 2))[whole], rtol=0, atol=1e-12
-    )
+    grid = run(kf, prior, y, u=u, t=times)
+    sparse = run(kf, prior, y[some], u=u[some], t=times[some])
+    assert_close(sparse.mean, grid.mean[some], 1e-12)
+    assert_close(sparse.cov, grid.cov[some], 1e-12)
     np.testing.assert_allclose(sparse.log_likelihood, grid.log_likelihood, rtol=1e-10)
 
 
-def test_a_sampled_model_is_the_discrete_one_at_a_regular_step():
-    model, u = _drifting(), np.array([0.0, 0.7])
-    A, B = zero_order_hold([[-0.3, 1.0], [0.0, -0.1]], [[0.0], [1.0]], 0.7)
-    np.testing.assert_allclose(model.A(u), A, rtol=1e-13)
-    np.testing.assert_allclose(model.B(u), np.pad(B, ((0, 0), (0, 1))), rtol=0, atol=1e-14)
-    np.testing.assert_allclose(model.Q(np.zeros(2)), 0.0, atol=1e-15)
+def test_a_sampled_model_is_the_discrete_one_at_the_step_of_each_row():
+    model, lengths = _drifting(), np.array([0.7, 0.2, 0.7, 0.0])
+    u = np.stack([np.ones(4), lengths], -1)
+    for i, dt in enumerate(lengths):
+        A, B = zero_order_hold([[-0.3, 1.0], [0.0, -0.1]], [[0.0], [1.0]], dt)
+        for found in (model.A(u)[i], model.A(u[i])):
+            np.testing.assert_allclose(found, A, rtol=1e-13)
+        np.testing.assert_allclose(model.B(u)[i], np.pad(B, ((0, 0), (0, 1))), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(model.Q(u)[3], 0.0, atol=1e-15)
 
 
 @pytest.mark.parametrize("length", [0.01, 30.0, 1e5])
@@ -271,30 +232,23 @@ def test_noise_over_a_long_step_is_that_of_two_halves(length: float):
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(model)).Q(whole), model.Q(whole))
 
 
-@pytest.mark.parametrize("T", [1, 6])
-def test_what_follows_the_known_input_follows_that_of_the_first_measurement_too(T: int):
+def test_what_follows_the_known_input_follows_that_of_the_first_measurement_too():
     """Measurements through an H that is a function of u, held, are those of a constant one."""
     m = unknown_input_system(0, True).model
-    y, u = np.random.default_rng(0).normal(size=(T, 3)), np.full((T, 2), 2.0)
-    prior = Gaussian(np.zeros(4), np.eye(4))
+    y, u = np.random.default_rng(0).normal(size=(6, 3)), np.full((6, 2), 2.0)
     wanted, found = (
-        run(make("kf-umv-ui", replace(m, H=H)), prior, y, u=u).log_likelihoods
+        run(make("kf-umv-ui", replace(m, H=H)), Gaussian(np.zeros(4), np.eye(4)), y, u=u)
         for H in (2.0 * m.H, lambda u: u[..., :1, None] * m.H)
     )
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.log_likelihoods, wanted.log_likelihoods, rtol=0, atol=1e-12)
 
 
-MASKED = np.ma.masked_greater([[1.0, 99.0], [1.0, 2.0]], 50.0)
-
-
-@pytest.mark.parametrize("y", [MASKED, list(MASKED), [[1.0, None], [1, 2]], "Int64"], ids=str)
-def test_masked_measurements_none_and_na_are_missing_ones(y):
-    if isinstance(y, str):
-        frame = pytest.importorskip("pandas").DataFrame(MASKED.filled(-1), dtype=y)
-        y = frame.replace(-1, None).astype(y)
-    model = LinearModel([[1.0]], [[1.0], [1.0]], [[0.1]], np.eye(2))
-    series = run(make("kf", model), Gaussian([0.0], [[1.0]]), y)
-    np.testing.assert_allclose(series.mean[:, 0], [0.5, 23 / 22], rtol=1e-12)
+def test_masked_measurements_and_none_are_missing_ones():
+    masked = np.ma.masked_greater([[1.0, 99.0], [1.0, 2.0]], 50.0)
+    kf = make("kf", LinearModel([[1.0]], [[1.0], [1.0]], [[0.1]], np.eye(2)))
+    for y in (masked, list(masked), [[1.0, None], [1, 2]]):
+        series = run(kf, Gaussian([0.0], [[1.0]]), y)
+        np.testing.assert_allclose(series.mean[:, 0], [0.5, 23 / 22], rtol=1e-12)
 
 
 # --- continuing, and the input of a measurement ---------------------------------------------------
@@ -305,56 +259,43 @@ def test_masked_measurements_none_and_na_are_missing_ones(y):
 def test_a_series_continued_from_its_last_belief_is_the_whole_series_to_the_last_bit(
     case: Case, wrapped: bool
 ):
-    system = case.system(0)
-    record = simulate(system, 1, runs=2, steps=7)
-    y, K = gaps(record.y), 4
-    filter = case.make(system.model)
+    system, K = case.system(0), 4
+    record, filter = simulate(system, 1, runs=2, steps=7), case.make(system.model)
+    y, u = gaps(record.y), record.u
     if wrapped:
         y, filter = by_age(y, np.array([0, 1, 2, 0, 1, 0, 0])[:, None, None]), Delayed(filter, 3)
-    whole = run(filter, system.prior, y, u=record.u, rng=3)
-    before = run(filter, system.prior, y[:K], u=record.u[:K], rng=3)
-    starts = [before.last] if wrapped else [before.last, before.updated[-1]]
-    for start in starts:
-        after = run(filter, start, y[K:], u=record.u[K - 1 :], rng=3, first=K)
-        for name in ("mean", "cov", "input_mean", "innovation", "ensemble", "healthy", "u"):
-            if (wanted := getattr(whole.updated, name)) is not None:
-                np.testing.assert_array_equal(
-                    getattr(after.updated, name), wanted[K:], err_msg=name
-                )
-                np.testing.assert_array_equal(
-                    getattr(before.updated, name), wanted[:K], err_msg=name
-                )
+    whole = run(filter, system.prior, y, u=u, rng=3)
+    before = run(filter, system.prior, y[:K], u=u[:K], rng=3)
+    for start in [before.last] if wrapped else [before.last, before.updated[-1]]:
+        after = run(filter, start, y[K:], u=u[K - 1 :], rng=3, first=K)
+        assert_same(after.updated, whole.updated[K:])
+        assert_same(before.updated, whole.updated[:K])
         np.testing.assert_array_equal(after.predicted.mean, whole.predicted.mean[K:])
         if not wrapped:
             np.testing.assert_array_equal(after.log_likelihoods, whole.log_likelihoods[K:])
 
 
 def test_a_series_continues_over_steps_of_any_length_and_with_measurements_that_know_theirs():
-    """C, H, R and h may be functions of the input and of the step that led to the measurement."""
-    rng = np.random.default_rng(2)
-    t, y, u = (
-        np.cumsum(rng.exponential(size=9)),
-        rng.normal(size=(9, 2, 1)),
-        rng.normal(size=(9, 2, 1)),
-    )
-    model, prior, K = _drifting(), Gaussian([1.0, 0.0], np.eye(2)), 5
+    """Measurement and R may be functions of the input and of the step that led there."""
+    rng, K = np.random.default_rng(2), 5
+    t, (y, u) = np.cumsum(rng.exponential(size=9)), rng.normal(size=(2, 9, 2, 1))
     curved = NonlinearModel(
-        lambda x, u: np.matvec(model.A(u), x) + np.matvec(model.B(u), u),
-        lambda x, u: np.tanh(x[..., :1]) + u[..., :1] * (1.0 + u[..., 1:]), model.Q,
-        lambda u: 0.1 * (1.0 + u[..., 1:, None]), states=2, measurements=1,
+        lambda x, u: x * np.exp(-u[..., 1:]), lambda x, u: np.tanh(x) + u[..., :1] * u[..., 1:],
+        [[0.1]], lambda u: 0.1 * (1.0 + u[..., 1:, None]), measurements=1,
     )  # fmt: skip
-    for filter in (make("kf", model), make("ekf", curved)):
-        whole = run(filter, prior, y, u=u, t=t)
-        before = run(filter, prior, y[:K], u=u[:K], t=t[:K])
-        after = run(filter, before.last, y[K:], u=u[K - 1 :], t=t[K - 1 :])
-        np.testing.assert_array_equal(np.concatenate([before.mean, after.mean]), whole.mean)
-        np.testing.assert_array_equal(np.concatenate([before.cov, after.cov]), whole.cov)
+    ekf, prior = make("ekf", curved), Gaussian([1.0], [[1.0]])
+    whole = run(ekf, prior, y, u=u, t=t)
+    before = run(ekf, prior, y[:K], u=u[:K], t=t[:K])
+    after = run(ekf, before.last, y[K:], u=u[K - 1 :], t=t[K - 1 :])
+    np.testing.assert_array_equal(np.concatenate([before.mean, after.mean]), whole.mean)
+    by_hand = ekf.update(ekf.init(prior), y[0, 0], u=[u[0, 0, 0], 0.0])
+    np.testing.assert_allclose(whole.mean[0, 0], by_hand.mean, rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["ekf", "etkf", "pf", "kf-umv-ui"])
 @pytest.mark.parametrize("delayed", [False, True], ids=["", "delayed"])
 def test_a_measurement_gets_the_known_input_of_its_own_time(name: str, delayed: bool):
-    """Measurements of ``C x + D u`` are those of ``C x`` once ``D u`` of the same time is taken off."""
+    """Measurements of ``C x + D u`` are those of ``C x`` with the ``D u`` of the same time off."""
     system = unknown_input_system(0, True) if name == "kf-umv-ui" else kalman_system(0)
     m, options = system.model, {"members": 10} if name == "etkf" else {}
     shown = np.array([[3.0, 0.0], [0.0, -2.0], [1.0, 1.0]])
@@ -385,10 +326,8 @@ _AFTER = run(_ETKF, _PRIOR, np.zeros((1, 1)), rng=0).last
     ("changes", "sentence"),
     [
         ({"y": np.zeros(5)}, r"y has shape \(5,\).* one channel has y\[:, None\]"),
-        ({"y": np.zeros((0, 1))}, "y has shape"),
         ({"u": np.zeros((4, 1))}, r"u has shape .*expected \(5, ...\): one for each measurement"),
         ({"t": [0.0, 1.0, 0.5, 2.0, 3.0], "filter": _KF}, "t must be finite and not go back: sort"),
-        ({"t": [0.0, 1.0, np.nan, 2.0, 3.0], "filter": _KF}, "times t must be finite"),
         ({"t": np.arange(5.0)}, "this model is the same however long a step takes"),
         ({"filter": _KF}, "give run the times t"),
         ({"prior": Gaussian(np.zeros((3, 2)), np.eye(2))}, r"has rows \(3,\), y has \(\)"),
@@ -397,20 +336,5 @@ _AFTER = run(_ETKF, _PRIOR, np.zeros((1, 1)), rng=0).last
 )  # fmt: skip
 def test_what_does_not_fit_gets_one_sentence(changes: dict, sentence: str):
     given = {"filter": make("kf", _MODEL), "prior": _PRIOR, "y": np.zeros((5, 1))} | changes
-    with pytest.raises(ValueError, match=sentence) as error:
+    with pytest.raises(ValueError, match=sentence):
         run(**given)
-    assert "\n" not in str(error.value)
-
-
-# --- what is computed once ------------------------------------------------------------------------
-
-
-def test_a_step_length_is_discretised_once():
-    rng, before = np.random.default_rng(0), discretisation._over_step.cache_info().misses
-    t = np.cumsum(rng.integers(1, 5, size=(60, 3)), 0) / 4.0
-    filter, prior = make("kf", _drifting()), Gaussian(np.zeros(2), np.eye(2))
-    u, y = rng.normal(size=(60, 3, 1)), rng.normal(size=(60, 3, 1))
-    together = run(filter, prior, y, u=u, t=t)
-    alone = run(filter, prior, y[:, 1], u=u[:, 1], t=t[:, 1])
-    np.testing.assert_allclose(together.mean[:, 1], alone.mean, rtol=0, atol=1e-12)
-    assert discretisation._over_step.cache_info().misses == before + 4

@@ -1,6 +1,4 @@
-"""`fit` against closed forms, an independent likelihood and its own promise: intervals that hold the truth."""
-
-from dataclasses import replace
+"""`fit` against closed forms, an independent likelihood and its own promise of intervals."""
 
 import numpy as np
 import pytest
@@ -8,16 +6,7 @@ from scipy.optimize import minimize, minimize_scalar
 from scipy.stats import binom, chi2, multivariate_normal
 
 from estimators import Filter, Fit, Gaussian, LinearModel, fit, make, run, sampled
-from tests.estimators.cases import INPUT_PRIOR, kalman_system, simulate, unknown_input_system
-
-NILE = np.array([
-    1120, 1160, 963, 1210, 1160, 1160, 813, 1230, 1370, 1140, 995, 935, 1110, 994, 1020, 960, 1180, 799, 958, 1140,
-    1100, 1210, 1150, 1250, 1260, 1220, 1030, 1100, 774, 840, 874, 694, 940, 833, 701, 916, 692, 1020, 1050, 969, 831,
-    726, 456, 824, 702, 1120, 1100, 832, 764, 821, 768, 845, 864, 862, 698, 845, 744, 796, 1040, 759, 781, 865, 845,
-    944, 984, 897, 822, 1010, 771, 676, 649, 846, 812, 742, 801, 1040, 860, 874, 848, 890, 744, 749, 838, 1050, 918,
-    986, 797, 923, 975, 815, 1020, 906, 901, 1170, 912, 746, 919, 718, 714, 740,
-])[:, None]  # fmt: skip
-"""Annual flow of the Nile at Aswan, 1871 to 1970 (Cobb 1978)."""
+from tests.estimators.cases import kalman_system, simulate
 
 
 def level(q: float, r: float, cov: float = 1e7) -> tuple[Filter, Gaussian]:
@@ -36,19 +25,6 @@ def random_walk(seed: int, steps: int, q: float, r: float) -> np.ndarray:
 
 
 # --- closed forms ---------------------------------------------------------------------------------
-
-
-def test_the_nile_has_the_variances_that_everybody_finds_and_its_filter_is_ready_to_use():
-    """Durbin & Koopman (2012), Time Series Analysis by State Space Methods, sec. 2.10.3."""
-    found = fit(level, {"q": 1e3, "r": 1e4}, NILE)
-    assert found.estimates == pytest.approx({"q": 1469.1, "r": 15099.0}, rel=2e-3)
-    assert found.converged
-    assert not found.undetermined
-    series = run(found.filter, found.prior, NILE)
-    assert float(series.log_likelihood) == pytest.approx(found.log_likelihood)
-    lines = str(found).splitlines()
-    assert lines[0] == "log-likelihood -641.586"
-    assert lines[1].split()[:2] == ["q", "1469"]
 
 
 def test_a_variance_is_the_mean_square_and_its_error_follows():
@@ -77,10 +53,9 @@ def test_a_mean_of_any_sign_and_a_variance_know_nothing_of_each_other():
 
 @pytest.mark.parametrize("objective", ["likelihood", "prediction-error"])
 def test_an_autoregression_is_least_squares(objective: str):
-    rng, a = np.random.default_rng(2), 0.8
-    y = np.zeros((60, 1))  # the first is known, and no part of the regression
+    rng, y = np.random.default_rng(2), np.zeros((60, 1))  # the first is known, and no part of it
     for k in range(1, 60):
-        y[k] = a * y[k - 1] + 0.5 * rng.normal()
+        y[k] = 0.8 * y[k - 1] + 0.5 * rng.normal()
 
     def build(a: float, q: float) -> tuple[Filter, Gaussian]:
         return make("kf", LinearModel([[a]], [[1.0]], [[q]], [[1e-12]])), Gaussian([0.0], [[0.0]])
@@ -90,56 +65,49 @@ def test_an_autoregression_is_least_squares(objective: str):
     slope = before @ after / (before @ before)
     rest = np.mean((after - slope * before) ** 2)
     assert found.estimates["a"] == pytest.approx(slope, rel=1e-5)
-    counted = (
-        1.0 if objective == "likelihood" else 59.0 / 60.0
-    )  # what is known is no error, and counts as one
-    assert found.standard_errors["a"] == pytest.approx(
-        np.sqrt(counted * rest / (before @ before)), rel=1e-3
-    )
+    # What is known is no error, and counts as one.
+    counted = 1.0 if objective == "likelihood" else 59.0 / 60.0
+    error = np.sqrt(counted * rest / (before @ before))
+    assert found.standard_errors["a"] == pytest.approx(error, rel=1e-3)
     if objective == "likelihood":
         assert found.estimates["q"] == pytest.approx(rest, rel=1e-5)
-    else:  # which knows no scale
-        (sentence,) = found.undetermined  # unless it is as small as R
-        assert (
-            sentence
-            == "measurements say of q only that it is great: as likely if it is greater still"
-        )
-        assert np.isfinite(found.standard_errors["a"])
+    else:  # which knows no scale, unless it is as small as R
+        great = "measurements say of q only that it is great: as likely if it is greater still"
+        assert found.undetermined == (great,)
 
 
 @pytest.mark.slow
 def test_estimates_and_errors_are_those_of_the_joint_density_of_all_measurements():
-    """At uneven times, with gaps: the measurements are one Gaussian vector, whose covariance is known."""
+    """At uneven times, with gaps: one Gaussian vector, whose covariance is known."""
     rng = np.random.default_rng(3)
     t = np.sort(rng.uniform(0.0, 30.0, 60))
     walk = np.cumsum(np.sqrt(0.5 * np.diff(t, prepend=t[0])) * rng.normal(size=60))
-    y = (2.0 * rng.normal() + walk + 0.8 * rng.normal(size=60))[:, None]
+    y = (walk + 0.8 * rng.normal(size=60))[:, None]
     y[[0, 7, 30]] = np.nan
-
-    def build(q: float, r: float, spread: float) -> tuple[Filter, Gaussian]:
-        return make("kf", sampled([[0.0]], [[1.0]], [[q]], [[r]])), Gaussian([0.0], [[spread]])
-
     seen = np.isfinite(y[:, 0])
     since = t[seen] - t[0]
 
-    def minus_log_density(theta: np.ndarray) -> float:
-        q, r, spread = np.exp(theta)
-        cov = spread + q * np.minimum(since, since[:, None]) + r * np.eye(seen.sum())
-        return -multivariate_normal(np.zeros(seen.sum()), cov).logpdf(y[seen, 0])
+    def build(q: float, r: float) -> tuple[Filter, Gaussian]:
+        return make("kf", sampled([[0.0]], [[1.0]], [[q]], [[r]])), Gaussian([0.0], [[4.0]])
 
-    best = minimize(minus_log_density, np.zeros(3), method="BFGS", options={"gtol": 1e-6})
-    found = fit(build, {"q": 1.0, "r": 1.0, "spread": 1.0}, y, t=t)
+    def minus_log_density(theta: np.ndarray) -> float:
+        q, r = np.exp(theta)
+        cov = 4.0 + q * np.minimum(since, since[:, None]) + r * np.eye(len(since))
+        return -multivariate_normal(np.zeros(len(since)), cov).logpdf(y[seen, 0])
+
+    best = minimize(minus_log_density, np.zeros(2), method="BFGS", options={"gtol": 1e-6})
+    found = fit(build, {"q": 1.0, "r": 1.0}, y, t=t)
     np.testing.assert_allclose(np.log(list(found.estimates.values())), best.x, rtol=0, atol=1e-4)
     assert found.log_likelihood == pytest.approx(-best.fun, abs=1e-8)
-    h, information = 1e-3, np.zeros((3, 3))
-    for i in range(3):
-        for j in range(3):
-            a, b = h * np.eye(3)[i], h * np.eye(3)[j]
-            signs = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
-            information[i, j] = sum(
-                s * r * minus_log_density(best.x + s * a + r * b) for s, r in signs
-            ) / (4 * h**2)
-    cov = np.linalg.inv(information)
+    steps = 1e-3 * np.eye(2)
+    information = [
+        [
+            sum(s * r * minus_log_density(best.x + s * a + r * b) for s in (1, -1) for r in (1, -1))
+            for b in steps
+        ]
+        for a in steps
+    ]
+    cov = np.linalg.inv(np.array(information) / 4e-6)
     errors = np.sqrt(np.diagonal(cov))
     relative = [found.standard_errors[name] / found.estimates[name] for name in found.estimates]
     np.testing.assert_allclose(relative, errors, rtol=1e-3)
@@ -151,7 +119,7 @@ def test_estimates_and_errors_are_those_of_the_joint_density_of_all_measurements
 
 @pytest.mark.nightly
 def test_an_interval_of_a_variance_holds_the_truth_as_often_as_theory_says():
-    """Its estimate is chi-square, and the interval that of a normal logarithm: 94.1 % for 20 measurements."""
+    """Its estimate is chi-square: 94.1 % for 20 measurements."""
     trials, inside = 200, 0
     for seed in range(trials):
         low, high = fit(noise, {"r": 2.0}, random_walk(seed, 20, 0.0, 2.0)).intervals["r"]
@@ -168,37 +136,29 @@ def test_two_numbers_of_which_only_the_sum_is_seen_are_named():
     y = random_walk(0, 60, 0.0, 4.0)
     start = {"a": 1.0, "b": 1.0, "p": 1.0}
     found = fit(lambda a, b, p: (noise(a + b)[0], Gaussian([p], [[0.0]])), start, y, signed="p")
-    assert found.undetermined == (
-        "the measurements cannot tell a and b apart: with a up and b down they are as likely",
-    )
+    apart = "the measurements cannot tell a and b apart: with a up and b down they are as likely"
+    assert found.undetermined == (apart,)
+    assert apart in str(found)
     for name in "ab":
         assert found.standard_errors[name] == np.inf
         assert found.intervals[name] == (0.0, np.inf)
-    assert found.estimates["a"] + found.estimates["b"] == pytest.approx(
-        np.mean((y - y.mean()) ** 2), rel=1e-5
-    )
-    assert found.standard_errors["p"] == pytest.approx(np.sqrt(np.var(y) / 60), rel=1e-3)
-    assert np.isnan(found.correlation[:2]).all()
-    assert found.correlation[2, 2] == pytest.approx(1.0)
-    assert found.undetermined[0] in str(found)
+    assert found.estimates["a"] + found.estimates["b"] == pytest.approx(y.var(), rel=1e-5)
+    assert found.standard_errors["p"] == pytest.approx(np.sqrt(y.var() / 60), rel=1e-3)
+    np.testing.assert_allclose(found.correlation[2], [np.nan, np.nan, 1.0])
 
 
 def test_a_number_that_does_nothing_and_one_that_is_only_bounded_are_named():
     y = random_walk(0, 60, 0.0, 4.0)
-    nothing = fit(lambda r, idle: noise(r), {"r": 1.0, "idle": 3.0}, y)
-    assert nothing.undetermined == (
-        "the measurements tell nothing of idle: they are as likely with another",
-    )
-    assert nothing.standard_errors["r"] == pytest.approx(
-        np.sqrt(2.0 / 60) * nothing.estimates["r"], rel=1e-3
-    )
+    found = fit(lambda r, idle: noise(r), {"r": 1.0, "idle": 3.0}, y)
+    nothing = "the measurements tell nothing of idle: they are as likely with another"
+    assert found.undetermined == (nothing,)
+    error = np.sqrt(2.0 / 60) * found.estimates["r"]
+    assert found.standard_errors["r"] == pytest.approx(error, rel=1e-3)
     alternating = 2.0 * (-1.0) ** np.arange(60)[:, None]  # nothing walks there
-    small = fit(lambda q, r: level(q, r, 0.0), {"q": 1.0, "r": 1.0}, alternating)
-    (sentence,) = small.undetermined
-    assert (
-        sentence == "measurements say of q only that it is small: as likely if it is smaller still"
-    )
-    assert small.estimates["r"] == pytest.approx(4.0, rel=1e-3)
+    found = fit(lambda q, r: level(q, r, 0.0), {"q": 1.0, "r": 1.0}, alternating)
+    small = "measurements say of q only that it is small: as likely if it is smaller still"
+    assert found.undetermined == (small,)
+    assert found.estimates["r"] == pytest.approx(4.0, rel=1e-3)
 
 
 # --- other filters --------------------------------------------------------------------------------
@@ -222,31 +182,17 @@ def profile(found: Fit, name: str, value: float, y: np.ndarray) -> float:
 def test_what_is_said_of_a_variance_is_true_of_its_profile(count: int):
     rng, said = np.random.default_rng(0), 0
     for _ in range(count):
-        q, r, steps = (
-            rng.choice([0.0, 1e-4, 1e-2, 1.0]),
-            rng.choice([1e-4, 1e-2, 1.0]),
-            rng.choice([20, 50]),
-        )
+        q, r, steps = (rng.choice(each) for each in ([0, 1e-4, 1e-2, 1], [1e-4, 1e-2, 1], [20, 50]))
         y = random_walk(rng.integers(1000), steps, q, r)
         found = fit(lambda q, r: level(q, r, 1.0), {"q": 1.0, "r": 1.0}, y)
         assert found.converged
         for sentence in found.undetermined:
             said += 1
             name = sentence.removeprefix("measurements say of ")[0]
-            less, more = (
-                profile(found, name, value, y)
-                for value in (1e-6 * found.estimates[name], 100 * np.var(y))
-            )
-            assert ("only that it is small" in sentence) == (less < 1.5 < more), (
-                sentence,
-                less,
-                more,
-            )
-            assert ("only that it is between" in sentence) == (min(less, more) > 0.9), (
-                sentence,
-                less,
-                more,
-            )
+            far = 1e-6 * found.estimates[name], 100 * np.var(y)
+            less, more = (profile(found, name, value, y) for value in far)
+            assert ("only that it is small" in sentence) == (less < 1.5 < more), sentence
+            assert ("only that it is between" in sentence) == (min(less, more) > 0.9), sentence
     assert said
 
 
@@ -256,19 +202,6 @@ def test_estimates_do_not_depend_on_units():
     assert other.converged
     for name, value in one.estimates.items():
         assert other.estimates[name] == pytest.approx(unit**2 * value, rel=1e-3)
-
-
-def test_a_channel_given_twice_leaves_the_estimates():
-    x = np.cumsum(np.random.default_rng(0).normal(size=(40, 2)) * [1.0, 2.0], 0)
-
-    def found(C: np.ndarray) -> dict[str, float]:
-        def build(q1: float, q2: float) -> tuple[Filter, Gaussian]:
-            model = LinearModel(np.eye(2), C, np.diag([q1, q2]), np.zeros((len(C), len(C))))
-            return make("kf", model), Gaussian([0.0, 0.0], np.eye(2))
-
-        return fit(build, {"q1": 1.0, "q2": 1.0}, x @ C.T).estimates
-
-    assert found(np.eye(2)[[0, 1, 1]]) == pytest.approx(found(np.eye(2)), rel=1e-4)
 
 
 class FixedGain:
@@ -314,35 +247,25 @@ def test_prediction_errors_need_nothing_but_predictions():
     assert found.log_likelihood == pytest.approx(-cost, rel=1e-9)
 
 
+def test_a_search_leaves_a_plateau():
+    """A variance beside a far greater one is as likely with another."""
+    y = random_walk(0, 60, 0.2, 4.0)
+    near, far = (fit(level, {"q": 1.0, "r": r}, y).estimates for r in (1.0, 1e-6))
+    assert far == pytest.approx(near, rel=1e-3)
+
+
 @pytest.mark.slow
 def test_a_filter_that_draws_numbers_has_the_same_in_every_evaluation():
     def build(q: float, r: float) -> tuple[Filter, Gaussian]:
         filter, prior = level(q, r)
         return make("enkf", filter.model, members=100, draws="independent"), prior
 
-    start = {"q": 1e3, "r": 1e4}
-    one = fit(build, start, NILE, rng=1)
-    assert run(one.filter, one.prior, NILE, rng=1).log_likelihood == one.log_likelihood
-    exact = fit(level, start, NILE)
+    y, start = random_walk(0, 80, 1.0, 4.0), {"q": 1.0, "r": 1.0}
+    one, exact = fit(build, start, y, rng=1), fit(level, start, y)
+    assert run(one.filter, one.prior, y, rng=1).log_likelihood == one.log_likelihood
     for name, (low, high) in exact.intervals.items():
         assert low < one.estimates[name] < high
     assert one.standard_errors["r"] == pytest.approx(exact.standard_errors["r"], rel=0.3)
-
-
-@pytest.mark.slow
-def test_the_inputs_that_nobody_knows_leave_q_and_r_to_be_found():
-    """The diffuse likelihood: whatever the unknown input is, factors of Q and R of 1 lie within 3.3 standard errors."""
-    system = unknown_input_system(0, False)
-    record = simulate(system, 1, runs=4, steps=150)
-
-    def build(q: float, r: float) -> tuple[Filter, Gaussian]:
-        model = replace(system.model, Q=q * system.model.Q, R=r * system.model.R)
-        return make("kf-umv-ui-wdf", model, input_prior=INPUT_PRIOR), system.prior
-
-    found = fit(build, {"q": 3.0, "r": 0.3}, record.y, record.u)
-    for name, value in found.estimates.items():
-        assert abs(np.log(value)) < 3.3 * found.standard_errors[name] / value
-        assert found.standard_errors[name] < 0.2
 
 
 @pytest.mark.slow
@@ -366,21 +289,17 @@ def test_where_a_likelihood_is_not_smooth_a_simplex_finds_its_maximum():
 
 
 def test_a_maximum_at_the_edge_of_what_can_be_built_is_none():
-    """An autoregression of more than a half is refused by whoever builds it, and the measurements ask for 0.9."""
-    rng = np.random.default_rng(6)
-    y = np.zeros((100, 1))
-    for k in range(1, 100):
-        y[k] = 0.9 * y[k - 1] + rng.normal()
+    """A variance below 1 is refused, and the measurements ask for a quarter."""
 
-    def build(a: float) -> tuple[Filter, Gaussian]:
-        if a > 0.5:
-            raise ValueError("it wanders too far")
-        return make("kf", LinearModel([[a]], [[1.0]], [[1.0]], [[0.1]])), Gaussian([0.0], [[1.0]])
+    def build(r: float) -> tuple[Filter, Gaussian]:
+        if r < 1.0:
+            raise ValueError("it is too precise")
+        return noise(r)
 
-    found = fit(build, {"a": 0.1}, y, signed=["a"])
-    assert 0.49 < found.estimates["a"] <= 0.5
+    found = fit(build, {"r": 4.0}, random_walk(0, 60, 0.0, 0.25))
+    assert 1.0 <= found.estimates["r"] < 1.01
     assert not found.converged
-    assert found.intervals["a"] == (-np.inf, np.inf)
+    assert found.intervals["r"] == (0.0, np.inf)
     assert "did not converge" in str(found)
 
 
@@ -390,8 +309,10 @@ def test_a_maximum_at_the_edge_of_what_can_be_built_is_none():
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ({"start": {"q": 0.0, "r": 1.0}}, "start of q must be a positive number, or be named in"),
-        ({"start": {"q": "1", "r": 1.0}}, "start of q must be a positive number.* got '1'$"),
+        (
+            {"start": {"q": "1", "r": 1.0}},
+            "start of q must be a positive number, or be .* got '1'$",
+        ),
         ({"start": {"q": np.inf, "r": 1.0}, "signed": "q"}, "must be a finite number, got inf$"),
         ({"signed": ["s"]}, "unknown signed parameter 's'.*choose from q, r"),
         ({"objective": "likelyhood"}, "unknown objective 'likelyhood' .did you mean 'likelihood'"),
@@ -400,11 +321,10 @@ def test_a_maximum_at_the_edge_of_what_can_be_built_is_none():
 )
 def test_bad_input_gets_a_sentence(arguments: dict, sentence: str):
     with pytest.raises(ValueError, match=sentence):
-        fit(**({"build": level, "start": {"q": 1.0, "r": 1.0}, "y": NILE} | arguments))
+        fit(**{"build": level, "start": {"q": 1.0, "r": 1.0}, "y": np.ones((5, 1))} | arguments)
 
 
 def test_where_no_measurement_came_nothing_is_told():
     found = fit(level, {"q": 1.0, "r": 1.0}, np.full((5, 1), np.nan))
-    assert [sentence.split(":")[0] for sentence in found.undetermined] == [
-        "the measurements tell nothing of q", "the measurements tell nothing of r",
-    ]  # fmt: skip
+    nothing = "the measurements tell nothing of {}: they are as likely with another"
+    assert found.undetermined == (nothing.format("q"), nothing.format("r"))

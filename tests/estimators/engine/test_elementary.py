@@ -5,19 +5,18 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from estimators.engine import compiled, sincos
+from estimators.engine import compiled
 from estimators.engine.elementary import EXPANSIONS
 
 pytestmark = pytest.mark.skipif(
     np.finfo(np.longdouble).nmant < 63, reason="needs a long double of more digits"
 )
 N = 20_000
-EDGES = np.array([
-    0.0, -0.0, np.inf, -np.inf, np.nan, 5e-324, -5e-324, 2.2250738585072014e-308, -2.2250738585072014e-308, 0.5, -0.5,
-    1.0, -1.0, np.nextafter(1.0, 2.0), np.nextafter(-1.0, -2.0), np.nextafter(1.0, 0.0), np.nextafter(-1.0, 0.0), 2.0,
-    -2.0, 709.7, 709.8, -708.4, -745.1, -745.2, 1e5, -1e5,
-])  # fmt: skip
-LARGEST = np.array([1e308, -1e308, 1.7976931348623157e308, -1.7976931348623157e308])
+EDGES = np.outer([1.0, -1.0], [
+    0.0, np.inf, 5e-324, 2.2250738585072014e-308, 0.5, 1.0, np.nextafter(1.0, 2.0), np.nextafter(1.0, 0.0), 2.0,
+    709.7, 709.8, 708.4, 745.1, 745.2, 1e5, np.nan,
+]).ravel()  # fmt: skip
+LARGEST = np.outer([1.0, -1.0], [1e308, 1.7976931348623157e308]).ravel()
 
 
 def magnitudes(low: float, high: float) -> Callable[[np.random.Generator], np.ndarray]:
@@ -96,9 +95,6 @@ def test_a_function_of_one_number(name: str):
     edges = EDGES if name in ("sin", "cos", "tan") else np.concatenate([EDGES, LARGEST])
     for x in (edges, *(draw(rng) for draw in RANGES[name])):
         check(name, x)
-    for value in edges:  # alone, where no rows lie side by side
-        alone = np.array([value])
-        np.testing.assert_array_equal(bits(run(name, alone)), bits(EXPANSIONS[name][1](alone)))
 
 
 @pytest.mark.parametrize("name", ["sin", "cos"])
@@ -118,12 +114,6 @@ def test_a_function_of_two_numbers(name: str):
     check(name, *pairs(np.concatenate([EDGES, LARGEST])))
     for draw in (between(-3.0, 3.0), magnitudes(-323.0, 308.0), magnitudes(-160.0, -150.0)):
         check(name, draw(rng), draw(rng))
-
-
-def test_sine_and_cosine_are_one_call_with_the_bits_of_each():
-    x = np.random.default_rng(4).uniform(-100.0, 100.0, N)
-    for name, found in zip(("sin", "cos"), compiled(sincos, axes=(0,))(x), strict=True):
-        np.testing.assert_array_equal(found, EXPANSIONS[name][1](x))
 
 
 def test_remainders_and_quotients_are_numpys_to_the_last_bit():

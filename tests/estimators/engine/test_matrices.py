@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from estimators import linalg
-from estimators.engine import NotTraceable, machine, trace
+from estimators.engine import NotTraceable, trace
 from estimators.engine.function import Argument
 from tests.estimators.cases import random_covariance
 
@@ -28,17 +29,14 @@ def formulas(S: Any, B: Any, x: Any, m: Any) -> dict[str, Any]:
         "vectors": np.matvec(S, x) + np.vecmat(x, S) - x,
         "masks": np.where((m & np.isfinite(x))[..., None], B, 0.0)
         + np.where(~m, x, 1.0)[..., None],
-        "sizes": np.maximum(np.abs(x), 0.5) - np.minimum(np.square(x), 0.5) + np.sqrt(x * x),
         "comparisons": np.where(x > 0.1, x, -x)
         + np.where(x < -0.2, np.sin(x), np.arctan2(x, x * x)),
         "sums of entries": B.sum(-2).sum(-1) * x.sum(-1) - S.diagonal(0, -2, -1).sum(-1),
-        "masked": np.where(m[..., None] & m[..., None, :], S, np.eye(3)),
-        "numbers beside matrices": x * S[..., 0, 0][..., None] + np.exp(x[..., 1])[..., None],
+        "masked": np.where(m[..., None] & m[..., None, :], S, np.exp(x[..., 1])[..., None, None]),
         "inner of many": linalg.inner(*[linalg.joined([S, B, S @ S, B, S], -1)] * 2),
         "inner": linalg.inner(B, B) + linalg.inner(S, B.mT @ S) @ B.mT,
         "equal numbers": (np.floor(S) == np.floor(S.mT)) * S - (S.mT != S) * np.expm1(-np.abs(S)),
-        "slices": linalg.joined([B[..., 1:, :], np.eye(3)[:1, :2]], -2)[..., ::-1]
-        + B[..., 2, None, :],
+        "slices": linalg.joined([B[..., 1:, :], np.eye(3)[:1, :2]], -2) + B[..., 2, None, :],
         "solve": linalg.solve(S, B),
         "solve by a lower triangle": linalg.solve_lower(linalg.cholesky(S), B),
         "solve by an upper triangle": linalg.solve_upper(L.mT, B),
@@ -76,20 +74,10 @@ def test_a_formula_is_what_numpy_computes_with_the_same_bits_alone_and_in_any_ba
     for rows in ROWS:
         parts = arguments(rows)
         (found,) = function.compute(parts)
-        np.testing.assert_allclose(found, formulas(*parts)[name], rtol=0.0, atol=1e-12)
+        assert_allclose(found, formulas(*parts)[name], rtol=0.0, atol=1e-12)
         for some in (slice(rows - 1, rows), slice(0, 5), slice(rows // 2, rows)):
             (part,) = function.compute([each[some] for each in parts])
-            np.testing.assert_array_equal(part, found[some])
-
-
-@pytest.mark.skipif("x86_64" not in machine._processor()[1], reason="of processors of this family")
-def test_a_processor_with_less_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch):
-    parts = arguments(13)
-    expected = [compute(formula(name), *parts) for name in NAMES]
-    processor = machine._processor()
-    monkeypatch.setattr(machine, "_processor", lambda: (*processor[:2], "x86-64-v2", ""))
-    for name, bits in zip(NAMES, expected, strict=True):
-        np.testing.assert_array_equal(compute(formula(name), *parts), bits)
+            assert_array_equal(part, found[some])
 
 
 @pytest.mark.parametrize(
@@ -108,7 +96,7 @@ def test_zeros_infinities_and_what_is_no_number_are_numpys(function: Any):
     x[1::3, 0], y[1::6, 0] = np.inf, -np.inf
     x[2, 0] = 1e17
     with np.errstate(all="ignore"):
-        np.testing.assert_array_equal(compute(function, x, y), function(x, y))
+        assert_array_equal(compute(function, x, y), function(x, y))
 
 
 @pytest.mark.parametrize("name", ["solve", "solve by a lower triangle", "cholesky"])
@@ -119,7 +107,7 @@ def test_a_matrix_that_is_no_covariance_is_lost_and_no_other(name: str):
     found = compute(formula(name), S, B, x, m)
     lost = np.isin(np.arange(70), (4, 5, 66))
     assert np.isnan(found[lost]).any((-2, -1)).all()
-    np.testing.assert_array_equal(found[~lost], expected[~lost])
+    assert_array_equal(found[~lost], expected[~lost])
 
 
 def test_large_matrices_are_loops_and_not_unrolled_and_empty_ones_are_sums_of_nothing():
@@ -129,30 +117,24 @@ def test_large_matrices_are_loops_and_not_unrolled_and_empty_ones_are_sums_of_no
     function, _ = trace(formula, [Argument((30, 30))], matrices=True)
     assert len(function.instructions) < 10
     S, H = random_covariance(np.random.default_rng(0), 30, (6,)), np.zeros((5, 3, 0))
-    np.testing.assert_allclose(function.compute([S])[0], formula(S), rtol=1e-11, atol=1e-11)
-    np.testing.assert_array_equal(compute(lambda H: H @ H.mT + 1.0, H), np.ones((5, 3, 3)))
-    for word in (linalg.solve, linalg.solve_lower):
-        assert compute(word, H[:, :0], np.zeros((5, 0, 2))).shape == (5, 0, 2)
+    assert_allclose(function.compute([S])[0], formula(S), rtol=1e-11, atol=1e-11)
+    assert_array_equal(compute(lambda H: H @ H.mT + 1.0, H), np.ones((5, 3, 3)))
 
 
-MISTAKES: list[Formula] = [
-    lambda S, B, x, m: B @ S,
-    lambda S, B, x, m: linalg.solve(S, B[..., :2, :]),
-    lambda S, B, x, m: np.concatenate([B[..., :1, :], S], -1),
-    lambda S, B, x, m: S + x,
-    lambda S, B, x, m: np.where(m[..., :2], x, 0.0),
-    lambda S, B, x, m: S[..., 3, :],
-    lambda S, B, x, m: linalg.solve_upper(S[..., :2, :2], B),
-    lambda S, B, x, m: linalg.symmetrise(B),
-]
-
-
-@pytest.mark.parametrize("formula", MISTAKES)
+@pytest.mark.parametrize(
+    "formula",
+    [
+        lambda S, B, x, m: B @ S,
+        lambda S, B, x, m: linalg.solve(S, B[..., :2, :]),
+        lambda S, B, x, m: np.concatenate([B[..., :1, :], S], -1),
+        lambda S, B, x, m: np.where(m[..., :2], x, 0.0),
+        lambda S, B, x, m: S[..., 3, :],
+    ],
+)
 def test_what_numpy_refuses_is_refused_while_it_is_traced(formula: Formula):
-    with pytest.raises((ValueError, IndexError)):
-        formula(*arguments(11))
-    with pytest.raises((ValueError, TypeError, IndexError)):
-        trace(formula, SHAPES, matrices=True)
+    for traced in (lambda: formula(*arguments(11)), lambda: trace(formula, SHAPES, matrices=True)):
+        with pytest.raises((ValueError, IndexError)):
+            traced()
 
 
 @pytest.mark.parametrize(
@@ -160,16 +142,11 @@ def test_what_numpy_refuses_is_refused_while_it_is_traced(formula: Formula):
     [
         (lambda S, B, x, m: S.sum(0), "sums over its last axes"),
         (lambda S, B, x, m: x[:1], "indexed from behind"),
-        (lambda S, B, x, m: S.diagonal(1, -2, -1), "diagonal"),
         (lambda S, B, x, m: S @ x, r"np\.matvec"),
         (lambda S, B, x, m: np.sort(x), r"cannot have np\.sort in it"),
         (lambda S, B, x, m: 1.0 if (x > 0.0) else 2.0, r"use np\.where"),
-        # These would mean something else.
-        (lambda S, B, x, m: m + m, None),
-        (lambda S, B, x, m: x.__setitem__(Ellipsis, 0.0), None),
     ],
 )
-def test_a_word_of_other_meaning_is_refused_with_what_to_do(formula: Formula, sentence: str | None):
-    with pytest.raises((TypeError, AttributeError), match=sentence) as caught:
+def test_a_word_of_other_meaning_is_refused_with_what_to_do(formula: Formula, sentence: str):
+    with pytest.raises(NotTraceable, match=sentence):
         trace(formula, SHAPES, matrices=True)
-    assert isinstance(caught.value, NotTraceable) or not sentence

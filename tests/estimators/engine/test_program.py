@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from estimators.engine import (
     NotTraceable,
@@ -18,7 +19,6 @@ from estimators.engine import (
     bits_float,
     compiled,
     float_bits,
-    jacobian,
     lookup,
     repeat,
     sincos,
@@ -39,12 +39,9 @@ def opcodes(function: Any) -> list[str]:
     ("function", "expected"),
     [
         (lambda x: (x[..., 0] + x[..., 1]) * (x[..., 0] + x[..., 1]), "add multiply"),
-        (lambda x: (np.exp(x), x[..., 0] + 1.0)[1], "add"),
-        (lambda x: x[..., 0] * (np.sqrt(2.0) + 3.0) * 1.0 / 1.0 - 0.0, "multiply"),
+        (lambda x: (np.exp(x), x[..., 0] * 3.0 * 1.0 / 1.0 - 0.0)[1], "multiply"),
         (lambda x: x[..., 0] + 0.0, "add"),  # of -0.0 it is 0.0
-        (lambda x: np.where((x[..., 0] > 0.0) & True, x[..., 1], x[..., 1]), ""),
         (lambda x: x[..., 0] ** 8, "multiply multiply multiply"),
-        (lambda x: x[..., 0] ** 0.5, "sqrt"),
         (lambda x: compiled(lambda x: x + 1.0)(x)[..., 0] * 2.0, "add multiply"),
     ],
 )
@@ -71,6 +68,11 @@ def of_all_kinds(x: Any, n: Any, w: Any, m: Any) -> tuple[Any, ...]:
         np.mean(m, axis=-1),
         m == (n != 3),
         np.copysign(x, 0.0) - 2.0 * np.copysign(x, -0.0),
+        float_bits(x),
+        bits_float(float_bits(x)),
+        as_integer(w),
+        as_word(n),
+        as_float(w),
     )
 
 
@@ -83,20 +85,19 @@ def test_results_have_the_types_that_numpy_gives():
         function(x, n, w, m), many, of_all_kinds(x, n, w, m), strict=True
     ):
         assert found.dtype == expected.dtype
-        np.testing.assert_array_equal(found, expected)
-        np.testing.assert_array_equal(row, np.stack([expected] * 9))
+        assert_array_equal(found, expected)
+        assert_array_equal(row, np.stack([expected] * 9))
 
 
 def test_other_types_are_taken_as_those_of_their_kind():
     double = compiled(lambda x: 2 * x)
-    pairs = (np.float32, float), (np.int8, np.int64), (np.uint8, np.uint64), (">f8", float)
-    for dtype, result in pairs:
+    for dtype, result in ("f4", float), ("i1", np.int64), ("u1", np.uint64), (">f8", float):
         found = double(np.arange(3).astype(dtype))
         assert found.dtype == result
-        np.testing.assert_array_equal(found, [0, 2, 4])
-    for value in (np.array(["a"]), np.array([1j]), np.array([None])):
+        assert_array_equal(found, [0, 2, 4])
+    for value in ["a"], [1j], [None]:
         with pytest.raises(NotTraceable, match="takes numbers"):
-            double(value)
+            double(np.array(value))
 
 
 def test_the_worst_whole_numbers_do_no_harm():
@@ -105,42 +106,28 @@ def test_the_worst_whole_numbers_do_no_harm():
     with np.errstate(all="ignore"):
         expected = np.remainder(n, d)
     remainder = compiled(lambda n, d: n % d, axes=(0, 0))
-    np.testing.assert_array_equal(remainder(n, d), expected)
-    for a, b, c in zip(n, d, expected, strict=True):
-        assert remainder(a, b) == c
-    np.testing.assert_array_equal(compiled(lambda n: n + n)(n), n + n)
-    found = compiled(lambda x: x.astype(int))(np.array([1e300, -1e300, np.inf, np.nan, 2.9, -2.9]))
-    np.testing.assert_array_equal(found[-2:], [2, -2])
-
-
-def test_words_and_floats_share_their_bits():
-    x = np.array([1.0, -0.0, np.inf, 5e-324, np.nan, -2.5])
-    np.testing.assert_array_equal(compiled(float_bits)(x), x.view(np.uint64))
-    again = compiled(lambda x: bits_float(float_bits(x)))(x)
-    np.testing.assert_array_equal(again.view(np.uint64), x.view(np.uint64))
-    w = np.array([0, 1, 2**63, 2**64 - 1], np.uint64)
-    np.testing.assert_array_equal(compiled(as_integer)(w), w.astype(np.int64))
-    np.testing.assert_array_equal(compiled(as_word)(w.astype(np.int64)), w)
-    np.testing.assert_array_equal(compiled(as_float)(w), w.astype(float))
+    assert_array_equal(remainder(n, d), expected)
+    assert remainder(LOWEST, -1) == 0  # alone
+    assert_array_equal(compiled(lambda n: n + n)(n), n + n)
+    found = compiled(lambda x: x.astype(int))([1e300, -1e300, np.inf, np.nan, 2.9, -2.9])
+    assert_array_equal(found[-2:], [2, -2])
 
 
 # --- tables and loops -----------------------------------------------------------------------------
 
 
 def test_a_table_is_looked_up_as_in_numpy():
-    vector = np.array([3.0, 1.0, 2.0, -5.0])
-    x = np.array([0.0, 0.99, 1.0, 2.5, 3.0, 4.0, 1e300, -1.0, -1e300, np.nan, np.inf, -np.inf])
+    vector, xp = np.array([3.0, 1.0, 2.0, -5.0]), np.array([-1.0, 0.0, 0.5, 4.0])
+    x = np.array([0.99, 1.0, 3.0, 4.0, 1e300, -1.0, -1e300, np.nan, np.inf, -np.inf])
     n = np.array([LOWEST, -1, 0, 3, 4, HIGHEST])
     for table in (vector, np.arange(12.0).reshape(4, 3)):
         function = compiled(lambda x, table=table: lookup(table, x), axes=(0,))
-        np.testing.assert_array_equal(function(x), lookup(table, x))
-        np.testing.assert_array_equal(function(n), table[[0, 0, 0, 3, 3, 3]])
-        for value in x:
-            np.testing.assert_array_equal(function(value), lookup(table, value))
-    xp = np.array([-1.0, 0.0, 0.5, 4.0])
+        for each in (x, *x):
+            assert_array_equal(function(each), lookup(table, each))
+        assert_array_equal(function(n), table[[0, 0, 0, 3, 3, 3]])
     x = np.concatenate([np.linspace(-3.0, 6.0, 301), xp, x])
     found = compiled(lambda x: np.interp(x, xp, vector), axes=(0,))(x)
-    np.testing.assert_array_equal(found, np.interp(x, xp, vector))
+    assert_array_equal(found, np.interp(x, xp, vector))
 
 
 def nested(x: Any) -> Any:
@@ -148,47 +135,28 @@ def nested(x: Any) -> Any:
 
     def outer(y: Any, k: Any) -> Any:
         inner = repeat(4, lambda t: (t * 0.5 + x[..., 1] + k,), y[..., 0])
-        return 0.5 * y + inner[0][..., None], k + 1.0
+        return 0.5 * y + inner[0][..., None], 0.5 * k
 
-    return repeat(3, outer, x, 0.0 * x[..., 0], active=lambda y, k: abs(y[..., 0]) > 1.0)[0]
-
-
-def collatz(x: Any) -> Any:
-    def body(n: Any, steps: Any) -> Any:
-        return np.where(n % 2 == 1, 3 * n + 1, n >> 1), steps + 1
-
-    n = x[..., 0].astype(int)
-    return repeat(10**12, body, n, 0 * n, active=lambda n, steps: n > 1)[1]
+    return repeat(10**12, outer, x, x[..., 1], active=lambda y, k: abs(y[..., 0]) > 1.0)[0]
 
 
-@pytest.mark.parametrize("function", [nested, collatz])
 @pytest.mark.parametrize("rows", [1, 11, 40])
-def test_a_loop_ends_when_no_row_needs_another_pass(function: Any, rows: int):
-    x = np.stack([np.arange(1.0, rows + 1.0), np.linspace(-2.0, 1.0, rows)], -1)
-    x[:, 0] *= 1.0 if function is collatz else 0.1
-    found = compiled(function)(x)
-    np.testing.assert_array_equal(found, function(x))
-    np.testing.assert_array_equal(compiled(function)(x[-1]), found[-1])
-    assert function is nested or rows < 27 or found[26] == 111
-
-
-def test_a_loop_of_no_passes_gives_what_it_got_and_one_ends_by_a_mask():
-    x = np.array([2.0, 3.0])
-    found = compiled(lambda x: repeat(0, lambda a: (a + 1.0,), x[..., 0])[0])(x)
-    np.testing.assert_array_equal(found, 2.0)
-    with pytest.raises(TypeError, match="ends by a mask"):
-        compiled(lambda x: repeat(3, lambda x: (x,), x[..., 0], active=lambda x: x - 1.0)[0])(x)
+def test_a_loop_ends_when_no_row_needs_another_pass(rows: int):
+    x = np.stack([np.linspace(0.1, 40.0, rows), np.linspace(-0.2, 0.2, rows)], -1)
+    found = compiled(nested)(x)
+    assert_array_equal(found, nested(x))
+    assert_array_equal(compiled(nested)(x[-1]), found[-1])
 
 
 def waves(x: Any) -> tuple[Any, ...]:
-    """Of pairs ``(..., 2 k)`` and numbers that all pairs share, in a table's entries, too."""
-    first, last, k = x[..., 0], x[..., -1], x.shape[-1] // 2
+    """Of pairs ``(..., 2 k)`` and a number that all pairs share, in a table's entries, too."""
+    first, k = x[..., 0], x.shape[-1] // 2
 
     def each(a: Any, b: Any) -> list[Any]:
         sine, cosine = sincos(a * first - b)
-        return [np.where(a > b, sine, last * cosine), lookup(np.array([3.0, 1.0, 2.0]), a) + b]
+        return [np.where(a > b, sine, cosine), lookup(np.array([3.0, 1.0, 2.0]), a) + b]
 
-    return along(each, x[..., :k], x[..., k:] + last[..., None])
+    return along(each, x[..., :k], x[..., k:])
 
 
 @pytest.mark.parametrize("entries", [1, 3, 8, 13, 24])
@@ -196,16 +164,11 @@ def test_a_function_along_rows_is_that_of_each_entry_and_has_its_instructions_on
     x = 2.0 * np.random.default_rng(entries).normal(size=(21, 2 * entries))
     function = compiled(waves)
     for found, expected in zip(function(x), waves(x), strict=True):
-        np.testing.assert_array_equal(found, expected)
+        assert_array_equal(found, expected)
     for row, *expected in zip(x, *function(x), strict=True):
-        np.testing.assert_array_equal(function(row), expected)
+        assert_array_equal(function(row), expected)
     program = trace(waves, [Argument((2 * entries,))])[0]
     assert sum(each.opcode == "sin" for each in program.instructions) <= 1
-
-
-def test_a_function_along_rows_has_no_derivative():
-    with pytest.raises(NotTraceable, match="no derivative"):
-        compiled(lambda x: jacobian(along(lambda a: [a * a], x)[0], x))(np.ones(5))
 
 
 # --- batches --------------------------------------------------------------------------------------
@@ -217,33 +180,18 @@ def moved(x: np.ndarray, dt: np.ndarray, A: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("batch", "of_dt"),
-    [((), ()), ((1,), (1,)), ((17,), (17,)), ((2, 5), ()), ((0,), (0,)), ((4, 0), ()), ((5, 1), (4,))],
-)  # fmt: skip
+    ("batch", "of_dt"), [((), ()), ((1,), (1,)), ((2, 5), ()), ((4, 0), ()), ((5, 1), (4,))]
+)
 def test_arguments_have_batches_that_are_broadcast(batch: tuple[int, ...], of_dt: tuple[int, ...]):
     rng = np.random.default_rng(0)
     x, dt = rng.normal(size=(*batch, 2)), rng.normal(size=of_dt)
     for A in (np.eye(2), rng.normal(size=(*batch, 2, 2))):
         found, expected = moved(x, dt, A), moved.function(x, dt, A)
         assert found.shape == expected.shape
-        np.testing.assert_allclose(found, expected, rtol=1e-15, atol=1e-15)
-    if batch == (17,):
+        assert_allclose(found, expected, rtol=1e-15, atol=1e-15)
+    if of_dt == (4,):
         with pytest.raises(ValueError, match="broadcast"):
-            moved(x, np.ones(3), A)
-
-
-def test_views_of_any_kind_are_read_and_results_are_new_arrays():
-    x = np.random.default_rng(0).normal(size=(6, 4))
-    for view in (
-        x.T,
-        x[::2, ::-1],
-        np.asfortranarray(x),
-        np.broadcast_to(x[0], (3, 4)),
-        x[0].tolist(),
-    ):
-        np.testing.assert_array_equal(compiled(lambda x: 2.0 * x)(view), 2.0 * np.asarray(view))
-    found = compiled(lambda x: x)(x)
-    assert not np.shares_memory(found, x)
+            moved(x[:, 0], dt, A[..., 0, :, :])
 
 
 # --- functions and methods ------------------------------------------------------------------------
@@ -269,16 +217,16 @@ def _scaled(factor: float, x: np.ndarray) -> np.ndarray:
 def test_methods_and_functions_are_compiled_for_their_object_copied_and_pickled():
     x = np.ones((2, 3))
     soft, hard = Spring(1.0), Spring(5.0)
-    np.testing.assert_array_equal(soft.force(x), -x)
-    for sign in (3.0, 3.0, 2.0):  # a constant
-        np.testing.assert_array_equal(Spring.force(soft, x, sign=sign), sign * x)
+    assert_array_equal(soft.force(x), -x)
+    for sign in (3.0, 2.0):  # a constant
+        assert_array_equal(Spring.force(soft, x, sign=sign), sign * x)
     for again in (hard, pickle.loads(pickle.dumps(hard)), copy.deepcopy(hard)):
-        np.testing.assert_array_equal(again.energy(x), [7.5, 7.5])
+        assert_array_equal(again.energy(x), [7.5, 7.5])
     assert pickle.loads(pickle.dumps(moved)) is moved
     function = compiled(partial(_scaled, 2.5))  # which has no name
     for again in (hard.force, function):
         pickled = pickle.loads(pickle.dumps(again))
-        np.testing.assert_array_equal(pickled(x), again(x))
+        assert_array_equal(pickled(x), again(x))
         assert again(x).shape == x.shape
 
 
@@ -293,7 +241,7 @@ def test_methods_and_functions_are_compiled_for_their_object_copied_and_pickled(
         (lambda x: x & 1, "masks or whole numbers"),
         (lambda x: (x > 0.0) - (x < 0.0), "two masks"),
         (lambda x: x[x > 0.0], r"np\.where"),
-        (lambda x: float_bits(x) << 64, "from 0 to 63"),
+        (lambda x: repeat(3, lambda x: (x,), x, active=lambda x: x[0])[0], "ends by a mask"),
     ],
 )
 def test_what_cannot_be_traced_raises_a_sentence(function: Any, sentence: str):
