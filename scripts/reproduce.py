@@ -57,8 +57,6 @@ def main(
             progress=progress,
         )
     console = Console(markup=False, highlight=False, soft_wrap=True)
-    for note in outcome.notes:
-        console.print(note)
     status, summary, rows = 0, {}, list[Row]()
     for name, group in groups.items():
         failed = {

@@ -14,7 +14,7 @@ import agents.jobs
 from agents.agent import load_agent
 from agents.budget.search import TRUTH, Request
 from agents.budget.suites import Suite, sensors_of
-from agents.jobs import Job, Outcome, Workers
+from agents.jobs import Job
 from agents.named import named_object
 from agents.rollouts import rollout
 from agents.seeds import evaluation_seeds
@@ -82,20 +82,17 @@ class Flights:
         world: The rest of what is flown.
         suites: By their numbers.
         folder: Keeps the results.
-        workers: Processes on this machine; None: this one.
+        processes: Processes on this machine.
         first_seed: Number of the first evaluation seed, from which requests count.
-        jobs: All asked for so far.
         refusals: Reason for each suite that the environment refuses.
     """
 
     world: World
     suites: Sequence[Suite]
     folder: Path
-    workers: Workers | None = None
+    processes: int = 1
     first_seed: int = 0
-    jobs: list[Job] = field(default_factory=list)
     refusals: dict[int, str] = field(default_factory=dict)
-    outcome: Outcome = field(default_factory=Outcome)
 
     def __call__(self, requests: Sequence[Request]) -> list[np.ndarray | None]:
         """Scores of each request, see `agents.budget.search.Fly`.
@@ -105,12 +102,15 @@ class Flights:
             OSError: if the results cannot be written.
         """
         parts = {request: list(self._jobs(request)) for request in requests}
-        self.jobs += [job for jobs in parts.values() for job in jobs]
-        self.outcome = agents.jobs.run(self.jobs, self.folder, workers=self.workers)
-        for failure in self.outcome.failures.values():
-            last = (failure.strip().splitlines() or ["no reason given"])[-1]
-            raise RuntimeError(f"a flight failed ({last}); {self.folder / 'failed'} has all of it")
-        return [self._scores(request, jobs) for request, jobs in parts.items()]
+        outcome = agents.jobs.run(
+            (job for jobs in parts.values() for job in jobs), self.folder, self.processes
+        )
+        for failure in outcome.failures.values():
+            raise RuntimeError(f"a flight failed:\n{failure}")
+        return [
+            self._scores(request, [outcome.values[job.key] for job in jobs])
+            for request, jobs in parts.items()
+        ]
 
     def _jobs(self, request: Request) -> Iterator[Job]:
         truth = request.suite == TRUTH
@@ -125,8 +125,7 @@ class Flights:
             label = "truth" if truth else str(self.suites[request.suite])
             yield Job("agents.budget.flights:fly", arguments, label)
 
-    def _scores(self, request: Request, jobs: Sequence[Job]) -> np.ndarray | None:
-        values = [self.outcome.values[job.key] for job in jobs]
+    def _scores(self, request: Request, values: list[dict[str, Any]]) -> np.ndarray | None:
         for value in values:
             if "refused" in value:
                 self.refusals[request.suite] = value["refused"]

@@ -1,6 +1,5 @@
 """Run a study file and write its report: ``vessel-gym ablate quick``."""
 
-import re
 import sys
 from contextlib import suppress
 from importlib import metadata
@@ -34,12 +33,12 @@ def main(
     out: Path | None = None,
     processes: int = 2,
     scheduler: str | None = None,
-    shard: str | None = None,
 ) -> int:
     """Run what a study file asks for, as far as it has not been run, and write its report.
 
     Results are kept in the output folder, each in a file of its own. After an interruption, run the
-    same command again: it goes on with what is missing. Several machines may share the folder.
+    same command again: it goes on with what is missing. Run it on several machines with a folder
+    that all of them see, and they share the work.
 
     Args:
         study: The study file (TOML; docs/studies.md says what it holds), or the name of one that
@@ -48,8 +47,6 @@ def main(
         processes: Processes on this machine.
         scheduler: Address of a Dask scheduler whose workers compute instead, e.g.
             tcp://10.0.0.1:8786.
-        shard: i/n: compute only the i-th of n parts, for job arrays; the report is made when all
-            are done.
 
     Returns:
         The exit status: 1 if something failed or is missing.
@@ -57,35 +54,26 @@ def main(
     from rich.console import Console
 
     from agents.files import check_folder
-    from agents.jobs import check_scheduler, run
+    from agents.jobs import run
     from agents.studies.examples import examples
     from agents.studies.results import Results
 
     out = out or Path("results") / study.stem
     with asked():
-        part = _shard(shard)
         in_range("--processes", processes, 1)
         planned = _plan(path := _file(study), scheduler is not None)
-        if scheduler is not None:
-            check_scheduler(scheduler)
         check_folder(out)
     console = Console(markup=False, highlight=False, soft_wrap=True)
     _introduce(planned.study, path, out, console)
     jobs = [*planned.jobs, *examples(planned).values()]
     with job_progress(study.stem) as progress:
-        outcome = run(jobs, out, processes, scheduler, part, progress)
-    console.print(*outcome.notes, sep="\n", end="\n" if outcome.notes else "")
-    missing = sum(job.key not in outcome.values for job in jobs)
-    if part is not None and missing:
-        console.print(
-            f"Part {shard} is done, {missing} of {len(jobs)} results are still missing: no report"
-            " yet."
-        )
-        return int(bool(outcome.failures))
-    _report(Results.of(planned, outcome, out), out, console)
-    if missing:
-        console.print(f"{missing} of {len(jobs)} results are missing; the report says why.")
-    return int(missing > 0)
+        outcome = run(jobs, out, processes, scheduler, progress)
+    _report(Results.of(planned, outcome), out, console)
+    if outcome.failures:
+        console.print(*dict.fromkeys(outcome.failures.values()), sep="\n")
+        missing = sum(job.key in outcome.failures for job in jobs)
+        console.print(f"{missing} of {len(jobs)} results are missing.")
+    return int(bool(outcome.failures))
 
 
 def _report(results: Any, out: Path, console: Any) -> None:
@@ -139,12 +127,3 @@ def _introduce(question: Any, study: Path, out: Path, console: Any) -> None:
     if study.resolve() != (out / "study.toml").resolve():
         with replacing(out / "study.toml") as path:
             shutil.copyfile(study, path)
-
-
-def _shard(text: str | None) -> tuple[int, int] | None:
-    if text is None:
-        return None
-    found = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text)
-    if not found or not 1 <= int(found[1]) <= int(found[2]):
-        raise ValueError(f"--shard is i/n with 1 <= i <= n, e.g. 1/4, got {text!r}")
-    return int(found[1]), int(found[2])

@@ -105,21 +105,19 @@ def _search(
     from agents.budget.report import conclusion, guarantees, write_report
     from agents.budget.suites import prices_toml
     from agents.files import replacing
-    from agents.jobs import Workers
 
     if not (out / "prices.toml").exists():  # the user's own may lie there
         with replacing(out / "prices.toml") as path:
             path.write_text(prices_toml(suites), encoding="utf-8")
-    workers = Workers(processes, ["agents.budget.flights"])
-    with progress(f"{len(suites)} suites", counted=True) as show, workers:
-        flights = Flights(world, suites, out, workers if processes > 1 else None, first_seed)
+    with progress(f"{len(suites)} suites", counted=True) as show:
+        flights = Flights(world, suites, out, processes, first_seed)
         try:
             found = result.cheapest(flights, keep, episodes, show)
         except RuntimeError as error:
             raise Refusal(str(error)) from error
     report = write_report(found, out, priced)
     console = Console(markup=False, highlight=False, soft_wrap=True)
-    console.print(*flights.outcome.notes, *conclusion(found), sep="\n")
+    console.print(*conclusion(found), sep="\n")
     _show(found)
     console.print(guarantees(found, priced)[-1], f"Report: {report}", sep="\n")
     return int(found.answer is None)

@@ -106,13 +106,12 @@ def _missing(results: Results) -> Section:
         ("Left out, because the environment refuses it:", left_out),
         (
             (
-                "Failed (last line of the traceback; the rest is in the folder failed/), to be"
-                " tried again in the next run:"
+                "Failed (last line of the traceback; the command printed the rest), to be tried"
+                " again in the next run:"
             ),
             lost,
         ),
         ("Not computed yet:", [_abbreviated([_flown(f) for f in absent])] if absent else []),
-        ("Notes:", results.notes),
     ):
         if items:
             blocks += [Prose(title), Bullets(list(items))]

@@ -4,13 +4,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents.controllers import AUTOPILOT
-from agents.jobs import Outcome, journal
+from agents.jobs import Outcome
 from agents.metrics import SCORE, Metric, mean, metrics
 from agents.page import csv_text
 from agents.statistics import Interval, crossed_interval, normalise, share_interval, skewed_interval
@@ -51,27 +50,23 @@ class Results:
         plan: What was asked.
         values: Of every job that has a result, by its key.
         failures: Why the others have none, by their keys.
-        seconds: CPU seconds of jobs, by their keys; not of all, if their journal was lost.
+        seconds: CPU seconds of jobs, by their keys.
         timings: What `agents.studies.flying.step_times` gave, by the keys of jobs that were timed.
-        notes: What `agents.jobs.run` had to say.
     """
 
     plan: Plan
     values: dict[str, dict[str, Any]]
     failures: dict[str, str] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
     timings: dict[str, list[tuple[int, float, float]]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, plan: Plan, outcome: Outcome, folder: Path) -> "Results":
-        """The results of a run in a folder."""
-        lines = journal(folder)
-        seconds = {line["key"]: line["cpu_seconds"] for line in lines}
+    def of(cls, plan: Plan, outcome: Outcome) -> "Results":
+        """The results of a run."""
         timings = {
-            line["key"]: line["timing"] for line in lines if isinstance(line.get("timing"), list)
+            key: values["timing"] for key, values in outcome.values.items() if "timing" in values
         }
-        return cls(plan, outcome.values, outcome.failures, seconds, outcome.notes, timings)
+        return cls(plan, outcome.values, outcome.failures, outcome.seconds, timings)
 
     # --- who, where, on what ----------------------------------------------------------------------
 

@@ -119,7 +119,7 @@ def test_a_study_ranks_the_estimators(tmp_path: Path):
     assert not planned.skipped
     outcome = run(planned.jobs, tmp_path / "results", 1)
     assert not outcome.failures
-    text = write_report(Results.of(planned, outcome, tmp_path), tmp_path).read_text()
+    text = write_report(Results.of(planned, outcome), tmp_path).read_text()
     assert "x1" in text
     assert "NEES" in text
 

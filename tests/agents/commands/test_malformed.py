@@ -3,7 +3,6 @@
 import contextlib
 import io
 import re
-import socket
 import sys
 from collections.abc import Iterator, Sequence
 from inspect import signature
@@ -22,7 +21,6 @@ from agents import commands, rollout
 from agents.commands import ablate, budget, evaluate, train, watch
 from agents.commands.console import command
 from agents.commands.world import World
-from agents.jobs import check_scheduler
 from agents.metrics import scores
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
 from agents.studies.study import StudyError, read_study
@@ -64,9 +62,6 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     def begin(*_: Any, **__: Any) -> None:
         raise Begun
 
-    def nobody(*_: Any, **__: Any) -> None:
-        raise ConnectionRefusedError("nobody listens")
-
     folder = tmp_path_factory.mktemp("workplace")
     (folder / "folder.gif").mkdir()
     (folder / "file").touch()
@@ -78,8 +73,6 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.setenv("SDL_VIDEODRIVER", "offscreen")  # no display
-        patch.setattr(socket, "create_connection", nobody)
-        patch.setattr("agents.jobs.pools._PATIENCE", 0)
         for place, name in (
             (agents, "rollout"), (agents.training.algorithms, "train"), (agents.jobs, "run"), (watch, "fly"),
             (timing, "report"),
@@ -216,18 +209,6 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(
         ("wacth PunaUAV-v0", "unknown command 'wacth' (did you mean 'watch'?)"),
         ("ablate folder.gif", "cannot read folder.gif: Is a directory"),
         ("ablate wrong.toml", "environments must be a table"),
-        *(
-            (f"ablate study.toml --shard {part}", "--shard is i/n with 1 <= i <= n")
-            for part in ("3", "0/2", "3/2")
-        ),
-        (
-            "ablate study.toml --scheduler foo",
-            "a scheduler's address is like tcp://10.0.0.1:8786, got 'foo'",
-        ),
-        (
-            "ablate study.toml --scheduler tcp://h:9",
-            "no Dask scheduler answers at tcp://h:9: nobody listens",
-        ),
     ],
 )
 def test_a_word_that_cannot_be_meant_is_named_before_anything_is_computed(line: str, sentence: str):
@@ -260,7 +241,7 @@ def test_an_empty_word_is_not_taken_for_the_present_folder(
     [
         "evaluate vessel_gym:SigmaCorvette-v0 --estimator kf None --episodes 1", "train --out new/ppo --steps 128",
         "watch --out turn.png", "speed --what loop flights --rows 2",
-        "reproduce robust puna --processes 1", "ablate study.toml --shard 1/2 --processes 3",
+        "reproduce robust puna --processes 1", "ablate study.toml --processes 3",
         "ablate quick --out new/quick", "budget vessel_gym:SigmaCorvette-v0 --keep 1 --rates 1 0.5 --out new/budget",
     ],
 )  # fmt: skip
@@ -412,7 +393,6 @@ def test_seeds_of_any_kind_are_refused_in_one_sentence(count: Any, first: Any):
         attempt(function, count)
     attempt(evaluation_seeds, 1, first)
     attempt(evaluation_seeds, count, 0)
-    attempt(check_scheduler, str(first))
 
 
 GOOD: dict[str, Any] = {

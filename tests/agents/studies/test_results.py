@@ -126,18 +126,17 @@ def test_estimators_come_in_the_order_of_the_study(found):
 
 
 @pytest.mark.slow
-def test_times_of_steps_come_from_the_journal_and_are_no_part_of_a_result(tmp_path):
+def test_times_of_steps_come_with_the_result_of_a_flight(tmp_path):
     planned = plan(study((CORVETTE,), conditions=CONDITIONS[:1], episodes=2))
     flight = next(f for f in planned.flights if f.flown_on == "kf")
     outcome = run([flight.job], tmp_path)
     assert set(outcome.values[flight.job.key]) == {
-        "figures", "nees_in_band", "nis_in_band", "diverged", "ends", "steps",
+        "figures", "nees_in_band", "nis_in_band", "diverged", "ends", "steps", "timing",
     }  # fmt: skip
-    found = Results.of(planned, outcome, tmp_path)
+    found = Results.of(planned, outcome)
     assert [rows for rows, _, _ in found.step_times(CORVETTE, "kf")] == [2, 1]
     assert all(0.0 < each < 1e6 for _, *times in found.step_times(CORVETTE, "kf") for each in times)
-    (tmp_path / "journal.jsonl").unlink()
-    assert Results.of(planned, outcome, tmp_path).step_times(CORVETTE, "kf") == []
+    assert found.step_times(CORVETTE, "ekf") == []
 
 
 def test_the_estimator_and_the_truth_fly_in_turns_and_only_steps_are_timed(monkeypatch):
