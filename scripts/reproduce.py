@@ -1,5 +1,6 @@
-"""Run the source papers' experiments and set their tables beside ours: ``python -m scripts.reproduce all``."""
+"""Run the source papers' experiments beside their tables: ``python -m scripts.reproduce all``."""
 
+import csv
 import json
 import sys
 from pathlib import Path
@@ -38,8 +39,8 @@ def main(
     from agents.jobs import run
     from vessel_gym.extras import require
 
-    require("jinja2", "joblib")  # before the experiments, not after them
-    from studies.papers import PAPERS, jobs, report
+    require("joblib")  # before the experiments, not after them
+    from studies.papers import PAPERS, jobs, opening, report
     from studies.papers.measures import Row, summary_table
 
     with asked():
@@ -74,7 +75,7 @@ def main(
             continue
         made = report(name, {what: outcome.values[job.key] for what, job in group.items()})
         console.print(f"Page: {_write(name, made, out)}")
-        summary[name] = {"opening": made.opening, "rows": made.rows}
+        summary[name] = {"opening": opening(name), "rows": made.rows}
         rows += made.rows
     console.print(f"\n{summary_table(rows)}")
     (out / "summary.json").write_text(
@@ -84,13 +85,18 @@ def main(
 
 
 def _write(name: str, made: Any, out: Path) -> Path:
-    """Write the page of a paper and its tables; returns the page."""
-    from agents.page import write
+    """Write the explanation of a paper with its tables, and these as CSV; returns the page."""
+    from studies.papers import read
 
     (out / "tables").mkdir(parents=True, exist_ok=True)
-    for table in made.page.tables:
-        (out / "tables" / f"{name}-{table.name}.csv").write_text(table.csv(), encoding="utf-8")
-    return write(made.page, out / f"{name}.html")
+    for table, rows in made.tables.items():
+        with (out / "tables" / f"{name}-{table}.csv").open(
+            "w", encoding="utf-8", newline=""
+        ) as file:
+            csv.writer(file, lineterminator="\n").writerows(rows)
+    page = out / f"{name}.md"
+    page.write_text(made.page(read(name, "page.md")), encoding="utf-8")
+    return page
 
 
 if __name__ == "__main__":

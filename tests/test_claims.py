@@ -12,8 +12,7 @@ import pytest
 
 from agents import rollout
 from agents.commands import COMMANDS
-from studies.tables.__main__ import TABLES, TEXTS
-from studies.tables.markdown import around
+from studies.tables import BLOCKS, around
 
 ROOT = Path(__file__).parents[1]
 WALKED = [
@@ -59,9 +58,7 @@ def untraced(page: str, text: str) -> list[str]:
 
 @pytest.mark.parametrize("page", WALKED)
 def test_every_number_of_a_page_is_written_by_a_command_or_traced(page: str):
-    assert set(re.findall(r"^<!-- (?:table|text): (.*) -->$", TEXT[page], re.M)) <= set(
-        TABLES | TEXTS
-    )
+    assert set(re.findall(r"^<!-- (?:table|text): (.*) -->$", TEXT[page], re.M)) <= set(BLOCKS)
     assert untraced(page, TEXT[page]) == []
 
 
@@ -89,8 +86,8 @@ def source(command: str) -> str | None:
     """What a command's numbers stand in: the table that it writes, or the file of a setting; else None."""
     kind, _, rest = command.partition(" ")
     if kind == "studies.tables":
-        page = (TABLES | TEXTS)[rest][0]
-        before, after = around(page, f"{'table' if rest in TABLES else 'text'}: {rest}")
+        page, mark, _ = BLOCKS[rest]
+        before, after = around(page, mark)
         return page.read_text(encoding="utf-8")[len(before) : -len(after)]
     return (ROOT / rest).read_text(encoding="utf-8") if kind == "setting" else None
 

@@ -1,12 +1,13 @@
-"""Printed numbers beside ours: how close they are, for each number, each experiment and each paper."""
+"""Printed numbers beside ours: closeness for each number, each experiment and each paper."""
 
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.page import Entry, Page, Table, markdown_table, number
+from agents.page import markdown_table
 from agents.statistics import Interval, mean_interval
 
 AGREES, BETTER, WORSE, INCOMPARABLE = "agrees", "better", "worse", "not comparable"
@@ -14,6 +15,55 @@ EXPLORATORY = "exploratory"
 """Part of the name of a way that was found by a search over the printed numbers."""
 NEAR = 1.25
 """Factor within which two numbers are called near."""
+Results = Mapping[str, Mapping[str, Any]]
+"""Values of a paper's jobs by name."""
+Table = list[Sequence[str]]
+"""Rows of a table, the heading first."""
+
+
+def mean(values: Any) -> Interval:
+    """The mean over runs with its 95 % interval."""
+    interval = mean_interval(np.asarray(values))
+    assert interval is not None
+    return interval
+
+
+def geometric(logs: np.ndarray) -> Interval:
+    """Geometric mean of the values with these logarithms ``(N,)``, with its 95 % interval."""
+    of = mean(logs)
+    return Interval(*(float(np.exp(end)) for end in (of.mean, of.low, of.high)))
+
+
+def spread(values: Any, decimals: int) -> str:
+    """The mean over runs and half of its 95 % interval."""
+    of = mean(values)
+    return f"{of.mean:.{decimals}f} ± {of.half:.{decimals}f}"
+
+
+def between(of: Interval, decimals: int) -> str:
+    """A mean and the ends of its interval."""
+    return f"{of.mean:.{decimals}f} [{of.low:.{decimals}f}, {of.high:.{decimals}f}]"
+
+
+def trend(members: Sequence[int], errors: np.ndarray) -> str:
+    """Change [%] of errors ``(runs, sizes)`` from the fewest to the most members, by a power of N.
+
+    The power is fitted to every run by itself: all sizes see the same truth and measurements.
+    """
+    x, y = np.log(members) - np.mean(np.log(members)), np.log(errors)
+    logs = np.log(max(members) / min(members)) * ((y - y.mean(-1, keepdims=True)) @ x / (x @ x))
+    of = geometric(logs)
+    return between(Interval(*(100.0 * (end - 1.0) for end in (of.mean, of.low, of.high))), 1)
+
+
+def by_members(label: str, errors: Mapping[int, Any]) -> Table:
+    """Rows of errors ``(runs, quantities)`` by members, and the change from the fewest to the most."""
+    rows: Table = [
+        (label, str(n), *(spread(of, 5) for of in np.transpose(errors[n]))) for n in errors
+    ]
+    sizes = np.stack([*errors.values()], -1)
+    changes = (trend([*errors], sizes[:, i]) for i in range(sizes.shape[1]))
+    return [*rows, (label, f"{min(errors)} to {max(errors)} [%]", *changes)]
 
 
 @dataclass(frozen=True)
@@ -39,236 +89,168 @@ class Comparison:
     where: str
     ours: np.ndarray | None
     averaged: int = 1
-    meant: float | None = None
+    meant: str = ""
     reason: str = ""
 
     @property
-    def value(self) -> float:
-        """The printed number."""
-        return float(self.printed) if self.meant is None else self.meant
+    def number(self) -> str:
+        """The printed number without its misprint."""
+        return self.meant or self.printed
 
     @property
-    def interval(self) -> Interval:
-        """Our mean with its 95 % interval."""
-        interval = None if self.ours is None else mean_interval(self.ours)
-        assert interval is not None
-        return interval
+    def ratio(self) -> float:
+        """Our mean over the printed number."""
+        return mean(self.ours).mean / float(self.number)
 
     @property
-    def ratio(self) -> Interval:
-        """Ours over the printed number; its logarithm has the same interval."""
-        return Interval(
-            *(
-                float(end) / self.value
-                for end in (self.interval.mean, self.interval.low, self.interval.high)
-            )
-        )
+    def decimals(self) -> int:
+        """Decimals of the printed number."""
+        return len(self.number.partition(".")[2])
+
+    def within(self, half: float) -> bool:
+        """True if the difference is at most half a unit of the last digit and so much more."""
+        return abs(mean(self.ours).mean - float(self.number)) <= 0.5 * 10.0**-self.decimals + half
 
     @property
     def verdict(self) -> str:
-        """`AGREES` within rounding and our 95 % interval, else `BETTER` (smaller) or `WORSE`; `INCOMPARABLE`."""
+        """`AGREES` within rounding and our interval, `BETTER` (smaller), `WORSE` or `INCOMPARABLE`."""
         if self.ours is None or self.reason:
             return INCOMPARABLE
-        difference = self.interval.mean - self.value
-        return (
-            AGREES
-            if abs(difference) <= self._rounding + self.interval.half
-            else BETTER
-            if difference < 0
-            else WORSE
-        )
+        return AGREES if self.within(mean(self.ours).half) else BETTER if self.ratio < 1 else WORSE
 
     @property
     def words(self) -> str:
-        """The verdict with its reason, and whether the scatter of as few runs as the paper's explains it."""
-        if self.reason or self.ours is None or self.verdict == AGREES:
+        """The verdict with its reason, and whether the scatter of the paper's runs explains it."""
+        if self.ours is None or self.reason or self.verdict == AGREES:
             return f"{self.verdict}: {self.reason}" if self.reason else self.verdict
-        half = self.interval.half * np.sqrt(
+        half = mean(self.ours).half * np.sqrt(
             1.0 + len(self.ours) / self.averaged
-        )  # of a 95 % prediction interval
-        chance = abs(self.interval.mean - self.value) <= self._rounding + half
-        return f"{self.verdict}, within the scatter of {self.averaged}" if chance else self.verdict
+        )  # of a prediction
+        scatter = f", within the scatter of {self.averaged}" if self.within(half) else ""
+        return self.verdict + scatter
 
-    @property
-    def _rounding(self) -> float:
-        printed = self.printed if self.meant is None else str(self.meant)
-        return 0.5 * 10.0 ** -len(printed.partition(".")[2])  # half a unit of the last digit
+
+def against_table(
+    where: str,
+    printed: Mapping[str, Sequence[str]],
+    quantities: Mapping[str, str],
+    errors: Mapping[int, np.ndarray],
+    averaged: int = 1,
+) -> list[Comparison]:
+    """Errors by members beside a printed table, whose last column is a computing time."""
+    found = []
+    for size, values in errors.items():
+        of, (*texts, time) = f"{size} members", printed[str(size)]
+        for (name, unit), text, ours in zip(quantities.items(), texts, values.T, strict=True):
+            found.append(Comparison(of, name, unit, text, where, ours, averaged))
+        found.append(Comparison(of, "time", "s", time, where, None, reason="its machine"))
+    return found
 
 
 class Row(NamedTuple):
-    """An experiment in the measures of closeness; ``factor`` is exp of the mean absolute log ratio, 0 without one."""
+    """Closeness of an experiment; ``factor`` is exp of the mean absolute log ratio."""
 
     paper: str
     experiment: str
-    numbers: int
-    agree: int
-    better: int
-    worse: int
-    incomparable: int
-    near: int
-    factor: float
-
-    @property
-    def texts(self) -> list[str]:
-        """The fields as they are shown."""
-        *counts, factor = self[2:]
-        return [self.paper, self.experiment, *map(str, counts), f"{factor:.2f}" if factor else "–"]
-
-
-HEAD = (
-    "paper",
-    "experiment",
-    "numbers",
-    "agree",
-    "better",
-    "worse",
-    "not comparable",
-    "within 25 %",
-    "typical factor",
-)
+    numbers: int = 0
+    agree: int = 0
+    better: int = 0
+    worse: int = 0
+    incomparable: int = 0
+    near: int = 0
+    factor: float = 0.0
 
 
 class Report(NamedTuple):
-    """Page of a paper, a row for each of its experiments, and its opening."""
+    """Tables of a paper by name, and the measures of its experiments."""
 
-    page: Page
+    tables: dict[str, Table]
     rows: list[Row]
-    opening: str
+
+    def page(self, text: str) -> str:
+        """The explanation with the tables in their places."""
+        return re.sub(r"<!-- table: (.*) -->", lambda found: _markdown(self.tables[found[1]]), text)
 
 
-def row(paper: str, experiment: str, comparisons: Iterable[Comparison]) -> Row:
+def _markdown(table: Table) -> str:
+    return markdown_table(table[0], table[1:], 2)
+
+
+def row(paper: str, experiment: str, found: Sequence[Comparison]) -> Row:
     """The measures of an experiment."""
-    found = list(comparisons)
-    verdicts = [c.verdict for c in found]
-    logs = np.array([np.log(c.ratio.mean) for c in found if c.verdict != INCOMPARABLE])
-    near = int((np.abs(logs) <= np.log(NEAR)).sum())
-    factor = float(np.exp(np.abs(logs).mean())) if len(logs) else 0.0
-    agree, better, worse, incomparable = (
-        verdicts.count(v) for v in (AGREES, BETTER, WORSE, INCOMPARABLE)
-    )
-    return Row(paper, experiment, len(found), agree, better, worse, incomparable, near, factor)
+    verdicts = [each.verdict for each in found]
+    logs = np.array([abs(np.log(each.ratio)) for each in found if each.verdict != INCOMPARABLE])
+    agree, better, worse, no = map(verdicts.count, (AGREES, BETTER, WORSE, INCOMPARABLE))
+    near, factor = int((logs <= np.log(NEAR)).sum()), np.exp(logs.mean()) if len(logs) else 0.0
+    return Row(paper, experiment, len(found), agree, better, worse, no, near, float(factor))
 
 
 def rows(paper: str, comparisons: Sequence[Comparison]) -> list[Row]:
     """A row for each experiment, in the order of the comparisons."""
-    names = dict.fromkeys(c.experiment for c in comparisons)
-    return [row(paper, name, (c for c in comparisons if c.experiment == name)) for name in names]
+    names = dict.fromkeys(each.experiment for each in comparisons)
+    return [row(paper, name, [c for c in comparisons if c.experiment == name]) for name in names]
 
 
-def comparison_table(columns: Mapping[str, Sequence[Comparison]], name: str = "published") -> Table:
-    """Printed numbers with their places, and for each column of ours the mean, the ratio to print and the verdict."""
-    sections: dict[str, list[tuple[str, list[Entry]]]] = {}
+def comparison_table(columns: Mapping[str, Sequence[Comparison]]) -> Table:
+    """Printed numbers with their places, and mean, ratio and verdict for each column of ours."""
+    head = ["experiment", "quantity", "printed", "where"]
+    for label in columns:
+        head += [label, "ours / printed", "verdict"]
+    found: Table = [head]
     for group in zip(*columns.values(), strict=True):
         first = group[0]
-        printed = (
-            first.printed if first.meant is None else f"{first.printed} ({first.meant:g} meant)"
-        )
-        entries = [Entry(f"{printed} {first.unit}".strip()), Entry(first.where)]
-        for c in group:
-            entries += _ours(c)
-        sections.setdefault(first.experiment, []).append((first.quantity, entries))
-    head = [("printed", ""), ("where", "")]
-    for label in columns:
-        head += [(label or "ours", ""), ("ours / printed", ""), ("verdict", "")]
-    return Table("", "", "", head, list(sections.items()), name)
-
-
-def _ours(c: Comparison) -> list[Entry]:
-    if c.ours is None:
-        return [Entry("–"), Entry("–"), Entry(c.words)]
-    shown = c.printed if c.meant is None else str(c.meant)
-    decimals = len(shown.partition(".")[2]) + 1
-    ratio = c.ratio
-    low, high = (number(end, 2) for end in (ratio.low, ratio.high))
-    return [
-        Entry(number(c.interval.mean, decimals), number(c.interval.half, decimals)),
-        Entry(f"{number(ratio.mean, 2)} [{low}, {high}]"),
-        Entry(c.words),
-    ]
+        printed = f"{first.printed} ({first.meant} meant)" if first.meant else first.printed
+        cells = [first.experiment, first.quantity, f"{printed} {first.unit}".strip(), first.where]
+        for each in group:
+            numbers = ["–", "–"]
+            if each.ours is not None:
+                numbers = [spread(each.ours, each.decimals + 1), f"{each.ratio:.2f}"]
+            cells += [*numbers, each.words]
+        found.append(cells)
+    return found
 
 
 def summary_table(found: Sequence[Row]) -> str:
     """The rows as a Markdown table."""
-    return markdown_table(HEAD, [each.texts for each in found], 2)
+    head = ("paper", "experiment", "numbers", "agree", "better", "worse", "not comparable",
+            "within 25 %", "typical factor")  # fmt: skip
+    lines = ([*map(str, of[:-1]), f"{of.factor:.2f}" if of.factor else "–"] for of in found)
+    return markdown_table(head, lines, 2)
 
 
 def counts(found: Sequence[Row]) -> list[int]:
     """Counts of numbers that agree, lie within 25 %, are better, worse and not comparable."""
-    return [
-        sum(getattr(row, name) for row in found)
-        for name in ("agree", "near", "better", "worse", "incomparable")
-    ]
+    names = "agree", "near", "better", "worse", "incomparable"
+    return [sum(getattr(of, name) for of in found) for name in names]
 
 
 def papers_page(summary: Mapping[str, Any]) -> str:
-    """The text of docs/papers.md from the stored results: a line for each way of a paper, and the openings."""
+    """The text of docs/papers.md: a line for each way of a paper, and the openings of the pages."""
     ways: dict[str, list[Row]] = {}
     for each in summary.values():
         for values in each["rows"]:
             ways.setdefault(values[0], []).append(Row(*values))
-    head, lines = (
-        ("Paper", "agree", "within 25 %", "better, worse", "not comparable", "typical factor"),
-        [],
-    )
+    lines = []
     for paper, found in ways.items():
         agree, near, better, worse, incomparable = counts(found)
-        scored = np.array([row.numbers - row.incomparable for row in found])
-        logs = np.log([row.factor or 1.0 for row in found])
+        scored = np.array([of.numbers - of.incomparable for of in found])
+        logs = np.log([of.factor or 1.0 for of in found])
         factor = f"{np.exp(scored @ logs / scored.sum()):.1f}" if scored.sum() else "–"
         lines.append(
             [paper, str(agree), str(near), f"{better}, {worse}", str(incomparable), factor]
         )
-    openings = [f"**{name.title()}.** {each['opening']}" for name, each in summary.items()]
-    return "\n\n".join([markdown_table(head, lines, 1), *openings])
+    head = ("Paper", "agree", "within 25 %", "better, worse", "not comparable", "typical factor")
+    openings = (f"**{name.title()}.** {each['opening']}" for name, each in summary.items())
+    return "\n\n".join((markdown_table(head, lines, 1), *openings))
 
 
 def readme_line(summary: Mapping[str, Any]) -> str:
-    """The sentence of README.md from the stored results, what was found by a search left out."""
-    found = [
-        Row(*values)
-        for each in summary.values()
-        for values in each["rows"]
-        if EXPLORATORY not in values[0]
-    ]
-    agree, near, better, worse, _ = counts(found)
+    """The sentence of README.md, what was found by a search left out."""
+    every = (Row(*values) for each in summary.values() for values in each["rows"])
+    agree, near, better, worse, _ = counts([of for of in every if EXPLORATORY not in of.paper])
     return (
         "The experiments of the five source papers are [run"
         " again](https://github.com/vessel-gym/vessel-gym/blob/main/docs/papers.md): of"
         f" {agree + better + worse} comparable\nprinted errors ours equal {agree}, are smaller than"
         f" {better} and larger than {worse}; {near} lies within 25 %."
     )
-
-
-def trend(members: Sequence[int], errors: np.ndarray) -> Interval:
-    """Change [%] of errors ``(runs, sizes)`` from the fewest to the most members, paired, by a power of N.
-
-    The power is fitted to every run by itself: all sizes see the same truth and measurements.
-    """
-    x = np.log(members) - np.mean(np.log(members))
-    y = np.log(errors)
-    interval = mean_interval((y - y.mean(-1, keepdims=True)) @ x / (x @ x))
-    assert interval is not None
-    ratio = max(members) / min(members)
-    return Interval(
-        *(100.0 * (ratio**a - 1.0) for a in (interval.mean, interval.low, interval.high))
-    )
-
-
-def exponential(logs: np.ndarray) -> Interval:
-    """Geometric mean of what these are the logarithms of ``(N,)``, with its 95 % interval."""
-    interval = mean_interval(logs)
-    assert interval is not None
-    return Interval(*(float(np.exp(end)) for end in (interval.mean, interval.low, interval.high)))
-
-
-def falls(change: Interval) -> str:
-    """Verdict on the claim that errors fall."""
-    if not change.excludes_zero:
-        return "undecided, no significant difference"
-    return "true" if change.high < 0.0 else "false"
-
-
-def percent(change: Interval) -> str:
-    """A change in words: "−1.2 % (−2.0 to −0.4 %)"."""
-    mean, low, high = (number(value, 1, True) for value in (change.mean, change.low, change.high))
-    return f"{mean} % ({low} to {high} %)"

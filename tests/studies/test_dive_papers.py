@@ -10,7 +10,6 @@ from studies.papers import settings
 from studies.papers.dive import Experiment
 from studies.papers.itsunusa import experiment as itsunusa
 from studies.papers.segorogeni import experiment as segorogeni
-from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.itsunusa import STATE as DIVER
 from vessel_gym.vehicles.segorogeni import STATE
 
@@ -53,16 +52,6 @@ def test_the_planned_path_of_segorogeni_goes_from_rest_to_the_papers_goal(
     assert dive.controls[0, 0] == pytest.approx(np.deg2rad(5.0))
 
 
-def test_without_ballast_the_printed_kinematics_sink_too_slowly():
-    body = replace(load("segorogeni"), printed_kinematics=True)
-    control = np.array([0.0, -body.fin_limit, body.thrust_limit] * 2)
-    state = np.zeros(len(STATE))
-    for _ in range(300):
-        state = TRIAL.vehicle.moved(state, *np.split(control, 2, -1), np.zeros(2), body.vector())
-    assert round(state[STATE.index("w")], 2) == 0.16
-    assert TRIAL.duration * state[STATE.index("w")] < TRIAL.goal[2]
-
-
 def test_both_steps_have_the_same_white_noise_and_a_factor_scales_it():
     own, printed = (segorogeni.dive(TRIAL, each) for each in (True, False))
     np.testing.assert_allclose(
@@ -99,16 +88,6 @@ def test_against_the_planned_path_the_error_is_the_vehicles_and_hardly_the_filte
     np.testing.assert_allclose(large["planned path"].mean(0), planned, rtol=0.05)
     louder = segorogeni.estimate(True, 0, 10, 0, trial, process=2.0)
     np.testing.assert_allclose(louder["planned path"].mean(0) / planned, 2.0, rtol=0.2)
-
-
-@pytest.mark.slow
-def test_the_same_seed_gives_the_same_errors_and_another_one_others():
-    first, second, other = (
-        segorogeni.estimate(True, 10, 3, seed, TRIAL._asdict()) for seed in (0, 0, 1)
-    )
-    for name, values in first.items():
-        np.testing.assert_array_equal(values, second[name])
-    assert not np.allclose(first["planned path"], other["planned path"])
 
 
 @pytest.mark.slow

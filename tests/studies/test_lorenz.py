@@ -99,11 +99,3 @@ def test_the_climate_of_the_systems_has_the_published_spread():
             states.append(x)
         departure = np.array(states) - np.mean(states, axis=(0, 1))
         assert np.sqrt((departure**2).mean(-1)).mean() == pytest.approx(printed, abs=0.1)
-
-
-@pytest.mark.slow
-def test_the_same_seed_gives_the_same_scores_and_another_seed_others():
-    row = _shortened(BENCHMARKS[0])
-    one, again = (analysis_rmse(row, "enkf", 3, 5, seed=1) for _ in range(2))
-    np.testing.assert_array_equal(one, again)
-    assert (analysis_rmse(row, "enkf", 3, 5, seed=2) != one).all()

@@ -64,19 +64,6 @@ def test_without_noise_flights_follow_the_model_and_measurements_are_the_truth()
         np.testing.assert_allclose(expected, np.tile(state, (2, 1)), rtol=1e-12)
 
 
-@pytest.mark.slow
-def test_sizes_and_measurements_see_the_same_flights_and_seeds_repeat():
-    case = FLIGHT | {"control": "varying", "members": [20, 50], "runs": 2}
-    every, again, other, alone = (
-        puna.estimate(measured=m, seed=seed, **case)
-        for m, seed in (("all", 1), ("all", 1), ("all", 2), ("x", 1))
-    )
-    assert every["rmse"].shape == (2, 2, 4)
-    np.testing.assert_array_equal(every["rmse"], again["rmse"])
-    np.testing.assert_array_equal(every["slowest"], alone["slowest"])
-    assert (every["rmse"] != other["rmse"]).all()
-
-
 def test_scaling_q_and_r_together_scales_errors_by_the_root():
     case = FLIGHT | {
         "control": "constant",

@@ -5,7 +5,6 @@ import json
 import pytest
 
 from agents.jobs import Job
-from agents.page import Entry, Page, Prose, Section, Table
 from scripts import reproduce
 from studies import papers
 from studies.papers import PAPERS, jobs, report
@@ -16,11 +15,11 @@ def small(monkeypatch, function: str, **arguments: object) -> None:
     """Make every paper one of a single job, whose result is a number."""
 
     def made(name: str, results: dict) -> Report:
-        entries = [Entry(str(results["only"]["values"]))]
-        table = Table("t", "", "name", [("value", "")], [("", [("sum", entries)])], "sums")
-        page = Page("A paper", "small", [], [Section("s", [Prose("p"), table])])
-        return Report(page, [Row("A paper", "I", 3, 1, 1, 0, 1, 2, 1.25)], "It holds.")
+        tables = {"sums": [("name", "value"), ("sum", str(results["only"]["values"]))]}
+        return Report(tables, [Row("A paper", "I", 3, 1, 1, 0, 1, 2, 1.25)])
 
+    text = "# A paper\n\nsmall\n\nIt\nholds.\n\n<!-- table: sums -->\n"
+    monkeypatch.setattr(papers, "read", lambda *_: text)
     monkeypatch.setattr(papers, "jobs", lambda name: {"only": Job(function, arguments, "only")})
     monkeypatch.setattr(papers, "report", made)
 
@@ -33,8 +32,8 @@ def test_a_paper_gives_a_page_its_tables_and_its_measures_and_is_computed_once(
     assert reproduce.main(("robust",), out=tmp_path, processes=1) == 0
     printed = capsys.readouterr().out
     assert "| A paper | I | 3 | 1 | 1 | 0 | 1 | 2 | 1.25 |" in printed
-    assert str(tmp_path / "robust.html") in printed
-    first = (tmp_path / "robust.html").read_text()
+    assert str(tmp_path / "robust.md") in printed
+    first = (tmp_path / "robust.md").read_text()
     assert (tmp_path / "tables" / "robust-sums.csv").read_text() == "name,value\nsum,[3]\n"
     stored = json.loads((tmp_path / "summary.json").read_text())
     assert stored == {
@@ -42,7 +41,7 @@ def test_a_paper_gives_a_page_its_tables_and_its_measures_and_is_computed_once(
     }
     computed = (tmp_path / "jobs").stat().st_mtime_ns
     assert reproduce.main(("robust", "robust"), out=tmp_path, processes=1) == 0
-    assert (tmp_path / "robust.html").read_text() == first
+    assert (tmp_path / "robust.md").read_text() == first
     assert (tmp_path / "jobs").stat().st_mtime_ns == computed
 
 
@@ -52,7 +51,7 @@ def test_a_paper_whose_job_fails_has_no_page_and_says_why(tmp_path, monkeypatch,
     printed = capsys.readouterr().out
     assert "1 of 1 jobs failed" in printed
     assert "unknown environment 'none'" in printed
-    assert not (tmp_path / "robust.html").exists()
+    assert not (tmp_path / "robust.md").exists()
 
 
 def test_no_paper_or_an_unknown_one_is_refused_in_a_sentence():

@@ -74,27 +74,6 @@ def test_from_natures_own_start_the_error_of_the_robust_filter_ends_as_large_as_
 
 
 @pytest.mark.slow
-def test_the_same_seeds_give_the_same_errors_and_conditions_share_their_noise():
-    first, second = _errors(OUTLIERS), _errors(OUTLIERS)
-    for name in S["filters"]:
-        np.testing.assert_array_equal(first[name], second[name])
-    # Outliers no larger than the rest are none, so what is left is the undisturbed run to the last
-    # bit.
-    plain, harmless = _errors(Condition()), _errors(OUTLIERS._replace(size=1.0))
-    np.testing.assert_array_equal(plain["huber-kf"], harmless["huber-kf"])
-
-
-def test_a_system_is_filtered_alike_alone_and_among_others():
-    model = robust.discretised([robust.draw(seed) for seed in SEEDS])
-    record = robust.simulate(model, model, Condition(), 30, 3, 0)
-    alone = robust.discretised([robust.draw(SEEDS[4])])
-    for options in S["filters"].values():
-        among = [after.mean[4:5] for _, after in robust.track(options, model, record.y)]
-        single = [after.mean for _, after in robust.track(options, alone, record.y[:, 4:5])]
-        np.testing.assert_allclose(among, single, rtol=0, atol=1e-9)
-
-
-@pytest.mark.slow
 def test_each_filter_wins_on_its_own_ground_and_loses_elsewhere_over_many_systems():
     """The direction of the main results, by three standard errors over systems."""
 
@@ -112,10 +91,3 @@ def test_each_filter_wins_on_its_own_ground_and_loses_elsewhere_over_many_system
     # Of 1 %, so that it takes more systems and the whole length.
     own_ground = Condition(tolerance=0.01)
     assert margin(own_ground, default, systems=200, steps=S["steps"], skipped=S["skipped"]) > 3.0
-
-
-def test_the_printed_algorithm_is_the_kalman_filter():
-    model = robust.discretised([robust.draw(2024)])
-    record = robust.simulate(model, model, Condition(), 60, 1, 0)
-    kf = np.array([after.mean[0, 0] for _, after in robust.track({"kind": "kf"}, model, record.y)])
-    assert robust.printed_difference(model, record.y[:, 0, 0], kf) < 1e-12

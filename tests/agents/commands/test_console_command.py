@@ -57,7 +57,6 @@ def test_help_loads_nothing_that_takes_long_to_load():
         "scripts.reproduce",
         *(f"agents.commands.{each}" for each in COMMANDS),
     ]
-    names += ["studies.speed.__main__"]
     program = f"""
 import sys
 from contextlib import suppress

@@ -25,8 +25,7 @@ from agents.metrics import scores
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
 from agents.studies.study import StudyError, read_study
 from scripts import reproduce
-from studies.speed import __main__ as speed
-from studies.speed import timing
+from studies import speed
 
 COMMANDS: dict[str, Any] = {
     "ablate": ablate.main, "budget": budget.main, "evaluate": evaluate.main,
@@ -75,7 +74,7 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.setenv("SDL_VIDEODRIVER", "offscreen")  # no display
         for place, name in (
             (agents, "rollout"), (agents.training.algorithms, "train"), (agents.jobs, "run"), (watch, "fly"),
-            (timing, "report"),
+            (speed, "report"),
         ):  # fmt: skip
             patch.setattr(place, name, begin)
         yield folder
@@ -192,10 +191,6 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(
         ("watch --out turn.avi", "must be one of .html, .gif, .mp4, .png"),
         ("watch", "there is no display"),
         ("speed --rows", "--rows needs at least one word"),
-        (
-            "speed --against folder.gif",
-            "folder.gif holds no vessel_gym: pip install --no-deps --target folder.gif",
-        ),
         ("speed --page nowhere.md", "No such file or directory"),
         (
             "speed --page study.toml",
@@ -240,7 +235,7 @@ def test_an_empty_word_is_not_taken_for_the_present_folder(
     "line",
     [
         "evaluate vessel_gym:SigmaCorvette-v0 --estimator kf None --episodes 1", "train --out new/ppo --steps 128",
-        "watch --out turn.png", "speed --what loop flights --rows 2",
+        "watch --out turn.png", "speed PunaUAV-v0 --rows 2",
         "reproduce robust puna --processes 1", "ablate study.toml --processes 3",
         "ablate quick --out new/quick", "budget vessel_gym:SigmaCorvette-v0 --keep 1 --rates 1 0.5 --out new/budget",
     ],
@@ -254,7 +249,7 @@ def test_a_mistake_of_ours_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch):
     def broken(*_: Any, **__: Any) -> None:
         raise ValueError("of ours")
 
-    monkeypatch.setattr(timing, "report", broken)
+    monkeypatch.setattr(speed, "report", broken)
     with pytest.raises(ValueError, match=r"^of ours$"), contextlib.redirect_stderr(io.StringIO()):
         command(speed.main, [])
 
@@ -263,7 +258,7 @@ def test_too_little_memory_is_one_sentence(monkeypatch: pytest.MonkeyPatch):
     def greedy(*_: Any, **__: Any) -> None:
         raise MemoryError("Unable to allocate 7 TiB")
 
-    monkeypatch.setattr(timing, "report", greedy)
+    monkeypatch.setattr(speed, "report", greedy)
     refusal = refused("speed", "--rows", "1000000000")
     assert refusal == "error: this machine has too little memory for that: Unable to allocate 7 TiB"
 

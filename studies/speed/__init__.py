@@ -1,1 +1,0 @@
-"""Time of steps and filters, beside baselines written by hand."""

@@ -1,1 +1,0 @@
-"""Tables of the documentation, flown anew and written into their pages."""
