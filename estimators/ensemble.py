@@ -192,10 +192,8 @@ class EnsembleKalmanFilter(EnsembleFilter):
         self, belief: Any, u: Any, e: Any, Y: Any, R: Any, available: Any, *more: Any
     ) -> Changes:
         root = semidefinite_cholesky(R)
-        # The numbers of which a measurement that arrived has a share.
-        wanted = np.vecmat(1.0 * available, 1.0 * (np.abs(root) > 0.0)) > 0.0
         (rng,), batch = more, belief.mean.shape[:-1]
-        normals = draw(rng, batch, self.members, self.model.p, MEASUREMENTS, wanted)
+        normals = draw(rng, batch, self.members, self.model.p, MEASUREMENTS)
         mean, members, S = perturbed_analysis(
             belief.members,
             belief.mean,
@@ -268,17 +266,10 @@ def analysed(mean: np.ndarray, members: np.ndarray, S: np.ndarray) -> Changes:
     return {"mean": mean, "cov": cov, "members": members, "innovation_cov": S}
 
 
-def draw(
-    rng: Any,
-    batch: tuple[int, ...],
-    members: int,
-    count: int,
-    use: int,
-    wanted: np.ndarray | None = None,
-) -> np.ndarray:
-    """Standard normals ``(*batch, count, members)``; not ``wanted (*batch, count)``: anything."""
+def draw(rng: Any, batch: tuple[int, ...], members: int, count: int, use: int) -> np.ndarray:
+    """Standard normals ``(*batch, count, members)``."""
     if isinstance(rng, RandomKeys):
-        return rng.members(members, count, use, wanted).mT
+        return rng.members(members, count, use).mT
     return np.ascontiguousarray(rng.standard_normal(batch + (members, count)).mT)
 
 

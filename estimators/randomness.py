@@ -89,18 +89,15 @@ class RandomKeys:
         """Numbers ``(..., count)`` from 0 to below 1."""
         return self._flat(threefry.two_uniforms, 2, count, use)
 
-    def members(
-        self, members: int, count: int, use: int = 0, wanted: np.ndarray | None = None
-    ) -> np.ndarray:
-        """Standard normal numbers ``(..., members, count)``, the same for any number of members.
+    def members(self, members: int, count: int, use: int = 0) -> np.ndarray:
+        """Standard normal numbers ``(..., members, count)``; a member's do not depend on how many.
 
-        Members lie last in memory. Components that are not ``wanted (..., count)`` hold anything;
-        None: all are.
+        Members lie last in memory.
         """
         if not count or not members:
             return np.zeros((*self.keys.shape[:-1], members, count))
         second = threefry.second_word(self.step, use)
-        return threefry.of_members(self.keys, second, wanted, members=members, count=count).mT
+        return threefry.of_members(self.keys, second, members=members, count=count).mT
 
     def _flat(self, function: Any, together: int, count: int, use: int) -> np.ndarray:
         """Numbers ``(..., count)`` of a function that gives so many ``together`` of a counter."""

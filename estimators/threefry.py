@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from estimators.engine import as_float, as_word, bits_float, compiled, float_bits, sincos_near_zero
-from estimators.engine.matrices import columnwise, split
+from estimators.engine.matrices import columnwise, joined, split
 
 _PARITY = 0x1BD11BDAA9FC1A22
 _ROTATIONS = (16, 42, 12, 31), (16, 32, 24, 21)
@@ -111,15 +111,13 @@ def second_word(step: Any, use: int) -> Any:
     return (as_word(step) << np.uint64(16)) | np.uint64(use)
 
 
-@compiled(axes=(1, 0, 1), matrices=True)
-def of_members(key: Any, second: Any, wanted: Any = None, *, members: int, count: int) -> Any:
-    """Standard normal numbers ``(..., count, members)``, four members of a counter.
+@compiled(axes=(1, 0), matrices=True)
+def of_members(key: Any, second: Any, *, members: int, count: int) -> Any:
+    """Standard normal numbers ``(..., count, members)``, `four_normals` for each four members.
 
     Args:
         key: ``(..., 2)``.
         second: ``(...)`` word of the step and the use.
-        wanted: Mask ``(..., count)`` of the components that are drawn; others hold anything. None:
-            all are.
         members: How many.
         count: Components of each.
     """
@@ -132,5 +130,5 @@ def of_members(key: Any, second: Any, wanted: Any = None, *, members: int, count
         first = as_word(counter[0]) | (as_word(counter[1]) << 32)
         return four_normals(key, first, second[0])
 
-    drawn = columnwise(four, counters, key, second[None], wanted=wanted, interleaved=True)
-    return split(drawn, count)[..., :members]
+    drawn = columnwise(four, counters, key, second[None])
+    return split(joined([drawn.mT], -1), count)[..., :members]

@@ -1,4 +1,4 @@
-"""Equations as plain NumPy functions: traced once, derived exactly, compiled in a fraction of a second.
+"""Equations as NumPy functions: traced once, derived exactly, compiled in a fraction of a second.
 
 See docs/engine.md. `compiled` makes a function of arrays ``(..., n)`` run compiled; what follows
 are the words that such functions have besides NumPy's.

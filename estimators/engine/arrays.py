@@ -1,4 +1,4 @@
-"""Arrays of tracers: NumPy itself stacks, indexes and broadcasts them, and calls each one's operations."""
+"""Arrays of tracers, which NumPy stacks, indexes and broadcasts like any objects."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
@@ -18,11 +18,11 @@ from estimators.engine.tracer import (
 
 
 class TracedArray(np.ndarray):
-    """An object array of `Tracer` and constants: one row of a batch, whose leading axes are gone."""
+    """Object array of `Tracer` and constants: one row of a batch, without the batch's axes."""
 
     __array_priority__ = 2000.0
     stronger: ClassVar[set[type]] = set()
-    """Classes that NumPy asks instead where both are operands; `estimators.engine.matrices` adds its own."""
+    """Classes that take precedence as operands; `estimators.engine.matrices` adds its own."""
 
     @staticmethod
     def of(value: Any) -> "TracedArray":

@@ -1,4 +1,4 @@
-"""Functions of arrays ``(..., n)`` that run compiled: traced when they are first called with rows of some shapes."""
+"""Functions of arrays ``(..., n)`` that run compiled, traced at the first call with each shape."""
 
 from collections.abc import Callable, Sequence
 from functools import partial, update_wrapper, wraps
@@ -121,7 +121,7 @@ class Compiled:
 
 
 class _Methods(dict[Compiled, Compiled]):
-    """Compiled methods of an object: a copy of it compiles its own, as its attributes may be others."""
+    """Compiled methods of an object; a copy compiles its own, as its attributes may differ."""
 
     def __reduce__(self) -> Any:
         return _Methods, ()

@@ -1,9 +1,8 @@
-"""Exact derivatives of traced functions in forward mode: the tangent of each instruction beside its value.
+"""Exact derivatives of traced functions in forward mode: a tangent beside each value.
 
-Tangents are sparse: one that is zero everywhere is not there. Loops that are not unrolled have no
-derivative. At a kink (`numpy.where`,
-`numpy.abs`, `numpy.maximum`) the derivative is that of the side on which the value is; whole
-numbers, rounding and lookups have none.
+Tangents are sparse: entries that are zero everywhere are left out. Loops that are not unrolled
+have no derivative. At a kink (`numpy.where`, `numpy.abs`, `numpy.maximum`) the derivative belongs
+to the side on which the value is. Derivatives of whole numbers, rounding and lookups are zero.
 """
 
 from collections.abc import Callable, Sequence
@@ -77,7 +76,7 @@ def tangents(outputs: Sequence[Tracer], seeds: Sequence[Tracer]) -> list[Tangent
 
 
 def jacobian(outputs: Any, inputs: Any) -> TracedArray:
-    """Derivatives ``(*m, *n)`` of a traced array ``(*m)`` to another ``(*n)``, of which it was computed."""
+    """Derivatives ``(*m, *n)`` of a traced array ``(*m)`` by another ``(*n)`` in it."""
     seeds, values = TracedArray.of(inputs), TracedArray.of(outputs)
     found = tangents(entries(values, seeds.flat[0].program), list(seeds.flat))
     rows = [[tangent.get(seed, 0.0) for seed in range(seeds.size)] for tangent in found]
@@ -109,14 +108,9 @@ def _tangent(program: Program, instruction: Instruction, known: dict[int, Tangen
 
 
 def _times(factor: Any, slope: Any) -> Any:
-    """A product in which ones, and zeros that are so everywhere, cost nothing."""
-    for one, other in ((factor, slope), (slope, factor)):
-        if isinstance(one, float) and one == 0.0:
-            return 0.0
-        if isinstance(one, float) and one == 1.0:
-            return other
-        if isinstance(one, float) and one == -1.0:
-            return -other
+    """A product; zeros that are so everywhere cost nothing."""
+    if any(isinstance(each, float) and each == 0.0 for each in (factor, slope)):
+        return 0.0
     return factor * slope
 
 

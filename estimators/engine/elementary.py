@@ -1,9 +1,9 @@
-"""Elementary functions in additions, products, quotients and roots alone: the same bits on every machine.
+"""Elementary functions of sums, products, quotients and roots: equal bits on every machine.
 
 They are plain NumPy functions of arrays, without a branch, and within 2 units in the last place of
-the exact value. The polynomials and reductions are those of fdlibm (Sun Microsystems, 1993); sine
-and cosine take off quarters of a turn in three parts (Cody & Waite, 1980) and are accurate for
-angles up to 1e6 rad.
+the exact value, tangents within 4. The polynomials and reductions are those of fdlibm (Sun
+Microsystems, 1993); sine and cosine take off quarters of a turn in three parts (Cody & Waite, 1980)
+and are accurate for angles up to 1e6 rad.
 """
 
 from collections.abc import Callable, Sequence
@@ -41,7 +41,7 @@ def _float_bits(x: Any) -> Any:
 
 def _bits_float(x: Any) -> Any:
     if isinstance(x, Tracer):
-        return Tracer(x.program, x.program.add("from bits", (cast(x, "u").value,), "f"))
+        return Tracer(x.program, x.program.add("bits", (cast(x, "u").value,), "f"))
     return np.asarray(x, np.uint64).view(float)[()]
 
 
@@ -115,49 +115,19 @@ def _sincos(angle: Any) -> tuple[Any, Any]:
 
 
 def _tan(angle: Any) -> Any:
-    quarters = operation("floor", angle * 0.6366197723675814 + 0.5)
-    first = angle - quarters * 1.5707963267341256
-    part = quarters * 6.077100506303966e-11
-    high = first - part
-    part = quarters * 2.0222662487959506e-21 - ((first - high) - part)
-    x = high - part
-    low = (high - x) - part
-    x = where(x > 0.786, 0.786, where(x < -0.786, -0.786, x))
-    a = operation("absolute", x)
-    reduced = x
-    far = a >= 0.67434  # there it is 1 - 2 tan(pi/4 - x) / (1 + tan(pi/4 - x))
-    low = where(far, 0.0, low) + where(
-        far, 3.06161699786838301793e-17 - where(x < 0.0, -low, low), 0.0
-    )
-    near = where(far, 7.85398163397448278999e-01 - a, x)
-    x, low = near + low, low - ((near + low) - near)
-    z = x * x
-    w = z * z
-    odd = _polynomial(
-        w, 1.33333333333201242699e-01, 2.18694882948595424599e-02, 3.59207910759131235356e-03,
-        5.88041240820264096874e-04, 7.81794442939557092300e-05, -1.85586374855275456654e-05,
-    )  # fmt: skip
-    even = z * _polynomial(
-        w, 5.39682539762260521377e-02, 8.86323982359930005737e-03, 1.45620945432529025516e-03,
-        2.46463134818469906812e-04, 7.14072491382608190305e-05, 2.59073051863633712884e-05,
-    )  # fmt: skip
-    cube = z * x
-    rest = low + z * (cube * (odd + even) + low) + 3.33333333333334091986e-01 * cube
-    total = x + rest
-    turned = quarters - 2.0 * operation("floor", 0.5 * quarters) == 1.0
-    sign = where(turned, -1.0, 1.0)
-    over = sign - 2.0 * (x - (total * total / (total + sign) - rest))
-    head, inverse = _high(total), -1.0 / where(total == 0.0, 1.0, total)
-    tail, first = rest - (head - x), _high(inverse)
-    inverse = first + inverse * ((1.0 + first * head) + first * tail)
-    far_value = operation("copysign", 1.0, reduced) * over
-    return where(angle == 0.0, angle, where(far, far_value, where(turned, inverse, total)))
+    sine, cosine = _sincos(angle)
+    return sine / cosine
+
+
+def _reduced(x: Any) -> tuple[Any, Any, Any]:
+    """A whole number k, and the parts of the remainder ``x - k log(2) = high - low``."""
+    x = where(x > 800.0, 800.0, where(x < -800.0, -800.0, x))
+    k = operation("rint", x * _PER_LN2)
+    return k, x - k * _LN2_HIGH, k * _LN2_LOW
 
 
 def _exp(x: Any) -> Any:
-    x = where(x > 800.0, 800.0, where(x < -800.0, -800.0, x))
-    k = operation("rint", x * _PER_LN2)
-    high, low = x - k * _LN2_HIGH, k * _LN2_LOW
+    k, high, low = _reduced(x)
     r = high - low
     z = r * r
     c = r - z * _polynomial(
@@ -168,9 +138,7 @@ def _exp(x: Any) -> Any:
 
 
 def _expm1(x: Any) -> Any:
-    x = where(x > 800.0, 800.0, where(x < -800.0, -800.0, x))
-    k = operation("rint", x * _PER_LN2)
-    high, low = x - k * _LN2_HIGH, k * _LN2_LOW
+    k, high, low = _reduced(x)
     r = high - low
     c = (high - r) - low
     half = 0.5 * r
@@ -218,22 +186,23 @@ def _log1p(x: Any) -> Any:
 
 def _arctan(x: Any) -> Any:
     a = operation("absolute", x)
-    first, second, third, fourth = a < 0.4375, a < 0.6875, a < 1.1875, a < 2.4375
-    over = where(
-        first,
-        a,
-        where(second, 2.0 * a - 1.0, where(third, a - 1.0, where(fourth, a - 1.5, -1.0))),
-    )
-    under = where(
-        first,
-        1.0,
-        where(second, 2.0 + a, where(third, a + 1.0, where(fourth, 1.0 + 1.5 * a, a))),
-    )
-    high = where(fourth, 9.82793723247329054082e-01, 1.57079632679489655800)
-    high = where(second, 4.63647609000806093515e-01, where(third, 7.85398163397448278999e-01, high))
-    low = where(fourth, 1.39033110312309984516e-17, 6.12323399573676603587e-17)
-    low = where(second, 2.26987774529616870924e-17, where(third, 3.06161699786838301793e-17, low))
-    high, low = where(first, 0.0, high), where(first, 0.0, low)
+
+    def chosen(*values: Any) -> Any:
+        result = values[-1]
+        for bound, value in zip((2.4375, 1.1875, 0.6875, 0.4375), values[-2::-1], strict=True):
+            result = where(a < bound, value, result)
+        return result
+
+    over = chosen(a, 2.0 * a - 1.0, a - 1.0, a - 1.5, -1.0)
+    under = chosen(1.0, 2.0 + a, 1.0 + a, 1.0 + 1.5 * a, a)
+    high = chosen(
+        0.0, 4.63647609000806093515e-01, 7.85398163397448278999e-01, 9.82793723247329054082e-01,
+        1.57079632679489655800,
+    )  # fmt: skip
+    low = chosen(
+        0.0, 2.26987774529616870924e-17, 3.06161699786838301793e-17, 1.39033110312309984516e-17,
+        6.12323399573676603587e-17,
+    )  # fmt: skip
     t = over / under
     z = t * t
     series = z * _polynomial(
@@ -267,7 +236,7 @@ def _arcsine_series(z: Any) -> Any:
 
 
 def _half_angle(x: Any) -> tuple[Any, Any, Any, Any, Any]:
-    """``|x| < 1/2``; ``z = x^2``, beyond ``(1 - |x|) / 2``; its root in two parts; and the series of z."""
+    """``|x| < 1/2``; the root of ``z = x^2`` or ``(1 - |x|) / 2``, its parts, z's series."""
     a = operation("absolute", x)
     small = a < 0.5
     z = where(small, x * x, 0.5 * (1.0 - a))

@@ -15,18 +15,23 @@ import numpy as np
 
 from estimators.engine.elementary import EXPANSIONS
 from estimators.engine.program import Instruction, Loop, Program
-from estimators.engine.tracer import Tracer, cast, constant, operation, where
+from estimators.engine.tracer import KINDS, Tracer, cast, constant, operation, where, within
 
 _OPERATIONS = {
     "add": ("fadd", "add", "add"), "subtract": ("fsub", "sub", "sub"), "multiply": ("fmul", "mul", "mul"),
-    "divide": ("fdiv",), "fmod": ("frem", "srem", "urem"), "bitwise_and": ("", "and", "and", "and"),
+    "divide": ("fdiv",), "negative": ("fneg",), "fmod": ("frem", "srem", "urem"),
+    "bitwise_and": ("", "and", "and", "and"),
     "bitwise_or": ("", "or", "or", "or"), "bitwise_xor": ("", "xor", "xor", "xor"),
     "left_shift": ("", "shl", "shl"), "right_shift": ("", "ashr", "lshr"),
     "greater": ("fcmp ogt", "icmp sgt", "icmp ugt", "icmp ugt"), "equal": ("fcmp oeq", *["icmp eq"] * 3),
     "greater_equal": ("fcmp oge", "icmp sge", "icmp uge", "icmp uge"), "not_equal": ("fcmp une", *["icmp ne"] * 3),
 }  # fmt: skip
 """LLVM's operations on floats, integers, words and masks."""
-_INTRINSICS = ("sqrt", "floor", "ceil", "trunc", "rint", "copysign")
+_UNROLLED = 4
+_CASTS = {"if": "sitofp", "uf": "uitofp", "fi": "fptosi", "fu": "fptosi"}  # by both kinds
+_INTRINSICS = {"absolute": "fabs"} | {
+    each: each for each in ("sqrt", "floor", "ceil", "trunc", "rint", "copysign")
+}
 
 
 def type_of(kind: str, width: int) -> str:
@@ -69,7 +74,6 @@ class Module:
         self.places = places
         self.declared: dict[str, None] = {}
         self.functions: dict[str, str] = {}
-        self.outlined: dict[str, str] = {}
 
     def elementary(self, opcode: str, width: int) -> str:
         """An elementary function; its name."""
@@ -115,7 +119,7 @@ def _elementary(opcode: str, width: int) -> Module:
 
 
 class Lanes(Program):
-    """Numbers in machine code, so many side by side: operations on its tracers are emitted where they are applied."""
+    """Numbers in machine code, ``width`` side by side, whose operations are emitted at once."""
 
     def __init__(self, emitter: "Emitter", width: int) -> None:
         super().__init__()
@@ -147,8 +151,6 @@ class Lanes(Program):
 
     def name(self, x: Any) -> str:
         """The name of a tracer's value, or its literal."""
-        if type(x) is int:
-            return literal(x, "i", self.width)
         return self._names[constant(self, x).value]
 
 
@@ -192,17 +194,16 @@ class Emitter:
             self._lanes[width] = Lanes(self, width)
         return self._lanes[width]
 
-    def call(self, intrinsic: str, kinds: str, width: int, *operands: str, suffix: str = "") -> str:
+    def call(self, intrinsic: str, kinds: str, width: int, *operands: str) -> str:
         """A call of one of LLVM's intrinsics, whose operands are of these kinds."""
         scalar = "f64" if kinds[0] == "f" else "i64"
         types = [type_of(kind, width) for kind in kinds]
         name = f"@llvm.{intrinsic}.{scalar if width == 1 else f'v{width}{scalar}'}"
-        extra = ", i1" if suffix else ""
-        self.module.declared[f"declare {types[0]} {name}({', '.join(types)}{extra})"] = None
+        self.module.declared[f"declare {types[0]} {name}({', '.join(types)})"] = None
         pairs = ", ".join(
             f"{kind} {operand}" for kind, operand in zip(types, operands, strict=True)
         )
-        return self.line(f"call {types[0]} {name}({pairs}{suffix})")
+        return self.line(f"call {types[0]} {name}({pairs})")
 
     def name(self, value: int) -> str:
         """The name of a scalar of the program, or its literal."""
@@ -231,8 +232,6 @@ class Emitter:
         lanes: Any = x.program
         if lanes.width == width:
             return x
-        if x.value in lanes.constants:
-            return constant(self.lanes(width), lanes.constants[x.value])
         T = type_of(x.kind, width)
         first = self.line(f"insertelement {T} poison, {type_of(x.kind, 1)} {lanes.name(x)}, i32 0")
         all_lanes = f"shufflevector {T} {first}, {T} poison, <{width} x i32> zeroinitializer"
@@ -242,7 +241,18 @@ class Emitter:
         self, first: Any, count: Any, body: Callable[..., Any], initial: Sequence[Tracer] = (), step: int = 1,
         going: Callable[..., Tracer] | None = None,
     ) -> list[Tracer]:  # fmt: skip
-        """A loop ``for i in range(first, count, step)``, while ``going``; what it carries, afterwards."""
+        """Carried values after ``for i in range(first, count, step)``, while ``going``.
+
+        Few passes are unrolled.
+        """
+        if (
+            type(first) is type(count) is int
+            and count - first <= _UNROLLED * step
+            and going is None
+        ):
+            for i in range(first, count, step):
+                initial = body(i, *initial) or ()
+            return list(initial)
         before, head, inside, done = self.labels[-1], *map(self.fresh, ("head", "body", "done"))
         first, count = self.one.name(first), self.one.name(count)
         counter, advanced = f"%{self.fresh('i')}", f"%{self.fresh('n')}"
@@ -305,47 +315,15 @@ class Emitter:
         if opcode in _OPERATIONS:
             return self.line(f"{_OPERATIONS[opcode]['fiub'.index(kind)]} {T} {', '.join(operands)}")
         if opcode in _INTRINSICS:
-            return self.call(opcode, kinds, width, *operands)
+            return self.call(_INTRINSICS[opcode], kinds, width, *operands)
         if opcode == "where":
             chosen = type_of(kinds[1], width)
             return self.line(f"select {T} {x}, {chosen} {operands[1]}, {chosen} {operands[2]}")
-        if opcode == "negative":
-            return self.line(
-                f"fneg {T} {x}" if kind == "f" else f"sub {T} {literal(0, kind, width)}, {x}"
-            )
-        if opcode == "absolute":
-            return (
-                self.call("fabs", "f", width, x)
-                if kind == "f"
-                else self.call("abs", "i", width, x, suffix=", i1 0")
-            )
-        if opcode == "isfinite":
-            zero = self.line(f"fsub {T} {x}, {x}")
-            return self.line(f"fcmp oeq {T} {zero}, {literal(0.0, 'f', width)}")
-        if opcode == "isnan":
-            return self.line(f"fcmp uno {T} {x}, {x}")
-        if opcode == "invert":
-            return self.line(f"xor {T} {x}, {literal(1 if kind == 'b' else -1, kind, width)}")
-        if opcode in ("bits", "from bits"):
-            return self.line(f"bitcast {T} {x} to {type_of(result, width)}")
+        if opcode in ("cast", "bits"):
+            word = "bitcast" if opcode == "bits" else _CASTS.get(kind + result, "bitcast")
+            return self.line(f"{word} {T} {x} to {type_of(result, width)}")
         lanes = self.lanes(width)
-        if opcode == "cast":
-            return self._cast(lanes, x, kind, result)
-        return lanes.name(_COMPOSED[opcode](*(lanes.value(each, kind) for each in operands)))
-
-    def _cast(self, lanes: Lanes, x: str, kind: str, result: str) -> str:
-        """A value of a kind as one of another."""
-        T, R = type_of(kind, lanes.width), type_of(result, lanes.width)
-        if kind == "b":
-            one, zero = literal(1, result, lanes.width), literal(0, result, lanes.width)
-            return self.line(f"select {T} {x}, {R} {one}, {R} {zero}")
-        if result == "f":
-            return self.line(f"{'sitofp' if kind == 'i' else 'uitofp'} {T} {x} to {R}")
-        if kind == "f":
-            return self.line(
-                f"fptosi {T} {lanes.name(within(lanes.value(x), -9.2e18, 9.2e18))} to {R}"
-            )
-        return x
+        return lanes.name(_COMPOSED[opcode](*map(lanes.value, operands, kinds)))
 
     def _sine_or_cosine(self, instruction: Instruction) -> None:
         """Sine and cosine are computed together; LLVM finds calls that are equal."""
@@ -382,11 +360,9 @@ class Emitter:
         return self.one.value(self.line(f"call i1 {name}({T} {self.own.name(mask)})"), "b")
 
     def places(self, index: Tracer, count: int) -> list[Tracer]:
-        """Of each lane a whole number below a count, from a float or an integer that may be beyond."""
-        index = (
-            within(index, 0.0, count - 1.0) if index.kind == "f" else within(index, 0, count - 1)
-        )
-        vector = self.own.name(cast(index, "i"))
+        """Whole numbers of the lanes, clipped to ``[0, count - 1]``, of a float or an integer."""
+        zero = KINDS[index.kind].type(0)
+        vector = self.own.name(cast(within(index, zero, zero + (count - 1)), "i"))
         return [self.one.value(self.lane(vector, "i64", lane), "i") for lane in range(self.width)]
 
     def _lookup(self, instruction: Instruction) -> None:
@@ -415,12 +391,6 @@ class Emitter:
         self.names.update(zip(loop.results, map(self.own.name, results), strict=True))
 
 
-def within(x: Tracer, low: float, high: float) -> Any:
-    """Numbers within bounds; NaN becomes the lower one, or 0."""
-    x = where(x > low, x, low)
-    return where(x < high, x, high)
-
-
 def _remainder(x: Tracer, y: Tracer) -> Any:
     """NumPy's, which is 0 of a divisor 0; the lowest number overflows for -1."""
     y = where((y == 0) | (y == -1) if y.kind == "i" else y == 0, 1, y)
@@ -432,9 +402,12 @@ def _beyond(x: Tracer, order: Tracer) -> Any:
     return order | operation("isnan", x) if x.kind == "f" else order
 
 
-_COMPOSED: dict[str, Callable[[Tracer, Tracer], Any]] = {
+_COMPOSED: dict[str, Callable[..., Any]] = {
     "maximum": lambda x, y: where(_beyond(x, x > y), x, y),
     "minimum": lambda x, y: where(_beyond(x, x < y), x, y),
     "remainder": _remainder,
+    "isfinite": lambda x: x - x == 0.0,
+    "isnan": lambda x: x != x,
+    "invert": lambda x: x ^ (True if x.kind == "b" else -1),
 }
 """NumPy's: the first operand where it is NaN, the second where that is."""

@@ -1,11 +1,10 @@
-"""Compiled functions: a program for each row of a batch, over arrays whose rows lie one after the other."""
+"""Compiled functions: a program for each row of a batch of arrays in C order."""
 
 import itertools
 import math
-import pickle
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from functools import partial
-from io import BytesIO
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,10 +21,6 @@ LANES = 8
 """Rows side by side in a batch; a row alone has a program of its own."""
 FEW = 4
 """Rows from which on vectors are worth it."""
-# instructions, above which those of matrices are all calls: LLVM's time grows faster than a function
-_LONG = 400
-_STACKED = 1 << 14  # bytes of scratch, up to which it is on the stack
-_LARGEST = 1 << 17  # bytes of scratch a row, above which rows are computed one by one
 
 
 class Argument(NamedTuple):
@@ -51,7 +46,7 @@ class Function:
             argument like it.
 
     Attributes:
-        layout: Where matrices stand.
+        layout: Places of matrices in the scratch.
     """
 
     def __init__(
@@ -68,8 +63,7 @@ class Function:
             for part in parts
         ]
         self.instructions = program.complete(values)
-        self.layout = Layout(program, self.instructions, values)
-        self._wide = LANES if self.layout.size * 8 <= _LARGEST else 1
+        self.layout, self._scratch = _laid_out(program, self.instructions, values)
         self._places, self._constants = _placed(program)
         self._codes: dict[int, tuple[int, Any]] = {}
         self.call: Callable[..., Any] = unlike
@@ -86,61 +80,44 @@ class Function:
                 a.shape[: a.ndim - len(own.shape)]
                 for a, own in zip(given, self.arguments, strict=True)
             ]
-            distinct, shared = {*leading, ()}, 0
-            batch = max(distinct, key=len) if len(distinct) < 3 else np.broadcast_shapes(*distinct)
+            batch, shared = np.broadcast_shapes(*leading), 0
             for i, axes in enumerate(leading):
                 if math.prod(axes) == 1:
                     shared |= (axes != batch) << i
                 elif axes != batch:
                     given[i] = np.broadcast_to(given[i], batch + self.arguments[i].shape).copy()
             rows = math.prod(batch)
-            width = self._wide if rows >= FEW else 1
-            room = 0 if self.stacked(width) else machine.scratch(width * self.layout.size)
+            width = LANES if rows >= FEW else 1
+            room = machine.scratch(width * self._scratch)
             head = self._code(width)[0], rows, shared, room, self._constants.ctypes.data
             like = [(KINDS[each.kind], batch + each.shape) for each in self.results]
             self.call = call = partial(invoker(), described(head, given, like))
             results = call(*given)
         return results
 
-    def stacked(self, width: int) -> bool:
-        """Do the matrices of so many rows side by side stand on the stack, where they need no scratch?"""
-        return 8 * width * self.layout.size <= _STACKED
-
     def _code(self, width: int) -> tuple[int, Any]:
-        """The machine code for so many rows side by side, which programs that differ in numbers alone share."""
+        """Machine code for ``width`` rows side by side; programs with other numbers share it."""
         if width not in self._codes:
             program = self.program
             literals = [
                 (value, literal(x, program.kinds[value], 1))
                 for value, x in program.constants.items() if value not in self._places
             ]  # fmt: skip
-            code = _serialised((
-                [*map(tuple, self.instructions)], self.outputs, self.arguments, self.results,
-                width, literals, self._places, program.sizes, program.kinds,
-            ))  # fmt: skip
+            code = str((
+                self.instructions, self.outputs, self.arguments, self.results, width, literals,
+                self._places, program.sizes, program.kinds,
+            )).encode()  # fmt: skip
             self._codes[width] = machine.load(code, lambda: self.text(width))
         return self._codes[width]
 
     def text(self, width: int) -> str:
         """The program in LLVM IR."""
         module = Module(self._places)
-        emitter = Driver(self, module, width)
-        if len(self.instructions) > _LONG:
-            emitter.inlined = 0
-        return module.text([emitter.function(self.instructions, self.outputs)])
+        return module.text([Driver(self, module, width).function(self.instructions, self.outputs)])
 
 
 def unlike(*_: Any) -> None:
     """A call before there was one."""
-
-
-def _serialised(value: Any) -> bytes:
-    """Bytes of a value, the same of equal parts, which need not be one object as they would with a memo."""
-    file = BytesIO()
-    pickler = pickle.Pickler(file, protocol=5)
-    pickler.fast = True
-    pickler.dump(value)
-    return file.getvalue()
 
 
 def _placed(program: Program) -> tuple[dict[int, int], np.ndarray]:
@@ -156,39 +133,35 @@ def _placed(program: Program) -> tuple[dict[int, int], np.ndarray]:
     return dict(zip(numbers, starts, strict=False)), constants
 
 
-class Layout:
-    """Places of a program's matrices in its scratch; one that is needed no longer gives its place to another."""
+def _laid_out(
+    program: Program, instructions: Sequence[Instruction], outputs: Sequence[int]
+) -> tuple[dict[int, int], int]:
+    """Places of a program's matrices in its scratch, and its size.
 
-    def __init__(
-        self, program: Program, instructions: Sequence[Instruction], outputs: Sequence[int]
-    ) -> None:
-        self.places: dict[int, int] = {}
-        self.size = 0
-        if program.sizes.keys() == program.tables.keys():  # scalars alone
-            return
-        last = {value: at for at, each in enumerate(instructions) for value in each.values}
-        last |= {value: len(instructions) for value in outputs}
-        free: dict[int, list[int]] = {}
-        for at, each in enumerate(instructions):
-            size = program.sizes.get(each.result)
-            if size is not None:
-                self.places[each.result] = self._placed(size, free)
-            for value in {*each.values, *each.results}:
-                if last.get(value, at) == at and value in self.places:
-                    free.setdefault(program.sizes[value], []).append(self.places[value])
-
-    def _placed(self, size: int, free: dict[int, list[int]]) -> int:
-        if free.get(size):
-            return free[size].pop()
-        self.size += size
-        return self.size - size
+    A matrix that is needed no longer gives its place to another one of its size.
+    """
+    places: dict[int, int] = {}
+    total, free = 0, defaultdict[int, list[int]](list)
+    last = {value: at for at, each in enumerate(instructions) for value in each.values}
+    last |= dict.fromkeys(outputs, len(instructions))
+    for at, each in enumerate(instructions):
+        size = program.sizes.get(each.result)
+        if size is not None:
+            if not free[size]:
+                free[size].append(total)
+                total += size
+            places[each.result] = free[size].pop()
+        for value in {*each.values, *each.results} & places.keys():
+            if last.get(value, at) == at:
+                free[program.sizes[value]].append(places[value])
+    return places, total
 
 
 class Driver(LinearEmitter):
     """The loop over the rows: loads what a program reads, and stores what it gives."""
 
     def __init__(self, function: Function, module: Module, width: int) -> None:
-        super().__init__(function.program, module, width, function.layout.places)
+        super().__init__(function.program, module, width, function.layout)
         self._function = function
         self._bases: list[list[str]] = []
         self.special["input"] = self._input
@@ -211,33 +184,17 @@ class Driver(LinearEmitter):
                 self._output(parts, result.kind, bases)
 
         self.loop(0, end, body, step=self.width)
-        given = ["i64 %end", "i64 %shared", "ptr noalias %scratch"]
-        if self._function.stacked(self.width):
-            given[-1] = "ptr %unused"
-            self.lines.insert(
-                0,
-                f"  %scratch = alloca [{self.width * self._function.layout.size} x double],"
-                " align 64",
-            )
-        given.append("ptr noalias readonly %constants")
         arrays = [f"%a{i}" for i in range(len(arguments))]
         arrays += [f"%o{i}" for i in range(len(results))]
         loads = [
             f"  {name}.at = getelementptr ptr, ptr %arrays, i64 {i}\n  {name} = load ptr, ptr {name}.at"
             for i, name in enumerate(arrays)
         ]
-        return "\n".join(
-            [
-                f"define void @call({', '.join(given)}, ptr noalias readonly %arrays) #0 {{\nentry:",
-                *loads,
-                *self.lines,
-                "  ret void\n}",
-            ]
+        head = (
+            "define void @call(i64 %end, i64 %shared, ptr noalias %scratch,"
+            " ptr noalias readonly %constants, ptr noalias readonly %arrays) #0 {\nentry:"
         )
-
-    def emitter(self, program: Program, places: dict[int, int]) -> LinearEmitter:
-        """Emitter of the body of an outlined function, which has no rows of its own."""
-        return LinearEmitter(program, self.module, self.width, places)
+        return "\n".join([head, *loads, *self.lines, "  ret void\n}"])
 
     def _places(
         self, letter: str, sizes: Sequence[Any], each: Sequence[Argument], rows: Sequence[Any]
@@ -271,66 +228,33 @@ class Driver(LinearEmitter):
 
     def _input_matrix(self, instruction: Instruction) -> None:
         argument, column = instruction.attributes
-        size, kind = self.program.sizes[instruction.result], self._function.arguments[argument].kind
-        bases, target = self._bases[argument], self.matrix(instruction.result, (1, size))
-        if self.width == 1 and kind == "f":  # as it stands in its row
-            self.pointers[instruction.result] = self.at(bases[0], column)
-            return
+        size = self.program.sizes[instruction.result]
+        target = self.matrix(instruction.result, (1, size))
 
-        def some(j: Index, count: int) -> None:
-            if count == self.width and kind == "f":
-                rows = [self.read(self.at(base, j + column), count) for base in bases]
-                entries = self._transposed(rows)
-            else:
-                entries = [self._loaded(argument, j + column + m) for m in range(count)]
-            for m, entry in enumerate(entries):
-                target[0, j + m] = entry
+        def one(_: Index, j: Index, __: int) -> None:
+            target[0, j] = self._loaded(argument, j + column)
 
-        self.chunks(size, LANES if kind == "f" else 1, some)
-
-    def _transposed(self, rows: Sequence[Tracer]) -> list[Tracer]:
-        """The columns of a square matrix: its blocks change places, smaller ones from turn to turn."""
-        n, names, T = len(rows), [self.own.name(row) for row in rows], type_of("f", len(rows))
-        size = n // 2
-        while size:
-            for i in (i for i in range(n) if not i & size):
-                pair = f"shufflevector {T} {names[i]}, {T} {names[i + size]}, <{n} x i32> "
-                order = [j - size + n if j & size else j for j in range(n)]
-                names[i], names[i + size] = (
-                    self.line(f"{pair}<{', '.join(f'i32 {j + part}' for j in order)}>")
-                    for part in (0, size)
-                )
-            size //= 2
-        return [self.own.value(name) for name in names]
+        self.over(1, size, one)
 
     def _output(self, parts: Sequence[Any], kind: str, bases: Sequence[str]) -> None:
         """Store scalars and matrices in columns one after the other."""
         column = 0
         for part in parts:
-            if not isinstance(part, View):
-                self._stored(self.scalar(part), kind, bases, column)
-                column += 1
-                continue
-            rows, columns = part.shape
+            shape = part.shape if isinstance(part, View) else (1, 1)
 
-            def some(i: Index, first: int, view: View, j: Index, count: int) -> None:
-                at = first + i * view.shape[1] + j
-                entries = [self.load(view, i, j + m) for m in range(count)]
-                if count == self.width and kind == "f":
-                    for entry, base in zip(self._transposed(entries), bases, strict=True):
-                        T, place = type_of("f", count), self.at(base, at)
-                        self.lines.append(
-                            f"  store {T} {self.own.name(entry)}, ptr {place}, align 8"
-                        )
-                else:
-                    for m, entry in enumerate(entries):
-                        self._stored(entry, kind, bases, at + m)
+            def one(
+                i: Index,
+                j: Index,
+                _: int,
+                part: Any = part,
+                first: int = column,
+                across: int = shape[1],
+            ) -> None:
+                entry = self.load(part, i, j) if isinstance(part, View) else self.scalar(part)
+                self._stored(entry, kind, bases, first + i * across + j)
 
-            def row(i: Index, first: int = column, view: View = part) -> None:
-                self.chunks(view.shape[1], LANES, partial(some, i, first, view))
-
-            self.each(0, rows, row)
-            column += rows * columns
+            self.over(*shape, one)
+            column += math.prod(shape)
 
     def _stored(self, x: Tracer, kind: str, bases: Sequence[str], column: Any) -> None:
         memory, value = _MEMORY[kind], self.own.name(cast(x, kind))

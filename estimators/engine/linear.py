@@ -1,4 +1,4 @@
-"""Linear algebra of traced matrices: products, factorisations and solutions, each an instruction."""
+"""Linear algebra of traced matrices: products, factorisations, solutions, each an instruction."""
 
 from functools import partial
 from typing import Any
@@ -38,8 +38,7 @@ def _matmul(a: Any, b: Any) -> Any:
     if a.shape[1] == 0:
         return _for_every_row(program, np.zeros((a.shape[0], b.shape[1])))
     rows, columns = a.shape[0], b.shape[1]
-    room = b.size if b.view.steps[1] != 1 and columns > 1 else 0  # for a copy, behind the product
-    value = program.add("matmul", (a.view, b.view), "f", rows * columns + room)
+    value = program.add("matmul", (a.view, b.view), "f", rows * columns)
     return MatrixTracer(program, value, (rows, columns))
 
 
@@ -48,7 +47,7 @@ def _matvec(a: Any, x: Any) -> Any:
 
 
 def inner(a: Any, b: Any) -> Any:
-    """``A B'`` of ``(i, N)`` and ``(j, N)``, each entry summed in eight partial sums, halves added."""
+    """``A B'`` of ``(i, N)`` and ``(j, N)``; an entry is eight partial sums, halves added."""
     program = program_of(a, b)
     a, b = matrix(program, a), matrix(program, b)
     _check("inner products", a.shape[-1] == b.shape[-1], a, b)
@@ -79,13 +78,13 @@ def _of_square(opcode: str, a: Any) -> MatrixTracer:
 
 
 semidefinite_cholesky: Any = partial(_of_square, "semidefinite cholesky")
-"""Lower triangular L with ``L L' = S``, positive semidefinite; see `estimators.linalg.semidefinite_cholesky`."""
+"""Lower triangular L with ``L L' = S`` of a positive semidefinite S."""
 cholesky: Any = partial(_of_square, "cholesky")
 """Lower triangular L with ``L L' = S``; NaN of an S that is not positive definite."""
 
 
 def rotated(a: Any) -> tuple[Any, Any]:
-    """``A V`` with orthogonal columns, and the rotation V: the singular value decomposition but for dividing.
+    """``A V`` with orthogonal columns, and the rotation V: an SVD but for dividing.
 
     Source: Hestenes (1958), Inversion of matrices by biorthogonalization; de Rijk (1989) for its
     accuracy.

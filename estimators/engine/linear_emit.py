@@ -2,24 +2,30 @@
 
 import math
 from collections.abc import Callable, Sequence
+from hashlib import sha256
 from operator import add
 from typing import Any
 
 import numpy as np
 
-from estimators.engine.emit import Module
+from estimators.engine.emit import Module, type_of
 from estimators.engine.matrix_emit import CHUNK, Index, Matrix, MatrixEmitter
 from estimators.engine.program import Instruction, Program, View
 from estimators.engine.tracer import Tracer, cast, constant, where
 
 # columns of a product that are summed at a time: as many vectors as processors have registers for
 _ACROSS = 48
+_OUTLINED = frozenset((
+    "each", "join", "matmul", "inner", "solve", "solve lower", "solve upper", "cholesky",
+    "semidefinite cholesky", "rotate",
+))  # fmt: skip
+_INLINED = 16  # entries of the operands up to which there is no call
 _EPS = float(np.finfo(float).eps)
 _SWEEPS = 30
 
 
 class LinearEmitter(MatrixEmitter):
-    """Rows side by side meet the same operations in the same order; what cannot be done is NaN in its row.
+    """Linear algebra of rows side by side, in one order of operations; a failure is NaN in its row.
 
     Terms of a sum are added in their order; those of an inner product in eight partial sums.
     """
@@ -31,7 +37,7 @@ class LinearEmitter(MatrixEmitter):
         self.special |= {
             "matmul": self._matmul, "inner": self._inner, "solve": self._solve,
             "solve lower": self._solve_triangular, "cholesky": self._cholesky,
-            "solve upper": self._solve_triangular, "semidefinite cholesky": self._semidefinite_cholesky,
+            "solve upper": self._solve_triangular, "semidefinite cholesky": self._cholesky,
             "rotate": self._rotate,
         }  # fmt: skip
 
@@ -39,16 +45,58 @@ class LinearEmitter(MatrixEmitter):
         views: Any = instruction.operands
         return [Matrix(self, view) for view in views]
 
+    # --- functions --------------------------------------------------------------------------------
+
+    def specially(self, instruction: Instruction) -> None:
+        """An instruction of matrices, as a call of a function where it is long."""
+        views = [each for each in instruction.operands if isinstance(each, View)]
+        entries = sum(math.prod(each.shape) for each in views)
+        if instruction.opcode not in _OUTLINED or entries <= _INLINED:
+            super().specially(instruction)
+            return
+        name, T = self._outlined(instruction), type_of("f", self.width)
+        given = [
+            f"ptr {self.address(each.value, each.start)}" if isinstance(each, View)
+            else f"{T} {self.own.name(self.load(each))}"
+            for each in instruction.operands
+        ]  # fmt: skip
+        given.append(f"ptr {self.address(instruction.result, 0)}")
+        self.lines.append(f"  call void {name}({', '.join(given)})")
+
+    def _outlined(self, instruction: Instruction) -> str:
+        """Name of the function of an instruction, shared by all with such shapes and steps."""
+        program = Program()
+        emitter = LinearEmitter(program, self.module, self.width, {})
+        operands: list[int | View] = []
+        parameters: list[str] = []
+        for i, each in enumerate(instruction.operands):
+            if isinstance(each, View):
+                value = program.new("f", math.prod(each.shape))
+                operands.append(View(value, each.shape, 0, each.steps))
+                emitter.pointers[value] = f"%p{i}"
+                if each.value in self.program.tables:
+                    program.tables[value] = self.program.tables[each.value]
+                parameters.append(f"ptr %p{i}")
+            else:
+                operands.append(program.new("f"))
+                emitter.names[i] = f"%p{i}"
+                parameters.append(f"{type_of('f', self.width)} %p{i}")
+        result = program.new("f", self.program.sizes[instruction.result])
+        emitter.pointers[result] = "%r"
+        own = instruction._replace(operands=tuple(operands), result=result)
+        name = f"@outlined.{sha256(f'{own} {list(program.tables)}'.encode()).hexdigest()[:16]}"
+        if name not in self.module.functions:
+            emitter.special[own.opcode](own)
+            head = f"define internal void {name}({', '.join(parameters)}, ptr noalias %r) noinline nounwind {{\nentry:"
+            self.module.functions[name] = "\n".join([head, *emitter.lines, "  ret void\n}"])
+        return name
+
     # --- products ---------------------------------------------------------------------------------
 
     def _matmul(self, instruction: Instruction) -> None:
         a, b = self._operands(instruction)
         (rows, inner), columns = a.shape, b.shape[1]
-        together = self.width == 1 and columns > 1
-        if together and b.view.steps[1] != 1:
-            copied = self.matrix(instruction.result, b.shape, rows * columns)
-            self.copy(b.view, copied)
-            b = copied
+        together = self.width == 1 and b.view.steps[1] == 1
         target = self.matrix(instruction.result, (rows, columns)).view
 
         def some(i: Index, first: Index, count: int) -> None:
@@ -62,21 +110,11 @@ class LinearEmitter(MatrixEmitter):
                     self.spread(x, self.width * n) * Matrix(self, b.view, n)[k, j] for j, n in parts
                 ]
 
-            sums = products(0)
-            if inner <= 4 and not together:
-                for k in range(1, inner):
-                    sums = list(map(add, sums, products(k)))
-            else:
-                sums = self._accumulated(1, inner, products, sums)
+            sums = self._accumulated(1, inner, products, products(0))
             for (j, n), total in zip(parts, sums, strict=True):
                 Matrix(self, target, n)[i, j] = total
 
-        size, unrolled = (_ACROSS, 2) if together else (4, 1)
-        self.each(
-            0,
-            rows,
-            lambda i: self.chunks(columns, size, lambda j, count: some(i, j, count), unrolled),
-        )
+        self.over(rows, columns, some, _ACROSS if together else 4)
 
     def _accumulated(
         self,
@@ -94,19 +132,19 @@ class LinearEmitter(MatrixEmitter):
         (rows, count), columns = a.shape, b.shape[0]
         target = self.matrix(instruction.result, (rows, columns))
 
-        def one(i: Index, j: Index) -> None:
+        def one(i: Index, j: Index, _: int = 1) -> None:
             total = self._inner_product(a.view, i, b.view, j, count)
             target[i, j] = total
             if instruction.attributes[0]:
                 target[j, i] = total
 
         if instruction.attributes[0]:
-            self.each(0, rows, lambda i: self.each(0, i + 1, lambda j: one(i, j)))
+            self.loop(0, rows, lambda i: self.loop(0, i + 1, lambda j: one(i, j)))
         else:
             self.over(rows, columns, one)
 
     def _inner_product(self, a: View, i: Index, b: View, j: Index, count: int) -> Tracer:
-        """``a_i . b_j``: eight partial sums, added by halves, and what is left over in its order."""
+        """``a_i . b_j``: eight partial sums, added by halves, then the remaining terms in order."""
         whole = count // CHUNK * CHUNK
         together = self.width == 1 and a.steps[1] == b.steps[1] == 1
         lanes = self.lanes(CHUNK if together else self.width)
@@ -140,7 +178,7 @@ class LinearEmitter(MatrixEmitter):
         lower: bool,
         divided: str = "",
     ) -> None:
-        """Entries ``z_i`` one after the other: ``b_i`` less the ``factor(i, k) z_k`` of those before it.
+        """Entries ``z_i`` in order: ``b_i`` less the ``factor(i, k) z_k`` of those before it.
 
         They are divided by ``factor(i, i)`` "before" or "after". Columns of a row alone that are
         neighbours are eight lanes of vectors.
@@ -150,7 +188,7 @@ class LinearEmitter(MatrixEmitter):
             self.width == 1 and b.steps[1] == 1 and b.value not in self.program.tables,
         )
 
-        def column(c: Index, count: int) -> None:
+        def column(_: Index, c: Index, count: int) -> None:
             right, solution = Matrix(self, b, count), Matrix(self, z, count)
 
             def wide(i: Index, k: Index) -> Tracer:
@@ -165,12 +203,12 @@ class LinearEmitter(MatrixEmitter):
                 )
                 solution[i, c] = rest / wide(i, i) if divided == "after" else rest
 
-            self.each(0, n, entry)
+            self.loop(0, n, entry)
 
-        self.chunks(z.shape[1], CHUNK if neighbours else 1, column)
+        self.over(1, z.shape[1], column, CHUNK if neighbours else 1)
 
     def _solve(self, instruction: Instruction) -> None:
-        """``S^-1 B`` by ``S = L D L'``: L D below the diagonal, D on it, L where its transpose would be."""
+        """``S^-1 B`` by ``S = L D L'``; f holds L D below its diagonal, D on it and L' above."""
         s, b = self._operands(instruction)
         n, z = s.shape[0], self.matrix(instruction.result, b.shape)
         f = self.matrix(instruction.result, s.shape, math.prod(b.shape))
@@ -182,11 +220,11 @@ class LinearEmitter(MatrixEmitter):
             def above(i: Index) -> None:
                 f[j, i] = f[i, j] / pivot
 
-            self.each(j, n, below)
+            self.loop(j, n, below)
             pivot = f[j, j]
             pivot = where(pivot > 0.0, pivot, np.nan)
             f[j, j] = pivot
-            self.each(j + 1, n, above)
+            self.loop(j + 1, n, above)
 
         self.loop(0, n, column)
         self._substitute(lambda i, k: f[k, i], b.view, z.view, True)
@@ -200,26 +238,7 @@ class LinearEmitter(MatrixEmitter):
         )
 
     def _cholesky(self, instruction: Instruction) -> None:
-        (s,) = self._operands(instruction)
-        n, f = s.shape[0], self.matrix(instruction.result, s.shape)
-        self.fill(f, 0.0)
-
-        def column(j: Index) -> None:
-            def rest(i: Index) -> Tracer:
-                return self.total(s[i, j], 0, j, lambda k, rest: rest - f[i, k] * f[j, k])
-
-            def below(i: Index) -> None:
-                f[i, j] = rest(i) / pivot
-
-            square = rest(j)
-            pivot = where(square > 0.0, square, np.nan).sqrt()
-            f[j, j] = pivot
-            self.each(j + 1, n, below)
-
-        self.loop(0, n, column)
-
-    def _semidefinite_cholesky(self, instruction: Instruction) -> None:
-        """``L L' = S``; a pivot that is zero to rounding gives a column of zeros."""
+        """``L L' = S``; a pivot that is not positive gives NaN or, semidefinite, zeros."""
         (s,) = self._operands(instruction)
         n, f = s.shape[0], self.matrix(instruction.result, s.shape)
         self.copy(s.view, f)
@@ -235,18 +254,22 @@ class LinearEmitter(MatrixEmitter):
                 def entry(k: Index) -> None:
                     f[i, k] = f[i, k] - x * f[k, j]
 
-                self.each(j + 1, i + 1, entry)
+                self.loop(j + 1, i + 1, entry)
 
             pivot = f[j, j]
-            root = where(n * _EPS * s[j, j] >= pivot, np.inf, pivot.sqrt())
-            self.each(j + 1, n, divide)
-            f[j, j] = where(root == np.inf, 0.0, root)
-            self.each(j + 1, n, reduce)
+            if instruction.opcode == "cholesky":
+                root = diagonal = where(pivot > 0.0, pivot, np.nan).sqrt()
+            else:
+                root = where(n * _EPS * s[j, j] >= pivot, np.inf, pivot.sqrt())
+                diagonal = where(root == np.inf, 0.0, root)
+            self.loop(j + 1, n, divide)
+            f[j, j] = diagonal
+            self.loop(j + 1, n, reduce)
 
         self.loop(0, n, column)
 
     def _rotate(self, instruction: Instruction) -> None:
-        """``A V`` with orthogonal columns by one-sided Jacobi rotations, and V where it is wanted, behind it."""
+        """``A V`` with orthogonal columns by one-sided Jacobi rotations, then V if wanted."""
         (a,) = self._operands(instruction)
         (m, n), wanted = a.shape, instruction.attributes[0]
         z, v = (
@@ -260,7 +283,7 @@ class LinearEmitter(MatrixEmitter):
                 v[i, i] = 1.0
 
             self.fill(v, 0.0)
-            self.each(0, n, diagonal)
+            self.loop(0, n, diagonal)
         still = constant(self.one, np.False_)
 
         def row(p: Index, turning: Tracer) -> list[Tracer]:
@@ -272,7 +295,7 @@ class LinearEmitter(MatrixEmitter):
                   going=lambda turning: turning)  # fmt: skip
 
     def _turned(self, matrices: Sequence[Matrix], p: Index, q: Index) -> Tracer:
-        """Turn columns p and q where they are not orthogonal; whether any row's were not."""
+        """Turn columns p and q where they are not orthogonal; a mask: were any row's not?"""
 
         def products(i: Index, aa: Tracer, bb: Tracer, ab: Tracer) -> list[Tracer]:
             x, y = matrices[0][i, p], matrices[0][i, q]
@@ -294,7 +317,7 @@ class LinearEmitter(MatrixEmitter):
                     matrix[i, p] = where(apart, cosine * x - sine * y, x)
                     matrix[i, q] = where(apart, sine * x + cosine * y, y)
 
-                self.each(0, matrix.shape[0], entry)
+                self.loop(0, matrix.shape[0], entry)
 
         self.loop(0, cast(some, "i"), turn)
         return some

@@ -1,13 +1,11 @@
 """Machine code of LLVM IR, compiled once for a processor and kept on disk."""
 
-import atexit
 import ctypes
 import os
-import shutil
 import stat
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from hashlib import sha256
@@ -18,10 +16,6 @@ from typing import Any
 import numpy as np
 
 _KEPT = 90 * 86400.0  # seconds after their last use that objects are kept
-_VERSION = "4"
-# modules that others can share; of more, the oldest are loaded anew when they are next needed
-_MOST = 2_000
-_LINE = 8  # numbers in a line of the cache
 _loaded: dict[bytes, tuple[int, Any]] = {}
 _rooms: list[np.ndarray] = []
 
@@ -40,7 +34,7 @@ def load(code: bytes, emit: Callable[[], str]) -> tuple[int, Any]:
     if key not in _loaded:
         from llvmlite import binding
 
-        compiler = f"{_VERSION} {_optimised():d} {' '.join(_processor())} {_emitter()}"
+        compiler = f"{_optimised():d} {' '.join(_processor())} {_emitter()}"
         path = os.path.join(folder(), f"{sha256(compiler.encode() + key).hexdigest()[:40]}.o")
         found = _kept(path)
         if found is None:
@@ -49,15 +43,13 @@ def load(code: bytes, emit: Callable[[], str]) -> tuple[int, Any]:
         engine = binding.create_mcjit_compiler(binding.parse_assembly(""), _machine())
         engine.add_object_file(binding.ObjectFileRef.from_data(found))
         engine.finalize_object()
-        if len(_loaded) >= _MOST:
-            del _loaded[next(iter(_loaded))]
         _loaded[key] = engine.get_function_address("call"), engine
     return _loaded[key]
 
 
 _PYTHON = "PyTuple_New", "PyTuple_SetItem", "Py_IncRef", "Py_DecRef", "_Py_NoneStruct"
 _EMPTY = 184
-"""Place of ``PyArray_Empty`` in NumPy's table of C functions; it stays, as compiled extensions rely on it."""
+"""Place of ``PyArray_Empty`` in NumPy's table of C functions, on which extensions rely."""
 
 
 def _object(text: str) -> bytes:
@@ -77,32 +69,25 @@ def _object(text: str) -> bytes:
 
 
 def _optimised() -> bool:
-    """Is code optimised? Otherwise it compiles in a seventh of the time, and batches take up to four times as long."""
+    """Is code optimised? If not, it compiles seven times as fast, and batches are slower."""
     return os.environ.get("VESSEL_GYM_OPTIMISE") != "0"
 
 
 @cache
 def _processor() -> tuple[str, ...]:
-    """The processor and the compiler of objects."""
+    """The compiler of objects, the system, the processor and its features."""
     import llvmlite
     from llvmlite import binding
 
-    name = binding.get_host_cpu_name()
-    return (
-        llvmlite.__version__,
-        binding.get_default_triple(),
-        name,
-        binding.get_host_cpu_features().flatten(),
-    )
+    host = binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
+    return llvmlite.__version__, binding.get_default_triple(), *host
 
 
 @cache
 def _emitter() -> str:
-    """Digest of this package, whose modules emit LLVM IR, and sizes of the heads of Python's objects."""
-    sources = sha256(
-        b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
-    )
-    return f"{sources.hexdigest()} {object.__basicsize__}"
+    """Digest of this package, which emits LLVM IR, and the size of the head of Python's objects."""
+    sources = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
+    return f"{sha256(sources).hexdigest()} {object.__basicsize__}"
 
 
 _emitter()  # at import: the files may change before the first program is compiled
@@ -118,10 +103,8 @@ def _machine() -> Any:
         binding.add_symbol(symbol, ctypes.addressof(ctypes.c_byte.in_dll(ctypes.pythonapi, symbol)))
     binding.add_symbol("PyArray_Empty", _numpy_functions()[_EMPTY])
     _, triple, name, features = _processor()
-    target = binding.Target.from_triple(triple)
-    level = 2 if _optimised() else 0
-    return target.create_target_machine(
-        cpu=name, features=features, opt=level, reloc="pic", jit=True
+    return binding.Target.from_triple(triple).create_target_machine(
+        cpu=name, features=features, opt=2 if _optimised() else 0, reloc="pic", jit=True
     )
 
 
@@ -134,10 +117,8 @@ def _numpy_functions() -> Any:
 
 def scratch(size: int) -> int:
     """Address of so many numbers, where a line of the cache begins, as vectors of eight do."""
-    if not _rooms or len(_rooms[-1]) < size + _LINE:
-        _rooms.append(
-            np.empty(2 * size + _LINE)
-        )  # the former ones stay, as calls have their addresses
+    if not _rooms or len(_rooms[-1]) < size + 8:
+        _rooms.append(np.empty(2 * size + 8))  # the former ones stay: calls have their addresses
     return -(-_rooms[-1].ctypes.data // 64) * 64
 
 
@@ -156,7 +137,7 @@ def _keep(path: str, code: bytes) -> None:
 
 
 def _kept(path: str) -> bytes | None:
-    """An object; None where there is none, or a damaged one, by which LLVM would end the process."""
+    """An object; None where there is none or a damaged one, with which LLVM ends the process."""
     try:
         with open(path, "rb") as file:
             digest, code = file.read(32), file.read()
@@ -168,7 +149,7 @@ def _kept(path: str) -> bytes | None:
 
 @cache
 def _announce() -> None:
-    """Say once to whoever waits at a terminal that equations are compiled; stdout belongs to the results."""
+    """Say once on stderr that equations are compiled; stdout belongs to the results."""
     if sys.stderr is not None and not any(folder().glob("*.o")):
         print(
             f"vessel-gym: compiling equations once, a few seconds; kept in {folder()}",
@@ -179,17 +160,17 @@ def _announce() -> None:
 
 @cache
 def folder() -> Path:
-    """Folder of compiled objects: ``VESSEL_GYM_CACHE``, beside the code, in the user's home or of this process.
+    """Folder of objects: in ``VESSEL_GYM_CACHE`` or beside the code, or in the user's cache.
 
-    Objects are executed, so that a folder counts only if the user alone can write to it.
+    Objects are executed, so a folder counts only if the user alone can write to it. Without one
+    nothing is kept.
     """
-    for place in _places():
+    first = os.environ.get("VESSEL_GYM_CACHE") or Path(__file__).parents[1] / "__pycache__"
+    for place in (os.path.abspath(first), os.path.expanduser("~/.cache")):
         if os.path.isabs(place) and (found := _own(Path(place))):
             _forget(found)
             return found
-    temporary = Path(tempfile.mkdtemp(prefix="vessel-gym-"))
-    atexit.register(shutil.rmtree, temporary, ignore_errors=True)
-    return temporary
+    return Path(os.devnull)
 
 
 def _forget(place: Path) -> None:
@@ -200,28 +181,14 @@ def _forget(place: Path) -> None:
                 path.unlink()
 
 
-def _places() -> Iterator[str]:
-    yield os.path.abspath(
-        os.environ.get("VESSEL_GYM_CACHE") or Path(__file__).parents[1] / "__pycache__"
-    )
-    yield os.environ.get("XDG_CACHE_HOME", "")
-    yield os.path.expanduser("~/.cache")
-    yield tempfile.gettempdir()  # which is an error where nothing can be written, so it comes last
-
-
 def _own(place: Path) -> Path | None:
-    """A folder that the user can write to and nobody else, as what is kept there is executed; None if there is none."""
-    user = (
-        os.getuid() if hasattr(os, "getuid") else None
-    )  # None: folders are the user's own, as on Windows
+    """A folder to which the user alone can write; None if there is none."""
+    user = os.getuid() if hasattr(os, "getuid") else None  # Windows: folders are the user's own
     found = place / f"vessel-gym-{user}"
-    try:
+    with suppress(OSError):
         found.mkdir(mode=0o700, parents=True, exist_ok=True)
         status = found.lstat()
-        tempfile.TemporaryFile(dir=found).close()
-    except OSError:
-        return None
-    safe = user is None or (
-        stat.S_ISDIR(status.st_mode) and status.st_uid == user and not status.st_mode & 0o022
-    )
-    return found if safe else None
+        safe = stat.S_ISDIR(status.st_mode) and not status.st_mode & 0o022
+        if os.access(found, os.W_OK) and (user is None or (safe and status.st_uid == user)):
+            return found
+    return None

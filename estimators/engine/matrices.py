@@ -105,14 +105,6 @@ class MatrixTracer(NDArrayOperatorsMixin):
             self.program, self.program.add("element", (place,), "b" if self.mask else "f")
         )
 
-    def as_type(self, mask: bool) -> "MatrixTracer":
-        """The same entries as a mask, or as numbers."""
-        return (
-            self
-            if mask == self.mask
-            else MatrixTracer(self.program, self.value, self.places, mask, self.constant)
-        )
-
     def scalars(self) -> TracedArray:
         """Its entries, one by one."""
         found = np.empty(self.shape, object)
@@ -156,7 +148,7 @@ TracedArray.stronger.add(MatrixTracer)
 
 
 def matrix(program: Program, value: Any) -> Any:
-    """Tracer of a vector or matrix: itself, scalars packed, or an array that is the same for all rows."""
+    """Tracer of a vector or matrix: a tracer as it is, packed scalars, or an array for all rows."""
     if isinstance(value, MatrixTracer | Tracer):
         return value
     if isinstance(value, TracedArray):
@@ -183,7 +175,7 @@ def matrix(program: Program, value: Any) -> Any:
 def matrix_input(
     program: Program, argument: int, column: int, shape: tuple[int, ...], kind: str = "f"
 ) -> Any:
-    """A vector or matrix in the columns of an argument from one on; a number where it has no axes."""
+    """A vector or matrix in columns of an argument from one on; without axes, a number."""
     if not shape:
         return Tracer(program, program.add("input", (), kind, None, (argument, column)))
     size = math.prod(shape)
@@ -192,21 +184,16 @@ def matrix_input(
 
 
 def lookup_matrix(table: np.ndarray, index: Tracer) -> MatrixTracer:
-    """The matrix of a constant table ``(k, n, m)`` at an index, a float that is truncated; beyond, the nearest."""
+    """The matrix of a constant table ``(k, n, m)`` at a truncated index; beyond, the nearest."""
     return matrix(index.program, lookup(table, index))
 
 
-def columnwise(
-    function: Any, *operands: Any, wanted: Any = None, interleaved: bool = False
-) -> MatrixTracer:
+def columnwise(function: Any, *operands: Any) -> MatrixTracer:
     """Results ``(k, N)`` of a function of vectors ``(n,)`` for each column of matrices ``(n, N)``.
 
     Args:
         function: Traced entry by entry.
         operands: Matrices, of which it gets the columns; vectors ``(m,)`` and None as they are.
-        wanted: Mask ``(b,)`` of b blocks of columns: results of others may be anything, and take no
-            time; None: all.
-        interleaved: Give the results column by column, ``(1, k N)``; k is a power of two.
     """
     program = program_of(*operands)
     given: list[Any] = [
@@ -230,14 +217,12 @@ def columnwise(
         ]
         return [cast(each, "f").value for each in entries(function(*arguments), program)]
 
-    mask = None if wanted is None else matrix(program, wanted).view
-    value = program.columns(views, body, mask, interleaved)
-    count = program.sizes[value] if interleaved else views[0].shape[1]
+    value, count = program.columns(views, body), views[0].shape[1]
     return MatrixTracer(program, value, (program.sizes[value] // count, count))
 
 
 def along(function: Any, *rows: Any) -> tuple[Any, ...]:
-    """What a function of numbers gives for each entry of rows ``(..., k)``: arrays ``(..., k)``.
+    """Results ``(..., k)`` of a function of numbers for each entry of rows ``(..., k)``.
 
     A compiled program has its instructions once, where Python's own loop would be unrolled; of one
     row eight entries are computed side by side. It is no part of a `repeat`, and has no derivative.
@@ -258,7 +243,7 @@ def along(function: Any, *rows: Any) -> tuple[Any, ...]:
 
 
 def split(row: MatrixTracer, count: int) -> MatrixTracer:
-    """One row of entries as ``count`` rows."""
+    """Entries, row by row, as ``count`` rows."""
     return MatrixTracer(row.program, row.value, (count, row.size // count))
 
 
@@ -293,9 +278,16 @@ def entrywise(program: Program, function: Any, *values: Any) -> Any:
         kinds = "b" + kinds[1:]
     kind = _result_kind(name, kinds)
     shape = _common_shape(operands)
-    views = tuple(each.view if isinstance(each, MatrixTracer) else each.value for each in operands)
+    views = [each.view if isinstance(each, MatrixTracer) else each.value for each in operands]
     rows, columns = (1,) * (2 - len(shape)) + shape
-    value = program.add("each", views, "f", rows * columns, (name, kinds, rows, columns))
+    whole = (rows, columns), (columns, 1)
+    if all(isinstance(each, int) or (each.shape, each.steps) == whole for each in views):
+        rows, columns = 1, rows * columns  # they lie in one piece
+        views = [
+            each if isinstance(each, int) else each._replace(shape=(1, columns), steps=(0, 1))
+            for each in views
+        ]
+    value = program.add("each", tuple(views), "f", rows * columns, (name, kinds, rows, columns))
     return MatrixTracer(program, value, shape, mask=kind == "b")
 
 
@@ -359,4 +351,4 @@ FUNCTIONS: dict[Any, Any] = {
     np.where: lambda *operands: entrywise(program_of(*operands), np.where, *operands),
     np.concatenate: _concatenate,
 }
-"""NumPy's functions of matrices that are not entry by entry; `estimators.engine.linear` adds linear algebra."""
+"""NumPy's functions of whole matrices; `estimators.engine.linear` adds linear algebra."""

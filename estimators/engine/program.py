@@ -1,4 +1,4 @@
-"""Programs: what a traced function computes of one row, as instructions in static single assignment form.
+"""Programs of traced functions: instructions of one row in static single assignment form.
 
 A value is a number that stands for a scalar, or for a matrix, which is never written again once it
 is complete. Kinds of values are those of NumPy by a letter: ``f`` float64, ``i`` int64, ``u``
@@ -19,7 +19,7 @@ class NotTraceable(TypeError):
 
 
 class View(NamedTuple):
-    """A matrix among the entries of a value: entry (i, j) is ``start + i * steps[0] + j * steps[1]`` of it."""
+    """A matrix among the entries of a value, at ``start + i * steps[0] + j * steps[1]``."""
 
     value: int
     shape: tuple[int, int]
@@ -28,7 +28,7 @@ class View(NamedTuple):
 
 
 class Instruction(NamedTuple):
-    """``result = opcode(operands)``: operands are values and views; attributes are what an opcode needs besides."""
+    """``result = opcode(operands)`` of values and views; attributes are constants."""
 
     opcode: str
     operands: tuple[int | View, ...]
@@ -54,7 +54,7 @@ class Instruction(NamedTuple):
 
 
 class Loop(NamedTuple):
-    """The body of a ``repeat``: parameters that begin as its operands, and what they are after each pass.
+    """Body of a ``repeat``: parameters that begin as its operands, and their values after a pass.
 
     The first so many parameters are masks: the loop ends as soon as they are false in all rows that
     are side by side.
@@ -69,18 +69,12 @@ class Loop(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """The body of a ``columns``: what it computes of the entries of a column of each operand that is a view.
-
-    Where there are ``blocks`` of columns, a mask follows these operands that says which are
-    computed. Results stand row by row, or ``interleaved`` column by column.
-    """
+    """Body of a ``columns``: its parameters are the entries of a column of each view."""
 
     size: int
     parameters: tuple[tuple[int, ...], ...]
     body: tuple[Instruction, ...]
     results: tuple[int, ...]
-    blocks: int
-    interleaved: bool
 
 
 class Program:
@@ -92,11 +86,6 @@ class Program:
         constants: Scalars by value number,
         tables: and matrices that are the same for all rows.
     """
-
-    callback: Callable[..., Any]
-    """Gives tracers of results that Python computes before the program is run, where its owner has such;"""
-    inlined: frozenset[str]
-    """and what is traced instead."""
 
     def __init__(self) -> None:
         self.kinds: Any = []
@@ -150,7 +139,7 @@ class Program:
     def repeat(
         self, count: int, body: Callable[..., Sequence[int]], initial: Sequence[int], masks: int = 0
     ) -> tuple[int, ...]:
-        """Loop: apply a body, traced once, to scalars ``count`` times, or until the first ones are false."""
+        """Apply a body, traced once, to scalars ``count`` times, or until the masks are false."""
         kinds = [self.kinds[value] for value in initial]
         parameters = tuple(map(self.new, kinds))
         after, inside = self._block(body, parameters, "the body of a repeat")
@@ -178,25 +167,16 @@ class Program:
             raise TypeError(f"{word} computes scalars, no matrices")
         return results, inside
 
-    def columns(
-        self,
-        views: Sequence[View],
-        body: Callable[..., Sequence[int]],
-        wanted: View | None,
-        interleaved: bool,
-    ) -> int:
+    def columns(self, views: Sequence[View], body: Callable[..., Sequence[int]]) -> int:
         """The matrix of what a body, traced once, makes of each column of matrices."""
         parameters = tuple(tuple(self.new("f") for _ in range(view.shape[0])) for view in views)
         results, inside = self._block(body, parameters, "a function of columns")
         own = {value for each in inside for value in each.results}.union(*parameters)
         outer = sorted(set(results).union(*(each.values for each in inside)) - own)
         count = views[0].shape[1]
-        mask = () if wanted is None else (wanted,)
-        loop = Columns(
-            count, parameters, inside, results, wanted.shape[1] if wanted else 0, interleaved
-        )
+        loop = Columns(count, parameters, inside, results)
         value = self.new("f", len(results) * count)
-        self._blocks[-1]["columns", (*views, *mask, *outer), "", None, (loop,)] = value
+        self._blocks[-1]["columns", (*views, *outer), "", None, (loop,)] = value
         return value
 
     def live(self, outputs: Sequence[int]) -> list[Instruction]:
@@ -211,7 +191,7 @@ class Program:
         return kept[::-1]
 
     def complete(self, outputs: Sequence[int]) -> tuple[Instruction, ...]:
-        """The same of a program to which nothing will be added."""
+        """The instructions that outputs need; nothing can be added to the program afterwards."""
         live = tuple(self.live(outputs))
         self._blocks, self._constants, self.kinds = [{}], {}, "".join(self.kinds)
         return live

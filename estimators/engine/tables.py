@@ -33,7 +33,7 @@ def lookup_index(x: Any, xp: np.ndarray) -> Any:
 
 
 def lookup(table: Any, index: Any) -> Any:
-    """The entry ``(...)`` or ``(..., m)`` of a constant table ``(k,)`` or ``(k, m)``; the first or last one beyond.
+    """Entry ``(...)`` or ``(..., m)`` of a table ``(k,)`` or ``(k, m)``; beyond, the nearest.
 
     Args:
         table: Numbers that are the same for all rows.

@@ -1,4 +1,4 @@
-"""Tracers: what stands for a scalar while a function is traced, and records the operations on it."""
+"""Tracers, which stand for scalars while a function is traced and record the operations on them."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, NoReturn
@@ -23,7 +23,7 @@ class Tracer(_Operators):
 
     __slots__ = ("program", "value")
     as_array: ClassVar[Callable[["Tracer"], Any]]
-    """Array of it alone, whose functions are its own, too; `estimators.engine.arrays` registers which."""
+    """Array of a tracer alone, whose functions it has, too; set by `estimators.engine.arrays`."""
     __array_priority__ = 1000.0
     ndim = 0
     shape = ()
@@ -116,7 +116,17 @@ def cast(x: Any, kind: str) -> Any:
         return constant(x.program, KINDS[kind].type(value))
     if kind == "b":
         return operation("not_equal", x, KINDS[x.kind].type(0))
+    if x.kind == "b":
+        return where(x, KINDS[kind].type(1), KINDS[kind].type(0))
+    if x.kind == "f":
+        x = within(x, -9.2e18, 9.2e18)
     return Tracer(x.program, x.program.add("cast", (x.value,), kind))
+
+
+def within(x: Any, low: Any, high: Any) -> Any:
+    """A number within bounds; NaN becomes the lower one."""
+    x = where(x > low, x, low)
+    return where(x < high, x, high)
 
 
 def _arithmetic(x: Tracer, y: Tracer) -> tuple[Tracer, Tracer]:
@@ -177,7 +187,10 @@ def operation(opcode: str, *operands: Any) -> Any:
         if traced[0].kind not in "iu" or known(traced[1]) not in range(64):
             raise NotTraceable("<< and >> shift whole numbers by a constant from 0 to 63")
         traced[1] = cast(traced[1], traced[0].kind)
-    elif opcode != "invert" and not (opcode in ("absolute", "negative") and kinds <= {"i", "u"}):
+    elif opcode in ("absolute", "negative") and kinds <= {"i", "u"}:
+        (x,) = traced
+        return where(x < 0, 0 - x, x) if opcode == "absolute" else 0 - x
+    elif opcode != "invert":
         traced = [cast(x, "f") for x in traced]
     kind = "b" if opcode in _GIVE_MASKS else traced[0].kind
     if opcode == "multiply" and kind == "b":
@@ -234,7 +247,7 @@ def _remainder(x: Any, y: Any) -> Any:
 
 
 def _floor_divide(x: Any, y: Any) -> Any:
-    """``floor(x / y)`` of floats from their remainder, as `numpy.floor_divide`: a quotient is not rounded up."""
+    """``floor(x / y)`` of floats by their remainder, as `numpy.floor_divide`: never rounded up."""
     x, y = cast(x, "f"), cast(y, "f")
     rest = operation("fmod", x, y)
     quotient = (x - rest) / y

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -136,26 +135,26 @@ def folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], Path]]:
     """The choice of a folder, made anew, where only what a test says can be written to."""
     monkeypatch.undo()
     monkeypatch.setattr(machine, "__file__", "/dev/null/engine/machine.py")
-    monkeypatch.setattr(tempfile, "tempdir", "/dev/null/nowhere")
-    for name in ("HOME", "VESSEL_GYM_CACHE", "XDG_CACHE_HOME"):
+    for name in ("HOME", "VESSEL_GYM_CACHE"):
         monkeypatch.setenv(name, "/dev/null/nobody")
     machine.folder.cache_clear()
     yield machine.folder
     machine.folder.cache_clear()
 
 
-@pytest.mark.parametrize("place", ["VESSEL_GYM_CACHE", "XDG_CACHE_HOME", "temporary", "own"])
+@pytest.mark.parametrize("place", ["VESSEL_GYM_CACHE", "HOME"])
 def test_objects_are_kept_in_the_first_place_that_can_be_written(
     place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, folder: Callable[[], Path]
 ):
-    if place in ("temporary", "own"):
-        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    else:
-        monkeypatch.setenv(place, str(tmp_path))
-    if place == "own":  # a folder of this process alone
-        monkeypatch.setattr(machine, "_own", lambda place: None)
-    assert folder().parent == tmp_path
+    monkeypatch.setenv(place, str(tmp_path))
+    assert folder().parent == (tmp_path / ".cache" if place == "HOME" else tmp_path)
     assert folder().stat().st_mode & 0o077 == 0
+
+
+def test_without_a_place_that_can_be_written_nothing_is_kept(folder: Callable[[], Path]):
+    assert not any(folder().glob("*"))
+    np.testing.assert_array_equal(fresh()(np.ones((1, 3))) >= 0.0, True)
+    assert not folder().is_dir()
 
 
 def test_objects_that_nobody_has_used_for_long_are_removed(tmp_path: Path):
