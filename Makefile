@@ -39,9 +39,8 @@ policies: .venv/.studies  ## Train the policies that come with the package anew,
 	$(BIN)/python -m studies.tables agents
 
 $(POLICIES):  # curves of the training stay in results
-	rm -rf results/policies/$@*
-	$(BIN)/python -m scripts.train $@ --runs $(RUNS) --out results/policies/$@.zip
-	cp results/policies/$@.zip agents/policies/trained/
+	$(BIN)/python -m scripts.train $@ --runs $(RUNS) --force --out results/policies/$@
+	cp results/policies/$@.npz agents/policies/trained/
 
 test: venv  ## Run the tests: of many cases a selection with every value, of slow tests one
 	$(BIN)/python -m $(WORKERS)

@@ -9,7 +9,7 @@ from gymnasium.spaces import Box
 
 from agents.controllers import CONTROLLERS, PPO, RANDOM, make_controller, unknown_controller
 from agents.policies.agent import TrainedAgent
-from agents.policies.checkpoint import packaged
+from agents.policies.checkpoint import packaged, policy_path
 from agents.wrapped import Wrapped
 from estimators.checks import short_repr
 
@@ -48,12 +48,12 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
     Args:
         name: A controller that is registered for the environment's task, such as ``"autopilot"``
             (see `agents.controllers`); ``"ppo"``, which was trained on the environment's default
-            estimates, comes with the package and needs no torch; ``"random"``; the path of a
-            checkpoint that `agents.save_agent` or ``vessel-gym train`` wrote; or
+            estimates, comes with the package; ``"random"``; the path of a policy that
+            `agents.save_agent` or ``vessel-gym train`` wrote, or of the model beside it; or
             ``"module:object"``, a controller of your own, made by calling the object with the
             environment's `System`: the module is imported, which runs its code.
         env: The environment (either face, wrapped or not) that it will fly.
-        trust: Load other checkpoints of stable-baselines3, too, of any algorithm. They hold
+        trust: Load other models of stable-baselines3, too, of any algorithm. They hold
             pickles: loading one runs whatever code its maker has put in. They leave out the
             statistics of a ``VecNormalize``: an agent that was trained under one is saved by
             `agents.save_agent`.
@@ -62,7 +62,7 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
         ValueError: if the name is none of these, or the checkpoint is damaged, not trusted, or for
             another observation or vehicle.
         TypeError: for what is neither a name nor a path, or if ``"module:object"`` makes no agent.
-        ModuleNotFoundError: for a checkpoint without torch or stable-baselines3.
+        ModuleNotFoundError: for a model of stable-baselines3, without it.
     """
     if not isinstance(name, str | os.PathLike):
         raise TypeError(
@@ -77,19 +77,20 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
         return RandomAgent(space.shape[0])
     ours = hasattr(env, "core")
     if ours and name == PPO:
-        return TrainedAgent(packaged(env.system.name), env, dense=True)
+        return TrainedAgent(packaged(env.system.name), env)
     if ours and name in CONTROLLERS.of(env.core.task):
         if env.core.observe_mode == "measurement":
             raise ValueError(f'the {name} needs estimates: use observe="mean" or "mean+std"')
         if not env.core.config.options.guidance:
             raise ValueError(f"the {name} goes by guidance: leave out guidance")
         return make_controller(str(name), env.system)
-    if os.path.isfile(name):  # which takes any name; pathlib raises for one that is too long
-        return TrainedAgent(Path(name), given, trust)
+    path = policy_path(name)
+    if os.path.isfile(path):  # which takes any name; pathlib raises for one that is too long
+        return TrainedAgent(path, given, trust)
     if isinstance(name, str) and ":" in name:
         one = env.envs[0] if hasattr(env, "envs") else given
         return make_controller(name, env.system if ours else cast(Any, Wrapped(given.spec.id, one)))
-    if Path(name).suffix == ".zip" or len(Path(name).parts) > 1:
+    if Path(name).suffix in (".zip", ".npz") or len(Path(name).parts) > 1:
         raise ValueError(f"there is no checkpoint {str(name)!r}")
     if not ours:
         raise ValueError(

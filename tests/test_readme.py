@@ -59,7 +59,8 @@ def test_an_example_runs(example: str, tmp_path: Path, monkeypatch: pytest.Monke
     if "results/ppo.zip" in example:  # which a command above it has trained
         from agents.training.algorithms import train
 
-        train("SigmaCorvette-v0", Path("results/ppo.zip"), {"estimator": "kf-umv-ui"}, steps=128)
+        world, out = {"estimator": "kf-umv-ui"}, Path("results/ppo")
+        train("SigmaCorvette-v0", out, world, steps=128, folder=out)
     exec(compile(example, "page", "exec"), {"__name__": "page"})
 
 

@@ -19,7 +19,7 @@ def main(
     first_seed: int = 0,
     trust: bool = False,
 ) -> None:
-    """Fly an agent on one or several estimators, over the same seeds, and print score, costs and other metrics.
+    """Fly an agent on one or several estimators, over the same seeds, and print its metrics.
 
     Args:
         env_id: Registered environment.

@@ -8,7 +8,7 @@ LstmStates = tuple[torch.Tensor, torch.Tensor]
 
 
 class LstmPolicy(RecurrentActorCriticPolicy):
-    """sb3-contrib's ``MlpLstmPolicy``, one call of the network a batch of sequences instead of one a time step.
+    """sb3-contrib's ``MlpLstmPolicy``, with one call of the network for a batch of sequences.
 
     sb3-contrib looks for episodes that begin inside a sequence, and steps through all of them where
     it finds a beginning. But its buffer cuts the sequences where episodes begin: only a first step
@@ -22,7 +22,7 @@ class LstmPolicy(RecurrentActorCriticPolicy):
         episode_starts: torch.Tensor,
         lstm: torch.nn.LSTM,
     ) -> tuple[torch.Tensor, LstmStates]:
-        """Outputs ``(sequences x steps, hidden)`` and the last states, of sequences one after the other."""
+        """Outputs ``(sequences x steps, hidden)``, sequence after sequence, and the last states."""
         hidden, cell = lstm_states
         sequences = hidden.shape[1]
         goes_on = 1.0 - episode_starts.reshape(sequences, -1)[:, :1]

@@ -1,128 +1,116 @@
-"""Networks of policies: in NumPy, or in torch of no more parameters than a checkpoint holds."""
+"""Actors of policies in NumPy, and their export from stable-baselines3."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from importlib import import_module
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from gymnasium.spaces import Box
 
-POLICIES = {
-    "ActorCriticPolicy": "stable_baselines3.common.policies",
-    "SACPolicy": "stable_baselines3.sac.policies",
-    "TQCPolicy": "sb3_contrib.tqc.policies",
-    "CrossQPolicy": "sb3_contrib.crossq.policies",
-    "TD3Policy": "stable_baselines3.td3.policies",
-    "RecurrentActorCriticPolicy": "sb3_contrib.common.recurrent.policies",
-    "ARSPolicy": "sb3_contrib.ars.policies",
-    "ARSLinearPolicy": "sb3_contrib.ars.policies",
-    "LstmPolicy": "agents.policies.lstm",
+ACTIVATIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "Tanh": np.tanh,
+    "ReLU": lambda values: np.maximum(values, 0.0),
 }
-"""Networks of checkpoints, and their modules."""
+"""Activation functions by their name in `torch.nn`."""
+_LSTM = ("weight_ih_l0", "weight_hh_l0", "bias_ih_l0", "bias_hh_l0")
 
 
-class Dense:
-    """The actor of a plain policy in NumPy: dense layers of tanh, as torch computes them but for rounding.
+@dataclass(frozen=True)
+class Network:
+    """Layers of an actor, computed as by torch but for rounding.
 
-    It is made of what a checkpoint says of its policy, and of its arrays by name.
-
-    Raises:
-        ValueError: if it is another network.
+    Attributes:
+        layers: Kinds of the layers in their order: ``"affine"``, ``"lstm"`` or an activation.
+        arrays: Parameters, as ``"<number of the layer>.<name>"``; a weight that is a vector scales
+            each component.
+        squash: Scale the outputs from [-1, 1] to the bounds of the actions; otherwise clip them.
+        low: Lower bounds of the actions.
+        high: Upper bounds of the actions.
     """
 
-    def __init__(self, settings: dict[str, Any], weights: dict[str, np.ndarray]) -> None:
-        if (settings["class"], settings["network"]["activation_fn"]) != (
-            "ActorCriticPolicy",
-            "Tanh",
-        ):
-            raise ValueError("it is no network of dense layers of tanh")
-        widths = settings["network"]["net_arch"]
-        widths = widths["pi"] if isinstance(widths, dict) else widths
-        names = (*(f"mlp_extractor.policy_net.{2 * i}" for i in range(len(widths))), "action_net")
-        self._layers = [(weights[f"{name}.weight"], weights[f"{name}.bias"]) for name in names]
-        self.observation_space, self.action_space = spaces(settings)
-        sizes = [settings["observations"], *widths, settings["actions"]]
-        for name, (weight, bias), before, after in zip(
-            names, self._layers, sizes[:-1], sizes[1:], strict=True
-        ):
-            if (weight.shape, bias.shape) != ((after, before), (after,)):
-                raise ValueError(f"{name} is no layer of {before} to {after} numbers")
+    layers: list[str]
+    arrays: dict[str, np.ndarray]
+    squash: bool
+    low: Any = -1.0
+    high: Any = 1.0
 
-    def predict(
-        self, observations: np.ndarray, state: Any = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Any]:
-        """The mean actions, within the bounds; the state is nobody's."""
-        *hidden, (last, bias) = self._layers
-        for weight, shift in hidden:
-            observations = np.tanh(observations @ weight.T + shift)
-        return np.clip(observations @ last.T + bias, -1.0, 1.0), state
+    def __call__(self, values: np.ndarray, state: Any = None) -> tuple[np.ndarray, Any]:
+        """Mean actions ``(B, a)`` and the next recurrent state, for observations ``(B, k)``."""
+        for i, layer in enumerate(self.layers):
+            if layer == "lstm":
+                parameters = [self.arrays[f"{i}.{name}"] for name in _LSTM]
+                values, state = _lstm(values, state, *parameters)
+            elif layer == "affine":
+                weight, bias = self.arrays[f"{i}.weight"], self.arrays[f"{i}.bias"]
+                values = (values @ weight.T if weight.ndim == 2 else values * weight) + bias
+            else:
+                values = ACTIVATIONS[layer](values)
+        if self.squash:
+            return self.low + 0.5 * (values + 1.0) * (self.high - self.low), state
+        return np.clip(values, self.low, self.high), state
 
 
-def spaces(settings: dict[str, Any]) -> tuple[Any, Any]:
-    """Spaces of observations and of actions."""
-    seen = Box(-np.inf, np.inf, (settings["observations"],), np.float32)
-    return seen, Box(-1.0, 1.0, (settings["actions"],), np.float32)
+def _lstm(
+    values: np.ndarray, state: Any, W: np.ndarray, U: np.ndarray, b: np.ndarray, c: np.ndarray
+) -> tuple[np.ndarray, Any]:
+    """Hidden values, and the state of hidden and cell values; zeros before the first step."""
+    hidden, cell = state or (np.zeros((len(values), len(U) // 4), np.float32),) * 2
+    enter, forget, new, leave = np.split(values @ W.T + b + hidden @ U.T + c, 4, axis=-1)
+    cell = _sigmoid(forget) * cell + _sigmoid(enter) * np.tanh(new)
+    hidden = _sigmoid(leave) * np.tanh(cell)
+    return hidden, (hidden, cell)
 
 
-def torch_policy(settings: dict[str, Any], arrays: dict[str, np.ndarray]) -> Any:
-    """The network that the words tell of, with its weights."""
-    import torch
-
-    network = dict(settings["network"])
-    if "activation_fn" in network:
-        kind = getattr(torch.nn, network["activation_fn"])
-        if not (isinstance(kind, type) and issubclass(kind, torch.nn.Module)):
-            raise ValueError(f"{network['activation_fn']!r} is no activation")
-        network["activation_fn"] = kind
-    policy = getattr(import_module(POLICIES[settings["class"]]), settings["class"])
-    weights = {name: torch.from_numpy(array) for name, array in arrays.items()}
-    with _bounded(sum(array.size for array in arrays.values())):
-        return built(policy, *spaces(settings), network, weights)
+def _sigmoid(values: np.ndarray) -> np.ndarray:
+    return 0.5 * (1.0 + np.tanh(0.5 * values))
 
 
-def _bounded(size: int) -> Any:
-    """A context in which torch makes no more parameters than ``size`` numbers, those of the file."""
-    from torch import Tensor, empty
-    from torch.overrides import TorchFunctionMode
+def exported(policy: Any) -> Network:
+    """The deterministic actor of a policy of stable-baselines3 or sb3-contrib.
 
-    class Bounded(TorchFunctionMode):
-        left = size
-
-        def __torch_function__(
-            self, func: Any, types: Any, args: Any = (), kwargs: Any = None
-        ) -> Any:
-            made = func(*args, **(kwargs or {}))
-            numbers = made.numel() if isinstance(made, Tensor) else 0
-            self.left -= numbers if func is empty else 0
-            if self.left < 0 or numbers > size:
-                raise ValueError("it describes a larger network than its weights are of")
-            return made
-
-    return Bounded()
-
-
-def built(policy: type, seen: Any, done: Any, network: dict[str, Any], weights: Any) -> Any:
-    """A policy with its weights, ready to fly."""
-    import torch
-    from sb3_contrib.ars.policies import ARSPolicy
-
-    rate = () if issubclass(policy, ARSPolicy) else (lambda _: 0.0,)
-    with torch.random.fork_rng(devices=[]):  # its first weights are drawn, and thrown away
-        built = policy(seen, done, *rate, **network)
-    built.load_state_dict(weights)
-    built.set_training_mode(False)
-    return built
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """For small networks a second thread costs more than it brings; the user's own get theirs back."""
-    import torch
-
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
+    Raises:
+        ValueError: if its actions are not those of a chain of known layers.
+    """
+    space = policy.action_space
     try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
+        network = Network(*_chain(policy), policy.squash_output, space.low, space.high)
+        trial = np.random.default_rng(0).normal(size=(8, *policy.observation_space.shape))
+        observations = trial.astype(np.float32)
+        expected, _ = policy.predict(observations, deterministic=True)
+        error = np.abs(network(observations)[0] - expected) / (space.high - space.low)
+        same = (error < 1e-4).all()
+    except (AttributeError, KeyError, TypeError, ValueError):
+        same = False
+    if not same:
+        raise ValueError(
+            f"cannot store a {type(policy).__name__} of such layers or spaces in arrays: use"
+            " model.save, and load_agent with trust=True"
+        )
+    return network
+
+
+def _chain(policy: Any) -> tuple[list[str], dict[str, np.ndarray]]:
+    """Layers from the observations to the actions, and their parameters."""
+    if hasattr(policy, "mlp_extractor"):
+        recurrent = [policy.lstm_actor] if hasattr(policy, "lstm_actor") else []
+        blocks = [*recurrent, policy.mlp_extractor.policy_net, policy.action_net]
+    elif hasattr(policy, "actor"):
+        blocks = [*filter(None, [getattr(policy.actor, "latent_pi", None)]), policy.actor.mu]
+    else:
+        blocks = [policy.action_net]
+    layers: list[str] = []
+    arrays: dict[str, np.ndarray] = {}
+    for module in (leaf for block in blocks for leaf in block.modules()):
+        kind, number = type(module).__name__, len(layers)
+        found = {key: value.numpy(force=True) for key, value in module.state_dict().items()}
+        if kind == "Linear":
+            found.setdefault("bias", np.zeros(module.out_features, np.float32))
+        elif kind == "BatchRenorm1d":
+            scale = found["scale"] / np.sqrt(found["ra_var"] + module.eps)
+            found = {"weight": scale, "bias": found["bias"] - found["ra_mean"] * scale}
+        elif kind != "LSTM" and kind not in ACTIVATIONS:
+            continue  # a container, or a layer that shows in the actions
+        layers.append("lstm" if kind == "LSTM" else "affine" if found else kind)
+        arrays |= {f"{number}.{key}": value for key, value in found.items()}
+    if policy.squash_output and layers[-1] != "Tanh":
+        layers.append("Tanh")
+    return layers, arrays

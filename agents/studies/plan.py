@@ -181,7 +181,7 @@ class _EnvironmentPlan:
             "own": digests(env, school.estimator, *first.own),
         }
         label = f"train {agent.name} on {school.name} in {env}"
-        return Job("agents.studies.training:train_agent", arguments, label, artifact=".zip")
+        return Job("agents.studies.training:train_agent", arguments, label, artifact=".npz")
 
     def _fly(
         self, agent: Agent, condition: Condition, estimator: Estimator, training: Job | None

@@ -33,6 +33,4 @@ def train_agent(
     """
     chosen = environment_options(environment, options)
     train(environment_id(environment), artifact, chosen, seed, steps, None, memory, changed)
-    described = description(artifact)
-    assert described is not None
-    return {"steps": described["trained_steps"]}
+    return {"steps": description(artifact)["trained_steps"]}

@@ -3,12 +3,10 @@
 import inspect
 import json
 import re
+import shutil
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, contextmanager
-from dataclasses import fields, is_dataclass
-from enum import Enum
-from functools import partial
+from contextlib import ExitStack, closing, contextmanager, suppress
 from importlib import import_module, metadata
 from importlib.resources import files
 from pathlib import Path
@@ -18,10 +16,9 @@ import gymnasium as gym
 import numpy as np
 
 import vessel_gym
-from agents.files import replacing
+from agents.files import check_file, replacing
 from agents.named import vector_class
-from agents.policies.checkpoint import write, zip_path
-from agents.policies.network import one_thread
+from agents.policies.checkpoint import npz_path, write
 from agents.seeds import training_seed
 from agents.source import source_digest
 from estimators.checks import as_number, integer, short_repr
@@ -45,39 +42,21 @@ ALGORITHMS = {
 }
 """Algorithms for continuous actions by name; RecurrentPPO is ``ppo`` with the memory ``lstm``."""
 
-_OF_NETWORK = ("log_std_init", "net_arch", "lstm_hidden_size")
-"""Settings of the network."""
-_OF_TRAINING = (
-    "num_envs",
-    "steps",
-    "frames",
-    "learning_rate_final",
-    "action_noise",
-    "reward_scale",
-)
-"""Settings that no algorithm takes as they are."""
-_GIVEN = (
-    "policy", "env", "learning_rate", "policy_kwargs", "seed", "device", "verbose", "tensorboard_log",
-    "rollout_buffer_class", "rollout_buffer_kwargs", "replay_buffer_class", "replay_buffer_kwargs",
-)  # fmt: skip
-"""Arguments of algorithms that are no settings, or are settings by another way."""
-_SHARES = ("gamma", "gae_lambda", "tau", "line_search_shrinking_factor")
-_POSITIVE = (
-    "clip_range",
-    "learning_rate",
-    "max_grad_norm",
-    "reward_scale",
-    "rms_prop_eps",
-    "target_kl",
-    "tau",
-)
-_LEAST = {
-    "learning_starts": 0,
-    "top_quantiles_to_drop_per_net": 0,
-    "gradient_steps": -1,
-    "sde_sample_freq": -1,
+_OF_TRAINING = {
+    "n_envs": 1,
+    "n_timesteps": 1,
+    "frame_stack": 1,
+    "reward_scale": 1.0,
+    "noise_type": "normal",
+    "noise_std": 0.1,
 }
-"""Settings of at most 1, above 0, and the least value of whole numbers where it is not 1."""
+"""Hyperparameters that are no arguments of an algorithm."""
+_CONFIG = "config.json"
+"""Description of the training in a folder."""
+_GIVEN = ("env", "seed", "device", "action_noise")
+"""Arguments of algorithms that are no hyperparameters."""
+_SCHEDULES, _LINEAR = ("learning_rate", "clip_range"), r"lin(_\d+\.?\d*(e-?\d+)?){1,2}"
+"""Hyperparameters that may be ``"lin_<first>"``, which falls to 0, or ``"lin_<first>_<last>"``."""
 
 
 def hyperparameters(
@@ -86,110 +65,61 @@ def hyperparameters(
     changed: Mapping[str, Any] | None = None,
     algorithm: str = "ppo",
 ) -> dict[str, Any]:
-    """The settings of a training: of PPO those of ``ppo.toml``, tuned by environment, and over them the memory's.
-
-    Another environment of a `vessel_gym.system.System` has those of ``others``; another algorithm
-    has its own of ``algorithms.toml``, which are not tuned.
+    """Hyperparameters with the names of rl_zoo3, from ``<algorithm>.toml``; those of PPO are tuned.
 
     Args:
-        env_id: A registered environment.
+        env_id: A registered environment of a `vessel_gym.system.System`.
         memory: One of `MEMORIES`.
-        changed: Settings by name: of these, or any argument of the algorithm that is a number, text
-            or switch.
+        changed: Hyperparameters over these; ``policy_kwargs`` are merged.
         algorithm: One of `ALGORITHMS`.
 
     Raises:
-        ValueError: if it has none, the memory or algorithm is of no known kind, or a changed
-            setting is none.
+        ValueError: if it is another environment, the memory or algorithm is of no known kind, or a
+            changed hyperparameter is none, or of another kind.
     """
     if memory not in MEMORIES:
         raise ValueError(unknown("memory", memory, MEMORIES))
     if algorithm not in ALGORITHMS:
         raise ValueError(unknown("algorithm", algorithm, ALGORITHMS))
-    if algorithm == "ppo":
-        tuned = _of_ppo(env_id, memory)
-    elif memory == "none" and _has_system(env_id):
-        tuned = _table("algorithms")[algorithm]
-    else:
-        raise ValueError(
-            f"{algorithm} trains agents without a memory, in environments of vessel_gym"
-        )
+    if algorithm != "ppo" and memory != "none":
+        raise ValueError(f"{algorithm} trains agents without a memory")
+    if not (env_id in gym.registry and issubclass(vector_class(env_id), VesselVectorEnv)):
+        raise ValueError(f"no hyperparameters for {env_id!r}: it is no environment of vessel_gym")
+    table = tomllib.loads(files("agents.training").joinpath(f"{algorithm}.toml").read_text())
+    tuned = table.get(env_id, table["default"])
+    tuned = _merged(tuned, tuned.get(memory, {}))
+    tuned = {key: value for key, value in tuned.items() if key not in MEMORIES}
+    parameters = inspect.signature(_algorithm(algorithm, "none")).parameters.values()
+    known = {each.name: each.default for each in parameters if each.name not in _GIVEN}
+    known |= _OF_TRAINING | tuned
     for name, value in (changed or {}).items():
-        known = _arguments(algorithm) | {each: tuned[each] for each in tuned if each != "steps"}
         if name not in known:
             raise ValueError(unknown("setting", name, known))
-        if wanted := _wanted(name, known[name], value):
-            raise ValueError(f"the setting {name} must be {wanted}, got {short_repr(value)}")
-    return tuned | dict(changed or {})
+        schedule = name in _SCHEDULES and isinstance(value, str)
+        if not (re.fullmatch(_LINEAR, value) if schedule else _is_such(known[name], value)):
+            raise ValueError(
+                f"the setting {name} must be such as {known[name]!r}, got {short_repr(value)}"
+            )
+    return _merged(tuned, changed or {})
 
 
-def _table(name: str) -> dict[str, Any]:
-    return tomllib.loads(files("agents.training").joinpath(f"{name}.toml").read_text())
+def _merged(settings: Mapping[str, Any], changed: Mapping[str, Any]) -> dict[str, Any]:
+    """Changed settings over others; those of the network one by one."""
+    network = settings["policy_kwargs"] | changed.get("policy_kwargs", {})
+    return {**settings, **changed, "policy_kwargs": network}
 
 
-def _of_ppo(env_id: str, memory: str) -> dict[str, Any]:
-    """The tuned settings of PPO."""
-    table = _table("ppo")
-    others = table.pop("others")
-    if not _has_system(env_id):
-        raise ValueError(
-            f"no PPO settings for {env_id!r} in agents/training/ppo.toml: choose from"
-            f" {', '.join(table)}"
+def _is_such(known: Any, value: Any) -> bool:
+    """Is a value of the kind of the known one: a list, a switch, a count, a finite number, a text?"""
+    if isinstance(known, dict):
+        return isinstance(value, dict) and all(
+            _is_such(each, value.get(key, each)) for key, each in known.items()
         )
-    own = table.get(env_id, others)
-    return {key: value for key, value in own.items() if not isinstance(value, dict)} | own.get(
-        memory, {}
-    )
-
-
-def _arguments(algorithm: str) -> dict[str, Any]:
-    """Arguments of an algorithm that may be set, with their defaults."""
-    arguments = inspect.signature(_algorithm(algorithm, "none")).parameters.values()
-    return {
-        each.name: each.default
-        for each in arguments
-        if each.name[0] != "_" and each.name not in _GIVEN
-    }
-
-
-def _wanted(name: str, known: Any, value: Any) -> str:
-    """What a setting must be, if the value is something else; the known value is the tuned one or the default."""
-    number = as_number(value)
-    if (known is None or name in _POSITIVE) and not 0.0 < number < np.inf:
-        return "a number above 0"
-    if name in _SHARES and not 0.0 <= number <= 1.0:
-        return "between 0 and 1"
-    if name in _LEAST:
-        whole = is_integer(value) and _LEAST[name] <= value < 2**31
-        return "" if whole else f"a whole number of at least {_LEAST[name]}"
-    if known == "auto":
-        pattern, least = (
-            ("auto", -np.inf) if name == "target_entropy" else (r"auto(_\d*\.?\d+)?", 0.0)
-        )
-        automatic = isinstance(value, str) and re.fullmatch(pattern, value)
-        return (
-            "" if automatic or (np.isfinite(number) and number >= least) else "'auto' or a number"
-        )
-    return "" if known is None or _such_as(known, value) else f"such as {known!r}"
-
-
-def _such_as(tuned: Any, value: Any) -> bool:
-    """Return whether a setting is as the tuned one: a list of sizes, a count, or a finite number, of no other sign."""
-    if isinstance(tuned, list) and isinstance(value, dict):  # layers by network, as net_arch may be
-        return len(value) > 0 and all(_such_as(tuned, each) for each in value.values())
-    if isinstance(tuned, list):
-        return (
-            isinstance(value, list) and len(value) > 0 and all(_such_as(1, each) for each in value)
-        )
-    if isinstance(tuned, bool):
-        return isinstance(value, bool)
-    if isinstance(tuned, int):
-        return isinstance(value, int) and not isinstance(value, bool) and 1 <= value < 2**31
-    return bool(np.isfinite(as_number(value))) and (tuned < 0.0 or value >= 0.0)
-
-
-def _has_system(env_id: str) -> bool:
-    return env_id in gym.registry and issubclass(vector_class(env_id), VesselVectorEnv)
+    if isinstance(known, bool | list):
+        return isinstance(value, type(known))
+    if isinstance(value, str):
+        return not isinstance(known, int | float)
+    return is_integer(value) if isinstance(known, int) else bool(np.isfinite(as_number(value)))
 
 
 def describe(
@@ -201,27 +131,23 @@ def describe(
     settings: Mapping[str, Any] | None = None,
     algorithm: str = "ppo",
 ) -> dict[str, Any]:
-    """Everything that decides what `train` gives, as plain data: equal descriptions, equal checkpoints.
+    """Everything that decides what `train` gives, as plain data.
 
     Its arguments are those of `train`.
 
     Returns:
-        The arguments, the tuned settings, the versions of the libraries that compute, and a digest
+        The arguments, the hyperparameters, the versions of the libraries that compute, and a digest
         of the environments' and estimators' source code.
 
     Raises:
         ValueError: for an environment or memory without settings, or a budget below one rollout.
-        TypeError: for options that no plain data can tell.
         ModuleNotFoundError: without torch or stable-baselines3.
     """
     require("torch", "stable_baselines3", "sb3_contrib")
     settings = hyperparameters(env_id, memory, settings, algorithm)
-    steps = settings["steps"] if steps is None else integer("steps", steps, 1)
-    if steps < settings["num_envs"]:
-        raise ValueError(
-            f"steps must be at least the {settings['num_envs']} environments of a batch, got"
-            f" {steps}"
-        )
+    num_envs = integer("n_envs", settings["n_envs"], 1)
+    steps = integer("steps", settings["n_timesteps"] if steps is None else steps, num_envs)
+    libraries = ("numpy", "torch", "stable-baselines3", "sb3-contrib")
     described = {
         "env_id": env_id,
         "env_options": env_options or {},
@@ -230,40 +156,11 @@ def describe(
         "algorithm": algorithm,
         "memory": memory,
         "hyperparameters": settings,
-        "versions": (
-            {"vessel-gym": vessel_gym.__version__}
-            | {
-                name: metadata.version(name)
-                for name in ("numpy", "torch", "stable-baselines3", "sb3-contrib")
-            }
-        ),
+        "versions": {"vessel-gym": vessel_gym.__version__}
+        | {name: metadata.version(name) for name in libraries},
         "source": source_digest(__name__),
     }
-    return json.loads(json.dumps(described, default=_plain))
-
-
-def _plain(own: Any) -> Any:
-    """An option of an environment that is neither number nor name, as plain data.
-
-    Raises:
-        TypeError: for what has no name to be known by.
-    """
-    if isinstance(own, np.ndarray | np.generic):
-        return own.tolist()
-    if isinstance(own, Enum):
-        return own.value
-    if isinstance(own, partial):
-        return [own.func, *own.args, own.keywords]
-    if is_dataclass(own) and not isinstance(own, type):
-        return {"kind": _plain(type(own))} | {
-            each.name: getattr(own, each.name) for each in fields(own)
-        }
-    if hasattr(own, "__qualname__"):
-        return f"{own.__module__}:{own.__qualname__}"
-    if " at 0x" in repr(own):
-        what = f"a checkpoint cannot say what {short_repr(own)} in env_options is"
-        raise TypeError(f"{what}: give numbers, names, functions or dataclasses")
-    return repr(own)
+    return json.loads(json.dumps(described, default=repr))
 
 
 def train(
@@ -278,222 +175,179 @@ def train(
     algorithm: str = "ppo",
     folder: Path | None = None,
     resume: bool = False,
+    force: bool = False,
 ) -> Path:
-    """Train an agent on an environment and save the checkpoint.
+    """Train an agent on an environment and save the policy.
 
-    The checkpoint is written whole or not at all.
+    The policy is written whole or not at all.
 
     Args:
         env_id: A registered environment; `hyperparameters` says with which settings.
-        path: Where the checkpoint goes (``.zip``); folders are made.
+        path: Place of the policy (``.npz``); folders are made.
         env_options: Passed to `gymnasium.make_vec`.
         seed: Number of the training run; the environments' seeds follow by `agents.seeds`.
-        steps: Environment steps in all; None: the tuned budget.
-        progress: Called with (steps so far, steps of all rollouts, score of the last evaluation),
+        steps: Environment steps in all; None: ``n_timesteps``.
+        progress: Called with (steps so far, steps in all, mean reward of the last evaluation),
             which is NaN without a folder.
         memory: ``"none"``: the agent acts on the newest observation alone; ``"frames"``: on its
             last ones, side by side, zeros before the first; ``"lstm"``: through a recurrent network
             (``RecurrentPPO``).
         settings: Hyperparameters by name over those of `hyperparameters`.
         algorithm: One of `ALGORITHMS`.
-        folder: Where learning curves, the latest and the best policy, and the checkpoints of
-            stable-baselines3 go, see `agents.training.callbacks`; None: nowhere. It must hold no
-            earlier training.
-        resume: Go on from the last checkpoint of stable-baselines3 in the folder, in new episodes;
-            begin anew where the training broke off before the first. A checkpoint holds pickles, as
-            all of stable-baselines3's.
+        folder: Place of learning curves, evaluations, the best policy and checkpoints; then the
+            model of stable-baselines3 is saved, too, beside the policy (``.zip``). None: nowhere.
+        resume: Go on from the last checkpoint in the folder, in new episodes; begin anew where the
+            training broke off before the first. A checkpoint holds pickles, as all of
+            stable-baselines3's.
+        force: Replace an earlier training in the folder.
 
     Returns:
-        The path of the checkpoint.
+        The path of the policy.
 
     Raises:
         ValueError: for an environment, memory or algorithm without settings, a budget below one
-            rollout, a checkpoint of another training or a damaged one, or a training in the folder
-            that is not to be resumed.
-        TypeError: for options that a checkpoint cannot hold as plain data.
-        OSError: if the checkpoint cannot be written, or there is no training to resume.
+            rollout, settings that the algorithm refuses, or another training in the folder.
+        OSError: if a file cannot be written, or there is no training to resume.
         ModuleNotFoundError: without torch or stable-baselines3.
-        KeyboardInterrupt: after Ctrl-C; the text names the last checkpoint in the folder.
     """
     described = describe(env_id, env_options, seed, steps, memory, settings, algorithm)
-    kept = None if folder is None else _kept(folder, described, resume, zip_path(path).exists())
-    with replacing(zip_path(path)) as temporary, one_thread():
-        _learn(described, env_options, temporary, progress, folder, kept)
-    return zip_path(path)
+    path, num_envs = npz_path(path), described["hyperparameters"]["n_envs"]
+    check_file(path)
+    if folder is not None:
+        _check_folder(folder, path, described, resume, force)
+    with one_thread(), closing(batch(described, num_envs, env_options)) as env:
+        model = _model(described, env, folder)
+        env.seed(training_seed(seed) + 2**49 * model.num_timesteps)
+        _learn(model, described, env_options, folder, progress)
+        if folder is not None:
+            with replacing(path.with_suffix(".zip")) as temporary:
+                model.save(temporary)
+        write(path, model, described | {"trained_steps": model.num_timesteps})
+    if folder is not None:
+        from agents.training.callbacks import remove_checkpoints
 
-
-def _kept(folder: Path, described: dict[str, Any], resume: bool, finished: bool) -> Path | None:
-    """The checkpoint with which a training goes on; None for a new one."""
-    from stable_baselines3.common.save_util import load_from_zip_file
-
-    from agents.training.callbacks import CURVES, last_checkpoint
-
-    path = last_checkpoint(folder)
-    if path is None:
-        if resume and (finished or not folder.exists()):
-            raise FileNotFoundError(
-                f"there is no interrupted training to go on with: no checkpoint in {folder}"
-            )
-        if not resume and (folder / CURVES).exists():
-            raise ValueError(
-                f"{folder} keeps an earlier training: remove it, or train into another place"
-            )
-        return None
-    if not resume:
-        raise ValueError(
-            f"{path} keeps an interrupted training: go on with resume, or remove {folder}"
-        )
-    try:
-        data, *_ = load_from_zip_file(path, device="cpu")
-        before = dict((data or {})["described"])
-    except Exception:  # a damaged pickle may break anything
-        raise _damaged(path) from None
-    changed = [key for key, value in described.items() if before.get(key) != value]
-    if changed:
-        raise ValueError(f"{path} is of another training: it differs in {', '.join(changed)}")
+        remove_checkpoints(folder)
     return path
 
 
-def _damaged(path: Path) -> ValueError:
-    return ValueError(f"{path} is damaged: remove it, and --resume goes on from the one before it")
-
-
-def _learn(
-    described: dict[str, Any],
-    env_options: dict[str, Any] | None,
-    path: Path,
-    progress: Callable[[int, int, float], None] | None,
-    folder: Path | None,
-    kept: Path | None,
+def _check_folder(
+    folder: Path, path: Path, described: dict[str, Any], resume: bool, force: bool
 ) -> None:
-    """Train what `describe` described and save the policy, with the steps that it took: whole rollouts."""
-    from agents.training.callbacks import (
-        Checkpoints,
-        Evaluation,
-        Report,
-        curves,
-        last_checkpoint,
-        remove_checkpoints,
-    )
-
-    budget = described["steps"]
-    with _learner(described, env_options, kept) as model:
-        if folder is None:
-            model.learn(budget, callback=Report(budget, progress))
-        else:
-            folder.mkdir(parents=True, exist_ok=True)
-            checkpoints = Checkpoints(folder, budget // described["hyperparameters"]["num_envs"])
-            evaluation = Evaluation(folder, described, env_options)
-            callbacks = [checkpoints, evaluation, Report(budget, progress, evaluation)]
-            with closing(curves(folder, model.num_timesteps)) as logger:
-                model.set_logger(logger)
-                try:
-                    model.learn(
-                        budget - model.num_timesteps,
-                        callback=callbacks,
-                        reset_num_timesteps=kept is None,
-                    )
-                except KeyboardInterrupt:
-                    last = last_checkpoint(folder)
-                    said = f"the last checkpoint is {last}; the same command with --resume goes on"
-                    raise KeyboardInterrupt(said if last else "") from None
-        write(path, model, described | {"trained_steps": model.num_timesteps})
-    if folder is not None:
-        remove_checkpoints(folder)
+    """Refuse a folder of another training, or remove it."""
+    config = folder / _CONFIG
+    if resume:
+        if path.exists() or not config.exists():
+            raise FileNotFoundError(f"there is no interrupted training to go on with in {folder}")
+        before = json.loads(config.read_text(encoding="utf-8"))
+        changed = [key for key, value in described.items() if before.get(key) != value]
+        if changed:
+            raise ValueError(f"{folder} is of another training: it differs in {', '.join(changed)}")
+    elif force:
+        path.unlink(missing_ok=True)
+        if config.exists():
+            shutil.rmtree(folder)
+    elif config.exists():
+        raise ValueError(
+            f"{folder} keeps a training: go on with --resume if it was interrupted, replace it with"
+            " --force, or train into another place"
+        )
 
 
-@contextmanager
-def _learner(
-    described: dict[str, Any], env_options: dict[str, Any] | None, kept: Path | None
-) -> Iterator[Any]:
-    """The model of stable-baselines3 that learns what `describe` described, with its environment while it does.
-
-    Args:
-        described: What `describe` gave.
-        env_options: Those that were described, where they hold more than plain data.
-        kept: A checkpoint with which it goes on; None: a new model.
-    """
-    import torch
+def _model(described: dict[str, Any], env: Any, folder: Path | None) -> Any:
+    """The model of the last whole checkpoint in the folder, or a new one."""
     from stable_baselines3.common.noise import NormalActionNoise
     from stable_baselines3.common.utils import LinearSchedule
 
-    from agents.training.callbacks import replay_path
+    from agents.training.callbacks import checkpoints
 
-    settings, seed, memory = (described[key] for key in ("hyperparameters", "seed", "memory"))
-    rate, env = settings["learning_rate"], batch(described, settings["num_envs"], env_options)
-    network: dict[str, Any] = {name: settings[name] for name in _OF_NETWORK if name in settings}
-    own = {
-        name: value
-        for name, value in settings.items()
-        if name not in (*_OF_NETWORK, *_OF_TRAINING, *_GIVEN)
-    }
-    policy: Any = "MlpPolicy"
-    if described["algorithm"] == "ppo":
-        network["activation_fn"] = torch.nn.Tanh
-    if memory == "lstm":
+    kind, seed = _algorithm(described["algorithm"], described["memory"]), described["seed"]
+    for steps in reversed(checkpoints(folder) if folder else []):
+        with suppress(Exception):  # a file that was being written when the process was killed
+            model = kind.load(f"{folder}/rl_model_{steps}_steps.zip", env, device="cpu")
+            if hasattr(model, "load_replay_buffer"):
+                with open(f"{folder}/rl_model_replay_buffer_{steps}_steps.pkl", "rb") as file:
+                    model.load_replay_buffer(file)
+            model.set_random_seed(int(np.random.SeedSequence((seed, steps)).generate_state(1)[0]))
+            return model
+    settings = described["hyperparameters"]
+    arguments = {name: value for name, value in settings.items() if name not in _OF_TRAINING}
+    arguments["policy_kwargs"] = dict(settings["policy_kwargs"])  # A2C adds its optimiser
+    if described["memory"] == "lstm":
         from agents.policies.lstm import LstmPolicy
 
-        policy = LstmPolicy
-    if "action_noise" in settings:
-        size = env.action_space.shape[0]
-        own["action_noise"] = NormalActionNoise(
-            np.zeros(size), np.full(size, settings["action_noise"])
-        )
-    kind = _algorithm(described["algorithm"], memory)
-    if kept is None:
-        own |= {"policy_kwargs": network, "seed": seed, "device": "cpu"}
-        own["learning_rate"] = LinearSchedule(rate, settings.get("learning_rate_final", rate), 1.0)
-        try:
-            model = kind(policy, env, **own)
-        except AssertionError as error:  # of settings that do not go together
-            raise ValueError(str(error)) from None
-        model.described, model.elapsed = described, 0  # which its checkpoints keep
-    else:
-        model = kind.load(kept, env, device="cpu")
-        if hasattr(model, "load_replay_buffer"):
-            try:
-                with replay_path(kept).open("rb") as file:
-                    model.load_replay_buffer(file)
-            except Exception:  # a damaged pickle may break anything
-                raise _damaged(kept) from None
-        model.set_random_seed(
-            int(np.random.SeedSequence((seed, model.num_timesteps)).generate_state(1)[0])
-        )
-    # PPO reseeds the environments with its own seed: put the training range back, beyond all runs'
-    # when it goes on.
-    env.seed(training_seed(seed) + 2**49 * model.num_timesteps)
+        arguments["policy"] = LstmPolicy
     try:
-        yield model
-    finally:
-        env.close()
+        for name in _SCHEDULES:
+            if isinstance(text := settings.get(name), str):
+                first, last, *_ = *map(float, text.split("_")[1:]), 0.0
+                arguments[name] = LinearSchedule(first, last, 1.0)
+        if "noise_std" in settings:
+            size = env.action_space.shape[0]
+            arguments["action_noise"] = NormalActionNoise(
+                np.zeros(size), np.full(size, settings["noise_std"])
+            )
+        return kind(env=env, seed=seed, device="cpu", **arguments)
+    except (AssertionError, TypeError) as error:  # of settings that do not go together
+        raise ValueError(str(error)) from None
+
+
+def _learn(
+    model: Any,
+    described: dict[str, Any],
+    env_options: dict[str, Any] | None,
+    folder: Path | None,
+    progress: Callable[[int, int, float], None] | None,
+) -> None:
+    """Learn up to the steps of `describe`; with a folder, with evaluations and checkpoints."""
+    from agents.training.callbacks import EPISODES, Checkpoints, Evaluation, Progress, curves
+
+    budget, evaluation, callbacks = described["steps"], None, []
+    with ExitStack() as stack:
+        if folder is not None:
+            with replacing(folder / _CONFIG) as temporary:
+                temporary.write_text(json.dumps(described, indent=1), encoding="utf-8")
+            calls = budget // described["hyperparameters"]["n_envs"]
+            env = stack.enter_context(closing(batch(described, EPISODES, env_options)))
+            evaluation = Evaluation(env, folder, calls, described)
+            callbacks = [Checkpoints(folder, calls), evaluation]
+            model.set_logger(stack.enter_context(closing(curves(folder, model.num_timesteps))))
+        if progress is not None:
+            callbacks.append(Progress(progress, evaluation))
+        model.learn(budget - model.num_timesteps, callback=callbacks, reset_num_timesteps=False)
 
 
 def batch(
     described: dict[str, Any], num_envs: int, env_options: dict[str, Any] | None = None
 ) -> Any:
-    """The environments, as the learner of what `describe` described sees them; ``env_options`` as described."""
+    """Environments of the learner that `describe` described; ``env_options`` as described."""
     from stable_baselines3.common.vec_env import VecFrameStack
 
     from agents.training.vec_env import StableBaselinesVecEnv
 
-    options = env_options or described["env_options"]
+    options, settings = env_options or described["env_options"], described["hyperparameters"]
     if options.get("observe") == "measurement" and options.get("termination") != "belief":
-        options = options | {
-            "estimator": "measurement",
-            "estimator_options": {},
-        }  # nobody sees what a filter believes
+        # nobody sees what a filter believes
+        options = options | {"estimator": "measurement", "estimator_options": {}}
     vector: Any = gym.make_vec(described["env_id"], num_envs=num_envs, **options)
-    env = StableBaselinesVecEnv(vector, described["hyperparameters"].get("reward_scale", 1.0))
-    return (
-        VecFrameStack(env, described["hyperparameters"]["frames"])
-        if described["memory"] == "frames"
-        else env
-    )
+    env = StableBaselinesVecEnv(vector, settings.get("reward_scale", 1.0))
+    return VecFrameStack(env, settings["frame_stack"]) if "frame_stack" in settings else env
 
 
 def _algorithm(name: str, memory: str) -> Any:
     """The class that trains agents with this memory."""
-    module, _, kind = (
-        "sb3_contrib:RecurrentPPO" if memory == "lstm" else ALGORITHMS[name]
-    ).partition(":")
+    place = "sb3_contrib:RecurrentPPO" if memory == "lstm" else ALGORITHMS[name]
+    module, _, kind = place.partition(":")
     return getattr(import_module(module), kind)
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """One thread of torch: for small networks a second one costs more than it brings."""
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)

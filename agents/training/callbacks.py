@@ -1,7 +1,5 @@
-"""Callbacks of a training: progress, curves, evaluation, and checkpoints from which an interrupted one goes on."""
+"""Callbacks of a training: progress, evaluation, and checkpoints from which it can go on."""
 
-import shutil
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from importlib.util import find_spec
@@ -10,192 +8,123 @@ from typing import Any
 
 import numpy as np
 
-from agents.files import replacing
 from agents.policies.checkpoint import write
-from agents.rollouts import rollout
 from agents.seeds import tuning_seeds
 from vessel_gym.extras import require
 
 require("stable_baselines3")
 
-from stable_baselines3.common import logger as sb3_logger  # noqa: E402
-from stable_baselines3.common.callbacks import BaseCallback, CheckpointCallback  # noqa: E402
+from stable_baselines3.common.callbacks import (  # noqa: E402
+    BaseCallback,
+    CheckpointCallback,
+    EvalCallback,
+)
+from stable_baselines3.common.logger import Logger, make_output_format  # noqa: E402
 
-EVALUATIONS, EPISODES = 10, 20
-"""Evaluations of a training, and episodes of each, on tuning seeds."""
-CHECKPOINTS = 20
-"""Checkpoints of stable-baselines3 in a training."""
-CURVES, LATEST, BEST = "progress.csv", "latest.zip", "best.zip"
-"""Files of a training's folder; TensorBoard's events and stable-baselines3's checkpoints lie beside them."""
-_CHECKPOINT = "checkpoint"
+EVALUATIONS, EPISODES, CHECKPOINTS = 10, 20, 20
+"""Evaluations of a training, episodes of each, and checkpoints."""
 
 
-class Report(BaseCallback):
-    """Progress by calls with (steps so far, steps of all rollouts, score of the last evaluation or NaN)."""
-
-    model: Any
+class Progress(BaseCallback):
+    """Progress by calls with (steps so far, steps in all, mean reward of the last evaluation)."""
 
     def __init__(
-        self,
-        budget: int,
-        progress: Callable[[int, int, float], None] | None,
-        evaluation: Any = None,
+        self, report: Callable[[int, int, float], None], evaluation: EvalCallback | None
     ) -> None:
         super().__init__()
-        self._budget, self._progress, self._evaluation = budget, progress, evaluation
-
-    def _on_training_start(self) -> None:
-        model = self.model
-        rollout = model.n_envs * (
-            model.train_freq.frequency if hasattr(model, "train_freq") else model.n_steps
-        )
-        self._total = (
-            self.num_timesteps + -(-(self._budget - self.num_timesteps) // rollout) * rollout
-        )
+        self._report, self._evaluation = report, evaluation
 
     def _on_step(self) -> bool:
         return True
 
     def _on_rollout_start(self) -> None:
-        if self._progress is not None:
-            self._progress(
-                self.num_timesteps, self._total, getattr(self._evaluation, "score", np.nan)
-            )
+        reward = self._evaluation.last_mean_reward if self._evaluation else -np.inf
+        total = max(self.num_timesteps, self.locals["total_timesteps"])
+        self._report(self.num_timesteps, total, reward if reward > -np.inf else np.nan)
 
     _on_training_end = _on_rollout_start
 
 
 class Checkpoints(CheckpointCallback):
-    """stable-baselines3's checkpoints, `CHECKPOINTS` of them in a training, of which the last two stay.
+    """stable-baselines3's checkpoints, `CHECKPOINTS` in a training, of which the last two stay.
 
     Args:
-        folder: Where the files go.
+        folder: Place of the files.
         steps: Steps of the batch in the training.
     """
 
-    model: Any
-
     def __init__(self, folder: Path, steps: int) -> None:
-        super().__init__(
-            max(steps // CHECKPOINTS, 1), str(folder), _CHECKPOINT, save_replay_buffer=True
-        )
-
-    def _on_training_start(self) -> None:
-        self.model.start_time -= self.model.elapsed
-        self.model._num_timesteps_at_start = 0  # as many steps as took this time
+        super().__init__(max(steps // CHECKPOINTS, 1), str(folder), save_replay_buffer=True)
 
     def _on_step(self) -> bool:
-        self.model.elapsed = time.time_ns() - self.model.start_time
-        go_on = super()._on_step()
-        if (
-            self.n_calls % self.save_freq == 0
-        ):  # it has just saved one: no look at the folder at other steps
-            remove_checkpoints(Path(self.save_path), 2)
-        return go_on
+        super()._on_step()
+        if self.n_calls % self.save_freq == 0:
+            for steps in checkpoints(Path(self.save_path))[:-2]:
+                remove_checkpoints(Path(self.save_path), str(steps))
+        return True
 
 
-def _checkpoints(folder: Path) -> list[Path]:
-    """Checkpoints of stable-baselines3 in a folder, from the first to the last."""
-    return sorted(
-        folder.glob(f"{_CHECKPOINT}_*_steps.zip"), key=lambda path: int(path.stem.split("_")[1])
-    )
+def checkpoints(folder: Path) -> list[int]:
+    """Steps of the checkpoints in a folder, from the first to the last."""
+    return sorted(int(path.stem.split("_")[2]) for path in folder.glob("rl_model_*_steps.zip"))
 
 
-def last_checkpoint(folder: Path) -> Path | None:
-    """The last checkpoint of stable-baselines3 in a folder, if there is one."""
-    return next(reversed(_checkpoints(folder)), None)
-
-
-def replay_path(checkpoint: Path) -> Path:
-    """The file of the replay buffer that goes with a checkpoint of stable-baselines3."""
-    name = checkpoint.stem.replace(_CHECKPOINT, f"{_CHECKPOINT}_replay_buffer")
-    return checkpoint.with_name(f"{name}.pkl")
-
-
-def remove_checkpoints(folder: Path, kept: int = 0) -> None:
-    """Remove the checkpoints of stable-baselines3 from a folder, but for the last ones."""
-    paths = _checkpoints(folder)
-    for path in paths[: len(paths) - kept]:
-        replay_path(path).unlink(missing_ok=True)
+def remove_checkpoints(folder: Path, steps: str = "*") -> None:
+    """Remove the checkpoints of so many steps, or all, with their replay buffers."""
+    for path in folder.glob(f"rl_model*_{steps}_steps.*"):
         path.unlink()
 
 
-class Evaluation(BaseCallback):
-    """The latest and the best policy of a training, and what they score.
+class Evaluation(EvalCallback):
+    """stable-baselines3's evaluation on the same tuning seeds each time.
+
+    The best policy is stored without pickle, too.
 
     Evaluation draws no random number of the learner, so a training learns the same with this
     callback or without.
 
     Args:
-        folder: Where the files go.
-        described: What `agents.training.algorithms.describe` gave.
-        env_options: Passed to the environment of evaluations.
+        env: `EPISODES` environments.
+        folder: Place of the files; those of an interrupted training are continued.
+        steps: Steps of the batch in the training.
+        described: Description of the training.
     """
 
-    def __init__(
-        self, folder: Path, described: dict[str, Any], env_options: dict[str, Any] | None
-    ) -> None:
-        super().__init__()
-        self._folder, self._described, self._options = folder, described, env_options
-        self._best, self._done, self.score = -np.inf, -1, np.nan
-
-    def _on_training_start(self) -> None:
-        if self.num_timesteps:  # of the training that goes on
-            self._done = self.num_timesteps * EVALUATIONS // self._described["steps"]
-            with suppress(ValueError):  # damaged, or there is none
-                self._best = self._score(self._folder / BEST)
+    def __init__(self, env: Any, folder: Path, steps: int, described: dict[str, Any]) -> None:
+        super().__init__(
+            env,
+            callback_on_new_best=_Best(folder / "best_model.npz", described),
+            n_eval_episodes=EPISODES,
+            eval_freq=max(steps // EVALUATIONS, 1),
+            log_path=str(folder),
+            best_model_save_path=str(folder),
+            verbose=0,
+        )
+        with suppress(Exception), np.load(folder / "evaluations.npz") as kept:
+            self.best_mean_reward = float(kept["results"].mean(axis=1).max())
+            self.evaluations_timesteps = list(kept["timesteps"])
+            self.evaluations_results = list(kept["results"])
+            self.evaluations_length = list(kept["ep_lengths"])
+            self.evaluations_successes = list(kept["successes"])
 
     def _on_step(self) -> bool:
+        self.eval_env.seed(tuning_seeds(1)[0])
+        return super()._on_step()
+
+
+class _Best(BaseCallback):
+    def __init__(self, path: Path, described: dict[str, Any]) -> None:
+        super().__init__()
+        self._path, self._described = path, described
+
+    def _on_step(self) -> bool:
+        steps = self.parent.num_timesteps  # type: ignore[union-attr]
+        write(self._path, self.model, self._described | {"trained_steps": steps})
         return True
 
-    def _on_rollout_start(self) -> None:
-        if self.num_timesteps * EVALUATIONS >= (self._done + 1) * self._described["steps"]:
-            self._evaluate()
 
-    def _on_training_end(self) -> None:
-        self._evaluate()
-
-    def _evaluate(self) -> None:
-        """Score the latest policy on tuning seeds in a row of its own, and keep it if it is the best so far."""
-        latest, described = self._folder / LATEST, self._described
-        write(latest, self.model, described | {"trained_steps": self.num_timesteps})
-        self.score = self._score(latest)
-        self.logger.record("eval/score", self.score)
-        self.logger.record("time/total_timesteps", self.num_timesteps, exclude="tensorboard")
-        self.logger.dump(self.num_timesteps)
-        self._done = self.num_timesteps * EVALUATIONS // described["steps"]
-        if self.score > self._best:
-            self._best = self.score
-            with replacing(self._folder / BEST) as temporary:
-                shutil.copyfile(latest, temporary)
-
-    def _score(self, path: Path) -> float:
-        env_id, seeds = self._described["env_id"], tuning_seeds(EPISODES)
-        return float(rollout(path, env_id, seeds, self._options, record=False).score.mean())
-
-
-def curves(folder: Path, steps: int) -> sb3_logger.Logger:
-    """A logger to ``progress.csv`` and, where tensorboard is installed, to its events.
-
-    Args:
-        folder: Where the files go.
-        steps: Of a training that goes on; rows of later steps are dropped, since they are computed
-            again.
-    """
-    path = folder / CURVES
-    earlier = path.read_text(encoding="utf-8").splitlines() if steps and path.exists() else []
-    outputs: list[sb3_logger.KVWriter] = [sb3_logger.CSVOutputFormat(str(path))]
-    if earlier:
-        _go_on(outputs[0], earlier, steps)
-    if find_spec("tensorboard") is not None:
-        outputs.append(sb3_logger.TensorBoardOutputFormat(str(folder)))
-    return sb3_logger.Logger(str(folder), outputs)
-
-
-def _go_on(output: Any, earlier: list[str], steps: int) -> None:
-    """Write the rows of an interrupted training again, up to a number of steps."""
-    output.keys = earlier[0].split(",")
-    column = output.keys.index("time/total_timesteps")
-    rows = [row for row in earlier[1:] if int(row.split(",")[column]) <= steps]
-    output.file.write("\n".join([earlier[0], *rows, ""]))
-    output.file.flush()
+def curves(folder: Path, steps: int) -> Logger:
+    """A logger to TensorBoard and ``progress.csv``, or ``progress_<steps>.csv`` after some steps."""
+    kinds = ["csv", *(["tensorboard"] if find_spec("tensorboard") else [])]
+    suffix = f"_{steps}" if steps else ""
+    return Logger(str(folder), [make_output_format(kind, str(folder), suffix) for kind in kinds])

@@ -1,7 +1,6 @@
 """The adapter from Gymnasium's vector environments to stable-baselines3's."""
 
 import time
-from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -17,7 +16,7 @@ from stable_baselines3.common.vec_env import VecEnv  # noqa: E402
 
 
 class StableBaselinesVecEnv(VecEnv):
-    """A batch of this package, or any `gymnasium.vector.VectorEnv` with ``SAME_STEP`` autoreset, as a ``VecEnv``.
+    """A `gymnasium.vector.VectorEnv` as a ``VecEnv`` of stable-baselines3.
 
     A finished environment's info holds its own last observation in ``terminal_observation``,
     whether it was cut off by the time limit in ``TimeLimit.truncated``, and the episode's return,
@@ -25,8 +24,8 @@ class StableBaselinesVecEnv(VecEnv):
     environment tells it, which stable-baselines3 gathers and an ``EvalCallback`` reports.
 
     Args:
-        env: The vector environment. A `VesselVectorEnv` may have any autoreset mode: the adapter
-            resets what has ended.
+        env: The vector environment, with ``SAME_STEP`` autoreset. A `VesselVectorEnv` may have any
+            autoreset mode: the adapter resets what has ended.
         reward_scale: Factor of the rewards that are learned from; ``episode`` holds the return
             without it.
 
@@ -42,7 +41,6 @@ class StableBaselinesVecEnv(VecEnv):
                 f"the adapter needs an environment with SAME_STEP autoreset, this one has {mode}"
             )
         self.env, self.reward_scale = env, reward_scale
-        self._seed: int | None = None
         self._actions: np.ndarray
         self._start = time.time()
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
@@ -50,18 +48,12 @@ class StableBaselinesVecEnv(VecEnv):
         self._returns = np.zeros(env.num_envs)
         self._lengths = np.zeros(env.num_envs, int)
 
-    def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """The seed of the next `reset`: environment i gets ``seed + i``."""
-        self._seed = seed
-        return [None if seed is None else seed + i for i in range(self.num_envs)]
-
     def reset(self) -> np.ndarray:
-        """First observations ``(B, k)``."""
-        observations, _ = self.env.reset(seed=self._seed, options=self._options[0] or None)
-        self._seed = None
+        """First observations ``(B, k)``; after `seed`, environment i has the seed ``seed + i``."""
+        observations, _ = self.env.reset(seed=self._seeds[0], options=self._options[0] or None)
+        self._reset_seeds()
         self._reset_options()
         self._returns[:], self._lengths[:] = 0.0, 0
-        self.reset_infos = [{} for _ in range(self.num_envs)]
         return observations
 
     def set_options(self, options: list[dict[str, Any]] | dict[str, Any] | None = None) -> None:
@@ -97,7 +89,7 @@ class StableBaselinesVecEnv(VecEnv):
                 "episode": {
                     "r": float(self._returns[i]),
                     "l": int(self._lengths[i]),
-                    "t": round(time.time() - self._start, 6),
+                    "t": time.time() - self._start,
                 },
             }
             final = info["final_info"]
@@ -112,33 +104,18 @@ class StableBaselinesVecEnv(VecEnv):
         self.env.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Each environment's own row of an array that has one for each, its space; else what the batch shares."""
-        batch: Any = self.env.unwrapped
-        if hasattr(batch, "get_attr") and not hasattr(self.env, attr_name):
-            value, batched = batch.get_attr(attr_name), True
-        else:
-            value = getattr(self.env, f"single_{attr_name}", getattr(self.env, attr_name))
-            batched = isinstance(value, np.ndarray) and value.shape[:1] == (self.num_envs,)
-        return [value[i] if batched else value for i in self._get_indices(indices)]
+        """The attribute of the batch, for each environment."""
+        return [getattr(self.env, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Set it in all environments of a batch of gymnasium's; not supported for one of this package, or for some."""
-        batch = self._single(indices, f"share their attributes: set env.env.{attr_name}")
-        batch.set_attr(attr_name, [value] * self.num_envs)
+        """Not supported: the environments of a batch share their attributes."""
+        raise NotImplementedError(f"environments of a batch share: set env.env.{attr_name}")
 
     def env_method(
         self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any
     ) -> list[Any]:
-        """Call it in all environments of a batch of gymnasium's; not supported as in `set_attr`."""
-        batch = self._single(indices, f"have no methods of their own: call env.env.{method_name}")
-        return list(batch.call(method_name, *args, **kwargs))
-
-    def _single(self, indices: Any, otherwise: str) -> Any:
-        """The batch, if it is made of single environments and all are meant."""
-        batch = self.env.unwrapped
-        if not hasattr(batch, "call") or [*self._get_indices(indices)] != [*range(self.num_envs)]:
-            raise NotImplementedError(f"the environments of a batch {otherwise}, for all of them")
-        return batch
+        """Not supported: the environments of a batch have no methods of their own."""
+        raise NotImplementedError(f"environments of a batch share: call env.env.{method_name}")
 
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper], indices: Any = None) -> list[bool]:
         """True for a Monitor, whose work the adapter does itself, False for any other wrapper."""

@@ -1,6 +1,5 @@
-"""Trainings of a moment, and the models that they save."""
+"""Trainings of a moment."""
 
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -21,16 +20,15 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def saved(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """The models that are written to checkpoints, as stable-baselines3 trained them."""
+def models(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """The models that are written to policies, as stable-baselines3 trained them."""
     from agents.training import algorithms
 
-    models: list[Any] = []
-
-    def write(path: Path, model: Any, described: dict[str, Any]) -> None:
-        models.append(model)
-        original(path, model, described)
-
+    written: list[Any] = []
     original = algorithms.write
-    monkeypatch.setattr(algorithms, "write", write)
-    return models
+    monkeypatch.setattr(
+        algorithms,
+        "write",
+        lambda path, model, *a: written.append(model) or original(path, model, *a),
+    )
+    return written

@@ -42,7 +42,7 @@ def test_batches_of_different_training_seeds_share_no_environment():
     batches = [range(training_seed(k), training_seed(k) + largest) for k in range(50)]
     for one, other in pairwise(batches):
         assert one[-1] < other[0]
-    assert hyperparameters("SigmaCorvette-v0")["num_envs"] <= largest
+    assert hyperparameters("SigmaCorvette-v0")["n_envs"] <= largest
 
 
 def test_evaluation_seeds_are_consecutive_from_the_first():

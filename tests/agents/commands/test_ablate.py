@@ -27,7 +27,7 @@ kf = {}
 [agents.PPO]
 kind = "ppo"
 steps = { SigmaCorvette-v0 = 384 }
-settings = { num_envs = 8, n_steps = 16, batch_size = 64, n_epochs = 2, net_arch = [8] }
+settings = { n_envs = 8, n_steps = 16, batch_size = 64, n_epochs = 2, policy_kwargs = { net_arch = [8] } }
 """
 
 

@@ -182,8 +182,8 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(
             "train --algorithm recurentppo",
             "(did you mean 'recurrentppo'?): choose from ppo, a2c, crossq, ddpg, sac, td3, ",
         ),
-        ("train --out /dev/null/ppo.zip", "cannot write /dev/null/ppo.zip"),
-        ("train --steps 5", "steps must be at least"),
+        ("train --out /dev/null/ppo.zip", "cannot write /dev/null/ppo.npz"),
+        ("train --steps 5", "steps must be a whole number of at least 128"),
         (
             "watch CartPole-v1 --agent random --out turn.html",
             "'CartPole-v1' has no estimator in the loop",

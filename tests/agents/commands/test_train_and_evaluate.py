@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+import agents
 import agents.training.algorithms
 from agents import rollout
 from agents.commands import evaluate, train
@@ -13,52 +14,54 @@ from agents.policies.checkpoint import description, packaged
 from agents.refusal import Refusal
 from agents.seeds import tuning_seeds
 
+ENV = "SigmaCorvette-v0"
+
 
 @pytest.mark.slow
-@pytest.mark.parametrize("memory", ["none", "frames"])
 def test_a_trained_agent_can_be_evaluated_on_several_estimators(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], memory: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    checkpoint = tmp_path / "ppo.zip"
-    train.main("SigmaCorvette-v0", out=checkpoint, memory=memory, steps=128)
-    with pytest.raises(
-        Refusal, match=r"ppo.zip is there already: remove it and its folder, or give another --out$"
-    ):
-        train.main("SigmaCorvette-v0", out=checkpoint.with_suffix(""))
-    assert f"checkpoint: {checkpoint}" in capsys.readouterr().out
-    assert description(checkpoint)["memory"] == memory
-    evaluate.main("SigmaCorvette-v0", agent=str(checkpoint), estimator=("truth", "kf"), episodes=2)
+    policy, tables = tmp_path / "ppo.npz", tmp_path / "mine.toml"
+    tables.write_text(f'["{ENV}"]\nn_steps = 2\nbatch_size = 64\ngamma = 0.9\n')
+    given: Any = {"hyperparameters": tables, "settings": ("gamma=0.8",), "steps": 256}
+    train.main(ENV, out=tmp_path / "ppo.zip", memory="frames", **given)
+    assert f"checkpoint: {policy}" in capsys.readouterr().out
+    described = description(policy)
+    assert (described["memory"], described["trained_steps"]) == ("frames", 256)
+    assert described["hyperparameters"].items() >= {"n_steps": 2, "gamma": 0.8}.items()
+    with pytest.raises(Refusal, match=r"ppo.npz is there already: give --force to replace it"):
+        train.main(ENV, out=tmp_path / "ppo")
+    with pytest.raises(Refusal, match=r"mine.toml has neither a table \['PunaUAV-v0'\] nor"):
+        train.main("PunaUAV-v0", hyperparameters=tables)
+    evaluate.main(ENV, agent=str(tmp_path / "ppo.zip"), estimator=("truth", "kf"), episodes=2)
     printed = capsys.readouterr().out
     for label in ("Score", "Off track", "truth", "kf"):
         assert label in printed
 
 
-@pytest.mark.slow
 def test_of_several_trainings_the_best_on_tuning_seeds_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    """Three trainings, of which only the second, the package's own agent, has learned anything."""
+    """Two trainings, of which only the second, the package's own agent, has learned anything."""
     flown = []
 
-    def learn(env_id: str, path: Path, options: dict[str, Any], seed: int, **settings: Any) -> Path:
+    def learn(env_id: str, path: Path, seed: int, **settings: Any) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(packaged(env_id).read_bytes() if seed == 8 else poor)
-        return path
+        path.write_bytes(packaged(ENV if seed == 8 else "PunaUAV-v0").read_bytes())
+        path.with_suffix(".zip").write_text(f"model {seed}")
 
     def fly(agent: Path, env_id: str, seeds: list[int], *rest: Any, **more: Any) -> Any:
         flown.append(seeds)
-        return rollout(agent, env_id, seeds[:4], *rest, **more)
+        return rollout("ppo" if "8" in agent.stem else "random", env_id, seeds[:2], *rest, **more)
 
-    poor = agents.training.algorithms.train(
-        "SigmaCorvette-v0", tmp_path / "poor.zip", {"estimator": "truth"}, steps=128
-    ).read_bytes()
     monkeypatch.setattr(agents.training.algorithms, "train", learn)
     monkeypatch.setattr(agents, "rollout", fly)
-    train.main("SigmaCorvette-v0", out=tmp_path / "best.zip", estimator="truth", seed=7, runs=3)
-    assert (tmp_path / "best.zip").read_bytes() == packaged("SigmaCorvette-v0").read_bytes()
-    assert flown == [tuning_seeds(train.CHOOSING)] * 3
+    train.main(ENV, out=tmp_path / "best", estimator="truth", seed=7, runs=2)
+    assert (tmp_path / "best.npz").read_bytes() == packaged(ENV).read_bytes()
+    assert (tmp_path / "best.zip").read_text() == "model 8"
+    assert flown == [tuning_seeds(train.CHOOSING)] * 2
     printed = capsys.readouterr().out.splitlines()
-    assert [line.split(":")[0] for line in printed] == ["run 7", "run 8", "run 9", "checkpoint"]
+    assert [line.split(":")[0] for line in printed] == ["run 7", "run 8", "checkpoint"]
 
 
 def test_an_interrupted_command_ends_quietly():
@@ -68,12 +71,3 @@ def test_an_interrupted_command_ends_quietly():
     with pytest.raises(SystemExit) as stop:
         command(interrupted, [])
     assert stop.value.code == 130
-
-
-def test_learning_that_starts_too_late_is_told_with_a_start_that_fits(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    pytest.importorskip("stable_baselines3")
-    given = {"steps": 50, "memory": "none", "settings": {}, "algorithm": "sac"}
-    train._checked("SigmaCorvette-v0", {}, 0, given)
-    assert "--set learning_starts=5\n" in capsys.readouterr().err

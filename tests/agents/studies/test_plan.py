@@ -74,7 +74,7 @@ def test_every_policy_flies_every_estimator_and_is_trained_once_in_the_first_con
     assert len(trainings) == 2 * (2 + 1) * 2  # environments, schools, seeds
     for training in trainings.values():
         assert training.arguments["options"]["disturbance"] == "moderate"
-        assert training.artifact == ".zip"
+        assert training.artifact == ".npz"
     steps = {
         (t.arguments["environment"], t.arguments["steps"])
         for t in trainings.values()

@@ -119,7 +119,7 @@ margin = 0.02
 SegorogeniAUV-v0 = {}
 
 [agents]
-PPO = { kind = "ppo", guidance = false, settings = { gamma = 0.9, net_arch = [32] } }
+PPO = { kind = "ppo", guidance = false, settings = { gamma = 0.9, policy_kwargs = { net_arch = [32] } } }
 """
 
 
@@ -128,7 +128,10 @@ def test_seeds_margin_and_settings_of_an_agent_are_read(tmp_path):
     assert study.seeds == evaluation_seeds(3, 40)
     assert (study.margin, study.termination) == (0.02, "belief")
     ppo = study.agents[-1]
-    assert (ppo.guidance, ppo.settings) == (False, {"gamma": 0.9, "net_arch": [32]})
+    assert (ppo.guidance, ppo.settings) == (
+        False,
+        {"gamma": 0.9, "policy_kwargs": {"net_arch": [32]}},
+    )
 
 
 @pytest.mark.parametrize("chosen", ["belief", "task"])
@@ -154,8 +157,8 @@ SegorogeniAUV-v0 = {}
 [agents]
 mine = { kind = "autopilot", guidance = true }
 PPO = { kind = "ppo", guidance = 1, settings = { gama = 0.9 } }
-other = { kind = "ppo", settings = { net_arch = 3 } }
-empty = { kind = "ppo", settings = { net_arch = [] } }
+other = { kind = "ppo", settings = { policy_kwargs = { net_arch = 3 } } }
+flat = { kind = "ppo", settings = { net_arch = [32] } }
 endless = { kind = "ppo", settings = { gamma = inf } }
 half = { kind = "ppo", settings = { n_steps = 0.5 } }
 """
@@ -165,9 +168,9 @@ half = { kind = "ppo", settings = { n_steps = 0.5 } }
         3: "did you mean 'belief'",
         7: "guidance is for agents that learn",
         8: "did you mean 'gamma'",
-        9: "the setting net_arch must be such as [64, 64], got 3",
-        10: "the setting net_arch must be such as [64, 64], got []",
-        11: "the setting gamma must be between 0 and 1, got inf",
+        9: "the setting policy_kwargs must be such as {",
+        10: "unknown setting 'net_arch'",
+        11: "the setting gamma must be such as 1.0, got inf",
         12: "the setting n_steps must be such as 64, got 0.5",
     }
     found = mistakes(tmp_path, text)
@@ -284,7 +287,7 @@ trained_on = ["enkf"]
         ('[environments]\n"nowhere:Env-v0" = {}\n', "cannot import 'nowhere'"),
         ('[environments]\n"vessel_gym.envs:VesselVectorEnv" = {}\n', "max_episode_steps"),
         ("environments = 3\n", "must be a table"),
-        ("[environments]\nPunaUAV-v0 = {}\n[agents.x]\nkind = 'ppo'\nsteps = { PunaUAV-v0 = 2 }\n", "at least the"),
+        ("[environments]\nPunaUAV-v0 = {}\n[agents.x]\nkind = 'ppo'\nsteps = { PunaUAV-v0 = 2 }\n", "at least 256"),
         ("episodes = true\n[environments]\nPunaUAV-v0 = {}\n", "whole number"),
         ("episodes = 2000000\n[environments]\nPunaUAV-v0 = {}\n", "there are 1000000 evaluation seeds"),
         ('[environments]\nPunaUAV-v0 = {}\n[agents]\na = { kind = "ppo", trained_on = "enkf" }\n', "list of names"),
