@@ -77,6 +77,12 @@ def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearMo
             _assembled(lambda C, H: joined([C, H], -1), model.C, H),
             B=None if model.B is None else _assembled(lambda B: _above(B, q), model.B), **options,
         )  # fmt: skip
+    return _stacked_nonlinear(model, G, options)
+
+
+def _stacked_nonlinear(model: NonlinearModel, G: Any, options: dict[str, Any]) -> NonlinearModel:
+    """The model of ``(x, d)`` where d drives x by G, and all else is as ``options`` say."""
+    n, q, H, ended = model.n, model.q, model.H, model.delayed_feedthrough
 
     def transition(z: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         x, d = z[..., :n], z[..., n:]
@@ -90,7 +96,7 @@ def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearMo
     return NonlinearModel(
         _function(transition, model.transition, model.G),
         _function(measurement, model.measurement, H),
-        states=n + q, measurements=p, **options,
+        states=n + q, measurements=model.p, **options,
         transition_jacobian=moves and _function(
             lambda z, u: _above(joined([moves(z[..., :n], u), G], -1), q), moves),
         measurement_jacobian=shows and _function(

@@ -77,19 +77,7 @@ def check_filter(
         TypeError: if ``build`` cannot be called with a model, or gives no filter; or the prior is
             none.
     """
-    if isinstance(build, Filter) or not callable(build):
-        raise TypeError(
-            "check_filter takes a Filter class, or a function of a model that returns one, got"
-            f" {build!r}"
-        )
-    name = getattr(build, "__name__", type(build).__name__)
-    try:
-        inspect.signature(build).bind(model, **options)
-    except TypeError as error:
-        raise TypeError(
-            f"{name} cannot be built as {name}({', '.join(['model', *options])}): {error}: take the"
-            " model first, then options"
-        ) from None
+    name = _builder_name(build, model, options)
     systems, tried = _systems(), "it was tried on: give it one with model="
     if model is not None:
         own = prior or Gaussian(np.zeros(model.n), np.eye(model.n))
@@ -112,6 +100,28 @@ def check_filter(
         raise ValueError(
             f"{name} takes none of the models {tried} ({'; '.join(dict.fromkeys(refusals))})"
         )
+
+
+def _builder_name(build: Any, model: Model | None, options: dict[str, Any]) -> str:
+    """The name of ``build``, which takes a model first.
+
+    Raises:
+        TypeError: if it cannot be called with a model and options.
+    """
+    if isinstance(build, Filter) or not callable(build):
+        raise TypeError(
+            "check_filter takes a Filter class, or a function of a model that returns one, got"
+            f" {build!r}"
+        )
+    name = getattr(build, "__name__", type(build).__name__)
+    try:
+        inspect.signature(build).bind(model, **options)
+    except TypeError as error:
+        raise TypeError(
+            f"{name} cannot be built as {name}({', '.join(['model', *options])}): {error}: take the"
+            " model first, then options"
+        ) from None
+    return name
 
 
 def check_steps(filter: Filter, prior: Gaussian, u: np.ndarray | None) -> None:
@@ -329,7 +339,7 @@ def _systems() -> tuple[System, ...]:
     pendulum = NonlinearModel(swing, lambda x, u: x, Q, R, **angles)
     hanging = Gaussian(np.array([0.3, 0.0]), 0.01 * np.eye(2))
     return (
-        System(vehicle, start, u),
+        System(replace(vehicle, C=C[:2], R=R[:2, :2]), start, u),  # fewer measurements than states
         System(replace(vehicle, G=G, H=H), start, u),
         System(replace(vehicle, G=G), start, u),
         System(pendulum, hanging, u),

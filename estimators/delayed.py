@@ -182,18 +182,7 @@ class Delayed:
                 before.
         """
         keys, u = self._repeatable_keys(rng), self._known_input(belief, u)
-        y, rows, p = as_array("y", y), belief.reach.shape, self.filter.model.p
-        if y.ndim < 2 or y.shape != (*rows, y.shape[-2], p):
-            raise ValueError(
-                f"y has shape {y.shape}, expected {(*rows, 'ages', p)}: measurements by age, those"
-                " of now first"
-            )
-        arrived = np.isfinite(y)
-        if available is not None:
-            arrived &= _broadcast("available", as_mask("available", available), y.shape)
-        if R is not None:
-            R = _broadcast("R", as_array("R", R), (*y.shape, p), core=2)
-            arrived &= np.isfinite(R.diagonal(0, -2, -1))
+        y, arrived, R = self._arrived(belief, y, available, R)
         *before, now = belief.steps
         if u is not None:
             if (now.available.any(-1, keepdims=True) & (u != now.predicted.u)).any():
@@ -213,6 +202,24 @@ class Delayed:
                 refused, oldest = refused - accepted.sum(-1), age
         self._repeat(steps, oldest, belief.reach)
         return DelayedBelief(self._update_step(steps[-1]), tuple(steps), belief.reach, refused)
+
+    def _arrived(
+        self, belief: DelayedBelief, y: Any, available: Any, R: Any
+    ) -> tuple[np.ndarray, Any, np.ndarray | None]:
+        """Measurements by age, which of them have come, and their own covariances."""
+        y, rows, p = as_array("y", y), belief.reach.shape, self.filter.model.p
+        if y.ndim < 2 or y.shape != (*rows, y.shape[-2], p):
+            raise ValueError(
+                f"y has shape {y.shape}, expected {(*rows, 'ages', p)}: measurements by age, those"
+                " of now first"
+            )
+        arrived = np.isfinite(y)
+        if available is not None:
+            arrived &= _broadcast("available", as_mask("available", available), y.shape)
+        if R is not None:
+            R = _broadcast("R", as_array("R", R), (*y.shape, p), core=2)
+            arrived &= np.isfinite(R.diagonal(0, -2, -1))
+        return y, arrived, R
 
     def _repeat(self, steps: list[Step], oldest: int, reach: np.ndarray) -> None:
         """Predict again what the measurements of all steps after an old one meet."""

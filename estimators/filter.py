@@ -457,6 +457,11 @@ class Filter(ABC, Generic[Record]):
 
     def _known_fields(self, method: str, changed: Changes) -> Changes:
         """Arrays that a method gave, checked to be fields of the belief."""
+        if not isinstance(changed, dict):
+            raise TypeError(
+                f"{type(self).__name__}.{method} must return a dict of arrays, as {{'mean': ...}},"
+                f" got {short_repr(changed)}"
+            )
         if unknown := changed.keys() - self.record.__dataclass_fields__.keys():
             raise TypeError(
                 f"{type(self).__name__}.{method} gave {unknown.pop()!r}, which a"

@@ -51,7 +51,7 @@ class RandomKeys:
 
     @classmethod
     def seeded(cls, seeds: Sequence[int]) -> "RandomKeys":
-        """Those of rows that have these seeds, whole numbers of any size that are not negative."""
+        """Keys of rows from a seed each: whole numbers of any size that are not negative."""
         keys = np.zeros((len(seeds), 2), np.uint64)
         try:
             keys[:, 0] = np.array(seeds, np.uint64)
@@ -72,13 +72,13 @@ class RandomKeys:
         return RandomKeys(self.keys[rows], steps[rows])
 
     def of(self, first: Any, second: Any = 0) -> "RandomKeys":
-        """Those of keys that are derived by whole numbers ``(...)``, or by a name."""
+        """Keys derived from each by whole numbers ``(...)``, or by a name."""
         words = (word(part) if isinstance(part, str) else part for part in (first, second))
         first, second = (np.asarray(each).astype(np.uint64, copy=False) for each in words)
         return RandomKeys(threefry.derived(self.keys, first, second), self.step)
 
     def at(self, step: np.ndarray | int) -> "RandomKeys":
-        """Those of another step."""
+        """These keys at another step."""
         return RandomKeys(self.keys, step)
 
     def normals(self, count: int, use: int = 0) -> np.ndarray:

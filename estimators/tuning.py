@@ -47,13 +47,13 @@ _AWAY = np.arange(4.0, 2.0 * _FAR, 4.0)
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Estimates of parameters, with their uncertainty.
+    """Estimated parameters with standard errors and intervals.
 
     Attributes:
         estimates: The most likely value of each, by name.
         standard_errors: Of each; infinite where the measurements do not determine it, or the search
             found no maximum.
-        intervals: 95 % interval of each, likewise; of a positive parameter that of its logarithm.
+        intervals: 95 % interval of each, infinite in the same cases; of a positive parameter that of its logarithm.
         correlation: ``(k, k)`` of the errors of the estimates (of logarithms where they are
             positive), in their order; NaN where one is not determined.
         log_likelihood: Of all measurements, at the estimates.
@@ -131,14 +131,7 @@ def fit(
     """
     if objective not in _OBJECTIVES:
         raise ValueError(unknown("objective", objective, _OBJECTIVES))
-    if others := set(signed) - start.keys():
-        raise ValueError(unknown("signed parameter", others.pop(), start))
-    positive = np.array([name not in set(signed) for name in start])
-    origin = np.array([
-        number(f"start of {name}", value, 0.0, what=_POSITIVE) if own
-        else number(f"start of {name}", value, what="a finite number")
-        for (name, value), own in zip(start.items(), positive, strict=True)
-    ])  # fmt: skip
+    origin, positive = _origin(start, set(signed))
     units = np.where(positive | (origin == 0.0), 1.0, np.abs(origin))
     y = as_array("y", y)
     arrived = np.isfinite(y) if available is None else np.isfinite(y) & as_mask("", available)
@@ -163,6 +156,19 @@ def fit(
             " them"
         )
     return search.fit(first, getattr(filter, "random", False))
+
+
+def _origin(start: Mapping[str, float], signed: set[str]) -> tuple[np.ndarray, np.ndarray]:
+    """The start of the search ``(k,)``, and a mask of the positive parameters."""
+    if others := signed - start.keys():
+        raise ValueError(unknown("signed parameter", others.pop(), start))
+    positive = np.array([name not in signed for name in start])
+    origin = np.array([
+        number(f"start of {name}", value, 0.0, what=_POSITIVE) if own
+        else number(f"start of {name}", value, what="a finite number")
+        for (name, value), own in zip(start.items(), positive, strict=True)
+    ])  # fmt: skip
+    return origin, positive
 
 
 def _prediction_error(series: Series, y: np.ndarray, arrived: np.ndarray) -> float:
@@ -357,7 +363,7 @@ class _Search:
         return None
 
     def _sentence(self, i: int, low: float | None, high: float | None) -> str:
-        """What measurements say of a parameter that is less likely below and above these values."""
+        """A sentence on a parameter that is less likely below ``low`` and above ``high``."""
         name = self.names[i]
         if low is None and high is None:
             return f"the measurements tell nothing of {name}: they are as likely with another"

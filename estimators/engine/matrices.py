@@ -74,7 +74,10 @@ class MatrixTracer(NDArrayOperatorsMixin):
 
     def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
         if function not in FUNCTIONS:
-            raise NotTraceable(f"a traced formula cannot have np.{function.__name__} in it")
+            raise NotTraceable(
+                f"a traced formula cannot have np.{function.__name__} in it: estimators.linalg has"
+                " solve, cholesky and others that it can"
+            )
         return FUNCTIONS[function](*args, **kwargs)
 
     @property

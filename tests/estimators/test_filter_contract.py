@@ -164,34 +164,21 @@ def test_measurements_masks_and_covariances_of_the_wrong_shape_are_named(case: C
 
 
 @one_of_each()
-def test_one_measurement_mask_or_covariance_may_serve_every_row(case: Case):
+def test_one_measurement_mask_covariance_or_known_input_may_serve_every_row(case: Case):
     system = case.system(0)
     model, filter = system.model, case.make(system.model)
     p = model.p
     rng = RandomKeys.seeded(range(3))
-    belief = filter.predict(filter.init(system.rows(3), rng=rng), np.zeros((3, system.m)), rng=rng)
+    begun, u = filter.init(system.rows(3), rng=rng), np.full(system.m, 0.3)
     y, mask, R = np.arange(1.0, p + 1.0), np.arange(p) != 1, 2.0 * model.R
-    one = filter.update(belief, y, available=mask, R=R, rng=rng)
+    one = filter.update(filter.predict(begun, u, rng=rng), y, available=mask, R=R, rng=rng)
     each = filter.update(
-        belief,
+        filter.predict(begun, np.tile(u, (3, 1)), rng=rng),
         np.tile(y, (3, 1)),
         available=np.tile(mask, (3, 1)),
         R=np.tile(R, (3, 1, 1)),
         rng=rng,
     )
-    assert_same(one, each, 1e-13)
-
-
-@one_of_each()
-def test_one_known_input_may_serve_every_row(case: Case):
-    system = case.system(0)
-    filter = case.make(system.model)
-    y, beliefs = np.full(system.model.p, 0.1), []
-    for u in (np.full(system.m, 0.3), np.full((3, system.m), 0.3)):
-        rng = RandomKeys.seeded(range(3))
-        belief = filter.predict(filter.init(system.rows(3), rng=rng), u, rng=rng)
-        beliefs.append(filter.update(belief, y, rng=rng))
-    one, each = beliefs
     assert_same(one, each, 1e-13, ignore=["u"])
     assert_same(one[1:], each[1:], 1e-13, ignore=["u"])  # rows stay rows
 
