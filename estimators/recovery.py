@@ -25,7 +25,7 @@ _CROSS = {"cov": "", "input_cov": "state_input_cov", "feedthrough_cov": "state_f
 """Covariances of a belief, and that of each with the state."""
 _DIGITS = 1e4
 """An update that shrinks a variance by more than this may leave only rounding, of either sign."""
-_SHRUNK = 1e-6
+_SHRUNK = 1e-4
 """A step that shrinks all variances by more than this may leave only rounding, of either sign."""
 _KNOWN = 16.0 * np.finfo(float).eps
 """A variance after an update is rounding below this share of the terms that it is a sum of."""

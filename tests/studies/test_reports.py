@@ -44,7 +44,7 @@ def made(name: str) -> Report:
         which |= {"systems": min(which["systems"], 4), "runs": 4}
     jobs = import_module(f"studies.papers.{name}.experiment").jobs(few)
     results = {
-        what: json.loads(json.dumps(job.compute(), default=np.ndarray.tolist))
+        what: json.loads(json.dumps(job.call(Path()), default=np.ndarray.tolist))
         for what, job in jobs.items()
     }
     return import_module(f"studies.papers.{name}.page").report(few, results)

@@ -165,7 +165,7 @@ def first_picture() -> Any:
             "dask",
             "cluster",
         ),
-        (reproduce.main, ["all"], "jinja2", "report"),
+        (reproduce.main, ["all"], "joblib", "report"),
         (watch.main, ["--out", "turn.gif"], "imageio", "render"),
     ],
 )
