@@ -229,32 +229,65 @@ class Driver(LinearEmitter):
     def _input_matrix(self, instruction: Instruction) -> None:
         argument, column = instruction.attributes
         size = self.program.sizes[instruction.result]
-        target = self.matrix(instruction.result, (1, size))
+        target, bases = self.matrix(instruction.result, (1, size)), self._bases[argument]
+        floats = self._function.arguments[argument].kind == "f"
+        if floats and self.width == 1:  # as it stands in its row
+            self.pointers[instruction.result] = self.at(bases[0], column)
+            return
 
-        def one(_: Index, j: Index, __: int) -> None:
-            target[0, j] = self._loaded(argument, j + column)
+        def some(_: Index, j: Index, count: int) -> None:
+            if floats and count == self.width:
+                rows = [self.read(self.at(base, j + column), count) for base in bases]
+                entries = self._transposed(rows)
+            else:
+                entries = [self._loaded(argument, j + column + m) for m in range(count)]
+            for m, entry in enumerate(entries):
+                target[0, j + m] = entry
 
-        self.over(1, size, one)
+        self.over(1, size, some, LANES)
+
+    def _transposed(self, rows: Sequence[Tracer]) -> list[Tracer]:
+        """The columns of a square matrix: blocks change places, smaller ones from turn to turn."""
+        n, names, T = len(rows), [self.own.name(row) for row in rows], type_of("f", len(rows))
+        size = n // 2
+        while size:
+            for i in (i for i in range(n) if not i & size):
+                pair = f"shufflevector {T} {names[i]}, {T} {names[i + size]}, <{n} x i32> "
+                order = [j - size + n if j & size else j for j in range(n)]
+                names[i], names[i + size] = (
+                    self.line(f"{pair}<{', '.join(f'i32 {j + part}' for j in order)}>")
+                    for part in (0, size)
+                )
+            size //= 2
+        return [self.own.value(name) for name in names]
 
     def _output(self, parts: Sequence[Any], kind: str, bases: Sequence[str]) -> None:
         """Store scalars and matrices in columns one after the other."""
         column = 0
         for part in parts:
-            shape = part.shape if isinstance(part, View) else (1, 1)
+            if isinstance(part, View):
+                self._output_matrix(part, kind, bases, column)
+                column += math.prod(part.shape)
+            else:
+                self._stored(self.scalar(part), kind, bases, column)
+                column += 1
 
-            def one(
-                i: Index,
-                j: Index,
-                _: int,
-                part: Any = part,
-                first: int = column,
-                across: int = shape[1],
-            ) -> None:
-                entry = self.load(part, i, j) if isinstance(part, View) else self.scalar(part)
-                self._stored(entry, kind, bases, first + i * across + j)
+    def _output_matrix(self, view: View, kind: str, bases: Sequence[str], column: int) -> None:
+        if view.steps == (view.shape[1], 1):  # it lies in one piece
+            view = View(view.value, (1, math.prod(view.shape)), view.start, (0, 1))
 
-            self.over(*shape, one)
-            column += math.prod(shape)
+        def some(i: Index, j: Index, count: int) -> None:
+            at = column + i * view.shape[1] + j
+            entries = [self.load(view, i, j + m) for m in range(count)]
+            if kind == "f" and count == self.width > 1:
+                for entry, base in zip(self._transposed(entries), bases, strict=True):
+                    T, place = type_of("f", count), self.at(base, at)
+                    self.lines.append(f"  store {T} {self.own.name(entry)}, ptr {place}, align 8")
+            else:
+                for m, entry in enumerate(entries):
+                    self._stored(entry, kind, bases, at + m)
+
+        self.over(*view.shape, some, LANES)
 
     def _stored(self, x: Tracer, kind: str, bases: Sequence[str], column: Any) -> None:
         memory, value = _MEMORY[kind], self.own.name(cast(x, kind))
