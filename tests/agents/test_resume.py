@@ -37,6 +37,8 @@ def learned(path: Path, algorithm: str = "ppo", memory: str = "none", **more: An
 
 def interrupt(monkeypatch: pytest.MonkeyPatch, share: float) -> None:
     """Press Ctrl-C once, in the middle of a rollout, after a share of the steps."""
+    # A run in the background has been told to ignore the signal, and its children with it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     original, pressed = callbacks.Evaluation._on_step, []
 
     def step(self: Any) -> bool:
