@@ -2,9 +2,9 @@
 
 A `Job` names a function and its arguments. `run` computes what is missing; the result of each job
 is a file, ``jobs/<key>.json``, whose name is a hash of all that the result depends on. What the
-function writes beside its values, e.g. a checkpoint, is ``jobs/<key>.zip``. A result is written
-whole or not at all, so several runs may share a folder, and after a crash exactly what is missing
-is computed. Results are JSON: nothing in them is executed.
+function writes beside its values, e.g. a policy, is ``jobs/<key>`` with its own suffix. A result is
+written whole or not at all, so several runs may share a folder, and after a crash exactly what is
+missing is computed. Results are JSON: nothing in them is executed.
 """
 
 import hashlib

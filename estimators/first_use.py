@@ -51,7 +51,7 @@ class FirstUse:
         """
         if self.compared or (candidates := self._rows(arguments)) is None:
             return
-        plain = self.function.function if isinstance(self.function, Compiled) else self.function
+        plain = _undecorated(self.function)
         with np.errstate(all="ignore"):
             rows, together, again, alone = self._evaluate(plain, candidates)
             if not np.array_equal(together, again, equal_nan=True):
@@ -109,14 +109,13 @@ class FirstUse:
 
     def _values(self, function: Callable[..., Any], rows: list[Any]) -> tuple[np.ndarray, ...]:
         together, again = (self._value(function, rows) for _ in range(2))
-        given = [each for each in rows if each is not None]
+        leading = next((each.shape[:2] for each in rows if each is not None), (1, 1))
         alone = [
             self._value(function, [a if a is None else a[index] for a in rows])
-            for index in np.ndindex(given[0].shape[:2] if given else (1, 1))
+            for index in np.ndindex(leading)
         ]
         for each in alone:
             self._check_shape(each.shape)
-        leading = given[0].shape[:2] if given else (1, 1)
         return together, again, np.stack(alone).reshape(leading + alone[0].shape)
 
     def _value(self, function: Callable[..., Any], arguments: list[Any]) -> np.ndarray:
@@ -163,9 +162,14 @@ class FirstUse:
 
 def is_own(function: Any) -> bool:
     """Is it a function of this package, which tests compare?"""
-    plain = function.function if isinstance(function, Compiled) else function
+    plain = _undecorated(function)
     plain = plain.func if isinstance(plain, partial) else plain
     return str(getattr(plain, "__module__", "")).split(".")[0] in _OWN
+
+
+def _undecorated(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function in NumPy, compiled or not."""
+    return function.function if isinstance(function, Compiled) else function
 
 
 def rounding(array: np.ndarray) -> float:

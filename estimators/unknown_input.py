@@ -297,8 +297,6 @@ def waiting(belief: DelayedInputBelief) -> np.ndarray:
 class NoFeedthroughFilter(DelayedInputFilter):
     """Base of filters that know nothing of d(k) at k: H is 0, or feeds d(k-1) through."""
 
-    reversible = True
-
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
         super().__init__(model, input_prior)
         if not model.delayed_feedthrough and (callable(model.H) or np.any(model.H)):

@@ -419,8 +419,7 @@ class Core:
         Args:
             rows: Mask ``(B,)`` of those that are wanted; of the others comes 0 or None. None: all.
         """
-        happened, own = self.happened(), {
-            "healthy": self.loop.belief.healthy.copy(),
+        happened, own = self.happened() | {"healthy": self.loop.belief.healthy}, {
             "score": self.score,
             "end": np.array(self.task.end_reasons, dtype=object)[self.end],
             "is_success": self.end == self.config.success,

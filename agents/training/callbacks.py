@@ -100,6 +100,7 @@ class Evaluation(EvalCallback):
             best_model_save_path=str(folder),
             verbose=0,
         )
+        self._seed = tuning_seeds(1)[0]
         with suppress(Exception), np.load(folder / "evaluations.npz") as kept:
             self.best_mean_reward = float(kept["results"].mean(axis=1).max())
             self.evaluations_timesteps = list(kept["timesteps"])
@@ -108,7 +109,7 @@ class Evaluation(EvalCallback):
             self.evaluations_successes = list(kept["successes"])
 
     def _on_step(self) -> bool:
-        self.eval_env.seed(tuning_seeds(1)[0])
+        self.eval_env.seed(self._seed)
         return super()._on_step()
 
 
